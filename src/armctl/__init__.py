@@ -1,0 +1,23 @@
+"""An operator's console for small serial robot arms."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from armctl.errors import ArmctlError
+from armctl.robot import Robot, load_robot, shipped_robots
+
+if TYPE_CHECKING:
+    from armctl.arm import Arm
+
+__version__ = "0.1.0"
+__all__ = ["Arm", "ArmctlError", "Robot", "__version__", "load_robot", "shipped_robots"]
+
+
+def __getattr__(name: str) -> object:
+    """Import ``Arm`` when it is first asked for: the library's kinematics must not pull drivers in."""
+    if name == "Arm":
+        from armctl.arm import Arm
+
+        return Arm
+    raise AttributeError(f"module 'armctl' has no attribute {name!r}")
