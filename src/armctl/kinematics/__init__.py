@@ -1,0 +1,30 @@
+"""Kinematics in pure numpy: chains, inverse solutions, energy, reach. No I/O, no clock, no robot file."""
+
+from armctl.kinematics.chain import DHChain, DHRow
+from armctl.kinematics.energy import CRITERIA, CRITERION_TEXT, Criterion, EnergyModel, checked_criterion
+from armctl.kinematics.gravity import Body, GravityModel
+from armctl.kinematics.inverse import InverseKinematics, inverse_kinematics
+from armctl.kinematics.rotation import quaternion_wxyz, roll_pitch_yaw, rotation_from_rpy
+from armctl.kinematics.solutions import Solutions
+from armctl.kinematics.sweep import DEFAULT_STEP
+from armctl.kinematics.target import Target
+
+__all__ = [
+    "CRITERIA",
+    "CRITERION_TEXT",
+    "DEFAULT_STEP",
+    "Body",
+    "Criterion",
+    "DHChain",
+    "DHRow",
+    "EnergyModel",
+    "GravityModel",
+    "InverseKinematics",
+    "Solutions",
+    "Target",
+    "checked_criterion",
+    "inverse_kinematics",
+    "quaternion_wxyz",
+    "roll_pitch_yaw",
+    "rotation_from_rpy",
+]

@@ -1,0 +1,39 @@
+"""Angles: wrapping, images inside limits, fast cosine and sine of arrays."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+TWO_PI = 2.0 * math.pi
+LIMIT_TOLERANCE = 1e-9
+"""How far rounding may carry an angle over its limit [rad]; what is accepted is clipped back onto it."""
+
+
+def wrap(angle: float) -> float:
+    """``angle`` [rad] brought into (-pi, pi]."""
+    wrapped = math.remainder(angle, TWO_PI)
+    return math.pi if wrapped <= -math.pi else wrapped
+
+
+def images(angle: float, low: float, high: float, tolerance: float = LIMIT_TOLERANCE) -> list[float]:
+    """Every ``angle + 2 pi k`` inside ``[low, high]``, clipped onto the limits [rad]."""
+    if -math.pi < low and high < math.pi:  # the common case, at most one image
+        wrapped = math.remainder(angle, TWO_PI)
+        return [min(max(wrapped, low), high)] if low - tolerance <= wrapped <= high + tolerance else []
+    first = math.ceil((low - tolerance - angle) / TWO_PI)
+    last = math.floor((high + tolerance - angle) / TWO_PI)
+    return [min(max(angle + TWO_PI * k, low), high) for k in range(first, last + 1)]
+
+
+def half_angle_cos_sin(angle: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Cosine and sine of an array [rad] from one tangent of the half angle.
+
+    numpy vectorises float64 tan but not sin and cos; a large half-angle tangent (near a whole odd
+    turn of pi) loses nothing: c = 2/(1+t²) - 1 and s = t·2/(1+t²) stay within 2 ulp of 1.
+    """
+    t = np.tan(0.5 * angle)
+    g = 2.0 / (1.0 + t * t)
+    return g - 1.0, t * g

@@ -1,0 +1,114 @@
+"""What inverse kinematics answers."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from armctl.errors import UnreachableError
+from armctl.kinematics.chain import DHChain
+from armctl.kinematics.energy import EnergyModel, checked_criterion, energies
+from armctl.kinematics.rotation import rotation_angle
+from armctl.kinematics.target import Target
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Solutions:
+    """Every configuration inside the limits that answers a target, or why there is none."""
+
+    target: Target
+    q: FloatArray
+    """(k, n) configurations [rad], all inside the limits"""
+    branch_index: NDArray[np.int8]
+    """(k,) index into ``branch_names``"""
+    branch_names: tuple[str, ...]
+    chain: DHChain = field(repr=False)
+    energy: EnergyModel = field(repr=False)
+    pitch_joints: tuple[int, ...] = ()
+    free_joint: int | None = None
+    """index of the joint that was swept; None where the solutions are isolated"""
+    reason: str | None = None
+    """why there is none; None when solved"""
+    nearest_q: FloatArray | None = None
+    """(n,) configuration that comes nearest where there is no solution [rad]"""
+    complete: bool = True
+    """False where solutions may be missing from the list (numeric fallback)"""
+    least_rotation: Callable[[], FloatArray | None] | None = field(default=None, repr=False)
+    """the exact least-rotation optimum over the continuum, where a joint is free"""
+
+    @property
+    def success(self) -> bool:
+        """True when there is at least one."""
+        return len(self.q) > 0
+
+    def __len__(self) -> int:
+        return len(self.q)
+
+    @cached_property
+    def branch(self) -> NDArray[np.str_]:
+        """(k,) branch name of each, for example ``front elbow-up``."""
+        return np.array(self.branch_names or ("",), dtype=np.str_)[self.branch_index]
+
+    @cached_property
+    def residual_m(self) -> FloatArray:
+        """(k,) distance between the target point and the tool point of each [m]."""
+        return np.linalg.norm(self.chain.forward(self.q)[:, :3, 3] - self.target.position, axis=1)
+
+    @cached_property
+    def residual_rad(self) -> FloatArray:
+        """(k,) angle between the rotation asked for and that of each [rad]; 0 where none was asked for."""
+        if self.target.rotation is None:
+            return np.zeros(len(self.q))
+        turned = np.swapaxes(self.chain.forward(self.q)[:, :3, :3], 1, 2) @ self.target.rotation
+        return np.array([rotation_angle(R) for R in turned])
+
+    @cached_property
+    def nearest_m(self) -> FloatArray | None:
+        """(3,) the reachable point that comes nearest to the target [m]; None when it is reached."""
+        return None if self.nearest_q is None else self.chain.forward(self.nearest_q)[:3, 3]
+
+    def energies(self, criterion: str = "least-rotation", start: ArrayLike | None = None) -> FloatArray:
+        """(k,) energy of each by a named criterion (``energy.CRITERIA``); infinite where excluded."""
+        return energies(checked_criterion(criterion), self.q, self.energy, self.pitch_joints, start)
+
+    def best(self, criterion: str = "least-rotation", start: ArrayLike | None = None) -> FloatArray:
+        """The configuration of least energy.
+
+        Args:
+            criterion: one of ``energy.CRITERIA``. With ``least-rotation`` and a free joint this is the
+                exact optimum over the continuum, not only the best of the list.
+            start: (n,) where the arm stands [rad]; ``least-travel`` needs it.
+
+        Returns:
+            (n,) joint angles [rad].
+
+        Raises:
+            UnreachableError: there is no solution, or none that the criterion admits.
+            InputError: no such criterion, or ``least-travel`` without a start.
+        """
+        name = checked_criterion(criterion)
+        if not self.success:
+            raise UnreachableError(self.reason or "there is no solution")
+        if name == "least-rotation" and self.least_rotation is not None:
+            exact = self.least_rotation()
+            if exact is not None:
+                return exact
+        energy = self.energies(name, start)
+        i = int(np.argmin(energy))
+        if not np.isfinite(energy[i]):
+            raise UnreachableError(f"none of the {len(self)} solutions is admitted by {name!r}")
+        return self.q[i].copy()
+
+    def index_of(self, q: ArrayLike) -> int:
+        """Index of the listed solution that lies nearest to ``q`` (n,) [rad] (largest joint difference)."""
+        return int(np.abs(self.q - np.asarray(q, dtype=np.float64)).max(axis=1).argmin())
+
+    def branch_of(self, q: ArrayLike) -> str:
+        """Branch name of the listed solution that lies nearest to ``q``."""
+        return str(self.branch[self.index_of(q)])

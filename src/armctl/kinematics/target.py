@@ -1,0 +1,76 @@
+"""What inverse kinematics is asked for."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from armctl.errors import InputError
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Target:
+    """A tool pose, whole or in part, in the base frame. Make one with ``Target.of``, which checks it."""
+
+    position: FloatArray
+    """(3,) [m]"""
+    pitch: float | None = None
+    """angle of the approach axis above the horizontal [rad]; None: any"""
+    roll: float | None = None
+    """angle about the approach axis [rad]: the roll joint's own angle; None: any"""
+    rotation: FloatArray | None = None
+    """(3, 3) ``R_base_tool``, instead of pitch and roll"""
+
+    @classmethod
+    def of(
+        cls,
+        position_m: ArrayLike,
+        pitch: float | None = None,
+        roll: float | None = None,
+        rotation: ArrayLike | None = None,
+    ) -> Target:
+        """Check and convert.
+
+        Raises:
+            InputError: text, NaN, infinity, a wrong shape, a matrix that is no rotation, or both a
+                rotation and pitch or roll.
+        """
+        position = _finite(position_m, (3,), "the target position")
+        if rotation is None:
+            return cls(position, _angle(pitch, "pitch"), _angle(roll, "roll"), None)
+        if pitch is not None or roll is not None:
+            raise InputError("give either a rotation, or pitch and roll, not both")
+        matrix = _finite(rotation, (3, 3), "the target rotation")
+        if np.abs(matrix @ matrix.T - np.eye(3)).max() > 1e-3 or np.linalg.det(matrix) < 0:
+            raise InputError("the target rotation must be a right-handed orthonormal 3 x 3 matrix")
+        u, _, vt = np.linalg.svd(matrix)
+        return cls(position, None, None, u @ vt)  # the nearest true rotation: printed matrices are rounded
+
+
+def _finite(value: ArrayLike, shape: tuple[int, ...], what: str) -> FloatArray:
+    try:
+        array = np.array(value, dtype=np.float64)
+    except (TypeError, ValueError) as cause:
+        raise InputError(f"{what} must be numbers, got {value!r}") from cause
+    if array.shape != shape:
+        raise InputError(f"{what} needs the shape {shape}, got {array.shape}")
+    if not np.isfinite(array).all():
+        raise InputError(f"{what} must be finite numbers, got {array.tolist()}")
+    return array
+
+
+def _angle(value: float | None, what: str) -> float | None:
+    if value is None:
+        return None
+    try:
+        angle = float(value)
+    except (TypeError, ValueError) as cause:
+        raise InputError(f"{what} must be a number, got {value!r}") from cause
+    if not math.isfinite(angle):
+        raise InputError(f"{what} must be a finite number, got {value!r}")
+    return angle

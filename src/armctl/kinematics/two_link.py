@@ -1,0 +1,34 @@
+"""The planar two-link triangle, which every closed form of this package comes down to."""
+
+from __future__ import annotations
+
+import math
+
+COSINE_TOLERANCE = 1e-11
+"""How far rounding may carry the elbow's cosine beyond ±1: less than 1e-12 m at the tip of these arms."""
+
+
+def two_link(x: float, y: float, a: float, b: float) -> list[tuple[float, float]]:
+    """Angles of two links that reach a point of the plane.
+
+    Args:
+        x: target along the zero direction [m].
+        y: target across it [m].
+        a: length of the first link [m], positive.
+        b: length of the second link [m], positive.
+
+    Returns:
+        ``(first, bend)`` [rad]: the first link's direction and the second's relative to it; none, one
+        (stretched or folded) or two (bend positive first). With the target on the first joint itself
+        (a = b, folded) the direction is undefined and 0 is given.
+    """
+    square = x * x + y * y
+    cosine = (square - a * a - b * b) / (2.0 * a * b)
+    if not -1.0 - COSINE_TOLERANCE <= cosine <= 1.0 + COSINE_TOLERANCE:
+        return []
+    bend = math.acos(max(-1.0, min(1.0, cosine)))
+    direction = math.atan2(y, x)
+    inner = math.atan2(b * math.sin(bend), a + b * math.cos(bend))
+    if bend == 0.0 or bend == math.pi:
+        return [(direction - inner, bend)]
+    return [(direction - inner, bend), (direction + inner, -bend)]

@@ -1,0 +1,160 @@
+"""Recognising arms of the build *yaw + parallel pitch joints (+ roll)*, and their planar geometry.
+
+All that the solvers need is read off the joint axes at the zero pose, so the DH convention, the signs
+of alpha and fixed rows make no difference.
+
+With the base turned by θ1, the tool lies in a vertical plane beside the base axis:
+
+    x + i y = exp(i s1 θ1) (r + i d)              d: lateral offset, constant
+    (r - a1) + i (z - h) = Σ_k l_k exp(i (t_1 + … + t_k))      k over the pitch joints
+
+where ``t_k = s_k θ_k + o_k`` is the plane angle of joint k: s_k = ±1 is the sense of its axis, o_k the
+bend between the links at θ_k = 0.
+"""
+
+from __future__ import annotations
+
+import cmath
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from armctl.kinematics.angles import wrap
+from armctl.kinematics.chain import DHChain
+
+FloatArray = NDArray[np.float64]
+_ALIGNED = 1e-9
+"""how far from parallel or perpendicular axes may be (sine of the angle) and offsets from zero [m]"""
+
+
+@dataclass(frozen=True)
+class YawPitchRoll:
+    """Geometry of one such arm: lengths in metres, angles in radians."""
+
+    origin: FloatArray
+    """(3,) a point on the base axis, base frame"""
+    frame: FloatArray
+    """(3, 3) columns: forward, left, up at θ1 = 0, base frame"""
+    yaw_sign: int
+    lateral: float
+    """d: how far the tool plane lies to the left of the base axis"""
+    shoulder: complex
+    """a1 + i h: first pitch axis in the tool plane"""
+    lengths: tuple[float, ...]
+    """l_k of the 2 or 3 links between the pitch joints and to the tool point"""
+    signs: tuple[int, ...]
+    """s_k of the pitch joints"""
+    offsets: tuple[float, ...]
+    """o_k of the pitch joints, in (-pi, pi]"""
+    tool_angle: float | None
+    """angle of the approach axis above the last link; None: it leaves the plane, so pitch means nothing"""
+    roll_joint: int | None
+    """index of the joint that rolls the tool about an axis through the tool point"""
+    roll_sign: int
+    """+1 when the roll axis points along the approach axis, -1 when against it"""
+
+    @property
+    def pitch_joints(self) -> tuple[int, ...]:
+        """Indices of the parallel pitch joints."""
+        return tuple(range(1, 1 + len(self.lengths)))
+
+    def plane_angle(self, k: int, joint_angle: float) -> float:
+        """t_k of pitch joint k (0 is the shoulder) at a joint angle."""
+        return self.signs[k] * joint_angle + self.offsets[k]
+
+    def joint_angle(self, k: int, plane_angle: float) -> float:
+        """θ of pitch joint k at a plane angle t_k; not wrapped."""
+        return self.signs[k] * (plane_angle - self.offsets[k])
+
+    def plane_limits(self, k: int, limits: FloatArray) -> tuple[float, float]:
+        """Limits of t_k from the joint limits (n, 2)."""
+        ends = [self.plane_angle(k, float(limits[1 + k, side])) for side in (0, 1)]
+        return min(ends), max(ends)
+
+    def local(self, point: FloatArray) -> tuple[float, float, float]:
+        """A point (3,) of the base frame as forward, left, up coordinates about the base axis."""
+        x, y, z = (self.frame.T @ (point - self.origin)).tolist()
+        return x, y, z
+
+    def world(self, x: float, y: float, z: float) -> FloatArray:
+        """The opposite of ``local``."""
+        return self.frame @ np.array([x, y, z]) + self.origin
+
+
+def recognise(chain: DHChain) -> YawPitchRoll | None:
+    """The arm's planar geometry, or None when it is not of this build.
+
+    Needed: a first joint; two or three joints parallel to each other and perpendicular to it; at most
+    one more joint, perpendicular to those and with the tool point on its axis; no link of length zero.
+    """
+    points, axes = chain.axes()
+    tool = chain.forward(np.zeros(chain.n))
+    pitch_count = _count_parallel(axes)
+    if pitch_count not in (2, 3) or chain.n - 1 - pitch_count not in (0, 1):
+        return None
+    roll_joint = chain.n - 1 if chain.n == 2 + pitch_count else None
+    tip, approach = tool[:3, 3], tool[:3, 2]
+    if roll_joint is not None:
+        lever = np.cross(tip - points[roll_joint], axes[roll_joint])
+        if abs(axes[roll_joint] @ axes[1]) > _ALIGNED or np.linalg.norm(lever) > _ALIGNED:
+            return None
+    up = axes[0] if axes[0][2] >= -_ALIGNED else -axes[0]
+    frame = _plane_frame(up, axes[1], points[1], points[2], tip)
+    left = frame[:, 1]
+    joints = [_planar(frame, points[0], p) for p in (*points[1 : 1 + pitch_count], tip)]
+    links = [b - a for a, b in zip(joints[:-1], joints[1:], strict=True)]
+    if min(map(abs, links)) < _ALIGNED:
+        return None
+    phases = [cmath.phase(link) for link in links]
+    along = frame.T @ approach
+    in_plane = abs(along[1]) < _ALIGNED
+    return YawPitchRoll(
+        origin=points[0],
+        frame=frame,
+        yaw_sign=1 if axes[0] @ up > 0 else -1,
+        lateral=_clean(float(left @ (tip - points[0]))),
+        shoulder=complex(_clean(joints[0].real), joints[0].imag),
+        lengths=tuple(map(abs, links)),
+        signs=tuple(-1 if axes[1 + k] @ left > 0 else 1 for k in range(pitch_count)),
+        offsets=tuple(
+            _clean(wrap(phase - before)) for phase, before in zip(phases, [0.0, *phases[:-1]], strict=True)
+        ),
+        tool_angle=_clean(wrap(math.atan2(along[2], along[0]) - phases[-1])) if in_plane else None,
+        roll_joint=roll_joint,
+        roll_sign=1 if roll_joint is None or axes[roll_joint] @ approach >= 0 else -1,
+    )
+
+
+def _count_parallel(axes: FloatArray) -> int:
+    """How many joints after the first are parallel to the second, which must be perpendicular to the first."""
+    if len(axes) < 3 or abs(axes[0] @ axes[1]) > _ALIGNED:
+        return 0
+    count = 1
+    while 1 + count < len(axes) and np.linalg.norm(np.cross(axes[1 + count], axes[1])) < _ALIGNED:
+        count += 1
+    return count
+
+
+def _plane_frame(up: FloatArray, pitch: FloatArray, first: FloatArray, second: FloatArray, tip: FloatArray) -> FloatArray:
+    """Forward, left, up. Forward is where the tool (else the first link) points when all joints are at zero."""
+    left = pitch - (pitch @ up) * up
+    left /= np.linalg.norm(left)
+    forward = np.cross(left, up)
+    for reach in (tip - first, second - first):
+        if abs(reach @ forward) > 1e-6:
+            if reach @ forward < 0:
+                left, forward = -left, -forward
+            break
+    return np.column_stack([forward, left, up])
+
+
+def _planar(frame: FloatArray, origin: FloatArray, point: FloatArray) -> complex:
+    local = frame.T @ (point - origin)
+    return complex(float(local[0]), float(local[2]))
+
+
+def _clean(value: float) -> float:
+    """Exactly zero where only rounding is left: offsets of 1e-17 m would cost a branch for nothing."""
+    return 0.0 if abs(value) < 1e-14 else value
