@@ -1,0 +1,126 @@
+"""Robot files: TOML decoded strictly into frozen structs (an unknown key or a wrong type is refused)."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+import msgspec
+from msgspec import Meta
+
+from armctl.errors import RobotFileError
+
+Positive = Annotated[float, Meta(gt=0)]
+NotNegative = Annotated[float, Meta(ge=0)]
+Name = Annotated[str, Meta(pattern=r"^[a-z][a-z0-9_]*$")]
+Channel = Annotated[int, Meta(ge=0, le=63)]
+Pulse = Annotated[float, Meta(ge=64, le=4080)]
+
+
+class _Strict(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """What all parts of a robot file share."""
+
+
+class DHRowEntry(_Strict, frozen=True):
+    """One DH row; without ``joint`` it is fixed at ``theta_deg``, with it ``theta_deg`` is the offset."""
+
+    alpha_deg: float
+    a_mm: float
+    d_mm: float
+    theta_deg: float = 0.0
+    joint: Name | None = None
+
+
+class DHEntry(_Strict, frozen=True):
+    """The arm's geometry."""
+
+    convention: Literal["standard", "modified"]
+    rows: Annotated[tuple[DHRowEntry, ...], Meta(min_length=1)]
+
+
+class ServoEntry(_Strict, frozen=True):
+    """The servo of a joint: pulse = zero_us + us_per_deg · angle; a negative ``us_per_deg`` turns it round."""
+
+    channel: Channel
+    zero_us: float
+    us_per_deg: float
+    pulse_us: tuple[Pulse, Pulse]
+
+
+class JointEntry(_Strict, frozen=True):
+    """One joint."""
+
+    name: Name
+    title: str
+    limit_deg: tuple[float, float]
+    speed_deg_s: Positive
+    acceleration_deg_s2: Positive
+    stall_torque_nm: Positive | None = None
+    servo: ServoEntry | None = None
+
+
+class GripperServoEntry(_Strict, frozen=True):
+    """The gripper's servo: closed and open pulse."""
+
+    channel: Channel
+    closed_us: Pulse
+    open_us: Pulse
+
+
+class GripperEntry(_Strict, frozen=True):
+    """The gripper, as an opening of 0 to 100 %."""
+
+    title: str
+    speed_percent_s: Positive
+    servo: GripperServoEntry
+    stall_torque_nm: Positive | None = None
+
+
+class BodyEntry(_Strict, frozen=True):
+    """A mass that moves with a joint; ``com_mm`` in the frame of that joint's DH row."""
+
+    joint: Name
+    mass_kg: NotNegative
+    com_mm: tuple[float, float, float]
+
+
+class FloorEntry(_Strict, frozen=True):
+    """The plane that the arm must stay above."""
+
+    z_mm: float = 0.0
+
+
+class RobotFile(_Strict, frozen=True):
+    """One robot file, as written."""
+
+    format: Literal[1]
+    name: Name
+    title: str
+    dh: DHEntry
+    joints: Annotated[tuple[JointEntry, ...], Meta(min_length=1)]
+    poses: dict[Name, tuple[float, ...]]
+    source: str = ""
+    assumed: tuple[str, ...] = ()
+    payload_kg: NotNegative = 0.0
+    gripper: GripperEntry | None = None
+    bodies: tuple[BodyEntry, ...] = ()
+    floor: FloorEntry = FloorEntry()
+
+
+def read_robot_file(path: Path) -> RobotFile:
+    """Decode ``path`` without judging what it says.
+
+    Raises:
+        RobotFileError: unreadable, not TOML, an unknown key, a wrong type or an impossible value;
+            the message names the file and the key.
+    """
+    try:
+        text = path.read_bytes()
+    except OSError as cause:
+        raise RobotFileError(f"{path}: cannot be read: {cause.strerror}") from cause
+    try:
+        return msgspec.toml.decode(text, type=RobotFile)
+    except msgspec.DecodeError as cause:
+        raise RobotFileError(f"{path}: {cause}") from cause
+    except ValueError as cause:  # not UTF-8
+        raise RobotFileError(f"{path}: is not a text file: {cause}") from cause

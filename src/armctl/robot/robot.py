@@ -1,0 +1,178 @@
+"""What an arm is: joints, limits, geometry, masses, servo map and named poses."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from armctl.errors import InputError, MotionRefusedError
+from armctl.kinematics import (
+    DEFAULT_STEP,
+    DHChain,
+    EnergyModel,
+    GravityModel,
+    InverseKinematics,
+    Solutions,
+    Target,
+    inverse_kinematics,
+)
+from armctl.robot.servo_map import ServoMap
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Joint:
+    """One joint, in radians."""
+
+    name: str
+    title: str
+    lower: float
+    upper: float
+    speed: float
+    """largest speed [rad/s]"""
+    acceleration: float
+    """largest acceleration [rad/s²]"""
+    stall_torque: float | None
+    """[N·m]; None where the source gives none"""
+
+
+@dataclass(frozen=True, slots=True)
+class Gripper:
+    """The gripper as an opening from 0 (closed) to 1 (open)."""
+
+    title: str
+    speed: float
+    """largest speed [opening/s]"""
+
+
+@dataclass(frozen=True)
+class Robot:
+    """One arm. Immutable; safe to use from several threads at once."""
+
+    name: str
+    title: str
+    source: str
+    assumed: tuple[str, ...]
+    joints: tuple[Joint, ...]
+    chain: DHChain
+    poses: Mapping[str, FloatArray]
+    """named configurations (n,) [rad]"""
+    servo_map: ServoMap | None
+    gripper: Gripper | None
+    gravity: GravityModel
+    floor_z: float
+    """height of the floor in the base frame [m]"""
+    limits: FloatArray = field(init=False)
+    """(n, 2) lower and upper joint limits [rad]"""
+
+    def __post_init__(self) -> None:
+        limits = np.array([[joint.lower, joint.upper] for joint in self.joints])
+        limits.flags.writeable = False
+        object.__setattr__(self, "limits", limits)
+
+    @property
+    def n(self) -> int:
+        """Number of joints."""
+        return len(self.joints)
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """Names of the joints, from the base to the tool."""
+        return tuple(joint.name for joint in self.joints)
+
+    @cached_property
+    def speed_limits(self) -> FloatArray:
+        """(n,) largest joint speeds [rad/s]."""
+        return np.array([joint.speed for joint in self.joints])
+
+    @cached_property
+    def acceleration_limits(self) -> FloatArray:
+        """(n,) largest joint accelerations [rad/s²]."""
+        return np.array([joint.acceleration for joint in self.joints])
+
+    @cached_property
+    def inverse_kinematics(self) -> InverseKinematics:
+        """The solver that the arm's DH rows call for."""
+        titles = [joint.title for joint in self.joints]
+        return inverse_kinematics(self.chain, self.limits, self.energy, titles)
+
+    @cached_property
+    def energy(self) -> EnergyModel:
+        """What the energy criteria need to know of this arm."""
+        stall = [joint.stall_torque for joint in self.joints]
+        return EnergyModel(
+            speed_limits=self.speed_limits,
+            gravity=self.gravity,
+            stall_torque=None if None in stall else np.array(stall, dtype=np.float64),
+        )
+
+    def forward(self, q: ArrayLike) -> FloatArray:
+        """Pose of the tool: ``q`` (..., n) [rad] -> ``T_base_tool`` (..., 4, 4), metres."""
+        return self.chain.forward(q)
+
+    def frames(self, q: ArrayLike) -> FloatArray:
+        """Poses of the base and of the frame behind each DH row: (..., rows + 1, 4, 4), metres."""
+        return self.chain.frames(q)
+
+    def jacobian(self, q: ArrayLike) -> FloatArray:
+        """Geometric Jacobian (..., 6, n), linear over angular, base frame."""
+        return self.chain.jacobian(q)
+
+    def inverse(
+        self,
+        position_m: ArrayLike,
+        pitch: float | None = None,
+        roll: float | None = None,
+        rotation: ArrayLike | None = None,
+        step: float = DEFAULT_STEP,
+    ) -> Solutions:
+        """All configurations inside the limits that put the tool where it is asked for.
+
+        Args:
+            position_m: (3,) tool point in the base frame [m].
+            pitch: angle of the tool's approach axis (tool z) above the horizontal [rad], or any.
+            roll: angle of the tool about its approach axis [rad]: the roll joint's own angle.
+            rotation: (3, 3) ``R_base_tool`` instead of pitch and roll.
+            step: step of the swept free joint [rad], where one is free.
+
+        Returns:
+            The solutions; where there is none, ``reason`` and ``nearest_m`` say why and what is.
+
+        Raises:
+            InputError: a value that is not a finite number, or a wrong shape.
+        """
+        return self.inverse_kinematics.solve(Target.of(position_m, pitch, roll, rotation), step)
+
+    def pose(self, name: str) -> FloatArray:
+        """A named configuration (n,) [rad].
+
+        Raises:
+            InputError: there is none of that name.
+        """
+        if name not in self.poses:
+            raise InputError(f"{self.name} has no pose {name!r}; it has {', '.join(self.poses)}")
+        return self.poses[name].copy()
+
+    def check_limits(self, q: ArrayLike) -> FloatArray:
+        """``q`` (n,) [rad] if it is finite and inside the limits.
+
+        Raises:
+            InputError: wrong shape or not finite.
+            MotionRefusedError: names each joint, its value and its limits.
+        """
+        q = self.chain.checked(q)
+        outside = (q < self.limits[:, 0] - 1e-9) | (q > self.limits[:, 1] + 1e-9)
+        if outside.any():
+            parts = [
+                f"{joint.title}: {np.degrees(value):.2f}° is outside "
+                f"{np.degrees(joint.lower):.2f}° … {np.degrees(joint.upper):.2f}°"
+                for joint, value, out in zip(self.joints, q, outside, strict=True)
+                if out
+            ]
+            raise MotionRefusedError("; ".join(parts))
+        return np.clip(q, self.limits[:, 0], self.limits[:, 1])
