@@ -73,6 +73,15 @@ class Solutions:
         """(3,) the reachable point that comes nearest to the target [m]; None when it is reached."""
         return None if self.nearest_q is None else self.chain.forward(self.nearest_q)[:3, 3]
 
+    @property
+    def explanation(self) -> str:
+        """The reason and the nearest reachable point in one sentence [mm]; empty when solved."""
+        if self.reason is None or self.nearest_m is None:
+            return self.reason or ""
+        x, y, z = 1000.0 * self.nearest_m + 0.0
+        away = 1000.0 * float(np.linalg.norm(self.nearest_m - self.target.position))
+        return f"{self.reason}; the nearest reachable point is ({x:.1f}, {y:.1f}, {z:.1f}) mm, {away:.1f} mm away"
+
     def energies(self, criterion: str = "least-rotation", start: ArrayLike | None = None) -> FloatArray:
         """(k,) energy of each by a named criterion (``energy.CRITERIA``); infinite where excluded."""
         return energies(checked_criterion(criterion), self.q, self.energy, self.pitch_joints, start)
@@ -94,7 +103,7 @@ class Solutions:
         """
         name = checked_criterion(criterion)
         if not self.success:
-            raise UnreachableError(self.reason or "there is no solution")
+            raise UnreachableError(self.explanation or "there is no solution")
         if name == "least-rotation" and self.least_rotation is not None:
             exact = self.least_rotation()
             if exact is not None:

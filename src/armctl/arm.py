@@ -1,0 +1,183 @@
+"""One arm, wired up and ready: the library's way in, and what the command line builds on."""
+
+from __future__ import annotations
+
+import math
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from armctl.boards import SIMULATED, Boards
+from armctl.errors import InputError
+from armctl.kinematics import Target
+from armctl.motion import Program, load_program
+from armctl.robot import Robot, load_robot
+from armctl.runtime import (
+    Command,
+    Connect,
+    Controller,
+    Enable,
+    MonotonicClock,
+    MoveGripper,
+    MoveJoints,
+    MoveTo,
+    Origin,
+    Release,
+    RunProgram,
+    SetSpeed,
+    Snapshot,
+    channel_settings,
+)
+
+FloatArray = NDArray[np.float64]
+_SWITCH_INTERVAL_S = 2e-4
+_ORIGIN = Origin("library")
+
+
+class Arm:
+    """A robot, its board and the controller that runs it.
+
+    Lengths are millimetres and angles degrees here, as in files and on the command line. Every motion
+    blocks until it has ended; what refuses or breaks it is raised.
+
+        with Arm.open("uzuner") as arm:
+            arm.enable()
+            arm.go(x_mm=200, y_mm=0, z_mm=100)
+            arm.run("pick.toml", loops=3)
+    """
+
+    def __init__(self, robot: Robot, rate_hz: float = 50.0) -> None:
+        """Wire up an arm without opening a line; ``open`` does both."""
+        # The interpreter's default of 5 ms is what a tick would be late when other threads run Python.
+        sys.setswitchinterval(min(sys.getswitchinterval(), _SWITCH_INTERVAL_S))
+        clock = MonotonicClock()
+        self.robot = robot
+        self.boards = Boards(channel_settings(robot), clock.now)
+        self.controller = Controller(robot, self.boards.driver, clock, rate_hz)
+        self.controller.start()
+
+    @classmethod
+    def open(cls, robot: str | Path | Robot, port: str | None = None, rate_hz: float = 50.0) -> Self:
+        """Load a robot and connect to its board.
+
+        Args:
+            robot: a shipped robot's name, a robot file, or a robot.
+            port: a device, ``auto``, or None for the simulated board.
+            rate_hz: setpoints a second.
+
+        Raises:
+            ArmctlError: no such robot, or no board on the port.
+        """
+        arm = cls(robot if isinstance(robot, Robot) else load_robot(robot), rate_hz)
+        try:
+            arm._do(Connect(port or SIMULATED))
+        except BaseException:
+            arm.close()
+            raise
+        return arm
+
+    @property
+    def snapshot(self) -> Snapshot:
+        """The arm at the controller's last tick."""
+        return self.controller.snapshot
+
+    @property
+    def joints_deg(self) -> FloatArray:
+        """(n,) joint angles last commanded [degrees]."""
+        return np.degrees(self.snapshot.q_command)
+
+    @property
+    def position_mm(self) -> FloatArray:
+        """(3,) tool point last commanded [mm]."""
+        return 1000 * self.robot.forward(self.snapshot.q_command)[:3, 3]
+
+    def enable(self) -> None:
+        """Switch the pulses on. Servos that were off jump to the rest pose: keep clear of the arm."""
+        self._do(Enable())
+
+    def release(self) -> None:
+        """Pulses off: the arm drops."""
+        self._do(Release())
+
+    def stop(self) -> None:
+        """Decelerate inside the limits and hold; may be called from any thread."""
+        self.controller.stop(_ORIGIN).result()
+
+    def go(
+        self,
+        x_mm: float,
+        y_mm: float,
+        z_mm: float,
+        *,
+        pitch_deg: float | None = None,
+        roll_deg: float | None = None,
+        choose: str = "least-rotation",
+        duration_s: float | None = None,
+    ) -> None:
+        """Put the tool on a point, planned and synchronised.
+
+        Raises:
+            UnreachableError: no solution; says why and names the nearest reachable point.
+            MotionRefusedError: the way there would leave the limits.
+        """
+        pitch = None if pitch_deg is None else math.radians(pitch_deg)
+        roll = None if roll_deg is None else math.radians(roll_deg)
+        target = Target.of([x_mm / 1000, y_mm / 1000, z_mm / 1000], pitch, roll)
+        self._do(MoveTo(target, choose, duration_s))
+
+    def go_joints(self, joints_deg: Sequence[float], duration_s: float | None = None) -> None:
+        """Go to joint angles [degrees], planned and synchronised."""
+        self._do(MoveJoints(np.radians(self.robot.chain.checked(joints_deg)), duration_s))
+
+    def go_pose(self, name: str, duration_s: float | None = None) -> None:
+        """Go to one of the robot's named poses, e.g. home."""
+        self._do(MoveJoints(self.robot.pose(name), duration_s))
+
+    def gripper(self, open_percent: float) -> None:
+        """Open the gripper: 0 closed, 100 open."""
+        if not 0 <= open_percent <= 100:
+            raise InputError(f"the gripper opens 0 … 100 %, not {open_percent}")
+        self._do(MoveGripper(open_percent / 100))
+
+    def set_speed(self, percent: float) -> None:
+        """Speed override for everything that moves, 5 … 100 %."""
+        self._do(SetSpeed(percent / 100))
+
+    def run(self, program: str | Path | Program, loops: int | None = 1) -> None:
+        """Run a program ``loops`` times (None: until stopped).
+
+        Raises:
+            ProgramError: the file cannot be read, or a step cannot be run.
+        """
+        self._do(RunProgram(program if isinstance(program, Program) else load_program(program), loops))
+
+    def close(self) -> None:
+        """Stop, close the line and end. The outputs stay as they are."""
+        self.controller.close()
+        self.boards.close()
+
+    def __enter__(self) -> Self:
+        """Itself."""
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Close."""
+        self.close()
+
+    def _do(self, command: Command) -> None:
+        """Submit and wait for the end; an interrupt stops the arm first."""
+        ticket = self.controller.submit(command, _ORIGIN)
+        try:
+            ticket.result()
+        except KeyboardInterrupt:
+            self.controller.stop(_ORIGIN).result(5.0)
+            raise
+
+

@@ -1,0 +1,87 @@
+"""The command line: each command is imported only when it is called, so that ``armctl ik`` starts quickly."""
+
+from __future__ import annotations
+
+import importlib
+import os
+import sys
+from collections.abc import Sequence
+
+import click
+
+from armctl.errors import ArmctlError
+
+COMMANDS = {
+    "serve": "armctl.cli.serve:serve",
+    "robots": "armctl.cli.robots:robots",
+    "ports": "armctl.cli.ports:ports",
+    "fk": "armctl.cli.fk:fk",
+    "ik": "armctl.cli.ik:ik",
+    "run": "armctl.cli.run:run",
+    "check": "armctl.cli.check:check",
+    "published": "armctl.cli.published:published",
+    "simulate": "armctl.cli.simulate:simulate",
+}
+DONE, REFUSED, WRONG_USAGE = 0, 1, 2
+
+
+class LazyGroup(click.Group):
+    """A group that knows its commands by name and imports one when it is called."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        """Names of all commands, in the order of the table above."""
+        return list(COMMANDS)
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        """Import one command."""
+        if cmd_name not in COMMANDS:
+            return None
+        module, _, attribute = COMMANDS[cmd_name].partition(":")
+        command = getattr(importlib.import_module(module), attribute)
+        return command if isinstance(command, click.Command) else None
+
+
+@click.group(cls=LazyGroup, invoke_without_command=True, context_settings={"help_option_names": ["-h", "--help"]})
+@click.version_option(package_name="armctl", message="armctl %(version)s")
+@click.pass_context
+def cli(ctx: click.Context) -> None:
+    """An operator's console for small serial robot arms, served in the browser.
+
+    Without a command: the same as `armctl serve`. Lengths are in mm, angles in degrees.
+    """
+    if ctx.invoked_subcommand is None:
+        command = cli.get_command(ctx, "serve")
+        if command is not None:
+            ctx.invoke(command)
+
+
+def run(arguments: Sequence[str]) -> int:
+    """Run one command line; errors go to stderr as one line each. Returns the exit status."""
+    try:
+        status = cli.main(list(arguments), prog_name="armctl", standalone_mode=False)
+    except click.UsageError as error:
+        return _complain(f"{error.format_message()}{_help_hint(error)}", WRONG_USAGE)
+    except click.ClickException as error:
+        return _complain(error.format_message(), REFUSED)
+    except (click.Abort, KeyboardInterrupt):
+        return _complain("interrupted", REFUSED)
+    except ArmctlError as error:
+        return _complain(str(error), REFUSED)
+    except BrokenPipeError:  # `armctl ... | head`: nobody reads on, and that is not an error
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return DONE
+    return status if isinstance(status, int) else DONE
+
+
+def _complain(text: str, status: int) -> int:
+    click.echo("armctl: " + " ".join(text.split()), err=True)
+    return status
+
+
+def _help_hint(error: click.UsageError) -> str:
+    return "" if error.ctx is None else f" (see `{error.ctx.command_path} --help`)"
+
+
+def main() -> None:
+    """Console script."""
+    sys.exit(run(sys.argv[1:]))

@@ -1,0 +1,99 @@
+"""``armctl serve``: the operator's console in the browser."""
+
+from __future__ import annotations
+
+import logging
+import os
+import secrets
+import signal
+import sys
+import threading
+import webbrowser
+from collections.abc import Callable
+from types import FrameType
+
+import click
+from platformdirs import user_data_path
+
+from armctl.arm import Arm
+from armctl.boards import AUTOMATIC, SIMULATED
+from armctl.errors import ArmctlError
+from armctl.hardware.ports import list_ports
+from armctl.robot import load_robot
+from armctl.runtime import Connect, Origin
+from armctl.ui import App, Console, PortChoice, ProgramDesk
+
+_LOOPBACK = ("127.0.0.1", "localhost", "::1")
+
+
+@click.command()
+@click.option("--robot", default="uzuner", show_default=True, help="A shipped robot's name or a robot file.")
+@click.option("--port", default=SIMULATED, show_default=True, help="sim, auto, a device or socket://host:port.")
+@click.option("--host", default="127.0.0.1", show_default=True,
+              help="Address to listen on. Beyond this computer, the page needs a token, which is printed.")  # fmt: skip
+@click.option("--http-port", type=click.IntRange(0, 65535), default=8080, show_default=True, help="0: any free one.")
+@click.option("--no-browser", is_flag=True, help="Do not open a browser.")
+def serve(robot: str, port: str, host: str, http_port: int, no_browser: bool) -> None:
+    """Serve the console until interrupted (Ctrl-C)."""
+    logging.basicConfig(level=logging.INFO, format="%(asctime)s %(name)s %(levelname)s %(message)s")
+    arm_robot = load_robot(robot)
+    token = None if host in _LOOPBACK else secrets.token_urlsafe(24)
+    arm = Arm(arm_robot)
+    try:
+        console = Console(
+            robot=arm_robot,
+            controller=arm.controller,
+            list_ports=lambda: _port_choices(port),
+            programs=ProgramDesk(arm_robot.name, user_data_path("armctl") / "programs" / arm_robot.name),
+            default_port=port,
+        )
+        app = App(console, host, http_port, token)
+        try:
+            _connect(arm, port)
+            url = app.url if token is None else f"{app.url}/?token={token}"
+            click.echo(f"armctl: {arm_robot.title} on {_port_label(port)}: {url}  (Ctrl-C ends)")
+            if not no_browser and _has_display():
+                webbrowser.open(url)
+            _wait()
+        finally:
+            app.close()
+    finally:
+        arm.close()
+
+
+def _connect(arm: Arm, port: str) -> None:
+    """Connect at once; where that fails the page says why and offers the other ports."""
+    try:
+        arm.controller.submit(Connect(port), Origin("start")).result()
+    except ArmctlError as refusal:
+        click.echo(f"armctl: not connected: {refusal}", err=True)
+
+
+def _port_choices(asked: str) -> list[PortChoice]:
+    choices = [PortChoice(SIMULATED, "Simulated board"), PortChoice(AUTOMATIC, "First Maestro found")]
+    for port in list_ports():
+        choices.append(PortChoice(port.device, f"{port.kind} on {port.device}", port.why_not))
+    if asked not in [choice.port for choice in choices]:
+        choices.append(PortChoice(asked, asked))
+    return choices
+
+
+def _port_label(port: str) -> str:
+    return "the simulated board" if port == SIMULATED else port
+
+
+def _has_display() -> bool:
+    return sys.platform in ("darwin", "win32") or bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
+
+
+def _wait() -> None:
+    """Until SIGINT or SIGTERM."""
+    ended = threading.Event()
+
+    def end(signum: int, frame: FrameType | None) -> None:
+        ended.set()
+
+    previous: dict[int, Callable[..., object] | int | None] = {}
+    for number in (signal.SIGINT, signal.SIGTERM):
+        previous[number] = signal.signal(number, end)
+    ended.wait()

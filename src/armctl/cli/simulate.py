@@ -1,0 +1,53 @@
+"""``armctl simulate``: a simulated board on a pty, for any client."""
+
+from __future__ import annotations
+
+import signal
+import threading
+from pathlib import Path
+from types import FrameType
+
+import click
+
+from armctl.hardware.maestro import MaestroModel, SimulatedMaestro, serve_simulated_maestro
+from armctl.hardware.pty_server import PtyServer
+from armctl.robot import load_robot
+from armctl.runtime import MonotonicClock, channel_settings
+
+
+@click.group()
+def simulate() -> None:
+    """Serve a simulated board on a pseudo-terminal, for any program that opens serial ports."""
+
+
+@simulate.command()
+@click.option("--link", type=click.Path(path_type=Path), help="Where to find the port, e.g. /tmp/maestro.")
+@click.option("--robot", default="uzuner", show_default=True, help="Whose channel ranges the board is set up with.")
+@click.option("--factory", is_flag=True, help="Leave all channels at the factory's 992 … 2000 µs.")
+@click.option("--channels", type=click.Choice(["6", "12", "18", "24"]), help="Board size (default: what the robot needs).")
+def maestro(link: Path | None, robot: str, factory: bool, channels: str | None) -> int:
+    """Serve a simulated Pololu Maestro until interrupted.
+
+    It speaks the compact and the Pololu protocol in USB dual-port mode.
+    """
+    settings = () if factory else channel_settings(load_robot(robot))
+    model = None if channels is None else MaestroModel.with_channels(int(channels))
+    clock = MonotonicClock()
+    return _serve(serve_simulated_maestro(clock.now, channels=settings, model=model, link=link))
+
+
+def _serve(server: PtyServer[SimulatedMaestro]) -> int:
+    """Until SIGINT or SIGTERM, either of which is a good end."""
+    ended = threading.Event()
+
+    def end(signum: int, frame: FrameType | None) -> None:
+        ended.set()
+
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, end)
+    with server:
+        click.echo(f"simulated board on {server.port} (ctrl-c ends it)")
+        ended.wait()
+    return 0
+
+
