@@ -1,0 +1,7 @@
+"""The browser pages over viser."""
+
+from armctl.ui.app import App
+from armctl.ui.console import Console, PortChoice
+from armctl.ui.program_desk import ProgramDesk
+
+__all__ = ["App", "Console", "PortChoice", "ProgramDesk"]

@@ -1,0 +1,103 @@
+"""The web application: guarded server, one session a page, one loop that draws."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from concurrent.futures import Future
+from contextlib import suppress
+
+import numpy as np
+import viser
+
+from armctl.runtime import Origin
+from armctl.ui.console import Console
+from armctl.ui.guard import GuardedServer, guarded_server
+from armctl.ui.scene.arm_figure import ArmFigure
+from armctl.ui.scene.stage import look_at_arm, set_stage
+from armctl.ui.scene.trail import Trail
+from armctl.ui.session import Session
+
+LOG = logging.getLogger("armctl.ui")
+FRAME_S = 1 / 30
+_FRAMES_A_REFRESH = 3
+
+
+class App:
+    """Serves one console to browser pages. All of it runs on viser's event loop, so nothing needs a lock."""
+
+    def __init__(self, console: Console, host: str = "127.0.0.1", port: int = 8080, token: str | None = None) -> None:
+        self._console = console
+        self.server: GuardedServer = guarded_server(host, port, token=token, label="armctl")
+        self._sessions: dict[int, Session] = {}
+        self.server.gui.configure_theme(
+            dark_mode=False, show_logo=False, show_share_button=False, brand_color=(24, 100, 171)
+        )
+        set_stage(self.server.scene, console.robot)
+        self._figure = ArmFigure(self.server.scene, console.robot, "/arm")
+        self.trail = Trail(self.server.scene)
+        self.server.on_client_connect(self._connect)
+        self.server.on_client_disconnect(self._disconnect)
+        self._loop: Future[None] = asyncio.run_coroutine_threadsafe(self._draw(), self.server.get_event_loop())
+
+    @property
+    def url(self) -> str:
+        """Where the console is served."""
+        host = self.server.get_host()
+        return f"http://{'localhost' if host in ('127.0.0.1', '::1') else host}:{self.server.get_port()}"
+
+    def close(self) -> None:
+        """Stop serving."""
+        self._loop.cancel()
+        self.server.stop()
+
+    async def _connect(self, client: viser.ClientHandle) -> None:
+        self._console.operators.arrive(client.client_id)
+        look_at_arm(client)
+        try:
+            with client.atomic():
+                session = Session(client, self._console)
+        except Exception:
+            LOG.exception("page %d could not be built", client.client_id)
+            raise
+        self._sessions[client.client_id] = session
+        session.watch(self._operator_lost)
+
+    async def _disconnect(self, client: viser.ClientHandle) -> None:
+        session = self._sessions.pop(client.client_id, None)
+        if session is not None:
+            session.close()
+        self._operator_lost(client.client_id, gone=True)
+
+    def _operator_lost(self, client_id: int, *, gone: bool = False) -> None:
+        """The operator's page is gone or does not answer: what moves is stopped."""
+        operates = self._console.operators.operator == client_id
+        if gone:
+            self._console.operators.leave(client_id)
+        if operates:
+            why = "the operator's page is gone" if gone else "the operator's page does not answer"
+            self._console.controller.stop(Origin(f"page {client_id}", why))
+
+    async def _draw(self) -> None:
+        """Thirty frames a second in 3D, ten refreshes of the pages."""
+        frame = 0
+        while True:
+            await asyncio.sleep(FRAME_S)
+            frame += 1
+            try:
+                self._draw_frame(frame)
+            except Exception:
+                LOG.exception("a frame could not be drawn")
+
+    def _draw_frame(self, frame: int) -> None:
+        snapshot = self._console.controller.snapshot
+        q = np.where(np.isnan(snapshot.q), snapshot.q_command, snapshot.q)
+        with self.server.atomic():
+            self._figure.pose(q, snapshot.gripper)
+            self.trail.add(self._console.robot.forward(q)[:3, 3])
+            if frame % _FRAMES_A_REFRESH == 0:
+                self.trail.draw()
+        if frame % _FRAMES_A_REFRESH == 0:
+            for session in tuple(self._sessions.values()):
+                with suppress(RuntimeError):  # a page that has just gone
+                    session.refresh(snapshot)

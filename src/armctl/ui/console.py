@@ -1,0 +1,34 @@
+"""What all browser pages share: the arm, its controller, who operates, the program being edited."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+from armctl.robot import Robot
+from armctl.runtime import Controller
+from armctl.ui.operator import OperatorDesk
+from armctl.ui.program_desk import ProgramDesk
+
+
+@dataclass(frozen=True, slots=True)
+class PortChoice:
+    """One entry of the port list."""
+
+    port: str
+    """what ``Connect`` takes: sim, auto or a device"""
+    label: str
+    why_not: str | None = None
+    """why it cannot be used, and what to do"""
+
+
+@dataclass(frozen=True)
+class Console:
+    """One arm and everything that the pages share. Used on the web server's event loop only."""
+
+    robot: Robot
+    controller: Controller
+    list_ports: Callable[[], Sequence[PortChoice]]
+    programs: ProgramDesk
+    default_port: str = "sim"
+    operators: OperatorDesk = field(default_factory=OperatorDesk)

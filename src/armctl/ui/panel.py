@@ -1,0 +1,104 @@
+"""The panel that is always in view: STOP, Release, what the arm does, who operates, speed."""
+
+from __future__ import annotations
+
+import asyncio
+from html import escape
+from typing import TYPE_CHECKING
+
+import viser
+
+from armctl.runtime import Pause, Release, Resume, SetSpeed, Snapshot, State
+from armctl.ui.widgets.text import LiveHtml
+
+if TYPE_CHECKING:
+    from armctl.ui.session import Session
+
+_RELEASE_SECONDS = 5.0
+_COLORS = {
+    State.DISCONNECTED: "#868e96",
+    State.OFF: "#868e96",
+    State.HOLDING: "#2b8a3e",
+    State.MOVING: "#1971c2",
+    State.PAUSED: "#e67700",
+    State.FAULT: "#c92a2a",
+}
+
+
+class ControlPanel:
+    """A panel of its own: viser throttles clicks a panel, and STOP must never wait for a number field."""
+
+    def __init__(self, session: Session) -> None:
+        self._session = session
+        gui = session.gui
+        self._window = gui.add_panel()
+        with self._window.add_tab("Control", viser.Icon.HAND_STOP):
+            self._stop = gui.add_button("STOP", color="red", icon=viser.Icon.HAND_STOP,
+                                        hint="Decelerate and hold where the arm is. Not a rated emergency stop.")  # fmt: skip
+            self._hold = gui.add_button_group("Motion", ("Pause", "Resume"))
+            self._release = gui.add_button("Release", color="gray", icon=viser.Icon.POWER,
+                                           hint="Switch the pulses off: THE ARM DROPS. Not a rated emergency stop.")  # fmt: skip
+            self._state = LiveHtml(gui)
+            self._speed = gui.add_slider("Speed %", 5, 100, 1, 100,
+                                         hint="Slows down everything that moves; the path stays the same.")  # fmt: skip
+            self._take = gui.add_button("Take control", visible=False)
+        self._window.float(x=15, y=-15, width=310)  # notifications come down from the top left
+        self._asked_release = False
+        self._attach()
+
+    def _attach(self) -> None:
+        session = self._session
+        session.on(self._stop.on_click, self._on_stop)
+        session.on(self._hold.on_click, self._on_hold)
+        session.on(self._release.on_click, self._on_release)
+        session.on(self._speed.on_update, self._on_speed)
+        session.on(self._take.on_click, self._on_take)
+
+    def refresh(self, snapshot: Snapshot) -> None:
+        """Show state, operator and speed."""
+        session = self._session
+        self._take.visible = not session.operates
+        percent = round(100 * snapshot.speed)
+        if not session.operates and self._speed.value != percent:
+            self._speed.value = percent
+        color = _COLORS[snapshot.state]
+        watching = session.console.operators.watching
+        lines = [
+            f"<div style='font-size:1.15em;font-weight:600;color:{color}'>{snapshot.state.value.upper()}</div>",
+            f"<div style='opacity:.75'>{escape(snapshot.cause)}</div>" if snapshot.cause else "",
+            f"<div>Operator: <b>{session.console.operators.describe(session.client.client_id)}</b>"
+            + (f" · {watching} watching" if watching else "") + "</div>",
+            f"<div>Position shown: <b>{snapshot.source.value}</b></div>",
+        ]  # fmt: skip
+        lines += [f"<div style='color:#c92a2a'>⚠ {escape(text)}</div>" for text in snapshot.warnings]
+        self._state.show("".join(lines))
+
+    async def _on_stop(self) -> None:
+        self._session.console.controller.stop(self._session.origin)
+
+    async def _on_hold(self) -> None:
+        await self._session.submit(Pause() if self._hold.value == "Pause" else Resume())
+
+    async def _on_release(self) -> None:
+        """The first click asks, a second one within a few seconds releases."""
+        self._session.require_operator()
+        if self._asked_release:
+            self._ask_release(False)
+            await self._session.submit(Release())
+            return
+        self._ask_release(True)
+        await asyncio.sleep(_RELEASE_SECONDS)
+        self._ask_release(False)
+
+    def _ask_release(self, asking: bool) -> None:
+        self._asked_release = asking
+        self._release.label = "Release: the arm DROPS. Click again" if asking else "Release"
+        self._release.color = "orange" if asking else "gray"
+
+    async def _on_speed(self) -> None:
+        await self._session.submit(SetSpeed(self._speed.value / 100))
+
+    async def _on_take(self) -> None:
+        session = self._session
+        session.console.operators.take(session.client.client_id)
+        session.notify("Control", "This page now operates the arm.")

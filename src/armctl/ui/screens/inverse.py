@@ -1,0 +1,25 @@
+"""The Inverse screen."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, ClassVar
+
+import viser
+
+from armctl.runtime import Snapshot
+
+if TYPE_CHECKING:
+    from armctl.ui.session import Session
+
+
+class InverseScreen:
+    """Inverse."""
+
+    label: ClassVar[str] = "Inverse"
+    icon: ClassVar[viser.IconName | None] = None
+
+    def __init__(self, session: Session) -> None:
+        session.gui.add_markdown("Inverse")
+
+    def refresh(self, snapshot: Snapshot) -> None:
+        """Draw a snapshot."""

@@ -1,0 +1,103 @@
+"""Main: robot, board, enable, named poses, log."""
+
+from __future__ import annotations
+
+from html import escape
+from typing import TYPE_CHECKING, ClassVar
+
+import viser
+
+from armctl.errors import InputError
+from armctl.runtime import ClearFault, Connect, Disconnect, Enable, Event, MoveJoints, Snapshot, State
+from armctl.ui.widgets.text import LiveHtml
+from armctl.ui.widgets.when import time_of_day
+
+if TYPE_CHECKING:
+    from armctl.ui.session import Session
+
+_LOG_LINES = 14
+_LEVEL_COLOR = {"warning": "#e67700", "error": "#c92a2a"}
+_ENABLE_NOTE = (
+    "**Enable** switches the servos on. A servo that was off jumps to the rest pose at full speed: "
+    "hold the arm near that pose or keep clear."
+)
+
+
+class MainScreen:
+    """Connect, enable, go home, and read what happened."""
+
+    label: ClassVar[str] = "Main"
+    icon: ClassVar[viser.IconName | None] = None
+
+    def __init__(self, session: Session) -> None:
+        self._session = session
+        gui, console = session.gui, session.console
+        self._choices = {choice.label: choice for choice in console.list_ports()}
+        labels = tuple(self._choices)
+        chosen = next((c.label for c in self._choices.values() if c.port == console.default_port), labels[0])
+        gui.add_markdown(f"**{console.robot.title}** · {console.robot.n} joints")
+        self._port = gui.add_dropdown("Port", labels, chosen)
+        self._line = gui.add_button_group("Board", ("Connect", "Disconnect", "Rescan"))
+        self._board = LiveHtml(gui)
+        self._enable_note = gui.add_markdown(_ENABLE_NOTE)
+        self._enable = gui.add_button("Enable", icon=viser.Icon.BOLT, color="green")
+        self._clear = gui.add_button("Clear fault", color="orange", visible=False)
+        self._home = gui.add_button("Home", icon=viser.Icon.HOME)
+        self._poses = gui.add_button_group("Go to pose", tuple(name for name in console.robot.poses if name != "home"))
+        with gui.add_folder("Log"):
+            self._log = LiveHtml(gui)
+        session.on(self._line.on_click, self._on_line)
+        session.on(self._enable.on_click, self._on_enable)
+        session.on(self._clear.on_click, self._on_clear)
+        session.on(self._home.on_click, self._on_home)
+        session.on(self._poses.on_click, self._on_pose)
+
+    def refresh(self, snapshot: Snapshot) -> None:
+        """Show the board, what can be done, and the newest log lines."""
+        self._clear.visible = snapshot.state is State.FAULT
+        self._enable.visible = self._enable_note.visible = not snapshot.powered
+        self._enable.disabled = snapshot.state is not State.OFF
+        self._home.disabled = not snapshot.powered
+        self._board.show(self._board_text(snapshot))
+        self._log.show("".join(self._log_line(event) for event in reversed(snapshot.events[-_LOG_LINES:])))
+
+    @staticmethod
+    def _board_text(snapshot: Snapshot) -> str:
+        board = snapshot.board
+        if board is None:
+            return "<div>not connected</div>"
+        serial = f" · serial number {escape(board.serial_number)}" if board.serial_number else ""
+        lines = [f"<div><b>{escape(board.kind)}</b> on {escape(board.port)}{serial}</div>"]
+        lines += [f"<div style='opacity:.75'>{escape(note)}</div>" for note in board.notes]
+        return "".join(lines)
+
+    @staticmethod
+    def _log_line(event: Event) -> str:
+        color = _LEVEL_COLOR.get(event.level, "inherit")
+        when = f"<span style='opacity:.6'>{time_of_day(event.stamp)}</span>"
+        return f"<div style='color:{color}'>{when} {escape(event.text)}</div>"
+
+    async def _on_line(self) -> None:
+        asked = self._line.value
+        if asked == "Rescan":
+            self._choices = {choice.label: choice for choice in self._session.console.list_ports()}
+            self._port.options = tuple(self._choices)
+        elif asked == "Disconnect":
+            await self._session.submit(Disconnect())
+        else:
+            choice = self._choices[self._port.value]
+            if choice.why_not is not None:
+                raise InputError(f"{choice.label} cannot be used: {choice.why_not}")
+            await self._session.submit(Connect(choice.port))
+
+    async def _on_enable(self) -> None:
+        await self._session.submit(Enable())
+
+    async def _on_clear(self) -> None:
+        await self._session.submit(ClearFault())
+
+    async def _on_home(self) -> None:
+        await self._session.submit(MoveJoints(self._session.console.robot.pose("home")))
+
+    async def _on_pose(self) -> None:
+        await self._session.submit(MoveJoints(self._session.console.robot.pose(self._poses.value)))

@@ -1,0 +1,162 @@
+"""One browser page: its panel, its screens, its part of the scene."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from collections.abc import Awaitable, Callable, Coroutine
+from typing import Any
+
+import viser
+
+from armctl.errors import ArmctlError
+from armctl.runtime import Command, Origin, Snapshot, Ticket
+from armctl.ui.console import Console
+from armctl.ui.panel import ControlPanel
+from armctl.ui.scene.ghost import Ghost
+from armctl.ui.screens import SCREENS, Screen
+
+LOG = logging.getLogger("armctl.ui")
+Action = Callable[[], Awaitable[None]]
+_PANEL_WIDTH = 440
+_HEARTBEAT_S = 2.0
+_HEARTBEAT_TIMEOUT_S = 3.0
+
+
+class Session:
+    """Builds a page's GUI, turns its clicks into commands, and draws snapshots into it.
+
+    Everything here runs on the web server's event loop; nothing in it may block.
+    """
+
+    def __init__(self, client: viser.ClientHandle, console: Console) -> None:
+        self.client = client
+        self.console = console
+        self._tasks: set[asyncio.Task[None]] = set()
+        self.ghost = Ghost(client.scene, console.robot)
+        client.gui.main_panel.dock_right()
+        client.gui.main_panel.set_width(_PANEL_WIDTH)
+        self._panel = ControlPanel(self)
+        tabs = client.gui.add_tab_group()
+        self._screens: list[Screen] = []
+        for make in SCREENS:
+            with tabs.add_tab(make.label, make.icon):
+                self._screens.append(make(self))
+
+    @property
+    def gui(self) -> viser.GuiApi:
+        """The page's own GUI: no other page can touch it."""
+        return self.client.gui
+
+    @property
+    def snapshot(self) -> Snapshot:
+        """The newest state of the arm."""
+        return self.console.controller.snapshot
+
+    @property
+    def origin(self) -> Origin:
+        """How the log names this page."""
+        return Origin(f"page {self.client.client_id}")
+
+    @property
+    def operates(self) -> bool:
+        """Whether this page has the controls."""
+        return self.console.operators.operator == self.client.client_id
+
+    def refresh(self, snapshot: Snapshot) -> None:
+        """Draw a snapshot."""
+        with self.client.atomic():
+            self._panel.refresh(snapshot)
+            for screen in self._screens:
+                screen.refresh(snapshot)
+
+    def on(self, attach: Callable[[Callable[[Any], Awaitable[None]]], object], action: Action) -> None:
+        """Run ``action`` on a handle's event; ``attach`` is its ``on_click``, ``on_update`` or ``on_upload``.
+
+        Values that the program sets itself are ignored. What goes wrong becomes a notification.
+        """
+
+        async def callback(event: viser.GuiEvent[Any]) -> None:
+            if event.client is None:
+                return
+            await self.attempt(action)
+
+        attach(callback)
+
+    async def attempt(self, action: Action) -> None:
+        """Run ``action``; a refusal is shown, a defect is logged and shown."""
+        try:
+            await action()
+        except ArmctlError as refusal:
+            self.refuse(str(refusal))
+        except Exception:
+            LOG.exception("a page's action failed")
+            self.refuse("an internal error; the program's log has the details", title="Error")
+
+    def require_operator(self) -> None:
+        """Refuse what only the operator may do.
+
+        Raises:
+            ArmctlError: another page has the controls.
+        """
+        if not self.operates:
+            who = self.console.operators.describe(self.client.client_id)
+            raise ArmctlError(f"this page is watching, {who} operates; press 'Take control' first")
+
+    async def submit(self, command: Command) -> Ticket:
+        """Ask the controller for something and wait until it is accepted.
+
+        Raises:
+            ArmctlError: refused, or this page does not operate.
+        """
+        self.require_operator()
+        ticket = self.console.controller.submit(command, self.origin)
+        await asyncio.wrap_future(ticket.accepted)
+        self._spawn(self._report_end(ticket))
+        return ticket
+
+    def watch(self, lost: Callable[[int], None]) -> None:
+        """Keep asking the page for a sign of life; ``lost(client id)`` when none comes.
+
+        A page that hangs keeps its connection: only its script can answer this.
+        """
+        self._spawn(self._watch(lost))
+
+    def close(self) -> None:
+        """The page is gone: end what waits for it."""
+        for task in tuple(self._tasks):
+            task.cancel()
+
+    async def _watch(self, lost: Callable[[int], None]) -> None:
+        storage = self.client.local_storage
+        while True:
+            await asyncio.sleep(_HEARTBEAT_S)
+            if not self.operates:
+                continue
+            try:
+                await asyncio.to_thread(storage.get_item, "armctl", timeout=_HEARTBEAT_TIMEOUT_S)
+            except TimeoutError:
+                LOG.warning("page %d does not answer", self.client.client_id)
+                lost(self.client.client_id)
+
+    def _spawn(self, work: Coroutine[Any, Any, None]) -> None:
+        task = asyncio.create_task(work)
+        self._tasks.add(task)
+        task.add_done_callback(self._tasks.discard)
+
+    async def _report_end(self, ticket: Ticket) -> None:
+        """Tell when what was accepted does not come to its end."""
+        try:
+            await asyncio.wrap_future(ticket.finished)
+        except ArmctlError as broken:
+            self.notify("Not finished", str(broken), "yellow")
+
+    def refuse(self, text: str, title: str = "Refused") -> None:
+        """Say why something is not done."""
+        self.notify(title, text, "red")
+
+    def notify(self, title: str, text: str, color: viser.theme.LiteralColor = "blue") -> None:
+        """Show a notification for as long as it takes to read it."""
+        self.client.add_notification(
+            title, text, color=color, auto_close_seconds=max(6.0, len(text) / 12)
+        )
