@@ -1,0 +1,83 @@
+"""The seam between the runtime and any board: one protocol, plain values."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from enum import Enum
+from typing import Protocol
+
+
+class Source(Enum):
+    """Where a position comes from; it is always shown next to the figure."""
+
+    COMMANDED = "commanded"  # what the host last asked for
+    TRANSMITTED = "transmitted"  # what the board sends to the servos (Maestro)
+    MEASURED = "measured"  # what encoders see
+
+
+@dataclass(frozen=True, slots=True)
+class BoardIdentity:
+    """What answered at the other end of the line."""
+
+    kind: str  # "Pololu Micro Maestro 6-channel"
+    port: str  # as the user named it, or the pty of the simulated board
+    serial_number: str | None = None
+    simulated: bool = False
+    notes: tuple[str, ...] = ()  # what the user must know, e.g. that the board's watchdog is not verified
+
+
+@dataclass(frozen=True, slots=True)
+class ChannelSettings:
+    """What one output of the board may do, in the board's own unit (µs for servos)."""
+
+    channel: int
+    minimum: float
+    maximum: float
+    speed: float | None = None  # unit/s that the board itself enforces; None: unlimited
+    acceleration: float | None = None  # unit/s²; None: unlimited
+
+
+@dataclass(frozen=True, slots=True)
+class Readback:
+    """Positions by channel in the board's unit; None where the board does not know (pulses off)."""
+
+    positions: Mapping[int, float | None]
+    source: Source
+    errors: tuple[str, ...] = ()  # what the board itself reports, in words
+
+
+class Driver(Protocol):
+    """One board. Only the controller thread calls it; every method may raise ``BoardError``.
+
+    Units are the board's own (servo boards: pulse width in µs). A driver never decides where the
+    arm goes: it writes what it is given, refuses what is outside ``ChannelSettings``, and reports.
+    """
+
+    def open(self) -> BoardIdentity:
+        """Open the line, find out who is there, and leave every output as it was."""
+        ...
+
+    def configure(self, channels: Sequence[ChannelSettings]) -> None:
+        """Tell the board and the driver what each channel may do. Moves nothing."""
+        ...
+
+    def write(self, setpoints: Mapping[int, float]) -> None:
+        """Send setpoints; the first one of a channel that is off switches its pulses on."""
+        ...
+
+    def read(self) -> Readback:
+        """Read positions and errors back."""
+        ...
+
+    def stop(self) -> None:
+        """Board-side hold: every channel that is on stays where the board now has it."""
+        ...
+
+    def release(self) -> None:
+        """Pulses off on every configured channel: the arm drops."""
+        ...
+
+    def close(self) -> None:
+        """Close the line; safe to call twice, and after an unplug. Leaves the outputs as they are."""
+        ...

@@ -1,0 +1,243 @@
+"""The driver for Pololu's Maestro boards on their USB command port (or any other line to one)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+
+from armctl.errors import BoardError, BoardProtocolError, BoardTimeoutError, PortError
+from armctl.hardware.driver import BoardIdentity, ChannelSettings, Readback, Source
+from armctl.hardware.maestro.channel_table import ChannelTable
+from armctl.hardware.maestro.clamp_watch import Clamped, ClampWatch
+from armctl.hardware.maestro.codec import COMPACT, Framing
+from armctl.hardware.maestro.error_register import MaestroErrors, error_words
+from armctl.hardware.maestro.line import MISUNDERSTOOD, MaestroLine
+from armctl.hardware.maestro.units import (
+    acceleration_to_units,
+    quarters_to_us,
+    speed_to_units,
+    us_to_quarters,
+)
+from armctl.hardware.maestro_models import MaestroModel
+from armctl.hardware.ports import PortInfo, describe_port, list_ports
+from armctl.hardware.serial_transport import SerialTransport
+from armctl.hardware.transport import Transport
+
+WATCHDOG_NOTE = (
+    "the board's own watchdog is not verified: armctl cannot see whether a serial timeout is set. If this "
+    'computer or the cable fails, the servos keep their last position for ever, unless "Timeout" is set on '
+    "the device (Maestro Control Center, Serial Settings; 0.5 s is a good value) and each channel's "
+    '"On startup or error" says where to go then'
+)
+UNKNOWN_MODEL_NOTE = (
+    "the model could not be told from the port: channels above 5 are not checked, and only commands that "
+    "all Maestros know are used"
+)
+
+
+class MaestroDriver:
+    """A Maestro behind the ``Driver`` protocol. Units are µs, µs/s and µs/s².
+
+    The Maestro's answers carry no checksum: a garbled position that is still a possible one cannot
+    be told from a true one. Commands can be protected (``framing`` with ``crc``).
+
+    Args:
+        line: port name (device, pty, ``socket://host:port``), or what opens the transport.
+        now: the clock [s].
+        model: which member of the family; None: as the USB listing says.
+        framing: compact or Pololu form, with or without CRC; as the board is set up.
+        simulated: whether a simulated board is at the other end, for the identity only.
+        ports: the listing of serial ports, for the identity only.
+        timeout_s: how long a readback may take.
+    """
+
+    def __init__(
+        self,
+        line: str | Callable[[], Transport],
+        *,
+        now: Callable[[], float],
+        model: MaestroModel | None = None,
+        framing: Framing = COMPACT,
+        simulated: bool = False,
+        ports: Callable[[], Sequence[PortInfo]] = list_ports,
+        timeout_s: float = 0.05,
+    ) -> None:
+        self._line = line
+        self._now = now
+        self._asked_model = model
+        self._model = model
+        self._framing = framing
+        self._simulated = simulated
+        self._ports = ports
+        self._timeout_s = timeout_s
+        self._opened: MaestroLine | None = None
+        self._table = ChannelTable((), None)
+        self._targets: dict[int, float] = {}
+        self._clamp_watch = ClampWatch()
+        self._clamped: tuple[Clamped, ...] = ()
+        self._unreported = MaestroErrors(0)
+
+    def open(self) -> BoardIdentity:
+        """Open the line and make sure that a Maestro answers; every output stays as it is.
+
+        Raises:
+            PortError: the port cannot be opened, or is the wrong one.
+            BoardTimeoutError: nobody answers; the message says what to set on the board.
+            BoardProtocolError: somebody answers, but not as this Maestro should.
+        """
+        self.close()
+        self._forget()
+        info = self._look_up()
+        transport = SerialTransport(self._line) if isinstance(self._line, str) else self._line()
+        line = self._opened = MaestroLine(transport, self._framing, self._timeout_s)
+        try:
+            earlier = line.probe()
+        except BoardError:
+            self.close()
+            raise
+        notes = [] if self._simulated else [WATCHDOG_NOTE]
+        if self._model is None:
+            notes.append(UNKNOWN_MODEL_NOTE)
+        notes += [
+            f"before armctl connected, the board had reported: {words}" for words in error_words(earlier)
+        ]
+        return BoardIdentity(
+            kind=self._model.label if self._model else "Pololu Maestro, model unknown",
+            port=line.name,
+            serial_number=info.serial_number if info else None,
+            simulated=self._simulated,
+            notes=tuple(notes),
+        )
+
+    def configure(self, channels: Sequence[ChannelSettings]) -> None:
+        """Set speed and acceleration limits on the board and remember the ranges. Moves nothing.
+
+        Raises:
+            BoardError: settings that this board cannot have; nothing has been sent then.
+            BoardProtocolError: the board did not accept them.
+        """
+        table = ChannelTable(channels, self._model)
+        line = self._maestro
+        errors = line.set_limits(
+            [
+                (one.channel, speed_to_units(one.speed), acceleration_to_units(one.acceleration))
+                for one in table.settings
+            ]
+        )
+        if errors & MISUNDERSTOOD:
+            raise BoardProtocolError(
+                f"{line.name}: the board did not accept the channel settings "
+                f"({'; '.join(error_words(errors))}); has it as many channels as the robot file uses?"
+            )
+        self._forget()
+        self._unreported = errors
+        self._table = table
+
+    def write(self, setpoints: Mapping[int, float]) -> None:
+        """Send setpoints [µs] in one write.
+
+        Raises:
+            BoardError: a setpoint is not finite or outside its channel's range (nothing has been sent
+                then), or the line is gone.
+        """
+        quarters = {channel: self._table.admit(channel, pulse) for channel, pulse in setpoints.items()}
+        self._send_targets(quarters)
+
+    def read(self) -> Readback:
+        """Read the transmitted pulse widths [µs] and the error register of the board, which clears it.
+
+        Raises:
+            BoardTimeoutError: no answer, or half of one.
+            BoardProtocolError: an answer that no Maestro can give.
+        """
+        positions, errors = self._maestro.read(self._table.channels)
+        errors |= self._unreported
+        self._unreported = MaestroErrors(0)
+        self._clamped = self._clamp_watch.observe(self._targets, positions, self._now())
+        return Readback(positions, Source.TRANSMITTED, error_words(errors))
+
+    @property
+    def clamped(self) -> tuple[Clamped, ...]:
+        """Channels that the board kept from their targets at the last reading: its ranges are narrower."""
+        return self._clamped
+
+    def stop(self) -> None:
+        """Hold every channel that is on at the pulse width that the board transmits now.
+
+        Raises:
+            BoardError: the positions cannot be read, also not at a second attempt; or the line is gone.
+        """
+        try:
+            positions, errors = self._maestro.read(self._table.channels)
+        except (BoardTimeoutError, BoardProtocolError):
+            positions, errors = self._maestro.read(self._table.channels)
+        self._unreported |= errors
+        # A channel that something else put outside its configured range is held there, not moved.
+        self._send_targets(
+            {channel: us_to_quarters(pulse) for channel, pulse in positions.items() if pulse is not None}
+        )
+
+    def release(self) -> None:
+        """Switch the pulses of every configured channel off: the arm drops."""
+        self._send_targets(dict.fromkeys(self._table.channels, 0))
+        self._targets.clear()
+        self._clamp_watch.forget()
+
+    def close(self) -> None:
+        """Close the line; never raises. The outputs stay as they are."""
+        if self._opened is not None:
+            self._opened.close()
+            self._opened = None
+
+    def watchdog_works(self, silence_s: float, wait: Callable[[float], None]) -> bool:
+        """Find out whether the board's serial timeout fires within ``silence_s`` of silence.
+
+        A timeout sends every channel to its home, and one whose home is "Go to" then moves there:
+        call it only when the user has agreed, and with the arm in a place where that does no harm.
+
+        Raises:
+            BoardError: a configured channel has its pulses on.
+        """
+        positions, errors = self._maestro.read(self._table.channels)
+        self._unreported |= errors & ~MaestroErrors.SERIAL_TIMEOUT
+        on = [str(channel) for channel, pulse in positions.items() if pulse is not None]
+        if on:
+            raise BoardError(
+                f"the watchdog is tried with all pulses off, but channels {', '.join(on)} are on"
+            )
+        wait(silence_s)
+        _, errors = self._maestro.read(self._table.channels)
+        self._unreported |= errors & ~MaestroErrors.SERIAL_TIMEOUT
+        return MaestroErrors.SERIAL_TIMEOUT in errors
+
+    @property
+    def _maestro(self) -> MaestroLine:
+        if self._opened is None:
+            raise BoardError("the Maestro is not connected; connect first")
+        return self._opened
+
+    def _look_up(self) -> PortInfo | None:
+        """What the system's listing says about the port; also settles the model."""
+        if not isinstance(self._line, str) or self._simulated:
+            return None
+        info = describe_port(self._line, self._ports())
+        if info is not None and not info.usable:
+            raise PortError(f"{self._line}: {info.why_not}")
+        # The serial protocol has no way to ask: a Get Position of channel 6 would tell a Micro from a
+        # Mini, but to a Micro it is an error, and an error sends all its channels home.
+        listed = MaestroModel.from_label(info.kind) if info is not None else None
+        self._model = self._asked_model or listed
+        return info
+
+    def _forget(self) -> None:
+        """Know nothing any more of the board's channels: it may be another one, or freshly started."""
+        self._table = ChannelTable((), None)
+        self._targets.clear()
+        self._clamp_watch.forget()
+        self._clamped = ()
+        self._unreported = MaestroErrors(0)
+
+    def _send_targets(self, quarters: Mapping[int, int]) -> None:
+        line = self._maestro
+        if quarters:
+            line.set_targets(quarters, multiple=self._model is not None and self._model.has_multiple_targets)
+            self._targets.update({channel: quarters_to_us(target) for channel, target in quarters.items()})

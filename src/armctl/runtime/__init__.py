@@ -1,0 +1,57 @@
+"""The runtime: commands in, snapshots out."""
+
+from armctl.runtime.clock import Clock, ManualClock, MonotonicClock, wall_time
+from armctl.runtime.commands import (
+    ClearFault,
+    Command,
+    Connect,
+    Disconnect,
+    Enable,
+    Follow,
+    Jog,
+    MoveGripper,
+    MoveJoints,
+    MoveTo,
+    Origin,
+    Pause,
+    Release,
+    Resume,
+    RunProgram,
+    SetSpeed,
+)
+from armctl.runtime.controller import Controller
+from armctl.runtime.outputs import channel_settings
+from armctl.runtime.planner import InlineExecutor
+from armctl.runtime.snapshot import Event, ProgramProgress, Snapshot, State
+from armctl.runtime.ticket import Ticket
+
+__all__ = [
+    "ClearFault",
+    "Clock",
+    "Command",
+    "Connect",
+    "Controller",
+    "Disconnect",
+    "Enable",
+    "Event",
+    "Follow",
+    "InlineExecutor",
+    "Jog",
+    "ManualClock",
+    "MonotonicClock",
+    "MoveGripper",
+    "MoveJoints",
+    "MoveTo",
+    "Origin",
+    "Pause",
+    "ProgramProgress",
+    "Release",
+    "Resume",
+    "RunProgram",
+    "SetSpeed",
+    "Snapshot",
+    "State",
+    "Ticket",
+    "channel_settings",
+    "wall_time",
+]

@@ -1,0 +1,90 @@
+"""What the arm is doing: one motion, a jog or a program."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from armctl.errors import ArmctlError
+from armctl.motion import Sample
+from armctl.runtime.snapshot import ProgramProgress
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class ActivityView:
+    """What is shown of an activity."""
+
+    goal: FloatArray | None
+    """(n,) where the running motion ends [rad]"""
+    progress: float
+    """0..1 of the running motion"""
+    remaining_s: float
+    program: ProgramProgress | None = None
+
+
+class Activity(Protocol):
+    """Something that gives one setpoint a tick until it is done. Owned by the controller thread."""
+
+    @property
+    def label(self) -> str:
+        """What it is, for the state's cause and the log."""
+        ...
+
+    @property
+    def begun(self) -> bool:
+        """It has begun; a program begins when its first step could be planned."""
+        ...
+
+    @property
+    def standing(self) -> bool:
+        """The joints are at rest now."""
+        ...
+
+    @property
+    def done(self) -> bool:
+        """Nothing more will come: it has ended, was stopped, or failed, and the joints are at rest."""
+        ...
+
+    @property
+    def error(self) -> ArmctlError | None:
+        """Why it ended before its end; None where it did not."""
+        ...
+
+    @property
+    def pausable(self) -> bool:
+        """Whether pause and resume mean anything."""
+        ...
+
+    @property
+    def notice(self) -> str | None:
+        """What it holds back, and why."""
+        ...
+
+    def advance(self, now: float, dt: float) -> Sample | None:
+        """Go on by ``dt`` seconds to ``now`` (controller clock); None where no joint moves."""
+        ...
+
+    def set_speed(self, fraction: float) -> None:
+        """Go towards this speed override inside the acceleration limits."""
+        ...
+
+    def pause(self) -> None:
+        """Slow down along the path and stand."""
+        ...
+
+    def resume(self) -> None:
+        """Go on along the path."""
+        ...
+
+    def stop(self) -> None:
+        """Slow down as hard as the limits allow, then be done."""
+        ...
+
+    def view(self) -> ActivityView:
+        """What is shown."""
+        ...

@@ -1,0 +1,112 @@
+"""The driver, spoken to in joint angles."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from armctl.errors import ArmctlError, BoardError
+from armctl.hardware import BoardIdentity, Driver, Source
+from armctl.robot import Robot
+from armctl.runtime.outputs import Outputs
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Reading:
+    """What the board says of itself."""
+
+    q: FloatArray
+    """(n,) [rad]; NaN where it does not know"""
+    opening: float | None
+    source: Source
+    errors: tuple[str, ...]
+
+
+class Board:
+    """An open board. Every method may raise ``BoardError``; then it is best closed."""
+
+    def __init__(self, robot: Robot, driver: Driver, identity: BoardIdentity) -> None:
+        self.outputs = Outputs(robot)
+        self.identity = identity
+        self._driver = driver
+
+    @classmethod
+    def open(cls, robot: Robot, open_driver: Callable[[str], Driver], port: str) -> Board:
+        """Open the line, find out who is there and tell it what each channel may do. Moves nothing.
+
+        Raises:
+            BoardError: nobody there, or not what is needed.
+        """
+        with _translated("opening the board"):
+            driver = open_driver(port)
+        try:
+            with _translated("opening the board"):
+                board = cls(robot, driver, driver.open())
+            board.configure()
+        except ArmctlError:
+            _quietly(driver.close)
+            raise
+        return board
+
+    def configure(self) -> None:
+        """Tell the board what each channel may do: one that started anew has forgotten. Moves nothing."""
+        with _translated("setting the channels"):
+            self._driver.configure(self.outputs.settings())
+
+    def write(self, q: FloatArray | None, opening: float | None) -> None:
+        """Send joint angles (n,) [rad] and a gripper opening 0..1 in one write; None: not sent."""
+        with _translated("writing setpoints"):
+            self._driver.write(self.outputs.setpoints(q, opening))
+
+    def read(self) -> Reading:
+        """Read back."""
+        with _translated("reading back"):
+            readback = self._driver.read()
+        return Reading(
+            self.outputs.angles(readback.positions),
+            self.outputs.opening(readback.positions),
+            readback.source,
+            readback.errors,
+        )
+
+    def release(self) -> None:
+        """Pulses off: the arm drops."""
+        with _translated("switching the pulses off"):
+            self._driver.release()
+
+    def close(self) -> None:
+        """Close the line, whatever state it is in; the outputs stay as they are."""
+        _quietly(self._driver.close)
+
+
+def no_reading(n: int) -> Reading:
+    """Nothing is known of ``n`` joints."""
+    return Reading(np.full(n, math.nan), None, Source.COMMANDED, ())
+
+
+class _translated:  # noqa: N801  a context manager, used like a function
+    """Anything a driver raises leaves here as an ``ArmctlError``, with its cause kept."""
+
+    def __init__(self, doing: str) -> None:
+        self._doing = doing
+
+    def __enter__(self) -> None:
+        return None
+
+    def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
+        if isinstance(error, Exception) and not isinstance(error, ArmctlError):
+            raise BoardError(f"{self._doing}: {type(error).__name__}: {error}") from error
+
+
+def _quietly(action: Callable[[], None]) -> None:
+    """A board that is gone may fail to close: that it is gone has been told already."""
+    try:
+        action()
+    except Exception:
+        return

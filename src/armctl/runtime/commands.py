@@ -1,0 +1,144 @@
+"""What the outside may ask of the controller: plain immutable records.
+
+STOP is not among them: it bypasses every queue (``Controller.stop``).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from armctl.kinematics import Target
+from armctl.motion import Profile, Program, Trajectory
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Connect:
+    """Open the line to the board: ``sim``, ``auto`` or a device."""
+
+    port: str
+
+
+@dataclass(frozen=True, slots=True)
+class Disconnect:
+    """Stop if moving, then close the line. The outputs stay as they are."""
+
+
+@dataclass(frozen=True, slots=True)
+class Enable:
+    """Switch the pulses on. Servos that were off jump to ``q`` (n,) [rad] (default: the rest pose)."""
+
+    q: FloatArray | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Release:
+    """Pulses off: the arm drops. Asked for twice in the UI, at once here."""
+
+
+@dataclass(frozen=True, slots=True)
+class Pause:
+    """Slow down along the path and stand."""
+
+
+@dataclass(frozen=True, slots=True)
+class Resume:
+    """Go on along the same path."""
+
+
+@dataclass(frozen=True, slots=True)
+class ClearFault:
+    """Leave ``fault`` for ``off`` (or ``holding`` when the pulses are still on) once its cause is gone."""
+
+
+@dataclass(frozen=True, slots=True)
+class MoveJoints:
+    """Go to joint angles ``q`` (n,) [rad]; shortest time unless a duration is given.
+
+    ``profile``: "planned" (cubic, synchronised) or "normal" (each joint at its own speed; a duration
+    then makes it a planned one).
+    """
+
+    q: FloatArray
+    duration_s: float | None = None
+    profile: Profile = "planned"
+
+
+@dataclass(frozen=True, slots=True)
+class MoveTo:
+    """Put the tool on a target by inverse kinematics, choosing by a named criterion."""
+
+    target: Target
+    choose: str = "least-rotation"
+    duration_s: float | None = None
+    profile: Profile = "planned"
+
+
+@dataclass(frozen=True, slots=True)
+class Follow:
+    """Run a trajectory that somebody planned; refused unless the arm stands where it starts."""
+
+    trajectory: Trajectory
+
+
+@dataclass(frozen=True, slots=True)
+class Jog:
+    """Turn joints at ``rate`` (n,), each -1 ... 1 of the joint's speed limit, while such commands come.
+
+    Each one expires 100 ms after it arrives; the arm then slows down inside its limits.
+    """
+
+    rate: FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class MoveGripper:
+    """Open the gripper: 0 closed ... 1 open."""
+
+    opening: float
+
+
+@dataclass(frozen=True, slots=True)
+class SetSpeed:
+    """Speed override for everything that moves: 0.05 ... 1, applied to time, so that the path stays."""
+
+    fraction: float
+
+
+@dataclass(frozen=True, slots=True)
+class RunProgram:
+    """Run a program ``loops`` times (None: for ever), beginning at step ``first`` of the first pass."""
+
+    program: Program
+    loops: int | None = 1
+    first: int = 0
+
+
+Command = (
+    Connect
+    | Disconnect
+    | Enable
+    | Release
+    | Pause
+    | Resume
+    | ClearFault
+    | MoveJoints
+    | MoveTo
+    | Follow
+    | Jog
+    | MoveGripper
+    | SetSpeed
+    | RunProgram
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Origin:
+    """Who asked: shown in the log."""
+
+    who: str = "library"
+    note: str = field(default="")

@@ -1,0 +1,231 @@
+"""The controller: one thread that owns time, motion and driver. Commands in, snapshots out."""
+
+from __future__ import annotations
+
+import logging
+import threading
+from collections.abc import Callable
+from concurrent.futures import Executor, ThreadPoolExecutor
+from dataclasses import dataclass
+
+from armctl.errors import ArmctlError, InputError, StateError
+from armctl.hardware import Driver
+from armctl.robot import Robot
+from armctl.runtime.clock import Clock
+from armctl.runtime.commands import Command, Origin
+from armctl.runtime.core import Core
+from armctl.runtime.dispatch import MOVING, Order, dispatch
+from armctl.runtime.planner import Planner
+from armctl.runtime.report import report
+from armctl.runtime.snapshot import Snapshot
+from armctl.runtime.ticket import Ticket
+
+_LOGGER = logging.getLogger("armctl.runtime")
+_RATES_HZ = (10.0, 200.0)
+_STOPPING_S = 5.0
+"""How long ``close`` waits for a moving arm to come to rest."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Stop:
+    origin: Origin
+    ticket: Ticket
+    number: int
+
+
+class Controller:
+    """Runs one arm. ``submit``, ``stop`` and ``snapshot`` may be called from any thread.
+
+    ``start`` begins the thread that ticks; without it, ``tick`` may be called by hand (tests, offline runs).
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        open_driver: Callable[[str], Driver],
+        clock: Clock,
+        rate_hz: float = 50.0,
+        executor: Executor | None = None,
+    ) -> None:
+        """Wire it up; nothing is opened yet.
+
+        Args:
+            robot: the arm.
+            open_driver: gives a driver, not opened yet, for a port as the user names it.
+            clock: the only source of time.
+            rate_hz: ticks a second, 10 ... 200.
+            executor: where motions are planned; None: a thread of its own.
+
+        Raises:
+            InputError: the rate.
+        """
+        low, high = _RATES_HZ
+        if not low <= rate_hz <= high:
+            raise InputError(f"a rate of {rate_hz} Hz is outside {low:.0f} … {high:.0f} Hz")
+        self.robot = robot
+        self._clock = clock
+        self._period = 1.0 / rate_hz
+        self._own_executor = executor is None
+        self._executor = executor or ThreadPoolExecutor(1, thread_name_prefix="armctl-planner")
+        self._wake = threading.Event()
+        self._core = Core(robot, open_driver, Planner(robot, self._executor, self._wake.set), self._period)
+        self._lock = threading.Lock()
+        self._orders: list[Order] = []
+        self._stops: list[_Stop] = []
+        self._number = 0
+        self._tick = 0
+        self._closing = threading.Event()
+        self._closed = False
+        self._thread: threading.Thread | None = None
+        self._snapshot = report(self._core, 0, clock.now())
+
+    @property
+    def snapshot(self) -> Snapshot:
+        """The arm as it was at the last tick."""
+        return self._snapshot
+
+    def start(self) -> None:
+        """Begin to tick on a thread of its own.
+
+        Raises:
+            StateError: started already, or closed.
+        """
+        if self._thread is not None or self._closed:
+            raise StateError("the controller was started already")
+        self._thread = threading.Thread(target=self._run, name="armctl-controller", daemon=True)
+        self._thread.start()
+
+    def submit(self, command: Command, origin: Origin | None = None) -> Ticket:
+        """Ask for something; it is looked at at the next tick, which this brings forward.
+
+        Args:
+            command: what.
+            origin: who asks, for the log.
+
+        Returns:
+            Its ticket: ``accepted`` and ``finished``.
+        """
+        ticket = Ticket()
+        with self._lock:
+            if self._closed:
+                ticket.refuse(StateError("the controller is closed"))
+                return ticket
+            self._number += 1
+            origin = Origin() if origin is None else origin
+            self._orders.append(Order(command, origin, ticket, self._clock.now(), self._number))
+        self._wake.set()
+        return ticket
+
+    def stop(self, origin: Origin | None = None) -> Ticket:
+        """STOP: bypasses every queue; what was asked for before it and has not begun is dropped.
+
+        Returns:
+            Its ticket: ``finished`` is done when the arm is at rest.
+        """
+        ticket = Ticket()
+        with self._lock:
+            if self._closed:
+                ticket.finish()
+                return ticket
+            self._number += 1
+            self._stops.append(_Stop(Origin() if origin is None else origin, ticket, self._number))
+        self._wake.set()
+        return ticket
+
+    def tick(self) -> None:
+        """One tick: stops, motion, commands, plans, readback, snapshot. Never raises an ``Exception``."""
+        now = self._clock.now()
+        self._tick += 1
+        core = self._core
+        with self._lock:
+            stops, self._stops = self._stops, []
+            orders, self._orders = self._orders, []
+        self._guarded(lambda: self._move(stops, now))
+        for order in orders:
+            self._take(order, stops, now)
+        self._guarded(lambda: core.take_planned(now))
+        self._guarded(lambda: core.observe(now))
+        self._guarded(lambda: core.settle(now))
+        self._snapshot = report(core, self._tick, now)
+
+    def close(self) -> None:
+        """Bring a moving arm to rest, close the line and end; the outputs stay as they are.
+
+        May be called more than once.
+        """
+        self._closing.set()
+        self._wake.set()
+        if self._thread is not None and self._thread is not threading.current_thread():
+            self._thread.join()
+        self._shut()
+
+    def __enter__(self) -> Controller:
+        self.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def _run(self) -> None:
+        deadline = self._clock.now()
+        ends: float | None = None
+        while True:
+            woken = self._clock.wait_until(deadline, self._wake)
+            self._wake.clear()
+            if self._closing.is_set():
+                if ends is None:
+                    ends = self._clock.now() + _STOPPING_S
+                    self.stop(Origin("close"))
+                if self._core.standing or self._clock.now() > ends:
+                    break
+            self.tick()
+            now = self._clock.now()
+            if not woken or now >= deadline:
+                # Missed ticks are skipped, not made up for.
+                deadline = max(deadline + self._period, now)
+        self._shut()
+
+    def _move(self, stops: list[_Stop], now: float) -> None:
+        for stop in stops:
+            self._core.stop(stop.origin.who, stop.ticket)
+        self._core.advance(now, urgent=bool(stops))
+
+    def _take(self, order: Order, stops: list[_Stop], now: float) -> None:
+        for stop in stops:
+            if order.number < stop.number and isinstance(order.command, MOVING):
+                order.ticket.refuse(StateError(f"stopped by {stop.origin.who} before it began"))
+                return
+        try:
+            dispatch(self._core, order, now)
+        except Exception as error:
+            self._broken(error)
+            order.ticket.refuse(ArmctlError(f"internal error: {error}"))
+
+    def _guarded(self, step: Callable[[], None]) -> None:
+        """Whatever goes wrong in a tick ends in the state fault, in words; the thread lives on."""
+        try:
+            step()
+        except ArmctlError as error:
+            self._core.fault(error)
+        except Exception as error:
+            self._broken(error)
+
+    def _broken(self, error: Exception) -> None:
+        _LOGGER.exception("the controller broke")
+        self._core.fault(ArmctlError(f"internal error: {type(error).__name__}: {error}"))
+
+    def _shut(self) -> None:
+        with self._lock:
+            if self._closed:
+                return
+            self._closed = True
+            stops, self._stops = self._stops, []
+            orders, self._orders = self._orders, []
+        for stop in stops:
+            stop.ticket.finish()
+        for order in orders:
+            order.ticket.refuse(StateError("the controller is closed"))
+        self._core.disconnect("closed")
+        self._snapshot = report(self._core, self._tick, self._clock.now())
+        if self._own_executor:
+            self._executor.shutdown(wait=False, cancel_futures=True)

@@ -1,0 +1,309 @@
+"""What the controller thread owns: board, gate, activity and state, and how they change."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from concurrent.futures import Future
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from armctl.errors import ArmctlError, BoardError, MotionRefusedError, StateError
+from armctl.hardware import Driver, Source
+from armctl.motion import Floor, Sample, Trajectory
+from armctl.robot import Robot
+from armctl.runtime.activity import Activity
+from armctl.runtime.board import Board
+from armctl.runtime.gate import Gate
+from armctl.runtime.gripper import GripperMover
+from armctl.runtime.log import EventLog
+from armctl.runtime.monitor import Monitor
+from armctl.runtime.mover import PathMover
+from armctl.runtime.notices import Notices
+from armctl.runtime.planner import Planner, planned
+from armctl.runtime.snapshot import State
+from armctl.runtime.ticket import Ticket
+
+FloatArray = NDArray[np.float64]
+POWERED = (State.HOLDING, State.MOVING, State.PAUSED)
+_LONGEST_TICKS = 2
+_READ_INTERVAL_S = 0.02
+
+
+@dataclass(frozen=True, slots=True)
+class Pending:
+    """A motion that is being planned."""
+
+    ticket: Ticket
+    who: str
+    start: FloatArray
+    label: str
+    future: Future[Trajectory]
+
+
+class Core:
+    """The arm's state. Only one thread at a time may use it."""
+
+    def __init__(
+        self, robot: Robot, open_driver: Callable[[str], Driver], planner: Planner, period: float
+    ) -> None:
+        self.robot = robot
+        self.open_driver = open_driver
+        self.planner = planner
+        self.period = period
+        self.log = EventLog()
+        self.notices = Notices(self.log)
+        self.floor = Floor(robot)
+        self.gate = Gate(robot, _LONGEST_TICKS * period)
+        self.gripper = GripperMover(robot.gripper)
+        self.monitor = Monitor(robot, self.notices, self.log, max(period, _READ_INTERVAL_S))
+        self.board: Board | None = None
+        self.state = State.DISCONNECTED
+        self.cause = "not connected yet"
+        self.activity: Activity | None = None
+        self.ticket: Ticket | None = None
+        self.gripper_ticket: Ticket | None = None
+        self.pending: Pending | None = None
+        self.stopping: list[Ticket] = []
+        self.stopped_by = ""
+        self.leaving: Ticket | None = None
+        self.pausing = False
+        self.speed = 1.0
+        self.jogged_at = -math.inf
+        self.jog_locked = False
+        self.sample: Sample | None = None
+        self._advanced_at = -math.inf
+
+    @property
+    def standing(self) -> bool:
+        """No joint moves."""
+        return self.activity is None or self.activity.standing
+
+    def enter(self, state: State, cause: str) -> None:
+        """Change the state; every change is logged with its cause."""
+        if state is not self.state:
+            line = f"{self.state.value} → {state.value}: {cause}"
+            (self.log.error if state is State.FAULT else self.log.info)(line)
+        self.state, self.cause = state, cause
+
+    def begin(self, activity: Activity, ticket: Ticket | None, who: str, now: float) -> None:
+        """Start doing something from standstill."""
+        activity.set_speed(self.speed)
+        self.activity, self.ticket = activity, ticket
+        self.pausing = False
+        self._advanced_at = now
+        self.enter(State.MOVING, f"{activity.label} ({who})")
+
+    def take_planned(self, now: float) -> None:
+        """Begin the pending motion once its plan is there, if the arm still stands where it starts."""
+        pending = self.pending
+        if pending is None or not pending.future.done():
+            return
+        self.pending = None
+        try:
+            trajectory = planned(pending.future)
+            q = self.gate.q
+            if self.state is not State.HOLDING or q is None or not np.array_equal(q, pending.start):
+                raise StateError(
+                    "the arm no longer stands where the motion was planned from; ask for it again"
+                )
+        except ArmctlError as error:
+            self.log.warning(f"{pending.label} ({pending.who}) refused: {error}")
+            pending.ticket.refuse(error)
+            return
+        self.begin(
+            PathMover(self.robot, trajectory, self.speed, pending.label), pending.ticket, pending.who, now
+        )
+
+    def advance(self, now: float, *, urgent: bool) -> None:
+        """Move on to ``now`` and send one setpoint where something changed."""
+        elapsed = now - self._advanced_at
+        if elapsed <= 0 or (elapsed < 0.25 * self.period and not urgent):
+            return  # woken between two ticks: the time is not lost, it counts at the next one
+        self._advanced_at = now
+        if self.state not in POWERED:
+            return
+        # A late tick must not jump: time that was missed is not made up for.
+        dt = min(elapsed, _LONGEST_TICKS * self.period)
+        if self.activity is not None and elapsed > (_LONGEST_TICKS + 1) * self.period:
+            text = f"the controller was {1000 * (elapsed - self.period):.0f} ms late; the motion slowed down"
+            self.notices.set("late", text, until=now + 5)
+        self.sample = None if self.activity is None else self.activity.advance(now, dt)
+        opening = self.gripper.advance(dt, self.speed)
+        self._send(None if self.sample is None else self.sample.q, opening, now)
+
+    def settle(self, now: float) -> None:
+        """Draw the conclusions of a tick: what has ended, what stands, what is refused."""
+        if self.gripper_ticket is not None and not self.gripper.moving:
+            self.gripper_ticket.finish()
+            self.gripper_ticket = None
+        activity = self.activity
+        if activity is not None:
+            self._settle_activity(activity)
+        if self.activity is None:
+            for ticket in self.stopping:
+                ticket.finish()
+            self.stopping.clear()
+            if self.leaving is not None:
+                ticket, self.leaving = self.leaving, None
+                self.disconnect("asked for")
+                ticket.finish()
+
+    def stop(self, who: str, ticket: Ticket) -> None:
+        """Slow down along the path as hard as the limits allow, then hold; drop the rest."""
+        ticket.accept()
+        self.jog_locked = True
+        self.drop_pending(StateError(f"stopped by {who}"))
+        self._end_gripper(StateError(f"stopped by {who}"))
+        self.log.warning(f"STOP ({who})")
+        if self.activity is not None:
+            self.activity.stop()
+            self.stopped_by = who
+            self.pausing = False
+            self.stopping.append(ticket)
+        else:
+            ticket.finish()
+
+    def drop_pending(self, error: ArmctlError) -> None:
+        """Refuse the motion that is being planned."""
+        if self.pending is not None:
+            self.pending.future.cancel()
+            self.pending.ticket.refuse(error)
+            self.pending = None
+
+    def drop_all(self, error: ArmctlError) -> None:
+        """Forget everything that runs or waits; the arm gets no further setpoint."""
+        self.drop_pending(error)
+        if self.activity is not None:
+            self.activity.stop()
+            self.activity = None
+        if self.ticket is not None:
+            self.ticket.refuse(error)
+            self.ticket = None
+        self._end_gripper(error)
+        for ticket in self.stopping:
+            ticket.finish()  # nothing moves any more: what STOP asked for
+        self.stopping.clear()
+        self.stopped_by = ""
+        self.pausing = False
+        self.sample = None
+        self.notices.clear("activity")
+
+    def fault(self, error: ArmctlError) -> None:
+        """Something broke: send nothing more, and say why."""
+        cause = str(error)
+        self.drop_all(error)
+        if isinstance(error, BoardError):
+            self._close_board()
+        self.enter(State.FAULT, cause)
+        self._leave_now()
+
+    def disconnect(self, cause: str) -> None:
+        """Close the line; the outputs stay as they are."""
+        self.drop_all(StateError("disconnected"))
+        self._close_board()
+        self.enter(State.DISCONNECTED, cause)
+
+    def power_off(self, cause: str) -> None:
+        """The pulses are off: forget where the arm is."""
+        self.drop_all(StateError(cause))
+        self.gate.forget()
+        self.gripper.set(None)
+        self.enter(State.OFF, cause)
+        self._leave_now()
+
+    def observe(self, now: float) -> None:
+        """Read back where it is due, and compare."""
+        board = self.board
+        if board is None or not self.monitor.due(now):
+            return
+        reading = self.monitor.read(board, now)
+        q = self.gate.q
+        if reading is None or q is None:
+            return
+        if reading.errors and self.activity is not None and not self.stopping:
+            self.stop(f"the board reports {', '.join(reading.errors)}", Ticket())
+        off = self.monitor.powered_off()
+        if off and self.state is not State.FAULT:
+            self.gate.forget()
+            self.gripper.set(None)
+            self.fault(
+                MotionRefusedError(
+                    f"the board switched the pulses off by itself ({', '.join(off)}); see to its power and "
+                    "its errors, then clear the fault and enable"
+                )
+            )
+            return
+        self.monitor.compare(board, q, self.standing and not self.gripper.moving, now)
+
+    def powered(self) -> bool:
+        """The pulses are on, as far as is known."""
+        if self.gate.q is not None:
+            return self.board is not None
+        reading = self.monitor.reading
+        return reading.source is Source.TRANSMITTED and not bool(np.isnan(reading.q).all())
+
+    def _settle_activity(self, activity: Activity) -> None:
+        if activity.begun and self.ticket is not None:
+            self.ticket.accept()
+        if activity.notice is not None:
+            self.notices.set("activity", activity.notice)
+        else:
+            self.notices.clear("activity")
+        if activity.done:
+            self._end(activity)
+        elif self.pausing and activity.standing and self.state is State.MOVING:
+            self.enter(State.PAUSED, f"{activity.label} paused")
+
+    def _end(self, activity: Activity) -> None:
+        ticket, self.ticket, self.activity = self.ticket, None, None
+        self.pausing = False
+        self.notices.clear("activity")
+        stopped, self.stopped_by = self.stopped_by, ""
+        error = activity.error
+        if stopped:
+            error = StateError(f"{activity.label} was stopped by {stopped}")
+            cause = f"stopped by {stopped}"
+        elif error is not None:
+            cause = str(error)
+            self.log.error(cause)
+        else:
+            cause = f"{activity.label} finished"
+        if ticket is not None:
+            if error is None:
+                ticket.finish()
+            else:
+                ticket.refuse(error)
+        self.enter(State.HOLDING, cause)
+
+    def _send(self, q: FloatArray | None, opening: float | None, now: float) -> None:
+        if self.board is None:
+            return
+        q, opening = self.gate.admit(q, opening, now)
+        if q is not None or opening is not None:
+            self.board.write(q, opening)
+
+    def _end_gripper(self, error: ArmctlError) -> None:
+        self.gripper.stop()
+        self.gripper.held = False
+        if self.gripper_ticket is not None:
+            self.gripper_ticket.refuse(error)
+            self.gripper_ticket = None
+
+    def _close_board(self) -> None:
+        if self.board is not None:
+            self.board.close()
+            self.board = None
+        self.gate.forget()
+        self.gripper.set(None)
+        self.monitor.reset()
+        self.notices.clear_all()
+
+    def _leave_now(self) -> None:
+        """A disconnect that waited for a standstill need not wait any longer."""
+        if self.leaving is not None:
+            ticket, self.leaving = self.leaving, None
+            self.disconnect("asked for")
+            ticket.finish()

@@ -1,0 +1,222 @@
+"""What each command does: checks the state, begins it, answers on its ticket."""
+
+from __future__ import annotations
+
+from concurrent.futures import Future
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from armctl.errors import ArmctlError, BoardError, InputError, StateError
+from armctl.motion import Trajectory
+from armctl.runtime import commands as c
+from armctl.runtime import power
+from armctl.runtime.core import POWERED, Core, Pending
+from armctl.runtime.jog import JOG_EXPIRY_S, Jogger
+from armctl.runtime.program_runner import ProgramRunner
+from armctl.runtime.snapshot import State
+from armctl.runtime.ticket import Ticket
+
+FloatArray = NDArray[np.float64]
+SLOWEST = 0.05
+JOG_GAP_S = 0.2
+"""A jog that was held during a STOP must be let go for this long before it moves the arm again."""
+MOVING = (c.Enable, c.Resume, c.MoveJoints, c.MoveTo, c.Follow, c.Jog, c.MoveGripper, c.RunProgram)
+"""Commands that a STOP drops when they were given before it."""
+
+
+@dataclass(frozen=True, slots=True)
+class Order:
+    """A command on its way to the controller thread."""
+
+    command: c.Command
+    origin: c.Origin
+    ticket: Ticket
+    given_at: float
+    """controller clock [s]"""
+    number: int
+    """in the order in which they were given, stops included"""
+
+
+def dispatch(core: Core, order: Order, now: float) -> None:
+    """Carry out one order; whatever refuses it ends up on its ticket and in the log."""
+    try:
+        if core.leaving is not None and not isinstance(order.command, c.Release):
+            raise StateError("disconnecting as soon as the arm stands")
+        if _carry_out(core, order, now):
+            order.ticket.finish()
+    except ArmctlError as error:
+        name = type(order.command).__name__
+        core.log.warning(f"{name} ({order.origin.who}) refused: {error}")
+        order.ticket.refuse(error)
+        if isinstance(error, BoardError) and core.board is not None:
+            core.fault(error)
+
+
+def _carry_out(core: Core, order: Order, now: float) -> bool:
+    """Whether it is over at once."""
+    who = order.origin.who
+    match order.command:
+        case c.Connect(port):
+            power.connect(core, port, who, now)
+        case c.Disconnect():
+            return _disconnect(core, order, who)
+        case c.Enable(q):
+            power.enable(core, q, who, now)
+        case c.Release():
+            power.release(core, who)
+        case c.ClearFault():
+            power.clear_fault(core, who)
+        case c.Pause():
+            _pause(core, who)
+        case c.Resume():
+            _resume(core, who)
+        case c.SetSpeed(fraction):
+            _set_speed(core, fraction, who)
+        case c.Jog(rate):
+            _jog(core, rate, order, now)
+        case c.MoveGripper(opening):
+            return _move_gripper(core, opening, order)
+        case c.RunProgram():
+            return _run_program(core, order.command, order, now)
+        case c.MoveJoints(q, duration_s, profile):
+            start = _standing_start(core)
+            goal = core.robot.check_limits(q)
+            return _plan(core, order, start, core.planner.joints(start, goal, duration_s, profile), "move")
+        case c.MoveTo(target, choose, duration_s, profile):
+            start = _standing_start(core)
+            future = core.planner.target(start, target, choose, duration_s, profile)
+            return _plan(core, order, start, future, "move to a point")
+        case c.Follow(trajectory):
+            start = _standing_start(core)
+            return _plan(core, order, start, core.planner.check(start, trajectory), "trajectory")
+    return True
+
+
+def _plan(core: Core, order: Order, start: FloatArray, future: Future[Trajectory], label: str) -> bool:
+    core.pending = Pending(order.ticket, order.origin.who, start, label, future)
+    return False
+
+
+def _standing_start(core: Core) -> FloatArray:
+    """Where the arm holds (n,) [rad], if a motion may begin from there."""
+    q = core.gate.q
+    if core.state is not State.HOLDING or q is None:
+        raise StateError(f"a motion needs the arm holding, it is {core.state.value}{_hint(core)}")
+    if core.pending is not None:
+        raise StateError("another motion is being planned; stop it first")
+    return q
+
+
+def _hint(core: Core) -> str:
+    match core.state:
+        case State.DISCONNECTED:
+            return "; connect and enable first"
+        case State.OFF:
+            return "; enable first"
+        case State.MOVING | State.PAUSED:
+            return f" ({core.cause}); stop first"
+        case State.FAULT:
+            return f" ({core.cause}); clear the fault first"
+        case State.HOLDING:
+            return ""
+
+
+def _disconnect(core: Core, order: Order, who: str) -> bool:
+    if core.state is State.DISCONNECTED:
+        return True
+    if core.activity is not None:
+        core.stop(f"disconnect, {who}", Ticket())
+        core.leaving = order.ticket
+        return False
+    core.disconnect(f"disconnected ({who})")
+    return True
+
+
+def _pause(core: Core, who: str) -> None:
+    activity = core.activity
+    if activity is None or core.state not in (State.MOVING, State.PAUSED):
+        raise StateError(f"there is nothing to pause: {core.state.value}")
+    if not activity.pausable or core.stopped_by:
+        raise StateError(f"the arm is {'stopping' if core.stopped_by else 'jogging'}; let it come to rest")
+    activity.pause()
+    core.pausing = True
+    core.log.info(f"pause ({who})")
+    core.cause = f"{activity.label} pausing ({who})" if core.state is State.MOVING else core.cause
+
+
+def _resume(core: Core, who: str) -> None:
+    activity = core.activity
+    if activity is None or not core.pausing:
+        raise StateError(f"there is nothing to resume: {core.state.value}")
+    activity.resume()
+    core.pausing = False
+    core.enter(State.MOVING, f"{activity.label} resumed ({who})")
+
+
+def _set_speed(core: Core, fraction: float, who: str) -> None:
+    if not SLOWEST <= fraction <= 1:
+        raise InputError(f"a speed of {100 * fraction:.0f} % is outside {100 * SLOWEST:.0f} … 100 %")
+    core.speed = float(fraction)
+    if core.activity is not None:
+        core.activity.set_speed(core.speed)
+    core.log.info(f"speed {100 * fraction:.0f} % ({who})")
+
+
+def _jog(core: Core, rate: FloatArray, order: Order, now: float) -> None:
+    gap = order.given_at - core.jogged_at
+    core.jogged_at = order.given_at
+    if core.jog_locked and gap < JOG_GAP_S:
+        raise StateError("the arm was stopped while it was jogged; let go first")
+    core.jog_locked = False
+    rate = np.asarray(rate, dtype=np.float64)
+    if rate.shape != (core.robot.n,) or not np.isfinite(rate).all() or bool((np.abs(rate) > 1).any()):
+        raise InputError(f"a jog needs {core.robot.n} rates between -1 and 1, got {rate.tolist()}")
+    activity = core.activity
+    if not isinstance(activity, Jogger):
+        q = core.gate.q
+        if core.state is not State.HOLDING or q is None:
+            raise StateError(f"a jog needs the arm holding, it is {core.state.value}{_hint(core)}")
+        if not rate.any():
+            return
+        activity = Jogger(core.robot, core.floor, q, core.speed)
+        core.begin(activity, None, order.origin.who, now)
+    elif core.stopped_by:
+        raise StateError("the arm is stopping; let go first")
+    activity.command(rate, order.given_at + JOG_EXPIRY_S)
+
+
+def _move_gripper(core: Core, opening: float, order: Order) -> bool:
+    gripper = core.robot.gripper
+    if gripper is None or core.board is None or not core.board.outputs.has_gripper:
+        what = "is not connected" if gripper is not None and core.board is None else "has no gripper"
+        raise StateError(f"{core.robot.name} {what}")
+    if not 0 <= opening <= 1:
+        raise InputError(f"{gripper.title}: {100 * opening:.0f} % is outside 0 … 100 %")
+    if core.state not in POWERED:
+        raise StateError(f"the gripper needs the arm enabled, it is {core.state.value}{_hint(core)}")
+    if isinstance(core.activity, ProgramRunner) and core.activity.gripping:
+        raise StateError("the program moves the gripper now; stop or wait")
+    if core.gripper_ticket is not None:
+        core.gripper_ticket.refuse(StateError("a newer gripper command took its place"))
+    core.gripper.move_to(float(opening))
+    core.gripper_ticket = order.ticket
+    order.ticket.accept()
+    return False
+
+
+def _run_program(core: Core, command: c.RunProgram, order: Order, now: float) -> bool:
+    start = _standing_start(core)
+    runner = ProgramRunner(
+        core.robot,
+        command.program,
+        command.loops,
+        command.first,
+        start,
+        core.planner,
+        core.gripper,
+        core.speed,
+    )
+    core.begin(runner, order.ticket, order.origin.who, now)
+    return False

@@ -1,0 +1,132 @@
+"""The one gate: nothing else writes a setpoint."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from armctl.errors import MotionRefusedError
+from armctl.robot import Robot
+
+FloatArray = NDArray[np.float64]
+_ROUNDING = 1e-9
+
+
+class Gate:
+    """Admits a setpoint, or refuses it in words; remembers the last one it admitted.
+
+    A setpoint must be finite, inside the limits, and no further from the last one than the speed limit
+    allows in the time since then; that time counts for no more than ``longest_s``, so that a pause does
+    not earn a jump.
+    """
+
+    def __init__(self, robot: Robot, longest_s: float) -> None:
+        self._robot = robot
+        self._longest_s = longest_s
+        self._q: FloatArray | None = None
+        self._opening: float | None = None
+        self._q_time = 0.0
+        self._opening_time = 0.0
+
+    @property
+    def q(self) -> FloatArray | None:
+        """(n,) last setpoint [rad]; None: nothing was sent since the pulses came on."""
+        return None if self._q is None else self._q.copy()
+
+    @property
+    def opening(self) -> float | None:
+        """Last gripper opening 0..1; None: nothing was sent."""
+        return self._opening
+
+    def forget(self) -> None:
+        """The pulses are off: where the arm is, nobody knows."""
+        self._q = None
+        self._opening = None
+
+    def jump(self, q: FloatArray, now: float) -> FloatArray:
+        """Admit the first setpoint after the pulses were off: limits hold, the step cannot.
+
+        Args:
+            q: (n,) [rad].
+            now: controller clock [s].
+
+        Raises:
+            MotionRefusedError: not finite, or outside the limits.
+        """
+        self._q, self._q_time = self._inside(q), now
+        return self._q.copy()
+
+    def adopt_opening(self, opening: float, now: float) -> None:
+        """The board already holds the gripper at this opening."""
+        self._opening, self._opening_time = min(max(opening, 0.0), 1.0), now
+
+    def admit(
+        self, q: FloatArray | None, opening: float | None, now: float
+    ) -> tuple[FloatArray | None, float | None]:
+        """Admit the next setpoint, all of it or nothing.
+
+        Args:
+            q: (n,) [rad]; None: no joint moves.
+            opening: gripper, 0 closed ... 1 open; None: it does not move. The first one after the pulses
+                were off may jump.
+            now: controller clock [s].
+
+        Returns:
+            What to send of both; None where there is nothing, or nothing but what was sent last.
+
+        Raises:
+            MotionRefusedError: says which joint, its value and what is allowed; nothing may be sent.
+        """
+        admitted = None if q is None else self._checked_joints(q, now)
+        admitted_opening = None if opening is None else self._checked_opening(opening, now)
+        if admitted is not None:
+            self._q, self._q_time = admitted, now
+            admitted = admitted.copy()
+        if admitted_opening is not None:
+            self._opening, self._opening_time = admitted_opening, now
+        return admitted, admitted_opening
+
+    def _checked_joints(self, q: FloatArray, now: float) -> FloatArray | None:
+        if self._q is None:
+            raise MotionRefusedError("a setpoint while the pulses are off; enable first")
+        q = self._inside(q)
+        step = np.abs(q - self._q)
+        if not step.any():
+            return None
+        elapsed = min(max(now - self._q_time, 0.0), self._longest_s)
+        allowed = self._robot.speed_limits * elapsed
+        over = step - allowed * (1 + _ROUNDING) - _ROUNDING
+        if (over > 0).any():
+            i = int(over.argmax())
+            raise MotionRefusedError(
+                f"{self._robot.joints[i].title}: a step of {np.degrees(step[i]):.3f}° in "
+                f"{1000 * elapsed:.1f} ms, its speed limit allows {np.degrees(allowed[i]):.3f}°"
+            )
+        return q
+
+    def _checked_opening(self, opening: float, now: float) -> float | None:
+        gripper = self._robot.gripper
+        if gripper is None:
+            raise MotionRefusedError(f"{self._robot.name} has no gripper")
+        if not (math.isfinite(opening) and -_ROUNDING <= opening <= 1 + _ROUNDING):
+            raise MotionRefusedError(f"{gripper.title}: {100 * opening:.1f} % is outside 0 … 100 %")
+        opening = min(max(opening, 0.0), 1.0)
+        if self._opening is None:
+            return opening
+        if opening == self._opening:
+            return None
+        elapsed = min(max(now - self._opening_time, 0.0), self._longest_s)
+        step, allowed = abs(opening - self._opening), gripper.speed * elapsed
+        if step > allowed * (1 + _ROUNDING) + _ROUNDING:
+            raise MotionRefusedError(
+                f"{gripper.title}: a step of {100 * step:.2f} % in {1000 * elapsed:.1f} ms, "
+                f"its speed limit allows {100 * allowed:.2f} %"
+            )
+        return opening
+
+    def _inside(self, q: FloatArray) -> FloatArray:
+        if q.shape != (self._robot.n,) or not np.isfinite(q).all():
+            raise MotionRefusedError(f"a setpoint that is not {self._robot.n} finite angles: {q.tolist()}")
+        return self._robot.check_limits(q)

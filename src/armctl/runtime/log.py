@@ -1,0 +1,48 @@
+"""The controller's log: bounded, in the snapshot, and passed on to Python's logging."""
+
+from __future__ import annotations
+
+import logging
+from collections import deque
+
+from armctl.runtime.clock import wall_time
+from armctl.runtime.snapshot import Event
+
+_LEVELS = {"info": logging.INFO, "warning": logging.WARNING, "error": logging.ERROR}
+_LOGGER = logging.getLogger("armctl.runtime")
+
+
+class EventLog:
+    """The newest lines, oldest first. Only the controller thread writes."""
+
+    def __init__(self, lines: int = 200, repeat_s: float = 5.0) -> None:
+        self._events: deque[Event] = deque(maxlen=lines)
+        self._repeat_s = repeat_s
+        self._tuple: tuple[Event, ...] = ()
+
+    @property
+    def events(self) -> tuple[Event, ...]:
+        """The lines."""
+        return self._tuple
+
+    def info(self, text: str) -> None:
+        """Something happened."""
+        self._add("info", text)
+
+    def warning(self, text: str) -> None:
+        """Something the user should know."""
+        self._add("warning", text)
+
+    def error(self, text: str) -> None:
+        """Something broke."""
+        self._add("error", text)
+
+    def _add(self, level: str, text: str) -> None:
+        stamp = wall_time()
+        if self._events:
+            last = self._events[-1]
+            if (last.level, last.text) == (level, text) and stamp - last.stamp < self._repeat_s:
+                return  # a held key must not flood the log
+        self._events.append(Event(stamp, level, text))
+        self._tuple = tuple(self._events)
+        _LOGGER.log(_LEVELS[level], "%s", text)

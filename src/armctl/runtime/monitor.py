@@ -1,0 +1,100 @@
+"""Watches what the board reads back."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from armctl.errors import BoardError, BoardProtocolError, BoardTimeoutError
+from armctl.hardware import Source
+from armctl.robot import Robot
+from armctl.runtime.board import Board, Reading, no_reading
+from armctl.runtime.log import EventLog
+from armctl.runtime.notices import Notices
+
+FloatArray = NDArray[np.float64]
+_READ_FAILURES = 5
+_OFF_READINGS = 3
+_DEVIATION_UNITS = 1.0
+_DEVIATION_S = 0.5
+_ERROR_SHOWN_S = 10.0
+
+
+class Monitor:
+    """Reads back, bears a few failures, and tells what does not fit."""
+
+    def __init__(self, robot: Robot, notices: Notices, log: EventLog, interval_s: float) -> None:
+        self._robot = robot
+        self._notices = notices
+        self._log = log
+        self._interval_s = interval_s
+        self.reading = no_reading(robot.n)
+        """the last one"""
+        self.reset()
+
+    def reset(self) -> None:
+        """Another board, or none: nothing is known."""
+        self.reading = no_reading(self._robot.n)
+        self._read_at = -np.inf
+        self._failures = 0
+        self._off = 0
+        self._deviates_since: float | None = None
+
+    def due(self, now: float) -> bool:
+        """Whether it is time to read again."""
+        return now - self._read_at >= 0.9 * self._interval_s
+
+    def read(self, board: Board, now: float) -> Reading | None:
+        """Read back; None where this once no answer came.
+
+        Raises:
+            BoardError: the board is gone, or has not answered several times in a row.
+        """
+        self._read_at = now
+        try:
+            self.reading = board.read()
+        except (BoardTimeoutError, BoardProtocolError) as cause:
+            self._failures += 1
+            if self._failures >= _READ_FAILURES:
+                raise BoardError(
+                    f"lost the board: {self._failures} readings in a row failed ({cause}); "
+                    "check the cable and the power, then connect again"
+                ) from cause
+            self._notices.set("read", f"the board did not answer properly: {cause}")
+            return None
+        self._failures = 0
+        self._notices.clear("read")
+        for error in self.reading.errors:
+            self._notices.set(f"board {error}", f"the board reports: {error}", until=now + _ERROR_SHOWN_S)
+        return self.reading
+
+    def powered_off(self) -> tuple[str, ...]:
+        """Joints whose pulses the board has switched off by itself, once several readings say so."""
+        reading = self.reading
+        off = np.isnan(reading.q) if reading.source is Source.TRANSMITTED else np.zeros(0, dtype=bool)
+        self._off = self._off + 1 if off.any() else 0
+        if self._off < _OFF_READINGS:
+            return ()
+        return tuple(joint.title for joint, is_off in zip(self._robot.joints, off, strict=True) if is_off)
+
+    def compare(self, board: Board, q_command: FloatArray, standing: bool, now: float) -> None:
+        """Warn where the board stands elsewhere than told for half a second while nothing moves."""
+        away = np.abs(self.reading.q - q_command) * board.outputs.unit_per_rad
+        deviates = away > _DEVIATION_UNITS
+        if self.reading.source is not Source.TRANSMITTED or not standing or not deviates.any():
+            self._deviates_since = None
+            self._notices.clear("deviation")
+            return
+        if self._deviates_since is None:
+            self._deviates_since = now
+        if now - self._deviates_since > _DEVIATION_S:
+            parts = [
+                f"{joint.title} by {value:.1f} {board.outputs.unit}"
+                for joint, value, far in zip(self._robot.joints, away, deviates, strict=True)
+                if far
+            ]
+            self._notices.set(
+                "deviation",
+                f"the board does not send what it was told ({', '.join(parts)}): its channel "
+                "range is narrower than the servo map; widen it on the board, or change the robot file",
+            )

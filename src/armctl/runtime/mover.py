@@ -1,0 +1,136 @@
+"""Runs a trajectory with its time scaled: override, pause, resume and stop on the same path."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from armctl.errors import ArmctlError
+from armctl.motion import Sample, Trajectory
+from armctl.robot import Robot
+from armctl.runtime.activity import ActivityView
+
+FloatArray = NDArray[np.float64]
+_PROBES: Final = np.array([0.0, 0.5, 1.0])
+_HALVINGS = 12
+_TOLERANCE = 1e-6
+
+
+class PathMover:
+    """One trajectory on its way.
+
+    With path time s and its rate r = ds/dt, a joint's speed is ``q' r`` and its acceleration
+    ``q'' r² + q' dr/dt``. A trajectory inside its limits stays inside them at every constant rate up to 1;
+    a change of the rate takes what acceleration is left, and where none is left, waits.
+    """
+
+    def __init__(self, robot: Robot, trajectory: Trajectory, speed: float, label: str = "motion") -> None:
+        self._trajectory = trajectory
+        self._limits = robot.acceleration_limits * (1 + _TOLERANCE)
+        self._label = label
+        self._time = 0.0
+        # At the start the joints are at rest at whatever rate, so the first rate needs no ramp.
+        self._rate = speed
+        self._speed = speed
+        self._paused = False
+        self._stopped = False
+
+    @property
+    def label(self) -> str:
+        """What it is."""
+        return self._label
+
+    @property
+    def begun(self) -> bool:
+        """A planned motion begins at once."""
+        return True
+
+    @property
+    def standing(self) -> bool:
+        """The joints are at rest: at the end, or with the rate at 0."""
+        return self._rate == 0.0 or self._time >= self._trajectory.duration
+
+    @property
+    def done(self) -> bool:
+        """At the end, or stopped and at rest."""
+        return self._time >= self._trajectory.duration or (self._stopped and self._rate == 0.0)
+
+    @property
+    def error(self) -> ArmctlError | None:
+        """A planned motion does not fail by itself."""
+        return None
+
+    @property
+    def pausable(self) -> bool:
+        """Yes."""
+        return True
+
+    @property
+    def notice(self) -> str | None:
+        """Nothing is held back."""
+        return None
+
+    def set_speed(self, fraction: float) -> None:
+        """Go towards this speed override inside the acceleration limits."""
+        self._speed = fraction
+
+    def pause(self) -> None:
+        """Slow down along the path and stand."""
+        self._paused = True
+
+    def resume(self) -> None:
+        """Go on along the path."""
+        self._paused = False
+
+    def stop(self) -> None:
+        """Slow down as hard as the limits allow, then be done."""
+        self._stopped = True
+
+    def advance(self, now: float, dt: float) -> Sample | None:
+        """Go on by ``dt`` seconds; None where the joints stand."""
+        if self.done:
+            return None
+        target = 0.0 if self._paused or self._stopped else self._speed
+        if self._rate == 0.0 and target == 0.0:
+            return None
+        rate = self._next_rate(target, dt)
+        push = (rate - self._rate) / dt
+        self._time = min(self._time + 0.5 * (self._rate + rate) * dt, self._trajectory.duration)
+        self._rate = rate
+        sample = self._trajectory.sample(self._time)
+        if self.standing:
+            return Sample(sample.q, np.zeros_like(sample.q), np.zeros_like(sample.q))
+        return Sample(
+            sample.q, sample.velocity * rate, sample.acceleration * rate**2 + sample.velocity * push
+        )
+
+    def view(self) -> ActivityView:
+        """What is shown."""
+        duration = self._trajectory.duration
+        done = 1.0 if duration == 0 else self._time / duration
+        return ActivityView(self._trajectory.end, done, (duration - self._time) / self._speed)
+
+    def _next_rate(self, target: float, dt: float) -> float:
+        """The rate after ``dt`` that comes closest to the target inside the acceleration limits."""
+        if target == self._rate or self._allowed(target, dt):
+            return target
+        # Staying at the present rate is always allowed: look for the furthest rate that is.
+        good, bad = self._rate, target
+        for _ in range(_HALVINGS):
+            middle = 0.5 * (good + bad)
+            if self._allowed(middle, dt):
+                good = middle
+            else:
+                bad = middle
+        return good
+
+    def _allowed(self, rate: float, dt: float) -> bool:
+        """Whether the tick's start, middle and end keep every joint's acceleration limit."""
+        push = (rate - self._rate) / dt
+        rates = self._rate + (rate - self._rate) * _PROBES
+        times = self._time + 0.5 * (self._rate + rates) * _PROBES * dt
+        sample = self._trajectory.sample(times)
+        acceleration = sample.acceleration * (rates * rates)[:, None] + sample.velocity * push
+        return bool((np.abs(acceleration) <= self._limits).all())

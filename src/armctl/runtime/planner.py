@@ -1,0 +1,108 @@
+"""Planning off the controller thread."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable
+from concurrent.futures import Executor, Future
+from typing import ParamSpec, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from armctl.errors import ArmctlError, StateError
+from armctl.kinematics import Target
+from armctl.motion import (
+    MoveStep,
+    PointStep,
+    Profile,
+    Trajectory,
+    plan_joints,
+    plan_step,
+    plan_target,
+    require_clear,
+)
+from armctl.robot import Robot
+
+FloatArray = NDArray[np.float64]
+P = ParamSpec("P")
+T = TypeVar("T")
+_START_TOLERANCE = 1e-6
+_LOGGER = logging.getLogger("armctl.runtime")
+
+
+class InlineExecutor(Executor):
+    """Runs what is submitted at once, on the caller's thread: for tests and offline runs."""
+
+    def submit(self, fn: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> Future[T]:
+        """Run ``fn`` and give its future, which is done."""
+        future: Future[T] = Future()
+        try:
+            future.set_result(fn(*args, **kwargs))
+        except Exception as error:
+            future.set_exception(error)
+        return future
+
+
+class Planner:
+    """Solves, chooses, plans and checks on an executor, and wakes the controller when a plan is ready."""
+
+    def __init__(self, robot: Robot, executor: Executor, wake: Callable[[], None]) -> None:
+        self._robot = robot
+        self._executor = executor
+        self._wake = wake
+
+    def joints(
+        self, start: FloatArray, end: FloatArray, duration_s: float | None, profile: Profile
+    ) -> Future[Trajectory]:
+        """Plan to joint angles; arrays (n,) [rad]."""
+        return self._submit(plan_joints, self._robot, start, end, duration_s, profile)
+
+    def target(
+        self, start: FloatArray, target: Target, choose: str, duration_s: float | None, profile: Profile
+    ) -> Future[Trajectory]:
+        """Plan to a target of the tool."""
+        return self._submit(plan_target, self._robot, start, target, choose, duration_s, profile)
+
+    def step(self, start: FloatArray, step: MoveStep | PointStep) -> Future[Trajectory]:
+        """Plan one moving step of a program."""
+        return self._submit(plan_step, self._robot, start, step)
+
+    def check(self, start: FloatArray, trajectory: Trajectory) -> Future[Trajectory]:
+        """Check somebody else's trajectory, and that it starts where the arm stands."""
+        return self._submit(_checked, self._robot, start, trajectory)
+
+    def _submit(self, plan: Callable[P, Trajectory], *args: P.args, **kwargs: P.kwargs) -> Future[Trajectory]:
+        try:
+            future = self._executor.submit(plan, *args, **kwargs)
+        except RuntimeError as cause:  # the executor was shut down
+            raise StateError(f"the planner is closed: {cause}") from cause
+        future.add_done_callback(lambda _: self._wake())
+        return future
+
+
+def planned(future: Future[Trajectory]) -> Trajectory:
+    """What a planning future that is done holds.
+
+    Raises:
+        ArmctlError: what refused the plan; a defect of the planner itself comes out as one, too.
+    """
+    error = future.exception()
+    if error is None:
+        return future.result()
+    if isinstance(error, ArmctlError):
+        raise error
+    _LOGGER.error("planning failed", exc_info=error)
+    raise ArmctlError(f"planning failed: {type(error).__name__}: {error}") from error
+
+
+def _checked(robot: Robot, start: FloatArray, trajectory: Trajectory) -> Trajectory:
+    require_clear(robot, trajectory)
+    away = np.abs(trajectory.start - start)
+    j = int(away.argmax())
+    if away[j] > _START_TOLERANCE:
+        raise StateError(
+            f"the trajectory starts with {robot.joints[j].title} at {np.degrees(trajectory.start[j]):.2f}°, "
+            f"the arm stands at {np.degrees(start[j]):.2f}°; go to its start first"
+        )
+    return trajectory

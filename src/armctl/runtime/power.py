@@ -1,0 +1,147 @@
+"""Connecting, and switching the pulses on and off."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from armctl.errors import ArmctlError, BoardError, MotionRefusedError, StateError
+from armctl.hardware import Source
+from armctl.motion import FLOOR_TOLERANCE_M
+from armctl.runtime.board import Board
+from armctl.runtime.core import POWERED, Core
+from armctl.runtime.snapshot import State
+
+FloatArray = NDArray[np.float64]
+ADOPT_TOLERANCE_RAD = np.radians(0.25)
+"""How far outside a limit a joint may stand when it is taken over: a board rounds to steps."""
+
+
+def connect(core: Core, port: str, who: str, now: float) -> None:
+    """Open the line. Moves nothing; leaves the outputs as they are.
+
+    Raises:
+        StateError: connected already.
+        BoardError: nobody there.
+    """
+    if core.state not in (State.DISCONNECTED, State.FAULT):
+        raise StateError(f"connected already, and {core.state.value}; disconnect first")
+    if core.board is not None:
+        core.disconnect("to connect again")
+    try:
+        core.board = Board.open(core.robot, core.open_driver, port)
+        core.monitor.read(core.board, now)
+    except ArmctlError as error:
+        if core.board is not None:
+            core.disconnect(str(error))
+        core.enter(State.DISCONNECTED, str(error))
+        raise
+    for note in core.board.identity.notes:
+        core.log.warning(note)
+    identity = core.board.identity
+    cause = f"connected to {identity.kind} at {identity.port} ({who}); "
+    if core.powered():
+        cause += "the board already sends pulses: Enable takes them over where they are"
+    else:
+        cause += "pulses are off"
+    core.enter(State.OFF, cause)
+
+
+def enable(core: Core, wanted: FloatArray | None, who: str, now: float) -> None:
+    """Switch the pulses on: servos that were off jump to ``wanted`` (n,) [rad], those that are on stay.
+
+    Raises:
+        StateError: not connected, in fault, or a joint is on and outside its limits.
+        InputError: not finite, or a wrong shape.
+        MotionRefusedError: ``wanted`` is outside the limits or below the floor.
+        BoardError: the board is gone.
+    """
+    if core.state in POWERED and wanted is None:
+        return
+    if core.state is not State.OFF or core.board is None:
+        raise StateError(f"enable needs the state off, it is {core.state.value}{_way_out(core)}")
+    goal = core.robot.check_limits(core.robot.pose("rest") if wanted is None else wanted)
+    lowest = core.floor.clearance(goal)
+    if lowest.size and float(lowest.min()) < -FLOOR_TOLERANCE_M:
+        part = core.floor.parts[int(lowest.argmin())]
+        raise MotionRefusedError(
+            f"{part}: {-1000 * float(lowest.min()):.1f} mm below the floor; choose another pose to enable in"
+        )
+    core.board.configure()
+    reading = core.monitor.read(core.board, now)
+    if reading is None:
+        raise BoardError("the board did not answer where it is; try again")
+    live = ~np.isnan(reading.q)
+    start = _taken_over(core, np.where(live, reading.q, goal))
+    core.gate.jump(start, now)
+    core.gripper.set(reading.opening)
+    if reading.opening is not None:
+        core.gate.adopt_opening(reading.opening, now)
+    core.board.write(start, None)
+    core.enter(State.HOLDING, f"enabled ({who}); {_how_it_began(core, live, reading.source)}")
+    if wanted is not None and live.any() and float(np.abs(start - goal).max()) > ADOPT_TOLERANCE_RAD:
+        core.log.warning("enabled where the arm stands, not in the pose asked for: move there now")
+
+
+def release(core: Core, who: str) -> None:
+    """Pulses off: the arm drops.
+
+    Raises:
+        StateError: not connected.
+        BoardError: the board is gone.
+    """
+    if core.board is None:
+        raise StateError(f"nothing to release: {core.state.value}")
+    core.board.release()
+    core.power_off(f"released ({who})")
+    core.log.warning(f"RELEASE ({who}): pulses off")
+
+
+def clear_fault(core: Core, who: str) -> None:
+    """Leave fault for ``holding`` (pulses on) or ``off``.
+
+    Raises:
+        StateError: no fault, or the board is gone.
+    """
+    if core.state is not State.FAULT:
+        raise StateError(f"there is no fault to clear: {core.state.value}")
+    if core.board is None:
+        raise StateError(f"the board is gone ({core.cause}); connect again")
+    core.gripper.set(core.gate.opening)
+    if core.gate.q is None:
+        core.enter(State.OFF, f"fault cleared ({who})")
+    else:
+        core.enter(State.HOLDING, f"fault cleared ({who}); the arm holds the last setpoint")
+
+
+def _way_out(core: Core) -> str:
+    match core.state:
+        case State.DISCONNECTED:
+            return "; connect first"
+        case State.FAULT:
+            return f" ({core.cause}); clear the fault first"
+        case _:
+            return "; the arm is enabled already"
+
+
+def _taken_over(core: Core, q: FloatArray) -> FloatArray:
+    low, high = core.robot.limits[:, 0], core.robot.limits[:, 1]
+    outside = np.maximum(low - q, q - high)
+    i = int(outside.argmax())
+    if outside[i] > ADOPT_TOLERANCE_RAD:
+        joint = core.robot.joints[i]
+        raise StateError(
+            f"{joint.title} stands at {np.degrees(q[i]):.1f}°, outside {np.degrees(joint.lower):.1f}° … "
+            f"{np.degrees(joint.upper):.1f}°; support the arm, release it (it drops) and enable again"
+        )
+    return np.clip(q, low, high)
+
+
+def _how_it_began(core: Core, live: NDArray[np.bool_], source: Source) -> str:
+    if live.all():
+        what = "encoders say" if source is Source.MEASURED else "board already sent pulses"
+        return f"the {what} where the arm is, it stays there"
+    if live.any():
+        on = ", ".join(joint.title for joint, is_on in zip(core.robot.joints, live, strict=True) if is_on)
+        return f"{on} stayed, the others jumped to the pose"
+    return "the servos jumped to the pose"

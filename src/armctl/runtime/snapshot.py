@@ -1,0 +1,88 @@
+"""What the controller tells the outside: one immutable record a tick."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from armctl.hardware import BoardIdentity, Source
+
+FloatArray = NDArray[np.float64]
+
+
+class State(Enum):
+    """The controller's states."""
+
+    DISCONNECTED = "disconnected"
+    OFF = "off"  # connected, no pulses
+    HOLDING = "holding"
+    MOVING = "moving"
+    PAUSED = "paused"
+    FAULT = "fault"
+
+
+@dataclass(frozen=True, slots=True)
+class ProgramProgress:
+    """Where a running program is."""
+
+    name: str
+    step: int
+    """index of the running step"""
+    steps: int
+    loop: int
+    """passes finished"""
+    loops: int | None
+    """None: for ever"""
+
+
+@dataclass(frozen=True, slots=True)
+class Event:
+    """One line of the log."""
+
+    stamp: float
+    """seconds since the epoch"""
+    level: str
+    """info, warning or error"""
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class Snapshot:
+    """The arm as the controller knows it at one tick."""
+
+    stamp: float
+    """controller clock [s]"""
+    tick: int
+    state: State
+    cause: str
+    """why the state is what it is, in words"""
+    q_command: FloatArray
+    """(n,) last setpoint [rad]; where nothing was sent yet, the pose that Enable would send"""
+    velocity_command: FloatArray
+    """(n,) [rad/s]"""
+    acceleration_command: FloatArray
+    """(n,) [rad/s²]"""
+    q: FloatArray
+    """(n,) position as the board tells it [rad]; NaN for a joint it does not know"""
+    source: Source
+    """what ``q`` is: commanded, transmitted or measured"""
+    powered: bool
+    """pulses are on"""
+    gripper: float | None
+    """commanded opening 0..1; None: no gripper, or not commanded yet"""
+    speed: float
+    """speed override 0.05..1"""
+    goal: FloatArray | None
+    """(n,) where the running motion ends [rad]"""
+    progress: float
+    """0..1 of the running motion"""
+    remaining_s: float
+    program: ProgramProgress | None
+    board: BoardIdentity | None
+    warnings: tuple[str, ...]
+    """what is true now and the user should know"""
+    events: tuple[Event, ...]
+    """the newest lines of the log, oldest first (bounded)"""
