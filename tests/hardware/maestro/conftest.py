@@ -1,0 +1,26 @@
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import pytest
+
+from armctl.hardware import ByteModel, ChannelSettings, LoopTransport
+from armctl.hardware.maestro import MaestroDriver
+from armctl.runtime.clock import ManualClock
+
+CHANNELS = [ChannelSettings(channel, 1000.0, 2000.0) for channel in range(4)]
+
+
+@pytest.fixture
+def connect(clock: ManualClock) -> Callable[..., MaestroDriver]:
+    """A driver over a loop to a simulated board: opened, and configured for channels 0 to 3."""
+
+    def connected(board: ByteModel, channels=CHANNELS, **options) -> MaestroDriver:
+        driver = MaestroDriver(
+            lambda: LoopTransport(board, clock.now, clock.advance), now=clock.now, **options
+        )
+        driver.open()
+        driver.configure(channels)
+        return driver
+
+    return connected

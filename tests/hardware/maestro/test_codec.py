@@ -1,0 +1,202 @@
+"""Golden bytes from Pololu's guide 0J40 (sections 5.c to 5.e) and from its rules worked by hand."""
+
+from __future__ import annotations
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from armctl.errors import BoardProtocolError, InputError
+from armctl.hardware.maestro import codec
+from armctl.hardware.maestro.codec import Framing
+from armctl.hardware.maestro.error_register import MaestroErrors, error_words
+from armctl.hardware.maestro.packet_parser import Packet, PacketParser
+
+POLOLU = Framing(device=12)
+CRC = Framing(crc=True)
+
+COMPACT_AND_POLOLU = [
+    (lambda f: codec.set_target(2, 6000, f), "84 02 70 2e", "aa 0c 04 02 70 2e"),
+    (lambda f: codec.set_target(0, 6000, f), "84 00 70 2e", "aa 0c 04 00 70 2e"),
+    (lambda f: codec.set_target(5, 0, f), "84 05 00 00", "aa 0c 04 05 00 00"),
+    (lambda f: codec.set_target(23, 16383, f), "84 17 7f 7f", "aa 0c 04 17 7f 7f"),
+    (lambda f: codec.set_speed(5, 140, f), "87 05 0c 01", "aa 0c 07 05 0c 01"),
+    (lambda f: codec.set_acceleration(5, 4, f), "89 05 04 00", "aa 0c 09 05 04 00"),
+    (lambda f: codec.set_acceleration(0, 255, f), "89 00 7f 01", "aa 0c 09 00 7f 01"),
+    (lambda f: codec.get_position(3, f), "90 03", "aa 0c 10 03"),
+    (lambda f: codec.get_moving_state(f), "93", "aa 0c 13"),
+    (lambda f: codec.get_errors(f), "a1", "aa 0c 21"),
+    (lambda f: codec.go_home(f), "a2", "aa 0c 22"),
+    (
+        lambda f: codec.set_multiple_targets(3, [0, 6000], f),
+        "9f 02 03 00 00 70 2e",
+        "aa 0c 1f 02 03 00 00 70 2e",
+    ),
+]
+
+
+@pytest.mark.parametrize(("encode", "compact", "pololu"), COMPACT_AND_POLOLU)
+def test_every_command_in_both_forms(encode, compact, pololu):
+    assert encode(codec.COMPACT).hex(" ") == compact
+    assert encode(POLOLU).hex(" ") == pololu
+
+
+def test_mini_ssc_neutral_of_servo_0():
+    assert codec.mini_ssc(0, 127) == bytes.fromhex("ff 00 7f")
+    assert codec.mini_ssc(254, 254) == bytes.fromhex("ff fe fe")
+
+
+def test_crc_of_the_guides_own_example():
+    assert codec.crc7(bytes.fromhex("83 01")) == 0x17
+
+
+def crc_by_long_division(message: bytes) -> int:
+    """The guide's own method: bits least significant first, seven zeros, XOR with 10001001 under each 1."""
+    bits = [byte >> bit & 1 for byte in message for bit in range(8)] + [0] * 7
+    for at in range(len(message) * 8):
+        if bits[at]:
+            for offset, bit in enumerate((1, 0, 0, 0, 1, 0, 0, 1)):
+                bits[at + offset] ^= bit
+    return sum(bit << at for at, bit in enumerate(bits[-7:]))
+
+
+@given(st.binary(min_size=1, max_size=40))
+def test_crc_is_the_remainder_of_the_long_division(message):
+    assert codec.crc7(message) == crc_by_long_division(message)
+
+
+@pytest.mark.parametrize(("encode", "compact", "pololu"), COMPACT_AND_POLOLU)
+def test_crc_is_appended_over_the_whole_packet(encode, compact, pololu):
+    for framing, plain in ((CRC, compact), (Framing(device=12, crc=True), pololu)):
+        packet = bytes.fromhex(plain)
+        assert encode(framing) == packet + bytes([crc_by_long_division(packet)])
+
+
+def test_a_position_reply_uses_all_eight_bits():
+    assert codec.decode_position(bytes.fromhex("07 0a")) == 641.75  # 2567, the guide's example
+    assert codec.decode_position(bytes.fromhex("70 17")) == 1500.0
+
+
+def test_position_zero_means_off():
+    assert codec.decode_position(b"\x00\x00") is None
+
+
+@pytest.mark.parametrize("reply", ["", "70", "70 17 00"])
+def test_a_position_reply_of_another_length_is_refused(reply):
+    with pytest.raises(BoardProtocolError, match=r"answered by \d bytes, not by 2"):
+        codec.decode_position(bytes.fromhex(reply))
+
+
+def test_a_position_that_no_maestro_can_send_is_refused():
+    assert codec.decode_position(bytes.fromhex("ff 3f")) == 4095.75
+    with pytest.raises(BoardProtocolError, match=r"4096\.0 µs"):
+        codec.decode_position(bytes.fromhex("00 40"))
+
+
+@pytest.mark.parametrize(
+    ("reply", "errors"),
+    [
+        ("00 00", MaestroErrors(0)),
+        ("01 00", MaestroErrors.SERIAL_SIGNAL),
+        ("02 00", MaestroErrors.SERIAL_OVERRUN),
+        ("04 00", MaestroErrors.SERIAL_BUFFER_FULL),
+        ("08 00", MaestroErrors.SERIAL_CRC),
+        ("10 00", MaestroErrors.SERIAL_PROTOCOL),
+        ("20 00", MaestroErrors.SERIAL_TIMEOUT),
+        ("40 00", MaestroErrors.SCRIPT_STACK),
+        ("80 00", MaestroErrors.SCRIPT_CALL_STACK),
+        ("00 01", MaestroErrors.SCRIPT_PROGRAM_COUNTER),
+        ("30 01", MaestroErrors.SERIAL_PROTOCOL | MaestroErrors.SERIAL_TIMEOUT | 0x100),
+    ],
+)
+def test_error_bits(reply, errors):
+    assert codec.decode_errors(bytes.fromhex(reply)) == errors
+
+
+def test_error_bits_that_do_not_exist_are_refused():
+    with pytest.raises(BoardProtocolError, match="0x0200"):
+        codec.decode_errors(bytes.fromhex("00 02"))
+    with pytest.raises(BoardProtocolError, match="1 bytes"):
+        codec.decode_errors(b"\x00")
+
+
+def test_every_error_bit_has_words_of_its_own():
+    words = error_words(MaestroErrors(0x1FF))
+    assert len(set(words)) == 9
+    assert words[5].startswith("serial timeout")
+    assert error_words(MaestroErrors.SERIAL_CRC) == (words[3],)
+    assert error_words(MaestroErrors(0)) == ()
+
+
+def test_moving_state():
+    assert codec.decode_moving_state(b"\x01") is True
+    assert codec.decode_moving_state(b"\x00") is False
+    for reply in (b"", b"\x02", b"\x00\x00"):
+        with pytest.raises(BoardProtocolError, match="Get Moving State"):
+            codec.decode_moving_state(reply)
+
+
+@pytest.mark.parametrize(
+    ("encode", "message"),
+    [
+        (lambda: codec.set_target(24, 6000), "channel 24 is outside 0 … 23"),
+        (lambda: codec.set_target(-1, 6000), "channel -1 is outside"),
+        (lambda: codec.set_target(0, 16384), "target 16384 is outside 0 … 16383"),
+        (lambda: codec.set_target(0, -1), "target -1 is outside"),
+        (lambda: codec.set_speed(0, 16384), "speed 16384 is outside"),
+        (lambda: codec.set_acceleration(0, 256), "acceleration 256 is outside 0 … 255"),
+        (lambda: codec.get_position(24), "channel 24 is outside"),
+        (lambda: codec.set_multiple_targets(0, []), "at least one target"),
+        (lambda: codec.set_multiple_targets(23, [1, 1]), "channel 24 is outside"),
+        (lambda: codec.mini_ssc(255, 0), "servo number 255 is outside 0 … 254"),
+        (lambda: codec.mini_ssc(0, 255), "value 255 is outside 0 … 254"),
+        (lambda: Framing(device=128), "device number 128 is outside 0 … 127"),
+    ],
+)
+def test_what_does_not_fit_is_refused(encode, message):
+    with pytest.raises(InputError, match=message):
+        encode()
+
+
+def test_targets_of_any_channels_go_out_in_channel_order():
+    assert codec.set_targets({3: 6000, 0: 4000}).hex(" ") == "84 00 20 1f 84 03 70 2e"
+
+
+def test_neighbouring_channels_share_a_command_where_the_board_knows_it():
+    packets = codec.set_targets({0: 4000, 1: 6000, 3: 0, 7: 0, 8: 6000}, multiple=True)
+    assert packets.hex(" ") == "9f 02 00 20 1f 70 2e 84 03 00 00 9f 02 07 00 00 70 2e"
+
+
+def test_no_targets_are_no_bytes():
+    assert codec.set_targets({}) == b""
+
+
+framings = st.builds(Framing, device=st.none() | st.integers(0, 127), crc=st.booleans())
+
+
+@given(
+    targets=st.dictionaries(st.integers(0, 23), st.integers(0, 16383), max_size=24),
+    framing=framings,
+    multiple=st.booleans(),
+)
+def test_what_is_encoded_is_what_a_board_decodes(targets, framing, multiple):
+    device = 12 if framing.device is None else framing.device
+    parser = PacketParser(device=device, crc=framing.crc, multiple_targets=True)
+    decoded: dict[int, int] = {}
+    for byte in codec.set_targets(targets, framing, multiple=multiple):
+        for event in parser.push(byte):
+            assert isinstance(event, Packet)
+            if event.opcode is codec.Opcode.SET_TARGET:
+                first, values = event.data[0], event.data[1:]
+            else:
+                assert event.opcode is codec.Opcode.SET_MULTIPLE_TARGETS
+                first, values = event.data[1], event.data[2:]
+            for at in range(0, len(values), 2):
+                decoded[first + at // 2] = values[at] + 128 * values[at + 1]
+    assert decoded == targets
+
+
+@given(st.integers(0, 16383))
+def test_positions_survive_the_reply_format(quarters):
+    position = codec.decode_position(quarters.to_bytes(2, "little"))
+    assert (0.0 if position is None else position) * 4 == quarters

@@ -1,0 +1,383 @@
+"""The driver against the exact bytes, and against the simulated board in memory."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from armctl.errors import BoardError, BoardProtocolError, BoardTimeoutError, InputError, PortError
+from armctl.hardware import ChannelSettings, LoopTransport, PortInfo, Source
+from armctl.hardware.maestro import (
+    ChannelConfig,
+    Framing,
+    HomeMode,
+    MaestroDriver,
+    MaestroModel,
+    MaestroSettings,
+    SerialMode,
+    SimulatedMaestro,
+)
+from armctl.hardware.maestro.driver import UNKNOWN_MODEL_NOTE, WATCHDOG_NOTE
+from armctl.runtime.clock import ManualClock
+
+CHANNELS = [ChannelSettings(channel, 1000.0, 2000.0) for channel in range(4)]
+
+
+class ScriptedTransport:
+    """Knows every byte beforehand: fails on a wrong one, a missing one and one nobody reads."""
+
+    name = "scripted"
+
+    def __init__(self, *exchanges: tuple[str, str]) -> None:
+        self._exchanges = list(exchanges)
+        self._reply = b""
+        self.closed = 0
+
+    def write(self, data: bytes) -> None:
+        assert self._reply == b"", f"nobody read {self._reply.hex(' ')}"
+        assert self._exchanges, f"unexpected {data.hex(' ')}"
+        expected, reply = self._exchanges.pop(0)
+        assert data.hex(" ") == expected
+        self._reply = bytes.fromhex(reply)
+
+    def read(self, count: int, timeout_s: float) -> bytes:
+        assert 0.0 < timeout_s <= 0.25
+        taken, self._reply = self._reply[:count], self._reply[count:]
+        return taken
+
+    def discard_input(self) -> None:
+        self._reply = b""
+
+    def close(self) -> None:
+        self.closed += 1
+
+    def assert_done(self) -> None:
+        assert self._exchanges == []
+        assert self._reply == b""
+
+
+PROBE = (("a1", "00 00"), ("90 00 a1", "00 00 00 00"))
+
+
+def scripted(*exchanges: tuple[str, str], **options) -> tuple[MaestroDriver, ScriptedTransport]:
+    transport = ScriptedTransport(*PROBE, *exchanges)
+    return MaestroDriver(lambda: transport, now=lambda: 0.0, **options), transport
+
+
+def test_the_bytes_of_a_whole_session_on_a_micro():
+    driver, transport = scripted(
+        ("87 01 0c 01 89 01 04 00 87 02 00 00 89 02 00 00 a1", "00 00"),
+        ("84 01 20 1f 84 02 70 2e", ""),
+        ("90 01 90 02 a1", "a0 0f 70 17 20 00"),
+        ("90 01 90 02 a1", "a0 0f 00 00 00 00"),
+        ("84 01 20 1f", ""),
+        ("84 01 00 00 84 02 00 00", ""),
+        model=MaestroModel.MICRO_6,
+    )
+    driver.open()
+    driver.configure(
+        [
+            ChannelSettings(2, 992, 2000),
+            ChannelSettings(1, 992, 2000, speed=3500.0, acceleration=1250.0),
+        ]
+    )
+    driver.write({2: 1500.0, 1: 1000.0})
+    readback = driver.read()
+    assert readback.positions == {1: 1000.0, 2: 1500.0}
+    assert readback.source is Source.TRANSMITTED
+    assert [words.split(":")[0] for words in readback.errors] == ["serial timeout"]
+    driver.stop()
+    driver.release()
+    transport.assert_done()
+    driver.close()
+    driver.close()
+    assert transport.closed == 1
+
+
+def test_a_mini_gets_neighbouring_targets_in_one_command():
+    driver, transport = scripted(
+        ("87 03 00 00 89 03 00 00 87 04 00 00 89 04 00 00 a1", "00 00"),
+        ("9f 02 03 20 1f 70 2e", ""),
+        ("9f 02 03 00 00 00 00", ""),
+        model=MaestroModel.MINI_24,
+    )
+    driver.open()
+    driver.configure([ChannelSettings(3, 992, 2000), ChannelSettings(4, 992, 2000)])
+    driver.write({3: 1000.0, 4: 1500.0})
+    driver.release()
+    transport.assert_done()
+
+
+def test_identity_of_a_board_of_unknown_model():
+    driver, _ = scripted()
+    identity = driver.open()
+    assert identity.kind == "Pololu Maestro, model unknown"
+    assert identity.port == "scripted"
+    assert identity.simulated is False
+    assert identity.notes == (WATCHDOG_NOTE, UNKNOWN_MODEL_NOTE)
+
+
+def test_the_watchdog_that_nobody_verified_is_said_loudly():
+    assert "not verified" in WATCHDOG_NOTE
+    assert "Timeout" in WATCHDOG_NOTE
+
+
+def test_errors_from_before_are_told_once():
+    transport = ScriptedTransport(("a1", "20 00"), PROBE[1])
+    identity = MaestroDriver(lambda: transport, now=lambda: 0.0, model=MaestroModel.MICRO_6).open()
+    assert identity.kind == "Pololu Micro Maestro 6-channel"
+    assert identity.notes[-1].startswith("before armctl connected, the board had reported: serial timeout")
+
+
+def test_a_silent_board_brings_the_advice_and_closes_the_line():
+    transport = ScriptedTransport(("a1", ""), ("a1", "00"))
+    driver = MaestroDriver(lambda: transport, now=lambda: 0.0)
+    with pytest.raises(BoardTimeoutError, match=r'USB Dual Port.*"UART, detect baud rate".*silently ignores'):
+        driver.open()
+    transport.assert_done()
+    assert transport.closed == 1
+    with pytest.raises(BoardError, match="not connected"):
+        driver.read()
+
+
+def test_something_that_answers_like_no_maestro():
+    transport = ScriptedTransport(("a1", "41 54"))
+    with pytest.raises(BoardProtocolError, match=r"scripted: .*no Maestro"):
+        MaestroDriver(lambda: transport, now=lambda: 0.0).open()
+    assert transport.closed == 1
+
+
+def test_a_port_that_the_listing_rules_out_is_not_opened():
+    port = PortInfo("/dev/ttyACM1", "Pololu Micro Maestro 6-channel", "", "1", False, "this is the TTL port")
+    driver = MaestroDriver("/dev/ttyACM1", now=lambda: 0.0, ports=lambda: [port])
+    with pytest.raises(PortError, match="/dev/ttyACM1: this is the TTL port"):
+        driver.open()
+
+
+@pytest.mark.parametrize("call", ["read", "stop", "release", "configure", "write"])
+def test_nothing_works_before_open(call):
+    driver = MaestroDriver(lambda: ScriptedTransport(), now=lambda: 0.0)
+    arguments = {"configure": [CHANNELS], "write": [{}]}.get(call, [])
+    with pytest.raises(BoardError, match="not connected"):
+        getattr(driver, call)(*arguments)
+
+
+def test_opening_again_forgets_the_channels(clock: ManualClock):
+    board = SimulatedMaestro()
+    driver = MaestroDriver(lambda: LoopTransport(board, clock.now), now=clock.now)
+    driver.open()
+    driver.configure(CHANNELS)
+    driver.open()
+    with pytest.raises(BoardError, match="channel 0 is not configured"):
+        driver.write({0: 1500.0})
+
+
+def test_opening_moves_nothing(clock: ManualClock, connect):
+    board = SimulatedMaestro()
+    board.advance(clock.now())
+    board.feed(bytes.fromhex("84 02 70 2e"))
+    driver = connect(board)
+    assert driver.read().positions == {0: None, 1: None, 2: 1500.0, 3: None}
+
+
+def test_a_setpoint_outside_its_range_is_refused_before_anything_is_sent(connect):
+    board = SimulatedMaestro()
+    driver = connect(board)
+    before = len(board.log)
+    for bad in (999.0, 2001.0, math.nan, math.inf):
+        with pytest.raises(BoardError, match=r"channel 3: .* nothing was sent"):
+            driver.write({0: 1500.0, 3: bad})
+    with pytest.raises(BoardError, match="channel 5 is not configured"):
+        driver.write({0: 1500.0, 5: 1500.0})
+    assert len(board.log) == before
+    assert board.target_us(0) is None
+
+
+def test_channel_settings_that_the_board_cannot_have_are_refused_before_anything_is_sent(connect):
+    board = SimulatedMaestro()
+    driver = connect(board, model=MaestroModel.MICRO_6)
+    before = len(board.log)
+    with pytest.raises(BoardError, match="channel 6"):
+        driver.configure([ChannelSettings(6, 1000, 2000)])
+    with pytest.raises(InputError, match="speed limit"):
+        driver.configure([ChannelSettings(0, 1000, 2000, speed=math.nan)])
+    assert len(board.log) == before
+
+
+def test_a_channel_too_many_on_a_board_of_unknown_model_is_found_out(connect):
+    with pytest.raises(BoardProtocolError, match="did not accept the channel settings"):
+        connect(SimulatedMaestro(), channels=[ChannelSettings(6, 1000, 2000)])
+
+
+@given(
+    st.lists(
+        st.dictionaries(
+            st.integers(0, 3),
+            st.floats(allow_nan=True, allow_infinity=True) | st.floats(900.0, 2100.0),
+            max_size=4,
+        ),
+        max_size=10,
+    )
+)
+def test_no_setpoint_on_the_wire_ever_leaves_its_limits(writes):
+    clock = ManualClock()
+    board = SimulatedMaestro(
+        settings=MaestroSettings(channels={c: ChannelConfig(100.0, 4000.0) for c in range(4)})
+    )
+    driver = MaestroDriver(lambda: LoopTransport(board, clock.now), now=clock.now)
+    driver.open()
+    driver.configure(CHANNELS)
+    for setpoints in writes:
+        inside = all(1000.0 <= pulse <= 2000.0 for pulse in setpoints.values())
+        before = len(board.log)
+        try:
+            driver.write(setpoints)
+        except BoardError:
+            assert not inside
+            assert len(board.log) == before
+        else:
+            assert inside
+    for entry in board.log:
+        if entry.raw[0] == 0x84:
+            assert 4000 <= entry.data[1] + 128 * entry.data[2] <= 8000
+
+
+def test_limits_reach_the_board_and_hold(clock: ManualClock, connect):
+    board = SimulatedMaestro()
+    driver = connect(board, channels=[ChannelSettings(0, 1000.0, 2000.0, speed=3500.0, acceleration=None)])
+    assert (board.speed_units(0), board.acceleration_units(0)) == (140, 0)
+    driver.write({0: 1000.0})
+    assert driver.read().positions == {0: 1000.0}
+    driver.write({0: 1350.0})
+    clock.advance(0.08)
+    assert driver.read().positions == {0: 1280.0}
+    clock.advance(0.02)
+    assert driver.read().positions == {0: 1350.0}
+
+
+def test_stop_holds_what_is_on_where_it_is_and_leaves_off_what_is_off(clock: ManualClock, connect):
+    board = SimulatedMaestro()
+    driver = connect(board, channels=[ChannelSettings(c, 1000.0, 2000.0, speed=1000.0) for c in range(3)])
+    driver.write({0: 1000.0, 1: 2000.0})
+    driver.write({0: 2000.0, 1: 1000.0})
+    clock.advance(0.2)
+    driver.stop()
+    clock.advance(5.0)
+    assert driver.read().positions == {0: 1200.0, 1: 1800.0, 2: None}
+
+
+def test_stop_holds_a_channel_that_stands_outside_its_range(clock: ManualClock, connect):
+    board = SimulatedMaestro(settings=MaestroSettings(channels={0: ChannelConfig(500.0, 2500.0)}))
+    board.advance(clock.now())
+    board.feed(bytes.fromhex("84 00 60 46"))  # 2264 µs
+    driver = connect(board)
+    driver.stop()
+    assert driver.read().positions[0] == board.target_us(0) == 2264.0
+    assert [entry.raw.hex(" ") for entry in board.log].count(
+        "84 00 60 46"
+    ) == 2  # the test's own, and the stop's
+
+
+def test_release_switches_every_configured_channel_off_and_no_other(clock: ManualClock, connect):
+    board = SimulatedMaestro()
+    board.advance(clock.now())
+    board.feed(bytes.fromhex("84 05 70 2e"))
+    driver = connect(board)
+    driver.write({0: 1500.0, 3: 1600.0})
+    driver.release()
+    assert driver.read().positions == dict.fromkeys(range(4))
+    assert board.target_us(5) == 1500.0
+
+
+def test_the_first_setpoint_after_release_jumps_at_once(connect):
+    board = SimulatedMaestro()
+    driver = connect(board, channels=[ChannelSettings(0, 1000.0, 2000.0, speed=25.0)])
+    driver.write({0: 1900.0})
+    assert driver.read().positions == {0: 1900.0}
+    driver.release()
+    driver.write({0: 1100.0})
+    assert driver.read().positions == {0: 1100.0}
+
+
+def test_the_boards_watchdog_is_reported_in_words(clock: ManualClock, connect):
+    board = SimulatedMaestro(settings=MaestroSettings(timeout_units=50))
+    driver = connect(board)
+    driver.write({0: 1500.0})
+    clock.advance(0.5)
+    readback = driver.read()
+    assert readback.positions[0] is None
+    assert readback.errors == ("serial timeout: the board heard nothing for too long and went to its home",)
+    assert driver.read().errors == ()
+
+
+def test_an_error_seen_by_configure_or_stop_is_told_by_the_next_read(clock: ManualClock, connect):
+    board = SimulatedMaestro(settings=MaestroSettings(timeout_units=50))
+    driver = connect(board)
+    for call in (lambda: driver.configure(CHANNELS), driver.stop):
+        clock.advance(1.0)
+        call()
+        assert driver.read().errors[0].startswith("serial timeout")
+        assert driver.read().errors == ()
+
+
+def test_a_narrower_range_on_the_board_is_noticed(clock: ManualClock, connect):
+    board = SimulatedMaestro()
+    driver = connect(board, channels=[ChannelSettings(0, 500.0, 2500.0)])
+    driver.write({0: 2400.0})
+    driver.read()
+    assert driver.clamped == ()
+    clock.advance(0.2)
+    assert driver.read().positions == {0: 2000.0}
+    (clamped,) = driver.clamped
+    assert (clamped.channel, clamped.target_us, clamped.transmitted_us) == (0, 2400.0, 2000.0)
+    driver.write({0: 1500.0})
+    driver.read()
+    assert driver.clamped == ()
+
+
+@pytest.mark.parametrize("device", [None, 12, 99])
+@pytest.mark.parametrize("crc", [False, True])
+def test_every_framing_works_when_both_sides_agree(connect, device, crc):
+    board = SimulatedMaestro(settings=MaestroSettings(device=12 if device is None else device, crc=crc))
+    driver = connect(board, framing=Framing(device, crc))
+    driver.write({0: 1234.5, 1: 1000.0})
+    readback = driver.read()
+    assert readback.positions == {0: 1234.5, 1: 1000.0, 2: None, 3: None}
+    assert readback.errors == ()
+
+
+def test_crc_on_the_board_only_is_silence_with_advice(connect):
+    with pytest.raises(BoardTimeoutError, match='"Enable CRC"'):
+        connect(SimulatedMaestro(settings=MaestroSettings(crc=True)))
+
+
+def test_crc_here_only_is_found_out(connect):
+    with pytest.raises(BoardProtocolError, match='"Enable CRC"'):
+        connect(SimulatedMaestro(), framing=Framing(crc=True))
+
+
+def test_the_factory_serial_mode_is_silence_with_advice(connect):
+    board = SimulatedMaestro(settings=MaestroSettings(serial_mode=SerialMode.UART_DETECT_BAUD))
+    with pytest.raises(BoardTimeoutError, match="USB Dual Port"):
+        connect(board)
+
+
+@pytest.mark.parametrize(("timeout_units", "works"), [(0, False), (50, True), (200, False)])
+def test_the_watchdog_can_be_tried(clock: ManualClock, connect, timeout_units, works):
+    driver = connect(SimulatedMaestro(settings=MaestroSettings(timeout_units=timeout_units)))
+    assert driver.watchdog_works(1.0, clock.advance) is works
+    assert driver.read().errors == ()
+
+
+def test_the_watchdog_is_not_tried_with_pulses_on(clock: ManualClock, connect):
+    board = SimulatedMaestro(
+        settings=MaestroSettings(channels={2: ChannelConfig(home=HomeMode.GO_TO, home_us=1500.0)})
+    )
+    driver = connect(board)
+    before = clock.now()
+    with pytest.raises(BoardError, match="channels 2 are on"):
+        driver.watchdog_works(1.0, clock.advance)
+    assert clock.now() == before

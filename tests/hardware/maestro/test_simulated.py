@@ -1,0 +1,455 @@
+from __future__ import annotations
+
+import random
+from itertools import pairwise
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from armctl.errors import InputError
+from armctl.hardware.maestro import codec
+from armctl.hardware.maestro.error_register import MaestroErrors
+from armctl.hardware.maestro.simulated import MaestroSettings, SerialMode, SimulatedMaestro
+from armctl.hardware.maestro.simulated_channel import ChannelConfig, HomeMode
+from armctl.hardware.maestro_models import MaestroModel
+
+WIDE = ChannelConfig(minimum_us=500.0, maximum_us=2500.0)
+
+
+def board(model: MaestroModel = MaestroModel.MICRO_6, **settings) -> SimulatedMaestro:
+    """A board switched on at t = 0."""
+    simulated = SimulatedMaestro(model, MaestroSettings(**settings))
+    simulated.advance(0.0)
+    return simulated
+
+
+def feed(simulated: SimulatedMaestro, text: str) -> str:
+    return simulated.feed(bytes.fromhex(text)).hex(" ")
+
+
+def target(simulated: SimulatedMaestro, channel: int, pulse_us: float) -> None:
+    assert simulated.feed(codec.set_target(channel, round(pulse_us * 4))) == b""
+
+
+def test_it_starts_with_all_pulses_off():
+    simulated = board()
+    assert [simulated.position_us(channel) for channel in range(6)] == [None] * 6
+    assert feed(simulated, "90 00 a1") == "00 00 00 00"
+
+
+def test_set_target_then_get_position():
+    simulated = board()
+    assert feed(simulated, "84 02 70 2e 90 02") == "70 17"
+    assert simulated.target_us(2) == simulated.position_us(2) == 1500.0
+    assert simulated.position_us(1) is None
+
+
+def test_bytes_may_come_one_at_a_time():
+    simulated = board()
+    replies = [simulated.feed(bytes([byte])) for byte in bytes.fromhex("84 02 70 2e 90 02 a1")]
+    assert replies == [b"", b"", b"", b"", b"", bytes.fromhex("70 17"), bytes.fromhex("00 00")]
+
+
+def test_the_pololu_form_reaches_only_its_own_device_number():
+    simulated = board()
+    feed(simulated, "aa 0d 04 00 70 2e")
+    assert simulated.target_us(0) is None
+    feed(simulated, "aa 0c 04 00 70 2e")
+    assert simulated.target_us(0) == 1500.0
+    assert simulated.errors == MaestroErrors(0)
+    other = board(device=3)
+    feed(other, "aa 03 04 00 70 2e")
+    assert other.target_us(0) == 1500.0
+
+
+def test_targets_outside_the_factory_range_are_clamped():
+    simulated = board()
+    target(simulated, 0, 500.0)
+    target(simulated, 1, 2500.0)
+    assert (simulated.position_us(0), simulated.position_us(1)) == (992.0, 2000.0)
+
+
+def test_a_channels_own_range_counts():
+    simulated = board(channels={1: WIDE})
+    target(simulated, 0, 2500.0)
+    target(simulated, 1, 2500.0)
+    assert (simulated.position_us(0), simulated.position_us(1)) == (2000.0, 2500.0)
+
+
+def test_a_speed_of_140_takes_exactly_100_ms_for_350_us():
+    simulated = board()
+    target(simulated, 5, 1000.0)
+    feed(simulated, "87 05 0c 01")
+    target(simulated, 5, 1350.0)
+    seen = []
+    for tick in range(1, 7):
+        simulated.advance(tick * 0.02)
+        seen.append(simulated.position_us(5))
+    assert seen == [1070.0, 1140.0, 1210.0, 1280.0, 1350.0, 1350.0]
+
+
+def test_nothing_moves_between_two_servo_periods():
+    simulated = board()
+    target(simulated, 5, 1000.0)
+    feed(simulated, "87 05 0c 01")
+    target(simulated, 5, 1350.0)
+    simulated.advance(0.0199)
+    assert simulated.position_us(5) == 1000.0
+    simulated.advance(0.0399)
+    assert simulated.position_us(5) == 1070.0
+
+
+def test_the_smallest_speed_takes_40_s_from_1_to_2_ms():
+    simulated = board()
+    target(simulated, 0, 1000.0)
+    feed(simulated, "87 00 01 00")
+    target(simulated, 0, 2000.0)
+    simulated.advance(39.98)
+    assert simulated.position_us(0) == 1999.5
+    simulated.advance(40.0)
+    assert simulated.position_us(0) == 2000.0
+
+
+def test_the_smallest_acceleration_takes_about_3_s_from_1_to_2_ms():
+    simulated = board()
+    target(simulated, 0, 1000.0)
+    feed(simulated, "89 00 01 00")
+    target(simulated, 0, 2000.0)
+    positions = []
+    for tick in range(1, 251):
+        simulated.advance(tick * 0.02)
+        positions.append(simulated.position_us(0))
+    arrival = (positions.index(2000.0) + 1) * 0.02
+    # Half the way at 312.5 µs/s² up and half down: 2 * sqrt(1000 / 312.5) = 3.578 s.
+    assert arrival == pytest.approx(3.578, abs=0.06)
+    assert positions == sorted(positions)
+    half = positions.index(next(p for p in positions if p >= 1500.0))
+    assert (half + 1) * 0.02 == pytest.approx(arrival / 2, abs=0.04)
+
+
+def test_speed_and_acceleration_together_make_a_trapezoid():
+    simulated = board()
+    target(simulated, 0, 1000.0)
+    simulated.feed(codec.set_speed(0, 40) + codec.set_acceleration(0, 20))
+    target(simulated, 0, 2000.0)
+    positions = [1000.0]
+    for tick in range(1, 80):
+        simulated.advance(tick * 0.02)
+        positions.append(simulated.position_us(0) or 0.0)
+    steps = [after - before for before, after in pairwise(positions)]
+    assert positions[-1] == 2000.0
+    assert max(steps) == 20.0  # 40 units = 1000 µs/s = 20 µs a period
+    changes = [abs(after - before) for before, after in pairwise(steps)]
+    assert max(changes) <= 2.5  # 20 units = 6250 µs/s² = 2.5 µs a period²
+    assert steps[0] == 2.5
+
+
+def test_a_target_moved_behind_a_running_channel_is_reached_after_a_turn():
+    simulated = board()
+    target(simulated, 0, 1000.0)
+    simulated.feed(codec.set_acceleration(0, 10))
+    target(simulated, 0, 2000.0)
+    simulated.advance(0.5)
+    passed = simulated.position_us(0)
+    target(simulated, 0, 1010.0)
+    simulated.advance(0.52)
+    assert simulated.position_us(0) > passed  # it cannot turn at once
+    simulated.advance(10.0)
+    assert simulated.position_us(0) == 1010.0
+
+
+@given(
+    speed=st.integers(0, 400),
+    acceleration=st.integers(0, 255),
+    targets=st.lists(st.tuples(st.integers(3968, 8000), st.integers(1, 40)), min_size=1, max_size=6),
+)
+def test_ramps_keep_their_limits_and_arrive(speed, acceleration, targets):
+    simulated = board()
+    target(simulated, 0, 1500.0)
+    simulated.feed(codec.set_speed(0, speed) + codec.set_acceleration(0, acceleration))
+    tick = 0
+    last = 1500.0
+    for quarters, ticks in targets:
+        simulated.feed(codec.set_target(0, quarters))
+        for _ in range(ticks):
+            tick += 1
+            simulated.advance(tick * 0.02)
+            position = simulated.position_us(0)
+            assert 992.0 <= position <= 2000.0
+            if speed:
+                assert abs(position - last) <= speed * 0.5 + 0.25
+            last = position
+    simulated.advance(tick * 0.02 + 120.0 if speed != 0 else tick * 0.02 + 20.0)
+    assert simulated.position_us(0) == targets[-1][0] / 4
+
+
+def test_the_first_target_of_an_off_channel_jumps_whatever_its_limits():
+    simulated = board()
+    simulated.feed(codec.set_speed(0, 1) + codec.set_acceleration(0, 1))
+    target(simulated, 0, 1900.0)
+    assert simulated.position_us(0) == 1900.0
+    target(simulated, 0, 1000.0)
+    assert simulated.position_us(0) == 1900.0
+    target(simulated, 0, 0.0)
+    assert simulated.position_us(0) is None
+    target(simulated, 0, 1000.0)
+    assert simulated.position_us(0) == 1000.0
+
+
+def test_without_limits_a_target_takes_effect_at_once():
+    simulated = board()
+    target(simulated, 0, 1000.0)
+    target(simulated, 0, 2000.0)
+    assert simulated.position_us(0) == 2000.0
+
+
+def test_mini_ssc():
+    simulated = board(channels={2: WIDE})
+    feed(simulated, "ff 00 7f ff 02 00 ff 03 fe ff 06 7f")
+    assert simulated.target_us(0) == 1500.0
+    assert simulated.target_us(2) == 1500.0 - 476.25
+    assert simulated.target_us(3) == 1500.0 + 476.25
+    assert simulated.errors == MaestroErrors(0)  # servo 6 is another board's
+
+
+def test_multiple_targets_on_a_mini():
+    simulated = board(MaestroModel.MINI_12)
+    feed(simulated, "9f 02 03 00 00 70 2e")
+    assert (simulated.target_us(3), simulated.target_us(4)) == (None, 1500.0)
+    assert simulated.errors == MaestroErrors(0)
+
+
+def test_multiple_targets_on_a_micro_are_a_protocol_error_and_switch_everything_off():
+    simulated = board()
+    target(simulated, 0, 1500.0)
+    feed(simulated, "9f 02 03 00 00 70 2e")
+    assert simulated.errors == MaestroErrors.SERIAL_PROTOCOL
+    assert simulated.target_us(0) is None
+
+
+@pytest.mark.parametrize("bytes_in", ["9f 02 0b 70 2e 70 2e", "9f 00 03"])
+def test_multiple_targets_beyond_the_last_channel_or_none_are_an_error(bytes_in):
+    simulated = board(MaestroModel.MINI_12)
+    feed(simulated, bytes_in)
+    assert simulated.errors == MaestroErrors.SERIAL_PROTOCOL
+
+
+@pytest.mark.parametrize("bytes_in", ["84 06 70 2e", "90 06", "87 06 01 00", "89 00 00 02"])
+def test_commands_without_sense_are_protocol_errors_and_get_no_answer(bytes_in):
+    simulated = board()
+    assert feed(simulated, bytes_in) == ""
+    assert simulated.errors == MaestroErrors.SERIAL_PROTOCOL
+
+
+def test_errors_stay_until_they_are_read():
+    simulated = board()
+    feed(simulated, "c0")
+    feed(simulated, "84 00 70 2e")
+    assert feed(simulated, "a1") == "10 00"
+    assert feed(simulated, "a1") == "00 00"
+
+
+def test_an_error_sends_every_channel_to_its_home():
+    simulated = board(
+        channels={
+            1: ChannelConfig(home=HomeMode.IGNORE),
+            2: ChannelConfig(home=HomeMode.GO_TO, home_us=1200.0),
+        }
+    )
+    assert simulated.position_us(2) == 1200.0  # at start-up too
+    for channel in range(3):
+        target(simulated, channel, 1800.0)
+    feed(simulated, "c0")
+    assert [simulated.target_us(channel) for channel in range(3)] == [None, 1800.0, 1200.0]
+
+
+def test_go_home_does_the_same_without_an_error():
+    simulated = board(channels={1: ChannelConfig(home=HomeMode.IGNORE)})
+    target(simulated, 0, 1800.0)
+    target(simulated, 1, 1800.0)
+    feed(simulated, "a2")
+    assert (simulated.target_us(0), simulated.target_us(1)) == (None, 1800.0)
+    assert simulated.errors == MaestroErrors(0)
+
+
+def test_a_home_with_a_speed_limit_is_ramped_to():
+    simulated = board(channels={0: ChannelConfig(home=HomeMode.GO_TO, home_us=1200.0)})
+    target(simulated, 0, 1800.0)
+    simulated.feed(codec.set_speed(0, 40))
+    feed(simulated, "a2")
+    simulated.advance(0.02)
+    assert simulated.position_us(0) == 1780.0
+
+
+def test_crc_mode_obeys_only_commands_that_check():
+    simulated = board(crc=True)
+    feed(simulated, "84 02 70 2e 18")
+    assert simulated.target_us(2) == 1500.0
+    feed(simulated, "84 03 70 2e 18")
+    assert simulated.errors == MaestroErrors.SERIAL_CRC
+    assert simulated.target_us(3) is None
+
+
+def test_the_serial_timeout_is_off_by_default():
+    simulated = board()
+    target(simulated, 0, 1500.0)
+    simulated.advance(1e6)
+    assert simulated.position_us(0) == 1500.0
+
+
+def test_the_serial_timeout_fires_on_time_and_switches_off():
+    simulated = board(timeout_units=50)
+    simulated.advance(0.3)
+    target(simulated, 0, 1500.0)
+    simulated.advance(0.7999)
+    assert simulated.position_us(0) == 1500.0
+    assert simulated.errors == MaestroErrors(0)
+    simulated.advance(0.8)
+    assert simulated.position_us(0) is None
+    assert feed(simulated, "a1") == "20 00"
+
+
+def test_any_valid_command_feeds_the_watchdog_and_an_invalid_one_does_not():
+    simulated = board(timeout_units=50)
+    for step in range(1, 10):
+        simulated.advance(step * 0.4)
+        assert feed(simulated, "90 00") == "00 00"
+    assert simulated.errors == MaestroErrors(0)
+    simulated.advance(3.8)
+    feed(simulated, "c0")
+    simulated.advance(4.1)
+    assert MaestroErrors.SERIAL_TIMEOUT in simulated.errors
+
+
+def test_the_watchdog_is_armed_again_by_the_next_command():
+    simulated = board(timeout_units=10)
+    simulated.advance(5.0)
+    assert feed(simulated, "a1 a1") == "20 00 00 00"
+    simulated.advance(5.1)
+    assert feed(simulated, "a1") == "20 00"
+
+
+@pytest.mark.parametrize("mode", [SerialMode.UART_DETECT_BAUD, SerialMode.UART_FIXED])
+def test_in_the_uart_modes_usb_commands_are_silently_ignored(mode):
+    simulated = board(serial_mode=mode)
+    assert feed(simulated, "84 02 70 2e 90 02 a1 c0") == ""
+    assert simulated.target_us(2) is None
+    assert simulated.errors == MaestroErrors(0)
+    assert simulated.log == ()
+
+
+def test_usb_chained_takes_commands():
+    assert feed(board(serial_mode=SerialMode.USB_CHAINED), "a1") == "00 00"
+
+
+def test_moving_state_on_a_mini_and_on_the_micro_that_must_not_be_trusted():
+    for model, answer in ((MaestroModel.MINI_12, "01"), (MaestroModel.MICRO_6, "00")):
+        simulated = board(model)
+        target(simulated, 0, 1000.0)
+        assert feed(simulated, "93") == "00"
+        simulated.feed(codec.set_speed(0, 1))
+        target(simulated, 0, 2000.0)
+        assert feed(simulated, "93") == answer
+
+
+@pytest.mark.parametrize("model", list(MaestroModel))
+def test_every_model_has_its_number_of_channels(model):
+    simulated = board(model)
+    target(simulated, model.channels - 1, 1500.0)
+    assert simulated.target_us(model.channels - 1) == 1500.0
+    with pytest.raises(InputError, match=f"channels 0 … {model.channels - 1}"):
+        simulated.target_us(model.channels)
+
+
+def test_the_log_keeps_commands_with_their_times_and_stays_bounded():
+    simulated = SimulatedMaestro(log_length=2)
+    for step in range(3):
+        simulated.advance(10.0 + step)
+        target(simulated, step, 1500.0)
+    assert [(entry.time, entry.raw.hex(" ")) for entry in simulated.log] == [
+        (11.0, "84 01 70 2e"),
+        (12.0, "84 02 70 2e"),
+    ]
+
+
+def test_a_power_cut_loses_all_but_the_settings():
+    simulated = board(channels={0: WIDE}, timeout_units=100)
+    target(simulated, 0, 2400.0)
+    simulated.feed(codec.set_speed(0, 5) + codec.set_acceleration(0, 6) + b"\xc0\x84\x00")
+    simulated.advance(0.9)
+    simulated.reset()
+    assert simulated.errors == MaestroErrors(0)
+    assert (simulated.position_us(0), simulated.speed_units(0), simulated.acceleration_units(0)) == (
+        None,
+        0,
+        0,
+    )
+    target(simulated, 0, 2400.0)  # not the rest of the command that was cut off
+    assert simulated.position_us(0) == 2400.0
+    simulated.advance(1.5)  # the watchdog counts from the restart
+    assert simulated.position_us(0) == 2400.0
+
+
+def test_settings_that_make_no_sense_are_refused():
+    with pytest.raises(InputError, match="no range"):
+        ChannelConfig(minimum_us=2000.0, maximum_us=1000.0)
+    with pytest.raises(InputError, match="home None"):
+        ChannelConfig(home=HomeMode.GO_TO)
+    with pytest.raises(InputError, match="home 900"):
+        ChannelConfig(home=HomeMode.GO_TO, home_us=900.0)
+    with pytest.raises(InputError, match="channel 6"):
+        SimulatedMaestro(settings=MaestroSettings(channels={6: WIDE}))
+
+
+def assert_in_range(simulated: SimulatedMaestro) -> None:
+    for channel in range(simulated.model.channels):
+        for pulse in (simulated.position_us(channel), simulated.target_us(channel)):
+            assert pulse is None or 992.0 <= pulse <= 2000.0
+
+
+@pytest.mark.parametrize("model", [MaestroModel.MICRO_6, MaestroModel.MINI_24])
+@pytest.mark.parametrize("crc", [False, True])
+def test_a_hundred_thousand_random_bytes_do_no_harm(model, crc):
+    # Home "ignore": else each of the many errors would switch all channels off and nothing would move.
+    channels = {number: ChannelConfig(home=HomeMode.IGNORE) for number in range(model.channels)}
+    simulated = board(model, crc=crc, timeout_units=7, channels=channels)
+    rng = random.Random(20)
+    now = 0.0
+    seen: set[float | None] = set()
+    for _ in range(2_000):
+        now += rng.random() * 0.1
+        simulated.advance(now)
+        # Half of them shaped like commands, or hardly a target would ever be complete.
+        noise = rng.randbytes(25)
+        simulated.feed(noise + bytes(b & 0x7F for b in rng.randbytes(10)))
+        shaped = bytes(
+            [rng.choice([0x84, 0x87, 0x89]), rng.randrange(8), rng.randrange(128), rng.randrange(128)]
+        )
+        simulated.feed(shaped + (bytes([codec.crc7(shaped)]) if crc else b"") + noise[:11])
+        seen.update(simulated.position_us(channel) for channel in range(6))
+        assert_in_range(simulated)
+    assert len(seen) > 100
+
+
+@given(st.lists(st.binary(max_size=30), max_size=20))
+def test_how_the_bytes_are_split_makes_no_difference(chunks):
+    whole, parts = board(), board()
+    reply = whole.feed(b"".join(chunks))
+    assert b"".join(parts.feed(chunk) for chunk in chunks) == reply
+    assert whole.log == parts.log
+    assert whole.errors == parts.errors
+    assert_in_range(whole)
+
+
+def test_one_long_step_in_time_ends_where_many_short_ones_do():
+    home = ChannelConfig(home=HomeMode.GO_TO, home_us=1200.0)
+    boards = [board(timeout_units=10, channels={0: home}) for _ in range(2)]
+    for simulated in boards:
+        target(simulated, 0, 1900.0)
+        simulated.feed(codec.set_speed(0, 40))
+        target(simulated, 0, 2000.0)
+    for step in range(1, 301):
+        boards[0].advance(step * 0.001)
+    boards[1].advance(0.3)
+    assert boards[0].position_us(0) == boards[1].position_us(0) == 1800.0

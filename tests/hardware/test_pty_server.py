@@ -1,0 +1,168 @@
+from __future__ import annotations
+
+import os
+import select
+import threading
+from pathlib import Path
+
+import pytest
+import serial
+
+from armctl.errors import BoardError, PortError
+from armctl.hardware import PtyServer, SerialTransport
+from armctl.runtime.clock import ManualClock
+
+
+class Recorder:
+    """Sends back what it hears, bit-inverted; speaks unasked and fails when told to."""
+
+    def __init__(self) -> None:
+        self.heard = bytearray()
+        self.times: list[float] = []
+        self.unasked = b""
+        self.repeat = 1
+        self.gone = False
+
+    def feed(self, data: bytes) -> bytes:
+        self.heard += data
+        return bytes(byte ^ 0xFF for byte in data) * self.repeat
+
+    def advance(self, now: float) -> bytes:
+        if self.gone:
+            raise BoardError("gone")
+        self.times.append(now)
+        said, self.unasked = self.unasked, b""
+        return said
+
+    def reset(self) -> None:
+        self.heard.clear()
+
+
+def client(server: PtyServer[Recorder]) -> serial.Serial:
+    return serial.Serial(server.port, timeout=5.0)
+
+
+def test_every_byte_value_passes_untouched_both_ways(clock: ManualClock):
+    every = bytes(range(256))
+    with PtyServer(Recorder(), clock.now) as server, client(server) as port:
+        port.write(every)
+        assert port.read(256) == every[::-1]
+        with server.inspect() as model:
+            assert bytes(model.heard) == every
+
+
+def test_clients_come_and_go(clock: ManualClock):
+    with PtyServer(Recorder(), clock.now) as server:
+        for _ in range(3):
+            with client(server) as port:
+                port.write(b"\x01")
+                assert port.read(1) == b"\xfe"
+
+
+def test_a_client_that_leaves_the_terminal_as_it_is_gets_no_echo_and_no_translation(clock: ManualClock):
+    # pyserial makes the line raw itself; cat, a C program or another language's library may not.
+    with PtyServer(Recorder(), clock.now) as server:
+        port = os.open(server.port, os.O_RDWR | os.O_NOCTTY)
+        sent = b"\x03\x04\r\n\x11\x13\x1a\x7f"
+        os.write(port, sent)
+        got = b""
+        while len(got) < len(sent) and select.select([port], [], [], 5.0)[0]:
+            got += os.read(port, 100)
+        os.close(port)
+        assert got == bytes(byte ^ 0xFF for byte in sent)
+
+
+def test_an_answer_larger_than_the_ptys_buffer_does_not_wait_for_the_tick(clock: ManualClock):
+    with PtyServer(Recorder(), clock.now, tick_s=3600.0) as server, client(server) as port:
+        with server.inspect() as model:
+            model.repeat = 50_000
+        port.write(b"\x0f")
+        assert port.read(50_000) == b"\xf0" * 50_000
+
+
+def test_more_than_the_ptys_buffer_comes_through(clock: ManualClock):
+    data = bytes(range(250)) * 120
+    with PtyServer(Recorder(), clock.now) as server, client(server) as port:
+        got = bytearray()
+        for at in range(0, len(data), 3000):
+            port.write(data[at : at + 3000])
+            got += port.read(3000)
+        assert bytes(byte ^ 0xFF for byte in got) == data
+
+
+def test_the_board_lives_by_the_injected_clock(clock: ManualClock):
+    with PtyServer(Recorder(), clock.now) as server, client(server) as port:
+        port.write(b"\x01")
+        port.read(1)
+        clock.advance(7.0)
+        port.write(b"\x01")
+        port.read(1)
+        with server.inspect() as model:
+            assert model.times[0] == 100.0
+            assert model.times[-1] == 107.0
+            assert set(model.times) == {100.0, 107.0}
+
+
+def test_what_a_board_says_unasked_arrives(clock: ManualClock):
+    with PtyServer(Recorder(), clock.now, tick_s=0.001) as server, client(server) as port:
+        with server.inspect() as model:
+            model.unasked = b"hello"
+        assert port.read(5) == b"hello"
+
+
+def test_a_link_of_the_users_choice(clock: ManualClock, tmp_path: Path):
+    link = tmp_path / "arm"
+    with PtyServer(Recorder(), clock.now, link=link) as server:
+        assert server.port == str(link)
+        with client(server) as port:
+            port.write(b"\x01")
+            assert port.read(1) == b"\xfe"
+        with (
+            pytest.raises(PortError, match="already there"),
+            PtyServer(Recorder(), clock.now, link=link),
+        ):
+            pass
+        assert link.is_symlink()
+    assert not link.is_symlink()
+
+
+def test_closing_does_not_wait_for_the_tick(clock: ManualClock):
+    server = PtyServer(Recorder(), clock.now, tick_s=3600.0)
+    threads = threading.active_count()
+    server.__enter__()
+    assert threading.active_count() == threads + 1
+    server.close()
+    assert threading.active_count() == threads
+    server.close()
+
+
+def test_no_descriptor_is_left_open(clock: ManualClock):
+    def descriptors() -> set[str]:
+        return set(os.listdir("/proc/self/fd"))
+
+    before = descriptors()
+    with PtyServer(Recorder(), clock.now):
+        assert len(descriptors()) > len(before)
+    assert descriptors() == before
+
+
+def test_no_port_while_it_is_not_running(clock: ManualClock):
+    server = PtyServer(Recorder(), clock.now)
+    with pytest.raises(PortError, match="not being served"):
+        _ = server.port
+    with server:
+        assert server.port.startswith("/dev/pts/")
+    with pytest.raises(PortError, match="not being served"):
+        _ = server.port
+
+
+def test_a_board_that_leaves_the_line_breaks_it_for_its_clients(clock: ManualClock):
+    with PtyServer(Recorder(), clock.now, tick_s=0.001) as server:
+        line = SerialTransport(server.port)
+        with server.inspect() as model:
+            model.gone = True
+        with pytest.raises(BoardError, match="was the board unplugged"):
+            line.read(1, 5.0)
+        line.close()
+        with server.inspect() as model:
+            assert model.gone

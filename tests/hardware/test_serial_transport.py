@@ -1,0 +1,173 @@
+from __future__ import annotations
+
+import errno
+import os
+import socket
+import termios
+import threading
+import tty
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+import serial
+
+from armctl.errors import BoardError, BoardTimeoutError, PortError
+from armctl.hardware import SerialTransport
+
+
+class BarePty:
+    """A pty whose far end the test plays itself."""
+
+    def __init__(self) -> None:
+        self.master, self._slave = os.openpty()
+        tty.setraw(self._slave)
+        self.port = os.ttyname(self._slave)
+        self._open = True
+
+    def unplug(self) -> None:
+        if self._open:
+            self._open = False
+            os.close(self._slave)
+            os.close(self.master)
+
+
+@pytest.fixture
+def pty() -> Iterator[BarePty]:
+    bare = BarePty()
+    yield bare
+    bare.unplug()
+
+
+@pytest.fixture
+def line(pty: BarePty) -> Iterator[SerialTransport]:
+    transport = SerialTransport(pty.port, write_timeout_s=0.05)
+    yield transport
+    transport.close()
+
+
+def test_bytes_both_ways_untouched(pty: BarePty, line: SerialTransport):
+    every = bytes(range(256))
+    line.write(every)
+    assert os.read(pty.master, 1000) == every
+    os.write(pty.master, every)
+    assert line.read(256, 2.0) == every
+    assert line.name == pty.port
+
+
+def test_a_short_read_returns_what_came(pty: BarePty, line: SerialTransport):
+    os.write(pty.master, b"ab")
+    assert line.read(3, 0.02) == b"ab"
+    assert line.read(1, 0.0) == b""
+
+
+def test_discarded_input_is_gone(pty: BarePty, line: SerialTransport):
+    os.write(pty.master, b"old")
+    assert line.read(1, 2.0) == b"o"  # so the rest has arrived too
+    line.discard_input()
+    assert line.read(2, 0.0) == b""
+
+
+def test_a_board_that_takes_no_bytes_is_a_timeout(line: SerialTransport):
+    with pytest.raises(BoardTimeoutError, match="takes no more bytes; unplug it"):
+        line.write(b"x" * 1_000_000)
+
+
+@pytest.mark.parametrize(
+    ("call", "action"),
+    [
+        (lambda line: line.write(b"x"), "writing to"),
+        (lambda line: line.read(1, 0.01), "reading from"),
+        (lambda line: line.read(1, 0.05), "reading from"),  # the timeout that pyserial already has
+        (lambda line: line.discard_input(), "clearing the input of"),
+    ],
+)
+def test_an_unplug_is_a_board_error_whatever_pyserial_raises(
+    pty: BarePty, line: SerialTransport, call, action
+):
+    pty.unplug()
+    with pytest.raises(
+        BoardError, match=f"{pty.port}: {action} the port failed .* was the board unplugged"
+    ) as info:
+        call(line)
+    assert info.value.__cause__ is not None
+    line.close()
+    line.close()
+
+
+def test_flushing_an_unplugged_port_really_raises_the_error_that_is_no_oserror(
+    pty: BarePty, line: SerialTransport
+):
+    pty.unplug()
+    with pytest.raises(BoardError) as info:
+        line.discard_input()
+    assert isinstance(info.value.__cause__, termios.error)
+
+
+def test_a_port_in_use_says_who_may_hold_it(pty: BarePty, line: SerialTransport):
+    with pytest.raises(PortError, match=r"in use by another program .*Maestro Control Center"):
+        SerialTransport(line.name)
+    line.close()
+    SerialTransport(pty.port).close()
+
+
+def test_no_such_port(tmp_path: Path):
+    with pytest.raises(PortError, match="ttyACM9: no such port; is the board plugged in"):
+        SerialTransport(str(tmp_path / "ttyACM9"))
+
+
+def test_a_directory_and_a_file_are_no_ports(tmp_path: Path):
+    with pytest.raises(PortError, match="a directory, not a port"):
+        SerialTransport(str(tmp_path))
+    (tmp_path / "file").touch()
+    with pytest.raises(PortError, match="cannot be opened as a serial port"):
+        SerialTransport(str(tmp_path / "file"))
+
+
+@pytest.mark.parametrize(
+    ("number", "advice"),
+    [
+        (errno.EACCES, r"no permission to open it; run `sudo usermod -aG dialout \$USER`, then log out"),
+        (errno.EBUSY, "in use by another program"),
+        (errno.EIO, "nothing is at the other end"),
+        (errno.ENODEV, "plug the board in again"),
+    ],
+)
+def test_errors_of_the_system_bring_advice(monkeypatch: pytest.MonkeyPatch, number: int, advice: str):
+    def refuse(*_args: object, **_options: object) -> None:
+        raise serial.SerialException(number, "could not open port")
+
+    monkeypatch.setattr(serial, "serial_for_url", refuse)
+    with pytest.raises(PortError, match=f"/dev/nowhere: .*{advice}"):
+        SerialTransport("/dev/nowhere")
+
+
+def test_an_unknown_scheme():
+    with pytest.raises(PortError, match="warp://host: not a port that can be opened"):
+        SerialTransport("warp://host")
+
+
+def test_a_socket_that_nobody_listens_on():
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        port = server.getsockname()[1]
+    with pytest.raises(PortError, match=r"cannot connect .* is the program at the other end running"):
+        SerialTransport(f"socket://127.0.0.1:{port}")
+
+
+def test_a_socket():
+    with socket.create_server(("127.0.0.1", 0)) as server:
+
+        def answer_once() -> None:
+            client, _ = server.accept()
+            with client:
+                client.sendall(client.recv(16)[::-1])
+
+        far_end = threading.Thread(target=answer_once)
+        far_end.start()
+        line = SerialTransport(f"socket://127.0.0.1:{server.getsockname()[1]}")
+        line.write(b"abc")
+        assert line.read(3, 2.0) == b"cba"
+        far_end.join()
+        with pytest.raises(BoardError, match="reading from the port failed"):
+            line.read(1, 2.0)
+        line.close()
