@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import click
 import numpy as np
+from numpy.typing import NDArray
 
 from armctl.cli.main import REFUSED
-from armctl.cli.options import QUERY_SETTINGS, angles, finite, json_option, print_json, rounded
+from armctl.cli.options import QUERY_SETTINGS, finite, json_option, print_json, rounded
 from armctl.errors import InputError
 from armctl.kinematics import CRITERIA, Solutions
 from armctl.robot import Robot, load_robot
 
+FloatArray = NDArray[np.float64]
 _LISTED = 20
+_WIDTH = 13
 
 
 @click.command(context_settings=QUERY_SETTINGS)
@@ -26,7 +28,9 @@ _LISTED = 20
 @click.option("--roll", type=float, help="Angle of the tool about its own axis, degrees.")
 @click.option("--choose", type=click.Choice(CRITERIA), default="least-rotation", show_default=True,
               help="What the best solution is.")  # fmt: skip
-@click.option("--start", metavar="Q1,Q2,…", help="Where the arm stands, degrees (for least-travel; default: home).")
+@click.option(
+    "--start", metavar="Q1,Q2,…", help="Where the arm stands, degrees (for least-travel; default: home)."
+)
 @click.option("--step", type=float, default=0.01, show_default=True, help="Step of the swept joint, degrees.")
 @click.option("--all", "every", is_flag=True, help="List every solution.")
 @json_option
@@ -36,7 +40,9 @@ def ik(
 ) -> int:  # fmt: skip
     """Solve inverse kinematics: joint angles that put ROBOT's tool on X Y Z (mm)."""
     arm = load_robot(robot)
-    point = np.array([finite(value, name) for value, name in ((x, "X"), (y, "Y"), (z, "Z"))], dtype=np.float64)
+    point = np.array(
+        [finite(value, name) for value, name in ((x, "X"), (y, "Y"), (z, "Z"))], dtype=np.float64
+    )
     solutions = arm.inverse(
         point / 1000, _radians(pitch, "--pitch"), _radians(roll, "--roll"), step=math.radians(step)
     )
@@ -55,7 +61,7 @@ def _radians(value: float | None, what: str) -> float | None:
     return None if value is None else math.radians(finite(value, what) or 0.0)
 
 
-def _start(arm: Robot, text: str | None) -> Any:
+def _start(arm: Robot, text: str | None) -> FloatArray:
     if text is None:
         return arm.pose("home")
     try:
@@ -65,7 +71,7 @@ def _start(arm: Robot, text: str | None) -> Any:
     return np.radians(arm.chain.checked(values))
 
 
-def _record(solutions: Solutions, q: Any, error_mm: float, every: bool) -> dict[str, object]:
+def _record(solutions: Solutions, q: FloatArray, error_mm: float, every: bool) -> dict[str, object]:
     record: dict[str, object] = {
         "count": len(solutions),
         "best_deg": rounded(np.degrees(q)),
@@ -98,21 +104,24 @@ def _refuse(solutions: Solutions, as_json: bool) -> int:
     return REFUSED
 
 
-def _print(arm: Robot, solutions: Solutions, q: Any, error_mm: float, choose: str, every: bool) -> None:
+def _print(
+    arm: Robot, solutions: Solutions, q: FloatArray, error_mm: float, choose: str, every: bool
+) -> None:
     many = len(solutions) != 1
     free = solutions.free_joint
     swept = "" if free is None else f" ({arm.joints[free].title.lower()} swept)"
     click.echo(f"{len(solutions)} solution{'s' if many else ''} inside the limits{swept}")
-    click.echo(" " * 21 + "  ".join(f"{joint.title[:9]:>9}" for joint in arm.joints))
-    click.echo(f"{choose:<21}{angles(np.degrees(q))}  degrees")
-    click.echo(f"{'branch':<21}{solutions.branch_of(q)}")
-    click.echo(f"{'position error':<21}{error_mm:.2e} mm")
-    if every:
-        for branch, row in zip(solutions.branch, np.degrees(solutions.q), strict=True):
-            click.echo(f"{branch:<21}{angles(row)}")
-    elif 1 < len(solutions) <= _LISTED:
-        for branch, row in zip(solutions.branch, np.degrees(solutions.q), strict=True):
-            click.echo(f"{branch:<21}{angles(row)}")
+    click.echo(f"{'degrees':<21}" + "".join(f"{joint.title:>{_WIDTH}}" for joint in arm.joints))
+    click.echo(f"{choose:<21}{_angles(q)}")
+    click.echo(f"{'branch':<21}   {solutions.branch_of(q)}")
+    click.echo(f"{'position error':<21}   {error_mm:.2e} mm")
+    if every or 1 < len(solutions) <= _LISTED:
+        for branch, row in zip(solutions.branch, solutions.q, strict=True):
+            click.echo(f"{branch:<21}{_angles(row)}")
     elif many:
         click.echo("(--all lists them)")
 
+
+def _angles(q: FloatArray) -> str:
+    """Joint angles [rad] in degrees under their titles, three digits."""
+    return "".join(f"{value + 0.0:{_WIDTH}.3f}" for value in np.round(np.degrees(q), 3))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Sequence
+from typing import cast
 
 import click
 import numpy as np
@@ -41,10 +42,5 @@ def rounded(values: NDArray[np.float64] | Sequence[float], digits: int = 9) -> l
 
 def _plain(value: object) -> object:
     if isinstance(value, np.ndarray | np.generic):
-        return value.tolist()
+        return cast(NDArray[np.float64], value).tolist()
     raise TypeError(f"{type(value).__name__} cannot be written as JSON")
-
-
-def angles(values: NDArray[np.float64]) -> str:
-    """Joint angles [degrees] for people, three digits."""
-    return "  ".join(f"{value + 0.0:9.3f}" for value in np.round(values, 3))

@@ -54,7 +54,9 @@ def _print(report: Report) -> None:
         verdict = "agrees" if one.agrees else "DIFFERS"
         click.echo(f"  {one.what}")
         click.echo(f"    printed   {printed}  {one.unit}")
-        click.echo(f"    computed  {computed}  {one.unit}   {verdict} (largest difference {one.difference:.1e})")
+        click.echo(
+            f"    computed  {computed}  {one.unit}   {verdict} (largest difference {one.difference:.1e})"
+        )
     for erratum in report.errata:
         click.echo(f"  erratum: {erratum}")
     agreeing = sum(one.agrees for one in report.comparisons)

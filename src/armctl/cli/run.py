@@ -8,18 +8,22 @@ import click
 
 from armctl.arm import Arm
 from armctl.boards import SIMULATED
-from armctl.motion import check_program, load_program
 from armctl.errors import ProgramError
+from armctl.motion import check_program, load_program
 from armctl.robot import load_robot
 
 
 @click.command()
 @click.argument("program", type=click.Path(path_type=Path))
 @click.option("--robot", help="The robot (default: the one that the program names).")
-@click.option("--port", default=SIMULATED, show_default=True, help="sim, auto, a device or socket://host:port.")
+@click.option(
+    "--port", default=SIMULATED, show_default=True, help="sim, auto, a device or socket://host:port."
+)
 @click.option("--loops", type=click.IntRange(min=1), default=1, show_default=True, help="How many times.")
 @click.option("--forever", is_flag=True, help="Until interrupted, instead of --loops.")
-@click.option("--speed", type=click.FloatRange(5, 100), default=100, show_default=True, help="Speed override, percent.")
+@click.option(
+    "--speed", type=click.FloatRange(5, 100), default=100, show_default=True, help="Speed override, percent."
+)
 def run(program: Path, robot: str | None, port: str, loops: int, forever: bool, speed: float) -> None:
     """Run PROGRAM (TOML) on the arm. Servos that are off jump to the rest pose first: keep clear.
 
@@ -35,4 +39,6 @@ def run(program: Path, robot: str | None, port: str, loops: int, forever: bool, 
         arm.enable()
         arm.run(loaded, None if forever else loops)
         x, y, z = arm.position_mm
-        click.echo(f"done: {loaded.name}, {len(loaded.steps)} steps; the tool is at ({x:.1f}, {y:.1f}, {z:.1f}) mm")
+        click.echo(
+            f"done: {loaded.name}, {len(loaded.steps)} steps; the tool is at ({x:.1f}, {y:.1f}, {z:.1f}) mm"
+        )

@@ -9,7 +9,6 @@ import signal
 import sys
 import threading
 import webbrowser
-from collections.abc import Callable
 from types import FrameType
 
 import click
@@ -28,10 +27,18 @@ _LOOPBACK = ("127.0.0.1", "localhost", "::1")
 
 @click.command()
 @click.option("--robot", default="uzuner", show_default=True, help="A shipped robot's name or a robot file.")
-@click.option("--port", default=SIMULATED, show_default=True, help="sim, auto, a device or socket://host:port.")
-@click.option("--host", default="127.0.0.1", show_default=True,
-              help="Address to listen on. Beyond this computer, the page needs a token, which is printed.")  # fmt: skip
-@click.option("--http-port", type=click.IntRange(0, 65535), default=8080, show_default=True, help="0: any free one.")
+@click.option(
+    "--port", default=SIMULATED, show_default=True, help="sim, auto, a device or socket://host:port."
+)
+@click.option(
+    "--host",
+    default="127.0.0.1",
+    show_default=True,
+    help="Address to listen on. Beyond this computer, the page needs a token, which is printed.",
+)
+@click.option(
+    "--http-port", type=click.IntRange(0, 65535), default=8080, show_default=True, help="0: any free one."
+)
 @click.option("--no-browser", is_flag=True, help="Do not open a browser.")
 def serve(robot: str, port: str, host: str, http_port: int, no_browser: bool) -> None:
     """Serve the console until interrupted (Ctrl-C)."""
@@ -83,7 +90,9 @@ def _port_label(port: str) -> str:
 
 
 def _has_display() -> bool:
-    return sys.platform in ("darwin", "win32") or bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
+    return sys.platform in ("darwin", "win32") or bool(
+        os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
+    )
 
 
 def _wait() -> None:
@@ -93,7 +102,6 @@ def _wait() -> None:
     def end(signum: int, frame: FrameType | None) -> None:
         ended.set()
 
-    previous: dict[int, Callable[..., object] | int | None] = {}
     for number in (signal.SIGINT, signal.SIGTERM):
-        previous[number] = signal.signal(number, end)
+        signal.signal(number, end)
     ended.wait()

@@ -22,9 +22,15 @@ def simulate() -> None:
 
 @simulate.command()
 @click.option("--link", type=click.Path(path_type=Path), help="Where to find the port, e.g. /tmp/maestro.")
-@click.option("--robot", default="uzuner", show_default=True, help="Whose channel ranges the board is set up with.")
+@click.option(
+    "--robot", default="uzuner", show_default=True, help="Whose channel ranges the board is set up with."
+)
 @click.option("--factory", is_flag=True, help="Leave all channels at the factory's 992 … 2000 µs.")
-@click.option("--channels", type=click.Choice(["6", "12", "18", "24"]), help="Board size (default: what the robot needs).")
+@click.option(
+    "--channels",
+    type=click.Choice(["6", "12", "18", "24"]),
+    help="Board size (default: what the robot needs).",
+)
 def maestro(link: Path | None, robot: str, factory: bool, channels: str | None) -> int:
     """Serve a simulated Pololu Maestro until interrupted.
 
@@ -49,5 +55,3 @@ def _serve(server: PtyServer[SimulatedMaestro]) -> int:
         click.echo(f"simulated board on {server.port} (ctrl-c ends it)")
         ended.wait()
     return 0
-
-

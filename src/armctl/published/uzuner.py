@@ -29,9 +29,9 @@ PRINTED: tuple[tuple[str, tuple[float, float], tuple[float, float, float, float]
 """name, x and y [mm], θ1 … θ4 [degrees]"""
 
 ERRATA = (
-    "Eq. 12-14 are garbled in print (a positive root only, a misplaced bracket, θi): derived anew from the geometry",
+    "Eq. 12-14 are garbled in print (a positive root only, a misplaced bracket, θi): derived anew",
     "gripper opening 0 … 330 'mm' is the travel of the gripper servo's encoder: taken as 0 … 100 %",
-    "the text says least sum of the angles; the tables follow min |θ1+θ2+θ3+θ4| among θ4 ≤ 0 (criterion 'published')",
+    "the text says least sum of the angles; the tables follow min |θ1+θ2+θ3+θ4| among θ4 ≤ 0 ('published')",
 )
 
 
@@ -48,11 +48,18 @@ def uzuner_report() -> Report:
         tip = 1000 * robot.forward(np.radians([*angles, 0.0]))[:3, 3]
         comparisons.append(
             Comparison(
-                f"{name}: tip of the printed angles", "mm", (x, y, PEN_PLANE_MM), _floats(tip), TIP_TOLERANCE_MM, 4
+                f"{name}: tip of the printed angles",
+                "mm",
+                (x, y, PEN_PLANE_MM),
+                _floats(tip),
+                TIP_TOLERANCE_MM,
+                4,
             )
         )
     comparisons += [_trajectory(robot, "arc", arc), _trajectory(robot, "line", line)]
-    return Report("uzuner", "Uzuner, Toz et al.: 5-DOF arm on a Pololu Micro Maestro", tuple(comparisons), ERRATA)
+    return Report(
+        "uzuner", "Uzuner, Toz et al.: 5-DOF arm on a Pololu Micro Maestro", tuple(comparisons), ERRATA
+    )
 
 
 def _trajectory(robot: Robot, name: str, points: Callable[[], FloatArray]) -> Comparison:

@@ -26,7 +26,9 @@ _FRAMES_A_REFRESH = 3
 class App:
     """Serves one console to browser pages. All of it runs on viser's event loop, so nothing needs a lock."""
 
-    def __init__(self, console: Console, host: str = "127.0.0.1", port: int = 8080, token: str | None = None) -> None:
+    def __init__(
+        self, console: Console, host: str = "127.0.0.1", port: int = 8080, token: str | None = None
+    ) -> None:
         self._console = console
         self.server: GuardedServer = guarded_server(host, port, token=token, label="armctl")
         self._sessions: dict[int, Session] = {}
@@ -38,7 +40,9 @@ class App:
         self.trail = Trail(self.server.scene)
         self.server.on_client_connect(self._connect)
         self.server.on_client_disconnect(self._disconnect)
-        self._loop: Future[None] = asyncio.run_coroutine_threadsafe(self._draw(), self.server.get_event_loop())
+        self._loop: Future[None] = asyncio.run_coroutine_threadsafe(
+            self._draw(), self.server.get_event_loop()
+        )
 
     @property
     def url(self) -> str:

@@ -22,7 +22,7 @@ class OperatorDesk:
             self._operator = client_id
 
     def leave(self, client_id: int) -> bool:
-        """A page has gone. True when it was the operator's: then nobody operates until somebody takes over."""
+        """A page has gone. True when it was the operator's: then nobody operates until somebody does."""
         if client_id in self._present:
             self._present.remove(client_id)
         if self._operator != client_id:

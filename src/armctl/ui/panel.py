@@ -15,6 +15,9 @@ if TYPE_CHECKING:
     from armctl.ui.session import Session
 
 _RELEASE_SECONDS = 5.0
+_STOP_HINT = "Decelerate and hold where the arm is, with power. Not a rated emergency stop."
+_RELEASE_HINT = "Switch the pulses off: THE ARM DROPS. Not a rated emergency stop."
+_SPEED_HINT = "Slows down everything that moves; the path stays the same."
 _COLORS = {
     State.DISCONNECTED: "#868e96",
     State.OFF: "#868e96",
@@ -33,14 +36,11 @@ class ControlPanel:
         gui = session.gui
         self._window = gui.add_panel()
         with self._window.add_tab("Control", viser.Icon.HAND_STOP):
-            self._stop = gui.add_button("STOP", color="red", icon=viser.Icon.HAND_STOP,
-                                        hint="Decelerate and hold where the arm is. Not a rated emergency stop.")  # fmt: skip
+            self._stop = gui.add_button("STOP", color="red", icon=viser.Icon.HAND_STOP, hint=_STOP_HINT)
             self._hold = gui.add_button_group("Motion", ("Pause", "Resume"))
-            self._release = gui.add_button("Release", color="gray", icon=viser.Icon.POWER,
-                                           hint="Switch the pulses off: THE ARM DROPS. Not a rated emergency stop.")  # fmt: skip
+            self._release = gui.add_button("Release", color="gray", icon=viser.Icon.POWER, hint=_RELEASE_HINT)
             self._state = LiveHtml(gui)
-            self._speed = gui.add_slider("Speed %", 5, 100, 1, 100,
-                                         hint="Slows down everything that moves; the path stays the same.")  # fmt: skip
+            self._speed = gui.add_slider("Speed %", 5, 100, 1, initial_value=100, hint=_SPEED_HINT)
             self._take = gui.add_button("Take control", visible=False)
         self._window.float(x=15, y=-15, width=310)  # notifications come down from the top left
         self._asked_release = False
@@ -64,7 +64,8 @@ class ControlPanel:
         color = _COLORS[snapshot.state]
         watching = session.console.operators.watching
         lines = [
-            f"<div style='font-size:1.15em;font-weight:600;color:{color}'>{snapshot.state.value.upper()}</div>",
+            f"<div style='font-size:1.15em;font-weight:600;color:{color}'>"
+            f"{snapshot.state.value.upper()}</div>",
             f"<div style='opacity:.75'>{escape(snapshot.cause)}</div>" if snapshot.cause else "",
             f"<div>Operator: <b>{session.console.operators.describe(session.client.client_id)}</b>"
             + (f" · {watching} watching" if watching else "") + "</div>",

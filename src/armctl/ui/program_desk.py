@@ -83,5 +83,7 @@ class ProgramDesk:
 
     def _path(self, name: str) -> Path:
         if not _NAME.match(name):
-            raise ProgramError(f"{name!r} is no program name: letters, digits, space, '.', '+', '-' and '_' are allowed")
+            raise ProgramError(
+                f"{name!r} is no program name: letters, digits, space, '.', '+', '-' and '_' are allowed"
+            )
         return self._folder / f"{name}.toml"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import logging
 from collections.abc import Awaitable, Callable, Coroutine
-from typing import Any
+from typing import Any, Literal
 
 import viser
 
@@ -18,6 +18,7 @@ from armctl.ui.screens import SCREENS, Screen
 
 LOG = logging.getLogger("armctl.ui")
 Action = Callable[[], Awaitable[None]]
+Color = Literal["blue", "yellow", "red"]
 _PANEL_WIDTH = 440
 _HEARTBEAT_S = 2.0
 _HEARTBEAT_TIMEOUT_S = 3.0
@@ -70,7 +71,7 @@ class Session:
             for screen in self._screens:
                 screen.refresh(snapshot)
 
-    def on(self, attach: Callable[[Callable[[Any], Awaitable[None]]], object], action: Action) -> None:
+    def on(self, attach: Callable[..., object], action: Action) -> None:
         """Run ``action`` on a handle's event; ``attach`` is its ``on_click``, ``on_update`` or ``on_upload``.
 
         Values that the program sets itself are ignored. What goes wrong becomes a notification.
@@ -155,8 +156,6 @@ class Session:
         """Say why something is not done."""
         self.notify(title, text, "red")
 
-    def notify(self, title: str, text: str, color: viser.theme.LiteralColor = "blue") -> None:
+    def notify(self, title: str, text: str, color: Color = "blue") -> None:
         """Show a notification for as long as it takes to read it."""
-        self.client.add_notification(
-            title, text, color=color, auto_close_seconds=max(6.0, len(text) / 12)
-        )
+        self.client.add_notification(title, text, color=color, auto_close_seconds=max(6.0, len(text) / 12))

@@ -1,0 +1,201 @@
+"""fk, ik, robots, ports, published, check: what they print, and how they refuse."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from armctl.cli.main import DONE, REFUSED, WRONG_USAGE, run
+from armctl.robot import load_robot
+
+
+def call(capsys: pytest.CaptureFixture[str], *words: str) -> tuple[int, str, str]:
+    status = run(words)
+    out, err = capsys.readouterr()
+    return status, out, err
+
+
+def test_ik_gives_the_least_rotation_of_the_papers_point(capsys: pytest.CaptureFixture[str]) -> None:
+    status, out, err = call(
+        capsys, "ik", "uzuner", "220", "-196", "85", "--choose", "least-rotation", "--json"
+    )
+    record = json.loads(out)
+    assert (status, err) == (DONE, "")
+    np.testing.assert_allclose(record["best_deg"], [-42.402, 0.0, -0.678, -48.795, 0.0], atol=5e-4)
+    assert record["count"] == 3520
+    assert record["error_mm"] < 1e-6
+    assert record["reason"] is None and record["nearest_mm"] is None
+    assert record["branch"] == "front elbow-up"
+
+
+def test_ik_all_lists_every_solution_and_each_one_is_right(capsys: pytest.CaptureFixture[str]) -> None:
+    _, out, _ = call(capsys, "ik", "uzuner", "150", "100", "120", "--all", "--step", "0.5", "--json")
+    record = json.loads(out)
+    assert len(record["solutions_deg"]) == len(record["branches"]) == record["count"] > 20
+    tips = load_robot("uzuner").forward(np.radians(record["solutions_deg"]))[:, :3, 3]
+    np.testing.assert_allclose(1000 * tips, np.tile([150, 100, 120], (record["count"], 1)), atol=1e-6)
+
+
+def test_ik_for_people_shows_count_angles_and_branch(capsys: pytest.CaptureFixture[str]) -> None:
+    status, out, _ = call(capsys, "ik", "uzuner", "220", "-196", "85")
+    assert status == DONE
+    for text in ("3520 solutions", "-42.402", "-48.795", "front elbow-up", "Wrist pitch", "degrees"):
+        assert text in out
+
+
+def test_ik_takes_pitch_and_roll(capsys: pytest.CaptureFixture[str]) -> None:
+    _, out, _ = call(capsys, "ik", "uzuner", "200", "0", "100", "--pitch", "-90", "--roll", "-20", "--json")
+    record = json.loads(out)
+    robot = load_robot("uzuner")
+    T = robot.forward(np.radians(record["best_deg"]))
+    np.testing.assert_allclose(T[:3, 2], [0, 0, -1], atol=1e-9)
+    assert record["best_deg"][4] == pytest.approx(-20)
+
+
+@pytest.mark.parametrize(
+    ("point", "says"),
+    [
+        (("300", "0", "600"), "too far by 200.1 mm"),
+        (("0", "0", "300"), "3.62 mm cylinder"),
+        (("-300", "0", "100"), "joint limits forbid it"),
+    ],
+)
+def test_ik_says_why_there_is_no_solution(
+    capsys: pytest.CaptureFixture[str], point: tuple[str, ...], says: str
+) -> None:
+    status, out, err = call(capsys, "ik", "uzuner", *point, "--json")
+    record = json.loads(out)
+    assert status == REFUSED
+    assert record["count"] == 0 and record["best_deg"] is None
+    assert says in record["reason"]
+    assert says in err and err.count("\n") == 1
+    nearest = np.array(record["nearest_mm"])
+    assert load_robot("uzuner").inverse(nearest / 1000).success
+    status, out, err = call(capsys, "ik", "uzuner", *point)
+    assert status == REFUSED and out == "" and says in err
+
+
+@pytest.mark.parametrize(
+    ("words", "expected", "says"),
+    [
+        (("ik", "uzuner", "nan", "0", "100"), REFUSED, "finite"),
+        (("ik", "uzuner", "0", "inf", "100"), REFUSED, "finite"),
+        (("ik", "uzuner", "0", "0", "-inf"), REFUSED, "finite"),
+        (("ik", "uzuner", "200", "0", "100", "--pitch", "nan"), REFUSED, "finite"),
+        (("ik", "uzuner", "200", "0", "100", "--step", "0"), REFUSED, "step"),
+        (("ik", "uzuner", "200", "0", "100", "--step", "-1"), REFUSED, "step"),
+        (("ik", "uzuner", "200", "0", "100", "--start", "1,2"), REFUSED, "5"),
+        (("ik", "uzuner", "200", "0", "100", "--start", "a,b"), REFUSED, "numbers"),
+        (("ik", "uzuner", "200", "0"), WRONG_USAGE, "Missing argument 'Z'"),
+        (("ik", "uzuner", "abc", "0", "100"), WRONG_USAGE, "'abc'"),
+        (("ik", "uzuner", "200", "0", "100", "7"), WRONG_USAGE, "unexpected"),
+        (("ik", "uzuner", "200", "0", "100", "--choose", "luck"), WRONG_USAGE, "luck"),
+        (("ik", "nobody", "200", "0", "100"), REFUSED, "shipped are"),
+        (("ik", "./nobody.toml", "200", "0", "100"), REFUSED, "nobody.toml"),
+        (("fk", "uzuner", "1", "2", "3"), REFUSED, "5 joint angles"),
+        (("fk", "uzuner"), WRONG_USAGE, "Missing argument"),
+        (("fk", "uzuner", "nan", "0", "0", "0", "0"), REFUSED, "finite"),
+        (("dance",), WRONG_USAGE, "dance"),
+        (("check", "nothing.toml"), REFUSED, "nothing.toml"),
+    ],
+)
+def test_bad_input_is_one_line_and_no_traceback(
+    capsys: pytest.CaptureFixture[str], words: tuple[str, ...], expected: int, says: str
+) -> None:
+    status, _, err = call(capsys, *words)
+    assert status == expected
+    assert says in err
+    assert err.count("\n") == 1 and "Traceback" not in err
+
+
+def test_fk_gives_position_rotation_and_matrix(capsys: pytest.CaptureFixture[str]) -> None:
+    status, out, err = call(capsys, "fk", "uzuner", "10", "-3", "20", "-30.5", "15", "--json")
+    record = json.loads(out)
+    T = load_robot("uzuner").forward(np.radians([10, -3, 20, -30.5, 15]))
+    assert (status, err) == (DONE, "")
+    np.testing.assert_allclose(record["position_mm"], 1000 * T[:3, 3], atol=1e-6)
+    np.testing.assert_allclose(np.array(record["matrix"])[:3, :3], T[:3, :3], atol=1e-9)
+    np.testing.assert_allclose(np.array(record["matrix"])[:, 3], [*(1000 * T[:3, 3]), 1], atol=1e-6)
+    assert len(record["rpy_deg"]) == 3
+
+
+def test_fk_outside_the_limits_is_computed_with_a_warning(capsys: pytest.CaptureFixture[str]) -> None:
+    status, out, err = call(capsys, "fk", "uzuner", "0", "0", "-100", "0", "0", "--json")
+    assert status == DONE
+    assert "Elbow" in json.loads(out)["outside_limits"]
+    assert "Elbow: -100.00° is outside -84.36° … 95.07°" in err
+
+
+def test_robots_lists_what_is_shipped(capsys: pytest.CaptureFixture[str]) -> None:
+    status, out, _ = call(capsys, "robots", "--json")
+    names = [record["name"] for record in json.loads(out)]
+    assert status == DONE and "uzuner" in names
+    _, out, _ = call(capsys, "robots")
+    assert "Wrist pitch" in out and "-102.80°" in out
+
+
+def test_ports_is_json_too(capsys: pytest.CaptureFixture[str]) -> None:
+    status, out, _ = call(capsys, "ports", "--json")
+    assert status == DONE and isinstance(json.loads(out), list)
+
+
+def test_published_reproduces_every_printed_digit(capsys: pytest.CaptureFixture[str]) -> None:
+    status, out, _ = call(capsys, "published", "--json")
+    reports = json.loads(out)
+    assert status == DONE
+    rows = [row for report in reports if report["robot"] == "uzuner" for row in report["rows"]]
+    assert len(rows) == 14
+    for row in rows:
+        np.testing.assert_allclose(
+            row["computed"], row["printed"], atol=row["tolerance"], err_msg=row["what"]
+        )
+    assert {row["computed"][0] for row in rows if row["unit"] == "points"} == {58.0, 29.0}
+    _, out, _ = call(capsys, "published")
+    assert "14 of 14 figures reproduced" in out and "erratum" in out
+
+
+def test_check_finds_the_step_that_is_wrong(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    sound = Path(__file__).parents[2] / "examples" / "pick_and_place.toml"
+    status, out, _ = call(capsys, "check", str(sound))
+    assert status == DONE and "sound program" in out
+    broken = tmp_path / "broken.toml"
+    broken.write_text(sound.read_text().replace("x_mm = 180", "x_mm = 480", 1))
+    status, _, err = call(capsys, "check", str(broken))
+    assert status == REFUSED
+    assert "step 7" in err and "too far" in err and "broken.toml" in err
+
+
+def test_check_takes_robot_files(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    shipped = Path(__file__).parents[2] / "robots" / "uzuner.toml"
+    status, out, _ = call(capsys, "check", str(shipped))
+    assert status == DONE and "sound robot" in out
+    broken = tmp_path / "mine.toml"
+    broken.write_text(shipped.read_text().replace("speed_deg_s", "speed_deg", 1))
+    status, _, err = call(capsys, "check", str(broken))
+    assert status == REFUSED and "speed_deg" in err and "mine.toml" in err
+
+
+def test_help_lists_every_command(capsys: pytest.CaptureFixture[str]) -> None:
+    status, out, _ = call(capsys, "--help")
+    assert status == DONE
+    for name in ("serve", "robots", "ports", "fk", "ik", "run", "check", "published", "simulate"):
+        assert name in out
+
+
+def test_ik_imports_neither_viser_nor_scipy() -> None:
+    code = (
+        "import sys; from armctl.cli.main import run; "
+        "status = run(['ik', 'uzuner', '220', '-196', '85', '--json']); "
+        "heavy = {'viser', 'scipy', 'serial', 'rich'} & set(sys.modules); "
+        "sys.exit(f'imported {heavy}' if heavy else status)"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout)["count"] == 3520
