@@ -103,6 +103,11 @@ def guarded_server(
         listener.close()
         raise
     try:
+        if serving.failure is not None:
+            raise ServerError(
+                f"the web server cannot be opened: {serving.failure}; "
+                "is the installed version of websockets one that viser supports?"
+            ) from serving.failure
         if serving.calls != 1 or server.get_port() != bound_port:
             raise ServerError(
                 "the web server's guard is not effective: viser did not open its server through it; "

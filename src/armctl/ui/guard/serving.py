@@ -48,6 +48,16 @@ class _WireLog(logging.Handler):
             LOG.debug("websocket: %s", record.getMessage())
 
 
+class _NotServing:
+    """What viser gets for a server that could not be opened: it serves nothing until it is stopped."""
+
+    async def __aenter__(self) -> types.SimpleNamespace:
+        return types.SimpleNamespace(server=types.SimpleNamespace(sockets=()))
+
+    async def __aexit__(self, *of_no_interest: object) -> None:
+        return None
+
+
 @dataclass
 class GuardedServing:
     """The guard's way to open viser's server.
@@ -57,12 +67,14 @@ class GuardedServing:
         door: the checks on requests.
         slot: where connections find the server whose handles they check values against.
         calls: how often viser opened a server this way; 0 means that the guard is not in place.
+        failure: why ``websockets`` did not open the server, if so; nothing is served then.
     """
 
     listener: socket.socket
     door: Door
     slot: ServerSlot
     calls: int = field(default=0, init=False)
+    failure: Exception | None = field(default=None, init=False)
 
     @contextmanager
     def in_place(self) -> Generator[None]:
@@ -88,8 +100,14 @@ class GuardedServing:
             if getattr(handler, "__module__", "") != _VISER_SERVER:
                 return serve(handler, host, port, **options)
             self.calls += 1
-            options.update(self._options(options["process_request"]))
-            return serve(handler, **options)
+            try:
+                options.update(self._options(options["process_request"]))
+                return serve(handler, **options)
+            except (
+                Exception
+            ) as cause:  # raised here, viser's thread would die and its constructor wait for ever
+                self.failure = cause
+                return _NotServing()
 
         return guarded
 

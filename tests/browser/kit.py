@@ -1,0 +1,274 @@
+"""What a person does with the page: find a field by its label, type, press, read.
+
+viser 1.1.1's page is made of Mantine widgets. A field is a row with a ``<label>`` at its left; a tab is
+``[role=tab]`` with its label as ``title``; the tabs that are not shown stay in the document, invisible.
+The page sends at most one message per panel in 50 ms and forgets those in between: a person is slower
+than that, so these helpers wait ``PAUSE_MS`` between two actions.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from playwright.sync_api import Browser, ConsoleMessage, Error, Locator, Page, Playwright, expect
+
+PAUSE_MS = 80
+PATIENCE_MS = 20_000
+
+_ARGUMENTS = (
+    "--no-sandbox",
+    "--disable-gpu",
+    "--disable-quic",
+    "--no-first-run",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+)
+
+
+def find_chromium() -> str:
+    """The browser to drive; without one the browser tests fail, they are never skipped."""
+    for name in ("/usr/bin/chromium", "chromium", "chromium-browser", "google-chrome"):
+        if path := shutil.which(name):
+            return path
+    raise FileNotFoundError("the browser tests need Chromium: install it (Debian: apt-get install chromium)")
+
+
+def launch(playwright: Playwright) -> Browser:
+    return playwright.chromium.launch(executable_path=find_chromium(), headless=True, args=list(_ARGUMENTS))
+
+
+@dataclass
+class Screen:
+    """One browser page, looked at as the operator does.
+
+    Attributes:
+        page: playwright's page, for what is not covered here.
+        errors: console errors and uncaught exceptions so far; Content-Security-Policy violations are there.
+    """
+
+    page: Page
+    errors: list[str] = field(default_factory=list[str])
+
+    def __post_init__(self) -> None:
+        def note(message: ConsoleMessage) -> None:
+            if message.type == "error":
+                self.errors.append(message.text)
+
+        self.page.on("console", note)
+        self.page.on("pageerror", lambda error: self.errors.append(str(error)))
+        self.page.set_default_timeout(PATIENCE_MS)
+
+    def open(self, url: str, *, until: str | None = None) -> None:
+        """Open a page and wait until it shows the server's controls.
+
+        Args:
+            url: address of the page.
+            until: label of a button to wait for; any control of the server will do without it.
+        """
+        self.page.goto(url)
+        self.page.wait_for_selector("[data-dock-group]", state="attached")
+        expect(self.page.get_by_text("Connecting...", exact=True)).to_have_count(0, timeout=PATIENCE_MS)
+        if until is None:
+            first = self.page.locator("[data-dock-tab], [data-dock-group] button[id]").first
+        else:
+            first = self.button(until)
+        first.wait_for()
+        self.pause()
+
+    def pause(self, milliseconds: int = PAUSE_MS) -> None:
+        """Let the page send what it has to send (its throttle is 50 ms)."""
+        self.page.wait_for_timeout(milliseconds)
+
+    def wait_until(self, condition: Callable[[], bool], what: str) -> None:
+        """Wait for something outside the page, while the page goes on; fails with ``what``."""
+        for _ in range(PATIENCE_MS // 20):
+            if condition():
+                return
+            self.page.wait_for_timeout(20)
+        raise AssertionError(f"waited {PATIENCE_MS / 1000:.0f} s in vain: {what}")
+
+    def panel(self, tab: str) -> Locator:
+        """The panel (or tab group) that has a tab with this label, for the ``within`` of the others."""
+        strip = self.page.locator(f"[role=tab][title={_quoted(tab)}]")
+        return self.page.locator("[data-dock-group]").filter(has=strip).last
+
+    def button(self, label: str, *, within: Locator | None = None) -> Locator:
+        return (
+            (within or self.page).get_by_role("button", name=label, exact=True).locator("visible=true").first
+        )
+
+    def tab(self, label: str) -> Locator:
+        return self.page.locator(f"[role=tab][title={_quoted(label)}]").locator("visible=true").first
+
+    def row(self, label: str, *, within: Locator | None = None) -> Locator:
+        """The row of a labelled field: its label and its inputs."""
+        exactly = re.compile(rf"^{re.escape(label)}$")
+        labels = (within or self.page).locator("label[for]").filter(has_text=exactly).locator("visible=true")
+        return labels.first.locator("xpath=ancestor::div[.//input or .//textarea or .//button][1]")
+
+    def entry(self, label: str, index: int = 0, *, within: Locator | None = None) -> Locator:
+        """The box to type into: of a number, a text, a slider, or component ``index`` of a vector."""
+        boxes = self.row(label, within=within).locator("input:not([type=hidden]), textarea")
+        return boxes.nth(index)
+
+    def click(self, label: str, *, within: Locator | None = None) -> None:
+        """Press the button with this label, also one of a button group."""
+        self.button(label, within=within).click()
+        self.pause()
+
+    def open_tab(self, label: str) -> None:
+        self.tab(label).click()
+        expect(self.tab(label)).to_have_attribute("aria-selected", "true", timeout=PATIENCE_MS)
+        self.pause()
+
+    def type_into(
+        self, label: str, text: str, index: int = 0, *, within: Locator | None = None, leave: bool = True
+    ) -> None:
+        """Replace what a field holds, key by key; when it is left, the page corrects it to its limits."""
+        box = self.entry(label, index, within=within)
+        box.click()
+        box.press("Control+A")
+        self.pause()
+        box.press_sequentially(text, delay=PAUSE_MS)
+        self.pause()
+        if leave:
+            self.leave(label, index, within=within)
+
+    def leave(self, label: str, index: int = 0, *, within: Locator | None = None) -> None:
+        """Take the focus from a field: hot keys do not work while it has it."""
+        self.entry(label, index, within=within).blur()
+        self.pause()
+
+    def slide(self, label: str, fraction: float, *, within: Locator | None = None) -> None:
+        """Drag a slider's thumb to a fraction (0 … 1) of its track."""
+        row = self.row(label, within=within)
+        row.scroll_into_view_if_needed()
+        thumb = row.get_by_role("slider").first.bounding_box()
+        track = row.locator(".mantine-Slider-track").first.bounding_box()
+        if thumb is None or track is None:
+            raise AssertionError(f"the slider {label!r} is not on the screen")
+        mouse = self.page.mouse
+        mouse.move(thumb["x"] + thumb["width"] / 2, thumb["y"] + thumb["height"] / 2)
+        mouse.down()
+        mouse.move(track["x"] + fraction * track["width"], track["y"] + track["height"] / 2, steps=5)
+        self.pause()
+        mouse.up()
+        self.pause()
+
+    def nudge(self, label: str, key: str = "ArrowRight", *, within: Locator | None = None) -> None:
+        """Move a slider by one step with the keyboard."""
+        self.row(label, within=within).get_by_role("slider").first.press(key)
+        self.pause()
+
+    def choose(self, label: str, option: str, *, within: Locator | None = None) -> None:
+        """Choose from a dropdown."""
+        self.entry(label, within=within).click()
+        self.page.get_by_role("option", name=option, exact=True).locator("visible=true").first.click()
+        self.pause()
+
+    def tick(self, label: str, on: bool = True, *, within: Locator | None = None) -> None:
+        self.entry(label, within=within).set_checked(on)
+        self.pause()
+
+    def hold(self, label: str, milliseconds: int, *, within: Locator | None = None) -> None:
+        """Keep a button pressed."""
+        box = self.button(label, within=within).bounding_box()
+        if box is None:
+            raise AssertionError(f"the button {label!r} is not on the screen")
+        self.page.mouse.move(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
+        self.page.mouse.down()
+        self.pause(milliseconds)
+        self.page.mouse.up()
+        self.pause()
+
+    def upload(self, label: str, file: Path, *, within: Locator | None = None) -> None:
+        """Hand a file to an upload button."""
+        with self.page.expect_file_chooser() as chooser:
+            self.button(label, within=within).click()
+        chooser.value.set_files(file)
+        self.pause()
+
+    def value(self, label: str, index: int = 0, *, within: Locator | None = None) -> str:
+        """What a field shows."""
+        return self.entry(label, index, within=within).input_value()
+
+    def number(self, label: str, index: int = 0, *, within: Locator | None = None) -> float:
+        return float(self.value(label, index, within=within).replace(",", ""))
+
+    def is_ticked(self, label: str, *, within: Locator | None = None) -> bool:
+        return self.entry(label, within=within).is_checked()
+
+    def is_enabled(self, label: str, *, within: Locator | None = None) -> bool:
+        """Whether the button with this label can be pressed."""
+        return self.button(label, within=within).is_enabled()
+
+    def text(self, selector: str = "#root") -> str:
+        """The visible text of an element: of an ``add_html`` block by its own id or class, or of all."""
+        return self.page.locator(selector).locator("visible=true").first.inner_text()
+
+    def wait_for_text(self, text: str | re.Pattern[str]) -> None:
+        """Wait until a text can be seen anywhere: markdown, html, title or notification."""
+        self.page.get_by_text(text).locator("visible=true").first.wait_for()
+
+    def notifications(self) -> list[str]:
+        """Title and body of the notifications that are shown, but for viser's about slow graphics."""
+        shown = self.page.locator(".mantine-Notification-root:not(#webgl-software-rendering)")
+        return [re.sub(r"\s*\n\s*", "\n", text).strip() for text in shown.all_inner_texts()]
+
+    def wait_for_notification(self, text: str | re.Pattern[str]) -> None:
+        self.page.locator(".mantine-Notification-root").filter(has_text=text).first.wait_for()
+
+    def dismiss_graphics_warning(self) -> None:
+        """Close the notification that a browser without graphics card shows, it hides the scene's corner."""
+        warning = self.page.locator("#webgl-software-rendering")
+        warning.get_by_role("button").click()
+        expect(warning).to_have_count(0, timeout=PATIENCE_MS)
+
+    def screenshot(self, name: str) -> Path:
+        """Save what is seen as ``name.png`` in $ARMCTL_SCREENSHOTS, or in ``test-artifacts/``."""
+        folder = Path(os.environ.get("ARMCTL_SCREENSHOTS", "test-artifacts"))
+        folder.mkdir(parents=True, exist_ok=True)
+        path = folder / f"{name}.png"
+        self.page.screenshot(path=path)
+        return path
+
+
+@dataclass
+class Screens:
+    """Opens screens in one browser, each with cookies and storage of its own."""
+
+    browser: Browser
+    opened: list[Screen] = field(default_factory=list[Screen])
+
+    def __call__(self, url: str | None = None, *, width: int = 1280, height: int = 800) -> Screen:
+        """Open a new browser window.
+
+        Args:
+            url: what to open in it, or None for an empty page.
+            width: inner width of the window [px].
+            height: inner height of the window [px].
+        """
+        context = self.browser.new_context(viewport={"width": width, "height": height})
+        screen = Screen(context.new_page())
+        self.opened.append(screen)
+        if url is not None:
+            screen.open(url)
+        return screen
+
+    def close(self) -> None:
+        for screen in self.opened:
+            try:
+                screen.page.context.close()
+            except Error:  # a test may have closed, or crashed, it on purpose
+                continue
+        self.opened.clear()
+
+
+def _quoted(text: str) -> str:
+    return '"' + text.replace("\\", "\\\\").replace('"', '\\"') + '"'

@@ -1,0 +1,246 @@
+"""A real browser at the guarded server: everything that a screen uses works, and the tricks do not."""
+
+from __future__ import annotations
+
+import socket
+import threading
+from collections.abc import Iterator
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
+
+import pytest
+from tests.browser.guard_console import Console
+from tests.browser.kit import PATIENCE_MS, Screen, Screens
+from typing_extensions import override
+
+pytestmark = pytest.mark.browser
+
+TOKEN = "a-secret-of-some-length_0123456789"
+
+
+@pytest.fixture
+def console() -> Iterator[Console]:
+    console = Console()
+    yield console
+    console.server.stop()
+
+
+class _ForeignPage(BaseHTTPRequestHandler):
+    @override
+    def do_GET(self) -> None:
+        self.send_response(200)
+        self.send_header("Content-Type", "text/html")
+        self.end_headers()
+        self.wfile.write(b"<p>a page of somebody else</p>")
+
+    @override
+    def log_message(self, format: str, *args: object) -> None:
+        pass
+
+
+@pytest.fixture
+def elsewhere() -> Iterator[str]:
+    """A web server of somebody else on this computer, which the browser itself lets call us."""
+    with ThreadingHTTPServer(("127.0.0.1", 0), _ForeignPage) as server:
+        thread = threading.Thread(target=server.serve_forever)
+        thread.start()
+        yield f"http://127.0.0.1:{server.server_port}/"
+        server.shutdown()
+        thread.join()
+
+
+def test_the_page_works_without_a_single_error(console: Console, screen: Screen) -> None:
+    screen.open(console.url, until="STOP")
+    screen.click("STOP")
+    assert console.next_event()[0] == "STOP"
+    assert screen.text("#state") == "state: holding"
+    screen.wait_for_text("Reached exactly.")
+    screen.screenshot("guard")
+    assert screen.errors == []
+    assert console.server.refusals == {}
+
+
+def test_an_async_callback_runs_on_the_event_loop_and_can_answer(console: Console, screen: Screen) -> None:
+    screen.open(console.url, until="STOP")
+    screen.click("STOP", within=screen.panel("Control"))
+    label, client_id = console.next_event()
+    assert (label, client_id) == ("STOP", next(iter(console.server.get_clients())))
+    assert len(console.loop_threads) == 1
+    assert not next(iter(console.loop_threads)).startswith("ThreadPoolExecutor")
+    screen.wait_for_notification("The arm holds its position.")
+    assert screen.notifications() == ["Stopped\nThe arm holds its position."]
+
+
+def test_every_kind_of_field_can_be_used(console: Console, screen: Screen, tmp_path: Path) -> None:
+    screen.open(console.url, until="STOP")
+    screen.type_into("X [mm]", "-75.5")
+    assert console.last_event(screen) == ("X [mm]", -75.5)
+    assert screen.number("X [mm]") == -75.5
+    screen.slide("joint 1", 0.75)
+    label, angle = console.last_event(screen)
+    assert (label, angle) == ("joint 1", pytest.approx(45.0, abs=3.0))
+    screen.type_into("joint 1", "12.3")
+    assert console.last_event(screen) == ("joint 1", 12.3)
+    screen.nudge("joint 1")
+    assert console.last_event(screen) == ("joint 1", pytest.approx(12.4))
+    assert screen.number("joint 1") == pytest.approx(12.4)
+    screen.choose("robot", "mico")
+    assert console.last_event(screen) == ("robot", "mico")
+    assert screen.value("robot") == "mico"
+    screen.type_into("name", "place")
+    assert console.last_event(screen) == ("name", "place")
+    screen.tick("loop")
+    assert console.last_event(screen) == ("loop", True)
+    assert screen.is_ticked("loop")
+    screen.click("+")
+    assert console.last_event(screen) == ("step", "+")
+    screen.type_into("target", "7.5", 1)
+    assert console.last_event(screen) == ("target", (1.0, 7.5, 3.0))
+    file = tmp_path / "pick.toml"
+    file.write_bytes(b"x = 1\n" * 200_000)
+    screen.upload("Load", file)
+    assert console.next_event() == ("Load", ("pick.toml", file.read_bytes()))
+    assert console.server.refusals == {}
+    assert screen.errors == []
+
+
+def test_a_field_is_the_one_of_the_tab_that_is_open(console: Console, screen: Screen) -> None:
+    screen.open(console.url, until="STOP")
+    assert screen.number("X [mm]") == 1.5
+    screen.open_tab("Manual")
+    assert screen.number("X [mm]") == 2.5
+    screen.open_tab("Main")
+    assert screen.number("X [mm]") == 1.5
+
+
+def test_a_number_beyond_its_limits_arrives_and_one_beyond_a_slider_does_not(
+    console: Console, screen: Screen
+) -> None:
+    """The screen has to see "900" to say that it is outside; the page puts 400 when the field is left."""
+    screen.open(console.url, until="STOP")
+    screen.type_into("X [mm]", "900", leave=False)
+    assert console.last_event(screen) == ("X [mm]", 900.0)
+    screen.leave("X [mm]")
+    assert console.last_event(screen) == ("X [mm]", 400.0)
+    screen.type_into("joint 1", "95", leave=False)
+    assert console.last_event(screen) == ("joint 1", 9.0)
+    assert console.server.refusals == {"a value that the control cannot take": 1}
+    screen.leave("joint 1")
+    assert console.last_event(screen) == ("joint 1", 90.0)
+
+
+def test_a_disabled_button_is_shown_as_such(console: Console, screen: Screen) -> None:
+    screen.open(console.url, until="STOP")
+    assert not screen.is_enabled("Release")
+    assert screen.is_enabled("STOP")
+
+
+def test_two_pages_have_controls_of_their_own(console: Console, screens: Screens) -> None:
+    first, second = screens(console.url), screens(console.url, width=1920, height=1080)
+    first.type_into("X [mm]", "12")
+    assert console.last_event(first) == ("X [mm]", 12.0)
+    assert (first.number("X [mm]"), second.number("X [mm]")) == (12.0, 1.5)
+    second.screenshot("guard-1920")
+
+
+def test_the_address_cannot_name_another_server(console: Console, screen: Screen) -> None:
+    """viser's page would load the screens, and send the clicks, of ``?websocket=``."""
+    with socket.create_server(("127.0.0.1", 0)) as elsewhere:
+        elsewhere.setblocking(False)
+        screen.open(f"{console.url}?websocket=ws://127.0.0.1:{elsewhere.getsockname()[1]}", until="STOP")
+        screen.click("STOP")
+        assert console.next_event()[0] == "STOP"
+        assert screen.page.url == console.url
+        with pytest.raises(BlockingIOError):
+            elsewhere.accept()
+
+
+def test_the_page_cannot_reach_another_server_by_any_means(console: Console, screen: Screen) -> None:
+    screen.open(console.url, until="STOP")
+    with socket.create_server(("127.0.0.1", 0)) as elsewhere:
+        elsewhere.setblocking(False)
+        there = f"127.0.0.1:{elsewhere.getsockname()[1]}"
+        blocked = screen.page.evaluate(
+            """async there => {
+                const blocked = [];
+                addEventListener("securitypolicyviolation", event => blocked.push(event.effectiveDirective));
+                try { new WebSocket(`ws://${there}/`); } catch {}
+                try { await fetch(`http://${there}/`, {mode: "no-cors"}); } catch {}
+                const code = `try { new WebSocket("ws://${there}/"); } catch {} postMessage(0);`;
+                const worker = new Worker(URL.createObjectURL(new Blob([code])));
+                await new Promise(done => worker.onmessage = done);
+                const image = new Image();
+                await new Promise(done => { image.onerror = done; image.src = `http://${there}/a.png`; });
+                await new Promise(done => setTimeout(done, 200));
+                return blocked;
+            }""",
+            there,
+        )
+        assert {"connect-src", "img-src"} <= set(blocked)
+        with pytest.raises(BlockingIOError):
+            elsewhere.accept()
+
+
+def test_a_foreign_page_cannot_open_a_websocket_or_frame_the_console(
+    console: Console, screens: Screens, elsewhere: str
+) -> None:
+    foreign = screens()
+    foreign.page.goto(elsewhere)
+    ended = foreign.page.evaluate(
+        """url => new Promise(done => {
+            const socket = new WebSocket(url.replace("http", "ws"), ["viser-v1.1.1"]);
+            socket.onopen = () => done("open");
+            socket.onclose = event => done(event.code);
+        })""",
+        console.url,
+    )
+    assert ended == 1006
+    assert console.server.refusals == {"a foreign origin": 1}
+    foreign.page.evaluate(
+        """url => new Promise(done => {
+            const frame = document.createElement("iframe");
+            frame.onload = done;
+            frame.src = url;
+            document.body.append(frame);
+        })""",
+        console.url,
+    )
+    assert foreign.page.locator("iframe").content_frame.get_by_role("button").count() == 0
+    assert any("frame-ancestors" in error for error in foreign.errors)
+
+
+def test_the_token_opens_the_page_and_leaves_the_address(screen: Screen) -> None:
+    console = Console(token=TOKEN)
+    try:
+        response = screen.page.goto(console.url)
+        assert response is not None
+        assert response.status == 401
+        assert "Open the address that armctl printed" in screen.text("body")
+        screen.open(f"{console.url}?token={TOKEN}", until="STOP")
+        assert screen.page.url == console.url
+        assert TOKEN not in screen.page.evaluate("document.cookie")
+        screen.click("STOP")
+        assert console.next_event()[0] == "STOP"
+        screen.page.reload()
+        screen.button("STOP").wait_for()
+    finally:
+        console.server.stop()
+
+
+def test_a_closed_page_is_noticed_at_once(console: Console, screen: Screen) -> None:
+    gone = threading.Event()
+    console.server.on_client_disconnect(lambda client: gone.set())
+    screen.open(console.url, until="STOP")
+    screen.page.close()
+    assert gone.wait(PATIENCE_MS / 1000)
+
+
+def test_the_page_comes_back_after_a_lost_connection(console: Console, screen: Screen) -> None:
+    screen.open(console.url, until="STOP")
+    before = set(console.server.get_clients())
+    console.server._websock_server.disconnect_all_clients()
+    screen.wait_until(
+        lambda: bool(set(console.server.get_clients()) - before), "the page to connect again under a new id"
+    )
+    screen.click("STOP")
+    assert console.next_event()[0] == "STOP"

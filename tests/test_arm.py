@@ -1,0 +1,150 @@
+"""The library's way in, on the simulated board's real serial device."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+import armctl
+from armctl.errors import (
+    InputError,
+    MotionRefusedError,
+    PortError,
+    ProgramError,
+    StateError,
+    UnreachableError,
+)
+from armctl.motion import GripperStep, MoveStep, PointStep, Program
+from armctl.runtime import State
+
+
+@pytest.fixture(scope="module")
+def opened() -> Iterator[armctl.Arm]:
+    with armctl.Arm.open("uzuner") as arm:
+        yield arm
+
+
+@pytest.fixture
+def arm(opened: armctl.Arm) -> armctl.Arm:
+    if opened.snapshot.state is State.OFF:
+        opened.enable()
+    opened.go_joints([0, 100, -80, -60, 0])
+    return opened
+
+
+def board_pulses(arm: armctl.Arm) -> list[float | None]:
+    """What the board sends, once it has answered a readback that began after this call."""
+    pause, asked = threading.Event(), arm.snapshot.tick + 3
+    while arm.snapshot.tick < asked:
+        pause.wait(0.005)
+    with arm.boards.simulated().inspect() as board:
+        return [board.position_us(channel) for channel in range(6)]
+
+
+def test_go_puts_exactly_the_best_solutions_pulses_on_the_board(arm: armctl.Arm) -> None:
+    arm.go(x_mm=200, y_mm=0, z_mm=100)
+    np.testing.assert_allclose(arm.position_mm, [200, 0, 100], atol=1e-6)
+    best = arm.robot.inverse([0.2, 0, 0.1]).best("least-rotation")
+    assert arm.robot.servo_map is not None
+    expected = arm.robot.servo_map.pulses(best)
+    for channel, pulse in expected.items():
+        assert board_pulses(arm)[channel] == pytest.approx(pulse, abs=0.126)
+
+
+def test_go_takes_pitch_roll_and_criterion(arm: armctl.Arm) -> None:
+    arm.go(x_mm=200, y_mm=50, z_mm=100, pitch_deg=-80, roll_deg=20, choose="least-torque")
+    approach = arm.robot.forward(arm.snapshot.q_command)[:3, 2]
+    assert np.degrees(np.arcsin(approach[2])) == pytest.approx(-80, abs=1e-6)
+    assert arm.joints_deg[4] == pytest.approx(20)
+
+
+def test_refusals_are_exceptions_and_move_nothing(arm: armctl.Arm) -> None:
+    before = arm.joints_deg.copy()
+    with pytest.raises(UnreachableError, match=r"too far by 200\.1 mm.*nearest reachable point"):
+        arm.go(x_mm=300, y_mm=0, z_mm=600)
+    with pytest.raises(MotionRefusedError, match=r"Elbow: -91\.00° is outside"):
+        arm.go_joints([0, 100, -91, 0, 0])
+    with pytest.raises(InputError, match="finite"):
+        arm.go(x_mm=float("nan"), y_mm=0, z_mm=100)
+    with pytest.raises(InputError, match="5 joint angles"):
+        arm.go_joints([0, 1, 2])
+    with pytest.raises(InputError, match="pose 'bed'"):
+        arm.go_pose("bed")
+    with pytest.raises(InputError, match="0 … 100 %"):
+        arm.gripper(120)
+    np.testing.assert_array_equal(arm.joints_deg, before)
+
+
+def test_programs_run_from_values_and_files(arm: armctl.Arm, tmp_path: object) -> None:
+    steps = (
+        MoveStep(joints_deg=(5.0, 95.0, -75.0, -55.0, 5.0)),
+        GripperStep(open_percent=50),
+        PointStep(x_mm=180, y_mm=60, z_mm=140),
+    )
+    arm.run(Program(robot="uzuner", name="three", steps=steps), loops=2)
+    np.testing.assert_allclose(arm.position_mm, [180, 60, 140], atol=1e-6)
+    assert board_pulses(arm)[5] == pytest.approx(1500)
+    with pytest.raises(ProgramError, match=r"none\.toml"):
+        arm.run("none.toml")
+
+
+def test_an_unreachable_step_is_named(arm: armctl.Arm) -> None:
+    steps = (PointStep(x_mm=200, y_mm=0, z_mm=100), PointStep(x_mm=400, y_mm=0, z_mm=100))
+    with pytest.raises(ProgramError, match=r"step 2.*too far"):
+        arm.run(Program(robot="uzuner", name="far", steps=steps))
+
+
+def test_stop_from_another_thread_ends_an_endless_program(arm: armctl.Arm) -> None:
+    steps = (
+        MoveStep(joints_deg=(30.0, 90.0, -70.0, -40.0, 0.0)),
+        MoveStep(joints_deg=(-30.0, 90.0, -70.0, -40.0, 0.0)),
+    )
+    ended: list[BaseException] = []
+
+    def run() -> None:
+        try:
+            arm.run(Program(robot="uzuner", name="swing", steps=steps), loops=None)
+        except StateError as stopped:
+            ended.append(stopped)
+
+    thread = threading.Thread(target=run)
+    moving = threading.Event()
+
+    def watch() -> None:
+        while arm.snapshot.state is not State.MOVING:
+            moving.wait(0.002)
+        moving.set()
+
+    watcher = threading.Thread(target=watch)
+    thread.start()
+    watcher.start()
+    watcher.join(10)
+    arm.stop()
+    thread.join(10)
+    assert not thread.is_alive()
+    assert "stopped by library" in str(ended[0])
+    assert arm.snapshot.state is State.HOLDING
+    low, high = arm.robot.limits.T
+    assert (arm.snapshot.q_command >= low).all() and (arm.snapshot.q_command <= high).all()
+
+
+def test_release_switches_the_pulses_off(arm: armctl.Arm) -> None:
+    arm.release()
+    assert arm.snapshot.state is State.OFF
+    assert board_pulses(arm) == [None] * 6
+    with pytest.raises(StateError):
+        arm.go_pose("home")
+
+
+def test_a_port_that_is_not_there_is_refused_in_words() -> None:
+    with pytest.raises(PortError, match="/dev/there_is_none"):
+        armctl.Arm.open("uzuner", port="/dev/there_is_none")
+
+
+def test_the_package_exports_what_the_readme_uses() -> None:
+    assert {"Arm", "load_robot", "ArmctlError", "shipped_robots"} <= set(armctl.__all__)
+    with pytest.raises(AttributeError, match="nonsense"):
+        armctl.nonsense  # noqa: B018

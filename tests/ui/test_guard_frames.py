@@ -1,0 +1,125 @@
+from __future__ import annotations
+
+from typing import Any
+
+import msgspec
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from tests.ui.guard_kit import CAMERA
+
+from armctl.ui.guard.flood import FloodGauge
+from armctl.ui.guard.frames import FrameFilter
+from armctl.ui.guard.tally import Tally
+from armctl.ui.guard.values import Operable
+
+
+class Clock:
+    def __init__(self) -> None:
+        self.now_s = 0.0
+
+    def __call__(self) -> float:
+        return self.now_s
+
+
+class NoControls:
+    def control(self, uuid: str) -> Operable | None:
+        return None
+
+    def has_form(self, uuid: str) -> bool:
+        return uuid == "form"
+
+
+def frame(kind: str, **fields: Any) -> bytes:
+    return msgspec.msgpack.encode({"type": kind, **fields})
+
+
+@pytest.fixture
+def tally() -> Tally:
+    tally = Tally()
+    tally.open()
+    return tally
+
+
+@pytest.fixture
+def page(tally: Tally) -> FrameFilter:
+    page = FrameFilter(NoControls(), tally, Clock())
+    assert page.admits(frame("ViewerCameraMessage", **CAMERA))
+    return page
+
+
+def test_a_page_introduces_itself_first(tally: Tally) -> None:
+    page = FrameFilter(NoControls(), tally, Clock())
+    assert not page.admits(frame("CommandTriggerMessage", uuid="u"))
+    assert page.admits(frame("ViewerCameraMessage", **CAMERA))
+    assert page.admits(frame("CommandTriggerMessage", uuid="u"))
+    assert tally.counts == {"a message before the page introduced itself": 1}
+
+
+def test_messages_to_nothing_are_refused(page: FrameFilter, tally: Tally) -> None:
+    assert not page.admits(frame("GuiUpdateMessage", uuid="u", updates={"value": True}))
+    assert not page.admits(frame("GuiButtonHoldMessage", uuid="u", frequency=10))
+    assert not page.admits(frame("GuiFormDirtyMessage", uuid="u"))
+    assert page.admits(frame("GuiFormDirtyMessage", uuid="form"))
+    start = {"source_component_uuid": "u", "transfer_uuid": "t", "filename": "a", "mime_type": ""}
+    assert not page.admits(frame("FileTransferStartUpload", **start, part_count=1, size_bytes=1))
+    part = {"source_component_uuid": "u", "transfer_uuid": "t", "part_index": 0, "content": b"1"}
+    assert not page.admits(frame("FileTransferPart", **part))
+    assert tally.counts == {
+        "a control that does not exist": 1,
+        "holding what is no usable button": 1,
+        "a form that does not exist": 1,
+        "an upload to what is no usable upload button": 1,
+        "a part of no upload under way": 1,
+    }
+
+
+@given(st.lists(st.binary() | st.text(), max_size=20))
+def test_the_filter_never_raises(frames: list[str | bytes]) -> None:
+    page = FrameFilter(NoControls(), Tally(), Clock())
+    for raw in frames:
+        page.admits(raw)
+
+
+def test_a_flood_ends_it_for_good(page: FrameFilter, tally: Tally) -> None:
+    for _ in range(1000):
+        page.admits(b"garbage")
+    assert page.flooded
+    assert not page.admits(frame("ViewerCameraMessage", **CAMERA))
+    assert tally.counts["too many messages"] == 1
+    assert tally.counts["not an admissible message"] < 200
+
+
+def test_a_busy_page_is_no_flood() -> None:
+    clock = Clock()
+    gauge = FloodGauge(clock)
+    for _ in range(60 * 200):
+        clock.now_s += 1 / 200
+        assert gauge.charge(120, refused=False)
+
+
+def test_an_upload_of_the_largest_file_is_no_flood() -> None:
+    gauge = FloodGauge(Clock())
+    assert all(gauge.charge(512 << 10, refused=False) for _ in range(16))
+
+
+def test_the_allowance_comes_back_with_time_but_does_not_pile_up() -> None:
+    clock = Clock()
+    gauge = FloodGauge(clock)
+    while gauge.charge(0, refused=True):
+        pass
+    clock.now_s += 3600.0
+    count = 0
+    while gauge.charge(0, refused=True):
+        count += 1
+    assert 150 < count < 200
+
+
+def test_the_log_is_not_flooded(caplog: pytest.LogCaptureFixture, tally: Tally) -> None:
+    for _ in range(250):
+        tally.refuse("a foreign origin")
+    assert [record.getMessage() for record in caplog.records] == [
+        "refused: a foreign origin (1 so far)",
+        "refused: a foreign origin (10 so far)",
+        "refused: a foreign origin (100 so far)",
+    ]

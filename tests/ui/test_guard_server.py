@@ -1,0 +1,190 @@
+from __future__ import annotations
+
+import re
+import socket
+import sys
+import threading
+
+import pytest
+import rich
+import viser
+import websockets.asyncio.server
+from tests.ui.guard_kit import Bell, RawPage
+from websockets.http11 import Request, Response
+
+from armctl.errors import ServerError
+from armctl.ui.guard import guarded_server, serving
+from armctl.ui.guard.door import Door
+
+TOKEN = "a-secret-of-some-length_0123456789"
+
+
+def test_a_busy_port_is_refused_in_words() -> None:
+    first = guarded_server(port=0)
+    port = first.get_port()
+    try:
+        with pytest.raises(
+            ServerError, match=rf"port {port} on 127\.0\.0\.1 is in use .* --http-port {port + 1}"
+        ):
+            guarded_server(port=port)
+    finally:
+        first.stop()
+    again = guarded_server(port=port)
+    assert again.get_port() == port
+    again.stop()
+
+
+def test_a_port_that_somebody_else_listens_on_is_refused() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as other:
+        with pytest.raises(ServerError, match="in use by another program"):
+            guarded_server(port=other.getsockname()[1])
+
+
+@pytest.mark.parametrize("port", [-1, 65536])
+def test_a_port_that_does_not_exist_is_refused(port: int) -> None:
+    with pytest.raises(ServerError, match=f"port {port} does not exist"):
+        guarded_server(port=port)
+
+
+@pytest.mark.parametrize(
+    ("host", "words"),
+    [
+        ("203.0.113.7", "is no address of this computer"),
+        ("no-such-name.invalid", "no such address"),
+        ("", "no such address"),
+        ("a" * 300, "no such address"),
+    ],
+)
+def test_an_address_that_cannot_be_had_is_refused(host: str, words: str) -> None:
+    with pytest.raises(ServerError, match=words):
+        guarded_server(host, 0, token=TOKEN)
+
+
+@pytest.mark.parametrize("host", ["0.0.0.0", "::"])
+def test_other_computers_need_a_token(host: str) -> None:
+    with pytest.raises(ServerError, match="can be reached from other computers, so a token is needed"):
+        guarded_server(host, 0)
+    guarded_server(host, 0, token=TOKEN).stop()
+
+
+@pytest.mark.parametrize(
+    "token", ["", "short", "x" * 257, "semicolon; Domain=evil", "line\nbreak-line-break", "ä" * 20]
+)
+def test_a_weak_or_unsafe_token_is_refused(token: str) -> None:
+    with pytest.raises(ServerError, match="the token must be"):
+        guarded_server(port=0, token=token)
+
+
+@pytest.mark.parametrize("name", ["http://arm.lab", "arm.lab:8080", "arm lab", "", "*"])
+def test_extra_hosts_are_bare_names(name: str) -> None:
+    with pytest.raises(ServerError, match=r"is no host name"):
+        guarded_server(port=0, extra_hosts=(name,))
+
+
+def test_another_viser_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(viser, "__version__", "1.2.0")
+    with pytest.raises(ServerError, match=re.escape("made for viser 1.1.1, but 1.2.0 is installed")):
+        guarded_server(port=0)
+
+
+def test_a_server_that_viser_opens_in_another_way_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(serving, "_VISER_SERVER", "viser.elsewhere")
+    with pytest.raises(ServerError, match="viser did not open its server through it"):
+        guarded_server(port=0)
+
+
+def test_a_door_that_lets_strangers_in_is_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
+    def open_door(door: Door, connection: object, request: Request) -> Response | None:
+        return None
+
+    monkeypatch.setattr(Door, "answer", open_door)
+    with pytest.raises(ServerError, match="a page of a foreign origin was answered with 101"):
+        guarded_server(port=0)
+
+
+@pytest.mark.parametrize("header", ["Origin", "Host"])
+def test_a_door_that_overlooks_one_header_is_noticed(monkeypatch: pytest.MonkeyPatch, header: str) -> None:
+    answer = Door.answer
+
+    def careless(door: Door, connection: object, request: Request) -> Response | None:
+        here = f"127.0.0.1:{connection.local_address[1]}"  # type: ignore[attr-defined]
+        for name, value in (("Host", here), ("Origin", f"http://{here}")):
+            if header == "Host" or name == header:
+                del request.headers[name]
+                request.headers[name] = value
+        return answer(door, connection, request)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(Door, "answer", careless)
+    with pytest.raises(ServerError, match="guard is not effective"):
+        guarded_server(port=0)
+
+
+def test_a_websockets_library_that_has_changed_is_no_reason_to_hang(monkeypatch: pytest.MonkeyPatch) -> None:
+    def changed(*args: object, **options: object) -> None:
+        raise TypeError("unexpected keyword argument 'process_response'")
+
+    monkeypatch.setattr(websockets.asyncio.server, "serve", changed)
+    with pytest.raises(ServerError, match="cannot be opened: unexpected keyword argument"):
+        guarded_server(port=0)
+
+
+def test_a_failed_start_frees_the_port(monkeypatch: pytest.MonkeyPatch) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        port = free.getsockname()[1]
+    with monkeypatch.context() as patch:
+        patch.setattr(Door, "answer", lambda *_: None)
+        with pytest.raises(ServerError, match="guard is not effective"):
+            guarded_server(port=port)
+    guarded_server(port=port).stop()
+
+
+def test_nothing_stays_replaced() -> None:
+    serve = websockets.asyncio.server.serve
+    guarded_server(port=0).stop()
+    assert websockets.asyncio.server.serve is serve
+    assert sys.modules["rich"] is rich
+
+
+def test_servers_can_be_started_at_once() -> None:
+    serve = websockets.asyncio.server.serve
+    servers: list[viser.ViserServer] = []
+    threads = [threading.Thread(target=lambda: servers.append(guarded_server(port=0))) for _ in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert len({server.get_port() for server in servers}) == 4
+    for server in servers:
+        server.stop()
+    assert websockets.asyncio.server.serve is serve
+
+
+def test_start_and_stop_print_nothing_and_leave_no_thread(capfd: pytest.CaptureFixture[str]) -> None:
+    before = set(threading.enumerate())
+    server = guarded_server(port=0)
+    with RawPage(server.get_port()) as page:
+        bell = Bell(server)
+        page.introduce()
+        bell.press(page)
+        bell.wait()
+        server.stop()
+        server.stop()
+    assert set(threading.enumerate()) == before
+    assert capfd.readouterr() == ("", "")
+
+
+def test_the_port_of_the_environment_is_ignored(monkeypatch: pytest.MonkeyPatch) -> None:
+    """viser would take _VISER_PORT_OVERRIDE; the port that was asked for counts."""
+    monkeypatch.setenv("_VISER_PORT_OVERRIDE", "1")
+    server = guarded_server(port=0)
+    assert server.get_port() > 1
+    server.stop()
+
+
+def test_a_tunnel_cannot_be_asked_for() -> None:
+    server = guarded_server(port=0)
+    try:
+        assert server.request_share_url() is None
+        assert server.refusals == {"a public tunnel": 1}
+    finally:
+        server.stop()

@@ -1,0 +1,57 @@
+from __future__ import annotations
+
+import pytest
+
+from armctl.ui.guard.messages import UPLOAD_PART_BYTES, UploadPart, UploadStart
+from armctl.ui.guard.uploads import UploadLedger
+
+
+def start(size: int, parts: int, *, transfer: str = "t") -> UploadStart:
+    return UploadStart("button", transfer, "a.toml", "", parts, size)
+
+
+def part(index: int, size: int, *, transfer: str = "t", button: str = "button") -> UploadPart:
+    return UploadPart(button, transfer, index, b"." * size)
+
+
+def test_parts_may_come_in_any_order() -> None:
+    ledger = UploadLedger()
+    assert ledger.starts(start(UPLOAD_PART_BYTES + 5, 2))
+    assert ledger.continues(part(1, 5))
+    assert ledger.continues(part(0, UPLOAD_PART_BYTES))
+    assert not ledger.continues(part(0, UPLOAD_PART_BYTES))
+
+
+def test_a_part_without_start_is_refused() -> None:
+    assert not UploadLedger().continues(part(0, 5))
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [part(0, 4), part(0, 6), part(1, 5), part(0, 5, button="another"), part(0, 5, transfer="u"), part(0, 0)],
+)
+def test_a_part_is_exactly_what_was_announced(wrong: UploadPart) -> None:
+    ledger = UploadLedger()
+    assert ledger.starts(start(5, 1))
+    assert not ledger.continues(wrong)
+    assert ledger.continues(part(0, 5))
+
+
+@pytest.mark.parametrize(("size", "parts"), [(5, 0), (5, 2), (0, 1), (UPLOAD_PART_BYTES + 1, 1)])
+def test_size_and_count_of_parts_agree(size: int, parts: int) -> None:
+    assert not UploadLedger().starts(start(size, parts))
+
+
+def test_two_transfers_at_once_are_enough() -> None:
+    ledger = UploadLedger()
+    assert ledger.starts(start(5, 1, transfer="a"))
+    assert not ledger.starts(start(5, 1, transfer="a"))
+    assert ledger.starts(start(5, 1, transfer="b"))
+    assert not ledger.starts(start(5, 1, transfer="c"))
+    assert ledger.continues(part(0, 5, transfer="a"))
+    assert ledger.starts(start(5, 1, transfer="c"))
+
+
+def test_an_empty_file_has_no_parts() -> None:
+    ledger = UploadLedger()
+    assert all(ledger.starts(start(0, 0, transfer=str(n))) for n in range(5))
