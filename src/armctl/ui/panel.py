@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 import asyncio
+import math
 from html import escape
 from typing import TYPE_CHECKING
 
+import numpy as np
 import viser
 
 from armctl.runtime import Pause, Release, Resume, SetSpeed, Snapshot, State
-from armctl.ui.widgets.text import LiveHtml
+from armctl.ui.widgets.text import LiveHtml, table
 
 if TYPE_CHECKING:
     from armctl.ui.session import Session
 
+_WIDTH = 250
 _RELEASE_SECONDS = 5.0
 _STOP_HINT = "Decelerate and hold where the arm is, with power. Not a rated emergency stop."
 _RELEASE_HINT = "Switch the pulses off: THE ARM DROPS. Not a rated emergency stop."
@@ -42,13 +45,19 @@ class ControlPanel:
             self._state = LiveHtml(gui)
             self._speed = gui.add_slider("Speed %", 5, 100, 1, initial_value=100, hint=_SPEED_HINT)
             self._take = gui.add_button("Take control", visible=False)
-        self._window.float(x=15, y=-15, width=310)  # notifications come down from the top left
+            self._where = LiveHtml(gui)
+        # Docked: notifications cover what floats at the left, but give way to what is docked there.
+        self._window.dock_left()
+        self._window.set_width(_WIDTH)
         self._asked_release = False
+        self._shown_state = State.DISCONNECTED
         self._attach()
 
     def _attach(self) -> None:
         session = self._session
         session.on(self._stop.on_click, self._on_stop)
+        hot_key = session.gui.add_command("STOP", hotkey="escape", description="Decelerate and hold")
+        session.on(hot_key.on_trigger, self._on_stop)
         session.on(self._hold.on_click, self._on_hold)
         session.on(self._release.on_click, self._on_release)
         session.on(self._speed.on_update, self._on_speed)
@@ -57,7 +66,11 @@ class ControlPanel:
     def refresh(self, snapshot: Snapshot) -> None:
         """Show state, operator and speed."""
         session = self._session
-        self._take.visible = not session.operates
+        if snapshot.state is State.MOVING and self._shown_state is not State.MOVING:
+            self._window.expand()  # a panel that somebody has minimised must not hide STOP
+        self._shown_state = snapshot.state
+        if self._take.visible == session.operates:
+            self._take.visible = not session.operates
         percent = round(100 * snapshot.speed)
         if not session.operates and self._speed.value != percent:
             self._speed.value = percent
@@ -73,6 +86,24 @@ class ControlPanel:
         ]  # fmt: skip
         lines += [f"<div style='color:#c92a2a'>⚠ {escape(text)}</div>" for text in snapshot.warnings]
         self._state.show("".join(lines))
+        self._where.show(self._where_text(snapshot))
+
+    def _where_text(self, snapshot: Snapshot) -> str:
+        """Joint angles and tool pose as the board tells them, or as commanded while it does not know."""
+        robot = self._session.console.robot
+        known = not np.isnan(snapshot.q).any()
+        q = snapshot.q if known else snapshot.q_command
+        joints = [
+            [joint.title, f"{angle + 0.0:.2f}°"]
+            for joint, angle in zip(robot.joints, np.round(np.degrees(q), 2), strict=True)
+        ]
+        x, y, z = np.round(1000 * robot.forward(q)[:3, 3], 1) + 0.0
+        tool = [["X", f"{x:.1f} mm"], ["Y", f"{y:.1f} mm"], ["Z", f"{z:.1f} mm"]]
+        for name, angle in zip(("Pitch", "Roll"), robot.inverse_kinematics.pitch_and_roll(q), strict=True):
+            if angle is not None:
+                tool.append([name, f"{round(math.degrees(angle), 1) + 0.0:.1f}°"])
+        heading = "<b style='display:block;margin-top:6px'>"
+        return f"{heading}Joints</b>{table((), joints)}{heading}Tool</b>{table((), tool)}"
 
     async def _on_stop(self) -> None:
         self._session.console.controller.stop(self._session.origin)

@@ -19,7 +19,7 @@ from armctl.ui.screens import SCREENS, Screen
 LOG = logging.getLogger("armctl.ui")
 Action = Callable[[], Awaitable[None]]
 Color = Literal["blue", "yellow", "red"]
-_PANEL_WIDTH = 440
+_PANEL_WIDTH = 430
 _HEARTBEAT_S = 2.0
 _HEARTBEAT_TIMEOUT_S = 3.0
 
@@ -113,15 +113,21 @@ class Session:
         self.require_operator()
         ticket = self.console.controller.submit(command, self.origin)
         await asyncio.wrap_future(ticket.accepted)
-        self._spawn(self._report_end(ticket))
+        self.spawn(self._report_end(ticket))
         return ticket
+
+    def spawn(self, work: Coroutine[Any, Any, None]) -> None:
+        """Run something beside the callbacks; it ends with the page."""
+        task = asyncio.create_task(work)
+        self._tasks.add(task)
+        task.add_done_callback(self._tasks.discard)
 
     def watch(self, lost: Callable[[int], None]) -> None:
         """Keep asking the page for a sign of life; ``lost(client id)`` when none comes.
 
         A page that hangs keeps its connection: only its script can answer this.
         """
-        self._spawn(self._watch(lost))
+        self.spawn(self._watch(lost))
 
     def close(self) -> None:
         """The page is gone: end what waits for it."""
@@ -139,11 +145,6 @@ class Session:
             except TimeoutError:
                 LOG.warning("page %d does not answer", self.client.client_id)
                 lost(self.client.client_id)
-
-    def _spawn(self, work: Coroutine[Any, Any, None]) -> None:
-        task = asyncio.create_task(work)
-        self._tasks.add(task)
-        task.add_done_callback(self._tasks.discard)
 
     async def _report_end(self, ticket: Ticket) -> None:
         """Tell when what was accepted does not come to its end."""

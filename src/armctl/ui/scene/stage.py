@@ -16,7 +16,8 @@ def set_stage(scene: viser.SceneApi, robot: Robot) -> None:
     scene.configure_default_lights(cast_shadow=False)
     scene.configure_environment_map(hdri=None)
     scene.set_up_direction("+z")
-    scene.add_light_ambient("/lights/ambient", intensity=0.6)
+    scene.add_light_hemisphere("/lights/sky", intensity=2.0)
+    scene.world_axes.visible = False
     scene.add_grid(
         "/floor", 1.6, 1.6, plane="xy", cell_size=0.05, section_size=0.25, cell_color=(205, 210, 216),
         section_color=(150, 158, 166), shadow_opacity=0.0, position=(0.0, 0.0, robot.floor_z),
@@ -27,7 +28,7 @@ def set_stage(scene: viser.SceneApi, robot: Robot) -> None:
 def look_at_arm(client: viser.ClientHandle) -> None:
     """Put a page's camera where the whole arm is in view, left of the docked panel."""
     client.camera.up_direction = np.array([0.0, 0.0, 1.0])
-    client.camera.position = np.array([0.62, -0.62, 0.42])
+    client.camera.position = np.array([0.58, -0.54, 0.40])
     client.camera.look_at = np.array([0.12, 0.0, 0.16])
 
 

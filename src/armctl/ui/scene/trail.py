@@ -1,4 +1,4 @@
-"""The path that the tool point has drawn."""
+"""The path that the tool point has drawn: kept once for all pages, drawn by each page for itself."""
 
 from __future__ import annotations
 
@@ -15,36 +15,69 @@ _COLOR = (214, 51, 108)
 
 
 class Trail:
-    """Keeps the newest points, at least 2 mm apart, and draws them as one line."""
+    """The newest tool points, at least 2 mm apart."""
 
-    def __init__(self, scene: viser.SceneApi, name: str = "/trail") -> None:
-        self._scene, self._name = scene, name
+    def __init__(self) -> None:
         self._points: deque[FloatArray] = deque(maxlen=_POINTS)
-        self._line: viser.LineSegmentsHandle | None = None
-        self._stale = False
+        self._count = 0
+
+    @property
+    def count(self) -> int:
+        """How many points were ever added."""
+        return self._count
 
     def add(self, point: FloatArray) -> None:
         """Add a tool point (3,) [m], if it lies far enough from the last one."""
         if not self._points or np.linalg.norm(point - self._points[-1]) >= _SPACING_M:
             self._points.append(point.copy())
-            self._stale = True
+            self._count += 1
+
+    def since(self, first: int) -> FloatArray:
+        """Points (k, 3) [m] that are still kept, from the ``first``-th ever added on, oldest first."""
+        dropped = self._count - len(self._points)
+        kept = list(self._points)[max(first - dropped, 0) :]
+        return np.array(kept).reshape(-1, 3)
+
+
+class TrailLine:
+    """One page's drawing of the trail."""
+
+    def __init__(self, scene: viser.SceneApi, trail: Trail, name: str = "/trail") -> None:
+        self._scene, self._name = scene, name
+        self._trail = trail
+        self._first = 0
+        self._drawn = (-1, -1)
+        self._line: viser.LineSegmentsHandle | None = None
+
+    def show(self, visible: bool) -> None:
+        """Show or hide the line."""
+        if self._line is not None and self._line.visible != visible:
+            self._line.visible = visible
 
     def clear(self) -> None:
-        """Forget all points."""
-        self._points.clear()
-        self._stale = True
+        """Draw only what comes from now on."""
+        self._first = self._trail.count
 
     def draw(self) -> None:
         """Send the line, if it has changed."""
-        if not self._stale:
+        state = (self._trail.count, self._first)
+        if state == self._drawn:
             return
-        self._stale = False
+        self._drawn = state
+        points = self._trail.since(self._first)
+        if len(points) < 2:
+            self._remove()
+            return
+        segments = np.stack([points[:-1], points[1:]], axis=1)
+        if self._line is None or self._line.points.shape != segments.shape:
+            self._remove()
+            self._line = self._scene.add_line_segments(
+                self._name, segments, _COLOR, thickness=2.5, thickness_units="screen"
+            )
+        else:
+            self._line.points = segments.astype(np.float32)
+
+    def _remove(self) -> None:
         if self._line is not None:
             self._line.remove()
             self._line = None
-        if len(self._points) > 1:
-            points = np.array(self._points)
-            self._line = self._scene.add_line_segments(
-                self._name, np.stack([points[:-1], points[1:]], axis=1), _COLOR,
-                thickness=2.5, thickness_units="screen",
-            )  # fmt: skip

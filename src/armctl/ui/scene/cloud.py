@@ -1,0 +1,94 @@
+"""The workspace as a cloud: where the tool point can be, and how freely it moves there."""
+
+from __future__ import annotations
+
+import asyncio
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+import viser
+from numpy.typing import NDArray
+
+from armctl.robot import Robot
+
+FloatArray = NDArray[np.float64]
+Colouring = Literal["height", "manipulability"]
+COLOURINGS: tuple[Colouring, ...] = ("height", "manipulability")
+_POINTS = 15_000
+_SEED = 20_240
+_POINT_SIZE_M = 0.0022
+_LOW, _MIDDLE, _HIGH = (
+    np.array([68.0, 1.0, 84.0]),
+    np.array([33.0, 145.0, 140.0]),
+    np.array([253.0, 231.0, 37.0]),
+)
+
+
+@dataclass(frozen=True, slots=True)
+class WorkspaceCloud:
+    """Tool points of random configurations inside the joint limits and above the floor."""
+
+    points: FloatArray
+    """(k, 3) [m]"""
+    manipulability: FloatArray
+    """(k,) √det(J Jᵀ) of the tool point's velocity [m³]; 0 at a singularity"""
+
+    def colors(self, colouring: Colouring) -> NDArray[np.uint8]:
+        """(k, 3) RGB: dark where the value is low, yellow where it is high."""
+        values = self.points[:, 2] if colouring == "height" else self.manipulability
+        low, high = np.percentile(values, (1, 99)) if len(values) else (0.0, 1.0)
+        u = np.clip((values - low) / max(high - low, 1e-12), 0.0, 1.0)[:, None]
+        below = _LOW + 2 * u * (_MIDDLE - _LOW)
+        above = _MIDDLE + (2 * u - 1) * (_HIGH - _MIDDLE)
+        return np.where(u < 0.5, below, above).round().astype(np.uint8)
+
+
+def workspace_cloud(robot: Robot, count: int = _POINTS) -> WorkspaceCloud:
+    """Sample the workspace; the same points every time.
+
+    Args:
+        robot: the arm.
+        count: configurations to try; those with the tool point below the floor are left out.
+    """
+    low, high = robot.limits[:, 0], robot.limits[:, 1]
+    q = np.random.default_rng(_SEED).uniform(low, high, (count, robot.n))
+    points = robot.forward(q)[:, :3, 3]
+    above = points[:, 2] >= robot.floor_z
+    J = robot.jacobian(q[above])[:, :3]
+    determinant = np.linalg.det(J @ np.swapaxes(J, 1, 2))
+    return WorkspaceCloud(points[above].copy(), np.sqrt(np.maximum(determinant, 0.0)))
+
+
+class CloudStore:
+    """Computes the cloud off the event loop, once, for whoever asks first."""
+
+    def __init__(self) -> None:
+        self._cloud: asyncio.Task[WorkspaceCloud] | None = None
+
+    async def get(self, robot: Robot) -> WorkspaceCloud:
+        """The cloud of the console's arm."""
+        if self._cloud is None:
+            self._cloud = asyncio.create_task(asyncio.to_thread(workspace_cloud, robot))
+        return await asyncio.shield(self._cloud)
+
+
+class CloudFigure:
+    """One page's drawing of the cloud."""
+
+    def __init__(self, scene: viser.SceneApi, name: str = "/workspace") -> None:
+        self._scene, self._name = scene, name
+        self._handle: viser.PointCloudHandle | None = None
+
+    def show(self, cloud: WorkspaceCloud, colouring: Colouring) -> None:
+        """Draw the cloud."""
+        self.hide()
+        self._handle = self._scene.add_point_cloud(
+            self._name, cloud.points, cloud.colors(colouring), point_size=_POINT_SIZE_M, point_shape="circle"
+        )
+
+    def hide(self) -> None:
+        """Draw nothing."""
+        if self._handle is not None:
+            self._handle.remove()
+            self._handle = None
