@@ -13,7 +13,7 @@ from armctl.robot import Robot
 from armctl.runtime.activity import ActivityView
 
 FloatArray = NDArray[np.float64]
-_PROBES: Final = np.array([0.0, 0.5, 1.0])
+_PROBES: Final = np.linspace(0.0, 1.0, 9)  # a trapezoid's corners lie anywhere in a tick
 _HALVINGS = 12
 _TOLERANCE = 1e-6
 
@@ -127,7 +127,7 @@ class PathMover:
         return good
 
     def _allowed(self, rate: float, dt: float) -> bool:
-        """Whether the tick's start, middle and end keep every joint's acceleration limit."""
+        """Whether every joint keeps its acceleration limit all through the tick."""
         push = (rate - self._rate) / dt
         rates = self._rate + (rate - self._rate) * _PROBES
         times = self._time + 0.5 * (self._rate + rates) * _PROBES * dt

@@ -32,7 +32,7 @@ class ProgramRunner:
         gripper: GripperMover,
         speed: float,
     ) -> None:
-        """Check what can be checked at once, and ask for the first plans.
+        """Check what can be checked at once, ask for the first plans and begin if they are there.
 
         Args:
             robot: the arm.
@@ -69,6 +69,7 @@ class ProgramRunner:
         self._paused = False
         self._stopped = False
         self._error: ArmctlError | None = None
+        self._begin_next()
 
     @property
     def label(self) -> str:

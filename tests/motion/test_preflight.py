@@ -1,0 +1,159 @@
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from armctl.errors import InputError, MotionRefusedError
+from armctl.motion import (
+    CubicTrajectory,
+    JoinedTrajectory,
+    Sample,
+    TrapezoidTrajectory,
+    preflight,
+    require_clear,
+)
+from armctl.robot import load_robot
+
+ROBOT = load_robot("uzuner")
+HOME = ROBOT.pose("home")
+
+
+@dataclass(frozen=True)
+class Sine:
+    """Joint 1 swings once; nothing of it is known in closed form."""
+
+    amplitude: float
+    duration: float = 2.0
+    lie: float = 1.0
+    phase: float = 0.0
+
+    @property
+    def start(self) -> NDArray[np.float64]:
+        return HOME + self._unit * self.amplitude * np.sin(self.phase)
+
+    @property
+    def end(self) -> NDArray[np.float64]:
+        return self.start
+
+    def sample(self, t: float | NDArray[np.float64]) -> Sample:
+        time = np.asarray(t)[..., None]
+        w = 2 * np.pi / self.duration
+        u = w * np.clip(time, 0, self.duration) + self.phase
+        # (1 - cos) is at rest at both ends; with a phase it is not
+        q = HOME + self._unit * self.amplitude * 0.5 * (1 - np.cos(u))
+        v = self._unit * self.amplitude * 0.5 * w * np.sin(u) * self.lie
+        a = self._unit * self.amplitude * 0.5 * w * w * np.cos(u) * self.lie
+        return Sample(q, v, a)
+
+    @property
+    def _unit(self) -> NDArray[np.float64]:
+        return np.array([1.0, 0, 0, 0, 0])
+
+
+def texts(trajectory: object) -> list[str]:
+    return [str(finding) for finding in preflight(ROBOT, trajectory)]  # pyright: ignore[reportArgumentType]
+
+
+def test_good_motions_pass() -> None:
+    rest = ROBOT.pose("rest")
+    there = CubicTrajectory.plan(ROBOT, HOME, rest)
+    back = TrapezoidTrajectory.plan(ROBOT, rest, HOME)
+    assert preflight(ROBOT, there) == []
+    assert preflight(ROBOT, back) == []
+    assert preflight(ROBOT, JoinedTrajectory([there, back])) == []
+    assert preflight(ROBOT, Sine(0.3)) == []
+    require_clear(ROBOT, there)
+
+
+def test_a_joint_outside_its_limits_is_named_with_figures() -> None:
+    end = HOME.copy()
+    end[2] = np.radians(-91.2)
+    (text,) = texts(CubicTrajectory(HOME, end, 10.0))
+    assert text == (
+        "Elbow: -91.20° is outside -84.36° … 95.07° at 10.00 s; choose another target or another branch"
+    )
+
+
+def test_speed_and_acceleration_peaks_are_exact() -> None:
+    end = HOME.copy()
+    end[0] += np.radians(60)
+    shortest = CubicTrajectory.plan(ROBOT, HOME, end).duration
+    assert texts(CubicTrajectory(HOME, end, shortest)) == []
+    (speed,) = texts(CubicTrajectory(HOME, end, shortest * 0.999))
+    assert speed.startswith("Base: 60.1 °/s is over its limit of 60.0 °/s at 0.75 s; take 1.00 times")
+    found = texts(CubicTrajectory(HOME, end, 0.5))
+    assert [text.split(" is over")[0] for text in found] == ["Base: 180.0 °/s", "Base: 1440.0 °/s²"]
+    assert found[1].endswith("take 2.00 times as long")
+
+
+def test_in_a_joined_motion_the_time_counts_from_the_whole_start() -> None:
+    end = HOME.copy()
+    end[0] += np.radians(60)
+    slow = CubicTrajectory(HOME, end, 4.0)
+    fast = CubicTrajectory(end, HOME, 1.0)
+    (finding,) = [f for f in preflight(ROBOT, JoinedTrajectory([slow, fast])) if "°/s is" in f.what]
+    assert finding.time == pytest.approx(4.5)
+
+
+def test_a_foreign_trajectory_is_sampled() -> None:
+    assert any("°/s is over" in text for text in texts(Sine(1.5)))
+    assert any("°/s² is over" in text for text in texts(Sine(0.3, duration=0.3)))
+    assert any("is outside" in text for text in texts(Sine(2.5, duration=60.0)))
+
+
+def test_one_that_lies_about_its_speed_is_found_out_by_its_steps() -> None:
+    assert any("°/s is over" in text for text in texts(Sine(1.5, lie=0.01)))
+
+
+def test_one_that_does_not_start_at_rest_is_refused() -> None:
+    assert any("the motion starts at" in text for text in texts(Sine(0.3, phase=1.0)))
+
+
+def test_a_motion_through_the_floor_says_which_part_and_how_deep() -> None:
+    reach = np.radians([0, 10, -30, -50, 0])
+    down = np.radians([0, -3, -60, -20, 0])
+    trajectory = CubicTrajectory.plan(ROBOT, reach, down)
+    depth = 1000 * -ROBOT.forward(down)[2, 3]
+    (finding,) = preflight(ROBOT, trajectory)
+    assert finding.part == "the tool"
+    assert finding.what == f"{depth:.1f} mm below the floor"
+    with pytest.raises(MotionRefusedError, match=r"the tool: .* mm below the floor at .* raise the target"):
+        require_clear(ROBOT, trajectory)
+
+
+def test_a_dip_in_the_middle_is_found_though_both_ends_are_clear() -> None:
+    # The wrist hangs 52 mm above the floor; the tool, 101 mm long, swings through the vertical.
+    start, end = np.radians([0, -3, -84, -83, 0]), np.radians([0, -3, -84, 80, 0])
+    assert ROBOT.forward(start)[2, 3] > 0
+    assert ROBOT.forward(end)[2, 3] > 0
+    trajectory = CubicTrajectory.plan(ROBOT, start, end)
+    (finding,) = preflight(ROBOT, trajectory)
+    assert 0 < finding.time < trajectory.duration
+    assert "below the floor" in finding.what
+
+
+def test_an_arm_that_is_below_the_floor_may_come_up_but_not_sink() -> None:
+    down = np.radians([0, -3, -60, -20, 0])
+    deeper = np.radians([0, -3, -62, -22, 0])
+    assert preflight(ROBOT, CubicTrajectory.plan(ROBOT, down, HOME)) == []
+    assert any("below the floor" in text for text in texts(CubicTrajectory.plan(ROBOT, down, deeper)))
+
+
+def test_the_first_finding_is_told_and_the_rest_are_counted() -> None:
+    end = HOME.copy()
+    end[0] += np.radians(60)
+    with pytest.raises(MotionRefusedError, match=r"Base: 180\.0 °/s .* \(and 1 more\)"):
+        require_clear(ROBOT, CubicTrajectory(HOME, end, 0.5))
+
+
+def test_another_number_of_joints_is_refused() -> None:
+    with pytest.raises(InputError, match="uzuner has 5 joints, the trajectory has 2"):
+        preflight(ROBOT, CubicTrajectory([0.0, 0.0], [1.0, 1.0], 1.0))
+
+
+def test_values_that_are_not_finite_are_refused() -> None:
+    with pytest.raises(InputError, match="angle that is not a finite number"):
+        preflight(ROBOT, Sine(float("nan")))

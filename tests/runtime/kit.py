@@ -1,0 +1,168 @@
+"""A recording board and a controller on a manual clock: every test of the runtime stands on these."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from armctl.hardware import BoardIdentity, ChannelSettings, Readback, Source
+from armctl.robot import Robot, load_robot
+from armctl.runtime import (
+    Connect,
+    Controller,
+    Enable,
+    InlineExecutor,
+    ManualClock,
+    Origin,
+    Snapshot,
+    Ticket,
+)
+from armctl.runtime.commands import Command
+
+ROBOT = load_robot("uzuner")
+TICK = 0.02
+TEST = Origin("test")
+
+
+class RecordingDriver:
+    """A board that keeps what it is told, unrounded, and fails when it is told to."""
+
+    def __init__(self, clock: ManualClock) -> None:
+        self._clock = clock
+        self.positions: dict[int, float] = {}
+        self.writes: list[tuple[float, dict[int, float]]] = []
+        self.settings: tuple[ChannelSettings, ...] = ()
+        self.calls: list[str] = []
+        self.source = Source.TRANSMITTED
+        self.errors: tuple[str, ...] = ()
+        self.fail: dict[str, Exception] = {}
+        """by method; raised on every call until it is taken out"""
+
+    def open(self) -> BoardIdentity:
+        self._call("open")
+        return BoardIdentity("recording board", "sim", simulated=True)
+
+    def configure(self, channels: Sequence[ChannelSettings]) -> None:
+        self._call("configure")
+        self.settings = tuple(channels)
+
+    def write(self, setpoints: Mapping[int, float]) -> None:
+        self._call("write")
+        by_channel = {one.channel: one for one in self.settings}
+        for channel, value in setpoints.items():
+            assert by_channel[channel].minimum <= value <= by_channel[channel].maximum
+        self.writes.append((self._clock.now(), dict(setpoints)))
+        self.positions.update(setpoints)
+
+    def read(self) -> Readback:
+        self._call("read")
+        errors, self.errors = self.errors, ()
+        positions = {one.channel: self.positions.get(one.channel) for one in self.settings}
+        return Readback(positions, self.source, errors)
+
+    def stop(self) -> None:
+        self._call("stop")
+
+    def release(self) -> None:
+        self._call("release")
+        self.positions.clear()
+
+    def close(self) -> None:
+        self._call("close")
+
+    def _call(self, name: str) -> None:
+        self.calls.append(name)
+        if name in self.fail:
+            raise self.fail[name]
+
+
+@dataclass
+class Rig:
+    """A controller that is ticked by hand."""
+
+    clock: ManualClock
+    driver: RecordingDriver
+    controller: Controller
+    robot: Robot = ROBOT
+    history: list[Snapshot] = field(default_factory=list)
+
+    @property
+    def now(self) -> Snapshot:
+        return self.controller.snapshot
+
+    def tick(self, elapsed: float = TICK) -> Snapshot:
+        self.clock.advance(elapsed)
+        self.controller.tick()
+        self.history.append(self.controller.snapshot)
+        return self.controller.snapshot
+
+    def run(self, seconds: float) -> Snapshot:
+        for _ in range(round(seconds / TICK)):
+            self.tick()
+        return self.now
+
+    def until(self, condition: Callable[[Snapshot], bool], seconds: float = 60.0) -> Snapshot:
+        for _ in range(round(seconds / TICK)):
+            if condition(self.tick()):
+                return self.now
+        raise AssertionError(f"not within {seconds} s: {self.now.state} ({self.now.cause})")
+
+    def do(self, command: Command, elapsed: float = TICK) -> Ticket:
+        """Submit and tick once."""
+        ticket = self.controller.submit(command, TEST)
+        self.tick(elapsed)
+        return ticket
+
+    def enable(self, q: NDArray[np.float64] | None = None) -> Rig:
+        for command in (Connect("sim"), Enable(q)):
+            self.do(command).finished.result(0)
+        return self
+
+    @property
+    def texts(self) -> list[str]:
+        return [event.text for event in self.now.events]
+
+    def stream(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Times (k,) [s] and joint angles (k, n) [rad] of what left the driver."""
+        servo_map = self.robot.servo_map
+        assert servo_map is not None
+        sent = [(t, values) for t, values in self.driver.writes if servo_map.channels[0] in values]
+        return np.array([t for t, _ in sent]), np.array([servo_map.angles(values) for _, values in sent])
+
+
+def make_rig(executor: Executor | None = None, robot: Robot = ROBOT, rate_hz: float = 50.0) -> Rig:
+    clock = ManualClock(10.0)
+    driver = RecordingDriver(clock)
+    controller = Controller(
+        robot, lambda _port: driver, clock, rate_hz=rate_hz, executor=executor or InlineExecutor()
+    )
+    return Rig(clock, driver, controller, robot)
+
+
+def assert_stream_keeps_limits(rig: Rig, first: int = 0) -> None:
+    """Every target inside the joint limits, no step faster than the speed limits."""
+    times, q = rig.stream()
+    low, high = rig.robot.limits[:, 0], rig.robot.limits[:, 1]
+    assert (q >= low - 1e-9).all()
+    assert (q <= high + 1e-9).all()
+    times, q = times[first:], q[first:]
+    allowed = rig.robot.speed_limits * np.diff(times)[:, None]
+    assert (np.abs(np.diff(q, axis=0)) <= allowed * (1 + 1e-9) + 1e-9).all()
+
+
+def assert_accelerations_keep_limits(rig: Rig, tolerance: float = 1e-6) -> None:
+    """What the controller says of itself, and the second differences of even stretches of the stream."""
+    for snapshot in rig.history:
+        assert (
+            np.abs(snapshot.acceleration_command) <= rig.robot.acceleration_limits * (1 + tolerance) + 1e-9
+        ).all()
+    stamps = np.array([snapshot.stamp for snapshot in rig.history])
+    q = np.array([snapshot.q_command for snapshot in rig.history])
+    steps = np.diff(stamps)
+    even = np.flatnonzero((np.abs(steps[1:] - TICK) < 1e-9) & (np.abs(steps[:-1] - TICK) < 1e-9))
+    second = np.abs(q[even + 2] - 2 * q[even + 1] + q[even]) / TICK**2
+    assert (second <= rig.robot.acceleration_limits * (1 + 1e-3) + 1e-6).all()

@@ -1,0 +1,166 @@
+"""The loop on its thread: real time, no sleeps."""
+
+from __future__ import annotations
+
+import asyncio
+import threading
+
+import numpy as np
+import pytest
+from tests.runtime.kit import ROBOT, TEST, RecordingDriver, Rig, make_rig
+
+from armctl.errors import ArmctlError, StateError
+from armctl.runtime import (
+    Connect,
+    Controller,
+    Enable,
+    ManualClock,
+    MonotonicClock,
+    MoveJoints,
+    Origin,
+    State,
+)
+
+PATIENCE_S = 20.0
+REST, HOME = ROBOT.pose("rest"), ROBOT.pose("home")
+
+
+class LiveDriver(RecordingDriver):
+    """Tells a waiting test of each write."""
+
+    def __init__(self) -> None:
+        super().__init__(ManualClock())
+        self.written = threading.Event()
+
+    def write(self, setpoints: dict[int, float]) -> None:  # type: ignore[override]
+        super().write(setpoints)
+        self.written.set()
+
+
+@pytest.fixture
+def driver() -> LiveDriver:
+    return LiveDriver()
+
+
+@pytest.fixture
+def live(driver: LiveDriver):
+    with Controller(ROBOT, lambda _: driver, MonotonicClock(), rate_hz=100) as controller:
+        controller.submit(Connect("sim"), TEST).result(PATIENCE_S)
+        controller.submit(Enable(), TEST).result(PATIENCE_S)
+        yield controller
+
+
+def near(degrees: float) -> np.ndarray:
+    return REST + np.radians([degrees, 0, 0, 0, 0])
+
+
+def test_a_motion_runs_from_end_to_end(live: Controller) -> None:
+    live.submit(MoveJoints(near(3)), TEST).result(PATIENCE_S)
+    assert np.array_equal(live.snapshot.q_command, near(3))
+    assert live.snapshot.state is State.HOLDING
+
+
+def test_a_stop_is_acted_on_at_once(live: Controller) -> None:
+    motion = live.submit(MoveJoints(near(60), duration_s=30), TEST)
+    motion.accepted.result(PATIENCE_S)
+    live.stop(TEST).result(PATIENCE_S)
+    with pytest.raises(StateError, match="stopped by test"):
+        motion.finished.result(PATIENCE_S)
+    assert live.snapshot.state is State.HOLDING
+
+
+def test_a_refusal_can_be_awaited(live: Controller) -> None:
+    async def ask() -> None:
+        await asyncio.wrap_future(live.submit(MoveJoints(np.full(5, 9.0)), TEST).accepted)
+
+    with pytest.raises(ArmctlError, match="is outside"):
+        asyncio.run(ask())
+
+
+def test_an_awaiting_task_that_is_cancelled_does_not_disturb_the_controller(live: Controller) -> None:
+    async def ask() -> None:
+        ticket = live.submit(MoveJoints(near(2)), TEST)
+        task = asyncio.ensure_future(asyncio.wrap_future(ticket.finished))
+        await asyncio.sleep(0)
+        task.cancel()
+        with pytest.raises(asyncio.CancelledError):
+            await task
+        await asyncio.to_thread(ticket.result, PATIENCE_S)
+
+    asyncio.run(ask())
+    assert np.array_equal(live.snapshot.q_command, near(2))
+
+
+def test_closing_brings_a_moving_arm_to_rest_first(driver: LiveDriver) -> None:
+    controller = Controller(ROBOT, lambda _: driver, MonotonicClock(), rate_hz=100)
+    controller.start()
+    controller.submit(Connect("sim"), TEST)
+    controller.submit(Enable(), TEST).result(PATIENCE_S)
+    motion = controller.submit(MoveJoints(near(60)), TEST)
+    motion.accepted.result(PATIENCE_S)
+    driver.written.clear()
+    assert driver.written.wait(PATIENCE_S)
+    controller.close()
+    with pytest.raises(StateError, match="stopped by close"):
+        motion.finished.result(0)
+    assert driver.calls[-1] == "close"
+    assert "release" not in driver.calls
+    assert controller.snapshot.state is State.DISCONNECTED
+    controller.close()
+
+
+def test_after_closing_everything_is_refused(rig: Rig) -> None:
+    waiting = rig.controller.submit(Connect("sim"), TEST)
+    rig.controller.close()
+    for ticket in (waiting, rig.controller.submit(Connect("sim"))):
+        with pytest.raises(StateError, match="the controller is closed"):
+            ticket.accepted.result(0)
+    rig.controller.stop().result(0)
+    with pytest.raises(StateError, match="started already"):
+        rig.controller.start()
+
+
+def test_many_threads_may_ask_at_once(live: Controller) -> None:
+    tickets = []
+    lock = threading.Lock()
+
+    def ask(k: int) -> None:
+        for _ in range(20):
+            ticket = live.submit(MoveJoints(near(k)), Origin(f"thread {k}"))
+            with lock:
+                tickets.append(ticket)
+            live.stop(Origin(f"thread {k}"))
+
+    threads = [threading.Thread(target=ask, args=(k,)) for k in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join(PATIENCE_S)
+    live.stop(TEST).result(PATIENCE_S)
+    for ticket in tickets:
+        error = ticket.finished.exception(PATIENCE_S)
+        assert error is None or isinstance(error, StateError)
+    assert live.snapshot.state is State.HOLDING
+
+
+def test_the_thread_survives_a_driver_that_breaks(live: Controller, driver: LiveDriver) -> None:
+    driver.fail["read"] = RuntimeError("oops")
+    driver.fail["write"] = RuntimeError("oops")
+    ticket = live.submit(MoveJoints(near(5)), TEST)
+    assert isinstance(ticket.finished.exception(PATIENCE_S), ArmctlError)
+    driver.fail.clear()
+    live.submit(Connect("sim"), TEST).result(PATIENCE_S)
+    assert live.snapshot.state is State.OFF
+
+
+def test_a_wake_between_two_ticks_writes_nothing_and_loses_no_time() -> None:
+    rig = make_rig().enable()
+    rig.do(MoveJoints(HOME, duration_s=2))
+    rig.run(0.2)
+    count = len(rig.driver.writes)
+    for _ in range(3):
+        rig.tick(0.001)
+    assert len(rig.driver.writes) == count
+    rig.tick(0.017)
+    rig.until(lambda s: s.progress >= 0.5)
+    assert rig.now.stamp - rig.history[2].stamp == pytest.approx(1.0, abs=0.03)

@@ -1,0 +1,222 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from tests.runtime.kit import ROBOT, TICK, Rig
+
+from armctl.errors import (
+    ArmctlError,
+    BoardError,
+    BoardProtocolError,
+    BoardTimeoutError,
+    MotionRefusedError,
+    StateError,
+)
+from armctl.motion import Program, Sample, WaitStep
+from armctl.runtime import (
+    ClearFault,
+    Connect,
+    Enable,
+    MoveGripper,
+    MoveJoints,
+    Release,
+    RunProgram,
+    SetSpeed,
+    State,
+)
+from armctl.runtime.mover import PathMover
+
+REST, HOME = ROBOT.pose("rest"), ROBOT.pose("home")
+
+
+def test_a_write_that_fails_is_a_fault_with_the_line_closed(holding: Rig) -> None:
+    motion = holding.do(MoveJoints(HOME))
+    holding.run(0.3)
+    holding.driver.fail["write"] = BoardError("/dev/ttyACM0: the line is gone (unplugged?)")
+    holding.tick()
+    assert holding.now.state is State.FAULT
+    assert holding.now.cause == "/dev/ttyACM0: the line is gone (unplugged?)"
+    assert holding.driver.calls[-1] == "close"
+    assert holding.now.board is None
+    assert not holding.now.powered
+    with pytest.raises(BoardError, match="unplugged"):
+        motion.finished.result(0)
+
+
+def test_after_an_unplug_nothing_goes_on_by_itself(holding: Rig) -> None:
+    holding.do(RunProgram(Program(robot="uzuner", steps=(WaitStep(seconds=1),)), loops=None))
+    holding.driver.fail["read"] = BoardError("unplugged")
+    holding.tick()
+    assert holding.now.state is State.FAULT
+    holding.driver.fail.clear()
+    count = len(holding.driver.calls)
+    holding.run(5)
+    assert len(holding.driver.calls) == count
+    with pytest.raises(StateError, match=r"the board is gone \(unplugged\); connect again"):
+        holding.do(ClearFault()).accepted.result(0)
+    for command in (MoveJoints(HOME), Enable(), MoveGripper(0.5)):
+        with pytest.raises(StateError):
+            holding.do(command).accepted.result(0)
+    holding.do(Connect("sim")).finished.result(0)
+    assert holding.now.state is State.OFF
+    assert holding.now.program is None
+
+
+@pytest.mark.parametrize("error", [BoardTimeoutError("no answer"), BoardProtocolError("garbled")])
+def test_a_few_readings_may_fail(holding: Rig, error: BoardError) -> None:
+    motion = holding.do(MoveJoints(HOME))
+    holding.driver.fail["read"] = error
+    for _ in range(4):
+        holding.tick()
+    assert holding.now.state is State.MOVING
+    assert holding.now.warnings == (f"the board did not answer properly: {error}",)
+    holding.driver.fail.clear()
+    holding.tick()
+    assert holding.now.warnings == ()
+    holding.until(lambda s: s.state is State.HOLDING)
+    motion.result(0)
+
+
+def test_too_many_lose_the_board(holding: Rig) -> None:
+    holding.driver.fail["read"] = BoardTimeoutError("no answer")
+    holding.run(5 * TICK)
+    assert holding.now.state is State.FAULT
+    assert holding.now.cause.startswith("lost the board: 5 readings in a row failed (no answer); check")
+
+
+def test_what_a_driver_should_not_raise_is_a_fault_too(holding: Rig) -> None:
+    holding.driver.fail["read"] = OSError(5, "Input/output error")
+    holding.tick()
+    assert holding.now.state is State.FAULT
+    assert holding.now.cause == "reading back: OSError: [Errno 5] Input/output error"
+
+
+def test_a_close_that_fails_does_not_hide_the_cause(holding: Rig) -> None:
+    holding.driver.fail = {"read": BoardError("unplugged"), "close": OSError("gone")}
+    holding.tick()
+    assert holding.now.cause == "unplugged"
+
+
+def test_pulses_that_the_board_switched_off_are_a_fault(holding: Rig) -> None:
+    holding.do(MoveJoints(HOME))
+    holding.run(0.2)
+    holding.driver.positions.clear()
+    holding.driver.fail["write"] = BoardError("not to be written to")
+    del holding.driver.fail["write"]
+    holding.driver.write = lambda setpoints: None  # type: ignore[method-assign]  # deaf
+    holding.until(lambda s: s.state is State.FAULT, seconds=0.2)
+    assert "the board switched the pulses off by itself (Base, Shoulder" in holding.now.cause
+    assert not holding.now.powered
+    holding.do(ClearFault()).finished.result(0)
+    assert holding.now.state is State.OFF
+
+
+def test_what_the_board_reports_stops_the_motion_and_is_shown(holding: Rig) -> None:
+    motion = holding.do(MoveJoints(HOME))
+    holding.run(0.3)
+    holding.driver.errors = ("serial overrun",)
+    holding.tick()
+    assert "the board reports: serial overrun" in holding.now.warnings
+    holding.until(lambda s: s.state is State.HOLDING, seconds=1)
+    with pytest.raises(StateError, match="stopped by the board reports serial overrun"):
+        motion.finished.result(0)
+    holding.run(11)
+    assert holding.now.warnings == ()
+
+
+def test_a_setpoint_that_the_gate_refuses_is_a_fault_and_is_not_sent(
+    holding: Rig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    motion = holding.do(MoveJoints(HOME))
+    holding.run(0.2)
+    stood, count = holding.now.q_command, len(holding.driver.writes)
+
+    def jumps(_self: PathMover, _now: float, _dt: float) -> Sample:
+        return Sample(stood + np.radians([10, 0, 0, 0, 0]), np.zeros(5), np.zeros(5))
+
+    with monkeypatch.context() as patch:
+        patch.setattr(PathMover, "advance", jumps)
+        holding.tick()
+    assert holding.now.state is State.FAULT
+    assert holding.now.cause.startswith("Base: a step of 10.000° in 20.0 ms, its speed limit allows 1.200°")
+    with pytest.raises(MotionRefusedError, match="a step of"):
+        motion.finished.result(0)
+    holding.run(1)
+    assert len(holding.driver.writes) == count
+    assert holding.now.powered
+    holding.do(ClearFault()).finished.result(0)
+    assert holding.now.state is State.HOLDING
+    assert np.array_equal(holding.now.q_command, stood)
+    holding.do(MoveJoints(HOME)).accepted.result(0)
+
+
+def test_a_defect_in_the_controller_is_a_fault_and_the_ticks_go_on(
+    holding: Rig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    motion = holding.do(MoveJoints(HOME))
+
+    def breaks(_self: PathMover, _now: float, _dt: float) -> Sample:
+        raise ZeroDivisionError("oops")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(PathMover, "advance", breaks)
+        holding.tick()
+    assert holding.now.state is State.FAULT
+    assert holding.now.cause == "internal error: ZeroDivisionError: oops"
+    with pytest.raises(ArmctlError, match="internal error"):
+        motion.finished.result(0)
+    holding.run(0.2)
+    holding.do(ClearFault()).finished.result(0)
+    assert holding.now.state is State.HOLDING
+
+
+def test_release_works_in_a_fault(holding: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
+    holding.do(MoveJoints(HOME))
+    with monkeypatch.context() as patch:
+        patch.setattr(PathMover, "advance", lambda *_: 1 / 0)
+        holding.tick()
+    assert holding.now.state is State.FAULT
+    holding.do(Release()).finished.result(0)
+    assert holding.now.state is State.OFF
+    assert holding.driver.positions == {}
+
+
+def test_a_release_that_cannot_be_sent_is_a_fault(holding: Rig) -> None:
+    holding.driver.fail["release"] = BoardError("unplugged")
+    with pytest.raises(BoardError, match="unplugged"):
+        holding.do(Release()).finished.result(0)
+    assert holding.now.state is State.FAULT
+
+
+def test_a_board_that_sends_something_else_is_told_after_half_a_second(holding: Rig) -> None:
+    holding.driver.positions[2] += 30.0
+    holding.run(0.4)
+    assert holding.now.warnings == ()
+    holding.run(0.3)
+    (warning,) = holding.now.warnings
+    assert "Elbow by 30.0 µs" in warning
+    assert holding.now.state is State.HOLDING
+    holding.driver.positions[2] -= 29.5
+    holding.tick()
+    assert holding.now.warnings == ()
+
+
+def test_every_change_of_state_is_logged_with_its_cause(holding: Rig) -> None:
+    holding.do(MoveJoints(HOME))
+    holding.driver.fail["read"] = BoardError("unplugged")
+    holding.tick()
+    changes = [text for text in holding.texts if " → " in text]
+    assert [text.split(":")[0] for text in changes] == [
+        "disconnected → off",
+        "off → holding",
+        "holding → moving",
+        "moving → fault",
+    ]
+    assert changes[-1] == "moving → fault: unplugged"
+    assert holding.now.events[-1].level == "error"
+
+
+def test_the_log_is_bounded(holding: Rig) -> None:
+    for k in range(300):
+        holding.do(SetSpeed(0.5 + 0.5 * (k % 2)))
+    assert len(holding.now.events) == 200

@@ -1,0 +1,296 @@
+from __future__ import annotations
+
+from collections.abc import Callable
+from concurrent.futures import Executor, Future
+from typing import Any
+
+import numpy as np
+import pytest
+from tests.runtime.kit import (
+    ROBOT,
+    TEST,
+    TICK,
+    Rig,
+    assert_accelerations_keep_limits,
+    assert_stream_keeps_limits,
+    make_rig,
+)
+
+from armctl.errors import InputError, MotionRefusedError, StateError, UnreachableError
+from armctl.kinematics import Target
+from armctl.motion import CubicTrajectory, JoinedTrajectory, arc, plan_joints, plan_target
+from armctl.runtime import Follow, MoveJoints, MoveTo, Pause, Release, Resume, SetSpeed, State
+
+REST, HOME = ROBOT.pose("rest"), ROBOT.pose("home")
+
+
+class LateExecutor(Executor):
+    """Plans only when told to."""
+
+    def __init__(self) -> None:
+        self.waiting: list[tuple[Future[Any], Callable[[], Any]]] = []
+
+    def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
+        future: Future[Any] = Future()
+        self.waiting.append((future, lambda: fn(*args, **kwargs)))
+        return future
+
+    def work(self) -> None:
+        waiting, self.waiting = self.waiting, []
+        for future, plan in waiting:
+            if future.set_running_or_notify_cancel():
+                try:
+                    future.set_result(plan())
+                except Exception as error:
+                    future.set_exception(error)
+
+
+def test_a_move_arrives_exactly_in_the_planned_time(holding: Rig) -> None:
+    duration = CubicTrajectory.plan(ROBOT, REST, HOME).duration
+    ticket = holding.do(MoveJoints(HOME))
+    assert ticket.accepted.done()
+    assert not ticket.finished.done()
+    assert holding.now.state is State.MOVING
+    assert holding.now.cause == "move (test)"
+    began = holding.now.stamp
+    goal = holding.now.goal
+    assert goal is not None
+    assert np.array_equal(goal, HOME)
+    holding.until(lambda s: s.state is State.HOLDING)
+    assert holding.now.stamp - began == pytest.approx(duration, abs=TICK)
+    ticket.result(0)
+    assert np.array_equal(holding.now.q_command, HOME)
+    assert not holding.now.velocity_command.any()
+    assert holding.now.cause == "move finished"
+    count = len(holding.driver.writes)
+    holding.run(1)
+    assert len(holding.driver.writes) == count
+    assert_stream_keeps_limits(holding, 1)
+
+
+def test_progress_goes_from_nothing_to_all(holding: Rig) -> None:
+    holding.do(MoveJoints(HOME, duration_s=2.0))
+    assert holding.now.progress == 0
+    assert holding.now.remaining_s == pytest.approx(2.0)
+    holding.run(1)
+    assert holding.now.progress == pytest.approx(0.5)
+    assert holding.now.remaining_s == pytest.approx(1.0)
+
+
+def test_normal_movement_turns_every_joint_for_itself(holding: Rig) -> None:
+    goal = HOME + np.radians([60, 0, 0, 20, 0])
+    holding.do(MoveJoints(goal, profile="normal"))
+    holding.run(0.6)
+    assert holding.now.q_command[3] == goal[3]
+    assert holding.now.q_command[0] != goal[0]
+    holding.until(lambda s: s.state is State.HOLDING)
+    assert np.array_equal(holding.now.q_command, goal)
+    assert_accelerations_keep_limits(holding)
+
+
+def test_a_point_is_reached(holding: Rig) -> None:
+    point = np.array([0.2, 0.05, 0.1])
+    holding.do(MoveTo(Target.of(point), choose="least-travel"))
+    holding.until(lambda s: s.state is State.HOLDING)
+    np.testing.assert_allclose(ROBOT.forward(holding.now.q)[:3, 3], point, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("command", "error", "message"),
+    [
+        (MoveTo(Target.of([0.9, 0, 0.1])), UnreachableError, "nearest reachable point"),
+        (MoveTo(Target.of([0.2, 0, 0.1]), choose="cheapest"), InputError, "criterion 'cheapest'"),
+        (MoveJoints(np.radians([0, 90, -91.2, 0, 0])), MotionRefusedError, "Elbow: -91.20°"),
+        (MoveJoints(HOME, duration_s=0.01), MotionRefusedError, "shortest possible duration"),
+        (MoveJoints(np.radians([0, -3, -60, -20, 0])), MotionRefusedError, "below the floor"),
+        (MoveJoints(np.full(5, np.nan)), InputError, "finite"),
+        (MoveJoints(np.zeros(2)), InputError, "5 joint angles"),
+    ],
+)
+def test_what_cannot_be_is_refused_before_the_arm_moves(
+    holding: Rig, command: MoveTo | MoveJoints, error: type[Exception], message: str
+) -> None:
+    ticket = holding.do(command)
+    with pytest.raises(error, match=message):
+        ticket.accepted.result(0)
+    with pytest.raises(error):
+        ticket.finished.result(0)
+    holding.run(0.5)
+    assert holding.now.state is State.HOLDING
+    assert len(holding.driver.writes) == 1
+    assert any("refused" in text for text in holding.texts)
+
+
+def test_a_second_motion_is_refused_and_says_stop_first(holding: Rig) -> None:
+    first = holding.do(MoveJoints(HOME))
+    with pytest.raises(StateError, match=r"it is moving \(move \(test\)\); stop first"):
+        holding.do(MoveJoints(REST)).accepted.result(0)
+    holding.until(lambda s: s.state is State.HOLDING)
+    first.result(0)
+
+
+def test_a_motion_needs_power(rig: Rig) -> None:
+    with pytest.raises(StateError, match="it is disconnected; connect and enable first"):
+        rig.do(MoveJoints(HOME)).accepted.result(0)
+
+
+def test_planning_takes_its_time_and_the_arm_waits() -> None:
+    executor = LateExecutor()
+    rig = make_rig(executor).enable()
+    ticket = rig.do(MoveJoints(HOME))
+    rig.run(0.2)
+    assert rig.now.state is State.HOLDING
+    assert not ticket.accepted.done()
+    with pytest.raises(StateError, match="another motion is being planned"):
+        rig.do(MoveJoints(REST)).accepted.result(0)
+    executor.work()
+    rig.tick()
+    assert ticket.accepted.done()
+    assert rig.now.state is State.MOVING
+
+
+def test_a_plan_for_an_arm_that_stands_elsewhere_by_now_is_refused() -> None:
+    executor = LateExecutor()
+    rig = make_rig(executor).enable()
+    ticket = rig.do(MoveJoints(HOME))
+    rig.do(Release())
+    executor.work()
+    rig.tick()
+    with pytest.raises(StateError, match="released"):
+        ticket.accepted.result(0)
+    assert rig.now.state is State.OFF
+
+
+def test_a_stop_drops_a_motion_that_is_being_planned() -> None:
+    executor = LateExecutor()
+    rig = make_rig(executor).enable()
+    ticket = rig.do(MoveJoints(HOME))
+    rig.controller.stop(TEST)
+    rig.tick()
+    executor.work()
+    rig.run(0.2)
+    with pytest.raises(StateError, match="stopped by test"):
+        ticket.accepted.result(0)
+    assert len(rig.driver.writes) == 1
+
+
+def test_a_defect_of_the_planner_is_told_and_harms_nothing() -> None:
+    class Broken(LateExecutor):
+        def work(self) -> None:
+            self.waiting[0][0].set_exception(ZeroDivisionError("oops"))
+
+    executor = Broken()
+    rig = make_rig(executor).enable()
+    ticket = rig.do(MoveJoints(HOME))
+    executor.work()
+    rig.tick()
+    error = ticket.accepted.exception(0)
+    assert str(error) == "planning failed: ZeroDivisionError: oops"
+    assert rig.now.state is State.HOLDING
+
+
+def test_following_a_trajectory_of_ones_own(holding: Rig) -> None:
+    first = plan_target(ROBOT, REST, Target.of(arc()[20]))
+    second = plan_target(ROBOT, first.end, Target.of(arc()[21]))
+    ticket = holding.do(Follow(JoinedTrajectory([first, second])))
+    holding.until(lambda s: s.state is State.HOLDING)
+    ticket.result(0)
+    assert np.array_equal(holding.now.q_command, second.end)
+    assert_accelerations_keep_limits(holding)
+
+
+def test_a_trajectory_that_starts_elsewhere_is_refused(holding: Rig) -> None:
+    with pytest.raises(StateError, match=r"starts with Wrist pitch at -40\.00°, the arm stands at -70\.00°"):
+        holding.do(Follow(plan_joints(ROBOT, HOME, REST))).accepted.result(0)
+
+
+def test_a_trajectory_that_breaks_a_limit_is_refused(holding: Rig) -> None:
+    with pytest.raises(MotionRefusedError, match="is over its limit"):
+        holding.do(Follow(CubicTrajectory(REST, HOME, 0.1))).accepted.result(0)
+
+
+def test_pause_and_resume_on_the_same_path(holding: Rig) -> None:
+    trajectory = plan_joints(ROBOT, REST, HOME)
+    ticket = holding.do(MoveJoints(HOME))
+    holding.run(0.3)
+    holding.do(Pause()).finished.result(0)
+    holding.until(lambda s: s.state is State.PAUSED, seconds=0.5)
+    paused_at = holding.now.q_command
+    count = len(holding.driver.writes)
+    holding.run(1)
+    assert len(holding.driver.writes) == count
+    holding.do(Pause()).finished.result(0)
+    holding.do(Resume()).finished.result(0)
+    assert holding.now.state is State.MOVING
+    holding.until(lambda s: s.state is State.HOLDING)
+    ticket.result(0)
+    assert not np.array_equal(paused_at, HOME)
+    dense = trajectory.sample(np.linspace(0, trajectory.duration, 20_001)).q
+    for snapshot in holding.history[2:]:
+        assert np.abs(dense - snapshot.q_command).max(axis=1).min() < 1e-4
+    assert_accelerations_keep_limits(holding)
+
+
+def test_a_pause_may_be_taken_back_while_it_slows_down(holding: Rig) -> None:
+    holding.do(MoveJoints(HOME))
+    holding.run(0.3)
+    holding.do(Pause())
+    holding.do(Resume()).finished.result(0)
+    holding.until(lambda s: s.state is State.HOLDING)
+    assert all(s.state is not State.PAUSED for s in holding.history)
+
+
+def test_nothing_to_pause_or_resume(holding: Rig) -> None:
+    with pytest.raises(StateError, match="nothing to pause: holding"):
+        holding.do(Pause()).accepted.result(0)
+    with pytest.raises(StateError, match="nothing to resume: holding"):
+        holding.do(Resume()).accepted.result(0)
+
+
+def test_half_the_speed_takes_twice_the_time(holding: Rig) -> None:
+    duration = CubicTrajectory.plan(ROBOT, REST, HOME).duration
+    holding.do(SetSpeed(0.5)).finished.result(0)
+    holding.do(MoveJoints(HOME))
+    began = holding.now.stamp
+    holding.until(lambda s: s.state is State.HOLDING)
+    assert holding.now.stamp - began == pytest.approx(2 * duration, abs=TICK)
+    assert holding.now.speed == 0.5
+
+
+def test_the_speed_may_change_on_the_way(holding: Rig) -> None:
+    holding.do(MoveJoints(HOME, duration_s=3))
+    holding.run(1)
+    holding.do(SetSpeed(0.05))
+    holding.run(1)
+    slow = np.abs(holding.now.velocity_command).max()
+    holding.do(SetSpeed(1.0))
+    holding.run(0.5)
+    assert np.abs(holding.now.velocity_command).max() > 10 * slow
+    holding.until(lambda s: s.state is State.HOLDING)
+    assert_accelerations_keep_limits(holding)
+    assert_stream_keeps_limits(holding, 1)
+
+
+@pytest.mark.parametrize("fraction", [0.0, 0.04, 1.01, np.nan, np.inf])
+def test_a_speed_that_cannot_be(holding: Rig, fraction: float) -> None:
+    with pytest.raises(InputError, match="is outside 5 … 100 %"):
+        holding.do(SetSpeed(fraction)).accepted.result(0)
+
+
+def test_a_late_tick_does_not_jump_and_is_told(holding: Rig) -> None:
+    holding.do(MoveJoints(HOME))
+    holding.run(0.3)
+    before = holding.now.q_command
+    holding.tick(3.0)
+    assert (np.abs(holding.now.q_command - before) <= ROBOT.speed_limits * 2 * TICK + 1e-12).all()
+    assert any("2980 ms late" in text for text in holding.now.warnings)
+    holding.until(lambda s: s.state is State.HOLDING)
+    holding.run(6)
+    assert holding.now.warnings == ()
+
+
+def test_going_nowhere_is_over_at_once(holding: Rig) -> None:
+    ticket = holding.do(MoveJoints(REST))
+    ticket.result(0)
+    assert holding.now.state is State.HOLDING
+    assert len(holding.driver.writes) == 1

@@ -1,0 +1,205 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from tests.runtime.kit import ROBOT, Rig, make_rig
+
+from armctl.errors import BoardError, InputError, MotionRefusedError, PortError, StateError
+from armctl.hardware import Source
+from armctl.runtime import (
+    ClearFault,
+    Connect,
+    Disconnect,
+    Enable,
+    MoveGripper,
+    MoveJoints,
+    Release,
+    State,
+)
+
+REST, HOME = ROBOT.pose("rest"), ROBOT.pose("home")
+
+
+def pulses(q: np.ndarray) -> dict[int, float]:
+    assert ROBOT.servo_map is not None
+    return ROBOT.servo_map.pulses(q)
+
+
+def test_before_anything(rig: Rig) -> None:
+    assert rig.now.state is State.DISCONNECTED
+    assert np.array_equal(rig.now.q_command, REST)
+    assert np.isnan(rig.now.q).all()
+    assert not rig.now.powered
+
+
+def test_connecting_moves_nothing_and_sets_the_channels(rig: Rig) -> None:
+    rig.do(Connect("sim")).finished.result(0)
+    assert rig.now.state is State.OFF
+    assert rig.now.cause == "connected to recording board at sim (test); pulses are off"
+    assert rig.driver.writes == []
+    base, gripper = rig.driver.settings[0], rig.driver.settings[5]
+    assert (base.channel, base.minimum, base.maximum) == (0, 554, 2446)
+    assert base.speed == pytest.approx(1.5 * 60 * 9)  # µs/s: half as fast again as the joint may turn
+    assert base.acceleration is None
+    assert (gripper.channel, gripper.minimum, gripper.maximum) == (5, 1000, 2000)
+    assert gripper.speed == pytest.approx(1.5 * 2.0 * 1000)
+
+
+def test_enable_sends_the_rest_pose_at_once_and_once(rig: Rig) -> None:
+    rig.enable()
+    assert rig.now.state is State.HOLDING
+    assert rig.now.powered
+    assert [values for _, values in rig.driver.writes] == [pulses(REST)]
+    rig.run(1)
+    assert len(rig.driver.writes) == 1
+    np.testing.assert_allclose(rig.now.q, REST, atol=1e-12)
+    assert rig.now.source is Source.TRANSMITTED
+
+
+def test_enable_in_a_pose_of_ones_own(rig: Rig) -> None:
+    rig.enable(HOME)
+    assert [values for _, values in rig.driver.writes] == [pulses(HOME)]
+
+
+@pytest.mark.parametrize(
+    ("q", "error", "message"),
+    [
+        (np.radians([0, 90, -91.2, 0, 0]), MotionRefusedError, "Elbow: -91.20° is outside"),
+        (np.radians([0, -3, -60, -20, 0]), MotionRefusedError, "the tool: .* mm below the floor"),
+        (np.full(5, np.nan), InputError, "finite"),
+        (np.zeros(3), InputError, "5 joint angles"),
+    ],
+)
+def test_enable_in_an_impossible_pose_is_refused(
+    rig: Rig, q: np.ndarray, error: type[Exception], message: str
+) -> None:
+    rig.do(Connect("sim"))
+    with pytest.raises(error, match=message):
+        rig.do(Enable(q)).accepted.result(0)
+    assert rig.driver.writes == []
+    assert rig.now.state is State.OFF
+
+
+def test_pulses_that_are_on_already_are_taken_over_without_a_jump(rig: Rig) -> None:
+    rig.driver.positions = {**pulses(HOME), 5: 1500.0}
+    rig.do(Connect("sim"))
+    assert rig.now.powered
+    assert "the board already sends pulses: Enable takes them over" in rig.now.cause
+    rig.do(Enable()).finished.result(0)
+    np.testing.assert_allclose(rig.now.q_command, HOME, atol=1e-12)
+    assert [values for _, values in rig.driver.writes] == [pytest.approx(pulses(HOME))]
+    assert rig.now.gripper == pytest.approx(0.5)
+    assert "the arm is, it stays there" in rig.now.cause
+
+
+def test_where_only_some_are_on_these_stay_and_the_others_jump(rig: Rig) -> None:
+    home = pulses(HOME)
+    rig.driver.positions = {0: home[0], 1: home[1]}
+    rig.enable()
+    np.testing.assert_allclose(rig.now.q_command, [*HOME[:2], *REST[2:]], atol=1e-12)
+    assert "Base, Shoulder stayed, the others jumped" in rig.now.cause
+
+
+def test_a_joint_that_stands_outside_its_limits_is_not_taken_over(rig: Rig) -> None:
+    rig.driver.positions = {**pulses(HOME), 2: 602.0 - 20}
+    rig.do(Connect("sim"))
+    with pytest.raises(StateError, match=r"Elbow stands at -86\.4°, outside -84\.4° … 95\.1°; support"):
+        rig.do(Enable()).accepted.result(0)
+    assert rig.driver.writes == []
+
+
+def test_encoders_say_where_the_arm_is(rig: Rig) -> None:
+    rig.driver.source = Source.MEASURED
+    rig.driver.positions = pulses(HOME)
+    rig.enable()
+    np.testing.assert_allclose(rig.now.q_command, HOME, atol=1e-12)
+    assert "encoders" in rig.now.cause
+
+
+def test_enable_twice_is_harmless_and_needs_a_board(rig: Rig) -> None:
+    with pytest.raises(StateError, match="needs the state off, it is disconnected; connect first"):
+        rig.do(Enable()).accepted.result(0)
+    rig.enable()
+    rig.do(Enable()).finished.result(0)
+    with pytest.raises(StateError, match="the arm is enabled already"):
+        rig.do(Enable(HOME)).finished.result(0)
+    assert len(rig.driver.writes) == 1
+
+
+def test_release_drops_the_arm_at_once_even_while_it_moves(holding: Rig) -> None:
+    motion = holding.do(MoveJoints(HOME))
+    holding.run(0.2)
+    count = len(holding.driver.writes)
+    holding.do(Release()).finished.result(0)
+    assert holding.now.state is State.OFF
+    assert not holding.now.powered
+    assert holding.driver.positions == {}
+    assert len(holding.driver.writes) <= count + 1
+    with pytest.raises(StateError, match=r"released \(test\)"):
+        motion.finished.result(0)
+    holding.run(1)
+    assert holding.now.state is State.OFF
+    holding.do(Enable()).finished.result(0)
+    assert holding.now.state is State.HOLDING
+
+
+def test_release_needs_a_board(rig: Rig) -> None:
+    with pytest.raises(StateError, match="nothing to release: disconnected"):
+        rig.do(Release()).accepted.result(0)
+
+
+def test_disconnecting_leaves_the_outputs_on(holding: Rig) -> None:
+    holding.do(Disconnect()).finished.result(0)
+    assert holding.now.state is State.DISCONNECTED
+    assert holding.driver.calls[-1] == "close"
+    assert "release" not in holding.driver.calls
+    holding.enable()
+    assert "it stays there" in holding.now.cause
+
+
+def test_disconnecting_while_moving_waits_for_a_standstill(holding: Rig) -> None:
+    motion = holding.do(MoveJoints(HOME))
+    holding.run(0.4)
+    leaving = holding.do(Disconnect())
+    assert not leaving.finished.done()
+    with pytest.raises(StateError, match="disconnecting"):
+        holding.do(MoveGripper(1.0)).accepted.result(0)
+    holding.until(lambda s: s.state is State.DISCONNECTED, seconds=1)
+    leaving.finished.result(0)
+    with pytest.raises(StateError, match="stopped by disconnect"):
+        motion.finished.result(0)
+
+
+def test_a_port_that_is_not_there(rig: Rig) -> None:
+    rig.driver.fail["open"] = PortError("/dev/ttyACM0: no such port")
+    with pytest.raises(PortError, match="no such port"):
+        rig.do(Connect("/dev/ttyACM0")).finished.result(0)
+    assert rig.now.state is State.DISCONNECTED
+    assert rig.now.cause == "/dev/ttyACM0: no such port"
+    assert rig.driver.calls[-1] == "close"
+    rig.driver.fail.clear()
+    rig.enable()
+
+
+def test_what_is_no_armctl_error_is_translated_with_its_cause(rig: Rig) -> None:
+    rig.driver.fail["configure"] = OSError(5, "Input/output error")
+    ticket = rig.do(Connect("sim"))
+    with pytest.raises(BoardError, match=r"setting the channels: OSError: \[Errno 5\]") as caught:
+        ticket.finished.result(0)
+    assert isinstance(caught.value.__cause__, OSError)
+    assert rig.now.board is None
+
+
+def test_connecting_twice_is_refused(holding: Rig) -> None:
+    with pytest.raises(StateError, match="connected already, and holding; disconnect first"):
+        holding.do(Connect("sim")).accepted.result(0)
+
+
+def test_there_is_no_fault_to_clear(holding: Rig) -> None:
+    with pytest.raises(StateError, match="no fault to clear: holding"):
+        holding.do(ClearFault()).accepted.result(0)
+
+
+def test_a_rate_that_cannot_be() -> None:
+    with pytest.raises(InputError, match="5 Hz is outside 10 … 200 Hz"):
+        make_rig(rate_hz=5)

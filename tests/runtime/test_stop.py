@@ -1,0 +1,134 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from tests.runtime.kit import (
+    ROBOT,
+    TEST,
+    TICK,
+    Rig,
+    assert_accelerations_keep_limits,
+    assert_stream_keeps_limits,
+)
+
+from armctl.errors import StateError
+from armctl.runtime import Jog, MoveGripper, MoveJoints, Pause, Resume, State
+
+REST, HOME = ROBOT.pose("rest"), ROBOT.pose("home")
+
+
+def far(rig: Rig) -> np.ndarray:
+    goal = HOME.copy()
+    goal[0] = np.radians(90)
+    return goal
+
+
+def test_the_arm_comes_to_rest_as_fast_as_its_accelerations_allow(holding: Rig) -> None:
+    holding.do(MoveJoints(far(holding), profile="normal"))
+    holding.run(1.0)
+    assert holding.now.velocity_command[0] == pytest.approx(np.radians(60))
+    ticket = holding.controller.stop(TEST)
+    stopped_at = holding.now.stamp
+    holding.until(lambda s: s.state is State.HOLDING, seconds=1)
+    # 60 °/s at 360 °/s²: 0.167 s, and a tick for each end
+    assert 0.16 < holding.now.stamp - stopped_at < 0.167 + 2 * TICK
+    ticket.finished.result(0)
+    assert holding.now.cause == "stopped by test"
+    assert not holding.now.velocity_command.any()
+    count = len(holding.driver.writes)
+    holding.run(2)
+    assert len(holding.driver.writes) == count
+    assert_stream_keeps_limits(holding, 1)
+    assert_accelerations_keep_limits(holding)
+
+
+def test_the_first_tick_after_a_stop_slows_down_already(holding: Rig) -> None:
+    holding.do(MoveJoints(far(holding), profile="normal"))
+    holding.run(1.0)
+    before = holding.now.velocity_command[0]
+    holding.controller.stop(TEST)
+    holding.tick(0.001)  # the wake-up, ahead of the next regular tick
+    assert holding.now.velocity_command[0] < before
+
+
+def test_the_motion_ends_in_words_and_cannot_be_resumed(holding: Rig) -> None:
+    motion = holding.do(MoveJoints(far(holding)))
+    holding.run(0.5)
+    holding.controller.stop(TEST)
+    holding.until(lambda s: s.state is State.HOLDING, seconds=1)
+    with pytest.raises(StateError, match="move was stopped by test"):
+        motion.finished.result(0)
+    with pytest.raises(StateError, match="nothing to resume"):
+        holding.do(Resume()).accepted.result(0)
+    assert any(text == "STOP (test)" for text in holding.texts)
+
+
+def test_while_it_slows_down_nothing_else_begins(holding: Rig) -> None:
+    holding.do(MoveJoints(far(holding)))
+    holding.run(0.5)
+    holding.controller.stop(TEST)
+    holding.tick()
+    assert holding.now.state is State.MOVING
+    for command in (MoveJoints(REST), Jog(np.ones(5)), Pause(), Resume()):
+        with pytest.raises(StateError):
+            holding.do(command).accepted.result(0)
+
+
+def test_what_waits_in_the_queue_is_dropped_and_what_comes_after_is_not(holding: Rig) -> None:
+    before = holding.controller.submit(MoveJoints(HOME), TEST)
+    holding.controller.stop(TEST)
+    after = holding.controller.submit(MoveJoints(far(holding)), TEST)
+    holding.tick()
+    with pytest.raises(StateError, match="stopped by test before it began"):
+        before.accepted.result(0)
+    after.accepted.result(0)
+    assert holding.now.state is State.MOVING
+
+
+def test_a_paused_motion_is_dropped_too(holding: Rig) -> None:
+    holding.do(MoveJoints(far(holding)))
+    holding.run(0.5)
+    holding.do(Pause())
+    holding.until(lambda s: s.state is State.PAUSED, seconds=1)
+    holding.controller.stop(TEST)
+    holding.tick()
+    assert holding.now.state is State.HOLDING
+
+
+def test_the_gripper_stops_where_it_is(holding: Rig) -> None:
+    holding.do(MoveGripper(0.0))
+    ticket = holding.do(MoveGripper(1.0))
+    holding.run(0.1)
+    holding.controller.stop(TEST)
+    holding.tick()
+    opening = holding.now.gripper
+    assert opening is not None
+    assert 0 < opening < 1
+    with pytest.raises(StateError, match="stopped by test"):
+        ticket.finished.result(0)
+    holding.run(1)
+    assert holding.now.gripper == opening
+
+
+def test_a_stop_with_nothing_to_stop_is_over_at_once(rig: Rig) -> None:
+    ticket = rig.controller.stop(TEST)
+    rig.tick()
+    ticket.result(0)
+    assert rig.now.state is State.DISCONNECTED
+
+
+def test_a_jog_that_is_still_held_does_not_go_on_after_a_stop(holding: Rig) -> None:
+    rates = np.array([1.0, 0, 0, 0, 0])
+    for _ in range(20):
+        holding.do(Jog(rates))
+    holding.controller.stop(TEST)
+    for _ in range(60):
+        ticket = holding.do(Jog(rates))
+    with pytest.raises(StateError, match="let go first"):
+        ticket.accepted.result(0)
+    assert holding.now.state is State.HOLDING
+    stood = holding.now.q_command
+    holding.run(0.3)  # the key is let go
+    holding.do(Jog(rates)).accepted.result(0)
+    holding.run(0.1)
+    assert holding.now.q_command[0] > stood[0]
