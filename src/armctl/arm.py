@@ -179,5 +179,3 @@ class Arm:
         except KeyboardInterrupt:
             self.controller.stop(_ORIGIN).result(5.0)
             raise
-
-

@@ -41,7 +41,9 @@ class Boards:
         """The simulated board's server, started when it is first asked for."""
         with self._lock:
             if self._simulated is None:
-                server = serve_simulated_maestro(self._now, channels=self._channels, model=_model(self._channels))
+                server = serve_simulated_maestro(
+                    self._now, channels=self._channels, model=_model(self._channels)
+                )
                 server.__enter__()
                 self._simulated = server
             return self._simulated

@@ -6,7 +6,7 @@ from armctl.kinematics.gravity import Body, GravityModel
 from armctl.kinematics.inverse import InverseKinematics, inverse_kinematics
 from armctl.kinematics.rotation import quaternion_wxyz, roll_pitch_yaw, rotation_from_rpy
 from armctl.kinematics.solutions import Solutions
-from armctl.kinematics.sweep import DEFAULT_STEP
+from armctl.kinematics.sweep_grid import DEFAULT_STEP
 from armctl.kinematics.target import Target
 
 __all__ = [

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
-from armctl.kinematics.angles import images
+from armctl.kinematics.angles import images, wrap
 from armctl.kinematics.yaw_pitch_roll import YawPitchRoll
 
 AXIS_TOLERANCE = 1e-10
@@ -24,6 +25,11 @@ class BaseBranch:
     """forward coordinate of the target in the tool plane [m], negative at the back"""
 
 
+def is_on_axis(geometry: YawPitchRoll, x: float, y: float) -> bool:
+    """True when any base angle serves: the target and the tool plane both lie on the base axis."""
+    return abs(geometry.lateral) <= AXIS_TOLERANCE and math.hypot(x, y) <= AXIS_TOLERANCE
+
+
 def base_branches(
     geometry: YawPitchRoll, x: float, y: float, limits: tuple[float, float] | None
 ) -> list[BaseBranch]:
@@ -37,22 +43,32 @@ def base_branches(
 
     Returns:
         The front branch before the back branch; none when the target lies closer to the base axis than
-        the tool plane does. On the base axis itself (d = 0) any angle serves and 0 and 180° are given.
+        the tool plane does. Where any angle serves, the one inside the limits that is nearest to zero is
+        given, and its opposite.
     """
     d = geometry.lateral
     rho = math.hypot(x, y)
     if rho < abs(d) - AXIS_TOLERANCE:
         return []
+    if is_on_axis(geometry, x, y):
+        straight = 0.0 if limits is None else min(max(0.0, limits[0]), limits[1])
+        return axis_branches((straight, straight + math.pi), limits)
     r = math.sqrt(max(0.0, (rho - abs(d)) * (rho + abs(d))))
     azimuth = math.atan2(y, x)
     branches: list[BaseBranch] = []
     for front in (True, False):
-        if not front and r == 0.0 and d != 0.0:
+        if not front and r == 0.0:
             continue  # both branches are the same one
         signed = r if front else -r
         turn = geometry.yaw_sign * (azimuth - math.atan2(d, signed))
-        if limits is None:
-            branches.append(BaseBranch(front, math.remainder(turn, 2 * math.pi), signed))
-        else:
-            branches += [BaseBranch(front, angle, signed) for angle in images(turn, *limits)]
+        branches += [BaseBranch(front, angle, signed) for angle in _inside(turn, limits)]
     return branches
+
+
+def axis_branches(turns: Sequence[float], limits: tuple[float, float] | None) -> list[BaseBranch]:
+    """Branches for a target on the base axis, at the angles wanted [rad]: the first in front, others not."""
+    return [BaseBranch(i == 0, angle, 0.0) for i, turn in enumerate(turns) for angle in _inside(turn, limits)]
+
+
+def _inside(turn: float, limits: tuple[float, float] | None) -> list[float]:
+    return [wrap(turn)] if limits is None else images(turn, *limits)

@@ -17,6 +17,35 @@ FloatArray = NDArray[np.float64]
 Convention = Literal["standard", "modified"]
 
 
+def as_numbers(value: ArrayLike, what: str) -> FloatArray:
+    """``value`` as an array of floats of any shape.
+
+    Raises:
+        InputError: anything but whole or real numbers: text, booleans, complex numbers, ragged lists.
+    """
+    try:
+        array = np.asarray(value)
+    except (TypeError, ValueError) as cause:
+        raise InputError(f"{what} must be numbers, got {value!r}") from cause
+    if array.dtype.kind not in "iuf":
+        raise InputError(f"{what} must be numbers, got {value!r}")
+    return array.astype(np.float64)
+
+
+def checked_number(value: float, what: str) -> float:
+    """``value`` as one finite float.
+
+    Raises:
+        InputError: text, an array, NaN or infinity.
+    """
+    array = as_numbers(value, what)
+    if array.ndim != 0:
+        raise InputError(f"{what} must be one number, got {value!r}")
+    if not np.isfinite(array):
+        raise InputError(f"{what} must be a finite number, got {value!r}")
+    return float(array)
+
+
 @dataclass(frozen=True, slots=True)
 class DHRow:
     """One Denavit-Hartenberg row, in metres and radians.
@@ -99,10 +128,7 @@ class DHChain:
         Raises:
             InputError: wrong shape, text, NaN or infinity.
         """
-        try:
-            array = np.asarray(q, dtype=np.float64)
-        except (TypeError, ValueError) as cause:
-            raise InputError(f"joint angles must be numbers, got {q!r}") from cause
+        array = as_numbers(q, "joint angles")
         if array.ndim == 0 or array.shape[-1] != self.n:
             raise InputError(f"{self.n} joint angles are needed, got an array of shape {array.shape}")
         if not np.isfinite(array).all():
@@ -263,7 +289,9 @@ def _sum(*terms: tuple[_Entry, _Entry]) -> _Entry:
     for a, b in terms:
         if (isinstance(a, float) and a == 0.0) or (isinstance(b, float) and b == 0.0):
             continue
-        product = b if isinstance(a, float) and a == 1.0 else a if isinstance(b, float) and b == 1.0 else a * b
+        product = (
+            b if isinstance(a, float) and a == 1.0 else a if isinstance(b, float) and b == 1.0 else a * b
+        )
         total = product if isinstance(total, float) and total == 0.0 else total + product
     return total
 

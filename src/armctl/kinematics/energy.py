@@ -87,7 +87,10 @@ def _published(q: FloatArray, pitch_joints: tuple[int, ...]) -> FloatArray:
 def _travel(q: FloatArray, model: EnergyModel, start: ArrayLike | None) -> FloatArray:
     if start is None:
         raise InputError("least-travel needs the pose that the arm starts from")
-    return (np.abs(q - np.asarray(start, dtype=np.float64)) / model.speed_limits).sum(axis=1)
+    start = model.gravity.chain.checked(start)
+    if start.ndim != 1:
+        raise InputError(f"least-travel needs one pose to start from, got an array of shape {start.shape}")
+    return (np.abs(q - start) / model.speed_limits).sum(axis=1)
 
 
 def _torque(q: FloatArray, model: EnergyModel) -> FloatArray:

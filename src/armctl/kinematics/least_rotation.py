@@ -4,8 +4,8 @@ Between the points where a joint passes zero the sum is smooth, so a minimum lie
 
 * where a joint is at a limit or at zero (closed form: the two-link triangle of what is left), or
 * where the sum is stationary along the self-motion. With plane angles t and senses e_k = ±1 of |θ_k| the
-  condition is  e2 l3 l4 sin t4 - e3 (l4 l2 sin(t3+t4) + l4 l3 sin t4) + e4 (l2 l3 sin t3 + l2 l4 sin(t3+t4)) = 0
-  (the null vector of the planar Jacobian, dotted with the senses), which up to a common sign is
+  condition is
+  e2 l3 l4 sin t4 - e3 (l4 l2 sin(t3+t4) + l4 l3 sin t4) + e4 (l2 l3 sin t3 + l2 l4 sin(t3+t4)) = 0  (the null vector of the planar Jacobian, dotted with the senses), which up to a common sign is
 
       e = (+,+,+):  sin t3 = 0
       e = (+,+,-):  l3 sin t3 + 2 l4 sin(t3+t4) = 0
@@ -27,11 +27,11 @@ from numpy.typing import NDArray
 
 from armctl.kinematics.angles import LIMIT_TOLERANCE, TWO_PI
 from armctl.kinematics.base_yaw import BaseBranch
+from armctl.kinematics.stationary_curve import StationaryCurve, coefficients
 from armctl.kinematics.two_link import two_link
 from armctl.kinematics.yaw_pitch_roll import YawPitchRoll
 
 FloatArray = NDArray[np.float64]
-_CURVE_SAMPLES = 2001
 
 
 class LeastRotation:
@@ -117,36 +117,26 @@ class LeastRotation:
                     whole = l2 + cmath.exp(1j * t3) * (l3 + l4 * cmath.exp(1j * t4))
                     yield direction - cmath.phase(whole), t3, t4
 
-    def _live_curves(self, pattern: tuple[int, int, int]) -> list[_Curve]:
+    def _live_curves(self, pattern: _Pattern) -> list[StationaryCurve]:
         """The parts of one family's two curves t4(t3) that can be a minimum inside the limits."""
         geometry = self.geometry
         low, high = geometry.plane_limits(1, np.array([(0, 0), *self.limits]))
-        t3 = np.linspace(low, high, _CURVE_SAMPLES)
-        curves: list[_Curve] = []
+        curves: list[StationaryCurve] = []
         for root in (0, 1):
-            t4, real = _stationary_t4(pattern, geometry.lengths, t3, root)
-            alive = real & self._may_be_minimum(pattern, t3, t4)
-            alive |= np.roll(alive, 1) | np.roll(alive, -1)  # the ends lie between two samples
-            alive &= real
-            edges = np.flatnonzero(np.diff(np.concatenate([[0], alive.astype(np.int8), [0]])))
-            for start, stop in zip(edges[::2], edges[1::2], strict=True):
-                if stop - start > 1:
-                    curves.append(_Curve(pattern, geometry.lengths, root, t3[start:stop]))
+            whole = StationaryCurve.over(pattern, geometry.lengths, root, low, high)
+            curves += [part for piece in whole for part in piece.parts(self._may_be_minimum(pattern, piece))]
         return curves
 
-    def _may_be_minimum(self, pattern: tuple[int, int, int], t3: FloatArray, t4: FloatArray) -> NDArray[np.bool_]:
+    def _may_be_minimum(self, pattern: _Pattern, curve: StationaryCurve) -> NDArray[np.bool_]:
         """Senses that agree with the pattern, the wrist inside its limits, and not a maximum."""
-        geometry = self.geometry
-        angle3 = _wrap(geometry.signs[1] * (t3 - geometry.offsets[1]))
-        angle4 = _wrap(geometry.signs[2] * (t4 - geometry.offsets[2]))
-        low, high = self.limits[2]
-        inside = (angle4 >= low - 1e-6) & (angle4 <= high + 1e-6)
-        inside |= (angle4 + TWO_PI <= high) | (angle4 - TWO_PI >= low)
-        sense3, sense4 = np.sign(angle3) * geometry.signs[1], np.sign(angle4) * geometry.signs[2]
+        t3, t4 = curve.t3, curve.t4
+        angle3, _ = self._image(1, t3)
+        angle4, inside = self._image(2, t4)
+        sense3, sense4 = (np.sign(a) * self.geometry.signs[k] for k, a in ((1, angle3), (2, angle4)))
         agree = sense3 * sense4 * pattern[1] * pattern[2] >= 0
         # second derivative along the null vector n = (l3 l4 s4, -(l2 l4 s34 + l3 l4 s4), l2 l3 s3 + l2 l4 s34)
-        a, b, c = _coefficients(pattern, geometry.lengths)
-        l2, l3, l4 = geometry.lengths
+        a, b, c = coefficients(pattern, self.geometry.lengths)
+        l2, l3, l4 = self.geometry.lengths
         n3 = -(l2 * l4 * np.sin(t3 + t4) + l3 * l4 * np.sin(t4))
         n4 = l2 * l3 * np.sin(t3) + l2 * l4 * np.sin(t3 + t4)
         slope3 = a * np.cos(t3) + c * np.cos(t3 + t4)
@@ -154,65 +144,15 @@ class LeastRotation:
         curvature = (slope3 * n3 + slope4 * n4) * sense3 * pattern[1]
         return inside & agree & (curvature >= -1e-9 * (l2 + l3 + l4) ** 4)
 
-
-_PATTERNS: tuple[tuple[int, int, int], ...] = ((1, 1, -1), (1, -1, 1), (1, -1, -1))
-
-
-def _wrap(angle: FloatArray) -> FloatArray:
-    return angle - TWO_PI * np.rint(angle / TWO_PI)
-
-
-def _coefficients(pattern: tuple[int, int, int], lengths: tuple[float, ...]) -> tuple[float, float, float]:
-    """a, b, c of  a sin t3 + b sin t4 + c sin(t3 + t4) = 0."""
-    e2, e3, e4 = pattern
-    l2, l3, l4 = lengths
-    return e4 * l2 * l3, (e2 - e3) * l3 * l4, (e4 - e3) * l2 * l4
+    def _image(self, k: int, plane: FloatArray) -> tuple[FloatArray, NDArray[np.bool_]]:
+        """Joint angle of least magnitude inside its limits for plane angles (m,), and where there is one."""
+        low, high = self.limits[k]
+        angle = self.geometry.signs[k] * (plane - self.geometry.offsets[k])
+        angle -= TWO_PI * np.rint(angle / TWO_PI)
+        angle += TWO_PI * np.ceil(np.maximum(0.0, low - 1e-6 - angle) / TWO_PI)
+        angle -= TWO_PI * np.ceil(np.maximum(0.0, angle - high - 1e-6) / TWO_PI)
+        return angle, (angle >= low - 1e-6) & (angle <= high + 1e-6)
 
 
-def _stationary_t4(
-    pattern: tuple[int, int, int], lengths: tuple[float, ...], t3: FloatArray, root: int
-) -> tuple[FloatArray, NDArray[np.bool_]]:
-    """One of the two t4 (k,) that make the sum stationary at t3 (k,), and where it is real."""
-    a, b, c = _coefficients(pattern, lengths)
-    along, across = b + c * np.cos(t3), c * np.sin(t3)  # along sin t4 + across cos t4 = -a sin t3
-    size = np.hypot(along, across)
-    ratio = np.divide(-a * np.sin(t3), size, out=np.full_like(t3, np.inf), where=size > 0)
-    real = np.abs(ratio) <= 1.0
-    angle = np.arcsin(np.clip(ratio, -1.0, 1.0))
-    return _wrap((angle if root == 0 else math.pi - angle) - np.arctan2(across, along)), real
-
-
-class _Curve:
-    """A stretch of a stationary curve, tabulated over t3 by its squared distance from the first pitch axis."""
-
-    def __init__(
-        self, pattern: tuple[int, int, int], lengths: tuple[float, ...], root: int, t3: FloatArray
-    ) -> None:
-        self._pattern, self._lengths, self._root, self._t3 = pattern, lengths, root, t3
-        self._square = self._evaluate(t3)[1]
-
-    def _evaluate(self, t3: FloatArray) -> tuple[FloatArray, FloatArray]:
-        l2, l3, l4 = self._lengths
-        t4, _ = _stationary_t4(self._pattern, self._lengths, t3, self._root)
-        square = l2 * l2 + l3 * l3 + l4 * l4 + 2 * (
-            l2 * l3 * np.cos(t3) + l3 * l4 * np.cos(t4) + l2 * l4 * np.cos(t3 + t4)
-        )  # fmt: skip
-        return t4, square
-
-    def at(self, square: float) -> list[tuple[float, float]]:
-        """Points (t3, t4) of the curve at a squared distance [m²], polished to machine precision."""
-        difference = self._square - square
-        crossings = np.flatnonzero(difference[:-1] * difference[1:] <= 0)
-        points: list[tuple[float, float]] = []
-        for i in crossings:
-            low, high = self._t3[i : i + 1], self._t3[i + 1 : i + 2]
-            rising = difference[i] <= 0
-            for _ in range(60):
-                middle = 0.5 * (low + high)
-                if (self._evaluate(middle)[1][0] <= square) == rising:
-                    low = middle
-                else:
-                    high = middle
-            middle = 0.5 * (low + high)
-            points.append((float(middle[0]), float(self._evaluate(middle)[0][0])))
-        return points
+_Pattern = tuple[int, int, int]
+_PATTERNS: tuple[_Pattern, ...] = ((1, 1, -1), (1, -1, 1), (1, -1, -1))

@@ -1,9 +1,14 @@
 """The nearest point that the tool can reach: exact, by the conditions that an optimum must meet.
 
-In the tool plane, at the nearest point each pitch joint is either at a limit or points its rest of the
-arm straight at (or away from) the target. So there are 3^m choices of which joints are at which limit,
-and for each the free groups of links lie on one line: 64 candidates for three joints. The base is then
-turned to where it serves that point best, and the two steps repeat until nothing changes.
+At the nearest point each joint is either at a limit or at rest: the distance does not fall when it alone
+turns. For the base, at rest means that the tip faces the target. For the pitch joints it means that the
+joint lies on the line along which the tip misses the target, within the tool plane. So there are 3^m
+choices of which pitch joints are at which limit, and for each the free groups of links lie on one line:
+the arm is rigid but for one angle, and its tip runs on a circle. Nearest on a circle is closed form while
+the base is at a limit, and a search in one variable while it faces the target.
+
+One case is left: the tip misses the target only sideways, across the tool plane, where the pitch joints
+can do nothing about it. Then they have an ordinary inverse solution in the plane.
 """
 
 from __future__ import annotations
@@ -11,121 +16,168 @@ from __future__ import annotations
 import cmath
 import itertools
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from armctl.kinematics.angles import images
+from armctl.kinematics.angles import LIMIT_TOLERANCE, TWO_PI, images
 from armctl.kinematics.yaw_pitch_roll import YawPitchRoll
 
 FloatArray = NDArray[np.float64]
-_ROUNDS = 40
-Plane = tuple[float, ...]
+ComplexArray = NDArray[np.complex128]
+PlaneSolver = Callable[[float, float, float, float | None], FloatArray | None]
+"""(1 + m,) joint angles inside the limits for a base angle, a forward and an upward coordinate, and the last
+link's direction or any; None where there are none"""
+_SAMPLES = 128
+_BISECTIONS = 52
+_NO_LENGTH = 1e-12
+
+
+@dataclass(frozen=True, slots=True)
+class _Circle:
+    """A rigid arm that turns by phi: tip = centre + arm · exp(i phi), plane angles = constants + slopes · phi."""
+
+    centre: complex
+    """from the first pitch axis [m]"""
+    arm: complex
+    constants: tuple[float, ...]
+    slopes: tuple[float, ...]
+
+
+class _Circles:
+    """Many of them, as columns."""
+
+    def __init__(self, circles: Iterable[_Circle], shoulder: complex) -> None:
+        kept = list(circles)
+        self.centre: ComplexArray = np.array([c.centre for c in kept], dtype=np.complex128) + shoulder
+        self.arm: ComplexArray = np.array([c.arm for c in kept], dtype=np.complex128)
+        self.constants: FloatArray = np.array([c.constants for c in kept], dtype=np.float64)
+        self.slopes: FloatArray = np.array([c.slopes for c in kept], dtype=np.float64)
+
+
+@dataclass(frozen=True, slots=True)
+class Nearest:
+    """A nearest configuration."""
+
+    q: FloatArray
+    """(1 + m,) base and pitch joints [rad]"""
+    distance: float
+    """of its tip from the target [m]"""
 
 
 class NearestReach:
     """Nearest reachable points of one arm. Immutable; safe in several threads."""
 
-    def __init__(self, geometry: YawPitchRoll, limits: FloatArray) -> None:
-        self.geometry = geometry
-        self.base_limits = (float(limits[0, 0]), float(limits[0, 1]))
-        self.plane_limits = [geometry.plane_limits(k, limits) for k in range(len(geometry.lengths))]
-        self._groups = [
-            group for fixed in itertools.product((0, 1, None), repeat=len(geometry.lengths))
-            for group in self._collinear(fixed)
-        ]  # fmt: skip
+    def __init__(self, geometry: YawPitchRoll, limits: FloatArray, in_plane: PlaneSolver) -> None:
+        self.geometry, self._in_plane = geometry, in_plane
+        self._base = (float(limits[0, 0]), float(limits[0, 1]))
+        self._plane = [geometry.plane_limits(k, limits) for k in range(len(geometry.lengths))]
+        choices = itertools.product((0, 1, None), repeat=len(geometry.lengths))
+        self._free = _Circles((c for fixed in choices for c in self._collinear(fixed)), geometry.shoulder)
 
-    def solve(self, x: float, y: float, z: float, tool_angle: float | None = None) -> FloatArray | None:
-        """Base and pitch joint angles (1 + m,) [rad] of the nearest reachable point.
+    def solve(self, x: float, y: float, z: float, tool_angle: float | None = None) -> Nearest | None:
+        """The nearest configuration inside the limits.
 
         Args:
-            x, y, z: the target about the base axis: forward, left, up [m].
-            tool_angle: absolute plane angle of the last link to be kept [rad]; None: free.
+            x: target, forward of the base axis [m].
+            y: target, left of the base axis [m].
+            z: target, above the base origin [m].
+            tool_angle: plane angle of the last link to be kept [rad]; None: free.
 
         Returns:
             None when no configuration has that tool angle.
         """
-        geometry = self.geometry
-        low, high = self.base_limits
-        rho, azimuth = math.hypot(x, y), math.atan2(y, x)
-        forward = math.sqrt(max(0.0, rho * rho - geometry.lateral**2))
-        starts = {low, high}
-        for r in (forward, -forward):
-            starts.add(self._face(azimuth, r))
-        best, best_distance = None, math.inf
-        for start in sorted(starts):
-            found = self._settle(start, x, y, z, tool_angle)
-            if found is not None and found[1] < best_distance - 1e-12:
-                best, best_distance = found
-        return best
+        circles = self._free
+        if tool_angle is not None:
+            circles = _Circles(self._at_tool_angle(tool_angle), self.geometry.shoulder)
+        found = [self._best(circles, *self._facing(circles, x, y, z))]
+        for yaw in self._base:
+            across = complex(x, y) * cmath.exp(-1j * self.geometry.yaw_sign * yaw)
+            phi = np.angle(complex(across.real, z) - circles.centre) - np.angle(circles.arm)
+            tip = circles.centre + circles.arm * np.exp(1j * phi)
+            miss = np.hypot(np.abs(tip - complex(across.real, z)), across.imag - self.geometry.lateral)
+            found.append(self._best(circles, np.arange(len(phi)), phi, np.full(len(phi), yaw), miss))
+            found.append(self._sideways(yaw, across, z, tool_angle, across.real))
+        rho, d = math.hypot(x, y), self.geometry.lateral
+        if rho < abs(d):  # inside the cylinder that the tool plane cannot enter
+            turn = self.geometry.yaw_sign * (math.atan2(y, x) - math.copysign(0.5 * math.pi, d))
+            for yaw in images(turn, *self._base):
+                across = complex(x, y) * cmath.exp(-1j * self.geometry.yaw_sign * yaw)
+                found.append(self._sideways(yaw, across, z, tool_angle, 0.0))
+        return min((n for n in found if n is not None), key=lambda n: n.distance, default=None)
 
-    def _settle(
-        self, yaw: float, x: float, y: float, z: float, tool_angle: float | None
-    ) -> tuple[FloatArray, float] | None:
-        """Alternate between the tool plane and the base, from one base angle: joint angles and distance [m]."""
-        geometry = self.geometry
-        best: tuple[FloatArray, float] | None = None
-        for _ in range(_ROUNDS):
-            local = complex(x, y) * cmath.exp(-1j * geometry.yaw_sign * yaw)
-            found = self._planar(complex(local.real, z) - geometry.shoulder, tool_angle)
-            if found is None:
-                return None
-            plane, tip = found
-            tip += geometry.shoulder
-            yaw = self._face(math.atan2(y, x), tip.real)
-            local = complex(x, y) * cmath.exp(-1j * geometry.yaw_sign * yaw)
-            distance = math.hypot(abs(local - complex(tip.real, geometry.lateral)), z - tip.imag)
-            if best is not None and distance > best[1] - 1e-13:
-                break
-            best = self._joints(yaw, plane), distance
-        return best
+    def _sideways(
+        self, yaw: float, across: complex, z: float, tool_angle: float | None, r: float
+    ) -> Nearest | None:
+        """The tip level with the target, at a forward coordinate r [m] of the tool plane."""
+        q = self._in_plane(yaw, r, z, tool_angle)
+        return None if q is None else Nearest(q, abs(across - complex(r, self.geometry.lateral)))
 
-    def _face(self, azimuth: float, r: float) -> float:
-        """The base angle inside its limits that brings a point at forward distance r nearest to an azimuth."""
-        turn = self.geometry.yaw_sign * (azimuth - math.atan2(self.geometry.lateral, r))
-        inside = images(turn, *self.base_limits)
-        if inside:
-            return min(inside, key=abs)
-        return min(self.base_limits, key=lambda limit: abs(math.remainder(limit - turn, 2 * math.pi)))
+    def _best(
+        self, circles: _Circles, row: NDArray[np.intp], phi: FloatArray, yaw: FloatArray, miss: FloatArray
+    ) -> Nearest | None:
+        """The nearest of some candidates that is inside the limits of the pitch joints."""
+        plane = circles.constants[row] + circles.slopes[row] * phi[:, None]
+        inside = np.isfinite(miss)
+        for k, limits in enumerate(self._plane):
+            plane[:, k], ok = _into(plane[:, k], *limits)
+            inside &= ok
+        if not inside.any():
+            return None
+        i = int(np.argmin(np.where(inside, miss, np.inf)))
+        angles = [self.geometry.joint_angle(k, float(t)) for k, t in enumerate(plane[i])]
+        return Nearest(np.array([yaw[i], *angles]), float(miss[i]))
 
-    def _joints(self, yaw: float, plane: Plane) -> FloatArray:
-        return np.array([yaw, *(self.geometry.joint_angle(k, t) for k, t in enumerate(plane))])
+    def _facing(
+        self, circles: _Circles, x: float, y: float, z: float
+    ) -> tuple[NDArray[np.intp], FloatArray, FloatArray, FloatArray]:
+        """Circle, phi, base angle and distance of every minimum with the tip facing the target."""
+        rho, d = math.hypot(x, y), self.geometry.lateral
+        row, phi = self._minima(circles, rho, z)
+        tip = circles.centre[row] + circles.arm[row] * np.exp(1j * phi)
+        miss = np.hypot(rho - np.hypot(tip.real, d), tip.imag - z)
+        low, high = self._base
+        if rho == 0.0:  # any base angle serves
+            return row, phi, np.full(len(phi), min(max(0.0, low), high)), miss
+        yaw, inside = _into(self.geometry.yaw_sign * (math.atan2(y, x) - np.arctan2(d, tip.real)), low, high)
+        return row, phi, yaw, np.where(inside, miss, np.inf)
 
-    def _planar(self, point: complex, tool_angle: float | None) -> tuple[Plane, complex] | None:
-        """Plane angles inside their limits whose tip is nearest to a point, and that tip."""
-        best, best_distance = None, math.inf
-        candidates = self._free(point) if tool_angle is None else self._at_tool_angle(point, tool_angle)
-        for plane in candidates:
-            inside: list[float] = []
-            for angle, limits in zip(plane, self.plane_limits, strict=True):
-                image = images(angle, *limits)
-                if not image:
-                    break
-                inside.append(image[0])
-            else:
-                tip = self._tip(inside)
-                distance = abs(tip - point)
-                if distance < best_distance:
-                    best, best_distance = (tuple(inside), tip), distance
-        return best
+    def _minima(self, circles: _Circles, rho: float, z: float) -> tuple[NDArray[np.intp], FloatArray]:
+        """Circle and phi of every minimum of the distance from a ring of radius rho at height z."""
+        d, size = self.geometry.lateral, np.abs(circles.arm)
 
-    def _tip(self, plane: list[float]) -> complex:
-        return sum(
-            length * cmath.exp(1j * angle)
-            for length, angle in zip(self.geometry.lengths, itertools.accumulate(plane), strict=True)
-        )  # fmt: skip
+        def slope(row: NDArray[np.intp], phi: FloatArray) -> FloatArray:
+            """Half the derivative of the squared distance over phi."""
+            lever = circles.arm[row] * np.exp(1j * phi)
+            tip = circles.centre[row] + lever
+            w = np.maximum(np.hypot(tip.real, d), 1e-300)
+            return (rho - w) * (tip.real / w) * lever.imag + (tip.imag - z) * lever.real
 
-    def _collinear(self, fixed: tuple[int | None, ...]) -> Iterator[tuple[tuple[float | None, ...], list[complex]]]:
-        """A choice of joints at limits: their plane angles (None: free) and the link groups it leaves.
+        every = np.arange(len(size))
+        # where a circle passes over the base axis two minima may lie close together: sample there too
+        over = np.clip(-circles.centre.real / np.maximum(size, _NO_LENGTH), -1.0, 1.0)
+        crossing = np.stack([np.arccos(over), -np.arccos(over)], axis=1) - np.angle(circles.arm)[:, None]
+        even = np.broadcast_to(
+            np.linspace(-math.pi, math.pi, _SAMPLES, endpoint=False), (len(size), _SAMPLES)
+        )
+        phi = np.sort(np.concatenate([even, (crossing + math.pi) % TWO_PI - math.pi], axis=1), axis=1)
+        phi = np.concatenate([phi, phi[:, :1] + TWO_PI], axis=1)
+        value = slope(every[:, None], phi)
+        row, at = np.nonzero((value[:, :-1] < 0.0) & (value[:, 1:] >= 0.0))
+        low, high = phi[row, at], phi[row, at + 1]
+        for _ in range(_BISECTIONS):
+            middle = 0.5 * (low + high)
+            falling = slope(row, middle) < 0.0
+            low, high = np.where(falling, middle, low), np.where(falling, high, middle)
+        still = np.flatnonzero(size < _NO_LENGTH)  # every joint at a limit: nothing turns
+        return np.concatenate([row, still]), np.concatenate([0.5 * (low + high), np.zeros(len(still))])
 
-        The first group stands still; each further one begins with a free joint and is given as seen from
-        that joint's own link.
-        """
-        angles = tuple(
-            None if side is None else self.plane_limits[k][side] for k, side in enumerate(fixed)
-        )  # fmt: skip
-        groups, heading = [0j], 0.0
+    def _collinear(self, fixed: tuple[int | None, ...]) -> Iterator[_Circle]:
+        """The circles of one choice of pitch joints at limits (0 lower, 1 upper, None free)."""
+        angles = [None if side is None else self._plane[k][side] for k, side in enumerate(fixed)]
+        groups, heading = [0j], 0.0  # the first stands still; a further one begins with each free joint
         for length, angle in zip(self.geometry.lengths, angles, strict=True):
             if angle is None:
                 groups.append(complex(length))
@@ -133,43 +185,64 @@ class NearestReach:
             else:
                 heading += angle
                 groups[-1] += length * cmath.exp(1j * heading)
-        yield angles, groups
+        standing, *turning = groups
+        for later in itertools.product((0.0, math.pi), repeat=max(0, len(turning) - 1)):
+            senses = (0.0, *later)
+            arm = sum(abs(g) * cmath.exp(1j * s) for g, s in zip(turning, senses, strict=False))
+            constants, slopes = _line_up(angles, turning, senses)
+            yield _Circle(standing, complex(arm), constants, slopes)
 
-    def _free(self, point: complex) -> Iterator[Plane]:
-        """Candidates with the tool angle free."""
-        for angles, groups in self._groups:
-            toward = cmath.phase(point - groups[0])
-            for senses in itertools.product((0.0, math.pi), repeat=len(groups) - 1):
-                plane: list[float] = []
-                heading, group = 0.0, 0
-                for angle in angles:
-                    if angle is None:
-                        lead = toward + senses[group] - cmath.phase(groups[group + 1])
-                        plane.append(lead - heading)
-                        heading, group = lead, group + 1
-                    else:
-                        plane.append(angle)
-                        heading += angle
-                yield tuple(plane)
-
-    def _at_tool_angle(self, point: complex, tool_angle: float) -> Iterator[Plane]:
-        """Candidates with the last link's direction kept: two links, and a limit on the sum of their angles."""
+    def _at_tool_angle(self, tool_angle: float) -> Iterator[_Circle]:
+        """The circles with the last link's direction kept: two links turn, the third joint makes up for them."""
+        if len(self.geometry.lengths) != 3:
+            return
         l2, l3, l4 = self.geometry.lengths
-        wrist = point - l4 * cmath.exp(1j * tool_angle)
-        limits2, limits3, limits4 = self.plane_limits
-        sums = [tool_angle - v for v in limits4]
-        pairs: list[tuple[float, float]] = []
-        toward = cmath.phase(wrist)
-        for flip in (0.0, math.pi):
-            pairs += [(toward + flip, 0.0), (toward + flip, math.pi)]
-            pairs += [(v, cmath.phase(wrist - l2 * cmath.exp(1j * v)) + flip - v) for v in limits2]
-            for v in limits3:
-                pairs.append((toward + flip - cmath.phase(l2 + l3 * cmath.exp(1j * v)), v))
-            for total in sums:
-                first = cmath.phase(wrist - l3 * cmath.exp(1j * total)) + flip
-                pairs.append((first, total - first))
-        pairs += list(itertools.product(limits2, limits3))
-        pairs += [(v, total - v) for v in limits2 for total in sums]
-        pairs += [(total - v, v) for v in limits3 for total in sums]
-        for t2, t3 in pairs:
-            yield t2, t3, tool_angle - t2 - t3
+        hand = l4 * cmath.exp(1j * tool_angle)
+        limits2, limits3, limits4 = self._plane
+
+        def circle(
+            centre: complex, arm: complex, first: tuple[float, float], second: tuple[float, float]
+        ) -> _Circle:
+            (c2, s2), (c3, s3) = first, second
+            return _Circle(hand + centre, arm, (c2, c3, tool_angle - c2 - c3), (s2, s3, -s2 - s3))
+
+        headings = [tool_angle - v for v in limits4]  # of the second link, with the third joint at a limit
+        yield circle(0j, complex(l2 + l3), (0.0, 1.0), (0.0, 0.0))
+        yield circle(0j, complex(l2 - l3), (0.0, 1.0), (math.pi, 0.0))
+        for v in limits2:
+            yield circle(l2 * cmath.exp(1j * v), complex(l3), (v, 0.0), (-v, 1.0))
+        for v in limits3:
+            yield circle(0j, l2 + l3 * cmath.exp(1j * v), (0.0, 1.0), (v, 0.0))
+        for heading in headings:
+            yield circle(l3 * cmath.exp(1j * heading), complex(l2), (0.0, 1.0), (heading, -1.0))
+        corners = [*itertools.product(limits2, limits3), *((v, h - v) for v in limits2 for h in headings)]
+        for t2, t3 in [*corners, *((h - v, v) for v in limits3 for h in headings)]:
+            tip = l2 * cmath.exp(1j * t2) + l3 * cmath.exp(1j * (t2 + t3))
+            yield circle(tip, 0j, (t2, 0.0), (t3, 0.0))
+
+
+def _line_up(
+    angles: list[float | None], groups: list[complex], senses: tuple[float, ...]
+) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """Constants and slopes of the plane angles that bring every group onto the line at phi."""
+    constants: list[float] = []
+    slopes: list[float] = []
+    heading, turns, group = 0.0, 0.0, 0
+    for angle in angles:
+        if angle is None:
+            lead = senses[group] - cmath.phase(groups[group])
+            constants.append(lead - heading)
+            slopes.append(1.0 - turns)
+            heading, turns, group = lead, 1.0, group + 1
+        else:
+            constants.append(angle)
+            slopes.append(0.0)
+            heading += angle
+    return tuple(constants), tuple(slopes)
+
+
+def _into(angle: FloatArray, low: float, high: float) -> tuple[FloatArray, NDArray[np.bool_]]:
+    """The image of each angle nearest to the middle of its limits, clipped onto them, and which are inside."""
+    middle, half = 0.5 * (low + high), 0.5 * (high - low)
+    near = angle - TWO_PI * np.rint((angle - middle) / TWO_PI)
+    return np.clip(near, low, high), np.abs(near - middle) <= half + LIMIT_TOLERANCE

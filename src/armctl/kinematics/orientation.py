@@ -19,6 +19,9 @@ from armctl.kinematics.yaw_pitch_roll import YawPitchRoll
 
 FloatArray = NDArray[np.float64]
 
+_VERTICAL = 1e-9
+"""how near to vertical a roll axis may point before it says nothing about the base angle (sine)"""
+
 
 @dataclass(frozen=True, slots=True)
 class PlanePose:
@@ -46,15 +49,18 @@ def pitch_poses(pitch: float | None, roll: float) -> list[PlanePose]:
 class RotationFit:
     """Fits pitch and roll to a rotation asked for."""
 
-    def __init__(self, geometry: YawPitchRoll, tool_at_zero: FloatArray, roll_axis: FloatArray | None) -> None:
+    def __init__(
+        self, geometry: YawPitchRoll, tool_at_zero: FloatArray, roll_axis: FloatArray | None
+    ) -> None:
         self._geometry = geometry
         self._zero = geometry.frame.T @ tool_at_zero  # (3, 3) tool in forward, left, up at the zero pose
         down = np.array([0.0, -1.0, 0.0])
         axis = geometry.frame.T @ roll_axis if roll_axis is not None else self._zero[:, 2]
         self._basis = np.stack([axis, down, np.cross(down, axis)])
         self._rolls = roll_axis is not None
-        approach = self._zero[:, 2]
-        self._zero_angle = math.atan2(approach[2], approach[0])
+        self._roll_axis_in_tool = self._zero.T @ axis
+        self._left_in_tool = self._zero[1]
+        self._zero_angle = sum(geometry.offsets) + (geometry.tool_angle or 0.0)
 
     def nearest(self, yaw: float, rotation: FloatArray) -> PlanePose:
         """Pitch and roll nearest to a rotation (3, 3), with the base at ``yaw`` [rad]."""
@@ -63,6 +69,18 @@ class RotationFit:
             return self._pose(math.atan2(Q[1, 0], Q[0, 0]), 0.0)
         u, _, vt = np.linalg.svd(Q)
         return self._pose(math.atan2(u[1, 0], u[0, 0]), math.atan2(vt[0, 1], vt[0, 0]))
+
+    def base_angles(self, rotation: FloatArray) -> list[float]:
+        """The base angles θ1 [rad] that a rotation (3, 3) itself calls for; none where it leaves them free."""
+        if self._rolls:
+            axis = self._geometry.frame.T @ rotation @ self._roll_axis_in_tool
+            if math.hypot(axis[0], axis[1]) < _VERTICAL:
+                return []
+            facing = math.atan2(axis[1], axis[0])
+        else:
+            left = self._geometry.frame.T @ rotation @ self._left_in_tool
+            facing = math.atan2(-left[0], left[1])
+        return [self._geometry.yaw_sign * facing, self._geometry.yaw_sign * facing + math.pi]
 
     def roll_at(self, yaw: float, tool_angle: float, rotation: FloatArray) -> float:
         """The roll nearest to a rotation with the tool's plane angle given; 0 where the arm cannot roll."""

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from armctl.kinematics.angles import TWO_PI
 from armctl.kinematics.base_yaw import AXIS_TOLERANCE, BaseBranch, base_branches
-from armctl.kinematics.nearest import NearestReach
+from armctl.kinematics.nearest import Nearest, NearestReach
 from armctl.kinematics.orientation import pitch_poses
 from armctl.kinematics.target import Target
 from armctl.kinematics.yaw_pitch_roll import YawPitchRoll
@@ -55,39 +55,47 @@ class Reach:
         if not branches:
             return self._inside_axis_cylinder(math.hypot(x, y)), self._nearest_to(x, y, z, target)
         angles = [pose.tool_angle for pose in pitch_poses(target.pitch, 0.0)]
+        if target.pitch is not None and len(self._geometry.lengths) == 2:
+            return self._given_pitch(branches, z, planar), self._nearest_to(x, y, z, target)
         reason = self._beyond_links(branches, z, angles) or self._by_limits(branches, z, angles, planar)
         return reason, self._nearest_to(x, y, z, target)
+
+    def _given_pitch(self, branches: list[BaseBranch], z: float, planar: PlanarSolver) -> str:
+        """With two pitch joints the position alone decides the pitch, unless it is out of reach anyhow."""
+        too_far = self._beyond_links(branches, z, [None])
+        if too_far is not None:
+            return too_far
+        shoulder, tool = self._geometry.shoulder, self._geometry.tool_angle or 0.0
+        ways = [p for b in branches for p in planar(b.r - shoulder.real, z - shoulder.imag, None)]
+        pitches = sorted({round(math.degrees(math.asin(math.sin(sum(way) + tool))), 2) for way in ways})
+        return (
+            "that pitch is impossible here: with two pitch joints the position alone decides it; "
+            f"the links would give {' or '.join(f'{pitch:.2f}°' for pitch in pitches)}, within limits or not"
+        )
 
     def joint_outside(self, joint: int, needs: float) -> str:
         """One joint that would have to leave its limits, in words."""
         low, high = np.degrees(self._limits[joint])
-        return f"{self._titles[joint]} needs {math.degrees(needs):.2f}°, its limits are {low:.2f}° … {high:.2f}°"
+        return (
+            f"{self._titles[joint]} needs {math.degrees(needs):.2f}°, its limits are {low:.2f}° … {high:.2f}°"
+        )
 
     def _nearest_to(self, x: float, y: float, z: float, target: Target) -> FloatArray | None:
         """With the pitch kept if any pose inside the limits has it, else with any pitch."""
-        q = None
+        found: list[Nearest | None] = []
         if target.pitch is not None and len(self._geometry.lengths) == 3:
             last = self._geometry.tool_angle or 0.0
             poses = [pose.tool_angle for pose in pitch_poses(target.pitch, 0.0)]
             found = [self._nearest.solve(x, y, z, angle - last) for angle in poses if angle is not None]
-            q = min((c for c in found if c is not None), key=lambda c: self._miss(c, x, y, z), default=None)
-        if q is None:
-            q = self._nearest.solve(x, y, z)
+        kept = [n for n in found if n is not None] or [self._nearest.solve(x, y, z)]
+        nearest = min((n for n in kept if n is not None), key=lambda n: n.distance, default=None)
         joint = self._geometry.roll_joint
-        if q is None or joint is None:
-            return q
+        if nearest is None or joint is None:
+            return None if nearest is None else nearest.q
         low, high = self._limits[joint]
-        return np.append(q, min(max(target.roll or 0.0, low), high))
-
-    def _miss(self, q: FloatArray, x: float, y: float, z: float) -> float:
-        """Distance [m] between a target about the base axis and the tip at base and pitch angles ``q``."""
-        tip, heading = self._geometry.shoulder, 0.0
-        for k, length in enumerate(self._geometry.lengths):
-            heading += self._geometry.plane_angle(k, float(q[1 + k]))
-            tip += length * complex(math.cos(heading), math.sin(heading))
-        turn = self._geometry.yaw_sign * float(q[0])
-        across = complex(tip.real, self._geometry.lateral) * complex(math.cos(turn), math.sin(turn))
-        return math.hypot(abs(across - complex(x, y)), tip.imag - z)
+        middle = 0.5 * (low + high)
+        roll = middle + math.remainder((target.roll or 0.0) - middle, TWO_PI)
+        return np.append(nearest.q, min(max(roll, low), high))
 
     def _inside_axis_cylinder(self, rho: float) -> str:
         d = abs(self._geometry.lateral)
@@ -144,10 +152,12 @@ class Reach:
             if excesses is None:
                 said.append(f"{side}, the links do not reach it")
             elif excesses:
-                said.append(f"{side}, " + " and ".join(self.joint_outside(e.joint, e.needs) for e in excesses))
+                said.append(
+                    f"{side}, " + " and ".join(self.joint_outside(e.joint, e.needs) for e in excesses)
+                )
         held = "" if angles[0] is None else " at that pitch"
         if not said:
-            return f"the arm reaches it{held}, but only outside what was asked for"
+            return f"the arm reaches it{held}, but not with the orientation that was asked for"
         return f"within the links' reach{held}, but joint limits forbid it: " + "; ".join(said)
 
     def _least_excess(
@@ -161,7 +171,8 @@ class Reach:
         if not postures:
             return None
         outside = [
-            [e for k, t in enumerate(plane) if (e := self._pitch_excess(k, t)) is not None] for plane in postures
+            [e for k, t in enumerate(plane) if (e := self._pitch_excess(k, t)) is not None]
+            for plane in postures
         ]
         return min(outside, key=lambda excesses: sum(e.beyond(self._limits) for e in excesses))
 
@@ -183,7 +194,9 @@ class Reach:
             grid = np.linspace(grid[i] - spacing, grid[i] + spacing, 401)
         return [] if best is None else [best]
 
-    def _follow(self, t2: FloatArray, x: float, y: float, bend: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+    def _follow(
+        self, t2: FloatArray, x: float, y: float, bend: int
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Second and third plane angle for values of the first (k,); NaN where the links do not reach."""
         l2, l3, l4 = self._geometry.lengths
         X, Y = x - l2 * np.cos(t2), y - l2 * np.sin(t2)
@@ -199,7 +212,9 @@ class Reach:
             low, high = self._limits[1 + k]
             angle = self._geometry.signs[k] * (plane - self._geometry.offsets[k])
             middle, half = 0.5 * (low + high), 0.5 * (high - low)
-            total += np.maximum(0.0, np.abs(angle - middle - TWO_PI * np.rint((angle - middle) / TWO_PI)) - half)
+            total += np.maximum(
+                0.0, np.abs(angle - middle - TWO_PI * np.rint((angle - middle) / TWO_PI)) - half
+            )
         return np.where(np.isnan(total), np.inf, total)
 
 

@@ -115,8 +115,15 @@ class Solutions:
         return self.q[i].copy()
 
     def index_of(self, q: ArrayLike) -> int:
-        """Index of the listed solution that lies nearest to ``q`` (n,) [rad] (largest joint difference)."""
-        return int(np.abs(self.q - np.asarray(q, dtype=np.float64)).max(axis=1).argmin())
+        """Index of the listed solution that lies nearest to ``q`` (n,) [rad] (largest joint difference).
+
+        Raises:
+            UnreachableError: there is no solution.
+            InputError: ``q`` has the wrong shape or is not finite.
+        """
+        if not self.success:
+            raise UnreachableError(self.reason or "there is no solution")
+        return int(np.abs(self.q - self.chain.checked(q)).max(axis=1).argmin())
 
     def branch_of(self, q: ArrayLike) -> str:
         """Branch name of the listed solution that lies nearest to ``q``."""

@@ -8,58 +8,56 @@ neighbouring ends feasibility cannot change, so one look at the middle decides f
 from __future__ import annotations
 
 import cmath
+import itertools
 import math
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from armctl.kinematics.angles import LIMIT_TOLERANCE, TWO_PI, images
-from armctl.kinematics.two_link import COSINE_TOLERANCE, two_link
+from armctl.kinematics.angles import TWO_PI, images
+from armctl.kinematics.sweep_grid import SweepGrid
+from armctl.kinematics.two_link import bend_angle, two_link
 from armctl.kinematics.yaw_pitch_roll import YawPitchRoll
 
 FloatArray = NDArray[np.float64]
-DEFAULT_STEP = math.radians(0.01)
-"""the paper's step of the swept joint [rad]"""
+_ON_GRID = 1e-4
+"""how near to a grid value an end must fall, in steps, for rounding not to decide whether it is inside"""
+_SAME_KNOT = 1e-13
 
 
 @dataclass(frozen=True, slots=True)
-class SweepGrid:
-    """Values of the swept joint: whole multiples of the step inside its limits."""
-
-    step: float
-    joint: FloatArray
-    """(m,) joint angles [rad], in the order of rising plane angle"""
-    plane: FloatArray
-    """(m,) plane angles t_2, rising"""
-    link_x: FloatArray
-    link_y: FloatArray
-    """(m,) end of the first link [m]"""
-
-
-@dataclass(frozen=True, slots=True)
-class SweepPart:
-    """Solutions on one stretch of the grid with one bend."""
+class Stretch:
+    """Neighbouring grid values with a solution of one bend."""
 
     bend: int
     """+1 or -1: the sign of the last pitch joint's plane angle (wrapped)"""
-    first: FloatArray
-    second: FloatArray
-    third: FloatArray
-    """(m,) joint angles of the three pitch joints [rad]"""
+    shift: float
+    """whole turns that carry that angle from (-pi, pi] into its limits [rad]"""
+    start: int
+    stop: int
+    """grid indices"""
+    at_knot: tuple[int, ...] = ()
+    """which of them fall on a knot, where the array formulas lose digits"""
+
+    def __len__(self) -> int:
+        return self.stop - self.start
 
 
 @dataclass(frozen=True, slots=True)
 class _Interval:
     bend: int
     shift: float
-    """whole turns that carry the third plane angle from (-pi, pi] into its limits"""
     low: float
     high: float
 
 
 class FreeJointSweep:
-    """The sweep for one arm and its limits. Immutable but for the cached grid; safe in several threads."""
+    """The sweep for one arm and its limits. Immutable but for the cached grid; safe in several threads.
+
+    The limits of the second and third pitch joint may span one turn at most: a wider range is a sweep
+    for each turn (``turns``).
+    """
 
     def __init__(self, geometry: YawPitchRoll, limits: FloatArray) -> None:
         self.geometry = geometry
@@ -68,6 +66,7 @@ class FreeJointSweep:
         self.joint_limits = (float(limits[1, 0]), float(limits[1, 1]))
         self._knots3 = [self._compound(self.l2, self.l3, v) for v in self.limits[1]]
         self._knots4 = [self._compound(self.l3, self.l4, v) for v in (*self.limits[2], 0.0, math.pi)]
+        self._may_fold = abs(self.l3 - self.l4) < 1e-9
         self._grid: SweepGrid | None = None
 
     @staticmethod
@@ -77,106 +76,143 @@ class FreeJointSweep:
         return bend, abs(whole), cmath.phase(whole)
 
     def grid(self, step: float) -> SweepGrid:
-        """The grid for a step [rad]; the last one made is kept."""
+        """The grid for a step [rad]; the last one made is kept.
+
+        Raises:
+            InputError: so small a step that the grid would not fit into memory.
+        """
         grid = self._grid
         if grid is None or grid.step != step:
-            low, high = self.joint_limits
-            first = math.ceil(low / step - 1e-6)
-            last = math.floor(high / step + 1e-6)
-            joint = np.clip(step * np.arange(first, last + 1), low, high)
-            if self.geometry.signs[0] < 0:
-                joint = joint[::-1].copy()
-            plane = self.geometry.signs[0] * joint + self.geometry.offsets[0]
-            grid = SweepGrid(step, joint, plane, self.l2 * np.cos(plane), self.l2 * np.sin(plane))
-            for array in (grid.joint, grid.plane, grid.link_x, grid.link_y):
-                array.flags.writeable = False
-            self._grid = grid
+            grid = self._grid = SweepGrid.of(self.geometry, self.joint_limits, step)
         return grid
 
-    def solve(self, x: float, y: float, step: float) -> list[SweepPart]:
-        """All solutions on the grid for a point of the tool plane, seen from the first pitch axis [m]."""
+    def stretches(self, x: float, y: float, step: float) -> list[Stretch]:
+        """Where on the grid the solutions are, for a point of the tool plane seen from the first pitch axis."""
         grid = self.grid(step)
-        stretches = self._stretches(x, y, grid)
-        parts: list[SweepPart] = []
-        for start, stop, members in _unions(stretches):
-            X, Y = x - grid.link_x[start:stop], y - grid.link_y[start:stop]
-            square = X * X
-            square += Y * Y
-            direction = np.arctan2(Y, X, out=Y)
-            direction -= grid.plane[start:stop]
-            cosine = square - (self.l3**2 + self.l4**2)
-            cosine *= 1.0 / (2 * self.l3 * self.l4)
-            bend = np.arccos(np.clip(cosine, -1.0, 1.0, out=cosine), out=cosine)
-            distance = np.sqrt(square, out=X)
-            square += self.l3**2 - self.l4**2
-            square /= distance
-            square *= 1.0 / (2 * self.l3)
-            inner = np.arccos(np.clip(square, -1.0, 1.0, out=square), out=square)
-            for interval, i, j in members:
-                cut = slice(i - start, j - start)
-                parts.append(self._part(grid, interval, i, j, direction[cut], inner[cut], bend[cut]))
-        return parts
-
-    def _part(
-        self, grid: SweepGrid, interval: _Interval, i: int, j: int,
-        direction: FloatArray, inner: FloatArray, bend: FloatArray,
-    ) -> SweepPart:  # fmt: skip
-        geometry = self.geometry
-        second = direction - inner if interval.bend > 0 else direction + inner
-        low, high = self.limits[1]
-        if second.min() < low - LIMIT_TOLERANCE or second.max() > high + LIMIT_TOLERANCE:
-            # seen from the middle of its limits (less than a turn apart) the right image is the near one
-            middle = 0.5 * (low + high)
-            second -= TWO_PI * np.rint((second - middle) / TWO_PI)
-        np.clip(second, low, high, out=second)
-        third = bend + interval.shift if interval.bend > 0 else interval.shift - bend
-        np.clip(third, *self.limits[2], out=third)
-        return SweepPart(
-            interval.bend,
-            grid.joint[i:j],
-            self._to_joint(1, second),
-            self._to_joint(2, third),
-        )
-
-    def _to_joint(self, k: int, plane: FloatArray) -> FloatArray:
-        offset = self.geometry.offsets[k]
-        if offset != 0.0:
-            plane -= offset
-        if self.geometry.signs[k] < 0:
-            np.negative(plane, out=plane)
-        return plane
-
-    def _stretches(self, x: float, y: float, grid: SweepGrid) -> list[tuple[_Interval, int, int]]:
-        """Index ranges of the grid with the interval that each belongs to."""
-        out: list[tuple[_Interval, int, int]] = []
-        for interval in self.intervals(x, y):
-            i = self._edge(interval.low, grid, x, y, interval, ceiling=True)
-            j = self._edge(interval.high, grid, x, y, interval, ceiling=False) + 1
-            if j > i:
-                out.append((interval, i, j))
+        if not len(grid.plane):
+            return []
+        intervals, lone = self.intervals(x, y)
+        out: list[Stretch] = []
+        for interval in intervals:
+            i, low_knot = self._edge(interval.low, grid, x, y, interval.bend, 1)
+            j, high_knot = self._edge(interval.high, grid, x, y, interval.bend, -1)
+            if j >= i:
+                knots = ((i,) if low_knot else ()) + ((j,) if high_knot else ())
+                out.append(Stretch(interval.bend, interval.shift, i, j + 1, knots))
+        for bend, t2 in lone:  # feasible at one value alone, if at all
+            i, on_grid = self._edge(t2, grid, x, y, bend, 1)
+            if on_grid and not any(s.bend == bend and s.start <= i < s.stop for s in out):
+                out.append(Stretch(bend, 0.0, i, i + 1, (i,)))
         return out
 
     def _edge(
-        self, angle: float, grid: SweepGrid, x: float, y: float, interval: _Interval, *, ceiling: bool
-    ) -> int:
-        """First (or last) grid index inside an interval's end."""
-        position = (angle - float(grid.plane[0])) / grid.step if len(grid.plane) else 0.0
+        self, angle: float, grid: SweepGrid, x: float, y: float, bend: int, inward: int
+    ) -> tuple[int, bool]:
+        """First (inward +1) or last (-1) grid index inside an interval's end, and whether it falls on it."""
+        last = len(grid.plane) - 1
+        position = (angle - grid.start) / grid.step
         near = round(position)
-        if abs(position - near) < 1e-4 and 0 <= near < len(grid.plane):
-            # the end falls on a grid value: rounding must not decide, the solution itself does
-            inside = self.follow(float(grid.plane[near]), x, y, interval.bend) is not None
-            return near if inside else near + (1 if ceiling else -1)
-        if ceiling:
-            return max(0, math.ceil(position))
-        return min(len(grid.plane) - 1, math.floor(position))
+        if abs(position - near) < _ON_GRID and 0 <= near <= last:
+            # rounding must not decide here, the solution itself does
+            if self.follow(float(grid.plane[near]), x, y, bend) is not None:
+                return near, True
+            return near + inward, False
+        return (max(0, math.ceil(position)) if inward > 0 else min(last, math.floor(position))), False
+
+    def fill(self, x: float, y: float, step: float, stretches: list[Stretch], out: FloatArray) -> None:
+        """Compute the solutions of some stretches of one point.
+
+        Args:
+            x: the point, forward of the first pitch axis [m].
+            y: the point, above it [m].
+            step: of the grid [rad].
+            stretches: what ``stretches`` gave for the same point.
+            out: (3, k) the three pitch joints' angles [rad], one stretch behind the other.
+        """
+        grid = self.grid(step)
+        begins = itertools.accumulate((len(s) for s in stretches), initial=0)
+        places = {id(s): slice(at, at + len(s)) for s, at in zip(stretches, begins, strict=False)}
+        for start, stop, members in _unions(stretches):
+            direction, inner, bend = self._triangle(grid, x, y, start, stop)
+            for stretch in members:
+                cut = slice(stretch.start - start, stretch.stop - start)
+                rows = out[:, places[id(stretch)]]
+                rows[0] = grid.joint[stretch.start : stretch.stop]
+                self._fill_one(stretch, direction[cut], inner[cut], bend[cut], rows)
+        for stretch in stretches:
+            self._mend_knots(grid, x, y, stretch, out[:, places[id(stretch)]])
+
+    def _triangle(
+        self, grid: SweepGrid, x: float, y: float, start: int, stop: int
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """What both bends share on a range of the grid (k,).
+
+        The direction from the second pitch axis to the point as seen from the first link, the angle
+        between it and the second link, and the bend: the cosine rule twice, in as few passes as will do.
+        """
+        X, Y = x - grid.link_x[start:stop], y - grid.link_y[start:stop]
+        square = X * X
+        distance = Y * Y
+        square += distance
+        direction = np.arctan2(Y, X, out=Y)
+        direction -= grid.plane[start:stop]
+        distance = np.sqrt(square, out=distance)
+        np.subtract(square, self.l3**2 + self.l4**2, out=X)
+        X *= 1.0 / (2 * self.l3 * self.l4)
+        np.minimum(X, 1.0, out=X)
+        bend = np.arccos(np.maximum(X, -1.0, out=X), out=X)
+        square += self.l3**2 - self.l4**2
+        if self._may_fold:  # folded onto the second axis, where any direction serves
+            np.maximum(distance, 1e-300, out=distance)
+        distance *= 2 * self.l3
+        square /= distance
+        np.minimum(square, 1.0, out=square)
+        inner = np.arccos(np.maximum(square, -1.0, out=square), out=square)
+        return direction, inner, bend
+
+    def _fill_one(
+        self, stretch: Stretch, direction: FloatArray, inner: FloatArray, bend: FloatArray, rows: FloatArray
+    ) -> None:
+        second, third = rows[1], rows[2]
+        if stretch.bend > 0:
+            np.subtract(direction, inner, out=second)
+            np.add(bend, stretch.shift, out=third)
+        else:
+            np.add(direction, inner, out=second)
+            np.subtract(stretch.shift, bend, out=third)
+        low, high = self.limits[1]
+        if not (low <= second.min() and second.max() <= high):
+            # seen from the middle of its limits (less than a turn apart) the right image is the near one
+            middle = 0.5 * (low + high)
+            second -= TWO_PI * np.rint((second - middle) / TWO_PI)
+            np.clip(second, low, high, out=second)
+        low, high = self.limits[2]
+        if not (low <= third.min() and third.max() <= high):
+            np.clip(third, low, high, out=third)
+        for k, plane in ((1, second), (2, third)):
+            if self.geometry.offsets[k] != 0.0:
+                plane -= self.geometry.offsets[k]
+            if self.geometry.signs[k] < 0:
+                np.negative(plane, out=plane)
+
+    def _mend_knots(self, grid: SweepGrid, x: float, y: float, stretch: Stretch, rows: FloatArray) -> None:
+        """On a knot the two arc cosines lose half their digits, each on its own: take the scalar solution."""
+        for i in stretch.at_knot:
+            exact = self.follow(float(grid.plane[i]), x, y, stretch.bend)
+            if exact is not None:
+                rows[1, i - stretch.start] = self.geometry.joint_angle(1, exact[0])
+                rows[2, i - stretch.start] = self.geometry.joint_angle(2, exact[1])
 
     def follow(self, t2: float, x: float, y: float, bend: int) -> tuple[float, float, float] | None:
-        """The second and third plane angle (inside their limits) and the turns of the third, at one t_2."""
+        """The second and third plane angle (inside their limits) and the turns of the third, at one t_2.
+
+        Stretched or folded links count as bent to the positive side, so that they are listed once.
+        """
         X, Y = x - self.l2 * math.cos(t2), y - self.l2 * math.sin(t2)
-        cosine = (X * X + Y * Y - self.l3**2 - self.l4**2) / (2 * self.l3 * self.l4)
-        if not -1.0 - COSINE_TOLERANCE <= cosine <= 1.0 + COSINE_TOLERANCE:
+        angle = bend_angle((X * X + Y * Y - self.l3**2 - self.l4**2) / (2 * self.l3 * self.l4))
+        if angle is None or (bend < 0 and angle in (0.0, math.pi)):
             return None
-        g = bend * math.acos(max(-1.0, min(1.0, cosine)))
+        g = bend * angle
         third = images(g, *self.limits[2])
         if not third:
             return None
@@ -184,28 +220,39 @@ class FreeJointSweep:
         second = images(raw, *self.limits[1])
         return (second[0], third[0], TWO_PI * round((third[0] - g) / TWO_PI)) if second else None
 
-    def intervals(self, x: float, y: float) -> list[_Interval]:
-        """Feasible intervals of the first plane angle, for each bend, rising."""
+    def intervals(self, x: float, y: float) -> tuple[list[_Interval], list[tuple[int, float]]]:
+        """Feasible intervals of the first plane angle for each bend, rising, and the knots outside them all.
+
+        A knot between two infeasible intervals may itself be feasible, and only a look can tell.
+        """
         low, high = self.limits[0]
         ends: dict[int, list[float]] = {1: [low, high], -1: [low, high]}
         for bend, t2 in self._knots(x, y):
             for image in images(t2, low, high):
-                for sign in (1, -1) if bend == 0 else (bend,):
-                    ends[sign].append(image)
+                if bend >= 0:
+                    ends[1].append(image)
+                if bend <= 0:
+                    ends[-1].append(image)
         out: list[_Interval] = []
+        lone: list[tuple[int, float]] = []
         for sign in (1, -1):
             knots = sorted(ends[sign])
-            for a, b in zip(knots, knots[1:], strict=False):
-                if b - a < 1e-13:
-                    continue
+            knots = [b for a, b in itertools.pairwise([-math.inf, *knots]) if b - a > _SAME_KNOT]
+            touched = -1  # the last knot that ends a feasible interval
+            for i, (a, b) in enumerate(itertools.pairwise(knots)):
                 middle = self.follow(0.5 * (a + b), x, y, sign)
                 if middle is None:
+                    if touched != i:
+                        lone.append((sign, a))
                     continue
-                if out and out[-1].bend == sign and out[-1].high == a and out[-1].shift == middle[2]:
+                if touched == i and out[-1].shift == middle[2]:
                     out[-1] = _Interval(sign, middle[2], out[-1].low, b)
                 else:
                     out.append(_Interval(sign, middle[2], a, b))
-        return out
+                touched = i + 1
+            if touched != len(knots) - 1:
+                lone.append((sign, knots[-1]))
+        return out, lone
 
     def _knots(self, x: float, y: float) -> list[tuple[int, float]]:
         """(bend, t_2) where feasibility may change; bend 0: for both."""
@@ -222,6 +269,17 @@ class FreeJointSweep:
         return knots
 
 
+def turns(limits: FloatArray) -> list[FloatArray]:
+    """Limits (n, 2) of the first four joints cut so that the last two span a turn at most."""
+    ranges = [_cut(float(low), float(high)) for low, high in limits[2:4]]
+    return [np.array([limits[0], limits[1], *pair]) for pair in itertools.product(*ranges)]
+
+
+def _cut(low: float, high: float) -> list[tuple[float, float]]:
+    count = max(1, math.ceil((high - low) / TWO_PI - 1e-9))
+    return [(low + TWO_PI * i, min(high, low + TWO_PI * (i + 1))) for i in range(count)]
+
+
 def _sign(angle: float) -> int:
     """Bend of a wrapped angle; 0 where it lies on both (stretched or folded)."""
     if abs(angle) < 1e-7 or abs(abs(angle) - math.pi) < 1e-7:
@@ -229,16 +287,13 @@ def _sign(angle: float) -> int:
     return 1 if angle > 0 else -1
 
 
-def _unions(
-    stretches: list[tuple[_Interval, int, int]],
-) -> list[tuple[int, int, list[tuple[_Interval, int, int]]]]:
+def _unions(stretches: list[Stretch]) -> list[tuple[int, int, list[Stretch]]]:
     """Overlapping index ranges joined, so that both bends share one computation."""
-    unions: list[tuple[int, int, list[tuple[_Interval, int, int]]]] = []
-    for stretch in sorted(stretches, key=lambda s: s[1]):
-        _, i, j = stretch
-        if unions and i <= unions[-1][1]:
+    unions: list[tuple[int, int, list[Stretch]]] = []
+    for stretch in sorted(stretches, key=lambda s: s.start):
+        if unions and stretch.start <= unions[-1][1]:
             start, stop, members = unions[-1]
-            unions[-1] = (start, max(stop, j), [*members, stretch])
+            unions[-1] = (start, max(stop, stretch.stop), [*members, stretch])
         else:
-            unions.append((i, j, [stretch]))
+            unions.append((stretch.start, stretch.stop, [stretch]))
     return unions

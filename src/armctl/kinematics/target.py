@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from armctl.errors import InputError
+from armctl.kinematics.chain import as_numbers, checked_number
 
 FloatArray = NDArray[np.float64]
+FARTHEST = 1000.0
+"""a target farther off than this is a mistake in the unit [m]"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,7 +42,7 @@ class Target:
             InputError: text, NaN, infinity, a wrong shape, a matrix that is no rotation, or both a
                 rotation and pitch or roll.
         """
-        position = _finite(position_m, (3,), "the target position")
+        position = _position(position_m)
         if rotation is None:
             return cls(position, _angle(pitch, "pitch"), _angle(roll, "roll"), None)
         if pitch is not None or roll is not None:
@@ -53,10 +55,7 @@ class Target:
 
 
 def _finite(value: ArrayLike, shape: tuple[int, ...], what: str) -> FloatArray:
-    try:
-        array = np.array(value, dtype=np.float64)
-    except (TypeError, ValueError) as cause:
-        raise InputError(f"{what} must be numbers, got {value!r}") from cause
+    array = as_numbers(value, what)
     if array.shape != shape:
         raise InputError(f"{what} needs the shape {shape}, got {array.shape}")
     if not np.isfinite(array).all():
@@ -64,13 +63,14 @@ def _finite(value: ArrayLike, shape: tuple[int, ...], what: str) -> FloatArray:
     return array
 
 
+def _position(value: ArrayLike) -> FloatArray:
+    position = _finite(value, (3,), "the target position")
+    if np.abs(position).max() > FARTHEST:
+        raise InputError(
+            f"the target position is in metres, within {FARTHEST:.0f} m of the base; got {position.tolist()}"
+        )
+    return position
+
+
 def _angle(value: float | None, what: str) -> float | None:
-    if value is None:
-        return None
-    try:
-        angle = float(value)
-    except (TypeError, ValueError) as cause:
-        raise InputError(f"{what} must be a number, got {value!r}") from cause
-    if not math.isfinite(angle):
-        raise InputError(f"{what} must be a finite number, got {value!r}")
-    return angle
+    return None if value is None else checked_number(value, what)

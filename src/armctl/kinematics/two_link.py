@@ -6,6 +6,18 @@ import math
 
 COSINE_TOLERANCE = 1e-11
 """How far rounding may carry the elbow's cosine beyond ±1: less than 1e-12 m at the tip of these arms."""
+_STRAIGHT = 1e-13
+"""How near to ±1 a cosine counts as stretched or folded. Its angle is lost in rounding there (1e-16 in the
+cosine is 1e-8 rad), and a joint that stands on its limit would seem to be outside; the tip moves 1e-14 m."""
+
+
+def bend_angle(cosine: float) -> float | None:
+    """The bend in [0, pi] [rad] of an elbow's cosine; None when the two links do not reach."""
+    if abs(cosine) <= 1.0 - _STRAIGHT:
+        return math.acos(cosine)
+    if abs(cosine) > 1.0 + COSINE_TOLERANCE:
+        return None
+    return 0.0 if cosine > 0.0 else math.pi
 
 
 def two_link(x: float, y: float, a: float, b: float) -> list[tuple[float, float]]:
@@ -24,9 +36,9 @@ def two_link(x: float, y: float, a: float, b: float) -> list[tuple[float, float]
     """
     square = x * x + y * y
     cosine = (square - a * a - b * b) / (2.0 * a * b)
-    if not -1.0 - COSINE_TOLERANCE <= cosine <= 1.0 + COSINE_TOLERANCE:
+    bend = bend_angle(cosine)
+    if bend is None:
         return []
-    bend = math.acos(max(-1.0, min(1.0, cosine)))
     direction = math.atan2(y, x)
     inner = math.atan2(b * math.sin(bend), a + b * math.cos(bend))
     if bend == 0.0 or bend == math.pi:

@@ -15,6 +15,7 @@ bend between the links at θ_k = 0.
 from __future__ import annotations
 
 import cmath
+import itertools
 import math
 from dataclasses import dataclass
 
@@ -104,12 +105,14 @@ def recognise(chain: DHChain) -> YawPitchRoll | None:
     frame = _plane_frame(up, axes[1], points[1], points[2], tip)
     left = frame[:, 1]
     joints = [_planar(frame, points[0], p) for p in (*points[1 : 1 + pitch_count], tip)]
-    links = [b - a for a, b in zip(joints[:-1], joints[1:], strict=True)]
+    links = [b - a for a, b in itertools.pairwise(joints)]
     if min(map(abs, links)) < _ALIGNED:
         return None
     phases = [cmath.phase(link) for link in links]
     along = frame.T @ approach
-    in_plane = abs(along[1]) < _ALIGNED
+    # a roll joint that does not turn about the approach axis swings it out of the plane
+    swung = 0.0 if roll_joint is None else float(np.linalg.norm(np.cross(axes[roll_joint], approach)))
+    in_plane = abs(along[1]) < _ALIGNED and swung < _ALIGNED
     return YawPitchRoll(
         origin=points[0],
         frame=frame,
@@ -128,7 +131,7 @@ def recognise(chain: DHChain) -> YawPitchRoll | None:
 
 
 def _count_parallel(axes: FloatArray) -> int:
-    """How many joints after the first are parallel to the second, which must be perpendicular to the first."""
+    """How many joints after the first are parallel to the second, which must stand across the first."""
     if len(axes) < 3 or abs(axes[0] @ axes[1]) > _ALIGNED:
         return 0
     count = 1
@@ -137,8 +140,10 @@ def _count_parallel(axes: FloatArray) -> int:
     return count
 
 
-def _plane_frame(up: FloatArray, pitch: FloatArray, first: FloatArray, second: FloatArray, tip: FloatArray) -> FloatArray:
-    """Forward, left, up. Forward is where the tool (else the first link) points when all joints are at zero."""
+def _plane_frame(
+    up: FloatArray, pitch: FloatArray, first: FloatArray, second: FloatArray, tip: FloatArray
+) -> FloatArray:
+    """Forward, left, up; forward is where the tool (else the first link) points with all joints at zero."""
     left = pitch - (pitch @ up) * up
     left /= np.linalg.norm(left)
     forward = np.cross(left, up)

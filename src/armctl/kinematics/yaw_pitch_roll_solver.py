@@ -11,15 +11,15 @@ from numpy.typing import NDArray
 
 from armctl.errors import InputError
 from armctl.kinematics.angles import TWO_PI, images, wrap
-from armctl.kinematics.base_yaw import BaseBranch, base_branches
-from armctl.kinematics.chain import DHChain
+from armctl.kinematics.base_yaw import BaseBranch, axis_branches, base_branches, is_on_axis
+from armctl.kinematics.chain import DHChain, checked_number
 from armctl.kinematics.energy import EnergyModel
 from armctl.kinematics.least_rotation import LeastRotation
 from armctl.kinematics.nearest import NearestReach
 from armctl.kinematics.orientation import PlanePose, RotationFit, pitch_poses
 from armctl.kinematics.reach import Reach
 from armctl.kinematics.solutions import Solutions
-from armctl.kinematics.sweep import FreeJointSweep
+from armctl.kinematics.sweep import FreeJointSweep, turns
 from armctl.kinematics.target import Target
 from armctl.kinematics.two_link import two_link
 from armctl.kinematics.yaw_pitch_roll import YawPitchRoll
@@ -32,6 +32,8 @@ BRANCHES = tuple(
 )
 """Index: 4 · back + 2 · elbow down + tool pointing back at the base axis."""
 _PITCH_TOLERANCE = 1e-6
+_FOLDED = 1e-12
+"""how near to its own first axis a folded arm's tip lies [m]"""
 
 
 class YawPitchRollSolver:
@@ -50,11 +52,11 @@ class YawPitchRollSolver:
         self.chain, self.geometry, self.limits, self.energy = chain, geometry, limits, energy
         self._pairs = [(float(low), float(high)) for low, high in limits]
         three = len(geometry.lengths) == 3
-        self._sweep = FreeJointSweep(geometry, limits) if three else None
+        self._sweeps = [FreeJointSweep(geometry, cut) for cut in turns(limits)] if three else []
         self._least = LeastRotation(geometry, limits) if three else None
         roll_axis = None if geometry.roll_joint is None else chain.axes()[1][geometry.roll_joint]
         self._fit = RotationFit(geometry, chain.forward(np.zeros(chain.n))[:3, :3], roll_axis)
-        self._reach = Reach(geometry, limits, titles, NearestReach(geometry, limits))
+        self._reach = Reach(geometry, limits, titles, NearestReach(geometry, limits, self._in_plane))
 
     @property
     def pitch_joints(self) -> tuple[int, ...]:
@@ -64,7 +66,7 @@ class YawPitchRollSolver:
     @property
     def free_joint(self) -> int | None:
         """The first pitch joint, where there are three."""
-        return 1 if self._sweep is not None else None
+        return 1 if self._sweeps else None
 
     def pitch_and_roll(self, q: FloatArray) -> tuple[float | None, float | None]:
         """Tool pitch in [-pi/2, pi/2] and roll [rad] at one configuration (n,)."""
@@ -72,8 +74,8 @@ class YawPitchRollSolver:
         roll = None if geometry.roll_joint is None else float(q[geometry.roll_joint])
         if geometry.tool_angle is None:
             return None, roll
-        up = float(geometry.frame[:, 2] @ self.chain.forward(q)[:3, 2])
-        return math.asin(max(-1.0, min(1.0, up))), roll
+        forward, left, up = (geometry.frame.T @ self.chain.forward(q)[:3, 2]).tolist()
+        return math.atan2(up, math.hypot(forward, left)), roll  # an arc sine is blind near ±90°
 
     def solve(self, target: Target, step: float) -> Solutions:
         """All solutions inside the limits.
@@ -85,14 +87,17 @@ class YawPitchRollSolver:
         Raises:
             InputError: ``step`` is not a positive number.
         """
-        if not (math.isfinite(step) and step > 0):
-            raise InputError(f"the step of the swept joint must be a positive angle, got {step!r}")
+        step = checked_number(step, "the step of the swept joint")
+        if step <= 0:
+            raise InputError(f"the step of the swept joint must be a positive angle, got {step!r} rad")
         refusal, roll = self._roll(target)
         if refusal is not None:
             return self._refused(target, refusal)
         x, y, z = self.geometry.local(target.position)
         branches = base_branches(self.geometry, x, y, self._pairs[0])
-        if self._sweep is not None and target.pitch is None and target.rotation is None:
+        if target.rotation is not None and is_on_axis(self.geometry, x, y):
+            branches = self._axis_branches(target.rotation)
+        if self._sweeps and target.pitch is None and target.rotation is None:
             return self._swept(target, branches, z, roll, step)
         return self._isolated(target, branches, z, roll)
 
@@ -100,7 +105,7 @@ class YawPitchRollSolver:
         """Why the roll or pitch asked for cannot be, or the roll joint's angle (0 where it does not matter)."""
         joint = self.geometry.roll_joint
         if target.pitch is not None and self.geometry.tool_angle is None:
-            return "this arm's tool does not point within its vertical plane, so it has no pitch to ask for", 0.0
+            return "this arm's tool does not keep to its vertical plane, so it has no pitch to ask for", 0.0
         if joint is None:
             refused = None if target.roll is None else "this arm has no joint that rolls the tool"
             return refused, 0.0
@@ -109,42 +114,62 @@ class YawPitchRollSolver:
             return None, min(max(0.0, low), high)
         inside = images(target.roll, low, high)
         if inside:
-            return None, inside[0]
+            return None, min(inside, key=abs)
         return self._reach.joint_outside(joint, wrap(target.roll)), 0.0
+
+    def _axis_branches(self, rotation: FloatArray) -> list[BaseBranch]:
+        """Base angles for a target on the base axis: there the rotation says which way to face."""
+        turns = self._fit.base_angles(rotation)
+        if not turns:  # the roll axis is upright too, and base and roll make up for each other
+            low, high = self._pairs[0]
+            turns = [min(max(0.0, low), high), low, high]
+        return axis_branches(turns, self._pairs[0])
 
     def _swept(
         self, target: Target, branches: list[BaseBranch], z: float, roll: float, step: float
     ) -> Solutions:
-        if self._sweep is None or self._least is None:
-            raise InputError("only arms with three pitch joints have a free joint")
-        shoulder, sweep, least = self.geometry.shoulder, self._sweep, self._least
+        shoulder = self.geometry.shoulder
+        height = z - shoulder.imag
         parts = [
-            (branch, part)
+            (sweep, branch, sweep.stretches(branch.r - shoulder.real, height, step))
             for branch in branches
-            for part in sweep.solve(branch.r - shoulder.real, z - shoulder.imag, step)
+            for sweep in self._sweeps
         ]
 
         def optimum() -> FloatArray | None:
-            found = least.solve(branches, z)
+            found = None if self._least is None else self._least.solve(branches, z)
             return None if found is None else self._with_roll(found, roll)
 
-        count = sum(len(part.first) for _, part in parts)
+        count = sum(len(stretch) for _, _, stretches in parts for stretch in stretches)
         if count == 0:
             single = optimum()  # a sliver between two grid values, or a single stretched configuration
             if single is None:
                 return self._refused(target)
-            return self._solutions(target, [single], [0], optimum)
+            index = [_branch_index(self._faces(target, single), _sense(self._last_plane_angle(single)))]
+            return self._solutions(target, [single], index, optimum)
         q = np.empty((self.chain.n, count))  # joint by joint in memory: one contiguous write each
         index = np.empty(count, dtype=np.int8)
         at = 0
-        for branch, part in parts:
-            cut = slice(at, at + len(part.first))
-            at = cut.stop
-            q[0, cut], q[1, cut], q[2, cut], q[3, cut] = branch.angle, part.first, part.second, part.third
-            index[cut] = _branch_index(branch.front, part.bend)
+        for sweep, branch, stretches in parts:
+            begin = at
+            for stretch in stretches:
+                index[at : at + len(stretch)] = _branch_index(branch.front, stretch.bend)
+                at += len(stretch)
+            q[0, begin:at] = branch.angle
+            sweep.fill(branch.r - shoulder.real, height, step, stretches, q[1:4, begin:at])
         if self.geometry.roll_joint is not None:
             q[self.geometry.roll_joint] = roll
         return self._make(target, q.T, index, optimum, free=1)
+
+    def _last_plane_angle(self, q: FloatArray) -> float:
+        last = len(self.geometry.lengths) - 1
+        return self.geometry.plane_angle(last, float(q[1 + last]))
+
+    def _faces(self, target: Target, q: FloatArray) -> bool:
+        """True when the target lies in front of the arm."""
+        x, y, _ = self.geometry.local(target.position)
+        turn = self.geometry.yaw_sign * float(q[0])
+        return x * math.cos(turn) + y * math.sin(turn) >= 0.0
 
     def _isolated(self, target: Target, branches: list[BaseBranch], z: float, roll: float) -> Solutions:
         found: list[FloatArray] = []
@@ -182,22 +207,45 @@ class YawPitchRollSolver:
         return [0.0] if joint is None else images(roll, *self._pairs[joint])
 
     def planar(self, x: float, y: float, tool_angle: float | None) -> list[tuple[float, ...]]:
-        """Plane angles for a tip seen from the first pitch axis [m], with the tool at a plane angle or any."""
+        """Plane angles for a tip seen from the first pitch axis [m], with the tool at a plane angle or any.
+
+        Folded onto its own first axis the arm may point anywhere: then the directions are given at which
+        a joint is at zero or at a limit, so that one is inside the limits if any is.
+        """
         lengths = self.geometry.lengths
         if tool_angle is None:
-            return list(two_link(x, y, *lengths)) if len(lengths) == 2 else []
+            return self._unfolded(x, y, None) if len(lengths) == 2 else []
         last = tool_angle - (self.geometry.tool_angle or 0.0)  # absolute direction of the last link
         if len(lengths) == 2:
             return [
                 pair
-                for pair in two_link(x, y, *lengths)
+                for pair in self._unfolded(x, y, None)
                 if abs(math.remainder(sum(pair) - last, TWO_PI)) < _PITCH_TOLERANCE
             ]
         x, y = x - lengths[2] * math.cos(last), y - lengths[2] * math.sin(last)
-        pairs = two_link(x, y, lengths[0], lengths[1])
-        if pairs and math.hypot(x, y) < 1e-12:  # folded onto its own first axis: any direction serves
-            pairs = [(self.geometry.plane_angle(0, v), pairs[0][1]) for v in (0.0, *self._pairs[1])]
+        pairs = self._unfolded(x, y, last)
         return [(first, bend, last - first - bend) for first, bend in pairs]
+
+    def _unfolded(self, x: float, y: float, last: float | None) -> list[tuple[float, ...]]:
+        """The two-link triangle of the first links; with a third link, ``last`` is its direction."""
+        pairs = two_link(x, y, self.geometry.lengths[0], self.geometry.lengths[1])
+        if not pairs or math.hypot(x, y) > _FOLDED:
+            return list(pairs)
+        (_, bend), ways = pairs[0], [0.0, *self._pairs[1]]
+        firsts = [self.geometry.plane_angle(0, way) for way in ways]
+        if last is not None:
+            firsts += [last - bend - self.geometry.plane_angle(2, way) for way in (0.0, *self._pairs[3])]
+        return [(first, bend) for first in firsts]
+
+    def _in_plane(self, yaw: float, r: float, z: float, last: float | None) -> FloatArray | None:
+        """Base and pitch joints for a point of the tool plane, with the last link's direction given or any."""
+        if self._least is not None and last is None:
+            return self._least.solve([BaseBranch(True, yaw, r)], z)
+        x, y = r - self.geometry.shoulder.real, z - self.geometry.shoulder.imag
+        for plane in self.planar(x, y, None if last is None else last + (self.geometry.tool_angle or 0.0)):
+            for angles in self._joint_images(plane):
+                return np.array([yaw, *angles])
+        return None
 
     def _joint_images(self, plane: tuple[float, ...]) -> list[tuple[float, ...]]:
         """Every joint configuration inside the limits that has these plane angles."""
@@ -215,7 +263,12 @@ class YawPitchRollSolver:
         return self._make(target, np.array(q), np.array(index, dtype=np.int8), optimum)
 
     def _make(
-        self, target: Target, q: FloatArray, index: NDArray[np.int8], optimum: Optimum | None, free: int | None = None
+        self,
+        target: Target,
+        q: FloatArray,
+        index: NDArray[np.int8],
+        optimum: Optimum | None,
+        free: int | None = None,
     ) -> Solutions:
         return Solutions(
             target=target, q=q, branch_index=index, branch_names=BRANCHES, chain=self.chain,

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Literal, cast
 
 import msgspec
 from msgspec import Meta
@@ -15,6 +16,9 @@ NotNegative = Annotated[float, Meta(ge=0)]
 Name = Annotated[str, Meta(pattern=r"^[a-z][a-z0-9_]*$")]
 Channel = Annotated[int, Meta(ge=0, le=63)]
 Pulse = Annotated[float, Meta(ge=64, le=4080)]
+Limit = Annotated[float, Meta(ge=-720, le=720)]
+LARGEST = 1e6
+"""no number of a robot file, in mm, degrees or µs, is larger than this"""
 
 
 class _Strict(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -39,7 +43,7 @@ class DHEntry(_Strict, frozen=True):
 
 
 class ServoEntry(_Strict, frozen=True):
-    """The servo of a joint: pulse = zero_us + us_per_deg · angle; a negative ``us_per_deg`` turns it round."""
+    """The servo of a joint: pulse = zero_us + us_per_deg · angle; negative ``us_per_deg`` turns it round."""
 
     channel: Channel
     zero_us: float
@@ -52,7 +56,7 @@ class JointEntry(_Strict, frozen=True):
 
     name: Name
     title: str
-    limit_deg: tuple[float, float]
+    limit_deg: tuple[Limit, Limit]
     speed_deg_s: Positive
     acceleration_deg_s2: Positive
     stall_torque_nm: Positive | None = None
@@ -119,8 +123,26 @@ def read_robot_file(path: Path) -> RobotFile:
     except OSError as cause:
         raise RobotFileError(f"{path}: cannot be read: {cause.strerror}") from cause
     try:
-        return msgspec.toml.decode(text, type=RobotFile)
+        file = msgspec.toml.decode(text, type=RobotFile)
     except msgspec.DecodeError as cause:
         raise RobotFileError(f"{path}: {cause}") from cause
     except ValueError as cause:  # not UTF-8
         raise RobotFileError(f"{path}: is not a text file: {cause}") from cause
+    except OverflowError as cause:  # a whole number with hundreds of digits
+        raise RobotFileError(f"{path}: holds a number that is too large: {cause}") from cause
+    for key, value in _numbers(msgspec.to_builtins(file), ""):
+        if not abs(value) <= LARGEST:  # TOML has nan and inf, and every comparison with nan is false
+            raise RobotFileError(f"{path}: {key} = {value}: must be a finite number within ±{LARGEST:.0e}")
+    return file
+
+
+def _numbers(node: object, key: str) -> Iterator[tuple[str, float]]:
+    """Every number under a node of the decoded file, with the key that leads there."""
+    if isinstance(node, dict):
+        for name, value in cast("dict[str, object]", node).items():
+            yield from _numbers(value, f"{key}.{name}" if key else name)
+    elif isinstance(node, list | tuple):
+        for i, value in enumerate(cast("list[object]", node)):
+            yield from _numbers(value, f"{key}[{i}]")
+    elif isinstance(node, float):
+        yield key, node

@@ -44,7 +44,8 @@ def load_robot(name: str | Path) -> Robot:
         shipped = robots_folder() / f"{name}.toml"
         if not shipped.is_file():
             raise RobotFileError(
-                f"there is no robot {str(name)!r}; shipped are {', '.join(shipped_robots())} (or give a path to a .toml file)"
+                f"there is no robot {str(name)!r}; shipped are {', '.join(shipped_robots())} "
+                "(or give a path to a .toml file)"
             )
         path = shipped
     elif path.suffix != ".toml":

@@ -15,7 +15,6 @@ from armctl.ui.console import Console
 from armctl.ui.guard import GuardedServer, guarded_server
 from armctl.ui.scene.arm_figure import ArmFigure
 from armctl.ui.scene.stage import look_at_arm, set_stage
-from armctl.ui.scene.trail import Trail
 from armctl.ui.session import Session
 
 LOG = logging.getLogger("armctl.ui")
@@ -37,7 +36,6 @@ class App:
         )
         set_stage(self.server.scene, console.robot)
         self._figure = ArmFigure(self.server.scene, console.robot, "/arm")
-        self.trail = Trail(self.server.scene)
         self.server.on_client_connect(self._connect)
         self.server.on_client_disconnect(self._disconnect)
         self._loop: Future[None] = asyncio.run_coroutine_threadsafe(
@@ -98,9 +96,7 @@ class App:
         q = np.where(np.isnan(snapshot.q), snapshot.q_command, snapshot.q)
         with self.server.atomic():
             self._figure.pose(q, snapshot.gripper)
-            self.trail.add(self._console.robot.forward(q)[:3, 3])
-            if frame % _FRAMES_A_REFRESH == 0:
-                self.trail.draw()
+        self._console.trail.add(self._console.robot.forward(q)[:3, 3])
         if frame % _FRAMES_A_REFRESH == 0:
             for session in tuple(self._sessions.values()):
                 with suppress(RuntimeError):  # a page that has just gone

@@ -9,6 +9,8 @@ from armctl.robot import Robot
 from armctl.runtime import Controller
 from armctl.ui.operator import OperatorDesk
 from armctl.ui.program_desk import ProgramDesk
+from armctl.ui.scene.cloud import CloudStore
+from armctl.ui.scene.trail import Trail
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,3 +34,7 @@ class Console:
     programs: ProgramDesk
     default_port: str = "sim"
     operators: OperatorDesk = field(default_factory=OperatorDesk)
+    trail: Trail = field(default_factory=Trail)
+    """where the tool point has been"""
+    clouds: CloudStore = field(default_factory=CloudStore)
+    """the workspace cloud, computed once for all pages"""

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import asyncio
 import re
 from collections.abc import Callable
 from pathlib import Path
 
-from armctl.errors import ProgramError
-from armctl.motion import Program, load_program, save_program
+import msgspec
 
-_NAME = re.compile(r"^[\w][\w .+-]{0,60}$")
+from armctl.errors import ProgramError
+from armctl.motion import Program, decode_program, load_program, save_program
+
+_NAME = re.compile(r"\w[\w .+-]{0,60}")
+_UNDO_STEPS = 100
 
 
 class ProgramDesk:
@@ -20,6 +24,7 @@ class ProgramDesk:
         self._folder = folder
         self._version = 0
         self._undo: list[Program] = []
+        self._started: Program | None = None
 
     @property
     def program(self) -> Program:
@@ -28,7 +33,7 @@ class ProgramDesk:
 
     @property
     def version(self) -> int:
-        """Rises with every change, so that a page knows when to draw the list anew."""
+        """Rises with every change and every save, so that a page knows when to draw anew."""
         return self._version
 
     @property
@@ -36,11 +41,25 @@ class ProgramDesk:
         """Where programs are saved."""
         return self._folder
 
+    @property
+    def can_undo(self) -> bool:
+        """Whether there is a change to take back."""
+        return bool(self._undo)
+
+    @property
+    def as_started(self) -> bool:
+        """Whether the steps are still those that were last given to the arm."""
+        return self._started is not None and self._started.steps == self._program.steps
+
+    def start(self, program: Program) -> None:
+        """Note that the arm was given this program."""
+        self._started = program
+
     def edit(self, change: Callable[[Program], Program]) -> None:
         """Replace the program by ``change(program)``; what that raises changes nothing."""
         changed = change(self._program)
         if changed != self._program:
-            self._undo = [*self._undo[-99:], self._program]
+            self._undo = [*self._undo[1 - _UNDO_STEPS :], self._program]
             self._program = changed
             self._version += 1
 
@@ -59,31 +78,53 @@ class ProgramDesk:
         """Names of the saved programs, sorted."""
         return sorted(path.stem for path in self._folder.glob("*.toml"))
 
-    def save(self, name: str) -> Path:
+    async def save(self, name: str) -> Path:
         """Save under a name; the earlier version is kept as ``NAME.toml~``.
 
         Raises:
             ProgramError: a name that is no file name, or the file cannot be written.
         """
         path = self._path(name)
-        self._folder.mkdir(parents=True, exist_ok=True)
-        named = Program(robot=self._program.robot, name=name, steps=self._program.steps)
-        save_program(named, path)
-        self.edit(lambda _: named)
+        program = msgspec.structs.replace(self._program, name=name)
+        await asyncio.to_thread(self._write, program, path)
+        self.edit(lambda present: msgspec.structs.replace(present, name=name))
+        self._version += 1
         return path
 
-    def load(self, name: str) -> None:
+    async def load(self, name: str) -> None:
         """Put a saved program on the desk.
 
         Raises:
-            ProgramError: there is none of that name, or it cannot be read; the desk stays as it is.
+            ProgramError: there is none of that name, it cannot be read, or it is another robot's; the desk
+                stays as it is.
         """
-        loaded = load_program(self._path(name))
-        self.edit(lambda _: loaded)
+        self._put(await asyncio.to_thread(load_program, self._path(name)))
+
+    def take_in(self, text: bytes) -> None:
+        """Put a program on the desk that comes as the text of its file.
+
+        Raises:
+            ProgramError: names the step and the key, or the robot it is for; the desk stays as it is.
+        """
+        self._put(decode_program(text))
+
+    def _put(self, program: Program) -> None:
+        robot = self._program.robot
+        if program.robot != robot:
+            raise ProgramError(f"the program is for the robot {program.robot!r}, this one is {robot!r}")
+        self.edit(lambda _: program)
+
+    def _write(self, program: Program, path: Path) -> None:
+        try:
+            self._folder.mkdir(parents=True, exist_ok=True)
+        except OSError as cause:
+            raise ProgramError(f"{self._folder}: cannot be made: {cause.strerror}") from cause
+        save_program(program, path)
 
     def _path(self, name: str) -> Path:
-        if not _NAME.match(name):
+        if not _NAME.fullmatch(name):
             raise ProgramError(
-                f"{name!r} is no program name: letters, digits, space, '.', '+', '-' and '_' are allowed"
+                f"{name!r} is no program name: up to 61 letters, digits, spaces, '.', '+', '-' and '_', "
+                "beginning with a letter or a digit"
             )
         return self._folder / f"{name}.toml"

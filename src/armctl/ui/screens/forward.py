@@ -1,25 +1,134 @@
-"""The Forward screen."""
+"""Forward: joint angles in, tool pose out; go there, absolutely or by so much from where the arm is."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING, ClassVar
 
+import numpy as np
 import viser
+from numpy.typing import NDArray
 
-from armctl.runtime import Snapshot
+from armctl.errors import ArmctlError
+from armctl.runtime import MoveJoints, Snapshot, State
+from armctl.ui.screens.forward_angles import (
+    LAST,
+    PRESENT,
+    REFERENCE,
+    SHOWN,
+    AngleFields,
+    resulting_pose,
+    results_html,
+)
+from armctl.ui.widgets.html_bits import refused
+from armctl.ui.widgets.movement import MovementChoice
+from armctl.ui.widgets.number_field import EditWatch
+from armctl.ui.widgets.pose_figures import jacobian_html, pose_html
+from armctl.ui.widgets.preview import Preview
+from armctl.ui.widgets.text import LiveHtml
 
 if TYPE_CHECKING:
     from armctl.ui.session import Session
 
+FloatArray = NDArray[np.float64]
+_ABSOLUTE_HINT = "The angles are absolute: each joint goes to its angle."
+_RELATIVE_HINT = "The angles are added to those where the arm stands now."
+_SHOWN_HINT = "What the ghost and the figures below stand for."
+_NOTE = "Type joint angles. Nothing moves until a button is pressed."
+
 
 class ForwardScreen:
-    """Forward."""
+    """Angle fields, the two ways to go, and the figures of a configuration."""
 
     label: ClassVar[str] = "Forward"
     icon: ClassVar[viser.IconName | None] = None
 
     def __init__(self, session: Session) -> None:
-        session.gui.add_markdown("Forward")
+        self._session = session
+        self._robot = session.console.robot
+        self._preview = Preview(session.ghost)
+        self._drawn: tuple[object, ...] = ()
+        self._edited = False
+        gui = session.gui
+        self._note = LiveHtml(gui, _NOTE)
+        self._angles = AngleFields(gui, self._robot, session.snapshot.q_command)
+        self._fill = gui.add_button_group("Fill with", ("present pose", *self._robot.poses))
+        self._results = LiveHtml(gui)
+        self._movement = MovementChoice(session)
+        self._absolute = gui.add_button(REFERENCE, icon=viser.Icon.PLAYER_PLAY, hint=_ABSOLUTE_HINT)
+        self._relative = gui.add_button(LAST, icon=viser.Icon.PLAYER_PLAY, hint=_RELATIVE_HINT)
+        self._shown = gui.add_dropdown("Show for", SHOWN, initial_value=SHOWN[0], hint=_SHOWN_HINT)
+        with gui.add_folder("Tool pose"):
+            self._pose = LiveHtml(gui)
+        with gui.add_folder("Jacobian and manipulability"):
+            self._jacobian = LiveHtml(gui)
+        self._watch = EditWatch([*self._angles.fields, self._movement.duration])
+        self._attach()
+
+    def _attach(self) -> None:
+        session = self._session
+        for field in self._angles.fields:
+            session.on(field.handle.on_update, self._on_edit)
+        session.on(self._fill.on_click, self._on_fill)
+        session.on(self._shown.on_update, self._on_edit)
+        session.on(self._absolute.on_click, self._on_absolute)
+        session.on(self._relative.on_click, self._on_relative)
 
     def refresh(self, snapshot: Snapshot) -> None:
-        """Draw a snapshot."""
+        """Keep what depends on where the arm is up to date."""
+        self._draw(snapshot)
+        self._preview.refresh(snapshot)
+
+    async def _on_edit(self) -> None:
+        self._edited = True
+        self._drawn = ()
+        self._draw(self._session.snapshot)
+
+    async def _on_fill(self) -> None:
+        asked = self._fill.value
+        present = asked == "present pose"
+        self._angles.fill(self._session.snapshot.q_command if present else self._robot.pose(asked))
+        await self._on_edit()
+
+    async def _on_absolute(self) -> None:
+        await self._go(REFERENCE)
+
+    async def _on_relative(self) -> None:
+        await self._go(LAST)
+
+    async def _go(self, how: str) -> None:
+        self._watch.require_settled()
+        asked = self._angles.radians()
+        profile, duration = self._movement.checked()
+        q = self._robot.check_limits(resulting_pose(how, asked, self._session.snapshot.q_command))
+        await self._session.submit(MoveJoints(q, duration, profile))
+        self._edited = False
+        self._preview.show(q, self._session.snapshot.q_command)
+
+    def _draw(self, snapshot: Snapshot) -> None:
+        """Results, ghost and figures; nothing where neither fields nor arm have changed."""
+        present = snapshot.q_command
+        key = (self._angles.texts(), self._shown.value, present.tobytes())
+        if key == self._drawn:
+            return
+        self._drawn = key
+        shown = self._shown.value
+        self._results.show(results_html(self._robot, self._angles, present))
+        try:
+            q = present if shown == PRESENT else resulting_pose(shown, self._angles.radians(), present)
+        except ArmctlError as refusal:
+            self._preview.hide()
+            self._figures(None, str(refusal))
+            return
+        if shown == PRESENT:
+            self._preview.hide()
+        elif self._edited and snapshot.state is not State.MOVING:
+            self._preview.show(q, present)
+        self._figures(q)
+
+    def _figures(self, q: FloatArray | None, why: str = "") -> None:
+        if q is None:
+            self._pose.show(refused(why))
+            self._jacobian.show("")
+            return
+        self._pose.show(pose_html(self._robot, q))
+        self._jacobian.show(jacobian_html(self._robot, q))

@@ -36,14 +36,16 @@ class MainScreen:
         labels = tuple(self._choices)
         chosen = next((c.label for c in self._choices.values() if c.port == console.default_port), labels[0])
         gui.add_markdown(f"**{console.robot.title}** · {console.robot.n} joints")
-        self._port = gui.add_dropdown("Port", labels, chosen)
+        self._port = gui.add_dropdown("Port", labels, initial_value=chosen)
         self._line = gui.add_button_group("Board", ("Connect", "Disconnect", "Rescan"))
         self._board = LiveHtml(gui)
         self._enable_note = gui.add_markdown(_ENABLE_NOTE)
         self._enable = gui.add_button("Enable", icon=viser.Icon.BOLT, color="green")
         self._clear = gui.add_button("Clear fault", color="orange", visible=False)
         self._home = gui.add_button("Home", icon=viser.Icon.HOME)
-        self._poses = gui.add_button_group("Go to pose", tuple(name for name in console.robot.poses if name != "home"))
+        self._poses = gui.add_button_group(
+            "Go to pose", tuple(name for name in console.robot.poses if name != "home")
+        )
         with gui.add_folder("Log"):
             self._log = LiveHtml(gui)
         session.on(self._line.on_click, self._on_line)

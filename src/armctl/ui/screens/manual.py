@@ -1,4 +1,4 @@
-"""The Manual screen."""
+"""Manual: each joint alone, jog, gripper, and serial motion."""
 
 from __future__ import annotations
 
@@ -7,19 +7,31 @@ from typing import TYPE_CHECKING, ClassVar
 import viser
 
 from armctl.runtime import Snapshot
+from armctl.ui.screens.jog_control import JogControl
+from armctl.ui.screens.joint_control import JointControl
+from armctl.ui.screens.serial_motion import SerialMotion
 
 if TYPE_CHECKING:
     from armctl.ui.session import Session
 
 
 class ManualScreen:
-    """Manual."""
+    """Three inner tabs, so that each fits a laptop's screen."""
 
     label: ClassVar[str] = "Manual"
     icon: ClassVar[viser.IconName | None] = None
 
     def __init__(self, session: Session) -> None:
-        session.gui.add_markdown("Manual")
+        tabs = session.gui.add_tab_group()
+        with tabs.add_tab("Joints"):
+            self._joints = JointControl(session)
+        with tabs.add_tab("Jog & gripper"):
+            self._jog = JogControl(session)
+        with tabs.add_tab("Serial motion"):
+            self._serial = SerialMotion(session)
 
     def refresh(self, snapshot: Snapshot) -> None:
         """Draw a snapshot."""
+        self._joints.refresh(snapshot)
+        self._jog.refresh(snapshot)
+        self._serial.refresh(snapshot)

@@ -53,10 +53,14 @@ def table(
     left = _CELL.replace("right", "left") if names else _CELL
     parts = ["<table style='border-collapse:collapse;width:100%'>"]
     if head:
-        cells = "".join(f"<th style='{left if i == 0 else _CELL}'>{escape(text)}</th>" for i, text in enumerate(head))
+        cells = "".join(
+            f"<th style='{left if i == 0 else _CELL}'>{escape(text)}</th>" for i, text in enumerate(head)
+        )
         parts.append(f"<tr style='opacity:.7'>{cells}</tr>")
     for index, row in enumerate(rows):
         mark = ";background:rgba(34,139,230,.22)" if index == marked else ""
-        cells = "".join(f"<td style='{left if i == 0 else _CELL}'>{escape(text)}</td>" for i, text in enumerate(row))
+        cells = "".join(
+            f"<td style='{left if i == 0 else _CELL}'>{escape(text)}</td>" for i, text in enumerate(row)
+        )
         parts.append(f"<tr style='border-top:1px solid rgba(128,128,128,.2){mark}'>{cells}</tr>")
     return "".join([*parts, "</table>"])

@@ -1,0 +1,102 @@
+"""The straightforward full-grid sweep of the swept joint: the slow way that armctl is measured and tested against.
+
+Written from the geometry in PAPERS.md alone; it shares no code with armctl.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+LIMIT_TOLERANCE = 1e-9
+"""what rounding may carry an angle over its limit [rad]; a cosine over 1 likewise"""
+
+
+@dataclass(frozen=True)
+class PlanarArm:
+    """A yaw joint and three parallel pitch joints, by their planar geometry (metres, radians).
+
+    ``x + i y = exp(i yaw_sign q0) (r + i lateral)`` and
+    ``(r - shoulder_r) + i (z - shoulder_z) = sum_k lengths[k] exp(i (t_0 + ... + t_k))``
+    with ``t_k = signs[k] q_(k+1) + offsets[k]``.
+    """
+
+    lateral: float
+    shoulder_r: float
+    shoulder_z: float
+    lengths: tuple[float, float, float]
+    limits: FloatArray
+    """(4, 2) of the yaw and the pitch joints"""
+    yaw_sign: int = 1
+    signs: tuple[int, int, int] = (1, 1, 1)
+    offsets: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+    def tip(self, q: FloatArray) -> FloatArray:
+        """(..., 3) tool point of (..., 4) joint angles."""
+        headings = np.cumsum(q[..., 1:4] * np.array(self.signs) + np.array(self.offsets), axis=-1)
+        planar = (np.exp(1j * headings) * np.array(self.lengths)).sum(axis=-1)
+        across = (planar.real + self.shoulder_r + 1j * self.lateral) * np.exp(1j * self.yaw_sign * q[..., 0])
+        return np.stack([across.real, across.imag, planar.imag + self.shoulder_z], axis=-1)
+
+
+UZUNER = PlanarArm(
+    lateral=0.00362,
+    shoulder_r=0.0,
+    shoulder_z=0.163,
+    lengths=(0.125, 0.104, 0.101),
+    limits=np.radians([[-102.8, 107.26], [-3.19, 146.831], [-84.36, 95.07], [-83.34, 86.75]]),
+)
+
+
+def into(angle: FloatArray, low: float, high: float) -> FloatArray:
+    """The image of each angle that lies nearest to the middle of its limits."""
+    middle = 0.5 * (low + high)
+    return (angle - middle + math.pi) % (2 * math.pi) - math.pi + middle
+
+
+def naive_sweep(arm: PlanarArm, position: FloatArray, step: float) -> FloatArray:
+    """All solutions (k, 4) inside the limits with the first pitch joint on whole multiples of ``step``.
+
+    Every grid value is computed for both base branches and both elbows; a mask throws away the rest.
+    Limits may not span more than one turn.
+    """
+    x, y, z = position.tolist()
+    (low1, high1), (low2, high2), (low3, high3), (low4, high4) = arm.limits.tolist()
+    l2, l3, l4 = arm.lengths
+    s2, s3, s4 = arm.signs
+    o2, o3, o4 = arm.offsets
+    inside = x * x + y * y - arm.lateral**2
+    if inside < 0.0:
+        return np.empty((0, 4))
+    found: list[FloatArray] = []
+    for r in (math.sqrt(inside), -math.sqrt(inside)):
+        q1 = arm.yaw_sign * (math.atan2(y, x) - math.atan2(arm.lateral, r))
+        middle = 0.5 * (low1 + high1)
+        q1 = (q1 - middle + math.pi) % (2 * math.pi) - math.pi + middle
+        first = math.ceil(low2 / step - 1e-6)
+        q2 = np.clip(step * np.arange(first, math.floor(high2 / step + 1e-6) + 1), low2, high2)
+        t2 = s2 * q2 + o2
+        X = r - arm.shoulder_r - l2 * np.cos(t2)
+        Y = z - arm.shoulder_z - l2 * np.sin(t2)
+        c4 = (X**2 + Y**2 - l3**2 - l4**2) / (2 * l3 * l4)
+        for elbow in (1, -1):
+            sin4 = elbow * np.sqrt(np.maximum(0.0, 1 - c4**2))
+            t4 = np.arctan2(sin4, c4)
+            t3 = np.arctan2(Y, X) - np.arctan2(l4 * sin4, l3 + l4 * c4) - t2
+            q3 = into(s3 * (t3 - o3), low3, high3)
+            q4 = into(s4 * (t4 - o4), low4, high4)
+            e = LIMIT_TOLERANCE
+            ok = (
+                (np.abs(c4) <= 1 + e)
+                & (q3 >= low3 - e)
+                & (q3 <= high3 + e)
+                & (q4 >= low4 - e)
+                & (q4 <= high4 + e)
+            )
+            ok &= low1 - e <= q1 <= high1 + e
+            found.append(np.stack([np.full(ok.sum(), q1), q2[ok], q3[ok], q4[ok]], axis=1))
+    return np.concatenate(found)

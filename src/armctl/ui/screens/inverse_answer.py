@@ -1,0 +1,81 @@
+"""What the Inverse screen knows once a target is solved; made off the event loop."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from armctl.errors import UnreachableError
+from armctl.kinematics import DEFAULT_STEP, Solutions, Target
+from armctl.robot import Robot
+from armctl.ui.screens.energy_curve import energy_curve
+from armctl.ui.screens.solution_table import SolutionTable
+from armctl.ui.widgets.html_bits import muted, numbers, refused, strong
+from armctl.ui.widgets.plots import Picture
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Answer:
+    """Solutions of one target, sorted by one criterion, and the one of least energy."""
+
+    table: SolutionTable
+    best: FloatArray | None
+    """(n,) [rad]; None: no solution, or none that the criterion admits"""
+    why_not: str
+    """why there is no best one; empty where there is"""
+    curve: Picture | None
+
+    @property
+    def solutions(self) -> Solutions:
+        """What the solver said."""
+        return self.table.solutions
+
+
+def answer(robot: Robot, solutions: Solutions, criterion: str, start: FloatArray) -> Answer:
+    """Sort and choose by a criterion; ``start`` (n,) [rad] is where the arm stands."""
+    table = SolutionTable(solutions, criterion, start)
+    if not solutions.success:
+        return Answer(table, None, solutions.explanation or "there is no solution", None)
+    best: FloatArray | None = None
+    why_not = ""
+    try:
+        best = solutions.best(criterion, start)
+    except UnreachableError as refusal:
+        why_not = str(refusal)
+    len(table.order)  # sorted here and not on the event loop
+    return Answer(table, best, why_not, energy_curve(robot, table, best))
+
+
+def solve(robot: Robot, target: Target, criterion: str, start: FloatArray) -> Answer:
+    """Solve a target and choose by a criterion."""
+    solutions = robot.inverse_kinematics.solve(target, DEFAULT_STEP)
+    return answer(robot, solutions, criterion, start)
+
+
+def answer_html(robot: Robot, found: Answer) -> str:
+    """Count and branches, and what "least energy" would send; or why there is nothing."""
+    if not found.solutions.success:
+        return strong("No solution") + refused(f"{_sentence(found.why_not)}.")
+    count = len(found.table)
+    branches = "; ".join(f"{name}: {many}" for name, many in found.table.branch_counts().items())
+    text = strong(f"{count} solution{'' if count == 1 else 's'} inside the limits")
+    text += muted(branches + ("" if found.solutions.complete else "; the list may be incomplete"))
+    if found.best is None:
+        return text + refused(_sentence(found.why_not))
+    point = robot.forward(found.best)[:3, 3]
+    error_mm = 1000 * float(np.linalg.norm(point - found.solutions.target.position))
+    angles = numbers(np.degrees(found.best).tolist(), 3)
+    branch = found.solutions.branch_of(found.best)
+    return (
+        text
+        + f"<div>least energy will go to θ = (<b>{angles}</b>)°</div>"
+        + muted(f"{branch}; error {error_mm:.1e} mm")
+    )
+
+
+def _sentence(text: str) -> str:
+    return text[:1].upper() + text[1:]

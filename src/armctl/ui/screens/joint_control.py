@@ -1,0 +1,103 @@
+"""Sliders that are edited first and sent by Go, and −/+ steps that move one joint at once."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import TYPE_CHECKING
+
+import numpy as np
+import viser
+from numpy.typing import NDArray
+
+from armctl.runtime import MoveJoints, Snapshot
+from armctl.ui.widgets.joint_step import asked_pose, slider_degrees, stepped
+from armctl.ui.widgets.live_readout import LiveReadout
+from armctl.ui.widgets.text import LiveHtml
+
+if TYPE_CHECKING:
+    from armctl.ui.session import Session
+
+FloatArray = NDArray[np.float64]
+_STEPS = ("0.1", "1", "5", "10")
+_FOLLOWING = "The sliders show the arm. Move one: a ghost shows the new pose, <b>Go</b> sends the arm there."
+_EDITED = "<b style='color:#0c8599'>The ghost shows the new pose.</b> Press <b>Go</b> to send the arm there."
+
+
+class JointControl:
+    """One slider and one pair of step buttons a joint.
+
+    The sliders follow the arm until somebody moves one; then they stay until Go has been obeyed or they
+    are put back.
+    """
+
+    def __init__(self, session: Session) -> None:
+        self._session = session
+        self._robot = session.console.robot
+        gui = session.gui
+        self._readout = LiveReadout(gui, self._robot)
+        self._hint = LiveHtml(gui, _FOLLOWING)
+        self._edited = False
+        self._shown = slider_degrees(self._robot, session.snapshot.q_command)
+        self._sliders = [self._add_slider(i) for i in range(self._robot.n)]
+        self._go = gui.add_button("Go", icon=viser.Icon.PLAYER_PLAY)
+        self._reset = gui.add_button("Sliders to present pose", color="gray")
+        session.on(self._go.on_click, self._on_go)
+        session.on(self._reset.on_click, self._on_reset)
+        with gui.add_folder("Step one joint (moves at once)"):
+            self._step = gui.add_dropdown("Step °", _STEPS, initial_value="1")
+            self._steps = [self._add_step(i) for i in range(self._robot.n)]
+
+    def refresh(self, snapshot: Snapshot) -> None:
+        """Show the arm; the sliders follow it while nobody has moved them."""
+        self._readout.refresh(snapshot)
+        present = slider_degrees(self._robot, snapshot.q_command)
+        if self._edited and present == slider_degrees(self._robot, np.radians(self._asked())):
+            self._set_edited(False)
+        if not self._edited and present != self._shown:
+            self._show(present)
+
+    def _add_slider(self, i: int) -> viser.GuiSliderHandle[float]:
+        joint = self._robot.joints[i]
+        low, high = np.degrees(self._robot.limits[i]).tolist()
+        slider = self._session.gui.add_slider(
+            f"{joint.title} °", min=low, max=high, step=0.01, initial_value=self._shown[i]
+        )
+        self._session.on(slider.on_update, self._on_slider)
+        return slider
+
+    def _add_step(self, i: int) -> viser.GuiButtonGroupHandle:
+        group = self._session.gui.add_button_group(self._robot.joints[i].title, ("−", "+"))
+        self._session.on(group.on_click, partial(self._on_step, i))
+        return group
+
+    def _asked(self) -> list[float]:
+        return [float(slider.value) for slider in self._sliders]
+
+    def _show(self, degrees: list[float]) -> None:
+        self._shown = degrees
+        for slider, value in zip(self._sliders, degrees, strict=True):
+            if slider.value != value:
+                slider.value = value
+
+    def _set_edited(self, edited: bool) -> None:
+        if self._edited and not edited:
+            self._session.ghost.hide()
+        self._edited = edited
+        self._hint.show(_EDITED if edited else _FOLLOWING)
+
+    async def _on_slider(self) -> None:
+        self._set_edited(True)
+        self._session.ghost.show(np.radians(self._asked()))
+
+    async def _on_go(self) -> None:
+        await self._session.submit(MoveJoints(asked_pose(self._robot, self._asked())))
+
+    async def _on_reset(self) -> None:
+        self._set_edited(False)
+        self._show(slider_degrees(self._robot, self._session.snapshot.q_command))
+
+    async def _on_step(self, i: int) -> None:
+        size = float(self._step.value)
+        step_deg = size if self._steps[i].value == "+" else -size
+        q = stepped(self._robot, self._session.snapshot.q_command, i, step_deg)
+        await self._session.submit(MoveJoints(q))

@@ -1,0 +1,92 @@
+"""Programs as files: saved ones, download, upload, CSV."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import viser
+
+from armctl.errors import ProgramError
+from armctl.motion import check_program, encode_program
+from armctl.ui.widgets.step_list import program_csv
+
+if TYPE_CHECKING:
+    from armctl.ui.session import Session
+
+_NONE = "(none saved yet)"
+
+
+class ProgramFiles:
+    """Names and files of the program on the desk."""
+
+    def __init__(self, session: Session) -> None:
+        self._session = session
+        self._desk = session.console.programs
+        self._version = -1
+        self._named = self._desk.program.name
+        gui = session.gui
+        self._name = gui.add_text("Name", initial_value=self._named)
+        self._keep = gui.add_button_group("This program", ("Save", "Download", "CSV"))
+        self._saved = gui.add_dropdown("Saved programs", self._choices())
+        self._load = gui.add_button_group("Chosen one", ("Load",))
+        self._upload = gui.add_upload_button(
+            "Upload", icon=viser.Icon.UPLOAD, mime_type=".toml", hint="A program file of this robot (.toml)."
+        )
+        session.on(self._keep.on_click, self._on_keep)
+        session.on(self._load.on_click, self._on_load)
+        session.on(self._upload.on_upload, self._on_upload)
+
+    def refresh(self) -> None:
+        """Show the program's name and the saved programs, if the desk has changed."""
+        if self._version == self._desk.version:
+            return
+        self._version = self._desk.version
+        if self._named != self._desk.program.name:
+            self._named = self._name.value = self._desk.program.name
+        choices = self._choices()
+        if self._saved.options != choices:
+            self._saved.options = choices
+
+    def _choices(self) -> tuple[str, ...]:
+        return tuple(self._desk.saved()) or (_NONE,)
+
+    async def _on_keep(self) -> None:
+        program, name = self._desk.program, self._name.value.strip()
+        match self._keep.value:
+            case "Save":
+                self._session.require_operator()
+                path = await self._desk.save(name)
+                self._session.notify("Saved", str(path))
+            case "Download":
+                self._send(f"{program.name}.toml", encode_program(program))
+            case _:
+                self._send(f"{program.name}.csv", program_csv(program, self._session.console.robot))
+
+    async def _on_load(self) -> None:
+        self._session.require_operator()
+        if self._saved.value == _NONE:
+            raise ProgramError("no program is saved yet; give this one a name and press Save")
+        await self._desk.load(self._saved.value)
+        self._tell_findings()
+
+    async def _on_upload(self) -> None:
+        self._session.require_operator()
+        file = self._upload.value
+        try:
+            self._desk.take_in(file.content)
+        except ProgramError as cause:
+            raise ProgramError(f"{file.name}: {cause}") from cause
+        self._session.notify(
+            "Uploaded", f"{file.name}: {len(self._desk.program.steps)} steps are on the list"
+        )
+        self._tell_findings()
+
+    def _tell_findings(self) -> None:
+        """What would keep the arm from running what is now on the desk."""
+        findings = check_program(self._desk.program, self._session.console.robot, motions=False)
+        if findings:
+            more = f" (and {len(findings) - 1} more)" if len(findings) > 1 else ""
+            self._session.notify("Cannot run yet", f"{findings[0]}{more}", "yellow")
+
+    def _send(self, filename: str, text: str) -> None:
+        self._session.client.send_file_download(filename, text.encode())

@@ -1,0 +1,103 @@
+"""The list of inverse kinematic solutions as the page shows it: sorted by energy, one page at a time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from html import escape
+
+import numpy as np
+from numpy.typing import NDArray
+
+from armctl.kinematics import Criterion, Solutions, checked_criterion
+from armctl.ui.widgets.html_bits import fixed
+
+FloatArray = NDArray[np.float64]
+PAGE_ROWS = 15
+_ENERGY: dict[Criterion, tuple[float, str]] = {
+    "least-rotation": (180 / np.pi, "°"),
+    "published": (180 / np.pi, "°"),
+    "least-travel": (1.0, "s"),
+    "least-torque": (1.0, ""),
+}
+_CELL = "padding:0 4px;text-align:right;font-variant-numeric:tabular-nums;white-space:nowrap"
+
+
+@dataclass(frozen=True, eq=False)
+class SolutionTable:
+    """All solutions of one target in the order of one criterion."""
+
+    solutions: Solutions
+    criterion: str
+    start: FloatArray
+    """(n,) where the arm stood [rad], for ``least-travel``"""
+
+    @cached_property
+    def energy(self) -> FloatArray:
+        """(k,) energies in the unit of ``unit``, in the solver's order; infinite where not admitted."""
+        scale, _ = _ENERGY[checked_criterion(self.criterion)]
+        return scale * self.solutions.energies(self.criterion, self.start)
+
+    @property
+    def unit(self) -> str:
+        """Unit of the energies."""
+        return _ENERGY[checked_criterion(self.criterion)][1]
+
+    @cached_property
+    def order(self) -> NDArray[np.int64]:
+        """(k,) indices of the solutions, least energy first."""
+        return np.argsort(self.energy, kind="stable")
+
+    def __len__(self) -> int:
+        return len(self.solutions)
+
+    @property
+    def pages(self) -> int:
+        """Number of pages, at least 1."""
+        return max(1, -(-len(self) // PAGE_ROWS))
+
+    def q(self, row: int) -> FloatArray:
+        """Configuration (n,) [rad] of a row, counted from 1."""
+        return self.solutions.q[self.order[row - 1]].copy()
+
+    def branch(self, row: int) -> str:
+        """Branch name of a row."""
+        return str(self.solutions.branch[self.order[row - 1]])
+
+    def row_of(self, index: int) -> int:
+        """The row, counted from 1, that shows solution ``index``."""
+        return int(np.flatnonzero(self.order == index)[0]) + 1
+
+    def branch_counts(self) -> dict[str, int]:
+        """How many solutions each branch has, in the order of the branches."""
+        used, counts = np.unique(self.solutions.branch_index, return_counts=True)
+        names = self.solutions.branch_names
+        return {names[i]: int(count) for i, count in zip(used.tolist(), counts.tolist(), strict=True)}
+
+    def html(self, page: int, selected: int | None) -> str:
+        """One page (from 0) as an HTML table; ``selected`` is the row to highlight."""
+        heads = ["#", *(f"θ{i + 1}°" for i in range(self.solutions.q.shape[1])), "branch"]
+        heads.append(f"energy {self.unit}".strip())
+        first = page * PAGE_ROWS
+        rows = range(first, min(first + PAGE_ROWS, len(self)))
+        body = "".join(self._row(row + 1, row + 1 == selected) for row in rows)
+        head = "".join(f"<th style='{_CELL};opacity:.7'>{escape(text)}</th>" for text in heads)
+        style = "border-collapse:collapse;width:100%;font-size:11px;line-height:1.55"
+        return f"<table style='{style}'><tr>{head}</tr>{body}</table>"
+
+    def _row(self, row: int, selected: bool) -> str:
+        index = int(self.order[row - 1])
+        cells = [
+            str(row),
+            *(fixed(value, 2) for value in np.degrees(self.solutions.q[index]).tolist()),
+            short_branch(self.branch(row)),
+            fixed(float(self.energy[index]), 3),
+        ]
+        mark = ";background:rgba(34,139,230,.25)" if selected else ""
+        inside = "".join(f"<td style='{_CELL}'>{escape(text)}</td>" for text in cells)
+        return f"<tr style='border-top:1px solid rgba(128,128,128,.2){mark}'>{inside}</tr>"
+
+
+def short_branch(name: str) -> str:
+    """A branch name for a narrow column: ``front elbow-up`` becomes ``front up``."""
+    return name.replace("elbow-", "").replace("tool-in", "in")

@@ -1,0 +1,39 @@
+"""Small pieces of HTML: numbers, headings, notes and refusals; everything is escaped here."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from html import escape
+
+
+def fixed(value: float, digits: int) -> str:
+    """A number with a real minus sign and no negative zero; a dash where it is not finite."""
+    if not math.isfinite(value):
+        return "–"
+    return f"{round(value, digits) + 0.0:.{digits}f}".replace("-", "−")
+
+
+def numbers(values: Iterable[float], digits: int, between: str = ", ") -> str:
+    """Several numbers in a row."""
+    return between.join(fixed(value, digits) for value in values)
+
+
+def heading(text: str) -> str:
+    """A heading inside a block."""
+    return f"<div style='font-weight:600;margin-top:6px'>{escape(text)}</div>"
+
+
+def muted(text: str) -> str:
+    """An explanation that may be overlooked."""
+    return f"<div style='font-size:11.5px;opacity:.75'>{escape(text)}</div>"
+
+
+def refused(text: str) -> str:
+    """Why something cannot be done."""
+    return f"<div style='color:#c92a2a'>{escape(text)}</div>"
+
+
+def strong(text: str) -> str:
+    """A result, in bold."""
+    return f"<div><b>{escape(text)}</b></div>"

@@ -1,0 +1,92 @@
+"""What the sliders and the −/+ buttons ask for, checked before it is sent."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from armctl.errors import InputError, MotionRefusedError, StateError
+from armctl.robot import Robot
+from armctl.runtime import Snapshot
+
+FloatArray = NDArray[np.float64]
+_ROUNDING = 1e-9
+_DAY_S = 86_400.0
+
+
+def stepped(robot: Robot, q: FloatArray, joint: int, step_deg: float) -> FloatArray:
+    """``q`` (n,) [rad] with one joint turned by ``step_deg``.
+
+    Raises:
+        MotionRefusedError: the joint would pass its limit; says by how much it may still turn.
+    """
+    asked = q.copy()
+    asked[joint] += math.radians(step_deg)
+    one = robot.joints[joint]
+    limit = one.upper if step_deg > 0 else one.lower
+    beyond = asked[joint] - limit if step_deg > 0 else limit - asked[joint]
+    if beyond > _ROUNDING:
+        left = abs(limit - float(q[joint]))
+        raise MotionRefusedError(
+            f"{one.title}: {step_deg:+g}° from {math.degrees(float(q[joint])):.2f}° leads to "
+            f"{math.degrees(float(asked[joint])):.2f}°, the limit is {math.degrees(limit):.2f}°; "
+            f"it can turn {math.degrees(left):.2f}° more that way"
+        )
+    asked[joint] = min(max(float(asked[joint]), one.lower), one.upper)
+    return asked
+
+
+def slider_degrees(robot: Robot, q: FloatArray) -> list[float]:
+    """``q`` (n,) [rad] as slider positions: degrees rounded to 0.01, inside the limits."""
+    low, high = np.degrees(robot.limits[:, 0]), np.degrees(robot.limits[:, 1])
+    return np.clip(np.round(np.degrees(q), 2), low, high).tolist()
+
+
+def asked_pose(robot: Robot, degrees: Sequence[float]) -> FloatArray:
+    """The pose (n,) [rad] that slider positions ask for.
+
+    Raises:
+        InputError: not finite.
+        MotionRefusedError: outside the limits.
+    """
+    return robot.check_limits(np.radians(degrees))
+
+
+def present_pose_deg(robot: Robot, snapshot: Snapshot) -> tuple[float, ...]:
+    """The pose to record, in degrees: what the arm was told, or, with the pulses off, what was measured.
+
+    Raises:
+        StateError: the arm is off and its board does not measure.
+    """
+    if snapshot.powered:
+        return tuple(slider_degrees(robot, snapshot.q_command))
+    if np.isfinite(snapshot.q).all():
+        return tuple(slider_degrees(robot, snapshot.q))
+    raise StateError(
+        f"the arm is {snapshot.state.value}, so nobody knows where it stands; connect and enable it first"
+    )
+
+
+def checked_percent(value: float, what: str) -> float:
+    """A percentage.
+
+    Raises:
+        InputError: not finite, or outside 0 … 100.
+    """
+    if not math.isfinite(value) or not 0 <= value <= 100:
+        raise InputError(f"{what}: {value:g} % is outside 0 … 100 %")
+    return float(value)
+
+
+def checked_seconds(value: float) -> float:
+    """How long to wait [s].
+
+    Raises:
+        InputError: not finite, or outside 0 … 86400.
+    """
+    if not math.isfinite(value) or not 0 <= value <= _DAY_S:
+        raise InputError(f"a wait of {value:g} s is outside 0 … {_DAY_S:.0f} s")
+    return float(value)

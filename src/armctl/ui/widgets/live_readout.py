@@ -1,0 +1,71 @@
+"""The live table: where the tool is, how it moves, and what the joints are told and do."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import viser
+from numpy.typing import NDArray
+
+from armctl.robot import Robot
+from armctl.runtime import Snapshot
+from armctl.ui.widgets.text import LiveHtml, table
+from armctl.ui.widgets.tool_motion import tool_motion
+
+FloatArray = NDArray[np.float64]
+
+
+class LiveReadout:
+    """One table in one tab; computed anew only when the arm's state is another."""
+
+    def __init__(self, gui: viser.GuiApi, robot: Robot) -> None:
+        self._robot = robot
+        self._html = LiveHtml(gui)
+        self._shown: tuple[bytes, ...] = ()
+
+    def refresh(self, snapshot: Snapshot) -> None:
+        """Show a snapshot, if it differs from the one before."""
+        state = (snapshot.q_command, snapshot.velocity_command, snapshot.acceleration_command, snapshot.q)
+        key = (*(array.tobytes() for array in state), snapshot.source.value.encode())
+        if key != self._shown:
+            self._shown = key
+            self._html.show(tool_table(self._robot, snapshot) + joint_table(self._robot, snapshot))
+
+
+def tool_table(robot: Robot, snapshot: Snapshot) -> str:
+    """Commanded position, velocity and acceleration of the tool point, pitch and roll, as HTML."""
+    motion = tool_motion(robot, snapshot.q_command, snapshot.velocity_command, snapshot.acceleration_command)
+    rows = [
+        ["position mm", *_numbers(1000 * motion.position, 2), ""],
+        ["velocity mm/s", *_with_size(1000 * motion.velocity)],
+        ["acceleration mm/s²", *_with_size(1000 * motion.acceleration)],
+    ]
+    angles = f"pitch <b>{_fixed(math.degrees(motion.pitch), 2)}°</b>"
+    if motion.roll is not None:
+        angles += f" · roll <b>{_fixed(math.degrees(motion.roll), 2)}°</b>"
+    return table(["Tool", "x", "y", "z", "size"], rows) + f"<div style='padding:0 6px'>Tool {angles}</div>"
+
+
+def joint_table(robot: Robot, snapshot: Snapshot) -> str:
+    """Joint angles in degrees, as commanded and as the board tells them, as HTML."""
+    rows = [
+        ["commanded", *_numbers(np.degrees(snapshot.q_command), 2)],
+        [f"board ({snapshot.source.value})", *_numbers(np.degrees(snapshot.q), 2)],
+    ]
+    return table(["Joints °", *(joint.title for joint in robot.joints)], rows)
+
+
+def _with_size(vector: FloatArray) -> list[str]:
+    return [*_numbers(vector, 1), _fixed(float(np.linalg.norm(vector)), 1)]
+
+
+def _numbers(values: FloatArray, digits: int) -> list[str]:
+    return [_fixed(value, digits) for value in values.tolist()]
+
+
+def _fixed(value: float, digits: int) -> str:
+    """A number with a real minus sign and no negative zero; a dash where it is not known."""
+    if not math.isfinite(value):
+        return "–"
+    return f"{round(value, digits) + 0.0:.{digits}f}".replace("-", "−")

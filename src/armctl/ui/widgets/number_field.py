@@ -1,0 +1,147 @@
+"""Fields for numbers that move an arm: what the field shows is what is used, or nothing is.
+
+viser's own number field keeps an emptied or half-typed value to itself, so the server would go on with
+the number before it. These are text fields: whatever they show arrives, and what is no number is refused.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import math
+from collections.abc import Callable, Sequence
+
+import viser
+
+from armctl.errors import InputError
+
+_DIGITS = 3
+_LARGEST = 1e6
+_SETTLE_S = 0.2
+"""A page keeps only the last of the messages of 50 ms: a digit and a click that come closer than that
+lose the digit. On a page that is busy drawing, the click then arrives up to a few frames later."""
+
+
+def parse_number(text: str, what: str) -> float:
+    """The number that a field shows.
+
+    Raises:
+        InputError: empty, no number, not finite, or too large to mean anything.
+    """
+    plain = text.strip().replace("−", "-")
+    if not plain:
+        raise InputError(f"{what} is empty; type a number")
+    try:
+        value = float(plain)
+    except ValueError as cause:
+        hint = " (write 1.5, with a point)" if "," in plain else ""
+        raise InputError(f"{what}: {plain[:40]!r} is not a number{hint}") from cause
+    if not math.isfinite(value) or abs(value) > _LARGEST:
+        raise InputError(f"{what}: {plain[:40]!r} is not a number that can be used")
+    return value
+
+
+def format_number(value: float, digits: int = _DIGITS) -> str:
+    """``value`` as a field shows it: rounded, without trailing or negative zeros."""
+    text = f"{round(value, digits) + 0.0:.{digits}f}"
+    return text.rstrip("0").rstrip(".") if "." in text else text
+
+
+class NumberField:
+    """One field. A number that the program filled in keeps all its digits until somebody types."""
+
+    def __init__(
+        self,
+        gui: viser.GuiApi,
+        label: str,
+        value: float | None,
+        *,
+        hint: str | None = None,
+        visible: bool = True,
+    ) -> None:
+        """Add the field to the present container; ``value`` None: empty."""
+        self.label = label
+        self._exact = value
+        self._filled = "" if value is None else format_number(value)
+        self.handle = gui.add_text(label, self._filled, hint=hint, visible=visible)
+
+    @property
+    def text(self) -> str:
+        """What the field shows."""
+        return self.handle.value
+
+    @property
+    def is_empty(self) -> bool:
+        """Nothing is in it."""
+        return not self.text.strip()
+
+    @property
+    def value(self) -> float:
+        """The number in the field.
+
+        Raises:
+            InputError: as ``parse_number``.
+        """
+        if self._exact is not None and self.text == self._filled:
+            return self._exact
+        return parse_number(self.text, self.label)
+
+    def fill(self, value: float) -> None:
+        """Put a number into the field."""
+        self._exact, self._filled = value, format_number(value)
+        self.handle.value = self._filled
+
+    def send_again(self) -> None:
+        """Make the page show what the server has."""
+        text = self.handle.value
+        self.handle.value = f"{text} "  # viser sends nothing when the value is the same
+        self.handle.value = text
+
+    @property
+    def visible(self) -> bool:
+        """Whether the field is shown."""
+        return self.handle.visible
+
+    @visible.setter
+    def visible(self, visible: bool) -> None:
+        if self.handle.visible != visible:
+            self.handle.visible = visible
+
+
+class EditWatch:
+    """Knows when the page last edited one of some fields, so that a click cannot overtake a digit.
+
+    ``require_settled`` belongs at the start of everything that uses the fields to move the arm.
+    """
+
+    def __init__(self, fields: Sequence[NumberField], now: Callable[[], float] | None = None) -> None:
+        self._fields = tuple(fields)
+        self._now = now
+        self._edited_at = -math.inf
+        for field in self._fields:
+            self.watch(field.handle.on_update)
+
+    def watch(self, attach: Callable[..., object]) -> None:
+        """Count this handle's updates as edits, too; ``attach`` is its ``on_update``."""
+
+        async def note(event: viser.GuiEvent[viser.GuiTextHandle]) -> None:
+            if event.client is not None:
+                self._edited_at = self._time()
+
+        attach(note)
+
+    def require_settled(self) -> None:
+        """Refuse a click that came with an edit; the page is sent what the server has.
+
+        Raises:
+            InputError: a field was edited a moment ago.
+        """
+        if self._time() - self._edited_at < _SETTLE_S:
+            for field in self._fields:
+                field.send_again()
+            raise InputError(
+                "a field was still being edited when the button was pressed; nothing was done: "
+                "look at the fields and press again"
+            )
+
+    def _time(self) -> float:
+        return asyncio.get_running_loop().time() if self._now is None else self._now()

@@ -1,0 +1,48 @@
+"""The page's ghost as one screen uses it: shown until the arm stands there."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from armctl.runtime import Snapshot
+from armctl.ui.scene.ghost import Ghost
+
+FloatArray = NDArray[np.float64]
+_THERE = 1e-4
+
+
+class Preview:
+    """Shows where the arm would stand; hides when it does, for two arms in one place only flicker."""
+
+    def __init__(self, ghost: Ghost) -> None:
+        self._ghost = ghost
+        self._q: FloatArray | None = None
+
+    @property
+    def shown(self) -> bool:
+        """Whether this screen's ghost is shown."""
+        return self._q is not None
+
+    def show(self, q: FloatArray, present: FloatArray) -> None:
+        """Show ``q`` (n,) [rad], unless the arm stands there now."""
+        if _same(q, present):
+            self.hide()
+            return
+        self._q = q.copy()
+        self._ghost.show(q)
+
+    def hide(self) -> None:
+        """Show nothing, if it is this screen's ghost that is shown."""
+        if self._q is not None:
+            self._q = None
+            self._ghost.hide()
+
+    def refresh(self, snapshot: Snapshot) -> None:
+        """Hide once the arm has come to the ghost."""
+        if self._q is not None and _same(self._q, snapshot.q_command):
+            self.hide()
+
+
+def _same(a: FloatArray, b: FloatArray) -> bool:
+    return bool(np.abs(a - b).max() < _THERE)

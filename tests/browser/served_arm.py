@@ -1,0 +1,68 @@
+"""The whole console on a simulated board, served to the test's browser."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from armctl.arm import Arm
+from armctl.motion import MoveStep, Program, Step
+from armctl.robot import Robot, load_robot
+from armctl.runtime import Enable, Origin, Snapshot
+from armctl.ui import App, Console, PortChoice, ProgramDesk
+
+
+@dataclass(frozen=True)
+class ServedArm:
+    """One arm and its pages."""
+
+    arm: Arm
+    console: Console
+    app: App
+
+    @property
+    def url(self) -> str:
+        return self.app.url
+
+    @property
+    def robot(self) -> Robot:
+        return self.arm.robot
+
+    @property
+    def now(self) -> Snapshot:
+        return self.console.controller.snapshot
+
+    @property
+    def commanded_deg(self) -> list[float]:
+        return np.degrees(self.now.q_command).round(2).tolist()
+
+    @property
+    def steps(self) -> tuple[Step, ...]:
+        return self.console.programs.program.steps
+
+    def put(self, *poses_deg: tuple[float, ...]) -> None:
+        """A program of poses on the desk, before a page is opened."""
+        steps = tuple(MoveStep(joints_deg=pose) for pose in poses_deg)
+        self.console.programs.edit(lambda _: Program(robot=self.robot.name, name="test", steps=steps))
+
+
+@contextmanager
+def served_arm(folder: Path, robot: str = "uzuner") -> Iterator[ServedArm]:
+    """An enabled arm at its home pose, and its console."""
+    with Arm.open(load_robot(robot)) as arm:
+        console = Console(
+            robot=arm.robot,
+            controller=arm.controller,
+            list_ports=lambda: [PortChoice("sim", "Simulated board")],
+            programs=ProgramDesk(arm.robot.name, folder),
+        )
+        app = App(console, port=0)
+        try:
+            arm.controller.submit(Enable(arm.robot.pose("home")), Origin("test")).result(10)
+            yield ServedArm(arm, console, app)
+        finally:
+            app.close()

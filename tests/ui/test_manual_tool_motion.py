@@ -1,0 +1,51 @@
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from armctl.motion import CubicTrajectory
+from armctl.robot import load_robot
+from armctl.ui.widgets.tool_motion import tool_motion
+
+ROBOT = load_robot("uzuner")
+FRACTIONS = st.lists(st.floats(0.02, 0.98), min_size=ROBOT.n, max_size=ROBOT.n).map(np.array)
+
+
+@settings(max_examples=30, deadline=None)
+@given(FRACTIONS, FRACTIONS, st.floats(0.1, 0.9))
+def test_velocity_and_acceleration_are_the_derivatives_of_the_position(
+    a: np.ndarray, b: np.ndarray, at: float
+) -> None:
+    low, high = ROBOT.limits[:, 0], ROBOT.limits[:, 1]
+    path = CubicTrajectory.plan(ROBOT, low + a * (high - low), low + b * (high - low))
+    if path.duration < 0.05:
+        return
+    t, h = at * path.duration, 1e-4
+    state = path.sample(t)
+    before, here, after = (ROBOT.forward(path.sample(s).q)[:3, 3] for s in (t - h, t, t + h))
+    motion = tool_motion(ROBOT, state.q, state.velocity, state.acceleration)
+    assert motion.position == pytest.approx(here, abs=1e-12)
+    assert motion.velocity == pytest.approx((after - before) / (2 * h), abs=1e-5)
+    assert motion.acceleration == pytest.approx((after - 2 * here + before) / h**2, abs=1e-4)
+
+
+def test_pitch_and_roll_are_those_that_inverse_kinematics_takes() -> None:
+    q = np.radians([20.0, 60.0, -40.0, -50.0, 33.0])
+    motion = tool_motion(ROBOT, q, np.zeros(5), np.zeros(5))
+    assert math.degrees(motion.pitch) == pytest.approx(-30.0)
+    assert motion.roll is not None
+    assert math.degrees(motion.roll) == pytest.approx(33.0)
+    solutions = ROBOT.inverse(motion.position, pitch=motion.pitch, roll=motion.roll)
+    assert min(np.abs(one - q).max() for one in solutions.q) < 1e-6
+
+
+def test_turning_the_base_alone_accelerates_towards_its_axis() -> None:
+    q = np.radians([0.0, 90.0, -80.0, -40.0, 0.0])
+    motion = tool_motion(ROBOT, q, np.array([2.0, 0, 0, 0, 0]), np.zeros(5))
+    assert motion.acceleration == pytest.approx(
+        [-4 * motion.position[0], -4 * motion.position[1], 0], abs=1e-6
+    )
