@@ -1,0 +1,206 @@
+"""The main job, end to end: `armctl serve` in a process of its own, a browser, and the board's own bytes.
+
+The board is a simulated Maestro that the test serves on a link, so that it can look at its channels.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+import pytest
+from tests.browser.kit import Screen, Screens
+
+from armctl.hardware import PtyServer
+from armctl.hardware.maestro import SimulatedMaestro, serve_simulated_maestro
+from armctl.hardware.maestro.codec import Opcode
+from armctl.robot import load_robot
+from armctl.runtime import MonotonicClock, channel_settings
+
+pytestmark = pytest.mark.browser
+ROBOT = load_robot("uzuner")
+QUARTER = 0.126
+"""half a quarter microsecond, the board's resolution [µs]"""
+
+
+@contextmanager
+def serving(folder: Path, *words: str) -> Iterator[str]:
+    """``armctl serve`` in a process of its own; gives the address that it prints."""
+    with (folder / "stderr").open("w") as errors:
+        process = subprocess.Popen(
+            [sys.executable, "-m", "armctl", "serve", "--no-browser", "--http-port", "0", *words],
+            stdout=subprocess.PIPE,
+            stderr=errors,
+            text=True,
+            env=os.environ | {"PYTHONUNBUFFERED": "1", "XDG_DATA_HOME": str(folder)},
+        )
+    assert process.stdout is not None
+    try:
+        said = process.stdout.readline()
+        address = re.search(r"http://\S+", said)
+        assert address is not None, said + (folder / "stderr").read_text()
+        yield address.group()
+    finally:
+        process.send_signal(signal.SIGINT)
+        process.wait(30)
+        process.stdout.close()
+        log = (folder / "stderr").read_text()
+        assert process.returncode == 0, log
+        assert "Traceback" not in log, log
+
+
+@pytest.fixture
+def board(tmp_path: Path) -> Iterator[PtyServer[SimulatedMaestro]]:
+    with serve_simulated_maestro(
+        MonotonicClock().now, channels=channel_settings(ROBOT), link=tmp_path / "maestro"
+    ) as board:
+        yield board
+
+
+@pytest.fixture
+def page(board: PtyServer[SimulatedMaestro], tmp_path: Path, screen: Screen) -> Iterator[Screen]:
+    with serving(tmp_path, "--port", board.port) as url:
+        screen.open(url, until="STOP")
+        yield screen
+
+
+def pulses(board: PtyServer[SimulatedMaestro]) -> list[float | None]:
+    with board.inspect() as model:
+        return [model.position_us(channel) for channel in range(5)]
+
+
+def holds(board: PtyServer[SimulatedMaestro], q_deg: list[float]) -> bool:
+    """Whether the channels hold exactly the pulses of joint angles."""
+    assert ROBOT.servo_map is not None
+    expected = list(ROBOT.servo_map.pulses(np.radians(q_deg)).values())
+    held = pulses(board)
+    return all(
+        now is not None and abs(now - pulse) < QUARTER for now, pulse in zip(held, expected, strict=True)
+    )
+
+
+def drawn_tool(page: Screen) -> list[float]:
+    """Where the page's scene draws the tool frame [m]."""
+    frame = f"/arm/f{len(ROBOT.chain.rows)}"
+    return page.page.evaluate("name => window.__viserMutable.nodeRefFromName[name].position.toArray()", frame)
+
+
+def targets(board: PtyServer[SimulatedMaestro]) -> list[tuple[float, int, float]]:
+    """Every Set Target of the joints so far: time [s], channel, pulse [µs]."""
+    with board.inspect() as model:
+        log = [entry for entry in model.log if entry.opcode is Opcode.SET_TARGET and entry.data[0] < 5]
+    return [(entry.time, entry.data[0], (entry.data[1] | entry.data[2] << 7) / 4) for entry in log]
+
+
+def test_a_point_by_least_energy(page: Screen, board: PtyServer[SimulatedMaestro]) -> None:
+    assert pulses(board) == [None] * 5  # nothing is on before Enable
+    page.click("Enable")
+    page.wait_until(lambda: holds(board, [0, 110, -80, -70, 0]), "the servos are on, in the rest pose")
+    page.wait_for_text("HOLDING")
+    page.open_tab("Inverse")
+    for label, value in (("X mm", "220"), ("Y mm", "-196"), ("Z mm", "85")):
+        page.type_into(label, value)
+    page.click("Solve")
+    page.wait_for_text(re.compile(r"3,?520 solutions"))
+    page.screenshot("main_job_solved")
+    assert holds(board, [0, 110, -80, -70, 0])  # solving moves nothing
+    page.click("Go by least energy")
+    best = np.degrees(ROBOT.inverse([0.22, -0.196, 0.085]).best("least-rotation"))
+    page.wait_until(lambda: holds(board, best.tolist()), "the channels hold the pulses of the best solution")
+    page.wait_for_text("HOLDING")
+    page.wait_until(
+        lambda: np.abs(1000 * np.array(drawn_tool(page)) - [220, -196, 85]).max() < 1,
+        "the page shows the arm there",
+    )
+    page.screenshot("main_job_gone")
+    assert page.errors == []
+
+
+def test_an_unreachable_point_is_explained_and_moves_nothing(
+    page: Screen, board: PtyServer[SimulatedMaestro]
+) -> None:
+    page.click("Enable")
+    page.wait_until(lambda: holds(board, [0, 110, -80, -70, 0]), "the servos are on")
+    page.open_tab("Inverse")
+    for label, value in (("X mm", "300"), ("Y mm", "0"), ("Z mm", "600")):
+        page.type_into(label, value)
+    page.click("Go by least energy")
+    page.wait_for_notification(re.compile(r"too far by 200\.1 mm.*nearest reachable point"))
+    assert holds(board, [0, 110, -80, -70, 0])
+
+
+def test_a_recorded_loop_and_stop(page: Screen, board: PtyServer[SimulatedMaestro]) -> None:
+    page.click("Enable")
+    page.wait_until(lambda: holds(board, [0, 110, -80, -70, 0]), "the servos are on")
+    page.open_tab("Manual")
+    page.open_tab("Serial motion")
+    page.click("Record pose")
+    page.open_tab("Main")
+    page.click("Home")
+    page.wait_until(lambda: holds(board, [0, 90, -80, -40, 0]), "the arm is at home")
+    page.wait_for_text("HOLDING")
+    page.open_tab("Manual")
+    page.click("Record pose")
+    page.click("Loop")
+    page.wait_for_text("MOVING")
+    seen = len(targets(board))
+    page.wait_until(lambda: len(targets(board)) > seen + 50, "the loop runs")
+    page.click("STOP")
+    page.wait_for_text("HOLDING")
+    stopped = targets(board)
+    page.pause(600)  # thirty ticks: a loop that goes on would have sent dozens
+    assert targets(board) == stopped
+    assert ROBOT.servo_map is not None
+    q = ROBOT.servo_map.angles(dict(enumerate(pulses(board))))
+    assert (q >= ROBOT.limits[:, 0] - 1e-3).all() and (q <= ROBOT.limits[:, 1] + 1e-3).all()
+    page.screenshot("main_job_stopped")
+
+
+def test_every_target_on_the_wire_keeps_the_limits_and_speeds(
+    page: Screen, board: PtyServer[SimulatedMaestro]
+) -> None:
+    page.click("Enable")
+    page.wait_until(lambda: holds(board, [0, 110, -80, -70, 0]), "the servos are on")
+    page.click("zero")
+    page.wait_until(lambda: holds(board, [0, 0, 0, 0, 0]), "the arm is stretched out")
+    sent = targets(board)
+    assert len(sent) > 50
+    servo_map = ROBOT.servo_map
+    assert servo_map is not None
+    for channel in range(5):
+        at, pulse = np.array([[time, us] for time, number, us in sent if number == channel]).T
+        q = (pulse - servo_map.zero_us[channel]) / servo_map.us_per_rad[channel]
+        resolution = 0.25 / abs(servo_map.us_per_rad[channel])
+        assert (q >= ROBOT.limits[channel, 0] - resolution).all()
+        assert (q <= ROBOT.limits[channel, 1] + resolution).all()
+        # over any tenth of a second: single writes jitter on their way through the line
+        span = at[5:] - at[:-5]
+        moved = np.abs(q[5:] - q[:-5])
+        assert (moved <= ROBOT.speed_limits[channel] * (span + 0.06) + 2 * resolution).all()
+
+
+def test_closing_the_page_stops_the_arm(
+    board: PtyServer[SimulatedMaestro], tmp_path: Path, screens: Screens
+) -> None:
+    with serving(tmp_path, "--port", board.port) as url:
+        page, watcher = screens(), screens()
+        page.open(url, until="STOP")
+        watcher.open(url, until="STOP")
+        page.click("Enable")
+        page.wait_until(lambda: holds(board, [0, 110, -80, -70, 0]), "the servos are on")
+        page.click("zero")
+        page.wait_for_text("MOVING")
+        page.page.close()
+        watcher.wait_for_text("HOLDING")
+        assert not holds(board, [0, 0, 0, 0, 0])
+        watcher.wait_for_text("nobody")
+        watcher.click("Take control")
+        watcher.click("Home")
+        watcher.wait_until(lambda: holds(board, [0, 90, -80, -40, 0]), "the watcher operates now")
