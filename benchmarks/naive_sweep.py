@@ -1,4 +1,4 @@
-"""The straightforward full-grid sweep of the swept joint: the slow way that armctl is measured and tested against.
+"""The straightforward full-grid sweep of the swept joint: what armctl is measured and tested against.
 
 Written from the geometry in PAPERS.md alone; it shares no code with armctl.
 """

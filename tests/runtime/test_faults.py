@@ -77,6 +77,17 @@ def test_a_few_readings_may_fail(holding: Rig, error: BoardError) -> None:
     motion.result(0)
 
 
+def test_failures_count_in_a_row_only_and_the_channels_are_set_again(holding: Rig) -> None:
+    holding.driver.calls.clear()
+    for _ in range(3):
+        holding.driver.fail["read"] = BoardTimeoutError("no answer")
+        holding.run(3 * TICK)
+        holding.driver.fail.clear()
+        holding.tick()
+    assert holding.now.state is State.HOLDING
+    assert holding.driver.calls.count("configure") == 3
+
+
 def test_too_many_lose_the_board(holding: Rig) -> None:
     holding.driver.fail["read"] = BoardTimeoutError("no answer")
     holding.run(5 * TICK)

@@ -19,7 +19,7 @@ from tests.runtime.kit import (
 from armctl.errors import InputError, MotionRefusedError, StateError, UnreachableError
 from armctl.kinematics import Target
 from armctl.motion import CubicTrajectory, JoinedTrajectory, arc, plan_joints, plan_target
-from armctl.runtime import Follow, MoveJoints, MoveTo, Pause, Release, Resume, SetSpeed, State
+from armctl.runtime import Follow, Jog, MoveJoints, MoveTo, Pause, Release, Resume, SetSpeed, State
 
 REST, HOME = ROBOT.pose("rest"), ROBOT.pose("home")
 
@@ -159,6 +159,20 @@ def test_a_plan_for_an_arm_that_stands_elsewhere_by_now_is_refused() -> None:
     with pytest.raises(StateError, match="released"):
         ticket.accepted.result(0)
     assert rig.now.state is State.OFF
+
+
+def test_a_jog_in_between_makes_a_plan_void() -> None:
+    executor = LateExecutor()
+    rig = make_rig(executor).enable()
+    ticket = rig.do(MoveJoints(HOME))
+    rig.do(Jog(np.array([1.0, 0, 0, 0, 0]))).accepted.result(0)
+    rig.run(1)
+    assert rig.now.state is State.HOLDING
+    executor.work()
+    rig.tick()
+    with pytest.raises(StateError, match="no longer stands where the motion was planned from"):
+        ticket.accepted.result(0)
+    assert rig.now.state is State.HOLDING
 
 
 def test_a_stop_drops_a_motion_that_is_being_planned() -> None:

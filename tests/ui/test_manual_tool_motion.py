@@ -1,14 +1,17 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from tests.runtime.kit import make_rig
 
 from armctl.motion import CubicTrajectory
 from armctl.robot import load_robot
+from armctl.ui.widgets.live_readout import joint_table, tool_table
 from armctl.ui.widgets.tool_motion import tool_motion
 
 ROBOT = load_robot("uzuner")
@@ -49,3 +52,17 @@ def test_turning_the_base_alone_accelerates_towards_its_axis() -> None:
     assert motion.acceleration == pytest.approx(
         [-4 * motion.position[0], -4 * motion.position[1], 0], abs=1e-6
     )
+
+
+def test_the_live_tables_show_units_signs_and_what_is_not_known() -> None:
+    snapshot = make_rig().enable(ROBOT.pose("home")).now
+    html = tool_table(ROBOT, snapshot)
+    assert "position mm" in html
+    assert "velocity mm/s" in html
+    assert "acceleration mm/s²" in html
+    assert "pitch <b>−30.00°</b> · roll <b>0.00°</b>" in html
+    assert ">−0.0" not in html
+    joints = joint_table(ROBOT, replace(snapshot, q=np.array([np.nan, *snapshot.q[1:]])))
+    assert ">transmitted<" in joints
+    assert ">–<" in joints
+    assert "−80.00" in joints

@@ -12,38 +12,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from armctl.errors import InputError
 from armctl.kinematics.angles import half_angle_cos_sin
+from armctl.kinematics.checks import as_numbers
 
 FloatArray = NDArray[np.float64]
 Convention = Literal["standard", "modified"]
-
-
-def as_numbers(value: ArrayLike, what: str) -> FloatArray:
-    """``value`` as an array of floats of any shape.
-
-    Raises:
-        InputError: anything but whole or real numbers: text, booleans, complex numbers, ragged lists.
-    """
-    try:
-        array = np.asarray(value)
-    except (TypeError, ValueError) as cause:
-        raise InputError(f"{what} must be numbers, got {value!r}") from cause
-    if array.dtype.kind not in "iuf":
-        raise InputError(f"{what} must be numbers, got {value!r}")
-    return array.astype(np.float64)
-
-
-def checked_number(value: float, what: str) -> float:
-    """``value`` as one finite float.
-
-    Raises:
-        InputError: text, an array, NaN or infinity.
-    """
-    array = as_numbers(value, what)
-    if array.ndim != 0:
-        raise InputError(f"{what} must be one number, got {value!r}")
-    if not np.isfinite(array):
-        raise InputError(f"{what} must be a finite number, got {value!r}")
-    return float(array)
 
 
 @dataclass(frozen=True, slots=True)
@@ -256,7 +228,7 @@ class DHChain:
         return J if q.ndim > 1 else J[0]
 
     def axes(self, q: ArrayLike | None = None) -> tuple[FloatArray, FloatArray]:
-        """Joint axes at ``q`` (default: all zero): points (n, 3) [m] and unit directions (n, 3), base frame."""
+        """Joint axes at ``q`` (default: all zero): points (n, 3) [m], unit directions (n, 3), base frame."""
         q = np.zeros(self.n) if q is None else self.checked(q)
         frames = self._columns(q[None])[:-1]
         points = np.array([[float(np.squeeze(v)) for v in frame[3]] for frame in frames])

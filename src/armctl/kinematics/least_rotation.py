@@ -4,8 +4,11 @@ Between the points where a joint passes zero the sum is smooth, so a minimum lie
 
 * where a joint is at a limit or at zero (closed form: the two-link triangle of what is left), or
 * where the sum is stationary along the self-motion. With plane angles t and senses e_k = ±1 of |θ_k| the
-  condition is
-  e2 l3 l4 sin t4 - e3 (l4 l2 sin(t3+t4) + l4 l3 sin t4) + e4 (l2 l3 sin t3 + l2 l4 sin(t3+t4)) = 0  (the null vector of the planar Jacobian, dotted with the senses), which up to a common sign is
+  condition is that the null vector of the planar Jacobian has no component along the senses:
+
+      e2 l3 l4 sin t4 - e3 (l4 l2 sin(t3+t4) + l4 l3 sin t4) + e4 (l2 l3 sin t3 + l2 l4 sin(t3+t4)) = 0
+
+  which up to a common sign is
 
       e = (+,+,+):  sin t3 = 0
       e = (+,+,-):  l3 sin t3 + 2 l4 sin(t3+t4) = 0
@@ -69,16 +72,23 @@ class LeastRotation:
             (4,) base and pitch joint angles [rad], or None when no branch has a solution.
         """
         best, best_energy = None, math.inf
-        shoulder = self.geometry.shoulder
         for branch in branches:
-            for plane in self._candidates(branch.r - shoulder.real, height - shoulder.imag):
-                angles = self._inside(plane)
-                if angles is None:
-                    continue
+            for angles in self.extremes(branch, height):
                 energy = abs(branch.angle) + abs(angles[0]) + abs(angles[1]) + abs(angles[2])
                 if energy < best_energy:
                     best, best_energy = (branch.angle, *angles), energy
         return None if best is None else np.array(best)
+
+    def extremes(self, branch: BaseBranch, height: float) -> Iterator[tuple[float, float, float]]:
+        """Pitch joint angles [rad] inside the limits with one at a limit or at zero, or the elbow straight.
+
+        Among them are both ends of every continuum of solutions, and the points of least rotation.
+        """
+        shoulder = self.geometry.shoulder
+        for plane in self._candidates(branch.r - shoulder.real, height - shoulder.imag):
+            angles = self._inside(plane)
+            if angles is not None:
+                yield angles
 
     def _inside(self, plane: tuple[float, float, float]) -> tuple[float, float, float] | None:
         """Joint angles of plane angles, each the image of least magnitude inside its limits."""
@@ -134,7 +144,7 @@ class LeastRotation:
         angle4, inside = self._image(2, t4)
         sense3, sense4 = (np.sign(a) * self.geometry.signs[k] for k, a in ((1, angle3), (2, angle4)))
         agree = sense3 * sense4 * pattern[1] * pattern[2] >= 0
-        # second derivative along the null vector n = (l3 l4 s4, -(l2 l4 s34 + l3 l4 s4), l2 l3 s3 + l2 l4 s34)
+        # second derivative along the null vector (l3 l4 s4, -(l2 l4 s34 + l3 l4 s4), l2 l3 s3 + l2 l4 s34)
         a, b, c = coefficients(pattern, self.geometry.lengths)
         l2, l3, l4 = self.geometry.lengths
         n3 = -(l2 * l4 * np.sin(t3 + t4) + l3 * l4 * np.sin(t4))

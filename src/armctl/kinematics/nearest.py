@@ -37,7 +37,10 @@ _NO_LENGTH = 1e-12
 
 @dataclass(frozen=True, slots=True)
 class _Circle:
-    """A rigid arm that turns by phi: tip = centre + arm · exp(i phi), plane angles = constants + slopes · phi."""
+    """A rigid arm that turns by phi.
+
+    tip = centre + arm · exp(i phi), plane angles = constants + slopes · phi
+    """
 
     centre: complex
     """from the first pitch axis [m]"""
@@ -72,6 +75,7 @@ class NearestReach:
 
     def __init__(self, geometry: YawPitchRoll, limits: FloatArray, in_plane: PlaneSolver) -> None:
         self.geometry, self._in_plane = geometry, in_plane
+        self._limits = limits[: 1 + len(geometry.lengths)]
         self._base = (float(limits[0, 0]), float(limits[0, 1]))
         self._plane = [geometry.plane_limits(k, limits) for k in range(len(geometry.lengths))]
         choices = itertools.product((0, 1, None), repeat=len(geometry.lengths))
@@ -128,7 +132,7 @@ class NearestReach:
             return None
         i = int(np.argmin(np.where(inside, miss, np.inf)))
         angles = [self.geometry.joint_angle(k, float(t)) for k, t in enumerate(plane[i])]
-        return Nearest(np.array([yaw[i], *angles]), float(miss[i]))
+        return Nearest(np.clip([yaw[i], *angles], *self._limits.T), float(miss[i]))
 
     def _facing(
         self, circles: _Circles, x: float, y: float, z: float
@@ -193,7 +197,7 @@ class NearestReach:
             yield _Circle(standing, complex(arm), constants, slopes)
 
     def _at_tool_angle(self, tool_angle: float) -> Iterator[_Circle]:
-        """The circles with the last link's direction kept: two links turn, the third joint makes up for them."""
+        """The circles with the last link's direction kept: two links turn, the third joint makes up."""
         if len(self.geometry.lengths) != 3:
             return
         l2, l3, l4 = self.geometry.lengths
@@ -242,7 +246,7 @@ def _line_up(
 
 
 def _into(angle: FloatArray, low: float, high: float) -> tuple[FloatArray, NDArray[np.bool_]]:
-    """The image of each angle nearest to the middle of its limits, clipped onto them, and which are inside."""
+    """Images of angles nearest to the middle of their limits, clipped onto them, and which are inside."""
     middle, half = 0.5 * (low + high), 0.5 * (high - low)
     near = angle - TWO_PI * np.rint((angle - middle) / TWO_PI)
     return np.clip(near, low, high), np.abs(near - middle) <= half + LIMIT_TOLERANCE

@@ -71,7 +71,7 @@ class RotationFit:
         return self._pose(math.atan2(u[1, 0], u[0, 0]), math.atan2(vt[0, 1], vt[0, 0]))
 
     def base_angles(self, rotation: FloatArray) -> list[float]:
-        """The base angles θ1 [rad] that a rotation (3, 3) itself calls for; none where it leaves them free."""
+        """The base angles θ1 [rad] that a rotation (3, 3) itself calls for; none where any will do."""
         if self._rolls:
             axis = self._geometry.frame.T @ rotation @ self._roll_axis_in_tool
             if math.hypot(axis[0], axis[1]) < _VERTICAL:
@@ -89,6 +89,12 @@ class RotationFit:
         a = 0.5 * (tool_angle - self._zero_angle)
         first, second = self._bilinear(yaw, rotation).T @ np.array([math.cos(a), math.sin(a)])
         return 2.0 * math.atan2(second, first)
+
+    def pitch_at(self, yaw: float, roll: float, rotation: FloatArray) -> PlanePose:
+        """The pitch nearest to a rotation with the roll given."""
+        b = 0.5 * roll
+        first, second = self._bilinear(yaw, rotation) @ np.array([math.cos(b), math.sin(b)])
+        return self._pose(math.atan2(second, first), b)
 
     def _pose(self, half_pitch: float, half_roll: float) -> PlanePose:
         return PlanePose(2.0 * half_pitch + self._zero_angle, 2.0 * half_roll)

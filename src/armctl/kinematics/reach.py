@@ -100,8 +100,8 @@ class Reach:
     def _inside_axis_cylinder(self, rho: float) -> str:
         d = abs(self._geometry.lateral)
         return (
-            f"inside the {1000 * d:.2f} mm cylinder about the base axis that the tip cannot enter: the target is "
-            f"{1000 * rho:.2f} mm from the axis and the tool plane passes it at {1000 * d:.2f} mm"
+            f"inside the {1000 * d:.2f} mm cylinder about the base axis that the tip cannot enter: "
+            f"the target is {1000 * rho:.2f} mm from the axis, the tool plane passes it at {1000 * d:.2f} mm"
         )
 
     def _beyond_links(self, branches: list[BaseBranch], z: float, angles: list[float | None]) -> str | None:
@@ -133,8 +133,9 @@ class Reach:
                 f"{after}, the arm reaches {1000 * outer:.1f} mm"
             )
         return (
-            f"inside the dead zone, too near by {1000 * miss:.1f} mm: {point} would be {1000 * distance:.1f} mm "
-            f"from the {first}{after}, the arm folds no closer than {1000 * inner:.1f} mm"
+            f"inside the dead zone, too near by {1000 * miss:.1f} mm: "
+            f"{point} would be {1000 * distance:.1f} mm from the {first}{after}, "
+            f"the arm folds no closer than {1000 * inner:.1f} mm"
         )
 
     def _by_limits(
@@ -181,8 +182,9 @@ class Reach:
 
     def _swept_postures(self, x: float, y: float) -> list[tuple[float, ...]]:
         """The posture nearest to the limits of three pitch joints, found by sweeping the first one round."""
-        grid, best = np.linspace(-math.pi, math.pi, 7201), None
+        centre, reach, count, best = 0.0, math.pi, 7201, None
         for _ in range(3):  # 0.05°, then finer about the best
+            grid: FloatArray = np.linspace(centre - reach, centre + reach, count)
             found = [self._follow(grid, x, y, bend) for bend in (1, -1)]
             energies = [self._total_excess(planes) for planes in found]
             side = int(np.argmin([np.min(energy) for energy in energies]))
@@ -190,8 +192,7 @@ class Reach:
             if not np.isfinite(energies[side][i]):
                 return []
             best = tuple(float(column[i]) for column in found[side])
-            spacing = grid[1] - grid[0]
-            grid = np.linspace(grid[i] - spacing, grid[i] + spacing, 401)
+            centre, reach, count = float(grid[i]), 2 * reach / (count - 1), 401
         return [] if best is None else [best]
 
     def _follow(

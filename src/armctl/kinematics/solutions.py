@@ -80,7 +80,8 @@ class Solutions:
             return self.reason or ""
         x, y, z = 1000.0 * self.nearest_m + 0.0
         away = 1000.0 * float(np.linalg.norm(self.nearest_m - self.target.position))
-        return f"{self.reason}; the nearest reachable point is ({x:.1f}, {y:.1f}, {z:.1f}) mm, {away:.1f} mm away"
+        nearest = f"the nearest reachable point is ({x:.1f}, {y:.1f}, {z:.1f}) mm, {away:.1f} mm away"
+        return f"{self.reason}; {nearest}"
 
     def energies(self, criterion: str = "least-rotation", start: ArrayLike | None = None) -> FloatArray:
         """(k,) energy of each by a named criterion (``energy.CRITERIA``); infinite where excluded."""

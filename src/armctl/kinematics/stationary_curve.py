@@ -88,7 +88,7 @@ class StationaryCurve:
         return points
 
     def _point(self, t3: float) -> tuple[float, float]:
-        """t4 and the squared distance at one t3, in plain floats: what the table holds, forty times faster."""
+        """t4 and the squared distance at one t3, in plain floats: as the table, but forty times faster."""
         ratio, along, across = _ratio(self._abc, t3)
         angle = math.asin(ratio if -1.0 <= ratio <= 1.0 else math.copysign(1.0, ratio))
         t4 = (angle if self._root == 0 else math.pi - angle) - math.atan2(across, along)

@@ -63,7 +63,7 @@ class FreeJointSweep:
         self.geometry = geometry
         self.l2, self.l3, self.l4 = geometry.lengths
         self.limits = tuple(geometry.plane_limits(k, limits) for k in range(3))
-        self.joint_limits = (float(limits[1, 0]), float(limits[1, 1]))
+        self.joint_limits = tuple((float(low), float(high)) for low, high in limits[1:4])
         self._knots3 = [self._compound(self.l2, self.l3, v) for v in self.limits[1]]
         self._knots4 = [self._compound(self.l3, self.l4, v) for v in (*self.limits[2], 0.0, math.pi)]
         self._may_fold = abs(self.l3 - self.l4) < 1e-9
@@ -83,11 +83,11 @@ class FreeJointSweep:
         """
         grid = self._grid
         if grid is None or grid.step != step:
-            grid = self._grid = SweepGrid.of(self.geometry, self.joint_limits, step)
+            grid = self._grid = SweepGrid.of(self.geometry, self.joint_limits[0], step)
         return grid
 
     def stretches(self, x: float, y: float, step: float) -> list[Stretch]:
-        """Where on the grid the solutions are, for a point of the tool plane seen from the first pitch axis."""
+        """Where on the grid a point of the tool plane has solutions; seen from the first pitch axis [m]."""
         grid = self.grid(step)
         if not len(grid.plane):
             return []
@@ -156,19 +156,20 @@ class FreeJointSweep:
         square += distance
         direction = np.arctan2(Y, X, out=Y)
         direction -= grid.plane[start:stop]
-        distance = np.sqrt(square, out=distance)
-        np.subtract(square, self.l3**2 + self.l4**2, out=X)
-        X *= 1.0 / (2 * self.l3 * self.l4)
-        np.minimum(X, 1.0, out=X)
-        bend = np.arccos(np.maximum(X, -1.0, out=X), out=X)
+        np.sqrt(square, out=distance)
+        bend = np.subtract(square, self.l3**2 + self.l4**2, out=X)
+        bend *= 1.0 / (2 * self.l3 * self.l4)
+        np.minimum(bend, 1.0, out=bend)
+        np.maximum(bend, -1.0, out=bend)
+        np.arccos(bend, out=bend)
         square += self.l3**2 - self.l4**2
         if self._may_fold:  # folded onto the second axis, where any direction serves
             np.maximum(distance, 1e-300, out=distance)
         distance *= 2 * self.l3
         square /= distance
         np.minimum(square, 1.0, out=square)
-        inner = np.arccos(np.maximum(square, -1.0, out=square), out=square)
-        return direction, inner, bend
+        np.maximum(square, -1.0, out=square)
+        return direction, np.arccos(square, out=square), bend
 
     def _fill_one(
         self, stretch: Stretch, direction: FloatArray, inner: FloatArray, bend: FloatArray, rows: FloatArray
@@ -180,28 +181,28 @@ class FreeJointSweep:
         else:
             np.add(direction, inner, out=second)
             np.subtract(stretch.shift, bend, out=third)
-        low, high = self.limits[1]
-        if not (low <= second.min() and second.max() <= high):
-            # seen from the middle of its limits (less than a turn apart) the right image is the near one
-            middle = 0.5 * (low + high)
-            second -= TWO_PI * np.rint((second - middle) / TWO_PI)
-            np.clip(second, low, high, out=second)
-        low, high = self.limits[2]
-        if not (low <= third.min() and third.max() <= high):
-            np.clip(third, low, high, out=third)
-        for k, plane in ((1, second), (2, third)):
+        for k, angles in ((1, second), (2, third)):
             if self.geometry.offsets[k] != 0.0:
-                plane -= self.geometry.offsets[k]
+                angles -= self.geometry.offsets[k]
             if self.geometry.signs[k] < 0:
-                np.negative(plane, out=plane)
+                np.negative(angles, out=angles)
+            low, high = self.joint_limits[k]
+            if not (low <= angles.min() and angles.max() <= high):
+                # seen from the middle of its limits (a turn apart at most) the right image is the near one
+                middle = 0.5 * (low + high)
+                angles -= TWO_PI * np.rint((angles - middle) / TWO_PI)
+                np.clip(angles, low, high, out=angles)
 
     def _mend_knots(self, grid: SweepGrid, x: float, y: float, stretch: Stretch, rows: FloatArray) -> None:
         """On a knot the two arc cosines lose half their digits, each on its own: take the scalar solution."""
         for i in stretch.at_knot:
             exact = self.follow(float(grid.plane[i]), x, y, stretch.bend)
             if exact is not None:
-                rows[1, i - stretch.start] = self.geometry.joint_angle(1, exact[0])
-                rows[2, i - stretch.start] = self.geometry.joint_angle(2, exact[1])
+                for k in (1, 2):
+                    low, high = self.joint_limits[k]
+                    rows[k, i - stretch.start] = min(
+                        max(self.geometry.joint_angle(k, exact[k - 1]), low), high
+                    )
 
     def follow(self, t2: float, x: float, y: float, bend: int) -> tuple[float, float, float] | None:
         """The second and third plane angle (inside their limits) and the turns of the third, at one t_2.

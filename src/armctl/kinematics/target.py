@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from armctl.errors import InputError
-from armctl.kinematics.chain import as_numbers, checked_number
+from armctl.kinematics.checks import as_numbers, checked_number
 
 FloatArray = NDArray[np.float64]
 FARTHEST = 1000.0

@@ -10,18 +10,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armctl.errors import InputError
-from armctl.kinematics.angles import TWO_PI, images, wrap
+from armctl.kinematics.angles import images, wrap
 from armctl.kinematics.base_yaw import BaseBranch, axis_branches, base_branches, is_on_axis
-from armctl.kinematics.chain import DHChain, checked_number
+from armctl.kinematics.chain import DHChain
+from armctl.kinematics.checks import checked_number
 from armctl.kinematics.energy import EnergyModel
 from armctl.kinematics.least_rotation import LeastRotation
 from armctl.kinematics.nearest import NearestReach
 from armctl.kinematics.orientation import PlanePose, RotationFit, pitch_poses
+from armctl.kinematics.plane_postures import PlanePostures
 from armctl.kinematics.reach import Reach
+from armctl.kinematics.rotation import rotation_angle
 from armctl.kinematics.solutions import Solutions
 from armctl.kinematics.sweep import FreeJointSweep, turns
 from armctl.kinematics.target import Target
-from armctl.kinematics.two_link import two_link
 from armctl.kinematics.yaw_pitch_roll import YawPitchRoll
 
 FloatArray = NDArray[np.float64]
@@ -31,9 +33,6 @@ BRANCHES = tuple(
     for base, elbow, tool in itertools.product(("front", "back"), ("up", "down"), ("", " tool-in"))
 )
 """Index: 4 · back + 2 · elbow down + tool pointing back at the base axis."""
-_PITCH_TOLERANCE = 1e-6
-_FOLDED = 1e-12
-"""how near to its own first axis a folded arm's tip lies [m]"""
 
 
 class YawPitchRollSolver:
@@ -56,6 +55,7 @@ class YawPitchRollSolver:
         self._least = LeastRotation(geometry, limits) if three else None
         roll_axis = None if geometry.roll_joint is None else chain.axes()[1][geometry.roll_joint]
         self._fit = RotationFit(geometry, chain.forward(np.zeros(chain.n))[:3, :3], roll_axis)
+        self._planar = PlanePostures(geometry, limits)
         self._reach = Reach(geometry, limits, titles, NearestReach(geometry, limits, self._in_plane))
 
     @property
@@ -102,7 +102,7 @@ class YawPitchRollSolver:
         return self._isolated(target, branches, z, roll)
 
     def _roll(self, target: Target) -> tuple[str | None, float]:
-        """Why the roll or pitch asked for cannot be, or the roll joint's angle (0 where it does not matter)."""
+        """Why the roll or pitch asked for cannot be, or the roll joint's angle (0 where any will do)."""
         joint = self.geometry.roll_joint
         if target.pitch is not None and self.geometry.tool_angle is None:
             return "this arm's tool does not keep to its vertical plane, so it has no pitch to ask for", 0.0
@@ -176,13 +176,49 @@ class YawPitchRollSolver:
         index: list[int] = []
         for branch in branches:
             for plane, pose in self._postures(target, branch, z, roll):
-                for angles in self._joint_images(plane):
+                for angles in self._planar.joint_images(plane):
                     for rolled in self._roll_images(pose.roll):
                         found.append(self._with_roll(np.array([branch.angle, *angles]), rolled))
                         index.append(_branch_index(branch.front, _sense(plane[1]), _tool_in(branch, pose)))
+        if not found and target.rotation is not None:
+            return self._nearest_orientation(target, target.rotation, branches, z)
         if not found:
             return self._refused(target)
         return self._solutions(target, *_distinct(found, index))
+
+    def _nearest_orientation(
+        self, target: Target, rotation: FloatArray, branches: list[BaseBranch], z: float
+    ) -> Solutions:
+        """The one solution of the position whose rotation comes nearest, where the limits forbid the best.
+
+        Then the pitch is at an end of its range or the roll at a limit, or both.
+        """
+        best, best_miss, best_index = None, math.inf, 0
+        for branch in branches:
+            for q in self._limited(branch, z, rotation):
+                miss = rotation_angle(self.chain.forward(q)[:3, :3].T @ rotation)
+                if miss < best_miss:
+                    bend = _sense(self.geometry.plane_angle(1, float(q[2])))
+                    best, best_miss, best_index = q, miss, _branch_index(branch.front, bend)
+        return self._refused(target) if best is None else self._solutions(target, [best], [best_index])
+
+    def _limited(self, branch: BaseBranch, z: float, rotation: FloatArray) -> Iterator[FloatArray]:
+        """Configurations with the pitch at an end of its range or the roll at a limit."""
+        x, y = branch.r - self.geometry.shoulder.real, z - self.geometry.shoulder.imag
+        joint, three = self.geometry.roll_joint, self._least is not None
+        rolls = () if joint is None else self._pairs[joint]
+        ends = list(self._least.extremes(branch, z)) if self._least is not None else []
+        for roll in rolls if three else ():
+            for plane in self._planar.at(x, y, self._fit.pitch_at(branch.angle, roll, rotation).tool_angle):
+                for angles in self._planar.joint_images(plane):
+                    yield self._with_roll(np.array([branch.angle, *angles]), roll)
+        if not three:
+            ends = [a for plane in self._planar.at(x, y, None) for a in self._planar.joint_images(plane)]
+        for angles in ends:
+            tool = sum(self.geometry.plane_angle(k, angle) for k, angle in enumerate(angles))
+            roll = self._fit.roll_at(branch.angle, tool + (self.geometry.tool_angle or 0.0), rotation)
+            for rolled in (*self._roll_images(roll), *rolls):
+                yield self._with_roll(np.array([branch.angle, *angles]), rolled)
 
     def _postures(
         self, target: Target, branch: BaseBranch, z: float, roll: float
@@ -191,14 +227,14 @@ class YawPitchRollSolver:
         x, y = branch.r - self.geometry.shoulder.real, z - self.geometry.shoulder.imag
         if target.rotation is None:
             for pose in pitch_poses(target.pitch, roll):
-                for plane in self.planar(x, y, pose.tool_angle):
+                for plane in self._planar.at(x, y, pose.tool_angle):
                     yield plane, pose
         elif len(self.geometry.lengths) == 3:
             pose = self._fit.nearest(branch.angle, target.rotation)
-            for plane in self.planar(x, y, pose.tool_angle):
+            for plane in self._planar.at(x, y, pose.tool_angle):
                 yield plane, pose
         else:  # two pitch joints: the position alone decides where the tool points
-            for plane in self.planar(x, y, None):
+            for plane in self._planar.at(x, y, None):
                 angle = sum(plane) + (self.geometry.tool_angle or 0.0)
                 yield plane, PlanePose(angle, self._fit.roll_at(branch.angle, angle, target.rotation))
 
@@ -206,53 +242,12 @@ class YawPitchRollSolver:
         joint = self.geometry.roll_joint
         return [0.0] if joint is None else images(roll, *self._pairs[joint])
 
-    def planar(self, x: float, y: float, tool_angle: float | None) -> list[tuple[float, ...]]:
-        """Plane angles for a tip seen from the first pitch axis [m], with the tool at a plane angle or any.
-
-        Folded onto its own first axis the arm may point anywhere: then the directions are given at which
-        a joint is at zero or at a limit, so that one is inside the limits if any is.
-        """
-        lengths = self.geometry.lengths
-        if tool_angle is None:
-            return self._unfolded(x, y, None) if len(lengths) == 2 else []
-        last = tool_angle - (self.geometry.tool_angle or 0.0)  # absolute direction of the last link
-        if len(lengths) == 2:
-            return [
-                pair
-                for pair in self._unfolded(x, y, None)
-                if abs(math.remainder(sum(pair) - last, TWO_PI)) < _PITCH_TOLERANCE
-            ]
-        x, y = x - lengths[2] * math.cos(last), y - lengths[2] * math.sin(last)
-        pairs = self._unfolded(x, y, last)
-        return [(first, bend, last - first - bend) for first, bend in pairs]
-
-    def _unfolded(self, x: float, y: float, last: float | None) -> list[tuple[float, ...]]:
-        """The two-link triangle of the first links; with a third link, ``last`` is its direction."""
-        pairs = two_link(x, y, self.geometry.lengths[0], self.geometry.lengths[1])
-        if not pairs or math.hypot(x, y) > _FOLDED:
-            return list(pairs)
-        (_, bend), ways = pairs[0], [0.0, *self._pairs[1]]
-        firsts = [self.geometry.plane_angle(0, way) for way in ways]
-        if last is not None:
-            firsts += [last - bend - self.geometry.plane_angle(2, way) for way in (0.0, *self._pairs[3])]
-        return [(first, bend) for first in firsts]
-
     def _in_plane(self, yaw: float, r: float, z: float, last: float | None) -> FloatArray | None:
-        """Base and pitch joints for a point of the tool plane, with the last link's direction given or any."""
+        """Base and pitch joints for a point of the tool plane, the last link's direction given or any."""
         if self._least is not None and last is None:
             return self._least.solve([BaseBranch(True, yaw, r)], z)
-        x, y = r - self.geometry.shoulder.real, z - self.geometry.shoulder.imag
-        for plane in self.planar(x, y, None if last is None else last + (self.geometry.tool_angle or 0.0)):
-            for angles in self._joint_images(plane):
-                return np.array([yaw, *angles])
-        return None
-
-    def _joint_images(self, plane: tuple[float, ...]) -> list[tuple[float, ...]]:
-        """Every joint configuration inside the limits that has these plane angles."""
-        choices = [
-            images(self.geometry.joint_angle(k, angle), *self._pairs[1 + k]) for k, angle in enumerate(plane)
-        ]
-        return list(itertools.product(*choices))
+        angles = self._planar.inside(r, z, last)
+        return None if angles is None else np.array([yaw, *angles])
 
     def _with_roll(self, q: FloatArray, roll: float) -> FloatArray:
         return q if self.geometry.roll_joint is None else np.append(q, roll)
@@ -277,7 +272,7 @@ class YawPitchRollSolver:
         )  # fmt: skip
 
     def _refused(self, target: Target, reason: str | None = None) -> Solutions:
-        why, nearest = self._reach.explain(target, self.planar)
+        why, nearest = self._reach.explain(target, self._planar.at)
         return Solutions(
             target=target, q=np.empty((0, self.chain.n)), branch_index=np.empty(0, dtype=np.int8),
             branch_names=BRANCHES, chain=self.chain, energy=self.energy, pitch_joints=self.pitch_joints,

@@ -146,10 +146,7 @@ class Core:
             for ticket in self.stopping:
                 ticket.finish()
             self.stopping.clear()
-            if self.leaving is not None:
-                ticket, self.leaving = self.leaving, None
-                self.disconnect("asked for")
-                ticket.finish()
+            self._leave_now()
 
     def stop(self, who: str, ticket: Ticket) -> None:
         """Slow down along the path as hard as the limits allow, then hold; drop the rest."""
@@ -302,7 +299,7 @@ class Core:
         self.notices.clear_all()
 
     def _leave_now(self) -> None:
-        """A disconnect that waited for a standstill need not wait any longer."""
+        """The arm stands: carry out a disconnect that waited for it."""
         if self.leaving is not None:
             ticket, self.leaving = self.leaving, None
             self.disconnect("asked for")

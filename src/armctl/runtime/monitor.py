@@ -62,8 +62,10 @@ class Monitor:
                 ) from cause
             self._notices.set("read", f"the board did not answer properly: {cause}")
             return None
-        self._failures = 0
-        self._notices.clear("read")
+        if self._failures:
+            board.configure()  # a board that was silent may have started anew and forgotten its limits
+            self._failures = 0
+            self._notices.clear("read")
         for error in self.reading.errors:
             self._notices.set(f"board {error}", f"the board reports: {error}", until=now + _ERROR_SHOWN_S)
         return self.reading

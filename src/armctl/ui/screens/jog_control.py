@@ -12,7 +12,6 @@ import viser
 from armctl.errors import ArmctlError
 from armctl.runtime import Jog, MoveGripper, Snapshot
 from armctl.ui.widgets.joint_step import checked_percent
-from armctl.ui.widgets.live_readout import LiveReadout
 from armctl.ui.widgets.text import LiveHtml
 
 if TYPE_CHECKING:
@@ -50,7 +49,6 @@ class JogControl:
         self._robot = session.console.robot
         self._hold = Hold()
         gui = session.gui
-        self._readout = LiveReadout(gui, self._robot)
         titles = tuple(joint.title for joint in self._robot.joints)
         with gui.add_folder("Jog (moves while the button is held)"):
             self._joint = gui.add_dropdown("Joint", titles, initial_value=titles[0])
@@ -64,7 +62,6 @@ class JogControl:
 
     def refresh(self, snapshot: Snapshot) -> None:
         """Show the arm and the gripper."""
-        self._readout.refresh(snapshot)
         if self._robot.gripper is not None:
             opening = snapshot.gripper
             self._opening.show(

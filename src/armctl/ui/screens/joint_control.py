@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from armctl.runtime import MoveJoints, Snapshot
 from armctl.ui.widgets.joint_step import asked_pose, slider_degrees, stepped
-from armctl.ui.widgets.live_readout import LiveReadout
 from armctl.ui.widgets.text import LiveHtml
 
 if TYPE_CHECKING:
@@ -34,7 +33,6 @@ class JointControl:
         self._session = session
         self._robot = session.console.robot
         gui = session.gui
-        self._readout = LiveReadout(gui, self._robot)
         self._hint = LiveHtml(gui, _FOLLOWING)
         self._edited = False
         self._shown = slider_degrees(self._robot, session.snapshot.q_command)
@@ -49,7 +47,6 @@ class JointControl:
 
     def refresh(self, snapshot: Snapshot) -> None:
         """Show the arm; the sliders follow it while nobody has moved them."""
-        self._readout.refresh(snapshot)
         present = slider_degrees(self._robot, snapshot.q_command)
         if self._edited and present == slider_degrees(self._robot, np.radians(self._asked())):
             self._set_edited(False)

@@ -10,6 +10,7 @@ from armctl.runtime import Snapshot
 from armctl.ui.screens.jog_control import JogControl
 from armctl.ui.screens.joint_control import JointControl
 from armctl.ui.screens.serial_motion import SerialMotion
+from armctl.ui.widgets.live_readout import LiveReadout
 
 if TYPE_CHECKING:
     from armctl.ui.session import Session
@@ -22,16 +23,20 @@ class ManualScreen:
     icon: ClassVar[viser.IconName | None] = None
 
     def __init__(self, session: Session) -> None:
+        self._readout = LiveReadout(session.console.robot)
         tabs = session.gui.add_tab_group()
         with tabs.add_tab("Joints"):
+            self._readout.add_to(session.gui)
             self._joints = JointControl(session)
         with tabs.add_tab("Jog & gripper"):
+            self._readout.add_to(session.gui)
             self._jog = JogControl(session)
         with tabs.add_tab("Serial motion"):
             self._serial = SerialMotion(session)
 
     def refresh(self, snapshot: Snapshot) -> None:
         """Draw a snapshot."""
+        self._readout.refresh(snapshot)
         self._joints.refresh(snapshot)
         self._jog.refresh(snapshot)
         self._serial.refresh(snapshot)

@@ -18,7 +18,7 @@ _ENERGY: dict[Criterion, tuple[float, str]] = {
     "least-rotation": (180 / np.pi, "°"),
     "published": (180 / np.pi, "°"),
     "least-travel": (1.0, "s"),
-    "least-torque": (1.0, ""),
+    "least-torque": (1000.0, "×10⁻³"),
 }
 _CELL = "padding:0 4px;text-align:right;font-variant-numeric:tabular-nums;white-space:nowrap"
 

@@ -104,6 +104,7 @@ class JointGraph:
                     stroke=_COLORS[i % len(_COLORS)],
                     width=width,
                     dash=dash,
+                    points=uplot.Series_Points(show=False),
                 )
                 for i in shown
             ]
@@ -114,8 +115,8 @@ class JointGraph:
             # No fixed range: the page fits the angles anew only when the times' ends move with the data.
             scales={"x": uplot.Scale(time=False, auto=True), "y": uplot.Scale(auto=True)},
             axes=(
-                uplot.Axis(label="time s", size=30, labelSize=16),
-                uplot.Axis(label="angle °", size=42, labelSize=16),
+                uplot.Axis(label="time s", size=30, labelSize=18, labelGap=0),
+                uplot.Axis(label="angle °", size=42, labelSize=18, labelGap=0),
             ),
             legend=uplot.Legend(live=False),
             height=_HEIGHT,

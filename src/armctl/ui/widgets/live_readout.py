@@ -8,6 +8,7 @@ import numpy as np
 import viser
 from numpy.typing import NDArray
 
+from armctl.hardware import Source
 from armctl.robot import Robot
 from armctl.runtime import Snapshot
 from armctl.ui.widgets.text import LiveHtml, table
@@ -17,20 +18,27 @@ FloatArray = NDArray[np.float64]
 
 
 class LiveReadout:
-    """One table in one tab; computed anew only when the arm's state is another."""
+    """The same table in one or more places; computed anew only when the arm's state is another."""
 
-    def __init__(self, gui: viser.GuiApi, robot: Robot) -> None:
+    def __init__(self, robot: Robot) -> None:
         self._robot = robot
-        self._html = LiveHtml(gui)
+        self._blocks: list[LiveHtml] = []
         self._shown: tuple[bytes, ...] = ()
+
+    def add_to(self, gui: viser.GuiApi) -> None:
+        """Show the table in the present GUI container, too."""
+        self._blocks.append(LiveHtml(gui))
 
     def refresh(self, snapshot: Snapshot) -> None:
         """Show a snapshot, if it differs from the one before."""
         state = (snapshot.q_command, snapshot.velocity_command, snapshot.acceleration_command, snapshot.q)
         key = (*(array.tobytes() for array in state), snapshot.source.value.encode())
-        if key != self._shown:
-            self._shown = key
-            self._html.show(tool_table(self._robot, snapshot) + joint_table(self._robot, snapshot))
+        if key == self._shown:
+            return
+        self._shown = key
+        content = tool_table(self._robot, snapshot) + joint_table(self._robot, snapshot)
+        for block in self._blocks:
+            block.show(content)
 
 
 def tool_table(robot: Robot, snapshot: Snapshot) -> str:
@@ -49,9 +57,10 @@ def tool_table(robot: Robot, snapshot: Snapshot) -> str:
 
 def joint_table(robot: Robot, snapshot: Snapshot) -> str:
     """Joint angles in degrees, as commanded and as the board tells them, as HTML."""
+    source = "board" if snapshot.source is Source.COMMANDED else snapshot.source.value
     rows = [
         ["commanded", *_numbers(np.degrees(snapshot.q_command), 2)],
-        [f"board ({snapshot.source.value})", *_numbers(np.degrees(snapshot.q), 2)],
+        [source, *_numbers(np.degrees(snapshot.q), 2)],
     ]
     return table(["Joints °", *(joint.title for joint in robot.joints)], rows)
 

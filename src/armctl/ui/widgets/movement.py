@@ -34,6 +34,17 @@ class MovementChoice:
         """The profile that is chosen."""
         return "normal" if self._profile.value == _NORMAL else "planned"
 
+    @property
+    def visible(self) -> bool:
+        """Whether the choice is shown."""
+        return self._profile.visible
+
+    @visible.setter
+    def visible(self, visible: bool) -> None:
+        if self._profile.visible != visible:
+            self._profile.visible = visible
+        self.duration.visible = visible and self.profile == "planned"
+
     def checked(self) -> tuple[Profile, float | None]:
         """Profile and duration [s]; None: the shortest.
 
@@ -48,4 +59,4 @@ class MovementChoice:
         return self.profile, seconds or None
 
     async def _on_profile(self) -> None:
-        self.duration.visible = self.profile == "planned"
+        self.duration.visible = self.visible and self.profile == "planned"

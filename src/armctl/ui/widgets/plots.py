@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 from viser import uplot
 
 FloatArray = NDArray[np.float64]
-COLORS = ("#1971c2", "#e8590c", "#2f9e44", "#9c36b5", "#c92a2a", "#0c8599", "#5c940d", "#862e9c")
-_HEIGHT = 240
+COLORS = ("#1971c2", "#e8590c", "#2f9e44", "#9c36b5", "#f08c00", "#0c8599", "#5c940d", "#495057")
+_HEIGHT = 250
+_LABEL_FONT = "12px sans-serif"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -48,7 +49,12 @@ class LinePlot:
     def show(self, picture: Picture) -> None:
         """Draw a picture."""
         data = (picture.x, *(line.y for line in picture.lines))
-        heads = (picture.title, picture.x_label, span(picture.lines), *((line.name, line.color) for line in picture.lines))
+        heads = (
+            picture.title,
+            picture.x_label,
+            span(picture.lines),
+            *((line.name, line.color) for line in picture.lines),
+        )
         if self._handle is not None and heads == self._heads:
             self._handle.data = data
             return
@@ -60,7 +66,11 @@ class LinePlot:
                 ({"label": picture.x_label}, *(_series(line) for line in picture.lines)),
                 title=picture.title,
                 scales={"x": {"time": False}, "y": {"auto": False, "range": span(picture.lines)}},
-                axes=({"label": picture.x_label, "labelSize": 18, "labelGap": 0, "size": 30}, {"size": 54}),
+                axes=(
+                    {"label": picture.x_label, "labelSize": 22, "labelFont": _LABEL_FONT, "size": 32},
+                    {"size": 54},
+                ),
+                cursor={"points": {"show": False}},  # they would be drawn astray where a value is NaN
                 height=_HEIGHT,
             )
 
@@ -96,4 +106,4 @@ def _series(line: Line) -> uplot.Series:
             "width": 0,
             "points": {"show": True, "size": 9, "fill": line.color, "stroke": line.color},
         }
-    return {"label": line.name, "stroke": line.color, "width": 1.6, "points": {"show": False}}
+    return {"label": line.name, "stroke": line.color, "width": 1.6, "pxAlign": 0.0, "points": {"show": False}}

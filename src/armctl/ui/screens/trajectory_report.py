@@ -1,0 +1,132 @@
+"""The Error report tab: recorded while a path runs, shown as figures and point by point."""
+
+from __future__ import annotations
+
+import asyncio
+from typing import TYPE_CHECKING
+
+import numpy as np
+import viser
+from numpy.typing import NDArray
+
+from armctl.errors import ArmctlError, InputError
+from armctl.hardware import Source
+from armctl.motion.error_report import ErrorReport, closest_on_path, report_csv
+from armctl.runtime import Ticket
+from armctl.ui.screens.trajectory_errors import POINT_ROWS, applied_meaning, points_html, summary_html
+from armctl.ui.screens.trajectory_motion import PlannedMotion
+from armctl.ui.widgets.html_bits import muted
+from armctl.ui.widgets.pager import Pager
+from armctl.ui.widgets.preview import Preview
+from armctl.ui.widgets.text import LiveHtml
+
+if TYPE_CHECKING:
+    from armctl.ui.session import Session
+
+FloatArray = NDArray[np.float64]
+_RECORD_S = 0.02
+_AFTER = 6
+"""readings that are still taken when the motion is over"""
+_MOST_READINGS = 20_000
+_NONE = "Choose Arc or Line and press Show; Run records the applied path."
+_THEORY = "What the solutions of inverse kinematics give, put through forward kinematics."
+
+
+class ReportView:
+    """Theoretical errors as soon as a path is shown, applied ones once it has run."""
+
+    def __init__(self, session: Session, preview: Preview) -> None:
+        self._session, self._preview = session, preview
+        self._planned: PlannedMotion | None = None
+        self._theory: ErrorReport | None = None
+        self._applied: ErrorReport | None = None
+        gui = session.gui
+        self._summary = LiveHtml(gui, muted(_NONE))
+        self._applied_summary = LiveHtml(gui)
+        self._points = LiveHtml(gui)
+        self._pager = Pager(session, POINT_ROWS, self._on_row)
+        self._export = gui.add_button("Export error report (CSV)", icon=viser.Icon.DOWNLOAD, color="gray")
+        session.on(self._export.on_click, self._on_export)
+
+    def take(self, planned: PlannedMotion) -> None:
+        """Another motion is shown."""
+        self._planned, self._theory, self._applied = planned, None, None
+        self._applied_summary.show("")
+        if planned.points is None or planned.solved is None:
+            self._summary.show(muted(_NONE))
+            self._points.show("")
+            self._pager.reset(0, None)
+            return
+        robot = self._session.console.robot
+        self._theory = ErrorReport.of(planned.points, robot.forward(planned.solved)[:, :3, 3])
+        self._summary.show(summary_html("Theoretical", _THEORY, self._theory))
+        self._applied_summary.show(muted("Applied: not run yet. Press Run to record it."))
+        self._pager.reset(len(planned.points), None)
+        self._draw()
+
+    async def record(self, planned: PlannedMotion, ticket: Ticket) -> None:
+        """Keep what the board reads back until the motion is over, then report."""
+        if self._planned is planned:
+            self._applied_summary.show(muted("Applied: recording …"))
+        readings, source = await _readings(self._session, ticket)
+        if self._planned is not planned or planned.points is None:
+            return
+        if not await finished(ticket):
+            self._applied_summary.show(
+                muted("Applied: the path did not come to its end, so there is no report.")
+            )
+            return
+        robot, points = self._session.console.robot, planned.points
+        path = robot.forward(readings)[:, :3, 3] if len(readings) else np.empty((0, 3))
+        if len(path) == 0:
+            self._applied_summary.show(muted("Applied: the board read nothing back."))
+            return
+        reached = await asyncio.to_thread(closest_on_path, points, path)
+        self._applied = ErrorReport.of(points, reached)
+        text = f"{applied_meaning(source)} {len(path)} readings."
+        self._applied_summary.show(summary_html("Applied", text, self._applied))
+        self._draw()
+
+    def _draw(self) -> None:
+        report = self._applied or self._theory
+        if report is not None:
+            which = "applied" if self._applied else "theoretical"
+            where = f"page {self._pager.page + 1} of {self._pager.pages} · asked for, and {which}, mm"
+            self._points.show(muted(where) + points_html(report, self._pager.page, self._pager.row))
+
+    def _on_row(self) -> None:
+        self._draw()
+        planned, row = self._planned, self._pager.row
+        if planned is not None and planned.solved is not None and row is not None:
+            self._preview.show(planned.solved[row - 1], self._session.snapshot.q_command)
+
+    async def _on_export(self) -> None:
+        if self._theory is None:
+            raise InputError("there is no error report: choose Arc or Line and press Show")
+        text = report_csv(self._theory, self._applied)
+        name = f"{self._session.console.robot.name}-errors.csv"
+        self._session.client.send_file_download(name, text.encode())
+
+
+async def finished(ticket: Ticket) -> bool:
+    """Whether a motion came to its end; the session tells why it did not."""
+    try:
+        await asyncio.wrap_future(ticket.finished)
+    except ArmctlError:
+        return False
+    return True
+
+
+async def _readings(session: Session, ticket: Ticket) -> tuple[FloatArray, Source]:
+    """Every position (m, n) [rad] that is read back until a motion is over, and what it is."""
+    seen: list[FloatArray] = []
+    source, tick = Source.COMMANDED, -1
+    left = _AFTER
+    while left > 0:
+        left -= ticket.finished.done()  # a board answers a little later than it is told
+        snapshot = session.snapshot
+        if snapshot.tick != tick and len(seen) < _MOST_READINGS and bool(np.isfinite(snapshot.q).all()):
+            seen.append(snapshot.q)
+            source, tick = snapshot.source, snapshot.tick
+        await asyncio.sleep(_RECORD_S)
+    return np.array(seen).reshape(len(seen), -1), source

@@ -1,0 +1,135 @@
+"""Forward kinematics and Jacobian against plain 4 x 4 products and differences."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from armctl import load_robot
+from armctl.errors import InputError
+from armctl.kinematics import DHChain, DHRow
+from tests.kinematics.kit import FloatArray, plain_forward, plain_frames
+
+QUARTERS = st.sampled_from([0.0, math.pi / 2, -math.pi / 2, math.pi, -math.pi])
+ANGLES = st.floats(-7.0, 7.0) | QUARTERS
+LENGTHS = st.floats(-0.5, 0.5) | st.just(0.0)
+ROWS = st.builds(DHRow, a_m=LENGTHS, alpha_rad=ANGLES, d_m=LENGTHS, theta_rad=ANGLES, joint=st.booleans())
+
+
+@st.composite
+def chains(draw: st.DrawFn) -> DHChain:
+    rows = draw(st.lists(ROWS, min_size=1, max_size=8))
+    if not any(row.joint for row in rows):
+        rows.append(DHRow(0.1, 0.3, 0.0))
+    return DHChain(rows, draw(st.sampled_from(["standard", "modified"])))
+
+
+def uzuner() -> DHChain:
+    return load_robot("uzuner").chain
+
+
+def differences(chain: DHChain, q: FloatArray, h: float = 1e-5) -> FloatArray:
+    """(6, n) Jacobian by central differences of the plain products."""
+    J = np.zeros((6, chain.n))
+    R = plain_forward(chain, q)[:3, :3]
+    for k in range(chain.n):
+        ahead, behind = (plain_forward(chain, q + sign * h * np.eye(chain.n)[k]) for sign in (1, -1))
+        D = (ahead - behind) / (2 * h)
+        spin = D[:3, :3] @ R.T
+        J[:, k] = [*D[:3, 3], spin[2, 1], spin[0, 2], spin[1, 0]]
+    return J
+
+
+@settings(max_examples=150, deadline=None)
+@given(chain=chains(), seed=st.integers(0, 10**6))
+def test_forward_is_the_plain_product(chain: DHChain, seed: int) -> None:
+    q = np.random.default_rng(seed).uniform(-7, 7, (3, chain.n))
+    batched = chain.forward(q)
+    for one, T in zip(q, batched, strict=True):
+        expected = plain_forward(chain, one)
+        assert np.abs(chain.forward(one) - expected).max() < 1e-12
+        assert np.abs(T - expected).max() < 1e-12
+        assert (
+            np.abs(chain.frames(one) - np.array(plain_frames(chain.rows, chain.convention, one))).max()
+            < 1e-12
+        )
+        assert np.abs(chain.frames(one)[-1] - T).max() < 1e-12
+
+
+@settings(max_examples=80, deadline=None)
+@given(chain=chains(), seed=st.integers(0, 10**6))
+def test_jacobian_is_the_difference_quotient(chain: DHChain, seed: int) -> None:
+    q = np.random.default_rng(seed).uniform(-4, 4, (2, chain.n))
+    batched = chain.jacobian(q)
+    for one, J in zip(q, batched, strict=True):
+        assert np.abs(J - differences(chain, one)).max() < 1e-6
+        assert np.abs(J - chain.jacobian(one)).max() < 1e-15
+
+
+@pytest.mark.parametrize(
+    "degrees",
+    [
+        [0, 0, 0, 0, 0],  # stretched
+        [0, 90, 0, 0, 0],  # stretched straight up, the tip over the base axis
+        [0, 110, -84.36, -83.34, 0],  # folded up to the limits
+        [107.26, 146.831, 95.07, 86.75, 47.32],
+        [-102.8, -3.19, -84.36, -83.34, -47.64],
+    ],
+)
+def test_jacobian_at_singular_poses_and_limits(degrees: list[float]) -> None:
+    chain, q = uzuner(), np.radians(degrees)
+    assert np.abs(chain.jacobian(q) - differences(chain, q)).max() < 1e-6
+
+
+def test_uzuner_at_zero_stands_where_the_paper_says() -> None:
+    assert np.allclose(1000 * uzuner().forward(np.zeros(5))[:3, 3], [330, 3.62, 163], atol=1e-10)
+
+
+def test_a_batch_keeps_its_leading_dimensions() -> None:
+    chain = uzuner()
+    q = np.random.default_rng(0).uniform(-2, 2, (2, 3, 5))
+    assert chain.forward(q).shape == (2, 3, 4, 4)
+    assert chain.frames(q).shape == (2, 3, 10, 4, 4)
+    assert chain.jacobian(q).shape == (2, 3, 6, 5)
+    assert np.abs(chain.forward(q)[1, 2] - plain_forward(chain, q[1, 2])).max() < 1e-12
+    assert chain.forward(np.empty((0, 5))).shape == (0, 4, 4)
+
+
+def test_huge_angles_still_turn() -> None:
+    chain, q = uzuner(), np.array([1e6, -1e9, 12345.6, 3e7, 1e12])
+    assert np.abs(chain.forward(np.stack([q, q])) - plain_forward(chain, q)).max() < 1e-12
+
+
+@pytest.mark.parametrize(
+    ("q", "says"),
+    [
+        ([0, 0, 0, 0], "5 joint angles are needed"),
+        (0.0, "5 joint angles are needed"),
+        ([[0, 0, 0, 0, 0, 0]], "5 joint angles are needed"),
+        ([0, 0, math.nan, 0, 0], "finite"),
+        ([0, 0, 0, 0, math.inf], "finite"),
+        ([0, 0, 0, 0, None], "must be numbers"),
+        (["0", "0", "0", "0", "0"], "must be numbers"),
+        ("zero", "must be numbers"),
+        ([0, 0, 0, 0, 1j], "must be numbers"),
+        ([[0, 0, 0, 0, 0], [0]], "must be numbers"),
+        ([True, False, True, False, True], "must be numbers"),
+    ],
+)
+@pytest.mark.parametrize("method", ["forward", "frames", "jacobian"])
+def test_what_is_no_configuration_is_refused(q: object, says: str, method: str) -> None:
+    with pytest.raises(InputError, match=says):
+        getattr(uzuner(), method)(q)
+
+
+def test_a_chain_that_cannot_be_is_refused() -> None:
+    with pytest.raises(InputError, match="allowed are 'standard' and 'modified'"):
+        DHChain([DHRow(0, 0, 0)], "craig")  # type: ignore[arg-type]
+    with pytest.raises(InputError, match="DH row 2 holds a value that is not a finite number"):
+        DHChain([DHRow(0, 0, 0), DHRow(0, math.nan, 0)])
+    with pytest.raises(InputError, match="at least one row with a joint"):
+        DHChain([DHRow(0.1, 0, 0, joint=False)])

@@ -1,0 +1,151 @@
+"""All solutions of a position against the straightforward full-grid sweep."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from armctl import load_robot
+from armctl.errors import InputError
+from armctl.kinematics import InverseKinematics, Target
+from benchmarks.naive_sweep import UZUNER, PlanarArm, naive_sweep
+from tests.kinematics.kit import FloatArray, chain_of, random_planar_arm, random_q, solver_of
+
+STEP = math.radians(0.01)
+COARSE = math.radians(0.5)
+
+
+def in_order(q: FloatArray) -> FloatArray:
+    return q[np.lexsort(np.round(q, 7).T)]
+
+
+def swept(ik: InverseKinematics, position: FloatArray, step: float) -> FloatArray:
+    """The four joints of the grid solutions, checked for limits and residual by the way."""
+    solutions = ik.solve(Target.of(position), step)
+    if solutions.success:
+        assert solutions.residual_m.max() < 1e-9
+    if solutions.free_joint is None:  # none on the grid: a single one between two grid values, or none at all
+        return np.empty((0, 4))
+    return solutions.q[:, :4]
+
+
+def assert_same(ik: InverseKinematics, arm: PlanarArm, position: FloatArray, step: float) -> int:
+    ours, naive = swept(ik, position, step), naive_sweep(arm, position, step)
+    assert len(ours) == len(naive)
+    if len(ours):
+        assert np.abs(in_order(ours) - in_order(naive)).max() < 1e-9
+        assert (ours >= arm.limits[:, 0]).all()
+        assert (ours <= arm.limits[:, 1]).all()
+    return len(ours)
+
+
+def test_uzuner_lists_what_the_full_grid_lists() -> None:
+    ik = load_robot("uzuner").inverse_kinematics
+    rng = np.random.default_rng(11)
+    counts = [assert_same(ik, UZUNER, UZUNER.tip(random_q(rng, UZUNER.limits)), STEP) for _ in range(300)]
+    assert sum(counts) > 10**6
+
+
+def special_configurations() -> list[FloatArray]:
+    """Near limits, near the base axis, nearly stretched; the joints a little off the exact places."""
+    rng = np.random.default_rng(12)
+    low, high = UZUNER.limits.T
+    out: list[FloatArray] = []
+    for _ in range(25):
+        near_limit = random_q(rng, UZUNER.limits)
+        k = rng.integers(4, size=2)
+        near_limit[k] = np.where(rng.random(2) < 0.5, low[k] + 1e-5, high[k] - 1e-5)
+        stretched = random_q(rng, UZUNER.limits)
+        stretched[2:] = rng.uniform(-1e-3, 1e-3, 2)
+        near_axis = np.array([rng.uniform(-1.5, 1.5), math.radians(98), *rng.uniform(-0.1, 0.1, 2)])
+        folded = np.array([rng.uniform(-1, 1), rng.uniform(0.5, 2), low[2] + 1e-4, low[3] + 1e-4])
+        out += [near_limit, stretched, near_axis, folded]
+    return out
+
+
+def test_uzuner_special_targets() -> None:
+    ik = load_robot("uzuner").inverse_kinematics
+    for q in special_configurations():
+        assert_same(ik, UZUNER, UZUNER.tip(q), STEP)
+
+
+@pytest.mark.parametrize("convention", ["standard", "modified"])
+def test_random_arms_list_what_the_full_grid_lists(convention: str) -> None:
+    rng = np.random.default_rng(13 if convention == "standard" else 14)
+    counts: list[int] = []
+    for i in range(120):
+        arm = random_planar_arm(rng)
+        chain = chain_of(arm, convention, roll=i % 3 == 0, rng=rng)
+        limits = arm.limits if chain.n == 4 else np.vstack([arm.limits, [[-1.0, 1.0]]])
+        ik = solver_of(chain, limits)
+        counts += [assert_same(ik, arm, arm.tip(random_q(rng, arm.limits)), COARSE) for _ in range(4)]
+        counts += [assert_same(ik, arm, rng.uniform(-0.6, 0.6, 3), COARSE)]
+    assert sum(count > 0 for count in counts) > 400
+
+
+def test_the_grid_holds_whole_multiples_of_the_step() -> None:
+    q = load_robot("uzuner").inverse([0.2, 0.05, 0.1]).q
+    multiples = q[:, 1] / STEP
+    assert np.abs(multiples - np.rint(multiples)).max() < 1e-6
+    assert len(np.unique(np.rint(multiples))) <= 15003
+
+
+def test_a_joint_wider_than_a_turn_is_listed_in_every_turn() -> None:
+    limits = np.radians([[-180.0, 180.0], [-170.0, 170.0], [-400.0, 400.0], [-170.0, 530.0]])
+    arm = PlanarArm(0.02, 0.0, 0.1, (0.2, 0.15, 0.1), limits)
+    ik = solver_of(chain_of(arm, "modified"), limits)
+    rng = np.random.default_rng(15)
+    for _ in range(20):
+        q = random_q(rng, limits)
+        q[1] = COARSE * round(q[1] / COARSE)
+        assert np.abs(swept(ik, arm.tip(q), COARSE) - q).max(axis=1).min() < 1e-7
+
+
+def test_a_target_between_two_grid_values_still_has_its_solution() -> None:
+    robot = load_robot("uzuner")
+    q = np.radians([10.0, 20.005, 0.0, 0.0, 0.0])  # stretched: one shoulder angle only, not on the grid
+    solutions = robot.inverse(robot.forward(q)[:3, 3])
+    assert len(solutions) == 1
+    assert np.abs(solutions.q[0] - q).max() < 1e-6
+    assert solutions.branch[0].startswith("front")
+
+
+@pytest.mark.parametrize("step", [0.0, -1.0, math.nan, math.inf, 1e-12, "0.01", None, [0.1]])
+def test_a_step_that_cannot_be_is_refused(step: object) -> None:
+    with pytest.raises(InputError, match="step of the swept joint"):
+        load_robot("uzuner").inverse([0.2, 0, 0.1], step=step)  # type: ignore[arg-type]
+
+
+def test_a_step_wider_than_the_limits_leaves_what_there_is() -> None:
+    robot = load_robot("uzuner")
+    q = np.radians([20.0, 0.0, -30.0, -20.0, 0.0])
+    solutions = robot.inverse(robot.forward(q)[:3, 3], step=100.0)
+    assert np.all(solutions.q[:, 1] == 0.0)
+    assert np.abs(solutions.q - q).max(axis=1).min() < 1e-9
+    assert len(robot.inverse([0.2, 0, 0.1], step=100.0)) == 1  # not with the shoulder at 0
+
+
+def test_stretched_links_on_a_grid_value_are_listed_once_and_exactly() -> None:
+    robot = load_robot("uzuner")
+    q = np.radians([20.0, 33.0, 25.0, 0.0, 0.0])
+    solutions = robot.inverse(robot.forward(q)[:3, 3])
+    same = np.abs(solutions.q - q).max(axis=1) < 1e-6
+    assert same.sum() == 1
+    assert np.abs(solutions.q[same] - q).max() < 1e-12
+    assert solutions.residual_m.max() < 1e-12
+
+
+@pytest.mark.parametrize("side", [0, 1])
+def test_a_single_grid_value_with_two_joints_on_their_limits_is_found(side: int) -> None:
+    rng = np.random.default_rng(16)
+    for _ in range(60):
+        arm = random_planar_arm(rng)
+        ik = solver_of(chain_of(arm, "standard"), arm.limits)
+        q = random_q(rng, arm.limits)
+        q[1] = COARSE * round(q[1] / COARSE)
+        q[2], q[3] = arm.limits[2, side], arm.limits[3, rng.integers(2)]
+        if not arm.limits[1, 0] <= q[1] <= arm.limits[1, 1]:
+            continue
+        assert np.abs(ik.solve(Target.of(arm.tip(q)), COARSE).q - q).max(axis=1).min() < 1e-6
