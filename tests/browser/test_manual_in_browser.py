@@ -87,6 +87,15 @@ def test_sliders_go_back_to_the_present_pose_and_then_follow_the_arm(
     screen.wait_until(lambda: screen.number("Wrist roll °") == 1, "the slider has followed")
 
 
+def test_quick_steps_add_up(screen: Screen, served: ServedArm) -> None:
+    opened(screen, served, "Joints")
+    screen.choose("Step °", "5")
+    for _ in range(4):
+        click_in(screen, "Base", "+")
+    wait_for_deg(screen, served, [20.0, *HOME[1:]])
+    assert screen.notifications() == []
+
+
 def test_a_step_past_the_limit_is_refused_in_words(screen: Screen, served: ServedArm) -> None:
     opened(screen, served, "Joints")
     screen.choose("Step °", "10")

@@ -25,7 +25,7 @@ def test_uzuner_is_never_above_the_sweep() -> None:
         assert robot.check_limits(best).tolist() == best.tolist()
         gains.append(solutions.energies().min() - np.abs(best).sum())
     assert min(gains) > -1e-9
-    assert np.median(gains) < math.radians(0.02)  # and mostly not far below: the grid is fine
+    assert max(gains) < math.radians(2)  # nor far below: where links stretch, a step of 0.01° is a degree
 
 
 def test_random_arms_are_never_above_a_fine_sweep() -> None:

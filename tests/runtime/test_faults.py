@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 from tests.runtime.kit import ROBOT, TICK, Rig
@@ -69,7 +71,7 @@ def test_a_few_readings_may_fail(holding: Rig, error: BoardError) -> None:
     for _ in range(4):
         holding.tick()
     assert holding.now.state is State.MOVING
-    assert holding.now.warnings == (f"the board did not answer properly: {error}",)
+    assert holding.now.warnings == (f"the board does not answer properly: {error}",)
     holding.driver.fail.clear()
     holding.tick()
     assert holding.now.warnings == ()
@@ -90,9 +92,47 @@ def test_failures_count_in_a_row_only_and_the_channels_are_set_again(holding: Ri
 
 def test_too_many_lose_the_board(holding: Rig) -> None:
     holding.driver.fail["read"] = BoardTimeoutError("no answer")
-    holding.run(5 * TICK)
+    holding.run(0.9)
+    assert holding.now.state is State.HOLDING  # a busy computer is late, not a board gone
+    holding.run(0.2)
     assert holding.now.state is State.FAULT
-    assert holding.now.cause.startswith("lost the board: 5 readings in a row failed (no answer); check")
+    assert re.match(
+        r"lost the board: 5\d readings in a row failed in 1\.\d s \(no answer\)", holding.now.cause
+    )
+
+
+def test_a_silent_board_gets_no_setpoints_and_the_arm_goes_on_from_rest(holding: Rig) -> None:
+    motion = holding.do(MoveJoints(HOME))
+    holding.run(10 * TICK)
+    holding.driver.fail["read"] = BoardTimeoutError("no answer")
+    holding.run(3 * TICK)
+    before = len(holding.driver.writes)
+    holding.run(20 * TICK)
+    assert len(holding.driver.writes) == before
+    assert holding.now.state is State.MOVING
+    assert not holding.now.velocity_command.any()
+    holding.driver.fail.clear()
+    holding.tick()
+    assert len(holding.driver.writes) == before  # one good answer is not yet a board to be trusted
+    holding.until(lambda s: s.state is State.HOLDING)
+    motion.result(0)
+    assert np.array_equal(holding.now.q_command, HOME)
+
+
+def test_stop_ends_a_motion_on_a_silent_board(holding: Rig) -> None:
+    holding.do(MoveJoints(HOME))
+    holding.run(10 * TICK)
+    holding.driver.fail["read"] = BoardTimeoutError("no answer")
+    holding.run(5 * TICK)
+    holding.controller.stop()
+    holding.run(2 * TICK)
+    assert holding.now.state is State.HOLDING
+
+
+def test_a_single_failure_is_not_worth_a_word(holding: Rig) -> None:
+    holding.driver.fail["read"] = BoardTimeoutError("no answer")
+    holding.tick()
+    assert holding.now.warnings == ()
 
 
 def test_what_a_driver_should_not_raise_is_a_fault_too(holding: Rig) -> None:

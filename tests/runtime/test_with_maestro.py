@@ -172,11 +172,21 @@ def test_after_a_short_brown_out_the_board_is_set_up_anew(bench: Bench) -> None:
     assert np.abs(bench.now.q - HOME).max() <= QUARTER
 
 
+def test_a_brown_out_that_switched_the_pulses_off_is_a_fault_and_nothing_jumps(bench: Bench) -> None:
+    bench.controller.submit(MoveJoints(HOME, duration_s=10), TEST)
+    bench.run(0.5)
+    bench.line.brown_out(0.5)
+    bench.run(1.0)
+    assert bench.now.state is State.FAULT
+    assert "switched the pulses off by itself" in bench.now.cause
+    assert all(bench.board.position_us(channel) is None for channel in range(5))
+
+
 def test_a_long_brown_out_loses_the_board(bench: Bench) -> None:
     motion = bench.controller.submit(MoveJoints(HOME, duration_s=10), TEST)
     bench.run(0.5)
     bench.line.brown_out(2.0)
-    bench.run(0.2)
+    bench.run(1.5)
     assert bench.now.state is State.FAULT
     assert isinstance(motion.finished.exception(0), BoardError)
 
@@ -204,7 +214,7 @@ def test_a_few_spoilt_replies_are_borne(bench: Bench, fault: Fault) -> None:
 
 
 def test_a_board_that_falls_silent_is_lost(bench: Bench) -> None:
-    bench.line.inject(Fault.DROP_REPLY, 100)
-    bench.run(0.5)
+    bench.line.inject(Fault.DROP_REPLY, 1000)
+    bench.run(1.5)
     assert bench.now.state is State.FAULT
     assert bench.now.cause.startswith("lost the board")

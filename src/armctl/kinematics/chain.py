@@ -16,6 +16,7 @@ from armctl.kinematics.checks import as_numbers
 
 FloatArray = NDArray[np.float64]
 Convention = Literal["standard", "modified"]
+_CHUNK = 8192
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,6 +75,8 @@ class DHChain:
         if not self.joint_rows:
             raise InputError("a chain needs at least one row with a joint")
         self.segments, self.tail = self._fold()
+        self._segment_tuples = tuple(map(_columns_of, self.segments))
+        self._tail_tuples = _columns_of(self.tail)
 
     @property
     def n(self) -> int:
@@ -122,12 +125,14 @@ class DHChain:
         q = self.checked(q)
         if q.ndim == 1:
             return self._forward_one(q)
-        columns = self._columns(q)[-1]
         T = np.zeros((*q.shape[:-1], 4, 4))
-        T[..., 3, 3] = 1.0
-        for j, column in enumerate(columns):
-            for i, entry in enumerate(column):
-                T[..., i, j] = entry
+        flat, poses = q.reshape(-1, self.n), T.reshape(-1, 4, 4)
+        for at in range(0, len(flat), _CHUNK):  # temporaries that stay in the processor's cache
+            cut = slice(at, at + _CHUNK)
+            for j, column in enumerate(self._columns(flat[cut])[-1]):
+                for i, entry in enumerate(column):
+                    poses[cut, i, j] = entry
+        poses[:, 3, 3] = 1.0
         return T
 
     def _forward_one(self, q: FloatArray) -> FloatArray:
@@ -147,14 +152,6 @@ class DHChain:
         return np.array(
             [[x[0], y[0], z[0], p[0]], [x[1], y[1], z[1], p[1]], [x[2], y[2], z[2], p[2]], [0, 0, 0, 1.0]]
         )
-
-    @property
-    def _segment_tuples(self) -> tuple[_Columns, ...]:
-        return self.__dict__.setdefault("_segments_t", tuple(map(_columns_of, self.segments)))
-
-    @property
-    def _tail_tuples(self) -> _Columns:
-        return self.__dict__.setdefault("_tail_t", _columns_of(self.tail))
 
     def _columns(self, q: FloatArray) -> list[_ArrayColumns]:
         """Frames ahead of each joint's turn, and the tool frame, as columns of arrays (or constants)."""

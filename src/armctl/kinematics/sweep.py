@@ -10,7 +10,7 @@ from __future__ import annotations
 import cmath
 import itertools
 import math
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,8 +26,7 @@ _ON_GRID = 1e-4
 _SAME_KNOT = 1e-13
 
 
-@dataclass(frozen=True, slots=True)
-class Stretch:
+class Stretch(NamedTuple):
     """Neighbouring grid values with a solution of one bend."""
 
     bend: int
@@ -40,12 +39,13 @@ class Stretch:
     at_knot: tuple[int, ...] = ()
     """which of them fall on a knot, where the array formulas lose digits"""
 
-    def __len__(self) -> int:
+    @property
+    def size(self) -> int:
+        """How many grid values."""
         return self.stop - self.start
 
 
-@dataclass(frozen=True, slots=True)
-class _Interval:
+class _Interval(NamedTuple):
     bend: int
     shift: float
     low: float
@@ -67,6 +67,7 @@ class FreeJointSweep:
         self._knots3 = [self._compound(self.l2, self.l3, v) for v in self.limits[1]]
         self._knots4 = [self._compound(self.l3, self.l4, v) for v in (*self.limits[2], 0.0, math.pi)]
         self._may_fold = abs(self.l3 - self.l4) < 1e-9
+        self._squares, self._product = self.l3**2 + self.l4**2, 2 * self.l3 * self.l4
         self._grid: SweepGrid | None = None
 
     @staticmethod
@@ -100,9 +101,11 @@ class FreeJointSweep:
                 knots = ((i,) if low_knot else ()) + ((j,) if high_knot else ())
                 out.append(Stretch(interval.bend, interval.shift, i, j + 1, knots))
         for bend, t2 in lone:  # feasible at one value alone, if at all
-            i, on_grid = self._edge(t2, grid, x, y, bend, 1)
-            if on_grid and not any(s.bend == bend and s.start <= i < s.stop for s in out):
-                out.append(Stretch(bend, 0.0, i, i + 1, (i,)))
+            position = (t2 - grid.start) / grid.step
+            if abs(position - round(position)) < _ON_GRID:
+                i, on_grid = self._edge(t2, grid, x, y, bend, 1)
+                if on_grid and not any(s.bend == bend and s.start <= i < s.stop for s in out):
+                    out.append(Stretch(bend, 0.0, i, i + 1, (i,)))
         return out
 
     def _edge(
@@ -130,8 +133,8 @@ class FreeJointSweep:
             out: (3, k) the three pitch joints' angles [rad], one stretch behind the other.
         """
         grid = self.grid(step)
-        begins = itertools.accumulate((len(s) for s in stretches), initial=0)
-        places = {id(s): slice(at, at + len(s)) for s, at in zip(stretches, begins, strict=False)}
+        begins = itertools.accumulate((s.size for s in stretches), initial=0)
+        places = {id(s): slice(at, at + s.size) for s, at in zip(stretches, begins, strict=False)}
         for start, stop, members in _unions(stretches):
             direction, inner, bend = self._triangle(grid, x, y, start, stop)
             for stretch in members:
@@ -157,8 +160,8 @@ class FreeJointSweep:
         direction = np.arctan2(Y, X, out=Y)
         direction -= grid.plane[start:stop]
         np.sqrt(square, out=distance)
-        bend = np.subtract(square, self.l3**2 + self.l4**2, out=X)
-        bend *= 1.0 / (2 * self.l3 * self.l4)
+        bend = np.subtract(square, self._squares, out=X)
+        bend *= 1.0 / self._product
         np.minimum(bend, 1.0, out=bend)
         np.maximum(bend, -1.0, out=bend)
         np.arccos(bend, out=bend)
@@ -210,7 +213,7 @@ class FreeJointSweep:
         Stretched or folded links count as bent to the positive side, so that they are listed once.
         """
         X, Y = x - self.l2 * math.cos(t2), y - self.l2 * math.sin(t2)
-        angle = bend_angle((X * X + Y * Y - self.l3**2 - self.l4**2) / (2 * self.l3 * self.l4))
+        angle = bend_angle((X * X + Y * Y - self._squares) / self._product)
         if angle is None or (bend < 0 and angle in (0.0, math.pi)):
             return None
         g = bend * angle

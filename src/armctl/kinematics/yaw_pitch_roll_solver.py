@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Callable, Iterator, Sequence
 
@@ -12,6 +11,7 @@ from numpy.typing import NDArray
 from armctl.errors import InputError
 from armctl.kinematics.angles import images, wrap
 from armctl.kinematics.base_yaw import BaseBranch, axis_branches, base_branches, is_on_axis
+from armctl.kinematics.branch_names import BRANCHES, bend_sense, branch_index, tool_points_in
 from armctl.kinematics.chain import DHChain
 from armctl.kinematics.checks import checked_number
 from armctl.kinematics.energy import EnergyModel
@@ -28,11 +28,6 @@ from armctl.kinematics.yaw_pitch_roll import YawPitchRoll
 
 FloatArray = NDArray[np.float64]
 Optimum = Callable[[], FloatArray | None]
-BRANCHES = tuple(
-    f"{base} elbow-{elbow}{tool}"
-    for base, elbow, tool in itertools.product(("front", "back"), ("up", "down"), ("", " tool-in"))
-)
-"""Index: 4 · back + 2 · elbow down + tool pointing back at the base axis."""
 
 
 class YawPitchRollSolver:
@@ -140,12 +135,12 @@ class YawPitchRollSolver:
             found = None if self._least is None else self._least.solve(branches, z)
             return None if found is None else self._with_roll(found, roll)
 
-        count = sum(len(stretch) for _, _, stretches in parts for stretch in stretches)
+        count = sum(stretch.size for _, _, stretches in parts for stretch in stretches)
         if count == 0:
             single = optimum()  # a sliver between two grid values, or a single stretched configuration
             if single is None:
                 return self._refused(target)
-            index = [_branch_index(self._faces(target, single), _sense(self._last_plane_angle(single)))]
+            index = [branch_index(self._faces(target, single), bend_sense(self._last_plane_angle(single)))]
             return self._solutions(target, [single], index, optimum)
         q = np.empty((self.chain.n, count))  # joint by joint in memory: one contiguous write each
         index = np.empty(count, dtype=np.int8)
@@ -153,8 +148,8 @@ class YawPitchRollSolver:
         for sweep, branch, stretches in parts:
             begin = at
             for stretch in stretches:
-                index[at : at + len(stretch)] = _branch_index(branch.front, stretch.bend)
-                at += len(stretch)
+                index[at : at + stretch.size] = branch_index(branch.front, stretch.bend)
+                at += stretch.size
             q[0, begin:at] = branch.angle
             sweep.fill(branch.r - shoulder.real, height, step, stretches, q[1:4, begin:at])
         if self.geometry.roll_joint is not None:
@@ -179,7 +174,9 @@ class YawPitchRollSolver:
                 for angles in self._planar.joint_images(plane):
                     for rolled in self._roll_images(pose.roll):
                         found.append(self._with_roll(np.array([branch.angle, *angles]), rolled))
-                        index.append(_branch_index(branch.front, _sense(plane[1]), _tool_in(branch, pose)))
+                        index.append(
+                            branch_index(branch.front, bend_sense(plane[1]), tool_points_in(branch, pose))
+                        )
         if not found and target.rotation is not None:
             return self._nearest_orientation(target, target.rotation, branches, z)
         if not found:
@@ -198,8 +195,8 @@ class YawPitchRollSolver:
             for q in self._limited(branch, z, rotation):
                 miss = rotation_angle(self.chain.forward(q)[:3, :3].T @ rotation)
                 if miss < best_miss:
-                    bend = _sense(self.geometry.plane_angle(1, float(q[2])))
-                    best, best_miss, best_index = q, miss, _branch_index(branch.front, bend)
+                    bend = bend_sense(self.geometry.plane_angle(1, float(q[2])))
+                    best, best_miss, best_index = q, miss, branch_index(branch.front, bend)
         return self._refused(target) if best is None else self._solutions(target, [best], [best_index])
 
     def _limited(self, branch: BaseBranch, z: float, rotation: FloatArray) -> Iterator[FloatArray]:
@@ -278,24 +275,6 @@ class YawPitchRollSolver:
             branch_names=BRANCHES, chain=self.chain, energy=self.energy, pitch_joints=self.pitch_joints,
             reason=reason or why, nearest_q=nearest,
         )  # fmt: skip
-
-
-def _sense(angle: float) -> int:
-    return 1 if wrap(angle) >= 0 else -1
-
-
-def _branch_index(front: bool, bend: int, tool_in: bool = False) -> int:
-    """A positive bend leaves the elbow below the line to the target in front, above it at the back."""
-    elbow_up = (bend < 0) == front
-    return 4 * (not front) + 2 * (not elbow_up) + tool_in
-
-
-def _tool_in(branch: BaseBranch, pose: PlanePose) -> bool:
-    """True when the tool points back at the base axis."""
-    if pose.tool_angle is None:
-        return False
-    outward = math.cos(pose.tool_angle) if branch.front else -math.cos(pose.tool_angle)
-    return outward < -1e-9
 
 
 def _distinct(found: list[FloatArray], index: list[int]) -> tuple[list[FloatArray], list[int]]:

@@ -85,6 +85,10 @@ class Activity(Protocol):
         """Slow down as hard as the limits allow, then be done."""
         ...
 
+    def halt(self) -> None:
+        """No setpoint is sent for now, so the arm stands: when it goes on, it begins from rest."""
+        ...
+
     def view(self) -> ActivityView:
         """What is shown."""
         ...

@@ -130,6 +130,12 @@ class Core:
         if self.activity is not None and elapsed > (_LONGEST_TICKS + 1) * self.period:
             text = f"the controller was {1000 * (elapsed - self.period):.0f} ms late; the motion slowed down"
             self.notices.set("late", text, until=now + 5)
+        if self.monitor.doubtful:
+            # What is written to a board that has lost its power switches the pulses on again with a jump.
+            self.sample = None
+            if self.activity is not None:
+                self.activity.halt()
+            return
         self.sample = None if self.activity is None else self.activity.advance(now, dt)
         opening = self.gripper.advance(dt, self.speed)
         self._send(None if self.sample is None else self.sample.q, opening, now)

@@ -93,6 +93,10 @@ class Jogger:
         """Slow down as hard as the limits allow."""
         self._expires = -math.inf
 
+    def halt(self) -> None:
+        """No setpoint is sent for now: go on from rest."""
+        self._v = np.zeros(self._robot.n)
+
     def view(self) -> ActivityView:
         """What is shown: a jog has no goal."""
         return ActivityView(None, 0.0, 0.0)

@@ -14,6 +14,9 @@ from armctl.runtime.notices import Notices
 
 FloatArray = NDArray[np.float64]
 _READ_FAILURES = 5
+_SILENCE_S = 1.0
+"""how long a board may give no good answer before it counts as lost: a busy computer may be that late"""
+_DOUBTFUL_FAILURES = 3
 _OFF_READINGS = 3
 _DEVIATION_UNITS = 1.0
 _DEVIATION_S = 0.5
@@ -36,7 +39,9 @@ class Monitor:
         """Another board, or none: nothing is known."""
         self.reading = no_reading(self._robot.n)
         self._read_at = -np.inf
+        self._answered_at: float | None = None
         self._failures = 0
+        self._doubts = 0
         self._off = 0
         self._deviates_since: float | None = None
 
@@ -48,20 +53,27 @@ class Monitor:
         """Read back; None where this once no answer came.
 
         Raises:
-            BoardError: the board is gone, or has not answered several times in a row.
+            BoardError: the board is gone, or has not answered several times in a row for a second.
         """
         self._read_at = now
+        if self._answered_at is None:
+            self._answered_at = now
         try:
             self.reading = board.read()
         except (BoardTimeoutError, BoardProtocolError) as cause:
             self._failures += 1
-            if self._failures >= _READ_FAILURES:
+            silent = now - self._answered_at
+            if self._failures >= _READ_FAILURES and silent >= _SILENCE_S:
                 raise BoardError(
-                    f"lost the board: {self._failures} readings in a row failed ({cause}); "
+                    f"lost the board: {self._failures} readings in a row failed in {silent:.1f} s ({cause}); "
                     "check the cable and the power, then connect again"
                 ) from cause
-            self._notices.set("read", f"the board did not answer properly: {cause}")
+            if self._failures >= _DOUBTFUL_FAILURES:
+                self._doubts = _OFF_READINGS
+                self._notices.set("read", f"the board does not answer properly: {cause}")
             return None
+        self._answered_at = now
+        self._doubts = max(0, self._doubts - 1)
         if self._failures:
             board.configure()  # a board that was silent may have started anew and forgotten its limits
             self._failures = 0
@@ -69,6 +81,11 @@ class Monitor:
         for error in self.reading.errors:
             self._notices.set(f"board {error}", f"the board reports: {error}", until=now + _ERROR_SHOWN_S)
         return self.reading
+
+    @property
+    def doubtful(self) -> bool:
+        """The board has not answered several times in a row, or since then not often enough to be trusted."""
+        return self._doubts > 0
 
     def powered_off(self) -> tuple[str, ...]:
         """Joints whose pulses the board has switched off by itself, once several readings say so."""

@@ -88,6 +88,10 @@ class PathMover:
         """Slow down as hard as the limits allow, then be done."""
         self._stopped = True
 
+    def halt(self) -> None:
+        """No setpoint is sent for now: go on from rest."""
+        self._rate = 0.0
+
     def advance(self, now: float, dt: float) -> Sample | None:
         """Go on by ``dt`` seconds; None where the joints stand."""
         if self.done:

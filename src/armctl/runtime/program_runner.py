@@ -141,6 +141,11 @@ class ProgramRunner:
         if self._mover is not None:
             self._mover.stop()
 
+    def halt(self) -> None:
+        """No setpoint is sent for now: go on from rest."""
+        if self._mover is not None:
+            self._mover.halt()
+
     def advance(self, now: float, dt: float) -> Sample | None:
         """Go on by ``dt`` seconds; None where no joint moves."""
         sample = None

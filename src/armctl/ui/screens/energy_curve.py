@@ -15,7 +15,7 @@ _BEST_COLOR = "#e03131"
 
 
 def energy_curve(robot: Robot, table: SolutionTable, best: FloatArray | None) -> Picture | None:
-    """What to plot; None where no joint is free, so that there is no curve.
+    """What to plot; None where no joint is free, or no solution is admitted.
 
     Args:
         robot: the arm.
@@ -32,6 +32,8 @@ def energy_curve(robot: Robot, table: SolutionTable, best: FloatArray | None) ->
     marked = None if best is None else int(np.abs(angles - np.degrees(best[free])).argmin())
     kept = thinned(len(angles), _MOST_POINTS, [] if marked is None else [marked])
     lines = _branch_lines(table, place.reshape(-1), len(angles), kept)
+    if not lines:
+        return None
     if marked is not None:
         least = np.fmin.reduce([line.y[np.searchsorted(kept, marked)] for line in lines])
         dot = np.full(len(kept), np.nan)
@@ -55,5 +57,6 @@ def _branch_lines(
         np.minimum.at(energy, place[here], table.energy[here])
         line = energy[kept]
         line[~np.isfinite(line)] = np.nan
-        lines.append(Line(name, line, color))
+        if np.isfinite(line).any():  # else the criterion admits none of this branch
+            lines.append(Line(name, line, color))
     return lines

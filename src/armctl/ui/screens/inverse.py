@@ -13,7 +13,7 @@ from armctl.errors import InputError, UnreachableError
 from armctl.kinematics import CRITERIA, CRITERION_TEXT, checked_criterion
 from armctl.runtime import MoveJoints, MoveTo, Snapshot
 from armctl.ui.scene.stage import TargetMark
-from armctl.ui.screens.inverse_answer import Answer, answer, answer_html, solve
+from armctl.ui.screens.inverse_answer import Answer, answer, answer_html, no_curve, solve
 from armctl.ui.screens.inverse_target import TargetForm
 from armctl.ui.screens.solution_table import PAGE_ROWS
 from armctl.ui.widgets.html_bits import muted, numbers
@@ -167,9 +167,7 @@ class InverseScreen:
 
     def _draw_curve(self, found: Answer) -> None:
         if found.curve is None:
-            many = len(found.table)
-            why = f"No joint is free here: {many} isolated solution{'' if many == 1 else 's'}, no curve."
-            self._curve_note.show(muted(why if many else "There is no solution."))
+            self._curve_note.show(muted(no_curve(found)))
             self._curve.clear()
             return
         self._curve_note.show(muted("Every solution as the free joint turns; drag across the plot to zoom."))

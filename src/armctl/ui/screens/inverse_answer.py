@@ -77,5 +77,15 @@ def answer_html(robot: Robot, found: Answer) -> str:
     )
 
 
+def no_curve(found: Answer) -> str:
+    """Why there is no energy curve to show."""
+    many = len(found.table)
+    if many == 0:
+        return "There is no solution."
+    if found.solutions.free_joint is None:
+        return f"No joint is free here: {many} isolated solution{'' if many == 1 else 's'}, no curve."
+    return "The criterion admits none of the solutions."
+
+
 def _sentence(text: str) -> str:
     return text[:1].upper() + text[1:]

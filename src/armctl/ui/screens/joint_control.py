@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -9,6 +10,7 @@ import numpy as np
 import viser
 from numpy.typing import NDArray
 
+from armctl.errors import ArmctlError
 from armctl.runtime import MoveJoints, Snapshot
 from armctl.ui.widgets.joint_step import asked_pose, slider_degrees, stepped
 from armctl.ui.widgets.text import LiveHtml
@@ -35,6 +37,7 @@ class JointControl:
         gui = session.gui
         self._hint = LiveHtml(gui, _FOLLOWING)
         self._edited = False
+        self._goal: FloatArray | None = None
         self._shown = slider_degrees(self._robot, session.snapshot.q_command)
         self._sliders = [self._add_slider(i) for i in range(self._robot.n)]
         self._go = gui.add_button("Go", icon=viser.Icon.PLAYER_PLAY)
@@ -94,7 +97,25 @@ class JointControl:
         self._show(slider_degrees(self._robot, self._session.snapshot.q_command))
 
     async def _on_step(self, i: int) -> None:
+        """Clicks during a step add up: the arm goes on to where all of them together lead."""
         size = float(self._step.value)
         step_deg = size if self._steps[i].value == "+" else -size
-        q = stepped(self._robot, self._session.snapshot.q_command, i, step_deg)
-        await self._session.submit(MoveJoints(q))
+        start = self._session.snapshot.q_command if self._goal is None else self._goal
+        goal = stepped(self._robot, start, i, step_deg)
+        under_way, self._goal = self._goal is not None, goal
+        if not under_way:
+            try:
+                await self._step_on()
+            finally:
+                self._goal = None
+
+    async def _step_on(self) -> None:
+        """Move to the goal, and on for as long as clicks have moved it further."""
+        reached: FloatArray | None = None
+        while self._goal is not None and self._goal is not reached:
+            reached = self._goal
+            ticket = await self._session.submit(MoveJoints(reached))
+            try:
+                await asyncio.wrap_future(ticket.finished)
+            except ArmctlError:  # stopped or broken: the session tells, and later clicks start afresh
+                return

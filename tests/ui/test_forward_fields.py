@@ -1,0 +1,124 @@
+"""Number fields: what they show is what is used, or nothing is."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import pytest
+import viser
+
+from armctl.errors import InputError
+from armctl.ui.guard import GuardedServer, guarded_server
+from armctl.ui.widgets.number_field import EditWatch, NumberField, format_number, parse_number
+
+
+@pytest.fixture(scope="module")
+def server() -> Iterator[GuardedServer]:
+    server = guarded_server(port=0, label="test")
+    yield server
+    server.stop()
+
+
+@pytest.mark.parametrize(
+    ("text", "value"), [("45", 45.0), (" -3.5 ", -3.5), ("−12", -12.0), ("1e2", 100.0), ("+0", 0.0)]
+)
+def test_numbers_are_read(text: str, value: float) -> None:
+    assert parse_number(text, "X") == value
+
+
+@pytest.mark.parametrize(
+    "text", ["", "   ", "-", "1.5.2", "abc", "nan", "inf", "-inf", "1e999", "1e7", "0x10"]
+)
+def test_what_is_no_usable_number_is_refused_by_name(text: str) -> None:
+    with pytest.raises(InputError, match=r"^Elbow °"):
+        parse_number(text, "Elbow °")
+
+
+def test_a_decimal_comma_is_explained() -> None:
+    with pytest.raises(InputError, match=r"write 1\.5, with a point"):
+        parse_number("45,5", "X mm")
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [
+        (0.0, "0"),
+        (-0.0, "0"),
+        (-1e-9, "0"),
+        (45.0, "45"),
+        (1.25, "1.25"),
+        (-80.12345, "-80.123"),
+        (100.0, "100"),
+    ],
+)
+def test_a_field_shows_no_needless_zeros(value: float, text: str) -> None:
+    assert format_number(value) == text
+
+
+def test_a_filled_field_keeps_all_digits_until_it_is_edited(server: GuardedServer) -> None:
+    field = NumberField(server.gui, "X mm", 1.0)
+    field.fill(math.pi)
+    assert field.text == "3.142"
+    assert field.value == math.pi
+    field.handle.value = "3.1"
+    assert field.value == 3.1
+
+
+def test_an_emptied_field_has_no_value(server: GuardedServer) -> None:
+    field = NumberField(server.gui, "Y mm", 7.0)
+    field.handle.value = ""
+    assert field.is_empty
+    with pytest.raises(InputError, match="Y mm is empty"):
+        _ = field.value
+
+
+class Clicks:
+    """Stands for a handle: keeps the callback, and calls it as the page would."""
+
+    def __init__(self) -> None:
+        self.callback: Callable[[Any], Any] | None = None
+
+    def attach(self, callback: Callable[[Any], Any]) -> None:
+        self.callback = callback
+
+    def fire(self, *, by_page: bool) -> None:
+        assert self.callback is not None
+
+        class Event:
+            client = object() if by_page else None
+
+        with pytest.raises(StopIteration):
+            self.callback(Event()).send(None)
+
+
+def test_a_click_that_comes_with_an_edit_is_refused(server: GuardedServer) -> None:
+    now = [10.0]
+    field = NumberField(server.gui, "Z mm", 4.0)
+    watch = EditWatch([field], lambda: now[0])
+    edits = Clicks()
+    watch.watch(edits.attach)
+    watch.require_settled()
+    edits.fire(by_page=False)
+    watch.require_settled()  # what the program fills in is no edit
+    edits.fire(by_page=True)
+    now[0] += 0.1
+    with pytest.raises(InputError, match="still being edited"):
+        watch.require_settled()
+    assert field.text == "4"
+    now[0] += 0.15
+    watch.require_settled()
+
+
+def test_sending_a_field_again_changes_nothing(server: GuardedServer) -> None:
+    field = NumberField(server.gui, "X mm", 12.5)
+    sent: list[str] = []
+
+    @field.handle.on_update
+    def _(event: viser.GuiEvent[viser.GuiTextHandle]) -> None:
+        sent.append(event.target.value)
+
+    field.send_again()
+    assert sent[-1] == "12.5"
+    assert field.value == 12.5
