@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from tests.kinematics.kit import FloatArray, plain_forward, plain_frames
 
 from armctl import load_robot
 from armctl.errors import InputError
 from armctl.kinematics import DHChain, DHRow
-from tests.kinematics.kit import FloatArray, plain_forward, plain_frames
 
 QUARTERS = st.sampled_from([0.0, math.pi / 2, -math.pi / 2, math.pi, -math.pi])
 ANGLES = st.floats(-7.0, 7.0) | QUARTERS

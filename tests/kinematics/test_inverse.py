@@ -7,11 +7,11 @@ from collections.abc import Iterator
 
 import numpy as np
 import pytest
+from tests.kinematics.kit import FloatArray, chain_of, plain_forward, random_planar_arm, random_q, solver_of
 
 from armctl import load_robot
 from armctl.errors import InputError
 from armctl.kinematics import DHChain, DHRow, InverseKinematics, Solutions, Target
-from tests.kinematics.kit import FloatArray, chain_of, plain_forward, random_planar_arm, random_q, solver_of
 
 STEP = math.radians(0.5)
 ROLL_LIMITS = [[-2.0, 2.5]]
@@ -175,7 +175,7 @@ def angle_between(first: FloatArray, second: FloatArray) -> float:
 
 @pytest.mark.parametrize("off", [0.5, 20.0])
 def test_a_rotation_that_cannot_be_gets_the_nearest_that_can(off: float) -> None:
-    """Off what five joints can do, also at the limits: the position is exact, and no grid solution is nearer."""
+    """Off what five joints can do, also at limits: the position is exact, no grid solution is nearer."""
     robot = load_robot("uzuner")
     rng = np.random.default_rng(25)
     for _ in range(60):

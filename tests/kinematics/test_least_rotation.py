@@ -6,11 +6,11 @@ import math
 
 import numpy as np
 import pytest
+from benchmarks.naive_sweep import UZUNER
+from tests.kinematics.kit import chain_of, random_planar_arm, random_q, solver_of
 
 from armctl import load_robot
 from armctl.kinematics import Target
-from benchmarks.naive_sweep import UZUNER
-from tests.kinematics.kit import chain_of, random_planar_arm, random_q, solver_of
 
 
 @pytest.mark.slow

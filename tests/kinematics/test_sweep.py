@@ -6,12 +6,12 @@ import math
 
 import numpy as np
 import pytest
+from benchmarks.naive_sweep import UZUNER, PlanarArm, naive_sweep
+from tests.kinematics.kit import FloatArray, chain_of, random_planar_arm, random_q, solver_of
 
 from armctl import load_robot
 from armctl.errors import InputError
 from armctl.kinematics import InverseKinematics, Target
-from benchmarks.naive_sweep import UZUNER, PlanarArm, naive_sweep
-from tests.kinematics.kit import FloatArray, chain_of, random_planar_arm, random_q, solver_of
 
 STEP = math.radians(0.01)
 COARSE = math.radians(0.5)

@@ -201,11 +201,9 @@ class FreeJointSweep:
         for i in stretch.at_knot:
             exact = self.follow(float(grid.plane[i]), x, y, stretch.bend)
             if exact is not None:
-                for k in (1, 2):
-                    low, high = self.joint_limits[k]
-                    rows[k, i - stretch.start] = min(
-                        max(self.geometry.joint_angle(k, exact[k - 1]), low), high
-                    )
+                for k, (low, high) in enumerate(self.joint_limits[1:], 1):
+                    joint = self.geometry.joint_angle(k, exact[k - 1])
+                    rows[k, i - stretch.start] = min(max(joint, low), high)
 
     def follow(self, t2: float, x: float, y: float, bend: int) -> tuple[float, float, float] | None:
         """The second and third plane angle (inside their limits) and the turns of the third, at one t_2.

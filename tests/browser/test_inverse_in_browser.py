@@ -1,0 +1,265 @@
+"""The Inverse screen as an operator uses it."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from tests.browser.ghost_view import wait_for_ghost, wait_for_no_ghost
+from tests.browser.kit import Screen
+from tests.browser.served_arm import ServedArm, served_arm
+
+from armctl.kinematics import Target
+from armctl.runtime import State
+from armctl.ui.screens.inverse_answer import solve
+
+pytestmark = pytest.mark.browser
+_TARGET = "() => window.__viserMutable.nodeRefFromName['/inverse_target'].position.toArray()"
+_INKS = """canvas => {
+  const ink = canvas.getContext('2d').getImageData(0, 0, canvas.width, canvas.height).data;
+  const seen = new Set();
+  for (let i = 0; i < ink.length; i += 4) if (ink[i + 3] > 200) seen.add(ink.slice(i, i + 3).join());
+  return [...seen];
+}"""
+HOME = [0.0, 90.0, -80.0, -40.0, 0.0]
+LEAST, SELECTED = "Go by least energy", "Go by the selected one"
+
+
+@pytest.fixture
+def served(tmp_path: Path) -> Iterator[ServedArm]:
+    with served_arm(tmp_path / "programs") as served:
+        yield served
+
+
+@pytest.fixture
+def page(screen: Screen, served: ServedArm) -> Screen:
+    screen.open(served.url, until="STOP")
+    screen.open_tab("Inverse")
+    return screen
+
+
+def type_point(page: Screen, x: str, y: str, z: str) -> None:
+    for label, value in (("X mm", x), ("Y mm", y), ("Z mm", z)):
+        page.type_into(label, value)
+
+
+def stands_at(page: Screen, served: ServedArm, q: np.ndarray) -> None:
+    page.wait_until(
+        lambda: served.now.state is State.HOLDING and float(np.abs(served.now.q_command - q).max()) < 1e-9,
+        f"the arm stands at {np.degrees(q).round(2).tolist()}",
+    )
+
+
+def test_solve_page_select_and_go(page: Screen, served: ServedArm) -> None:
+    robot = served.robot
+    type_point(page, "220", "-196", "85")
+    page.click("Solve")
+    page.wait_for_text("3520 solutions inside the limits")
+    page.wait_for_text("front elbow-up: 1760; front elbow-down: 1760")
+    found = solve(robot, Target.of([0.22, -0.196, 0.085]), "least-rotation", robot.pose("home"))
+    assert found.best is not None
+    wait_for_ghost(page, robot, found.best)
+    page.screenshot("inverse-solved")
+    page.wait_for_text(re.compile("page 1 of 235"))
+    page.click("Next")
+    page.wait_for_text(re.compile("page 2 of 235"))
+    page.click("Last")
+    page.wait_for_text(re.compile("page 235 of 235"))
+    page.click("Next")
+    page.wait_for_text(re.compile("page 235 of 235"))
+    page.click("First")
+    page.wait_for_text(re.compile("page 1 of 235"))
+    page.type_into("Row", "3001")
+    page.wait_for_text("selected row 3001: will go to θ = (")
+    page.wait_for_text(re.compile("page 201 of 235"))
+    assert served.commanded_deg == HOME  # nothing has moved the arm so far
+    page.screenshot("inverse-selected")
+    page.click(SELECTED)
+    stands_at(page, served, found.table.q(3001))
+    assert page.errors == []
+
+
+def test_the_ghost_takes_the_selected_configuration(page: Screen, served: ServedArm) -> None:
+    """Solutions of one point share the tool point, so the ghost's wrist is looked at."""
+    robot = served.robot
+    type_point(page, "220", "-196", "85")
+    page.click("Solve")
+    page.wait_for_text("3520 solutions inside the limits")
+    found = solve(robot, Target.of([0.22, -0.196, 0.085]), "least-rotation", robot.pose("home"))
+    for row in (3520, 700):
+        page.type_into("Row", str(row))
+        wrist = robot.frames(found.table.q(row))[6, :3, 3]
+
+        def drawn(wrist: np.ndarray = wrist) -> bool:
+            name = "/ghost/f6"
+            shown = page.page.evaluate(
+                "name => window.__viserMutable.nodeRefFromName[name].position.toArray()", name
+            )
+            return float(np.abs(np.array(shown) - wrist).max()) < 1e-5
+
+        page.wait_until(drawn, f"the ghost shows row {row}")
+
+
+def test_least_energy_by_another_criterion(page: Screen, served: ServedArm) -> None:
+    type_point(page, "220", "-196", "85")
+    page.choose("Least energy is", "published")
+    page.wait_for_text(re.compile("the tables of the paper"))
+    page.click("Solve")
+    page.wait_for_text(re.compile("−42.402, 14.400, −45.909, −1.305"))
+    page.click(LEAST)
+    stands_at(page, served, served.robot.inverse([0.22, -0.196, 0.085]).best("published"))
+    wait_for_no_ghost(page, served.robot)
+
+
+def test_pitch_and_roll_are_used_where_they_are_ticked(page: Screen, served: ServedArm) -> None:
+    robot = served.robot
+    pitch, _ = robot.inverse_kinematics.pitch_and_roll(robot.pose("rest"))
+    assert pitch is not None
+    x, y, z = (1000 * robot.forward(robot.pose("rest"))[:3, 3]).tolist()
+    type_point(page, f"{x:.6f}", f"{y:.6f}", f"{z:.6f}")
+    page.tick("Use pitch")
+    page.tick("Use roll")
+    page.type_into("Pitch °", f"{np.degrees(pitch):.6f}")
+    page.type_into("Roll °", "12")
+    page.click("Solve")
+    page.wait_for_text("1 solution inside the limits")
+    page.click(LEAST)
+    page.wait_until(
+        lambda: served.commanded_deg == [0.0, 110.0, -80.0, -70.0, 12.0], "the arm has taken pitch and roll"
+    )
+    page.open_tab("Energy curve")
+    page.wait_for_text(re.compile("No joint is free here"))
+
+
+def test_an_unreachable_point_says_why_and_offers_the_nearest(page: Screen, served: ServedArm) -> None:
+    robot = served.robot
+    type_point(page, "300", "0", "600")
+    page.click("Solve")
+    page.wait_for_text("No solution")
+    page.wait_for_text(re.compile(r"Too far by 200\.\d mm.*nearest reachable point is \("))
+    nearest = robot.inverse([0.3, 0, 0.6])
+    assert nearest.nearest_q is not None and nearest.nearest_m is not None
+    wait_for_ghost(page, robot, nearest.nearest_q)
+    page.screenshot("inverse-unreachable")
+    page.click(SELECTED)
+    page.wait_for_notification(re.compile("press Solve first"))
+    page.click(LEAST)
+    page.wait_for_notification(re.compile("too far by 200"))
+    assert served.commanded_deg == HOME
+    page.click("Take nearest point")
+    page.wait_for_text(re.compile(r"solutions? inside the limits"))
+    assert page.number("X mm") == pytest.approx(1000 * nearest.nearest_m[0], abs=1e-3)
+    page.click(LEAST)
+    page.wait_until(
+        lambda: bool(np.abs(robot.forward(served.now.q_command)[:3, 3] - nearest.nearest_m).max() < 1e-6),
+        "the arm is at the nearest point",
+    )
+
+
+@pytest.mark.parametrize("typed", ["", "nan", "inf", "abc", "1e300"])
+def test_what_is_no_number_never_moves_the_arm(page: Screen, served: ServedArm, typed: str) -> None:
+    type_point(page, "220", "-196", "85")
+    page.click("Solve")
+    page.wait_for_text("3520 solutions inside the limits")
+    page.entry("Y mm").fill(typed)
+    page.pause(300)
+    page.click(LEAST)
+    page.wait_for_notification(re.compile("Y mm"))
+    page.click(SELECTED)
+    page.wait_for_notification(re.compile("fields have changed"))
+    assert served.commanded_deg == HOME
+
+
+@pytest.mark.parametrize("row", ["0", "-4", "3521", "99999999"])
+def test_a_row_that_is_not_listed_moves_nothing(page: Screen, served: ServedArm, row: str) -> None:
+    type_point(page, "220", "-196", "85")
+    page.click("Solve")
+    page.wait_for_text("3520 solutions inside the limits")
+    page.type_into("Row", row)
+    page.wait_for_text(re.compile("No row is selected"))
+    page.click(SELECTED)
+    page.wait_for_notification(re.compile("no row is selected"))
+    assert served.commanded_deg == HOME
+
+
+def test_a_list_of_other_fields_is_not_used(page: Screen, served: ServedArm) -> None:
+    type_point(page, "220", "-196", "85")
+    page.click("Solve")
+    page.wait_for_text("3520 solutions inside the limits")
+    page.type_into("X mm", "200")
+    page.wait_for_text("The fields have changed since: press Solve.")
+    page.click(SELECTED)
+    page.wait_for_notification(re.compile("fields have changed"))
+    assert served.commanded_deg == HOME
+    page.click(LEAST)  # uses what the fields show, not what was solved
+    stands_at(page, served, served.robot.inverse([0.2, -0.196, 0.085]).best("least-rotation"))
+
+
+def test_the_energy_curve_is_drawn(page: Screen, served: ServedArm) -> None:
+    type_point(page, "220", "-196", "85")
+    page.click("Solve")
+    page.wait_for_text("3520 solutions inside the limits")
+    page.open_tab("Energy curve")
+    for criterion, title in (
+        ("least-rotation", "Energy (°): least-rotation"),
+        ("least-travel", "Energy (s): least-travel"),
+    ):
+        page.choose("Least energy is", criterion)
+        page.wait_for_text(title)
+    plot = page.page.locator(".uplot canvas").locator("visible=true").first
+    page.wait_until(lambda: (plot.bounding_box() or {"width": 0})["width"] > 300, "the plot has its width")
+    page.page.locator(".uplot").locator("visible=true").first.scroll_into_view_if_needed()
+    page.screenshot("inverse-curve")
+    inks = plot.evaluate(_INKS)
+    assert {"25,113,194", "47,158,68", "224,49,49"} <= set(inks)  # two branches and the mark
+    assert page.errors == []
+
+
+def test_dragging_the_target_fills_the_fields_and_moves_no_arm(page: Screen, served: ServedArm) -> None:
+    page.dismiss_graphics_warning()
+    page.click("present position")
+    page.tick("Show target")
+    type_point(page, "200", "0", "150")
+    page.wait_until(
+        lambda: page.page.evaluate(_TARGET) == pytest.approx([0.2, 0.0, 0.15]),
+        "the target has followed the fields",
+    )
+    page.pause(500)
+    page.screenshot("inverse-target")
+    drag_upwards(page)
+    page.wait_until(lambda: page.number("Z mm") > 155, "the drag has filled Z")
+    page.wait_for_text(re.compile(r"solutions inside the limits"))
+    assert served.commanded_deg == HOME
+    assert page.number("X mm") == 200
+
+
+def drag_upwards(page: Screen) -> None:
+    """Take the target's z arrow where the page draws it, and pull."""
+    at = page.page.evaluate(
+        """() => {
+          const node = window.__viserMutable.nodeRefFromName['/inverse_target'];
+          const camera = window.__viserMutable.camera, canvas = window.__viserMutable.canvas;
+          const at = node.getWorldPosition(node.position.clone());
+          const project = height => {
+            const p = at.clone(); p.y += height;
+            p.project(camera);
+            const box = canvas.getBoundingClientRect();
+            return [box.x + (p.x + 1) / 2 * box.width, box.y + (1 - p.y) / 2 * box.height];
+          };
+          return [project(0.06), project(0.12)];
+        }"""
+    )
+    (x0, y0), (x1, y1) = at
+    mouse = page.page.mouse
+    mouse.move(x0, y0)
+    page.pause(300)
+    mouse.down()
+    page.pause(100)
+    for share in (0.25, 0.5, 0.75, 1.0):
+        mouse.move(x0 + share * (x1 - x0), y0 + share * (y1 - y0))
+        page.pause(120)
+    mouse.up()
+    page.pause()

@@ -1,0 +1,175 @@
+"""The Trajectory screen as an operator uses it."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from playwright.sync_api import expect
+from tests.browser.ghost_view import wait_for_ghost
+from tests.browser.kit import PATIENCE_MS, Screen
+from tests.browser.served_arm import ServedArm, served_arm
+
+from armctl.motion import line, plan_joints
+from armctl.runtime import State
+
+pytestmark = pytest.mark.browser
+HOME = [0.0, 90.0, -80.0, -40.0, 0.0]
+MOTION = "Which motion"
+LINE = "Line (29 points)"
+
+
+@pytest.fixture
+def served(tmp_path: Path) -> Iterator[ServedArm]:
+    with served_arm(tmp_path / "programs") as served:
+        yield served
+
+
+@pytest.fixture
+def page(screen: Screen, served: ServedArm) -> Screen:
+    screen.open(served.url, until="STOP")
+    screen.open_tab("Trajectory")
+    return screen
+
+
+def csv_of(page: Screen, button: str) -> list[str]:
+    """The lines of the file that a button offers."""
+    page.click(button)
+    link = page.page.locator(".mantine-Notification-root a[download]").last
+    with page.page.expect_download() as download:
+        link.click()
+    return Path(download.value.path()).read_text().splitlines()
+
+
+def test_a_motion_is_plotted_with_its_peaks_and_run(page: Screen, served: ServedArm) -> None:
+    page.choose(MOTION, "present pose to zero")
+    page.click("Show")
+    page.wait_for_text("Peaks against the limits")
+    page.wait_for_text("Tool position (mm)")
+    page.screenshot("trajectory-tool")
+    page.click("Joints")
+    for quantity, title in (
+        ("Velocity", "Joint velocity (°/s)"),
+        ("Acceleration", "Joint acceleration (°/s²)"),
+        ("Position", "Joint position (°)"),
+    ):
+        page.click(quantity)
+        page.wait_for_text(title)
+    expect(page.page.locator(".uplot .u-legend .u-label").locator("visible=true")).to_have_text(
+        ["time (s):", *(f"{joint.title}:" for joint in served.robot.joints)]
+    )
+    assert served.commanded_deg == HOME
+    wait_for_ghost(page, served.robot, np.zeros(5))
+    page.click("Run")
+    page.wait_until(
+        lambda: served.commanded_deg == [0.0] * 5 and served.now.state is State.HOLDING,
+        "the arm is stretched",
+    )
+    page.wait_for_text("The arm has moved since: press Show.")
+    page.click("Run")
+    page.wait_for_notification(re.compile("the arm has moved since"))
+    assert page.errors == []
+
+
+def test_the_time_cursor_moves_the_ghost(page: Screen, served: ServedArm) -> None:
+    page.choose(MOTION, "present pose to zero")
+    page.click("Show")
+    page.wait_for_text("Peaks against the limits")
+    page.type_into("Time s", "0.5")
+    page.wait_for_text(re.compile(r"at 0\.50 s: tool"))
+    q = served.robot.pose("home")
+    wait_for_ghost(page, served.robot, plan_joints(served.robot, q, np.zeros(5)).sample(0.5).q)
+    assert served.commanded_deg == HOME
+
+
+def test_the_line_runs_from_its_first_point_and_is_reported(page: Screen, served: ServedArm) -> None:
+    page.choose(MOTION, LINE)
+    page.click("Show")
+    page.wait_for_text("Peaks against the limits")
+    assert page.value("Choose by") == "published"
+    page.open_tab("Error report")
+    page.wait_for_text("Theoretical: 29 points")
+    page.wait_for_text(re.compile("Applied: not run yet"))
+    page.click("Run")
+    page.wait_for_text(re.compile("Applied: recording"))
+    page.page.get_by_text("Applied: 29 points").wait_for(timeout=3 * PATIENCE_MS)
+    page.wait_for_text(re.compile("transmitted by the board, not measured"))
+    page.page.get_by_text("Applied: 29 points").scroll_into_view_if_needed()
+    page.screenshot("trajectory-report")
+    page.wait_until(lambda: served.now.state is State.HOLDING, "the arm stands")
+    tip = 1000 * served.robot.forward(served.now.q_command)[:3, 3]
+    assert tip == pytest.approx(1000 * line()[-1], abs=1e-6)
+    head, *rows = csv_of(page, "Export error report (CSV)")
+    assert head.split(",")[:4] == ["point", "desired_x_mm", "desired_y_mm", "desired_z_mm"]
+    table = np.array([[float(cell) for cell in row.split(",")] for row in rows])
+    assert table.shape == (29, 10)
+    assert np.abs(table[:, 1:4] - table[:, 4:7]).max() < 1e-5  # theoretical
+    assert np.abs(table[:, 1:4] - table[:, 7:10]).max() < 0.5  # a quarter microsecond is 0.1 mm here
+    page.click("Next")
+    page.wait_for_text(re.compile("page 2 of 2"))
+    page.type_into("Row", "7")
+    wait_for_ghost(page, served.robot, served.robot.inverse(line()[6]).best("published"))
+
+
+def test_a_stopped_path_gives_no_report(page: Screen, served: ServedArm) -> None:
+    page.choose(MOTION, LINE)
+    page.type_into("Duration s", "60")
+    page.click("Show")
+    page.wait_for_text("Peaks against the limits")
+    page.open_tab("Error report")
+    page.click("Run")
+    page.wait_for_text(re.compile("Applied: recording"))
+    page.click("STOP")
+    page.wait_for_text(re.compile("did not come to its end"))
+    assert served.now.state is State.HOLDING
+
+
+def test_settings_that_were_not_shown_are_not_run(page: Screen, served: ServedArm) -> None:
+    page.click("Run")
+    page.wait_for_notification(re.compile("press Show first"))
+    page.choose(MOTION, "present pose to zero")
+    page.click("Show")
+    page.wait_for_text("Peaks against the limits")
+    page.type_into("Duration s", "9")
+    page.wait_for_text("The settings have changed since: press Show.")
+    page.click("Run")
+    page.wait_for_notification(re.compile("settings have changed"))
+    page.type_into("Duration s", "0.2")
+    page.click("Show")
+    page.wait_for_notification(re.compile("shortest possible duration"))
+    page.type_into("Duration s", "x")
+    page.click("Show")
+    page.wait_for_notification("Duration s: 'x' is not a number")
+    assert served.commanded_deg == HOME
+
+
+def test_a_point_out_of_reach_is_explained(page: Screen, served: ServedArm) -> None:
+    page.choose(MOTION, "present pose to X Y Z")
+    page.type_into("X mm", "900")
+    page.click("Show")
+    page.wait_for_notification(re.compile("too far by"))
+    assert served.commanded_deg == HOME
+
+
+def test_the_program_on_the_desk_is_shown_and_run(page: Screen, served: ServedArm) -> None:
+    page.choose(MOTION, "Program on the desk")
+    page.click("Show")
+    page.wait_for_notification(re.compile("has no steps"))
+    served.put((10, 90, -80, -40, 0), (10, 80, -80, -40, 0))
+    page.click("Show")
+    page.wait_for_text(re.compile("program test: "))
+    page.click("Run")
+    page.wait_until(lambda: served.commanded_deg == [10.0, 80.0, -80.0, -40.0, 0.0], "the program has run")
+
+
+def test_the_motion_is_exported_with_units(page: Screen, served: ServedArm) -> None:
+    page.choose(MOTION, "present pose to zero")
+    page.click("Show")
+    page.wait_for_text("Peaks against the limits")
+    head, *rows = csv_of(page, "Export motion (CSV)")
+    assert head.startswith("time_s,base_deg,shoulder_deg")
+    assert float(rows[0].split(",")[2]) == 90
+    assert float(rows[-1].split(",")[2]) == 0

@@ -1,0 +1,134 @@
+"""Each criterion against its formula, written out."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from tests.kinematics.kit import FloatArray, plain_frames, random_q
+
+from armctl import load_robot
+from armctl.errors import InputError, UnreachableError
+from armctl.kinematics import CRITERIA, CRITERION_TEXT, Body, GravityModel, Solutions
+
+START = np.radians([10, 100, -60, -20, 5.0])
+
+
+def solutions() -> Solutions:
+    robot = load_robot("uzuner")
+    return robot.inverse(robot.forward(np.radians([15, 60, -70, 20, 0]))[:3, 3], roll=math.radians(12))
+
+
+def potential(model: GravityModel, q: FloatArray) -> float:
+    """Potential energy [J] by plain products."""
+    chain = model.chain
+    frames = plain_frames(chain.rows, chain.convention, q)
+    heights: list[float] = []
+    for body in model.bodies:
+        T = frames[chain.joint_rows[body.joint] + 1]
+        heights.append(body.mass_kg * float((T @ [*body.com_m, 1.0])[2]))
+    return 9.80665 * (sum(heights) + model.payload_kg * frames[-1][2, 3])
+
+
+def test_least_rotation_is_the_sum_of_magnitudes() -> None:
+    found = solutions()
+    assert found.energies("least-rotation") == pytest.approx(np.abs(found.q).sum(axis=1), rel=1e-14)
+
+
+def test_published_is_the_magnitude_of_the_sum_with_the_last_pitch_joint_not_positive() -> None:
+    found = solutions()
+    energy = found.energies("published")
+    allowed = found.q[:, 3] <= 0
+    assert 0 < allowed.sum() < len(found)
+    assert energy[allowed] == pytest.approx(np.abs(found.q[allowed, :4].sum(axis=1)), abs=1e-14)
+    assert np.isinf(energy[~allowed]).all()
+    best = found.best("published")
+    assert abs(best[:4].sum()) == energy.min()
+
+
+def test_least_travel_is_weighted_by_joint_speed() -> None:
+    found, speeds = solutions(), np.radians([60, 60, 90, 120, 120.0])
+    times = (np.abs(found.q - START) / speeds).sum(axis=1)
+    assert found.energies("least-travel", START) == pytest.approx(times, rel=1e-12)
+    assert found.best("least-travel", START).tolist() == found.q[times.argmin()].tolist()
+
+
+def test_least_torque_is_the_squared_load_of_each_servo() -> None:
+    found, robot = solutions(), load_robot("uzuner")
+    stall = np.array([2.941995, 2.941995, 3.9, 1.2552512, 0.4903325])
+    energy = found.energies("least-torque")
+    for i in range(0, len(found), 397):
+        assert energy[i] == pytest.approx(((robot.gravity.torque(found.q[i]) / stall) ** 2).sum(), rel=1e-12)
+    assert found.best("least-torque").tolist() == found.q[energy.argmin()].tolist()
+
+
+def test_gravity_torque_is_the_gradient_of_the_potential_energy() -> None:
+    robot = load_robot("uzuner")
+    rng = np.random.default_rng(51)
+    bodies = tuple(Body(int(rng.integers(5)), 0.3, tuple(rng.uniform(-0.1, 0.1, 3))) for _ in range(6))
+    for model in (robot.gravity, GravityModel(robot.chain, bodies, 0.25)):
+        q = random_q(rng, robot.limits, 8)
+        batched = model.torque(q)
+        for one, torque in zip(q, batched, strict=True):
+            steps = 1e-5 * np.eye(5)
+            numeric = [(potential(model, one + h) - potential(model, one - h)) / 2e-5 for h in steps]
+            assert torque == pytest.approx(numeric, abs=1e-8)
+            assert model.torque(one) == pytest.approx(torque, abs=1e-15)
+
+
+def test_the_base_of_an_upright_arm_carries_nothing() -> None:
+    assert np.abs(load_robot("uzuner").gravity.torque(np.radians([[30, 20, 10, 5, 3.0]]))[:, 0]).max() < 1e-15
+
+
+def test_of_two_that_tie_the_first_is_taken() -> None:
+    found = load_robot("uzuner").inverse([0.2, 0.05, 0.085], pitch=math.radians(-90))
+    twice = Solutions(
+        found.target, np.repeat(found.q, 2, axis=0), np.repeat(found.branch_index, 2), found.branch_names,
+        found.chain, found.energy, found.pitch_joints,
+    )  # fmt: skip
+    assert twice.index_of(twice.best()) == 0
+    assert twice.best().tolist() == found.q[0].tolist()
+
+
+def test_all_excluded_says_so() -> None:
+    robot = load_robot("uzuner")
+    q = np.radians([10, 20, -20, 50, 0.0])
+    found = robot.inverse(robot.forward(q)[:3, 3], pitch=math.radians(50))
+    assert (found.q[:, 3] > 0).all()
+    with pytest.raises(UnreachableError, match="solutions is admitted by 'published'"):
+        found.best("published")
+
+
+@pytest.mark.parametrize(
+    ("criterion", "start", "says"),
+    [
+        ("least-travel", None, "needs the pose that the arm starts from"),
+        ("least-travel", [0, 0, 0], "5 joint angles are needed"),
+        ("least-travel", [0, 0, 0, 0, math.nan], "finite"),
+        ("least-travel", "home", "must be numbers"),
+        ("least-travel", np.zeros((2, 5)), "one pose"),
+        (
+            "least-effort",
+            None,
+            "no criterion 'least-effort'; choose one of least-rotation, published",
+        ),
+        ("", None, "there is no criterion"),
+    ],
+)
+def test_what_cannot_choose_is_refused(criterion: str, start: object, says: str) -> None:
+    with pytest.raises(InputError, match=says):
+        solutions().best(criterion, start)  # type: ignore[arg-type]
+
+
+def test_without_a_solution_there_is_no_best() -> None:
+    none = load_robot("uzuner").inverse([0.3, 0, 0.6])
+    for criterion in CRITERIA:
+        with pytest.raises(UnreachableError, match=r"too far by 200\.1 mm"):
+            none.best(criterion, START)
+    with pytest.raises(UnreachableError, match="too far"):
+        none.branch_of(START)
+
+
+def test_every_criterion_is_described() -> None:
+    assert set(CRITERION_TEXT) == set(CRITERIA)

@@ -1,0 +1,177 @@
+"""Refusals: why, with numbers; and the nearest reachable point against brute force."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from benchmarks.naive_sweep import UZUNER, PlanarArm
+from scipy.optimize import minimize
+from tests.kinematics.kit import FloatArray, chain_of, random_planar_arm, random_q, solver_of
+
+from armctl import load_robot
+from armctl.kinematics import DHChain, InverseKinematics, Target
+
+STEP = math.radians(0.5)
+
+
+def refusal(x: float, y: float, z: float, **asked: float) -> str:
+    solutions = load_robot("uzuner").inverse(
+        np.array([x, y, z]) / 1000, **{name: math.radians(value) for name, value in asked.items()}
+    )
+    assert not solutions.success
+    assert len(solutions) == 0
+    return str(solutions.reason)
+
+
+def test_too_far_says_by_how_much() -> None:
+    said = refusal(300, 0, 600)
+    assert "too far by 200.1 mm" in said
+    assert "530.1 mm from the shoulder" in said
+    assert "the arm reaches 330.0 mm" in said
+
+
+def test_inside_the_cylinder_about_the_base_axis() -> None:
+    said = refusal(0, 0, 300)
+    assert "3.62 mm cylinder" in said
+    assert "0.00 mm from the axis" in said
+
+
+def test_behind_the_base_names_the_joints_and_their_limits() -> None:
+    said = refusal(-300, 0, 100)
+    assert "Base needs 179.31°, its limits are -102.80° … 107.26°" in said
+    assert "Shoulder needs 163.69°, its limits are -3.19° … 146.83°" in said
+
+
+def test_a_pitch_out_of_reach_names_the_wrist() -> None:
+    assert "too far by 57.8 mm" in refusal(250, 0, 10, pitch=45)
+    assert "with the tool at that pitch" in refusal(250, 0, 10, pitch=45)
+    assert "at that pitch, but joint limits forbid it" in refusal(200, 0, 100, pitch=-30)
+
+
+def test_a_roll_outside_its_limits() -> None:
+    said = refusal(200, 0, 100, roll=90)
+    assert "Wrist roll needs 90.00°, its limits are -47.64° … 47.32°" in said
+    robot = load_robot("uzuner")
+    nearest = robot.inverse([0.2, 0, 0.1], roll=math.radians(200)).nearest_q
+    assert nearest is not None
+    assert nearest[4] == robot.limits[4, 0]  # 200° is -160°
+
+
+def test_the_dead_zone() -> None:
+    arm = PlanarArm(0.0, 0.0, 0.1, (0.3, 0.05, 0.05), np.radians([[-170.0, 170.0]] * 4))
+    solutions = solver_of(chain_of(arm, "standard"), arm.limits).solve(Target.of([0.05, 0.0, 0.1]), STEP)
+    assert "too near by 150.0 mm" in str(solutions.reason)
+    assert "folds no closer than 200.0 mm" in str(solutions.reason)
+
+
+Tip = Callable[[FloatArray], FloatArray]
+
+
+def brute_force(tip: Tip, limits: FloatArray, position: FloatArray, rng: np.random.Generator) -> float:
+    """Least distance found by sampling and then descending from the best samples."""
+    q = random_q(rng, limits, 2000)
+    starts = q[np.linalg.norm(tip(q) - position, axis=1).argsort()[:3]]
+    found = [
+        minimize(
+            lambda v: 1e4 * float(((tip(v) - position) ** 2).sum()),
+            start,
+            bounds=limits,
+            method="L-BFGS-B",
+            options={"ftol": 1e-14, "gtol": 1e-9, "maxiter": 100},
+        ).x
+        for start in starts
+    ]
+    return min(float(np.linalg.norm(tip(np.clip(v, *limits.T)) - position)) for v in found)
+
+
+def cases(rng: np.random.Generator, count: int) -> list[tuple[PlanarArm, InverseKinematics, DHChain]]:
+    robot = load_robot("uzuner")
+    out = [(UZUNER, robot.inverse_kinematics, robot.chain)] * (count // 4)
+    while len(out) < count:
+        arm = random_planar_arm(rng)
+        chain = chain_of(arm, "standard")
+        out.append((arm, solver_of(chain, arm.limits), chain))
+    return out
+
+
+def assert_nearest(nearest: float, brute: float) -> None:
+    assert nearest <= brute + 1e-6
+
+
+@pytest.mark.slow
+def test_the_nearest_point_is_the_nearest() -> None:
+    rng = np.random.default_rng(41)
+    refused = 0
+    for arm, ik, chain in cases(rng, 70):
+        for _ in range(5):
+            size = sum(arm.lengths) + 0.1
+            position = rng.uniform(-size, size, 3) * rng.choice([0.1, 0.4, 1.0, 2.0])
+            position[2] += arm.shoulder_z
+            solutions = ik.solve(Target.of(position), STEP)
+            if solutions.success:
+                continue
+            refused += 1
+            assert solutions.nearest_q is not None
+            assert solutions.nearest_m is not None
+            q = solutions.nearest_q[:4]
+            assert ((q >= arm.limits[:, 0]) & (q <= arm.limits[:, 1])).all()
+            assert np.abs(chain.forward(solutions.nearest_q)[:3, 3] - solutions.nearest_m).max() == 0.0
+            assert_nearest(
+                float(np.linalg.norm(solutions.nearest_m - position)),
+                brute_force(arm.tip, arm.limits, position, rng),
+            )
+            assert ik.solve(Target.of(solutions.nearest_m), STEP).success
+    assert refused >= 200
+
+
+def at_pitch(arm: PlanarArm, heading: float) -> tuple[Tip, FloatArray]:
+    """The tip by base, shoulder and elbow with the last link's heading held, and their limits."""
+    s, o = np.array(arm.signs), np.array(arm.offsets)
+
+    def tip(v: FloatArray) -> FloatArray:
+        t = v[..., 1:3] * s[:2] + o[:2]
+        last = s[2] * (heading - t.sum(axis=-1) - o[2])
+        return arm.tip(np.concatenate([v, last[..., None]], axis=-1))
+
+    return tip, arm.limits[:3]
+
+
+def test_the_nearest_point_with_the_pitch_kept() -> None:
+    """By sampling alone: the wrist's own limit is a constraint between the other two joints."""
+    rng = np.random.default_rng(42)
+    kept = 0
+    for _ in range(60):
+        arm = random_planar_arm(rng)
+        chain = chain_of(arm, "modified", roll=True)
+        limits = np.vstack([arm.limits, [[-2.0, 2.0]]])
+        ik = solver_of(chain, limits)
+        pitch = float(rng.uniform(-1.4, 1.4))
+        position = rng.uniform(-0.6, 0.6, 3)
+        solutions = ik.solve(Target.of(position, pitch=pitch), STEP)
+        if solutions.success or solutions.nearest_q is None or solutions.nearest_m is None:
+            continue
+        reached, _ = ik.pitch_and_roll(solutions.nearest_q)
+        samples: list[FloatArray] = []
+        for heading in (pitch, math.pi - pitch):
+            tip, three = at_pitch(arm, heading)
+            v = random_q(rng, three, 60_000)
+            last = arm.signs[2] * (
+                heading - (v[:, 1:] * arm.signs[:2] + arm.offsets[:2]).sum(axis=1) - arm.offsets[2]
+            )
+            middle = arm.limits[3].mean()
+            last = last - 2 * math.pi * np.rint((last - middle) / (2 * math.pi))
+            samples.append(tip(v)[(last >= arm.limits[3, 0]) & (last <= arm.limits[3, 1])])
+        tips = np.concatenate(samples)
+        if not len(tips):
+            continue
+        kept += 1
+        assert reached == pytest.approx(pitch, abs=1e-9)
+        distance = float(np.linalg.norm(solutions.nearest_m - position))
+        sampled = float(np.linalg.norm(tips - position, axis=1).min())
+        assert distance <= sampled + 1e-9
+        assert distance >= sampled - 0.03  # 60,000 samples are a coarse net, but not a wrong one
+        assert ik.solve(Target.of(solutions.nearest_m, pitch=pitch), STEP).success
+    assert kept >= 30

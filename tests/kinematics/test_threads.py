@@ -1,0 +1,43 @@
+"""Two threads that solve at once get what each gets alone."""
+
+from __future__ import annotations
+
+import math
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+from benchmarks.naive_sweep import UZUNER
+from tests.kinematics.kit import FloatArray, random_q
+
+from armctl import load_robot
+
+STEPS = (math.radians(0.01), math.radians(0.02))  # the grid is cached: let them fight over it
+
+
+def test_two_threads_get_what_they_get_alone() -> None:
+    robot = load_robot("uzuner")
+    rng = np.random.default_rng(71)
+    jobs = [(UZUNER.tip(random_q(rng, UZUNER.limits)), STEPS[i % 2]) for i in range(120)]
+
+    def solve(job: tuple[FloatArray, float]) -> tuple[FloatArray, FloatArray, FloatArray]:
+        position, step = job
+        solutions = robot.inverse(position, step=step)
+        far = robot.inverse(3 * position + [0, 0, 0.5], step=step)
+        return solutions.q, solutions.best(), np.zeros(3) if far.nearest_m is None else far.nearest_m
+
+    alone = [solve(job) for job in jobs]
+    with ThreadPoolExecutor(2) as pool:
+        together = list(pool.map(solve, jobs))
+    for one, other in zip(alone, together, strict=True):
+        for a, b in zip(one, other, strict=True):
+            assert np.array_equal(a, b)
+
+
+def test_solutions_of_one_target_survive_the_next() -> None:
+    robot = load_robot("uzuner")
+    first = robot.inverse([0.2, 0.0, 0.1])
+    before = first.q.copy()
+    robot.inverse([0.22, 0.03, 0.12])
+    assert np.array_equal(first.q, before)
+    first.q[:] = 0.0  # the caller's own: nothing inside leans on it
+    assert np.array_equal(robot.inverse([0.2, 0.0, 0.1]).q, before)

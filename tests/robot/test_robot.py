@@ -1,0 +1,72 @@
+"""The robot: limits, poses, servo map."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from armctl import load_robot
+from armctl.errors import InputError, MotionRefusedError
+
+
+def test_limits_are_kept_and_named() -> None:
+    robot = load_robot("uzuner")
+    inside = robot.limits.mean(axis=1)
+    assert robot.check_limits(inside).tolist() == inside.tolist()
+    grazing = robot.limits[:, 1] + 5e-10
+    assert robot.check_limits(grazing).tolist() == robot.limits[:, 1].tolist()
+    with pytest.raises(
+        MotionRefusedError, match=r"Elbow: -91\.20° is outside -84\.36° … 95\.07°; Wrist roll: 50"
+    ):
+        robot.check_limits(np.radians([0, 0, -91.2, 0, 50]))
+    with pytest.raises(InputError, match="finite"):
+        robot.check_limits([0, 0, 0, 0, math.nan])
+
+
+def test_limits_and_poses_cannot_be_written_to() -> None:
+    robot = load_robot("uzuner")
+    with pytest.raises(ValueError, match="read-only"):
+        robot.limits[0, 0] = 0.0
+    robot.pose("home")[0] = 1.0  # a copy
+    assert robot.pose("home")[0] == 0.0
+    with pytest.raises(InputError, match="uzuner has no pose 'bed'; it has home, rest, zero"):
+        robot.pose("bed")
+
+
+def test_named_poses_are_inside_the_limits_and_above_the_floor() -> None:
+    robot = load_robot("uzuner")
+    for name in robot.poses:
+        q = robot.check_limits(robot.pose(name))
+        assert robot.frames(q)[1:, 2, 3].min() > robot.floor_z
+
+
+def test_pulses_there_and_back() -> None:
+    robot = load_robot("uzuner")
+    servos = robot.servo_map
+    assert servos is not None
+    for q in (robot.limits[:, 0], robot.limits[:, 1], robot.pose("home")):
+        pulses = servos.pulses(q)
+        assert servos.angles(pulses) == pytest.approx(q, abs=1e-12)
+        for k, channel in enumerate(servos.channels):
+            assert servos.pulse_min_us[k] - 0.125 <= pulses[channel] <= servos.pulse_max_us[k] + 0.125
+    assert servos.pulses(robot.pose("zero"))[0] == pytest.approx(1479.93)
+    assert servos.pulses(np.radians([1, 0, 0, 0, 0]))[0] == pytest.approx(1479.93 + 9)
+    assert np.isnan(servos.angles({0: None, 1: 1500.0})).tolist() == [True, False, True, True, True]
+
+
+def test_the_gripper_there_and_back() -> None:
+    servos = load_robot("uzuner").servo_map
+    assert servos is not None
+    for opening in (0.0, 0.25, 1.0):
+        assert servos.opening(servos.gripper_pulse(opening)) == pytest.approx(opening)
+    assert servos.gripper_pulse(1.0) == {5: 2000.0}
+    assert servos.opening({5: None}) is None
+    assert servos.opening({}) is None
+
+
+def test_the_solver_is_made_once() -> None:
+    robot = load_robot("uzuner")
+    assert robot.inverse_kinematics is robot.inverse_kinematics
+    assert robot.inverse_kinematics.family.startswith("yaw")

@@ -1,0 +1,166 @@
+"""Robot files are read strictly: what is wrong is named by file and key."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from armctl import load_robot
+from armctl.errors import RobotFileError
+from armctl.robot import robots_folder, shipped_robots
+
+SHIPPED = (robots_folder() / "uzuner.toml").read_text(encoding="utf-8")
+NUMBER = re.compile(r"(?<![\w.])-?\d+(?:\.\d+)?(?![\w.])")
+
+
+def written(tmp_path: Path, text: str) -> Path:
+    path = tmp_path / "mine.toml"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def changed(old: str, new: str, count: int = 1) -> str:
+    assert old in SHIPPED
+    return SHIPPED.replace(old, new, count)
+
+
+def test_a_copy_of_the_shipped_file_is_the_same_robot(tmp_path: Path) -> None:
+    mine, shipped = load_robot(written(tmp_path, SHIPPED)), load_robot("uzuner")
+    q = np.radians([10, 20, -30, 10, 5.0])
+    assert np.array_equal(mine.forward(q), shipped.forward(q))
+    assert mine.joint_names == ("base", "shoulder", "elbow", "wrist_pitch", "wrist_roll")
+    assert np.degrees(mine.limits[1]) == pytest.approx([-3.19, 146.831])
+    assert np.degrees(mine.pose("home")) == pytest.approx([0, 90, -80, -40, 0])
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "says"),
+    [
+        ('name = "uzuner"', 'name = "uzuner"\ncolour = "red"', "unknown field `colour`"),
+        ("d_mm = 98,", "d_cm = 9.8,", r"unknown field `d_cm`.*dh\.rows\[0\]"),
+        ("d_mm = 98,", "", r"missing required field `d_mm`.*dh\.rows\[0\]"),
+        ("d_mm = 98,", 'd_mm = "98",', r"Expected `float`, got `str`.*dh\.rows\[0\]\.d_mm"),
+        ("d_mm = 98,", "d_mm = true,", r"Expected `float`, got `bool`.*dh\.rows\[0\]\.d_mm"),
+        ("d_mm = 98,", f"d_mm = 1{'0' * 400},", "mine.toml"),
+        ("format = 1", "format = 2", r"Invalid enum value 2.*\$\.format"),
+        ('convention = "modified"', 'convention = "craig"', r"Invalid enum value 'craig'.*dh\.convention"),
+        ('joint = "elbow" }', 'joint = "knee" }', "must name the same joints once each"),
+        ('joint = "elbow" }', 'joint = "shoulder" }', "must name the same joints once each"),
+        ('name = "elbow"', 'name = "shoulder"', "two joints have the same name"),
+        ('name = "elbow"', 'name = "Elbow!"', r"joints\[2\]\.name"),
+        ("[-102.8, 107.26]", "[107.26, -102.8]", r"joints\.base\.limit_deg = \[107\.26, -102\.8\]"),
+        ("[-102.8, 107.26]", "[5, 5]", r"joints\.base\.limit_deg.*the lower limit comes first"),
+        ("[-102.8, 107.26]", "[-102.8, 1e9]", r"<= 720.*joints\[0\]\.limit_deg\[1\]"),
+        ("[-102.8, 107.26]", "[-102.8]", r"length 2.*joints\[0\]\.limit_deg"),
+        ("speed_deg_s = 60", "speed_deg_s = 0", r"> 0.*joints\[0\]\.speed_deg_s"),
+        ("channel = 1,", "channel = 0,", r"two servos are on the same channel: \[0, 0, 2, 3, 4, 5\]"),
+        ("channel = 5,", "channel = 2,", r"two servos are on the same channel"),
+        ("channel = 1,", "channel = 1.5,", r"Expected `int`.*joints\[1\]\.servo\.channel"),
+        ("channel = 1,", "channel = -1,", r">= 0.*joints\[1\]\.servo\.channel"),
+        (
+            "[749, 2251]",
+            "[800, 2251]",
+            r"shoulder\.servo: the limits -3\.19° … 146\.831° need pulses",
+        ),
+        ("[749, 2251]", "[2251, 749]", r"joints\.shoulder\.servo"),
+        ("[749, 2251]", "[749, 9000]", r"joints\[1\]\.servo\.pulse_us\[1\]"),
+        ("us_per_deg = 10", "us_per_deg = 0", r"joints\.shoulder\.servo\.us_per_deg is 0"),
+        ("open_us = 2000", "open_us = 1000", "closed_us and open_us are the same"),
+        ("home = [0, 90, -80, -40, 0]", "", r"poses\.home is missing"),
+        ("rest = [0, 110, -80, -70, 0]", "", r"poses\.rest is missing"),
+        (
+            "home = [0, 90, -80, -40, 0]",
+            "home = [0, 90, -80, -40]",
+            r"poses\.home: 5 angles are needed, there are 4",
+        ),
+        (
+            "home = [0, 90, -80, -40, 0]",
+            "home = [0, 190, -80, -40, 0]",
+            r"poses\.home: shoulder = 190.*outside",
+        ),
+        ("mass_kg = 0.25", "mass_kg = -0.25", r">= 0.*bodies\[0\]\.mass_kg"),
+        ('joint = "base"\nmass_kg', 'joint = "neck"\nmass_kg', "bodies: there is no joint 'neck'"),
+        ("com_mm = [0, 0, 40]", "com_mm = [0, 0]", r"length 3.*bodies\[0\]\.com_mm"),
+        ("[dh]", "[dh", "mine.toml"),
+        ('title = "Base"', 'title = "Base"\ntitle = "Base"', "mine.toml"),
+    ],
+)
+def test_what_is_wrong_is_named(tmp_path: Path, old: str, new: str, says: str) -> None:
+    path = written(tmp_path, changed(old, new))
+    with pytest.raises(RobotFileError, match=says) as refused:
+        load_robot(path)
+    assert str(path) in str(refused.value)
+
+
+def numeric_places() -> list[tuple[int, int]]:
+    """Where a number stands in the shipped file as a value; comments and text left out."""
+    places: list[tuple[int, int]] = []
+    at = 0
+    for line in SHIPPED.splitlines(keepends=True):
+        code = re.sub(r'"[^"]*"', lambda text: "_" * len(text.group()), line.split("#")[0])
+        if "=" in code:
+            places += [(at + m.start(), at + m.end()) for m in NUMBER.finditer(code)]
+        at += len(line)
+    return places
+
+
+@pytest.mark.parametrize("value", ["nan", "inf", "-inf", "1e300"])
+def test_no_number_may_be_anything_but_a_number(tmp_path: Path, value: str) -> None:
+    """Every numeric field in turn: TOML knows nan and inf, and comparisons with nan are false."""
+    places = numeric_places()
+    assert len(places) > 100
+    for start, end in places:
+        path = written(tmp_path, SHIPPED[:start] + value + SHIPPED[end:])
+        with pytest.raises(RobotFileError, match=re.escape(str(path))):
+            load_robot(path)
+
+
+def test_a_number_that_is_none_names_its_key(tmp_path: Path) -> None:
+    with pytest.raises(RobotFileError, match=r"dh\.rows\[4\]\.a_mm = nan: must be a finite number"):
+        load_robot(written(tmp_path, changed("a_mm = 125", "a_mm = nan")))
+    with pytest.raises(RobotFileError, match=r"floor\.z_mm = -inf"):
+        load_robot(written(tmp_path, changed("z_mm = 0", "z_mm = -inf")))
+
+
+def test_a_servo_for_some_joints_only(tmp_path: Path) -> None:
+    servo = "servo = { channel = 2, zero_us = 1446.45, us_per_deg = 10, pulse_us = [602, 2398] }\n"
+    with pytest.raises(RobotFileError, match=r"joints\.elbow\.servo is missing; the other joints have one"):
+        load_robot(written(tmp_path, changed(servo, "")))
+
+
+def test_an_arm_without_servos_or_gripper(tmp_path: Path) -> None:
+    text = re.sub(
+        r"^servo = .*$",
+        "",
+        SHIPPED.split("[gripper]")[0] + "[poses]" + SHIPPED.split("[poses]")[1],
+        flags=re.M,
+    )
+    robot = load_robot(written(tmp_path, text))
+    assert robot.servo_map is None
+    assert robot.gripper is None
+
+
+def test_files_that_are_none(tmp_path: Path) -> None:
+    with pytest.raises(RobotFileError, match=r"there is no robot 'nobody'; shipped are .*uzuner"):
+        load_robot("nobody")
+    with pytest.raises(RobotFileError, match="cannot be read: No such file"):
+        load_robot(tmp_path / "none.toml")
+    with pytest.raises(RobotFileError, match=r"ends in \.toml"):
+        load_robot(tmp_path / "arm.yaml")
+    with pytest.raises(RobotFileError, match="cannot be read"):
+        folder = tmp_path / "folder.toml"
+        folder.mkdir()
+        load_robot(folder)
+    binary = tmp_path / "binary.toml"
+    binary.write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(RobotFileError, match=re.escape(str(binary))):
+        load_robot(binary)
+
+
+def test_every_shipped_robot_loads_and_bears_its_file_name() -> None:
+    assert "uzuner" in shipped_robots()
+    for name in shipped_robots():
+        assert load_robot(name).name == name
