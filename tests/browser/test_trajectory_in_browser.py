@@ -59,7 +59,7 @@ def test_a_motion_is_plotted_with_its_peaks_and_run(page: Screen, served: Served
         page.click(quantity)
         page.wait_for_text(title)
     expect(page.page.locator(".uplot .u-legend .u-label").locator("visible=true")).to_have_text(
-        ["time (s):", *(f"{joint.title}:" for joint in served.robot.joints)]
+        ["time (s)", *(joint.title for joint in served.robot.joints)]
     )
     assert served.commanded_deg == HOME
     wait_for_ghost(page, served.robot, np.zeros(5))

@@ -21,8 +21,7 @@ from armctl.kinematics.two_link import bend_angle, two_link
 from armctl.kinematics.yaw_pitch_roll import YawPitchRoll
 
 FloatArray = NDArray[np.float64]
-_ON_GRID = 1e-4
-"""how near to a grid value an end must fall, in steps, for rounding not to decide whether it is inside"""
+_ON_GRID = 1e-4  # how near to a grid value, in steps, an end must fall for rounding not to decide
 _SAME_KNOT = 1e-13
 
 
@@ -53,7 +52,7 @@ class _Interval(NamedTuple):
 
 
 class FreeJointSweep:
-    """The sweep for one arm and its limits. Immutable but for the cached grid; safe in several threads.
+    """The sweep for one arm and its limits; immutable but for the cached grid, safe in several threads.
 
     The limits of the second and third pitch joint may span one turn at most: a wider range is a sweep
     for each turn (``turns``).

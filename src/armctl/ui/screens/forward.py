@@ -122,8 +122,17 @@ class ForwardScreen:
         if shown == PRESENT:
             self._preview.hide()
         elif self._edited and snapshot.state is not State.MOVING:
-            self._preview.show(q, present)
+            self._show_ghost(q, present)
         self._figures(q)
+
+    def _show_ghost(self, q: FloatArray, present: FloatArray) -> None:
+        """The ghost stands where a button would send the arm; where none would, there is none."""
+        try:
+            self._robot.check_limits(q)
+        except ArmctlError:
+            self._preview.hide()
+            return
+        self._preview.show(q, present)
 
     def _figures(self, q: FloatArray | None, why: str = "") -> None:
         if q is None:
