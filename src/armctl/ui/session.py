@@ -34,6 +34,8 @@ class Session:
         self.client = client
         self.console = console
         self._tasks: set[asyncio.Task[None]] = set()
+        self.closed = False
+        """the page is gone; whoever has waited for something must not write to it any more"""
         self.ghost = Ghost(client.scene, console.robot)
         client.gui.main_panel.dock_right()
         client.gui.main_panel.set_width(_PANEL_WIDTH)
@@ -131,6 +133,7 @@ class Session:
 
     def close(self) -> None:
         """The page is gone: end what waits for it."""
+        self.closed = True
         for task in tuple(self._tasks):
             task.cancel()
 

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 FloatArray = NDArray[np.float64]
 _NOTE = "Choose a motion and press <b>Show</b> to see it over time; <b>Run</b> executes what is shown."
 _STALE = "<b style='color:#e67700'>{}: press Show.</b>"
-_PLOT_SAMPLES = 600
+_PLOT_SAMPLES = 1500
 _MOVED = 1e-6
 
 

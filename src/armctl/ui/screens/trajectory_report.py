@@ -69,7 +69,7 @@ class ReportView:
         if self._planned is planned:
             self._applied_summary.show(muted("Applied: recording …"))
         readings, source = await _readings(self._session, ticket)
-        if self._planned is not planned or planned.points is None:
+        if self._session.closed or self._planned is not planned or planned.points is None:
             return
         if not await finished(ticket):
             self._applied_summary.show(
