@@ -103,11 +103,11 @@ def test_a_click_that_comes_with_an_edit_is_refused(server: GuardedServer) -> No
     edits.fire(by_page=False)
     watch.require_settled()  # what the program fills in is no edit
     edits.fire(by_page=True)
-    now[0] += 0.1
+    now[0] += 0.06
     with pytest.raises(InputError, match="still being edited"):
         watch.require_settled()
     assert field.text == "4"
-    now[0] += 0.15
+    now[0] += 0.03
     watch.require_settled()
 
 

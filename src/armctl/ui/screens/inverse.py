@@ -105,7 +105,7 @@ class InverseScreen:
         self._form.fill_tool(self._session.snapshot.q_command)
 
     async def _on_solve(self) -> None:
-        self._form.watch.require_settled()
+        self._form.watch.show_held()  # nothing moves, so a lost digit only has to be seen
         await self._update()
 
     async def _on_nearest(self) -> None:

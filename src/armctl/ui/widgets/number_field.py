@@ -16,9 +16,11 @@ from armctl.errors import InputError
 
 _DIGITS = 3
 _LARGEST = 1e6
-_SETTLE_S = 0.2
+_SETTLE_S = 0.08
 """A page keeps only the last of the messages of 50 ms: a digit and a click that come closer than that
-lose the digit. On a page that is busy drawing, the click then arrives up to a few frames later."""
+lose the digit, and the click arrives 50 ms behind the digit before it, or a frame later."""
+_SHOW_HELD_S = 1.0
+"""After an edit this young the page is told what the server used: a busy page can be later still."""
 
 
 def parse_number(text: str, what: str) -> float:
@@ -129,15 +131,25 @@ class EditWatch:
 
         attach(note)
 
+    @property
+    def settled(self) -> bool:
+        """Nobody was typing when this click was made."""
+        return self._time() - self._edited_at >= _SETTLE_S
+
+    def show_held(self) -> None:
+        """Make the page show what the server has, if a digit may have been lost."""
+        if self._time() - self._edited_at < _SHOW_HELD_S:
+            for field in self._fields:
+                field.send_again()
+
     def require_settled(self) -> None:
-        """Refuse a click that came with an edit; the page is sent what the server has.
+        """Refuse a click that came with an edit; after a young edit the page is sent what the server has.
 
         Raises:
             InputError: a field was edited a moment ago.
         """
-        if self._time() - self._edited_at < _SETTLE_S:
-            for field in self._fields:
-                field.send_again()
+        self.show_held()
+        if not self.settled:
             raise InputError(
                 "a field was still being edited when the button was pressed; nothing was done: "
                 "look at the fields and press again"
