@@ -11,6 +11,8 @@ from armctl.hardware.ports import find_maestro, list_ports
 from armctl.hardware.pty_server import PtyServer
 
 SIMULATED, AUTOMATIC = "sim", "auto"
+_SIMULATED_TIMEOUT_S = 0.5
+"""The simulated board lives in this process: on a busy computer it is late, never gone."""
 
 
 class Boards:
@@ -32,7 +34,13 @@ class Boards:
         """
         if port == SIMULATED:
             server = self.simulated()
-            return MaestroDriver(server.port, now=self._now, model=_model(self._channels), simulated=True)
+            return MaestroDriver(
+                server.port,
+                now=self._now,
+                model=_model(self._channels),
+                simulated=True,
+                timeout_s=_SIMULATED_TIMEOUT_S,
+            )
         if port == AUTOMATIC:
             port = find_maestro(list_ports()).device
         return MaestroDriver(port, now=self._now)

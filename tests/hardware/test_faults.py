@@ -23,6 +23,7 @@ class Rig:
             lambda: LoopTransport(self.faults, clock.now, clock.advance),
             now=clock.now,
             framing=Framing(crc=crc),
+            timeout_s=0.05,
         )
         self.driver.open()
         self.driver.configure(CHANNELS)

@@ -101,6 +101,18 @@ def test_too_many_lose_the_board(holding: Rig) -> None:
     )
 
 
+def test_a_board_that_does_not_take_its_limits_back_is_still_silent(holding: Rig) -> None:
+    holding.driver.fail["read"] = BoardTimeoutError("no answer")
+    holding.tick()
+    holding.driver.fail = {"configure": BoardTimeoutError("no answer")}
+    holding.tick()
+    assert holding.now.state is State.HOLDING
+    holding.driver.fail.clear()
+    holding.run(3 * TICK)
+    assert holding.now.state is State.HOLDING
+    assert holding.now.warnings == ()
+
+
 def test_a_silent_board_gets_no_setpoints_and_the_arm_goes_on_from_rest(holding: Rig) -> None:
     motion = holding.do(MoveJoints(HOME))
     holding.run(10 * TICK)

@@ -59,7 +59,9 @@ class Monitor:
         if self._answered_at is None:
             self._answered_at = now
         try:
-            self.reading = board.read()
+            reading = board.read()
+            if self._failures:
+                board.configure()  # a board that was silent may have started anew and forgotten its limits
         except (BoardTimeoutError, BoardProtocolError) as cause:
             self._failures += 1
             silent = now - self._answered_at
@@ -72,10 +74,10 @@ class Monitor:
                 self._doubts = _OFF_READINGS
                 self._notices.set("read", f"the board does not answer properly: {cause}")
             return None
+        self.reading = reading
         self._answered_at = now
         self._doubts = max(0, self._doubts - 1)
         if self._failures:
-            board.configure()  # a board that was silent may have started anew and forgotten its limits
             self._failures = 0
             self._notices.clear("read")
         for error in self.reading.errors:

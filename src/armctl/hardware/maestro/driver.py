@@ -59,7 +59,7 @@ class MaestroDriver:
         framing: Framing = COMPACT,
         simulated: bool = False,
         ports: Callable[[], Sequence[PortInfo]] = list_ports,
-        timeout_s: float = 0.05,
+        timeout_s: float = 0.1,
     ) -> None:
         self._line = line
         self._now = now
