@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import viser
 
+from armctl.hardware import Source
 from armctl.runtime import Pause, Release, Resume, SetSpeed, Snapshot, State
 from armctl.ui.widgets.text import LiveHtml, table
 
@@ -18,7 +19,9 @@ if TYPE_CHECKING:
 
 _WIDTH = 250
 _RELEASE_SECONDS = 5.0
-_STOP_HINT = "Decelerate and hold where the arm is, with power. Not a rated emergency stop."
+_DOUBLE_CLICK_S = 0.6
+_EXPAND_S = 1.0
+_STOP_HINT = "Decelerate and hold where the arm is, with power (key: Escape). Not a rated emergency stop."
 _RELEASE_HINT = "Switch the pulses off: THE ARM DROPS. Not a rated emergency stop."
 _SPEED_HINT = "Slows down everything that moves; the path stays the same."
 _COLORS = {
@@ -31,6 +34,13 @@ _COLORS = {
 }
 
 
+def _shown(snapshot: Snapshot) -> str:
+    """Where the position shown comes from."""
+    if not np.isnan(snapshot.q).any() and snapshot.board is not None:
+        return snapshot.source.value
+    return Source.COMMANDED.value if snapshot.powered else "unknown; drawn where Enable would put it"
+
+
 class ControlPanel:
     """A panel of its own: viser throttles clicks a panel, and STOP must never wait for a number field."""
 
@@ -38,19 +48,21 @@ class ControlPanel:
         self._session = session
         gui = session.gui
         self._window = gui.add_panel()
+        speed = round(100 * session.snapshot.speed)
         with self._window.add_tab("Control", viser.Icon.HAND_STOP):
             self._stop = gui.add_button("STOP", color="red", icon=viser.Icon.HAND_STOP, hint=_STOP_HINT)
             self._hold = gui.add_button_group("Motion", ("Pause", "Resume"))
             self._release = gui.add_button("Release", color="gray", icon=viser.Icon.POWER, hint=_RELEASE_HINT)
             self._state = LiveHtml(gui)
-            self._speed = gui.add_slider("Speed %", 5, 100, 1, initial_value=100, hint=_SPEED_HINT)
+            self._speed = gui.add_slider("Speed %", 5, 100, 1, initial_value=speed, hint=_SPEED_HINT)
             self._take = gui.add_button("Take control", visible=False)
             self._where = LiveHtml(gui)
         # Docked: notifications cover what floats at the left, but give way to what is docked there.
         self._window.dock_left()
         self._window.set_width(_WIDTH)
         self._asked_release = False
-        self._shown_state = State.DISCONNECTED
+        self._released_at = 0.0
+        self._expanded_at = -math.inf
         self._attach()
 
     def _attach(self) -> None:
@@ -66,9 +78,9 @@ class ControlPanel:
     def refresh(self, snapshot: Snapshot) -> None:
         """Show state, operator and speed."""
         session = self._session
-        if snapshot.state is State.MOVING and self._shown_state is not State.MOVING:
+        if snapshot.state is State.MOVING and snapshot.stamp - self._expanded_at > _EXPAND_S:
             self._window.expand()  # a panel that somebody has minimised must not hide STOP
-        self._shown_state = snapshot.state
+            self._expanded_at = snapshot.stamp
         if self._take.visible == session.operates:
             self._take.visible = not session.operates
         percent = round(100 * snapshot.speed)
@@ -82,7 +94,7 @@ class ControlPanel:
             f"<div style='opacity:.75'>{escape(snapshot.cause)}</div>" if snapshot.cause else "",
             f"<div>Operator: <b>{session.console.operators.describe(session.client.client_id)}</b>"
             + (f" · {watching} watching" if watching else "") + "</div>",
-            f"<div>Position shown: <b>{snapshot.source.value}</b></div>",
+            f"<div>Position shown: <b>{_shown(snapshot)}</b></div>",
         ]  # fmt: skip
         lines += [f"<div style='color:#c92a2a'>⚠ {escape(text)}</div>" for text in snapshot.warnings]
         self._state.show("".join(lines))
@@ -114,17 +126,21 @@ class ControlPanel:
     async def _on_release(self) -> None:
         """The first click asks, a second one within a few seconds releases."""
         self._session.require_operator()
+        now = asyncio.get_running_loop().time()
         if self._asked_release:
+            if now - self._released_at < _DOUBLE_CLICK_S:
+                return  # the second half of a double click is no answer
             self._ask_release(False)
             await self._session.submit(Release())
             return
+        self._released_at = now
         self._ask_release(True)
         await asyncio.sleep(_RELEASE_SECONDS)
         self._ask_release(False)
 
     def _ask_release(self, asking: bool) -> None:
         self._asked_release = asking
-        self._release.label = "Release: the arm DROPS. Click again" if asking else "Release"
+        self._release.label = "DROPS! Click again" if asking else "Release"
         self._release.color = "orange" if asking else "gray"
 
     async def _on_speed(self) -> None:

@@ -20,8 +20,8 @@ if TYPE_CHECKING:
 
 FloatArray = NDArray[np.float64]
 _STEPS = ("0.1", "1", "5", "10")
-_FOLLOWING = "The sliders show the arm. Move one: a ghost shows the new pose, <b>Go</b> sends the arm there."
-_EDITED = "<b style='color:#0c8599'>The ghost shows the new pose.</b> Press <b>Go</b> to send the arm there."
+_FOLLOWING = "The sliders show the arm. Move one, then press <b>Go</b>."
+_EDITED = "<b style='color:#0c8599'>The ghost shows the new pose.</b> Press <b>Go</b>."
 
 
 class JointControl:

@@ -21,6 +21,7 @@ _ENABLE_NOTE = (
     "**Enable** switches the servos on. A servo that was off jumps to the rest pose at full speed: "
     "hold the arm near that pose or keep clear."
 )
+_TAKE_OVER_NOTE = "The servos are on: **Enable** takes the arm over where it stands. Nothing jumps."
 
 
 class MainScreen:
@@ -56,10 +57,14 @@ class MainScreen:
 
     def refresh(self, snapshot: Snapshot) -> None:
         """Show the board, what can be done, and the newest log lines."""
-        self._clear.visible = snapshot.state is State.FAULT
-        self._enable.visible = self._enable_note.visible = not snapshot.powered
+        self._clear.visible = snapshot.state is State.FAULT and snapshot.board is not None
+        holds = snapshot.powered and snapshot.state is not State.OFF
+        self._enable.visible = self._enable_note.visible = not holds
+        note = _TAKE_OVER_NOTE if snapshot.powered else _ENABLE_NOTE
+        if self._enable_note.content != note:
+            self._enable_note.content = note
         self._enable.disabled = snapshot.state is not State.OFF
-        self._home.disabled = not snapshot.powered
+        self._home.disabled = snapshot.state is not State.HOLDING
         self._board.show(self._board_text(snapshot))
         self._log.show("".join(self._log_line(event) for event in reversed(snapshot.events[-_LOG_LINES:])))
 
