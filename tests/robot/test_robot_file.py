@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from armctl import load_robot
-from armctl.errors import RobotFileError
+from armctl.errors import InputError, RobotFileError
 from armctl.robot import robots_folder, shipped_robots
 
 SHIPPED = (robots_folder() / "uzuner.toml").read_text(encoding="utf-8")
@@ -52,7 +52,7 @@ def test_a_copy_of_the_shipped_file_is_the_same_robot(tmp_path: Path) -> None:
         ('name = "elbow"', 'name = "shoulder"', "two joints have the same name"),
         ('name = "elbow"', 'name = "Elbow!"', r"joints\[2\]\.name"),
         ("[-102.8, 107.26]", "[107.26, -102.8]", r"joints\.base\.limit_deg = \[107\.26, -102\.8\]"),
-        ("[-102.8, 107.26]", "[5, 5]", r"joints\.base\.limit_deg.*the lower limit comes first"),
+        ("[-102.8, 107.26]", "[107.27, 107.26]", r"joints\.base\.limit_deg.*the lower limit comes first"),
         ("[-102.8, 107.26]", "[-102.8, 1e9]", r"<= 720.*joints\[0\]\.limit_deg\[1\]"),
         ("[-102.8, 107.26]", "[-102.8]", r"length 2.*joints\[0\]\.limit_deg"),
         ("speed_deg_s = 60", "speed_deg_s = 0", r"> 0.*joints\[0\]\.speed_deg_s"),
@@ -164,3 +164,38 @@ def test_every_shipped_robot_loads_and_bears_its_file_name() -> None:
     assert "uzuner" in shipped_robots()
     for name in shipped_robots():
         assert load_robot(name).name == name
+
+
+def test_a_joint_may_be_held_where_it_is(tmp_path: Path) -> None:
+    held = changed("limit_deg = [-47.64, 47.32]", "limit_deg = [0, 0]")
+    robot = load_robot(written(tmp_path, held))
+    assert robot.limits[4].tolist() == [0.0, 0.0]
+    assert robot.inverse([0.2, 0.0, 0.1]).best()[4] == 0.0
+
+
+def test_named_points_and_the_look_are_read(tmp_path: Path) -> None:
+    more = (
+        '[points]\nP0 = [200, 0, 100]\n\n[look]\nlinks = ["#ff8000"]\nshape = "square"\nwidth_percent = 8\n'
+    )
+    robot = load_robot(written(tmp_path, SHIPPED + more))
+    assert robot.point("P0").tolist() == pytest.approx([0.2, 0.0, 0.1])
+    assert robot.look.links == ((255, 128, 0),)
+    assert (robot.look.shape, robot.look.width) == ("square", pytest.approx(0.08))
+    with pytest.raises(InputError, match="uzuner has no point 'P9'; it has P0"):
+        robot.point("P9")
+
+
+@pytest.mark.parametrize(
+    ("more", "says"),
+    [
+        ('[look]\nlinks = ["red"]', r"look\.links\[0\]"),
+        ("[look]\nlinks = []", r"length >= 1.*look\.links"),
+        ('[look]\nlinks = ["#ff8000"]\nwidth_percent = 0', r"> 0.*look\.width_percent"),
+        ("[points]\nP0 = [1, 2]", r"length 3.*points"),
+        ("[points]\nP0 = [nan, 0, 0]", r"points\.P0\[0\] = nan"),
+        ('[points]\n"P 0" = [0, 0, 0]', r"points"),
+    ],
+)
+def test_a_wrong_point_or_look_is_named(tmp_path: Path, more: str, says: str) -> None:
+    with pytest.raises(RobotFileError, match=says):
+        load_robot(written(tmp_path, f"{SHIPPED}\n{more}\n"))

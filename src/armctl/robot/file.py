@@ -14,9 +14,11 @@ from armctl.errors import RobotFileError
 Positive = Annotated[float, Meta(gt=0)]
 NotNegative = Annotated[float, Meta(ge=0)]
 Name = Annotated[str, Meta(pattern=r"^[a-z][a-z0-9_]*$")]
+PointName = Annotated[str, Meta(pattern=r"^[A-Za-z][A-Za-z0-9_]*$")]
 Channel = Annotated[int, Meta(ge=0, le=63)]
 Pulse = Annotated[float, Meta(ge=64, le=4080)]
 Limit = Annotated[float, Meta(ge=-720, le=720)]
+Color = Annotated[str, Meta(pattern=r"^#[0-9a-fA-F]{6}$")]
 LARGEST = 1e6
 """no number of a robot file, in mm, degrees or µs, is larger than this"""
 
@@ -88,6 +90,18 @@ class BodyEntry(_Strict, frozen=True):
     com_mm: tuple[float, float, float]
 
 
+class LookEntry(_Strict, frozen=True):
+    """How the arm is drawn; colours as ``#rrggbb``."""
+
+    links: Annotated[tuple[Color, ...], Meta(min_length=1)]
+    """one colour a joint, used over and over where there are more joints"""
+    joints: Color = "#3c3c41"
+    shape: Literal["round", "square"] = "round"
+    """cross-section of the links"""
+    width_percent: Annotated[float, Meta(gt=0, le=20)] = 5.2
+    """width of the links in percent of the arm's reach"""
+
+
 class FloorEntry(_Strict, frozen=True):
     """The plane that the arm must stay above."""
 
@@ -103,12 +117,15 @@ class RobotFile(_Strict, frozen=True):
     dh: DHEntry
     joints: Annotated[tuple[JointEntry, ...], Meta(min_length=1)]
     poses: dict[Name, tuple[float, ...]]
+    points: dict[PointName, tuple[float, float, float]] = {}
+    """named tool points [mm]"""
     source: str = ""
     assumed: tuple[str, ...] = ()
     payload_kg: NotNegative = 0.0
     gripper: GripperEntry | None = None
     bodies: tuple[BodyEntry, ...] = ()
     floor: FloorEntry = FloorEntry()
+    look: LookEntry | None = None
 
 
 def read_robot_file(path: Path) -> RobotFile:

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from armctl.errors import RobotFileError
 from armctl.kinematics import Body, DHChain, DHRow, GravityModel
-from armctl.robot.file import JointEntry, RobotFile, read_robot_file
+from armctl.robot.file import JointEntry, LookEntry, RobotFile, read_robot_file
+from armctl.robot.look import Color, Look
 from armctl.robot.robot import Gripper, Joint, Robot
 from armctl.robot.servo_map import ServoMap
 
@@ -85,6 +86,8 @@ def _build(file: RobotFile, path: Path) -> Robot:
         else Gripper(file.gripper.title, file.gripper.speed_percent_s / 100),
         gravity=_gravity(file, order, chain, path),
         floor_z=file.floor.z_mm / 1000,
+        points={name: _point(value) for name, value in file.points.items()},
+        look=_look(file.look),
     )
     for needed in ("home", "rest"):
         if needed not in robot.poses:
@@ -103,9 +106,10 @@ def _check_joints(file: RobotFile, by_name: dict[str, JointEntry], path: Path) -
         )
     for joint in file.joints:
         low, high = joint.limit_deg
-        if not (math.isfinite(low) and math.isfinite(high) and low < high):
+        if not (math.isfinite(low) and math.isfinite(high) and low <= high):
             raise RobotFileError(
-                f"{path}: joints.{joint.name}.limit_deg = [{low}, {high}]: the lower limit comes first"
+                f"{path}: joints.{joint.name}.limit_deg = [{low}, {high}]: the lower limit comes first "
+                "(the same number twice holds the joint there)"
             )
 
 
@@ -132,6 +136,23 @@ def _pose(values: tuple[float, ...], entries: list[JointEntry], where: str) -> F
     pose = np.radians(np.array(values, dtype=np.float64))
     pose.flags.writeable = False
     return pose
+
+
+def _point(value_mm: tuple[float, float, float]) -> FloatArray:
+    point = np.array(value_mm, dtype=np.float64) / 1000
+    point.flags.writeable = False
+    return point
+
+
+def _look(entry: LookEntry | None) -> Look:
+    if entry is None:
+        return Look()
+    return Look(tuple(map(_color, entry.links)), _color(entry.joints), entry.shape, entry.width_percent / 100)
+
+
+def _color(text: str) -> Color:
+    red, green, blue = bytes.fromhex(text.removeprefix("#"))
+    return red, green, blue
 
 
 def _servo_map(file: RobotFile, entries: list[JointEntry], path: Path) -> ServoMap | None:

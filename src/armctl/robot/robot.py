@@ -20,6 +20,7 @@ from armctl.kinematics import (
     Target,
     inverse_kinematics,
 )
+from armctl.robot.look import Look
 from armctl.robot.servo_map import ServoMap
 
 FloatArray = NDArray[np.float64]
@@ -67,6 +68,9 @@ class Robot:
     gravity: GravityModel
     floor_z: float
     """height of the floor in the base frame [m]"""
+    points: Mapping[str, FloatArray] = field(default_factory=dict[str, FloatArray])
+    """named tool points (3,) in the base frame [m]"""
+    look: Look = field(default_factory=Look)
     limits: FloatArray = field(init=False)
     """(n, 2) lower and upper joint limits [rad]"""
 
@@ -157,6 +161,16 @@ class Robot:
         if name not in self.poses:
             raise InputError(f"{self.name} has no pose {name!r}; it has {', '.join(self.poses)}")
         return self.poses[name].copy()
+
+    def point(self, name: str) -> FloatArray:
+        """A named tool point (3,) [m].
+
+        Raises:
+            InputError: there is none of that name.
+        """
+        if name not in self.points:
+            raise InputError(f"{self.name} has no point {name!r}; it has {', '.join(self.points) or 'none'}")
+        return self.points[name].copy()
 
     def check_limits(self, q: ArrayLike) -> FloatArray:
         """``q`` (n,) [rad] if it is finite and inside the limits.
