@@ -64,6 +64,12 @@ def quaternion_wxyz(rotation: FloatArray) -> FloatArray:
     return -q if q[0] < 0 else q
 
 
+def quaternion_product(a: FloatArray, b: FloatArray) -> FloatArray:
+    """Hamilton product (4,) ``a b`` of two quaternions ``w, x, y, z``: b turns first."""
+    (w, u), (v, t) = (a[0], a[1:]), (b[0], b[1:])
+    return np.array([w * v - u @ t, *(w * t + v * u + np.cross(u, t))])
+
+
 def rotation_angle(rotation: FloatArray) -> float:
     """Angle [rad] in 0..pi by which one rotation (3, 3) turns."""
     skew = np.array(

@@ -75,7 +75,7 @@ class StationaryCurve:
         points: list[tuple[float, float]] = []
         for i in np.flatnonzero(difference[:-1] * difference[1:] <= 0).tolist():
             low, high = float(self.t3[i]), float(self.t3[i + 1])
-            rising = difference[i] <= 0
+            rising = difference[i] < difference[i + 1]  # an end may lie on the circle itself
             for _ in range(_BISECTIONS):
                 middle = 0.5 * (low + high)
                 if not low < middle < high:

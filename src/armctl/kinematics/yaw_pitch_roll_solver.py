@@ -2,25 +2,26 @@
 
 from __future__ import annotations
 
+import itertools
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from armctl.errors import InputError
 from armctl.kinematics.angles import images, wrap
-from armctl.kinematics.base_yaw import BaseBranch, axis_branches, base_branches, is_on_axis
+from armctl.kinematics.base_yaw import BaseBranch, base_branches, is_on_axis
 from armctl.kinematics.branch_names import BRANCHES, bend_sense, branch_index, tool_points_in
 from armctl.kinematics.chain import DHChain
 from armctl.kinematics.checks import checked_number
 from armctl.kinematics.energy import EnergyModel
 from armctl.kinematics.least_rotation import LeastRotation
 from armctl.kinematics.nearest import NearestReach
-from armctl.kinematics.orientation import PlanePose, RotationFit, pitch_poses
+from armctl.kinematics.nearest_orientation import NearestOrientation
+from armctl.kinematics.orientation import pitch_poses
 from armctl.kinematics.plane_postures import PlanePostures
 from armctl.kinematics.reach import Reach
-from armctl.kinematics.rotation import rotation_angle
 from armctl.kinematics.solutions import Solutions
 from armctl.kinematics.sweep import FreeJointSweep, turns
 from armctl.kinematics.target import Target
@@ -48,9 +49,8 @@ class YawPitchRollSolver:
         three = len(geometry.lengths) == 3
         self._sweeps = [FreeJointSweep(geometry, cut) for cut in turns(limits)] if three else []
         self._least = LeastRotation(geometry, limits) if three else None
-        roll_axis = None if geometry.roll_joint is None else chain.axes()[1][geometry.roll_joint]
-        self._fit = RotationFit(geometry, chain.forward(np.zeros(chain.n))[:3, :3], roll_axis)
         self._planar = PlanePostures(geometry, limits)
+        self._orientation = NearestOrientation(chain, geometry, limits, self._planar, self._least)
         self._reach = Reach(geometry, limits, titles, NearestReach(geometry, limits, self._in_plane))
 
     @property
@@ -90,9 +90,11 @@ class YawPitchRollSolver:
             return self._refused(target, refusal)
         x, y, z = self.geometry.local(target.position)
         branches = base_branches(self.geometry, x, y, self._pairs[0])
-        if target.rotation is not None and is_on_axis(self.geometry, x, y):
-            branches = self._axis_branches(target.rotation)
-        if self._sweeps and target.pitch is None and target.rotation is None:
+        if target.rotation is not None:
+            any_base = is_on_axis(self.geometry, x, y)
+            found, index = self._orientation.solve(branches, z, target.rotation, any_base=any_base)
+            return self._solutions(target, found, index) if found else self._refused(target)
+        if self._sweeps and target.pitch is None:
             return self._swept(target, branches, z, roll, step)
         return self._isolated(target, branches, z, roll)
 
@@ -111,14 +113,6 @@ class YawPitchRollSolver:
         if inside:
             return None, min(inside, key=abs)
         return self._reach.joint_outside(joint, wrap(target.roll)), 0.0
-
-    def _axis_branches(self, rotation: FloatArray) -> list[BaseBranch]:
-        """Base angles for a target on the base axis: there the rotation says which way to face."""
-        turns = self._fit.base_angles(rotation)
-        if not turns:  # the roll axis is upright too, and base and roll make up for each other
-            low, high = self._pairs[0]
-            turns = [min(max(0.0, low), high), low, high]
-        return axis_branches(turns, self._pairs[0])
 
     def _swept(
         self, target: Target, branches: list[BaseBranch], z: float, roll: float, step: float
@@ -167,73 +161,18 @@ class YawPitchRollSolver:
         return x * math.cos(turn) + y * math.sin(turn) >= 0.0
 
     def _isolated(self, target: Target, branches: list[BaseBranch], z: float, roll: float) -> Solutions:
+        shoulder = self.geometry.shoulder
         found: list[FloatArray] = []
         index: list[int] = []
-        for branch in branches:
-            for plane, pose in self._postures(target, branch, z, roll):
-                for angles in self._planar.joint_images(plane):
-                    for rolled in self._roll_images(pose.roll):
-                        found.append(self._with_roll(np.array([branch.angle, *angles]), rolled))
-                        index.append(
-                            branch_index(branch.front, bend_sense(plane[1]), tool_points_in(branch, pose))
-                        )
-        if not found and target.rotation is not None:
-            return self._nearest_orientation(target, target.rotation, branches, z)
-        if not found:
-            return self._refused(target)
-        return self._solutions(target, *_distinct(found, index))
-
-    def _nearest_orientation(
-        self, target: Target, rotation: FloatArray, branches: list[BaseBranch], z: float
-    ) -> Solutions:
-        """The one solution of the position whose rotation comes nearest, where the limits forbid the best.
-
-        Then the pitch is at an end of its range or the roll at a limit, or both.
-        """
-        best, best_miss, best_index = None, math.inf, 0
-        for branch in branches:
-            for q in self._limited(branch, z, rotation):
-                miss = rotation_angle(self.chain.forward(q)[:3, :3].T @ rotation)
-                if miss < best_miss:
-                    bend = bend_sense(self.geometry.plane_angle(1, float(q[2])))
-                    best, best_miss, best_index = q, miss, branch_index(branch.front, bend)
-        return self._refused(target) if best is None else self._solutions(target, [best], [best_index])
-
-    def _limited(self, branch: BaseBranch, z: float, rotation: FloatArray) -> Iterator[FloatArray]:
-        """Configurations with the pitch at an end of its range or the roll at a limit."""
-        x, y = branch.r - self.geometry.shoulder.real, z - self.geometry.shoulder.imag
-        joint, three = self.geometry.roll_joint, self._least is not None
-        rolls = () if joint is None else self._pairs[joint]
-        ends = list(self._least.extremes(branch, z)) if self._least is not None else []
-        for roll in rolls if three else ():
-            for plane in self._planar.at(x, y, self._fit.pitch_at(branch.angle, roll, rotation).tool_angle):
-                for angles in self._planar.joint_images(plane):
-                    yield self._with_roll(np.array([branch.angle, *angles]), roll)
-        if not three:
-            ends = [a for plane in self._planar.at(x, y, None) for a in self._planar.joint_images(plane)]
-        for angles in ends:
-            tool = sum(self.geometry.plane_angle(k, angle) for k, angle in enumerate(angles))
-            roll = self._fit.roll_at(branch.angle, tool + (self.geometry.tool_angle or 0.0), rotation)
-            for rolled in (*self._roll_images(roll), *rolls):
-                yield self._with_roll(np.array([branch.angle, *angles]), rolled)
-
-    def _postures(
-        self, target: Target, branch: BaseBranch, z: float, roll: float
-    ) -> Iterator[tuple[tuple[float, ...], PlanePose]]:
-        """Plane angles and tool pose of every posture, limits not yet looked at."""
-        x, y = branch.r - self.geometry.shoulder.real, z - self.geometry.shoulder.imag
-        if target.rotation is None:
-            for pose in pitch_poses(target.pitch, roll):
-                for plane in self._planar.at(x, y, pose.tool_angle):
-                    yield plane, pose
-        elif len(self.geometry.lengths) == 3:
-            pose = self._fit.nearest(branch.angle, target.rotation)
-            for plane in self._planar.at(x, y, pose.tool_angle):
-                yield plane, pose
-        else:  # two pitch joints: the position alone decides where the tool points
-            for plane in self._planar.at(x, y, None):
-                angle = sum(plane) + (self.geometry.tool_angle or 0.0)
-                yield plane, PlanePose(angle, self._fit.roll_at(branch.angle, angle, target.rotation))
+        for branch, pose in itertools.product(branches, pitch_poses(target.pitch, roll)):
+            for plane in self._planar.at(branch.r - shoulder.real, z - shoulder.imag, pose.tool_angle):
+                name = branch_index(branch.front, bend_sense(plane[1]), tool_points_in(branch, pose))
+                for angles, rolled in itertools.product(
+                    self._planar.joint_images(plane), self._roll_images(pose.roll)
+                ):
+                    found.append(self._with_roll(np.array([branch.angle, *angles]), rolled))
+                    index.append(name)
+        return self._solutions(target, *_distinct(found, index)) if found else self._refused(target)
 
     def _roll_images(self, roll: float) -> list[float]:
         joint = self.geometry.roll_joint
