@@ -9,8 +9,8 @@ import pytest
 from tests.kinematics.kit import chain_of, random_planar_arm, solver_of
 
 from armctl import load_robot
-from armctl.errors import InputError
 from armctl.kinematics import DHChain, DHRow, Target
+from armctl.kinematics.spherical_shoulder import recognise_spherical
 from armctl.kinematics.yaw_pitch_roll import recognise
 
 RIGHT = math.pi / 2
@@ -109,12 +109,19 @@ def test_two_pitch_joints_belong() -> None:
                 (0, -RIGHT, 0, RIGHT),
                 (0, 0, 0.29, 0),
             ),
-            id="spherical shoulder",
+            id="shoulder axes that do not meet",
         ),
         pytest.param(chain((0.1, 0, 0, 0)), id="a single joint"),
     ],
 )
-def test_what_does_not_belong_is_refused_in_words(other: DHChain) -> None:
+def test_what_does_not_belong_is_solved_numerically(other: DHChain) -> None:
+    """And says that its list may be incomplete."""
     assert recognise(other) is None
-    with pytest.raises(InputError, match="no closed-form family fits this arm; known is: a yaw joint"):
-        solver_of(other, np.radians([[-90.0, 90.0]] * other.n))
+    assert recognise_spherical(other) is None
+    limits = np.radians([[-90.0, 90.0]] * other.n)
+    solver = solver_of(other, limits)
+    q = np.random.default_rng(8).uniform(*limits.T)
+    solutions = solver.solve(Target.of(other.forward(q)[:3, 3]), 0.01)
+    assert solver.family == "numeric"
+    assert solutions.success and not solutions.complete
+    assert solutions.residual_m.max() < 1e-9

@@ -35,7 +35,9 @@ def check(file: Path, robot: str | None, as_json: bool) -> int:
 
 
 def _kind(file: Path) -> str:
-    """``robot`` or ``program``: what the file's top level says it is."""
+    """``robot`` or ``program``: what the file's name or its top level says it is."""
+    if file.suffix == ".urdf":
+        return "robot"
     try:
         top = msgspec.toml.decode(file.read_bytes())
     except OSError as cause:

@@ -8,10 +8,12 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from armctl.errors import InputError
 from armctl.kinematics.chain import DHChain
 from armctl.kinematics.energy import EnergyModel
+from armctl.kinematics.numeric_solver import NumericSolver
 from armctl.kinematics.solutions import Solutions
+from armctl.kinematics.spherical_shoulder import recognise_spherical
+from armctl.kinematics.spherical_solver import SphericalShoulderSolver
 from armctl.kinematics.target import Target
 from armctl.kinematics.yaw_pitch_roll import recognise
 from armctl.kinematics.yaw_pitch_roll_solver import YawPitchRollSolver
@@ -57,13 +59,14 @@ def inverse_kinematics(
         energy: what the energy criteria need.
         titles: (n,) what the joints are called in messages.
 
-    Raises:
-        InputError: no family fits.
+    Returns:
+        The closed form of the family that the arm belongs to; where it belongs to none, the numeric solver,
+        whose answers say that they may be incomplete.
     """
-    geometry = recognise(chain)
-    if geometry is None:
-        raise InputError(
-            "no closed-form family fits this arm; known is: a yaw joint, then two or three parallel pitch "
-            "joints across it, then at most one roll joint through the tool point"
-        )
-    return YawPitchRollSolver(chain, geometry, limits, energy, titles)
+    planar = recognise(chain)
+    if planar is not None:
+        return YawPitchRollSolver(chain, planar, limits, energy, titles)
+    spherical = recognise_spherical(chain)
+    if spherical is not None:
+        return SphericalShoulderSolver(chain, spherical, limits, energy, titles)
+    return NumericSolver(chain, limits, energy, titles)

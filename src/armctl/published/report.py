@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 
@@ -14,7 +15,7 @@ class Comparison:
     printed: tuple[float, ...]
     computed: tuple[float, ...]
     tolerance: float
-    """largest difference that the print's last digit allows"""
+    """largest difference that the print's rounding allows"""
     digits: int = 3
     """decimals worth showing"""
 
@@ -25,8 +26,18 @@ class Comparison:
 
     @property
     def agrees(self) -> bool:
-        """True when every printed digit is reproduced."""
+        """True when the figure is reproduced within the print's rounding."""
         return self.difference <= self.tolerance
+
+
+@dataclass(frozen=True, slots=True)
+class Improvement:
+    """Where the paper's own method is inexact: its error, and armctl's."""
+
+    what: str
+    unit: str
+    paper: float
+    armctl: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,8 +49,14 @@ class Report:
     comparisons: tuple[Comparison, ...]
     errata: tuple[str, ...]
     """where the print is wrong, and what is right"""
+    improvements: tuple[Improvement, ...] = ()
 
     @property
     def agrees(self) -> bool:
         """True when all figures are reproduced."""
         return all(one.agrees for one in self.comparisons)
+
+
+def floats(values: Iterable[float]) -> tuple[float, ...]:
+    """Plain floats, as a ``Comparison`` holds them."""
+    return tuple(float(value) for value in values)

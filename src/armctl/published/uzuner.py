@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armctl.motion import arc, line
-from armctl.published.report import Comparison, Report
+from armctl.published.report import Comparison, Report, floats
 from armctl.robot import Robot, load_robot
 
 FloatArray = NDArray[np.float64]
@@ -43,7 +43,7 @@ def uzuner_report() -> Report:
         q = robot.inverse(np.array([x, y, PEN_PLANE_MM]) / 1000).best("published")
         computed = np.degrees(q[:4])
         comparisons.append(
-            Comparison(f"{name}: θ1 … θ4 at ({x:g}, {y:g}, 85)", "°", angles, _floats(computed), ANGLE_DIGIT)
+            Comparison(f"{name}: θ1 … θ4 at ({x:g}, {y:g}, 85)", "°", angles, floats(computed), ANGLE_DIGIT)
         )
         tip = 1000 * robot.forward(np.radians([*angles, 0.0]))[:3, 3]
         comparisons.append(
@@ -51,7 +51,7 @@ def uzuner_report() -> Report:
                 f"{name}: tip of the printed angles",
                 "mm",
                 (x, y, PEN_PLANE_MM),
-                _floats(tip),
+                floats(tip),
                 TIP_TOLERANCE_MM,
                 4,
             )
@@ -73,7 +73,3 @@ def _trajectory(robot: Robot, name: str, points: Callable[[], FloatArray]) -> Co
         miss_mm = 1000 * float(np.linalg.norm(robot.forward(solutions.best("published"))[:3, 3] - point))
         reached += miss_mm <= TIP_TOLERANCE_MM
     return Comparison(f"{name}: points solved", "points", (float(len(path)),), (float(reached),), 0.0, 0)
-
-
-def _floats(values: FloatArray) -> tuple[float, ...]:
-    return tuple(float(value) for value in values)

@@ -15,6 +15,7 @@ from armctl.robot.file import JointEntry, LookEntry, RobotFile, read_robot_file
 from armctl.robot.look import Color, Look
 from armctl.robot.robot import Gripper, Joint, Robot
 from armctl.robot.servo_map import ServoMap
+from armctl.robot.urdf import load_urdf
 
 FloatArray = NDArray[np.float64]
 
@@ -35,7 +36,7 @@ def load_robot(name: str | Path) -> Robot:
     """Load a robot.
 
     Args:
-        name: the name of a shipped robot, or a path to a robot file (``.toml``).
+        name: the name of a shipped robot, or a path to a robot file (``.toml``) or a ``.urdf`` file.
 
     Raises:
         RobotFileError: no such robot, or a file that cannot be read or contradicts itself.
@@ -46,11 +47,13 @@ def load_robot(name: str | Path) -> Robot:
         if not shipped.is_file():
             raise RobotFileError(
                 f"there is no robot {str(name)!r}; shipped are {', '.join(shipped_robots())} "
-                "(or give a path to a .toml file)"
+                "(or give a path to a .toml or .urdf file)"
             )
         path = shipped
+    elif path.suffix == ".urdf":
+        return load_urdf(path)
     elif path.suffix != ".toml":
-        raise RobotFileError(f"{path}: a robot file ends in .toml")
+        raise RobotFileError(f"{path}: a robot file ends in .toml or .urdf")
     return _build(read_robot_file(path), path)
 
 

@@ -1,0 +1,411 @@
+"""Numeric inverse kinematics of arms that no closed form fits."""
+
+from __future__ import annotations
+
+import math
+import re
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.optimize import minimize
+from tests.kinematics.kit import plain_forward, random_q
+
+from armctl.errors import InputError
+from armctl.kinematics import DHChain, DHRow, EnergyModel, GravityModel, Target, rotation_from_rpy
+from armctl.kinematics.numeric_goals import (
+    Goal,
+    PitchGoal,
+    PositionGoal,
+    RotationGoal,
+    Together,
+    UprightGoal,
+    rotation_vectors,
+)
+from armctl.kinematics.numeric_motion import tool_motion
+from armctl.kinematics.numeric_reach import LinkBound
+from armctl.kinematics.numeric_solver import NumericSolver
+from armctl.kinematics.rotation import rotation_angle
+from armctl.kinematics.solutions import Solutions
+
+FloatArray = NDArray[np.float64]
+Arm = tuple[DHChain, FloatArray]
+STEP = math.radians(0.01)
+HALF, QUARTER = math.pi, math.pi / 2
+
+
+def chain_of(rows: list[tuple[float, float, float]], convention: str = "standard") -> DHChain:
+    """Rows of a, alpha, d."""
+    return DHChain([DHRow(a, alpha, d) for a, alpha, d in rows], convention)  # type: ignore[arg-type]
+
+
+def degrees(*pairs: tuple[float, float]) -> FloatArray:
+    return np.radians(np.array(pairs))
+
+
+PUMA: Arm = (  # spherical wrist
+    chain_of([
+        (0, QUARTER, 0.67), (0.4318, 0, 0), (0.0203, -QUARTER, 0.15005),
+        (0, QUARTER, 0.4318), (0, -QUARTER, 0), (0, 0, 0.1),
+    ]),
+    degrees((-160, 160), (-225, 45), (-45, 225), (-110, 170), (-100, 100), (-266, 266)),
+)  # fmt: skip
+UR5: Arm = (  # no spherical wrist, two turns a joint
+    chain_of([
+        (0, QUARTER, 0.089159), (-0.425, 0, 0), (-0.39225, 0, 0),
+        (0, QUARTER, 0.10915), (0, -QUARTER, 0.09465), (0, 0, 0.0823),
+    ]),
+    degrees(*[(-360, 360)] * 6),
+)  # fmt: skip
+PANDA: Arm = (
+    chain_of([
+        (0, 0, 0.333), (0, -QUARTER, 0), (0, QUARTER, 0.316), (0.0825, QUARTER, 0),
+        (-0.0825, -QUARTER, 0.384), (0, QUARTER, 0), (0.088, QUARTER, 0.107),
+    ], "modified"),
+    np.array([
+        (-2.8973, 2.8973), (-1.7628, 1.7628), (-2.8973, 2.8973), (-3.0718, -0.0698),
+        (-2.8973, 2.8973), (-0.0175, 3.7525), (-2.8973, 2.8973),
+    ]),
+)  # fmt: skip
+IIWA: Arm = (
+    chain_of([
+        (0, -QUARTER, 0.34), (0, QUARTER, 0), (0, QUARTER, 0.4), (0, -QUARTER, 0),
+        (0, -QUARTER, 0.4), (0, QUARTER, 0), (0, 0, 0.126),
+    ]),
+    degrees((-170, 170), (-120, 120), (-170, 170), (-120, 120), (-170, 170), (-120, 120), (-175, 175)),
+)  # fmt: skip
+
+
+def random_arm(n: int, seed: int) -> Arm:
+    rng = np.random.default_rng(seed)
+    rows = [DHRow(*rng.uniform((-0.2, -HALF, -0.2, -HALF), (0.3, HALF, 0.3, HALF))) for _ in range(n)]
+    low = rng.uniform(-2.8, -0.2, n)
+    return DHChain(rows), np.stack([low, low + rng.uniform(0.5, 5.0, n)], axis=1)
+
+
+ODD4 = random_arm(4, 1)
+ARMS = {"puma": PUMA, "ur5": UR5, "panda": PANDA, "iiwa": IIWA, "odd4": ODD4} | {
+    f"random{n}": random_arm(n, 10 + n) for n in (1, 2, 3, 5, 6, 7, 9)
+}
+
+
+def solver_of(arm: Arm) -> NumericSolver:
+    chain, limits = arm
+    energy = EnergyModel(speed_limits=np.ones(chain.n), gravity=GravityModel(chain, ()))
+    return NumericSolver(chain, limits, energy, [f"Joint {k + 1}" for k in range(chain.n)])
+
+
+def assert_sound(solutions: Solutions, arm: Arm) -> None:
+    """Inside the limits, on the point by the plain product, each once, and no claim to be complete."""
+    chain, limits = arm
+    q = solutions.q
+    assert solutions.success, solutions.reason
+    assert ((q >= limits[:, 0]) & (q <= limits[:, 1])).all()
+    for one in q[:: max(1, len(q) // 4)]:
+        assert np.linalg.norm(plain_forward(chain, one)[:3, 3] - solutions.target.position) < 1e-9
+    assert solutions.residual_m.max() < 1e-9
+    gaps = np.abs(q[:, None] - q[None]).max(axis=2) + np.eye(len(q))
+    assert gaps.min() >= 1e-6
+    assert not solutions.complete
+    assert set(solutions.branch.tolist()) == {"numeric"}
+
+
+@pytest.mark.parametrize("name", ARMS)
+def test_every_pose_that_the_arm_takes_is_solved(name: str) -> None:
+    """Position, pitch and rotation of random configurations: 50 of each, on twelve arms."""
+    arm = ARMS[name]
+    chain, limits = arm
+    solver = solver_of(arm)
+    for q in random_q(np.random.default_rng(3), limits, 50):
+        T = chain.forward(q)
+        pitch, _ = solver.pitch_and_roll(q)
+        assert_sound(solver.solve(Target.of(T[:3, 3]), STEP), arm)
+        pitched = solver.solve(Target.of(T[:3, 3], pitch), STEP)
+        assert_sound(pitched, arm)
+        for one in pitched.q:
+            assert solver.pitch_and_roll(one)[0] == pytest.approx(pitch, abs=2e-8)
+        turned = solver.solve(Target.of(T[:3, 3], rotation=T[:3, :3]), STEP)
+        assert_sound(turned, arm)
+        assert turned.residual_rad.max() < 1e-7
+
+
+def test_the_eight_ways_of_a_six_joint_arm_are_found() -> None:
+    chain, _ = UR5
+    found = solver_of(UR5).solve(pose_of(chain, np.array([0.4, -1.1, 1.3, -0.7, 0.9, 0.2])), STEP)
+    assert len(found) == 8
+    assert (np.abs(found.q) <= HALF + 1e-9).all()  # at their smallest angles, though two turns are allowed
+    rotation = np.abs(found.q).sum(axis=1)
+    assert (np.diff(rotation) >= -1e-9).all()
+    assert found.best("least-rotation") == pytest.approx(found.q[0])
+
+
+def pose_of(chain: DHChain, q: FloatArray) -> Target:
+    T = chain.forward(q)
+    return Target.of(T[:3, 3], rotation=T[:3, :3])
+
+
+def test_a_redundant_arm_lists_a_spread() -> None:
+    solutions = solver_of(PANDA).solve(Target.of([0.4, 0.1, 0.5]), STEP)
+    assert len(solutions) > 20
+    assert np.ptp(solutions.q, axis=0).max() > 2.0
+
+
+@pytest.mark.parametrize(
+    "q",
+    [
+        [0.3, 0.5, -0.4, 0.0, 0.0, 0.7],  # wrist singular
+        [0.3, -0.2, HALF - math.atan2(0.4318, 0.0203), 0.3, 0.4, 0.2],  # elbow folded
+        [0.0, 0.0, 0.0, 0.0, 0.0, 0.0],
+        [math.radians(160), math.radians(45), math.radians(225), 0.2, math.radians(100), 0.1],  # at limits
+    ],
+)
+def test_singular_poses_and_limits(q: list[float]) -> None:
+    chain, _ = PUMA
+    solutions = solver_of(PUMA).solve(pose_of(chain, np.array(q)), STEP)
+    assert_sound(solutions, PUMA)
+    assert solutions.residual_rad.max() < 1e-7
+
+
+def test_a_fully_stretched_arm() -> None:
+    chain, _ = IIWA
+    solutions = solver_of(IIWA).solve(Target.of(chain.forward(np.zeros(7))[:3, 3]), STEP)
+    assert_sound(solutions, IIWA)
+
+
+def test_joints_on_one_line() -> None:
+    """Two joints about the same axis make every Jacobian singular."""
+    chain = chain_of([(0, QUARTER, 0.1), (0, 0, 0), (0.3, 0, 0), (0, QUARTER, 0), (0, 0, 0.2), (0, 0, 0.1)])
+    arm = chain, degrees(*[(-150, 150)] * 6)
+    for q in random_q(np.random.default_rng(11), arm[1], 10):
+        assert_sound(solver_of(arm).solve(pose_of(chain, q), STEP), arm)
+    answer = solver_of(arm).solve(Target.of([0.3, 0, 0.3], rotation=rotation_from_rpy(1, 1, 1)), STEP)
+    assert_sound(answer, arm)
+    assert answer.residual_rad.max() > 0.01
+
+
+@pytest.mark.parametrize("pitch", [90.0, -90.0, 89.999, -89.9999])
+def test_pitch_at_and_near_the_vertical(pitch: float) -> None:
+    solver = solver_of(PANDA)
+    solutions = solver.solve(Target.of([0.45, -0.1, 0.3], math.radians(pitch)), STEP)
+    assert_sound(solutions, PANDA)
+    for q in solutions.q:
+        assert solver.pitch_and_roll(q)[0] == pytest.approx(math.radians(pitch), abs=2e-8)
+
+
+def test_roll_is_the_last_joints_own_angle_where_it_rolls_the_tool() -> None:
+    solver = solver_of(PUMA)
+    solutions = solver.solve(Target.of([0.4, 0.2, 0.5], pitch=-0.5, roll=0.7), STEP)
+    assert_sound(solutions, PUMA)
+    assert (solutions.q[:, 5] == 0.7).all()
+    assert (solver.solve(Target.of([0.4, 0.2, 0.5]), STEP).q[:, 5] == 0.0).all()
+    shifted = solver.solve(Target.of([0.4, 0.2, 0.5], roll=math.radians(280)), STEP)
+    assert shifted.q[0, 5] == pytest.approx(math.radians(-80))
+
+
+def test_a_roll_that_cannot_be_is_refused() -> None:
+    no_roll = solver_of(ODD4).solve(Target.of([0.1, 0.1, 0.3], roll=0.2), STEP)
+    assert no_roll.reason == "this arm has no joint that rolls the tool"
+    beyond = solver_of(IIWA).solve(Target.of([0.4, 0.1, 0.5], roll=math.radians(178)), STEP)
+    assert beyond.reason == "Joint 7 needs 178.00°, its limits are -175.00° … 175.00°"
+    assert beyond.nearest_m == pytest.approx([0.4, 0.1, 0.5], abs=1e-9)
+
+
+def test_joints_whose_limits_are_equal_stay() -> None:
+    chain, limits = PANDA
+    limits = limits.copy()
+    limits[2] = 0.25
+    for q in random_q(np.random.default_rng(4), limits, 10):
+        solutions = solver_of((chain, limits)).solve(pose_of(chain, q), STEP)
+        assert_sound(solutions, (chain, limits))
+        assert (solutions.q[:, 2] == 0.25).all()
+
+
+def constrained_best(arm: Arm, point: FloatArray, R: FloatArray, starts: FloatArray) -> float:
+    """Smallest angle to a rotation at a point, by another method (sequential quadratic programming)."""
+    chain, limits = arm
+    best = math.inf
+    for start in starts:
+        found = minimize(
+            lambda q: 3.0 - np.trace(R.T @ chain.forward(q)[:3, :3]),
+            start,
+            bounds=limits,
+            constraints={"type": "eq", "fun": lambda q: 10 * (chain.forward(q)[:3, 3] - point)},
+            method="SLSQP",
+            options={"maxiter": 200, "ftol": 1e-13},
+        )
+        T = chain.forward(np.clip(found.x, limits[:, 0], limits[:, 1]))
+        if np.linalg.norm(T[:3, 3] - point) < 1e-7:
+            best = min(best, rotation_angle(R.T @ T[:3, :3]))
+    return best
+
+
+@pytest.mark.parametrize("name", ["odd4", "random5", "random6", "random7", "puma"])
+def test_the_position_is_an_order_and_the_rotation_a_wish(name: str) -> None:
+    arm = ARMS[name]
+    chain, limits = arm
+    rng = np.random.default_rng(5)
+    solver = solver_of(arm)
+    for q in random_q(rng, limits, 3):
+        point, R = chain.forward(q)[:3, 3], rotation_from_rpy(*rng.uniform(-2, 2, 3))
+        solutions = solver.solve(Target.of(point, rotation=R), STEP)
+        assert_sound(solutions, arm)
+        starts = np.vstack([q, random_q(rng, limits, 7)])
+        assert solutions.residual_rad.max() < constrained_best(arm, point, R, starts) + 1e-6
+
+
+@pytest.mark.parametrize("name", ARMS)
+def test_the_nearest_point_is_no_farther_than_another_method_finds(name: str) -> None:
+    arm = ARMS[name]
+    chain, limits = arm
+    solver, rng = solver_of(arm), np.random.default_rng(6)
+    refused = 0
+    for _ in range(6):
+        point = rng.normal(size=3)
+        point *= rng.uniform(0.9, 1.5) * LinkBound(chain).outer / np.linalg.norm(point)
+        answer = solver.solve(Target.of(point), STEP)
+        if answer.success:
+            continue
+        refused += 1
+        assert answer.nearest_q is not None and answer.nearest_m is not None
+        assert ((answer.nearest_q >= limits[:, 0]) & (answer.nearest_q <= limits[:, 1])).all()
+        away = float(np.linalg.norm(answer.nearest_m - point))
+        for start in random_q(rng, limits, 6):
+            other = minimize(
+                lambda q, point=point: float(((chain.forward(q)[:3, 3] - point) ** 2).sum()),
+                start,
+                bounds=limits,
+                method="L-BFGS-B",
+            )
+            assert away < math.sqrt(other.fun) + 1e-7
+    assert refused > 0
+
+
+def test_too_far_is_a_proof_and_says_by_how_much() -> None:
+    answer = solver_of(UR5).solve(Target.of([3.0, 0.0, 0.089159]), STEP)
+    outer = LinkBound(UR5[0]).outer
+    assert f"too far by {1000 * (3.0 - outer):.1f} mm" in (answer.reason or "")
+    assert "on the axis of Joint 1" in answer.explanation
+    assert answer.nearest_q is not None
+
+
+@pytest.mark.parametrize("name", ARMS)
+def test_no_pose_leaves_the_shell_of_the_links(name: str) -> None:
+    chain, _ = ARMS[name]
+    bound = LinkBound(chain)
+    q = np.random.default_rng(7).uniform(-HALF, HALF, (4000, chain.n))
+    away = np.linalg.norm(chain.forward(q)[:, :3, 3] - bound.centre, axis=1)
+    assert away.max() <= bound.outer + 1e-9
+    assert away.min() >= bound.inner - 1e-9
+    if chain.n > 1:
+        assert away.max() > 0.6 * bound.outer  # a bound that is never come near would be worth little
+
+
+def test_the_shell_of_a_wrist_in_one_point_is_tight() -> None:
+    chain, _ = IIWA
+    bound = LinkBound(chain)
+    assert bound.centre == pytest.approx([0, 0, 0.34], abs=1e-6)
+    assert bound.outer == pytest.approx(0.926, abs=1e-6)
+
+
+def test_a_hole_in_the_middle() -> None:
+    chain = chain_of([(0.4, 0, 0), (0.1, 0, 0)])
+    answer = solver_of((chain, degrees((-170, 170), (-170, 170)))).solve(Target.of([0.1, 0, 0]), STEP)
+    assert "inside the dead zone, too near by 200.0 mm" in (answer.reason or "")
+
+
+def test_what_is_not_proven_is_said_to_be_not_found() -> None:
+    answer = solver_of(PUMA).solve(Target.of([0.02, 0.0, 0.67]), STEP)
+    assert re.match(
+        r"no solution was found: none of 256 starts came nearer than [\d.]+ mm; there may be one",
+        answer.reason or "",
+    )
+    assert answer.nearest_m is not None
+    away = 1000 * np.linalg.norm(answer.nearest_m - [0.02, 0.0, 0.67])
+    assert f"nearer than {away:.2f} mm" in (answer.reason or "")
+
+
+def test_a_point_that_is_reached_but_not_with_that_pitch() -> None:
+    solver = solver_of(PUMA)
+    point = [0.85, 0.15005, 0.67]
+    answer = solver.solve(Target.of(point, math.radians(-80)), STEP)
+    assert solver.solve(Target.of(point), STEP).success
+    assert "the arm reaches that point, but none of 256 starts found a pitch of -80.00° there" in (
+        answer.reason or ""
+    )
+    nearest = float(re.findall(r"the nearest is (-?[\d.]+)°", answer.reason or "")[0])
+    assert solver.solve(Target.of(point, math.radians(nearest + 0.01)), STEP).success
+    assert not solver.solve(Target.of(point, math.radians(nearest - 0.02)), STEP).success
+    assert answer.nearest_q is not None
+    assert solver.pitch_and_roll(answer.nearest_q)[0] == pytest.approx(math.radians(-80), abs=1e-7)
+
+
+def test_a_pitch_beyond_the_vertical_is_refused() -> None:
+    answer = solver_of(PUMA).solve(Target.of([0.4, 0.2, 0.5], pitch=2.0), STEP)
+    assert "between -90° and 90°" in (answer.reason or "")
+
+
+def test_the_step_is_checked() -> None:
+    with pytest.raises(InputError, match="must be a positive angle"):
+        solver_of(PUMA).solve(Target.of([0.4, 0.2, 0.5]), 0.0)
+
+
+def test_the_same_target_has_the_same_answer_in_any_order_and_any_thread() -> None:
+    chain, limits = PANDA
+    solver = solver_of(PANDA)
+    targets = [pose_of(chain, q) for q in random_q(np.random.default_rng(8), limits, 8)]
+    targets += [Target.of(target.position, 0.3) for target in targets[:4]]
+    alone = [solver.solve(target, STEP).q for target in targets]
+    backwards = [solver_of(PANDA).solve(target, STEP).q for target in targets[::-1]][::-1]
+    with ThreadPoolExecutor(8) as pool:
+        together = list(pool.map(lambda target: solver.solve(target, STEP).q, targets * 3))
+    for k, answers in enumerate(zip(alone * 3, backwards * 3, together, strict=True)):
+        first, second, third = answers
+        assert np.array_equal(first, second), k
+        assert np.array_equal(first, third), k
+
+
+@pytest.mark.parametrize(
+    "goal",
+    [
+        PositionGoal(np.array([0.3, -0.2, 0.4]), 0.9),
+        PitchGoal(0.4),
+        UprightGoal(-1.0),
+        RotationGoal(rotation_from_rpy(0.3, -0.8, 1.1)),
+        Together(PositionGoal(np.array([0.3, -0.2, 0.4]), 0.9), PitchGoal(0.4)),
+    ],
+)
+def test_the_derivatives_of_a_goal_are_those_of_finite_differences(goal: Goal) -> None:
+    chain, limits = PANDA
+    h = 1e-6
+    for q in random_q(np.random.default_rng(9), limits, 10):
+        moved = q + h * np.vstack([np.eye(chain.n), -np.eye(chain.n)])
+        f, gradient, _ = goal.cost(tool_motion(chain, moved))
+        _, g, H = goal.cost(tool_motion(chain, q[None]))
+        assert g[0] == pytest.approx((f[: chain.n] - f[chain.n :]) / (2 * h), abs=1e-8)
+        assert H[0] == pytest.approx((gradient[: chain.n] - gradient[chain.n :]) / (2 * h), abs=1e-6)
+        half = 0.5 * (goal.rows(tool_motion(chain, moved))[0] ** 2).sum(axis=1)
+        r, J = goal.rows(tool_motion(chain, q[None]))
+        assert (r @ J[0])[0] == pytest.approx((half[: chain.n] - half[chain.n :]) / (2 * h), abs=1e-7)
+
+
+def test_motion_is_that_of_the_chain() -> None:
+    chain, limits = ODD4
+    q = random_q(np.random.default_rng(10), limits, 20)
+    motion = tool_motion(chain, q)
+    T, J = chain.forward(q), chain.jacobian(q)
+    assert motion.position == pytest.approx(T[:, :3, 3], abs=1e-14)
+    assert motion.rotation == pytest.approx(T[:, :3, :3], abs=1e-14)
+    assert motion.linear == pytest.approx(J[:, :3], abs=1e-14)
+    assert motion.axes == pytest.approx(J[:, 3:], abs=1e-14)
+
+
+@pytest.mark.parametrize("angle", [0.0, 1e-9, 1e-4, 2.0, 3.14, HALF - 1e-7, HALF])
+def test_rotation_vectors_of_any_angle(angle: float) -> None:
+    axis = np.array([0.36, -0.48, 0.8])
+    K = np.array([[0, -axis[2], axis[1]], [axis[2], 0, -axis[0]], [-axis[1], axis[0], 0]])
+    R = np.eye(3) + math.sin(angle) * K + (1 - math.cos(angle)) * K @ K
+    vector = rotation_vectors(R[None])[0]
+    if angle == HALF:  # both ways round are the same turn
+        vector = vector * math.copysign(1.0, vector @ axis)
+    assert vector == pytest.approx(angle * axis, abs=1e-8)

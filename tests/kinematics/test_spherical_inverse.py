@@ -1,0 +1,234 @@
+"""Spherical shoulder and elbow: the position is exact, the swivel goes where the orientation wants it."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from tests.kinematics.kit import FloatArray, plain_forward, random_q
+from tests.kinematics.spherical_kit import (
+    HUMANOID,
+    HUMANOID_LIMITS,
+    STEP,
+    TITLES,
+    assert_reached,
+    configurations,
+    miss,
+    random_arm,
+    singular_configuration,
+    spherical_solver,
+)
+
+from armctl.errors import InputError
+from armctl.kinematics import Target
+from armctl.kinematics.spherical_solver import SphericalShoulderSolver
+
+PRINTED = np.array([0.15, -0.10, -0.59])
+PRINTED_ROTATION = np.array([[-0.8572, 0, 0.5150], [-0.0894, 0.9848, -0.1488], [-0.5072, -0.1736, -0.8441]])
+
+
+def test_the_printed_position_is_reached_exactly() -> None:
+    """PAPERS.md, section 4: the paper's angles miss it by 0.07 cm."""
+    ik = spherical_solver(HUMANOID, HUMANOID_LIMITS)
+    solutions = ik.solve(Target.of(PRINTED), STEP)
+    assert_reached(solutions, HUMANOID_LIMITS)
+    assert solutions.free_joint == 0
+    steps = np.degrees(solutions.q[:, 0]) / 0.5
+    assert np.abs(steps - np.rint(steps)).max() < 1e-9
+    for q in (*solutions.q, solutions.best()):
+        assert np.linalg.norm(plain_forward(HUMANOID, q)[:3, 3] - PRINTED) < 1e-9
+
+
+def test_the_printed_orientation_is_met_as_nearly_as_can_be() -> None:
+    """PAPERS.md, section 4: exact near (0.14, -9.66, 0.04, 31.0)° with a residual of about 0.009."""
+    ik = spherical_solver(HUMANOID, HUMANOID_LIMITS)
+    solutions = ik.solve(Target.of(PRINTED, rotation=PRINTED_ROTATION), STEP)
+    assert_reached(solutions, HUMANOID_LIMITS)
+    assert np.degrees(solutions.q[0]) == pytest.approx([0.14, -9.66, 0.04, 31.0, 0.0], abs=0.06)
+    residual = np.linalg.norm(plain_forward(HUMANOID, solutions.q[0])[:3, :3] - PRINTED_ROTATION)
+    assert residual == pytest.approx(0.009, abs=5e-4)
+
+
+def assert_contains(ik: SphericalShoulderSolver, limits: FloatArray, q: FloatArray, pose: bool) -> None:
+    """``q`` among the solutions of its own pose; or, where a singular pose leaves more, that pose."""
+    T = ik.chain.forward(q)
+    solutions = ik.solve(Target.of(T[:3, 3], rotation=T[:3, :3]), STEP)
+    assert_reached(solutions, limits)
+    assert solutions.residual_rad.max() < 1e-6
+    assert pose or miss(solutions, q) < 1e-6
+
+
+@pytest.mark.slow
+def test_ten_thousand_poses_of_the_humanoid_contain_their_configurations() -> None:
+    ik = spherical_solver(HUMANOID, HUMANOID_LIMITS)
+    rng = np.random.default_rng(81)
+    for i in range(10_000):
+        if i % 4 == 3:
+            assert_contains(ik, HUMANOID_LIMITS, singular_configuration(ik, HUMANOID_LIMITS, rng), pose=True)
+        else:
+            assert_contains(ik, HUMANOID_LIMITS, random_q(rng, HUMANOID_LIMITS), pose=False)
+
+
+def test_the_humanoid_at_the_limits_of_its_elbow() -> None:
+    """Straight, the elbow is at a limit and the upper arm turns about the line to the target."""
+    ik = spherical_solver(HUMANOID, HUMANOID_LIMITS)
+    rng = np.random.default_rng(82)
+    for elbow in (0.0, math.pi / 2):
+        for _ in range(100):
+            q = random_q(rng, HUMANOID_LIMITS)
+            q[3] = elbow
+            assert_contains(ik, HUMANOID_LIMITS, q, pose=False)
+
+
+def test_poses_of_random_arms_contain_their_configurations() -> None:
+    rng = np.random.default_rng(83)
+    for _ in range(120):
+        chain, limits = random_arm(rng)
+        ik = spherical_solver(chain, limits)
+        for q in configurations(limits, rng, 6):
+            assert_contains(ik, limits, q, pose=False)
+
+
+def test_singular_poses_of_random_arms_are_met() -> None:
+    rng = np.random.default_rng(84)
+    for _ in range(150):
+        chain, limits = random_arm(rng)
+        ik = spherical_solver(chain, limits)
+        for _ in range(4):
+            assert_contains(ik, limits, singular_configuration(ik, limits, rng), pose=True)
+
+
+def test_pitch_and_roll_of_random_arms_contain_their_configurations() -> None:
+    rng = np.random.default_rng(85)
+    for _ in range(120):
+        chain, limits = random_arm(rng)
+        ik = spherical_solver(chain, limits)
+        for i, q in enumerate(configurations(limits, rng, 6)):
+            singular = i == 5
+            if singular:
+                q = singular_configuration(ik, limits, rng)
+            pitch, roll = ik.pitch_and_roll(q)
+            assert pitch is not None
+            T = plain_forward(chain, q)
+            assert math.sin(pitch) == pytest.approx(T[2, 2], abs=1e-12)
+            solutions = ik.solve(Target.of(T[:3, 3], pitch, roll), STEP)
+            assert_reached(solutions, limits)
+            for other in solutions.q:
+                assert ik.pitch_and_roll(other)[0] == pytest.approx(pitch, abs=1e-6)
+            wrapped = solutions.q - q
+            wrapped[:, 4:] = np.remainder(wrapped[:, 4:] + 1.0, 2 * math.pi) - 1.0  # a whole turn of the roll
+            assert singular or np.abs(wrapped).max(axis=1).min() < 1e-6
+
+
+def test_positions_of_random_arms_are_always_reached() -> None:
+    """Also where all that is reachable lies between two values of the grid."""
+    rng = np.random.default_rng(86)
+    between = 0
+    for i in range(200):
+        chain, limits = random_arm(rng)
+        ik = spherical_solver(chain, limits)
+        for k, q in enumerate(configurations(limits, rng, 4)):
+            if k == 3:
+                q = singular_configuration(ik, limits, rng)
+            if i % 3 == 0:
+                limits = limits.copy()
+                limits[0] = q[0]
+                ik = spherical_solver(chain, limits)
+            solutions = ik.solve(Target.of(chain.forward(q)[:3, 3]), STEP)
+            assert_reached(solutions, limits)
+            between += solutions.free_joint is None
+    assert between > 100
+
+
+def test_a_position_contains_the_configuration_on_the_grid() -> None:
+    rng = np.random.default_rng(87)
+    asked = 0
+    for _ in range(80):
+        chain, limits = random_arm(rng)
+        ik = spherical_solver(chain, limits)
+        for _ in range(3):
+            q = random_q(rng, limits)
+            q[0] = STEP * round(q[0] / STEP)
+            if not limits[0, 0] <= q[0] <= limits[0, 1]:
+                continue
+            roll = None if chain.n == 4 else float(q[4])
+            solutions = ik.solve(Target.of(chain.forward(q)[:3, 3], roll=roll), STEP)
+            assert_reached(solutions, limits)
+            assert miss(solutions, np.append(q[:4], solutions.q[0, 4:])) < 1e-6
+            asked += 1
+    assert asked > 150
+
+
+def turn_by(rng: np.random.Generator, angle: float) -> FloatArray:
+    x, y, z = rng.normal(size=3)
+    K = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]]) / math.hypot(x, y, z)
+    return np.eye(3) + math.sin(angle) * K + (1 - math.cos(angle)) * K @ K
+
+
+@pytest.mark.parametrize("off", [0.01, 0.4, 3.0])
+def test_a_rotation_that_cannot_be_gets_the_nearest_that_can(off: float) -> None:
+    """No posture of the sweep at any roll comes nearer, limits or not."""
+    rng = np.random.default_rng(88)
+    for _ in range(40):
+        chain, limits = random_arm(rng)
+        ik = spherical_solver(chain, limits)
+        T = chain.forward(random_q(rng, limits))
+        wanted = T[:3, :3] @ turn_by(rng, off)
+        solutions = ik.solve(Target.of(T[:3, 3], rotation=wanted), STEP)
+        assert_reached(solutions, limits)
+        best = solutions.residual_rad.max()
+        assert best - solutions.residual_rad.min() < 1e-6
+        assert best <= off + 1e-6
+        swept = ik.solve(Target.of(T[:3, 3]), STEP).q.copy()
+        for roll in np.linspace(*limits[4], 25) if chain.n == 5 else [0.0]:
+            swept[:, 4:] = roll
+            traces = np.einsum("kij,ij->k", chain.forward(swept)[:, :3, :3], wanted)
+            assert best <= np.arccos(np.clip((traces - 1) / 2, -1, 1)).min() + 1e-6
+
+
+def test_a_tip_in_the_shoulder_itself() -> None:
+    """Equal links folded up: the target gives no direction, and all three shoulder joints are free."""
+    rows = list(HUMANOID.rows)
+    rows[4] = type(rows[4])(0.0, 0.0, 0.35)
+    chain = type(HUMANOID)(rows, "standard")
+    limits = np.array([[-2, 2], [-1, 2], [-3, 3], [-3.2, 3.2], [-1, 1.0]])
+    ik = spherical_solver(chain, limits)
+    rng = np.random.default_rng(89)
+    for elbow in (math.pi, -math.pi, math.pi - 1e-8, math.pi - 1e-5):
+        for _ in range(10):
+            q = random_q(rng, limits)
+            q[3] = elbow
+            T = chain.forward(q)
+            pitch, roll = ik.pitch_and_roll(q)
+            assert_reached(ik.solve(Target.of(T[:3, 3]), STEP), limits)
+            assert_contains(ik, limits, q, pose=True)
+            held = ik.solve(Target.of(T[:3, 3], pitch, roll), STEP)
+            assert_reached(held, limits)
+            for other in held.q:
+                assert ik.pitch_and_roll(other)[0] == pytest.approx(pitch, abs=1e-6)
+
+
+def test_branches_are_named_by_the_configuration() -> None:
+    """Both ways of the shoulder take up the same rotation, with the elbow bent to either side."""
+    limits = np.array([[-3.1, 3.1]] * 5)
+    ik = spherical_solver(HUMANOID, limits, TITLES)
+    q = np.array([0.3, -0.5, 0.4, 0.8, 0.2])
+    T = HUMANOID.forward(q)
+    solutions = ik.solve(Target.of(T[:3, 3], rotation=T[:3, :3]), STEP)
+    assert sorted(solutions.branch.tolist()) == sorted(solutions.branch_names)
+    assert solutions.residual_rad.max() < 1e-9
+    assert solutions.branch_of(q) == "shoulder-direct elbow-plus"
+    swept = ik.solve(Target.of(T[:3, 3]), STEP)
+    assert {*swept.branch.tolist()} == {*swept.branch_names}
+    elbow_plus = np.char.endswith(swept.branch, "elbow-plus")
+    assert (elbow_plus == (swept.q[:, 3] > 0)).all()
+
+
+def test_a_step_that_is_none_is_refused() -> None:
+    ik = spherical_solver(HUMANOID, HUMANOID_LIMITS)
+    for step in (0.0, -0.1, math.nan):
+        with pytest.raises(InputError, match="step"):
+            ik.solve(Target.of(PRINTED), step)
+    with pytest.raises(InputError, match="at least"):
+        ik.solve(Target.of(PRINTED), 1e-9)

@@ -1,0 +1,92 @@
+"""Which arms count as a spherical shoulder with an elbow, whatever their rows look like."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from tests.kinematics.kit import plain_forward, random_q
+from tests.kinematics.spherical_kit import HUMANOID, HUMANOID_LIMITS, random_arm, spherical_solver
+
+from armctl import load_robot
+from armctl.kinematics import DHChain, DHRow
+from armctl.kinematics.spherical_shoulder import recognise_spherical
+from armctl.kinematics.spherical_vectors import about, product, rotated, turned
+
+
+def test_the_humanoid_is_recognised() -> None:
+    geometry = recognise_spherical(HUMANOID)
+    assert geometry is not None
+    assert geometry.links == pytest.approx((0.35, 0.29, 0.0))
+    assert geometry.reach == pytest.approx((0.06, 0.64))
+    assert geometry.bend(0.4) == pytest.approx(0.4)
+    pose = HUMANOID.forward(np.radians([45, 0, 30, 50, 0]))
+    assert 100 * pose[:3, 3] == pytest.approx([32.5689, 32.5689, -35.3467], abs=1e-4)
+    ik = spherical_solver(HUMANOID, HUMANOID_LIMITS)
+    assert ik.family == "spherical shoulder, elbow, roll"
+    assert (ik.pitch_joints, ik.free_joint) == ((), 0)
+
+
+def test_the_geometry_of_random_arms_gives_their_poses() -> None:
+    rng = np.random.default_rng(80)
+    conventions: set[str] = set()
+    for _ in range(60):
+        chain, limits = random_arm(rng)
+        geometry = recognise_spherical(chain)
+        assert geometry is not None
+        conventions.add(chain.convention)
+        q = random_q(rng, limits)
+        T = plain_forward(chain, q)
+        hand, turn = geometry.hand(q[3]), about(geometry.elbow_axis, q[3])
+        if geometry.roll_axis is not None:
+            turn = product(turn, about(geometry.roll_axis, q[4]))
+        for axis, angle in zip(geometry.axes[::-1], q[2::-1], strict=True):
+            hand, turn = turned(hand, axis, angle), product(about(axis, angle), turn)
+        assert np.add(geometry.centre, hand) == pytest.approx(T[:3, 3], abs=1e-12)
+        assert rotated(turn, geometry.tool_axis) == pytest.approx(T[:3, 2], abs=1e-12)
+        assert np.linalg.norm(hand) == pytest.approx(
+            math.hypot(
+                geometry.links[0] + geometry.links[1] * math.cos(geometry.bend(q[3])),
+                geometry.links[1] * math.sin(geometry.bend(q[3])),
+                geometry.links[2],
+            )
+        )
+    assert conventions == {"standard", "modified"}
+
+
+def rows(**changed: DHRow) -> DHChain:
+    table = dict(zip(("one", "two", "three", "four", "five"), HUMANOID.rows, strict=True)) | changed
+    return DHChain(list(table.values()), "standard")
+
+
+@pytest.mark.parametrize(
+    "changed",
+    [
+        {"one": DHRow(0.05, math.pi / 2, 0.0)},  # the second axis passes the first
+        {"two": DHRow(0.0, -math.pi / 2, 0.02)},  # the third axis passes the shoulder
+        {"two": DHRow(0.0, 0.0, 0.0)},  # second and third axis are one
+        {"three": DHRow(0.0, math.pi / 2, 0.0)},  # the elbow axis passes through the shoulder
+        {"five": DHRow(0.03, 0.0, 0.29)},  # the tip lies beside the roll axis
+        {"five": DHRow(0.0, 0.0, 0.0)},  # the tip lies on the elbow axis
+    ],
+)
+def test_what_is_nearly_one_is_not_taken_for_one(changed: dict[str, DHRow]) -> None:
+    assert recognise_spherical(rows()) is not None
+    assert recognise_spherical(rows(**changed)) is None
+
+
+def test_planar_arms_keep_their_own_family() -> None:
+    for name in ("uzuner", "abaas", "scorbot", "mico"):
+        robot = load_robot(name)
+        assert "parallel pitch" in robot.inverse_kinematics.family
+
+
+def test_pitch_and_roll_of_a_configuration() -> None:
+    ik = spherical_solver(HUMANOID, HUMANOID_LIMITS)
+    straight_down = np.zeros(5)
+    assert ik.pitch_and_roll(straight_down) == pytest.approx((-math.pi / 2, 0.0))
+    four = spherical_solver(
+        DHChain([*HUMANOID.rows[:4], DHRow(0.0, 0.0, 0.29, joint=False)], "standard"), HUMANOID_LIMITS[:4]
+    )
+    assert four.pitch_and_roll(straight_down[:4])[1] is None

@@ -1,0 +1,179 @@
+"""The shipped arms against plain 4 x 4 products in each row's own convention, and each pose back again."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from armctl import Robot, load_robot
+from armctl.kinematics import DHRow
+from armctl.robot import shipped_robots
+
+FloatArray = NDArray[np.float64]
+CONFIGURATIONS = 10_000
+
+
+def plain_row(row: DHRow, convention: str, q: FloatArray) -> FloatArray:
+    """(k, 4, 4) of one row at joint angles (k,), written out from the definitions in PAPERS.md."""
+    theta = row.theta_rad + q
+    zero = np.zeros_like(q)
+    c, s, one = np.cos(theta), np.sin(theta), np.ones_like(q)
+    ca, sa, a, d = np.cos(row.alpha_rad), np.sin(row.alpha_rad), row.a_m, row.d_m
+    if convention == "standard":  # Rz Tz Tx Rx
+        entries = [
+            [c, -s * ca, s * sa, a * c],
+            [s, c * ca, -c * sa, a * s],
+            [zero, zero + sa, zero + ca, zero + d],
+        ]
+    else:  # Rx Tx Rz Tz
+        entries = [
+            [c, -s, zero, zero + a],
+            [s * ca, c * ca, zero - sa, zero - sa * d],
+            [s * sa, c * sa, zero + ca, zero + ca * d],
+        ]
+    entries.append([zero, zero, zero, one])
+    return np.moveaxis(np.array(entries), -1, 0)
+
+
+def plain_forward(robot: Robot, q: FloatArray) -> FloatArray:
+    T = np.broadcast_to(np.eye(4), (len(q), 4, 4))
+    joint = 0
+    for row in robot.chain.rows:
+        angle = q[:, joint] if row.joint else np.zeros(len(q))
+        joint += row.joint
+        T = T @ plain_row(row, robot.chain.convention, angle)
+    return T
+
+
+def configurations(robot: Robot, count: int, seed: int) -> FloatArray:
+    """Inside the limits; a third of them with joints at limits, at 0° or ±90°: singular poses."""
+    rng = np.random.default_rng(seed)
+    low, high = robot.limits.T
+    q = rng.uniform(low, high, (count, robot.n))
+    special = np.stack(
+        [low, high, *(np.clip(np.full(robot.n, v), low, high) for v in (0, np.pi / 2, -np.pi / 2))]
+    )
+    which = rng.integers(len(special), size=q.shape)
+    chosen = np.take_along_axis(special, which, axis=0)
+    singular = (rng.random(q.shape) < 0.5) & (rng.random(count) < 1 / 3)[:, None]
+    return np.where(singular, chosen, q)
+
+
+@pytest.fixture(params=shipped_robots())
+def robot(request: pytest.FixtureRequest) -> Robot:
+    return load_robot(request.param)
+
+
+def test_forward_of_10_000_configurations(robot: Robot) -> None:
+    q = configurations(robot, CONFIGURATIONS, 1)
+    expected = plain_forward(robot, q)
+    assert np.abs(robot.forward(q) - expected).max() < 1e-12
+    assert (
+        max(np.abs(robot.forward(one) - T).max() for one, T in zip(q[:500], expected, strict=False)) < 1e-12
+    )
+
+
+def test_jacobian_against_central_differences(robot: Robot) -> None:
+    q = configurations(robot, CONFIGURATIONS, 2)
+    J, step = robot.jacobian(q), 1e-6
+    T = plain_forward(robot, q)
+    for k in range(robot.n):
+        ahead, behind = q.copy(), q.copy()
+        ahead[:, k] += step
+        behind[:, k] -= step
+        rate = (plain_forward(robot, ahead) - plain_forward(robot, behind)) / (2 * step)
+        spin = rate[:, :3, :3] @ np.swapaxes(T[:, :3, :3], 1, 2)
+        angular = np.stack([spin[:, 2, 1], spin[:, 0, 2], spin[:, 1, 0]], axis=1)
+        assert np.abs(J[:, :3, k] - rate[:, :3, 3]).max() < 1e-6
+        assert np.abs(J[:, 3:, k] - angular).max() < 1e-6
+
+
+@pytest.mark.slow
+def test_every_pose_leads_back_to_its_configuration(robot: Robot) -> None:
+    """Position and rotation of 10,000 configurations: none may be lost, singular ones included."""
+    q = configurations(robot, CONFIGURATIONS, 3)
+    T = plain_forward(robot, q)
+    lost: list[str] = []
+    for one, pose in zip(q, T, strict=True):
+        solutions = robot.inverse(pose[:3, 3], rotation=pose[:3, :3])
+        reached = plain_forward(robot, solutions.q)
+        if not solutions.success:
+            lost.append(f"{np.degrees(one)}: {solutions.reason}")
+        elif np.abs(reached[:, :3, 3] - pose[:3, 3]).max() > 1e-9:
+            lost.append(f"{np.degrees(one)}: off its point")
+        elif not contains(robot, solutions.q, one, pose):
+            lost.append(f"{np.degrees(one)}: not among {np.degrees(solutions.q).round(4).tolist()}")
+    assert not lost, f"{len(lost)} lost, for example {lost[:5]}"
+
+
+@pytest.mark.slow
+def test_position_pitch_and_roll_lead_back_too(robot: Robot) -> None:
+    q = configurations(robot, CONFIGURATIONS, 4)
+    T = plain_forward(robot, q)
+    lost: list[str] = []
+    for one, pose in zip(q, T, strict=True):
+        pitch, roll = robot.inverse_kinematics.pitch_and_roll(one)
+        solutions = robot.inverse(pose[:3, 3], pitch, roll)
+        if not solutions.success:
+            lost.append(f"{np.degrees(one)}: {solutions.reason}")
+        elif np.abs(plain_forward(robot, solutions.q)[:, :3, 3] - pose[:3, 3]).max() > 1e-9:
+            lost.append(f"{np.degrees(one)}: off its point")
+        elif not among(robot, solutions.q, one, pitch, roll):
+            lost.append(f"{np.degrees(one)}: not among {np.degrees(solutions.q).round(4).tolist()}")
+    assert not lost, f"{len(lost)} lost, for example {lost[:5]}"
+
+
+def among(robot: Robot, found: FloatArray, q: FloatArray, pitch: float | None, roll: float | None) -> bool:
+    """``q`` is listed; where position, pitch and roll do not determine it, all that is listed has them."""
+    J, z = robot.jacobian(q), robot.forward(q)[:3, 2]
+    task = [*J[:3], np.cross(z, [0, 0, 1]) @ J[3:]]  # the elevation of z changes with (z x up) . omega
+    if roll is not None:
+        task.append(np.eye(robot.n)[-1])
+    smallest = np.linalg.svd(np.array(task), compute_uv=False)[robot.n - 1]
+    if np.abs(found - q).max(axis=1).min() < (1e-6 if smallest > 1e-2 else 1e-4):
+        return True
+    alike = [robot.inverse_kinematics.pitch_and_roll(one) for one in found]
+    return smallest < 1e-6 and all(
+        abs((p or 0) - (pitch or 0)) < 1e-6 and abs(math.remainder((r or 0) - (roll or 0), math.tau)) < 1e-6
+        for p, r in alike
+    )
+
+
+@pytest.mark.slow
+def test_a_pose_off_the_manifold_is_met_in_position_and_nearly_in_orientation(robot: Robot) -> None:
+    """The pose of a configuration turned by 0.5°: it misses that by 0.5°, so the nearest may miss no more."""
+    rng = np.random.default_rng(5)
+    q = configurations(robot, 3000, 5)
+    T = plain_forward(robot, q)
+    for one, pose in zip(q, T, strict=True):
+        axis = rng.normal(size=3)
+        wanted = turned(axis / np.linalg.norm(axis), np.radians(0.5)) @ pose[:3, :3]
+        solutions = robot.inverse(pose[:3, 3], rotation=wanted)
+        where = np.degrees(one)
+        assert solutions.success, where
+        reached = plain_forward(robot, solutions.q)
+        assert np.abs(reached[:, :3, 3] - pose[:3, 3]).max() < 1e-9, where
+        assert np.degrees(solutions.residual_rad.min()) <= 0.5 + 1e-5, (
+            where
+        )  # tangent to the base axis a square root leaves 1e-8 rad
+
+
+def turned(axis: FloatArray, angle: float) -> FloatArray:
+    """Rotation about a unit vector (Rodrigues)."""
+    x, y, z = axis
+    K = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    return np.eye(3) + np.sin(angle) * K + (1 - np.cos(angle)) * K @ K
+
+
+def contains(robot: Robot, found: FloatArray, q: FloatArray, pose: FloatArray) -> bool:
+    """``q`` is listed; where the pose does not determine it (singular), a solution with the same pose is."""
+    away = np.abs(found - q).max(axis=1).min()
+    smallest = np.linalg.svd(robot.jacobian(q), compute_uv=False)[-1]
+    if away < (1e-6 if smallest > 1e-2 else 1e-4):
+        return True
+    if smallest > 1e-6:
+        return False
+    return bool(np.abs(plain_forward(robot, found) - pose).max(axis=(1, 2)).min() < 1e-7)

@@ -1,0 +1,298 @@
+"""Arms from URDF files: kept exactly, and whatever is wrong with a file is named."""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from armctl import load_robot
+from armctl.errors import RobotFileError
+from armctl.kinematics import DHChain, rotation_from_rpy
+from armctl.kinematics.gravity import STANDARD_GRAVITY
+from armctl.robot.urdf_rows import rows_of
+
+FloatArray = NDArray[np.float64]
+
+ARM = """<?xml version="1.0"?>
+<robot name="My Arm">
+  <material name="grey"><color rgba="0.5 0.5 0.5 1"/></material>
+  <link name="base_link"><inertial><mass value="3"/></inertial></link>
+  <link name="upper"><inertial><origin xyz="0 0 0.2"/><mass value="1.5"/></inertial></link>
+  <link name="fore"><visual><geometry><box size="1 1 1"/></geometry></visual></link>
+  <link name="hand"><inertial><origin xyz="0.05 0 0"/><mass value="0.25"/></inertial></link>
+  <link name="tool0"/>
+  <joint name="shoulder_pan_joint" type="continuous">
+    <parent link="base_link"/><child link="upper"/>
+    <origin xyz="0 0 0.1" rpy="0 0 0.3"/><axis xyz="0 0 2"/>
+    <limit effort="12" velocity="2"/>
+  </joint>
+  <joint name="Elbow-1" type="revolute">
+    <parent link="upper"/><child link="fore"/>
+    <origin xyz="0.1 0.02 0.4" rpy="0.2 -0.5 1.5708"/><axis xyz="0 1 0"/>
+    <limit lower="0.25" upper="2" effort="8" velocity="0"/>
+  </joint>
+  <joint name="wrist" type="revolute">
+    <parent link="fore"/><child link="hand"/>
+    <origin xyz="0.3 0 0"/>
+    <limit lower="-1" upper="1" effort="3" velocity="1.5"/>
+  </joint>
+  <joint name="flange" type="fixed">
+    <parent link="hand"/><child link="tool0"/><origin xyz="0.1 0 0.05" rpy="0 1.5707963267948966 0"/>
+  </joint>
+</robot>
+"""
+
+
+def written(tmp_path: Path, text: str | bytes) -> Path:
+    path = tmp_path / "arm.urdf"
+    path.write_bytes(text.encode() if isinstance(text, str) else text)
+    return path
+
+
+def changed(old: str, new: str) -> str:
+    assert old in ARM
+    return ARM.replace(old, new, 1)
+
+
+def turned(axis: FloatArray, angle: float) -> FloatArray:
+    """Rodrigues' formula as (4, 4)."""
+    x, y, z = axis / np.linalg.norm(axis)
+    K = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    T = np.eye(4)
+    T[:3, :3] += math.sin(angle) * K + (1 - math.cos(angle)) * K @ K
+    return T
+
+
+def pose(xyz: list[float], rpy: list[float]) -> FloatArray:
+    T = np.eye(4)
+    T[:3, :3] = rotation_from_rpy(*rpy)
+    T[:3, 3] = xyz
+    return T
+
+
+def arm_forward(q: FloatArray) -> FloatArray:
+    """The product that the text of ``ARM`` says."""
+    T = pose([0, 0, 0.1], [0, 0, 0.3]) @ turned(np.array([0, 0, 1.0]), q[0])
+    T = T @ pose([0.1, 0.02, 0.4], [0.2, -0.5, 1.5708]) @ turned(np.array([0, 1.0, 0]), q[1])
+    T = T @ pose([0.3, 0, 0], [0, 0, 0]) @ turned(np.array([1.0, 0, 0]), q[2])
+    return T @ pose([0.1, 0, 0.05], [0, math.pi / 2, 0])
+
+
+def test_a_small_arm(tmp_path: Path) -> None:
+    robot = load_robot(written(tmp_path, ARM))
+    assert (robot.name, robot.title) == ("my_arm", "My Arm")
+    assert robot.joint_names == ("shoulder_pan_joint", "elbow_1", "wrist")
+    assert [joint.title for joint in robot.joints] == ["Shoulder pan", "Elbow 1", "Wrist"]
+    assert robot.limits == pytest.approx(np.array([[-math.pi, math.pi], [0.25, 2], [-1, 1]]))
+    assert robot.speed_limits == pytest.approx([2, math.radians(60), 1.5])
+    assert [joint.stall_torque for joint in robot.joints] == [12, 8, 3]
+    assert robot.pose("home") == pytest.approx([0, 0.25, 0])
+    assert robot.servo_map is None
+    assert robot.gripper is None
+    assumed = "; ".join(robot.assumed)
+    assert "limits of ±180° of the continuous joints: shoulder_pan_joint" in assumed
+    assert "a speed of 60°/s of joints without one: elbow_1;" in assumed
+    assert "arm.urdf, from base_link to tool0" in robot.source
+    for q in np.random.default_rng(0).uniform(-3, 3, (20, 3)):
+        assert robot.forward(q) == pytest.approx(arm_forward(q), abs=1e-14)
+
+
+def test_what_the_masses_weigh(tmp_path: Path) -> None:
+    """Torque is the gradient of the potential energy of the links, by finite differences."""
+    robot = load_robot(written(tmp_path, ARM))
+    assert [(body.joint, body.mass_kg) for body in robot.gravity.bodies] == [(0, 1.5), (2, 0.25)]
+
+    def energy(q: FloatArray) -> float:
+        upper = pose([0, 0, 0.1], [0, 0, 0.3]) @ turned(np.array([0, 0, 1.0]), q[0])
+        hand = arm_forward(q) @ np.linalg.inv(pose([0.1, 0, 0.05], [0, math.pi / 2, 0]))
+        heights = (upper @ [0, 0, 0.2, 1])[2] * 1.5 + (hand @ [0.05, 0, 0, 1])[2] * 0.25
+        return float(STANDARD_GRAVITY * heights)
+
+    for q in np.random.default_rng(1).uniform(-2, 2, (10, 3)):
+        slope = [(energy(q + h) - energy(q - h)) / 2e-6 for h in 1e-6 * np.eye(3)]
+        assert robot.gravity.torque(q) == pytest.approx(slope, abs=1e-7)
+
+
+def random_step(rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
+    """An origin and an axis: askew, along the frame, nearly along it, or on the last one's line."""
+    T = np.eye(4)
+    kind = rng.integers(5)
+    if kind < 2:
+        T[:3, :3] = rotation_from_rpy(*rng.uniform(-math.pi, math.pi, 3))
+    elif kind == 2:
+        T[:3, :3] = rotation_from_rpy(*(rng.integers(-2, 3, 3) * math.pi / 2))
+    elif kind == 3:
+        T[:3, :3] = rotation_from_rpy(*rng.choice([0.0, 1.5708, -3.14159, 1e-7], 3))
+    T[:3, 3] = rng.integers(0, 2, 3) * rng.uniform(-0.5, 0.5, 3)
+    axis = rng.normal(size=3) if rng.random() < 0.4 else np.eye(3)[rng.integers(3)] * rng.choice([-1, 1])
+    axis = np.array([1e-8, 0, -1]) if rng.random() < 0.1 else axis
+    return T, axis / np.linalg.norm(axis)
+
+
+def test_any_origins_and_axes_are_rows() -> None:
+    """Base, zeros and tool frame kept: the same pose as the plain product, to 1e-12 m."""
+    rng = np.random.default_rng(2)
+    for _ in range(400):
+        n = int(rng.integers(1, 8))
+        steps = [random_step(rng) for _ in range(n)]
+        tool = random_step(rng)[0]
+        chain = DHChain(rows_of([T for T, _ in steps], [axis for _, axis in steps], tool))
+        assert chain.n == n
+        assert len(chain.rows) <= 2 * n + 3
+        for q in (np.zeros(n), rng.uniform(-4, 4, n)):
+            T = np.eye(4)
+            for (origin, axis), angle in zip(steps, q, strict=True):
+                T = T @ origin @ turned(axis, float(angle))
+            assert np.abs(chain.forward(q) - T @ tool).max() < 1e-12
+
+
+@dataclass(frozen=True)
+class Part:
+    """One joint with the link that it carries, hung on ``parent``."""
+
+    parent: str
+    child: str
+    kind: str = "revolute"
+    mimics: str = ""
+
+    @property
+    def xml(self) -> str:
+        mimic = f'<mimic joint="{self.mimics}"/>' if self.mimics else ""
+        return (
+            f'<link name="{self.child}"/><joint name="j_{self.child}" type="{self.kind}">'
+            f'<parent link="{self.parent}"/><child link="{self.child}"/><origin xyz="0.1 0 0"/>'
+            f'<axis xyz="0 0 1"/><limit lower="-1" upper="1"/>{mimic}</joint>'
+        )
+
+
+def robot_of(*parts: Part) -> str:
+    return f'<robot name="r"><link name="world"/>{"".join(part.xml for part in parts)}</robot>'
+
+
+ARM_PARTS = (Part("world", "a"), Part("a", "b"), Part("b", "c"))
+
+
+@pytest.mark.parametrize(
+    ("parts", "tool"),
+    [
+        ((), "c"),
+        ((Part("c", "flange", "fixed"),), "flange"),
+        ((Part("c", "flange", "fixed"), Part("flange", "tip", "fixed")), "tip"),
+        ((Part("a", "camera", "fixed"), Part("c", "tip", "fixed")), "tip"),  # the camera is passed over
+        ((Part("c", "camera", "fixed"), Part("c", "arm_tool0", "fixed")), "arm_tool0"),
+        ((Part("c", "hand", "fixed"), Part("hand", "f1", "prismatic"),
+          Part("hand", "f2", "prismatic", "j_f1")), "hand"),
+        ((Part("c", "palm", "fixed"), Part("palm", "k1"), Part("palm", "k2", "revolute", "j_k1")), "palm"),
+        ((Part("c", "gripper_base", "fixed"), Part("gripper_base", "jaw")), "gripper_base"),
+        ((Part("c", "tool0", "fixed"), Part("c", "finger", "prismatic")), "tool0"),
+    ],
+)  # fmt: skip
+def test_the_arm_ends_at_the_tool(tmp_path: Path, parts: tuple[Part, ...], tool: str) -> None:
+    robot = load_robot(written(tmp_path, robot_of(*ARM_PARTS, *parts)))
+    assert robot.joint_names == ("j_a", "j_b", "j_c")
+    assert robot.source.endswith(f"to {tool}")
+
+
+@pytest.mark.parametrize(
+    ("parts", "says"),
+    [
+        (
+            (Part("c", "x", "fixed"), Part("c", "y", "fixed")),
+            "several links could be the tool: x, y; give one",
+        ),
+        ((Part("world", "left"), Part("left", "hand")), "several links could be the tool: c, hand"),
+        ((Part("c", "l_tcp", "fixed"), Part("b", "r_tcp", "fixed")), "could be the tool: l_tcp, r_tcp"),
+        ((Part("c", "quill", "prismatic"),), 'name="j_quill">: type="prismatic": the chain of an arm holds'),
+        ((Part("c", "d", "floating"), Part("d", "tool0", "fixed")), 'name="j_d">: type="floating"'),
+        ((Part("c", "d", "planar"), Part("d", "tool0", "fixed")), 'name="j_d">: type="planar"'),
+        ((Part("c", "d", "revolute", "j_b"), Part("d", "tool0", "fixed")), 'j_d">: follows the joint "j_b"'),
+        ((Part("world", "tool0", "fixed"),), "no joint turns between world and tool0"),
+    ],
+)
+def test_where_no_chain_is_clear(tmp_path: Path, parts: tuple[Part, ...], says: str) -> None:
+    path = written(tmp_path, robot_of(*ARM_PARTS, *parts))
+    with pytest.raises(RobotFileError, match=re.escape(says)) as refused:
+        load_robot(path)
+    assert str(path) in str(refused.value)
+
+
+ELBOW_LIMIT = '<limit lower="0.25" upper="2" effort="8" velocity="0"/>'
+ENTITY = '<!DOCTYPE robot [<!ENTITY a "b"><!ENTITY c "&a;&a;">]>'
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("", "is not XML: no element found"),
+        ("<robot", "is not XML"),
+        (b"\xff\xfe\x00<", "is not XML"),
+        ('<?xml version="1.0" encoding="nonsense"?><robot/>', "is not XML"),
+        ("<sdf/>", "the root element is <sdf>, a URDF file has <robot>"),
+        ("<robot/>", "there is no <link>"),
+        ('<robot><link name="a"/></robot>', "no joint turns between a and a"),
+        (ARM.replace("<robot", f"{ENTITY}<robot", 1), "holds a document type ('robot')"),
+        (ARM.replace("<robot", f"{ENTITY}<robot", 1).encode("utf-16"), "holds a document type ('robot')"),
+        (changed("<material", '<xacro:arg xmlns:xacro="http://ros.org/xacro" name="x"/><material'), "macros"),
+        (changed('<parent link="fore"/>', '<parent link="four"/>'), '<parent link="four">: there is no such'),
+        (changed('<child link="hand"/>', '<child link="hund"/>'), '<child link="hund">: there is no such'),
+        (changed('<child link="hand"/>', '<child link="fore"/>'), 'already hangs on the joint "Elbow-1"'),
+        (changed('<parent link="base_link"/>', '<parent link="hand"/>'), "form a loop: "),
+        (changed('"tool0"/>', '"tool0"/><link name="lost"/>'), "several root links (base_link, lost)"),
+        (changed('"tool0"/>', '"tool0"/><link name="hand"/>'), '<link name="hand">: there are two'),
+        (changed('"wrist"', '"Elbow-1"'), '<joint name="Elbow-1">: there are two'),
+        (changed('<link name="tool0"/>', "<link/>"), "<link>: the attribute 'name' is missing"),
+        (changed('<joint name="wrist"', "<joint"), "<joint>: the attribute 'name' is missing"),
+        (changed('type="continuous"', ""), "the attribute 'type' is missing"),
+        (changed('type="continuous"', 'type="hinge"'), 'type="hinge": allowed are revolute, continuous'),
+        (changed('<parent link="fore"/>', ""), '<joint name="wrist">: <parent> is missing'),
+        (changed('<child link="hand"/>', "<child/>"), "wrist\">: <child>: the attribute 'link' is missing"),
+        (changed('xyz="0.3 0 0"', 'xyz="nan 0 0"'), 'wrist">: <origin>: xyz="nan 0 0": must be 3 finite'),
+        (changed('xyz="0.3 0 0"', 'xyz="0.3 0"'), 'xyz="0.3 0": must be 3 finite numbers'),
+        (changed('xyz="0.3 0 0"', 'xyz="${l} 0 0"'), "must be 3 finite numbers"),
+        (changed('rpy="0 0 0.3"', 'rpy="0 0 inf"'), 'rpy="0 0 inf": must be 3 finite numbers'),
+        (changed('xyz="0 0 2"', 'xyz="0 0 0"'), '<axis xyz="0 0 0">: has no direction'),
+        (changed('xyz="0 0 2"', 'xyz="0 0 1e400"'), "<axis>: xyz="),
+        (changed(ELBOW_LIMIT, ""), '<joint name="Elbow-1">: <limit> is missing; a revolute joint needs'),
+        (changed(ELBOW_LIMIT, '<limit effort="1"/>'), "<limit lower=0.0 upper=0.0>: the lower limit comes"),
+        (changed('lower="0.25"', 'lower="3"'), "<limit lower=3.0 upper=2.0>: the lower limit comes first"),
+        (changed('lower="0.25"', 'lower="-99"'), "within ±12.57"),
+        (changed('lower="0.25"', 'lower="x"'), '<limit>: lower="x": must be a finite number'),
+        (changed('velocity="2"', 'velocity="-2"'), "velocity and effort are not negative"),
+        (changed('<mass value="1.5"/>', '<mass value="-1"/>'), "a mass is not negative"),
+        (changed('<mass value="1.5"/>', "<mass/>"), "upper\">: <mass>: the attribute 'value' is missing"),
+        (changed('<origin xyz="0 0 0.2"/>', '<origin xyz="0 0 nan"/>'), '<inertial>: <origin>: xyz="0 0 nan'),
+    ],
+)
+def test_what_is_wrong_is_named(tmp_path: Path, text: str | bytes, says: str) -> None:
+    path = written(tmp_path, text)
+    with pytest.raises(RobotFileError, match=re.escape(says)) as refused:
+        load_robot(path)
+    assert str(path) in str(refused.value)
+    assert "\n" not in str(refused.value)
+
+
+def test_a_loop_without_a_root(tmp_path: Path) -> None:
+    text = robot_of(*ARM_PARTS).replace('<parent link="world"/>', '<parent link="c"/>')
+    with pytest.raises(RobotFileError, match="form a loop; a robot has one root link"):
+        load_robot(written(tmp_path, text.replace('<link name="world"/>', "")))
+
+
+def test_files_that_are_none(tmp_path: Path) -> None:
+    with pytest.raises(RobotFileError, match="cannot be read: No such file"):
+        load_robot(tmp_path / "none.urdf")
+    (tmp_path / "folder.urdf").mkdir()
+    with pytest.raises(RobotFileError, match="cannot be read"):
+        load_robot(str(tmp_path / "folder.urdf"))
+
+
+def test_names_that_robots_cannot_have(tmp_path: Path) -> None:
+    text = ARM.replace('name="My Arm"', "").replace('"wrist"', '"7"')
+    robot = load_robot(written(tmp_path, text.replace('"Elbow-1"', '"Shoulder Pan Joint"')))
+    assert robot.name == "arm"
+    assert robot.joint_names == ("shoulder_pan_joint", "shoulder_pan_joint_2", "joint_7")
