@@ -2,6 +2,7 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
+BENCH := build/bench-venv
 SOURCES := src tests benchmarks examples
 
 .PHONY: run test check format bench clean
@@ -22,8 +23,9 @@ format: $(VENV)/.tested
 	$(BIN)/ruff check --fix $(SOURCES)
 	$(BIN)/ruff format $(SOURCES)
 
-bench: $(VENV)/.installed
-	$(BIN)/python -m benchmarks $(ARGS)
+# The peers live in an environment of their own; one that does not install is named in the table.
+bench: $(BENCH)/.installed
+	$(BENCH)/bin/python -m benchmarks $(ARGS)
 
 clean:
 	rm -rf $(VENV) build dist .pytest_cache .ruff_cache .hypothesis test-artifacts
@@ -45,6 +47,16 @@ $(VENV)/.installed: pyproject.toml | $(BIN)/python
 
 $(VENV)/.tested: pyproject.toml $(VENV)/.installed
 	$(BIN)/python -m pip install --quiet --editable . --group test
+	@touch $@
+
+$(BENCH)/.installed: pyproject.toml benchmarks/peers.txt | $(BIN)/python
+	$(PYTHON) -m venv $(BENCH)
+	$(BENCH)/bin/python -m pip install --quiet --upgrade pip
+	$(BENCH)/bin/python -m pip install --quiet --editable .
+	@echo 'installing the peers into $(BENCH) (once, about 1 GB) ...'
+	@$(BENCH)/bin/python -m pip install --quiet -r benchmarks/peers.txt \
+	  || for peer in $$(grep -v '^#' benchmarks/peers.txt); do \
+	       $(BENCH)/bin/python -m pip install --quiet "$$peer" || echo "$$peer does not install here" >&2; done
 	@touch $@
 
 # The browser tests drive a real browser. Debian's own is used; playwright's download is not needed.

@@ -1,43 +1,72 @@
-"""``make bench``: every ratio in one run, as a table and as JSON."""
+"""``make bench``: every goal of speed in one run, as a table and as JSON."""
 
 from __future__ import annotations
 
+import argparse
 import json
-import platform
 import sys
+import time
+from collections.abc import Iterator
 from pathlib import Path
 
-import numpy as np
-from benchmarks.forward import forward_ratios
-from benchmarks.measure import Ratio
-from benchmarks.sweep import sweep_ratios
-
-from armctl import load_robot
+from benchmarks import machine
+from benchmarks.measure import FULL, QUICK, Effort
+from benchmarks.readme import README, with_table
+from benchmarks.row import Row
+from benchmarks.table import table
+from benchmarks.works import elsewhere, forward, jacobian, least_rotation, off_manifold, pose, sweep
 
 RESULTS = Path(__file__).parent / "results"
+WORKS = {
+    "forward": forward,
+    "jacobian": jacobian,
+    "sweep": sweep,
+    "least_rotation": least_rotation,
+    "pose": pose,
+    "off_manifold": off_manifold,
+    "elsewhere": elsewhere,
+}
 
 
 def main() -> int:
-    robot = load_robot("uzuner")
-    ratios = [*sweep_ratios(robot), *forward_ratios(robot)]
-    print(table(ratios))
-    RESULTS.mkdir(exist_ok=True)
-    path = RESULTS / "kinematics.json"
-    facts = {"python": platform.python_version(), "numpy": np.__version__, "machine": platform.machine()}
-    path.write_text(json.dumps(facts | {"ratios": [ratio.as_json() for ratio in ratios]}, indent=2) + "\n")
-    print(f"written to {path}")
-    missed = [ratio.work for ratio in ratios if ratio.goal is not None and ratio.ratio < ratio.goal]
-    if missed:
-        print(f"below the goal: {', '.join(missed)}", file=sys.stderr)
+    parser = argparse.ArgumentParser(prog="make bench", description=__doc__)
+    parser.add_argument(
+        "--quick", action="store_true", help="a tenth of the poses and of the time: for a first look"
+    )
+    parser.add_argument("--readme", action="store_true", help="put the table into README.md")
+    parser.add_argument("--only", choices=WORKS, help="one piece of work")
+    options = parser.parse_args()
+    names = [options.only] if options.only else list(WORKS)
+    rows = list(measured(names, QUICK if options.quick else FULL))
+    facts: dict[str, str | int] = machine.facts() | {"run": "quick" if options.quick else "full"}
+    print(table(rows), "", machine.sentence(facts), sep="\n")
+    if not options.only:
+        write(rows, facts)
+    if options.readme:
+        shown = f"{machine.sentence(facts)}\n\n{table(rows)}"
+        README.write_text(with_table(README.read_text(), shown))
+    missed = [row for row in rows if row.met is False]
+    for row in missed:
+        print(f"missed: {row.verdict}", file=sys.stderr)
     return 1 if missed else 0
 
 
-def table(ratios: list[Ratio]) -> str:
-    lines = [f"{'work':46} {'plain µs':>12} {'armctl µs':>12} {'ratio':>8} {'goal':>6}"]
-    for r in ratios:
-        goal = "–" if r.goal is None else f"{r.goal:g}"
-        lines.append(f"{r.work:46} {r.plain_us:12.3f} {r.armctl_us:12.3f} {r.ratio:8.1f} {goal:>6}")
-    return "\n".join(lines)
+def measured(names: list[str], effort: Effort) -> Iterator[Row]:
+    """Row after row, with a word on the terminal while it goes."""
+    for name in names:
+        start = time.perf_counter()
+        print(f"{name} …", end=" ", flush=True, file=sys.stderr)
+        yield from WORKS[name].rows(effort)
+        print(f"{time.perf_counter() - start:.0f} s", file=sys.stderr)
+
+
+def write(rows: list[Row], facts: dict[str, str | int]) -> None:
+    """Keep the table beside the JSON."""
+    RESULTS.mkdir(exist_ok=True)
+    (RESULTS / "latest.md").write_text(f"{table(rows)}\n\n{machine.sentence(facts)}\n")
+    content = {"machine": facts, "rows": [row.as_json() for row in rows]}
+    (RESULTS / "latest.json").write_text(json.dumps(content, indent=2, ensure_ascii=False) + "\n")
+    print(f"written to {RESULTS / 'latest.md'} and latest.json")
 
 
 if __name__ == "__main__":

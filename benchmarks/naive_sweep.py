@@ -6,50 +6,16 @@ Written from the geometry in PAPERS.md alone; it shares no code with armctl.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
+from benchmarks.planar_arm import UZUNER, PlanarArm
 from numpy.typing import NDArray
+
+__all__ = ["UZUNER", "PlanarArm", "into", "naive_sweep"]
 
 FloatArray = NDArray[np.float64]
 LIMIT_TOLERANCE = 1e-9
 """what rounding may carry an angle over its limit [rad]; a cosine over 1 likewise"""
-
-
-@dataclass(frozen=True)
-class PlanarArm:
-    """A yaw joint and three parallel pitch joints, by their planar geometry (metres, radians).
-
-    ``x + i y = exp(i yaw_sign q0) (r + i lateral)`` and
-    ``(r - shoulder_r) + i (z - shoulder_z) = sum_k lengths[k] exp(i (t_0 + ... + t_k))``
-    with ``t_k = signs[k] q_(k+1) + offsets[k]``.
-    """
-
-    lateral: float
-    shoulder_r: float
-    shoulder_z: float
-    lengths: tuple[float, float, float]
-    limits: FloatArray
-    """(4, 2) of the yaw and the pitch joints"""
-    yaw_sign: int = 1
-    signs: tuple[int, int, int] = (1, 1, 1)
-    offsets: tuple[float, float, float] = (0.0, 0.0, 0.0)
-
-    def tip(self, q: FloatArray) -> FloatArray:
-        """(..., 3) tool point of (..., 4) joint angles."""
-        headings = np.cumsum(q[..., 1:4] * np.array(self.signs) + np.array(self.offsets), axis=-1)
-        planar = (np.exp(1j * headings) * np.array(self.lengths)).sum(axis=-1)
-        across = (planar.real + self.shoulder_r + 1j * self.lateral) * np.exp(1j * self.yaw_sign * q[..., 0])
-        return np.stack([across.real, across.imag, planar.imag + self.shoulder_z], axis=-1)
-
-
-UZUNER = PlanarArm(
-    lateral=0.00362,
-    shoulder_r=0.0,
-    shoulder_z=0.163,
-    lengths=(0.125, 0.104, 0.101),
-    limits=np.radians([[-102.8, 107.26], [-3.19, 146.831], [-84.36, 95.07], [-83.34, 86.75]]),
-)
 
 
 def into(angle: FloatArray, low: float, high: float) -> FloatArray:
