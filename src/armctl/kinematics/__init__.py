@@ -1,5 +1,7 @@
 """Kinematics in pure numpy: chains, inverse solutions, energy, reach. No I/O, no clock, no robot file."""
 
+from armctl.kinematics.batch_solutions import BatchSolutions
+from armctl.kinematics.branches import Branch, BranchFinder
 from armctl.kinematics.chain import DHChain, DHRow
 from armctl.kinematics.energy import CRITERIA, CRITERION_TEXT, Criterion, EnergyModel, checked_criterion
 from armctl.kinematics.gravity import Body, GravityModel
@@ -8,12 +10,16 @@ from armctl.kinematics.rotation import quaternion_wxyz, roll_pitch_yaw, rotation
 from armctl.kinematics.solutions import Solutions
 from armctl.kinematics.sweep_grid import DEFAULT_STEP
 from armctl.kinematics.target import Target
+from armctl.kinematics.yaw_pitch_roll_solver import YawPitchRollSolver
 
 __all__ = [
     "CRITERIA",
     "CRITERION_TEXT",
     "DEFAULT_STEP",
+    "BatchSolutions",
     "Body",
+    "Branch",
+    "BranchFinder",
     "Criterion",
     "DHChain",
     "DHRow",
@@ -22,6 +28,7 @@ __all__ = [
     "InverseKinematics",
     "Solutions",
     "Target",
+    "YawPitchRollSolver",
     "checked_criterion",
     "inverse_kinematics",
     "quaternion_wxyz",

@@ -6,8 +6,14 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
+from numpy.typing import NDArray
+
 from armctl.kinematics.angles import images, wrap
+from armctl.kinematics.joint_windows import into_limits
 from armctl.kinematics.yaw_pitch_roll import YawPitchRoll
+
+FloatArray = NDArray[np.float64]
 
 AXIS_TOLERANCE = 1e-10
 """How far inside the cylinder about the base axis a target may lie by rounding [m]."""
@@ -72,3 +78,37 @@ def axis_branches(turns: Sequence[float], limits: tuple[float, float] | None) ->
 
 def _inside(turn: float, limits: tuple[float, float] | None) -> list[float]:
     return [wrap(turn)] if limits is None else images(turn, *limits)
+
+
+def base_angles(
+    geometry: YawPitchRoll, x: FloatArray, y: FloatArray, limits: tuple[float, float]
+) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
+    """``base_branches`` of many targets: the image inside the limits that is nearest to zero.
+
+    Args:
+        geometry: the arm.
+        x: (k,) targets, forward of the base axis [m].
+        y: (k,) targets, left of the base axis [m].
+        limits: of θ1 [rad].
+
+    Returns:
+        θ1 [rad] in front and at the back (2, k); forward coordinates in the tool plane [m] (2, k); and
+        where there is such a branch (2, k).
+    """
+    d = geometry.lateral
+    square = x * x + y * y - d * d
+    r = np.sqrt(np.maximum(square, 0.0))
+    azimuth = np.arctan2(y, x)
+    aside = np.arctan2(d, r) if d else 0.0
+    yaw = np.stack([azimuth - aside, azimuth + aside - math.pi])
+    if geometry.yaw_sign < 0:
+        np.negative(yaw, out=yaw)
+    on_axis = np.flatnonzero(r <= AXIS_TOLERANCE)
+    if abs(d) <= AXIS_TOLERANCE and len(on_axis):
+        yaw[0, on_axis] = min(max(0.0, limits[0]), limits[1])
+        yaw[1, on_axis] = yaw[0, on_axis] + math.pi
+    inside = into_limits(yaw, *limits)
+    if d:  # closer to the axis than the tool plane; or both branches the same one
+        inside &= square >= -2.0 * AXIS_TOLERANCE * abs(d)
+        inside[1] &= r > 0.0
+    return yaw, np.stack([r, -r]), inside

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from array import array
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
@@ -11,12 +12,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from armctl.errors import InputError
-from armctl.kinematics.angles import half_angle_cos_sin
-from armctl.kinematics.checks import as_numbers
+from armctl.kinematics.chain_kernel import MatrixKernel, jacobian_kernel, pose_kernel, small_angles
+from armctl.kinematics.chain_program import ChainProgram
+from armctl.kinematics.checks import as_numbers, require_finite
 
 FloatArray = NDArray[np.float64]
 Convention = Literal["standard", "modified"]
-_CHUNK = 8192
+_FLOAT = np.dtype(np.float64)
+_POSE_SHAPE = (4, 4)
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,8 +78,10 @@ class DHChain:
         if not self.joint_rows:
             raise InputError("a chain needs at least one row with a joint")
         self.segments, self.tail = self._fold()
-        self._segment_tuples = tuple(map(_columns_of, self.segments))
-        self._tail_tuples = _columns_of(self.tail)
+        self._one_shape = (self.n,)
+        self._jacobian_shape = (6, self.n)
+        program = ChainProgram(self.segments, self.tail)
+        self._pose, self._jacobian = pose_kernel(program), jacobian_kernel(program)
 
     @property
     def n(self) -> int:
@@ -98,17 +103,21 @@ class DHChain:
         return tuple(segments), ahead
 
     def checked(self, q: ArrayLike) -> FloatArray:
-        """``q`` as an array ``(..., n)`` of finite numbers.
+        """``q`` as an array ``(..., n)`` of finite numbers; a copy.
 
         Raises:
             InputError: wrong shape, text, NaN or infinity.
         """
-        array = as_numbers(q, "joint angles")
-        if array.ndim == 0 or array.shape[-1] != self.n:
-            raise InputError(f"{self.n} joint angles are needed, got an array of shape {array.shape}")
-        if not np.isfinite(array).all():
-            raise InputError(f"joint angles must be finite numbers, got {q!r}")
-        return array
+        numbers = self._numbers(q)
+        require_finite(numbers, "joint angles")
+        return numbers.copy() if numbers is q else numbers
+
+    def _numbers(self, q: ArrayLike) -> FloatArray:
+        """``q`` as an array ``(..., n)`` of numbers, finite or not; itself where it is one."""
+        numbers = q if type(q) is np.ndarray and q.dtype is _FLOAT else as_numbers(q, "joint angles")
+        if numbers.ndim == 0 or numbers.shape[-1] != self.n:
+            raise InputError(f"{self.n} joint angles are needed, got an array of shape {numbers.shape}")
+        return numbers
 
     def forward(self, q: ArrayLike) -> FloatArray:
         """Pose of the tool frame.
@@ -122,54 +131,26 @@ class DHChain:
         Raises:
             InputError: ``q`` has the wrong shape or is not finite.
         """
-        q = self.checked(q)
-        if q.ndim == 1:
-            return self._forward_one(q)
-        T = np.zeros((*q.shape[:-1], 4, 4))
-        flat, poses = q.reshape(-1, self.n), T.reshape(-1, 4, 4)
-        for at in range(0, len(flat), _CHUNK):  # temporaries that stay in the processor's cache
-            cut = slice(at, at + _CHUNK)
-            for j, column in enumerate(self._columns(flat[cut])[-1]):
-                for i, entry in enumerate(column):
-                    poses[cut, i, j] = entry
-        poses[:, 3, 3] = 1.0
-        return T
+        return self._evaluated(self._pose, q, _POSE_SHAPE)
 
-    def _forward_one(self, q: FloatArray) -> FloatArray:
-        """One pose in plain floats: a ufunc call costs more than the whole sum."""
-        r = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0), (0.0, 0.0, 0.0))
-        for segment, angle in zip(self._segment_tuples, q.tolist(), strict=True):
-            r = _times(r, segment)
-            c, s = math.cos(angle), math.sin(angle)
-            (x0, x1, x2), (y0, y1, y2), z, p = r
-            r = (
-                (x0 * c + y0 * s, x1 * c + y1 * s, x2 * c + y2 * s),
-                (y0 * c - x0 * s, y1 * c - x1 * s, y2 * c - x2 * s),
-                z,
-                p,
-            )
-        x, y, z, p = _times(r, self._tail_tuples)
-        return np.array(
-            [[x[0], y[0], z[0], p[0]], [x[1], y[1], z[1], p[1]], [x[2], y[2], z[2], p[2]], [0, 0, 0, 1.0]]
-        )
-
-    def _columns(self, q: FloatArray) -> list[_ArrayColumns]:
-        """Frames ahead of each joint's turn, and the tool frame, as columns of arrays (or constants)."""
-        frames: list[_ArrayColumns] = []
-        frame: _ArrayColumns = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0), (0.0, 0.0, 0.0))
-        for k, segment in enumerate(self._segment_tuples):
-            frame = _array_times(frame, segment)
-            frames.append(frame)
-            c, s = half_angle_cos_sin(q[..., k])
-            x, y, z, p = frame
-            frame = (
-                tuple(_sum((xi, c), (yi, s)) for xi, yi in zip(x, y, strict=True)),
-                tuple(_sum((yi, c), (xi, -s)) for xi, yi in zip(x, y, strict=True)),
-                z,
-                p,
-            )
-        frames.append(_array_times(frame, self._tail_tuples))
-        return frames
+    def _evaluated(self, kernel: MatrixKernel, q: ArrayLike, shape: tuple[int, int]) -> FloatArray:
+        """A matrix of each configuration: (..., n) -> (..., *shape)."""
+        if (
+            type(q) is np.ndarray and q.dtype is _FLOAT and q.shape == self._one_shape
+        ):  # the door is 1 µs wide
+            entries = kernel.one(*q.tolist())
+            if entries is not None:
+                return np.ndarray(shape, _FLOAT, array("d", entries))
+        many = self._numbers(q)
+        if many.ndim == 1:
+            entries = kernel.one(*many.tolist()) or kernel.one(*small_angles(many).tolist())
+            return np.array(entries).reshape(shape)
+        flat = many.reshape(-1, self.n)
+        out = np.zeros(
+            (*shape, len(flat))
+        )  # entry by entry in memory: contiguous to write, and to read a column
+        kernel.many(flat, out)
+        return np.moveaxis(out.reshape(*shape, *many.shape[:-1]), (0, 1), (-2, -1))
 
     def frames(self, q: ArrayLike) -> FloatArray:
         """Poses of all frames: the base, then one behind each row.
@@ -210,69 +191,16 @@ class DHChain:
         Returns:
             (..., 6, n): metres over radians a radian.
         """
-        q = self.checked(q)
-        batch = q if q.ndim > 1 else q[None]
-        frames = self._columns(batch)
-        tip = frames[-1][3]
-        J = np.zeros((*batch.shape[:-1], 6, self.n))
-        for k, (_, _, z, p) in enumerate(frames[:-1]):
-            lever = [t - o for t, o in zip(tip, p, strict=True)]
-            J[..., 0, k] = z[1] * lever[2] - z[2] * lever[1]
-            J[..., 1, k] = z[2] * lever[0] - z[0] * lever[2]
-            J[..., 2, k] = z[0] * lever[1] - z[1] * lever[0]
-            for i in range(3):
-                J[..., 3 + i, k] = z[i]
-        return J if q.ndim > 1 else J[0]
+        return self._evaluated(self._jacobian, q, self._jacobian_shape)
 
     def axes(self, q: ArrayLike | None = None) -> tuple[FloatArray, FloatArray]:
         """Joint axes at ``q`` (default: all zero): points (n, 3) [m], unit directions (n, 3), base frame."""
         q = np.zeros(self.n) if q is None else self.checked(q)
-        frames = self._columns(q[None])[:-1]
-        points = np.array([[float(np.squeeze(v)) for v in frame[3]] for frame in frames])
-        directions = np.array([[float(np.squeeze(v)) for v in frame[2]] for frame in frames])
-        return points, directions
-
-
-_Vector = tuple[float, float, float]
-_Columns = tuple[_Vector, _Vector, _Vector, _Vector]
-_Entry = float | FloatArray
-_ArrayColumns = tuple[tuple[_Entry, ...], tuple[_Entry, ...], tuple[_Entry, ...], tuple[_Entry, ...]]
-
-
-def _columns_of(T: FloatArray) -> _Columns:
-    x, y, z, p = (tuple(map(float, T[:3, j])) for j in range(4))
-    return x, y, z, p  # pyright: ignore[reportReturnType]
-
-
-def _times(r: _Columns, b: _Columns) -> _Columns:
-    (x0, x1, x2), (y0, y1, y2), (z0, z1, z2), (p0, p1, p2) = r
-    bx, by, bz, bp = (
-        (x0 * u + y0 * v + z0 * w, x1 * u + y1 * v + z1 * w, x2 * u + y2 * v + z2 * w) for u, v, w in b
-    )
-    return bx, by, bz, (bp[0] + p0, bp[1] + p1, bp[2] + p2)
-
-
-def _sum(*terms: tuple[_Entry, _Entry]) -> _Entry:
-    """Sum of products that leaves out what is exactly zero: most of a DH chain is."""
-    total: _Entry = 0.0
-    for a, b in terms:
-        if (isinstance(a, float) and a == 0.0) or (isinstance(b, float) and b == 0.0):
-            continue
-        product = (
-            b if isinstance(a, float) and a == 1.0 else a if isinstance(b, float) and b == 1.0 else a * b
-        )
-        total = product if isinstance(total, float) and total == 0.0 else total + product
-    return total
-
-
-def _array_times(r: _ArrayColumns, b: _Columns) -> _ArrayColumns:
-    x, y, z, p = r
-
-    def column(c: _Vector, extra: tuple[_Entry, ...] | None) -> tuple[_Entry, ...]:
-        terms = [[(x[i], c[0]), (y[i], c[1]), (z[i], c[2])] for i in range(3)]
-        if extra is not None:
-            for i in range(3):
-                terms[i].append((extra[i], 1.0))
-        return tuple(_sum(*t) for t in terms)
-
-    return column(b[0], None), column(b[1], None), column(b[2], None), column(b[3], p)
+        ahead = np.eye(4)
+        frames: list[FloatArray] = []
+        for segment, angle in zip(self.segments, q.tolist(), strict=True):
+            ahead = ahead @ segment
+            frames.append(ahead)
+            ahead = ahead @ _z_part(angle, 0.0)
+        stacked = np.array(frames)
+        return stacked[:, :3, 3], stacked[:, :3, 2]

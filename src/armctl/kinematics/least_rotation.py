@@ -24,42 +24,80 @@ from __future__ import annotations
 import cmath
 import math
 from collections.abc import Iterator
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from armctl.kinematics.angles import LIMIT_TOLERANCE, TWO_PI
+from armctl.kinematics.angles import TWO_PI
 from armctl.kinematics.base_yaw import BaseBranch
+from armctl.kinematics.joint_windows import nearest_image
 from armctl.kinematics.stationary_curve import StationaryCurve, coefficients
-from armctl.kinematics.two_link import two_link
+from armctl.kinematics.two_link import two_link, two_link_towards
 from armctl.kinematics.yaw_pitch_roll import YawPitchRoll
 
 FloatArray = NDArray[np.float64]
+
+
+class Lock(NamedTuple):
+    """One pitch joint held where |θ| has an end or a kink; the other two follow from a triangle."""
+
+    spent: float
+    """|θ| of the joint [rad]"""
+    joint: int
+    """0: first, 1: second, 2: third pitch joint"""
+    angle: float
+    """θ [rad]"""
+    x: float
+    y: float
+    """with the first joint held, the end of its link [m]; else 0"""
+    near: float
+    far: float
+    """the two links of the triangle [m]"""
+    lag: float
+    lead: float
+    """plane angles of the free joints: the first angle less ``lag``, the bend and ``lead`` [rad]"""
+
+
+_FREE = ((1, 2), (0, 2), (0, 1))
+"""the pitch joints that are free while one is locked"""
 
 
 class LeastRotation:
     """The optimum for one arm and its limits. Immutable; safe in several threads."""
 
     def __init__(self, geometry: YawPitchRoll, limits: FloatArray) -> None:
-        self.geometry = geometry
-        self.l2, self.l3, self.l4 = geometry.lengths
+        self.geometry, self.lengths = geometry, geometry.lengths
         self.limits = tuple((float(low), float(high)) for low, high in limits[1:4])
-        self._locked2 = self._locked_values(0)
-        # two links locked at a bend v are one link: (v, length, its direction from the first)
-        self._locked3 = [self._compound(self.l2, self.l3, v) for v in self._locked_values(1)]
-        self._locked4 = [self._compound(self.l3, self.l4, v) for v in self._locked_values(2)]
-        self._curves = [curve for pattern in _PATTERNS for curve in self._live_curves(pattern)]
+        self._joints = [
+            (sense, offset, *pair)
+            for sense, offset, pair in zip(geometry.signs, geometry.offsets, self.limits, strict=True)
+        ]
+        self.locks = sorted((lock for k in range(3) for lock in self._locks(k)), key=lambda lock: lock.spent)
+        """by how much the locked joint turns, least first"""
+        live = [curve for pattern in _PATTERNS for curve in self._live_curves(pattern)]
+        self.curves = [(curve, self._least_spent(curve)) for curve in live]
+        """parts of the stationary curves that may hold a minimum, and what the joints turn there at least"""
 
-    def _locked_values(self, k: int) -> list[float]:
-        """Plane angles at which |θ_k| has an end or a kink; for the elbow also where sin t3 = 0."""
+    def _locks(self, k: int) -> Iterator[Lock]:
+        """A pitch joint at its limits and at zero; the second one also where sin t3 = 0."""
         low, high = self.limits[k]
-        values = [self.geometry.plane_angle(k, v) for v in (low, high, *((0.0,) if low < 0 < high else ()))]
-        return values + ([v for v in (0.0, math.pi) if v not in values] if k == 1 else [])
-
-    @staticmethod
-    def _compound(a: float, b: float, bend: float) -> tuple[float, float, float]:
-        whole = a + b * cmath.exp(1j * bend)
-        return bend, abs(whole), cmath.phase(whole)
+        angles = {low, high, *((0.0,) if low < 0 < high else ())}
+        if k == 1:
+            straight = (self.geometry.joint_angle(1, v) for v in (0.0, math.pi))
+            angles |= {a for v in straight if (a := nearest_image(v, low, high)) is not None}
+        l2, l3, l4 = self.lengths
+        for angle in angles:
+            v = self.geometry.plane_angle(k, angle)
+            before, behind = ((0.0, l2), (l2, l3), (l3, l4))[k]
+            whole = before + behind * cmath.exp(1j * v)  # the links that the joint holds together, as one
+            length, turn = abs(whole), cmath.phase(whole)
+            if k == 0:
+                yield Lock(abs(angle), 0, angle, whole.real, whole.imag, l3, l4, v, 0.0)
+            elif length > 1e-12 and k == 1:
+                yield Lock(abs(angle), 1, angle, 0.0, 0.0, length, l4, turn, turn - v)
+            elif length > 1e-12:
+                yield Lock(abs(angle), 2, angle, 0.0, 0.0, l2, length, 0.0, -turn)
 
     def solve(self, branches: list[BaseBranch], height: float) -> FloatArray | None:
         """The configuration of least rotation.
@@ -71,13 +109,50 @@ class LeastRotation:
         Returns:
             (4,) base and pitch joint angles [rad], or None when no branch has a solution.
         """
-        best, best_energy = None, math.inf
+        best: tuple[float, ...] | None = None
+        least = math.inf
         for branch in branches:
-            for angles in self.extremes(branch, height):
-                energy = abs(branch.angle) + abs(angles[0]) + abs(angles[1]) + abs(angles[2])
-                if energy < best_energy:
-                    best, best_energy = (branch.angle, *angles), energy
+            rest = least - abs(branch.angle)
+            if rest > 0.0:
+                found = self._solve_branch(branch, height, rest)
+                if found is not None:
+                    least = abs(branch.angle) + abs(found[0]) + abs(found[1]) + abs(found[2])
+                    best = (branch.angle, *found)
         return None if best is None else np.array(best)
+
+    def _solve_branch(
+        self, branch: BaseBranch, height: float, least: float
+    ) -> tuple[float, float, float] | None:
+        """The best of one branch, if it turns the pitch joints by less than ``least`` [rad] in all."""
+        shoulder = self.geometry.shoulder
+        x, y = branch.r - shoulder.real, height - shoulder.imag
+        square, direction = x * x + y * y, math.atan2(y, x)
+        best: tuple[float, float, float] | None = None
+        for lock in self.locks:
+            if lock.spent >= least:
+                break  # the rest spend more still
+            for angles in self._at_lock(lock, x, y, square, direction, least):
+                energy = abs(angles[0]) + abs(angles[1]) + abs(angles[2])
+                if energy < least:
+                    best, least = angles, energy
+        for curve, spent in self.curves:
+            if spent < least and curve.nearest <= square <= curve.farthest:
+                for plane in self._on_curve(curve, square, direction):
+                    angles = self._inside(plane)
+                    energy = math.inf if angles is None else sum(map(abs, angles))
+                    if energy < least:
+                        best, least = angles, energy
+        return best
+
+    def _inside(self, plane: tuple[float, float, float]) -> tuple[float, float, float] | None:
+        """Joint angles of plane angles, if they are inside the limits."""
+        angles: list[float] = []
+        for t, (sense, offset, low, high) in zip(plane, self._joints, strict=True):
+            angle = nearest_image(sense * (t - offset), low, high)
+            if angle is None:
+                return None
+            angles.append(angle)
+        return angles[0], angles[1], angles[2]
 
     def extremes(self, branch: BaseBranch, height: float) -> Iterator[tuple[float, float, float]]:
         """Pitch joint angles [rad] inside the limits with one at a limit or at zero, or the elbow straight.
@@ -85,47 +160,45 @@ class LeastRotation:
         Among them are both ends of every continuum of solutions, and the points of least rotation.
         """
         shoulder = self.geometry.shoulder
-        for plane in self._candidates(branch.r - shoulder.real, height - shoulder.imag):
-            angles = self._inside(plane)
-            if angles is not None:
-                yield angles
+        x, y = branch.r - shoulder.real, height - shoulder.imag
+        square, direction = x * x + y * y, math.atan2(y, x)
+        for lock in self.locks:
+            yield from self._at_lock(lock, x, y, square, direction, math.inf)
+        for curve, _ in self.curves:
+            for plane in self._on_curve(curve, square, direction):
+                angles = self._inside(plane)
+                if angles is not None:
+                    yield angles
 
-    def _inside(self, plane: tuple[float, float, float]) -> tuple[float, float, float] | None:
-        """Joint angles of plane angles, each the image of least magnitude inside its limits."""
-        geometry = self.geometry
-        angles: list[float] = []
-        for k in range(3):
-            angle = math.remainder(geometry.signs[k] * (plane[k] - geometry.offsets[k]), TWO_PI)
-            low, high = self.limits[k]
-            if angle < low - LIMIT_TOLERANCE:
-                angle += TWO_PI * math.ceil((low - LIMIT_TOLERANCE - angle) / TWO_PI)
-            elif angle > high + LIMIT_TOLERANCE:
-                angle -= TWO_PI * math.ceil((angle - high - LIMIT_TOLERANCE) / TWO_PI)
-            if not low - LIMIT_TOLERANCE <= angle <= high + LIMIT_TOLERANCE:
-                return None
-            angles.append(min(max(angle, low), high))
-        return angles[0], angles[1], angles[2]
+    def _at_lock(
+        self, lock: Lock, x: float, y: float, square: float, direction: float, least: float
+    ) -> list[tuple[float, float, float]]:
+        """Joint angles inside the limits that reach a point and turn by less than ``least`` [rad] in all."""
+        spent, joint, angle, held_x, held_y, near, far, lag, lead = lock
+        if joint == 0:
+            triangle = two_link(x - held_x, y - held_y, near, far)
+        else:
+            triangle = two_link_towards(square, direction, near, far)
+        found: list[tuple[float, float, float]] = []
+        for first, bend in triangle:
+            i, j = _FREE[joint]
+            sense, offset, low, high = self._joints[i]
+            a = nearest_image(sense * (first - lag - offset), low, high)
+            if a is None or spent + abs(a) >= least:
+                continue
+            sense, offset, low, high = self._joints[j]
+            b = nearest_image(sense * (bend + lead - offset), low, high)
+            if b is not None:
+                found.append((angle, a, b) if joint == 0 else (a, angle, b) if joint == 1 else (a, b, angle))
+        return found
 
-    def _candidates(self, x: float, y: float) -> Iterator[tuple[float, float, float]]:
-        """Plane angles of every configuration that can be the least, for one base branch."""
-        l2, l3, l4 = self.l2, self.l3, self.l4
-        for v in self._locked2:
-            for first, bend in two_link(x - l2 * math.cos(v), y - l2 * math.sin(v), l3, l4):
-                yield v, first - v, bend
-        for v, length, turn in self._locked3:
-            if length > 1e-12:
-                for first, bend in two_link(x, y, length, l4):
-                    yield first - turn, v, bend + turn - v
-        for v, length, turn in self._locked4:
-            if length > 1e-12:
-                for first, bend in two_link(x, y, l2, length):
-                    yield first, bend - turn, v
-        if self._curves:
-            square, direction = x * x + y * y, math.atan2(y, x)
-            for curve in self._curves:
-                for t3, t4 in curve.at(square):
-                    whole = l2 + cmath.exp(1j * t3) * (l3 + l4 * cmath.exp(1j * t4))
-                    yield direction - cmath.phase(whole), t3, t4
+    def _on_curve(
+        self, curve: StationaryCurve, square: float, direction: float
+    ) -> Iterator[tuple[float, float, float]]:
+        l2, l3, l4 = self.lengths
+        for t3, t4 in curve.at(square):
+            whole = l2 + cmath.exp(1j * t3) * (l3 + l4 * cmath.exp(1j * t4))
+            yield direction - cmath.phase(whole), t3, t4
 
     def _live_curves(self, pattern: _Pattern) -> list[StationaryCurve]:
         """The parts of one family's two curves t4(t3) that can be a minimum inside the limits."""
@@ -136,6 +209,12 @@ class LeastRotation:
             whole = StationaryCurve.over(pattern, geometry.lengths, root, low, high)
             curves += [part for piece in whole for part in piece.parts(self._may_be_minimum(pattern, piece))]
         return curves
+
+    def _least_spent(self, curve: StationaryCurve) -> float:
+        """A lower bound of |θ3| + |θ4| along a curve [rad]: the least sample, and a step of the table off."""
+        (angle3, _), (angle4, _) = self._image(1, curve.t3), self._image(2, curve.t4)
+        step = np.abs(np.diff(angle3)).max() + np.abs(np.diff(angle4)).max()
+        return float((np.abs(angle3) + np.abs(angle4)).min() - step)
 
     def _may_be_minimum(self, pattern: _Pattern, curve: StationaryCurve) -> NDArray[np.bool_]:
         """Senses that agree with the pattern, the wrist inside its limits, and not a maximum."""

@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armctl.kinematics.angles import LIMIT_TOLERANCE, TWO_PI, images
+from armctl.kinematics.plane_circles import PlaneCircle, collinear_circles
 from armctl.kinematics.yaw_pitch_roll import YawPitchRoll
 
 FloatArray = NDArray[np.float64]
@@ -35,24 +36,10 @@ _BISECTIONS = 52
 _NO_LENGTH = 1e-12
 
 
-@dataclass(frozen=True, slots=True)
-class _Circle:
-    """A rigid arm that turns by phi.
-
-    tip = centre + arm · exp(i phi), plane angles = constants + slopes · phi
-    """
-
-    centre: complex
-    """from the first pitch axis [m]"""
-    arm: complex
-    constants: tuple[float, ...]
-    slopes: tuple[float, ...]
-
-
 class _Circles:
     """Many of them, as columns."""
 
-    def __init__(self, circles: Iterable[_Circle], shoulder: complex) -> None:
+    def __init__(self, circles: Iterable[PlaneCircle], shoulder: complex) -> None:
         kept = list(circles)
         self.centre: ComplexArray = np.array([c.centre for c in kept], dtype=np.complex128) + shoulder
         self.arm: ComplexArray = np.array([c.arm for c in kept], dtype=np.complex128)
@@ -78,8 +65,7 @@ class NearestReach:
         self._limits = limits[: 1 + len(geometry.lengths)]
         self._base = (float(limits[0, 0]), float(limits[0, 1]))
         self._plane = [geometry.plane_limits(k, limits) for k in range(len(geometry.lengths))]
-        choices = itertools.product((0, 1, None), repeat=len(geometry.lengths))
-        self._free = _Circles((c for fixed in choices for c in self._collinear(fixed)), geometry.shoulder)
+        self._free = _Circles(collinear_circles(geometry.lengths, self._plane), geometry.shoulder)
 
     def solve(self, x: float, y: float, z: float, tool_angle: float | None = None) -> Nearest | None:
         """The nearest configuration inside the limits.
@@ -178,25 +164,7 @@ class NearestReach:
         still = np.flatnonzero(size < _NO_LENGTH)  # every joint at a limit: nothing turns
         return np.concatenate([row, still]), np.concatenate([0.5 * (low + high), np.zeros(len(still))])
 
-    def _collinear(self, fixed: tuple[int | None, ...]) -> Iterator[_Circle]:
-        """The circles of one choice of pitch joints at limits (0 lower, 1 upper, None free)."""
-        angles = [None if side is None else self._plane[k][side] for k, side in enumerate(fixed)]
-        groups, heading = [0j], 0.0  # the first stands still; a further one begins with each free joint
-        for length, angle in zip(self.geometry.lengths, angles, strict=True):
-            if angle is None:
-                groups.append(complex(length))
-                heading = 0.0
-            else:
-                heading += angle
-                groups[-1] += length * cmath.exp(1j * heading)
-        standing, *turning = groups
-        for later in itertools.product((0.0, math.pi), repeat=max(0, len(turning) - 1)):
-            senses = (0.0, *later)
-            arm = sum(abs(g) * cmath.exp(1j * s) for g, s in zip(turning, senses, strict=False))
-            constants, slopes = _line_up(angles, turning, senses)
-            yield _Circle(standing, complex(arm), constants, slopes)
-
-    def _at_tool_angle(self, tool_angle: float) -> Iterator[_Circle]:
+    def _at_tool_angle(self, tool_angle: float) -> Iterator[PlaneCircle]:
         """The circles with the last link's direction kept: two links turn, the third joint makes up."""
         if len(self.geometry.lengths) != 3:
             return
@@ -206,9 +174,9 @@ class NearestReach:
 
         def circle(
             centre: complex, arm: complex, first: tuple[float, float], second: tuple[float, float]
-        ) -> _Circle:
+        ) -> PlaneCircle:
             (c2, s2), (c3, s3) = first, second
-            return _Circle(hand + centre, arm, (c2, c3, tool_angle - c2 - c3), (s2, s3, -s2 - s3))
+            return PlaneCircle(hand + centre, arm, (c2, c3, tool_angle - c2 - c3), (s2, s3, -s2 - s3))
 
         headings = [tool_angle - v for v in limits4]  # of the second link, with the third joint at a limit
         yield circle(0j, complex(l2 + l3), (0.0, 1.0), (0.0, 0.0))
@@ -223,26 +191,6 @@ class NearestReach:
         for t2, t3 in [*corners, *((h - v, v) for v in limits3 for h in headings)]:
             tip = l2 * cmath.exp(1j * t2) + l3 * cmath.exp(1j * (t2 + t3))
             yield circle(tip, 0j, (t2, 0.0), (t3, 0.0))
-
-
-def _line_up(
-    angles: list[float | None], groups: list[complex], senses: tuple[float, ...]
-) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    """Constants and slopes of the plane angles that bring every group onto the line at phi."""
-    constants: list[float] = []
-    slopes: list[float] = []
-    heading, turns, group = 0.0, 0.0, 0
-    for angle in angles:
-        if angle is None:
-            lead = senses[group] - cmath.phase(groups[group])
-            constants.append(lead - heading)
-            slopes.append(1.0 - turns)
-            heading, turns, group = lead, 1.0, group + 1
-        else:
-            constants.append(angle)
-            slopes.append(0.0)
-            heading += angle
-    return tuple(constants), tuple(slopes)
 
 
 def _into(angle: FloatArray, low: float, high: float) -> tuple[FloatArray, NDArray[np.bool_]]:

@@ -14,6 +14,7 @@ from armctl.kinematics.angles import images
 from armctl.kinematics.chain import DHChain
 from armctl.kinematics.checks import checked_number
 from armctl.kinematics.energy import EnergyModel
+from armctl.kinematics.limit_words import needs
 from armctl.kinematics.numeric_goals import Goal, PositionGoal, RotationGoal, Together, pitch_goal
 from armctl.kinematics.numeric_motion import tool_motion
 from armctl.kinematics.numeric_reach import LinkBound
@@ -131,11 +132,8 @@ class NumericSolver:
         lower[joint] = upper[joint] = held
         if inside or target.roll is None:
             return None, _Box(lower, upper)
-        degrees = [math.degrees(angle) for angle in (math.remainder(target.roll, math.tau), low, high)]
-        return (
-            f"{self._titles[joint]} needs {degrees[0]:.2f}°, its limits are "
-            f"{degrees[1]:.2f}° … {degrees[2]:.2f}°"
-        ), _Box(lower, upper)
+        needed = math.remainder(target.roll, math.tau)
+        return needs(self._titles[joint], (low, high), needed), _Box(lower, upper)
 
     def _search(self, goal: Goal, box: _Box) -> FloatArray:
         """(k, n) configurations that meet a goal, from wave after wave of starts until there are any."""

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from armctl.kinematics.angles import TWO_PI
 from armctl.kinematics.base_yaw import AXIS_TOLERANCE, BaseBranch, base_branches
+from armctl.kinematics.limit_words import needs
 from armctl.kinematics.nearest import Nearest, NearestReach
 from armctl.kinematics.orientation import pitch_poses
 from armctl.kinematics.target import Target
@@ -73,12 +74,9 @@ class Reach:
             f"the links would give {' or '.join(f'{pitch:.2f}°' for pitch in pitches)}, within limits or not"
         )
 
-    def joint_outside(self, joint: int, needs: float) -> str:
+    def joint_outside(self, joint: int, angle: float) -> str:
         """One joint that would have to leave its limits, in words."""
-        low, high = np.degrees(self._limits[joint])
-        return (
-            f"{self._titles[joint]} needs {math.degrees(needs):.2f}°, its limits are {low:.2f}° … {high:.2f}°"
-        )
+        return needs(self._titles[joint], self._limits[joint], angle)
 
     def _nearest_to(self, x: float, y: float, z: float, target: Target) -> FloatArray | None:
         """With the pitch kept if any pose inside the limits has it, else with any pitch."""

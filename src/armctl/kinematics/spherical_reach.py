@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armctl.kinematics.angles import TWO_PI
+from armctl.kinematics.limit_words import needs
 from armctl.kinematics.spherical_orientation import ToolPosture
 from armctl.kinematics.spherical_shoulder import SphericalShoulder
 from armctl.kinematics.spherical_swivel import Swivel
@@ -25,12 +26,9 @@ class SphericalReach:
     def __init__(self, geometry: SphericalShoulder, limits: FloatArray, titles: Sequence[str]) -> None:
         self._geometry, self._limits, self._titles = geometry, limits, titles
 
-    def joint_outside(self, joint: int, needs: float) -> str:
+    def joint_outside(self, joint: int, angle: float) -> str:
         """One joint that would have to leave its limits, in words."""
-        low, high = np.degrees(self._limits[joint])
-        return (
-            f"{self._titles[joint]} needs {math.degrees(needs):.2f}°, its limits are {low:.2f}° … {high:.2f}°"
-        )
+        return needs(self._titles[joint], self._limits[joint], angle)
 
     def of_position(self, distance: float, postures: list[tuple[float, Swivel]]) -> str:
         """Why a position has no solution.
@@ -54,11 +52,11 @@ class SphericalReach:
             )
         if postures:
             joints = self._least_excess(postures)
-            said = " and ".join(self.joint_outside(joint, needs) for joint, needs in joints)
+            said = " and ".join(self.joint_outside(joint, angle) for joint, angle in joints)
             said = said or "a shoulder joint would have to leave them by less than 0.01°"
         else:
-            needs = [self._near(3, bend - self._geometry.offset) for bend in bends]
-            said = " or ".join(self.joint_outside(3, angle) for angle in needs)
+            angles = [self._near(3, bend - self._geometry.offset) for bend in bends]
+            said = " or ".join(self.joint_outside(3, angle) for angle in angles)
         return f"within the links' reach, but joint limits forbid it: {said}"
 
     def of_pitch(self, ends: list[tuple[float, ToolPosture]]) -> str:

@@ -37,6 +37,8 @@ class StationaryCurve:
         l2, l3, l4 = lengths
         cosines = l2 * l3 * np.cos(t3) + l3 * l4 * np.cos(self.t4) + l2 * l4 * np.cos(t3 + self.t4)
         self._square: FloatArray = l2 * l2 + l3 * l3 + l4 * l4 + 2 * cosines
+        self.nearest, self.farthest = float(self._square.min()), float(self._square.max())
+        """squared distances [m²] between which the curve has points, but for what falls between samples"""
 
     @classmethod
     def over(

@@ -16,6 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armctl.kinematics.angles import TWO_PI, images
+from armctl.kinematics.joint_windows import into_window, window
+from armctl.kinematics.panels import PANEL, interpolated, unresolved
 from armctl.kinematics.sweep_grid import SweepGrid
 from armctl.kinematics.two_link import bend_angle, two_link
 from armctl.kinematics.yaw_pitch_roll import YawPitchRoll
@@ -62,6 +64,7 @@ class FreeJointSweep:
         self.geometry = geometry
         self.l2, self.l3, self.l4 = geometry.lengths
         self.limits = tuple(geometry.plane_limits(k, limits) for k in range(3))
+        self._windows = tuple(window(low, high) for low, high in self.limits[1:])
         self.joint_limits = tuple((float(low), float(high)) for low, high in limits[1:4])
         self._knots3 = [self._compound(self.l2, self.l3, v) for v in self.limits[1]]
         self._knots4 = [self._compound(self.l3, self.l4, v) for v in (*self.limits[2], 0.0, math.pi)]
@@ -144,20 +147,45 @@ class FreeJointSweep:
         for stretch in stretches:
             self._mend_knots(grid, x, y, stretch, out[:, places[id(stretch)]])
 
-    def _triangle(
-        self, grid: SweepGrid, x: float, y: float, start: int, stop: int
-    ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """What both bends share on a range of the grid (k,).
+    def _triangle(self, grid: SweepGrid, x: float, y: float, start: int, stop: int) -> FloatArray:
+        """What both bends share on a range of the grid (3, k); ``_exact_triangle`` says what.
+
+        Exact at the nodes of each panel, interpolated between them; one by one where that does not do.
+        """
+        if grid.nodes is None or stop - start < 2 * PANEL:
+            return self._exact_triangle(x, y, *grid.first_link(start, stop))
+        first, last = start // PANEL, -(-stop // PANEL)
+        at_nodes = self._exact_triangle(x, y, *grid.nodes[:, first:last])
+        bend = at_nodes[2]
+        if np.minimum.reduce(bend, axis=None) == 0.0 or np.maximum.reduce(bend, axis=None) == math.pi:
+            bend[(bend == 0.0) | (bend == math.pi)] = (
+                math.nan
+            )  # clipped: a panel that ends there is not smooth
+        begin = first * PANEL
+        out = interpolated(at_nodes)[:, start - begin : stop - begin]
+        for low, high in unresolved(at_nodes):
+            low, high = max(start, begin + low * PANEL), min(stop, begin + high * PANEL)
+            out[:, low - start : high - start] = self._exact_triangle(x, y, *grid.first_link(low, high))
+        return out
+
+    def _exact_triangle(
+        self, x: float, y: float, plane: FloatArray, link_x: FloatArray, link_y: FloatArray
+    ) -> FloatArray:
+        """The triangle of the last two links for values of the first plane angle: (3, *shape).
 
         The direction from the second pitch axis to the point as seen from the first link, the angle
         between it and the second link, and the bend: the cosine rule twice, in as few passes as will do.
+        Out of reach the cosines are clipped onto ±1.
         """
-        X, Y = x - grid.link_x[start:stop], y - grid.link_y[start:stop]
-        square = X * X
+        out = np.empty((3, *plane.shape))
+        Y, square, X = out[0], out[1], out[2]
+        np.subtract(x, link_x, out=X)
+        np.subtract(y, link_y, out=Y)
+        np.multiply(X, X, out=square)
         distance = Y * Y
         square += distance
-        direction = np.arctan2(Y, X, out=Y)
-        direction -= grid.plane[start:stop]
+        np.arctan2(Y, X, out=Y)
+        np.subtract(Y, plane, out=Y)
         np.sqrt(square, out=distance)
         bend = np.subtract(square, self._squares, out=X)
         bend *= 1.0 / self._product
@@ -171,7 +199,8 @@ class FreeJointSweep:
         square /= distance
         np.minimum(square, 1.0, out=square)
         np.maximum(square, -1.0, out=square)
-        return direction, np.arccos(square, out=square), bend
+        np.arccos(square, out=square)
+        return out
 
     def _fill_one(
         self, stretch: Stretch, direction: FloatArray, inner: FloatArray, bend: FloatArray, rows: FloatArray
@@ -189,7 +218,7 @@ class FreeJointSweep:
             if self.geometry.signs[k] < 0:
                 np.negative(angles, out=angles)
             low, high = self.joint_limits[k]
-            if not (low <= angles.min() and angles.max() <= high):
+            if not (low <= np.minimum.reduce(angles) and np.maximum.reduce(angles) <= high):
                 # seen from the middle of its limits (a turn apart at most) the right image is the near one
                 middle = 0.5 * (low + high)
                 angles -= TWO_PI * np.rint((angles - middle) / TWO_PI)
@@ -210,16 +239,21 @@ class FreeJointSweep:
         Stretched or folded links count as bent to the positive side, so that they are listed once.
         """
         X, Y = x - self.l2 * math.cos(t2), y - self.l2 * math.sin(t2)
-        angle = bend_angle((X * X + Y * Y - self._squares) / self._product)
-        if angle is None or (bend < 0 and angle in (0.0, math.pi)):
+        cosine = (X * X + Y * Y - self._squares) / self._product
+        angle = bend_angle(cosine)
+        if angle is None:
+            return None
+        straight = angle == 0.0 or angle == math.pi
+        if straight and bend < 0:
             return None
         g = bend * angle
-        third = images(g, *self.limits[2])
-        if not third:
+        third = into_window(g, self._windows[1])
+        if third is None:
             return None
-        raw = math.atan2(Y, X) - math.atan2(self.l4 * math.sin(g), self.l3 + self.l4 * math.cos(g)) - t2
-        second = images(raw, *self.limits[1])
-        return (second[0], third[0], TWO_PI * round((third[0] - g) / TWO_PI)) if second else None
+        along, across = (math.cos(g), 0.0) if straight else (cosine, bend * math.sqrt(1.0 - cosine * cosine))
+        raw = math.atan2(Y, X) - math.atan2(self.l4 * across, self.l3 + self.l4 * along) - t2
+        second = into_window(raw, self._windows[0])
+        return None if second is None else (second, third, TWO_PI * round((third - g) / TWO_PI))
 
     def intervals(self, x: float, y: float) -> tuple[list[_Interval], list[tuple[int, float]]]:
         """Feasible intervals of the first plane angle for each bend, rising, and the knots outside them all.

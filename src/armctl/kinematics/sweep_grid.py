@@ -9,12 +9,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armctl.errors import InputError
+from armctl.kinematics.cos_sin import HAS_VECTOR_TRIGONOMETRY
+from armctl.kinematics.panels import PANEL, node_positions
 from armctl.kinematics.yaw_pitch_roll import YawPitchRoll
 
 FloatArray = NDArray[np.float64]
 DEFAULT_STEP = math.radians(0.01)
 """the paper's step of the swept joint [rad]"""
 _MOST_VALUES = 2_000_000
+_WIDEST_PANEL = 0.05
+"""a wider panel is seldom a polynomial to machine precision [rad]"""
 _SLACK = 1e-6
 """how far outside a limit a multiple of the step may lie by rounding, in steps"""
 
@@ -33,6 +37,13 @@ class SweepGrid:
     link_x: FloatArray
     link_y: FloatArray
     """(m,) end of the first link [m]"""
+    nodes: FloatArray | None
+    """(3, panels, NODES) plane angle and end of the first link at the nodes of each panel; None where the
+    step is too coarse for ``panels.py``, or arc cosines are as cheap"""
+
+    def first_link(self, start: int, stop: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Plane angles [rad] and end of the first link [m] on a range of the grid."""
+        return self.plane[start:stop], self.link_x[start:stop], self.link_y[start:stop]
 
     @classmethod
     def of(cls, geometry: YawPitchRoll, limits: tuple[float, float], step: float) -> SweepGrid:
@@ -52,11 +63,12 @@ class SweepGrid:
         if geometry.signs[0] < 0:
             joint = joint[::-1].copy()
         plane = geometry.signs[0] * joint + geometry.offsets[0]
-        length = geometry.lengths[0]
-        grid = cls(
-            step, float(plane[0]) if len(plane) else 0.0, joint, plane,
-            length * np.cos(plane), length * np.sin(plane),
-        )  # fmt: skip
-        for array in (grid.joint, grid.plane, grid.link_x, grid.link_y):
+        start, length = float(plane[0]) if len(plane) else 0.0, geometry.lengths[0]
+        nodes = None
+        if step * PANEL <= _WIDEST_PANEL and not HAS_VECTOR_TRIGONOMETRY:
+            angle = start + step * node_positions(len(plane))
+            nodes = np.stack([angle, length * np.cos(angle), length * np.sin(angle)])
+        grid = cls(step, start, joint, plane, length * np.cos(plane), length * np.sin(plane), nodes)
+        for array in (grid.joint, grid.plane, grid.link_x, grid.link_y, *(() if nodes is None else (nodes,))):
             array.flags.writeable = False
         return grid

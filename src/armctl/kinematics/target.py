@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from armctl.errors import InputError
-from armctl.kinematics.checks import as_numbers, checked_number
+from armctl.kinematics.checks import as_numbers, checked_number, require_finite
 
 FloatArray = NDArray[np.float64]
 FARTHEST = 1000.0
@@ -58,12 +58,15 @@ def _finite(value: ArrayLike, shape: tuple[int, ...], what: str) -> FloatArray:
     array = as_numbers(value, what)
     if array.shape != shape:
         raise InputError(f"{what} needs the shape {shape}, got {array.shape}")
-    if not np.isfinite(array).all():
-        raise InputError(f"{what} must be finite numbers, got {array.tolist()}")
+    require_finite(array, what)
     return array
 
 
 def _position(value: ArrayLike) -> FloatArray:
+    if type(value) is np.ndarray and value.dtype == np.float64 and value.shape == (3,):  # most calls
+        x, y, z = value.tolist()
+        if x * x + y * y + z * z <= FARTHEST**2:  # false with NaN too
+            return value.copy()
     position = _finite(value, (3,), "the target position")
     if np.abs(position).max() > FARTHEST:
         raise InputError(
@@ -74,3 +77,38 @@ def _position(value: ArrayLike) -> FloatArray:
 
 def _angle(value: float | None, what: str) -> float | None:
     return None if value is None else checked_number(value, what)
+
+
+def checked_positions(value: ArrayLike) -> FloatArray:
+    """Tool points (k, 3) [m].
+
+    Raises:
+        InputError: text, a wrong shape, NaN, infinity or a point beyond ``FARTHEST``; names the row.
+    """
+    what = "the target positions"
+    positions = as_numbers(value, what)
+    if positions.ndim != 2 or positions.shape[1] != 3:
+        raise InputError(f"{what} need the shape (k, 3), got {positions.shape}")
+    if np.einsum("ij,ij->", positions, positions) <= FARTHEST**2:  # the quickest look; false with NaN too
+        return positions
+    require_finite(positions, what)
+    far = np.flatnonzero(np.abs(positions).max(axis=1) > FARTHEST)
+    if len(far):
+        raise InputError(
+            f"{what} are in metres, within {FARTHEST:.0f} m of the base; "
+            f"got {positions[far[0]].tolist()} in row {far[0]}"
+        )
+    return positions
+
+
+def checked_column(value: ArrayLike, count: int, what: str) -> FloatArray:
+    """An angle for each of ``count`` poses (count,) [rad], from as many or from one for all.
+
+    Raises:
+        InputError: text, a wrong shape, NaN or infinity; names the row.
+    """
+    column = as_numbers(value, what)
+    if column.shape not in ((), (count,)):
+        raise InputError(f"{what} needs one number, or one for each of {count} poses; got {column.shape}")
+    require_finite(column, what, rows=True)
+    return np.broadcast_to(column, (count,))

@@ -7,27 +7,36 @@ import math
 from collections.abc import Callable, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from armctl.errors import InputError
 from armctl.kinematics.angles import images, wrap
 from armctl.kinematics.base_yaw import BaseBranch, base_branches, is_on_axis
+from armctl.kinematics.batch_solutions import BatchSolutions
 from armctl.kinematics.branch_names import BRANCHES, bend_sense, branch_index, tool_points_in
 from armctl.kinematics.chain import DHChain
 from armctl.kinematics.checks import checked_number
 from armctl.kinematics.energy import EnergyModel
 from armctl.kinematics.least_rotation import LeastRotation
+from armctl.kinematics.least_rotation_batch import LeastRotationBatch
 from armctl.kinematics.nearest import NearestReach
 from armctl.kinematics.nearest_orientation import NearestOrientation
 from armctl.kinematics.orientation import pitch_poses
 from armctl.kinematics.plane_postures import PlanePostures
+from armctl.kinematics.pose_batch import PoseBatch
+from armctl.kinematics.pose_branches import PoseBranches
 from armctl.kinematics.reach import Reach
 from armctl.kinematics.solutions import Solutions
 from armctl.kinematics.sweep import FreeJointSweep, turns
-from armctl.kinematics.target import Target
+from armctl.kinematics.sweep_grid import DEFAULT_STEP
+from armctl.kinematics.target import Target, checked_column, checked_positions
 from armctl.kinematics.yaw_pitch_roll import YawPitchRoll
 
 FloatArray = NDArray[np.float64]
+_FEW = 16
+"""up to so many points the scalar solver is done before the arrays are set up"""
+_NO_PITCH = "this arm's tool does not keep to its vertical plane, so it has no pitch to ask for"
+_NO_ROLL = "this arm has no joint that rolls the tool"
 Optimum = Callable[[], FloatArray | None]
 
 
@@ -49,7 +58,11 @@ class YawPitchRollSolver:
         three = len(geometry.lengths) == 3
         self._sweeps = [FreeJointSweep(geometry, cut) for cut in turns(limits)] if three else []
         self._least = LeastRotation(geometry, limits) if three else None
+        self._batch = PoseBatch(geometry, limits)
+        self._least_batch = None if self._least is None else LeastRotationBatch(geometry, limits, self._least)
         self._planar = PlanePostures(geometry, limits)
+        narrow = PoseBranches.serves(geometry, limits)
+        self._pose_branches = PoseBranches(geometry, limits) if narrow else None
         self._orientation = NearestOrientation(chain, geometry, limits, self._planar, self._least)
         self._reach = Reach(geometry, limits, titles, NearestReach(geometry, limits, self._in_plane))
 
@@ -88,6 +101,13 @@ class YawPitchRollSolver:
         refusal, roll = self._roll(target)
         if refusal is not None:
             return self._refused(target, refusal)
+        if target.pitch is not None and self._pose_branches is not None:
+            rolls = () if self.geometry.roll_joint is None else self._roll_images(roll)
+            x, y, z = target.position.tolist()
+            found = self._pose_branches.at(x, y, z, target.pitch, rolls)
+            if found:
+                index, q = zip(*found, strict=True)
+                return self._make(target, np.array(q), np.array(index, dtype=np.int8), None)
         x, y, z = self.geometry.local(target.position)
         branches = base_branches(self.geometry, x, y, self._pairs[0])
         if target.rotation is not None:
@@ -98,13 +118,91 @@ class YawPitchRollSolver:
             return self._swept(target, branches, z, roll, step)
         return self._isolated(target, branches, z, roll)
 
+    def postures(
+        self, x: float, y: float, z: float, pitch: float, roll: float | None = None
+    ) -> list[tuple[float, ...]]:
+        """The joint angles of every branch that ``solve`` lists for a position, pitch and roll, and no more.
+
+        For loops that ask for one pose after the other: plain floats in, plain floats out.
+
+        Args:
+            x: tool point in the base frame [m].
+            y: tool point in the base frame [m].
+            z: tool point in the base frame [m].
+            pitch: of the approach axis above the horizontal [rad].
+            roll: the roll joint's angle [rad]; None: the one nearest to zero.
+
+        Raises:
+            InputError: a value that is not finite or not a number.
+        """
+        joint, quick = self.geometry.roll_joint, self._pose_branches
+        if quick is not None and joint is not None and math.isfinite(x + y + z + pitch + (roll or 0.0)):
+            low, high = self._pairs[joint]
+            rolls = (min(max(0.0, low), high),) if roll is None else images(roll, low, high)
+            found = quick.at(x, y, z, pitch, rolls) if rolls else []
+            if found is not None:
+                return [q for _, q in found]
+        target = Target.of([x, y, z], pitch, roll)
+        return list(map(tuple, self.solve(target, DEFAULT_STEP).q.tolist()))
+
+    def solve_batch(
+        self, position_m: ArrayLike, pitch: ArrayLike | None, roll: ArrayLike | None
+    ) -> BatchSolutions:
+        """Every branch of many poses; ``Robot.inverse_batch`` says more.
+
+        Raises:
+            InputError: a wrong shape, or an entry that is not finite; it names the row.
+        """
+        position = checked_positions(position_m)
+        three = len(self.geometry.lengths) == 3
+        if three and pitch is None:
+            raise InputError("this arm has a free joint: give a pitch, or ask for the least rotation")
+        if not three and pitch is not None:
+            raise InputError("with two pitch joints the position alone decides the pitch: leave it out")
+        if pitch is not None and self.geometry.tool_angle is None:
+            raise InputError(_NO_PITCH)
+        if roll is not None and self.geometry.roll_joint is None:
+            raise InputError(_NO_ROLL)
+        count = len(position)
+        return self._batch.solve(
+            position,
+            None if pitch is None else checked_column(pitch, count, "the pitch"),
+            None if roll is None else checked_column(roll, count, "the roll"),
+        )
+
+    def least_rotation_batch(self, position_m: ArrayLike) -> FloatArray:
+        """The exact least rotation of many points; ``Robot.least_rotation`` says more.
+
+        Raises:
+            InputError: a wrong shape, or an entry that is not finite; it names the row.
+        """
+        position = checked_positions(position_m)
+        if self._least is None or self._least_batch is None:
+            # two pitch joints: isolated solutions, of which the least is taken
+            branches = self._batch.solve(position, None, None)
+            energy = np.where(branches.found, np.abs(branches.q).sum(axis=2), np.inf)
+            return branches.q[np.arange(len(position)), energy.argmin(axis=1)]
+        q = np.full((self.chain.n, len(position)), np.nan)
+        if len(position) > _FEW:
+            q[:4] = self._least_batch.solve(position).T
+        else:
+            for i, point in enumerate(position):
+                x, y, z = self.geometry.local(point)
+                best = self._least.solve(base_branches(self.geometry, x, y, self._pairs[0]), z)
+                if best is not None:
+                    q[:4, i] = best
+        if self.geometry.roll_joint is not None:
+            low, high = self._pairs[self.geometry.roll_joint]
+            q[4] = np.where(np.isnan(q[0]), np.nan, min(max(0.0, low), high))
+        return q.T
+
     def _roll(self, target: Target) -> tuple[str | None, float]:
         """Why the roll or pitch asked for cannot be, or the roll joint's angle (0 where any will do)."""
         joint = self.geometry.roll_joint
         if target.pitch is not None and self.geometry.tool_angle is None:
-            return "this arm's tool does not keep to its vertical plane, so it has no pitch to ask for", 0.0
+            return _NO_PITCH, 0.0
         if joint is None:
-            refused = None if target.roll is None else "this arm has no joint that rolls the tool"
+            refused = None if target.roll is None else _NO_ROLL
             return refused, 0.0
         low, high = self._pairs[joint]
         if target.roll is None:

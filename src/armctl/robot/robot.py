@@ -12,12 +12,16 @@ from numpy.typing import ArrayLike, NDArray
 from armctl.errors import InputError, MotionRefusedError
 from armctl.kinematics import (
     DEFAULT_STEP,
+    BatchSolutions,
+    Branch,
+    BranchFinder,
     DHChain,
     EnergyModel,
     GravityModel,
     InverseKinematics,
     Solutions,
     Target,
+    YawPitchRollSolver,
     inverse_kinematics,
 )
 from armctl.robot.look import Look
@@ -151,6 +155,70 @@ class Robot:
             InputError: a value that is not a finite number, or a wrong shape.
         """
         return self.inverse_kinematics.solve(Target.of(position_m, pitch, roll, rotation), step)
+
+    def branches(
+        self,
+        position_m: ArrayLike,
+        pitch: float | None = None,
+        roll: float | None = None,
+        rotation: ArrayLike | None = None,
+    ) -> tuple[Branch, ...]:
+        """Every branch of a target, those that joint limits forbid too, each with what forbids it.
+
+        Takes what ``inverse`` takes. Empty where the links do not reach, and where a joint is free, so
+        that there is a continuum and no branches.
+        """
+        return self._branch_finder.find(Target.of(position_m, pitch, roll, rotation))
+
+    @cached_property
+    def _branch_finder(self) -> BranchFinder:
+        return BranchFinder(self.chain, self.limits, self.energy, [joint.title for joint in self.joints])
+
+    def inverse_batch(
+        self, position_m: ArrayLike, pitch: ArrayLike | None = None, roll: ArrayLike | None = None
+    ) -> BatchSolutions:
+        """Every branch of many poses at once: a column a branch, as ``inverse`` lists them one by one.
+
+        A pitch within ±90° is met by a tool that points outward and by one that points back at the base
+        (``tool-in``). Where a joint may turn more than once, the image nearest to zero is given; a branch
+        of an arm folded onto its own shoulder, where one joint is free, is given at one of its places.
+
+        Args:
+            position_m: (k, 3) tool points in the base frame [m].
+            pitch: (k,) or one for all: angle of the approach axis above the horizontal [rad]. An arm with
+                three pitch joints needs it; with two the position alone decides, and it is left out.
+            roll: (k,) or one for all: the roll joint's own angle [rad]; None: the one nearest to zero.
+
+        Raises:
+            InputError: a wrong shape, an entry that is not finite (the row is named), or an arm that is
+                not of the family *yaw, parallel pitch joints, roll*.
+        """
+        return self._closed_form("inverse_batch").solve_batch(position_m, pitch, roll)
+
+    def least_rotation(self, position_m: ArrayLike) -> FloatArray:
+        """The configuration of least Σ|θ| for each of many points, exact over the continuum.
+
+        Args:
+            position_m: (k, 3) tool points in the base frame [m].
+
+        Returns:
+            (k, n) joint angles [rad], the roll joint at the value nearest to zero; a row of NaN where a
+            point is out of reach (``inverse`` says why).
+
+        Raises:
+            InputError: a wrong shape, an entry that is not finite (the row is named), or an arm that is
+                not of the family *yaw, parallel pitch joints, roll*.
+        """
+        return self._closed_form("least_rotation").least_rotation_batch(position_m)
+
+    def _closed_form(self, method: str) -> YawPitchRollSolver:
+        solver = self.inverse_kinematics
+        if not isinstance(solver, YawPitchRollSolver):
+            raise InputError(
+                f"{method} is for arms of the family {YawPitchRollSolver.family!r}; {self.name} is of the "
+                f"family {solver.family!r}: call inverse for each target"
+            )
+        return solver
 
     def pose(self, name: str) -> FloatArray:
         """A named configuration (n,) [rad].

@@ -1,0 +1,248 @@
+"""Velocity kinematics of one configuration: tool velocity and joint rates, manipulability, singularities.
+
+All of it follows from the geometric Jacobian J (6, n), linear over angular, in the base frame. The
+singular values of its position rows are how many metres the tool point moves a radian of joint motion, in
+the direction that is easiest, the next and the hardest; where the smallest is zero, the direction that
+belongs to it is lost: no joint motion moves the tool that way.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from armctl.errors import InputError
+from armctl.kinematics.chain import DHChain
+from armctl.kinematics.checks import as_numbers, require_finite
+from armctl.kinematics.joint_samples import joint_samples
+
+FloatArray = NDArray[np.float64]
+Verdict = Literal["singular", "near a singularity", "well away from singularities"]
+NEAR = 0.05
+"""smallest over largest singular value below which a direction counts as nearly lost, and is damped"""
+_SINGULAR = 1e-6
+_SAMPLES = 16
+
+
+@dataclass(frozen=True, slots=True)
+class ToolVelocity:
+    """How the tool moves, in the base frame."""
+
+    linear: FloatArray
+    """(3,) of the tool point [m/s]"""
+    angular: FloatArray
+    """(3,) [rad/s]"""
+
+
+@dataclass(frozen=True, slots=True)
+class JointRates:
+    """Joint rates for a tool velocity, as far as the arm can give it."""
+
+    rates: FloatArray
+    """(n,) inside the speed limits [rad/s]"""
+    scale: float
+    """what the wanted velocity had to be multiplied with to stay inside them; 1 where nothing had to"""
+    limiting: int | None
+    """index of the joint that decides the scale; None where nothing is scaled"""
+    residual: FloatArray
+    """(3,) [m/s] or (6,) [m/s, rad/s]: what damping and lost directions leave unmet of the wanted
+    velocity, before scaling"""
+
+
+@dataclass(frozen=True, slots=True)
+class Freedom:
+    """How freely the tool moves in a configuration."""
+
+    measure: float
+    """``manipulability``, 0 where a direction is lost"""
+    singular_values: FloatArray
+    """(rows,) largest first; zeros where there are fewer joints than rows [m/rad]"""
+    hardest: FloatArray
+    """(rows,) unit vector of the least free direction, base frame; its sign means nothing"""
+
+    @property
+    def smallest(self) -> float:
+        """How far from singular: the tool's speed per joint rate in the hardest direction [m/rad]."""
+        return float(self.singular_values[-1])
+
+    @property
+    def isotropy(self) -> float:
+        """Smallest over largest singular value: 1 alike in all directions, 0 singular."""
+        largest = float(self.singular_values[0])
+        return self.smallest / largest if largest > 0.0 else 0.0
+
+    @property
+    def condition(self) -> float:
+        """Largest over smallest singular value; infinite at a singularity."""
+        return 1.0 / self.isotropy if self.isotropy > 0.0 else np.inf
+
+    @property
+    def verdict(self) -> Verdict:
+        """How near to singular, in words."""
+        if self.isotropy < _SINGULAR:
+            return "singular"
+        return "near a singularity" if self.isotropy < NEAR else "well away from singularities"
+
+
+def tool_velocity(jacobian: FloatArray, rates: ArrayLike) -> ToolVelocity:
+    """Velocity of the tool at joint rates: ``J q̇``.
+
+    Args:
+        jacobian: (6, n), linear over angular, base frame.
+        rates: (n,) [rad/s].
+
+    Raises:
+        InputError: a wrong shape, or not finite.
+    """
+    moved = jacobian @ _vector(rates, jacobian.shape[1], "joint rates")
+    return ToolVelocity(moved[:3], moved[3:])
+
+
+def joint_rates(
+    jacobian: FloatArray, speed_limits: FloatArray, linear: ArrayLike, angular: ArrayLike | None = None
+) -> JointRates:
+    """The least joint rates that give a tool velocity.
+
+    A direction whose singular value σ is below ε = ``NEAR`` times the largest is damped (least squares with
+    λ² = (ε² - σ²) / 2, so its gain is 2σ / (σ² + ε²)): rates stay below the wanted speed over ε, and fade to
+    none where the direction is lost. The other directions are met exactly.
+
+    With an angular velocity, an unmet rad/s counts as the speed that it has at the end of the longest lever.
+
+    Args:
+        jacobian: (6, n), linear over angular, base frame.
+        speed_limits: (n,) largest rates [rad/s]; a joint with 0 stands still.
+        linear: (3,) of the tool point [m/s].
+        angular: (3,) [rad/s]; None: any.
+
+    Returns:
+        The rates, all scaled by one factor where a limit would be passed, so that the direction stays.
+
+    Raises:
+        InputError: a wrong shape, or not finite.
+    """
+    wanted = _vector(linear, 3, "the linear velocity")
+    rows = jacobian[:3]
+    weights = np.ones(3)
+    if angular is not None:
+        wanted = np.concatenate([wanted, _vector(angular, 3, "the angular velocity")])
+        rows, weights = jacobian, _weights(jacobian)
+    turning = speed_limits > 0.0
+    rates = np.zeros(jacobian.shape[1])
+    rates[turning] = _damped(weights[:, None] * rows[:, turning], weights * wanted)
+    residual = wanted - rows @ rates
+    share = np.zeros(len(rates))
+    share[turning] = np.abs(rates[turning]) / speed_limits[turning]
+    fullest = int(share.argmax())
+    if share[fullest] <= 1.0:
+        return JointRates(rates, 1.0, None, residual)
+    scale = 1.0 / float(share[fullest])
+    return JointRates(scale * rates, scale, fullest, residual)
+
+
+def manipulability(jacobian: FloatArray) -> FloatArray:
+    """Yoshikawa's measure of each of some Jacobians: the product of the singular values.
+
+    With at least as many joints as rows it is √det(J Jᵀ), the volume that joint rates of length 1 sweep in
+    the space of tool velocities. That is always 0 with fewer joints, where √det(Jᵀ J) takes its place: the
+    volume that they sweep in the tool velocities that the arm has; it is 0 where two joint motions do the
+    same to the tool. Of all six rows the value mixes metres and radians, so it compares poses of one arm.
+
+    Args:
+        jacobian: (..., rows, n), for example the position rows ``J[..., :3, :]``.
+
+    Returns:
+        (...); m³ for the position rows.
+    """
+    return np.linalg.svd(jacobian, compute_uv=False).prod(axis=-1)
+
+
+def position_freedom(jacobian: FloatArray) -> Freedom:
+    """How freely the tool point moves: of the position rows of ``jacobian`` (6, n) [m/rad]."""
+    return _freedom(jacobian[:3], float(_lossless(jacobian[:3])))
+
+
+def pose_freedom(jacobian: FloatArray) -> Freedom:
+    """How freely the tool moves and turns: of all rows of ``jacobian`` (6, n), for arms with six joints or more.
+
+    A rad/s counts as the speed that it has at the end of the longest lever; the measure is of J itself.
+    """
+    return _freedom(_weights(jacobian)[:, None] * jacobian, float(_lossless(jacobian)))
+
+
+def speeds_alone(jacobian: FloatArray, speed_limits: FloatArray) -> FloatArray:
+    """Speed of the tool point when each joint turns alone at its limit: (n,) [m/s].
+
+    Args:
+        jacobian: (6, n), linear over angular.
+        speed_limits: (n,) [rad/s].
+    """
+    return np.linalg.norm(jacobian[:3], axis=0) * speed_limits
+
+
+def turning_speeds(limits: FloatArray, speed_limits: FloatArray) -> FloatArray:
+    """Largest rates of the joints that can turn: (n,) [rad/s], 0 for those that their limits hold.
+
+    Args:
+        limits: (n, 2) joint limits [rad].
+        speed_limits: (n,) [rad/s].
+    """
+    return np.where(limits[:, 0] < limits[:, 1], speed_limits, 0.0)
+
+
+def position_leaves_pitch(chain: DHChain, limits: FloatArray) -> bool:
+    """Whether the tool can pitch while its point stays: False where the position alone decides the pitch.
+
+    It can when height of the approach axis and position together have one more independent direction than
+    the three of the position, somewhere inside the limits.
+
+    Args:
+        chain: the arm.
+        limits: (n, 2) joint limits [rad].
+    """
+    q = joint_samples(limits, _SAMPLES)
+    J, approach = chain.jacobian(q), chain.forward(q)[:, :3, 2]
+    lever = np.linalg.norm(J[:, :3], axis=1).max()
+    rise = np.cross(J[:, 3:], approach[:, :, None], axis=1)[:, 2:]  # of the approach axis's tip
+    rows = np.concatenate([J[:, :3] / max(lever, _SINGULAR), rise], axis=1)[:, :, limits[:, 0] < limits[:, 1]]
+    sizes = np.linalg.svd(rows, compute_uv=False)
+    return bool(sizes.shape[-1] == 4 and sizes[:, -1].max() > _SINGULAR)
+
+
+def _vector(value: ArrayLike, length: int, what: str) -> FloatArray:
+    vector = as_numbers(value, what)
+    if vector.shape != (length,):
+        raise InputError(f"{what} need the shape ({length},), got {vector.shape}")
+    require_finite(vector, what)
+    return vector
+
+
+def _weights(jacobian: FloatArray) -> FloatArray:
+    """What turns the rows into m/s: 1 for the linear ones, the longest lever [m] for the angular ones."""
+    lever = float(np.linalg.norm(jacobian[:3], axis=0).max())
+    return np.repeat([1.0, lever], 3)
+
+
+def _damped(rows: FloatArray, wanted: FloatArray) -> FloatArray:
+    """Least squares with every direction damped by its own singular value."""
+    u, sizes, vt = np.linalg.svd(rows, full_matrices=False)
+    edge = NEAR * float(sizes.max(initial=0.0))
+    if edge == 0.0:
+        return np.zeros(rows.shape[1])
+    gain = np.where(sizes < edge, 2.0 * sizes / (sizes**2 + edge**2), 1.0 / np.maximum(sizes, edge))
+    return vt.T @ (gain * (u.T @ wanted))
+
+
+def _lossless(rows: FloatArray) -> FloatArray:
+    """``manipulability`` that is 0 for position rows of fewer than three joints: a direction is lost."""
+    return manipulability(rows) if rows.shape[0] != 3 or rows.shape[1] >= 3 else np.zeros(())
+
+
+def _freedom(rows: FloatArray, measure: float) -> Freedom:
+    u, sizes, _ = np.linalg.svd(rows, full_matrices=True)
+    values = np.zeros(len(rows))
+    values[: len(sizes)] = sizes
+    return Freedom(measure, values, u[:, -1])

@@ -1,0 +1,207 @@
+"""Many poses at once get what one at a time gets."""
+
+from __future__ import annotations
+
+import math
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import pytest
+from benchmarks.naive_sweep import UZUNER
+from tests.kinematics.kit import (
+    FloatArray,
+    chain_of,
+    plain_forward,
+    random_planar_arm,
+    random_q,
+    solver_of,
+)
+
+from armctl import load_robot
+from armctl.errors import InputError
+from armctl.kinematics import BatchSolutions, DHChain, Target, YawPitchRollSolver
+
+
+def arms() -> list[tuple[DHChain, FloatArray]]:
+    rng = np.random.default_rng(101)
+    out = [(robot.chain, robot.limits) for robot in map(load_robot, ("uzuner", "abaas", "scorbot"))]
+    for i in range(30):
+        arm = random_planar_arm(rng)
+        chain = chain_of(arm, "standard" if i % 2 else "modified", roll=i % 4 != 0, rng=rng)
+        out.append((chain, arm.limits if chain.n == 4 else np.vstack([arm.limits, [[-2.0, 2.5]]])))
+    return out
+
+
+def solver(chain: DHChain, limits: FloatArray) -> YawPitchRollSolver:
+    ik = solver_of(chain, limits)
+    assert isinstance(ik, YawPitchRollSolver)
+    return ik
+
+
+def assert_true(chain: DHChain, limits: FloatArray, batch: BatchSolutions, position: FloatArray) -> None:
+    rows, _ = np.nonzero(batch.found)
+    q = batch.q[batch.found]
+    assert np.isnan(batch.q[~batch.found]).all()
+    assert ((q >= limits[:, 0]) & (q <= limits[:, 1])).all()
+    assert np.abs(chain.forward(q)[:, :3, 3] - position[rows]).max() < 1e-9
+
+
+def test_every_branch_of_a_batch_is_what_solve_lists() -> None:
+    rng = np.random.default_rng(102)
+    for chain, limits in arms():
+        ik = solver(chain, limits)
+        q = random_q(rng, limits, 60)
+        q[:10] = np.where(rng.random((10, chain.n)) < 0.5, limits[:, rng.integers(2)], q[:10])  # on limits
+        q[10:20, 2] = np.clip(0.0, *limits[2])  # links in line
+        position = chain.forward(q)[:, :3, 3]
+        asked = [ik.pitch_and_roll(one) for one in q]
+        if asked[0][0] is None:
+            continue
+        pitch = np.array([p for p, _ in asked], dtype=np.float64)
+        roll = None if chain.n == 4 else q[:, 4]
+        batch = ik.solve_batch(position, pitch, roll)
+        assert batch.q.shape == (60, 8, chain.n)
+        assert len(batch) == 60
+        assert_true(chain, limits, batch, position)
+        assert np.array_equal(batch.count, batch.found.sum(axis=1))
+        for i in range(60):
+            assert np.nanmin(np.abs(batch.q[i] - q[i]).max(axis=1)) < 1e-6
+            listed = ik.solve(Target.of(position[i], pitch[i], None if roll is None else roll[i]), 1.0)
+            for branch, one in zip(listed.branch.tolist(), listed.q, strict=True):
+                column = batch.branch_names.index(branch)
+                if 10 <= i < 20 and not batch.found[i, column]:
+                    continue  # links in line: rounding decides whether the two bends are one
+                miss = batch.q[i, column] - one  # one image of each; a limit may be met from both sides
+                assert np.abs(miss - 2 * math.pi * np.rint(miss / (2 * math.pi))).max() < 1e-6
+
+
+def test_a_pitch_straight_up_and_beyond_the_vertical() -> None:
+    robot = load_robot("abaas")
+    for pitch in (math.pi / 2, -math.pi / 2, math.radians(120), -3.0, 2 * math.pi + 0.3, 0.0):
+        position = np.array([[0.02, -0.2, 0.25], [-0.1, -0.1, 0.1], [0.0, -0.25, 0.05], [0.05, -0.15, 0.3]])
+        batch = robot.inverse_batch(position, pitch, 1.0)
+        for i, one in enumerate(position):
+            listed = robot.inverse(one, pitch, 1.0)
+            assert len(listed) == batch.count[i]
+            for branch, q in zip(listed.branch.tolist(), listed.q, strict=True):
+                assert np.abs(batch.q[i, batch.branch_names.index(branch)] - q).max() < 1e-9
+
+
+def test_a_point_on_the_base_axis_and_points_out_of_reach() -> None:
+    robot = load_robot("abaas")
+    upright = robot.forward(np.radians([0, 90, 0, 180, 30.0]))[:3, 3]
+    position = np.stack([upright, [5.0, 0.0, 0.0], [0.0, 0.0, 0.1]])
+    batch = robot.inverse_batch(position, math.pi / 2, 0.5)
+    assert bool(batch.found[0].any()) == robot.inverse(upright, math.pi / 2, 0.5).success
+    assert not batch.found[1:].any()
+    assert np.isnan(robot.least_rotation(position)[1]).all()
+
+
+def test_two_pitch_joints_need_no_pitch() -> None:
+    robot = load_robot("mico")
+    q = random_q(np.random.default_rng(103), robot.limits, 80)
+    position = robot.forward(q)[:, :3, 3]
+    batch = robot.inverse_batch(position, roll=q[:, 3])
+    assert_true(robot.chain, robot.limits, batch, position)
+    least = robot.least_rotation(position)
+    assert np.abs(robot.forward(least)[:, :3, 3] - position).max() < 1e-9
+    for i, one in enumerate(position):
+        listed = robot.inverse(one, roll=float(q[i, 3]))
+        distances = np.abs(listed.q[:, None] - batch.q[i][batch.found[i]]).max(axis=2)
+        assert distances.min(axis=0).max() < 1e-9
+        assert np.abs(least[i]).sum() == pytest.approx(np.abs(robot.inverse(one).best()).sum(), abs=1e-9)
+    with pytest.raises(InputError, match="position alone decides the pitch"):
+        robot.inverse_batch(position, pitch=0.1)
+
+
+@pytest.mark.slow
+def test_least_rotation_of_uzuner_is_never_above_the_sweep() -> None:
+    robot = load_robot("uzuner")
+    rng = np.random.default_rng(104)
+    position = UZUNER.tip(random_q(rng, UZUNER.limits, 20_000))
+    q = robot.least_rotation(position)
+    assert np.abs(robot.forward(q)[:, :3, 3] - position).max() < 1e-9
+    assert ((q >= robot.limits[:, 0]) & (q <= robot.limits[:, 1])).all()
+    energy = np.abs(q).sum(axis=1)
+    for point, least in zip(position[::8], energy[::8], strict=True):
+        assert least <= robot.inverse(point).energies().min() + 1e-9
+
+
+def test_least_rotation_of_random_arms_is_the_exact_one_and_never_above_the_sweep() -> None:
+    rng = np.random.default_rng(105)
+    with_curves = 0
+    for i in range(120):
+        arm = random_planar_arm(rng, offsets=i % 3 != 0)
+        ik = solver(chain_of(arm, "standard"), arm.limits)
+        position = arm.tip(random_q(rng, arm.limits, 25))
+        position[-1] = [3.0, 0.0, 0.0]
+        q = ik.least_rotation_batch(position)
+        assert np.isnan(q[-1]).all()
+        q, position = q[:-1], position[:-1]
+        assert np.abs(arm.tip(q) - position).max() < 1e-9
+        assert ((q >= arm.limits[:, 0]) & (q <= arm.limits[:, 1])).all()
+        for point, one in zip(position[:3], q[:3], strict=True):
+            solutions = ik.solve(Target.of(point), math.radians(0.02))
+            assert np.abs(one).sum() == pytest.approx(np.abs(solutions.best()).sum(), abs=1e-9)
+            assert np.abs(one).sum() <= solutions.energies().min() + 1e-9
+        resting = np.minimum(np.abs(q[:, 1:]), np.abs(q[:, 1:, None] - arm.limits[1:]).min(axis=2))
+        with_curves += int((resting.min(axis=1) > 1e-3).sum())
+    assert with_curves > 5  # stationary curves are needed, and were
+
+
+def test_a_target_at_the_end_of_reach_is_solved_in_a_batch_too() -> None:
+    robot = load_robot("uzuner")
+    q = np.radians([[10.0, 20.0, 0.0, 0.0, 0.0], [-30.0, 60.0, 0.0, 0.0, 0.0]])
+    assert np.abs(robot.least_rotation(robot.forward(q)[:, :3, 3]) - q).max() < 1e-6
+
+
+@pytest.mark.parametrize(
+    ("asked", "says"),
+    [
+        ({"position_m": [[0.1, 0.0, math.nan], [0.1, 0.0, 0.1]]}, r"got \[0.1, 0.0, nan\] in row 0"),
+        ({"position_m": [[0.1, 0.0, 0.1], [200.0, 0.0, 20000.0]]}, r"in metres.* in row 1"),
+        ({"position_m": [0.1, 0.0, 0.1]}, r"shape \(k, 3\), got \(3,\)"),
+        ({"position_m": [["a", "b", "c"]]}, "must be numbers"),
+        ({"pitch": [0.1, math.inf]}, r"the pitch must be finite numbers, got inf in row 1"),
+        ({"pitch": [0.1, 0.2, 0.3]}, "the pitch needs one number, or one for each of 2 poses"),
+        ({"pitch": None}, "this arm has a free joint"),
+        ({"roll": math.nan}, "the roll must be finite numbers, got nan"),
+    ],
+)
+def test_what_is_no_batch_is_refused(asked: dict[str, object], says: str) -> None:
+    values: dict[str, object] = {"position_m": [[0.1, 0.0, 0.1], [0.2, 0.0, 0.1]], "pitch": 0.1, "roll": 0.0}
+    with pytest.raises(InputError, match=says):
+        load_robot("uzuner").inverse_batch(**(values | asked))  # type: ignore[arg-type]
+
+
+def test_other_families_say_which_one_has_it() -> None:
+    robot = load_robot("humanoid")
+    for ask in (robot.inverse_batch, robot.least_rotation):
+        with pytest.raises(InputError, match="is for arms of the family 'yaw, parallel pitch joints, roll'"):
+            ask([[0.1, 0.1, -0.3]])
+
+
+def test_an_empty_batch_is_an_empty_answer() -> None:
+    robot = load_robot("uzuner")
+    assert robot.inverse_batch(np.empty((0, 3)), 0.0).q.shape == (0, 8, 5)
+    assert robot.least_rotation(np.empty((0, 3))).shape == (0, 5)
+
+
+def test_two_threads_get_what_they_get_alone() -> None:
+    robot = load_robot("scorbot")
+    rng = np.random.default_rng(106)
+    jobs = [random_q(rng, robot.limits, 9000) for _ in range(12)]
+
+    def work(q: FloatArray) -> list[FloatArray]:
+        T = robot.forward(q)
+        position, pitch = T[:, :3, 3], np.arcsin(np.clip(T[:, 2, 2], -1.0, 1.0))
+        batch = robot.inverse_batch(position, pitch, q[:, 4])
+        return [T, robot.jacobian(q), batch.q, robot.least_rotation(position[:300])]
+
+    alone = [work(q) for q in jobs]
+    with ThreadPoolExecutor(2) as pool:
+        together = list(pool.map(work, jobs))
+    for one, other in zip(alone, together, strict=True):
+        for a, b in zip(one, other, strict=True):
+            assert np.array_equal(a, b, equal_nan=True)
+    assert np.abs(alone[0][0][5] - plain_forward(robot.chain, jobs[0][5])).max() < 1e-12

@@ -1,0 +1,72 @@
+"""Every branch of a target, and what the limits say of it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from armctl import load_robot
+
+TARGETS = [
+    ("mico", (0.3, 0.0, 0.1), {}),
+    ("mico", (-0.2, 0.1, 0.2), {"roll": 0.3}),
+    ("scorbot", (0.4, 0.1, 0.2), {"pitch": -1.0}),
+    ("abaas", (0.0, 0.2, 0.1), {"pitch": 0.0, "roll": 1.0}),
+    ("uzuner", (0.2, 0.0, 0.1), {"pitch": -0.5}),
+]
+
+
+@pytest.mark.parametrize(("name", "position", "wish"), TARGETS)
+def test_every_branch_meets_the_target(
+    name: str, position: tuple[float, float, float], wish: dict[str, float]
+) -> None:
+    robot = load_robot(name)
+    branches = robot.branches(position, **wish)
+    assert len(branches) >= 4
+    for branch in branches:
+        assert np.abs(robot.forward(branch.q)[:3, 3] - position).max() < 1e-9
+        pitch, roll = robot.inverse_kinematics.pitch_and_roll(branch.q)
+        assert pitch == pytest.approx(wish.get("pitch", pitch), abs=1e-9)
+        assert roll == pytest.approx(wish.get("roll", 0.0), abs=1e-9)
+
+
+@pytest.mark.parametrize(("name", "position", "wish"), TARGETS)
+def test_what_is_not_forbidden_is_what_inverse_lists(
+    name: str, position: tuple[float, float, float], wish: dict[str, float]
+) -> None:
+    robot = load_robot(name)
+    allowed = [branch.q for branch in robot.branches(position, **wish) if not branch.forbidden]
+    for q in allowed:
+        robot.check_limits(q)
+    listed = robot.inverse(position, **wish).q
+    directions = {tuple(np.round(np.exp(1j * q), 6)) for q in listed}
+    assert directions == {tuple(np.round(np.exp(1j * q), 6)) for q in allowed}
+
+
+def test_the_reason_names_each_joint_with_its_figures() -> None:
+    front = {branch.name: branch for branch in load_robot("mico").branches([0.3, 0.0, 0.1])}
+    assert front["front elbow-up"].forbidden == ()
+    (why,) = front["front elbow-down"].forbidden
+    assert why == "Shoulder needs 82.14°, its limits are -220.00° … 40.00°"
+
+
+def test_both_printed_solutions_of_mico_come_first() -> None:
+    first, second, *others = load_robot("mico").branches([0.0, 0.0, 0.7])
+    assert np.degrees(first.q[:3]) == pytest.approx([0, -131.626, -5.532], abs=1e-3)
+    assert np.degrees(second.q[:3]) == pytest.approx([0, -48.374, -174.468], abs=1e-3)
+    assert not first.forbidden and not second.forbidden
+    assert len(others) == 2  # the base half a turn round
+
+
+def test_the_humanoid_elbow_branches_with_a_held_roll() -> None:
+    robot = load_robot("humanoid")
+    q = np.radians([10, -30, 40, 50, 0])
+    T = robot.forward(q)
+    branches = robot.branches(T[:3, 3], rotation=T[:3, :3])
+    assert any(np.abs(branch.q - q).max() < 1e-6 and not branch.forbidden for branch in branches)
+    assert all(branch.q[4] == 0.0 for branch in branches)
+
+
+def test_a_free_joint_or_a_point_out_of_reach_has_no_branches() -> None:
+    assert load_robot("uzuner").branches([0.2, 0.0, 0.1]) == ()
+    assert load_robot("mico").branches([0.5, 0.0, 0.7]) == ()
