@@ -6,6 +6,7 @@ import re
 from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
 from tests.browser.kit import Screen
 from tests.browser.served_arm import ServedArm, served_arm
@@ -89,14 +90,38 @@ def test_the_trail_follows_the_arm_and_can_be_cleared_and_hidden(screen: Screen,
 
 def test_the_workspace_cloud_comes_and_goes(screen: Screen, served: ServedArm) -> None:
     opened(screen, served)
-    screen.tick("Workspace")
+    screen.tick("Workspace cloud")
     screen.wait_until(lambda: in_scene(screen, "/workspace"), "the cloud is drawn")
-    screen.wait_for_text(re.compile("1[0-9]{4} tool points"))
+    screen.wait_for_text(re.compile("330 mm from the base axis, and from −49 to 493 mm"))
+    screen.wait_for_text(re.compile("[0-9]{5} tool points"))
     screen.choose("Coloured by", "manipulability")
     screen.wait_for_text(re.compile("near a singularity"))
     screen.screenshot("simulation-cloud")
-    screen.tick("Workspace", on=False)
+    screen.tick("Workspace cloud", on=False)
     screen.wait_until(lambda: not in_scene(screen, "/workspace"), "the cloud is gone")
+
+
+def test_the_section_follows_the_arm(screen: Screen, served: ServedArm) -> None:
+    opened(screen, served)
+    screen.tick("Section")
+    dot = screen.page.locator("svg.section-plot circle")
+    dot.wait_for()
+    screen.wait_until(lambda: in_scene(screen, "/section"), "the section is drawn in the scene")
+    screen.wait_for_text(re.compile("exact boundary"))
+    dot.scroll_into_view_if_needed()
+    screen.screenshot("simulation-section")
+    before = float(dot.get_attribute("cx") or "nan")
+    served.arm.go_joints([40, 60, -80, -40, 0])
+    screen.wait_until(lambda: float(dot.get_attribute("cx") or "nan") > before + 5, "the dot has moved out")
+
+    def turned() -> bool:
+        look = "n => window.__viserMutable.nodeRefFromName[n].rotation.z"
+        return abs(screen.page.evaluate(look, "/section") - np.radians(40)) < 1e-3
+
+    screen.wait_until(turned, "the plane has turned with the base")
+    screen.tick("Section", on=False)
+    screen.wait_until(lambda: not in_scene(screen, "/section"), "the section is gone")
+    assert screen.errors == []
 
 
 def test_the_graph_shows_the_motion_in_degrees(screen: Screen, served: ServedArm) -> None:

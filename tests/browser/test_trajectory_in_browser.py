@@ -37,10 +37,8 @@ def page(screen: Screen, served: ServedArm) -> Screen:
 
 def csv_of(page: Screen, button: str) -> list[str]:
     """The lines of the file that a button offers."""
-    page.click(button)
-    link = page.page.locator(".mantine-Notification-root a[download]").last
     with page.page.expect_download() as download:
-        link.click()
+        page.click(button)
     return Path(download.value.path()).read_text().splitlines()
 
 
@@ -173,3 +171,41 @@ def test_the_motion_is_exported_with_units(page: Screen, served: ServedArm) -> N
     assert head.startswith("time_s,base_deg,shoulder_deg")
     assert float(rows[0].split(",")[2]) == 90
     assert float(rows[-1].split(",")[2]) == 0
+
+
+def test_joint_by_joint_is_studied_and_exported_but_not_run(page: Screen, served: ServedArm) -> None:
+    page.choose(MOTION, "Joint by joint (study)")
+    page.wait_for_text(re.compile("A study: nothing moves"))
+    page.click("Show")
+    page.wait_for_text(re.compile(r"Shoulder moves the tip fastest: 73\.7 mm/s"))
+    page.wait_for_text("Tip speed by joint (mm/s)")
+    expect(page.page.locator(".uplot .u-legend .u-label").locator("visible=true")).to_have_text(
+        ["time (s)", *(joint.title for joint in served.robot.joints)]
+    )
+    expect(page.page.get_by_role("button", name="Run", exact=True).locator("visible=true")).to_have_count(0)
+    page.screenshot("trajectory-study")
+    head, *rows = csv_of(page, "Export study (CSV)")
+    assert head.startswith("time_s,base_deg") and head.endswith("tip_by_wrist_roll_mm_s")
+    assert len(rows) == 601
+    page.choose("Turn", "all joints at once")
+    page.wait_for_text("The settings have changed since: press Show.")
+    page.click("Show")
+    page.wait_for_text(re.compile(r"All joints together: at most 136\.2 mm/s"))
+    page.type_into("Joint speed °/s", "0")
+    page.click("Show")
+    page.wait_for_notification(re.compile("0 °/s is outside 1 … 360 °/s"))
+    page.choose(MOTION, "present pose to zero")
+    page.wait_for_text(re.compile("Duration 0 is the shortest"))
+    page.button("Run").wait_for()
+    assert served.commanded_deg == HOME
+    assert page.errors == []
+
+
+def test_a_published_path_that_an_arm_cannot_follow_is_explained(screen: Screen, tmp_path: Path) -> None:
+    with served_arm(tmp_path / "programs", "humanoid") as served:
+        screen.open(served.url, until="STOP")
+        screen.open_tab("Trajectory")
+        screen.choose(MOTION, "Arc (58 points)")
+        screen.wait_for_text(re.compile("Not for this arm: point 1 of 58: .*Elbow needs"))
+        screen.click("Show")
+        screen.wait_for_notification(re.compile("Elbow needs"))

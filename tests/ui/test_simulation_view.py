@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import asyncio
+import re
 
 import numpy as np
 import pytest
@@ -8,7 +9,9 @@ import pytest
 from armctl.robot import load_robot
 from armctl.ui.scene.cloud import CloudStore, workspace_cloud
 from armctl.ui.scene.trail import Trail
-from armctl.ui.widgets.joint_graph import JointHistory
+from armctl.ui.screens.workspace_view import cloud_html, picture_of, section_words
+from armctl.ui.widgets.joint_graph import JointHistory, legend_html
+from armctl.ui.widgets.section_plot import section_svg
 
 ROBOT = load_robot("uzuner")
 
@@ -33,10 +36,10 @@ def test_a_long_trail_forgets_its_beginning_but_counts_on() -> None:
 
 def test_the_cloud_lies_within_reach_above_the_floor_and_is_always_the_same() -> None:
     cloud = workspace_cloud(ROBOT, 2000)
-    assert 1000 < len(cloud.points) <= 2000
+    assert 1000 < len(cloud.points) <= 2200
     assert (cloud.points[:, 2] >= ROBOT.floor_z).all()
     shoulder = np.array([0.0, 0.0, 0.163])
-    assert np.linalg.norm(cloud.points - shoulder, axis=1).max() < 0.331
+    assert 0.320 < np.linalg.norm(cloud.points - shoulder, axis=1).max() < 0.331
     assert (cloud.manipulability >= 0).all()
     assert np.array_equal(cloud.points, workspace_cloud(ROBOT, 2000).points)
 
@@ -83,3 +86,44 @@ def test_the_graph_is_in_degrees_and_holds_numbers_only() -> None:
     assert times.tolist() == [0.0]
     assert commanded[0] == pytest.approx([1.0, 2.0])
     assert board[0] == pytest.approx([1.0, 2.5])
+
+
+def test_the_legend_names_each_joint_once_and_says_what_is_dotted() -> None:
+    html = legend_html(ROBOT, range(ROBOT.n))
+    assert [html.count(joint.title) for joint in ROBOT.joints] == [1] * 5
+    assert len(set(re.findall("#[0-9a-f]{6}", html))) == 5
+    assert "Dotted: as the board tells it" in html
+    assert "Base" not in legend_html(ROBOT, [1])
+
+
+def test_the_figures_of_the_workspace_are_in_words() -> None:
+    html = cloud_html(ROBOT, workspace_cloud(ROBOT, 500), "height")
+    assert "<b>330 mm</b> from the base axis" in html
+    assert "<b>−49</b> to <b>493 mm</b>" in html
+    assert "below the floor (0 mm) is left out" in html
+
+
+@pytest.mark.parametrize(("name", "words"), [("abaas", "exact boundary"), ("humanoid", "Sampled")])
+def test_the_section_is_drawn_to_scale_with_floor_and_tip(name: str, words: str) -> None:
+    robot = load_robot(name)
+    cloud = workspace_cloud(robot, 500)
+    assert words in section_words(cloud)
+    for pose in ("home", "rest"):
+        q = robot.pose(pose)
+        T = cloud.section.plane(q)
+        picture = picture_of(robot, T, cloud.section.outline(q), q)
+        x, y, z = (1000 * robot.forward(q)[:3, 3]).tolist()
+        assert picture.tip == pytest.approx((np.hypot(x, y), z), abs=1e-6)
+        assert picture.arm[-1] == pytest.approx(picture.tip)
+        assert picture.floor == 1000 * robot.floor_z
+        corners = np.concatenate(picture.outline)
+        assert corners[:, 1].max() == pytest.approx(
+            1000 * cloud.extent.highest, abs=0.3 if name == "abaas" else 15
+        )
+        svg = section_svg(picture)
+        assert svg.count("<path") == 1 and svg.count("<circle") == 1 and ">floor<" in svg
+        assert svg.count("M") == len(picture.outline)
+        assert "nan" not in svg
+        labels = [float(text.replace("−", "-")) for text in re.findall(r">(−?\d+)</text>", svg)]
+        assert min(labels) >= corners.min() - 120 and max(labels) <= corners.max() + 120
+        assert 6 <= len(labels) <= 24

@@ -19,13 +19,16 @@ from armctl.ui.screens.trajectory_errors import applied_meaning, points_html, su
 from armctl.ui.screens.trajectory_graphs import OF, QUANTITIES, cursor_html, graph, peaks_html
 from armctl.ui.screens.trajectory_motion import (
     ARC,
+    JOINT_BY_JOINT,
     LINE,
     PROGRAM,
+    TEST_PATHS,
     TO_POINT,
     MotionRequest,
     motion_labels,
     plan_motion,
     to_pose,
+    why_not,
 )
 
 ROBOT = load_robot("uzuner")
@@ -50,7 +53,7 @@ def program(*steps: MoveStep | WaitStep | GripperStep) -> Program:
 def test_all_motions_are_offered() -> None:
     assert motion_labels(ROBOT) == (
         "present pose to home", "present pose to rest", "present pose to zero",
-        TO_POINT, "Arc (58 points)", "Line (29 points)", PROGRAM,
+        TO_POINT, "Arc (58 points)", "Line (29 points)", PROGRAM, JOINT_BY_JOINT,
     )  # fmt: skip
 
 
@@ -81,6 +84,24 @@ def test_a_published_path_rests_in_every_point_and_is_clear(
     assert preflight(ROBOT, planned.trajectory) == []
     assert planned.trajectory.start == pytest.approx(planned.solved[0])
     assert planned.trajectory.end == pytest.approx(planned.solved[-1])
+
+
+@pytest.mark.parametrize("motion", [ARC, LINE])
+@pytest.mark.parametrize("name", ["abaas", "scorbot", "mico", "humanoid"])
+def test_another_arm_follows_a_published_path_or_it_is_said_why_not(name: str, motion: str) -> None:
+    robot = load_robot(name)
+    request = MotionRequest(motion, robot.pose("home"), "planned", None, "least-rotation")
+    reason = why_not(robot, TEST_PATHS[motion]())
+    assert (reason is None) is (name != "humanoid")
+    if reason is None:
+        planned = plan_motion(robot, request)
+        assert planned.solved is not None
+        reached = robot.forward(planned.solved)[:, :3, 3]
+        assert np.abs(reached - TEST_PATHS[motion]()).max() < 1e-9
+    else:
+        assert re.match(r"point 1 of \d+: .*Elbow needs", reason)
+        with pytest.raises(UnreachableError, match="Elbow needs"):
+            plan_motion(robot, request)
 
 
 def test_the_first_point_of_the_line_is_the_printed_one() -> None:

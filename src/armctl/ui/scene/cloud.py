@@ -10,14 +10,16 @@ import numpy as np
 import viser
 from numpy.typing import NDArray
 
+from armctl.kinematics.section import Section, section_of
+from armctl.kinematics.workspace import Extent, sample_workspace, workspace_extent
 from armctl.robot import Robot
 
 FloatArray = NDArray[np.float64]
 Colouring = Literal["height", "manipulability"]
 COLOURINGS: tuple[Colouring, ...] = ("height", "manipulability")
-_POINTS = 15_000
-_SEED = 20_240
-_POINT_SIZE_M = 0.0022
+_POINTS = 14_000
+_POINT_SIZE = 0.004
+"""of the reach: small enough to see the arm through the cloud"""
 _LOW, _MIDDLE, _HIGH = (
     np.array([68.0, 1.0, 84.0]),
     np.array([33.0, 145.0, 140.0]),
@@ -27,12 +29,15 @@ _LOW, _MIDDLE, _HIGH = (
 
 @dataclass(frozen=True, slots=True)
 class WorkspaceCloud:
-    """Tool points of random configurations inside the joint limits and above the floor."""
+    """Tool points inside the joint limits and above the floor, and the workspace cut open."""
 
     points: FloatArray
     """(k, 3) [m]"""
     manipulability: FloatArray
     """(k,) √det(J Jᵀ) of the tool point's velocity [m³]; 0 at a singularity"""
+    extent: Extent
+    """of all tool points, also those below the floor"""
+    section: Section
 
     def colors(self, colouring: Colouring) -> NDArray[np.uint8]:
         """(k, 3) RGB: dark where the value is low, yellow where it is high."""
@@ -49,15 +54,16 @@ def workspace_cloud(robot: Robot, count: int = _POINTS) -> WorkspaceCloud:
 
     Args:
         robot: the arm.
-        count: configurations to try; those with the tool point below the floor are left out.
+        count: about how many points; those with the tool point below the floor are left out.
     """
-    low, high = robot.limits[:, 0], robot.limits[:, 1]
-    q = np.random.default_rng(_SEED).uniform(low, high, (count, robot.n))
-    points = robot.forward(q)[:, :3, 3]
-    above = points[:, 2] >= robot.floor_z
-    J = robot.jacobian(q[above])[:, :3]
-    determinant = np.linalg.det(J @ np.swapaxes(J, 1, 2))
-    return WorkspaceCloud(points[above].copy(), np.sqrt(np.maximum(determinant, 0.0)))
+    samples = sample_workspace(robot.chain, robot.limits, count)
+    above = samples.points[:, 2] >= robot.floor_z
+    return WorkspaceCloud(
+        samples.points[above],
+        samples.manipulability[above],
+        workspace_extent(robot.chain, robot.limits),
+        section_of(robot.chain, robot.limits),
+    )
 
 
 class CloudStore:
@@ -84,7 +90,13 @@ class CloudFigure:
         """Draw the cloud."""
         self.hide()
         self._handle = self._scene.add_point_cloud(
-            self._name, cloud.points, cloud.colors(colouring), point_size=_POINT_SIZE_M, point_shape="circle"
+            self._name,
+            cloud.points,
+            cloud.colors(colouring),
+            point_size=_POINT_SIZE * cloud.extent.reach,
+            point_shape="circle",
+            point_shading="flat",
+            precision="float32",
         )
 
     def hide(self) -> None:

@@ -89,4 +89,4 @@ class ProgramFiles:
             self._session.notify("Cannot run yet", f"{findings[0]}{more}", "yellow")
 
     def _send(self, filename: str, text: str) -> None:
-        self._session.client.send_file_download(filename, text.encode())
+        self._session.client.send_file_download(filename, text.encode(), save_immediately=True)

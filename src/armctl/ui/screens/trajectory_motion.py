@@ -31,6 +31,11 @@ TO_POINT = "present pose to X Y Z"
 PROGRAM = "Program on the desk"
 ARC = "Arc (58 points)"
 LINE = "Line (29 points)"
+_COARSE_STEP = 0.02
+"""[rad] of a swept joint, where it only matters whether there is a solution"""
+JOINT_BY_JOINT = "Joint by joint (study)"
+TEST_PATHS = {ARC: arc, LINE: line}
+"""the paper's test paths, by their labels"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -69,7 +74,16 @@ def to_pose(name: str) -> str:
 
 def motion_labels(robot: Robot) -> tuple[str, ...]:
     """All motions, in the order in which they are offered."""
-    return (*(to_pose(name) for name in robot.poses), TO_POINT, ARC, LINE, PROGRAM)
+    return (*(to_pose(name) for name in robot.poses), TO_POINT, ARC, LINE, PROGRAM, JOINT_BY_JOINT)
+
+
+def why_not(robot: Robot, points: FloatArray) -> str | None:
+    """Why a path cannot be followed: its first point (of (k, 3) [m]) that is out of reach; None: it can."""
+    for number, point in enumerate(points, 1):
+        solutions = robot.inverse(point, step=_COARSE_STEP)
+        if not solutions.success:
+            return f"point {number} of {len(points)}: {solutions.reason}"
+    return None
 
 
 def plan_motion(robot: Robot, asked: MotionRequest) -> PlannedMotion:
@@ -79,8 +93,8 @@ def plan_motion(robot: Robot, asked: MotionRequest) -> PlannedMotion:
         ArmctlError: it cannot be planned; says why.
     """
     start, profile, duration = asked.start, asked.profile, asked.duration_s
-    if asked.motion in (ARC, LINE):
-        return _plan_path(robot, asked, arc() if asked.motion == ARC else line())
+    if asked.motion in TEST_PATHS:
+        return _plan_path(robot, asked, TEST_PATHS[asked.motion]())
     if asked.motion == PROGRAM:
         if asked.program is None or not asked.program.steps:
             raise ProgramError("the program on the desk has no steps; record some in Manual → Serial motion")

@@ -105,7 +105,7 @@ class ReportView:
             raise InputError("there is no error report: choose Arc or Line and press Show")
         text = report_csv(self._theory, self._applied)
         name = f"{self._session.console.robot.name}-errors.csv"
-        self._session.client.send_file_download(name, text.encode())
+        self._session.client.send_file_download(name, text.encode(), save_immediately=True)
 
 
 async def finished(ticket: Ticket) -> bool:

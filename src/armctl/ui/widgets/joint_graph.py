@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Sequence
+from html import escape
 
 import numpy as np
 import viser
@@ -11,6 +13,8 @@ from viser import uplot
 
 from armctl.robot import Robot
 from armctl.runtime import Snapshot
+from armctl.ui.widgets.html_bits import muted
+from armctl.ui.widgets.text import LiveHtml
 
 FloatArray = NDArray[np.float64]
 SPAN_S = 20.0
@@ -67,6 +71,7 @@ class JointGraph:
         self._sent_at = -np.inf
         self._still = False
         self._joint: int | None = None
+        self._legend = LiveHtml(gui)
         self._plot = self._make()
 
     def choose(self, joint: int | None) -> None:
@@ -109,6 +114,7 @@ class JointGraph:
                 for i in shown
             ]
         self._still = False
+        self._legend.show(legend_html(self._robot, shown))
         return self._gui.add_uplot(
             data=self._data(),
             series=tuple(lines),
@@ -118,6 +124,16 @@ class JointGraph:
                 uplot.Axis(label="time s", size=30, labelSize=18, labelGap=0),
                 uplot.Axis(label="angle °", size=42, labelSize=18, labelGap=0),
             ),
-            legend=uplot.Legend(live=False),
+            legend=uplot.Legend(show=False),  # it would name each joint twice
             height=_HEIGHT,
         )
+
+
+def legend_html(robot: Robot, shown: Sequence[int]) -> str:
+    """Each joint once, in its colour; and what solid and dotted lines are."""
+    names = " ".join(
+        "<span style='display:inline-block;margin-right:8px'>"
+        f"<span style='color:{_COLORS[i % len(_COLORS)]}'>■</span> {escape(robot.joints[i].title)}</span>"
+        for i in shown
+    )
+    return f"<div>{names}</div>{muted('Solid: commanded. Dotted: as the board tells it.')}"
