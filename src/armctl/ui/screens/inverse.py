@@ -13,6 +13,7 @@ from armctl.errors import InputError, UnreachableError
 from armctl.kinematics import CRITERIA, CRITERION_TEXT, checked_criterion
 from armctl.runtime import MoveJoints, MoveTo, Snapshot
 from armctl.ui.scene.stage import TargetMark
+from armctl.ui.screens.branch_view import BranchView
 from armctl.ui.screens.inverse_answer import Answer, answer, answer_html, no_curve, solve
 from armctl.ui.screens.inverse_target import TargetForm
 from armctl.ui.screens.solution_table import PAGE_ROWS
@@ -73,6 +74,8 @@ class InverseScreen:
         with tabs.add_tab("Energy curve"):
             self._curve_note = LiveHtml(gui, muted("Nothing is solved yet."))
             self._curve = LinePlot(gui)
+        with tabs.add_tab("Branches"):
+            self._branches = BranchView(session, self._show_ghost)
         session.on(self._fill.on_click, self._on_fill)
         session.on(self._solve.on_click, self._on_solve)
         session.on(self._nearest.on_click, self._on_nearest)
@@ -86,7 +89,7 @@ class InverseScreen:
         self._stale.visible = bool(stale)
         self._stale.show(f"<b style='color:#e67700'>{escape(stale)}</b>")
         self._preview.refresh(snapshot)
-        if not self._preview.shown:
+        if not self._preview.shown and not self._branches.as_ghosts:
             self._mark.hide()
 
     def _out_of_date(self, snapshot: Snapshot) -> str:
@@ -158,8 +161,16 @@ class InverseScreen:
         self._pager.reset(len(found.table), 1 if found.solutions.success else None)
         self._draw_list()
         self._draw_curve(found)
-        shown = found.best if found.solutions.success else found.solutions.nearest_q
+        self._branches.show(found)
         self._mark.show(found.solutions.target.position)
+        self._show_ghost()
+
+    def _show_ghost(self) -> None:
+        """The one of least energy, else the nearest; none beside the ghosts of all branches."""
+        found = self._answer
+        shown = None
+        if found is not None and not self._branches.as_ghosts:
+            shown = found.best if found.solutions.success else found.solutions.nearest_q
         if shown is None:
             self._preview.hide()
         else:
@@ -180,7 +191,8 @@ class InverseScreen:
             self._selected.show("")
             return
         page, row = self._pager.page, self._pager.row
-        where = f"page {page + 1} of {self._pager.pages} · {len(found.table)} solutions, least energy first"
+        count = f"{len(found.table)} solution{'' if len(found.table) == 1 else 's'}"
+        where = f"page {page + 1} of {self._pager.pages} · {count}, least energy first"
         self._list.show(muted(where) + found.table.html(page, row))
         if row is None:
             self._selected.show(muted(f"No row is selected: type a row from 1 to {len(found.table)}."))
@@ -191,7 +203,9 @@ class InverseScreen:
     def _on_row(self) -> None:
         self._draw_list()
         found, row = self._answer, self._pager.row
-        if found is not None and row is not None and found.solutions.success:
+        if self._branches.as_ghosts or found is None or row is None:
+            return
+        if found.solutions.success:
             self._preview.show(found.table.q(row), self._session.snapshot.q_command)
 
     async def _on_go_least(self) -> None:
@@ -207,8 +221,10 @@ class InverseScreen:
     async def _on_go_selected(self) -> None:
         self._form.watch.require_settled()
         found, row = self._answer, self._pager.row
-        if found is None or not found.solutions.success:
+        if found is None:
             raise InputError("there is nothing to go to: press Solve first")
+        if not found.solutions.success:
+            raise UnreachableError(found.why_not)
         if self._form.texts != self._answered:
             raise InputError("the fields have changed since the list was made: press Solve first")
         if row is None:

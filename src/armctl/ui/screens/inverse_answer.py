@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from armctl.errors import UnreachableError
 from armctl.kinematics import DEFAULT_STEP, Solutions, Target
 from armctl.robot import Robot
+from armctl.ui.screens.branch_verdicts import Verdict, verdicts
 from armctl.ui.screens.energy_curve import energy_curve
 from armctl.ui.screens.solution_table import SolutionTable
 from armctl.ui.widgets.html_bits import muted, numbers, refused, strong
@@ -28,6 +29,8 @@ class Answer:
     why_not: str
     """why there is no best one; empty where there is"""
     curve: Picture | None
+    verdicts: tuple[Verdict, ...]
+    """every branch, those that are refused too; empty where a joint is free"""
 
     @property
     def solutions(self) -> Solutions:
@@ -39,7 +42,8 @@ def answer(robot: Robot, solutions: Solutions, criterion: str, start: FloatArray
     """Sort and choose by a criterion; ``start`` (n,) [rad] is where the arm stands."""
     table = SolutionTable(solutions, criterion, start)
     if not solutions.success:
-        return Answer(table, None, solutions.explanation or "there is no solution", None)
+        why_not = solutions.explanation or "there is no solution"
+        return Answer(table, None, why_not, None, verdicts(robot, solutions.target, start, None))
     best: FloatArray | None = None
     why_not = ""
     try:
@@ -47,7 +51,8 @@ def answer(robot: Robot, solutions: Solutions, criterion: str, start: FloatArray
     except UnreachableError as refusal:
         why_not = str(refusal)
     len(table.order)  # sorted here and not on the event loop
-    return Answer(table, best, why_not, energy_curve(robot, table, best))
+    judged = verdicts(robot, solutions.target, start, best)
+    return Answer(table, best, why_not, energy_curve(robot, table, best), judged)
 
 
 def solve(robot: Robot, target: Target, criterion: str, start: FloatArray) -> Answer:
@@ -84,6 +89,8 @@ def no_curve(found: Answer) -> str:
         return "There is no solution."
     if found.solutions.free_joint is None:
         return f"No joint is free here: {many} isolated solution{'' if many == 1 else 's'}, no curve."
+    if many == 1:
+        return "There is a single solution, and no curve."
     return "The criterion admits none of the solutions."
 
 

@@ -68,6 +68,10 @@ class SolutionTable:
         """The row, counted from 1, that shows solution ``index``."""
         return int(np.flatnonzero(self.order == index)[0]) + 1
 
+    def energy_of(self, q: FloatArray) -> float:
+        """Energy of the listed solution nearest to ``q`` (n,) [rad]."""
+        return float(self.energy[self.solutions.index_of(q)])
+
     def branch_counts(self) -> dict[str, int]:
         """How many solutions each branch has, in the order of the branches."""
         used, counts = np.unique(self.solutions.branch_index, return_counts=True)
@@ -100,4 +104,4 @@ class SolutionTable:
 
 def short_branch(name: str) -> str:
     """A branch name for a narrow column: ``front elbow-up`` becomes ``front up``."""
-    return name.replace("elbow-", "").replace("tool-in", "in")
+    return name.replace("shoulder-", "").replace("elbow-", "").replace("tool-in", "in")
