@@ -11,18 +11,21 @@ import numpy as np
 
 from armctl.arm import Arm
 from armctl.motion import MoveStep, Program, Step
-from armctl.robot import Robot, load_robot
+from armctl.robot import Robot, load_robot, shipped_robots
 from armctl.runtime import Enable, Origin, Snapshot
-from armctl.ui import App, Console, PortChoice, ProgramDesk
+from armctl.ui import App, Console, PortChoice, ProgramDesk, RobotChoice, RobotDesk
 
 
 @dataclass(frozen=True)
 class ServedArm:
-    """One arm and its pages."""
+    """The arm that the test began with, and the pages; what is asked here is of the present arm."""
 
     arm: Arm
-    console: Console
     app: App
+
+    @property
+    def console(self) -> Console:
+        return self.app.robots.console
 
     @property
     def url(self) -> str:
@@ -30,7 +33,7 @@ class ServedArm:
 
     @property
     def robot(self) -> Robot:
-        return self.arm.robot
+        return self.console.robot
 
     @property
     def now(self) -> Snapshot:
@@ -52,17 +55,31 @@ class ServedArm:
 
 @contextmanager
 def served_arm(folder: Path, robot: str = "uzuner") -> Iterator[ServedArm]:
-    """An enabled arm at its home pose, and its console."""
-    with Arm.open(load_robot(robot)) as arm:
-        console = Console(
+    """An enabled arm at its home pose, and its console; the page can change it for any shipped robot."""
+
+    def console(arm: Arm) -> Console:
+        return Console(
             robot=arm.robot,
             controller=arm.controller,
             list_ports=lambda: [PortChoice("sim", "Simulated board")],
             programs=ProgramDesk(arm.robot.name, folder),
+            close=arm.close,
         )
-        app = App(console, port=0)
+
+    choices = [RobotChoice(name, load_robot(name).title) for name in shipped_robots()]
+    arm = Arm.open(load_robot(robot))
+    robots = RobotDesk(
+        console(arm),
+        next(choice for choice in choices if choice.name == robot),
+        choices,
+        lambda name: console(Arm(load_robot(name))),
+    )
+    try:
+        app = App(robots, port=0)
         try:
             arm.controller.submit(Enable(arm.robot.pose("home")), Origin("test")).result(10)
-            yield ServedArm(arm, console, app)
+            yield ServedArm(arm, app)
         finally:
             app.close()
+    finally:
+        robots.close()

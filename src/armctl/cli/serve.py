@@ -9,6 +9,7 @@ import signal
 import sys
 import threading
 import webbrowser
+from functools import partial
 from types import FrameType
 
 import click
@@ -16,17 +17,22 @@ from platformdirs import user_data_path
 
 from armctl.arm import Arm
 from armctl.boards import AUTOMATIC, SIMULATED
-from armctl.errors import ArmctlError
+from armctl.errors import ArmctlError, RobotFileError
 from armctl.hardware.ports import list_ports
-from armctl.robot import load_robot
+from armctl.robot import load_robot, shipped_robots
 from armctl.runtime import Connect, Origin
-from armctl.ui import App, Console, PortChoice, ProgramDesk
+from armctl.ui import App, Console, PortChoice, ProgramDesk, RobotChoice, RobotDesk
 
 _LOOPBACK = ("127.0.0.1", "localhost", "::1")
 
 
 @click.command()
-@click.option("--robot", default="uzuner", show_default=True, help="A shipped robot's name or a robot file.")
+@click.option(
+    "--robot",
+    default="uzuner",
+    show_default=True,
+    help="The robot to begin with: a shipped name or a robot file.",
+)
 @click.option(
     "--port", default=SIMULATED, show_default=True, help="sim, auto, a device or socket://host:port."
 )
@@ -43,35 +49,60 @@ _LOOPBACK = ("127.0.0.1", "localhost", "::1")
 def serve(robot: str, port: str, host: str, http_port: int, no_browser: bool) -> None:
     """Serve the console until interrupted (Ctrl-C)."""
     logging.basicConfig(level=logging.INFO, format="%(asctime)s %(name)s %(levelname)s %(message)s")
-    arm_robot = load_robot(robot)
     token = None if host in _LOOPBACK else secrets.token_urlsafe(24)
-    arm = Arm(arm_robot)
+    open_console = partial(_open_console, port=port)
+    console = open_console(robot)
+    present = RobotChoice(robot, console.robot.title)
+    robots = RobotDesk(console, present, _robot_choices(present), open_console)
     try:
-        console = Console(
-            robot=arm_robot,
-            controller=arm.controller,
-            list_ports=lambda: _port_choices(port),
-            programs=ProgramDesk(arm_robot.name, user_data_path("armctl") / "programs" / arm_robot.name),
-            default_port=port,
-        )
-        app = App(console, host, http_port, token)
+        app = App(robots, host, http_port, token)
         try:
-            _connect(arm, port)
+            _connect(console, port)
             url = app.url if token is None else f"{app.url}/?token={token}"
-            click.echo(f"armctl: {arm_robot.title} on {_port_label(port)}: {url}  (Ctrl-C ends)")
+            click.echo(f"armctl: {present.title} on {_port_label(port)}: {url}  (Ctrl-C ends)")
             if not no_browser and _has_display():
                 webbrowser.open(url)
             _wait()
         finally:
             app.close()
     finally:
-        arm.close()
+        robots.close()
 
 
-def _connect(arm: Arm, port: str) -> None:
+def _open_console(name: str, port: str) -> Console:
+    """An arm that is not connected yet, and what its pages share."""
+    robot = load_robot(name)
+    # Building the solver takes a while, and may find that there is none: here it keeps nobody waiting.
+    _ = robot.inverse_kinematics
+    arm = Arm(robot)
+    return Console(
+        robot=robot,
+        controller=arm.controller,
+        list_ports=lambda: _port_choices(port),
+        programs=ProgramDesk(robot.name, user_data_path("armctl") / "programs" / robot.name),
+        close=arm.close,
+        default_port=port,
+    )
+
+
+def _robot_choices(present: RobotChoice) -> list[RobotChoice]:
+    """The shipped robots, and the present one if it is a user's own."""
+    choices = [RobotChoice(name, _title(name)) for name in shipped_robots()]
+    return choices if present in choices else [*choices, present]
+
+
+def _title(name: str) -> str:
+    """A robot's title, or its name where the file is broken: choosing it says what is wrong with it."""
+    try:
+        return load_robot(name).title
+    except RobotFileError:
+        return name
+
+
+def _connect(console: Console, port: str) -> None:
     """Connect at once; where that fails the page says why and offers the other ports."""
     try:
-        arm.controller.submit(Connect(port), Origin("start")).result()
+        console.controller.submit(Connect(port), Origin("start")).result()
     except ArmctlError as refusal:
         click.echo(f"armctl: not connected: {refusal}", err=True)
 

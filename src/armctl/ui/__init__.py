@@ -3,5 +3,6 @@
 from armctl.ui.app import App
 from armctl.ui.console import Console, PortChoice
 from armctl.ui.program_desk import ProgramDesk
+from armctl.ui.robot_desk import RobotChoice, RobotDesk
 
-__all__ = ["App", "Console", "PortChoice", "ProgramDesk"]
+__all__ = ["App", "Console", "PortChoice", "ProgramDesk", "RobotChoice", "RobotDesk"]

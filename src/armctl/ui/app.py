@@ -13,29 +13,35 @@ import viser
 from armctl.runtime import Origin
 from armctl.ui.console import Console
 from armctl.ui.guard import GuardedServer, guarded_server
+from armctl.ui.robot_desk import RobotChange, RobotDesk
 from armctl.ui.scene.arm_figure import ArmFigure
-from armctl.ui.scene.stage import look_at_arm, set_stage
+from armctl.ui.scene.stage import Stage, look_at_arm, set_lights
 from armctl.ui.session import Session
 
 LOG = logging.getLogger("armctl.ui")
 FRAME_S = 1 / 30
 _FRAMES_A_REFRESH = 3
+_PANEL_WIDTH = 430
 
 
 class App:
-    """Serves one console to browser pages. All of it runs on viser's event loop, so nothing needs a lock."""
+    """Serves the present arm's console to browser pages.
+
+    All of it runs on viser's event loop, so nothing needs a lock.
+    """
 
     def __init__(
-        self, console: Console, host: str = "127.0.0.1", port: int = 8080, token: str | None = None
+        self, robots: RobotDesk, host: str = "127.0.0.1", port: int = 8080, token: str | None = None
     ) -> None:
-        self._console = console
+        self.robots = robots
         self.server: GuardedServer = guarded_server(host, port, token=token, label="armctl")
         self._sessions: dict[int, Session] = {}
         self.server.gui.configure_theme(
             dark_mode=False, show_logo=False, show_share_button=False, brand_color=(24, 100, 171)
         )
-        set_stage(self.server.scene, console.robot)
-        self._figure = ArmFigure(self.server.scene, console.robot, "/arm")
+        set_lights(self.server.scene)
+        self._draw_arm()
+        robots.on_change(self._changed)
         self.server.on_client_connect(self._connect)
         self.server.on_client_disconnect(self._disconnect)
         self._loop: Future[None] = asyncio.run_coroutine_threadsafe(
@@ -53,17 +59,57 @@ class App:
         self._loop.cancel()
         self.server.stop()
 
+    @property
+    def _console(self) -> Console:
+        return self.robots.console
+
     async def _connect(self, client: viser.ClientHandle) -> None:
         self._console.operators.arrive(client.client_id)
-        look_at_arm(client)
+        client.gui.main_panel.dock_right()
+        client.gui.main_panel.set_width(_PANEL_WIDTH)
         try:
-            with client.atomic():
-                session = Session(client, self._console)
+            self._build(client)
         except Exception:
             LOG.exception("page %d could not be built", client.client_id)
             raise
+
+    def _build(self, client: viser.ClientHandle) -> Session:
+        """Give a page that is empty its session."""
+        look_at_arm(client, self._console.robot)
+        with client.atomic():
+            session = Session(client, self.robots)
         self._sessions[client.client_id] = session
         session.watch(self._operator_lost)
+        return session
+
+    def _draw_arm(self) -> None:
+        self._stage = Stage(self.server.scene, self._console.robot)
+        self._figure = ArmFigure(self.server.scene, self._console.robot, "/arm")
+
+    def _changed(self, change: RobotChange) -> None:
+        """Another arm: every page is built anew."""
+        with self.server.atomic():
+            self._stage.remove()
+            self._figure.remove()
+            self._draw_arm()
+        for session in tuple(self._sessions.values()):
+            try:
+                self._rebuild(session, change)
+            except Exception:  # the other pages go on
+                LOG.exception("page %d could not be built anew", session.client.client_id)
+                session.refuse("this page could not be built for the new robot; reload it", "Error")
+
+    def _rebuild(self, old: Session, change: RobotChange) -> None:
+        old.close()
+        del self._sessions[old.client.client_id]
+        with old.client.atomic():
+            old.client.gui.reset()
+            old.client.scene.reset()
+            session = self._build(old.client)
+        if not session.operates:
+            session.notify("Robot", f"{change.who} chose {change.title}: this page shows it now.")
+        elif change.not_connected is not None:
+            session.notify("Robot", f"{change.not_connected}.", "yellow")
 
     async def _disconnect(self, client: viser.ClientHandle) -> None:
         session = self._sessions.pop(client.client_id, None)

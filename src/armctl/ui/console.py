@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 from armctl.robot import Robot
-from armctl.runtime import Controller
+from armctl.runtime import Controller, Event
 from armctl.ui.operator import OperatorDesk
 from armctl.ui.program_desk import ProgramDesk
 from armctl.ui.scene.cloud import CloudStore
@@ -32,9 +32,13 @@ class Console:
     controller: Controller
     list_ports: Callable[[], Sequence[PortChoice]]
     programs: ProgramDesk
+    close: Callable[[], None]
+    """ends the arm: controller and boards; may block for as long as a moving arm needs to come to rest"""
     default_port: str = "sim"
     operators: OperatorDesk = field(default_factory=OperatorDesk)
     trail: Trail = field(default_factory=Trail)
     """where the tool point has been"""
     clouds: CloudStore = field(default_factory=CloudStore)
     """the workspace cloud, computed once for all pages"""
+    earlier: tuple[Event, ...] = ()
+    """the log from before this arm was chosen, oldest first"""

@@ -11,34 +11,33 @@ import viser
 
 from armctl.errors import ArmctlError
 from armctl.runtime import Command, Origin, Snapshot, Ticket
-from armctl.ui.console import Console
 from armctl.ui.panel import ControlPanel
+from armctl.ui.robot_desk import RobotDesk
 from armctl.ui.scene.ghost import Ghost
 from armctl.ui.screens import SCREENS, Screen
 
 LOG = logging.getLogger("armctl.ui")
 Action = Callable[[], Awaitable[None]]
 Color = Literal["blue", "yellow", "red"]
-_PANEL_WIDTH = 430
 _HEARTBEAT_S = 2.0
 _HEARTBEAT_TIMEOUT_S = 3.0
 
 
 class Session:
-    """Builds a page's GUI, turns its clicks into commands, and draws snapshots into it.
+    """Builds a page's GUI for one arm, turns its clicks into commands, and draws snapshots into it.
 
-    Everything here runs on the web server's event loop; nothing in it may block.
+    When the arm is changed, the page gets a new session. Everything here runs on the web server's event
+    loop; nothing in it may block.
     """
 
-    def __init__(self, client: viser.ClientHandle, console: Console) -> None:
+    def __init__(self, client: viser.ClientHandle, robots: RobotDesk) -> None:
         self.client = client
-        self.console = console
+        self.robots = robots
+        self.console = robots.console
         self._tasks: set[asyncio.Task[None]] = set()
         self.closed = False
-        """the page is gone; whoever has waited for something must not write to it any more"""
-        self.ghost = Ghost(client.scene, console.robot)
-        client.gui.main_panel.dock_right()
-        client.gui.main_panel.set_width(_PANEL_WIDTH)
+        """page or arm is gone; whoever has waited for something must not write to the page any more"""
+        self.ghost = Ghost(client.scene, self.console.robot)
         self._panel = ControlPanel(self)
         tabs = client.gui.add_tab_group()
         self._screens: list[Screen] = []
@@ -91,8 +90,12 @@ class Session:
         try:
             await action()
         except ArmctlError as refusal:
-            self.refuse(str(refusal))
+            if not self.closed:
+                self.refuse(str(refusal))
         except Exception:
+            if self.closed:  # it has met widgets that went with the page or the arm
+                LOG.debug("an action outlived its page", exc_info=True)
+                return
             LOG.exception("a page's action failed")
             self.refuse("an internal error; the program's log has the details", title="Error")
 
@@ -110,9 +113,10 @@ class Session:
         """Ask the controller for something and wait until it is accepted.
 
         Raises:
-            ArmctlError: refused, or this page does not operate.
+            ArmctlError: refused, this page does not operate, or the robot is being changed.
         """
         self.require_operator()
+        self.robots.require_settled()
         ticket = self.console.controller.submit(command, self.origin)
         await asyncio.wrap_future(ticket.accepted)
         self.spawn(self._report_end(ticket))
@@ -132,7 +136,7 @@ class Session:
         self.spawn(self._watch(lost))
 
     def close(self) -> None:
-        """The page is gone: end what waits for it."""
+        """The page or its arm is gone: end what waits for it."""
         self.closed = True
         for task in tuple(self._tasks):
             task.cancel()

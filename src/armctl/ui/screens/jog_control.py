@@ -11,7 +11,7 @@ import viser
 
 from armctl.errors import ArmctlError
 from armctl.runtime import Jog, MoveGripper, Snapshot
-from armctl.ui.widgets.joint_step import checked_percent
+from armctl.ui.widgets.joint_step import checked_percent, held_at
 from armctl.ui.widgets.text import LiveHtml
 
 if TYPE_CHECKING:
@@ -49,12 +49,15 @@ class JogControl:
         self._robot = session.console.robot
         self._hold = Hold()
         gui = session.gui
-        titles = tuple(joint.title for joint in self._robot.joints)
+        held = {joint.title: text for joint in self._robot.joints if (text := held_at(joint)) is not None}
+        titles = tuple(joint.title for joint in self._robot.joints if joint.title not in held)
         with gui.add_folder("Jog (moves while the button is held)"):
             self._joint = gui.add_dropdown("Joint", titles, initial_value=titles[0])
             self._speed = gui.add_slider("Jog speed %", min=1, max=100, step=1, initial_value=25)
             self._minus = gui.add_button("Jog −")
             self._plus = gui.add_button("Jog +")
+            for title, text in held.items():
+                gui.add_text(title, text, disabled=True)
         session.on(partial(_attach_hold, self._minus), partial(self._on_hold, -1.0))
         session.on(partial(_attach_hold, self._plus), partial(self._on_hold, 1.0))
         if self._robot.gripper is not None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -12,7 +11,7 @@ from numpy.typing import NDArray
 
 from armctl.errors import ArmctlError
 from armctl.runtime import MoveJoints, Snapshot
-from armctl.ui.widgets.joint_step import asked_pose, slider_degrees, stepped
+from armctl.ui.widgets.joint_step import asked_pose, held_at, slider_degrees, stepped
 from armctl.ui.widgets.text import LiveHtml
 
 if TYPE_CHECKING:
@@ -46,7 +45,8 @@ class JointControl:
         session.on(self._reset.on_click, self._on_reset)
         with gui.add_folder("Step one joint (moves at once)"):
             self._step = gui.add_dropdown("Step °", _STEPS, initial_value="1")
-            self._steps = [self._add_step(i) for i in range(self._robot.n)]
+            for i in range(self._robot.n):
+                self._add_step(i)
 
     def refresh(self, snapshot: Snapshot) -> None:
         """Show the arm; the sliders follow it while nobody has moved them."""
@@ -56,8 +56,12 @@ class JointControl:
         if not self._edited and present != self._shown:
             self._show(present)
 
-    def _add_slider(self, i: int) -> viser.GuiSliderHandle[float]:
+    def _add_slider(self, i: int) -> viser.GuiSliderHandle[float] | None:
+        """A joint that is held has no slider: there is nothing to slide."""
         joint = self._robot.joints[i]
+        if (held := held_at(joint)) is not None:
+            self._session.gui.add_text(f"{joint.title} °", held, disabled=True)
+            return None
         low, high = np.degrees(self._robot.limits[i]).tolist()
         slider = self._session.gui.add_slider(
             f"{joint.title} °", min=low, max=high, step=0.01, initial_value=self._shown[i]
@@ -65,18 +69,25 @@ class JointControl:
         self._session.on(slider.on_update, self._on_slider)
         return slider
 
-    def _add_step(self, i: int) -> viser.GuiButtonGroupHandle:
-        group = self._session.gui.add_button_group(self._robot.joints[i].title, ("−", "+"))
-        self._session.on(group.on_click, partial(self._on_step, i))
-        return group
+    def _add_step(self, i: int) -> None:
+        joint = self._robot.joints[i]
+        if (held := held_at(joint)) is not None:
+            self._session.gui.add_text(joint.title, held, disabled=True)
+            return
+        group = self._session.gui.add_button_group(joint.title, ("−", "+"))
+        self._session.on(group.on_click, lambda: self._on_step(i, 1 if group.value == "+" else -1))
 
     def _asked(self) -> list[float]:
-        return [float(slider.value) for slider in self._sliders]
+        """What the sliders ask for [degrees]; a joint that is held stays where it is."""
+        return [
+            shown if slider is None else float(slider.value)
+            for slider, shown in zip(self._sliders, self._shown, strict=True)
+        ]
 
     def _show(self, degrees: list[float]) -> None:
         self._shown = degrees
         for slider, value in zip(self._sliders, degrees, strict=True):
-            if slider.value != value:
+            if slider is not None and slider.value != value:
                 slider.value = value
 
     def _set_edited(self, edited: bool) -> None:
@@ -96,10 +107,9 @@ class JointControl:
         self._set_edited(False)
         self._show(slider_degrees(self._robot, self._session.snapshot.q_command))
 
-    async def _on_step(self, i: int) -> None:
+    async def _on_step(self, i: int, sign: int) -> None:
         """Clicks during a step add up: the arm goes on to where all of them together lead."""
-        size = float(self._step.value)
-        step_deg = size if self._steps[i].value == "+" else -size
+        step_deg = sign * float(self._step.value)
         start = self._session.snapshot.q_command if self._goal is None else self._goal
         goal = stepped(self._robot, start, i, step_deg)
         under_way, self._goal = self._goal is not None, goal

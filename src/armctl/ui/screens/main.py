@@ -1,4 +1,4 @@
-"""Main: robot, board, enable, named poses, log."""
+"""Main: robot, board, enable, named poses and points, log."""
 
 from __future__ import annotations
 
@@ -8,7 +8,19 @@ from typing import TYPE_CHECKING, ClassVar
 import viser
 
 from armctl.errors import InputError
-from armctl.runtime import ClearFault, Connect, Disconnect, Enable, Event, MoveJoints, Snapshot, State
+from armctl.kinematics import Target
+from armctl.runtime import (
+    ClearFault,
+    Connect,
+    Disconnect,
+    Enable,
+    Event,
+    MoveJoints,
+    MoveTo,
+    Snapshot,
+    State,
+)
+from armctl.ui.screens.robot_choice import RobotChooser
 from armctl.ui.widgets.text import LiveHtml
 from armctl.ui.widgets.when import time_of_day
 
@@ -25,7 +37,7 @@ _TAKE_OVER_NOTE = "The servos are on: **Enable** takes the arm over where it sta
 
 
 class MainScreen:
-    """Connect, enable, go home, and read what happened."""
+    """Choose a robot, connect, enable, go home, and read what happened."""
 
     label: ClassVar[str] = "Main"
     icon: ClassVar[viser.IconName | None] = None
@@ -36,7 +48,7 @@ class MainScreen:
         self._choices = {choice.label: choice for choice in console.list_ports()}
         labels = tuple(self._choices)
         chosen = next((c.label for c in self._choices.values() if c.port == console.default_port), labels[0])
-        gui.add_markdown(f"**{console.robot.title}** · {console.robot.n} joints")
+        self._robot = RobotChooser(session)
         self._port = gui.add_dropdown("Port", labels, initial_value=chosen)
         self._line = gui.add_button_group("Board", ("Connect", "Disconnect", "Rescan"))
         self._board = LiveHtml(gui)
@@ -47,6 +59,8 @@ class MainScreen:
         self._poses = gui.add_button_group(
             "Go to pose", tuple(name for name in console.robot.poses if name != "home")
         )
+        if console.robot.points:
+            self._add_points()
         with gui.add_folder("Log"):
             self._log = LiveHtml(gui)
         session.on(self._line.on_click, self._on_line)
@@ -57,6 +71,7 @@ class MainScreen:
 
     def refresh(self, snapshot: Snapshot) -> None:
         """Show the board, what can be done, and the newest log lines."""
+        self._robot.refresh(snapshot)
         self._clear.visible = snapshot.state is State.FAULT and snapshot.board is not None
         holds = snapshot.powered and snapshot.state is not State.OFF
         self._enable.visible = self._enable_note.visible = not holds
@@ -66,7 +81,12 @@ class MainScreen:
         self._enable.disabled = snapshot.state is not State.OFF
         self._home.disabled = snapshot.state is not State.HOLDING
         self._board.show(self._board_text(snapshot))
-        self._log.show("".join(self._log_line(event) for event in reversed(snapshot.events[-_LOG_LINES:])))
+        events = (*self._session.console.earlier, *snapshot.events)[-_LOG_LINES:]
+        self._log.show("".join(self._log_line(event) for event in reversed(events)))
+
+    def _add_points(self) -> None:
+        group = self._session.gui.add_button_group("Go to point", tuple(self._session.console.robot.points))
+        self._session.on(group.on_click, lambda: self._on_point(group.value))
 
     @staticmethod
     def _board_text(snapshot: Snapshot) -> str:
@@ -108,3 +128,8 @@ class MainScreen:
 
     async def _on_pose(self) -> None:
         await self._session.submit(MoveJoints(self._session.console.robot.pose(self._poses.value)))
+
+    async def _on_point(self, name: str) -> None:
+        """Of all the ways to stand there, the one nearest to the present pose: what an operator expects."""
+        point = self._session.console.robot.point(name)
+        await self._session.submit(MoveTo(Target.of(point), "least-travel"))

@@ -28,7 +28,7 @@ class ManualScreen:
         with tabs.add_tab("Joints"):
             self._readout.add_to(session.gui)
             self._joints = JointControl(session)
-        with tabs.add_tab("Jog & gripper"):
+        with tabs.add_tab("Jog" if session.console.robot.gripper is None else "Jog & gripper"):
             self._readout.add_to(session.gui)
             self._jog = JogControl(session)
         with tabs.add_tab("Serial motion"):

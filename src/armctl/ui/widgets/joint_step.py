@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armctl.errors import InputError, MotionRefusedError, StateError
-from armctl.robot import Robot
+from armctl.robot import Joint, Robot
 from armctl.runtime import Snapshot
 
 FloatArray = NDArray[np.float64]
@@ -37,6 +37,11 @@ def stepped(robot: Robot, q: FloatArray, joint: int, step_deg: float) -> FloatAr
         )
     asked[joint] = min(max(float(asked[joint]), one.lower), one.upper)
     return asked
+
+
+def held_at(joint: Joint) -> str | None:
+    """What the controls of a joint say whose limits are one and the same angle; None: it can turn."""
+    return f"held at {round(math.degrees(joint.lower), 2):g}°" if joint.lower == joint.upper else None
 
 
 def slider_degrees(robot: Robot, q: FloatArray) -> list[float]:

@@ -9,6 +9,8 @@ import viser
 
 _STYLE = "padding:2px 12px;font-size:12.5px;line-height:1.5;overflow-x:auto"
 _CELL = "padding:0 6px;text-align:right;font-variant-numeric:tabular-nums;white-space:nowrap"
+_HEAD = ";white-space:normal;vertical-align:bottom"
+"""Long heads, such as a joint's name, go over several lines before a table grows too wide."""
 
 
 class LiveHtml:
@@ -54,7 +56,8 @@ def table(
     parts = ["<table style='border-collapse:collapse;width:100%'>"]
     if head:
         cells = "".join(
-            f"<th style='{left if i == 0 else _CELL}'>{escape(text)}</th>" for i, text in enumerate(head)
+            f"<th style='{left if i == 0 else _CELL}{_HEAD}'>{escape(text)}</th>"
+            for i, text in enumerate(head)
         )
         parts.append(f"<tr style='opacity:.7'>{cells}</tr>")
     for index, row in enumerate(rows):

@@ -1,0 +1,203 @@
+"""Which arm the pages show, and changing it for another."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+from armctl.boards import SIMULATED
+from armctl.errors import InputError, StateError
+from armctl.runtime import Command, Connect, Event, Origin, SetSpeed, Snapshot, State, wall_time
+from armctl.ui.console import Console
+
+LOG = logging.getLogger("armctl.ui")
+_LOG_LINES = 200
+
+
+@dataclass(frozen=True, slots=True)
+class RobotChoice:
+    """One entry of the robot list."""
+
+    name: str
+    """what opens it: a shipped robot's name, or the path of a robot file"""
+    title: str
+
+
+@dataclass(frozen=True, slots=True)
+class RobotChange:
+    """What the pages are told after the arm was changed."""
+
+    who: str
+    title: str
+    not_connected: str | None
+    """why the new arm is not connected, and what to do; None: it is"""
+
+
+class RobotDesk:
+    """Holds the present console. Used on the web server's event loop only.
+
+    The new arm is opened first, off the event loop; only when it is ready does it take the place of the
+    present one, in one step, and the arm that is left is closed. Whatever fails on the way leaves the
+    present arm as it is.
+    """
+
+    def __init__(
+        self,
+        console: Console,
+        present: RobotChoice,
+        choices: Sequence[RobotChoice],
+        open_console: Callable[[str], Console],
+    ) -> None:
+        """Begin with an arm that is open already.
+
+        Args:
+            console: the present arm.
+            present: its entry in the list.
+            choices: the whole list.
+            open_console: opens the arm of a choice's name, without connecting it; may block.
+        """
+        self._console, self._present, self._choices = console, present, tuple(choices)
+        self._open = open_console
+        self._opening: RobotChoice | None = None
+        self._tell: Callable[[RobotChange], None] | None = None
+
+    @property
+    def console(self) -> Console:
+        """The present arm and what belongs to it."""
+        return self._console
+
+    @property
+    def present(self) -> RobotChoice:
+        """The present arm's entry in the list."""
+        return self._present
+
+    @property
+    def choices(self) -> tuple[RobotChoice, ...]:
+        """What can be chosen."""
+        return self._choices
+
+    @property
+    def opening(self) -> RobotChoice | None:
+        """What the present arm is being changed for; None: nothing."""
+        return self._opening
+
+    def on_change(self, tell: Callable[[RobotChange], None]) -> None:
+        """Have ``tell`` called at once whenever the present console has become another."""
+        self._tell = tell
+
+    def close(self) -> None:
+        """End the present arm."""
+        self._console.close()
+
+    def require_settled(self) -> None:
+        """Refuse what must wait until the arm has been changed.
+
+        Raises:
+            StateError: it is being changed.
+        """
+        if self._opening is not None:
+            raise StateError(
+                f"the robot is being changed for {self._opening.title}; wait a moment and try again"
+            )
+
+    async def change(self, name: str, origin: Origin, permit: Callable[[], None]) -> None:
+        """Change the present arm for another one.
+
+        The new arm begins with the speed override of the one that is left. It is connected where that one
+        is on the simulated board; what hangs on a real board are another arm's servos.
+
+        Args:
+            name: of the choice.
+            origin: who asks, for the log.
+            permit: raises when the page that asks may not; asked again once the new arm is ready.
+
+        Raises:
+            InputError: there is no such choice.
+            StateError: the arm moves, a real board's outputs are on, or it is being changed already.
+            ArmctlError: the new arm cannot be opened, or ``permit`` refuses.
+        """
+        choice = next((choice for choice in self._choices if choice.name == name), None)
+        if choice is None:
+            raise InputError(f"there is no robot {name!r} to choose")
+        if choice == self._present:
+            return
+        permit()
+        self.require_settled()
+        require_leavable(self._console.controller.snapshot)
+        began, self._opening = wall_time(), choice
+        try:
+            opened = await asyncio.to_thread(self._open, choice.name)
+            try:
+                not_connected = await self._prepare(opened, origin)
+                # What was asked of the present arm before this began has shown by now.
+                permit()
+                require_leavable(self._console.controller.snapshot)
+            except BaseException:
+                await asyncio.to_thread(opened.close)
+                raise
+            left = self._console
+            self._take(choice, opened, _log_lines(left, opened, origin, began, not_connected))
+            try:
+                if self._tell is not None:
+                    self._tell(RobotChange(origin.who, choice.title, not_connected))
+            finally:
+                await asyncio.to_thread(left.close)  # frees its line, so that the new arm may use it
+        finally:
+            self._opening = None
+
+    async def _prepare(self, opened: Console, origin: Origin) -> str | None:
+        """Speed and board of the new arm; gives why it is not connected."""
+        present = self._console.controller.snapshot
+        if opened.controller.snapshot.speed != present.speed:
+            await _obeyed(opened, SetSpeed(present.speed), origin)
+        title, board = opened.robot.title, present.board
+        if opened.robot.servo_map is None:
+            return f"{title} is not connected: its robot file gives no servos, so no servo board can drive it"
+        if board is None:
+            return f"{title} is not connected, as the arm before it was not; press Connect"
+        if not board.simulated:
+            return (
+                f"{title} is not connected: the servos on {board.port} are another arm's; "
+                "choose its port and press Connect"
+            )
+        await _obeyed(opened, Connect(SIMULATED), origin)
+        return None
+
+    def _take(self, choice: RobotChoice, opened: Console, earlier: tuple[Event, ...]) -> None:
+        self._present = choice
+        self._console = replace(opened, operators=self._console.operators, earlier=earlier)
+
+
+def require_leavable(snapshot: Snapshot) -> None:
+    """Refuse to leave an arm that moves, or one that real servos hold up.
+
+    Raises:
+        StateError: says what to do first.
+    """
+    if snapshot.state in (State.MOVING, State.PAUSED):
+        doing = "moves" if snapshot.state is State.MOVING else "is in the middle of a motion"
+        raise StateError(f"the arm {doing}; press STOP, then choose another robot")
+    board = snapshot.board
+    if board is not None and not board.simulated and snapshot.powered:
+        raise StateError(
+            f"the servos on {board.port} are on; press Release (the arm drops), then choose another robot"
+        )
+
+
+def _log_lines(
+    left: Console, opened: Console, origin: Origin, began: float, not_connected: str | None
+) -> tuple[Event, ...]:
+    """The log up to here: that of the arm that is left, and that it was left."""
+    said = f"robot: {left.robot.title} → {opened.robot.title} ({origin.who})"
+    lines = [*left.earlier, *left.controller.snapshot.events, Event(began, "info", said)]
+    LOG.info("%s", said)
+    if not_connected is not None:
+        lines.append(Event(wall_time(), "warning", not_connected))
+        LOG.warning("%s", not_connected)
+    return tuple(lines[-_LOG_LINES:])
+
+
+async def _obeyed(console: Console, command: Command, origin: Origin) -> None:
+    await asyncio.wrap_future(console.controller.submit(command, origin).finished)

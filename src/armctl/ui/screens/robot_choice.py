@@ -1,0 +1,62 @@
+"""The list of robots."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from html import escape
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from armctl.robot import Robot
+from armctl.runtime import Snapshot
+from armctl.ui.robot_desk import RobotChoice
+from armctl.ui.widgets.text import LiveHtml
+
+if TYPE_CHECKING:
+    from armctl.ui.session import Session
+
+
+class RobotChooser:
+    """Shows the present robot; choosing another one changes it for every page."""
+
+    def __init__(self, session: Session) -> None:
+        self._session, self._desk = session, session.robots
+        self._names = labelled(self._desk.choices)
+        self._present = next(label for label, name in self._names.items() if name == self._desk.present.name)
+        self._list = session.gui.add_dropdown("Robot", tuple(self._names), initial_value=self._present)
+        self._about = about(session.console.robot)
+        self._text = LiveHtml(session.gui, self._about)
+        session.on(self._list.on_update, self._on_choose)
+
+    def refresh(self, snapshot: Snapshot) -> None:
+        """Nothing can be chosen while the robot is being changed."""
+        del snapshot
+        opening = self._desk.opening
+        if self._list.disabled != (opening is not None):
+            self._list.disabled = opening is not None
+        self._text.show(self._about if opening is None else f"Opening {escape(opening.title)} …")
+
+    async def _on_choose(self) -> None:
+        session = self._session
+        try:
+            await self._desk.change(self._names[self._list.value], session.origin, session.require_operator)
+        finally:
+            if not session.closed:  # refused: this page still shows the present robot
+                self._list.value = self._present
+
+
+def labelled(choices: Sequence[RobotChoice]) -> dict[str, str]:
+    """Names by label: the title, with the file's name where two robots have the same title."""
+    titles = Counter(choice.title for choice in choices)
+
+    def label(choice: RobotChoice) -> str:
+        return choice.title if titles[choice.title] == 1 else f"{choice.title} ({Path(choice.name).name})"
+
+    return {label(choice): choice.name for choice in choices}
+
+
+def about(robot: Robot) -> str:
+    """Joints, gripper and source of a robot, as HTML."""
+    joints = f"{robot.n} joints" + (" and a gripper" if robot.gripper is not None else "")
+    return f"<b>{joints}</b><div style='opacity:.75'>{escape(robot.source)}</div>"

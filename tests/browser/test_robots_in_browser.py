@@ -1,0 +1,239 @@
+"""Choosing another robot, as an operator does it, and what a page that watches sees of it."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from tests.browser.kit import Screen, Screens
+from tests.browser.served_arm import ServedArm, served_arm
+from tests.browser.test_main_job import serving
+
+from armctl.robot import Robot, load_robot, robots_folder
+from armctl.runtime import State
+
+pytestmark = pytest.mark.browser
+TITLES = {
+    "uzuner": "Uzuner 5-DOF arm",
+    "abaas": "Abaas 5-DOF arm",
+    "scorbot": "Scorbot ER-4PC",
+    "mico": "Kinova MICO, 4 joints",
+    "humanoid": "Humanoid arm",
+}
+
+
+@pytest.fixture
+def served(tmp_path: Path) -> Iterator[ServedArm]:
+    with served_arm(tmp_path / "programs") as served:
+        yield served
+
+
+@pytest.fixture
+def page(screens: Screens, served: ServedArm) -> Screen:
+    page = screens()
+    page.open(served.url, until="STOP")
+    return page
+
+
+def choose(page: Screen, served: ServedArm, name: str) -> None:
+    page.choose("Robot", TITLES[name])
+    page.wait_until(lambda: served.robot.name == name, f"{name} is the present robot")
+    wait_for_robot(page, served.robot)
+
+
+def wait_for_robot(page: Screen, robot: Robot) -> None:
+    """The page is the robot's: its joints are listed, its title is in the list, its frames are drawn."""
+    listed = page.panel("Control").get_by_role("cell", name=robot.joints[-1].title, exact=True)
+    listed.wait_for()
+    page.wait_until(lambda: page.value("Robot") == robot.title, "the list shows the robot")
+    page.wait_until(lambda: frames_drawn(page) == len(robot.chain.rows) + 1, "the robot's frames are drawn")
+
+
+def frames_drawn(page: Screen) -> int:
+    return page.page.evaluate(
+        "Object.entries(window.__viserMutable.nodeRefFromName)"
+        ".filter(([name, node]) => /^[/]arm[/]f[0-9]+$/.test(name) && node).length"
+    )
+
+
+def drawn_frames(page: Screen, robot: Robot) -> NDArray[np.float64]:
+    """Where the page draws the frame of each DH row (rows + 1, 3) [m]."""
+    positions = page.page.evaluate(
+        "n => Array.from({length: n}, (_, i) =>"
+        " window.__viserMutable.nodeRefFromName[`/arm/f${i}`]?.position.toArray() ?? [9, 9, 9])",
+        len(robot.chain.rows) + 1,
+    )
+    return np.array(positions)
+
+
+def is_drawn_at_home(page: Screen, robot: Robot) -> bool:
+    frames = robot.frames(robot.pose("home"))[:, :3, 3]
+    return float(np.abs(drawn_frames(page, robot) - frames).max()) < 2e-3
+
+
+def floor_drawn(page: Screen) -> float:
+    return page.page.evaluate("window.__viserMutable.nodeRefFromName['/floor']?.position.z ?? 9")
+
+
+def stands_at(served: ServedArm, pose: str) -> bool:
+    return bool(np.allclose(served.now.q_command, served.robot.pose(pose), atol=1e-9))
+
+
+def slider_range(page: Screen, label: str) -> tuple[float, float]:
+    thumb = page.row(label).get_by_role("slider").first
+    low, high = thumb.get_attribute("aria-valuemin"), thumb.get_attribute("aria-valuemax")
+    assert low is not None
+    assert high is not None
+    return float(low), float(high)
+
+
+def enable_and_go_home(page: Screen, served: ServedArm) -> None:
+    page.click("Enable")
+    page.wait_until(lambda: served.now.state is State.HOLDING, "the arm is enabled")
+    page.button("Home").click()
+    page.wait_until(lambda: stands_at(served, "home"), "the arm is at home")
+    page.wait_until(lambda: served.now.state is State.HOLDING, "the motion has ended")
+    page.wait_until(lambda: is_drawn_at_home(page, served.robot), "the page draws the arm at home")
+    page.wait_until(lambda: abs(floor_drawn(page) - served.robot.floor_z) < 1e-6, "and the floor below it")
+
+
+@pytest.mark.parametrize("name", ["abaas", "scorbot", "mico", "humanoid"])
+def test_a_robot_brings_its_fields_limits_and_figure_and_moves(
+    page: Screen, served: ServedArm, name: str
+) -> None:
+    choose(page, served, name)
+    page.wait_until(lambda: served.now.state is State.OFF, "it is on the simulated board, switched off")
+    page.wait_for_text(re.compile(f"robot: Uzuner 5-DOF arm → {re.escape(TITLES[name])}"))
+    enable_and_go_home(page, served)
+    page.screenshot(f"robot-{name}-main")
+    page.open_tab("Manual")
+    for joint, (low, high) in zip(served.robot.joints, np.degrees(served.robot.limits), strict=True):
+        if low == high:
+            assert page.value(f"{joint.title} °") == "held at 0°"
+            assert page.entry(f"{joint.title} °").is_disabled()
+        else:
+            assert slider_range(page, f"{joint.title} °") == pytest.approx((low, high), abs=1e-6)
+    page.screenshot(f"robot-{name}-manual")
+    page.open_tab("Jog" if served.robot.gripper is None else "Jog & gripper")
+    page.screenshot(f"robot-{name}-jog")
+    for tab in ("Trajectory", "Forward", "Inverse", "Simulation"):
+        page.open_tab(tab)
+        page.screenshot(f"robot-{name}-{tab.lower()}")
+    assert page.errors == []
+
+
+def test_there_and_back_again_leaves_nothing_of_the_arm_between(page: Screen, served: ServedArm) -> None:
+    choose(page, served, "humanoid")
+    enable_and_go_home(page, served)
+    choose(page, served, "uzuner")
+    enable_and_go_home(page, served)
+    page.screenshot("robot-and-back")
+    assert page.errors == []
+
+
+def test_a_page_that_watches_follows_but_may_not_choose(
+    page: Screen, served: ServedArm, screens: Screens
+) -> None:
+    watcher = screens()
+    watcher.open(served.url, until="STOP")
+    watcher.choose("Robot", TITLES["mico"])
+    watcher.wait_for_notification(re.compile("this page is watching, page 0 operates"))
+    watcher.wait_until(lambda: watcher.value("Robot") == TITLES["uzuner"], "its list is set back")
+    assert served.robot.name == "uzuner"
+    choose(page, served, "scorbot")
+    watcher.wait_for_notification(re.compile("page 0 chose Scorbot ER-4PC"))
+    wait_for_robot(watcher, served.robot)
+    enable_and_go_home(page, served)
+    watcher.wait_until(lambda: is_drawn_at_home(watcher, served.robot), "the watcher sees it")
+    watcher.screenshot("robot-watcher")
+    watcher.click("Take control")
+    choose(watcher, served, "abaas")
+    wait_for_robot(page, served.robot)
+    assert page.errors == watcher.errors == []
+
+
+def test_a_moving_arm_is_not_left(page: Screen, served: ServedArm) -> None:
+    served.put((100, 90, -80, -40, 0), (-100, 90, -80, -40, 0))
+    page.open_tab("Manual")
+    page.open_tab("Serial motion")
+    page.click("Loop")
+    page.wait_until(lambda: served.now.state is State.MOVING, "the arm moves")
+    page.open_tab("Main")
+    page.choose("Robot", TITLES["mico"])
+    page.wait_for_notification(re.compile("the arm moves; press STOP, then choose another robot"))
+    page.wait_until(lambda: page.value("Robot") == TITLES["uzuner"], "the list is set back")
+    page.screenshot("robot-refused")
+    assert served.robot.name == "uzuner"
+    page.click("STOP")
+    page.wait_until(lambda: served.now.state is State.HOLDING, "the arm has stopped")
+    choose(page, served, "mico")
+    assert served.steps == ()  # the program is another arm's
+    assert page.errors == []
+
+
+def test_from_point_to_point_with_a_trail(page: Screen, served: ServedArm) -> None:
+    choose(page, served, "mico")
+    enable_and_go_home(page, served)
+
+    def tool_is_at(name: str) -> bool:
+        away = served.robot.forward(served.now.q_command)[:3, 3] - served.robot.point(name)
+        return float(np.linalg.norm(away)) < 1e-6
+
+    for name in ("P0", "P1"):
+        page.click(name)
+        page.wait_until(partial(tool_is_at, name), f"the tool is at {name}")
+        page.wait_until(lambda: served.now.state is State.HOLDING, "the motion has ended")
+    trail = served.console.trail.since(0)
+    assert np.linalg.norm(trail - served.robot.point("P0"), axis=1).min() < 5e-3
+    assert len(trail) > 100
+    page.wait_until(
+        lambda: page.page.evaluate("!!window.__viserMutable.nodeRefFromName['/trail']"), "the trail is drawn"
+    )
+    page.screenshot("robot-points")
+    choose(page, served, "uzuner")
+    assert len(served.console.trail.since(0)) < 2  # nothing of the other arm's path is left
+
+
+def test_a_page_that_closes_in_the_middle_harms_nobody(
+    page: Screen, served: ServedArm, screens: Screens
+) -> None:
+    watcher = screens()
+    watcher.open(served.url, until="STOP")
+    page.entry("Robot").click()
+    page.page.get_by_role("option", name=TITLES["mico"], exact=True).click()
+    page.page.close()
+    watcher.wait_for_text("nobody")
+    watcher.wait_until(
+        lambda: served.app.robots.opening is None, "the change has ended, one way or the other"
+    )
+    wait_for_robot(watcher, served.robot)
+    watcher.click("Take control")
+    choose(watcher, served, "scorbot")
+    enable_and_go_home(watcher, served)
+    assert watcher.errors == []
+
+
+def test_a_robot_file_of_ones_own_is_in_the_list(tmp_path: Path, screen: Screen) -> None:
+    own = tmp_path / "lab_arm.toml"
+    text = (robots_folder() / "uzuner.toml").read_text()
+    own.write_text(text.replace("Uzuner 5-DOF arm", "The lab's arm").replace('"uzuner"', '"lab_arm"'))
+    with serving(tmp_path, "--robot", str(own)) as url:
+        screen.open(url, until="STOP")
+        assert screen.value("Robot") == "The lab's arm"
+        own.write_text(text.replace("limit_deg = [-102.8, 107.26]", "limit_deg = [107.26, -102.8]"))
+        screen.choose("Robot", load_robot("mico").title)
+        screen.wait_for_text("Elbow")
+        screen.wait_until(lambda: screen.value("Robot") == TITLES["mico"], "the page is MICO's")
+        screen.wait_until(lambda: screen.button("P0").is_visible(), "MICO's points are there")
+        screen.choose("Robot", "The lab's arm")
+        screen.wait_for_notification(
+            re.compile(r"lab_arm\.toml: joints\.base\.limit_deg = \[107\.26, -102\.8\]")
+        )
+        screen.wait_until(lambda: screen.value("Robot") == TITLES["mico"], "the present robot stays")
+        screen.click("Enable")
+        screen.wait_for_text("HOLDING")

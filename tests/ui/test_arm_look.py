@@ -1,0 +1,88 @@
+"""How the arms are drawn: stand, shapes, what a held joint says."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from armctl.robot import load_robot, shipped_robots
+from armctl.ui.scene.proportions import front, reach, top
+from armctl.ui.scene.shapes import Point, Solid, beam, spike, tube
+from armctl.ui.scene.stand import stand_parts
+from armctl.ui.widgets.joint_step import held_at
+
+ROBOTS = {name: load_robot(name) for name in shipped_robots()}
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_no_tool_point_is_farther_than_the_reach(name: str) -> None:
+    robot = ROBOTS[name]
+    q = np.random.default_rng(1).uniform(robot.limits[:, 0], robot.limits[:, 1], (5000, robot.n))
+    farthest = np.linalg.norm(robot.forward(q)[:, :3, 3], axis=1).max()
+    assert 0.8 * reach(robot) < farthest <= reach(robot) + 1e-12
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_the_stand_is_on_the_floor_and_reaches_up_to_the_base(name: str) -> None:
+    robot = ROBOTS[name]
+    vertices = np.concatenate([solid.vertices for solid in stand_parts(robot).values()])
+    assert vertices[:, 2].min() == pytest.approx(robot.floor_z, abs=1e-9)
+    assert vertices[:, 2].max() >= 0.0
+
+
+def test_an_arm_that_hangs_down_hangs_clear_of_its_column() -> None:
+    robot = ROBOTS["humanoid"]
+    column = stand_parts(robot)["column"].vertices[:, :2]
+    hanging = robot.frames(robot.pose("rest"))[:, :2, 3]
+    gap = np.linalg.norm(column[:, None] - hanging[None], axis=2).min()
+    assert gap > robot.look.width * reach(robot)
+    assert (column @ front(robot)).max() < 0  # behind, as seen from the tool at home
+
+
+def test_a_base_a_little_above_the_floor_gets_a_column_below_it() -> None:
+    robot = replace(ROBOTS["uzuner"], floor_z=-0.05)
+    column = stand_parts(robot)["column"].vertices
+    assert column[:, :2].mean(axis=0) == pytest.approx([0, 0], abs=1e-3)
+    assert set(stand_parts(ROBOTS["uzuner"])) == {"plate"}
+
+
+def test_front_is_where_the_tool_is_at_home() -> None:
+    assert front(ROBOTS["uzuner"]) == pytest.approx([1, 0], abs=0.02)
+    assert front(ROBOTS["abaas"]) == pytest.approx([0, -1])
+    above = replace(ROBOTS["mico"], poses={"home": np.radians([0.0, -90, 0, 0])})
+    assert front(above) == pytest.approx([1, 0])  # straight up is to no side
+
+
+def test_the_top_is_the_highest_frame_at_home_or_at_rest() -> None:
+    assert top(ROBOTS["humanoid"]) == 0.0
+    assert top(ROBOTS["uzuner"]) == pytest.approx(0.163 + 0.125 * math.sin(math.radians(110)) + 0.104 * 0.5)
+
+
+@pytest.mark.parametrize("bar", [tube, beam])
+@pytest.mark.parametrize("end", [(0.0, 0.0, 0.3), (0.3, 0.0, 0.0), (0.0, 0.0, -0.3), (-0.3, 0.0, 0.0)])
+def test_a_bar_joins_its_ends_and_is_as_wide_as_asked(
+    bar: Callable[[Point, Point, float], Solid], end: Point
+) -> None:
+    vertices = bar((0.0, 0.0, 0.0), end, 0.04).vertices
+    along = vertices @ np.array(end) / 0.3
+    assert (along.min(), along.max()) == (pytest.approx(-0.02), pytest.approx(0.32))
+    across = np.delete(vertices, np.flatnonzero(end), axis=1)
+    assert np.ptp(across, axis=0) == pytest.approx([0.04, 0.04], abs=1e-3)
+
+
+def test_the_tip_points_at_the_tool_point() -> None:
+    vertices = spike(0.01, 0.05).vertices
+    assert vertices[vertices[:, 2].argmax()] == pytest.approx([0, 0, 0], abs=1e-12)
+    assert vertices[:, 2].min() == pytest.approx(-0.05)
+
+
+def test_only_a_joint_that_cannot_turn_is_held() -> None:
+    joint = ROBOTS["humanoid"].joints[4]
+    assert held_at(joint) == "held at 0°"
+    assert held_at(replace(joint, lower=math.radians(-12.5), upper=math.radians(-12.5))) == "held at -12.5°"
+    assert held_at(replace(joint, upper=1e-3)) is None
+    assert [held_at(one) for one in ROBOTS["mico"].joints] == [None] * 4

@@ -1,0 +1,334 @@
+"""Changing the arm that the pages show."""
+
+from __future__ import annotations
+
+import asyncio
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any, cast
+
+import numpy as np
+import pytest
+
+from armctl.errors import ArmctlError, BoardError, InputError, RobotFileError, StateError
+from armctl.hardware import BoardIdentity, Driver
+from armctl.robot import Robot, load_robot
+from armctl.runtime import (
+    Command,
+    Connect,
+    Controller,
+    ManualClock,
+    Origin,
+    SetSpeed,
+    Snapshot,
+    State,
+    Ticket,
+)
+from armctl.ui import Console, ProgramDesk, RobotChoice, RobotDesk
+from armctl.ui.robot_desk import RobotChange, require_leavable
+from armctl.ui.screens.robot_choice import about, labelled
+
+SIMULATED = BoardIdentity("Pololu Micro Maestro 6-channel", "/dev/pts/3", simulated=True)
+REAL = BoardIdentity("Pololu Micro Maestro 6-channel", "/dev/ttyACM0")
+CHOICES = tuple(RobotChoice(name, load_robot(name).title) for name in ("uzuner", "mico", "scorbot"))
+PAGE = Origin("page 7")
+
+
+def snapshot_of(robot: Robot) -> Snapshot:
+    def no_driver(port: str) -> Driver:
+        raise AssertionError(port)
+
+    return Controller(robot, no_driver, ManualClock()).snapshot
+
+
+@dataclass
+class FakeController:
+    """Obeys at once, but for the commands it is told to refuse."""
+
+    snapshot: Snapshot
+    refuses: dict[type[object], ArmctlError] = field(default_factory=dict[type[object], ArmctlError])
+    commands: list[Command] = field(default_factory=list[Command])
+
+    def submit(self, command: Command, origin: Origin) -> Ticket:
+        assert origin is PAGE
+        ticket = Ticket()
+        self.commands.append(command)
+        if type(command) in self.refuses:
+            ticket.refuse(self.refuses[type(command)])
+        else:
+            ticket.finish()
+        return ticket
+
+
+class Rig:
+    """A desk of fake consoles; opening one can be held up, or fail."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.closed: list[str] = []
+        self.told: list[RobotChange] = []
+        self.opened: dict[str, FakeController] = {}
+        self.may_open = threading.Event()
+        self.may_open.set()
+        self.on_open: Callable[[FakeController], None] = lambda controller: None
+        self.robots: dict[str, Robot | ArmctlError] = {
+            choice.name: load_robot(choice.name) for choice in CHOICES
+        }
+        self.desk = RobotDesk(self.open("uzuner"), CHOICES[0], CHOICES, self.open)
+        self.desk.on_change(self.told.append)
+        self.arm(board=SIMULATED, state=State.HOLDING, powered=True, speed=0.4)
+
+    def open(self, name: str) -> Console:
+        assert self.may_open.wait(10)
+        robot = self.robots[name]
+        if isinstance(robot, ArmctlError):
+            raise robot
+        controller = self.opened[name] = FakeController(snapshot_of(robot))
+        self.on_open(controller)
+        return Console(
+            robot=robot,
+            controller=cast(Any, controller),
+            list_ports=list,
+            programs=ProgramDesk(name, self.folder / name),
+            close=lambda: self.closed.append(name),
+        )
+
+    def arm(self, **changes: Any) -> None:
+        """Make the first arm's snapshot another."""
+        present = self.opened["uzuner"]
+        present.snapshot = replace(present.snapshot, **changes)
+
+    def change(self, name: str, permit: Callable[[], None] = lambda: None) -> None:
+        asyncio.run(self.desk.change(name, PAGE, permit))
+
+    def log(self) -> list[tuple[str, str]]:
+        return [(event.level, event.text) for event in self.desk.console.earlier]
+
+    def is_untouched(self) -> bool:
+        return (
+            self.desk.console.robot.name == self.desk.present.name == "uzuner"
+            and "uzuner" not in self.closed
+            and self.told == []
+            and self.desk.opening is None
+        )
+
+
+@pytest.fixture
+def rig(tmp_path: Path) -> Rig:
+    return Rig(tmp_path)
+
+
+def test_the_new_arm_takes_the_place_of_the_old_one(rig: Rig) -> None:
+    left = rig.desk.console
+    left.operators.arrive(7)
+    rig.change("mico")
+    console = rig.desk.console
+    assert (console.robot.n, rig.desk.present.name) == (4, "mico")
+    assert console.operators is left.operators
+    assert console.programs.folder != left.programs.folder
+    assert console.trail is not left.trail
+    assert console.clouds is not left.clouds
+    assert rig.opened["mico"].commands == [SetSpeed(0.4), Connect("sim")]
+    assert rig.closed == ["uzuner"]
+    assert rig.told == [RobotChange("page 7", "Kinova MICO, 4 joints", None)]
+    assert rig.log() == [("info", "robot: Uzuner 5-DOF arm → Kinova MICO, 4 joints (page 7)")]
+
+
+def test_the_log_goes_on_over_several_changes(rig: Rig) -> None:
+    rig.change("mico")
+    rig.change("scorbot")
+    rig.change("mico")
+    assert [text for _, text in rig.log() if text.startswith("robot:")] == [
+        "robot: Uzuner 5-DOF arm → Kinova MICO, 4 joints (page 7)",
+        "robot: Kinova MICO, 4 joints → Scorbot ER-4PC (page 7)",
+        "robot: Scorbot ER-4PC → Kinova MICO, 4 joints (page 7)",
+    ]
+    assert rig.closed == ["uzuner", "mico", "scorbot"]
+
+
+def test_the_pages_are_told_before_the_old_arm_is_closed(rig: Rig) -> None:
+    seen: list[tuple[str, list[str]]] = []
+    rig.desk.on_change(lambda change: seen.append((rig.desk.console.robot.name, list(rig.closed))))
+    rig.change("mico")
+    assert seen == [("mico", [])]
+
+
+def test_pages_that_cannot_be_built_leave_no_arm_open(rig: Rig) -> None:
+    def broken(change: RobotChange) -> None:
+        raise RuntimeError(change.title)
+
+    rig.desk.on_change(broken)
+    with pytest.raises(RuntimeError, match="MICO"):
+        rig.change("mico")
+    assert rig.closed == ["uzuner"]
+    assert rig.desk.opening is None
+
+
+@pytest.mark.parametrize(
+    ("state", "board", "powered", "said"),
+    [
+        (State.MOVING, SIMULATED, True, r"the arm moves; press STOP, then choose"),
+        (State.PAUSED, SIMULATED, True, r"in the middle of a motion; press STOP, then choose"),
+        (State.MOVING, REAL, True, r"the arm moves; press STOP"),
+        (State.HOLDING, REAL, True, r"servos on /dev/ttyACM0 are on; press Release \(the arm drops\), then"),
+        (State.FAULT, REAL, True, r"servos on /dev/ttyACM0 are on; press Release"),
+        (State.OFF, REAL, True, r"servos on /dev/ttyACM0 are on; press Release"),
+    ],
+)
+def test_an_arm_that_moves_or_is_held_up_by_real_servos_is_not_left(
+    rig: Rig, state: State, board: BoardIdentity, powered: bool, said: str
+) -> None:
+    rig.arm(state=state, board=board, powered=powered)
+    with pytest.raises(StateError, match=said):
+        rig.change("mico")
+    assert rig.is_untouched()
+    assert "mico" not in rig.opened
+
+
+@pytest.mark.parametrize(
+    ("state", "board"),
+    [(State.HOLDING, SIMULATED), (State.FAULT, SIMULATED), (State.OFF, REAL), (State.DISCONNECTED, None)],
+)
+def test_an_arm_that_may_be_left(state: State, board: BoardIdentity | None) -> None:
+    snapshot = replace(
+        snapshot_of(load_robot("uzuner")), state=state, board=board, powered=board is SIMULATED
+    )
+    require_leavable(snapshot)
+
+
+def test_after_a_real_board_the_new_arm_starts_disconnected_and_says_so(rig: Rig) -> None:
+    rig.arm(state=State.OFF, board=REAL, powered=False)
+    rig.change("mico")
+    assert rig.opened["mico"].commands == [SetSpeed(0.4)]
+    why = rig.told[0].not_connected
+    assert why is not None
+    assert "the servos on /dev/ttyACM0 are another arm's; choose its port and press Connect" in why
+    assert rig.log()[-1] == ("warning", why)
+
+
+def test_a_disconnected_arm_is_followed_by_a_disconnected_one(rig: Rig) -> None:
+    rig.arm(state=State.DISCONNECTED, board=None, powered=False)
+    rig.change("mico")
+    assert rig.opened["mico"].commands == [SetSpeed(0.4)]
+    assert "as the arm before it was not; press Connect" in (rig.told[0].not_connected or "")
+
+
+def test_an_arm_without_servos_is_shown_but_not_connected(rig: Rig) -> None:
+    rig.robots["mico"] = replace(load_robot("mico"), servo_map=None)
+    rig.change("mico")
+    assert rig.opened["mico"].commands == [SetSpeed(0.4)]
+    assert "its robot file gives no servos" in (rig.told[0].not_connected or "")
+
+
+def test_a_robot_that_cannot_be_opened_leaves_the_present_one(rig: Rig) -> None:
+    rig.robots["mico"] = RobotFileError("mico.toml: dh.rows: broken")
+    with pytest.raises(RobotFileError, match=r"dh\.rows: broken"):
+        rig.change("mico")
+    assert rig.is_untouched()
+    rig.change("scorbot")  # and the desk still works
+    assert rig.desk.present.name == "scorbot"
+
+
+def test_an_arm_that_cannot_be_connected_is_closed_again(rig: Rig) -> None:
+    def refuse(controller: FakeController) -> None:
+        controller.refuses[Connect] = BoardError("no pty left")
+
+    rig.on_open = refuse
+    with pytest.raises(BoardError, match="no pty left"):
+        rig.change("mico")
+    assert rig.is_untouched()
+    assert rig.closed == ["mico"]
+
+
+def test_an_arm_that_has_begun_to_move_meanwhile_is_not_left(rig: Rig) -> None:
+    rig.on_open = lambda controller: rig.arm(state=State.MOVING)
+    with pytest.raises(StateError, match="press STOP"):
+        rig.change("mico")
+    assert rig.is_untouched()
+    assert rig.closed == ["mico"]
+
+
+def test_a_page_that_may_not_choose_opens_nothing(rig: Rig) -> None:
+    def refuse() -> None:
+        raise ArmctlError("this page is watching")
+
+    with pytest.raises(ArmctlError, match="watching"):
+        rig.change("mico", refuse)
+    assert rig.is_untouched()
+    assert "mico" not in rig.opened
+
+
+def test_a_page_that_has_gone_meanwhile_changes_nothing(rig: Rig) -> None:
+    asked: list[bool] = []
+
+    def permit() -> None:
+        asked.append(True)
+        if len(asked) == 2:
+            raise ArmctlError("nobody operates")
+
+    with pytest.raises(ArmctlError, match="nobody operates"):
+        rig.change("mico", permit)
+    assert rig.is_untouched()
+    assert rig.closed == ["mico"]
+
+
+def test_of_two_quick_choices_the_second_is_refused(rig: Rig) -> None:
+    async def choose_twice() -> None:
+        rig.may_open.clear()
+        first = asyncio.create_task(rig.desk.change("mico", PAGE, lambda: None))
+        await asyncio.sleep(0)
+        assert rig.desk.opening is CHOICES[1]
+        with pytest.raises(StateError, match="being changed for Kinova MICO"):
+            await rig.desk.change("scorbot", PAGE, lambda: None)
+        with pytest.raises(StateError, match="wait a moment"):
+            rig.desk.require_settled()  # what asks for a motion asks this first
+        rig.may_open.set()
+        await first
+        rig.desk.require_settled()
+
+    asyncio.run(choose_twice())
+    assert rig.desk.present.name == "mico"
+    assert "scorbot" not in rig.opened
+
+
+def test_choosing_the_present_robot_does_nothing(rig: Rig) -> None:
+    console = rig.desk.console
+    rig.arm(state=State.MOVING)
+    rig.change("uzuner")
+    assert rig.desk.console is console
+    assert rig.is_untouched()
+
+
+def test_a_robot_that_is_not_in_the_list_cannot_be_chosen(rig: Rig) -> None:
+    with pytest.raises(InputError, match=r"no robot '\.\./secret' to choose"):
+        rig.change("../secret")
+    assert rig.is_untouched()
+
+
+def test_closing_the_desk_closes_the_present_arm(rig: Rig) -> None:
+    rig.change("mico")
+    rig.desk.close()
+    assert rig.closed == ["uzuner", "mico"]
+
+
+def test_two_robots_of_the_same_title_are_told_apart_by_their_files() -> None:
+    own = RobotChoice("/home/lab/mine.toml", CHOICES[0].title)
+    assert labelled((*CHOICES[:2], own)) == {
+        "Uzuner 5-DOF arm (uzuner)": "uzuner",
+        "Kinova MICO, 4 joints": "mico",
+        "Uzuner 5-DOF arm (mine.toml)": "/home/lab/mine.toml",
+    }
+
+
+def test_what_a_robot_file_says_is_shown_as_text() -> None:
+    robot = replace(load_robot("mico"), source="<img src=x>")
+    assert "4 joints and a gripper" in about(robot)
+    assert "<img" not in about(robot)
+
+
+def test_a_controller_takes_over_nothing_of_the_arm_before_but_the_speed(rig: Rig) -> None:
+    rig.arm(q_command=np.radians([10.0, 90, -80, -40, 0]))
+    rig.change("scorbot")
+    assert rig.desk.console.controller.snapshot.q_command == pytest.approx(load_robot("scorbot").pose("rest"))
