@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Iterator
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -148,3 +149,36 @@ def test_the_package_exports_what_the_readme_uses() -> None:
     assert {"Arm", "load_robot", "ArmctlError", "shipped_robots"} <= set(armctl.__all__)
     with pytest.raises(AttributeError, match="nonsense"):
         armctl.nonsense  # noqa: B018
+
+
+URDF = """<robot name="bench_arm">
+  <link name="base"/><link name="tower"/><link name="upper"/>
+  <link name="fore"/><link name="hand"/><link name="tool0"/>
+  <joint name="turn" type="continuous"><parent link="base"/><child link="tower"/><axis xyz="0 0 1"/></joint>
+  <joint name="lift" type="revolute"><parent link="tower"/><child link="upper"/><origin xyz="0 0 0.1"/>
+    <axis xyz="0 -1 0"/><limit lower="-0.5" upper="2" velocity="2" effort="3"/></joint>
+  <joint name="bend" type="revolute"><parent link="upper"/><child link="fore"/><origin xyz="0.2 0 0"/>
+    <axis xyz="0 -1 0"/><limit lower="-2" upper="2" velocity="2" effort="3"/></joint>
+  <joint name="swing" type="revolute"><parent link="fore"/><child link="hand"/><origin xyz="0.15 0.02 0"/>
+    <axis xyz="0 0.6 0.8"/><limit lower="-1" upper="1" velocity="2" effort="3"/></joint>
+  <joint name="end" type="fixed"><parent link="hand"/><child link="tool0"/><origin xyz="0.05 0 0.01"/></joint>
+</robot>
+"""
+
+
+def test_an_arm_from_a_urdf_goes_to_a_point_on_the_simulated_board(tmp_path: Path) -> None:
+    """No family, no servos: the numeric solver and a stand-in map."""
+    file = tmp_path / "bench.urdf"
+    file.write_text(URDF)
+    with armctl.Arm.open(file) as arm:
+        arm.enable()
+        target = 1000 * arm.robot.forward([0.3, 0.8, -0.9, 0.2])[:3, 3]
+        arm.go(x_mm=target[0], y_mm=target[1], z_mm=target[2])
+        np.testing.assert_allclose(arm.position_mm, target, atol=1e-6)
+
+
+def test_a_real_board_is_not_driven_for_an_arm_without_servos(tmp_path: Path) -> None:
+    file = tmp_path / "bench.urdf"
+    file.write_text(URDF)
+    with pytest.raises(PortError, match=r"/dev/ttyACM0 is not opened: the robot file of .* gives no servos"):
+        armctl.Arm.open(file, port="/dev/ttyACM0")

@@ -57,7 +57,7 @@ class Arm:
         sys.setswitchinterval(min(sys.getswitchinterval(), _SWITCH_INTERVAL_S))
         clock = MonotonicClock()
         self.robot = robot
-        self.boards = Boards(channel_settings(robot), clock.now)
+        self.boards = Boards(channel_settings(robot), clock.now, _only_simulated(robot))
         self.controller = Controller(robot, self.boards.driver, clock, rate_hz)
         self.controller.start()
 
@@ -179,3 +179,13 @@ class Arm:
         except KeyboardInterrupt:
             self.controller.stop(_ORIGIN).result(5.0)
             raise
+
+
+def _only_simulated(robot: Robot) -> str | None:
+    """Why no real board may drive an arm; None where one may."""
+    if robot.servo_map is not None:
+        return None
+    return (
+        f"the robot file of {robot.title} gives no servos, so nobody knows which pulse means which angle; "
+        "add a servo entry to each joint, or use the simulated board"
+    )

@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable, Sequence
 
+from armctl.errors import PortError
 from armctl.hardware import ChannelSettings, Driver
 from armctl.hardware.maestro import MaestroDriver, MaestroModel, SimulatedMaestro, serve_simulated_maestro
 from armctl.hardware.ports import find_maestro, list_ports
@@ -18,8 +19,14 @@ _SIMULATED_TIMEOUT_S = 0.5
 class Boards:
     """Opens drivers, and owns the simulated board behind ``sim`` for as long as the program runs."""
 
-    def __init__(self, channels: Sequence[ChannelSettings], now: Callable[[], float]) -> None:
-        self._channels, self._now = tuple(channels), now
+    def __init__(
+        self,
+        channels: Sequence[ChannelSettings],
+        now: Callable[[], float],
+        only_simulated: str | None = None,
+    ) -> None:
+        """Prepare; ``only_simulated`` says why no real board may be driven, None where one may."""
+        self._channels, self._now, self._only_simulated = tuple(channels), now, only_simulated
         self._lock = threading.Lock()
         self._simulated: PtyServer[SimulatedMaestro] | None = None
 
@@ -30,7 +37,7 @@ class Boards:
             port: ``sim``, ``auto``, a device or ``socket://host:port``.
 
         Raises:
-            PortError: ``auto`` found no board, or more than one.
+            PortError: ``auto`` found no board, or more than one; or the arm may only be simulated.
         """
         if port == SIMULATED:
             server = self.simulated()
@@ -41,6 +48,8 @@ class Boards:
                 simulated=True,
                 timeout_s=_SIMULATED_TIMEOUT_S,
             )
+        if self._only_simulated is not None:
+            raise PortError(f"{port} is not opened: {self._only_simulated}")
         if port == AUTOMATIC:
             port = find_maestro(list_ports()).device
         return MaestroDriver(port, now=self._now)

@@ -215,11 +215,10 @@ def test_a_disconnected_arm_is_followed_by_a_disconnected_one(rig: Rig) -> None:
     assert "as the arm before it was not; press Connect" in (rig.told[0].not_connected or "")
 
 
-def test_an_arm_without_servos_is_shown_but_not_connected(rig: Rig) -> None:
+def test_an_arm_without_servos_runs_on_the_simulated_board(rig: Rig) -> None:
     rig.robots["mico"] = replace(load_robot("mico"), servo_map=None)
     rig.change("mico")
-    assert rig.opened["mico"].commands == [SetSpeed(0.4)]
-    assert "its robot file gives no servos" in (rig.told[0].not_connected or "")
+    assert rig.opened["mico"].commands == [SetSpeed(0.4), Connect("sim")]
 
 
 def test_a_robot_that_cannot_be_opened_leaves_the_present_one(rig: Rig) -> None:

@@ -11,6 +11,9 @@ from numpy.typing import NDArray
 from armctl.errors import InputError
 
 FloatArray = NDArray[np.float64]
+_FIRST_US, _MIDDLE_US, _LAST_US = 600.0, 1500.0, 2400.0
+_HELD, _HELD_US_PER_RAD = 1e-6, 573.0
+"""a joint with less room than this does not move [rad]; its map only needs some scale"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,6 +30,24 @@ class ServoMap:
     gripper_channel: int | None = None
     gripper_closed_us: float = 0.0
     gripper_open_us: float = 0.0
+
+    @classmethod
+    def stand_in(cls, limits: FloatArray) -> ServoMap:
+        """A map for a simulated board where the robot file gives none: channel i is joint i.
+
+        Each joint's limits (n, 2) [rad] lie on 600 … 2400 µs; a held joint stays at 1500 µs.
+        """
+        low, high = limits.T
+        held = high - low < _HELD
+        scale = np.where(held, _HELD_US_PER_RAD, (_LAST_US - _FIRST_US) / np.where(held, 1.0, high - low))
+        zero = np.where(held, _MIDDLE_US, _FIRST_US) - scale * low
+        return cls(
+            channels=tuple(range(len(limits))),
+            zero_us=zero,
+            us_per_rad=scale,
+            pulse_min_us=np.where(held, _MIDDLE_US - 1.0, _FIRST_US),
+            pulse_max_us=np.where(held, _MIDDLE_US + 1.0, _LAST_US),
+        )
 
     def pulses(self, q: FloatArray) -> dict[int, float]:
         """Pulse width [µs] a channel for joint angles ``q`` (n,) [rad]."""

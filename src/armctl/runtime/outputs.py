@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 
 import numpy as np
@@ -17,27 +16,25 @@ BOARD_SPEED_MARGIN = 1.5
 
 
 class Outputs:
-    """The servo map, or, for an arm without one, channel i = joint i in degrees."""
+    """The robot's servo map; where its file gives none, a stand-in that only a simulated board may drive."""
+
+    unit = "µs"
 
     def __init__(self, robot: Robot) -> None:
         self._robot = robot
-        self._map = robot.servo_map
-        if self._map is None:
-            self.unit_per_rad = np.full(robot.n, math.degrees(1.0))
-            """(n,) board units a radian"""
-        else:
-            self.unit_per_rad = np.abs(self._map.us_per_rad)
-        self.unit = "°" if self._map is None else "µs"
+        self._map = robot.servo_map or ServoMap.stand_in(robot.limits)
+        self.unit_per_rad = np.abs(self._map.us_per_rad)
+        """(n,) board units a radian"""
 
     @property
     def joint_channels(self) -> tuple[int, ...]:
         """Channel of each joint."""
-        return tuple(range(self._robot.n)) if self._map is None else self._map.channels
+        return self._map.channels
 
     @property
     def has_gripper(self) -> bool:
         """Whether the board drives a gripper."""
-        return self._map is not None and self._map.gripper_channel is not None
+        return self._map.gripper_channel is not None
 
     def settings(self) -> list[ChannelSettings]:
         """What each channel may do.
@@ -45,48 +42,27 @@ class Outputs:
         The board's own acceleration limit stays off: its ramp would lag behind a 50 Hz stream of
         setpoints and round off the path; the stream itself keeps the acceleration limits.
         """
-        if self._map is None:
-            return self._degree_settings(self._robot)
         return self._pulse_settings(self._robot, self._map)
 
     def setpoints(self, q: FloatArray | None, opening: float | None) -> dict[int, float]:
         """Board units by channel for joint angles (n,) [rad] and a gripper opening 0..1; None: not sent."""
         values: dict[int, float] = {}
         if q is not None:
-            if self._map is None:
-                values.update(enumerate(map(math.degrees, q)))
-            else:
-                # Robot files may round the safe range inwards by an eighth of a microsecond.
-                low, high = self._map.pulse_min_us.tolist(), self._map.pulse_max_us.tolist()
-                pulses = self._map.pulses(q)
-                for (channel, pulse), least, most in zip(pulses.items(), low, high, strict=True):
-                    values[channel] = min(max(pulse, least), most)
-        if opening is not None and self._map is not None:
+            # Robot files may round the safe range inwards by an eighth of a microsecond.
+            low, high = self._map.pulse_min_us.tolist(), self._map.pulse_max_us.tolist()
+            for (channel, pulse), least, most in zip(self._map.pulses(q).items(), low, high, strict=True):
+                values[channel] = min(max(pulse, least), most)
+        if opening is not None:
             values.update(self._map.gripper_pulse(opening))
         return values
 
     def angles(self, positions: Mapping[int, float | None]) -> FloatArray:
         """Joint angles (n,) [rad]; NaN where the board does not know."""
-        if self._map is not None:
-            return self._map.angles(positions)
-        known = [positions.get(i) for i in range(self._robot.n)]
-        return np.radians(np.array([math.nan if value is None else value for value in known]))
+        return self._map.angles(positions)
 
     def opening(self, positions: Mapping[int, float | None]) -> float | None:
         """Gripper opening 0..1, if the board knows it."""
-        return None if self._map is None else self._map.opening(positions)
-
-    @staticmethod
-    def _degree_settings(robot: Robot) -> list[ChannelSettings]:
-        return [
-            ChannelSettings(
-                i,
-                minimum=math.degrees(joint.lower),
-                maximum=math.degrees(joint.upper),
-                speed=math.degrees(joint.speed) * BOARD_SPEED_MARGIN,
-            )
-            for i, joint in enumerate(robot.joints)
-        ]
+        return self._map.opening(positions)
 
     @staticmethod
     def _pulse_settings(robot: Robot, servo_map: ServoMap) -> list[ChannelSettings]:

@@ -153,8 +153,6 @@ class RobotDesk:
         if opened.controller.snapshot.speed != present.speed:
             await _obeyed(opened, SetSpeed(present.speed), origin)
         title, board = opened.robot.title, present.board
-        if opened.robot.servo_map is None:
-            return f"{title} is not connected: its robot file gives no servos, so no servo board can drive it"
         if board is None:
             return f"{title} is not connected, as the arm before it was not; press Connect"
         if not board.simulated:
