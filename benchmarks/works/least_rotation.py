@@ -31,7 +31,7 @@ def rows(effort: Effort) -> Iterator[Row]:
 
 
 def _one(robot: Robot, positions: FloatArray, effort: Effort) -> Iterator[Row]:
-    singles = [positions[i : i + 1] for i in range(len(positions))]
+    singles = list(positions)
 
     def exact() -> None:
         for position in singles:

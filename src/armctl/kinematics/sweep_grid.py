@@ -23,6 +23,21 @@ _SLACK = 1e-6
 """how far outside a limit a multiple of the step may lie by rounding, in steps"""
 
 
+def grid_values(low: float, high: float, step: float) -> FloatArray:
+    """Whole multiples of ``step`` within a joint's limits [rad], rising.
+
+    Raises:
+        InputError: ``step`` is not a positive angle, or so small that there are too many values.
+    """
+    if not (math.isfinite(step) and step > 0 and (high - low) / step <= _MOST_VALUES):
+        least = math.degrees((high - low) / _MOST_VALUES)
+        raise InputError(
+            f"the step of the swept joint must be an angle of at least {least:.2g}°, got {step!r} rad"
+        )
+    first, last = math.ceil(low / step - _SLACK), math.floor(high / step + _SLACK)
+    return np.clip(step * np.arange(first, last + 1, dtype=np.float64), low, high)
+
+
 @dataclass(frozen=True, slots=True)
 class SweepGrid:
     """Values of the swept joint: whole multiples of the step inside its limits."""
@@ -52,14 +67,7 @@ class SweepGrid:
         Raises:
             InputError: ``step`` is not a positive angle, or so small that there are too many values.
         """
-        low, high = limits
-        if not (math.isfinite(step) and step > 0 and (high - low) / step <= _MOST_VALUES):
-            least = math.degrees((high - low) / _MOST_VALUES)
-            raise InputError(
-                f"the step of the swept joint must be an angle of at least {least:.2g}°, got {step!r} rad"
-            )
-        first, last = math.ceil(low / step - _SLACK), math.floor(high / step + _SLACK)
-        joint = np.clip(step * np.arange(first, last + 1, dtype=np.float64), low, high)
+        joint = grid_values(*limits, step)
         if geometry.signs[0] < 0:
             joint = joint[::-1].copy()
         plane = geometry.signs[0] * joint + geometry.offsets[0]

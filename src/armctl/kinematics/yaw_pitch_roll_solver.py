@@ -170,6 +170,21 @@ class YawPitchRollSolver:
             None if roll is None else checked_column(roll, count, "the roll"),
         )
 
+    def least_rotation_of(self, target: Target) -> FloatArray:
+        """The exact least rotation of one point (n,); ``Robot.least_rotation`` says more."""
+        least = self._least
+        if least is None:
+            return self.least_rotation_batch(target.position[None])[0]
+        x, y, z = self.geometry.local(target.position)
+        found = least.solve(base_branches(self.geometry, x, y, self._pairs[0]), z)
+        if found is None:
+            return np.full(self.chain.n, np.nan)
+        joint = self.geometry.roll_joint
+        if joint is None:
+            return found
+        low, high = self._pairs[joint]
+        return np.array([*found.tolist(), min(max(0.0, low), high)])
+
     def least_rotation_batch(self, position_m: ArrayLike) -> FloatArray:
         """The exact least rotation of many points; ``Robot.least_rotation`` says more.
 
@@ -182,15 +197,11 @@ class YawPitchRollSolver:
             branches = self._batch.solve(position, None, None)
             energy = np.where(branches.found, np.abs(branches.q).sum(axis=2), np.inf)
             return branches.q[np.arange(len(position)), energy.argmin(axis=1)]
+        if len(position) <= _FEW:
+            found = [self.least_rotation_of(Target(point)) for point in position]
+            return np.array(found).reshape(len(position), self.chain.n)
         q = np.full((self.chain.n, len(position)), np.nan)
-        if len(position) > _FEW:
-            q[:4] = self._least_batch.solve(position).T
-        else:
-            for i, point in enumerate(position):
-                x, y, z = self.geometry.local(point)
-                best = self._least.solve(base_branches(self.geometry, x, y, self._pairs[0]), z)
-                if best is not None:
-                    q[:4, i] = best
+        q[:4] = self._least_batch.solve(position).T
         if self.geometry.roll_joint is not None:
             low, high = self._pairs[self.geometry.roll_joint]
             q[4] = np.where(np.isnan(q[0]), np.nan, min(max(0.0, low), high))

@@ -196,20 +196,23 @@ class Robot:
         return self._closed_form("inverse_batch").solve_batch(position_m, pitch, roll)
 
     def least_rotation(self, position_m: ArrayLike) -> FloatArray:
-        """The configuration of least Σ|θ| for each of many points, exact over the continuum.
+        """The configuration of least Σ|θ| for one point or each of many, exact over the continuum.
 
         Args:
-            position_m: (k, 3) tool points in the base frame [m].
+            position_m: (3,) or (k, 3) tool points in the base frame [m].
 
         Returns:
-            (k, n) joint angles [rad], the roll joint at the value nearest to zero; a row of NaN where a
-            point is out of reach (``inverse`` says why).
+            (n,) or (k, n) joint angles [rad], the roll joint at the value nearest to zero; a row of NaN
+            where a point is out of reach (``inverse`` says why).
 
         Raises:
             InputError: a wrong shape, an entry that is not finite (the row is named), or an arm that is
                 not of the family *yaw, parallel pitch joints, roll*.
         """
-        return self._closed_form("least_rotation").least_rotation_batch(position_m)
+        solver = self._closed_form("least_rotation")
+        if np.ndim(position_m) == 1:
+            return solver.least_rotation_of(Target.of(position_m))
+        return solver.least_rotation_batch(position_m)
 
     def _closed_form(self, method: str) -> YawPitchRollSolver:
         solver = self.inverse_kinematics
