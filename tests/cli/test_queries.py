@@ -80,6 +80,46 @@ def test_ik_says_why_there_is_no_solution(
     assert status == REFUSED and out == "" and says in err
 
 
+def test_ik_all_says_why_the_other_branches_are_refused(capsys: pytest.CaptureFixture[str]) -> None:
+    status, out, err = call(capsys, "ik", "mico", "300", "-200", "200", "--all", "--json")
+    record = json.loads(out)
+    assert (status, err) == (DONE, "")
+    assert record["count"] == 2
+    assert [branch["branch"] for branch in record["refused"]] == ["front elbow-down", "back elbow-down"]
+    why = "Shoulder needs 61.05°, its limits are -220.00° … 40.00°"
+    assert record["refused"][0]["why"] == why
+    tip = load_robot("mico").forward(np.radians(record["refused"][0]["deg"]))[:3, 3]
+    np.testing.assert_allclose(1000 * tip, [300, -200, 200], atol=1e-6)
+    status, out, _ = call(capsys, "ik", "mico", "300", "-200", "200", "--all")
+    assert status == DONE and "2 branches refused" in out and why in out
+    _, out, _ = call(capsys, "ik", "mico", "300", "-200", "200", "--json")
+    assert "refused" not in json.loads(out)
+
+
+def test_ik_all_lists_refused_branches_where_there_is_no_solution(capsys: pytest.CaptureFixture[str]) -> None:
+    words = ("ik", "scorbot", "300", "100", "300", "--pitch", "-28.6", "--all")
+    status, out, err = call(capsys, *words, "--json")
+    record = json.loads(out)
+    assert status == REFUSED and record["count"] == 0
+    assert len(record["refused"]) == 6 and all("needs" in branch["why"] for branch in record["refused"])
+    status, out, again = call(capsys, *words)
+    assert status == REFUSED and again == err and "6 branches refused" in out
+    assert "Waist needs -161.57°, its limits are -155.00° … 155.00°" in out
+
+
+@pytest.mark.parametrize("robot", ["humanoid", "mico", "scorbot"])
+def test_columns_are_as_wide_as_their_titles(capsys: pytest.CaptureFixture[str], robot: str) -> None:
+    arm = load_robot(robot)
+    x, y, z = (1000 * arm.forward(arm.pose("home"))[:3, 3]).tolist()
+    _, out, _ = call(capsys, "ik", robot, f"{x}", f"{y}", f"{z}")
+    head = next(line for line in out.splitlines() if line.startswith("degrees"))
+    values = next(line for line in out.splitlines() if line.startswith("least-rotation"))
+    for joint in arm.joints:
+        assert f"  {joint.title}" in head
+        end = head.index(joint.title) + len(joint.title)
+        assert values[end - 1].isdigit() and values[end : end + 1] in ("", " ")
+
+
 @pytest.mark.parametrize(
     ("words", "expected", "says"),
     [
@@ -97,7 +137,8 @@ def test_ik_says_why_there_is_no_solution(
         (("ik", "uzuner", "200", "0", "100", "--choose", "luck"), WRONG_USAGE, "luck"),
         (("ik", "nobody", "200", "0", "100"), REFUSED, "shipped are"),
         (("ik", "./nobody.toml", "200", "0", "100"), REFUSED, "nobody.toml"),
-        (("fk", "uzuner", "1", "2", "3"), REFUSED, "5 joint angles"),
+        (("fk", "uzuner", "1", "2", "3"), WRONG_USAGE, "uzuner needs 5 joint angles in degrees, got 3"),
+        (("fk", "mico", "1", "2", "3", "4", "5"), WRONG_USAGE, "mico needs 4 joint angles"),
         (("fk", "uzuner"), WRONG_USAGE, "Missing argument"),
         (("fk", "uzuner", "nan", "0", "0", "0", "0"), REFUSED, "finite"),
         (("dance",), WRONG_USAGE, "dance"),

@@ -14,7 +14,7 @@ from tests.kinematics.kit import plain_forward, random_q
 
 from armctl.errors import InputError
 from armctl.kinematics import DHChain, DHRow, EnergyModel, GravityModel, Target, rotation_from_rpy
-from armctl.kinematics.numeric_goals import (
+from armctl.kinematics.numeric.goals import (
     Goal,
     PitchGoal,
     PositionGoal,
@@ -23,9 +23,9 @@ from armctl.kinematics.numeric_goals import (
     UprightGoal,
     rotation_vectors,
 )
-from armctl.kinematics.numeric_motion import tool_motion
-from armctl.kinematics.numeric_reach import LinkBound
-from armctl.kinematics.numeric_solver import NumericSolver
+from armctl.kinematics.numeric.motion import tool_motion
+from armctl.kinematics.numeric.reach import LinkBound
+from armctl.kinematics.numeric.solver import NumericSolver
 from armctl.kinematics.rotation import rotation_angle
 from armctl.kinematics.solutions import Solutions
 

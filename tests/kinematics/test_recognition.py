@@ -10,8 +10,8 @@ from tests.kinematics.kit import chain_of, random_planar_arm, solver_of
 
 from armctl import load_robot
 from armctl.kinematics import DHChain, DHRow, Target
-from armctl.kinematics.spherical_shoulder import recognise_spherical
-from armctl.kinematics.yaw_pitch_roll import recognise
+from armctl.kinematics.spherical.shoulder import recognise_spherical
+from armctl.kinematics.yaw_pitch_roll.geometry import recognise
 
 RIGHT = math.pi / 2
 

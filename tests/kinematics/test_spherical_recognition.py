@@ -11,8 +11,8 @@ from tests.kinematics.spherical_kit import HUMANOID, HUMANOID_LIMITS, random_arm
 
 from armctl import load_robot
 from armctl.kinematics import DHChain, DHRow
-from armctl.kinematics.spherical_shoulder import recognise_spherical
-from armctl.kinematics.spherical_vectors import about, product, rotated, turned
+from armctl.kinematics.spherical.shoulder import recognise_spherical
+from armctl.kinematics.spherical.vectors import about, product, rotated, turned
 
 
 def test_the_humanoid_is_recognised() -> None:

@@ -181,9 +181,7 @@ def test_tool_speed_of_each_joint_alone() -> None:
     assert speeds[0] == pytest.approx(math.radians(60) * math.hypot(x, y))
     assert speeds[4] == pytest.approx(0.0, abs=1e-15)  # the roll joint's axis passes through the tip
     for j, limit in enumerate(ABAAS.speed_limits):
-        assert speeds[j] == pytest.approx(
-            np.linalg.norm(moved(ABAAS, q, limit * np.eye(5)[j])[:3]), abs=1e-9
-        )
+        assert speeds[j] == pytest.approx(np.linalg.norm(moved(ABAAS, q, limit * np.eye(5)[j])[:3]), abs=1e-9)
 
 
 def test_fewer_than_six_joints_still_have_a_measure_of_all_rows() -> None:

@@ -17,6 +17,7 @@ from armctl.hardware.maestro import (
     MaestroSettings,
     SimulatedMaestro,
 )
+from armctl.hardware.maestro.codec import Opcode
 from armctl.motion import MoveStep, PointStep, Program
 from armctl.runtime import (
     ClearFault,
@@ -160,26 +161,52 @@ def test_unplugged_and_plugged_in_again(bench: Bench) -> None:
     assert np.array_equal(bench.now.q_command, REST)
 
 
-def test_after_a_short_brown_out_the_board_is_set_up_anew(bench: Bench) -> None:
+@pytest.mark.parametrize("dark_s", [0.025, 0.06, 0.1, 0.13, 0.2, 0.5])
+def test_a_brown_out_that_switched_the_pulses_off_is_a_fault_and_nothing_jumps(
+    bench: Bench, dark_s: float
+) -> None:
+    bench.controller.submit(MoveJoints(HOME, duration_s=10), TEST)
+    bench.run(0.5)
+    before = len(bench.board.log)
+    bench.line.brown_out(dark_s)
+    bench.run(1.0)
+    assert bench.now.state is State.FAULT
+    assert "switched the pulses off by itself" in bench.now.cause
+    assert not [command for command in bench.board.log[before:] if command.opcode is Opcode.SET_TARGET]
+
+
+def test_a_board_that_forgot_its_limits_in_the_dark_is_given_them_again(bench: Bench) -> None:
     bench.do(MoveJoints(HOME, duration_s=3))
     bench.run(0.5)
     before = len(bench.board.log)
     bench.line.brown_out(0.06)
     bench.run(0.2)
-    assert any(command.raw[0] == 0x87 for command in bench.board.log[before:])  # Set Speed
-    bench.until_holding()
-    bench.run(0.1)
-    assert np.abs(bench.now.q - HOME).max() <= QUARTER
+    assert any(command.opcode is Opcode.SET_SPEED for command in bench.board.log[before:])
 
 
-def test_a_brown_out_that_switched_the_pulses_off_is_a_fault_and_nothing_jumps(bench: Bench) -> None:
+def test_an_error_that_sends_the_channels_off_is_a_fault_at_the_next_readings(bench: Bench) -> None:
     bench.controller.submit(MoveJoints(HOME, duration_s=10), TEST)
     bench.run(0.5)
-    bench.line.brown_out(0.5)
+    bench.board.feed(b"\x05")  # a data byte that belongs to nothing: a protocol error, all channels home
+    before = bench.now.stamp + 1.5 * TICK  # the setpoint of the next tick is under way already
     bench.run(1.0)
-    assert bench.now.state is State.FAULT
-    assert "switched the pulses off by itself" in bench.now.cause
-    assert all(bench.board.position_us(channel) is None for channel in range(5))
+    assert bench.now.state in (State.FAULT, State.HOLDING)
+    assert not [c for c in bench.board.log if c.opcode is Opcode.SET_TARGET and c.time > before + 0.3]
+
+
+def test_a_lost_reply_halts_the_arm_and_it_goes_on_from_rest(bench: Bench) -> None:
+    bench.do(MoveJoints(HOME, duration_s=3))
+    bench.run(1.0)
+    bench.line.inject(Fault.DROP_REPLY)
+    bench.run(TICK)
+    assert bench.now.velocity_command.any()
+    bench.run(TICK)
+    assert not bench.now.velocity_command.any()
+    bench.run(TICK)
+    slow = np.abs(bench.now.velocity_command)
+    assert (slow <= ROBOT.acceleration_limits * 2 * TICK * (1 + 1e-6)).all()
+    bench.until_holding()
+    assert bench.now.cause == "move finished"
 
 
 def test_a_long_brown_out_loses_the_board(bench: Bench) -> None:

@@ -5,12 +5,12 @@ from armctl.kinematics.branches import Branch, BranchFinder
 from armctl.kinematics.chain import DHChain, DHRow
 from armctl.kinematics.energy import CRITERIA, CRITERION_TEXT, Criterion, EnergyModel, checked_criterion
 from armctl.kinematics.gravity import Body, GravityModel
+from armctl.kinematics.grid import DEFAULT_STEP
 from armctl.kinematics.inverse import InverseKinematics, inverse_kinematics
 from armctl.kinematics.rotation import quaternion_wxyz, roll_pitch_yaw, rotation_from_rpy
 from armctl.kinematics.solutions import Solutions
-from armctl.kinematics.sweep_grid import DEFAULT_STEP
 from armctl.kinematics.target import Target
-from armctl.kinematics.yaw_pitch_roll_solver import YawPitchRollSolver
+from armctl.kinematics.yaw_pitch_roll.solver import YawPitchRollSolver
 
 __all__ = [
     "CRITERIA",

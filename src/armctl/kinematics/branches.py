@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from armctl.kinematics.angles import LIMIT_TOLERANCE
 from armctl.kinematics.chain import DHChain
 from armctl.kinematics.energy import EnergyModel
+from armctl.kinematics.grid import DEFAULT_STEP
 from armctl.kinematics.inverse import inverse_kinematics
 from armctl.kinematics.limit_words import needs
-from armctl.kinematics.sweep_grid import DEFAULT_STEP
 from armctl.kinematics.target import Target
 
 FloatArray = NDArray[np.float64]
@@ -50,9 +50,7 @@ class BranchFinder:
         middle = 0.5 * (low + high)
         turn = np.maximum(0.5 * (high - low), math.pi)
         held = high - low < _SAME
-        wide = np.where(
-            held[:, None], limits, np.stack([middle - turn + _OPEN_END, middle + turn], axis=1)
-        )
+        wide = np.where(held[:, None], limits, np.stack([middle - turn + _OPEN_END, middle + turn], axis=1))
         self._solver = inverse_kinematics(chain, wide, energy, titles)
 
     def find(self, target: Target) -> tuple[Branch, ...]:

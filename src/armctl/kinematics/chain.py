@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from armctl.errors import InputError
-from armctl.kinematics.chain_kernel import MatrixKernel, jacobian_kernel, pose_kernel, small_angles
-from armctl.kinematics.chain_program import ChainProgram
 from armctl.kinematics.checks import as_numbers, require_finite
+from armctl.kinematics.compiled.chain_kernel import MatrixKernel, jacobian_kernel, pose_kernel, small_angles
+from armctl.kinematics.compiled.chain_program import ChainProgram
 
 FloatArray = NDArray[np.float64]
 Convention = Literal["standard", "modified"]

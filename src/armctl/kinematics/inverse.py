@@ -10,13 +10,13 @@ from numpy.typing import NDArray
 
 from armctl.kinematics.chain import DHChain
 from armctl.kinematics.energy import EnergyModel
-from armctl.kinematics.numeric_solver import NumericSolver
+from armctl.kinematics.numeric.solver import NumericSolver
 from armctl.kinematics.solutions import Solutions
-from armctl.kinematics.spherical_shoulder import recognise_spherical
-from armctl.kinematics.spherical_solver import SphericalShoulderSolver
+from armctl.kinematics.spherical.shoulder import recognise_spherical
+from armctl.kinematics.spherical.solver import SphericalShoulderSolver
 from armctl.kinematics.target import Target
-from armctl.kinematics.yaw_pitch_roll import recognise
-from armctl.kinematics.yaw_pitch_roll_solver import YawPitchRollSolver
+from armctl.kinematics.yaw_pitch_roll.geometry import recognise
+from armctl.kinematics.yaw_pitch_roll.solver import YawPitchRollSolver
 
 FloatArray = NDArray[np.float64]
 

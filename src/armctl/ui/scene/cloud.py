@@ -10,8 +10,8 @@ import numpy as np
 import viser
 from numpy.typing import NDArray
 
-from armctl.kinematics.section import Section, section_of
-from armctl.kinematics.workspace import Extent, sample_workspace, workspace_extent
+from armctl.kinematics.workspace.cloud import Extent, sample_workspace, workspace_extent
+from armctl.kinematics.workspace.section import Section, section_of
 from armctl.robot import Robot
 
 FloatArray = NDArray[np.float64]

@@ -12,7 +12,7 @@ import viser
 from numpy.typing import NDArray
 
 from armctl.errors import InputError
-from armctl.kinematics.workspace import longest_levers
+from armctl.kinematics.workspace.cloud import longest_levers
 from armctl.motion.joint_study import JointStudy, study_csv, study_joints
 from armctl.robot import Robot
 from armctl.ui.screens.study_form import StudyRequest

@@ -1,0 +1,1 @@
+"""Straight-line code made from DH rows: forward kinematics and Jacobian without loops over rows."""

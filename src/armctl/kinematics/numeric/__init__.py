@@ -1,0 +1,1 @@
+"""Any other chain: damped least squares from many starts."""

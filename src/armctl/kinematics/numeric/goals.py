@@ -1,0 +1,222 @@
+"""What a numeric search drives to zero: residuals of the tool pose with their derivatives, in batches.
+
+A goal is met where its ``rows`` are zero. ``cost`` is the same wish as one smooth number with its exact
+first and second derivatives: what is minimised where the goal cannot be met.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from armctl.kinematics.numeric.motion import ToolMotion, crossed, second_derivatives
+
+FloatArray = NDArray[np.float64]
+Rows = tuple[FloatArray, FloatArray]
+"""residuals (k, m) and their derivatives by the joint angles (k, m, n)"""
+Cost = tuple[FloatArray, FloatArray, FloatArray]
+"""cost (k,), gradient (k, n) and second derivatives (k, n, n)"""
+_UPRIGHT = 1e-8
+"""a pitch nearer to ±90° than this is taken as ±90° [rad]: the elevation has no derivative there"""
+
+
+class Goal(Protocol):
+    """One wish about the tool pose."""
+
+    def rows(self, motion: ToolMotion) -> Rows:
+        """Residuals, zero where the goal is met."""
+        ...
+
+    def curvature(self, motion: ToolMotion, weights: FloatArray) -> FloatArray:
+        """Second derivatives (k, n, n) of the residuals, summed with ``weights`` (k, m)."""
+        ...
+
+    def cost(self, motion: ToolMotion) -> Cost:
+        """The distance from the goal as a smooth number, least where it is met best."""
+        ...
+
+
+def half_square(goal: Goal, motion: ToolMotion) -> Cost:
+    """Half the squared residuals, with all second derivatives."""
+    r, J = goal.rows(motion)
+    return 0.5 * _dot(r, r), _gradient(J, r), _square(J) + goal.curvature(motion, r)
+
+
+@dataclass(frozen=True, slots=True)
+class PositionGoal:
+    """The tool point at a point, in units of the arm's reach."""
+
+    point: FloatArray
+    """(3,) base frame [m]"""
+    reach: float
+    """[m]; makes a metre comparable to a radian"""
+
+    def rows(self, motion: ToolMotion) -> Rows:
+        """Offset of the tool point over the reach: (k, 3)."""
+        return (motion.position - self.point) / self.reach, motion.linear / self.reach
+
+    def curvature(self, motion: ToolMotion, weights: FloatArray) -> FloatArray:
+        """Of the offset."""
+        return second_derivatives(motion, weights, motion.linear / self.reach)
+
+    def cost(self, motion: ToolMotion) -> Cost:
+        """Half the squared offset."""
+        return half_square(self, motion)
+
+
+@dataclass(frozen=True, slots=True)
+class PitchGoal:
+    """The approach axis at an elevation above the horizontal, short of straight up or down."""
+
+    pitch: float
+    """[rad], inside ±90°"""
+
+    def rows(self, motion: ToolMotion) -> Rows:
+        """Elevation of the approach axis less the pitch: (k, 1) [rad]."""
+        a = motion.approach
+        flat = np.maximum(np.hypot(a[:, 0], a[:, 1]), 1e-12)
+        elevation = np.arctan2(a[:, 2], flat)
+        slope = crossed(motion.axes, a[:, :, None])[:, 2:3] / flat[:, None, None]
+        return (elevation - self.pitch)[:, None], slope
+
+    def curvature(self, motion: ToolMotion, weights: FloatArray) -> FloatArray:
+        """Of the elevation: with s its sine, s''/cos + s s' s'ᵀ/cos³."""
+        a = motion.approach
+        flat = np.maximum(np.hypot(a[:, 0], a[:, 1]), 1e-6)[:, None, None]
+        turned = crossed(motion.axes, a[:, :, None])
+        slope = turned[:, 2:3]
+        up = np.zeros(a.shape)
+        up[:, 2] = weights[:, 0]
+        bend = (weights * a[:, 2:3])[:, :, None] * np.swapaxes(slope, 1, 2) * slope
+        return second_derivatives(motion, up, turned) / flat + bend / flat**3
+
+    def cost(self, motion: ToolMotion) -> Cost:
+        """Half the squared difference."""
+        return half_square(self, motion)
+
+
+@dataclass(frozen=True, slots=True)
+class UprightGoal:
+    """The approach axis straight up or down."""
+
+    up: float
+    """+1 or -1"""
+
+    def rows(self, motion: ToolMotion) -> Rows:
+        """Rotation vector that would bring the approach axis there, negative: (k, 3) [rad]."""
+        a = motion.approach
+        axis = np.stack([a[:, 1], -a[:, 0], np.zeros(len(a))], axis=1) * self.up  # a x up
+        sine = np.linalg.norm(axis, axis=1)
+        angle = np.arctan2(sine, a[:, 2] * self.up)
+        axis[sine == 0.0, 0] = 1.0  # opposite: any horizontal axis will do
+        turn = axis * (angle / np.where(sine == 0.0, 1.0, sine))[:, None]
+        across = np.eye(3) - a[:, :, None] * a[:, None, :]
+        return -turn, across @ motion.axes
+
+    def curvature(self, motion: ToolMotion, weights: FloatArray) -> FloatArray:
+        """Left out: it is multiplied by forces that vanish with the residual."""
+        return np.zeros((len(weights), motion.axes.shape[2], motion.axes.shape[2]))
+
+    def cost(self, motion: ToolMotion) -> Cost:
+        """One less the cosine of the angle to go."""
+        a = motion.approach
+        turned = crossed(motion.axes, a[:, :, None])
+        weights = np.zeros(a.shape)
+        weights[:, 2] = -self.up
+        gradient = -self.up * turned[:, 2]
+        return 1.0 - self.up * a[:, 2], gradient, second_derivatives(motion, weights, turned)
+
+
+@dataclass(frozen=True, slots=True)
+class RotationGoal:
+    """The tool frame turned as asked for."""
+
+    rotation: FloatArray
+    """(3, 3) ``R_base_tool``"""
+
+    def rows(self, motion: ToolMotion) -> Rows:
+        """Rotation vector from the rotation asked for to the tool's: (k, 3) [rad]."""
+        return rotation_vectors(motion.rotation @ self.rotation.T), motion.axes
+
+    def curvature(self, motion: ToolMotion, weights: FloatArray) -> FloatArray:
+        """Left out: it is multiplied by forces that vanish with the residual."""
+        return np.zeros((len(weights), motion.axes.shape[2], motion.axes.shape[2]))
+
+    def cost(self, motion: ToolMotion) -> Cost:
+        """One less the cosine of the angle between the two: (3 - trace R Rᵀ_goal) / 2."""
+        off = motion.rotation @ self.rotation.T
+        trace = np.trace(off, axis1=1, axis2=2)
+        Z = motion.axes
+        gradient = np.einsum("kin,ki->kn", Z, _skew_part(off))
+        upper = np.triu(trace[:, None, None] * _square(Z) - np.swapaxes(Z, 1, 2) @ off @ Z) / 2
+        return (3.0 - trace) / 2, gradient, upper + np.swapaxes(np.triu(upper, 1), 1, 2)
+
+
+@dataclass(frozen=True, slots=True)
+class Together:
+    """Two goals at once."""
+
+    first: Goal
+    second: Goal
+
+    def rows(self, motion: ToolMotion) -> Rows:
+        """The rows of both."""
+        (r, J), (s, K) = self.first.rows(motion), self.second.rows(motion)
+        return np.concatenate([r, s], axis=1), np.concatenate([J, K], axis=1)
+
+    def curvature(self, motion: ToolMotion, weights: FloatArray) -> FloatArray:
+        """The sum of both."""
+        cut = self.first.rows(motion)[0].shape[1]
+        return self.first.curvature(motion, weights[:, :cut]) + self.second.curvature(
+            motion, weights[:, cut:]
+        )
+
+    def cost(self, motion: ToolMotion) -> Cost:
+        """The sum of both."""
+        (f, g, H), (e, d, G) = self.first.cost(motion), self.second.cost(motion)
+        return f + e, g + d, H + G
+
+
+def pitch_goal(pitch: float) -> Goal | None:
+    """The goal for a pitch [rad] in ±90°, None where no axis can have such an elevation."""
+    if abs(pitch) > math.pi / 2 + _UPRIGHT:
+        return None
+    if abs(pitch) > math.pi / 2 - _UPRIGHT:
+        return UprightGoal(math.copysign(1.0, pitch))
+    return PitchGoal(pitch)
+
+
+def rotation_vectors(rotations: FloatArray) -> FloatArray:
+    """Rotation vectors (k, 3) [rad] of rotations (k, 3, 3); angles in 0..pi."""
+    sines = _skew_part(rotations)
+    sine = np.linalg.norm(sines, axis=1)
+    angle = np.arctan2(sine, (np.trace(rotations, axis1=1, axis2=2) - 1.0) / 2)
+    vectors = sines * np.where(sine > 0.0, angle / np.where(sine > 0.0, sine, 1.0), 1.0)[:, None]
+    for k in np.flatnonzero((angle > 3.0) & (sine < 1e-4)):  # half a turn: the axis is in the symmetric part
+        square = rotations[k] + rotations[k].T + np.eye(3) * (1.0 - np.trace(rotations[k]))
+        axis = square[:, int(np.argmax(np.diag(square)))]
+        axis = axis / np.linalg.norm(axis)
+        vectors[k] = axis * math.copysign(angle[k], axis @ sines[k])
+    return vectors
+
+
+def _skew_part(matrices: FloatArray) -> FloatArray:
+    """(k, 3) the vector of the skew part: for a rotation the axis times the sine of the angle."""
+    m = matrices
+    return 0.5 * np.stack([m[:, 2, 1] - m[:, 1, 2], m[:, 0, 2] - m[:, 2, 0], m[:, 1, 0] - m[:, 0, 1]], axis=1)
+
+
+def _dot(a: FloatArray, b: FloatArray) -> FloatArray:
+    return np.einsum("km,km->k", a, b)
+
+
+def _gradient(J: FloatArray, r: FloatArray) -> FloatArray:
+    return (r[:, None, :] @ J)[:, 0]
+
+
+def _square(J: FloatArray) -> FloatArray:
+    return np.swapaxes(J, 1, 2) @ J

@@ -1,0 +1,267 @@
+"""Inverse kinematics of any chain, by numeric search inside the limits: where no closed form is known."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from armctl.errors import InputError
+from armctl.kinematics.angles import images
+from armctl.kinematics.chain import DHChain
+from armctl.kinematics.checks import checked_number
+from armctl.kinematics.energy import EnergyModel
+from armctl.kinematics.limit_words import needs
+from armctl.kinematics.numeric.goals import Goal, PositionGoal, RotationGoal, Together, pitch_goal
+from armctl.kinematics.numeric.motion import tool_motion
+from armctl.kinematics.numeric.reach import LinkBound
+from armctl.kinematics.numeric.search import come_nearest, come_nearest_holding, meet
+from armctl.kinematics.numeric.starts import Starts
+from armctl.kinematics.solutions import Solutions
+from armctl.kinematics.target import Target
+
+FloatArray = NDArray[np.float64]
+_ALIGNED = 1e-9
+"""how far from each other roll axis, approach axis and tool point may be (sine of the angle; [m])"""
+_WAVE, _WAVES = 64, 4
+_REFINED = 48
+"""how many of the best are refined where the goal can only be approached"""
+_MET_M, _MET_RAD = 5e-10, 1e-8
+_SAME = 1e-6
+"""configurations this near to each other are one [rad]"""
+_ALIKE = 1e-7
+"""orientations this near to the best are as good [rad]"""
+
+
+@dataclass(frozen=True, slots=True)
+class _Box:
+    """The joint limits of one request, with the roll joint held."""
+
+    lower: FloatArray
+    upper: FloatArray
+
+    def of(self, count: int) -> tuple[FloatArray, FloatArray]:
+        """(count, n) lower and upper limits."""
+        shape = (count, len(self.lower))
+        return np.broadcast_to(self.lower, shape), np.broadcast_to(self.upper, shape)
+
+    def clip(self, q: FloatArray) -> FloatArray:
+        return np.clip(q, self.lower, self.upper)
+
+
+class NumericSolver:
+    """Any chain of revolute joints inside its limits. Immutable; safe in several threads.
+
+    What it lists are solutions, to the last digit, but there may be more (``Solutions.complete`` is False);
+    where joints are left free it lists a spread of the continuum. The same target has the same answer always.
+    """
+
+    family = "numeric"
+    pitch_joints: tuple[int, ...] = ()
+    free_joint: int | None = None
+
+    def __init__(
+        self, chain: DHChain, limits: FloatArray, energy: EnergyModel, titles: Sequence[str]
+    ) -> None:
+        self.chain, self.limits, self.energy = chain, limits, energy
+        self._titles = tuple(titles)
+        self._bound = LinkBound(chain)
+        self._reach = max(self._bound.outer, 1e-3)
+        self._starts = Starts(chain, limits)
+        self._roll_joint = _roll_joint(chain)
+
+    def pitch_and_roll(self, q: FloatArray) -> tuple[float | None, float | None]:
+        """Elevation of tool z in [-pi/2, pi/2], and the angle of the rolling joint, if any [rad]."""
+        x, y, z = self.chain.forward(q)[:3, 2].tolist()
+        roll = None if self._roll_joint is None else float(q[self._roll_joint])
+        return math.atan2(z, math.hypot(x, y)), roll
+
+    def solve(self, target: Target, step: float) -> Solutions:
+        """Solutions inside the limits.
+
+        A rotation that cannot be had where the position can is approached: the position is met exactly and
+        the orientation as nearly as the search finds.
+
+        Args:
+            target: what is asked for.
+            step: taken for the sake of the other solvers, nothing is swept here [rad].
+
+        Raises:
+            InputError: ``step`` is not a positive number.
+        """
+        if checked_number(step, "the step of the swept joint") <= 0:
+            raise InputError(f"the step of the swept joint must be a positive angle, got {step!r} rad")
+        refusal, box = self._box(target)
+        position = PositionGoal(target.position, self._reach)
+        turned = self._orientation(target)
+        impossible = target.pitch is not None and turned is None
+        refusal = refusal or self._bound.violation(target.position, self._titles[0])
+        if refusal is not None or impossible:
+            reason = refusal or "the tool's elevation is between -90° and 90°, no pose has another pitch"
+            return self._refused(target, reason, self._nearest(position, turned, box))
+        goal = position if turned is None else Together(position, turned)
+        found = self._search(goal, box)
+        if len(found) == 0 and target.rotation is not None:
+            near = self._nearest_orientation(position, RotationGoal(target.rotation), box)
+            exact = self._met(goal, meet(self.chain, goal, near, *box.of(len(near)), polish=True))
+            found = exact if len(exact) else near
+        if len(found) == 0:
+            return self._unmet(target, position, turned, box)
+        return self._solutions(target, found)
+
+    def _orientation(self, target: Target) -> Goal | None:
+        if target.rotation is not None:
+            return RotationGoal(target.rotation)
+        return None if target.pitch is None else pitch_goal(target.pitch)
+
+    def _box(self, target: Target) -> tuple[str | None, _Box]:
+        """Why the roll asked for cannot be; the limits with the roll joint held at it (at 0 for any)."""
+        lower, upper = self.limits[:, 0].copy(), self.limits[:, 1].copy()
+        joint = self._roll_joint
+        if joint is None:
+            refused = None if target.roll is None else "this arm has no joint that rolls the tool"
+            return refused, _Box(lower, upper)
+        if target.rotation is not None:
+            return None, _Box(lower, upper)
+        low, high = float(lower[joint]), float(upper[joint])
+        inside = images(target.roll or 0.0, low, high)
+        held = min(inside, key=abs) if inside else min(max(target.roll or 0.0, low), high)
+        lower[joint] = upper[joint] = held
+        if inside or target.roll is None:
+            return None, _Box(lower, upper)
+        needed = math.remainder(target.roll, math.tau)
+        return needs(self._titles[joint], (low, high), needed), _Box(lower, upper)
+
+    def _search(self, goal: Goal, box: _Box) -> FloatArray:
+        """(k, n) configurations that meet a goal, from wave after wave of starts until there are any."""
+        starts = box.clip(self._starts.nearest_first(goal, _WAVE * _WAVES))
+        for at in range(0, len(starts), _WAVE):
+            wave = starts[at : at + _WAVE]
+            found = self._met(goal, self._polished(goal, wave, box))
+            if len(found):
+                return found
+        return np.empty((0, self.chain.n))
+
+    def _polished(self, goal: Goal, q: FloatArray, box: _Box) -> FloatArray:
+        """Where starts come to, those near the goal to the last digit (slow at singular configurations)."""
+        q = meet(self.chain, goal, q, *box.of(len(q)))
+        rows = goal.rows(tool_motion(self.chain, q))[0]
+        square = (rows * rows).sum(axis=1)
+        slow = (square > 1e-26) & (square < 1e-6)
+        if slow.any():
+            q[slow] = meet(self.chain, goal, q[slow], *box.of(int(slow.sum())), polish=True)
+        return q
+
+    def _met(self, goal: Goal, q: FloatArray) -> FloatArray:
+        """Those of ``q`` (k, n) that meet a goal, each once, at their smallest angles."""
+        q = self._smallest_images(q)
+        rows = goal.rows(tool_motion(self.chain, q))[0]
+        off = np.linalg.norm(rows[:, :3], axis=1) * self._reach
+        turned = np.linalg.norm(rows[:, 3:], axis=1)
+        return _distinct(q[(off < _MET_M) & (turned < _MET_RAD)])
+
+    def _smallest_images(self, q: FloatArray) -> FloatArray:
+        """Joints that turn more than once round at the smallest of their equal angles."""
+        q = q.copy()
+        for k, (low, high) in enumerate(self.limits):
+            if high - low >= math.tau:
+                turns = np.rint(q[:, k] / math.tau)
+                image = q[:, k] - math.tau * turns
+                q[:, k] = np.where((image >= low) & (image <= high), image, q[:, k])
+        return q
+
+    def _nearest_orientation(self, position: PositionGoal, wish: Goal, box: _Box) -> FloatArray:
+        """(k, n) configurations at the position whose orientation comes nearest, best first."""
+        q = self._approached(position, wish, box)
+        cost = wish.cost(tool_motion(self.chain, q))[0]
+        angle = 2.0 * np.arcsin(np.sqrt(np.clip(cost / 2.0, 0.0, 1.0)))
+        return q[angle <= angle.min(initial=math.inf) + _ALIKE]
+
+    def _approached(self, order: Goal, wish: Goal, box: _Box) -> FloatArray:
+        """(k, n) configurations that meet ``order``, if any, at the local minima of ``wish``."""
+        both = Together(order, wish)
+        starts = box.clip(self._starts.nearest_first(both, _WAVE))
+        q = meet(self.chain, both, starts, *box.of(len(starts)))
+        q = self._holding(order, np.vstack([self._polished(order, q, box), self._search(order, box)]))
+        if len(q) == 0:
+            return q
+        best = q[np.argsort(wish.cost(tool_motion(self.chain, q))[0], kind="stable")[:_REFINED]]
+        return self._holding(order, come_nearest_holding(self.chain, order, wish, best, *box.of(len(best))))
+
+    def _holding(self, order: Goal, q: FloatArray) -> FloatArray:
+        """Those of ``q`` that meet an order, each once."""
+        rows = order.rows(tool_motion(self.chain, q))[0]
+        scale = self._reach if isinstance(order, PositionGoal) else _MET_M / _MET_RAD
+        return _distinct(q[np.linalg.norm(rows, axis=1) * scale < _MET_M])
+
+    def _nearest(self, position: PositionGoal, turned: Goal | None, box: _Box) -> FloatArray:
+        """(n,) the configuration nearest to the position, with the pitch kept if any pose has it."""
+        if turned is not None and not isinstance(turned, RotationGoal):
+            kept = self._approached(turned, position, box)
+            if len(kept):
+                return self._best(position, kept)
+        starts = box.clip(self._starts.nearest_first(position, _WAVE))
+        return self._best(position, come_nearest(self.chain, position, starts, *box.of(_WAVE)))
+
+    def _best(self, goal: Goal, q: FloatArray) -> FloatArray:
+        return q[int(np.argmin(goal.cost(tool_motion(self.chain, q))[0]))]
+
+    def _unmet(self, target: Target, position: PositionGoal, turned: Goal | None, box: _Box) -> Solutions:
+        """Refused after a search: without a proof, and the reason says so."""
+        starts = _WAVE * _WAVES
+        nearest = self._nearest(position, turned, box)
+        away = 1000 * float(np.linalg.norm(self.chain.forward(nearest)[:3, 3] - target.position))
+        there = np.empty((0, self.chain.n))
+        if target.pitch is not None and turned is not None:
+            there = self._approached(position, turned, box)
+        if len(there) == 0 or target.pitch is None or turned is None:
+            return self._refused(
+                target,
+                f"no solution was found: none of {starts} starts came nearer than {away:.2f} mm; "
+                "there may be one that was not found",
+                nearest,
+            )
+        closest = self._best(turned, there)
+        pitch, _ = self.pitch_and_roll(closest)
+        return self._refused(
+            target,
+            f"the arm reaches that point, but none of {starts} starts found a pitch of "
+            f"{math.degrees(target.pitch):.2f}° there: the nearest is {math.degrees(pitch or 0.0):.2f}°",
+            closest if away < 1e-6 else nearest,  # where no pose has that pitch: the nearest pitch
+        )
+
+    def _solutions(self, target: Target, q: FloatArray) -> Solutions:
+        return Solutions(
+            target=target, q=q, branch_index=np.zeros(len(q), dtype=np.int8), branch_names=("numeric",),
+            chain=self.chain, energy=self.energy, complete=False,
+        )  # fmt: skip
+
+    def _refused(self, target: Target, reason: str, nearest: FloatArray) -> Solutions:
+        return Solutions(
+            target=target, q=np.empty((0, self.chain.n)), branch_index=np.empty(0, dtype=np.int8),
+            branch_names=("numeric",), chain=self.chain, energy=self.energy, reason=reason,
+            nearest_q=nearest, complete=False,
+        )  # fmt: skip
+
+
+def _roll_joint(chain: DHChain) -> int | None:
+    """The last joint, where it turns the tool about its approach axis through the tool point."""
+    points, axes = chain.axes()
+    tool = chain.forward(np.zeros(chain.n))
+    swung = np.linalg.norm(np.cross(axes[-1], tool[:3, 2]))
+    lever = np.linalg.norm(np.cross(tool[:3, 3] - points[-1], axes[-1]))
+    return chain.n - 1 if swung < _ALIGNED and lever < _ALIGNED else None
+
+
+def _distinct(q: FloatArray) -> FloatArray:
+    """Each configuration once, least rotation first."""
+    keys = np.round(np.column_stack([q, np.abs(q).sum(axis=1)]), 9)
+    order: NDArray[np.intp] = np.lexsort(keys.T)  # the last key counts first
+    kept: list[FloatArray] = []
+    for one in q[order]:
+        if not kept or np.abs(np.array(kept) - one).max(axis=1).min() >= _SAME:
+            kept.append(one)
+    return np.array(kept).reshape(-1, q.shape[1])

@@ -1,0 +1,1 @@
+"""Arms of the build *spherical shoulder + elbow (+ roll)*: recognised, solved, explained."""

@@ -1,0 +1,1 @@
+"""Arms of the build *yaw + parallel pitch joints (+ roll)*: recognised, solved, explained."""

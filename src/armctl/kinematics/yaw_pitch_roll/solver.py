@@ -1,0 +1,336 @@
+"""Inverse kinematics of *yaw + parallel pitch joints (+ roll)*: every branch, in closed form."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from armctl.errors import InputError
+from armctl.kinematics.angles import images, wrap
+from armctl.kinematics.batch_solutions import BatchSolutions
+from armctl.kinematics.chain import DHChain
+from armctl.kinematics.checks import checked_number
+from armctl.kinematics.energy import EnergyModel
+from armctl.kinematics.grid import DEFAULT_STEP
+from armctl.kinematics.solutions import Solutions
+from armctl.kinematics.target import Target, checked_column, checked_positions
+from armctl.kinematics.yaw_pitch_roll.base_yaw import BaseBranch, base_branches, is_on_axis
+from armctl.kinematics.yaw_pitch_roll.branch_names import BRANCHES, bend_sense, branch_index, tool_points_in
+from armctl.kinematics.yaw_pitch_roll.geometry import YawPitchRoll
+from armctl.kinematics.yaw_pitch_roll.least_rotation import LeastRotation
+from armctl.kinematics.yaw_pitch_roll.least_rotation_batch import LeastRotationBatch
+from armctl.kinematics.yaw_pitch_roll.nearest import NearestReach
+from armctl.kinematics.yaw_pitch_roll.nearest_orientation import NearestOrientation
+from armctl.kinematics.yaw_pitch_roll.orientation import pitch_poses
+from armctl.kinematics.yaw_pitch_roll.plane_postures import PlanePostures
+from armctl.kinematics.yaw_pitch_roll.pose_batch import PoseBatch
+from armctl.kinematics.yaw_pitch_roll.pose_branches import PoseBranches
+from armctl.kinematics.yaw_pitch_roll.reach import Reach
+from armctl.kinematics.yaw_pitch_roll.sweep import FreeJointSweep, turns
+
+FloatArray = NDArray[np.float64]
+_FEW = 16
+"""up to so many points the scalar solver is done before the arrays are set up"""
+_NO_PITCH = "this arm's tool does not keep to its vertical plane, so it has no pitch to ask for"
+_NO_ROLL = "this arm has no joint that rolls the tool"
+Optimum = Callable[[], FloatArray | None]
+
+
+class YawPitchRollSolver:
+    """One arm of the family inside its limits. Immutable; safe in several threads."""
+
+    family = "yaw, parallel pitch joints, roll"
+
+    def __init__(
+        self,
+        chain: DHChain,
+        geometry: YawPitchRoll,
+        limits: FloatArray,
+        energy: EnergyModel,
+        titles: Sequence[str],
+    ) -> None:
+        self.chain, self.geometry, self.limits, self.energy = chain, geometry, limits, energy
+        self._pairs = [(float(low), float(high)) for low, high in limits]
+        three = len(geometry.lengths) == 3
+        self._sweeps = [FreeJointSweep(geometry, cut) for cut in turns(limits)] if three else []
+        self._least = LeastRotation(geometry, limits) if three else None
+        self._batch = PoseBatch(geometry, limits)
+        self._least_batch = None if self._least is None else LeastRotationBatch(geometry, limits, self._least)
+        self._planar = PlanePostures(geometry, limits)
+        narrow = PoseBranches.serves(geometry, limits)
+        self._pose_branches = PoseBranches(geometry, limits) if narrow else None
+        self._orientation = NearestOrientation(chain, geometry, limits, self._planar, self._least)
+        self._reach = Reach(geometry, limits, titles, NearestReach(geometry, limits, self._in_plane))
+
+    @property
+    def pitch_joints(self) -> tuple[int, ...]:
+        """Indices of the parallel pitch joints."""
+        return self.geometry.pitch_joints
+
+    @property
+    def free_joint(self) -> int | None:
+        """The first pitch joint, where there are three."""
+        return 1 if self._sweeps else None
+
+    def pitch_and_roll(self, q: FloatArray) -> tuple[float | None, float | None]:
+        """Tool pitch in [-pi/2, pi/2] and roll [rad] at one configuration (n,)."""
+        geometry = self.geometry
+        roll = None if geometry.roll_joint is None else float(q[geometry.roll_joint])
+        if geometry.tool_angle is None:
+            return None, roll
+        forward, left, up = (geometry.frame.T @ self.chain.forward(q)[:3, 2]).tolist()
+        return math.atan2(up, math.hypot(forward, left)), roll  # an arc sine is blind near ±90°
+
+    def solve(self, target: Target, step: float) -> Solutions:
+        """All solutions inside the limits.
+
+        Position alone with three pitch joints: the first one is swept in steps of ``step`` [rad]. Else
+        the solutions are isolated: position and pitch (and roll), position alone with two pitch joints,
+        or position and rotation (the nearest rotation that the arm can take at that position).
+
+        Raises:
+            InputError: ``step`` is not a positive number.
+        """
+        step = checked_number(step, "the step of the swept joint")
+        if step <= 0:
+            raise InputError(f"the step of the swept joint must be a positive angle, got {step!r} rad")
+        refusal, roll = self._roll(target)
+        if refusal is not None:
+            return self._refused(target, refusal)
+        if target.pitch is not None and self._pose_branches is not None:
+            rolls = () if self.geometry.roll_joint is None else self._roll_images(roll)
+            x, y, z = target.position.tolist()
+            found = self._pose_branches.at(x, y, z, target.pitch, rolls)
+            if found:
+                index, q = zip(*found, strict=True)
+                return self._make(target, np.array(q), np.array(index, dtype=np.int8), None)
+        x, y, z = self.geometry.local(target.position)
+        branches = base_branches(self.geometry, x, y, self._pairs[0])
+        if target.rotation is not None:
+            any_base = is_on_axis(self.geometry, x, y)
+            found, index = self._orientation.solve(branches, z, target.rotation, any_base=any_base)
+            return self._solutions(target, found, index) if found else self._refused(target)
+        if self._sweeps and target.pitch is None:
+            return self._swept(target, branches, z, roll, step)
+        return self._isolated(target, branches, z, roll)
+
+    def postures(
+        self, x: float, y: float, z: float, pitch: float, roll: float | None = None
+    ) -> list[tuple[float, ...]]:
+        """The joint angles of every branch that ``solve`` lists for a position, pitch and roll, and no more.
+
+        For loops that ask for one pose after the other: plain floats in, plain floats out.
+
+        Args:
+            x: tool point in the base frame [m].
+            y: tool point in the base frame [m].
+            z: tool point in the base frame [m].
+            pitch: of the approach axis above the horizontal [rad].
+            roll: the roll joint's angle [rad]; None: the one nearest to zero.
+
+        Raises:
+            InputError: a value that is not finite or not a number.
+        """
+        joint, quick = self.geometry.roll_joint, self._pose_branches
+        if quick is not None and joint is not None and math.isfinite(x + y + z + pitch + (roll or 0.0)):
+            low, high = self._pairs[joint]
+            rolls = (min(max(0.0, low), high),) if roll is None else images(roll, low, high)
+            found = quick.at(x, y, z, pitch, rolls) if rolls else []
+            if found is not None:
+                return [q for _, q in found]
+        target = Target.of([x, y, z], pitch, roll)
+        return list(map(tuple, self.solve(target, DEFAULT_STEP).q.tolist()))
+
+    def solve_batch(
+        self, position_m: ArrayLike, pitch: ArrayLike | None, roll: ArrayLike | None
+    ) -> BatchSolutions:
+        """Every branch of many poses; ``Robot.inverse_batch`` says more.
+
+        Raises:
+            InputError: a wrong shape, or an entry that is not finite; it names the row.
+        """
+        position = checked_positions(position_m)
+        three = len(self.geometry.lengths) == 3
+        if three and pitch is None:
+            raise InputError("this arm has a free joint: give a pitch, or ask for the least rotation")
+        if not three and pitch is not None:
+            raise InputError("with two pitch joints the position alone decides the pitch: leave it out")
+        if pitch is not None and self.geometry.tool_angle is None:
+            raise InputError(_NO_PITCH)
+        if roll is not None and self.geometry.roll_joint is None:
+            raise InputError(_NO_ROLL)
+        count = len(position)
+        return self._batch.solve(
+            position,
+            None if pitch is None else checked_column(pitch, count, "the pitch"),
+            None if roll is None else checked_column(roll, count, "the roll"),
+        )
+
+    def least_rotation_of(self, target: Target) -> FloatArray:
+        """The exact least rotation of one point (n,); ``Robot.least_rotation`` says more."""
+        least = self._least
+        if least is None:
+            return self.least_rotation_batch(target.position[None])[0]
+        x, y, z = self.geometry.local(target.position)
+        found = least.solve(base_branches(self.geometry, x, y, self._pairs[0]), z)
+        if found is None:
+            return np.full(self.chain.n, np.nan)
+        joint = self.geometry.roll_joint
+        if joint is None:
+            return found
+        low, high = self._pairs[joint]
+        return np.array([*found.tolist(), min(max(0.0, low), high)])
+
+    def least_rotation_batch(self, position_m: ArrayLike) -> FloatArray:
+        """The exact least rotation of many points; ``Robot.least_rotation`` says more.
+
+        Raises:
+            InputError: a wrong shape, or an entry that is not finite; it names the row.
+        """
+        position = checked_positions(position_m)
+        if self._least is None or self._least_batch is None:
+            # two pitch joints: isolated solutions, of which the least is taken
+            branches = self._batch.solve(position, None, None)
+            energy = np.where(branches.found, np.abs(branches.q).sum(axis=2), np.inf)
+            return branches.q[np.arange(len(position)), energy.argmin(axis=1)]
+        if len(position) <= _FEW:
+            found = [self.least_rotation_of(Target(point)) for point in position]
+            return np.array(found).reshape(len(position), self.chain.n)
+        q = np.full((self.chain.n, len(position)), np.nan)
+        q[:4] = self._least_batch.solve(position).T
+        if self.geometry.roll_joint is not None:
+            low, high = self._pairs[self.geometry.roll_joint]
+            q[4] = np.where(np.isnan(q[0]), np.nan, min(max(0.0, low), high))
+        return q.T
+
+    def _roll(self, target: Target) -> tuple[str | None, float]:
+        """Why the roll or pitch asked for cannot be, or the roll joint's angle (0 where any will do)."""
+        joint = self.geometry.roll_joint
+        if target.pitch is not None and self.geometry.tool_angle is None:
+            return _NO_PITCH, 0.0
+        if joint is None:
+            refused = None if target.roll is None else _NO_ROLL
+            return refused, 0.0
+        low, high = self._pairs[joint]
+        if target.roll is None:
+            return None, min(max(0.0, low), high)
+        inside = images(target.roll, low, high)
+        if inside:
+            return None, min(inside, key=abs)
+        return self._reach.joint_outside(joint, wrap(target.roll)), 0.0
+
+    def _swept(
+        self, target: Target, branches: list[BaseBranch], z: float, roll: float, step: float
+    ) -> Solutions:
+        shoulder = self.geometry.shoulder
+        height = z - shoulder.imag
+        parts = [
+            (sweep, branch, sweep.stretches(branch.r - shoulder.real, height, step))
+            for branch in branches
+            for sweep in self._sweeps
+        ]
+
+        def optimum() -> FloatArray | None:
+            found = None if self._least is None else self._least.solve(branches, z)
+            return None if found is None else self._with_roll(found, roll)
+
+        count = sum(stretch.size for _, _, stretches in parts for stretch in stretches)
+        if count == 0:
+            single = optimum()  # a sliver between two grid values, or a single stretched configuration
+            if single is None:
+                return self._refused(target)
+            index = [branch_index(self._faces(target, single), bend_sense(self._last_plane_angle(single)))]
+            return self._solutions(target, [single], index, optimum)
+        q = np.empty((self.chain.n, count))  # joint by joint in memory: one contiguous write each
+        index = np.empty(count, dtype=np.int8)
+        at = 0
+        for sweep, branch, stretches in parts:
+            begin = at
+            for stretch in stretches:
+                index[at : at + stretch.size] = branch_index(branch.front, stretch.bend)
+                at += stretch.size
+            q[0, begin:at] = branch.angle
+            sweep.fill(branch.r - shoulder.real, height, step, stretches, q[1:4, begin:at])
+        if self.geometry.roll_joint is not None:
+            q[self.geometry.roll_joint] = roll
+        return self._make(target, q.T, index, optimum, free=1)
+
+    def _last_plane_angle(self, q: FloatArray) -> float:
+        last = len(self.geometry.lengths) - 1
+        return self.geometry.plane_angle(last, float(q[1 + last]))
+
+    def _faces(self, target: Target, q: FloatArray) -> bool:
+        """True when the target lies in front of the arm."""
+        x, y, _ = self.geometry.local(target.position)
+        turn = self.geometry.yaw_sign * float(q[0])
+        return x * math.cos(turn) + y * math.sin(turn) >= 0.0
+
+    def _isolated(self, target: Target, branches: list[BaseBranch], z: float, roll: float) -> Solutions:
+        shoulder = self.geometry.shoulder
+        found: list[FloatArray] = []
+        index: list[int] = []
+        for branch, pose in itertools.product(branches, pitch_poses(target.pitch, roll)):
+            for plane in self._planar.at(branch.r - shoulder.real, z - shoulder.imag, pose.tool_angle):
+                name = branch_index(branch.front, bend_sense(plane[1]), tool_points_in(branch, pose))
+                for angles, rolled in itertools.product(
+                    self._planar.joint_images(plane), self._roll_images(pose.roll)
+                ):
+                    found.append(self._with_roll(np.array([branch.angle, *angles]), rolled))
+                    index.append(name)
+        return self._solutions(target, *_distinct(found, index)) if found else self._refused(target)
+
+    def _roll_images(self, roll: float) -> list[float]:
+        joint = self.geometry.roll_joint
+        return [0.0] if joint is None else images(roll, *self._pairs[joint])
+
+    def _in_plane(self, yaw: float, r: float, z: float, last: float | None) -> FloatArray | None:
+        """Base and pitch joints for a point of the tool plane, the last link's direction given or any."""
+        if self._least is not None and last is None:
+            return self._least.solve([BaseBranch(True, yaw, r)], z)
+        angles = self._planar.inside(r, z, last)
+        return None if angles is None else np.array([yaw, *angles])
+
+    def _with_roll(self, q: FloatArray, roll: float) -> FloatArray:
+        return q if self.geometry.roll_joint is None else np.append(q, roll)
+
+    def _solutions(
+        self, target: Target, q: list[FloatArray], index: list[int], optimum: Optimum | None = None
+    ) -> Solutions:
+        return self._make(target, np.array(q), np.array(index, dtype=np.int8), optimum)
+
+    def _make(
+        self,
+        target: Target,
+        q: FloatArray,
+        index: NDArray[np.int8],
+        optimum: Optimum | None,
+        free: int | None = None,
+    ) -> Solutions:
+        return Solutions(
+            target=target, q=q, branch_index=index, branch_names=BRANCHES, chain=self.chain,
+            energy=self.energy, pitch_joints=self.pitch_joints, free_joint=free,
+            least_rotation=optimum,
+        )  # fmt: skip
+
+    def _refused(self, target: Target, reason: str | None = None) -> Solutions:
+        why, nearest = self._reach.explain(target, self._planar.at)
+        return Solutions(
+            target=target, q=np.empty((0, self.chain.n)), branch_index=np.empty(0, dtype=np.int8),
+            branch_names=BRANCHES, chain=self.chain, energy=self.energy, pitch_joints=self.pitch_joints,
+            reason=reason or why, nearest_q=nearest,
+        )  # fmt: skip
+
+
+def _distinct(found: list[FloatArray], index: list[int]) -> tuple[list[FloatArray], list[int]]:
+    """Without copies: straight up and straight down are reached by two pitch angles that are the same."""
+    kept: list[FloatArray] = []
+    names: list[int] = []
+    for q, i in zip(found, index, strict=True):
+        if not any(np.abs(q - other).max() < 1e-12 for other in kept):
+            kept.append(q)
+            names.append(i)
+    return kept, names
