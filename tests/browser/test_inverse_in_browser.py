@@ -145,9 +145,9 @@ def test_an_unreachable_point_says_why_and_offers_the_nearest(page: Screen, serv
     wait_for_ghost(page, robot, nearest.nearest_q)
     page.screenshot("inverse-unreachable")
     page.click(SELECTED)
-    page.wait_for_notification(re.compile("press Solve first"))
-    page.click(LEAST)
     page.wait_for_notification(re.compile("too far by 200"))
+    page.click(LEAST)
+    page.wait_until(lambda: len([n for n in page.notifications() if "too far by 200" in n]) == 2, "both said")
     assert served.commanded_deg == HOME
     page.click("Take nearest point")
     page.wait_for_text(re.compile(r"solutions? inside the limits"))
@@ -263,3 +263,52 @@ def drag_upwards(page: Screen) -> None:
         page.pause(120)
     mouse.up()
     page.pause()
+
+
+_BRANCH_TIPS = """count => {
+  const tips = [];
+  for (let i = 0; ; i++) {
+    const node = window.__viserMutable.nodeRefFromName[`/branches/${i}/f${count}`];
+    if (!node) return tips;
+    tips.push(node.position.toArray());
+  }
+}"""
+
+
+def branch_tips_mm(page: Screen, served: ServedArm) -> list[list[float]]:
+    """Where the tools of the branch ghosts are drawn [mm]."""
+    tips = page.page.evaluate(_BRANCH_TIPS, len(served.robot.chain.rows))
+    return [[1000 * value for value in tip] for tip in tips]
+
+
+def test_both_solutions_of_the_lab_sheet_side_by_side_and_why_one_is_refused(
+    screen: Screen, tmp_path: Path
+) -> None:
+    with served_arm(tmp_path / "programs", "mico") as served:
+        screen.open(served.url, until="STOP")
+        screen.open_tab("Inverse")
+        type_point(screen, "0", "0", "700")
+        screen.click("Solve")
+        screen.open_tab("Branches")
+        screen.wait_for_text("−131.63")
+        screen.wait_for_text("−48.37")
+        screen.wait_for_text("1 is chosen among the possible ones: the least energy by least-rotation.")
+        screen.tick("Show as ghosts")
+        screen.wait_until(lambda: len(branch_tips_mm(screen, served)) == 2, "two ghosts are shown")
+        assert np.abs(np.array(branch_tips_mm(screen, served)) - [0, 0, 700]).max() < 1e-3
+        screen.screenshot("inverse-branches-mico")
+        wait_for_no_ghost(screen, served.robot)
+        type_point(screen, "300", "0", "100")
+        screen.click("Solve")
+        screen.wait_for_text("2 is refused: Shoulder needs 82.14°, its limits are -220.00° … 40.00°.")
+        screen.wait_until(
+            lambda: np.abs(np.array(branch_tips_mm(screen, served)) - [300, 0, 100]).max() < 1e-3,
+            "the ghosts reach the new point",
+        )
+        type_point(screen, "500", "0", "700")
+        screen.click("Solve")
+        screen.wait_for_text(re.compile("Too far by 82.6 mm"))
+        screen.wait_until(lambda: not branch_tips_mm(screen, served), "no branch ghost is left")
+        screen.open_tab("List")
+        screen.click(SELECTED)
+        screen.wait_for_notification(re.compile("too far by 82.6 mm"))
