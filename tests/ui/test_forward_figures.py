@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from armctl.errors import InputError
+from armctl.kinematics.velocity import position_freedom
 from armctl.robot import load_robot
 from armctl.ui.guard import GuardedServer, guarded_server
 from armctl.ui.screens.forward_angles import (
@@ -19,7 +20,13 @@ from armctl.ui.screens.forward_angles import (
     results_html,
 )
 from armctl.ui.widgets.html_bits import fixed, refused
-from armctl.ui.widgets.pose_figures import jacobian_html, manipulability, manipulability_html, pose_html
+from armctl.ui.widgets.pose_figures import (
+    direction_words,
+    jacobian_html,
+    manipulability_html,
+    pose_html,
+    tool_speeds_html,
+)
 
 ROBOT = load_robot("uzuner")
 HOME = ROBOT.pose("home")
@@ -68,31 +75,53 @@ def test_the_zero_pose_in_figures() -> None:
 
 def test_the_jacobian_is_shown_in_mm_with_rows_named() -> None:
     html = jacobian_html(ROBOT, np.zeros(5))
-    for row in ("vx mm/s", "ωz rad/s", "330.00", "Wrist roll"):
+    for row in ("vx mm/s", "ωz rad/s", "330.00", "Wrist roll", "√det(Jᵀ J) of all six rows"):
         assert row in html
 
 
-def test_manipulability_of_a_stretched_arm_is_zero_along_its_own_length() -> None:
-    stretched = manipulability(ROBOT.jacobian(np.zeros(5)))
-    assert stretched.verdict == "singular"
-    assert abs(stretched.blocked[0]) == pytest.approx(1.0, abs=0.02)
-    assert "hardly move along" in manipulability_html(stretched)
-    bent = manipulability(ROBOT.jacobian(HOME))
-    assert bent.verdict == "well away from singularities"
+def test_a_stretched_arm_says_which_way_it_cannot_go() -> None:
+    stretched = position_freedom(ROBOT.jacobian(np.zeros(5)))
+    html = manipulability_html(stretched, ROBOT.forward(np.zeros(5))[:3, 3])
+    assert "Singular" in html and "the tool cannot move out or in, along (" in html
+    assert "smallest singular value: <b>0.00</b> mm/rad; largest / smallest: ∞" in html
+    bent = position_freedom(ROBOT.jacobian(HOME))
+    html = manipulability_html(bent, ROBOT.forward(HOME)[:3, 3])
+    assert "Well away from singularities" in html and "moves least" in html
     J = ROBOT.jacobian(HOME)[:3]
-    assert bent.measure == pytest.approx(np.sqrt(np.linalg.det(J @ J.T)))
-    assert bent.rows == 3
+    assert f"{1e3 * np.sqrt(np.linalg.det(J @ J.T)):.4f}" in html
 
 
-def test_six_joints_count_with_all_rows() -> None:
-    figure = manipulability(np.diag([1.0, 1, 1, 2, 2, 2]))
-    assert figure.rows == 6
-    assert figure.measure == pytest.approx(8.0)
-    assert figure.isotropy == pytest.approx(0.5)
+@pytest.mark.parametrize(
+    ("direction", "tip", "words"),
+    [
+        ([1, 0, 0], [0.3, 0, 0.1], "out or in"),
+        ([-1, 0, 0], [0.3, 0, 0.1], "out or in"),
+        ([1, 0, 0], [0, 0.3, 0.1], "left or right"),
+        ([0, 0, 1], [0.3, 0.3, 0.1], "up or down"),
+        ([0.6, 0, 0.8], [0.3, 0, 0.1], "out and up or in and down"),
+        ([-0.6, 0, 0.8], [0.3, 0, 0.1], "out and down or in and up"),
+        ([0, 1, 0], [0, 0, 0.7], "along +y or along −y"),
+        ([0.1, 0.05, 0.99], [0.3, 0, 0.1], "up or down"),
+    ],
+)
+def test_directions_in_words(direction: list[float], tip: list[float], words: str) -> None:
+    unit = np.array(direction) / np.linalg.norm(direction)
+    assert direction_words(unit, np.array(tip, dtype=np.float64)) == words
 
 
-def test_a_chain_with_fewer_joints_than_dimensions_is_singular() -> None:
-    assert manipulability(np.ones((6, 2))).verdict == "singular"
+def test_the_tool_speed_of_each_joint_is_listed() -> None:
+    """The abaas arm in a pose of its paper: the shoulder is the most effective joint at equal rates."""
+    abaas = load_robot("abaas")
+    q = abaas.pose("home")
+    html = tool_speeds_html(abaas, abaas.jacobian(q))
+    for text in ("at 20 °/s", "its limit", "Base", "60.0 °/s", "120.0 °/s"):
+        assert text in html
+    x, y, _ = 1000 * abaas.forward(q)[:3, 3]
+    assert f"{np.radians(20) * np.hypot(x, y):.1f} mm/s" in html
+    marked = html[html.index("background") :]
+    assert "Shoulder" in marked[: marked.index("</tr>")]
+    held = load_robot("humanoid")
+    assert "held at 0°" in tool_speeds_html(held, held.jacobian(held.pose("home")))
 
 
 @pytest.mark.parametrize(

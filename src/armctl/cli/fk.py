@@ -13,7 +13,7 @@ from armctl.robot import Robot, load_robot
 
 @click.command(context_settings=QUERY_SETTINGS)
 @click.argument("robot")
-@click.argument("q", nargs=-1, type=float, required=True)
+@click.argument("q", nargs=-1, type=float)
 @json_option
 def fk(robot: str, q: tuple[float, ...], as_json: bool) -> None:
     """Compute the pose of ROBOT's tool at joint angles Q… (degrees).
@@ -21,6 +21,9 @@ def fk(robot: str, q: tuple[float, ...], as_json: bool) -> None:
     Position in mm in the base frame; roll, pitch, yaw as Rz(yaw)·Ry(pitch)·Rx(roll).
     """
     arm = load_robot(robot)
+    if len(q) != arm.n:
+        names = ", ".join(arm.joint_names)
+        raise click.UsageError(f"{arm.name} needs {arm.n} joint angles in degrees, got {len(q)}: {names}")
     configuration = np.radians(arm.chain.checked(q))
     T = arm.forward(configuration)
     rpy = np.degrees(roll_pitch_yaw(T[:3, :3]))

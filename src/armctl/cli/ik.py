@@ -125,9 +125,7 @@ def _refused_records(refused: Sequence[Branch]) -> list[dict[str, object]]:
     ]
 
 
-def _refuse(
-    arm: Robot, solutions: Solutions, refused: Sequence[Branch] | None, as_json: bool
-) -> int:
+def _refuse(arm: Robot, solutions: Solutions, refused: Sequence[Branch] | None, as_json: bool) -> int:
     nearest = solutions.nearest_m
     if as_json:
         record: dict[str, object] = {

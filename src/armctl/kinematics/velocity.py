@@ -57,7 +57,7 @@ class Freedom:
     """How freely the tool moves in a configuration."""
 
     measure: float
-    """``manipulability``, 0 where a direction is lost"""
+    """``manipulability`` of the rows; of the position rows 0 with fewer than three joints, too"""
     singular_values: FloatArray
     """(rows,) largest first; zeros where there are fewer joints than rows [m/rad]"""
     hardest: FloatArray
@@ -162,15 +162,16 @@ def manipulability(jacobian: FloatArray) -> FloatArray:
 
 def position_freedom(jacobian: FloatArray) -> Freedom:
     """How freely the tool point moves: of the position rows of ``jacobian`` (6, n) [m/rad]."""
-    return _freedom(jacobian[:3], float(_lossless(jacobian[:3])))
+    return _freedom(jacobian[:3])
 
 
 def pose_freedom(jacobian: FloatArray) -> Freedom:
-    """How freely the tool moves and turns: of all rows of ``jacobian`` (6, n), for arms with six joints or more.
+    """How freely the tool moves and turns: of all rows of ``jacobian`` (6, n).
 
-    A rad/s counts as the speed that it has at the end of the longest lever; the measure is of J itself.
+    A rad/s counts as the speed that it has at the end of the longest lever; the measure is of J itself. With
+    fewer than six joints some direction is always lost: then only the measure tells anything.
     """
-    return _freedom(_weights(jacobian)[:, None] * jacobian, float(_lossless(jacobian)))
+    return _freedom(_weights(jacobian)[:, None] * jacobian, float(manipulability(jacobian)))
 
 
 def speeds_alone(jacobian: FloatArray, speed_limits: FloatArray) -> FloatArray:
@@ -196,8 +197,8 @@ def turning_speeds(limits: FloatArray, speed_limits: FloatArray) -> FloatArray:
 def position_leaves_pitch(chain: DHChain, limits: FloatArray) -> bool:
     """Whether the tool can pitch while its point stays: False where the position alone decides the pitch.
 
-    It can when height of the approach axis and position together have one more independent direction than
-    the three of the position, somewhere inside the limits.
+    It can when position and height of the approach axis's tip have four independent directions of motion,
+    somewhere inside the limits.
 
     Args:
         chain: the arm.
@@ -215,7 +216,7 @@ def position_leaves_pitch(chain: DHChain, limits: FloatArray) -> bool:
 def _vector(value: ArrayLike, length: int, what: str) -> FloatArray:
     vector = as_numbers(value, what)
     if vector.shape != (length,):
-        raise InputError(f"{what} need the shape ({length},), got {vector.shape}")
+        raise InputError(f"{what} must have the shape ({length},), got {vector.shape}")
     require_finite(vector, what)
     return vector
 
@@ -231,18 +232,14 @@ def _damped(rows: FloatArray, wanted: FloatArray) -> FloatArray:
     u, sizes, vt = np.linalg.svd(rows, full_matrices=False)
     edge = NEAR * float(sizes.max(initial=0.0))
     if edge == 0.0:
-        return np.zeros(rows.shape[1])
+        return np.zeros(vt.shape[-1:])
     gain = np.where(sizes < edge, 2.0 * sizes / (sizes**2 + edge**2), 1.0 / np.maximum(sizes, edge))
     return vt.T @ (gain * (u.T @ wanted))
 
 
-def _lossless(rows: FloatArray) -> FloatArray:
-    """``manipulability`` that is 0 for position rows of fewer than three joints: a direction is lost."""
-    return manipulability(rows) if rows.shape[0] != 3 or rows.shape[1] >= 3 else np.zeros(())
-
-
-def _freedom(rows: FloatArray, measure: float) -> Freedom:
+def _freedom(rows: FloatArray, measure: float | None = None) -> Freedom:
+    """``measure`` None: the product of all singular values, those of missing joints too, which are 0."""
     u, sizes, _ = np.linalg.svd(rows, full_matrices=True)
     values = np.zeros(len(rows))
     values[: len(sizes)] = sizes
-    return Freedom(measure, values, u[:, -1])
+    return Freedom(float(values.prod()) if measure is None else measure, values, u[:, len(rows) - 1])

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import viser
 from numpy.typing import NDArray
@@ -10,23 +12,37 @@ from armctl.robot import Robot
 from armctl.ui.scene.arm_figure import ArmFigure
 
 FloatArray = NDArray[np.float64]
+_COLOR, _OPACITY = (0, 180, 216), 0.35
+_SWELL = 1.08
+"""How much thicker than the arm its ghost is: where both stand in one place, equal surfaces would flicker."""
 
 
 class Ghost:
-    """Shows a configuration; built when it is first needed."""
+    """Shows one configuration; built when it is first needed.
+
+    A page has one ghost, and all its screens use it: it belongs to whoever has shown something last.
+    """
 
     def __init__(self, scene: viser.SceneApi, robot: Robot) -> None:
         self._scene, self._robot = scene, robot
         self._figure: ArmFigure | None = None
+        self._owner: object = None
 
-    def show(self, q: FloatArray) -> None:
-        """Show the arm at ``q`` (n,) [rad]."""
+    def show(self, q: FloatArray, owner: object = None) -> None:
+        """Show the arm at ``q`` (n,) [rad]; the ghost is ``owner``'s from now on."""
         if self._figure is None:
-            self._figure = ArmFigure(self._scene, self._robot, "/ghost", color=(0, 180, 216), opacity=0.35)
+            look = dataclasses.replace(self._robot.look, width=_SWELL * self._robot.look.width)
+            thicker = dataclasses.replace(self._robot, look=look)
+            self._figure = ArmFigure(self._scene, thicker, "/ghost", color=_COLOR, opacity=_OPACITY)
+        self._owner = owner
         self._figure.pose(q)
         self._figure.visible = True
 
-    def hide(self) -> None:
-        """Show nothing."""
-        if self._figure is not None:
+    def hide(self, owner: object = None) -> None:
+        """Show nothing, if what is shown is ``owner``'s."""
+        if self.shown_by(owner) and self._figure is not None:
             self._figure.visible = False
+
+    def shown_by(self, owner: object = None) -> bool:
+        """Whether the ghost is shown, and ``owner``'s."""
+        return self._figure is not None and self._figure.visible and self._owner is owner

@@ -1,4 +1,4 @@
-"""Forward: joint angles in, tool pose out; go there, absolutely or by so much from where the arm is."""
+"""Forward: joint angles and tool pose, coupled; go there, absolutely or by so much from where the arm is."""
 
 from __future__ import annotations
 
@@ -19,6 +19,8 @@ from armctl.ui.screens.forward_angles import (
     resulting_pose,
     results_html,
 )
+from armctl.ui.screens.pose_coupling import PoseCoupling
+from armctl.ui.screens.velocity_form import VelocityForm
 from armctl.ui.widgets.html_bits import refused
 from armctl.ui.widgets.movement import MovementChoice
 from armctl.ui.widgets.number_field import EditWatch
@@ -33,11 +35,11 @@ FloatArray = NDArray[np.float64]
 _ABSOLUTE_HINT = "The angles are absolute: each joint goes to its angle."
 _RELATIVE_HINT = "The angles are added to those where the arm stands now."
 _SHOWN_HINT = "What the ghost and the figures below stand for."
-_NOTE = "Type joint angles. Nothing moves until a button is pressed."
+_NOTE = "Type joint angles, or a tool pose. Nothing moves until a Go button is pressed."
 
 
 class ForwardScreen:
-    """Angle fields, the two ways to go, and the figures of a configuration."""
+    """Angle and pose fields, the two ways to go, and the figures of a configuration."""
 
     label: ClassVar[str] = "Forward"
     icon: ClassVar[viser.IconName | None] = None
@@ -51,6 +53,7 @@ class ForwardScreen:
         gui = session.gui
         self._note = LiveHtml(gui, _NOTE)
         self._angles = AngleFields(gui, self._robot, session.snapshot.q_command)
+        self._coupling = PoseCoupling(session, self._angles, self._on_coupled)
         self._fill = gui.add_button_group("Fill with", ("present pose", *self._robot.poses))
         self._results = LiveHtml(gui)
         self._movement = MovementChoice(session)
@@ -61,15 +64,18 @@ class ForwardScreen:
             self._pose = LiveHtml(gui)
         with gui.add_folder("Jacobian and manipulability"):
             self._jacobian = LiveHtml(gui)
-        self._watch = EditWatch([*self._angles.fields, self._movement.duration])
+        with gui.add_folder("Velocities"):
+            self._velocities = VelocityForm(session)
+        pose_fields = self._coupling.pose.fields
+        self._watch = EditWatch([*self._angles.fields, *pose_fields, self._movement.duration])
         self._attach()
 
     def _attach(self) -> None:
         session = self._session
         for field in self._angles.fields:
-            session.on(field.handle.on_update, self._on_edit)
+            session.on(field.handle.on_update, self._on_angle)
         session.on(self._fill.on_click, self._on_fill)
-        session.on(self._shown.on_update, self._on_edit)
+        session.on(self._shown.on_update, self._on_shown)
         session.on(self._absolute.on_click, self._on_absolute)
         session.on(self._relative.on_click, self._on_relative)
 
@@ -78,16 +84,29 @@ class ForwardScreen:
         self._draw(snapshot)
         self._preview.refresh(snapshot)
 
-    async def _on_edit(self) -> None:
-        self._edited = True
-        self._drawn = ()
-        self._draw(self._session.snapshot)
+    async def _on_angle(self) -> None:
+        self._coupling.follow_angles()
+        self._edit()
+
+    async def _on_shown(self) -> None:
+        self._edit()
 
     async def _on_fill(self) -> None:
         asked = self._fill.value
         present = asked == "present pose"
         self._angles.fill(self._session.snapshot.q_command if present else self._robot.pose(asked))
-        await self._on_edit()
+        self._coupling.follow_angles()
+        self._edit()
+
+    def _on_coupled(self) -> None:
+        """A pose was typed and the joint angles have followed: a pose is absolute, so that is shown."""
+        self._shown.value = SHOWN[0]
+        self._edit()
+
+    def _edit(self) -> None:
+        self._edited = True
+        self._drawn = ()
+        self._draw(self._session.snapshot)
 
     async def _on_absolute(self) -> None:
         await self._go(REFERENCE)
@@ -97,6 +116,7 @@ class ForwardScreen:
 
     async def _go(self, how: str) -> None:
         self._watch.require_settled()
+        self._coupling.require_met()
         asked = self._angles.radians()
         profile, duration = self._movement.checked()
         q = self._robot.check_limits(resulting_pose(how, asked, self._session.snapshot.q_command))
@@ -138,6 +158,8 @@ class ForwardScreen:
         if q is None:
             self._pose.show(refused(why))
             self._jacobian.show("")
+            self._velocities.show(None)
             return
         self._pose.show(pose_html(self._robot, q))
         self._jacobian.show(jacobian_html(self._robot, q))
+        self._velocities.show(q)

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from armctl.errors import ArmctlError
 from armctl.robot import Robot
 from armctl.ui.widgets.html_bits import fixed, muted, refused
+from armctl.ui.widgets.joint_step import held_at
 from armctl.ui.widgets.number_field import NumberField
 from armctl.ui.widgets.text import table
 
@@ -24,7 +25,13 @@ class AngleFields:
 
     def __init__(self, gui: viser.GuiApi, robot: Robot, q: FloatArray) -> None:
         self.fields = [
-            NumberField(gui, f"{joint.title} °", value, hint=limits_text(robot, i))
+            NumberField(
+                gui,
+                f"{joint.title} °",
+                value,
+                hint=limits_text(robot, i),
+                disabled=held_at(joint) is not None,
+            )
             for i, (joint, value) in enumerate(zip(robot.joints, np.degrees(q).tolist(), strict=True))
         ]
 
@@ -48,6 +55,8 @@ class AngleFields:
 
 def limits_text(robot: Robot, joint: int) -> str:
     """A joint's limits, in words."""
+    if (held := held_at(robot.joints[joint])) is not None:
+        return f"{robot.joints[joint].title}: {held}"
     low, high = np.degrees(robot.limits[joint]).tolist()
     return f"{robot.joints[joint].title}: {fixed(low, 2)}° … {fixed(high, 2)}°"
 

@@ -59,12 +59,13 @@ class NumberField:
         *,
         hint: str | None = None,
         visible: bool = True,
+        disabled: bool = False,
     ) -> None:
         """Add the field to the present container; ``value`` None: empty."""
         self.label = label
         self._exact = value
         self._filled = "" if value is None else format_number(value)
-        self.handle = gui.add_text(label, self._filled, hint=hint, visible=visible)
+        self.handle = gui.add_text(label, self._filled, hint=hint, visible=visible, disabled=disabled)
 
     @property
     def text(self) -> str:

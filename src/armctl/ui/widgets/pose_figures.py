@@ -2,53 +2,37 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
 from html import escape
 
 import numpy as np
 from numpy.typing import NDArray
 
 from armctl.kinematics import quaternion_wxyz, roll_pitch_yaw
+from armctl.kinematics.velocity import (
+    Freedom,
+    manipulability,
+    pose_freedom,
+    position_freedom,
+    speeds_alone,
+    turning_speeds,
+)
 from armctl.robot import Robot
 from armctl.ui.widgets.html_bits import fixed, heading, muted, numbers
+from armctl.ui.widgets.joint_step import held_at
 from armctl.ui.widgets.text import table
 
 FloatArray = NDArray[np.float64]
-_SINGULAR = 1e-6
-_NEAR = 0.05
+_ASIDE = 0.35
+"""a part of a direction smaller than this is left out of its description (20°)"""
+_ON_AXIS_M = 1e-3
+_ALIKE = math.radians(20)
+"""one rate for all joints, so that they can be compared [rad/s]"""
+_FORMULA = {True: "√det(J Jᵀ)", False: "√det(Jᵀ J)"}
+"""of six joints or more, and of fewer"""
 _ROWS = ("vx mm/s", "vy mm/s", "vz mm/s", "ωx rad/s", "ωy rad/s", "ωz rad/s")
-
-
-@dataclass(frozen=True, slots=True)
-class Manipulability:
-    """How freely the tool can move in a configuration."""
-
-    measure: float
-    """sqrt(det(J Jᵀ)) of the rows that count"""
-    rows: int
-    """3: position only (arms with fewer than six joints); 6: position and orientation"""
-    isotropy: float
-    """smallest over largest singular value: 1 alike in all directions, 0 singular"""
-    blocked: FloatArray
-    """(rows,) the direction in which the tool moves least"""
-
-    @property
-    def verdict(self) -> str:
-        """How near to singular, in words."""
-        if self.isotropy < _SINGULAR:
-            return "singular"
-        return "near a singularity" if self.isotropy < _NEAR else "well away from singularities"
-
-
-def manipulability(jacobian: FloatArray) -> Manipulability:
-    """Yoshikawa's measure of a geometric Jacobian (6, n): of its position rows when n < 6."""
-    rows = 3 if jacobian.shape[1] < 6 else 6
-    u, sizes, _ = np.linalg.svd(jacobian[:rows], full_matrices=True)
-    values = np.zeros(rows)
-    values[: len(sizes)] = sizes
-    largest = float(values[0])
-    isotropy = float(values[-1]) / largest if largest > 0 else 0.0
-    return Manipulability(float(np.prod(values)), rows, isotropy, u[:, -1])
+_WAYS = (("out", "in"), ("left", "right"), ("up", "down"))
+_WAYS_ON_AXIS = (("along +x", "along −x"), ("along +y", "along −y"), ("up", "down"))
 
 
 def pose_html(robot: Robot, q: FloatArray) -> str:
@@ -62,7 +46,7 @@ def pose_html(robot: Robot, q: FloatArray) -> str:
     turned = " · ".join(f"{name} <b>{fixed(angle, 3)}°</b>" for name, angle in angles)
     quaternion = numbers(quaternion_wxyz(T[:3, :3]).tolist(), 5)
     return (
-        heading("Matrix: tool in base, lengths in mm")
+        heading("Matrix: tool in base, position in mm")
         + table(["x axis", "y axis", "z axis", "position"], rows, names=False)
         + heading("Orientation")
         + f"<div>{turned}</div>"
@@ -72,7 +56,7 @@ def pose_html(robot: Robot, q: FloatArray) -> str:
 
 
 def jacobian_html(robot: Robot, q: FloatArray) -> str:
-    """Geometric Jacobian and manipulability at ``q`` (n,) [rad]."""
+    """Geometric Jacobian, manipulability and the joints' own tool speeds at ``q`` (n,) [rad]."""
     J = robot.jacobian(q)
     shown = J.copy()
     shown[:3] *= 1000
@@ -80,25 +64,82 @@ def jacobian_html(robot: Robot, q: FloatArray) -> str:
         [name, *(fixed(value, 2 if i < 3 else 4) for value in row)]
         for i, (name, row) in enumerate(zip(_ROWS, shown.tolist(), strict=True))
     ]
+    whole = fixed(float(manipulability(J)), 4)
+    # six joints may lose a turn where the tool point is free: a singular wrist
+    wrist = "" if robot.n < 6 else f"; position and orientation: {pose_freedom(J).verdict}"
+    head = ["per rad/s of", *(joint.title for joint in robot.joints)]
     return (
         heading(f"Geometric Jacobian (6×{robot.n}), base frame")
-        + table(["per rad/s of", *(joint.title for joint in robot.joints)], rows)
+        + f"<div style='font-size:11px'>{table(head, rows)}</div>"
         + heading("Manipulability")
-        + manipulability_html(manipulability(J))
+        + manipulability_html(position_freedom(J), robot.forward(q)[:3, 3])
+        + muted(f"{_FORMULA[robot.n >= 6]} of all six rows, in m and rad: {whole}{wrist}")
+        + heading("Tool point's speed when one joint alone turns")
+        + tool_speeds_html(robot, J)
     )
 
 
-def manipulability_html(figure: Manipulability) -> str:
-    """The measure, its meaning, and the direction that is hardest."""
-    unit, scale = ("10⁶ mm³", 1e3) if figure.rows == 3 else ("m³", 1.0)
-    color = "#2b8a3e" if figure.isotropy >= _NEAR else "#c92a2a"
-    rows = "position rows" if figure.rows == 3 else "all rows"
-    text = (
-        f"<div>√det(J Jᵀ), {rows}: <b>{scale * figure.measure:.4f}</b> {unit}/rad³ · "
-        f"<b style='color:{color}'>{escape(figure.verdict)}</b></div>"
-        f"<div>smallest / largest singular value: {figure.isotropy:.4f} "
-        "<span style='opacity:.75'>(0 = singular)</span></div>"
+def manipulability_html(freedom: Freedom, tip: FloatArray) -> str:
+    """The measure, the distance from singularities, and the direction that is hardest.
+
+    Args:
+        freedom: of the tool point.
+        tip: (3,) the tool point [m], from which "out" leads away from the base axis.
+    """
+    free = freedom.verdict == "well away from singularities"
+    lost = freedom.verdict == "singular"
+    color = "#2b8a3e" if free else "#c92a2a"
+    ratio = "∞" if lost else fixed(freedom.condition, 1)
+    way = f"{direction_words(freedom.hardest, tip)}, along ({numbers(freedom.hardest.tolist(), 2)})"
+    how = "cannot move" if lost else "moves least" if free else "can hardly move"
+    return (
+        f"<div><b style='color:{color}'>{escape(freedom.verdict.capitalize())}</b>: "
+        f"the tool {how} {escape(way)}.</div>"
+        f"<div>√det(J Jᵀ) of the position rows: <b>{1e3 * freedom.measure:.4f}</b> × 10⁶ mm³/rad³</div>"
+        f"<div>smallest singular value: <b>{fixed(1000 * freedom.smallest, 2)}</b> mm/rad; "
+        f"largest / smallest: {ratio}</div>"
     )
-    if figure.isotropy < _NEAR:
-        text += f"<div>the tool can hardly move along ({numbers(figure.blocked[:3].tolist(), 2)})</div>"
-    return text
+
+
+def direction_words(direction: FloatArray, tip: FloatArray) -> str:
+    """A line through the tool point in words, either way along it.
+
+    Args:
+        direction: (3,) unit vector, base frame; its sign means nothing.
+        tip: (3,) the tool point [m]: out is away from the base's z axis, left is to its left.
+    """
+    x, y, _ = tip.tolist()
+    distance = math.hypot(x, y)
+    ways = _WAYS_ON_AXIS if distance < _ON_AXIS_M else _WAYS
+    out = np.array([1.0, 0.0, 0.0]) if distance < _ON_AXIS_M else np.array([x, y, 0.0]) / distance
+    axes = np.stack([out, [-out[1], out[0], 0.0], [0.0, 0.0, 1.0]])
+    parts = [(float(part), way) for part, way in zip(axes @ direction, ways, strict=True)]
+    large = [(part, way) for part, way in parts if abs(part) >= _ASIDE]
+    ahead = large[0][0] > 0
+    there = " and ".join(way[(part > 0) != ahead] for part, way in large)
+    back = " and ".join(way[(part > 0) == ahead] for part, way in large)
+    return f"{there} or {back}"
+
+
+def tool_speeds_html(robot: Robot, jacobian: FloatArray) -> str:
+    """How fast each joint alone moves the tool point; the joint that moves it farthest is marked."""
+    alike = 1000 * speeds_alone(jacobian, np.full(robot.n, _ALIKE))
+    speeds = 1000 * speeds_alone(jacobian, turning_speeds(robot.limits, robot.speed_limits))
+    rows = [
+        [
+            joint.title,
+            held_at(joint) or f"{fixed(same, 1)} mm/s",
+            f"{fixed(limit, 1)} °/s" if held_at(joint) is None else "",
+            f"{fixed(speed, 1)} mm/s" if held_at(joint) is None else "",
+        ]
+        for joint, same, limit, speed in zip(
+            robot.joints,
+            alike.tolist(),
+            np.degrees(robot.speed_limits).tolist(),
+            speeds.tolist(),
+            strict=True,
+        )
+    ]
+    most = int(np.where(speeds > 0, alike, 0.0).argmax())
+    head = ["joint", f"at {fixed(math.degrees(_ALIKE), 0)} °/s", "its limit", "at its limit"]
+    return table(head, rows, marked=most if speeds[most] > 0 else None)

@@ -13,7 +13,7 @@ _THERE = 1e-4
 
 
 class Preview:
-    """Shows where the arm would stand; hides when it does, for two arms in one place only flicker."""
+    """Shows where the arm would stand, until it does or another screen shows something."""
 
     def __init__(self, ghost: Ghost) -> None:
         self._ghost = ghost
@@ -22,7 +22,7 @@ class Preview:
     @property
     def shown(self) -> bool:
         """Whether this screen's ghost is shown."""
-        return self._q is not None
+        return self._q is not None and self._ghost.shown_by(self)
 
     def show(self, q: FloatArray, present: FloatArray) -> None:
         """Show ``q`` (n,) [rad], unless the arm stands there now."""
@@ -30,13 +30,12 @@ class Preview:
             self.hide()
             return
         self._q = q.copy()
-        self._ghost.show(q)
+        self._ghost.show(q, self)
 
     def hide(self) -> None:
         """Show nothing, if it is this screen's ghost that is shown."""
-        if self._q is not None:
-            self._q = None
-            self._ghost.hide()
+        self._q = None
+        self._ghost.hide(self)
 
     def refresh(self, snapshot: Snapshot) -> None:
         """Hide once the arm has come to the ghost."""
