@@ -105,6 +105,13 @@ def by_id(tmp_path: Path) -> Path:
     return folder
 
 
+def test_a_folder_of_stable_names_that_vanishes_while_it_is_read(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+):
+    monkeypatch.setattr(Path, "is_dir", lambda _self: True)  # udev removes it right after the look
+    assert ports(by_id=tmp_path / "by-id") == []
+
+
 def test_stable_names_alone_are_enough(by_id: Path, tmp_path: Path):
     command, ttl, adapter = ports(by_id=by_id)
     assert command.device == str(tmp_path / "ttyACM0")

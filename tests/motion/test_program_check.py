@@ -34,6 +34,10 @@ def test_a_good_program() -> None:
         (PointStep(x_mm=900, y_mm=0, z_mm=0), "step 2: "),
         (PointStep(x_mm=200, y_mm=0, z_mm=85, choose="cheapest"), "step 2: there is no criterion 'cheapest'"),
         (PointStep(x_mm=float("nan"), y_mm=0, z_mm=85), "step 2: the target position must be finite"),
+        (GripperStep(open_percent=250), "step 2: the gripper opens 0 … 100 %, not 250"),
+        (GripperStep(open_percent=float("nan")), "step 2: the gripper opens 0 … 100 %, not nan"),
+        (WaitStep(seconds=-1), "step 2: a wait takes 0 … 86400 s, not -1"),
+        (WaitStep(seconds=float("inf")), "step 2: a wait takes 0 … 86400 s, not inf"),
     ],
 )
 def test_what_is_wrong_with_a_step(step: Step, message: str) -> None:

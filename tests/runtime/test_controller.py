@@ -13,6 +13,7 @@ from armctl.errors import ArmctlError, StateError
 from armctl.runtime import (
     Connect,
     Controller,
+    Disconnect,
     Enable,
     ManualClock,
     MonotonicClock,
@@ -20,6 +21,7 @@ from armctl.runtime import (
     Origin,
     State,
 )
+from armctl.runtime.mover import PathMover
 
 PATIENCE_S = 20.0
 REST, HOME = ROBOT.pose("rest"), ROBOT.pose("home")
@@ -164,3 +166,43 @@ def test_a_wake_between_two_ticks_writes_nothing_and_loses_no_time() -> None:
     rig.tick(0.017)
     rig.until(lambda s: s.progress >= 0.5)
     assert rig.now.stamp - rig.history[2].stamp == pytest.approx(1.0, abs=0.03)
+
+
+def test_whoever_waits_for_a_ticket_finds_the_snapshot_that_shows_it(rig: Rig) -> None:
+    seen: list[tuple[State, np.ndarray]] = []
+
+    def note(_: object) -> None:
+        seen.append((rig.now.state, rig.now.q_command))
+
+    rig.controller.submit(Connect("sim"), TEST).finished.add_done_callback(note)
+    rig.tick()
+    rig.controller.submit(Enable(), TEST).finished.add_done_callback(note)
+    rig.tick()
+    rig.controller.submit(MoveJoints(HOME), TEST).finished.add_done_callback(note)
+    rig.until(lambda s: s.state is State.MOVING)
+    rig.until(lambda s: s.state is State.HOLDING)
+    assert [state for state, _ in seen] == [State.OFF, State.HOLDING, State.HOLDING]
+    assert np.array_equal(seen[2][1], HOME)
+
+
+def test_closing_answers_a_disconnect_that_waits_for_a_standstill() -> None:
+    rig = make_rig().enable()
+    rig.do(MoveJoints(HOME))
+    rig.run(0.4)
+    leaving = rig.do(Disconnect())
+    assert not leaving.finished.done()
+    rig.controller.close()
+    leaving.finished.result(0)
+
+
+def test_a_snapshot_that_cannot_be_made_is_a_fault_and_the_ticks_go_on(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    rig = make_rig().enable()
+    motion = rig.do(MoveJoints(HOME))
+    with monkeypatch.context() as patch:
+        patch.setattr(PathMover, "view", lambda _: 1 / 0)
+        rig.tick()
+    rig.tick()
+    assert rig.now.state is State.FAULT
+    assert isinstance(motion.finished.exception(0), ArmctlError)

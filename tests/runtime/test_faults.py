@@ -26,6 +26,7 @@ from armctl.runtime import (
     SetSpeed,
     State,
 )
+from armctl.runtime.log import EventLog
 from armctl.runtime.mover import PathMover
 
 REST, HOME = ROBOT.pose("rest"), ROBOT.pose("home")
@@ -283,3 +284,85 @@ def test_the_log_is_bounded(holding: Rig) -> None:
     for k in range(300):
         holding.do(SetSpeed(0.5 + 0.5 * (k % 2)))
     assert len(holding.now.events) == 200
+
+
+def test_pulses_that_go_off_during_another_fault_leave_nothing_to_hold(
+    holding: Rig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    holding.do(MoveJoints(HOME))
+    with monkeypatch.context() as patch:
+        patch.setattr(PathMover, "advance", lambda *_: 1 / 0)
+        holding.tick()
+    holding.driver.positions.clear()
+    holding.run(0.1)
+    assert "ZeroDivisionError" in holding.now.cause
+    holding.do(ClearFault()).finished.result(0)
+    assert holding.now.state is State.OFF
+    assert not holding.now.powered
+
+
+def test_a_reading_without_pulses_halts_the_arm_at_once_and_one_is_no_fault(holding: Rig) -> None:
+    holding.do(MoveJoints(HOME))
+    holding.run(10 * TICK)
+    good = dict(holding.driver.positions)
+    del holding.driver.positions[2]
+    holding.driver.write = lambda setpoints: holding.driver.writes.append((0.0, dict(setpoints)))  # type: ignore[method-assign]
+    holding.tick()
+    count = len(holding.driver.writes)
+    holding.tick()
+    assert len(holding.driver.writes) == count
+    holding.driver.positions = good
+    del holding.driver.write  # type: ignore[method-assign]
+    holding.until(lambda s: s.state is State.HOLDING)
+    assert holding.now.cause == "move finished"
+
+
+def test_what_was_off_before_enabling_does_not_count(holding: Rig) -> None:
+    holding.driver.positions.clear()
+    holding.run(0.1)
+    holding.do(ClearFault())
+    holding.do(Enable()).finished.result(0)
+    pulses = dict(holding.driver.positions)
+    holding.driver.positions.clear()
+    holding.tick()
+    assert holding.now.state is State.HOLDING
+    holding.driver.positions = pulses
+    holding.run(0.2)
+    assert holding.now.state is State.HOLDING
+
+
+def test_after_a_stall_the_board_is_asked_before_it_is_written_to(holding: Rig) -> None:
+    holding.do(MoveJoints(HOME))
+    holding.run(10 * TICK)
+    holding.driver.positions.clear()  # the board's own watchdog
+    holding.driver.errors = ("serial timeout",)
+    count = len(holding.driver.writes)
+    holding.tick(0.7)
+    holding.run(0.2)
+    assert len(holding.driver.writes) == count
+    assert holding.now.state is State.FAULT
+    assert "switched the pulses off by itself" in holding.now.cause
+
+
+def test_a_board_that_went_home_by_itself_is_not_written_to(holding: Rig) -> None:
+    holding.do(MoveJoints(HOME))
+    holding.run(10 * TICK)
+    holding.driver.positions[0] += 90.0  # 10° away
+    holding.driver.errors = ("serial timeout",)
+    count = len(holding.driver.writes)
+    holding.tick(0.7)
+    assert holding.now.state is State.FAULT
+    assert holding.now.cause.startswith("the board moved the arm by itself (Base; serial timeout); see ")
+    holding.do(ClearFault())
+    assert len(holding.driver.writes) == count
+    holding.do(Enable()).finished.result(0)
+    assert np.degrees(holding.now.q_command[0] - REST[0]) > 9
+
+
+def test_a_clock_that_was_set_back_does_not_silence_the_log(monkeypatch: pytest.MonkeyPatch) -> None:
+    times = iter([5000.0, 5001.0, 1000.0])
+    monkeypatch.setattr("armctl.runtime.log.wall_time", lambda: next(times))
+    log = EventLog()
+    for _ in range(3):
+        log.warning("STOP (test)")
+    assert [event.stamp for event in log.events] == [5000.0, 1000.0]

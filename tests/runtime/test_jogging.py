@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from tests.runtime.kit import (
@@ -159,3 +161,24 @@ def test_the_gripper_may_move_at_the_same_time(rig: Rig) -> None:
     assert rig.now.gripper == 1.0
     assert all(len(values) in (1, 5, 6) for _, values in rig.driver.writes)
     assert any(len(values) == 6 for _, values in rig.driver.writes)
+
+
+def test_a_held_joint_is_not_jogged() -> None:
+    held = replace(ROBOT.joints[4], lower=0.0, upper=0.0)
+    rig = make_rig(robot=replace(ROBOT, joints=(*ROBOT.joints[:4], held))).enable(HOME)
+    with pytest.raises(InputError, match=r"Wrist roll is held at 0\.00°: .* cannot be jogged"):
+        rig.do(Jog(rates(4))).accepted.result(0)
+    assert rig.now.state is State.HOLDING
+    hold(rig, rates(0), 0.2)
+    assert rig.now.q_command[0] > HOME[0]
+    assert rig.now.q_command[4] == 0.0
+    assert rig.now.warnings == ()
+
+
+def test_what_its_sender_writes_afterwards_changes_nothing(rig: Rig) -> None:
+    wanted = rates(0, 0.1)
+    rig.do(Jog(wanted)).accepted.result(0)
+    wanted[:] = 1e6
+    rig.run(0.08)
+    assert np.degrees(rig.now.velocity_command[0]) == pytest.approx(6)
+    assert not rig.now.velocity_command[1:].any()

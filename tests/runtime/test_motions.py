@@ -203,6 +203,17 @@ def test_a_defect_of_the_planner_is_told_and_harms_nothing() -> None:
     assert rig.now.state is State.HOLDING
 
 
+def test_a_plan_that_the_executor_dropped_is_told_and_harms_nothing() -> None:
+    executor = LateExecutor()
+    rig = make_rig(executor).enable()
+    ticket = rig.do(MoveJoints(HOME))
+    executor.waiting[0][0].cancel()
+    rig.tick()
+    with pytest.raises(StateError, match="the planner dropped it"):
+        ticket.accepted.result(0)
+    assert rig.now.state is State.HOLDING
+
+
 def test_following_a_trajectory_of_ones_own(holding: Rig) -> None:
     first = plan_target(ROBOT, REST, Target.of(arc()[20]))
     second = plan_target(ROBOT, first.end, Target.of(arc()[21]))

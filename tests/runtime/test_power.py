@@ -1,11 +1,20 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from tests.runtime.kit import ROBOT, Rig, make_rig
 
-from armctl.errors import BoardError, InputError, MotionRefusedError, PortError, StateError
-from armctl.hardware import Source
+from armctl.errors import (
+    BoardError,
+    BoardTimeoutError,
+    InputError,
+    MotionRefusedError,
+    PortError,
+    StateError,
+)
+from armctl.hardware import BoardIdentity, Readback, Source
 from armctl.runtime import (
     ClearFault,
     Connect,
@@ -203,3 +212,76 @@ def test_there_is_no_fault_to_clear(holding: Rig) -> None:
 def test_a_rate_that_cannot_be() -> None:
     with pytest.raises(InputError, match="5 Hz is outside 10 … 200 Hz"):
         make_rig(rate_hz=5)
+
+
+def test_two_readings_that_differ_are_not_taken_over(rig: Rig) -> None:
+    rig.driver.positions = pulses(HOME)
+    rig.do(Connect("sim"))
+    readings = iter([pulses(REST), pulses(HOME)])
+    rig.driver.read = lambda: Readback(next(readings), Source.TRANSMITTED)  # type: ignore[method-assign]
+    ticket = rig.controller.submit(Enable())
+    rig.controller.tick()
+    with pytest.raises(StateError, match=r"two things of where it is \(Shoulder, Wrist pitch\)"):
+        ticket.finished.result(0)
+    assert rig.driver.writes == []
+    assert rig.now.state is State.OFF
+
+
+def test_enable_on_a_board_that_is_silent_for_once_may_be_tried_again(rig: Rig) -> None:
+    rig.do(Connect("sim"))
+    rig.driver.fail["read"] = BoardTimeoutError("no answer")
+    with pytest.raises(StateError, match="did not answer where it is; try again"):
+        rig.do(Enable()).finished.result(0)
+    rig.driver.fail.clear()
+    rig.do(Enable()).finished.result(0)
+    assert rig.now.state is State.HOLDING
+
+
+def test_joints_do_not_jump_to_below_the_floor_under_those_that_stay(rig: Rig) -> None:
+    low = np.radians([0, -3, -60, -20, 0])
+    rig.driver.positions = {channel: pulse for channel, pulse in pulses(low).items() if channel < 3}
+    rig.do(Connect("sim"))
+    with pytest.raises(MotionRefusedError, match="mm below the floor"):
+        rig.do(Enable(np.where([1, 1, 1, 0, 0], HOME, low))).finished.result(0)
+    assert rig.driver.writes == []
+
+
+def test_a_gripper_that_stands_beyond_its_range_is_taken_over(rig: Rig) -> None:
+    rig.driver.positions = {**pulses(HOME), 5: 2100.0}
+    rig.enable()
+    assert rig.now.gripper == 1.0
+    rig.do(MoveGripper(0.5))
+    rig.run(1)
+    assert rig.now.state is State.HOLDING
+    assert rig.now.gripper == 0.5
+
+
+def test_pulses_that_go_on_after_a_release_are_told(holding: Rig) -> None:
+    holding.driver.release = lambda: None  # type: ignore[method-assign]  # lost on the line
+    holding.do(Release())
+    holding.run(0.1)
+    assert holding.now.state is State.OFF
+    assert holding.now.powered
+    (warning,) = holding.now.warnings
+    assert warning.startswith("the board still sends pulses (Base, Shoulder, Elbow, Wrist pitch, Wrist roll)")
+    holding.driver.positions.clear()
+    holding.tick()
+    assert holding.now.warnings == ()
+
+
+def test_an_arm_without_a_servo_map_is_driven_on_a_simulated_board_only() -> None:
+    rig = make_rig(robot=replace(ROBOT, servo_map=None, gripper=None)).enable()
+    assert rig.now.state is State.HOLDING
+    rig.do(Disconnect())
+    rig.driver.open = lambda: BoardIdentity("real board", "/dev/ttyACM0")  # type: ignore[method-assign]
+    with pytest.raises(StateError, match=r"uzuner has no servo map: .* only the simulated board"):
+        rig.do(Connect("/dev/ttyACM0")).finished.result(0)
+    assert rig.now.state is State.DISCONNECTED
+    assert rig.driver.calls[-1] == "close"
+
+
+def test_what_a_board_did_not_say_is_not_made_up(rig: Rig) -> None:
+    rig.driver.positions = pulses(HOME)
+    rig.driver.fail["read"] = BoardTimeoutError("no answer")
+    rig.do(Connect("sim")).finished.result(0)
+    assert rig.now.cause.endswith("it has not said yet whether it sends pulses")

@@ -227,3 +227,28 @@ def test_the_gripper_belongs_to_the_program_during_its_step(holding: Rig) -> Non
         holding.do(MoveGripper(0.2)).accepted.result(0)
     holding.run(1)
     holding.do(MoveGripper(0.2)).accepted.result(0)
+
+
+def test_a_defect_in_planning_the_next_step_is_logged_once(
+    holding: Rig, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    def broken(*_: object) -> None:
+        raise ValueError("oops")
+
+    monkeypatch.setattr("armctl.motion.plan.plan_target", broken)
+    ticket = holding.do(RunProgram(program(TO_HOME, POINT, TO_REST)))
+    holding.until(lambda s: s.state is State.HOLDING)
+    with pytest.raises(ProgramError, match="step 2: planning failed: ValueError: oops"):
+        ticket.finished.result(0)
+    assert sum(record.message == "planning failed" for record in caplog.records) <= 2
+
+
+def test_a_gripper_step_takes_the_place_of_a_gripper_command(holding: Rig) -> None:
+    holding.do(MoveGripper(0.0))
+    holding.tick()
+    command = holding.do(MoveGripper(1.0))
+    holding.do(RunProgram(program(GripperStep(open_percent=20))))
+    with pytest.raises(StateError, match="a newer gripper command took its place"):
+        command.finished.result(0)
+    holding.until(lambda s: s.state is State.HOLDING)
+    assert holding.now.gripper == 0.2

@@ -11,8 +11,8 @@ from tests.runtime.kit import (
     assert_stream_keeps_limits,
 )
 
-from armctl.errors import StateError
-from armctl.runtime import Jog, MoveGripper, MoveJoints, Pause, Resume, State
+from armctl.errors import BoardTimeoutError, StateError
+from armctl.runtime import Jog, MoveGripper, MoveJoints, Origin, Pause, Resume, State
 
 REST, HOME = ROBOT.pose("rest"), ROBOT.pose("home")
 
@@ -132,3 +132,47 @@ def test_a_jog_that_is_still_held_does_not_go_on_after_a_stop(holding: Rig) -> N
     holding.do(Jog(rates)).accepted.result(0)
     holding.run(0.1)
     assert holding.now.q_command[0] > stood[0]
+
+
+def test_a_stop_before_the_first_setpoint_moves_nothing(holding: Rig) -> None:
+    count = len(holding.driver.writes)
+    holding.do(MoveJoints(far(holding)))
+    holding.controller.stop(TEST)
+    holding.tick()
+    assert holding.now.state is State.HOLDING
+    assert len(holding.driver.writes) == count
+
+
+def test_a_jog_that_the_stop_dropped_counts_as_held(holding: Rig) -> None:
+    rates = np.array([1.0, 0, 0, 0, 0])
+    holding.do(Jog(rates))
+    holding.run(0.1)
+    dropped = holding.controller.submit(Jog(rates), TEST)
+    holding.controller.stop(TEST)
+    holding.tick()
+    with pytest.raises(StateError, match="before it began"):
+        dropped.accepted.result(0)
+    holding.run(0.14)
+    with pytest.raises(StateError, match="let go first"):
+        holding.do(Jog(rates)).accepted.result(0)
+
+
+def test_a_jog_is_over_on_a_board_that_does_not_answer(holding: Rig) -> None:
+    holding.do(Jog(np.array([1.0, 0, 0, 0, 0])))
+    holding.tick()
+    holding.driver.fail["read"] = BoardTimeoutError("no answer")
+    holding.run(2 * TICK)
+    ticket = holding.controller.stop(TEST)
+    holding.tick()
+    ticket.finished.result(0)
+    assert holding.now.state is State.HOLDING
+
+
+def test_why_it_was_stopped_is_told(holding: Rig) -> None:
+    motion = holding.do(MoveJoints(far(holding)))
+    holding.run(0.3)
+    holding.controller.stop(Origin("page 3", "the operator's page is gone"))
+    holding.until(lambda s: s.state is State.HOLDING, seconds=1)
+    assert "STOP (page 3: the operator's page is gone)" in holding.texts
+    with pytest.raises(StateError, match="stopped by page 3: the operator's page is gone"):
+        motion.finished.result(0)

@@ -12,12 +12,14 @@ from armctl.errors import BoardError
 from armctl.hardware import Fault, FaultyModel, LoopTransport, Source
 from armctl.hardware.maestro import (
     ChannelConfig,
+    HomeMode,
     MaestroDriver,
     MaestroModel,
     MaestroSettings,
     SimulatedMaestro,
 )
-from armctl.hardware.maestro.codec import Opcode
+from armctl.hardware.maestro.codec import Opcode, set_target
+from armctl.hardware.maestro.units import us_to_quarters
 from armctl.motion import MoveStep, PointStep, Program
 from armctl.runtime import (
     ClearFault,
@@ -184,14 +186,20 @@ def test_a_board_that_forgot_its_limits_in_the_dark_is_given_them_again(bench: B
     assert any(command.opcode is Opcode.SET_SPEED for command in bench.board.log[before:])
 
 
-def test_an_error_that_sends_the_channels_off_is_a_fault_at_the_next_readings(bench: Bench) -> None:
-    bench.controller.submit(MoveJoints(HOME, duration_s=10), TEST)
+def test_a_board_that_goes_to_its_own_home_on_an_error_is_a_fault() -> None:
+    home = {0: ChannelConfig(minimum_us=500, maximum_us=2500, home=HomeMode.GO_TO, home_us=600)}
+    bench = make_bench(WIDE | home)
+    bench.do(Connect("sim"))
+    bench.do(Enable())
+    bench.do(MoveJoints(HOME))  # the base was at the board's home when it was switched on
+    bench.until_holding()
+    on = {channel: bench.board.target_us(channel) for channel in range(1, 5)}
+    bench.board.feed(b"\x05")  # a data byte that belongs to nothing: a protocol error
+    for channel, pulse in on.items():  # as if these ignored it
+        bench.board.feed(set_target(channel, us_to_quarters(pulse or 0.0)))
     bench.run(0.5)
-    bench.board.feed(b"\x05")  # a data byte that belongs to nothing: a protocol error, all channels home
-    before = bench.now.stamp + 1.5 * TICK  # the setpoint of the next tick is under way already
-    bench.run(1.0)
-    assert bench.now.state in (State.FAULT, State.HOLDING)
-    assert not [c for c in bench.board.log if c.opcode is Opcode.SET_TARGET and c.time > before + 0.3]
+    assert bench.now.state is State.FAULT
+    assert bench.now.cause.startswith("the board moved the arm by itself (Base; serial protocol error")
 
 
 def test_a_lost_reply_halts_the_arm_and_it_goes_on_from_rest(bench: Bench) -> None:

@@ -162,9 +162,11 @@ def _interface(text: str | None, pattern: re.Pattern[str], base: int) -> int | N
 
 def _stable_names(by_id: Path) -> dict[str, str]:
     """Stable name by resolved device."""
-    if not by_id.is_dir():
+    try:
+        entries = sorted(by_id.iterdir())
+    except OSError:  # udev makes the folder for the first device and removes it with the last
         return {}
-    return {_resolved(str(entry)): str(entry) for entry in sorted(by_id.iterdir())}
+    return {_resolved(str(entry)): str(entry) for entry in entries}
 
 
 def _resolved(device: str) -> str:

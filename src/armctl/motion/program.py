@@ -8,7 +8,8 @@ import msgspec
 from msgspec import Meta
 
 Percent = Annotated[float, Meta(ge=0, le=100)]
-Seconds = Annotated[float, Meta(ge=0, le=86_400)]
+LONGEST_WAIT_S = 86_400
+Seconds = Annotated[float, Meta(ge=0, le=LONGEST_WAIT_S)]
 
 
 class _Step(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="do", kw_only=True):

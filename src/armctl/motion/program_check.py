@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from armctl.errors import ArmctlError
+from armctl.errors import ArmctlError, ProgramError
 from armctl.motion.plan import plan_step, solve, step_target
-from armctl.motion.program import GripperStep, MoveStep, PointStep, Program, Step, WaitStep
+from armctl.motion.program import LONGEST_WAIT_S, GripperStep, MoveStep, PointStep, Program, Step, WaitStep
 from armctl.robot import Robot
 
 FloatArray = NDArray[np.float64]
@@ -59,16 +59,20 @@ def check_program(program: Program, robot: Robot, *, motions: bool = True) -> li
 
 
 def _check_values(step: Step, robot: Robot) -> None:
+    # A file's numbers were checked when it was decoded; a program made in Python is checked here only.
     match step:
         case MoveStep():
             robot.check_limits(np.radians(step.joints_deg))
         case PointStep():
             step_target(step)
-        case GripperStep():
+        case GripperStep(open_percent=percent):
             if robot.gripper is None:
-                raise ArmctlError(f"{robot.name} has no gripper; delete the step")
-        case WaitStep():
-            pass
+                raise ProgramError(f"{robot.name} has no gripper; delete the step")
+            if not 0 <= percent <= 100:
+                raise ProgramError(f"the gripper opens 0 … 100 %, not {percent}")
+        case WaitStep(seconds=seconds):
+            if not 0 <= seconds <= LONGEST_WAIT_S:
+                raise ProgramError(f"a wait takes 0 … {LONGEST_WAIT_S:.0f} s, not {seconds}")
 
 
 def _after(step: MoveStep | PointStep, robot: Robot, start: FloatArray | None) -> FloatArray | None:

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from armctl.errors import ArmctlError, BoardError
+from armctl.errors import ArmctlError, BoardError, StateError
 from armctl.hardware import BoardIdentity, Driver, Source
 from armctl.robot import Robot
 from armctl.runtime.outputs import Outputs
@@ -42,12 +42,18 @@ class Board:
 
         Raises:
             BoardError: nobody there, or not what is needed.
+            StateError: a real board, and the robot file does not say which pulse is which angle.
         """
         with _translated("opening the board"):
             driver = open_driver(port)
         try:
             with _translated("opening the board"):
                 board = cls(robot, driver, driver.open())
+            if robot.servo_map is None and not board.identity.simulated:
+                raise StateError(
+                    f"{robot.name} has no servo map: which pulse is which angle is not known, so only the "
+                    "simulated board may be driven (port sim); give each joint of the robot file a servo"
+                )
             board.configure()
         except ArmctlError:
             _quietly(driver.close)

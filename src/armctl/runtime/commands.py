@@ -5,7 +5,7 @@ STOP is not among them: it bypasses every queue (``Controller.stop``).
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -141,4 +141,8 @@ class Origin:
     """Who asked: shown in the log."""
 
     who: str = "library"
-    note: str = field(default="")
+    note: str = ""
+    """why, where that is not plain from the command"""
+
+    def __str__(self) -> str:
+        return f"{self.who}: {self.note}" if self.note else self.who

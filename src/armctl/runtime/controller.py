@@ -12,7 +12,7 @@ from armctl.errors import ArmctlError, InputError, StateError
 from armctl.hardware import Driver
 from armctl.robot import Robot
 from armctl.runtime.clock import Clock
-from armctl.runtime.commands import Command, Origin
+from armctl.runtime.commands import Command, Jog, Origin
 from armctl.runtime.core import Core
 from armctl.runtime.dispatch import MOVING, Order, dispatch
 from armctl.runtime.planner import Planner
@@ -72,6 +72,7 @@ class Controller:
         self._lock = threading.Lock()
         self._orders: list[Order] = []
         self._stops: list[_Stop] = []
+        self._answers: list[Callable[[], None]] = []
         self._number = 0
         self._tick = 0
         self._closing = threading.Event()
@@ -105,9 +106,10 @@ class Controller:
         Returns:
             Its ticket: ``accepted`` and ``finished``.
         """
-        ticket = Ticket()
+        ticket = Ticket(self._answers)
         with self._lock:
             if self._closed:
+                ticket = Ticket()
                 ticket.refuse(StateError("the controller is closed"))
                 return ticket
             self._number += 1
@@ -122,9 +124,10 @@ class Controller:
         Returns:
             Its ticket: ``finished`` is done when the arm is at rest.
         """
-        ticket = Ticket()
+        ticket = Ticket(self._answers)
         with self._lock:
             if self._closed:
+                ticket = Ticket()
                 ticket.finish()
                 return ticket
             self._number += 1
@@ -146,7 +149,8 @@ class Controller:
         self._guarded(lambda: core.take_planned(now))
         self._guarded(lambda: core.observe(now))
         self._guarded(lambda: core.settle(now))
-        self._snapshot = report(core, self._tick, now)
+        self._guarded(lambda: self._publish(now))
+        self._answer()
 
     def close(self) -> None:
         """Bring a moving arm to rest, close the line and end; the outputs stay as they are.
@@ -187,19 +191,31 @@ class Controller:
 
     def _move(self, stops: list[_Stop], now: float) -> None:
         for stop in stops:
-            self._core.stop(stop.origin.who, stop.ticket)
+            self._core.stop(str(stop.origin), stop.ticket)
         self._core.advance(now, urgent=bool(stops))
 
     def _take(self, order: Order, stops: list[_Stop], now: float) -> None:
         for stop in stops:
             if order.number < stop.number and isinstance(order.command, MOVING):
                 order.ticket.refuse(StateError(f"stopped by {stop.origin.who} before it began"))
+                if isinstance(order.command, Jog):
+                    self._core.jogged_at = order.given_at  # its key is held: it must be let go first
                 return
         try:
             dispatch(self._core, order, now)
         except Exception as error:
             self._broken(error)
             order.ticket.refuse(ArmctlError(f"internal error: {error}"))
+
+    def _publish(self, now: float) -> None:
+        self._snapshot = report(self._core, self._tick, now)
+
+    def _answer(self) -> None:
+        """Answer the tickets: whoever waits for one finds the snapshot that shows what came of it."""
+        answers = self._answers.copy()
+        self._answers.clear()
+        for answer in answers:
+            answer()
 
     def _guarded(self, step: Callable[[], None]) -> None:
         """Whatever goes wrong in a tick ends in the state fault, in words; the thread lives on."""
@@ -226,6 +242,7 @@ class Controller:
         for order in orders:
             order.ticket.refuse(StateError("the controller is closed"))
         self._core.disconnect("closed")
-        self._snapshot = report(self._core, self._tick, self._clock.now())
+        self._publish(self._clock.now())
+        self._answer()
         if self._own_executor:
             self._executor.shutdown(wait=False, cancel_futures=True)

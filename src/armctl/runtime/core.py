@@ -4,15 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from concurrent.futures import Future
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from armctl.errors import ArmctlError, BoardError, MotionRefusedError, StateError
 from armctl.hardware import Driver, Source
-from armctl.motion import Floor, Sample, Trajectory
+from armctl.motion import Floor, Sample
 from armctl.robot import Robot
 from armctl.runtime.activity import Activity
 from armctl.runtime.board import Board
@@ -22,25 +20,15 @@ from armctl.runtime.log import EventLog
 from armctl.runtime.monitor import Monitor
 from armctl.runtime.mover import PathMover
 from armctl.runtime.notices import Notices
-from armctl.runtime.planner import Planner, planned
+from armctl.runtime.planner import Pending, Planner, planned
 from armctl.runtime.snapshot import State
 from armctl.runtime.ticket import Ticket
 
 FloatArray = NDArray[np.float64]
 POWERED = (State.HOLDING, State.MOVING, State.PAUSED)
 _LONGEST_TICKS = 2
+_LATE_S = 0.06
 _READ_INTERVAL_S = 0.02
-
-
-@dataclass(frozen=True, slots=True)
-class Pending:
-    """A motion that is being planned."""
-
-    ticket: Ticket
-    who: str
-    start: FloatArray
-    label: str
-    future: Future[Trajectory]
 
 
 class Core:
@@ -64,7 +52,6 @@ class Core:
         self.cause = "not connected yet"
         self.activity: Activity | None = None
         self.ticket: Ticket | None = None
-        self.gripper_ticket: Ticket | None = None
         self.pending: Pending | None = None
         self.stopping: list[Ticket] = []
         self.stopped_by = ""
@@ -127,9 +114,12 @@ class Core:
             return
         # A late tick must not jump: time that was missed is not made up for.
         dt = min(elapsed, _LONGEST_TICKS * self.period)
-        if self.activity is not None and elapsed > (_LONGEST_TICKS + 1) * self.period:
-            text = f"the controller was {1000 * (elapsed - self.period):.0f} ms late; the motion slowed down"
-            self.notices.set("late", text, until=now + 5)
+        if elapsed > max((_LONGEST_TICKS + 1) * self.period, _LATE_S):
+            self.monitor.doubt()
+            if self.activity is not None:
+                late_ms = 1000 * (elapsed - self.period)
+                text = f"the controller was {late_ms:.0f} ms late; the motion halted and goes on from rest"
+                self.notices.set("late", text, until=now + 5)
         if self.monitor.doubtful:
             # What is written to a board that has lost its power switches the pulses on again with a jump.
             self.sample = None
@@ -142,9 +132,7 @@ class Core:
 
     def settle(self, now: float) -> None:
         """Draw the conclusions of a tick: what has ended, what stands, what is refused."""
-        if self.gripper_ticket is not None and not self.gripper.moving:
-            self.gripper_ticket.finish()
-            self.gripper_ticket = None
+        self.gripper.settle()
         activity = self.activity
         if activity is not None:
             self._settle_activity(activity)
@@ -159,7 +147,7 @@ class Core:
         ticket.accept()
         self.jog_locked = True
         self.drop_pending(StateError(f"stopped by {who}"))
-        self._end_gripper(StateError(f"stopped by {who}"))
+        self.gripper.stop(StateError(f"stopped by {who}"))
         self.log.warning(f"STOP ({who})")
         if self.activity is not None:
             self.activity.stop()
@@ -185,7 +173,7 @@ class Core:
         if self.ticket is not None:
             self.ticket.refuse(error)
             self.ticket = None
-        self._end_gripper(error)
+        self.gripper.stop(error)
         for ticket in self.stopping:
             ticket.finish()  # nothing moves any more: what STOP asked for
         self.stopping.clear()
@@ -208,12 +196,16 @@ class Core:
         self.drop_all(StateError("disconnected"))
         self._close_board()
         self.enter(State.DISCONNECTED, cause)
+        if self.leaving is not None:
+            ticket, self.leaving = self.leaving, None
+            ticket.finish()
 
     def power_off(self, cause: str) -> None:
         """The pulses are off: forget where the arm is."""
         self.drop_all(StateError(cause))
         self.gate.forget()
         self.gripper.set(None)
+        self.monitor.released()
         self.enter(State.OFF, cause)
         self._leave_now()
 
@@ -224,20 +216,20 @@ class Core:
             return
         reading = self.monitor.read(board, now)
         q = self.gate.q
-        if reading is None or q is None:
+        if reading is None:
+            return
+        if q is None:
+            self.monitor.check_released()
             return
         if reading.errors and self.activity is not None and not self.stopping:
             self.stop(f"the board reports {', '.join(reading.errors)}", Ticket())
-        off = self.monitor.powered_off()
-        if off and self.state is not State.FAULT:
+        lost = self.monitor.went_by_itself(q, now)
+        if lost is not None:
             self.gate.forget()
             self.gripper.set(None)
-            self.fault(
-                MotionRefusedError(
-                    f"the board switched the pulses off by itself ({', '.join(off)}); see to its power and "
-                    "its errors, then clear the fault and enable"
-                )
-            )
+            if self.state is not State.FAULT:  # a fault that is there already keeps its cause
+                text = f"{lost}; see to its power and its errors, then clear the fault and enable"
+                self.fault(MotionRefusedError(text))
             return
         self.monitor.compare(board, q, self.standing and not self.gripper.moving, now)
 
@@ -288,13 +280,6 @@ class Core:
         if q is not None or opening is not None:
             self.board.write(q, opening)
 
-    def _end_gripper(self, error: ArmctlError) -> None:
-        self.gripper.stop()
-        self.gripper.held = False
-        if self.gripper_ticket is not None:
-            self.gripper_ticket.refuse(error)
-            self.gripper_ticket = None
-
     def _close_board(self) -> None:
         if self.board is not None:
             self.board.close()
@@ -307,6 +292,4 @@ class Core:
     def _leave_now(self) -> None:
         """The arm stands: carry out a disconnect that waited for it."""
         if self.leaving is not None:
-            ticket, self.leaving = self.leaving, None
             self.disconnect("asked for")
-            ticket.finish()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from concurrent.futures import Future
 from dataclasses import dataclass
 
@@ -12,8 +13,9 @@ from armctl.errors import ArmctlError, BoardError, InputError, StateError
 from armctl.motion import Trajectory
 from armctl.runtime import commands as c
 from armctl.runtime import power
-from armctl.runtime.core import POWERED, Core, Pending
+from armctl.runtime.core import POWERED, Core
 from armctl.runtime.jog import JOG_EXPIRY_S, Jogger
+from armctl.runtime.planner import Pending
 from armctl.runtime.program_runner import ProgramRunner
 from armctl.runtime.snapshot import State
 from armctl.runtime.ticket import Ticket
@@ -170,9 +172,7 @@ def _jog(core: Core, rate: FloatArray, order: Order, now: float) -> None:
     if core.jog_locked and gap < JOG_GAP_S:
         raise StateError("the arm was stopped while it was jogged; let go first")
     core.jog_locked = False
-    rate = np.asarray(rate, dtype=np.float64)
-    if rate.shape != (core.robot.n,) or not np.isfinite(rate).all() or bool((np.abs(rate) > 1).any()):
-        raise InputError(f"a jog needs {core.robot.n} rates between -1 and 1, got {rate.tolist()}")
+    rate = _checked_rate(core, rate)
     activity = core.activity
     if not isinstance(activity, Jogger):
         q = core.gate.q
@@ -187,6 +187,20 @@ def _jog(core: Core, rate: FloatArray, order: Order, now: float) -> None:
     activity.command(rate, order.given_at + JOG_EXPIRY_S)
 
 
+def _checked_rate(core: Core, rate: FloatArray) -> FloatArray:
+    """A copy of ``rate`` (n,) that may be jogged with; whoever gave it may go on writing to it."""
+    rate = np.array(rate, dtype=np.float64)
+    if rate.shape != (core.robot.n,) or not np.isfinite(rate).all() or bool((np.abs(rate) > 1).any()):
+        raise InputError(f"a jog needs {core.robot.n} rates between -1 and 1, got {rate.tolist()}")
+    for joint, value in zip(core.robot.joints, rate, strict=True):
+        if value and joint.lower == joint.upper:
+            raise InputError(
+                f"{joint.title} is held at {math.degrees(joint.lower):.2f}°: both its limits are there, "
+                "it cannot be jogged"
+            )
+    return rate
+
+
 def _move_gripper(core: Core, opening: float, order: Order) -> bool:
     gripper = core.robot.gripper
     if gripper is None or core.board is None or not core.board.outputs.has_gripper:
@@ -198,10 +212,7 @@ def _move_gripper(core: Core, opening: float, order: Order) -> bool:
         raise StateError(f"the gripper needs the arm enabled, it is {core.state.value}{_hint(core)}")
     if isinstance(core.activity, ProgramRunner) and core.activity.gripping:
         raise StateError("the program moves the gripper now; stop or wait")
-    if core.gripper_ticket is not None:
-        core.gripper_ticket.refuse(StateError("a newer gripper command took its place"))
-    core.gripper.move_to(float(opening))
-    core.gripper_ticket = order.ticket
+    core.gripper.move_to(float(opening), order.ticket)
     order.ticket.accept()
     return False
 

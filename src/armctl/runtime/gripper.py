@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from armctl.errors import ArmctlError, StateError
 from armctl.robot import Gripper
+from armctl.runtime.ticket import Ticket
 
 
 class GripperMover:
@@ -12,6 +14,7 @@ class GripperMover:
         self._gripper = gripper
         self._opening: float | None = None
         self._goal: float | None = None
+        self._ticket: Ticket | None = None
         self.held = False
         """stands still for as long as this is set (pause)"""
 
@@ -30,13 +33,22 @@ class GripperMover:
         self._opening = opening
         self._goal = None
 
-    def move_to(self, goal: float) -> None:
-        """Go to ``goal`` 0..1."""
-        self._goal = goal
+    def move_to(self, goal: float, ticket: Ticket | None = None) -> None:
+        """Go to ``goal`` 0..1 instead of wherever it was going; ``ticket`` hears of the end."""
+        self._refuse(StateError("a newer gripper command took its place"))
+        self._goal, self._ticket = goal, ticket
 
-    def stop(self) -> None:
-        """Stand where it is."""
+    def stop(self, error: ArmctlError) -> None:
+        """Stand where it is; ``error`` says why to whoever sent it."""
         self._goal = None
+        self.held = False
+        self._refuse(error)
+
+    def settle(self) -> None:
+        """Tell whoever sent it that it has arrived."""
+        if self._ticket is not None and not self.moving:
+            self._ticket.finish()
+            self._ticket = None
 
     def advance(self, dt: float, speed: float) -> float | None:
         """Opening after ``dt`` seconds at a speed override; None where it stands."""
@@ -51,3 +63,8 @@ class GripperMover:
         if self._opening == goal:
             self._goal = None
         return self._opening
+
+    def _refuse(self, error: ArmctlError) -> None:
+        if self._ticket is not None:
+            self._ticket.refuse(error)
+            self._ticket = None

@@ -92,10 +92,12 @@ class Jogger:
     def stop(self) -> None:
         """Slow down as hard as the limits allow."""
         self._expires = -math.inf
+        self._done = self.standing
 
     def halt(self) -> None:
         """No setpoint is sent for now: go on from rest."""
         self._v = np.zeros(self._robot.n)
+        self._done = self._expires == -math.inf
 
     def view(self) -> ActivityView:
         """What is shown: a jog has no goal."""

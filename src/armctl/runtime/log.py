@@ -41,7 +41,7 @@ class EventLog:
         stamp = wall_time()
         if self._events:
             last = self._events[-1]
-            if (last.level, last.text) == (level, text) and stamp - last.stamp < self._repeat_s:
+            if (last.level, last.text) == (level, text) and 0 <= stamp - last.stamp < self._repeat_s:
                 return  # a held key must not flood the log
         self._events.append(Event(stamp, level, text))
         self._tuple = tuple(self._events)

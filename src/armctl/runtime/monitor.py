@@ -18,6 +18,8 @@ _SILENCE_S = 1.0
 """how long a board may give no good answer before it counts as lost: a busy computer may be that late"""
 _DOUBTFUL_FAILURES = 3
 _OFF_READINGS = 3
+_LAG_S = 0.08
+"""how far the transmitted position may be behind a moving setpoint: a few servo frames"""
 _DEVIATION_UNITS = 1.0
 _DEVIATION_S = 0.5
 _ERROR_SHOWN_S = 10.0
@@ -43,6 +45,10 @@ class Monitor:
         self._failures = 0
         self._doubts = 0
         self._off = 0
+        self._errors: tuple[str, ...] = ()
+        self._erred_at = -np.inf
+        self._released = False
+        self._still_on = 0
         self._deviates_since: float | None = None
 
     def due(self, now: float) -> bool:
@@ -64,6 +70,7 @@ class Monitor:
                 board.configure()  # a board that was silent may have started anew and forgotten its limits
         except (BoardTimeoutError, BoardProtocolError) as cause:
             self._failures += 1
+            self._doubts = max(self._doubts, 1)
             silent = now - self._answered_at
             if self._failures >= _READ_FAILURES and silent >= _SILENCE_S:
                 raise BoardError(
@@ -86,17 +93,69 @@ class Monitor:
 
     @property
     def doubtful(self) -> bool:
-        """The board has not answered several times in a row, or since then not often enough to be trusted."""
+        """Whether a setpoint may do harm now.
+
+        The last reading failed, or said that a joint has no pulses, or is too long ago: a board that has
+        started anew would switch them on again with a jump. After several failures in a row it takes
+        several good readings to trust the board.
+        """
         return self._doubts > 0
 
-    def powered_off(self) -> tuple[str, ...]:
-        """Joints whose pulses the board has switched off by itself, once several readings say so."""
+    def enabled(self) -> None:
+        """The pulses were switched on: what was seen before that counts no more."""
+        self._doubts = self._off = 0
+        self._erred_at = -np.inf
+        self._released = False
+        self._notices.clear("released")
+
+    def released(self) -> None:
+        """The pulses were switched off: the readings must show it."""
+        self._doubts = self._off = self._still_on = 0
+        self._released = True
+
+    def check_released(self) -> None:
+        """Warn where the board goes on sending pulses that it was told to switch off."""
         reading = self.reading
-        off = np.isnan(reading.q) if reading.source is Source.TRANSMITTED else np.zeros(0, dtype=bool)
+        on = ~np.isnan(reading.q) if reading.source is Source.TRANSMITTED else np.zeros(0, dtype=bool)
+        self._still_on = self._still_on + 1 if self._released and on.any() else 0
+        if self._still_on < _OFF_READINGS:
+            self._notices.clear("released")
+            return
+        self._notices.set(
+            "released",
+            f"the board still sends pulses ({self._titles(on)}) though it was told to switch them off; "
+            "release again, or cut the servos' power",
+        )
+
+    def doubt(self) -> None:
+        """Nothing was sent for so long that the board's own watchdog may have struck: look first."""
+        self._doubts = max(self._doubts, 1)
+
+    def went_by_itself(self, q_command: FloatArray, now: float) -> str | None:
+        """In words, that the last reading does not fit (n,) [rad] the last setpoint; None while it does.
+
+        Pulses that are off count once several readings say so: answers carry no checksum, and one is no
+        proof. Until the next one nothing is sent. A board that reports an error has sent its channels
+        wherever its settings say; if that is off, or far from the setpoint, the path from there is nobody's.
+        """
+        reading = self.reading
+        if reading.source is not Source.TRANSMITTED:
+            return None
+        off = np.isnan(reading.q)
         self._off = self._off + 1 if off.any() else 0
-        if self._off < _OFF_READINGS:
-            return ()
-        return tuple(joint.title for joint, is_off in zip(self._robot.joints, off, strict=True) if is_off)
+        if self._off:
+            self.doubt()
+        if self._off >= _OFF_READINGS:
+            return f"the board switched the pulses off by itself ({self._titles(off)})"
+        if reading.errors:
+            self._errors, self._erred_at = reading.errors, now
+        moved = np.abs(reading.q - q_command) > _LAG_S * self._robot.speed_limits
+        if moved.any() and now - self._erred_at <= _ERROR_SHOWN_S:  # it goes home at its own, slow speed
+            return f"the board moved the arm by itself ({self._titles(moved)}; {', '.join(self._errors)})"
+        return None
+
+    def _titles(self, which: NDArray[np.bool_]) -> str:
+        return ", ".join(self._robot.joints[i].title for i in np.flatnonzero(which))
 
     def compare(self, board: Board, q_command: FloatArray, standing: bool, now: float) -> None:
         """Warn where the board stands elsewhere than told for half a second while nothing moves."""

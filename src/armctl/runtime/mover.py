@@ -85,8 +85,10 @@ class PathMover:
         self._paused = False
 
     def stop(self) -> None:
-        """Slow down as hard as the limits allow, then be done."""
+        """Slow down as hard as the limits allow, then be done; before the first setpoint at once."""
         self._stopped = True
+        if self._time == 0.0:
+            self._rate = 0.0
 
     def halt(self) -> None:
         """No setpoint is sent for now: go on from rest."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable
 from concurrent.futures import Executor, Future
+from dataclasses import dataclass
 from typing import ParamSpec, TypeVar
 
 import numpy as np
@@ -23,12 +24,25 @@ from armctl.motion import (
     require_clear,
 )
 from armctl.robot import Robot
+from armctl.runtime.ticket import Ticket
 
 FloatArray = NDArray[np.float64]
 P = ParamSpec("P")
 T = TypeVar("T")
 _START_TOLERANCE = 1e-6
 _LOGGER = logging.getLogger("armctl.runtime")
+
+
+@dataclass(frozen=True, slots=True)
+class Pending:
+    """A motion that is being planned."""
+
+    ticket: Ticket
+    who: str
+    start: FloatArray
+    """(n,) where it was planned from [rad]"""
+    label: str
+    future: Future[Trajectory]
 
 
 class InlineExecutor(Executor):
@@ -87,6 +101,8 @@ def planned(future: Future[Trajectory]) -> Trajectory:
     Raises:
         ArmctlError: what refused the plan; a defect of the planner itself comes out as one, too.
     """
+    if future.cancelled():  # an executor that was shut down with work in its queue
+        raise StateError("the planner dropped it; ask for it again")
     error = future.exception()
     if error is None:
         return future.result()

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from armctl.errors import ArmctlError, BoardError, MotionRefusedError, StateError
+from armctl.errors import ArmctlError, MotionRefusedError, StateError
 from armctl.hardware import Source
 from armctl.motion import FLOOR_TOLERANCE_M
-from armctl.runtime.board import Board
+from armctl.runtime.board import Board, Reading
 from armctl.runtime.core import POWERED, Core
 from armctl.runtime.snapshot import State
 
@@ -30,7 +30,7 @@ def connect(core: Core, port: str, who: str, now: float) -> None:
         core.disconnect("to connect again")
     try:
         core.board = Board.open(core.robot, core.open_driver, port)
-        core.monitor.read(core.board, now)
+        answered = core.monitor.read(core.board, now) is not None
     except ArmctlError as error:
         if core.board is not None:
             core.disconnect(str(error))
@@ -43,7 +43,7 @@ def connect(core: Core, port: str, who: str, now: float) -> None:
     if core.powered():
         cause += "the board already sends pulses: Enable takes them over where they are"
     else:
-        cause += "pulses are off"
+        cause += "pulses are off" if answered else "it has not said yet whether it sends pulses"
     core.enter(State.OFF, cause)
 
 
@@ -51,9 +51,10 @@ def enable(core: Core, wanted: FloatArray | None, who: str, now: float) -> None:
     """Switch the pulses on: servos that were off jump to ``wanted`` (n,) [rad], those that are on stay.
 
     Raises:
-        StateError: not connected, in fault, or a joint is on and outside its limits.
+        StateError: not connected, in fault, a joint is on and outside its limits, or the board does not
+            say twice the same of where it is.
         InputError: not finite, or a wrong shape.
-        MotionRefusedError: ``wanted`` is outside the limits or below the floor.
+        MotionRefusedError: ``wanted`` is outside the limits, or joints would jump to below the floor.
         BoardError: the board is gone.
     """
     if core.state in POWERED and wanted is None:
@@ -61,23 +62,18 @@ def enable(core: Core, wanted: FloatArray | None, who: str, now: float) -> None:
     if core.state is not State.OFF or core.board is None:
         raise StateError(f"enable needs the state off, it is {core.state.value}{_way_out(core)}")
     goal = core.robot.check_limits(core.robot.pose("rest") if wanted is None else wanted)
-    lowest = core.floor.clearance(goal)
-    if lowest.size and float(lowest.min()) < -FLOOR_TOLERANCE_M:
-        part = core.floor.parts[int(lowest.argmin())]
-        raise MotionRefusedError(
-            f"{part}: {-1000 * float(lowest.min()):.1f} mm below the floor; choose another pose to enable in"
-        )
     core.board.configure()
-    reading = core.monitor.read(core.board, now)
-    if reading is None:
-        raise BoardError("the board did not answer where it is; try again")
+    reading = _where_it_is(core, core.board, now)
     live = ~np.isnan(reading.q)
     start = _taken_over(core, np.where(live, reading.q, goal))
+    if not live.all():
+        _check_floor(core, start)
     core.gate.jump(start, now)
-    core.gripper.set(reading.opening)
     if reading.opening is not None:
         core.gate.adopt_opening(reading.opening, now)
+    core.gripper.set(core.gate.opening)
     core.board.write(start, None)
+    core.monitor.enabled()
     core.enter(State.HOLDING, f"enabled ({who}); {_how_it_began(core, live, reading.source)}")
     if wanted is not None and live.any() and float(np.abs(start - goal).max()) > ADOPT_TOLERANCE_RAD:
         core.log.warning("enabled where the arm stands, not in the pose asked for: move there now")
@@ -122,6 +118,29 @@ def _way_out(core: Core) -> str:
             return f" ({core.cause}); clear the fault first"
         case _:
             return "; the arm is enabled already"
+
+
+def _where_it_is(core: Core, board: Board, now: float) -> Reading:
+    """What two readings agree on: answers carry no checksum, and the arm is held where they say it is."""
+    readings = [core.monitor.read(board, now) for _ in range(2)]
+    first, second = readings
+    if first is None or second is None:
+        raise StateError("the board did not answer where it is; try again")
+    differs = np.isnan(first.q) != np.isnan(second.q)
+    differs |= np.nan_to_num(np.abs(first.q - second.q)) > ADOPT_TOLERANCE_RAD
+    if differs.any():
+        names = ", ".join(core.robot.joints[i].title for i in np.flatnonzero(differs))
+        raise StateError(f"the board says two things of where it is ({names}); let it stand and try again")
+    return second
+
+
+def _check_floor(core: Core, q: FloatArray) -> None:
+    lowest = core.floor.clearance(q)
+    if lowest.size and float(lowest.min()) < -FLOOR_TOLERANCE_M:
+        part = core.floor.parts[int(lowest.argmin())]
+        raise MotionRefusedError(
+            f"{part}: {-1000 * float(lowest.min()):.1f} mm below the floor; choose another pose to enable in"
+        )
 
 
 def _taken_over(core: Core, q: FloatArray) -> FloatArray:

@@ -99,10 +99,9 @@ class ProgramPlan:
         if self._last is not None:
             if not self._last.done():
                 return None
+            last, self._last = self._last, None
             try:
-                self._start = planned(self._last).end
+                self._start = planned(last).end
             except ArmctlError:
                 self._start = None  # told when the step's turn comes
-                return None
-            self._last = None
         return self._start

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from concurrent.futures import Future
+from functools import partial
 
 from armctl.errors import ArmctlError
 
@@ -16,7 +18,14 @@ class Ticket:
     be cancelled from outside: only STOP stops a motion.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, answers: list[Callable[[], None]] | None = None) -> None:
+        """Nothing is known of it yet.
+
+        Args:
+            answers: where its answers wait to be called, in order, so that whoever waits for one finds
+                the snapshot that shows it; None: they are given at once.
+        """
+        self._answers = answers
         self.accepted: Future[None] = Future()
         self.finished: Future[None] = Future()
         # asyncio.wrap_future cancels what it wraps when its task ends; a running future refuses that.
@@ -25,20 +34,17 @@ class Ticket:
 
     def accept(self) -> None:
         """It has begun."""
-        if not self.accepted.done():
-            self.accepted.set_result(None)
+        self._answer(partial(_succeed, self.accepted))
 
     def finish(self) -> None:
         """It is over, as it should be."""
         self.accept()
-        if not self.finished.done():
-            self.finished.set_result(None)
+        self._answer(partial(_succeed, self.finished))
 
     def refuse(self, error: ArmctlError) -> None:
         """It was refused, or did not come to its end."""
         for future in (self.accepted, self.finished):
-            if not future.done():
-                future.set_exception(error)
+            self._answer(partial(_fail, future, error))
 
     def result(self, timeout: float | None = None) -> None:
         """Wait until it is over.
@@ -48,3 +54,19 @@ class Ticket:
             TimeoutError: it is not over after ``timeout`` seconds; it goes on.
         """
         self.finished.result(timeout)
+
+    def _answer(self, answer: Callable[[], None]) -> None:
+        if self._answers is None:
+            answer()
+        else:
+            self._answers.append(answer)
+
+
+def _succeed(future: Future[None]) -> None:
+    if not future.done():
+        future.set_result(None)
+
+
+def _fail(future: Future[None], error: ArmctlError) -> None:
+    if not future.done():
+        future.set_exception(error)
