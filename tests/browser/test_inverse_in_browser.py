@@ -281,6 +281,14 @@ def branch_tips_mm(page: Screen, served: ServedArm) -> list[list[float]]:
     return [[1000 * value for value in tip] for tip in tips]
 
 
+def two_ghosts_at(page: Screen, served: ServedArm, point_mm: list[float]) -> None:
+    def there() -> bool:
+        tips = branch_tips_mm(page, served)
+        return len(tips) == 2 and float(np.abs(np.array(tips) - point_mm).max()) < 1e-3
+
+    page.wait_until(there, f"two branch ghosts reach {point_mm}")
+
+
 def test_both_solutions_of_the_lab_sheet_side_by_side_and_why_one_is_refused(
     screen: Screen, tmp_path: Path
 ) -> None:
@@ -294,17 +302,13 @@ def test_both_solutions_of_the_lab_sheet_side_by_side_and_why_one_is_refused(
         screen.wait_for_text("−48.37")
         screen.wait_for_text("1 is chosen among the possible ones: the least energy by least-rotation.")
         screen.tick("Show as ghosts")
-        screen.wait_until(lambda: len(branch_tips_mm(screen, served)) == 2, "two ghosts are shown")
-        assert np.abs(np.array(branch_tips_mm(screen, served)) - [0, 0, 700]).max() < 1e-3
+        two_ghosts_at(screen, served, [0, 0, 700])
         screen.screenshot("inverse-branches-mico")
         wait_for_no_ghost(screen, served.robot)
         type_point(screen, "300", "0", "100")
         screen.click("Solve")
         screen.wait_for_text("2 is refused: Shoulder needs 82.14°, its limits are -220.00° … 40.00°.")
-        screen.wait_until(
-            lambda: np.abs(np.array(branch_tips_mm(screen, served)) - [300, 0, 100]).max() < 1e-3,
-            "the ghosts reach the new point",
-        )
+        two_ghosts_at(screen, served, [300, 0, 100])
         type_point(screen, "500", "0", "700")
         screen.click("Solve")
         screen.wait_for_text(re.compile("Too far by 82.6 mm"))

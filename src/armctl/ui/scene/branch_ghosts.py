@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import viser
@@ -15,6 +15,7 @@ from armctl.ui.scene.arm_figure import ArmFigure, Color
 FloatArray = NDArray[np.float64]
 _ROOT = "/branches"
 _OPACITY = 0.4
+_SWELL, _MORE = 1.08, 0.03
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,7 +41,10 @@ class BranchGhosts:
         """Show these arms; none: nothing."""
         self.hide()
         for i, (mark, place) in enumerate(zip(marks, self._label_places(marks), strict=True)):
-            figure = ArmFigure(self._scene, self._robot, f"{_ROOT}/{i}", color=mark.color, opacity=_OPACITY)
+            # each a little thicker than the one before: what they share would flicker, or mix its colours
+            width = (_SWELL + i * _MORE) * self._robot.look.width
+            robot = replace(self._robot, look=replace(self._robot.look, width=width))
+            figure = ArmFigure(self._scene, robot, f"{_ROOT}/{i}", color=mark.color, opacity=_OPACITY)
             figure.pose(mark.q)
             self._figures.append(figure)
             self._labels.append(self._scene.add_label(f"{_ROOT}/label{i}", mark.label, position=place))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable
 
 import numpy as np
 import viser
@@ -27,6 +28,17 @@ class Ghost:
         self._scene, self._robot = scene, robot
         self._figure: ArmFigure | None = None
         self._owner: object = None
+        self._lost: Callable[[], None] | None = None
+
+    def claim(self, owner: object, lost: Callable[[], None] | None = None) -> None:
+        """The view of what might be is ``owner``'s from now on; who had it before is told, once."""
+        if owner is self._owner:
+            return
+        before, self._owner, self._lost = self._lost, owner, lost
+        if self._figure is not None:
+            self._figure.visible = False
+        if before is not None:
+            before()
 
     def show(self, q: FloatArray, owner: object = None) -> None:
         """Show the arm at ``q`` (n,) [rad]; the ghost is ``owner``'s from now on."""
@@ -34,7 +46,7 @@ class Ghost:
             look = dataclasses.replace(self._robot.look, width=_SWELL * self._robot.look.width)
             thicker = dataclasses.replace(self._robot, look=look)
             self._figure = ArmFigure(self._scene, thicker, "/ghost", color=_COLOR, opacity=_OPACITY)
-        self._owner = owner
+        self.claim(owner)
         self._figure.pose(q)
         self._figure.visible = True
 

@@ -28,6 +28,7 @@ class BranchView:
         gui = session.gui
         self._robot = session.console.robot
         self._ghosts = BranchGhosts(session.client.scene, self._robot)
+        self._ghost = session.ghost
         self._found: tuple[Verdict, ...] = ()
         self._show = gui.add_checkbox("Show as ghosts", initial_value=False, hint=_HINT)
         self._table = LiveHtml(gui, muted("Nothing is solved yet."))
@@ -48,8 +49,15 @@ class BranchView:
         self._draw()
         self._toggled()
 
+    def _give_up(self) -> None:
+        """Another screen shows something: the branches leave the view."""
+        self._show.value = False
+        self._ghosts.hide()
+
     def _draw(self) -> None:
         shown = self._found[:_MOST_GHOSTS] if self._show.value else ()
+        if shown:
+            self._ghost.claim(self, self._give_up)
         self._ghosts.show([_mark(alike) for alike in standing_alike(self._robot, shown)])
 
 
