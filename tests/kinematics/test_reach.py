@@ -175,3 +175,10 @@ def test_the_nearest_point_with_the_pitch_kept() -> None:
         assert distance >= sampled - 0.03  # 60,000 samples are a coarse net, but not a wrong one
         assert ik.solve(Target.of(solutions.nearest_m, pitch=pitch), STEP).success
     assert kept >= 30
+
+
+def test_where_only_the_wish_is_impossible_the_point_is_said_to_be_within_reach() -> None:
+    solutions = load_robot("uzuner").inverse([0.2, 0.0, 0.1], roll=math.radians(80))
+    assert not solutions.success
+    assert solutions.explanation.endswith("; the point itself can be reached")
+    assert solutions.nearest_m == pytest.approx([0.2, 0.0, 0.1], abs=1e-9)

@@ -16,6 +16,8 @@ from armctl.kinematics.rotation import rotation_angle
 from armctl.kinematics.target import Target
 
 FloatArray = NDArray[np.float64]
+_THERE_MM = 0.05
+"""a nearest point that is printed as 0.0 mm away is the target itself [mm]"""
 
 
 @dataclass(frozen=True)
@@ -80,6 +82,8 @@ class Solutions:
             return self.reason or ""
         x, y, z = 1000.0 * self.nearest_m + 0.0
         away = 1000.0 * float(np.linalg.norm(self.nearest_m - self.target.position))
+        if away < _THERE_MM:
+            return f"{self.reason}; the point itself can be reached"
         nearest = f"the nearest reachable point is ({x:.1f}, {y:.1f}, {z:.1f}) mm, {away:.1f} mm away"
         return f"{self.reason}; {nearest}"
 

@@ -87,11 +87,7 @@ def solve(robot: Robot, start: ArrayLike | None, target: Target, choose: str) ->
     """
     solutions = robot.inverse_kinematics.solve(target, DEFAULT_STEP)
     if not solutions.success:
-        reason = solutions.reason or "there is no solution"
-        if solutions.nearest_m is not None:
-            x, y, z = (1000 * solutions.nearest_m).tolist()
-            reason += f"; the nearest reachable point is ({x:.1f}, {y:.1f}, {z:.1f}) mm"
-        raise UnreachableError(reason)
+        raise UnreachableError(solutions.explanation or "there is no solution")
     return solutions.best(choose, start)
 
 

@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armctl.kinematics.angles import LIMIT_TOLERANCE, TWO_PI, images
+from armctl.kinematics.yaw_pitch_roll.base_yaw import base_branches
 from armctl.kinematics.yaw_pitch_roll.geometry import YawPitchRoll
 from armctl.kinematics.yaw_pitch_roll.plane_circles import PlaneCircle, collinear_circles
 
@@ -79,6 +80,10 @@ class NearestReach:
         Returns:
             None when no configuration has that tool angle.
         """
+        for branch in base_branches(self.geometry, x, y, self._base):
+            reached = self._in_plane(branch.angle, branch.r, z, tool_angle)
+            if reached is not None:  # it was refused for something else, such as the roll
+                return Nearest(reached, 0.0)
         circles = self._free
         if tool_angle is not None:
             circles = _Circles(self._at_tool_angle(tool_angle), self.geometry.shoulder)
