@@ -95,10 +95,10 @@ def chain_of(
         steps += [("z", 0.0, arm.lengths[2], True)]
     else:
         steps += [("x", 0.0, arm.lengths[2], False)]
-    return DHChain(_rows(steps, convention), convention)  # type: ignore[arg-type]
+    return DHChain(rows_of(steps, convention), convention)  # type: ignore[arg-type]
 
 
-def _rows(steps: list[tuple[str, float, float, bool]], convention: str) -> list[DHRow]:
+def rows_of(steps: list[tuple[str, float, float, bool]], convention: str) -> list[DHRow]:
     """Elementary steps packed into rows: z then x in standard rows, x then z in modified ones."""
     rows: list[DHRow] = []
     first, second = ("z", "x") if convention == "standard" else ("x", "z")

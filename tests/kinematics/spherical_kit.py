@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from typing import Literal
 
 import numpy as np
-from tests.kinematics.kit import FloatArray, _rows, random_q, solver_of
+from tests.kinematics.kit import FloatArray, random_q, rows_of, solver_of
 
 from armctl.kinematics import DHChain, DHRow, Solutions
 from armctl.kinematics.spherical.solver import SphericalShoulderSolver
@@ -60,7 +60,7 @@ def random_arm(rng: np.random.Generator) -> tuple[DHChain, FloatArray]:
     else:
         steps += [("x", some(-2, 2), rng.uniform(0.05, 0.3), False), ("z", 0.0, some(-0.1, 0.1), False)]
     convention: Literal["standard", "modified"] = "standard" if rng.random() < 0.5 else "modified"
-    chain = DHChain(_rows(steps, convention), convention)
+    chain = DHChain(rows_of(steps, convention), convention)
     low, high = -rng.uniform(0.1, 3.3, chain.n), rng.uniform(0.1, 3.3, chain.n)
     k = rng.integers(chain.n)
     kind = rng.random()
