@@ -14,7 +14,7 @@ from armctl.errors import (
     MotionRefusedError,
     StateError,
 )
-from armctl.motion import Program, Sample, WaitStep
+from armctl.motion import Program, WaitStep
 from armctl.runtime import (
     ClearFault,
     Connect,
@@ -26,6 +26,7 @@ from armctl.runtime import (
     SetSpeed,
     State,
 )
+from armctl.runtime.activity import Setpoint
 from armctl.runtime.log import EventLog
 from armctl.runtime.mover import PathMover
 
@@ -195,8 +196,8 @@ def test_a_setpoint_that_the_gate_refuses_is_a_fault_and_is_not_sent(
     holding.run(0.2)
     stood, count = holding.now.q_command, len(holding.driver.writes)
 
-    def jumps(_self: PathMover, _now: float, _dt: float) -> Sample:
-        return Sample(stood + np.radians([10, 0, 0, 0, 0]), np.zeros(5), np.zeros(5))
+    def jumps(_self: PathMover, _now: float, _dt: float) -> Setpoint:
+        return Setpoint(stood + np.radians([10, 0, 0, 0, 0]), np.zeros(5), np.zeros(5))
 
     with monkeypatch.context() as patch:
         patch.setattr(PathMover, "advance", jumps)
@@ -219,7 +220,7 @@ def test_a_defect_in_the_controller_is_a_fault_and_the_ticks_go_on(
 ) -> None:
     motion = holding.do(MoveJoints(HOME))
 
-    def breaks(_self: PathMover, _now: float, _dt: float) -> Sample:
+    def breaks(_self: PathMover, _now: float, _dt: float) -> Setpoint:
         raise ZeroDivisionError("oops")
 
     with monkeypatch.context() as patch:

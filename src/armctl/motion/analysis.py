@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from armctl.motion.cubic import CubicTrajectory
 from armctl.motion.joined import JoinedTrajectory
+from armctl.motion.profiles.cubic import CubicTrajectory
+from armctl.motion.profiles.trapezoid import TrapezoidTrajectory
 from armctl.motion.trajectory import Trajectory
-from armctl.motion.trapezoid import TrapezoidTrajectory
 from armctl.robot import Robot
 
 FloatArray = NDArray[np.float64]

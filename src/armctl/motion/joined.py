@@ -70,11 +70,12 @@ class JoinedTrajectory:
             k = int(which)
             return self.parts[k].sample(float(time) - float(starts[k]))
         shape = (*time.shape, len(self.start))
-        q, velocity, acceleration = np.empty(shape), np.empty(shape), np.empty(shape)
+        q, velocity, acceleration, jerk = (np.empty(shape) for _ in range(4))
         for k, part_trajectory in enumerate(self.parts):
             here = which == k
             if not here.any():
                 continue
             part = part_trajectory.sample(time[here] - starts[k])
-            q[here], velocity[here], acceleration[here] = part.q, part.velocity, part.acceleration
-        return Sample(q, velocity, acceleration)
+            q[here], velocity[here] = part.q, part.velocity
+            acceleration[here], jerk[here] = part.acceleration, part.jerk
+        return Sample(q, velocity, acceleration, jerk)

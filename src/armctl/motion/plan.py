@@ -10,11 +10,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from armctl.errors import UnreachableError
 from armctl.kinematics import DEFAULT_STEP, Target
-from armctl.motion.cubic import CubicTrajectory
 from armctl.motion.preflight import require_clear
+from armctl.motion.profiles.cubic import CubicTrajectory
+from armctl.motion.profiles.trapezoid import TrapezoidTrajectory
 from armctl.motion.program import MoveStep, PointStep
 from armctl.motion.trajectory import Trajectory
-from armctl.motion.trapezoid import TrapezoidTrajectory
 from armctl.robot import Robot
 
 FloatArray = NDArray[np.float64]

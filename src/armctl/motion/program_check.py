@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from armctl.errors import ArmctlError, ProgramError
 from armctl.motion.plan import plan_step, solve, step_target
-from armctl.motion.program import LONGEST_WAIT_S, GripperStep, MoveStep, PointStep, Program, Step, WaitStep
+from armctl.motion.program import GripperStep, MoveStep, PointStep, Program, Step, WaitStep
+from armctl.motion.program.program import LONGEST_WAIT_S
 from armctl.robot import Robot
 
 FloatArray = NDArray[np.float64]

@@ -61,6 +61,8 @@ class JointEntry(_Strict, frozen=True):
     limit_deg: tuple[Limit, Limit]
     speed_deg_s: Positive
     acceleration_deg_s2: Positive
+    jerk_deg_s3: Positive | None = None
+    """None: the acceleration is reached in 50 ms"""
     stall_torque_nm: Positive | None = None
     servo: ServoEntry | None = None
 

@@ -13,7 +13,7 @@ from armctl.errors import RobotFileError
 from armctl.kinematics import Body, DHChain, DHRow, GravityModel
 from armctl.robot.file import JointEntry, LookEntry, RobotFile, read_robot_file
 from armctl.robot.look import Color, Look
-from armctl.robot.robot import Gripper, Joint, Robot
+from armctl.robot.robot import JERK_UP_S, Gripper, Joint, Robot
 from armctl.robot.servo_map import ServoMap
 from armctl.robot.urdf import load_urdf
 
@@ -125,6 +125,9 @@ def _joint(entry: JointEntry) -> Joint:
         upper=math.radians(high),
         speed=math.radians(entry.speed_deg_s),
         acceleration=math.radians(entry.acceleration_deg_s2),
+        jerk=math.radians(
+            entry.acceleration_deg_s2 / JERK_UP_S if entry.jerk_deg_s3 is None else entry.jerk_deg_s3
+        ),
         stall_torque=entry.stall_torque_nm,
     )
 

@@ -30,6 +30,10 @@ from armctl.robot.servo_map import ServoMap
 FloatArray = NDArray[np.float64]
 
 
+JERK_UP_S = 0.05
+"""Where nothing else is written, a joint reaches its largest acceleration in this time."""
+
+
 @dataclass(frozen=True, slots=True)
 class Joint:
     """One joint, in radians."""
@@ -42,6 +46,8 @@ class Joint:
     """largest speed [rad/s]"""
     acceleration: float
     """largest acceleration [rad/s²]"""
+    jerk: float
+    """largest jerk [rad/s³]; kept by the profiles that know one (s-curve, quintic)"""
     stall_torque: float | None
     """[N·m]; None where the source gives none"""
 
@@ -102,6 +108,11 @@ class Robot:
     def acceleration_limits(self) -> FloatArray:
         """(n,) largest joint accelerations [rad/s²]."""
         return np.array([joint.acceleration for joint in self.joints])
+
+    @cached_property
+    def jerk_limits(self) -> FloatArray:
+        """(n,) largest joint jerks [rad/s³]."""
+        return np.array([joint.jerk for joint in self.joints])
 
     @cached_property
     def inverse_kinematics(self) -> InverseKinematics:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from armctl.errors import RobotFileError
 from armctl.kinematics import Body, DHChain, GravityModel
-from armctl.robot.robot import Joint, Robot
+from armctl.robot.robot import JERK_UP_S, Joint, Robot
 from armctl.robot.urdf_file import UrdfFile, UrdfJoint, read_urdf_file
 from armctl.robot.urdf_rows import rows_of
 from armctl.robot.urdf_tree import UrdfTree
@@ -93,6 +93,7 @@ def _joint(joint: UrdfJoint, name: str, path: Path) -> Joint:
         upper=upper,
         speed=speed,
         acceleration=speed / SPEED_UP_S,
+        jerk=speed / SPEED_UP_S / JERK_UP_S,
         stall_torque=limit.effort if limit is not None and limit.effort > 0 else None,
     )
 

@@ -9,10 +9,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armctl.errors import ArmctlError
-from armctl.motion import Sample
 from armctl.runtime.snapshot import ProgramProgress
 
 FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Setpoint:
+    """What the joints shall do now: (n,) rad, rad/s, rad/s²."""
+
+    q: FloatArray
+    velocity: FloatArray
+    acceleration: FloatArray
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,7 +73,7 @@ class Activity(Protocol):
         """What it holds back, and why."""
         ...
 
-    def advance(self, now: float, dt: float) -> Sample | None:
+    def advance(self, now: float, dt: float) -> Setpoint | None:
         """Go on by ``dt`` seconds to ``now`` (controller clock); None where no joint moves."""
         ...
 

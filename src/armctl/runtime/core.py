@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from armctl.errors import ArmctlError, BoardError, MotionRefusedError, StateError
 from armctl.hardware import Driver, Source
-from armctl.motion import Floor, Sample
+from armctl.motion import Floor
 from armctl.robot import Robot
-from armctl.runtime.activity import Activity
+from armctl.runtime.activity import Activity, Setpoint
 from armctl.runtime.board import Board
 from armctl.runtime.gate import Gate
 from armctl.runtime.gripper import GripperMover
@@ -60,7 +60,7 @@ class Core:
         self.speed = 1.0
         self.jogged_at = -math.inf
         self.jog_locked = False
-        self.sample: Sample | None = None
+        self.setpoint: Setpoint | None = None
         self._advanced_at = -math.inf
 
     @property
@@ -122,13 +122,13 @@ class Core:
                 self.notices.set("late", text, until=now + 5)
         if self.monitor.doubtful:
             # What is written to a board that has lost its power switches the pulses on again with a jump.
-            self.sample = None
+            self.setpoint = None
             if self.activity is not None:
                 self.activity.halt()
             return
-        self.sample = None if self.activity is None else self.activity.advance(now, dt)
+        self.setpoint = None if self.activity is None else self.activity.advance(now, dt)
         opening = self.gripper.advance(dt, self.speed)
-        self._send(None if self.sample is None else self.sample.q, opening, now)
+        self._send(None if self.setpoint is None else self.setpoint.q, opening, now)
 
     def settle(self, now: float) -> None:
         """Draw the conclusions of a tick: what has ended, what stands, what is refused."""
@@ -179,7 +179,7 @@ class Core:
         self.stopping.clear()
         self.stopped_by = ""
         self.pausing = False
-        self.sample = None
+        self.setpoint = None
         self.notices.clear("activity")
 
     def fault(self, error: ArmctlError) -> None:

@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armctl.errors import ArmctlError
-from armctl.motion import Floor, Sample
+from armctl.motion import Floor
 from armctl.robot import Robot
-from armctl.runtime.activity import ActivityView
+from armctl.runtime.activity import ActivityView, Setpoint
 
 FloatArray = NDArray[np.float64]
 JOG_EXPIRY_S = 0.1
@@ -103,7 +103,7 @@ class Jogger:
         """What is shown: a jog has no goal."""
         return ActivityView(None, 0.0, 0.0)
 
-    def advance(self, now: float, dt: float) -> Sample | None:
+    def advance(self, now: float, dt: float) -> Setpoint | None:
         """Go on by ``dt`` seconds to ``now``; None where the joints stand."""
         zero = np.zeros(self._robot.n)
         expired = now >= self._expires
@@ -118,9 +118,9 @@ class Jogger:
         if not v.any() and not self._v.any():
             self._done = expired
             return None
-        sample = Sample(q, v, (v - self._v) / dt)
+        sample = Setpoint(q, v, (v - self._v) / dt)
         self._q, self._v = q, v
-        return Sample(q.copy(), v.copy(), sample.acceleration)
+        return Setpoint(q.copy(), v.copy(), sample.acceleration)
 
     def _step(self, desired: FloatArray, dt: float) -> tuple[FloatArray, FloatArray]:
         """Positions and speeds (n,) after ``dt``: as near to the desired speeds as the limits allow."""

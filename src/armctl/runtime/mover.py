@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armctl.errors import ArmctlError
-from armctl.motion import Sample, Trajectory
+from armctl.motion import Trajectory
 from armctl.robot import Robot
-from armctl.runtime.activity import ActivityView
+from armctl.runtime.activity import ActivityView, Setpoint
 
 FloatArray = NDArray[np.float64]
 _PROBES: Final = np.linspace(0.0, 1.0, 9)  # a trapezoid's corners lie anywhere in a tick
@@ -94,7 +94,7 @@ class PathMover:
         """No setpoint is sent for now: go on from rest."""
         self._rate = 0.0
 
-    def advance(self, now: float, dt: float) -> Sample | None:
+    def advance(self, now: float, dt: float) -> Setpoint | None:
         """Go on by ``dt`` seconds; None where the joints stand."""
         if self.done:
             return None
@@ -107,8 +107,8 @@ class PathMover:
         self._rate = rate
         sample = self._trajectory.sample(self._time)
         if self.standing:
-            return Sample(sample.q, np.zeros_like(sample.q), np.zeros_like(sample.q))
-        return Sample(
+            return Setpoint(sample.q, np.zeros_like(sample.q), np.zeros_like(sample.q))
+        return Setpoint(
             sample.q, sample.velocity * rate, sample.acceleration * rate**2 + sample.velocity * push
         )
 

@@ -6,9 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armctl.errors import ArmctlError, InputError, ProgramError
-from armctl.motion import GripperStep, Program, Sample, WaitStep, check_program
+from armctl.motion import GripperStep, Program, WaitStep, check_program
 from armctl.robot import Robot
-from armctl.runtime.activity import ActivityView
+from armctl.runtime.activity import ActivityView, Setpoint
 from armctl.runtime.gripper import GripperMover
 from armctl.runtime.mover import PathMover
 from armctl.runtime.planner import Planner, planned
@@ -146,7 +146,7 @@ class ProgramRunner:
         if self._mover is not None:
             self._mover.halt()
 
-    def advance(self, now: float, dt: float) -> Sample | None:
+    def advance(self, now: float, dt: float) -> Setpoint | None:
         """Go on by ``dt`` seconds; None where no joint moves."""
         sample = None
         if self._mover is not None:

@@ -15,7 +15,7 @@ def report(core: Core, tick: int, now: float) -> Snapshot:
     """Everything that the outside may know, as it is now."""
     q = core.gate.q
     still = np.zeros(core.robot.n)
-    sample = core.sample
+    sample = core.setpoint
     reading = core.monitor.reading
     activity = core.activity
     view = _IDLE if activity is None else activity.view()

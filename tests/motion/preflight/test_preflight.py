@@ -46,7 +46,7 @@ class Sine:
         q = HOME + self._unit * self.amplitude * 0.5 * (1 - np.cos(u))
         v = self._unit * self.amplitude * 0.5 * w * np.sin(u) * self.lie
         a = self._unit * self.amplitude * 0.5 * w * w * np.cos(u) * self.lie
-        return Sample(q, v, a)
+        return Sample(q, v, a, np.zeros_like(q))
 
     @property
     def _unit(self) -> NDArray[np.float64]:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from armctl.errors import InputError
-from armctl.motion.cubic import checked_ends
+from armctl.motion.profiles.cubic import checked_ends
 from armctl.motion.trajectory import Sample
 from armctl.robot import Robot
 
@@ -98,4 +98,4 @@ class TrapezoidTrajectory:
         velocity = self._sign * np.where(speeding, a * since, np.where(slowing, a * left, peak))
         inside = (time >= 0) & (time <= self._time) & (self._peak > 0)
         push = np.where(speeding, a, np.where(slowing, -a, 0.0))
-        return Sample(q, velocity, self._sign * np.where(inside, push, 0.0))
+        return Sample(q, velocity, self._sign * np.where(inside, push, 0.0), np.zeros_like(q))

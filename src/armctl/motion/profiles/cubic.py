@@ -105,13 +105,14 @@ class CubicTrajectory:
         duration = self._duration
         if duration == 0:
             still = np.zeros(np.broadcast_shapes(time.shape, self._start.shape))
-            return Sample(self._start + still, still, still.copy())
+            return Sample(self._start + still, still, still.copy(), still.copy())
         u = np.clip(time / duration, 0.0, 1.0)
         inside = (time >= 0) & (time <= duration)
         q = np.where(u <= 0.5, self._start + self._travel * (u * u * (3 - 2 * u)), self._from_end(1 - u))
         velocity = self._travel * (6 * u * (1 - u) / duration)
         acceleration = self._travel * np.where(inside, (6 - 12 * u) / duration**2, 0.0)
-        return Sample(q, velocity, acceleration)
+        jerk = self._travel * np.where(inside, -12.0 / duration**3, 0.0)
+        return Sample(q, velocity, acceleration, jerk)
 
     def _from_end(self, w: FloatArray) -> FloatArray:
         """The second half counted from the end, so that the end itself is met exactly."""

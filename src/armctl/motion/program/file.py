@@ -11,7 +11,7 @@ import msgspec
 import tomli_w
 
 from armctl.errors import ProgramError
-from armctl.motion.program import Program
+from armctl.motion.program.program import Program
 
 _STEP = re.compile(r"\$\.steps\[(\d+)\]")
 

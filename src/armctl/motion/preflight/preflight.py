@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armctl.errors import InputError, MotionRefusedError
-from armctl.motion.cubic import CubicTrajectory
-from armctl.motion.floor import Floor
 from armctl.motion.joined import JoinedTrajectory
+from armctl.motion.preflight.floor import Floor
+from armctl.motion.profiles.cubic import CubicTrajectory
+from armctl.motion.profiles.trapezoid import TrapezoidTrajectory
 from armctl.motion.trajectory import Sample, Trajectory
-from armctl.motion.trapezoid import TrapezoidTrajectory
 from armctl.robot import Robot
 
 FloatArray = NDArray[np.float64]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import msgspec
 
 from armctl.errors import ProgramError
-from armctl.motion.program import Program, Step
+from armctl.motion.program.program import Program, Step
 
 
 def insert(program: Program, index: int, step: Step) -> Program:

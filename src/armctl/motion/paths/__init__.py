@@ -1,0 +1,1 @@
+"""Paths: where a motion goes, without its time."""
