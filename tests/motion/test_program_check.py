@@ -2,9 +2,25 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
-from armctl.motion import GripperStep, MoveStep, PointStep, Program, Step, WaitStep, check_program
+from armctl.errors import InputError
+from armctl.motion import ProgramFinding, check_program
+from armctl.motion.program import (
+    ArcStep,
+    CommentStep,
+    EndStep,
+    GripperStep,
+    LineStep,
+    MoveStep,
+    PointStep,
+    Program,
+    RepeatStep,
+    SpeedStep,
+    Step,
+    WaitStep,
+)
 from armctl.robot import load_robot
 
 ROBOT = load_robot("uzuner")
@@ -38,6 +54,16 @@ def test_a_good_program() -> None:
         (GripperStep(open_percent=float("nan")), "step 2: the gripper opens 0 … 100 %, not nan"),
         (WaitStep(seconds=-1), "step 2: a wait takes 0 … 86400 s, not -1"),
         (WaitStep(seconds=float("inf")), "step 2: a wait takes 0 … 86400 s, not inf"),
+        (SpeedStep(percent=1), "step 2: a speed is 5 … 100 %, not 1"),
+        (LineStep(x_mm=float("nan"), y_mm=0, z_mm=85), "step 2: the end of the line must be finite"),
+        (
+            ArcStep(via_x_mm=float("inf"), via_y_mm=0, via_z_mm=85, x_mm=1, y_mm=1, z_mm=1),
+            "step 2: the point on the arc must be finite",
+        ),
+        (LineStep(x_mm=200, y_mm=0, z_mm=85, pitch="interpolated"), 'step 2: pitch = "interpolated" and'),
+        (LineStep(x_mm=200, y_mm=0, z_mm=85, pitch_deg=3), 'step 2: pitch = "kept" and pitch_deg = 3'),
+        (RepeatStep(times=2), "step 2: this 'repeat' has no 'end'"),
+        (EndStep(), "step 2: 'end' without a 'repeat'"),
     ],
 )
 def test_what_is_wrong_with_a_step(step: Step, message: str) -> None:
@@ -58,3 +84,91 @@ def test_an_arm_without_gripper() -> None:
     bare = replace(ROBOT, gripper=None)
     program = Program(robot="uzuner", steps=(GripperStep(open_percent=1),))
     assert [f.what for f in check_program(program, bare)] == ["uzuner has no gripper; delete the step"]
+
+
+def all_findings(*steps: Step, **more: object) -> list[ProgramFinding]:
+    return check_program(Program(robot="uzuner", steps=steps), ROBOT, **more)  # type: ignore[arg-type]
+
+
+LOW = MoveStep(joints_deg=(0, -3, -60, -20, 0))
+STRETCHED = MoveStep(joints_deg=(0, 0, 0, 0, 0))
+
+
+def test_a_finding_of_the_preflight_says_when_where_what_and_how_to_mend_it() -> None:
+    (finding,) = [f for f in all_findings(HOME, CommentStep(note="down"), LOW) if f.kind == "floor"]
+    assert (finding.step, finding.part, finding.severity) == (2, "the tool", "error")
+    assert finding.time is not None and finding.time > 0
+    assert "below the floor" in finding.what and "raise the target" in finding.mend
+    assert str(finding) == (f"step 3: the tool: {finding.what} at {finding.time:.2f} s; {finding.mend}")
+
+
+def test_warnings_are_told_apart_from_errors() -> None:
+    (finding,) = all_findings(HOME, STRETCHED)
+    assert (finding.step, finding.severity, finding.kind) == (1, "warning", "singularity")
+
+
+def test_where_it_starts_matters_only_when_it_is_told() -> None:
+    assert all_findings(LOW, motions=True) == []
+    found = all_findings(LOW, start=ROBOT.pose("home"))
+    assert [(f.step, f.kind) for f in found] == [(0, "floor")]
+    with pytest.raises(InputError):
+        all_findings(LOW, start=[1.0, float("nan"), 0, 0, 0])
+
+
+def test_a_payload_counts() -> None:
+    out = MoveStep(joints_deg=(0, 5, 5, 5, 0))
+    assert {f.kind for f in all_findings(HOME, out, payload_kg=1.5)} >= {"torque"}
+    assert "torque" not in {f.kind for f in all_findings(HOME, out)}
+
+
+def test_lines_and_arcs_are_planned_from_where_the_step_before_ends() -> None:
+    here = PointStep(x_mm=200, y_mm=0, z_mm=120, choose="published")
+    line = LineStep(x_mm=200, y_mm=60, z_mm=120)
+    arc = ArcStep(via_x_mm=205, via_y_mm=30, via_z_mm=120, x_mm=200, y_mm=0, z_mm=120)
+    assert all_findings(here, line, arc) == []
+    far = LineStep(x_mm=500, y_mm=60, z_mm=120)
+    (finding,) = all_findings(here, far)
+    assert (finding.step, finding.severity) == (1, "error")
+    assert all_findings(far) == []  # nothing is known of where it starts
+
+
+def test_a_block_is_entered_again_from_where_it_ends() -> None:
+    # from home the first pass is clear of the short duration, the second one comes from farther away
+    near = MoveStep(joints_deg=(10, 90, -80, -40, 0), duration_s=1.0)
+    away = MoveStep(joints_deg=(100, 90, -80, -40, 0))
+    once = all_findings(HOME, RepeatStep(times=1), near, away, EndStep())
+    assert once == []
+    (finding,) = all_findings(HOME, RepeatStep(times=2), near, away, EndStep())
+    assert finding.step == 2 and "needs" in finding.what
+    assert all_findings(HOME, RepeatStep(times=9), near, away, EndStep()) == [finding]
+
+
+def test_blocks_in_blocks_cost_no_more_than_their_steps() -> None:
+    deep = 400  # two passes of each would be 2 ** 400
+    steps = [*[RepeatStep(times=3)] * deep, HOME, STRETCHED, *[EndStep()] * deep]
+    (finding,) = all_findings(*steps)
+    assert (finding.step, finding.kind) == (deep + 1, "singularity")
+
+
+def test_findings_come_in_the_order_of_the_steps() -> None:
+    found = all_findings(HOME, LOW, WaitStep(seconds=-1), HOME, LOW)
+    assert [f.step for f in found] == sorted(f.step for f in found if f.step is not None)
+    assert {f.step for f in found} == {1, 2, 4}
+
+
+def test_a_long_program_is_checked_like_its_motions_one_by_one() -> None:
+    rng = np.random.default_rng(2)
+    low, high = np.degrees(ROBOT.limits).T
+    steps = [
+        MoveStep(joints_deg=tuple(rng.uniform(low + 0.01, high - 0.01).tolist()), blend_mm=10)
+        for _ in range(40)
+    ]
+    together = all_findings(*steps)
+    apart = [
+        replace(finding, step=k + 1)
+        for k in range(39)
+        for finding in all_findings(*steps[k : k + 2])
+        if finding.step == 1
+    ]
+    assert [str(f) for f in together] == [str(f) for f in apart]
+    assert together

@@ -70,3 +70,22 @@ def test_the_solver_is_made_once() -> None:
     robot = load_robot("uzuner")
     assert robot.inverse_kinematics is robot.inverse_kinematics
     assert robot.inverse_kinematics.family.startswith("yaw")
+
+
+def test_one_configuration_is_needed_where_one_is_asked_for() -> None:
+    robot = load_robot("uzuner")
+    several = np.zeros((2, 5))
+    solutions = robot.inverse([0.2, 0.0, 0.1])
+    for ask in (robot.check_limits, solutions.index_of, solutions.branch_of):
+        with pytest.raises(InputError, match=r"5 joint angles are needed, got an array of shape \(2, 5\)"):
+            ask(several)
+
+
+def test_least_rotation_says_what_is_wrong_with_a_point() -> None:
+    robot = load_robot("uzuner")
+    for wrong in (None, "0.2", ["a", "b", "c"], [[1, 2], [1, 2, 3]], [True, False, True]):
+        with pytest.raises(InputError, match="the target position must be numbers"):
+            robot.least_rotation(wrong)  # type: ignore[arg-type]
+    for wrong in ([], [0.2, 0.1], 0.2, np.zeros((2, 2, 3))):
+        with pytest.raises(InputError, match="shape"):
+            robot.least_rotation(wrong)

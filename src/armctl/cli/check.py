@@ -10,8 +10,10 @@ import msgspec
 from armctl.cli.main import DONE, REFUSED
 from armctl.cli.options import json_option, print_json
 from armctl.errors import ArmctlError, InputError
-from armctl.motion import check_program, load_program
-from armctl.robot import load_robot
+from armctl.motion import ProgramFinding, check_program, load_program
+from armctl.motion.preflight import not_checked, preflight_batch
+from armctl.motion.profiles import PointToPoint
+from armctl.robot import Robot, load_robot
 
 
 @click.command()
@@ -21,17 +23,52 @@ from armctl.robot import load_robot
 def check(file: Path, robot: str | None, as_json: bool) -> int:
     """Check FILE, a robot file or a program, and say everything that is wrong with it."""
     kind = _kind(file)
+    unknown: tuple[str, ...] = ()
     try:
-        findings = _check_robot(file) if kind == "robot" else _check_program(file, robot)
+        if kind == "robot":
+            arm = load_robot(file)
+            findings = _check_robot(arm)
+        else:
+            program = load_program(file)
+            arm = load_robot(robot or program.robot)
+            findings = check_program(program, arm)
+        unknown = not_checked(arm)
     except ArmctlError as refusal:
-        findings = [str(refusal)]
+        findings = [ProgramFinding(None, str(refusal))]
+    errors = [finding for finding in findings if finding.severity == "error"]
     if as_json:
-        print_json({"file": str(file), "kind": kind, "sound": not findings, "findings": findings})
+        record = {
+            "file": str(file),
+            "kind": kind,
+            "sound": not errors,
+            "findings": [_record(finding) for finding in findings],
+            "not_checked": unknown,
+        }
+        print_json(record)
     elif not findings:
         click.echo(f"{file}: a sound {kind}")
+    elif not errors:
+        click.echo(f"{file}: a sound {kind}, with {len(findings)} warning{'s' if len(findings) > 1 else ''}")
+    for text in unknown if not as_json else ():
+        click.echo(f"{file}: not checked: {text}")
     for finding in findings:
-        click.echo(f"armctl: {finding if str(file) in finding else f'{file}: {finding}'}", err=True)
-    return REFUSED if findings else DONE
+        text = str(finding) if str(file) in str(finding) else f"{file}: {finding}"
+        click.echo(f"armctl: {'' if finding.severity == 'error' else 'warning: '}{text}", err=True)
+    return REFUSED if errors else DONE
+
+
+def _record(finding: ProgramFinding) -> dict[str, object]:
+    """A finding for programs; steps are counted from 1, as in the text."""
+    return {
+        "step": None if finding.step is None else finding.step + 1,
+        "time_s": finding.time,
+        "part": finding.part,
+        "what": finding.what,
+        "mend": finding.mend,
+        "kind": finding.kind,
+        "severity": finding.severity,
+        "text": str(finding),
+    }
 
 
 def _kind(file: Path) -> str:
@@ -47,11 +84,22 @@ def _kind(file: Path) -> str:
     return "robot" if isinstance(top, dict) and ("dh" in top or "joints" in top) else "program"
 
 
-def _check_robot(file: Path) -> list[str]:
-    load_robot(file).inverse_kinematics  # noqa: B018  choosing the solver is part of the check
-    return []
-
-
-def _check_program(file: Path, robot: str | None) -> list[str]:
-    program = load_program(file)
-    return [str(finding) for finding in check_program(program, load_robot(robot or program.robot))]
+def _check_robot(robot: Robot) -> list[ProgramFinding]:
+    """Whether it has a solver, and what the way from home to each of its named poses would meet."""
+    robot.inverse_kinematics  # noqa: B018
+    home = robot.pose("home")
+    names = [name for name in robot.poses if name != "home"]
+    found = preflight_batch(robot, [PointToPoint.plan(robot, home, robot.pose(name)) for name in names])
+    return [
+        ProgramFinding(
+            None,
+            finding.what,
+            finding.time,
+            f"the way from home to {name}: {finding.part}",
+            finding.mend,
+            finding.kind,
+            "warning",
+        )
+        for name, findings in zip(names, found, strict=True)
+        for finding in findings
+    ]

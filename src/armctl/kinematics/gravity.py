@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from armctl.kinematics.chain import DHChain
+from armctl.kinematics.link_frames import LinkFrames, row_in_link
 
 FloatArray = NDArray[np.float64]
 STANDARD_GRAVITY = 9.80665
@@ -33,6 +34,17 @@ class GravityModel:
     bodies: tuple[Body, ...]
     payload_kg: float = 0.0
     """held at the tool point"""
+    _carried: tuple[tuple[tuple[float, FloatArray], ...], ...] = field(init=False, repr=False, compare=False)
+    """for each joint: mass and point (3,) in the link's frame of what it carries until the next joint"""
+
+    def __post_init__(self) -> None:
+        places, n = row_in_link(self.chain), self.chain.n
+        carried: list[list[tuple[float, FloatArray]]] = [[] for _ in range(n)]
+        for body in self.bodies:
+            T = places[self.chain.joint_rows[body.joint] + 1][1]
+            carried[body.joint].append((body.mass_kg, T[:3, :3] @ np.array(body.com_m) + T[:3, 3]))
+        carried[n - 1].append((self.payload_kg, places[-1][1][:3, 3]))
+        object.__setattr__(self, "_carried", tuple(map(tuple, carried)))
 
     def torque(self, q: FloatArray) -> FloatArray:
         """Torque that each joint must hold against gravity.
@@ -47,22 +59,19 @@ class GravityModel:
         potential energy.
         """
         q = self.chain.checked(q)
-        frames = self.chain.frames(q)
-        if self.chain.convention == "modified":
-            axis_frames = frames[..., [row + 1 for row in self.chain.joint_rows], :, :]
-        else:
-            axis_frames = frames[..., list(self.chain.joint_rows), :, :]
-        axes, points = axis_frames[..., :3, 2], axis_frames[..., :3, 3]
-        torque = np.zeros(q.shape)
-        masses = [(body.joint, body.mass_kg, self._point(frames, body)) for body in self.bodies]
-        masses.append((self.chain.n - 1, self.payload_kg, frames[..., -1, :3, 3]))
-        for joint, mass, point in masses:
-            lever = point[..., None, :] - points[..., : joint + 1, :]
-            z = axes[..., : joint + 1, :]
-            lift = z[..., 0] * lever[..., 1] - z[..., 1] * lever[..., 0]
-            torque[..., : joint + 1] += mass * STANDARD_GRAVITY * lift
-        return torque
+        flat = q.reshape(-1, self.chain.n)
+        return self.torque_of(LinkFrames.at(self.chain, flat)).T.reshape(q.shape)
 
-    def _point(self, frames: FloatArray, body: Body) -> FloatArray:
-        frame = frames[..., self.chain.joint_rows[body.joint] + 1, :, :]
-        return frame[..., :3, :3] @ np.array(body.com_m) + frame[..., :3, 3]
+    def torque_of(self, links: LinkFrames) -> FloatArray:
+        """As ``torque``, for links that are placed already: (n, m) [N·m], a column a configuration."""
+        n, m = self.chain.n, links.origin[0].shape[-1]
+        torque = np.empty((n, m))
+        mass, moment = 0.0, np.zeros((2, m))  # of everything beyond the joint: Σ m and Σ m (x, y)
+        for j in reversed(range(n)):
+            for weight, point in self._carried[j]:
+                mass += weight
+                moment += weight * links.place(j, point[None])[:2, 0]
+            z, origin = links.rotation[j][:, 2], links.origin[j]
+            torque[j] = z[0] * (moment[1] - mass * origin[1]) - z[1] * (moment[0] - mass * origin[0])
+        torque *= STANDARD_GRAVITY
+        return torque

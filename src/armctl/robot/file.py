@@ -110,6 +110,24 @@ class FloorEntry(_Strict, frozen=True):
     z_mm: float = 0.0
 
 
+class CapsuleEntry(_Strict, frozen=True):
+    """A piece of the arm's body: all within a radius of a segment, in the frame of the joint's DH row."""
+
+    from_mm: tuple[float, float, float]
+    to_mm: tuple[float, float, float]
+    radius_mm: Positive
+    joint: Name | None = None
+    """the joint that moves it; None: it stands still with the base, in the base frame"""
+
+
+class ObstacleEntry(_Strict, frozen=True):
+    """A box that the arm must stay out of, between two opposite corners in the base frame."""
+
+    title: Annotated[str, Meta(min_length=1)]
+    from_mm: tuple[float, float, float]
+    to_mm: tuple[float, float, float]
+
+
 class RobotFile(_Strict, frozen=True):
     """One robot file, as written."""
 
@@ -127,6 +145,10 @@ class RobotFile(_Strict, frozen=True):
     gripper: GripperEntry | None = None
     bodies: tuple[BodyEntry, ...] = ()
     floor: FloorEntry = FloorEntry()
+    capsules: tuple[CapsuleEntry, ...] = ()
+    """the arm's body; none: as it is drawn"""
+    obstacles: tuple[ObstacleEntry, ...] = ()
+    """a table, a wall, a conveyor"""
     look: LookEntry | None = None
 
 

@@ -11,8 +11,10 @@ from numpy.typing import NDArray
 
 from armctl.errors import RobotFileError
 from armctl.kinematics import Body, DHChain, DHRow, GravityModel
-from armctl.robot.file import JointEntry, LookEntry, RobotFile, read_robot_file
+from armctl.robot.capsules import Capsule, capsule
+from armctl.robot.file import JointEntry, LookEntry, ObstacleEntry, RobotFile, read_robot_file
 from armctl.robot.look import Color, Look
+from armctl.robot.obstacle import Obstacle
 from armctl.robot.robot import JERK_UP_S, Gripper, Joint, Robot
 from armctl.robot.servo_map import ServoMap
 from armctl.robot.urdf import load_urdf
@@ -91,6 +93,8 @@ def _build(file: RobotFile, path: Path) -> Robot:
         floor_z=file.floor.z_mm / 1000,
         points={name: _point(value) for name, value in file.points.items()},
         look=_look(file.look),
+        capsules=_capsules(file, entries, chain, path),
+        obstacles=tuple(_obstacle(entry, path) for entry in file.obstacles),
     )
     for needed in ("home", "rest"):
         if needed not in robot.poses:
@@ -148,6 +152,32 @@ def _point(value_mm: tuple[float, float, float]) -> FloatArray:
     point = np.array(value_mm, dtype=np.float64) / 1000
     point.flags.writeable = False
     return point
+
+
+def _capsules(
+    file: RobotFile, joints: list[JointEntry], chain: DHChain, path: Path
+) -> tuple[Capsule, ...] | None:
+    order = [joint.name for joint in joints]
+    capsules: list[Capsule] = []
+    for entry in file.capsules:
+        if entry.joint is not None and entry.joint not in order:
+            raise RobotFileError(f"{path}: capsules: there is no joint {entry.joint!r}")
+        frame = 0 if entry.joint is None else chain.joint_rows[order.index(entry.joint)] + 1
+        ends = np.array([entry.from_mm, entry.to_mm]) / 1000
+        titles = [joint.title for joint in joints]
+        capsules.append(capsule(chain, titles, frame, (ends[0], ends[1]), entry.radius_mm / 1000))
+    return tuple(capsules) or None
+
+
+def _obstacle(entry: ObstacleEntry, path: Path) -> Obstacle:
+    corners = np.array([entry.from_mm, entry.to_mm]) / 1000
+    flat = np.flatnonzero(corners[0] == corners[1])
+    if len(flat):
+        raise RobotFileError(
+            f"{path}: obstacles: {entry.title}: from_mm and to_mm have the same {'xyz'[flat[0]]}; "
+            "they must be opposite corners of a box"
+        )
+    return Obstacle(entry.title, corners.min(axis=0), corners.max(axis=0))
 
 
 def _look(entry: LookEntry | None) -> Look:

@@ -24,7 +24,12 @@ from armctl.kinematics import (
     YawPitchRollSolver,
     inverse_kinematics,
 )
+from armctl.kinematics.checks import as_numbers
+from armctl.robot.capsules import Capsule, shape_capsules
+from armctl.robot.collision import CollisionModel
+from armctl.robot.corners import Corner, moving_corners
 from armctl.robot.look import Look
+from armctl.robot.obstacle import Obstacle
 from armctl.robot.servo_map import ServoMap
 
 FloatArray = NDArray[np.float64]
@@ -81,6 +86,10 @@ class Robot:
     points: Mapping[str, FloatArray] = field(default_factory=dict[str, FloatArray])
     """named tool points (3,) in the base frame [m]"""
     look: Look = field(default_factory=Look)
+    capsules: tuple[Capsule, ...] | None = None
+    """its body; None: as it is drawn"""
+    obstacles: tuple[Obstacle, ...] = ()
+    """what the arm must stay out of, besides the floor"""
     limits: FloatArray = field(init=False)
     """(n, 2) lower and upper joint limits [rad]"""
 
@@ -129,6 +138,20 @@ class Robot:
             gravity=self.gravity,
             stall_torque=None if None in stall else np.array(stall, dtype=np.float64),
         )
+
+    @cached_property
+    def corners(self) -> tuple[Corner, ...]:
+        """What comes nearest to the floor, from the base to the tool; without what no joint lifts."""
+        return moving_corners(self.chain, [joint.title for joint in self.joints], self.limits)
+
+    @cached_property
+    def collision(self) -> CollisionModel:
+        """The arm's body as capsules, and which of them are kept apart."""
+        capsules = self.capsules
+        if capsules is None:
+            titles = [joint.title for joint in self.joints]
+            capsules = shape_capsules(self.chain, self.look, titles, gripper=self.gripper is not None)
+        return CollisionModel.build(self.chain, capsules, self.limits, self.pose("home"))
 
     def forward(self, q: ArrayLike) -> FloatArray:
         """Pose of the tool: ``q`` (..., n) [rad] -> ``T_base_tool`` (..., 4, 4), metres."""
@@ -221,9 +244,10 @@ class Robot:
                 not of the family *yaw, parallel pitch joints, roll*.
         """
         solver = self._closed_form("least_rotation")
-        if np.ndim(position_m) == 1:
-            return solver.least_rotation_of(Target.of(position_m))
-        return solver.least_rotation_batch(position_m)
+        position = as_numbers(position_m, "the target position")
+        if position.ndim == 1:
+            return solver.least_rotation_of(position)
+        return solver.least_rotation_batch(position)
 
     def _closed_form(self, method: str) -> YawPitchRollSolver:
         solver = self.inverse_kinematics
@@ -261,7 +285,7 @@ class Robot:
             InputError: wrong shape or not finite.
             MotionRefusedError: names each joint, its value and its limits.
         """
-        q = self.chain.checked(q)
+        q = self.chain.checked_one(q)
         outside = (q < self.limits[:, 0] - 1e-9) | (q > self.limits[:, 1] + 1e-9)
         if outside.any():
             parts = [

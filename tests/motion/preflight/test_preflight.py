@@ -8,10 +8,9 @@ from numpy.typing import NDArray
 
 from armctl.errors import InputError, MotionRefusedError
 from armctl.motion import (
-    CubicTrajectory,
     JoinedTrajectory,
+    PointToPoint,
     Sample,
-    TrapezoidTrajectory,
     preflight,
     require_clear,
 )
@@ -59,8 +58,8 @@ def texts(trajectory: object) -> list[str]:
 
 def test_good_motions_pass() -> None:
     rest = ROBOT.pose("rest")
-    there = CubicTrajectory.plan(ROBOT, HOME, rest)
-    back = TrapezoidTrajectory.plan(ROBOT, rest, HOME)
+    there = PointToPoint.plan(ROBOT, HOME, rest)
+    back = PointToPoint.each_for_itself(ROBOT, rest, HOME)
     assert preflight(ROBOT, there) == []
     assert preflight(ROBOT, back) == []
     assert preflight(ROBOT, JoinedTrajectory([there, back])) == []
@@ -71,7 +70,7 @@ def test_good_motions_pass() -> None:
 def test_a_joint_outside_its_limits_is_named_with_figures() -> None:
     end = HOME.copy()
     end[2] = np.radians(-91.2)
-    (text,) = texts(CubicTrajectory(HOME, end, 10.0))
+    (text,) = texts(PointToPoint.lasting(HOME, end, 10.0))
     assert text == (
         "Elbow: -91.20° is outside -84.36° … 95.07° at 10.00 s; choose another target or another branch"
     )
@@ -80,20 +79,21 @@ def test_a_joint_outside_its_limits_is_named_with_figures() -> None:
 def test_speed_and_acceleration_peaks_are_exact() -> None:
     end = HOME.copy()
     end[0] += np.radians(60)
-    shortest = CubicTrajectory.plan(ROBOT, HOME, end).duration
-    assert texts(CubicTrajectory(HOME, end, shortest)) == []
-    (speed,) = texts(CubicTrajectory(HOME, end, shortest * 0.999))
+    shortest = PointToPoint.plan(ROBOT, HOME, end).duration
+    assert texts(PointToPoint.lasting(HOME, end, shortest)) == []
+    (speed,) = texts(PointToPoint.lasting(HOME, end, shortest * 0.999))
     assert speed.startswith("Base: 60.1 °/s is over its limit of 60.0 °/s at 0.75 s; take 1.00 times")
-    found = texts(CubicTrajectory(HOME, end, 0.5))
-    assert [text.split(" is over")[0] for text in found] == ["Base: 180.0 °/s", "Base: 1440.0 °/s²"]
-    assert found[1].endswith("take 2.00 times as long")
+    found = texts(PointToPoint.lasting(HOME, end, 0.5))
+    assert [text.split(" is over")[0] for text in found] == ["Base: 1440.0 °/s²", "Base: 180.0 °/s"]
+    assert found[0].endswith("at 0.00 s; take 2.00 times as long")
+    assert found[1].endswith("at 0.25 s; take 3.00 times as long")
 
 
 def test_in_a_joined_motion_the_time_counts_from_the_whole_start() -> None:
     end = HOME.copy()
     end[0] += np.radians(60)
-    slow = CubicTrajectory(HOME, end, 4.0)
-    fast = CubicTrajectory(end, HOME, 1.0)
+    slow = PointToPoint.lasting(HOME, end, 4.0)
+    fast = PointToPoint.lasting(end, HOME, 1.0)
     (finding,) = [f for f in preflight(ROBOT, JoinedTrajectory([slow, fast])) if "°/s is" in f.what]
     assert finding.time == pytest.approx(4.5)
 
@@ -112,13 +112,17 @@ def test_one_that_does_not_start_at_rest_is_refused() -> None:
     assert any("the motion starts at" in text for text in texts(Sine(0.3, phase=1.0)))
 
 
+def test_a_piece_of_a_blended_motion_need_not_rest() -> None:
+    assert preflight(ROBOT, Sine(0.3, phase=1.0), at_rest=False) == []
+
+
 def test_a_motion_through_the_floor_says_which_part_and_how_deep() -> None:
     reach = np.radians([0, 10, -30, -50, 0])
     down = np.radians([0, -3, -60, -20, 0])
-    trajectory = CubicTrajectory.plan(ROBOT, reach, down)
+    trajectory = PointToPoint.plan(ROBOT, reach, down)
     depth = 1000 * -ROBOT.forward(down)[2, 3]
-    (finding,) = preflight(ROBOT, trajectory)
-    assert finding.part == "the tool"
+    finding = preflight(ROBOT, trajectory)[0]
+    assert (finding.part, finding.kind, finding.severity) == ("the tool", "floor", "error")
     assert finding.what == f"{depth:.1f} mm below the floor"
     with pytest.raises(MotionRefusedError, match=r"the tool: .* mm below the floor at .* raise the target"):
         require_clear(ROBOT, trajectory)
@@ -129,8 +133,8 @@ def test_a_dip_in_the_middle_is_found_though_both_ends_are_clear() -> None:
     start, end = np.radians([0, -3, -84, -83, 0]), np.radians([0, -3, -84, 80, 0])
     assert ROBOT.forward(start)[2, 3] > 0
     assert ROBOT.forward(end)[2, 3] > 0
-    trajectory = CubicTrajectory.plan(ROBOT, start, end)
-    (finding,) = preflight(ROBOT, trajectory)
+    trajectory = PointToPoint.plan(ROBOT, start, end)
+    finding = preflight(ROBOT, trajectory)[0]
     assert 0 < finding.time < trajectory.duration
     assert "below the floor" in finding.what
 
@@ -138,20 +142,20 @@ def test_a_dip_in_the_middle_is_found_though_both_ends_are_clear() -> None:
 def test_an_arm_that_is_below_the_floor_may_come_up_but_not_sink() -> None:
     down = np.radians([0, -3, -60, -20, 0])
     deeper = np.radians([0, -3, -62, -22, 0])
-    assert preflight(ROBOT, CubicTrajectory.plan(ROBOT, down, HOME)) == []
-    assert any("below the floor" in text for text in texts(CubicTrajectory.plan(ROBOT, down, deeper)))
+    assert preflight(ROBOT, PointToPoint.plan(ROBOT, down, HOME)) == []
+    assert any("below the floor" in text for text in texts(PointToPoint.plan(ROBOT, down, deeper)))
 
 
 def test_the_first_finding_is_told_and_the_rest_are_counted() -> None:
     end = HOME.copy()
     end[0] += np.radians(60)
-    with pytest.raises(MotionRefusedError, match=r"Base: 180\.0 °/s .* \(and 1 more\)"):
-        require_clear(ROBOT, CubicTrajectory(HOME, end, 0.5))
+    with pytest.raises(MotionRefusedError, match=r"Base: 1440\.0 °/s² .* \(and 1 more\)"):
+        require_clear(ROBOT, PointToPoint.lasting(HOME, end, 0.5))
 
 
 def test_another_number_of_joints_is_refused() -> None:
     with pytest.raises(InputError, match="uzuner has 5 joints, the trajectory has 2"):
-        preflight(ROBOT, CubicTrajectory([0.0, 0.0], [1.0, 1.0], 1.0))
+        preflight(ROBOT, PointToPoint.lasting([0.0, 0.0], [1.0, 1.0], 1.0))
 
 
 def test_values_that_are_not_finite_are_refused() -> None:

@@ -1,6 +1,18 @@
 """Pre-flight: what is wrong with a motion, before the arm makes it."""
 
-from armctl.motion.preflight.floor import Floor
-from armctl.motion.preflight.preflight import FLOOR_TOLERANCE_M, Finding, preflight, require_clear
+from armctl.motion.preflight.finding import Finding, Kind, Severity
+from armctl.motion.preflight.floor import FLOOR_TOLERANCE_M, Floor
+from armctl.motion.preflight.preflight import preflight, preflight_batch, require_clear
+from armctl.motion.preflight.torque import not_checked
 
-__all__ = ["FLOOR_TOLERANCE_M", "Finding", "Floor", "preflight", "require_clear"]
+__all__ = [
+    "FLOOR_TOLERANCE_M",
+    "Finding",
+    "Floor",
+    "Kind",
+    "Severity",
+    "not_checked",
+    "preflight",
+    "preflight_batch",
+    "require_clear",
+]

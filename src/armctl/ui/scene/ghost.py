@@ -43,9 +43,9 @@ class Ghost:
     def show(self, q: FloatArray, owner: object = None) -> None:
         """Show the arm at ``q`` (n,) [rad]; the ghost is ``owner``'s from now on."""
         if self._figure is None:
-            look = dataclasses.replace(self._robot.look, width=_SWELL * self._robot.look.width)
-            thicker = dataclasses.replace(self._robot, look=look)
-            self._figure = ArmFigure(self._scene, thicker, "/ghost", color=_COLOR, opacity=_OPACITY)
+            self._figure = ArmFigure(
+                self._scene, thicker(self._robot), "/ghost", color=_COLOR, opacity=_OPACITY
+            )
         self.claim(owner)
         self._figure.pose(q)
         self._figure.visible = True
@@ -58,3 +58,9 @@ class Ghost:
     def shown_by(self, owner: object = None) -> bool:
         """Whether the ghost is shown, and ``owner``'s."""
         return self._figure is not None and self._figure.visible and self._owner is owner
+
+
+def thicker(robot: Robot) -> Robot:
+    """The arm as it is drawn beside itself, a little larger all round."""
+    look = dataclasses.replace(robot.look, width=_SWELL * robot.look.width)
+    return dataclasses.replace(robot, look=look)

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armctl.robot import Robot
+from armctl.robot.skeleton import reach as chain_reach
 
 FloatArray = NDArray[np.float64]
 _ABOVE_BASE = 0.02
@@ -14,9 +15,7 @@ _ABOVE_BASE = 0.02
 
 def reach(robot: Robot) -> float:
     """The length of the arm from its base frame to the tool point, all links stretched [m]."""
-    spans = np.linalg.norm(np.diff(robot.chain.axes()[0], axis=0), axis=1)
-    last = robot.chain.rows[-1]
-    return float(spans.sum()) + abs(last.d_m) + abs(last.a_m)
+    return chain_reach(robot.chain)
 
 
 def front(robot: Robot) -> FloatArray:

@@ -1,0 +1,76 @@
+"""``armctl check``: errors refuse, warnings do not, and both can be read by programs."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from armctl.cli.main import DONE, REFUSED, run
+from armctl.motion.program import MoveStep, Program, save_program
+from armctl.robot import robots_folder
+
+HOME = MoveStep(joints_deg=(0, 90, -80, -40, 0))
+STRETCHED = MoveStep(joints_deg=(0, 0, 0, 0, 0))
+LOW = MoveStep(joints_deg=(0, -3, -60, -20, 0))
+
+
+def call(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str, str]:
+    status = run(["check", *arguments])
+    out, err = capsys.readouterr()
+    return status, out, err
+
+
+def program(tmp_path: Path, *steps: MoveStep) -> str:
+    path = tmp_path / "mine.toml"
+    save_program(Program(robot="uzuner", steps=steps), path)
+    return str(path)
+
+
+def test_an_error_refuses_and_is_told_in_words(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    status, _, err = call(capsys, program(tmp_path, HOME, LOW))
+    assert status == REFUSED
+    assert "step 2: the tool: " in err and "mm below the floor at " in err and "raise the target" in err
+
+
+def test_a_warning_is_told_and_does_not_refuse(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    status, out, err = call(capsys, program(tmp_path, HOME, STRETCHED))
+    assert status == DONE
+    assert "a sound program, with 1 warning" in out
+    assert "warning: " in err and "step 2: the tool: at a singularity" in err
+
+
+def test_json_holds_every_part_of_a_finding(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    status, out, _ = call(capsys, program(tmp_path, HOME, STRETCHED, LOW), "--json")
+    record = json.loads(out)
+    assert status == REFUSED and record["sound"] is False and record["kind"] == "program"
+    assert [(f["step"], f["kind"], f["severity"]) for f in record["findings"]] == [
+        (2, "singularity", "warning"),
+        (3, "floor", "error"),
+    ]
+    floor = record["findings"][1]
+    assert floor["part"] == "the tool" and floor["time_s"] > 0 and "below the floor" in floor["what"]
+    assert floor["text"].endswith(floor["mend"])
+
+
+@pytest.mark.parametrize("name", ["abaas", "humanoid", "mico", "scorbot", "uzuner"])
+def test_shipped_robots_are_sound(capsys: pytest.CaptureFixture[str], name: str) -> None:
+    status, out, _ = call(capsys, str(robots_folder() / f"{name}.toml"))
+    assert status == DONE and "a sound robot" in out
+    assert ("not checked: gravity torque" in out) == (name in ("humanoid", "mico", "scorbot"))
+
+
+def test_a_pose_that_cannot_be_gone_to_is_told(capsys: pytest.CaptureFixture[str]) -> None:
+    status, _, err = call(capsys, str(robots_folder() / "abaas.toml"))
+    assert status == DONE
+    assert "warning: " in err and "the way from home to zero: " in err and "below the floor" in err
+
+
+def test_a_file_that_cannot_be_read_is_an_error(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    broken = tmp_path / "mine.toml"
+    broken.write_text('format = 1\nrobot = "uzuner"\n[[steps]]\ndo = "hop"\n', encoding="utf-8")
+    status, out, _ = call(capsys, str(broken), "--json")
+    record = json.loads(out)
+    assert status == REFUSED
+    assert [f["severity"] for f in record["findings"]] == ["error"] and "hop" in record["findings"][0]["text"]

@@ -1,0 +1,173 @@
+"""The body of an arm as capsules, and the pairs that are kept apart."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from tests.motion.preflight.kit import axis_points, brute_gap, random_arm
+
+from armctl.errors import RobotFileError
+from armctl.kinematics.link_frames import LinkFrames
+from armctl.robot import Robot, load_robot, robots_folder, shipped_robots
+from armctl.robot.collision import NEAR_M
+from armctl.robot.corners import moving_corners
+
+FloatArray = NDArray[np.float64]
+ARMS = [*map(load_robot, shipped_robots()), *map(random_arm, range(4))]
+PRINTED = np.radians(  # the paper's tables: arc 1 to 3, line 1 to 3
+    [
+        [-88.039, 43.57, -84.341, -31.568, 0],
+        [-84.987, 43.57, -84.341, -31.568, 0],
+        [-81.937, 43.57, -84.339, -31.576, 0],
+        [-42.402, 14.4, -45.909, -1.305, 0],
+        [-40.326, 18.92, -53.929, -0.64, 0],
+        [-38.116, 22.72, -60.482, -0.533, 0],
+    ]
+)
+
+
+def gaps(robot: Robot, q: FloatArray) -> FloatArray:
+    return robot.collision.gaps(LinkFrames.at(robot.chain, np.atleast_2d(q)))
+
+
+@pytest.mark.parametrize("robot", ARMS, ids=lambda robot: robot.name)
+def test_gaps_are_those_of_points_on_the_axes(robot: Robot) -> None:
+    rng = np.random.default_rng(5)
+    model = robot.collision
+    q = rng.uniform(robot.limits[:, 0], robot.limits[:, 1], (12, robot.n))
+    for gap, (i, j) in zip(gaps(robot, q), model.pairs, strict=True):
+        one, other = model.capsules[i], model.capsules[j]
+        assert other.link - one.link > 1
+        for value, row in zip(gap, q, strict=True):
+            brute = brute_gap(robot, one, other, row, 80)
+            assert value <= brute + 1e-9
+            if value < NEAR_M:  # beyond it is a lower bound only
+                assert value == pytest.approx(brute, abs=0.01)
+
+
+@pytest.mark.parametrize("robot", ARMS, ids=lambda robot: robot.name)
+def test_no_point_moves_farther_than_its_lever_says(robot: Robot) -> None:
+    rng = np.random.default_rng(6)
+    q = rng.uniform(robot.limits[:, 0], robot.limits[:, 1], (20, robot.n))
+    for j in range(robot.n):
+        step = np.zeros(robot.n)
+        step[j] = 1e-4
+        for capsule, lever in zip(robot.collision.capsules, robot.collision.levers, strict=True):
+            for row in q:
+                moved = axis_points(robot, capsule, row + step) - axis_points(robot, capsule, row)
+                assert np.linalg.norm(moved, axis=1).max() <= lever[j] * 1e-4 * (1 + 1e-6) + 1e-12
+        lifts = np.abs(heights(robot, q + step) - heights(robot, q)).max(axis=1)
+        for corner, lift in zip(robot.corners, lifts, strict=True):
+            assert lift <= corner.levers[j] * 1e-4 * (1 + 1e-6) + 1e-12
+
+
+def heights(robot: Robot, q: FloatArray) -> FloatArray:
+    links = LinkFrames.at(robot.chain, q)
+    return np.array([links.place(c.link, c.point[None])[2, 0] for c in robot.corners])
+
+
+@pytest.mark.parametrize("name", shipped_robots())
+def test_named_poses_do_not_touch(name: str) -> None:
+    robot = load_robot(name)
+    for q in robot.poses.values():
+        assert (gaps(robot, q) > 0.01).all()
+
+
+def test_the_printed_solutions_do_not_touch() -> None:
+    assert gaps(load_robot("uzuner"), PRINTED).min() > 0.01
+
+
+@pytest.mark.parametrize(
+    ("name", "q_deg", "parts"),
+    [
+        ("uzuner", (0, 20, -120, -80, 0), ("the link behind base", "the gripper")),  # beyond its limits
+        ("scorbot", (0, 30, 130, -30, 0), ("the base", "the gripper")),
+        ("mico", (0, 40, 50, 0), ("the base", "the link behind elbow")),
+        ("abaas", (0, 180, 90, 180, 0), ("the base", "the link behind wrist pitch")),
+    ],
+)
+def test_a_folded_arm_touches(name: str, q_deg: tuple[float, ...], parts: tuple[str, str]) -> None:
+    robot = load_robot(name)
+    model = robot.collision
+    touching = {
+        (model.capsules[i].part, model.capsules[j].part)
+        for (i, j), gap in zip(model.pairs, gaps(robot, np.radians(q_deg))[:, 0], strict=True)
+        if gap < 0
+    }
+    assert parts in touching
+
+
+def test_pairs_that_meet_in_a_joint_are_left_out_and_always_the_same_ones() -> None:
+    one, other = load_robot("scorbot").collision, load_robot("scorbot").collision
+    assert one.pairs == other.pairs
+    links = {(one.capsules[i].link, one.capsules[j].link) for i, j in one.pairs}
+    assert (-1, 1) not in links  # the upper arm turns in the head of the column
+    assert (-1, 2) in links
+
+
+def test_the_body_follows_the_look_and_the_gripper() -> None:
+    robot = load_robot("uzuner")
+    thick = replace(robot, look=replace(robot.look, width=2 * robot.look.width))
+    slim, wide = robot.collision.capsules[0], thick.collision.capsules[0]
+    assert wide.radius == pytest.approx(2 * slim.radius)
+    tool = robot.forward(robot.pose("home"))[:3, 3]
+    for arm in (robot, replace(robot, gripper=None)):
+        last = arm.collision.capsules[-1]
+        end = axis_points(arm, last, arm.pose("home"))[-1]
+        assert np.linalg.norm(end - tool) == pytest.approx(last.radius)  # the round end is the tool point
+    assert {c.part for c in replace(robot, gripper=None).collision.capsules} >= {"the tool"}
+
+
+def test_a_robot_file_may_give_its_own_capsules_and_obstacles(tmp_path: Path) -> None:
+    text = (robots_folder() / "uzuner.toml").read_text(encoding="utf-8")
+    mine = tmp_path / "mine.toml"
+    mine.write_text(
+        text
+        + "\n[[capsules]]\nfrom_mm = [0, 0, 0]\nto_mm = [0, 0, 160]\nradius_mm = 30\n"
+        + '\n[[capsules]]\njoint = "elbow"\nfrom_mm = [0, 0, 0]\nto_mm = [104, 0, 0]\nradius_mm = 12\n'
+        + '\n[[obstacles]]\ntitle = "the table"\nfrom_mm = [400, 300, -20]\nto_mm = [150, -300, 0]\n',
+        encoding="utf-8",
+    )
+    robot = load_robot(mine)
+    base, elbow = robot.collision.capsules
+    assert (base.part, base.link, base.radius) == ("the base", -1, pytest.approx(0.03))
+    assert elbow.part == "the link behind elbow"
+    q = np.radians([10, 50, -40, 5, 0])
+    frames = robot.frames(q)
+    ends = axis_points(robot, elbow, q)[[0, -1]]
+    wrist = frames[6, :3, 3] + 0.0145 * frames[5, :3, 2]  # without the wrist's own offset
+    np.testing.assert_allclose(ends, [frames[5, :3, 3], wrist], atol=1e-12)
+    (table,) = robot.obstacles
+    np.testing.assert_allclose([table.low, table.high], [[0.15, -0.3, -0.02], [0.4, 0.3, 0.0]])
+
+
+@pytest.mark.parametrize(
+    ("lines", "says"),
+    [
+        (
+            '[[capsules]]\njoint = "knee"\nfrom_mm = [0,0,0]\nto_mm = [0,0,1]\nradius_mm = 1',
+            "no joint 'knee'",
+        ),
+        ("[[capsules]]\nfrom_mm = [0,0,0]\nto_mm = [0,0,1]\nradius_mm = 0", r"> 0.*capsules\[0\]\.radius_mm"),
+        ('[[obstacles]]\ntitle = "wall"\nfrom_mm = [0,0,0]\nto_mm = [1,0,1]', "wall: .* the same y"),
+        ('[[obstacles]]\ntitle = ""\nfrom_mm = [0,0,0]\nto_mm = [1,1,1]', r"obstacles\[0\]\.title"),
+        ('[[obstacles]]\ntitle = "wall"\nfrom_mm = [0,0,0]\nto_mm = [1,1,inf]', "must be a finite number"),
+    ],
+)
+def test_what_a_robot_file_may_not_say(tmp_path: Path, lines: str, says: str) -> None:
+    mine = tmp_path / "mine.toml"
+    text = (robots_folder() / "uzuner.toml").read_text(encoding="utf-8")
+    mine.write_text(f"{text}\n{lines}\n", encoding="utf-8")
+    with pytest.raises(RobotFileError, match=says):
+        load_robot(mine)
+
+
+def test_corners_that_no_joint_lifts_are_left_out() -> None:
+    robot = load_robot("uzuner")
+    held = robot.limits.copy()
+    held[1:] = held[1:, :1]  # only the base turns
+    assert moving_corners(robot.chain, [j.title for j in robot.joints], held) == ()
