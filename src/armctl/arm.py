@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from armctl.boards import SIMULATED, Boards
 from armctl.errors import InputError
 from armctl.kinematics import Target
-from armctl.motion import Program, load_program
+from armctl.motion import ArcStep, LineStep, PitchMode, Profile, Program, Step, WaitStep, load_program
 from armctl.robot import Robot, load_robot
 from armctl.runtime import (
     Command,
@@ -113,26 +113,116 @@ class Arm:
         x_mm: float,
         y_mm: float,
         z_mm: float,
-        *,
         pitch_deg: float | None = None,
         roll_deg: float | None = None,
         choose: str = "least-rotation",
         duration_s: float | None = None,
+        profile: Profile = "cubic",
+        blend_mm: float = 0.0,
     ) -> None:
-        """Put the tool on a point, planned and synchronised.
+        """Put the tool on a point, joint by joint.
+
+        Args:
+            x_mm: target in the base frame [mm].
+            y_mm: target in the base frame [mm].
+            z_mm: target in the base frame [mm].
+            pitch_deg: tool pitch [degrees]; None: any.
+            roll_deg: tool roll [degrees]; None: any.
+            choose: criterion for the choice among the solutions.
+            duration_s: seconds; None: the shortest.
+            profile: how the motion is spread over time.
+            blend_mm: means something in a program only, where a step follows; a call stops at its end.
 
         Raises:
             UnreachableError: no solution; says why and names the nearest reachable point.
             MotionRefusedError: the way there would leave the limits.
         """
+        _require_blend(blend_mm)
         pitch = None if pitch_deg is None else math.radians(pitch_deg)
         roll = None if roll_deg is None else math.radians(roll_deg)
         target = Target.of([x_mm / 1000, y_mm / 1000, z_mm / 1000], pitch, roll)
-        self._do(MoveTo(target, choose, duration_s))
+        self._do(MoveTo(target, choose, duration_s, profile))
 
-    def go_joints(self, joints_deg: Sequence[float], duration_s: float | None = None) -> None:
-        """Go to joint angles [degrees], planned and synchronised."""
-        self._do(MoveJoints(np.radians(self.robot.chain.checked(joints_deg)), duration_s))
+    def go_joints(
+        self,
+        joints_deg: Sequence[float],
+        duration_s: float | None = None,
+        profile: Profile = "cubic",
+        blend_mm: float = 0.0,
+    ) -> None:
+        """Go to joint angles [degrees]; the rest as ``go``."""
+        _require_blend(blend_mm)
+        self._do(MoveJoints(np.radians(self.robot.chain.checked(joints_deg)), duration_s, profile))
+
+    def line(
+        self,
+        x_mm: float,
+        y_mm: float,
+        z_mm: float,
+        pitch: PitchMode = "kept",
+        pitch_deg: float | None = None,
+        speed_mm_s: float | None = None,
+        duration_s: float | None = None,
+        blend_mm: float = 0.0,
+    ) -> None:
+        """Lead the tool to a point [mm] in a straight line.
+
+        Args:
+            x_mm: end of the line in the base frame [mm].
+            y_mm: end of the line in the base frame [mm].
+            z_mm: end of the line in the base frame [mm].
+            pitch: tool pitch on the way: "kept", "interpolated" to ``pitch_deg``, or "free".
+            pitch_deg: tool pitch at the end [degrees], with "interpolated".
+            speed_mm_s: largest speed of the tool [mm/s]; None: as fast as the joints can.
+            duration_s: seconds; None: the shortest.
+            blend_mm: as in ``go``.
+
+        Raises:
+            ProgramError: the tool cannot be led there; says when, where and why.
+        """
+        self._step(
+            LineStep(
+                x_mm=x_mm,
+                y_mm=y_mm,
+                z_mm=z_mm,
+                pitch=pitch,
+                pitch_deg=pitch_deg,
+                speed_mm_s=speed_mm_s,
+                duration_s=duration_s,
+                blend_mm=blend_mm,
+            )
+        )
+
+    def arc(
+        self,
+        via_mm: tuple[float, float, float],
+        to_mm: tuple[float, float, float],
+        pitch: PitchMode = "kept",
+        pitch_deg: float | None = None,
+        speed_mm_s: float | None = None,
+        duration_s: float | None = None,
+        blend_mm: float = 0.0,
+    ) -> None:
+        """Lead the tool along the circle through where it is, ``via_mm`` and ``to_mm`` [mm]; as ``line``."""
+        self._step(
+            ArcStep(
+                via_x_mm=via_mm[0],
+                via_y_mm=via_mm[1],
+                via_z_mm=via_mm[2],
+                x_mm=to_mm[0],
+                y_mm=to_mm[1],
+                z_mm=to_mm[2],
+                pitch=pitch,
+                pitch_deg=pitch_deg,
+                speed_mm_s=speed_mm_s,
+                duration_s=duration_s,
+                blend_mm=blend_mm,
+            )
+        )
+
+    def wait(self, seconds: float) -> None:
+        """Stand still for some seconds."""
+        self._step(WaitStep(seconds=seconds))
 
     def go_pose(self, name: str, duration_s: float | None = None) -> None:
         """Go to one of the robot's named poses, e.g. home."""
@@ -171,6 +261,10 @@ class Arm:
         """Close."""
         self.close()
 
+    def _step(self, step: Step) -> None:
+        name = type(step).__name__.removesuffix("Step").lower()
+        self._do(RunProgram(Program(robot=self.robot.name, name=name, steps=(step,))))
+
     def _do(self, command: Command) -> None:
         """Submit and wait for the end; an interrupt stops the arm first."""
         ticket = self.controller.submit(command, _ORIGIN)
@@ -179,6 +273,11 @@ class Arm:
         except KeyboardInterrupt:
             self.controller.stop(_ORIGIN).result(5.0)
             raise
+
+
+def _require_blend(blend_mm: float) -> None:
+    if not 0 <= blend_mm < math.inf:
+        raise InputError(f"a blend radius is 0 mm or more, not {blend_mm}")
 
 
 def _only_simulated(robot: Robot) -> str | None:

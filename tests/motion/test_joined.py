@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from armctl.errors import InputError
-from armctl.motion import CubicTrajectory, JoinedTrajectory, TrapezoidTrajectory
+from armctl.motion import JoinedTrajectory, PointToPoint
 
-A = CubicTrajectory([0.0, 0.0], [1.0, -1.0], 2.0)
-B = TrapezoidTrajectory([1.0, -1.0], [2.0, 0.0], [1.0, 2.0], [2.0, 2.0])
+A = PointToPoint.lasting([0.0, 0.0], [1.0, -1.0], 2.0)
+B = PointToPoint.lasting([1.0, -1.0], [2.0, 0.0], 1.5, "quintic")
 
 
 def test_it_is_its_parts_one_after_the_other() -> None:
@@ -30,6 +30,6 @@ def test_parts_must_meet() -> None:
     with pytest.raises(InputError, match=r"part 2 starts 57\.2958° away"):
         JoinedTrajectory([A, A])
     with pytest.raises(InputError, match="part 2 has 1 joints, the one before 2"):
-        JoinedTrajectory([A, CubicTrajectory([1.0], [2.0], 1.0)])
+        JoinedTrajectory([A, PointToPoint.lasting([1.0], [2.0], 1.0)])
     with pytest.raises(InputError, match="at least one part"):
         JoinedTrajectory([])

@@ -6,10 +6,9 @@ import pytest
 from armctl.errors import InputError, MotionRefusedError, UnreachableError
 from armctl.kinematics import Target
 from armctl.motion import (
-    CubicTrajectory,
     MoveStep,
     PointStep,
-    TrapezoidTrajectory,
+    PointToPoint,
     plan_joints,
     plan_step,
     plan_target,
@@ -22,10 +21,12 @@ HOME = ROBOT.pose("home")
 
 def test_planned_is_cubic_and_normal_is_each_joint_for_itself() -> None:
     end = ROBOT.pose("rest")
-    assert isinstance(plan_joints(ROBOT, HOME, end), CubicTrajectory)
-    assert isinstance(plan_joints(ROBOT, HOME, end, profile="normal"), TrapezoidTrajectory)
+    assert isinstance(plan_joints(ROBOT, HOME, end), PointToPoint)
+    normal, cubic = plan_joints(ROBOT, HOME, end, profile="normal"), plan_joints(ROBOT, HOME, end)
+    middle = 0.5 * cubic.duration
+    assert np.abs(normal.sample(middle).q - cubic.sample(middle).q).max() > 0.01
     timed = plan_joints(ROBOT, HOME, end, 5.0, profile="normal")
-    assert isinstance(timed, CubicTrajectory)
+    assert isinstance(timed, PointToPoint)
     assert timed.duration == 5.0
 
 

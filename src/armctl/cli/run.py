@@ -31,9 +31,12 @@ def run(program: Path, robot: str | None, port: str, loops: int, forever: bool, 
     """
     loaded = load_program(program)
     arm_robot = load_robot(robot or loaded.robot)
-    findings = check_program(loaded, arm_robot)
-    if findings:
-        raise ProgramError(f"{program}: {findings[0]}")
+    findings = check_program(loaded, arm_robot, start=arm_robot.pose("rest"))
+    errors = [finding for finding in findings if finding.severity == "error"]
+    if errors:
+        raise ProgramError(f"{program}: {errors[0]}")
+    for warning in findings:
+        click.echo(f"warning: {warning}", err=True)
     with Arm.open(arm_robot, port) as arm:
         arm.set_speed(speed)
         arm.enable()

@@ -1,16 +1,41 @@
 """Motion: profiles, trajectories, paths, programs, pre-flight."""
 
 from armctl.motion.joined import JoinedTrajectory
-from armctl.motion.plan import Profile, plan_joints, plan_step, plan_target, solve, step_target
-from armctl.motion.preflight import FLOOR_TOLERANCE_M, Finding, preflight, require_clear
+from armctl.motion.paths import (
+    PathPlace,
+    PitchMode,
+    ToolPath,
+    ToolPathRefusedError,
+    ToolPathUnreachableError,
+    tool_arc,
+    tool_line,
+)
+from armctl.motion.plan import Profile, plan_joints, plan_target, solve
+from armctl.motion.polynomial import PiecewisePolynomial
+from armctl.motion.preflight import (
+    FLOOR_TOLERANCE_M,
+    Finding,
+    Kind,
+    Severity,
+    not_checked,
+    preflight,
+    preflight_batch,
+    require_clear,
+)
 from armctl.motion.preflight.floor import Floor
-from armctl.motion.profiles.cubic import CubicTrajectory, shortest_duration
-from armctl.motion.profiles.trapezoid import TrapezoidTrajectory
+from armctl.motion.profiles import PROFILES, PointToPoint, ProfileName
 from armctl.motion.program import (
+    ArcStep,
+    CommentStep,
+    EndStep,
     GripperStep,
+    LineStep,
+    MotionStep,
     MoveStep,
     PointStep,
     Program,
+    RepeatStep,
+    SpeedStep,
     Step,
     WaitStep,
     decode_program,
@@ -23,25 +48,50 @@ from armctl.motion.program import (
     save_program,
 )
 from armctl.motion.program_check import ProgramFinding, check_program
+from armctl.motion.program_motion import PlannedStep, PlanState, ProgramSource, plan_next
 from armctl.motion.published_paths import arc, line
-from armctl.motion.trajectory import Sample, Trajectory
+from armctl.motion.step_plan import plan_step, step_target
+from armctl.motion.timing import PathTrajectory
+from armctl.motion.tool_plan import plan_arc, plan_line, plan_spline
+from armctl.motion.trajectory import Peaks, Sample, Trajectory
 
 __all__ = [
     "FLOOR_TOLERANCE_M",
-    "CubicTrajectory",
+    "PROFILES",
+    "ArcStep",
+    "CommentStep",
+    "EndStep",
     "Finding",
     "Floor",
     "GripperStep",
     "JoinedTrajectory",
+    "Kind",
+    "LineStep",
+    "MotionStep",
     "MoveStep",
+    "PathPlace",
+    "PathTrajectory",
+    "Peaks",
+    "PiecewisePolynomial",
+    "PitchMode",
+    "PlanState",
+    "PlannedStep",
     "PointStep",
+    "PointToPoint",
     "Profile",
+    "ProfileName",
     "Program",
     "ProgramFinding",
+    "ProgramSource",
+    "RepeatStep",
     "Sample",
+    "Severity",
+    "SpeedStep",
     "Step",
+    "ToolPath",
+    "ToolPathRefusedError",
+    "ToolPathUnreachableError",
     "Trajectory",
-    "TrapezoidTrajectory",
     "WaitStep",
     "arc",
     "check_program",
@@ -52,14 +102,21 @@ __all__ = [
     "line",
     "load_program",
     "move",
+    "not_checked",
+    "plan_arc",
     "plan_joints",
+    "plan_line",
+    "plan_next",
+    "plan_spline",
     "plan_step",
     "plan_target",
     "preflight",
+    "preflight_batch",
     "replace",
     "require_clear",
     "save_program",
-    "shortest_duration",
     "solve",
     "step_target",
+    "tool_arc",
+    "tool_line",
 ]

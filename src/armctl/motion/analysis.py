@@ -1,4 +1,4 @@
-"""A motion seen over time: joints and tool, position, velocity and acceleration, and the peaks."""
+"""A motion seen over time: joints and tool, position, velocity, acceleration and jerk."""
 
 from __future__ import annotations
 
@@ -7,15 +7,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from armctl.motion.joined import JoinedTrajectory
-from armctl.motion.profiles.cubic import CubicTrajectory
-from armctl.motion.profiles.trapezoid import TrapezoidTrajectory
-from armctl.motion.trajectory import Trajectory
+from armctl.motion.paths.tool_pitch import elevations
+from armctl.motion.trajectory import Sample, Trajectory
 from armctl.robot import Robot
 
 FloatArray = NDArray[np.float64]
 _PROBE_S = 1e-4
-_PEAK_SAMPLES = 4001
+_JERK_PROBE_S = 1e-3
+"""longer, because a second difference loses twice as many digits to rounding"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -30,19 +29,32 @@ class MotionAnalysis:
     """(k, n) [rad/s]"""
     acceleration: FloatArray
     """(k, n) [rad/s²]"""
+    jerk: FloatArray
+    """(k, n) [rad/s³]"""
     position: FloatArray
     """(k, 3) of the tool, base frame [m]"""
     tool_velocity: FloatArray
     """(k, 3) [m/s]"""
     tool_acceleration: FloatArray
     """(k, 3) [m/s²]"""
+    tool_jerk: FloatArray
+    """(k, 3) [m/s³]"""
+    pitch: FloatArray
+    """(k,) angle of the tool's approach axis above the horizontal [rad]"""
+
+    @property
+    def tool_speed(self) -> FloatArray:
+        """(k,) [m/s]."""
+        return np.linalg.norm(self.tool_velocity, axis=1)
 
 
 def analyse(robot: Robot, trajectory: Trajectory, samples: int) -> MotionAnalysis:
     """Sample a motion evenly.
 
     The tool's velocity is ``J q̇``, its acceleration ``J q̈ + J̇ q̇`` with ``J̇`` as the central difference
-    of the Jacobian along ``q̇``.
+    of the Jacobian along ``q̇``. Its jerk is the second central difference of its velocity along the
+    polynomial that the joints follow at that instant, so that a jump of the joints' acceleration between
+    two samples does not show as a spike.
 
     Args:
         robot: the arm.
@@ -56,26 +68,19 @@ def analyse(robot: Robot, trajectory: Trajectory, samples: int) -> MotionAnalysi
     J_dot = (robot.jacobian(q + _PROBE_S * v)[:, :3] - robot.jacobian(q - _PROBE_S * v)[:, :3]) / (
         2 * _PROBE_S
     )
+    poses = robot.forward(q)
     return MotionAnalysis(
         time=time,
         q=q,
         velocity=v,
         acceleration=state.acceleration,
-        position=robot.forward(q)[:, :3, 3],
+        jerk=state.jerk,
+        position=poses[:, :3, 3],
         tool_velocity=np.einsum("kij,kj->ki", J, v),
         tool_acceleration=np.einsum("kij,kj->ki", J, state.acceleration) + np.einsum("kij,kj->ki", J_dot, v),
+        tool_jerk=_tool_jerk(robot, state),
+        pitch=elevations(robot, poses),
     )
-
-
-def peak_rates(trajectory: Trajectory) -> tuple[FloatArray, FloatArray]:
-    """Largest joint speeds (n,) [rad/s] and accelerations (n,) [rad/s²], exact where they can be."""
-    if isinstance(trajectory, JoinedTrajectory):
-        peaks = [peak_rates(part) for part in trajectory.parts]
-        return np.max([speed for speed, _ in peaks], axis=0), np.max([push for _, push in peaks], axis=0)
-    if isinstance(trajectory, CubicTrajectory | TrapezoidTrajectory):
-        return trajectory.peak_speed, trajectory.peak_acceleration
-    state = trajectory.sample(np.linspace(0.0, trajectory.duration, _PEAK_SAMPLES))
-    return np.abs(state.velocity).max(axis=0), np.abs(state.acceleration).max(axis=0)
 
 
 def analysis_csv(robot: Robot, motion: MotionAnalysis) -> str:
@@ -86,6 +91,7 @@ def analysis_csv(robot: Robot, motion: MotionAnalysis) -> str:
         (motion.q, "deg"),
         (motion.velocity, "deg_s"),
         (motion.acceleration, "deg_s2"),
+        (motion.jerk, "deg_s3"),
     ):
         heads += [f"{name}_{unit}" for name in robot.joint_names]
         columns.append(np.degrees(values))
@@ -93,9 +99,25 @@ def analysis_csv(robot: Robot, motion: MotionAnalysis) -> str:
         (motion.position, "{}_mm"),
         (motion.tool_velocity, "v{}_mm_s"),
         (motion.tool_acceleration, "a{}_mm_s2"),
+        (motion.tool_jerk, "j{}_mm_s3"),
     ):
         heads += [name.format(axis) for axis in "xyz"]
         columns.append(1000 * values)
+    heads.append("tool_pitch_deg")
+    columns.append(np.degrees(motion.pitch)[:, None])
     rows = np.hstack(columns) + 0.0
     lines = [",".join(f"{value:.6f}" for value in row) for row in rows.tolist()]
     return "\n".join([",".join(heads), *lines, ""])
+
+
+def _tool_jerk(robot: Robot, state: Sample) -> FloatArray:
+    """(k, 3) [m/s³]."""
+    before, now, after = (_tool_velocity(robot, state, h) for h in (-_JERK_PROBE_S, 0.0, _JERK_PROBE_S))
+    return (before - 2 * now + after) / _JERK_PROBE_S**2
+
+
+def _tool_velocity(robot: Robot, state: Sample, h: float) -> FloatArray:
+    """(k, 3) of the tool [m/s], ``h`` seconds on if the jerk stayed as it is."""
+    v, a, j = state.velocity, state.acceleration, state.jerk
+    q = state.q + h * (v + h * (a / 2 + h * j / 6))
+    return np.einsum("kij,kj->ki", robot.jacobian(q)[:, :3], v + h * (a + h * j / 2))

@@ -2,24 +2,21 @@
 
 from __future__ import annotations
 
-import math
 from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from armctl.errors import UnreachableError
-from armctl.kinematics import DEFAULT_STEP, Target
+from armctl.kinematics import DEFAULT_STEP, Target, YawPitchRollSolver
 from armctl.motion.preflight import require_clear
-from armctl.motion.profiles.cubic import CubicTrajectory
-from armctl.motion.profiles.trapezoid import TrapezoidTrajectory
-from armctl.motion.program import MoveStep, PointStep
+from armctl.motion.profiles import PointToPoint, ProfileName
 from armctl.motion.trajectory import Trajectory
 from armctl.robot import Robot
 
 FloatArray = NDArray[np.float64]
-Profile = Literal["planned", "normal"]
-"""planned: cubic, synchronised. normal: each joint at its own speed (takes no duration)."""
+Profile = ProfileName | Literal["normal"]
+"""A law for all joints together; or "normal": each joint at its own speed (takes no duration)."""
 
 
 def plan_joints(
@@ -27,7 +24,9 @@ def plan_joints(
     start: ArrayLike,
     end: ArrayLike,
     duration_s: float | None = None,
-    profile: Profile = "planned",
+    profile: Profile = "cubic",
+    *,
+    checked: bool = True,
 ) -> Trajectory:
     """Plan a motion to joint angles and check it.
 
@@ -36,7 +35,8 @@ def plan_joints(
         start: (n,) where it stands [rad].
         end: (n,) where to go [rad].
         duration_s: seconds; None: the shortest that the limits allow.
-        profile: "planned", or "normal", which goes at each joint's own speed and takes no duration.
+        profile: a law, or "normal", which goes at each joint's own speed; with a duration that is a cubic.
+        checked: run the pre-flight; False only for who runs it over many motions at once.
 
     Raises:
         InputError: a value that is not finite, or a wrong shape.
@@ -45,10 +45,12 @@ def plan_joints(
     end = robot.check_limits(end)
     trajectory: Trajectory
     if profile == "normal" and duration_s is None:
-        trajectory = TrapezoidTrajectory.plan(robot, start, end)
+        trajectory = PointToPoint.each_for_itself(robot, start, end)
     else:
-        trajectory = CubicTrajectory.plan(robot, start, end, duration_s)
-    require_clear(robot, trajectory)
+        law = "cubic" if profile == "normal" else profile
+        trajectory = PointToPoint.plan(robot, start, end, duration_s, law)
+    if checked:
+        require_clear(robot, trajectory)
     return trajectory
 
 
@@ -58,7 +60,9 @@ def plan_target(
     target: Target,
     choose: str = "least-rotation",
     duration_s: float | None = None,
-    profile: Profile = "planned",
+    profile: Profile = "cubic",
+    *,
+    checked: bool = True,
 ) -> Trajectory:
     """Plan a motion of the tool to a target by inverse kinematics and check it.
 
@@ -69,13 +73,15 @@ def plan_target(
         choose: criterion for the choice among the solutions.
         duration_s: seconds; None: the shortest that the limits allow.
         profile: as in ``plan_joints``.
+        checked: as in ``plan_joints``.
 
     Raises:
         InputError: no such criterion.
         UnreachableError: no solution; says why, and which point is the nearest.
         MotionRefusedError: as in ``plan_joints``.
     """
-    return plan_joints(robot, start, solve(robot, start, target, choose), duration_s, profile)
+    end = solve(robot, start, target, choose)
+    return plan_joints(robot, start, end, duration_s, profile, checked=checked)
 
 
 def solve(robot: Robot, start: ArrayLike | None, target: Target, choose: str) -> FloatArray:
@@ -85,31 +91,13 @@ def solve(robot: Robot, start: ArrayLike | None, target: Target, choose: str) ->
         InputError: no such criterion.
         UnreachableError: no solution; says why, and which point is the nearest.
     """
-    solutions = robot.inverse_kinematics.solve(target, DEFAULT_STEP)
+    solver = robot.inverse_kinematics
+    anyhow = target.pitch is None and target.roll is None and target.rotation is None
+    if choose == "least-rotation" and anyhow and isinstance(solver, YawPitchRollSolver):
+        q = robot.least_rotation(target.position)  # the same without listing ten thousand others
+        if np.isfinite(q).all():
+            return q
+    solutions = solver.solve(target, DEFAULT_STEP)
     if not solutions.success:
         raise UnreachableError(solutions.explanation or "there is no solution")
     return solutions.best(choose, start)
-
-
-def plan_step(robot: Robot, start: ArrayLike, step: MoveStep | PointStep) -> Trajectory:
-    """Plan one moving step of a program.
-
-    Raises:
-        InputError: a value that is not finite, or the wrong number of joints.
-        UnreachableError: no solution.
-        MotionRefusedError: as in ``plan_joints``.
-    """
-    if isinstance(step, MoveStep):
-        return plan_joints(robot, start, np.radians(step.joints_deg), step.duration_s)
-    return plan_target(robot, start, step_target(step), step.choose, step.duration_s)
-
-
-def step_target(step: PointStep) -> Target:
-    """The target of a point step, in metres and radians.
-
-    Raises:
-        InputError: a value that is not finite.
-    """
-    pitch = None if step.pitch_deg is None else math.radians(step.pitch_deg)
-    roll = None if step.roll_deg is None else math.radians(step.roll_deg)
-    return Target.of(np.array([step.x_mm, step.y_mm, step.z_mm]) / 1000, pitch, roll)

@@ -1,1 +1,17 @@
 """Paths: where a motion goes, without its time."""
+
+from armctl.motion.paths.spline import spline_through
+from armctl.motion.paths.tool_path import PITCH_MODES, PitchMode, ToolPath, tool_arc, tool_line
+from armctl.motion.paths.tool_refusal import PathPlace, ToolPathRefusedError, ToolPathUnreachableError
+
+__all__ = [
+    "PITCH_MODES",
+    "PathPlace",
+    "PitchMode",
+    "ToolPath",
+    "ToolPathRefusedError",
+    "ToolPathUnreachableError",
+    "spline_through",
+    "tool_arc",
+    "tool_line",
+]

@@ -1,6 +1,6 @@
-"""Motion profiles: how a point-to-point motion is spread over time."""
+"""Motion profiles: how a motion is spread over time."""
 
-from armctl.motion.profiles.cubic import CubicTrajectory, shortest_duration
-from armctl.motion.profiles.trapezoid import TrapezoidTrajectory
+from armctl.motion.profiles.law import PROFILES, ProfileName, law_over
+from armctl.motion.profiles.point_to_point import PointToPoint, checked_ends
 
-__all__ = ["CubicTrajectory", "TrapezoidTrajectory", "shortest_duration"]
+__all__ = ["PROFILES", "PointToPoint", "ProfileName", "checked_ends", "law_over"]

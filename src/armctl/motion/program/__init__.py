@@ -1,6 +1,10 @@
-"""Serial-motion programs: steps, files, editing."""
+"""Serial-motion programs: steps, blocks, files, editing."""
 
-from armctl.motion.program.edit import delete, insert, move, replace
+from armctl.motion.program.blocks import Blocks, block_findings, depths_of
+from armctl.motion.program.csv_read import read_csv
+from armctl.motion.program.csv_write import CsvForm, write_csv
+from armctl.motion.program.cursor import Cursor
+from armctl.motion.program.edit import delete, duplicate, insert, move, repeat, replace
 from armctl.motion.program.file import decode_program, encode_program, load_program, save_program
 from armctl.motion.program.program import (
     ArcStep,
@@ -16,11 +20,17 @@ from armctl.motion.program.program import (
     SpeedStep,
     Step,
     WaitStep,
+    kind_of,
 )
+from armctl.motion.program.script_read import read_script
+from armctl.motion.program.script_write import write_script
 
 __all__ = [
     "ArcStep",
+    "Blocks",
     "CommentStep",
+    "CsvForm",
+    "Cursor",
     "EndStep",
     "GripperStep",
     "LineStep",
@@ -32,12 +42,21 @@ __all__ = [
     "SpeedStep",
     "Step",
     "WaitStep",
+    "block_findings",
     "decode_program",
     "delete",
+    "depths_of",
+    "duplicate",
     "encode_program",
     "insert",
+    "kind_of",
     "load_program",
     "move",
+    "read_csv",
+    "read_script",
+    "repeat",
     "replace",
     "save_program",
+    "write_csv",
+    "write_script",
 ]

@@ -2,26 +2,35 @@
 
 from __future__ import annotations
 
+import contextlib
+import math
 import os
 import re
 import tempfile
+import tomllib
 from pathlib import Path
+from typing import cast
 
 import msgspec
 import tomli_w
 
 from armctl.errors import ProgramError
+from armctl.motion.program.blocks import block_findings
 from armctl.motion.program.program import Program
+from armctl.motion.program.text import plain_text
+from armctl.motion.program.toml_lines import line_of
+from armctl.motion.program.wording import Refusal, refusal_of
 
-_STEP = re.compile(r"\$\.steps\[(\d+)\]")
+_STEP = re.compile(r"steps\[(\d+)\]\.?")
+_SYNTAX = re.compile(r"(.*) \(at (?:line (\d+), column (\d+)|end of document)\)", re.DOTALL)
 
 
 def load_program(path: str | Path) -> Program:
     """Read a program file.
 
     Raises:
-        ProgramError: unreadable, not TOML, an unknown key, a wrong type or an impossible value; names the
-            file, the step and the key.
+        ProgramError: unreadable, not TOML, an unknown key, a wrong type, an impossible value, or blocks
+            that do not match; names the file, the line, the step and the key.
     """
     path = Path(path)
     try:
@@ -40,12 +49,15 @@ def decode_program(text: bytes | str) -> Program:
     Raises:
         ProgramError: as ``load_program``, without the file's name.
     """
+    # Lines as editors count them; the parser takes no carriage return.
+    plain = plain_text(text).replace("\r\n", "\n")
     try:
-        return msgspec.toml.decode(text, type=Program)
-    except msgspec.DecodeError as cause:
-        raise ProgramError(_in_words(str(cause))) from cause
-    except ValueError as cause:  # not UTF-8
-        raise ProgramError(f"is not a text file: {cause}") from cause
+        record = tomllib.loads(plain)
+    except tomllib.TOMLDecodeError as cause:
+        raise ProgramError(_syntax(str(cause))) from cause
+    except RecursionError as cause:
+        raise ProgramError("arrays or tables are nested too deep") from cause
+    return _checked(record, plain)
 
 
 def encode_program(program: Program) -> str:
@@ -63,31 +75,28 @@ def encode_program(program: Program) -> str:
 def save_program(program: Program, path: str | Path) -> None:
     """Write a program file; the version that was there before is kept as ``NAME.toml~``.
 
-    The new text goes to a file beside it and takes its place in one step.
+    The new text goes to a file beside it and takes its place in one step, so that a reader, a crash or
+    another save at the same time meets one whole version. A symbolic link is followed, not replaced.
 
     Raises:
         ProgramError: cannot be written, or holds a value that could not be read again.
     """
     path = Path(path)
-    text = encode_program(program)
     try:
-        decode_program(text)
-    except ProgramError as cause:
+        _checked(msgspec.to_builtins(program), None)
+        text = encode_program(program).encode()
+    except (ProgramError, UnicodeError) as cause:
         raise ProgramError(f"{path}: not saved, it could not be read again: {cause}") from cause
     try:
-        _replace(path, text)
-    except OSError as cause:
-        raise ProgramError(f"{path}: cannot be written: {cause.strerror}") from cause
+        _replace(path.resolve(), text)
+    except (OSError, RuntimeError) as cause:  # RuntimeError: links in a circle
+        why = cause.strerror if isinstance(cause, OSError) else str(cause)
+        raise ProgramError(f"{path}: cannot be written: {why}") from cause
 
 
-def _replace(path: Path, text: str) -> None:
-    handle, name = tempfile.mkstemp(prefix=f".{path.name}.", suffix=".new", dir=path.parent)
-    written = Path(name)
+def _replace(path: Path, text: bytes) -> None:
+    written = _beside(path, text)
     try:
-        with os.fdopen(handle, "w", encoding="utf-8") as stream:
-            stream.write(text)
-            stream.flush()
-            os.fsync(stream.fileno())
         if path.exists():
             written.chmod(path.stat().st_mode & 0o7777)
             _keep(path)
@@ -97,27 +106,90 @@ def _replace(path: Path, text: str) -> None:
     except BaseException:
         written.unlink(missing_ok=True)
         raise
+    _flush_folder(path.parent)
+
+
+def _beside(path: Path, text: bytes) -> Path:
+    """A new file in the same folder that holds ``text``, on the disk."""
+    handle, name = tempfile.mkstemp(prefix=f".{path.name}.", suffix=".new", dir=path.parent)
+    written = Path(name)
+    try:
+        with os.fdopen(handle, "wb") as stream:
+            stream.write(text)
+            stream.flush()
+            os.fsync(stream.fileno())
+    except BaseException:
+        written.unlink(missing_ok=True)
+        raise
+    return written
 
 
 def _keep(path: Path) -> None:
-    """The earlier version under another name, without ever being gone under its own."""
-    kept = path.with_name(f"{path.name}~")
-    kept.unlink(missing_ok=True)
+    """The earlier version under another name, without either ever being half there or gone."""
+    # Never written through ``NAME~`` itself: that may be a hard link to the present file.
+    kept = _beside(path, path.read_bytes())
     try:
-        kept.hardlink_to(path)
-    except OSError:  # a file system without hard links
-        kept.write_bytes(path.read_bytes())
+        kept.chmod(path.stat().st_mode & 0o7777)
+        kept.replace(path.with_name(f"{path.name}~"))
+    except BaseException:
+        kept.unlink(missing_ok=True)
+        raise
 
 
-def _in_words(message: str) -> str:
-    """The decoder's message with the step's number as people count and the place first."""
-    what, _, where = message.rpartition(" - at `")
-    if not what:
+def _flush_folder(folder: Path) -> None:
+    """Have the new name on the disk, too, where the file system can (network ones and FAT may not)."""
+    with contextlib.suppress(OSError):
+        handle = os.open(folder, os.O_RDONLY)
+        try:
+            os.fsync(handle)
+        finally:
+            os.close(handle)
+
+
+def _syntax(message: str) -> str:
+    """The parser's message with the place first."""
+    match = _SYNTAX.fullmatch(message)
+    if match is None:
         return message
-    where = where.rstrip("`")
-    step = _STEP.match(where)
-    key = where[step.end() :] if step else where.removeprefix("$")
-    place = [f"step {int(step.group(1)) + 1}"] if step else []
-    if key.strip("."):
-        place.append(f"key {key.strip('.')}")
-    return f"{', '.join(place)}: {what}" if place else what
+    what, line, column = match.groups()
+    what = f"{what[:1].lower()}{what[1:]}"
+    return f"{what} at the end of the file" if line is None else f"line {line}, column {column}: {what}"
+
+
+def _placed(text: str | None, refusal: Refusal) -> str:
+    """Line, step, key and what is wrong."""
+    match = _STEP.match(refusal.where)
+    step = None if match is None else int(match.group(1))
+    path = refusal.where if match is None else refusal.where[match.end() :]
+    key = path or refusal.key
+    first = None if key is None else re.split(r"[.\[]", key)[0]
+    line = None if text is None else line_of(text, step, first)
+    place = [] if line is None else [f"line {line}"]
+    if step is not None:
+        place.append(f"step {step + 1}")
+    if path:
+        place.append(f"key {path}")
+    return f"{', '.join(place)}: {refusal.what}" if place else refusal.what
+
+
+def _checked(record: object, text: str | None) -> Program:
+    """A program from its record; ``text`` is what it was written as, to tell the lines.
+
+    Raises:
+        ProgramError: as ``decode_program``.
+    """
+    try:
+        program = msgspec.convert(record, Program)
+    except msgspec.ValidationError as cause:
+        raise ProgramError(_placed(text, refusal_of(cause))) from cause
+    for index, step in enumerate(program.steps):
+        for key in step.__struct_fields__:
+            value: object = getattr(step, key)
+            numbers = cast("tuple[object, ...]", value) if isinstance(value, tuple) else (value,)
+            for number in numbers:
+                if isinstance(number, float) and not math.isfinite(number):  # TOML knows nan and inf
+                    what = f"{number} is no number to use"
+                    raise ProgramError(_placed(text, Refusal(f"steps[{index}].{key}", None, what)))
+    for index, what in block_findings(program):
+        raise ProgramError(_placed(text, Refusal(f"steps[{index}]", None, what)))
+    return program

@@ -2,21 +2,20 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from collections.abc import Mapping
+from typing import Annotated, Literal, get_args
 
 import msgspec
 from msgspec import Meta
+
+from armctl.motion.paths.tool_path import PitchMode
+from armctl.motion.profiles.law import ProfileName
 
 Percent = Annotated[float, Meta(ge=0, le=100)]
 LONGEST_WAIT_S = 86_400
 Seconds = Annotated[float, Meta(ge=0, le=LONGEST_WAIT_S)]
 MOST_REPEATS = 1_000_000
 SLOWEST_PERCENT = 5
-
-ProfileName = Literal["cubic", "quintic", "trapezoid", "s-curve"]
-"""the law of a motion over time; see ``armctl.motion.profiles``"""
-PitchMode = Literal["kept", "interpolated", "free"]
-"""tool pitch along a line or an arc: as at its start; evenly to that at its end; as it comes"""
 
 
 class _Step(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="do", kw_only=True):
@@ -115,6 +114,21 @@ class CommentStep(_Step, frozen=True, kw_only=True, tag="comment"):
 
 MotionStep = MoveStep | PointStep | LineStep | ArcStep
 Step = MotionStep | WaitStep | GripperStep | SpeedStep | RepeatStep | EndStep | CommentStep
+
+
+_DEFAULTS: dict[type, dict[str, object]] = {
+    kind: {field.name: field.default for field in msgspec.structs.fields(kind)} for kind in get_args(Step)
+}
+
+
+def defaults_of(step: Step) -> Mapping[str, object]:
+    """Every key of a step's kind and its default, or ``msgspec.NODEFAULT``."""
+    return _DEFAULTS[type(step)]
+
+
+def kind_of(step: Step) -> str:
+    """What a step's ``do`` says in the file."""
+    return str(step.__struct_config__.tag)
 
 
 class Program(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):

@@ -1,0 +1,109 @@
+"""A motion as a figure for a report: SVG or PNG, with axes, units, legend and limits.
+
+matplotlib is imported when a figure is drawn, not before, and only its object-oriented interface is used:
+pyplot keeps state that threads would share.
+"""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from armctl.motion.analysis import MotionAnalysis
+from armctl.motion.near_limits import Limit, near_limits
+from armctl.robot import Robot
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+FloatArray = NDArray[np.float64]
+FigureForm = Literal["svg", "png"]
+_COLORS = ("#1971c2", "#e8590c", "#2f9e44", "#9c36b5", "#f08c00", "#0c8599", "#5c940d", "#495057")
+_SIZE_IN = (11.7, 12.0)
+_DPI = 150
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Row:
+    """One quantity of joints and tool."""
+
+    name: str
+    per: str
+    joints: FloatArray
+    tool: FloatArray
+    limits: Sequence[Limit]
+
+
+def motion_figure(robot: Robot, title: str, motion: MotionAnalysis) -> Figure:
+    """Position, velocity, acceleration and jerk of tool and joints over time.
+
+    Args:
+        robot: the arm.
+        title: what the motion is.
+        motion: the motion.
+    """
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=_SIZE_IN, layout="constrained")
+    figure.suptitle(f"{robot.title}: {title}, {motion.time[-1]:.3f} s", fontsize=13)
+    rows = [
+        _Row(name, per, np.degrees(joints), 1000 * tool, near_limits(robot, motion, name))
+        for name, per, joints, tool in (
+            ("position", "", motion.q, motion.position),
+            ("velocity", "/s", motion.velocity, motion.tool_velocity),
+            ("acceleration", "/s²", motion.acceleration, motion.tool_acceleration),
+            ("jerk", "/s³", motion.jerk, motion.tool_jerk),
+        )
+    ]
+    axes: NDArray[np.object_] = figure.subplots(len(rows), 2, sharex=True)  # pyright: ignore[reportUnknownMemberType]
+    joint_names = [joint.title for joint in robot.joints]
+    for k, row in enumerate(rows):
+        _draw(axes[k, 0], motion.time, row.tool, ("x", "y", "z"), f"tool {row.name} (mm{row.per})", ())
+        _draw(axes[k, 1], motion.time, row.joints, joint_names, f"joint {row.name} (°{row.per})", row.limits)
+    for axis in axes[-1]:
+        axis.set_xlabel("time (s)")
+    for axis, many in zip(axes[0], (3, min(robot.n, 3)), strict=True):
+        axis.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=many, frameon=False, fontsize=9)
+    figure.align_ylabels()
+    figure.supxlabel("dashed: joint limits that the motion comes near to", fontsize=9, color="#495057")
+    return figure
+
+
+def figure_bytes(robot: Robot, title: str, motion: MotionAnalysis, form: FigureForm) -> bytes:
+    """The figure as a file; takes about a second, so it belongs into a worker thread.
+
+    Args:
+        robot: the arm.
+        title: what the motion is.
+        motion: the motion.
+        form: of the file. The texts of an SVG stay texts.
+    """
+    import matplotlib
+
+    matplotlib.rcParams["svg.fonttype"] = "none"  # always the same, so that threads cannot disagree
+    with io.BytesIO() as file:
+        motion_figure(robot, title, motion).savefig(file, format=form, dpi=_DPI)
+        return file.getvalue()
+
+
+def _draw(
+    axis: Axes,
+    time: FloatArray,
+    values: FloatArray,
+    names: Sequence[str],
+    label: str,
+    limits: Sequence[Limit],
+) -> None:
+    for i, name in enumerate(names):
+        axis.plot(time, values[:, i], color=_COLORS[i % len(_COLORS)], linewidth=1.3, label=name)
+    for limit in limits:
+        axis.axhline(limit.value, color=_COLORS[limit.joint % len(_COLORS)], linestyle="--", linewidth=0.9)
+    axis.set_ylabel(label)
+    axis.grid(visible=True, color="#dee2e6", linewidth=0.6)
+    axis.margins(x=0.0)

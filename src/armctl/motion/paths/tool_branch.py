@@ -1,0 +1,167 @@
+"""Following a curve on one branch, step by step: each step leaves a polynomial that keeps to the curve.
+
+A step goes ahead by the Taylor series of the last knot, is brought onto the curve by Newton's method, and is
+kept if the quintic between the two knots stays on the curve. Else it is halved. A step that stays refused
+however small it is marks the place where the branch ends: there the joints would have to turn without bound.
+A jump onto another branch is refused by the same test, since no smooth polynomial leads there on the curve.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from armctl.motion.paths.tool_task import Knot, ToolTask
+from armctl.motion.polynomial import PiecewisePolynomial
+
+FloatArray = NDArray[np.float64]
+DEVIATION_M = 0.01e-3
+"""how far the tool may stray from the curve between the knots [m]"""
+TILT = math.radians(0.01)
+"""the same for a held pitch [rad]"""
+SLOWEST_M_S = 1e-4
+"""where a joint at its largest speed leaves the tool slower than this, it counts as singular [m/s]"""
+_AIM = 0.3
+"""what share of the deviation a step aims at"""
+_SHARES = np.array([0.15, 0.35, 0.5, 0.65, 0.85])
+_POWERS = np.arange(6)
+_SHARES_POWERS = _SHARES[:, None] ** _POWERS
+_DENSE = np.arange(1, 16) / 16
+_FIRST, _LONGEST, _SHORTEST = 1 / 8, 1 / 3, 1e-6
+"""steps, as shares of the whole curve"""
+_FARTHEST = 1.2
+"""most that a joint may turn in a step [rad]"""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Walk:
+    """How far a curve could be followed, limits not looked at."""
+
+    knots: tuple[Knot, ...]
+    """at least the one at the start, if there is one"""
+    complete: bool
+    """whether the last one is at the end of the curve"""
+
+    @property
+    def s(self) -> float:
+        """How far it leads [m]."""
+        return self.knots[-1].s if self.knots else 0.0
+
+    @property
+    def polynomial(self) -> PiecewisePolynomial | None:
+        """Quintics through all knots; None where there is no way between two."""
+        return hermite(self.knots) if len(self.knots) > 1 else None
+
+
+def walk(task: ToolTask, q_start: FloatArray) -> Walk:
+    """Follow a task's curve as far as it goes, from ``q_start`` (n,) [rad], which meets its beginning."""
+    length = task.curve.length
+    here = _settled(task, q_start, 0.0)
+    if here is None:
+        return Walk((), complete=False)
+    knots = [here]
+    step = _FIRST * length
+    while here.s < length:
+        bound = _FARTHEST / max(float(np.abs(here.slope).max()), 1e-9)
+        step = min(step, _LONGEST * length, bound)
+        left = length - here.s
+        if left <= 1.001 * step:
+            ahead = length
+        else:
+            ahead = here.s + min(step, 0.5 * left)  # two even steps rather than one and a rest
+        found = _step(task, here, ahead)
+        if found is None:
+            step *= 0.5
+            if step < _SHORTEST * length:
+                return Walk(tuple(knots), complete=False)
+            continue
+        there, share = found
+        if share > 1.0:
+            step = (there.s - here.s) * max(0.3, 0.85 * share ** (-1 / 6))
+            if step < _SHORTEST * length:
+                return Walk(tuple(knots), complete=False)
+            continue
+        step = (there.s - here.s) * min(2.0, 0.85 * max(share, 1e-9) ** (-1 / 6))
+        knots.append(there)
+        here = there
+    return _verified(task, knots)
+
+
+def hermite(knots: Sequence[Knot]) -> PiecewisePolynomial:
+    """Quintics that meet value, slope and bend of all knots (two at least)."""
+    s = np.array([knot.s for knot in knots])
+    unit = _unit_quintics(knots)
+    return PiecewisePolynomial(s, unit / (np.diff(s)[:, None] ** _POWERS)[..., None])
+
+
+def _unit_quintics(knots: Sequence[Knot]) -> FloatArray:
+    """(k, 6, n) the quintics between k + 1 knots, each over 0 … 1."""
+    q = np.array([knot.q for knot in knots])
+    h = np.diff([knot.s for knot in knots])[:, None]
+    slope = np.array([knot.slope for knot in knots])
+    bend = np.array([knot.bend for knot in knots])
+    v, a = h * slope[:-1], 0.5 * h * h * bend[:-1]
+    # what the three lower powers leave over at the far end
+    d, e, f = q[1:] - q[:-1] - v - a, h * slope[1:] - v - 2.0 * a, h * h * bend[1:] - 2.0 * a
+    higher = (10 * d - 4 * e + 0.5 * f, -15 * d + 7 * e - f, 6 * d - 3 * e + 0.5 * f)
+    return np.stack([q[:-1], v, a, *higher], axis=1)
+
+
+def deviation(task: ToolTask, q: FloatArray, s: FloatArray) -> FloatArray:
+    """(k,) how far ``q`` (k, n) strays from the task at ``s`` (k,), as a share of what is allowed."""
+    poses = task.chain.forward(q)
+    away = np.linalg.norm(poses[:, :3, 3] - task.curve.positions(s), axis=1) / DEVIATION_M
+    if task.pitch is None:
+        return away
+    return np.maximum(away, task.pitch.tilt(q, poses, s) / TILT)
+
+
+def _settled(task: ToolTask, q: FloatArray, s: float) -> Knot | None:
+    """The knot at a configuration, unless some joint would have to turn without bound there."""
+    knot = task.knot(q, s)
+    if knot is None or not np.isfinite(knot.bend).all():
+        return None
+    return knot if (np.abs(knot.slope) * SLOWEST_M_S <= task.speeds).all() else None
+
+
+def _step(task: ToolTask, here: Knot, s: float) -> tuple[Knot, float] | None:
+    """The knot at ``s`` and by what share of the aim the quintic to it strays; None: no step so long."""
+    h = s - here.s
+    ahead = here.q + h * here.slope + 0.5 * h * h * here.bend
+    there = _arrived(task, ahead, s)
+    if there is not None and task.redundant:
+        # Obreshkov's implicit rule of fourth order, so that the free motion keeps to its equation too
+        ahead = here.q + 0.5 * h * (here.slope + there.slope) + h * h / 12.0 * (here.bend - there.bend)
+        there = _arrived(task, ahead, s)
+    if there is None:
+        return None
+    between = _SHARES_POWERS @ _unit_quintics((here, there))[0]
+    return there, float(deviation(task, between, here.s + h * _SHARES).max()) / _AIM
+
+
+def _arrived(task: ToolTask, guess: FloatArray, s: float) -> Knot | None:
+    q = task.corrected(guess, s) if np.isfinite(guess).all() else None
+    return None if q is None else _settled(task, q, s)
+
+
+def _verified(task: ToolTask, knots: list[Knot]) -> Walk:
+    """With knots put between where a dense look finds the tool astray."""
+    while True:
+        path = hermite(knots)
+        widths = np.diff(path.breaks)
+        s = path.breaks[:-1, None] + widths[:, None] * _DENSE
+        worst = deviation(task, path(s.ravel()), s.ravel()).reshape(s.shape).max(axis=1)
+        astray = np.flatnonzero(worst > 1.0)
+        if not len(astray):
+            return Walk(tuple(knots), complete=True)
+        for i in map(int, astray[::-1]):
+            s_middle = 0.5 * (knots[i].s + knots[i + 1].s)
+            middle = _arrived(task, path(s_middle), s_middle)
+            if middle is None or widths[i] < _SHORTEST * task.curve.length:
+                del knots[i + 1 :]
+                return Walk(tuple(knots), complete=False)
+            knots.insert(i + 1, middle)

@@ -1,0 +1,178 @@
+"""The tool's way through space as geometry alone: a line or a circular arc, over the way gone in metres."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from armctl.errors import InputError
+from armctl.kinematics.target import Target
+
+FloatArray = NDArray[np.float64]
+NO_WAY_M = 1e-7
+"""points nearer to each other than this count as one: a thousandth of what any of these arms can do [m]"""
+_FLAT = 1e-6
+"""sine of the angle at which three points count as standing on one line"""
+
+
+class ToolCurve(Protocol):
+    """Where the tool point goes, over the way gone ``s`` from 0 to ``length`` [m]. Immutable."""
+
+    @property
+    def kind(self) -> str:
+        """What it is called in messages: "line" or "arc"."""
+        ...
+
+    @property
+    def length(self) -> float:
+        """The whole way [m]."""
+        ...
+
+    @property
+    def start(self) -> FloatArray:
+        """Where it begins (3,), base frame [m]."""
+        ...
+
+    @property
+    def end(self) -> FloatArray:
+        """Where it ends (3,), base frame [m]."""
+        ...
+
+    def positions(self, s: float | FloatArray) -> FloatArray:
+        """Tool points (..., 3) in the base frame [m] at ``s`` (...) [m]; not held beyond the ends."""
+        ...
+
+    def derivatives(self, s: float | FloatArray) -> FloatArray:
+        """(3, ..., 3) at ``s`` (...) [m]: the point [m], the unit direction, the curvature vector [1/m]."""
+        ...
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ToolLine:
+    """A straight line."""
+
+    start: FloatArray
+    """(3,) base frame [m]"""
+    end: FloatArray
+    """(3,) base frame [m]"""
+    length: float = field(init=False)
+    """[m]; 0 where the ends count as one point"""
+    direction: FloatArray = field(init=False)
+    """(3,) unit vector; zeros where the line has no length"""
+
+    def __post_init__(self) -> None:
+        start, end = Target.of(self.start).position, Target.of(self.end).position
+        way = end - start
+        length = float(np.linalg.norm(way))
+        still = length < NO_WAY_M
+        object.__setattr__(self, "start", start)
+        object.__setattr__(self, "end", end)
+        object.__setattr__(self, "length", 0.0 if still else length)
+        object.__setattr__(self, "direction", np.zeros(3) if still else way / length)
+
+    @property
+    def kind(self) -> str:
+        """What it is called in messages."""
+        return "line"
+
+    def positions(self, s: float | FloatArray) -> FloatArray:
+        """Tool points (..., 3) [m]."""
+        return self.start + np.asarray(s, dtype=np.float64)[..., None] * self.direction
+
+    def derivatives(self, s: float | FloatArray) -> FloatArray:
+        """(3, ..., 3): point, direction, curvature (none)."""
+        points = self.positions(s)
+        return np.stack([points, np.broadcast_to(self.direction, points.shape), np.zeros_like(points)])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ToolArc:
+    """A circular arc. Make one with ``ToolArc.through``.
+
+    With the unit directions t (along, at the start) and n (from the start to the centre) the place is
+    ``start + R (sin(s/R) t + (1 - cos(s/R)) n)``, which keeps its digits however large the radius is.
+    """
+
+    start: FloatArray
+    """(3,) base frame [m]"""
+    along: FloatArray
+    """(3,) unit direction at the start"""
+    inward: FloatArray
+    """(3,) unit direction from the start to the centre"""
+    radius: float
+    """[m]"""
+    sweep: float
+    """angle of the arc [rad], in 0 … 2 pi"""
+
+    @classmethod
+    def through(cls, start: ArrayLike, via: ArrayLike, end: ArrayLike) -> ToolArc:
+        """The arc from ``start`` over ``via`` to ``end``: (3,) each, base frame [m].
+
+        Raises:
+            InputError: a point that is not three finite numbers, two points that are one, or three on a line.
+        """
+        a, b, c = (Target.of(point).position for point in (start, via, end))
+        for first, second, names in ((a, b, "start and via"), (b, c, "via and end"), (a, c, "start and end")):
+            if np.linalg.norm(second - first) < NO_WAY_M:
+                raise InputError(
+                    f"the {names} points of an arc are the same point ({_mm(first)}); "
+                    "an arc needs three that differ"
+                )
+        to_via, to_end = b - a, c - a
+        normal = np.cross(to_via, to_end)
+        size = float(np.linalg.norm(normal))
+        if size < _FLAT * float(np.linalg.norm(to_via) * np.linalg.norm(c - b)):
+            raise InputError(
+                f"the points of the arc, start ({_mm(a)}), via ({_mm(b)}) and end ({_mm(c)}), stand on one "
+                "line; move the via point aside, or use a line"
+            )
+        normal /= size
+        to_centre = np.cross(to_via @ to_via * to_end - to_end @ to_end * to_via, normal) / (2.0 * size)
+        radius = float(np.linalg.norm(to_centre))
+        inward = to_centre / radius
+        along = np.cross(inward, normal)
+        x, y = float(to_end @ along), radius - float(to_end @ inward)
+        return cls(a, along, inward, radius, math.atan2(x, y) % (2.0 * math.pi))
+
+    @property
+    def kind(self) -> str:
+        """What it is called in messages."""
+        return "arc"
+
+    @property
+    def length(self) -> float:
+        """[m]."""
+        return self.radius * self.sweep
+
+    @property
+    def centre(self) -> FloatArray:
+        """(3,) base frame [m]."""
+        return self.start + self.radius * self.inward
+
+    @property
+    def end(self) -> FloatArray:
+        """(3,) base frame [m]."""
+        return self.positions(self.length)
+
+    def positions(self, s: float | FloatArray) -> FloatArray:
+        """Tool points (..., 3) [m]."""
+        angle = np.asarray(s, dtype=np.float64)[..., None] / self.radius
+        rise = 2.0 * np.sin(0.5 * angle) ** 2
+        return self.start + self.radius * (np.sin(angle) * self.along + rise * self.inward)
+
+    def derivatives(self, s: float | FloatArray) -> FloatArray:
+        """(3, ..., 3): point, direction, curvature."""
+        angle = np.asarray(s, dtype=np.float64)[..., None] / self.radius
+        cos, sin = np.cos(angle), np.sin(angle)
+        direction = cos * self.along + sin * self.inward
+        curvature = (cos * self.inward - sin * self.along) / self.radius
+        return np.stack([self.positions(s), direction, curvature])
+
+
+def _mm(point: FloatArray) -> str:
+    x, y, z = (1000.0 * point).tolist()
+    return f"{x:.2f}, {y:.2f}, {z:.2f} mm"

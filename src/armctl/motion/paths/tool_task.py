@@ -1,0 +1,205 @@
+"""What the joints must do while the tool follows a curve: equations in the joint angles, and their solution.
+
+With the rows ``c(q) = w(s)`` (the tool point on the curve, the pitch where it is held), A = ∂c/∂q over the
+joints that move freely and h the joints that are led (the roll joint, and what the limits hold):
+
+    A q' = w' - A_h h'          A q'' = w'' - Ȧ (q', h')
+
+Where there are as many rows as joints these are solved; where there are fewer, q' is the least motion,
+weighted by the joints' speeds, that serves: the least of ½ q'ᵀ W q' + gᵀ q', where g, if asked for, pushes
+away from the joint limits. q'' is then the exact derivative of that q' along the path, so that a polynomial
+through q, q', q'' at its knots is smooth.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from armctl.kinematics import DHChain
+from armctl.motion.paths.tool_curve import ToolCurve
+from armctl.motion.paths.tool_pitch import PitchRows, carried
+
+FloatArray = NDArray[np.float64]
+_RANK = 1e-9
+"""singular values below this share of the largest count as none"""
+_CONSISTENT = 1e-6
+"""how much of the way may be left undone where a direction is lost, and still count as done (share)"""
+_CONVERGED = 1e-10
+"""a correction this small leaves less than a hundredth of itself to do [rad]"""
+_SLOW = 0.01
+"""a correction that is a larger share of the one before calls for a new inverse"""
+_TOO_FAR = 1.0
+"""a correction this large leads to some other place, not to the next one [rad]"""
+_CORRECTIONS = 8
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Knot:
+    """One place of the path, with exact derivatives over the way."""
+
+    s: float
+    """[m]"""
+    q: FloatArray
+    """(n,) [rad]"""
+    slope: FloatArray
+    """(n,) dq/ds [rad/m]"""
+    bend: FloatArray
+    """(n,) d²q/ds² [rad/m²]"""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Repulsion:
+    """A push away from the joint limits, smooth and bounded."""
+
+    limits: FloatArray
+    """(n, 2) [rad]"""
+    margin: FloatArray
+    """(n,) how far from a limit it begins [rad]"""
+    strength: float
+    """how fast it would drive a joint that stands on its limit [rad/m]; 0: not at all"""
+
+    def push(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """(n,) the push as dq/ds [rad/m], positive near the upper limit, and its derivative by q."""
+        low = np.maximum(1.0 - (q - self.limits[:, 0]) / self.margin, 0.0)
+        high = np.maximum(1.0 - (self.limits[:, 1] - q) / self.margin, 0.0)
+        change = 3.0 * self.strength * (low**2 + high**2) / self.margin
+        return self.strength * (high**3 - low**3), change
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ToolTask:
+    """The equations of one path. Immutable."""
+
+    chain: DHChain
+    curve: ToolCurve
+    moving: NDArray[np.intp]
+    """(f,) the joints that are solved for"""
+    led_start: FloatArray
+    """(n,) angles of the other joints at the start [rad]; 0 for those that are solved for"""
+    led_rate: FloatArray
+    """(n,) how fast they go [rad/m]"""
+    pitch: PitchRows | None
+    speeds: FloatArray
+    """(n,) the joints' largest speeds: the weights of the least motion [rad/s]"""
+    repulsion: Repulsion
+
+    @property
+    def rows(self) -> int:
+        """How many equations."""
+        return 3 + (0 if self.pitch is None else self.pitch.count)
+
+    @property
+    def redundant(self) -> bool:
+        """Whether there are more joints than equations."""
+        return self.rows < len(self.moving)
+
+    def corrected(self, q: FloatArray, s: float) -> FloatArray | None:
+        """The configuration next to ``q`` (n,) that meets the equations at ``s`` [m]; None: not found."""
+        q = q.copy()
+        led = self.led_start + self.led_rate * s
+        fixed = np.ones(len(q), dtype=np.bool_)
+        fixed[self.moving] = False
+        q[fixed] = led[fixed]
+        wanted = self.curve.positions(s)
+        if self.pitch is not None:
+            wanted = np.append(wanted, self.pitch.wanted(s)[0])
+        speeds, inverse, before, size = self.speeds[self.moving], None, np.inf, np.inf
+        for _ in range(_CORRECTIONS):
+            pose = self.chain.forward(q)
+            if inverse is None or size > _SLOW * before:
+                inverse = _Inverse.of(self._scaled(self._jacobian_rows(pose, self.chain.jacobian(q))))
+                if inverse is None:
+                    return None
+            before = size
+            step = speeds * inverse.solve(wanted - self._values(q, pose))
+            size = float(np.abs(step).max())
+            if not size < _TOO_FAR:
+                return None
+            q[self.moving] += step
+            if size < _CONVERGED:
+                return q
+        return None
+
+    def knot(self, q: FloatArray, s: float) -> Knot | None:
+        """The derivatives at a configuration that meets the equations; None where the rates are infinite."""
+        pose, jacobian = self.chain.forward(q), self.chain.jacobian(q)
+        A, move = self._jacobian_rows(pose, jacobian), self.moving
+        inverse = _Inverse.of(self._scaled(A))
+        if inverse is None:
+            return None
+        _, first, second = self.curve.derivatives(s)
+        if self.pitch is not None:
+            _, pitch_first, pitch_second = self.pitch.wanted(s)
+            first, second = np.append(first, pitch_first), np.append(second, pitch_second)
+        first = first - A @ self.led_rate
+        speed = self.speeds[move]
+        push, push_change = self.repulsion.push(q)
+        push, push_change = push[move] / speed**2, push_change[move] / speed**2  # as the gradient g
+        multiplier = inverse.multipliers(first + A[:, move] @ (speed**2 * push))
+        slope = self.led_rate.copy()
+        slope[move] = speed * (inverse.solve(first) - inverse.null(speed * push))
+        if not inverse.meets(slope[move] / speed, first):
+            return None
+        turned = self._turned_rows(pose, jacobian, slope)
+        change = turned[:, move].T @ multiplier - push_change * slope[move]
+        bend = np.zeros(len(q))
+        bend[move] = speed * (inverse.solve(second - turned @ slope) + inverse.null(speed * change))
+        return Knot(s, q, slope, bend)
+
+    def _values(self, q: FloatArray, pose: FloatArray) -> FloatArray:
+        point = pose[:3, 3]
+        return point if self.pitch is None else np.append(point, self.pitch.value(q, pose))
+
+    def _jacobian_rows(self, pose: FloatArray, jacobian: FloatArray) -> FloatArray:
+        """(m, n)."""
+        if self.pitch is None:
+            return jacobian[:3]
+        return np.concatenate([jacobian[:3], self.pitch.rows(pose, jacobian)])
+
+    def _turned_rows(self, pose: FloatArray, jacobian: FloatArray, rates: FloatArray) -> FloatArray:
+        """(m, n) derivative of the rows along joint rates."""
+        rows = carried(jacobian[:3], jacobian[3:], rates)
+        return rows if self.pitch is None else np.append(rows, self.pitch.turned(pose, jacobian, rates), 0)
+
+    def _scaled(self, rows: FloatArray) -> FloatArray:
+        """The columns of the joints solved for, in units of their speeds."""
+        return rows[:, self.moving] * self.speeds[self.moving]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Inverse:
+    """The pseudo-inverse of some rows, by their singular values; lost directions are left out."""
+
+    rows: FloatArray
+    u: FloatArray
+    sizes: FloatArray
+    vt: FloatArray
+
+    @classmethod
+    def of(cls, rows: FloatArray) -> _Inverse | None:
+        """None where the rows are not finite or all zero."""
+        if not np.isfinite(rows).all():
+            return None
+        u, sizes, vt = np.linalg.svd(rows, full_matrices=False)
+        rank = int(np.count_nonzero(sizes > _RANK * sizes[0]))
+        return cls(rows, u[:, :rank], sizes[:rank], vt[:rank]) if rank else None
+
+    def solve(self, right: FloatArray) -> FloatArray:
+        """The least solution."""
+        return self.vt.T @ ((self.u.T @ right) / self.sizes)
+
+    def multipliers(self, right: FloatArray) -> FloatArray:
+        """Solution of ``rows rowsᵀ x = right``."""
+        return self.u @ ((self.u.T @ right) / self.sizes**2)
+
+    def null(self, vector: FloatArray) -> FloatArray:
+        """The part of a vector that the rows do not see."""
+        return vector - self.vt.T @ (self.vt @ vector)
+
+    def meets(self, solution: FloatArray, right: FloatArray) -> bool:
+        """Whether a solution does what is asked for, in lost directions too."""
+        missed = float(np.abs(self.rows @ solution - right).max())
+        return missed <= _CONSISTENT * max(1.0, float(np.abs(right).max()))

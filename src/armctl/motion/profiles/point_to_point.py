@@ -1,0 +1,294 @@
+"""From one configuration to another: all joints together by one law, or each for itself."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from armctl.errors import InputError, MotionRefusedError
+from armctl.motion.polynomial import PiecewisePolynomial
+from armctl.motion.profiles.law import (
+    CUBIC_ACCELERATION,
+    CUBIC_SPEED,
+    QUINTIC_ACCELERATION,
+    QUINTIC_JERK,
+    QUINTIC_SPEED,
+    ProfileName,
+    law_over,
+)
+from armctl.motion.trajectory import Peaks, Sample
+from armctl.robot import Robot
+
+FloatArray = NDArray[np.float64]
+_ROUNDING = 1e-9
+_NOWHERE = 1e-12
+"""A way that is no motion [rad]."""
+_SHAPES: dict[ProfileName, tuple[float, ...]] = {
+    "cubic": (0.0, 0.0, 3.0, -2.0),
+    "quintic": (0.0, 0.0, 0.0, 10.0, -15.0, 6.0),
+}
+_SHAPE_PEAKS = {
+    4: (CUBIC_SPEED, CUBIC_ACCELERATION),
+    6: (QUINTIC_SPEED, QUINTIC_ACCELERATION),
+}
+"""largest speed and acceleration of a way of one polynomial, by how many coefficients it has"""
+
+
+class PointToPoint:
+    """A motion of all joints from rest to rest. Immutable."""
+
+    def __init__(
+        self, start: FloatArray, end: FloatArray, duration: float, way: PiecewisePolynomial | None
+    ) -> None:
+        """Take it as it is; ``lasting``, ``plan`` and ``each_for_itself`` make one.
+
+        Args:
+            start: (n,) [rad].
+            end: (n,) [rad].
+            duration: [s].
+            way: (n,) way gone from ``start`` over 0 ... duration [rad], monotonous; None: it takes no time.
+        """
+        self._start, self._end, self._duration, self._way = start, end, float(duration), way
+
+    @classmethod
+    def lasting(
+        cls, start: ArrayLike, end: ArrayLike, duration: float, profile: ProfileName = "cubic"
+    ) -> PointToPoint:
+        """A cubic or quintic motion of a given duration, without limits.
+
+        Args:
+            start: (n,) [rad].
+            end: (n,) [rad].
+            duration: seconds; 0 only where start and end are the same.
+            profile: "cubic" or "quintic"; the shape of the others depends on limits.
+
+        Raises:
+            InputError: shapes that differ, a value that is not finite, a duration that cannot be, or
+                another profile.
+        """
+        first, last = checked_ends(start, end)
+        if not math.isfinite(duration) or duration < 0 or (duration == 0 and bool((first != last).any())):
+            raise InputError(f"a motion cannot take {duration} s")
+        if profile not in _SHAPES:
+            raise InputError(f"the shape of a {profile} depends on the limits; plan it")
+        return cls(first, last, duration, _one_shape(last - first, duration, profile))
+
+    @classmethod
+    def plan(
+        cls,
+        robot: Robot,
+        start: ArrayLike,
+        end: ArrayLike,
+        duration_s: float | None = None,
+        profile: ProfileName = "cubic",
+    ) -> PointToPoint:
+        """Plan within the robot's limits; all joints start and arrive together.
+
+        The shortest duration is that of the joint that needs longest; the others are slowed down to it.
+
+        Args:
+            robot: whose speed and acceleration limits, and jerk limits where the profile knows a jerk.
+            start: (n,) [rad].
+            end: (n,) [rad].
+            duration_s: seconds; None: the shortest that the limits allow.
+            profile: the law of each joint over time.
+
+        Raises:
+            InputError: a value that is not finite, or a wrong shape.
+            MotionRefusedError: the duration is too short; names the joint, what it would need and the
+                shortest possible duration.
+        """
+        first, last = checked_ends(start, end)
+        if len(first) != robot.n:
+            raise InputError(f"{robot.n} joint angles are needed, got {len(first)}")
+        travel = last - first
+        laws = None if profile in _SHAPES else _laws(robot, travel, profile)
+        times = _shape_times(robot, travel, profile) if laws is None else _law_times(laws)
+        shortest = float(times.max())
+        duration = shortest
+        if duration_s is not None:
+            if not math.isfinite(duration_s) or duration_s < 0:
+                raise InputError(f"a motion cannot take {duration_s} s; leave it open for the shortest")
+            if duration_s < shortest * (1 - _ROUNDING):
+                raise MotionRefusedError(_too_short(robot, travel, duration_s, times, profile))
+            duration = max(duration_s, shortest)
+        if laws is None:
+            way = _one_shape(travel, duration, profile)
+        else:
+            scaled = [None if law is None else law.scaled(duration / law.high) for law in laws]
+            way = _joined(np.sign(travel), scaled, duration)
+        return cls(first, last, duration, way)
+
+    @classmethod
+    def each_for_itself(cls, robot: Robot, start: ArrayLike, end: ArrayLike) -> PointToPoint:
+        """The papers' "normal movement": each joint at its own speed, and then waits for the others.
+
+        Raises:
+            InputError: a value that is not finite, or a wrong shape.
+        """
+        first, last = checked_ends(start, end)
+        if len(first) != robot.n:
+            raise InputError(f"{robot.n} joint angles are needed, got {len(first)}")
+        laws = _laws(robot, last - first, "trapezoid")
+        duration = float(_law_times(laws).max())
+        return cls(first, last, duration, _joined(np.sign(last - first), laws, duration))
+
+    @property
+    def duration(self) -> float:
+        """Seconds; 0 for a motion that goes nowhere."""
+        return self._duration
+
+    @property
+    def start(self) -> FloatArray:
+        """Where it starts (n,) [rad]."""
+        return self._start.copy()
+
+    @property
+    def end(self) -> FloatArray:
+        """Where it ends (n,) [rad]."""
+        return self._end.copy()
+
+    @property
+    def way(self) -> PiecewisePolynomial | None:
+        """(n,) way gone from the start over time [rad]; None for a motion that takes no time."""
+        return self._way
+
+    @property
+    def peaks(self) -> Peaks:
+        """Extremes of the whole motion, exact: no joint turns back on its way."""
+        still = np.zeros(len(self._start))
+        low, high = np.minimum(self._start, self._end), np.maximum(self._start, self._end)
+        if self._way is None:
+            return Peaks(low, high, still, still.copy())
+        if len(self._way.coefficients) == 1:
+            mean = (high - low) / self._duration
+            faster, harder = _SHAPE_PEAKS[self._way.coefficients.shape[1]]
+            return Peaks(low, high, faster * mean, harder * mean / self._duration)
+        speed = self._way.derivative()
+        return Peaks(low, high, _largest(speed), _largest(speed.derivative()))
+
+    def sample(self, t: float | FloatArray) -> Sample:
+        """State at ``t`` [s], a number or (k,); outside the duration it holds the nearer end."""
+        time = np.asarray(t, dtype=np.float64)
+        if self._way is None:
+            still = np.zeros((*time.shape, len(self._start)))
+            held = np.where((time < self._duration)[..., None], self._start, self._end)
+            return Sample(held if self._duration else self._end + still, still, still.copy(), still.copy())
+        gone, velocity, acceleration, jerk = self._way.derivatives(time, 3)
+        inside = ((time >= 0.0) & (time <= self._duration))[..., None]
+        moving = ((time > 0.0) & (time < self._duration))[..., None]
+        # no rounding may carry a joint beyond its ends
+        q = np.clip(
+            self._start + gone, np.minimum(self._start, self._end), np.maximum(self._start, self._end)
+        )
+        q = np.where(moving, q, np.where((time <= 0.0)[..., None], self._start, self._end))
+        return Sample(q, velocity * moving, acceleration * inside, jerk * inside)
+
+
+def checked_ends(start: ArrayLike, end: ArrayLike) -> tuple[FloatArray, FloatArray]:
+    """Both ends (n,) [rad] as arrays that nobody else can write to.
+
+    Raises:
+        InputError: shapes that differ, text, NaN or infinity.
+    """
+    try:
+        first, last = np.array(start, dtype=np.float64), np.array(end, dtype=np.float64)
+    except (TypeError, ValueError) as cause:
+        raise InputError(f"joint angles must be numbers, got {start!r} and {end!r}") from cause
+    if first.ndim != 1 or first.shape != last.shape or first.size == 0:
+        raise InputError(
+            f"start and end need the same number of joint angles, got {first.shape} and {last.shape}"
+        )
+    if not (np.isfinite(first).all() and np.isfinite(last).all()):
+        raise InputError(f"joint angles must be finite numbers, got {first.tolist()} and {last.tolist()}")
+    return first, last
+
+
+def _largest(curve: PiecewisePolynomial) -> FloatArray:
+    low, high = curve.extremes()
+    return np.maximum(-low, high)
+
+
+def _one_shape(travel: FloatArray, duration: float, profile: ProfileName) -> PiecewisePolynomial | None:
+    """The way (n,) of all joints over time by one polynomial; None for a motion that takes no time."""
+    if duration == 0:
+        return None
+    shape = np.array(_SHAPES[profile]) / duration ** np.arange(len(_SHAPES[profile]))
+    return PiecewisePolynomial([0.0, duration], (shape[:, None] * travel)[None])
+
+
+def _shape_times(robot: Robot, travel: FloatArray, profile: ProfileName) -> FloatArray:
+    """(n,) shortest duration of each joint by a law of one polynomial, from its peaks [s]."""
+    way = np.abs(travel)
+    way = np.where(way > _NOWHERE, way, 0.0)
+    v, a, j = robot.speed_limits, robot.acceleration_limits, robot.jerk_limits
+    if profile == "cubic":
+        return np.maximum(CUBIC_SPEED * way / v, np.sqrt(CUBIC_ACCELERATION * way / a))
+    by_speed = np.maximum(QUINTIC_SPEED * way / v, np.sqrt(QUINTIC_ACCELERATION * way / a))
+    return np.maximum(by_speed, np.cbrt(QUINTIC_JERK * way / j))
+
+
+def _laws(robot: Robot, travel: FloatArray, profile: ProfileName) -> list[PiecewisePolynomial | None]:
+    """The shortest law of each joint; None for one that stands."""
+    limits = zip(
+        np.abs(travel).tolist(),
+        robot.speed_limits.tolist(),
+        robot.acceleration_limits.tolist(),
+        robot.jerk_limits.tolist(),
+        strict=True,
+    )
+    return [None if way <= _NOWHERE else law_over(way, v, a, j, profile) for way, v, a, j in limits]
+
+
+def _law_times(laws: Sequence[PiecewisePolynomial | None]) -> FloatArray:
+    return np.array([0.0 if law is None else law.high for law in laws])
+
+
+def _joined(
+    sign: FloatArray, laws: Sequence[PiecewisePolynomial | None], duration: float
+) -> PiecewisePolynomial | None:
+    """One polynomial of all joints over ``duration``; a law that ends before waits at its end."""
+    if duration == 0:
+        return None
+    seams = np.concatenate([[0.0, duration], *(law.breaks for law in laws if law is not None)])
+    seams = np.unique(np.minimum(seams, duration))
+    c = np.zeros((len(seams) - 1, 4, len(laws)))  # the laws that need seams are cubics at most
+    for k, law in enumerate(laws):
+        if law is None:
+            continue
+        arrives = int(np.searchsorted(seams, min(law.high, duration)))
+        part = law.cut(seams[: arrives + 1]).coefficients[:, :, 0]
+        c[:arrives, : part.shape[1], k] = sign[k] * part
+        c[arrives:, 0, k] = sign[k] * law(law.high)[0]
+    return PiecewisePolynomial(seams, c)
+
+
+def _too_short(
+    robot: Robot, travel: FloatArray, duration: float, times: FloatArray, profile: ProfileName
+) -> str:
+    shortest = float(times.max())
+    i = int(times.argmax())
+    joint, way = robot.joints[i], float(np.degrees(abs(travel[i])))
+    if duration == 0:
+        return f"{joint.title}: cannot move in 0 s; the shortest possible duration is {shortest:.3f} s"
+    if profile not in _SHAPES:
+        return (
+            f"{joint.title}: {way:.2f}° in {duration:.3f} s is too fast for its limits of "
+            f"{np.degrees(joint.speed):.1f} °/s and {np.degrees(joint.acceleration):.1f} °/s²; "
+            f"the shortest possible duration is {shortest:.3f} s"
+        )
+    factors = (CUBIC_SPEED, CUBIC_ACCELERATION)
+    if profile == "quintic":
+        factors = (QUINTIC_SPEED, QUINTIC_ACCELERATION, QUINTIC_JERK)
+    limits = np.degrees([joint.speed, joint.acceleration, joint.jerk]).tolist()
+    needs = [factor * way / duration ** (k + 1) for k, factor in enumerate(factors)]
+    # the limit that asks for the longest time: speed by the first power, acceleration by the second ...
+    k = max(range(len(needs)), key=lambda k: (needs[k] / limits[k]) ** (1 / (k + 1)))
+    needed, allowed, unit = needs[k], limits[k], ("°/s", "°/s²", "°/s³")[k]
+    return (
+        f"{joint.title}: {way:.2f}° in {duration:.3f} s needs {needed:.1f} {unit}, its limit is "
+        f"{allowed:.1f} {unit}; the shortest possible duration is {shortest:.3f} s"
+    )

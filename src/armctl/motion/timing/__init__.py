@@ -1,0 +1,7 @@
+"""Timing: how fast a path is followed."""
+
+from armctl.motion.timing.path_trajectory import PathTrajectory
+from armctl.motion.timing.speed_plan import PathLimits, SpeedPlan
+from armctl.motion.timing.timed import timed
+
+__all__ = ["PathLimits", "PathTrajectory", "SpeedPlan", "timed"]

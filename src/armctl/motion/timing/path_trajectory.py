@@ -1,0 +1,148 @@
+"""A path and a law over time, made one motion."""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from armctl.errors import InputError
+from armctl.motion.polynomial import PiecewisePolynomial
+from armctl.motion.timing.speed_plan import PathLimits, SpeedPlan
+from armctl.motion.trajectory import Peaks, Sample
+from armctl.robot import Robot
+
+FloatArray = NDArray[np.float64]
+_REGIONS = 4
+"""regions a piece of a path, for its limits"""
+_SLICES = np.arange(4) / 4
+"""slices of time between the breaks, for the peaks"""
+_BISECTIONS = 40
+
+
+class PathTrajectory:
+    """``q(s(t))`` with the derivatives of both by the chain rule. Immutable."""
+
+    def __init__(self, path: PiecewisePolynomial, law: PiecewisePolynomial) -> None:
+        """Join them.
+
+        Args:
+            path: q(s), (n,) [rad].
+            law: s(t), one coordinate, from the path's beginning to its end, over t from 0 [s].
+
+        Raises:
+            InputError: the law does not run from one end of the path to the other.
+        """
+        ends = law(np.array([law.low, law.high]))[:, 0]
+        if (
+            law.n != 1
+            or law.low != 0.0
+            or not np.allclose(ends, (path.low, path.high), rtol=1e-6, atol=1e-12)
+        ):
+            raise InputError(f"a law from {ends} does not run along a path from {path.low} to {path.high}")
+        self.path = path
+        self.law = law
+        self._start, self._end = path(np.array([path.low, path.high]))
+
+    @classmethod
+    def fastest(
+        cls,
+        robot: Robot,
+        path: PiecewisePolynomial,
+        rate_cap: float = np.inf,
+        first: float = 0.0,
+        last: float = 0.0,
+    ) -> PathTrajectory:
+        """As fast as the speed and acceleration limits allow.
+
+        Args:
+            robot: whose limits.
+            path: q(s), (n,) [rad].
+            rate_cap: largest ds/dt besides.
+            first: ds/dt at the beginning.
+            last: largest ds/dt at the end.
+
+        Raises:
+            InputError: a cap that is not positive, or a first rate that cannot be.
+        """
+        limits = PathLimits.of(path, robot.speed_limits, robot.acceleration_limits, rate_cap, _REGIONS)
+        return cls(path, SpeedPlan.fastest(limits, first, last).law())
+
+    @property
+    def duration(self) -> float:
+        """Seconds."""
+        return self.law.high
+
+    @property
+    def start(self) -> FloatArray:
+        """Where it starts (n,) [rad]."""
+        return self._start.copy()
+
+    @property
+    def end(self) -> FloatArray:
+        """Where it ends (n,) [rad]."""
+        return self._end.copy()
+
+    def scaled(self, factor: float) -> PathTrajectory:
+        """The same motion, taking ``factor`` times as long."""
+        return PathTrajectory(self.path, self.law.scaled(factor))
+
+    def slowness(self, robot: Robot) -> float:
+        """How many times as long it must take to be inside the robot's limits; at most 1: it is inside."""
+        peaks = self.peaks
+        over_speed = float((peaks.speed / robot.speed_limits).max())
+        over_push = float((peaks.acceleration / robot.acceleration_limits).max())
+        return max(over_speed, over_push**0.5)
+
+    def rates(self, t: float | FloatArray) -> FloatArray:
+        """(...) ds/dt at ``t`` [s], inside the duration."""
+        return self.law.derivatives(t, 1)[1, ..., 0]
+
+    def sample(self, t: float | FloatArray) -> Sample:
+        """State at ``t`` [s], a number or (k,); outside the duration it holds the nearer end."""
+        time = np.asarray(t, dtype=np.float64)
+        s, rate, push, jerk = self.law.derivatives(time, 3)
+        inside = ((time >= 0.0) & (time <= self.duration))[..., None]
+        rate, push, jerk = rate * inside, push * inside, jerk * inside
+        q, slope, bend, twist = self.path.derivatives(s[..., 0], 3)
+        q = np.where((time >= self.duration)[..., None], self._end, q)
+        return Sample(
+            q,
+            slope * rate,
+            bend * rate**2 + slope * push,
+            twist * rate**3 + 3 * bend * rate * push + slope * jerk,
+        )
+
+    @cached_property
+    def peaks(self) -> Peaks:
+        """Extremes of the whole motion: the joint angles exact, the rest never passed.
+
+        In each slice of time the largest ``|q'|``, ``|q''|``, ``ds/dt`` and ``d²s/dt²`` are exact; their
+        products may lie a little above what is ever met at one time.
+        """
+        low, high = self.path.extremes()
+        time = np.unique(np.concatenate([self.law.breaks, self._crossings()]))
+        time = (time[:-1, None] + np.diff(time)[:, None] * _SLICES).ravel()
+        s = np.clip(self.law(np.append(time, self.duration))[:, 0], self.path.low, self.path.high)
+        s[0], s[-1] = self.path.low, self.path.high
+        moves = np.diff(s) > 0  # in a slice of a rounding of time nothing happens
+        begins = np.append(np.flatnonzero(moves), len(time))
+        begins[0] = 0
+        law = self.law.cut(np.append(time, self.duration)[begins])
+        path = self.path.cut(s[begins])
+        rate = law.derivative().bound_by_piece()
+        push = law.derivative().derivative().bound_by_piece()
+        slope = path.derivative().bound_by_piece()
+        bend = path.derivative().derivative().bound_by_piece()
+        return Peaks(low, high, (slope * rate).max(axis=0), (bend * rate**2 + slope * push).max(axis=0))
+
+    def _crossings(self) -> FloatArray:
+        """(k + 1,) when each break of the path is passed [s], by bisection: the law never turns back."""
+        breaks = self.path.breaks
+        low, high = np.zeros(len(breaks)), np.full(len(breaks), self.duration)
+        for _ in range(_BISECTIONS):
+            middle = 0.5 * (low + high)
+            before = self.law(middle)[:, 0] < breaks
+            low, high = np.where(before, middle, low), np.where(before, high, middle)
+        return np.concatenate([[0.0], high[1:-1], [self.duration]])

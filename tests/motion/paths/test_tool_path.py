@@ -1,0 +1,274 @@
+"""Lines and arcs of the tool: where it goes, how smoothly, and which pitch it has."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from tests.motion.paths.tool_kit import (
+    ABAAS,
+    HUMANOID,
+    MICO,
+    ROBOTS,
+    SCORBOT,
+    UZUNER,
+    FloatArray,
+    random_robot,
+    random_start,
+    robot_of,
+    strays,
+)
+
+from armctl.errors import ArmctlError, InputError, MotionRefusedError, UnreachableError
+from armctl.kinematics import DHChain, DHRow
+from armctl.motion.paths.tool_curve import ToolLine
+from armctl.motion.paths.tool_path import PITCH_MODES, PitchMode, ToolPath, follow, tool_arc, tool_line
+from armctl.motion.published_paths import arc, line
+from armctl.robot import Robot
+
+ALLOWED_M = 0.05e-3
+HELD = math.radians(0.02)
+SIX_AXES = robot_of(
+    DHChain(
+        [
+            DHRow(0.0, math.pi / 2, 0.1),
+            DHRow(0.25, 0.0, 0.0),
+            DHRow(0.02, math.pi / 2, 0.0),
+            DHRow(0.0, -math.pi / 2, 0.22),
+            DHRow(0.0, math.pi / 2, 0.0),
+            DHRow(0.0, 0.0, 0.08),
+        ]
+    ),
+    np.radians([[-170, 170], [-30, 150], [-120, 120], [-170, 170], [-110, 110], [-170, 170.0]]),
+)
+
+
+def check(robot: Robot, path: ToolPath, q_start: FloatArray) -> FloatArray:
+    """All that every path promises; returns the pitch on a dense sample."""
+    away, pitch = strays(robot, path)
+    assert away <= 0.011e-3
+    np.testing.assert_array_equal(path.q_start, q_start)
+    np.testing.assert_allclose(path.polynomial(path.length), path.q_end, atol=0.0)
+    np.testing.assert_allclose(robot.forward(path.q_end)[:3, 3], path.curve.end, atol=1e-10)
+    low, high = path.polynomial.extremes()
+    assert (low >= robot.limits[:, 0] - 1e-8).all() and (high <= robot.limits[:, 1] + 1e-8).all()
+    inner = path.polynomial.breaks[1:-1]
+    tiny = 1e-9 * path.length
+    before, after = (path.polynomial.derivatives(inner + shift, 2) for shift in (0.0, tiny))
+    for order in range(3):
+        scale = 1.0 + np.abs(before[order]).max(initial=0.0)
+        np.testing.assert_allclose(after[order], before[order], atol=2e-4 * scale)
+    return pitch
+
+
+def start_at(robot: Robot, point: FloatArray, pitch_deg: float) -> FloatArray:
+    return robot.inverse(point, math.radians(pitch_deg)).best("least-rotation")
+
+
+@pytest.mark.parametrize("choose", ["published", "least-rotation"])
+def test_published_line(choose: str) -> None:
+    q = UZUNER.inverse(line()[0]).best(choose)
+    path = tool_line(UZUNER, q, line()[-1], "free")
+    check(UZUNER, path, q)
+    assert path.length == pytest.approx(0.392)
+    ticks = np.arange(0.0, path.length, 0.1 / 50)  # 100 mm/s at 50 Hz
+    tool = UZUNER.forward(path.polynomial(ticks))[:, :3, 3]
+    np.testing.assert_allclose(tool[:, [0, 2]], np.tile([0.22, 0.085], (len(ticks), 1)), atol=ALLOWED_M)
+    np.testing.assert_allclose(tool[:, 1], ticks - 0.196, atol=ALLOWED_M)
+
+
+@pytest.mark.parametrize("choose", ["published", "least-rotation"])
+@pytest.mark.parametrize("mode", ["free", "kept"])
+def test_published_arc_turns_the_base_alone(choose: str, mode: PitchMode) -> None:
+    points = arc()
+    q = UZUNER.inverse(points[0]).best(choose)
+    path = tool_arc(UZUNER, q, points[29], points[-1], mode)
+    pitch = check(UZUNER, path, q)
+    assert path.length == pytest.approx(0.2 * math.radians(174))
+    np.testing.assert_allclose(path.q_end, q + np.array([math.radians(174), 0, 0, 0, 0]), atol=1e-9)
+    assert np.ptp(pitch) < HELD
+
+
+@pytest.mark.parametrize("pitch_deg", [-90.0, -80.0])
+def test_published_arc_with_a_kept_pitch(pitch_deg: float) -> None:
+    points = arc()
+    q = start_at(UZUNER, points[0], pitch_deg)
+    pitch = check(UZUNER, tool_arc(UZUNER, q, points[29], points[-1]), q)
+    np.testing.assert_allclose(np.degrees(pitch), pitch_deg, atol=0.02)
+
+
+def test_a_led_pitch_grows_evenly_on_the_side_it_is_on() -> None:
+    q = start_at(SCORBOT, np.array([0.3, 0.0, 0.3]), -60.0)
+    path = tool_line(SCORBOT, q, [0.35, 0.1, 0.25], "interpolated", math.radians(-85.0))
+    pitch = check(SCORBOT, path, q)
+    np.testing.assert_allclose(np.degrees(pitch), np.linspace(-60.0, -85.0, len(pitch)), atol=0.02)
+
+
+def test_a_tool_that_points_down_is_led_outward() -> None:
+    q = start_at(SCORBOT, np.array([0.3, 0.0, 0.3]), -90.0)
+    path = tool_line(SCORBOT, q, [0.35, 0.1, 0.25], "interpolated", math.radians(-70.0))
+    check(SCORBOT, path, q)
+    outward = SCORBOT.forward(path.q_end)[:3, 2] @ [0.35, 0.1, 0.0]
+    assert outward > 0.0
+
+
+@pytest.mark.parametrize("robot", [ABAAS, SCORBOT, UZUNER], ids=lambda robot: robot.name)
+def test_the_roll_stays_or_is_led(robot: Robot) -> None:
+    q = robot.pose("home")
+    q[-1] += 0.2
+    end = robot.forward(q)[:3, 3] + [0.0, 0.02, 0.01]
+    kept = tool_line(robot, q, end, "free")
+    np.testing.assert_allclose(kept.polynomial(np.linspace(0, kept.length, 50))[:, -1], q[-1], atol=1e-12)
+    led = tool_line(robot, q, end, "free", end_roll=q[-1] - 0.3)
+    rolls = led.polynomial(np.linspace(0, led.length, 50))[:, -1]
+    np.testing.assert_allclose(rolls, np.linspace(q[-1], q[-1] - 0.3, 50), atol=1e-12)
+    check(robot, led, q)
+
+
+@pytest.mark.parametrize("robot", [*ROBOTS, SIX_AXES], ids=lambda robot: robot.name)
+@pytest.mark.parametrize("mode", PITCH_MODES)
+def test_random_lines_of_every_arm(robot: Robot, mode: PitchMode) -> None:
+    rng, done = np.random.default_rng(7), 0
+    for _ in range(25):
+        q = random_start(rng, robot)
+        there = np.clip(q + rng.uniform(-0.5, 0.5, robot.n), *robot.limits.T)
+        end_pitch = robot.inverse_kinematics.pitch_and_roll(there)[0] if mode == "interpolated" else None
+        try:
+            path = tool_line(robot, q, robot.forward(there)[:3, 3], mode, end_pitch)
+        except (MotionRefusedError, UnreachableError):
+            continue
+        pitch = check(robot, path, q)
+        if mode == "kept":
+            assert np.ptp(pitch) < HELD
+        if mode == "interpolated":
+            assert abs(pitch[-1] - end_pitch) < HELD
+        done += 1
+    assert done >= 6 or (robot.name == "mico" and mode != "free")
+
+
+def test_random_arms_of_the_family() -> None:
+    rng, done = np.random.default_rng(8), 0
+    for _ in range(40):
+        robot = random_robot(rng)
+        q = random_start(rng, robot)
+        there = np.clip(q + rng.uniform(-0.4, 0.4, robot.n), *robot.limits.T)
+        middle = np.clip(0.5 * (q + there) + rng.uniform(-0.2, 0.2, robot.n), *robot.limits.T)
+        has_pitch = robot.inverse_kinematics.pitch_and_roll(q)[0] is not None
+        mode: PitchMode = "kept" if has_pitch and rng.random() < 0.5 else "free"
+        via, end = (robot.forward(one)[:3, 3] for one in (middle, there))
+        try:
+            path = tool_arc(robot, q, via, end, mode)
+        except (MotionRefusedError, UnreachableError):
+            continue
+        check(robot, path, q)
+        done += 1
+    assert done >= 10
+
+
+def test_a_tool_that_points_straight_down_stays_so_on_six_axes() -> None:
+    found = SIX_AXES.inverse([0.3, 0.1, 0.15], math.radians(-90.0))
+    assert found.success
+    path = tool_line(SIX_AXES, found.q[0], [0.32, 0.05, 0.17])
+    pitch = check(SIX_AXES, path, found.q[0])
+    np.testing.assert_allclose(np.degrees(pitch), -90.0, atol=0.02)
+
+
+def test_two_pitch_joints_cannot_hold_a_pitch_of_their_own() -> None:
+    q = MICO.pose("home")
+    tool = MICO.forward(q)[:3, 3]
+    with pytest.raises(MotionRefusedError, match=r"the position alone decides .* choose free"):
+        tool_line(MICO, q, tool + np.array([0.0, 0.0, 0.05]))
+    check(MICO, tool_line(MICO, q, tool + np.array([0.0, 0.0, 0.05]), "free"), q)
+    # about the base axis it holds all the same
+    turned = [MICO.forward(q + np.array([angle, 0, 0, 0]))[:3, 3] for angle in (0.3, 0.8)]
+    pitch = check(MICO, tool_arc(MICO, q, *turned), q)
+    assert np.ptp(pitch) < HELD
+
+
+def test_a_held_joint_stays_held() -> None:
+    q = HUMANOID.pose("home")
+    path = tool_line(HUMANOID, q, HUMANOID.forward(q)[:3, 3] + [0.02, 0.01, 0.01], "free")
+    check(HUMANOID, path, q)
+    assert (path.polynomial(np.linspace(0, path.length, 30))[:, 4] == 0.0).all()
+
+
+def test_a_way_along_the_base_axis() -> None:
+    solutions = ABAAS.inverse([0.0, 0.0, 0.3])
+    q = solutions.q[len(solutions) // 2]
+    path = tool_line(ABAAS, q, [0.0, 0.0, 0.29], "free")
+    check(ABAAS, path, q)
+    np.testing.assert_allclose(path.q_end[0], q[0], atol=1e-9)
+
+
+@pytest.mark.parametrize("way", [0.0, 1e-12, 1e-9])
+def test_no_way_at_all(way: float) -> None:
+    q = UZUNER.pose("home")
+    path = tool_line(UZUNER, q, UZUNER.forward(q)[:3, 3] + [way, 0.0, 0.0])
+    assert path.is_still and path.length == 0.0
+    np.testing.assert_array_equal(path.q_start, q)
+    np.testing.assert_array_equal(path.q_end, q)
+    assert np.abs(path.polynomial.derivatives(0.5, 2)[1:]).max() == 0.0
+
+
+def test_no_way_to_turn_on_is_refused() -> None:
+    q = UZUNER.pose("home")
+    tool = UZUNER.forward(q)[:3, 3]
+    with pytest.raises(InputError, match="leaves no way to turn the tool on"):
+        tool_line(UZUNER, q, tool, "interpolated", 0.5)
+    with pytest.raises(InputError, match="leaves no way to turn the tool on"):
+        tool_line(UZUNER, q, tool, end_roll=0.5)
+
+
+@pytest.mark.parametrize("way", [2e-7, 1e-6, 1e-4])
+def test_a_very_short_way(way: float) -> None:
+    q = UZUNER.pose("home")
+    path = tool_line(UZUNER, q, UZUNER.forward(q)[:3, 3] + [0.0, way, 0.0])
+    away, _ = strays(UZUNER, path)
+    assert away < 1e-9 and path.length == pytest.approx(way, rel=1e-6)
+
+
+def test_the_same_question_has_the_same_answer() -> None:
+    q = UZUNER.inverse(line()[0]).best("least-rotation")
+    first, second = (tool_line(UZUNER, q, line()[-1], "free").polynomial for _ in range(2))
+    np.testing.assert_array_equal(first.coefficients, second.coefficients)
+
+
+@pytest.mark.parametrize(
+    ("wish", "said"),
+    [
+        ({"pitch": "level"}, "tool pitch 'level': allowed are 'kept', 'interpolated', 'free'"),
+        ({"pitch": "interpolated"}, "needs the pitch at the end"),
+        ({"pitch": "kept", "end_pitch": 0.1}, "does not go with pitch 'kept'"),
+        ({"pitch": "interpolated", "end_pitch": math.nan}, "the pitch at the end must be a finite number"),
+        ({"end_roll": math.inf}, "the roll at the end must be a finite number"),
+    ],
+)
+def test_contradictory_wishes(wish: dict[str, object], said: str) -> None:
+    q = UZUNER.pose("home")
+    with pytest.raises(InputError, match=said):
+        tool_line(UZUNER, q, UZUNER.forward(q)[:3, 3] + [0.0, 0.02, 0.0], **wish)  # type: ignore[arg-type]
+
+
+def test_what_is_not_finite_or_outside_is_refused() -> None:
+    q = UZUNER.pose("home")
+    with pytest.raises(InputError, match="finite"):
+        tool_line(UZUNER, q, [0.2, math.nan, 0.1])
+    with pytest.raises(InputError, match="finite"):
+        tool_line(UZUNER, [0, math.nan, 0, 0, 0], [0.2, 0.0, 0.1])
+    with pytest.raises(ArmctlError, match=r"Elbow: 100\.00° is outside"):
+        tool_line(UZUNER, np.radians([0, 60, 100, 0, 0]), [0.2, 0.0, 0.1])
+    with pytest.raises(InputError, match=r"the line begins .* mm from where the tool is"):
+        follow(UZUNER, q, ToolLine(np.array([0.2, 0.0, 0.1]), np.array([0.2, 0.1, 0.1])))
+
+
+def test_a_pitch_beyond_upright_needs_an_arm_with_a_plane_of_its_own() -> None:
+    q = HUMANOID.pose("home")
+    with pytest.raises(InputError, match=r"within ±90°, got 100\.00°"):
+        tool_line(HUMANOID, q, [0.35, -0.1, -0.45], "interpolated", math.radians(100.0))
+    solutions = SCORBOT.inverse([0.3, 0.0, 0.3], math.radians(-80.0))
+    q = solutions.q[list(map(str, solutions.branch)).index("front elbow-up")]
+    path = tool_line(SCORBOT, q, [0.32, 0.02, 0.3], "interpolated", math.radians(-100.0))
+    pitch = check(SCORBOT, path, q)
+    assert math.degrees(pitch.min()) == pytest.approx(-90.0, abs=0.1)  # passed on the way
+    assert math.degrees(pitch[-1]) == pytest.approx(-80.0, abs=0.02)  # pointing back at the base

@@ -1,0 +1,106 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from armctl.errors import InputError
+from armctl.motion.polynomial import PiecewisePolynomial
+
+
+@st.composite
+def polynomials(draw: st.DrawFn) -> PiecewisePolynomial:
+    pieces, size, n = draw(st.integers(1, 4)), draw(st.integers(1, 6)), draw(st.integers(1, 3))
+    widths = draw(arrays(np.float64, pieces, elements=st.floats(0.1, 3.0)))
+    coefficients = draw(arrays(np.float64, (pieces, size, n), elements=st.floats(-5.0, 5.0)))
+    start = draw(st.floats(-2.0, 2.0))
+    return PiecewisePolynomial(start + np.concatenate([[0.0], np.cumsum(widths)]), coefficients)
+
+
+def inside(p: PiecewisePolynomial, count: int = 40) -> np.ndarray:
+    """Places in every piece, none on a break."""
+    shares = (np.arange(count) + 0.5) / count
+    return (p.breaks[:-1, None] + np.diff(p.breaks)[:, None] * shares).ravel()
+
+
+@given(polynomials())
+def test_values_are_the_sum_of_the_powers(p: PiecewisePolynomial) -> None:
+    x = inside(p)
+    piece = np.searchsorted(p.breaks, x) - 1
+    h = (x - p.breaks[piece])[:, None]
+    expected = sum(p.coefficients[piece, k] * h**k for k in range(p.coefficients.shape[1]))
+    np.testing.assert_allclose(p(x), expected, rtol=1e-9, atol=1e-9)
+
+
+@given(polynomials())
+def test_derivatives_are_those_of_numpy(p: PiecewisePolynomial) -> None:
+    found = p.derivatives(inside(p), 3)
+    shares = (np.arange(40) + 0.5) / 40
+    for piece in range(len(p.coefficients)):
+        h = shares * (p.breaks[piece + 1] - p.breaks[piece])
+        for j in range(p.n):
+            powers = np.polynomial.Polynomial(p.coefficients[piece, :, j])
+            for order in range(4):
+                expected = powers.deriv(order)(h) if order else powers(h)
+                np.testing.assert_allclose(
+                    found[order, 40 * piece : 40 * (piece + 1), j], expected, rtol=1e-7, atol=1e-7
+                )
+
+
+@given(polynomials())
+def test_extremes_are_never_passed_and_are_met(p: PiecewisePolynomial) -> None:
+    low, high = p.extremes_by_piece()
+    below, above = p.bounds_by_piece()
+    fine = p(inside(p, 4000)).reshape(len(p.coefficients), 4000, p.n)
+    size = 1 + np.abs(fine).max()
+    assert (fine >= low[:, None] - 1e-9 * size).all()
+    assert (fine <= high[:, None] + 1e-9 * size).all()
+    # 4,000 samples come close to an extreme inside a piece, and to the ends of one
+    slack = 2e-3 * np.abs(p.derivative().bound_by_piece()).max() * np.diff(p.breaks).max() + 1e-9 * size
+    assert (fine.min(axis=1) <= low + slack).all()
+    assert (fine.max(axis=1) >= high - slack).all()
+    assert (below <= low + 1e-9 * size).all()
+    assert (above >= high - 1e-9 * size).all()
+
+
+@given(polynomials(), st.integers(1, 4), st.floats(0.2, 5.0))
+def test_cutting_and_scaling_keep_the_curve(p: PiecewisePolynomial, parts: int, factor: float) -> None:
+    x = inside(p)
+    size = 1 + np.abs(p(x)).max()
+    np.testing.assert_allclose(p.refined(parts)(x), p(x), rtol=0, atol=1e-9 * size)
+    np.testing.assert_allclose(p.scaled(factor)(factor * x), p(x), rtol=0, atol=1e-9 * size)
+    np.testing.assert_allclose(p.derivative()(x), p.derivatives(x, 1)[1], rtol=1e-9, atol=1e-9 * size)
+
+
+def test_one_curve_after_another() -> None:
+    first = PiecewisePolynomial([0.0, 1.0], [[[0.0], [1.0]]])
+    second = PiecewisePolynomial([5.0, 7.0], [[[1.0], [0.0], [3.0]]])
+    both = first.followed_by(second)
+    np.testing.assert_allclose(both.breaks, [0, 1, 3])
+    np.testing.assert_allclose(both([0.5, 1.0, 2.0, 3.0])[:, 0], [0.5, 1.0, 4.0, 13.0])
+
+
+def test_beyond_its_ends_it_holds_them() -> None:
+    p = PiecewisePolynomial([0.0, 2.0], [[[1.0], [1.0]]])
+    np.testing.assert_array_equal(p([-1.0, 0.0, 2.0, 9.0])[:, 0], [1, 1, 3, 3])
+
+
+@pytest.mark.parametrize(
+    ("breaks", "coefficients", "text"),
+    [
+        ([0.0, 1.0], np.zeros((2, 2, 1)), "do not fit"),
+        ([0.0, 0.0], np.zeros((1, 2, 1)), "must rise"),
+        ([0.0, np.nan], np.zeros((1, 2, 1)), "finite"),
+        ([0.0, 1.0], np.full((1, 2, 1), np.inf), "finite"),
+    ],
+)
+def test_what_is_no_polynomial_is_refused(breaks: list[float], coefficients: np.ndarray, text: str) -> None:
+    with pytest.raises(InputError, match=text):
+        PiecewisePolynomial(breaks, coefficients)
+
+
+def test_it_cannot_be_cut_outside() -> None:
+    with pytest.raises(InputError, match="cannot be cut"):
+        PiecewisePolynomial([0.0, 1.0], np.zeros((1, 2, 1))).cut(np.array([0.5, 1.5]))

@@ -1,0 +1,112 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from armctl import load_robot
+from armctl.errors import InputError
+from armctl.motion.paths.spline import spline_through
+from armctl.motion.polynomial import PiecewisePolynomial
+from armctl.motion.profiles import law_over
+from armctl.motion.timing import PathLimits, PathTrajectory, SpeedPlan
+
+ROBOT = load_robot("uzuner")
+
+
+def random_path(seed: int, count: int) -> PiecewisePolynomial:
+    rng = np.random.default_rng(seed)
+    low, high = ROBOT.limits.T
+    points = rng.uniform(low, high, (count, ROBOT.n))
+    return spline_through(points, 1 / ROBOT.speed_limits)
+
+
+def straight(end: np.ndarray) -> PiecewisePolynomial:
+    return PiecewisePolynomial([0.0, 1.0], np.stack([np.zeros(5), end])[None])
+
+
+@given(st.integers(0, 10_000), st.integers(2, 12), st.floats(1e-3, 2.0))
+@settings(max_examples=60, deadline=None)
+def test_no_limit_is_ever_passed(seed: int, count: int, cap: float) -> None:
+    motion = PathTrajectory.fastest(ROBOT, random_path(seed, count), cap)
+    state = motion.sample(np.linspace(0.0, motion.duration, 3000))
+    assert (np.abs(state.velocity) <= ROBOT.speed_limits * (1 + 1e-9)).all()
+    assert (np.abs(state.acceleration) <= ROBOT.acceleration_limits * (1 + 1e-9)).all()
+    peaks = motion.peaks
+    assert (np.abs(state.velocity).max(axis=0) <= peaks.speed * (1 + 1e-9) + 1e-12).all()
+    assert (np.abs(state.acceleration).max(axis=0) <= peaks.acceleration * (1 + 1e-9) + 1e-12).all()
+    assert (state.q >= peaks.low - 1e-9).all()
+    assert (state.q <= peaks.high + 1e-9).all()
+    assert motion.rates(np.linspace(0.0, motion.duration, 1000)).max() <= cap
+    np.testing.assert_allclose(state.velocity[[0, -1]], 0.0, atol=1e-9)
+
+
+@given(st.integers(0, 10_000))
+@settings(max_examples=30, deadline=None)
+def test_each_derivative_is_that_of_the_one_before(seed: int) -> None:
+    motion = PathTrajectory.fastest(ROBOT, random_path(seed, 5))
+    # between the breaks, where the law has all its derivatives
+    middle = 0.5 * (motion.law.breaks[:-1] + motion.law.breaks[1:])
+    step = 1e-2 * np.diff(motion.law.breaks)
+    early, late = motion.sample(middle - step), motion.sample(middle + step)
+    here = motion.sample(middle)
+    for slope, before, after in (
+        (here.velocity, early.q, late.q),
+        (here.acceleration, early.velocity, late.velocity),
+        (here.jerk, early.acceleration, late.acceleration),
+    ):
+        size = 1 + np.abs(slope).max()
+        np.testing.assert_allclose((after - before) / (2 * step[:, None]), slope, rtol=2e-2, atol=2e-2 * size)
+
+
+def test_along_a_straight_way_it_is_the_trapezoid_of_the_slowest_joint() -> None:
+    end = np.array([1.2, 0.1, 0.0, -0.2, 0.0])
+    motion = PathTrajectory.fastest(ROBOT, straight(end))
+    base = ROBOT.joints[0]
+    alone = law_over(1.2, base.speed, base.acceleration, base.jerk, "trapezoid")
+    assert motion.duration == pytest.approx(alone.high, rel=1e-7)
+    np.testing.assert_array_equal(motion.sample(motion.duration).q, end)
+    np.testing.assert_array_equal(motion.sample(motion.duration + 1).velocity, np.zeros(5))
+
+
+def test_the_fastest_touches_a_limit_nearly_everywhere_on_a_straight_way() -> None:
+    motion = PathTrajectory.fastest(ROBOT, straight(np.full(5, 0.7)))
+    state = motion.sample(np.linspace(1e-6, motion.duration - 1e-6, 999))
+    load = np.maximum(
+        (np.abs(state.velocity) / ROBOT.speed_limits).max(axis=1),
+        (np.abs(state.acceleration) / ROBOT.acceleration_limits).max(axis=1),
+    )
+    assert load.min() > 0.999
+
+
+def test_a_first_rate_is_kept_and_braked() -> None:
+    path = random_path(4, 6)
+    limits = PathLimits.of(path, ROBOT.speed_limits, ROBOT.acceleration_limits)
+    most = float(SpeedPlan.fastest(limits, last=np.inf).rates.max())
+    motion = PathTrajectory.fastest(ROBOT, path, first=0.2 * min(most, limits.rate[0]))
+    assert motion.rates(0.0) == pytest.approx(0.2 * min(most, limits.rate[0]))
+    assert motion.rates(motion.duration) == pytest.approx(0.0, abs=1e-9)
+
+
+def test_too_fast_a_beginning_is_refused() -> None:
+    with pytest.raises(InputError, match="cannot be begun at the rate"):
+        PathTrajectory.fastest(ROBOT, straight(np.full(5, 1e-3)), first=1e3)
+
+
+def test_a_speed_that_is_none_is_refused() -> None:
+    with pytest.raises(InputError, match="must be positive"):
+        PathTrajectory.fastest(ROBOT, straight(np.ones(5)), 0.0)
+
+
+def test_slower_is_the_same_way() -> None:
+    motion = PathTrajectory.fastest(ROBOT, random_path(8, 4))
+    slow = motion.scaled(2.5)
+    t = np.linspace(0.0, motion.duration, 500)
+    np.testing.assert_allclose(slow.sample(2.5 * t).q, motion.sample(t).q, atol=1e-12)
+    assert slow.slowness(ROBOT) <= motion.slowness(ROBOT) / 2.5 * 1.001
+
+
+def test_a_law_that_misses_the_path_is_refused() -> None:
+    with pytest.raises(InputError, match="does not run along"):
+        PathTrajectory(straight(np.ones(5)), PiecewisePolynomial([0.0, 1.0], [[[0.0], [0.5]]]))
