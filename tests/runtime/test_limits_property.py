@@ -42,8 +42,8 @@ STEPS = st.one_of(
 )
 PROGRAMS = st.lists(STEPS, min_size=1, max_size=4).map(lambda s: Program(robot="uzuner", steps=tuple(s)))
 ACTIONS = st.one_of(
-    st.tuples(st.just("move"), SHARES, st.sampled_from(["planned", "normal"])),
-    st.tuples(st.just("home"), NEAR_HOME, st.sampled_from(["planned", "normal"])),
+    st.tuples(st.just("move"), SHARES, st.sampled_from(["cubic", "normal"])),
+    st.tuples(st.just("home"), NEAR_HOME, st.sampled_from(["cubic", "normal"])),
     st.tuples(st.just("program"), PROGRAMS),
     st.tuples(st.just("jog"), RATES),
     st.tuples(st.just("jog"), RATES),

@@ -14,7 +14,7 @@ from tests.runtime.kit import (
 from tests.runtime.test_motions import LateExecutor
 
 from armctl.errors import InputError, ProgramError, StateError
-from armctl.motion import CubicTrajectory, GripperStep, MoveStep, PointStep, Program, Step, WaitStep
+from armctl.motion import GripperStep, MoveStep, PointStep, PointToPoint, Program, Step, WaitStep
 from armctl.runtime import MoveGripper, MoveJoints, Pause, Resume, RunProgram, SetSpeed, State
 
 REST, HOME = ROBOT.pose("rest"), ROBOT.pose("home")
@@ -58,7 +58,7 @@ def test_every_step_in_order(holding: Rig) -> None:
 
 
 def test_it_does_not_pause_to_think(holding: Rig) -> None:
-    one = CubicTrajectory.plan(ROBOT, REST, HOME).duration
+    one = PointToPoint.plan(ROBOT, REST, HOME).duration
     holding.do(RunProgram(program(TO_HOME, TO_REST), loops=3))
     began = holding.now.stamp
     holding.until(lambda s: s.state is State.HOLDING)
@@ -232,13 +232,13 @@ def test_the_gripper_belongs_to_the_program_during_its_step(holding: Rig) -> Non
 def test_a_defect_in_planning_the_next_step_is_logged_once(
     holding: Rig, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    def broken(*_: object) -> None:
+    def broken(*_: object, **__: object) -> None:
         raise ValueError("oops")
 
-    monkeypatch.setattr("armctl.motion.plan.plan_target", broken)
+    monkeypatch.setattr("armctl.motion.step_plan.plan_target", broken)
     ticket = holding.do(RunProgram(program(TO_HOME, POINT, TO_REST)))
     holding.until(lambda s: s.state is State.HOLDING)
-    with pytest.raises(ProgramError, match="step 2: planning failed: ValueError: oops"):
+    with pytest.raises(ProgramError, match="pick: planning failed: ValueError: oops"):
         ticket.finished.result(0)
     assert sum(record.message == "planning failed" for record in caplog.records) <= 2
 

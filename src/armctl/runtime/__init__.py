@@ -8,7 +8,9 @@ from armctl.runtime.commands import (
     Disconnect,
     Enable,
     Follow,
+    FollowTarget,
     Jog,
+    JogTool,
     MoveGripper,
     MoveJoints,
     MoveTo,
@@ -18,6 +20,7 @@ from armctl.runtime.commands import (
     Resume,
     RunProgram,
     SetSpeed,
+    UpdateProgram,
 )
 from armctl.runtime.controller import Controller
 from armctl.runtime.outputs import channel_settings
@@ -35,8 +38,10 @@ __all__ = [
     "Enable",
     "Event",
     "Follow",
+    "FollowTarget",
     "InlineExecutor",
     "Jog",
+    "JogTool",
     "ManualClock",
     "MonotonicClock",
     "MoveGripper",
@@ -52,6 +57,7 @@ __all__ = [
     "Snapshot",
     "State",
     "Ticket",
+    "UpdateProgram",
     "channel_settings",
     "wall_time",
 ]

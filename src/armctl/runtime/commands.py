@@ -6,6 +6,7 @@ STOP is not among them: it bypasses every queue (``Controller.stop``).
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +15,7 @@ from armctl.kinematics import Target
 from armctl.motion import Profile, Program, Trajectory
 
 FloatArray = NDArray[np.float64]
+ToolFrame = Literal["base", "tool"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,13 +61,13 @@ class ClearFault:
 class MoveJoints:
     """Go to joint angles ``q`` (n,) [rad]; shortest time unless a duration is given.
 
-    ``profile``: "planned" (cubic, synchronised) or "normal" (each joint at its own speed; a duration
+    ``profile``: "cubic" (cubic, synchronised) or "normal" (each joint at its own speed; a duration
     then makes it a planned one).
     """
 
     q: FloatArray
     duration_s: float | None = None
-    profile: Profile = "planned"
+    profile: Profile = "cubic"
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,7 +77,7 @@ class MoveTo:
     target: Target
     choose: str = "least-rotation"
     duration_s: float | None = None
-    profile: Profile = "planned"
+    profile: Profile = "cubic"
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,6 +95,38 @@ class Jog:
     """
 
     rate: FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class JogTool:
+    """Move the tool along a straight line, or turn it in its place, while such commands come.
+
+    Expires as ``Jog`` does. All speeds are scaled together where the arm cannot give them.
+    """
+
+    linear: FloatArray
+    """(3,) [m/s], in ``frame``"""
+    pitch_rate: float = 0.0
+    """[rad/s], positive lifts the tool"""
+    roll_rate: float = 0.0
+    """[rad/s], of the roll joint"""
+    frame: ToolFrame = "base"
+    """whose axes ``linear`` is along; the tool's are taken as they are when the jog begins"""
+
+    @property
+    def twist(self) -> FloatArray:
+        """(5,) all of it: [m/s, m/s, m/s, rad/s, rad/s]."""
+        return np.array([*self.linear, self.pitch_rate, self.roll_rate])
+
+
+@dataclass(frozen=True, slots=True)
+class FollowTarget:
+    """Follow a target that moves: the newest one counts. Sent again and again while it is followed.
+
+    Expires 500 ms after it arrives; the arm then slows down inside its limits. None: slow down now.
+    """
+
+    target: Target | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,6 +150,15 @@ class RunProgram:
     program: Program
     loops: int | None = 1
     first: int = 0
+    count: int | None = None
+    """how many steps to run, e.g. 1; None: all"""
+
+
+@dataclass(frozen=True, slots=True)
+class UpdateProgram:
+    """Let the running program go on in another version, from its next pass on."""
+
+    program: Program
 
 
 Command = (
@@ -130,9 +173,12 @@ Command = (
     | MoveTo
     | Follow
     | Jog
+    | JogTool
+    | FollowTarget
     | MoveGripper
     | SetSpeed
     | RunProgram
+    | UpdateProgram
 )
 
 

@@ -12,9 +12,9 @@ from armctl.errors import ArmctlError, InputError, StateError
 from armctl.hardware import Driver
 from armctl.robot import Robot
 from armctl.runtime.clock import Clock
-from armctl.runtime.commands import Command, Jog, Origin
+from armctl.runtime.commands import Command, Origin
 from armctl.runtime.core import Core
-from armctl.runtime.dispatch import MOVING, Order, dispatch
+from armctl.runtime.dispatch import HELD, MOVING, Order, dispatch
 from armctl.runtime.planner import Planner
 from armctl.runtime.report import report
 from armctl.runtime.snapshot import Snapshot
@@ -198,7 +198,7 @@ class Controller:
         for stop in stops:
             if order.number < stop.number and isinstance(order.command, MOVING):
                 order.ticket.refuse(StateError(f"stopped by {stop.origin.who} before it began"))
-                if isinstance(order.command, Jog):
+                if isinstance(order.command, HELD):
                     self._core.jogged_at = order.given_at  # its key is held: it must be let go first
                 return
         try:

@@ -16,11 +16,12 @@ from armctl.runtime.activity import Activity, Setpoint
 from armctl.runtime.board import Board
 from armctl.runtime.gate import Gate
 from armctl.runtime.gripper import GripperMover
+from armctl.runtime.keep_clear import KeepClear
 from armctl.runtime.log import EventLog
 from armctl.runtime.monitor import Monitor
 from armctl.runtime.mover import PathMover
 from armctl.runtime.notices import Notices
-from armctl.runtime.planner import Pending, Planner, planned
+from armctl.runtime.planner import Pending, Planner, result_of
 from armctl.runtime.snapshot import State
 from armctl.runtime.ticket import Ticket
 
@@ -44,6 +45,7 @@ class Core:
         self.log = EventLog()
         self.notices = Notices(self.log)
         self.floor = Floor(robot)
+        self.clear = KeepClear(robot)
         self.gate = Gate(robot, _LONGEST_TICKS * period)
         self.gripper = GripperMover(robot.gripper)
         self.monitor = Monitor(robot, self.notices, self.log, max(period, _READ_INTERVAL_S))
@@ -90,7 +92,7 @@ class Core:
             return
         self.pending = None
         try:
-            trajectory = planned(pending.future)
+            trajectory = result_of(pending.future)
             q = self.gate.q
             if self.state is not State.HOLDING or q is None or not np.array_equal(q, pending.start):
                 raise StateError(

@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from concurrent.futures import Future
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from armctl.errors import ArmctlError, BoardError, InputError, StateError
-from armctl.motion import Trajectory
+from armctl.kinematics import Target
+from armctl.motion import Program, Trajectory
 from armctl.runtime import commands as c
 from armctl.runtime import power
 from armctl.runtime.core import POWERED, Core
+from armctl.runtime.follower import FOLLOW_EXPIRY_S, Follower
 from armctl.runtime.jog import JOG_EXPIRY_S, Jogger
 from armctl.runtime.planner import Pending
 from armctl.runtime.program_runner import ProgramRunner
@@ -24,7 +27,11 @@ FloatArray = NDArray[np.float64]
 SLOWEST = 0.05
 JOG_GAP_S = 0.2
 """A jog that was held during a STOP must be let go for this long before it moves the arm again."""
-MOVING = (c.Enable, c.Resume, c.MoveJoints, c.MoveTo, c.Follow, c.Jog, c.MoveGripper, c.RunProgram)
+FASTEST_TOOL_M_S, FASTEST_TURN_RAD_S = 0.5, math.pi
+"""What the tool may be jogged at; the joints' own limits are mostly lower."""
+HELD = (c.Jog, c.JogTool, c.FollowTarget)
+"""Commands that count only for a moment: whoever gives them goes on giving them."""
+MOVING = (c.Enable, c.Resume, c.MoveJoints, c.MoveTo, c.Follow, *HELD, c.MoveGripper, c.RunProgram)
 """Commands that a STOP drops when they were given before it."""
 
 
@@ -77,11 +84,17 @@ def _carry_out(core: Core, order: Order, now: float) -> bool:
         case c.SetSpeed(fraction):
             _set_speed(core, fraction, who)
         case c.Jog(rate):
-            _jog(core, rate, order, now)
+            _jog(core, lambda: _checked_rate(core, rate), order, now)
+        case c.JogTool() as tool_jog:
+            _jog(core, lambda: _checked_tool_jog(core, tool_jog), order, now)
+        case c.FollowTarget(target):
+            _follow_target(core, target, order, now)
         case c.MoveGripper(opening):
             return _move_gripper(core, opening, order)
         case c.RunProgram():
             return _run_program(core, order.command, order, now)
+        case c.UpdateProgram(program):
+            _update_program(core, program, who)
         case c.MoveJoints(q, duration_s, profile):
             start = _standing_start(core)
             goal = core.robot.check_limits(q)
@@ -166,25 +179,52 @@ def _set_speed(core: Core, fraction: float, who: str) -> None:
     core.log.info(f"speed {100 * fraction:.0f} % ({who})")
 
 
-def _jog(core: Core, rate: FloatArray, order: Order, now: float) -> None:
-    gap = order.given_at - core.jogged_at
-    core.jogged_at = order.given_at
-    if core.jog_locked and gap < JOG_GAP_S:
-        raise StateError("the arm was stopped while it was jogged; let go first")
-    core.jog_locked = False
-    rate = _checked_rate(core, rate)
+def _jog(core: Core, checked: Callable[[], FloatArray | c.JogTool], order: Order, now: float) -> None:
+    _require_let_go(core, order, "jogged")
+    wanted = checked()
     activity = core.activity
     if not isinstance(activity, Jogger):
-        q = core.gate.q
-        if core.state is not State.HOLDING or q is None:
-            raise StateError(f"a jog needs the arm holding, it is {core.state.value}{_hint(core)}")
-        if not rate.any():
+        q = _led_start(core, "a jog")
+        if not (wanted.twist if isinstance(wanted, c.JogTool) else wanted).any():
             return
-        activity = Jogger(core.robot, core.floor, q, core.speed)
+        activity = Jogger(core.robot, core.clear, q, core.speed)
         core.begin(activity, None, order.origin.who, now)
     elif core.stopped_by:
         raise StateError("the arm is stopping; let go first")
-    activity.command(rate, order.given_at + JOG_EXPIRY_S)
+    activity.command(wanted, order.given_at + JOG_EXPIRY_S)
+
+
+def _follow_target(core: Core, target: Target | None, order: Order, now: float) -> None:
+    activity = core.activity
+    if target is None:
+        if isinstance(activity, Follower):
+            activity.stop()
+        return
+    _require_let_go(core, order, "following its target")
+    if not isinstance(activity, Follower):
+        q = _led_start(core, "to follow a target")
+        activity = Follower(core.robot, core.clear, q, core.speed, core.planner.live_goal)
+        core.begin(activity, None, order.origin.who, now)
+    elif core.stopped_by:
+        raise StateError("the arm is stopping; switch the live target on again when it stands")
+    activity.aim(target, order.given_at + FOLLOW_EXPIRY_S)
+
+
+def _require_let_go(core: Core, order: Order, doing: str) -> None:
+    """Refuse what is held since before a STOP: it must be let go of first."""
+    gap = order.given_at - core.jogged_at
+    core.jogged_at = order.given_at
+    if core.jog_locked and gap < JOG_GAP_S:
+        raise StateError(f"the arm was stopped while it was {doing}; let go first")
+    core.jog_locked = False
+
+
+def _led_start(core: Core, what: str) -> FloatArray:
+    """Where the arm holds (n,) [rad], if it may be led from there."""
+    q = core.gate.q
+    if core.state is not State.HOLDING or q is None:
+        raise StateError(f"{what} needs the arm holding, it is {core.state.value}{_hint(core)}")
+    return q
 
 
 def _checked_rate(core: Core, rate: FloatArray) -> FloatArray:
@@ -199,6 +239,25 @@ def _checked_rate(core: Core, rate: FloatArray) -> FloatArray:
                 "it cannot be jogged"
             )
     return rate
+
+
+def _checked_tool_jog(core: Core, jog: c.JogTool) -> c.JogTool:
+    """A copy of ``jog`` that the tool may be moved with."""
+    linear = np.array(jog.linear, dtype=np.float64)
+    jog = replace(jog, linear=linear)
+    if linear.shape != (3,) or not np.isfinite(jog.twist).all():
+        raise InputError(f"a jog of the tool needs three speeds and two rates, got {jog.twist.tolist()}")
+    speed, rate = float(np.linalg.norm(linear)), max(abs(jog.pitch_rate), abs(jog.roll_rate))
+    if speed > FASTEST_TOOL_M_S or rate > FASTEST_TURN_RAD_S:
+        raise InputError(
+            f"a jog of the tool at {1000 * speed:.0f} mm/s and {math.degrees(rate):.0f} °/s is too fast; "
+            f"at most {1000 * FASTEST_TOOL_M_S:.0f} mm/s and {math.degrees(FASTEST_TURN_RAD_S):.0f} °/s"
+        )
+    pitch, roll = core.robot.inverse_kinematics.pitch_and_roll(core.robot.pose("home"))
+    for value, has, name in ((jog.pitch_rate, pitch, "pitch"), (jog.roll_rate, roll, "roll")):
+        if value and has is None:
+            raise InputError(f"{core.robot.name} has no tool {name} that could be jogged")
+    return jog
 
 
 def _move_gripper(core: Core, opening: float, order: Order) -> bool:
@@ -228,6 +287,14 @@ def _run_program(core: Core, command: c.RunProgram, order: Order, now: float) ->
         core.planner,
         core.gripper,
         core.speed,
+        command.count,
     )
     core.begin(runner, order.ticket, order.origin.who, now)
     return False
+
+
+def _update_program(core: Core, program: Program, who: str) -> None:
+    if not isinstance(core.activity, ProgramRunner):
+        raise StateError("no program runs; press Run")
+    core.activity.update(program)
+    core.log.info(f"program {program.name!r} was edited; the edit takes effect at the next pass ({who})")

@@ -1,4 +1,4 @@
-"""Jogging: joints turned by rate commands that expire."""
+"""Jogging: joints or the tool moved by commands that expire."""
 
 from __future__ import annotations
 
@@ -8,30 +8,32 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armctl.errors import ArmctlError
-from armctl.motion import Floor
 from armctl.robot import Robot
 from armctl.runtime.activity import ActivityView, Setpoint
+from armctl.runtime.commands import JogTool
+from armctl.runtime.joint_servo import JointServo
+from armctl.runtime.keep_clear import KeepClear
+from armctl.runtime.tool_line import Lead, ToolLine
 
 FloatArray = NDArray[np.float64]
 JOG_EXPIRY_S = 0.1
 """How long one jog command counts."""
-_BRAKING_PROBES = np.linspace(0.0, 1.0, 6)
-_FLOOR_ROUNDING = 1e-9
 
 
 class Jogger:
     """Joint speeds that follow the commands inside every limit.
 
     At each tick the joints can still be brought to rest before their limits, and the arm before the
-    floor: a step after which they could not is not taken.
+    floor, an obstacle or itself: a step after which they could not is not taken.
     """
 
-    def __init__(self, robot: Robot, floor: Floor, q: FloatArray, speed: float) -> None:
+    def __init__(self, robot: Robot, clear: KeepClear, q: FloatArray, speed: float) -> None:
+        """Stand at ``q`` (n,) [rad]; ``speed`` is the override."""
         self._robot = robot
-        self._floor = floor
-        self._q = q.copy()
-        self._v = np.zeros(robot.n)
-        self._rate = np.zeros(robot.n)
+        self._clear = clear
+        self._servo = JointServo(robot, q)
+        self._wanted: FloatArray | JogTool = np.zeros(robot.n)
+        self._line: ToolLine | None = None
         self._expires = -math.inf
         self._speed = speed
         self._notice: str | None = None
@@ -50,7 +52,7 @@ class Jogger:
     @property
     def standing(self) -> bool:
         """The joints are at rest."""
-        return not self._v.any()
+        return self._servo.standing
 
     @property
     def done(self) -> bool:
@@ -69,12 +71,17 @@ class Jogger:
 
     @property
     def notice(self) -> str | None:
-        """Which limit or floor holds the jog back."""
+        """What holds the jog back: a limit, the floor, a singular pose."""
         return self._notice
 
-    def command(self, rate: FloatArray, expires: float) -> None:
-        """Turn at ``rate`` (n,), -1 ... 1 of the speed limits, until the clock says ``expires``."""
-        self._rate = rate.copy()
+    def command(self, wanted: FloatArray | JogTool, expires: float) -> None:
+        """Move on until the clock says ``expires``.
+
+        Args:
+            wanted: (n,) joint rates, -1 ... 1 of the speed limits, or how to move the tool.
+            expires: controller clock [s].
+        """
+        self._wanted = wanted.copy() if isinstance(wanted, np.ndarray) else wanted
         self._expires = expires
         self._done = False
 
@@ -92,11 +99,12 @@ class Jogger:
     def stop(self) -> None:
         """Slow down as hard as the limits allow."""
         self._expires = -math.inf
+        self._line = None
         self._done = self.standing
 
     def halt(self) -> None:
         """No setpoint is sent for now: go on from rest."""
-        self._v = np.zeros(self._robot.n)
+        self._servo.halt()
         self._done = self._expires == -math.inf
 
     def view(self) -> ActivityView:
@@ -105,64 +113,58 @@ class Jogger:
 
     def advance(self, now: float, dt: float) -> Setpoint | None:
         """Go on by ``dt`` seconds to ``now``; None where the joints stand."""
-        zero = np.zeros(self._robot.n)
-        expired = now >= self._expires
-        desired = zero if expired else self._rate * self._robot.speed_limits * self._speed
-        self._notice = None
-        q, v = self._step(desired, dt)
-        if not expired and not self._clear_of_floor(q, v):
-            self._notice = "jog: the floor is in the way"
-            q, v = self._step(zero, dt)
-        elif not expired:
-            self._notice = self._at_limit(q, desired)
-        if not v.any() and not self._v.any():
+        servo, expired = self._servo, now >= self._expires
+        lead = self._lead(expired, dt)
+        self._notice = None if expired else lead.notice
+        q, v = servo.step(lead.speeds, dt)
+        if not expired and (blocked := blocked_ahead(servo, self._clear, q, v)) is not None:
+            self._notice = f"jog: {blocked}"
+            q, v = servo.step(np.zeros(self._robot.n), dt)
+        elif not expired and self._notice is None and self._line is None:
+            self._notice = self._at_limit(q, lead.speeds)
+        if not v.any() and servo.standing:
             self._done = expired
+            if expired:
+                self._line = None
             return None
-        sample = Setpoint(q, v, (v - self._v) / dt)
-        self._q, self._v = q, v
-        return Setpoint(q.copy(), v.copy(), sample.acceleration)
+        return moved(servo, q, v, dt)
 
-    def _step(self, desired: FloatArray, dt: float) -> tuple[FloatArray, FloatArray]:
-        """Positions and speeds (n,) after ``dt``: as near to the desired speeds as the limits allow."""
-        a = self._robot.acceleration_limits
-        low, high = self._robot.limits[:, 0], self._robot.limits[:, 1]
-        v = self._v
-        most_up, halt_up = self._fastest(high - self._q, v, dt)
-        most_down, halt_down = self._fastest(self._q - low, -v, dt)
-        after = np.clip(desired, v - a * dt, v + a * dt)
-        after = np.clip(after, -most_down, most_up)
-        moved = 0.5 * (v + after) * dt
-        # A joint that can rest within the tick and must (or shall) brakes fully, then stands.
-        rests = (np.abs(v) <= a * dt) & (((desired == 0) & (after == 0)) | halt_up | halt_down)
-        after = np.where(rests, 0.0, after)
-        moved = np.where(rests, 0.5 * v * np.abs(v) / a, moved)
-        return np.clip(self._q + moved, low, high), after
-
-    def _fastest(self, room: FloatArray, v: FloatArray, dt: float) -> tuple[FloatArray, NDArray[np.bool_]]:
-        """Largest speed (n,) after ``dt`` from which a joint can rest inside ``room`` [rad]; who must halt.
-
-        From ``(v + v') dt / 2 + v'² / 2a <= room``, solved for v'.
-        """
-        a = self._robot.acceleration_limits
-        left = room - 0.5 * v * dt
-        halt = (left <= 0) & (v > 0)
-        root = np.sqrt(np.maximum(0.25 * dt * dt + 2 * left / a, 0.0))
-        return np.maximum(a * (root - 0.5 * dt), 0.0), halt
-
-    def _clear_of_floor(self, q: FloatArray, v: FloatArray) -> bool:
-        """Whether the whole braking path from a step's end stays above the floor, or sinks no deeper."""
-        if not v.any() and np.array_equal(q, self._q):
-            return True
-        a = self._robot.acceleration_limits
-        takes = np.abs(v) / a
-        t = np.minimum(_BRAKING_PROBES[:, None] * takes.max(), takes)
-        path = q + v * t - 0.5 * np.sign(v) * a * t * t
-        clearance = self._floor.clearance(np.vstack([self._q, path]))
-        allowed = np.minimum(clearance[0], 0.0) - _FLOOR_ROUNDING
-        return bool((clearance[1:] >= allowed).all())
+    def _lead(self, expired: bool, dt: float) -> Lead:
+        """Speeds to go for; a jog of another kind or direction waits until the arm stands."""
+        wanted, servo = self._wanted, self._servo
+        going_on = isinstance(wanted, JogTool) and self._line is not None and self._line.continues(wanted)
+        if self._line is not None and (expired or not going_on):
+            if not servo.standing:
+                return self._line.lead(servo, 0.0, dt)
+            self._line = None
+        if expired:
+            return Lead(np.zeros(self._robot.n))
+        if not isinstance(wanted, JogTool):
+            return Lead(wanted * self._robot.speed_limits * self._speed)
+        if self._line is None:
+            if not servo.standing:
+                return Lead(np.zeros(self._robot.n))
+            self._line = ToolLine(self._robot, servo.q, wanted)
+        self._line.command = wanted
+        return self._line.lead(servo, self._speed, dt)
 
     def _at_limit(self, q: FloatArray, desired: FloatArray) -> str | None:
         low, high = self._robot.limits[:, 0], self._robot.limits[:, 1]
         stuck = ((desired > 0) & (q >= high)) | ((desired < 0) & (q <= low))
         names = [joint.title for joint, held in zip(self._robot.joints, stuck, strict=True) if held]
         return f"jog: {', '.join(names)} at the limit" if names else None
+
+
+def blocked_ahead(servo: JointServo, clear: KeepClear, q: FloatArray, v: FloatArray) -> str | None:
+    """What is in the way between here and where the joints could rest after a step to ``q``, ``v`` (n,)."""
+    if not v.any() and np.array_equal(q, servo.q):
+        return None
+    found = clear.blocked(np.vstack([servo.q, servo.braking_path(q, v)]))
+    return None if found is None else found[1]
+
+
+def moved(servo: JointServo, q: FloatArray, v: FloatArray, dt: float) -> Setpoint:
+    """Take a step to ``q``, ``v`` (n,), and the setpoint that says so."""
+    acceleration = (v - servo.v) / dt
+    servo.take(q, v)
+    return Setpoint(q.copy(), v.copy(), acceleration)

@@ -1,7 +1,8 @@
-"""Runs a trajectory with its time scaled: override, pause, resume and stop on the same path."""
+"""Runs trajectories with their time scaled: override, pause, resume and stop on the same path."""
 
 from __future__ import annotations
 
+from collections.abc import Hashable
 from typing import Final
 
 import numpy as np
@@ -11,31 +12,71 @@ from armctl.errors import ArmctlError
 from armctl.motion import Trajectory
 from armctl.robot import Robot
 from armctl.runtime.activity import ActivityView, Setpoint
+from armctl.runtime.track import Track
 
 FloatArray = NDArray[np.float64]
 _PROBES: Final = np.linspace(0.0, 1.0, 9)  # a trapezoid's corners lie anywhere in a tick
 _HALVINGS = 12
 _TOLERANCE = 1e-6
+_STARVING_S = 0.4
+"""Before the end of what is planned: several times what the arm needs to stand."""
 
 
 class PathMover:
-    """One trajectory on its way.
+    """Trajectories on their way, one after another.
 
     With path time s and its rate r = ds/dt, a joint's speed is ``q' r`` and its acceleration
     ``q'' r² + q' dr/dt``. A trajectory inside its limits stays inside them at every constant rate up to 1;
     a change of the rate takes what acceleration is left, and where none is left, waits.
     """
 
-    def __init__(self, robot: Robot, trajectory: Trajectory, speed: float, label: str = "motion") -> None:
-        self._trajectory = trajectory
+    def __init__(
+        self,
+        robot: Robot,
+        trajectory: Trajectory,
+        speed: float,
+        label: str = "motion",
+        *,
+        tag: Hashable = None,
+        goes_on: bool = False,
+    ) -> None:
+        """Begin with one that starts at rest; the rest as ``append``."""
+        self._track = Track()
+        self._track.append(trajectory, tag)
         self._limits = robot.acceleration_limits * (1 + _TOLERANCE)
         self._label = label
         self._time = 0.0
         # At the start the joints are at rest at whatever rate, so the first rate needs no ramp.
         self._rate = speed
         self._speed = speed
+        self._open = goes_on
         self._paused = False
         self._stopped = False
+
+    def append(self, trajectory: Trajectory, tag: Hashable, *, goes_on: bool) -> None:
+        """Go on with another trajectory, which starts as the last one ends.
+
+        Args:
+            trajectory: the next one.
+            tag: what ``tag`` is while it runs.
+            goes_on: it does not end at rest: another one must follow. Until that is here, the arm slows
+                down along the path before the end and waits.
+        """
+        if self._time >= self._track.end:
+            self._rate = self._speed  # at rest at whatever rate
+        self._track.append(trajectory, tag)
+        self._track.forget(self._time)
+        self._open = goes_on
+
+    @property
+    def tag(self) -> Hashable:
+        """Of the trajectory that runs."""
+        return self._track.tag
+
+    @property
+    def remaining_s(self) -> float:
+        """What is left of all of them at full speed [s]."""
+        return max(self._track.end - self._time, 0.0)
 
     @property
     def label(self) -> str:
@@ -50,12 +91,12 @@ class PathMover:
     @property
     def standing(self) -> bool:
         """The joints are at rest: at the end, or with the rate at 0."""
-        return self._rate == 0.0 or self._time >= self._trajectory.duration
+        return self._rate == 0.0 or self._time >= self._track.end
 
     @property
     def done(self) -> bool:
         """At the end, or stopped and at rest."""
-        return self._time >= self._trajectory.duration or (self._stopped and self._rate == 0.0)
+        return self._time >= self._track.end or (self._stopped and self._rate == 0.0)
 
     @property
     def error(self) -> ArmctlError | None:
@@ -98,25 +139,25 @@ class PathMover:
         """Go on by ``dt`` seconds; None where the joints stand."""
         if self.done:
             return None
-        target = 0.0 if self._paused or self._stopped else self._speed
+        starved = self._open and self.remaining_s < _STARVING_S
+        target = 0.0 if self._paused or self._stopped or starved else self._speed
         if self._rate == 0.0 and target == 0.0:
             return None
         rate = self._next_rate(target, dt)
         push = (rate - self._rate) / dt
-        self._time = min(self._time + 0.5 * (self._rate + rate) * dt, self._trajectory.duration)
+        self._time = min(self._time + 0.5 * (self._rate + rate) * dt, self._track.end)
         self._rate = rate
-        sample = self._trajectory.sample(self._time)
+        state = self._track.sample(np.array([self._time]))
+        self._track.forget(self._time)
+        q, velocity, acceleration = state.q[0], state.velocity[0], state.acceleration[0]
         if self.standing:
-            return Setpoint(sample.q, np.zeros_like(sample.q), np.zeros_like(sample.q))
-        return Setpoint(
-            sample.q, sample.velocity * rate, sample.acceleration * rate**2 + sample.velocity * push
-        )
+            return Setpoint(q, np.zeros_like(q), np.zeros_like(q))
+        return Setpoint(q, velocity * rate, acceleration * rate**2 + velocity * push)
 
     def view(self) -> ActivityView:
         """What is shown."""
-        duration = self._trajectory.duration
-        done = 1.0 if duration == 0 else self._time / duration
-        return ActivityView(self._trajectory.end, done, (duration - self._time) / self._speed)
+        left = self._track.left(self._time) / self._speed
+        return ActivityView(self._track.goal, self._track.progress(self._time), left)
 
     def _next_rate(self, target: float, dt: float) -> float:
         """The rate after ``dt`` that comes closest to the target inside the acceleration limits."""
@@ -137,6 +178,6 @@ class PathMover:
         push = (rate - self._rate) / dt
         rates = self._rate + (rate - self._rate) * _PROBES
         times = self._time + 0.5 * (self._rate + rates) * _PROBES * dt
-        sample = self._trajectory.sample(times)
-        acceleration = sample.acceleration * (rates * rates)[:, None] + sample.velocity * push
+        state = self._track.sample(times)
+        acceleration = state.acceleration * (rates * rates)[:, None] + state.velocity * push
         return bool((np.abs(acceleration) <= self._limits).all())

@@ -14,16 +14,19 @@ from numpy.typing import NDArray
 from armctl.errors import ArmctlError, StateError
 from armctl.kinematics import Target
 from armctl.motion import (
-    MoveStep,
-    PointStep,
+    PlannedStep,
+    PlanState,
     Profile,
+    ProgramSource,
     Trajectory,
     plan_joints,
-    plan_step,
+    plan_next,
     plan_target,
     require_clear,
 )
 from armctl.robot import Robot
+from armctl.runtime.keep_clear import KeepClear
+from armctl.runtime.live_goal import LiveGoal, live_goal
 from armctl.runtime.ticket import Ticket
 
 FloatArray = NDArray[np.float64]
@@ -63,6 +66,7 @@ class Planner:
 
     def __init__(self, robot: Robot, executor: Executor, wake: Callable[[], None]) -> None:
         self._robot = robot
+        self._clear = KeepClear(robot)
         self._executor = executor
         self._wake = wake
 
@@ -78,15 +82,19 @@ class Planner:
         """Plan to a target of the tool."""
         return self._submit(plan_target, self._robot, start, target, choose, duration_s, profile)
 
-    def step(self, start: FloatArray, step: MoveStep | PointStep) -> Future[Trajectory]:
-        """Plan one moving step of a program."""
-        return self._submit(plan_step, self._robot, start, step)
+    def ahead(self, source: ProgramSource, state: PlanState) -> Future[tuple[list[PlannedStep], PlanState]]:
+        """Plan the next steps of a program."""
+        return self._submit(plan_next, self._robot, source, state)
+
+    def live_goal(self, q: FloatArray, target: Target, pitch: float | None) -> Future[LiveGoal]:
+        """Solve for a target that is followed; see ``live_goal``."""
+        return self._submit(live_goal, self._robot, self._clear, q, target, pitch)
 
     def check(self, start: FloatArray, trajectory: Trajectory) -> Future[Trajectory]:
         """Check somebody else's trajectory, and that it starts where the arm stands."""
         return self._submit(_checked, self._robot, start, trajectory)
 
-    def _submit(self, plan: Callable[P, Trajectory], *args: P.args, **kwargs: P.kwargs) -> Future[Trajectory]:
+    def _submit(self, plan: Callable[P, T], *args: P.args, **kwargs: P.kwargs) -> Future[T]:
         try:
             future = self._executor.submit(plan, *args, **kwargs)
         except RuntimeError as cause:  # the executor was shut down
@@ -95,7 +103,7 @@ class Planner:
         return future
 
 
-def planned(future: Future[Trajectory]) -> Trajectory:
+def result_of(future: Future[T]) -> T:
     """What a planning future that is done holds.
 
     Raises:

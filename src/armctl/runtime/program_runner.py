@@ -6,16 +6,28 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armctl.errors import ArmctlError, InputError, ProgramError
-from armctl.motion import GripperStep, Program, WaitStep, check_program
+from armctl.motion import (
+    GripperStep,
+    PlannedStep,
+    PlanState,
+    Program,
+    ProgramSource,
+    SpeedStep,
+    Trajectory,
+    WaitStep,
+    check_program,
+)
 from armctl.robot import Robot
 from armctl.runtime.activity import ActivityView, Setpoint
 from armctl.runtime.gripper import GripperMover
 from armctl.runtime.mover import PathMover
-from armctl.runtime.planner import Planner, planned
-from armctl.runtime.program_plan import PlannedStep, ProgramPlan
+from armctl.runtime.planner import Planner
+from armctl.runtime.program_feed import ProgramFeed
 from armctl.runtime.snapshot import ProgramProgress
 
 FloatArray = NDArray[np.float64]
+_EARLY_S = 1.0
+"""What is begun without a stop is taken this long before it is due."""
 
 
 class ProgramRunner:
@@ -31,6 +43,7 @@ class ProgramRunner:
         planner: Planner,
         gripper: GripperMover,
         speed: float,
+        count: int | None = None,
     ) -> None:
         """Check what can be checked at once, ask for the first plans and begin if they are there.
 
@@ -43,25 +56,28 @@ class ProgramRunner:
             planner: solves the steps.
             gripper: obeys the gripper steps.
             speed: override.
+            count: how many steps to run; None: all.
 
         Raises:
-            InputError: ``loops`` or ``first`` that cannot be.
+            InputError: ``loops``, ``first`` or ``count`` that cannot be.
             ProgramError: another robot's program, no steps, or a step outside the limits.
         """
-        findings = check_program(program, robot, motions=False)
-        if findings:
-            raise ProgramError(f"{program.name}: {findings[0]}")
+        _require_runnable(robot, program)
         if not 0 <= first < len(program.steps):
             raise InputError(f"{program.name} has no step {first + 1}; it has {len(program.steps)}")
         if loops is not None and loops < 1:
             raise InputError(f"a program runs once or more often, not {loops} times")
+        if count is not None and count < 1:
+            raise InputError(f"a program runs one step or more, not {count}")
         self._robot = robot
         self._program = program
         self._loops = loops
-        self._speed = speed
+        self._speed, self._percent = speed, 100.0
         self._gripper = gripper
-        self._plan = ProgramPlan(program, loops, first, start, planner)
-        self._index, self._loop = first, 0
+        state = PlanState(start, loops, count, first=first)
+        self._feed = ProgramFeed(ProgramSource(program), state, planner)
+        self._running: PlannedStep | None = None
+        self._first = first
         self._mover: PathMover | None = None
         self._wait_left = 0.0
         self._gripping = False
@@ -69,7 +85,7 @@ class ProgramRunner:
         self._paused = False
         self._stopped = False
         self._error: ArmctlError | None = None
-        self._begin_next()
+        self._take_steps()
 
     @property
     def label(self) -> str:
@@ -91,7 +107,7 @@ class ProgramRunner:
         """All passes are over, or it was stopped or refused, and the joints are at rest."""
         if self._stopped or self._error is not None:
             return self._mover is None or self._mover.done
-        return not self._busy and self._begun and self._plan.ended
+        return not self._busy and self._begun and self._feed.ended
 
     @property
     def error(self) -> ArmctlError | None:
@@ -113,11 +129,21 @@ class ProgramRunner:
         """A gripper step is running."""
         return self._gripping
 
+    def update(self, program: Program) -> None:
+        """Go on with another version of the program at the next pass.
+
+        Raises:
+            ProgramError: another robot's program, no steps, a step outside the limits; the old one runs on.
+        """
+        _require_runnable(self._robot, program)
+        self._program = program
+        self._feed.update(program)
+
     def set_speed(self, fraction: float) -> None:
         """Go towards this speed override; waits are not shortened or stretched."""
         self._speed = fraction
         if self._mover is not None:
-            self._mover.set_speed(fraction)
+            self._mover.set_speed(fraction * self._percent / 100)
 
     def pause(self) -> None:
         """Stand on the path, or stop the time of a wait."""
@@ -137,7 +163,7 @@ class ProgramRunner:
         """Slow down and drop the rest."""
         self._stopped = True
         self._gripper.held = False
-        self._plan.drop()
+        self._feed.drop()
         if self._mover is not None:
             self._mover.stop()
 
@@ -148,58 +174,102 @@ class ProgramRunner:
 
     def advance(self, now: float, dt: float) -> Setpoint | None:
         """Go on by ``dt`` seconds; None where no joint moves."""
-        sample = None
+        setpoint = None
         if self._mover is not None:
-            sample = self._mover.advance(now, dt)
+            self._take_steps()
+            setpoint = self._mover.advance(now, dt)
+            self._show_step()
             if self._mover.done:
                 self._mover = None
         elif self._wait_left > 0 and not self._paused:
             self._wait_left -= dt
         if self._gripping and not self._gripper.moving:
             self._gripping = False
-        if not (self._busy or self._paused or self._stopped or self._error is not None):
-            self._begin_next()
-        return sample
+        self._take_steps()
+        return setpoint
 
     def view(self) -> ActivityView:
         """What is shown: goal and progress of the running step, and where the program is."""
-        program = ProgramProgress(
-            self._program.name, self._index, len(self._program.steps), self._loop, self._loops
-        )
+        program = self._progress()
         if self._mover is None:
             return ActivityView(None, 0.0, max(self._wait_left, 0.0), program)
         moving = self._mover.view()
         return ActivityView(moving.goal, moving.progress, moving.remaining_s, program)
 
+    def _progress(self) -> ProgramProgress:
+        running = self._running
+        if running is None:
+            return ProgramProgress(self._program.name, self._first, len(self._program.steps), 0, self._loops)
+        passes = running.passes + (1 if self.done and not self._stopped and self._error is None else 0)
+        steps = running.program.steps
+        return ProgramProgress(running.program.name, running.index, len(steps), passes, self._loops)
+
     @property
     def _busy(self) -> bool:
         return self._mover is not None or self._wait_left > 0 or self._gripping
 
-    def _begin_next(self) -> None:
-        step = self._plan.take()
-        if step is None:
-            if self._plan.ended:
-                self._loop = self._loops or 0
+    def _take_steps(self) -> None:
+        """Take the steps that are due: the next motion just before it is needed, others one a tick."""
+        if self._paused or self._stopped or self._error is not None:
             return
-        self._index, self._loop = step.index, step.loop
         try:
-            self._begin(step)
+            while (step := self._feed.peek()) is not None and self._due(step):
+                self._feed.take()
+                if not self._begin(step):
+                    return
         except ArmctlError as cause:
-            self._plan.drop()
-            self._error = ProgramError(f"{self._program.name}: step {step.index + 1}: {cause}")
+            self._feed.drop()
+            self._error = ProgramError(f"{self._program.name}: {cause}")
             self._error.__cause__ = cause
-            return
-        self._begun = True
 
-    def _begin(self, planned_step: PlannedStep) -> None:
-        step = planned_step.step
-        if planned_step.future is not None:
-            trajectory = planned(planned_step.future)
-            self._mover = PathMover(self._robot, trajectory, self._speed)
-            if self._mover.done:  # the arm is there already
-                self._mover = None
-        elif isinstance(step, WaitStep):
-            self._wait_left = step.seconds
-        elif isinstance(step, GripperStep):
-            self._gripper.move_to(step.open_percent / 100)
+    def _due(self, step: PlannedStep) -> bool:
+        if self._wait_left > 0 or self._gripping:
+            return False
+        if self._mover is None:
+            return True
+        if isinstance(step.step, SpeedStep):
+            return self._mover.remaining_s <= _EARLY_S
+        if step.trajectory is None:
+            return False
+        # what is begun at rest waits until the joints stand exactly where it begins
+        return step.moving_start and self._mover.remaining_s <= _EARLY_S
+
+    def _begin(self, step: PlannedStep) -> bool:
+        """Begin a step; whether another may be begun in the same tick."""
+        if step.error is not None:
+            raise ProgramError(f"step {step.index + 1}: {step.error}") from step.error
+        self._begun = True
+        if step.trajectory is not None and step.trajectory.duration > 0:
+            self._move(step, step.trajectory)
+            return True
+        if self._mover is None:
+            self._running = step
+        if isinstance(step.step, WaitStep):
+            self._wait_left = step.step.seconds
+        elif isinstance(step.step, GripperStep):
+            self._gripper.move_to(step.step.open_percent / 100)
             self._gripping = True
+        return False
+
+    def _move(self, step: PlannedStep, trajectory: Trajectory) -> None:
+        if self._mover is None:
+            self._percent = step.percent
+            speed = self._speed * self._percent / 100
+            self._mover = PathMover(self._robot, trajectory, speed, tag=step, goes_on=step.goes_on)
+            self._running = step
+        else:
+            self._mover.append(trajectory, step, goes_on=step.goes_on)
+
+    def _show_step(self) -> None:
+        """The step that runs is the one whose trajectory the mover is on; its speed is asked for."""
+        step = None if self._mover is None else self._mover.tag
+        if isinstance(step, PlannedStep) and step is not self._running:
+            self._running = step
+            self._percent = step.percent
+            self.set_speed(self._speed)
+
+
+def _require_runnable(robot: Robot, program: Program) -> None:
+    findings = check_program(program, robot, motions=False)
+    if findings:
+        raise ProgramError(f"{program.name}: {findings[0]}")

@@ -1,0 +1,133 @@
+"""Joints that follow wanted speeds or a moving goal inside every limit, decided anew at each tick."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from armctl.robot import Robot
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+_THERE = 1e-10
+"""A joint at rest this near to its goal has arrived [rad]."""
+_SLOWEST_SHARE = 1e-6
+"""of its speed limit: no joint is slowed down further for the sake of arriving together"""
+_BRAKING_PROBES = np.linspace(0.0, 1.0, 6)
+
+
+class JointServo:
+    """Angles ``q`` (n,) [rad] and speeds ``v`` (n,) [rad/s] of joints that can always be brought to rest.
+
+    After each tick every joint can still brake before its limits: with a constant acceleration inside the
+    tick and constant braking after it, ``(v + v') dt / 2 + v'² / 2a <= room``. ``toward`` applies the same
+    rule to a goal. The ticks may be of any length.
+    """
+
+    def __init__(self, robot: Robot, q: FloatArray) -> None:
+        """Stand at ``q`` (n,) [rad], inside the limits."""
+        self.low, self.high = robot.limits[:, 0], robot.limits[:, 1]
+        self.speed_limits, self.acceleration_limits = robot.speed_limits, robot.acceleration_limits
+        self.q = q.copy()
+        self.v = np.zeros(robot.n)
+
+    @property
+    def standing(self) -> bool:
+        """All joints are at rest."""
+        return not self.v.any()
+
+    def halt(self) -> None:
+        """No setpoint is sent for now, so the arm stands: go on from rest."""
+        self.v = np.zeros(len(self.q))
+
+    def take(self, q: FloatArray, v: FloatArray) -> None:
+        """Go on from a step that ``step`` or ``toward`` has proposed."""
+        self.q, self.v = q, v
+
+    def step(self, desired: FloatArray, dt: float) -> tuple[FloatArray, FloatArray]:
+        """Angles and speeds (n,) after ``dt`` [s]: as near to the desired speeds (n,) as the limits allow."""
+        return self._limited(desired, np.zeros(len(self.q), dtype=np.bool_), dt)
+
+    def toward(self, goal: FloatArray, speed: float, dt: float) -> tuple[FloatArray, FloatArray]:
+        """Angles and speeds (n,) after ``dt`` [s] on the way to ``goal`` (n,) [rad].
+
+        Each joint goes as fast as the share ``speed`` of its limit, its acceleration and the braking way
+        allow, and no faster than it takes to arrive together with the slowest one. A goal that rests is met
+        exactly and not overshot, unless it has moved to where the joints can no longer stop in time.
+        """
+        goal = np.clip(goal, self.low, self.high)
+        away = goal - self.q
+        side = np.where(away < 0.0, -1.0, 1.0)
+        approach, halts = fastest_inside(np.abs(away), side * self.v, self.acceleration_limits, dt)
+        cap = self._together(np.abs(away), side * self.v, speed * self.speed_limits, dt)
+        q, v = self._limited(side * np.minimum(approach, cap), halts, dt)
+        arrived = (v == 0.0) & (np.abs(goal - q) < _THERE)
+        return np.where(arrived, goal, q), v
+
+    def braking_path(self, q: FloatArray, v: FloatArray) -> FloatArray:
+        """(k, n) angles on the way to rest from ``q``, ``v`` (n,), each joint as hard as it can."""
+        a = self.acceleration_limits
+        takes = np.abs(v) / a
+        t = np.minimum(_BRAKING_PROBES[:, None] * takes.max(), takes)
+        return q + v * t - 0.5 * np.sign(v) * a * t * t
+
+    def _limited(self, desired: FloatArray, halts: BoolArray, dt: float) -> tuple[FloatArray, FloatArray]:
+        a, v = self.acceleration_limits, self.v
+        most_up, halt_up = fastest_inside(self.high - self.q, v, a, dt)
+        most_down, halt_down = fastest_inside(self.q - self.low, -v, a, dt)
+        after = np.clip(desired, v - a * dt, v + a * dt)
+        after = np.clip(after, -most_down, most_up)
+        moved = 0.5 * (v + after) * dt
+        # Joints that can rest within the tick, and shall, do so together; those that must brake fully.
+        can = np.abs(v) <= a * dt
+        rests, halts = can & (desired == 0) & (after == 0), can & (halt_up | halt_down | halts)
+        takes = np.abs(v) / a
+        moved = np.where(rests, 0.5 * v * np.where(rests, takes, 0.0).max(), moved)
+        moved = np.where(halts, 0.5 * v * takes, moved)
+        after = np.where(rests | halts, 0.0, after)
+        return np.clip(self.q + moved, self.low, self.high), after
+
+    def _together(self, away: FloatArray, u: FloatArray, fastest: FloatArray, dt: float) -> FloatArray:
+        """Cruising speeds (n,) at which all joints arrive with the one that needs longest.
+
+        Args:
+            away: (n,) distances to the goal [rad].
+            u: (n,) speeds towards it [rad/s].
+            fastest: (n,) speeds not to be passed [rad/s].
+            dt: the tick [s]; a joint that needs as long as the slowest, but for this, is not slowed down.
+        """
+        a = self.acceleration_limits
+        brakes = 0.5 * u * np.abs(u) / a
+        # One that moves away from its goal, or past it, first comes to rest; from there it starts anew.
+        turns = (u < 0.0) | (brakes > away)
+        lost = np.where(turns, np.abs(u) / a, 0.0)
+        away, u = np.where(turns, np.abs(away - brakes), away), np.where(turns, 0.0, u)
+        peak = np.clip(np.sqrt(a * away + 0.5 * u * u), 1e-12, np.maximum(fastest, u))
+        takes = lost + (2 * peak - u) / a + (away - (peak * peak - 0.5 * u * u) / a) / peak
+        time = takes.max() - lost
+        slower = takes < takes.max() - dt
+        # (c - u)/a + c/a + (away - (c² - u²/2)/a) / c = time for the cruising speed c >= u.
+        half = 0.5 * (a * time + u)
+        quicker: FloatArray = half - np.sqrt(np.maximum(half * half - a * away - 0.5 * u * u, 0.0))
+        # Below u: u/a + (away - u²/2a) / c = time.
+        spare = np.maximum(time - u / a, 1e-12)
+        slowed: FloatArray = np.maximum(away - 0.5 * u * u / a, 0.0) / spare
+        cruise: FloatArray = np.where(quicker < u, slowed, quicker)
+        return np.where(slower, np.clip(cruise, _SLOWEST_SHARE * fastest, fastest), fastest)
+
+
+def fastest_inside(room: FloatArray, v: FloatArray, a: FloatArray, dt: float) -> tuple[FloatArray, BoolArray]:
+    """Largest speeds (n,) after ``dt`` [s] from which joints can rest inside ``room``; which must halt.
+
+    From ``(v + v') dt / 2 + v'² / 2a <= room``, solved for v'.
+
+    Args:
+        room: (n,) ways left [rad].
+        v: (n,) present speeds that way [rad/s].
+        a: (n,) accelerations to brake with [rad/s²].
+        dt: the tick [s].
+    """
+    left = room - 0.5 * v * dt
+    halt = (left <= 0) & (v > 0)
+    root = np.sqrt(np.maximum(0.25 * dt * dt + 2 * left / a, 0.0))
+    return np.maximum(a * (root - 0.5 * dt), 0.0), halt

@@ -1,0 +1,202 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from tests.runtime.kit import (
+    ROBOT,
+    TEST,
+    TICK,
+    Rig,
+    assert_accelerations_keep_limits,
+    assert_stream_keeps_limits,
+    make_rig,
+)
+from tests.runtime.test_motions import LateExecutor
+
+from armctl.errors import StateError
+from armctl.motion import ArcStep, LineStep, MoveStep, PointStep, Program, SpeedStep, Step, WaitStep, arc
+from armctl.runtime import Pause, Resume, RunProgram, State, UpdateProgram
+
+HOME = ROBOT.pose("home")
+MIDDLE = HOME + np.radians([0, 0, 20, 0, 0])  # away from every limit
+ARC_MM = 1000 * arc()
+
+
+def program(*steps: Step) -> Program:
+    return Program(robot="uzuner", name="pick", steps=steps)
+
+
+def through_the_arc(blend_mm: float) -> Program:
+    return program(*(PointStep(x_mm=x, y_mm=y, z_mm=z, blend_mm=blend_mm) for x, y, z in ARC_MM.tolist()))
+
+
+def steps_seen(rig: Rig) -> list[tuple[int, int]]:
+    seen: list[tuple[int, int]] = []
+    for snapshot in rig.history:
+        if snapshot.program is not None:
+            here = (snapshot.program.loop, snapshot.program.step)
+            if not seen or seen[-1] != here:
+                seen.append(here)
+    return seen
+
+
+def run(rig: Rig, what: Program, loops: int | None = 1, seconds: float = 120.0) -> None:
+    ticket = rig.do(RunProgram(what, loops))
+    rig.until(lambda s: s.state is State.HOLDING, seconds)
+    ticket.result(0)
+
+
+def speeds(rig: Rig) -> np.ndarray:
+    """(k,) the fastest joint at each tick while the program ran."""
+    return np.array([np.abs(s.velocity_command).max() for s in rig.history if s.program is not None])
+
+
+def test_the_published_arc_runs_without_a_pause(holding: Rig) -> None:
+    run(holding, through_the_arc(2.0))
+    assert steps_seen(holding) == [(0, k) for k in range(58)]
+    moving = [s for s in holding.history if s.program is not None and 0 < s.program.step < 57]
+    assert min(np.abs(s.velocity_command).max() for s in moving) > np.radians(5)
+    assert_stream_keeps_limits(holding, 1)
+    assert_accelerations_keep_limits(holding)
+
+
+def test_with_stops_it_stands_in_every_point(holding: Rig) -> None:
+    run(holding, through_the_arc(0.0))
+    tools = ROBOT.forward(np.array([s.q_command for s in holding.history]))[:, :3, 3]
+    for point in ARC_MM / 1000:
+        assert np.linalg.norm(tools - point, axis=1).min() < 1e-9
+
+
+def test_lines_and_arcs_of_the_tool(holding: Rig) -> None:
+    x, y, z = ARC_MM[0].tolist()
+    via, end = ARC_MM[28].tolist(), ARC_MM[-1].tolist()
+    to_the_end = ArcStep(
+        via_x_mm=via[0],
+        via_y_mm=via[1],
+        via_z_mm=via[2],
+        x_mm=end[0],
+        y_mm=end[1],
+        z_mm=end[2],
+        speed_mm_s=150,
+    )
+    up = LineStep(x_mm=end[0], y_mm=end[1], z_mm=120, pitch="free")
+    run(holding, program(PointStep(x_mm=x, y_mm=y, z_mm=z), to_the_end, up))
+    seen = [s for s in holding.history if s.program is not None and s.program.step == 1]
+    tools = 1000 * ROBOT.forward(np.array([s.q_command for s in seen]))[:, :3, 3]
+    np.testing.assert_allclose(np.hypot(tools[:, 0], tools[:, 1]), 200.0, atol=0.05)
+    np.testing.assert_allclose(tools[:, 2], 85.0, atol=0.05)
+    assert np.linalg.norm(np.diff(tools, axis=0), axis=1).max() <= 150 * TICK * 1.001
+    assert_stream_keeps_limits(holding, 1)
+    assert_accelerations_keep_limits(holding)
+
+
+def test_a_loop_that_is_blended_over_its_end_never_stands(holding: Rig) -> None:
+    corners = [(180, -60), (180, 60), (220, 60), (220, -60)]
+    square = program(*(LineStep(x_mm=x, y_mm=y, z_mm=100, pitch="free", blend_mm=10) for x, y in corners))
+    run(holding, program(PointStep(x_mm=220, y_mm=-60, z_mm=100)))
+    holding.history.clear()
+    ticket = holding.do(RunProgram(square, None))
+    holding.run(30)
+    fast = speeds(holding)
+    assert fast[5:].min() > np.radians(2)
+    assert {step for _, step in steps_seen(holding)} == {0, 1, 2, 3}
+    holding.controller.stop(TEST)
+    holding.until(lambda s: s.state is State.HOLDING, 2)
+    with pytest.raises(StateError):
+        ticket.finished.result(0)
+    assert_stream_keeps_limits(holding, 1)
+    assert_accelerations_keep_limits(holding)
+
+
+@given(
+    seed=st.integers(0, 10_000),
+    at=st.floats(0.02, 6.0),
+    stand=st.floats(0.0, 2.0),
+    blend_mm=st.sampled_from([0.0, 3.0, 30.0]),
+)
+@settings(max_examples=25, deadline=None)
+def test_a_pause_stays_on_the_path_and_skips_no_step(
+    seed: int, at: float, stand: float, blend_mm: float
+) -> None:
+    rng = np.random.default_rng(seed)
+    poses = np.degrees(MIDDLE + rng.uniform(-0.25, 0.25, (6, 5)))
+    what = program(*(MoveStep(joints_deg=tuple(pose.tolist()), blend_mm=blend_mm) for pose in poses))
+    straight, paused = make_rig().enable(), make_rig().enable()
+    run(straight, what)
+    ticket = paused.do(RunProgram(what))
+    paused.run(at)
+    if paused.now.state is State.MOVING:
+        paused.do(Pause())
+        paused.until(lambda s: s.state is not State.MOVING, 2)
+        paused.run(stand)
+        if paused.now.state is State.PAUSED:
+            paused.do(Resume())
+    paused.until(lambda s: s.state is State.HOLDING)
+    ticket.result(0)
+    assert steps_seen(paused) == steps_seen(straight) == [(0, k) for k in range(6)]
+    one = np.array([s.q_command for s in straight.history])
+    other = np.array([s.q_command for s in paused.history])
+    # the nearest place on the straight stretches between the ticks of the undisturbed run
+    ways = np.diff(one, axis=0)
+    squares = np.maximum((ways**2).sum(axis=1), 1e-30)
+    along = np.clip(np.einsum("kmi,mi->km", other[:, None] - one[:-1], ways) / squares, 0, 1)
+    off = np.abs(one[:-1] + along[..., None] * ways - other[:, None]).max(axis=2).min(axis=1)
+    assert off.max() < np.radians(0.05)
+    assert_stream_keeps_limits(paused, 1)
+    assert_accelerations_keep_limits(paused)
+
+
+def test_when_the_planner_is_late_the_arm_waits_on_the_path() -> None:
+    executor = LateExecutor()
+    rig = make_rig(executor).enable()
+    ticket = rig.do(RunProgram(through_the_arc(2.0)))
+    for _ in range(400):
+        if rig.now.state is State.HOLDING and rig.now.program is None and ticket.finished.done():
+            break
+        executor.work()
+        rig.run(1.0)  # much longer than what is planned ahead
+    ticket.result(0)
+    assert steps_seen(rig) == [(0, k) for k in range(58)]
+    assert_stream_keeps_limits(rig, 1)
+    assert_accelerations_keep_limits(rig)
+
+
+def test_an_edit_takes_effect_at_the_next_pass(holding: Rig) -> None:
+    a, b, c = (MoveStep(joints_deg=tuple(np.degrees(MIDDLE + d).tolist())) for d in (0.1, 0.2, -0.1))
+    holding.do(RunProgram(program(a, b), None))
+    holding.until(lambda s: s.program is not None and s.program.loop == 1 and s.program.step == 0)
+    holding.do(UpdateProgram(program(a, c, b)))
+    holding.history.clear()
+    holding.run(6)
+    assert steps_seen(holding)[:6] == [(1, 0), (1, 1), (2, 0), (2, 1), (2, 2), (3, 0)]
+    visited = np.array([s.q_command for s in holding.history])
+    assert np.abs(visited - (MIDDLE - 0.1)).max(axis=1).min() < 1e-9
+
+
+def test_an_edit_without_a_running_program_is_refused(holding: Rig) -> None:
+    with pytest.raises(StateError, match="no program runs"):
+        holding.do(UpdateProgram(program(WaitStep(seconds=1)))).result(0)
+
+
+def test_a_single_step(holding: Rig) -> None:
+    a, b = (MoveStep(joints_deg=tuple(np.degrees(MIDDLE + d).tolist())) for d in (0.1, 0.2))
+    ticket = holding.do(RunProgram(program(a, b), 1, first=1, count=1))
+    holding.until(lambda s: s.state is State.HOLDING)
+    ticket.result(0)
+    assert steps_seen(holding) == [(0, 1)]
+    np.testing.assert_allclose(holding.now.q_command, MIDDLE + 0.2, atol=1e-12)
+
+
+def test_a_speed_step_slows_down_what_follows_it(holding: Rig) -> None:
+    a, b = (MoveStep(joints_deg=tuple(np.degrees(MIDDLE + d).tolist())) for d in (0.3, -0.3))
+    run(holding, program(a))
+    holding.history.clear()
+    run(holding, program(b))
+    fast = len(holding.history)
+    run(holding, program(a))
+    holding.history.clear()
+    run(holding, program(SpeedStep(percent=50), b))
+    assert len(holding.history) == pytest.approx(2 * fast, abs=6)
+    assert holding.now.speed == 1.0

@@ -1,0 +1,237 @@
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import cycle
+
+import numpy as np
+import pytest
+from tests.runtime.kit import (
+    ROBOT,
+    TEST,
+    TICK,
+    Rig,
+    assert_accelerations_keep_limits,
+    assert_stream_keeps_limits,
+    make_rig,
+)
+
+from armctl.errors import InputError, StateError
+from armctl.motion import Floor
+from armctl.robot import Robot, load_robot
+from armctl.runtime import Jog, JogTool, SetSpeed, State
+
+HOME = ROBOT.pose("home")
+AXES = {"X": 0, "Y": 1, "Z": 2}
+
+
+def along(axis: str, speed: float, frame: str = "base") -> JogTool:
+    linear = np.zeros(3)
+    linear[AXES[axis]] = speed
+    return JogTool(linear, frame="tool" if frame == "tool" else "base")
+
+
+def hold(rig: Rig, command: JogTool, seconds: float, ticks: Sequence[float] = (TICK,)) -> None:
+    ends = rig.now.stamp + seconds
+    for dt in cycle(ticks):
+        if rig.now.stamp >= ends - 1e-9:
+            return
+        rig.do(command, dt).accepted.result(0)
+
+
+def enabled(robot: Robot = ROBOT, rate_hz: float = 50.0) -> Rig:
+    rig = make_rig(robot=robot, rate_hz=rate_hz).enable(robot.pose("home"))
+    rig.history.clear()
+    return rig
+
+
+def tools(rig: Rig) -> np.ndarray:
+    """(k, 4, 4) poses of the tool so far."""
+    return rig.robot.forward(np.array([snapshot.q_command for snapshot in rig.history]))
+
+
+def deviation(points: np.ndarray, start: np.ndarray, direction: np.ndarray) -> float:
+    """How far points (k, 3) are from a line, at most [m]."""
+    away = points - start
+    return float(np.linalg.norm(away - np.outer(away @ direction, direction), axis=1).max())
+
+
+@pytest.mark.parametrize("frame", ["base", "tool"])
+@pytest.mark.parametrize(("axis", "sign"), [("Y", 1.0), ("Y", -1.0)])
+@pytest.mark.parametrize(
+    ("rate_hz", "ticks"), [(50.0, (0.02,)), (20.0, (0.05,)), (50.0, (0.02, 0.031, 0.02, 0.013, 0.039))]
+)
+def test_it_goes_straight(frame: str, axis: str, sign: float, rate_hz: float, ticks: Sequence[float]) -> None:
+    rig = enabled(rate_hz=rate_hz)
+    start = ROBOT.forward(HOME)
+    hold(rig, along(axis, sign * 0.05, frame), 2.3, ticks)
+    rig.run(0.5)
+    direction = sign * (start[:3, AXES[axis]] if frame == "tool" else np.eye(3)[AXES[axis]])
+    points = tools(rig)[:, :3, 3]
+    assert (points[-1] - start[:3, 3]) @ direction > 0.1
+    assert deviation(points, start[:3, 3], direction) < 1e-4
+    pitch = [ROBOT.inverse_kinematics.pitch_and_roll(s.q_command)[0] for s in rig.history]
+    assert np.degrees(np.ptp(np.array(pitch, dtype=float))) < 0.05
+    assert rig.now.state is State.HOLDING
+    assert_stream_keeps_limits(rig, 1)
+
+
+@pytest.mark.parametrize("name", ["mico", "scorbot", "abaas", "humanoid"])
+def test_other_arms_go_straight_too(name: str) -> None:
+    robot = load_robot(name)
+    rig = enabled(robot)
+    start = robot.forward(robot.pose("home"))[:3, 3]
+    hold(rig, along("Y", 0.05), 1.0)
+    rig.run(0.5)
+    points = tools(rig)[:, :3, 3]
+    assert points[-1, 1] - start[1] > 0.04
+    assert deviation(points, start, np.array([0.0, 1.0, 0.0])) < 1e-4
+    assert_accelerations_keep_limits(rig)
+
+
+def test_it_reaches_its_speed_and_expires_100_ms_after_the_last_command() -> None:
+    rig = enabled()
+    hold(rig, along("Y", 0.04), 1.0)
+    J = ROBOT.jacobian(rig.now.q_command)
+    assert J[:3] @ rig.now.velocity_command == pytest.approx([0, 0.04, 0], abs=1e-4)
+    assert rig.now.cause == "jog (test)"
+    last = rig.now.stamp
+    rig.until(lambda s: s.state is State.HOLDING, seconds=1)
+    assert rig.now.stamp - last < 0.1 + 0.2
+    assert_accelerations_keep_limits(rig)
+
+
+def test_the_override_slows_it_down() -> None:
+    rig = enabled()
+    rig.do(SetSpeed(0.25))
+    hold(rig, along("Y", 0.08), 0.6)
+    J = ROBOT.jacobian(rig.now.q_command)
+    assert float(np.linalg.norm(J[:3] @ rig.now.velocity_command)) == pytest.approx(0.02, rel=0.02)
+
+
+def test_where_a_joint_is_too_slow_all_are_scaled_so_that_the_direction_stays() -> None:
+    rig = enabled()
+    start = ROBOT.forward(HOME)[:3, 3]
+    hold(rig, along("Y", 0.5), 0.5)
+    assert np.abs(rig.now.velocity_command / ROBOT.speed_limits).max() == pytest.approx(1.0, abs=0.02)
+    assert deviation(tools(rig)[:, :3, 3], start, np.array([0.0, 1.0, 0.0])) < 1e-3
+    assert_accelerations_keep_limits(rig)
+
+
+def test_at_a_joint_limit_it_stops_and_names_the_joint() -> None:
+    rig = enabled()
+    start = ROBOT.forward(HOME)[:3, 3]
+    hold(rig, along("X", -0.05), 2.0)
+    assert rig.now.warnings == ("jog: Elbow at the limit",)
+    assert np.abs(rig.now.velocity_command).max() < np.radians(0.1)
+    assert deviation(tools(rig)[:, :3, 3], start, np.array([1.0, 0.0, 0.0])) < 3e-4
+    before = ROBOT.forward(rig.now.q_command)[0, 3]
+    rig.run(0.5)
+    hold(rig, along("X", 0.05), 0.5)
+    assert ROBOT.forward(rig.now.q_command)[0, 3] > before + 0.015
+    assert_accelerations_keep_limits(rig)
+
+
+def test_the_stretched_arm_stops_and_comes_back() -> None:
+    rig = enabled()
+    hold(rig, along("X", 0.1), 4.0)
+    assert np.abs(rig.now.velocity_command).max() < np.radians(5)
+    reached = ROBOT.forward(rig.now.q_command)[:3, 3]
+    rig.run(0.5)
+    hold(rig, along("X", -0.05), 1.0)
+    assert ROBOT.forward(rig.now.q_command)[0, 3] < reached[0] - 0.02
+    assert_accelerations_keep_limits(rig)
+    assert_stream_keeps_limits(rig, 1)
+
+
+def test_it_turns_in_its_place() -> None:
+    rig = enabled()
+    start = ROBOT.forward(HOME)[:3, 3]
+    hold(rig, JogTool(np.zeros(3), pitch_rate=-0.3), 0.8)
+    rig.run(0.3)
+    pitch, _ = ROBOT.inverse_kinematics.pitch_and_roll(rig.now.q_command)
+    assert pitch is not None
+    assert np.degrees(pitch) == pytest.approx(-30 - np.degrees(0.3 * 0.9), abs=1.5)
+    assert np.linalg.norm(tools(rig)[:, :3, 3] - start, axis=1).max() < 1e-4
+    hold(rig, JogTool(np.zeros(3), roll_rate=0.5), 1.0)
+    assert rig.now.q_command[4] == pytest.approx(0.5, abs=0.05)
+
+
+def test_another_direction_waits_until_the_arm_stands_on_its_first_line() -> None:
+    rig = enabled()
+    start = ROBOT.forward(HOME)[:3, 3]
+    hold(rig, along("Y", 0.08), 0.6)
+    hold(rig, along("Z", 0.05), 0.6)
+    hold(rig, along("X", 0.05), 0.6)
+    points = tools(rig)[:, :3, 3] - start
+    corner = points[np.argmax(points[:, 1])]
+    off_first = np.abs(points[:, [0, 2]]).max(axis=1)
+    off_second = np.abs(points - corner)[:, [0, 1]].max(axis=1)
+    off_third = np.abs(points - points[-1])[:, [1, 2]].max(axis=1)
+    assert np.minimum(np.minimum(off_first, off_second), off_third).max() < 2e-4
+    assert_accelerations_keep_limits(rig)
+
+
+def test_joints_and_tool_may_be_jogged_in_turn() -> None:
+    rig = enabled()
+    hold(rig, along("Y", 0.08), 0.5)
+    rate = np.zeros(5)
+    rate[4] = 0.5
+    for _ in range(30):
+        rig.do(Jog(rate)).accepted.result(0)
+    assert rig.now.velocity_command[4] == pytest.approx(0.5 * ROBOT.speed_limits[4])
+    hold(rig, along("Y", -0.08), 0.5)
+    assert ROBOT.jacobian(rig.now.q_command)[1] @ rig.now.velocity_command < -0.05
+    assert_accelerations_keep_limits(rig)
+
+
+def test_it_stops_above_the_floor() -> None:
+    rig = make_rig().enable(np.radians([0, 60, -80, -20, 0]))
+    rig.history.clear()
+    hold(rig, along("Z", -0.1), 3.0)
+    floor = Floor(ROBOT)
+    assert all(floor.clearance(s.q_command).min() >= -1e-9 for s in rig.history)
+    assert len(rig.now.warnings) == 1
+    assert rig.now.warnings[0].startswith("jog: ")
+    assert_accelerations_keep_limits(rig)
+
+
+def test_stop_ends_it_until_it_is_let_go() -> None:
+    rig = enabled()
+    hold(rig, along("Y", 0.05), 0.5)
+    rig.controller.stop(TEST)
+    rig.tick()
+    with pytest.raises(StateError, match="stopped while it was jogged; let go first"):
+        hold(rig, along("Y", 0.05), 0.1)
+    rig.run(0.5)
+    assert rig.now.state is State.HOLDING
+    hold(rig, along("Y", 0.05), 0.1)
+    assert_accelerations_keep_limits(rig)
+
+
+@pytest.mark.parametrize(
+    ("command", "text"),
+    [
+        (JogTool(np.array([0.6, 0, 0])), "600 mm/s and 0 °/s is too fast; at most 500 mm/s and 180 °/s"),
+        (JogTool(np.zeros(3), roll_rate=4.0), "229 °/s is too fast"),
+        (JogTool(np.array([np.nan, 0, 0])), "three speeds and two rates"),
+        (JogTool(np.zeros(2)), "three speeds and two rates"),
+    ],
+)
+def test_speeds_that_cannot_be(command: JogTool, text: str) -> None:
+    with pytest.raises(InputError, match=text):
+        enabled().do(command).accepted.result(0)
+
+
+def test_an_arm_without_a_direction_says_so() -> None:
+    robot = load_robot("mico")
+    rig = enabled(robot)
+    before = rig.now.q_command
+    hold(rig, JogTool(np.zeros(3), pitch_rate=0.3), 0.3)
+    assert rig.now.warnings == ("jog: no joint of this arm can move its tool this way from here",)
+    assert rig.now.q_command == pytest.approx(before, abs=1e-9)
+
+
+def test_zero_does_not_begin_a_jog() -> None:
+    rig = enabled()
+    rig.do(JogTool(np.zeros(3))).finished.result(0)
+    assert rig.now.state is State.HOLDING
