@@ -7,7 +7,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
-from benchmarks.naive_sweep import UZUNER
+from benchmarks.naive_sweep import UZUNER, PlanarArm
 from tests.kinematics.kit import (
     FloatArray,
     chain_of,
@@ -19,7 +19,7 @@ from tests.kinematics.kit import (
 
 from armctl import load_robot
 from armctl.errors import InputError
-from armctl.kinematics import BatchSolutions, DHChain, Target, YawPitchRollSolver
+from armctl.kinematics import BatchSolutions, DHChain, DHRow, Target, YawPitchRollSolver
 
 
 def arms() -> list[tuple[DHChain, FloatArray]]:
@@ -205,3 +205,55 @@ def test_two_threads_get_what_they_get_alone() -> None:
         for a, b in zip(one, other, strict=True):
             assert np.array_equal(a, b, equal_nan=True)
     assert np.abs(alone[0][0][5] - plain_forward(robot.chain, jobs[0][5])).max() < 1e-12
+
+
+@pytest.mark.parametrize("off", [0.0, 1e-12, 1e-9, 1e-8, 1e-7, 1e-6])
+def test_links_folded_onto_their_joint_are_solved_in_a_batch_too(off: float) -> None:
+    """Equal links: the direction is free, and limits that leave a little of it must be found."""
+    rng = np.random.default_rng(107)
+    for _ in range(30):
+        first = rng.uniform(-2.5, 2.5)
+        limits = np.array([[-3, 3], [first, first + 0.3], [-math.pi, math.pi], [-0.4, 0.5], [-1, 1]])
+        arm = PlanarArm(0.0, 0.0, 0.1, (0.15, 0.15, 0.1), limits[:4])
+        ik = solver(chain_of(arm, "standard", roll=True), limits)
+        q = random_q(rng, limits, 4)
+        q[:, 2] = rng.choice([1, -1], 4) * (math.pi - off)
+        position = arm.tip(q)
+        pitch = np.array([ik.pitch_and_roll(one)[0] for one in q], dtype=np.float64)
+        batch = ik.solve_batch(position, pitch, q[:, 4])
+        assert batch.found.any(axis=1).all()
+        assert_true(ik.chain, limits, batch, position)
+        for i in range(4):
+            listed = ik.solve(Target.of(position[i], pitch[i], q[i, 4]), 1.0)
+            names = {batch.branch_names[k] for k in np.flatnonzero(batch.found[i])}
+            assert names == {*listed.branch.tolist()}
+
+
+@pytest.mark.parametrize("radius", [0.02, 0.0])
+def test_the_tip_on_the_shoulder_of_two_equal_links(radius: float) -> None:
+    """With the shoulder on the base axis the base is free, too."""
+    rng = np.random.default_rng(108)
+    for _ in range(30):
+        first = rng.uniform(-2.5, 2.5)
+        limits = np.array([[-3, 3], [first, first + 0.3], [-math.pi, math.pi], [-1, 1]])
+        chain = DHChain([
+            DHRow(radius, math.pi / 2, 0.1), DHRow(0.15, 0.0, 0.0),
+            DHRow(0.0, math.pi / 2, 0.0, math.pi / 2), DHRow(0.0, 0.0, 0.15),
+        ])  # fmt: skip
+        ik = solver(chain, limits)
+        assert ik.geometry.lengths == pytest.approx((0.15, 0.15), abs=1e-15)
+        q = random_q(rng, limits)
+        elbow = ik.geometry.joint_angle(1, math.pi)
+        q[2] = math.remainder(elbow, 2 * math.pi)
+        T = chain.forward(q)
+        position = T[:3, 3]
+        assert np.isfinite(ik.least_rotation_batch(position[None])).all()
+        assert_true(chain, limits, ik.solve_batch(position[None], None, None), position[None])
+        for asked in ({}, {"pitch": ik.pitch_and_roll(q)[0], "roll": float(q[3])}, {"rotation": T[:3, :3]}):
+            solutions = ik.solve(Target.of(position, **asked), 1.0)  # type: ignore[arg-type]
+            assert solutions.success, asked
+            assert solutions.residual_m.max() < 1e-9
+            if "rotation" in asked:
+                assert solutions.residual_rad.max() < 1e-7
+            if "rotation" in asked or (asked and radius > 0.0):
+                assert np.abs(solutions.q - q).max(axis=1).min() < 1e-6

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import shutil
+from threading import Event
 
 import numpy as np
 import pytest
@@ -18,9 +19,11 @@ from benchmarks.planar_arm import ABAAS, SCORBOT, UZUNER
 from benchmarks.readme import README, with_table
 from benchmarks.row import Goal, NotMeasuredError, Row
 from benchmarks.table import table
+from benchmarks.works.ticks import LateClock
 from tests.kinematics.kit import plain_forward, random_q
 
 from armctl import load_robot
+from armctl.runtime import ManualClock
 
 ARMS = {"uzuner": UZUNER, "abaas": ABAAS, "scorbot": SCORBOT}
 STEP = math.radians(0.1)
@@ -125,12 +128,34 @@ def test_disagreement_stops_the_benchmark() -> None:
         (Goal("speed", 20), 19.9, False),
         (Goal("share", 1.0), 1.0, True),
         (Goal("share", 1.0), 0.9999, False),
+        (Goal("lateness", 1.0), 0.99, True),
+        (Goal("lateness", 1.0), 1.01, False),
     ],
 )
 def test_a_goal_is_met_or_missed(goal: Goal, figure: float, met: bool) -> None:
     row = Row("work", "peer", ratio=figure, goal=goal)
     assert row.met is met
     assert f"| {goal} | {'yes' if met else '**no**'} |" in table([row])
+
+
+def test_a_tick_put_off_by_the_one_before_it_counts_as_late() -> None:
+    time = ManualClock()
+    clock, wake = LateClock(time, 0.02), Event()
+    clock.wait_until(0.0, wake)
+    time.advance(0.05)  # this tick took too long: the controller puts the next one off
+    clock.wait_until(clock.now(), wake)
+    clock.wait_until(clock.now() + 0.02, wake)
+    assert clock.late == pytest.approx([0.0, 0.03, 0.0])
+
+
+def test_a_tick_that_was_asked_for_is_no_measure() -> None:
+    clock, wake = LateClock(ManualClock(), 0.02), Event()
+    clock.wait_until(0.0, wake)
+    wake.set()
+    clock.wait_until(0.02, wake)
+    wake.clear()
+    clock.wait_until(0.04, wake)
+    assert clock.late == pytest.approx([0.0, 0.0])
 
 
 def test_a_missing_peer_is_a_row_that_says_why() -> None:

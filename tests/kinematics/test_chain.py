@@ -133,3 +133,11 @@ def test_a_chain_that_cannot_be_is_refused() -> None:
         DHChain([DHRow(0, 0, 0), DHRow(0, math.nan, 0)])
     with pytest.raises(InputError, match="at least one row with a joint"):
         DHChain([DHRow(0.1, 0, 0, joint=False)])
+
+
+def test_one_configuration_is_one() -> None:
+    chain = load_robot("uzuner").chain
+    assert chain.checked_one([0, 0, 0, 0, 1]).tolist() == [0.0, 0.0, 0.0, 0.0, 1.0]
+    for wrong in (np.zeros((2, 5)), np.zeros((1, 5)), np.zeros(4), 0.0, []):
+        with pytest.raises(InputError, match="5 joint angles are needed"):
+            chain.checked_one(wrong)

@@ -7,11 +7,12 @@ from collections.abc import Iterator
 
 import numpy as np
 import pytest
+from benchmarks.naive_sweep import PlanarArm
 from tests.kinematics.kit import FloatArray, chain_of, plain_forward, random_planar_arm, random_q, solver_of
 
 from armctl import load_robot
 from armctl.errors import InputError
-from armctl.kinematics import DHChain, DHRow, InverseKinematics, Solutions, Target
+from armctl.kinematics import DHChain, DHRow, InverseKinematics, Solutions, Target, YawPitchRollSolver
 
 STEP = math.radians(0.5)
 ROLL_LIMITS = [[-2.0, 2.5]]
@@ -280,3 +281,21 @@ def test_the_lab_sheet_of_the_two_pitch_arm() -> None:
 def test_what_is_no_target_is_refused(asked: dict[str, object], says: str) -> None:
     with pytest.raises(InputError, match=says):
         load_robot("uzuner").inverse(**({"position_m": [0.2, 0.0, 0.1]} | asked))  # type: ignore[arg-type]
+
+
+def test_a_base_on_its_limits_with_the_tip_as_near_to_the_axis_as_it_comes() -> None:
+    """The tool plane passes the axis at 50 mm; straight up the tip is there, give or take a rounding."""
+    rng = np.random.default_rng(27)
+    for yaw in rng.uniform(0.2, 3.0, 200):
+        limits = np.array([[yaw, yaw], [0.0, 3.0], [-2.0, 2.0], [-2.0, 2.0]])
+        arm = PlanarArm(0.05, 0.0, 0.1, (0.2, 0.15, 0.1), limits)
+        ik = solver_of(chain_of(arm, "standard"), limits)
+        assert isinstance(ik, YawPitchRollSolver)
+        q = np.array([yaw, math.pi / 2, 0.0, 0.0])
+        T = ik.chain.forward(q)
+        for target in (Target.of(T[:3, 3]), Target.of(T[:3, 3], rotation=T[:3, :3])):
+            solutions = ik.solve(target, STEP)
+            assert solutions.success, solutions.reason
+            assert_true(solutions, limits)
+        points = np.tile(T[:3, 3], (20, 1))
+        assert np.isfinite(ik.least_rotation_batch(points)).all()

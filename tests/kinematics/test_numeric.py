@@ -203,6 +203,18 @@ def test_roll_is_the_last_joints_own_angle_where_it_rolls_the_tool() -> None:
     assert shifted.q[0, 5] == pytest.approx(math.radians(-80))
 
 
+def test_a_roll_that_cannot_be_leaves_the_joint_at_its_nearest_limit() -> None:
+    """200° is -160°: the lower limit is nearer."""
+    solver = solver_of(IIWA)
+    limits = solver.limits.copy()
+    limits[-1] = np.radians([-90.0, 90.0])
+    narrow = NumericSolver(solver.chain, limits, solver.energy, [f"Joint {k}" for k in range(7)])
+    for roll, nearest in ((200.0, -90.0), (160.0, 90.0), (-200.0, 90.0)):
+        refused = narrow.solve(Target.of([0.4, 0.1, 0.5], roll=math.radians(roll)), STEP)
+        assert refused.nearest_q is not None
+        assert math.degrees(refused.nearest_q[-1]) == pytest.approx(nearest)
+
+
 def test_a_roll_that_cannot_be_is_refused() -> None:
     no_roll = solver_of(ODD4).solve(Target.of([0.1, 0.1, 0.3], roll=0.2), STEP)
     assert no_roll.reason == "this arm has no joint that rolls the tool"

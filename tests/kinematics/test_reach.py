@@ -182,3 +182,17 @@ def test_where_only_the_wish_is_impossible_the_point_is_said_to_be_within_reach(
     assert not solutions.success
     assert solutions.explanation.endswith("; the point itself can be reached")
     assert solutions.nearest_m == pytest.approx([0.2, 0.0, 0.1], abs=1e-9)
+
+
+def test_two_pitch_joints_whose_limits_forbid_the_pitch_that_the_links_give() -> None:
+    """The joint that would have to leave its limits is named; the pitch itself is possible."""
+    robot = load_robot("mico")
+    forbidden = [branch for branch in robot.branches([0.3, 0.0, 0.1]) if branch.forbidden]
+    assert forbidden
+    for branch in forbidden:
+        pitch, _ = robot.inverse_kinematics.pitch_and_roll(branch.q)
+        solutions = robot.inverse([0.3, 0.0, 0.1], pitch=pitch)
+        if solutions.success:
+            continue  # another branch has the same pitch inside the limits
+        assert "impossible" not in str(solutions.reason)
+        assert "Shoulder needs" in str(solutions.reason)

@@ -232,3 +232,35 @@ def test_a_step_that_is_none_is_refused() -> None:
             ik.solve(Target.of(PRINTED), step)
     with pytest.raises(InputError, match="at least"):
         ik.solve(Target.of(PRINTED), 1e-9)
+
+
+def test_a_pitch_is_met_with_every_equal_angle_of_the_roll() -> None:
+    rng = np.random.default_rng(90)
+    limits = HUMANOID_LIMITS.copy()
+    limits[4] = np.radians([-400.0, 400.0])
+    ik = spherical_solver(HUMANOID, limits)
+    for _ in range(40):
+        q = random_q(rng, limits)
+        pitch, _ = ik.pitch_and_roll(q)
+        solutions = ik.solve(Target.of(HUMANOID.forward(q)[:3, 3], pitch, float(q[4])), STEP)
+        assert_reached(solutions, limits)
+        assert miss(solutions, q) < 1e-6
+        images = {round(float(roll), 6) for roll in solutions.q[:, 4]}
+        inside = [q[4] + 2 * math.pi * k for k in range(-3, 4) if abs(q[4] + 2 * math.pi * k) <= limits[4, 1]]
+        assert images == {round(float(roll), 6) for roll in inside}
+
+
+def test_a_held_joint_leaves_isolated_solutions() -> None:
+    """Not on a multiple of the step: both ways of the shoulder and of the elbow are still listed."""
+    rng = np.random.default_rng(91)
+    for _ in range(40):
+        chain, limits = random_arm(rng)
+        q = random_q(rng, limits)
+        limits[0] = q[0]
+        ik = spherical_solver(chain, limits)
+        assert ik.free_joint is None
+        roll = None if chain.n == 4 else float(q[4])
+        solutions = ik.solve(Target.of(chain.forward(q)[:3, 3], roll=roll), STEP)
+        assert_reached(solutions, limits)
+        assert solutions.free_joint is None
+        assert np.abs(solutions.q[:, :4] - q[:4]).max(axis=1).min() < 1e-6

@@ -145,3 +145,16 @@ def test_the_nearest_point_is_the_nearest_and_is_reached() -> None:
             assert solutions.nearest_m is not None
             assert ik.solve(Target.of(solutions.nearest_m), STEP).success
     assert refused > 150
+
+
+def test_a_pitch_that_the_roll_would_change_is_refused_for_the_roll_it_stands_at() -> None:
+    """A fixed bend behind the roll joint; without it the roll says nothing about the pitch."""
+    bent = DHChain([*HUMANOID.rows, DHRow(0.0, math.radians(40), 0.0, joint=False)], "standard")
+    limits = HUMANOID_LIMITS.copy()
+    limits[4] = np.radians([20.0, 90.0])
+    for chain, says in ((bent, " with Wrist roll at 20.00°, the nearest"), (HUMANOID, "°, the nearest")):
+        ik = spherical_solver(chain, limits, TITLES)
+        tip = chain.forward(np.radians([10.0, -30.0, 40.0, 50.0, 20.0]))[:3, 3]
+        refused = ik.solve(Target.of(tip, pitch=math.radians(89.0)), STEP)
+        assert says in str(refused.reason)
+        assert ("Wrist roll" in str(refused.reason)) == (chain is bent)

@@ -12,6 +12,7 @@ from tests.kinematics.kit import FloatArray, chain_of, random_planar_arm, random
 from armctl import load_robot
 from armctl.errors import InputError
 from armctl.kinematics import InverseKinematics, Target
+from armctl.kinematics.grid import grid_values
 
 STEP = math.radians(0.01)
 COARSE = math.radians(0.5)
@@ -149,3 +150,79 @@ def test_a_single_grid_value_with_two_joints_on_their_limits_is_found(side: int)
         if not arm.limits[1, 0] <= q[1] <= arm.limits[1, 1]:
             continue
         assert np.abs(ik.solve(Target.of(arm.tip(q)), COARSE).q - q).max(axis=1).min() < 1e-6
+
+
+def wide_arm(
+    rng: np.random.Generator, lengths: tuple[float, float, float]
+) -> tuple[PlanarArm, InverseKinematics, FloatArray]:
+    """Elbow and wrist turn once or more, from and to whole quarter turns."""
+    ranges = [(-180, 180), (-90, 270), (-360, 360), (-135, 405), (-170, 500)]
+    wide = [ranges[i] for i in rng.integers(len(ranges), size=2)]
+    limits = np.radians([(-180.0, 180.0), (-100.0, 130.0), *wide])
+    senses, offsets = rng.choice([1, -1], 3), rng.choice([0.0, math.pi / 2, -1.0], 3)
+    arm = PlanarArm(0.02, 0.0, 0.1, lengths, limits, 1, tuple(map(int, senses)), tuple(map(float, offsets)))
+    return arm, solver_of(chain_of(arm, "modified", rng=rng), limits), limits
+
+
+def test_a_joint_that_turns_round_is_listed_once_at_each_of_its_angles() -> None:
+    """Its limits, the ends of a whole turn and the places where the links are in line among them."""
+    rng = np.random.default_rng(16)
+    for _ in range(60):
+        arm, ik, limits = wide_arm(rng, tuple(rng.uniform(0.03, 0.3, 3).tolist()))
+        for _ in range(4):
+            q = random_q(rng, limits)
+            q[1] = COARSE * round(q[1] / COARSE)
+            for k in (2, 3):
+                special = [*limits[k], limits[k].mean(), 0.0, math.pi, -math.pi, limits[k, 0] + 2 * math.pi]
+                q[k] = np.clip(rng.choice([q[k], *special]), *limits[k])
+            listed = swept(ik, arm.tip(q), COARSE)
+            assert np.abs(listed - q).max(axis=1).min() < 1e-6
+            same = np.abs(listed[:, 1] - q[1]) < 1e-9
+            apart = np.abs(listed[same][:, None] - listed[same]).max(axis=2) + np.eye(same.sum())
+            assert apart.min() > 1e-8
+
+
+def test_links_folded_onto_their_joint_are_listed_once_and_reach_the_target() -> None:
+    """Equal last links: any angle of the second joint serves then, and next to it digits are lost."""
+    rng = np.random.default_rng(17)
+    for bend in (math.pi, math.pi - 1e-7, math.pi - 1e-8, math.pi - 1e-9):
+        for _ in range(20):
+            arm, ik, limits = wide_arm(rng, (0.15, 0.1, 0.1))
+            q = random_q(rng, limits)
+            q[1] = COARSE * round(q[1] / COARSE)
+            wrist = arm.signs[2] * (bend - arm.offsets[2])
+            q[3] = wrist + 2 * math.pi * math.ceil((limits[3, 0] - wrist) / (2 * math.pi))
+            if q[3] > limits[3, 1]:
+                continue
+            listed = swept(ik, arm.tip(q), COARSE)
+            here = listed[np.abs(listed[:, 1] - q[1]) < 1e-9]
+            assert len(here)
+            assert np.abs(arm.tip(here) - arm.tip(q)).max() < 5e-10
+            if bend == math.pi:
+                turns = here[:, 2:] / (2 * math.pi)
+                apart = np.abs(turns[:, None] - turns).max(axis=2) + np.eye(len(here))
+                assert apart.min() > 0.1
+
+
+def test_a_held_joint_is_listed_where_it_is_held() -> None:
+    """Not on a multiple of the step; no joint is free then, and every branch is listed."""
+    rng = np.random.default_rng(18)
+    for _ in range(60):
+        arm = random_planar_arm(rng)
+        q = random_q(rng, arm.limits)
+        limits = arm.limits.copy()
+        limits[1] = q[1]
+        ik = solver_of(chain_of(arm, "standard"), limits)
+        assert ik.free_joint is None
+        solutions = ik.solve(Target.of(arm.tip(q)), STEP)
+        assert solutions.free_joint is None
+        assert np.all(solutions.q[:, 1] == q[1])
+        assert np.abs(solutions.q - q).max(axis=1).min() < 1e-6
+        assert solutions.residual_m.max() < 1e-9
+
+
+def test_limits_between_two_multiples_of_the_step_have_the_angle_nearest_to_zero() -> None:
+    assert grid_values(0.3, 0.7, 1.0).tolist() == [0.3]
+    assert grid_values(-0.7, -0.3, 1.0).tolist() == [-0.3]
+    assert grid_values(-0.3, 0.7, 1.0).tolist() == [0.0]
+    assert grid_values(0.5, 2.2, 1.0).tolist() == [1.0, 2.0]

@@ -18,6 +18,22 @@ def wrap(angle: float) -> float:
     return math.pi if wrapped <= -math.pi else wrapped
 
 
+def rest_angle(low: float, high: float) -> float:
+    """The angle between limits that is nearest to zero [rad]."""
+    return min(max(0.0, low), high)
+
+
+def central_image(angle: float, low: float, high: float) -> float:
+    """The ``angle + 2 pi k`` nearest to the middle of limits [rad]."""
+    middle = 0.5 * (low + high)
+    return middle + math.remainder(angle - middle, TWO_PI)
+
+
+def nearest_angle(angle: float, low: float, high: float) -> float:
+    """The angle between limits that is nearest to any image of another one [rad]."""
+    return min(max(central_image(angle, low, high), low), high)
+
+
 def images(angle: float, low: float, high: float, tolerance: float = LIMIT_TOLERANCE) -> list[float]:
     """Every ``angle + 2 pi k`` inside ``[low, high]``, clipped onto the limits [rad]."""
     if -math.pi < low and high < math.pi:  # the common case, at most one image

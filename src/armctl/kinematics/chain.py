@@ -112,6 +112,17 @@ class DHChain:
         require_finite(numbers, "joint angles")
         return numbers.copy() if numbers is q else numbers
 
+    def checked_one(self, q: ArrayLike) -> FloatArray:
+        """``q`` as one configuration (n,) of finite numbers; a copy.
+
+        Raises:
+            InputError: wrong shape, text, NaN or infinity.
+        """
+        numbers = self.checked(q)
+        if numbers.ndim != 1:
+            raise InputError(f"{self.n} joint angles are needed, got an array of shape {numbers.shape}")
+        return numbers
+
     def _numbers(self, q: ArrayLike) -> FloatArray:
         """``q`` as an array ``(..., n)`` of numbers, finite or not; itself where it is one."""
         numbers = q if type(q) is np.ndarray and q.dtype is _FLOAT else as_numbers(q, "joint angles")

@@ -128,7 +128,7 @@ class Solutions:
         """
         if not self.success:
             raise UnreachableError(self.reason or "there is no solution")
-        return int(np.abs(self.q - self.chain.checked(q)).max(axis=1).argmin())
+        return int(np.abs(self.q - self.chain.checked_one(q)).max(axis=1).argmin())
 
     def branch_of(self, q: ArrayLike) -> str:
         """Branch name of the listed solution that lies nearest to ``q``."""

@@ -42,7 +42,7 @@ class Target:
             InputError: text, NaN, infinity, a wrong shape, a matrix that is no rotation, or both a
                 rotation and pitch or roll.
         """
-        position = _position(position_m)
+        position = checked_position(position_m)
         if rotation is None:
             return cls(position, _angle(pitch, "pitch"), _angle(roll, "roll"), None)
         if pitch is not None or roll is not None:
@@ -62,7 +62,12 @@ def _finite(value: ArrayLike, shape: tuple[int, ...], what: str) -> FloatArray:
     return array
 
 
-def _position(value: ArrayLike) -> FloatArray:
+def checked_position(value: ArrayLike) -> FloatArray:
+    """A tool point (3,) [m]; a copy.
+
+    Raises:
+        InputError: text, a wrong shape, NaN, infinity or a point beyond ``FARTHEST``.
+    """
     if type(value) is np.ndarray and value.dtype == np.float64 and value.shape == (3,):  # most calls
         x, y, z = value.tolist()
         if x * x + y * y + z * z <= FARTHEST**2:  # false with NaN too

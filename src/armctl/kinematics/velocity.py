@@ -132,7 +132,7 @@ def joint_rates(
         rows, weights = jacobian, _weights(jacobian)
     turning = speed_limits > 0.0
     rates = np.zeros(jacobian.shape[1])
-    rates[turning] = _damped(weights[:, None] * rows[:, turning], weights * wanted)
+    rates[turning] = damped_inverse(weights[:, None] * rows[:, turning]) @ (weights * wanted)
     residual = wanted - rows @ rates
     share = np.zeros(len(rates))
     share[turning] = np.abs(rates[turning]) / speed_limits[turning]
@@ -227,14 +227,18 @@ def _weights(jacobian: FloatArray) -> FloatArray:
     return np.repeat([1.0, lever], 3)
 
 
-def _damped(rows: FloatArray, wanted: FloatArray) -> FloatArray:
-    """Least squares with every direction damped by its own singular value."""
+def damped_inverse(rows: FloatArray, near: float = NEAR, largest: float | None = None) -> FloatArray:
+    """Least-squares inverse (n, m) of rows (m, n) with every direction damped by its own singular value.
+
+    With ε = ``near`` times ``largest`` (None: the largest singular value), directions of σ >= ε are met
+    exactly; below, the gain is 2σ / (σ² + ε²), which is continuous and fades to none.
+    """
     u, sizes, vt = np.linalg.svd(rows, full_matrices=False)
-    edge = NEAR * float(sizes.max(initial=0.0))
+    edge = near * (float(sizes.max(initial=0.0)) if largest is None else largest)
     if edge == 0.0:
-        return np.zeros(vt.shape[-1:])
+        return np.zeros((vt.shape[-1], len(rows)))
     gain = np.where(sizes < edge, 2.0 * sizes / (sizes**2 + edge**2), 1.0 / np.maximum(sizes, edge))
-    return vt.T @ (gain * (u.T @ wanted))
+    return vt.T @ (gain[:, None] * u.T)
 
 
 def _freedom(rows: FloatArray, measure: float | None = None) -> Freedom:

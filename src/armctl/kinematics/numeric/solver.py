@@ -9,11 +9,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from armctl.errors import InputError
-from armctl.kinematics.angles import images
+from armctl.kinematics.angles import images, nearest_angle, rest_angle, wrap
 from armctl.kinematics.chain import DHChain
-from armctl.kinematics.checks import checked_number
 from armctl.kinematics.energy import EnergyModel
+from armctl.kinematics.grid import checked_step
 from armctl.kinematics.limit_words import needs
 from armctl.kinematics.numeric.goals import Goal, PositionGoal, RotationGoal, Together, pitch_goal
 from armctl.kinematics.numeric.motion import tool_motion
@@ -92,8 +91,7 @@ class NumericSolver:
         Raises:
             InputError: ``step`` is not a positive number.
         """
-        if checked_number(step, "the step of the swept joint") <= 0:
-            raise InputError(f"the step of the swept joint must be a positive angle, got {step!r} rad")
+        checked_step(step)
         refusal, box = self._box(target)
         position = PositionGoal(target.position, self._reach)
         turned = self._orientation(target)
@@ -118,7 +116,7 @@ class NumericSolver:
         return None if target.pitch is None else pitch_goal(target.pitch)
 
     def _box(self, target: Target) -> tuple[str | None, _Box]:
-        """Why the roll asked for cannot be; the limits with the roll joint held at it (at 0 for any)."""
+        """Why the roll asked for cannot be; the limits with the roll joint held at it, or near 0."""
         lower, upper = self.limits[:, 0].copy(), self.limits[:, 1].copy()
         joint = self._roll_joint
         if joint is None:
@@ -127,13 +125,16 @@ class NumericSolver:
         if target.rotation is not None:
             return None, _Box(lower, upper)
         low, high = float(lower[joint]), float(upper[joint])
-        inside = images(target.roll or 0.0, low, high)
-        held = min(inside, key=abs) if inside else min(max(target.roll or 0.0, low), high)
+        refused = None
+        if target.roll is None:
+            held = rest_angle(low, high)
+        elif inside := images(target.roll, low, high):
+            held = min(inside, key=abs)
+        else:
+            held = nearest_angle(target.roll, low, high)
+            refused = needs(self._titles[joint], (low, high), wrap(target.roll))
         lower[joint] = upper[joint] = held
-        if inside or target.roll is None:
-            return None, _Box(lower, upper)
-        needed = math.remainder(target.roll, math.tau)
-        return needs(self._titles[joint], (low, high), needed), _Box(lower, upper)
+        return refused, _Box(lower, upper)
 
     def _search(self, goal: Goal, box: _Box) -> FloatArray:
         """(k, n) configurations that meet a goal, from wave after wave of starts until there are any."""

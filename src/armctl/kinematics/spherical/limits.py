@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from armctl.kinematics.angles import LIMIT_TOLERANCE, TWO_PI, images
+from armctl.kinematics.angles import LIMIT_TOLERANCE, TWO_PI, images, rest_angle
 from armctl.kinematics.spherical.vectors import Vector, norm, plus, turned
 
 FloatArray = NDArray[np.float64]
@@ -47,8 +47,7 @@ class ShoulderLimits:
 
     def rest(self, joint: int) -> float:
         """The angle nearest to zero [rad]."""
-        low, high = self.pairs[joint]
-        return min(max(0.0, low), high)
+        return rest_angle(*self.pairs[joint])
 
     def inside(
         self, angles: Angles, axes: tuple[Vector, Vector, Vector], hand: Vector, aim: Vector

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from armctl.kinematics.angles import images
+from armctl.kinematics.angles import images, rest_angle
 from armctl.kinematics.rotation import quaternion_wxyz
 from armctl.kinematics.spherical.limits import Angles
 from armctl.kinematics.spherical.shoulder import SphericalShoulder
@@ -143,7 +143,7 @@ class ToolOrientation:
         q11, q12, q21, q22 = form
         roll_limits = self._roll_limits
         if roll_limits is not None:
-            for roll in (*roll_limits, min(max(0.0, roll_limits[0]), roll_limits[1])):
+            for roll in (*roll_limits, rest_angle(*roll_limits)):
                 half = math.atan2(_with_roll(roll, q21, q22), _with_roll(roll, q11, q12))
                 for angles in swivel.at(2.0 * half):
                     yield angles, roll

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from armctl.kinematics.angles import TWO_PI
+from armctl.kinematics.angles import LIMIT_TOLERANCE, TWO_PI, central_image
 from armctl.kinematics.limit_words import needs
 from armctl.kinematics.spherical.orientation import ToolPosture
 from armctl.kinematics.spherical.shoulder import SphericalShoulder
@@ -55,28 +55,26 @@ class SphericalReach:
             said = " and ".join(self.joint_outside(joint, angle) for joint, angle in joints)
             said = said or "a shoulder joint would have to leave them by less than 0.01°"
         else:
-            angles = [self._near(3, bend - self._geometry.offset) for bend in bends]
+            limits = self._limits[3].tolist()
+            angles = [central_image(bend - self._geometry.offset, *limits) for bend in bends]
             said = " or ".join(self.joint_outside(3, angle) for angle in angles)
         return f"within the links' reach, but joint limits forbid it: {said}"
 
-    def of_pitch(self, ends: list[tuple[float, ToolPosture]]) -> str:
+    def of_pitch(self, ends: list[tuple[float, ToolPosture]], roll: float | None) -> str:
         """Why a pitch has no solution at a position that has some.
 
         Args:
             ends: pitches [rad] at the ends of what the arm can hold, each with its posture.
+            roll: angle of the roll joint [rad], where it makes a difference to the pitch.
         """
         pitches = [math.degrees(pitch) for pitch, _ in ends]
         nearest = math.degrees(min(ends, key=lambda end: end[1].miss)[0])
         said = f"{min(pitches) + 0.0:.2f}° … {max(pitches) + 0.0:.2f}°"
+        held = "" if roll is None else f" with {self._titles[4]} at {math.degrees(roll) + 0.0:.2f}°"
         return (
-            f"that pitch is impossible here: at this point the arm holds its tool at {said}, "
+            f"that pitch is impossible here: at this point the arm holds its tool at {said}{held}, "
             f"the nearest to it is {nearest + 0.0:.2f}°"
         )
-
-    def _near(self, joint: int, angle: float) -> float:
-        """The image of an angle nearest to the middle of a joint's limits."""
-        middle = float(self._limits[joint].mean())
-        return middle + math.remainder(angle - middle, TWO_PI)
 
     def _least_excess(self, postures: list[tuple[float, Swivel]]) -> list[tuple[int, float]]:
         """Joints outside their limits, and what they need [rad], where the sum of it is least."""
@@ -100,5 +98,5 @@ class SphericalReach:
         return [
             (joint, float(best[joint]))
             for joint in range(3)
-            if not low[joint, 0] - 1e-9 <= best[joint] <= high[joint, 0] + 1e-9
+            if not low[joint, 0] - LIMIT_TOLERANCE <= best[joint] <= high[joint, 0] + LIMIT_TOLERANCE
         ]

@@ -94,6 +94,11 @@ class SphericalShoulder:
         _, b, c = circle(self.axes[1], self.axes[2], self.axes[0])
         return math.atan2(c, b)
 
+    @property
+    def roll_swings_the_tool(self) -> bool:
+        """True where the roll joint does not turn about the approach axis, so that it changes the pitch."""
+        return self.roll_axis is not None and norm(cross(self.roll_axis, self.tool_axis)) > _ALIGNED
+
     def bend(self, elbow: float) -> float:
         """How far the elbow is bent from straight at θ4 [rad]; not wrapped."""
         return elbow + self.offset

@@ -12,11 +12,10 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from armctl.errors import InputError
-from armctl.kinematics.angles import images, wrap
+from armctl.kinematics.angles import images, nearest_angle, rest_angle, wrap
 from armctl.kinematics.chain import DHChain
-from armctl.kinematics.checks import checked_number
 from armctl.kinematics.energy import EnergyModel
+from armctl.kinematics.grid import checked_step
 from armctl.kinematics.solutions import Solutions
 from armctl.kinematics.spherical.branches import SPHERICAL_BRANCHES, spherical_branch_index
 from armctl.kinematics.spherical.least_rotation import least_rotation
@@ -56,7 +55,6 @@ class SphericalShoulderSolver:
 
     family = "spherical shoulder, elbow, roll"
     pitch_joints: tuple[int, ...] = ()
-    free_joint: int | None = 0
 
     def __init__(
         self,
@@ -75,6 +73,12 @@ class SphericalShoulderSolver:
         self._reach = SphericalReach(geometry, limits, titles)
         self._nearest = SphericalNearest(geometry, limits)
 
+    @property
+    def free_joint(self) -> int | None:
+        """The first shoulder joint, where its limits do not hold it."""
+        low, high = self._shoulder.pairs[0]
+        return 0 if low < high else None
+
     def pitch_and_roll(self, q: FloatArray) -> tuple[float | None, float | None]:
         """Tool pitch in [-pi/2, pi/2] and roll [rad] at one configuration (n,)."""
         x, y, z = self.chain.forward(q)[:3, 2].tolist()
@@ -83,15 +87,14 @@ class SphericalShoulderSolver:
     def solve(self, target: Target, step: float) -> Solutions:
         """All solutions inside the limits.
 
-        Position alone: the first joint is swept in steps of ``step`` [rad]. With a pitch the solutions
-        are isolated; with a rotation they are the nearest rotation that the arm can take there.
+        Position alone: the first joint is swept in steps of ``step`` [rad], with the roll joint at the one of
+        its equal angles nearest to zero. With a pitch the solutions are isolated; where no roll is given the
+        roll joint stands as near to zero as it may. With a rotation they are the nearest that can be had.
 
         Raises:
             InputError: ``step`` is not a positive number.
         """
-        step = checked_number(step, "the step of the swept joint")
-        if step <= 0:
-            raise InputError(f"the step of the swept joint must be a positive angle, got {step!r} rad")
+        step = checked_step(step)
         refusal, roll = self._roll(target)
         if refusal is not None:
             return self._refused(target, refusal, self._nearest.solve(target.position))
@@ -100,7 +103,12 @@ class SphericalShoulderSolver:
             wanted = self._orientation.wanted(target.rotation)
             found = self._orientation.nearest(postures, wanted)
         elif target.pitch is not None:
-            found = self._orientation.at_pitch(postures, target.pitch, roll)
+            rolls = [0.0] if self._roll_limits is None else images(roll, *self._roll_limits)
+            found = [
+                posture
+                for image in rolls
+                for posture in self._orientation.at_pitch(postures, target.pitch, image)
+            ]
         else:
             return self._swept(target, postures, roll, step)
         if found:
@@ -113,7 +121,7 @@ class SphericalShoulderSolver:
             return (None if target.roll is None else "this arm has no joint that rolls the tool"), 0.0
         low, high = self._roll_limits
         if target.roll is None:
-            return None, min(max(0.0, low), high)
+            return None, rest_angle(low, high)
         inside = images(target.roll, low, high)
         if inside:
             return None, min(inside, key=abs)
@@ -183,7 +191,7 @@ class SphericalShoulderSolver:
             return None if found is None else self._with_roll(found, roll)
 
         if q.shape[1]:
-            return self._solved(target, q.T, optimum, free=0)
+            return self._solved(target, q.T, optimum, free=self.free_joint)
         single = optimum()  # a sliver between two grid values, or a single configuration
         if single is None:
             return self._without(target, postures, roll)
@@ -196,7 +204,11 @@ class SphericalShoulderSolver:
             if ends:
                 nearest = min(ends, key=lambda end: end[1].miss)[1]
                 q = np.array([*nearest.shoulder, nearest.elbow])
-                return self._refused(target, self._reach.of_pitch(ends), q)
+                return self._refused(
+                    target,
+                    self._reach.of_pitch(ends, roll if self.geometry.roll_swings_the_tool else None),
+                    q,
+                )
         nearest_q = self._nearest.solve(target.position)
         if target.pitch is None:
             ways = [
@@ -237,10 +249,7 @@ class SphericalShoulderSolver:
     def _refused(self, target: Target, reason: str, nearest: FloatArray) -> Solutions:
         """With the roll joint as near as its limits allow to what was asked for."""
         if self._roll_limits is not None:
-            low, high = self._roll_limits
-            middle = 0.5 * (low + high)
-            roll = middle + math.remainder((target.roll or 0.0) - middle, 2.0 * math.pi)
-            nearest = np.append(nearest, min(max(roll, low), high))
+            nearest = np.append(nearest, nearest_angle(target.roll or 0.0, *self._roll_limits))
         return Solutions(
             target=target, q=np.empty((0, self.chain.n)), branch_index=np.empty(0, dtype=np.int8),
             branch_names=SPHERICAL_BRANCHES, chain=self.chain, energy=self.energy,

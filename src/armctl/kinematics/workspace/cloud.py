@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armctl.kinematics.chain import DHChain
+from armctl.kinematics.velocity import manipulability
 from armctl.kinematics.workspace.extremes import greatest
 from armctl.kinematics.workspace.joint_samples import joint_samples
 
@@ -29,7 +30,7 @@ class WorkspaceSamples:
     points: FloatArray
     """(k, 3) [m]"""
     manipulability: FloatArray
-    """(k,) √det(J Jᵀ) of the tool point's velocity [m³]; 0 at a singularity"""
+    """(k,) of the tool point's velocity (``velocity.manipulability``) [m³]; 0 at a singularity"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,8 +60,10 @@ def sample_workspace(chain: DHChain, limits: FloatArray, count: int) -> Workspac
     parts = range(0, len(q), _CHUNK)  # in parts: other threads get their turn in between
     points = np.concatenate([chain.forward(q[i : i + _CHUNK])[:, :3, 3] for i in parts])
     kept = _spread(points, count)
-    manipulability = [_manipulability(chain, q[kept[i : i + _CHUNK]]) for i in range(0, len(kept), _CHUNK)]
-    return WorkspaceSamples(q[kept], points[kept], np.concatenate(manipulability))
+    measures = [
+        manipulability(chain.jacobian(q[kept[i : i + _CHUNK]])[:, :3]) for i in range(0, len(kept), _CHUNK)
+    ]
+    return WorkspaceSamples(q[kept], points[kept], np.concatenate(measures))
 
 
 def workspace_extent(chain: DHChain, limits: FloatArray) -> Extent:
@@ -100,11 +103,6 @@ def longest_levers(chain: DHChain, limits: FloatArray) -> FloatArray:
         return greatest(lambda q: np.linalg.norm(chain.jacobian(q)[:, :3, k], axis=1), limits)[0]
 
     return np.array([lever(k) for k in range(chain.n)])
-
-
-def _manipulability(chain: DHChain, q: FloatArray) -> FloatArray:
-    J = chain.jacobian(q)[:, :3]
-    return np.sqrt(np.maximum(np.linalg.det(J @ np.swapaxes(J, 1, 2)), 0.0))
 
 
 def _spread(points: FloatArray, count: int) -> NDArray[np.intp]:

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from armctl.kinematics.angles import images, wrap
+from armctl.kinematics.angles import images, rest_angle, wrap
 from armctl.kinematics.yaw_pitch_roll.geometry import YawPitchRoll
 from armctl.kinematics.yaw_pitch_roll.joint_windows import into_limits
 
@@ -17,10 +17,12 @@ FloatArray = NDArray[np.float64]
 
 AXIS_TOLERANCE = 1e-10
 """How far inside the cylinder about the base axis a target may lie by rounding [m]."""
+_TOUCHING = 1e-15
+"""How far outside it a target still lies on it [m]. The forward coordinate is a square root there: rounding
+of 1e-17 m would put a joint that stands on its limit 1e-9 rad outside."""
 
 
-@dataclass(frozen=True, slots=True)
-class BaseBranch:
+class BaseBranch(NamedTuple):
     """One way for the base to face."""
 
     front: bool
@@ -57,9 +59,9 @@ def base_branches(
     if rho < abs(d) - AXIS_TOLERANCE:
         return []
     if is_on_axis(geometry, x, y):
-        straight = 0.0 if limits is None else min(max(0.0, limits[0]), limits[1])
+        straight = 0.0 if limits is None else rest_angle(*limits)
         return axis_branches((straight, straight + math.pi), limits)
-    r = math.sqrt(max(0.0, (rho - abs(d)) * (rho + abs(d))))
+    r = math.sqrt((rho - abs(d)) * (rho + abs(d))) if rho - abs(d) > _TOUCHING else 0.0
     azimuth = math.atan2(y, x)
     branches: list[BaseBranch] = []
     for front in (True, False):
@@ -97,7 +99,7 @@ def base_angles(
     """
     d = geometry.lateral
     square = x * x + y * y - d * d
-    r = np.sqrt(np.maximum(square, 0.0))
+    r = np.sqrt(np.where(square > 2.0 * _TOUCHING * abs(d), square, 0.0))
     azimuth = np.arctan2(y, x)
     aside = np.arctan2(d, r) if d else 0.0
     yaw = np.stack([azimuth - aside, azimuth + aside - math.pi])
@@ -105,7 +107,7 @@ def base_angles(
         np.negative(yaw, out=yaw)
     on_axis = np.flatnonzero(r <= AXIS_TOLERANCE)
     if abs(d) <= AXIS_TOLERANCE and len(on_axis):
-        yaw[0, on_axis] = min(max(0.0, limits[0]), limits[1])
+        yaw[0, on_axis] = rest_angle(*limits)
         yaw[1, on_axis] = yaw[0, on_axis] + math.pi
     inside = into_limits(yaw, *limits)
     if d:  # closer to the axis than the tool plane; or both branches the same one

@@ -14,6 +14,8 @@ BRANCHES = tuple(
     for base, elbow, tool in itertools.product(("front", "back"), ("up", "down"), ("", " tool-in"))
 )
 """Index: 4 · back + 2 · elbow down + tool pointing back at the base axis."""
+LEVEL = 1e-9
+"""how near to upright a tool points neither outward nor back at the base axis (cosine)"""
 
 
 def bend_sense(angle: float) -> int:
@@ -35,4 +37,4 @@ def tool_points_in(branch: BaseBranch, pose: PlanePose) -> bool:
     if pose.tool_angle is None:
         return False
     outward = math.cos(pose.tool_angle) if branch.front else -math.cos(pose.tool_angle)
-    return outward < -1e-9
+    return outward < -LEVEL

@@ -18,6 +18,7 @@ import cmath
 import itertools
 import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -76,8 +77,19 @@ class YawPitchRoll:
 
     def local(self, point: FloatArray) -> tuple[float, float, float]:
         """A point (3,) of the base frame as forward, left, up coordinates about the base axis."""
-        x, y, z = (self.frame.T @ (point - self.origin)).tolist()
-        return x, y, z
+        x, y, z = point.tolist()
+        return self.local_of(x, y, z)
+
+    def local_of(self, x: float, y: float, z: float) -> tuple[float, float, float]:
+        """``local`` in plain floats [m]."""
+        (x0, y0, z0), (fx, fy, fz), (lx, ly, lz), (ux, uy, uz) = self._floats
+        x, y, z = x - x0, y - y0, z - z0
+        return fx * x + fy * y + fz * z, lx * x + ly * y + lz * z, ux * x + uy * y + uz * z
+
+    @cached_property
+    def _floats(self) -> tuple[tuple[float, ...], ...]:
+        """Origin, forward, left and up."""
+        return tuple(tuple(row) for row in np.vstack([self.origin, self.frame.T]).tolist())
 
     def world(self, x: float, y: float, z: float) -> FloatArray:
         """The opposite of ``local``."""

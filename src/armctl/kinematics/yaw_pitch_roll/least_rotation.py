@@ -30,7 +30,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armctl.kinematics.angles import TWO_PI
-from armctl.kinematics.two_link import two_link, two_link_towards
+from armctl.kinematics.two_link import bend_angle, inner_angle
 from armctl.kinematics.yaw_pitch_roll.base_yaw import BaseBranch
 from armctl.kinematics.yaw_pitch_roll.geometry import YawPitchRoll
 from armctl.kinematics.yaw_pitch_roll.joint_windows import nearest_image
@@ -99,7 +99,7 @@ class LeastRotation:
             elif length > 1e-12:
                 yield Lock(abs(angle), 2, angle, 0.0, 0.0, l2, length, 0.0, -turn)
 
-    def solve(self, branches: list[BaseBranch], height: float) -> FloatArray | None:
+    def solve(self, branches: list[BaseBranch], height: float) -> tuple[float, ...] | None:
         """The configuration of least rotation.
 
         Args:
@@ -107,7 +107,7 @@ class LeastRotation:
             height: of the target above the base origin [m].
 
         Returns:
-            (4,) base and pitch joint angles [rad], or None when no branch has a solution.
+            The 4 base and pitch joint angles [rad], or None when no branch has a solution.
         """
         best: tuple[float, ...] | None = None
         least = math.inf
@@ -118,7 +118,7 @@ class LeastRotation:
                 if found is not None:
                     least = abs(branch.angle) + abs(found[0]) + abs(found[1]) + abs(found[2])
                     best = (branch.angle, *found)
-        return None if best is None else np.array(best)
+        return best
 
     def _solve_branch(
         self, branch: BaseBranch, height: float, least: float
@@ -176,19 +176,23 @@ class LeastRotation:
         """Joint angles inside the limits that reach a point and turn by less than ``least`` [rad] in all."""
         spent, joint, angle, held_x, held_y, near, far, lag, lead = lock
         if joint == 0:
-            triangle = two_link(x - held_x, y - held_y, near, far)
-        else:
-            triangle = two_link_towards(square, direction, near, far)
+            x, y = x - held_x, y - held_y
+            square = x * x + y * y
+        bend = bend_angle(square, near, far)
         found: list[tuple[float, float, float]] = []
-        for first, bend in triangle:
-            i, j = _FREE[joint]
-            sense, offset, low, high = self._joints[i]
-            a = nearest_image(sense * (first - lag - offset), low, high)
-            if a is None or spent + abs(a) >= least:
-                continue
-            sense, offset, low, high = self._joints[j]
-            b = nearest_image(sense * (bend + lead - offset), low, high)
-            if b is not None:
+        if bend is None:
+            return found
+        i, j = _FREE[joint]
+        sense, offset, low, high = self._joints[j]
+        for turn in (bend,) if bend == 0.0 or bend == math.pi else (bend, -bend):
+            b = nearest_image(sense * (turn + lead - offset), low, high)
+            if b is None or spent + abs(b) >= least:
+                continue  # most end here, before anything else is computed
+            towards = math.atan2(y, x) if joint == 0 else direction
+            along, origin, lowest, highest = self._joints[i]
+            first = towards - inner_angle(near, far, turn) - lag
+            a = nearest_image(along * (first - origin), lowest, highest)
+            if a is not None:
                 found.append((angle, a, b) if joint == 0 else (a, angle, b) if joint == 1 else (a, b, angle))
         return found
 

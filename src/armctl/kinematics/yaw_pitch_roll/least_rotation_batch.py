@@ -7,6 +7,7 @@ stationary curve may hold the optimum, the point goes to the scalar solver.
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -99,7 +100,7 @@ class LeastRotationBatch:
                 if faces[side, i]
             ]
             found = self._scalar.solve(branches, float(height[i]))
-            q[:, i] = np.nan if found is None else found
+            q[:, i] = math.nan if found is None else found
 
     def _least(
         self, x: FloatArray, y: FloatArray, square: FloatArray

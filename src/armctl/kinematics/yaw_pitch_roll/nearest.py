@@ -22,7 +22,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from armctl.kinematics.angles import LIMIT_TOLERANCE, TWO_PI, images
+from armctl.kinematics.angles import LIMIT_TOLERANCE, TWO_PI, images, rest_angle
 from armctl.kinematics.yaw_pitch_roll.base_yaw import base_branches
 from armctl.kinematics.yaw_pitch_roll.geometry import YawPitchRoll
 from armctl.kinematics.yaw_pitch_roll.plane_circles import PlaneCircle, collinear_circles
@@ -135,7 +135,7 @@ class NearestReach:
         miss = np.hypot(rho - np.hypot(tip.real, d), tip.imag - z)
         low, high = self._base
         if rho == 0.0:  # any base angle serves
-            return row, phi, np.full(len(phi), min(max(0.0, low), high)), miss
+            return row, phi, np.full(len(phi), rest_angle(low, high)), miss
         yaw, inside = _into(self.geometry.yaw_sign * (math.atan2(y, x) - np.arctan2(d, tip.real)), low, high)
         return row, phi, yaw, np.where(inside, miss, np.inf)
 

@@ -91,7 +91,8 @@ class NearestOrientation:
         turn = self._geometry.yaw_sign * branch.angle
         rolls = self._roll_limits()
         if self._least is None:
-            faces = itertools.product(self._postures(branch, z), (None, *rolls))
+            # None: folded onto its shoulder the arm may point anywhere; else it is one of the postures
+            faces = itertools.product((None, *self._postures(branch, z)), (None, *rolls))
             return [c for posture, roll in faces for c in self._on_face(branch, form, z, turn, posture, roll)]
         found = list(self._on_face(branch, form, z, turn, None, None))
         if not found:
@@ -102,15 +103,13 @@ class NearestOrientation:
     def _over_the_axis(self, form: FloatArray, rotation: FloatArray, z: float) -> list[_Candidate]:
         """With the base free: as the rotation calls for, else on a face of base, pitch and roll limits."""
         branch = BaseBranch(True, 0.0, 0.0)
-        postures: list[_Posture | None] = list(self._postures(branch, z))
+        postures: list[_Posture | None] = [None, *self._postures(branch, z)]
         found: list[_Candidate] = []
-        if self._least is not None:
-            for turn in self._fit.base_turns(rotation):
-                if self._base_angles(turn):
-                    found += self._on_face(branch, form, z, turn, None, None)
-            if found:
-                return found
-            postures.append(None)
+        for turn in self._fit.base_turns(rotation):
+            if self._base_angles(turn):
+                found += self._on_face(branch, form, z, turn, None, None)
+        if found and self._least is not None:
+            return found
         bases = (None, *(self._geometry.yaw_sign * limit for limit in self._limits[0]))
         for base, posture, roll in itertools.product(bases, postures, (None, *self._roll_limits())):
             if base is not None or posture is not None or roll is not None:

@@ -9,14 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armctl.kinematics.angles import TWO_PI, images
-from armctl.kinematics.two_link import two_link
+from armctl.kinematics.two_link import ON_JOINT, two_link
 from armctl.kinematics.yaw_pitch_roll.geometry import YawPitchRoll
 
 FloatArray = NDArray[np.float64]
 _PITCH_TOLERANCE = 1e-6
 """how far from the pitch asked for two pitch joints may leave the tool [rad]"""
-_FOLDED = 1e-12
-"""how near to its own first axis a folded arm's tip lies [m]"""
 
 
 class PlanePostures:
@@ -44,20 +42,26 @@ class PlanePostures:
         if len(lengths) == 2:
             return [
                 pair
-                for pair in self._unfolded(x, y, None)
+                for pair in self._unfolded(x, y, last)
                 if abs(math.remainder(sum(pair) - last, TWO_PI)) < _PITCH_TOLERANCE
             ]
-        x, y = x - lengths[2] * math.cos(last), y - lengths[2] * math.sin(last)
-        return [(first, bend, last - first - bend) for first, bend in self._unfolded(x, y, last)]
+        return self.reaching(x - lengths[2] * math.cos(last), y - lengths[2] * math.sin(last), last)
+
+    def reaching(self, x: float, y: float, last: float | None) -> list[tuple[float, ...]]:
+        """``at`` for the end of the second link, with the direction of the third [rad] if there is one."""
+        pairs = self._unfolded(x, y, last)
+        return pairs if last is None else [(*pair, last - sum(pair)) for pair in pairs]
 
     def _unfolded(self, x: float, y: float, last: float | None) -> list[tuple[float, ...]]:
-        """The two-link triangle of the first links; with a third link, ``last`` is its direction."""
+        """The two-link triangle of the first links; ``last`` is the direction of the arm's last link."""
         pairs = two_link(x, y, self._geometry.lengths[0], self._geometry.lengths[1])
-        if not pairs or math.hypot(x, y) > _FOLDED:
+        if not pairs or math.hypot(x, y) > ON_JOINT:
             return list(pairs)
         bend = pairs[0][1]
         firsts = [self._geometry.plane_angle(0, way) for way in (0.0, *self._limits[0])]
-        if last is not None:
+        if last is not None and len(self._geometry.lengths) == 2:
+            firsts.append(last - bend)
+        elif last is not None:
             firsts += [last - bend - self._geometry.plane_angle(2, way) for way in (0.0, *self._limits[2])]
         return [(first, bend) for first in firsts]
 

@@ -17,13 +17,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armctl.kinematics.angles import LIMIT_TOLERANCE, TWO_PI
-from armctl.kinematics.two_link import COSINE_TOLERANCE
 from armctl.kinematics.yaw_pitch_roll.geometry import YawPitchRoll
 
 FloatArray = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
 BoolArray = NDArray[np.bool_]
 _NO_LENGTH = 1e-12
+_COSINE_TOLERANCE = 1e-11
+"""how far rounding may carry the elbow's cosine beyond ±1"""
 _CHUNK = 8192
 
 
@@ -91,7 +92,7 @@ def _triangle(tip: ComplexArray, a: float, b: float) -> tuple[FloatArray, FloatA
         nowhere = np.full((2, len(tip)), np.nan)
         return nowhere, nowhere
     cosine = (tip.real**2 + tip.imag**2 - a * a - b * b) / (2.0 * a * b)
-    reached = np.abs(cosine) <= 1.0 + COSINE_TOLERANCE
+    reached = np.abs(cosine) <= 1.0 + _COSINE_TOLERANCE
     bend = np.where(reached, np.arccos(np.clip(cosine, -1.0, 1.0)), np.nan)
     inner = np.arctan2(b * np.sin(bend), a + b * np.cos(bend))
     direction = np.angle(tip)

@@ -1,7 +1,8 @@
 """Position, tool pitch and roll of many poses at once: every branch, in numpy.
 
 All ways to face a target and to read its pitch are looked at together, as columns of one flat list; those
-that the links cannot reach are dropped before anything costly is computed.
+that the links cannot reach are dropped before anything costly is computed, and the few with the links in
+line, where rounding decides, are left to the scalar closed form.
 """
 
 from __future__ import annotations
@@ -13,23 +14,21 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from armctl.kinematics.angles import TWO_PI
+from armctl.kinematics.angles import TWO_PI, rest_angle
 from armctl.kinematics.batch_solutions import BatchSolutions
 from armctl.kinematics.cos_sin import SCRATCH, cos_sin
-from armctl.kinematics.two_link import COSINE_TOLERANCE, STRAIGHT
 from armctl.kinematics.yaw_pitch_roll.base_yaw import base_angles
-from armctl.kinematics.yaw_pitch_roll.branch_names import BRANCHES
+from armctl.kinematics.yaw_pitch_roll.branch_names import BRANCHES, LEVEL, bend_sense, branch_index
 from armctl.kinematics.yaw_pitch_roll.geometry import YawPitchRoll
 from armctl.kinematics.yaw_pitch_roll.joint_windows import into_limits
-from armctl.kinematics.yaw_pitch_roll.pose_branches import UPRIGHT
+from armctl.kinematics.yaw_pitch_roll.plane_postures import PlanePostures
+from armctl.kinematics.yaw_pitch_roll.pose_branches import REACHED, SURE, UPRIGHT
 
 FloatArray = NDArray[np.float64]
 _CHUNK = 4096
 """poses worked on at a time"""
 _NEARLY_STRAIGHT = 1e-4
 """how near to ±1 the elbow's cosine may come before the cosine rule loses more than four digits"""
-_LEVEL = 1e-9
-"""how near to upright a tool points neither outward nor back at the base axis (cosine)"""
 
 
 class _Columns(NamedTuple):
@@ -53,8 +52,8 @@ class _Columns(NamedTuple):
 class PoseBatch:
     """One arm inside its limits. Immutable; safe in several threads."""
 
-    def __init__(self, geometry: YawPitchRoll, limits: FloatArray) -> None:
-        self._geometry = geometry
+    def __init__(self, geometry: YawPitchRoll, limits: FloatArray, planar: PlanePostures) -> None:
+        self._geometry, self._planar = geometry, planar
         self._limits = [(float(low), float(high)) for low, high in limits]
         l2, l3, *_ = geometry.lengths
         self._l2, self._l3 = l2, l3
@@ -98,7 +97,7 @@ class PoseBatch:
         pitch: FloatArray | None,
         roll: FloatArray | None,
     ) -> Iterator[tuple[NDArray[np.intp], NDArray[np.intp], list[FloatArray]]]:
-        """Branches, poses (rows of the chunk) and joint angles of some of the solutions, twice."""
+        """Branches, poses (rows of the chunk) and joint angles of some of the solutions, in parts."""
         geometry, m = self._geometry, len(position)
         forward, left, height = np.ascontiguousarray(((position - geometry.origin) @ geometry.frame).T)
         yaw, r, faces = base_angles(geometry, forward, left, self._limits[0])
@@ -108,20 +107,41 @@ class PoseBatch:
         columns = self._columns(r, height - geometry.shoulder.imag, faces, pitch)
         base = yaw.ravel()[columns.pose + m * columns.back]
         direction = np.arctan2(columns.y, columns.x)
-        bend, inner, straight = self._triangle(columns)
+        tail = [] if rolls is None else [rolls[0]]
+        in_line = np.abs(columns.cosine) > SURE
+        if in_line.any():
+            branch, pose, back, angles = self._in_line(columns, np.flatnonzero(in_line))
+            yield branch, pose, [yaw[back, pose], *angles, *(values[pose] for values in tail)]
+        bend, inner = self._triangle(columns)
         for sense in (1, -1):
             t2, t3 = (direction - inner, bend) if sense > 0 else (direction + inner, -bend)
             planes = [t2, t3] if columns.last is None else [t2, t3, columns.last - t2 - t3]
             angles, inside = self._joints(planes)
-            if sense < 0:
-                inside &= ~straight
+            inside &= ~in_line
             keep = np.flatnonzero(inside)
             pose, back = columns.pose[keep], columns.back[keep]
             # a positive bend leaves the elbow below the line to the target in front, above it at the back
             down = 1 - back if sense > 0 else back
             branch = 4 * back + 2 * down + columns.inward[keep]
-            tail = [] if rolls is None else [rolls[0][pose]]
-            yield branch, pose, [base[keep], *(angle[keep] for angle in angles), *tail]
+            joints = [base[keep], *(angle[keep] for angle in angles)]
+            yield branch, pose, [*joints, *(values[pose] for values in tail)]
+
+    def _in_line(
+        self, columns: _Columns, rows: NDArray[np.intp]
+    ) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp], FloatArray]:
+        """Branches, poses, sides and pitch joint angles (joints, k) of columns with the links in line."""
+        found: dict[tuple[int, int], tuple[int, tuple[float, ...]]] = {}
+        for i in rows.tolist():
+            pose, back, inward = int(columns.pose[i]), int(columns.back[i]), int(columns.inward[i])
+            last = None if columns.last is None else float(columns.last[i])
+            for plane in self._planar.reaching(float(columns.x[i]), float(columns.y[i]), last):
+                branch = branch_index(not back, bend_sense(plane[1]), bool(inward))
+                for angles in self._planar.joint_images(plane)[:1]:
+                    found.setdefault((branch, pose), (back, angles))
+        branches, poses = np.array(list(found), dtype=np.intp).reshape(-1, 2).T
+        sides = np.array([back for back, _ in found.values()], dtype=np.intp)
+        joints = np.array([angles for _, angles in found.values()]).reshape(len(found), -1)
+        return branches, poses, sides, joints.T
 
     def _joints(self, planes: list[FloatArray]) -> tuple[list[FloatArray], NDArray[np.bool_]]:
         """Pitch joint angles of plane angles, and where they are all inside their limits."""
@@ -141,7 +161,7 @@ class PoseBatch:
         if joint is None:
             return None
         low, high = self._limits[joint]
-        angle = np.full(count, min(max(0.0, low), high)) if roll is None else roll.copy()
+        angle = np.full(count, rest_angle(low, high)) if roll is None else roll.copy()
         return angle, into_limits(angle, low, high)
 
     def _columns(
@@ -156,13 +176,13 @@ class PoseBatch:
             last, along, across, single, outward = self._readings(pitch)
             x, y = x[:, None] - self._l4 * along, y - self._l4 * across
             inward = np.stack([outward < 0.0, outward > 0.0])
-            inward &= ~(single & (np.abs(outward) < _LEVEL))
+            inward &= ~(single & (np.abs(outward) < LEVEL))
             ok = np.repeat(faces[:, None], 2, axis=1)
             ok[:, 1] &= ~single
         cosine = x * x + y * y
         cosine -= self._l2**2 + self._l3**2
         cosine *= 0.5 / (self._l2 * self._l3)
-        ok &= np.abs(cosine) <= 1.0 + COSINE_TOLERANCE
+        ok &= np.abs(cosine) < REACHED
         flat = np.flatnonzero(ok)
         readings = ok.shape[1]
         back = (flat >= readings * m).astype(np.intp)
@@ -190,16 +210,14 @@ class PoseBatch:
         c, s = math.cos(tool), math.sin(tool)
         return last, along, across, single, c * along - s * across
 
-    def _triangle(self, columns: _Columns) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
-        """Bend in [0, pi], angle between the first link and the line to the target, and where straight."""
+    def _triangle(self, columns: _Columns) -> tuple[FloatArray, FloatArray]:
+        """Bend in [0, pi] and angle between the first link and the line to the target."""
         l2, l3, cosine = self._l2, self._l3, columns.cosine
         size = np.abs(cosine)
-        straight = size > 1.0 - STRAIGHT
-        np.copyto(cosine, np.sign(cosine), where=straight)
         square = columns.x * columns.x + columns.y * columns.y
         inner = (square + (l2 * l2 - l3 * l3)) / (2.0 * l2 * np.sqrt(square))
         inner = np.arccos(np.clip(inner, -1.0, 1.0))
-        near = np.flatnonzero((size > 1.0 - _NEARLY_STRAIGHT) | ~(square > 0.0))
+        near = np.flatnonzero(size > 1.0 - _NEARLY_STRAIGHT)
         c = cosine[near]
         inner[near] = np.arctan2(l3 * np.sqrt((1.0 - c) * (1.0 + c)), l2 + l3 * c)
-        return np.arccos(cosine), inner, straight
+        return np.arccos(cosine), inner

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armctl.kinematics.angles import LIMIT_TOLERANCE, TWO_PI
+from armctl.kinematics.yaw_pitch_roll.branch_names import LEVEL
 from armctl.kinematics.yaw_pitch_roll.geometry import YawPitchRoll
 from armctl.kinematics.yaw_pitch_roll.joint_windows import into_window, window
 
@@ -25,11 +26,12 @@ UPRIGHT = 5e-13
 """how near to ±90° the two readings of a pitch are one [rad]"""
 _EDGE = 1e-9
 """how near to the base axis the general solver takes over [m²]"""
-_LEVEL = 1e-9
-"""how near to upright a tool points neither outward nor back at the base axis (cosine)"""
-_ROUNDING = 1e-10
+_ROUNDING = 1e-9
 """how near to ±1 the elbow's cosine must come for rounding to decide"""
-_SURE = 1.0 - _ROUNDING
+SURE = 1.0 - _ROUNDING
+"""up to here it does not"""
+REACHED = 1.0 + _ROUNDING
+"""from here on the links do not reach, whatever the rounding"""
 
 
 class PoseBranches:
@@ -43,9 +45,7 @@ class PoseBranches:
         self._squares, self._product = l2 * l2 + l3 * l3, 2.0 * l2 * l3
         self._senses = tuple(zip(geometry.signs, geometry.offsets, strict=True))
         self._windows = tuple(window(low, high) for low, high in limits[:4].tolist())
-        forward, left, up = geometry.frame.T
-        self._forward, self._left, self._up = _floats(forward), _floats(left), _floats(up)
-        self._origin = _floats(geometry.origin)
+        self._local = geometry.local_of
 
     @staticmethod
     def serves(geometry: YawPitchRoll, limits: FloatArray) -> bool:
@@ -66,11 +66,8 @@ class PoseBranches:
         Returns:
             The postures in the order of ``YawPitchRollSolver.solve``, or None at a special place.
         """
-        x0, y0, z0 = self._origin
-        x, y, z = x - x0, y - y0, z - z0
-        (fx, fy, fz), (lx, ly, lz), (ux, uy, uz) = self._forward, self._left, self._up
-        forward, left = fx * x + fy * y + fz * z, lx * x + ly * y + lz * z
-        height = ux * x + uy * y + uz * z - self._z0
+        forward, left, up = self._local(x, y, z)
+        height = up - self._z0
         d = self._lateral
         square = forward * forward + left * left - d * d
         if square < _EDGE:
@@ -87,7 +84,7 @@ class PoseBranches:
                 found = self._in_plane(r_tip - self._r0 - along, height - across, last)
                 if found is None:
                     return None
-                inward = outward > _LEVEL if back else outward < -_LEVEL
+                inward = outward > LEVEL if back else outward < -LEVEL
                 for bend, shoulder, elbow, wrist in found:
                     # a positive bend leaves the elbow down in front, up at the back
                     branch = back + (2 if (bend > 0) != (back > 0) else 0) + inward
@@ -120,8 +117,8 @@ class PoseBranches:
             What ``two_link`` gives, inside the limits; None where the links are in line.
         """
         cosine = (x * x + y * y - self._squares) / self._product
-        if not -_SURE < cosine < _SURE:
-            return None if abs(cosine) < 1.0 + _ROUNDING else ()
+        if not -SURE < cosine < SURE:
+            return None if abs(cosine) < REACHED else ()
         (s2, o2), (s3, o3), (s4, o4) = self._senses
         _, second, third, fourth = self._windows
         l2, l3, _ = self._lengths
@@ -144,8 +141,3 @@ class PoseBranches:
             if wrist is not None:
                 found.append((sense, shoulder, elbow, wrist))
         return found
-
-
-def _floats(v: FloatArray) -> tuple[float, float, float]:
-    x, y, z = v.tolist()
-    return x, y, z

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from armctl.kinematics.angles import TWO_PI
+from armctl.kinematics.angles import LIMIT_TOLERANCE, TWO_PI, central_image, nearest_angle
 from armctl.kinematics.limit_words import needs
 from armctl.kinematics.target import Target
 from armctl.kinematics.yaw_pitch_roll.base_yaw import AXIS_TOLERANCE, BaseBranch, base_branches
@@ -56,10 +56,18 @@ class Reach:
         if not branches:
             return self._inside_axis_cylinder(math.hypot(x, y)), self._nearest_to(x, y, z, target)
         angles = [pose.tool_angle for pose in pitch_poses(target.pitch, 0.0)]
-        if target.pitch is not None and len(self._geometry.lengths) == 2:
+        two_links = target.pitch is not None and len(self._geometry.lengths) == 2
+        if two_links and not self._links_give(branches, z, angles, planar):
             return self._given_pitch(branches, z, planar), self._nearest_to(x, y, z, target)
         reason = self._beyond_links(branches, z, angles) or self._by_limits(branches, z, angles, planar)
         return reason, self._nearest_to(x, y, z, target)
+
+    def _links_give(
+        self, branches: list[BaseBranch], z: float, angles: list[float | None], planar: PlanarSolver
+    ) -> bool:
+        """True where the links alone hold the tool at one of some plane angles."""
+        shoulder = self._geometry.shoulder
+        return any(planar(b.r - shoulder.real, z - shoulder.imag, a) for b in branches for a in angles)
 
     def _given_pitch(self, branches: list[BaseBranch], z: float, planar: PlanarSolver) -> str:
         """With two pitch joints the position alone decides the pitch, unless it is out of reach anyhow."""
@@ -90,10 +98,7 @@ class Reach:
         joint = self._geometry.roll_joint
         if nearest is None or joint is None:
             return None if nearest is None else nearest.q
-        low, high = self._limits[joint]
-        middle = 0.5 * (low + high)
-        roll = middle + math.remainder((target.roll or 0.0) - middle, TWO_PI)
-        return np.append(nearest.q, min(max(roll, low), high))
+        return np.append(nearest.q, nearest_angle(target.roll or 0.0, *self._limits[joint]))
 
     def _inside_axis_cylinder(self, rho: float) -> str:
         d = abs(self._geometry.lateral)
@@ -219,7 +224,6 @@ class Reach:
 
 def _excess(joint: int, angle: float, limits: FloatArray) -> Excess | None:
     """The image of an angle nearest to a joint's limits, if it is outside them."""
-    low, high = limits[joint]
-    middle = 0.5 * (low + high)
-    nearest = middle + math.remainder(angle - middle, TWO_PI)
-    return None if low - 1e-9 <= nearest <= high + 1e-9 else Excess(joint, float(nearest))
+    low, high = limits[joint].tolist()
+    nearest = central_image(angle, low, high)
+    return None if low - LIMIT_TOLERANCE <= nearest <= high + LIMIT_TOLERANCE else Excess(joint, nearest)

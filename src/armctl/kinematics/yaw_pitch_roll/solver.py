@@ -10,14 +10,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from armctl.errors import InputError
-from armctl.kinematics.angles import images, wrap
+from armctl.kinematics.angles import images, rest_angle, wrap
 from armctl.kinematics.batch_solutions import BatchSolutions
 from armctl.kinematics.chain import DHChain
-from armctl.kinematics.checks import checked_number
 from armctl.kinematics.energy import EnergyModel
-from armctl.kinematics.grid import DEFAULT_STEP
+from armctl.kinematics.grid import DEFAULT_STEP, checked_step
 from armctl.kinematics.solutions import Solutions
-from armctl.kinematics.target import Target, checked_column, checked_positions
+from armctl.kinematics.target import Target, checked_column, checked_position, checked_positions
 from armctl.kinematics.yaw_pitch_roll.base_yaw import BaseBranch, base_branches, is_on_axis
 from armctl.kinematics.yaw_pitch_roll.branch_names import BRANCHES, bend_sense, branch_index, tool_points_in
 from armctl.kinematics.yaw_pitch_roll.geometry import YawPitchRoll
@@ -29,8 +28,8 @@ from armctl.kinematics.yaw_pitch_roll.orientation import pitch_poses
 from armctl.kinematics.yaw_pitch_roll.plane_postures import PlanePostures
 from armctl.kinematics.yaw_pitch_roll.pose_batch import PoseBatch
 from armctl.kinematics.yaw_pitch_roll.pose_branches import PoseBranches
+from armctl.kinematics.yaw_pitch_roll.position_sweep import PositionSweep
 from armctl.kinematics.yaw_pitch_roll.reach import Reach
-from armctl.kinematics.yaw_pitch_roll.sweep import FreeJointSweep, turns
 
 FloatArray = NDArray[np.float64]
 _FEW = 16
@@ -55,12 +54,13 @@ class YawPitchRollSolver:
     ) -> None:
         self.chain, self.geometry, self.limits, self.energy = chain, geometry, limits, energy
         self._pairs = [(float(low), float(high)) for low, high in limits]
-        three = len(geometry.lengths) == 3
-        self._sweeps = [FreeJointSweep(geometry, cut) for cut in turns(limits)] if three else []
+        roll_joint, three = geometry.roll_joint, len(geometry.lengths) == 3
+        self._resting_roll = 0.0 if roll_joint is None else rest_angle(*self._pairs[roll_joint])
+        self._sweep = PositionSweep(geometry, limits) if three else None
         self._least = LeastRotation(geometry, limits) if three else None
-        self._batch = PoseBatch(geometry, limits)
-        self._least_batch = None if self._least is None else LeastRotationBatch(geometry, limits, self._least)
         self._planar = PlanePostures(geometry, limits)
+        self._batch = PoseBatch(geometry, limits, self._planar)
+        self._least_batch = None if self._least is None else LeastRotationBatch(geometry, limits, self._least)
         narrow = PoseBranches.serves(geometry, limits)
         self._pose_branches = PoseBranches(geometry, limits) if narrow else None
         self._orientation = NearestOrientation(chain, geometry, limits, self._planar, self._least)
@@ -73,8 +73,8 @@ class YawPitchRollSolver:
 
     @property
     def free_joint(self) -> int | None:
-        """The first pitch joint, where there are three."""
-        return 1 if self._sweeps else None
+        """The first pitch joint, where there are three and its limits do not hold it."""
+        return 1 if self._sweep is not None and self._pairs[1][0] < self._pairs[1][1] else None
 
     def pitch_and_roll(self, q: FloatArray) -> tuple[float | None, float | None]:
         """Tool pitch in [-pi/2, pi/2] and roll [rad] at one configuration (n,)."""
@@ -88,16 +88,15 @@ class YawPitchRollSolver:
     def solve(self, target: Target, step: float) -> Solutions:
         """All solutions inside the limits.
 
-        Position alone with three pitch joints: the first one is swept in steps of ``step`` [rad]. Else
+        Position alone with three pitch joints: the first one is swept in steps of ``step`` [rad], with the
+        roll joint at one of its equal angles, the one nearest to zero. Else
         the solutions are isolated: position and pitch (and roll), position alone with two pitch joints,
         or position and rotation (the nearest rotation that the arm can take at that position).
 
         Raises:
             InputError: ``step`` is not a positive number.
         """
-        step = checked_number(step, "the step of the swept joint")
-        if step <= 0:
-            raise InputError(f"the step of the swept joint must be a positive angle, got {step!r} rad")
+        step = checked_step(step)
         refusal, roll = self._roll(target)
         if refusal is not None:
             return self._refused(target, refusal)
@@ -114,8 +113,8 @@ class YawPitchRollSolver:
             any_base = is_on_axis(self.geometry, x, y)
             found, index = self._orientation.solve(branches, z, target.rotation, any_base=any_base)
             return self._solutions(target, found, index) if found else self._refused(target)
-        if self._sweeps and target.pitch is None:
-            return self._swept(target, branches, z, roll, step)
+        if self._sweep is not None and target.pitch is None:
+            return self._swept(self._sweep, target, branches, z, roll, step)
         return self._isolated(target, branches, z, roll)
 
     def postures(
@@ -133,12 +132,12 @@ class YawPitchRollSolver:
             roll: the roll joint's angle [rad]; None: the one nearest to zero.
 
         Raises:
-            InputError: a value that is not finite or not a number.
+            InputError: a value that is not finite.
         """
         joint, quick = self.geometry.roll_joint, self._pose_branches
         if quick is not None and joint is not None and math.isfinite(x + y + z + pitch + (roll or 0.0)):
             low, high = self._pairs[joint]
-            rolls = (min(max(0.0, low), high),) if roll is None else images(roll, low, high)
+            rolls = (self._resting_roll,) if roll is None else images(roll, low, high)
             found = quick.at(x, y, z, pitch, rolls) if rolls else []
             if found is not None:
                 return [q for _, q in found]
@@ -170,20 +169,18 @@ class YawPitchRollSolver:
             None if roll is None else checked_column(roll, count, "the roll"),
         )
 
-    def least_rotation_of(self, target: Target) -> FloatArray:
-        """The exact least rotation of one point (n,); ``Robot.least_rotation`` says more."""
-        least = self._least
+    def least_rotation_of(self, position_m: ArrayLike) -> FloatArray:
+        """The exact least rotation of one point (3,) [m]: (n,); ``Robot.least_rotation`` says more.
+
+        Raises:
+            InputError: a wrong shape, or an entry that is not finite.
+        """
+        position, least = checked_position(position_m), self._least
         if least is None:
-            return self.least_rotation_batch(target.position[None])[0]
-        x, y, z = self.geometry.local(target.position)
+            return self.least_rotation_batch(position[None])[0]
+        x, y, z = self.geometry.local(position)
         found = least.solve(base_branches(self.geometry, x, y, self._pairs[0]), z)
-        if found is None:
-            return np.full(self.chain.n, np.nan)
-        joint = self.geometry.roll_joint
-        if joint is None:
-            return found
-        low, high = self._pairs[joint]
-        return np.array([*found.tolist(), min(max(0.0, low), high)])
+        return np.full(self.chain.n, np.nan) if found is None else self._with_roll(found, self._resting_roll)
 
     def least_rotation_batch(self, position_m: ArrayLike) -> FloatArray:
         """The exact least rotation of many points; ``Robot.least_rotation`` says more.
@@ -198,13 +195,12 @@ class YawPitchRollSolver:
             energy = np.where(branches.found, np.abs(branches.q).sum(axis=2), np.inf)
             return branches.q[np.arange(len(position)), energy.argmin(axis=1)]
         if len(position) <= _FEW:
-            found = [self.least_rotation_of(Target(point)) for point in position]
+            found = [self.least_rotation_of(point) for point in position]
             return np.array(found).reshape(len(position), self.chain.n)
         q = np.full((self.chain.n, len(position)), np.nan)
         q[:4] = self._least_batch.solve(position).T
         if self.geometry.roll_joint is not None:
-            low, high = self._pairs[self.geometry.roll_joint]
-            q[4] = np.where(np.isnan(q[0]), np.nan, min(max(0.0, low), high))
+            q[4] = np.where(np.isnan(q[0]), np.nan, self._resting_roll)
         return q.T
 
     def _roll(self, target: Target) -> tuple[str | None, float]:
@@ -217,47 +213,33 @@ class YawPitchRollSolver:
             return refused, 0.0
         low, high = self._pairs[joint]
         if target.roll is None:
-            return None, min(max(0.0, low), high)
+            return None, self._resting_roll
         inside = images(target.roll, low, high)
         if inside:
             return None, min(inside, key=abs)
         return self._reach.joint_outside(joint, wrap(target.roll)), 0.0
 
     def _swept(
-        self, target: Target, branches: list[BaseBranch], z: float, roll: float, step: float
+        self,
+        sweep: PositionSweep,
+        target: Target,
+        branches: list[BaseBranch],
+        z: float,
+        roll: float,
+        step: float,
     ) -> Solutions:
-        shoulder = self.geometry.shoulder
-        height = z - shoulder.imag
-        parts = [
-            (sweep, branch, sweep.stretches(branch.r - shoulder.real, height, step))
-            for branch in branches
-            for sweep in self._sweeps
-        ]
-
         def optimum() -> FloatArray | None:
             found = None if self._least is None else self._least.solve(branches, z)
             return None if found is None else self._with_roll(found, roll)
 
-        count = sum(stretch.size for _, _, stretches in parts for stretch in stretches)
-        if count == 0:
-            single = optimum()  # a sliver between two grid values, or a single stretched configuration
-            if single is None:
-                return self._refused(target)
-            index = [branch_index(self._faces(target, single), bend_sense(self._last_plane_angle(single)))]
-            return self._solutions(target, [single], index, optimum)
-        q = np.empty((self.chain.n, count))  # joint by joint in memory: one contiguous write each
-        index = np.empty(count, dtype=np.int8)
-        at = 0
-        for sweep, branch, stretches in parts:
-            begin = at
-            for stretch in stretches:
-                index[at : at + stretch.size] = branch_index(branch.front, stretch.bend)
-                at += stretch.size
-            q[0, begin:at] = branch.angle
-            sweep.fill(branch.r - shoulder.real, height, step, stretches, q[1:4, begin:at])
-        if self.geometry.roll_joint is not None:
-            q[self.geometry.roll_joint] = roll
-        return self._make(target, q.T, index, optimum, free=1)
+        q, index = sweep.solve(branches, z, roll, step)
+        if len(index):
+            return self._make(target, q.T, index, optimum, free=self.free_joint)
+        single = optimum()  # a sliver between two grid values, or a single stretched configuration
+        if single is None:
+            return self._refused(target)
+        name = branch_index(self._faces(target, single), bend_sense(self._last_plane_angle(single)))
+        return self._solutions(target, [single], [name], optimum)
 
     def _last_plane_angle(self, q: FloatArray) -> float:
         last = len(self.geometry.lengths) - 1
@@ -279,7 +261,7 @@ class YawPitchRollSolver:
                 for angles, rolled in itertools.product(
                     self._planar.joint_images(plane), self._roll_images(pose.roll)
                 ):
-                    found.append(self._with_roll(np.array([branch.angle, *angles]), rolled))
+                    found.append(self._with_roll((branch.angle, *angles), rolled))
                     index.append(name)
         return self._solutions(target, *_distinct(found, index)) if found else self._refused(target)
 
@@ -290,12 +272,13 @@ class YawPitchRollSolver:
     def _in_plane(self, yaw: float, r: float, z: float, last: float | None) -> FloatArray | None:
         """Base and pitch joints for a point of the tool plane, the last link's direction given or any."""
         if self._least is not None and last is None:
-            return self._least.solve([BaseBranch(True, yaw, r)], z)
+            least = self._least.solve([BaseBranch(True, yaw, r)], z)
+            return None if least is None else np.array(least)
         angles = self._planar.inside(r, z, last)
         return None if angles is None else np.array([yaw, *angles])
 
-    def _with_roll(self, q: FloatArray, roll: float) -> FloatArray:
-        return q if self.geometry.roll_joint is None else np.append(q, roll)
+    def _with_roll(self, q: Sequence[float], roll: float) -> FloatArray:
+        return np.array(q if self.geometry.roll_joint is None else (*q, roll))
 
     def _solutions(
         self, target: Target, q: list[FloatArray], index: list[int], optimum: Optimum | None = None
