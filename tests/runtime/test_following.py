@@ -54,7 +54,7 @@ def test_to_begin_where_the_tool_is_moves_nothing(rig: Rig) -> None:
 
 
 def test_it_arrives_exactly_keeps_pitch_and_roll_and_stays_until_it_is_left(rig: Rig) -> None:
-    goal = TOOL + [0.02, 0.06, -0.03]
+    goal = TOOL + np.array([0.02, 0.06, -0.03])
     follow(rig, goal, 2.0)
     assert tool(rig) == pytest.approx(goal, abs=1e-9)
     assert ROBOT.inverse_kinematics.pitch_and_roll(rig.now.q_command) == pytest.approx(
@@ -77,14 +77,14 @@ def test_a_circle_is_followed_close_behind_and_without_a_jump(rig: Rig) -> None:
         point = TOOL + np.array([0.0, 0.03 * np.sin(w), 0.03 * (1 - np.cos(w))])
         follow(rig, point)
         lag.append(float(np.linalg.norm(tool(rig) - point)))
-    assert max(lag) < 0.008  # 63 mm/s: an eighth of a second
+    assert max(lag) < 0.009  # at 63 mm/s: a seventh of a second
     assert np.mean(lag[50:]) < 0.005
     assert_accelerations_keep_limits(rig)
     assert_stream_keeps_limits(rig, 1)
 
 
 def test_its_target_expires_500_ms_after_the_last_one(rig: Rig) -> None:
-    follow(rig, TOOL + [0.0, 0.15, 0.0], 0.2)
+    follow(rig, TOOL + np.array([0.0, 0.15, 0.0]), 0.2)
     last = rig.now.stamp
     rig.do(SetSpeed(0.1))
     rig.until(lambda s: s.state is State.HOLDING, seconds=2)
@@ -94,7 +94,7 @@ def test_its_target_expires_500_ms_after_the_last_one(rig: Rig) -> None:
 
 
 def test_leaving_it_brakes_at_once(rig: Rig) -> None:
-    follow(rig, TOOL + [0.0, 0.15, 0.0], 0.4)
+    follow(rig, TOOL + np.array([0.0, 0.15, 0.0]), 0.4)
     rig.do(FollowTarget(None))
     left = rig.now.stamp
     rig.until(lambda s: s.state is State.HOLDING, seconds=1)
@@ -103,7 +103,7 @@ def test_leaving_it_brakes_at_once(rig: Rig) -> None:
 
 
 def test_stop_ends_it_until_the_page_has_been_silent(rig: Rig) -> None:
-    follow(rig, TOOL + [0.0, 0.15, 0.0], 0.4)
+    follow(rig, TOOL + np.array([0.0, 0.15, 0.0]), 0.4)
     rig.controller.stop(TEST)
     rig.tick()
     with pytest.raises(StateError, match="stopped while it was following its target; let go first"):
@@ -118,7 +118,7 @@ def test_stop_ends_it_until_the_page_has_been_silent(rig: Rig) -> None:
 
 def test_the_override_slows_it_down(rig: Rig) -> None:
     rig.do(SetSpeed(0.1))
-    follow(rig, TOOL + [0.0, 0.15, 0.0], 1.0)
+    follow(rig, TOOL + np.array([0.0, 0.15, 0.0]), 1.0)
     assert np.abs(rig.now.velocity_command / ROBOT.speed_limits).max() <= 0.1 + 1e-9
     assert np.abs(rig.now.velocity_command / ROBOT.speed_limits).max() == pytest.approx(0.1)
 
@@ -162,7 +162,7 @@ def test_the_tool_is_not_swung_round_the_back() -> None:
     found = live_goal(ROBOT, KeepClear(ROBOT), start, Target.of(point), np.radians(-30))
     assert found.q is None
     assert found.note is not None
-    assert "would first swing the tool" in found.note
+    assert "would swing the tool round" in found.note
 
 
 def test_where_the_pitch_cannot_be_kept_the_point_comes_first_and_the_pitch_comes_back(rig: Rig) -> None:
@@ -183,7 +183,7 @@ def test_every_arm_follows(name: str) -> None:
     robot = load_robot(name)
     rig = make_rig(robot=robot).enable(robot.pose("home"))
     rig.history.clear()
-    goal = tool(rig) + [0.0, 0.02, 0.0]
+    goal = tool(rig) + np.array([0.0, 0.02, 0.0])
     follow(rig, goal, 2.0)
     assert tool(rig) == pytest.approx(goal, abs=1e-6)
     assert_accelerations_keep_limits(rig)
@@ -222,14 +222,14 @@ def test_only_the_newest_target_is_solved_for() -> None:
     executor = SlowExecutor()
     rig = make_rig(executor).enable(HOME)
     for k in range(20):
-        follow(rig, TOOL + [0.0, 0.002 * k, 0.0])
+        follow(rig, TOOL + np.array([0.0, 0.002 * k, 0.0]))
     assert len(executor.waiting) == 1  # the first; the others wait for nobody
     executor.work()
     rig.tick()
     rig.tick()
     assert len(executor.waiting) == 1
     executor.work()
-    last = TOOL + [0.0, 0.038, 0.0]
+    last = TOOL + np.array([0.0, 0.038, 0.0])
     follow(rig, last, 1.0)
     assert executor.waiting == []
     assert tool(rig) == pytest.approx(last, abs=1e-9)
@@ -238,7 +238,7 @@ def test_only_the_newest_target_is_solved_for() -> None:
 def test_what_is_solved_after_it_was_left_moves_nothing() -> None:
     executor = SlowExecutor()
     rig = make_rig(executor).enable(HOME)
-    follow(rig, TOOL + [0.0, 0.05, 0.0], 0.1)
+    follow(rig, TOOL + np.array([0.0, 0.05, 0.0]), 0.1)
     rig.do(FollowTarget(None))
     executor.work()
     rig.run(0.5)

@@ -10,6 +10,7 @@ from armctl.motion.paths import (
     tool_arc,
     tool_line,
 )
+from armctl.motion.peaks import knows_peaks, peaks_of
 from armctl.motion.plan import Profile, plan_joints, plan_target, solve
 from armctl.motion.polynomial import PiecewisePolynomial
 from armctl.motion.preflight import (
@@ -48,8 +49,17 @@ from armctl.motion.program import (
     save_program,
 )
 from armctl.motion.program_check import ProgramFinding, check_program
-from armctl.motion.program_motion import PlannedStep, PlanState, ProgramSource, plan_next
+from armctl.motion.program_motion import (
+    PlannedStep,
+    PlanState,
+    ProgramSource,
+    begin_program,
+    plan_next,
+    require_runnable,
+)
 from armctl.motion.published_paths import arc, line
+from armctl.motion.rehearsal import Rehearsal, RehearsedState, RehearsedStep, rehearse, rehearse_pose
+from armctl.motion.slowed import SlowedTrajectory
 from armctl.motion.step_plan import plan_step, step_target
 from armctl.motion.timing import PathTrajectory
 from armctl.motion.tool_plan import plan_arc, plan_line, plan_spline
@@ -83,9 +93,13 @@ __all__ = [
     "Program",
     "ProgramFinding",
     "ProgramSource",
+    "Rehearsal",
+    "RehearsedState",
+    "RehearsedStep",
     "RepeatStep",
     "Sample",
     "Severity",
+    "SlowedTrajectory",
     "SpeedStep",
     "Step",
     "ToolPath",
@@ -94,15 +108,18 @@ __all__ = [
     "Trajectory",
     "WaitStep",
     "arc",
+    "begin_program",
     "check_program",
     "decode_program",
     "delete",
     "encode_program",
     "insert",
+    "knows_peaks",
     "line",
     "load_program",
     "move",
     "not_checked",
+    "peaks_of",
     "plan_arc",
     "plan_joints",
     "plan_line",
@@ -112,8 +129,11 @@ __all__ = [
     "plan_target",
     "preflight",
     "preflight_batch",
+    "rehearse",
+    "rehearse_pose",
     "replace",
     "require_clear",
+    "require_runnable",
     "save_program",
     "solve",
     "step_target",

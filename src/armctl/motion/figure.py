@@ -3,6 +3,8 @@
 matplotlib is imported when a figure is drawn, not before, and only its object-oriented interface is used:
 pyplot keeps state that threads would share.
 """
+# pyright: reportUnknownMemberType=false
+# matplotlib's own types leave the keywords of nearly every call open.
 
 from __future__ import annotations
 
@@ -15,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armctl.motion.analysis import MotionAnalysis
-from armctl.motion.near_limits import Limit, near_limits
+from armctl.motion.near_limits import Derivative, Limit, near_limits
 from armctl.robot import Robot
 
 if TYPE_CHECKING:
@@ -52,16 +54,8 @@ def motion_figure(robot: Robot, title: str, motion: MotionAnalysis) -> Figure:
 
     figure = Figure(figsize=_SIZE_IN, layout="constrained")
     figure.suptitle(f"{robot.title}: {title}, {motion.time[-1]:.3f} s", fontsize=13)
-    rows = [
-        _Row(name, per, np.degrees(joints), 1000 * tool, near_limits(robot, motion, name))
-        for name, per, joints, tool in (
-            ("position", "", motion.q, motion.position),
-            ("velocity", "/s", motion.velocity, motion.tool_velocity),
-            ("acceleration", "/s²", motion.acceleration, motion.tool_acceleration),
-            ("jerk", "/s³", motion.jerk, motion.tool_jerk),
-        )
-    ]
-    axes: NDArray[np.object_] = figure.subplots(len(rows), 2, sharex=True)  # pyright: ignore[reportUnknownMemberType]
+    rows = _rows(robot, motion)
+    axes: NDArray[np.object_] = figure.subplots(len(rows), 2, sharex=True)
     joint_names = [joint.title for joint in robot.joints]
     for k, row in enumerate(rows):
         _draw(axes[k, 0], motion.time, row.tool, ("x", "y", "z"), f"tool {row.name} (mm{row.per})", ())
@@ -90,6 +84,19 @@ def figure_bytes(robot: Robot, title: str, motion: MotionAnalysis, form: FigureF
     with io.BytesIO() as file:
         motion_figure(robot, title, motion).savefig(file, format=form, dpi=_DPI)
         return file.getvalue()
+
+
+def _rows(robot: Robot, motion: MotionAnalysis) -> list[_Row]:
+    quantities: tuple[tuple[Derivative, str, FloatArray, FloatArray], ...] = (
+        ("position", "", motion.q, motion.position),
+        ("velocity", "/s", motion.velocity, motion.tool_velocity),
+        ("acceleration", "/s²", motion.acceleration, motion.tool_acceleration),
+        ("jerk", "/s³", motion.jerk, motion.tool_jerk),
+    )
+    return [
+        _Row(name, per, np.degrees(joints), 1000 * tool, near_limits(robot, motion, name))
+        for name, per, joints, tool in quantities
+    ]
 
 
 def _draw(

@@ -17,7 +17,7 @@ JOINT_TOLERANCE = 1e-9
 
 
 class JoinedTrajectory:
-    """Parts run in order; the arm rests for an instant where they meet. Immutable."""
+    """Parts run in order. Immutable."""
 
     def __init__(self, parts: Sequence[Trajectory]) -> None:
         """Join.
@@ -68,14 +68,20 @@ class JoinedTrajectory:
         starts = self.starts_at
         if time.ndim == 0:
             k = int(which)
-            return self.parts[k].sample(float(time) - float(starts[k]))
+            return self.parts[k].sample(self._local(k, time - starts[k]))
         shape = (*time.shape, len(self.start))
         q, velocity, acceleration, jerk = (np.empty(shape) for _ in range(4))
         for k, part_trajectory in enumerate(self.parts):
             here = which == k
             if not here.any():
                 continue
-            part = part_trajectory.sample(time[here] - starts[k])
+            part = part_trajectory.sample(self._local(k, time[here] - starts[k]))
             q[here], velocity[here] = part.q, part.velocity
             acceleration[here], jerk[here] = part.acceleration, part.jerk
         return Sample(q, velocity, acceleration, jerk)
+
+    def _local(self, k: int, time: FloatArray) -> FloatArray:
+        """Time within a part; a rounding must not carry it over a seam: beyond, a part stands."""
+        low = -np.inf if k == 0 else 0.0
+        high = np.inf if k == len(self.parts) - 1 else self.parts[k].duration
+        return np.clip(time, low, high)

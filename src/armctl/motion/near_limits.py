@@ -28,7 +28,9 @@ class Limit:
     joint: int
 
 
-def near_limits(robot: Robot, motion: MotionAnalysis, quantity: Derivative, *, every: bool = False) -> list[Limit]:
+def near_limits(
+    robot: Robot, motion: MotionAnalysis, quantity: Derivative, *, every: bool = False
+) -> list[Limit]:
     """The joint limits that a motion comes near to, in degrees and seconds.
 
     Args:

@@ -24,7 +24,7 @@ class PathError:
     """Distances from the ideal path."""
 
     time: FloatArray
-    """(k,) [s]; the number of the reading where times are not known"""
+    """(k,) [s]; numbers of readings where their times are not known"""
     distance: FloatArray
     """(k,) [m]"""
 
@@ -54,7 +54,9 @@ def path_error(robot: Robot, trajectory: Trajectory, ideal: IdealPath, tick_s: f
         tick_s: between two setpoints [s]; longer where the motion would have more than 100,000 of them.
     """
     ticks = min(math.ceil(trajectory.duration / tick_s - 1e-9), _MOST_TICKS)
-    time = np.minimum(np.arange(ticks + 1) * max(tick_s, trajectory.duration / _MOST_TICKS), trajectory.duration)
+    time = np.minimum(
+        np.arange(ticks + 1) * max(tick_s, trajectory.duration / _MOST_TICKS), trajectory.duration
+    )
     points = robot.forward(trajectory.sample(time).q)[:, :3, 3]
     return PathError(time, distances(ideal, points))
 

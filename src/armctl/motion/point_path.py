@@ -100,7 +100,9 @@ def plan_blended(
     """
     _require_two(stops)
     if not radius_m > 0:
-        raise InputError(f"a blend radius must be positive, got {1000 * radius_m:g} mm; or stop at each point")
+        raise InputError(
+            f"a blend radius must be positive, got {1000 * radius_m:g} mm; or stop at each point"
+        )
     inside = [robot.check_limits(stop) for stop in stops]
     legs = [
         Leg(PiecewisePolynomial([0.0, 1.0], np.stack([start, end - start])[None]), radius_m)

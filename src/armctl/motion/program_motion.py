@@ -8,10 +8,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from armctl.errors import ArmctlError, MotionRefusedError
+from armctl.errors import ArmctlError, InputError, MotionRefusedError, ProgramError
 from armctl.motion.blend import Entry, Leg, blend
 from armctl.motion.preflight import preflight_batch
 from armctl.motion.program import Cursor, MotionStep, Program, SpeedStep, Step
+from armctl.motion.program_check import check_program
 from armctl.motion.step_plan import leg_of, plan_step
 from armctl.motion.trajectory import Trajectory
 from armctl.robot import Robot
@@ -98,6 +99,50 @@ class _Drawn:
     """its path, where it moves"""
     after: PlanState
     """the state after it"""
+
+
+def begin_program(
+    robot: Robot,
+    program: Program,
+    start: FloatArray,
+    *,
+    loops: int | None = 1,
+    first: int = 0,
+    count: int | None = None,
+) -> PlanState:
+    """Check a program and stand before its first step.
+
+    Args:
+        robot: the arm.
+        program: what to run.
+        start: (n,) where the arm stands [rad].
+        loops: how many passes; None: without end.
+        first: index of the step that the first pass begins with.
+        count: how many steps to run; None: all.
+
+    Raises:
+        InputError: ``loops``, ``first`` or ``count`` that cannot be.
+        ProgramError: as ``require_runnable``.
+    """
+    require_runnable(robot, program)
+    if not 0 <= first < len(program.steps):
+        raise InputError(f"{program.name} has no step {first + 1}; it has {len(program.steps)}")
+    if loops is not None and loops < 1:
+        raise InputError(f"a program runs once or more often, not {loops} times")
+    if count is not None and count < 1:
+        raise InputError(f"a program runs one step or more, not {count}")
+    return PlanState(start, loops, count, first=first)
+
+
+def require_runnable(robot: Robot, program: Program) -> None:
+    """Refuse what can be refused without planning.
+
+    Raises:
+        ProgramError: another robot's program, no steps, or a step that this arm cannot run.
+    """
+    errors = [f for f in check_program(program, robot, motions=False) if f.severity == "error"]
+    if errors:
+        raise ProgramError(f"{program.name}: {errors[0]}")
 
 
 def plan_next(robot: Robot, source: ProgramSource, state: PlanState) -> tuple[list[PlannedStep], PlanState]:

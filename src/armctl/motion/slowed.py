@@ -1,4 +1,4 @@
-"""A motion that takes longer: what a speed below 100 % makes of it."""
+"""The same motion, slower."""
 
 from __future__ import annotations
 
@@ -13,46 +13,46 @@ FloatArray = NDArray[np.float64]
 
 
 class SlowedTrajectory:
-    """Another trajectory on the same path at a constant share of its speed. Immutable."""
+    """A trajectory that takes a number of times as long, on the same way. Immutable."""
 
-    def __init__(self, trajectory: Trajectory, speed: float) -> None:
+    def __init__(self, trajectory: Trajectory, factor: float) -> None:
         """Slow down.
 
         Args:
-            trajectory: the motion at full speed.
-            speed: share of it, above 0, at most 1.
+            trajectory: what is slowed down.
+            factor: how many times as long it takes, at least 1.
 
         Raises:
-            InputError: a share that cannot be.
+            InputError: a factor under 1, or not finite.
         """
-        if not 0 < speed <= 1:
-            raise InputError(f"a motion cannot run at {100 * speed:g} % of its speed")
-        self._fast, self._speed = trajectory, speed
+        if not 1.0 <= factor < np.inf:
+            raise InputError(f"a motion is slowed down by a factor of 1 or more, not {factor}")
+        self._trajectory = trajectory
+        self._factor = factor
 
     @property
     def duration(self) -> float:
         """Seconds."""
-        return self._fast.duration / self._speed
+        return self._factor * self._trajectory.duration
 
     @property
     def start(self) -> FloatArray:
         """Where it starts (n,) [rad]."""
-        return self._fast.start
+        return self._trajectory.start
 
     @property
     def end(self) -> FloatArray:
         """Where it ends (n,) [rad]."""
-        return self._fast.end
+        return self._trajectory.end
 
     @property
     def peaks(self) -> Peaks:
-        """Extremes of the whole motion."""
-        fast = peaks_of(self._fast)
-        return Peaks(fast.low, fast.high, fast.speed * self._speed, fast.acceleration * self._speed**2)
+        """Extremes of the whole motion, as well known as those of the trajectory it was made of."""
+        peaks, f = peaks_of(self._trajectory), self._factor
+        return Peaks(peaks.low, peaks.high, peaks.speed / f, peaks.acceleration / f**2)
 
     def sample(self, t: float | FloatArray) -> Sample:
         """State at ``t`` [s], a number or (k,); outside the duration it holds the nearer end."""
-        state, speed = self._fast.sample(np.asarray(t, dtype=np.float64) * self._speed), self._speed
-        return Sample(
-            state.q, state.velocity * speed, state.acceleration * speed**2, state.jerk * speed**3
-        )
+        f = self._factor
+        state = self._trajectory.sample(np.asarray(t, dtype=np.float64) / f)
+        return Sample(state.q, state.velocity / f, state.acceleration / f**2, state.jerk / f**3)

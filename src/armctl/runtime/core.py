@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from armctl.errors import ArmctlError, BoardError, MotionRefusedError, StateError
 from armctl.hardware import Driver, Source
-from armctl.motion import Floor
+from armctl.motion import Floor, Trajectory
 from armctl.robot import Robot
 from armctl.runtime.activity import Activity, Setpoint
 from armctl.runtime.board import Board
@@ -21,7 +21,8 @@ from armctl.runtime.log import EventLog
 from armctl.runtime.monitor import Monitor
 from armctl.runtime.mover import PathMover
 from armctl.runtime.notices import Notices
-from armctl.runtime.planner import Pending, Planner, result_of
+from armctl.runtime.planner import BegunProgram, Pending, PendingEdit, Planner, result_of
+from armctl.runtime.program_runner import ProgramRunner
 from armctl.runtime.snapshot import State
 from armctl.runtime.ticket import Ticket
 
@@ -55,6 +56,7 @@ class Core:
         self.activity: Activity | None = None
         self.ticket: Ticket | None = None
         self.pending: Pending | None = None
+        self.edit: PendingEdit | None = None
         self.stopping: list[Ticket] = []
         self.stopped_by = ""
         self.leaving: Ticket | None = None
@@ -92,7 +94,7 @@ class Core:
             return
         self.pending = None
         try:
-            trajectory = result_of(pending.future)
+            plan: Trajectory | BegunProgram = result_of(pending.future)
             q = self.gate.q
             if self.state is not State.HOLDING or q is None or not np.array_equal(q, pending.start):
                 raise StateError(
@@ -102,9 +104,34 @@ class Core:
             self.log.warning(f"{pending.label} ({pending.who}) refused: {error}")
             pending.ticket.refuse(error)
             return
-        self.begin(
-            PathMover(self.robot, trajectory, self.speed, pending.label), pending.ticket, pending.who, now
+        activity: Activity
+        if isinstance(plan, BegunProgram):
+            activity = ProgramRunner(
+                self.robot, pending.loops, pending.first, plan, self.planner, self.gripper, self.speed
+            )
+        else:
+            activity = PathMover(self.robot, plan, self.speed, pending.label)
+        self.begin(activity, pending.ticket, pending.who, now)
+
+    def take_edit(self) -> None:
+        """Hand a checked version of the running program on to it."""
+        edit = self.edit
+        if edit is None or not edit.future.done():
+            return
+        self.edit = None
+        try:
+            result_of(edit.future)
+            if not isinstance(self.activity, ProgramRunner):
+                raise StateError("the program has ended; run it again")
+        except ArmctlError as error:
+            self.log.warning(f"edit of {edit.program.name!r} ({edit.who}) refused: {error}")
+            edit.ticket.refuse(error)
+            return
+        self.activity.update(edit.program)
+        self.log.info(
+            f"program {edit.program.name!r} was edited; this takes effect at the next pass ({edit.who})"
         )
+        edit.ticket.finish()
 
     def advance(self, now: float, *, urgent: bool) -> None:
         """Move on to ``now`` and send one setpoint where something changed."""

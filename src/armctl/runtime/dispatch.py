@@ -18,7 +18,7 @@ from armctl.runtime import power
 from armctl.runtime.core import POWERED, Core
 from armctl.runtime.follower import FOLLOW_EXPIRY_S, Follower
 from armctl.runtime.jog import JOG_EXPIRY_S, Jogger
-from armctl.runtime.planner import Pending
+from armctl.runtime.planner import Pending, PendingEdit
 from armctl.runtime.program_runner import ProgramRunner
 from armctl.runtime.snapshot import State
 from armctl.runtime.ticket import Ticket
@@ -92,9 +92,9 @@ def _carry_out(core: Core, order: Order, now: float) -> bool:
         case c.MoveGripper(opening):
             return _move_gripper(core, opening, order)
         case c.RunProgram():
-            return _run_program(core, order.command, order, now)
+            return _run_program(core, order.command, order)
         case c.UpdateProgram(program):
-            _update_program(core, program, who)
+            return _update_program(core, program, order)
         case c.MoveJoints(q, duration_s, profile):
             start = _standing_start(core)
             goal = core.robot.check_limits(q)
@@ -276,25 +276,19 @@ def _move_gripper(core: Core, opening: float, order: Order) -> bool:
     return False
 
 
-def _run_program(core: Core, command: c.RunProgram, order: Order, now: float) -> bool:
+def _run_program(core: Core, command: c.RunProgram, order: Order) -> bool:
     start = _standing_start(core)
-    runner = ProgramRunner(
-        core.robot,
-        command.program,
-        command.loops,
-        command.first,
-        start,
-        core.planner,
-        core.gripper,
-        core.speed,
-        command.count,
-    )
-    core.begin(runner, order.ticket, order.origin.who, now)
+    program, loops, first = command.program, command.loops, command.first
+    future = core.planner.begin(program, loops, first, command.count, start)
+    label = f"program {program.name!r}"
+    core.pending = Pending(order.ticket, order.origin.who, start, label, future, loops, first)
     return False
 
 
-def _update_program(core: Core, program: Program, who: str) -> None:
+def _update_program(core: Core, program: Program, order: Order) -> bool:
     if not isinstance(core.activity, ProgramRunner):
         raise StateError("no program runs; press Run")
-    core.activity.update(program)
-    core.log.info(f"program {program.name!r} was edited; the edit takes effect at the next pass ({who})")
+    if core.edit is not None:
+        core.edit.ticket.refuse(StateError("another edit came after it"))
+    core.edit = PendingEdit(order.ticket, order.origin.who, program, core.planner.check_program(program))
+    return False

@@ -18,6 +18,8 @@ _SAME_POSTURE = float(np.radians(20.0))
 """A change of branch with less travel than this passes through the pose where the branches meet [rad]."""
 _DETOUR_M, _DETOUR_SHARE = 0.02, 0.1
 """How much farther from the target the tool may come on its way there, and as a share of its distance."""
+_ROUND_M, _ROUND_SHARE = 0.03, 1.4
+"""How long the way of the tool may be: a turn of the base by 150 degrees is 1.36 times its chord."""
 _LOOKS = 24
 _SHORT_M = 1e-3
 
@@ -126,13 +128,15 @@ def _nearest(robot: Robot, q: FloatArray, found: Solutions) -> tuple[FloatArray,
 def _swing_checked(
     robot: Robot, q: FloatArray, goal: FloatArray, point: FloatArray, note: str | None
 ) -> tuple[FloatArray | None, str | None]:
-    """``goal``, unless the tool first goes away from ``point`` (3,) [m] on the way there."""
-    way = q + np.linspace(0.0, 1.0, _LOOKS)[:, None] * (goal - q)
-    distance = np.linalg.norm(robot.forward(way)[:, :3, 3] - point, axis=1)
-    detour = float(distance.max() - distance[0])
-    if detour > _DETOUR_M + _DETOUR_SHARE * float(distance[0]):
+    """``goal``, unless the tool goes a long way round to it, or first away from ``point`` (3,) [m]."""
+    way = robot.forward(q + np.linspace(0.0, 1.0, _LOOKS)[:, None] * (goal - q))[:, :3, 3]
+    distance = np.linalg.norm(way - point, axis=1)
+    length = float(np.linalg.norm(np.diff(way, axis=0), axis=1).sum())
+    straight = float(np.linalg.norm(way[-1] - way[0]))
+    away = float(distance.max() - distance[0])
+    if away > _DETOUR_M + _DETOUR_SHARE * float(distance[0]) or length > _ROUND_M + _ROUND_SHARE * straight:
         return None, (
-            f"the way there would first swing the tool {1000 * detour:.0f} mm away from it; the arm waits: "
-            "lead the target round, or go there with Inverse"
+            f"the way there would swing the tool round, {1000 * length:.0f} mm for {1000 * straight:.0f} mm; "
+            "the arm waits: lead the target round, or go there with Inverse"
         )
     return goal, note

@@ -17,12 +17,15 @@ from armctl.motion import (
     PlannedStep,
     PlanState,
     Profile,
+    Program,
     ProgramSource,
     Trajectory,
+    begin_program,
     plan_joints,
     plan_next,
     plan_target,
     require_clear,
+    require_runnable,
 )
 from armctl.robot import Robot
 from armctl.runtime.keep_clear import KeepClear
@@ -36,16 +39,40 @@ _START_TOLERANCE = 1e-6
 _LOGGER = logging.getLogger("armctl.runtime")
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class BegunProgram:
+    """A program that is checked, with its first steps planned."""
+
+    source: ProgramSource
+    steps: list[PlannedStep]
+    state: PlanState
+    """after those steps"""
+
+
 @dataclass(frozen=True, slots=True)
 class Pending:
-    """A motion that is being planned."""
+    """A motion or a program that is being planned."""
 
     ticket: Ticket
     who: str
     start: FloatArray
     """(n,) where it was planned from [rad]"""
     label: str
-    future: Future[Trajectory]
+    future: Future[Trajectory] | Future[BegunProgram]
+    loops: int | None = 1
+    """of a program"""
+    first: int = 0
+    """of a program: the step that it begins with"""
+
+
+@dataclass(frozen=True, slots=True)
+class PendingEdit:
+    """Another version of the running program, which is being checked."""
+
+    ticket: Ticket
+    who: str
+    program: Program
+    future: Future[None]
 
 
 class InlineExecutor(Executor):
@@ -81,6 +108,16 @@ class Planner:
     ) -> Future[Trajectory]:
         """Plan to a target of the tool."""
         return self._submit(plan_target, self._robot, start, target, choose, duration_s, profile)
+
+    def begin(
+        self, program: Program, loops: int | None, first: int, count: int | None, start: FloatArray
+    ) -> Future[BegunProgram]:
+        """Check a program and plan its first steps."""
+        return self._submit(_begun, self._robot, program, loops, first, count, start)
+
+    def check_program(self, program: Program) -> Future[None]:
+        """Check a program as far as that goes without planning."""
+        return self._submit(require_runnable, self._robot, program)
 
     def ahead(self, source: ProgramSource, state: PlanState) -> Future[tuple[list[PlannedStep], PlanState]]:
         """Plan the next steps of a program."""
@@ -118,6 +155,14 @@ def result_of(future: Future[T]) -> T:
         raise error
     _LOGGER.error("planning failed", exc_info=error)
     raise ArmctlError(f"planning failed: {type(error).__name__}: {error}") from error
+
+
+def _begun(
+    robot: Robot, program: Program, loops: int | None, first: int, count: int | None, start: FloatArray
+) -> BegunProgram:
+    source = ProgramSource(program)
+    state = begin_program(robot, program, start, loops=loops, first=first, count=count)
+    return BegunProgram(source, *plan_next(robot, source, state))
 
 
 def _checked(robot: Robot, start: FloatArray, trajectory: Trajectory) -> Trajectory:

@@ -7,8 +7,8 @@ from concurrent.futures import Future
 from dataclasses import replace
 
 from armctl.errors import ArmctlError
-from armctl.motion import PlannedStep, PlanState, Program, ProgramSource
-from armctl.runtime.planner import Planner, result_of
+from armctl.motion import PlannedStep, PlanState, Program
+from armctl.runtime.planner import BegunProgram, Planner, result_of
 
 _MOTIONS_AHEAD = 2
 _AHEAD_S = 2.0
@@ -20,14 +20,14 @@ Planned = tuple[list[PlannedStep], PlanState]
 class ProgramFeed:
     """Hands out the steps and keeps the planner ahead of them. Owned by the controller thread."""
 
-    def __init__(self, source: ProgramSource, state: PlanState, planner: Planner) -> None:
-        self._source = source
-        self._state = state
+    def __init__(self, begun: BegunProgram, planner: Planner) -> None:
+        self._source = begun.source
+        self._state = begun.state
         self._planner = planner
-        self._ready: deque[PlannedStep] = deque()
+        self._ready: deque[PlannedStep] = deque(begun.steps)
         self._future: Future[Planned] | None = None
         self._failure: ArmctlError | None = None
-        self._over = False
+        self._over = not begun.steps or begun.steps[-1].error is not None
         self._running_pass = 0
         self._fill()
 

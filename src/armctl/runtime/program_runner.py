@@ -2,30 +2,23 @@
 
 from __future__ import annotations
 
-import numpy as np
-from numpy.typing import NDArray
-
-from armctl.errors import ArmctlError, InputError, ProgramError
+from armctl.errors import ArmctlError, ProgramError
 from armctl.motion import (
     GripperStep,
     PlannedStep,
-    PlanState,
     Program,
-    ProgramSource,
     SpeedStep,
     Trajectory,
     WaitStep,
-    check_program,
 )
 from armctl.robot import Robot
 from armctl.runtime.activity import ActivityView, Setpoint
 from armctl.runtime.gripper import GripperMover
 from armctl.runtime.mover import PathMover
-from armctl.runtime.planner import Planner
+from armctl.runtime.planner import BegunProgram, Planner
 from armctl.runtime.program_feed import ProgramFeed
 from armctl.runtime.snapshot import ProgramProgress
 
-FloatArray = NDArray[np.float64]
 _EARLY_S = 1.0
 """What is begun without a stop is taken this long before it is due."""
 
@@ -36,46 +29,30 @@ class ProgramRunner:
     def __init__(
         self,
         robot: Robot,
-        program: Program,
         loops: int | None,
         first: int,
-        start: FloatArray,
+        begun: BegunProgram,
         planner: Planner,
         gripper: GripperMover,
         speed: float,
-        count: int | None = None,
     ) -> None:
-        """Check what can be checked at once, ask for the first plans and begin if they are there.
+        """Begin with its first step.
 
         Args:
             robot: the arm.
-            program: what to run.
             loops: how often; None: for ever.
             first: index of the step that the first pass begins with.
-            start: (n,) where the arm stands [rad].
-            planner: solves the steps.
+            begun: the program, checked, and its first steps, planned from where the arm stands.
+            planner: solves the other steps.
             gripper: obeys the gripper steps.
             speed: override.
-            count: how many steps to run; None: all.
-
-        Raises:
-            InputError: ``loops``, ``first`` or ``count`` that cannot be.
-            ProgramError: another robot's program, no steps, or a step outside the limits.
         """
-        _require_runnable(robot, program)
-        if not 0 <= first < len(program.steps):
-            raise InputError(f"{program.name} has no step {first + 1}; it has {len(program.steps)}")
-        if loops is not None and loops < 1:
-            raise InputError(f"a program runs once or more often, not {loops} times")
-        if count is not None and count < 1:
-            raise InputError(f"a program runs one step or more, not {count}")
         self._robot = robot
-        self._program = program
+        self._program = begun.source.program
         self._loops = loops
         self._speed, self._percent = speed, 100.0
         self._gripper = gripper
-        state = PlanState(start, loops, count, first=first)
-        self._feed = ProgramFeed(ProgramSource(program), state, planner)
+        self._feed = ProgramFeed(begun, planner)
         self._running: PlannedStep | None = None
         self._first = first
         self._mover: PathMover | None = None
@@ -130,12 +107,7 @@ class ProgramRunner:
         return self._gripping
 
     def update(self, program: Program) -> None:
-        """Go on with another version of the program at the next pass.
-
-        Raises:
-            ProgramError: another robot's program, no steps, a step outside the limits; the old one runs on.
-        """
-        _require_runnable(self._robot, program)
+        """Go on with another version of the program, which was checked, at the next pass."""
         self._program = program
         self._feed.update(program)
 
@@ -267,9 +239,3 @@ class ProgramRunner:
             self._running = step
             self._percent = step.percent
             self.set_speed(self._speed)
-
-
-def _require_runnable(robot: Robot, program: Program) -> None:
-    findings = check_program(program, robot, motions=False)
-    if findings:
-        raise ProgramError(f"{program.name}: {findings[0]}")

@@ -68,7 +68,10 @@ class Track:
         """State at rising times (k,) [s]; at a seam, that of the trajectory before it."""
         first = self._stretches[0]
         if len(self._stretches) == 1 or times[-1] <= first.ends:
-            return first.trajectory.sample(times - first.begins)
+            local = np.maximum(times - first.begins, 0.0)
+            if len(self._stretches) > 1:
+                local = np.minimum(local, first.trajectory.duration)
+            return first.trajectory.sample(local)
         parts: list[Sample] = []
         done = 0
         for number, stretch in enumerate(self._stretches, 1):
@@ -77,7 +80,10 @@ class Track:
             else:
                 count = int(np.searchsorted(times, stretch.ends, side="right"))
             if count > done:
-                parts.append(stretch.trajectory.sample(times[done:count] - stretch.begins))
+                local = times[done:count] - stretch.begins
+                if number < len(self._stretches):  # a rounding must not carry it over the seam
+                    local = np.minimum(local, stretch.trajectory.duration)
+                parts.append(stretch.trajectory.sample(np.maximum(local, 0.0)))
                 done = count
             if done == len(times):
                 break

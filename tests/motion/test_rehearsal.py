@@ -1,0 +1,112 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from armctl import load_robot
+from armctl.errors import InputError, ProgramError
+from armctl.motion import (
+    EndStep,
+    GripperStep,
+    LineStep,
+    MoveStep,
+    PointStep,
+    PointToPoint,
+    Program,
+    RepeatStep,
+    SlowedTrajectory,
+    SpeedStep,
+    Step,
+    WaitStep,
+    peaks_of,
+    rehearse,
+    rehearse_pose,
+)
+
+ROBOT = load_robot("uzuner")
+REST, HOME = ROBOT.pose("rest"), ROBOT.pose("home")
+TO_HOME = MoveStep(joints_deg=tuple(np.degrees(HOME).tolist()))
+TO_REST = MoveStep(joints_deg=tuple(np.degrees(REST).tolist()))
+
+
+def program(*steps: Step, robot: str = "uzuner") -> Program:
+    return Program(robot=robot, name="pick", steps=steps)
+
+
+def test_each_step_takes_its_time() -> None:
+    found = rehearse(
+        ROBOT, program(TO_HOME, WaitStep(seconds=0.5), GripperStep(open_percent=100), TO_REST), REST, 0.0
+    )
+    way = PointToPoint.plan(ROBOT, REST, HOME).duration
+    assert ROBOT.gripper is not None
+    grip = 1 / ROBOT.gripper.speed
+    np.testing.assert_allclose([s.begins for s in found.steps], [0, way, way + 0.5, way + 0.5 + grip])
+    assert found.duration == pytest.approx(2 * way + 0.5 + grip)
+    assert [s.index for s in found.steps] == [0, 1, 2, 3]
+    assert found.sample(way + 0.5 + grip / 2).opening == pytest.approx(0.5)
+    assert found.sample(way + 0.1).index == 1
+    np.testing.assert_array_equal(found.sample(way + 0.1).q, HOME)
+    np.testing.assert_array_equal(found.sample(1e9).q, REST)
+    np.testing.assert_array_equal(found.sample(-1).q, REST)
+    assert not found.cut
+    assert found.tool_path(ROBOT, 50).shape == (50, 3)
+
+
+def test_blended_steps_do_not_stop() -> None:
+    corners = [(180, -60), (180, 60), (220, 60), (220, -60)]
+    steps = [LineStep(x_mm=x, y_mm=y, z_mm=100, pitch="free", blend_mm=10) for x, y in corners]
+    found = rehearse(ROBOT, program(PointStep(x_mm=220, y_mm=-60, z_mm=100), *steps), REST)
+    motion = found.trajectory
+    begin, end = found.steps[1].begins, found.steps[-1].begins
+    speed = np.abs(motion.sample(np.linspace(begin + 0.1, end, 500)).velocity).max(axis=1)
+    assert speed.min() > 0.02
+
+
+def test_a_block_is_shown_as_often_as_it_runs_and_slowly_where_asked() -> None:
+    steps = (RepeatStep(times=3), TO_HOME, TO_REST, EndStep(), SpeedStep(percent=50), TO_HOME)
+    found = rehearse(ROBOT, program(*steps), REST)
+    assert [s.index for s in found.steps] == [1, 2, 1, 2, 1, 2, 4, 5]
+    assert found.steps[-1].duration == pytest.approx(2 * found.steps[0].duration)
+
+
+def test_a_long_one_is_cut() -> None:
+    found = rehearse(ROBOT, program(RepeatStep(times=1000), TO_HOME, TO_REST, EndStep()), REST, longest_s=9)
+    assert found.cut
+    assert 9 <= found.duration < 20
+    few = rehearse(ROBOT, program(RepeatStep(times=1000), TO_HOME, TO_REST, EndStep()), REST, most_steps=4)
+    assert few.cut
+    assert len(few.steps) == 4
+
+
+@pytest.mark.parametrize(
+    ("what", "text"),
+    [
+        (program(), "no steps"),
+        (program(TO_HOME, robot="mico"), "for the robot 'mico'"),
+        (program(TO_HOME, PointStep(x_mm=900, y_mm=0, z_mm=0)), "pick: step 2: too far"),
+    ],
+)
+def test_what_cannot_be_run_is_refused(what: Program, text: str) -> None:
+    with pytest.raises(ProgramError, match=text):
+        rehearse(ROBOT, what, REST)
+
+
+def test_a_pose() -> None:
+    found = rehearse_pose(ROBOT, REST, HOME, 0.25)
+    np.testing.assert_array_equal(found.sample(found.duration).q, HOME)
+    assert found.sample(0.1).opening == 0.25
+
+
+def test_slower_is_the_same_way() -> None:
+    motion = PointToPoint.plan(ROBOT, REST, HOME, profile="s-curve")
+    slow = SlowedTrajectory(motion, 4.0)
+    t = np.linspace(0, motion.duration, 200)
+    here, there = motion.sample(t), slow.sample(4 * t)
+    np.testing.assert_allclose(there.q, here.q, atol=1e-12)
+    np.testing.assert_allclose(there.velocity, here.velocity / 4, atol=1e-12)
+    np.testing.assert_allclose(there.acceleration, here.acceleration / 16, atol=1e-9)
+    np.testing.assert_allclose(there.jerk, here.jerk / 64, atol=1e-6)
+    np.testing.assert_allclose(peaks_of(slow).speed, peaks_of(motion).speed / 4)
+    for factor in (0.5, np.nan, np.inf):
+        with pytest.raises(InputError, match="factor of 1 or more"):
+            SlowedTrajectory(motion, factor)
