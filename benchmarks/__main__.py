@@ -14,7 +14,17 @@ from benchmarks.measure import FULL, QUICK, Effort
 from benchmarks.readme import README, with_table
 from benchmarks.row import Row
 from benchmarks.table import table
-from benchmarks.works import elsewhere, forward, jacobian, least_rotation, off_manifold, pose, sweep
+from benchmarks.works import (
+    elsewhere,
+    forward,
+    jacobian,
+    least_rotation,
+    off_manifold,
+    pose,
+    spline,
+    sweep,
+    ticks,
+)
 
 RESULTS = Path(__file__).parent / "results"
 WORKS = {
@@ -24,6 +34,8 @@ WORKS = {
     "least_rotation": least_rotation,
     "pose": pose,
     "off_manifold": off_manifold,
+    "spline": spline,
+    "ticks": ticks,
     "elsewhere": elsewhere,
 }
 

@@ -15,24 +15,31 @@ class Goal:
     """A bound on armctl against its reference.
 
     ``time`` bounds armctl's time as a multiple of the reference's from above, ``speed`` how many times
-    faster armctl must be from below, ``share`` the share of targets that armctl must solve from below.
+    faster armctl must be from below, ``share`` the share of targets that armctl must solve from below,
+    ``lateness`` milliseconds from above; there is no reference to the last one.
     """
 
-    of: Literal["time", "speed", "share"]
+    of: Literal["time", "speed", "share", "lateness"]
     bound: float
 
     def is_met(self, figure: float) -> bool:
-        return figure <= self.bound if self.of == "time" else figure >= self.bound
+        return figure <= self.bound if self._is_upper else figure >= self.bound
 
     def said(self, figure: float) -> str:
         """The figure in the goal's own terms."""
         if self.of == "share":
             return f"{100 * figure:.4g} %"
+        if self.of == "lateness":
+            return f"{figure:.2f} ms"
         number = f"{figure:,.0f}" if figure >= 1000 else f"{figure:.3g}"
         return f"{number} × {'the time' if self.of == 'time' else 'as fast'}"
 
     def __str__(self) -> str:
-        return f"{'≤' if self.of == 'time' else '≥'} {self.said(self.bound)}"
+        return f"{'≤' if self._is_upper else '≥'} {self.said(self.bound)}"
+
+    @property
+    def _is_upper(self) -> bool:
+        return self.of in ("time", "lateness")
 
 
 @dataclass(frozen=True)

@@ -11,11 +11,6 @@ from benchmarks.row import Row
 def rows(effort: Effort) -> Iterator[Row]:
     del effort
     yield Row(
-        "58-point spline, sampled at 1,000 ticks",
-        "scipy's CubicSpline",
-        missing="not measured here: armctl has no spline yet",
-    )
-    yield Row(
         "lateness of a 50 Hz tick, five pages open", "p99 ≤ 1 ms", missing="not measured here: needs browsers"
     )
     yield Row("STOP, click to bytes on the wire", "p99 ≤ 50 ms", missing="not measured here: needs a browser")

@@ -106,7 +106,7 @@ def test_stop_ends_it_until_the_page_has_been_silent(rig: Rig) -> None:
     follow(rig, TOOL + np.array([0.0, 0.15, 0.0]), 0.4)
     rig.controller.stop(TEST)
     rig.tick()
-    with pytest.raises(StateError, match="stopped while it was following its target; let go first"):
+    with pytest.raises(StateError, match="the arm was stopped; switch the live target on again"):
         follow(rig, TOOL)
     rig.until(lambda s: s.state is State.HOLDING, seconds=1)
     assert rig.now.cause == "stopped by test"

@@ -223,13 +223,23 @@ def test_speeds_that_cannot_be(command: JogTool, text: str) -> None:
         enabled().do(command).accepted.result(0)
 
 
-def test_an_arm_without_a_direction_says_so() -> None:
-    robot = load_robot("mico")
-    rig = enabled(robot)
+@pytest.mark.parametrize(
+    ("name", "pitch_rate", "roll_rate", "text"),
+    [("mico", 0.3, 0.0, "cannot pitch"), ("humanoid", 0.0, 0.3, "cannot roll")],
+)
+def test_a_turn_that_the_arm_has_not_is_refused(
+    name: str, pitch_rate: float, roll_rate: float, text: str
+) -> None:
+    with pytest.raises(InputError, match=f"the tool of {name} {text} while its point stays"):
+        enabled(load_robot(name)).do(JogTool(np.zeros(3), pitch_rate, roll_rate)).accepted.result(0)
+
+
+def test_a_direction_that_is_lost_says_so() -> None:
+    rig = make_rig().enable(np.radians([0, 90, 0, 0, 0]))  # stretched straight up
     before = rig.now.q_command
-    hold(rig, JogTool(np.zeros(3), pitch_rate=0.3), 0.3)
-    assert rig.now.warnings == ("jog: no joint of this arm can move its tool this way from here",)
-    assert rig.now.q_command == pytest.approx(before, abs=1e-9)
+    hold(rig, along("Z", 0.05), 0.3)
+    assert len(rig.now.warnings) == 1
+    assert rig.now.q_command == pytest.approx(before, abs=np.radians(0.5))
 
 
 def test_zero_does_not_begin_a_jog() -> None:

@@ -15,6 +15,7 @@ from armctl.motion.blend import Leg, blend
 from armctl.motion.joined import JoinedTrajectory
 from armctl.motion.plan import Profile, plan_joints, solve
 from armctl.motion.polynomial import PiecewisePolynomial
+from armctl.motion.preflight import preflight_batch
 from armctl.motion.slowed import SlowedTrajectory
 from armctl.motion.trajectory import Trajectory
 from armctl.robot import Robot
@@ -116,7 +117,7 @@ def plan_blended(
     if duration_s is None:
         return shortest
     _require_time(duration_s, shortest.duration)
-    return SlowedTrajectory(shortest, min(shortest.duration / duration_s, 1.0))
+    return SlowedTrajectory(shortest, max(duration_s / shortest.duration, 1.0))
 
 
 def _joined(
@@ -131,9 +132,14 @@ def _joined(
     for k, (start, end) in enumerate(pairwise(stops)):
         duration = durations[k] if durations else None
         try:
-            parts.append(plan_joints(robot, start, end, duration, profile, checked=checked))
+            parts.append(plan_joints(robot, start, end, duration, profile, checked=False))
         except MotionRefusedError as cause:
             raise MotionRefusedError(f"from point {k + 1} to point {k + 2}: {cause}") from cause
+    if checked:
+        for k, findings in enumerate(preflight_batch(robot, parts)):
+            errors = [finding for finding in findings if finding.severity == "error"]
+            if errors:
+                raise MotionRefusedError(f"from point {k + 1} to point {k + 2}: {errors[0]}")
     return JoinedTrajectory(parts)
 
 

@@ -11,8 +11,9 @@ from numpy.typing import ArrayLike, NDArray
 from armctl.errors import InputError
 
 FloatArray = NDArray[np.float64]
-_BISECTIONS = 30
-"""A turning point found to 1e-9 of its piece gives a value that is exact to rounding."""
+_BISECTIONS, _POLISHES = 12, 3
+"""A turning point found to 1e-8 of its piece gives a value that is exact to rounding."""
+_FLAT = 1e-300
 
 
 class PiecewisePolynomial:
@@ -38,7 +39,7 @@ class PiecewisePolynomial:
             raise InputError(f"{len(x)} breaks do not fit coefficients of shape {c.shape}")
         if not (np.isfinite(x).all() and np.isfinite(c).all()):
             raise InputError("the breaks and coefficients of a polynomial must be finite numbers")
-        if not (np.diff(x) > 0).all():
+        if not (x[1:] > x[:-1]).all():
             raise InputError("the breaks of a polynomial must rise")
         x.flags.writeable = c.flags.writeable = False
         self.breaks = x
@@ -46,7 +47,7 @@ class PiecewisePolynomial:
         self.coefficients = c
         """(k, degree + 1, n)"""
         self._inner = x[1:-1]
-        self._powers = np.ascontiguousarray(np.moveaxis(c, 1, 0))
+        self._powers = np.ascontiguousarray(c.transpose(1, 0, 2))
 
     @property
     def low(self) -> float:
@@ -79,16 +80,16 @@ class PiecewisePolynomial:
         Returns:
             (order + 1, ..., n).
         """
-        x = np.clip(np.asarray(x, dtype=np.float64), self.breaks[0], self.breaks[-1])
-        if len(self.coefficients) == 1:
-            powers = self._powers[:, 0]
-            h = x - self.breaks[0]
-        else:
-            piece = np.searchsorted(self._inner, x, side="left")
-            powers = self._powers.take(piece, axis=1)
-            h = x - self.breaks[piece]
-        h = h[..., None]
-        return np.stack([_horner(powers, h, k) for k in range(order + 1)])
+        x = np.asarray(x, dtype=np.float64)
+        x = np.minimum(np.maximum(x, self.breaks[0]), self.breaks[-1])
+        piece = self._inner.searchsorted(x)
+        powers = self._powers.take(piece, axis=1)
+        # once for each coordinate, so that all that follows runs over whole arrays
+        h = (x - self.breaks.take(piece))[..., None].repeat(self.n, axis=-1)
+        values = np.empty((order + 1, *h.shape))
+        for k in range(order + 1):
+            _horner(powers, h, k, values[k])
+        return values
 
     def derivative(self) -> PiecewisePolynomial:
         """The derivative as a polynomial of its own."""
@@ -149,9 +150,16 @@ class PiecewisePolynomial:
     def extremes_by_piece(self) -> tuple[FloatArray, FloatArray]:
         """Smallest and largest values (k, n) each, of every piece."""
         unit = self._unit()
-        at = _turning_points(unit)
-        values = _horner(np.moveaxis(unit, 1, 0), at, 0)
-        return values.min(axis=0), values.max(axis=0)
+        control = np.einsum("ip,kpn->ikn", _bernstein(unit.shape[1]), unit)
+        low, high = np.minimum(control[0], control[-1]), np.maximum(control[0], control[-1])
+        # only where a control point lies beyond both ends can the curve turn within the piece
+        turning = ((control < low) | (control > high)).any(axis=0)
+        if turning.any():
+            form = unit.transpose(1, 0, 2)[:, turning]
+            values = _horner(form, _turning_points(form), 0)
+            low[turning] = np.minimum(low[turning], values.min(axis=0))
+            high[turning] = np.maximum(high[turning], values.max(axis=0))
+        return low, high
 
     def bounds_by_piece(self) -> tuple[FloatArray, FloatArray]:
         """What the values (k, n) of every piece never go below and above; cheap, and close for short pieces.
@@ -174,15 +182,23 @@ class PiecewisePolynomial:
         return self.coefficients * powers[:, :, None]
 
 
-def _horner(c: FloatArray, h: FloatArray, order: int) -> FloatArray:
+def _horner(c: FloatArray, h: FloatArray, order: int, out: FloatArray | None = None) -> FloatArray:
     """The ``order``-th derivative; ``c`` (degree + 1, ..., n), lowest power first."""
     degree = len(c) - 1
+    value = np.empty(np.broadcast_shapes(c.shape[1:], h.shape)) if out is None else out
     if order >= degree:
-        flat = np.zeros(np.broadcast_shapes(c.shape[1:], h.shape))
-        return flat + math.perm(degree, order) * c[degree] if order == degree else flat
-    value = h * c[degree] if order == 0 else h * (math.perm(degree, order) * c[degree])
+        value[...] = math.perm(degree, order) * c[degree]  # 0 where the order is beyond the degree
+        return value
+    np.multiply(c[degree], h, out=value)
+    if order == 0:
+        for p in range(degree - 1, 0, -1):
+            value += c[p]
+            value *= h
+        value += c[0]
+        return value
+    value *= math.perm(degree, order)
     for p in range(degree - 1, order, -1):
-        value += c[p] if order == 0 else math.perm(p, order) * c[p]
+        value += math.perm(p, order) * c[p]
         value *= h
     value += math.perm(order, order) * c[order]
     return value
@@ -206,26 +222,40 @@ def _derived(c: FloatArray) -> FloatArray:
 
 
 def _turning_points(c: FloatArray) -> FloatArray:
-    """(m, k, n) where polynomials on 0 ... 1 can be largest or smallest: the ends and between.
+    """(m, k) where polynomials (degree + 1, k) on 0 ... 1 can be largest or smallest: the ends and between.
 
     Between the turning points of the derivative, the derivative is monotonous: one sign change at most in
-    each stretch, found by bisection. Down to a straight line, this needs no special case.
+    each stretch, found by bisection and polished. Down to a parabola, this needs no special case.
     """
-    ends = np.stack([np.zeros_like(c[:, 0]), np.ones_like(c[:, 0])])
-    slope = _derived(c)
-    if c.shape[1] <= 2:
+    ends = np.stack([np.zeros_like(c[0]), np.ones_like(c[0])])
+    if len(c) <= 2:
         return ends
-    if slope.shape[1] == 2:
-        inside = (np.abs(slope[:, 0]) <= np.abs(slope[:, 1])) & (slope[:, 1] != 0.0)
-        turn = np.divide(-slope[:, 0], slope[:, 1], out=np.zeros_like(c[:, 0]), where=inside)
-        return np.concatenate([ends, np.clip(turn, 0.0, 1.0)[None]])
+    slope = c[1:] * np.arange(1, len(c), dtype=np.float64)[:, None]
+    if len(slope) <= 3:
+        return np.concatenate([ends, _parabola_roots(*slope)])
     grid = np.sort(_turning_points(slope), axis=0)
     low, high = grid[:-1].copy(), grid[1:].copy()
-    form = np.moveaxis(slope, 1, 0)
-    rising = _horner(form, high, 0) >= _horner(form, low, 0)
+    rising = _horner(slope, high, 0) >= _horner(slope, low, 0)
     for _ in range(_BISECTIONS):
         middle = 0.5 * (low + high)
-        left = (_horner(form, middle, 0) >= 0) == rising
+        left = (_horner(slope, middle, 0) >= 0) == rising
         high = np.where(left, middle, high)
         low = np.where(left, low, middle)
-    return np.concatenate([ends, 0.5 * (low + high)])
+    root = 0.5 * (low + high)
+    for _ in range(_POLISHES):
+        rise = _horner(slope, root, 1)
+        step = np.divide(_horner(slope, root, 0), rise, out=np.zeros_like(root), where=np.abs(rise) > _FLAT)
+        root = np.clip(root - step, low, high)
+    return np.concatenate([ends, root])
+
+
+def _parabola_roots(c0: FloatArray, c1: FloatArray, c2: FloatArray | None = None) -> FloatArray:
+    """(2, k) where ``c0 + c1 x + c2 x²`` changes its sign on 0 ... 1; an end where it does not."""
+    a = np.zeros_like(c1) if c2 is None else c2
+    square = c1 * c1 - 4 * a * c0
+    far = -0.5 * (c1 + np.copysign(np.sqrt(np.maximum(square, 0.0)), c1))  # no two alike are subtracted
+    roots = []
+    for above, below in ((far, a), (c0, far)):
+        inside = (square >= 0) & (np.abs(above) <= np.abs(below)) & (below != 0.0)
+        roots.append(np.clip(np.divide(above, below, out=np.zeros_like(c1), where=inside), 0.0, 1.0))
+    return np.stack(roots)

@@ -54,7 +54,9 @@ class RehearsedState:
 class Rehearsal:
     """Steps one after another. Immutable."""
 
-    def __init__(self, steps: tuple[RehearsedStep, ...], *, cut: bool = False) -> None:
+    def __init__(
+        self, steps: tuple[RehearsedStep, ...], *, cut: bool = False, broken: PlannedStep | None = None
+    ) -> None:
         """Take at least one step.
 
         Raises:
@@ -65,6 +67,8 @@ class Rehearsal:
         self.steps = steps
         self.cut = cut
         """there is more of the program than was asked for"""
+        self.broken = broken
+        """the step after these, which cannot be run; None: all can"""
         self._begins = [step.begins for step in steps]
 
     @property
@@ -106,6 +110,7 @@ def rehearse(
     *,
     longest_s: float = math.inf,
     most_steps: int = 100_000,
+    as_far: bool = False,
 ) -> Rehearsal:
     """One pass of a program, as the arm would run it; ``wait`` and the gripper take their time too.
 
@@ -116,6 +121,7 @@ def rehearse(
         opening: of the gripper, 0..1; None: not known.
         longest_s: stop when that much is planned [s].
         most_steps: stop after so many steps.
+        as_far: go as far as a step that cannot be run (``broken``), where there is a step before it.
 
     Raises:
         ProgramError: another robot's program, no steps, or names the step that cannot be run.
@@ -127,6 +133,11 @@ def rehearse(
         if not planned:
             return Rehearsal(tuple(steps))
         for step in planned:
+            if step.error is not None:
+                if as_far and steps:
+                    return Rehearsal(tuple(steps), broken=step)
+                who = f"{step.program.name}: step {step.index + 1}"
+                raise ProgramError(f"{who}: {step.error}") from step.error
             done = _rehearsed(robot, step, start, opening, at)
             steps.append(done)
             start, opening, at = done.trajectory.end, done.opening[1], at + done.duration
@@ -136,8 +147,6 @@ def rehearse(
 def _rehearsed(
     robot: Robot, step: PlannedStep, q: FloatArray, opening: float | None, at: float
 ) -> RehearsedStep:
-    if step.error is not None:
-        raise ProgramError(f"{step.program.name}: step {step.index + 1}: {step.error}") from step.error
     goal, takes = opening, 0.0
     if step.trajectory is not None:
         trajectory: Trajectory = step.trajectory

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from concurrent.futures import Future
+from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -94,7 +96,7 @@ class Core:
             return
         self.pending = None
         try:
-            plan: Trajectory | BegunProgram = result_of(pending.future)
+            plan = result_of(cast("Future[Trajectory | BegunProgram]", pending.future))
             q = self.gate.q
             if self.state is not State.HOLDING or q is None or not np.array_equal(q, pending.start):
                 raise StateError(

@@ -22,11 +22,14 @@ from armctl.runtime.planner import Pending, PendingEdit
 from armctl.runtime.program_runner import ProgramRunner
 from armctl.runtime.snapshot import State
 from armctl.runtime.ticket import Ticket
+from armctl.runtime.tool_line import tool_turns
 
 FloatArray = NDArray[np.float64]
 SLOWEST = 0.05
 JOG_GAP_S = 0.2
 """A jog that was held during a STOP must be let go for this long before it moves the arm again."""
+_TURNS = ("pitch", "roll")
+_STOPPED_FOLLOWING = "the arm was stopped; switch the live target on again once it stands"
 FASTEST_TOOL_M_S, FASTEST_TURN_RAD_S = 0.5, math.pi
 """What the tool may be jogged at; the joints' own limits are mostly lower."""
 HELD = (c.Jog, c.JogTool, c.FollowTarget)
@@ -180,7 +183,7 @@ def _set_speed(core: Core, fraction: float, who: str) -> None:
 
 
 def _jog(core: Core, checked: Callable[[], FloatArray | c.JogTool], order: Order, now: float) -> None:
-    _require_let_go(core, order, "jogged")
+    _require_let_go(core, order, "the arm was stopped while it was jogged; let go first")
     wanted = checked()
     activity = core.activity
     if not isinstance(activity, Jogger):
@@ -200,22 +203,22 @@ def _follow_target(core: Core, target: Target | None, order: Order, now: float) 
         if isinstance(activity, Follower):
             activity.stop()
         return
-    _require_let_go(core, order, "following its target")
+    _require_let_go(core, order, _STOPPED_FOLLOWING)
     if not isinstance(activity, Follower):
         q = _led_start(core, "to follow a target")
         activity = Follower(core.robot, core.clear, q, core.speed, core.planner.live_goal)
         core.begin(activity, None, order.origin.who, now)
     elif core.stopped_by:
-        raise StateError("the arm is stopping; switch the live target on again when it stands")
+        raise StateError(_STOPPED_FOLLOWING)
     activity.aim(target, order.given_at + FOLLOW_EXPIRY_S)
 
 
-def _require_let_go(core: Core, order: Order, doing: str) -> None:
+def _require_let_go(core: Core, order: Order, why_not: str) -> None:
     """Refuse what is held since before a STOP: it must be let go of first."""
     gap = order.given_at - core.jogged_at
     core.jogged_at = order.given_at
     if core.jog_locked and gap < JOG_GAP_S:
-        raise StateError(f"the arm was stopped while it was {doing}; let go first")
+        raise StateError(why_not)
     core.jog_locked = False
 
 
@@ -253,10 +256,12 @@ def _checked_tool_jog(core: Core, jog: c.JogTool) -> c.JogTool:
             f"a jog of the tool at {1000 * speed:.0f} mm/s and {math.degrees(rate):.0f} °/s is too fast; "
             f"at most {1000 * FASTEST_TOOL_M_S:.0f} mm/s and {math.degrees(FASTEST_TURN_RAD_S):.0f} °/s"
         )
-    pitch, roll = core.robot.inverse_kinematics.pitch_and_roll(core.robot.pose("home"))
-    for value, has, name in ((jog.pitch_rate, pitch, "pitch"), (jog.roll_rate, roll, "roll")):
-        if value and has is None:
-            raise InputError(f"{core.robot.name} has no tool {name} that could be jogged")
+    if rate:
+        for turn, can, name in zip(
+            (jog.pitch_rate, jog.roll_rate), tool_turns(core.robot), _TURNS, strict=True
+        ):
+            if turn and not can:
+                raise InputError(f"the tool of {core.robot.name} cannot {name} while its point stays")
     return jog
 
 

@@ -14,8 +14,8 @@ from armctl.robot import Robot
 FloatArray = NDArray[np.float64]
 _ROUNDING = 1e-9
 _STEP_M = 5e-3
-"""How far anything moves between two looks along a way."""
-_MOST_LOOKS = 200
+"""How much any gap may change between two looks along a way."""
+_MOST_LOOKS = 400
 
 
 class KeepClear:
@@ -56,7 +56,10 @@ class KeepClear:
         return first
 
     def line(self, start: FloatArray, end: FloatArray) -> FloatArray:
-        """Configurations (k, n) from ``start`` to ``end`` (n,), evenly spaced, near enough to each other."""
+        """Configurations (k, n) from ``start`` to ``end`` (n,), evenly spaced.
+
+        Near enough to each other for ``blocked``, which looks at them and not in between.
+        """
         moves = float((self._levers @ np.abs(end - start)).max(initial=0.0))
         count = int(np.clip(np.ceil(moves / _STEP_M), 1, _MOST_LOOKS))
         return start + np.linspace(0.0, 1.0, count + 1)[:, None] * (end - start)

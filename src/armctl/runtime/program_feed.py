@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections import deque
 from concurrent.futures import Future
-from dataclasses import replace
 
 from armctl.errors import ArmctlError
 from armctl.motion import PlannedStep, PlanState, Program
@@ -22,7 +21,7 @@ class ProgramFeed:
 
     def __init__(self, begun: BegunProgram, planner: Planner) -> None:
         self._source = begun.source
-        self._state = begun.state
+        self._state: PlanState = begun.state
         self._planner = planner
         self._ready: deque[PlannedStep] = deque(begun.steps)
         self._future: Future[Planned] | None = None
@@ -105,7 +104,7 @@ class ProgramFeed:
             outdated = step.program is not self._source.program and step.passes > self._running_pass
             # "before" has no program where the step begins a pass: it takes the newest one there
             if outdated and step.before.program is None and step.before.entry is None:
-                self._state = replace(step.before)
+                self._state = step.before
                 for _ in range(len(self._ready) - k):
                     self._ready.pop()
                 if self._future is not None:

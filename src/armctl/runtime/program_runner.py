@@ -171,10 +171,12 @@ class ProgramRunner:
     def _progress(self) -> ProgramProgress:
         running = self._running
         if running is None:
-            return ProgramProgress(self._program.name, self._first, len(self._program.steps), 0, self._loops)
-        passes = running.passes + (1 if self.done and not self._stopped and self._error is None else 0)
-        steps = running.program.steps
-        return ProgramProgress(running.program.name, running.index, len(steps), passes, self._loops)
+            program, index, passes = self._program, self._first, 0
+        else:
+            over = self.done and not self._stopped and self._error is None
+            program, index, passes = running.program, running.index, running.passes + over
+        count = len(program.steps)
+        return ProgramProgress(program.name, index, count, passes, self._loops, program, self._program)
 
     @property
     def _busy(self) -> bool:

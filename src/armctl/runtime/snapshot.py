@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armctl.hardware import BoardIdentity, Source
+from armctl.motion import Program
 
 FloatArray = NDArray[np.float64]
 
@@ -36,6 +37,10 @@ class ProgramProgress:
     """passes finished"""
     loops: int | None
     """None: for ever"""
+    running: Program
+    """the version that the running step belongs to"""
+    coming: Program
+    """the version that the next pass takes; another one after an edit"""
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from armctl.kinematics.velocity import damped_inverse, turning_speeds
+from armctl.kinematics.velocity import damped_inverse, position_leaves_pitch, turning_speeds
 from armctl.motion.paths.tool_pitch import PitchRows, PlanePitch, pitch_rows
 from armctl.robot import Robot
 from armctl.runtime.commands import JogTool
@@ -16,19 +16,23 @@ from armctl.runtime.joint_servo import JointServo, fastest_inside
 
 FloatArray = NDArray[np.float64]
 _REFINEMENTS = 1
+"""How often the rates are taken anew where the tick will end."""
 _PULL_BACK_S = 0.02
 """A tool beside its line comes back to it with this time constant, or within two ticks."""
 _SHARE_TO_BRAKE = 0.8
 """of the acceleration that counts on when it plans to brake along the line: the rest is for its curvature"""
 _SHARE_TO_BEND = 0.3
 """of the acceleration that may go into the curvature of the joints' way"""
-_ASIDE = 0.02
-"""How far from its direction the tool may be led near a singular pose, as a share of its speed."""
+_ASIDE, _LOST = 0.02, 0.3
+"""How far aside the tool may be led near a singular pose, as a share of its speed: on its way there, and on
+its way out."""
 _RANK = 1e-9
 _NEAR_SECOND = 0.15
 """Singular values below this fade: what comes second must not make the joints race [rad/rad]."""
 _STANDS = 0.02
+"""A tool that a limit leaves no more than this share of its speed stands at the limit."""
 _UPRIGHT = 0.05
+"""A tool whose axis is this near to the vertical is pitched about its own x axis [rad]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,6 +55,18 @@ class _Rates:
     """(n,) back to the line [rad/s]"""
     stray: float
     """how much of the tool's speed is not as the command wants it, as a share"""
+
+
+@dataclass(frozen=True, slots=True)
+class _Pace:
+    """How fast to go."""
+
+    scale: float
+    """share of the command"""
+    speeds: FloatArray
+    """(n,) [rad/s]"""
+    limiting: int | None
+    """the joint whose limit does not let the tool go on"""
 
 
 class ToolLine:
@@ -95,7 +111,7 @@ class ToolLine:
         for _ in range(_REFINEMENTS):  # with the rates of where the tick will end
             pace = self._pace(servo, rates, share, dt)
             rates = self._rates(self._ahead(servo, pace.speeds, dt), pull_back)
-        strays = share > 0.0 and rates.stray > max(_ASIDE, self._stray)
+        strays = share > 0.0 and rates.stray > min(max(_ASIDE, self._stray), _LOST)
         pace = self._pace(servo, rates, 0.0 if strays else share, dt)
         self._bend = np.abs(rates.along - self._along) / max(dt * pace.scale, 1e-9)
         self._stray, self._along = rates.stray, rates.along
@@ -182,16 +198,11 @@ class ToolLine:
         return fastest_inside(room, sign * servo.v, braking, dt)[0]
 
 
-@dataclass(frozen=True, slots=True)
-class _Pace:
-    """How fast to go."""
-
-    scale: float
-    """share of the command"""
-    speeds: FloatArray
-    """(n,) [rad/s]"""
-    limiting: int | None
-    """the joint whose limit does not let the tool go on"""
+def tool_turns(robot: Robot) -> tuple[bool, bool]:
+    """Whether the tool of an arm can be pitched, and rolled, while its point stays."""
+    _, roll = robot.inverse_kinematics.pitch_and_roll(robot.pose("home"))
+    rolls = roll is not None and bool(robot.limits[-1, 0] < robot.limits[-1, 1])
+    return position_leaves_pitch(robot.chain, robot.limits), rolls
 
 
 def _share_of(wanted: FloatArray, allowed: FloatArray) -> float:

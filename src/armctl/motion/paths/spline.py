@@ -35,20 +35,24 @@ def spline_through(points: ArrayLike, weights: ArrayLike | None = None) -> Piece
     p = np.array(points, dtype=np.float64)
     if p.ndim != 2 or p.size == 0 or not np.isfinite(p).all():
         raise InputError(f"a spline needs points (k, n) of finite numbers, got the shape {p.shape}")
-    w = np.ones(p.shape[1]) if weights is None else np.asarray(weights, dtype=np.float64)
-    way = (np.abs(np.diff(p, axis=0)) * w).max(axis=1, initial=0.0)
-    keep = np.append(True, way > _SAME)
-    p, way = p[keep], way[keep[1:]]
+    step = p[1:] - p[:-1]
+    way = np.abs(step if weights is None else step * np.asarray(weights)).max(axis=1, initial=0.0)
+    moves = way > _SAME
+    if not moves.all():
+        p, way = p[np.append(True, moves)], way[moves]
+        step = p[1:] - p[:-1]
     if len(p) < 2:
         raise InputError("a spline needs at least two points that differ")
-    x = np.concatenate([[0.0], np.cumsum(way)])
-    chord = np.diff(p, axis=0) / way[:, None]
+    inverse = 1.0 / way[:, None]
+    chord = step * inverse
     slope = _slopes(way, chord)
     # Hermite's form: value, slope, and what is left for the two higher powers
-    excess = slope[:-1] + slope[1:] - 2 * chord
-    second = (chord - slope[:-1] - excess) / way[:, None]
-    third = excess / (way * way)[:, None]
-    return PiecewisePolynomial(x, np.stack([p[:-1], slope[:-1], second, third], axis=1))
+    c = np.empty((len(way), 4, p.shape[1]))
+    c[:, 0], c[:, 1] = p[:-1], slope[:-1]
+    early, late = (chord - slope[:-1]) * inverse, (slope[1:] - chord) * inverse
+    c[:, 2] = 2 * early - late
+    c[:, 3] = (late - early) * inverse
+    return PiecewisePolynomial(np.concatenate([[0.0], way.cumsum()]), c)
 
 
 def _slopes(h: FloatArray, chord: FloatArray) -> FloatArray:
@@ -60,14 +64,16 @@ def _slopes(h: FloatArray, chord: FloatArray) -> FloatArray:
         middle = (h[1] * chord[0] + h[0] * chord[1]) / (h[0] + h[1])
         return np.stack([2 * chord[0] - middle, middle, 2 * chord[1] - middle])
     # de Boor, A Practical Guide to Splines, chapter IV: continuous curvature at the inner points ...
-    right = np.empty((k, chord.shape[1]))
-    first, last = h[0] + h[1], h[-1] + h[-2]
-    lower, upper = np.append(h[1:], last), np.append(first, h[:-1])
-    middle = np.concatenate([h[1:2], 2 * (h[:-1] + h[1:]), h[-2:-1]])
+    h0, h1, h2, h3 = float(h[0]), float(h[1]), float(h[-2]), float(h[-1])
+    first, last = h0 + h1, h2 + h3
+    lower, upper, middle = np.append(h[1:], last), np.append(first, h[:-1]), np.empty(k)
+    middle[0], middle[-1] = h1, h2
+    middle[1:-1] = 2 * (h[:-1] + h[1:])
+    right = np.empty((k, chord.shape[1]), order="F")
     right[1:-1] = 3 * (h[1:, None] * chord[:-1] + h[:-1, None] * chord[1:])
     # ... and one cubic over the first two pieces and over the last two
-    right[0] = ((h[0] + 2 * first) * h[1] * chord[0] + h[0] ** 2 * chord[1]) / first
-    right[-1] = (h[-1] ** 2 * chord[-2] + (2 * last + h[-1]) * h[-2] * chord[-1]) / last
+    right[0] = (h0 + 2 * first) * h1 / first * chord[0] + h0**2 / first * chord[1]
+    right[-1] = h3**2 / last * chord[-2] + (2 * last + h3) * h2 / last * chord[-1]
     return _tridiagonal(lower, middle, upper, right)
 
 

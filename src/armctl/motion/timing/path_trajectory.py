@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import cached_property
+from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,9 +17,10 @@ from armctl.robot import Robot
 FloatArray = NDArray[np.float64]
 _REGIONS = 4
 """regions a piece of a path, for its limits"""
-_SLICES = np.arange(4) / 4
-"""slices of time between the breaks, for the peaks"""
-_BISECTIONS = 40
+_SLICES, _SLICES_IN_ALL = 4, 256
+"""slices of time between two breaks, for the peaks, and at least in a whole motion of few breaks"""
+_BISECTIONS = 20
+"""for where a slice begins, which need not be exact"""
 
 
 class PathTrajectory:
@@ -43,7 +45,8 @@ class PathTrajectory:
             raise InputError(f"a law from {ends} does not run along a path from {path.low} to {path.high}")
         self.path = path
         self.law = law
-        self._start, self._end = path(np.array([path.low, path.high]))
+        self._start: FloatArray = path(path.low)
+        self._end: FloatArray = path(path.high)
 
     @classmethod
     def fastest(
@@ -106,7 +109,8 @@ class PathTrajectory:
         inside = ((time >= 0.0) & (time <= self.duration))[..., None]
         rate, push, jerk = rate * inside, push * inside, jerk * inside
         q, slope, bend, twist = self.path.derivatives(s[..., 0], 3)
-        q = np.where((time >= self.duration)[..., None], self._end, q)
+        arrived = (time >= self.duration)[..., None]
+        q = cast("FloatArray", np.where(arrived, self._end, q))
         return Sample(
             q,
             slope * rate,
@@ -123,7 +127,8 @@ class PathTrajectory:
         """
         low, high = self.path.extremes()
         time = np.unique(np.concatenate([self.law.breaks, self._crossings()]))
-        time = (time[:-1, None] + np.diff(time)[:, None] * _SLICES).ravel()
+        count = max(_SLICES, _SLICES_IN_ALL // (len(time) - 1))
+        time = (time[:-1, None] + np.diff(time)[:, None] * (np.arange(count) / count)).ravel()
         s = np.clip(self.law(np.append(time, self.duration))[:, 0], self.path.low, self.path.high)
         s[0], s[-1] = self.path.low, self.path.high
         moves = np.diff(s) > 0  # in a slice of a rounding of time nothing happens
