@@ -10,7 +10,19 @@ import pytest
 from tests.browser.kit import Screen, Screens
 from tests.browser.served_arm import ServedArm, served_arm
 
-from armctl.motion import GripperStep, MoveStep, WaitStep, load_program
+from armctl.motion.program import (
+    ArcStep,
+    CommentStep,
+    EndStep,
+    GripperStep,
+    LineStep,
+    MoveStep,
+    PointStep,
+    RepeatStep,
+    SpeedStep,
+    WaitStep,
+    load_program,
+)
 from armctl.runtime import State
 
 pytestmark = pytest.mark.browser
@@ -51,12 +63,12 @@ def click_in(screen: Screen, row: str, button: str) -> None:
     screen.click(button, within=screen.row(row))
 
 
-def unfold_files(screen: Screen) -> None:
-    screen.page.get_by_text("Files", exact=True).click()
+def unfold(screen: Screen, folder: str, button: str) -> None:
+    screen.page.get_by_text(folder, exact=True).click()
     lies_at: list[object] = []
 
     def rests() -> bool:
-        lies_at.append(screen.button("Upload").bounding_box())
+        lies_at.append(screen.button(button).bounding_box())
         return len(lies_at) > 5 and all(box == lies_at[-1] for box in lies_at[-5:])
 
     screen.wait_until(rests, "the folder has unfolded")
@@ -218,9 +230,9 @@ def test_a_broken_upload_names_step_and_key_and_changes_nothing(
     file = tmp_path / "broken.toml"
     file.write_text(BROKEN)
     opened(screen, served, "Serial motion")
-    unfold_files(screen)
+    unfold(screen, "Files", "Upload")
     screen.upload("Upload", file)
-    screen.wait_for_notification(re.compile(r"broken\.toml: step 2.*joint_deg"))
+    screen.wait_for_notification(re.compile(r"broken\.toml: line 9, step 2: unknown key 'joint_deg'"))
     assert served.steps == before
     file.write_text(BROKEN.replace("joint_deg", "joints_deg"))
     screen.upload("Upload", file)
@@ -231,7 +243,7 @@ def test_a_broken_upload_names_step_and_key_and_changes_nothing(
 def test_save_load_and_downloads(screen: Screen, served: ServedArm) -> None:
     served.put(tuple(HOME))
     opened(screen, served, "Serial motion")
-    unfold_files(screen)
+    unfold(screen, "Files", "Upload")
     screen.type_into("Name", "pick one")
     screen.click("Save")
     screen.wait_until(lambda: served.console.programs.saved() == ["pick one"], "the file is there")
@@ -247,7 +259,7 @@ def test_save_load_and_downloads(screen: Screen, served: ServedArm) -> None:
     screen.screenshot("manual-files")
     with screen.page.expect_download() as download:
         screen.click("CSV")
-    assert Path(download.value.path()).read_text().startswith("step,kind,base_deg,")
+    assert Path(download.value.path()).read_text().startswith("step,do,base_deg,")
 
 
 def test_a_long_list_is_paged(screen: Screen, served: ServedArm) -> None:
@@ -269,3 +281,121 @@ def test_a_page_that_watches_can_neither_edit_nor_run(screens: Screens, served: 
     second.click("Delete")
     second.wait_for_notification("this page is watching")
     assert len(served.steps) == 1
+
+
+def downloaded(screen: Screen, button: str) -> Path:
+    with screen.page.expect_download() as download:
+        screen.click(button)
+    path = Path(download.value.path())
+    return path.rename(path.with_name(download.value.suggested_filename))
+
+
+def test_every_kind_of_step_is_recorded_edited_taken_back_exported_and_read_again(
+    screen: Screen, served: ServedArm
+) -> None:
+    opened(screen, served, "Serial motion")
+    screen.click("Record pose")
+    screen.click("Point")
+    served.arm.go_joints([10, 90, -80, -40, 0])
+    screen.click("Line")
+    screen.click("Arc")
+    screen.wait_for_notification("an arc needs a point on its way")
+    screen.click("Set via")
+    screen.wait_for_text(re.compile(r"Arc via \(.*\) mm"))
+    served.arm.go_joints([20, 90, -80, -40, 0])
+    screen.click("Arc")
+    screen.wait_until(lambda: len(served.steps) == 4, "pose, point, line and arc are on the list")
+    assert [type(step) for step in served.steps] == [MoveStep, PointStep, LineStep, ArcStep]
+
+    unfold(screen, "Speed, comment, repeat", "Add repeat")
+    screen.click("Add speed")
+    screen.type_into("Comment", "=SUM(A1)")
+    screen.click("Add comment")
+    screen.type_into("Rows to repeat", "2-3")
+    screen.click("Add repeat")
+    screen.wait_until(lambda: len(served.steps) == 8, "the block is there")
+    kinds = [MoveStep, RepeatStep, PointStep, LineStep, EndStep, ArcStep, SpeedStep, CommentStep]
+    assert [type(step) for step in served.steps] == kinds
+    screen.screenshot("manual-every-kind")
+
+    screen.type_into("Selected row", "4")
+    unfold(screen, "Selected step", "Apply to step")
+    screen.type_into("Tool speed mm/s", "25")
+    screen.type_into("Blend mm", "-1")
+    screen.click("Apply to step")
+    screen.wait_for_notification("Blend mm: expected float >= 0")
+    screen.type_into("Blend mm", "5")
+    screen.screenshot("manual-step-form")
+    line = served.steps[3]
+    screen.click("Apply to step")
+    screen.wait_until(lambda: served.steps[3] != line, "the line is edited")
+    edited = served.steps
+    assert isinstance(edited[3], LineStep)
+    assert (edited[3].speed_mm_s, edited[3].blend_mm) == (25, 5)
+    screen.click("Undo")
+    screen.wait_until(lambda: served.steps[3] == line, "the line is as it was")
+    screen.click("Redo")
+    screen.wait_until(lambda: served.steps == edited, "the line is edited again")
+
+    unfold(screen, "Files", "Upload")
+    for button in ("Download", "CSV", "Python"):
+        file = downloaded(screen, button)
+        screen.click("Delete")
+        screen.wait_until(lambda: served.steps != edited, "a step is deleted")
+        screen.upload("Upload", file)
+        screen.wait_until(lambda: served.steps == edited, f"{file.name} gives the same steps")
+    points = downloaded(screen, "CSV X-Y-Z")
+    assert points.read_text().startswith("step,do,x_mm,y_mm,z_mm,")
+    assert "'=SUM(A1)" in points.read_text()
+    screen.screenshot("manual-files-unfolded")
+    assert screen.errors == []
+
+
+def test_the_check_names_the_step_and_a_run_is_refused_by_it(screen: Screen, served: ServedArm) -> None:
+    served.put(tuple(HOME), (0.0, 90.0, -95.0, -40.0, 0.0))
+    opened(screen, served, "Serial motion")
+    screen.click("Check")
+    screen.wait_for_text(re.compile("Pre-flight: refused"))
+    screen.screenshot("manual-verdict")
+    screen.click("Run once")
+    screen.wait_for_notification(re.compile(r"test: step 2: .*-95\.00°"))
+    assert served.now.program is None
+    screen.type_into("Selected row", "2")
+    screen.click("Delete")
+    screen.wait_until(lambda: len(served.steps) == 1, "the step is deleted")
+    screen.click("Check")
+    screen.wait_for_text(re.compile("Pre-flight: (clear|may be run)"))
+
+
+def test_single_steps_go_through_a_repeat_as_a_whole_run_does(screen: Screen, served: ServedArm) -> None:
+    served.put((5.0, *HOME[1:]), (10.0, *HOME[1:]), (15.0, *HOME[1:]))
+    opened(screen, served, "Serial motion")
+    unfold(screen, "Speed, comment, repeat", "Add repeat")
+    screen.type_into("Rows to repeat", "1-2")
+    screen.click("Add repeat")
+    screen.wait_until(lambda: len(served.steps) == 5, "the block is there")
+    for base in (5.0, 10.0, 5.0, 10.0, 15.0):
+        screen.click("Step")
+        wait_for_deg(screen, served, [base, *HOME[1:]])
+    screen.wait_for_notification("The program is over after this step")
+
+
+def test_a_program_is_edited_while_it_loops(screen: Screen, served: ServedArm) -> None:
+    served.put((5.0, *HOME[1:]), (10.0, *HOME[1:]))
+    opened(screen, served, "Serial motion")
+    screen.click("Loop")
+    screen.wait_for_text(re.compile(r"runs step \d of 2"))
+    screen.type_into("Selected row", "2")
+    unfold(screen, "Selected step", "Apply to step")
+    screen.click("Pause", within=screen.row("While it runs"))
+    screen.wait_until(lambda: served.now.state is State.PAUSED, "the program pauses")
+    screen.type_into("Angles °", "20, 90, -80, -40, 0")
+    screen.click("Apply to step")
+    screen.wait_for_text("the edit takes effect at the next pass")
+    screen.screenshot("manual-edit-waits")
+    assert served.commanded_deg[0] <= 10
+    screen.click("Resume", within=screen.row("While it runs"))
+    screen.wait_until(lambda: served.commanded_deg[0] > 15, "the edit has taken effect")
+    screen.wait_for_text(re.compile(r"runs step \d of 2"))
+    screen.wait_for_text(re.compile(r"▶ [12]"))
+    assert screen.notifications() == []

@@ -10,7 +10,7 @@ from armctl.errors import InputError, MotionRefusedError, StateError
 from armctl.hardware import Source
 from armctl.robot import load_robot
 from armctl.runtime import State
-from armctl.ui.screens.jog_control import Hold
+from armctl.ui.widgets.hold import Hold
 from armctl.ui.widgets.joint_step import (
     asked_pose,
     checked_percent,

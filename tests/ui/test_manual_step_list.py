@@ -1,20 +1,31 @@
 from __future__ import annotations
 
-import csv
-
 import pytest
 
-from armctl.errors import ProgramError
-from armctl.motion import GripperStep, MoveStep, PointStep, Program, WaitStep
-from armctl.robot import load_robot
+from armctl.errors import InputError, ProgramError
+from armctl.motion.program import (
+    ArcStep,
+    CommentStep,
+    EndStep,
+    GripperStep,
+    LineStep,
+    MoveStep,
+    PointStep,
+    Program,
+    RepeatStep,
+    SpeedStep,
+    Step,
+    WaitStep,
+)
 from armctl.ui.widgets import step_edit
-from armctl.ui.widgets.step_list import PAGE_ROWS, describe, page_count, page_of, program_csv, step_table
+from armctl.ui.widgets.step_list import PAGE_ROWS, describe, page_count, page_of, step_table
 
-ROBOT = load_robot("uzuner")
 POSE = MoveStep(joints_deg=(0.0, 90.0, -80.256, -40.0, 0.0))
 POINT = PointStep(x_mm=200.0, y_mm=-10.5, z_mm=100.0, pitch_deg=-30.0)
 WAIT, GRIP = WaitStep(seconds=1.5), GripperStep(open_percent=40)
 PROGRAM = Program(robot="uzuner", steps=(POSE, WAIT, GRIP))
+TWICE, END = RepeatStep(times=2), EndStep()
+BLOCK = Program(robot="uzuner", steps=(POSE, TWICE, WAIT, END, GRIP))
 
 
 def test_steps_in_words() -> None:
@@ -23,6 +34,16 @@ def test_steps_in_words() -> None:
     assert describe(POINT) == ("point", "(200, −10.5, 100) mm, pitch −30°")
     assert describe(WAIT) == ("wait", "1.5 s")
     assert describe(GRIP) == ("gripper", "40 % open")
+    quick = PointStep(x_mm=1, y_mm=2, z_mm=3, roll_deg=5, profile="s-curve", blend_mm=4, duration_s=2)
+    assert describe(quick) == ("point", "(1, 2, 3) mm, roll 5° in 2 s, s-curve, blend 4 mm")
+    line = LineStep(x_mm=1, y_mm=2, z_mm=3, pitch="interpolated", pitch_deg=-45, speed_mm_s=20)
+    assert describe(line) == ("line", "(1, 2, 3) mm, pitch interpolated to −45°, 20 mm/s")
+    arc = ArcStep(via_x_mm=4, via_y_mm=5, via_z_mm=6, x_mm=1, y_mm=2, z_mm=3, blend_mm=1)
+    assert describe(arc) == ("arc", "(1, 2, 3) mm via (4, 5, 6) mm, blend 1 mm")
+    assert describe(SpeedStep(percent=50)) == ("speed", "50 % from here on")
+    assert describe(RepeatStep(times=3)) == ("repeat", "3 times")
+    assert describe(EndStep()) == ("end", "of the repeat")
+    assert describe(CommentStep(note="x")) == ("#", "")
 
 
 def test_pages() -> None:
@@ -45,18 +66,37 @@ def test_notes_are_escaped_and_an_empty_list_says_what_to_do() -> None:
     assert "Record pose" in step_table([], 0, None, None)
 
 
-def test_csv_has_units_in_its_heads_and_a_row_a_step() -> None:
-    program = Program(robot="uzuner", steps=(POSE, POINT, WAIT, GRIP))
-    rows = list(csv.DictReader(program_csv(program, ROBOT).splitlines()))
-    assert list(rows[0])[:7] == ["step", "kind", *(f"{name}_deg" for name in ROBOT.joint_names)]
-    assert [row["kind"] for row in rows] == ["pose", "point", "wait", "gripper"]
-    assert (rows[0]["elbow_deg"], rows[0]["wait_s"]) == ("-80.256", "")
-    assert (rows[1]["x_mm"], rows[1]["pitch_deg"], rows[1]["base_deg"]) == ("200.0", "-30.0", "")
-    assert (rows[2]["wait_s"], rows[3]["gripper_percent"]) == ("1.5", "40")
+def replaced(*steps: Step) -> Program:
+    return Program(robot="uzuner", steps=steps)
+
+
+def test_what_is_repeated_is_set_in() -> None:
+    rows = step_table(BLOCK.steps, 0, None, None).split("<tr")[1:]
+    assert ["padding-left:18px" in row for row in rows] == [False, False, True, False, False]
+
+
+def test_a_blocks_markers_go_and_come_together() -> None:
+    for marker, selected in ((1, 1), (3, 2)):
+        assert step_edit.remove(BLOCK, marker) == (replaced(POSE, WAIT, GRIP), selected)
+    doubled = replaced(POSE, TWICE, WAIT, END, TWICE, WAIT, END, GRIP)
+    assert step_edit.double(BLOCK, 1) == (doubled, 4)
+    assert step_edit.double(BLOCK, 3) == (doubled, 6)
+
+
+def test_a_range_is_wrapped_into_a_block() -> None:
+    assert step_edit.wrap(PROGRAM, "2", 0, 2) == (replaced(POSE, TWICE, WAIT, END, GRIP), 1)
+    assert step_edit.wrap(PROGRAM, "", 1, 2) == (replaced(POSE, TWICE, WAIT, END, GRIP), 1)
+    for text in ("1-3", " 1 – 3 ", "1 to 3", "1…3"):
+        assert step_edit.wrap(PROGRAM, text, 1, 2) == (replaced(TWICE, POSE, WAIT, GRIP, END), 0)
+    for text in ("x", "1,3", "-1", "1-2-3", "1.5"):
+        with pytest.raises(InputError, match=r"is no range of rows; write e.g. 2-5"):
+            step_edit.wrap(PROGRAM, text, 0, 2)
+    with pytest.raises(ProgramError, match="there is no step 4; the program has 3 steps"):
+        step_edit.wrap(PROGRAM, "2-4", 0, 2)
 
 
 def test_recording_at_the_end_before_and_in_place() -> None:
-    end, before, instead = step_edit.PLACES
+    end, before, after, instead = step_edit.PLACES
     assert step_edit.add(PROGRAM, POINT, end, 0)[0].steps == (POSE, WAIT, GRIP, POINT)
     assert step_edit.add(PROGRAM, POINT, end, 0)[1] == 3
     changed, selected = step_edit.add(PROGRAM, POINT, before, 1)
@@ -64,14 +104,15 @@ def test_recording_at_the_end_before_and_in_place() -> None:
     assert changed.steps == (POSE, POINT, GRIP, WAIT, GRIP)
     assert selected == 3
     assert step_edit.add(PROGRAM, POINT, instead, 1)[0].steps == (POSE, POINT, GRIP)
+    assert step_edit.add(PROGRAM, POINT, after, 1) == (replaced(POSE, WAIT, POINT, GRIP), 2)
     empty = Program(robot="uzuner")
-    assert [step_edit.add(empty, POSE, where, 0)[0].steps for where in step_edit.PLACES] == [(POSE,)] * 3
+    assert [step_edit.add(empty, POSE, where, 0)[0].steps for where in step_edit.PLACES] == [(POSE,)] * 4
 
 
 def test_up_down_duplicate_delete_take_the_selection_along() -> None:
     assert step_edit.shift(PROGRAM, 2, -1) == (Program(robot="uzuner", steps=(POSE, GRIP, WAIT)), 1)
     assert step_edit.shift(PROGRAM, 0, 1) == (Program(robot="uzuner", steps=(WAIT, POSE, GRIP)), 1)
-    assert step_edit.duplicate(PROGRAM, 0) == (Program(robot="uzuner", steps=(POSE, POSE, WAIT, GRIP)), 1)
+    assert step_edit.double(PROGRAM, 0) == (Program(robot="uzuner", steps=(POSE, POSE, WAIT, GRIP)), 1)
     assert step_edit.remove(PROGRAM, 2) == (Program(robot="uzuner", steps=(POSE, WAIT)), 1)
     assert step_edit.remove(PROGRAM, 0)[1] == 0
 
@@ -84,7 +125,7 @@ def test_what_cannot_be_done_is_refused_in_words() -> None:
     empty = Program(robot="uzuner")
     for attempt in (
         lambda: step_edit.shift(empty, 0, 1),
-        lambda: step_edit.duplicate(empty, 0),
+        lambda: step_edit.double(empty, 0),
         lambda: step_edit.remove(empty, 0),
     ):
         with pytest.raises(ProgramError, match="there is no"):

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from tests.runtime.kit import make_rig
 
-from armctl.motion import CubicTrajectory
+from armctl.motion import PointToPoint
 from armctl.robot import load_robot
 from armctl.ui.widgets.live_readout import joint_table, tool_table
 from armctl.ui.widgets.tool_motion import tool_motion
@@ -24,7 +24,7 @@ def test_velocity_and_acceleration_are_the_derivatives_of_the_position(
     a: np.ndarray, b: np.ndarray, at: float
 ) -> None:
     low, high = ROBOT.limits[:, 0], ROBOT.limits[:, 1]
-    path = CubicTrajectory.plan(ROBOT, low + a * (high - low), low + b * (high - low))
+    path = PointToPoint.plan(ROBOT, low + a * (high - low), low + b * (high - low))
     if path.duration < 0.05:
         return
     t, h = at * path.duration, 1e-4

@@ -6,19 +6,11 @@ from pathlib import Path
 import pytest
 
 from armctl.errors import ProgramError
-from armctl.motion import Program, WaitStep, encode_program, insert, load_program
+from armctl.motion.program import EndStep, Program, RepeatStep, WaitStep, insert, load_program
+from armctl.runtime import ProgramProgress
 from armctl.ui.program_desk import ProgramDesk
 
 WAIT = WaitStep(seconds=2)
-BROKEN = b"""format = 1
-robot = "uzuner"
-[[steps]]
-do = "wait"
-seconds = 1
-[[steps]]
-do = "wait"
-second = 1
-"""
 
 
 @pytest.fixture
@@ -88,24 +80,57 @@ def test_an_unusable_folder_is_told(tmp_path: Path) -> None:
         asyncio.run(ProgramDesk("uzuner", tmp_path / "file" / "programs").save("a"))
 
 
-def test_a_broken_text_names_step_and_key_and_changes_nothing(desk: ProgramDesk) -> None:
+def test_another_robots_program_changes_nothing(desk: ProgramDesk) -> None:
     record(desk)
     before = (desk.program, desk.version)
-    with pytest.raises(ProgramError, match=r"step 2.*second"):
-        desk.take_in(BROKEN)
-    with pytest.raises(ProgramError, match="not a text file"):
-        desk.take_in(b"\xff\xfe\x00")
     with pytest.raises(ProgramError, match="for the robot 'mico', this one is 'uzuner'"):
-        desk.take_in(encode_program(Program(robot="mico", steps=(WAIT,))).encode())
+        desk.put(Program(robot="mico", steps=(WAIT,)))
+    assert (desk.program, desk.version) == before
+    desk.put(Program(robot="uzuner", steps=(WAIT, WAIT)))
+    assert (len(desk.program.steps), desk.version) == (2, 2)
+
+
+def test_blocks_that_do_not_match_never_come_onto_the_desk(desk: ProgramDesk) -> None:
+    record(desk)
+    before = (desk.program, desk.version)
+    with pytest.raises(ProgramError, match="step 1: this 'repeat' has no 'end'"):
+        desk.edit(lambda program: insert(program, 0, RepeatStep(times=2)))
+    with pytest.raises(ProgramError, match="step 1: 'end' without a 'repeat'"):
+        desk.put(Program(robot="uzuner", steps=(EndStep(),)))
     assert (desk.program, desk.version) == before
 
 
-def test_it_knows_whether_the_arm_was_given_these_steps(desk: ProgramDesk) -> None:
+def test_redo_makes_again_what_was_taken_back_until_something_else_is_edited(desk: ProgramDesk) -> None:
     record(desk)
-    assert not desk.as_started
-    desk.start(desk.program)
-    assert desk.as_started
     record(desk)
-    assert not desk.as_started
     desk.undo()
-    assert desk.as_started
+    desk.undo()
+    assert desk.can_redo
+    desk.redo()
+    assert len(desk.program.steps) == 1
+    desk.redo()
+    assert (len(desk.program.steps), desk.version) == (2, 6)
+    with pytest.raises(ProgramError, match="there is nothing to redo"):
+        desk.redo()
+    desk.undo()
+    record(desk)
+    assert not desk.can_redo
+    desk.undo()
+    assert len(desk.program.steps) == 1
+
+
+def running(version: Program, coming: Program) -> ProgramProgress:
+    return ProgramProgress(version.name, 0, len(version.steps), 0, None, version, coming)
+
+
+def test_it_knows_how_it_stands_to_the_program_that_the_arm_runs(desk: ProgramDesk) -> None:
+    record(desk)
+    before = desk.program
+    assert desk.relation(None) is None
+    assert desk.relation(running(before, before)) == "running"
+    record(desk)
+    assert desk.relation(running(before, before)) == "other"
+    assert desk.relation(running(before, desk.program)) == "coming"
+    assert desk.relation(running(desk.program, desk.program)) == "running"
+    desk.undo()
+    assert desk.relation(running(before, before)) == "running"

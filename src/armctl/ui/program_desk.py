@@ -6,14 +6,17 @@ import asyncio
 import re
 from collections.abc import Callable
 from pathlib import Path
+from typing import Literal
 
 import msgspec
 
 from armctl.errors import ProgramError
-from armctl.motion import Program, decode_program, load_program, save_program
+from armctl.motion.program import Blocks, Program, load_program, save_program
+from armctl.runtime import ProgramProgress
 
 _NAME = re.compile(r"\w[\w .+-]{0,60}")
 _UNDO_STEPS = 100
+Relation = Literal["running", "coming", "other"]
 
 
 class ProgramDesk:
@@ -24,7 +27,7 @@ class ProgramDesk:
         self._folder = folder
         self._version = 0
         self._undo: list[Program] = []
-        self._started: Program | None = None
+        self._redo: list[Program] = []
 
     @property
     def program(self) -> Program:
@@ -47,19 +50,33 @@ class ProgramDesk:
         return bool(self._undo)
 
     @property
-    def as_started(self) -> bool:
-        """Whether the steps are still those that were last given to the arm."""
-        return self._started is not None and self._started.steps == self._program.steps
+    def can_redo(self) -> bool:
+        """Whether there is a change that was taken back."""
+        return bool(self._redo)
 
-    def start(self, program: Program) -> None:
-        """Note that the arm was given this program."""
-        self._started = program
+    def relation(self, progress: ProgramProgress | None) -> Relation | None:
+        """How the program on the desk stands to the one that the arm runs; None: the arm runs none.
+
+        "running": it is that; "coming": the arm goes on with it at its next pass; "other": another one.
+        """
+        if progress is None:
+            return None
+        steps = self._program.steps
+        if progress.running.steps == steps:
+            return "running"
+        return "coming" if progress.coming.steps == steps else "other"
 
     def edit(self, change: Callable[[Program], Program]) -> None:
-        """Replace the program by ``change(program)``; what that raises changes nothing."""
+        """Replace the program by ``change(program)``; what that raises changes nothing.
+
+        Raises:
+            ProgramError: the blocks of the new one do not match; names the step.
+        """
         changed = change(self._program)
         if changed != self._program:
+            Blocks.of(changed)
             self._undo = [*self._undo[1 - _UNDO_STEPS :], self._program]
+            self._redo.clear()
             self._program = changed
             self._version += 1
 
@@ -71,7 +88,20 @@ class ProgramDesk:
         """
         if not self._undo:
             raise ProgramError("there is nothing to undo")
+        self._redo.append(self._program)
         self._program = self._undo.pop()
+        self._version += 1
+
+    def redo(self) -> None:
+        """Make the change again that was taken back last.
+
+        Raises:
+            ProgramError: none was taken back since the last edit.
+        """
+        if not self._redo:
+            raise ProgramError("there is nothing to redo")
+        self._undo.append(self._program)
+        self._program = self._redo.pop()
         self._version += 1
 
     def saved(self) -> list[str]:
@@ -98,17 +128,14 @@ class ProgramDesk:
             ProgramError: there is none of that name, it cannot be read, or it is another robot's; the desk
                 stays as it is.
         """
-        self._put(await asyncio.to_thread(load_program, self._path(name)))
+        self.put(await asyncio.to_thread(load_program, self._path(name)))
 
-    def take_in(self, text: bytes) -> None:
-        """Put a program on the desk that comes as the text of its file.
+    def put(self, program: Program) -> None:
+        """Put a program on the desk that comes from elsewhere.
 
         Raises:
-            ProgramError: names the step and the key, or the robot it is for; the desk stays as it is.
+            ProgramError: it is another robot's, or its blocks do not match; the desk stays as it is.
         """
-        self._put(decode_program(text))
-
-    def _put(self, program: Program) -> None:
         robot = self._program.robot
         if program.robot != robot:
             raise ProgramError(f"the program is for the robot {program.robot!r}, this one is {robot!r}")

@@ -1,19 +1,58 @@
-"""Programs as files: saved ones, download, upload, CSV."""
+"""Programs as files: saved ones, downloads and uploads."""
 
 from __future__ import annotations
 
+import asyncio
+from pathlib import PurePath
 from typing import TYPE_CHECKING
 
 import viser
 
 from armctl.errors import ProgramError
-from armctl.motion import check_program, encode_program
-from armctl.ui.widgets.step_list import program_csv
+from armctl.motion.program import (
+    Program,
+    decode_program,
+    encode_program,
+    read_csv,
+    read_script,
+    write_csv,
+    write_script,
+)
+from armctl.motion.program_check import check_program
+from armctl.robot import Robot
 
 if TYPE_CHECKING:
     from armctl.ui.session import Session
 
 _NONE = "(none saved yet)"
+_SUFFIXES = (".toml", ".csv", ".py")
+_UPLOAD_HINT = (
+    "A program of this robot: .toml, .py as exported here, or .csv with units in its head "
+    "(base_deg, … or x_mm, y_mm, z_mm)."
+)
+_EXPORT_HINT = "CSV X-Y-Z: poses become points of the tool. Python: a script for the armctl library."
+
+
+def read_program(filename: str, content: bytes, robot: Robot) -> Program:
+    """A program from a file of any form that can be written here.
+
+    Raises:
+        ProgramError: another kind of file, or what its reader refuses; names the file and the line.
+    """
+    name = PurePath(filename)
+    suffix = name.suffix.lower()
+    try:
+        match suffix:
+            case ".toml":
+                return decode_program(content)
+            case ".csv":
+                return read_csv(content, robot, name.stem)
+            case ".py":
+                return read_script(content)
+            case _:
+                raise ProgramError(f"is none of {', '.join(_SUFFIXES)}")
+    except ProgramError as cause:
+        raise ProgramError(f"{filename}: {cause}") from cause
 
 
 class ProgramFiles:
@@ -27,12 +66,14 @@ class ProgramFiles:
         gui = session.gui
         self._name = gui.add_text("Name", initial_value=self._named)
         self._keep = gui.add_button_group("This program", ("Save", "Download", "CSV"))
+        self._export = gui.add_button_group("Download as", ("CSV X-Y-Z", "Python"), hint=_EXPORT_HINT)
         self._saved = gui.add_dropdown("Saved programs", self._choices())
         self._load = gui.add_button_group("Chosen one", ("Load",))
         self._upload = gui.add_upload_button(
-            "Upload", icon=viser.Icon.UPLOAD, mime_type=".toml", hint="A program file of this robot (.toml)."
+            "Upload", icon=viser.Icon.UPLOAD, mime_type=",".join(_SUFFIXES), hint=_UPLOAD_HINT
         )
         session.on(self._keep.on_click, self._on_keep)
+        session.on(self._export.on_click, self._on_export)
         session.on(self._load.on_click, self._on_load)
         session.on(self._upload.on_upload, self._on_upload)
 
@@ -58,9 +99,17 @@ class ProgramFiles:
                 path = await self._desk.save(name)
                 self._session.notify("Saved", str(path))
             case "Download":
-                self._send(f"{program.name}.toml", encode_program(program))
+                self._send(".toml", await asyncio.to_thread(encode_program, program))
             case _:
-                self._send(f"{program.name}.csv", program_csv(program, self._session.console.robot))
+                robot = self._session.console.robot
+                self._send(".csv", await asyncio.to_thread(write_csv, program, robot))
+
+    async def _on_export(self) -> None:
+        program, robot = self._desk.program, self._session.console.robot
+        if self._export.value == "Python":
+            self._send(".py", await asyncio.to_thread(write_script, program))
+        else:
+            self._send(".csv", await asyncio.to_thread(write_csv, program, robot, "points"))
 
     async def _on_load(self) -> None:
         self._session.require_operator()
@@ -71,14 +120,14 @@ class ProgramFiles:
 
     async def _on_upload(self) -> None:
         self._session.require_operator()
-        file = self._upload.value
+        file, robot = self._upload.value, self._session.console.robot
+        program = await asyncio.to_thread(read_program, file.name, file.content, robot)
+        self._session.require_operator()
         try:
-            self._desk.take_in(file.content)
+            self._desk.put(program)
         except ProgramError as cause:
             raise ProgramError(f"{file.name}: {cause}") from cause
-        self._session.notify(
-            "Uploaded", f"{file.name}: {len(self._desk.program.steps)} steps are on the list"
-        )
+        self._session.notify("Uploaded", f"{file.name}: {len(program.steps)} steps are on the list")
         self._tell_findings()
 
     def _tell_findings(self) -> None:
@@ -88,5 +137,6 @@ class ProgramFiles:
             more = f" (and {len(findings) - 1} more)" if len(findings) > 1 else ""
             self._session.notify("Cannot run yet", f"{findings[0]}{more}", "yellow")
 
-    def _send(self, filename: str, text: str) -> None:
-        self._session.client.send_file_download(filename, text.encode(), save_immediately=True)
+    def _send(self, suffix: str, text: str) -> None:
+        name = f"{self._desk.program.name}{suffix}"
+        self._session.client.send_file_download(name, text.encode(), save_immediately=True)

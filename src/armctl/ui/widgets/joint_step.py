@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armctl.errors import InputError, MotionRefusedError, StateError
+from armctl.motion.program.program import LONGEST_WAIT_S
 from armctl.robot import Joint, Robot
 from armctl.runtime import Snapshot
 
 FloatArray = NDArray[np.float64]
 _ROUNDING = 1e-9
-_DAY_S = 86_400.0
 
 
 def stepped(robot: Robot, q: FloatArray, joint: int, step_deg: float) -> FloatArray:
@@ -92,6 +92,6 @@ def checked_seconds(value: float) -> float:
     Raises:
         InputError: not finite, or outside 0 … 86400.
     """
-    if not math.isfinite(value) or not 0 <= value <= _DAY_S:
-        raise InputError(f"a wait of {value:g} s is outside 0 … {_DAY_S:.0f} s")
+    if not math.isfinite(value) or not 0 <= value <= LONGEST_WAIT_S:
+        raise InputError(f"a wait of {value:g} s is outside 0 … {LONGEST_WAIT_S} s")
     return float(value)

@@ -14,11 +14,11 @@ _MARK = {
     "error": ("✕ refused", "#c92a2a"),
     "warning": ("! warning", "#a65b00"),
 }
-_CELL = "padding:2px 6px;text-align:left;vertical-align:top"
+_BLOCK = "margin:4px 0;padding:2px 0 2px 8px;border-left:3px solid "
 
 
 def verdict_html(findings: Sequence[Finding | ProgramFinding], unknown: Sequence[str] = ()) -> str:
-    """A table of findings, errors first; one line where there are none.
+    """Findings, errors first, one block each; one line where there are none.
 
     Args:
         findings: of a motion or of a program.
@@ -31,10 +31,7 @@ def verdict_html(findings: Sequence[Finding | ProgramFinding], unknown: Sequence
         verdict = f"<div style='opacity:.75'>{escape(_CLEAR)}</div>"
     else:
         shown = sorted(findings, key=lambda finding: finding.severity != "error")
-        rows = "".join(_row(finding) for finding in shown[:_MOST])
-        verdict = (
-            f"{_headline(findings)}<table style='border-collapse:collapse;width:100%'>{_head()}{rows}</table>"
-        )
+        verdict = _headline(findings) + "".join(_block(finding) for finding in shown[:_MOST])
         if len(shown) > _MOST:
             verdict += f"<div style='opacity:.75'>and {len(shown) - _MOST} more</div>"
     notes = "".join(f"<div style='opacity:.75'>Not checked: {escape(text)}.</div>" for text in unknown)
@@ -53,20 +50,15 @@ def _headline(findings: Sequence[Finding | ProgramFinding]) -> str:
     return f"<div style='font-weight:600'>Pre-flight: {verdict}, {' and '.join(counts)}</div>"
 
 
-def _head() -> str:
-    heads = ("", "When", "Where", "What", "How to mend it")
-    cells = "".join(f"<th style='{_CELL};font-weight:500'>{text}</th>" for text in heads)
-    return f"<tr style='opacity:.7'>{cells}</tr>"
-
-
-def _row(finding: Finding | ProgramFinding) -> str:
+def _block(finding: Finding | ProgramFinding) -> str:
     mark, color = _MARK[finding.severity]
-    when = "" if finding.time is None else f"{finding.time:.2f} s"
+    place: list[str] = []
     if isinstance(finding, ProgramFinding) and finding.step is not None:
-        when = f"step {finding.step + 1}{', ' if when else ''}{when}"
-    cells = [
-        f"<td style='{_CELL};color:{color};font-weight:600;white-space:nowrap'>{mark}</td>",
-        f"<td style='{_CELL};white-space:nowrap'>{escape(when)}</td>",
-        *(f"<td style='{_CELL}'>{escape(text)}</td>" for text in (finding.part, finding.what, finding.mend)),
-    ]
-    return f"<tr style='border-top:1px solid rgba(128,128,128,.2)'>{''.join(cells)}</tr>"
+        place.append(f"step {finding.step + 1}")
+    if finding.time is not None:
+        place.append(f"{finding.time:.2f} s")
+    if finding.part:
+        place.append(finding.part)
+    head = f"<b style='color:{color}'>{mark}</b> {escape(' · '.join(place))}"
+    mend = f"<div style='opacity:.8'>→ {escape(finding.mend)}</div>" if finding.mend else ""
+    return f"<div style='{_BLOCK}{color}'><div>{head}</div><div>{escape(finding.what)}</div>{mend}</div>"

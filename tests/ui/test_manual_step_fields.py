@@ -1,0 +1,100 @@
+from __future__ import annotations
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from tests.motion.program.kit import programs
+
+from armctl.errors import InputError
+from armctl.motion.program import (
+    ArcStep,
+    EndStep,
+    GripperStep,
+    LineStep,
+    MoveStep,
+    PointStep,
+    Program,
+    RepeatStep,
+    Step,
+    WaitStep,
+)
+from armctl.ui.widgets.step_fields import edited, fields_of, shown
+
+MOVE = MoveStep(joints_deg=(0.12345, 90, -80, -40, 0), duration_s=2)
+POINT = PointStep(x_mm=200, y_mm=0, z_mm=85)
+LINE = LineStep(x_mm=200, y_mm=0, z_mm=85)
+
+
+def texts(step: Step, **changes: str) -> dict[str, str]:
+    return {field.label: shown(step, field) for field in fields_of(step)} | changes
+
+
+def labels(step: Step) -> list[str]:
+    return [field.label for field in fields_of(step)]
+
+
+def test_each_kind_has_its_fields() -> None:
+    assert labels(MOVE) == ["Angles °", "Profile", "Duration s", "Blend mm", "Note"]
+    assert labels(POINT)[:4] == ["Point mm", "Pitch °", "Roll °", "Choose by"]
+    assert labels(LINE) == [
+        "Point mm",
+        "Tool pitch",
+        "Pitch °",
+        "Tool speed mm/s",
+        "Duration s",
+        "Blend mm",
+        "Note",
+    ]
+    arc = ArcStep(via_x_mm=1, via_y_mm=2, via_z_mm=3, x_mm=4, y_mm=5, z_mm=6)
+    assert labels(arc)[:2] == ["Point mm", "Via mm"]
+    assert labels(WaitStep(seconds=1)) == ["Wait time s", "Note"]
+    assert labels(EndStep()) == ["Note"]
+
+
+@given(programs(joints=st.just(5)))
+@settings(max_examples=100, deadline=None)
+def test_every_value_of_every_step_has_a_field_and_stays_as_it_is(program: Program) -> None:
+    for step in program.steps:
+        keys = [key for field in fields_of(step) for key in field.keys]
+        assert sorted(keys) == sorted(step.__struct_fields__)
+        assert edited(step, texts(step)) == step
+
+
+def test_what_is_typed_is_taken() -> None:
+    changed = edited(
+        MOVE, texts(MOVE, **{"Profile": "quintic", "Duration s": "", "Blend mm": "5", "Note": "here"})
+    )
+    assert changed == MoveStep(joints_deg=MOVE.joints_deg, profile="quintic", blend_mm=5, note="here")
+    assert edited(MOVE, texts(MOVE, **{"Angles °": "1 2, −3;4 5"})) == MoveStep(
+        joints_deg=(1, 2, -3, 4, 5), duration_s=2
+    )
+    assert edited(POINT, texts(POINT, **{"Point mm": "(1, 2.5, 3)", "Pitch °": "-30"})) == PointStep(
+        x_mm=1, y_mm=2.5, z_mm=3, pitch_deg=-30
+    )
+    assert edited(LINE, texts(LINE, **{"Tool pitch": "free", "Tool speed mm/s": "20"})) == LineStep(
+        x_mm=200, y_mm=0, z_mm=85, pitch="free", speed_mm_s=20
+    )
+    assert edited(RepeatStep(times=2), {"Times": "7", "Note": ""}) == RepeatStep(times=7)
+
+
+@pytest.mark.parametrize(
+    ("step", "changes", "message"),
+    [
+        (MOVE, {"Angles °": "1, 2"}, "Angles °: 5 numbers are needed, separated by commas; there are 2"),
+        (MOVE, {"Angles °": "1, 2, x, 4, 5"}, "Angles °: 'x' is not a number"),
+        (POINT, {"Point mm": ""}, "Point mm: 3 numbers are needed"),
+        (POINT, {"Pitch °": "up"}, "Pitch °: 'up' is not a number"),
+        (POINT, {"Blend mm": ""}, "Blend mm is empty; type a number"),
+        (POINT, {"Blend mm": "-1"}, "Blend mm: expected float >= 0"),
+        (POINT, {"Profile": "fast"}, "Profile: invalid enum value 'fast'"),
+        (POINT, {"Duration s": "nan"}, "Duration s: 'nan' is not a number that can be used"),
+        (LINE, {"Tool speed mm/s": "0"}, "Tool speed mm/s: expected float > 0"),
+        (WaitStep(seconds=1), {"Wait time s": "90000"}, "Wait time s: expected float <= 86400"),
+        (GripperStep(open_percent=1), {"Open %": "101"}, "Open %: expected float <= 100"),
+        (RepeatStep(times=2), {"Times": "2.5"}, "Times: 2.5 is not a whole number"),
+        (RepeatStep(times=2), {"Times": "0"}, "Times: expected int >= 1"),
+    ],
+)
+def test_what_cannot_be_is_refused_by_its_field(step: Step, changes: dict[str, str], message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        edited(step, texts(step, **changes))
