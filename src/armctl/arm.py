@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from armctl.boards import SIMULATED, Boards
 from armctl.errors import InputError
 from armctl.kinematics import Target
-from armctl.motion import ArcStep, LineStep, PitchMode, Profile, Program, Step, WaitStep, load_program
+from armctl.motion import ArcStep, LineStep, PitchMode, Profile, Program, Step, WaitStep
 from armctl.robot import Robot, load_robot
 from armctl.runtime import (
     Command,
@@ -239,12 +239,13 @@ class Arm:
         self._do(SetSpeed(percent / 100))
 
     def run(self, program: str | Path | Program, loops: int | None = 1) -> None:
-        """Run a program ``loops`` times (None: until stopped).
+        """Run a program, or its file (.toml, .csv, .py), ``loops`` times (None: until stopped).
 
         Raises:
             ProgramError: the file cannot be read, or a step cannot be run.
         """
-        self._do(RunProgram(program if isinstance(program, Program) else load_program(program), loops))
+        loaded = program if isinstance(program, Program) else open_program(program, self.robot)
+        self._do(RunProgram(loaded, loops))
 
     def close(self) -> None:
         """Stop, close the line and end. The outputs stay as they are."""

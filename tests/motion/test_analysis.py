@@ -54,7 +54,7 @@ def test_the_pitch_is_that_of_the_approach_axis() -> None:
     found = motion(samples=5)
     axis = ROBOT.forward(found.q)[:, :3, 2]
     assert found.pitch == pytest.approx(np.arcsin(axis[:, 2]), abs=1e-9)
-    kept = analyse(ROBOT, plan_line(ROBOT, HOME, ROBOT.forward(HOME)[:3, 3] + [0, 0.05, 0]), 50)
+    kept = analyse(ROBOT, plan_line(ROBOT, HOME, ROBOT.forward(HOME)[:3, 3] + np.array([0, 0.05, 0])), 50)
     assert np.degrees(kept.pitch) == pytest.approx(np.degrees(kept.pitch[0]), abs=0.02)
     assert np.linalg.norm(kept.tool_velocity, axis=1) == pytest.approx(kept.tool_speed)
 

@@ -55,7 +55,7 @@ def test_every_tick_and_the_end_are_looked_at() -> None:
 
 def test_a_tool_line_and_a_tool_arc_keep_to_their_curve() -> None:
     tip = ROBOT.forward(HOME)[:3, 3]
-    end, via = tip + [0, 0.08, 0], tip + [0, 0.04, 0.02]
+    end, via = tip + np.array([0, 0.08, 0]), tip + np.array([0, 0.04, 0.02])
     straight = path_error(ROBOT, plan_line(ROBOT, HOME, end), ToolLine(tip, end))
     round_ = path_error(ROBOT, plan_arc(ROBOT, HOME, via, end), ToolArc.through(tip, via, end))
     assert max(straight.largest, round_.largest) < 0.05e-3

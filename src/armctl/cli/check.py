@@ -10,7 +10,7 @@ import msgspec
 from armctl.cli.main import DONE, REFUSED
 from armctl.cli.options import json_option, print_json
 from armctl.errors import ArmctlError, InputError
-from armctl.motion import ProgramFinding, check_program, load_program
+from armctl.motion import ProgramFinding, check_program, open_program
 from armctl.motion.preflight import not_checked, preflight_batch
 from armctl.motion.profiles import PointToPoint
 from armctl.robot import Robot, load_robot
@@ -29,8 +29,9 @@ def check(file: Path, robot: str | None, as_json: bool) -> int:
             arm = load_robot(file)
             findings = _check_robot(arm)
         else:
-            program = load_program(file)
-            arm = load_robot(robot or program.robot)
+            given = None if robot is None else load_robot(robot)
+            program = open_program(file, given)
+            arm = given or load_robot(program.robot)
             findings = check_program(program, arm)
         unknown = not_checked(arm)
     except ArmctlError as refusal:
@@ -75,6 +76,8 @@ def _kind(file: Path) -> str:
     """``robot`` or ``program``: what the file's name or its top level says it is."""
     if file.suffix == ".urdf":
         return "robot"
+    if file.suffix in (".csv", ".py"):
+        return "program"
     try:
         top = msgspec.toml.decode(file.read_bytes())
     except OSError as cause:

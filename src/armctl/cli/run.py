@@ -9,7 +9,7 @@ import click
 from armctl.arm import Arm
 from armctl.boards import SIMULATED
 from armctl.errors import ProgramError
-from armctl.motion import check_program, load_program
+from armctl.motion import check_program, open_program
 from armctl.robot import load_robot
 
 
@@ -25,12 +25,15 @@ from armctl.robot import load_robot
     "--speed", type=click.FloatRange(5, 100), default=100, show_default=True, help="Speed override, percent."
 )
 def run(program: Path, robot: str | None, port: str, loops: int, forever: bool, speed: float) -> None:
-    """Run PROGRAM (TOML) on the arm. Servos that are off jump to the rest pose first: keep clear.
+    """Run PROGRAM (.toml, .py, or .csv with --robot) on the arm.
+
+    Servos that are off jump to the rest pose first: keep clear.
 
     Ctrl-C stops the arm and holds it. The pulses stay on at the end.
     """
-    loaded = load_program(program)
-    arm_robot = load_robot(robot or loaded.robot)
+    arm_robot = None if robot is None else load_robot(robot)
+    loaded = open_program(program, arm_robot)
+    arm_robot = arm_robot or load_robot(loaded.robot)
     findings = check_program(loaded, arm_robot, start=arm_robot.pose("rest"))
     errors = [finding for finding in findings if finding.severity == "error"]
     if errors:

@@ -22,10 +22,12 @@ from armctl.motion.program.program import (
     WaitStep,
     kind_of,
 )
+from armctl.motion.program.read import PROGRAM_SUFFIXES, open_program, read_program
 from armctl.motion.program.script_read import read_script
 from armctl.motion.program.script_write import write_script
 
 __all__ = [
+    "PROGRAM_SUFFIXES",
     "ArcStep",
     "Blocks",
     "CommentStep",
@@ -52,7 +54,9 @@ __all__ = [
     "kind_of",
     "load_program",
     "move",
+    "open_program",
     "read_csv",
+    "read_program",
     "read_script",
     "repeat",
     "replace",

@@ -7,11 +7,11 @@ import math
 import os
 import re
 import tempfile
-import tomllib
 from pathlib import Path
 from typing import cast
 
 import msgspec
+import tomli
 import tomli_w
 
 from armctl.errors import ProgramError
@@ -52,8 +52,8 @@ def decode_program(text: bytes | str) -> Program:
     # Lines as editors count them; the parser takes no carriage return.
     plain = plain_text(text).replace("\r\n", "\n")
     try:
-        record = tomllib.loads(plain)
-    except tomllib.TOMLDecodeError as cause:
+        record = tomli.loads(plain)
+    except tomli.TOMLDecodeError as cause:
         raise ProgramError(_syntax(str(cause))) from cause
     except RecursionError as cause:
         raise ProgramError("arrays or tables are nested too deep") from cause

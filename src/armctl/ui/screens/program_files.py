@@ -3,56 +3,29 @@
 from __future__ import annotations
 
 import asyncio
-from pathlib import PurePath
 from typing import TYPE_CHECKING
 
 import viser
 
 from armctl.errors import ProgramError
 from armctl.motion.program import (
-    Program,
-    decode_program,
+    PROGRAM_SUFFIXES,
     encode_program,
-    read_csv,
-    read_script,
+    read_program,
     write_csv,
     write_script,
 )
 from armctl.motion.program_check import check_program
-from armctl.robot import Robot
 
 if TYPE_CHECKING:
     from armctl.ui.session import Session
 
 _NONE = "(none saved yet)"
-_SUFFIXES = (".toml", ".csv", ".py")
 _UPLOAD_HINT = (
     "A program of this robot: .toml, .py as exported here, or .csv with units in its head "
     "(base_deg, … or x_mm, y_mm, z_mm)."
 )
 _EXPORT_HINT = "CSV X-Y-Z: poses become points of the tool. Python: a script for the armctl library."
-
-
-def read_program(filename: str, content: bytes, robot: Robot) -> Program:
-    """A program from a file of any form that can be written here.
-
-    Raises:
-        ProgramError: another kind of file, or what its reader refuses; names the file and the line.
-    """
-    name = PurePath(filename)
-    suffix = name.suffix.lower()
-    try:
-        match suffix:
-            case ".toml":
-                return decode_program(content)
-            case ".csv":
-                return read_csv(content, robot, name.stem)
-            case ".py":
-                return read_script(content)
-            case _:
-                raise ProgramError(f"is none of {', '.join(_SUFFIXES)}")
-    except ProgramError as cause:
-        raise ProgramError(f"{filename}: {cause}") from cause
 
 
 class ProgramFiles:
@@ -70,7 +43,7 @@ class ProgramFiles:
         self._saved = gui.add_dropdown("Saved programs", self._choices())
         self._load = gui.add_button_group("Chosen one", ("Load",))
         self._upload = gui.add_upload_button(
-            "Upload", icon=viser.Icon.UPLOAD, mime_type=",".join(_SUFFIXES), hint=_UPLOAD_HINT
+            "Upload", icon=viser.Icon.UPLOAD, mime_type=",".join(PROGRAM_SUFFIXES), hint=_UPLOAD_HINT
         )
         session.on(self._keep.on_click, self._on_keep)
         session.on(self._export.on_click, self._on_export)

@@ -3,9 +3,9 @@ from __future__ import annotations
 import pytest
 
 from armctl.errors import ProgramError
+from armctl.motion import read_program
 from armctl.motion.program import MoveStep, Program, WaitStep, encode_program, write_csv, write_script
 from armctl.robot import load_robot
-from armctl.ui.screens.program_files import read_program
 
 ROBOT = load_robot("uzuner")
 PROGRAM = Program(
