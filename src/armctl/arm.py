@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from armctl.boards import SIMULATED, Boards
 from armctl.errors import InputError
 from armctl.kinematics import Target
-from armctl.motion import ArcStep, LineStep, PitchMode, Profile, Program, Step, WaitStep
+from armctl.motion import ArcStep, LineStep, PitchMode, Profile, Program, Step, WaitStep, open_program
 from armctl.robot import Robot, load_robot
 from armctl.runtime import (
     Command,
