@@ -29,6 +29,9 @@ class NoControls:
     def has_form(self, uuid: str) -> bool:
         return uuid == "form"
 
+    def has_command(self, uuid: str) -> bool:
+        return uuid == "key"
+
 
 def frame(kind: str, **fields: Any) -> bytes:
     return msgspec.msgpack.encode({"type": kind, **fields})
@@ -50,9 +53,9 @@ def page(tally: Tally) -> FrameFilter:
 
 def test_a_page_introduces_itself_first(tally: Tally) -> None:
     page = FrameFilter(NoControls(), tally, Clock())
-    assert not page.admits(frame("CommandTriggerMessage", uuid="u"))
+    assert not page.admits(frame("CommandTriggerMessage", uuid="key"))
     assert page.admits(frame("ViewerCameraMessage", **CAMERA))
-    assert page.admits(frame("CommandTriggerMessage", uuid="u"))
+    assert page.admits(frame("CommandTriggerMessage", uuid="key"))
     assert tally.counts == {"a message before the page introduced itself": 1}
 
 
@@ -61,6 +64,7 @@ def test_messages_to_nothing_are_refused(page: FrameFilter, tally: Tally) -> Non
     assert not page.admits(frame("GuiButtonHoldMessage", uuid="u", frequency=10))
     assert not page.admits(frame("GuiFormDirtyMessage", uuid="u"))
     assert page.admits(frame("GuiFormDirtyMessage", uuid="form"))
+    assert not page.admits(frame("CommandTriggerMessage", uuid="u"))
     start = {"source_component_uuid": "u", "transfer_uuid": "t", "filename": "a", "mime_type": ""}
     assert not page.admits(frame("FileTransferStartUpload", **start, part_count=1, size_bytes=1))
     part = {"source_component_uuid": "u", "transfer_uuid": "t", "part_index": 0, "content": b"1"}
@@ -69,6 +73,7 @@ def test_messages_to_nothing_are_refused(page: FrameFilter, tally: Tally) -> Non
         "a control that does not exist": 1,
         "holding what is no usable button": 1,
         "a form that does not exist": 1,
+        "a command that does not exist": 1,
         "an upload to what is no usable upload button": 1,
         "a part of no upload under way": 1,
     }

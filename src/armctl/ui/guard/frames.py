@@ -12,6 +12,7 @@ from armctl.ui.guard.messages import (
     Admissible,
     ButtonHold,
     Camera,
+    CommandTrigger,
     FormDirty,
     FormSubmit,
     GuiUpdate,
@@ -70,6 +71,8 @@ class FrameFilter:
                 return None if held else "holding what is no usable button"
             case FormSubmit() | FormDirty():
                 return None if self._addressees.has_form(message.uuid) else "a form that does not exist"
+            case CommandTrigger():
+                return None if self._addressees.has_command(message.uuid) else "a command that does not exist"
             case UploadStart():
                 control = self._addressees.control(message.source_component_uuid)
                 if not (isinstance(control, GuiUploadButtonHandle) and is_usable(control)):

@@ -25,6 +25,10 @@ class Addressees(Protocol):
         """Tell whether this page can see a form with this id."""
         ...
 
+    def has_command(self, uuid: str) -> bool:
+        """Tell whether this page has been given a command, or a hot key, with this id."""
+        ...
+
 
 class ServerSlot:
     """Holds the server once it exists; a page may connect while viser is still constructing it."""
@@ -53,6 +57,13 @@ class ConnectionHandles:
         """See ``Addressees``."""
         return any(
             isinstance(gui._container_handle_from_uuid.get(uuid), GuiFormHandle)  # noqa: SLF001  # pyright: ignore[reportPrivateUsage]
+            for gui in self._guis()
+        )
+
+    def has_command(self, uuid: str) -> bool:
+        """See ``Addressees``."""
+        return any(
+            uuid in gui._command_handle_from_uuid  # noqa: SLF001  # pyright: ignore[reportPrivateUsage]
             for gui in self._guis()
         )
 

@@ -8,6 +8,7 @@ import viser
 
 from armctl.runtime import Snapshot
 from armctl.ui.scene.trail import TrailLine
+from armctl.ui.screens.live_target import LiveTarget
 from armctl.ui.screens.twin_control import TwinControl
 from armctl.ui.screens.workspace_view import WorkspaceView
 from armctl.ui.widgets.joint_graph import ALL, JointGraph
@@ -17,7 +18,7 @@ if TYPE_CHECKING:
 
 
 class SimulationScreen:
-    """Twin, tool trail, joint graphs and workspace cloud; each page has its own."""
+    """Live target, twin, tool trail, joint graphs and workspace cloud; each page has its own."""
 
     label: ClassVar[str] = "Simulation"
     icon: ClassVar[viser.IconName | None] = None
@@ -26,6 +27,8 @@ class SimulationScreen:
         self._session = session
         self._robot = session.console.robot
         gui = session.gui
+        with gui.add_folder("Live target"):
+            self._live = LiveTarget(session)
         with gui.add_folder("Twin"):
             self._twin = TwinControl(session)
         with gui.add_folder("Joint graph"):
@@ -40,6 +43,7 @@ class SimulationScreen:
 
     def refresh(self, snapshot: Snapshot) -> None:
         """Draw a snapshot."""
+        self._live.refresh(snapshot)
         self._twin.refresh(snapshot)
         self._graph.add(snapshot)
         self._line.show(self._trail.value)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from dataclasses import dataclass
+from functools import partial
 from html import escape
 from typing import TYPE_CHECKING
 
@@ -11,27 +12,30 @@ import numpy as np
 import viser
 
 from armctl.errors import StateError
+from armctl.motion import Rehearsal, rehearse, rehearse_pose
 from armctl.runtime import Snapshot
 from armctl.ui.scene.arm_figure import ArmFigure
+from armctl.ui.scene.ghost import thicker
 from armctl.ui.widgets.step_list import describe
 from armctl.ui.widgets.text import LiveHtml
-from armctl.ui.widgets.twin_plan import TwinPlan, plan_pose, plan_program
 
 if TYPE_CHECKING:
     from armctl.ui.session import Session
 
 _FRAME_S = 1 / 30
 _LINGER_S = 2.0
+_LONGEST_S, _MOST_STEPS = 1800.0, 2000
+"""A rehearsal ends after this much of a program."""
 _COLOR = (240, 140, 0)
 _PROGRAM = "the program of Serial motion"
-_IDLE = "The orange twin rehearses; <b>the arm does not move</b>."
+_IDLE = "The orange twin rehearses <b>without the arm</b>."
 
 
 @dataclass
 class _Run:
     """One rehearsal on its way."""
 
-    plan: TwinPlan
+    plan: Rehearsal
     steps: tuple[str, ...]
     """what each step is, in words; empty for a plain motion"""
     elapsed_s: float = 0.0
@@ -72,7 +76,7 @@ class TwinControl:
         if snapshot.speed < 1:
             line += f" of the plan, played at {100 * snapshot.speed:.0f} %"
         if run.steps:
-            step = run.plan.sample(run.elapsed_s).step
+            step = run.plan.sample(run.elapsed_s).index
             line += f" · step {step + 1} of {len(run.steps)}: {escape(run.steps[step])}"
         self._text.show(line)
 
@@ -92,7 +96,7 @@ class TwinControl:
         self._run = _Run(plan, steps)
         self._session.spawn(self._play(self._run, turn))
 
-    async def _planned(self) -> tuple[TwinPlan, tuple[str, ...]]:
+    async def _planned(self) -> tuple[Rehearsal, tuple[str, ...]]:
         """The plan, and its steps in words."""
         snapshot, program = self._session.snapshot, self._session.console.programs.program
         if self._what.value == _PROGRAM:
@@ -101,11 +105,12 @@ class TwinControl:
                     "the program of Serial motion has no steps yet; record some, or choose a pose"
                 )
             steps = tuple(" ".join(describe(step)) for step in program.steps)
+            plan = partial(rehearse, longest_s=_LONGEST_S, most_steps=_MOST_STEPS)
             return await asyncio.to_thread(
-                plan_program, self._robot, program, snapshot.q_command, snapshot.gripper
+                plan, self._robot, program, snapshot.q_command, snapshot.gripper
             ), steps
         pose = self._robot.pose(self._what.value.removeprefix("go to "))
-        plan = await asyncio.to_thread(plan_pose, self._robot, snapshot.q_command, pose, snapshot.gripper)
+        plan = await asyncio.to_thread(rehearse_pose, self._robot, snapshot.q_command, pose, snapshot.gripper)
         return plan, ()
 
     async def _play(self, run: _Run, turn: int) -> None:
@@ -124,19 +129,20 @@ class TwinControl:
             self._pose(run)
         await asyncio.sleep(_LINGER_S)
         if turn == self._turn:
-            self._finish(f"The twin has finished after <b>{run.plan.duration:.1f} s</b>.")
+            more = "; there is more of the program" if run.plan.cut else ""
+            self._finish(f"The twin has finished after <b>{run.plan.duration:.1f} s</b>{more}.")
 
     def _pose(self, run: _Run) -> None:
         if self._figure is None:
             self._figure = ArmFigure(
-                self._session.client.scene, self._robot, "/twin", color=_COLOR, opacity=0.55
+                self._session.client.scene, thicker(self._robot), "/twin", color=_COLOR, opacity=0.55
             )
         state = run.plan.sample(run.elapsed_s)
         with self._session.client.atomic():
             self._figure.pose(state.q, state.opening)
             self._figure.visible = True
 
-    def _draw_path(self, plan: TwinPlan) -> None:
+    def _draw_path(self, plan: Rehearsal) -> None:
         points = plan.tool_path(self._robot)
         self._path = self._session.client.scene.add_line_segments(
             "/twin_path", np.stack([points[:-1], points[1:]], axis=1), _COLOR, thickness=2.0,
