@@ -17,7 +17,7 @@ from armctl.robot import Robot
 FloatArray = NDArray[np.float64]
 _REGIONS = 4
 """regions a piece of a path, for its limits"""
-_SLICES, _SLICES_IN_ALL = 4, 256
+_SLICES, _SLICES_IN_ALL = 4, 96
 """slices of time between two breaks, for the peaks, and at least in a whole motion of few breaks"""
 _BISECTIONS = 20
 """for where a slice begins, which need not be exact"""
@@ -131,7 +131,8 @@ class PathTrajectory:
         time = (time[:-1, None] + np.diff(time)[:, None] * (np.arange(count) / count)).ravel()
         s = np.clip(self.law(np.append(time, self.duration))[:, 0], self.path.low, self.path.high)
         s[0], s[-1] = self.path.low, self.path.high
-        moves = np.diff(s) > 0  # in a slice of a rounding of time nothing happens
+        # in a slice of a rounding of time nothing happens
+        moves = (np.diff(s) > 0) & (np.diff(np.append(time, self.duration)) > 0)
         begins = np.append(np.flatnonzero(moves), len(time))
         begins[0] = 0
         law = self.law.cut(np.append(time, self.duration)[begins])
