@@ -113,42 +113,77 @@ def test_a_loop_that_is_blended_over_its_end_never_stands(holding: Rig) -> None:
     assert_accelerations_keep_limits(holding)
 
 
-@given(
-    seed=st.integers(0, 10_000),
-    at=st.floats(0.02, 6.0),
-    stand=st.floats(0.0, 2.0),
-    blend_mm=st.sampled_from([0.0, 3.0, 30.0]),
-)
-@settings(max_examples=25, deadline=None)
-def test_a_pause_stays_on_the_path_and_skips_no_step(
-    seed: int, at: float, stand: float, blend_mm: float
+def random_program(rng: np.random.Generator) -> Program:
+    """Six moving steps of all kinds with all sorts of radii, and now and then something between them."""
+    steps: list[Step] = []
+    for _ in range(6):
+        radius = float(rng.choice([0.0, 3.0, 30.0]))
+        x, y, z = rng.uniform([170, -60, 80], [220, 60, 140]).tolist()
+        match int(rng.integers(4)):
+            case 0:
+                pose = np.degrees(MIDDLE + rng.uniform(-0.25, 0.25, 5))
+                steps.append(MoveStep(joints_deg=tuple(pose.tolist()), blend_mm=radius))
+            case 1:
+                steps.append(PointStep(x_mm=x, y_mm=y, z_mm=z, blend_mm=radius))
+            case _:  # a line only from where the tool is on the box's side of the arm
+                steps.append(PointStep(x_mm=200, y_mm=0, z_mm=100, blend_mm=radius))
+                steps.append(LineStep(x_mm=x, y_mm=y, z_mm=z, pitch="free", blend_mm=radius))
+        if rng.random() < 0.2:
+            steps.append(WaitStep(seconds=float(rng.uniform(0, 0.3))))
+        if rng.random() < 0.2:
+            steps.append(SpeedStep(percent=float(rng.uniform(30, 100))))
+    return program(*steps)
+
+
+def farthest_from(way: np.ndarray, places: np.ndarray) -> float:
+    """How far (m) the tool of some configurations is at most from the tool's way through others."""
+    tool, seen = (ROBOT.forward(q)[:, :3, 3] for q in (way, places))
+    steps = np.diff(tool, axis=0)
+    squares = np.maximum((steps**2).sum(axis=1), 1e-30)
+    along = np.clip(np.einsum("kmi,mi->km", seen[:, None] - tool[:-1], steps) / squares, 0, 1)
+    off = np.linalg.norm(tool[:-1] + along[..., None] * steps - seen[:, None], axis=2)
+    return float(off.min(axis=1).max())
+
+
+def commanded(rig: Rig) -> np.ndarray:
+    return np.array([s.q_command for s in rig.history])
+
+
+@given(seed=st.integers(0, 10_000), at=st.floats(0.02, 9.0), stand=st.floats(0.0, 1.0), stops=st.booleans())
+@settings(max_examples=40, deadline=None)
+def test_a_pause_or_stop_stays_on_the_path_and_skips_no_step(
+    seed: int, at: float, stand: float, stops: bool
 ) -> None:
-    rng = np.random.default_rng(seed)
-    poses = np.degrees(MIDDLE + rng.uniform(-0.25, 0.25, (6, 5)))
-    what = program(*(MoveStep(joints_deg=tuple(pose.tolist()), blend_mm=blend_mm) for pose in poses))
-    straight, paused = make_rig().enable(), make_rig().enable()
-    run(straight, what)
-    ticket = paused.do(RunProgram(what))
-    paused.run(at)
-    if paused.now.state is State.MOVING:
-        paused.do(Pause())
-        paused.until(lambda s: s.state is not State.MOVING, 2)
-        paused.run(stand)
-        if paused.now.state is State.PAUSED:
-            paused.do(Resume())
-    paused.until(lambda s: s.state is State.HOLDING)
-    ticket.result(0)
-    assert steps_seen(paused) == steps_seen(straight) == [(0, k) for k in range(6)]
-    one = np.array([s.q_command for s in straight.history])
-    other = np.array([s.q_command for s in paused.history])
-    # the nearest place on the straight stretches between the ticks of the undisturbed run
-    ways = np.diff(one, axis=0)
-    squares = np.maximum((ways**2).sum(axis=1), 1e-30)
-    along = np.clip(np.einsum("kmi,mi->km", other[:, None] - one[:-1], ways) / squares, 0, 1)
-    off = np.abs(one[:-1] + along[..., None] * ways - other[:, None]).max(axis=2).min(axis=1)
-    assert off.max() < np.radians(0.05)
-    assert_stream_keeps_limits(paused, 1)
-    assert_accelerations_keep_limits(paused)
+    what = random_program(np.random.default_rng(seed))
+    fine, rig = make_rig(rate_hz=200.0).enable(), make_rig().enable()
+    fine.do(RunProgram(what), 0.005)
+    while fine.tick(0.005).state is not State.HOLDING:
+        pass
+    undisturbed = commanded(fine)
+    ticket = rig.do(RunProgram(what))
+    rig.run(at)
+    if stops:
+        rig.controller.stop(TEST)
+        rig.until(lambda s: s.state is State.HOLDING, 1.0)
+        expected = steps_seen(fine)[: len(steps_seen(rig))]
+    else:
+        if rig.now.state is State.MOVING:
+            rig.do(Pause())
+            rig.until(lambda s: s.state is not State.MOVING, 2)
+            rig.run(stand)
+            if rig.now.state is State.PAUSED:
+                rig.do(Resume())
+        rig.until(lambda s: s.state is State.HOLDING)
+        ticket.result(0)
+        expected = steps_seen(fine)
+    # a step that is over within a tick may not be seen
+    seen = steps_seen(rig)
+    assert seen == [step for step in expected if step in seen]
+    assert len(seen) >= len(expected) - sum(isinstance(s, SpeedStep | WaitStep) for s in what.steps)
+    # between the ticks of the fine run the tool is on a chord, at most 0.01 mm off
+    assert farthest_from(undisturbed, commanded(rig)) < 5e-5
+    assert_stream_keeps_limits(rig, 1)
+    assert_accelerations_keep_limits(rig)
 
 
 def test_when_the_planner_is_late_the_arm_waits_on_the_path() -> None:
