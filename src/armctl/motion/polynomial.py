@@ -254,7 +254,7 @@ def _parabola_roots(c0: FloatArray, c1: FloatArray, c2: FloatArray | None = None
     a = np.zeros_like(c1) if c2 is None else c2
     square = c1 * c1 - 4 * a * c0
     far = -0.5 * (c1 + np.copysign(np.sqrt(np.maximum(square, 0.0)), c1))  # no two alike are subtracted
-    roots = []
+    roots: list[FloatArray] = []
     for above, below in ((far, a), (c0, far)):
         inside = (square >= 0) & (np.abs(above) <= np.abs(below)) & (below != 0.0)
         roots.append(np.clip(np.divide(above, below, out=np.zeros_like(c1), where=inside), 0.0, 1.0))
