@@ -13,7 +13,7 @@ from tests.browser.ghost_view import wait_for_ghost
 from tests.browser.kit import PATIENCE_MS, Screen
 from tests.browser.served_arm import ServedArm, served_arm
 
-from armctl.motion import line, plan_joints
+from armctl.motion import LineStep, MoveStep, Program, line, plan_joints, plan_line
 from armctl.runtime import State
 
 pytestmark = pytest.mark.browser
@@ -43,7 +43,7 @@ def csv_of(page: Screen, button: str) -> list[str]:
 
 
 def test_a_motion_is_plotted_with_its_peaks_and_run(page: Screen, served: ServedArm) -> None:
-    page.choose(MOTION, "present pose to zero")
+    page.choose("To", "zero")
     page.click("Show")
     page.wait_for_text("Peaks against the limits")
     page.wait_for_text("Tool position (mm)")
@@ -56,9 +56,15 @@ def test_a_motion_is_plotted_with_its_peaks_and_run(page: Screen, served: Served
     ):
         page.click(quantity)
         page.wait_for_text(title)
+    joints = [joint.title for joint in served.robot.joints]
     expect(page.page.locator(".uplot .u-legend .u-label").locator("visible=true")).to_have_text(
-        ["time (s)", *(joint.title for joint in served.robot.joints)]
+        ["time (s)", *joints, "Shoulder ≥ −3.2", "Elbow ≥ −84.4", "cursor"]
     )
+    page.click("none")
+    expect(page.page.locator(".uplot .u-legend .u-label").locator("visible=true")).to_have_text(
+        ["time (s)", *joints, "cursor"]
+    )
+    page.wait_for_text(re.compile("Pre-flight: "))
     assert served.commanded_deg == HOME
     wait_for_ghost(page, served.robot, np.zeros(5))
     page.click("Run")
@@ -73,7 +79,7 @@ def test_a_motion_is_plotted_with_its_peaks_and_run(page: Screen, served: Served
 
 
 def test_the_time_cursor_moves_the_ghost(page: Screen, served: ServedArm) -> None:
-    page.choose(MOTION, "present pose to zero")
+    page.choose("To", "zero")
     page.click("Show")
     page.wait_for_text("Peaks against the limits")
     page.type_into("Time s", "0.5")
@@ -128,7 +134,7 @@ def test_a_stopped_path_gives_no_report(page: Screen, served: ServedArm) -> None
 def test_settings_that_were_not_shown_are_not_run(page: Screen, served: ServedArm) -> None:
     page.click("Run")
     page.wait_for_notification(re.compile("press Show first"))
-    page.choose(MOTION, "present pose to zero")
+    page.choose("To", "zero")
     page.click("Show")
     page.wait_for_text("Peaks against the limits")
     page.type_into("Duration s", "9")
@@ -145,8 +151,8 @@ def test_settings_that_were_not_shown_are_not_run(page: Screen, served: ServedAr
 
 
 def test_a_point_out_of_reach_is_explained(page: Screen, served: ServedArm) -> None:
-    page.choose(MOTION, "present pose to X Y Z")
-    page.type_into("X mm", "900")
+    page.choose("To", "X Y Z")
+    page.type_into("To X Y Z mm", "900, 0, 100")
     page.click("Show")
     page.wait_for_notification(re.compile("too far by"))
     assert served.commanded_deg == HOME
@@ -163,14 +169,99 @@ def test_the_program_on_the_desk_is_shown_and_run(page: Screen, served: ServedAr
     page.wait_until(lambda: served.commanded_deg == [10.0, 80.0, -80.0, -40.0, 0.0], "the program has run")
 
 
-def test_the_motion_is_exported_with_units(page: Screen, served: ServedArm) -> None:
-    page.choose(MOTION, "present pose to zero")
+def test_two_motions_are_compared_played_exported_and_the_second_is_run(
+    page: Screen, served: ServedArm
+) -> None:
+    page.choose("To", "zero")
     page.click("Show")
-    page.wait_for_text("Peaks against the limits")
+    page.wait_for_text(re.compile("present pose to zero, cubic: "))
+    page.click("Keep as A")
+    page.wait_for_text(re.compile("A is present pose to zero, cubic"))
+    page.choose("Profile", "s-curve")
+    page.click("Show")
+    page.wait_for_text("B: present pose to zero, s-curve")
+    page.wait_for_text("% of limit")
+    page.click("Joints")
+    page.click("Velocity")
+    page.wait_for_text("Joint velocity (°/s)")
+    labels = page.page.locator(".uplot .u-legend .u-label").locator("visible=true")
+    expect(labels.nth(1)).to_have_text("B Base")
+    expect(labels.nth(6)).to_have_text("A Base")
+    page.screenshot("trajectory-compared")
+    page.click("Play")
+    page.wait_for_text(re.compile(r"at 1\.\d\d s: tool"))
+    wait_for_ghost(page, served.robot, np.zeros(5))
+    assert served.commanded_deg == HOME
     head, *rows = csv_of(page, "Export motion (CSV)")
-    assert head.startswith("time_s,base_deg,shoulder_deg")
-    assert float(rows[0].split(",")[2]) == 90
-    assert float(rows[-1].split(",")[2]) == 0
+    assert head.startswith("time_s,base_deg,shoulder_deg") and head.endswith(",tool_pitch_deg")
+    assert (float(rows[0].split(",")[2]), float(rows[-1].split(",")[2])) == (90, 0)
+    svg = "\n".join(csv_of(page, "Figure (SVG)"))
+    assert "present pose to zero, s-curve" in svg and "joint velocity (°/s)" in svg
+    with page.page.expect_download() as download:
+        page.click("Figure (PNG)")
+    assert Path(download.value.path()).read_bytes().startswith(b"\x89PNG")
+    page.click("Drop A")
+    expect(labels.nth(1)).to_have_text("Base")
+    page.click("Run")
+    page.wait_until(lambda: served.commanded_deg == [0.0] * 5, "the arm is stretched")
+    assert page.errors == []
+
+
+def test_the_tool_is_led_along_a_line_and_the_arm_goes_there(page: Screen, served: ServedArm) -> None:
+    robot = served.robot
+    tip = 1000 * robot.forward(robot.pose("home"))[:3, 3]
+    page.choose(MOTION, "Tool line")
+    end = tip.round(1) + np.array([0.0, 60.0, 0.0])
+    page.type_into("End X Y Z mm", ", ".join(f"{value:.1f}" for value in end.tolist()))
+    page.type_into("Tool speed mm/s", "80")
+    page.click("Show")
+    page.wait_for_text(re.compile(r"asked for: 80 mm/s"))
+    page.wait_for_text(re.compile("Pre-flight: clear"))
+    wait_for_ghost(page, robot, plan_line(robot, robot.pose("home"), end / 1000).end)
+    page.open_tab("Error report")
+    page.wait_for_text("Off the ideal line or arc")
+    page.click("Run")
+    page.page.get_by_text("Applied: 25 points").wait_for(timeout=3 * PATIENCE_MS)
+    assert 1000 * robot.forward(served.now.q_command)[:3, 3] == pytest.approx(end, abs=0.05)
+    assert page.errors == []
+
+
+def test_what_the_pre_flight_refuses_is_drawn_but_not_run(page: Screen, served: ServedArm) -> None:
+    page.choose(MOTION, "Tool line")
+    page.type_into("End X Y Z mm", "500 0 300")
+    page.click("Show")
+    page.wait_for_text(re.compile("Pre-flight: refused"))
+    page.wait_for_text("Drawn as far as the arm can follow.")
+    page.screenshot("trajectory-refused")
+    page.click("Run")
+    page.wait_for_notification(re.compile("the pre-flight refuses it: .*% of the line"))
+    page.type_into("End X Y Z mm", "500 0")
+    page.click("Show")
+    page.wait_for_notification(re.compile("3 numbers are needed"))
+    page.choose(MOTION, "Joint motion")
+    page.choose("To", "angles")
+    page.type_into("To θ °", "200, 90, -80, -40, 0")
+    page.click("Show")
+    page.wait_for_text(re.compile("Not drawn: Base: 200.00° is outside"))
+    assert served.commanded_deg == HOME
+
+
+def test_a_program_is_drawn_with_its_lines_and_the_step_at_the_cursor(
+    page: Screen, served: ServedArm
+) -> None:
+    x, y, z = (1000 * served.robot.forward(served.robot.pose("home"))[:3, 3]).tolist()
+    steps = (
+        LineStep(x_mm=x, y_mm=y + 50, z_mm=z, blend_mm=10),
+        LineStep(x_mm=x, y_mm=y + 50, z_mm=z + 20),
+        MoveStep(joints_deg=(0, 90, -80, -40, 0)),
+    )
+    served.console.programs.edit(lambda _: Program(robot="uzuner", name="lines", steps=steps))
+    page.choose(MOTION, "Program on the desk")
+    page.click("Show")
+    page.wait_for_text(re.compile("program lines: "))
+    page.wait_for_text(re.compile("at 0.00 s: .*step 1"))
+    page.type_into("Time s", "90")
+    page.wait_for_text(re.compile("step 3"))
 
 
 def test_joint_by_joint_is_studied_and_exported_but_not_run(page: Screen, served: ServedArm) -> None:
@@ -194,7 +285,7 @@ def test_joint_by_joint_is_studied_and_exported_but_not_run(page: Screen, served
     page.type_into("Joint speed °/s", "0")
     page.click("Show")
     page.wait_for_notification(re.compile("0 °/s is outside 1 … 360 °/s"))
-    page.choose(MOTION, "present pose to zero")
+    page.choose(MOTION, "Joint motion")
     page.wait_for_text(re.compile("Duration 0 is the shortest"))
     page.button("Run").wait_for()
     assert served.commanded_deg == HOME

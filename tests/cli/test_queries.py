@@ -233,11 +233,11 @@ def test_help_lists_every_command(capsys: pytest.CaptureFixture[str]) -> None:
         assert name in out
 
 
-def test_ik_imports_neither_viser_nor_scipy() -> None:
+def test_ik_imports_neither_viser_nor_scipy_nor_matplotlib() -> None:
     code = (
         "import sys; from armctl.cli.main import run; "
         "status = run(['ik', 'uzuner', '220', '-196', '85', '--json']); "
-        "heavy = {'viser', 'scipy', 'serial', 'rich'} & set(sys.modules); "
+        "heavy = {'viser', 'scipy', 'serial', 'rich', 'matplotlib'} & set(sys.modules); "
         "sys.exit(f'imported {heavy}' if heavy else status)"
     )
     done = subprocess.run(

@@ -101,6 +101,11 @@ def test_the_figure_has_its_title_units_and_legend_as_texts(profile: ProfileName
     assert {"time (s)", "x", "y", "z", *(joint.title for joint in ROBOT.joints)} <= texts
 
 
+def test_a_dollar_sign_in_a_name_is_no_formula() -> None:
+    svg = figure_bytes(ROBOT, "program $\\frac$", motion(samples=11), "svg").decode()
+    assert "program $\\frac$" in svg
+
+
 def test_limits_are_dashed_lines_of_the_figure() -> None:
     svg = figure_bytes(ROBOT, "fast", motion("trapezoid", 301, None), "svg")
     slow = figure_bytes(ROBOT, "slow", motion("trapezoid", 301, 60.0), "svg")

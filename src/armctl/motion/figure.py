@@ -26,9 +26,14 @@ if TYPE_CHECKING:
 
 FloatArray = NDArray[np.float64]
 FigureForm = Literal["svg", "png"]
-_COLORS = ("#1971c2", "#e8590c", "#2f9e44", "#9c36b5", "#f08c00", "#0c8599", "#5c940d", "#495057")
+COLORS = ("#1971c2", "#e8590c", "#2f9e44", "#9c36b5", "#f08c00", "#0c8599", "#5c940d", "#495057")
+"""of joints and coordinates, in their order, here and on screens"""
 _SIZE_IN = (11.7, 12.0)
 _DPI = 150
+_CAPTION = (
+    "dashed: joint limits that the motion comes near to; "
+    "where an acceleration jumps, the jerk has no bound and is not drawn"
+)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -53,10 +58,10 @@ def motion_figure(robot: Robot, title: str, motion: MotionAnalysis) -> Figure:
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=_SIZE_IN, layout="constrained")
-    figure.suptitle(f"{robot.title}: {title}, {motion.time[-1]:.3f} s", fontsize=13)
+    figure.suptitle(_plain(f"{robot.title}: {title}, {motion.time[-1]:.3f} s"), fontsize=13)
     rows = _rows(robot, motion)
     axes: NDArray[np.object_] = figure.subplots(len(rows), 2, sharex=True)
-    joint_names = [joint.title for joint in robot.joints]
+    joint_names = [_plain(joint.title) for joint in robot.joints]
     for k, row in enumerate(rows):
         _draw(axes[k, 0], motion.time, row.tool, ("x", "y", "z"), f"tool {row.name} (mm{row.per})", ())
         _draw(axes[k, 1], motion.time, row.joints, joint_names, f"joint {row.name} (°{row.per})", row.limits)
@@ -65,7 +70,7 @@ def motion_figure(robot: Robot, title: str, motion: MotionAnalysis) -> Figure:
     for axis, many in zip(axes[0], (3, min(robot.n, 3)), strict=True):
         axis.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=many, frameon=False, fontsize=9)
     figure.align_ylabels()
-    figure.supxlabel("dashed: joint limits that the motion comes near to", fontsize=9, color="#495057")
+    figure.supxlabel(_CAPTION, fontsize=9, color="#495057")
     return figure
 
 
@@ -84,6 +89,11 @@ def figure_bytes(robot: Robot, title: str, motion: MotionAnalysis, form: FigureF
     with io.BytesIO() as file:
         motion_figure(robot, title, motion).savefig(file, format=form, dpi=_DPI)
         return file.getvalue()
+
+
+def _plain(text: str) -> str:
+    """A text without mathematics: matplotlib would set what stands between two dollar signs as a formula."""
+    return text.replace("$", r"\$")
 
 
 def _rows(robot: Robot, motion: MotionAnalysis) -> list[_Row]:
@@ -108,9 +118,9 @@ def _draw(
     limits: Sequence[Limit],
 ) -> None:
     for i, name in enumerate(names):
-        axis.plot(time, values[:, i], color=_COLORS[i % len(_COLORS)], linewidth=1.3, label=name)
+        axis.plot(time, values[:, i], color=COLORS[i % len(COLORS)], linewidth=1.3, label=name)
     for limit in limits:
-        axis.axhline(limit.value, color=_COLORS[limit.joint % len(_COLORS)], linestyle="--", linewidth=0.9)
+        axis.axhline(limit.value, color=COLORS[limit.joint % len(COLORS)], linestyle="--", linewidth=0.9)
     axis.set_ylabel(label)
     axis.grid(visible=True, color="#dee2e6", linewidth=0.6)
     axis.margins(x=0.0)

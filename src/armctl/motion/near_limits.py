@@ -24,8 +24,10 @@ class Limit:
     """A limit that a motion comes near to."""
 
     value: float
-    """in the unit of what is drawn"""
+    """[°], with [s] for its derivatives"""
     joint: int
+    is_upper: bool
+    """not to be passed upwards, or not downwards"""
 
 
 def near_limits(
@@ -50,7 +52,7 @@ def near_limits(
     for joint, limit in enumerate(most.tolist()):
         for sign in (1, -1):
             if every or float((sign * values[:, joint]).max()) >= _NEAR * limit:
-                found.append(Limit(sign * float(np.degrees(limit)), joint))
+                found.append(Limit(sign * float(np.degrees(limit)), joint, is_upper=sign > 0))
     return found
 
 
@@ -59,7 +61,7 @@ def _near_ends(robot: Robot, q: FloatArray, *, every: bool) -> list[Limit]:
     for joint, (low, high) in enumerate(robot.limits.tolist()):
         room = _POSITION_ROOM * (high - low)
         if every or float(q[:, joint].min()) <= low + room:
-            found.append(Limit(float(np.degrees(low)), joint))
+            found.append(Limit(float(np.degrees(low)), joint, is_upper=False))
         if every or float(q[:, joint].max()) >= high - room:
-            found.append(Limit(float(np.degrees(high)), joint))
+            found.append(Limit(float(np.degrees(high)), joint, is_upper=True))
     return found

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from armctl.hardware import Source
 from armctl.motion.error_report import ErrorReport
+from armctl.motion.path_error import PathError
 from armctl.ui.widgets.html_bits import fixed, heading, muted
 from armctl.ui.widgets.text import table
 
@@ -28,6 +29,14 @@ def summary_html(name: str, meaning: str, report: ErrorReport) -> str:
         heading(f"{name}: {len(report.desired)} points")
         + muted(meaning)
         + table(["", "x", "y", "z", "3D"], rows)
+    )
+
+
+def between_html(error: PathError, when: str) -> str:
+    """How far the tool strays from the ideal line or arc between the points as well."""
+    figures = [["largest mm", _figure(1e3 * error.largest)], ["RMS mm", _figure(1e3 * error.rms)]]
+    return (
+        heading("Off the ideal line or arc") + muted(f"Between the points, too: {when}.") + table([], figures)
     )
 
 

@@ -1,41 +1,60 @@
-"""The motions that the Trajectory screen can show, planned off the event loop."""
+"""The motions that the Trajectory screen can show: what is asked for, and what comes of it."""
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from armctl.errors import ArmctlError, ProgramError
 from armctl.kinematics import Target
-from armctl.motion import (
-    CubicTrajectory,
-    GripperStep,
-    JoinedTrajectory,
-    Profile,
-    Program,
-    Trajectory,
-    WaitStep,
-    arc,
-    line,
-    plan_joints,
-    plan_step,
-    plan_target,
-)
-from armctl.motion.point_path import plan_through, solve_points
+from armctl.motion import Finding, PitchMode, Profile, Program, ProgramFinding, Trajectory, arc, line
+from armctl.motion.analysis import MotionAnalysis
+from armctl.motion.path_error import IdealPath
+from armctl.motion.point_path import Passing
+from armctl.motion.trajectory import Peaks
 from armctl.robot import Robot
 
 FloatArray = NDArray[np.float64]
-TO_POINT = "present pose to X Y Z"
-PROGRAM = "Program on the desk"
+JOINTS = "Joint motion"
+TOOL_LINE = "Tool line"
+TOOL_ARC = "Tool arc"
 ARC = "Arc (58 points)"
 LINE = "Line (29 points)"
-_COARSE_STEP = 0.02
-"""[rad] of a swept joint, where it only matters whether there is a solution"""
+PROGRAM = "Program on the desk"
 JOINT_BY_JOINT = "Joint by joint (study)"
+MOTIONS = (JOINTS, TOOL_LINE, TOOL_ARC, ARC, LINE, PROGRAM, JOINT_BY_JOINT)
+"""in the order in which they are offered"""
+TOOL_PATHS = (TOOL_LINE, TOOL_ARC)
 TEST_PATHS = {ARC: arc, LINE: line}
 """the paper's test paths, by their labels"""
+_COARSE_STEP = 0.02
+"""[rad] of a swept joint, where it only matters whether there is a solution"""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ToolWish:
+    """How the tool shall be led along a line or an arc."""
+
+    end: FloatArray
+    """(3,) [m]"""
+    via: FloatArray | None = None
+    """(3,) a point of the arc [m]; None: a line"""
+    pitch: PitchMode = "kept"
+    end_pitch: float | None = None
+    """[rad]"""
+    speed: float | None = None
+    """largest speed of the tool [m/s]; None: as fast as the joints can"""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PointWish:
+    """How the points of a test path shall be passed."""
+
+    passing: Passing | None = "stop"
+    """None: the tool is led along the curve itself, from the first point"""
+    blend_m: float = 0.002
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -43,38 +62,62 @@ class MotionRequest:
     """What the screen asks for."""
 
     motion: str
-    start: FloatArray
-    """(n,) where the arm stands [rad]"""
-    profile: Profile
-    duration_s: float | None
-    choose: str
-    target: Target | None = None
+    title: str
+    start: FloatArray | Target
+    """(n,) where it begins [rad], or where the tool is then"""
+    profile: Profile = "cubic"
+    duration_s: float | None = None
+    choose: str = "least-rotation"
+    end: FloatArray | Target | None = None
+    """of a joint motion: as ``start``"""
+    tool: ToolWish | None = None
+    points: PointWish = PointWish()
     program: Program | None = None
+    present: FloatArray | None = None
+    """(n,) where the arm stands [rad], for the choice of a start by least travel"""
+    opening: float | None = None
+    """of the gripper when a program begins, 0..1; None: not known"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlannedMotion:
-    """A motion that was planned and checked."""
+    """A motion that can be drawn, and what its pre-flight says."""
 
     title: str
     trajectory: Trajectory
+    findings: tuple[Finding | ProgramFinding, ...] = ()
+    ideal: IdealPath | None = None
+    """what the tool shall follow; None: nothing is prescribed between its ends"""
     points: FloatArray | None = None
     """(k, 3) points that it goes through [m]; None: none are prescribed"""
     solved: FloatArray | None = None
     """(k, n) joint angles in those points [rad]"""
     program: Program | None = None
     """run this instead of the trajectory: it has waits and gripper steps"""
+    steps: tuple[tuple[float, int], ...] = ()
+    """of a program: when the motion of which step begins [s]"""
+    speed: float | None = None
+    """largest speed of the tool that was asked for [m/s]"""
     note: str = ""
 
+    @property
+    def refusal(self) -> Finding | ProgramFinding | None:
+        """The first error of its pre-flight; None: it may be run."""
+        return next((finding for finding in self.findings if finding.severity == "error"), None)
 
-def to_pose(name: str) -> str:
-    """Label of the motion to a named pose."""
-    return f"present pose to {name}"
+    def step_at(self, time: float) -> int | None:
+        """Index of the program step that moves at a time [s]; None: it is no program."""
+        at = bisect_right(self.steps, time, key=lambda step: step[0]) - 1
+        return self.steps[at][1] if at >= 0 else None
 
 
-def motion_labels(robot: Robot) -> tuple[str, ...]:
-    """All motions, in the order in which they are offered."""
-    return (*(to_pose(name) for name in robot.poses), TO_POINT, ARC, LINE, PROGRAM, JOINT_BY_JOINT)
+@dataclass(frozen=True, slots=True, eq=False)
+class ShownMotion:
+    """A motion as it is drawn."""
+
+    planned: PlannedMotion
+    motion: MotionAnalysis
+    peaks: Peaks
 
 
 def why_not(robot: Robot, points: FloatArray) -> str | None:
@@ -84,58 +127,3 @@ def why_not(robot: Robot, points: FloatArray) -> str | None:
         if not solutions.success:
             return f"point {number} of {len(points)}: {solutions.reason}"
     return None
-
-
-def plan_motion(robot: Robot, asked: MotionRequest) -> PlannedMotion:
-    """Plan what is asked for.
-
-    Raises:
-        ArmctlError: it cannot be planned; says why.
-    """
-    start, profile, duration = asked.start, asked.profile, asked.duration_s
-    if asked.motion in TEST_PATHS:
-        return _plan_path(robot, asked, TEST_PATHS[asked.motion]())
-    if asked.motion == PROGRAM:
-        if asked.program is None or not asked.program.steps:
-            raise ProgramError("the program on the desk has no steps; record some in Manual → Serial motion")
-        return _plan_program(robot, asked.program, start)
-    if asked.target is not None:
-        trajectory = plan_target(robot, start, asked.target, asked.choose, duration, profile)
-    else:
-        name = next(name for name in robot.poses if to_pose(name) == asked.motion)
-        trajectory = plan_joints(robot, start, robot.pose(name), duration, profile)
-    note = "" if trajectory.duration > 0 else "The arm is there already."
-    return PlannedMotion(asked.motion, trajectory, note=note)
-
-
-def _plan_path(robot: Robot, asked: MotionRequest, points: FloatArray) -> PlannedMotion:
-    solved = solve_points(robot, points, asked.choose, asked.start)
-    trajectory = plan_through(robot, list(solved), asked.duration_s, asked.profile)
-    note = "At rest for an instant in each point. Run goes to the first point first."
-    return PlannedMotion(asked.motion, trajectory, points, solved, note=note)
-
-
-def _plan_program(robot: Robot, program: Program, start: FloatArray) -> PlannedMotion:
-    parts: list[Trajectory] = []
-    grips = 0
-    at = start
-    for number, step in enumerate(program.steps, 1):
-        if isinstance(step, GripperStep):
-            grips += 1
-            continue
-        try:
-            part = (
-                CubicTrajectory(at, at, step.seconds)
-                if isinstance(step, WaitStep)
-                else plan_step(robot, at, step)
-            )
-        except ArmctlError as cause:
-            raise ProgramError(f"{program.name}: step {number}: {cause}") from cause
-        parts.append(part)
-        at = part.end
-    if not parts:
-        raise ProgramError(f"{program.name}: no step of it moves a joint, so there is nothing to show")
-    note = "One pass, with the durations of its own steps."
-    if grips:
-        note += f" The time of {grips} gripper step{'' if grips == 1 else 's'} is not counted."
-    return PlannedMotion(f"program {program.name}", JoinedTrajectory(parts), program=program, note=note)

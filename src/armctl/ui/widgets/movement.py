@@ -32,7 +32,7 @@ class MovementChoice:
     @property
     def profile(self) -> Profile:
         """The profile that is chosen."""
-        return "normal" if self._profile.value == _NORMAL else "planned"
+        return "normal" if self._profile.value == _NORMAL else "cubic"
 
     @property
     def visible(self) -> bool:
@@ -43,7 +43,7 @@ class MovementChoice:
     def visible(self, visible: bool) -> None:
         if self._profile.visible != visible:
             self._profile.visible = visible
-        self.duration.visible = visible and self.profile == "planned"
+        self.duration.visible = visible and self.profile == "cubic"
 
     def checked(self) -> tuple[Profile, float | None]:
         """Profile and duration [s]; None: the shortest.
@@ -59,4 +59,4 @@ class MovementChoice:
         return self.profile, seconds or None
 
     async def _on_profile(self) -> None:
-        self.duration.visible = self.visible and self.profile == "planned"
+        self.duration.visible = self.visible and self.profile == "cubic"

@@ -9,6 +9,7 @@ from __future__ import annotations
 import asyncio
 import math
 from collections.abc import Callable, Sequence
+from typing import Protocol
 
 import viser
 
@@ -65,7 +66,9 @@ class NumberField:
         self.label = label
         self._exact = value
         self._filled = "" if value is None else format_number(value)
-        self.handle = gui.add_text(label, self._filled, hint=hint, visible=visible, disabled=disabled)
+        self.handle: viser.GuiInputHandle[str] = gui.add_text(
+            label, self._filled, hint=hint, visible=visible, disabled=disabled
+        )
 
     @property
     def text(self) -> str:
@@ -110,13 +113,26 @@ class NumberField:
             self.handle.visible = visible
 
 
+class Watched(Protocol):
+    """A field that is typed into."""
+
+    @property
+    def handle(self) -> viser.GuiInputHandle[str]:
+        """The page's text field."""
+        ...
+
+    def send_again(self) -> None:
+        """Make the page show what the server has."""
+        ...
+
+
 class EditWatch:
     """Knows when the page last edited one of some fields, so that a click cannot overtake a digit.
 
     ``require_settled`` belongs at the start of everything that uses the fields to move the arm.
     """
 
-    def __init__(self, fields: Sequence[NumberField], now: Callable[[], float] | None = None) -> None:
+    def __init__(self, fields: Sequence[Watched], now: Callable[[], float] | None = None) -> None:
         self._fields = tuple(fields)
         self._now = now
         self._edited_at = -math.inf

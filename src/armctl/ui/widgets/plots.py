@@ -10,9 +10,13 @@ import viser
 from numpy.typing import NDArray
 from viser import uplot
 
+from armctl.motion.figure import COLORS as FIGURE_COLORS
+
 FloatArray = NDArray[np.float64]
-COLORS = ("#1971c2", "#e8590c", "#2f9e44", "#9c36b5", "#f08c00", "#0c8599", "#5c940d", "#495057")
+COLORS = FIGURE_COLORS
 _HEIGHT = 250
+_PADDING = (10, 12, 0, 0)
+"""top, right, bottom, left [px]: room for half of the outermost numbers"""
 _LABEL_FONT = "12px sans-serif"
 
 
@@ -24,6 +28,10 @@ class Line:
     y: FloatArray
     color: str
     mark: bool = False
+    dash: tuple[float, float] | None = None
+    """lengths of dash and gap [px]; None: drawn through"""
+    width: float = 1.6
+    """[px]"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -53,7 +61,7 @@ class LinePlot:
             picture.title,
             picture.x_label,
             span(picture.lines),
-            *((line.name, line.color) for line in picture.lines),
+            *((line.name, line.color, line.dash, line.width) for line in picture.lines),
         )
         if self._handle is not None and heads == self._heads:
             self._handle.data = data
@@ -72,6 +80,7 @@ class LinePlot:
                 ),
                 cursor={"points": {"show": False}},  # they would be drawn astray where a value is NaN
                 height=_HEIGHT,
+                padding=_PADDING,
             )
 
     def clear(self) -> None:
@@ -92,6 +101,14 @@ def span(lines: Sequence[Line]) -> tuple[float, float]:
     return low - margin, high + margin
 
 
+def upright(x: FloatArray, at: float, bottom: float, top: float) -> FloatArray:
+    """A line's values (k,) that draw an upright line at ``at``: from one point of ``x`` (k,) to the next."""
+    y = np.full(len(x), np.nan)
+    k = min(int(np.searchsorted(x, at)), len(x) - 2)
+    y[k : k + 2] = bottom, top
+    return y
+
+
 def thinned(count: int, most: int, keep: Sequence[int] = ()) -> NDArray[np.int64]:
     """About ``most`` indices of ``count`` points: evenly spread, both ends, and those to ``keep``."""
     even = np.linspace(0, count - 1, min(count, most)).round().astype(np.int64)
@@ -106,4 +123,13 @@ def _series(line: Line) -> uplot.Series:
             "width": 0,
             "points": {"show": True, "size": 9, "fill": line.color, "stroke": line.color},
         }
-    return {"label": line.name, "stroke": line.color, "width": 1.6, "pxAlign": 0.0, "points": {"show": False}}
+    series: uplot.Series = {
+        "label": line.name,
+        "stroke": line.color,
+        "width": line.width,
+        "pxAlign": 0.0,
+        "points": {"show": False},
+    }
+    if line.dash is not None:
+        series["dash"] = line.dash
+    return series

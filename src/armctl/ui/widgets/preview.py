@@ -24,6 +24,11 @@ class Preview:
         """Whether this screen's ghost is shown."""
         return self._q is not None and self._ghost.shown_by(self)
 
+    @property
+    def taken(self) -> bool:
+        """Whether another screen shows something in place of what this one has shown last."""
+        return self._q is not None and not self._ghost.shown_by(self)
+
     def show(self, q: FloatArray, present: FloatArray) -> None:
         """Show ``q`` (n,) [rad], unless the arm stands there now."""
         if _same(q, present):
