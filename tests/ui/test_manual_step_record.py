@@ -38,3 +38,12 @@ def test_line_and_arc_end_where_the_tool_is() -> None:
 def test_an_arc_needs_a_via_point() -> None:
     with pytest.raises(StateError, match="an arc needs a point on its way: bring the tool there"):
         step_here(ARC, ROBOT, HOME_DEG, None)
+
+
+def test_an_arm_whose_place_decides_about_its_pitch_lets_it_come_as_it_comes() -> None:
+    mico = load_robot("mico")
+    pose = tuple(np.degrees(mico.pose("home")).tolist())
+    line, point = step_here(LINE, mico, pose, None), step_here(POINT, mico, pose, None)
+    assert isinstance(line, LineStep)
+    assert isinstance(point, PointStep)
+    assert (line.pitch, point.pitch_deg) == ("free", None)

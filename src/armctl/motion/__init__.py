@@ -9,6 +9,7 @@ from armctl.motion.paths import (
     ToolPathUnreachableError,
     tool_arc,
     tool_line,
+    usual_pitch,
 )
 from armctl.motion.peaks import knows_peaks, peaks_of
 from armctl.motion.plan import Profile, plan_joints, plan_target, solve
@@ -143,4 +144,5 @@ __all__ = [
     "step_target",
     "tool_arc",
     "tool_line",
+    "usual_pitch",
 ]

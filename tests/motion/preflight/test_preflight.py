@@ -72,7 +72,8 @@ def test_a_joint_outside_its_limits_is_named_with_figures() -> None:
     end[2] = np.radians(-91.2)
     (text,) = texts(PointToPoint.lasting(HOME, end, 10.0))
     assert text == (
-        "Elbow: -91.20° is outside -84.36° … 95.07° at 10.00 s; choose another target or another branch"
+        "Elbow: -91.20° is outside -84.36° … 95.07° at 10.00 s; "
+        "keep away from this limit: another target, another branch or a straighter way"
     )
 
 

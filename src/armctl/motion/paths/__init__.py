@@ -1,7 +1,7 @@
 """Paths: where a motion goes, without its time."""
 
 from armctl.motion.paths.spline import spline_through
-from armctl.motion.paths.tool_path import PITCH_MODES, PitchMode, ToolPath, tool_arc, tool_line
+from armctl.motion.paths.tool_path import PITCH_MODES, PitchMode, ToolPath, tool_arc, tool_line, usual_pitch
 from armctl.motion.paths.tool_refusal import PathPlace, ToolPathRefusedError, ToolPathUnreachableError
 
 __all__ = [
@@ -14,4 +14,5 @@ __all__ = [
     "spline_through",
     "tool_arc",
     "tool_line",
+    "usual_pitch",
 ]

@@ -25,6 +25,7 @@ FloatArray = NDArray[np.float64]
 PitchMode = Literal["kept", "interpolated", "free"]
 """tool pitch on the way: as at the start; evenly to that at the end; whatever takes the least motion"""
 PITCH_MODES: tuple[PitchMode, ...] = get_args(PitchMode)
+_JOINTS_FOR_PITCH = 3
 _PUSHES = (6.0, 30.0)
 """tried in this order: how strongly a free joint keeps away from the limits [rad/m]"""
 _MARGIN = 0.35
@@ -60,6 +61,15 @@ class ToolPath:
     def is_still(self) -> bool:
         """Whether the way is so short that the arm just stays where it is."""
         return self.curve.length == 0.0
+
+
+def usual_pitch(robot: Robot) -> PitchMode:
+    """What an arm can do with its tool pitch along most lines: keep it, or let it come as it comes.
+
+    With two parallel pitch joints, the place of the tool decides about its pitch.
+    """
+    joints = robot.inverse_kinematics.pitch_joints
+    return "free" if joints and len(joints) < _JOINTS_FOR_PITCH else "kept"
 
 
 def tool_line(

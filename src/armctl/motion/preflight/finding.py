@@ -9,6 +9,7 @@ Severity = Literal["error", "warning"]
 """error: the motion is refused. warning: it is shown, and the motion may be run."""
 Kind = Literal[
     "limits",
+    "reach",
     "speed",
     "acceleration",
     "rest",

@@ -34,7 +34,7 @@ def limit_findings(batch: Batch) -> Iterator[tuple[int, Finding]]:
                 leaf.begins + float(leaf.time[at]),
                 joint.title,
                 f"{angle:.2f}° is outside {least:.2f}° … {most:.2f}°",
-                "choose another target or another branch",
+                "keep away from this limit: another target, another branch or a straighter way",
                 "limits",
             ),
         )

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armctl.errors import InputError
-from armctl.motion import PitchMode
+from armctl.motion import PitchMode, usual_pitch
 from armctl.ui.screens.motion_ends import metres, point_field
 from armctl.ui.widgets.number_field import NumberField
 from armctl.ui.widgets.numbers_field import NumbersField
@@ -37,7 +37,11 @@ class ToolPathForm:
         self._changed = changed
         self._via = point_field(session, "Via X Y Z mm", _VIA_MM)
         self._end = point_field(session, "End X Y Z mm", _END_MM)
-        self._pitch = gui.add_dropdown("Tool pitch", tuple(_PITCH), hint=_PITCH_HINT, visible=False)
+        usual = usual_pitch(session.console.robot)
+        first = next(label for label, mode in _PITCH.items() if mode == usual)
+        self._pitch = gui.add_dropdown(
+            "Tool pitch", tuple(_PITCH), initial_value=first, hint=_PITCH_HINT, visible=False
+        )
         self._end_pitch = NumberField(gui, "End pitch °", 0.0, visible=False)
         self._speed = NumberField(gui, "Tool speed mm/s", 0.0, hint=_SPEED_HINT, visible=False)
         self._shown = (False, False)

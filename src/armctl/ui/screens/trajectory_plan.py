@@ -16,6 +16,7 @@ from armctl.errors import InputError, ProgramError
 from armctl.kinematics import Target
 from armctl.motion import (
     Finding,
+    Kind,
     Profile,
     ProfileName,
     ToolPathRefusedError,
@@ -157,7 +158,11 @@ def _ends_here(
     """A refusal as a finding at the end of what is drawn, which comes there later than at full speed."""
     place, (what, _, mend) = refusal.place, _TIME.sub("", str(refusal)).rpartition("; ")
     part = "tool" if place.joint is None else robot.joints[place.joint].title
-    kind = "limits" if place.needed is not None else "singularity"
+    kind: Kind = "singularity"
+    if isinstance(refusal, ToolPathUnreachableError):
+        kind = "reach"
+    elif place.needed is not None:
+        kind = "limits"
     return Finding(time, part, what or mend, mend if what else "", kind)
 
 

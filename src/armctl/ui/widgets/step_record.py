@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from armctl.errors import StateError
+from armctl.motion import usual_pitch
 from armctl.motion.program import ArcStep, LineStep, MoveStep, PointStep, Step
 from armctl.robot import Robot
 
@@ -35,9 +36,11 @@ def step_here(kind: str, robot: Robot, pose_deg: tuple[float, ...], via_mm: Poin
     x, y, z = tool_point_mm(robot, pose_deg)
     if kind == POINT:
         pitch, roll = robot.inverse_kinematics.pitch_and_roll(np.radians(pose_deg))
+        if usual_pitch(robot) == "free":  # the place decides about it
+            pitch = None
         return PointStep(x_mm=x, y_mm=y, z_mm=z, pitch_deg=_degrees(pitch), roll_deg=_degrees(roll))
     if kind == LINE:
-        return LineStep(x_mm=x, y_mm=y, z_mm=z)
+        return LineStep(x_mm=x, y_mm=y, z_mm=z, pitch=usual_pitch(robot))
     if kind == ARC:
         if via_mm is None:
             raise StateError(
@@ -45,7 +48,15 @@ def step_here(kind: str, robot: Robot, pose_deg: tuple[float, ...], via_mm: Poin
                 f"then go on to its end and press {ARC!r}"
             )
         via_x, via_y, via_z = via_mm
-        return ArcStep(via_x_mm=via_x, via_y_mm=via_y, via_z_mm=via_z, x_mm=x, y_mm=y, z_mm=z)
+        return ArcStep(
+            via_x_mm=via_x,
+            via_y_mm=via_y,
+            via_z_mm=via_z,
+            x_mm=x,
+            y_mm=y,
+            z_mm=z,
+            pitch=usual_pitch(robot),
+        )
     return MoveStep(joints_deg=pose_deg)
 
 
