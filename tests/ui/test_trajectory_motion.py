@@ -23,7 +23,7 @@ from armctl.motion import (
     WaitStep,
 )
 from armctl.motion.error_report import ErrorReport, closest_on_path, report_csv
-from armctl.motion.path_error import PathError
+from armctl.motion.path_error import PathError, distances
 from armctl.motion.peaks import peaks_of
 from armctl.motion.point_path import PASSINGS, Passing, plan_blended, plan_through, solve_points
 from armctl.robot import load_robot
@@ -157,6 +157,7 @@ def test_a_published_path_in_every_way_of_passing_its_points(
         time = np.arange(0.0, planned.trajectory.duration, 0.02)
         path = ROBOT.forward(planned.trajectory.sample(time).q)[:, :3, 3]
         assert np.linalg.norm(closest_on_path(planned.points, path) - planned.points, axis=1).max() < 5e-3
+        assert distances(planned.ideal, path).max() < 5e-5
     if passing == "stop":
         assert planned.refusal is None
         assert planned.trajectory.end == pytest.approx(planned.solved[-1])

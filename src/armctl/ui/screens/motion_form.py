@@ -54,10 +54,10 @@ _OF_THE_PAPER = "published"
 """the criterion that the paper's tables were made with"""
 _PAPER_ARM = "uzuner"
 _PASSING: dict[str, Passing | None] = {
+    "tool on the curve itself": None,
     "stop at each": "stop",
     "spline through them": "spline",
     "blended": "blend",
-    "tool on the curve itself": None,
 }
 _BLEND_MM = 2.0
 
