@@ -10,8 +10,9 @@ SOURCES := src tests benchmarks examples
 run: $(VENV)/.installed
 	@$(BIN)/armctl serve $(ARGS)
 
+# Two workers: one drives the browser, test by test; the other does the rest.
 test: $(VENV)/.tested browser check
-	$(BIN)/pytest $(ARGS)
+	$(BIN)/pytest -n 2 --dist loadgroup $(ARGS)
 
 check: $(VENV)/.tested
 	$(BIN)/ruff check $(SOURCES)

@@ -23,13 +23,14 @@ class SerialTransport:
     Args:
         port: device path, pty path or ``socket://host:port``.
         baud: baud rate; a USB board's own command port ignores it.
-        write_timeout_s: how long a write may block before the board counts as stuck.
+        write_timeout_s: how long a write may block before the board counts as stuck; on a busy computer a
+            quarter of a second passes with nothing wrong at all.
 
     Raises:
         PortError: the port cannot be opened; the message says what to do about it.
     """
 
-    def __init__(self, port: str, *, baud: int = 115_200, write_timeout_s: float = 0.25) -> None:
+    def __init__(self, port: str, *, baud: int = 115_200, write_timeout_s: float = 1.0) -> None:
         self._name = port
         self._timeout_s = 0.05
         try:
