@@ -2,6 +2,10 @@ from __future__ import annotations
 
 import gc
 import tracemalloc
+from collections.abc import Callable
+from concurrent.futures import Future
+from dataclasses import replace
+from typing import ParamSpec, TypeVar
 
 import numpy as np
 import pytest
@@ -18,10 +22,23 @@ from tests.runtime.kit import (
 )
 from tests.runtime.test_motions import LateExecutor
 
-from armctl.errors import StateError
-from armctl.motion import ArcStep, LineStep, MoveStep, PointStep, Program, SpeedStep, Step, WaitStep, arc
-from armctl.runtime import Pause, Resume, RunProgram, State, UpdateProgram
+from armctl.errors import ProgramError, StateError
+from armctl.motion import (
+    ArcStep,
+    CommentStep,
+    LineStep,
+    MoveStep,
+    PointStep,
+    Program,
+    SpeedStep,
+    Step,
+    WaitStep,
+    arc,
+)
+from armctl.runtime import InlineExecutor, Pause, Resume, RunProgram, State, UpdateProgram
 
+P = ParamSpec("P")
+T = TypeVar("T")
 HOME = ROBOT.pose("home")
 MIDDLE = HOME + np.radians([0, 0, 20, 0, 0])  # away from every limit
 ARC_MM = 1000 * arc()
@@ -269,3 +286,113 @@ def test_an_endless_loop_takes_no_more_memory_the_longer_it_runs(holding: Rig) -
     assert holding.now.program.loop > passes.loop + 5
     # what is planned ahead differs from moment to moment; a leak of a setpoint a tick would be 300 kB
     assert after - before < 150_000
+
+
+def swings(blend_mm: float, *away: float) -> list[Step]:
+    return [MoveStep(joints_deg=tuple(np.degrees(MIDDLE + d).tolist()), blend_mm=blend_mm) for d in away]
+
+
+def test_the_arm_is_braked_in_time_for_a_corner_that_was_not_known_yet(holding: Rig) -> None:
+    # With a radius longer than the steps, each new corner takes half of what the arm had to brake in.
+    poses = [
+        (22.92, 78.54, -74.27, -22.81, 11.46),
+        (22.92, 112.92, -84.36, -45.73, 0.0),
+        (-22.92, 61.35, -62.81, -11.35, 17.19),
+        (2.29, 87.71, -77.71, -42.29, 3.44),
+        (28.65, 118.65, -57.08, -17.08, 11.46),
+        (22.92, 67.08, -84.36, -34.27, 0.0),
+        (3.44, 86.56, -84.36, -44.58, 5.73),
+    ]
+    run(holding, program(*(MoveStep(joints_deg=pose, blend_mm=200) for pose in poses)))
+    assert steps_seen(holding) == [(0, k) for k in range(7)]
+    np.testing.assert_allclose(np.degrees(holding.now.q_command), poses[-1])
+    assert_stream_keeps_limits(holding, 1)
+    assert_accelerations_keep_limits(holding)
+
+
+def test_a_step_that_goes_nowhere_does_not_interrupt_a_blended_motion(holding: Rig) -> None:
+    there = swings(5, 0.2)
+    run(holding, program(*there, *there, *there, *swings(5, -0.2), *swings(0, 0.1)))
+    between = [s for s in holding.history if s.program is not None and s.program.step in (0, 3)]
+    assert np.abs([s.velocity_command for s in between[2:]]).max(axis=1).min() > np.radians(1)
+    np.testing.assert_allclose(holding.now.q_command, MIDDLE + 0.1, atol=1e-12)
+    assert_stream_keeps_limits(holding, 1)
+    assert_accelerations_keep_limits(holding)
+
+
+def test_a_program_of_comments_is_over_at_once(holding: Rig) -> None:
+    run(holding, program(CommentStep(note="nothing yet")), None, 1)
+
+
+class FailingExecutor(InlineExecutor):
+    """Breaks at some of the plans it is asked for."""
+
+    def __init__(self, *numbers: int) -> None:
+        self.numbers, self.count = numbers, 0
+
+    def submit(self, fn: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> Future[T]:
+        self.count += 1
+        if self.count not in self.numbers:
+            return super().submit(fn, *args, **kwargs)
+        broken: Future[T] = Future()
+        broken.set_exception(RuntimeError("out of memory"))
+        return broken
+
+
+@pytest.mark.parametrize("number", [2, 3, 5])
+def test_when_the_planner_breaks_in_a_blended_motion_the_arm_comes_to_rest(number: int) -> None:
+    rig = make_rig(FailingExecutor(number)).enable()
+    ticket = rig.do(RunProgram(program(*swings(5, *[0.25, -0.25] * 6))))
+    rig.until(lambda s: s.state is State.HOLDING, 20)
+    with pytest.raises(ProgramError, match="out of memory"):
+        ticket.result(0)
+    assert rig.now.program is None
+    assert_stream_keeps_limits(rig, 1)
+    assert_accelerations_keep_limits(rig)
+
+
+def test_an_edit_mends_what_could_not_be_planned() -> None:
+    executor = LateExecutor()
+    rig = make_rig(executor).enable()
+
+    def work_until_nothing_waits() -> None:
+        while executor.waiting:
+            executor.work()
+            rig.tick()
+
+    def broken() -> None:
+        raise RuntimeError("out of memory")
+
+    rig.do(RunProgram(program(*swings(0, 0.1, 0.2)), None))
+    work_until_nothing_waits()
+    rig.until(lambda _: bool(executor.waiting))
+    executor.waiting = [(future, broken) for future, _ in executor.waiting]
+    executor.work()
+    rig.tick()
+    edit = rig.do(UpdateProgram(program(*swings(0, 0.1, -0.1))))
+    executor.work()
+    rig.run(10)  # what is left of the old version runs out before the new one is planned
+    edit.result(0)
+    for _ in range(100):
+        executor.work()
+        rig.run(0.1)
+    assert rig.now.state is State.MOVING
+    assert np.abs(commanded(rig) - (MIDDLE - 0.1)).max(axis=1).min() < 1e-9
+
+
+@pytest.mark.parametrize("asleep_s", [2.0, 5.0])
+def test_an_arm_that_needs_seconds_to_stand_waits_for_a_late_planner_on_the_path(asleep_s: float) -> None:
+    joints = tuple(replace(joint, acceleration=joint.speed / 2) for joint in ROBOT.joints)
+    executor = LateExecutor()
+    rig = make_rig(executor, replace(ROBOT, joints=joints)).enable()
+    along = [MIDDLE + np.array([-1.2 + 0.3 * k, 0, 0, 0, 0]) for k in range(9)]
+    steps = (MoveStep(joints_deg=tuple(np.degrees(q).tolist()), blend_mm=60) for q in along)
+    ticket = rig.do(RunProgram(program(*steps)))
+    for _ in range(100):
+        executor.work()
+        rig.run(asleep_s)
+        if ticket.finished.done():
+            break
+    ticket.result(0)
+    assert_stream_keeps_limits(rig, 1)
+    assert_accelerations_keep_limits(rig)

@@ -64,7 +64,7 @@ from armctl.motion.published_paths import arc, line
 from armctl.motion.rehearsal import Rehearsal, RehearsedState, RehearsedStep, rehearse, rehearse_pose
 from armctl.motion.slowed import SlowedTrajectory
 from armctl.motion.step_plan import plan_step, step_target
-from armctl.motion.timing import PathTrajectory
+from armctl.motion.timing import PathTrajectory, stopping_s
 from armctl.motion.tool_plan import plan_arc, plan_line, plan_spline
 from armctl.motion.trajectory import Peaks, Sample, Trajectory
 
@@ -142,6 +142,7 @@ __all__ = [
     "save_program",
     "solve",
     "step_target",
+    "stopping_s",
     "tool_arc",
     "tool_line",
     "usual_pitch",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 
@@ -11,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from armctl.errors import ArmctlError, ProgramError
 from armctl.motion.plan import solve
 from armctl.motion.preflight import Finding, Kind, Severity, preflight_batch
+from armctl.motion.profiles import PROFILES
 from armctl.motion.program import (
     ArcStep,
     Blocks,
@@ -27,7 +29,7 @@ from armctl.motion.program import (
     WaitStep,
     block_findings,
 )
-from armctl.motion.program.program import LONGEST_WAIT_S, SLOWEST_PERCENT
+from armctl.motion.program.program import LONGEST_WAIT_S, SLOWEST_PERCENT, WIDEST_BLEND_MM
 from armctl.motion.step_plan import plan_step, step_target
 from armctl.motion.trajectory import Trajectory
 from armctl.robot import Robot
@@ -124,6 +126,8 @@ def _value_findings(program: Program, robot: Robot) -> Iterator[ProgramFinding]:
 
 def _check_values(step: Step, robot: Robot) -> None:
     # A file's numbers were checked when it was decoded; a program made in Python is checked here only.
+    if isinstance(step, MotionStep):
+        _check_motion(step)
     match step:
         case MoveStep():
             robot.check_limits(np.radians(step.joints_deg))
@@ -152,6 +156,18 @@ def _check_values(step: Step, robot: Robot) -> None:
                 raise ProgramError(f"a block is repeated at least once, not {times} times")
         case _:
             pass
+
+
+def _check_motion(step: MotionStep) -> None:
+    if step.duration_s is not None and not 0 <= step.duration_s <= LONGEST_WAIT_S:
+        raise ProgramError(f"a motion takes 0 … {LONGEST_WAIT_S} s, not {step.duration_s}; leave it open")
+    if not 0 <= step.blend_mm <= WIDEST_BLEND_MM:
+        raise ProgramError(f"a blend radius is 0 … {WIDEST_BLEND_MM} mm, not {step.blend_mm}")
+    if isinstance(step, MoveStep | PointStep):
+        if step.profile not in PROFILES:
+            raise ProgramError(f"there is no profile {step.profile!r}; choose among {', '.join(PROFILES)}")
+    elif step.speed_mm_s is not None and not 0 < step.speed_mm_s < math.inf:
+        raise ProgramError(f"the speed of the tool is more than 0 mm/s, not {step.speed_mm_s}")
 
 
 def _check_numbers(what: str, *values_mm: float) -> None:

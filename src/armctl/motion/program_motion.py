@@ -14,12 +14,14 @@ from armctl.motion.preflight import preflight_batch
 from armctl.motion.program import Cursor, MotionStep, Program, SpeedStep, Step
 from armctl.motion.program_check import check_program
 from armctl.motion.step_plan import leg_of, plan_step
+from armctl.motion.timing import TooFastError, stopping_s
 from armctl.motion.trajectory import Trajectory
 from armctl.robot import Robot
 
 FloatArray = NDArray[np.float64]
-_AHEAD_S = 1.0
-"""How far a blended motion looks ahead: the arm can be braked in much less."""
+_AHEAD_S, _STOPS = 1.0, 6.0
+"""How far a blended motion looks ahead: at least so long, and so many times what the slowest joint needs
+to stand."""
 _FEWEST_LEGS = 3
 _MOST_STEPS = 256
 
@@ -83,11 +85,6 @@ class PlannedStep:
     """its motion does not end at rest: that of the next moving step goes on"""
     error: ArmctlError | None = None
     """why it cannot be run"""
-
-    @property
-    def moving_start(self) -> bool:
-        """It is begun without a stop."""
-        return self.trajectory is not None and self.before.entry is not None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -198,7 +195,7 @@ def _draw(robot: Robot, source: ProgramSource, state: PlanState) -> _Draft:
     state = steps[-1].after if steps else replace(state, entry=None)
     ahead = sum(_least_time(robot, leg) for leg in legs)
     while len(steps) < _MOST_STEPS:
-        if len(legs) >= _FEWEST_LEGS and ahead >= _AHEAD_S:
+        if len(legs) >= _FEWEST_LEGS and ahead >= _ahead_s(robot):
             return _Draft(steps, closed=False)
         found = _next_step(source, state)
         if found is None:
@@ -235,14 +232,18 @@ def _next_step(source: ProgramSource, state: PlanState) -> tuple[PlannedStep, Pl
         return None
     before = state
     if state.program is None or state.cursor is None:
-        program, cursor = source.program, Cursor(source.program, state.first)
+        program = source.program  # read once: it may be edited at any time
+        cursor = Cursor(program, state.first)
         left = None if state.loops_left is None else state.loops_left - 1
         state = replace(state, program=program, loops_left=left, first=0, percent=100.0)
     else:
         program, cursor = state.program, state.cursor.copy()
     found = cursor.next()
     if found is None:
-        return None  # a program with nothing to do
+        if before.first == 0:
+            return None  # a program with nothing to do
+        # nor has what is behind the step that this pass began with
+        return _next_step(source, replace(state, program=None, cursor=None, passes=state.passes + 1))
     index, step = found
     steps_left = None if state.steps_left is None else state.steps_left - 1
     planned = PlannedStep(index, step, program, state.passes, state.percent, before)
@@ -266,7 +267,15 @@ def _motions(
         return [(plan_step(robot, first.before.q, first.step), None)]
     legs, closed = [drawn.leg for drawn in moving if drawn.leg is not None], draft.closed
     while True:
-        found = blend(robot, legs, entry)
+        try:
+            found = blend(robot, legs, entry)
+        except TooFastError:
+            # The corner before the newest leg asks for less speed than the arm has by now; without that leg
+            # it can be braked: so it was planned.
+            if len(legs) == 1:
+                raise
+            legs, closed = legs[:-1], True
+            continue
         bad = _first_refused(robot, found.trajectories)
         if bad is None:
             count = len(legs) if closed else _certain(robot, legs)
@@ -292,10 +301,14 @@ def _first_refused(robot: Robot, trajectories: Sequence[Trajectory]) -> tuple[in
 def _certain(robot: Robot, legs: list[Leg]) -> int:
     """How many legs may be run before more are known: what is left is long enough to brake in."""
     left, count = 0.0, len(legs)
-    while count > 1 and (left < 0.5 * _AHEAD_S or count == len(legs)):
+    while count > 1 and (left < 0.5 * _ahead_s(robot) or count == len(legs)):
         count -= 1
         left += _least_time(robot, legs[count])
     return count
+
+
+def _ahead_s(robot: Robot) -> float:
+    return max(_AHEAD_S, _STOPS * stopping_s(robot))
 
 
 def _least_time(robot: Robot, leg: Leg) -> float:

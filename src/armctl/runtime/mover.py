@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armctl.errors import ArmctlError
-from armctl.motion import Trajectory
+from armctl.motion import Trajectory, stopping_s
 from armctl.robot import Robot
 from armctl.runtime.activity import ActivityView, Setpoint
 from armctl.runtime.track import Track
@@ -19,7 +19,13 @@ _PROBES: Final = np.linspace(0.0, 1.0, 9)  # a trapezoid's corners lie anywhere 
 _HALVINGS = 12
 _TOLERANCE = 1e-6
 _STARVING_S = 0.4
-"""Before the end of what is planned: several times what the arm needs to stand."""
+_STOPS = 2.4
+"""times what the slowest joint needs to stand"""
+
+
+def starving_s(robot: Robot) -> float:
+    """How long before the end of what is planned an arm must begin to slow down for want of more [s]."""
+    return max(_STARVING_S, _STOPS * stopping_s(robot))
 
 
 class PathMover:
@@ -44,6 +50,7 @@ class PathMover:
         self._track = Track()
         self._track.append(trajectory, tag)
         self._limits = robot.acceleration_limits * (1 + _TOLERANCE)
+        self._starving_s = starving_s(robot)
         self._label = label
         self._time = 0.0
         # At the start the joints are at rest at whatever rate, so the first rate needs no ramp.
@@ -72,6 +79,11 @@ class PathMover:
     def tag(self) -> Hashable:
         """Of the trajectory that runs."""
         return self._track.tag
+
+    @property
+    def goes_on(self) -> bool:
+        """What it has does not end at rest: another trajectory must follow."""
+        return self._open
 
     @property
     def remaining_s(self) -> float:
@@ -131,6 +143,11 @@ class PathMover:
         if self._time == 0.0:
             self._rate = 0.0
 
+    def end(self) -> None:
+        """Nothing more will follow: where what it has does not end at rest, stop on the way."""
+        if self._open:
+            self.stop()
+
     def halt(self) -> None:
         """No setpoint is sent for now: go on from rest."""
         self._rate = 0.0
@@ -139,7 +156,7 @@ class PathMover:
         """Go on by ``dt`` seconds; None where the joints stand."""
         if self.done:
             return None
-        starved = self._open and self.remaining_s < _STARVING_S
+        starved = self._open and self.remaining_s < self._starving_s
         target = 0.0 if self._paused or self._stopped or starved else self._speed
         if self._rate == 0.0 and target == 0.0:
             return None

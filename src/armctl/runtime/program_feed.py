@@ -10,7 +10,6 @@ from armctl.motion import PlannedStep, PlanState, Program
 from armctl.runtime.planner import BegunProgram, Planner, result_of
 
 _MOTIONS_AHEAD = 2
-_AHEAD_S = 2.0
 _STEPS_AHEAD = 512
 
 Planned = tuple[list[PlannedStep], PlanState]
@@ -19,7 +18,15 @@ Planned = tuple[list[PlannedStep], PlanState]
 class ProgramFeed:
     """Hands out the steps and keeps the planner ahead of them. Owned by the controller thread."""
 
-    def __init__(self, begun: BegunProgram, planner: Planner) -> None:
+    def __init__(self, begun: BegunProgram, planner: Planner, early_s: float) -> None:
+        """Begin with the steps that are planned.
+
+        Args:
+            begun: the program, and those steps.
+            planner: plans the others.
+            early_s: how long before it is due a motion may be taken [s]; twice as much is planned.
+        """
+        self._ahead_s = 2 * early_s
         self._source = begun.source
         self._state: PlanState = begun.state
         self._planner = planner
@@ -96,7 +103,7 @@ class ProgramFeed:
         if len(self._ready) >= _STEPS_AHEAD:
             return True
         motions = [step.trajectory.duration for step in self._ready if step.trajectory is not None]
-        return len(motions) >= _MOTIONS_AHEAD and sum(motions) >= _AHEAD_S
+        return len(motions) >= _MOTIONS_AHEAD and sum(motions) >= self._ahead_s
 
     def _drop_outdated(self) -> None:
         """Plan anew from the first pass that was planned from an older version and begins at rest."""
@@ -110,5 +117,5 @@ class ProgramFeed:
                 if self._future is not None:
                     self._future.cancel()
                     self._future = None
-                self._over = False
+                self._over, self._failure = False, None
                 return

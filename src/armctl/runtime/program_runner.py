@@ -7,20 +7,19 @@ from armctl.motion import (
     GripperStep,
     PlannedStep,
     Program,
-    SpeedStep,
     Trajectory,
     WaitStep,
 )
 from armctl.robot import Robot
 from armctl.runtime.activity import ActivityView, Setpoint
 from armctl.runtime.gripper import GripperMover
-from armctl.runtime.mover import PathMover
+from armctl.runtime.mover import PathMover, starving_s
 from armctl.runtime.planner import BegunProgram, Planner
 from armctl.runtime.program_feed import ProgramFeed
 from armctl.runtime.snapshot import ProgramProgress
 
-_EARLY_S = 1.0
-"""What is begun without a stop is taken this long before it is due."""
+_EARLIER_S = 0.6
+"""What is begun without a stop is taken this long before the arm would slow down for want of it."""
 
 
 class ProgramRunner:
@@ -52,7 +51,8 @@ class ProgramRunner:
         self._loops = loops
         self._speed, self._percent = speed, 100.0
         self._gripper = gripper
-        self._feed = ProgramFeed(begun, planner)
+        self._early_s = starving_s(robot) + _EARLIER_S
+        self._feed = ProgramFeed(begun, planner, self._early_s)
         self._running: PlannedStep | None = None
         self._first = first
         self._mover: PathMover | None = None
@@ -84,7 +84,7 @@ class ProgramRunner:
         """All passes are over, or it was stopped or refused, and the joints are at rest."""
         if self._stopped or self._error is not None:
             return self._mover is None or self._mover.done
-        return not self._busy and self._begun and self._feed.ended
+        return not self._busy and self._feed.ended
 
     @property
     def error(self) -> ArmctlError | None:
@@ -187,26 +187,25 @@ class ProgramRunner:
         if self._paused or self._stopped or self._error is not None:
             return
         try:
-            while (step := self._feed.peek()) is not None and self._due(step):
+            while (step := self._feed.peek()) is not None and self._due():
                 self._feed.take()
                 if not self._begin(step):
                     return
         except ArmctlError as cause:
             self._feed.drop()
+            if self._mover is not None:
+                self._mover.end()
             self._error = ProgramError(f"{self._program.name}: {cause}")
             self._error.__cause__ = cause
 
-    def _due(self, step: PlannedStep) -> bool:
+    def _due(self) -> bool:
         if self._wait_left > 0 or self._gripping:
             return False
         if self._mover is None:
             return True
-        if isinstance(step.step, SpeedStep):
-            return self._mover.remaining_s <= _EARLY_S
-        if step.trajectory is None:
-            return False
-        # what is begun at rest waits until the joints stand exactly where it begins
-        return step.moving_start and self._mover.remaining_s <= _EARLY_S
+        # What is begun at rest waits until the joints stand exactly where it begins. Where the motion
+        # goes on, what moves nothing must not wait: the joints come to rest behind it only.
+        return self._mover.goes_on and self._mover.remaining_s <= self._early_s
 
     def _begin(self, step: PlannedStep) -> bool:
         """Begin a step; whether another may be begun in the same tick."""

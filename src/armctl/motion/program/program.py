@@ -16,6 +16,7 @@ LONGEST_WAIT_S = 86_400
 Seconds = Annotated[float, Meta(ge=0, le=LONGEST_WAIT_S)]
 MOST_REPEATS = 1_000_000
 SLOWEST_PERCENT = 5
+WIDEST_BLEND_MM = 1000
 
 
 class _Step(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="do", kw_only=True):
@@ -29,7 +30,7 @@ class _Motion(_Step, frozen=True, kw_only=True):
 
     duration_s: Seconds | None = None
     """None: as fast as the limits allow"""
-    blend_mm: Annotated[float, Meta(ge=0, le=1000)] = 0.0
+    blend_mm: Annotated[float, Meta(ge=0, le=WIDEST_BLEND_MM)] = 0.0
     """how far from its end the tool may begin to turn off towards the next step; 0: it stops there"""
 
 

@@ -27,6 +27,10 @@ _MARGIN = 1e-9
 _SHORTEST = 1e-12
 
 
+class TooFastError(InputError):
+    """A path is begun faster than it can be braked on."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class PathLimits:
     """Largest rate and acceleration in each of m regions of a path."""
@@ -93,11 +97,13 @@ class SpeedPlan:
             last: largest rate at its end; what can be reached is taken where it is less.
 
         Raises:
-            InputError: ``first`` is more than the path can brake from.
+            TooFastError: ``first`` is more than the path can brake from.
         """
         rates = brake(limits, last)
         if first > rates[0] * (1 + 1e-6) + 1e-12:
-            raise InputError(f"a path cannot be begun at the rate {first:.6g}; the most is {rates[0]:.6g}")
+            raise TooFastError(
+                f"a path cannot be begun at the rate {first:.6g}; the most is {rates[0]:.6g}: begin it slower"
+            )
         return cls(limits, speed_up(limits, rates, min(first, float(rates[0]))))
 
     def law(self) -> PiecewisePolynomial:

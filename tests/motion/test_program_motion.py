@@ -1,0 +1,111 @@
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import replace
+from typing import cast
+
+import numpy as np
+import pytest
+
+from armctl.errors import ProgramError
+from armctl.motion import (
+    CommentStep,
+    LineStep,
+    MoveStep,
+    PlannedStep,
+    ProfileName,
+    Program,
+    ProgramSource,
+    Step,
+    begin_program,
+    plan_next,
+    stopping_s,
+)
+from armctl.robot import Robot, load_robot
+
+ROBOT = load_robot("uzuner")
+HOME = ROBOT.pose("home") + np.radians([0, 0, 20, 0, 0])  # away from every limit
+
+
+def program(*steps: Step) -> Program:
+    return Program(robot="uzuner", name="pick", steps=steps)
+
+
+def to(*away: float, blend_mm: float = 0.0) -> MoveStep:
+    """A move to some radians away from where the arm stands."""
+    goal = HOME + np.resize(np.array(away), ROBOT.n)
+    return MoveStep(joints_deg=tuple(np.degrees(goal).tolist()), blend_mm=blend_mm)
+
+
+def all_steps(robot: Robot, what: Program, loops: int = 1, first: int = 0) -> list[PlannedStep]:
+    source, state = ProgramSource(what), begin_program(robot, what, HOME, loops=loops, first=first)
+    found: list[PlannedStep] = []
+    while True:
+        steps, state = plan_next(robot, source, state)
+        if not steps:
+            return found
+        found += steps
+
+
+def test_a_pass_that_begins_behind_everything_goes_on_with_the_next() -> None:
+    what = program(to(0.1), to(-0.1), CommentStep(note="done"))
+    steps = all_steps(ROBOT, what, loops=2, first=2)
+    assert [(step.passes, step.index) for step in steps] == [(1, 0), (1, 1)]
+    assert all_steps(ROBOT, what, loops=1, first=2) == []
+
+
+def test_a_program_with_nothing_to_do_ends_however_often_it_runs() -> None:
+    assert all_steps(ROBOT, program(CommentStep(note="later")), loops=1000) == []
+
+
+def test_a_pass_is_drawn_from_one_version_however_fast_it_is_edited() -> None:
+    long, short = program(to(0.1), to(-0.1), to(0.2)), program(to(0.3))
+
+    class Edited(ProgramSource):
+        """Another version whenever it is looked at."""
+
+        def __init__(self) -> None:
+            self.versions = [long, short] * 50
+
+        @property
+        def program(self) -> Program:
+            return self.versions.pop(0)
+
+        @program.setter
+        def program(self, _: Program) -> None:
+            raise AssertionError
+
+    source, state = Edited(), begin_program(ROBOT, long, HOME, loops=3)
+    while True:
+        steps, state = plan_next(ROBOT, source, state)
+        if not steps:
+            break
+        for step in steps:
+            assert step.step == step.program.steps[step.index]
+
+
+@pytest.mark.parametrize(("acceleration", "seconds"), [(10.0, 0.25), (0.5, 5.0)])
+def test_how_long_the_slowest_joint_needs_to_stand(acceleration: float, seconds: float) -> None:
+    joints = tuple(
+        replace(joint, speed=speed, acceleration=acceleration)
+        for joint, speed in zip(ROBOT.joints, (1.0, 2.0, 2.5, 0.5, 1.0), strict=True)
+    )
+    assert stopping_s(replace(ROBOT, joints=joints)) == pytest.approx(seconds)
+
+
+@pytest.mark.parametrize(
+    ("step", "what"),
+    [
+        (to(0.1, blend_mm=-1.0), "a blend radius is 0 … 1000 mm, not -1.0"),
+        (to(0.1, blend_mm=math.nan), "a blend radius is 0 … 1000 mm, not nan"),
+        (MoveStep(joints_deg=(0, 90, 0, 0, 0), duration_s=math.nan), "a motion takes 0 … 86400 s, not nan"),
+        (MoveStep(joints_deg=(0, 90, 0, 0, 0), duration_s=-2.0), "a motion takes 0 … 86400 s, not -2.0"),
+        (MoveStep(joints_deg=(0, 90, 0, 0, 0), profile=cast("ProfileName", "x")), "no profile 'x'"),
+        (LineStep(x_mm=200, y_mm=0, z_mm=100, speed_mm_s=0.0), "more than 0 mm/s, not 0.0"),
+        (LineStep(x_mm=200, y_mm=0, z_mm=100, speed_mm_s=math.inf), "more than 0 mm/s, not inf"),
+    ],
+)
+def test_a_program_made_in_python_is_checked_like_a_file(step: Step, what: str) -> None:
+    with pytest.raises(ProgramError, match=re.escape(what)):
+        begin_program(ROBOT, program(to(0.05), step), HOME)
