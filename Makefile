@@ -12,7 +12,7 @@ run: $(VENV)/.installed
 
 # Two workers: one drives the browser, test by test; the other does the rest.
 test: $(VENV)/.tested browser check
-	$(BIN)/pytest -n 2 --dist loadgroup $(ARGS)
+	$(BIN)/pytest -n 2 $(ARGS)
 
 check: $(VENV)/.tested
 	$(BIN)/ruff check $(SOURCES)

@@ -7,14 +7,6 @@ from playwright.sync_api import Browser, sync_playwright
 from tests.browser.kit import Screen, Screens, launch
 
 
-@pytest.hookimpl(tryfirst=True)  # before the groups are read
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Where tests are shared out among workers, one of them drives the browser, test by test."""
-    for item in items:
-        if item.get_closest_marker("browser") is not None:
-            item.add_marker(pytest.mark.xdist_group("browser"))
-
-
 @pytest.fixture(scope="module")
 def browser() -> Iterator[Browser]:
     """One browser a module: while playwright runs, its event loop occupies the thread of the tests."""
