@@ -11,7 +11,7 @@ run: $(VENV)/.installed
 	@$(BIN)/armctl serve $(ARGS)
 
 # Two workers: one drives the browser, test by test; the other does the rest.
-test: $(VENV)/.tested browser check
+test: $(VENV)/.tested browser avr check
 	$(BIN)/pytest -n 2 $(ARGS)
 
 check: $(VENV)/.tested
@@ -68,3 +68,18 @@ browser:
 	     then echo 'installing chromium for the browser tests ...'; \
 	          apt-get update -qq && DEBIAN_FRONTEND=noninteractive apt-get install -y -qq chromium fonts-dejavu-core; \
 	     else echo 'The browser tests need chromium; install it first: sudo apt-get install chromium' >&2; exit 1; fi
+
+# Real firmware on a simulated CPU: simavr, the compilers, and a firmware image that others built.
+AVR_PACKAGES := simavr libsimavr-dev gcc libc6-dev gcc-avr avr-libc arduino-core-avr pkg-config make
+.PHONY: avr
+avr: $(VENV)/.tested
+	@missing=; \
+	 { command -v gcc && command -v avr-gcc && command -v pkg-config && pkg-config --exists simavr \
+	   && test -d /usr/share/arduino/hardware/arduino/avr; } >/dev/null || missing='$(AVR_PACKAGES)'; \
+	 command -v npm >/dev/null || test -e build/avr/StandardFirmata.mega.hex || missing="$$missing npm"; \
+	 if [ -z "$$missing" ]; then :; \
+	 elif [ "$$(id -u)" = 0 ] && command -v apt-get >/dev/null; \
+	 then echo "installing $$missing for the firmware tests ..."; \
+	      apt-get update -qq && DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends $$missing; \
+	 else echo "The firmware tests need a simulated board; install it first: sudo apt-get install $$missing" >&2; exit 1; fi
+	@$(BIN)/python -m tests.avr.firmata_image

@@ -49,8 +49,8 @@ def test_go_puts_exactly_the_best_solutions_pulses_on_the_board(arm: armctl.Arm)
     arm.go(x_mm=200, y_mm=0, z_mm=100)
     np.testing.assert_allclose(arm.position_mm, [200, 0, 100], atol=1e-6)
     best = arm.robot.inverse([0.2, 0, 0.1]).best("least-rotation")
-    assert arm.robot.servo_map is not None
-    expected = arm.robot.servo_map.pulses(best)
+    assert arm.robot.output_map is not None
+    expected = arm.robot.output_map.outputs(best)
     for channel, pulse in expected.items():
         assert board_pulses(arm)[channel] == pytest.approx(pulse, abs=0.126)
 

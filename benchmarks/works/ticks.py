@@ -14,7 +14,7 @@ from benchmarks.works.sweep import STEP
 
 from armctl import Arm, Robot, load_robot
 from armctl.boards import SIMULATED, Boards
-from armctl.runtime import Clock, Connect, Controller, Enable, MonotonicClock, MoveJoints, channel_settings
+from armctl.runtime import Clock, Connect, Controller, Enable, MonotonicClock, MoveJoints
 
 _RATES_HZ = (50.0, 200.0)
 _LEAST_TICKS = 20
@@ -77,7 +77,7 @@ def _ours(robot: Robot, rate_hz: float, ticks: int) -> list[float]:
     """How late the ticks of a moving simulated arm begin [s]."""
     clock = LateClock(MonotonicClock(), 1.0 / rate_hz)
     Arm(robot).close()  # as above
-    boards = Boards(channel_settings(robot), clock.now)
+    boards = Boards(robot, clock.now)
     try:
         with Controller(robot, boards.driver, clock, rate_hz) as controller, _sweeping(robot):
             seconds = ticks / rate_hz

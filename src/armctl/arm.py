@@ -12,7 +12,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from armctl.boards import SIMULATED, Boards
+from armctl.boards import SIMULATED, Boards, calibrated_for
 from armctl.errors import InputError
 from armctl.kinematics import Target
 from armctl.motion import ArcStep, LineStep, PitchMode, Profile, Program, Step, WaitStep, open_program
@@ -22,6 +22,7 @@ from armctl.runtime import (
     Connect,
     Controller,
     Enable,
+    HomeAxes,
     MonotonicClock,
     MoveGripper,
     MoveJoints,
@@ -31,7 +32,6 @@ from armctl.runtime import (
     RunProgram,
     SetSpeed,
     Snapshot,
-    channel_settings,
 )
 
 FloatArray = NDArray[np.float64]
@@ -57,13 +57,13 @@ class Arm:
         sys.setswitchinterval(min(sys.getswitchinterval(), _SWITCH_INTERVAL_S))
         clock = MonotonicClock()
         self.robot = robot
-        self.boards = Boards(channel_settings(robot), clock.now, _only_simulated(robot))
+        self.boards = Boards(robot, clock.now)
         self.controller = Controller(robot, self.boards.driver, clock, rate_hz)
         self.controller.start()
 
     @classmethod
     def open(cls, robot: str | Path | Robot, port: str | None = None, rate_hz: float = 50.0) -> Self:
-        """Load a robot and connect to its board.
+        """Load a robot, with the calibration that is kept for its board, and connect to the board.
 
         Args:
             robot: a shipped robot's name, a robot file, or a robot.
@@ -73,7 +73,8 @@ class Arm:
         Raises:
             ArmctlError: no such robot, or no board on the port.
         """
-        arm = cls(robot if isinstance(robot, Robot) else load_robot(robot), rate_hz)
+        loaded = robot if isinstance(robot, Robot) else load_robot(robot)
+        arm = cls(calibrated_for(loaded, port or SIMULATED), rate_hz)
         try:
             arm._do(Connect(port or SIMULATED))
         except BaseException:
@@ -97,8 +98,23 @@ class Arm:
         return 1000 * self.robot.forward(self.snapshot.q_command)[:3, 3]
 
     def enable(self) -> None:
-        """Switch the pulses on. Servos that were off jump to the rest pose: keep clear of the arm."""
+        """Make the arm ready to move: keep clear of it.
+
+        Servos that were off jump to the rest pose. Motors with encoders that do not know where they are
+        look for their zeros first (``home``); those that do stay where they are.
+        """
+        if any(not axis.homed for axis in self.snapshot.homing):
+            self.home()
         self._do(Enable())
+
+    def home(self) -> None:
+        """Let motors with encoders find their zeros: every axis moves, slowly, to its home switch.
+
+        Raises:
+            StateError: an arm that has nothing to home.
+            BoardError: an axis did not find its zero; says which and why.
+        """
+        self._do(HomeAxes())
 
     def release(self) -> None:
         """Pulses off: the arm drops."""
@@ -279,13 +295,3 @@ class Arm:
 def _require_blend(blend_mm: float) -> None:
     if not 0 <= blend_mm < math.inf:
         raise InputError(f"a blend radius is 0 mm or more, not {blend_mm}")
-
-
-def _only_simulated(robot: Robot) -> str | None:
-    """Why no real board may drive an arm; None where one may."""
-    if robot.servo_map is not None:
-        return None
-    return (
-        f"the robot file of {robot.title} gives no servos, so nobody knows which pulse means which angle; "
-        "add a servo entry to each joint, or use the simulated board"
-    )

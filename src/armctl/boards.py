@@ -4,63 +4,76 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Sequence
+from typing import Any, get_args
 
+from armctl.calibration import CalibrationStore, calibrated
 from armctl.errors import PortError
-from armctl.hardware import ChannelSettings, Driver
-from armctl.hardware.maestro import MaestroDriver, MaestroModel, SimulatedMaestro, serve_simulated_maestro
-from armctl.hardware.ports import find_maestro, list_ports
+from armctl.hardware import Driver
+from armctl.hardware.encoder import EncoderDriver, serve_simulated_encoder
+from armctl.hardware.firmata import FirmataDriver, serve_simulated_firmata
+from armctl.hardware.maestro import MaestroDriver, MaestroModel, serve_simulated_maestro
+from armctl.hardware.ports import PortInfo, describe_port, find_board, list_ports
 from armctl.hardware.pty_server import PtyServer
+from armctl.robot import BoardKind, Robot
+from armctl.runtime import channel_settings
 
 SIMULATED, AUTOMATIC = "sim", "auto"
+SIMULATED_SERIAL = "simulated"
+"""what stands for the serial number of a simulated board"""
+UNNUMBERED = "unnumbered"
+"""what stands for the serial number of a board without one: one calibration for all of them"""
+BOARD_TITLES: dict[BoardKind, str] = {
+    "maestro": "Pololu Maestro",
+    "firmata": "Arduino with StandardFirmata",
+    "encoder": "Arduino with armctl's encoder firmware",
+}
 _SIMULATED_TIMEOUT_S = 0.5
 """The simulated board lives in this process: on a busy computer it is late, never gone."""
+_REPEATED_WITHIN_S = 0.1
 
 
 class Boards:
-    """Opens drivers, and owns the simulated board behind ``sim`` for as long as the program runs."""
+    """Opens drivers of one robot, and owns the simulated board behind ``sim`` while the program runs.
+
+    Args:
+        robot: whose board it is; its file says of which kind.
+        now: the clock [s].
+        ports: the listing of serial ports.
+    """
 
     def __init__(
-        self,
-        channels: Sequence[ChannelSettings],
-        now: Callable[[], float],
-        only_simulated: str | None = None,
+        self, robot: Robot, now: Callable[[], float], ports: Callable[[], Sequence[PortInfo]] = list_ports
     ) -> None:
-        """Prepare; ``only_simulated`` says why no real board may be driven, None where one may."""
-        self._channels, self._now, self._only_simulated = tuple(channels), now, only_simulated
+        self._robot, self._now, self._ports = robot, now, ports
         self._lock = threading.Lock()
-        self._simulated: PtyServer[SimulatedMaestro] | None = None
+        self._simulated: PtyServer[Any] | None = None
 
     def driver(self, port: str) -> Driver:
         """A driver for a port, not opened yet.
 
         Args:
-            port: ``sim``, ``auto``, a device or ``socket://host:port``.
+            port: ``sim``, ``auto``, a device or ``socket://host:port``; a device may have the kind of the
+                board in front (``firmata:/dev/ttyUSB0``) where that is not what the robot file says.
 
         Raises:
-            PortError: ``auto`` found no board, or more than one; or the arm may only be simulated.
+            PortError: ``auto`` found no board, or more than one; a board that the robot file has no
+                outputs for; or the arm may only be simulated.
         """
         if port == SIMULATED:
-            server = self.simulated()
-            return MaestroDriver(
-                server.port,
-                now=self._now,
-                model=_model(self._channels),
-                simulated=True,
-                timeout_s=_SIMULATED_TIMEOUT_S,
-            )
-        if self._only_simulated is not None:
-            raise PortError(f"{port} is not opened: {self._only_simulated}")
+            return self._driver(self._robot.board, self.simulated().port, simulated=True)
+        why_not = only_simulated(self._robot)
+        if why_not is not None:
+            raise PortError(f"{port} is not opened: {why_not}")
         if port == AUTOMATIC:
-            port = find_maestro(list_ports()).device
-        return MaestroDriver(port, now=self._now)
+            return self._driver(self._robot.board, find_board(self._ports(), self._robot.board).device)
+        kind, device = split_kind(port)
+        return self._driver(kind or self._listed_kind(device), device)
 
-    def simulated(self) -> PtyServer[SimulatedMaestro]:
+    def simulated(self) -> PtyServer[Any]:
         """The simulated board's server, started when it is first asked for."""
         with self._lock:
             if self._simulated is None:
-                server = serve_simulated_maestro(
-                    self._now, channels=self._channels, model=_model(self._channels)
-                )
+                server = self._serve()
                 server.__enter__()
                 self._simulated = server
             return self._simulated
@@ -72,7 +85,110 @@ class Boards:
         if server is not None:
             server.__exit__(None, None, None)
 
+    def _driver(self, kind: BoardKind, line: str, *, simulated: bool = False) -> Driver:
+        robot = self._robot
+        if (kind == "encoder") != (robot.board == "encoder"):
+            raise PortError(
+                f"{line}: {robot.title} is set up for {BOARD_TITLES[robot.board]}, this is "
+                f"{BOARD_TITLES[kind]}; choose another port, or give the robot file the board's outputs"
+            )
+        match kind:
+            case "maestro":
+                if not simulated:
+                    return MaestroDriver(line, now=self._now)
+                return MaestroDriver(
+                    line, now=self._now, model=_model(robot), simulated=True, timeout_s=_SIMULATED_TIMEOUT_S
+                )
+            case "firmata":
+                return FirmataDriver(line, now=self._now, simulated=simulated)
+            case "encoder":
+                return EncoderDriver(
+                    line,
+                    axes=robot.axes,
+                    differential=robot.differential,
+                    now=self._now,
+                    simulated=simulated,
+                    timeout_s=_SIMULATED_TIMEOUT_S if simulated else _REPEATED_WITHIN_S,
+                )
 
-def _model(channels: Sequence[ChannelSettings]) -> MaestroModel:
+    def _serve(self) -> PtyServer[Any]:
+        robot = self._robot
+        match robot.board:
+            case "maestro":
+                return serve_simulated_maestro(
+                    self._now, channels=channel_settings(robot), model=_model(robot)
+                )
+            case "firmata":
+                return serve_simulated_firmata(self._now)
+            case "encoder":
+                return serve_simulated_encoder(self._now, channels=channel_settings(robot), axes=robot.axes)
+
+    def _listed_kind(self, device: str) -> BoardKind:
+        """What the listing says; an Arduino, a pty or a socket has what the robot file says."""
+        info = describe_port(device, self._ports())
+        if info is not None and MaestroModel.from_label(info.kind) is not None:
+            if self._robot.board == "firmata":
+                raise PortError(
+                    f"{device} is a {info.kind}, and the channels of {self._robot.title} are pins of an "
+                    f"Arduino; choose the Arduino's port (or, if the wiring is the same, maestro:{device})"
+                )
+            return "maestro"
+        return self._robot.board
+
+
+def split_kind(port: str) -> tuple[BoardKind | None, str]:
+    """The kind of board in front of a port's name, if there is one, and the rest."""
+    kind, colon, device = port.partition(":")
+    for known in get_args(BoardKind):
+        if colon and kind == known:
+            return known, device
+    return None, port
+
+
+def only_simulated(robot: Robot) -> str | None:
+    """Why no real board may drive an arm; None where one may."""
+    if robot.output_map is not None:
+        return None
+    return (
+        f"the robot file of {robot.title} gives no servos, so nobody knows which pulse means which angle; "
+        "add a servo entry to each joint, or use the simulated board"
+    )
+
+
+def _model(robot: Robot) -> MaestroModel:
     """The smallest Maestro with enough channels."""
-    return MaestroModel.with_channels(max((one.channel for one in channels), default=0) + 1)
+    return MaestroModel.with_channels(max(one.channel for one in channel_settings(robot)) + 1)
+
+
+def board_name(port: str, robot: Robot, ports: Callable[[], Sequence[PortInfo]] = list_ports) -> str:
+    """What a calibration is kept under: the serial number of the board on a port.
+
+    Returns:
+        ``SIMULATED_SERIAL`` for the simulated board, and ``UNNUMBERED`` where no serial number is known (many
+        clones of the Arduino have none, a pty and a socket neither).
+
+    Raises:
+        PortError: ``auto`` found no board, or more than one.
+    """
+    if port == SIMULATED:
+        return SIMULATED_SERIAL
+    if port == AUTOMATIC:
+        return find_board(ports(), robot.board).serial_number or UNNUMBERED
+    info = describe_port(split_kind(port)[1], ports())
+    return (info.serial_number if info is not None else None) or UNNUMBERED
+
+
+def calibrated_for(
+    robot: Robot,
+    port: str,
+    store: CalibrationStore | None = None,
+    ports: Callable[[], Sequence[PortInfo]] = list_ports,
+) -> Robot:
+    """The robot as it was calibrated with the board on ``port``; unchanged where it never was.
+
+    Raises:
+        PortError: ``auto`` found no board, or more than one.
+        CalibrationError: the calibration that is kept cannot be read, or no longer fits the robot file.
+    """
+    calibration = (store or CalibrationStore()).load(robot.name, board_name(port, robot, ports))
+    return robot if calibration is None else calibrated(robot, calibration)

@@ -53,3 +53,7 @@ class BoardProtocolError(BoardError):
 
 class ServerError(ArmctlError):
     """The web server cannot be started, or its guard is not effective."""
+
+
+class CalibrationError(ArmctlError):
+    """Marks that give no calibration, or a calibration that cannot be read, kept or used."""

@@ -10,10 +10,11 @@ from pathlib import Path
 import numpy as np
 
 from armctl.arm import Arm
+from armctl.calibration import CalibrationStore
 from armctl.motion import MoveStep, Program, Step
 from armctl.robot import Robot, load_robot, shipped_robots
 from armctl.runtime import Enable, Origin, Snapshot
-from armctl.ui import App, Console, PortChoice, ProgramDesk, RobotChoice, RobotDesk
+from armctl.ui import App, CalibrationDesk, Console, PortChoice, ProgramDesk, RobotChoice, RobotDesk
 
 
 @dataclass(frozen=True)
@@ -57,22 +58,30 @@ class ServedArm:
 def served_arm(folder: Path, robot: str = "uzuner") -> Iterator[ServedArm]:
     """An enabled arm at its home pose, and its console; the page can change it for any shipped robot."""
 
-    def console(arm: Arm) -> Console:
+    store = CalibrationStore(folder / "calibrations")
+
+    def console(arm: Arm, calibrating: CalibrationDesk) -> Console:
         return Console(
             robot=arm.robot,
             controller=arm.controller,
             list_ports=lambda: [PortChoice("sim", "Simulated board")],
             programs=ProgramDesk(arm.robot.name, folder),
+            calibrating=calibrating,
             close=arm.close,
         )
 
+    def anew(name: str, port: str) -> Console:
+        calibrating = CalibrationDesk.of(load_robot(name), port, store)
+        return console(Arm(calibrating.robot), calibrating)
+
     choices = [RobotChoice(name, load_robot(name).title) for name in shipped_robots()]
-    arm = Arm.open(load_robot(robot))
+    begun = CalibrationDesk.of(load_robot(robot), "sim", store)
+    arm = Arm.open(begun.robot)
     robots = RobotDesk(
-        console(arm),
+        console(arm, begun),
         next(choice for choice in choices if choice.name == robot),
         choices,
-        lambda name: console(Arm(load_robot(name))),
+        anew,
     )
     try:
         app = App(robots, port=0)

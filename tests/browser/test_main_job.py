@@ -5,18 +5,14 @@ The board is a simulated Maestro that the test serves on a link, so that it can 
 
 from __future__ import annotations
 
-import os
 import re
-import signal
-import subprocess
-import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
 import pytest
 from tests.browser.kit import Screen, Screens
+from tests.browser.serving import serving
 
 from armctl.hardware import PtyServer
 from armctl.hardware.maestro import SimulatedMaestro, serve_simulated_maestro
@@ -28,32 +24,6 @@ pytestmark = pytest.mark.browser
 ROBOT = load_robot("uzuner")
 QUARTER = 0.126
 """half a quarter microsecond, the board's resolution [µs]"""
-
-
-@contextmanager
-def serving(folder: Path, *words: str) -> Iterator[str]:
-    """``armctl serve`` in a process of its own; gives the address that it prints."""
-    with (folder / "stderr").open("w") as errors:
-        process = subprocess.Popen(
-            [sys.executable, "-m", "armctl", "serve", "--no-browser", "--http-port", "0", *words],
-            stdout=subprocess.PIPE,
-            stderr=errors,
-            text=True,
-            env=os.environ | {"PYTHONUNBUFFERED": "1", "XDG_DATA_HOME": str(folder)},
-        )
-    assert process.stdout is not None
-    try:
-        said = process.stdout.readline()
-        address = re.search(r"http://\S+", said)
-        assert address is not None, said + (folder / "stderr").read_text()
-        yield address.group()
-    finally:
-        process.send_signal(signal.SIGINT)
-        process.wait(30)
-        process.stdout.close()
-        log = (folder / "stderr").read_text()
-        assert process.returncode == 0, log
-        assert "Traceback" not in log, log
 
 
 @pytest.fixture
@@ -78,8 +48,8 @@ def pulses(board: PtyServer[SimulatedMaestro]) -> list[float | None]:
 
 def holds(board: PtyServer[SimulatedMaestro], q_deg: list[float]) -> bool:
     """Whether the channels hold exactly the pulses of joint angles."""
-    assert ROBOT.servo_map is not None
-    expected = list(ROBOT.servo_map.pulses(np.radians(q_deg)).values())
+    assert ROBOT.output_map is not None
+    expected = list(ROBOT.output_map.outputs(np.radians(q_deg)).values())
     held = pulses(board)
     return all(
         now is not None and abs(now - pulse) < QUARTER for now, pulse in zip(held, expected, strict=True)
@@ -157,8 +127,8 @@ def test_a_recorded_loop_and_stop(page: Screen, board: PtyServer[SimulatedMaestr
     stopped = targets(board)
     page.pause(600)  # thirty ticks: a loop that goes on would have sent dozens
     assert targets(board) == stopped
-    assert ROBOT.servo_map is not None
-    q = ROBOT.servo_map.angles(dict(enumerate(pulses(board))))
+    assert ROBOT.output_map is not None
+    q = ROBOT.output_map.angles(dict(enumerate(pulses(board))))
     assert (q >= ROBOT.limits[:, 0] - 1e-3).all() and (q <= ROBOT.limits[:, 1] + 1e-3).all()
     page.screenshot("main_job_stopped")
 
@@ -172,12 +142,12 @@ def test_every_target_on_the_wire_keeps_the_limits_and_speeds(
     page.wait_until(lambda: holds(board, [0, 0, 0, 0, 0]), "the arm is stretched out")
     sent = targets(board)
     assert len(sent) > 50
-    servo_map = ROBOT.servo_map
+    servo_map = ROBOT.output_map
     assert servo_map is not None
     for channel in range(5):
         at, pulse = np.array([[time, us] for time, number, us in sent if number == channel]).T
-        q = (pulse - servo_map.zero_us[channel]) / servo_map.us_per_rad[channel]
-        resolution = 0.25 / abs(servo_map.us_per_rad[channel])
+        q = (pulse - servo_map.zero[channel]) / servo_map.per_rad[channel]
+        resolution = 0.25 / abs(servo_map.per_rad[channel])
         assert (q >= ROBOT.limits[channel, 0] - resolution).all()
         assert (q <= ROBOT.limits[channel, 1] + resolution).all()
         # over any tenth of a second: single writes jitter on their way through the line

@@ -12,7 +12,7 @@ import pytest
 from numpy.typing import NDArray
 from tests.browser.kit import Screen, Screens
 from tests.browser.served_arm import ServedArm, served_arm
-from tests.browser.test_main_job import serving
+from tests.browser.serving import serving
 
 from armctl.robot import Robot, load_robot, robots_folder
 from armctl.runtime import State

@@ -6,7 +6,14 @@ import pytest
 from serial.tools.list_ports_common import ListPortInfo
 
 from armctl.errors import PortError
-from armctl.hardware import PortInfo, describe_port, find_maestro, list_ports
+from armctl.hardware.ports import (
+    PortChecks,
+    PortInfo,
+    describe_port,
+    find_board,
+    find_maestro,
+    list_ports,
+)
 
 
 def listed(
@@ -20,8 +27,15 @@ def listed(
     return port
 
 
-def ports(*found: ListPortInfo, by_id: Path = Path("/nowhere"), may_open: bool = True) -> list[PortInfo]:
-    return list_ports(lambda: found, by_id, lambda _device: may_open)
+def ports(
+    *found: ListPortInfo,
+    by_id: Path = Path("/nowhere"),
+    may_open: bool = True,
+    used_by: str | None = None,
+    note: str | None = None,
+) -> list[PortInfo]:
+    checks = PortChecks(lambda _device: may_open, lambda _device: used_by, lambda _device: note)
+    return list_ports(lambda: found, by_id, checks)
 
 
 COMMAND_PORT = listed("/dev/ttyACM0", 0x1FFB, 0x0089, "1-1.2:1.0")
@@ -74,13 +88,40 @@ def test_an_arduino_mega(vid, pid):
     assert (port.kind, port.usable) == ("Arduino Mega", True)
 
 
+@pytest.mark.parametrize(
+    ("vid", "pid"),
+    [
+        (0x2341, 0x0043),  # Uno R3
+        (0x2341, 0x0001),  # Uno
+        (0x2A03, 0x0043),
+        (0x1A86, 0x7523),  # CH340
+        (0x1A86, 0x55D4),  # CH9102
+        (0x0403, 0x6001),  # FT232R
+        (0x10C4, 0xEA60),  # CP2102
+        (0x067B, 0x2303),  # PL2303
+    ],
+)
+def test_what_may_be_an_arduino_is_not_said_to_be_more(vid, pid):
+    (port,) = ports(listed("/dev/ttyUSB0", vid, pid))
+    assert (port.kind, port.usable) == ("Arduino or clone (USB-serial)", True)
+
+
+def test_another_device_of_a_chips_maker_is_unknown():
+    (port,) = ports(listed("/dev/ttyUSB0", 0x0403, 0x6011))
+    assert port.kind == "unknown"
+
+
 def test_boards_that_are_known_come_first_and_ports_without_hardware_not_at_all():
     found = ports(
-        listed("/dev/ttyS0"), listed("/dev/ttyUSB0", 0x0403, 0x6001), listed("/dev/ttyACM3", 0x2341, 0x0042)
+        listed("/dev/ttyS0"),
+        listed("/dev/ttyACM0", 0x0BDA, 0x0001),
+        listed("/dev/ttyUSB0", 0x0403, 0x6001),
+        listed("/dev/ttyACM3", 0x2341, 0x0042),
     )
     assert [(port.device, port.kind) for port in found] == [
         ("/dev/ttyACM3", "Arduino Mega"),
-        ("/dev/ttyUSB0", "unknown"),
+        ("/dev/ttyUSB0", "Arduino or clone (USB-serial)"),
+        ("/dev/ttyACM0", "unknown"),
     ]
 
 
@@ -89,6 +130,21 @@ def test_a_port_without_permission_says_what_to_type():
     assert port.usable is False
     assert port.why_not is not None
     assert port.why_not.startswith("no permission to open it; run `sudo usermod -aG dialout $USER`")
+    assert "armctl ports --udev | sudo tee /etc/udev/rules.d/70-armctl.rules" in port.why_not
+
+
+def test_a_port_that_another_program_has_open_says_which():
+    (port,) = ports(COMMAND_PORT, used_by="minicom (process 812)")
+    assert port.usable is False
+    assert port.why_not == "in use by another program: minicom (process 812); close that and try again"
+
+
+def test_modem_manager_is_mentioned_for_boards_only():
+    board, unknown = ports(
+        COMMAND_PORT, listed("/dev/ttyACM5", 0x12D1, 0x1001), note="ModemManager is running"
+    )
+    assert (board.usable, board.notes) == (True, ("ModemManager is running",))
+    assert unknown.notes == ()
 
 
 @pytest.fixture
@@ -163,6 +219,42 @@ def test_several_maestros():
 def test_a_maestro_that_cannot_be_used():
     with pytest.raises(PortError, match="cannot be used: /dev/ttyACM1: this is the Maestro's TTL port"):
         find_maestro(ports(TTL_PORT))
+
+
+MEGA = listed("/dev/ttyACM3", 0x2341, 0x0042)
+CLONE = listed("/dev/ttyUSB0", 0x1A86, 0x7523)
+
+
+@pytest.mark.parametrize("kind", ["firmata", "encoder"])
+def test_an_arduino_for_a_board_that_runs_on_one(kind):
+    assert find_board(ports(COMMAND_PORT, MEGA), kind).device == "/dev/ttyACM3"
+    assert find_board(ports(CLONE), kind).device == "/dev/ttyUSB0"
+    # What calls itself a Mega goes before what may be anything.
+    assert find_board(ports(CLONE, MEGA), kind).device == "/dev/ttyACM3"
+
+
+def test_a_maestro_for_a_maestro():
+    assert find_board(ports(COMMAND_PORT, TTL_PORT, MEGA), "maestro").device == "/dev/ttyACM0"
+
+
+def test_no_arduino():
+    with pytest.raises(PortError, match=r"no Arduino found; serial ports: none at all; plug one in"):
+        find_board([], "firmata")
+    with pytest.raises(PortError, match=r"serial ports: /dev/ttyACM0 \(Pololu Micro Maestro 6-channel\)"):
+        find_board(ports(COMMAND_PORT), "encoder")
+
+
+@pytest.mark.parametrize("pair", [((0x2341, 0x0042), (0x2A03, 0x0010)), ((0x1A86, 0x7523), (0x0403, 0x6001))])
+def test_several_arduinos_that_may_be_meant(pair):
+    found = ports(*(listed(f"/dev/ttyX{number}", *usb) for number, usb in enumerate(pair)))
+    with pytest.raises(PortError, match=r"several Arduinos may be meant: /dev/ttyX0 .*/dev/ttyX1 .*name one"):
+        find_board(found, "firmata")
+
+
+def test_an_arduino_that_cannot_be_used():
+    found = ports(MEGA, used_by="avrdude (process 9)")
+    with pytest.raises(PortError, match=r"cannot be used: /dev/ttyACM3: in use by another program: avrdude"):
+        find_board(found, "encoder")
 
 
 def test_the_real_listing_of_this_computer_is_readable():

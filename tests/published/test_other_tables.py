@@ -30,8 +30,8 @@ def test_abaas_servo_angles_through_the_servo_map(
     servo: tuple[float, ...], tip: tuple[float, float, float]
 ) -> None:
     robot = load_robot("abaas")
-    assert robot.servo_map is not None
-    q = robot.servo_map.angles({i: 544 + 1856 * angle / 180 for i, angle in enumerate(servo)})
+    assert robot.output_map is not None
+    q = robot.output_map.angles({2 + i: 544 + 1856 * angle / 180 for i, angle in enumerate(servo)})
     s1, s2, s3, s4, s5 = servo
     assert np.degrees(q) == pytest.approx([-s1, s2, s3 - 90, 180 - s4, s5], abs=1e-6)
     assert np.abs(1000 * robot.forward(robot.check_limits(q))[:3, 3] - tip).max() < 0.7

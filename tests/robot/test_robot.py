@@ -44,24 +44,24 @@ def test_named_poses_are_inside_the_limits_and_above_the_floor() -> None:
 
 def test_pulses_there_and_back() -> None:
     robot = load_robot("uzuner")
-    servos = robot.servo_map
+    servos = robot.output_map
     assert servos is not None
     for q in (robot.limits[:, 0], robot.limits[:, 1], robot.pose("home")):
-        pulses = servos.pulses(q)
+        pulses = servos.outputs(q)
         assert servos.angles(pulses) == pytest.approx(q, abs=1e-12)
         for k, channel in enumerate(servos.channels):
-            assert servos.pulse_min_us[k] - 0.125 <= pulses[channel] <= servos.pulse_max_us[k] + 0.125
-    assert servos.pulses(robot.pose("zero"))[0] == pytest.approx(1479.93)
-    assert servos.pulses(np.radians([1, 0, 0, 0, 0]))[0] == pytest.approx(1479.93 + 9)
+            assert servos.low[k] - 0.125 <= pulses[channel] <= servos.high[k] + 0.125
+    assert servos.outputs(robot.pose("zero"))[0] == pytest.approx(1479.93)
+    assert servos.outputs(np.radians([1, 0, 0, 0, 0]))[0] == pytest.approx(1479.93 + 9)
     assert np.isnan(servos.angles({0: None, 1: 1500.0})).tolist() == [True, False, True, True, True]
 
 
 def test_the_gripper_there_and_back() -> None:
-    servos = load_robot("uzuner").servo_map
+    servos = load_robot("uzuner").output_map
     assert servos is not None
     for opening in (0.0, 0.25, 1.0):
-        assert servos.opening(servos.gripper_pulse(opening)) == pytest.approx(opening)
-    assert servos.gripper_pulse(1.0) == {5: 2000.0}
+        assert servos.opening(servos.gripper_output(opening)) == pytest.approx(opening)
+    assert servos.gripper_output(1.0) == {5: 2000.0}
     assert servos.opening({5: None}) is None
     assert servos.opening({}) is None
 

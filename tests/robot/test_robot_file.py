@@ -139,7 +139,7 @@ def test_an_arm_without_servos_or_gripper(tmp_path: Path) -> None:
         flags=re.M,
     )
     robot = load_robot(written(tmp_path, text))
-    assert robot.servo_map is None
+    assert robot.output_map is None
     assert robot.gripper is None
 
 

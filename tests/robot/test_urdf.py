@@ -93,7 +93,7 @@ def test_a_small_arm(tmp_path: Path) -> None:
     assert robot.speed_limits == pytest.approx([2, math.radians(60), 1.5])
     assert [joint.stall_torque for joint in robot.joints] == [12, 8, 3]
     assert robot.pose("home") == pytest.approx([0, 0.25, 0])
-    assert robot.servo_map is None
+    assert robot.output_map is None
     assert robot.gripper is None
     assumed = "; ".join(robot.assumed)
     assert "limits of ±180° of the continuous joints: shoulder_pan_joint" in assumed

@@ -128,7 +128,7 @@ class Rig:
 
     def stream(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Times (k,) [s] and joint angles (k, n) [rad] of what left the driver."""
-        servo_map = self.robot.servo_map
+        servo_map = self.robot.output_map
         assert servo_map is not None
         sent = [(t, values) for t, values in self.driver.writes if servo_map.channels[0] in values]
         return np.array([t for t, _ in sent]), np.array([servo_map.angles(values) for _, values in sent])

@@ -30,8 +30,8 @@ REST, HOME = ROBOT.pose("rest"), ROBOT.pose("home")
 
 
 def pulses(q: np.ndarray) -> dict[int, float]:
-    assert ROBOT.servo_map is not None
-    return ROBOT.servo_map.pulses(q)
+    assert ROBOT.output_map is not None
+    return ROBOT.output_map.outputs(q)
 
 
 def test_before_anything(rig: Rig) -> None:
@@ -93,7 +93,7 @@ def test_pulses_that_are_on_already_are_taken_over_without_a_jump(rig: Rig) -> N
     rig.driver.positions = {**pulses(HOME), 5: 1500.0}
     rig.do(Connect("sim"))
     assert rig.now.powered
-    assert "the board already sends pulses: Enable takes them over" in rig.now.cause
+    assert "its pulses are on already: Enable takes the arm over" in rig.now.cause
     rig.do(Enable()).finished.result(0)
     np.testing.assert_allclose(rig.now.q_command, HOME, atol=1e-12)
     assert [values for _, values in rig.driver.writes] == [pytest.approx(pulses(HOME))]
@@ -263,14 +263,16 @@ def test_pulses_that_go_on_after_a_release_are_told(holding: Rig) -> None:
     assert holding.now.state is State.OFF
     assert holding.now.powered
     (warning,) = holding.now.warnings
-    assert warning.startswith("the board still sends pulses (Base, Shoulder, Elbow, Wrist pitch, Wrist roll)")
+    assert warning.startswith(
+        "the board's outputs are still on (Base, Shoulder, Elbow, Wrist pitch, Wrist roll)"
+    )
     holding.driver.positions.clear()
     holding.tick()
     assert holding.now.warnings == ()
 
 
 def test_an_arm_without_a_servo_map_is_driven_on_a_simulated_board_only() -> None:
-    rig = make_rig(robot=replace(ROBOT, servo_map=None, gripper=None)).enable()
+    rig = make_rig(robot=replace(ROBOT, output_map=None, gripper=None)).enable()
     assert rig.now.state is State.HOLDING
     rig.do(Disconnect())
     rig.driver.open = lambda: BoardIdentity("real board", "/dev/ttyACM0")  # type: ignore[method-assign]
@@ -284,4 +286,4 @@ def test_what_a_board_did_not_say_is_not_made_up(rig: Rig) -> None:
     rig.driver.positions = pulses(HOME)
     rig.driver.fail["read"] = BoardTimeoutError("no answer")
     rig.do(Connect("sim")).finished.result(0)
-    assert rig.now.cause.endswith("it has not said yet whether it sends pulses")
+    assert rig.now.cause.endswith("it has not said yet whether its pulses are on")

@@ -12,8 +12,9 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
+from armctl.calibration import CalibrationStore
 from armctl.errors import ArmctlError, BoardError, InputError, RobotFileError, StateError
-from armctl.hardware import BoardIdentity, Driver
+from armctl.hardware import BoardIdentity, Driver, Source
 from armctl.robot import Robot, load_robot
 from armctl.runtime import (
     Command,
@@ -26,7 +27,7 @@ from armctl.runtime import (
     State,
     Ticket,
 )
-from armctl.ui import Console, ProgramDesk, RobotChoice, RobotDesk
+from armctl.ui import CalibrationDesk, Console, ProgramDesk, RobotChoice, RobotDesk
 from armctl.ui.robot_desk import RobotChange, require_leavable
 from armctl.ui.screens.robot_choice import about, labelled
 
@@ -80,7 +81,7 @@ class Rig:
         self.desk.on_change(self.told.append)
         self.arm(board=SIMULATED, state=State.HOLDING, powered=True, speed=0.4)
 
-    def open(self, name: str) -> Console:
+    def open(self, name: str, port: str = "sim") -> Console:
         assert self.may_open.wait(10)
         robot = self.robots[name]
         if isinstance(robot, ArmctlError):
@@ -92,6 +93,8 @@ class Rig:
             controller=cast(Any, controller),
             list_ports=list,
             programs=ProgramDesk(name, self.folder / name),
+            calibrating=CalibrationDesk(robot, "simulated", CalibrationStore(self.folder / "calibrations")),
+            default_port=port,
             close=lambda: self.closed.append(name),
         )
 
@@ -216,7 +219,7 @@ def test_a_disconnected_arm_is_followed_by_a_disconnected_one(rig: Rig) -> None:
 
 
 def test_an_arm_without_servos_runs_on_the_simulated_board(rig: Rig) -> None:
-    rig.robots["mico"] = replace(load_robot("mico"), servo_map=None)
+    rig.robots["mico"] = replace(load_robot("mico"), output_map=None)
     rig.change("mico")
     assert rig.opened["mico"].commands == [SetSpeed(0.4), Connect("sim")]
 
@@ -330,4 +333,72 @@ def test_what_a_robot_file_says_is_shown_as_text() -> None:
 def test_a_controller_takes_over_nothing_of_the_arm_before_but_the_speed(rig: Rig) -> None:
     rig.arm(q_command=np.radians([10.0, 90, -80, -40, 0]))
     rig.change("scorbot")
-    assert rig.desk.console.controller.snapshot.q_command == pytest.approx(load_robot("scorbot").pose("rest"))
+    assert rig.desk.console.controller.snapshot.q_command == pytest.approx(load_robot("scorbot").first_pose)
+
+
+def reopen(rig: Rig, port: str | None = None) -> None:
+    asyncio.run(rig.desk.reopen(PAGE, lambda: None, port))
+
+
+def test_an_arm_that_is_opened_anew_goes_on_with_speed_marks_and_port(rig: Rig) -> None:
+    left = rig.desk.console
+    left.operators.arrive(7)
+    left.calibrating.work.add_mark("base", 1500.0, 0.0)
+    reopen(rig)
+    console = rig.desk.console
+    assert console is not left
+    assert console.operators is left.operators
+    assert len(console.calibrating.work.joint("base").marks) == 1
+    assert rig.opened["uzuner"].commands == [SetSpeed(0.4), Connect("sim")]
+    assert rig.closed == ["uzuner"]
+    assert rig.told == [RobotChange("page 7", "Uzuner 5-DOF arm", None, "calibrated")]
+    assert rig.log() == [("info", "robot: Uzuner 5-DOF arm calibrated (page 7)")]
+
+
+def test_an_arm_that_was_not_connected_is_opened_anew_unconnected(rig: Rig) -> None:
+    rig.arm(state=State.DISCONNECTED, board=None, powered=False)
+    reopen(rig)
+    assert rig.opened["uzuner"].commands == [SetSpeed(0.4)]
+
+
+def test_another_port_is_connected_by_an_arm_that_was_opened_for_it(rig: Rig) -> None:
+    rig.arm(state=State.DISCONNECTED, board=None, powered=False)
+    reopen(rig, "/dev/ttyACM0")
+    assert rig.opened["uzuner"].commands == [SetSpeed(0.4), Connect("/dev/ttyACM0")]
+    assert rig.desk.console.default_port == "/dev/ttyACM0"
+    assert rig.log()[-1] == ("info", "robot: Uzuner 5-DOF arm opened (page 7)")
+
+
+def test_a_board_that_does_not_answer_is_told_and_the_new_arm_stays(rig: Rig) -> None:
+    def refuse(controller: FakeController) -> None:
+        controller.refuses[Connect] = BoardError("nobody there")
+
+    left, rig.on_open = rig.desk.console, refuse
+    with pytest.raises(BoardError, match="nobody there"):
+        reopen(rig)
+    assert rig.desk.console is not left
+    assert rig.desk.opening is None
+
+
+@pytest.mark.parametrize("state", [State.MOVING, State.PAUSED])
+def test_an_arm_in_motion_is_not_opened_anew(rig: Rig, state: State) -> None:
+    rig.arm(state=state)
+    with pytest.raises(StateError, match="in the middle of a motion; press STOP, then try again"):
+        reopen(rig)
+    assert rig.is_untouched()
+
+
+@pytest.mark.parametrize("source", [Source.COMMANDED, Source.MEASURED])
+def test_an_arm_that_would_drop_is_not_opened_anew(rig: Rig, source: Source) -> None:
+    rig.arm(board=REAL, state=State.HOLDING, powered=True, source=source)
+    with pytest.raises(StateError, match=r"support it, press Release \(it drops\), then try again"):
+        reopen(rig)
+    with pytest.raises(StateError, match="press Release"):
+        rig.desk.require_reopenable()
+    assert rig.is_untouched()
+
+
+def test_a_board_that_goes_on_by_itself_keeps_the_arm_up_meanwhile(rig: Rig) -> None:
+    rig.arm(board=REAL, state=State.HOLDING, powered=True, source=Source.TRANSMITTED)
+    reopen(rig)
+    assert rig.opened["uzuner"].commands[-1] == Connect("sim")

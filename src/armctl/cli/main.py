@@ -19,6 +19,8 @@ COMMANDS = {
     "ik": "armctl.cli.ik:ik",
     "run": "armctl.cli.run:run",
     "check": "armctl.cli.check:check",
+    "calibrate": "armctl.cli.calibrate:calibrate",
+    "doctor": "armctl.cli.doctor:doctor",
     "published": "armctl.cli.published:published",
     "simulate": "armctl.cli.simulate:simulate",
 }

@@ -7,20 +7,59 @@ import dataclasses
 import click
 
 from armctl.cli.options import json_option, print_json
-from armctl.hardware.ports import list_ports
+from armctl.errors import ArmctlError
+from armctl.hardware.permissions import udev_rules
+from armctl.hardware.ports import PortInfo, list_ports
+from armctl.hardware.probe import approach, probe
+from armctl.hardware.serial_transport import SerialTransport
+from armctl.runtime.clock import MonotonicClock
+
+_WIDTH = 20
 
 
 @click.command()
+@click.option(
+    "--probe",
+    "probing",
+    is_flag=True,
+    help="Open each port and find out who answers. Restarts Arduinos: what their motors hold sinks.",
+)
+@click.option("--udev", is_flag=True, help="Print the udev rules for the boards, and nothing else.")
 @json_option
-def ports(as_json: bool) -> None:
+def ports(probing: bool, udev: bool, as_json: bool) -> None:
     """List serial ports: which board, and why one cannot be used."""
+    if udev:
+        click.echo(udev_rules(), nl=False)
+        return
     found = list_ports()
+    answers = {port.device: _answer(port) for port in found} if probing else {}
     if as_json:
-        print_json([dataclasses.asdict(port) for port in found])
+        print_json(
+            [
+                dataclasses.asdict(port) | ({"answer": answers[port.device]} if probing else {})
+                for port in found
+            ]
+        )
         return
     if not found:
         click.echo("no serial port found; the simulated board needs none (--port sim)")
     for port in found:
         serial = f", serial number {port.serial_number}" if port.serial_number else ""
-        click.echo(f"{port.device:<20}{port.kind}{serial}")
-        click.echo(f"{'':<20}{'ready to use' if port.usable else port.why_not}")
+        click.echo(f"{port.device:<{_WIDTH}}{port.kind}{serial}")
+        lines = ["ready to use" if port.usable else port.why_not, port.stable_name, *port.notes]
+        for line in (*lines, answers.get(port.device)):
+            if line:
+                click.echo(f"{'':<{_WIDTH}}{line}")
+
+
+def _answer(port: PortInfo) -> str | None:
+    """Who answers there; None for a port that cannot be used anyway."""
+    if not port.usable:
+        return None
+    try:
+        probed = probe(
+            lambda baud: SerialTransport(port.device, baud=baud), approach(port.kind), MonotonicClock().now
+        )
+    except ArmctlError as error:
+        return f"probed: {error}"
+    return f"probed: {probed}"

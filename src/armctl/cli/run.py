@@ -27,14 +27,15 @@ from armctl.robot import load_robot
 def run(program: Path, robot: str | None, port: str, loops: int, forever: bool, speed: float) -> None:
     """Run PROGRAM (.toml, .py, or .csv with --robot) on the arm.
 
-    Servos that are off jump to the rest pose first: keep clear.
+    Servos that are off jump to the rest pose first, and motors with encoders look for their home switches:
+    keep clear.
 
     Ctrl-C stops the arm and holds it. The pulses stay on at the end.
     """
     arm_robot = None if robot is None else load_robot(robot)
     loaded = open_program(program, arm_robot)
     arm_robot = arm_robot or load_robot(loaded.robot)
-    findings = check_program(loaded, arm_robot, start=arm_robot.pose("rest"))
+    findings = check_program(loaded, arm_robot, start=arm_robot.first_pose)
     errors = [finding for finding in findings if finding.severity == "error"]
     if errors:
         raise ProgramError(f"{program}: {errors[0]}")

@@ -19,9 +19,9 @@ from armctl.arm import Arm
 from armctl.boards import AUTOMATIC, SIMULATED
 from armctl.errors import ArmctlError, RobotFileError
 from armctl.hardware.ports import list_ports
-from armctl.robot import load_robot, shipped_robots
+from armctl.robot import Robot, load_robot, shipped_robots
 from armctl.runtime import Connect, Origin
-from armctl.ui import App, Console, PortChoice, ProgramDesk, RobotChoice, RobotDesk
+from armctl.ui import App, CalibrationDesk, Console, PortChoice, ProgramDesk, RobotChoice, RobotDesk
 
 _LOOPBACK = ("127.0.0.1", "localhost", "::1")
 
@@ -50,8 +50,8 @@ def serve(robot: str, port: str, host: str, http_port: int, no_browser: bool) ->
     """Serve the console until interrupted (Ctrl-C)."""
     logging.basicConfig(level=logging.INFO, format="%(asctime)s %(name)s %(levelname)s %(message)s")
     token = None if host in _LOOPBACK else secrets.token_urlsafe(24)
-    open_console = partial(_open_console, port=port)
-    console = open_console(robot)
+    open_console = partial(_open_console, asked=port)
+    console = open_console(robot, port)
     present = RobotChoice(robot, console.robot.title)
     robots = RobotDesk(console, present, _robot_choices(present), open_console)
     try:
@@ -69,17 +69,25 @@ def serve(robot: str, port: str, host: str, http_port: int, no_browser: bool) ->
         robots.close()
 
 
-def _open_console(name: str, port: str) -> Console:
-    """An arm that is not connected yet, and what its pages share."""
-    robot = load_robot(name)
+def _open_console(name: str, port: str, asked: str) -> Console:
+    """An arm that is not connected yet, as it is calibrated with the board on a port.
+
+    Args:
+        name: of the robot, or its file.
+        port: where it is to be connected.
+        asked: the port that the user named at the start; it is always offered.
+    """
+    calibrating = CalibrationDesk.of(load_robot(name), port)
+    robot = calibrating.robot
     # Building the solver takes a while, and may find that there is none: here it keeps nobody waiting.
     _ = robot.inverse_kinematics
     arm = Arm(robot)
     return Console(
         robot=robot,
         controller=arm.controller,
-        list_ports=lambda: _port_choices(port),
+        list_ports=lambda: _port_choices(asked, robot),
         programs=ProgramDesk(robot.name, user_data_path("armctl") / "programs" / robot.name),
+        calibrating=calibrating,
         close=arm.close,
         default_port=port,
     )
@@ -107,10 +115,20 @@ def _connect(console: Console, port: str) -> None:
         click.echo(f"armctl: not connected: {refusal}", err=True)
 
 
-def _port_choices(asked: str) -> list[PortChoice]:
-    choices = [PortChoice(SIMULATED, "Simulated board"), PortChoice(AUTOMATIC, "First Maestro found")]
-    for port in list_ports():
-        choices.append(PortChoice(port.device, f"{port.kind} on {port.device}", port.why_not))
+def _port_choices(asked: str, robot: Robot) -> list[PortChoice]:
+    wanted = "Maestro" if robot.board == "maestro" else "Arduino"
+    choices = [PortChoice(SIMULATED, "Simulated board"), PortChoice(AUTOMATIC, f"First {wanted} found")]
+    choices += [
+        PortChoice(
+            port.device,
+            f"{port.kind} on {port.device}",
+            port.why_not,
+            port.serial_number,
+            port.notes,
+            listed=True,
+        )
+        for port in list_ports()
+    ]
     if asked not in [choice.port for choice in choices]:
         choices.append(PortChoice(asked, asked))
     return choices

@@ -9,8 +9,11 @@ from types import FrameType
 
 import click
 
-from armctl.hardware.maestro import MaestroModel, SimulatedMaestro, serve_simulated_maestro
-from armctl.hardware.pty_server import PtyServer
+from armctl.errors import InputError
+from armctl.hardware.encoder import serve_simulated_encoder
+from armctl.hardware.firmata import serve_simulated_firmata
+from armctl.hardware.maestro import MaestroModel, serve_simulated_maestro
+from armctl.hardware.pty_server import Model, PtyServer
 from armctl.robot import load_robot
 from armctl.runtime import MonotonicClock, channel_settings
 
@@ -42,7 +45,34 @@ def maestro(link: Path | None, robot: str, factory: bool, channels: str | None) 
     return _serve(serve_simulated_maestro(clock.now, channels=settings, model=model, link=link))
 
 
-def _serve(server: PtyServer[SimulatedMaestro]) -> int:
+@simulate.command()
+@click.option("--link", type=click.Path(path_type=Path), help="Where to find the port, e.g. /tmp/firmata.")
+def firmata(link: Path | None) -> int:
+    """Serve a simulated Arduino Mega with StandardFirmata until interrupted.
+
+    Servos on pins 2 … 49. It does not restart when its port is opened, as a real Mega does.
+    """
+    return _serve(serve_simulated_firmata(MonotonicClock().now, link=link))
+
+
+@simulate.command()
+@click.option("--link", type=click.Path(path_type=Path), help="Where to find the port, e.g. /tmp/encoder.")
+@click.option("--robot", default="scorbot", show_default=True, help="Whose motors and encoders are on it.")
+def encoder(link: Path | None, robot: str) -> int:
+    """Serve a simulated Arduino Mega with armctl's encoder firmware and an arm on it until interrupted.
+
+    Its axes must be homed, each of which takes about a second. It does not restart when its port is
+    opened, as a real Mega does.
+    """
+    loaded = load_robot(robot)
+    if not loaded.axes:
+        raise InputError(f"{robot} has no motors with encoders; choose a robot whose board is encoder")
+    clock = MonotonicClock()
+    channels = channel_settings(loaded)
+    return _serve(serve_simulated_encoder(clock.now, channels=channels, axes=loaded.axes, link=link))
+
+
+def _serve(server: PtyServer[Model]) -> int:
     """Until SIGINT or SIGTERM, either of which is a good end."""
     ended = threading.Event()
 

@@ -1,7 +1,7 @@
 """Boards: transports, codecs, drivers, simulated boards."""
 
 from armctl.hardware.byte_model import ByteModel
-from armctl.hardware.driver import BoardIdentity, ChannelSettings, Driver, Readback, Source
+from armctl.hardware.driver import BoardIdentity, ChannelSettings, Driver, HomingState, Readback, Source
 from armctl.hardware.faults import Fault, FaultyModel
 from armctl.hardware.loop_transport import LoopTransport
 from armctl.hardware.ports import PortInfo, describe_port, find_maestro, list_ports
@@ -16,6 +16,7 @@ __all__ = [
     "Driver",
     "Fault",
     "FaultyModel",
+    "HomingState",
     "LoopTransport",
     "PortInfo",
     "PtyServer",

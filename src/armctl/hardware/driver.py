@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import Enum
 from typing import Protocol
 
@@ -39,12 +39,33 @@ class ChannelSettings:
 
 
 @dataclass(frozen=True, slots=True)
+class HomingState:
+    """How far a board that must find its zeros has come with it."""
+
+    homed: Mapping[int, bool]
+    """by channel"""
+    running: int | None = None
+    """the channel that is looking for its zero now; None: none is"""
+
+    @property
+    def done(self) -> bool:
+        """Every channel knows where it is."""
+        return all(self.homed.values())
+
+
+@dataclass(frozen=True, slots=True)
 class Readback:
-    """Positions by channel in the board's unit; None where the board does not know (pulses off)."""
+    """Positions by channel in the board's unit; None where the board does not know."""
 
     positions: Mapping[int, float | None]
     source: Source
     errors: tuple[str, ...] = ()  # what the board itself reports, in words
+    powered: bool | None = None
+    """whether its outputs are on; None: a channel is on where it has a position"""
+    faults: Mapping[int, str] = field(default_factory=dict[int, str])
+    """what is wrong with a channel, in words that do not name it"""
+    homing: HomingState | None = None
+    """None: the board needs no homing"""
 
 
 class Driver(Protocol):
@@ -72,6 +93,13 @@ class Driver(Protocol):
 
     def stop(self) -> None:
         """Board-side hold: every channel that is on stays where the board now has it."""
+        ...
+
+    def home(self) -> None:
+        """Begin to look for the zero of every channel: the arm moves. ``read`` tells how it goes.
+
+        ``stop`` and ``release`` end it. A board that needs no homing refuses with ``BoardError``.
+        """
         ...
 
     def release(self) -> None:

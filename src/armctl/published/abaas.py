@@ -46,7 +46,7 @@ def abaas_report() -> Report:
         RobotFileError: the robot file has lost its servo map.
     """
     robot = load_robot("abaas")
-    servos = robot.servo_map
+    servos = robot.output_map
     if servos is None:
         raise RobotFileError("abaas: the printed rows are servo angles, and the robot file has no servo map")
     comparisons: list[Comparison] = []
@@ -57,7 +57,7 @@ def abaas_report() -> Report:
         comparisons.append(Comparison(f"{row}: tip", "mm", tip, floats(1000 * reached), WHOLE_DEGREES_MM, 2))
         pitch, roll = robot.inverse_kinematics.pitch_and_roll(q)
         solutions = robot.inverse(reached, pitch, roll)
-        sent = servos.pulses(solutions.q[solutions.index_of(q)])
+        sent = servos.outputs(solutions.q[solutions.index_of(q)])
         back = servo_angles([sent[channel] for channel in servos.channels])
         comparisons.append(Comparison(f"{row}: back by inverse kinematics", "°", floats(printed), back, 1e-6))
     speeds = tip_speeds(robot)

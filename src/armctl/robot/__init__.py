@@ -1,7 +1,20 @@
 """What an arm is, and the robot files that say so."""
 
+from armctl.robot.encoder_axis import EncoderAxis, HomeBy
 from armctl.robot.load import load_robot, robots_folder, shipped_robots
-from armctl.robot.robot import Gripper, Joint, Robot
-from armctl.robot.servo_map import ServoMap
+from armctl.robot.output_map import OutputMap, OutputUnit
+from armctl.robot.robot import BoardKind, Gripper, Joint, Robot
 
-__all__ = ["Gripper", "Joint", "Robot", "ServoMap", "load_robot", "robots_folder", "shipped_robots"]
+__all__ = [
+    "BoardKind",
+    "EncoderAxis",
+    "Gripper",
+    "HomeBy",
+    "Joint",
+    "OutputMap",
+    "OutputUnit",
+    "Robot",
+    "load_robot",
+    "robots_folder",
+    "shipped_robots",
+]

@@ -53,6 +53,58 @@ class ServoEntry(_Strict, frozen=True):
     pulse_us: tuple[Pulse, Pulse]
 
 
+class AxisEntry(_Strict, frozen=True):
+    """A motor with an encoder on an encoder board; the defaults suit the gear motors of a small arm."""
+
+    axis: Annotated[int, Meta(ge=0, le=5)]
+    home_order: Annotated[int, Meta(ge=1, le=15)]
+    """place in the homing order"""
+    home_toward: Literal["+", "-"] = "-"
+    """which way the switch is looked for first"""
+    home_by: Literal["switch", "stall"] = "switch"
+    p_percent: NotNegative = 0.8
+    """drive for a position error of one count [% of full drive]"""
+    i_percent_s: NotNegative = 2.0
+    """[% of full drive for a count and a second]"""
+    d_percent: NotNegative = 0.01
+    """[% of full drive for a count a second]"""
+    breakaway_percent: Annotated[float, Meta(ge=0, le=100)] = 35.0
+    """drive below which a motor that stands does not move"""
+    stall_s: Annotated[float, Meta(gt=0, le=5)] = 0.5
+    encoder_inverted: bool = False
+    motor_inverted: bool = False
+    switch_inverted: bool = False
+    """the home switch is closed all the time and opens when it is pressed"""
+
+
+class EncoderEntry(AxisEntry, frozen=True, kw_only=True):
+    """The encoder of a joint: counts = counts_per_deg · (angle - home_deg)."""
+
+    counts_per_deg: float
+    home_deg: float = 0.0
+    """the angle where homing ends: at the edge of the switch"""
+    home_speed_deg_s: Positive = 10.0
+    following_error_deg: Positive = 5.0
+    """this far from its setpoint the motors are switched off"""
+
+
+class GripperEncoderEntry(AxisEntry, frozen=True, kw_only=True):
+    """The gripper's encoder: its position closed and open, counted from where homing ends."""
+
+    closed_counts: float
+    open_counts: float
+    home_speed_counts_s: Positive = 500.0
+    following_error_counts: Positive = 2000.0
+
+
+class BoardEntry(_Strict, frozen=True):
+    """The board that drives the arm."""
+
+    kind: Literal["maestro", "firmata", "encoder"]
+    differential: tuple[Name, Name] | None = None
+    """two joints that two motors drive together (encoder board): the sum, and the difference"""
+
+
 class JointEntry(_Strict, frozen=True):
     """One joint."""
 
@@ -65,6 +117,9 @@ class JointEntry(_Strict, frozen=True):
     """None: the acceleration is reached in 50 ms"""
     stall_torque_nm: Positive | None = None
     servo: ServoEntry | None = None
+    """on a Maestro or a Firmata board"""
+    encoder: EncoderEntry | None = None
+    """on an encoder board"""
 
 
 class GripperServoEntry(_Strict, frozen=True):
@@ -80,7 +135,8 @@ class GripperEntry(_Strict, frozen=True):
 
     title: str
     speed_percent_s: Positive
-    servo: GripperServoEntry
+    servo: GripperServoEntry | None = None
+    encoder: GripperEncoderEntry | None = None
     stall_torque_nm: Positive | None = None
 
 
@@ -142,6 +198,7 @@ class RobotFile(_Strict, frozen=True):
     source: str = ""
     assumed: tuple[str, ...] = ()
     payload_kg: NotNegative = 0.0
+    board: BoardEntry = BoardEntry("maestro")
     gripper: GripperEntry | None = None
     bodies: tuple[BodyEntry, ...] = ()
     floor: FloorEntry = FloorEntry()

@@ -15,8 +15,8 @@ from armctl.robot.capsules import Capsule, capsule
 from armctl.robot.file import JointEntry, LookEntry, ObstacleEntry, RobotFile, read_robot_file
 from armctl.robot.look import Color, Look
 from armctl.robot.obstacle import Obstacle
+from armctl.robot.outputs_of_file import differential_axes, encoder_axes, output_map
 from armctl.robot.robot import JERK_UP_S, Gripper, Joint, Robot
-from armctl.robot.servo_map import ServoMap
 from armctl.robot.urdf import load_urdf
 
 FloatArray = NDArray[np.float64]
@@ -85,7 +85,10 @@ def _build(file: RobotFile, path: Path) -> Robot:
         joints=tuple(_joint(entry) for entry in entries),
         chain=chain,
         poses={name: _pose(values, entries, f"{path}: poses.{name}") for name, values in file.poses.items()},
-        servo_map=_servo_map(file, entries, path),
+        output_map=output_map(file, entries, path),
+        board=file.board.kind,
+        axes=encoder_axes(file, entries),
+        differential=differential_axes(file, by_name, path),
         gripper=None
         if file.gripper is None
         else Gripper(file.gripper.title, file.gripper.speed_percent_s / 100),
@@ -189,50 +192,6 @@ def _look(entry: LookEntry | None) -> Look:
 def _color(text: str) -> Color:
     red, green, blue = bytes.fromhex(text.removeprefix("#"))
     return red, green, blue
-
-
-def _servo_map(file: RobotFile, entries: list[JointEntry], path: Path) -> ServoMap | None:
-    servos = [entry.servo for entry in entries if entry.servo is not None]
-    if not servos:
-        return None
-    if len(servos) != len(entries):
-        missing = [entry.name for entry in entries if entry.servo is None]
-        raise RobotFileError(f"{path}: joints.{missing[0]}.servo is missing; the other joints have one")
-    channels = [servo.channel for servo in servos]
-    if file.gripper is not None:
-        channels.append(file.gripper.servo.channel)
-        if file.gripper.servo.closed_us == file.gripper.servo.open_us:
-            raise RobotFileError(f"{path}: gripper.servo: closed_us and open_us are the same")
-    if len(set(channels)) != len(channels):
-        raise RobotFileError(f"{path}: two servos are on the same channel: {channels}")
-    for entry, servo in zip(entries, servos, strict=True):
-        _check_servo_range(entry, f"{path}: joints.{entry.name}.servo")
-        if servo.us_per_deg == 0:
-            raise RobotFileError(f"{path}: joints.{entry.name}.servo.us_per_deg is 0")
-    gripper = None if file.gripper is None else file.gripper.servo
-    return ServoMap(
-        channels=tuple(servo.channel for servo in servos),
-        zero_us=np.array([servo.zero_us for servo in servos]),
-        us_per_rad=np.array([servo.us_per_deg for servo in servos]) * (180 / math.pi),
-        pulse_min_us=np.array([servo.pulse_us[0] for servo in servos]),
-        pulse_max_us=np.array([servo.pulse_us[1] for servo in servos]),
-        gripper_channel=None if gripper is None else gripper.channel,
-        gripper_closed_us=0.0 if gripper is None else gripper.closed_us,
-        gripper_open_us=0.0 if gripper is None else gripper.open_us,
-    )
-
-
-def _check_servo_range(entry: JointEntry, where: str) -> None:
-    servo = entry.servo
-    if servo is None:
-        return
-    pulses = sorted(servo.zero_us + servo.us_per_deg * angle for angle in entry.limit_deg)
-    low, high = servo.pulse_us
-    if pulses[0] < low - 0.125 or pulses[1] > high + 0.125:
-        raise RobotFileError(
-            f"{where}: the limits {entry.limit_deg[0]}° … {entry.limit_deg[1]}° need pulses of "
-            f"{pulses[0]:.1f} … {pulses[1]:.1f} µs, pulse_us allows {low} … {high} µs"
-        )
 
 
 def _gravity(file: RobotFile, order: list[str], chain: DHChain, path: Path) -> GravityModel:

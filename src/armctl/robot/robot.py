@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -28,12 +29,15 @@ from armctl.kinematics.checks import as_numbers
 from armctl.robot.capsules import Capsule, shape_capsules
 from armctl.robot.collision import CollisionModel
 from armctl.robot.corners import Corner, moving_corners
+from armctl.robot.encoder_axis import EncoderAxis
 from armctl.robot.look import Look
 from armctl.robot.obstacle import Obstacle
-from armctl.robot.servo_map import ServoMap
+from armctl.robot.output_map import OutputMap
 
 FloatArray = NDArray[np.float64]
 
+
+BoardKind = Literal["maestro", "firmata", "encoder"]
 
 JERK_UP_S = 0.05
 """Where nothing else is written, a joint reaches its largest acceleration in this time."""
@@ -78,7 +82,8 @@ class Robot:
     chain: DHChain
     poses: Mapping[str, FloatArray]
     """named configurations (n,) [rad]"""
-    servo_map: ServoMap | None
+    output_map: OutputMap | None
+    """what a board is told for which angle; None: the robot file does not say"""
     gripper: Gripper | None
     gravity: GravityModel
     floor_z: float
@@ -90,6 +95,12 @@ class Robot:
     """its body; None: as it is drawn"""
     obstacles: tuple[Obstacle, ...] = ()
     """what the arm must stay out of, besides the floor"""
+    board: BoardKind = "maestro"
+    """the kind of board that drives it"""
+    axes: tuple[EncoderAxis, ...] = ()
+    """of an encoder board, the gripper's last"""
+    differential: tuple[int, int] | None = None
+    """axes of the joints that two motors drive together, by their sum and their difference"""
     limits: FloatArray = field(init=False)
     """(n, 2) lower and upper joint limits [rad]"""
 
@@ -267,6 +278,13 @@ class Robot:
         if name not in self.poses:
             raise InputError(f"{self.name} has no pose {name!r}; it has {', '.join(self.poses)}")
         return self.poses[name].copy()
+
+    @property
+    def first_pose(self) -> FloatArray:
+        """Where the arm stands once it is enabled (n,) [rad]: rest, or where homing ends."""
+        if self.board == "encoder" and self.output_map is not None:
+            return self.output_map.angles(dict.fromkeys(self.output_map.channels, 0.0))
+        return self.pose("rest")
 
     def point(self, name: str) -> FloatArray:
         """A named tool point (3,) [m].

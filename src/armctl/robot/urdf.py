@@ -53,7 +53,7 @@ def load_urdf(path: Path) -> Robot:
         joints=joints,
         chain=dh,
         poses={"home": home, "rest": home},
-        servo_map=None,
+        output_map=None,
         gripper=None,
         gravity=GravityModel(dh, tuple(_bodies(file, tree, chain, dh))),
         floor_z=0.0,

@@ -9,6 +9,7 @@ from armctl.runtime.commands import (
     Enable,
     Follow,
     FollowTarget,
+    HomeAxes,
     Jog,
     JogTool,
     MoveGripper,
@@ -25,10 +26,11 @@ from armctl.runtime.commands import (
 from armctl.runtime.controller import Controller
 from armctl.runtime.outputs import channel_settings
 from armctl.runtime.planner import InlineExecutor
-from armctl.runtime.snapshot import Event, ProgramProgress, Snapshot, State
+from armctl.runtime.snapshot import AxisHoming, Event, ProgramProgress, Snapshot, State
 from armctl.runtime.ticket import Ticket
 
 __all__ = [
+    "AxisHoming",
     "ClearFault",
     "Clock",
     "Command",
@@ -39,6 +41,7 @@ __all__ = [
     "Event",
     "Follow",
     "FollowTarget",
+    "HomeAxes",
     "InlineExecutor",
     "Jog",
     "JogTool",

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armctl.errors import ArmctlError, BoardError, StateError
-from armctl.hardware import BoardIdentity, Driver, Source
+from armctl.hardware import BoardIdentity, Driver, HomingState, Source
 from armctl.robot import Robot
 from armctl.runtime.outputs import Outputs
 
@@ -26,6 +26,17 @@ class Reading:
     opening: float | None
     source: Source
     errors: tuple[str, ...]
+    powered: bool | None = None
+    """whether its outputs are on; None: it does not say, a joint is on where it has a position"""
+    homing: HomingState | None = None
+    """None: there is nothing to home"""
+
+    @property
+    def on(self) -> NDArray[np.bool_]:
+        """(n,) joints whose outputs are on."""
+        if self.powered is None:
+            return ~np.isnan(self.q)
+        return np.full(self.q.shape, self.powered)
 
 
 class Board:
@@ -49,7 +60,7 @@ class Board:
         try:
             with _translated("opening the board"):
                 board = cls(robot, driver, driver.open())
-            if robot.servo_map is None and not board.identity.simulated:
+            if robot.output_map is None and not board.identity.simulated:
                 raise StateError(
                     f"{robot.name} has no servo map: which pulse is which angle is not known, so only the "
                     "simulated board may be driven (port sim); give each joint of the robot file a servo"
@@ -74,16 +85,33 @@ class Board:
         """Read back."""
         with _translated("reading back"):
             readback = self._driver.read()
+        faults = [f"{self.title(channel)}: {words}" for channel, words in readback.faults.items()]
         return Reading(
             self.outputs.angles(readback.positions),
             self.outputs.opening(readback.positions),
             readback.source,
-            readback.errors,
+            (*faults, *readback.errors),
+            readback.powered,
+            readback.homing,
         )
 
+    def home(self) -> None:
+        """Begin to look for the zeros of the axes: the arm moves."""
+        with _translated("homing"):
+            self._driver.home()
+
+    def hold(self) -> None:
+        """Brake on the board itself and hold there."""
+        with _translated("stopping the board"):
+            self._driver.stop()
+
+    def title(self, channel: int) -> str:
+        """What the user calls a channel."""
+        return self.outputs.titles.get(channel, f"channel {channel}")
+
     def release(self) -> None:
-        """Pulses off: the arm drops."""
-        with _translated("switching the pulses off"):
+        """Pulses or motors off: the arm drops."""
+        with _translated(f"switching the {self.outputs.power} off"):
             self._driver.release()
 
     def close(self) -> None:

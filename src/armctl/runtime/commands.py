@@ -38,6 +38,11 @@ class Enable:
 
 
 @dataclass(frozen=True, slots=True)
+class HomeAxes:
+    """Let a board with encoders find the zero of every axis: the arm moves, slowly, to its switches."""
+
+
+@dataclass(frozen=True, slots=True)
 class Release:
     """Pulses off: the arm drops. Asked for twice in the UI, at once here."""
 
@@ -165,6 +170,7 @@ Command = (
     Connect
     | Disconnect
     | Enable
+    | HomeAxes
     | Release
     | Pause
     | Resume

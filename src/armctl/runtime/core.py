@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armctl.errors import ArmctlError, BoardError, MotionRefusedError, StateError
-from armctl.hardware import Driver, Source
+from armctl.hardware import Driver
 from armctl.motion import Floor, Trajectory
 from armctl.robot import Robot
 from armctl.runtime.activity import Activity, Setpoint
@@ -268,8 +268,7 @@ class Core:
         """The pulses are on, as far as is known."""
         if self.gate.q is not None:
             return self.board is not None
-        reading = self.monitor.reading
-        return reading.source is Source.TRANSMITTED and not bool(np.isnan(reading.q).all())
+        return bool(self.monitor.reading.on.any())
 
     def _settle_activity(self, activity: Activity) -> None:
         if activity.begun and self.ticket is not None:
@@ -302,7 +301,8 @@ class Core:
                 ticket.finish()
             else:
                 ticket.refuse(error)
-        self.enter(State.HOLDING, cause)
+        # Homing that was stopped or failed leaves an arm of which nobody knows where it is.
+        self.enter(State.OFF if self.gate.q is None else State.HOLDING, cause)
 
     def _send(self, q: FloatArray | None, opening: float | None, now: float) -> None:
         if self.board is None:

@@ -34,7 +34,17 @@ FASTEST_TOOL_M_S, FASTEST_TURN_RAD_S = 0.5, math.pi
 """What the tool may be jogged at; the joints' own limits are mostly lower."""
 HELD = (c.Jog, c.JogTool, c.FollowTarget)
 """Commands that count only for a moment: whoever gives them goes on giving them."""
-MOVING = (c.Enable, c.Resume, c.MoveJoints, c.MoveTo, c.Follow, *HELD, c.MoveGripper, c.RunProgram)
+MOVING = (
+    c.Enable,
+    c.HomeAxes,
+    c.Resume,
+    c.MoveJoints,
+    c.MoveTo,
+    c.Follow,
+    *HELD,
+    c.MoveGripper,
+    c.RunProgram,
+)
 """Commands that a STOP drops when they were given before it."""
 
 
@@ -76,6 +86,9 @@ def _carry_out(core: Core, order: Order, now: float) -> bool:
             return _disconnect(core, order, who)
         case c.Enable(q):
             power.enable(core, q, who, now)
+        case c.HomeAxes():
+            power.home(core, order.ticket, who, now)
+            return False
         case c.Release():
             power.release(core, who)
         case c.ClearFault():

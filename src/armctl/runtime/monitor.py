@@ -21,7 +21,14 @@ _OFF_READINGS = 3
 _LAG_S = 0.08
 """how far the transmitted position may be behind a moving setpoint: a few servo frames"""
 _DEVIATION_UNITS = 1.0
+_DEVIATION_RAD = np.radians(1.0)
 _DEVIATION_S = 0.5
+_DEVIATION_WORDS = {
+    Source.TRANSMITTED: "the board does not send what it was told ({by}): its channel range is narrower than "
+    "the servo map; widen it on the board, or change the robot file",
+    Source.MEASURED: "the arm does not stand where it was told ({by}): look for something in its way, a "
+    "worn gear or too much load",
+}
 _ERROR_SHOWN_S = 10.0
 
 
@@ -115,16 +122,15 @@ class Monitor:
 
     def check_released(self) -> None:
         """Warn where the board goes on sending pulses that it was told to switch off."""
-        reading = self.reading
-        on = ~np.isnan(reading.q) if reading.source is Source.TRANSMITTED else np.zeros(0, dtype=bool)
+        on = self.reading.on
         self._still_on = self._still_on + 1 if self._released and on.any() else 0
         if self._still_on < _OFF_READINGS:
             self._notices.clear("released")
             return
         self._notices.set(
             "released",
-            f"the board still sends pulses ({self._titles(on)}) though it was told to switch them off; "
-            "release again, or cut the servos' power",
+            f"the board's outputs are still on ({self._titles(on)}) though it was told to switch them off; "
+            "release again, or cut the power of the motors",
         )
 
     def doubt(self) -> None:
@@ -134,19 +140,24 @@ class Monitor:
     def went_by_itself(self, q_command: FloatArray, now: float) -> str | None:
         """In words, that the last reading does not fit (n,) [rad] the last setpoint; None while it does.
 
-        Pulses that are off count once several readings say so: answers carry no checksum, and one is no
-        proof. Until the next one nothing is sent. A board that reports an error has sent its channels
+        Outputs that are off count once several readings say so where answers carry no checksum, and one is
+        no proof. Until the next one nothing is sent. A Maestro that reports an error has sent its channels
         wherever its settings say; if that is off, or far from the setpoint, the path from there is nobody's.
         """
         reading = self.reading
-        if reading.source is not Source.TRANSMITTED:
-            return None
-        off = np.isnan(reading.q)
+        off = ~reading.on
+        if reading.source is Source.MEASURED:
+            if not off.any():
+                return None
+            why = "; ".join(reading.errors) or "it does not say why"
+            return f"the board switched the motors off by itself ({why})"
         self._off = self._off + 1 if off.any() else 0
         if self._off:
             self.doubt()
         if self._off >= _OFF_READINGS:
             return f"the board switched the pulses off by itself ({self._titles(off)})"
+        if reading.source is not Source.TRANSMITTED:
+            return None
         if reading.errors:
             self._errors, self._erred_at = reading.errors, now
         moved = np.abs(reading.q - q_command) > _LAG_S * self._robot.speed_limits
@@ -158,23 +169,27 @@ class Monitor:
         return ", ".join(self._robot.joints[i].title for i in np.flatnonzero(which))
 
     def compare(self, board: Board, q_command: FloatArray, standing: bool, now: float) -> None:
-        """Warn where the board stands elsewhere than told for half a second while nothing moves."""
-        away = np.abs(self.reading.q - q_command) * board.outputs.unit_per_rad
-        deviates = away > _DEVIATION_UNITS
-        if self.reading.source is not Source.TRANSMITTED or not standing or not deviates.any():
+        """Warn where the arm stands elsewhere than told for half a second while nothing moves."""
+        source = self.reading.source
+        away = np.abs(self.reading.q - q_command)
+        if source is Source.MEASURED:
+            deviates = away > _DEVIATION_RAD
+        else:
+            away = away * board.outputs.unit_per_rad
+            deviates = away > _DEVIATION_UNITS
+        if source is Source.COMMANDED or not standing or not deviates.any():
             self._deviates_since = None
             self._notices.clear("deviation")
             return
         if self._deviates_since is None:
             self._deviates_since = now
         if now - self._deviates_since > _DEVIATION_S:
-            parts = [
-                f"{joint.title} by {value:.1f} {board.outputs.unit}"
-                for joint, value, far in zip(self._robot.joints, away, deviates, strict=True)
-                if far
-            ]
-            self._notices.set(
-                "deviation",
-                f"the board does not send what it was told ({', '.join(parts)}): its channel "
-                "range is narrower than the servo map; widen it on the board, or change the robot file",
+            values, unit = (
+                (np.degrees(away), "°") if source is Source.MEASURED else (away, f" {board.outputs.unit}")
             )
+            by = ", ".join(
+                f"{joint.title} by {value:.1f}{unit}"
+                for joint, value, far in zip(self._robot.joints, values, deviates, strict=True)
+                if far
+            )
+            self._notices.set("deviation", _DEVIATION_WORDS[source].format(by=by))

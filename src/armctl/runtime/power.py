@@ -10,11 +10,20 @@ from armctl.hardware import Source
 from armctl.motion import FLOOR_TOLERANCE_M
 from armctl.runtime.board import Board, Reading
 from armctl.runtime.core import POWERED, Core
+from armctl.runtime.homing import Homing
 from armctl.runtime.snapshot import State
+from armctl.runtime.ticket import Ticket
 
 FloatArray = NDArray[np.float64]
 ADOPT_TOLERANCE_RAD = np.radians(0.25)
 """How far outside a limit a joint may stand when it is taken over: a board rounds to steps."""
+_DROP_AND_ENABLE = "support the arm, release it (it drops) and enable again"
+_BACK_INSIDE = {
+    Source.COMMANDED: _DROP_AND_ENABLE,
+    Source.TRANSMITTED: _DROP_AND_ENABLE,
+    Source.MEASURED: "release it and turn it back by hand, or press Homing",
+}
+HOME_FIRST = "press Homing (every axis moves to its switch)"
 
 
 def connect(core: Core, port: str, who: str, now: float) -> None:
@@ -40,10 +49,11 @@ def connect(core: Core, port: str, who: str, now: float) -> None:
         core.log.warning(note)
     identity = core.board.identity
     cause = f"connected to {identity.kind} at {identity.port} ({who}); "
+    power = core.board.outputs.power
     if core.powered():
-        cause += "the board already sends pulses: Enable takes them over where they are"
+        cause += f"its {power} are on already: Enable takes the arm over where it is"
     else:
-        cause += "pulses are off" if answered else "it has not said yet whether it sends pulses"
+        cause += f"{power} are off" if answered else f"it has not said yet whether its {power} are on"
     core.enter(State.OFF, cause)
 
 
@@ -64,6 +74,8 @@ def enable(core: Core, wanted: FloatArray | None, who: str, now: float) -> None:
     goal = core.robot.check_limits(core.robot.pose("rest") if wanted is None else wanted)
     core.board.configure()
     reading = _where_it_is(core, core.board, now)
+    if reading.homing is not None and not reading.homing.done:
+        raise StateError(f"the arm does not know where it is yet; {HOME_FIRST}")
     live = ~np.isnan(reading.q)
     start = _taken_over(core, np.where(live, reading.q, goal))
     if not live.all():
@@ -79,6 +91,33 @@ def enable(core: Core, wanted: FloatArray | None, who: str, now: float) -> None:
         core.log.warning("enabled where the arm stands, not in the pose asked for: move there now")
 
 
+def home(core: Core, ticket: Ticket, who: str, now: float) -> None:
+    """Have the board look for the zero of every axis: the arm moves. It holds where that ends.
+
+    Raises:
+        StateError: not connected, in fault, moving, or a board whose servos have nothing to look for.
+        BoardError: the board does not begin, or is gone.
+    """
+    if core.board is None or core.state not in (State.OFF, State.HOLDING):
+        raise StateError(f"homing needs the arm off or holding, it is {core.state.value}{_way_out(core)}")
+    if core.monitor.reading.homing is None:
+        raise StateError("the servos of this arm know their angles: there is nothing to home")
+    core.drop_pending(StateError(f"the arm is being homed ({who})"))
+    core.board.configure()
+
+    def adopt(reading: Reading, when: float) -> None:
+        core.gate.jump(_taken_over(core, reading.q), when)
+        if reading.opening is not None:
+            core.gate.adopt_opening(reading.opening, when)
+        core.gripper.set(core.gate.opening)
+
+    homing = Homing(core.board, lambda: core.monitor.reading, adopt, now)
+    core.gate.forget()
+    core.gripper.set(None)
+    core.monitor.enabled()
+    core.begin(homing, ticket, who, now)
+
+
 def release(core: Core, who: str) -> None:
     """Pulses off: the arm drops.
 
@@ -90,7 +129,7 @@ def release(core: Core, who: str) -> None:
         raise StateError(f"nothing to release: {core.state.value}")
     core.board.release()
     core.power_off(f"released ({who})")
-    core.log.warning(f"RELEASE ({who}): pulses off")
+    core.log.warning(f"RELEASE ({who}): {core.board.outputs.power} off")
 
 
 def clear_fault(core: Core, who: str) -> None:
@@ -104,6 +143,8 @@ def clear_fault(core: Core, who: str) -> None:
     if core.board is None:
         raise StateError(f"the board is gone ({core.cause}); connect again")
     core.gripper.set(core.gate.opening)
+    if core.monitor.reading.powered is False:
+        core.board.release()  # what was switched off by the board itself stays off until it is told so
     if core.gate.q is None:
         core.enter(State.OFF, f"fault cleared ({who})")
     else:
@@ -116,8 +157,10 @@ def _way_out(core: Core) -> str:
             return "; connect first"
         case State.FAULT:
             return f" ({core.cause}); clear the fault first"
-        case _:
+        case State.HOLDING:
             return "; the arm is enabled already"
+        case _:
+            return f" ({core.cause}); stop first"
 
 
 def _where_it_is(core: Core, board: Board, now: float) -> Reading:
@@ -151,7 +194,7 @@ def _taken_over(core: Core, q: FloatArray) -> FloatArray:
         joint = core.robot.joints[i]
         raise StateError(
             f"{joint.title} stands at {np.degrees(q[i]):.1f}°, outside {np.degrees(joint.lower):.1f}° … "
-            f"{np.degrees(joint.upper):.1f}°; support the arm, release it (it drops) and enable again"
+            f"{np.degrees(joint.upper):.1f}°; {_BACK_INSIDE[core.monitor.reading.source]}"
         )
     return np.clip(q, low, high)
 

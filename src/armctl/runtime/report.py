@@ -6,7 +6,7 @@ import numpy as np
 
 from armctl.runtime.activity import ActivityView
 from armctl.runtime.core import Core
-from armctl.runtime.snapshot import Snapshot
+from armctl.runtime.snapshot import AxisHoming, Snapshot
 
 _IDLE = ActivityView(None, 0.0, 0.0)
 
@@ -24,7 +24,7 @@ def report(core: Core, tick: int, now: float) -> Snapshot:
         tick=tick,
         state=core.state,
         cause=core.cause,
-        q_command=core.robot.pose("rest") if q is None else q,
+        q_command=core.robot.first_pose if q is None else q,
         velocity_command=still if sample is None else sample.velocity,
         acceleration_command=still if sample is None else sample.acceleration,
         q=reading.q,
@@ -37,6 +37,17 @@ def report(core: Core, tick: int, now: float) -> Snapshot:
         remaining_s=view.remaining_s,
         program=view.program,
         board=None if core.board is None else core.board.identity,
+        homing=_homing(core),
         warnings=core.notices.current(now),
         events=core.log.events,
+    )
+
+
+def _homing(core: Core) -> tuple[AxisHoming, ...]:
+    state = core.monitor.reading.homing
+    if state is None or core.board is None:
+        return ()
+    title = core.board.title
+    return tuple(
+        AxisHoming(title(channel), homed, channel == state.running) for channel, homed in state.homed.items()
     )

@@ -44,6 +44,16 @@ class ProgramProgress:
 
 
 @dataclass(frozen=True, slots=True)
+class AxisHoming:
+    """Whether an axis knows where it is."""
+
+    title: str
+    homed: bool
+    running: bool
+    """it looks for its zero now"""
+
+
+@dataclass(frozen=True, slots=True)
 class Event:
     """One line of the log."""
 
@@ -65,7 +75,7 @@ class Snapshot:
     cause: str
     """why the state is what it is, in words"""
     q_command: FloatArray
-    """(n,) last setpoint [rad]; where nothing was sent yet, the pose that Enable would send"""
+    """(n,) last setpoint [rad]; where nothing was sent yet, the pose that Enable or homing would lead to"""
     velocity_command: FloatArray
     """(n,) [rad/s]"""
     acceleration_command: FloatArray
@@ -87,6 +97,8 @@ class Snapshot:
     remaining_s: float
     program: ProgramProgress | None
     board: BoardIdentity | None
+    homing: tuple[AxisHoming, ...]
+    """every axis of a board that must be homed; empty where there is nothing to home"""
     warnings: tuple[str, ...]
     """what is true now and the user should know"""
     events: tuple[Event, ...]

@@ -107,7 +107,7 @@ class App:
             old.client.scene.reset()
             session = self._build(old.client)
         if not session.operates:
-            session.notify("Robot", f"{change.who} chose {change.title}: this page shows it now.")
+            session.notify("Robot", f"{change.who} {change.did} {change.title}: this page shows it now.")
         elif change.not_connected is not None:
             session.notify("Robot", f"{change.not_connected}.", "yellow")
 

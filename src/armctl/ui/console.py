@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 from armctl.robot import Robot
 from armctl.runtime import Controller, Event
+from armctl.ui.calibration_desk import CalibrationDesk
 from armctl.ui.operator import OperatorDesk
 from armctl.ui.program_desk import ProgramDesk
 from armctl.ui.scene.cloud import CloudStore
@@ -22,6 +23,11 @@ class PortChoice:
     label: str
     why_not: str | None = None
     """why it cannot be used, and what to do"""
+    serial_number: str | None = None
+    notes: tuple[str, ...] = ()
+    """what the user should know before connecting"""
+    listed: bool = False
+    """there is a device; not just a way to ask for one"""
 
 
 @dataclass(frozen=True)
@@ -32,9 +38,11 @@ class Console:
     controller: Controller
     list_ports: Callable[[], Sequence[PortChoice]]
     programs: ProgramDesk
+    calibrating: CalibrationDesk
     close: Callable[[], None]
     """ends the arm: controller and boards; may block for as long as a moving arm needs to come to rest"""
     default_port: str = "sim"
+    """the port that the arm was opened for, as it is calibrated with the board on it"""
     operators: OperatorDesk = field(default_factory=OperatorDesk)
     trail: Trail = field(default_factory=Trail)
     """where the tool point has been"""

@@ -11,6 +11,7 @@ import numpy as np
 import viser
 
 from armctl.hardware import Source
+from armctl.robot import BoardKind
 from armctl.runtime import Pause, Release, Resume, SetSpeed, Snapshot, State
 from armctl.ui.widgets.text import LiveHtml, table
 
@@ -22,7 +23,7 @@ _RELEASE_SECONDS = 5.0
 _DOUBLE_CLICK_S = 0.6
 _EXPAND_S = 1.0
 _STOP_HINT = "Decelerate and hold where the arm is, with power (key: Escape). Not a rated emergency stop."
-_RELEASE_HINT = "Switch the pulses off: THE ARM DROPS. Not a rated emergency stop."
+_RELEASE_HINT = "Switch the servos or motors off: THE ARM DROPS. Not a rated emergency stop."
 _SPEED_HINT = "Slows down everything that moves; the path stays the same."
 _COLORS = {
     State.DISCONNECTED: "#868e96",
@@ -34,10 +35,12 @@ _COLORS = {
 }
 
 
-def _shown(snapshot: Snapshot) -> str:
+def _shown(snapshot: Snapshot, board: BoardKind) -> str:
     """Where the position shown comes from."""
     if not np.isnan(snapshot.q).any() and snapshot.board is not None:
         return snapshot.source.value
+    if board == "encoder":
+        return "unknown until the arm is homed; drawn where homing ends"
     return Source.COMMANDED.value if snapshot.powered else "unknown; drawn where Enable would put it"
 
 
@@ -94,7 +97,7 @@ class ControlPanel:
             f"<div style='opacity:.75'>{escape(snapshot.cause)}</div>" if snapshot.cause else "",
             f"<div>Operator: <b>{session.console.operators.describe(session.client.client_id)}</b>"
             + (f" · {watching} watching" if watching else "") + "</div>",
-            f"<div>Position shown: <b>{_shown(snapshot)}</b></div>",
+            f"<div>Position shown: <b>{_shown(snapshot, session.console.robot.board)}</b></div>",
         ]  # fmt: skip
         lines += [f"<div style='color:#c92a2a'>⚠ {escape(text)}</div>" for text in snapshot.warnings]
         self._state.show("".join(lines))

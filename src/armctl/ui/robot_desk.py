@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import asyncio
 import logging
-from collections.abc import Callable, Sequence
+from collections.abc import Awaitable, Callable, Sequence
 from dataclasses import dataclass, replace
 
 from armctl.boards import SIMULATED
 from armctl.errors import InputError, StateError
+from armctl.hardware import Source
 from armctl.runtime import Command, Connect, Event, Origin, SetSpeed, Snapshot, State, wall_time
 from armctl.ui.console import Console
 
@@ -33,6 +34,8 @@ class RobotChange:
     title: str
     not_connected: str | None
     """why the new arm is not connected, and what to do; None: it is"""
+    did: str = "chose"
+    """what was done with it"""
 
 
 class RobotDesk:
@@ -48,7 +51,7 @@ class RobotDesk:
         console: Console,
         present: RobotChoice,
         choices: Sequence[RobotChoice],
-        open_console: Callable[[str], Console],
+        open_console: Callable[[str, str], Console],
     ) -> None:
         """Begin with an arm that is open already.
 
@@ -56,7 +59,8 @@ class RobotDesk:
             console: the present arm.
             present: its entry in the list.
             choices: the whole list.
-            open_console: opens the arm of a choice's name, without connecting it; may block.
+            open_console: opens the arm of a choice's name as it is calibrated with the board on a port,
+                without connecting it; may block.
         """
         self._console, self._present, self._choices = console, present, tuple(choices)
         self._open = open_console
@@ -126,11 +130,59 @@ class RobotDesk:
         permit()
         self.require_settled()
         require_leavable(self._console.controller.snapshot)
+        board = self._console.controller.snapshot.board
+        port = SIMULATED if board is not None and board.simulated else self._console.default_port
+        await self._replace(choice, port, origin, permit, require_leavable, self._prepare, "chose")
+
+    def require_reopenable(self) -> None:
+        """Refuse what would open the arm anew, where that could let it drop.
+
+        Raises:
+            StateError: says what to do first.
+        """
+        self.require_settled()
+        require_reopenable(self._console.controller.snapshot)
+
+    async def reopen(self, origin: Origin, permit: Callable[[], None], port: str | None = None) -> None:
+        """Open the present arm anew, as it is calibrated now, and connect it where it was connected.
+
+        Args:
+            origin: who asks, for the log.
+            permit: as in ``change``.
+            port: connect it there, as it is calibrated with the board on that port.
+
+        Raises:
+            StateError: the arm moves, or would drop, or it is being changed already.
+            ArmctlError: it cannot be opened or connected again, or ``permit`` refuses.
+        """
+        permit()
+        self.require_reopenable()
+        console = self._console
+        wanted = port is not None or console.controller.snapshot.board is not None
+        port = console.default_port if port is None else port
+        did = "opened" if port != console.default_port else "calibrated"
+        await self._replace(
+            self._present, port, origin, permit, require_reopenable, self._take_speed_over, did
+        )
+        if wanted:
+            await _obeyed(self._console, Connect(port), origin)
+
+    async def _replace(
+        self,
+        choice: RobotChoice,
+        port: str,
+        origin: Origin,
+        permit: Callable[[], None],
+        require_leavable: Callable[[Snapshot], None],
+        prepare: Callable[[Console, Origin], Awaitable[str | None]],
+        did: str,
+    ) -> None:
+        """Put a new console into the place of the present one; what fails before that changes nothing."""
         began, self._opening = wall_time(), choice
         try:
-            opened = await asyncio.to_thread(self._open, choice.name)
+            opened = await asyncio.to_thread(self._open, choice.name, port)
             try:
-                not_connected = await self._prepare(opened, origin)
+                not_connected = await prepare(opened, origin)
                 # What was asked of the present arm before this began has shown by now.
                 permit()
                 require_leavable(self._console.controller.snapshot)
@@ -138,21 +190,24 @@ class RobotDesk:
                 await asyncio.to_thread(opened.close)
                 raise
             left = self._console
-            self._take(choice, opened, _log_lines(left, opened, origin, began, not_connected))
+            self._take(choice, opened, _log_lines(left, opened, origin, began, not_connected, did))
             try:
                 if self._tell is not None:
-                    self._tell(RobotChange(origin.who, choice.title, not_connected))
+                    self._tell(RobotChange(origin.who, choice.title, not_connected, did))
             finally:
                 await asyncio.to_thread(left.close)  # frees its line, so that the new arm may use it
         finally:
             self._opening = None
 
-    async def _prepare(self, opened: Console, origin: Origin) -> str | None:
-        """Speed and board of the new arm; gives why it is not connected."""
+    async def _take_speed_over(self, opened: Console, origin: Origin) -> None:
         present = self._console.controller.snapshot
         if opened.controller.snapshot.speed != present.speed:
             await _obeyed(opened, SetSpeed(present.speed), origin)
-        title, board = opened.robot.title, present.board
+
+    async def _prepare(self, opened: Console, origin: Origin) -> str | None:
+        """Speed and board of the new arm; gives why it is not connected."""
+        await self._take_speed_over(opened, origin)
+        title, board = opened.robot.title, self._console.controller.snapshot.board
         if board is None:
             return f"{title} is not connected, as the arm before it was not; press Connect"
         if not board.simulated:
@@ -165,6 +220,7 @@ class RobotDesk:
 
     def _take(self, choice: RobotChoice, opened: Console, earlier: tuple[Event, ...]) -> None:
         self._present = choice
+        opened.calibrating.adopt(self._console.calibrating)
         self._console = replace(opened, operators=self._console.operators, earlier=earlier)
 
 
@@ -184,11 +240,31 @@ def require_leavable(snapshot: Snapshot) -> None:
         )
 
 
+def require_reopenable(snapshot: Snapshot) -> None:
+    """Refuse to open an arm anew that moves, or that drops when its line is closed for a moment.
+
+    A Maestro goes on sending its pulses, and Enable takes the arm over where it stands.
+
+    Raises:
+        StateError: says what to do first.
+    """
+    if snapshot.state in (State.MOVING, State.PAUSED):
+        raise StateError("the arm is in the middle of a motion; press STOP, then try again")
+    board = snapshot.board
+    holds = board is not None and not board.simulated and snapshot.powered
+    if board is not None and holds and snapshot.source is not Source.TRANSMITTED:
+        raise StateError(
+            f"the motors on {board.port} are on, and the arm has to be opened anew: support it, press "
+            "Release (it drops), then try again"
+        )
+
+
 def _log_lines(
-    left: Console, opened: Console, origin: Origin, began: float, not_connected: str | None
+    left: Console, opened: Console, origin: Origin, began: float, not_connected: str | None, did: str
 ) -> tuple[Event, ...]:
     """The log up to here: that of the arm that is left, and that it was left."""
-    said = f"robot: {left.robot.title} → {opened.robot.title} ({origin.who})"
+    change = f"{left.robot.title} → {opened.robot.title}" if did == "chose" else f"{opened.robot.title} {did}"
+    said = f"robot: {change} ({origin.who})"
     lines = [*left.earlier, *left.controller.snapshot.events, Event(began, "info", said)]
     LOG.info("%s", said)
     if not_connected is not None:

@@ -122,6 +122,16 @@ class Session:
         self.spawn(self._report_end(ticket))
         return ticket
 
+    async def reopen_arm(self, port: str | None = None) -> None:
+        """Open the arm anew, as it is calibrated now; it is connected on ``port``, or where it was.
+
+        The page has another session afterwards, but what fails on the way is told on it all the same.
+        """
+        try:
+            await self.robots.reopen(self.origin, self.require_operator, port)
+        except ArmctlError as refusal:
+            self.refuse(str(refusal))
+
     def spawn(self, work: Coroutine[Any, Any, None]) -> None:
         """Run something beside the callbacks; it ends with the page."""
         task = asyncio.create_task(work)

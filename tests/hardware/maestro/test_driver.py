@@ -7,9 +7,10 @@ import math
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from tests.hardware.maestro.scripted_transport import ScriptedTransport
 
 from armctl.errors import BoardError, BoardProtocolError, BoardTimeoutError, InputError, PortError
-from armctl.hardware import ChannelSettings, LoopTransport, PortInfo, Source
+from armctl.hardware import ChannelSettings, Fault, FaultyModel, LoopTransport, PortInfo
 from armctl.hardware.maestro import (
     ChannelConfig,
     Framing,
@@ -26,89 +27,12 @@ from armctl.runtime.clock import ManualClock
 CHANNELS = [ChannelSettings(channel, 1000.0, 2000.0) for channel in range(4)]
 
 
-class ScriptedTransport:
-    """Knows every byte beforehand: fails on a wrong one, a missing one and one nobody reads."""
-
-    name = "scripted"
-
-    def __init__(self, *exchanges: tuple[str, str]) -> None:
-        self._exchanges = list(exchanges)
-        self._reply = b""
-        self.closed = 0
-
-    def write(self, data: bytes) -> None:
-        assert self._reply == b"", f"nobody read {self._reply.hex(' ')}"
-        assert self._exchanges, f"unexpected {data.hex(' ')}"
-        expected, reply = self._exchanges.pop(0)
-        assert data.hex(" ") == expected
-        self._reply = bytes.fromhex(reply)
-
-    def read(self, count: int, timeout_s: float) -> bytes:
-        assert 0.0 < timeout_s <= 0.25
-        taken, self._reply = self._reply[:count], self._reply[count:]
-        return taken
-
-    def discard_input(self) -> None:
-        self._reply = b""
-
-    def close(self) -> None:
-        self.closed += 1
-
-    def assert_done(self) -> None:
-        assert self._exchanges == []
-        assert self._reply == b""
-
-
 PROBE = (("a1", "00 00"), ("90 00 a1", "00 00 00 00"))
 
 
 def scripted(*exchanges: tuple[str, str], **options) -> tuple[MaestroDriver, ScriptedTransport]:
     transport = ScriptedTransport(*PROBE, *exchanges)
     return MaestroDriver(lambda: transport, now=lambda: 0.0, **options), transport
-
-
-def test_the_bytes_of_a_whole_session_on_a_micro():
-    driver, transport = scripted(
-        ("87 01 0c 01 89 01 04 00 87 02 00 00 89 02 00 00 a1", "00 00"),
-        ("84 01 20 1f 84 02 70 2e", ""),
-        ("90 01 90 02 a1", "a0 0f 70 17 20 00"),
-        ("90 01 90 02 a1", "a0 0f 00 00 00 00"),
-        ("84 01 20 1f", ""),
-        ("84 01 00 00 84 02 00 00", ""),
-        model=MaestroModel.MICRO_6,
-    )
-    driver.open()
-    driver.configure(
-        [
-            ChannelSettings(2, 992, 2000),
-            ChannelSettings(1, 992, 2000, speed=3500.0, acceleration=1250.0),
-        ]
-    )
-    driver.write({2: 1500.0, 1: 1000.0})
-    readback = driver.read()
-    assert readback.positions == {1: 1000.0, 2: 1500.0}
-    assert readback.source is Source.TRANSMITTED
-    assert [words.split(":")[0] for words in readback.errors] == ["serial timeout"]
-    driver.stop()
-    driver.release()
-    transport.assert_done()
-    driver.close()
-    driver.close()
-    assert transport.closed == 1
-
-
-def test_a_mini_gets_neighbouring_targets_in_one_command():
-    driver, transport = scripted(
-        ("87 03 00 00 89 03 00 00 87 04 00 00 89 04 00 00 a1", "00 00"),
-        ("9f 02 03 20 1f 70 2e", ""),
-        ("9f 02 03 00 00 00 00", ""),
-        model=MaestroModel.MINI_24,
-    )
-    driver.open()
-    driver.configure([ChannelSettings(3, 992, 2000), ChannelSettings(4, 992, 2000)])
-    driver.write({3: 1000.0, 4: 1500.0})
-    driver.release()
-    transport.assert_done()
 
 
 def test_identity_of_a_board_of_unknown_model():
@@ -133,7 +57,7 @@ def test_errors_from_before_are_told_once():
 
 
 def test_a_silent_board_brings_the_advice_and_closes_the_line():
-    transport = ScriptedTransport(("a1", ""), ("a1", "00"))
+    transport = ScriptedTransport(("a1", ""), ("1b", ""))
     driver = MaestroDriver(lambda: transport, now=lambda: 0.0)
     with pytest.raises(BoardTimeoutError, match=r'USB Dual Port.*"UART, detect baud rate".*silently ignores'):
         driver.open()
@@ -141,6 +65,13 @@ def test_a_silent_board_brings_the_advice_and_closes_the_line():
     assert transport.closed == 1
     with pytest.raises(BoardError, match="not connected"):
         driver.read()
+
+
+def test_half_an_answer_is_no_maestro_and_is_asked_nothing_more():
+    transport = ScriptedTransport(("a1", "00"))
+    with pytest.raises(BoardProtocolError, match="Get Errors was answered by 1 bytes"):
+        MaestroDriver(lambda: transport, now=lambda: 0.0).open()
+    transport.assert_done()
 
 
 def test_something_that_answers_like_no_maestro():
@@ -349,14 +280,42 @@ def test_every_framing_works_when_both_sides_agree(connect, device, crc):
     assert readback.errors == ()
 
 
-def test_crc_on_the_board_only_is_silence_with_advice(connect):
-    with pytest.raises(BoardTimeoutError, match='"Enable CRC"'):
-        connect(SimulatedMaestro(settings=MaestroSettings(crc=True)))
+@pytest.mark.parametrize("crc", [False, True])
+def test_whether_the_board_wants_crcs_is_found_out_without_an_error(clock: ManualClock, crc):
+    home = {0: ChannelConfig(home=HomeMode.GO_TO, home_us=1200.0)}  # where any error would send it
+    board = SimulatedMaestro(settings=MaestroSettings(crc=crc, channels=home))
+    board.advance(clock.now())
+    board.feed(bytes.fromhex("84 00 70 2e 2b") if crc else bytes.fromhex("84 00 70 2e"))
+    driver = MaestroDriver(lambda: LoopTransport(board, clock.now, clock.advance), now=clock.now)
+    driver.open()
+    driver.configure(CHANNELS)
+    assert driver.read().positions[0] == 1500.0
+    driver.write({0: 1600.0})
+    assert driver.read().errors == ()
+    assert board.target_us(0) == 1600.0
+    assert all(len(entry.raw) == len(entry.data) + 1 + crc for entry in board.log)
 
 
-def test_crc_here_only_is_found_out(connect):
-    with pytest.raises(BoardProtocolError, match='"Enable CRC"'):
-        connect(SimulatedMaestro(), framing=Framing(crc=True))
+def test_crcs_that_were_asked_for_and_are_not_checked_are_refused_without_an_error(clock: ManualClock):
+    board = SimulatedMaestro()
+    board.advance(clock.now())
+    board.feed(bytes.fromhex("84 00 70 2e"))
+    driver = MaestroDriver(
+        lambda: LoopTransport(board, clock.now, clock.advance), now=clock.now, framing=Framing(crc=True)
+    )
+    with pytest.raises(BoardProtocolError, match='does not check them; tick "Enable CRC"'):
+        driver.open()
+    assert board.target_us(0) == 1500.0
+
+
+def test_a_board_without_crc_that_is_late_is_not_taken_for_one_with(clock: ManualClock):
+    faults = FaultyModel(SimulatedMaestro())
+    faults.advance(clock.now())
+    faults.inject(Fault.DELAY_REPLY, delay_s=0.8)
+    driver = MaestroDriver(lambda: LoopTransport(faults, clock.now, clock.advance), now=clock.now)
+    driver.open()
+    driver.configure(CHANNELS)
+    assert driver.read().errors == ()
 
 
 def test_the_factory_serial_mode_is_silence_with_advice(connect):

@@ -29,7 +29,7 @@ def robot_of(chain: DHChain, limits: FloatArray) -> Robot:
     )
     return replace(
         UZUNER, name="random", chain=chain, joints=joints, gravity=GravityModel(chain, ()), poses={},
-        servo_map=None,
+        output_map=None,
     )  # fmt: skip
 
 

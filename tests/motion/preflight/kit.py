@@ -30,7 +30,7 @@ def arm(chain: DHChain, limits: FloatArray) -> Robot:
         joints=joints,
         chain=chain,
         poses={"home": home, "rest": home},
-        servo_map=None,
+        output_map=None,
         gripper=None,
         gravity=GravityModel(chain, ()),
         floor_z=-0.1,

@@ -176,6 +176,10 @@ class MaestroDriver:
             {channel: us_to_quarters(pulse) for channel, pulse in positions.items() if pulse is not None}
         )
 
+    def home(self) -> None:
+        """A servo knows its angle: there is nothing to look for."""
+        raise BoardError("a Maestro's servos need no homing")
+
     def release(self) -> None:
         """Switch the pulses of every configured channel off: the arm drops."""
         self._send_targets(dict.fromkeys(self._table.channels, 0))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 from armctl.errors import BoardProtocolError, BoardTimeoutError
 from armctl.hardware.maestro import codec
@@ -12,13 +13,14 @@ from armctl.hardware.transport import Transport
 
 MISUNDERSTOOD = MaestroErrors.SERIAL_PROTOCOL | MaestroErrors.SERIAL_CRC
 
-_SILENT = (
-    'no answer. Set the serial mode to "USB Dual Port" in the Maestro Control Center (Serial Settings): in '
-    'the factory\'s "UART, detect baud rate" the board silently ignores commands over USB. Check also that '
-    'this is the command port (…-if00), and that "Enable CRC" there is the same as here'
+SILENT_ADVICE = (
+    'set the serial mode to "USB Dual Port" in the Maestro Control Center (Serial Settings): in the '
+    'factory\'s "UART, detect baud rate" the board silently ignores commands over USB. Check also that this '
+    "is the command port (…-if00)"
 )
-_PROBE_TIMEOUT_S = 0.25
-_PROBE_ATTEMPTS = 2
+_FIRST_ANSWER_TIMEOUT_S = 1.0
+"""Long: a board without CRC that is only late would take the CRC byte that follows for an error."""
+_CRC_ANSWER_TIMEOUT_S = 0.25
 _QUIET_S = 0.02
 _LONGEST_RESYNC = 5
 
@@ -28,7 +30,8 @@ class MaestroLine:
 
     Args:
         transport: the open line; this object closes it.
-        framing: form of the commands, as the board is set up.
+        framing: form of the commands. ``probe`` finds out whether the board wants CRCs; asked for here,
+            they are insisted on.
         timeout_s: how long an answer may take.
     """
 
@@ -46,27 +49,48 @@ class MaestroLine:
         """Close the transport; never raises."""
         self._transport.close()
 
+    @property
+    def framing(self) -> Framing:
+        """Form of the commands; after ``probe`` with the CRC setting of the board."""
+        return self._framing
+
     def probe(self) -> MaestroErrors:
-        """Make sure that a Maestro answers and understands; return the errors it had kept from before.
+        """Find out whether a Maestro answers, and whether it wants CRCs; return the errors it had kept.
+
+        Neither question can be an error to a Maestro, and an error is what would switch its outputs
+        off: Get Errors without a CRC is complete to a board with CRC off, and unfinished to one with CRC
+        on; the CRC byte is sent only where no answer came, and finishes it. A board in another serial mode
+        ignores both (guide, section 5.a).
 
         Raises:
             BoardTimeoutError: nobody answers; the message says what to set on the board.
-            BoardProtocolError: somebody answers, but not as a Maestro with this framing does.
+            BoardProtocolError: somebody answers, but not as a Maestro does, or it does not check CRCs that
+                were asked for.
         """
-        for _ in range(_PROBE_ATTEMPTS):
-            self._transport.discard_input()
-            self._transport.write(codec.get_errors(self._framing))
-            reply = self._transport.read(codec.ERRORS_REPLY_LENGTH, _PROBE_TIMEOUT_S)
-            if len(reply) == codec.ERRORS_REPLY_LENGTH:
-                break
-        else:
-            raise BoardTimeoutError(f"{self.name}: {_SILENT}")
+        self._transport.discard_input()
+        plain = replace(self._framing, crc=False)
+        question = codec.get_errors(plain)
+        self._transport.write(question)
+        reply = self._transport.read(codec.ERRORS_REPLY_LENGTH, _FIRST_ANSWER_TIMEOUT_S)
+        found = plain
+        if not reply:
+            found = replace(self._framing, crc=True)
+            self._transport.write(codec.get_errors(found)[len(question) :])
+            reply = self._transport.read(codec.ERRORS_REPLY_LENGTH, _CRC_ANSWER_TIMEOUT_S)
+        if not reply:
+            raise BoardTimeoutError(f"{self.name}: no answer; {SILENT_ADVICE}")
         earlier = self._decode_errors(reply)
+        if self._framing.crc and not found.crc:
+            raise BoardProtocolError(
+                f"{self.name}: commands with CRC were asked for, but the board does not check them; tick "
+                '"Enable CRC" in the Maestro Control Center (Serial Settings), or ask for none'
+            )
+        self._framing = found
         _, ours = self.read([0])
         if ours & MISUNDERSTOOD:
             raise BoardProtocolError(
                 f"{self.name}: the board answers but misunderstands ({'; '.join(error_words(ours))}); "
-                'make "Enable CRC" in the Maestro Control Center and the setting here the same'
+                "is anything else connected to this line, or its baud rate another one?"
             )
         return earlier
 

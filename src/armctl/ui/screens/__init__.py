@@ -1,5 +1,6 @@
 """The tabs, in the order in which they are shown."""
 
+from armctl.ui.screens.calibration import CalibrationScreen
 from armctl.ui.screens.forward import ForwardScreen
 from armctl.ui.screens.inverse import InverseScreen
 from armctl.ui.screens.main import MainScreen
@@ -15,6 +16,7 @@ SCREENS: tuple[type[Screen], ...] = (
     ForwardScreen,
     InverseScreen,
     SimulationScreen,
+    CalibrationScreen,
 )
 
 __all__ = ["SCREENS", "Screen"]

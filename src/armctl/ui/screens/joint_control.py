@@ -2,22 +2,19 @@
 
 from __future__ import annotations
 
-import asyncio
 from typing import TYPE_CHECKING
 
 import numpy as np
 import viser
-from numpy.typing import NDArray
 
-from armctl.errors import ArmctlError
 from armctl.runtime import MoveJoints, Snapshot
-from armctl.ui.widgets.joint_step import asked_pose, held_at, slider_degrees, stepped
+from armctl.ui.screens.joint_stepper import JointStepper
+from armctl.ui.widgets.joint_step import asked_pose, held_at, slider_degrees
 from armctl.ui.widgets.text import LiveHtml
 
 if TYPE_CHECKING:
     from armctl.ui.session import Session
 
-FloatArray = NDArray[np.float64]
 _STEPS = ("0.1", "1", "5", "10")
 _FOLLOWING = "The sliders show the arm. Move one, then press <b>Go</b>."
 _EDITED = "<b style='color:#0c8599'>The ghost shows the new pose.</b> Press <b>Go</b>."
@@ -36,7 +33,7 @@ class JointControl:
         gui = session.gui
         self._hint = LiveHtml(gui, _FOLLOWING)
         self._edited = False
-        self._goal: FloatArray | None = None
+        self._stepper = JointStepper(session)
         self._shown = slider_degrees(self._robot, session.snapshot.q_command)
         self._sliders = [self._add_slider(i) for i in range(self._robot.n)]
         self._go = gui.add_button("Go", icon=viser.Icon.PLAYER_PLAY)
@@ -108,24 +105,4 @@ class JointControl:
         self._show(slider_degrees(self._robot, self._session.snapshot.q_command))
 
     async def _on_step(self, i: int, sign: int) -> None:
-        """Clicks during a step add up: the arm goes on to where all of them together lead."""
-        step_deg = sign * float(self._step.value)
-        start = self._session.snapshot.q_command if self._goal is None else self._goal
-        goal = stepped(self._robot, start, i, step_deg)
-        under_way, self._goal = self._goal is not None, goal
-        if not under_way:
-            try:
-                await self._step_on()
-            finally:
-                self._goal = None
-
-    async def _step_on(self) -> None:
-        """Move to the goal, and on for as long as clicks have moved it further."""
-        reached: FloatArray | None = None
-        while self._goal is not None and self._goal is not reached:
-            reached = self._goal
-            ticket = await self._session.submit(MoveJoints(reached))
-            try:
-                await asyncio.wrap_future(ticket.finished)
-            except ArmctlError:  # stopped or broken: the session tells, and later clicks start afresh
-                return
+        await self._stepper.step(i, sign * float(self._step.value))

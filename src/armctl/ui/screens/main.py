@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from html import escape
 from typing import TYPE_CHECKING, ClassVar
 
@@ -9,12 +10,14 @@ import viser
 
 from armctl.errors import InputError
 from armctl.kinematics import Target
+from armctl.robot import BoardKind
 from armctl.runtime import (
     ClearFault,
     Connect,
     Disconnect,
     Enable,
     Event,
+    HomeAxes,
     MoveJoints,
     MoveTo,
     Snapshot,
@@ -25,6 +28,7 @@ from armctl.ui.widgets.text import LiveHtml
 from armctl.ui.widgets.when import time_of_day
 
 if TYPE_CHECKING:
+    from armctl.ui.console import PortChoice
     from armctl.ui.session import Session
 
 _LOG_LINES = 14
@@ -34,6 +38,12 @@ _ENABLE_NOTE = (
     "hold the arm near that pose or keep clear."
 )
 _TAKE_OVER_NOTE = "The servos are on: **Enable** takes the arm over where it stands. Nothing jumps."
+_MOTORS_NOTE = "**Enable** switches the motors on; they hold the arm where it stands."
+_UNHOMED_NOTE = (
+    "The arm does not know where it is yet. **Homing** moves every axis slowly to its home switch, one after "
+    "the other: keep clear."
+)
+_HOMING_HINT = "Find the zero of every axis: the arm moves to its home switches. STOP ends it."
 
 
 class MainScreen:
@@ -51,7 +61,10 @@ class MainScreen:
         self._robot = RobotChooser(session)
         self._port = gui.add_dropdown("Port", labels, initial_value=chosen)
         self._line = gui.add_button_group("Board", ("Connect", "Disconnect", "Rescan"))
+        self._ports = LiveHtml(gui)
         self._board = LiveHtml(gui)
+        self._homing = gui.add_button("Homing", icon=viser.Icon.TARGET, hint=_HOMING_HINT, visible=False)
+        self._homed = LiveHtml(gui)
         self._enable_note = gui.add_markdown(_ENABLE_NOTE)
         self._enable = gui.add_button("Enable", icon=viser.Icon.BOLT, color="green")
         self._clear = gui.add_button("Clear fault", color="orange", visible=False)
@@ -65,6 +78,7 @@ class MainScreen:
             self._log = LiveHtml(gui)
         session.on(self._line.on_click, self._on_line)
         session.on(self._enable.on_click, self._on_enable)
+        session.on(self._homing.on_click, self._on_homing)
         session.on(self._clear.on_click, self._on_clear)
         session.on(self._home.on_click, self._on_home)
         session.on(self._poses.on_click, self._on_pose)
@@ -75,11 +89,16 @@ class MainScreen:
         self._clear.visible = snapshot.state is State.FAULT and snapshot.board is not None
         holds = snapshot.powered and snapshot.state is not State.OFF
         self._enable.visible = self._enable_note.visible = not holds
-        note = _TAKE_OVER_NOTE if snapshot.powered else _ENABLE_NOTE
+        note = _note(snapshot, self._session.console.robot.board)
         if self._enable_note.content != note:
             self._enable_note.content = note
-        self._enable.disabled = snapshot.state is not State.OFF
+        unhomed = any(not axis.homed for axis in snapshot.homing)
+        self._enable.disabled = snapshot.state is not State.OFF or unhomed
+        self._homing.visible = bool(snapshot.homing)
+        self._homing.disabled = snapshot.state not in (State.OFF, State.HOLDING)
+        self._homed.show(_homing_text(snapshot))
         self._home.disabled = snapshot.state is not State.HOLDING
+        self._ports.show(_ports_text(self._choices.values()))
         self._board.show(self._board_text(snapshot))
         events = (*self._session.console.earlier, *snapshot.events)[-_LOG_LINES:]
         self._log.show("".join(self._log_line(event) for event in reversed(events)))
@@ -115,10 +134,24 @@ class MainScreen:
             choice = self._choices[self._port.value]
             if choice.why_not is not None:
                 raise InputError(f"{choice.label} cannot be used: {choice.why_not}")
-            await self._session.submit(Connect(choice.port))
+            await self._connect(choice.port)
+
+    async def _connect(self, port: str) -> None:
+        """The board on another port may be calibrated otherwise: then the arm is opened anew with it."""
+        session = self._session
+        session.require_operator()
+        console = session.console
+        same = port == console.default_port and await console.calibrating.holds_for(port)
+        if same or session.snapshot.board is not None:  # connected already: that is refused in words
+            await session.submit(Connect(port))
+        else:
+            await session.reopen_arm(port)
 
     async def _on_enable(self) -> None:
         await self._session.submit(Enable())
+
+    async def _on_homing(self) -> None:
+        await self._session.submit(HomeAxes())
 
     async def _on_clear(self) -> None:
         await self._session.submit(ClearFault())
@@ -133,3 +166,37 @@ class MainScreen:
         """Of all the ways to stand there, the one nearest to the present pose: what an operator expects."""
         point = self._session.console.robot.point(name)
         await self._session.submit(MoveTo(Target.of(point), "least-travel"))
+
+
+def _note(snapshot: Snapshot, board: BoardKind) -> str:
+    """What Enable will do."""
+    if board != "encoder":
+        return _TAKE_OVER_NOTE if snapshot.powered else _ENABLE_NOTE
+    return _UNHOMED_NOTE if any(not axis.homed for axis in snapshot.homing) else _MOTORS_NOTE
+
+
+def _homing_text(snapshot: Snapshot) -> str:
+    """Each axis with a sign: homed, being looked for, or not."""
+    signs = [
+        f"<span style='white-space:nowrap'>{'✓' if axis.homed else '…' if axis.running else '○'} "
+        f"{'<b>' if axis.running else ''}{escape(axis.title)}{'</b>' if axis.running else ''}</span>"
+        for axis in snapshot.homing
+    ]
+    if not signs:
+        return ""
+    done = sum(axis.homed for axis in snapshot.homing)
+    return f"<div>Homed {done} of {len(signs)}: {' &nbsp; '.join(signs)}</div>"
+
+
+def _ports_text(choices: Iterable[PortChoice]) -> str:
+    """The boards that are plugged in, and why one cannot be used."""
+    lines: list[str] = []
+    for choice in choices:
+        if not choice.listed:
+            continue
+        serial = f" · serial number {escape(choice.serial_number)}" if choice.serial_number else ""
+        lines.append(f"<div>{escape(choice.label)}{serial}</div>")
+        if choice.why_not is not None:
+            lines.append(f"<div style='color:#c92a2a'>cannot be used: {escape(choice.why_not)}</div>")
+        lines += [f"<div style='opacity:.75'>{escape(note)}</div>" for note in choice.notes]
+    return "".join(lines)

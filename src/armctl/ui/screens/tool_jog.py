@@ -52,13 +52,13 @@ def tool_jog(axis: ToolAxis, sign: float, speed_mm_s: float, frame: Literal["bas
 class ToolJog:
     """Two buttons an axis; letting go, or losing the page, stops the arm."""
 
-    def __init__(self, session: Session) -> None:
-        """Add the controls to the present container."""
+    def __init__(self, session: Session, speed_mm_s: float = 30) -> None:
+        """Add the controls to the present container; ``speed_mm_s`` is how fast it is to begin with."""
         self._session = session
         self._hold = Hold()
         gui = session.gui
         self._frame = gui.add_dropdown("Along the", tuple(FRAMES), initial_value="base axes")
-        self._speed = gui.add_slider("Tool mm/s", 1, 150, 1, initial_value=30, hint=_SPEED_HINT)
+        self._speed = gui.add_slider("Tool mm/s", 1, 150, 1, initial_value=speed_mm_s, hint=_SPEED_HINT)
         for axis in tool_axes(session.console.robot):
             for sign, text in ((-1.0, "−"), (1.0, "+")):
                 button = gui.add_button(f"{axis} {text}")

@@ -29,6 +29,11 @@ def muted(text: str) -> str:
     return f"<div style='font-size:11.5px;opacity:.75'>{escape(text)}</div>"
 
 
+def sentence(text: str) -> str:
+    """A message as a sentence of its own."""
+    return text if text.endswith(".") else f"{text[:1].upper()}{text[1:]}."
+
+
 def refused(text: str) -> str:
     """Why something cannot be done."""
     return f"<div style='color:#c92a2a'>{escape(text)}</div>"

@@ -1,0 +1,258 @@
+"""``armctl calibrate``: what was measured of an arm on a board, and the tool's error."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from armctl.calibration import (
+    CalibrationStore,
+    calibrated,
+    check_pose,
+    encode_calibration,
+    fit_joint,
+    narrowed,
+    read_calibration,
+    read_marks,
+    read_points,
+    renamed,
+    tool_error,
+)
+from armctl.cli.calibration_words import (
+    fit_record,
+    in_words,
+    joint_lines,
+    record,
+    show_fit,
+    timestamp,
+    unit_of,
+)
+from armctl.cli.options import json_option, print_json
+from armctl.errors import CalibrationError
+from armctl.robot import load_robot
+
+board_option = click.option(
+    "--board", help="Serial number of the board (default: the only one that the robot was calibrated with)."
+)
+
+
+@click.group()
+def calibrate() -> None:
+    """Measure an arm and keep what was measured, by robot and by the board's serial number.
+
+    Outputs are in the board's unit: µs for servos, counts for encoders. The robot file stays as it is.
+    """
+
+
+@calibrate.command()
+@click.argument("robot")
+@click.argument("joint")
+@click.argument("marks", type=click.Path(path_type=Path))
+@json_option
+def fit(robot: str, joint: str, marks: Path, as_json: bool) -> None:
+    """Fit JOINT of ROBOT to MARKS, a CSV file with the columns output and angle_deg; saves nothing."""
+    arm = load_robot(robot)
+    unit = unit_of(arm, joint)
+    found = fit_joint(read_marks(marks), unit)
+    if as_json:
+        print_json(fit_record(arm, joint, found, unit))
+        return
+    show_fit(arm, joint, found)
+
+
+@calibrate.command("joint")
+@click.argument("robot")
+@click.argument("joint")
+@click.option("--port", required=True, help="sim, auto, a device or socket://host:port.")
+@click.option("--places", type=click.IntRange(3, 20), default=5, show_default=True, help="How many marks.")
+@click.option(
+    "--speed", type=click.FloatRange(5, 100), default=20, show_default=True, help="Speed override, percent."
+)
+@click.option("--note", default="", help="Kept with the calibration.")
+def joint_command(robot: str, joint: str, port: str, places: int, speed: float, note: str) -> None:
+    """Measure JOINT of ROBOT: the arm moves it to some places, you read the angle off a protractor.
+
+    Servos that are off jump to the rest pose first: keep clear.
+
+    Ctrl-C stops the arm and holds it. The pulses stay on at the end.
+    """
+    from armctl.cli.calibrate_joint import measure_joint  # opens ports: only where one is asked for
+
+    measure_joint(load_robot(robot), joint, port, places, speed, note)
+
+
+@calibrate.command()
+@click.argument("robot")
+@board_option
+@json_option
+def show(robot: str, board: str | None, as_json: bool) -> None:
+    """Show the calibration in force for ROBOT, its earlier versions, and what it takes from the limits."""
+    arm, store = load_robot(robot), CalibrationStore()
+    board = _chosen_board(store, arm.name, board)
+    versions = store.versions(arm.name, board)
+    now = store.load(arm.name, board)
+    words = () if now is None else narrowed(arm, now)
+    if as_json:
+        print_json({
+            "robot": arm.name,
+            "board": board,
+            "calibration": None if now is None else record(now),
+            "narrowed": words,
+            "versions": [
+                {"number": one.number, "made": one.made, "note": one.note, "problem": one.problem,
+                 "again": one.again} for one in versions
+            ],
+        })  # fmt: skip
+        return
+    click.echo(f"{arm.title} on board {board}: {in_words(now)}")
+    for line in () if now is None else (*joint_lines(arm, now), *words):
+        click.echo(f"  {line}")
+    if now is not None:
+        pose = check_pose(calibrated(arm, now))
+        click.echo(f"to check by eye, send it to {pose.title}: {'; '.join(pose.words)}")
+    for one in versions:
+        what = one.problem or one.note or ("as in the robot file" if one.calibration is None else "")
+        again = "" if one.again is None else f" (version {one.again} again)"
+        click.echo(f"version {one.number}{again}   {one.made}   {what}")
+
+
+@calibrate.command("list")
+@json_option
+def list_command(as_json: bool) -> None:
+    """List the robots and boards that were calibrated on this computer."""
+    store = CalibrationStore()
+    found = store.boards()
+    if as_json:
+        print_json([
+            {"robot": one.robot, "board": one.board, "problem": one.problem,
+             "calibration": None if one.calibration is None else record(one.calibration)}
+            for one in found
+        ])  # fmt: skip
+        return
+    if not found:
+        click.echo("nothing was calibrated on this computer yet; see `armctl calibrate joint --help`")
+    for one in found:
+        click.echo(f"{one.robot:<12}{one.board:<16}{one.problem or in_words(one.calibration)}")
+
+
+@calibrate.command()
+@click.argument("robot")
+@board_option
+@click.option("--to", "number", type=int, help="Number of the version (default: the one before).")
+def revert(robot: str, board: str | None, number: int | None) -> None:
+    """Go back to an earlier calibration of ROBOT; again and again goes further back. Nothing is lost."""
+    store, name = CalibrationStore(), _name(robot)
+    board = _chosen_board(store, name, board)
+    version = store.revert(name, board, number)
+    words = in_words(version.calibration)
+    click.echo(f"{name} on board {board}: version {version.again} is in force again: {words}")
+
+
+@calibrate.command()
+@click.argument("robot")
+@board_option
+def forget(robot: str, board: str | None) -> None:
+    """Let the file of ROBOT hold as it is. The calibrations so far are kept; `revert` brings them back."""
+    store, name = CalibrationStore(), _name(robot)
+    board = _chosen_board(store, name, board)
+    store.forget(name, board, timestamp())
+    click.echo(f"{name} on board {board} goes by its robot file now")
+
+
+@calibrate.command()
+@click.argument("robot")
+@click.argument("points", type=click.Path(path_type=Path))
+@click.option("--board", help="Serial number of the board whose calibration the angles were read with.")
+@json_option
+def points(robot: str, points: Path, board: str | None, as_json: bool) -> None:
+    """Compare where the tool of ROBOT went with the POINTS that it touched, and say what is to blame.
+
+    POINTS is a CSV file: a column NAME_deg for each joint, and x_mm, y_mm, z_mm. About ten points, in
+    poses as different as can be.
+    """
+    arm = load_robot(robot)
+    calibration = None if board is None else CalibrationStore().load(arm.name, board)
+    error = tool_error(
+        arm if calibration is None else calibrated(arm, calibration), *read_points(points, arm)
+    )
+    if as_json:
+        print_json({
+            "rms_mm": 1000 * error.rms_m,
+            "largest_mm": 1000 * error.largest_m,
+            "rms_after_mm": 1000 * error.rms_after_m,
+            "largest_after_mm": 1000 * error.largest_after_m,
+            "blamed": [
+                {"title": one.title, "amount": one.amount, "unit": one.unit,
+                 "standard_error": one.standard_error, "or_else": one.or_else} for one in error.blamed
+            ],
+            "not_told_apart": error.not_told_apart,
+            "changes": [
+                {"table": one.table, "key": one.key, "old": one.old, "new": one.new} for one in error.changes
+            ],
+            "stray_points": [index + 1 for index in error.stray],
+        })  # fmt: skip
+        return
+    for line in (*error.words, *error.not_told_apart):
+        click.echo(line)
+    if error.changes:
+        click.echo(f"to write into the robot file of {arm.name}:\n{error.toml()}", nl=False)
+
+
+@calibrate.command("export")
+@click.argument("robot")
+@click.argument("file", type=click.Path(path_type=Path))
+@board_option
+def export(robot: str, file: Path, board: str | None) -> None:
+    """Write the calibration in force for ROBOT to FILE (TOML), which must not be there yet."""
+    store, name = CalibrationStore(), _name(robot)
+    board = _chosen_board(store, name, board)
+    now = store.load(name, board)
+    if now is None:
+        raise CalibrationError(f"{name} on board {board} goes by its robot file: there is nothing to export")
+    try:
+        with file.open("x", encoding="utf-8") as stream:
+            stream.write(encode_calibration(now))
+    except OSError as cause:
+        raise CalibrationError(f"{file}: cannot be written: {cause.strerror}") from cause
+    click.echo(f"{file}: {in_words(now)}")
+
+
+@calibrate.command("import")
+@click.argument("file", type=click.Path(path_type=Path))
+@click.option("--board", help="Serial number of the board to keep it for (default: the one in the file).")
+@click.option("--robot", help="The robot, where it is not a shipped one: its file.")
+def import_command(file: Path, board: str | None, robot: str | None) -> None:
+    """Bring the calibration in FILE in force."""
+    read = read_calibration(file)
+    calibration = read if board is None else renamed(read, board)
+    arm = load_robot(robot or calibration.robot)
+    calibrated(arm, calibration)
+    CalibrationStore().save(calibration)
+    click.echo(f"{arm.name} on board {calibration.board}: {in_words(calibration)}")
+    for line in narrowed(arm, calibration):
+        click.echo(f"  {line}")
+
+
+def _chosen_board(store: CalibrationStore, robot: str, board: str | None) -> str:
+    """The board that was named, or the only one.
+
+    Raises:
+        CalibrationError: the robot was never calibrated, or with several boards.
+    """
+    known = [one.board for one in store.boards() if one.robot == robot]
+    if board is None and len(known) == 1:
+        return known[0]
+    if board is not None and board in known:
+        return board
+    if not known:
+        raise CalibrationError(f"{robot} was never calibrated on this computer")
+    listed = ", ".join(known)
+    if board is None:
+        raise CalibrationError(f"{robot} was calibrated with several boards: {listed}; name one with --board")
+    raise CalibrationError(f"{robot} was never calibrated with board {board!r}; known are {listed}")
+
+
+def _name(robot: str) -> str:
+    """The robot's name: of a file the one inside, else what was typed."""
+    return load_robot(robot).name if Path(robot).suffix else robot

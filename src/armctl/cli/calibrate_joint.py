@@ -1,0 +1,146 @@
+"""Measuring one joint at the terminal: the arm goes to places, a person reads the angles."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import click
+import numpy as np
+
+from armctl.arm import Arm
+from armctl.boards import board_name
+from armctl.calibration import (
+    LEAST_MARKS,
+    Calibration,
+    CalibrationStore,
+    JointCalibration,
+    JointFit,
+    Mark,
+    calibrated,
+    check_pose,
+    fit_joint,
+    narrowed,
+    safe_outputs,
+)
+from armctl.cli.calibration_words import show_fit, timestamp, unit_of
+from armctl.errors import CalibrationError, MotionRefusedError, ProgramError
+from armctl.hardware import Source
+from armctl.robot import Robot
+
+_MARGIN = 0.05
+"""of the joint's range that is left free at either end"""
+
+
+def measure_joint(robot: Robot, joint: str, port: str, places: int, speed: float, note: str) -> None:
+    """Take marks of a joint, fit them, and save them if the user wants that.
+
+    Args:
+        robot: as its file describes it.
+        joint: name of the joint.
+        port: of the board.
+        places: how many marks are taken, evenly over the range.
+        speed: override, percent.
+        note: kept with it.
+
+    Raises:
+        ArmctlError: no such joint, no board, a board without a name, marks that give no calibration.
+    """
+    unit = unit_of(robot, joint)
+    board = board_name(port, robot)
+    if board is None:
+        raise CalibrationError(
+            f"the board on {port} tells no serial number: a calibration of it could not be found again"
+        )
+    with Arm.open(robot, port) as arm:
+        arm.set_speed(speed)
+        click.confirm(
+            f"{robot.title} on {port} will move to its home pose, then {joint} alone. Clear?", abort=True
+        )
+        arm.enable()
+        arm.go_pose("home")
+        marks = _take_marks(arm, joint, places, unit)
+        found = fit_joint(marks, unit)
+        show_fit(robot, joint, found)
+        _keep(robot, board, joint, found, note)
+
+
+def _take_marks(arm: Arm, joint: str, places: int, unit: str) -> tuple[Mark, ...]:
+    """Send the joint to places over its range, and ask what it shows there."""
+    index = arm.robot.joint_names.index(joint)
+    low, high = (float(limit) for limit in np.degrees(arm.robot.limits[index]))
+    margin = _MARGIN * (high - low)
+    click.echo(
+        "Read the angle of the joint at each place, in the robot's own sense (see `armctl robots` for its "
+        "limits). An empty answer leaves the place out; Ctrl-C ends it."
+    )
+    marks: list[Mark] = []
+    for place in range(places):
+        angle = low + margin + (high - low - 2 * margin) * place / (places - 1)
+        target = arm.joints_deg
+        target[index] = angle
+        try:
+            arm.go_joints(target.tolist())
+        except (MotionRefusedError, ProgramError) as refusal:
+            click.echo(f"the place at {angle:.1f}° is left out: {refusal}", err=True)
+            continue
+        read = _ask(f"mark {len(marks) + 1}: {joint} should show {angle:.1f}°; it shows [°]")
+        if read is not None:
+            marks.append(Mark(_output(arm, index), np.radians(read)))
+            click.echo(f"  {marks[-1].output:.1f} {unit}: {read:g}°")
+    if len(marks) < LEAST_MARKS:
+        raise CalibrationError(f"{len(marks)} marks were taken, {LEAST_MARKS} are needed; nothing is saved")
+    return tuple(marks)
+
+
+def _ask(question: str) -> float | None:
+    """An angle in degrees; None for an empty answer. Asks again after what is no angle."""
+    while True:
+        answer = str(click.prompt(question, default="", show_default=False)).strip().rstrip("°").strip()
+        if not answer:
+            return None
+        try:
+            read = float(answer.replace("−", "-").replace(",", "."))
+        except ValueError:
+            click.echo(f"{answer[:40]!r} is not a number", err=True)
+            continue
+        if abs(read) <= 720:
+            return read
+        click.echo(f"{read:g}° is no angle of a joint", err=True)
+
+
+def _output(arm: Arm, index: int) -> float:
+    """What the board was told for a joint, or what its encoder says."""
+    snapshot, outputs = arm.snapshot, arm.robot.output_map
+    if outputs is None:
+        raise CalibrationError(f"{arm.robot.title} has no outputs")
+    q = snapshot.q if snapshot.source is Source.MEASURED else snapshot.q_command
+    if not np.isfinite(q[index]):
+        raise CalibrationError("the board does not tell where the joint is; nothing is saved")
+    return outputs.outputs(q)[outputs.channels[index]]
+
+
+def _keep(robot: Robot, board: str, joint: str, found: JointFit, note: str) -> None:
+    """Save the joint with the other joints that are in force, if the user wants it."""
+    store = CalibrationStore()
+    now = store.load(robot.name, board)
+    joints: Mapping[str, JointCalibration] = {} if now is None else now.joints
+    low, high = safe_outputs(robot, joint, found)
+    calibration = Calibration(
+        robot=robot.name,
+        board=board,
+        unit="µs" if robot.output_map is None else robot.output_map.unit,
+        joints={**joints, joint: JointCalibration(found.zero, found.per_rad, low, high)},
+        gripper=None if now is None else now.gripper,
+        made=timestamp(),
+        note=note,
+    )
+    measured = calibrated(robot, calibration)
+    for line in narrowed(robot, calibration):
+        click.echo(f"  {line}")
+    if not click.confirm(f"Save it for board {board}?"):
+        click.echo("nothing is saved")
+        return
+    version = store.save(calibration)
+    click.echo(f"saved as version {version.number}; `armctl calibrate revert {robot.name}` goes back")
+    pose = check_pose(measured)
+    click.echo(f"to check by eye, send it to {pose.title}: {'; '.join(pose.words)}")

@@ -1,0 +1,157 @@
+"""The whole check-up, in the order in which a fault can hide the next one."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from armctl.errors import ArmctlError
+from armctl.hardware.doctor.encoder import examine_encoder
+from armctl.hardware.doctor.finding import Finding, failed, not_checked, ok, warning
+from armctl.hardware.doctor.firmata import examine_firmata
+from armctl.hardware.doctor.maestro import examine_maestro
+from armctl.hardware.driver import ChannelSettings
+from armctl.hardware.firmata.line import HOW_TO_LOAD
+from armctl.hardware.maestro.line import SILENT_ADVICE
+from armctl.hardware.maestro_models import MaestroModel
+from armctl.hardware.permissions import permission_hint
+from armctl.hardware.ports import PortChecks, PortInfo
+from armctl.hardware.probe import Probed, approach, reach
+from armctl.hardware.transport import Transport
+from armctl.robot.robot import BoardKind
+
+_CHECKS_OF_A_BOARD = ("who answers", "channels", "error register", "watchdog", "round trips")
+_FLASH = "flash armctl's encoder firmware (firmware/README.md says how)"
+_NO_USB = "not listed as a USB device (a pty, a socket or a plain serial port)"
+
+
+@dataclass(frozen=True, slots=True)
+class Patient:
+    """What is to be looked at.
+
+    Args:
+        port: what to open: a device, a pty or ``socket://host:port``.
+        info: what the listing says of it; None where it does not list it.
+        expected: the kind of board that should be there; None: any.
+        channels: what the robot file needs, in the board's unit.
+        model: the Maestro that a simulated board stands for; else the listing tells.
+    """
+
+    port: str
+    info: PortInfo | None = None
+    expected: BoardKind | None = None
+    channels: Sequence[ChannelSettings] = ()
+    model: MaestroModel | None = None
+    checks: PortChecks = field(default_factory=PortChecks)
+
+
+def examine(
+    patient: Patient, open_line: Callable[[int], Transport], now: Callable[[], float]
+) -> tuple[Finding, ...]:
+    """Check a port and the board behind it. Moves nothing; opening the port of an Arduino resets it.
+
+    Args:
+        patient: the port and what is expected there.
+        open_line: opens the port at a baud rate.
+        now: the clock [s].
+    """
+    findings = _port(patient)
+    if any(one.verdict.value == "failed" for one in findings):
+        return (*findings, not_checked("opens", "the port cannot be used"), *_unseen())
+    label = None if patient.info is None else patient.info.kind
+    try:
+        line, probed = reach(open_line, approach(label, patient.expected), now)
+    except ArmctlError as error:
+        return (*findings, failed("opens", str(error)), *_unseen())
+    try:
+        findings.append(ok("opens", "yes, for this program alone"))
+        findings.append(_who(patient, probed))
+        if probed.board is None:
+            return (*findings, *_unseen()[1:])
+        try:
+            findings += _board(patient, probed, line, now)
+        except ArmctlError as error:
+            findings.append(failed("conversation", f"broke off: {error}"))
+        return tuple(findings)
+    finally:
+        line.close()
+
+
+def _port(patient: Patient) -> list[Finding]:
+    """What can be told without opening the port."""
+    if "://" in patient.port:
+        return [ok("port", "a network address: neither permission nor other programs can be checked")]
+    if not Path(patient.port).exists():
+        return [
+            failed(
+                "port",
+                f"{patient.port} does not exist",
+                "plug the board in; `armctl ports` lists what is there",
+            )
+        ]
+    findings = [ok("port", _NO_USB if patient.info is None else _listed(patient.info))]
+    if patient.checks.may_open(patient.port):
+        findings.append(ok("permission", "this user may read and write it"))
+    else:
+        findings.append(failed("permission", "this user may not open it", permission_hint(patient.port)))
+    program = patient.checks.used_by(patient.port)
+    if program is None:
+        findings.append(ok("other programs", "no other program of this user has it open"))
+    else:
+        findings.append(failed("other programs", f"{program} has it open", "close that and try again"))
+    if patient.info is not None:
+        if patient.info.why_not is not None and all(one.verdict.value == "ok" for one in findings):
+            findings.append(failed("right port", patient.info.why_not))
+        findings += [warning("other programs", note) for note in patient.info.notes]
+    return findings
+
+
+def _listed(info: PortInfo) -> str:
+    serial_number = f", USB serial number {info.serial_number}" if info.serial_number else ""
+    stable = f", also {info.stable_name}" if info.stable_name else ""
+    return f"{info.kind}{serial_number}{stable}"
+
+
+def _who(patient: Patient, probed: Probed) -> Finding:
+    if probed.board is None:
+        return failed("who answers", str(probed), _advice(patient))
+    if patient.expected is not None and probed.board != patient.expected:
+        return failed(
+            "who answers",
+            f"{probed}: a {probed.board} board, but the robot file wants {patient.expected}",
+            "choose the robot that belongs to this board, or the port that belongs to this robot",
+        )
+    return ok("who answers", str(probed))
+
+
+def _advice(patient: Patient) -> str:
+    """What to do where nobody answers."""
+    maestro = patient.info is not None and MaestroModel.from_label(patient.info.kind) is not None
+    if maestro or patient.expected == "maestro":
+        return SILENT_ADVICE
+    if patient.expected == "firmata":
+        return HOW_TO_LOAD
+    if patient.expected == "encoder":
+        return _FLASH
+    return f"if it is an Arduino with servos, {HOW_TO_LOAD}; if it is one with encoders, {_FLASH}"
+
+
+def _board(patient: Patient, probed: Probed, line: Transport, now: Callable[[], float]) -> list[Finding]:
+    """What is asked of the board depends on who it is; another than expected is not asked for channels."""
+    fits = patient.expected in (None, probed.board)
+    channels = patient.channels if fits else ()
+    match probed.board:
+        case "maestro":
+            listed = None if patient.info is None else MaestroModel.from_label(patient.info.kind)
+            return examine_maestro(line, listed or patient.model, channels, probed.reported, now)
+        case "firmata":
+            return examine_firmata(line, channels, now)
+        case "encoder":
+            return examine_encoder(line, channels, now)
+        case None:
+            return []
+
+
+def _unseen() -> list[Finding]:
+    return [not_checked(check, "an earlier check failed") for check in _CHECKS_OF_A_BOARD]

@@ -1,0 +1,336 @@
+"""The driver for armctl's own firmware for arms with motors and encoders (firmware/README.md)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+
+from armctl.errors import ArmctlError, BoardError, BoardTimeoutError, PortError, StateError
+from armctl.hardware.driver import BoardIdentity, ChannelSettings, HomingState, Readback, Source
+from armctl.hardware.encoder.axis_fault import fault_words, flag_words
+from armctl.hardware.encoder.axis_table import AxisTable
+from armctl.hardware.encoder.frame import Realtime
+from armctl.hardware.encoder.greeting import greet
+from armctl.hardware.encoder.messages import Banner
+from armctl.hardware.encoder.session import EncoderSession
+from armctl.hardware.encoder.status import Mode, Status
+from armctl.hardware.encoder.watch import BoardWatch
+from armctl.hardware.ports import PortInfo, describe_port, list_ports
+from armctl.hardware.serial_transport import SerialTransport
+from armctl.hardware.transport import Transport
+from armctl.robot import EncoderAxis
+
+WATCHDOG_MS = 500
+SILENCE_NOTE = (
+    f"the board switches its motors off {WATCHDOG_MS} ms after it last heard from this computer: if the "
+    "program or the cable fails, or on Disconnect, joints that their gears do not hold sink"
+)
+
+_REACH_MS = 30  # longer than the 20 ms between setpoints: one that comes late finds the arm still moving
+_OLDEST_STATUS_S = 0.05
+_KEEP_ALIVE_S = 0.1
+_STOP_ATTEMPTS = 3
+_BAD_STARTS = ("brownout", "watchdog")
+
+
+class EncoderDriver:
+    """An encoder board behind the ``Driver`` protocol. A channel is an axis; units are joint counts.
+
+    ``stop`` sets the board's hold, which refuses setpoints; the next ``write`` releases it in the same
+    burst, and the arm goes on from where it stands. Motors that the board has switched off by itself
+    (trip, watchdog, reset) stay off: ``write`` refuses until ``release`` or ``home`` is called, which
+    clear the board's faults.
+
+    The board takes its motors off half a second after the last line, so ``read`` must be called more
+    often than that: it sends a line where nothing else was sent.
+
+    Args:
+        line: port name (device, pty, ``socket://host:port``), or what opens the transport.
+        axes: how each axis is controlled and homed.
+        now: the clock [s].
+        differential: the two axes of a differential wrist, pitch first; None without one.
+        simulated: whether a simulated board is at the other end.
+        ports: the listing of serial ports, for the identity only.
+        timeout_s: how long an answer may take, with the repetitions of a lost line.
+    """
+
+    def __init__(
+        self,
+        line: str | Callable[[], Transport],
+        *,
+        axes: Sequence[EncoderAxis],
+        now: Callable[[], float],
+        differential: tuple[int, int] | None = None,
+        simulated: bool = False,
+        ports: Callable[[], Sequence[PortInfo]] = list_ports,
+        timeout_s: float = 0.1,
+    ) -> None:
+        self._line = line
+        self._axes = tuple(axes)
+        self._now = now
+        self._differential = differential
+        self._simulated = simulated
+        self._ports = ports
+        self._timeout_s = timeout_s
+        self._opened: EncoderSession | None = None
+        self._forget()
+
+    def open(self) -> BoardIdentity:
+        """Open the line and make sure that the right firmware answers; the motors stay as they are.
+
+        A board that starts anew when its port is opened may take 5 s.
+
+        Raises:
+            PortError: the port cannot be opened, or is the wrong one.
+            BoardTimeoutError: nobody answers.
+            BoardProtocolError: somebody else answers, or in another version.
+            BoardError: the board has fewer axes than the robot file uses.
+        """
+        self.close()
+        self._forget()
+        info = self._look_up()
+        transport = SerialTransport(self._line) if isinstance(self._line, str) else self._line()
+        session = self._opened = EncoderSession(transport, self._now, self._timeout_s)
+        try:
+            banner = greet(session, transport, resets=self._resets())
+            self._check_axes(banner, session.name)
+            status = self._seen = session.fresh_status(_OLDEST_STATUS_S)
+        except ArmctlError:
+            self.close()
+            raise
+        self._count = banner.axes
+        return BoardIdentity(
+            kind=f"armctl encoder board, firmware {banner.version}",
+            port=session.name,
+            serial_number=info.serial_number if info else None,
+            simulated=self._simulated,
+            notes=tuple(self._notes(banner, status)),
+        )
+
+    def configure(self, channels: Sequence[ChannelSettings]) -> None:
+        """Tell the board the limits, gains and homing of every axis. Moves nothing.
+
+        Where the board has been told the same already, nothing is sent.
+
+        Raises:
+            BoardError: settings that this board cannot have; nothing has been sent then.
+            StateError: the motors are on with other settings.
+        """
+        session = self._board
+        table = AxisTable(channels, self._axes, self._differential, self._count)
+        self._tell(session, table)
+        self._table = table
+
+    def write(self, setpoints: Mapping[int, float]) -> None:
+        """Send setpoints [joint counts] in one line, whose answer is not waited for: ``read`` takes it.
+
+        Motors that are off are switched on first, and hold where they stand: the first setpoints should
+        be where that is.
+
+        Raises:
+            StateError: an axis is not homed, homing is under way, or the board switched its motors off
+                by itself and nobody has taken note.
+            BoardError: a setpoint is not finite or outside its limits (nothing has been sent then), or the
+                line is gone.
+        """
+        session = self._board
+        line = self._table.setpoints_line(setpoints, _REACH_MS)
+        if not setpoints:
+            return
+        self._check_may_move(setpoints)
+        if not self._watch.on:
+            session.command("EN 1")
+            self._watch.acknowledge(on=True)
+        if self._held or (self._seen is not None and self._seen.mode is Mode.HELD):
+            session.realtime(Realtime.RELEASE_HOLD)
+            self._held = False
+        session.post(line)
+
+    def read(self) -> Readback:
+        """What the encoders measure [joint counts], and what is wrong; None for an axis without a zero.
+
+        A setpoint that the board refused is among the errors, once its answer is there; one that got
+        lost is sent again.
+
+        Raises:
+            BoardTimeoutError: the board says nothing, or has not answered for too long.
+            BoardError: the line is gone.
+        """
+        session = self._board
+        refusals = session.settle()
+        status = self._seen = session.fresh_status(_OLDEST_STATUS_S)
+        errors = self._watch.observe(status, session.restarted, session.take_events())
+        if session.idle_s >= _KEEP_ALIVE_S:
+            session.post("PING")
+        return Readback(
+            positions={
+                axis: float(status.counts[axis]) if status.homed[axis] else None for axis in self._table.axes
+            },
+            source=Source.MEASURED,
+            errors=errors + tuple(f"a setpoint was refused: {one}" for one in refusals),
+            powered=status.mode.powered,
+            faults=self._watch.faults,
+            homing=self._homing_state(status),
+        )
+
+    def stop(self) -> None:
+        """Slow down within the acceleration limits and hold; also ends homing.
+
+        Raises:
+            BoardTimeoutError: the board does not show that it holds.
+            BoardError: the line is gone.
+        """
+        session = self._board
+        session.forget_status()
+        for _ in range(_STOP_ATTEMPTS):
+            session.realtime(Realtime.HOLD)
+            session.realtime(Realtime.STATUS)
+            if session.wait_until(lambda: _stands(session.status), self._timeout_s / _STOP_ATTEMPTS):
+                self._held = True
+                return
+        raise BoardTimeoutError(
+            f"{session.name}: the board does not confirm that it holds; cut the motors' power if it moves"
+        )
+
+    def home(self) -> None:
+        """Begin to look for the zero of every axis, one after the other: the arm moves.
+
+        Clears latched faults. ``read`` tells how far it is; ``stop`` and ``release`` end it.
+
+        Raises:
+            StateError: homing already.
+            BoardError: nothing is configured, the board refuses, or the line is gone.
+        """
+        session = self._board
+        if not self._table.axes:
+            raise BoardError("no axis is configured, so there is nothing to home; configure the board first")
+        self._tell(session, self._table)
+        status = session.fresh_status(_OLDEST_STATUS_S)
+        if _latched(status):
+            session.command("CLR")
+        if status.mode is Mode.HELD:
+            session.realtime(Realtime.RELEASE_HOLD)
+        session.command("HOME")
+        self._taken_note(session, on=True)
+
+    def release(self) -> None:
+        """Motors off: joints that their gears do not hold sink. Clears latched faults.
+
+        Raises:
+            BoardError: the line is gone, or the board does not answer; the emergency byte was sent then.
+        """
+        session = self._board
+        try:
+            session.command("EN 0")
+        except BoardTimeoutError:
+            session.realtime(Realtime.MOTORS_OFF)
+            raise
+        if _latched(session.fresh_status(_OLDEST_STATUS_S)):
+            session.command("CLR")
+        self._taken_note(session, on=False)
+
+    def close(self) -> None:
+        """Close the line; never raises. The board switches its motors off when it hears nothing more."""
+        if self._opened is not None:
+            self._opened.close()
+            self._opened = None
+
+    @property
+    def _board(self) -> EncoderSession:
+        if self._opened is None:
+            raise BoardError("the encoder board is not connected; connect first")
+        return self._opened
+
+    def _forget(self) -> None:
+        """Know nothing any more of the board: it may be another one, or freshly started."""
+        self._count = 0
+        self._table = AxisTable()
+        self._told: tuple[str, ...] = ()
+        self._told_restarts = 0
+        self._watch = BoardWatch()
+        self._seen: Status | None = None
+        self._held = False
+
+    def _look_up(self) -> PortInfo | None:
+        """What the system's listing says about the port."""
+        if not isinstance(self._line, str) or self._simulated:
+            return None
+        info = describe_port(self._line, self._ports())
+        if info is not None and not info.usable:
+            raise PortError(f"{self._line}: {info.why_not}")
+        return info
+
+    def _resets(self) -> bool:
+        """Whether opening the line starts the board anew: an Arduino's USB port does, a socket may not."""
+        return isinstance(self._line, str) and not self._simulated and "://" not in self._line
+
+    def _check_axes(self, banner: Banner, name: str) -> None:
+        last = max((one.axis for one in self._axes), default=0)
+        if last >= banner.axes:
+            raise BoardError(
+                f"{name}: the board has axes 0 … {banner.axes - 1}, but the robot file uses axis {last}; "
+                "choose the robot that belongs to this board, or change its file"
+            )
+
+    def _notes(self, banner: Banner, status: Status) -> list[str]:
+        notes = [] if self._simulated else [SILENCE_NOTE]
+        earlier = list(flag_words(status.flags))
+        earlier += [f"axis {axis}: {fault_words(fault)}" for axis, fault in enumerate(status.faults) if fault]
+        if banner.reset in _BAD_STARTS and not earlier:
+            earlier.append(f"its last start was after a {banner.reset} reset; check its supply")
+        return notes + [f"before armctl connected, the board had reported: {words}" for words in earlier]
+
+    def _tell(self, session: EncoderSession, table: AxisTable) -> None:
+        """Send the settings, unless the board has them."""
+        session.drain()
+        lines = table.configuration()
+        if lines == self._told and session.restarts == self._told_restarts:
+            return
+        status = session.fresh_status(_OLDEST_STATUS_S)
+        if status.mode.powered:
+            raise StateError(
+                f"{session.name}: the motors are on, and with other settings; release first, or wait half a "
+                "second after another program has let go of the board"
+            )
+        if not self._told and _latched(status):
+            session.command("CLR")  # from before armctl connected; told in the identity's notes
+        restarts = session.restarts
+        for line in (f"WD {WATCHDOG_MS}", *lines):
+            session.command(line)
+        self._told, self._told_restarts = lines, restarts
+
+    def _check_may_move(self, setpoints: Mapping[int, float]) -> None:
+        if self._watch.went_off:
+            raise StateError(
+                "the board switched its motors off by itself; release (which clears its faults), see to the "
+                "cause and enable again"
+            )
+        seen = self._seen
+        if seen is not None and seen.mode is Mode.HOMING:
+            raise StateError("the board is homing; wait until it is done, or stop it")
+        lost = [str(axis) for axis in sorted(setpoints) if seen is None or not seen.homed[axis]]
+        if lost:
+            raise StateError(f"axis {', '.join(lost)}: not homed, so nobody knows where it is; home first")
+
+    def _taken_note(self, session: EncoderSession, *, on: bool) -> None:
+        session.turn_page()
+        self._watch.acknowledge(on=on)
+        self._held = False
+        self._seen = session.fresh_status(_OLDEST_STATUS_S)
+
+    def _homing_state(self, status: Status) -> HomingState:
+        order = self._table.homing_order
+        running = next((axis for axis in order if not status.homed[axis]), None)
+        return HomingState(
+            homed={axis: status.homed[axis] for axis in self._table.axes},
+            running=running if status.mode is Mode.HOMING else None,
+        )
+
+
+def _stands(status: Status | None) -> bool:
+    """Whether the board shows that it holds, or has its motors off."""
+    return status is not None and status.mode not in (Mode.ON, Mode.HOMING)
+
+
+def _latched(status: Status) -> bool:
+    """Whether there is anything to clear."""
+    return bool(status.flags) or any(status.faults) or status.mode is Mode.TRIPPED

@@ -1,0 +1,336 @@
+"""Requests to an encoder board and what it says, kept in step over one transport."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from armctl.errors import BoardProtocolError, BoardTimeoutError
+from armctl.hardware.encoder.frame import LARGEST_SEQUENCE, LONGEST_MESSAGE, Realtime, request
+from armctl.hardware.encoder.line_reader import LineReader
+from armctl.hardware.encoder.messages import Answer, Banner, Event, Message, Refusal, decode
+from armctl.hardware.encoder.status import Status
+from armctl.hardware.transport import Transport
+
+_CHUNK = 4096
+_MOST_CHUNKS = 64  # a board that floods the line must not keep the caller here for ever
+_MOST_EVENTS = 64
+_MOST_SUPERSEDED = 8
+_LONGEST_PRELUDE = 512
+_ATTEMPTS = 3
+_WAIT_S = 0.02  # time between two status lines
+_CLOCK_WRAPS_MS = 1 << 32
+_NEAR_WRAP_MS = 60_000
+
+
+@dataclass(slots=True)
+class _InFlight:
+    """The newest line, while the board has not answered it."""
+
+    sequence: int
+    text: str
+    line: bytes
+    awaited: bool
+    reply: Answer | Refusal | None = None
+    unreadable: bool = False
+
+
+class EncoderSession:
+    """A transport with an encoder board at the other end.
+
+    Only the newest line is ever sent again, and as it was: the board answers a line that it has just
+    executed from memory, so nothing is done twice. Whatever the board says unasked is taken in on the way,
+    and of the status lines only the newest is kept.
+
+    Args:
+        transport: the open line; this object closes it.
+        now: the clock [s].
+        timeout_s: how long an answer may take in all.
+    """
+
+    def __init__(self, transport: Transport, now: Callable[[], float], timeout_s: float) -> None:
+        self._transport = transport
+        self._now = now
+        self._timeout_s = timeout_s
+        self._reader = LineReader(LONGEST_MESSAGE)
+        self._sequence = 0
+        self._in_flight: _InFlight | None = None
+        self._superseded: deque[int] = deque(maxlen=_MOST_SUPERSEDED)
+        self._waiting_since = now()
+        self._refused: list[Refusal] = []
+        self._sent_at = now()
+        self._status: Status | None = None
+        self._status_at = now()
+        self._events: deque[Event] = deque(maxlen=_MOST_EVENTS)
+        self._garbled = 0
+        self._board_ms: int | None = None
+        self._restarts = 0
+        self._spoken = False
+        self._restarted: str | None = None
+        self._prelude: bytearray | None = bytearray()
+
+    @property
+    def name(self) -> str:
+        """The line as the user named it."""
+        return self._transport.name
+
+    @property
+    def idle_s(self) -> float:
+        """How long ago the last line was sent [s]."""
+        return self._now() - self._sent_at
+
+    @property
+    def status(self) -> Status | None:
+        """The newest status; None when there is none that counts."""
+        return self._status
+
+    @property
+    def restarted(self) -> str | None:
+        """Why the board has started anew, in its own word; None: it has not since the session began."""
+        return self._restarted
+
+    @property
+    def restarts(self) -> int:
+        """How often it has."""
+        return self._restarts
+
+    @property
+    def spoken(self) -> bool:
+        """Whether an encoder board has said anything that made sense since the last line was sent."""
+        return self._spoken
+
+    @property
+    def prelude(self) -> bytes:
+        """The first bytes that came before the session began, whoever sent them."""
+        return bytes(self._prelude or b"")
+
+    def begin(self) -> None:
+        """Forget what was said so far: the session begins now."""
+        self._restarted = self._status = self._board_ms = self._prelude = None
+        self._restarts = self._garbled = 0
+        self._events.clear()
+
+    def turn_page(self) -> None:
+        """The user has taken note: restarts, refusals and events from before are told no more."""
+        self.drain()
+        self._restarted = None
+        self._superseded.clear()
+        self._refused.clear()
+        self._events.clear()
+
+    def take_events(self) -> tuple[Event, ...]:
+        """What has happened on the board since this was last asked."""
+        events = tuple(self._events)
+        self._events.clear()
+        return events
+
+    def close(self) -> None:
+        """Close the transport; never raises."""
+        self._transport.close()
+
+    def command(self, text: str, timeout_s: float | None = None) -> str:
+        """Ask for ``text``, wait for the answer and return what it says.
+
+        The status from before counts no more: the next one shows what has come of it. The answer to a
+        posted line is not waited for.
+
+        Raises:
+            BoardTimeoutError: no answer.
+            StateError: the board's state does not allow it.
+            BoardError: refused for another reason, or the line is gone.
+        """
+        timeout_s = self._timeout_s if timeout_s is None else timeout_s
+        self.drain()
+        sent = self._ask(text, awaited=True)
+        reply = self._wait_for_answer(sent, timeout_s)
+        self._status = None
+        if reply is None:
+            self._in_flight = None
+            raise self._unanswered(sent, timeout_s)
+        if isinstance(reply, Refusal):
+            raise reply.error(text)
+        return reply.text
+
+    def post(self, text: str) -> None:
+        """Send the line for ``text`` and go on; ``settle`` sees to its answer.
+
+        It takes the place of a posted line that is not answered yet.
+        """
+        self._ask(text, awaited=False)
+
+    def settle(self) -> tuple[Refusal, ...]:
+        """Take the answers to posted lines that are there, without waiting; send the newest again if due.
+
+        Returns:
+            the refusals among them.
+
+        Raises:
+            BoardTimeoutError: the board has not answered for too long, though the line was sent again.
+            BoardError: the line is gone.
+        """
+        self.drain()
+        refused, self._refused = tuple(self._refused), []
+        waiting = self._in_flight
+        if waiting is None:
+            return refused
+        if self._now() - self._waiting_since > self._timeout_s:
+            self._in_flight = None
+            raise self._unanswered(waiting, self._timeout_s)
+        if waiting.unreadable or self.idle_s >= self._timeout_s / _ATTEMPTS:
+            self._send_again(waiting)
+        return refused
+
+    def realtime(self, byte: Realtime) -> None:
+        """Send a byte that the board obeys at once; there is no answer, only the next status."""
+        self._transport.write(bytes((byte,)))
+
+    def fresh_status(self, oldest_s: float) -> Status:
+        """A status that came at most ``oldest_s`` ago, waited for if need be.
+
+        Raises:
+            BoardTimeoutError: the board says nothing.
+            BoardError: the line is gone.
+        """
+        self.drain()
+        known = self._status
+        if known is None or self._now() - self._status_at > oldest_s:
+            self._status = None
+            self.realtime(Realtime.STATUS)
+            self.wait_until(lambda: self._status is not None, self._timeout_s)
+        if self._status is None:
+            raise BoardTimeoutError(
+                f"{self.name}: the board has sent no status for {self._timeout_s * 1000:.0f} ms; "
+                "check the cable and the board's power supply"
+            )
+        return self._status
+
+    def forget_status(self) -> None:
+        """What was said until now does not show yet what has just been asked for."""
+        self.drain()
+        self._status = None
+
+    def wait_until(self, done: Callable[[], bool], timeout_s: float) -> bool:
+        """Take in what comes until ``done``; whether that was within ``timeout_s``."""
+        deadline = self._now() + timeout_s
+        # Waiting is counted as well as timed: while a status line comes every 20 ms no read waits long,
+        # and the clock of a simulation may stand still while a real line is waited for.
+        waited = 0.0
+        self.drain()
+        while not done():
+            left = min(deadline - self._now(), timeout_s - waited)
+            if left <= 0.0:
+                return False
+            step = min(left, _WAIT_S)
+            if first := self._transport.read(1, step):
+                self._take(first)
+                self.drain()
+            else:
+                waited += step
+        return True
+
+    def drain(self) -> None:
+        """Take in everything that is there."""
+        for _ in range(_MOST_CHUNKS):
+            data = self._transport.read(_CHUNK, 0.0)
+            self._take(data)
+            if len(data) < _CHUNK:
+                return
+
+    def _ask(self, text: str, *, awaited: bool) -> _InFlight:
+        before = self._in_flight
+        self._sequence = self._sequence % LARGEST_SEQUENCE + 1
+        sent = _InFlight(self._sequence, text, request(self._sequence, text), awaited)
+        self._in_flight = sent
+        self._send(sent.line)
+        if before is None:
+            self._waiting_since = self._sent_at
+        elif not before.awaited:
+            self._superseded.append(before.sequence)
+        return sent
+
+    def _wait_for_answer(self, sent: _InFlight, timeout_s: float) -> Answer | Refusal | None:
+        """The answer to the line in flight, which is sent again where none comes."""
+        for attempt in range(_ATTEMPTS):
+            if attempt:
+                self._send_again(sent)
+            self.wait_until(lambda: sent.reply is not None or sent.unreadable, timeout_s / _ATTEMPTS)
+            if sent.reply is not None:
+                break
+        return sent.reply
+
+    def _unanswered(self, sent: _InFlight, timeout_s: float) -> BoardTimeoutError:
+        garbled = f"; {self._garbled} lines from it were garbled" if self._garbled else ""
+        return BoardTimeoutError(
+            f"{self.name}: the board did not answer {sent.text!r} within {timeout_s * 1000:.0f} ms{garbled}; "
+            "check the cable and the board's power supply"
+        )
+
+    def _send_again(self, sent: _InFlight) -> None:
+        sent.unreadable = False
+        self._send(sent.line)
+
+    def _send(self, line: bytes) -> None:
+        self._sent_at = self._now()
+        self._spoken = False
+        self._transport.write(line)
+
+    def _take(self, data: bytes) -> None:
+        if self._prelude is not None:
+            self._prelude += data[: _LONGEST_PRELUDE - len(self._prelude)]
+        for line in self._reader.feed(data):
+            if line is None:
+                self._garbled += 1
+                continue
+            try:
+                message = decode(line)
+            except BoardProtocolError:
+                # Told with the next timeout; until then another attempt or the next status makes up for it.
+                self._garbled += 1
+                continue
+            self._accept(message)
+
+    def _accept(self, message: Message) -> None:
+        self._spoken = True
+        match message:
+            case Status():
+                if self._clock_went_back(message.time_ms):
+                    self._note_restart("unknown")
+                self._board_ms = message.time_ms
+                self._status, self._status_at = message, self._now()
+            case Banner(reset=reset):
+                self._note_restart(reset)
+            case Event():
+                self._events.append(message)
+            case Answer() | Refusal():
+                self._accept_answer(message)
+
+    def _accept_answer(self, answer: Answer | Refusal) -> None:
+        sent = self._in_flight
+        if sent is not None and answer.sequence == 0:
+            sent.unreadable = True
+            return
+        if sent is not None and answer.sequence == sent.sequence:
+            sent.reply = answer
+            self._in_flight = None
+            if sent.awaited:
+                return
+        elif answer.sequence in self._superseded:
+            self._superseded.remove(answer.sequence)
+            self._waiting_since = self._now()  # it answers, if late
+        else:
+            return
+        if isinstance(answer, Refusal):
+            self._refused.append(answer)
+
+    def _clock_went_back(self, time_ms: int) -> bool:
+        """Whether the board has started anew: this shows it also where its banner was lost."""
+        before = self._board_ms
+        if before is None or time_ms >= before:
+            return False
+        return not (before > _CLOCK_WRAPS_MS - _NEAR_WRAP_MS and time_ms < _NEAR_WRAP_MS)
+
+    def _note_restart(self, reset: str) -> None:
+        self._restarted = reset
+        self._restarts += 1
+        self._status = self._board_ms = None

@@ -1,0 +1,228 @@
+"""What a simulated encoder board does with its motors: modes, homing, trips and the watchdog."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from armctl.hardware.encoder.axis_fault import BoardFlag, FaultKind
+from armctl.hardware.encoder.simulated_axis import UNHOMING, SimulatedAxis
+from armctl.hardware.encoder.simulated_homing import Homing, home
+from armctl.hardware.encoder.simulated_requests import Refused
+from armctl.hardware.encoder.status import Mode, Status
+
+TICK_S = 0.005
+WATCHDOG_RANGE_MS = (50, 500)
+
+_SLACK_S = 1e-9
+_LONGEST_BRAKING_S = 0.1
+_TRIP_WORDS = {
+    FaultKind.STALL: "STALL",
+    FaultKind.FOLLOWING: "FOLLOW",
+    FaultKind.ENCODER: "ENCODER",
+    FaultKind.HOMING: "HOMING",
+}
+_REFUSALS = {Mode.TRIPPED: "FAULT", Mode.OFF: "OFF", Mode.HOMING: "BUSY", Mode.HELD: "HOLD"}
+
+
+class SimulatedController:
+    """The part of the firmware behind its commands. Times count from the board's start.
+
+    Args:
+        axes: by number.
+        flags: that the start has left behind.
+    """
+
+    def __init__(self, axes: Sequence[SimulatedAxis], flags: BoardFlag) -> None:
+        self.axes = axes
+        self.mode = Mode.OFF
+        self._flags = flags
+        self._ticks = 0
+        self._watchdog_s = WATCHDOG_RANGE_MS[1] / 1000.0
+        self._heard_s = 0.0
+        self._braking = self._held_told = False
+        self._homing: Homing | None = None
+        self._to_home: list[int] = []
+        self._events: list[str] = []
+
+    @property
+    def time_s(self) -> float:
+        """Since the start [s]."""
+        return self._ticks * TICK_S
+
+    def tick(self) -> None:
+        """Let a control period pass."""
+        self._ticks += 1
+        if self.mode.powered:
+            self._move()
+            self._watch_host()
+
+    def sleep(self, ticks: int) -> None:
+        """Let control periods pass in which nothing can happen, for the motors are off."""
+        self._ticks += ticks
+
+    def status(self) -> Status:
+        """What there is to say now."""
+        return Status(
+            time_ms=round(self.time_s * 1000),
+            mode=self.mode,
+            homed=tuple(axis.homed for axis in self.axes),
+            switches=tuple(axis.switch_closed for axis in self.axes),
+            flags=self._flags,
+            faults=tuple(axis.fault for axis in self.axes),
+            counts=tuple(axis.count for axis in self.axes),
+        )
+
+    def take_events(self) -> list[str]:
+        """What has happened since this was last asked."""
+        events, self._events = self._events, []
+        return events
+
+    def note_lost_line(self, *, lost: bool) -> None:
+        """A line was too long; or the status has told that it was."""
+        self._flags = self._flags | BoardFlag.LINE_LOST if lost else self._flags & ~BoardFlag.LINE_LOST
+
+    def feed_watchdog(self) -> None:
+        """The host has said something that makes sense."""
+        self._heard_s = self.time_s
+
+    def set_watchdog_ms(self, ms: int) -> None:
+        """How long the host may be silent while motors are on."""
+        self._watchdog_s = ms / 1000.0
+
+    def switch_on(self) -> None:
+        """Hold where the axes stand."""
+        self.check_not(Mode.TRIPPED, Mode.HOMING)
+        if self.mode is Mode.OFF:
+            self._begin(Mode.ON)
+
+    def switch_off(self) -> None:
+        """Let the motors coast."""
+        self._end(Mode.OFF)
+
+    def stop_at_once(self) -> None:
+        """The emergency byte."""
+        self._flags |= BoardFlag.STOPPED
+        self._end(Mode.OFF)
+        self._events.append("stopped")
+
+    def hold(self) -> None:
+        """Slow down and hold, until ``release_hold``."""
+        if self.mode in (Mode.ON, Mode.HOMING):
+            self._hold()
+
+    def release_hold(self) -> None:
+        """Take setpoints again. Nothing moves by this; the watchdog's braking is not undone."""
+        if self.mode is Mode.HELD and not self._braking:
+            self.mode = Mode.ON
+
+    def clear(self) -> None:
+        """Forget faults and flags; the motors stay off."""
+        for axis in self.axes:
+            axis.fault = FaultKind(0)
+        self._flags = BoardFlag(0)
+        if self.mode is Mode.TRIPPED:
+            self.mode = Mode.OFF
+
+    def home(self, order: Sequence[int]) -> None:
+        """Look for the zeros of axes, one after the other."""
+        self.check_not(Mode.TRIPPED, Mode.HOMING, Mode.HELD)
+        self._begin(Mode.HOMING)
+        self._to_home = list(order)
+        for axis in order:
+            self.axes[axis].homed = False
+
+    def go(self, counts: Mapping[int, int], within_s: float) -> None:
+        """Take setpoints that are allowed."""
+        for axis, count in counts.items():
+            self.axes[axis].go(count, within_s)
+
+    def configure(self, axis: SimulatedAxis, changes: dict[str, int]) -> None:
+        """Take the settings of a line, or none of them."""
+        self.check_off()
+        wanted = axis.settings | changes
+        if wanted["min"] >= wanted["max"]:
+            raise Refused("RANGE", "min not below max")
+        if any(axis.settings[key] != wanted[key] for key in UNHOMING):
+            axis.homed = False
+        axis.settings = wanted
+
+    def check_off(self) -> None:
+        """Refuse what may only be done with the motors off."""
+        if self.mode.powered:
+            raise Refused("MOVING", "motors are on")
+
+    def check_not(self, *modes: Mode) -> None:
+        """Refuse what these modes do not allow."""
+        if self.mode in modes:
+            raise Refused(_REFUSALS[self.mode], "not now")
+
+    def _move(self) -> None:
+        homing = self._to_home[0] if self._to_home else None
+        for number, axis in enumerate(self.axes):
+            if number != homing and (fault := axis.tick(TICK_S)):
+                self._trip(number, fault)
+                return
+        if homing is not None:
+            self._home_on(homing)
+        elif self.mode is Mode.HOMING:
+            self.mode = Mode.ON
+            self._events.append("home done")
+        elif self.mode is Mode.HELD and not self._held_told and not any(axis.moving for axis in self.axes):
+            self._held_told = True
+            self._events.append("held")
+
+    def _home_on(self, number: int) -> None:
+        if self._homing is None:
+            self._homing = home(self.axes[number])
+            next(self._homing)
+        try:
+            self._homing.send(TICK_S)
+        except StopIteration as ended:
+            self._homing = None
+            if ended.value:
+                self._events.append(f"home failed {number} {ended.value}")
+                self._trip(number, FaultKind.HOMING)
+                return
+            self._events.append(f"homed {number}")
+            self._to_home.pop(0)
+
+    def _watch_host(self) -> None:
+        silent_s = self.time_s - self._heard_s + _SLACK_S
+        if silent_s >= self._watchdog_s:
+            self._end(Mode.OFF)
+        elif (
+            silent_s >= self._watchdog_s - min(_LONGEST_BRAKING_S, self._watchdog_s / 2) and not self._braking
+        ):
+            self._flags |= BoardFlag.WATCHDOG
+            self._events.append("watchdog")
+            self._braking = True
+            self._hold()
+
+    def _trip(self, number: int, fault: FaultKind) -> None:
+        axis = self.axes[number]
+        axis.fault |= fault
+        if fault is FaultKind.ENCODER:
+            axis.homed = False
+        self._end(Mode.TRIPPED)
+        self._events.append(f"trip {number} {_TRIP_WORDS[fault]}")
+
+    def _begin(self, mode: Mode) -> None:
+        self._flags &= ~(BoardFlag.WATCHDOG | BoardFlag.STOPPED)
+        if not self.mode.powered:
+            for axis in self.axes:
+                axis.switch_on()
+        self.mode = mode
+
+    def _end(self, mode: Mode) -> None:
+        self.mode = Mode.TRIPPED if self.mode is Mode.TRIPPED else mode
+        self._braking = False
+        self._homing = None
+        self._to_home.clear()
+
+    def _hold(self) -> None:
+        self.mode = Mode.HELD
+        self._held_told = self._braking
+        self._homing = None
+        self._to_home.clear()
+        for axis in self.axes:
+            axis.halt()

@@ -1,0 +1,29 @@
+"""Arduinos with StandardFirmata: codec, driver and a simulated board."""
+
+from armctl.hardware.firmata.driver import FirmataDriver
+from armctl.hardware.firmata.replies import (
+    BoardText,
+    CapabilityReport,
+    FirmwareReport,
+    Malformed,
+    PinState,
+    ReplyParser,
+    VersionReport,
+)
+from armctl.hardware.firmata.serve import serve_simulated_firmata
+from armctl.hardware.firmata.simulated import SimulatedFirmata
+from armctl.hardware.firmata.simulated_servo import Pulse
+
+__all__ = [
+    "BoardText",
+    "CapabilityReport",
+    "FirmataDriver",
+    "FirmwareReport",
+    "Malformed",
+    "PinState",
+    "Pulse",
+    "ReplyParser",
+    "SimulatedFirmata",
+    "VersionReport",
+    "serve_simulated_firmata",
+]

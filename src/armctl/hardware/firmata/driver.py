@@ -1,0 +1,345 @@
+"""The driver for hobby servos on an Arduino with StandardFirmata."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+
+from armctl.errors import BoardError, BoardProtocolError, BoardTimeoutError, PortError
+from armctl.hardware.driver import BoardIdentity, ChannelSettings, Readback, Source
+from armctl.hardware.firmata import codec
+from armctl.hardware.firmata.attach import MOST_AT_ONCE, Attachment, attach
+from armctl.hardware.firmata.codec import BAUD, PinMode
+from armctl.hardware.firmata.line import FirmataLine
+from armctl.hardware.firmata.pace import LinePace
+from armctl.hardware.firmata.pin_table import PinTable
+from armctl.hardware.firmata.pin_watch import PinWatch
+from armctl.hardware.firmata.replies import BoardText, Malformed, PinState, Reply
+from armctl.hardware.maestro_models import MaestroModel
+from armctl.hardware.ports import PortInfo, describe_port, list_ports
+from armctl.hardware.serial_transport import SerialTransport
+from armctl.hardware.transport import Transport
+
+WATCHDOG_NOTE = (
+    "StandardFirmata has no watchdog: if this computer or the cable fails, the servos keep their last "
+    "position for ever; have a switch for the servos' supply within reach"
+)
+COMMANDED_NOTE = "hobby servos tell nothing back: positions are what armctl commanded, not where the arm is"
+
+SERVO_FRAME_S = 0.020
+_LINE_SHARE = 0.9
+_QUERY_BYTES = len(codec.pin_state_query(0))
+_MOST_QUERIES = 8
+"""their answers of 7 bytes fit into the board's 64-byte transmit buffer: it never has to wait for it"""
+_ROUND_S = 0.75 * SERVO_FRAME_S
+"""shortest time between two rounds of questions; a loop of 20 ms is now and then early"""
+
+_ASK_DEVICE_AFTER_S = 2.5
+_ASK_OTHERS_AFTER_S = 0.2
+_PTY_FOLDER = "/dev/pts/"
+_RELEASE_ATTEMPTS = 2
+
+
+class FirmataDriver:
+    """An Arduino with StandardFirmata behind the ``Driver`` protocol. Channels are pins, units µs.
+
+    Setpoints are streamed: what has changed goes out at once when the line is idle, else the newest as
+    soon as it is. Pins that are off are attached and set in one burst, a few in each servo frame, so
+    an arm is fully on after some calls of ``write`` or ``read``. The board knows no speed or
+    acceleration limits, so those of ``ChannelSettings`` are left to whoever makes the setpoints.
+
+    Args:
+        line: port name (device, pty, ``socket://host:port``), or what opens the transport.
+        now: the clock [s].
+        simulated: whether a simulated board is at the other end, for the identity only.
+        ports: the listing of serial ports, for the identity only.
+        timeout_s: how long a pin may leave a question unanswered.
+        ask_after_s: how long a board is left alone after opening, before it is asked who it is; None:
+            as a Mega needs that restarts when its port is opened, or shorter for a pty or a socket.
+    """
+
+    def __init__(
+        self,
+        line: str | Callable[[], Transport],
+        *,
+        now: Callable[[], float],
+        simulated: bool = False,
+        ports: Callable[[], Sequence[PortInfo]] = list_ports,
+        timeout_s: float = 0.25,
+        ask_after_s: float | None = None,
+    ) -> None:
+        self._line = line
+        self._now = now
+        self._simulated = simulated
+        self._ports = ports
+        self._timeout_s = timeout_s
+        self._ask_after_s = _ask_after(line) if ask_after_s is None else ask_after_s
+        self._opened: FirmataLine | None = None
+        self._servo_pins: tuple[int, ...] = ()
+        self._firmware_name = ""
+        self._forget()
+
+    def open(self) -> BoardIdentity:
+        """Open the line and wait until the sketch answers; every output stays as it is.
+
+        (Opening the port of a real Mega restarts it, which switches its servos off.)
+
+        Raises:
+            PortError: the port cannot be opened, or is another board's.
+            BoardTimeoutError: nobody answers; the message says how to load the sketch.
+            BoardProtocolError: somebody answers, but not in Firmata.
+        """
+        self.close()
+        self._forget()
+        info = self._look_up()
+        transport = SerialTransport(self._line, baud=BAUD) if isinstance(self._line, str) else self._line()
+        line = self._opened = FirmataLine(transport, self._now)
+        try:
+            firmware, capabilities = line.identify(self._ask_after_s)
+        except BoardError:
+            self.close()
+            raise
+        self._servo_pins = capabilities.pins_with(PinMode.SERVO)
+        self._firmware_name = firmware.name
+        name = firmware.name.removesuffix(".ino") or "a Firmata sketch without a name"
+        return BoardIdentity(
+            kind=f"Arduino with {name} {firmware.major}.{firmware.minor}",
+            port=line.name,
+            serial_number=info.serial_number if info else None,
+            simulated=self._simulated,
+            notes=(COMMANDED_NOTE,) if self._simulated else (WATCHDOG_NOTE, COMMANDED_NOTE),
+        )
+
+    def configure(self, channels: Sequence[ChannelSettings]) -> None:
+        """Remember the pins' ranges and find out which of them are on. Moves nothing, emits no pulse.
+
+        Raises:
+            BoardError: settings that this board cannot have; or it has switched pins off by itself.
+            BoardTimeoutError: the board does not tell the pins' states.
+        """
+        line = self._firmata
+        table = PinTable(channels, self._servo_pins)
+        watch = PinWatch(self._ask_states(table.pins).values())
+        if gone := watch.carry_on(self._watch):
+            raise line.lose(_switched_off(gone))
+        self._pending.clear()
+        self._table, self._watch = table, watch
+
+    def write(self, setpoints: Mapping[int, float]) -> None:
+        """Send setpoints [µs] in one write, or keep them for the next call while the line is busy.
+
+        Raises:
+            BoardError: a setpoint is not finite or outside its pin's range (nothing has been sent then),
+                the board has restarted, or the line is gone.
+        """
+        admitted = {pin: self._table.admit(pin, pulse_us) for pin, pulse_us in setpoints.items()}
+        self._take(self._firmata.receive())
+        self._pending.update(admitted)
+        self._flush()
+
+    def read(self) -> Readback:
+        """Take the answers that have come and ask anew, without waiting for the new ones.
+
+        Positions are what was sent to the pins that are on. What the board says of them is compared with
+        it; a value that was lost on the line is sent again, and reported.
+
+        Raises:
+            BoardTimeoutError: a pin has left a question unanswered for too long.
+            BoardProtocolError: an answer that is no Firmata.
+            BoardError: the board has restarted, or the line is gone.
+        """
+        line, now = self._firmata, self._now()
+        self._take(line.receive())
+        self._flush()
+        late = self._watch.overdue(now, self._timeout_s)
+        self._ask_next(now)
+        if self._malformed:
+            raw = self._malformed[0].raw
+            self._malformed.clear()
+            raise BoardProtocolError(
+                f"{line.name}: the board sent {raw[:12].hex(' ')}, which is no whole message; "
+                "check the USB cable"
+            )
+        if late:
+            raise BoardTimeoutError(
+                f"{line.name}: the board did not tell the state of pin {', '.join(map(str, late))} within "
+                f"{self._timeout_s * 1000:.0f} ms; check the cable and the board's power supply"
+            )
+        words, self._words = tuple(dict.fromkeys(self._words)), []
+        return Readback(self._watch.positions, Source.COMMANDED, words, powered=self._watch.powered)
+
+    def stop(self) -> None:
+        """Hold: the board sends for ever what it was sent last, so all there is to do is to send no more.
+
+        Raises:
+            BoardError: the board has restarted, or the line is gone.
+        """
+        self._pending.clear()
+        self._take(self._firmata.receive())
+
+    def home(self) -> None:
+        """A servo knows its angle: there is nothing to look for."""
+        raise BoardError("hobby servos need no homing")
+
+    def release(self) -> None:
+        """Detach every configured pin (it stays low, as after the board's reset): the arm drops.
+
+        Raises:
+            BoardTimeoutError: the board does not confirm that the pins are off.
+            BoardError: the board has restarted, which switched them off, or the line is gone.
+        """
+        line = self._firmata
+        self._pending.clear()
+        self._take(line.receive())
+        # The sketch gives a freed servo to the pin attached next, with the last width it sent. Freed
+        # highest first and attached lowest first, each pin gets its own again.
+        request = b"".join(codec.pin_mode(pin, PinMode.OUTPUT) for pin in reversed(self._table.pins))
+        still_on = self._table.pins
+        for _ in range(_RELEASE_ATTEMPTS):
+            self._send(request)
+            still_on = self._await_off()
+            if not still_on:
+                self._watch.released()
+                return
+        raise BoardTimeoutError(
+            f"{line.name}: the board did not confirm that pins {', '.join(map(str, still_on))} are off; the "
+            "arm may still be held. Cut the servos' supply before you reach in"
+        )
+
+    def close(self) -> None:
+        """Close the line; never raises. The servos go on with what they were sent last."""
+        if self._opened is not None:
+            self._opened.close()
+            self._opened = None
+
+    @property
+    def _firmata(self) -> FirmataLine:
+        if self._opened is None:
+            raise BoardError("the Arduino is not connected; connect first")
+        return self._opened
+
+    def _look_up(self) -> PortInfo | None:
+        """What the system's listing says about the port."""
+        if not isinstance(self._line, str) or self._simulated:
+            return None
+        info = describe_port(self._line, self._ports())
+        if info is None:
+            return None
+        if not info.usable:
+            raise PortError(f"{self._line}: {info.why_not}")
+        if MaestroModel.from_label(info.kind) is not None:
+            raise PortError(
+                f"{self._line}: a {info.kind}, which speaks no Firmata; choose a robot file whose board kind "
+                "is maestro, or name the Arduino's port"
+            )
+        return info
+
+    def _forget(self) -> None:
+        """Know nothing any more of the board's pins: it may be another one, or freshly started."""
+        self._table = PinTable((), ())
+        self._watch = PinWatch()
+        self._pace = LinePace(SERVO_FRAME_S, _LINE_SHARE)
+        self._pending: dict[int, int] = {}
+        self._words: list[str] = []
+        self._malformed: list[Malformed] = []
+        self._asked_at = -_ROUND_S
+
+    def _send(self, data: bytes, answer_length: int = 0) -> None:
+        self._firmata.send(data)
+        # Both directions of the line work at once: the longer one counts.
+        self._pace.charge(max(len(data), answer_length), self._now())
+
+    def _flush(self) -> None:
+        """Send the newest setpoints that the board has not got, once the line is free for them."""
+        # A round of questions may be in front of them, or reading before writing would cost a frame.
+        if self._pace.waiting(self._now()) > _MOST_QUERIES * _QUERY_BYTES:
+            return
+        wanted = self._watch.to_repeat() | self._pending
+        due = {pin: pulse for pin, pulse in sorted(wanted.items()) if self._watch.needs(pin, pulse)}
+        setpoints = {pin: pulse for pin, pulse in due.items() if self._watch.is_on(pin)}
+        off = [pin for pin in due if pin not in setpoints]
+        first, later = off[:MOST_AT_ONCE], off[MOST_AT_ONCE:]
+        self._pending = {pin: due[pin] for pin in later}
+        request, answer_length = b"".join(itertools.starmap(codec.servo_write, setpoints.items())), 0
+        if first:
+            burst = attach(
+                [Attachment(pin, due[pin], self._table.range_us(pin)) for pin in first], self._firmware_name
+            )
+            request, answer_length = request + burst.request, burst.answer_length
+        if request:
+            self._send(request, answer_length)
+            self._watch.sent(setpoints | {pin: due[pin] for pin in first})
+
+    def _ask_next(self, now: float) -> None:
+        """Ask for as many pin states as the line has room for in this servo frame, in turn."""
+        if now - self._asked_at < _ROUND_S:
+            return
+        count = min(_MOST_QUERIES, self._pace.room(now) // _QUERY_BYTES)
+        pins = self._watch.ask(count, now)
+        if pins:
+            self._asked_at = now
+            self._send(b"".join(map(codec.pin_state_query, pins)))
+
+    def _take(self, replies: Sequence[Reply]) -> None:
+        """Take note of what the board sent; ``read`` tells of it."""
+        for reply in replies:
+            if isinstance(reply, PinState):
+                words = self._watch.answered(reply)
+                if words is not None:
+                    self._words.append(words)
+            elif isinstance(reply, BoardText):
+                self._words.append(f"the sketch says: {reply.text}")
+            elif isinstance(reply, Malformed):
+                self._malformed.append(reply)
+        if gone := self._watch.switched_off():
+            raise self._firmata.lose(_switched_off(gone))
+
+    def _ask_states(self, pins: Sequence[int]) -> dict[int, PinState]:
+        """The states of ``pins``, asked for now and waited for."""
+        line = self._firmata
+        states: dict[int, PinState] = {}
+        self._take(line.receive())
+        if not pins:
+            return states
+        self._send(b"".join(map(codec.pin_state_query, pins)))
+        for reply in line.listen(self._timeout_s):
+            self._take((reply,))
+            if isinstance(reply, PinState) and reply.pin in pins:
+                states[reply.pin] = reply
+            if len(states) == len(pins):
+                return states
+        missing = ", ".join(str(pin) for pin in pins if pin not in states)
+        raise BoardTimeoutError(
+            f"{line.name}: the board did not tell the state of pin {missing} within "
+            f"{self._timeout_s * 1000:.0f} ms; check the cable and the board's power supply"
+        )
+
+    def _await_off(self) -> tuple[int, ...]:
+        """Ask for the pins' states and wait until all are off; return those that are not."""
+        on = set(self._table.pins)
+        if not on:
+            return ()
+        self._send(b"".join(map(codec.pin_state_query, self._table.pins)))
+        for reply in self._firmata.listen(self._timeout_s):
+            self._take((reply,))
+            # Answers to earlier questions come first, and say that the pin is on.
+            if isinstance(reply, PinState) and reply.mode != PinMode.SERVO:
+                on.discard(reply.pin)
+            if not on:
+                break
+        return tuple(sorted(on))
+
+
+def _switched_off(pins: Sequence[int]) -> str:
+    return (
+        f"the board no longer drives pin {', '.join(map(str, pins))}: it has restarted (reset button, or its "
+        "supply broke down) and the arm may have dropped; check the supply, then connect again"
+    )
+
+
+def _ask_after(line: str | Callable[[], Transport]) -> float:
+    """Whether opening ``line`` restarts the board behind it, as a device's control lines do."""
+    if isinstance(line, str) and "://" not in line and not str(Path(line).resolve()).startswith(_PTY_FOLDER):
+        return _ASK_DEVICE_AFTER_S
+    return _ASK_OTHERS_AFTER_S

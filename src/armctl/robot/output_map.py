@@ -1,0 +1,85 @@
+"""From joint angles to what a board is told, and back: the only place that knows both."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from armctl.errors import InputError
+
+FloatArray = NDArray[np.float64]
+OutputUnit = Literal["µs", "counts"]
+_FIRST_US, _MIDDLE_US, _LAST_US = 600.0, 1500.0, 2400.0
+_HELD, _HELD_US_PER_RAD = 1e-6, 573.0
+"""a joint with less room than this does not move [rad]; its map only needs some scale"""
+
+
+@dataclass(frozen=True, slots=True)
+class OutputMap:
+    """One affine map a joint, and one for the gripper: output = zero + per_rad · angle.
+
+    An output is a pulse width [µs] on a servo board, and a position [encoder counts] on an encoder board.
+    """
+
+    unit: OutputUnit
+    channels: tuple[int, ...]
+    """of each joint: the Maestro's channel, the Arduino's pin, the encoder board's axis"""
+    zero: FloatArray
+    """(n,) output at 0 rad"""
+    per_rad: FloatArray
+    """(n,) signed"""
+    low: FloatArray
+    """(n,) smallest output that is safe"""
+    high: FloatArray
+    """(n,) largest one"""
+    gripper_channel: int | None = None
+    gripper_closed: float = 0.0
+    gripper_open: float = 0.0
+
+    @classmethod
+    def stand_in(cls, limits: FloatArray) -> OutputMap:
+        """Servos for a simulated board where the robot file gives none: channel i is joint i.
+
+        Each joint's limits (n, 2) [rad] lie on 600 … 2400 µs; a held joint stays at 1500 µs.
+        """
+        low, high = limits.T
+        held = high - low < _HELD
+        scale = np.where(held, _HELD_US_PER_RAD, (_LAST_US - _FIRST_US) / np.where(held, 1.0, high - low))
+        zero = np.where(held, _MIDDLE_US, _FIRST_US) - scale * low
+        return cls(
+            unit="µs",
+            channels=tuple(range(len(limits))),
+            zero=zero,
+            per_rad=scale,
+            low=np.where(held, _MIDDLE_US - 1.0, _FIRST_US),
+            high=np.where(held, _MIDDLE_US + 1.0, _LAST_US),
+        )
+
+    def outputs(self, q: FloatArray) -> dict[int, float]:
+        """Output by channel for joint angles ``q`` (n,) [rad]."""
+        return dict(zip(self.channels, (self.zero + self.per_rad * q).tolist(), strict=True))
+
+    def gripper_output(self, opening: float) -> dict[int, float]:
+        """Output of the gripper's channel for an opening of 0 (closed) to 1 (open)."""
+        if self.gripper_channel is None:
+            raise InputError("this arm has no gripper")
+        return {
+            self.gripper_channel: self.gripper_closed + (self.gripper_open - self.gripper_closed) * opening
+        }
+
+    def angles(self, outputs: Mapping[int, float | None]) -> FloatArray:
+        """Joint angles (n,) [rad] of outputs by channel; NaN where one is off or not reported."""
+        values = [outputs.get(channel) for channel in self.channels]
+        known = np.array([np.nan if value is None else value for value in values], dtype=np.float64)
+        return (known - self.zero) / self.per_rad
+
+    def opening(self, outputs: Mapping[int, float | None]) -> float | None:
+        """Gripper opening 0..1 of outputs by channel; None where it is off, unknown or not there."""
+        value = None if self.gripper_channel is None else outputs.get(self.gripper_channel)
+        if value is None:
+            return None
+        return (value - self.gripper_closed) / (self.gripper_open - self.gripper_closed)

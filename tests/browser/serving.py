@@ -1,0 +1,38 @@
+"""`armctl serve` in a process of its own, as a user starts it."""
+
+from __future__ import annotations
+
+import os
+import re
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+
+@contextmanager
+def serving(folder: Path, *words: str) -> Iterator[str]:
+    """``armctl serve`` in a process of its own; gives the address that it prints."""
+    with (folder / "stderr").open("w") as errors:
+        process = subprocess.Popen(
+            [sys.executable, "-m", "armctl", "serve", "--no-browser", "--http-port", "0", *words],
+            stdout=subprocess.PIPE,
+            stderr=errors,
+            text=True,
+            env=os.environ | {"PYTHONUNBUFFERED": "1", "XDG_DATA_HOME": str(folder)},
+        )
+    assert process.stdout is not None
+    try:
+        said = process.stdout.readline()
+        address = re.search(r"http://\S+", said)
+        assert address is not None, said + (folder / "stderr").read_text()
+        yield address.group()
+    finally:
+        process.send_signal(signal.SIGINT)
+        process.wait(30)
+        process.stdout.close()
+        log = (folder / "stderr").read_text()
+        assert process.returncode == 0, log
+        assert "Traceback" not in log, log

@@ -1,0 +1,166 @@
+"""The calibration wizard on a simulated arm whose servos are mounted otherwise than its file says."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from tests.browser.kit import Screen, Screens
+from tests.browser.served_arm import ServedArm, served_arm
+
+from armctl.calibration import ToolError
+from armctl.robot import OutputMap, load_robot
+from armctl.runtime import State
+
+pytestmark = pytest.mark.browser
+TRUE_ZERO_US, TRUE_US_PER_DEG = 1512.0, -8.6
+"""how the base's servo is really mounted: the other way round, and off"""
+NOISE_DEG = (0.2, -0.15, 0.1, -0.2, 0.05)
+OFF_DEG = 1.5
+"""how far the elbow really is from what the arm believes"""
+TOUCHES = (
+    (0, 90, -80, -40, 0),
+    (40, 70, -60, -30, 0),
+    (-40, 100, -40, -60, 0),
+    (60, 60, -20, -70, 0),
+    (-60, 110, -75, -20, 0),
+    (20, 80, -30, -80, 0),
+)
+
+
+@pytest.fixture
+def served(tmp_path: Path) -> Iterator[ServedArm]:
+    with served_arm(tmp_path) as served:
+        yield served
+
+
+@pytest.fixture
+def page(served: ServedArm, screens: Screens) -> Screen:
+    screen = screens(served.url)
+    screen.dismiss_graphics_warning()
+    screen.open_tab("Calibration")
+    screen.wait_for_text("In force: the robot file")
+    return screen
+
+
+def map_of(served: ServedArm) -> OutputMap:
+    assert served.robot.output_map is not None
+    return served.robot.output_map
+
+
+def true_base_deg(served: ServedArm) -> float:
+    """What a protractor at the base would show."""
+    pulse = map_of(served).outputs(served.now.q_command)[0]
+    return (pulse - TRUE_ZERO_US) / TRUE_US_PER_DEG
+
+
+def step(page: Screen, served: ServedArm, label: str) -> None:
+    before = served.commanded_deg[0]
+    page.click(label)
+    page.wait_until(lambda: abs(served.commanded_deg[0] - before - float(label.replace("−", "-"))) < 0.02,
+                    f"the base has turned by {label}")  # fmt: skip
+    page.wait_until(lambda: served.now.state is State.HOLDING, "the arm stands")
+
+
+def add_mark(page: Screen, degrees: float) -> None:
+    page.type_into("Angle read °", f"{degrees:.2f}")
+    page.click("Add mark")
+
+
+def test_a_servo_mounted_otherwise_is_measured_saved_tried_and_taken_back(
+    page: Screen, served: ServedArm
+) -> None:
+    for number, noise in enumerate(NOISE_DEG):
+        if number:
+            step(page, served, "+10")
+        add_mark(page, true_base_deg(served) + noise)
+    page.wait_for_text("Base turns the other way than uzuner says.")
+    step(page, served, "+10")
+    add_mark(page, true_base_deg(served) + 12)
+    page.wait_for_text(re.compile(r"Mark 6 does not fit: at .* µs it says"))
+    page.screenshot("calibration_wrong_mark")
+    page.page.reload()
+    page.open_tab("Calibration")
+    page.wait_for_text(re.compile("Mark 6 does not fit"))
+    page.click("Delete mark")
+    page.wait_until(lambda: len(served.console.calibrating.work.joint("base").marks) == 5, "it is deleted")
+
+    page.open_tab("Save & test")
+    page.type_into("Note", "horn turned")
+    page.screenshot("calibration_save")
+    page.click("Save calibration")
+    page.wait_for_notification(re.compile(r"\.toml\. The arm is opened anew"))
+    page.wait_until(lambda: served.now.state is State.OFF, "the arm is opened anew, and connected")
+    outputs = map_of(served)
+    assert math.radians(outputs.per_rad[0]) == pytest.approx(TRUE_US_PER_DEG, abs=0.1)
+    assert outputs.zero[0] == pytest.approx(TRUE_ZERO_US, abs=4)
+    file_map = load_robot("uzuner").output_map
+    assert file_map is not None
+    assert outputs.zero[1:].tolist() == file_map.zero[1:].tolist()
+
+    page.click("Enable")
+    page.wait_until(lambda: served.now.state is State.HOLDING, "it is enabled")
+    page.open_tab("Calibration")
+    page.wait_for_text(re.compile("In force: calibration of .* “horn turned”"))
+    page.open_tab("Save & test")
+    page.wait_for_text("Everything is saved: nothing differs from the calibration in force.")
+    page.click("Go to test pose")
+    page.wait_until(lambda: served.commanded_deg == [0, 90, 0, 0, 0], "it is in the test pose")
+    assert true_base_deg(served) == pytest.approx(0, abs=0.5)
+    page.wait_until(lambda: served.now.state is State.HOLDING, "the arm stands")
+    page.screenshot("calibration_in_force")
+
+    page.click("Revert")
+    page.wait_until(lambda: served.now.state is State.OFF, "the arm is opened anew")
+    assert map_of(served).per_rad.tolist() == file_map.per_rad.tolist()
+    page.open_tab("Calibration")
+    page.wait_for_text("In force: the robot file")
+    assert page.errors == []
+
+
+def test_a_page_that_watches_reads_the_marks_and_changes_none(
+    page: Screen, served: ServedArm, screens: Screens
+) -> None:
+    add_mark(page, 0.4)
+    watcher = screens(served.url, width=1920, height=1080)
+    watcher.open_tab("Calibration")
+    watcher.wait_for_text("1480.0")
+    watcher.type_into("Angle read °", "7")
+    for button in ("Add mark", "Delete mark", "Set upper limit here", "+10"):
+        watcher.click(button)
+        watcher.wait_for_notification("this page is watching")
+    watcher.open_tab("Save & test")
+    watcher.click("Forget what is not saved")
+    watcher.click("Save calibration")
+    watcher.pause(300)
+    work = served.console.calibrating.work
+    assert [math.degrees(mark.angle) for mark in work.joint("base").marks] == pytest.approx([0.4])
+    assert work.joint("base").high is None
+    assert served.commanded_deg[0] == 0
+    assert served.console.calibrating.versions() == ()
+    page.type_into("Angle read °", "1,5")
+    page.click("Add mark")
+    page.wait_for_notification("'1,5' is not a number (write 1.5, with a point)")
+
+
+def test_touched_points_name_the_joint_that_is_off(page: Screen, served: ServedArm) -> None:
+    page.open_tab("Known points")
+    for joints in TOUCHES:
+        served.arm.go_joints(joints)
+        really = np.radians(np.add(joints, (0, 0, OFF_DEG, 0, 0)))
+        for axis, value in zip("XYZ", 1000 * served.robot.forward(really)[:3, 3], strict=True):
+            page.type_into(f"{axis} mm", f"{value:.2f}")
+        page.click("Add point")
+    page.wait_for_text("Suggestion for the robot file")
+    page.wait_for_text(re.compile(r"To blame: .*Elbow.*"))
+    page.screenshot("calibration_points")
+    told = served.console.calibrating.points.told
+    assert isinstance(told, ToolError)
+    assert told.rms_after_m < 0.0002 < told.rms_m
+    with page.page.expect_download() as download:
+        page.click("Download the suggestion")
+    assert "joints.elbow.servo" in download.value.path().read_text()

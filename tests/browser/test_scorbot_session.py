@@ -1,0 +1,175 @@
+"""A session with the Scorbot on a simulated encoder board: home, move, lose the cable, home again, go on."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from tests.browser.kit import Screen
+from tests.browser.serving import serving
+
+from armctl.hardware import PtyServer
+from armctl.hardware.encoder import SimulatedEncoderBoard, serve_simulated_encoder
+from armctl.hardware.encoder.status import Mode
+from armctl.robot import load_robot
+from armctl.runtime import MonotonicClock, channel_settings
+
+pytestmark = pytest.mark.browser
+ROBOT = load_robot("scorbot")
+HOME = np.degrees(ROBOT.pose("home"))
+REFERENCE = "Go with respect to reference"
+
+
+class Cable:
+    """The simulated board on a link, and pulling and plugging its cable."""
+
+    def __init__(self, link: Path) -> None:
+        self.link = link
+        self.server = self._serve()
+
+    def _serve(self) -> PtyServer[SimulatedEncoderBoard]:
+        server = serve_simulated_encoder(
+            MonotonicClock().now, channels=channel_settings(ROBOT), axes=ROBOT.axes, link=self.link
+        )
+        return server.__enter__()
+
+    def pull(self) -> None:
+        self.server.close()
+
+    def plug_in(self) -> None:
+        """Plug a board in; it has started anew, and knows nothing."""
+        self.server = self._serve()
+
+    @property
+    def mode(self) -> Mode:
+        with self.server.inspect() as board:
+            return board.mode
+
+    @property
+    def setpoints(self) -> list[str]:
+        with self.server.inspect() as board:
+            return [line.text for line in board.log if line.text.split()[0] == "P"]
+
+
+@pytest.fixture
+def cable(tmp_path: Path) -> Iterator[Cable]:
+    cable = Cable(tmp_path / "scorbot")
+    yield cable
+    cable.server.close()
+
+
+@pytest.fixture
+def page(cable: Cable, tmp_path: Path, screen: Screen) -> Iterator[Screen]:
+    with serving(tmp_path, "--robot", "scorbot", "--port", str(cable.link)) as url:
+        screen.open(url, until="STOP")
+        yield screen
+
+
+def home(page: Screen) -> None:
+    page.open_tab("Main")
+    page.click("Homing")
+    page.wait_for_text("looks for its zero")
+    page.screenshot("scorbot-homing")
+    page.wait_for_text("Homed 6 of 6")
+    page.wait_for_text("HOLDING")
+
+
+def joints_shown(page: Screen) -> list[float]:
+    """The angles in the panel, as the encoders measured them."""
+    text = page.text()
+    return [
+        float(found[1])
+        for joint in ROBOT.joints
+        if (found := re.search(rf"{joint.title}\s*(-?\d+\.\d+)°", text)) is not None
+    ]
+
+
+def test_home_move_lose_the_cable_and_go_on(page: Screen, cable: Cable) -> None:
+    page.wait_for_text("unknown until the arm is homed")
+    page.screenshot("scorbot-unhomed")
+    assert not page.is_enabled("Enable")
+    home(page)
+    page.wait_for_text("measured")
+    page.wait_until(lambda: len(joints_shown(page)) == 5, "the panel shows five joints")
+    assert joints_shown(page) == pytest.approx(HOME.tolist(), abs=0.2)
+    page.screenshot("scorbot-homed")
+
+    # joints and pose are coupled, both ways
+    page.open_tab("Forward")
+    page.type_into("Waist °", "20")
+    asked = np.radians([20, *HOME[1:]])
+    x, y, _ = 1000 * ROBOT.forward(asked)[:3, 3]
+    page.wait_until(lambda: abs(page.number("X mm") - x) < 0.06, "the pose follows the joints")
+    page.type_into("Y mm", f"{-y:.1f}")
+    page.wait_until(lambda: abs(page.number("Waist °") + 20) < 0.2, "the joints follow the pose")
+    page.click(REFERENCE)
+    page.wait_until(lambda: abs(joints_shown(page)[0] + 20) < 0.3, "the arm stands there")
+    page.wait_for_text("HOLDING")
+    page.screenshot("scorbot-forward")
+
+    # a program in a loop
+    page.open_tab("Manual")
+    page.open_tab("Serial motion")
+    page.click("Record pose")
+    page.open_tab("Main")
+    page.click("Home")
+    page.wait_until(lambda: abs(joints_shown(page)[0]) < 0.3, "the arm is in its home pose")
+    page.wait_for_text("HOLDING")
+    page.open_tab("Manual")
+    page.click("Record pose")
+    page.click("Loop")
+    page.wait_for_text("MOVING")
+    seen = len(cable.setpoints)
+    page.wait_until(lambda: len(cable.setpoints) > seen + 20, "setpoints come")
+
+    # the cable is pulled in the middle of it
+    cable.pull()
+    page.wait_for_text("FAULT")
+    page.open_tab("Main")
+    page.screenshot("scorbot-unplugged")
+    cable.plug_in()
+    page.pause(600)
+    assert cable.mode is Mode.OFF
+    assert cable.setpoints == []  # nothing goes on by itself
+    page.click("Connect")
+    page.wait_for_text("unknown until the arm is homed")
+    page.pause(600)
+    assert cable.setpoints == []
+    assert not page.is_enabled("Enable")
+
+    home(page)
+    page.open_tab("Manual")
+    page.click("Loop")
+    page.wait_for_text("MOVING")
+    page.wait_until(lambda: len(cable.setpoints) > 20, "the program runs again")
+    page.click("STOP")
+    page.wait_for_text("HOLDING")
+    assert page.errors == []
+
+
+def test_stop_ends_homing(page: Screen, cable: Cable) -> None:
+    page.click("Homing")
+    page.wait_for_text("looks for its zero")
+    page.click("STOP")
+    page.wait_for_text("OFF")
+    page.wait_for_text("homing was stopped")
+    assert cable.mode is not Mode.HOMING
+    assert not page.is_enabled("Enable")
+
+
+def test_a_stalled_axis_is_told_in_words(page: Screen, cable: Cable) -> None:
+    home(page)
+    with cable.server.inspect() as board:
+        board.axes[1].jammed = True
+    page.open_tab("Forward")
+    page.type_into("Shoulder °", "-80")
+    page.click(REFERENCE)
+    page.wait_for_text("FAULT")
+    page.wait_for_text(re.compile("Shoulder: "))
+    page.open_tab("Main")
+    page.screenshot("scorbot-stalled")
+    page.click("Clear fault")
+    page.wait_for_text("OFF")

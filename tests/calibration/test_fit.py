@@ -1,0 +1,193 @@
+"""Fitting a joint's marks: hidden numbers come back, wrong marks are named, hopeless ones refused."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from tests.calibration.kit import HiddenJoint, with_wrong
+
+from armctl.calibration import LEAST_MARKS, Mark, differences, fit_joint, own_calibration, safe_outputs
+from armctl.errors import CalibrationError
+from armctl.robot import load_robot
+
+hidden_joints = st.builds(
+    HiddenJoint,
+    zero=st.floats(-20000, 20000),
+    per_deg=st.floats(0.5, 200).flatmap(lambda size: st.sampled_from([size, -size])),
+)
+
+
+@settings(deadline=None)  # the first fit imports scipy
+@given(hidden_joints, st.integers(3, 12), st.floats(20, 300), st.floats(-100, 100), st.randoms())
+def test_without_noise_the_hidden_numbers_come_back(
+    hidden: HiddenJoint, count: int, span: float, middle: float, random: object
+) -> None:
+    angles = middle + np.linspace(-span / 2, span / 2, count)
+    marks = hidden.marks(angles)
+    random.shuffle(marks)  # type: ignore[attr-defined]
+    fit = fit_joint(marks)
+    assert fit.per_rad == pytest.approx(math.degrees(hidden.per_deg), rel=1e-9)
+    assert fit.zero == pytest.approx(hidden.zero, rel=1e-9, abs=1e-7)
+    assert fit.suspects == fit.doubtful == () and fit.advice is None
+    assert fit.rms_rad < 1e-9
+
+
+@settings(max_examples=200, deadline=None, derandomize=True)
+@given(hidden_joints, st.integers(5, 12), st.floats(0.05, 0.6), st.integers(0, 2**32))
+def test_noise_moves_the_line_no_further_than_it_must(
+    hidden: HiddenJoint, count: int, noise: float, seed: int
+) -> None:
+    """Of n readings with the deviation s the line's own is s·sqrt(1/n + lever²): six of that are kept."""
+    angles = np.linspace(-70, 70, count)
+    fit = fit_joint(hidden.marks(angles, noise, np.random.default_rng(seed)))
+    spread = math.sqrt(float(np.sum(angles**2)))
+    for true in (-70.0, 0.0, 35.0, 70.0):
+        told = math.degrees(fit.angle(hidden.zero + hidden.per_deg * true))
+        assert abs(told - true) < 6 * noise * math.sqrt(1 / count + (true / spread) ** 2)
+    scale = fit.per_rad / math.degrees(hidden.per_deg) - 1
+    assert abs(scale) < 6 * math.radians(noise) / math.radians(spread) * 1.1
+
+
+def test_the_standard_errors_are_honest() -> None:
+    """Readings to half a degree: the errors, in standard errors, have the deviation 1."""
+    rng = np.random.default_rng(7)
+    hidden, angles = HiddenJoint(), np.linspace(-60, 80, 6)
+    drawn: list[tuple[float, float]] = []
+    for _ in range(400):
+        fit = fit_joint(hidden.marks(angles, 0.5, rng))
+        output = hidden.zero + hidden.per_deg * 80.0
+        drawn.append((
+            (fit.angle(output) - math.radians(80.0)) / fit.error(output),
+            (fit.per_rad / math.degrees(hidden.per_deg) - 1) / fit.scale_error,
+        ))  # fmt: skip
+    assert np.std(np.array(drawn), axis=0) == pytest.approx([1.0, 1.0], abs=0.15)
+    assert abs(np.mean(np.array(drawn), axis=0)).max() < 0.2
+
+
+@pytest.mark.parametrize("count", [4, 5, 6, 9, 15])
+@pytest.mark.parametrize("by_deg", [12.0, -12.0, 40.0])
+def test_a_wrong_mark_is_named_wherever_it_is(count: int, by_deg: float) -> None:
+    rng = np.random.default_rng(count)
+    hidden, angles = HiddenJoint(), np.linspace(-65, 75, count)
+    for index in range(count):
+        fit = fit_joint(with_wrong(hidden.marks(angles, 0.2, rng), index, by_deg))
+        assert fit.suspects == (index,) and fit.suspect == index
+        assert index not in fit.used and len(fit.used) == count - 1
+        assert math.degrees(fit.residuals_rad[index]) == pytest.approx(by_deg, abs=1.5)
+        assert fit.advice is not None and f"mark {index + 1} does not fit" in fit.advice
+        expected = math.degrees(fit.angle(hidden.zero + hidden.per_deg * angles[index]))
+        assert f"it should be {expected:.1f}°" in fit.advice
+        assert math.degrees(fit.per_rad / hidden.per_deg) == pytest.approx((180 / math.pi) ** 2, rel=0.03)
+
+
+def test_three_marks_tell_that_one_is_wrong_and_not_which() -> None:
+    marks = with_wrong(HiddenJoint().marks(np.array([-60.0, 0.0, 60.0])), 2, 15.0)
+    fit = fit_joint(marks)
+    assert fit.suspects == () and fit.doubtful == (0, 1, 2) and fit.used == (0, 1, 2)
+    assert fit.advice is not None
+    assert "one of the marks 1, 2 and 3 does not fit, and 3 marks cannot tell which" in fit.advice
+
+
+def test_two_wrong_marks_of_eight_are_named_even_where_they_hide_each_other() -> None:
+    marks = HiddenJoint().marks(np.linspace(-70, 70, 8))
+    fit = fit_joint(with_wrong(with_wrong(marks, 6, 20.0), 7, 20.0))
+    assert fit.suspects == (6, 7)
+    fit = fit_joint(with_wrong(with_wrong(marks, 0, 20.0), 5, -30.0))
+    assert fit.suspects == (0, 5)
+
+
+def test_a_forgotten_sign_is_guessed() -> None:
+    marks = with_wrong(HiddenJoint().marks(np.array([-60.0, -30.0, 0.0, 30.0, 60.0])), 1, 60.0)
+    fit = fit_joint(marks)
+    assert fit.suspect == 1
+    assert fit.advice is not None and "it should be -30.0° (is its sign wrong?)" in fit.advice
+
+
+def test_good_marks_are_hardly_ever_blamed_and_wrong_ones_hardly_ever_mistaken() -> None:
+    rng = np.random.default_rng(3)
+    seen: Counter[str] = Counter()
+    for trial in range(600):
+        count = 4 + trial % 8
+        marks = HiddenJoint().marks(np.linspace(-70, 70, count), 0.5, rng)
+        seen["blamed"] += bool(fit_joint(marks).suspects)
+        index = int(rng.integers(count))
+        fit = fit_joint(with_wrong(marks, index, 15.0))
+        seen["named"] += fit.suspects == (index,)
+        seen["mistaken"] += bool(set(fit.suspects) - {index})
+    assert seen["blamed"] <= 6 and seen["mistaken"] <= 3
+    assert seen["named"] >= 585
+
+
+@pytest.mark.parametrize(
+    ("pairs", "says"),
+    [
+        ([], "0 marks are too few"),
+        ([(1000, 0), (2000, 90)], f"2 marks are too few: {LEAST_MARKS} are needed"),
+        ([(1500, 0), (1500, 30), (1500, 60)], "all marks are at one place, 1500.0 µs"),
+        ([(1000, 0), (1001, 0), (2000, 90)], "the marks are at 2 places only"),
+        ([(1000, 0), (1500, 4), (2000, 8)], "spread over 8.0° only"),
+        ([(1000, 0), (1500, math.nan), (2000, 80)], "mark 2 is no pair of finite numbers"),
+        ([(1000, 0), (math.inf, 40), (2000, 80)], "mark 2 is no pair of finite numbers"),
+        (
+            [(1000, 0), (1500, 50), (2000, 10)],
+            r"mark 2 \(1500.0 µs, 50.0°\) and mark 3 .* turns back",
+        ),
+        ([(1000, 0), (1300, 50), (1600, -10), (2000, 70), (2300, 5)], "the angle does not go one way"),
+    ],
+)
+def test_marks_that_give_no_line_are_refused_in_words(pairs: list[tuple[float, float]], says: str) -> None:
+    with pytest.raises(CalibrationError, match=says):
+        fit_joint([Mark(output, math.radians(angle)) for output, angle in pairs])
+
+
+def test_marks_that_scatter_get_a_word() -> None:
+    marks = [
+        Mark(800 + 100 * i, math.radians(10 * i + (4 if i % 2 else -4))) for i in range(12)
+    ]  # every reading is off: none stands out
+    fit = fit_joint(marks)
+    assert fit.suspects == ()
+    assert fit.advice is not None and "scatter" in fit.advice
+
+
+def test_differences_are_told_against_the_robot_file() -> None:
+    robot = load_robot("uzuner")
+    own = own_calibration(robot, "elbow")
+    per_deg = math.radians(own.per_rad)
+    turned = fit_joint(HiddenJoint(own.zero, -per_deg).marks(np.array([-60.0, 0.0, 30.0, 60.0])))
+    assert differences(robot, "elbow", turned)[0] == "Elbow turns the other way than uzuner says"
+    same = fit_joint(HiddenJoint(own.zero, per_deg).marks(np.array([-60.0, 0.0, 30.0, 60.0])))
+    assert differences(robot, "elbow", same) == ()
+    other = fit_joint(HiddenJoint(own.zero - 50, per_deg * 1.04).marks(np.array([-60.0, 0.0, 60.0])))
+    scale, offset = differences(robot, "elbow", other)
+    assert scale == "Elbow needs 4.0% more µs a degree"
+    assert offset == "Elbow stands at 0.0° where uzuner says -5.0° (+5.0°)"
+    with pytest.raises(CalibrationError, match="has no joint 'knee'; it has base, shoulder"):
+        differences(robot, "knee", same)
+
+
+def test_safe_outputs_hold_the_limits_and_stay_inside_the_servos_range() -> None:
+    robot = load_robot("uzuner")
+    own, joint = own_calibration(robot, "elbow"), robot.joints[2]
+    inside = fit_joint(HiddenJoint(own.zero, 8.0).marks(np.array([-60.0, 0.0, 60.0])))
+    assert safe_outputs(robot, "elbow", inside) == pytest.approx(
+        (inside.output(joint.lower), inside.output(joint.upper))
+    )
+    beyond = fit_joint(HiddenJoint(own.zero, -14.0).marks(np.array([-60.0, 0.0, 60.0])))
+    assert safe_outputs(robot, "elbow", beyond) == (own.low, own.high)
+    far = fit_joint(HiddenJoint(9000.0, 10.0).marks(np.array([-60.0, 0.0, 60.0])))
+    with pytest.raises(CalibrationError, match=r"need pulses of 8156 … 9951 µs, and pulse_us .* 602 … 2398"):
+        safe_outputs(robot, "elbow", far)
+
+
+def test_an_encoders_safe_counts_follow_its_limits_alone() -> None:
+    robot = load_robot("scorbot")
+    joint = robot.joints[0]
+    fit = fit_joint(HiddenJoint(300.0, 160.0).marks(np.array([-90.0, 0.0, 90.0])), "counts")
+    assert safe_outputs(robot, "waist", fit) == pytest.approx(
+        (fit.output(joint.lower), fit.output(joint.upper))
+    )

@@ -1,0 +1,261 @@
+"""Touched points: how far the tool is off, and which parameter is to blame."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from armctl.calibration import ToolError, tool_error
+from armctl.calibration.geometry import Geometry, Parameter
+from armctl.errors import CalibrationError
+from armctl.kinematics import DHChain, DHRow
+from armctl.robot import Joint, Robot, load_robot, shipped_robots
+
+FloatArray = NDArray[np.float64]
+TOUCH = 0.0003
+"""deviation of a coordinate of a simulated touch [m]"""
+AMOUNTS = {"zero": 3.0, "scale": 5.0, "a": 5.0, "d": 5.0, "base": 5.0}
+SEEN = 0.001
+"""an error that moves the tool by less than this is lost in the touches' own [m]"""
+
+
+def random_poses(robot: Robot, rng: np.random.Generator, count: int = 10) -> FloatArray:
+    return rng.uniform(robot.limits[:, 0], robot.limits[:, 1], (count, robot.n))
+
+
+def touched(
+    robot: Robot, q: FloatArray, rng: np.random.Generator, noise: float = TOUCH, **wrong: float
+) -> FloatArray:
+    """Where the tool truly is when errors are hidden in the arm, by the title of the parameter."""
+    parameters = Geometry(robot, q).parameters
+    errors = np.zeros(len(parameters))
+    for title, amount in wrong.items():
+        errors[[one.title for one in parameters].index(title)] = amount
+    tips = true_tips(robot, q, parameters, errors)
+    return tips + rng.normal(0.0, noise, tips.shape)
+
+
+def true_tips(robot: Robot, q: FloatArray, parameters: Sequence[Parameter], errors: FloatArray) -> FloatArray:
+    """By the forward kinematics of an arm that is built with the errors."""
+    rows, turned, base = list(robot.chain.rows), q.copy(), np.zeros(3)
+    for parameter, amount in zip(parameters, errors.tolist(), strict=True):
+        i = parameter.index
+        if parameter.kind == "zero":
+            turned[:, i] += np.radians(amount)
+        elif parameter.kind == "scale":
+            turned[:, i] += amount / 100 * q[:, i]
+        elif parameter.kind == "a":
+            rows[i] = replace(rows[i], a_m=rows[i].a_m + amount / 1000)
+        elif parameter.kind == "d":
+            rows[i] = replace(rows[i], d_m=rows[i].d_m + amount / 1000)
+        else:
+            base[i] = amount / 1000
+    chain = robot.chain if tuple(rows) == robot.chain.rows else DHChain(rows, robot.chain.convention)
+    return chain.forward(turned)[:, :3, 3] + base
+
+
+def random_arm(rng: np.random.Generator) -> Robot:
+    """Six joints with quarter-turn twists and lengths that nobody chose."""
+    uzuner = load_robot("uzuner")
+    rows = [
+        DHRow(
+            a_m=float(rng.uniform(0.02, 0.3)),
+            alpha_rad=float(rng.choice([-0.5, 0.5]) * np.pi),
+            d_m=float(rng.uniform(0.02, 0.3)),
+            theta_rad=float(rng.uniform(-1, 1)),
+        )
+        for _ in range(6)
+    ]
+    joints = tuple(Joint(f"j{i}", f"J{i}", -1.5, 1.5, 1.0, 1.0, 1.0, None) for i in range(6))
+    convention = "standard" if rng.random() < 0.5 else "modified"
+    return replace(
+        uzuner, name="random", joints=joints, chain=DHChain(rows, convention),
+        poses={"home": np.zeros(6), "rest": np.zeros(6)}, output_map=None,
+    )  # fmt: skip
+
+
+def model_holds(robot: Robot, rng: np.random.Generator) -> None:
+    q = random_poses(robot, rng, 4)
+    geometry = Geometry(robot, q)
+    at = rng.normal(0.0, 1.0, len(geometry.parameters))
+    tips, columns = geometry.tips(at)
+    np.testing.assert_allclose(tips, true_tips(robot, q, geometry.parameters, at), atol=1e-12)
+    for i in range(len(at)):
+        step = np.zeros(len(at))
+        step[i] = 1e-4
+        change = (geometry.tips(at + step)[0] - geometry.tips(at - step)[0]) / 2e-4
+        np.testing.assert_allclose(columns[..., i], change, atol=1e-9)
+
+
+@pytest.mark.parametrize("name", shipped_robots())
+def test_the_model_is_an_arm_with_errors_and_its_derivatives_are_differences(name: str) -> None:
+    model_holds(load_robot(name), np.random.default_rng(1))
+
+
+def test_the_model_holds_for_random_arms() -> None:
+    rng = np.random.default_rng(2)
+    for _ in range(4):
+        model_holds(random_arm(rng), rng)
+
+
+def check_every_parameter(robot: Robot, rng: np.random.Generator) -> tuple[int, int]:
+    """Hide an error in one parameter after the other; gives how many were seen, and how many named first."""
+    q = random_poses(robot, rng)
+    geometry = Geometry(robot, q)
+    _, columns = geometry.tips(np.zeros(len(geometry.parameters)))
+    seen = first = 0
+    for i, parameter in enumerate(geometry.parameters):
+        amount = AMOUNTS[parameter.kind] * float(rng.choice([-1, 1]))
+        moves = abs(amount) * float(np.sqrt(np.mean(np.sum(columns[..., i] ** 2, axis=1))))
+        error = tool_error(robot, q, touched(robot, q, rng, **{parameter.title: amount}))
+        if moves < SEEN:
+            continue
+        seen += 1
+        blame = error.blamed[0]
+        assert parameter.title in (blame.title, *blame.or_else), f"{parameter.title}: blamed {blame}"
+        assert error.rms_after_m < 4 * TOUCH < error.rms_m
+        if blame.title == parameter.title:
+            first += 1
+            assert abs(blame.amount - amount) < 5 * blame.standard_error
+    return seen, first
+
+
+@pytest.mark.parametrize("name", shipped_robots())
+def test_the_one_wrong_parameter_is_blamed(name: str) -> None:
+    """It is named, alone or among those that look the same with these points."""
+    seen, first = check_every_parameter(load_robot(name), np.random.default_rng(5))
+    assert seen >= 14 and first >= seen / 2
+
+
+def test_the_one_wrong_parameter_of_a_random_arm_is_blamed() -> None:
+    rng = np.random.default_rng(6)
+    for _ in range(2):
+        seen, first = check_every_parameter(random_arm(rng), rng)
+        assert seen >= 20 and first >= 0.8 * seen
+
+
+@pytest.mark.parametrize("name", shipped_robots())
+def test_a_good_arm_is_not_blamed(name: str) -> None:
+    robot, rng = load_robot(name), np.random.default_rng(8)
+    blamed = 0
+    for _ in range(10):
+        q = random_poses(robot, rng)
+        error = tool_error(robot, q, touched(robot, q, rng, noise=0.0005))
+        blamed += bool(error.blamed)
+        assert error.changes == () or error.blamed
+        assert error.rms_m < 0.002
+    assert blamed <= 1
+
+
+def test_two_wrong_parameters_are_both_found() -> None:
+    robot, rng = load_robot("scorbot"), np.random.default_rng(9)
+    q = random_poses(robot, rng, 15)
+    points = touched(robot, q, rng, **{"zero of Elbow": 3.0, "a_mm of DH row 2 (Shoulder)": -6.0})
+    error = tool_error(robot, q, points)
+    assert {one.title for one in error.blamed} == {"zero of Elbow", "a_mm of DH row 2 (Shoulder)"}
+    assert error.rms_after_m < 4 * TOUCH
+
+
+def measured(name: str, title: str, amount: float) -> ToolError:
+    robot, rng = load_robot(name), np.random.default_rng(10)
+    q = random_poses(robot, rng)
+    return tool_error(robot, q, touched(robot, q, rng, noise=0.0, **{title: amount}))
+
+
+def test_the_suggestion_is_what_the_arm_truly_is() -> None:
+    error = measured("scorbot", "a_mm of DH row 2 (Shoulder)", 4.0)
+    (change,) = error.changes
+    assert (change.table, change.key, change.old) == ('dh.rows, row 2 (joint = "shoulder")', "a_mm", 222.0)
+    assert change.new == pytest.approx(226.0, abs=1e-6)
+    assert error.toml() == '# [dh.rows, row 2 (joint = "shoulder")]\na_mm = 226  # was 222\n'
+    assert error.largest_after_m < 1e-8 < error.largest_m
+
+
+@pytest.mark.parametrize(("kind", "amount"), [("zero", 3.0), ("scale", 4.0)])
+@pytest.mark.parametrize(("name", "joint"), [("uzuner", "elbow"), ("scorbot", "elbow")])
+def test_a_corrected_map_sends_the_joint_where_it_is_said_to_be(
+    name: str, joint: str, kind: str, amount: float
+) -> None:
+    robot = load_robot(name)
+    error = measured(name, f"{kind} of Elbow", amount)
+    new = {change.key: change.new for change in error.changes}
+    old = {change.key: change.old for change in error.changes}
+    assert {change.table for change in error.changes} == {
+        f"joints.{joint}.{'servo' if name == 'uzuner' else 'encoder'}"
+    }
+    outputs = robot.output_map
+    assert outputs is not None
+    per, zero = np.radians(outputs.per_rad[2]), outputs.zero[2]
+    new_per = new.get("us_per_deg", new.get("counts_per_deg", per))
+    new_zero = new.get("zero_us", -new["home_deg"] * new_per if "home_deg" in new else zero)
+    for said in (-40.0, 0.0, 50.0):
+        output = zero + per * said
+        truly = said + amount if kind == "zero" else said * (1 + amount / 100)
+        assert (output - new_zero) / new_per == pytest.approx(truly, abs=1e-5)
+    for key, value in old.items():
+        assert value == pytest.approx(
+            {"zero_us": zero, "us_per_deg": per, "counts_per_deg": per, "home_deg": -zero / per}[key]
+        )
+
+
+def test_what_cannot_be_told_apart_is_said() -> None:
+    error = measured("scorbot", "zero of Elbow", 3.0)
+    told = "; ".join(error.not_told_apart)
+    assert "these points do not show the zero of Wrist roll" in told
+    assert "d_mm of DH row 1 (Waist), place of the points along z" in told
+    assert "d_mm of DH row 2 (Shoulder), d_mm of DH row 3 (Elbow), d_mm of DH row 4 (Wrist pitch)" in told
+
+
+def test_poses_that_hardly_differ_leave_more_untold() -> None:
+    robot, rng = load_robot("scorbot"), np.random.default_rng(12)
+    near = robot.pose("home") + rng.uniform(-1e-3, 1e-3, (10, robot.n))
+    near[:, 0] += np.linspace(-1.0, 1.0, 10)
+    wide = tool_error(robot, q := random_poses(robot, rng), touched(robot, q, rng))
+    narrow = tool_error(robot, near, touched(robot, near, rng))
+    assert sum(one.count(",") for one in narrow.not_told_apart) > sum(
+        one.count(",") for one in wide.not_told_apart
+    )
+
+
+def test_a_point_that_was_not_touched_right_is_named() -> None:
+    robot, rng = load_robot("scorbot"), np.random.default_rng(13)
+    q = random_poses(robot, rng, 14)
+    points = touched(robot, q, rng)
+    points[4] += [0.0, 0.0, 0.012]
+    error = tool_error(robot, q, points)
+    assert 4 in error.stray
+    assert any(line.startswith("point 5 is still 1") for line in error.words) or error.blamed
+
+
+def test_the_words_give_the_figures() -> None:
+    error = measured("scorbot", "zero of Elbow", 3.0)
+    first, blame, after, *_ = error.words
+    assert first == (
+        f"tool error of 10 points: RMS {1000 * error.rms_m:.2f} mm, largest {1000 * error.largest_m:.2f} mm"
+    )
+    assert blame.startswith("to blame: zero of Elbow: +3.00 ° (± ")
+    assert after == "with that corrected: RMS 0.00 mm, largest 0.00 mm"
+    robot = load_robot("scorbot")
+    q = random_poses(robot, np.random.default_rng(1))
+    good = tool_error(robot, q, robot.forward(q)[:, :3, 3])
+    assert good.words[1] == "no parameter is to blame: none explains more of it than chance would"
+    assert good.toml() == ""
+
+
+def test_points_that_tell_nothing_are_refused() -> None:
+    robot = load_robot("scorbot")
+    q = random_poses(robot, np.random.default_rng(1))
+    points = robot.forward(q)[:, :3, 3]
+    with pytest.raises(CalibrationError, match="5 points are too few"):
+        tool_error(robot, q[:5], points[:5])
+    with pytest.raises(CalibrationError, match=r"5 joint angles and x, y, z; got .* \(10, 4\) and \(10, 3\)"):
+        tool_error(robot, q[:, :4], points)
+    with pytest.raises(CalibrationError, match="within 20 mm"):
+        tool_error(robot, q, np.zeros((10, 3)))
+    points[3, 1] = np.nan
+    with pytest.raises(CalibrationError, match="point 4 holds a value that is not a finite number"):
+        tool_error(robot, q, points)

@@ -1,0 +1,178 @@
+"""doctor: what it prints for each simulated board, over each kind of line, and its exit status."""
+
+from __future__ import annotations
+
+import getpass
+import json
+import os
+import signal
+import socket
+import subprocess
+import sys
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+from armctl.cli.main import DONE, REFUSED, WRONG_USAGE, run
+from armctl.errors import PortError
+from armctl.hardware.maestro import MaestroSettings, SerialMode, SimulatedMaestro, serve_simulated_maestro
+from armctl.runtime.clock import ManualClock
+
+
+@pytest.fixture(autouse=True)
+def nobody(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A computer without boards, whose names would show if they got into a report."""
+    monkeypatch.setattr("armctl.cli.doctor.list_ports", list)
+    monkeypatch.setattr(socket, "gethostname", lambda: "babbage.lan")
+    monkeypatch.setattr(getpass, "getuser", lambda: "lovelace")
+    monkeypatch.setattr(Path, "home", lambda: Path("/home/lovelace"))
+
+
+def record(capsys: pytest.CaptureFixture[str], *words: str) -> tuple[int, dict[str, str], dict[str, str]]:
+    """Exit status, verdict by check (the last one counts) and what was seen by check."""
+    status = run(["doctor", *words, "--json"])
+    out, err = capsys.readouterr()
+    assert err == ""
+    findings = json.loads(out)["findings"]
+    return (
+        status,
+        {one["check"]: one["verdict"] for one in findings},
+        {one["check"]: one["seen"] for one in findings},
+    )
+
+
+@pytest.mark.parametrize(
+    ("robot", "answers"),
+    [("uzuner", "Pololu Maestro"), ("abaas", "StandardFirmata"), ("scorbot", "armctl-encoder")],
+)
+def test_the_simulated_board_of_each_kind_is_well(capsys: pytest.CaptureFixture[str], robot, answers):
+    status, verdicts, seen = record(capsys, "--port", "sim", "--robot", robot)
+    assert status == DONE
+    assert "failed" not in verdicts.values()
+    assert seen["who answers"].startswith(answers)
+    assert (verdicts["channels"], verdicts["round trips"] in ("ok", "warning")) == ("ok", True)
+
+
+def test_the_report_for_people(capsys: pytest.CaptureFixture[str]):
+    assert run(["doctor", "--port", "sim", "--robot", "uzuner"]) == DONE
+    out = capsys.readouterr().out
+    first, second, *_ = out.splitlines()
+    assert first.startswith("armctl doctor: Python 3.")
+    assert "pyserial 3." in first
+    assert second == "port sim, robot uzuner"
+    assert "\nok          channels        channels 0, 1, 2, 3, 4, 5: the board has them\n" in out
+    assert "\n                            -> set " in out
+    assert out.splitlines()[-1].endswith("3 not checked")
+
+
+def test_a_pty_by_its_link_without_a_robot(capsys: pytest.CaptureFixture[str], tmp_path: Path):
+    with serve_simulated_maestro(ManualClock().now, link=tmp_path / "arm"):
+        status, verdicts, seen = record(capsys, "--port", str(tmp_path / "arm"))
+    assert status == DONE
+    assert seen["who answers"] == "Pololu Maestro"
+    assert verdicts["channels"] == "not checked"
+
+
+def test_a_board_that_another_process_simulates(capsys: pytest.CaptureFixture[str], tmp_path: Path):
+    process = subprocess.Popen(
+        [sys.executable, "-m", "armctl", "simulate", "maestro", "--link", str(tmp_path / "arm")],
+        stdout=subprocess.PIPE,
+        text=True,
+        env=os.environ | {"PYTHONUNBUFFERED": "1"},
+    )
+    try:
+        assert process.stdout is not None
+        process.stdout.readline()  # it says so once the port is there
+        status, verdicts, _ = record(capsys, "--port", str(tmp_path / "arm"), "--robot", "uzuner")
+    finally:
+        process.send_signal(signal.SIGINT)
+        process.communicate(timeout=20)
+    assert status == DONE
+    assert verdicts["other programs"] == "ok"
+
+
+def test_the_kind_may_stand_in_front_of_the_port(capsys: pytest.CaptureFixture[str], tmp_path: Path):
+    with serve_simulated_maestro(ManualClock().now, link=tmp_path / "arm"):
+        status, _, seen = record(capsys, "--port", f"encoder:{tmp_path / 'arm'}")
+    assert status == REFUSED
+    assert "a maestro board, but" in seen["who answers"]
+
+
+@contextmanager
+def maestro_on_tcp() -> Iterator[int]:
+    """A simulated Maestro behind a TCP port, as a serial-to-network bridge would show it."""
+    board = SimulatedMaestro()
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+
+        def serve() -> None:
+            connection, _ = listener.accept()
+            with connection:
+                while data := connection.recv(4096):
+                    connection.sendall(board.feed(data))
+
+        thread = threading.Thread(target=serve, daemon=True)
+        thread.start()
+        yield listener.getsockname()[1]
+        thread.join(timeout=20)
+        assert not thread.is_alive()
+
+
+def test_a_board_behind_a_socket(capsys: pytest.CaptureFixture[str]):
+    with maestro_on_tcp() as port:
+        status, _, seen = record(capsys, "--port", f"socket://127.0.0.1:{port}", "--robot", "uzuner")
+    assert status == DONE
+    assert seen["who answers"] == "Pololu Maestro"
+
+
+def test_a_board_in_the_factorys_serial_mode_fails_with_advice(capsys: pytest.CaptureFixture[str], tmp_path):
+    settings = MaestroSettings(serial_mode=SerialMode.UART_DETECT_BAUD)
+    with serve_simulated_maestro(ManualClock().now, settings=settings, link=tmp_path / "arm"):
+        assert run(["doctor", "--port", str(tmp_path / "arm"), "--robot", "uzuner"]) == REFUSED
+    out = capsys.readouterr().out
+    assert "failed      who answers     nobody that armctl knows answers\n" in out
+    assert "USB Dual Port" in out
+    assert "not checked round trips" in out
+
+
+def test_a_port_that_is_not_there(capsys: pytest.CaptureFixture[str], tmp_path: Path):
+    status, verdicts, seen = record(capsys, "--port", str(tmp_path / "none"))
+    assert status == REFUSED
+    assert verdicts["port"] == "failed"
+    assert seen["port"] == f"{tmp_path / 'none'} does not exist"
+
+
+def test_auto_without_a_board_is_a_report_too(capsys: pytest.CaptureFixture[str]):
+    status, _, seen = record(capsys, "--port", "auto", "--robot", "scorbot")
+    assert status == REFUSED
+    assert seen["port"].startswith("no Arduino found; serial ports: none at all")
+
+
+def test_the_report_names_nobody(capsys: pytest.CaptureFixture[str]):
+    for words in (
+        ("--port", "/home/lovelace/arm"),
+        ("--port", "socket://babbage.lan:1"),
+        ("--port", "/media/lovelace/arm", "--json"),
+    ):
+        assert run(["doctor", *words]) == REFUSED
+        out = capsys.readouterr().out
+        assert "lovelace" not in out
+        assert "babbage" not in out
+        assert "arm" in out or "<host>" in out
+
+
+def test_a_robot_that_does_not_exist_is_wrong_usage_not_a_report(capsys: pytest.CaptureFixture[str]):
+    assert run(["doctor", "--port", "sim", "--robot", "r2d2"]) == REFUSED
+    assert "r2d2" in capsys.readouterr().err
+    assert run(["doctor"]) == WRONG_USAGE
+
+
+def test_what_breaks_the_listing_is_a_report(capsys: pytest.CaptureFixture[str], monkeypatch):
+    def broken() -> list[object]:
+        raise PortError("the system lists no ports")
+
+    monkeypatch.setattr("armctl.cli.doctor.list_ports", broken)
+    status, _, seen = record(capsys, "--port", "auto")
+    assert (status, seen) == (REFUSED, {"port": "the system lists no ports"})

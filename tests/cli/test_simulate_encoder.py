@@ -1,0 +1,77 @@
+"""``armctl simulate encoder``, for a client that knows only bytes and for the driver."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+import serial
+
+from armctl.cli.main import REFUSED, run
+from armctl.hardware.encoder import EncoderDriver
+from armctl.robot import load_robot
+from armctl.runtime import MonotonicClock, channel_settings
+
+
+@contextmanager
+def simulated(*words: str) -> Iterator[str]:
+    """The command in a process of its own; gives the line that it prints."""
+    process = subprocess.Popen(
+        [sys.executable, "-m", "armctl", "simulate", "encoder", *words],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env=os.environ | {"PYTHONUNBUFFERED": "1"},
+    )
+    assert process.stdout is not None and process.stderr is not None
+    try:
+        yield process.stdout.readline()
+    finally:
+        process.send_signal(signal.SIGINT)
+        _, errors = process.communicate(timeout=20)
+        assert process.returncode == 0, errors
+        assert "Traceback" not in errors
+
+
+def test_any_client_can_talk_to_it(tmp_path: Path) -> None:
+    link = tmp_path / "encoder"
+    with simulated("--link", str(link)) as said:
+        assert str(link) in said
+        with serial.Serial(str(link), timeout=10) as port:
+            port.write(b"2 EN 1*5689\n")
+            while not (line := port.readline()).startswith(b"2 "):
+                assert line, "nothing came within ten seconds"
+            assert line == b"2 ok*055E\n"
+    assert not link.is_symlink()
+
+
+def test_the_driver_opens_it_like_a_board(tmp_path: Path) -> None:
+    link = tmp_path / "encoder"
+    robot = load_robot("scorbot")
+    with simulated("--link", str(link)):
+        driver = EncoderDriver(
+            str(link),
+            axes=robot.axes,
+            differential=robot.differential,
+            now=MonotonicClock().now,
+            ports=list,
+            timeout_s=10.0,
+        )
+        assert driver.open().kind == "armctl encoder board, firmware 1.0.0"
+        driver.configure(channel_settings(robot))
+        driver.home()
+        readback = driver.read()
+        assert readback.homing is not None and readback.homing.running == 5, "the gripper is the first"
+        driver.release()
+        driver.close()
+
+
+def test_a_robot_with_servos_has_no_such_board(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(["simulate", "encoder", "--robot", "uzuner"]) == REFUSED
+    assert "uzuner has no motors with encoders" in capsys.readouterr().err

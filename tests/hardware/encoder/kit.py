@@ -1,0 +1,96 @@
+"""What the tests of the encoder board share."""
+
+from __future__ import annotations
+
+from armctl.hardware import ByteModel, ChannelSettings, LoopTransport
+from armctl.hardware.encoder import AxisPlant, EncoderDriver, SimulatedEncoderBoard
+from armctl.robot import EncoderAxis
+from armctl.runtime.clock import ManualClock
+
+PERIOD_S = 0.02
+
+
+def encoder_axis(axis: int, **changes) -> EncoderAxis:
+    """An axis with round numbers, which finds its switch at home_toward."""
+    own = dict(
+        axis=axis,
+        home_order=axis + 1,
+        home_toward=1,
+        home_by="switch",
+        home_speed=400.0,
+        p=0.01,
+        i=0.01,
+        d=0.0,
+        breakaway=0.2,
+        following_error=600.0,
+        stall_s=0.3,
+        encoder_inverted=False,
+        motor_inverted=False,
+    )
+    return EncoderAxis(**(own | changes))
+
+
+AXES = (
+    encoder_axis(0, home_order=2),
+    encoder_axis(1, home_order=7, home_toward=-1),
+    encoder_axis(2, home_order=1),
+)
+CHANNELS = [
+    ChannelSettings(0, -1000.0, 1000.0, speed=2000.0, acceleration=20000.0),
+    ChannelSettings(1, -1000.5, 900.5, speed=1000.0, acceleration=10000.0),
+    ChannelSettings(2, -500.0, 500.0, speed=1000.0, acceleration=10000.0),
+]
+PLANTS = {
+    0: AxisPlant(start=-200.0),
+    1: AxisPlant(switch=(-200.0, 0.0), start=100.0),
+    2: AxisPlant(low=-700.0, high=700.0, start=50.0),
+}
+
+
+class Bench:
+    """A driver over a loop to a simulated board, on a clock of its own."""
+
+    def __init__(self, clock: ManualClock, line: ByteModel | None = None, **options) -> None:
+        self.clock = clock
+        self.board = SimulatedEncoderBoard(PLANTS)
+        self.line: ByteModel = self.board if line is None else line
+        self.driver = EncoderDriver(
+            lambda: LoopTransport(self.line, clock.now, clock.advance), axes=AXES, now=clock.now, **options
+        )
+
+    def connect(self) -> Bench:
+        self.driver.open()
+        self.driver.configure(CHANNELS)
+        return self
+
+    def wait(self, seconds: float):
+        """Let time pass as the runtime does: a reading every 20 ms. The last one."""
+        readback = self.driver.read()
+        for _ in range(round(seconds / PERIOD_S)):
+            self.clock.advance(PERIOD_S)
+            readback = self.driver.read()
+        return readback
+
+    def home(self):
+        """Home every axis; the last reading."""
+        self.driver.home()
+        for _ in range(1000):
+            self.clock.advance(PERIOD_S)
+            readback = self.driver.read()
+            assert not readback.errors and not readback.faults
+            if readback.homing.done:
+                return self.wait(0.1)
+        raise AssertionError("homing does not end")
+
+    def stream(self, setpoints: dict[int, float], seconds: float):
+        """Write the same setpoints every 20 ms; the last reading."""
+        readback = self.driver.read()
+        for _ in range(round(seconds / PERIOD_S)):
+            self.driver.write(setpoints)
+            self.clock.advance(PERIOD_S)
+            readback = self.driver.read()
+        return readback
+
+    def executed(self) -> list[str]:
+        """The lines that the board took."""
+        return [one.text for one in self.board.log]

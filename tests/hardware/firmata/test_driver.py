@@ -1,0 +1,385 @@
+"""The driver against golden bytes, and against the simulated board on a manual clock."""
+
+from __future__ import annotations
+
+import math
+from itertools import pairwise
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from armctl.errors import BoardError, PortError
+from armctl.hardware import ChannelSettings, PortInfo, Source
+from armctl.hardware.firmata import FirmataDriver, SimulatedFirmata
+from armctl.hardware.firmata.driver import COMMANDED_NOTE, WATCHDOG_NOTE
+from armctl.runtime.clock import ManualClock
+
+from .conftest import CHANNELS, FRAME_S, PINS, Session
+
+BYTE_S = 10 / 57600
+
+
+def test_the_bytes_of_a_whole_session(clock: ManualClock):
+    session = Session(SimulatedFirmata(boot_s=1.7), clock, ask_after_s=2.5)
+    driver = session.driver
+    driver.open()
+    driver.configure(CHANNELS)
+    session.frame()
+    session.frame({22: 2000.0, 9: 1500.0})
+    for _ in range(2):
+        session.frame({22: 2000.0, 9: 1500.0})
+    session.frame({22: 2000.0, 9: 1501.4})
+    driver.stop()
+    driver.release()
+    driver.close()
+    questions = "f0 6d 09 f7 f0 6d 16 f7"
+    assert session.line.bursts == [
+        "f0 79 f7",
+        "f0 6b f7",
+        questions,  # configure
+        questions,  # the first frame
+        "f0 79 f7 f0 79 f7 f0 79 f7 f0 70 09 68 07 50 0f f7 f0 6f 09 5c 0b f7 "
+        "f0 70 16 68 07 50 0f f7 f0 6f 16 50 0f f7",  # on: each config with its first pulse right behind
+        questions,
+        questions,  # two frames in which nothing changes
+        "f0 6f 09 5d 0b f7",  # 1501, and nothing for the pin that stays
+        questions,
+        "f4 16 01 f4 09 01",  # off
+        questions,
+    ]
+
+
+def test_identity():
+    clock = ManualClock()
+    session = Session(SimulatedFirmata(), clock)
+    identity = session.driver.open()
+    assert identity.kind == "Arduino with StandardFirmata 2.5"
+    assert identity.port == "loop"
+    assert identity.serial_number is None
+    assert identity.simulated is False
+    assert identity.notes == (WATCHDOG_NOTE, COMMANDED_NOTE)
+    assert Session(SimulatedFirmata(), clock, simulated=True).driver.open().notes == (COMMANDED_NOTE,)
+
+
+def test_that_the_board_has_no_watchdog_is_said():
+    assert "no watchdog" in WATCHDOG_NOTE
+    assert "switch for the servos' supply" in WATCHDOG_NOTE
+
+
+@pytest.mark.parametrize("call", ["read", "stop", "release", "configure", "write"])
+def test_nothing_works_before_open(call: str):
+    driver = FirmataDriver("/dev/ttyACM0", now=lambda: 0.0)
+    arguments = {"configure": [CHANNELS], "write": [{}]}.get(call, [])
+    with pytest.raises(BoardError, match="the Arduino is not connected; connect first"):
+        getattr(driver, call)(*arguments)
+
+
+@pytest.mark.parametrize(
+    ("kind", "why_not", "says"),
+    [
+        ("Arduino Mega", "no permission to open it", "no permission to open it"),
+        (
+            "Pololu Micro Maestro 6-channel",
+            None,
+            "speaks no Firmata; choose a robot file whose board kind is maestro",
+        ),
+    ],
+)
+def test_a_port_that_the_listing_rules_out_is_not_opened(kind: str, why_not: str | None, says: str):
+    port = PortInfo("/dev/ttyACM7", kind, "", "1", why_not is None, why_not)
+    driver = FirmataDriver("/dev/ttyACM7", now=lambda: 0.0, ports=lambda: [port])
+    with pytest.raises(PortError, match=says):
+        driver.open()
+
+
+def test_homing_is_refused(connect):
+    with pytest.raises(BoardError, match="hobby servos need no homing"):
+        connect(SimulatedFirmata()).driver.home()
+
+
+def test_opening_and_configuring_send_no_pulse(clock: ManualClock, connect):
+    board = SimulatedFirmata()
+    session = connect(board)
+    for _ in range(50):
+        readback = session.frame()
+        assert readback.positions == {9: None, 22: None}
+        assert readback.powered is False
+    assert all(board.pulses(pin) == () for pin in range(70))
+
+
+def test_positions_are_commanded_and_only_where_pulses_are_on(connect):
+    session = connect(SimulatedFirmata())
+    readback = session.switch_on({9: 1500.0})
+    assert readback.positions == {9: 1500.0, 22: None}
+    assert readback.source is Source.COMMANDED
+    assert readback.powered is True
+    assert readback.errors == ()
+    assert readback.homing is None
+
+
+@pytest.mark.parametrize("pin", [2, 13, 14, 15, 16, 22, 49])
+@pytest.mark.parametrize("pulse_us", [544.0, 900.0, 1500.0, 2400.0, 2912.0])
+def test_the_first_pulse_is_the_right_one_on_any_pin(clock: ManualClock, connect, pin: int, pulse_us: float):
+    board = SimulatedFirmata()
+    session = connect(board, channels=[ChannelSettings(pin, 544.0, 2912.0)])
+    session.switch_on({pin: pulse_us})
+    for _ in range(3):
+        session.frame({pin: pulse_us})
+    assert {pulse.width_us for pulse in board.pulses(pin)} == {pulse_us}
+    assert [number for number in range(70) if board.pulses(number)] == [pin]
+
+
+def test_a_whole_arm_is_on_after_a_few_frames_and_no_pulse_is_wrong(clock: ManualClock, connect):
+    board = SimulatedFirmata()
+    pulses = {pin: 1000.0 + 10 * pin for pin in range(2, 18)}
+    session = connect(board, channels=[ChannelSettings(pin, 1000, 2000) for pin in pulses])
+    started = clock.now()
+    session.switch_on(pulses)
+    assert clock.now() - started <= 0.3
+    session.frame(pulses)
+    for pin, pulse_us in pulses.items():
+        assert {pulse.width_us for pulse in board.pulses(pin)} == {pulse_us}
+
+
+def test_switched_off_and_on_again_each_pin_begins_where_it_is_sent(clock: ManualClock, connect):
+    board = SimulatedFirmata()
+    session = connect(board)
+    session.switch_on({9: 1100.0, 22: 1900.0})
+    session.frame()
+    session.driver.release()
+    clock.advance(0.5)
+    before = {pin: len(board.pulses(pin)) for pin in PINS}
+    session.switch_on({9: 1200.0, 22: 1800.0})
+    session.frame()
+    assert {pulse.width_us for pulse in board.pulses(9)[before[9] :]} == {1200}
+    assert {pulse.width_us for pulse in board.pulses(22)[before[22] :]} == {1800}
+
+
+def test_a_stream_reaches_the_pins_within_a_frame_each_and_none_is_lost(clock: ManualClock, connect):
+    board = SimulatedFirmata()
+    session = connect(board)
+    session.switch_on({9: 1000.0, 22: 2000.0})
+    for _ in range(3):
+        session.frame()
+    start = clock.now()
+    for step in range(500):
+        session.frame({9: 1001.0 + step, 22: 1999.0 - step})
+    session.frame()
+    session.frame()
+    streamed = [pulse.width_us for pulse in board.pulses(9) if pulse.time > start + 2 * FRAME_S]
+    assert streamed[-1] == 1500
+    assert all(0 <= after - before <= 2 for before, after in pairwise(streamed))
+    assert board.pulses(22)[-1].width_us == 1500
+
+
+@pytest.mark.parametrize("rate_hz", [50, 100, 200])
+@pytest.mark.parametrize("pins", [1, 6, 12, 16])
+def test_the_line_is_never_given_more_than_it_carries(clock: ManualClock, connect, rate_hz: int, pins: int):
+    board = SimulatedFirmata()
+    numbers = range(2, 2 + pins)
+    session = connect(board, channels=[ChannelSettings(pin, 1000, 2000) for pin in numbers])
+    session.switch_on(dict.fromkeys(numbers, 1000.0))
+    clock.advance(0.1)
+    session.line.written.clear()
+    start = clock.now()
+    for step in range(2 * rate_hz):
+        clock.advance(1 / rate_hz)
+        session.driver.write(dict.fromkeys(numbers, 1001.0 + 499.0 * step / rate_hz))
+        session.driver.read()
+    written = session.line.written
+    backlog_s, before = 0.0, start
+    for time, data in written:
+        backlog_s = max(0.0, backlog_s - (time - before)) + len(data) * BYTE_S
+        before = time
+        assert backlog_s <= FRAME_S
+    setpoints = [time for time, data in written if data[1] == 0x6F]
+    assert max(after - before for before, after in pairwise(setpoints)) <= FRAME_S + 1 / rate_hz + 1e-6
+    asked = [data.hex() for _, data in written if data[1] == 0x6D]
+    assert all(any(f"f06d{pin:02x}f7" in burst for burst in asked) for pin in numbers)
+    clock.advance(0.05)
+    session.driver.read()
+    board.advance(clock.now() + 0.05)
+    assert {board.pulses(pin)[-1].width_us for pin in numbers} == {round(1001.0 + 499.0 * (2 - 1 / rate_hz))}
+
+
+@pytest.mark.parametrize("pins", [1, 6, 12])
+def test_whoever_reads_first_loses_no_frame(clock: ManualClock, connect, pins: int):
+    numbers = range(2, 2 + pins)
+    session = connect(SimulatedFirmata(), channels=[ChannelSettings(pin, 1000, 2000) for pin in numbers])
+    session.switch_on(dict.fromkeys(numbers, 1000.0))
+    clock.advance(0.1)
+    for step in range(100):
+        clock.advance(FRAME_S)
+        session.driver.read()
+        session.line.written.clear()
+        session.driver.write(dict.fromkeys(numbers, 1001.0 + step))
+        assert [len(data) for _, data in session.line.written] == [6 * pins]
+
+
+def test_reading_never_waits(clock: ManualClock, connect):
+    session = connect(SimulatedFirmata())
+    session.switch_on({9: 1500.0})
+    for _ in range(100):
+        before = clock.now()
+        session.frame({9: 1500.0})
+        assert clock.now() - before == pytest.approx(FRAME_S)
+
+
+def test_what_does_not_change_is_not_sent_again(connect):
+    session = connect(SimulatedFirmata())
+    session.switch_on({9: 1500.0})
+    session.frame()
+    session.line.written.clear()
+    for _ in range(20):
+        session.frame({9: 1500.0})
+    assert all(data[1] == 0x6D for _, data in session.line.written)
+
+
+def test_a_setpoint_outside_its_range_is_refused_before_anything_is_sent(connect):
+    session = connect(SimulatedFirmata())
+    session.switch_on({9: 1500.0})
+    session.clock.advance(0.1)
+    count = len(session.line.bursts)
+    for bad in (999.0, 2001.0, math.nan, math.inf):
+        with pytest.raises(BoardError, match=r"pin 22: .* is outside 1000 … 2000 µs; nothing was sent"):
+            session.driver.write({9: 1600.0, 22: bad})
+    with pytest.raises(BoardError, match="pin 5 is not configured"):
+        session.driver.write({9: 1600.0, 5: 1500.0})
+    assert len(session.line.bursts) == count
+    assert session.frame().positions == {9: 1500.0, 22: None}
+
+
+def test_settings_that_the_board_cannot_have_are_refused(connect):
+    session = connect(SimulatedFirmata())
+    count = len(session.line.bursts)
+    with pytest.raises(
+        BoardError, match="pin 54 cannot drive a servo on this board; the pins that can: 2 … 49"
+    ):
+        session.driver.configure([ChannelSettings(54, 1000, 2000)])
+    with pytest.raises(BoardError, match="500 … 2000 µs is no range for a servo on a Firmata board"):
+        session.driver.configure([ChannelSettings(9, 500, 2000)])
+    assert len(session.line.bursts) == count
+
+
+@settings(deadline=None)
+@given(
+    st.lists(
+        st.dictionaries(
+            st.sampled_from(PINS),
+            st.floats(allow_nan=True, allow_infinity=True) | st.floats(900.0, 2100.0),
+            max_size=2,
+        ),
+        max_size=10,
+    )
+)
+def test_no_pulse_ever_leaves_its_limits(writes):
+    clock = ManualClock()
+    board = SimulatedFirmata()
+    session = Session(board, clock)
+    session.driver.open()
+    session.driver.configure(CHANNELS)
+    for setpoints in writes:
+        clock.advance(FRAME_S)
+        inside = all(1000.0 <= pulse <= 2000.0 for pulse in setpoints.values())
+        try:
+            session.driver.write(setpoints)
+        except BoardError:
+            assert not inside
+        else:
+            assert inside
+        session.driver.read()
+    clock.advance(0.1)
+    board.advance(clock.now())
+    for pin in PINS:
+        assert all(1000 <= pulse.width_us <= 2000 for pulse in board.pulses(pin))
+
+
+def test_stop_sends_nothing_and_drops_what_waits(clock: ManualClock, connect):
+    board = SimulatedFirmata()
+    session = connect(board)
+    session.switch_on({9: 1500.0, 22: 1500.0})
+    session.frame({9: 1510.0, 22: 1510.0})
+    session.driver.write({9: 1600.0})  # the line is still busy
+    count = len(session.line.bursts)
+    session.driver.stop()
+    assert len(session.line.bursts) == count
+    clock.advance(1.0)
+    assert session.driver.read().positions[9] < 1600.0
+    assert board.pulses(9)[-1].width_us < 1600
+
+
+def test_release_switches_every_configured_pin_off_and_no_other(clock: ManualClock, connect):
+    board = SimulatedFirmata()
+    board.advance(clock.now())
+    board.feed(bytes.fromhex("f0 70 05 20 04 60 12 f7 f0 6f 05 5c 0b f7"))
+    session = connect(board)
+    session.switch_on({9: 1500.0, 22: 1600.0})
+    session.driver.release()
+    readback = session.frame()
+    assert readback.positions == {9: None, 22: None}
+    assert readback.powered is False
+    counts = {pin: len(board.pulses(pin)) for pin in (5, 9, 22)}
+    for _ in range(50):
+        assert session.frame().errors == ()
+    assert [len(board.pulses(pin)) for pin in (9, 22)] == [counts[9], counts[22]]
+    assert len(board.pulses(5)) > counts[5]
+    assert board.mode(9) == board.mode(22) == 1  # low, not floating
+
+
+def test_release_with_questions_on_their_way(clock: ManualClock, connect):
+    session = connect(SimulatedFirmata())
+    for _ in range(5):
+        session.switch_on({9: 1500.0, 22: 1600.0})
+        session.driver.release()
+        for _ in range(30):
+            assert session.frame().positions == {9: None, 22: None}
+
+
+def test_pins_that_are_on_already_are_taken_over_without_a_jolt(clock: ManualClock, connect):
+    board = SimulatedFirmata()
+    board.advance(clock.now())
+    board.feed(bytes.fromhex("f0 70 16 20 04 60 12 f7 f0 6f 16 50 0d f7"))  # 1744 µs
+    session = connect(board)
+    assert session.driver.read().positions == {9: None, 22: 1744.0}
+    session.frame({22: 1745.0})
+    session.frame()
+    session.frame()
+    assert {pulse.width_us for pulse in board.pulses(22)} == {1744, 1745}
+    assert not any(b"\xf0\x70" in data for _, data in session.line.written)
+
+
+def test_a_pin_that_was_left_at_degrees_is_on_at_no_known_width(clock: ManualClock, connect):
+    board = SimulatedFirmata()
+    board.advance(clock.now())
+    board.feed(bytes.fromhex("f4 09 04 e9 5a 00"))  # 90°
+    session = connect(board)
+    readback = session.driver.read()
+    assert readback.positions == {9: None, 22: None}
+    assert readback.powered is True
+
+
+def test_opening_again_forgets_the_pins(connect):
+    session = connect(SimulatedFirmata())
+    session.driver.open()
+    with pytest.raises(BoardError, match="pin 9 is not configured"):
+        session.driver.write({9: 1500.0})
+
+
+def test_closing_leaves_the_pulses_on_and_may_be_done_twice(clock: ManualClock, connect):
+    board = SimulatedFirmata()
+    session = connect(board)
+    session.switch_on({9: 1500.0})
+    session.driver.close()
+    session.driver.close()
+    before = len(board.pulses(9))
+    board.advance(clock.now() + 1.0)
+    assert len(board.pulses(9)) >= before + 49
+
+
+def test_what_the_sketch_says_in_words_is_told(clock: ManualClock, connect):
+    board = SimulatedFirmata()
+    session = connect(board)
+    session.line.write(bytes.fromhex("f4 09 33"))
+    assert session.frame().errors == ("the sketch says: Unknown pin mode",)
+    assert session.frame().errors == ()

@@ -1,0 +1,215 @@
+"""What the driver does on a bad line, and with a board that starts anew."""
+
+from __future__ import annotations
+
+import pytest
+
+from armctl.errors import BoardError, BoardProtocolError, BoardTimeoutError
+from armctl.hardware import ChannelSettings, Fault, FaultyModel
+from armctl.hardware.firmata import SimulatedFirmata
+from armctl.runtime.clock import ManualClock
+
+from .conftest import CHANNELS
+
+ON = {9: 1500.0, 22: 1600.0}
+
+
+@pytest.fixture
+def board() -> SimulatedFirmata:
+    return SimulatedFirmata()
+
+
+@pytest.fixture
+def faults(board: SimulatedFirmata) -> FaultyModel:
+    return FaultyModel(board)
+
+
+@pytest.fixture
+def session(faults: FaultyModel, connect):
+    running = connect(faults)
+    running.switch_on(ON)
+    for _ in range(3):
+        running.frame(ON)
+    return running
+
+
+def test_a_setpoint_that_never_arrived_is_told_and_sent_again(session, board, faults):
+    faults.inject(Fault.DROP_COMMAND)
+    session.frame({9: 1700.0})
+    assert board.pulses(9)[-1].width_us == 1500
+    errors = [error for _ in range(4) for error in session.frame().errors]
+    assert errors == [
+        "pin 9 had 1500 instead of the 1700 µs last sent: bytes were lost or garbled on the line; sent "
+        "again. Check the USB cable"
+    ]
+    session.frame()
+    assert board.pulses(9)[-1].width_us == 1700
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_a_garbled_setpoint_is_put_right_within_a_few_frames(connect, seed: int):
+    board = SimulatedFirmata()
+    faults = FaultyModel(board, seed)
+    session = connect(faults)
+    session.switch_on(ON)
+    for _ in range(3):
+        session.frame(ON)
+    faults.inject(Fault.GARBLE_COMMAND)
+    outcomes = []
+    for _ in range(20):
+        try:
+            session.frame({9: 1700.0, 22: 1600.0})
+        except (BoardTimeoutError, BoardProtocolError) as error:
+            outcomes.append(error)
+        except BoardError as error:
+            # A flipped bit may make a reset, or another mode, out of anything: the pins are off then.
+            assert "restarted" in str(error)
+            assert board.mode(9) != 4 or board.mode(22) != 4
+            return
+    session.frame()
+    assert (board.pulses(9)[-1].width_us, board.pulses(22)[-1].width_us) == (1700, 1600)
+
+
+@pytest.mark.parametrize("fault", [Fault.DROP_REPLY, Fault.HALF_REPLY])
+def test_an_answer_that_is_lost_is_a_timeout_once(session, board, faults, fault: Fault):
+    faults.inject(fault)
+    timeouts, malformed = [], []
+    for _ in range(40):
+        try:
+            session.frame(ON)
+        except BoardTimeoutError as error:
+            timeouts.append(str(error))
+        except BoardProtocolError as error:
+            malformed.append(str(error))
+    assert len(timeouts) == 1
+    assert "did not tell the state of pin" in timeouts[0]
+    assert "within 250 ms; check the cable and the board's power supply" in timeouts[0]
+    assert len(malformed) <= 1
+    assert session.frame(ON).positions == ON
+
+
+def test_a_late_answer_is_taken_when_it_comes(session, faults):
+    faults.inject(Fault.DELAY_REPLY, delay_s=0.2)
+    for _ in range(30):
+        assert session.frame(ON).errors == ()
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_a_garbled_answer_never_moves_anything(connect, seed: int):
+    board = SimulatedFirmata()
+    faults = FaultyModel(board, seed)
+    session = connect(faults)
+    session.switch_on(ON)
+    for _ in range(3):
+        session.frame(ON)
+    faults.inject(Fault.GARBLE_REPLY)
+    for _ in range(40):
+        try:
+            session.frame(ON)
+        except (BoardTimeoutError, BoardProtocolError):
+            continue
+    assert {pulse.width_us for pulse in board.pulses(9)} == {1500}
+    assert {pulse.width_us for pulse in board.pulses(22)} == {1600}
+    assert session.frame(ON).positions == ON
+
+
+def test_a_broken_message_says_so(session, faults):
+    session.line._received += bytes.fromhex("f0 6e 09 f9")
+    with pytest.raises(BoardProtocolError, match=r"loop: the board sent f0 6e 09, which is no whole message"):
+        session.frame(ON)
+
+
+def test_a_board_that_falls_silent_is_a_timeout(session, faults):
+    faults.inject(Fault.DROP_REPLY, count=100)
+    with pytest.raises(BoardTimeoutError, match="did not tell the state of pin 9, 22 within 250 ms"):
+        for _ in range(20):
+            session.frame(ON)
+
+
+def test_a_restart_is_told_and_nothing_is_written_after_it(session, board, clock: ManualClock):
+    board.reset()
+    count = len(session.line.bursts)
+    for call in (
+        lambda: session.frame({9: 1800.0}),
+        lambda: session.driver.write({9: 1800.0}),
+        session.driver.read,
+        session.driver.stop,
+        session.driver.release,
+        lambda: session.driver.configure(CHANNELS),
+    ):
+        with pytest.raises(
+            BoardError,
+            match=r"the board has restarted \(reset button, or its supply broke down\): its servos are off "
+            r"and the arm may have dropped; check the supply, then connect again",
+        ):
+            call()
+    assert len(session.line.bursts) == count
+    before = len(board.pulses(9))
+    session.driver.open()
+    session.driver.configure(CHANNELS)
+    assert session.driver.read().positions == {9: None, 22: None}
+    assert len(board.pulses(9)) == before
+
+
+def test_a_brown_out_whose_report_was_lost_is_found_by_the_pins_modes(session, board, faults, clock):
+    pulses = {pin: len(board.pulses(pin)) for pin in ON}
+    faults.brown_out(0.1)
+    with pytest.raises(BoardError, match=r"no longer drives pin 9, 22: it has restarted .* connect again"):
+        for step in range(50):
+            try:
+                session.frame({9: 1500.0 + step, 22: 1600.0})
+            except (BoardTimeoutError, BoardProtocolError):
+                continue
+    clock.advance(1.0)
+    board.advance(clock.now())
+    assert {pin: len(board.pulses(pin)) for pin in ON} == pulses, "a board that has restarted must stay off"
+    with pytest.raises(BoardError, match="no longer drives"):
+        session.driver.write({9: 1500.0})
+
+
+def test_configuring_a_running_board_again_disturbs_nothing(session, board, clock):
+    session.driver.configure(CHANNELS)
+    for _ in range(10):
+        assert session.frame(ON).errors == ()
+    session.driver.configure([*CHANNELS, ChannelSettings(5, 1000, 2000)])
+    assert session.frame(ON).positions == {5: None, **ON}
+    assert {pulse.width_us for pulse in board.pulses(9)} == {1500}
+
+
+def test_configuring_finds_out_that_the_pins_are_off(session, board, faults, clock):
+    faults.brown_out(0.0)
+    clock.advance(0.001)
+    board.advance(clock.now())  # the report goes to nobody
+    with pytest.raises(BoardError, match="no longer drives pin 9, 22"):
+        session.driver.configure(CHANNELS)
+
+
+def test_configuring_a_silent_board_times_out(session, faults):
+    faults.inject(Fault.DROP_REPLY, count=5)
+    with pytest.raises(BoardTimeoutError, match="did not tell the state of pin 9, 22 within 250 ms"):
+        session.driver.configure(CHANNELS)
+
+
+def test_a_release_that_is_swallowed_is_sent_again(session, board):
+    session.line.write(bytes.fromhex("f0 6d 09"))  # an unfinished sysex takes the whole command in
+    session.driver.release()
+    assert board.mode(9) == board.mode(22) == 1
+    assert session.frame().positions == {9: None, 22: None}
+
+
+def test_a_release_that_is_not_confirmed_warns(session, faults):
+    faults.inject(Fault.DROP_REPLY, count=50)
+    with pytest.raises(
+        BoardTimeoutError,
+        match=r"did not confirm that pins 9, 22 are off; the arm may still be held\. Cut the servos' supply",
+    ):
+        session.driver.release()
+
+
+def test_an_unplugged_board_is_a_board_error_for_every_call(session, faults):
+    faults.unplug()
+    for call in (session.driver.read, session.driver.stop, session.driver.release, session.frame):
+        with pytest.raises(BoardError, match="unplugged"):
+            call()
+    session.driver.close()
+    session.driver.close()

@@ -1,0 +1,189 @@
+"""The fake sketch, byte for byte: what StandardFirmata 2.5 answers, and what its servos then send."""
+
+from __future__ import annotations
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from armctl.errors import InputError
+from armctl.hardware.firmata import ReplyParser, SimulatedFirmata
+
+NAME = "StandardFirmata.ino".encode("utf-16-le").hex(" ")
+UNKNOWN_PIN_MODE = "Unknown pin mode".encode("utf-16-le").hex(" ")
+ON_AT_1500 = "f0 70 09 20 04 60 12 f7 f0 6f 09 5c 0b f7"
+
+
+def running() -> SimulatedFirmata:
+    board = SimulatedFirmata()
+    board.advance(0.0)
+    return board
+
+
+def say(board: SimulatedFirmata, text: str) -> str:
+    return board.feed(bytes.fromhex(text)).hex(" ")
+
+
+def widths(board: SimulatedFirmata, pin: int) -> list[int]:
+    return [pulse.width_us for pulse in board.pulses(pin)]
+
+
+def test_it_reports_itself_when_it_has_started_and_is_deaf_before():
+    board = SimulatedFirmata(boot_s=1.7)
+    assert board.advance(10.0) == b""
+    assert board.feed(b"\xf9") == b""
+    assert board.advance(11.69) == b""
+    assert board.advance(11.71).hex(" ") == f"f9 02 05 f0 79 02 05 {NAME} f7"
+    assert board.advance(11.72) == b""
+    assert say(board, "f9") == "f9 02 05"
+
+
+@pytest.mark.parametrize(
+    ("command", "answer"),
+    [
+        ("f9", "f9 02 05"),
+        ("f0 79 f7", f"f0 79 02 05 {NAME} f7"),
+        ("f0 6d 09 f7", "f0 6e 09 01 00 f7"),  # low
+        ("f0 6d 36 f7", "f0 6e 36 02 00 f7"),  # the first analog pin listens
+        ("f0 6d 00 f7", "f0 6e 00 00 00 f7"),
+        ("f0 6d 64 f7", "f0 6e 64 f7"),  # no such pin
+        ("f4 09 04 f0 6d 09 f7", "f0 6e 09 04 00 f7"),
+        (f"{ON_AT_1500} f0 6d 09 f7", "f0 6e 09 04 5c 0b f7"),
+        (f"{ON_AT_1500} f4 09 01 f0 6d 09 f7", "f0 6e 09 01 00 f7"),
+        (f"{ON_AT_1500} f4 09 00 f0 6d 09 f7", "f0 6e 09 00 00 f7"),
+        (f"{ON_AT_1500} ff f0 6d 09 f7", "f0 6e 09 01 00 f7"),
+        ("f4 09 33", f"f0 71 {UNKNOWN_PIN_MODE} f7"),
+        ("f4 32 04 f0 6d 32 f7", "f0 6e 32 01 00 f7"),  # pin 50 drives no servo
+        ("f0 70 32 20 04 60 12 f7 f0 6d 32 f7", "f0 6e 32 01 00 f7"),
+        ("f0 6f 09 5c 0b f7 f0 6d 09 f7", "f0 6e 09 01 00 f7"),  # not a servo: nothing is written
+        ("f0 70 09 20 04 60 f7 f0 6d 09 f7", "f0 6e 09 01 00 f7"),  # too short
+        ("f0 6f 09 f7 f0 6d f7 f0 f7 f0 01 02 f7", ""),
+    ],
+)  # fmt: skip
+def test_answers(command: str, answer: str):
+    assert say(running(), command) == answer
+
+
+def test_capabilities_of_a_mega():
+    board = running()
+    answer = board.feed(bytes.fromhex("f0 6b f7"))
+    assert answer.hex(" ").startswith("f0 6c 7f 7f 00 01 0b 01 01 01 03 08 04 0e 7f")
+    (report,) = ReplyParser().feed(answer)
+    assert len(report.pins) == 70
+    assert report.pins_with(4) == tuple(range(2, 50))
+    assert report.pins_with(3) == (*range(2, 14), 44, 45, 46)
+    assert report.pins_with(2) == tuple(range(54, 70))
+
+
+def test_config_alone_sends_1500_with_the_next_frame():
+    board = running()
+    say(board, "f0 70 09 20 04 60 12 f7")
+    board.advance(0.019)
+    assert widths(board, 9) == []
+    board.advance(0.021)
+    assert widths(board, 9) == [1500]
+    say(board, "f0 6f 09 68 07 f7")
+    board.advance(0.05)
+    assert widths(board, 9) == [1500, 1000]
+
+
+def test_pulses_have_their_times():
+    board = running()
+    say(board, ON_AT_1500)
+    board.advance(0.1)
+    assert [pulse.time for pulse in board.pulses(9)] == pytest.approx([0.02, 0.04, 0.06, 0.08, 0.1])
+
+
+@pytest.mark.parametrize("off", ["f4 09 00", "f4 09 01", "ff"])
+def test_no_more_pulses_once_it_is_off(off: str):
+    board = running()
+    say(board, ON_AT_1500)
+    board.advance(0.1)
+    say(board, off)
+    board.advance(0.2)
+    assert len(board.pulses(9)) == 5
+
+
+def test_pulses_go_on_when_the_host_is_gone():
+    board = running()
+    say(board, ON_AT_1500)
+    board.advance(60.0)
+    assert len(board.pulses(9)) == 3000
+
+
+def test_only_the_last_pulses_are_kept_however_long_it_was_not_looked_at():
+    board = SimulatedFirmata(log_length=10)
+    board.advance(0.0)
+    say(board, ON_AT_1500)
+    board.advance(3600.0)
+    assert len(board.pulses(9)) == 10
+    assert board.pulses(9)[-1].time == pytest.approx(3600.0)
+
+
+def test_values_below_544_are_degrees():
+    board = running()
+    say(board, "f0 70 09 20 04 60 12 f7 f0 6f 09 5a 00 f7")
+    board.advance(0.02)
+    assert widths(board, 9) == [1472]
+
+
+def test_a_short_analog_write_reaches_pins_up_to_15_only():
+    board = running()
+    say(board, f"{ON_AT_1500} e9 68 07")
+    board.advance(0.02)
+    assert widths(board, 9) == [1000]
+
+
+def test_a_sysex_without_its_end_executes_a_wrong_value():
+    board = running()
+    say(board, f"{ON_AT_1500} f0 6f 09 5c f0 6f 0a 5c 0b f7")
+    board.advance(0.02)
+    # 5c + (f0 << 7) + (6f << 14) in 16 bits is negative, and anything below 0 is 0 degrees.
+    assert widths(board, 9) == [544]
+    assert say(board, "f0 6d 09 f7") == "f0 6e 09 04 5c 70 7f f7"
+
+
+def test_a_freed_servo_sends_its_last_width_on_the_pin_that_gets_it_next():
+    board = running()
+    say(board, f"{ON_AT_1500} f0 6f 09 68 07 f7 f4 09 01 f0 70 0a 20 04 60 12 f7")
+    board.advance(0.02)
+    assert widths(board, 10) == [1000]
+
+
+def test_a_restart_forgets_everything():
+    board = running()
+    say(board, ON_AT_1500)
+    board.advance(0.1)
+    board.reset()
+    assert board.advance(1.0).hex(" ").startswith("f9 02 05 f0 79")
+    assert say(board, "f0 6d 09 f7") == "f0 6e 09 01 00 f7"
+    assert len(board.pulses(9)) == 5
+
+
+def test_a_sysex_too_long_crashes_it_until_the_reset_button():
+    board = running()
+    assert say(board, "f0" + "01" * 65 + "f7 f9") == ""
+    assert board.crashed
+    board.reset()
+    board.advance(1.0)
+    assert say(board, "f9") == "f9 02 05"
+
+
+@pytest.mark.parametrize("pin", [-1, 70])
+def test_a_pin_that_a_mega_has_not(pin: int):
+    board = running()
+    for look in (board.pulses, board.mode):
+        with pytest.raises(InputError, match=f"pin {pin}: a Mega has pins 0 … 69"):
+            look(pin)
+
+
+@settings(deadline=None)
+@given(st.lists(st.binary(max_size=60), max_size=20))
+def test_any_bytes_are_taken_and_every_pulse_stays_what_a_servo_can_send(bursts: list[bytes]):
+    board = running()
+    say(board, ON_AT_1500)
+    for step, burst in enumerate(bursts):
+        ReplyParser().feed(board.feed(burst))
+        board.advance(0.02 * step)
+    for pin in range(70):
+        assert all(0 < pulse.width_us <= 2912 for pulse in board.pulses(pin))

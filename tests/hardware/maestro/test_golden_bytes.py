@@ -1,0 +1,245 @@
+"""Whole sessions, every byte of both directions written down: driver and simulated board held to the same.
+
+From Pololu's guide 0J40: the commands of section 5.e, compact and in the Pololu form for device 12, alone and
+with the CRC-7 of section 5.d. The CRCs were worked out by the guide's long division. Two spaces part the
+commands of one write.
+"""
+
+from __future__ import annotations
+
+import pytest
+from tests.hardware.maestro.scripted_transport import ScriptedTransport
+
+from armctl.hardware import ChannelSettings, Source
+from armctl.hardware.maestro import (
+    Framing,
+    MaestroDriver,
+    MaestroErrors,
+    MaestroModel,
+    MaestroSettings,
+    SimulatedMaestro,
+)
+
+Session = tuple[tuple[str, str], ...]
+
+MICRO_COMPACT: Session = (
+    ("a1", "00 00"),  # Get Errors
+    ("90 00  a1", "00 00 00 00"),  # Get Position of channel 0: off
+    ("87 01 0c 01  89 01 04 00  87 02 00 00  89 02 00 00  a1", "00 00"),  # Set Speed, Set Acceleration
+    ("84 01 20 1f  84 02 70 2e", ""),  # Set Target: 1000 and 1500 µs
+    ("90 01  90 02  a1", "a0 0f 70 17 00 00"),  # read
+    ("90 01  90 02  a1", "a0 0f 70 17 00 00"),  # stop: where is it?
+    ("84 01 20 1f  84 02 70 2e", ""),  # stay there
+    ("84 01 00 00  84 02 00 00", ""),  # release
+)
+MICRO_COMPACT_CRC: Session = (
+    ("a1", ""),  # incomplete to this board
+    ("1b", "00 00"),  # and complete
+    ("90 00 65  a1 1b", "00 00 00 00"),
+    ("87 01 0c 01 3f  89 01 04 00 7c  87 02 00 00 75  89 02 00 00 39  a1 1b", "00 00"),
+    ("84 01 20 1f 19  84 02 70 2e 18", ""),
+    ("90 01 24  90 02 76  a1 1b", "a0 0f 70 17 00 00"),
+    ("90 01 24  90 02 76  a1 1b", "a0 0f 70 17 00 00"),
+    ("84 01 20 1f 19  84 02 70 2e 18", ""),
+    ("84 01 00 00 32  84 02 00 00 50", ""),
+)
+MICRO_POLOLU: Session = (
+    ("aa 0c 21", "00 00"),
+    ("aa 0c 10 00  aa 0c 21", "00 00 00 00"),
+    ("aa 0c 07 01 0c 01  aa 0c 09 01 04 00  aa 0c 07 02 00 00  aa 0c 09 02 00 00  aa 0c 21", "00 00"),
+    ("aa 0c 04 01 20 1f  aa 0c 04 02 70 2e", ""),
+    ("aa 0c 10 01  aa 0c 10 02  aa 0c 21", "a0 0f 70 17 00 00"),
+    ("aa 0c 10 01  aa 0c 10 02  aa 0c 21", "a0 0f 70 17 00 00"),
+    ("aa 0c 04 01 20 1f  aa 0c 04 02 70 2e", ""),
+    ("aa 0c 04 01 00 00  aa 0c 04 02 00 00", ""),
+)
+MICRO_POLOLU_CRC: Session = (
+    ("aa 0c 21", ""),
+    ("78", "00 00"),
+    ("aa 0c 10 00 01  aa 0c 21 78", "00 00 00 00"),
+    (
+        "aa 0c 07 01 0c 01 36  aa 0c 09 01 04 00 75  aa 0c 07 02 00 00 7c  aa 0c 09 02 00 00 30  aa 0c 21 78",
+        "00 00",
+    ),
+    ("aa 0c 04 01 20 1f 10  aa 0c 04 02 70 2e 11", ""),
+    ("aa 0c 10 01 40  aa 0c 10 02 12  aa 0c 21 78", "a0 0f 70 17 00 00"),
+    ("aa 0c 10 01 40  aa 0c 10 02 12  aa 0c 21 78", "a0 0f 70 17 00 00"),
+    ("aa 0c 04 01 20 1f 10  aa 0c 04 02 70 2e 11", ""),
+    ("aa 0c 04 01 00 00 3b  aa 0c 04 02 00 00 59", ""),
+)
+MICRO_SESSIONS = [
+    pytest.param(None, False, MICRO_COMPACT, id="compact"),
+    pytest.param(None, True, MICRO_COMPACT_CRC, id="compact with CRC"),
+    pytest.param(12, False, MICRO_POLOLU, id="Pololu"),
+    pytest.param(12, True, MICRO_POLOLU_CRC, id="Pololu with CRC"),
+]
+
+MINI_COMPACT: Session = (
+    ("a1", "00 00"),
+    ("90 00  a1", "00 00 00 00"),
+    ("87 0a 00 00  89 0a 00 00  87 0b 00 00  89 0b 00 00  a1", "00 00"),
+    ("9f 02 0a 20 1f 70 2e", ""),  # Set Multiple Targets: channels 10 and 11
+    ("90 0a  90 0b  a1", "a0 0f 70 17 00 00"),
+    ("9f 02 0a 00 00 00 00", ""),
+)
+MINI_COMPACT_CRC: Session = (
+    ("a1", ""),
+    ("1b", "00 00"),
+    ("90 00 65  a1 1b", "00 00 00 00"),
+    ("87 0a 00 00 28  89 0a 00 00 64  87 0b 00 00 79  89 0b 00 00 35  a1 1b", "00 00"),
+    ("9f 02 0a 20 1f 70 2e 27", ""),
+    ("90 0a 3a  90 0b 7b  a1 1b", "a0 0f 70 17 00 00"),
+    ("9f 02 0a 00 00 00 00 05", ""),
+)
+MINI_POLOLU: Session = (
+    ("aa 0c 21", "00 00"),
+    ("aa 0c 10 00  aa 0c 21", "00 00 00 00"),
+    ("aa 0c 07 0a 00 00  aa 0c 09 0a 00 00  aa 0c 07 0b 00 00  aa 0c 09 0b 00 00  aa 0c 21", "00 00"),
+    ("aa 0c 1f 02 0a 20 1f 70 2e", ""),
+    ("aa 0c 10 0a  aa 0c 10 0b  aa 0c 21", "a0 0f 70 17 00 00"),
+    ("aa 0c 1f 02 0a 00 00 00 00", ""),
+)
+MINI_POLOLU_CRC: Session = (
+    ("aa 0c 21", ""),
+    ("78", "00 00"),
+    ("aa 0c 10 00 01  aa 0c 21 78", "00 00 00 00"),
+    (
+        "aa 0c 07 0a 00 00 21  aa 0c 09 0a 00 00 6d  aa 0c 07 0b 00 00 70  aa 0c 09 0b 00 00 3c  aa 0c 21 78",
+        "00 00",
+    ),
+    ("aa 0c 1f 02 0a 20 1f 70 2e 2b", ""),
+    ("aa 0c 10 0a 5e  aa 0c 10 0b 1f  aa 0c 21 78", "a0 0f 70 17 00 00"),
+    ("aa 0c 1f 02 0a 00 00 00 00 09", ""),
+)
+MINI_SESSIONS = [
+    pytest.param(None, False, MINI_COMPACT, id="compact"),
+    pytest.param(None, True, MINI_COMPACT_CRC, id="compact with CRC"),
+    pytest.param(12, False, MINI_POLOLU, id="Pololu"),
+    pytest.param(12, True, MINI_POLOLU_CRC, id="Pololu with CRC"),
+]
+
+
+@pytest.mark.parametrize("insisted", [False, True], ids=["CRC found out", "CRC asked for"])
+@pytest.mark.parametrize(("device", "crc", "session"), MICRO_SESSIONS)
+def test_the_driver_on_a_micro(device, crc, session, insisted):
+    transport = ScriptedTransport(*session)
+    driver = MaestroDriver(
+        lambda: transport,
+        now=lambda: 0.0,
+        model=MaestroModel.MICRO_6,
+        framing=Framing(device, crc and insisted),
+    )
+    driver.open()
+    driver.configure(
+        [
+            ChannelSettings(2, 992.0, 2000.0),
+            ChannelSettings(1, 992.0, 2000.0, speed=3500.0, acceleration=1250.0),
+        ]
+    )
+    driver.write({2: 1500.0, 1: 1000.0})
+    readback = driver.read()
+    assert readback.positions == {1: 1000.0, 2: 1500.0}
+    assert readback.source is Source.TRANSMITTED
+    assert readback.errors == ()
+    driver.stop()
+    driver.release()
+    driver.close()
+    transport.assert_done()
+    assert transport.closed == 1
+
+
+@pytest.mark.parametrize(("device", "crc", "session"), MINI_SESSIONS)
+def test_the_driver_on_a_mini(device, crc, session):
+    transport = ScriptedTransport(*session)
+    driver = MaestroDriver(
+        lambda: transport, now=lambda: 0.0, model=MaestroModel.MINI_12, framing=Framing(device)
+    )
+    driver.open()
+    driver.configure([ChannelSettings(10, 992.0, 2000.0), ChannelSettings(11, 992.0, 2000.0)])
+    driver.write({10: 1000.0, 11: 1500.0})
+    assert driver.read().positions == {10: 1000.0, 11: 1500.0}
+    driver.release()
+    transport.assert_done()
+
+
+@pytest.mark.parametrize(("device", "crc", "session"), MICRO_SESSIONS)
+def test_the_simulated_micro_answers_the_same_bytes(device, crc, session):
+    replay(MaestroModel.MICRO_6, crc, session)
+
+
+@pytest.mark.parametrize(("device", "crc", "session"), MINI_SESSIONS)
+def test_the_simulated_mini_answers_the_same_bytes(device, crc, session):
+    replay(MaestroModel.MINI_12, crc, session)
+
+
+def replay(model: MaestroModel, crc: bool, session: Session) -> None:
+    """Feed a session to a board; each answer must be the one written down, and nothing may be an error."""
+    board = SimulatedMaestro(model, MaestroSettings(crc=crc))
+    board.advance(0.0)
+    for request, reply in session:
+        assert board.feed(bytes.fromhex(request)).hex(" ") == reply
+        assert board.errors == MaestroErrors(0)
+    taken = [entry.raw.hex(" ") for entry in board.log]
+    halves = " ".join(" ".join(request.split()) for request, _ in session)
+    assert " ".join(taken) == halves
+
+
+# What no session of the driver sends: each answer of the board, and its registers, to bytes from the guide.
+OTHER_COMMANDS = [
+    ("93", "93 13", "aa 0c 13", "aa 0c 13 70", "00"),  # Get Moving State
+    ("a2", "a2 49", "aa 0c 22", "aa 0c 22 2a", ""),  # Go Home
+]
+
+
+@pytest.mark.parametrize(("compact", "compact_crc", "pololu", "pololu_crc", "reply"), OTHER_COMMANDS)
+def test_other_commands_in_every_form(compact, compact_crc, pololu, pololu_crc, reply):
+    for crc, requests in ((False, (compact, pololu)), (True, (compact_crc, pololu_crc))):
+        board = SimulatedMaestro(settings=MaestroSettings(crc=crc))
+        for request in requests:
+            assert board.feed(bytes.fromhex(request)).hex(" ") == reply
+        assert board.errors == MaestroErrors(0)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "register"),
+    [
+        ("83 01 17", "10 00"),  # the guide's CRC example: right, but no command of a Maestro
+        ("84 02 70 2e 19", "08 00"),  # wrong CRC
+        ("84 02 70 2e a1 1b", "10 00"),  # no CRC at all, before another command
+        ("aa 0c 04 02 70 2e 18", "08 00"),  # the CRC of the compact form
+        ("9f 02 03 00 00 70 2e 24", "10 00"),  # Set Multiple Targets is the Mini's
+    ],
+)
+def test_what_a_micro_with_crc_refuses(wrong, register):
+    board = SimulatedMaestro(settings=MaestroSettings(crc=True))
+    assert board.feed(bytes.fromhex("84 02 70 2e 18")) == b""
+    assert board.target_us(2) == 1500.0
+    board.feed(bytes.fromhex(wrong).removesuffix(bytes.fromhex("a1 1b")))
+    assert board.feed(bytes.fromhex("a1 1b")).hex(" ") == register
+    assert board.target_us(2) is None  # off, as its home is
+
+
+@pytest.mark.parametrize(
+    ("register", "words"),
+    [
+        ("08 00", "serial CRC error"),
+        ("10 00", "serial protocol error"),
+        ("20 00", "serial timeout"),
+        ("00 01", "script program counter error"),
+    ],
+)
+def test_the_driver_tells_the_register_in_words(register, words):
+    transport = ScriptedTransport(
+        ("a1", ""),
+        ("1b", "00 00"),
+        ("90 00 65  a1 1b", "00 00 00 00"),
+        ("87 02 00 00 75  89 02 00 00 39  a1 1b", "00 00"),
+        ("90 02 76  a1 1b", f"70 17 {register}"),
+    )
+    driver = MaestroDriver(lambda: transport, now=lambda: 0.0, model=MaestroModel.MICRO_6)
+    driver.open()
+    driver.configure([ChannelSettings(2, 992.0, 2000.0)])
+    assert [
+        error.split(":")[0].removesuffix(" in the board's own script") for error in driver.read().errors
+    ] == [words]
+    transport.assert_done()

@@ -1,0 +1,404 @@
+"""The check-up: what it says of good and bad ports and boards, and that it moves and changes nothing."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from armctl.errors import BoardTimeoutError, PortError
+from armctl.hardware import ByteModel, ChannelSettings, Fault, FaultyModel, LoopTransport
+from armctl.hardware.doctor import Finding, Patient, Verdict, examine, without_personal_data
+from armctl.hardware.doctor.round_trips import round_trips
+from armctl.hardware.encoder import SimulatedEncoderBoard
+from armctl.hardware.encoder.frame import seal
+from armctl.hardware.firmata import SimulatedFirmata
+from armctl.hardware.firmata.codec import servo_config, servo_write
+from armctl.hardware.maestro import (
+    ChannelConfig,
+    HomeMode,
+    MaestroModel,
+    MaestroSettings,
+    SerialMode,
+    SimulatedMaestro,
+)
+from armctl.hardware.ports import PortChecks, PortInfo
+from armctl.runtime.clock import ManualClock
+
+MICRO = MaestroModel.MICRO_6.label
+CHANNELS = [ChannelSettings(channel, 1000.0, 2000.0) for channel in range(4)]
+FREE = PortChecks(lambda _device: True, lambda _device: None, lambda _device: None)
+
+
+@pytest.fixture
+def device(tmp_path: Path) -> str:
+    """A file that stands for the device; what is said over it goes through a loop."""
+    (tmp_path / "ttyACM0").touch()
+    return str(tmp_path / "ttyACM0")
+
+
+def listed(device: str, kind: str = MICRO, **changes) -> PortInfo:
+    values = {"serial_number": "00046907", "usable": True, "why_not": None} | changes
+    return PortInfo(device, kind, "what the system says", **values)
+
+
+def opener(model: ByteModel, clock: ManualClock) -> Callable[[int], LoopTransport]:
+    return lambda _baud: LoopTransport(model, clock.now, clock.advance, name="port")
+
+
+def report(patient: Patient, model: ByteModel, clock: ManualClock) -> dict[str, Finding]:
+    """Findings by check; where a check has several, the worst counts."""
+    order = list(Verdict)
+    order.sort(key=[Verdict.OK, Verdict.NOT_CHECKED, Verdict.WARNING, Verdict.FAILED].index)
+    worst: dict[str, Finding] = {}
+    for finding in examine(patient, opener(model, clock), clock.now):
+        known = worst.get(finding.check)
+        if known is None or order.index(finding.verdict) > order.index(known.verdict):
+            worst[finding.check] = finding
+    return worst
+
+
+def failures(findings: dict[str, Finding]) -> list[str]:
+    return [check for check, finding in findings.items() if finding.verdict is Verdict.FAILED]
+
+
+def patient(device: str, **changes) -> Patient:
+    values = {"info": listed(device), "expected": "maestro", "channels": CHANNELS, "checks": FREE}
+    return Patient(device, **(values | changes))
+
+
+def maestro(**settings) -> SimulatedMaestro:
+    """A board whose channel 0 is on, and that any error would send somewhere else."""
+    channels = {0: ChannelConfig(home=HomeMode.GO_TO, home_us=1200.0)}
+    board = SimulatedMaestro(settings=MaestroSettings(channels=channels, **settings))
+    board.advance(100.0)
+    board.feed(bytes.fromhex("84 00 70 2e 2b") if settings.get("crc") else bytes.fromhex("84 00 70 2e"))
+    return board
+
+
+@pytest.mark.parametrize(("crc", "words"), [(False, "off"), (True, "on; armctl sends it with every command")])
+def test_a_healthy_maestro(clock: ManualClock, device: str, crc, words):
+    board = maestro(crc=crc)
+    findings = report(patient(device), board, clock)
+    assert failures(findings) == []
+    assert findings["port"].seen == f"{MICRO}, USB serial number 00046907"
+    assert findings["CRC"].seen == words
+    assert findings["channels"].seen == "channels 0, 1, 2, 3: the board has them"
+    assert findings["outputs"].seen == "on: 0 at 1500 µs"
+    assert findings["error register"].seen == "empty"
+    assert findings["round trips"].seen.startswith("50 questions answered, median")
+    assert findings["watchdog"].verdict is Verdict.NOT_CHECKED
+    assert findings["ranges"].verdict is Verdict.OK
+    assert board.target_us(0) == 1500.0
+    assert board.errors == 0
+    assert {entry.opcode.name for entry in board.log} == {"SET_TARGET", "GET_POSITION", "GET_ERRORS"}
+
+
+def test_ranges_beyond_the_factorys_cannot_be_told_and_say_what_to_set(clock: ManualClock, device: str):
+    wide = [ChannelSettings(2, 554.0, 2446.0)]
+    ranges = report(patient(device, channels=wide), maestro(), clock)["ranges"]
+    assert ranges.verdict is Verdict.NOT_CHECKED
+    assert "channel 2 554 … 2446 µs" in ranges.seen
+    assert "Channel Settings" in ranges.advice
+
+
+def test_what_the_maestro_had_reported_is_in_the_report_once(clock: ManualClock, device: str):
+    board = maestro(timeout_units=10)
+    clock.advance(5.0)
+    finding = report(patient(device), board, clock)["error register"]
+    assert (finding.verdict, finding.seen.split(":")[0]) == (Verdict.WARNING, "serial timeout")
+    assert report(patient(device), board, clock)["error register"].verdict is Verdict.OK
+
+
+def test_a_channel_too_many_is_not_asked_for(clock: ManualClock, device: str):
+    channels = [*CHANNELS, ChannelSettings(7, 1000.0, 2000.0)]
+    board = maestro()
+    findings = report(patient(device, channels=channels), board, clock)
+    assert failures(findings) == ["channels"]
+    assert findings["channels"].seen == f"channel 7: a {MICRO} has 0 … 5"
+    unlisted = report(patient(device, channels=channels, info=None), board, clock)["channels"]
+    assert unlisted.verdict is Verdict.NOT_CHECKED
+    assert "the model cannot be told" in unlisted.seen
+    assert board.errors == 0
+    assert board.target_us(0) == 1500.0
+
+
+def test_the_factorys_serial_mode_says_what_to_set(clock: ManualClock, device: str):
+    board = SimulatedMaestro(settings=MaestroSettings(serial_mode=SerialMode.UART_DETECT_BAUD))
+    findings = report(patient(device), board, clock)
+    assert failures(findings) == ["who answers"]
+    assert "USB Dual Port" in findings["who answers"].advice
+    assert findings["round trips"] == Finding("round trips", Verdict.NOT_CHECKED, "an earlier check failed")
+
+
+def test_a_board_that_falls_silent_in_the_middle(clock: ManualClock, device: str):
+    class Dying(SimulatedMaestro):
+        def feed(self, data: bytes) -> bytes:
+            return b"" if len(self.log) > 30 else super().feed(data)
+
+    findings = report(patient(device), Dying(), clock)
+    assert failures(findings) == ["round trips"]
+    assert "answered, then: port: the board answered 0 of 4 bytes" in findings["round trips"].seen
+
+
+def test_a_line_that_breaks_in_the_middle(clock: ManualClock, device: str):
+    class Leaving(FaultyModel):
+        def feed(self, data: bytes) -> bytes:
+            reply = super().feed(data)
+            if len(data) == 3:  # the first position that is asked for
+                self.unplug()
+            return reply
+
+    findings = report(patient(device), Leaving(SimulatedMaestro()), clock)
+    assert failures(findings) == ["opens"]
+    assert "unplugged" in findings["opens"].seen
+
+
+FIRMATA_PINS = [ChannelSettings(2, 600.0, 2400.0), ChannelSettings(44, 600.0, 2400.0)]
+
+
+def test_a_healthy_firmata(clock: ManualClock, device: str):
+    board = SimulatedFirmata()
+    board.advance(clock.now())
+    board.feed(servo_config(44, 544, 2400) + servo_write(44, 1234))
+    clock.advance(1.0)
+    mega = patient(device, info=None, expected="firmata", channels=FIRMATA_PINS)
+    findings = report(mega, board, clock)
+    assert failures(findings) == []
+    assert findings["firmware"].seen.startswith("StandardFirmata.ino 2.")
+    assert findings["channels"].seen == "the board can drive servos on pins 2, 44"
+    assert findings["outputs"].seen == "servo pulses on pin 44 at 1234"
+    assert findings["watchdog"].verdict is Verdict.WARNING
+    assert {pulse.width_us for pulse in board.pulses(44)} == {1234}
+    assert board.pulses(2) == ()
+
+
+def test_pins_and_ranges_that_firmata_cannot_do(clock: ManualClock, device: str):
+    channels = [ChannelSettings(0, 600.0, 2400.0), ChannelSettings(3, 500.0, 2400.0)]
+    findings = report(
+        patient(device, info=None, expected="firmata", channels=channels), SimulatedFirmata(), clock
+    )
+    assert failures(findings) == ["channels"]
+    assert "pin 0 cannot drive a servo" in findings["channels"].seen
+    assert "pin 3: 500 … 2400 µs" in findings["channels"].seen
+
+
+AXES = [ChannelSettings(axis, -1000.0, 1000.0, 500.0, 5000.0) for axis in range(6)]
+
+
+def encoder_patient(device: str, channels=AXES) -> Patient:
+    return patient(device, info=None, expected="encoder", channels=channels)
+
+
+def test_a_healthy_encoder_board(clock: ManualClock, device: str):
+    board = SimulatedEncoderBoard()
+    findings = report(encoder_patient(device), board, clock)
+    assert failures(findings) == []
+    assert findings["firmware"].seen == "armctl-encoder 1.0.0, protocol 1"
+    assert findings["channels"].seen == "axes 0, 1, 2, 3, 4, 5: the board has them"
+    assert findings["outputs"].seen.startswith("motors off; homed axes: none")
+    assert findings["watchdog"].verdict is Verdict.OK
+    assert findings["supply"].seen == "last started by: power; the board does not measure it"
+    assert {entry.text.split(" ")[-1] for entry in board.log} <= {"HELLO", "PING"}
+    assert board.mode.powered is False
+
+
+def test_an_encoder_board_that_started_because_its_supply_sagged(clock: ManualClock, device: str):
+    board = SimulatedEncoderBoard()
+    board.restart("brownout")
+    findings = report(encoder_patient(device), board, clock)
+    assert findings["supply"].verdict is Verdict.WARNING
+    assert "sagged" in findings["supply"].seen
+    assert "brown-out" in findings["error register"].seen
+
+
+def test_an_axis_that_the_board_has_not(clock: ManualClock, device: str):
+    channels = [ChannelSettings(6, -1000.0, 1000.0)]
+    findings = report(encoder_patient(device, channels), SimulatedEncoderBoard(), clock)
+    assert failures(findings) == ["channels"]
+    assert findings["channels"].seen == "axis 6: the board has axes 0 … 5"
+
+
+class OldEncoderBoard:
+    """Speaks protocol 0, and its state every 20 ms."""
+
+    def __init__(self) -> None:
+        self._next = 0.0
+
+    def advance(self, now: float) -> bytes:
+        if now < self._next:
+            return b""
+        self._next = now + 0.02
+        return seal("@ 20 O 00 00 00 000000000000 0 0 0 0 0 0")
+
+    def feed(self, data: bytes) -> bytes:
+        if b"PING" in data:
+            return seal(f"{data.split()[0].decode()} ok")
+        return seal("1 ok armctl-encoder 0.9.0 proto=0 axes=6 reset=power") if b"HELLO" in data else b""
+
+    def reset(self) -> None: ...
+
+
+def test_a_firmware_of_another_protocol(clock: ManualClock, device: str):
+    firmware = report(encoder_patient(device), OldEncoderBoard(), clock)["firmware"]
+    assert firmware.verdict is Verdict.FAILED
+    assert firmware.seen == "armctl-encoder 0.9.0, protocol 0; this armctl speaks protocol 1"
+    assert firmware.advice == "update the board's firmware: it is the older"
+
+
+def test_another_board_than_the_robot_needs_is_looked_at_all_the_same(clock: ManualClock, device: str):
+    findings = report(encoder_patient(device), maestro(), clock)
+    assert failures(findings) == ["who answers"]
+    assert "a maestro board, but the robot file wants encoder" in findings["who answers"].seen
+    assert findings["error register"].verdict is Verdict.OK
+    assert findings["channels"].verdict is Verdict.NOT_CHECKED
+
+
+def test_without_a_robot_the_channels_are_not_checked(clock: ManualClock, device: str):
+    for board in (maestro(), SimulatedFirmata(), SimulatedEncoderBoard()):
+        findings = report(patient(device, info=None, expected=None, channels=()), board, clock)
+        assert failures(findings) == []
+        assert findings["channels"].advice == "name one with --robot"
+
+
+@pytest.mark.parametrize(
+    ("expected", "advice"),
+    [
+        ("maestro", "USB Dual Port"),
+        ("firmata", "StandardFirmata, Upload"),
+        ("encoder", "flash armctl's encoder firmware"),
+        (None, "if it is an Arduino with servos"),
+    ],
+)
+def test_nobody_answers(clock: ManualClock, device: str, expected, advice):
+    class Nobody:
+        def advance(self, now: float) -> bytes:
+            return b""
+
+        def feed(self, data: bytes) -> bytes:
+            return b""
+
+        def reset(self) -> None: ...
+
+    findings = report(patient(device, info=None, expected=expected), Nobody(), clock)
+    assert failures(findings) == ["who answers"]
+    assert advice in findings["who answers"].advice
+
+
+class Untouchable:
+    """A port that must not be opened."""
+
+    def __call__(self, baud: int) -> LoopTransport:
+        raise AssertionError("opened")
+
+
+@pytest.mark.parametrize(
+    ("changes", "check", "words"),
+    [
+        (
+            {"checks": PortChecks(lambda _: False, lambda _: None, lambda _: None)},
+            "permission",
+            "may not open",
+        ),
+        (
+            {"checks": PortChecks(lambda _: True, lambda _: "minicom (process 8)", lambda _: None)},
+            "other programs",
+            "minicom (process 8) has it open",
+        ),
+        ({"why_not": "this is the Maestro's TTL port", "usable": False}, "right port", "TTL port"),
+    ],
+)
+def test_a_port_that_must_not_be_opened_is_not(clock: ManualClock, device: str, changes, check, words):
+    checks = changes.pop("checks", FREE)
+    findings = examine(
+        patient(device, info=listed(device, **changes), checks=checks), Untouchable(), clock.now
+    )
+    (failed,) = [finding for finding in findings if finding.verdict is Verdict.FAILED]
+    assert failed.check == check
+    assert words in failed.seen
+    assert findings[-1].verdict is Verdict.NOT_CHECKED
+
+
+def test_a_port_that_is_not_there(clock: ManualClock, tmp_path: Path):
+    missing = str(tmp_path / "ttyACM9")
+    findings = examine(patient(missing, info=None), Untouchable(), clock.now)
+    assert findings[0].seen == f"{missing} does not exist"
+    assert findings[0].verdict is Verdict.FAILED
+
+
+def test_a_port_that_does_not_open(clock: ManualClock):
+    def refuse(_baud: int) -> LoopTransport:
+        raise PortError("socket://127.0.0.1:1: cannot connect (Connection refused)")
+
+    findings = examine(Patient("socket://127.0.0.1:1", checks=FREE), refuse, clock.now)
+    assert [(one.check, one.verdict) for one in findings][:2] == [
+        ("port", Verdict.OK),
+        ("opens", Verdict.FAILED),
+    ]
+    assert "cannot connect" in findings[1].seen
+
+
+def test_modem_manager_is_a_warning(clock: ManualClock, device: str):
+    info = listed(device, notes=("ModemManager is running",))
+    finding = report(patient(device, info=info), maestro(), clock)["other programs"]
+    assert (finding.verdict, finding.seen) == (Verdict.WARNING, "ModemManager is running")
+
+
+@pytest.mark.parametrize("fault", [Fault.HALF_REPLY, Fault.GARBLE_REPLY])
+def test_a_bad_line_moves_nothing(clock: ManualClock, device: str, fault):
+    board = maestro()
+    faulty = FaultyModel(board)
+    faulty.advance(clock.now())
+    faulty.inject(fault, count=5)
+    examine(patient(device), opener(faulty, clock), clock.now)
+    assert board.target_us(0) == 1500.0
+
+
+def test_round_trips_give_median_and_worst(clock: ManualClock):
+    took = iter([0.003] * 49 + [0.015])
+    finding = round_trips(lambda: clock.advance(next(took)), clock.now)
+    assert finding == Finding(
+        "round trips", Verdict.OK, "50 questions answered, median 3.0 ms, worst 15.0 ms"
+    )
+
+
+@pytest.mark.parametrize("times", [[0.016] * 50, [0.002] * 47 + [0.03] * 3])
+def test_slow_round_trips_are_a_warning_with_what_to_do(clock: ManualClock, times):
+    took = iter(times)
+    finding = round_trips(lambda: clock.advance(next(took)), clock.now)
+    assert finding.verdict is Verdict.WARNING
+    assert "latency timer" in finding.advice
+
+
+def test_a_missing_answer_fails_and_says_how_many_came(clock: ManualClock):
+    answers = iter([None, None])
+
+    def ask() -> None:
+        if next(answers, "end") == "end":
+            raise BoardTimeoutError("no answer")
+
+    finding = round_trips(ask, clock.now)
+    assert (finding.verdict, finding.seen) == (Verdict.FAILED, "2 of 50 answered, then: no answer")
+
+
+@pytest.mark.parametrize(
+    ("text", "clean"),
+    [
+        ("link /home/ada/arm is gone", "link ~/arm is gone"),
+        ("/home/ada", "~"),
+        ("/home/adams/arm", "/home/adams/arm"),
+        ("/media/ada/stick", "/media/<user>/stick"),
+        ("socket://babbage.lan:5000", "socket://<host>:5000"),
+        ("socket://babbage:5000", "socket://<host>:5000"),
+        ("Pololu Micro Maestro, adapter", "Pololu Micro Maestro, adapter"),
+    ],
+)
+def test_a_report_names_no_person_and_no_computer(text, clean):
+    assert without_personal_data(text, "/home/ada", "babbage.lan", "ada") == clean
+
+
+@pytest.mark.parametrize(("home", "host", "user"), [("/", "localhost", "root"), ("/root", "pi", "pi")])
+def test_names_that_tell_nothing_or_are_parts_of_words_stay(home, host, user):
+    text = "localhost: the supply of the pi is weak, /dev/ttyACM0, root"
+    assert without_personal_data(text, home, host, user) == text

@@ -1,0 +1,234 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from tests.runtime.kit import TEST, RecordingDriver, Rig, make_rig
+
+from armctl.errors import BoardError, StateError
+from armctl.hardware import HomingState, Readback, Source
+from armctl.robot import load_robot
+from armctl.runtime import ClearFault, Connect, Enable, HomeAxes, MoveGripper, MoveJoints, Release, State
+
+SCORBOT = load_robot("scorbot")
+AXES = range(6)
+
+
+class HomingDriver(RecordingDriver):
+    """A board with encoders: nobody knows where an axis is before it was homed."""
+
+    def __init__(self, clock) -> None:
+        super().__init__(clock)
+        self.source = Source.MEASURED
+        self.homed = dict.fromkeys(AXES, False)
+        self.running: int | None = None
+        self.on = False
+        self.faults: dict[int, str] = {}
+        self.counts = dict.fromkeys(AXES, 0.0)
+
+    def write(self, setpoints) -> None:
+        if self.faults:
+            return  # lost on the way: the board takes no setpoint while a fault is latched
+        super().write(setpoints)
+        self.on = True
+        self.counts.update(setpoints)
+
+    def read(self) -> Readback:
+        self._call("read")
+        positions = {axis: self.counts[axis] if homed else None for axis, homed in self.homed.items()}
+        homing = HomingState(dict(self.homed), self.running)
+        return Readback(positions, self.source, self.errors, self.on, dict(self.faults), homing)
+
+    def home(self) -> None:
+        self._call("home")
+        self.homed = dict.fromkeys(AXES, False)
+        self.running = 5
+        self.on = True
+
+    def stop(self) -> None:
+        super().stop()
+        self.running = None
+
+    def release(self) -> None:
+        super().release()
+        self.on = False
+        self.faults.clear()
+
+    def find(self, *axes: int, then: int | None) -> None:
+        self.homed.update(dict.fromkeys(axes, True))
+        self.running = then
+
+    def trip(self, axis: int, words: str) -> None:
+        self.faults[axis] = words
+        self.on = False
+        self.running = None
+
+
+@pytest.fixture
+def rig() -> Rig:
+    rig = make_rig(robot=SCORBOT)
+    driver = HomingDriver(rig.clock)
+    rig.driver = driver
+    rig.controller._core.open_driver = lambda _: driver
+    rig.do(Connect("sim")).finished.result(0)
+    return rig
+
+
+def home(rig: Rig) -> None:
+    ticket = rig.do(HomeAxes())
+    rig.run(0.4)
+    rig.driver.find(*AXES, then=None)
+    rig.run(0.1)
+    ticket.finished.result(0)
+
+
+def test_an_arm_that_was_not_homed_cannot_be_enabled(rig: Rig) -> None:
+    assert [axis.homed for axis in rig.now.homing] == [False] * 6
+    with pytest.raises(StateError, match="does not know where it is yet; press Homing"):
+        rig.do(Enable()).finished.result(0)
+    assert rig.now.state is State.OFF
+    assert rig.driver.writes == []
+
+
+def test_homing_tells_how_far_it_is_and_ends_holding_where_it_ended(rig: Rig) -> None:
+    ticket = rig.do(HomeAxes())
+    assert rig.now.state is State.MOVING
+    rig.run(0.4)
+    assert any("Gripper looks for its zero (1 of 6)" in text for text in rig.now.warnings)
+    rig.driver.find(5, 1, then=2)
+    rig.run(0.1)
+    assert any("Elbow looks for its zero (3 of 6)" in text for text in rig.now.warnings)
+    assert [axis.title for axis in rig.now.homing if axis.homed] == ["Shoulder", "Gripper"]
+    assert [axis.title for axis in rig.now.homing if axis.running] == ["Elbow"]
+    assert rig.now.progress == pytest.approx(2 / 6)
+    rig.driver.find(*AXES, then=None)
+    rig.run(0.1)
+    ticket.finished.result(0)
+    assert rig.now.state is State.HOLDING
+    assert rig.now.q_command == pytest.approx(SCORBOT.pose("home"), abs=1e-9)
+    assert rig.now.gripper == 0.0
+    assert rig.now.warnings == ()
+    assert rig.driver.writes == []  # the board holds by itself
+
+
+def test_after_homing_the_arm_moves(rig: Rig) -> None:
+    home(rig)
+    goal = SCORBOT.pose("home") + np.radians([10, 5, -5, 5, 20])
+    ticket = rig.do(MoveJoints(goal))
+    rig.until(lambda now: now.state is State.HOLDING)
+    ticket.finished.result(0)
+    assert rig.now.q == pytest.approx(goal, abs=1e-6)
+    assert rig.now.source is Source.MEASURED
+
+
+def test_a_doubtful_zero_from_before_does_not_end_homing(rig: Rig) -> None:
+    home(rig)
+    rig.do(HomeAxes())
+    rig.driver.find(*AXES, then=None)  # what a late status line of before would say
+    rig.run(0.1)
+    assert rig.now.state is State.MOVING
+
+
+def test_stop_ends_homing_and_leaves_an_arm_that_knows_nothing(rig: Rig) -> None:
+    ticket = rig.do(HomeAxes())
+    rig.run(0.4)
+    stopped = rig.controller.stop(TEST)
+    rig.run(0.5)
+    stopped.finished.result(0)
+    assert "stop" in rig.driver.calls
+    with pytest.raises(StateError, match="homing was stopped by test"):
+        ticket.finished.result(0)
+    assert rig.now.state is State.OFF
+    with pytest.raises(StateError, match="press Homing"):
+        rig.do(Enable()).finished.result(0)
+    home(rig)
+    assert rig.now.state is State.HOLDING
+
+
+def test_an_axis_that_finds_no_switch_is_named(rig: Rig) -> None:
+    ticket = rig.do(HomeAxes())
+    rig.run(0.4)
+    rig.driver.trip(1, "the home switch was not found")
+    rig.run(0.1)
+    with pytest.raises(BoardError, match="before every axis had its zero: Shoulder: the home switch"):
+        ticket.finished.result(0)
+    assert rig.now.state is State.OFF
+
+
+def test_a_trip_while_holding_is_a_fault_in_words_and_nothing_goes_on_by_itself(rig: Rig) -> None:
+    home(rig)
+    rig.do(MoveJoints(SCORBOT.pose("rest")))
+    rig.run(0.3)
+    rig.driver.trip(2, "it stalled: full drive without movement")
+    rig.run(0.1)
+    assert rig.now.state is State.FAULT
+    assert "Elbow: it stalled" in rig.now.cause
+    written = len(rig.driver.writes)
+    rig.run(1.0)
+    assert len(rig.driver.writes) == written
+    rig.do(ClearFault()).finished.result(0)
+    assert "release" in rig.driver.calls
+    assert rig.now.state is State.OFF
+    rig.do(Enable()).finished.result(0)
+    assert rig.now.state is State.HOLDING
+
+
+def test_enable_keeps_the_arm_where_the_encoders_say_it_is(rig: Rig) -> None:
+    home(rig)
+    rig.do(Release()).finished.result(0)
+    rig.driver.counts[0] = 141.8888 * 7
+    rig.run(0.1)
+    rig.do(Enable()).finished.result(0)
+    assert np.degrees(rig.now.q_command[0]) == pytest.approx(7.0)
+    assert "encoders say where the arm is" in rig.now.cause
+
+
+def test_an_arm_outside_its_limits_is_not_taken_over(rig: Rig) -> None:
+    home(rig)
+    rig.do(Release()).finished.result(0)
+    rig.driver.counts[0] = 141.8888 * 160
+    rig.run(0.1)
+    with pytest.raises(StateError, match=r"Waist stands at 160\.0°, outside .* or press Homing"):
+        rig.do(Enable()).finished.result(0)
+
+
+def test_servos_have_nothing_to_home() -> None:
+    rig = make_rig().enable()
+    assert rig.now.homing == ()
+    with pytest.raises(StateError, match="nothing to home"):
+        rig.do(HomeAxes()).finished.result(0)
+    assert rig.now.state is State.HOLDING
+
+
+def test_homing_is_refused_while_the_arm_moves(rig: Rig) -> None:
+    home(rig)
+    rig.do(MoveJoints(SCORBOT.pose("rest")))
+    rig.run(0.2)
+    with pytest.raises(StateError, match="homing needs the arm off or holding, it is moving"):
+        rig.do(HomeAxes()).finished.result(0)
+
+
+def test_a_board_that_does_not_begin_to_home_leaves_the_arm_as_it_was(rig: Rig) -> None:
+    home(rig)
+    q = rig.now.q_command
+    rig.driver.fail["home"] = StateError("the board is busy")
+    with pytest.raises(StateError, match="busy"):
+        rig.do(HomeAxes()).finished.result(0)
+    assert rig.now.state is State.HOLDING
+    assert np.array_equal(rig.now.q_command, q)
+    del rig.driver.fail["home"]
+
+
+def test_an_arm_that_stands_away_from_its_setpoint_is_told(rig: Rig) -> None:
+    home(rig)
+    rig.driver.counts[1] += 2 * 113.5555
+    rig.run(1.0)
+    assert any("does not stand where it was told (Shoulder by 2.0°)" in text for text in rig.now.warnings)
+
+
+def test_the_gripper_waits_for_homing_too(rig: Rig) -> None:
+    with pytest.raises(StateError, match="the gripper needs the arm enabled"):
+        rig.do(MoveGripper(0.5)).finished.result(0)
+    home(rig)
+    rig.do(MoveGripper(0.5))
+    rig.run(1.0)
+    assert rig.driver.counts[5] == pytest.approx((50 + 1650) / 2)

@@ -1,0 +1,83 @@
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import pytest
+
+from armctl.boards import AUTOMATIC, SIMULATED, SIMULATED_SERIAL, UNNUMBERED, Boards, board_name, split_kind
+from armctl.errors import PortError
+from armctl.hardware import PortInfo
+from armctl.hardware.encoder import EncoderDriver
+from armctl.hardware.firmata import FirmataDriver
+from armctl.hardware.maestro import MaestroDriver
+from armctl.hardware.ports import ARDUINO_MEGA
+from armctl.robot import load_robot
+from armctl.runtime import MonotonicClock
+
+MAESTRO = PortInfo("/dev/ttyACM0", "Pololu Micro Maestro 6-channel", "", "00123", True, None)
+MEGA = PortInfo("/dev/ttyACM1", ARDUINO_MEGA, "", "8573", True, None)
+
+
+def boards(name: str, *ports: PortInfo) -> Boards:
+    return Boards(load_robot(name), MonotonicClock().now, lambda: ports)
+
+
+@pytest.fixture(params=["uzuner", "abaas", "scorbot"])
+def simulated(request: pytest.FixtureRequest) -> Iterator[Boards]:
+    one = boards(request.param)
+    yield one
+    one.close()
+
+
+def test_the_simulated_board_is_of_the_robots_own_kind(simulated: Boards) -> None:
+    driver = simulated.driver(SIMULATED)
+    identity = driver.open()
+    try:
+        assert identity.simulated
+        assert identity.port == simulated.simulated().port
+    finally:
+        driver.close()
+
+
+@pytest.mark.parametrize(
+    ("name", "kind"),
+    [("uzuner", MaestroDriver), ("abaas", FirmataDriver), ("scorbot", EncoderDriver)],
+)
+def test_sockets_and_ptys_have_the_board_of_the_robot_file(name: str, kind: type) -> None:
+    assert isinstance(boards(name).driver("socket://127.0.0.1:5000"), kind)
+    assert isinstance(boards(name, MAESTRO, MEGA).driver(AUTOMATIC), kind)
+
+
+def test_a_port_may_name_its_board() -> None:
+    assert isinstance(boards("uzuner").driver("firmata:/dev/ttyUSB0"), FirmataDriver)
+    assert isinstance(boards("abaas", MAESTRO).driver("maestro:/dev/ttyACM0"), MaestroDriver)
+    assert split_kind("socket://a:1") == (None, "socket://a:1")
+    assert split_kind("encoder:socket://a:1") == ("encoder", "socket://a:1")
+
+
+def test_what_the_listing_knows_counts() -> None:
+    assert isinstance(boards("uzuner", MAESTRO).driver("/dev/ttyACM0"), MaestroDriver)
+    with pytest.raises(PortError, match="is a Pololu Micro Maestro 6-channel, and the channels of Abaas"):
+        boards("abaas", MAESTRO).driver("/dev/ttyACM0")
+
+
+def test_servos_and_encoders_are_not_mixed_up() -> None:
+    with pytest.raises(PortError, match="Scorbot ER-4PC is set up for Arduino with armctl"):
+        boards("scorbot").driver("maestro:/dev/ttyACM0")
+    with pytest.raises(PortError, match="is set up for Pololu Maestro"):
+        boards("uzuner").driver("encoder:/dev/ttyACM0")
+
+
+def test_automatic_says_what_is_missing() -> None:
+    with pytest.raises(PortError, match="no Maestro found"):
+        boards("uzuner", MEGA).driver(AUTOMATIC)
+    with pytest.raises(PortError, match="Arduino"):
+        boards("scorbot", MAESTRO).driver(AUTOMATIC)
+
+
+def test_calibrations_are_kept_by_serial_number() -> None:
+    robot = load_robot("abaas")
+    assert board_name(SIMULATED, robot) == SIMULATED_SERIAL
+    assert board_name(AUTOMATIC, robot, lambda: [MAESTRO, MEGA]) == "8573"
+    assert board_name("firmata:/dev/ttyACM1", robot, lambda: [MEGA]) == "8573"
+    assert board_name("socket://127.0.0.1:5000", robot, lambda: [MEGA]) == UNNUMBERED

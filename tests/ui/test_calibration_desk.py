@@ -1,0 +1,163 @@
+"""What is in force, saved and reverted; marks that survive a new arm."""
+
+from __future__ import annotations
+
+import asyncio
+import math
+from pathlib import Path
+
+import pytest
+
+from armctl.calibration import CalibrationStore, JointCalibration
+from armctl.errors import CalibrationError, StateError
+from armctl.robot import load_robot
+from armctl.ui.calibration_desk import CalibrationDesk
+
+ROBOT = load_robot("uzuner")
+NOON = 1_767_268_800.0
+
+
+@pytest.fixture
+def store(tmp_path: Path) -> CalibrationStore:
+    return CalibrationStore(tmp_path)
+
+
+def desk(store: CalibrationStore, board: str | None = "00123456") -> CalibrationDesk:
+    return CalibrationDesk(ROBOT, board, store, lambda: NOON)
+
+
+def measure(one: CalibrationDesk, joint: str = "base", zero: float = 1510.0, per_deg: float = -9.5) -> None:
+    for degrees in (-40, -15, 10, 45):
+        one.work.add_mark(joint, zero + per_deg * degrees, math.radians(degrees))
+
+
+def save(one: CalibrationDesk, note: str = "") -> Path:
+    return asyncio.run(one.save(note)).path
+
+
+def test_what_is_saved_is_in_force_at_the_next_desk(store: CalibrationStore, tmp_path: Path) -> None:
+    first = desk(store)
+    assert first.in_force is None
+    assert first.robot is ROBOT
+    measure(first)
+    path = save(first, "new horn")
+    assert path.is_file()
+    assert path.is_relative_to(tmp_path)
+    second = desk(store)
+    assert second.in_force is not None
+    assert second.in_force.note == "new horn"
+    assert second.robot.output_map is not None
+    assert math.radians(second.robot.output_map.per_rad[0]) == pytest.approx(-9.5)
+    assert desk(store, "another board").in_force is None
+
+
+def test_what_was_not_measured_stays_as_in_force(store: CalibrationStore) -> None:
+    first = desk(store)
+    measure(first)
+    first.work.set_jaw("closed", 1200.0)
+    save(first)
+    second = desk(store)
+    measure(second, "elbow", 1450, 10.2)
+    drawn = second.draft()
+    assert second.in_force is not None
+    assert drawn.joints["base"] == second.in_force.joints["base"]
+    assert drawn.joints.keys() == {"base", "elbow"}
+    assert drawn.gripper == (1200.0, second.work.map.gripper_open)
+
+
+def test_nothing_is_saved_twice_and_nothing_out_of_nothing(store: CalibrationStore) -> None:
+    first = desk(store)
+    with pytest.raises(StateError, match="there is nothing to save yet: a joint needs three marks"):
+        first.draft()
+    first.work.add_mark("base", 1500, 0.0)
+    with pytest.raises(StateError, match=r"nothing to save yet \(Base: too few marks\)"):
+        first.draft()
+    first.work.clear()
+    measure(first)
+    save(first)
+    second = desk(store)
+    second.adopt(first)
+    with pytest.raises(StateError, match="everything is saved"):
+        second.draft()
+
+
+def test_a_measurement_that_leaves_nothing_of_a_joint_is_not_saved(store: CalibrationStore) -> None:
+    one = desk(store)
+    measure(one, "base", 5000, 20)
+    with pytest.raises(CalibrationError, match="Base: its limits"):
+        one.draft()
+    assert store.versions("uzuner", "00123456") == ()
+
+
+def test_marks_go_on_at_the_new_desk_of_the_same_arm_only(store: CalibrationStore) -> None:
+    first = desk(store)
+    measure(first)
+    first.points.add(dict.fromkeys(range(5), 1500.0), ROBOT.forward(ROBOT.pose("home"))[:3, 3])
+    same, other = desk(store), desk(store, "another board")
+    nameless = desk(store, None)
+    for one in (same, other, nameless):
+        one.adopt(first)
+    assert len(same.work.joint("base").marks) == 4
+    assert len(same.points.touches) == 1
+    assert not other.work.joint("base").marks
+    assert not nameless.work.joint("base").marks
+    nameless.adopt(desk(store, None))
+
+
+def test_reverting_brings_an_earlier_one_or_the_robot_file_back(store: CalibrationStore) -> None:
+    one = desk(store)
+    measure(one)
+    save(one, "first")
+    two = desk(store)
+    measure(two, zero=1600)
+    save(two, "second")
+    three = desk(store)
+    assert [version.note for version in three.versions()] == ["second", "first"]
+    asyncio.run(three.revert(three.versions()[1].number))
+    back = desk(store)
+    assert back.in_force is not None
+    assert back.in_force.note == "first"
+    asyncio.run(back.revert(None))
+    assert desk(store).in_force is None
+    assert len(desk(store).versions()) == 4
+
+
+def test_an_earlier_one_that_no_longer_fits_is_not_brought_back(store: CalibrationStore) -> None:
+    one = desk(store)
+    measure(one)
+    drawn = one.draft()
+    drawn.joints["base"] = JointCalibration(1500, 500, 3000, 3100)  # type: ignore[index]
+    broken = store.save(drawn)
+    asyncio.run(desk_without_load(store).revert(None))
+    with pytest.raises(CalibrationError, match="nothing is left"):
+        asyncio.run(desk(store).revert(broken.number))
+    assert desk(store).in_force is None
+
+
+def desk_without_load(store: CalibrationStore) -> CalibrationDesk:
+    """A desk that was opened before the calibration in force was broken."""
+    one = CalibrationDesk(ROBOT, "00123456", CalibrationStore(store.folder / "empty"), lambda: NOON)
+    one._store = store
+    return one
+
+
+def test_without_a_board_nothing_is_kept(store: CalibrationStore) -> None:
+    one = desk(store, None)
+    measure(one)
+    with pytest.raises(StateError, match="there is none to keep a calibration for; connect it first"):
+        one.draft()
+    with pytest.raises(StateError, match="no board was found"):
+        asyncio.run(one.revert(None))
+    assert one.versions() == ()
+
+
+def test_the_desk_of_a_port_knows_its_board(store: CalibrationStore) -> None:
+    one = CalibrationDesk.of(ROBOT, "sim", store)
+    assert one.board == "simulated"
+    assert asyncio.run(one.holds_for("sim"))
+    assert not asyncio.run(one.holds_for("/dev/nobody"))
+    assert CalibrationDesk.of(ROBOT, "/dev/nobody", store).board == "unnumbered"
+
+
+def test_a_program_that_starts_before_its_board_is_plugged_in_has_a_desk(store: CalibrationStore) -> None:
+    assert CalibrationDesk.of(ROBOT, "auto", store).board is None
