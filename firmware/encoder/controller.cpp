@@ -1,0 +1,201 @@
+#include "controller.h"
+
+#include "encoders.h"
+#include "motors.h"
+#include "serial_port.h"
+
+namespace {
+
+// How long the signs of a broken encoder are gathered: a quarter of a second.
+constexpr uint16_t SIGNS_MASK = TICK_HZ / 4 - 1;
+
+} // namespace
+
+void Controller::begin(bool brownout) {
+    axes_.begin();
+    watchdog_.set_ms(WATCHDOG_DEFAULT_MS);
+    if (brownout) global_ |= GLOBAL_BROWNOUT;
+}
+
+void Controller::tick() {
+    ++ticks_;
+    axes_.measure();
+    switches_.sample(switches_open_);
+    obey_requests();
+    if (!powered()) return;
+    watch_host();
+    if (mode_ == Mode::HOMING) run_homing();
+    if (!powered()) return;
+    axes_.advance();
+    axes_.drive();
+    guard();
+    if (mode_ == Mode::HELD) finish_hold();
+}
+
+void Controller::obey_requests() {
+    const serial_port::Requests requests = serial_port::take_requests();
+    if (requests.stop) {
+        switch_off();
+        global_ |= GLOBAL_STOPPED;
+        tell(EventKind::STOPPED);
+        return;
+    }
+    if (requests.hold && powered()) hold();
+    // Nothing moves by a release; and the watchdog's braking is not undone.
+    if (requests.release && mode_ == Mode::HELD && !off_ticks_) mode_ = Mode::ON;
+}
+
+void Controller::hold() {
+    if (mode_ == Mode::HELD) return;
+    homing_.abort();
+    mode_ = Mode::HELD;
+    held_told_ = false;
+    for (uint8_t axis = 0; axis < AXES; ++axis) axes_.profile(axis).run_at(0);
+}
+
+void Controller::finish_hold() {
+    if (off_ticks_) {
+        if (--off_ticks_ == 0) switch_off();
+    } else if (!held_told_ && axes_.at_rest()) {
+        held_told_ = true;
+        tell(EventKind::HELD);
+    }
+}
+
+void Controller::watch_host() {
+    if (off_ticks_ || !watchdog_.step()) return;
+    hold();
+    off_ticks_ = watchdog_.brake_ticks();
+    // In less time than the motors stay on; the joints follow their setpoints a little late.
+    for (uint8_t axis = 0; axis < AXES; ++axis) axes_.profile(axis).brake(off_ticks_ / 2);
+    global_ |= GLOBAL_WATCHDOG;
+    tell(EventKind::WATCHDOG);
+}
+
+void Controller::run_homing() {
+    const Homing::Outcome outcome = homing_.step(axes_, switches_, homing_verdict());
+    const uint8_t axis = homing_.axis();
+    switch (outcome) {
+    case Homing::GOING_ON: break;
+    case Homing::AXIS_HOMED:
+        homed_ |= static_cast<uint8_t>(1 << axis);
+        tell(EventKind::HOMED, axis);
+        break;
+    case Homing::DONE:
+        mode_ = Mode::ON;
+        tell(EventKind::HOME_DONE);
+        break;
+    case Homing::FAILED:
+        tell(EventKind::HOME_FAILED, axis, static_cast<uint8_t>(homing_.failure()));
+        trip(axis, FAULT_HOMING);
+        break;
+    case Homing::RUNAWAY: trip(axis, FAULT_FOLLOW); break;
+    case Homing::NO_COUNTS: trip(axis, FAULT_ENCODER); break;
+    }
+}
+
+DriveWatch::Verdict Controller::homing_verdict() const {
+    const uint8_t axis = homing_.axis(), other = axes_.partner(axis);
+    const DriveWatch::Verdict own = axes_.verdict(axis);
+    return own != DriveWatch::FINE || other == NO_AXIS ? own : axes_.verdict(other);
+}
+
+bool Controller::is_homing(uint8_t axis) const {
+    return homing_.active() && (axis == homing_.axis() || axes_.partner(axis) == homing_.axis());
+}
+
+void Controller::guard() {
+    for (uint8_t axis = 0; axis < AXES && powered(); ++axis) {
+        if (!axes_.settings(axis).used()) continue;
+        const bool homing_it = is_homing(axis);
+        guard_motor(axis, homing_it);
+        if (powered()) guard_joint(axis, homing_it);
+    }
+    if ((ticks_ & SIGNS_MASK) == 0) encoders::forget_signs();
+}
+
+void Controller::guard_motor(uint8_t axis, bool homing_it) {
+    if (encoders::one_channel_only(axis) || encoders::edges_lost(axis)) {
+        trip(axis, FAULT_ENCODER);
+        return;
+    }
+    const DriveWatch::Verdict verdict = axes_.verdict(axis);
+    // Homing runs against stops; it takes the verdict itself.
+    if (verdict == DriveWatch::FINE || homing_it) return;
+    trip(axis, verdict == DriveWatch::STALLED ? FAULT_STALL : FAULT_ENCODER);
+}
+
+void Controller::guard_joint(uint8_t axis, bool homing_it) {
+    const Settings &settings = axes_.settings(axis);
+    const int32_t error = axes_.following_error(axis);
+    const int32_t allowed = settings.following;
+    if (homed(axis) && !homing_it) {
+        const int32_t setpoint = axes_.position(axis) + error;
+        const int32_t beyond = error > 0 ? settings.low - axes_.position(axis)
+                                         : axes_.position(axis) - settings.high;
+        if (setpoint >= settings.low && setpoint <= settings.high && beyond > allowed / 2) {
+            trip(axis, FAULT_LIMIT);
+            return;
+        }
+    }
+    if (error > allowed || error < -allowed) trip(axis, FAULT_FOLLOW);
+}
+
+void Controller::trip(uint8_t axis, Fault fault) {
+    motors::cut();
+    homing_.abort();
+    off_ticks_ = 0;
+    mode_ = Mode::TRIPPED;
+    faults_[axis] |= fault;
+    if (fault == FAULT_ENCODER) {
+        // Where the joint is, is no longer known; nor where a joint is that it turns with another.
+        unhome(axis);
+        if (axes_.partner(axis) != NO_AXIS) unhome(axes_.partner(axis));
+    }
+    tell(EventKind::TRIP, axis, fault);
+}
+
+void Controller::switch_on() {
+    global_ &= static_cast<uint8_t>(~(GLOBAL_WATCHDOG | GLOBAL_STOPPED));
+    axes_.hold_here();
+    encoders::forget_signs();
+    watchdog_.feed();
+    mode_ = Mode::ON;
+    motors::enable();
+}
+
+void Controller::switch_off() {
+    motors::cut();
+    homing_.abort();
+    off_ticks_ = 0;
+    if (mode_ != Mode::TRIPPED) mode_ = Mode::OFF;
+}
+
+void Controller::home(uint8_t wanted) {
+    if (mode_ == Mode::OFF) switch_on();
+    homed_ &= static_cast<uint8_t>(~wanted);
+    homing_.begin(axes_, wanted);
+    mode_ = Mode::HOMING;
+}
+
+void Controller::clear_faults() {
+    for (uint8_t &faults : faults_) faults = 0;
+    global_ = 0;
+    if (mode_ == Mode::TRIPPED) mode_ = Mode::OFF;
+}
+
+void Controller::configure(uint8_t axis, const Settings &settings) {
+    if (homes_differ(settings, axes_.settings(axis))) unhome(axis);
+    const uint8_t bit = static_cast<uint8_t>(1 << axis);
+    switches_open_ = static_cast<uint8_t>(settings.switch_opens ? switches_open_ | bit : switches_open_ & ~bit);
+    axes_.configure(axis, settings);
+}
+
+void Controller::pair(uint8_t sum, uint8_t difference) {
+    if (sum == axes_.pair_sum() && difference == axes_.pair_difference()) return;
+    const uint8_t concerned[] = {axes_.pair_sum(), axes_.pair_difference(), sum, difference};
+    for (const uint8_t axis : concerned) {
+        if (axis != NO_AXIS) unhome(axis);
+    }
+    axes_.pair(sum, difference);
+}

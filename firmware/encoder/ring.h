@@ -1,0 +1,36 @@
+// A queue between one writer and one reader, of which one may be an interrupt. It holds Size - 1 items;
+// Size is a power of two. Indexes are single bytes, so reading one is atomic on this CPU.
+#pragma once
+
+#include <stdint.h>
+
+template <typename Item, uint16_t Size>
+class Ring {
+    static_assert(Size >= 2 && Size <= 256 && (Size & (Size - 1)) == 0, "a power of two up to 256");
+
+public:
+    bool empty() const { return head_ == tail_; }
+    uint8_t room() const { return static_cast<uint8_t>((tail_ - head_ - 1) & MASK); }
+
+    // False when it is full: the item is not taken.
+    bool put(Item item) {
+        const uint8_t next = (head_ + 1) & MASK;
+        if (next == tail_) return false;
+        items_[head_] = item;
+        head_ = next;
+        return true;
+    }
+
+    // Only when not empty.
+    Item take() {
+        const Item item = items_[tail_];
+        tail_ = (tail_ + 1) & MASK;
+        return item;
+    }
+
+private:
+    static constexpr uint8_t MASK = Size - 1;
+    volatile uint8_t head_ = 0;
+    volatile uint8_t tail_ = 0;
+    Item items_[Size];
+};

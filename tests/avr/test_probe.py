@@ -1,0 +1,81 @@
+"""Who answers, and the check-up, asked of real firmware: the questions upset neither image."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from tests.avr.avr import Avr
+from tests.avr.board import stepped_line
+from tests.avr.conftest import MakeAvr
+from tests.avr.firmata_rig import FirmataRig
+
+from armctl.hardware.doctor import Patient, Verdict, examine
+from armctl.hardware.driver import ChannelSettings
+from armctl.hardware.ports import PortChecks
+from armctl.hardware.probe import Probed, approach, probe
+from armctl.hardware.usb_ids import ARDUINO_MEGA
+from armctl.robot import BoardKind
+
+FREE = PortChecks(lambda _device: True, lambda _device: None, lambda _device: None)
+
+
+def probed(avr: Avr, label: str | None) -> Probed:
+    open_line = stepped_line(avr)
+    return probe(lambda _baud: open_line(), approach(label), lambda: avr.now)
+
+
+@pytest.mark.parametrize("label", [None, ARDUINO_MEGA])
+def test_standard_firmata_is_told_by_name_and_version(
+    make_avr: MakeAvr, firmata_firmware: Path, label: str | None
+) -> None:
+    found = probed(make_avr(firmata_firmware), label)
+    assert (found.board, found.name, found.version) == ("firmata", "StandardFirmata", "2.3")
+
+
+def test_standard_firmata_that_has_long_been_running_is_asked_without_a_change_to_its_pulses(
+    make_avr: MakeAvr, firmata_firmware: Path
+) -> None:
+    rig = FirmataRig(make_avr(firmata_firmware), (2, 22))
+    rig.stream({2: 1000, 22: 2000}, frames=10)
+    before = rig.settled_us()
+    assert probed(rig.avr, None).board == "firmata"
+    assert {round(pulse.width_us, -2) for pulse in rig.meter.take()} == {1000, 2000}
+    assert rig.settled_us() == pytest.approx(before, abs=4.0)
+
+
+@pytest.mark.parametrize("label", [None, ARDUINO_MEGA])
+def test_the_encoder_firmware_is_told_by_name_and_version(
+    make_avr: MakeAvr, encoder_firmware: Path, label: str | None
+) -> None:
+    found = probed(make_avr(encoder_firmware), label)
+    assert (found.board, found.name) == ("encoder", "armctl-encoder")
+    assert "6 axes" in found.details
+
+
+def test_another_sketch_is_nobody(make_avr: MakeAvr, known_firmware: Path) -> None:
+    assert probed(make_avr(known_firmware), ARDUINO_MEGA).board is None
+
+
+@pytest.mark.parametrize(
+    ("kind", "channels"),
+    [
+        ("firmata", [ChannelSettings(pin, 544.0, 2400.0) for pin in (2, 22, 49)]),
+        ("encoder", [ChannelSettings(axis, -1000.0, 1000.0, 500.0, 5000.0) for axis in range(6)]),
+    ],
+)
+def test_the_check_up_finds_nothing_wrong(
+    make_avr: MakeAvr,
+    firmata_firmware: Path,
+    encoder_firmware: Path,
+    kind: BoardKind,
+    channels: list[ChannelSettings],
+) -> None:
+    avr = make_avr(firmata_firmware if kind == "firmata" else encoder_firmware)
+    open_line = stepped_line(avr)
+    patient = Patient("socket://board", expected=kind, channels=channels, checks=FREE)
+    findings = examine(patient, lambda _baud: open_line(), lambda: avr.now)
+    assert [one for one in findings if one.verdict is Verdict.FAILED] == []
+    seen = {one.check: one.seen for one in findings}
+    assert seen["round trips"].startswith("50 questions answered")
+    assert ("all pulses are off" if kind == "firmata" else "motors off") in seen["outputs"]
