@@ -2,6 +2,9 @@
 
 namespace {
 
+// Up to 100 ms a setpoint is taken for one of a stream.
+constexpr uint16_t STREAM_TICKS = ms_to_ticks(100);
+
 int32_t fine(int32_t count) { return shifted_up<TICK_SHIFT>(count); }
 
 } // namespace
@@ -11,6 +14,7 @@ void Profile::stand_at(int32_t count) {
     velocity_ = 0;
     line_step_ = 0;
     line_ticks_ = 0;
+    line_velocity_ = 0;
     following_ = true;
 }
 
@@ -20,6 +24,7 @@ void Profile::go_to(int32_t count, uint16_t ticks) {
     goal_ = fine(count);
     line_ticks_ = ticks;
     line_step_ = (goal_ - line_) / ticks;
+    ends_at_rest_ = ticks > STREAM_TICKS;
 }
 
 void Profile::run_at(int16_t velocity) {
@@ -46,31 +51,45 @@ void Profile::change_velocity() {
     else velocity_ = velocity_goal_;
 }
 
+void Profile::advance_line() {
+    line_velocity_ = 0;
+    if (!line_ticks_) return;
+    if (--line_ticks_ == 0) {
+        line_ = goal_;
+        return;
+    }
+    line_ += line_step_;
+    line_velocity_ = line_step_ > velocity_limit_    ? velocity_limit_
+                     : line_step_ < -velocity_limit_ ? static_cast<int16_t>(-velocity_limit_)
+                                                     : static_cast<int16_t>(line_step_);
+}
+
+// A move whose goal is no farther than it takes to slow down.
+bool Profile::must_stop_here() const {
+    if (!ends_at_rest_ || !line_ticks_ || !velocity_) return false;
+    const bool upward = velocity_ > 0;
+    const int32_t left = upward ? goal_ - position_ : position_ - goal_;
+    return left <= 0 || must_brake(upward ? velocity() : static_cast<int16_t>(-velocity()), static_cast<uint32_t>(left));
+}
+
 void Profile::follow() {
     if (!line_ticks_ && !velocity_ && position_ == goal_) return;
-    int16_t line_velocity = 0;
-    if (line_ticks_) {
-        if (--line_ticks_) line_ += line_step_;
-        else line_ = goal_;
-        line_velocity = line_step_ > velocity_limit_    ? velocity_limit_
-                        : line_step_ < -velocity_limit_ ? static_cast<int16_t>(-velocity_limit_)
-                                                        : static_cast<int16_t>(line_step_);
-    }
+    advance_line();
     const int32_t error = line_ - position_;
     const uint32_t distance = static_cast<uint32_t>(error < 0 ? -error : error);
-    const int16_t faster = velocity() - line_velocity; // than the line
+    const int16_t faster = velocity() - line_velocity_; // than the line
     const uint16_t difference = static_cast<uint16_t>(faster < 0 ? -faster : faster);
+    const bool stop = must_stop_here();
 
     // Close enough to be on the line: the rest of a tick's acceleration would only make it rattle.
-    if (distance < (1 << TICK_SHIFT) / 4 && difference <= (acceleration_ >> (TICK_SHIFT - 1)) + 2) {
-        position_ = line_;
-        velocity_ = line_ticks_ ? fine(line_velocity) : 0;
-        if (line_ticks_) position_ -= line_velocity; // step() adds it
+    if (!stop && distance < (1 << TICK_SHIFT) / 4 && difference <= (acceleration_ >> (TICK_SHIFT - 1)) + 2) {
+        velocity_ = fine(line_velocity_);
+        position_ = line_ - line_velocity_; // step() adds it
         return;
     }
     const int16_t closing = error > 0 ? faster : static_cast<int16_t>(-faster);
     const bool speed_up = closing <= 0 || !must_brake(closing, distance);
-    const bool upward = (error > 0) == speed_up;
+    const bool upward = stop ? velocity_ < 0 : (error > 0) == speed_up;
     velocity_ += upward ? static_cast<int32_t>(acceleration_) : -static_cast<int32_t>(acceleration_);
     if (velocity_ > velocity_limit_fine_) velocity_ = velocity_limit_fine_;
     else if (velocity_ < -velocity_limit_fine_) velocity_ = -velocity_limit_fine_;

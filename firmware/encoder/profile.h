@@ -2,7 +2,9 @@
 //
 // The host's setpoints are joined by straight lines in time. The profile follows that line: it heads
 // for it with the full acceleration and slows down in time to arrive at the line's own velocity, so
-// that a trajectory within the limits is followed without a lag and a jump becomes a trapezoid.
+// that a trajectory within the limits is followed without a lag and a jump becomes a trapezoid. A short
+// line is a piece of a stream: its end is passed with the line's velocity, as the next piece will go on.
+// A long one is a move: it ends at rest.
 #pragma once
 
 #include <stdint.h>
@@ -42,6 +44,8 @@ public:
 
 private:
     void follow();
+    void advance_line();
+    bool must_stop_here() const;
     void change_velocity();
     bool must_brake(int16_t closing, uint32_t distance) const;
 
@@ -57,6 +61,8 @@ private:
     int32_t line_step_ = 0; // [1/512 count] a tick, which is [counts/s]
     int32_t goal_ = 0;      // [1/512 count]
     uint16_t line_ticks_ = 0;
+    int16_t line_velocity_ = 0; // [counts/s]
+    bool ends_at_rest_ = false;
     // While running at a velocity.
     int32_t velocity_goal_ = 0; // [1/512 count/s]
     int32_t velocity_step_ = 1; // [1/512 count/s] a tick

@@ -15,7 +15,17 @@ from numpy.typing import NDArray
 from armctl.boards import SIMULATED, Boards, calibrated_for
 from armctl.errors import InputError
 from armctl.kinematics import Target
-from armctl.motion import ArcStep, LineStep, PitchMode, Profile, Program, Step, WaitStep, open_program
+from armctl.motion import (
+    WIDEST_BLEND_MM,
+    ArcStep,
+    LineStep,
+    PitchMode,
+    Profile,
+    Program,
+    Step,
+    WaitStep,
+    open_program,
+)
 from armctl.robot import Robot, load_robot
 from armctl.runtime import (
     Command,
@@ -293,5 +303,5 @@ class Arm:
 
 
 def _require_blend(blend_mm: float) -> None:
-    if not 0 <= blend_mm < math.inf:
-        raise InputError(f"a blend radius is 0 mm or more, not {blend_mm}")
+    if not 0 <= blend_mm <= WIDEST_BLEND_MM:
+        raise InputError(f"a blend radius is 0 … {WIDEST_BLEND_MM} mm, not {blend_mm}")

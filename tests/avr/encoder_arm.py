@@ -18,7 +18,8 @@ TICK_S = 0.001
 
 def sealed(text: str) -> bytes:
     """A line with its CRC and its end."""
-    return f"{text}*{binascii.crc_hqx(text.encode(), 0xFFFF):04X}\n".encode()
+    body = text.encode("latin-1")
+    return b"%s*%04X\n" % (body, binascii.crc_hqx(body, 0xFFFF))
 
 
 @dataclass(frozen=True)
@@ -130,6 +131,13 @@ class EncoderArm:
             if len(self.banners) > seen:
                 return
         raise AssertionError("no banner in 0.1 s")
+
+    def reset(self) -> None:
+        """Press the reset button; the line that was on its way is lost."""
+        self.avr.reset()
+        self.avr.read()
+        self._rest = b""
+        self.boot()
 
     def home(self) -> None:
         """Home all axes."""

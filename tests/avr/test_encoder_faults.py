@@ -58,15 +58,17 @@ def test_a_blocked_joint_is_a_stall(homed: EncoderArm, axis: int) -> None:
 def test_a_joint_that_is_hit_is_a_following_error(homed: EncoderArm) -> None:
     """Blocked at speed: the setpoint runs away before the stall's time is over."""
     homed.post("P -6000 - - - - - 1000")
-    homed.run(0.5)
+    homed.run(0.3)
     homed.plant.axes[0].blocked = 1
     homed.run_until(lambda: tripped(homed), 1)
     assert homed.events[-1] == "trip 0 FOLLOW"
     assert homed.now().faults[0] == FOLLOW
 
 
-@pytest.mark.parametrize("axis", [0, 1, 2, 4, 5])
-@pytest.mark.parametrize("wire", ["torn_a", "torn_b"])
+@pytest.mark.parametrize(
+    ("axis", "wire"),
+    [(0, "torn_a"), (1, "torn_b"), (2, "torn_b"), (3, "torn_a"), (4, "torn_b"), (5, "torn_a")],
+)
 def test_a_torn_encoder_wire_in_motion(homed: EncoderArm, axis: int, wire: str) -> None:
     homed.post("P -6000 -4000 -5000 -900 900 1500 1000")
     homed.run(0.3)

@@ -214,7 +214,10 @@ def test_hold_stops_inside_the_acceleration_and_stays(moving: EncoderArm) -> Non
     assert moving.plant.powered
     assert moving.ask("P 0 0 0 0 0 0") == "err HOLD"
     assert moving.ask("HOME") == "err HOLD"
+    assert moving.ask("PING") == "ok"
+    moving.run(0.3)
     way = moving.plant.way
+    assert moving.ask("PING") == "ok"
     moving.avr.write(b"~")
     moving.run(0.3)
     assert moving.now().mode == "N"

@@ -142,9 +142,19 @@ def test_a_page_that_watches_reads_the_marks_and_changes_none(
     assert work.joint("base").high is None
     assert served.commanded_deg[0] == 0
     assert served.console.calibrating.versions() == ()
+    page.hold("Jog +", 500)
+    page.wait_until(lambda: served.now.state is State.HOLDING, "letting go stops the joint")
+    assert 0 < served.commanded_deg[0] < 9
     page.type_into("Angle read °", "1,5")
     page.click("Add mark")
     page.wait_for_notification("'1,5' is not a number (write 1.5, with a point)")
+    page.open_tab("Gripper")
+    page.click("Closed here")
+    page.wait_for_notification("press 'Move gripper' first")
+    page.click("Move gripper")
+    page.wait_for_text("1500.0 µs")
+    page.click("Closed here")
+    page.wait_until(lambda: work.jaw("closed") == 1500, "the gripper is closed here")
 
 
 def test_touched_points_name_the_joint_that_is_off(page: Screen, served: ServedArm) -> None:

@@ -6,6 +6,7 @@ import asyncio
 import math
 from pathlib import Path
 
+import msgspec
 import pytest
 
 from armctl.calibration import CalibrationStore, JointCalibration
@@ -120,25 +121,20 @@ def test_reverting_brings_an_earlier_one_or_the_robot_file_back(store: Calibrati
     asyncio.run(back.revert(None))
     assert desk(store).in_force is None
     assert len(desk(store).versions()) == 4
+    with pytest.raises(StateError, match="the robot file is in force already"):
+        asyncio.run(desk(store).revert(None))
 
 
 def test_an_earlier_one_that_no_longer_fits_is_not_brought_back(store: CalibrationStore) -> None:
     one = desk(store)
     measure(one)
     drawn = one.draft()
-    drawn.joints["base"] = JointCalibration(1500, 500, 3000, 3100)  # type: ignore[index]
-    broken = store.save(drawn)
-    asyncio.run(desk_without_load(store).revert(None))
+    impossible = JointCalibration(1500, 500, 3000, 3100)
+    broken = store.save(msgspec.structs.replace(drawn, joints={"base": impossible}))
+    store.forget("uzuner", "00123456", "2026-01-01T00:00:00+00:00")
     with pytest.raises(CalibrationError, match="nothing is left"):
         asyncio.run(desk(store).revert(broken.number))
     assert desk(store).in_force is None
-
-
-def desk_without_load(store: CalibrationStore) -> CalibrationDesk:
-    """A desk that was opened before the calibration in force was broken."""
-    one = CalibrationDesk(ROBOT, "00123456", CalibrationStore(store.folder / "empty"), lambda: NOON)
-    one._store = store
-    return one
 
 
 def test_without_a_board_nothing_is_kept(store: CalibrationStore) -> None:

@@ -73,6 +73,14 @@ def test_the_line_is_told_beside_the_robot_files() -> None:
     assert "Base turns the other way than uzuner says." in said
 
 
+def test_an_encoders_home_is_told() -> None:
+    work = CalibrationWork(load_robot("scorbot"), None)
+    for counts, degrees in ((0, 1.0), (1400, 11), (2800, 21)):
+        work.add_mark(work.chosen, counts, math.radians(degrees))
+    assert "home (0 counts) is at 1.00° 0.00°" in plain(fit_html(work, work.chosen))
+    assert "scale 140.000 counts/°" in plain(fit_html(work, work.chosen))
+
+
 def test_a_wrong_mark_is_named_in_the_table_and_in_words() -> None:
     work = measured((1300, -20), (1400, -10), (1500, 15), (1600, 10), (1700, 20))
     assert "Mark 3 does not fit" in plain(fit_html(work, "base"))

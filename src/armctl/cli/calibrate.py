@@ -19,6 +19,8 @@ from armctl.calibration import (
     renamed,
     tool_error,
 )
+from armctl.cli.calibrate_set import gripper, safe
+from armctl.cli.calibration_board import board_option, chosen_board
 from armctl.cli.calibration_words import (
     fit_record,
     in_words,
@@ -31,10 +33,6 @@ from armctl.cli.calibration_words import (
 from armctl.cli.options import json_option, print_json
 from armctl.errors import CalibrationError
 from armctl.robot import load_robot
-
-board_option = click.option(
-    "--board", help="Serial number of the board (default: the only one that the robot was calibrated with)."
-)
 
 
 @click.group()
@@ -89,7 +87,7 @@ def joint_command(robot: str, joint: str, port: str, places: int, speed: float, 
 def show(robot: str, board: str | None, as_json: bool) -> None:
     """Show the calibration in force for ROBOT, its earlier versions, and what it takes from the limits."""
     arm, store = load_robot(robot), CalibrationStore()
-    board = _chosen_board(store, arm.name, board)
+    board = chosen_board(store, arm.name, board)
     versions = store.versions(arm.name, board)
     now = store.load(arm.name, board)
     words = () if now is None else narrowed(arm, now)
@@ -143,7 +141,7 @@ def list_command(as_json: bool) -> None:
 def revert(robot: str, board: str | None, number: int | None) -> None:
     """Go back to an earlier calibration of ROBOT; again and again goes further back. Nothing is lost."""
     store, name = CalibrationStore(), _name(robot)
-    board = _chosen_board(store, name, board)
+    board = chosen_board(store, name, board)
     version = store.revert(name, board, number)
     words = in_words(version.calibration)
     click.echo(f"{name} on board {board}: version {version.again} is in force again: {words}")
@@ -155,7 +153,7 @@ def revert(robot: str, board: str | None, number: int | None) -> None:
 def forget(robot: str, board: str | None) -> None:
     """Let the file of ROBOT hold as it is. The calibrations so far are kept; `revert` brings them back."""
     store, name = CalibrationStore(), _name(robot)
-    board = _chosen_board(store, name, board)
+    board = chosen_board(store, name, board)
     store.forget(name, board, timestamp())
     click.echo(f"{name} on board {board} goes by its robot file now")
 
@@ -206,7 +204,7 @@ def points(robot: str, points: Path, board: str | None, as_json: bool) -> None:
 def export(robot: str, file: Path, board: str | None) -> None:
     """Write the calibration in force for ROBOT to FILE (TOML), which must not be there yet."""
     store, name = CalibrationStore(), _name(robot)
-    board = _chosen_board(store, name, board)
+    board = chosen_board(store, name, board)
     now = store.load(name, board)
     if now is None:
         raise CalibrationError(f"{name} on board {board} goes by its robot file: there is nothing to export")
@@ -234,25 +232,10 @@ def import_command(file: Path, board: str | None, robot: str | None) -> None:
         click.echo(f"  {line}")
 
 
-def _chosen_board(store: CalibrationStore, robot: str, board: str | None) -> str:
-    """The board that was named, or the only one.
-
-    Raises:
-        CalibrationError: the robot was never calibrated, or with several boards.
-    """
-    known = [one.board for one in store.boards() if one.robot == robot]
-    if board is None and len(known) == 1:
-        return known[0]
-    if board is not None and board in known:
-        return board
-    if not known:
-        raise CalibrationError(f"{robot} was never calibrated on this computer")
-    listed = ", ".join(known)
-    if board is None:
-        raise CalibrationError(f"{robot} was calibrated with several boards: {listed}; name one with --board")
-    raise CalibrationError(f"{robot} was never calibrated with board {board!r}; known are {listed}")
-
-
 def _name(robot: str) -> str:
     """The robot's name: of a file the one inside, else what was typed."""
     return load_robot(robot).name if Path(robot).suffix else robot
+
+
+calibrate.add_command(safe)
+calibrate.add_command(gripper)

@@ -8,7 +8,7 @@ import click
 import numpy as np
 
 from armctl.arm import Arm
-from armctl.boards import board_name
+from armctl.boards import UNNUMBERED, board_name
 from armctl.calibration import (
     LEAST_MARKS,
     Calibration,
@@ -43,14 +43,12 @@ def measure_joint(robot: Robot, joint: str, port: str, places: int, speed: float
         note: kept with it.
 
     Raises:
-        ArmctlError: no such joint, no board, a board without a name, marks that give no calibration.
+        ArmctlError: no such joint, no board, marks that give no calibration.
     """
     unit = unit_of(robot, joint)
     board = board_name(port, robot)
-    if board is None:
-        raise CalibrationError(
-            f"the board on {port} tells no serial number: a calibration of it could not be found again"
-        )
+    if board == UNNUMBERED:
+        click.echo(f"the board on {port} has no serial number: what is saved holds for every such board")
     with Arm.open(robot, port) as arm:
         arm.set_speed(speed)
         click.confirm(

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from armctl.errors import RobotFileError
 from armctl.kinematics import Body, DHChain, GravityModel
+from armctl.kinematics.angles import rest_angle
 from armctl.robot.robot import JERK_UP_S, Joint, Robot
 from armctl.robot.urdf_file import UrdfFile, UrdfJoint, read_urdf_file
 from armctl.robot.urdf_rows import rows_of
@@ -43,7 +44,7 @@ def load_urdf(path: Path) -> Robot:
     dh = DHChain(rows_of(origins, [joint.axis for joint in moving], tool))
     names = _distinct(_plain(joint.name, "joint") for joint in moving)
     joints = tuple(_joint(joint, name, path) for joint, name in zip(moving, names, strict=True))
-    home = np.array([min(max(0.0, joint.lower), joint.upper) for joint in joints])
+    home = np.array([rest_angle(joint.lower, joint.upper) for joint in joints])
     home.flags.writeable = False
     return Robot(
         name=_plain(file.name or path.stem, "arm"),

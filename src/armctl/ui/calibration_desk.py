@@ -126,11 +126,13 @@ class CalibrationDesk:
 
         Raises:
             CalibrationError: there is no such version, or it does not fit the robot, or cannot be written.
-            StateError: there is no board yet.
+            StateError: there is no board yet, or nothing to go back from.
         """
         if self.board is None:
             raise StateError(_NO_BOARD)
         name, board = self._file_robot.name, self.board
+        if number is None and self.in_force is None:
+            raise StateError("the robot file is in force already: nothing to go back from")
         if number is None:
             made = iso_time(self._now())
             return await asyncio.to_thread(self._store.forget, name, board, made, self.work.map.unit)

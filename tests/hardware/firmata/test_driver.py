@@ -32,21 +32,27 @@ def test_the_bytes_of_a_whole_session(clock: ManualClock):
     session.frame({22: 2000.0, 9: 1501.4})
     driver.stop()
     driver.release()
+    session.frame()
+    clock.advance(FRAME_S)
+    driver.write({9: 1000.0, 22: 1000.0})
     driver.close()
+    on_9, on_22 = "f0 70 09 68 07 50 0f f7 f0 6f 09", "f0 70 16 68 07 50 0f f7 f0 6f 16"
     questions = "f0 6d 09 f7 f0 6d 16 f7"
     assert session.line.bursts == [
         "f0 79 f7",
         "f0 6b f7",
         questions,  # configure
         questions,  # the first frame
-        "f0 79 f7 f0 79 f7 f0 79 f7 f0 70 09 68 07 50 0f f7 f0 6f 09 5c 0b f7 "
-        "f0 70 16 68 07 50 0f f7 f0 6f 16 50 0f f7",  # on: each config with its first pulse right behind
+        f"{on_9} 5c 0b f7 {on_22} 50 0f f7",  # each config with its first pulse right behind
+        questions,
         questions,
         questions,  # two frames in which nothing changes
         "f0 6f 09 5d 0b f7",  # 1501, and nothing for the pin that stays
         questions,
         "f4 16 01 f4 09 01",  # off
         questions,
+        questions,
+        f"f0 79 f7 f0 79 f7 f0 79 f7 {on_9} 68 07 f7 {on_22} 68 07 f7",  # behind what keeps the sketch busy
     ]
 
 
@@ -54,7 +60,7 @@ def test_identity():
     clock = ManualClock()
     session = Session(SimulatedFirmata(), clock)
     identity = session.driver.open()
-    assert identity.kind == "Arduino with StandardFirmata 2.5"
+    assert identity.kind == "Arduino with StandardFirmata 2.3"
     assert identity.port == "loop"
     assert identity.serial_number is None
     assert identity.simulated is False

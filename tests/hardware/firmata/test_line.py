@@ -69,9 +69,11 @@ def line_to(board, clock: ManualClock) -> tuple[FirmataLine, RecordingTransport]
 
 def test_a_board_that_restarts_on_opening_is_not_disturbed(clock: ManualClock):
     line, transport = line_to(SimulatedFirmata(boot_s=1.7), clock)
-    firmware, capabilities = line.identify(ask_after_s=2.5)
-    assert (firmware.major, firmware.minor, firmware.name) == (2, 5, "StandardFirmata.ino")
-    assert capabilities.pins_with(4) == tuple(range(2, 50))
+    board = line.identify(ask_after_s=2.5)
+    firmware = board.firmware
+    assert (firmware.major, firmware.minor, firmware.name) == (2, 3, "StandardFirmata.ino")
+    assert board.capabilities.pins_with(4) == tuple(range(2, 50))
+    assert board.fresh
     assert transport.bursts == ["f0 79 f7", "f0 6b f7"]
     assert transport.written[0][0] >= 101.7
 
@@ -80,15 +82,15 @@ def test_a_board_that_runs_already_is_asked_with_a_byte_that_ends_no_sysex(clock
     board = SimulatedFirmata()
     board.advance(clock.now())
     line, transport = line_to(board, clock)
-    line.identify(ask_after_s=0.5)
+    assert not line.identify(ask_after_s=0.5).fresh
     assert transport.bursts == ["f9", "f0 79 f7", "f0 6b f7"]
     assert 0.5 <= transport.written[0][0] - 100.0 < 0.6
 
 
 def test_the_capabilities_of_a_mega_come_whole_over_a_slow_line(clock: ManualClock):
     line, _ = line_to(SlowLine(SimulatedFirmata(boot_s=1.0)), clock)
-    _, capabilities = line.identify(ask_after_s=2.5)
-    assert len(capabilities.pins) == 70
+    board = line.identify(ask_after_s=2.5)
+    assert len(board.capabilities.pins) == 70
 
 
 def test_boot_reports_that_come_late_are_not_a_restart(clock: ManualClock):

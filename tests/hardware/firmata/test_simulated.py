@@ -1,4 +1,4 @@
-"""The fake sketch, byte for byte: what StandardFirmata 2.5 answers, and what its servos then send."""
+"""The fake sketch, byte for byte: what StandardFirmata 2.3 answers, and what its servos then send."""
 
 from __future__ import annotations
 
@@ -33,16 +33,16 @@ def test_it_reports_itself_when_it_has_started_and_is_deaf_before():
     assert board.advance(10.0) == b""
     assert board.feed(b"\xf9") == b""
     assert board.advance(11.69) == b""
-    assert board.advance(11.71).hex(" ") == f"f9 02 05 f0 79 02 05 {NAME} f7"
+    assert board.advance(11.71).hex(" ") == f"f9 02 03 f0 79 02 03 {NAME} f7"
     assert board.advance(11.72) == b""
-    assert say(board, "f9") == "f9 02 05"
+    assert say(board, "f9") == "f9 02 03"
 
 
 @pytest.mark.parametrize(
     ("command", "answer"),
     [
-        ("f9", "f9 02 05"),
-        ("f0 79 f7", f"f0 79 02 05 {NAME} f7"),
+        ("f9", "f9 02 03"),
+        ("f0 79 f7", f"f0 79 02 03 {NAME} f7"),
         ("f0 6d 09 f7", "f0 6e 09 01 00 f7"),  # low
         ("f0 6d 36 f7", "f0 6e 36 02 00 f7"),  # the first analog pin listens
         ("f0 6d 00 f7", "f0 6e 00 00 00 f7"),
@@ -67,7 +67,7 @@ def test_answers(command: str, answer: str):
 def test_capabilities_of_a_mega():
     board = running()
     answer = board.feed(bytes.fromhex("f0 6b f7"))
-    assert answer.hex(" ").startswith("f0 6c 7f 7f 00 01 0b 01 01 01 03 08 04 0e 7f")
+    assert answer.hex(" ").startswith("f0 6c 7f 7f 00 01 01 01 03 08 04 0e 7f")
     (report,) = ReplyParser().feed(answer)
     assert len(report.pins) == 70
     assert report.pins_with(4) == tuple(range(2, 50))
@@ -143,11 +143,11 @@ def test_a_sysex_without_its_end_executes_a_wrong_value():
     assert say(board, "f0 6d 09 f7") == "f0 6e 09 04 5c 70 7f f7"
 
 
-def test_a_freed_servo_sends_its_last_width_on_the_pin_that_gets_it_next():
+def test_a_pin_begins_with_the_width_that_it_sent_last():
     board = running()
-    say(board, f"{ON_AT_1500} f0 6f 09 68 07 f7 f4 09 01 f0 70 0a 20 04 60 12 f7")
+    say(board, f"{ON_AT_1500} f0 6f 09 68 07 f7 f4 09 01 f0 70 09 20 04 60 12 f7")
     board.advance(0.02)
-    assert widths(board, 10) == [1000]
+    assert widths(board, 9) == [1000]
 
 
 def test_a_restart_forgets_everything():
@@ -155,7 +155,7 @@ def test_a_restart_forgets_everything():
     say(board, ON_AT_1500)
     board.advance(0.1)
     board.reset()
-    assert board.advance(1.0).hex(" ").startswith("f9 02 05 f0 79")
+    assert board.advance(1.0).hex(" ").startswith("f9 02 03 f0 79")
     assert say(board, "f0 6d 09 f7") == "f0 6e 09 01 00 f7"
     assert len(board.pulses(9)) == 5
 
@@ -166,7 +166,7 @@ def test_a_sysex_too_long_crashes_it_until_the_reset_button():
     assert board.crashed
     board.reset()
     board.advance(1.0)
-    assert say(board, "f9") == "f9 02 05"
+    assert say(board, "f9") == "f9 02 03"
 
 
 @pytest.mark.parametrize("pin", [-1, 70])

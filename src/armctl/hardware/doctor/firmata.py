@@ -34,10 +34,11 @@ def examine_firmata(
         BoardError: the board stops answering, or the line is gone.
     """
     line = FirmataLine(transport, now)
-    firmware, capabilities = line.identify(0.0)
+    identity = line.identify(0.0)
+    firmware = identity.firmware
     findings = [
         _sketch(firmware.name, f"{firmware.major}.{firmware.minor}"),
-        *_pins(channels, capabilities.pins_with(PinMode.SERVO)),
+        *_pins(channels, identity.capabilities.pins_with(PinMode.SERVO)),
     ]
     pins = sorted(one.channel for one in channels)
     states = [_state(line, pin) for pin in pins]

@@ -6,14 +6,13 @@ from collections.abc import Callable, Mapping, Sequence
 
 from armctl.errors import ArmctlError, BoardError, BoardTimeoutError, PortError, StateError
 from armctl.hardware.driver import BoardIdentity, ChannelSettings, HomingState, Readback, Source
-from armctl.hardware.encoder.axis_fault import fault_words, flag_words
 from armctl.hardware.encoder.axis_table import AxisTable
 from armctl.hardware.encoder.frame import Realtime
 from armctl.hardware.encoder.greeting import greet
 from armctl.hardware.encoder.messages import Banner
 from armctl.hardware.encoder.session import EncoderSession
 from armctl.hardware.encoder.status import Mode, Status
-from armctl.hardware.encoder.watch import BoardWatch
+from armctl.hardware.encoder.watch import BoardWatch, earlier_words
 from armctl.hardware.ports import PortInfo, describe_port, list_ports
 from armctl.hardware.serial_transport import SerialTransport
 from armctl.hardware.transport import Transport
@@ -29,7 +28,6 @@ _REACH_MS = 30  # longer than the 20 ms between setpoints: one that comes late f
 _OLDEST_STATUS_S = 0.05
 _KEEP_ALIVE_S = 0.1
 _STOP_ATTEMPTS = 3
-_BAD_STARTS = ("brownout", "watchdog")
 
 
 class EncoderDriver:
@@ -103,7 +101,7 @@ class EncoderDriver:
             port=session.name,
             serial_number=info.serial_number if info else None,
             simulated=self._simulated,
-            notes=tuple(self._notes(banner, status)),
+            notes=(() if self._simulated else (SILENCE_NOTE,)) + earlier_words(status, banner.reset),
         )
 
     def configure(self, channels: Sequence[ChannelSettings]) -> None:
@@ -158,7 +156,7 @@ class EncoderDriver:
         session = self._board
         refusals = session.settle()
         status = self._seen = session.fresh_status(_OLDEST_STATUS_S)
-        errors = self._watch.observe(status, session.restarted, session.take_events())
+        errors = self._watch.observe(status, session.heard.restarted, session.heard.take_events())
         if session.idle_s >= _KEEP_ALIVE_S:
             session.post("PING")
         return Readback(
@@ -184,7 +182,7 @@ class EncoderDriver:
         for _ in range(_STOP_ATTEMPTS):
             session.realtime(Realtime.HOLD)
             session.realtime(Realtime.STATUS)
-            if session.wait_until(lambda: _stands(session.status), self._timeout_s / _STOP_ATTEMPTS):
+            if session.wait_until(lambda: _stands(session.heard.status), self._timeout_s / _STOP_ATTEMPTS):
                 self._held = True
                 return
         raise BoardTimeoutError(
@@ -271,19 +269,11 @@ class EncoderDriver:
                 "choose the robot that belongs to this board, or change its file"
             )
 
-    def _notes(self, banner: Banner, status: Status) -> list[str]:
-        notes = [] if self._simulated else [SILENCE_NOTE]
-        earlier = list(flag_words(status.flags))
-        earlier += [f"axis {axis}: {fault_words(fault)}" for axis, fault in enumerate(status.faults) if fault]
-        if banner.reset in _BAD_STARTS and not earlier:
-            earlier.append(f"its last start was after a {banner.reset} reset; check its supply")
-        return notes + [f"before armctl connected, the board had reported: {words}" for words in earlier]
-
     def _tell(self, session: EncoderSession, table: AxisTable) -> None:
         """Send the settings, unless the board has them."""
         session.drain()
         lines = table.configuration()
-        if lines == self._told and session.restarts == self._told_restarts:
+        if lines == self._told and session.heard.restarts == self._told_restarts:
             return
         status = session.fresh_status(_OLDEST_STATUS_S)
         if status.mode.powered:
@@ -293,7 +283,7 @@ class EncoderDriver:
             )
         if not self._told and _latched(status):
             session.command("CLR")  # from before armctl connected; told in the identity's notes
-        restarts = session.restarts
+        restarts = session.heard.restarts
         for line in (f"WD {WATCHDOG_MS}", *lines):
             session.command(line)
         self._told, self._told_restarts = lines, restarts

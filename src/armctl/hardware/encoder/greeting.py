@@ -34,7 +34,7 @@ def greet(session: EncoderSession, transport: Transport, *, resets: bool) -> Ban
     silence: BoardTimeoutError | None = None
     for _ in range(_LISTENING_ROUNDS if resets else _SPEAKING_ROUNDS):
         if resets:
-            session.wait_until(lambda: session.spoken, _START_S)
+            session.wait_until(lambda: session.heard.spoken, _START_S)
         try:
             hello = session.command("HELLO", _HELLO_S)
         except BoardTimeoutError as error:
@@ -42,7 +42,7 @@ def greet(session: EncoderSession, transport: Transport, *, resets: bool) -> Ban
             continue
         banner = decode_banner(hello)
         _check(banner, transport.name)
-        session.begin()
+        session.heard.begin()
         return banner
     raise _who_else(session, transport) from silence
 
@@ -61,16 +61,16 @@ def _check(banner: Banner, name: str) -> None:
 
 def _who_else(session: EncoderSession, transport: Transport) -> BoardProtocolError | BoardTimeoutError:
     """What to say when armctl's firmware does not answer."""
-    if _FIRMATA_REPORT not in session.prelude:
+    if _FIRMATA_REPORT not in session.heard.prelude:
         transport.write(_FIRMATA_QUERY)
-        session.wait_until(lambda: _FIRMATA_REPORT in session.prelude, _HELLO_S)
-    heard = session.prelude
+        session.wait_until(lambda: _FIRMATA_REPORT in session.heard.prelude, _HELLO_S)
+    heard = session.heard.prelude
     if _FIRMATA_REPORT in heard:
         return BoardProtocolError(
             f"{transport.name}: StandardFirmata is on this board, not armctl's encoder firmware; {_FLASH_IT}"
             ", or choose the board firmata if the arm has servos"
         )
-    if session.spoken:
+    if session.heard.spoken:
         return BoardTimeoutError(
             f"{transport.name}: an armctl encoder board sends, but does not answer; check the wire that "
             "leads to the board, and that nothing else uses the port"

@@ -6,22 +6,18 @@ from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from armctl.errors import BoardProtocolError, BoardTimeoutError
-from armctl.hardware.encoder.frame import LARGEST_SEQUENCE, LONGEST_MESSAGE, Realtime, request
-from armctl.hardware.encoder.line_reader import LineReader
-from armctl.hardware.encoder.messages import Answer, Banner, Event, Message, Refusal, decode
+from armctl.errors import BoardTimeoutError
+from armctl.hardware.encoder.frame import LARGEST_SEQUENCE, Realtime, request
+from armctl.hardware.encoder.heard import Heard
+from armctl.hardware.encoder.messages import Answer, Refusal
 from armctl.hardware.encoder.status import Status
 from armctl.hardware.transport import Transport
 
 _CHUNK = 4096
 _MOST_CHUNKS = 64  # a board that floods the line must not keep the caller here for ever
-_MOST_EVENTS = 64
 _MOST_SUPERSEDED = 8
-_LONGEST_PRELUDE = 512
 _ATTEMPTS = 3
 _WAIT_S = 0.02  # time between two status lines
-_CLOCK_WRAPS_MS = 1 << 32
-_NEAR_WRAP_MS = 60_000
 
 
 @dataclass(slots=True)
@@ -53,22 +49,13 @@ class EncoderSession:
         self._transport = transport
         self._now = now
         self._timeout_s = timeout_s
-        self._reader = LineReader(LONGEST_MESSAGE)
         self._sequence = 0
         self._in_flight: _InFlight | None = None
         self._superseded: deque[int] = deque(maxlen=_MOST_SUPERSEDED)
-        self._waiting_since = now()
+        self._waiting_since = self._sent_at = now()
         self._refused: list[Refusal] = []
-        self._sent_at = now()
-        self._status: Status | None = None
-        self._status_at = now()
-        self._events: deque[Event] = deque(maxlen=_MOST_EVENTS)
-        self._garbled = 0
-        self._board_ms: int | None = None
-        self._restarts = 0
-        self._spoken = False
-        self._restarted: str | None = None
-        self._prelude: bytearray | None = bytearray()
+        self.heard = Heard(now)
+        """what the board has said unasked"""
 
     @property
     def name(self) -> str:
@@ -80,50 +67,13 @@ class EncoderSession:
         """How long ago the last line was sent [s]."""
         return self._now() - self._sent_at
 
-    @property
-    def status(self) -> Status | None:
-        """The newest status; None when there is none that counts."""
-        return self._status
-
-    @property
-    def restarted(self) -> str | None:
-        """Why the board has started anew, in its own word; None: it has not since the session began."""
-        return self._restarted
-
-    @property
-    def restarts(self) -> int:
-        """How often it has."""
-        return self._restarts
-
-    @property
-    def spoken(self) -> bool:
-        """Whether an encoder board has said anything that made sense since the last line was sent."""
-        return self._spoken
-
-    @property
-    def prelude(self) -> bytes:
-        """The first bytes that came before the session began, whoever sent them."""
-        return bytes(self._prelude or b"")
-
-    def begin(self) -> None:
-        """Forget what was said so far: the session begins now."""
-        self._restarted = self._status = self._board_ms = self._prelude = None
-        self._restarts = self._garbled = 0
-        self._events.clear()
-
     def turn_page(self) -> None:
         """The user has taken note: restarts, refusals and events from before are told no more."""
         self.drain()
-        self._restarted = None
+        self.heard.restarted = None
+        self.heard.take_events()
         self._superseded.clear()
         self._refused.clear()
-        self._events.clear()
-
-    def take_events(self) -> tuple[Event, ...]:
-        """What has happened on the board since this was last asked."""
-        events = tuple(self._events)
-        self._events.clear()
-        return events
 
     def close(self) -> None:
         """Close the transport; never raises."""
@@ -144,7 +94,7 @@ class EncoderSession:
         self.drain()
         sent = self._ask(text, awaited=True)
         reply = self._wait_for_answer(sent, timeout_s)
-        self._status = None
+        self.heard.status = None
         if reply is None:
             self._in_flight = None
             raise self._unanswered(sent, timeout_s)
@@ -193,22 +143,22 @@ class EncoderSession:
             BoardError: the line is gone.
         """
         self.drain()
-        known = self._status
-        if known is None or self._now() - self._status_at > oldest_s:
-            self._status = None
+        known = self.heard.status
+        if known is None or self._now() - self.heard.status_at > oldest_s:
+            self.heard.status = None
             self.realtime(Realtime.STATUS)
-            self.wait_until(lambda: self._status is not None, self._timeout_s)
-        if self._status is None:
+            self.wait_until(lambda: self.heard.status is not None, self._timeout_s)
+        if self.heard.status is None:
             raise BoardTimeoutError(
                 f"{self.name}: the board has sent no status for {self._timeout_s * 1000:.0f} ms; "
                 "check the cable and the board's power supply"
             )
-        return self._status
+        return self.heard.status
 
     def forget_status(self) -> None:
         """What was said until now does not show yet what has just been asked for."""
         self.drain()
-        self._status = None
+        self.heard.status = None
 
     def wait_until(self, done: Callable[[], bool], timeout_s: float) -> bool:
         """Take in what comes until ``done``; whether that was within ``timeout_s``."""
@@ -233,9 +183,9 @@ class EncoderSession:
         """Take in everything that is there."""
         for _ in range(_MOST_CHUNKS):
             data = self._transport.read(_CHUNK, 0.0)
-            self._take(data)
-            if len(data) < _CHUNK:
+            if not data:
                 return
+            self._take(data)
 
     def _ask(self, text: str, *, awaited: bool) -> _InFlight:
         before = self._in_flight
@@ -260,7 +210,7 @@ class EncoderSession:
         return sent.reply
 
     def _unanswered(self, sent: _InFlight, timeout_s: float) -> BoardTimeoutError:
-        garbled = f"; {self._garbled} lines from it were garbled" if self._garbled else ""
+        garbled = f"; {self.heard.garbled} lines from it were garbled" if self.heard.garbled else ""
         return BoardTimeoutError(
             f"{self.name}: the board did not answer {sent.text!r} within {timeout_s * 1000:.0f} ms{garbled}; "
             "check the cable and the board's power supply"
@@ -272,38 +222,12 @@ class EncoderSession:
 
     def _send(self, line: bytes) -> None:
         self._sent_at = self._now()
-        self._spoken = False
+        self.heard.spoken = False
         self._transport.write(line)
 
     def _take(self, data: bytes) -> None:
-        if self._prelude is not None:
-            self._prelude += data[: _LONGEST_PRELUDE - len(self._prelude)]
-        for line in self._reader.feed(data):
-            if line is None:
-                self._garbled += 1
-                continue
-            try:
-                message = decode(line)
-            except BoardProtocolError:
-                # Told with the next timeout; until then another attempt or the next status makes up for it.
-                self._garbled += 1
-                continue
-            self._accept(message)
-
-    def _accept(self, message: Message) -> None:
-        self._spoken = True
-        match message:
-            case Status():
-                if self._clock_went_back(message.time_ms):
-                    self._note_restart("unknown")
-                self._board_ms = message.time_ms
-                self._status, self._status_at = message, self._now()
-            case Banner(reset=reset):
-                self._note_restart(reset)
-            case Event():
-                self._events.append(message)
-            case Answer() | Refusal():
-                self._accept_answer(message)
+        for answer in self.heard.take(data):
+            self._accept_answer(answer)
 
     def _accept_answer(self, answer: Answer | Refusal) -> None:
         sent = self._in_flight
@@ -322,15 +246,3 @@ class EncoderSession:
             return
         if isinstance(answer, Refusal):
             self._refused.append(answer)
-
-    def _clock_went_back(self, time_ms: int) -> bool:
-        """Whether the board has started anew: this shows it also where its banner was lost."""
-        before = self._board_ms
-        if before is None or time_ms >= before:
-            return False
-        return not (before > _CLOCK_WRAPS_MS - _NEAR_WRAP_MS and time_ms < _NEAR_WRAP_MS)
-
-    def _note_restart(self, reset: str) -> None:
-        self._restarted = reset
-        self._restarts += 1
-        self._status = self._board_ms = None

@@ -111,19 +111,17 @@ class SimulatedEncoderBoard:
         self._last: tuple[bytes, str] | None = None  # the last line and its answer
         self._started_at: float | None = None
         self._greeted = False
-        self._ticks = 0
         self._unsent = bytearray()
 
     def _run_ticks(self, until_s: float) -> None:
         due = int((until_s + _SLACK_S) / TICK_S)
-        while self._ticks < due:
-            if not self.mode.powered and (missed := due - self._ticks - _LONGEST_CATCH_UP) > 0:
-                self._controller.sleep(missed)
-                self._ticks += missed
-            self._controller.tick()
-            self._ticks += 1
+        controller = self._controller
+        while controller.ticks < due:
+            if not self.mode.powered and (missed := due - controller.ticks - _LONGEST_CATCH_UP) > 0:
+                controller.sleep(missed)
+            controller.tick()
             self._say_events()
-            if self._ticks % _TICKS_PER_STATUS == 0:
+            if controller.ticks % _TICKS_PER_STATUS == 0:
                 self._say_status()
 
     def _obey_at_once(self, byte: Realtime) -> None:

@@ -45,6 +45,11 @@ class SimulatedController:
         self._events: list[str] = []
 
     @property
+    def ticks(self) -> int:
+        """Control periods since the start."""
+        return self._ticks
+
+    @property
     def time_s(self) -> float:
         """Since the start [s]."""
         return self._ticks * TICK_S
@@ -187,12 +192,10 @@ class SimulatedController:
             self._to_home.pop(0)
 
     def _watch_host(self) -> None:
-        silent_s = self.time_s - self._heard_s + _SLACK_S
-        if silent_s >= self._watchdog_s:
+        left_s = self._watchdog_s - (self.time_s - self._heard_s) - _SLACK_S
+        if left_s <= 0.0:
             self._end(Mode.OFF)
-        elif (
-            silent_s >= self._watchdog_s - min(_LONGEST_BRAKING_S, self._watchdog_s / 2) and not self._braking
-        ):
+        elif left_s <= min(_LONGEST_BRAKING_S, self._watchdog_s / 2) and not self._braking:
             self._flags |= BoardFlag.WATCHDOG
             self._events.append("watchdog")
             self._braking = True

@@ -8,6 +8,7 @@ from armctl.hardware.encoder.axis_fault import fault_words, flag_words
 from armctl.hardware.encoder.messages import Event
 from armctl.hardware.encoder.status import Status
 
+_BAD_STARTS = ("brownout", "watchdog")
 _HOMING_FAILURES = {
     "notfound": "the switch was not found, on either side",
     "stuck": "the switch stays closed",
@@ -71,6 +72,15 @@ class BoardWatch:
         if self._went_off and not words and not self._faults:
             words.append("the board switched its motors off by itself")
         return tuple(words)
+
+
+def earlier_words(status: Status, reset: str) -> tuple[str, ...]:
+    """What the first status shows of the time before armctl connected; ``reset``: why the board started."""
+    words = list(flag_words(status.flags))
+    words += [f"axis {axis}: {fault_words(fault)}" for axis, fault in enumerate(status.faults) if fault]
+    if reset in _BAD_STARTS and not words:
+        words.append(f"its last start was after a {reset} reset; check its supply")
+    return tuple(f"before armctl connected, the board had reported: {one}" for one in words)
 
 
 def restart_words(reset: str) -> str:

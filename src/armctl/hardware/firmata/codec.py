@@ -64,7 +64,6 @@ class PinMode(IntEnum):
     PWM = 3
     SERVO = 4
     I2C = 6
-    PULLUP = 11
 
 
 CAPABILITY_RESPONSE_PIN_END = 0x7F

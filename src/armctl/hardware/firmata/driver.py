@@ -9,7 +9,7 @@ from pathlib import Path
 from armctl.errors import BoardError, BoardProtocolError, BoardTimeoutError, PortError
 from armctl.hardware.driver import BoardIdentity, ChannelSettings, Readback, Source
 from armctl.hardware.firmata import codec
-from armctl.hardware.firmata.attach import MOST_AT_ONCE, Attachment, attach
+from armctl.hardware.firmata.attacher import Attacher, FirstPulse
 from armctl.hardware.firmata.codec import BAUD, PinMode
 from armctl.hardware.firmata.line import FirmataLine
 from armctl.hardware.firmata.pace import LinePace
@@ -77,7 +77,6 @@ class FirmataDriver:
         self._ask_after_s = _ask_after(line) if ask_after_s is None else ask_after_s
         self._opened: FirmataLine | None = None
         self._servo_pins: tuple[int, ...] = ()
-        self._firmware_name = ""
         self._forget()
 
     def open(self) -> BoardIdentity:
@@ -96,12 +95,13 @@ class FirmataDriver:
         transport = SerialTransport(self._line, baud=BAUD) if isinstance(self._line, str) else self._line()
         line = self._opened = FirmataLine(transport, self._now)
         try:
-            firmware, capabilities = line.identify(self._ask_after_s)
+            board = line.identify(self._ask_after_s)
         except BoardError:
             self.close()
             raise
-        self._servo_pins = capabilities.pins_with(PinMode.SERVO)
-        self._firmware_name = firmware.name
+        firmware = board.firmware
+        self._servo_pins = board.capabilities.pins_with(PinMode.SERVO)
+        self._attacher = Attacher(firmware.name, fresh=board.fresh)
         name = firmware.name.removesuffix(".ino") or "a Firmata sketch without a name"
         return BoardIdentity(
             kind=f"Arduino with {name} {firmware.major}.{firmware.minor}",
@@ -244,6 +244,7 @@ class FirmataDriver:
         self._words: list[str] = []
         self._malformed: list[Malformed] = []
         self._asked_at = -_ROUND_S
+        self._attacher = Attacher("", fresh=False)
 
     def _send(self, data: bytes, answer_length: int = 0) -> None:
         self._firmata.send(data)
@@ -259,13 +260,12 @@ class FirmataDriver:
         due = {pin: pulse for pin, pulse in sorted(wanted.items()) if self._watch.needs(pin, pulse)}
         setpoints = {pin: pulse for pin, pulse in due.items() if self._watch.is_on(pin)}
         off = [pin for pin in due if pin not in setpoints]
-        first, later = off[:MOST_AT_ONCE], off[MOST_AT_ONCE:]
+        first, later = off[: self._attacher.most_at_once], off[self._attacher.most_at_once :]
         self._pending = {pin: due[pin] for pin in later}
         request, answer_length = b"".join(itertools.starmap(codec.servo_write, setpoints.items())), 0
         if first:
-            burst = attach(
-                [Attachment(pin, due[pin], self._table.range_us(pin)) for pin in first], self._firmware_name
-            )
+            servos = [FirstPulse(pin, due[pin], self._table.range_us(pin)) for pin in first]
+            burst = self._attacher.burst(servos)
             request, answer_length = request + burst.request, burst.answer_length
         if request:
             self._send(request, answer_length)

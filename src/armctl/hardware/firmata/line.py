@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from typing import TypeVar
 
 from armctl.errors import BoardError, BoardProtocolError, BoardTimeoutError
@@ -30,6 +31,16 @@ _HEARD = 512
 """how much of what somebody else says is kept to tell who it is"""
 
 Wanted = TypeVar("Wanted")
+
+
+@dataclass(frozen=True, slots=True)
+class Identity:
+    """What a board has said of itself."""
+
+    firmware: FirmwareReport
+    capabilities: CapabilityReport
+    fresh: bool
+    """whether it started while the line was open: it has driven no servo yet"""
 
 
 class FirmataLine:
@@ -60,7 +71,7 @@ class FirmataLine:
         """Close the transport; never raises."""
         self._transport.close()
 
-    def identify(self, ask_after_s: float) -> tuple[FirmwareReport, CapabilityReport]:
+    def identify(self, ask_after_s: float) -> Identity:
         """Wait until a Firmata sketch runs and answers; find out which and what its pins can do.
 
         Args:
@@ -71,12 +82,12 @@ class FirmataLine:
             BoardProtocolError: somebody answers, but not in Firmata.
         """
         self._transport.discard_input()
-        self._await_version(ask_after_s)
+        fresh = self._await_version(ask_after_s)
         firmware = self._ask(codec.firmware_query(), FirmwareReport, "its firmware")
         # The board answers in order: whatever it said of itself while starting lies before this answer.
         capabilities = self._ask(codec.capability_query(), CapabilityReport, "its pins' capabilities")
         self._identified = True
-        return firmware, capabilities
+        return Identity(firmware, capabilities, fresh)
 
     def send(self, data: bytes) -> None:
         """Write ``data`` in one go.
@@ -122,20 +133,24 @@ class FirmataLine:
             silent_s += 0.0 if data else step_s
             yield from self._parse(data)
 
-    def _await_version(self, ask_after_s: float) -> None:
-        """Return once a version report shows that the board's parser is between two messages."""
-        heard = bytearray()
+    def _await_version(self, ask_after_s: float) -> bool:
+        """Return once a version report shows that the board's parser is between two messages.
+
+        True where it came without having been asked for: the board has just started.
+        """
+        heard, asked = bytearray(), False
         # Lines that cannot wait return at once, so steps are counted and not only seconds.
         started, waited_s, ask_at = self._now(), 0.0, ask_after_s
         while max(waited_s, self._now() - started) < _OPEN_S:
             if max(waited_s, self._now() - started) >= ask_at:
                 self.send(codec.version_query())
+                asked = True
                 ask_at += _ASK_AGAIN_S
             data = self._read(_STEP_S)
             waited_s += 0.0 if data else _STEP_S
             heard = (heard + data)[-_HEARD:]
             if any(isinstance(reply, VersionReport) for reply in self._parser.feed(data)):
-                return
+                return not asked
         raise self._nobody(bytes(heard))
 
     def _ask(self, request: bytes, wanted: type[Wanted], what: str) -> Wanted:

@@ -1,4 +1,4 @@
-"""The pins of an Arduino Mega as StandardFirmata sees them (Boards.h)."""
+"""The pins of an Arduino Mega as StandardFirmata 2.3 sees them (Boards.h)."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ PINS = 70
 _SERIAL_PINS = (0, 1)
 _FIRST_ANALOG_PIN = 54
 _PWM_PINS = (*range(2, 14), 44, 45, 46)
-_LAST_SERVO_PIN = 49  # the Servo library has room for 48, and the sketch gives them to the first 48 pins
+_LAST_SERVO_PIN = 49  # the Servo library has room for 48, and the sketch keeps one for each pin from 2 on
 _I2C_PINS = (20, 21)
 
 
@@ -24,7 +24,7 @@ def capabilities(pin: int) -> dict[int, int]:
     """The modes that a pin knows, with their resolution in bits, in the sketch's order."""
     if pin in _SERIAL_PINS or not 0 <= pin < PINS:
         return {}
-    modes: dict[int, int] = {PinMode.INPUT: 1, PinMode.PULLUP: 1, PinMode.OUTPUT: 1}
+    modes: dict[int, int] = {PinMode.INPUT: 1, PinMode.OUTPUT: 1}
     if pin >= _FIRST_ANALOG_PIN:
         modes[PinMode.ANALOG] = 10
     if pin in _PWM_PINS:

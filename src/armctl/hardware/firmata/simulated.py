@@ -1,4 +1,4 @@
-"""A simulated Arduino Mega with StandardFirmata 2.5: the sketch's behaviour, byte for byte."""
+"""A simulated Arduino Mega with StandardFirmata 2.3: the sketch's behaviour, byte for byte."""
 
 from __future__ import annotations
 
@@ -20,12 +20,8 @@ from armctl.hardware.firmata.sketch_parser import (
 
 SERVO_FRAME_S = 0.020
 _TIME_SLACK_S = 1e-9
-_PROTOCOL = (2, 5)
-_FIRMWARE = (2, 5)
+_VERSION = (2, 3)
 _NAME = "StandardFirmata.ino"
-
-_MOST_SERVOS = 48
-_NO_SERVO = 255
 
 
 class SimulatedFirmata:
@@ -53,16 +49,11 @@ class SimulatedFirmata:
         self._crashed = False
         self._modes: dict[int, int] = {pin: mode_after_reset(pin) for pin in range(PINS)}
         self._values = dict.fromkeys(range(PINS), 0)
-        self._servos = [SimulatedServo() for _ in range(_MOST_SERVOS)]
-        self._forget_servos()
+        self._servos = {pin: SimulatedServo() for pin in range(PINS) if PinMode.SERVO in capabilities(pin)}
+        self._on: set[int] = set()
         self._runs_at = None if self._now is None else self._now + self._boot_s
         self._reported = False
         self._frames = 0
-
-    def _forget_servos(self) -> None:
-        self._servo_of = dict.fromkeys(range(PINS), _NO_SERVO)
-        self._used = 0
-        self._freed: list[int] = []
 
     def advance(self, now: float) -> bytes:
         """Let servo frames go by up to ``now`` [s]; the sketch reports itself once it has started."""
@@ -75,7 +66,7 @@ class SimulatedFirmata:
         if self._reported:
             return b""
         self._reported = True
-        return sketch_reports.version_report(*_PROTOCOL) + _firmware_report()
+        return sketch_reports.version_report(*_VERSION) + _firmware_report()
 
     def feed(self, data: bytes) -> bytes:
         """Take bytes from the host and return what the sketch answers."""
@@ -102,11 +93,10 @@ class SimulatedFirmata:
 
     def _run_frames(self, now: float, started: float) -> None:
         due = math.floor((now - started + _TIME_SLACK_S) / SERVO_FRAME_S)
-        on = [(pin, index) for pin, index in self._servo_of.items() if index != _NO_SERVO]
         for frame in range(max(self._frames, due - self._log_length) + 1, due + 1):
-            for pin, index in on:
+            for pin in self._on:
                 log = self._pulses.setdefault(pin, deque(maxlen=self._log_length))
-                log.append(Pulse(started + frame * SERVO_FRAME_S, self._servos[index].width_us))
+                log.append(Pulse(started + frame * SERVO_FRAME_S, self._servos[pin].width_us))
         self._frames = due
 
     def _obey(self, message: SketchMessage) -> bytes:
@@ -117,7 +107,7 @@ class SimulatedFirmata:
             case SysexMessage(body):
                 return self._obey_sysex(body[0], body[1:]) if body else b""
             case ShortMessage(Command.REPORT_VERSION):
-                return sketch_reports.version_report(*_PROTOCOL)
+                return sketch_reports.version_report(*_VERSION)
             case ShortMessage(Command.SYSTEM_RESET):
                 self._system_reset()
             case ShortMessage(Command.SET_PIN_MODE, _, data):
@@ -142,7 +132,7 @@ class SimulatedFirmata:
                     value |= byte << 7 * place
                 self._analog_write(data[0], (value + 0x8000) % 0x10000 - 0x8000)  # an int of 16 bits
             case Sysex.SERVO_CONFIG if len(data) > 4:
-                return self._configure_servo(data[0], data[1] + (data[2] << 7), data[3] + (data[4] << 7))
+                self._configure_servo(data[0], data[1] + (data[2] << 7), data[3] + (data[4] << 7))
             case _:
                 pass  # other sysexes have no handler, and short ones are ignored
         return b""
@@ -150,51 +140,33 @@ class SimulatedFirmata:
     def _system_reset(self) -> None:
         for pin in range(PINS):
             self._set_mode(pin, mode_after_reset(pin))
-        self._forget_servos()
 
     def _set_mode(self, pin: int, mode: int) -> bytes:
         if not capabilities(pin):
             return b""
         if mode != PinMode.SERVO:
-            self._detach(pin)
+            self._on.discard(pin)
         self._values[pin] = 0
         if mode not in tuple(PinMode):
             return sketch_reports.text_message("Unknown pin mode")
         if mode not in capabilities(pin):
             return b""
         self._modes[pin] = mode
-        if mode == PinMode.SERVO and self._servo_of[pin] == _NO_SERVO:
-            return self._attach(pin, None)
+        if mode == PinMode.SERVO and pin not in self._on:
+            self._servos[pin].attach()
+            self._on.add(pin)
         return b""
 
-    def _configure_servo(self, pin: int, minimum_us: int, maximum_us: int) -> bytes:
-        if PinMode.SERVO not in capabilities(pin):
-            return b""
-        self._detach(pin)
-        return self._attach(pin, (minimum_us, maximum_us)) + self._set_mode(pin, PinMode.SERVO)
-
-    def _attach(self, pin: int, limits_us: tuple[int, int] | None) -> bytes:
-        if self._used >= _MOST_SERVOS:
-            return sketch_reports.text_message("Max servos attached")
-        # A freed servo is used again, with the width that it sent on whatever pin it was.
-        if self._freed:
-            index = self._freed.pop()
-        else:
-            index = self._used
-            self._used += 1
-        self._servo_of[pin] = index
-        self._servos[index].attach(*(limits_us or ()))
-        return b""
-
-    def _detach(self, pin: int) -> None:
-        if self._servo_of[pin] != _NO_SERVO:
-            self._freed.append(self._servo_of[pin])
-            self._servo_of[pin] = _NO_SERVO
+    def _configure_servo(self, pin: int, minimum_us: int, maximum_us: int) -> None:
+        if pin in self._servos:
+            self._servos[pin].attach(minimum_us, maximum_us)
+            self._on.add(pin)
+            self._set_mode(pin, PinMode.SERVO)
 
     def _analog_write(self, pin: int, value: int) -> None:
         if pin < PINS and self._modes[pin] in (PinMode.SERVO, PinMode.PWM):
-            if self._servo_of[pin] != _NO_SERVO:
-                self._servos[self._servo_of[pin]].write(value)
+            if pin in self._on:
+                self._servos[pin].write(value)
             self._values[pin] = value
 
     def _pin_state(self, pin: int) -> bytes:
@@ -204,7 +176,7 @@ class SimulatedFirmata:
 
 
 def _firmware_report() -> bytes:
-    return sketch_reports.firmware_report(*_FIRMWARE, _NAME)
+    return sketch_reports.firmware_report(*_VERSION, _NAME)
 
 
 def _checked(pin: int) -> int:

@@ -44,7 +44,8 @@ class MaestroDriver:
         line: port name (device, pty, ``socket://host:port``), or what opens the transport.
         now: the clock [s].
         model: which member of the family; None: as the USB listing says.
-        framing: compact or Pololu form, with or without CRC; as the board is set up.
+        framing: compact or Pololu form. Whether the board wants CRCs is found out when it is opened (asked
+            for here, they are insisted on).
         simulated: whether a simulated board is at the other end, for the identity only.
         ports: the listing of serial ports, for the identity only.
         timeout_s: how long a readback may take.

@@ -18,7 +18,7 @@ from armctl.ui.widgets.calibration_text import (
     overview_html,
     version_label,
 )
-from armctl.ui.widgets.html_bits import heading, muted
+from armctl.ui.widgets.html_bits import muted
 from armctl.ui.widgets.text import LiveHtml
 
 if TYPE_CHECKING:
@@ -26,6 +26,8 @@ if TYPE_CHECKING:
 
 _ROBOT_FILE = "robot file, no calibration"
 _LONGEST_NOTE = 120
+_BREAK = "\u200b"
+"""where a long path may go on in the next line; a notification would cut it off"""
 _TEST_NOTE = (
     "Save first: the test pose goes by the calibration in force, slowly. If it does not look like this, "
     "Revert takes the arm back in one click."
@@ -41,7 +43,6 @@ class CalibrationSave:
         self._session, self._desk = session, session.console.calibrating
         self._drawn = -1
         gui = session.gui
-        LiveHtml(gui, heading("What was measured"))
         self._overview = LiveHtml(gui)
         self._note = gui.add_text("Note", "", hint="What a later reader should know of this calibration.")
         save = gui.add_button("Save calibration", icon=viser.Icon.DEVICE_FLOPPY)
@@ -78,7 +79,7 @@ class CalibrationSave:
         self._session.require_operator()
         self._session.robots.require_reopenable()
         saved = await self._desk.save(note)
-        await self._take_effect("Calibration saved", str(saved.path))
+        await self._take_effect("Calibration saved", str(saved.path).replace("/", f"/{_BREAK}"))
 
     async def _on_clear(self) -> None:
         self._session.require_operator()

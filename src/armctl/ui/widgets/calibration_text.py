@@ -87,6 +87,9 @@ def fit_html(work: CalibrationWork, joint: str) -> str:
         ["scale", f"{_per_degree(fit.per_rad)} {unit}/°", f"{_per_degree(own.per_rad)} {unit}/°"],
         ["residual, RMS", f"{fixed(math.degrees(fit.rms_rad), 2)}°", ""],
     ]
+    if unit == "counts":
+        homes = (fit.angle(0.0), -own.zero / own.per_rad)
+        rows.insert(1, ["home (0 counts) is at", *(f"{fixed(math.degrees(home), 2)}°" for home in homes)])
     text = table(("", "by the marks", "robot file"), rows)
     text += "".join(muted(sentence(words)) for words in differences(work.robot, joint, fit))
     return text if fit.advice is None else text + refused(sentence(fit.advice))
@@ -112,7 +115,8 @@ def overview_html(work: CalibrationWork) -> str:
     """What was measured so far, a row a joint."""
     unit = work.map.unit
     rows = [[one.title, *_measured(work, one.name)] for one in work.robot.joints]
-    text = table(("", "marks", "RMS", f"at 0° {unit}", f"{unit}/°", f"safe {unit}"), rows)
+    text = heading(f"What was measured (outputs in {unit})")
+    text += table(("", "marks", "RMS", "at 0°", "per degree", "safe"), rows)
     if work.map.gripper_channel is not None:
         said = "" if work.jaws else " (as before)"
         text += (
