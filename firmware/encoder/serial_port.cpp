@@ -13,8 +13,17 @@ namespace {
 Ring<char, 256> incoming;
 Ring<char, 256> outgoing;
 volatile bool overrun;
+bool gap; // bytes were lost since the last one in the queue
 volatile uint8_t statuses_wanted;
 volatile serial_port::Requests requests;
+
+// Where bytes are missing a NUL stands for them. Without it a damaged line that loses just its damage,
+// or two lines that lose what parts them, could be whole again.
+void keep(char byte) {
+    if (gap && !incoming.put('\0')) return;
+    gap = !incoming.put(byte);
+    if (gap) overrun = true;
+}
 
 } // namespace
 
@@ -22,7 +31,7 @@ volatile serial_port::Requests requests;
 ISR(USART0_RX_vect) {
     const uint8_t damage = UCSR0A & (_BV(FE0) | _BV(DOR0));
     const char byte = static_cast<char>(UDR0);
-    if (damage) overrun = true;
+    if (damage) overrun = gap = true;
     switch (byte) {
     case 0x18:
         motors::cut();
@@ -37,8 +46,7 @@ ISR(USART0_RX_vect) {
     case '?':
         if (statuses_wanted != 0xFF) ++statuses_wanted;
         break;
-    default:
-        if (!incoming.put(byte)) overrun = true;
+    default: keep(byte);
     }
 }
 

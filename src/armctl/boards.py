@@ -29,7 +29,7 @@ BOARD_TITLES: dict[BoardKind, str] = {
 }
 _SIMULATED_TIMEOUT_S = 0.5
 """The simulated board lives in this process: on a busy computer it is late, never gone."""
-_REPEATED_WITHIN_S = 0.1
+_REPEATED_WITHIN_S, _FIRMATA_TIMEOUT_S = 0.1, 0.25
 
 
 class Boards:
@@ -100,7 +100,8 @@ class Boards:
                     line, now=self._now, model=_model(robot), simulated=True, timeout_s=_SIMULATED_TIMEOUT_S
                 )
             case "firmata":
-                return FirmataDriver(line, now=self._now, simulated=simulated)
+                patience = _SIMULATED_TIMEOUT_S if simulated else _FIRMATA_TIMEOUT_S
+                return FirmataDriver(line, now=self._now, simulated=simulated, timeout_s=patience)
             case "encoder":
                 return EncoderDriver(
                     line,

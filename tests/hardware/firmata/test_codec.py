@@ -16,7 +16,6 @@ from armctl.hardware.firmata.simulated_servo import SimulatedServo
     ("message", "expected"),
     [
         (codec.version_query(), "f9"),
-        (codec.system_reset(), "ff"),
         (codec.firmware_query(), "f0 79 f7"),
         (codec.capability_query(), "f0 6b f7"),
         (codec.pin_state_query(9), "f0 6d 09 f7"),
@@ -61,7 +60,6 @@ def test_between_the_frame_of_a_write_there_are_only_data_bytes(pin: int, pulse_
     assert message[-1] == 0xF7
     assert all(byte < 0x80 for byte in message[1:-1])
     assert message[3] + 128 * message[4] == pulse_us
-    assert len(message) <= codec.LARGEST_SYSEX
 
 
 @settings(deadline=None)

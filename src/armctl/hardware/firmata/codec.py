@@ -15,8 +15,6 @@ SMALLEST_PULSE_US = 544
 """anything below is taken as degrees (the Servo library's MIN_PULSE_WIDTH)"""
 LARGEST_PULSE_US = 2912
 """the longest limit that the Servo library can hold"""
-LARGEST_SYSEX = 63
-"""bytes with frame; the sketch's buffer holds 64, and old builds for the Mega crash on longer ones"""
 
 _MAX_14_BIT = 0x3FFF
 _MAX_PIN = 0x7F
@@ -76,11 +74,6 @@ def version_query() -> bytes:
     sysex it is one more data byte, and it does not end that sysex.
     """
     return bytes((Command.REPORT_VERSION,))
-
-
-def system_reset() -> bytes:
-    """Set every pin back: servos are detached. Inside an unfinished sysex it is a data byte."""
-    return bytes((Command.SYSTEM_RESET,))
 
 
 def firmware_query() -> bytes:

@@ -54,10 +54,10 @@ class CalibrationSave:
             LiveHtml(gui, muted(_TEST_NOTE))
         with gui.add_folder("Earlier calibrations"):
             versions = self._desk.versions()
-            LiveHtml(gui, kept_html(versions))
             self._versions = earlier_versions(versions)
             self._version = gui.add_dropdown("Version", tuple(self._versions))
             revert = gui.add_button("Revert", color="orange", hint=_REVERT_HINT)
+            LiveHtml(gui, kept_html(versions))
         session.on(save.on_click, self._on_save)
         session.on(clear.on_click, self._on_clear)
         session.on(self._go.on_click, self._on_go)

@@ -141,9 +141,9 @@ def draft_html(desk: CalibrationDesk) -> str:
 
 def check_pose_html(pose: CheckPose) -> str:
     """What one should see in the test pose."""
-    lines = "".join(f"<li>{escape(words)}</li>" for words in pose.words)
-    style = "margin:0;padding-left:18px"
-    return f"<div>You should see ({escape(pose.title)}):<ul style='{style}'>{lines}</ul></div>"
+    *joints, tool = pose.words
+    said = f"<b>{escape(', '.join(joints))}</b>; {escape(tool)}."
+    return f"<div>You should see ({escape(pose.title)}): {said}</div>"
 
 
 def kept_html(versions: Sequence[Version]) -> str:
