@@ -53,13 +53,18 @@ SCORBOT = (
 SCATTERED = {3: 100.0, 4: 100.0}
 """Where the motors of SCORBOT begin, if not at 0: the wrist's on the pitch switch."""
 
+_NEAR_STOPS = (
+    (-23_000, 23_000),
+    (-8_500, 11_500),
+    (-26_000, 5_000),
+    (-4_500, 4_000),
+    (-5_500, 5_500),
+    (-60, 1_800),
+)
+
 NEAR_HOME = tuple(
     replace(motor, switch=(60, 260) if motor.switch[1] > motor.switch[0] else motor.switch, stops=stops)
-    for motor, stops in zip(
-        SCORBOT,
-        ((-23_000, 23_000), (-8_500, 11_500), (-26_000, 5_000), (-4_500, 4_000), (-5_500, 5_500), (-60, 1_800)),
-        strict=True,
-    )
+    for motor, stops in zip(SCORBOT, _NEAR_STOPS, strict=True)
 )
 """The same arm just short of every switch, for tests that are not about homing."""
 

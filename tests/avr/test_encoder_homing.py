@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import pytest
-
 from tests.avr.conftest import MakeArm
 from tests.avr.plant import AXES, NEAR_HOME, SCATTERED, SCORBOT, changed
 

@@ -6,7 +6,6 @@ import random
 from collections.abc import Callable
 
 import pytest
-
 from tests.avr.conftest import MakeArm
 from tests.avr.encoder_arm import EncoderArm, sealed
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import itertools
 
 import pytest
-
 from tests.avr.conftest import MakeArm
 from tests.avr.encoder_arm import EncoderArm
 from tests.avr.plant import AXES
@@ -31,9 +30,7 @@ def stream(arm: EncoderArm, goal: list[int], seconds: float) -> list[float]:
     worst = [0.0] * AXES
     steps = round(seconds / PERIOD_S)
     for step in range(1, steps + 1):
-        setpoints = [
-            round(a + (b - a) * smooth(step / steps)) for a, b in zip(begin, goal, strict=True)
-        ]
+        setpoints = [round(a + (b - a) * smooth(step / steps)) for a, b in zip(begin, goal, strict=True)]
         arm.post(arm.setpoints(setpoints))
         arm.run(PERIOD_S)
         for axis, setpoint in enumerate(setpoints):

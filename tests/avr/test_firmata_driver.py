@@ -52,6 +52,22 @@ def test_release_between_questions_leaves_none_unanswered(make_avr: MakeAvr, fir
     assert rig.driver.read().positions == dict.fromkeys(rig.pins)
 
 
+def test_configuring_anew_takes_no_earlier_answer_for_its_own(
+    make_avr: MakeAvr, firmata_firmware: Path
+) -> None:
+    """The runtime configures again after a reading that failed, while the arm moves."""
+    pins = (2, 3, 4, 5, 6, 7)
+    rig = FirmataRig(make_avr(firmata_firmware), pins)
+    rig.stream(dict.fromkeys(pins, 1000), frames=10)
+    for turn in range(20):
+        rig.stream(dict.fromkeys(pins, 1000 + turn), frames=2)
+        assert rig.driver.read().errors == ()  # which asks, and what it asks is not answered yet
+        rig.driver.configure([ChannelSettings(pin, LOWEST_US, HIGHEST_US) for pin in pins])
+        rig.avr.run_for(0.001 * turn)
+        rig.stream(dict.fromkeys(pins, 1500 + turn), frames=2)
+    assert rig.settled_us() == pytest.approx(dict.fromkeys(pins, 1519), abs=4)
+
+
 def test_a_pin_that_cannot_drive_a_servo_is_named(make_avr: MakeAvr, firmata_firmware: Path) -> None:
     driver = driver_of(make_avr(firmata_firmware))
     driver.open()

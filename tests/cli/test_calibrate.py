@@ -13,7 +13,10 @@ import pytest
 from armctl.arm import Arm
 from armctl.calibration import Calibration, CalibrationStore, JointCalibration, own_calibration
 from armctl.cli.main import DONE, REFUSED, WRONG_USAGE, run
+from armctl.errors import ArmctlError
 from armctl.robot import load_robot
+from armctl.runtime import Command, Controller, MoveJoints, Origin, State
+from armctl.runtime.ticket import Ticket
 
 MARKS = "output,angle_deg\n" + "".join(f"{1520 - 9.5 * angle},{angle}\n" for angle in (-60, -30, 0, 30, 60))
 
@@ -174,7 +177,7 @@ def test_safe_outputs_and_the_gripper_are_set_by_hand(
 ) -> None:
     status, out, _ = call(capsys, "safe", "uzuner", "elbow", "800", "2300", "--port", "sim")
     assert status == DONE and "elbow: safe outputs 800.0 … 2300.0 µs, kept for board simulated" in out
-    assert "Elbow: -64.65° … 85.36° instead of" in out
+    assert "Elbow: -64.64° … 85.35° instead of" in out
     assert call(capsys, "gripper", "uzuner", "1900", "1100")[0] == DONE  # the only board
     kept = store.load("uzuner", "simulated")
     assert kept is not None and kept.gripper == (1900.0, 1100.0)
@@ -276,4 +279,40 @@ def test_nothing_is_saved_unless_the_user_says_so(
     answer(monkeypatch, *lines)
     got, _, err = call(capsys, *WRIST)
     assert got == status and says in err and "Traceback" not in err
+    assert store.boards() == ()
+
+
+def test_an_interrupt_on_the_way_leaves_the_arm_stopped(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, store: CalibrationStore
+) -> None:
+    """Ctrl-C comes once the joint has begun to move to its second place."""
+    answer(monkeypatch, "y", "-42")
+    moves: list[Ticket] = []
+    seen: list[State] = []
+    close, result, submit = Arm.close, Ticket.result, Controller.submit
+
+    def submitted(controller: Controller, command: Command, origin: Origin) -> Ticket:
+        ticket = submit(controller, command, origin)
+        if isinstance(command, MoveJoints):
+            moves.append(ticket)
+        return ticket
+
+    def interrupted(ticket: Ticket, timeout: float | None = None) -> None:
+        if len(moves) == 3 and ticket is moves[2]:
+            ticket.accepted.result(5.0)
+            raise KeyboardInterrupt
+        result(ticket, timeout)
+
+    def closing(arm: Arm) -> None:
+        seen.append(arm.snapshot.state)
+        close(arm)
+
+    monkeypatch.setattr(Controller, "submit", submitted)
+    monkeypatch.setattr(Ticket, "result", interrupted)
+    monkeypatch.setattr(Arm, "close", closing)
+    status, _, err = call(capsys, *WRIST)
+    assert (status, err.strip()) == (REFUSED, "armctl: interrupted")
+    assert seen == [State.HOLDING]
+    with pytest.raises(ArmctlError):  # it did not come to its end
+        moves[2].finished.result(5.0)
     assert store.boards() == ()

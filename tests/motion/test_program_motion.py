@@ -3,6 +3,7 @@ from __future__ import annotations
 import math
 import re
 from dataclasses import replace
+from itertools import pairwise
 from typing import cast
 
 import numpy as np
@@ -14,14 +15,19 @@ from armctl.motion import (
     LineStep,
     MoveStep,
     PlannedStep,
+    PlanState,
+    PointStep,
     ProfileName,
     Program,
     ProgramSource,
     Step,
     begin_program,
+    plan_again,
     plan_next,
     stopping_s,
 )
+from armctl.motion.program import Cursor
+from armctl.motion.step_plan import leg_of
 from armctl.robot import Robot, load_robot
 
 ROBOT = load_robot("uzuner")
@@ -109,3 +115,68 @@ def test_how_long_the_slowest_joint_needs_to_stand(acceleration: float, seconds:
 def test_a_program_made_in_python_is_checked_like_a_file(step: Step, what: str) -> None:
     with pytest.raises(ProgramError, match=re.escape(what)):
         begin_program(ROBOT, program(to(0.05), step), HOME)
+
+
+@pytest.mark.parametrize("blend_mm", [0.0, 10.0])
+def test_a_singularity_on_a_line_is_refused_whether_the_line_is_blended_or_not(blend_mm: float) -> None:
+    robot = load_robot("scorbot")
+    start = np.radians([117.42, -74.11, -38.69, -8.52, 24.53])
+    past_the_axis = LineStep(x_mm=42.89, y_mm=-72.31, z_mm=813.36, blend_mm=blend_mm)
+    home = MoveStep(joints_deg=tuple(np.degrees(robot.pose("home")).tolist()))
+    what = Program(robot="scorbot", name="past the axis", steps=(past_the_axis, home))
+    (step,), _ = plan_next(robot, ProgramSource(what), begin_program(robot, what, start))
+    assert step.index == 0 and "near a singularity" in str(step.error)
+
+
+def begin(what: Program) -> tuple[ProgramSource, PlanState]:
+    return ProgramSource(what), begin_program(ROBOT, what, HOME, loops=None)
+
+
+@pytest.mark.parametrize("step", [to(0.2), LineStep(x_mm=200, y_mm=30, z_mm=100, pitch="free")])
+def test_a_step_alone_is_solved_once(step: Step, monkeypatch: pytest.MonkeyPatch) -> None:
+    begun = plan_next(ROBOT, *begin(program(PointStep(x_mm=200, y_mm=0, z_mm=100))))[0][-1]
+    assert begun.trajectory is not None
+    solved: list[str] = []
+
+    def counted(*args: object) -> object:
+        solved.append("leg")
+        return leg_of(*args)  # type: ignore[arg-type]
+
+    def again(*_: object, **__: object) -> None:
+        raise AssertionError("it is solved already")
+
+    monkeypatch.setattr("armctl.motion.program_draft.leg_of", counted)
+    monkeypatch.setattr("armctl.motion.step_plan.plan_step", again)
+    monkeypatch.setattr("armctl.motion.step_plan.plan_line", again)
+    what = program(step)
+    (planned,), _ = plan_next(
+        ROBOT, ProgramSource(what), begin_program(ROBOT, what, begun.trajectory.end, loops=1)
+    )
+    assert planned.trajectory is not None and solved == ["leg"]
+
+
+def test_from_a_place_from_which_it_cannot_be_braked_an_earlier_one_is_taken() -> None:
+    # a long way at full speed, cut into short legs, then a sharp turn
+    old = program(*(to(0.05 * k, blend_mm=20) for k in range(-6, 7)), to(-0.3, blend_mm=20))
+    new = program(to(0.5, -0.5, blend_mm=20), to(-0.3, blend_mm=20))
+    source, state = begin(old)
+    steps: list[PlannedStep] = []
+    while len(steps) < 13:
+        planned, state = plan_next(ROBOT, source, state)
+        steps += planned
+    source.program = new
+    # as if the program had been shortened to where it goes fastest
+    short = program(*old.steps[:8])
+    turns = [
+        replace(step.again(step.before.entry), program=short, cursor=Cursor(short, step.index))
+        for step in steps[7:0:-1]
+    ]
+    found = plan_again(ROBOT, source, turns)
+    assert found is not None
+    number, planned, _ = found
+    assert number > 0 and planned[0].index == 7 - number
+    for step, ahead in pairwise(step for step in planned if step.trajectory is not None):
+        before, after = step.trajectory, ahead.trajectory
+        assert before is not None and after is not None
+        np.testing.assert_allclose(before.end, after.start, atol=1e-9)
+    assert plan_again(ROBOT, source, turns[:1]) is None

@@ -58,3 +58,12 @@ def test_a_trajectory_of_no_duration_is_passed_over() -> None:
     track.forget(0.0)
     assert track.tag == "something"
     np.testing.assert_allclose(track.sample(np.array([0.5, 1.0])).q[:, 0], [0.5, 1.0])
+
+
+def test_what_has_not_begun_can_be_dropped() -> None:
+    track = make()
+    track.drop_from(1)
+    assert (track.tag, track.end) == (0, A.duration)
+    track.append(B, "again")
+    assert track.end == A.duration + B.duration
+    np.testing.assert_allclose(track.sample(np.array([2.0])).q, B.sample(np.array([1.0])).q, atol=1e-12)

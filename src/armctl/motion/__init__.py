@@ -17,16 +17,19 @@ from armctl.motion.polynomial import PiecewisePolynomial
 from armctl.motion.preflight import (
     FLOOR_TOLERANCE_M,
     Finding,
+    Floor,
     Kind,
+    Obstacles,
+    SelfCollision,
     Severity,
     not_checked,
     preflight,
     preflight_batch,
     require_clear,
 )
-from armctl.motion.preflight.floor import Floor
 from armctl.motion.profiles import PROFILES, PointToPoint, ProfileName
 from armctl.motion.program import (
+    WIDEST_BLEND_MM,
     ArcStep,
     CommentStep,
     EndStep,
@@ -52,14 +55,8 @@ from armctl.motion.program import (
     save_program,
 )
 from armctl.motion.program_check import ProgramFinding, check_program
-from armctl.motion.program_motion import (
-    PlannedStep,
-    PlanState,
-    ProgramSource,
-    begin_program,
-    plan_next,
-    require_runnable,
-)
+from armctl.motion.program_motion import begin_program, plan_again, plan_next, require_runnable
+from armctl.motion.program_state import PlannedStep, PlanState, ProgramSource
 from armctl.motion.published_paths import arc, line
 from armctl.motion.rehearsal import Rehearsal, RehearsedState, RehearsedStep, rehearse, rehearse_pose
 from armctl.motion.slowed import SlowedTrajectory
@@ -71,6 +68,7 @@ from armctl.motion.trajectory import Peaks, Sample, Trajectory
 __all__ = [
     "FLOOR_TOLERANCE_M",
     "PROFILES",
+    "WIDEST_BLEND_MM",
     "ArcStep",
     "CommentStep",
     "EndStep",
@@ -82,6 +80,7 @@ __all__ = [
     "LineStep",
     "MotionStep",
     "MoveStep",
+    "Obstacles",
     "PathPlace",
     "PathTrajectory",
     "Peaks",
@@ -101,6 +100,7 @@ __all__ = [
     "RehearsedStep",
     "RepeatStep",
     "Sample",
+    "SelfCollision",
     "Severity",
     "SlowedTrajectory",
     "SpeedStep",
@@ -124,6 +124,7 @@ __all__ = [
     "not_checked",
     "open_program",
     "peaks_of",
+    "plan_again",
     "plan_arc",
     "plan_joints",
     "plan_line",

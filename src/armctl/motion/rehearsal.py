@@ -14,7 +14,8 @@ from armctl.motion.joined import JoinedTrajectory
 from armctl.motion.plan import plan_joints
 from armctl.motion.profiles import PointToPoint
 from armctl.motion.program import GripperStep, Program, WaitStep
-from armctl.motion.program_motion import PlannedStep, ProgramSource, begin_program, plan_next
+from armctl.motion.program_motion import begin_program, plan_next
+from armctl.motion.program_state import PlannedStep, ProgramSource
 from armctl.motion.slowed import SlowedTrajectory
 from armctl.motion.trajectory import Trajectory
 from armctl.robot import Robot

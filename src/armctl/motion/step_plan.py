@@ -12,7 +12,7 @@ from armctl.motion.blend import Leg
 from armctl.motion.plan import plan_joints, plan_target, solve
 from armctl.motion.polynomial import PiecewisePolynomial
 from armctl.motion.program import ArcStep, LineStep, MotionStep, MoveStep, PointStep
-from armctl.motion.tool_plan import follow_arc, follow_line, plan_arc, plan_line
+from armctl.motion.tool_plan import NOWHERE, follow_arc, follow_line, plan_arc, plan_line, plan_path
 from armctl.motion.trajectory import Trajectory
 from armctl.robot import Robot
 
@@ -80,7 +80,7 @@ def leg_of(robot: Robot, start: FloatArray, step: MotionStep) -> Leg | None:
             if isinstance(step, MoveStep)
             else solve(robot, start, step_target(step), step.choose)
         )
-        moves = bool((end != start).any())
+        moves = float(np.abs(end - start).max()) > NOWHERE
         path = PiecewisePolynomial([0.0, 1.0], np.stack([start, end - start])[None]) if moves else None
         cap = math.inf
     if path is None:
@@ -88,6 +88,23 @@ def leg_of(robot: Robot, start: FloatArray, step: MotionStep) -> Leg | None:
     if step.duration_s is not None and step.duration_s > 0:
         cap = min(cap, (path.high - path.low) / step.duration_s)
     return Leg(path, step.blend_mm / 1000, cap)
+
+
+def plan_leg(robot: Robot, step: MotionStep, leg: Leg) -> Trajectory:
+    """As ``plan_step``, for a step whose way is known from ``leg_of``.
+
+    Raises:
+        MotionRefusedError: as in ``plan_joints``.
+    """
+    if isinstance(step, MoveStep | PointStep):
+        start, end = leg.path(leg.path.low), leg.path(leg.path.high)
+        return plan_joints(robot, start, end, step.duration_s, step.profile)
+    return plan_path(robot, leg.path, speed=_speed(step), duration_s=step.duration_s)
+
+
+def leads_tool(step: MotionStep) -> bool:
+    """Whether a step leads the tool along a path, and not each joint to its goal."""
+    return isinstance(step, LineStep | ArcStep)
 
 
 def step_target(step: PointStep) -> Target:

@@ -27,7 +27,8 @@ from armctl.motion.trajectory import Trajectory
 from armctl.robot import Robot
 
 FloatArray = NDArray[np.float64]
-_NOWHERE = 1e-12
+NOWHERE = 1e-12
+"""no joint turns so little on purpose [rad]"""
 
 
 def plan_line(
@@ -111,9 +112,39 @@ def plan_spline(
     q = as_numbers(points, "joint angles")
     if q.ndim != 2 or q.shape[1] != robot.n or len(q) == 0:
         raise InputError(f"a spline needs configurations (k, {robot.n}), got the shape {q.shape}")
-    still = len(q) == 1 or float(np.abs(q - q[0]).max()) <= _NOWHERE
+    still = len(q) == 1 or float(np.abs(q - q[0]).max()) <= NOWHERE
     path = None if still else spline_through(q, 1.0 / robot.speed_limits)
     return _timed(robot, q[0], path, None, duration_s, profile, checked=checked)
+
+
+def plan_path(
+    robot: Robot,
+    path: PiecewisePolynomial,
+    *,
+    speed: float | None = None,
+    duration_s: float | None = None,
+    profile: ProfileName = "trapezoid",
+    checked: bool = True,
+) -> Trajectory:
+    """Plan a motion along a path q(s) of the joints, (n,) [rad], and check it.
+
+    Args:
+        robot: the arm.
+        path: from ``follow_line``, ``follow_arc`` or ``spline_through``.
+        speed: largest ds/dt: of the tool [m/s] where s is its way; None: as fast as the joints can.
+        duration_s: seconds; None: the shortest.
+        profile: how the way is spread over time.
+        checked: run the pre-flight; False only for who runs it over many motions at once.
+
+    Raises:
+        InputError: a speed that is not positive, or a duration that is not a time.
+        MotionRefusedError: too short a duration, or what the pre-flight finds.
+    """
+    cap = math.inf if speed is None else speed
+    trajectory = timed(robot, path, profile=profile, rate_cap=cap, duration_s=duration_s)
+    if checked:
+        require_clear(robot, trajectory, tool_path=True)
+    return trajectory
 
 
 def follow_line(
@@ -180,8 +211,4 @@ def _timed(
 ) -> Trajectory:
     if path is None:
         return PointToPoint.lasting(start, start, 0.0 if duration_s is None else duration_s)
-    cap = math.inf if speed is None else speed
-    trajectory = timed(robot, path, profile=profile, rate_cap=cap, duration_s=duration_s)
-    if checked:
-        require_clear(robot, trajectory, tool_path=True)
-    return trajectory
+    return plan_path(robot, path, speed=speed, duration_s=duration_s, profile=profile, checked=checked)

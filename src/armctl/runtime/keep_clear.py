@@ -6,9 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armctl.kinematics.link_frames import LinkFrames
-from armctl.motion import Floor
-from armctl.motion.preflight.obstacles import Obstacles
-from armctl.motion.preflight.self_collision import SelfCollision
+from armctl.motion import Floor, Obstacles, SelfCollision
 from armctl.robot import Robot
 
 FloatArray = NDArray[np.float64]

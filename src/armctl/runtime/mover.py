@@ -59,6 +59,7 @@ class PathMover:
         self._open = goes_on
         self._paused = False
         self._stopped = False
+        self._overrun = False
 
     def append(self, trajectory: Trajectory, tag: Hashable, *, goes_on: bool) -> None:
         """Go on with another trajectory, which starts as the last one ends.
@@ -69,11 +70,14 @@ class PathMover:
             goes_on: it does not end at rest: another one must follow. Until that is here, the arm slows
                 down along the path before the end and waits.
         """
-        if self._time >= self._track.end:
-            self._rate = self._speed  # at rest at whatever rate
         self._track.append(trajectory, tag)
         self._track.forget(self._time)
         self._open = goes_on
+
+    def drop_from(self, tag: Hashable) -> None:
+        """Something else follows what comes before the trajectory with this tag, which has not begun."""
+        self._track.drop_from(tag)
+        self._open = True
 
     @property
     def tag(self) -> Hashable:
@@ -107,8 +111,8 @@ class PathMover:
 
     @property
     def done(self) -> bool:
-        """At the end, or stopped and at rest."""
-        return self._time >= self._track.end or (self._stopped and self._rate == 0.0)
+        """At the end, and none is to follow; or stopped and at rest."""
+        return (self._time >= self._track.end and not self._open) or (self._stopped and self._rate == 0.0)
 
     @property
     def error(self) -> ArmctlError | None:
@@ -122,8 +126,13 @@ class PathMover:
 
     @property
     def notice(self) -> str | None:
-        """Nothing is held back."""
-        return None
+        """That it came to the end of what is planned before it could slow down for want of more."""
+        if not self._overrun:
+            return None
+        return (
+            "the arm was stopped harder than its acceleration limits allow: what comes next was not planned "
+            "in time, and there was no room left to slow down"
+        )
 
     def set_speed(self, fraction: float) -> None:
         """Go towards this speed override inside the acceleration limits."""
@@ -163,6 +172,9 @@ class PathMover:
         rate = self._next_rate(target, dt)
         push = (rate - self._rate) / dt
         self._time = min(self._time + 0.5 * (self._rate + rate) * dt, self._track.end)
+        if self._open and self._time >= self._track.end:
+            self._overrun = self._overrun or rate > 0.0
+            rate = 0.0  # what follows is begun from rest, on the way
         self._rate = rate
         state = self._track.sample(np.array([self._time]))
         self._track.forget(self._time)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import Executor, Future
 from dataclasses import dataclass
 from typing import ParamSpec, TypeVar
@@ -21,6 +21,7 @@ from armctl.motion import (
     ProgramSource,
     Trajectory,
     begin_program,
+    plan_again,
     plan_joints,
     plan_next,
     plan_target,
@@ -122,6 +123,12 @@ class Planner:
     def ahead(self, source: ProgramSource, state: PlanState) -> Future[tuple[list[PlannedStep], PlanState]]:
         """Plan the next steps of a program."""
         return self._submit(plan_next, self._robot, source, state)
+
+    def again(
+        self, source: ProgramSource, states: Sequence[PlanState]
+    ) -> Future[tuple[int, list[PlannedStep], PlanState] | None]:
+        """Plan the next steps of a program from another place; see ``plan_again``."""
+        return self._submit(plan_again, self._robot, source, states)
 
     def live_goal(self, q: FloatArray, target: Target, pitch: float | None) -> Future[LiveGoal]:
         """Solve for a target that is followed; see ``live_goal``."""

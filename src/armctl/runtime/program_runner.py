@@ -98,8 +98,8 @@ class ProgramRunner:
 
     @property
     def notice(self) -> str | None:
-        """Nothing is held back."""
-        return None
+        """That what comes next was not planned in time."""
+        return None if self._mover is None else self._mover.notice
 
     @property
     def gripping(self) -> bool:
@@ -187,6 +187,9 @@ class ProgramRunner:
         if self._paused or self._stopped or self._error is not None:
             return
         try:
+            withdrawn = self._feed.turn_back()
+            if withdrawn is not None and self._mover is not None:
+                self._mover.drop_from(withdrawn)
             while (step := self._feed.peek()) is not None and self._due():
                 self._feed.take()
                 if not self._begin(step):
@@ -212,11 +215,11 @@ class ProgramRunner:
         if step.error is not None:
             raise ProgramError(f"step {step.index + 1}: {step.error}") from step.error
         self._begun = True
-        if step.trajectory is not None and step.trajectory.duration > 0:
+        if step.trajectory is not None and step.moves:
             self._move(step, step.trajectory)
             return True
         if self._mover is None:
-            self._running = step
+            self._show(step)
         if isinstance(step.step, WaitStep):
             self._wait_left = step.step.seconds
         elif isinstance(step.step, GripperStep):
@@ -229,14 +232,18 @@ class ProgramRunner:
             self._percent = step.percent
             speed = self._speed * self._percent / 100
             self._mover = PathMover(self._robot, trajectory, speed, tag=step, goes_on=step.goes_on)
-            self._running = step
+            self._show(step)
         else:
             self._mover.append(trajectory, step, goes_on=step.goes_on)
+
+    def _show(self, step: PlannedStep) -> None:
+        self._running = step
+        self._feed.begun(step)
 
     def _show_step(self) -> None:
         """The step that runs is the one whose trajectory the mover is on; its speed is asked for."""
         step = None if self._mover is None else self._mover.tag
         if isinstance(step, PlannedStep) and step is not self._running:
-            self._running = step
+            self._show(step)
             self._percent = step.percent
             self.set_speed(self._speed)

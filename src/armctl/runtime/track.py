@@ -49,6 +49,12 @@ class Track:
         self._stretches.append(_Stretch(trajectory, tag, self._end, self._end + trajectory.duration))
         self._end += trajectory.duration
 
+    def drop_from(self, tag: Hashable) -> None:
+        """Drop the trajectory with this tag, which must not have begun, and all behind it."""
+        while self._stretches[-1].tag != tag:
+            self._stretches.pop()
+        self._end = self._stretches.pop().begins
+
     def forget(self, time: float) -> None:
         """Drop what ends before ``time`` [s]; the last trajectory stays."""
         while len(self._stretches) > 1 and self._stretches[0].ends <= time:

@@ -25,12 +25,12 @@ def test_the_grid_stands_on_the_branch_of_the_arm(robot: Robot) -> None:
         grid = PitchGrid.of(
             solver.geometry, robot.limits, q, ToolLine(tool, tool + np.array([0.01, 0.02, -0.01]))
         )
-        np.testing.assert_allclose(grid.q[0, 0], q[1:4], atol=1e-6)
+        np.testing.assert_allclose(grid.q[0, :, 0], q[1:4], atol=1e-6)
         senses = plane_senses(solver.geometry, robot.n)[1:4]
         for i, a in zip(rng.integers(49, size=40), rng.integers(360, size=40), strict=True):
             if not np.isfinite(grid.toll[i, a]):
                 continue
-            pitch_joints = grid.q[i, a]
+            pitch_joints = grid.q[i, :, a]
             assert (pitch_joints >= robot.limits[1:4, 0] - 1e-9).all()
             assert (pitch_joints <= robot.limits[1:4, 1] + 1e-9).all()
             turned = senses @ (pitch_joints - q[1:4]) - grid.turns[a]

@@ -31,10 +31,10 @@ _SHARES = np.array([0.15, 0.35, 0.5, 0.65, 0.85])
 _POWERS = np.arange(6)
 _SHARES_POWERS = _SHARES[:, None] ** _POWERS
 _DENSE = np.arange(1, 16) / 16
-_FIRST, _LONGEST, _SHORTEST = 1 / 8, 1 / 3, 1e-6
+_LONGEST, _SHORTEST = 1 / 2, 1e-6
 """steps, as shares of the whole curve"""
-_FARTHEST = 1.2
-"""most that a joint may turn in a step [rad]"""
+_FIRST, _FARTHEST = 0.2, 1.2
+"""most that a joint may turn in the first step, and in any [rad]"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -57,17 +57,22 @@ class Walk:
         return hermite(self.knots) if len(self.knots) > 1 else None
 
 
-def walk(task: ToolTask, q_start: FloatArray) -> Walk:
-    """Follow a task's curve as far as it goes, from ``q_start`` (n,) [rad], which meets its beginning."""
+def walk(task: ToolTask, q_start: FloatArray, limits: FloatArray | None = None) -> Walk:
+    """Follow a task's curve as far as it goes, from ``q_start`` (n,) [rad], which meets its beginning.
+
+    Args:
+        task: what to follow.
+        q_start: (n,) [rad].
+        limits: (n, 2) joint limits [rad]: no farther than a knot beyond them; None: limits do not matter.
+    """
     length = task.curve.length
     here = _settled(task, q_start, 0.0)
     if here is None:
         return Walk((), complete=False)
     knots = [here]
-    step = _FIRST * length
+    step = _turning(_FIRST, here)
     while here.s < length:
-        bound = _FARTHEST / max(float(np.abs(here.slope).max()), 1e-9)
-        step = min(step, _LONGEST * length, bound)
+        step = min(step, _LONGEST * length, _turning(_FARTHEST, here))
         left = length - here.s
         if left <= 1.001 * step:
             ahead = length
@@ -88,7 +93,14 @@ def walk(task: ToolTask, q_start: FloatArray) -> Walk:
         step = (there.s - here.s) * min(2.0, 0.85 * max(share, 1e-9) ** (-1 / 6))
         knots.append(there)
         here = there
+        if limits is not None and not ((here.q >= limits[:, 0]) & (here.q <= limits[:, 1])).all():
+            return Walk(tuple(knots), complete=here.s >= length)
     return _verified(task, knots)
+
+
+def _turning(angle: float, knot: Knot) -> float:
+    """The way on which the fastest joint turns by an angle [rad], at the rate of a knot [m]."""
+    return angle / max(float(np.abs(knot.slope).max()), 1e-9)
 
 
 def hermite(knots: Sequence[Knot]) -> PiecewisePolynomial:

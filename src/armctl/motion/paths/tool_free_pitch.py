@@ -12,6 +12,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
@@ -46,7 +47,7 @@ class PitchGrid:
     turns: FloatArray
     """(a,) angle of the tool from that at the start, a whole turn in even steps [rad]"""
     q: FloatArray
-    """(m, a, 3) pitch joints [rad], any number where the links do not reach"""
+    """(m, 3, a) pitch joints [rad], any number where the links do not reach"""
     toll: FloatArray
     """(m, a) what it costs to be there; infinite where the links do not reach and outside the limits"""
 
@@ -74,15 +75,15 @@ class PitchGrid:
         cosine /= 2.0 * first_length * second_length
         bend = bend_sense(at_start[1]) * np.arccos(np.clip(cosine, -1.0, 1.0))
         first = np.angle(wrist) - np.angle(first_length + second_length * np.exp(1j * bend))
-        plane = np.stack([first, bend, last - first - bend], axis=-1)
-        angles = np.array(geometry.signs) * (plane - np.array(geometry.offsets))
-        low, high = limits[1:4].T
-        middle = 0.5 * (low + high)
-        angles = middle + np.remainder(angles - middle + math.pi, 2.0 * math.pi) - math.pi
+        plane = np.stack([first, bend, last - first - bend], axis=1)
+        signs, offsets = np.array(geometry.signs)[:, None], np.array(geometry.offsets)[:, None]
+        low, high = limits[1:4].T[..., None]
+        whole_turns = np.rint((signs * (plane - offsets) - 0.5 * (low + high)) / (2.0 * math.pi))
+        angles = signs * (plane - offsets) - 2.0 * math.pi * whole_turns
         room = np.minimum(angles - low, high - angles)
-        toll = _CLOSE * (np.maximum(1.0 - room / _MARGIN, 0.0) ** 2).sum(axis=-1)
+        toll = _CLOSE * (np.maximum(1.0 - room / _MARGIN, 0.0) ** 2).sum(axis=1)
         toll += _CLOSE * (np.maximum(np.abs(cosine) - _BENT, 0.0) / (_STRAIGHT - _BENT)) ** 2
-        toll[(room.min(axis=-1) < -LIMIT_TOLERANCE) | (np.abs(cosine) > _STRAIGHT)] = np.inf
+        toll[(room.min(axis=1) < -LIMIT_TOLERANCE) | (np.abs(cosine) > _STRAIGHT)] = np.inf
         return cls(places, turns, angles, toll)
 
     def way(self, weights: FloatArray) -> FloatArray:
@@ -97,12 +98,14 @@ class PitchGrid:
         """
         count = len(self.turns)
         every = np.arange(count)
-        shifts = np.arange(-_REACH, _REACH + 1)
-        before = (every + shifts[:, None]) % count
+        # for each shift and angle, what is at the angle that lies the shift away
+        weighted = self.q * np.sqrt(weights)[:, None]
+        shifted = sliding_window_view(_wrapped(weighted), count, axis=-1)
         cost = np.where(every == 0, 0.0, np.inf)
         choices: list[NDArray[np.intp]] = []
-        for here, ahead, toll in zip(self.q[:-1], self.q[1:], self.toll[1:], strict=True):
-            total = cost[before] + (ahead - here[before]) ** 2 @ weights
+        for here, ahead, toll in zip(shifted[:-1], weighted[1:], self.toll[1:], strict=True):
+            total = ((ahead[:, None] - here) ** 2).sum(axis=0)
+            total += sliding_window_view(_wrapped(cost), count, axis=-1)
             best = total.argmin(axis=0)
             reached = total[best, every] + toll
             if not np.isfinite(reached).any():
@@ -112,10 +115,15 @@ class PitchGrid:
         at = int(cost.argmin())
         steps = np.zeros(len(self.places), dtype=np.intp)
         for i in range(len(choices), 0, -1):
-            shift = int(shifts[choices[i - 1][at]])
+            shift = int(choices[i - 1][at]) - _REACH
             steps[i] = -shift
             at = (at + shift) % count
         return np.cumsum(steps) * self.turns[1]
+
+
+def _wrapped(values: FloatArray) -> FloatArray:
+    """(..., a) with what lies behind either end of the circle put before the other: (..., a + 2 reach)."""
+    return np.concatenate([values[..., -_REACH:], values, values[..., :_REACH]], axis=-1)
 
 
 def led_pitch(grid: PitchGrid, way: FloatArray, start: float, smoothing: float) -> PiecewisePolynomial:

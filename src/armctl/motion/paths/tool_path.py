@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from armctl.errors import InputError, MotionRefusedError
 from armctl.kinematics import YawPitchRollSolver
+from armctl.kinematics.angles import LIMIT_TOLERANCE
 from armctl.kinematics.checks import checked_number
 from armctl.motion.paths.tool_branch import TILT, Walk, walk
 from armctl.motion.paths.tool_curve import NO_WAY_M, ToolArc, ToolCurve, ToolLine
@@ -186,14 +187,22 @@ class _Attempt:
 
 def _best_attempt(robot: Robot, task: ToolTask, q: FloatArray) -> _Attempt:
     """The least motion; where that fails and a joint is free, the attempt that leads farthest."""
-    attempts: list[_Attempt] = []
+    attempts: list[tuple[_Attempt, ToolTask]] = []
     for tried in _tasks(robot, task, q):
-        walked = walk(tried, q)
-        path = walked.polynomial
-        attempts.append(_Attempt(walked, None if path is None else first_crossing(path, robot.limits)))
-        if walked.complete and attempts[-1].crossing is None:
-            return attempts[-1]
-    return max(attempts, key=lambda attempt: attempt.reach)
+        attempt = _attempt(robot, tried, q, only_inside=True)
+        if attempt.walked.complete and attempt.crossing is None:
+            return attempt
+        attempts.append((attempt, tried))
+    best, tried = max(attempts, key=lambda one: one[0].reach)
+    # what a joint would need is known only from the whole curve
+    return best if best.crossing is None else _attempt(robot, tried, q, only_inside=False)
+
+
+def _attempt(robot: Robot, task: ToolTask, q: FloatArray, *, only_inside: bool) -> _Attempt:
+    bounds = robot.limits + np.array([-LIMIT_TOLERANCE, LIMIT_TOLERANCE])
+    walked = walk(task, q, bounds if only_inside else None)
+    path = walked.polynomial
+    return _Attempt(walked, None if path is None else first_crossing(path, robot.limits))
 
 
 def _tasks(robot: Robot, task: ToolTask, q: FloatArray) -> Iterator[ToolTask]:

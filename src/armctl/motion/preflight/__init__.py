@@ -2,7 +2,9 @@
 
 from armctl.motion.preflight.finding import Finding, Kind, Severity
 from armctl.motion.preflight.floor import FLOOR_TOLERANCE_M, Floor
+from armctl.motion.preflight.obstacles import Obstacles
 from armctl.motion.preflight.preflight import preflight, preflight_batch, require_clear
+from armctl.motion.preflight.self_collision import SelfCollision
 from armctl.motion.preflight.torque import not_checked
 
 __all__ = [
@@ -10,6 +12,8 @@ __all__ = [
     "Finding",
     "Floor",
     "Kind",
+    "Obstacles",
+    "SelfCollision",
     "Severity",
     "not_checked",
     "preflight",

@@ -7,6 +7,7 @@ from armctl.motion.program.cursor import Cursor
 from armctl.motion.program.edit import delete, duplicate, insert, move, repeat, replace
 from armctl.motion.program.file import decode_program, encode_program, load_program, save_program
 from armctl.motion.program.program import (
+    WIDEST_BLEND_MM,
     ArcStep,
     CommentStep,
     EndStep,
@@ -28,6 +29,7 @@ from armctl.motion.program.script_write import write_script
 
 __all__ = [
     "PROGRAM_SUFFIXES",
+    "WIDEST_BLEND_MM",
     "ArcStep",
     "Blocks",
     "CommentStep",

@@ -17,7 +17,7 @@ from armctl.robot import Robot
 FloatArray = NDArray[np.float64]
 _ROUNDING = 1e-9
 _REGIONS = 4
-_JERK_SAMPLES = 1001
+_JERK_SAMPLES, _SAMPLES = 1001, 201
 _WITH_JERK = ("quintic", "s-curve")
 
 
@@ -43,7 +43,8 @@ def timed(
 
     Raises:
         InputError: a cap that is not positive, or a duration that is not a time.
-        MotionRefusedError: the duration is too short; names the joint that needs more, and the shortest.
+        MotionRefusedError: the duration is too short; names which joint and limit ask for more, and
+            the shortest.
     """
     if profile == "trapezoid":
         shortest = PathTrajectory.fastest(robot, path, rate_cap)
@@ -54,15 +55,8 @@ def timed(
     if not (math.isfinite(duration_s) and duration_s >= 0):
         raise InputError(f"a motion cannot take {duration_s} s; leave it open for the shortest")
     if duration_s < shortest.duration * (1 - _ROUNDING):
-        peaks = shortest.peaks
-        load = np.maximum(
-            peaks.speed / robot.speed_limits, np.sqrt(peaks.acceleration / robot.acceleration_limits)
-        )
-        joint = robot.joints[int(load.argmax())].title
-        asked = float(rate_cap) if math.isfinite(rate_cap) else None
-        why = f"{joint} is the slowest" if asked is None else f"{joint} or the speed asked for is the slowest"
         raise MotionRefusedError(
-            f"the motion cannot take {duration_s:.3f} s: {why}; "
+            f"the motion cannot take {duration_s:.3f} s: {_bound(robot, shortest, profile, rate_cap)}; "
             f"the shortest possible duration is {shortest.duration:.3f} s"
         )
     return shortest.scaled(max(duration_s / shortest.duration, 1.0))
@@ -85,6 +79,27 @@ def _shaped(robot: Robot, path: PiecewisePolynomial, profile: ProfileName, rate_
         jerks = shaped.sample(np.linspace(0.0, shaped.duration, _JERK_SAMPLES)).jerk
         needed.append(float((np.abs(jerks) / robot.jerk_limits).max()) ** (1 / 3))
     return shaped.scaled(max(needed))
+
+
+def _bound(robot: Robot, motion: PathTrajectory, profile: ProfileName, rate_cap: float) -> str:
+    """Which limit the motion is nearest to for the longest time, in words."""
+    times = np.linspace(0.0, motion.duration, _SAMPLES)
+    state = motion.sample(times)
+    limits = [
+        ("speed", "°/s", state.velocity, robot.speed_limits),
+        ("acceleration", "°/s²", state.acceleration, robot.acceleration_limits),
+    ]
+    if profile in _WITH_JERK:
+        limits.append(("jerk", "°/s³", state.jerk, robot.jerk_limits))
+    shares = [np.abs(values) / most for _, _, values, most in limits]
+    shares.append(np.abs(motion.rates(times))[:, None] / rate_cap)
+    nearest = np.concatenate(shares, axis=1).argmax(axis=1)
+    kind, joint = divmod(int(np.bincount(nearest).argmax()), robot.n)
+    if kind == len(limits):
+        return "most of the time it goes at the speed that was asked for"
+    what, unit, _, most = limits[kind]
+    limit = math.degrees(float(most[joint]))
+    return f"most of the time {robot.joints[joint].title} is near its largest {what}, {limit:.3g} {unit}"
 
 
 def _offset(law: PiecewisePolynomial, begin: float) -> FloatArray:

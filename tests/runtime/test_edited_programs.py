@@ -1,0 +1,216 @@
+"""A looping program that is edited while it runs: the edit takes effect at the next pass."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import groupby, pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from tests.runtime.kit import (
+    ROBOT,
+    Rig,
+    assert_accelerations_keep_limits,
+    assert_stream_keeps_limits,
+    make_rig,
+)
+from tests.runtime.test_motions import LateExecutor
+
+from armctl.motion import (
+    LineStep,
+    MotionStep,
+    MoveStep,
+    PointStep,
+    Program,
+    SpeedStep,
+    Step,
+    WaitStep,
+    plan_step,
+)
+from armctl.runtime import RunProgram, State, UpdateProgram
+
+MIDDLE = ROBOT.pose("home") + np.radians([0, 0, 20, 0, 0])  # away from every limit
+
+
+def program(steps: Sequence[Step]) -> Program:
+    return Program(robot="uzuner", name="pick", steps=tuple(steps))
+
+
+def square(blend_mm: float, z_mm: float = 100.0) -> list[Step]:
+    corners = [(180, -60), (180, 60), (220, 60), (220, -60)]
+    return [LineStep(x_mm=x, y_mm=y, z_mm=z_mm, pitch="free", blend_mm=blend_mm) for x, y in corners]
+
+
+def moves(blend_mm: float, *away: Sequence[float]) -> list[Step]:
+    goals = (MIDDLE + np.resize(np.array(one), ROBOT.n) * [1, 1, 0, 0, 0] for one in away)
+    return [MoveStep(joints_deg=tuple(np.degrees(q).tolist()), blend_mm=blend_mm) for q in goals]
+
+
+THREE = ((0.0, 0.0), (0.1, 0.05), (0.0, 0.1))
+RING = [(0.1 * np.cos(a), 0.1 * np.sin(a)) for a in np.linspace(0, 2 * np.pi, 8, endpoint=False)]
+SHAPES: dict[str, tuple[list[Step], list[Step]]] = {
+    "lines": (
+        square(10),
+        [*square(10)[:3], LineStep(x_mm=200, y_mm=0, z_mm=120, pitch="free", blend_mm=10)],
+    ),
+    "there and back within tenths of a second": (
+        moves(200, (0.05, 0.05), (-0.05, -0.05)),
+        moves(200, (0.05, 0.05), (-0.05, -0.05), (0.1, 0.1)),
+    ),
+    "three short moves": (moves(30, *THREE), moves(30, *THREE, (0.2, 0.0))),
+    "a ring of short moves, turned round": (moves(30, *RING), moves(30, *RING[6::-1])),
+    "a speed step at the seam": (
+        [SpeedStep(percent=50), *moves(20, *THREE)],
+        [SpeedStep(percent=80), *moves(20, (0.1, -0.05), *THREE)],
+    ),
+    "a wait within": ([*moves(20, *THREE), WaitStep(seconds=0.1), *moves(20, *THREE[:2])], moves(20, *THREE)),
+    "at rest at the seam": ([*moves(20, *THREE[:2]), *moves(0, THREE[2])], moves(20, (0.1, -0.05), *THREE)),
+}
+
+
+def stands_at_the_end_of(steps: Sequence[Step], rig: Rig) -> Rig:
+    first = square(0)[-1] if isinstance(steps[-1], LineStep) else steps[-1]
+    if isinstance(first, LineStep):
+        first = PointStep(x_mm=first.x_mm, y_mm=first.y_mm, z_mm=first.z_mm)
+    rig.do(RunProgram(program([first])))
+    rig.until(lambda s: s.state is State.HOLDING)
+    rig.history.clear()
+    return rig
+
+
+Seen = tuple[int, int, Program]
+
+
+def motions_seen(rig: Rig) -> dict[Seen, list[np.ndarray]]:
+    """Where the arm was commanded to while each moving step of each pass ran, in this order."""
+    seen: dict[Seen, list[np.ndarray]] = {}
+    shown = [(s.program, s.q_command) for s in rig.history if s.program is not None]
+    for here, ticks in groupby(shown, lambda tick: (tick[0].loop, tick[0].step, tick[0].running)):
+        if isinstance(here[2].steps[here[1]], MotionStep):
+            assert here not in seen, "a step is repeated"
+            seen[here] = [q for _, q in ticks]
+    return seen
+
+
+def moving_steps(what: Program) -> list[int]:
+    return [k for k, step in enumerate(what.steps) if isinstance(step, MotionStep)]
+
+
+def assert_no_step_is_skipped(seen: Sequence[Seen]) -> None:
+    for passes, group in groupby(seen, lambda here: here[0]):
+        steps = list(group)
+        versions = {id(version) for _, _, version in steps}
+        assert len(versions) == 1, "a pass is of one version"
+        if passes != seen[-1][0]:
+            assert [step for _, step, _ in steps] == moving_steps(steps[0][2])
+    passes = [passes for passes, _ in groupby(seen, lambda here: here[0])]
+    assert passes == list(range(passes[0], passes[0] + len(passes)))
+
+
+def assert_every_end_is_met_within_its_blend(seen: dict[Seen, list[np.ndarray]]) -> None:
+    order = list(seen)
+    for here, ahead in pairwise(order[:-1]):
+        step = here[2].steps[here[1]]
+        assert isinstance(step, LineStep | MoveStep)
+        if isinstance(step, LineStep):
+            goal = np.array([step.x_mm, step.y_mm, step.z_mm]) / 1000
+        else:
+            goal = ROBOT.forward(np.radians(step.joints_deg))[:3, 3]
+        tools = ROBOT.forward(np.array(seen[here] + seen[ahead]))[:, :3, 3]
+        ways = np.diff(tools, axis=0)
+        along = ((goal - tools[:-1]) * ways).sum(axis=1) / np.maximum((ways**2).sum(axis=1), 1e-30)
+        nearest = tools[:-1] + np.clip(along, 0, 1)[:, None] * ways
+        assert np.linalg.norm(nearest - goal, axis=1).min() <= step.blend_mm / 1000 + 5e-5
+
+
+@given(shape=st.sampled_from(sorted(SHAPES)), at=st.floats(0.02, 3.0))
+@settings(max_examples=15, deadline=None)
+def test_the_edit_takes_effect_at_the_next_pass_whatever_the_shape(shape: str, at: float) -> None:
+    old, new = (program(steps) for steps in SHAPES[shape])
+    rig = stands_at_the_end_of(old.steps, make_rig().enable())
+    rig.do(RunProgram(old, None))
+    rig.run(at)
+    rig.do(UpdateProgram(new)).finished.result(0)
+    running = rig.tick().program
+    rig.run(4)
+    seen = motions_seen(rig)
+    assert running is not None
+    last_is_driven = running.step == moving_steps(old)[-1]
+    first = next(here for here in seen if here[2] is new)
+    assert first[0] <= running.loop + (2 if last_is_driven else 1)
+    assert rig.now.state is State.MOVING
+    assert_no_step_is_skipped(list(seen))
+    assert_every_end_is_met_within_its_blend(seen)
+    assert_stream_keeps_limits(rig, 1)
+    assert_accelerations_keep_limits(rig)
+
+
+def test_an_edited_loop_does_not_stand_at_its_seam() -> None:
+    rig = stands_at_the_end_of(square(10), make_rig().enable())
+    rig.do(RunProgram(program(square(10)), None))
+    rig.run(3)
+    rig.do(UpdateProgram(program(square(10, 110.0))))
+    rig.history.clear()
+    rig.run(8)
+    assert min(np.abs(s.velocity_command).max() for s in rig.history) > np.radians(2)
+
+
+def test_two_edits_one_after_the_other_and_one_back_again() -> None:
+    old, first, second = (program(moves(30, *THREE, (away, 0.0))) for away in (0.05, 0.15, 0.2))
+    rig = stands_at_the_end_of(old.steps, make_rig().enable())
+    rig.do(RunProgram(old, None))
+    rig.run(2)
+    for version in (first, second):
+        rig.do(UpdateProgram(version))
+    rig.run(4)
+    rig.do(UpdateProgram(old))
+    rig.run(4)
+    seen = motions_seen(rig)
+    versions = [next(iter(group)) for _, group in groupby([here[2] for here in seen], key=id)]
+    assert [id(v) for v in versions if v is not first] == [id(old), id(second), id(old)]
+    assert sum(here[2] is first for here in seen) <= len(first.steps)
+    assert_no_step_is_skipped(list(seen))
+    assert_every_end_is_met_within_its_blend(seen)
+    assert_accelerations_keep_limits(rig)
+
+
+def test_when_the_planner_is_late_the_edit_waits_for_a_pass_that_has_not_begun() -> None:
+    executor = LateExecutor()
+    old, new = (program(steps) for steps in SHAPES["three short moves"])
+    rig = make_rig(executor).enable()
+    rig.do(RunProgram(old, None))
+    for _ in range(40):
+        executor.work()
+        rig.run(0.1)
+    edit = rig.do(UpdateProgram(new))
+    executor.work()
+    rig.run(0.04)
+    edit.finished.result(0)
+    rig.run(1.5)  # by now all that was handed out has begun, and the arm waits
+    for _ in range(60):
+        executor.work()
+        rig.run(0.1)
+    seen = motions_seen(rig)
+    assert any(here[2] is new for here in seen)
+    assert_no_step_is_skipped(list(seen))
+    assert_every_end_is_met_within_its_blend(seen)
+    assert_stream_keeps_limits(rig, 1)
+    assert_accelerations_keep_limits(rig)
+
+
+@pytest.mark.parametrize("loops", [2, 3])
+def test_a_program_that_ends_is_run_as_often_as_it_was_asked_for(loops: int) -> None:
+    old, new = (program(steps) for steps in SHAPES["three short moves"])
+    rig = stands_at_the_end_of(old.steps, make_rig().enable())
+    ticket = rig.do(RunProgram(old, loops))
+    rig.run(0.1)
+    rig.do(UpdateProgram(new))
+    rig.until(lambda s: s.state is State.HOLDING)
+    ticket.result(0)
+    seen = list(motions_seen(rig))
+    assert_no_step_is_skipped(seen)
+    assert [here[2] is new for here in seen] == [False] * 3 + [True] * 4 * (loops - 1)
+    end = plan_step(ROBOT, MIDDLE, new.steps[-1]).end  # type: ignore[arg-type]
+    np.testing.assert_allclose(rig.now.q_command, end, atol=1e-12)
