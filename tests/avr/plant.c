@@ -67,7 +67,11 @@ static void show(plant_t *plant, int pin, int level)
     avr_ioport_external_t held = {
         .name = (unsigned)('A' + port), .mask = plant->mask[port], .value = plant->level[port]};
     avr_ioctl(plant->io.avr, AVR_IOCTL_IOPORT_SET_EXTERNAL('A' + port), &held);
-    avr_raise_irq(avr_io_getirq(plant->io.avr, AVR_IOCTL_IOPORT_GETIRQ('A' + port), pin % 8), (uint32_t)level);
+    avr_irq_t *irq = avr_io_getirq(plant->io.avr, AVR_IOCTL_IOPORT_GETIRQ('A' + port), pin % 8);
+    if (plant->fresh) {
+        avr_raise_irq(irq, !level); /* a reset clears the PIN register, but a level that is not new is not told */
+    }
+    avr_raise_irq(irq, (uint32_t)level);
     if (port == PORT_K && plant->io.avr->data[PCMSK2] & bit) {
         avr_raise_interrupt(plant->io.avr, &plant->port_k);
     }

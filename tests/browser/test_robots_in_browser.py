@@ -93,8 +93,8 @@ def slider_range(page: Screen, label: str) -> tuple[float, float]:
 
 
 def enable_and_go_home(page: Screen, served: ServedArm) -> None:
-    page.click("Enable")
-    page.wait_until(lambda: served.now.state is State.HOLDING, "the arm is enabled")
+    page.click("Homing" if served.robot.board == "encoder" else "Enable")
+    page.wait_until(lambda: served.now.state is State.HOLDING, "the arm is ready to move")
     page.button("Home").click()
     page.wait_until(lambda: stands_at(served, "home"), "the arm is at home")
     page.wait_until(lambda: served.now.state is State.HOLDING, "the motion has ended")

@@ -2,83 +2,17 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from tests.runtime.kit import TEST, RecordingDriver, Rig, make_rig
+from tests.runtime.homing_kit import AXES, SCORBOT, home, make_homing_rig
+from tests.runtime.kit import TEST, Rig, make_rig
 
 from armctl.errors import BoardError, StateError
-from armctl.hardware import HomingState, Readback, Source
-from armctl.robot import load_robot
-from armctl.runtime import ClearFault, Connect, Enable, HomeAxes, MoveGripper, MoveJoints, Release, State
-
-SCORBOT = load_robot("scorbot")
-AXES = range(6)
-
-
-class HomingDriver(RecordingDriver):
-    """A board with encoders: nobody knows where an axis is before it was homed."""
-
-    def __init__(self, clock) -> None:
-        super().__init__(clock)
-        self.source = Source.MEASURED
-        self.homed = dict.fromkeys(AXES, False)
-        self.running: int | None = None
-        self.on = False
-        self.faults: dict[int, str] = {}
-        self.counts = dict.fromkeys(AXES, 0.0)
-
-    def write(self, setpoints) -> None:
-        if self.faults:
-            return  # lost on the way: the board takes no setpoint while a fault is latched
-        super().write(setpoints)
-        self.on = True
-        self.counts.update(setpoints)
-
-    def read(self) -> Readback:
-        self._call("read")
-        positions = {axis: self.counts[axis] if homed else None for axis, homed in self.homed.items()}
-        homing = HomingState(dict(self.homed), self.running)
-        return Readback(positions, self.source, self.errors, self.on, dict(self.faults), homing)
-
-    def home(self) -> None:
-        self._call("home")
-        self.homed = dict.fromkeys(AXES, False)
-        self.running = 5
-        self.on = True
-
-    def stop(self) -> None:
-        super().stop()
-        self.running = None
-
-    def release(self) -> None:
-        super().release()
-        self.on = False
-        self.faults.clear()
-
-    def find(self, *axes: int, then: int | None) -> None:
-        self.homed.update(dict.fromkeys(axes, True))
-        self.running = then
-
-    def trip(self, axis: int, words: str) -> None:
-        self.faults[axis] = words
-        self.on = False
-        self.running = None
+from armctl.hardware import Source
+from armctl.runtime import ClearFault, Enable, HomeAxes, MoveGripper, MoveJoints, Release, State
 
 
 @pytest.fixture
 def rig() -> Rig:
-    rig = make_rig(robot=SCORBOT)
-    driver = HomingDriver(rig.clock)
-    rig.driver = driver
-    rig.controller._core.open_driver = lambda _: driver
-    rig.do(Connect("sim")).finished.result(0)
-    return rig
-
-
-def home(rig: Rig) -> None:
-    ticket = rig.do(HomeAxes())
-    rig.run(0.4)
-    rig.driver.find(*AXES, then=None)
-    rig.run(0.1)
-    ticket.finished.result(0)
+    return make_homing_rig()
 
 
 def test_an_arm_that_was_not_homed_cannot_be_enabled(rig: Rig) -> None:

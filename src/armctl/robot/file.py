@@ -62,11 +62,11 @@ class AxisEntry(_Strict, frozen=True):
     home_toward: Literal["+", "-"] = "-"
     """which way the switch is looked for first"""
     home_by: Literal["switch", "stall"] = "switch"
-    p_percent: NotNegative = 0.8
+    p_percent: NotNegative = 1.8
     """drive for a position error of one count [% of full drive]"""
-    i_percent_s: NotNegative = 2.0
+    i_percent_s: NotNegative = 3.0
     """[% of full drive for a count and a second]"""
-    d_percent: NotNegative = 0.01
+    d_percent: NotNegative = 0.025
     """[% of full drive for a count a second]"""
     breakaway_percent: Annotated[float, Meta(ge=0, le=100)] = 35.0
     """drive below which a motor that stands does not move"""

@@ -147,7 +147,7 @@ class Core:
         dt = min(elapsed, _LONGEST_TICKS * self.period)
         if elapsed > max((_LONGEST_TICKS + 1) * self.period, _LATE_S):
             self.monitor.doubt()
-            if self.activity is not None:
+            if self.activity is not None and self.gate.q is not None:
                 late_ms = 1000 * (elapsed - self.period)
                 text = f"the controller was {late_ms:.0f} ms late; the motion halted and goes on from rest"
                 self.notices.set("late", text, until=now + 5)
@@ -174,19 +174,27 @@ class Core:
             self._leave_now()
 
     def stop(self, who: str, ticket: Ticket) -> None:
-        """Slow down along the path as hard as the limits allow, then hold; drop the rest."""
+        """Slow down along the path as hard as the limits allow, then hold; drop the rest.
+
+        A board that moves the arm by itself is told to brake; if it does not confirm, that is a fault.
+        """
         ticket.accept()
         self.jog_locked = True
         self.drop_pending(StateError(f"stopped by {who}"))
         self.gripper.stop(StateError(f"stopped by {who}"))
         self.log.warning(f"STOP ({who})")
-        if self.activity is not None:
-            self.activity.stop()
-            self.stopped_by = who
-            self.pausing = False
-            self.stopping.append(ticket)
-        else:
-            ticket.finish()
+        try:
+            if self.activity is not None:
+                self.stopped_by = who
+                self.pausing = False
+                self.stopping.append(ticket)
+                self.activity.stop()
+                return
+            if self.board is not None and self.monitor.homes:
+                self.board.hold()
+        except ArmctlError as error:
+            self.fault(error)
+        ticket.finish()
 
     def drop_pending(self, error: ArmctlError) -> None:
         """Refuse the motion that is being planned."""
@@ -198,9 +206,7 @@ class Core:
     def drop_all(self, error: ArmctlError) -> None:
         """Forget everything that runs or waits; the arm gets no further setpoint."""
         self.drop_pending(error)
-        if self.activity is not None:
-            self.activity.stop()
-            self.activity = None
+        self.activity = None
         if self.ticket is not None:
             self.ticket.refuse(error)
             self.ticket = None
@@ -216,9 +222,16 @@ class Core:
     def fault(self, error: ArmctlError) -> None:
         """Something broke: send nothing more, and say why."""
         cause = str(error)
+        activity = self.activity
         self.drop_all(error)
         if isinstance(error, BoardError):
             self._close_board()
+        elif activity is not None:
+            try:
+                activity.stop()  # a board that homes goes on by itself
+            except ArmctlError as worse:
+                cause = f"{cause}; and {worse}"
+                self._close_board()
         self.enter(State.FAULT, cause)
         self._leave_now()
 

@@ -169,8 +169,10 @@ def _pause(core: Core, who: str) -> None:
     activity = core.activity
     if activity is None or core.state not in (State.MOVING, State.PAUSED):
         raise StateError(f"there is nothing to pause: {core.state.value}")
-    if not activity.pausable or core.stopped_by:
-        raise StateError(f"the arm is {'stopping' if core.stopped_by else 'jogging'}; let it come to rest")
+    if core.stopped_by:
+        raise StateError("the arm is stopping; let it come to rest")
+    if not activity.pausable:
+        raise StateError(f"{activity.label} cannot be paused; press STOP")
     activity.pause()
     core.pausing = True
     core.log.info(f"pause ({who})")
@@ -285,7 +287,7 @@ def _move_gripper(core: Core, opening: float, order: Order) -> bool:
         raise StateError(f"{core.robot.name} {what}")
     if not 0 <= opening <= 1:
         raise InputError(f"{gripper.title}: {100 * opening:.0f} % is outside 0 … 100 %")
-    if core.state not in POWERED:
+    if core.state not in POWERED or core.gate.q is None:
         raise StateError(f"the gripper needs the arm enabled, it is {core.state.value}{_hint(core)}")
     if isinstance(core.activity, ProgramRunner) and core.activity.gripping:
         raise StateError("the program moves the gripper now; stop or wait")

@@ -9,7 +9,7 @@ from armctl.runtime.activity import ActivityView, Setpoint
 from armctl.runtime.board import Board, Reading
 
 _SETTLE_S = 0.3
-"""what is read before this may still be from before homing began"""
+"""what is read before this may still be from before homing began, or was stopped"""
 _LONGEST_S = 180.0
 
 
@@ -19,7 +19,8 @@ class Homing:
     Args:
         board: which homes.
         reading: gives the newest reading.
-        adopt: called once, with the reading that says that every axis is homed, and the time.
+        adopt: called once, with the reading that says that every axis is homed, and the time; an
+            ``ArmctlError`` of it ends homing as a failure.
         now: controller clock [s].
 
     Raises:
@@ -40,10 +41,9 @@ class Homing:
         self._board = board
         self._reading = reading
         self._adopt = adopt
-        self._began = now
+        self._began: float | None = now
         self._ended = False
         self._stopping = False
-        self._told = False
         self._error: ArmctlError | None = None
         board.home()
 
@@ -77,14 +77,10 @@ class Homing:
         del dt
         if self._ended:
             return None
-        if self._stopping and not self._told:
-            self._told = True
+        if self._began is None:
             self._began = now
-            self._board.hold()
-            return None
-        if now - self._began < _SETTLE_S:
-            return None
-        self._conclude(self._reading(), now)
+        if now - self._began >= _SETTLE_S:
+            self._conclude(self._reading(), now, now - self._began)
         return None
 
     def set_speed(self, fraction: float) -> None:
@@ -97,8 +93,15 @@ class Homing:
         """It cannot be paused."""
 
     def stop(self) -> None:
-        """Have the board brake at the next tick."""
-        self._stopping = True
+        """Have the board brake, at once: it goes on by itself, whether setpoints may be sent or not.
+
+        Raises:
+            BoardError: it does not confirm.
+        """
+        if not self._stopping:
+            self._stopping = True
+            self._began = None
+            self._board.hold()
 
     def halt(self) -> None:
         """Nothing is sent anyway: the board goes on by itself."""
@@ -109,25 +112,31 @@ class Homing:
         share = 0.0 if homing is None else sum(homing.homed.values()) / max(len(homing.homed), 1)
         return ActivityView(None, share, 0.0)
 
-    def _conclude(self, reading: Reading, now: float) -> None:
+    def _conclude(self, reading: Reading, now: float, since: float) -> None:
         homing = reading.homing
         if self._stopping:
             self._ended = homing is None or homing.running is None
         elif homing is None or reading.powered is False:
             self._fail("; ".join(reading.errors) or "the board switched its motors off")
         elif homing.running is not None:
-            if now - self._began > _LONGEST_S:
+            if since > _LONGEST_S:
                 self._error = BoardError(
                     f"homing was given up after {_LONGEST_S:.0f} s: an axis still looks for its zero; "
                     "see to its home switch"
                 )
-                self._stopping = True
+                self.stop()
         elif homing.done:
-            self._adopt(reading, now)
-            self._ended = True
+            self._take_over(reading, now)
         else:
             missing = [self._board.title(channel) for channel, homed in homing.homed.items() if not homed]
             self._fail("; ".join(reading.errors) or f"{', '.join(missing)} did not find a zero")
+
+    def _take_over(self, reading: Reading, now: float) -> None:
+        try:
+            self._adopt(reading, now)
+        except ArmctlError as error:
+            self._error = error
+        self._ended = True
 
     def _fail(self, why: str) -> None:
         self._error = BoardError(f"homing ended before every axis had its zero: {why}")

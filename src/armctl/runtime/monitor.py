@@ -99,6 +99,12 @@ class Monitor:
         return self.reading
 
     @property
+    def homes(self) -> bool:
+        """Whether the board moved the arm by itself at the last reading, to look for its zeros."""
+        homing = self.reading.homing
+        return homing is not None and homing.running is not None
+
+    @property
     def doubtful(self) -> bool:
         """Whether a setpoint may do harm now.
 
@@ -147,10 +153,11 @@ class Monitor:
         reading = self.reading
         off = ~reading.on
         if reading.source is Source.MEASURED:
-            if not off.any():
-                return None
             why = "; ".join(reading.errors) or "it does not say why"
-            return f"the board switched the motors off by itself ({why})"
+            if off.any():
+                return f"the board switched the motors off by itself ({why})"
+            lost = np.isnan(reading.q)
+            return f"the board lost its zeros ({self._titles(lost)}; {why})" if lost.any() else None
         self._off = self._off + 1 if off.any() else 0
         if self._off:
             self.doubt()

@@ -67,7 +67,7 @@ def enable(core: Core, wanted: FloatArray | None, who: str, now: float) -> None:
         MotionRefusedError: ``wanted`` is outside the limits, or joints would jump to below the floor.
         BoardError: the board is gone.
     """
-    if core.state in POWERED and wanted is None:
+    if core.state in POWERED and core.gate.q is not None and wanted is None:
         return
     if core.state is not State.OFF or core.board is None:
         raise StateError(f"enable needs the state off, it is {core.state.value}{_way_out(core)}")
@@ -102,7 +102,9 @@ def home(core: Core, ticket: Ticket, who: str, now: float) -> None:
         raise StateError(f"homing needs the arm off or holding, it is {core.state.value}{_way_out(core)}")
     if core.monitor.reading.homing is None:
         raise StateError("the servos of this arm know their angles: there is nothing to home")
-    core.drop_pending(StateError(f"the arm is being homed ({who})"))
+    instead = StateError(f"the arm is being homed ({who})")
+    core.drop_pending(instead)
+    core.gripper.stop(instead)
     core.board.configure()
 
     def adopt(reading: Reading, when: float) -> None:
@@ -128,8 +130,8 @@ def release(core: Core, who: str) -> None:
     if core.board is None:
         raise StateError(f"nothing to release: {core.state.value}")
     core.board.release()
-    core.power_off(f"released ({who})")
     core.log.warning(f"RELEASE ({who}): {core.board.outputs.power} off")
+    core.power_off(f"released ({who})")
 
 
 def clear_fault(core: Core, who: str) -> None:
@@ -143,9 +145,9 @@ def clear_fault(core: Core, who: str) -> None:
     if core.board is None:
         raise StateError(f"the board is gone ({core.cause}); connect again")
     core.gripper.set(core.gate.opening)
-    if core.monitor.reading.powered is False:
-        core.board.release()  # what was switched off by the board itself stays off until it is told so
     if core.gate.q is None:
+        if core.monitor.reading.powered is False:
+            core.board.release()  # what the board has switched off by itself stays off until it is told so
         core.enter(State.OFF, f"fault cleared ({who})")
     else:
         core.enter(State.HOLDING, f"fault cleared ({who}); the arm holds the last setpoint")

@@ -18,7 +18,7 @@ class State(Enum):
     """The controller's states."""
 
     DISCONNECTED = "disconnected"
-    OFF = "off"  # connected, no pulses
+    OFF = "off"  # connected; nothing is sent, and where the arm is counts for nothing
     HOLDING = "holding"
     MOVING = "moving"
     PAUSED = "paused"
@@ -85,7 +85,7 @@ class Snapshot:
     source: Source
     """what ``q`` is: commanded, transmitted or measured"""
     powered: bool
-    """pulses are on"""
+    """pulses or motors are on, as far as is known: also where nobody has enabled the arm"""
     gripper: float | None
     """commanded opening 0..1; None: no gripper, or not commanded yet"""
     speed: float
