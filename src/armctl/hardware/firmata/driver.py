@@ -299,7 +299,7 @@ class FirmataDriver:
         """The states of ``pins``, asked for now and waited for."""
         line = self._firmata
         states: dict[int, PinState] = {}
-        self._take(line.receive())
+        self._drain()
         if not pins:
             return states
         self._send(b"".join(map(codec.pin_state_query, pins)))
@@ -314,6 +314,15 @@ class FirmataDriver:
             f"{line.name}: the board did not tell the state of pin {missing} within "
             f"{self._timeout_s * 1000:.0f} ms; check the cable and the board's power supply"
         )
+
+    def _drain(self) -> None:
+        """Take the answers to earlier questions, lest they are taken for those to the next ones."""
+        self._take(self._firmata.receive())
+        if self._watch.waits:
+            for reply in self._firmata.listen(self._timeout_s):
+                self._take((reply,))
+                if not self._watch.waits:
+                    return
 
     def _await_off(self) -> tuple[int, ...]:
         """Ask for the pins' states and wait until all are off; return those that are not."""

@@ -113,6 +113,11 @@ class PinWatch:
         self._turn = [number for number in self._turn if number not in chosen] + chosen
         return tuple(chosen)
 
+    @property
+    def waits(self) -> bool:
+        """Whether a question is still without its answer."""
+        return any(pin.asked is not None for pin in self._pins.values())
+
     def overdue(self, now: float, timeout_s: float) -> tuple[int, ...]:
         """The pins that have not answered for ``timeout_s``; they may be asked again."""
         late = tuple(
