@@ -132,6 +132,26 @@ def test_stop_from_another_thread_ends_an_endless_program(arm: armctl.Arm) -> No
     assert (arm.snapshot.q_command >= low).all() and (arm.snapshot.q_command <= high).all()
 
 
+def test_an_interrupt_while_an_arm_homes_stops_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Ctrl-C in ``armctl run``, and in a script."""
+    result, interrupted = armctl.runtime.Ticket.result, []
+
+    def once(ticket: armctl.runtime.Ticket, timeout: float | None = None) -> None:
+        if not interrupted:
+            interrupted.append(ticket)
+            ticket.accepted.result(5.0)
+            raise KeyboardInterrupt
+        result(ticket, timeout)
+
+    with armctl.Arm.open("scorbot") as arm:
+        monkeypatch.setattr(armctl.runtime.Ticket, "result", once)
+        with pytest.raises(KeyboardInterrupt):
+            arm.enable()
+        assert arm.snapshot.state.value == "off"
+        assert "stopped by library" in arm.snapshot.cause
+        assert not any(axis.running for axis in arm.snapshot.homing)
+
+
 def test_release_switches_the_pulses_off(arm: armctl.Arm) -> None:
     arm.release()
     assert arm.snapshot.state is State.OFF

@@ -18,7 +18,7 @@ void Axes::begin() {
 
 void Axes::configure(uint8_t axis, const Settings &settings) {
     settings_[axis] = settings;
-    joints_[axis].profile.limit(settings.velocity, settings.acceleration);
+    joints_[axis].profile.limit(settings.low, settings.high, settings.velocity, settings.acceleration);
     motors_[axis].pid.set(settings);
     motors_[axis].watch.set(ms_to_ticks(settings.stall_ms));
 }

@@ -29,6 +29,8 @@ public:
     uint8_t pair_difference() const { return difference_; }
     // The other axis of its pair, or NO_AXIS.
     uint8_t partner(uint8_t axis) const;
+    // Its motor gets drive: the axis is used, or the other one of its pair is.
+    bool driven(uint8_t axis) const;
 
     // Joint counts.
     int32_t position(uint8_t axis) const { return joints_[axis].position; }
@@ -68,7 +70,6 @@ private:
         uint8_t still_ticks = 0;
     };
 
-    bool driven(uint8_t axis) const;
     bool pair_is_off() const;
     void locate();
 

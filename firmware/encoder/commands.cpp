@@ -4,6 +4,7 @@
 
 #include "config.h"
 #include "reset_cause.h"
+#include "serial_port.h"
 #include "status.h"
 
 namespace {
@@ -175,8 +176,14 @@ void Commands::en(Scanner &words, Writer &answer) {
     switch (controller_.mode()) {
     case Mode::TRIPPED: return refuse(answer, PSTR("FAULT latched"));
     case Mode::HOMING: return refuse(answer, PSTR("BUSY homing"));
-    case Mode::OFF: controller_.switch_on(); break;
-    default: break; // on already
+    case Mode::HELD:
+        if (controller_.switching_off()) return refuse(answer, PSTR("HOLD braking"));
+        break; // on already
+    case Mode::OFF:
+        if (serial_port::stopped_since()) return refuse(answer, PSTR("OFF stopped"));
+        controller_.switch_on();
+        break;
+    case Mode::ON: break;
     }
     ok(answer);
 }
@@ -198,7 +205,10 @@ void Commands::home(Scanner &words, Writer &answer) {
     case Mode::TRIPPED: return refuse(answer, PSTR("FAULT latched"));
     case Mode::HOMING: return refuse(answer, PSTR("BUSY homing"));
     case Mode::HELD: return refuse(answer, PSTR("HOLD"));
-    default: break;
+    case Mode::OFF:
+        if (serial_port::stopped_since()) return refuse(answer, PSTR("OFF stopped"));
+        break;
+    case Mode::ON: break;
     }
     for (uint8_t axis = 0; axis < AXES; ++axis) {
         const Settings &settings = controller_.axes().settings(axis);

@@ -10,7 +10,7 @@
 //   encoder B                 20   18   A9  A11  A13  A15
 //   home switch               22   23   24   25   26   27     PA0 ... PA5, to ground
 //
-//   motors on (enable of all bridges)   9   PH6, high = on; pull it down with 10 kOhm
+//   motors on (relay, or all enables)    9   PH6, high = on; pull it down with 10 kOhm
 //   lamp: motors are on                13   PB7, the lamp of the board
 //   control tick, for an oscilloscope  12   PB6, high while the control of all axes runs
 //

@@ -22,7 +22,12 @@ void Controller::tick() {
     axes_.measure();
     switches_.sample(switches_open_);
     obey_requests();
-    if (!powered()) return;
+    if (powered()) control();
+    else doubt_homes();
+    if ((ticks_ & SIGNS_MASK) == 0) encoders::forget_signs();
+}
+
+void Controller::control() {
     watch_host();
     if (mode_ == Mode::HOMING) run_homing();
     if (!powered()) return;
@@ -106,16 +111,22 @@ bool Controller::is_homing(uint8_t axis) const {
 
 void Controller::guard() {
     for (uint8_t axis = 0; axis < AXES && powered(); ++axis) {
-        if (!axes_.settings(axis).used()) continue;
+        if (!axes_.driven(axis)) continue;
         const bool homing_it = is_homing(axis);
         guard_motor(axis, homing_it);
         if (powered()) guard_joint(axis, homing_it);
     }
-    if ((ticks_ & SIGNS_MASK) == 0) encoders::forget_signs();
+}
+
+// An arm that sinks or is pushed while its motors are off, and whose counts go wrong by that.
+void Controller::doubt_homes() {
+    for (uint8_t axis = 0; axis < AXES; ++axis) {
+        if (encoders::broken(axis)) unhome_motor(axis);
+    }
 }
 
 void Controller::guard_motor(uint8_t axis, bool homing_it) {
-    if (encoders::one_channel_only(axis) || encoders::edges_lost(axis)) {
+    if (encoders::broken(axis)) {
         trip(axis, FAULT_ENCODER);
         return;
     }
@@ -141,17 +152,19 @@ void Controller::guard_joint(uint8_t axis, bool homing_it) {
     if (error > allowed || error < -allowed) trip(axis, FAULT_FOLLOW);
 }
 
+// Where the joint is, is no longer known; nor where a joint is that its motor turns with another.
+void Controller::unhome_motor(uint8_t axis) {
+    unhome(axis);
+    if (axes_.partner(axis) != NO_AXIS) unhome(axes_.partner(axis));
+}
+
 void Controller::trip(uint8_t axis, Fault fault) {
     motors::cut();
     homing_.abort();
     off_ticks_ = 0;
     mode_ = Mode::TRIPPED;
     faults_[axis] |= fault;
-    if (fault == FAULT_ENCODER) {
-        // Where the joint is, is no longer known; nor where a joint is that it turns with another.
-        unhome(axis);
-        if (axes_.partner(axis) != NO_AXIS) unhome(axes_.partner(axis));
-    }
+    if (fault == FAULT_ENCODER) unhome_motor(axis);
     tell(EventKind::TRIP, axis, fault);
 }
 
@@ -185,7 +198,9 @@ void Controller::clear_faults() {
 }
 
 void Controller::configure(uint8_t axis, const Settings &settings) {
-    if (homes_differ(settings, axes_.settings(axis))) unhome(axis);
+    const Settings &before = axes_.settings(axis);
+    if (homes_differ(settings, before)) unhome(axis);
+    if (motors_differ(settings, before)) unhome_motor(axis);
     const uint8_t bit = static_cast<uint8_t>(1 << axis);
     switches_open_ = static_cast<uint8_t>(settings.switch_opens ? switches_open_ | bit : switches_open_ & ~bit);
     axes_.configure(axis, settings);

@@ -48,6 +48,8 @@ public:
     const Axes &axes() const { return axes_; }
     Mode mode() const { return mode_; }
     bool powered() const { return mode_ == Mode::ON || mode_ == Mode::HOMING || mode_ == Mode::HELD; }
+    // Braking for the watchdog; the motors go off then.
+    bool switching_off() const { return off_ticks_ != 0; }
     uint8_t homed() const { return homed_; }
     bool homed(uint8_t axis) const { return homed_ >> axis & 1; }
     uint8_t switches() const { return switches_.pressed(); }
@@ -58,16 +60,19 @@ public:
 
 private:
     void obey_requests();
+    void control();
     void watch_host();
     void hold();
     void finish_hold();
     void run_homing();
+    void doubt_homes();
     void guard();
     void guard_motor(uint8_t axis, bool homing_it);
     void guard_joint(uint8_t axis, bool homing_it);
     bool is_homing(uint8_t axis) const;
     DriveWatch::Verdict homing_verdict() const;
     void trip(uint8_t axis, Fault fault);
+    void unhome_motor(uint8_t axis);
     void unhome(uint8_t axis) { homed_ &= static_cast<uint8_t>(~(1 << axis)); }
     void tell(EventKind kind, uint8_t axis = 0, uint8_t detail = 0) { events_.put({kind, axis, detail}); }
 

@@ -82,9 +82,9 @@ int8_t take(uint8_t axis) {
     return counts;
 }
 
-bool one_channel_only(uint8_t axis) { return channels[axis].repeats >= REPEATS_OF_TORN_WIRE; }
-
-bool edges_lost(uint8_t axis) { return channels[axis].doubles >= DOUBLES_OF_BAD_ENCODER; }
+bool broken(uint8_t axis) {
+    return channels[axis].repeats >= REPEATS_OF_TORN_WIRE || channels[axis].doubles >= DOUBLES_OF_BAD_ENCODER;
+}
 
 void forget_signs() {
     for (Channel &channel : channels) channel.repeats = channel.doubles = 0;

@@ -12,8 +12,7 @@ int8_t take(uint8_t axis);
 
 // Signs of a broken encoder since the last forget_signs(). A wire that hangs leaves only one channel
 // changing; a good encoder that turns changes them in turn. Both changing at once means lost edges.
-bool one_channel_only(uint8_t axis);
-bool edges_lost(uint8_t axis);
+bool broken(uint8_t axis);
 void forget_signs();
 
 } // namespace encoders

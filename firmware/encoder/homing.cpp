@@ -50,6 +50,7 @@ bool Homing::next_axis(Axes &axes, const Switches &switches) {
 
 void Homing::go(Axes &axes, State state, int8_t direction, uint16_t velocity) {
     const Settings &settings = axes.settings(axis_);
+    if (velocity > settings.velocity) velocity = settings.velocity;
     const int32_t span = settings.high - settings.low;
     state_ = state;
     direction_ = direction;

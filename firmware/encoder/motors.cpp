@@ -27,8 +27,10 @@ void begin() {
     DDRE |= _BV(PE3) | _BV(PE4) | _BV(PE5);
     DDRH |= _BV(PH3) | _BV(PH4) | _BV(PH5) | ENABLE;
     DDRB |= LAMP;
-    ICR3 = ICR4 = TOP;
+    // The mode first, and the clock last: in a mode that does not count to ICR, ICR cannot be written.
     TCCR3A = TCCR4A = _BV(COM3A1) | _BV(COM3B1) | _BV(COM3C1) | _BV(WGM31);
+    TCCR3B = TCCR4B = _BV(WGM33);
+    ICR3 = ICR4 = TOP;
     TCCR3B = TCCR4B = _BV(WGM33) | _BV(CS30);
 }
 
@@ -57,9 +59,15 @@ void drive(uint8_t axis, int16_t value) {
     const uint8_t direction = static_cast<uint8_t>(1 << axis);
     // Looked at and written in one go: cut() may come from the receive interrupt at any moment.
     ATOMIC_BLOCK(ATOMIC_RESTORESTATE) {
-        if (backward) PORTC |= direction;
-        else PORTC &= static_cast<uint8_t>(~direction);
-        *DUTY[axis] = on ? duty : 0;
+        volatile uint16_t &output = *DUTY[axis];
+        const bool was_backward = PORTC & direction;
+        if (backward != was_backward && output != 0) {
+            output = 0; // a tick without drive; the timer takes a duty only at the end of its period
+        } else {
+            if (backward) PORTC |= direction;
+            else PORTC &= static_cast<uint8_t>(~direction);
+            output = on ? duty : 0;
+        }
     }
 }
 

@@ -12,7 +12,8 @@ void enable();
 void cut();
 bool enabled();
 
-// -255 ... 255. While the motors are cut, nothing but 0 reaches a bridge.
+// -255 ... 255. While the motors are cut, nothing but 0 reaches a bridge. A motor that is to turn round
+// has no drive for one call: its bridge changes direction only while it is off.
 void drive(uint8_t axis, int16_t value);
 
 } // namespace motors

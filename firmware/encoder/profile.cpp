@@ -64,12 +64,18 @@ void Profile::advance_line() {
                                                      : static_cast<int16_t>(line_step_);
 }
 
-// A move whose goal is no farther than it takes to slow down.
+// The soft limit ahead, or the goal of a move, is no farther than it takes to slow down. A stream that
+// breaks off at speed would else carry the joint past its limit.
 bool Profile::must_stop_here() const {
-    if (!ends_at_rest_ || !line_ticks_ || !velocity_) return false;
+    if (!velocity_) return false;
     const bool upward = velocity_ > 0;
-    const int32_t left = upward ? goal_ - position_ : position_ - goal_;
-    return left <= 0 || must_brake(upward ? velocity() : static_cast<int16_t>(-velocity()), static_cast<uint32_t>(left));
+    int32_t left = upward ? high_ - position_ : position_ - low_;
+    if (ends_at_rest_ && line_ticks_) {
+        const int32_t to_goal = upward ? goal_ - position_ : position_ - goal_;
+        if (to_goal < left) left = to_goal;
+    }
+    const int16_t v = velocity();
+    return left <= 0 || must_brake(static_cast<uint16_t>(upward ? v : -v), static_cast<uint32_t>(left));
 }
 
 void Profile::follow() {
@@ -77,7 +83,7 @@ void Profile::follow() {
     advance_line();
     const int32_t error = line_ - position_;
     const uint32_t distance = static_cast<uint32_t>(error < 0 ? -error : error);
-    const int16_t faster = velocity() - line_velocity_; // than the line
+    const int32_t faster = static_cast<int32_t>(velocity()) - line_velocity_; // than the line
     const uint16_t difference = static_cast<uint16_t>(faster < 0 ? -faster : faster);
     const bool stop = must_stop_here();
 
@@ -87,8 +93,8 @@ void Profile::follow() {
         position_ = line_ - line_velocity_; // step() adds it
         return;
     }
-    const int16_t closing = error > 0 ? faster : static_cast<int16_t>(-faster);
-    const bool speed_up = closing <= 0 || !must_brake(closing, distance);
+    const int32_t closing = error > 0 ? faster : -faster;
+    const bool speed_up = closing <= 0 || !must_brake(static_cast<uint16_t>(closing), distance);
     const bool upward = stop ? velocity_ < 0 : (error > 0) == speed_up;
     velocity_ += upward ? static_cast<int32_t>(acceleration_) : -static_cast<int32_t>(acceleration_);
     if (velocity_ > velocity_limit_fine_) velocity_ = velocity_limit_fine_;
@@ -97,9 +103,8 @@ void Profile::follow() {
 
 // v2 / 2 >= 7/8 a s: time to brake. An eighth of the acceleration is kept back for what the ticks round.
 // Two scales keep both sides in 32 bits: 1/16 count near the goal, whole counts beyond 4095.
-bool Profile::must_brake(int16_t closing, uint32_t distance) const {
+bool Profile::must_brake(uint16_t v, uint32_t distance) const {
     const uint16_t a = static_cast<uint16_t>(acceleration_ - (acceleration_ >> 3));
-    const uint16_t v = static_cast<uint16_t>(closing);
     const uint32_t v2 = static_cast<uint32_t>(v) * v;
     const uint32_t sixteenths = distance >> (TICK_SHIFT - 4);
     if (sixteenths <= 0xFFFF) {

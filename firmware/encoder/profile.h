@@ -14,7 +14,10 @@
 
 class Profile {
 public:
-    void limit(uint16_t velocity, uint16_t acceleration) {
+    // Soft limits [counts], of velocity [counts/s] and of acceleration [counts/s2].
+    void limit(int32_t low, int32_t high, uint16_t velocity, uint16_t acceleration) {
+        low_ = shifted_up<TICK_SHIFT>(low);
+        high_ = shifted_up<TICK_SHIFT>(high);
         velocity_limit_ = static_cast<int16_t>(velocity);
         velocity_limit_fine_ = shifted_up<TICK_SHIFT>(velocity_limit_);
         acceleration_ = acceleration;
@@ -47,10 +50,11 @@ private:
     void advance_line();
     bool must_stop_here() const;
     void change_velocity();
-    bool must_brake(int16_t closing, uint32_t distance) const;
+    bool must_brake(uint16_t v, uint32_t distance) const;
 
     int32_t position_ = 0; // [1/512 count]
     int32_t velocity_ = 0; // [1/512 count/s]
+    int32_t low_ = 0, high_ = 0; // [1/512 count]
     int16_t velocity_limit_ = 1;
     int32_t velocity_limit_fine_ = 1; // [1/512 count/s]
     uint16_t acceleration_ = 1; // [counts/s2], which is [1/512 count/s] a tick

@@ -49,8 +49,8 @@ void Protocol::send_status() {
         now = controller_.ticks();
     }
     const bool due = now - status_due_ < 0x80000000UL;
-    if (serial_port::room() < STATUS_MAX && !due) return;
-    if (!due && !serial_port::take_status_request()) return;
+    // One that is asked for leaves room for an answer: a flood of '?' does not keep lines waiting.
+    if (!due && (serial_port::room() <= STATUS_MAX + ANSWER_MAX || !serial_port::take_status_request())) return;
     if (due) {
         // One that finds no room is left out, not sent late.
         status_due_ += STATUS_TICKS;

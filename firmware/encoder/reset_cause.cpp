@@ -2,6 +2,7 @@
 
 #include <avr/io.h>
 #include <avr/wdt.h>
+#include <util/atomic.h>
 
 #include "config.h"
 
@@ -64,6 +65,8 @@ void tick() {
     if (trace.silent_ticks != 0xFFFF) trace.silent_ticks = trace.silent_ticks + 1;
 }
 
-void alive() { trace.silent_ticks = 0; }
+void alive() {
+    ATOMIC_BLOCK(ATOMIC_RESTORESTATE) { trace.silent_ticks = 0; }
+}
 
 } // namespace reset_cause

@@ -15,6 +15,8 @@ Ring<char, 256> outgoing;
 volatile bool overrun;
 bool gap; // bytes were lost since the last one in the queue
 volatile uint8_t statuses_wanted;
+volatile bool overtaken;      // by a stop, as far as
+volatile uint8_t overtaken_to; // this place in the queue
 volatile serial_port::Requests requests;
 
 // Where bytes are missing a NUL stands for them. Without it a damaged line that loses just its damage,
@@ -23,6 +25,12 @@ void keep(char byte) {
     if (gap && !incoming.put('\0')) return;
     gap = !incoming.put(byte);
     if (gap) overrun = true;
+}
+
+// A stop has come in before the lines that still wait in the queue were carried out.
+void overtake() {
+    overtaken_to = incoming.head();
+    overtaken = true;
 }
 
 } // namespace
@@ -36,13 +44,18 @@ ISR(USART0_RX_vect) {
     case 0x18:
         motors::cut();
         requests.stop = true;
+        overtake();
         break;
     case '!':
         // The later of two wins within one tick; a release that came just before does not undo it.
         requests.release = false;
         requests.hold = true;
+        overtake();
         break;
-    case '~': requests.release = true; break;
+    case '~':
+        // What stops acts even if the byte came damaged; what sets free does not.
+        if (!damage) requests.release = true;
+        break;
     case '?':
         if (statuses_wanted != 0xFF) ++statuses_wanted;
         break;
@@ -68,7 +81,16 @@ void begin() {
 }
 
 bool received() { return !incoming.empty(); }
-char take() { return incoming.take(); }
+
+char take() {
+    ATOMIC_BLOCK(ATOMIC_RESTORESTATE) {
+        if (incoming.tail() == overtaken_to) overtaken = false;
+    }
+    return incoming.take();
+}
+
+bool stopped_since() { return overtaken; }
+
 uint8_t room() { return outgoing.room(); }
 
 void send(const char *bytes, uint8_t count) {

@@ -9,6 +9,8 @@ void begin();
 
 bool received();
 char take(); // only when received()
+// 0x18 or `!` came after the byte that was taken last: they act at once, and overtake lines.
+bool stopped_since();
 
 // Room for bytes to be sent; send() of more than that would lose some.
 uint8_t room();

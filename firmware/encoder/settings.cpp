@@ -101,8 +101,12 @@ bool SettingKey::set(Settings &settings, int32_t value) const {
 
 bool homes_differ(const Settings &a, const Settings &b) {
     return a.home_position != b.home_position || a.home_direction != b.home_direction ||
-           a.home_by_stall != b.home_by_stall || a.encoder_inverted != b.encoder_inverted ||
-           a.motor_inverted != b.motor_inverted || a.switch_opens != b.switch_opens || !a.used() || !b.used();
+           a.home_by_stall != b.home_by_stall || a.switch_opens != b.switch_opens || motors_differ(a, b) ||
+           !a.used() || !b.used();
+}
+
+bool motors_differ(const Settings &a, const Settings &b) {
+    return a.encoder_inverted != b.encoder_inverted || a.motor_inverted != b.motor_inverted;
 }
 
 Settings default_settings(uint8_t axis) {

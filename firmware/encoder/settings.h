@@ -50,5 +50,7 @@ private:
 
 // True when homes found with one are no longer true with the other.
 bool homes_differ(const Settings &a, const Settings &b);
+// True when the motor's counts or its drive go the other way; of a pair, that concerns both joints.
+bool motors_differ(const Settings &a, const Settings &b);
 
 Settings default_settings(uint8_t axis);

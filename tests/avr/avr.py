@@ -110,9 +110,12 @@ class Avr:
         """Run on for a time, like ``run_until``."""
         self.run_until(self.cycle + self.cycles(seconds))
 
-    def write(self, data: bytes) -> None:
-        """Put bytes on the serial line; the firmware gets them one by one at its baud rate."""
-        if self._shim.sim_write(self._handle, data, len(data)):
+    def write(self, data: bytes, *, damaged: bool = False) -> None:
+        """Put bytes on the serial line; the firmware gets them one by one at its baud rate.
+
+        Damaged ones have no stop bit, as on a line with noise: the CPU reports a framing error.
+        """
+        if self._shim.sim_write(self._handle, data, len(data), damaged):
             raise AvrError(f"{self.image.name}: {_RESULTS[3]}")
 
     def read(self) -> bytes:
@@ -197,7 +200,7 @@ def _load(library: Path) -> ctypes.CDLL:
         ("sim_cycle", u64, (handle,)),
         ("sim_log", text, (handle,)),
         ("sim_program_counter", u32, (handle,)),
-        ("sim_write", number, (handle, text, u32)),
+        ("sim_write", number, (handle, text, u32, number)),
         ("sim_read", u32, (handle, text, u32)),
         ("sim_watch", None, (handle, pin, number)),
         ("sim_edges", u32, (handle, edges, u32)),

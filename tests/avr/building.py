@@ -31,18 +31,31 @@ def build_lock() -> Generator[None]:
 
 
 def shim_library() -> Path:
-    """The compiled shim, compiled again when its source is newer.
+    """The compiled shim.
 
     Raises:
         BuildError: no compiler or no simavr.
     """
-    source, library = _HERE / "shim.c", BUILD / "libavr.so"
+    return _library(_HERE / "shim.c", BUILD / "libavr.so")
+
+
+def plant_library() -> Path:
+    """The compiled plant.
+
+    Raises:
+        BuildError: no compiler or no simavr.
+    """
+    return _library(_HERE / "plant.c", BUILD / "libplant.so")
+
+
+def _library(source: Path, library: Path) -> Path:
+    """Compiled for this computer, again when its source is newer."""
     with build_lock():
         if _is_stale(library, [source]):
             flags = run(["pkg-config", "--cflags", "--libs", "simavr"]).split()
-            partial = BUILD / "libavr.partial.so"
+            partial = library.with_suffix(".partial")
             options = ["-O2", "-Wall", "-Wextra", "-Werror", "-shared", "-fPIC"]
-            run(["gcc", *options, "-o", str(partial), str(source), *flags])
+            run(["gcc", *options, "-o", str(partial), str(source), *flags, "-lm"])
             partial.replace(library)
     return library
 

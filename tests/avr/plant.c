@@ -42,6 +42,10 @@ typedef struct {
     int32_t shown;          /* what the encoder shows */
     double way;             /* all that the motor has turned so far, without sign */
     double drive;           /* at the last step, -1 ... 1 */
+    /* how the bridge is treated */
+    uint8_t backward;    /* the direction pin at the last step */
+    uint32_t idle_steps; /* that the duty has been 0 for */
+    uint32_t hot_turns;  /* changes of direction before the timer had let a duty of 0 out */
 } axis_t;
 
 typedef struct {
@@ -92,8 +96,21 @@ static double drive_of(const plant_t *plant, const axis_t *axis)
     return axis->motor_sign * (avr->data[axis->direction] & axis->direction_mask ? -share : share);
 }
 
+/* A timer in phase-correct PWM takes a new duty at the end of its period, 64 us: a step and a part. */
+static void watch_bridge(const plant_t *plant, axis_t *axis)
+{
+    const avr_t *avr = plant->io.avr;
+    uint8_t backward = avr->data[axis->direction] & axis->direction_mask ? 1 : 0;
+    if (backward != axis->backward && axis->idle_steps < 2) {
+        axis->hot_turns++;
+    }
+    axis->backward = backward;
+    axis->idle_steps = word(avr, axis->duty) ? 0 : axis->idle_steps + 1;
+}
+
 static void turn(const plant_t *plant, axis_t *axis, double dt)
 {
+    watch_bridge(plant, axis);
     int powered = plant->io.avr->data[plant->enable] & plant->enable_mask ? 1 : 0;
     axis->drive = powered ? drive_of(plant, axis) : 0.0;
     double load = axis->load ? axis->load * cos(6.283185307179586 * axis->position / axis->load_period) : 0.0;

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from tests.avr.avr import Avr
-from tests.avr.building import BUILD, build_lock, run
+from tests.avr.building import plant_library
 from tests.avr.mega import PINS
 
 AXES = 6
@@ -86,6 +86,9 @@ class _Axis(ctypes.Structure):
         ("shown", ctypes.c_int32),
         ("way", ctypes.c_double),
         ("drive", ctypes.c_double),
+        ("backward", ctypes.c_uint8),
+        ("idle_steps", ctypes.c_uint32),
+        ("hot_turns", ctypes.c_uint32),
     )
 
 
@@ -130,19 +133,6 @@ WIRES = (
     Wires(pwm=7, direction=33, a=66, b=67, switch=26),
     Wires(pwm=8, direction=32, a=68, b=69, switch=27),
 )
-
-
-def plant_library() -> Path:
-    """The compiled plant.c, compiled again when its source is newer."""
-    source, library = Path(__file__).parent / "plant.c", BUILD / "libplant.so"
-    with build_lock():
-        if not library.exists() or library.stat().st_mtime < source.stat().st_mtime:
-            flags = run(["pkg-config", "--cflags", "--libs", "simavr"]).split()
-            partial = BUILD / "libplant.partial.so"
-            options = ["-O2", "-Wall", "-Wextra", "-Werror", "-shared", "-fPIC"]
-            run(["gcc", *options, "-o", str(partial), str(source), *flags, "-lm"])
-            partial.replace(library)
-    return library
 
 
 @dataclass
@@ -206,6 +196,11 @@ class Plant:
     def speed(self) -> float:
         """That of the fastest motor [counts/s]."""
         return max(abs(axis.speed) for axis in self.axes)
+
+    @property
+    def hot_turns(self) -> int:
+        """How often a bridge was told to change its direction while it was driving."""
+        return sum(axis.hot_turns for axis in self.axes)
 
     @property
     def powered(self) -> bool:

@@ -17,6 +17,7 @@
 #include <avr_uart.h>
 #include <sim_avr.h>
 #include <sim_core.h>
+#include <sim_cycle_timers.h>
 #include <sim_hex.h>
 
 enum {
@@ -46,12 +47,13 @@ typedef struct {
 
 struct sim {
     avr_t *avr;
+    avr_io_t resets; /* told of every reset */
     avr_irq_t *uart_input;
     int uart_full; /* the UART's receive queue takes no more */
     int overflow;  /* a buffer below was full: something was lost */
     int driving;   /* a level is being set from outside: not an edge of the firmware's */
 
-    unsigned char received[QUEUE]; /* from the host, waiting for room in the UART: a ring */
+    uint16_t received[QUEUE]; /* with UART_INPUT_FE: badly framed. From the host, waiting for room in the UART: a ring */
     uint32_t received_head, received_tail;
     unsigned char sent[QUEUE]; /* by the firmware, not yet fetched */
     uint32_t sent_count;
@@ -183,6 +185,21 @@ static void set_up_timers(avr_t *avr)
     }
 }
 
+/* simavr 1.6 else looks at a low level-triggered interrupt in every cycle: 0.3 times real time. */
+static avr_cycle_count_t calm_interrupts(avr_t *avr, avr_cycle_count_t when, void *param)
+{
+    (void)when, (void)param;
+    for (int i = 0; i < EXTINT_COUNT; i++) {
+        if (avr_extint_is_strict_lvl_trig(avr, i) > 0) {
+            avr_extint_set_strict_lvl_trig(avr, i, 0);
+        }
+    }
+    return 0;
+}
+
+/* A reset, whoever causes it, brings that back; a cycle later the interrupts have had their own reset. */
+static void on_reset(avr_io_t *io) { avr_cycle_timer_register(io->avr, 1, calm_interrupts, NULL); }
+
 static avr_irq_t *pin_irq(sim_t *sim, int pin)
 {
     return avr_io_getirq(sim->avr, AVR_IOCTL_IOPORT_GETIRQ('A' + pin / 8), pin % 8);
@@ -209,12 +226,9 @@ sim_t *sim_new(const char *mcu, uint32_t frequency, const char *hex)
         free(sim);
         return NULL;
     }
-    for (int i = 0; i < EXTINT_COUNT; i++) {
-        /* simavr 1.6 else looks at a low level-triggered interrupt in every cycle: 0.3 times real time. */
-        if (avr_extint_is_strict_lvl_trig(avr, i) > 0) {
-            avr_extint_set_strict_lvl_trig(avr, i, 0);
-        }
-    }
+    sim->resets = (avr_io_t){.kind = "resets", .reset = on_reset};
+    avr_register_io(avr, &sim->resets);
+    calm_interrupts(avr, 0, NULL);
     set_up_uart(sim);
     set_up_timers(avr);
     for (int pin = 0; pin < PINS; pin++) {
@@ -304,13 +318,14 @@ const char *sim_log(const sim_t *sim) { return sim->log; }
 /* Where the CPU stands: the byte address in flash. */
 uint32_t sim_program_counter(const sim_t *sim) { return sim->avr->pc; }
 
-int sim_write(sim_t *sim, const unsigned char *data, uint32_t count)
+/* damaged: every byte comes with a framing error. */
+int sim_write(sim_t *sim, const unsigned char *data, uint32_t count, int damaged)
 {
     if (count > QUEUE - (sim->received_tail - sim->received_head)) {
         return SIM_OVERFLOW;
     }
     for (uint32_t i = 0; i < count; i++) {
-        sim->received[sim->received_tail++ & (QUEUE - 1)] = data[i];
+        sim->received[sim->received_tail++ & (QUEUE - 1)] = (uint16_t)(data[i] | (damaged ? UART_INPUT_FE : 0));
     }
     feed_uart(sim);
     return SIM_OK;

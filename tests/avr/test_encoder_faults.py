@@ -126,3 +126,44 @@ def test_gravity_is_held_without_a_fault(make_arm: MakeArm) -> None:
         arm.run(0.1)
     assert arm.now().mode == "N"
     assert arm.now().counts[1] == pytest.approx(-500, abs=2)
+
+
+def test_a_motor_of_a_pair_is_watched_though_its_joint_is_not_used(make_arm: MakeArm) -> None:
+    """Axis 4 is not homed, but its motor turns joint 3."""
+    arm = make_arm()
+    assert arm.ask("CFG 4 hord=0") == "ok"
+    assert arm.ask("HOME 3") == "ok"
+    arm.run_until(lambda: "home done" in arm.events, 20)
+    assert arm.ask("P - - - -2000 - - 1000") == "ok"
+    arm.run(0.3)
+    arm.plant.axes[4].torn_b = 1
+    arm.run_until(lambda: tripped(arm), 1)
+    assert arm.events[-1] == "trip 4 ENCODER"
+    assert arm.now().homed == 0
+
+
+@pytest.mark.parametrize("key", ["inv", "minv"])
+def test_a_motor_of_a_pair_the_other_way_unhomes_both_joints(homed: EncoderArm, key: str) -> None:
+    assert homed.ask("EN 0") == "ok"
+    assert homed.ask(f"CFG 3 {key}=0") == "ok"
+    assert homed.now().homed == 0b111111
+    assert homed.ask(f"CFG 3 {key}=1") == "ok"
+    assert homed.now().homed == 0b100111
+
+
+def test_the_switch_of_a_pair_concerns_one_joint(homed: EncoderArm) -> None:
+    assert homed.ask("EN 0") == "ok"
+    assert homed.ask("CFG 4 hdir=-1") == "ok"
+    assert homed.now().homed == 0b101111
+
+
+def test_a_torn_encoder_wire_while_the_motors_are_off(homed: EncoderArm) -> None:
+    """The arm sinks and nobody counts it."""
+    assert homed.ask("EN 0") == "ok"
+    homed.plant.axes[1].load = 1.0
+    homed.run(0.2)
+    assert homed.now().homed == 0x3F, "counted, the home holds"
+    homed.plant.axes[1].torn_a = 1
+    homed.run(0.5)
+    assert homed.now().homed == 0x3F & ~2
+    assert homed.now().mode == "O"

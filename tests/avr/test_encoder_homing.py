@@ -79,6 +79,19 @@ def test_a_switch_that_opens_when_pressed(make_arm: MakeArm) -> None:
     assert arm.plant.counts(0) - arm.now().counts[0] == pytest.approx(60, abs=1)
 
 
+def test_homing_is_no_faster_than_the_joint_may_be(make_arm: MakeArm) -> None:
+    arm = make_arm(changed(NEAR_HOME, 0, switch=(1500, 1700)))
+    assert arm.ask("CFG 0 vmax=400 hv=3000") == "ok"
+    assert arm.ask("HOME 0") == "ok"
+    fastest = 0.0
+    while "home done" not in arm.events:
+        arm.ask("PING")
+        arm.run(0.02)
+        fastest = max(fastest, arm.plant.speed)
+        assert arm.avr.now < 60
+    assert fastest < 900  # control overshoots its speed when it breaks away
+
+
 def failed(make_arm: MakeArm, axis: int, seconds: float = 60, **motor: object) -> list[str]:
     """The events of homing one axis of an arm that cannot be homed."""
     arm = make_arm(changed(NEAR_HOME, axis, **motor))

@@ -44,6 +44,18 @@ def test_a_repeated_line_is_answered_again_and_not_carried_out_again(make_arm: M
     assert arm.plant.powered, "only the last line is remembered"
 
 
+def test_a_reset_forgets_the_last_line(make_arm: MakeArm) -> None:
+    """Else a host that begins to count anew would hear `ok` and nothing be done."""
+    arm = make_arm()
+    assert arm.ask("EN 1") == "ok"
+    arm.reset()
+    assert not arm.plant.powered
+    arm.seq = 0
+    arm.answers.clear()
+    assert arm.ask("EN 1") == "ok"
+    assert arm.plant.powered
+
+
 def test_the_banner_says_why_it_started(make_arm: MakeArm) -> None:
     arm = make_arm()
     assert arm.banners == ["armctl-encoder 1.0.0 proto=1 axes=6 reset=power"]
@@ -143,3 +155,30 @@ def test_rubbish_does_not_keep_the_motors_on(make_arm: MakeArm) -> None:
         arm.avr.write(bytes(byte for byte in generator.randbytes(1000) if byte not in b"\x18!~?"))
         arm.avr.run_for(0.1)
     assert not arm.plant.powered
+
+
+def test_a_damaged_byte_does_not_set_free_what_is_held(make_arm: MakeArm) -> None:
+    arm = make_arm()
+    assert arm.ask("EN 1") == "ok"
+    arm.avr.write(b"!", damaged=True)
+    arm.avr.write(b"\n")
+    arm.run(0.05)
+    assert arm.now().mode == "B", "what stops acts in any case"
+    arm.avr.write(b"~", damaged=True)
+    arm.avr.write(b"\n")
+    arm.run(0.05)
+    assert arm.now().mode == "B"
+    arm.avr.write(b"~")
+    arm.run(0.05)
+    assert arm.now().mode == "N"
+
+
+def test_a_flood_of_status_requests_keeps_no_line_waiting(make_arm: MakeArm) -> None:
+    """Else the watchdog would strike although the host talks."""
+    arm = make_arm()
+    arm.avr.write(b"?" * 250)
+    arm.run(250 * BYTE_S)
+    begin = len(arm.status)
+    assert arm.ask("PING") == "ok"
+    arm.run(0.3)
+    assert len(arm.status) - begin > 20, "they are not thrown away either"

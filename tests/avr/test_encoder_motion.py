@@ -5,13 +5,16 @@ from __future__ import annotations
 import itertools
 
 import pytest
+from tests.avr.building import ROOT, run
 from tests.avr.conftest import MakeArm
-from tests.avr.encoder_arm import EncoderArm
-from tests.avr.plant import AXES
+from tests.avr.encoder_arm import EncoderArm, sealed
+from tests.avr.plant import AXES, NEAR_HOME, changed
 
 COUNTS_PER_DEG = (141.8888, 113.5555, 113.5555, 27.9, 27.9)
 GRIPPER_SPAN = 1600
 PERIOD_S = 0.02
+RAM_END = 0x2200
+PAINT = 0xA5
 
 
 def smooth(share: float) -> float:
@@ -104,6 +107,24 @@ def test_the_control_runs_512_times_a_second(make_arm: MakeArm) -> None:
     assert max(busy) < 0.75 * arm.avr.clock_hz / 512
 
 
+def test_the_stack_stays_far_from_the_variables(make_arm: MakeArm) -> None:
+    """The deepest it gets, with all interrupts inside each other, seen by the bytes it has overwritten."""
+    symbols = run(["avr-nm", str(ROOT / "build" / "firmware" / "encoder.elf")])
+    (variables_end,) = (int(line[:8], 16) & 0xFFFF for line in symbols.splitlines() if line.endswith(" _end"))
+    arm = make_arm()
+    free = range(variables_end, RAM_END - 200)
+    for address in free:
+        arm.avr.set_data(address, PAINT)
+    arm.home()
+    for number in range(40):
+        arm.avr.write(b"?" + b"\xaa" * 90 + b"\n")
+        setpoints = arm.setpoints((-20 * number, -20 * number, -20 * number, -5 * number, 0, 10 * number))
+        for command in ("SHOW 0", "CFG 0 kp=1", "GET", setpoints):
+            arm.ask(command)
+    untouched = next(address for address in free if arm.avr.data(address) != PAINT) - variables_end
+    assert untouched > 4096
+
+
 def test_refuses_motion_before_homing(make_arm: MakeArm) -> None:
     arm = make_arm()
     assert arm.ask("P 100 - - - - -") == "err OFF"
@@ -132,6 +153,42 @@ def test_refuses_setpoints_beyond_the_soft_limits(make_arm: MakeArm) -> None:
     assert arm.plant.joint(1) == rested, "a refused line moved another axis"
     assert arm.ask("P 400 - - - - -") == "ok"
     arm.run_until(lambda: arm.now().counts[0] >= 399, 1)
+
+
+def test_a_stream_that_breaks_off_stays_inside_the_soft_limits(make_arm: MakeArm) -> None:
+    """At full speed when its last setpoint is the limit itself: the joint has slowed down by then."""
+    arm = make_arm()
+    assert arm.ask("CFG 0 min=-9000 max=600 amax=4000") == "ok"
+    arm.home()
+    assert arm.ask("P -5000 - - - - - 1000") == "ok"
+    arm.run_until(lambda: arm.now().counts[0] <= -4999, 6)
+    zero = arm.plant.joint(0) - arm.now().counts[0]
+    highest = -5000.0
+    for setpoint in [*range(-5000, 600, 50), 600, *[None] * 60]:
+        arm.post("PING" if setpoint is None else f"P {setpoint} - - - - -")
+        arm.run(PERIOD_S)
+        highest = max(highest, arm.plant.joint(0) - zero)
+    assert highest <= 600 + 30  # 780 counts are what it takes to slow down; the motor swings a little
+    assert arm.now().mode == "N"
+    assert arm.now().counts[0] == pytest.approx(600, abs=2)
+
+
+def test_turns_round_at_the_highest_speed_there_is(make_arm: MakeArm) -> None:
+    """From 17,000 counts/s one way to as much the other: more than 16 bits of difference."""
+    fast = changed(NEAR_HOME, 0, full_speed=30_000, time_constant=0.02, stops=(-200_000, 200_000))
+    arm = make_arm(fast)
+    assert arm.ask("CFG 0 min=-100000 max=100000 vmax=20000 amax=65535 ferr=8000") == "ok"
+    arm.home()
+    step = 340
+    farthest = setpoint = 0
+    for number in range(120):
+        setpoint += -step if number < 60 else step
+        arm.post(f"P {setpoint} - - - - -")
+        arm.run(PERIOD_S)
+        farthest = min(farthest, *(status.counts[0] for status in arm.status[-1:]))
+    assert arm.now().mode == "N"
+    assert farthest > -60 * step - 3500  # v^2 / 2a is 2200 counts
+    arm.run_until(lambda: abs(arm.now().counts[0]) < 20, 2)
 
 
 def test_differential_wrist_moves_one_joint_alone(make_arm: MakeArm) -> None:
@@ -192,6 +249,30 @@ def test_0x18_switches_the_motors_off_at_once(moving: EncoderArm) -> None:
     assert moving.events[-1] == "stopped"
     status = moving.now()
     assert (status.mode, status.flags) == ("O", 8)
+
+
+@pytest.mark.parametrize("stop", [b"\x18", b"!"])
+@pytest.mark.parametrize("command", ["EN 1", "HOME"])
+def test_a_stop_overtakes_the_lines_before_it(make_arm: MakeArm, command: str, stop: bytes) -> None:
+    """The motors do not go on by a line that was on its way when the host said stop."""
+    arm = make_arm()
+    arm.avr.watch("H6")
+    for number in range(1, 12):  # their answers take longer than they do
+        arm.avr.write(sealed(f"{number} SHOW 0"))
+    arm.avr.write(sealed(f"12 {command}") + stop)
+    arm.run(0.5)
+    assert arm.answers[-1] == "12 err OFF stopped"
+    assert not arm.avr.edges(), "the motors were switched on"
+    assert arm.ask("EN 1") == "ok"
+
+
+def test_the_watchdog_s_braking_is_not_ended_by_an_enable(moving: EncoderArm) -> None:
+    """An `ok` would say that the motors stay on."""
+    moving.run_until(lambda: moving.status[-1].mode == "B", 1, ping_s=10)
+    assert moving.ask("EN 1") == "err HOLD braking"
+    moving.run(0.15)
+    assert not moving.plant.powered
+    assert moving.ask("EN 1") == "ok"
 
 
 def test_0x18_acts_in_the_middle_of_a_line(moving: EncoderArm) -> None:

@@ -50,7 +50,7 @@ def test_armctl_s_driver_opens_the_real_image_s_port(
         with server.inspect():
             assert avr.pin(PINS[44]) == 0
         driver.close()
-    assert widths[0] == pytest.approx(1234, abs=4)
+    assert widths[0] == pytest.approx(1234, abs=15)  # of one pulse: it may wait for a byte's interrupt
 
 
 def test_a_crash_breaks_the_line_and_fails_the_one_who_served_it(

@@ -165,7 +165,7 @@ def test_touched_points_name_the_joint_that_is_off(page: Screen, served: ServedA
         for axis, value in zip("XYZ", 1000 * served.robot.forward(really)[:3, 3], strict=True):
             page.type_into(f"{axis} mm", f"{value:.2f}")
         page.click("Add point")
-    page.wait_for_text("Suggestion for the robot file")
+    page.wait_for_text("Suggested values")
     page.wait_for_text(re.compile(r"To blame: .*Elbow.*"))
     page.screenshot("calibration_points")
     told = served.console.calibrating.points.told

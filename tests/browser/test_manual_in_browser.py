@@ -191,6 +191,9 @@ def test_a_loop_runs_until_stop_and_its_step_is_marked(screen: Screen, served: S
     screen.click("Loop")
     screen.wait_for_text(re.compile(r"runs step \d of 2, pass [2-9] of ∞"))
     screen.wait_for_text(re.compile(r"▶ [12]"))
+    screen.type_into("Angles °", "0, -3, -60, -20, 0")
+    screen.click("Apply to step")
+    screen.wait_for_notification(re.compile(r"The next pass would stop there.*below the floor", re.DOTALL))
     screen.click("Pause", within=screen.row("While it runs"))
     screen.wait_until(lambda: served.now.state is State.PAUSED, "the program pauses")
     screen.click("Resume", within=screen.row("While it runs"))
@@ -250,7 +253,7 @@ def test_save_load_and_downloads(screen: Screen, served: ServedArm) -> None:
     assert load_program(served.console.programs.folder / "pick one.toml").steps == served.steps
     screen.click("Delete")
     screen.wait_until(lambda: served.steps == (), "the list is empty")
-    screen.choose("Saved programs", "pick one")
+    assert screen.value("Saved programs") == "pick one"
     screen.click("Load")
     screen.wait_until(lambda: len(served.steps) == 1, "the program is loaded")
     screen.type_into("Name", "../elsewhere")
@@ -323,7 +326,7 @@ def test_every_kind_of_step_is_recorded_edited_taken_back_exported_and_read_agai
     screen.type_into("Tool speed mm/s", "25")
     screen.type_into("Blend mm", "-1")
     screen.click("Apply to step")
-    screen.wait_for_notification("Blend mm: expected float >= 0")
+    screen.wait_for_notification("Blend mm: must be at least 0")
     screen.type_into("Blend mm", "5")
     screen.screenshot("manual-step-form")
     line = served.steps[3]

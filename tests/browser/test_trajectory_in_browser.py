@@ -231,7 +231,7 @@ def test_what_the_pre_flight_refuses_is_drawn_but_not_run(page: Screen, served: 
     page.type_into("End X Y Z mm", "500 0 300")
     page.click("Show")
     page.wait_for_text(re.compile("Pre-flight: refused"))
-    page.wait_for_text("Drawn as far as the arm can follow.")
+    page.wait_for_text(re.compile("Drawn as far as the arm can follow"))
     page.screenshot("trajectory-refused")
     page.click("Run")
     page.wait_for_notification(re.compile("the pre-flight refuses it: .*% of the line"))

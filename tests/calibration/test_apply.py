@@ -108,6 +108,42 @@ def test_a_hidden_servo_goes_where_it_is_sent_once_it_is_measured() -> None:
         assert abs(stands - angle) < 4 * 0.4 * math.sqrt(1 / 5 + ((angle + 4.0) / spread) ** 2)
 
 
+def test_no_servo_is_ever_sent_beyond_its_range_in_the_robot_file() -> None:
+    """Whoever types 300 … 2900 µs would break a horn: the file's range holds, and moves the limits in."""
+    wide = of(UZUNER, elbow=elbow(1446.45, 12.0, 300.0, 2900.0))
+    robot = calibrated(UZUNER, wide)
+    assert robot.output_map is not None
+    assert (robot.output_map.low[ELBOW], robot.output_map.high[ELBOW]) == (602.0, 2398.0)
+    for end in robot.limits.T:
+        assert 601.8 <= robot.output_map.outputs(end)[2] <= 2398.2
+    cut, *_ = narrowed(UZUNER, wide)
+    assert cut == "Elbow: of the safe outputs 300.0 … 2900.0 µs the robot file allows 602.0 … 2398.0"
+
+
+def test_an_encoder_board_is_told_no_wider_soft_limits_than_the_joint_has() -> None:
+    robot = load_robot("scorbot")
+    own = own_calibration(robot, "shoulder")
+    wide = of(robot, shoulder=JointCalibration(own.zero, own.per_rad, -99999.0, 99999.0))
+    arm = calibrated(robot, wide)
+    assert arm.output_map is not None
+    assert (arm.output_map.low[1], arm.output_map.high[1]) == pytest.approx((own.low, own.high))
+    assert len(narrowed(robot, wide)) == 1
+
+
+def test_what_is_not_kept_yet_is_refused_without_advice_to_forget_what_is() -> None:
+    for wrong, says in (
+        (of(UZUNER, elbow=elbow(1500, 10, 2400, 600)), "the smallest safe output comes first"),
+        (
+            of(load_robot("scorbot"), shoulder=elbow(0.0, 113.0, 5000.0, 9000.0)),
+            "Shoulder: .* nothing is left",
+        ),
+        (of(load_robot("scorbot"), shoulder=elbow(6813.0, 113.0, -5000.0, -100.0)), "homing ends at"),
+    ):
+        with pytest.raises(CalibrationError, match=says) as refusal:
+            narrowed(load_robot(wrong.robot), wrong)
+        assert "forget" not in str(refusal.value)
+
+
 def test_another_robots_calibration_is_refused() -> None:
     with pytest.raises(CalibrationError, match="is of uzuner, not of abaas"):
         calibrated(load_robot("abaas"), of(UZUNER))
@@ -122,9 +158,14 @@ def test_another_robots_calibration_is_refused() -> None:
         (of(UZUNER, knee=elbow(1500, 10, 600, 2400)), "has no joint 'knee'"),
         (of(UZUNER, elbow=elbow(1500, 10, 2400, 600)), "the smallest safe output comes first"),
         (
-            of(UZUNER, elbow=elbow(1500, 10, 2500, 2600)),
-            "put it at 100.0° … 110.0°, .* nothing is left",
+            of(UZUNER, elbow=elbow(1000, 10, 2000, 2300)),
+            "put it at 100.0° … 130.0°, .* nothing is left",
         ),
+        (
+            of(UZUNER, elbow=elbow(1500, 10, 2500, 2600)),
+            "Elbow: the safe outputs 2500.0 … 2600.0 µs lie outside of 602.0 … 2398.0",
+        ),
+        (of(UZUNER, (10.0, 1900.0)), "gripper: 10 … 1900 µs; a servo's pulses are 64 … 4080 µs long"),
         (of(UZUNER, elbow=elbow(math.nan, 10, 600, 2400)), "must be a finite number"),
         (of(UZUNER, (1500.0, 1500.0)), "closed and open are both 1500"),
     ],

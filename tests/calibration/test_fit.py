@@ -11,7 +11,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from tests.calibration.kit import HiddenJoint, with_wrong
 
-from armctl.calibration import LEAST_MARKS, Mark, differences, fit_joint, own_calibration, safe_outputs
+from armctl.calibration import (
+    LEAST_MARKS,
+    JointCalibration,
+    Mark,
+    differences,
+    fit_joint,
+    own_calibration,
+    safe_outputs,
+)
 from armctl.errors import CalibrationError
 from armctl.robot import load_robot
 
@@ -191,3 +199,25 @@ def test_an_encoders_safe_counts_follow_its_limits_alone() -> None:
     assert safe_outputs(robot, "waist", fit) == pytest.approx(
         (fit.output(joint.lower), fit.output(joint.upper))
     )
+
+
+def test_safe_outputs_set_by_hand_stay_when_a_joint_is_measured_anew() -> None:
+    robot = load_robot("uzuner")
+    fit = fit_joint(HiddenJoint(1470.0, 9.5).marks(np.array([-60.0, 0.0, 60.0])))
+    low, high = safe_outputs(robot, "elbow", fit)
+    before = JointCalibration(1440.0, math.degrees(9.8), 900.0, 1440.0 + 9.8 * 95.07)
+    assert safe_outputs(robot, "elbow", fit, before) == (900.0, high), "only the lower end was set by hand"
+    wide = JointCalibration(1440.0, math.degrees(9.8), 600.0, 2400.0)
+    assert safe_outputs(robot, "elbow", fit, wide) == (low, high)
+    gone = JointCalibration(1440.0, math.degrees(9.8), 602.0, 640.0)
+    far = fit_joint(HiddenJoint(1520.0, 9.0).marks(np.array([-60.0, 0.0, 60.0])))
+    with pytest.raises(CalibrationError, match="Elbow: the safe outputs that were set by hand do not reach"):
+        safe_outputs(robot, "elbow", far, gone)
+
+
+def test_an_encoder_that_is_measured_anew_keeps_its_joints_whole_range() -> None:
+    """Its counts follow its scale: the old ones would take from the joint."""
+    robot = load_robot("scorbot")
+    own = own_calibration(robot, "waist")
+    coarser = fit_joint(HiddenJoint(0.0, math.radians(own.per_rad) * 1.1).marks(np.array([-90.0, 0.0, 90.0])))
+    assert safe_outputs(robot, "waist", coarser, own) == pytest.approx((1.1 * own.low, 1.1 * own.high))

@@ -259,3 +259,14 @@ def test_points_that_tell_nothing_are_refused() -> None:
     points[3, 1] = np.nan
     with pytest.raises(CalibrationError, match="point 4 holds a value that is not a finite number"):
         tool_error(robot, q, points)
+
+
+def test_the_suggestion_goes_where_the_number_that_counts_stands() -> None:
+    """What the robot file says of a joint that is calibrated is not what the arm goes by."""
+    robot = load_robot("uzuner")
+    q = random_poses(robot, np.random.default_rng(8))
+    truly = q + np.radians([0.0, 0.0, 2.0, 0.0, 0.0])
+    told = tool_error(robot, q, robot.forward(truly)[:, :3, 3], ["elbow"])
+    (change,) = told.changes
+    assert (change.table, change.key) == ("calibration: joints.elbow", "zero")
+    assert change.new == pytest.approx(change.old - 20.0, abs=0.01)

@@ -187,12 +187,14 @@ def test_safe_outputs_and_the_gripper_are_set_by_hand(
     for words, says in (
         (("safe", "uzuner", "elbow", "2300", "800"), "the smallest safe output comes first"),
         (("safe", "uzuner", "elbow", "2600", "2700"), "nothing is left"),
+        (("safe", "uzuner", "elbow", "300", "2300"), "300.0 … 2300.0 µs reach beyond pulse_us"),
+        (("gripper", "uzuner", "10", "9000"), "a servo's pulses are 64 … 4080 µs long"),
         (("gripper", "uzuner", "1500", "1500"), "closed and open are both 1500"),
         (("gripper", "humanoid", "1000", "2000", "--port", "sim"), "has none"),
         (("gripper", "abaas", "1000", "2000"), "abaas was never calibrated"),
     ):
         status, _, err = call(capsys, *words)
-        assert status == REFUSED and says in err
+        assert status == REFUSED and says in err and "forget" not in err
     assert (
         call(capsys, "safe", "uzuner", "elbow", "8", "9", "--port", "sim", "--board", "1")[0] == WRONG_USAGE
     )
@@ -206,7 +208,9 @@ def test_counts_may_be_negative(capsys: pytest.CaptureFixture[str], store: Calib
     assert kept is not None and (kept.joints["waist"].low, kept.unit) == (-9000.0, "counts")
 
 
-def test_points_blame_the_parameter_that_is_wrong(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_points_blame_the_parameter_that_is_wrong(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], store: CalibrationStore
+) -> None:
     robot, rng = load_robot("uzuner"), np.random.default_rng(4)
     q = rng.uniform(robot.limits[:, 0], robot.limits[:, 1], (10, robot.n))
     truly = q.copy()
@@ -226,6 +230,11 @@ def test_points_blame_the_parameter_that_is_wrong(tmp_path: Path, capsys: pytest
     assert change["new"] == pytest.approx(1446.45 - 30, abs=3)
     out = call(capsys, "points", "uzuner", str(tmp_path / "points.csv"))[1]
     assert "to blame: zero of Elbow: +" in out and "zero_us = " in out and "# was 1446.45" in out
+    asked = ("points", "uzuner", str(tmp_path / "points.csv"), "--board")
+    assert call(capsys, *asked, "77")[0] == REFUSED, "a board that nobody knows"
+    store.save(elbow(1446.45))
+    out = call(capsys, *asked, "77")[1]
+    assert "# [calibration: joints.elbow]" in out and "zero = " in out and "zero_us" not in out
 
 
 def answer(monkeypatch: pytest.MonkeyPatch, *lines: str) -> None:

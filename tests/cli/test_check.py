@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from armctl.cli.main import DONE, REFUSED, run
-from armctl.motion.program import MoveStep, Program, save_program
+from armctl.motion.program import LineStep, MoveStep, Program, Step, save_program
 from armctl.robot import robots_folder
 
 HOME = MoveStep(joints_deg=(0, 90, -80, -40, 0))
@@ -22,7 +22,7 @@ def call(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str,
     return status, out, err
 
 
-def program(tmp_path: Path, *steps: MoveStep) -> str:
+def program(tmp_path: Path, *steps: Step) -> str:
     path = tmp_path / "mine.toml"
     save_program(Program(robot="uzuner", steps=steps), path)
     return str(path)
@@ -31,14 +31,14 @@ def program(tmp_path: Path, *steps: MoveStep) -> str:
 def test_an_error_refuses_and_is_told_in_words(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     status, _, err = call(capsys, program(tmp_path, HOME, LOW))
     assert status == REFUSED
-    assert "step 2: the tool: " in err and "mm below the floor at " in err and "raise the target" in err
+    assert "step 2: the tool: " in err and "mm below the floor; " in err and "raise the target" in err
 
 
 def test_a_warning_is_told_and_does_not_refuse(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     status, out, err = call(capsys, program(tmp_path, HOME, STRETCHED))
     assert status == DONE
     assert "a sound program, with 1 warning" in out
-    assert "warning: " in err and "step 2: the tool: at a singularity" in err
+    assert "warning: " in err and "at a singularity" in err
 
 
 def test_json_holds_every_part_of_a_finding(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
@@ -52,6 +52,23 @@ def test_json_holds_every_part_of_a_finding(capsys: pytest.CaptureFixture[str], 
     floor = record["findings"][1]
     assert floor["part"] == "the tool" and floor["time_s"] > 0 and "below the floor" in floor["what"]
     assert floor["text"].endswith(floor["mend"])
+
+
+def test_the_first_motion_is_checked_from_where_a_run_begins_it(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    status, _, err = call(capsys, program(tmp_path, LineStep(x_mm=220, y_mm=60, z_mm=100)))
+    assert status == REFUSED
+    assert "step 1: " in err and "Elbow would need" in err
+
+
+def test_a_csv_without_a_robot_says_how_to_name_one(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    path = tmp_path / "points.csv"
+    path.write_text("x_mm,y_mm,z_mm\n220,0,100\n")
+    status, _, err = call(capsys, str(path))
+    assert status == REFUSED and "--robot uzuner" in err
 
 
 @pytest.mark.parametrize("name", ["abaas", "humanoid", "mico", "scorbot", "uzuner"])

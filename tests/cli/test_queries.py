@@ -135,6 +135,11 @@ def test_columns_are_as_wide_as_their_titles(capsys: pytest.CaptureFixture[str],
         (("ik", "uzuner", "abc", "0", "100"), WRONG_USAGE, "'abc'"),
         (("ik", "uzuner", "200", "0", "100", "7"), WRONG_USAGE, "unexpected"),
         (("ik", "uzuner", "200", "0", "100", "--choose", "luck"), WRONG_USAGE, "luck"),
+        (
+            ("ik", "uzuner", "200", "0", "100", "--pitch", "0", "--rpy", "0", "0", "0"),
+            WRONG_USAGE,
+            "not both",
+        ),
         (("ik", "nobody", "200", "0", "100"), REFUSED, "shipped are"),
         (("ik", "./nobody.toml", "200", "0", "100"), REFUSED, "nobody.toml"),
         (
@@ -168,6 +173,12 @@ def test_fk_gives_position_rotation_and_matrix(capsys: pytest.CaptureFixture[str
     np.testing.assert_allclose(np.array(record["matrix"])[:3, :3], T[:3, :3], atol=1e-9)
     np.testing.assert_allclose(np.array(record["matrix"])[:, 3], [*(1000 * T[:3, 3]), 1], atol=1e-6)
     assert len(record["rpy_deg"]) == 3
+
+
+def test_fk_prints_no_negative_zero(capsys: pytest.CaptureFixture[str]) -> None:
+    status, out, _ = call(capsys, "fk", "uzuner", "0", "90", "-80", "-40", "0")
+    assert status == DONE
+    assert "-0.0000 " not in out and "yaw    0.0000" in out
 
 
 def test_fk_outside_the_limits_is_computed_with_a_warning(capsys: pytest.CaptureFixture[str]) -> None:

@@ -75,3 +75,9 @@ def test_the_driver_opens_it_like_a_board(tmp_path: Path) -> None:
 def test_a_robot_with_servos_has_no_such_board(capsys: pytest.CaptureFixture[str]) -> None:
     assert run(["simulate", "encoder", "--robot", "uzuner"]) == REFUSED
     assert "uzuner has no motors with encoders" in capsys.readouterr().err
+
+
+def test_an_encoder_arm_has_no_simulated_maestro(capsys: pytest.CaptureFixture[str]) -> None:
+    """Its counts are no pulse widths."""
+    assert run(["simulate", "maestro", "--robot", "scorbot"]) == REFUSED
+    assert "scorbot has motors with encoders, not servos" in capsys.readouterr().err

@@ -327,6 +327,13 @@ def test_a_port_that_is_not_there(clock: ManualClock, tmp_path: Path):
     assert findings[0].verdict is Verdict.FAILED
 
 
+def test_a_name_that_no_file_can_have_is_a_port_that_is_not_there(clock: ManualClock):
+    name = "/dev/" + 300 * "a"
+    findings = report(patient(name, info=None), maestro(), clock)
+    assert findings["port"].verdict is Verdict.FAILED
+    assert findings["port"].seen.endswith("does not exist")
+
+
 def test_a_port_that_does_not_open(clock: ManualClock):
     def refuse(_baud: int) -> LoopTransport:
         raise PortError("socket://127.0.0.1:1: cannot connect (Connection refused)")

@@ -193,7 +193,7 @@ def test_it_needs_the_arm_holding_and_nothing_else_begins_meanwhile(rig: Rig) ->
     follow(rig, TOOL, 0.1)
     with pytest.raises(StateError, match="stop first"):
         rig.do(MoveJoints(HOME)).accepted.result(0)
-    with pytest.raises(StateError, match="let it come to rest"):
+    with pytest.raises(StateError, match="live target cannot be paused; press STOP"):
         rig.do(Pause()).accepted.result(0)
     rig.do(FollowTarget(None))
     rig.run(0.2)

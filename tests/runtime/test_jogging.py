@@ -130,7 +130,7 @@ def test_no_motion_begins_while_it_is_held(rig: Rig) -> None:
     hold(rig, rates(0), 0.2)
     with pytest.raises(StateError, match="stop first"):
         rig.do(MoveJoints(HOME)).accepted.result(0)
-    with pytest.raises(StateError, match="the arm is jogging"):
+    with pytest.raises(StateError, match="jog cannot be paused"):
         rig.do(Pause()).accepted.result(0)
 
 

@@ -157,3 +157,27 @@ def test_the_desk_of_a_port_knows_its_board(store: CalibrationStore) -> None:
 
 def test_a_program_that_starts_before_its_board_is_plugged_in_has_a_desk(store: CalibrationStore) -> None:
     assert CalibrationDesk.of(ROBOT, "auto", store).board is None
+
+
+def test_what_somebody_else_saved_meanwhile_is_not_overwritten(store: CalibrationStore) -> None:
+    first, second = desk(store), desk(store)
+    measure(first)
+    measure(second, "elbow", 1450.0, 10.2)
+    save(first)
+    with pytest.raises(StateError, match="was saved since it was opened; press Disconnect and Connect"):
+        save(second)
+    assert len(store.versions("uzuner", "00123456")) == 1
+    third = desk(store)
+    third.adopt(second)
+    save(third)
+    kept = store.load("uzuner", "00123456")
+    assert kept is not None and set(kept.joints) == {"base", "elbow"}
+
+
+def test_a_desk_holds_for_its_port_until_something_else_is_in_force(store: CalibrationStore) -> None:
+    one = desk(store, "simulated")
+    assert asyncio.run(one.holds_for("sim"))
+    other = desk(store, "simulated")
+    measure(other)
+    save(other)
+    assert not asyncio.run(one.holds_for("sim"))

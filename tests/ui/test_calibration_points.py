@@ -128,7 +128,7 @@ def test_no_mark_is_taken_on_the_way(state: State) -> None:
 
 
 def test_an_arm_that_is_off_has_marks_only_where_its_board_measures() -> None:
-    off = replace(holding(), powered=False, state=State.OFF)
+    off = replace(holding(), powered=False, commanded=False, state=State.OFF, q=np.full(5, np.nan))
     with pytest.raises(StateError, match="the arm is off, so nobody knows where it stands"):
         standing_outputs(ROBOT, off)
     by_hand = replace(off, source=Source.MEASURED, q=ROBOT.pose("home"))
@@ -136,6 +136,9 @@ def test_an_arm_that_is_off_has_marks_only_where_its_board_measures() -> None:
     lost = replace(by_hand, q=np.full(5, np.nan))
     with pytest.raises(StateError, match="home the arm first"):
         standing_outputs(ROBOT, lost)
+    held = replace(lost, powered=True)  # motors hold an arm whose homing was stopped
+    with pytest.raises(StateError, match="home the arm first"):
+        standing_outputs(ROBOT, held)
 
 
 def test_a_gripper_that_was_never_told_stands_nowhere() -> None:

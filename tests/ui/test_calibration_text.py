@@ -104,11 +104,22 @@ def test_limits_say_where_they_come_from() -> None:
     assert plain(limits_html(CalibrationWork(ROBOT, saved), "base")) == "800.0 … 2200.0 µs (as in force)"
 
 
+def test_limits_by_new_marks_are_not_called_those_in_force() -> None:
+    now = Calibration("uzuner", "77", "µs", {"base": JointCalibration(1480, 515, 600, 2380)})
+    work = CalibrationWork(ROBOT, now)
+    assert plain(limits_html(work, "base")).endswith("(as in force)")
+    for output, degrees in ((1340, -20), (1500, 0), (1660, 20)):
+        work.add_mark("base", output, math.radians(degrees))
+    assert plain(limits_html(work, "base")).endswith("(as in force, by the new marks)")
+    work.limits_by_default("base")
+    assert plain(limits_html(work, "base")).endswith("(as the robot file allows)")
+
+
 def test_what_saving_takes_from_the_joints_is_told_before(tmp_path: Path) -> None:
     desk = CalibrationDesk(ROBOT, "simulated", CalibrationStore(tmp_path), lambda: 0.0)
     assert "There is nothing to save yet" in plain(draft_html(desk))
     desk.work.set_limit("base", "low", 1000)
-    assert "Base: -53.33° … 107.26° instead of -102.80°" in plain(draft_html(desk))
+    assert "Base: −53.33° … 107.26° instead of −102.80°" in plain(draft_html(desk))
     assert "Nothing was saved" in kept_html(())
 
 

@@ -127,7 +127,7 @@ def test_limits_that_cross_are_refused() -> None:
         desk.set_limit("base", "low", 2446.0)
 
 
-def test_limits_in_force_stay_when_the_line_is_measured_anew() -> None:
+def test_limits_set_by_hand_stay_when_the_line_is_measured_anew() -> None:
     desk = work(saved(base=JointCalibration(1500, 500, 800, 2200)))
     assert desk.limits("base") == (800, 2200)
     mark(desk, "base", (1300, -20), (1500, 0), (1700, 20))
@@ -136,6 +136,34 @@ def test_limits_in_force_stay_when_the_line_is_measured_anew() -> None:
     low, high = desk.limits("base")
     assert low < 800 < 2200 < high
     assert (FILE.low <= low) and (high <= FILE.high)
+
+
+def test_limits_that_the_line_in_force_needed_go_with_the_new_line() -> None:
+    """Else each measuring takes a little more from the joint, and from an encoder's a lot."""
+    scorbot = load_robot("scorbot")
+    own = own_calibration(scorbot, "waist")
+    now = Calibration("scorbot", "7", "counts", {"waist": own})
+    desk = CalibrationWork(scorbot, now)
+    assert desk.limits("waist") == (own.low, own.high)
+    per_deg = 1.1 * math.radians(own.per_rad)
+    mark(desk, "waist", *((per_deg * degrees, degrees) for degrees in (-90.0, 0.0, 90.0)))
+    assert desk.limits("waist") == pytest.approx((1.1 * own.low, 1.1 * own.high))
+    assert desk.measured()["waist"].angles() == pytest.approx(tuple(scorbot.limits[0]))
+
+
+def test_limits_by_default_follow_the_marks_that_come_after() -> None:
+    desk = work()
+    desk.set_limit("base", "low", 900.0)
+    desk.limits_by_default("base")
+    assert desk.limits("base") == (FILE.low, FILE.high)
+    mark(desk, "base", (1340, -20), (1500, 0), (1660, 20))
+    assert desk.measured()["base"].angles() == pytest.approx(tuple(ROBOT.limits[0]))
+
+
+def test_limits_by_default_without_marks_are_those_of_the_line_in_force() -> None:
+    desk = work(saved(base=JointCalibration(1500, math.degrees(8.0), 800, 2200)))
+    desk.limits_by_default("base")
+    assert desk.measured()["base"].angles() == pytest.approx(tuple(ROBOT.limits[0]))
 
 
 def test_only_limits_set_keeps_the_line_in_force() -> None:

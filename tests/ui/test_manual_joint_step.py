@@ -72,8 +72,16 @@ def test_without_pulses_only_a_measured_pose_can_be_recorded() -> None:
     )
     with pytest.raises(StateError, match="the arm is off, so nobody knows where it stands"):
         present_pose_deg(ROBOT, off)
+    with pytest.raises(StateError, match="nobody knows where it stands"):
+        present_pose_deg(ROBOT, replace(off, source=Source.MEASURED, powered=True))  # motors on, not homed
     by_hand = replace(off, source=Source.MEASURED, q=np.radians([10.0, 100, -30, -20, 5]))
     assert present_pose_deg(ROBOT, by_hand) == pytest.approx((10, 100, -30, -20, 5))
+
+
+def test_an_arm_that_nobody_has_enabled_yet_is_recorded_where_its_board_holds_it() -> None:
+    q = np.radians([10.0, 100, -30, -20, 5])
+    found_on = replace(make_rig().now, powered=True, state=State.OFF, source=Source.TRANSMITTED, q=q)
+    assert present_pose_deg(ROBOT, found_on) == pytest.approx((10, 100, -30, -20, 5))
 
 
 @pytest.mark.parametrize("value", [-0.1, 100.5, float("nan"), float("inf")])

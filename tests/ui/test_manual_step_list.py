@@ -91,7 +91,7 @@ def test_a_range_is_wrapped_into_a_block() -> None:
     for text in ("x", "1,3", "-1", "1-2-3", "1.5"):
         with pytest.raises(InputError, match=r"is no range of rows; write e.g. 2-5"):
             step_edit.wrap(PROGRAM, text, 0, 2)
-    with pytest.raises(ProgramError, match="there is no step 4; the program has 3 steps"):
+    with pytest.raises(ProgramError, match="there is no row 4; the program has 3"):
         step_edit.wrap(PROGRAM, "2-4", 0, 2)
 
 
@@ -128,5 +128,5 @@ def test_what_cannot_be_done_is_refused_in_words() -> None:
         lambda: step_edit.double(empty, 0),
         lambda: step_edit.remove(empty, 0),
     ):
-        with pytest.raises(ProgramError, match="there is no"):
+        with pytest.raises(ProgramError, match="the list is empty; record a pose first"):
             attempt()

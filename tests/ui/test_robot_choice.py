@@ -12,7 +12,7 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from armctl.calibration import CalibrationStore
+from armctl.calibration import Calibration, CalibrationStore, own_calibration
 from armctl.errors import ArmctlError, BoardError, InputError, RobotFileError, StateError
 from armctl.hardware import BoardIdentity, Driver, Source
 from armctl.robot import Robot, load_robot
@@ -402,3 +402,32 @@ def test_a_board_that_goes_on_by_itself_keeps_the_arm_up_meanwhile(rig: Rig) -> 
     rig.arm(board=REAL, state=State.HOLDING, powered=True, source=Source.TRANSMITTED)
     reopen(rig)
     assert rig.opened["uzuner"].commands[-1] == Connect("sim")
+
+
+@pytest.mark.parametrize("state", [State.DISCONNECTED, State.FAULT])
+def test_to_connect_elsewhere_the_arm_is_opened_for_the_board_there(rig: Rig, state: State) -> None:
+    """A fault may leave its board open: another one is another arm's calibration all the same."""
+    rig.arm(state=state, board=SIMULATED if state is State.FAULT else None, powered=False)
+    assert asyncio.run(rig.desk.needs_reopening("/dev/ttyACM0"))
+    assert not asyncio.run(rig.desk.needs_reopening("sim"))
+
+
+def test_an_arm_that_is_connected_is_not_opened_anew_to_be_connected(rig: Rig) -> None:
+    assert not asyncio.run(rig.desk.needs_reopening("/dev/ttyACM0"))
+
+
+def test_what_was_calibrated_at_the_terminal_meanwhile_takes_an_arm_that_is_opened_anew(rig: Rig) -> None:
+    rig.arm(state=State.DISCONNECTED, board=None, powered=False)
+    robot = rig.desk.console.robot
+    elbow = own_calibration(robot, "elbow")
+    CalibrationStore(rig.folder / "calibrations").save(
+        Calibration("uzuner", "simulated", "µs", {"elbow": elbow})
+    )
+    assert asyncio.run(rig.desk.needs_reopening("sim"))
+
+
+def test_the_program_on_the_desk_stays_when_the_arm_is_opened_anew(rig: Rig) -> None:
+    left = rig.desk.console
+    reopen(rig)
+    assert rig.desk.console is not left
+    assert rig.desk.console.programs is left.programs

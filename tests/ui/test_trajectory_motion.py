@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -131,13 +132,37 @@ def test_a_line_that_ends_on_the_way_is_drawn_as_far_as_that_and_refused() -> No
     assert re.search(r"\d+ % of the line", planned.refusal.what)
     assert not planned.refusal.what.startswith("at ")
     assert planned.refusal.time == pytest.approx(planned.trajectory.duration)
-    assert planned.note == "Drawn as far as the arm can follow." and planned.points is None
+    assert planned.note.startswith("Drawn as far as the arm can follow, as fast as its limits allow")
+    assert planned.points is None
     path = ROBOT.forward(planned.trajectory.sample(np.linspace(0, planned.trajectory.duration, 50)).q)[
         :, :3, 3
     ]
     assert path[-1, 0] > TIP[0] + 0.05
     with pytest.raises(InputError, match="normal leads each joint for itself"):
         plan_motion(ROBOT, led(ToolWish(TIP + np.array([0, 0.05, 0])), "normal"))
+
+
+def test_a_line_cut_short_is_not_called_after_a_profile_that_it_does_not_follow() -> None:
+    request = MotionRequest(
+        TOOL_LINE,
+        "Tool line, quintic",
+        HOME,
+        "quintic",
+        tool=ToolWish(np.array([0.5, 0.0, 0.3])),
+    )
+    assert plan_motion(ROBOT, request).title == "Tool line"
+    near = replace(request, tool=ToolWish(TIP + np.array([0, 0.05, 0])))
+    assert plan_motion(ROBOT, near).title == "Tool line, quintic"
+
+
+def test_the_limit_that_ends_a_line_is_told_once() -> None:
+    start = np.radians([0.0, 80.0, -50.0, -60.0, 0.0])
+    request = MotionRequest(
+        TOOL_LINE, TOOL_LINE, start, "trapezoid", tool=ToolWish(np.array([0.22, -0.06, 0.2]))
+    )
+    limits = [finding for finding in plan_motion(ROBOT, request).findings if finding.kind == "limits"]
+    assert [finding.part for finding in limits] == ["Elbow"]
+    assert "Elbow would need" in limits[0].what
 
 
 @pytest.mark.parametrize(("motion", "count"), [(ARC, 58), (LINE, 29)])

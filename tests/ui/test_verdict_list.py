@@ -15,6 +15,13 @@ def test_nothing_found_is_one_line_that_says_what_was_checked() -> None:
     assert "refused" not in html
 
 
+def test_what_was_not_checked_is_not_said_to_be_checked() -> None:
+    assert "singularity, torque checked)" in verdict_html([])
+    html = verdict_html([], ["gravity torque: the file of mico gives no stall torque of any joint"])
+    assert "self-collision, singularity checked)" in html
+    assert "Not checked: gravity torque" in html
+
+
 def test_errors_come_first_and_are_marked_in_words() -> None:
     html = verdict_html([HOT, FLOOR])
     assert "refused, 1 error and 1 warning" in html

@@ -2,7 +2,7 @@
 
 from armctl.calibration.apply import calibrated, narrowed, own_calibration
 from armctl.calibration.check_pose import CheckPose, check_pose
-from armctl.calibration.compare import differences, safe_outputs
+from armctl.calibration.compare import default_outputs, differences, safe_outputs
 from armctl.calibration.file import decode_calibration, encode_calibration, read_calibration
 from armctl.calibration.fit import JointFit, fit_joint
 from armctl.calibration.mark import LEAST_MARKS, Mark
@@ -28,6 +28,7 @@ __all__ = [
     "calibrated",
     "check_pose",
     "decode_calibration",
+    "default_outputs",
     "differences",
     "encode_calibration",
     "fit_joint",

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from armctl.calibration.record import Calibration, JointCalibration, checked_calibration
 from armctl.errors import CalibrationError
 from armctl.robot import Joint, OutputMap, Robot
+from armctl.robot.file import LONGEST_PULSE_US, SHORTEST_PULSE_US
 
 FloatArray = NDArray[np.float64]
 _ROUNDING = 1e-9
@@ -21,12 +22,14 @@ _FILE_ROUNDING = 0.125
 
 
 @dataclass(frozen=True, slots=True)
-class _Narrower:
-    """The limits that are left of each joint, and which outputs took the rest."""
+class _Applied:
+    """What a calibration makes of a robot."""
 
+    outputs: OutputMap
     limits: FloatArray
-    """(n, 2) [rad]"""
+    """(n, 2) what is left of the joint limits [rad]"""
     words: tuple[str, ...]
+    """what was taken away, and why"""
 
 
 def own_map(robot: Robot) -> OutputMap:
@@ -70,11 +73,12 @@ def calibrated(robot: Robot, calibration: Calibration) -> Robot:
     """The same robot by what was measured: its map, and the limits that the safe outputs allow.
 
     Where an end of the safe outputs comes before the joint's limit, the limit moves in, and so do named
-    poses (``narrowed`` tells both). Nothing is ever widened.
+    poses (``narrowed`` tells both). Nothing is ever widened: no servo is sent beyond its range in the robot
+    file, no motor beyond its joint's limits.
 
     Args:
         robot: as its file describes it.
-        calibration: of this robot.
+        calibration: of this robot, as it is kept; one that is not kept yet is judged by ``narrowed``.
 
     Raises:
         CalibrationError: it is of another robot or kind of board, names a joint or a gripper that is not
@@ -82,19 +86,18 @@ def calibrated(robot: Robot, calibration: Calibration) -> Robot:
     """
     _require_robot(robot, calibration)
     try:
-        outputs = _new_map(robot, calibration)
-        limits = _narrower(robot, calibration, outputs).limits
-        joints = tuple(
-            replace(joint, lower=low, upper=high)
-            for joint, (low, high) in zip(robot.joints, limits.tolist(), strict=True)
-        )
-        _require_home_inside(joints, outputs)
+        applied = _applied(robot, calibration)
     except CalibrationError as cause:
         raise CalibrationError(
             f"the calibration of {robot.name} on board {calibration.board} cannot be used: {cause} (set it "
             f"aside with `armctl calibrate forget {robot.name} --board {shlex.quote(calibration.board)}`)"
         ) from cause
-    return replace(robot, joints=joints, output_map=outputs, poses=_poses_inside(robot.poses, limits))
+    joints = tuple(
+        replace(joint, lower=low, upper=high)
+        for joint, (low, high) in zip(robot.joints, applied.limits.tolist(), strict=True)
+    )
+    poses = _poses_inside(robot.poses, applied.limits)
+    return replace(robot, joints=joints, output_map=applied.outputs, poses=poses)
 
 
 def narrowed(robot: Robot, calibration: Calibration) -> tuple[str, ...]:
@@ -104,36 +107,52 @@ def narrowed(robot: Robot, calibration: Calibration) -> tuple[str, ...]:
         CalibrationError: as ``calibrated``.
     """
     _require_robot(robot, calibration)
-    outputs = _new_map(robot, calibration)
-    narrower = _narrower(robot, calibration, outputs)
+    applied = _applied(robot, calibration)
     moved: list[str] = []
-    for name, pose in robot.poses.items():
-        inside = np.clip(pose, narrower.limits[:, 0], narrower.limits[:, 1])
+    for name, pose in _poses_inside(robot.poses, applied.limits).items():
+        before = robot.poses[name]
         changed = [
-            f"{joint.title} {np.degrees(inside[i]):.2f}° (was {np.degrees(pose[i]):.2f}°)"
+            f"{joint.title} {np.degrees(pose[i]):.2f}° (was {np.degrees(before[i]):.2f}°)"
             for i, joint in enumerate(robot.joints)
-            if abs(inside[i] - pose[i]) > _ROUNDING
+            if abs(pose[i] - before[i]) > _ROUNDING
         ]
         if changed:
             moved.append(f"pose {name} moves in: {', '.join(changed)}")
-    return (*narrower.words, *moved)
+    return (*applied.words, *moved)
 
 
-def _new_map(robot: Robot, calibration: Calibration) -> OutputMap:
+def outputs_at_limits(robot: Robot, joint: str, zero: float, per_rad: float) -> tuple[float, float]:
+    """The outputs at the joint's limits through a line, the smaller one first."""
+    limits = robot.joints[joint_index(robot, joint)]
+    first, last = sorted((zero + per_rad * limits.lower, zero + per_rad * limits.upper))
+    return first, last
+
+
+def _applied(robot: Robot, calibration: Calibration) -> _Applied:
+    """What comes out, with every check."""
     outputs = own_map(robot)
     _require_unit(robot, calibration, outputs)
     checked_calibration(calibration)
-    if calibration.gripper is not None and outputs.gripper_channel is None:
-        raise CalibrationError(f"it sets a gripper, and {robot.title} has none")
+    _require_gripper(robot, calibration, outputs)
     arrays = {key: getattr(outputs, key).copy() for key in ("zero", "per_rad", "low", "high")}
-    for name, joint in calibration.joints.items():
+    limits, words = robot.limits.copy(), list[str]()
+    for name, kept in calibration.joints.items():
         i = joint_index(robot, name)
+        one = _inside_file(robot, name, kept)
         for key, array in arrays.items():
-            array[i] = getattr(joint, key)
+            array[i] = getattr(one, key)
+        if (one.low, one.high) != (kept.low, kept.high):
+            words.append(_cut_words(robot.joints[i], kept, one, outputs))
+        low, high = _limits_left(robot.joints[i], one, own_calibration(robot, name), outputs)
+        if low - limits[i, 0] > _ROUNDING or limits[i, 1] - high > _ROUNDING:
+            words.append(_narrowed_words(robot.joints[i], low, high, one, outputs))
+            limits[i] = low, high
     for array in arrays.values():
         array.flags.writeable = False
     closed, opened = calibration.gripper or (outputs.gripper_closed, outputs.gripper_open)
-    return replace(outputs, **arrays, gripper_closed=closed, gripper_open=opened)
+    applied = replace(outputs, **arrays, gripper_closed=closed, gripper_open=opened)
+    _require_home_inside(robot.joints, limits, applied)
+    return _Applied(applied, limits, tuple(words))
 
 
 def _require_robot(robot: Robot, calibration: Calibration) -> None:
@@ -152,25 +171,51 @@ def _require_unit(robot: Robot, calibration: Calibration, outputs: OutputMap) ->
         )
 
 
-def _narrower(robot: Robot, calibration: Calibration, outputs: OutputMap) -> _Narrower:
-    limits, words = robot.limits.copy(), list[str]()
-    for i, joint in enumerate(robot.joints):
-        one = calibration.joints.get(joint.name)
-        if one is None:
-            continue
-        first, last = _reach(one, own_calibration(robot, joint.name))
-        low, high = max(joint.lower, first), min(joint.upper, last)
-        if low > high:
-            raise CalibrationError(
-                f"{joint.title}: the safe outputs {one.low:.1f} … {one.high:.1f} {outputs.unit} put it at "
-                f"{np.degrees(first):.1f}° … {np.degrees(last):.1f}°, and its limits are "
-                f"{np.degrees(joint.lower):.1f}° … {np.degrees(joint.upper):.1f}°: nothing is left; "
-                "measure it again, or correct the limits in the robot file"
-            )
-        if low - joint.lower > _ROUNDING or joint.upper - high > _ROUNDING:
-            words.append(_narrowed_joint(joint, low, high, one, outputs))
-            limits[i] = low, high
-    return _Narrower(limits, tuple(words))
+def _require_gripper(robot: Robot, calibration: Calibration, outputs: OutputMap) -> None:
+    """A gripper has no range of its own in the robot file: what any servo may be sent holds for it."""
+    if calibration.gripper is None:
+        return
+    if outputs.gripper_channel is None:
+        raise CalibrationError(f"it sets a gripper, and {robot.title} has none")
+    low, high = sorted(calibration.gripper)
+    if outputs.unit == "µs" and not SHORTEST_PULSE_US <= low < high <= LONGEST_PULSE_US:
+        raise CalibrationError(
+            f"gripper: {low:g} … {high:g} µs; a servo's pulses are {SHORTEST_PULSE_US:g} … "
+            f"{LONGEST_PULSE_US:g} µs long"
+        )
+
+
+def _inside_file(robot: Robot, name: str, one: JointCalibration) -> JointCalibration:
+    """The joint with safe outputs that the robot file allows too."""
+    own = own_calibration(robot, name)
+    first, last = (own.low, own.high)
+    if own_map(robot).unit == "counts":  # an encoder has no range of its own: the joint's limits are it
+        first, last = outputs_at_limits(robot, name, one.zero, one.per_rad)
+    low = first if one.low < first - _FILE_ROUNDING else one.low
+    high = last if one.high > last + _FILE_ROUNDING else one.high
+    if low < high:
+        return JointCalibration(one.zero, one.per_rad, low, high)
+    raise CalibrationError(
+        f"{robot.joints[joint_index(robot, name)].title}: the safe outputs {one.low:.1f} … {one.high:.1f} "
+        f"{own_map(robot).unit} lie outside of {first:.1f} … {last:.1f}, which is all that the robot file "
+        "allows: nothing is left; measure it again, or correct the robot file"
+    )
+
+
+def _limits_left(
+    joint: Joint, one: JointCalibration, own: JointCalibration, outputs: OutputMap
+) -> tuple[float, float]:
+    """What the safe outputs leave of a joint's limits [rad]."""
+    first, last = _reach(one, own)
+    low, high = max(joint.lower, first), min(joint.upper, last)
+    if low <= high:
+        return low, high
+    raise CalibrationError(
+        f"{joint.title}: the safe outputs {one.low:.1f} … {one.high:.1f} {outputs.unit} put it at "
+        f"{np.degrees(first):.1f}° … {np.degrees(last):.1f}°, and its limits are "
+        f"{np.degrees(joint.lower):.1f}° … {np.degrees(joint.upper):.1f}°: nothing is left; "
+        "measure it again, or correct the limits in the robot file"
+    )
 
 
 def _reach(one: JointCalibration, own: JointCalibration) -> tuple[float, float]:
@@ -183,7 +228,7 @@ def _reach(one: JointCalibration, own: JointCalibration) -> tuple[float, float]:
     return JointCalibration(one.zero, one.per_rad, low, high).angles()
 
 
-def _narrowed_joint(joint: Joint, low: float, high: float, one: JointCalibration, outputs: OutputMap) -> str:
+def _narrowed_words(joint: Joint, low: float, high: float, one: JointCalibration, outputs: OutputMap) -> str:
     return (
         f"{joint.title}: {np.degrees(low):.2f}° … {np.degrees(high):.2f}° instead of "
         f"{np.degrees(joint.lower):.2f}° … {np.degrees(joint.upper):.2f}°, because the safe outputs end at "
@@ -191,15 +236,23 @@ def _narrowed_joint(joint: Joint, low: float, high: float, one: JointCalibration
     )
 
 
-def _require_home_inside(joints: tuple[Joint, ...], outputs: OutputMap) -> None:
+def _cut_words(joint: Joint, kept: JointCalibration, one: JointCalibration, outputs: OutputMap) -> str:
+    return (
+        f"{joint.title}: of the safe outputs {kept.low:.1f} … {kept.high:.1f} {outputs.unit} the robot file "
+        f"allows {one.low:.1f} … {one.high:.1f}"
+    )
+
+
+def _require_home_inside(joints: tuple[Joint, ...], limits: FloatArray, outputs: OutputMap) -> None:
     """Homing ends at count 0: a joint must be allowed to be there."""
     if outputs.unit != "counts":
         return
-    for joint, home in zip(joints, (-outputs.zero / outputs.per_rad).tolist(), strict=True):
-        if not joint.lower - _ROUNDING <= home <= joint.upper + _ROUNDING:
+    homes = -outputs.zero / outputs.per_rad
+    for joint, home, (low, high) in zip(joints, homes.tolist(), limits.tolist(), strict=True):
+        if not low - _ROUNDING <= home <= high + _ROUNDING:
             raise CalibrationError(
                 f"{joint.title}: homing ends at {np.degrees(home):.2f}°, outside of its limits "
-                f"{np.degrees(joint.lower):.2f}° … {np.degrees(joint.upper):.2f}°; measure it again, or "
+                f"{np.degrees(low):.2f}° … {np.degrees(high):.2f}°; measure it again, or "
                 "correct limit_deg in the robot file"
             )
 

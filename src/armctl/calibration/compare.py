@@ -4,35 +4,72 @@ from __future__ import annotations
 
 import math
 
-from armctl.calibration.apply import joint_index, own_calibration, own_map
+from armctl.calibration.apply import joint_index, outputs_at_limits, own_calibration, own_map
 from armctl.calibration.fit import JointFit
+from armctl.calibration.record import JointCalibration
 from armctl.errors import CalibrationError
 from armctl.robot import Robot
 
 _TOLD_DEG, _TOLD_SCALE = 0.05, 0.0005
+_SAME = 0.5
+"""outputs that differ by less are one place"""
 
 
-def safe_outputs(robot: Robot, joint: str, fit: JointFit) -> tuple[float, float]:
+def safe_outputs(
+    robot: Robot, joint: str, fit: JointFit, in_force: JointCalibration | None = None
+) -> tuple[float, float]:
     """The outputs that the joint's limits need, as far as its servo may be sent there.
 
     An encoder has no range of its own: there the joint's limits alone decide.
 
+    Args:
+        robot: as its file describes it.
+        joint: its name.
+        fit: the line through its marks.
+        in_force: the joint as it was calibrated so far. Where it ends before its line needed it, somebody
+            had set that end by hand, for what is in the way there; so it stays.
+
     Raises:
         CalibrationError: none is left: the servo's range does not reach the joint's limits.
     """
+    low, high = default_outputs(robot, joint, fit.zero, fit.per_rad)
+    if in_force is not None:
+        kept = _default(robot, joint, in_force.zero, in_force.per_rad)
+        low = max(low, in_force.low) if in_force.low > kept[0] + _SAME else low
+        high = min(high, in_force.high) if in_force.high < kept[1] - _SAME else high
+    if low < high:
+        return low, high
+    raise CalibrationError(
+        f"{robot.joints[joint_index(robot, joint)].title}: the safe outputs that were set by hand do not "
+        "reach its limits any more; set them anew"
+    )
+
+
+def default_outputs(robot: Robot, joint: str, zero: float, per_rad: float) -> tuple[float, float]:
+    """As ``safe_outputs``, for a line of which only the two numbers are known.
+
+    Raises:
+        CalibrationError: as ``safe_outputs``.
+    """
+    low, high = _default(robot, joint, zero, per_rad)
+    if low < high:
+        return low, high
     own, limits = own_calibration(robot, joint), robot.joints[joint_index(robot, joint)]
-    first, last = sorted((fit.output(limits.lower), fit.output(limits.upper)))
+    first, last = outputs_at_limits(robot, joint, zero, per_rad)
+    raise CalibrationError(
+        f"{limits.title}: its limits {math.degrees(limits.lower):.1f}° … "
+        f"{math.degrees(limits.upper):.1f}° need pulses of {first:.0f} … {last:.0f} µs, and pulse_us of "
+        f"the robot file allows {own.low:.0f} … {own.high:.0f} µs: read the marks "
+        "again, or put the horn on anew"
+    )
+
+
+def _default(robot: Robot, joint: str, zero: float, per_rad: float) -> tuple[float, float]:
+    first, last = outputs_at_limits(robot, joint, zero, per_rad)
     if own_map(robot).unit == "counts":
         return first, last
-    low, high = max(own.low, first), min(own.high, last)
-    if low >= high:
-        raise CalibrationError(
-            f"{limits.title}: its limits {math.degrees(limits.lower):.1f}° … "
-            f"{math.degrees(limits.upper):.1f}° need pulses of {first:.0f} … {last:.0f} µs, and pulse_us of "
-            f"the robot file allows {own.low:.0f} … {own.high:.0f} µs: read the marks "
-            "again, or put the horn on anew"
-        )
-    return low, high
+    own = own_calibration(robot, joint)
+    return max(own.low, first), min(own.high, last)
 
 
 def differences(robot: Robot, joint: str, fit: JointFit) -> tuple[str, ...]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Collection
 from dataclasses import dataclass
 
 import numpy as np
@@ -45,10 +46,10 @@ class Blame:
 
 @dataclass(frozen=True, slots=True)
 class Change:
-    """A value of the robot file."""
+    """A value of the robot file, or of the calibration where that stands above it."""
 
     table: str
-    """where it is: ``joints.elbow.servo``, ``dh.rows, row 3 (joint elbow)``"""
+    """where it is: ``joints.elbow.servo``, ``dh.rows, row 3 (joint elbow)``, ``calibration: joints.elbow``"""
     key: str
     old: float
     new: float
@@ -71,7 +72,7 @@ class ToolError:
     not_told_apart: tuple[str, ...]
     """what these points cannot tell, in words"""
     changes: tuple[Change, ...]
-    """of the robot file, where the blamed parameters stand in it"""
+    """of robot file and calibration, where the blamed parameters stand in them"""
     stray: tuple[int, ...]
     """points that do not fit even so, by index"""
 
@@ -118,7 +119,7 @@ class ToolError:
         return tuple(told)
 
     def toml(self) -> str:
-        """The changed values of the robot file, each with the old one."""
+        """The changed values, each with the old one and where it stands."""
         lines: list[str] = []
         for change in self.changes:
             heading = f"# [{change.table}]"
@@ -128,13 +129,17 @@ class ToolError:
         return "".join(f"{line}\n" for line in lines)
 
 
-def tool_error(robot: Robot, q: ArrayLike, points_m: ArrayLike) -> ToolError:
+def tool_error(
+    robot: Robot, q: ArrayLike, points_m: ArrayLike, calibrated: Collection[str] = ()
+) -> ToolError:
     """Compare where the tool is with where the robot's numbers put it.
 
     Args:
         robot: as the arm runs: with its calibration.
         q: (k, n) joint angles as commanded or measured while the tool touched each point [rad].
         points_m: (k, 3) the points in the base frame [m].
+        calibrated: names of the joints that a calibration is in force for: what the robot file says of their
+            zero and scale counts for nothing.
 
     Raises:
         CalibrationError: fewer than six points, not finite, of a wrong shape, or all in one place.
@@ -148,7 +153,7 @@ def tool_error(robot: Robot, q: ArrayLike, points_m: ArrayLike) -> ToolError:
         left_m=after.left,
         blamed=_blamed(geometry, after, steps),
         not_told_apart=_not_told_apart(geometry, before.columns),
-        changes=_changes(robot, [geometry.parameters[i] for i in after.chosen], after.amounts),
+        changes=_changes(robot, [geometry.parameters[i] for i in after.chosen], after.amounts, calibrated),
         stray=_stray(after),
     )
 
@@ -205,7 +210,9 @@ def _stray(after: Correction) -> tuple[int, ...]:
     return tuple(np.flatnonzero(squares > _STRAY**2 * others).tolist())
 
 
-def _changes(robot: Robot, parameters: list[Parameter], amounts: FloatArray) -> tuple[Change, ...]:
+def _changes(
+    robot: Robot, parameters: list[Parameter], amounts: FloatArray, calibrated: Collection[str]
+) -> tuple[Change, ...]:
     found: list[Change] = []
     joints: dict[int, tuple[float, float]] = {}
     for parameter, amount in zip(parameters, amounts.tolist(), strict=True):
@@ -219,11 +226,11 @@ def _changes(robot: Robot, parameters: list[Parameter], amounts: FloatArray) -> 
             zero, scale = joints.get(parameter.index, (0.0, 0.0))
             joints[parameter.index] = (error, scale) if parameter.kind == "zero" else (zero, error)
     for index, (zero, scale) in joints.items():
-        found += _joint_changes(robot, index, zero, scale)
+        found += _joint_changes(robot, index, zero, scale, robot.joint_names[index] in calibrated)
     return tuple(found)
 
 
-def _joint_changes(robot: Robot, index: int, offset: float, scale: float) -> list[Change]:
+def _joint_changes(robot: Robot, index: int, offset: float, scale: float, calibrated: bool) -> list[Change]:
     """The map under which a joint that says θ stands at θ + offset + scale · θ."""
     outputs, name = robot.output_map, robot.joint_names[index]
     if outputs is None:
@@ -233,7 +240,10 @@ def _joint_changes(robot: Robot, index: int, offset: float, scale: float) -> lis
     per, zero = float(outputs.per_rad[index]), float(outputs.zero[index])
     new_per = per / (1 + scale)
     new_zero = zero - offset * new_per
-    if outputs.unit == "counts":
+    if calibrated:
+        pairs = [("zero", zero, new_zero), ("per_deg", math.radians(per), math.radians(new_per))]
+        table = f"calibration: joints.{name}"
+    elif outputs.unit == "counts":
         pairs = [
             ("counts_per_deg", math.radians(per), math.radians(new_per)),
             ("home_deg", math.degrees(-zero / per), math.degrees(-new_zero / new_per)),

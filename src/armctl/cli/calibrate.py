@@ -73,7 +73,7 @@ def joint_command(robot: str, joint: str, port: str, places: int, speed: float, 
 
     Servos that are off jump to the rest pose first: keep clear.
 
-    Ctrl-C stops the arm and holds it. The pulses stay on at the end.
+    Ctrl-C stops the arm. Servos stay on at the end; motors with encoders are switched off: support the arm.
     """
     from armctl.cli.calibrate_joint import measure_joint  # opens ports: only where one is asked for
 
@@ -169,11 +169,13 @@ def points(robot: str, points: Path, board: str | None, as_json: bool) -> None:
     POINTS is a CSV file: a column NAME_deg for each joint, and x_mm, y_mm, z_mm. About ten points, in
     poses as different as can be.
     """
-    arm = load_robot(robot)
-    calibration = None if board is None else CalibrationStore().load(arm.name, board)
-    error = tool_error(
-        arm if calibration is None else calibrated(arm, calibration), *read_points(points, arm)
-    )
+    arm, store = load_robot(robot), CalibrationStore()
+    calibration = None if board is None else store.load(arm.name, chosen_board(store, arm.name, board))
+    q, touched = read_points(points, arm)
+    if calibration is None:
+        error = tool_error(arm, q, touched)
+    else:
+        error = tool_error(calibrated(arm, calibration), q, touched, calibration.joints)
     if as_json:
         print_json({
             "rms_mm": 1000 * error.rms_m,
@@ -194,7 +196,8 @@ def points(robot: str, points: Path, board: str | None, as_json: bool) -> None:
     for line in (*error.words, *error.not_told_apart):
         click.echo(line)
     if error.changes:
-        click.echo(f"to write into the robot file of {arm.name}:\n{error.toml()}", nl=False)
+        click.echo(f"to write into the robot file of {arm.name}, or into its calibration (export, import):")
+        click.echo(error.toml(), nl=False)
 
 
 @calibrate.command("export")
@@ -225,10 +228,10 @@ def import_command(file: Path, board: str | None, robot: str | None) -> None:
     read = read_calibration(file)
     calibration = read if board is None else renamed(read, board)
     arm = load_robot(robot or calibration.robot)
-    calibrated(arm, calibration)
+    words = narrowed(arm, calibration)
     CalibrationStore().save(calibration)
     click.echo(f"{arm.name} on board {calibration.board}: {in_words(calibration)}")
-    for line in narrowed(arm, calibration):
+    for line in words:
         click.echo(f"  {line}")
 
 

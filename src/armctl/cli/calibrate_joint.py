@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Mapping
 
 import click
@@ -51,8 +52,9 @@ def measure_joint(robot: Robot, joint: str, port: str, places: int, speed: float
         click.echo(f"the board on {port} has no serial number: what is saved holds for every such board")
     with Arm.open(robot, port) as arm:
         arm.set_speed(speed)
+        first = "look for its home switches, then move" if arm.snapshot.homing else "move"
         click.confirm(
-            f"{robot.title} on {port} will move to its home pose, then {joint} alone. Clear?", abort=True
+            f"{robot.title} on {port} will {first} to its home pose, then {joint} alone. Clear?", abort=True
         )
         arm.enable()
         arm.go_pose("home")
@@ -122,7 +124,7 @@ def _keep(robot: Robot, board: str, joint: str, found: JointFit, note: str) -> N
     store = CalibrationStore()
     now = store.load(robot.name, board)
     joints: Mapping[str, JointCalibration] = {} if now is None else now.joints
-    low, high = safe_outputs(robot, joint, found)
+    low, high = safe_outputs(robot, joint, found, joints.get(joint))
     calibration = Calibration(
         robot=robot.name,
         board=board,
@@ -132,13 +134,13 @@ def _keep(robot: Robot, board: str, joint: str, found: JointFit, note: str) -> N
         made=timestamp(),
         note=note,
     )
-    measured = calibrated(robot, calibration)
     for line in narrowed(robot, calibration):
         click.echo(f"  {line}")
     if not click.confirm(f"Save it for board {board}?"):
         click.echo("nothing is saved")
         return
     version = store.save(calibration)
-    click.echo(f"saved as version {version.number}; `armctl calibrate revert {robot.name}` goes back")
-    pose = check_pose(measured)
+    back = f"armctl calibrate revert {robot.name} --board {shlex.quote(board)}"
+    click.echo(f"saved as version {version.number}; `{back}` goes back")
+    pose = check_pose(calibrated(robot, calibration))
     click.echo(f"to check by eye, send it to {pose.title}: {'; '.join(pose.words)}")

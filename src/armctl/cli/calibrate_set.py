@@ -9,7 +9,6 @@ from armctl.calibration import (
     Calibration,
     CalibrationStore,
     JointCalibration,
-    calibrated,
     narrowed,
     own_calibration,
 )
@@ -39,6 +38,7 @@ def safe(robot: str, joint: str, low: float, high: float, board: str | None, por
     now = _now(arm, board, port)
     one = now.joints.get(joint) or own_calibration(arm, joint)
     changed = JointCalibration(one.zero, one.per_rad, low, high)
+    _require_servo_range(arm, joint, changed)
     _save(arm, now, {**now.joints, joint: changed}, now.gripper)
     click.echo(f"{joint}: safe outputs {low:.1f} … {high:.1f} {unit}, kept for board {now.board}")
 
@@ -58,6 +58,17 @@ def gripper(robot: str, closed: float, opened: float, board: str | None, port: s
     click.echo(f"gripper: closed at {closed:.1f}, open at {opened:.1f} {unit}, kept for board {now.board}")
 
 
+def _require_servo_range(arm: Robot, joint: str, one: JointCalibration) -> None:
+    """Refuse what the robot file would cut off again: whoever types it should know."""
+    own = own_calibration(arm, joint)
+    crosses = one.low < own.high and own.low < one.high
+    if arm.board != "encoder" and crosses and (one.low < own.low or one.high > own.high):
+        raise CalibrationError(
+            f"{joint}: {one.low:.1f} … {one.high:.1f} µs reach beyond pulse_us of the robot file, "
+            f"{own.low:.1f} … {own.high:.1f} µs; stay inside, or change it there if the servo can go there"
+        )
+
+
 def _now(arm: Robot, board: str | None, port: str | None) -> Calibration:
     """What is in force for the board; an empty calibration where nothing is."""
     if board is not None and port is not None:
@@ -74,7 +85,7 @@ def _save(
     arm: Robot, now: Calibration, joints: dict[str, JointCalibration], jaws: tuple[float, float] | None
 ) -> None:
     changed = Calibration(now.robot, now.board, now.unit, joints, jaws, timestamp(), now.note)
-    calibrated(arm, changed)
+    words = narrowed(arm, changed)
     CalibrationStore().save(changed)
-    for line in narrowed(arm, changed):
+    for line in words:
         click.echo(f"  {line}")

@@ -21,7 +21,10 @@ from armctl.robot import Robot, load_robot
 @click.option("--robot", help="The robot to check a program against (default: the one it names).")
 @json_option
 def check(file: Path, robot: str | None, as_json: bool) -> int:
-    """Check FILE, a robot file or a program, and say everything that is wrong with it."""
+    """Check FILE, a robot file or a program, and say everything that is wrong with it.
+
+    A program is checked as 'armctl run' begins it: from where the servos start.
+    """
     kind = _kind(file)
     unknown: tuple[str, ...] = ()
     try:
@@ -32,7 +35,7 @@ def check(file: Path, robot: str | None, as_json: bool) -> int:
             given = None if robot is None else load_robot(robot)
             program = open_program(file, given)
             arm = given or load_robot(program.robot)
-            findings = check_program(program, arm)
+            findings = check_program(program, arm, start=arm.first_pose)
         unknown = not_checked(arm)
     except ArmctlError as refusal:
         findings = [ProgramFinding(None, str(refusal))]

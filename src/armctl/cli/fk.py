@@ -39,8 +39,9 @@ def fk(robot: str, q: tuple[float, ...], as_json: bool) -> None:
         })  # fmt: skip
     else:
         x, y, z = matrix[:3, 3] + 0.0
+        roll, pitch, yaw = (round(float(angle), 4) + 0.0 for angle in rpy)  # no -0.0000
         click.echo(f"position   x {x:10.4f}   y {y:10.4f}   z {z:10.4f}  mm")
-        click.echo(f"rotation   roll {rpy[0]:9.4f}   pitch {rpy[1]:9.4f}   yaw {rpy[2]:9.4f}  degrees")
+        click.echo(f"rotation   roll {roll:9.4f}   pitch {pitch:9.4f}   yaw {yaw:9.4f}  degrees")
         for row in matrix:
             click.echo("           " + "  ".join(f"{value + 0.0:11.6f}" for value in row))
     if outside is not None:

@@ -52,6 +52,8 @@ def ik(
     as_json: bool,
 ) -> int:  # fmt: skip
     """Solve inverse kinematics: joint angles that put ROBOT's tool on X Y Z (mm)."""
+    if rpy is not None and (pitch is not None or roll is not None):
+        raise click.UsageError("give either --rpy, or --pitch and --roll, not both")
     arm = load_robot(robot)
     point = np.array(
         [finite(value, name) for value, name in ((x, "X"), (y, "Y"), (z, "Z"))], dtype=np.float64

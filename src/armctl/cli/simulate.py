@@ -39,7 +39,10 @@ def maestro(link: Path | None, robot: str, factory: bool, channels: str | None) 
 
     It speaks the compact and the Pololu protocol in USB dual-port mode.
     """
-    settings = () if factory else channel_settings(load_robot(robot))
+    loaded = load_robot(robot)
+    if loaded.board == "encoder":
+        raise InputError(f"{robot} has motors with encoders, not servos; use `armctl simulate encoder`")
+    settings = () if factory else channel_settings(loaded)
     model = None if channels is None else MaestroModel.with_channels(int(channels))
     clock = MonotonicClock()
     return _serve(serve_simulated_maestro(clock.now, channels=settings, model=model, link=link))

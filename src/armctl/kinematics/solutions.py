@@ -80,7 +80,7 @@ class Solutions:
         """The reason and the nearest reachable point in one sentence [mm]; empty when solved."""
         if self.reason is None or self.nearest_m is None:
             return self.reason or ""
-        x, y, z = 1000.0 * self.nearest_m + 0.0
+        x, y, z = np.round(1000.0 * self.nearest_m, 1) + 0.0  # no -0.0
         away = 1000.0 * float(np.linalg.norm(self.nearest_m - self.target.position))
         if away < _THERE_MM:
             return f"{self.reason}; the point itself can be reached"

@@ -60,9 +60,9 @@ class ProgramFinding:
         )
 
     def __str__(self) -> str:
-        text = f"{self.part}: {self.what}" if self.part else self.what
-        if self.time is not None:
-            text += f" at {self.time:.2f} s"
+        text = self.what if self.time is None else f"at {self.time:.2f} s, {self.what}"
+        if self.part:
+            text = f"{self.part}: {text}"
         if self.mend:
             text += f"; {self.mend}"
         return text if self.step is None else f"step {self.step + 1}: {text}"

@@ -16,7 +16,8 @@ NotNegative = Annotated[float, Meta(ge=0)]
 Name = Annotated[str, Meta(pattern=r"^[a-z][a-z0-9_]*$")]
 PointName = Annotated[str, Meta(pattern=r"^[A-Za-z][A-Za-z0-9_]*$")]
 Channel = Annotated[int, Meta(ge=0, le=63)]
-Pulse = Annotated[float, Meta(ge=64, le=4080)]
+SHORTEST_PULSE_US, LONGEST_PULSE_US = 64, 4080
+Pulse = Annotated[float, Meta(ge=SHORTEST_PULSE_US, le=LONGEST_PULSE_US)]
 Limit = Annotated[float, Meta(ge=-720, le=720)]
 Color = Annotated[str, Meta(pattern=r"^#[0-9a-fA-F]{6}$")]
 LARGEST = 1e6

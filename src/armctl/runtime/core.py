@@ -203,10 +203,14 @@ class Core:
             self.pending.ticket.refuse(error)
             self.pending = None
 
-    def drop_all(self, error: ArmctlError) -> None:
-        """Forget everything that runs or waits; the arm gets no further setpoint."""
+    def drop_all(self, error: ArmctlError) -> ArmctlError | None:
+        """Forget everything that runs or waits; the arm gets no further setpoint.
+
+        Returns:
+            why a board that moves the arm by itself may go on; None: it does not.
+        """
         self.drop_pending(error)
-        self.activity = None
+        goes_on = self._drop_activity()
         if self.ticket is not None:
             self.ticket.refuse(error)
             self.ticket = None
@@ -218,20 +222,16 @@ class Core:
         self.pausing = False
         self.setpoint = None
         self.notices.clear("activity")
+        return goes_on
 
     def fault(self, error: ArmctlError) -> None:
         """Something broke: send nothing more, and say why."""
         cause = str(error)
-        activity = self.activity
-        self.drop_all(error)
-        if isinstance(error, BoardError):
-            self._close_board()
-        elif activity is not None:
-            try:
-                activity.stop()  # a board that homes goes on by itself
-            except ArmctlError as worse:
-                cause = f"{cause}; and {worse}"
-                self._close_board()
+        goes_on = self.drop_all(error)
+        if goes_on is not None:
+            cause = f"{cause}; and {goes_on}"
+        if isinstance(error, BoardError) or goes_on is not None:
+            self._close_board()  # a board that moves its motors by itself ends that when nobody talks to it
         self.enter(State.FAULT, cause)
         self._leave_now()
 
@@ -282,6 +282,17 @@ class Core:
         if self.gate.q is not None:
             return self.board is not None
         return bool(self.monitor.reading.on.any())
+
+    def _drop_activity(self) -> ArmctlError | None:
+        """Have what runs end; an error where the board does not confirm that it does."""
+        activity, self.activity = self.activity, None
+        if activity is None:
+            return None
+        try:
+            activity.stop()
+        except ArmctlError as error:
+            return error
+        return None
 
     def _settle_activity(self, activity: Activity) -> None:
         if activity.begun and self.ticket is not None:

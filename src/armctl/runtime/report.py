@@ -25,6 +25,7 @@ def report(core: Core, tick: int, now: float) -> Snapshot:
         state=core.state,
         cause=core.cause,
         q_command=core.robot.first_pose if q is None else q,
+        commanded=q is not None,
         velocity_command=still if sample is None else sample.velocity,
         acceleration_command=still if sample is None else sample.acceleration,
         q=reading.q,

@@ -76,6 +76,8 @@ class Snapshot:
     """why the state is what it is, in words"""
     q_command: FloatArray
     """(n,) last setpoint [rad]; where nothing was sent yet, the pose that Enable or homing would lead to"""
+    commanded: bool
+    """whether ``q_command`` was sent, or taken over; else it is only where the arm would go"""
     velocity_command: FloatArray
     """(n,) [rad/s]"""
     acceleration_command: FloatArray

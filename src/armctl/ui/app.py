@@ -142,7 +142,7 @@ class App:
         q = np.where(np.isnan(snapshot.q), snapshot.q_command, snapshot.q)
         with self.server.atomic():
             self._figure.pose(q, snapshot.gripper)
-        if snapshot.powered or not np.isnan(snapshot.q).any():  # else it is a guess, and draws no line
+        if snapshot.commanded or not np.isnan(snapshot.q).any():  # else it is a guess, and draws no line
             self._console.trail.add(self._console.robot.forward(q)[:3, 3])
         if frame % _FRAMES_A_REFRESH == 0:
             for session in tuple(self._sessions.values()):

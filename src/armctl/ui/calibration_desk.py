@@ -7,7 +7,7 @@ from collections.abc import Callable
 from typing import Self
 
 from armctl.boards import board_name
-from armctl.calibration import Calibration, CalibrationStore, Version, calibrated
+from armctl.calibration import Calibration, CalibrationStore, Version, calibrated, narrowed
 from armctl.errors import PortError, StateError
 from armctl.robot import Robot
 from armctl.runtime import wall_time
@@ -47,7 +47,7 @@ class CalibrationDesk:
         self.robot = robot if self.in_force is None else calibrated(robot, self.in_force)
         """the robot that the arm is built from"""
         self.work = CalibrationWork(robot, self.in_force)
-        self.points = TouchedPoints(self.robot)
+        self.points = TouchedPoints(self.robot, () if self.in_force is None else tuple(self.in_force.joints))
         self._file_robot, self._store, self._now = robot, store, now
 
     @classmethod
@@ -64,12 +64,22 @@ class CalibrationDesk:
         return cls(robot, board, CalibrationStore() if store is None else store)
 
     async def holds_for(self, port: str) -> bool:
-        """Whether the board on another port is this desk's.
+        """Whether the arm goes by what is in force now for the board on a port.
 
         Raises:
             PortError: ``auto`` found no board, or more than one.
+            CalibrationError: the calibration in force cannot be read.
         """
-        return await asyncio.to_thread(board_name, port, self._file_robot) == self.board
+        return await asyncio.to_thread(self._holds_for, port)
+
+    def _holds_for(self, port: str) -> bool:
+        return board_name(port, self._file_robot) == self.board and not self._overtaken()
+
+    def _overtaken(self) -> bool:
+        """Whether another program, or another page, has brought something else in force since."""
+        if self.board is None:
+            return False
+        return self._store.load(self._file_robot.name, self.board) != self.in_force
 
     def adopt(self, other: CalibrationDesk) -> None:
         """Go on with what was measured at another desk, if that is of the same arm on the same board."""
@@ -102,16 +112,25 @@ class CalibrationDesk:
             raise StateError("everything is saved: nothing differs from the calibration in force")
         made = iso_time(self._now())
         drawn = Calibration(self._file_robot.name, self.board, work.map.unit, joints, gripper, made, note)
-        calibrated(self._file_robot, drawn)
+        narrowed(self._file_robot, drawn)
         return drawn
 
     async def save(self, note: str) -> Version:
         """Save the draft; the arm goes by it once it is opened anew.
 
         Raises:
+            StateError: something else is in force by now, which this would overwrite.
             ArmctlError: as ``draft``, or it cannot be written.
         """
-        return await asyncio.to_thread(self._store.save, self.draft(note))
+        return await asyncio.to_thread(self._save, self.draft(note))
+
+    def _save(self, drawn: Calibration) -> Version:
+        if self._overtaken():
+            raise StateError(
+                f"another calibration of this arm on board {self.board} was saved since it was opened; press "
+                "Disconnect and Connect on the tab Main to go by it (the marks stay), then save"
+            )
+        return self._store.save(drawn)
 
     def versions(self) -> tuple[Version, ...]:
         """What was saved of this arm on this board, the newest first.
@@ -138,5 +157,5 @@ class CalibrationDesk:
             return await asyncio.to_thread(self._store.forget, name, board, made, self.work.map.unit)
         for version in self.versions():
             if version.number == number and version.calibration is not None:
-                calibrated(self._file_robot, version.calibration)  # else the arm could not be opened any more
+                narrowed(self._file_robot, version.calibration)  # else the arm could not be opened any more
         return await asyncio.to_thread(self._store.revert, name, board, number)

@@ -14,6 +14,7 @@ from armctl.calibration import (
     JointCalibration,
     JointFit,
     Mark,
+    default_outputs,
     fit_joint,
     own_calibration,
     safe_outputs,
@@ -36,6 +37,8 @@ class JointWork:
     low: float | None = None
     """smallest output that is safe; None: not set by hand"""
     high: float | None = None
+    by_default: bool = False
+    """the safe outputs in force do not hold for it any more"""
 
 
 class CalibrationWork:
@@ -135,28 +138,30 @@ class CalibrationWork:
         return None if len(marks) < LEAST_MARKS else self._fit(marks, self.map.unit)
 
     def limits(self, joint: str) -> tuple[float, float]:
-        """Smallest and largest output that is safe: as set by hand, else as in force, else as by default.
+        """Smallest and largest output that is safe.
 
-        Raises:
-            CalibrationError: as ``default_limits``.
-        """
-        work, now = self.joint(joint), self._in_force(joint)
-        if work.low is not None and work.high is not None:
-            return work.low, work.high
-        low, high = self.default_limits(joint) if now is None else (now.low, now.high)
-        return (low if work.low is None else work.low, high if work.high is None else work.high)
-
-    def default_limits(self, joint: str) -> tuple[float, float]:
-        """What the robot file calls safe; with a line through the marks, as far as the joint needs it.
+        An end set here by hand holds; else what is in force; by new marks, as far as the joint needs it, but
+        for an end that was set by hand before.
 
         Raises:
             CalibrationError: the marks have no line, or nothing is left of the joint's limits.
         """
-        fit = self.fit(joint)
-        if fit is None:
-            own = own_calibration(self.robot, joint)
-            return own.low, own.high
-        return safe_outputs(self.robot, joint, fit)
+        work = self.joint(joint)
+        if work.low is not None and work.high is not None:
+            return work.low, work.high
+        low, high = self._limits_without_hand(joint)
+        return (low if work.low is None else work.low, high if work.high is None else work.high)
+
+    def _limits_without_hand(self, joint: str) -> tuple[float, float]:
+        fit, now, own = self.fit(joint), self._in_force(joint), own_calibration(self.robot, joint)
+        kept = None if self.joint(joint).by_default else now
+        if fit is not None:
+            return safe_outputs(self.robot, joint, fit, kept)
+        if kept is not None:
+            return kept.low, kept.high
+        if now is not None:
+            return default_outputs(self.robot, joint, now.zero, now.per_rad)
+        return own.low, own.high
 
     def set_limit(self, joint: str, end: End, output: float) -> None:
         """Say that ``output`` is as far as the joint may ever go.
@@ -177,13 +182,8 @@ class CalibrationWork:
         self._set(joint, replace(work, low=output) if end == "low" else replace(work, high=output))
 
     def limits_by_default(self, joint: str) -> None:
-        """Go back to the safe limits of the robot file.
-
-        Raises:
-            CalibrationError: as ``default_limits``.
-        """
-        low, high = self.default_limits(joint)
-        self._set(joint, replace(self.joint(joint), low=low, high=high))
+        """Let the joint have all that the robot file allows: whatever was set by hand holds no more."""
+        self._set(joint, replace(self.joint(joint), low=None, high=None, by_default=True))
 
     def set_jaw(self, jaw: Jaw, output: float) -> None:
         """Say at which output the gripper is closed, or open.
@@ -232,7 +232,7 @@ class CalibrationWork:
             work, fit = self.joint(name), self.fit(name)
             if fit is not None:
                 found[name] = JointCalibration(fit.zero, fit.per_rad, *self.limits(name))
-            elif work.low is not None or work.high is not None:
+            elif work.low is not None or work.high is not None or work.by_default:
                 now = self._in_force(name) or own_calibration(self.robot, name)
                 found[name] = JointCalibration(now.zero, now.per_rad, *self.limits(name))
         return found

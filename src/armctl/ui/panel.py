@@ -41,7 +41,7 @@ def _shown(snapshot: Snapshot, board: BoardKind) -> str:
         return snapshot.source.value
     if board == "encoder":
         return "unknown until the arm is homed; drawn where homing ends"
-    return Source.COMMANDED.value if snapshot.powered else "unknown; drawn where Enable would put it"
+    return Source.COMMANDED.value if snapshot.commanded else "unknown; drawn where Enable would put it"
 
 
 class ControlPanel:

@@ -143,6 +143,18 @@ class RobotDesk:
         self.require_settled()
         require_reopenable(self._console.controller.snapshot)
 
+    async def needs_reopening(self, port: str) -> bool:
+        """Whether connecting to a port takes an arm that is opened anew, by another calibration.
+
+        Raises:
+            PortError: ``auto`` found no board, or more than one.
+            CalibrationError: the calibration that is kept for the board cannot be read.
+        """
+        console = self._console
+        if console.controller.snapshot.state not in (State.DISCONNECTED, State.FAULT):
+            return False  # connected already: the controller refuses in words
+        return port != console.default_port or not await console.calibrating.holds_for(port)
+
     async def reopen(self, origin: Origin, permit: Callable[[], None], port: str | None = None) -> None:
         """Open the present arm anew, as it is calibrated now, and connect it where it was connected.
 
@@ -219,9 +231,11 @@ class RobotDesk:
         return None
 
     def _take(self, choice: RobotChoice, opened: Console, earlier: tuple[Event, ...]) -> None:
+        left = self._console
+        programs = left.programs if choice == self._present else opened.programs
         self._present = choice
-        opened.calibrating.adopt(self._console.calibrating)
-        self._console = replace(opened, operators=self._console.operators, earlier=earlier)
+        opened.calibrating.adopt(left.calibrating)
+        self._console = replace(opened, operators=left.operators, programs=programs, earlier=earlier)
 
 
 def require_leavable(snapshot: Snapshot) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -31,9 +31,14 @@ class Touch:
 class TouchedPoints:
     """The touches so far. Used on the web server's event loop only."""
 
-    def __init__(self, robot: Robot) -> None:
-        """Begin without a touch; ``robot`` is as the arm runs, with its calibration."""
-        self._robot = robot
+    def __init__(self, robot: Robot, calibrated: Collection[str] = ()) -> None:
+        """Begin without a touch.
+
+        Args:
+            robot: as the arm runs, with its calibration.
+            calibrated: names of the joints that the calibration in force covers.
+        """
+        self._robot, self._calibrated = robot, calibrated
         self._touches: tuple[Touch, ...] = ()
         self._version = 0
         self._told: ToolError | str | None = None
@@ -93,7 +98,9 @@ class TouchedPoints:
             return
         q, points = self._angles(), np.array([touch.point_m for touch in touches])
         try:
-            told: ToolError | str = await asyncio.to_thread(tool_error, self._robot, q, points)
+            told: ToolError | str = await asyncio.to_thread(
+                tool_error, self._robot, q, points, self._calibrated
+            )
         except ArmctlError as error:
             told = str(error)
         if self._touches is touches:  # else somebody has changed them meanwhile, and thinks himself

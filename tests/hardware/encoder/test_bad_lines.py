@@ -134,10 +134,17 @@ def test_waiting_for_an_answer_takes_no_longer_than_allowed(faulty: FaultyBench)
     assert faulty.clock.now() - began == pytest.approx(0.1, abs=0.01)
 
 
+def test_homing_after_a_stop_gets_through_a_bad_line(faulty: FaultyBench):
+    faulty.driver.stop()
+    faulty.faults.inject(Fault.DROP_COMMAND)  # the byte that ends the hold
+    faulty.driver.home()
+    assert faulty.driver.read().homing.running is not None
+
+
 def test_release_of_a_board_that_does_not_answer_sends_the_emergency_byte(faulty: FaultyBench):
     faulty.driver.read()
     faulty.faults.inject(Fault.DROP_COMMAND, count=3)
-    with pytest.raises(BoardTimeoutError):
+    with pytest.raises(BoardTimeoutError, match=r"motors are off; .* after 500 ms\. Cut their supply"):
         faulty.driver.release()
     assert not faulty.board.mode.powered
 

@@ -41,7 +41,7 @@ def test_the_bytes_of_a_whole_session(clock: ManualClock):
     assert session.line.bursts == [
         "f0 79 f7",
         "f0 6b f7",
-        questions,  # configure
+        f"f0 6d 00 f7 {questions}",  # configure, behind the question that tells earlier answers from its own
         questions,  # the first frame
         f"{on_9} 5c 0b f7 {on_22} 50 0f f7",  # each config with its first pulse right behind
         questions,
@@ -50,7 +50,7 @@ def test_the_bytes_of_a_whole_session(clock: ManualClock):
         "f0 6f 09 5d 0b f7",  # 1501, and nothing for the pin that stays
         questions,
         "f4 16 01 f4 09 01",  # off
-        questions,
+        f"f0 6d 01 f7 {questions}",
         questions,
         f"f0 79 f7 f0 79 f7 f0 79 f7 {on_9} 68 07 f7 {on_22} 68 07 f7",  # behind what keeps the sketch busy
     ]

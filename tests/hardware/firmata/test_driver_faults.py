@@ -176,6 +176,41 @@ def test_configuring_a_running_board_again_disturbs_nothing(session, board, cloc
     assert {pulse.width_us for pulse in board.pulses(9)} == {1500}
 
 
+def test_configuring_takes_no_answer_to_an_earlier_question_for_its_own(session, faults, clock):
+    """Else its own answers, which come later, are taken for those to the next questions."""
+    for turn in range(8):
+        for delay_s in (0.06, 0.05, 0.06):  # a line that is slow for a while, and keeps the order
+            faults.inject(Fault.DELAY_REPLY, delay_s=delay_s)
+        assert session.frame({9: 1500.0 + 20 * turn, 22: 1600.0}).errors == ()  # its questions are open
+        clock.advance(0.055)
+        session.driver.configure(CHANNELS)
+        for step in range(6):
+            assert session.frame({9: 1501.0 + 20 * turn + step, 22: 1600.0}).errors == ()
+
+
+def test_a_release_is_not_believed_by_the_answer_to_an_earlier_question(session, board, faults, clock):
+    session.driver.release()
+    faults.inject(Fault.DELAY_REPLY, count=2, delay_s=0.06)
+    session.frame()  # asks, and will hear that the pins are off
+    session.driver.write(ON)
+    faults.inject(Fault.DROP_COMMAND, count=2)  # the release never arrives
+    session.driver.release()
+    assert board.mode(9) == board.mode(22) == 1
+
+
+def test_an_overdue_answer_that_comes_after_all_is_not_the_next_one(session, faults):
+    for delay_s in (0.29, 0.03):  # the order is kept
+        faults.inject(Fault.DELAY_REPLY, delay_s=delay_s)
+    told = []
+    for pulse_us in range(1500, 1540):
+        try:
+            told += session.frame({9: float(pulse_us), 22: 1600.0}).errors
+        except BoardTimeoutError as error:
+            told.append(str(error))
+    (only,) = told
+    assert "the board did not tell the state of pin 9, 22 within 250 ms" in only
+
+
 def test_configuring_finds_out_that_the_pins_are_off(session, board, faults, clock):
     faults.brown_out(0.0)
     clock.advance(0.001)

@@ -72,7 +72,7 @@ def test_a_joint_outside_its_limits_is_named_with_figures() -> None:
     end[2] = np.radians(-91.2)
     (text,) = texts(PointToPoint.lasting(HOME, end, 10.0))
     assert text == (
-        "Elbow: -91.20° is outside -84.36° … 95.07° at 10.00 s; "
+        "Elbow: at 10.00 s, -91.20° is outside -84.36° … 95.07°; "
         "keep away from this limit: another target, another branch or a straighter way"
     )
 
@@ -83,9 +83,9 @@ def test_speed_and_acceleration_peaks_are_exact() -> None:
     shortest = PointToPoint.plan(ROBOT, HOME, end).duration
     assert texts(PointToPoint.lasting(HOME, end, shortest)) == []
     (speed,) = texts(PointToPoint.lasting(HOME, end, shortest * 0.999))
-    assert speed.startswith("Base: 60.1 °/s is over its limit of 60.0 °/s at 0.75 s; take 1.00 times")
+    assert speed.startswith("Base: at 0.75 s, 60.1 °/s is over its limit of 60.0 °/s; take 1.00 times")
     found = texts(PointToPoint.lasting(HOME, end, 0.5))
-    assert [text.split(" is over")[0] for text in found] == ["Base: 1440.0 °/s²", "Base: 180.0 °/s"]
+    assert [text.split(" is over")[0] for text in found] == ["Base: at 0.00 s, 1440.0 °/s²", "Base: at 0.25 s, 180.0 °/s"]
     assert found[0].endswith("at 0.00 s; take 2.00 times as long")
     assert found[1].endswith("at 0.25 s; take 3.00 times as long")
 
@@ -125,7 +125,7 @@ def test_a_motion_through_the_floor_says_which_part_and_how_deep() -> None:
     finding = preflight(ROBOT, trajectory)[0]
     assert (finding.part, finding.kind, finding.severity) == ("the tool", "floor", "error")
     assert finding.what == f"{depth:.1f} mm below the floor"
-    with pytest.raises(MotionRefusedError, match=r"the tool: .* mm below the floor at .* raise the target"):
+    with pytest.raises(MotionRefusedError, match=r"the tool: .* mm below the floor; .*raise the target"):
         require_clear(ROBOT, trajectory)
 
 
@@ -150,7 +150,7 @@ def test_an_arm_that_is_below_the_floor_may_come_up_but_not_sink() -> None:
 def test_the_first_finding_is_told_and_the_rest_are_counted() -> None:
     end = HOME.copy()
     end[0] += np.radians(60)
-    with pytest.raises(MotionRefusedError, match=r"Base: 1440\.0 °/s² .* \(and 1 more\)"):
+    with pytest.raises(MotionRefusedError, match=r"Base: at 0\.00 s, 1440\.0 °/s² .* \(and 1 more\)"):
         require_clear(ROBOT, PointToPoint.lasting(HOME, end, 0.5))
 
 

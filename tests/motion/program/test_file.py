@@ -72,19 +72,22 @@ def test_a_written_program_is_read(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (("seconds = 0.5", "seconds = -1"), "line 18, step 3, key seconds: expected float >= 0.0"),
+        (("seconds = 0.5", "seconds = -1"), "line 18, step 3, key seconds: must be at least 0"),
         (("seconds = 0.5", "second = 1"), "line 18, step 3: unknown key 'second'; mistyped?"),
         (("x_mm = 200", 'x_mm = "far"'), "line 11, step 2, key x_mm: expected float, got str"),
         (("x_mm = 200", '"x_mm" = "far"'), "line 11, step 2, key x_mm: expected float, got str"),
         (("x_mm = 200", "x_mm = nan"), "line 11, step 2, key x_mm: nan is no number to use"),
         (("-80, -40", "-80, -inf"), "line 7, step 1, key joints_deg: -inf is no number to use"),
         (("open_percent = 20", ""), "line 20, step 4: the key 'open_percent' is missing"),
-        (('do = "wait"', 'do = "sleep"'), "line 17, step 3, key do: invalid value 'sleep'"),
+        (
+            ('do = "wait"', 'do = "sleep"'),
+            "line 17, step 3, key do: there is no step 'sleep'; there are move, point, line, arc, ",
+        ),
         (('name = "pick"', "speed = 3"), "line 3: unknown key 'speed'; mistyped?"),
         (("format = 1", "format = 2"), "line 1, key format: invalid enum value 2"),
         (('robot = "uzuner"', ""), "the key 'robot' is missing"),
         (("-80, -40", '-80, "x"'), r"line 7, step 1, key joints_deg\[3\]: expected float, got str"),
-        (("x_mm = 200", "x_mm = 2e9\nblend_mm = -1"), "line 12, step 2, key blend_mm: expected float >= 0.0"),
+        (("x_mm = 200", "x_mm = 2e9\nblend_mm = -1"), "line 12, step 2, key blend_mm: must be at least 0"),
         (
             ('note = "above"', 'note = """\n[[steps]]\nx_mm = 1\n"""\nz = 1'),
             "line 18, step 2: unknown key 'z'",

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
 
 from armctl.errors import ArmctlError
 from armctl.hardware.doctor.encoder import examine_encoder
-from armctl.hardware.doctor.finding import Finding, failed, not_checked, ok, warning
+from armctl.hardware.doctor.finding import Finding, Verdict, failed, not_checked, ok, warning
 from armctl.hardware.doctor.firmata import examine_firmata
 from armctl.hardware.doctor.maestro import examine_maestro
 from armctl.hardware.driver import ChannelSettings
@@ -57,7 +57,7 @@ def examine(
         now: the clock [s].
     """
     findings = _port(patient)
-    if any(one.verdict.value == "failed" for one in findings):
+    if any(one.verdict is Verdict.FAILED for one in findings):
         return (*findings, not_checked("opens", "the port cannot be used"), *_unseen())
     label = None if patient.info is None else patient.info.kind
     try:
@@ -82,7 +82,7 @@ def _port(patient: Patient) -> list[Finding]:
     """What can be told without opening the port."""
     if "://" in patient.port:
         return [ok("port", "a network address: neither permission nor other programs can be checked")]
-    if not Path(patient.port).exists():
+    if not os.path.exists(patient.port):  # a Path raises where it may not look
         return [
             failed(
                 "port",
@@ -101,7 +101,7 @@ def _port(patient: Patient) -> list[Finding]:
     else:
         findings.append(failed("other programs", f"{program} has it open", "close that and try again"))
     if patient.info is not None:
-        if patient.info.why_not is not None and all(one.verdict.value == "ok" for one in findings):
+        if patient.info.why_not is not None and all(one.verdict is Verdict.OK for one in findings):
             findings.append(failed("right port", patient.info.why_not))
         findings += [warning("other programs", note) for note in patient.info.notes]
     return findings

@@ -27,7 +27,7 @@ SILENCE_NOTE = (
 _REACH_MS = 30  # longer than the 20 ms between setpoints: one that comes late finds the arm still moving
 _OLDEST_STATUS_S = 0.05
 _KEEP_ALIVE_S = 0.1
-_STOP_ATTEMPTS = 3
+_BYTE_ATTEMPTS = 3
 
 
 class EncoderDriver:
@@ -178,13 +178,9 @@ class EncoderDriver:
             BoardError: the line is gone.
         """
         session = self._board
-        session.forget_status()
-        for _ in range(_STOP_ATTEMPTS):
-            session.realtime(Realtime.HOLD)
-            session.realtime(Realtime.STATUS)
-            if session.wait_until(lambda: _stands(session.heard.status), self._timeout_s / _STOP_ATTEMPTS):
-                self._held = True
-                return
+        if self._insist(session, Realtime.HOLD, _stands):
+            self._held = True
+            return
         raise BoardTimeoutError(
             f"{session.name}: the board does not confirm that it holds; cut the motors' power if it moves"
         )
@@ -206,7 +202,7 @@ class EncoderDriver:
         if _latched(status):
             session.command("CLR")
         if status.mode is Mode.HELD:
-            session.realtime(Realtime.RELEASE_HOLD)
+            self._insist(session, Realtime.RELEASE_HOLD, _is_free)  # where that fails, HOME is refused
         session.command("HOME")
         self._taken_note(session, on=True)
 
@@ -219,9 +215,13 @@ class EncoderDriver:
         session = self._board
         try:
             session.command("EN 0")
-        except BoardTimeoutError:
+        except BoardTimeoutError as silence:
             session.realtime(Realtime.MOTORS_OFF)
-            raise
+            raise BoardTimeoutError(
+                f"{session.name}: the board does not confirm that its motors are off; without a word from "
+                f"this computer it switches them off after {WATCHDOG_MS} ms. Cut their supply before you "
+                "reach in"
+            ) from silence
         if _latched(session.fresh_status(_OLDEST_STATUS_S)):
             session.command("CLR")
         self._taken_note(session, on=False)
@@ -288,6 +288,18 @@ class EncoderDriver:
             session.command(line)
         self._told, self._told_restarts = lines, restarts
 
+    def _insist(
+        self, session: EncoderSession, byte: Realtime, shows: Callable[[Status | None], bool]
+    ) -> bool:
+        """Send a byte that the board obeys at once, again until its status shows it; whether it does."""
+        session.forget_status()
+        for _ in range(_BYTE_ATTEMPTS):
+            session.realtime(byte)
+            session.realtime(Realtime.STATUS)
+            if session.wait_until(lambda: shows(session.heard.status), self._timeout_s / _BYTE_ATTEMPTS):
+                return True
+        return False
+
     def _check_may_move(self, setpoints: Mapping[int, float]) -> None:
         if self._watch.went_off:
             raise StateError(
@@ -319,6 +331,11 @@ class EncoderDriver:
 def _stands(status: Status | None) -> bool:
     """Whether the board shows that it holds, or has its motors off."""
     return status is not None and status.mode not in (Mode.ON, Mode.HOMING)
+
+
+def _is_free(status: Status | None) -> bool:
+    """Whether the board shows that it does not hold."""
+    return status is not None and status.mode is not Mode.HELD
 
 
 def _latched(status: Status) -> bool:

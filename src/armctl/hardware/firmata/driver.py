@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 
 from armctl.errors import BoardError, BoardProtocolError, BoardTimeoutError, PortError
@@ -11,7 +11,7 @@ from armctl.hardware.driver import BoardIdentity, ChannelSettings, Readback, Sou
 from armctl.hardware.firmata import codec
 from armctl.hardware.firmata.attacher import Attacher, FirstPulse
 from armctl.hardware.firmata.codec import BAUD, PinMode
-from armctl.hardware.firmata.line import FirmataLine
+from armctl.hardware.firmata.line import HOW_TO_LOAD, FirmataLine
 from armctl.hardware.firmata.pace import LinePace
 from armctl.hardware.firmata.pin_table import PinTable
 from armctl.hardware.firmata.pin_watch import PinWatch
@@ -77,6 +77,7 @@ class FirmataDriver:
         self._ask_after_s = _ask_after(line) if ask_after_s is None else ask_after_s
         self._opened: FirmataLine | None = None
         self._servo_pins: tuple[int, ...] = ()
+        self._markers: tuple[int, ...] = ()
         self._forget()
 
     def open(self) -> BoardIdentity:
@@ -99,8 +100,15 @@ class FirmataDriver:
         except BoardError:
             self.close()
             raise
-        firmware = board.firmware
-        self._servo_pins = board.capabilities.pins_with(PinMode.SERVO)
+        firmware, capabilities = board.firmware, board.capabilities
+        self._servo_pins = capabilities.pins_with(PinMode.SERVO)
+        self._markers = tuple(pin for pin in range(len(capabilities.pins)) if pin not in self._servo_pins)
+        if not self._markers:
+            self.close()
+            raise BoardProtocolError(
+                f"{line.name}: the board claims that every pin can drive a servo, which no StandardFirmata "
+                f"does; {HOW_TO_LOAD}"
+            )
         self._attacher = Attacher(firmware.name, fresh=board.fresh)
         name = firmware.name.removesuffix(".ino") or "a Firmata sketch without a name"
         return BoardIdentity(
@@ -299,14 +307,11 @@ class FirmataDriver:
         """The states of ``pins``, asked for now and waited for."""
         line = self._firmata
         states: dict[int, PinState] = {}
-        self._drain()
+        self._take(line.receive())
         if not pins:
             return states
-        self._send(b"".join(map(codec.pin_state_query, pins)))
-        for reply in line.listen(self._timeout_s):
-            self._take((reply,))
-            if isinstance(reply, PinState) and reply.pin in pins:
-                states[reply.pin] = reply
+        for state in self._answers(pins):
+            states[state.pin] = state
             if len(states) == len(pins):
                 return states
         missing = ", ".join(str(pin) for pin in pins if pin not in states)
@@ -315,29 +320,35 @@ class FirmataDriver:
             f"{self._timeout_s * 1000:.0f} ms; check the cable and the board's power supply"
         )
 
-    def _drain(self) -> None:
-        """Take the answers to earlier questions, lest they are taken for those to the next ones."""
-        self._take(self._firmata.receive())
-        if self._watch.waits:
-            for reply in self._firmata.listen(self._timeout_s):
-                self._take((reply,))
-                if not self._watch.waits:
-                    return
-
     def _await_off(self) -> tuple[int, ...]:
         """Ask for the pins' states and wait until all are off; return those that are not."""
         on = set(self._table.pins)
         if not on:
             return ()
-        self._send(b"".join(map(codec.pin_state_query, self._table.pins)))
-        for reply in self._firmata.listen(self._timeout_s):
-            self._take((reply,))
-            # Answers to earlier questions come first, and say that the pin is on.
-            if isinstance(reply, PinState) and reply.mode != PinMode.SERVO:
-                on.discard(reply.pin)
+        for state in self._answers(self._table.pins):
+            if state.mode != PinMode.SERVO:
+                on.discard(state.pin)
             if not on:
                 break
         return tuple(sorted(on))
+
+    def _answers(self, pins: Sequence[int]) -> Iterator[PinState]:
+        """What the board says of ``pins``, asked for now; its answers to earlier questions are left out.
+
+        Answers do not say to which question they belong, but come in order. So the first question is
+        about a pin that drives no servo, of which nothing else asks: what comes after its answer is new.
+        """
+        marker, *others = self._markers
+        self._markers = (*others, marker)  # not the same again: its answer may come late, too
+        self._send(b"".join(map(codec.pin_state_query, (marker, *pins))))
+        in_step = False
+        for reply in self._firmata.listen(self._timeout_s):
+            if not isinstance(reply, PinState):
+                self._take((reply,))
+            elif reply.pin == marker:
+                in_step = True
+            elif in_step and reply.pin in pins:
+                yield reply
 
 
 def _switched_off(pins: Sequence[int]) -> str:

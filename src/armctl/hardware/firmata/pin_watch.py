@@ -10,6 +10,8 @@ from armctl.hardware.firmata.replies import PinState
 
 _CERTAIN = 2
 """answers carry no checksum: one alone does not prove that a pin is on or off"""
+_GIVEN_UP = 1.4
+"""times the timeout: after that no answer is expected any more"""
 
 
 @dataclass(slots=True)
@@ -19,6 +21,8 @@ class _Question:
     at: float
     on: bool
     pulse_us: int | None
+    told: bool = False
+    """that there is no answer; one that comes later still belongs to this question, not to the next"""
 
 
 @dataclass(slots=True)
@@ -113,21 +117,19 @@ class PinWatch:
         self._turn = [number for number in self._turn if number not in chosen] + chosen
         return tuple(chosen)
 
-    @property
-    def waits(self) -> bool:
-        """Whether a question is still without its answer."""
-        return any(pin.asked is not None for pin in self._pins.values())
-
     def overdue(self, now: float, timeout_s: float) -> tuple[int, ...]:
-        """The pins that have not answered for ``timeout_s``; they may be asked again."""
-        late = tuple(
-            number
-            for number, pin in self._pins.items()
-            if pin.asked is not None and now - pin.asked.at > timeout_s
-        )
-        for number in late:
-            self._pins[number].asked = None
-        return late
+        """The pins that have not answered for ``timeout_s``, once; a little later they may be asked again."""
+        late: list[int] = []
+        for number, pin in self._pins.items():
+            question = pin.asked
+            if question is None or now - question.at <= timeout_s:
+                continue
+            if not question.told:
+                question.told = True
+                late.append(number)
+            elif now - question.at > _GIVEN_UP * timeout_s:
+                pin.asked = None
+        return tuple(late)
 
     def answered(self, state: PinState) -> str | None:
         """Take an answer; words where it is not what it should be, None where it is or was not asked."""

@@ -127,7 +127,7 @@ def refuse_end(
         place = _place(curve, 0.0)
         return ToolPathRefusedError(
             f"{_where(curve, place)}: the arm stands in a singularity and cannot begin this {curve.kind}; "
-            "move a joint first",
+            "bend the arm first (Main → Home, or turn a joint)",
             place,
             None,
         )

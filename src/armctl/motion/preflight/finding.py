@@ -39,4 +39,4 @@ class Finding:
     severity: Severity = "error"
 
     def __str__(self) -> str:
-        return f"{self.part}: {self.what} at {self.time:.2f} s; {self.mend}"
+        return f"{self.part}: at {self.time:.2f} s, {self.what}; {self.mend}"

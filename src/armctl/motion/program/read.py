@@ -47,7 +47,7 @@ def read_program(filename: str, content: bytes, robot: Robot | None) -> Program:
                 return read_script(content)
             case ".csv":
                 if robot is None:
-                    raise ProgramError("a CSV names no robot; say which one it is for")
+                    raise ProgramError("a CSV names no robot; say which one it is for, e.g. --robot uzuner")
                 return read_csv(content, robot, name.stem)
             case _:
                 raise ProgramError(f"is none of {', '.join(PROGRAM_SUFFIXES)}")

@@ -32,6 +32,9 @@ _TEST_NOTE = (
     "Save first: the test pose goes by the calibration in force, slowly. If it does not look like this, "
     "Revert takes the arm back in one click."
 )
+_SAVE_HINT = (
+    "Opens the arm anew. A Maestro whose own Timeout ends in that moment lets its servos go: keep clear."
+)
 _REVERT_HINT = "Bring this version in force again; the present one stays in the list."
 
 
@@ -45,7 +48,7 @@ class CalibrationSave:
         gui = session.gui
         self._overview = LiveHtml(gui)
         self._note = gui.add_text("Note", "", hint="What a later reader should know of this calibration.")
-        save = gui.add_button("Save calibration", icon=viser.Icon.DEVICE_FLOPPY)
+        save = gui.add_button("Save calibration", icon=viser.Icon.DEVICE_FLOPPY, hint=_SAVE_HINT)
         clear = gui.add_button("Forget what is not saved", color="gray")
         with gui.add_folder("Test pose"):
             self._pose = check_pose(session.console.robot)

@@ -140,12 +140,10 @@ class MainScreen:
         """The board on another port may be calibrated otherwise: then the arm is opened anew with it."""
         session = self._session
         session.require_operator()
-        console = session.console
-        same = port == console.default_port and await console.calibrating.holds_for(port)
-        if same or session.snapshot.board is not None:  # connected already: that is refused in words
-            await session.submit(Connect(port))
-        else:
+        if await session.robots.needs_reopening(port):
             await session.reopen_arm(port)
+        else:
+            await session.submit(Connect(port))
 
     async def _on_enable(self) -> None:
         await self._session.submit(Enable())

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from armctl.errors import StateError
 from armctl.motion.program import Program, Step
+from armctl.motion.program_check import check_program
 from armctl.runtime import UpdateProgram
 from armctl.ui.widgets.step_edit import Change
 from armctl.ui.widgets.step_list import page_of
@@ -47,8 +49,10 @@ class ProgramEditor:
         """
         self._session.require_operator()
         changed, selected = change(self._desk.program)
-        await self._take_over(lambda: self._desk.edit(lambda _: changed))
+        runs = await self._take_over(lambda: self._desk.edit(lambda _: changed))
         self.select(selected)
+        if runs:
+            await self._warn(changed)
 
     async def undo(self) -> None:
         """Take the last change back.
@@ -68,16 +72,24 @@ class ProgramEditor:
         self._session.require_operator()
         await self._take_over(self._desk.redo)
 
-    async def _take_over(self, edit: Callable[[], None]) -> None:
-        """Edit; if the arm runs what is edited, it is given the new version, too."""
+    async def _take_over(self, edit: Callable[[], None]) -> bool:
+        """Edit; if the arm runs what is edited, it is given the new version, too, and this is true."""
         desk = self._desk
         runs = desk.relation(self._session.snapshot.program) in ("running", "coming")
         edit()
         if not runs:
-            return
+            return False
         try:
             await self._session.submit(UpdateProgram(desk.program))
         except StateError:
             if self._session.snapshot.program is None:  # it has ended meanwhile
-                return
+                return False
             raise
+        return True
+
+    async def _warn(self, program: Program) -> None:
+        """Say before the next pass that the arm would stop in it; nobody has checked an edit as Run does."""
+        findings = await asyncio.to_thread(check_program, program, self._session.console.robot)
+        errors = [finding for finding in findings if finding.severity == "error"]
+        if errors and self._desk.program is program:
+            self._session.notify("The next pass would stop there", f"{errors[0]}; edit it, or Undo", "yellow")

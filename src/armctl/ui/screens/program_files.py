@@ -70,6 +70,8 @@ class ProgramFiles:
             case "Save":
                 self._session.require_operator()
                 path = await self._desk.save(name)
+                self.refresh()
+                self._saved.value = path.stem  # so that Load brings back this one, not another
                 self._session.notify("Saved", str(path))
             case "Download":
                 self._send(".toml", await asyncio.to_thread(encode_program, program))
@@ -82,7 +84,7 @@ class ProgramFiles:
         if self._export.value == "Python":
             self._send(".py", await asyncio.to_thread(write_script, program))
         else:
-            self._send(".csv", await asyncio.to_thread(write_csv, program, robot, "points"))
+            self._send("-xyz.csv", await asyncio.to_thread(write_csv, program, robot, "points"))
 
     async def _on_load(self) -> None:
         self._session.require_operator()
@@ -100,7 +102,9 @@ class ProgramFiles:
             self._desk.put(program)
         except ProgramError as cause:
             raise ProgramError(f"{file.name}: {cause}") from cause
-        self._session.notify("Uploaded", f"{file.name}: {len(program.steps)} steps are on the list")
+        count = len(program.steps)
+        steps = "1 step is" if count == 1 else f"{count} steps are"
+        self._session.notify("Uploaded", f"{file.name}: {steps} on the list")
         self._tell_findings()
 
     def _tell_findings(self) -> None:

@@ -115,7 +115,10 @@ class ProgramExtras:
                     raise InputError(f"speed: {percent:g} % is outside {SLOWEST_PERCENT} … 100 %")
                 await self._record.add(SpeedStep(percent=percent))
             case "Add comment":
-                await self._record.add(CommentStep(note=self._comment.value.strip()))
+                note = self._comment.value.strip()
+                if not note:
+                    raise InputError("Comment is empty; type it first")
+                await self._record.add(CommentStep(note=note))
             case _:
                 rows, times = self._rows.value, int(self._times.value)
                 await editor.change(lambda program: step_edit.wrap(program, rows, editor.selected, times))

@@ -62,6 +62,9 @@ _SWINGS = (
     "Between the points the spline swings beyond a joint limit that the points come close to: "
     "choose by another criterion, or stop at each point."
 )
+_CUT_SHORT = (
+    "Drawn as far as the arm can follow, as fast as its limits allow: profile and duration are left out."
+)
 _TIME = re.compile(r"^at [\d.]+ s, ")
 
 
@@ -116,9 +119,9 @@ def _tool_motion(robot: Robot, asked: MotionRequest, start: FloatArray, wish: To
     tip = robot.forward(start)[:3, 3]
     ideal = ToolLine(tip, wish.end) if wish.via is None else ToolArc.through(tip, wish.via, wish.end)
     trajectory, refused = _led(robot, start, wish, _law(asked.profile), asked.duration_s)
-    findings = (*refused, *preflight(robot, trajectory, tool_path=True))
+    findings = (*refused, *_besides(refused, preflight(robot, trajectory, tool_path=True)))
     return PlannedMotion(
-        asked.title,
+        asked.title.removesuffix(f", {asked.profile}") if refused else asked.title,
         trajectory,
         findings,
         ideal,
@@ -126,8 +129,14 @@ def _tool_motion(robot: Robot, asked: MotionRequest, start: FloatArray, wish: To
         if refused or ideal.length == 0
         else ideal.positions(np.linspace(0.0, ideal.length, _POINTS)),
         speed=wish.speed,
-        note="Drawn as far as the arm can follow." if refused else "",
+        note=_CUT_SHORT if refused else "",
     )
+
+
+def _besides(refused: tuple[Finding, ...], found: list[Finding]) -> list[Finding]:
+    """What the pre-flight found, but for the limit at which the motion was refused: that is told already."""
+    ends = {finding.part for finding in refused if finding.kind == "limits"}
+    return [finding for finding in found if not (finding.kind == "limits" and finding.part in ends)]
 
 
 def _led(

@@ -24,7 +24,7 @@ from armctl.errors import ArmctlError, StateError
 from armctl.ui.calibration_desk import CalibrationDesk
 from armctl.ui.calibration_work import CalibrationWork
 from armctl.ui.touched_points import TouchedPoints
-from armctl.ui.widgets.html_bits import fixed, heading, muted, refused, sentence, strong
+from armctl.ui.widgets.html_bits import fixed, heading, muted, refused, sentence, strong, with_minus
 from armctl.ui.widgets.text import table
 from armctl.ui.widgets.when import date_and_time
 
@@ -101,11 +101,11 @@ def limits_html(work: CalibrationWork, joint: str) -> str:
         low, high = work.limits(joint)
     except ArmctlError as error:
         return refused(sentence(str(error)))
-    mine, now = work.joint(joint), work.in_force
+    mine, now = work.joint(joint), None if work.in_force is None else work.in_force.joints.get(joint)
     if mine.low is not None or mine.high is not None:
         said = "set here"
-    elif now is not None and joint in now.joints:
-        said = "as in force"
+    elif now is not None and not mine.by_default:
+        said = "as in force" if (low, high) == (now.low, now.high) else "as in force, by the new marks"
     else:
         said = "as the robot file allows"
     return f"<div><b>{fixed(low, 1)} … {fixed(high, 1)} {work.map.unit}</b> ({said})</div>"
@@ -141,7 +141,7 @@ def draft_html(desk: CalibrationDesk) -> str:
 
 def check_pose_html(pose: CheckPose) -> str:
     """What one should see in the test pose."""
-    *joints, tool = pose.words
+    *joints, tool = (with_minus(words) for words in pose.words)
     said = f"<b>{escape(', '.join(joints))}</b>; {escape(tool)}."
     return f"<div>You should see ({escape(pose.title)}): {said}</div>"
 
@@ -212,7 +212,7 @@ def points_html(points: TouchedPoints) -> str:
 
 
 def told_html(points: TouchedPoints) -> str:
-    """What the touched points tell, and what the robot file should say."""
+    """What the touched points tell, and what robot file or calibration should say."""
     told, count = points.told, len(points.touches)
     if count < LEAST_POINTS:
         left = LEAST_POINTS - count
@@ -224,6 +224,6 @@ def told_html(points: TouchedPoints) -> str:
     first, *rest = told.words
     text = strong(sentence(first)) + "".join(f"<div>{escape(sentence(words))}</div>" for words in rest)
     if told.changes:
-        text += heading("Suggestion for the robot file")
+        text += heading("Suggested values")
         text += f"<pre style='margin:0;font-size:11.5px;user-select:text'>{escape(told.toml())}</pre>"
     return text + "".join(muted(sentence(words)) for words in told.not_told_apart)

@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterable
 from html import escape
+
+_MINUS = re.compile(r"(?<![\w.)-])-(?=\d)")
+"""a hyphen before a number that is no part of a word, a range or a date"""
 
 
 def fixed(value: float, digits: int) -> str:
@@ -29,8 +33,14 @@ def muted(text: str) -> str:
     return f"<div style='font-size:11.5px;opacity:.75'>{escape(text)}</div>"
 
 
+def with_minus(text: str) -> str:
+    """Words with real minus signs before their numbers, as ``fixed`` writes them."""
+    return _MINUS.sub("−", text)
+
+
 def sentence(text: str) -> str:
     """A message as a sentence of its own."""
+    text = with_minus(text)
     return text if text.endswith(".") else f"{text[:1].upper()}{text[1:]}."
 
 

@@ -61,12 +61,12 @@ def asked_pose(robot: Robot, degrees: Sequence[float]) -> FloatArray:
 
 
 def present_pose_deg(robot: Robot, snapshot: Snapshot) -> tuple[float, ...]:
-    """The pose to record, in degrees: what the arm was told, or, with the pulses off, what was measured.
+    """The pose to record, in degrees: what the arm was told last; before that, what its board says.
 
     Raises:
-        StateError: the arm is off and its board does not measure.
+        StateError: the arm was told nothing, and its board does not know.
     """
-    if snapshot.powered:
+    if snapshot.commanded:
         return tuple(slider_degrees(robot, snapshot.q_command))
     if np.isfinite(snapshot.q).all():
         return tuple(slider_degrees(robot, snapshot.q))

@@ -39,7 +39,10 @@ def parse_number(text: str, what: str) -> float:
         hint = " (write 1.5, with a point)" if "," in plain else ""
         raise InputError(f"{what}: {plain[:40]!r} is not a number{hint}") from cause
     if not math.isfinite(value) or abs(value) > _LARGEST:
-        raise InputError(f"{what}: {plain[:40]!r} is not a number that can be used")
+        raise InputError(
+            f"{what}: {plain[:40]!r} is not a number that can be used; "
+            f"it must be within -{_LARGEST:,.0f} … {_LARGEST:,.0f}"
+        )
     return value
 
 

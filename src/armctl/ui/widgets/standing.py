@@ -13,20 +13,20 @@ from armctl.runtime import Snapshot, State
 def present_outputs(robot: Robot, snapshot: Snapshot) -> dict[int, float]:
     """Output of every joint by channel, in the board's unit.
 
-    As the board tells it; while the pulses are on and the board tells nothing, as it was last told. An
-    arm that is off and whose board measures may have been led there by hand.
+    As the board tells it; where the board tells nothing, as it was last told. An arm that is off and whose
+    board measures may have been led there by hand.
 
     Raises:
         StateError: nobody knows where the arm is.
     """
     outputs = calibrated_map(robot)
-    if not snapshot.powered and snapshot.source is not Source.MEASURED:
+    unknown = np.isnan(snapshot.q)
+    if unknown.any() and not snapshot.commanded:
+        if snapshot.source is Source.MEASURED:
+            raise StateError("the board does not know where every joint stands; home the arm first")
         raise StateError(
             f"the arm is {snapshot.state.value}, so nobody knows where it stands; connect and enable it first"
         )
-    unknown = np.isnan(snapshot.q)
-    if not snapshot.powered and unknown.any():
-        raise StateError("the board does not know where every joint stands; home the arm first")
     return outputs.outputs(np.where(unknown, snapshot.q_command, snapshot.q))
 
 

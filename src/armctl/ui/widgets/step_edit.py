@@ -35,6 +35,7 @@ def add(program: Program, step: Step, where: str, selected: int) -> Change:
 
 def remove(program: Program, selected: int) -> Change:
     """Without the selected row (a block's marker goes with the other); the next is selected, or the last."""
+    _there(program, selected)
     shorter = delete(program, selected)
     removed = len(program.steps) - len(shorter.steps)
     ended_block = removed == 2 and isinstance(program.steps[selected], EndStep)
@@ -76,9 +77,14 @@ def wrap(program: Program, rows: str, selected: int, times: int) -> Change:
             raise InputError(f"rows to repeat: {rows.strip()[:40]!r} is no range of rows; write e.g. 2-5")
         first = int(match.group(1)) - 1
         last = first if match.group(2) is None else int(match.group(2)) - 1
+        for row in (first, last):
+            _there(program, row)
     return repeat(program, first, last, times), first
 
 
 def _there(program: Program, selected: int) -> None:
-    if not 0 <= selected < len(program.steps):
-        raise ProgramError(f"there is no row {selected + 1}; record a pose first")
+    count = len(program.steps)
+    if not count:
+        raise ProgramError("the list is empty; record a pose first")
+    if not 0 <= selected < count:
+        raise ProgramError(f"there is no row {selected + 1}; the program has {count}")

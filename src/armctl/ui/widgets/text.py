@@ -9,8 +9,8 @@ import viser
 
 _STYLE = "padding:2px 12px;font-size:12.5px;line-height:1.5;overflow-x:auto;overflow-wrap:anywhere"
 _CELL = "padding:0 6px;text-align:right;font-variant-numeric:tabular-nums;white-space:nowrap"
-_HEAD = ";white-space:normal;vertical-align:bottom"
-"""Long heads, such as a joint's name, go over several lines before a table grows too wide."""
+_HEAD = ";white-space:normal;overflow-wrap:normal;vertical-align:bottom"
+"""Long heads, such as a joint's name, go over several lines, never broken within a word."""
 
 
 class LiveHtml:

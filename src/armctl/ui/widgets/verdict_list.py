@@ -9,7 +9,7 @@ from armctl.motion.preflight import Finding
 from armctl.motion.program_check import ProgramFinding
 
 _MOST = 12
-_CLEAR = "Pre-flight: clear (limits, speeds, floor, self-collision, singularity, torque checked)"
+_CHECKED = ("limits", "speeds", "floor", "self-collision", "singularity", "torque")
 _MARK = {
     "error": ("✕ refused", "#c92a2a"),
     "warning": ("! warning", "#a65b00"),
@@ -28,7 +28,10 @@ def verdict_html(findings: Sequence[Finding | ProgramFinding], unknown: Sequence
         HTML; all texts are escaped.
     """
     if not findings:
-        verdict = f"<div style='opacity:.75'>{escape(_CLEAR)}</div>"
+        # What is told as not checked must not be told as checked in the line above it.
+        left_out = [text.partition(":")[0] for text in unknown]
+        checked = ", ".join(word for word in _CHECKED if not any(word in text for text in left_out))
+        verdict = f"<div style='opacity:.75'>Pre-flight: clear ({checked} checked)</div>"
     else:
         shown = sorted(findings, key=lambda finding: finding.severity != "error")
         verdict = _headline(findings) + "".join(_block(finding) for finding in shown[:_MOST])

@@ -1,0 +1,216 @@
+"""The real driver and the simulated encoder board on the controller's own clock: true bytes, no threads."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+from tests.runtime.kit import TEST, TICK
+
+from armctl.errors import BoardError, StateError
+from armctl.hardware import Fault, FaultyModel, LoopTransport, Source
+from armctl.hardware.encoder import EncoderDriver, Mode, SimulatedEncoderBoard
+from armctl.hardware.encoder.serve import simulated_encoder_board
+from armctl.robot import load_robot
+from armctl.runtime import (
+    ClearFault,
+    Connect,
+    Controller,
+    Enable,
+    HomeAxes,
+    InlineExecutor,
+    ManualClock,
+    MoveGripper,
+    MoveJoints,
+    Release,
+    Snapshot,
+    State,
+    Ticket,
+    channel_settings,
+)
+from armctl.runtime.commands import Command
+
+SCORBOT = load_robot("scorbot")
+HOMING_S = 180.0
+
+
+@dataclass
+class Bench:
+    clock: ManualClock
+    board: SimulatedEncoderBoard
+    line: FaultyModel
+    controller: Controller
+
+    @property
+    def now(self) -> Snapshot:
+        return self.controller.snapshot
+
+    def run(self, seconds: float) -> Snapshot:
+        for _ in range(round(seconds / TICK)):
+            self.clock.advance(TICK)
+            self.controller.tick()
+        return self.now
+
+    def do(self, command: Command) -> Ticket:
+        ticket = self.controller.submit(command, TEST)
+        self.run(TICK)
+        ticket.accepted.result(0)
+        return ticket
+
+    def until(self, *states: State, seconds: float = HOMING_S) -> Snapshot:
+        for _ in range(round(seconds / TICK)):
+            if self.run(TICK).state in states:
+                return self.now
+        raise AssertionError(f"{self.now.state}: {self.now.cause}")
+
+    def home(self) -> None:
+        ticket = self.do(HomeAxes())
+        self.until(State.HOLDING, State.OFF, State.FAULT)
+        ticket.finished.result(0)
+
+
+@pytest.fixture
+def bench() -> Bench:
+    clock = ManualClock(100.0)
+    board = simulated_encoder_board(channel_settings(SCORBOT), SCORBOT.axes)
+    line = FaultyModel(board)
+    driver = EncoderDriver(
+        lambda: LoopTransport(line, clock.now, clock.advance),
+        axes=SCORBOT.axes,
+        differential=SCORBOT.differential,
+        now=clock.now,
+        simulated=True,
+    )
+    bench = Bench(clock, board, line, Controller(SCORBOT, lambda _: driver, clock, executor=InlineExecutor()))
+    bench.do(Connect("sim"))
+    return bench
+
+
+@pytest.fixture
+def homed(bench: Bench) -> Bench:
+    bench.home()
+    return bench
+
+
+def test_home_move_grip_and_release(homed: Bench) -> None:
+    assert homed.now.source is Source.MEASURED
+    assert homed.now.commanded
+    goal = SCORBOT.pose("home") + np.radians([10, 5, -5, 5, 20])
+    moved = homed.do(MoveJoints(goal))
+    gripped = homed.do(MoveGripper(1.0))
+    homed.until(State.HOLDING)
+    homed.run(5.0)
+    moved.finished.result(0)
+    gripped.finished.result(0)
+    assert np.abs(homed.now.q - goal).max() <= np.radians(0.5)
+    homed.do(Release())
+    homed.run(0.1)
+    assert homed.board.mode is Mode.OFF
+    assert not homed.now.powered and not homed.now.commanded
+    assert np.isfinite(homed.now.q).all()  # the encoders go on counting
+    homed.do(Enable())
+    homed.run(0.2)
+    assert homed.board.mode is Mode.ON
+    assert homed.now.state is State.HOLDING
+
+
+def test_stop_ends_homing_and_it_can_be_begun_again(bench: Bench) -> None:
+    ticket = bench.do(HomeAxes())
+    bench.run(1.0)
+    assert bench.board.mode is Mode.HOMING
+    assert bench.now.powered and not bench.now.commanded
+    bench.controller.stop(TEST)
+    bench.run(TICK)
+    assert bench.board.mode is Mode.HELD
+    bench.run(1.0)
+    with pytest.raises(StateError, match="homing was stopped by test"):
+        ticket.finished.result(0)
+    assert bench.now.state is State.OFF
+    bench.home()
+    bench.do(MoveJoints(SCORBOT.pose("rest")))
+    bench.until(State.HOLDING)
+    assert bench.now.warnings == ()
+
+
+def test_the_gripper_asked_for_while_homing_changes_nothing(bench: Bench) -> None:
+    bench.do(HomeAxes())
+    bench.run(1.0)
+    with pytest.raises(StateError, match="the gripper needs the arm enabled"):
+        bench.do(MoveGripper(1.0))
+    bench.until(State.HOLDING)
+
+
+@pytest.mark.parametrize("moving", [False, True])
+def test_a_brown_out_is_a_fault_until_it_is_cleared_and_the_arm_homed(homed: Bench, moving: bool) -> None:
+    if moving:
+        homed.do(MoveJoints(SCORBOT.pose("rest")))
+        homed.run(0.2)
+    homed.line.brown_out(0.5)
+    homed.until(State.FAULT, seconds=2.0)
+    assert homed.board.mode is Mode.OFF
+    assert not homed.now.powered and not homed.now.commanded
+    if homed.now.board is None:
+        homed.do(Connect("sim"))
+    else:
+        homed.do(ClearFault())
+    homed.run(0.5)
+    assert homed.now.state is State.OFF
+    assert homed.board.mode is Mode.OFF
+    with pytest.raises(StateError, match="press Homing"):
+        homed.do(Enable())
+    homed.home()
+
+
+def test_a_brown_out_while_it_homes_is_told(bench: Bench) -> None:
+    ticket = bench.do(HomeAxes())
+    bench.run(1.0)
+    bench.line.brown_out(0.3)
+    bench.until(State.OFF, seconds=2.0)
+    with pytest.raises(BoardError, match="started anew"):
+        ticket.finished.result(0)
+    assert bench.board.mode is Mode.OFF
+    bench.home()
+
+
+def test_a_board_that_resets_and_stays_silent_is_lost(homed: Bench) -> None:
+    homed.do(MoveJoints(SCORBOT.pose("rest")))
+    homed.run(0.2)
+    homed.line.brown_out(60.0)
+    homed.until(State.FAULT, seconds=3.0)
+    assert homed.now.board is None
+    assert "lost the board" in homed.now.cause
+
+
+@pytest.mark.parametrize(
+    "fault", [Fault.DROP_COMMAND, Fault.GARBLE_COMMAND, Fault.DROP_REPLY, Fault.GARBLE_REPLY]
+)
+def test_stop_ends_homing_on_a_bad_line(bench: Bench, fault: Fault) -> None:
+    bench.do(HomeAxes())
+    bench.run(1.0)
+    bench.line.inject(fault, count=2)
+    bench.controller.stop(TEST)
+    bench.run(0.2)
+    assert bench.board.mode in (Mode.HELD, Mode.OFF)
+
+
+def test_a_controller_that_was_away_finds_its_motors_off(homed: Bench) -> None:
+    homed.do(MoveJoints(SCORBOT.pose("rest")))
+    homed.run(0.2)
+    homed.clock.advance(2.0)  # a laptop that was asleep
+    homed.until(State.FAULT, seconds=1.0)
+    assert "watchdog" in homed.now.cause
+    assert homed.board.mode is Mode.OFF
+    homed.do(ClearFault())
+    homed.do(Enable())
+    homed.run(0.2)
+    assert homed.now.state is State.HOLDING
+    assert homed.board.mode is Mode.ON
+
+
+def test_a_closed_controller_leaves_the_motors_to_the_watchdog(bench: Bench) -> None:
+    bench.do(HomeAxes())
+    bench.run(1.0)
+    bench.controller.close()
+    bench.board.advance(bench.clock.now() + 1.0)
+    assert bench.board.mode is Mode.OFF
