@@ -49,23 +49,27 @@ def test_sockets_and_ptys_have_the_board_of_the_robot_file(name: str, kind: type
 
 
 def test_a_port_may_name_its_board() -> None:
-    assert isinstance(boards("uzuner").driver("firmata:/dev/ttyUSB0"), FirmataDriver)
-    assert isinstance(boards("abaas", MAESTRO).driver("maestro:/dev/ttyACM0"), MaestroDriver)
+    assert isinstance(boards("abaas").driver("firmata:/dev/ttyUSB0"), FirmataDriver)
     assert split_kind("socket://a:1") == (None, "socket://a:1")
     assert split_kind("encoder:socket://a:1") == ("encoder", "socket://a:1")
 
 
+@pytest.mark.parametrize(
+    ("name", "port", "said"),
+    [
+        ("scorbot", "maestro:/dev/ttyACM0", "Scorbot ER-4PC is set up for Arduino with armctl"),
+        ("uzuner", "encoder:/dev/ttyACM0", "is set up for Pololu Maestro, this is Arduino with armctl"),
+        ("uzuner", "firmata:/dev/ttyACM1", "is set up for Pololu Maestro, this is Arduino with StandardFirm"),
+        ("abaas", "/dev/ttyACM0", "Abaas 5-DOF arm is set up for Arduino with StandardFirmata, this is Pol"),
+    ],
+)
+def test_one_boards_channels_are_not_anothers(name: str, port: str, said: str) -> None:
+    with pytest.raises(PortError, match=said):
+        boards(name, MAESTRO, MEGA).driver(port)
+
+
 def test_what_the_listing_knows_counts() -> None:
     assert isinstance(boards("uzuner", MAESTRO).driver("/dev/ttyACM0"), MaestroDriver)
-    with pytest.raises(PortError, match="is a Pololu Micro Maestro 6-channel, and the channels of Abaas"):
-        boards("abaas", MAESTRO).driver("/dev/ttyACM0")
-
-
-def test_servos_and_encoders_are_not_mixed_up() -> None:
-    with pytest.raises(PortError, match="Scorbot ER-4PC is set up for Arduino with armctl"):
-        boards("scorbot").driver("maestro:/dev/ttyACM0")
-    with pytest.raises(PortError, match="is set up for Pololu Maestro"):
-        boards("uzuner").driver("encoder:/dev/ttyACM0")
 
 
 def test_automatic_says_what_is_missing() -> None:

@@ -29,7 +29,7 @@ constexpr uint32_t BAUD = 115200UL;
 
 // 512 control ticks a second: the CPU clock divides by it without a rest, and what is counted in
 // counts/s and in 1/512 count a tick is the same number, so no tick needs a division. A tick of all six
-// axes takes 12,000 of its 31,250 cycles, 20,000 with the interrupts of six running encoders in it.
+// axes takes 14,000 of its 31,250 cycles, 22,500 with the interrupts of six running encoders in it.
 constexpr uint16_t TICK_HZ = 512;
 constexpr uint8_t TICK_SHIFT = 9;
 

@@ -9,6 +9,17 @@ int32_t fine(int32_t count) { return shifted_up<TICK_SHIFT>(count); }
 
 } // namespace
 
+void Profile::limit(int32_t low, int32_t high, uint16_t velocity, uint16_t acceleration) {
+    low_ = fine(low);
+    high_ = fine(high);
+    velocity_limit_ = static_cast<int16_t>(velocity);
+    velocity_limit_fine_ = fine(velocity_limit_);
+    acceleration_ = acceleration;
+    // v2 / 2a, and a quarter more for what must_brake() keeps back.
+    const uint32_t way = static_cast<uint32_t>(velocity) * velocity / acceleration;
+    longest_stop_ = way < 3000000UL ? fine(static_cast<int32_t>(way / 2 + way / 8 + 1)) : 0x7FFFFFFFL;
+}
+
 void Profile::stand_at(int32_t count) {
     position_ = line_ = goal_ = fine(count);
     velocity_ = 0;
@@ -73,6 +84,8 @@ bool Profile::must_stop_here() const {
     if (ends_at_rest_ && line_ticks_) {
         const int32_t to_goal = upward ? goal_ - position_ : position_ - goal_;
         if (to_goal < left) left = to_goal;
+    } else if (left > longest_stop_) {
+        return false;
     }
     const int16_t v = velocity();
     return left <= 0 || must_brake(static_cast<uint16_t>(upward ? v : -v), static_cast<uint32_t>(left));

@@ -15,13 +15,7 @@
 class Profile {
 public:
     // Soft limits [counts], of velocity [counts/s] and of acceleration [counts/s2].
-    void limit(int32_t low, int32_t high, uint16_t velocity, uint16_t acceleration) {
-        low_ = shifted_up<TICK_SHIFT>(low);
-        high_ = shifted_up<TICK_SHIFT>(high);
-        velocity_limit_ = static_cast<int16_t>(velocity);
-        velocity_limit_fine_ = shifted_up<TICK_SHIFT>(velocity_limit_);
-        acceleration_ = acceleration;
-    }
+    void limit(int32_t low, int32_t high, uint16_t velocity, uint16_t acceleration);
 
     // Be at rest at a count.
     void stand_at(int32_t count);
@@ -55,6 +49,7 @@ private:
     int32_t position_ = 0; // [1/512 count]
     int32_t velocity_ = 0; // [1/512 count/s]
     int32_t low_ = 0, high_ = 0; // [1/512 count]
+    int32_t longest_stop_ = 0;   // farther from a limit than this, nothing has to brake for it [1/512 count]
     int16_t velocity_limit_ = 1;
     int32_t velocity_limit_fine_ = 1; // [1/512 count/s]
     uint16_t acceleration_ = 1; // [counts/s2], which is [1/512 count/s] a tick

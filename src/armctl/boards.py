@@ -52,12 +52,12 @@ class Boards:
         """A driver for a port, not opened yet.
 
         Args:
-            port: ``sim``, ``auto``, a device or ``socket://host:port``; a device may have the kind of the
-                board in front (``firmata:/dev/ttyUSB0``) where that is not what the robot file says.
+            port: ``sim``, ``auto``, a device or ``socket://host:port``; a device may have the kind of its
+                board in front (``firmata:/dev/ttyUSB0``), which then must be that of the robot file.
 
         Raises:
-            PortError: ``auto`` found no board, or more than one; a board that the robot file has no
-                outputs for; or the arm may only be simulated.
+            PortError: ``auto`` found no board, or more than one; another kind of board than the robot
+                file's; or the arm may only be simulated.
         """
         if port == SIMULATED:
             return self._driver(self._robot.board, self.simulated().port, simulated=True)
@@ -87,10 +87,11 @@ class Boards:
 
     def _driver(self, kind: BoardKind, line: str, *, simulated: bool = False) -> Driver:
         robot = self._robot
-        if (kind == "encoder") != (robot.board == "encoder"):
+        if kind != robot.board:
             raise PortError(
                 f"{line}: {robot.title} is set up for {BOARD_TITLES[robot.board]}, this is "
-                f"{BOARD_TITLES[kind]}; choose another port, or give the robot file the board's outputs"
+                f"{BOARD_TITLES[kind]}, and a channel of one is not that of the other; choose another port, or "
+                "give the arm a robot file for this board ([board] kind, channels)"
             )
         match kind:
             case "maestro":
@@ -128,11 +129,6 @@ class Boards:
         """What the listing says; an Arduino, a pty or a socket has what the robot file says."""
         info = describe_port(device, self._ports())
         if info is not None and MaestroModel.from_label(info.kind) is not None:
-            if self._robot.board == "firmata":
-                raise PortError(
-                    f"{device} is a {info.kind}, and the channels of {self._robot.title} are pins of an "
-                    f"Arduino; choose the Arduino's port (or, if the wiring is the same, maestro:{device})"
-                )
             return "maestro"
         return self._robot.board
 

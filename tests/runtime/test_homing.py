@@ -20,6 +20,8 @@ def test_an_arm_that_was_not_homed_cannot_be_enabled(rig: Rig) -> None:
     with pytest.raises(StateError, match="does not know where it is yet; press Homing"):
         rig.do(Enable()).finished.result(0)
     assert rig.now.state is State.OFF
+    with pytest.raises(StateError, match="a motion needs the arm holding, it is off; press Homing"):
+        rig.do(MoveJoints(SCORBOT.pose("rest"))).finished.result(0)
     assert rig.driver.writes == []
 
 

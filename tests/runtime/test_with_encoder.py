@@ -208,6 +208,27 @@ def test_a_controller_that_was_away_finds_its_motors_off(homed: Bench) -> None:
     assert homed.board.mode is Mode.ON
 
 
+@pytest.mark.parametrize("moving", [False, True])
+def test_a_host_that_speaks_again_while_the_board_brakes_is_told_and_can_go_on(
+    homed: Bench, moving: bool
+) -> None:
+    if moving:
+        homed.do(MoveJoints(SCORBOT.pose("rest")))
+        homed.run(0.5)
+    homed.clock.advance(0.45)  # this computer was busy: the board brakes, and is off 0.05 s later
+    homed.run(0.1)
+    assert homed.now.state is State.FAULT
+    assert "watchdog" in homed.now.cause
+    homed.run(1.0)
+    assert homed.board.mode is Mode.OFF
+    homed.do(ClearFault())
+    assert homed.now.state is State.OFF
+    homed.do(Enable())
+    assert homed.now.state is State.HOLDING
+    homed.do(MoveJoints(SCORBOT.pose("home")))
+    homed.until(State.HOLDING)
+
+
 def test_a_closed_controller_leaves_the_motors_to_the_watchdog(bench: Bench) -> None:
     bench.do(HomeAxes())
     bench.run(1.0)

@@ -30,7 +30,8 @@ def run(program: Path, robot: str | None, port: str, loops: int, forever: bool, 
     Servos that are off jump to the rest pose first, and motors with encoders look for their home switches:
     keep clear.
 
-    Ctrl-C stops the arm and holds it. The pulses stay on at the end.
+    Ctrl-C stops the arm. At the end servos stay on; motors with encoders go off, as their board does when
+    nobody speaks to it.
     """
     arm_robot = None if robot is None else load_robot(robot)
     loaded = open_program(program, arm_robot)
@@ -50,4 +51,5 @@ def run(program: Path, robot: str | None, port: str, loops: int, forever: bool, 
         x, y, z = arm.position_mm
         click.echo(
             f"done: {loaded.name}, {len(loaded.steps)} steps; the tool is at ({x:.1f}, {y:.1f}, {z:.1f}) mm"
+            + ("; the motors go off now" if arm_robot.board == "encoder" else "")
         )

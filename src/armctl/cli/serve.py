@@ -57,9 +57,10 @@ def serve(robot: str, port: str, host: str, http_port: int, no_browser: bool) ->
     try:
         app = App(robots, host, http_port, token)
         try:
-            _connect(console, port)
+            connected = _connect(console, port)
             url = app.url if token is None else f"{app.url}/?token={token}"
-            click.echo(f"armctl: {present.title} on {_port_label(port)}: {url}  (Ctrl-C ends)")
+            where = f"on {_port_label(port)}" if connected else "(not connected)"
+            click.echo(f"armctl: {present.title} {where}: {url}  (Ctrl-C ends)")
             if not no_browser and _has_display():
                 webbrowser.open(url)
             _wait()
@@ -107,12 +108,14 @@ def _title(name: str) -> str:
         return name
 
 
-def _connect(console: Console, port: str) -> None:
-    """Connect at once; where that fails the page says why and offers the other ports."""
+def _connect(console: Console, port: str) -> bool:
+    """Connect at once, or not; where that fails the page says why and offers the other ports."""
     try:
         console.controller.submit(Connect(port), Origin("start")).result()
     except ArmctlError as refusal:
         click.echo(f"armctl: not connected: {refusal}", err=True)
+        return False
+    return True
 
 
 def _port_choices(asked: str, robot: Robot) -> list[PortChoice]:

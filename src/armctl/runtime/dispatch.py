@@ -145,7 +145,8 @@ def _hint(core: Core) -> str:
         case State.DISCONNECTED:
             return "; connect and enable first"
         case State.OFF:
-            return "; enable first"
+            homing = core.monitor.reading.homing
+            return "; enable first" if homing is None or homing.done else f"; {power.HOME_FIRST}"
         case State.MOVING | State.PAUSED:
             return f" ({core.cause}); stop first"
         case State.FAULT:

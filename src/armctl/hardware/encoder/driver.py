@@ -165,7 +165,7 @@ class EncoderDriver:
             },
             source=Source.MEASURED,
             errors=errors + tuple(f"a setpoint was refused: {one}" for one in refusals),
-            powered=status.mode.powered,
+            powered=status.mode.powered and not self._watch.went_off,
             faults=self._watch.faults,
             homing=self._homing_state(status),
         )

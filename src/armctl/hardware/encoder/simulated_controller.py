@@ -39,7 +39,8 @@ class SimulatedController:
         self._ticks = 0
         self._watchdog_s = WATCHDOG_RANGE_MS[1] / 1000.0
         self._heard_s = 0.0
-        self._braking = self._held_told = False
+        self._off_at_s: float | None = None
+        self._held_told = False
         self._homing: Homing | None = None
         self._to_home: list[int] = []
         self._events: list[str] = []
@@ -97,6 +98,8 @@ class SimulatedController:
     def switch_on(self) -> None:
         """Hold where the axes stand."""
         self.check_not(Mode.TRIPPED, Mode.HOMING)
+        if self._off_at_s is not None:
+            raise Refused("HOLD", "braking")
         if self.mode is Mode.OFF:
             self._begin(Mode.ON)
 
@@ -117,7 +120,7 @@ class SimulatedController:
 
     def release_hold(self) -> None:
         """Take setpoints again. Nothing moves by this; the watchdog's braking is not undone."""
-        if self.mode is Mode.HELD and not self._braking:
+        if self.mode is Mode.HELD and self._off_at_s is None:
             self.mode = Mode.ON
 
     def clear(self) -> None:
@@ -192,14 +195,17 @@ class SimulatedController:
             self._to_home.pop(0)
 
     def _watch_host(self) -> None:
-        left_s = self._watchdog_s - (self.time_s - self._heard_s) - _SLACK_S
-        if left_s <= 0.0:
-            self._end(Mode.OFF)
-        elif left_s <= min(_LONGEST_BRAKING_S, self._watchdog_s / 2) and not self._braking:
+        """Brake when the host has been silent for long, then switch off, whatever it says by then."""
+        if self._off_at_s is None:
+            limit_s = self._watchdog_s - min(_LONGEST_BRAKING_S, self._watchdog_s / 2)
+            if self.time_s - self._heard_s < limit_s - _SLACK_S:
+                return
             self._flags |= BoardFlag.WATCHDOG
             self._events.append("watchdog")
-            self._braking = True
+            self._off_at_s = self._heard_s + self._watchdog_s
             self._hold()
+        if self.time_s >= self._off_at_s - _SLACK_S:
+            self._end(Mode.OFF)
 
     def _trip(self, number: int, fault: FaultKind) -> None:
         axis = self.axes[number]
@@ -218,13 +224,13 @@ class SimulatedController:
 
     def _end(self, mode: Mode) -> None:
         self.mode = Mode.TRIPPED if self.mode is Mode.TRIPPED else mode
-        self._braking = False
+        self._off_at_s = None
         self._homing = None
         self._to_home.clear()
 
     def _hold(self) -> None:
         self.mode = Mode.HELD
-        self._held_told = self._braking
+        self._held_told = self._off_at_s is not None
         self._homing = None
         self._to_home.clear()
         for axis in self.axes:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from armctl.hardware.encoder.axis_fault import fault_words, flag_words
+from armctl.hardware.encoder.axis_fault import BoardFlag, fault_words, flag_words
 from armctl.hardware.encoder.messages import Event
 from armctl.hardware.encoder.status import Status
 
@@ -67,7 +67,9 @@ class BoardWatch:
         }
         words = [restart_words(restarted)] if restarted is not None else []
         words += flag_words(status.flags)
-        if self.on and (not status.mode.powered or restarted is not None):
+        # A board that brakes because nobody spoke to it switches its motors off in a moment.
+        goes_off = not status.mode.powered or BoardFlag.WATCHDOG in status.flags
+        if self.on and (goes_off or restarted is not None):
             self.on, self._went_off = False, True
         if self._went_off and not words and not self._faults:
             words.append("the board switched its motors off by itself")
