@@ -53,7 +53,7 @@ class Boards:
 
         Args:
             port: ``sim``, ``auto``, a device or ``socket://host:port``; a device may have the kind of its
-                board in front (``firmata:/dev/ttyUSB0``), which then must be that of the robot file.
+                board in front (``firmata:/dev/ttyUSB0``), which must be that of the robot file.
 
         Raises:
             PortError: ``auto`` found no board, or more than one; another kind of board than the robot
@@ -90,8 +90,8 @@ class Boards:
         if kind != robot.board:
             raise PortError(
                 f"{line}: {robot.title} is set up for {BOARD_TITLES[robot.board]}, this is "
-                f"{BOARD_TITLES[kind]}, and a channel of one is not that of the other; choose another port, or "
-                "give the arm a robot file for this board ([board] kind, channels)"
+                f"{BOARD_TITLES[kind]}, and a channel of one is not that of the other; choose another port, "
+                "or give the arm a robot file for this board ([board] kind, channels)"
             )
         match kind:
             case "maestro":

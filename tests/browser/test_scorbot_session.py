@@ -160,6 +160,17 @@ def test_stop_ends_homing(page: Screen, cable: Cable) -> None:
     assert not page.is_enabled("Enable")
 
 
+def test_disconnecting_asks_before_the_arm_drops(page: Screen, cable: Cable) -> None:
+    home(page)
+    page.click("Disconnect")
+    page.wait_for_notification("THE ARM MAY DROP")
+    page.wait_for_text("HOLDING")
+    assert cable.mode is Mode.ON
+    page.click("Disconnect")
+    page.wait_for_text("DISCONNECTED")
+    assert page.errors == []
+
+
 def test_a_stalled_axis_is_told_in_words(page: Screen, cable: Cable) -> None:
     home(page)
     with cable.server.inspect() as board:

@@ -99,7 +99,7 @@ def test_a_finding_of_the_preflight_says_when_where_what_and_how_to_mend_it() ->
     assert (finding.step, finding.part, finding.severity) == (2, "the tool", "error")
     assert finding.time is not None and finding.time > 0
     assert "below the floor" in finding.what and "raise the target" in finding.mend
-    assert str(finding) == (f"step 3: the tool: {finding.what} at {finding.time:.2f} s; {finding.mend}")
+    assert str(finding) == (f"step 3: the tool: at {finding.time:.2f} s, {finding.what}; {finding.mend}")
 
 
 def test_warnings_are_told_apart_from_errors() -> None:

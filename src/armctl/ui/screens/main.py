@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import asyncio
+import math
 from collections.abc import Iterable
 from html import escape
 from typing import TYPE_CHECKING, ClassVar
@@ -43,6 +45,11 @@ _UNHOMED_NOTE = (
     "The arm does not know where it is yet. **Homing** moves every axis slowly to its home switch, one after "
     "the other: keep clear."
 )
+_ASKED_S = 5.0
+_DISCONNECT_DROPS = (
+    "The board switches its motors off when nobody speaks to it: THE ARM MAY DROP half a second later. Click "
+    "Disconnect again to go on."
+)
 _HOMING_HINT = "Find the zero of every axis: the arm moves to its home switches. STOP ends it."
 
 
@@ -58,6 +65,7 @@ class MainScreen:
         self._choices = {choice.label: choice for choice in console.list_ports()}
         labels = tuple(self._choices)
         chosen = next((c.label for c in self._choices.values() if c.port == console.default_port), labels[0])
+        self._asked_to_disconnect = -math.inf
         self._robot = RobotChooser(session)
         self._port = gui.add_dropdown("Port", labels, initial_value=chosen)
         self._line = gui.add_button_group("Board", ("Connect", "Disconnect", "Rescan"))
@@ -129,12 +137,25 @@ class MainScreen:
             self._choices = {choice.label: choice for choice in self._session.console.list_ports()}
             self._port.options = tuple(self._choices)
         elif asked == "Disconnect":
-            await self._session.submit(Disconnect())
+            await self._disconnect()
         else:
             choice = self._choices[self._port.value]
             if choice.why_not is not None:
                 raise InputError(f"{choice.label} cannot be used: {choice.why_not}")
             await self._connect(choice.port)
+
+    async def _disconnect(self) -> None:
+        """Where that lets the arm drop, the first click asks, and a second one soon after disconnects."""
+        session = self._session
+        session.require_operator()
+        drops = session.console.robot.board == "encoder" and session.snapshot.powered
+        now = asyncio.get_running_loop().time()
+        if drops and now - self._asked_to_disconnect > _ASKED_S:
+            self._asked_to_disconnect = now
+            session.notify("Disconnect?", _DISCONNECT_DROPS, color="yellow")
+            return
+        self._asked_to_disconnect = -math.inf
+        await session.submit(Disconnect())
 
     async def _connect(self, port: str) -> None:
         """The board on another port may be calibrated otherwise: then the arm is opened anew with it."""
