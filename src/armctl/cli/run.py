@@ -45,9 +45,7 @@ def run(program: Path, robot: str | None, port: str, loops: int, forever: bool, 
     with Arm.open(arm_robot, port) as arm:
         arm.set_speed(speed)
         if any(not axis.homed for axis in arm.snapshot.homing):
-            click.echo(
-                "homing: axis by axis, the arm moves to its home switches; keep clear", err=True
-            )
+            click.echo("homing: axis by axis, the arm moves to its home switches; keep clear", err=True)
         arm.enable()
         arm.run(loaded, None if forever else loops)
         x, y, z = arm.position_mm
