@@ -1,0 +1,79 @@
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+
+import pytest
+from tests.runtime.kit import make_rig
+
+from armctl.hardware import BoardIdentity
+from armctl.robot import load_robot
+from armctl.runtime import AxisHoming, Snapshot
+from armctl.ui import PortChoice
+from armctl.ui.widgets.board_text import board_html, enable_note, homing_html, ports_html
+
+
+@pytest.fixture
+def snapshot() -> Snapshot:
+    return make_rig(robot=load_robot("scorbot")).now
+
+
+def words(html: str) -> str:
+    return " ".join(re.sub("<[^>]*>|&nbsp;", " ", html).split())
+
+
+def test_boards_are_listed_with_serial_number_and_why_one_cannot_be_used() -> None:
+    told = words(
+        ports_html(
+            [
+                PortChoice("sim", "Simulated board"),
+                PortChoice("/dev/ttyACM0", "Arduino Mega on /dev/ttyACM0", None, "8573", listed=True),
+                PortChoice(
+                    "/dev/ttyACM1",
+                    "Pololu Micro Maestro 6-channel on /dev/ttyACM1",
+                    "no permission to open it; run `sudo usermod -aG dialout $USER`",
+                    notes=("a <note>",),
+                    listed=True,
+                ),
+            ]
+        )
+    )
+    assert told == (
+        "Arduino Mega on /dev/ttyACM0 · serial number 8573 Pololu Micro Maestro 6-channel on /dev/ttyACM1 "
+        "cannot be used: no permission to open it; run `sudo usermod -aG dialout $USER` a &lt;note&gt;"
+    )
+
+
+def test_what_is_connected_is_told_with_its_notes(snapshot: Snapshot) -> None:
+    assert words(board_html(snapshot)) == "not connected"
+    board = BoardIdentity("encoder board", "/dev/ttyACM0", "8573", notes=("motors & more",))
+    assert words(board_html(replace(snapshot, board=board))) == (
+        "encoder board on /dev/ttyACM0 · serial number 8573 motors &amp; more"
+    )
+
+
+def test_homing_shows_every_axis(snapshot: Snapshot) -> None:
+    assert homing_html(snapshot) == ""
+    axes = (
+        AxisHoming("Waist", True, False),
+        AxisHoming("Elbow", False, True),
+        AxisHoming("R<oll", False, False),
+    )
+    assert words(homing_html(replace(snapshot, homing=axes))) == "Homed 1 of 3: ✓ Waist … Elbow ○ R&lt;oll"
+
+
+@pytest.mark.parametrize(
+    ("board", "powered", "homed", "said"),
+    [
+        ("maestro", False, None, "jumps to the rest pose"),
+        ("maestro", True, None, "takes the arm over where it stands"),
+        ("firmata", False, None, "jumps to the rest pose"),
+        ("encoder", False, False, "moves every axis slowly to its home switch"),
+        ("encoder", False, True, "they hold the arm where it stands"),
+    ],
+)
+def test_what_enable_will_do(
+    snapshot: Snapshot, board: str, powered: bool, homed: bool | None, said: str
+) -> None:
+    homing = () if homed is None else (AxisHoming("Waist", homed, False),)
+    assert said in enable_note(replace(snapshot, powered=powered, homing=homing), board)
