@@ -69,6 +69,7 @@ def test_homing_shows_every_axis(snapshot: Snapshot) -> None:
         ("maestro", True, None, "takes the arm over where it stands"),
         ("firmata", False, None, "jumps to the rest pose"),
         ("encoder", False, False, "moves every axis slowly to its home switch"),
+        ("encoder", False, None, "moves every axis slowly to its home switch"),
         ("encoder", False, True, "they hold the arm where it stands"),
     ],
 )
