@@ -191,9 +191,6 @@ def test_a_loop_runs_until_stop_and_its_step_is_marked(screen: Screen, served: S
     screen.click("Loop")
     screen.wait_for_text(re.compile(r"runs step \d of 2, pass [2-9] of ∞"))
     screen.wait_for_text(re.compile(r"▶ [12]"))
-    screen.type_into("Angles °", "0, -3, -60, -20, 0")
-    screen.click("Apply to step")
-    screen.wait_for_notification(re.compile(r"The next pass would stop there.*below the floor", re.DOTALL))
     screen.click("Pause", within=screen.row("While it runs"))
     screen.wait_until(lambda: served.now.state is State.PAUSED, "the program pauses")
     screen.click("Resume", within=screen.row("While it runs"))
@@ -402,3 +399,6 @@ def test_a_program_is_edited_while_it_loops(screen: Screen, served: ServedArm) -
     screen.wait_for_text(re.compile(r"runs step \d of 2"))
     screen.wait_for_text(re.compile(r"▶ [12]"))
     assert screen.notifications() == []
+    screen.type_into("Angles °", "0, -3, -60, -20, 0")
+    screen.click("Apply to step")
+    screen.wait_for_notification(re.compile(r"The next pass would stop there.*below the floor", re.DOTALL))
