@@ -17,9 +17,9 @@ from tests.kinematics.kit import (
     solver_of,
 )
 
-from armctl import load_robot
+from armctl import Robot, load_robot
 from armctl.errors import InputError
-from armctl.kinematics import BatchSolutions, DHChain, DHRow, Target, YawPitchRollSolver
+from armctl.kinematics import BatchSolutions, DHChain, DHRow, Target, YawPitchRollSolver, shares
 
 
 def arms() -> list[tuple[DHChain, FloatArray]]:
@@ -77,7 +77,7 @@ def test_every_branch_of_a_batch_is_what_solve_lists() -> None:
 
 def test_a_pitch_straight_up_and_beyond_the_vertical() -> None:
     robot = load_robot("abaas")
-    for pitch in (math.pi / 2, -math.pi / 2, math.radians(120), -3.0, 2 * math.pi + 0.3, 0.0):
+    for pitch in (math.pi / 2, -math.pi / 2, math.radians(120), -3.0, 2 * math.pi - 0.3, 0.0):
         position = np.array([[0.02, -0.2, 0.25], [-0.1, -0.1, 0.1], [0.0, -0.25, 0.05], [0.05, -0.15, 0.3]])
         batch = robot.inverse_batch(position, pitch, 1.0)
         for i, one in enumerate(position):
@@ -179,6 +179,58 @@ def test_other_families_say_which_one_has_it() -> None:
     for ask in (robot.inverse_batch, robot.least_rotation):
         with pytest.raises(InputError, match="is for arms of the family 'yaw, parallel pitch joints, roll'"):
             ask([[0.1, 0.1, -0.3]])
+
+
+@pytest.mark.parametrize("name", ["mico", "abaas", "scorbot"])
+def test_points_at_the_end_of_reach_with_the_straight_arm_outside_its_limits(name: str) -> None:
+    """All columns in line, none of them inside: an answer like any other, not a crash."""
+    robot = load_robot(name)
+    rng = np.random.default_rng(111)
+    q = random_q(rng, np.tile([-math.pi, math.pi], (robot.n, 1)), 200)
+    ik = robot.inverse_kinematics
+    assert isinstance(ik, YawPitchRollSolver)
+    q[:, 2] = ik.geometry.joint_angle(1, 0.0)
+    position = robot.forward(q)[:, :3, 3]
+    pitch = None if name == "mico" else robot_pitch(robot, q)
+    batch = robot.inverse_batch(position, pitch, 0.0)
+    for i in range(200):
+        alone = robot.inverse_batch(position[i : i + 1], None if pitch is None else pitch[i], 0.0)
+        assert (alone.found[0] == batch.found[i]).all()
+    assert not batch.found.any(axis=1).all()
+
+
+def robot_pitch(robot: Robot, q: FloatArray) -> FloatArray:
+    return np.arcsin(np.clip(robot.forward(q)[:, 2, 2], -1.0, 1.0))
+
+
+def test_a_batch_shared_among_cores_is_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
+    robot = load_robot("scorbot")
+    rng = np.random.default_rng(112)
+    q = random_q(rng, robot.limits, 1000)
+    position, pitch = robot.forward(q)[:, :3, 3], robot_pitch(robot, q)
+    pitch[::7] = math.pi / 2
+    alone = robot.inverse_batch(position, pitch, q[:, 4]), robot.forward(q), robot.jacobian(q)
+    monkeypatch.setattr(shares, "SHARE", 64)
+    monkeypatch.setattr(shares, "cores", lambda: 4)
+    shared = robot.inverse_batch(position, pitch, q[:, 4]), robot.forward(q), robot.jacobian(q)
+    assert (alone[0].found == shared[0].found).all()
+    for one, other in ((alone[0].q, shared[0].q), *zip(alone[1:], shared[1:], strict=True)):
+        assert np.array_equal(one, other, equal_nan=True)
+    q[300, 1], q[900, 2] = math.nan, math.inf
+    with pytest.raises(InputError, match="in row 300"):
+        robot.forward(q)
+
+
+def test_a_pitch_in_degrees_is_refused() -> None:
+    robot = load_robot("scorbot")
+    with pytest.raises(InputError, match=r"a pitch is in radians, within a turn; got -30\.0 "):
+        robot.inverse([0.3, 0.0, 0.3], pitch=-30.0)
+    with pytest.raises(InputError, match=r"got 7\.0 in row 1"):
+        robot.inverse_batch([[0.3, 0.0, 0.3]] * 2, [0.0, 7.0])
+    there = robot.inverse([0.4, 0.1, 0.2], pitch=-1.0)
+    turned = robot.inverse([0.4, 0.1, 0.2], pitch=2 * math.pi - 1.0)
+    assert there.branch.tolist() == turned.branch.tolist()
+    assert np.abs(there.q - turned.q).max() < 1e-12
 
 
 def test_an_empty_batch_is_an_empty_answer() -> None:

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from armctl import load_robot
+from armctl.kinematics import BranchFinder, Target
 
 TARGETS = [
     ("mico", (0.3, 0.0, 0.1), {}),
@@ -70,3 +71,14 @@ def test_the_humanoid_elbow_branches_with_a_held_roll() -> None:
 def test_a_free_joint_or_a_point_out_of_reach_has_no_branches() -> None:
     assert load_robot("uzuner").branches([0.2, 0.0, 0.1]) == ()
     assert load_robot("mico").branches([0.5, 0.0, 0.7]) == ()
+
+
+def test_any_roll_is_one_that_the_roll_joint_can_take() -> None:
+    robot = load_robot("scorbot")
+    limits = robot.limits.copy()
+    limits[4] = [0.5, 1.0]
+    titles = [joint.title for joint in robot.joints]
+    finder = BranchFinder(robot.chain, limits, robot.energy, titles)
+    found = finder.find(Target.of([0.4, 0.1, 0.2], pitch=-1.0))
+    assert [branch.q[4] for branch in found] == [0.5] * len(found)
+    assert not all(branch.forbidden for branch in found)

@@ -84,9 +84,8 @@ def test_the_base_of_an_upright_arm_carries_nothing() -> None:
 def test_of_two_that_tie_the_first_is_taken() -> None:
     found = load_robot("uzuner").inverse([0.2, 0.05, 0.085], pitch=math.radians(-90))
     twice = Solutions(
-        found.target, np.repeat(found.q, 2, axis=0), np.repeat(found.branch_index, 2), found.branch_names,
-        found.chain, found.energy, found.pitch_joints,
-    )  # fmt: skip
+        found.arm, found.target, np.repeat(found.q, 2, axis=0), np.repeat(found.branch_index, 2)
+    )
     assert twice.index_of(twice.best()) == 0
     assert twice.best().tolist() == found.q[0].tolist()
 

@@ -61,7 +61,7 @@ def assert_true(solutions: Solutions, limits: FloatArray) -> None:
     """Every solution inside the limits and at the target, by plain products."""
     assert ((solutions.q >= limits[:, 0]) & (solutions.q <= limits[:, 1])).all()
     for q in solutions.q[:: max(1, len(solutions) // 20)]:
-        T = plain_forward(solutions.chain, q)
+        T = plain_forward(solutions.arm.chain, q)
         assert np.abs(T[:3, 3] - solutions.target.position).max() < 1e-9
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable
 
 import numpy as np
@@ -12,6 +13,7 @@ from tests.kinematics.kit import FloatArray, chain_of, random_planar_arm, random
 
 from armctl import load_robot
 from armctl.kinematics import DHChain, InverseKinematics, Target
+from armctl.kinematics.limit_words import needs
 
 STEP = math.radians(0.5)
 
@@ -196,3 +198,26 @@ def test_two_pitch_joints_whose_limits_forbid_the_pitch_that_the_links_give() ->
             continue  # another branch has the same pitch inside the limits
         assert "impossible" not in str(solutions.reason)
         assert "Shoulder needs" in str(solutions.reason)
+
+
+def test_a_joint_at_its_limit_is_not_blamed() -> None:
+    """The least excess leaves other joints at their limits, but for the last digits of a search."""
+    uzuner = load_robot("uzuner").inverse([0.04242160388733107, -0.024733999878656432, 0.20818660758888938])
+    humanoid = load_robot("humanoid").inverse(
+        [-0.03170100820513222, 0.5132632123685765, -0.10304934813541569]
+    )
+    for solutions in (uzuner, humanoid):
+        assert solutions.reason is not None
+        for needed, low, high in re.findall(
+            r"needs (\S+)°, its limits are (\S+)° … (\S+)°", solutions.reason
+        ):
+            assert not float(low) <= float(needed) <= float(high)
+
+
+def test_an_excess_in_the_last_digits_is_said_with_as_many() -> None:
+    limits = np.radians([-10.0, 20.0])
+    assert (
+        needs("Elbow", limits, math.radians(20.00012))
+        == "Elbow needs 20.0001°, its limits are -10.00° … 20.00°"
+    )
+    assert needs("Elbow", limits, math.radians(21.0)) == "Elbow needs 21.00°, its limits are -10.00° … 20.00°"

@@ -11,12 +11,13 @@ from tests.kinematics.kit import FloatArray, chain_of, plain_forward, random_pla
 
 from armctl import load_robot
 from armctl.errors import InputError
-from armctl.kinematics import DHChain, DHRow, Target, YawPitchRollSolver
+from armctl.kinematics import DEFAULT_STEP, DHChain, DHRow, Target, YawPitchRollSolver
 from armctl.kinematics.compiled.chain_kernel import jacobian_kernel, pose_kernel
 from armctl.kinematics.compiled.chain_program import ChainProgram
 from armctl.kinematics.compiled.straight_line import ONE, StraightLine, Value
 from armctl.kinematics.cos_sin import LARGEST_ANGLE, SCRATCH, by_table, by_tangent
 from armctl.kinematics.yaw_pitch_roll.panels import NODES, PANEL, interpolated, node_positions, unresolved
+from armctl.kinematics.yaw_pitch_roll.pose_branches import PoseBranches
 
 TWISTS = (0.0, math.pi / 2, -math.pi / 2, math.pi, 0.7, -2.1)
 
@@ -79,10 +80,10 @@ def test_the_generated_source_folds_what_is_fixed() -> None:
     assert jacobian.angles == 4
     assert "0.101 * c3" in pose.source  # two links and a fixed row as one constant
     assert len(pose.source.splitlines()) < 90
-    assert pose.one(0.0, 0.0, 0.0, 0.0, 0.0) == pytest.approx(
-        plain_forward(chain, np.zeros(5)).ravel().tolist(), abs=1e-15
-    )
-    assert pose.one(0.0, 0.0, math.nan, 0.0, 0.0) is None
+    T = np.empty((4, 4))
+    assert pose.one(T, 0.0, 0.0, 0.0, 0.0, 0.0)
+    assert np.abs(T - plain_forward(chain, np.zeros(5))).max() < 1e-15
+    assert not pose.one(T, 0.0, 0.0, math.nan, 0.0, 0.0)
 
 
 def test_straight_lines_fold_constants_and_share_what_is_equal() -> None:
@@ -206,6 +207,32 @@ def test_one_pose_in_plain_floats_lists_what_solve_lists() -> None:
                 assert ((np.array(one) >= limits[:, 0]) & (np.array(one) <= limits[:, 1])).all()
             listed += len(found)
     assert listed > 1000
+
+
+def test_the_written_out_closed_form_lists_what_the_general_one_lists(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Same postures, same branches, same order; upright and backward tools and the links in line too."""
+    rng = np.random.default_rng(95)
+    for chain, limits in one_pose_arms():
+        quick = solver_of(chain, limits)
+        with monkeypatch.context() as patched:
+            patched.setattr(PoseBranches, "serves", staticmethod(lambda *_: False))
+            general = solver_of(chain, limits)
+        for i in range(30):
+            q = random_q(rng, limits)
+            if i < 4:
+                q[2] = np.clip(0.0, *limits[2])
+            pitch, roll = quick.pitch_and_roll(q)
+            if pitch is None:
+                continue
+            pitch = (pitch, pitch, math.pi / 2, -math.pi / 2, math.pi - pitch)[i % 5]
+            target = Target.of(chain.forward(q)[:3, 3], pitch, (roll, None)[i % 2])
+            one, other = quick.solve(target, DEFAULT_STEP), general.solve(target, DEFAULT_STEP)
+            assert one.branch.tolist() == other.branch.tolist()
+            assert one.reason == other.reason
+            if len(one):
+                assert np.abs(one.q - other.q).max() < 1e-9
 
 
 @pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])

@@ -89,3 +89,16 @@ def test_least_rotation_says_what_is_wrong_with_a_point() -> None:
     for wrong in ([], [0.2, 0.1], 0.2, np.zeros((2, 2, 3))):
         with pytest.raises(InputError, match="shape"):
             robot.least_rotation(wrong)
+
+
+def test_what_a_robot_hands_out_nobody_can_change() -> None:
+    robot = load_robot("mico")
+    arrays = (
+        robot.limits, robot.speed_limits, robot.acceleration_limits, robot.jerk_limits,
+        *robot.poses.values(), *robot.points.values(), *robot.chain.segments, robot.chain.tail,
+    )  # fmt: skip
+    for array in arrays:
+        with pytest.raises(ValueError, match="read-only"):
+            array[...] = 0.0
+    with pytest.raises(TypeError, match="item assignment"):
+        robot.poses["home"] = np.zeros(robot.n)  # type: ignore[index]

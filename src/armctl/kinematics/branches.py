@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from armctl.kinematics.angles import LIMIT_TOLERANCE
+from armctl.kinematics.angles import LIMIT_TOLERANCE, rest_angle
 from armctl.kinematics.chain import DHChain
 from armctl.kinematics.energy import EnergyModel
 from armctl.kinematics.grid import DEFAULT_STEP
@@ -52,11 +52,16 @@ class BranchFinder:
         held = high - low < _SAME
         wide = np.where(held[:, None], limits, np.stack([middle - turn + _OPEN_END, middle + turn], axis=1))
         self._solver = inverse_kinematics(chain, wide, energy, titles)
+        self._rolls = self._solver.pitch_and_roll(middle)[1] is not None
 
     def find(self, target: Target) -> tuple[Branch, ...]:
         """All branches in the order of their names; none where the links do not reach, or a joint is free."""
         if self._solver.free_joint is not None and target.pitch is None and target.rotation is None:
             return ()  # a continuum, not branches
+        if target.roll is None and target.rotation is None and self._rolls:
+            # any roll will do: the one at which the arm itself answers, not one of the widened joint
+            low, high = self._limits[-1].tolist()
+            target = target._replace(roll=rest_angle(low, high))
         solutions = self._solver.solve(target, DEFAULT_STEP)
         found: list[Branch] = []
         for i in np.argsort(solutions.branch_index, kind="stable").tolist():

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from array import array
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
@@ -78,6 +77,8 @@ class DHChain:
         if not self.joint_rows:
             raise InputError("a chain needs at least one row with a joint")
         self.segments, self.tail = self._fold()
+        for fixed in (*self.segments, self.tail):
+            fixed.flags.writeable = False
         self._one_shape = (self.n,)
         self._jacobian_shape = (6, self.n)
         program = ChainProgram(self.segments, self.tail)
@@ -149,13 +150,15 @@ class DHChain:
         if (
             type(q) is np.ndarray and q.dtype is _FLOAT and q.shape == self._one_shape
         ):  # the door is 1 µs wide
-            entries = kernel.one(*q.tolist())
-            if entries is not None:
-                return np.ndarray(shape, _FLOAT, array("d", entries))
+            out = np.empty(shape)
+            if kernel.one(out, *q.tolist()):
+                return out
         many = self._numbers(q)
         if many.ndim == 1:
-            entries = kernel.one(*many.tolist()) or kernel.one(*small_angles(many).tolist())
-            return np.array(entries).reshape(shape)
+            out = np.empty(shape)
+            if not kernel.one(out, *many.tolist()):
+                kernel.one(out, *small_angles(many).tolist())
+            return out
         flat = many.reshape(-1, self.n)
         out = np.zeros(
             (*shape, len(flat))

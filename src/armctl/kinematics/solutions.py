@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from collections.abc import Callable, Sequence
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -20,37 +20,74 @@ _THERE_MM = 0.05
 """a nearest point that is printed as 0.0 mm away is the target itself [mm]"""
 
 
-@dataclass(frozen=True)
-class Solutions:
-    """Every configuration inside the limits that answers a target, or why there is none."""
+class SolvedArm(NamedTuple):
+    """What all solutions of one arm share."""
 
-    target: Target
-    q: FloatArray
-    """(k, n) configurations [rad], all inside the limits"""
-    branch_index: NDArray[np.int8]
-    """(k,) index into ``branch_names``"""
     branch_names: tuple[str, ...]
-    chain: DHChain = field(repr=False)
-    energy: EnergyModel = field(repr=False)
+    chain: DHChain
+    energy: EnergyModel
     pitch_joints: tuple[int, ...] = ()
-    free_joint: int | None = None
-    """index of the joint that was swept; None where the solutions are isolated"""
-    reason: str | None = None
-    """why there is none; None when solved"""
-    nearest_q: FloatArray | None = None
-    """(n,) configuration that comes nearest where there is no solution [rad]"""
-    complete: bool = True
-    """False where solutions may be missing from the list (numeric fallback)"""
-    least_rotation: Callable[[], FloatArray | None] | None = field(default=None, repr=False)
-    """the exact least-rotation optimum over the continuum, where a joint is free"""
+
+
+class Solutions:
+    """Every configuration inside the limits that answers a target, or why there is none. Immutable."""
+
+    def __init__(
+        self,
+        arm: SolvedArm,
+        target: Target,
+        q: FloatArray | Sequence[Sequence[float]],
+        branch_index: NDArray[np.int8] | Sequence[int],
+        *,
+        free_joint: int | None = None,
+        least_rotation: Callable[[], FloatArray | None] | None = None,
+        reason: str | None = None,
+        nearest_q: FloatArray | None = None,
+        complete: bool = True,
+    ) -> None:
+        """What a solver found.
+
+        Args:
+            arm: whose configurations they are.
+            target: what was asked for.
+            q: (k, n) configurations [rad], all inside the limits; becomes an array when it is read.
+            branch_index: (k,) index of each into the arm's ``branch_names``.
+            free_joint: index of the joint that was swept; None where the solutions are isolated.
+            least_rotation: the exact least-rotation optimum over the continuum, where a joint is free.
+            reason: why there is none; None when solved.
+            nearest_q: (n,) configuration that comes nearest where there is no solution [rad].
+            complete: False where solutions may be missing from the list (numeric fallback).
+        """
+        self.arm, self.target, self._q, self._index = arm, target, q, branch_index
+        self.free_joint, self.least_rotation = free_joint, least_rotation
+        self.reason, self.nearest_q, self.complete = reason, nearest_q, complete
+
+    @cached_property
+    def q(self) -> FloatArray:
+        """(k, n) configurations [rad], all inside the limits."""
+        return np.asarray(self._q, dtype=np.float64).reshape(-1, self.arm.chain.n)
+
+    @cached_property
+    def branch_index(self) -> NDArray[np.int8]:
+        """(k,) index of each into ``branch_names``."""
+        return np.asarray(self._index, dtype=np.int8)
+
+    @property
+    def branch_names(self) -> tuple[str, ...]:
+        """Names of the arm's branches."""
+        return self.arm.branch_names
+
+    def __repr__(self) -> str:
+        found = f"{len(self)} configurations" if self.success else self.explanation
+        return f"Solutions({found})"
 
     @property
     def success(self) -> bool:
         """True when there is at least one."""
-        return len(self.q) > 0
+        return len(self._q) > 0
 
     def __len__(self) -> int:
-        return len(self.q)
+        return len(self._q)
 
     @cached_property
     def branch(self) -> NDArray[np.str_]:
@@ -60,20 +97,20 @@ class Solutions:
     @cached_property
     def residual_m(self) -> FloatArray:
         """(k,) distance between the target point and the tool point of each [m]."""
-        return np.linalg.norm(self.chain.forward(self.q)[:, :3, 3] - self.target.position, axis=1)
+        return np.linalg.norm(self.arm.chain.forward(self.q)[:, :3, 3] - self.target.position, axis=1)
 
     @cached_property
     def residual_rad(self) -> FloatArray:
         """(k,) angle between the rotation asked for and that of each [rad]; 0 where none was asked for."""
         if self.target.rotation is None:
             return np.zeros(len(self.q))
-        turned = np.swapaxes(self.chain.forward(self.q)[:, :3, :3], 1, 2) @ self.target.rotation
+        turned = np.swapaxes(self.arm.chain.forward(self.q)[:, :3, :3], 1, 2) @ self.target.rotation
         return np.array([rotation_angle(R) for R in turned])
 
     @cached_property
     def nearest_m(self) -> FloatArray | None:
         """(3,) the reachable point that comes nearest to the target [m]; None when it is reached."""
-        return None if self.nearest_q is None else self.chain.forward(self.nearest_q)[:3, 3]
+        return None if self.nearest_q is None else self.arm.chain.forward(self.nearest_q)[:3, 3]
 
     @property
     def explanation(self) -> str:
@@ -89,7 +126,7 @@ class Solutions:
 
     def energies(self, criterion: str = "least-rotation", start: ArrayLike | None = None) -> FloatArray:
         """(k,) energy of each by a named criterion (``energy.CRITERIA``); infinite where excluded."""
-        return energies(checked_criterion(criterion), self.q, self.energy, self.pitch_joints, start)
+        return energies(checked_criterion(criterion), self.q, self.arm.energy, self.arm.pitch_joints, start)
 
     def best(self, criterion: str = "least-rotation", start: ArrayLike | None = None) -> FloatArray:
         """The configuration of least energy.
@@ -128,7 +165,7 @@ class Solutions:
         """
         if not self.success:
             raise UnreachableError(self.reason or "there is no solution")
-        return int(np.abs(self.q - self.chain.checked_one(q)).max(axis=1).argmin())
+        return int(np.abs(self.q - self.arm.chain.checked_one(q)).max(axis=1).argmin())
 
     def branch_of(self, q: ArrayLike) -> str:
         """Branch name of the listed solution that lies nearest to ``q``."""

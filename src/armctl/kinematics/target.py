@@ -2,27 +2,29 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from typing import NamedTuple, TypeGuard
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from armctl.errors import InputError
+from armctl.kinematics.angles import TWO_PI
 from armctl.kinematics.checks import as_numbers, checked_number, require_finite
 
 FloatArray = NDArray[np.float64]
 FARTHEST = 1000.0
 """a target farther off than this is a mistake in the unit [m]"""
+_FLOAT, _POINT = np.dtype(np.float64), (3,)
 
 
-@dataclass(frozen=True, slots=True)
-class Target:
+class Target(NamedTuple):
     """A tool pose, whole or in part, in the base frame. Make one with ``Target.of``, which checks it."""
 
-    position: FloatArray
-    """(3,) [m]"""
+    point: tuple[float, float, float]
+    """x, y, z [m]"""
     pitch: float | None = None
-    """angle of the approach axis above the horizontal [rad]; None: any"""
+    """angle of the approach axis above the horizontal [rad], within a half turn; None: any"""
     roll: float | None = None
     """angle about the approach axis [rad]: the roll joint's own angle; None: any"""
     rotation: FloatArray | None = None
@@ -42,16 +44,27 @@ class Target:
             InputError: text, NaN, infinity, a wrong shape, a matrix that is no rotation, or both a
                 rotation and pitch or roll.
         """
-        position = checked_position(position_m)
+        point = checked_point(position_m)
         if rotation is None:
-            return cls(position, _angle(pitch, "pitch"), _angle(roll, "roll"), None)
+            if pitch is not None:
+                pitch = checked_number(pitch, "pitch")
+                if not -math.pi <= pitch <= math.pi:
+                    pitch = float(_within_half_turn(np.array([pitch]))[0])
+            if roll is not None:
+                roll = checked_number(roll, "roll")
+            return cls._make((point, pitch, roll, None))  # in less time than cls(...)
         if pitch is not None or roll is not None:
             raise InputError("give either a rotation, or pitch and roll, not both")
         matrix = _finite(rotation, (3, 3), "the target rotation")
         if np.abs(matrix @ matrix.T - np.eye(3)).max() > 1e-3 or np.linalg.det(matrix) < 0:
             raise InputError("the target rotation must be a right-handed orthonormal 3 x 3 matrix")
         u, _, vt = np.linalg.svd(matrix)
-        return cls(position, None, None, u @ vt)  # the nearest true rotation: printed matrices are rounded
+        return cls(point, None, None, u @ vt)  # the nearest true rotation: printed matrices are rounded
+
+    @property
+    def position(self) -> FloatArray:
+        """(3,) the tool point [m]; a copy."""
+        return np.array(self.point)
 
 
 def _finite(value: ArrayLike, shape: tuple[int, ...], what: str) -> FloatArray:
@@ -62,26 +75,27 @@ def _finite(value: ArrayLike, shape: tuple[int, ...], what: str) -> FloatArray:
     return array
 
 
-def checked_position(value: ArrayLike) -> FloatArray:
-    """A tool point (3,) [m]; a copy.
+def is_point(value: ArrayLike) -> TypeGuard[FloatArray]:
+    """True for an array (3,), which is what most calls are about."""
+    return type(value) is np.ndarray and value.shape == _POINT
+
+
+def checked_point(value: ArrayLike) -> tuple[float, float, float]:
+    """A tool point x, y, z [m].
 
     Raises:
         InputError: text, a wrong shape, NaN, infinity or a point beyond ``FARTHEST``.
     """
-    if type(value) is np.ndarray and value.dtype == np.float64 and value.shape == (3,):  # most calls
+    if is_point(value) and value.dtype is _FLOAT:  # most calls
         x, y, z = value.tolist()
-        if x * x + y * y + z * z <= FARTHEST**2:  # false with NaN too
-            return value.copy()
-    position = _finite(value, (3,), "the target position")
-    if np.abs(position).max() > FARTHEST:
-        raise InputError(
-            f"the target position is in metres, within {FARTHEST:.0f} m of the base; got {position.tolist()}"
-        )
-    return position
-
-
-def _angle(value: float | None, what: str) -> float | None:
-    return None if value is None else checked_number(value, what)
+    else:
+        x, y, z = _finite(value, _POINT, "the target position").tolist()
+    if x * x + y * y + z * z <= FARTHEST**2:  # false with NaN too
+        return x, y, z
+    _finite(value, _POINT, "the target position")
+    raise InputError(
+        f"the target position is in metres, within {FARTHEST:.0f} m of the base; got {[x, y, z]}"
+    )
 
 
 def checked_positions(value: ArrayLike) -> FloatArray:
@@ -97,13 +111,33 @@ def checked_positions(value: ArrayLike) -> FloatArray:
     if np.einsum("ij,ij->", positions, positions) <= FARTHEST**2:  # the quickest look; false with NaN too
         return positions
     require_finite(positions, what)
-    far = np.flatnonzero(np.abs(positions).max(axis=1) > FARTHEST)
+    far = np.flatnonzero(np.linalg.norm(positions, axis=1) > FARTHEST)
     if len(far):
         raise InputError(
             f"{what} are in metres, within {FARTHEST:.0f} m of the base; "
             f"got {positions[far[0]].tolist()} in row {far[0]}"
         )
     return positions
+
+
+def checked_pitches(value: ArrayLike, count: int) -> FloatArray:
+    """A pitch for each of ``count`` poses (count,) [rad], from as many or from one for all.
+
+    Raises:
+        InputError: as ``checked_column``, or a pitch beyond a whole turn.
+    """
+    pitches = checked_column(value, count, "the pitch")
+    return pitches if np.abs(pitches).max(initial=0.0) <= math.pi else _within_half_turn(pitches, rows=True)
+
+
+def _within_half_turn(pitches: FloatArray, *, rows: bool = False) -> FloatArray:
+    """The same directions, within ±pi [rad]; more than a turn is a mistake in the unit."""
+    beyond = np.flatnonzero(np.abs(pitches) > TWO_PI)
+    if len(beyond):
+        where = f" in row {beyond[0]}" if rows else ""
+        got = float(pitches[beyond[0]])
+        raise InputError(f"a pitch is in radians, within a turn; got {got!r}{where} (it looks like degrees)")
+    return pitches - TWO_PI * np.rint(pitches / TWO_PI)
 
 
 def checked_column(value: ArrayLike, count: int, what: str) -> FloatArray:

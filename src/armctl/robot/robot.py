@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
+from types import MappingProxyType
 from typing import Literal
 
 import numpy as np
@@ -26,6 +27,7 @@ from armctl.kinematics import (
     inverse_kinematics,
 )
 from armctl.kinematics.checks import as_numbers
+from armctl.kinematics.target import is_point
 from armctl.robot.capsules import Capsule, shape_capsules
 from armctl.robot.collision import CollisionModel
 from armctl.robot.corners import Corner, moving_corners
@@ -105,9 +107,10 @@ class Robot:
     """(n, 2) lower and upper joint limits [rad]"""
 
     def __post_init__(self) -> None:
-        limits = np.array([[joint.lower, joint.upper] for joint in self.joints])
-        limits.flags.writeable = False
-        object.__setattr__(self, "limits", limits)
+        object.__setattr__(self, "limits", _fixed([[joint.lower, joint.upper] for joint in self.joints]))
+        for name in ("poses", "points"):
+            fixed = {title: _fixed(values) for title, values in getattr(self, name).items()}
+            object.__setattr__(self, name, MappingProxyType(fixed))
 
     @property
     def n(self) -> int:
@@ -122,17 +125,17 @@ class Robot:
     @cached_property
     def speed_limits(self) -> FloatArray:
         """(n,) largest joint speeds [rad/s]."""
-        return np.array([joint.speed for joint in self.joints])
+        return _fixed([joint.speed for joint in self.joints])
 
     @cached_property
     def acceleration_limits(self) -> FloatArray:
         """(n,) largest joint accelerations [rad/s²]."""
-        return np.array([joint.acceleration for joint in self.joints])
+        return _fixed([joint.acceleration for joint in self.joints])
 
     @cached_property
     def jerk_limits(self) -> FloatArray:
         """(n,) largest joint jerks [rad/s³]."""
-        return np.array([joint.jerk for joint in self.joints])
+        return _fixed([joint.jerk for joint in self.joints])
 
     @cached_property
     def inverse_kinematics(self) -> InverseKinematics:
@@ -255,6 +258,8 @@ class Robot:
                 not of the family *yaw, parallel pitch joints, roll*.
         """
         solver = self._closed_form("least_rotation")
+        if is_point(position_m):
+            return solver.least_rotation_of(position_m)
         position = as_numbers(position_m, "the target position")
         if position.ndim == 1:
             return solver.least_rotation_of(position)
@@ -314,3 +319,10 @@ class Robot:
             ]
             raise MotionRefusedError("; ".join(parts))
         return np.clip(q, self.limits[:, 0], self.limits[:, 1])
+
+
+def _fixed(values: ArrayLike) -> FloatArray:
+    """A copy that nobody can write to: a robot is shared by threads."""
+    array = np.array(values, dtype=np.float64)
+    array.flags.writeable = False
+    return array

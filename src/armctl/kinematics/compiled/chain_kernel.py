@@ -3,16 +3,17 @@
 The source is written from the chain's ``ChainProgram`` and kept in ``MatrixKernel.source``. For a yaw and
 two pitch joints with links of 0.3 m and 0.2 m, the tool pose reads in plain floats
 
-    def one(q0, q1, q2):
+    def one(out, q0, q1, q2):
         if not q0 * q0 + q1 * q1 + q2 * q2 <= 262144.0:
-            return None
+            return False
         a0 = q0
         c0, s0 = cos(a0), sin(a0)
         ...
         a2 = a1 + q2
         c2, s2 = cos(a2), sin(a2)
         w4 = 0.2 * c2 + 0.3 * c1
-        return [(c0 * c2), -(c0 * s2), s0, (c0 * w4), (c2 * s0), ...
+        put(out, 0, (c0 * c2), -(c0 * s2), s0, (c0 * w4), (c2 * s0), ...
+        return True
 
 and for many poses, with one ufunc call an operation, cosines and sines in the rows of ``c`` and ``s`` and
 registers in the rows of ``r``:
@@ -31,6 +32,7 @@ registers in the rows of ``r``:
 from __future__ import annotations
 
 import math
+import struct
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
@@ -41,6 +43,7 @@ from armctl.kinematics.checks import require_finite
 from armctl.kinematics.compiled.chain_program import Angle, ChainProgram
 from armctl.kinematics.compiled.straight_line import Value
 from armctl.kinematics.cos_sin import LARGEST_ANGLE, SCRATCH, cos_sin
+from armctl.kinematics.shares import share_out
 
 FloatArray = NDArray[np.float64]
 _CHUNK = 8192
@@ -51,8 +54,8 @@ _SQUARE_SUM = LARGEST_ANGLE**2
 class MatrixKernel(NamedTuple):
     """One matrix (pose or Jacobian) as a function of the joint angles."""
 
-    one: Callable[..., list[float] | None]
-    """n joint angles [rad] -> entries row by row; None where an angle is huge or not finite"""
+    one: Callable[..., bool]
+    """(rows, columns) to be written, and n joint angles [rad]; False where one is huge or not finite"""
     add_angles: Callable[[FloatArray, FloatArray], None]
     """(n, m) joint angles -> (angles, m) sums of those that turn about parallel axes"""
     fill: Callable[[FloatArray, FloatArray, FloatArray, FloatArray], None]
@@ -71,11 +74,14 @@ class MatrixKernel(NamedTuple):
         Raises:
             InputError: an angle is not finite.
         """
-        size = min(len(q), _CHUNK)
+        share_out(len(q), lambda start, stop: self._fill_rows(q, out, start, stop))
+
+    def _fill_rows(self, q: FloatArray, out: FloatArray, start: int, stop: int) -> None:
+        size = min(stop - start, _CHUNK)
         blocks = np.empty((3 + SCRATCH, self.angles, size))
         registers = np.empty((self.registers, size))
-        for at in range(0, len(q), _CHUNK):
-            part = q[at : at + _CHUNK]
+        for at in range(start, stop, _CHUNK):
+            part = q[at : min(at + _CHUNK, stop)]
             if len(part) < size:
                 blocks, registers = blocks[..., : len(part)], registers[:, : len(part)]
             angle, cos, sin = blocks[0], blocks[1], blocks[2]
@@ -84,7 +90,7 @@ class MatrixKernel(NamedTuple):
             if not sum(np.dot(row, row) for row in angle) <= _SQUARE_SUM:
                 self.add_angles(small_angles(part, at).T, angle)
             cos_sin(angle, cos, sin, blocks[3:])
-            self.fill(cos, sin, registers, out[..., at : at + _CHUNK])
+            self.fill(cos, sin, registers, out[..., at : at + len(part)])
 
 
 def small_angles(q: FloatArray, first_row: int = 0) -> FloatArray:
@@ -124,13 +130,14 @@ def _compiled(program: ChainProgram, entries: list[Value], shape: tuple[int, int
     source = "\n\n\n".join(
         (
             _function(
-                f"one({joints})",
+                f"one(out, {joints})",
                 [
                     f"if not {squares} <= {_SQUARE_SUM}:",
-                    "    return None",
+                    "    return False",
                     *_angles_of_one(program.angles, used),
                     *statements,
-                    f"return [{', '.join(results)}]",
+                    f"put(out, 0, {', '.join(results)})",
+                    "return True",
                 ],
             ),
             _function("add_angles(q, a)", _angles_of_many(program.angles, used)),
@@ -139,7 +146,8 @@ def _compiled(program: ChainProgram, entries: list[Value], shape: tuple[int, int
     )
     names: dict[str, Any] = {f"k{i}": np.array(k) for i, k in enumerate(code.constants)}
     names |= {name: getattr(np, name) for name in ("add", "subtract", "multiply", "negative", "copyto")}
-    names |= {"cos": math.cos, "sin": math.sin}
+    # packed straight into the array's memory: a third of what an array made of a list costs
+    names |= {"cos": math.cos, "sin": math.sin, "put": struct.Struct(f"{len(entries)}d").pack_into}
     exec(compile(source, "<chain kernel>", "exec"), names)  # built from this package's own strings and floats
     return MatrixKernel(
         one=names["one"], add_angles=names["add_angles"], fill=names["fill"],

@@ -19,7 +19,7 @@ from armctl.kinematics.numeric.motion import tool_motion
 from armctl.kinematics.numeric.reach import LinkBound
 from armctl.kinematics.numeric.search import come_nearest, come_nearest_holding, meet
 from armctl.kinematics.numeric.starts import Starts
-from armctl.kinematics.solutions import Solutions
+from armctl.kinematics.solutions import Solutions, SolvedArm
 from armctl.kinematics.target import Target
 
 FloatArray = NDArray[np.float64]
@@ -66,6 +66,7 @@ class NumericSolver:
         self, chain: DHChain, limits: FloatArray, energy: EnergyModel, titles: Sequence[str]
     ) -> None:
         self.chain, self.limits, self.energy = chain, limits, energy
+        self._arm = SolvedArm(("numeric",), chain, energy)
         self._titles = tuple(titles)
         self._bound = LinkBound(chain)
         self._reach = max(self._bound.outer, 1e-3)
@@ -235,17 +236,10 @@ class NumericSolver:
         )
 
     def _solutions(self, target: Target, q: FloatArray) -> Solutions:
-        return Solutions(
-            target=target, q=q, branch_index=np.zeros(len(q), dtype=np.int8), branch_names=("numeric",),
-            chain=self.chain, energy=self.energy, complete=False,
-        )  # fmt: skip
+        return Solutions(self._arm, target, q, np.zeros(len(q), dtype=np.int8), complete=False)
 
     def _refused(self, target: Target, reason: str, nearest: FloatArray) -> Solutions:
-        return Solutions(
-            target=target, q=np.empty((0, self.chain.n)), branch_index=np.empty(0, dtype=np.int8),
-            branch_names=("numeric",), chain=self.chain, energy=self.energy, reason=reason,
-            nearest_q=nearest, complete=False,
-        )  # fmt: skip
+        return Solutions(self._arm, target, (), (), reason=reason, nearest_q=nearest, complete=False)
 
 
 def _roll_joint(chain: DHChain) -> int | None:

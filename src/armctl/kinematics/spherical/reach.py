@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armctl.kinematics.angles import LIMIT_TOLERANCE, TWO_PI, central_image
-from armctl.kinematics.limit_words import needs
+from armctl.kinematics.limit_words import all_needs, needs
 from armctl.kinematics.spherical.orientation import ToolPosture
 from armctl.kinematics.spherical.shoulder import SphericalShoulder
 from armctl.kinematics.spherical.swivel import Swivel
@@ -51,8 +51,7 @@ class SphericalReach:
                 f"the arm folds no closer than {1000 * nearest:.1f} mm"
             )
         if postures:
-            joints = self._least_excess(postures)
-            said = " and ".join(self.joint_outside(joint, angle) for joint, angle in joints)
+            said = all_needs(self._titles, self._limits, self._least_excess(postures))
             said = said or "a shoulder joint would have to leave them by less than 0.01°"
         else:
             limits = self._limits[3].tolist()

@@ -16,7 +16,7 @@ from armctl.kinematics.angles import images, nearest_angle, rest_angle, wrap
 from armctl.kinematics.chain import DHChain
 from armctl.kinematics.energy import EnergyModel
 from armctl.kinematics.grid import checked_step
-from armctl.kinematics.solutions import Solutions
+from armctl.kinematics.solutions import Solutions, SolvedArm
 from armctl.kinematics.spherical.branches import SPHERICAL_BRANCHES, spherical_branch_index
 from armctl.kinematics.spherical.least_rotation import least_rotation
 from armctl.kinematics.spherical.limits import ShoulderLimits
@@ -65,6 +65,7 @@ class SphericalShoulderSolver:
         titles: Sequence[str],
     ) -> None:
         self.chain, self.geometry, self.limits, self.energy = chain, geometry, limits, energy
+        self._arm = SolvedArm(SPHERICAL_BRANCHES, chain, energy, self.pitch_joints)
         self._shoulder = ShoulderLimits.of(limits)
         self._elbow = (float(limits[3, 0]), float(limits[3, 1]))
         roll = None if geometry.roll_axis is None else (float(limits[4, 0]), float(limits[4, 1]))
@@ -240,18 +241,11 @@ class SphericalShoulderSolver:
         optimum: Callable[[], FloatArray | None] | None = None,
         free: int | None = None,
     ) -> Solutions:
-        return Solutions(
-            target=target, q=q, branch_index=spherical_branch_index(self.geometry, q),
-            branch_names=SPHERICAL_BRANCHES, chain=self.chain, energy=self.energy,
-            pitch_joints=self.pitch_joints, free_joint=free, least_rotation=optimum,
-        )  # fmt: skip
+        index = spherical_branch_index(self.geometry, q)
+        return Solutions(self._arm, target, q, index, free_joint=free, least_rotation=optimum)
 
     def _refused(self, target: Target, reason: str, nearest: FloatArray) -> Solutions:
         """With the roll joint as near as its limits allow to what was asked for."""
         if self._roll_limits is not None:
             nearest = np.append(nearest, nearest_angle(target.roll or 0.0, *self._roll_limits))
-        return Solutions(
-            target=target, q=np.empty((0, self.chain.n)), branch_index=np.empty(0, dtype=np.int8),
-            branch_names=SPHERICAL_BRANCHES, chain=self.chain, energy=self.energy,
-            pitch_joints=self.pitch_joints, reason=reason, nearest_q=nearest,
-        )  # fmt: skip
+        return Solutions(self._arm, target, (), (), reason=reason, nearest_q=nearest)

@@ -91,6 +91,11 @@ class YawPitchRoll:
         """Origin, forward, left and up."""
         return tuple(tuple(row) for row in np.vstack([self.origin, self.frame.T]).tolist())
 
+    @cached_property
+    def upright(self) -> bool:
+        """True where base coordinates are local ones."""
+        return not self.origin.any() and bool((self.frame == np.eye(3)).all())
+
     def world(self, x: float, y: float, z: float) -> FloatArray:
         """The opposite of ``local``."""
         return self.frame @ np.array([x, y, z]) + self.origin

@@ -8,15 +8,15 @@ line, where rounding decides, are left to the scalar closed form.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from armctl.kinematics.angles import TWO_PI, rest_angle
+from armctl.kinematics.angles import rest_angle
 from armctl.kinematics.batch_solutions import BatchSolutions
 from armctl.kinematics.cos_sin import SCRATCH, cos_sin
+from armctl.kinematics.shares import share_out
 from armctl.kinematics.yaw_pitch_roll.base_yaw import base_angles
 from armctl.kinematics.yaw_pitch_roll.branch_names import BRANCHES, LEVEL, bend_sense, branch_index
 from armctl.kinematics.yaw_pitch_roll.geometry import YawPitchRoll
@@ -25,21 +25,52 @@ from armctl.kinematics.yaw_pitch_roll.plane_postures import PlanePostures
 from armctl.kinematics.yaw_pitch_roll.pose_branches import REACHED, SURE, UPRIGHT
 
 FloatArray = NDArray[np.float64]
+Rows = NDArray[np.intp]
 _CHUNK = 4096
-"""poses worked on at a time"""
+"""poses worked on at a time: what they need stays in the cache"""
 _NEARLY_STRAIGHT = 1e-4
 """how near to ±1 the elbow's cosine may come before the cosine rule loses more than four digits"""
+
+
+class _Asked(NamedTuple):
+    """Poses to be solved: tool points (m, 3) [m], pitches and rolls (m,) [rad] where there are any."""
+
+    position: FloatArray
+    pitch: FloatArray | None
+    roll: FloatArray | None
+
+
+class _Places(NamedTuple):
+    """Where the postures of some poses go: branch by branch, ``poses`` each, theirs from ``at`` on."""
+
+    q: FloatArray
+    """(n, branches · poses) joint angles [rad]"""
+    found: NDArray[np.bool_]
+    """(branches · poses)"""
+    poses: int
+    at: int
+
+    def fill(self, branch: Rows, pose: Rows, joints: list[FloatArray]) -> None:
+        """Write joint angles (m,) each [rad], of a branch and a pose each."""
+        place = branch * self.poses
+        place += pose
+        place += self.at
+        self.found[place] = True
+        for flat, angles in zip(self.q, joints, strict=True):
+            flat[place] = angles
 
 
 class _Columns(NamedTuple):
     """Triangles to be solved, each of one pose, one way to face it and one reading of its pitch."""
 
-    pose: NDArray[np.intp]
-    """row of the pose in the chunk"""
-    back: NDArray[np.intp]
+    pose: Rows
+    """row of the pose"""
+    back: Rows
     """1 where the arm reaches over its back, else 0"""
-    inward: NDArray[np.intp]
+    inward: Rows
     """1 where the tool points back at the base axis, else 0"""
+    yaw: FloatArray
+    """base angle [rad]"""
     x: FloatArray
     y: FloatArray
     """what the first two links have to reach, seen from the first pitch axis [m]"""
@@ -66,158 +97,189 @@ class PoseBatch:
 
         Args:
             position: (k, 3) tool points in the base frame [m].
-            pitch: (k,) of the approach axis above the horizontal [rad]; None with two pitch joints.
+            pitch: (k,) of the approach axis above the horizontal, within ±90° [rad]; None with two pitch
+                joints.
             roll: (k,) the roll joint's angle [rad]; None: the one nearest to zero.
         """
         k, branches = len(position), len(BRANCHES)
-        q = np.full((len(self._limits), branches, k), np.nan)  # joint by joint in memory, as it is computed
+        q = np.empty((len(self._limits), branches, k))  # joint by joint in memory, as it is computed
         found = np.zeros((branches, k), dtype=np.bool_)
-        with np.errstate(invalid="ignore", divide="ignore"):
-            for at in range(0, k, _CHUNK):
-                cut = slice(at, at + _CHUNK)
-                asked = (
+        flat_q, flat_found = q.reshape(len(q), -1), found.ravel()
+
+        def solve_rows(start: int, stop: int) -> None:
+            for at in range(start, stop, _CHUNK):
+                cut = slice(at, min(at + _CHUNK, stop))
+                q[..., cut] = np.nan
+                asked = _Asked(
                     position[cut],
                     None if pitch is None else pitch[cut],
                     None if roll is None else roll[cut],
                 )
-                for branch, pose, angles in self._solve_chunk(*asked):
-                    place = branch * k
-                    place += pose
-                    place += at
-                    found.ravel()[place] = True
-                    for flat, values, limits in zip(
-                        q.reshape(-1, branches * k), angles, self._limits, strict=True
-                    ):
-                        flat[place] = np.clip(values, *limits)
+                with np.errstate(invalid="ignore", divide="ignore"):
+                    self._solve_chunk(asked, _Places(flat_q, flat_found, k, at))
+
+        share_out(k, solve_rows)
         return BatchSolutions(q.transpose(2, 1, 0), found.T, BRANCHES)
 
-    def _solve_chunk(
-        self,
-        position: FloatArray,
-        pitch: FloatArray | None,
-        roll: FloatArray | None,
-    ) -> Iterator[tuple[NDArray[np.intp], NDArray[np.intp], list[FloatArray]]]:
-        """Branches, poses (rows of the chunk) and joint angles of some of the solutions, in parts."""
-        geometry, m = self._geometry, len(position)
-        forward, left, height = np.ascontiguousarray(((position - geometry.origin) @ geometry.frame).T)
-        yaw, r, faces = base_angles(geometry, forward, left, self._limits[0])
-        rolls = self._rolls(roll, m)
-        if rolls is not None:
-            faces &= rolls[1]
-        columns = self._columns(r, height - geometry.shoulder.imag, faces, pitch)
-        base = yaw.ravel()[columns.pose + m * columns.back]
-        direction = np.arctan2(columns.y, columns.x)
-        tail = [] if rolls is None else [rolls[0]]
+    def _solve_chunk(self, asked: _Asked, places: _Places) -> None:
+        roll, rolled = self._rolls(asked)
+        columns = self._columns(asked, rolled)
         in_line = np.abs(columns.cosine) > SURE
         if in_line.any():
-            branch, pose, back, angles = self._in_line(columns, np.flatnonzero(in_line))
-            yield branch, pose, [yaw[back, pose], *angles, *(values[pose] for values in tail)]
+            self._fill_in_line(columns, np.flatnonzero(in_line), roll, places)
         bend, inner = self._triangle(columns)
+        direction = np.arctan2(columns.y, columns.x)
         for sense in (1, -1):
             t2, t3 = (direction - inner, bend) if sense > 0 else (direction + inner, -bend)
             planes = [t2, t3] if columns.last is None else [t2, t3, columns.last - t2 - t3]
             angles, inside = self._joints(planes)
             inside &= ~in_line
             keep = np.flatnonzero(inside)
-            pose, back = columns.pose[keep], columns.back[keep]
+            pose, back = columns.pose.take(keep), columns.back.take(keep)
             # a positive bend leaves the elbow below the line to the target in front, above it at the back
-            down = 1 - back if sense > 0 else back
-            branch = 4 * back + 2 * down + columns.inward[keep]
-            joints = [base[keep], *(angle[keep] for angle in angles)]
-            yield branch, pose, [*joints, *(values[pose] for values in tail)]
+            branch = (2 + 2 * back if sense > 0 else 6 * back) + columns.inward.take(keep)
+            joints = [columns.yaw.take(keep), *(angle.take(keep) for angle in angles)]
+            places.fill(branch, pose, self._clipped(joints, pose, roll))
 
-    def _in_line(
-        self, columns: _Columns, rows: NDArray[np.intp]
-    ) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp], FloatArray]:
-        """Branches, poses, sides and pitch joint angles (joints, k) of columns with the links in line."""
-        found: dict[tuple[int, int], tuple[int, tuple[float, ...]]] = {}
+    def _clipped(self, joints: list[FloatArray], pose: Rows, roll: FloatArray | None) -> list[FloatArray]:
+        """Joint angles inside their limits but for rounding [rad], clipped onto them; with the roll."""
+        if roll is not None:
+            joints = [*joints, roll.take(pose)]
+        for angle, (low, high) in zip(joints, self._limits, strict=True):
+            np.maximum(angle, low, out=angle)
+            np.minimum(angle, high, out=angle)
+        return joints
+
+    def _fill_in_line(self, columns: _Columns, rows: Rows, roll: FloatArray | None, places: _Places) -> None:
+        """Columns with the links in line, one by one; the first of two that are the same one counts."""
+        taken: set[tuple[int, int]] = set()
         for i in rows.tolist():
             pose, back, inward = int(columns.pose[i]), int(columns.back[i]), int(columns.inward[i])
             last = None if columns.last is None else float(columns.last[i])
             for plane in self._planar.reaching(float(columns.x[i]), float(columns.y[i]), last):
                 branch = branch_index(not back, bend_sense(plane[1]), bool(inward))
-                for angles in self._planar.joint_images(plane)[:1]:
-                    found.setdefault((branch, pose), (back, angles))
-        branches, poses = np.array(list(found), dtype=np.intp).reshape(-1, 2).T
-        sides = np.array([back for back, _ in found.values()], dtype=np.intp)
-        joints = np.array([angles for _, angles in found.values()]).reshape(len(found), -1)
-        return branches, poses, sides, joints.T
+                images = self._planar.joint_images(plane)
+                if images and (branch, pose) not in taken:
+                    taken.add((branch, pose))
+                    row = np.array([pose])
+                    joints = [np.array([angle]) for angle in (columns.yaw[i], *images[0])]
+                    places.fill(np.array([branch]), row, self._clipped(joints, row, roll))
 
     def _joints(self, planes: list[FloatArray]) -> tuple[list[FloatArray], NDArray[np.bool_]]:
         """Pitch joint angles of plane angles, and where they are all inside their limits."""
         geometry, inside = self._geometry, np.ones(len(planes[0]), dtype=np.bool_)
         angles: list[FloatArray] = []
         for k, plane in enumerate(planes):
-            angle = plane - geometry.offsets[k]
+            angle = plane - geometry.offsets[k] if geometry.offsets[k] else plane.copy()
             if geometry.signs[k] < 0:
                 np.negative(angle, out=angle)
             inside &= into_limits(angle, *self._limits[1 + k])
             angles.append(angle)
         return angles, inside
 
-    def _rolls(self, roll: FloatArray | None, count: int) -> tuple[FloatArray, NDArray[np.bool_]] | None:
+    def _rolls(self, asked: _Asked) -> tuple[FloatArray | None, NDArray[np.bool_] | None]:
         """The roll joint's angle of each pose and where it is inside the limits; None without one."""
         joint = self._geometry.roll_joint
         if joint is None:
-            return None
+            return None, None
         low, high = self._limits[joint]
-        angle = np.full(count, rest_angle(low, high)) if roll is None else roll.copy()
-        return angle, into_limits(angle, low, high)
+        if asked.roll is None:
+            return np.full(len(asked.position), rest_angle(low, high)), None
+        angle = asked.roll.copy()
+        inside = into_limits(angle, low, high)
+        return angle, None if inside.all() else inside
 
-    def _columns(
-        self, r: FloatArray, y: FloatArray, faces: NDArray[np.bool_], pitch: FloatArray | None
-    ) -> _Columns:
-        """What the first two links must reach, where they can."""
-        m, x = len(y), r - self._geometry.shoulder.real
-        if pitch is None:
-            x, y, last, inward = x[:, None], y[None], None, np.zeros((2, 1, m), dtype=np.bool_)
-            ok = faces[:, None].copy()
-        else:
-            last, along, across, single, outward = self._readings(pitch)
-            x, y = x[:, None] - self._l4 * along, y - self._l4 * across
-            inward = np.stack([outward < 0.0, outward > 0.0])
-            inward &= ~(single & (np.abs(outward) < LEVEL))
-            ok = np.repeat(faces[:, None], 2, axis=1)
-            ok[:, 1] &= ~single
-        cosine = x * x + y * y
+    def _columns(self, asked: _Asked, rolled: NDArray[np.bool_] | None) -> _Columns:
+        """What the first two links must reach, where they can: (facing, reading, pose), then flat."""
+        geometry, m = self._geometry, len(asked.position)
+        forward, left, up = self._local(asked.position)
+        yaw, r, faces = base_angles(geometry, forward, left, self._limits[0])
+        if rolled is not None:
+            faces &= rolled
+        last, along, across, two, inward = self._readings(asked)
+        shape = (2, len(along), m)
+        x, y = np.empty(shape), np.empty(shape)
+        np.subtract((r - geometry.shoulder.real)[:, None], along, out=x)
+        np.subtract(up - geometry.shoulder.imag, across, out=y[0])
+        y[1] = y[0]
+        cosine = x * x
+        square = y[0] * y[0]
+        cosine += square
         cosine -= self._l2**2 + self._l3**2
         cosine *= 0.5 / (self._l2 * self._l3)
-        ok &= np.abs(cosine) < REACHED
+        ok = np.abs(cosine) < REACHED
+        ok &= faces[:, None]
+        if two is not None:
+            ok[:, 1] &= two
         flat = np.flatnonzero(ok)
-        readings = ok.shape[1]
-        back = (flat >= readings * m).astype(np.intp)
-        once = flat - readings * m * back
+        pose = np.tile(np.arange(m), 2 * len(along)).take(flat)
+        back = (flat >= len(along) * m).astype(np.intp)
         return _Columns(
-            pose=once - m * (once >= m), back=back, inward=inward.ravel()[flat].astype(np.intp),
-            x=x.ravel()[flat], y=y.ravel()[once],
-            cosine=cosine.ravel()[flat], last=None if last is None else last.ravel()[once],
+            pose=pose, back=back, inward=inward.ravel().take(flat), yaw=yaw.ravel().take(pose + m * back),
+            x=x.ravel().take(flat), y=y.ravel().take(flat), cosine=cosine.ravel().take(flat),
+            last=None if last is None else last.ravel().take(flat - len(along) * m * back),
         )  # fmt: skip
 
-    def _readings(
-        self, pitch: FloatArray
-    ) -> tuple[FloatArray, FloatArray, FloatArray, NDArray[np.bool_], FloatArray]:
-        """Both readings of each pitch, (2, m) each but for ``single``.
+    def _local(self, position: FloatArray) -> FloatArray:
+        """Forward, left, up about the base axis (3, m)."""
+        if self._geometry.upright:
+            return np.ascontiguousarray(position.T)
+        return np.ascontiguousarray(((position - self._geometry.origin) @ self._geometry.frame).T)
 
-        Direction of the last link, its cosine and sine; where there is one reading only (m,); and the
-        cosine of the approach axis over forward.
+    def _readings(
+        self, asked: _Asked
+    ) -> tuple[FloatArray | None, FloatArray, FloatArray, NDArray[np.bool_] | None, NDArray[np.intp]]:
+        """Each reading of each pitch.
+
+        Direction of the last link (readings, m) [rad], where there is a pitch; what it adds forward and
+        up [m]; where the second reading is another than the first (None: everywhere); and (2, readings, m)
+        whether the tool points back at the base axis, in front and at the back.
         """
+        m, pitch = len(asked.position), asked.pitch
+        if pitch is None:
+            nothing = np.zeros((1, m))
+            return None, nothing, nothing, None, np.zeros((2, 1, m), dtype=np.intp)
         tool = self._geometry.tool_angle or 0.0
+        outward, up = np.empty(m), np.empty(m)
+        cos_sin(pitch, outward, up, np.empty((SCRATCH, m)))
+        c, s = self._l4 * outward, self._l4 * up
+        along, across = np.stack([c, -c]), np.stack([s, s])
+        if tool:
+            along, across = (
+                math.cos(tool) * along + math.sin(tool) * across,
+                math.cos(tool) * across - math.sin(tool) * along,
+            )
+        last = np.stack([pitch, math.pi - pitch])
+        last -= tool
+        inward = np.zeros((2, 2, m), dtype=np.intp)
+        inward[0, 1] = inward[1, 0] = 1
         single = np.abs(pitch) > math.pi / 2 - UPRIGHT
-        last = np.stack([pitch - tool, math.pi - pitch - tool])
-        small = last - TWO_PI * np.rint(last / TWO_PI)
-        along, across = np.empty_like(last), np.empty_like(last)
-        cos_sin(small, along, across, np.empty((SCRATCH, *last.shape)))
-        c, s = math.cos(tool), math.sin(tool)
-        return last, along, across, single, c * along - s * across
+        if not single.any():
+            return last, along, across, None, inward
+        inward[:, 0, single] = outward[single] < -LEVEL, outward[single] > LEVEL
+        readings = 1 if single.all() else 2
+        two = None if readings == 1 else ~single
+        return last[:readings], along[:readings], across[:readings], two, inward[:, :readings]
 
     def _triangle(self, columns: _Columns) -> tuple[FloatArray, FloatArray]:
-        """Bend in [0, pi] and angle between the first link and the line to the target."""
+        """Bend in [0, pi] and angle between the first link and the line to the target.
+
+        As complements of arc sines: half the time of arc cosines, and the same digits.
+        """
         l2, l3, cosine = self._l2, self._l3, columns.cosine
-        size = np.abs(cosine)
-        square = columns.x * columns.x + columns.y * columns.y
-        inner = (square + (l2 * l2 - l3 * l3)) / (2.0 * l2 * np.sqrt(square))
-        inner = np.arccos(np.clip(inner, -1.0, 1.0))
-        near = np.flatnonzero(size > 1.0 - _NEARLY_STRAIGHT)
+        square = columns.x * columns.x
+        square += columns.y * columns.y
+        inner = square + (l2 * l2 - l3 * l3)
+        np.sqrt(square, out=square)
+        square *= 2.0 * l2
+        inner /= square
+        np.minimum(inner, 1.0, out=inner)
+        np.maximum(inner, -1.0, out=inner)
+        np.arcsin(inner, out=inner)
+        np.subtract(0.5 * math.pi, inner, out=inner)
+        near = np.flatnonzero(np.abs(cosine) > 1.0 - _NEARLY_STRAIGHT)
         c = cosine[near]
         inner[near] = np.arctan2(l3 * np.sqrt((1.0 - c) * (1.0 + c)), l2 + l3 * c)
-        return np.arccos(cosine), inner
+        bend = np.arcsin(cosine)
+        np.subtract(0.5 * math.pi, bend, out=bend)
+        return bend, inner

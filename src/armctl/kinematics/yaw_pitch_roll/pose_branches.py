@@ -3,13 +3,30 @@
 The closed form of ``base_yaw.py`` and ``plane_postures.py`` in one piece, for what is solved most often:
 joints that turn less than a whole turn, and a target off the base axis. What is special (any base angle
 serves, the links are straight or fold onto the first pitch axis) is left to the general solver.
+
+The arm's constants are written into the source of one function, kept in ``PoseBranches.source``: both ways
+to face the target, both readings of its pitch, both elbows, one after the other. For an arm with its tool
+along the last link the first of the four triangles begins
+
+    def at(x, y, z, pitch, rolls):
+        square = x * x + y * y
+        if not square >= 1e-09:
+            return None
+        r, azimuth, height = sqrt(square), atan2(y, x), z - 0.349
+        last = pitch
+        along, across = 0.145 * cos(last), 0.145 * sin(last)
+        ...
+        yaw = azimuth
+        if -2.7 <= yaw <= 2.7 or not (...) and (yaw := into_window(yaw, w0)) is not None:
+            x2, y2 = r - 0.016 - along, height - across
+            ...
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from math import acos, atan2, cos, sin, sqrt
+from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,11 +34,11 @@ from numpy.typing import NDArray
 from armctl.kinematics.angles import LIMIT_TOLERANCE, TWO_PI
 from armctl.kinematics.yaw_pitch_roll.branch_names import LEVEL
 from armctl.kinematics.yaw_pitch_roll.geometry import YawPitchRoll
-from armctl.kinematics.yaw_pitch_roll.joint_windows import into_window, window
+from armctl.kinematics.yaw_pitch_roll.joint_windows import Window, into_window, window
 
 FloatArray = NDArray[np.float64]
-Posture = tuple[int, tuple[float, ...]]
-"""index into ``BRANCHES``, and the joint angles [rad]"""
+Postures = tuple[list[int], list[tuple[float, ...]]]
+"""indices into ``BRANCHES``, and the joint angles [rad] of each"""
 UPRIGHT = 5e-13
 """how near to ±90° the two readings of a pitch are one [rad]"""
 _EDGE = 1e-9
@@ -37,15 +54,26 @@ REACHED = 1.0 + _ROUNDING
 class PoseBranches:
     """One arm inside its limits. Immutable; safe in several threads."""
 
+    at: Callable[[float, float, float, float, Sequence[float]], Postures | None]
+    """at(x, y, z, pitch, rolls): every configuration inside the limits, in the order of the general solver.
+
+    A tool point in the base frame [m], the pitch of the approach axis above the horizontal [rad], both
+    readings of it within ±90°, and what the roll joint may be at [rad] (ignored by an arm without one). None
+    at a special place.
+    """
+    source: str
+
     def __init__(self, geometry: YawPitchRoll, limits: FloatArray) -> None:
-        self._lateral, self._r0, self._z0 = geometry.lateral, geometry.shoulder.real, geometry.shoulder.imag
-        self._yaw_sign, self._tool = geometry.yaw_sign, geometry.tool_angle or 0.0
-        l2, l3, l4 = geometry.lengths
-        self._lengths = l2, l3, l4
-        self._squares, self._product = l2 * l2 + l3 * l3, 2.0 * l2 * l3
-        self._senses = tuple(zip(geometry.signs, geometry.offsets, strict=True))
-        self._windows = tuple(window(low, high) for low, high in limits[:4].tolist())
-        self._local = geometry.local_of
+        self._geometry = geometry
+        self._windows = [window(low, high) for low, high in limits[:4].tolist()]
+        self.source = "\n".join(["def at(x, y, z, pitch, rolls):", *_indented(self._body())])
+        names: dict[str, Any] = {f"w{i}": w for i, w in enumerate(self._windows)}
+        names |= {name: getattr(math, name) for name in ("acos", "atan2", "cos", "sin", "sqrt")}
+        names["into_window"] = into_window
+        exec(
+            compile(self.source, "<pose branches>", "exec"), names
+        )  # from this module's own strings and floats
+        self.at = names["at"]
 
     @staticmethod
     def serves(geometry: YawPitchRoll, limits: FloatArray) -> bool:
@@ -53,91 +81,114 @@ class PoseBranches:
         narrow = limits[:4, 1] - limits[:4, 0] < TWO_PI - 2 * LIMIT_TOLERANCE
         return len(geometry.lengths) == 3 and geometry.tool_angle is not None and bool(narrow.all())
 
-    def at(self, x: float, y: float, z: float, pitch: float, rolls: Sequence[float]) -> list[Posture] | None:
-        """Every configuration inside the limits.
+    def _body(self) -> list[str]:
+        geometry, d = self._geometry, self._geometry.lateral
+        tool, l4 = geometry.tool_angle or 0.0, geometry.lengths[2]
+        front, back = ("azimuth - aside", "azimuth + aside") if d else ("azimuth", "azimuth")
+        return [
+            *_local(geometry),
+            "square = x * x + y * y" + _plus(-d * d),
+            f"if not square >= {_EDGE!r}:",
+            "    return None",
+            f"r, azimuth, height = sqrt(square), atan2(y, x), z{_plus(-geometry.shoulder.imag)}",
+            *([f"aside = atan2({d!r}, r)"] if d else []),
+            f"last = pitch{_plus(-tool)}",
+            f"along, across = {l4!r} * cos(last), {l4!r} * sin(last)",
+            *self._second_reading(tool, l4),
+            "outward = cos(pitch)",
+            f"inward, opposite = outward < {-LEVEL!r}, outward > {LEVEL!r}",
+            "index, found = [], []",
+            f"yaw = {_signed(geometry.yaw_sign, front)}",
+            *self._facing(0, "r", "inward", "opposite"),
+            f"yaw = {_signed(geometry.yaw_sign, f'{back} - {math.pi!r}')}",
+            *self._facing(4, "-r", "opposite", "inward"),
+            "return index, found",
+        ]
 
-        Args:
-            x: tool point in the base frame [m].
-            y: tool point in the base frame [m].
-            z: tool point in the base frame [m].
-            pitch: of the approach axis above the horizontal [rad]; both readings within ±90°.
-            rolls: what the roll joint may be at [rad]; empty for an arm without one.
+    def _second_reading(self, tool: float, l4: float) -> list[str]:
+        lines = [
+            f"two = {-(math.pi / 2 - UPRIGHT)!r} <= pitch <= {math.pi / 2 - UPRIGHT!r}",
+            f"last_2 = {math.pi - tool!r} - pitch",
+        ]
+        if tool == 0.0:
+            return [*lines, "along_2, across_2 = -along, across"]
+        return [*lines, f"along_2, across_2 = {l4!r} * cos(last_2), {l4!r} * sin(last_2)"]
 
-        Returns:
-            The postures in the order of ``YawPitchRollSolver.solve``, or None at a special place.
-        """
-        forward, left, up = self._local(x, y, z)
-        height = up - self._z0
-        d = self._lateral
-        square = forward * forward + left * left - d * d
-        if square < _EDGE:
-            return None
-        r, azimuth = sqrt(square), atan2(left, forward)
-        aside = atan2(d, r) if d else 0.0
-        readings = self._readings(pitch)
-        out: list[Posture] = []
-        for back, r_tip, turn in ((0, r, azimuth - aside), (4, -r, azimuth + aside - math.pi)):
-            yaw = into_window(self._yaw_sign * turn, self._windows[0])
-            if yaw is None:
-                continue
-            for outward, last, along, across in readings:
-                found = self._in_plane(r_tip - self._r0 - along, height - across, last)
-                if found is None:
-                    return None
-                inward = outward > LEVEL if back else outward < -LEVEL
-                for bend, shoulder, elbow, wrist in found:
-                    # a positive bend leaves the elbow down in front, up at the back
-                    branch = back + (2 if (bend > 0) != (back > 0) else 0) + inward
-                    if rolls:
-                        out += [(branch, (yaw, shoulder, elbow, wrist, roll)) for roll in rolls]
-                    else:
-                        out.append((branch, (yaw, shoulder, elbow, wrist)))
-        return out
+    def _facing(self, base: int, r: str, first: str, second: str) -> list[str]:
+        """Both readings of the pitch for one way to face, ``yaw`` as it comes."""
+        forward = f"{r}{_plus(-self._geometry.shoulder.real)}"
+        return [
+            *self._inside("yaw", 0),
+            *_indented(self._triangle(base, f"{forward} - along", "across", "last", first)),
+            "    if two:",
+            *_indented(self._triangle(base, f"{forward} - along_2", "across_2", "last_2", second), 2),
+        ]
 
-    def _readings(self, pitch: float) -> list[tuple[float, float, float, float]]:
-        """Each reading of a pitch: cosine of the approach axis, the last link's direction and coordinates."""
-        l4, last, outward = self._lengths[2], pitch - self._tool, cos(pitch)
-        first = (outward, last, l4 * cos(last), l4 * sin(last))
-        if abs(pitch) > math.pi / 2 - UPRIGHT:
-            return [first]
-        last = math.pi - pitch - self._tool
-        return [first, (-outward, last, l4 * cos(last), l4 * sin(last))]
+    def _triangle(self, base: int, x: str, across: str, last: str, inward: str) -> list[str]:
+        """Both elbows of one reading, the base at ``yaw``."""
+        l2, l3, _ = self._geometry.lengths
+        return [
+            f"x2, y2 = {x}, height - {across}",
+            f"cosine = (x2 * x2 + y2 * y2 - {l2 * l2 + l3 * l3!r}) * {0.5 / (l2 * l3)!r}",
+            f"if {-SURE!r} < cosine < {SURE!r}:",
+            "    bend, direction = acos(cosine), atan2(y2, x2)",
+            f"    inner = atan2({l3!r} * sqrt(1.0 - cosine * cosine), {l2!r} + {l3!r} * cosine)",
+            # a positive bend leaves the elbow down in front, up at the back
+            *_indented(self._elbow("bend", "direction - inner", last, base + (0 if base else 2), inward)),
+            *_indented(self._elbow("-bend", "direction + inner", last, base + (2 if base else 0), inward)),
+            f"elif {-REACHED!r} < cosine < {REACHED!r}:",
+            "    return None",
+        ]
 
-    def _in_plane(
-        self, x: float, y: float, last: float
-    ) -> list[tuple[int, float, float, float]] | tuple[()] | None:
-        """Sense of the bend, and pitch joint angles inside the limits, with the last link along ``last``.
+    def _elbow(self, bend: str, first: str, last: str, branch: int, inward: str) -> list[str]:
+        joints = zip(self._geometry.signs, self._geometry.offsets, strict=True)
+        (s2, o2), (s3, o3), (s4, o4) = joints
+        rolled = self._geometry.roll_joint is not None
+        posture = f"(yaw, shoulder, elbow, wrist{', roll' if rolled else ''})"
+        keep = [f"index.append({f'{branch} + ' if branch else ''}{inward})", f"found.append({posture})"]
+        turned = f"- {bend}" if bend[0] != "-" else f"+ {bend[1:]}"
+        return [
+            f"elbow = {_signed(s3, bend + _plus(-o3))}",
+            *self._inside("elbow", 2),
+            f"    first = {first}",
+            f"    shoulder = {_signed(s2, 'first' + _plus(-o2))}",
+            *_indented(self._inside("shoulder", 1)),
+            f"        wrist = {_signed(s4, f'{last} - first {turned}' + _plus(-o4))}",
+            *_indented(self._inside("wrist", 3), 2),
+            *_indented(["for roll in rolls:", *_indented(keep)] if rolled else keep, 3),
+        ]
 
-        Args:
-            x: end of the second link, forward of the first pitch axis [m].
-            y: end of the second link, above it [m].
-            last: direction of the last link [rad].
+    def _inside(self, name: str, joint: int) -> list[str]:
+        """What follows is for an angle inside its limits: where it is not as it comes, by a whole turn."""
+        low, high, _ = limits = self._windows[joint]
+        image = f"({name} := into_window({name}, w{joint})) is not None"
+        return [f"if {low!r} <= {name} <= {high!r} or not ({_outside(name, limits)}) and {image}:"]
 
-        Returns:
-            What ``two_link`` gives, inside the limits; None where the links are in line.
-        """
-        cosine = (x * x + y * y - self._squares) / self._product
-        if not -SURE < cosine < SURE:
-            return None if abs(cosine) < REACHED else ()
-        (s2, o2), (s3, o3), (s4, o4) = self._senses
-        _, second, third, fourth = self._windows
-        l2, l3, _ = self._lengths
-        found: list[tuple[int, float, float, float]] = []
-        angle, direction = acos(cosine), None
-        inner = 0.0
-        for sense in (1, -1):
-            bend = sense * angle
-            elbow = into_window(s3 * (bend - o3), third)
-            if elbow is None:
-                continue
-            if direction is None:
-                direction = atan2(y, x)
-                inner = atan2(l3 * sqrt(1.0 - cosine * cosine), l2 + l3 * cosine)
-            first = direction - sense * inner
-            shoulder = into_window(s2 * (first - o2), second)
-            if shoulder is None:
-                continue
-            wrist = into_window(s4 * (last - first - bend - o4), fourth)
-            if wrist is not None:
-                found.append((sense, shoulder, elbow, wrist))
-        return found
+
+def _outside(name: str, limits: Window) -> str:
+    """True only for angles near the limits of which no image is inside: quicker than ``into_window``."""
+    low, high, _ = limits
+    above, below = high + 2 * LIMIT_TOLERANCE, low - 2 * LIMIT_TOLERANCE
+    return f"{above!r} < {name} < {below + TWO_PI!r} or {above - TWO_PI!r} < {name} < {below!r}"
+
+
+def _local(geometry: YawPitchRoll) -> list[str]:
+    """The tool point in coordinates forward, left, up about the base axis, where they are not its own."""
+    (x0, y0, z0), frame = geometry.origin.tolist(), geometry.frame.T.tolist()
+    lines = [f"x, y, z = x{_plus(-x0)}, y{_plus(-y0)}, z{_plus(-z0)}"] if x0 or y0 or z0 else []
+    if frame != np.eye(3).tolist():
+        rows = [" + ".join(f"{c!r} * {n}" for c, n in zip(row, "xyz", strict=True) if c) for row in frame]
+        lines.append(f"x, y, z = {', '.join(rows)}")
+    return lines
+
+
+def _plus(constant: float) -> str:
+    return f" {'-' if constant < 0 else '+'} {abs(constant)!r}" if constant else ""
+
+
+def _signed(sign: int, text: str) -> str:
+    return text if sign > 0 else f"-({text})"
+
+
+def _indented(lines: Sequence[str], levels: int = 1) -> list[str]:
+    return ["    " * levels + line for line in lines]

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armctl.kinematics.angles import LIMIT_TOLERANCE, TWO_PI, central_image, nearest_angle
-from armctl.kinematics.limit_words import needs
+from armctl.kinematics.limit_words import all_needs, needs
 from armctl.kinematics.target import Target
 from armctl.kinematics.yaw_pitch_roll.base_yaw import AXIS_TOLERANCE, BaseBranch, base_branches
 from armctl.kinematics.yaw_pitch_roll.geometry import YawPitchRoll
@@ -51,7 +51,7 @@ class Reach:
             target: what was asked for and has no solution inside the limits.
             planar: the arm's closed form in the tool plane, without limits.
         """
-        x, y, z = self._geometry.local(target.position)
+        x, y, z = self._geometry.local_of(*target.point)
         branches = base_branches(self._geometry, x, y, None)
         if not branches:
             return self._inside_axis_cylinder(math.hypot(x, y)), self._nearest_to(x, y, z, target)
@@ -156,9 +156,8 @@ class Reach:
             if excesses is None:
                 said.append(f"{side}, the links do not reach it")
             elif excesses:
-                said.append(
-                    f"{side}, " + " and ".join(self.joint_outside(e.joint, e.needs) for e in excesses)
-                )
+                needed = [(excess.joint, excess.needs) for excess in excesses]
+                said.append(f"{side}, {all_needs(self._titles, self._limits, needed)}")
         held = "" if angles[0] is None else " at that pitch"
         if not said:
             return f"the arm reaches it{held}, but not with the orientation that was asked for"

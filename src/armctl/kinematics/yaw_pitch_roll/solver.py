@@ -10,13 +10,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from armctl.errors import InputError
-from armctl.kinematics.angles import images, rest_angle, wrap
+from armctl.kinematics.angles import LIMIT_TOLERANCE, TWO_PI, images, rest_angle, wrap
 from armctl.kinematics.batch_solutions import BatchSolutions
 from armctl.kinematics.chain import DHChain
 from armctl.kinematics.energy import EnergyModel
 from armctl.kinematics.grid import DEFAULT_STEP, checked_step
-from armctl.kinematics.solutions import Solutions
-from armctl.kinematics.target import Target, checked_column, checked_position, checked_positions
+from armctl.kinematics.solutions import Solutions, SolvedArm
+from armctl.kinematics.target import Target, checked_column, checked_pitches, checked_point, checked_positions
 from armctl.kinematics.yaw_pitch_roll.base_yaw import BaseBranch, base_branches, is_on_axis
 from armctl.kinematics.yaw_pitch_roll.branch_names import BRANCHES, bend_sense, branch_index, tool_points_in
 from armctl.kinematics.yaw_pitch_roll.geometry import YawPitchRoll
@@ -55,7 +55,14 @@ class YawPitchRollSolver:
         self.chain, self.geometry, self.limits, self.energy = chain, geometry, limits, energy
         self._pairs = [(float(low), float(high)) for low, high in limits]
         roll_joint, three = geometry.roll_joint, len(geometry.lengths) == 3
+        self._has_roll = roll_joint is not None
         self._resting_roll = 0.0 if roll_joint is None else rest_angle(*self._pairs[roll_joint])
+        self._any_roll = (self._resting_roll,)
+        low, high = (0.0, 0.0) if roll_joint is None else self._pairs[roll_joint]
+        tolerance = LIMIT_TOLERANCE if high - low <= TWO_PI else math.inf
+        self._one_image = low + tolerance, high - tolerance
+        """between these a roll asked for has no image inside the limits but itself"""
+        self._arm = SolvedArm(BRANCHES, chain, energy, geometry.pitch_joints)
         self._sweep = PositionSweep(geometry, limits) if three else None
         self._least = LeastRotation(geometry, limits) if three else None
         self._planar = PlanePostures(geometry, limits)
@@ -96,24 +103,24 @@ class YawPitchRollSolver:
         Raises:
             InputError: ``step`` is not a positive number.
         """
-        step = checked_step(step)
+        if step != DEFAULT_STEP:
+            step = checked_step(step)
+        (x, y, z), pitch, roll, rotation = target
+        quick = self._pose_branches
+        if quick is not None and pitch is not None and (roll is None or self._has_roll):
+            found = quick.at(x, y, z, pitch, self._rolls(roll))
+            if found is not None and found[0]:
+                return Solutions(self._arm, target, found[1], found[0])
         refusal, roll = self._roll(target)
         if refusal is not None:
             return self._refused(target, refusal)
-        if target.pitch is not None and self._pose_branches is not None:
-            rolls = () if self.geometry.roll_joint is None else self._roll_images(roll)
-            x, y, z = target.position.tolist()
-            found = self._pose_branches.at(x, y, z, target.pitch, rolls)
-            if found:
-                index, q = zip(*found, strict=True)
-                return self._make(target, np.array(q), np.array(index, dtype=np.int8), None)
-        x, y, z = self.geometry.local(target.position)
+        x, y, z = self.geometry.local_of(x, y, z)
         branches = base_branches(self.geometry, x, y, self._pairs[0])
-        if target.rotation is not None:
+        if rotation is not None:
             any_base = is_on_axis(self.geometry, x, y)
-            found, index = self._orientation.solve(branches, z, target.rotation, any_base=any_base)
+            found, index = self._orientation.solve(branches, z, rotation, any_base=any_base)
             return self._solutions(target, found, index) if found else self._refused(target)
-        if self._sweep is not None and target.pitch is None:
+        if self._sweep is not None and pitch is None:
             return self._swept(self._sweep, target, branches, z, roll, step)
         return self._isolated(target, branches, z, roll)
 
@@ -134,13 +141,12 @@ class YawPitchRollSolver:
         Raises:
             InputError: a value that is not finite.
         """
-        joint, quick = self.geometry.roll_joint, self._pose_branches
-        if quick is not None and joint is not None and math.isfinite(x + y + z + pitch + (roll or 0.0)):
-            low, high = self._pairs[joint]
-            rolls = (self._resting_roll,) if roll is None else images(roll, low, high)
-            found = quick.at(x, y, z, pitch, rolls) if rolls else []
-            if found is not None:
-                return [q for _, q in found]
+        quick = self._pose_branches
+        if quick is not None and math.isfinite(x + y + z + pitch + (roll or 0.0)):
+            if roll is None or self._has_roll:
+                found = quick.at(x, y, z, pitch, self._rolls(roll))
+                if found is not None:
+                    return found[1]
         target = Target.of([x, y, z], pitch, roll)
         return list(map(tuple, self.solve(target, DEFAULT_STEP).q.tolist()))
 
@@ -165,7 +171,7 @@ class YawPitchRollSolver:
         count = len(position)
         return self._batch.solve(
             position,
-            None if pitch is None else checked_column(pitch, count, "the pitch"),
+            None if pitch is None else checked_pitches(pitch, count),
             None if roll is None else checked_column(roll, count, "the roll"),
         )
 
@@ -175,10 +181,10 @@ class YawPitchRollSolver:
         Raises:
             InputError: a wrong shape, or an entry that is not finite.
         """
-        position, least = checked_position(position_m), self._least
+        point, least = checked_point(position_m), self._least
         if least is None:
-            return self.least_rotation_batch(position[None])[0]
-        x, y, z = self.geometry.local(position)
+            return self.least_rotation_batch([point])[0]
+        x, y, z = self.geometry.local_of(*point)
         found = least.solve(base_branches(self.geometry, x, y, self._pairs[0]), z)
         return np.full(self.chain.n, np.nan) if found is None else self._with_roll(found, self._resting_roll)
 
@@ -202,6 +208,13 @@ class YawPitchRollSolver:
         if self.geometry.roll_joint is not None:
             q[4] = np.where(np.isnan(q[0]), np.nan, self._resting_roll)
         return q.T
+
+    def _rolls(self, roll: float | None) -> Sequence[float]:
+        """What the roll joint may be at; any one number for an arm that has none."""
+        if roll is None:
+            return self._any_roll
+        low, high = self._one_image
+        return (roll,) if low < roll < high else self._roll_images(roll)
 
     def _roll(self, target: Target) -> tuple[str | None, float]:
         """Why the roll or pitch asked for cannot be, or the roll joint's angle (0 where any will do)."""
@@ -234,7 +247,8 @@ class YawPitchRollSolver:
 
         q, index = sweep.solve(branches, z, roll, step)
         if len(index):
-            return self._make(target, q.T, index, optimum, free=self.free_joint)
+            free = self.free_joint
+            return Solutions(self._arm, target, q.T, index, free_joint=free, least_rotation=optimum)
         single = optimum()  # a sliver between two grid values, or a single stretched configuration
         if single is None:
             return self._refused(target)
@@ -247,7 +261,7 @@ class YawPitchRollSolver:
 
     def _faces(self, target: Target, q: FloatArray) -> bool:
         """True when the target lies in front of the arm."""
-        x, y, _ = self.geometry.local(target.position)
+        x, y, _ = self.geometry.local_of(*target.point)
         turn = self.geometry.yaw_sign * float(q[0])
         return x * math.cos(turn) + y * math.sin(turn) >= 0.0
 
@@ -283,29 +297,11 @@ class YawPitchRollSolver:
     def _solutions(
         self, target: Target, q: list[FloatArray], index: list[int], optimum: Optimum | None = None
     ) -> Solutions:
-        return self._make(target, np.array(q), np.array(index, dtype=np.int8), optimum)
-
-    def _make(
-        self,
-        target: Target,
-        q: FloatArray,
-        index: NDArray[np.int8],
-        optimum: Optimum | None,
-        free: int | None = None,
-    ) -> Solutions:
-        return Solutions(
-            target=target, q=q, branch_index=index, branch_names=BRANCHES, chain=self.chain,
-            energy=self.energy, pitch_joints=self.pitch_joints, free_joint=free,
-            least_rotation=optimum,
-        )  # fmt: skip
+        return Solutions(self._arm, target, np.array(q), index, least_rotation=optimum)
 
     def _refused(self, target: Target, reason: str | None = None) -> Solutions:
         why, nearest = self._reach.explain(target, self._planar.at)
-        return Solutions(
-            target=target, q=np.empty((0, self.chain.n)), branch_index=np.empty(0, dtype=np.int8),
-            branch_names=BRANCHES, chain=self.chain, energy=self.energy, pitch_joints=self.pitch_joints,
-            reason=reason or why, nearest_q=nearest,
-        )  # fmt: skip
+        return Solutions(self._arm, target, (), (), reason=reason or why, nearest_q=nearest)
 
 
 def _distinct(found: list[FloatArray], index: list[int]) -> tuple[list[FloatArray], list[int]]:
