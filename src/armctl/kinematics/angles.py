@@ -36,9 +36,11 @@ def nearest_angle(angle: float, low: float, high: float) -> float:
 
 def images(angle: float, low: float, high: float, tolerance: float = LIMIT_TOLERANCE) -> list[float]:
     """Every ``angle + 2 pi k`` inside ``[low, high]``, clipped onto the limits [rad]."""
-    if -math.pi < low and high < math.pi:  # the common case, at most one image
-        wrapped = math.remainder(angle, TWO_PI)
-        return [min(max(wrapped, low), high)] if low - tolerance <= wrapped <= high + tolerance else []
+    if high - low < TWO_PI - 2.0 * tolerance:  # the common case, at most one image
+        if low <= angle <= high:
+            return [angle]
+        angle = central_image(angle, low, high)
+        return [min(max(angle, low), high)] if low - tolerance <= angle <= high + tolerance else []
     first = math.ceil((low - tolerance - angle) / TWO_PI)
     last = math.floor((high + tolerance - angle) / TWO_PI)
     return [min(max(angle + TWO_PI * k, low), high) for k in range(first, last + 1)]

@@ -55,21 +55,20 @@ def base_branches(
         given, and its opposite.
     """
     d = geometry.lateral
-    rho = math.hypot(x, y)
-    if rho < abs(d) - AXIS_TOLERANCE:
-        return []
-    if is_on_axis(geometry, x, y):
-        straight = 0.0 if limits is None else rest_angle(*limits)
-        return axis_branches((straight, straight + math.pi), limits)
-    r = math.sqrt((rho - abs(d)) * (rho + abs(d))) if rho - abs(d) > _TOUCHING else 0.0
-    azimuth = math.atan2(y, x)
-    branches: list[BaseBranch] = []
-    for front in (True, False):
-        if not front and r == 0.0:
-            continue  # both branches are the same one
-        signed = r if front else -r
-        turn = geometry.yaw_sign * (azimuth - math.atan2(d, signed))
-        branches += [BaseBranch(front, angle, signed) for angle in _inside(turn, limits)]
+    rho, aside = math.hypot(x, y), abs(d)
+    gap = rho - aside
+    if gap <= AXIS_TOLERANCE:
+        if gap < -AXIS_TOLERANCE:
+            return []
+        if is_on_axis(geometry, x, y):
+            straight = 0.0 if limits is None else rest_angle(*limits)
+            return axis_branches((straight, straight + math.pi), limits)
+    r = math.sqrt(gap * (rho + aside)) if gap > _TOUCHING else 0.0
+    azimuth, lean, sign = math.atan2(y, x), math.atan2(d, r) if d else 0.0, geometry.yaw_sign
+    branches = [BaseBranch(True, angle, r) for angle in _inside(sign * (azimuth - lean), limits)]
+    if r:  # else both branches are the same one
+        back = sign * (azimuth + lean - math.pi)
+        branches += [BaseBranch(False, angle, -r) for angle in _inside(back, limits)]
     return branches
 
 
@@ -79,7 +78,10 @@ def axis_branches(turns: Sequence[float], limits: tuple[float, float] | None) ->
 
 
 def _inside(turn: float, limits: tuple[float, float] | None) -> list[float]:
-    return [wrap(turn)] if limits is None else images(turn, *limits)
+    if limits is None:
+        return [wrap(turn)]
+    low, high = limits
+    return images(turn, low, high)
 
 
 def base_angles(

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from armctl.kinematics.yaw_pitch_roll.base_yaw import BaseBranch, base_angles
 from armctl.kinematics.yaw_pitch_roll.geometry import YawPitchRoll
 from armctl.kinematics.yaw_pitch_roll.joint_windows import into_limits
-from armctl.kinematics.yaw_pitch_roll.least_rotation import LeastRotation, Lock
+from armctl.kinematics.yaw_pitch_roll.least_rotation import LeastRotation
 
 FloatArray = NDArray[np.float64]
 _CHUNK = 512
@@ -46,11 +46,10 @@ class LeastRotationBatch:
         self._geometry, self._scalar = geometry, scalar
         self._limits = [(float(low), float(high)) for low, high in limits[:4]]
         self._families = [self._family(k) for k in range(3)]
-        self._curves = [(curve.nearest, curve.farthest, spent) for curve, spent in scalar.curves]
 
     def _family(self, joint: int) -> _Locks:
-        locks = [lock for lock in self._scalar.locks if lock.joint == joint]
-        spent, _, *rest = np.array(locks, dtype=np.float64).reshape(-1, len(Lock._fields)).T[:, :, None]
+        numbers = [lock[:9] for lock in self._scalar.locks if lock.joint == joint]
+        spent, _, *rest = np.array(numbers, dtype=np.float64).reshape(-1, 9).T[:, :, None]
         return _Locks(joint, spent, *rest)
 
     def solve(self, position: FloatArray) -> FloatArray:
@@ -67,6 +66,7 @@ class LeastRotationBatch:
         forward, left, height = np.ascontiguousarray(((position - geometry.origin) @ geometry.frame).T)
         with np.errstate(invalid="ignore", divide="ignore"):
             yaw, r, faces = base_angles(geometry, forward, left, self._limits[0])
+            np.clip(yaw, *self._limits[0], out=yaw)
             for at in range(0, len(position), _CHUNK):
                 cut = slice(at, at + _CHUNK)
                 self._solve_chunk(yaw[:, cut], r[:, cut], faces[:, cut], height[cut], q[:, cut])
@@ -79,13 +79,12 @@ class LeastRotationBatch:
         columns = np.flatnonzero(faces)
         back = columns >= m
         point = columns - m * back
-        base = np.clip(yaw.ravel()[columns], *self._limits[0])
+        base = yaw.ravel()[columns]
         x, y = r.ravel()[columns] - shoulder.real, height[point] - shoulder.imag
-        square = x * x + y * y
-        energy, angles, doubtful = self._least(x, y, square)
-        for nearest, farthest, spent in self._curves:
-            doubtful |= (square >= nearest) & (square <= farthest) & (energy > spent)
-        energy += np.abs(base)
+        square, direction = x * x + y * y, np.arctan2(y, x)
+        energy, angles, doubtful = self._least(x, y, square, direction)
+        rest = np.abs(base)
+        energy += rest
         least = np.full((2, m), np.inf)
         least[back.astype(np.intp), point] = energy
         for side in (0, 1):  # each point is found at most once on each side
@@ -93,9 +92,15 @@ class LeastRotationBatch:
             q[0, point[better]] = base[better]
             for k in range(3):
                 q[1 + k, point[better]] = angles[k][better]
+        rest = least.min(axis=0)[point] - rest  # what a curve must stay below to matter
+        for curve in self._scalar.curves:
+            reached = (square >= curve.nearest) & (square <= curve.farthest)
+            some = np.flatnonzero(reached & (rest > curve.spent))
+            if len(some):
+                doubtful[some] |= rest[some] > curve.bounds(square[some], direction[some])
         for i in np.unique(point[doubtful]).tolist():
             branches = [
-                BaseBranch(side == 0, float(np.clip(yaw[side, i], *self._limits[0])), float(r[side, i]))
+                BaseBranch(side == 0, float(yaw[side, i]), float(r[side, i]))
                 for side in (0, 1)
                 if faces[side, i]
             ]
@@ -103,14 +108,13 @@ class LeastRotationBatch:
             q[:, i] = math.nan if found is None else found
 
     def _least(
-        self, x: FloatArray, y: FloatArray, square: FloatArray
+        self, x: FloatArray, y: FloatArray, square: FloatArray, direction: FloatArray
     ) -> tuple[FloatArray, list[FloatArray], NDArray[np.bool_]]:
         """Energy of the pitch joints (infinite out of reach), their angles, and where to look closer."""
         count = len(x)
         energy = np.full(count, np.inf)
         angles = [np.full(count, np.nan) for _ in range(3)]
         doubtful = np.zeros(count, dtype=np.bool_)
-        direction = np.arctan2(y, x)
         every = np.arange(count)
         for locks in self._families:
             if not len(locks.spent):

@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
 _SAMPLES = 2001
-_BISECTIONS = 60
+_STEPS = 60
+"""of a search for a root, at most"""
 
 
 def coefficients(pattern: tuple[int, int, int], lengths: tuple[float, ...]) -> tuple[float, float, float]:
@@ -26,6 +27,9 @@ def coefficients(pattern: tuple[int, int, int], lengths: tuple[float, ...]) -> t
 class StationaryCurve:
     """A stretch of one root, tabulated over t3 by its squared distance from the first pitch axis."""
 
+    squares: FloatArray
+    """(m,) squared distances [m²], one a sample"""
+
     def __init__(
         self, pattern: tuple[int, int, int], lengths: tuple[float, ...], root: int, t3: FloatArray
     ) -> None:
@@ -36,9 +40,8 @@ class StationaryCurve:
         self.t4: FloatArray = (angle if root == 0 else math.pi - angle) - np.arctan2(across, along)
         l2, l3, l4 = lengths
         cosines = l2 * l3 * np.cos(t3) + l3 * l4 * np.cos(self.t4) + l2 * l4 * np.cos(t3 + self.t4)
-        self._square: FloatArray = l2 * l2 + l3 * l3 + l4 * l4 + 2 * cosines
-        self.nearest, self.farthest = float(self._square.min()), float(self._square.max())
-        """squared distances [m²] between which the curve has points, but for what falls between samples"""
+        self._rounding = 1e-15 * sum(lengths) ** 2
+        self.squares = l2 * l2 + l3 * l3 + l4 * l4 + 2 * cosines
 
     @classmethod
     def over(
@@ -60,34 +63,43 @@ class StationaryCurve:
         return stretches
 
     def parts(self, alive: NDArray[np.bool_]) -> list[StationaryCurve]:
-        """The stretches where a mask over the samples holds, and one sample more at each end."""
-        wide = alive.copy()
-        wide[:-1] |= alive[1:]
-        wide[1:] |= alive[:-1]
-        edges = np.flatnonzero(np.diff(np.concatenate([[0], wide.astype(np.int8), [0]])))
+        """The stretches where a mask over the samples holds, and one sample more at each end.
+
+        Each is cut where the distance turns, so that along each it only grows or only falls.
+        """
+        kept = alive[:-1] | alive[1:]  # the steps between samples
+        grows = np.diff(self.squares) >= 0.0
+        goes_on = kept[:-1] & kept[1:] & (grows[:-1] == grows[1:])
+        starts = np.flatnonzero(kept & ~np.concatenate([[False], goes_on]))
+        ends = np.flatnonzero(kept & ~np.concatenate([goes_on, [False]])) + 1
         return [
-            StationaryCurve(self._pattern, self._lengths, self._root, self.t3[start:stop])
-            for start, stop in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True)
-            if stop - start > 1
+            StationaryCurve(self._pattern, self._lengths, self._root, self.t3[start : end + 1])
+            for start, end in zip(starts.tolist(), ends.tolist(), strict=True)
         ]
 
-    def at(self, square: float) -> list[tuple[float, float]]:
-        """Points (t3, t4) of the curve at a squared distance [m²], polished to machine precision."""
-        difference = self._square - square
-        points: list[tuple[float, float]] = []
-        for i in np.flatnonzero(difference[:-1] * difference[1:] <= 0).tolist():
-            low, high = float(self.t3[i]), float(self.t3[i + 1])
-            rising = difference[i] < difference[i + 1]  # an end may lie on the circle itself
-            for _ in range(_BISECTIONS):
-                middle = 0.5 * (low + high)
-                if not low < middle < high:
-                    break
-                if (self._point(middle)[1] <= square) == rising:
-                    low = middle
-                else:
-                    high = middle
-            points.append((low, self._point(low)[0]))
-        return points
+    def between(self, i: int, square: float) -> tuple[float, float]:
+        """The point (t3, t4) at a squared distance [m²] that lies between those of sample i and the next.
+
+        False position; an end that stays twice is taken for half as far off (the Illinois rule).
+        """
+        low, high = float(self.t3[i]), float(self.t3[i + 1])
+        below, above = float(self.squares[i]) - square, float(self.squares[i + 1]) - square
+        t3, t4, stayed = low, float(self.t4[i]), 0
+        for _ in range(_STEPS):
+            if below == above:
+                break  # so short a step that rounding alone tells its ends apart
+            t3 = (low * above - high * below) / (above - below)
+            t4, reached = self._point(t3)
+            off = reached - square
+            if abs(off) <= self._rounding or not low < t3 < high:
+                break
+            if (off < 0.0) == (below < 0.0):
+                low, below, above = t3, off, 0.5 * above if stayed > 0 else above
+                stayed = 1
+            else:
+                high, above, below = t3, off, 0.5 * below if stayed < 0 else below
+                stayed = -1
+        return t3, t4
 
     def _point(self, t3: float) -> tuple[float, float]:
         """t4 and the squared distance at one t3, in plain floats: as the table, but forty times faster."""
@@ -123,7 +135,7 @@ def _ratio(abc: tuple[float, float, float], t3: float) -> tuple[float, float, fl
 
 def _end(abc: tuple[float, float, float], inside: float, outside: float) -> float:
     """The last t3 that has a root, between one that has and one that has none."""
-    for _ in range(_BISECTIONS):
+    for _ in range(_STEPS):
         middle = 0.5 * (inside + outside)
         if abs(_ratio(abc, middle)[0]) <= 1.0:
             inside = middle
