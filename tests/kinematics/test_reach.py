@@ -218,6 +218,6 @@ def test_an_excess_in_the_last_digits_is_said_with_as_many() -> None:
     limits = np.radians([-10.0, 20.0])
     assert (
         needs("Elbow", limits, math.radians(20.00012))
-        == "Elbow needs 20.0001°, its limits are -10.00° … 20.00°"
+        == "Elbow needs 20.0001°, its limits are -10.0000° … 20.0000°"
     )
     assert needs("Elbow", limits, math.radians(21.0)) == "Elbow needs 21.00°, its limits are -10.00° … 20.00°"

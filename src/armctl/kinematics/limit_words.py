@@ -26,4 +26,4 @@ def needs(title: str, limits: NDArray[np.float64] | Sequence[float], angle: floa
     """What a joint would have to do, and what it may: ``limits`` (2,) and ``angle`` [rad]."""
     low, high, needed = (math.degrees(float(value)) for value in (*limits, angle))
     digits = next((k for k in range(2, 10) if f"{needed:.{k}f}" not in (f"{low:.{k}f}", f"{high:.{k}f}")), 2)
-    return f"{title} needs {needed:.{digits}f}°, its limits are {low:.2f}° … {high:.2f}°"
+    return f"{title} needs {needed:.{digits}f}°, its limits are {low:.{digits}f}° … {high:.{digits}f}°"

@@ -26,6 +26,7 @@ from armctl.kinematics import (
     YawPitchRollSolver,
     inverse_kinematics,
 )
+from armctl.kinematics.angles import LIMIT_TOLERANCE
 from armctl.kinematics.checks import as_numbers
 from armctl.kinematics.target import is_point
 from armctl.robot.capsules import Capsule, shape_capsules
@@ -191,7 +192,9 @@ class Robot:
 
         Args:
             position_m: (3,) tool point in the base frame [m].
-            pitch: angle of the tool's approach axis (tool z) above the horizontal [rad], or any.
+            pitch: angle of the tool's approach axis (tool z) above the horizontal [rad], or any. For an arm
+                of the family *yaw, parallel pitch joints, roll* the horizontal is the plane across its base
+                axis, however the arm is mounted; for others it is the base frame's x-y plane.
             roll: angle of the tool about its approach axis [rad]: the roll joint's own angle.
             rotation: (3, 3) ``R_base_tool`` instead of pitch and roll.
             step: step of the swept free joint [rad], where one is free.
@@ -309,7 +312,7 @@ class Robot:
             MotionRefusedError: names each joint, its value and its limits.
         """
         q = self.chain.checked_one(q)
-        outside = (q < self.limits[:, 0] - 1e-9) | (q > self.limits[:, 1] + 1e-9)
+        outside = (q < self.limits[:, 0] - LIMIT_TOLERANCE) | (q > self.limits[:, 1] + LIMIT_TOLERANCE)
         if outside.any():
             parts = [
                 f"{joint.title}: {np.degrees(value):.2f}° is outside "

@@ -9,16 +9,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from armctl.kinematics.angles import images, nearest_angle, rest_angle, wrap
 from armctl.kinematics.chain import DHChain
 from armctl.kinematics.energy import EnergyModel
 from armctl.kinematics.grid import checked_step
-from armctl.kinematics.limit_words import needs
 from armctl.kinematics.numeric.goals import Goal, PositionGoal, RotationGoal, Together, pitch_goal
 from armctl.kinematics.numeric.motion import tool_motion
 from armctl.kinematics.numeric.reach import LinkBound
 from armctl.kinematics.numeric.search import come_nearest, come_nearest_holding, meet
 from armctl.kinematics.numeric.starts import Starts
+from armctl.kinematics.roll_joint import RollJoint, held_roll
 from armctl.kinematics.solutions import Solutions, SolvedArm
 from armctl.kinematics.target import Target
 
@@ -71,12 +70,13 @@ class NumericSolver:
         self._bound = LinkBound(chain)
         self._reach = max(self._bound.outer, 1e-3)
         self._starts = Starts(chain, limits)
-        self._roll_joint = _roll_joint(chain)
+        k = _roll_joint(chain)
+        self._roll_joint = None if k is None else RollJoint(k, titles[k], limits[k].tolist())
 
     def pitch_and_roll(self, q: FloatArray) -> tuple[float | None, float | None]:
         """Elevation of tool z in [-pi/2, pi/2], and the angle of the rolling joint, if any [rad]."""
         x, y, z = self.chain.forward(q)[:3, 2].tolist()
-        roll = None if self._roll_joint is None else float(q[self._roll_joint])
+        roll = None if self._roll_joint is None else float(q[self._roll_joint.index])
         return math.atan2(z, math.hypot(x, y)), roll
 
     def solve(self, target: Target, step: float) -> Solutions:
@@ -120,21 +120,11 @@ class NumericSolver:
         """Why the roll asked for cannot be; the limits with the roll joint held at it, or near 0."""
         lower, upper = self.limits[:, 0].copy(), self.limits[:, 1].copy()
         joint = self._roll_joint
-        if joint is None:
-            refused = None if target.roll is None else "this arm has no joint that rolls the tool"
-            return refused, _Box(lower, upper)
-        if target.rotation is not None:
+        if joint is not None and target.rotation is not None:
             return None, _Box(lower, upper)
-        low, high = float(lower[joint]), float(upper[joint])
-        refused = None
-        if target.roll is None:
-            held = rest_angle(low, high)
-        elif inside := images(target.roll, low, high):
-            held = min(inside, key=abs)
-        else:
-            held = nearest_angle(target.roll, low, high)
-            refused = needs(self._titles[joint], (low, high), wrap(target.roll))
-        lower[joint] = upper[joint] = held
+        refused, held = held_roll(joint, target.roll)
+        if joint is not None:
+            lower[joint.index] = upper[joint.index] = held
         return refused, _Box(lower, upper)
 
     def _search(self, goal: Goal, box: _Box) -> FloatArray:

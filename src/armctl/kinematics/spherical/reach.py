@@ -26,10 +26,6 @@ class SphericalReach:
     def __init__(self, geometry: SphericalShoulder, limits: FloatArray, titles: Sequence[str]) -> None:
         self._geometry, self._limits, self._titles = geometry, limits, titles
 
-    def joint_outside(self, joint: int, angle: float) -> str:
-        """One joint that would have to leave its limits, in words."""
-        return needs(self._titles[joint], self._limits[joint], angle)
-
     def of_position(self, distance: float, postures: list[tuple[float, Swivel]]) -> str:
         """Why a position has no solution.
 
@@ -56,7 +52,7 @@ class SphericalReach:
         else:
             limits = self._limits[3].tolist()
             angles = [central_image(bend - self._geometry.offset, *limits) for bend in bends]
-            said = " or ".join(self.joint_outside(3, angle) for angle in angles)
+            said = " or ".join(needs(self._titles[3], self._limits[3], angle) for angle in angles)
         return f"within the links' reach, but joint limits forbid it: {said}"
 
     def of_pitch(self, ends: list[tuple[float, ToolPosture]], roll: float | None) -> str:

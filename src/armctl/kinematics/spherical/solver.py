@@ -12,10 +12,10 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from armctl.kinematics.angles import images, nearest_angle, rest_angle, wrap
 from armctl.kinematics.chain import DHChain
 from armctl.kinematics.energy import EnergyModel
 from armctl.kinematics.grid import checked_step
+from armctl.kinematics.roll_joint import RollJoint, held_roll
 from armctl.kinematics.solutions import Solutions, SolvedArm
 from armctl.kinematics.spherical.branches import SPHERICAL_BRANCHES, spherical_branch_index
 from armctl.kinematics.spherical.least_rotation import least_rotation
@@ -68,9 +68,9 @@ class SphericalShoulderSolver:
         self._arm = SolvedArm(SPHERICAL_BRANCHES, chain, energy, self.pitch_joints)
         self._shoulder = ShoulderLimits.of(limits)
         self._elbow = (float(limits[3, 0]), float(limits[3, 1]))
-        roll = None if geometry.roll_axis is None else (float(limits[4, 0]), float(limits[4, 1]))
-        self._roll_limits = roll
-        self._orientation = ToolOrientation(geometry, roll)
+        joint = None if geometry.roll_axis is None else RollJoint(4, titles[4], limits[4].tolist())
+        self._roll_joint = joint
+        self._orientation = ToolOrientation(geometry, None if joint is None else (joint.low, joint.high))
         self._reach = SphericalReach(geometry, limits, titles)
         self._nearest = SphericalNearest(geometry, limits)
 
@@ -83,7 +83,7 @@ class SphericalShoulderSolver:
     def pitch_and_roll(self, q: FloatArray) -> tuple[float | None, float | None]:
         """Tool pitch in [-pi/2, pi/2] and roll [rad] at one configuration (n,)."""
         x, y, z = self.chain.forward(q)[:3, 2].tolist()
-        return math.atan2(z, math.hypot(x, y)), None if self._roll_limits is None else float(q[4])
+        return math.atan2(z, math.hypot(x, y)), None if self._roll_joint is None else float(q[4])
 
     def solve(self, target: Target, step: float) -> Solutions:
         """All solutions inside the limits.
@@ -96,7 +96,7 @@ class SphericalShoulderSolver:
             InputError: ``step`` is not a positive number.
         """
         step = checked_step(step)
-        refusal, roll = self._roll(target)
+        refusal, roll = held_roll(self._roll_joint, target.roll)
         if refusal is not None:
             return self._refused(target, refusal, self._nearest.solve(target.position))
         postures = self._postures(target, roll)
@@ -104,7 +104,7 @@ class SphericalShoulderSolver:
             wanted = self._orientation.wanted(target.rotation)
             found = self._orientation.nearest(postures, wanted)
         elif target.pitch is not None:
-            rolls = [0.0] if self._roll_limits is None else images(roll, *self._roll_limits)
+            rolls = (0.0,) if self._roll_joint is None else self._roll_joint.angles(roll)
             found = [
                 posture
                 for image in rolls
@@ -115,18 +115,6 @@ class SphericalShoulderSolver:
         if found:
             return self._isolated(target, found)
         return self._without(target, postures, roll)
-
-    def _roll(self, target: Target) -> tuple[str | None, float]:
-        """Why the roll asked for cannot be, or the roll joint's angle (0 where there is none)."""
-        if self._roll_limits is None:
-            return (None if target.roll is None else "this arm has no joint that rolls the tool"), 0.0
-        low, high = self._roll_limits
-        if target.roll is None:
-            return None, rest_angle(low, high)
-        inside = images(target.roll, low, high)
-        if inside:
-            return None, min(inside, key=abs)
-        return self._reach.joint_outside(4, wrap(target.roll)), 0.0
 
     def _postures(self, target: Target, roll: float) -> list[tuple[float, Swivel]]:
         """Elbow angles inside their limits that hold the tip at the target's distance, with their swivels."""
@@ -232,7 +220,7 @@ class SphericalShoulderSolver:
 
     def _with_roll(self, q: FloatArray, roll: float) -> FloatArray:
         """(4, …) shoulder and elbow, and the roll joint where there is one."""
-        return q if self._roll_limits is None else np.concatenate([q, np.full((1, *q.shape[1:]), roll)])
+        return q if self._roll_joint is None else np.concatenate([q, np.full((1, *q.shape[1:]), roll)])
 
     def _solved(
         self,
@@ -246,6 +234,6 @@ class SphericalShoulderSolver:
 
     def _refused(self, target: Target, reason: str, nearest: FloatArray) -> Solutions:
         """With the roll joint as near as its limits allow to what was asked for."""
-        if self._roll_limits is not None:
-            nearest = np.append(nearest, nearest_angle(target.roll or 0.0, *self._roll_limits))
+        if self._roll_joint is not None:
+            nearest = np.append(nearest, held_roll(self._roll_joint, target.roll)[1])
         return Solutions(self._arm, target, (), (), reason=reason, nearest_q=nearest)

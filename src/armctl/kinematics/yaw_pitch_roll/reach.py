@@ -82,10 +82,6 @@ class Reach:
             f"the links would give {' or '.join(f'{pitch:.2f}°' for pitch in pitches)}, within limits or not"
         )
 
-    def joint_outside(self, joint: int, angle: float) -> str:
-        """One joint that would have to leave its limits, in words."""
-        return needs(self._titles[joint], self._limits[joint], angle)
-
     def _nearest_to(self, x: float, y: float, z: float, target: Target) -> FloatArray | None:
         """With the pitch kept if any pose inside the limits has it, else with any pitch."""
         found: list[Nearest | None] = []
@@ -150,7 +146,7 @@ class Reach:
             side = _SIDE[branch.front]
             yaw = _excess(0, branch.angle, self._limits)
             if yaw is not None:
-                said.append(f"{side}, {self.joint_outside(yaw.joint, yaw.needs)}")
+                said.append(f"{side}, {needs(self._titles[0], self._limits[0], yaw.needs)}")
                 continue
             excesses = self._least_excess(branch, z, angles, planar)
             if excesses is None:

@@ -5,16 +5,18 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable, Sequence
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from armctl.errors import InputError
-from armctl.kinematics.angles import LIMIT_TOLERANCE, TWO_PI, images, rest_angle, wrap
+from armctl.kinematics.angles import LIMIT_TOLERANCE
 from armctl.kinematics.batch_solutions import BatchSolutions
 from armctl.kinematics.chain import DHChain
 from armctl.kinematics.energy import EnergyModel
 from armctl.kinematics.grid import DEFAULT_STEP, checked_step
+from armctl.kinematics.roll_joint import NO_ROLL, RollJoint, held_roll
 from armctl.kinematics.solutions import Solutions, SolvedArm
 from armctl.kinematics.target import Target, checked_column, checked_pitches, checked_point, checked_positions
 from armctl.kinematics.yaw_pitch_roll.base_yaw import BaseBranch, base_branches, is_on_axis
@@ -35,7 +37,8 @@ FloatArray = NDArray[np.float64]
 _FEW = 16
 """up to so many points the scalar solver is done before the arrays are set up"""
 _NO_PITCH = "this arm's tool does not keep to its vertical plane, so it has no pitch to ask for"
-_NO_ROLL = "this arm has no joint that rolls the tool"
+_NO_ROLLS: tuple[float, ...] = ()
+"""what an arm without a roll joint may roll to"""
 Optimum = Callable[[], FloatArray | None]
 
 
@@ -54,24 +57,22 @@ class YawPitchRollSolver:
     ) -> None:
         self.chain, self.geometry, self.limits, self.energy = chain, geometry, limits, energy
         self._pairs = [(float(low), float(high)) for low, high in limits]
-        roll_joint, three = geometry.roll_joint, len(geometry.lengths) == 3
-        self._has_roll = roll_joint is not None
-        self._resting_roll = 0.0 if roll_joint is None else rest_angle(*self._pairs[roll_joint])
-        self._any_roll = (self._resting_roll,)
-        low, high = (0.0, 0.0) if roll_joint is None else self._pairs[roll_joint]
-        tolerance = LIMIT_TOLERANCE if high - low <= TWO_PI else math.inf
-        self._one_image = low + tolerance, high - tolerance
-        """between these a roll asked for has no image inside the limits but itself"""
+        three, k = len(geometry.lengths) == 3, geometry.roll_joint
+        self._roll_joint = None if k is None else RollJoint(k, titles[k], self._pairs[k])
+        _, self._resting_roll = held_roll(self._roll_joint, None)
         self._arm = SolvedArm(BRANCHES, chain, energy, geometry.pitch_joints)
         self._sweep = PositionSweep(geometry, limits) if three else None
         self._least = LeastRotation(geometry, limits) if three else None
         self._planar = PlanePostures(geometry, limits)
         self._batch = PoseBatch(geometry, limits, self._planar)
         self._least_batch = None if self._least is None else LeastRotationBatch(geometry, limits, self._least)
-        narrow = PoseBranches.serves(geometry, limits)
-        self._pose_branches = PoseBranches(geometry, limits) if narrow else None
         self._orientation = NearestOrientation(chain, geometry, limits, self._planar, self._least)
         self._reach = Reach(geometry, limits, titles, NearestReach(geometry, limits, self._in_plane))
+
+    @cached_property
+    def _pose_branches(self) -> PoseBranches | None:
+        narrow = PoseBranches.serves(self.geometry, self.limits)
+        return PoseBranches(self.geometry, self.limits) if narrow else None
 
     @property
     def pitch_joints(self) -> tuple[int, ...]:
@@ -106,9 +107,9 @@ class YawPitchRollSolver:
         if step != DEFAULT_STEP:
             step = checked_step(step)
         (x, y, z), pitch, roll, rotation = target
-        quick = self._pose_branches
-        if quick is not None and pitch is not None and (roll is None or self._has_roll):
-            found = quick.at(x, y, z, pitch, self._rolls(roll))
+        quick, joint = self._pose_branches, self._roll_joint
+        if quick is not None and pitch is not None and (roll is None or joint is not None):
+            found = quick.at(x, y, z, pitch, _NO_ROLLS if joint is None else joint.angles(roll))
             if found is not None and found[0]:
                 return Solutions(self._arm, target, found[1], found[0])
         refusal, roll = self._roll(target)
@@ -141,12 +142,12 @@ class YawPitchRollSolver:
         Raises:
             InputError: a value that is not finite.
         """
-        quick = self._pose_branches
-        if quick is not None and math.isfinite(x + y + z + pitch + (roll or 0.0)):
-            if roll is None or self._has_roll:
-                found = quick.at(x, y, z, pitch, self._rolls(roll))
-                if found is not None:
-                    return found[1]
+        quick, joint = self._pose_branches, self._roll_joint
+        finite = math.isfinite(x + y + z + pitch + (roll or 0.0))
+        if quick is not None and finite and (roll is None or joint is not None):
+            found = quick.at(x, y, z, pitch, _NO_ROLLS if joint is None else joint.angles(roll))
+            if found is not None:
+                return found[1]
         target = Target.of([x, y, z], pitch, roll)
         return list(map(tuple, self.solve(target, DEFAULT_STEP).q.tolist()))
 
@@ -166,8 +167,8 @@ class YawPitchRollSolver:
             raise InputError("with two pitch joints the position alone decides the pitch: leave it out")
         if pitch is not None and self.geometry.tool_angle is None:
             raise InputError(_NO_PITCH)
-        if roll is not None and self.geometry.roll_joint is None:
-            raise InputError(_NO_ROLL)
+        if roll is not None and self._roll_joint is None:
+            raise InputError(NO_ROLL)
         count = len(position)
         return self._batch.solve(
             position,
@@ -209,28 +210,11 @@ class YawPitchRollSolver:
             q[4] = np.where(np.isnan(q[0]), np.nan, self._resting_roll)
         return q.T
 
-    def _rolls(self, roll: float | None) -> Sequence[float]:
-        """What the roll joint may be at; any one number for an arm that has none."""
-        if roll is None:
-            return self._any_roll
-        low, high = self._one_image
-        return (roll,) if low < roll < high else self._roll_images(roll)
-
     def _roll(self, target: Target) -> tuple[str | None, float]:
         """Why the roll or pitch asked for cannot be, or the roll joint's angle (0 where any will do)."""
-        joint = self.geometry.roll_joint
         if target.pitch is not None and self.geometry.tool_angle is None:
             return _NO_PITCH, 0.0
-        if joint is None:
-            refused = None if target.roll is None else _NO_ROLL
-            return refused, 0.0
-        low, high = self._pairs[joint]
-        if target.roll is None:
-            return None, self._resting_roll
-        inside = images(target.roll, low, high)
-        if inside:
-            return None, min(inside, key=abs)
-        return self._reach.joint_outside(joint, wrap(target.roll)), 0.0
+        return held_roll(self._roll_joint, target.roll)
 
     def _swept(
         self,
@@ -279,9 +263,8 @@ class YawPitchRollSolver:
                     index.append(name)
         return self._solutions(target, *_distinct(found, index)) if found else self._refused(target)
 
-    def _roll_images(self, roll: float) -> list[float]:
-        joint = self.geometry.roll_joint
-        return [0.0] if joint is None else images(roll, *self._pairs[joint])
+    def _roll_images(self, roll: float) -> Sequence[float]:
+        return (0.0,) if self._roll_joint is None else self._roll_joint.angles(roll)
 
     def _in_plane(self, yaw: float, r: float, z: float, last: float | None) -> FloatArray | None:
         """Base and pitch joints for a point of the tool plane, the last link's direction given or any."""
@@ -309,7 +292,7 @@ def _distinct(found: list[FloatArray], index: list[int]) -> tuple[list[FloatArra
     kept: list[FloatArray] = []
     names: list[int] = []
     for q, i in zip(found, index, strict=True):
-        if not any(np.abs(q - other).max() < 1e-12 for other in kept):
+        if not any(np.abs(q - other).max() < LIMIT_TOLERANCE for other in kept):
             kept.append(q)
             names.append(i)
     return kept, names
