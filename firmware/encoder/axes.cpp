@@ -20,7 +20,7 @@ void Axes::configure(uint8_t axis, const Settings &settings) {
     settings_[axis] = settings;
     joints_[axis].profile.limit(settings.low, settings.high, settings.velocity, settings.acceleration);
     motors_[axis].pid.set(settings);
-    motors_[axis].watch.set(ms_to_ticks(settings.stall_ms));
+    motors_[axis].watch.set(ms_to_ticks(settings.stall_ms), settings.drive_limit);
 }
 
 void Axes::pair(uint8_t sum, uint8_t difference) {

@@ -1,4 +1,4 @@
-// Tells a motor that is driven fully and does not turn.
+// Tells a motor that is driven as hard as it may be and does not turn.
 #pragma once
 
 #include <stdint.h>
@@ -13,7 +13,10 @@ public:
         SILENT,  // its encoder has not given a count since the motors were switched on
     };
 
-    void set(uint16_t ticks) { limit_ = ticks; }
+    void set(uint16_t ticks, uint8_t full_drive) {
+        limit_ = ticks;
+        full_drive_ = full_drive;
+    }
     void reset(int32_t count) {
         anchor_ = count;
         ticks_ = 0;
@@ -30,7 +33,7 @@ public:
             ticks_ = 0;
             moved_ = true;
         }
-        if (drive < FULL_DRIVE && drive > -FULL_DRIVE) ticks_ = 0;
+        if (drive < full_drive_ && drive > -full_drive_) ticks_ = 0;
         else if (ticks_ < limit_) ++ticks_;
         if (ticks_ < limit_) return FINE;
         return moved_ ? STALLED : SILENT;
@@ -43,5 +46,6 @@ private:
     int32_t anchor_ = 0;
     uint16_t ticks_ = 0;
     uint16_t limit_ = 0xFFFF;
+    uint8_t full_drive_ = FULL_DRIVE;
     bool moved_ = false;
 };

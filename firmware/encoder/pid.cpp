@@ -25,9 +25,10 @@ void Pid::set(const Settings &settings) {
     i_ = settings.i;
     d_ = settings.d;
     breakaway_ = settings.breakaway;
+    limit_ = settings.drive_limit;
     // Where the integral alone drives fully: more of it would only have to be wound back.
-    constexpr int32_t FULL = (static_cast<int32_t>(FULL_DRIVE) << 8) << (TICK_SHIFT + ERROR_SHIFT);
-    integral_limit_ = i_ ? FULL / i_ : 0;
+    const int32_t full = (static_cast<int32_t>(limit_) << 8) << (TICK_SHIFT + ERROR_SHIFT);
+    integral_limit_ = i_ ? full / i_ : 0;
 }
 
 void Pid::reset() {
@@ -46,7 +47,7 @@ int16_t Pid::step(const Input &input) {
     const int32_t proportional = (static_cast<int32_t>(p_) * error) >> ERROR_SHIFT;
     const int32_t integral = shifted_down<TICK_SHIFT + ERROR_SHIFT>(static_cast<int32_t>(i_) * integral_);
     const int32_t derivative = static_cast<int32_t>(d_) * late;
-    const int16_t drive = clamped((proportional + integral + derivative) >> 8, FULL_DRIVE);
+    const int16_t drive = clamped((proportional + integral + derivative) >> 8, limit_);
 
     const bool in_band = error <= DEAD_BAND && error >= -DEAD_BAND;
     integrate(error, in_band && input.target_velocity == 0, drive);
@@ -55,7 +56,7 @@ int16_t Pid::step(const Input &input) {
 }
 
 // Break-away: only of a motor that stands and should not. It begins with the drive that moves the free
-// motor and grows, for a joint that has to lift something, until it moves or the full drive says that
+// motor and grows, for a joint that has to lift something, until it moves or the largest drive says that
 // it cannot.
 int16_t Pid::push_off(int16_t error, const Input &input, int16_t drive) {
     const int16_t enough = input.exact ? WANTS_TO_MOVE / 2 : WANTS_TO_MOVE;
@@ -65,8 +66,8 @@ int16_t Pid::push_off(int16_t error, const Input &input, int16_t drive) {
         return drive;
     }
     int16_t push = static_cast<int16_t>(breakaway_ + pushed_);
-    if (push < FULL_DRIVE) ++pushed_;
-    else push = FULL_DRIVE;
+    if (push < limit_) ++pushed_;
+    else push = limit_;
     if (error > 0) return drive < push ? push : drive;
     return drive > -push ? static_cast<int16_t>(-push) : drive;
 }
@@ -81,7 +82,7 @@ void Pid::integrate(int16_t error, bool resting, int16_t drive) {
         }
         return;
     }
-    if ((drive >= FULL_DRIVE && error > 0) || (drive <= -FULL_DRIVE && error < 0)) return;
+    if ((drive >= limit_ && error > 0) || (drive <= -limit_ && error < 0)) return;
     integral_ += error;
     if (integral_ > integral_limit_) integral_ = integral_limit_;
     else if (integral_ < -integral_limit_) integral_ = -integral_limit_;

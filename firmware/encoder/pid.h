@@ -18,7 +18,7 @@ public:
         bool standing;    // the motor has not moved for a while
         bool exact;       // a single count of error matters
     };
-    // Every control tick; the drive, -255 ... 255.
+    // Every control tick; the drive, no larger than the axis's limit.
     int16_t step(const Input &input);
 
 private:
@@ -27,6 +27,7 @@ private:
 
     uint16_t p_ = 0, i_ = 0, d_ = 0;
     uint8_t breakaway_ = 0;
+    uint8_t limit_ = 0;
     int32_t integral_limit_ = 0;
     int32_t integral_ = 0; // [1/16 count] summed over ticks
     uint8_t leak_ = 0;

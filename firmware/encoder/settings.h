@@ -23,6 +23,7 @@ struct Settings {
     uint8_t encoder_inverted; // inv
     uint8_t motor_inverted;  // minv
     uint8_t switch_opens;    // sinv
+    uint8_t drive_limit;     // dmax: the largest drive that the motor is given
 
     bool used() const { return home_order != 0; }
 };
@@ -30,7 +31,7 @@ struct Settings {
 // One setting by its name in the protocol.
 class SettingKey {
 public:
-    static constexpr uint8_t COUNT = 18;
+    static constexpr uint8_t COUNT = 19;
     static constexpr uint8_t NAME_SIZE = 6;
 
     explicit SettingKey(uint8_t index) : index_(index) {}

@@ -268,6 +268,8 @@ def arguments_that_do_not_fit_are_refused(line: Line) -> None:
         "inv=2",
         "minv=2",
         "sinv=2",
+        "dmax=0",
+        "dmax=256",
     )
     before = settings(host)
     for text in (*missing, *(f"CFG 0 {pair}" for pair in ranges)):
@@ -308,6 +310,7 @@ def settings_are_taken_whole_or_not_at_all(line: Line) -> None:
         "inv": "1",
         "minv": "1",
         "sinv": "1",
+        "dmax": "200",
     }
     other = settings(host, 1)
     pairs = [f"{key}={value}" for key, value in wanted.items()]

@@ -90,6 +90,33 @@ def test_a_jump_becomes_a_trapezoid(make_arm: MakeArm) -> None:
     assert 0.35 <= rise <= 0.65
 
 
+@pytest.mark.parametrize(("axis", "largest"), [(0, 210), (3, 180), (5, 150)])
+def test_no_motor_gets_more_drive_than_it_may_have(make_arm: MakeArm, axis: int, largest: int) -> None:
+    """Homing, a jump, and against something in its way: seen on the pins, tick by tick."""
+    arm = make_arm()
+    motor = arm.plant.axes[axis]
+    seen = [0.0]
+
+    def look() -> bool:
+        seen.append(abs(motor.drive))
+        return arm.now().mode == "T" if motor.blocked else "home done" in arm.events
+
+    assert arm.ask(f"CFG {axis} dmax={largest}") == "ok"
+    assert arm.ask(f"HOME {axis}") == "ok"
+    arm.run_until(look, 60)
+    assert arm.ask("P " + " ".join("600" if one == axis else "-" for one in range(AXES)) + " 1000") == "ok"
+    for _ in range(150):
+        arm.run(0.01)
+        look()
+        arm.post("PING")
+    assert arm.now().counts[axis] == pytest.approx(600, abs=2)
+    motor.blocked = 1
+    assert arm.ask("P " + " ".join("700" if one == axis else "-" for one in range(AXES)) + " 500") == "ok"
+    arm.run_until(look, 5)
+    assert arm.events[-1] == f"trip {axis} STALL"
+    assert max(seen) == pytest.approx(largest / 255, abs=0.002)
+
+
 def test_the_control_runs_512_times_a_second(make_arm: MakeArm) -> None:
     """Measured on the pin that is high while the control runs, with all axes moving."""
     arm = make_arm()

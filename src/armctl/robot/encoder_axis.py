@@ -31,8 +31,10 @@ class EncoderAxis:
     following_error: float
     """distance from the setpoint that switches the motors off [counts]"""
     stall_s: float
-    """full drive without movement for so long switches the motors off [s]"""
+    """the largest drive without movement for so long switches the motors off [s]"""
     encoder_inverted: bool
     motor_inverted: bool
     switch_inverted: bool = False
     """the home switch is closed all the time and opens when it is pressed"""
+    max_drive: float = 1.0
+    """the largest drive that the motor is given, 0..1; what it can push with"""

@@ -54,9 +54,10 @@ class Bench:
         self.clock = clock
         self.board = SimulatedEncoderBoard(PLANTS)
         self.line: ByteModel = self.board if line is None else line
-        self.driver = EncoderDriver(
-            lambda: LoopTransport(self.line, clock.now, clock.advance), axes=AXES, now=clock.now, **options
-        )
+        self.driver = EncoderDriver(self.open_line, axes=AXES, now=clock.now, **options)
+
+    def open_line(self) -> LoopTransport:
+        return LoopTransport(self.line, self.clock.now, self.clock.advance)
 
     def connect(self) -> Bench:
         self.driver.open()

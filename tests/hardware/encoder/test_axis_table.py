@@ -24,13 +24,13 @@ def test_the_lines_of_a_configuration():
     assert table(differential=(3, 4)).configuration() == (
         "PAIR 3 4",
         "CFG 0 min=-1000 max=1000 vmax=2000 amax=20000",
-        "CFG 0 kp=653 ki=653 kd=0 brk=51 ferr=600 stall=300",
+        "CFG 0 kp=653 ki=653 kd=0 brk=51 dmax=255 ferr=600 stall=300",
         "CFG 0 hdir=1 hv=400 hpos=0 hord=2 hmode=0 inv=0 minv=0 sinv=0",
         "CFG 1 min=-1000 max=900 vmax=1000 amax=10000",
-        "CFG 1 kp=653 ki=653 kd=0 brk=51 ferr=600 stall=300",
+        "CFG 1 kp=653 ki=653 kd=0 brk=51 dmax=255 ferr=600 stall=300",
         "CFG 1 hdir=-1 hv=400 hpos=0 hord=3 hmode=0 inv=0 minv=0 sinv=0",
         "CFG 2 min=-500 max=500 vmax=1000 amax=10000",
-        "CFG 2 kp=653 ki=653 kd=0 brk=51 ferr=600 stall=300",
+        "CFG 2 kp=653 ki=653 kd=0 brk=51 dmax=255 ferr=600 stall=300",
         "CFG 2 hdir=1 hv=400 hpos=0 hord=1 hmode=0 inv=0 minv=0 sinv=0",
         "CFG 3 hord=0",
         "CFG 4 hord=0",
@@ -38,6 +38,11 @@ def test_the_lines_of_a_configuration():
     )
     assert table().configuration()[0] == "PAIR NONE"
     assert table().homing_order == (2, 0, 1)
+
+
+def test_a_motor_gets_no_more_drive_than_it_may_have():
+    lines = table(CHANNELS[:1], [encoder_axis(0, max_drive=0.5)]).configuration()
+    assert "dmax=127" in lines[2]  # half of 255, rounded down
 
 
 def test_a_gripper_is_homed_at_its_stop_which_is_outside_its_range():
@@ -99,6 +104,8 @@ def test_no_setpoint_on_the_wire_ever_leaves_its_limits(setpoints):
         ([CHANNELS[0]], [encoder_axis(0, following_error=4e4)], "axis 0: following error 40000 is outside"),
         ([CHANNELS[0]], [encoder_axis(0, stall_s=0.01)], "axis 0: stall time 0.01 is outside 0.02 … 5"),
         ([CHANNELS[0]], [encoder_axis(0, breakaway=1.1)], "axis 0: breakaway 1.1 is outside 0 … 1"),
+        ([CHANNELS[0]], [encoder_axis(0, max_drive=1.1)], "axis 0: largest drive 1.1 is outside 0.0039"),
+        ([CHANNELS[0]], [encoder_axis(0, max_drive=0.003)], "axis 0: largest drive 0.003 is outside"),
         ([CHANNELS[0]], [encoder_axis(0, p=1.0)], "axis 0: gain p 1 is outside 0 … 0.5"),
         ([CHANNELS[0]], [encoder_axis(0, i=-0.1)], "axis 0: gain i -0.1 is outside"),
         ([CHANNELS[0]], [encoder_axis(0, d=math.inf)], "axis 0: gain d inf is outside"),

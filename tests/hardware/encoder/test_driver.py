@@ -278,7 +278,7 @@ def test_homing_from_beyond_the_switch(bench: Bench):
 def test_homing_by_stall(clock: ManualClock):
     bench = Bench(clock)
     axis = encoder_axis(5, home_toward=-1, home_by="stall")
-    bench.driver = EncoderDriver(bench.driver._line, axes=[axis], now=clock.now)
+    bench.driver = EncoderDriver(bench.open_line, axes=[axis], now=clock.now)
     bench.driver.open()
     bench.driver.configure([ChannelSettings(5, 50.0, 1000.0, 2000.0, 20000.0)])
     bench.driver.home()
@@ -328,7 +328,7 @@ def test_the_emergency_byte_of_somebody_else(homed: Bench):
 def test_what_was_wrong_before_is_told_once(homed: Bench):
     homed.clock.advance(0.6)
     identity = homed.driver.open()
-    assert identity.notes[1].startswith("before armctl connected, the board had reported: watchdog")
+    assert identity.earlier[0].startswith("before armctl connected, the board had reported: watchdog")
     homed.driver.configure(CHANNELS)
     readback = homed.driver.read()
     assert readback.errors == ()
@@ -340,14 +340,14 @@ def test_notes_on_a_fault_and_on_a_bad_start(clock: ManualClock):
     bench.board.axes[2].switch_stuck = False
     bench.driver.home()
     bench.wait(8.0)
-    assert "axis 2: homing failed" in bench.driver.open().notes[1]
+    assert "axis 2: homing failed" in bench.driver.open().earlier[0]
     bench.board.restart("watchdog")
-    assert "its last start was after a watchdog reset" in bench.driver.open().notes[1]
+    assert "its last start was after a watchdog reset" in bench.driver.open().earlier[0]
 
 
 def test_more_axes_than_the_board_has(clock: ManualClock):
     bench = Bench(clock)
-    driver = EncoderDriver(bench.driver._line, axes=[*AXES, encoder_axis(6)], now=clock.now)
+    driver = EncoderDriver(bench.open_line, axes=[*AXES, encoder_axis(6)], now=clock.now)
     with pytest.raises(BoardError, match=r"the board has axes 0 … 5, but the robot file uses axis 6"):
         driver.open()
     with pytest.raises(BoardError, match="not connected"):

@@ -9,6 +9,7 @@ from tests.hardware.encoder.kit import Bench, encoder_axis
 
 from armctl.hardware import ChannelSettings
 from armctl.hardware.encoder import AxisPlant, Mode, SimulatedEncoderBoard, decode, simulated_encoder_board
+from armctl.hardware.encoder.axis_fault import FaultKind
 from armctl.hardware.encoder.axis_plant import plant_of
 from armctl.hardware.encoder.messages import Banner
 from armctl.hardware.encoder.simulated_axis import SimulatedAxis
@@ -69,6 +70,18 @@ def test_a_hard_stop_is_hard():
     for _ in range(600):
         axis.tick(TICK_S)
     assert axis.place == 10_000.0
+
+
+@pytest.mark.parametrize(("largest", "fault"), [(255, FaultKind(0)), (100, FaultKind.STALL)])
+def test_a_motor_that_may_not_push_harder_stalls_earlier(largest: int, fault: FaultKind):
+    axis = axis_at(0, kp=256, dmax=largest)  # a step of drive a count
+    axis.go(300, 0.1)
+    for _ in range(20):
+        assert not axis.tick(TICK_S)
+    axis.jammed = True
+    axis.go(axis.count + 150, 0.1)  # a drive of 150 would be called for
+    faults = {axis.tick(TICK_S) for _ in range(200)}
+    assert faults == {FaultKind(0), fault}
 
 
 def test_the_plants_of_a_robot_can_be_homed():

@@ -24,15 +24,17 @@ def check_axis(axis: EncoderAxis) -> None:
     check_wire(number, "following error", axis.following_error, "ferr")
     check_wire(number, "stall time", axis.stall_s, "stall", _MS)
     check_wire(number, "breakaway", axis.breakaway, "brk", _FULL_DRIVE)
+    check_wire(number, "largest drive", axis.max_drive, "dmax", _FULL_DRIVE)
     for name, gain, key in (("p", axis.p, "kp"), ("i", axis.i, "ki"), ("d", axis.d, "kd")):
         check_wire(number, f"gain {name}", gain, key, _GAIN_UNIT)
 
 
 def control_line(axis: EncoderAxis) -> str:
-    """The line that sets gains and trips."""
+    """The line that sets gains, drive and trips."""
     kp, ki, kd = (round(gain * _GAIN_UNIT) for gain in (axis.p, axis.i, axis.d))
+    largest = math.floor(axis.max_drive * _FULL_DRIVE)  # never more than it may be
     return (
-        f"CFG {axis.axis} kp={kp} ki={ki} kd={kd} brk={round(axis.breakaway * _FULL_DRIVE)} "
+        f"CFG {axis.axis} kp={kp} ki={ki} kd={kd} brk={round(axis.breakaway * _FULL_DRIVE)} dmax={largest} "
         f"ferr={round(axis.following_error)} stall={round(axis.stall_s * _MS)}"
     )
 

@@ -6,12 +6,14 @@ import math
 from collections.abc import Mapping, Sequence
 
 from armctl.errors import BoardError, InputError
+from armctl.hardware.channel_scale import ChannelScale
 from armctl.hardware.driver import ChannelSettings
 from armctl.hardware.encoder.axis_lines import check_axis, control_line, homing_line
 from armctl.hardware.encoder.wire_range import check_wire
 from armctl.robot import EncoderAxis
 
 _LEAVE = "-"
+_SCALE = ChannelScale("axis", "counts")
 
 
 class AxisTable:
@@ -71,7 +73,7 @@ class AxisTable:
         Raises:
             BoardError: not configured, not finite, or outside the limits.
         """
-        counts = {axis: self._admit(axis, value) for axis, value in setpoints.items()}
+        counts = {axis: _SCALE.admit(self._limits, axis, value) for axis, value in setpoints.items()}
         fields = " ".join(str(counts.get(axis, _LEAVE)) for axis in range(self._count))
         return f"P {fields} {reach_ms}"
 
@@ -100,24 +102,10 @@ class AxisTable:
                 check_wire(one.channel, name, value, key)
         except InputError as error:
             raise BoardError(str(error)) from error
-        low, high = _whole_range(one)
+        low, high = _SCALE.whole_range(one)
         if not low < high:
             raise BoardError(f"axis {one.channel}: {one.minimum:g} … {one.maximum:g} counts is no range")
         self._limits[one.channel] = one
-
-    def _admit(self, axis: int, value: float) -> int:
-        limits = self._limits.get(axis)
-        if limits is None:
-            known = ", ".join(map(str, self.axes)) or "none"
-            raise BoardError(f"axis {axis} is not configured (configured: {known}); nothing was sent")
-        # Written so that a NaN, which compares false with everything, is refused too.
-        if not limits.minimum <= value <= limits.maximum:
-            raise BoardError(
-                f"axis {axis}: {value:g} counts is outside {limits.minimum:g} … {limits.maximum:g}; "
-                "nothing was sent"
-            )
-        low, high = _whole_range(limits)
-        return min(high, max(low, round(value)))
 
 
 def _limits_line(limits: ChannelSettings) -> str:
@@ -125,12 +113,7 @@ def _limits_line(limits: ChannelSettings) -> str:
 
     They reach as far as count 0, where the axis stands after homing: a gripper's stop is beyond its range.
     """
-    low, high = _whole_range(limits)
+    low, high = _SCALE.whole_range(limits)
     # Rounded down: the board never runs faster than the limit; the range keeps both above 0.
     speed, acceleration = math.floor(limits.speed or 0.0), math.floor(limits.acceleration or 0.0)
     return f"CFG {limits.channel} min={min(low, 0)} max={max(high, 0)} vmax={speed} amax={acceleration}"
-
-
-def _whole_range(limits: ChannelSettings) -> tuple[int, int]:
-    """The whole counts inside the range: rounding a setpoint must not lead out of it."""
-    return math.ceil(limits.minimum), math.floor(limits.maximum)

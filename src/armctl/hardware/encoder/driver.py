@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 
-from armctl.errors import ArmctlError, BoardError, BoardTimeoutError, PortError, StateError
+from armctl.errors import ArmctlError, BoardError, BoardTimeoutError, StateError
+from armctl.hardware.board_port import AcceptBoard, BoardPort, any_board
 from armctl.hardware.driver import BoardIdentity, ChannelSettings, HomingState, Readback, Source
 from armctl.hardware.encoder.axis_table import AxisTable
 from armctl.hardware.encoder.frame import Realtime
@@ -12,13 +13,12 @@ from armctl.hardware.encoder.greeting import greet
 from armctl.hardware.encoder.messages import Banner
 from armctl.hardware.encoder.session import EncoderSession
 from armctl.hardware.encoder.status import Mode, Status
+from armctl.hardware.encoder.told_settings import WATCHDOG_MS, ToldSettings
 from armctl.hardware.encoder.watch import BoardWatch, earlier_words
-from armctl.hardware.ports import PortInfo, describe_port, list_ports
-from armctl.hardware.serial_transport import SerialTransport
+from armctl.hardware.ports import PortInfo, list_ports
 from armctl.hardware.transport import Transport
 from armctl.robot import EncoderAxis
 
-WATCHDOG_MS = 500
 SILENCE_NOTE = (
     f"the board switches its motors off {WATCHDOG_MS} ms after it last heard from this computer: if the "
     "program or the cable fails, or on Disconnect, joints that their gears do not hold sink"
@@ -47,7 +47,8 @@ class EncoderDriver:
         now: the clock [s].
         differential: the two axes of a differential wrist, pitch first; None without one.
         simulated: whether a simulated board is at the other end.
-        ports: the listing of serial ports, for the identity only.
+        ports: the listing of serial ports.
+        accept: judges the board by its serial number, once the port is open and before it is spoken to.
         timeout_s: how long an answer may take, with the repetitions of a lost line.
     """
 
@@ -60,14 +61,14 @@ class EncoderDriver:
         differential: tuple[int, int] | None = None,
         simulated: bool = False,
         ports: Callable[[], Sequence[PortInfo]] = list_ports,
+        accept: AcceptBoard = any_board,
         timeout_s: float = 0.1,
     ) -> None:
-        self._line = line
         self._axes = tuple(axes)
         self._now = now
         self._differential = differential
         self._simulated = simulated
-        self._ports = ports
+        self._port = BoardPort(line, ports, accept, simulated=simulated)
         self._timeout_s = timeout_s
         self._opened: EncoderSession | None = None
         self._forget()
@@ -85,11 +86,11 @@ class EncoderDriver:
         """
         self.close()
         self._forget()
-        info = self._look_up()
-        transport = SerialTransport(self._line) if isinstance(self._line, str) else self._line()
+        self._port.look_up()
+        transport, info = self._port.open()
         session = self._opened = EncoderSession(transport, self._now, self._timeout_s)
         try:
-            banner = greet(session, transport, resets=self._resets())
+            banner = greet(session, transport, resets=self._port.restarts_board)
             self._check_axes(banner, session.name)
             status = self._seen = session.fresh_status(_OLDEST_STATUS_S)
         except ArmctlError:
@@ -101,7 +102,8 @@ class EncoderDriver:
             port=session.name,
             serial_number=info.serial_number if info else None,
             simulated=self._simulated,
-            notes=(() if self._simulated else (SILENCE_NOTE,)) + earlier_words(status, banner.reset),
+            notes=() if self._simulated else (SILENCE_NOTE,),
+            earlier=earlier_words(status, banner.reset),
         )
 
     def configure(self, channels: Sequence[ChannelSettings]) -> None:
@@ -115,7 +117,7 @@ class EncoderDriver:
         """
         session = self._board
         table = AxisTable(channels, self._axes, self._differential, self._count)
-        self._tell(session, table)
+        self._settings.tell(session, table)
         self._table = table
 
     def write(self, setpoints: Mapping[int, float]) -> None:
@@ -197,9 +199,9 @@ class EncoderDriver:
         session = self._board
         if not self._table.axes:
             raise BoardError("no axis is configured, so there is nothing to home; configure the board first")
-        self._tell(session, self._table)
+        self._settings.tell(session, self._table)
         status = session.fresh_status(_OLDEST_STATUS_S)
-        if _latched(status):
+        if status.latched:
             session.command("CLR")
         if status.mode is Mode.HELD:
             self._insist(session, Realtime.RELEASE_HOLD, _is_free)  # where that fails, HOME is refused
@@ -222,7 +224,7 @@ class EncoderDriver:
                 f"this computer it switches them off after {WATCHDOG_MS} ms. Cut their supply before you "
                 "reach in"
             ) from silence
-        if _latched(session.fresh_status(_OLDEST_STATUS_S)):
+        if session.fresh_status(_OLDEST_STATUS_S).latched:
             session.command("CLR")
         self._taken_note(session, on=False)
 
@@ -242,24 +244,10 @@ class EncoderDriver:
         """Know nothing any more of the board: it may be another one, or freshly started."""
         self._count = 0
         self._table = AxisTable()
-        self._told: tuple[str, ...] = ()
-        self._told_restarts = 0
+        self._settings = ToldSettings()
         self._watch = BoardWatch()
         self._seen: Status | None = None
         self._held = False
-
-    def _look_up(self) -> PortInfo | None:
-        """What the system's listing says about the port."""
-        if not isinstance(self._line, str) or self._simulated:
-            return None
-        info = describe_port(self._line, self._ports())
-        if info is not None and not info.usable:
-            raise PortError(f"{self._line}: {info.why_not}")
-        return info
-
-    def _resets(self) -> bool:
-        """Whether opening the line starts the board anew: an Arduino's USB port does, a socket may not."""
-        return isinstance(self._line, str) and not self._simulated and "://" not in self._line
 
     def _check_axes(self, banner: Banner, name: str) -> None:
         last = max((one.axis for one in self._axes), default=0)
@@ -268,25 +256,6 @@ class EncoderDriver:
                 f"{name}: the board has axes 0 … {banner.axes - 1}, but the robot file uses axis {last}; "
                 "choose the robot that belongs to this board, or change its file"
             )
-
-    def _tell(self, session: EncoderSession, table: AxisTable) -> None:
-        """Send the settings, unless the board has them."""
-        session.drain()
-        lines = table.configuration()
-        if lines == self._told and session.heard.restarts == self._told_restarts:
-            return
-        status = session.fresh_status(_OLDEST_STATUS_S)
-        if status.mode.powered:
-            raise StateError(
-                f"{session.name}: the motors are on, and with other settings; release first, or wait half a "
-                "second after another program has let go of the board"
-            )
-        if not self._told and _latched(status):
-            session.command("CLR")  # from before armctl connected; told in the identity's notes
-        restarts = session.heard.restarts
-        for line in (f"WD {WATCHDOG_MS}", *lines):
-            session.command(line)
-        self._told, self._told_restarts = lines, restarts
 
     def _insist(
         self, session: EncoderSession, byte: Realtime, shows: Callable[[Status | None], bool]
@@ -336,8 +305,3 @@ def _stands(status: Status | None) -> bool:
 def _is_free(status: Status | None) -> bool:
     """Whether the board shows that it does not hold."""
     return status is not None and status.mode is not Mode.HELD
-
-
-def _latched(status: Status) -> bool:
-    """Whether there is anything to clear."""
-    return bool(status.flags) or any(status.faults) or status.mode is Mode.TRIPPED

@@ -26,11 +26,11 @@ DEFAULTS = {
     "inv": 0,
     "minv": 0,
     "sinv": 0,
+    "dmax": 255,
 }
 UNHOMING = frozenset({"inv", "minv", "hdir", "hpos", "hmode", "sinv"})
 """Keys whose change makes an earlier zero worthless."""
 
-_FULL_DRIVE = 255.0
 _GAIN_STEPS = 256.0
 _LAG_S = 0.015
 _MOVED_COUNTS = 2.0
@@ -166,7 +166,7 @@ class SimulatedAxis:
         if error > self.settings["ferr"]:
             return FaultKind.FOLLOWING
         drive = error * self.settings["kp"] / _GAIN_STEPS + self.settings["brk"]
-        if error < _MOVED_COUNTS or drive < _FULL_DRIVE:
+        if error < _MOVED_COUNTS or drive < self.settings["dmax"]:
             self._standing_s = 0.0
         elif self._standing_s >= self.settings["stall"] / 1000.0:
             return FaultKind.STALL if self._moved and not self.torn else FaultKind.ENCODER

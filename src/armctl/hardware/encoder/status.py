@@ -42,6 +42,11 @@ class Status:
     counts: tuple[int, ...]
     """joint counts"""
 
+    @property
+    def latched(self) -> bool:
+        """Whether there are flags or faults that CLR clears."""
+        return bool(self.flags) or any(self.faults) or self.mode is Mode.TRIPPED
+
     def encode(self) -> str:
         """The fields as the board sends them, without the ``@``."""
         faults = "".join(f"{fault:02x}" for fault in self.faults)

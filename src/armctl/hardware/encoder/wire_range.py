@@ -17,6 +17,7 @@ WIRE_RANGES: dict[str, tuple[int, int]] = {
     "ki": (0, 32_767),
     "kd": (0, 32_767),
     "brk": (0, 255),
+    "dmax": (1, 255),
     "ferr": (1, 30_000),
     "stall": (20, 5_000),
     "hord": (0, 6),
