@@ -1,10 +1,22 @@
 from __future__ import annotations
 
+import os
+import select
 from collections.abc import Iterator
+from dataclasses import replace
 
 import pytest
 
-from armctl.boards import AUTOMATIC, SIMULATED, SIMULATED_SERIAL, UNNUMBERED, Boards, board_name, split_kind
+from armctl.boards import (
+    AUTOMATIC,
+    NO_BOARD,
+    SIMULATED,
+    SIMULATED_SERIAL,
+    UNNUMBERED,
+    Boards,
+    board_name,
+    split_kind,
+)
 from armctl.errors import PortError
 from armctl.hardware import PortInfo
 from armctl.hardware.encoder import EncoderDriver
@@ -85,3 +97,59 @@ def test_calibrations_are_kept_by_serial_number() -> None:
     assert board_name(AUTOMATIC, robot, lambda: [MAESTRO, MEGA]) == "8573"
     assert board_name("firmata:/dev/ttyACM1", robot, lambda: [MEGA]) == "8573"
     assert board_name("socket://127.0.0.1:5000", robot, lambda: [MEGA]) == UNNUMBERED
+
+
+def test_a_board_that_is_not_plugged_in_has_no_name() -> None:
+    with pytest.raises(PortError, match="/dev/nobody: no such port; is the board plugged in"):
+        board_name("maestro:/dev/nobody", load_robot("uzuner"), lambda: [])
+
+
+@pytest.fixture
+def line() -> Iterator[tuple[int, str]]:
+    """A pty: the board's end, and the name of the other."""
+    board, port = os.openpty()
+    yield board, os.ttyname(port)
+    os.close(board)
+    os.close(port)
+
+
+@pytest.mark.parametrize(("name", "on_it"), [("uzuner", MAESTRO), ("abaas", MEGA), ("scorbot", MEGA)])
+@pytest.mark.parametrize(
+    ("there", "said"),
+    [
+        ("8573", "board 8573 was there"),
+        (UNNUMBERED, "board unnumbered was there"),
+        (NO_BOARD, "no board was"),
+    ],
+)
+def test_a_board_that_was_changed_for_another_is_refused(
+    name: str, on_it: PortInfo, there: str, said: str, line: tuple[int, str]
+) -> None:
+    board, device = line
+    found = replace(on_it, device=device, serial_number="4711")
+    one = Boards(load_robot(name), MonotonicClock().now, lambda: [found], board=there)
+    driver = one.driver(device)
+    with pytest.raises(PortError, match=rf"{device}: {said}.*, now board 4711 is; nothing was sent to it"):
+        driver.open()
+    assert not select.select([board], [], [], 0)[0]  # not one byte reached it
+
+
+def test_the_board_counts_that_is_there_once_the_port_is_open(line: tuple[int, str]) -> None:
+    _, device = line
+    before, after = (replace(MAESTRO, device=device, serial_number=number) for number in ("1", "2"))
+    listings = iter([[before], [before], [after]])  # which kind, whether usable, what was opened
+    one = Boards(load_robot("uzuner"), MonotonicClock().now, lambda: next(listings), board="1")
+    with pytest.raises(PortError, match=r"board 1 was there .* now board 2 is"):
+        one.driver(device).open()
+
+
+def test_an_arm_is_connected_to_the_board_that_it_is_calibrated_with() -> None:
+    simulator = boards("uzuner")
+    device = simulator.simulated().port
+    found = replace(MAESTRO, device=device)
+    driver = Boards(load_robot("uzuner"), MonotonicClock().now, lambda: [found], board="00123").driver(device)
+    try:
+        assert driver.open().serial_number == "00123"
+    finally:
+        driver.close()
+        simulator.close()

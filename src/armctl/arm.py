@@ -12,7 +12,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from armctl.boards import SIMULATED, Boards, calibrated_for
+from armctl.boards import ANY_BOARD, SIMULATED, Boards, board_name, calibrated_for
 from armctl.errors import InputError
 from armctl.kinematics import Target
 from armctl.motion import (
@@ -61,13 +61,21 @@ class Arm:
             arm.run("pick.toml", loops=3)
     """
 
-    def __init__(self, robot: Robot, rate_hz: float = 50.0) -> None:
-        """Wire up an arm without opening a line; ``open`` does both."""
+    def __init__(self, robot: Robot, rate_hz: float = 50.0, board: str = ANY_BOARD) -> None:
+        """Wire up an arm without opening a line; ``open`` does both.
+
+        Args:
+            robot: as it is calibrated.
+            rate_hz: setpoints a second.
+            board: what ``board_name`` called the board that it is calibrated with: connecting it to
+                another real one is refused. ``NO_BOARD``: none was there.
+        """
         # The interpreter's default of 5 ms is what a tick would be late when other threads run Python.
         sys.setswitchinterval(min(sys.getswitchinterval(), _SWITCH_INTERVAL_S))
         clock = MonotonicClock()
         self.robot = robot
-        self.boards = Boards(robot, clock.now)
+        self.board = board
+        self.boards = Boards(robot, clock.now, board=board)
         self.controller = Controller(robot, self.boards.driver, clock, rate_hz)
         self.controller.start()
 
@@ -81,12 +89,14 @@ class Arm:
             rate_hz: setpoints a second.
 
         Raises:
-            ArmctlError: no such robot, or no board on the port.
+            ArmctlError: no such robot, no board on the port, or another one than a moment before.
         """
         loaded = robot if isinstance(robot, Robot) else load_robot(robot)
-        arm = cls(calibrated_for(loaded, port or SIMULATED), rate_hz)
+        port = port or SIMULATED
+        board = board_name(port, loaded)
+        arm = cls(calibrated_for(loaded, board), rate_hz, board)
         try:
-            arm._do(Connect(port or SIMULATED))
+            arm._do(Connect(port))
         except BaseException:
             arm.close()
             raise

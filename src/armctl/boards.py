@@ -4,16 +4,20 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Sequence
+from functools import partial
+from pathlib import Path
 from typing import Any, get_args
 
 from armctl.calibration import CalibrationStore, calibrated
 from armctl.errors import PortError
 from armctl.hardware import Driver
+from armctl.hardware.board_titles import BOARD_TITLES
 from armctl.hardware.encoder import EncoderDriver, serve_simulated_encoder
 from armctl.hardware.firmata import FirmataDriver, serve_simulated_firmata
 from armctl.hardware.maestro import MaestroDriver, MaestroModel, serve_simulated_maestro
 from armctl.hardware.ports import PortInfo, describe_port, find_board, list_ports
 from armctl.hardware.pty_server import PtyServer
+from armctl.hardware.serial_transport import NO_SUCH_PORT
 from armctl.robot import BoardKind, Robot
 from armctl.runtime import channel_settings
 
@@ -22,11 +26,8 @@ SIMULATED_SERIAL = "simulated"
 """what stands for the serial number of a simulated board"""
 UNNUMBERED = "unnumbered"
 """what stands for the serial number of a board without one: one calibration for all of them"""
-BOARD_TITLES: dict[BoardKind, str] = {
-    "maestro": "Pololu Maestro",
-    "firmata": "Arduino with StandardFirmata",
-    "encoder": "Arduino with armctl's encoder firmware",
-}
+ANY_BOARD, NO_BOARD = "*", ""
+"""for an arm that may be connected to any board; for one whose board was not there when it was opened"""
 _SIMULATED_TIMEOUT_S = 0.5
 """The simulated board lives in this process: on a busy computer it is late, never gone."""
 _REPEATED_WITHIN_S, _FIRMATA_TIMEOUT_S = 0.1, 0.25
@@ -39,12 +40,18 @@ class Boards:
         robot: whose board it is; its file says of which kind.
         now: the clock [s].
         ports: the listing of serial ports.
+        board: what ``board_name`` called the board that the robot is calibrated with, or ``NO_BOARD``. A
+            driver of another real board refuses to open: its calibration, or its lack of one, is another.
     """
 
     def __init__(
-        self, robot: Robot, now: Callable[[], float], ports: Callable[[], Sequence[PortInfo]] = list_ports
+        self,
+        robot: Robot,
+        now: Callable[[], float],
+        ports: Callable[[], Sequence[PortInfo]] = list_ports,
+        board: str = ANY_BOARD,
     ) -> None:
-        self._robot, self._now, self._ports = robot, now, ports
+        self._robot, self._now, self._ports, self._board = robot, now, ports, board
         self._lock = threading.Lock()
         self._simulated: PtyServer[Any] | None = None
 
@@ -61,9 +68,7 @@ class Boards:
         """
         if port == SIMULATED:
             return self._driver(self._robot.board, self.simulated().port, simulated=True)
-        why_not = only_simulated(self._robot)
-        if why_not is not None:
-            raise PortError(f"{port} is not opened: {why_not}")
+        _require_outputs(self._robot, port)
         if port == AUTOMATIC:
             return self._driver(self._robot.board, find_board(self._ports(), self._robot.board).device)
         kind, device = split_kind(port)
@@ -87,22 +92,25 @@ class Boards:
 
     def _driver(self, kind: BoardKind, line: str, *, simulated: bool = False) -> Driver:
         robot = self._robot
-        if kind != robot.board:
-            raise PortError(
-                f"{line}: {robot.title} is set up for {BOARD_TITLES[robot.board]}, this is "
-                f"{BOARD_TITLES[kind]}, and a channel of one is not that of the other; choose another port, "
-                "or give the arm a robot file for this board ([board] kind, channels)"
-            )
+        require_kind(robot, kind, line)
+        accept = partial(self._accept, line)
         match kind:
             case "maestro":
                 if not simulated:
-                    return MaestroDriver(line, now=self._now)
+                    return MaestroDriver(line, now=self._now, ports=self._ports, accept=accept)
                 return MaestroDriver(
                     line, now=self._now, model=_model(robot), simulated=True, timeout_s=_SIMULATED_TIMEOUT_S
                 )
             case "firmata":
                 patience = _SIMULATED_TIMEOUT_S if simulated else _FIRMATA_TIMEOUT_S
-                return FirmataDriver(line, now=self._now, simulated=simulated, timeout_s=patience)
+                return FirmataDriver(
+                    line,
+                    now=self._now,
+                    simulated=simulated,
+                    ports=self._ports,
+                    accept=accept,
+                    timeout_s=patience,
+                )
             case "encoder":
                 return EncoderDriver(
                     line,
@@ -110,8 +118,21 @@ class Boards:
                     differential=robot.differential,
                     now=self._now,
                     simulated=simulated,
+                    ports=self._ports,
+                    accept=accept,
                     timeout_s=_SIMULATED_TIMEOUT_S if simulated else _REPEATED_WITHIN_S,
                 )
+
+    def _accept(self, line: str, serial_number: str | None) -> None:
+        """Refuse the board of another calibration: a name of a port may mean another board by now."""
+        found = serial_number or UNNUMBERED
+        if self._board in (ANY_BOARD, found):
+            return
+        was = "no board was there" if self._board == NO_BOARD else f"board {self._board} was there"
+        raise PortError(
+            f"{line}: {was} when the calibration of {self._robot.title} was looked up, now board {found} is; "
+            "nothing was sent to it. Connect again, to go by its own calibration"
+        )
 
     def _serve(self) -> PtyServer[Any]:
         robot = self._robot
@@ -142,6 +163,20 @@ def split_kind(port: str) -> tuple[BoardKind | None, str]:
     return None, port
 
 
+def require_kind(robot: Robot, kind: BoardKind, port: str) -> None:
+    """Refuse another kind of board than the robot file's.
+
+    Raises:
+        PortError: says which is which, and what to do.
+    """
+    if kind != robot.board:
+        raise PortError(
+            f"{port}: {robot.title} is set up for {BOARD_TITLES[robot.board]}, this is "
+            f"{BOARD_TITLES[kind]}, and a channel of one is not that of the other; choose another port, "
+            "or give the arm a robot file for this board ([board] kind, channels)"
+        )
+
+
 def only_simulated(robot: Robot) -> str | None:
     """Why no real board may drive an arm; None where one may."""
     if robot.output_map is not None:
@@ -150,6 +185,12 @@ def only_simulated(robot: Robot) -> str | None:
         f"the robot file of {robot.title} gives no servos, so nobody knows which pulse means which angle; "
         "add a servo entry to each joint, or use the simulated board"
     )
+
+
+def _require_outputs(robot: Robot, port: str) -> None:
+    why_not = only_simulated(robot)
+    if why_not is not None:
+        raise PortError(f"{port} is not opened: {why_not}")
 
 
 def _model(robot: Robot) -> MaestroModel:
@@ -165,27 +206,26 @@ def board_name(port: str, robot: Robot, ports: Callable[[], Sequence[PortInfo]] 
         clones of the Arduino have none, a pty and a socket neither).
 
     Raises:
-        PortError: ``auto`` found no board, or more than one.
+        PortError: ``auto`` found no board, or more than one; there is no such device; or the arm may only
+            be simulated.
     """
     if port == SIMULATED:
         return SIMULATED_SERIAL
+    _require_outputs(robot, port)
     if port == AUTOMATIC:
         return find_board(ports(), robot.board).serial_number or UNNUMBERED
-    info = describe_port(split_kind(port)[1], ports())
+    device = split_kind(port)[1]
+    info = describe_port(device, ports())
+    if info is None and "://" not in device and not Path(device).exists():
+        raise PortError(f"{device}: {NO_SUCH_PORT}")
     return (info.serial_number if info is not None else None) or UNNUMBERED
 
 
-def calibrated_for(
-    robot: Robot,
-    port: str,
-    store: CalibrationStore | None = None,
-    ports: Callable[[], Sequence[PortInfo]] = list_ports,
-) -> Robot:
-    """The robot as it was calibrated with the board on ``port``; unchanged where it never was.
+def calibrated_for(robot: Robot, board: str, store: CalibrationStore | None = None) -> Robot:
+    """The robot as it was calibrated with a board, named as by ``board_name``; unchanged where it never was.
 
     Raises:
-        PortError: ``auto`` found no board, or more than one.
         CalibrationError: the calibration that is kept cannot be read, or no longer fits the robot file.
     """
-    calibration = (store or CalibrationStore()).load(robot.name, board_name(port, robot, ports))
+    calibration = (store or CalibrationStore()).load(robot.name, board)
     return robot if calibration is None else calibrated(robot, calibration)

@@ -250,15 +250,20 @@ def test_a_firmware_of_another_protocol(clock: ManualClock, device: str):
 def test_another_board_than_the_robot_needs_is_looked_at_all_the_same(clock: ManualClock, device: str):
     findings = report(encoder_patient(device), maestro(), clock)
     assert failures(findings) == ["who answers"]
-    assert "a maestro board, but the robot file wants encoder" in findings["who answers"].seen
+    assert findings["who answers"].seen.endswith(
+        "that is Pololu Maestro, but Arduino with armctl's encoder firmware is expected"
+    )
     assert findings["error register"].verdict is Verdict.OK
-    assert findings["channels"].verdict is Verdict.NOT_CHECKED
+    for check in ("channels", "ranges"):
+        assert findings[check].verdict is Verdict.NOT_CHECKED
+        assert findings[check].seen == "the robot file is for another kind of board"
 
 
 def test_without_a_robot_the_channels_are_not_checked(clock: ManualClock, device: str):
     for board in (maestro(), SimulatedFirmata(), SimulatedEncoderBoard()):
         findings = report(patient(device, info=None, expected=None, channels=()), board, clock)
         assert failures(findings) == []
+        assert findings["channels"].seen == "no robot was named"
         assert findings["channels"].advice == "name one with --robot"
 
 

@@ -11,7 +11,6 @@ from armctl.hardware.ports import (
     PortInfo,
     describe_port,
     find_board,
-    find_maestro,
     list_ports,
 )
 
@@ -56,7 +55,7 @@ def test_the_command_port_of_a_maestro_and_not_its_ttl_port():
     assert ttl.usable is False
     assert ttl.why_not is not None
     assert ttl.why_not.startswith("this is the Maestro's TTL port")
-    assert find_maestro([ttl, command]) == command
+    assert find_board([ttl, command], "maestro") == command
 
 
 @pytest.mark.parametrize(
@@ -204,21 +203,24 @@ def test_a_port_is_found_under_any_of_its_names(by_id: Path, tmp_path: Path):
 
 def test_no_maestro():
     with pytest.raises(PortError, match=r"no Maestro found; serial ports: none at all; plug one in"):
-        find_maestro([])
+        find_board([], "maestro")
     mega = ports(listed("/dev/ttyACM3", 0x2341, 0x0042))
     with pytest.raises(PortError, match=r"serial ports: /dev/ttyACM3 \(Arduino Mega\)"):
-        find_maestro(mega)
+        find_board(mega, "maestro")
 
 
 def test_several_maestros():
     other = listed("/dev/ttyACM2", 0x1FFB, 0x008A, "1-1.3:1.0")
     with pytest.raises(PortError, match=r"several Maestros .*/dev/ttyACM0 .*/dev/ttyACM2 .*name one"):
-        find_maestro(ports(COMMAND_PORT, TTL_PORT, other))
+        find_board(ports(COMMAND_PORT, TTL_PORT, other), "maestro")
 
 
 def test_a_maestro_that_cannot_be_used():
-    with pytest.raises(PortError, match="cannot be used: /dev/ttyACM1: this is the Maestro's TTL port"):
-        find_maestro(ports(TTL_PORT))
+    with pytest.raises(
+        PortError,
+        match="the Maestro that is plugged in cannot be used: /dev/ttyACM1: this is the Maestro's TTL port",
+    ):
+        find_board(ports(TTL_PORT), "maestro")
 
 
 MEGA = listed("/dev/ttyACM3", 0x2341, 0x0042)

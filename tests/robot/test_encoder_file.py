@@ -79,13 +79,45 @@ def test_axes_are_in_counts(tmp_path: Path) -> None:
             "'wrist_yaw' is no joint",
         ),
         ('"wrist_pitch", "wrist_roll"', '"wrist_pitch", "wrist_pitch"', "names one joint twice"),
-        ("closed_counts = 50", "closed_counts = 1650", "closed_counts and open_counts are the same"),
-        ('home_toward = "+"', 'home_toward = "up"', "home_toward"),
+        ("closed_counts = 50", "closed_counts = 1650", "closed and open are both 1650; they must differ"),
+        (
+            "axis = 1,",
+            "axis = 1, max_drive_percent = 60,",
+            r"joints\.shoulder\.encoder\.breakaway_percent = 78 is above max_drive_percent = 60: the motor",
+        ),
+        (
+            "axis = 5,",
+            "axis = 5, max_drive_percent = 77.5,",
+            r"gripper\.encoder\.breakaway_percent = 78 is above max_drive_percent = 77.5",
+        ),
+        ("axis = 1,", "axis = 1, max_drive_percent = 0,", r"> 0\.0.*joints\[1\]\.encoder\.max_drive_percent"),
+        (
+            'home_toward = "+"',
+            'home_toward = "up"',
+            r"joints\[2\]\.encoder\.home_toward = 'up': must be one of '\+', '-'",
+        ),
+        (
+            'home_by = "stall"',
+            'home_by = "touch"',
+            r"gripper\.encoder\.home_by = 'touch': must be one of 'stall', 'switch'",
+        ),
+        (
+            'kind = "encoder"',
+            'kind = "arduino"',
+            r"board\.kind = 'arduino': must be one of 'encoder', 'firmata', 'maestro'",
+        ),
+        ("format = 1", "format = 2", r"format = 2: must be 1$"),
     ],
 )
 def test_what_is_refused(tmp_path: Path, old: str, new: str, said: str) -> None:
     with pytest.raises(RobotFileError, match=said):
         loaded(tmp_path, old, new)
+
+
+def test_a_motor_may_be_given_less_than_its_full_drive(tmp_path: Path) -> None:
+    assert {axis.max_drive for axis in load_robot("scorbot").axes} == {1.0}
+    robot = loaded(tmp_path, "axis = 1,", "axis = 1, max_drive_percent = 90,")
+    assert [axis.max_drive for axis in robot.axes] == pytest.approx([1, 0.9, 1, 1, 1, 1])
 
 
 def test_an_encoder_that_one_joint_lacks_is_named(tmp_path: Path) -> None:

@@ -9,7 +9,7 @@ import click
 import numpy as np
 
 from armctl.arm import Arm
-from armctl.boards import UNNUMBERED, board_name
+from armctl.boards import UNNUMBERED
 from armctl.calibration import (
     LEAST_MARKS,
     Calibration,
@@ -47,10 +47,9 @@ def measure_joint(robot: Robot, joint: str, port: str, places: int, speed: float
         ArmctlError: no such joint, no board, marks that give no calibration.
     """
     unit = unit_of(robot, joint)
-    board = board_name(port, robot)
-    if board == UNNUMBERED:
-        click.echo(f"the board on {port} has no serial number: what is saved holds for every such board")
     with Arm.open(robot, port) as arm:
+        if arm.board == UNNUMBERED:
+            click.echo(f"the board on {port} has no serial number: what is saved holds for every such board")
         arm.set_speed(speed)
         first = "look for its home switches, then move" if arm.snapshot.homing else "move"
         click.confirm(
@@ -61,7 +60,7 @@ def measure_joint(robot: Robot, joint: str, port: str, places: int, speed: float
         marks = _take_marks(arm, joint, places, unit)
         found = fit_joint(marks, unit)
         show_fit(robot, joint, found)
-        _keep(robot, board, joint, found, note)
+        _keep(robot, arm.board, joint, found, note)
 
 
 def _take_marks(arm: Arm, joint: str, places: int, unit: str) -> tuple[Mark, ...]:

@@ -14,7 +14,7 @@ from armctl.calibration import (
 )
 from armctl.cli.calibration_board import board_option, chosen_board
 from armctl.cli.calibration_words import timestamp, unit_of
-from armctl.cli.options import QUERY_SETTINGS
+from armctl.cli.options import NUMBER, QUERY_SETTINGS
 from armctl.errors import CalibrationError
 from armctl.robot import Robot, load_robot
 
@@ -24,8 +24,8 @@ port_option = click.option("--port", help="The port that the board is on, instea
 @click.command(context_settings=QUERY_SETTINGS)
 @click.argument("robot")
 @click.argument("joint")
-@click.argument("low", type=float)
-@click.argument("high", type=float)
+@click.argument("low", type=NUMBER)
+@click.argument("high", type=NUMBER)
 @board_option
 @port_option
 def safe(robot: str, joint: str, low: float, high: float, board: str | None, port: str | None) -> None:
@@ -45,8 +45,8 @@ def safe(robot: str, joint: str, low: float, high: float, board: str | None, por
 
 @click.command(context_settings=QUERY_SETTINGS)
 @click.argument("robot")
-@click.argument("closed", type=float)
-@click.argument("opened", type=float, metavar="OPEN")
+@click.argument("closed", type=NUMBER)
+@click.argument("opened", type=NUMBER, metavar="OPEN")
 @board_option
 @port_option
 def gripper(robot: str, closed: float, opened: float, board: str | None, port: str | None) -> None:

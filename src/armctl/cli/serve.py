@@ -16,7 +16,7 @@ import click
 from platformdirs import user_data_path
 
 from armctl.arm import Arm
-from armctl.boards import AUTOMATIC, SIMULATED
+from armctl.boards import AUTOMATIC, NO_BOARD, SIMULATED
 from armctl.errors import ArmctlError, RobotFileError
 from armctl.hardware.ports import list_ports
 from armctl.robot import Robot, load_robot, shipped_robots
@@ -82,7 +82,7 @@ def _open_console(name: str, port: str, asked: str) -> Console:
     robot = calibrating.robot
     # Building the solver takes a while, and may find that there is none: here it keeps nobody waiting.
     _ = robot.inverse_kinematics
-    arm = Arm(robot)
+    arm = Arm(robot, board=calibrating.board or NO_BOARD)
     return Console(
         robot=robot,
         controller=arm.controller,

@@ -4,7 +4,7 @@ from armctl.hardware.byte_model import ByteModel
 from armctl.hardware.driver import BoardIdentity, ChannelSettings, Driver, HomingState, Readback, Source
 from armctl.hardware.faults import Fault, FaultyModel
 from armctl.hardware.loop_transport import LoopTransport
-from armctl.hardware.ports import PortInfo, describe_port, find_maestro, list_ports
+from armctl.hardware.ports import PortInfo, describe_port, find_board, list_ports
 from armctl.hardware.pty_server import PtyServer
 from armctl.hardware.serial_transport import SerialTransport
 from armctl.hardware.transport import Transport
@@ -25,6 +25,6 @@ __all__ = [
     "Source",
     "Transport",
     "describe_port",
-    "find_maestro",
+    "find_board",
     "list_ports",
 ]

@@ -24,7 +24,8 @@ class BoardIdentity:
     port: str  # as the user named it, or the pty of the simulated board
     serial_number: str | None = None
     simulated: bool = False
-    notes: tuple[str, ...] = ()  # what the user must know, e.g. that the board's watchdog is not verified
+    notes: tuple[str, ...] = ()  # what to know of this kind of board, e.g. what its watchdog does
+    earlier: tuple[str, ...] = ()  # what was wrong with this one before it was connected
 
 
 @dataclass(frozen=True, slots=True)

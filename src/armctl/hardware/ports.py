@@ -22,6 +22,9 @@ _TTL_INTERFACE = 2
 _LOCATION_INTERFACE = re.compile(r":\d+\.(\d+)$")  # "1-1.2:1.0": bus-port:configuration.interface
 _BY_ID_INTERFACE = re.compile(r"-if([0-9a-fA-F]{2})(-port\d+)?$")
 _BY_ID_SERIAL = re.compile(r"_([0-9A-Za-z]+)-if[0-9a-fA-F]{2}(-port\d+)?$")
+_MAESTROS = ("Maestro", (tuple(model.label for model in MaestroModel),))
+_ARDUINOS = ("Arduino", ((ARDUINO_MEGA,), (USB_SERIAL,)))
+"""what a board is called, and the kinds of port that it may be behind, likeliest first"""
 _BY_ID_MAESTRO = re.compile(r"Pololu_.*Maestro_(6|12|18|24)-Servo")
 
 
@@ -94,53 +97,31 @@ def list_ports(
     return sorted(ports, key=lambda port: (_rank(port.kind), not port.usable, port.device))
 
 
-def find_maestro(ports: Sequence[PortInfo]) -> PortInfo:
-    """The one usable Maestro command port among ``ports``.
-
-    Raises:
-        PortError: there is none (with the reason, when one is there but not usable), or several.
-    """
-    maestros = [port for port in ports if MaestroModel.from_label(port.kind) is not None]
-    usable = [port for port in maestros if port.usable]
-    if len(usable) == 1:
-        return usable[0]
-    if usable:
-        names = ", ".join(f"{port.device} ({port.kind}, {port.serial_number})" for port in usable)
-        raise PortError(f"several Maestros are plugged in: {names}; name one of them as the port")
-    if maestros:
-        reasons = "; ".join(f"{port.device}: {port.why_not}" for port in maestros)
-        raise PortError(f"a Maestro is plugged in but cannot be used: {reasons}")
-    others = ", ".join(f"{port.device} ({port.kind})" for port in ports) or "none at all"
-    raise PortError(
-        f"no Maestro found; serial ports: {others}; plug one in, or use the simulated board (port sim)"
-    )
-
-
 def find_board(ports: Sequence[PortInfo], kind: BoardKind) -> PortInfo:
     """The one usable port among ``ports`` that has, or for an Arduino may have, a board of this kind.
 
-    Whether an Arduino runs the right sketch shows only when it is opened.
+    Whether an Arduino runs the right sketch shows only when it is opened; what calls itself a Mega goes
+    before what may be anything.
 
     Raises:
         PortError: there is none (with the reason, when one is there but not usable), or several.
     """
-    if kind == "maestro":
-        return find_maestro(ports)
-    candidates = [port for port in ports if port.kind in (ARDUINO_MEGA, USB_SERIAL)]
+    noun, likely = _MAESTROS if kind == "maestro" else _ARDUINOS
+    candidates = [port for labels in likely for port in ports if port.kind in labels]
     usable = [port for port in candidates if port.usable]
-    for label in (ARDUINO_MEGA, USB_SERIAL):
-        same = [port for port in usable if port.kind == label]
+    for labels in likely:
+        same = [port for port in usable if port.kind in labels]
         if len(same) == 1:
             return same[0]
         if same:
             names = ", ".join(f"{port.device} ({port.kind}, {port.serial_number})" for port in same)
-            raise PortError(f"several Arduinos may be meant: {names}; name one of them as the port")
+            raise PortError(f"several {noun}s may be meant: {names}; name one of them as the port")
     if candidates:
         reasons = "; ".join(f"{port.device}: {port.why_not}" for port in candidates)
-        raise PortError(f"an Arduino is plugged in but cannot be used: {reasons}")
+        raise PortError(f"the {noun} that is plugged in cannot be used: {reasons}")
     others = ", ".join(f"{port.device} ({port.kind})" for port in ports) or "none at all"
     raise PortError(
-        f"no Arduino found; serial ports: {others}; plug one in, or use the simulated board (port sim)"
+        f"no {noun} found; serial ports: {others}; plug one in, or use the simulated board (port sim)"
     )
 
 

@@ -12,6 +12,8 @@ import serial
 from armctl.errors import BoardError, BoardTimeoutError, PortError
 from armctl.hardware.permissions import permission_hint
 
+NO_SUCH_PORT = "no such port; is the board plugged in? `armctl ports` lists what is there"
+
 # What pyserial lets through. termios.error is not an OSError, and flushing the input of an
 # unplugged port raises exactly that.
 _LINE_ERRORS = (serial.SerialException, OSError, termios.error)
@@ -109,7 +111,7 @@ def _why_not_opened(port: str, error: Exception) -> str:
     explanations: dict[int, Callable[[], str]] = {
         errno.EACCES: lambda: f"no permission to open it; {permission_hint(port)}",
         errno.EPERM: lambda: f"no permission to open it; {permission_hint(port)}",
-        errno.ENOENT: lambda: "no such port; is the board plugged in? `armctl ports` lists what is there",
+        errno.ENOENT: lambda: NO_SUCH_PORT,
         errno.ENODEV: lambda: "the device is gone; plug the board in again",
         errno.ENXIO: lambda: "the device is gone; plug the board in again",
         errno.EIO: lambda: "nothing is at the other end; plug the board in again or restart its simulator",

@@ -10,6 +10,7 @@ import msgspec
 from msgspec import Meta
 
 from armctl.errors import RobotFileError
+from armctl.robot.decoding_words import decoding_words
 
 Positive = Annotated[float, Meta(gt=0)]
 NotNegative = Annotated[float, Meta(ge=0)]
@@ -71,6 +72,8 @@ class AxisEntry(_Strict, frozen=True):
     """[% of full drive for a count a second]"""
     breakaway_percent: Annotated[float, Meta(ge=0, le=100)] = 35.0
     """drive below which a motor that stands does not move"""
+    max_drive_percent: Annotated[float, Meta(gt=0, le=100)] = 100.0
+    """the largest drive that the motor is given; what it can push with"""
     stall_s: Annotated[float, Meta(gt=0, le=5)] = 0.5
     encoder_inverted: bool = False
     motor_inverted: bool = False
@@ -224,7 +227,7 @@ def read_robot_file(path: Path) -> RobotFile:
     try:
         file = msgspec.toml.decode(text, type=RobotFile)
     except msgspec.DecodeError as cause:
-        raise RobotFileError(f"{path}: {cause}") from cause
+        raise RobotFileError(f"{path}: {decoding_words(cause, RobotFile)}") from cause
     except ValueError as cause:  # not UTF-8
         raise RobotFileError(f"{path}: is not a text file: {cause}") from cause
     except OverflowError as cause:  # a whole number with hundreds of digits

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TypeVar
 
@@ -14,8 +14,6 @@ from armctl.robot.encoder_axis import EncoderAxis
 from armctl.robot.file import (
     AxisEntry,
     EncoderEntry,
-    GripperEncoderEntry,
-    GripperServoEntry,
     JointEntry,
     RobotFile,
     ServoEntry,
@@ -86,7 +84,9 @@ def _servo_map(file: RobotFile, entries: Sequence[JointEntry], path: Path) -> Ou
     servos = _all_or_none([(entry.name, entry.servo) for entry in entries], "servo", path)
     if not servos:
         return None
-    gripper = None if file.gripper is None else _gripper_servo(file.gripper.servo, path)
+    gripper = None
+    if file.gripper is not None:
+        gripper = _gripper_part(file.gripper.servo, "servo", lambda one: (one.closed_us, one.open_us), path)
     _check_channels([servo.channel for servo in servos], gripper and gripper.channel, "servos", path)
     for entry, servo in zip(entries, servos, strict=True):
         _check_servo(entry, servo, f"{path}: joints.{entry.name}.servo")
@@ -107,11 +107,17 @@ def _encoder_map(file: RobotFile, entries: Sequence[JointEntry], path: Path) -> 
     encoders = _all_or_none([(entry.name, entry.encoder) for entry in entries], "encoder", path)
     if not encoders:
         return None
-    gripper = None if file.gripper is None else _gripper_encoder(file.gripper.encoder, path)
+    gripper = None
+    if file.gripper is not None:
+        gripper = _gripper_part(
+            file.gripper.encoder, "encoder", lambda one: (one.closed_counts, one.open_counts), path
+        )
+        _check_drive(gripper, f"{path}: gripper.encoder")
     _check_channels([encoder.axis for encoder in encoders], gripper and gripper.axis, "encoders", path)
     for entry, encoder in zip(entries, encoders, strict=True):
         if encoder.counts_per_deg == 0:
             raise RobotFileError(f"{path}: joints.{entry.name}.encoder.counts_per_deg is 0")
+        _check_drive(encoder, f"{path}: joints.{entry.name}.encoder")
         low, high = entry.limit_deg
         if not low <= encoder.home_deg <= high:
             raise RobotFileError(
@@ -142,20 +148,26 @@ def _all_or_none(named: Sequence[tuple[str, Entry | None]], key: str, path: Path
     return there
 
 
-def _gripper_servo(servo: GripperServoEntry | None, path: Path) -> GripperServoEntry:
-    if servo is None:
-        raise RobotFileError(f"{path}: gripper.servo is missing; the joints have one")
-    if servo.closed_us == servo.open_us:
-        raise RobotFileError(f"{path}: gripper.servo: closed_us and open_us are the same")
-    return servo
+def _gripper_part(
+    part: Entry | None, key: str, ends: Callable[[Entry], tuple[float, float]], path: Path
+) -> Entry:
+    """The gripper's servo or encoder, which must be there and have two ends."""
+    if part is None:
+        raise RobotFileError(f"{path}: gripper.{key} is missing; the joints have one")
+    closed, opened = ends(part)
+    if closed == opened:
+        raise RobotFileError(
+            f"{path}: gripper.{key}: closed and open are both {closed:g}; they must differ, or it cannot move"
+        )
+    return part
 
 
-def _gripper_encoder(encoder: GripperEncoderEntry | None, path: Path) -> GripperEncoderEntry:
-    if encoder is None:
-        raise RobotFileError(f"{path}: gripper.encoder is missing; the joints have one")
-    if encoder.closed_counts == encoder.open_counts:
-        raise RobotFileError(f"{path}: gripper.encoder: closed_counts and open_counts are the same")
-    return encoder
+def _check_drive(entry: AxisEntry, where: str) -> None:
+    if entry.breakaway_percent > entry.max_drive_percent:
+        raise RobotFileError(
+            f"{where}.breakaway_percent = {entry.breakaway_percent:g} is above max_drive_percent = "
+            f"{entry.max_drive_percent:g}: the motor could not start; raise the one or lower the other"
+        )
 
 
 def _check_channels(channels: list[int], gripper: int | None, what: str, path: Path) -> None:
@@ -200,4 +212,5 @@ def _axis(entry: AxisEntry, turn: int, home_speed: float, following_error: float
         encoder_inverted=entry.encoder_inverted,
         motor_inverted=entry.motor_inverted,
         switch_inverted=entry.switch_inverted,
+        max_drive=entry.max_drive_percent * _PERCENT,
     )

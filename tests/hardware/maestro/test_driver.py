@@ -53,7 +53,7 @@ def test_errors_from_before_are_told_once():
     transport = ScriptedTransport(("a1", "20 00"), PROBE[1])
     identity = MaestroDriver(lambda: transport, now=lambda: 0.0, model=MaestroModel.MICRO_6).open()
     assert identity.kind == "Pololu Micro Maestro 6-channel"
-    assert identity.notes[-1].startswith("before armctl connected, the board had reported: serial timeout")
+    assert identity.earlier[0].startswith("before armctl connected, the board had reported: serial timeout")
 
 
 def test_a_silent_board_brings_the_advice_and_closes_the_line():

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 
 from armctl.hardware.doctor.finding import Finding, failed, not_checked, ok, warning
+from armctl.hardware.doctor.needs import Needs
 from armctl.hardware.doctor.round_trips import round_trips
-from armctl.hardware.driver import ChannelSettings
 from armctl.hardware.encoder.axis_fault import fault_words, flag_words
 from armctl.hardware.encoder.messages import PROTOCOL, Banner, decode_banner
 from armctl.hardware.encoder.session import EncoderSession
@@ -20,14 +20,12 @@ _SUPPLY_ADVICE = (
 )
 
 
-def examine_encoder(
-    transport: Transport, channels: Sequence[ChannelSettings], now: Callable[[], float]
-) -> list[Finding]:
+def examine_encoder(transport: Transport, needs: Needs, now: Callable[[], float]) -> list[Finding]:
     """Everything that can be asked of an encoder board without moving or changing anything.
 
     Args:
         transport: the open line.
-        channels: what the robot file needs; a channel is an axis.
+        needs: what the robot file needs; a channel is an axis.
         now: the clock [s].
 
     Raises:
@@ -38,7 +36,7 @@ def examine_encoder(
     status = session.fresh_status(_OLDEST_STATUS_S)
     return [
         _firmware(banner),
-        _axes(banner, channels),
+        _axes(banner, needs),
         not_checked("ranges", "armctl tells the board its soft limits when it connects"),
         _state(status),
         _faults(status),
@@ -58,9 +56,10 @@ def _firmware(banner: Banner) -> Finding:
     )
 
 
-def _axes(banner: Banner, channels: Sequence[ChannelSettings]) -> Finding:
+def _axes(banner: Banner, needs: Needs) -> Finding:
+    channels = needs.channels
     if not channels:
-        return not_checked("channels", "no robot was named", "name one with --robot")
+        return needs.not_known("channels")
     beyond = [str(one.channel) for one in channels if one.channel >= banner.axes]
     if beyond:
         seen = f"axis {', '.join(beyond)}: the board has axes 0 … {banner.axes - 1}"

@@ -7,10 +7,12 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 from armctl.errors import ArmctlError
+from armctl.hardware.board_titles import BOARD_TITLES
 from armctl.hardware.doctor.encoder import examine_encoder
 from armctl.hardware.doctor.finding import Finding, Verdict, failed, not_checked, ok, warning
 from armctl.hardware.doctor.firmata import examine_firmata
 from armctl.hardware.doctor.maestro import examine_maestro
+from armctl.hardware.doctor.needs import OF_ANOTHER_BOARD, Needs
 from armctl.hardware.driver import ChannelSettings
 from armctl.hardware.firmata.line import HOW_TO_LOAD
 from armctl.hardware.maestro.line import SILENT_ADVICE
@@ -119,7 +121,8 @@ def _who(patient: Patient, probed: Probed) -> Finding:
     if patient.expected is not None and probed.board != patient.expected:
         return failed(
             "who answers",
-            f"{probed}: a {probed.board} board, but the robot file wants {patient.expected}",
+            f"{probed}: that is {BOARD_TITLES[probed.board]}, but {BOARD_TITLES[patient.expected]} "
+            "is expected",
             "choose the robot that belongs to this board, or the port that belongs to this robot",
         )
     return ok("who answers", str(probed))
@@ -140,15 +143,15 @@ def _advice(patient: Patient) -> str:
 def _board(patient: Patient, probed: Probed, line: Transport, now: Callable[[], float]) -> list[Finding]:
     """What is asked of the board depends on who it is; another than expected is not asked for channels."""
     fits = patient.expected in (None, probed.board)
-    channels = patient.channels if fits else ()
+    needs = Needs(patient.channels) if fits or not patient.channels else OF_ANOTHER_BOARD
     match probed.board:
         case "maestro":
             listed = None if patient.info is None else MaestroModel.from_label(patient.info.kind)
-            return examine_maestro(line, listed or patient.model, channels, probed.reported, now)
+            return examine_maestro(line, listed or patient.model, needs, probed.reported, now)
         case "firmata":
-            return examine_firmata(line, channels, now)
+            return examine_firmata(line, needs, now)
         case "encoder":
-            return examine_encoder(line, channels, now)
+            return examine_encoder(line, needs, now)
         case None:
             return []
 

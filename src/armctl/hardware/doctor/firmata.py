@@ -6,8 +6,8 @@ from collections.abc import Callable, Sequence
 
 from armctl.errors import BoardError, BoardTimeoutError
 from armctl.hardware.doctor.finding import Finding, failed, not_checked, ok, warning
+from armctl.hardware.doctor.needs import Needs
 from armctl.hardware.doctor.round_trips import round_trips
-from armctl.hardware.driver import ChannelSettings
 from armctl.hardware.firmata.codec import PinMode, pin_state_query
 from armctl.hardware.firmata.line import FirmataLine
 from armctl.hardware.firmata.pin_table import PinTable
@@ -20,14 +20,12 @@ _PIN = 2
 """the first pin that is not part of the serial port"""
 
 
-def examine_firmata(
-    transport: Transport, channels: Sequence[ChannelSettings], now: Callable[[], float]
-) -> list[Finding]:
+def examine_firmata(transport: Transport, needs: Needs, now: Callable[[], float]) -> list[Finding]:
     """Everything that can be asked of a Firmata board without moving or changing anything.
 
     Args:
         transport: the open line.
-        channels: what the robot file needs; a channel is a pin.
+        needs: what the robot file needs; a channel is a pin.
         now: the clock [s].
 
     Raises:
@@ -38,9 +36,9 @@ def examine_firmata(
     firmware = identity.firmware
     findings = [
         _sketch(firmware.name, f"{firmware.major}.{firmware.minor}"),
-        *_pins(channels, identity.capabilities.pins_with(PinMode.SERVO)),
+        *_pins(needs, identity.capabilities.pins_with(PinMode.SERVO)),
     ]
-    pins = sorted(one.channel for one in channels)
+    pins = sorted(one.channel for one in needs.channels)
     states = [_state(line, pin) for pin in pins]
     on = [f"{state.pin} at {state.value}" for state in states if state.mode == PinMode.SERVO]
     findings.append(ok("outputs", f"servo pulses on pin {', '.join(on)}" if on else "all pulses are off"))
@@ -74,10 +72,11 @@ def _sketch(name: str, version: str) -> Finding:
     )
 
 
-def _pins(channels: Sequence[ChannelSettings], servo_pins: Sequence[int]) -> list[Finding]:
+def _pins(needs: Needs, servo_pins: Sequence[int]) -> list[Finding]:
     """Whether the board can drive a servo on each pin, in the range that the robot file wants."""
+    channels = needs.channels
     if not channels:
-        return [not_checked("channels", "no robot was named", "name one with --robot")]
+        return [needs.not_known("channels")]
     problems: list[str] = []
     for one in channels:
         try:

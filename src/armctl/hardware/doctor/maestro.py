@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 from armctl.hardware.doctor.finding import Finding, failed, not_checked, ok, warning
+from armctl.hardware.doctor.needs import Needs
 from armctl.hardware.doctor.round_trips import round_trips
-from armctl.hardware.driver import ChannelSettings
 from armctl.hardware.maestro.codec import COMPACT
 from armctl.hardware.maestro.error_register import error_words
 from armctl.hardware.maestro.line import MaestroLine
@@ -35,7 +35,7 @@ _SUPPLY_ADVICE = (
 def examine_maestro(
     transport: Transport,
     model: MaestroModel | None,
-    channels: Sequence[ChannelSettings],
+    needs: Needs,
     reported: Sequence[str],
     now: Callable[[], float],
 ) -> list[Finding]:
@@ -44,7 +44,7 @@ def examine_maestro(
     Args:
         transport: the open line.
         model: as the USB listing says; None where it does not.
-        channels: what the robot file needs.
+        needs: what the robot file needs.
         reported: errors that the board had kept from before the check-up.
         now: the clock [s].
 
@@ -59,10 +59,10 @@ def examine_maestro(
         _errors(reported),
     ]
     count = _SURE_CHANNELS if model is None else model.channels
-    findings += _channels(line, model, count, channels)
-    findings.append(_ranges(channels))
+    findings += _channels(line, model, count, needs)
+    findings.append(_ranges(needs))
     findings.append(not_checked("watchdog", _WATCHDOG, _WATCHDOG_ADVICE))
-    first = min((one.channel for one in channels if one.channel < count), default=0)
+    first = min((one.channel for one in needs.channels if one.channel < count), default=0)
     findings.append(round_trips(lambda: line.read([first]), now))
     findings.append(not_checked("supply", _SUPPLY, _SUPPLY_ADVICE))
     return findings
@@ -78,13 +78,11 @@ def _errors(reported: Sequence[str]) -> Finding:
     )
 
 
-def _channels(
-    line: MaestroLine, model: MaestroModel | None, count: int, channels: Sequence[ChannelSettings]
-) -> list[Finding]:
+def _channels(line: MaestroLine, model: MaestroModel | None, count: int, needs: Needs) -> list[Finding]:
     """Whether the board has the channels, and what they do now."""
-    wanted = sorted(one.channel for one in channels)
+    wanted = sorted(one.channel for one in needs.channels)
     if not wanted:
-        return [not_checked("channels", "no robot was named", "name one with --robot")]
+        return [needs.not_known("channels")]
     beyond = [channel for channel in wanted if channel >= count]
     findings: list[Finding] = []
     if beyond and model is not None:
@@ -109,16 +107,16 @@ def _channels(
     return findings
 
 
-def _ranges(channels: Sequence[ChannelSettings]) -> Finding:
+def _ranges(needs: Needs) -> Finding:
     """The board's own ranges cannot be read over a serial port; the factory's are known."""
     wider = [
         f"channel {one.channel} {one.minimum:g} … {one.maximum:g} µs"
-        for one in channels
+        for one in needs.channels
         if one.minimum < FACTORY_MINIMUM_US or one.maximum > FACTORY_MAXIMUM_US
     ]
     factory = f"{FACTORY_MINIMUM_US:g} … {FACTORY_MAXIMUM_US:g} µs"
-    if not channels:
-        return not_checked("ranges", "no robot was named", "name one with --robot")
+    if not needs.channels:
+        return needs.not_known("ranges")
     if not wider:
         return ok("ranges", f"the robot file stays inside the factory's {factory}")
     return not_checked(

@@ -2,23 +2,21 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from pathlib import Path
 
 from armctl.errors import BoardError, BoardProtocolError, BoardTimeoutError, PortError
+from armctl.hardware.board_port import AcceptBoard, BoardPort, any_board
 from armctl.hardware.driver import BoardIdentity, ChannelSettings, Readback, Source
 from armctl.hardware.firmata import codec
-from armctl.hardware.firmata.attacher import Attacher, FirstPulse
+from armctl.hardware.firmata.attacher import Attacher
 from armctl.hardware.firmata.codec import BAUD, PinMode
 from armctl.hardware.firmata.line import HOW_TO_LOAD, FirmataLine
-from armctl.hardware.firmata.pace import LinePace
 from armctl.hardware.firmata.pin_table import PinTable
 from armctl.hardware.firmata.pin_watch import PinWatch
 from armctl.hardware.firmata.replies import BoardText, Malformed, PinState, Reply
+from armctl.hardware.firmata.setpoint_stream import SetpointStream
 from armctl.hardware.maestro_models import MaestroModel
-from armctl.hardware.ports import PortInfo, describe_port, list_ports
-from armctl.hardware.serial_transport import SerialTransport
+from armctl.hardware.ports import PortInfo, list_ports
 from armctl.hardware.transport import Transport
 
 WATCHDOG_NOTE = (
@@ -27,17 +25,8 @@ WATCHDOG_NOTE = (
 )
 COMMANDED_NOTE = "hobby servos tell nothing back: positions are what armctl commanded, not where the arm is"
 
-SERVO_FRAME_S = 0.020
-_LINE_SHARE = 0.9
-_QUERY_BYTES = len(codec.pin_state_query(0))
-_MOST_QUERIES = 8
-"""their answers of 7 bytes fit into the board's 64-byte transmit buffer: it never has to wait for it"""
-_ROUND_S = 0.75 * SERVO_FRAME_S
-"""shortest time between two rounds of questions; a loop of 20 ms is now and then early"""
-
 _ASK_DEVICE_AFTER_S = 2.5
 _ASK_OTHERS_AFTER_S = 0.2
-_PTY_FOLDER = "/dev/pts/"
 _RELEASE_ATTEMPTS = 2
 
 
@@ -53,7 +42,8 @@ class FirmataDriver:
         line: port name (device, pty, ``socket://host:port``), or what opens the transport.
         now: the clock [s].
         simulated: whether a simulated board is at the other end, for the identity only.
-        ports: the listing of serial ports, for the identity only.
+        ports: the listing of serial ports.
+        accept: judges the board by its serial number, once the port is open and before it is spoken to.
         timeout_s: how long a pin may leave a question unanswered.
         ask_after_s: how long a board is left alone after opening, before it is asked who it is; None:
             as a Mega needs that restarts when its port is opened, or shorter for a pty or a socket.
@@ -66,15 +56,15 @@ class FirmataDriver:
         now: Callable[[], float],
         simulated: bool = False,
         ports: Callable[[], Sequence[PortInfo]] = list_ports,
+        accept: AcceptBoard = any_board,
         timeout_s: float = 0.25,
         ask_after_s: float | None = None,
     ) -> None:
-        self._line = line
         self._now = now
         self._simulated = simulated
-        self._ports = ports
+        self._port = BoardPort(line, ports, accept, simulated=simulated)
         self._timeout_s = timeout_s
-        self._ask_after_s = _ask_after(line) if ask_after_s is None else ask_after_s
+        self._ask_after_s = ask_after_s
         self._opened: FirmataLine | None = None
         self._servo_pins: tuple[int, ...] = ()
         self._markers: tuple[int, ...] = ()
@@ -92,11 +82,11 @@ class FirmataDriver:
         """
         self.close()
         self._forget()
-        info = self._look_up()
-        transport = SerialTransport(self._line, baud=BAUD) if isinstance(self._line, str) else self._line()
+        self._refuse_a_maestro()
+        transport, info = self._port.open(BAUD)
         line = self._opened = FirmataLine(transport, self._now)
         try:
-            board = line.identify(self._ask_after_s)
+            board = line.identify(self._ask_after())
         except BoardError:
             self.close()
             raise
@@ -109,7 +99,7 @@ class FirmataDriver:
                 f"{line.name}: the board claims that every pin can drive a servo, which no StandardFirmata "
                 f"does; {HOW_TO_LOAD}"
             )
-        self._attacher = Attacher(firmware.name, fresh=board.fresh)
+        self._stream = SetpointStream(self._send, self._now, Attacher(firmware.name, fresh=board.fresh))
         name = firmware.name.removesuffix(".ino") or "a Firmata sketch without a name"
         return BoardIdentity(
             kind=f"Arduino with {name} {firmware.major}.{firmware.minor}",
@@ -131,7 +121,7 @@ class FirmataDriver:
         watch = PinWatch(self._ask_states(table.pins).values())
         if gone := watch.carry_on(self._watch):
             raise line.lose(_switched_off(gone))
-        self._pending.clear()
+        self._stream.clear()
         self._table, self._watch = table, watch
 
     def write(self, setpoints: Mapping[int, float]) -> None:
@@ -143,8 +133,8 @@ class FirmataDriver:
         """
         admitted = {pin: self._table.admit(pin, pulse_us) for pin, pulse_us in setpoints.items()}
         self._take(self._firmata.receive())
-        self._pending.update(admitted)
-        self._flush()
+        self._stream.put(admitted)
+        self._stream.flush(self._table, self._watch)
 
     def read(self) -> Readback:
         """Take the answers that have come and ask anew, without waiting for the new ones.
@@ -159,9 +149,9 @@ class FirmataDriver:
         """
         line, now = self._firmata, self._now()
         self._take(line.receive())
-        self._flush()
+        self._stream.flush(self._table, self._watch)
         late = self._watch.overdue(now, self._timeout_s)
-        self._ask_next(now)
+        self._stream.ask_next(self._watch)
         if self._malformed:
             raw = self._malformed[0].raw
             self._malformed.clear()
@@ -183,7 +173,7 @@ class FirmataDriver:
         Raises:
             BoardError: the board has restarted, or the line is gone.
         """
-        self._pending.clear()
+        self._stream.clear()
         self._take(self._firmata.receive())
 
     def home(self) -> None:
@@ -198,14 +188,14 @@ class FirmataDriver:
             BoardError: the board has restarted, which switched them off, or the line is gone.
         """
         line = self._firmata
-        self._pending.clear()
+        self._stream.clear()
         self._take(line.receive())
         # The sketch gives a freed servo to the pin attached next, with the last width it sent. Freed
         # highest first and attached lowest first, each pin gets its own again.
         request = b"".join(codec.pin_mode(pin, PinMode.OUTPUT) for pin in reversed(self._table.pins))
         still_on = self._table.pins
         for _ in range(_RELEASE_ATTEMPTS):
-            self._send(request)
+            self._stream.send(request)
             still_on = self._await_off()
             if not still_on:
                 self._watch.released()
@@ -227,67 +217,29 @@ class FirmataDriver:
             raise BoardError("the Arduino is not connected; connect first")
         return self._opened
 
-    def _look_up(self) -> PortInfo | None:
-        """What the system's listing says about the port."""
-        if not isinstance(self._line, str) or self._simulated:
-            return None
-        info = describe_port(self._line, self._ports())
-        if info is None:
-            return None
-        if not info.usable:
-            raise PortError(f"{self._line}: {info.why_not}")
-        if MaestroModel.from_label(info.kind) is not None:
+    def _ask_after(self) -> float:
+        if self._ask_after_s is not None:
+            return self._ask_after_s
+        return _ASK_DEVICE_AFTER_S if self._port.restarts_board else _ASK_OTHERS_AFTER_S
+
+    def _refuse_a_maestro(self) -> None:
+        info = self._port.look_up()
+        if info is not None and MaestroModel.from_label(info.kind) is not None:
             raise PortError(
-                f"{self._line}: a {info.kind}, which speaks no Firmata; choose a robot file whose board kind "
-                "is maestro, or name the Arduino's port"
+                f"{info.device}: a {info.kind}, which speaks no Firmata; choose a robot file whose board "
+                "kind is maestro, or name the Arduino's port"
             )
-        return info
 
     def _forget(self) -> None:
         """Know nothing any more of the board's pins: it may be another one, or freshly started."""
         self._table = PinTable((), ())
         self._watch = PinWatch()
-        self._pace = LinePace(SERVO_FRAME_S, _LINE_SHARE)
-        self._pending: dict[int, int] = {}
+        self._stream = SetpointStream(self._send, self._now, Attacher("", fresh=False))
         self._words: list[str] = []
         self._malformed: list[Malformed] = []
-        self._asked_at = -_ROUND_S
-        self._attacher = Attacher("", fresh=False)
 
-    def _send(self, data: bytes, answer_length: int = 0) -> None:
+    def _send(self, data: bytes) -> None:
         self._firmata.send(data)
-        # Both directions of the line work at once: the longer one counts.
-        self._pace.charge(max(len(data), answer_length), self._now())
-
-    def _flush(self) -> None:
-        """Send the newest setpoints that the board has not got, once the line is free for them."""
-        # A round of questions may be in front of them, or reading before writing would cost a frame.
-        if self._pace.waiting(self._now()) > _MOST_QUERIES * _QUERY_BYTES:
-            return
-        wanted = self._watch.to_repeat() | self._pending
-        due = {pin: pulse for pin, pulse in sorted(wanted.items()) if self._watch.needs(pin, pulse)}
-        setpoints = {pin: pulse for pin, pulse in due.items() if self._watch.is_on(pin)}
-        off = [pin for pin in due if pin not in setpoints]
-        first, later = off[: self._attacher.most_at_once], off[self._attacher.most_at_once :]
-        self._pending = {pin: due[pin] for pin in later}
-        request, answer_length = b"".join(itertools.starmap(codec.servo_write, setpoints.items())), 0
-        if first:
-            servos = [FirstPulse(pin, due[pin], self._table.range_us(pin)) for pin in first]
-            burst = self._attacher.burst(servos)
-            request, answer_length = request + burst.request, burst.answer_length
-        if request:
-            self._send(request, answer_length)
-            self._watch.sent(setpoints | {pin: due[pin] for pin in first})
-
-    def _ask_next(self, now: float) -> None:
-        """Ask for as many pin states as the line has room for in this servo frame, in turn."""
-        if now - self._asked_at < _ROUND_S:
-            return
-        count = min(_MOST_QUERIES, self._pace.room(now) // _QUERY_BYTES)
-        pins = self._watch.ask(count, now)
-        if pins:
-            self._asked_at = now
-            self._send(b"".join(map(codec.pin_state_query, pins)))
 
     def _take(self, replies: Sequence[Reply]) -> None:
         """Take note of what the board sent; ``read`` tells of it."""
@@ -340,7 +292,7 @@ class FirmataDriver:
         """
         marker, *others = self._markers
         self._markers = (*others, marker)  # not the same again: its answer may come late, too
-        self._send(b"".join(map(codec.pin_state_query, (marker, *pins))))
+        self._stream.send(b"".join(map(codec.pin_state_query, (marker, *pins))))
         in_step = False
         for reply in self._firmata.listen(self._timeout_s):
             if not isinstance(reply, PinState):
@@ -356,10 +308,3 @@ def _switched_off(pins: Sequence[int]) -> str:
         f"the board no longer drives pin {', '.join(map(str, pins))}: it has restarted (reset button, or its "
         "supply broke down) and the arm may have dropped; check the supply, then connect again"
     )
-
-
-def _ask_after(line: str | Callable[[], Transport]) -> float:
-    """Whether opening ``line`` restarts the board behind it, as a device's control lines do."""
-    if isinstance(line, str) and "://" not in line and not str(Path(line).resolve()).startswith(_PTY_FOLDER):
-        return _ASK_DEVICE_AFTER_S
-    return _ASK_OTHERS_AFTER_S

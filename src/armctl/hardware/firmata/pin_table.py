@@ -6,11 +6,13 @@ import math
 from collections.abc import Sequence
 
 from armctl.errors import BoardError
+from armctl.hardware.channel_scale import ChannelScale
 from armctl.hardware.driver import ChannelSettings
 from armctl.hardware.firmata.codec import LARGEST_PULSE_US, SMALLEST_PULSE_US
 
 MOST_SERVOS = 16
 """16 setpoints of 6 bytes are 96 of the 115 bytes that 57600 baud carry in a servo frame of 20 ms"""
+_SCALE = ChannelScale("pin", "µs")
 
 
 class PinTable:
@@ -49,7 +51,7 @@ class PinTable:
 
     def range_us(self, pin: int) -> tuple[int, int]:
         """The shortest and the longest pulse that a configured pin may be sent [µs]."""
-        return _whole_range(self._settings[pin])
+        return _SCALE.whole_range(self._settings[pin])
 
     def admit(self, pin: int, pulse_us: float) -> int:
         """The setpoint [µs] as a whole number, as near as the range allows, if it may be sent at all.
@@ -57,24 +59,13 @@ class PinTable:
         Raises:
             BoardError: not configured, not finite, or outside the range.
         """
-        settings = self._settings.get(pin)
-        if settings is None:
-            known = ", ".join(map(str, self.pins)) or "none"
-            raise BoardError(f"pin {pin} is not configured (configured: {known}); nothing was sent")
-        # Written so that a NaN, which compares false with everything, is refused too.
-        if not settings.minimum <= pulse_us <= settings.maximum:
-            raise BoardError(
-                f"pin {pin}: {pulse_us:g} µs is outside {settings.minimum:g} … {settings.maximum:g} µs; "
-                "nothing was sent"
-            )
-        lowest, highest = _whole_range(settings)
-        return min(highest, max(lowest, round(pulse_us)))
+        return _SCALE.admit(self._settings, pin, pulse_us)
 
 
 def _check_range(settings: ChannelSettings) -> None:
     bounds = (settings.minimum, settings.maximum)
     if all(map(math.isfinite, bounds)) and SMALLEST_PULSE_US <= settings.minimum:
-        lowest, highest = _whole_range(settings)
+        lowest, highest = _SCALE.whole_range(settings)
         if lowest <= highest <= LARGEST_PULSE_US:
             return
     raise BoardError(
@@ -82,11 +73,6 @@ def _check_range(settings: ChannelSettings) -> None:
         f"a Firmata board; it must lie within {SMALLEST_PULSE_US} … {LARGEST_PULSE_US} µs, the smaller "
         f"number first (the sketch takes anything below {SMALLEST_PULSE_US} as degrees)"
     )
-
-
-def _whole_range(settings: ChannelSettings) -> tuple[int, int]:
-    """The whole µs inside the range: rounding a setpoint must not lead out of it."""
-    return math.ceil(settings.minimum), math.floor(settings.maximum)
 
 
 def _ranges(pins: Sequence[int]) -> str:

@@ -6,10 +6,13 @@ import math
 from collections.abc import Sequence
 
 from armctl.errors import BoardError
+from armctl.hardware.channel_scale import ChannelScale
 from armctl.hardware.driver import ChannelSettings
 from armctl.hardware.maestro.codec import MAX_CHANNEL
 from armctl.hardware.maestro.units import MAX_TARGET, QUARTERS_PER_US
 from armctl.hardware.maestro_models import MaestroModel
+
+_SCALE = ChannelScale("channel", "µs", QUARTERS_PER_US)
 
 
 class ChannelTable:
@@ -55,32 +58,16 @@ class ChannelTable:
         Raises:
             BoardError: not configured, not finite, or outside the range.
         """
-        settings = self._settings.get(channel)
-        if settings is None:
-            known = ", ".join(map(str, self.channels)) or "none"
-            raise BoardError(f"channel {channel} is not configured (configured: {known}); nothing was sent")
-        # Written so that a NaN, which compares false with everything, is refused too.
-        if not settings.minimum <= pulse_us <= settings.maximum:
-            raise BoardError(
-                f"channel {channel}: {pulse_us:g} µs is outside "
-                f"{settings.minimum:g} … {settings.maximum:g} µs; nothing was sent"
-            )
-        lowest, highest = _quarter_range(settings)
-        return min(highest, max(lowest, round(pulse_us * QUARTERS_PER_US)))
+        return _SCALE.admit(self._settings, channel, pulse_us)
 
 
 def _check_range(settings: ChannelSettings) -> None:
     bounds = (settings.minimum, settings.maximum)
     if all(map(math.isfinite, bounds)) and 0.0 < settings.minimum:
-        lowest, highest = _quarter_range(settings)
+        lowest, highest = _SCALE.whole_range(settings)
         if lowest <= highest <= MAX_TARGET:
             return
     raise BoardError(
         f"channel {settings.channel}: {settings.minimum:g} … {settings.maximum:g} µs is no range for a "
         f"servo; it must lie within 0.25 … {MAX_TARGET / QUARTERS_PER_US:g} µs, the smaller number first"
     )
-
-
-def _quarter_range(settings: ChannelSettings) -> tuple[int, int]:
-    """The whole quarter µs inside the range: rounding a setpoint must not lead out of it."""
-    return math.ceil(settings.minimum * QUARTERS_PER_US), math.floor(settings.maximum * QUARTERS_PER_US)

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 
-from armctl.errors import BoardError, BoardProtocolError, BoardTimeoutError, PortError
+from armctl.errors import BoardError, BoardProtocolError, BoardTimeoutError
+from armctl.hardware.board_port import AcceptBoard, BoardPort, any_board
 from armctl.hardware.driver import BoardIdentity, ChannelSettings, Readback, Source
 from armctl.hardware.maestro.channel_table import ChannelTable
 from armctl.hardware.maestro.clamp_watch import Clamped, ClampWatch
@@ -18,8 +19,7 @@ from armctl.hardware.maestro.units import (
     us_to_quarters,
 )
 from armctl.hardware.maestro_models import MaestroModel
-from armctl.hardware.ports import PortInfo, describe_port, list_ports
-from armctl.hardware.serial_transport import SerialTransport
+from armctl.hardware.ports import PortInfo, list_ports
 from armctl.hardware.transport import Transport
 
 WATCHDOG_NOTE = (
@@ -47,7 +47,8 @@ class MaestroDriver:
         framing: compact or Pololu form. Whether the board wants CRCs is found out when it is opened (asked
             for here, they are insisted on).
         simulated: whether a simulated board is at the other end, for the identity only.
-        ports: the listing of serial ports, for the identity only.
+        ports: the listing of serial ports.
+        accept: judges the board by its serial number, once the port is open and before it is spoken to.
         timeout_s: how long a readback may take.
     """
 
@@ -60,15 +61,15 @@ class MaestroDriver:
         framing: Framing = COMPACT,
         simulated: bool = False,
         ports: Callable[[], Sequence[PortInfo]] = list_ports,
+        accept: AcceptBoard = any_board,
         timeout_s: float = 0.1,
     ) -> None:
-        self._line = line
         self._now = now
         self._asked_model = model
         self._model = model
         self._framing = framing
         self._simulated = simulated
-        self._ports = ports
+        self._port = BoardPort(line, ports, accept, simulated=simulated)
         self._timeout_s = timeout_s
         self._opened: MaestroLine | None = None
         self._table = ChannelTable((), None)
@@ -87,8 +88,9 @@ class MaestroDriver:
         """
         self.close()
         self._forget()
-        info = self._look_up()
-        transport = SerialTransport(self._line) if isinstance(self._line, str) else self._line()
+        self._port.look_up()
+        transport, info = self._port.open()
+        self._model = self._asked_model or _listed_model(info)
         line = self._opened = MaestroLine(transport, self._framing, self._timeout_s)
         try:
             earlier = line.probe()
@@ -98,15 +100,15 @@ class MaestroDriver:
         notes = [] if self._simulated else [WATCHDOG_NOTE]
         if self._model is None:
             notes.append(UNKNOWN_MODEL_NOTE)
-        notes += [
-            f"before armctl connected, the board had reported: {words}" for words in error_words(earlier)
-        ]
         return BoardIdentity(
             kind=self._model.label if self._model else "Pololu Maestro, model unknown",
             port=line.name,
             serial_number=info.serial_number if info else None,
             simulated=self._simulated,
             notes=tuple(notes),
+            earlier=tuple(
+                f"before armctl connected, the board had reported: {words}" for words in error_words(earlier)
+            ),
         )
 
     def configure(self, channels: Sequence[ChannelSettings]) -> None:
@@ -220,19 +222,6 @@ class MaestroDriver:
             raise BoardError("the Maestro is not connected; connect first")
         return self._opened
 
-    def _look_up(self) -> PortInfo | None:
-        """What the system's listing says about the port; also settles the model."""
-        if not isinstance(self._line, str) or self._simulated:
-            return None
-        info = describe_port(self._line, self._ports())
-        if info is not None and not info.usable:
-            raise PortError(f"{self._line}: {info.why_not}")
-        # The serial protocol has no way to ask: a Get Position of channel 6 would tell a Micro from a
-        # Mini, but to a Micro it is an error, and an error sends all its channels home.
-        listed = MaestroModel.from_label(info.kind) if info is not None else None
-        self._model = self._asked_model or listed
-        return info
-
     def _forget(self) -> None:
         """Know nothing any more of the board's channels: it may be another one, or freshly started."""
         self._table = ChannelTable((), None)
@@ -246,3 +235,12 @@ class MaestroDriver:
         if quarters:
             line.set_targets(quarters, multiple=self._model is not None and self._model.has_multiple_targets)
             self._targets.update({channel: quarters_to_us(target) for channel, target in quarters.items()})
+
+
+def _listed_model(info: PortInfo | None) -> MaestroModel | None:
+    """The model by its USB number.
+
+    The serial protocol has no way to ask: a Get Position of channel 6 would tell a Micro from a Mini, but
+    to a Micro it is an error, and an error sends all its channels home.
+    """
+    return None if info is None else MaestroModel.from_label(info.kind)

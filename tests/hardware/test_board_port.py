@@ -1,0 +1,48 @@
+from __future__ import annotations
+
+import os
+
+import pytest
+
+from armctl.errors import PortError
+from armctl.hardware import PortInfo
+from armctl.hardware.board_port import BoardPort, any_board
+
+
+def port(line, *listed: PortInfo, simulated: bool = False) -> BoardPort:
+    return BoardPort(line, lambda: listed, any_board, simulated=simulated)
+
+
+def test_only_a_device_restarts_its_board_when_it_is_opened():
+    board, other = os.openpty()
+    try:
+        assert port("/dev/ttyACM0").restarts_board
+        assert not port(os.ttyname(other)).restarts_board
+        assert not port("socket://127.0.0.1:5000").restarts_board
+        assert not port(lambda: None).restarts_board
+    finally:
+        os.close(board)
+        os.close(other)
+
+
+def test_what_is_listed_as_no_use_is_not_opened():
+    ttl = PortInfo("/dev/ttyACM1", "Pololu Micro Maestro 6-channel", "", "1", False, "this is the TTL port")
+    with pytest.raises(PortError, match="/dev/ttyACM1: this is the TTL port"):
+        port("/dev/ttyACM1", ttl).look_up()
+    assert port("/dev/ttyACM1", ttl, simulated=True).look_up() is None
+
+
+def test_a_line_is_closed_where_its_board_is_refused():
+    closed = []
+
+    class Line:
+        def close(self) -> None:
+            closed.append(self)
+
+    def refuse(serial_number: str | None) -> None:
+        raise PortError(f"not board {serial_number}")
+
+    with pytest.raises(PortError, match="not board None"):
+        BoardPort(Line, list, refuse, simulated=False).open()
+    assert len(closed) == 1
+    BoardPort(Line, list, refuse, simulated=True).open()  # a simulated board is ours
