@@ -6,7 +6,7 @@ from tests.runtime.kit import RecordingDriver, Rig, make_rig
 
 from armctl.errors import StateError
 from armctl.hardware import HomingState, Readback, Source
-from armctl.robot import load_robot
+from armctl.robot import Robot, load_robot
 from armctl.runtime import Connect, HomeAxes
 
 SCORBOT = load_robot("scorbot")
@@ -65,9 +65,9 @@ class HomingDriver(RecordingDriver):
         self.running = None
 
 
-def make_homing_rig() -> Rig:
+def make_homing_rig(robot: Robot = SCORBOT) -> Rig:
     """Connected, and not homed."""
-    rig = make_rig(robot=SCORBOT)
+    rig = make_rig(robot=robot)
     driver = HomingDriver(rig.clock)
     rig.driver = driver
     rig.controller._core.open_driver = lambda _: driver

@@ -1,12 +1,16 @@
 from __future__ import annotations
 
+import itertools
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from tests.runtime.homing_kit import AXES, SCORBOT, home, make_homing_rig
 from tests.runtime.kit import TEST, Rig, make_rig
 
 from armctl.errors import BoardError, StateError
-from armctl.hardware import Source
+from armctl.hardware import Readback, Source
+from armctl.robot import Robot
 from armctl.runtime import ClearFault, Enable, HomeAxes, MoveGripper, MoveJoints, Release, State
 
 
@@ -44,6 +48,54 @@ def test_homing_tells_how_far_it_is_and_ends_holding_where_it_ended(rig: Rig) ->
     assert rig.now.gripper == 0.0
     assert rig.now.warnings == ()
     assert rig.driver.writes == []  # the board holds by itself
+
+
+def coarse_at_its_limit() -> Robot:
+    """A Scorbot whose waist has two counts a degree, and its home at its lower limit."""
+    outputs, low = SCORBOT.output_map, SCORBOT.limits[0]
+    assert outputs is not None
+    per_rad, zero = outputs.per_rad.copy(), outputs.zero.copy()
+    least, most = outputs.low.copy(), outputs.high.copy()
+    per_rad[0] = np.degrees(2.0)
+    zero[0], least[0], most[0] = -per_rad[0] * low[0], 0.0, per_rad[0] * (low[1] - low[0])
+    return replace(SCORBOT, output_map=replace(outputs, per_rad=per_rad, zero=zero, low=least, high=most))
+
+
+@pytest.mark.parametrize("noise", [-1.0, 0.0, 1.0])
+def test_a_home_at_a_limit_may_waver_by_a_count(noise: float) -> None:
+    robot = coarse_at_its_limit()
+    rig = make_homing_rig(robot)
+    rig.driver.counts[0] = noise  # half a degree
+    home(rig)
+    assert rig.now.state is State.HOLDING
+    q = rig.controller.snapshot.q_command
+    assert q[0] == pytest.approx(robot.limits[0, 0] + max(noise, 0.0) / np.degrees(2.0))
+
+
+def test_two_counts_between_two_readings_are_no_noise(monkeypatch: pytest.MonkeyPatch) -> None:
+    rig = make_homing_rig(coarse_at_its_limit())
+    home(rig)
+    rig.do(Release()).finished.result(0)
+    read, counts = rig.driver.read, itertools.cycle([-1.0, 1.0])
+
+    def wavering() -> Readback:
+        rig.driver.counts[0] = next(counts)
+        return read()
+
+    monkeypatch.setattr(rig.driver, "read", wavering)
+    with pytest.raises(StateError, match="the board says two things of where it is"):
+        rig.do(Enable()).finished.result(0)
+
+
+def test_a_home_far_outside_a_limit_is_refused() -> None:
+    rig = make_homing_rig(coarse_at_its_limit())
+    rig.driver.counts[0] = -2.0
+    ticket = rig.do(HomeAxes())
+    rig.run(0.4)
+    rig.driver.find(*AXES, then=None)
+    rig.run(0.1)
+    with pytest.raises(StateError, match=r"Waist stands at -156\.0°, outside -155\.0° … 155\.0°"):
+        ticket.finished.result(0)
 
 
 def test_after_homing_the_arm_moves(rig: Rig) -> None:

@@ -287,3 +287,16 @@ def test_what_a_board_did_not_say_is_not_made_up(rig: Rig) -> None:
     rig.driver.fail["read"] = BoardTimeoutError("no answer")
     rig.do(Connect("sim")).finished.result(0)
     assert rig.now.cause.endswith("it has not said yet whether its pulses are on")
+
+
+def test_what_is_known_of_a_board_is_no_warning_what_it_had_reported_is(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    rig = make_rig()
+    identity = BoardIdentity(
+        "recording board", "sim", simulated=True, notes=("it has no watchdog",), earlier=("it had sagged",)
+    )
+    monkeypatch.setattr(rig.driver, "open", lambda: identity)
+    rig.do(Connect("sim")).finished.result(0)
+    levels = {event.text: event.level for event in rig.now.events}
+    assert (levels["it has no watchdog"], levels["it had sagged"]) == ("info", "warning")

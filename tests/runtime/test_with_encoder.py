@@ -2,94 +2,58 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 import pytest
+from tests.runtime.board_bench import BoardBench
 from tests.runtime.kit import TEST, TICK
 
 from armctl.errors import BoardError, StateError
-from armctl.hardware import Fault, FaultyModel, LoopTransport, Source
+from armctl.hardware import Fault, Source
 from armctl.hardware.encoder import EncoderDriver, Mode, SimulatedEncoderBoard
 from armctl.hardware.encoder.serve import simulated_encoder_board
 from armctl.robot import load_robot
 from armctl.runtime import (
     ClearFault,
     Connect,
-    Controller,
     Enable,
     HomeAxes,
-    InlineExecutor,
-    ManualClock,
     MoveGripper,
     MoveJoints,
     Release,
-    Snapshot,
     State,
-    Ticket,
     channel_settings,
 )
-from armctl.runtime.commands import Command
 
 SCORBOT = load_robot("scorbot")
 HOMING_S = 180.0
 
 
-@dataclass
-class Bench:
-    clock: ManualClock
-    board: SimulatedEncoderBoard
-    line: FaultyModel
-    controller: Controller
+Bench = BoardBench[SimulatedEncoderBoard]
 
-    @property
-    def now(self) -> Snapshot:
-        return self.controller.snapshot
 
-    def run(self, seconds: float) -> Snapshot:
-        for _ in range(round(seconds / TICK)):
-            self.clock.advance(TICK)
-            self.controller.tick()
-        return self.now
-
-    def do(self, command: Command) -> Ticket:
-        ticket = self.controller.submit(command, TEST)
-        self.run(TICK)
-        ticket.accepted.result(0)
-        return ticket
-
-    def until(self, *states: State, seconds: float = HOMING_S) -> Snapshot:
-        for _ in range(round(seconds / TICK)):
-            if self.run(TICK).state in states:
-                return self.now
-        raise AssertionError(f"{self.now.state}: {self.now.cause}")
-
-    def home(self) -> None:
-        ticket = self.do(HomeAxes())
-        self.until(State.HOLDING, State.OFF, State.FAULT)
-        ticket.finished.result(0)
+def home(bench: Bench) -> None:
+    ticket = bench.do(HomeAxes())
+    bench.until(State.HOLDING, State.OFF, State.FAULT, seconds=HOMING_S)
+    ticket.finished.result(0)
 
 
 @pytest.fixture
 def bench() -> Bench:
-    clock = ManualClock(100.0)
     board = simulated_encoder_board(channel_settings(SCORBOT), SCORBOT.axes)
-    line = FaultyModel(board)
-    driver = EncoderDriver(
-        lambda: LoopTransport(line, clock.now, clock.advance),
-        axes=SCORBOT.axes,
-        differential=SCORBOT.differential,
-        now=clock.now,
-        simulated=True,
+    bench = BoardBench.of(
+        SCORBOT,
+        board,
+        lambda line, now: EncoderDriver(
+            line, axes=SCORBOT.axes, differential=SCORBOT.differential, now=now, simulated=True
+        ),
     )
-    bench = Bench(clock, board, line, Controller(SCORBOT, lambda _: driver, clock, executor=InlineExecutor()))
     bench.do(Connect("sim"))
     return bench
 
 
 @pytest.fixture
 def homed(bench: Bench) -> Bench:
-    bench.home()
+    home(bench)
     return bench
 
 
@@ -127,7 +91,7 @@ def test_stop_ends_homing_and_it_can_be_begun_again(bench: Bench) -> None:
     with pytest.raises(StateError, match="homing was stopped by test"):
         ticket.finished.result(0)
     assert bench.now.state is State.OFF
-    bench.home()
+    home(bench)
     bench.do(MoveJoints(SCORBOT.pose("rest")))
     bench.until(State.HOLDING)
     assert bench.now.warnings == ()
@@ -159,7 +123,7 @@ def test_a_brown_out_is_a_fault_until_it_is_cleared_and_the_arm_homed(homed: Ben
     assert homed.board.mode is Mode.OFF
     with pytest.raises(StateError, match="press Homing"):
         homed.do(Enable())
-    homed.home()
+    home(homed)
 
 
 def test_a_brown_out_while_it_homes_is_told(bench: Bench) -> None:
@@ -170,7 +134,7 @@ def test_a_brown_out_while_it_homes_is_told(bench: Bench) -> None:
     with pytest.raises(BoardError, match="started anew"):
         ticket.finished.result(0)
     assert bench.board.mode is Mode.OFF
-    bench.home()
+    home(bench)
 
 
 def test_a_board_that_resets_and_stays_silent_is_lost(homed: Bench) -> None:

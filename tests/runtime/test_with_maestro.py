@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 import pytest
+from tests.runtime.board_bench import BoardBench
 from tests.runtime.kit import ROBOT, TEST, TICK
 
 from armctl.errors import BoardError
-from armctl.hardware import Fault, FaultyModel, LoopTransport, Source
+from armctl.hardware import Fault, Source
 from armctl.hardware.maestro import (
     ChannelConfig,
     HomeMode,
@@ -24,66 +23,31 @@ from armctl.motion import MoveStep, PointStep, Program
 from armctl.runtime import (
     ClearFault,
     Connect,
-    Controller,
     Disconnect,
     Enable,
-    InlineExecutor,
     Jog,
-    ManualClock,
     MoveGripper,
     MoveJoints,
     Release,
     RunProgram,
-    Snapshot,
     State,
 )
-from armctl.runtime.commands import Command
 
 REST, HOME = ROBOT.pose("rest"), ROBOT.pose("home")
 WIDE = {channel: ChannelConfig(minimum_us=500, maximum_us=2500) for channel in range(6)}
 QUARTER = 0.25 / 516  # ¼ µs at the base's 9 µs a degree [rad]
 
 
-@dataclass
-class Bench:
-    clock: ManualClock
-    board: SimulatedMaestro
-    line: FaultyModel
-    controller: Controller
-
-    @property
-    def now(self) -> Snapshot:
-        return self.controller.snapshot
-
-    def run(self, seconds: float) -> Snapshot:
-        for _ in range(round(seconds / TICK)):
-            self.clock.advance(TICK)
-            self.controller.tick()
-        return self.now
-
-    def do(self, command: Command) -> None:
-        ticket = self.controller.submit(command, TEST)
-        self.run(TICK)
-        ticket.accepted.result(0)
-
-    def until_holding(self) -> None:
-        for _ in range(2000):
-            if self.run(TICK).state is State.HOLDING:
-                return
-        raise AssertionError(self.now.cause)
+Bench = BoardBench[SimulatedMaestro]
 
 
 def make_bench(channels: dict[int, ChannelConfig] = WIDE) -> Bench:
-    clock = ManualClock(100.0)
     board = SimulatedMaestro(MaestroModel.MICRO_6, MaestroSettings(channels=channels))
-    line = FaultyModel(board)
-    driver = MaestroDriver(
-        lambda: LoopTransport(line, clock.now, clock.advance),
-        now=clock.now,
-        model=MaestroModel.MICRO_6,
-        simulated=True,
+    return BoardBench.of(
+        ROBOT,
+        board,
+        lambda line, now: MaestroDriver(line, now=now, model=MaestroModel.MICRO_6, simulated=True),
     )
-    return Bench(clock, board, line, Controller(ROBOT, lambda _: driver, clock, executor=InlineExecutor()))
 
 
 @pytest.fixture
@@ -113,14 +77,14 @@ def test_a_program_with_the_gripper(bench: Bench) -> None:
     bench.do(MoveGripper(1.0))
     steps = (MoveStep(joints_deg=tuple(np.degrees(HOME).tolist())), PointStep(x_mm=200, y_mm=0, z_mm=100))
     bench.do(RunProgram(Program(robot="uzuner", steps=steps), loops=2))
-    bench.until_holding()
+    bench.until(State.HOLDING)
     bench.run(0.1)
     np.testing.assert_allclose(1000 * ROBOT.forward(bench.now.q)[:3, 3], [200, 0, 100], atol=0.3)
 
 
 def test_reconnecting_takes_the_arm_over_without_a_jump(bench: Bench) -> None:
     bench.do(MoveJoints(HOME))
-    bench.until_holding()
+    bench.until(State.HOLDING)
     bench.run(0.1)
     bench.do(Disconnect())
     bench.do(Connect("sim"))
@@ -128,7 +92,7 @@ def test_reconnecting_takes_the_arm_over_without_a_jump(bench: Bench) -> None:
     bench.do(Enable())
     assert np.abs(bench.now.q_command - HOME).max() <= QUARTER
     bench.do(Jog(np.array([1.0, 0, 0, 0, 0])))
-    bench.until_holding()
+    bench.until(State.HOLDING)
 
 
 def test_released_pulses_are_off(bench: Bench) -> None:
@@ -192,7 +156,7 @@ def test_a_board_that_goes_to_its_own_home_on_an_error_is_a_fault() -> None:
     bench.do(Connect("sim"))
     bench.do(Enable())
     bench.do(MoveJoints(HOME))  # the base was at the board's home when it was switched on
-    bench.until_holding()
+    bench.until(State.HOLDING)
     on = {channel: bench.board.target_us(channel) for channel in range(1, 5)}
     bench.board.feed(b"\x05")  # a data byte that belongs to nothing: a protocol error
     for channel, pulse in on.items():  # as if these ignored it
@@ -213,7 +177,7 @@ def test_a_lost_reply_halts_the_arm_and_it_goes_on_from_rest(bench: Bench) -> No
     bench.run(TICK)
     slow = np.abs(bench.now.velocity_command)
     assert (slow <= ROBOT.acceleration_limits * 2 * TICK * (1 + 1e-6)).all()
-    bench.until_holding()
+    bench.until(State.HOLDING)
     assert bench.now.cause == "move finished"
 
 
@@ -243,7 +207,7 @@ def test_a_few_spoilt_replies_are_borne(bench: Bench, fault: Fault) -> None:
     bench.do(MoveJoints(HOME))
     bench.run(0.2)
     bench.line.inject(fault, 2)
-    bench.until_holding()
+    bench.until(State.HOLDING)
     bench.run(0.2)
     assert np.abs(bench.now.q - HOME).max() <= QUARTER
 

@@ -147,7 +147,7 @@ class Controller:
         for order in orders:
             self._take(order, stops, now)
         self._guarded(lambda: core.take_planned(now))
-        self._guarded(core.take_edit)
+        self._guarded(lambda: core.upcoming.take_edit(core.activity))
         self._guarded(lambda: core.observe(now))
         self._guarded(lambda: core.settle(now))
         self._guarded(lambda: self._publish(now))

@@ -4,15 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from concurrent.futures import Future
-from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from armctl.errors import ArmctlError, BoardError, MotionRefusedError, StateError
 from armctl.hardware import Driver
-from armctl.motion import Floor, Trajectory
+from armctl.motion import Floor
 from armctl.robot import Robot
 from armctl.runtime.activity import Activity, Setpoint
 from armctl.runtime.board import Board
@@ -23,15 +21,15 @@ from armctl.runtime.log import EventLog
 from armctl.runtime.monitor import Monitor
 from armctl.runtime.mover import PathMover
 from armctl.runtime.notices import Notices
-from armctl.runtime.planner import BegunProgram, Pending, PendingEdit, Planner, result_of
+from armctl.runtime.planner import BegunProgram, Planner
 from armctl.runtime.program_runner import ProgramRunner
 from armctl.runtime.snapshot import State
+from armctl.runtime.tick_time import LONGEST_TICKS, TickTime
 from armctl.runtime.ticket import Ticket
+from armctl.runtime.upcoming import Upcoming
 
 FloatArray = NDArray[np.float64]
 POWERED = (State.HOLDING, State.MOVING, State.PAUSED)
-_LONGEST_TICKS = 2
-_LATE_S = 0.06
 _READ_INTERVAL_S = 0.02
 
 
@@ -49,7 +47,7 @@ class Core:
         self.notices = Notices(self.log)
         self.floor = Floor(robot)
         self.clear = KeepClear(robot)
-        self.gate = Gate(robot, _LONGEST_TICKS * period)
+        self.gate = Gate(robot, LONGEST_TICKS * period)
         self.gripper = GripperMover(robot.gripper)
         self.monitor = Monitor(robot, self.notices, self.log, max(period, _READ_INTERVAL_S))
         self.board: Board | None = None
@@ -57,8 +55,7 @@ class Core:
         self.cause = "not connected yet"
         self.activity: Activity | None = None
         self.ticket: Ticket | None = None
-        self.pending: Pending | None = None
-        self.edit: PendingEdit | None = None
+        self.upcoming = Upcoming(self.log)
         self.stopping: list[Ticket] = []
         self.stopped_by = ""
         self.leaving: Ticket | None = None
@@ -67,7 +64,7 @@ class Core:
         self.jogged_at = -math.inf
         self.jog_locked = False
         self.setpoint: Setpoint | None = None
-        self._advanced_at = -math.inf
+        self._ticks = TickTime(period, self.notices, self.log)
 
     @property
     def standing(self) -> bool:
@@ -86,79 +83,41 @@ class Core:
         activity.set_speed(self.speed)
         self.activity, self.ticket = activity, ticket
         self.pausing = False
-        self._advanced_at = now
+        self._ticks.restart(now)
         self.enter(State.MOVING, f"{activity.label} ({who})")
 
     def take_planned(self, now: float) -> None:
-        """Begin the pending motion once its plan is there, if the arm still stands where it starts."""
-        pending = self.pending
-        if pending is None or not pending.future.done():
+        """Begin the motion that was asked for, once its plan is there."""
+        taken = self.upcoming.take_motion(self.gate.q if self.state is State.HOLDING else None)
+        if taken is None:
             return
-        self.pending = None
-        try:
-            plan = result_of(cast("Future[Trajectory | BegunProgram]", pending.future))
-            q = self.gate.q
-            if self.state is not State.HOLDING or q is None or not np.array_equal(q, pending.start):
-                raise StateError(
-                    "the arm no longer stands where the motion was planned from; ask for it again"
-                )
-        except ArmctlError as error:
-            self.log.warning(f"{pending.label} ({pending.who}) refused: {error}")
-            pending.ticket.refuse(error)
-            return
+        asked, plan = taken
         activity: Activity
         if isinstance(plan, BegunProgram):
             activity = ProgramRunner(
-                self.robot, pending.loops, pending.first, plan, self.planner, self.gripper, self.speed
+                self.robot, asked.loops, asked.first, plan, self.planner, self.gripper, self.speed
             )
         else:
-            activity = PathMover(self.robot, plan, self.speed, pending.label)
-        self.begin(activity, pending.ticket, pending.who, now)
-
-    def take_edit(self) -> None:
-        """Hand a checked version of the running program on to it."""
-        edit = self.edit
-        if edit is None or not edit.future.done():
-            return
-        self.edit = None
-        try:
-            result_of(edit.future)
-            if not isinstance(self.activity, ProgramRunner):
-                raise StateError("the program has ended; run it again")
-        except ArmctlError as error:
-            self.log.warning(f"edit of {edit.program.name!r} ({edit.who}) refused: {error}")
-            edit.ticket.refuse(error)
-            return
-        self.activity.update(edit.program)
-        self.log.info(
-            f"program {edit.program.name!r} was edited; this takes effect at the next pass ({edit.who})"
-        )
-        edit.ticket.finish()
+            activity = PathMover(self.robot, plan, self.speed, asked.label)
+        self.begin(activity, asked.ticket, asked.who, now)
 
     def advance(self, now: float, *, urgent: bool) -> None:
         """Move on to ``now`` and send one setpoint where something changed."""
-        elapsed = now - self._advanced_at
-        if elapsed <= 0 or (elapsed < 0.25 * self.period and not urgent):
-            return  # woken between two ticks: the time is not lost, it counts at the next one
-        self._advanced_at = now
-        if self.state not in POWERED:
+        tick = self._ticks.take(now, urgent=urgent)
+        if tick is None or self.state not in POWERED:
             return
-        # A late tick must not jump: time that was missed is not made up for.
-        dt = min(elapsed, _LONGEST_TICKS * self.period)
-        if elapsed > max((_LONGEST_TICKS + 1) * self.period, _LATE_S):
+        if tick.late_s is not None:
             self.monitor.doubt()
             if self.activity is not None and self.gate.q is not None:
-                late_ms = 1000 * (elapsed - self.period)
-                text = f"the controller was {late_ms:.0f} ms late; the motion halted and goes on from rest"
-                self.notices.set("late", text, until=now + 5)
+                self._ticks.tell_late(tick.late_s, now)
         if self.monitor.doubtful:
             # What is written to a board that has lost its power switches the pulses on again with a jump.
             self.setpoint = None
             if self.activity is not None:
                 self.activity.halt()
             return
-        self.setpoint = None if self.activity is None else self.activity.advance(now, dt)
-        opening = self.gripper.advance(dt, self.speed)
+        self.setpoint = None if self.activity is None else self.activity.advance(now, tick.dt)
+        opening = self.gripper.advance(tick.dt, self.speed)
         self._send(None if self.setpoint is None else self.setpoint.q, opening, now)
 
     def settle(self, now: float) -> None:
@@ -180,7 +139,7 @@ class Core:
         """
         ticket.accept()
         self.jog_locked = True
-        self.drop_pending(StateError(f"stopped by {who}"))
+        self.upcoming.drop_motion(StateError(f"stopped by {who}"))
         self.gripper.stop(StateError(f"stopped by {who}"))
         self.log.warning(f"STOP ({who})")
         try:
@@ -196,20 +155,13 @@ class Core:
             self.fault(error)
         ticket.finish()
 
-    def drop_pending(self, error: ArmctlError) -> None:
-        """Refuse the motion that is being planned."""
-        if self.pending is not None:
-            self.pending.future.cancel()
-            self.pending.ticket.refuse(error)
-            self.pending = None
-
     def drop_all(self, error: ArmctlError) -> ArmctlError | None:
         """Forget everything that runs or waits; the arm gets no further setpoint.
 
         Returns:
             why a board that moves the arm by itself may go on; None: it does not.
         """
-        self.drop_pending(error)
+        self.upcoming.drop_motion(error)
         goes_on = self._drop_activity()
         if self.ticket is not None:
             self.ticket.refuse(error)

@@ -126,7 +126,7 @@ def _carry_out(core: Core, order: Order, now: float) -> bool:
 
 
 def _plan(core: Core, order: Order, start: FloatArray, future: Future[Trajectory], label: str) -> bool:
-    core.pending = Pending(order.ticket, order.origin.who, start, label, future)
+    core.upcoming.await_motion(Pending(order.ticket, order.origin.who, start, label, future))
     return False
 
 
@@ -135,7 +135,7 @@ def _standing_start(core: Core) -> FloatArray:
     q = core.gate.q
     if core.state is not State.HOLDING or q is None:
         raise StateError(f"a motion needs the arm holding, it is {core.state.value}{_hint(core)}")
-    if core.pending is not None:
+    if core.upcoming.has_motion:
         raise StateError("another motion is being planned; stop it first")
     return q
 
@@ -302,14 +302,13 @@ def _run_program(core: Core, command: c.RunProgram, order: Order) -> bool:
     program, loops, first = command.program, command.loops, command.first
     future = core.planner.begin(program, loops, first, command.count, start)
     label = f"program {program.name!r}"
-    core.pending = Pending(order.ticket, order.origin.who, start, label, future, loops, first)
+    core.upcoming.await_motion(Pending(order.ticket, order.origin.who, start, label, future, loops, first))
     return False
 
 
 def _update_program(core: Core, program: Program, order: Order) -> bool:
     if not isinstance(core.activity, ProgramRunner):
         raise StateError("no program runs; press Run")
-    if core.edit is not None:
-        core.edit.ticket.refuse(StateError("another edit came after it"))
-    core.edit = PendingEdit(order.ticket, order.origin.who, program, core.planner.check_program(program))
+    future = core.planner.check_program(program)
+    core.upcoming.await_edit(PendingEdit(order.ticket, order.origin.who, program, future))
     return False

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from concurrent.futures import Future
 
@@ -13,9 +12,8 @@ from armctl.errors import ArmctlError
 from armctl.kinematics import Target
 from armctl.robot import Robot
 from armctl.runtime.activity import ActivityView, Setpoint
-from armctl.runtime.jog import blocked_ahead, moved
-from armctl.runtime.joint_servo import JointServo
 from armctl.runtime.keep_clear import KeepClear
+from armctl.runtime.led import Led
 from armctl.runtime.live_goal import LiveGoal
 from armctl.runtime.planner import result_of
 
@@ -26,18 +24,15 @@ FOLLOW_EXPIRY_S = 0.5
 """How long one target counts. A page that follows repeats it five times as often."""
 
 
-class Follower:
+class Follower(Led):
     """Joints that move toward the newest target inside every limit.
 
     One target at a time is solved for, somewhere else; of those that come meanwhile only the newest counts.
-    The way is decided anew at each tick, from where the joints are and as fast as they are.
     """
 
     def __init__(self, robot: Robot, clear: KeepClear, q: FloatArray, speed: float, solve: Solve) -> None:
         """Stand at ``q`` (n,) [rad]; ``speed`` is the override."""
-        self._robot = robot
-        self._clear = clear
-        self._servo = JointServo(robot, q)
+        super().__init__(robot, clear, q, speed)
         self._solve = solve
         self._pitch = robot.inverse_kinematics.pitch_and_roll(q)[0]
         self._target: Target | None = None
@@ -45,11 +40,7 @@ class Follower:
         """the target is newer than what is being solved"""
         self._solving: Future[LiveGoal] | None = None
         self._goal: FloatArray | None = None
-        self._expires = -math.inf
-        self._speed = speed
         self._note: str | None = None
-        self._notice: str | None = None
-        self._done = False
 
     @property
     def label(self) -> str:
@@ -57,44 +48,13 @@ class Follower:
         return "live target"
 
     @property
-    def begun(self) -> bool:
-        """It begins at once."""
-        return True
-
-    @property
     def q(self) -> FloatArray:
         """(n,) where the joints are [rad]."""
         return self._servo.q.copy()
 
-    @property
-    def standing(self) -> bool:
-        """The joints are at rest."""
-        return self._servo.standing
-
-    @property
-    def done(self) -> bool:
-        """At rest, and nobody leads it any more."""
-        return self._done
-
-    @property
-    def error(self) -> ArmctlError | None:
-        """A target that cannot be reached is no error: the notice says why."""
-        return None
-
-    @property
-    def pausable(self) -> bool:
-        """No: the operator leads it."""
-        return False
-
-    @property
-    def notice(self) -> str | None:
-        """What is not as the target asks for it."""
-        return self._notice
-
     def aim(self, target: Target, expires: float) -> None:
         """Follow ``target`` until the clock says ``expires``."""
-        self._expires = expires
-        self._done = False
+        self._lead_on(expires)
         if self._target is None or not _same(target, self._target):
             self._target = target
             self._stale = True
@@ -104,27 +64,10 @@ class Follower:
         """(n,) where the joints go [rad]; None: nowhere yet."""
         return None if self._goal is None else self._goal.copy()
 
-    def set_speed(self, fraction: float) -> None:
-        """Go towards this speed override inside the acceleration limits."""
-        self._speed = fraction
-
-    def pause(self) -> None:
-        """The same as leaving it."""
-        self.stop()
-
-    def resume(self) -> None:
-        """Nothing to resume."""
-
     def stop(self) -> None:
         """Slow down as hard as the limits allow."""
-        self._expires = -math.inf
         self._goal = None
-        self._done = self.standing
-
-    def halt(self) -> None:
-        """No setpoint is sent for now: go on from rest."""
-        self._servo.halt()
-        self._done = self._expires == -math.inf
+        super().stop()
 
     def view(self) -> ActivityView:
         """What is shown: where it goes now."""
@@ -136,17 +79,14 @@ class Follower:
         self._take_goal(expired)
         goal = None if expired else self._goal
         self._notice = None if expired or self._note is None else f"live target: {self._note}"
-        q, v = self._rest(dt) if goal is None else servo.toward(goal, self._speed, dt)
-        if goal is not None and (blocked := blocked_ahead(servo, self._clear, q, v)) is not None:
+        q, v = self._toward_rest(dt) if goal is None else servo.toward(goal, self._speed, dt)
+        if goal is not None and (blocked := self._blocked_ahead(q, v)) is not None:
             self._notice = f"live target: {blocked}"
-            q, v = self._rest(dt)
+            q, v = self._toward_rest(dt)
         if not v.any() and servo.standing and np.array_equal(q, servo.q):
             self._done = expired
             return None
-        return moved(servo, q, v, dt)
-
-    def _rest(self, dt: float) -> tuple[FloatArray, FloatArray]:
-        return self._servo.step(np.zeros(self._robot.n), dt)
+        return self._take(q, v, dt)
 
     def _take_goal(self, expired: bool) -> None:
         """Take what has been solved, and have the newest target solved if that has not begun."""

@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 from numpy.typing import NDArray
 
-from armctl.errors import ArmctlError
 from armctl.robot import Robot
 from armctl.runtime.activity import ActivityView, Setpoint
 from armctl.runtime.commands import JogTool
-from armctl.runtime.joint_servo import JointServo
 from armctl.runtime.keep_clear import KeepClear
+from armctl.runtime.led import Led
 from armctl.runtime.tool_line import Lead, ToolLine
 
 FloatArray = NDArray[np.float64]
@@ -20,59 +17,19 @@ JOG_EXPIRY_S = 0.1
 """How long one jog command counts."""
 
 
-class Jogger:
-    """Joint speeds that follow the commands inside every limit.
-
-    At each tick the joints can still be brought to rest before their limits, and the arm before the
-    floor, an obstacle or itself: a step after which they could not is not taken.
-    """
+class Jogger(Led):
+    """Joint speeds that follow the commands inside every limit."""
 
     def __init__(self, robot: Robot, clear: KeepClear, q: FloatArray, speed: float) -> None:
         """Stand at ``q`` (n,) [rad]; ``speed`` is the override."""
-        self._robot = robot
-        self._clear = clear
-        self._servo = JointServo(robot, q)
+        super().__init__(robot, clear, q, speed)
         self._wanted: FloatArray | JogTool = np.zeros(robot.n)
         self._line: ToolLine | None = None
-        self._expires = -math.inf
-        self._speed = speed
-        self._notice: str | None = None
-        self._done = False
 
     @property
     def label(self) -> str:
         """What it is."""
         return "jog"
-
-    @property
-    def begun(self) -> bool:
-        """A jog begins at once."""
-        return True
-
-    @property
-    def standing(self) -> bool:
-        """The joints are at rest."""
-        return self._servo.standing
-
-    @property
-    def done(self) -> bool:
-        """At rest, and the last command has expired."""
-        return self._done
-
-    @property
-    def error(self) -> ArmctlError | None:
-        """A jog does not fail by itself."""
-        return None
-
-    @property
-    def pausable(self) -> bool:
-        """No: let go of the key."""
-        return False
-
-    @property
-    def notice(self) -> str | None:
-        """What holds the jog back: a limit, the floor, a singular pose."""
-        return self._notice
 
     def command(self, wanted: FloatArray | JogTool, expires: float) -> None:
         """Move on until the clock says ``expires``.
@@ -82,30 +39,12 @@ class Jogger:
             expires: controller clock [s].
         """
         self._wanted = wanted.copy() if isinstance(wanted, np.ndarray) else wanted
-        self._expires = expires
-        self._done = False
-
-    def set_speed(self, fraction: float) -> None:
-        """Go towards this speed override inside the acceleration limits."""
-        self._speed = fraction
-
-    def pause(self) -> None:
-        """The same as letting go."""
-        self.stop()
-
-    def resume(self) -> None:
-        """Nothing to resume."""
+        self._lead_on(expires)
 
     def stop(self) -> None:
         """Slow down as hard as the limits allow."""
-        self._expires = -math.inf
         self._line = None
-        self._done = self.standing
-
-    def halt(self) -> None:
-        """No setpoint is sent for now: go on from rest."""
-        self._servo.halt()
-        self._done = self._expires == -math.inf
+        super().stop()
 
     def view(self) -> ActivityView:
         """What is shown: a jog has no goal."""
@@ -117,9 +56,9 @@ class Jogger:
         lead = self._lead(expired, dt)
         self._notice = None if expired else lead.notice
         q, v = servo.step(lead.speeds, dt)
-        if not expired and (blocked := blocked_ahead(servo, self._clear, q, v)) is not None:
+        if not expired and (blocked := self._blocked_ahead(q, v)) is not None:
             self._notice = f"jog: {blocked}"
-            q, v = servo.step(np.zeros(self._robot.n), dt)
+            q, v = self._toward_rest(dt)
         elif not expired and self._notice is None and self._line is None:
             self._notice = self._at_limit(q, lead.speeds)
         if not v.any() and servo.standing:
@@ -127,7 +66,7 @@ class Jogger:
             if expired:
                 self._line = None
             return None
-        return moved(servo, q, v, dt)
+        return self._take(q, v, dt)
 
     def _lead(self, expired: bool, dt: float) -> Lead:
         """Speeds to go for; a jog of another kind or direction waits until the arm stands."""
@@ -153,18 +92,3 @@ class Jogger:
         stuck = ((desired > 0) & (q >= high)) | ((desired < 0) & (q <= low))
         names = [joint.title for joint, held in zip(self._robot.joints, stuck, strict=True) if held]
         return f"jog: {', '.join(names)} at the limit" if names else None
-
-
-def blocked_ahead(servo: JointServo, clear: KeepClear, q: FloatArray, v: FloatArray) -> str | None:
-    """What is in the way between here and where the joints could rest after a step to ``q``, ``v`` (n,)."""
-    if not v.any() and np.array_equal(q, servo.q):
-        return None
-    found = clear.blocked(np.vstack([servo.q, servo.braking_path(q, v)]))
-    return None if found is None else found[1]
-
-
-def moved(servo: JointServo, q: FloatArray, v: FloatArray, dt: float) -> Setpoint:
-    """Take a step to ``q``, ``v`` (n,), and the setpoint that says so."""
-    acceleration = (v - servo.v) / dt
-    servo.take(q, v)
-    return Setpoint(q.copy(), v.copy(), acceleration)

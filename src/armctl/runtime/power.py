@@ -16,7 +16,9 @@ from armctl.runtime.ticket import Ticket
 
 FloatArray = NDArray[np.float64]
 ADOPT_TOLERANCE_RAD = np.radians(0.25)
-"""How far outside a limit a joint may stand when it is taken over: a board rounds to steps."""
+"""how far outside a limit a joint may stand when it is taken over, and two readings may differ"""
+_ADOPT_TOLERANCE_STEPS = 1.5
+"""the same in steps of the board, where these are coarser: an encoder at rest wavers by a count"""
 _DROP_AND_ENABLE = "support the arm, release it (it drops) and enable again"
 _BACK_INSIDE = {
     Source.COMMANDED: _DROP_AND_ENABLE,
@@ -45,9 +47,11 @@ def connect(core: Core, port: str, who: str, now: float) -> None:
             core.disconnect(str(error))
         core.enter(State.DISCONNECTED, str(error))
         raise
-    for note in core.board.identity.notes:
-        core.log.warning(note)
     identity = core.board.identity
+    for note in identity.notes:
+        core.log.info(note)
+    for words in identity.earlier:
+        core.log.warning(words)
     cause = f"connected to {identity.kind} at {identity.port} ({who}); "
     power = core.board.outputs.power
     if core.powered():
@@ -77,7 +81,7 @@ def enable(core: Core, wanted: FloatArray | None, who: str, now: float) -> None:
     if reading.homing is not None and not reading.homing.done:
         raise StateError(f"the arm does not know where it is yet; {HOME_FIRST}")
     live = ~np.isnan(reading.q)
-    start = _taken_over(core, np.where(live, reading.q, goal))
+    start = _taken_over(core, core.board, np.where(live, reading.q, goal))
     if not live.all():
         _check_floor(core, start)
     core.gate.jump(start, now)
@@ -87,7 +91,7 @@ def enable(core: Core, wanted: FloatArray | None, who: str, now: float) -> None:
     core.board.write(start, None)
     core.monitor.enabled()
     core.enter(State.HOLDING, f"enabled ({who}); {_how_it_began(core, live, reading.source)}")
-    if wanted is not None and live.any() and float(np.abs(start - goal).max()) > ADOPT_TOLERANCE_RAD:
+    if wanted is not None and live.any() and (np.abs(start - goal) > _tolerance(core.board)).any():
         core.log.warning("enabled where the arm stands, not in the pose asked for: move there now")
 
 
@@ -103,17 +107,18 @@ def home(core: Core, ticket: Ticket, who: str, now: float) -> None:
     if core.monitor.reading.homing is None:
         raise StateError("the servos of this arm know their angles: there is nothing to home")
     instead = StateError(f"the arm is being homed ({who})")
-    core.drop_pending(instead)
+    core.upcoming.drop_motion(instead)
     core.gripper.stop(instead)
-    core.board.configure()
+    board = core.board
+    board.configure()
 
     def adopt(reading: Reading, when: float) -> None:
-        core.gate.jump(_taken_over(core, reading.q), when)
+        core.gate.jump(_taken_over(core, board, reading.q), when)
         if reading.opening is not None:
             core.gate.adopt_opening(reading.opening, when)
         core.gripper.set(core.gate.opening)
 
-    homing = Homing(core.board, lambda: core.monitor.reading, adopt, now)
+    homing = Homing(board, lambda: core.monitor.reading, adopt, now)
     core.gate.forget()
     core.gripper.set(None)
     core.monitor.enabled()
@@ -172,7 +177,7 @@ def _where_it_is(core: Core, board: Board, now: float) -> Reading:
     if first is None or second is None:
         raise StateError("the board did not answer where it is; try again")
     differs = np.isnan(first.q) != np.isnan(second.q)
-    differs |= np.nan_to_num(np.abs(first.q - second.q)) > ADOPT_TOLERANCE_RAD
+    differs |= np.nan_to_num(np.abs(first.q - second.q)) > _tolerance(board)
     if differs.any():
         names = ", ".join(core.robot.joints[i].title for i in np.flatnonzero(differs))
         raise StateError(f"the board says two things of where it is ({names}); let it stand and try again")
@@ -188,11 +193,16 @@ def _check_floor(core: Core, q: FloatArray) -> None:
         )
 
 
-def _taken_over(core: Core, q: FloatArray) -> FloatArray:
+def _tolerance(board: Board) -> FloatArray:
+    """(n,) difference that says nothing [rad]."""
+    return np.maximum(ADOPT_TOLERANCE_RAD, _ADOPT_TOLERANCE_STEPS / board.outputs.unit_per_rad)
+
+
+def _taken_over(core: Core, board: Board, q: FloatArray) -> FloatArray:
     low, high = core.robot.limits[:, 0], core.robot.limits[:, 1]
-    outside = np.maximum(low - q, q - high)
+    outside = np.maximum(low - q, q - high) - _tolerance(board)
     i = int(outside.argmax())
-    if outside[i] > ADOPT_TOLERANCE_RAD:
+    if outside[i] > 0:
         joint = core.robot.joints[i]
         raise StateError(
             f"{joint.title} stands at {np.degrees(q[i]):.1f}°, outside {np.degrees(joint.lower):.1f}° … "
