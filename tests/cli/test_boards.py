@@ -2,45 +2,20 @@
 
 from __future__ import annotations
 
-import os
-import signal
-import subprocess
-import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
 import serial
+from tests.cli.simulating import simulated
 
 from armctl.cli.main import DONE, REFUSED, run
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "pick_and_place.toml"
 
 
-@contextmanager
-def simulated(*words: str) -> Iterator[str]:
-    """``armctl simulate maestro`` in a process of its own; gives the line that it prints."""
-    process = subprocess.Popen(
-        [sys.executable, "-m", "armctl", "simulate", "maestro", *words],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        env=os.environ | {"PYTHONUNBUFFERED": "1"},
-    )
-    assert process.stdout is not None and process.stderr is not None
-    try:
-        yield process.stdout.readline()
-    finally:
-        process.send_signal(signal.SIGINT)
-        _, errors = process.communicate(timeout=20)
-        assert process.returncode == 0, errors
-        assert "Traceback" not in errors
-
-
 def test_any_client_can_talk_to_the_simulated_maestro(tmp_path: Path) -> None:
     link = tmp_path / "maestro"
-    with simulated("--link", str(link)) as said:
+    with simulated("maestro", "--link", str(link)) as said:
         assert str(link) in said
         with serial.Serial(str(link), timeout=2) as port:
             port.write(bytes([0x84, 2, 0x70, 0x2E]))  # 1500 µs on channel 2
@@ -53,7 +28,7 @@ def test_any_client_can_talk_to_the_simulated_maestro(tmp_path: Path) -> None:
 
 def test_factory_board_clamps_to_992_2000(tmp_path: Path) -> None:
     link = tmp_path / "maestro"
-    with simulated("--link", str(link), "--factory"), serial.Serial(str(link), timeout=2) as port:
+    with simulated("maestro", "--link", str(link), "--factory"), serial.Serial(str(link), timeout=2) as port:
         for target, held in ((2400, 2000), (700, 992)):
             port.write(bytes([0x84, 0, (4 * target) & 0x7F, (4 * target) >> 7, 0x90, 0]))
             assert int.from_bytes(port.read(2), "little") == 4 * held
@@ -67,7 +42,7 @@ def test_run_drives_a_program_on_a_device(tmp_path: Path, capsys: pytest.Capture
         '[[steps]]\ndo = "move"\njoints_deg = [5, 100, -80, -60, 10]\n'
         '[[steps]]\ndo = "gripper"\nopen_percent = 25\n'
     )
-    with simulated("--link", str(link)):
+    with simulated("maestro", "--link", str(link)):
         assert run(["run", str(program), "--port", str(link), "--loops", "2"]) == DONE
         with serial.Serial(str(link), timeout=2) as port:
             held = []

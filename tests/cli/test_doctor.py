@@ -4,17 +4,14 @@ from __future__ import annotations
 
 import getpass
 import json
-import os
-import signal
 import socket
-import subprocess
-import sys
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
+from tests.cli.simulating import simulated
 
 from armctl.cli.main import DONE, REFUSED, WRONG_USAGE, run
 from armctl.errors import PortError
@@ -77,19 +74,8 @@ def test_a_pty_by_its_link_without_a_robot(capsys: pytest.CaptureFixture[str], t
 
 
 def test_a_board_that_another_process_simulates(capsys: pytest.CaptureFixture[str], tmp_path: Path):
-    process = subprocess.Popen(
-        [sys.executable, "-m", "armctl", "simulate", "maestro", "--link", str(tmp_path / "arm")],
-        stdout=subprocess.PIPE,
-        text=True,
-        env=os.environ | {"PYTHONUNBUFFERED": "1"},
-    )
-    try:
-        assert process.stdout is not None
-        process.stdout.readline()  # it says so once the port is there
+    with simulated("maestro", "--link", str(tmp_path / "arm")):
         status, verdicts, _ = record(capsys, "--port", str(tmp_path / "arm"), "--robot", "uzuner")
-    finally:
-        process.send_signal(signal.SIGINT)
-        process.communicate(timeout=20)
     assert status == DONE
     assert verdicts["other programs"] == "ok"
 
@@ -98,7 +84,16 @@ def test_the_kind_may_stand_in_front_of_the_port(capsys: pytest.CaptureFixture[s
     with serve_simulated_maestro(ManualClock().now, link=tmp_path / "arm"):
         status, _, seen = record(capsys, "--port", f"encoder:{tmp_path / 'arm'}")
     assert status == REFUSED
-    assert "a maestro board, but" in seen["who answers"]
+    assert "that is Pololu Maestro, but Arduino with armctl's encoder firmware is" in seen["who answers"]
+    assert seen["channels"] == "no robot was named"
+
+
+@pytest.mark.parametrize("port", ["firmata:/dev/ttyACM0", "maestro:socket://127.0.0.1:1"])
+def test_the_kind_in_front_of_the_port_must_be_the_robots(capsys: pytest.CaptureFixture[str], port: str):
+    """Its counts are no pins: nothing is opened."""
+    status, verdicts, seen = record(capsys, "--port", port, "--robot", "scorbot")
+    assert (status, verdicts) == (REFUSED, {"port": "failed"})
+    assert "Scorbot ER-4PC is set up for Arduino with armctl's encoder firmware, this is" in seen["port"]
 
 
 @contextmanager

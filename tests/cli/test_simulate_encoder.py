@@ -2,16 +2,11 @@
 
 from __future__ import annotations
 
-import os
-import signal
-import subprocess
-import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
 import serial
+from tests.cli.simulating import simulated
 
 from armctl.cli.main import REFUSED, run
 from armctl.hardware.encoder import EncoderDriver
@@ -19,29 +14,9 @@ from armctl.robot import load_robot
 from armctl.runtime import MonotonicClock, channel_settings
 
 
-@contextmanager
-def simulated(*words: str) -> Iterator[str]:
-    """The command in a process of its own; gives the line that it prints."""
-    process = subprocess.Popen(
-        [sys.executable, "-m", "armctl", "simulate", "encoder", *words],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        env=os.environ | {"PYTHONUNBUFFERED": "1"},
-    )
-    assert process.stdout is not None and process.stderr is not None
-    try:
-        yield process.stdout.readline()
-    finally:
-        process.send_signal(signal.SIGINT)
-        _, errors = process.communicate(timeout=20)
-        assert process.returncode == 0, errors
-        assert "Traceback" not in errors
-
-
 def test_any_client_can_talk_to_it(tmp_path: Path) -> None:
     link = tmp_path / "encoder"
-    with simulated("--link", str(link)) as said:
+    with simulated("encoder", "--link", str(link)) as said:
         assert str(link) in said
         with serial.Serial(str(link), timeout=10) as port:
             port.write(b"2 EN 1*5689\n")
@@ -54,7 +29,7 @@ def test_any_client_can_talk_to_it(tmp_path: Path) -> None:
 def test_the_driver_opens_it_like_a_board(tmp_path: Path) -> None:
     link = tmp_path / "encoder"
     robot = load_robot("scorbot")
-    with simulated("--link", str(link)):
+    with simulated("encoder", "--link", str(link)):
         driver = EncoderDriver(
             str(link),
             axes=robot.axes,

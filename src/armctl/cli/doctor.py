@@ -13,7 +13,7 @@ from pathlib import Path
 
 import click
 
-from armctl.boards import AUTOMATIC, SIMULATED, Boards, split_kind
+from armctl.boards import AUTOMATIC, SIMULATED, Boards, require_kind, split_kind
 from armctl.cli.options import json_option, print_json
 from armctl.errors import ArmctlError
 from armctl.hardware.doctor import Finding, Patient, Verdict, examine, without_personal_data
@@ -73,6 +73,8 @@ def _examined(port: str, robot: Robot | None) -> Sequence[Finding]:
             return examine(patient, _opener(patient.port), clock.now)
     listing = list_ports()
     kind, device = split_kind(port)
+    if robot is not None and kind is not None:
+        require_kind(robot, kind, device)
     if port == AUTOMATIC:
         device = find_board(listing, expected or "maestro").device
     patient = Patient(device, describe_port(device, listing), kind or expected, channels)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import click
 import numpy as np
 
-from armctl.cli.options import QUERY_SETTINGS, json_option, print_json, rounded
+from armctl.cli.options import NUMBER, QUERY_SETTINGS, json_option, print_json, rounded
 from armctl.errors import ArmctlError
 from armctl.kinematics import roll_pitch_yaw
 from armctl.robot import Robot, load_robot
@@ -13,7 +13,7 @@ from armctl.robot import Robot, load_robot
 
 @click.command(context_settings=QUERY_SETTINGS)
 @click.argument("robot")
-@click.argument("q", nargs=-1, type=float)
+@click.argument("q", nargs=-1, type=NUMBER)
 @json_option
 def fk(robot: str, q: tuple[float, ...], as_json: bool) -> None:
     """Compute the pose of ROBOT's tool at joint angles Q… (degrees).

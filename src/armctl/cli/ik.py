@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armctl.cli.main import REFUSED
-from armctl.cli.options import QUERY_SETTINGS, finite, json_option, print_json, rounded
+from armctl.cli.options import NUMBER, QUERY_SETTINGS, Number, json_option, print_json, rounded
 from armctl.errors import InputError
 from armctl.kinematics import CRITERIA, Branch, Solutions, rotation_from_rpy
 from armctl.robot import Robot, load_robot
@@ -23,14 +23,14 @@ _LABEL, _NARROWEST = 17, 11
 
 @click.command(context_settings=QUERY_SETTINGS)
 @click.argument("robot")
-@click.argument("x", type=float)
-@click.argument("y", type=float)
-@click.argument("z", type=float)
-@click.option("--pitch", type=float, help="Angle of the tool above the horizontal, degrees.")
-@click.option("--roll", type=float, help="Angle of the tool about its own axis, degrees.")
+@click.argument("x", type=NUMBER)
+@click.argument("y", type=NUMBER)
+@click.argument("z", type=NUMBER)
+@click.option("--pitch", type=NUMBER, help="Angle of the tool above the horizontal, degrees.")
+@click.option("--roll", type=NUMBER, help="Angle of the tool about its own axis, degrees.")
 @click.option(
     "--rpy",
-    type=float,
+    type=NUMBER,
     nargs=3,
     metavar="ROLL PITCH YAW",
     default=None,
@@ -41,7 +41,13 @@ _LABEL, _NARROWEST = 17, 11
 @click.option(
     "--start", metavar="Q1,Q2,…", help="Where the arm stands, degrees (for least-travel; default: home)."
 )
-@click.option("--step", type=float, default=0.01, show_default=True, help="Step of the swept joint, degrees.")
+@click.option(
+    "--step",
+    type=Number(above=0.0),
+    default=0.01,
+    show_default=True,
+    help="Step of the swept joint, degrees.",
+)
 @click.option(
     "--all", "every", is_flag=True, help="List every solution, and the branches that limits forbid."
 )
@@ -55,10 +61,8 @@ def ik(
     if rpy is not None and (pitch is not None or roll is not None):
         raise click.UsageError("give either --rpy, or --pitch and --roll, not both")
     arm = load_robot(robot)
-    point = np.array(
-        [finite(value, name) for value, name in ((x, "X"), (y, "Y"), (z, "Z"))], dtype=np.float64
-    )
-    wish = (_radians(pitch, "--pitch"), _radians(roll, "--roll"), _rotation(rpy))
+    point = np.array([x, y, z])
+    wish = (_radians(pitch), _radians(roll), _rotation(rpy))
     solutions = arm.inverse(point / 1000, *wish, step=math.radians(step))
     refused = [branch for branch in arm.branches(point / 1000, *wish) if branch.forbidden] if every else None
     if not solutions.success:
@@ -72,25 +76,25 @@ def ik(
     return 0
 
 
-def _radians(value: float | None, what: str) -> float | None:
-    return None if value is None else math.radians(finite(value, what) or 0.0)
+def _radians(value: float | None) -> float | None:
+    return None if value is None else math.radians(value)
 
 
 def _rotation(rpy: tuple[float, float, float] | None) -> FloatArray | None:
     if rpy is None:
         return None
-    roll, pitch, yaw = (_radians(value, "--rpy") or 0.0 for value in rpy)
-    return rotation_from_rpy(roll, pitch, yaw)
+    roll, pitch, yaw = rpy
+    return rotation_from_rpy(math.radians(roll), math.radians(pitch), math.radians(yaw))
 
 
 def _start(arm: Robot, text: str | None) -> FloatArray:
     if text is None:
         return arm.pose("home")
     try:
-        values = [float(part) for part in text.replace(",", " ").split()]
-    except ValueError as cause:
-        raise InputError(f"--start needs {arm.n} numbers in degrees, got {text!r}") from cause
-    return np.radians(arm.chain.checked(values))
+        values = arm.chain.checked([float(part) for part in text.replace(",", " ").split()])
+    except (ValueError, InputError) as cause:
+        raise click.UsageError(f"--start needs {arm.n} finite numbers in degrees, got {text!r}") from cause
+    return np.radians(values)
 
 
 def _record(

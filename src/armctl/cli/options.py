@@ -5,13 +5,11 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Sequence
-from typing import cast
+from typing import Any, cast
 
 import click
 import numpy as np
 from numpy.typing import NDArray
-
-from armctl.errors import InputError
 
 QUERY_SETTINGS = {"ignore_unknown_options": True, "help_option_names": ["-h", "--help"]}
 """For commands with number arguments: ``-196`` is a number, not an option."""
@@ -19,15 +17,29 @@ QUERY_SETTINGS = {"ignore_unknown_options": True, "help_option_names": ["-h", "-
 json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON for programs.")
 
 
-def finite(value: float | None, what: str) -> float | None:
-    """``value`` if it is a finite number.
+class Number(click.ParamType[float]):
+    """A finite number: NaN and infinity are as wrong on a command line as text.
 
-    Raises:
-        InputError: NaN or infinity.
+    Args:
+        above: it must be larger than this.
     """
-    if value is not None and not math.isfinite(value):
-        raise InputError(f"{what} must be a finite number, got {value}")
-    return value
+
+    name = "float"
+
+    def __init__(self, above: float = -math.inf) -> None:
+        self._above = above
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
+        """Read ``value``; fails as wrong usage."""
+        number = float(click.FLOAT.convert(value, param, ctx))
+        if not math.isfinite(number):
+            self.fail(f"{value} is not a finite number", param, ctx)
+        if not number > self._above:
+            self.fail(f"{number:g} must be more than {self._above:g}", param, ctx)
+        return number
+
+
+NUMBER = Number()
 
 
 def print_json(record: object) -> None:
