@@ -11,7 +11,7 @@ import pytest
 
 from armctl.motion import PROFILES, ProfileName, plan_joints, plan_line
 from armctl.motion.analysis import MotionAnalysis, analyse, analysis_csv
-from armctl.motion.figure import FigureForm, figure_bytes
+from armctl.motion.figure import FigureForm, TitledMotion, figure_bytes
 from armctl.motion.near_limits import Derivative, near_limits
 from armctl.robot import load_robot
 
@@ -91,7 +91,7 @@ def test_a_joint_limit_is_near_where_the_joint_comes_near_it() -> None:
 @pytest.mark.parametrize("profile", PROFILES)
 def test_the_figure_has_its_title_units_and_legend_as_texts(profile: ProfileName) -> None:
     found = motion(profile, 301, None)
-    svg = figure_bytes(ROBOT, f"home to zero, {profile}", found, "svg")
+    svg = figure_bytes(ROBOT, "svg", TitledMotion(f"home to zero, {profile}", found))
     texts = {
         "".join(node.itertext()) for node in ElementTree.fromstring(svg).iter() if node.tag.endswith("text")
     }
@@ -102,20 +102,32 @@ def test_the_figure_has_its_title_units_and_legend_as_texts(profile: ProfileName
 
 
 def test_a_dollar_sign_in_a_name_is_no_formula() -> None:
-    svg = figure_bytes(ROBOT, "program $\\frac$", motion(samples=11), "svg").decode()
+    svg = figure_bytes(ROBOT, "svg", TitledMotion("program $\\frac$", motion(samples=11))).decode()
     assert "program $\\frac$" in svg
 
 
 def test_limits_are_dashed_lines_of_the_figure() -> None:
-    svg = figure_bytes(ROBOT, "fast", motion("trapezoid", 301, None), "svg")
-    slow = figure_bytes(ROBOT, "slow", motion("trapezoid", 301, 60.0), "svg")
+    svg = figure_bytes(ROBOT, "svg", TitledMotion("fast", motion("trapezoid", 301, None)))
+    slow = figure_bytes(ROBOT, "svg", TitledMotion("slow", motion("trapezoid", 301, 60.0)))
     assert svg.count(b"stroke-dasharray") > slow.count(b"stroke-dasharray") > 0
+
+
+def test_the_motion_to_compare_with_is_dotted_and_named() -> None:
+    shown = TitledMotion("quintic", motion("quintic", 101, 4.0))
+    beside = TitledMotion("slow & $mooth", motion("cubic", 101, 6.0))
+    alone = figure_bytes(ROBOT, "svg", shown)
+    both = figure_bytes(ROBOT, "svg", shown, beside)
+    texts = ["".join(node.itertext()) for node in ElementTree.fromstring(both).iter()]
+    assert any("A (dotted): slow & $mooth, 6.000 s" in text for text in texts)
+    assert any("quintic, 4.000 s" in text for text in texts)
+    lines = [figure.count(b"stroke-dasharray") for figure in (alone, both)]
+    assert lines[1] - lines[0] == 4 * (3 + ROBOT.n)
 
 
 @pytest.mark.parametrize(("form", "magic"), [("png", b"\x89PNG\r\n"), ("svg", b"<?xml")])
 def test_a_motion_that_goes_nowhere_has_a_figure_too(form: FigureForm, magic: bytes) -> None:
     still = analyse(ROBOT, plan_joints(ROBOT, HOME, HOME), 2)
-    assert figure_bytes(ROBOT, "nowhere", still, form).startswith(magic)
+    assert figure_bytes(ROBOT, form, TitledMotion("nowhere", still)).startswith(magic)
 
 
 def test_matplotlib_is_imported_when_a_figure_is_drawn_not_before() -> None:

@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
@@ -25,6 +25,7 @@ def inside(p: PiecewisePolynomial, count: int = 40) -> np.ndarray:
     return (p.breaks[:-1, None] + np.diff(p.breaks)[:, None] * shares).ravel()
 
 
+@settings(deadline=None)
 @given(polynomials())
 def test_values_are_the_sum_of_the_powers(p: PiecewisePolynomial) -> None:
     x = inside(p)
@@ -34,6 +35,7 @@ def test_values_are_the_sum_of_the_powers(p: PiecewisePolynomial) -> None:
     np.testing.assert_allclose(p(x), expected, rtol=1e-9, atol=1e-9)
 
 
+@settings(deadline=None)
 @given(polynomials())
 def test_derivatives_are_those_of_numpy(p: PiecewisePolynomial) -> None:
     found = p.derivatives(inside(p), 3)
@@ -49,6 +51,7 @@ def test_derivatives_are_those_of_numpy(p: PiecewisePolynomial) -> None:
                 )
 
 
+@settings(deadline=None)
 @given(polynomials())
 def test_extremes_are_never_passed_and_are_met(p: PiecewisePolynomial) -> None:
     low, high = p.extremes_by_piece()
@@ -65,6 +68,7 @@ def test_extremes_are_never_passed_and_are_met(p: PiecewisePolynomial) -> None:
     assert (above >= high - 1e-9 * size).all()
 
 
+@settings(deadline=None)
 @given(polynomials(), st.integers(1, 4), st.floats(0.2, 5.0))
 def test_cutting_and_scaling_keep_the_curve(p: PiecewisePolynomial, parts: int, factor: float) -> None:
     x = inside(p)
@@ -74,10 +78,34 @@ def test_cutting_and_scaling_keep_the_curve(p: PiecewisePolynomial, parts: int, 
     np.testing.assert_allclose(p.derivative()(x), p.derivatives(x, 1)[1], rtol=1e-9, atol=1e-9 * size)
 
 
+@settings(deadline=None)
+@given(polynomials())
+def test_many_places_in_order_give_what_each_gives_alone(p: PiecewisePolynomial) -> None:
+    x = np.sort(np.concatenate([inside(p), p.breaks, p.breaks, [p.low - 1.0, p.high + 1.0]]))
+    alone = np.array([p(place) for place in x.tolist()])
+    mixed = np.random.default_rng(5).permutation(len(x))
+    np.testing.assert_array_equal(p(x), alone)
+    np.testing.assert_array_equal(p(x[mixed]), alone[mixed])
+    np.testing.assert_array_equal(p(x.reshape(2, -1)), alone.reshape(2, -1, p.n))
+    np.testing.assert_array_equal(p.derivatives(x.reshape(2, -1), 1)[0], alone.reshape(2, -1, p.n))
+
+
+def test_where_a_place_is_not_a_number_the_others_keep_their_values() -> None:
+    p = PiecewisePolynomial([0.0, 1.0, 2.0], [[[0.0], [1.0]], [[5.0], [1.0]]])
+    x = np.linspace(0.1, 1.9, 40)
+    expected = p(x)
+    x[[7, 20]] = expected[[7, 20]] = np.nan
+    np.testing.assert_array_equal(p(x), expected)
+
+
 def test_one_curve_after_another() -> None:
     first = PiecewisePolynomial([0.0, 1.0], [[[0.0], [1.0]]])
     second = PiecewisePolynomial([5.0, 7.0], [[[1.0], [0.0], [3.0]]])
+    third = PiecewisePolynomial([0.0, 1.0], [[[13.0], [2.0]]])
+    all_three = first.followed_by(second, third)
     both = first.followed_by(second)
+    np.testing.assert_allclose(all_three.breaks, [0, 1, 3, 4])
+    np.testing.assert_allclose(all_three([0.5, 2.0, 3.5])[:, 0], [0.5, 4.0, 14.0])
     np.testing.assert_allclose(both.breaks, [0, 1, 3])
     np.testing.assert_allclose(both([0.5, 1.0, 2.0, 3.0])[:, 0], [0.5, 1.0, 4.0, 13.0])
 

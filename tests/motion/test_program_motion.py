@@ -180,3 +180,10 @@ def test_from_a_place_from_which_it_cannot_be_braked_an_earlier_one_is_taken() -
         assert before is not None and after is not None
         np.testing.assert_allclose(before.end, after.start, atol=1e-9)
     assert plan_again(ROBOT, source, turns[:1]) is None
+
+
+def test_no_more_legs_are_solved_than_the_first_one_needs_behind_it() -> None:
+    long = program(*(to(turn, 0, 0, 0, 0, blend_mm=5) for turn in (1.2, -1.2, 1.2, -1.2)))
+    steps, after = plan_next(ROBOT, ProgramSource(long), begin_program(ROBOT, long, HOME))
+    assert [(step.index, step.goes_on) for step in steps] == [(0, True)]
+    assert [drawn.step.index for drawn in after.known] == [1]

@@ -146,9 +146,7 @@ def _planned(robot: Robot, pieces: Sequence[_Piece], first: float) -> list[Speed
 
 
 def _planned_run(robot: Robot, run: Sequence[_Piece], first: float) -> list[SpeedPlan]:
-    path = run[0].path
-    for piece in run[1:]:
-        path = path.followed_by(piece.path)
+    path = run[0].path.followed_by(*(piece.path for piece in run[1:]))
     caps = np.concatenate([piece.caps for piece in run])
     limits = PathLimits.of(path, robot.speed_limits, robot.acceleration_limits, caps, _REGIONS)
     rates = SpeedPlan.fastest(limits, first).rates

@@ -47,24 +47,44 @@ class _Row:
     limits: Sequence[Limit]
 
 
-def motion_figure(robot: Robot, title: str, motion: MotionAnalysis) -> Figure:
+@dataclass(frozen=True, slots=True, eq=False)
+class TitledMotion:
+    """A motion and what it is."""
+
+    title: str
+    motion: MotionAnalysis
+
+    @property
+    def heading(self) -> str:
+        """With its duration."""
+        return _plain(f"{self.title}, {self.motion.time[-1]:.3f} s")
+
+
+def motion_figure(robot: Robot, shown: TitledMotion, beside: TitledMotion | None = None) -> Figure:
     """Position, velocity, acceleration and jerk of tool and joints over time.
 
     Args:
         robot: the arm.
-        title: what the motion is.
-        motion: the motion.
+        shown: the motion.
+        beside: another one to compare it with, drawn thin and dotted.
     """
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=_SIZE_IN, layout="constrained")
-    figure.suptitle(_plain(f"{robot.title}: {title}, {motion.time[-1]:.3f} s"), fontsize=13)
-    rows = _rows(robot, motion)
+    heading = f"{_plain(robot.title)}: {shown.heading}"
+    if beside is not None:
+        heading += f"\nA (dotted): {beside.heading}"
+    figure.suptitle(heading, fontsize=13)
+    motion, rows = shown.motion, _rows(robot, shown.motion)
     axes: NDArray[np.object_] = figure.subplots(len(rows), 2, sharex=True)
     joint_names = [_plain(joint.title) for joint in robot.joints]
     for k, row in enumerate(rows):
         _draw(axes[k, 0], motion.time, row.tool, ("x", "y", "z"), f"tool {row.name} (mm{row.per})", ())
         _draw(axes[k, 1], motion.time, row.joints, joint_names, f"joint {row.name} (°{row.per})", row.limits)
+    if beside is not None:
+        for k, row in enumerate(_rows(robot, beside.motion)):
+            _draw_beside(axes[k, 0], beside.motion.time, row.tool)
+            _draw_beside(axes[k, 1], beside.motion.time, row.joints)
     for axis in axes[-1]:
         axis.set_xlabel("time (s)")
     for axis, many in zip(axes[0], (3, min(robot.n, 3)), strict=True):
@@ -74,20 +94,22 @@ def motion_figure(robot: Robot, title: str, motion: MotionAnalysis) -> Figure:
     return figure
 
 
-def figure_bytes(robot: Robot, title: str, motion: MotionAnalysis, form: FigureForm) -> bytes:
+def figure_bytes(
+    robot: Robot, form: FigureForm, shown: TitledMotion, beside: TitledMotion | None = None
+) -> bytes:
     """The figure as a file; takes about a second, so it belongs into a worker thread.
 
     Args:
         robot: the arm.
-        title: what the motion is.
-        motion: the motion.
         form: of the file. The texts of an SVG stay texts.
+        shown: the motion.
+        beside: another one to compare it with.
     """
     import matplotlib
 
     matplotlib.rcParams["svg.fonttype"] = "none"  # always the same, so that threads cannot disagree
     with io.BytesIO() as file:
-        motion_figure(robot, title, motion).savefig(file, format=form, dpi=_DPI)
+        motion_figure(robot, shown, beside).savefig(file, format=form, dpi=_DPI)
         return file.getvalue()
 
 
@@ -124,3 +146,8 @@ def _draw(
     axis.set_ylabel(label)
     axis.grid(visible=True, color="#dee2e6", linewidth=0.6)
     axis.margins(x=0.0)
+
+
+def _draw_beside(axis: Axes, time: FloatArray, values: FloatArray) -> None:
+    for i in range(values.shape[1]):
+        axis.plot(time, values[:, i], color=COLORS[i % len(COLORS)], linewidth=1.0, linestyle=":")

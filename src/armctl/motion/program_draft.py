@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -17,7 +18,8 @@ from armctl.robot import Robot
 _AHEAD_S, _STOPS = 1.0, 6.0
 """How far a blended motion looks ahead: at least so long, and so many times what the slowest joint needs
 to stand."""
-_FEWEST_LEGS = 3
+_ENOUGH_LEGS = 3
+"""So many are enough behind each other, however short the later ones are."""
 _MOST_STEPS = 256
 
 
@@ -60,11 +62,10 @@ def draw(robot: Robot, source: ProgramSource, state: PlanState) -> Draft:
         and says why; where a later one cannot, the motion ends before it.
     """
     steps = list(state.known)
-    legs = [drawn.leg for drawn in steps if drawn.leg is not None]
     state = steps[-1].after if steps else replace(state, entry=None)
-    ahead = sum(least_time(robot, leg) for leg in legs)
+    times = [least_time(robot, drawn.leg) for drawn in steps if drawn.leg is not None]
     while len(steps) < _MOST_STEPS:
-        if len(legs) >= _FEWEST_LEGS and ahead >= ahead_s(robot):
+        if _far_enough(robot, times):
             return Draft(steps, closed=False)
         found = _next_step(source, state)
         if found is None:
@@ -77,22 +78,27 @@ def draw(robot: Robot, source: ProgramSource, state: PlanState) -> Draft:
             try:
                 leg = leg_of(robot, state.q, step.step)
             except ArmctlError as cause:
-                if not legs:
+                if not times:
                     steps.append(DrawnStep(replace(step, error=cause), None, after))
                 break
             if leg is not None:
                 after = replace(after, q=leg.path(leg.path.high))
-                legs.append(leg)
-                ahead += least_time(robot, leg)
+                times.append(least_time(robot, leg))
             steps.append(DrawnStep(step, leg, after))
             if leg is not None and leg.blend_m == 0:
                 break
         else:
-            if not legs:
+            if not times:
                 steps.append(DrawnStep(step, None, after))
             break
         state = after
     return Draft(steps, closed=True)
+
+
+def _far_enough(robot: Robot, times: Sequence[float]) -> bool:
+    """Whether legs of these times [s] leave the first one to be planned for good: it can be braked behind."""
+    ahead = ahead_s(robot)
+    return sum(times) >= ahead and (len(times) >= _ENOUGH_LEGS or sum(times[1:]) >= 0.5 * ahead)
 
 
 def _next_step(source: ProgramSource, state: PlanState) -> tuple[PlannedStep, PlanState] | None:

@@ -29,6 +29,19 @@ def test_it_is_scipys_not_a_knot_spline(points: np.ndarray) -> None:
     np.testing.assert_allclose(spline(x), reference(x), rtol=0, atol=1e-7 * size)
 
 
+@pytest.mark.parametrize("k", [2, 3, 4, 5, 58, 200])
+def test_evenly_spread_points_give_the_same_as_nearly_even_ones(k: int) -> None:
+    turns = np.random.default_rng(k).uniform(-1.0, 1.0, size=(k, 3))
+    points = np.column_stack([2.5 * np.arange(k), turns])  # the first coordinate has the longest way
+    even, uneven = spline_through(points), points.copy()
+    uneven[-1, 0] += 1e-9
+    x = np.linspace(even.low, even.high, 40 * k)
+    np.testing.assert_allclose(even(x), spline_through(uneven)(x), rtol=0, atol=1e-8 + 1e-13 * k)
+    np.testing.assert_allclose(even(even.breaks), points, rtol=0, atol=1e-13 * (1 + np.abs(points).max()))
+    if k >= 4:
+        np.testing.assert_allclose(even(x), CubicSpline(even.breaks, points)(x), rtol=0, atol=1e-12 * k)
+
+
 def test_it_meets_the_points_and_is_smooth() -> None:
     points = np.random.default_rng(3).normal(size=(30, 5))
     spline = spline_through(points, weights=[1, 2, 3, 4, 5])
@@ -53,7 +66,17 @@ def test_points_that_follow_on_themselves_count_once() -> None:
 
 
 @pytest.mark.parametrize(
-    "points", [[[1.0, 2.0]], [[1.0], [1.0]], np.zeros((0, 3)), [[np.nan], [1.0]], [1.0, 2.0]]
+    "points",
+    [
+        [[1.0, 2.0]],
+        [[1.0], [1.0]],
+        np.zeros((0, 3)),
+        [[np.nan], [1.0]],
+        [[np.nan], [np.nan]],
+        [[np.inf], [np.inf]],
+        [[0.0, 1.0], [-np.inf, 2.0], [3.0, 4.0]],
+        [1.0, 2.0],
+    ],
 )
 def test_what_gives_no_spline_is_refused(points: object) -> None:
     with pytest.raises(InputError, match="spline needs"):

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from armctl.motion.paths.quintic import quintic
 from armctl.motion.polynomial import PiecewisePolynomial
 from armctl.robot import Robot
 
@@ -48,25 +49,6 @@ def corner(before: PiecewisePolynomial, leaves: float, after: PiecewisePolynomia
     end = after.derivatives(joins, 2) * np.array([1.0, scale_after, scale_after**2])[:, None]
     path = PiecewisePolynomial([0.0, 1.0], quintic(start, end)[None])
     return Corner(path, leaves, joins, scale, scale_after)
-
-
-def quintic(start: FloatArray, end: FloatArray) -> FloatArray:
-    """Powers (6, n) over 0 ... 1 of the quintic with value, slope and curvature (3, n) given at both ends."""
-    q0, v0, a0 = start
-    q1, v1, a1 = end
-    way = q1 - q0 - v0 - 0.5 * a0
-    turn = v1 - v0 - a0
-    bend = a1 - a0
-    return np.stack(
-        [
-            q0,
-            v0,
-            0.5 * a0,
-            10 * way - 4 * turn + 0.5 * bend,
-            -15 * way + 7 * turn - bend,
-            6 * way - 3 * turn + 0.5 * bend,
-        ]
-    )
 
 
 def leaves_at(robot: Robot, path: PiecewisePolynomial, radius: float) -> float:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import lru_cache
 from typing import cast
 
 import numpy as np
@@ -14,6 +15,11 @@ from armctl.motion.polynomial import PiecewisePolynomial
 
 FloatArray = NDArray[np.float64]
 _SAME = 1e-12
+_EVEN = 1e-12
+"""widths that differ by no larger share than this count as one: far below any other rounding of a path"""
+_EVEN_POINTS = 128
+"""most points for which the spline through evenly spread ones is kept as a matrix of up to 0.5 MB"""
+_TOO_FEW = "a spline needs at least two points that differ"
 
 
 def spline_through(points: ArrayLike, weights: ArrayLike | None = None) -> PiecewisePolynomial:
@@ -32,55 +38,96 @@ def spline_through(points: ArrayLike, weights: ArrayLike | None = None) -> Piece
     Raises:
         InputError: a wrong shape, a value that is not finite, or fewer than two points that differ.
     """
-    p = np.array(points, dtype=np.float64)
-    if p.ndim != 2 or p.size == 0 or not np.isfinite(p).all():
+    p = np.asarray(points, dtype=np.float64)
+    if p.ndim != 2 or p.size == 0 or np.count_nonzero(np.isfinite(p)) < p.size:
         raise InputError(f"a spline needs points (k, n) of finite numbers, got the shape {p.shape}")
-    step = p[1:] - p[:-1]
-    way = np.abs(step if weights is None else step * np.asarray(weights)).max(axis=1, initial=0.0)
-    moves = way > _SAME
-    if not moves.all():
-        p, way = p[np.append(True, moves)], way[moves]
-        step = p[1:] - p[:-1]
     if len(p) < 2:
-        raise InputError("a spline needs at least two points that differ")
-    inverse = 1.0 / way[:, None]
-    chord = step * inverse
-    slope = _slopes(way, chord)
-    # Hermite's form: value, slope, and what is left for the two higher powers
-    c = np.empty((len(way), 4, p.shape[1]))
-    c[:, 0], c[:, 1] = p[:-1], slope[:-1]
-    early, late = (chord - slope[:-1]) * inverse, (slope[1:] - chord) * inverse
-    c[:, 2] = 2 * early - late
-    c[:, 3] = (late - early) * inverse
-    return PiecewisePolynomial(np.concatenate([[0.0], way.cumsum()]), c)
+        raise InputError(_TOO_FEW)
+    p = p.T  # coordinates first, so that all that follows runs over long rows
+    ways = np.abs(p[:, 1:] - p[:, :-1])
+    if weights is not None:
+        ways *= np.asarray(weights)[:, None]
+    way = np.maximum.reduce(ways)
+    least, most = _range(way)
+    if least <= _SAME:
+        moves = way > _SAME
+        p, way = p[:, np.append(True, moves)], way[moves]
+        if not len(way):
+            raise InputError(_TOO_FEW)
+        least, most = _range(way)
+    breaks = np.zeros(len(way) + 1)
+    np.add.accumulate(way, out=breaks[1:])
+    even = most - least <= _EVEN * most and len(way) < _EVEN_POINTS
+    c = _coefficients_even(most, p) if even else _coefficients(way, p)
+    return PiecewisePolynomial(breaks, c.transpose(2, 0, 1))
 
 
-def _slopes(h: FloatArray, chord: FloatArray) -> FloatArray:
-    """(k, n) slopes at the points, from the widths h (k - 1,) and the slopes of the chords (k - 1, n)."""
-    k = len(h) + 1
+def _range(values: FloatArray) -> tuple[float, float]:
+    return np.minimum.reduce(values).item(), np.maximum.reduce(values).item()
+
+
+def _coefficients_even(h: float, p: FloatArray) -> FloatArray:
+    """As ``_coefficients`` where all widths are the same: they hang together linearly with the points."""
+    c = p @ _even(p.shape[1])
+    c *= np.array([[[1.0]], [[1.0 / h]], [[h**-2]], [[h**-3]]])
+    return c
+
+
+@lru_cache(maxsize=4)
+def _even(k: int) -> FloatArray:
+    """(4, k, k - 1) the coefficients that each of k points brings with it where all widths are 1."""
+    matrix = _coefficients(np.ones(k - 1), np.eye(k))
+    matrix.flags.writeable = False
+    return matrix
+
+
+def _coefficients(h: FloatArray, p: FloatArray) -> FloatArray:
+    """(4, n, k - 1), lowest power first, from the widths h (k - 1,) between the points p (n, k).
+
+    With a sixth of the curvature, ``early`` and ``late``, at its two ends, a piece is
+    ``p + x (chord - h (2 early + late)) + 3 x² early + x³ (late - early) / h``.
+    """
+    inverse = 1.0 / h
+    chord = (p[:, 1:] - p[:, :-1]) * inverse
+    sixth = _sixths_of_curvature(h, chord)
+    early, late = sixth[:, :-1], sixth[:, 1:]
+    c = np.empty((4, *chord.shape))
+    c[0] = p[:, :-1]
+    slope = np.add(early, early, out=c[1])
+    slope += late
+    slope *= h
+    np.subtract(chord, slope, out=slope)
+    np.multiply(early, 3.0, out=c[2])
+    cube = np.subtract(late, early, out=c[3])
+    cube *= inverse
+    return c
+
+
+def _sixths_of_curvature(h: FloatArray, chord: FloatArray) -> FloatArray:
+    """A sixth of the second derivative (n, k) at the points; h (k - 1,) widths, chord (n, k - 1) slopes."""
+    n, k = len(chord), len(h) + 1
     if k == 2:
-        return np.repeat(chord, 2, axis=0)
+        return np.zeros((n, k))
     if k == 3:  # one parabola through all three
-        middle = (h[1] * chord[0] + h[0] * chord[1]) / (h[0] + h[1])
-        return np.stack([2 * chord[0] - middle, middle, 2 * chord[1] - middle])
-    # de Boor, A Practical Guide to Splines, chapter IV: continuous curvature at the inner points ...
-    h0, h1, h2, h3 = float(h[0]), float(h[1]), float(h[-2]), float(h[-1])
-    first, last = h0 + h1, h2 + h3
-    lower, upper, middle = np.append(h[1:], last), np.append(first, h[:-1]), np.empty(k)
-    middle[0], middle[-1] = h1, h2
-    middle[1:-1] = 2 * (h[:-1] + h[1:])
-    right = np.empty((k, chord.shape[1]), order="F")
-    right[1:-1] = 3 * (h[1:, None] * chord[:-1] + h[:-1, None] * chord[1:])
-    # ... and one cubic over the first two pieces and over the last two
-    right[0] = (h0 + 2 * first) * h1 / first * chord[0] + h0**2 / first * chord[1]
-    right[-1] = h3**2 / last * chord[-2] + (2 * last + h3) * h2 / last * chord[-1]
-    return _tridiagonal(lower, middle, upper, right)
+        return np.repeat((chord[:, 1:] - chord[:, :1]) / (3.0 * (h[0] + h[1])), 3, axis=1)
+    # de Boor, A Practical Guide to Splines, chapter IV: continuous slope at the inner points ...
+    lower, upper, middle, right = h.copy(), h.copy(), np.empty(k), np.empty((n, k))
+    inner = np.add(h[1:], h[:-1], out=middle[1:-1])
+    inner += inner
+    np.subtract(chord[:, 1:], chord[:, :-1], out=right[:, 1:-1])
+    # ... and one cubic over the first two pieces and over the last two, less a multiple of the row beside
+    first, second, before, last = h.item(0), h.item(1), h.item(-2), h.item(-1)
+    middle[0], upper[0] = second - first, -(2.0 * first + second)
+    middle[-1], lower[-1] = before - last, -(2.0 * last + before)
+    np.multiply(right[:, 1], -first / (first + second), out=right[:, 0])
+    np.multiply(right[:, -2], -last / (last + before), out=right[:, -1])
+    return _tridiagonal(lower, middle, upper, right.T).T
 
 
 def _tridiagonal(lower: FloatArray, middle: FloatArray, upper: FloatArray, right: FloatArray) -> FloatArray:
-    """Solve a tridiagonal system for several right sides (k, n)."""
+    """Solve a tridiagonal system for several right sides (k, n); all four are used up."""
     dgtsv = cast("Callable[..., tuple[FloatArray, ...]]", lapack.dgtsv)  # pyright: ignore
-    *_, solution, info = dgtsv(lower, middle, upper, right)
+    *_, solution, info = dgtsv(lower, middle, upper, right, 1, 1, 1, 1)
     if info:
         raise InputError("the points of a spline lie too unevenly: their distances differ too much")
     return solution

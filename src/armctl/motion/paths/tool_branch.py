@@ -15,6 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from armctl.motion.paths.quintic import quintic
 from armctl.motion.paths.tool_task import Knot, ToolTask
 from armctl.motion.polynomial import PiecewisePolynomial
 
@@ -106,21 +107,16 @@ def _turning(angle: float, knot: Knot) -> float:
 def hermite(knots: Sequence[Knot]) -> PiecewisePolynomial:
     """Quintics that meet value, slope and bend of all knots (two at least)."""
     s = np.array([knot.s for knot in knots])
-    unit = _unit_quintics(knots)
-    return PiecewisePolynomial(s, unit / (np.diff(s)[:, None] ** _POWERS)[..., None])
+    h = s[1:] - s[:-1]
+    states = np.array([(knot.q, knot.slope, knot.bend) for knot in knots]).swapaxes(0, 1)
+    unit = quintic(_over(h[:, None], states[:, :-1]), _over(h[:, None], states[:, 1:]))
+    return PiecewisePolynomial(s, (unit / h[:, None] ** _POWERS[:, None, None]).swapaxes(0, 1))
 
 
-def _unit_quintics(knots: Sequence[Knot]) -> FloatArray:
-    """(k, 6, n) the quintics between k + 1 knots, each over 0 … 1."""
-    q = np.array([knot.q for knot in knots])
-    h = np.diff([knot.s for knot in knots])[:, None]
-    slope = np.array([knot.slope for knot in knots])
-    bend = np.array([knot.bend for knot in knots])
-    v, a = h * slope[:-1], 0.5 * h * h * bend[:-1]
-    # what the three lower powers leave over at the far end
-    d, e, f = q[1:] - q[:-1] - v - a, h * slope[1:] - v - 2.0 * a, h * h * bend[1:] - 2.0 * a
-    higher = (10 * d - 4 * e + 0.5 * f, -15 * d + 7 * e - f, 6 * d - 3 * e + 0.5 * f)
-    return np.stack([q[:-1], v, a, *higher], axis=1)
+def _over(h: float | FloatArray, states: FloatArray) -> FloatArray:
+    """Value, slope and bend (3, ..., n) over a way that is 1 instead of ``h``, a number or (..., 1) [m]."""
+    value, slope, bend = states
+    return np.array([value, h * slope, h * h * bend])
 
 
 def deviation(task: ToolTask, q: FloatArray, s: FloatArray) -> FloatArray:
@@ -151,7 +147,8 @@ def _step(task: ToolTask, here: Knot, s: float) -> tuple[Knot, float] | None:
         there = _arrived(task, ahead, s)
     if there is None:
         return None
-    between = _SHARES_POWERS @ _unit_quintics((here, there))[0]
+    ends = [_over(h, np.array([knot.q, knot.slope, knot.bend])) for knot in (here, there)]
+    between = _SHARES_POWERS @ quintic(*ends)
     return there, float(deviation(task, between, here.s + h * _SHARES).max()) / _AIM
 
 

@@ -86,7 +86,9 @@ class ToolLine:
     def derivatives(self, s: float | FloatArray) -> FloatArray:
         """(3, ..., 3): point, direction, curvature (none)."""
         points = self.positions(s)
-        return np.stack([points, np.broadcast_to(self.direction, points.shape), np.zeros_like(points)])
+        found = np.zeros((3, *points.shape))
+        found[0], found[1] = points, self.direction
+        return found
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -12,7 +12,6 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
@@ -28,6 +27,7 @@ _PLACES = 49
 _ANGLES = 360
 _REACH = 12
 """by how many angles of the grid the tool may turn from one place to the next"""
+_SHIFTS = np.arange(-_REACH, _REACH + 1)
 _MARGIN = math.radians(5.0)
 """how near to a limit a place begins to cost more [rad]"""
 _CLOSE = 0.03
@@ -97,17 +97,21 @@ class PitchGrid:
             stays what it was.
         """
         count = len(self.turns)
-        every = np.arange(count)
-        # for each shift and angle, what is at the angle that lies the shift away
         weighted = self.q * np.sqrt(weights)[:, None]
-        shifted = sliding_window_view(_wrapped(weighted), count, axis=-1)
-        cost = np.where(every == 0, 0.0, np.inf)
+        # for each shift and angle, the angle that lies the shift away
+        around = (np.arange(count) + _SHIFTS[:, None]) % count
+        cost = np.where(np.arange(count) == 0, 0.0, np.inf)
         choices: list[NDArray[np.intp]] = []
-        for here, ahead, toll in zip(shifted[:-1], weighted[1:], self.toll[1:], strict=True):
-            total = ((ahead[:, None] - here) ** 2).sum(axis=0)
-            total += sliding_window_view(_wrapped(cost), count, axis=-1)
-            best = total.argmin(axis=0)
-            reached = total[best, every] + toll
+        for here, ahead, toll in zip(weighted[:-1], weighted[1:], self.toll[1:], strict=True):
+            open_ = np.flatnonzero(np.isfinite(toll))  # mostly few: the limits close the rest
+            near = around.take(open_, axis=1)
+            moved = ahead.take(open_, axis=1)[:, None] - here.take(near, axis=1)
+            moved *= moved
+            total = moved.sum(axis=0)
+            total += cost.take(near)
+            best, reached = np.zeros(count, dtype=np.intp), np.full(count, np.inf)
+            best[open_] = total.argmin(axis=0)
+            reached[open_] = total.min(axis=0) + toll[open_]
             if not np.isfinite(reached).any():
                 break
             cost = reached
@@ -115,15 +119,10 @@ class PitchGrid:
         at = int(cost.argmin())
         steps = np.zeros(len(self.places), dtype=np.intp)
         for i in range(len(choices), 0, -1):
-            shift = int(choices[i - 1][at]) - _REACH
+            shift = int(_SHIFTS[choices[i - 1][at]])
             steps[i] = -shift
             at = (at + shift) % count
         return np.cumsum(steps) * self.turns[1]
-
-
-def _wrapped(values: FloatArray) -> FloatArray:
-    """(..., a) with what lies behind either end of the circle put before the other: (..., a + 2 reach)."""
-    return np.concatenate([values[..., -_REACH:], values, values[..., :_REACH]], axis=-1)
 
 
 def led_pitch(grid: PitchGrid, way: FloatArray, start: float, smoothing: float) -> PiecewisePolynomial:

@@ -149,10 +149,13 @@ def carried(columns: FloatArray, axes: FloatArray, rates: FloatArray) -> FloatAr
     Returns:
         (3, n) derivative of ``columns`` along the rates.
     """
-    spin = np.cumsum(axes * rates, axis=1)
-    moved = columns * rates
-    behind = moved.sum(axis=1, keepdims=True) - np.cumsum(moved, axis=1)
-    return crossed(spin[None], columns[None])[0] + crossed(axes[None], behind[None])[0]
+    turning, turned = np.empty((2, *axes.shape)), np.empty((2, *axes.shape))
+    np.add.accumulate(axes * rates, axis=1, out=turning[0])
+    turned[0], turning[1] = columns, axes
+    moved = np.add.accumulate(columns * rates, axis=1)
+    np.subtract(moved[:, -1:], moved, out=turned[1])
+    before, behind = crossed(turning, turned)
+    return before + behind
 
 
 def elevations(robot: Robot, poses: FloatArray) -> FloatArray:

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from armctl.errors import MotionRefusedError, UnreachableError
 from armctl.kinematics.angles import LIMIT_TOLERANCE
@@ -72,8 +72,8 @@ class Crossing:
 def first_crossing(path: PiecewisePolynomial, limits: FloatArray) -> Crossing | None:
     """The first place at which a joint leaves its limits (n, 2) [rad], exact; None: it never does."""
     bounds = limits + np.array([-LIMIT_TOLERANCE, LIMIT_TOLERANCE])
-    hull = _control_points(path)
-    if ((hull >= bounds[:, 0]) & (hull <= bounds[:, 1])).all():  # most paths: no need for the exact extremes
+    least, most = path.bounds_by_piece()
+    if (least >= bounds[:, 0]).all() and (most <= bounds[:, 1]).all():  # most paths: no exact extremes needed
         return None
     low, high = path.extremes_by_piece()
     outside = (low < bounds[:, 0]) | (high > bounds[:, 1])
@@ -81,7 +81,8 @@ def first_crossing(path: PiecewisePolynomial, limits: FloatArray) -> Crossing | 
         return None
     piece = int(outside.any(axis=1).argmax())
     begin, width = float(path.breaks[piece]), float(path.breaks[piece + 1] - path.breaks[piece])
-    unit = path.coefficients[piece] * _powers(path, width)
+    unit = path.coefficients[piece]
+    unit = unit * width ** np.arange(len(unit), dtype=np.float64)[:, None]
     found: list[Crossing] = []
     for joint in map(int, np.flatnonzero(outside[piece])):
         passed = (low[piece, joint] < bounds[joint, 0], high[piece, joint] > bounds[joint, 1])
@@ -199,21 +200,6 @@ def _other_ways(robot: Robot, point: FloatArray, pitch: float | None) -> str:
         return advice
     names = sorted(set(map(str, robot.inverse(point, pitch).branch)))
     return f"{advice} ({' or '.join(names)} can be here)" if names else advice
-
-
-def _powers(path: PiecewisePolynomial, width: ArrayLike) -> FloatArray:
-    """(..., degree + 1, 1) what the coefficients are multiplied with to run over 0 … 1 for a width (...)."""
-    powers = np.arange(path.coefficients.shape[1], dtype=np.float64)
-    return np.power(np.asarray(width, dtype=np.float64)[..., None], powers)[..., None]
-
-
-def _control_points(path: PiecewisePolynomial) -> FloatArray:
-    """(k, degree + 1, n) Bernstein coefficients of the pieces, between which each piece stays."""
-    degree = path.coefficients.shape[1] - 1
-    to_bernstein = np.array(
-        [[math.comb(i, p) / math.comb(degree, p) for p in range(degree + 1)] for i in range(degree + 1)]
-    )
-    return to_bernstein @ (path.coefficients * _powers(path, np.diff(path.breaks)))
 
 
 def _first_root(c: FloatArray, bound: float) -> float:
