@@ -16,12 +16,16 @@ def browser() -> Iterator[Browser]:
         browser.close()
 
 
+@pytest.fixture(scope="module")
+def windows(browser: Browser) -> Screens:
+    return Screens(browser)
+
+
 @pytest.fixture
-def screens(browser: Browser) -> Iterator[Screens]:
-    """Opens browser windows: ``screens(url, width=…, height=…)``; they are closed after the test."""
-    screens = Screens(browser)
-    yield screens
-    screens.close()
+def screens(windows: Screens) -> Iterator[Screens]:
+    """Opens browser windows: ``screens(url, width=…, height=…)``; their pages are left after the test."""
+    yield windows
+    windows.close()
 
 
 @pytest.fixture

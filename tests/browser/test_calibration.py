@@ -74,6 +74,10 @@ def add_mark(page: Screen, degrees: float) -> None:
 def test_a_servo_mounted_otherwise_is_measured_saved_tried_and_taken_back(
     page: Screen, served: ServedArm
 ) -> None:
+    rows = {
+        page.tab(label).evaluate("tab => tab.offsetTop") for label in ("Main", "Simulation", "Calibration")
+    }
+    assert len(rows) == 1  # all tabs stand beside each other
     for number, noise in enumerate(NOISE_DEG):
         if number:
             step(page, served, "+10")
@@ -102,6 +106,8 @@ def test_a_servo_mounted_otherwise_is_measured_saved_tried_and_taken_back(
     assert file_map is not None
     assert outputs.zero[1:].tolist() == file_map.zero[1:].tolist()
 
+    assert page.tab("Calibration").get_attribute("aria-selected") == "true"  # nobody is led away
+    page.open_tab("Main")
     page.click("Enable")
     page.wait_until(lambda: served.now.state is State.HOLDING, "it is enabled")
     page.open_tab("Calibration")
@@ -117,7 +123,6 @@ def test_a_servo_mounted_otherwise_is_measured_saved_tried_and_taken_back(
     page.click("Revert")
     page.wait_until(lambda: served.now.state is State.OFF, "the arm is opened anew")
     assert map_of(served).per_rad.tolist() == file_map.per_rad.tolist()
-    page.open_tab("Calibration")
     page.wait_for_text("In force: the robot file")
     assert page.errors == []
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 import viser
-from tests.browser.kit import PATIENCE_MS, Screen
+from tests.browser.kit import PATIENCE_MS, Screen, Screens
 
 from armctl.ui.guard import GuardedServer, guarded_server
 
@@ -111,20 +111,23 @@ def test_clicks_and_drags_in_the_scene_arrive(stage: Stage, screen: Screen) -> N
     screen.screenshot("guard-scene")
 
 
-def test_pictures_storage_and_downloads_work(stage: Stage, screen: Screen) -> None:
+def test_pictures_storage_and_downloads_work(stage: Stage, screens: Screens) -> None:
+    screen = screens(drawn=True)
     screen.open(stage.url, until="Jog")
     client = next(iter(stage.server.get_clients().values()))
     answers: dict[str, object] = {}
 
     def ask() -> None:
-        answers["picture"] = client.get_render(height=120, width=160, timeout=PATIENCE_MS / 1000).shape
+        picture = client.get_render(height=120, width=160, timeout=PATIENCE_MS / 1000)
+        answers["picture"] = picture.shape
+        answers["shows the box"] = bool((picture != picture[0, 0]).any())
         client.local_storage.set_item("key", "value")
         answers["stored"] = client.local_storage.get_item("key", timeout=PATIENCE_MS / 1000)
 
     asking = threading.Thread(target=ask)
     asking.start()
     screen.wait_until(lambda: not asking.is_alive(), "the page to answer")
-    assert answers == {"picture": (120, 160, 3), "stored": "value"}
+    assert answers == {"picture": (120, 160, 3), "shows the box": True, "stored": "value"}
     with screen.page.expect_download() as download:
         client.send_file_download("pick.csv", b"1,2\n", save_immediately=True)
     assert download.value.suggested_filename == "pick.csv"

@@ -35,7 +35,9 @@ def board(tmp_path: Path) -> Iterator[PtyServer[SimulatedMaestro]]:
 
 
 @pytest.fixture
-def page(board: PtyServer[SimulatedMaestro], tmp_path: Path, screen: Screen) -> Iterator[Screen]:
+def page(board: PtyServer[SimulatedMaestro], tmp_path: Path, screens: Screens) -> Iterator[Screen]:
+    """A page that draws every frame, as an operator's does."""
+    screen = screens(drawn=True)
     with serving(tmp_path, "--port", board.port) as url:
         screen.open(url, until="STOP")
         yield screen

@@ -238,6 +238,11 @@ def test_a_broken_upload_names_step_and_key_and_changes_nothing(
     screen.upload("Upload", file)
     screen.wait_until(lambda: len(served.steps) == 2, "the mended file is on the list")
     screen.wait_until(lambda: screen.value("Name") == "broken", "its name is shown")
+    file = tmp_path / "far.csv"
+    file.write_text("x_mm,y_mm,z_mm\n220,0,100\n999,0,100\n")
+    screen.upload("Upload", file)
+    screen.wait_for_notification(re.compile(r"far\.csv: step 2: too far by 671\.0 mm"))
+    screen.wait_for_text("Pre-flight: refused, 1 error")
 
 
 def test_save_load_and_downloads(screen: Screen, served: ServedArm) -> None:

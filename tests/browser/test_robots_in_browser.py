@@ -132,6 +132,8 @@ def test_there_and_back_again_leaves_nothing_of_the_arm_between(page: Screen, se
     enable_and_go_home(page, served)
     choose(page, served, "uzuner")
     enable_and_go_home(page, served)
+    page.page.keyboard.press("Escape")  # the hot key went with the page that was built anew
+    page.wait_for_text("STOP (browser page 1)")
     page.screenshot("robot-and-back")
     assert page.errors == []
 
@@ -142,11 +144,11 @@ def test_a_page_that_watches_follows_but_may_not_choose(
     watcher = screens()
     watcher.open(served.url, until="STOP")
     watcher.choose("Robot", TITLES["mico"])
-    watcher.wait_for_notification(re.compile("this page is watching, page 0 operates"))
+    watcher.wait_for_notification(re.compile("this page is watching, browser page 1 operates"))
     watcher.wait_until(lambda: watcher.value("Robot") == TITLES["uzuner"], "its list is set back")
     assert served.robot.name == "uzuner"
     choose(page, served, "scorbot")
-    watcher.wait_for_notification(re.compile("page 0 chose Scorbot ER-4PC"))
+    watcher.wait_for_notification(re.compile("browser page 1 chose Scorbot ER-4PC"))
     wait_for_robot(watcher, served.robot)
     enable_and_go_home(page, served)
     watcher.wait_until(lambda: is_drawn_at_home(watcher, served.robot), "the watcher sees it")

@@ -128,6 +128,7 @@ def test_home_move_lose_the_cable_and_go_on(page: Screen, cable: Cable) -> None:
     # the cable is pulled in the middle of it
     cable.pull()
     page.wait_for_text("FAULT")
+    page.wait_for_text("last known; unknown until the arm is homed again")
     page.open_tab("Main")
     page.screenshot("scorbot-unplugged")
     cable.plug_in()

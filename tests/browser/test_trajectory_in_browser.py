@@ -259,9 +259,9 @@ def test_a_program_is_drawn_with_its_lines_and_the_step_at_the_cursor(
     page.choose(MOTION, "Program on the desk")
     page.click("Show")
     page.wait_for_text(re.compile("program lines: "))
+    page.wait_for_text(re.compile(r"at [1-9]\d*\.\d\d s: .*step 3"))  # cursor and ghost stand at its end
+    page.type_into("Time s", "0")
     page.wait_for_text(re.compile("at 0.00 s: .*step 1"))
-    page.type_into("Time s", "90")
-    page.wait_for_text(re.compile("step 3"))
 
 
 def test_joint_by_joint_is_studied_and_exported_but_not_run(page: Screen, served: ServedArm) -> None:

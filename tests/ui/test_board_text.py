@@ -8,7 +8,7 @@ from tests.runtime.kit import make_rig
 
 from armctl.hardware import BoardIdentity
 from armctl.robot import load_robot
-from armctl.runtime import AxisHoming, Snapshot
+from armctl.runtime import AxisHoming, Snapshot, State
 from armctl.ui import PortChoice
 from armctl.ui.widgets.board_text import board_html, enable_note, homing_html, ports_html
 
@@ -78,3 +78,10 @@ def test_what_enable_will_do(
 ) -> None:
     homing = () if homed is None else (AxisHoming("Waist", homed, False),)
     assert said in enable_note(replace(snapshot, powered=powered, homing=homing), board)
+
+
+def test_where_the_board_is_lost_connect_comes_first(snapshot: Snapshot) -> None:
+    lost = replace(snapshot, state=State.FAULT, board=None)
+    assert "then press **Connect**" in enable_note(lost, "encoder")
+    there = replace(lost, board=BoardIdentity("encoder board", "/dev/ttyACM0"))
+    assert "Connect" not in enable_note(there, "encoder")

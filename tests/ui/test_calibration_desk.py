@@ -10,7 +10,7 @@ import msgspec
 import pytest
 
 from armctl.calibration import CalibrationStore, JointCalibration
-from armctl.errors import CalibrationError, StateError
+from armctl.errors import CalibrationError, PortError, StateError
 from armctl.robot import load_robot
 from armctl.ui.calibration_desk import CalibrationDesk
 
@@ -151,12 +151,15 @@ def test_the_desk_of_a_port_knows_its_board(store: CalibrationStore) -> None:
     one = CalibrationDesk.of(ROBOT, "sim", store)
     assert one.board == "simulated"
     assert asyncio.run(one.holds_for("sim"))
-    assert not asyncio.run(one.holds_for("/dev/nobody"))
-    assert CalibrationDesk.of(ROBOT, "/dev/nobody", store).board == "unnumbered"
+    assert not asyncio.run(one.holds_for("socket://127.0.0.1:5000"))
+    assert CalibrationDesk.of(ROBOT, "socket://127.0.0.1:5000", store).board == "unnumbered"
+    with pytest.raises(PortError, match="/dev/nobody: no such port"):
+        asyncio.run(one.holds_for("/dev/nobody"))
 
 
 def test_a_program_that_starts_before_its_board_is_plugged_in_has_a_desk(store: CalibrationStore) -> None:
     assert CalibrationDesk.of(ROBOT, "auto", store).board is None
+    assert CalibrationDesk.of(ROBOT, "/dev/nobody", store).board is None
 
 
 def test_what_somebody_else_saved_meanwhile_is_not_overwritten(store: CalibrationStore) -> None:

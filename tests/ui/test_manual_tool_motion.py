@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -66,3 +67,11 @@ def test_the_live_tables_show_units_signs_and_what_is_not_known() -> None:
     assert ">transmitted<" in joints
     assert ">–<" in joints
     assert "−80.00" in joints
+
+
+def test_an_arm_that_was_told_nothing_has_no_commanded_figures() -> None:
+    snapshot = make_rig().now
+    assert not snapshot.commanded
+    figures = tool_table(ROBOT, snapshot) + joint_table(ROBOT, snapshot)
+    assert re.findall(r">(−?\d[^<]*)</td>", figures) == []
+    assert figures.count(">–<") == 3 + 2 * ROBOT.n

@@ -28,7 +28,8 @@ from armctl.runtime import (
     Ticket,
 )
 from armctl.ui import CalibrationDesk, Console, ProgramDesk, RobotChoice, RobotDesk
-from armctl.ui.robot_desk import RobotChange, require_leavable
+from armctl.ui.leaving import release_to_leave, release_to_reopen, require_leavable
+from armctl.ui.robot_desk import RobotChange
 from armctl.ui.screens.robot_choice import about, labelled
 
 SIMULATED = BoardIdentity("Pololu Micro Maestro 6-channel", "/dev/pts/3", simulated=True)
@@ -132,6 +133,7 @@ def test_the_new_arm_takes_the_place_of_the_old_one(rig: Rig) -> None:
     assert console.operators is left.operators
     assert console.programs.folder != left.programs.folder
     assert console.trail is not left.trail
+    assert console.last_known is not left.last_known
     assert console.clouds is not left.clouds
     assert rig.opened["mico"].commands == [SetSpeed(0.4), Connect("sim")]
     assert rig.closed == ["uzuner"]
@@ -199,6 +201,29 @@ def test_an_arm_that_may_be_left(state: State, board: BoardIdentity | None) -> N
         snapshot_of(load_robot("uzuner")), state=state, board=board, powered=board is SIMULATED
     )
     require_leavable(snapshot)
+    assert release_to_leave(snapshot) is None
+
+
+@pytest.mark.parametrize(
+    ("source", "outputs"),
+    [(Source.COMMANDED, "servos"), (Source.TRANSMITTED, "servos"), (Source.MEASURED, "motors")],
+)
+@pytest.mark.parametrize("state", [State.OFF, State.HOLDING, State.MOVING])
+def test_what_release_is_needed_for_is_known_before_it_is_asked_for(
+    source: Source, outputs: str, state: State
+) -> None:
+    snapshot = replace(
+        snapshot_of(load_robot("uzuner")), state=state, board=REAL, powered=True, source=source
+    )
+    assert release_to_leave(snapshot) == (
+        f"the {outputs} on /dev/ttyACM0 are on; press Release (the arm drops), then choose another robot"
+    )
+    told = release_to_reopen(snapshot)
+    if source is Source.TRANSMITTED:  # a Maestro keeps the arm up meanwhile
+        assert told is None
+    else:
+        assert told is not None
+        assert told.startswith(f"the {outputs} on /dev/ttyACM0 are on, and the arm has to be opened anew")
 
 
 def test_after_a_real_board_the_new_arm_starts_disconnected_and_says_so(rig: Rig) -> None:
@@ -348,6 +373,8 @@ def test_an_arm_that_is_opened_anew_goes_on_with_speed_marks_and_port(rig: Rig) 
     console = rig.desk.console
     assert console is not left
     assert console.operators is left.operators
+    assert console.last_known is left.last_known
+    assert console.programs is left.programs
     assert len(console.calibrating.work.joint("base").marks) == 1
     assert rig.opened["uzuner"].commands == [SetSpeed(0.4), Connect("sim")]
     assert rig.closed == ["uzuner"]

@@ -34,6 +34,19 @@ def test_a_long_trail_forgets_its_beginning_but_counts_on() -> None:
     assert trail.since(990)[:, 0] == pytest.approx(0.01 * np.arange(990, 1000))
 
 
+def test_no_line_is_drawn_over_what_nobody_knows() -> None:
+    trail = Trail()
+    trail.lift()
+    assert trail.count == 0
+    trail.add(np.zeros(3))
+    for _ in range(3):
+        trail.lift()
+    trail.add(np.zeros(3))  # near the last one, but after a gap
+    points = trail.since(0)
+    assert trail.count == len(points) == 3
+    assert np.isnan(points).any(axis=1).tolist() == [False, True, False]
+
+
 def test_the_cloud_lies_within_reach_above_the_floor_and_is_always_the_same() -> None:
     cloud = workspace_cloud(ROBOT, 2000)
     assert 1000 < len(cloud.points) <= 2200

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from armctl.motion import Finding, ProgramFinding
-from armctl.ui.widgets.verdict_list import verdict_html
+from armctl.ui.widgets.verdict_list import first_error, verdict_html
 
 FLOOR = Finding(1.84, "the tool", "12.3 mm below the floor", "raise the target", "floor")
 HOT = Finding(0.5, "Shoulder", "60 % of its stall torque", "do not stay there", "torque", "warning")
@@ -52,3 +52,12 @@ def test_texts_are_escaped() -> None:
     html = verdict_html([nasty], ["<i>masses</i>"])
     assert "<img" not in html and "<i>" not in html
     assert "&lt;img" in html and "Not checked: &lt;i&gt;masses" in html
+
+
+def test_what_keeps_a_program_from_running_is_told_in_one_line() -> None:
+    warning = ProgramFinding(0, "near a singularity", severity="warning")
+    far, low = ProgramFinding(1, "too far by 671.0 mm"), ProgramFinding(2, "below the floor")
+    assert first_error([]) is None
+    assert first_error([warning]) is None
+    assert first_error([warning, far]) == "step 2: too far by 671.0 mm"
+    assert first_error([warning, far, low]) == "step 2: too far by 671.0 mm (and 1 more, see the list)"

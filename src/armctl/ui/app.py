@@ -13,6 +13,9 @@ import viser
 from armctl.runtime import Origin
 from armctl.ui.console import Console
 from armctl.ui.guard import GuardedServer, guarded_server
+from armctl.ui.last_known import known
+from armctl.ui.operator import page_name
+from armctl.ui.page_tabs import PageTabs
 from armctl.ui.robot_desk import RobotChange, RobotDesk
 from armctl.ui.scene.arm_figure import ArmFigure
 from armctl.ui.scene.stage import Stage, look_at_arm, set_lights
@@ -21,7 +24,7 @@ from armctl.ui.session import Session
 LOG = logging.getLogger("armctl.ui")
 FRAME_S = 1 / 30
 _FRAMES_A_REFRESH = 3
-_PANEL_WIDTH = 430
+_PANEL_WIDTH = 440
 
 
 class App:
@@ -68,16 +71,16 @@ class App:
         client.gui.main_panel.dock_right()
         client.gui.main_panel.set_width(_PANEL_WIDTH)
         try:
-            self._build(client)
+            self._build(client, PageTabs(client.gui))
         except Exception:
-            LOG.exception("page %d could not be built", client.client_id)
+            LOG.exception("%s could not be built", page_name(client.client_id))
             raise
 
-    def _build(self, client: viser.ClientHandle) -> Session:
+    def _build(self, client: viser.ClientHandle, tabs: PageTabs) -> Session:
         """Give a page that is empty its session."""
         look_at_arm(client, self._console.robot)
         with client.atomic():
-            session = Session(client, self.robots)
+            session = Session(client, self.robots, tabs)
         self._sessions[client.client_id] = session
         session.watch(self._operator_lost)
         return session
@@ -96,16 +99,15 @@ class App:
             try:
                 self._rebuild(session, change)
             except Exception:  # the other pages go on
-                LOG.exception("page %d could not be built anew", session.client.client_id)
+                LOG.exception("%s could not be built anew", page_name(session.client.client_id))
                 session.refuse("this page could not be built for the new robot; reload it", "Error")
 
     def _rebuild(self, old: Session, change: RobotChange) -> None:
         old.close()
         del self._sessions[old.client.client_id]
         with old.client.atomic():
-            old.client.gui.reset()
-            old.client.scene.reset()
-            session = self._build(old.client)
+            old.clear()
+            session = self._build(old.client, old.tabs)
         if not session.operates:
             session.notify("Robot", f"{change.who} {change.did} {change.title}: this page shows it now.")
         elif change.not_connected is not None:
@@ -124,7 +126,7 @@ class App:
             self._console.operators.leave(client_id)
         if operates:
             why = "the operator's page is gone" if gone else "the operator's page does not answer"
-            self._console.controller.stop(Origin(f"page {client_id}", why))
+            self._console.controller.stop(Origin(page_name(client_id), why))
 
     async def _draw(self) -> None:
         """Thirty frames a second in 3D, ten refreshes of the pages."""
@@ -139,11 +141,16 @@ class App:
 
     def _draw_frame(self, frame: int) -> None:
         snapshot = self._console.controller.snapshot
-        q = np.where(np.isnan(snapshot.q), snapshot.q_command, snapshot.q)
+        console = self._console
+        console.last_known.note(snapshot)
+        q = console.last_known.drawn(snapshot)
         with self.server.atomic():
             self._figure.pose(q, snapshot.gripper)
-        if snapshot.commanded or not np.isnan(snapshot.q).any():  # else it is a guess, and draws no line
-            self._console.trail.add(self._console.robot.forward(q)[:3, 3])
+            self._figure.say("last known" if console.last_known.remembers(snapshot) else None)
+        if np.isnan(known(snapshot)).any():
+            console.trail.lift()
+        else:
+            console.trail.add(console.robot.forward(q)[:3, 3])
         if frame % _FRAMES_A_REFRESH == 0:
             for session in tuple(self._sessions.values()):
                 with suppress(RuntimeError):  # a page that has just gone

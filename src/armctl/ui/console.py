@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from armctl.robot import Robot
 from armctl.runtime import Controller, Event
 from armctl.ui.calibration_desk import CalibrationDesk
+from armctl.ui.last_known import LastKnown
 from armctl.ui.operator import OperatorDesk
 from armctl.ui.program_desk import ProgramDesk
 from armctl.ui.scene.cloud import CloudStore
@@ -44,6 +45,8 @@ class Console:
     default_port: str = "sim"
     """the port that the arm was opened for, as it is calibrated with the board on it"""
     operators: OperatorDesk = field(default_factory=OperatorDesk)
+    last_known: LastKnown = field(default_factory=LastKnown)
+    """where the arm was last known to stand"""
     trail: Trail = field(default_factory=Trail)
     """where the tool point has been"""
     clouds: CloudStore = field(default_factory=CloudStore)

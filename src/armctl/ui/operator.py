@@ -39,9 +39,14 @@ class OperatorDesk:
         """Who operates, as seen from a page."""
         if self._operator == client_id:
             return "you"
-        return "nobody" if self._operator is None else f"page {self._operator}"
+        return "nobody" if self._operator is None else page_name(self._operator)
 
     @property
     def watching(self) -> int:
         """How many pages are open beside the operator's."""
         return len(self._present) - (self._operator is not None)
+
+
+def page_name(client_id: int) -> str:
+    """What people call a page; the server counts from 0."""
+    return f"browser page {client_id + 1}"

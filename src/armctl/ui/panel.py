@@ -4,21 +4,21 @@ from __future__ import annotations
 
 import asyncio
 import math
-from html import escape
 from typing import TYPE_CHECKING
 
 import numpy as np
 import viser
 
-from armctl.hardware import Source
-from armctl.robot import BoardKind
 from armctl.runtime import Pause, Release, Resume, SetSpeed, Snapshot, State
+from armctl.ui.widgets.html_bits import limited
 from armctl.ui.widgets.text import LiveHtml, table
 
 if TYPE_CHECKING:
     from armctl.ui.session import Session
 
 _WIDTH = 250
+_MOST_LINES = 4
+"""of a cause or a warning: what the arm does must stay in view; the log has all of it"""
 _RELEASE_SECONDS = 5.0
 _DOUBLE_CLICK_S = 0.6
 _EXPAND_S = 1.0
@@ -33,15 +33,6 @@ _COLORS = {
     State.PAUSED: "#e67700",
     State.FAULT: "#c92a2a",
 }
-
-
-def _shown(snapshot: Snapshot, board: BoardKind) -> str:
-    """Where the position shown comes from."""
-    if not np.isnan(snapshot.q).any() and snapshot.board is not None:
-        return snapshot.source.value
-    if board == "encoder":
-        return "unknown until the arm is homed; drawn where homing ends"
-    return Source.COMMANDED.value if snapshot.commanded else "unknown; drawn where Enable would put it"
 
 
 class ControlPanel:
@@ -72,11 +63,15 @@ class ControlPanel:
         session = self._session
         session.on(self._stop.on_click, self._on_stop)
         hot_key = session.gui.add_command("STOP", hotkey="escape", description="Decelerate and hold")
-        session.on(hot_key.on_trigger, self._on_stop)
+        session.on_key(hot_key, self._on_stop)
         session.on(self._hold.on_click, self._on_hold)
         session.on(self._release.on_click, self._on_release)
         session.on(self._speed.on_update, self._on_speed)
         session.on(self._take.on_click, self._on_take)
+
+    def remove(self) -> None:
+        """Take the panel off the page."""
+        self._window.remove()
 
     def refresh(self, snapshot: Snapshot) -> None:
         """Show state, operator and speed."""
@@ -94,20 +89,23 @@ class ControlPanel:
         lines = [
             f"<div style='font-size:1.15em;font-weight:600;color:{color}'>"
             f"{snapshot.state.value.upper()}</div>",
-            f"<div style='opacity:.75'>{escape(snapshot.cause)}</div>" if snapshot.cause else "",
+            limited(snapshot.cause, _MOST_LINES, "opacity:.75") if snapshot.cause else "",
             f"<div>Operator: <b>{session.console.operators.describe(session.client.client_id)}</b>"
             + (f" · {watching} watching" if watching else "") + "</div>",
-            f"<div>Position shown: <b>{_shown(snapshot, session.console.robot.board)}</b></div>",
+            f"<div>Position shown: <b>{self._source(snapshot)}</b></div>",
         ]  # fmt: skip
-        lines += [f"<div style='color:#c92a2a'>⚠ {escape(text)}</div>" for text in snapshot.warnings]
+        lines += [limited(f"⚠ {text}", _MOST_LINES, "color:#c92a2a") for text in snapshot.warnings]
         self._state.show("".join(lines))
         self._where.show(self._where_text(snapshot))
 
+    def _source(self, snapshot: Snapshot) -> str:
+        console = self._session.console
+        return console.last_known.words(snapshot, console.robot.board)
+
     def _where_text(self, snapshot: Snapshot) -> str:
-        """Joint angles and tool pose as the board tells them, or as commanded while it does not know."""
+        """Joint angles and tool pose of the arm as it is drawn."""
         robot = self._session.console.robot
-        known = not np.isnan(snapshot.q).any()
-        q = snapshot.q if known else snapshot.q_command
+        q = self._session.console.last_known.drawn(snapshot)
         joints = [
             [joint.title, f"{angle + 0.0:.2f}°"]
             for joint, angle in zip(robot.joints, np.round(np.degrees(q), 2), strict=True)

@@ -9,9 +9,9 @@ from dataclasses import dataclass, replace
 
 from armctl.boards import SIMULATED
 from armctl.errors import InputError, StateError
-from armctl.hardware import Source
 from armctl.runtime import Command, Connect, Event, Origin, SetSpeed, Snapshot, State, wall_time
 from armctl.ui.console import Console
+from armctl.ui.leaving import require_leavable, require_reopenable
 
 LOG = logging.getLogger("armctl.ui")
 _LOG_LINES = 200
@@ -232,45 +232,11 @@ class RobotDesk:
 
     def _take(self, choice: RobotChoice, opened: Console, earlier: tuple[Event, ...]) -> None:
         left = self._console
-        programs = left.programs if choice == self._present else opened.programs
-        self._present = choice
         opened.calibrating.adopt(left.calibrating)
-        self._console = replace(opened, operators=left.operators, programs=programs, earlier=earlier)
-
-
-def require_leavable(snapshot: Snapshot) -> None:
-    """Refuse to leave an arm that moves, or one that real servos hold up.
-
-    Raises:
-        StateError: says what to do first.
-    """
-    if snapshot.state in (State.MOVING, State.PAUSED):
-        doing = "moves" if snapshot.state is State.MOVING else "is in the middle of a motion"
-        raise StateError(f"the arm {doing}; press STOP, then choose another robot")
-    board = snapshot.board
-    if board is not None and not board.simulated and snapshot.powered:
-        raise StateError(
-            f"the servos on {board.port} are on; press Release (the arm drops), then choose another robot"
-        )
-
-
-def require_reopenable(snapshot: Snapshot) -> None:
-    """Refuse to open an arm anew that moves, or that drops when its line is closed for a moment.
-
-    A Maestro goes on sending its pulses, and Enable takes the arm over where it stands.
-
-    Raises:
-        StateError: says what to do first.
-    """
-    if snapshot.state in (State.MOVING, State.PAUSED):
-        raise StateError("the arm is in the middle of a motion; press STOP, then try again")
-    board = snapshot.board
-    holds = board is not None and not board.simulated and snapshot.powered
-    if board is not None and holds and snapshot.source is not Source.TRANSMITTED:
-        raise StateError(
-            f"the motors on {board.port} are on, and the arm has to be opened anew: support it, press "
-            "Release (it drops), then try again"
-        )
+        kept = replace(opened, operators=left.operators, earlier=earlier)
+        if choice == self._present:
+            kept = replace(kept, programs=left.programs, last_known=left.last_known)
+        self._present, self._console = choice, kept
 
 
 def _log_lines(

@@ -11,10 +11,11 @@ import viser
 
 from armctl.errors import ArmctlError
 from armctl.runtime import Command, Origin, Snapshot, Ticket
+from armctl.ui.operator import page_name
+from armctl.ui.page_tabs import PageTabs
 from armctl.ui.panel import ControlPanel
 from armctl.ui.robot_desk import RobotDesk
 from armctl.ui.scene.ghost import Ghost
-from armctl.ui.screens import SCREENS, Screen
 
 LOG = logging.getLogger("armctl.ui")
 Action = Callable[[], Awaitable[None]]
@@ -30,20 +31,19 @@ class Session:
     loop; nothing in it may block.
     """
 
-    def __init__(self, client: viser.ClientHandle, robots: RobotDesk) -> None:
+    def __init__(self, client: viser.ClientHandle, robots: RobotDesk, tabs: PageTabs) -> None:
+        """Build the page; ``tabs`` are its own, and empty."""
         self.client = client
+        self.tabs = tabs
         self.robots = robots
         self.console = robots.console
         self._tasks: set[asyncio.Task[None]] = set()
+        self._keys: list[viser.CommandHandle] = []
         self.closed = False
         """page or arm is gone; whoever has waited for something must not write to the page any more"""
         self.ghost = Ghost(client.scene, self.console.robot)
         self._panel = ControlPanel(self)
-        tabs = client.gui.add_tab_group()
-        self._screens: list[Screen] = []
-        for make in SCREENS:
-            with tabs.add_tab(make.label, make.icon):
-                self._screens.append(make(self))
+        self._screens = tabs.fill(lambda screen: screen(self))
 
     @property
     def gui(self) -> viser.GuiApi:
@@ -58,7 +58,7 @@ class Session:
     @property
     def origin(self) -> Origin:
         """How the log names this page."""
-        return Origin(f"page {self.client.client_id}")
+        return Origin(page_name(self.client.client_id))
 
     @property
     def operates(self) -> bool:
@@ -84,6 +84,16 @@ class Session:
             await self.attempt(action)
 
         attach(callback)
+
+    def on_key(self, command: viser.CommandHandle, action: Action) -> None:
+        """Run ``action`` when the command's key is pressed outside a field."""
+        self.on(command.on_trigger, action)
+        self._keys.append(command)
+
+    def take_key(self, command: viser.CommandHandle) -> None:
+        """The key does nothing from now on."""
+        self._keys.remove(command)
+        command.remove()
 
     async def attempt(self, action: Action) -> None:
         """Run ``action``; a refusal is shown, a defect is logged and shown."""
@@ -151,6 +161,14 @@ class Session:
         for task in tuple(self._tasks):
             task.cancel()
 
+    def clear(self) -> None:
+        """Take what was built off the page; its tabs stay, and the one that is open stays open."""
+        self._panel.remove()
+        for command in tuple(self._keys):
+            self.take_key(command)
+        self.tabs.clear()
+        self.client.scene.reset()
+
     async def _watch(self, lost: Callable[[int], None]) -> None:
         storage = self.client.local_storage
         while True:
@@ -160,7 +178,7 @@ class Session:
             try:
                 await asyncio.to_thread(storage.get_item, "armctl", timeout=_HEARTBEAT_TIMEOUT_S)
             except TimeoutError:
-                LOG.warning("page %d does not answer", self.client.client_id)
+                LOG.warning("%s does not answer", page_name(self.client.client_id))
                 lost(self.client.client_id)
 
     async def _report_end(self, ticket: Ticket) -> None:

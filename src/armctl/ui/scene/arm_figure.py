@@ -57,6 +57,7 @@ class ArmFigure:
         for frame in self._frames:
             send_pose(frame)
         self._draw_links()
+        self._label: viser.LabelHandle | None = None
         self._fingers: tuple[viser.FrameHandle, ...] = ()
         if robot.gripper is None:
             self._draw_tip()
@@ -90,6 +91,17 @@ class ArmFigure:
             for side, finger in zip((1, -1), self._fingers, strict=True):
                 if finger.position[1] != side * gap:
                     finger.position = (0.0, side * gap, 0.0)
+
+    def say(self, words: str | None) -> None:
+        """Write words at the tool point; None: nothing."""
+        if words is not None and (self._label is None or self._label.text != words):
+            self.say(None)
+            tool = f"{self._name}/f{len(self._robot.chain.rows)}"
+            self._label = self._scene.add_label(f"{tool}/words", words)
+            send_pose(self._label)
+        elif words is None and self._label is not None:
+            self._label.remove()
+            self._label = None
 
     def _draw_links(self) -> None:
         chain, look = self._robot.chain, self._robot.look

@@ -15,7 +15,7 @@ _COLOR = (214, 51, 108)
 
 
 class Trail:
-    """The newest tool points, at least 2 mm apart."""
+    """The newest tool points, at least 2 mm apart; no line goes over what nobody knows."""
 
     def __init__(self) -> None:
         self._points: deque[FloatArray] = deque(maxlen=_POINTS)
@@ -28,15 +28,26 @@ class Trail:
 
     def add(self, point: FloatArray) -> None:
         """Add a tool point (3,) [m], if it lies far enough from the last one."""
-        if not self._points or np.linalg.norm(point - self._points[-1]) >= _SPACING_M:
-            self._points.append(point.copy())
-            self._count += 1
+        if not self._points or not np.linalg.norm(point - self._points[-1]) < _SPACING_M:
+            self._append(point)
+
+    def lift(self) -> None:
+        """Where the tool goes from here on is not known: the line ends, the next point begins another."""
+        if self._points and not np.isnan(self._points[-1]).any():
+            self._append(np.full(3, np.nan))
 
     def since(self, first: int) -> FloatArray:
-        """Points (k, 3) [m] that are still kept, from the ``first``-th ever added on, oldest first."""
+        """Points (k, 3) [m] that are still kept, from the ``first``-th ever added on, oldest first.
+
+        A row of NaN stands between two lines.
+        """
         dropped = self._count - len(self._points)
         kept = list(self._points)[max(first - dropped, 0) :]
         return np.array(kept).reshape(-1, 3)
+
+    def _append(self, point: FloatArray) -> None:
+        self._points.append(point.copy())
+        self._count += 1
 
 
 class TrailLine:
@@ -65,10 +76,11 @@ class TrailLine:
             return
         self._drawn = state
         points = self._trail.since(self._first)
-        if len(points) < 2:
+        segments = np.stack([points[:-1], points[1:]], axis=1)
+        segments = segments[~np.isnan(segments).any(axis=(1, 2))]
+        if not len(segments):
             self._remove()
             return
-        segments = np.stack([points[:-1], points[1:]], axis=1)
         if self._line is None or self._line.points.shape != segments.shape:
             self._remove()
             self._line = self._scene.add_line_segments(

@@ -10,6 +10,7 @@ import viser
 from armctl.calibration import Version, check_pose
 from armctl.errors import InputError
 from armctl.runtime import MoveJoints, Snapshot, State
+from armctl.ui.leaving import release_to_reopen
 from armctl.ui.screens.calibration_jog import slow_duration
 from armctl.ui.widgets.calibration_text import (
     check_pose_html,
@@ -18,7 +19,7 @@ from armctl.ui.widgets.calibration_text import (
     overview_html,
     version_label,
 )
-from armctl.ui.widgets.html_bits import muted
+from armctl.ui.widgets.html_bits import muted, sentence
 from armctl.ui.widgets.text import LiveHtml
 
 if TYPE_CHECKING:
@@ -48,7 +49,8 @@ class CalibrationSave:
         gui = session.gui
         self._overview = LiveHtml(gui)
         self._note = gui.add_text("Note", "", hint="What a later reader should know of this calibration.")
-        save = gui.add_button("Save calibration", icon=viser.Icon.DEVICE_FLOPPY, hint=_SAVE_HINT)
+        self._held = LiveHtml(gui)
+        self._save = gui.add_button("Save calibration", icon=viser.Icon.DEVICE_FLOPPY, hint=_SAVE_HINT)
         clear = gui.add_button("Forget what is not saved", color="gray")
         with gui.add_folder("Test pose"):
             self._pose = check_pose(session.console.robot)
@@ -59,18 +61,23 @@ class CalibrationSave:
             versions = self._desk.versions()
             self._versions = earlier_versions(versions)
             self._version = gui.add_dropdown("Version", tuple(self._versions))
-            revert = gui.add_button("Revert", color="orange", hint=_REVERT_HINT)
+            self._revert = gui.add_button("Revert", color="orange", hint=_REVERT_HINT)
             LiveHtml(gui, kept_html(versions))
-        session.on(save.on_click, self._on_save)
+        session.on(self._save.on_click, self._on_save)
         session.on(clear.on_click, self._on_clear)
         session.on(self._go.on_click, self._on_go)
-        session.on(revert.on_click, self._on_revert)
+        session.on(self._revert.on_click, self._on_revert)
 
     def refresh(self, snapshot: Snapshot) -> None:
-        """Show what was measured, if that has changed."""
+        """Show what was measured, if that has changed, and what saving must wait for."""
         holds = snapshot.state is State.HOLDING
         if self._go.disabled == holds:
             self._go.disabled = not holds
+        held = release_to_reopen(snapshot)
+        self._held.show("" if held is None else muted(sentence(held)))
+        for button in (self._save, self._revert):
+            if button.disabled != (held is not None):
+                button.disabled = held is not None
         if self._drawn != self._desk.work.version:
             self._drawn = self._desk.work.version
             self._overview.show(overview_html(self._desk.work) + draft_html(self._desk))

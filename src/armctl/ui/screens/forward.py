@@ -22,10 +22,10 @@ from armctl.ui.screens.forward_angles import (
 from armctl.ui.screens.pose_coupling import PoseCoupling
 from armctl.ui.screens.velocity_form import VelocityForm
 from armctl.ui.widgets.html_bits import refused
-from armctl.ui.widgets.movement import MovementChoice
 from armctl.ui.widgets.number_field import EditWatch
 from armctl.ui.widgets.pose_figures import jacobian_html, pose_html
 from armctl.ui.widgets.preview import Preview
+from armctl.ui.widgets.profile_choice import MOVEMENTS, ProfileChoice
 from armctl.ui.widgets.text import LiveHtml
 
 if TYPE_CHECKING:
@@ -56,7 +56,7 @@ class ForwardScreen:
         self._coupling = PoseCoupling(session, self._angles, self._on_coupled)
         self._fill = gui.add_button_group("Fill with", ("present pose", *self._robot.poses))
         self._results = LiveHtml(gui)
-        self._movement = MovementChoice(session)
+        self._movement = ProfileChoice(session, MOVEMENTS)
         self._absolute = gui.add_button(REFERENCE, icon=viser.Icon.PLAYER_PLAY, hint=_ABSOLUTE_HINT)
         self._relative = gui.add_button(LAST, icon=viser.Icon.PLAYER_PLAY, hint=_RELATIVE_HINT)
         self._shown = gui.add_dropdown("Show for", SHOWN, initial_value=SHOWN[0], hint=_SHOWN_HINT)
@@ -94,7 +94,7 @@ class ForwardScreen:
     async def _on_fill(self) -> None:
         asked = self._fill.value
         present = asked == "present pose"
-        self._angles.fill(self._session.snapshot.q_command if present else self._robot.pose(asked))
+        self._angles.fill(self._present(self._session.snapshot) if present else self._robot.pose(asked))
         self._coupling.follow_angles()
         self._edit()
 
@@ -126,7 +126,7 @@ class ForwardScreen:
 
     def _draw(self, snapshot: Snapshot) -> None:
         """Results, ghost and figures; nothing where neither fields nor arm have changed."""
-        present = snapshot.q_command
+        present = self._present(snapshot)
         key = (self._angles.texts(), self._shown.value, present.tobytes())
         if key == self._drawn:
             return
@@ -144,6 +144,9 @@ class ForwardScreen:
         elif self._edited and snapshot.state is not State.MOVING:
             self._show_ghost(q, present)
         self._figures(q)
+
+    def _present(self, snapshot: Snapshot) -> FloatArray:
+        return self._session.console.last_known.standing(snapshot)
 
     def _show_ghost(self, q: FloatArray, present: FloatArray) -> None:
         """The ghost stands where a button would send the arm; where none would, there is none."""

@@ -18,10 +18,10 @@ from armctl.ui.screens.inverse_answer import Answer, answer, answer_html, no_cur
 from armctl.ui.screens.inverse_target import TargetForm
 from armctl.ui.screens.solution_table import PAGE_ROWS
 from armctl.ui.widgets.html_bits import muted, numbers
-from armctl.ui.widgets.movement import MovementChoice
 from armctl.ui.widgets.pager import Pager
 from armctl.ui.widgets.plots import LinePlot
 from armctl.ui.widgets.preview import Preview
+from armctl.ui.widgets.profile_choice import MOVEMENTS, ProfileChoice
 from armctl.ui.widgets.text import LiveHtml
 
 if TYPE_CHECKING:
@@ -62,7 +62,7 @@ class InverseScreen:
         self._nearest = gui.add_button("Take nearest point", color="orange", visible=False)
         self._criterion = gui.add_dropdown("Least energy is", CRITERIA, initial_value=CRITERIA[0])
         self._criterion_note = LiveHtml(gui, muted(CRITERION_TEXT[CRITERIA[0]]))
-        self._movement = MovementChoice(session)
+        self._movement = ProfileChoice(session, MOVEMENTS)
         self._go_least = gui.add_button("Go by least energy", icon=viser.Icon.PLAYER_PLAY)
         tabs = gui.add_tab_group()
         with tabs.add_tab("List"):

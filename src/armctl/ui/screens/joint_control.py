@@ -34,7 +34,7 @@ class JointControl:
         self._hint = LiveHtml(gui, _FOLLOWING)
         self._edited = False
         self._stepper = JointStepper(session)
-        self._shown = slider_degrees(self._robot, session.snapshot.q_command)
+        self._shown = self._present(session.snapshot)
         self._sliders = [self._add_slider(i) for i in range(self._robot.n)]
         self._go = gui.add_button("Go", icon=viser.Icon.PLAYER_PLAY)
         self._reset = gui.add_button("Sliders to present pose", color="gray")
@@ -47,11 +47,14 @@ class JointControl:
 
     def refresh(self, snapshot: Snapshot) -> None:
         """Show the arm; the sliders follow it while nobody has moved them."""
-        present = slider_degrees(self._robot, snapshot.q_command)
+        present = self._present(snapshot)
         if self._edited and present == slider_degrees(self._robot, np.radians(self._asked())):
             self._set_edited(False)
         if not self._edited and present != self._shown:
             self._show(present)
+
+    def _present(self, snapshot: Snapshot) -> list[float]:
+        return slider_degrees(self._robot, self._session.console.last_known.standing(snapshot))
 
     def _add_slider(self, i: int) -> viser.GuiSliderHandle[float] | None:
         """A joint that is held has no slider: there is nothing to slide."""
@@ -102,7 +105,7 @@ class JointControl:
 
     async def _on_reset(self) -> None:
         self._set_edited(False)
-        self._show(slider_degrees(self._robot, self._session.snapshot.q_command))
+        self._show(self._present(self._session.snapshot))
 
     async def _on_step(self, i: int, sign: int) -> None:
         await self._stepper.step(i, sign * float(self._step.value))

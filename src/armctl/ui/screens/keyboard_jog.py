@@ -104,7 +104,7 @@ class KeyboardJog:
     def _set(self, *, on: bool) -> None:
         """Give the keys to the page, or take them away: what is not registered never comes."""
         for command in self._commands:
-            command.remove()
+            self._session.take_key(command)
         self._commands.clear()
         self._on = on
         self._switch.label = _ON if on else _OFF
@@ -114,7 +114,7 @@ class KeyboardJog:
         for index, (name, keys) in enumerate(zip(self._names(), KEYS, strict=False)):
             for key, sign, text in zip(keys, (1.0, -1.0), "+−", strict=True):
                 command = self._session.gui.add_command(f"Jog {name} {text}", hotkey=key)
-                self._session.on(command.on_trigger, partial(self._on_key, index, sign))
+                self._session.on_key(command, partial(self._on_key, index, sign))
                 self._commands.append(command)
 
     async def _on_key(self, index: int, sign: float) -> None:

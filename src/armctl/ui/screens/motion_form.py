@@ -31,7 +31,7 @@ from armctl.ui.screens.trajectory_motion import (
 )
 from armctl.ui.widgets.html_bits import muted, refused
 from armctl.ui.widgets.number_field import EditWatch, NumberField
-from armctl.ui.widgets.profile_choice import ProfileChoice
+from armctl.ui.widgets.profile_choice import ALL_PROFILES, ProfileChoice
 from armctl.ui.widgets.text import LiveHtml
 
 if TYPE_CHECKING:
@@ -78,7 +78,7 @@ class MotionForm:
         self._choose = gui.add_dropdown(
             "Choose by", CRITERIA, initial_value=CRITERIA[0], visible=False, hint=_CHOOSE_HINT
         )
-        self._profile = ProfileChoice(session)
+        self._profile = ProfileChoice(session, ALL_PROFILES)
         self.study = StudyForm(session)
         self._zero = LiveHtml(gui)
         fields = (

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Awaitable, Callable
 from typing import TYPE_CHECKING
 
 import viser
@@ -15,7 +16,8 @@ from armctl.motion.program import (
     write_csv,
     write_script,
 )
-from armctl.motion.program_check import check_program
+from armctl.motion.program_check import ProgramFinding
+from armctl.ui.widgets.verdict_list import first_error
 
 if TYPE_CHECKING:
     from armctl.ui.session import Session
@@ -31,8 +33,10 @@ _EXPORT_HINT = "CSV X-Y-Z: poses become points of the tool. Python: a script for
 class ProgramFiles:
     """Names and files of the program on the desk."""
 
-    def __init__(self, session: Session) -> None:
+    def __init__(self, session: Session, check: Callable[[], Awaitable[list[ProgramFinding]]]) -> None:
+        """Add the controls; ``check`` checks the program on the desk and shows the verdict."""
         self._session = session
+        self._check = check
         self._desk = session.console.programs
         self._version = -1
         self._named = self._desk.program.name
@@ -91,7 +95,7 @@ class ProgramFiles:
         if self._saved.value == _NONE:
             raise ProgramError("no program is saved yet; give this one a name and press Save")
         await self._desk.load(self._saved.value)
-        self._tell_findings()
+        await self._tell_findings(self._saved.value)
 
     async def _on_upload(self) -> None:
         self._session.require_operator()
@@ -105,14 +109,15 @@ class ProgramFiles:
         count = len(program.steps)
         steps = "1 step is" if count == 1 else f"{count} steps are"
         self._session.notify("Uploaded", f"{file.name}: {steps} on the list")
-        self._tell_findings()
+        await self._tell_findings(file.name)
 
-    def _tell_findings(self) -> None:
-        """What would keep the arm from running what is now on the desk."""
-        findings = check_program(self._desk.program, self._session.console.robot, motions=False)
-        if findings:
-            more = f" (and {len(findings) - 1} more)" if len(findings) > 1 else ""
-            self._session.notify("Cannot run yet", f"{findings[0]}{more}", "yellow")
+    async def _tell_findings(self, name: str) -> None:
+        """What would keep the arm from running what is now on the desk, as Check tells it."""
+        if not self._desk.program.steps:
+            return
+        error = first_error(await self._check())
+        if error is not None and not self._session.closed:
+            self._session.notify("Cannot run yet", f"{name}: {error}", "yellow")
 
     def _send(self, suffix: str, text: str) -> None:
         name = f"{self._desk.program.name}{suffix}"

@@ -16,7 +16,7 @@ from armctl.runtime import Pause, Resume, RunProgram
 from armctl.ui.screens.program_editor import ProgramEditor
 from armctl.ui.widgets.html_bits import muted
 from armctl.ui.widgets.text import LiveHtml
-from armctl.ui.widgets.verdict_list import verdict_html
+from armctl.ui.widgets.verdict_list import first_error, verdict_html
 
 if TYPE_CHECKING:
     from armctl.ui.session import Session
@@ -57,6 +57,14 @@ class ProgramRun:
             self._checked = None
             self._verdict.visible = False
 
+    async def check(self) -> list[ProgramFinding]:
+        """Check the program on the desk from where the arm stands, and show the verdict.
+
+        Raises:
+            StateError: it has no steps.
+        """
+        return await self._check(self._program(), self._session.snapshot.q_command)
+
     async def _on_run(self) -> None:
         first = self._editor.selected if self._from_row.value else 0
         loops: int | None = 1
@@ -70,18 +78,16 @@ class ProgramRun:
         self._session.require_operator()
         # Elsewhere than at the first step, nobody knows where the arm would have come from.
         findings = await self._check(program, self._session.snapshot.q_command if first == 0 else None)
-        errors = [finding for finding in findings if finding.severity == "error"]
-        if errors:
-            more = f" (and {len(errors) - 1} more, see the list)" if len(errors) > 1 else ""
-            raise ProgramError(f"{program.name}: {errors[0]}{more}")
+        error = first_error(findings)
+        if error is not None:
+            raise ProgramError(f"{program.name}: {error}")
         await self._start(RunProgram(program, loops, first))
 
     async def _on_try(self) -> None:
-        program = self._program()
         if self._try.value == "Check":
-            await self._check(program, self._session.snapshot.q_command)
+            await self.check()
         else:
-            await self._step(program)
+            await self._step(self._program())
 
     async def _on_hold(self) -> None:
         await self._session.submit(Pause() if self._hold.value == "Pause" else Resume())
@@ -105,8 +111,12 @@ class ProgramRun:
         except BaseException:
             self._verdict.visible = False
             raise
-        self._verdict.show(verdict_html(findings, not_checked(robot)))
-        self._checked = (program, begin, findings)
+        if program.steps == self._desk.program.steps:  # else a later check shows what is on the desk now
+            self._verdict.show(verdict_html(findings, not_checked(robot)))
+            self._verdict.visible = True
+            self._checked = (program, begin, findings)
+        elif self._checked is None:
+            self._verdict.visible = False
         return findings
 
     async def _start(self, command: RunProgram) -> None:

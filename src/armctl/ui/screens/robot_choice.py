@@ -10,7 +10,9 @@ from typing import TYPE_CHECKING
 
 from armctl.robot import Robot
 from armctl.runtime import Snapshot
+from armctl.ui.leaving import release_to_leave
 from armctl.ui.robot_desk import RobotChoice
+from armctl.ui.widgets.html_bits import muted, sentence
 from armctl.ui.widgets.text import LiveHtml
 
 if TYPE_CHECKING:
@@ -30,12 +32,14 @@ class RobotChooser:
         session.on(self._list.on_update, self._on_choose)
 
     def refresh(self, snapshot: Snapshot) -> None:
-        """Nothing can be chosen while the robot is being changed."""
-        del snapshot
-        opening = self._desk.opening
-        if self._list.disabled != (opening is not None):
-            self._list.disabled = opening is not None
-        self._text.show(self._about if opening is None else f"Opening {escape(opening.title)} …")
+        """Nothing can be chosen while the robot is being changed, or held up by real servos or motors."""
+        opening, held = self._desk.opening, release_to_leave(snapshot)
+        if self._list.disabled != (disabled := opening is not None or held is not None):
+            self._list.disabled = disabled
+        if opening is not None:
+            self._text.show(f"Opening {escape(opening.title)} …")
+        else:
+            self._text.show(self._about if held is None else self._about + muted(sentence(held)))
 
     async def _on_choose(self) -> None:
         session = self._session

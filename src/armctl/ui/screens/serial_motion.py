@@ -42,7 +42,7 @@ class SerialMotion:
         with gui.add_folder("Speed, comment, repeat", expand_by_default=False):
             ProgramExtras(session, self._editor, record)
         with gui.add_folder("Files", expand_by_default=False):
-            self._files = ProgramFiles(session)
+            self._files = ProgramFiles(session, self._run.check)
         session.on(self._pages.on_click, self._on_page)
         session.on(self._row.on_update, self._on_row)
 

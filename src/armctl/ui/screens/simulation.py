@@ -45,7 +45,7 @@ class SimulationScreen:
         """Draw a snapshot."""
         self._live.refresh(snapshot)
         self._twin.refresh(snapshot)
-        self._graph.add(snapshot)
+        self._graph.add(snapshot, self._session.console.last_known.standing(snapshot))
         self._line.show(self._trail.value)
         if self._trail.value:
             self._line.draw()

@@ -56,15 +56,14 @@ class CursorView:
             self._path.visible = not self._preview.taken
 
     def take(self, planned: PlannedMotion) -> None:
-        """Another motion is shown: the ghost stands at its end, the cursor at its beginning."""
+        """Another motion is shown: cursor and ghost stand at its end, the arm at its beginning."""
         self._halt()
         self._planned = planned
         self._draw_path(planned)
         self._slider.value = 0.0
-        self._slider.max = max(round(planned.trajectory.duration, 2), 0.01)
+        self._slider.max = self._slider.value = max(round(planned.trajectory.duration, 2), 0.01)
         self._box.visible = True
-        self._where.show(cursor_html(self._robot, planned, 0.0))
-        self._preview.show(planned.trajectory.end, self._session.snapshot.q_command)
+        self._go(self._slider.value)
 
     @property
     def time(self) -> float:

@@ -9,7 +9,7 @@ import viser
 
 from armctl.errors import InputError
 from armctl.motion.analysis import analysis_csv
-from armctl.motion.figure import FigureForm, figure_bytes
+from armctl.motion.figure import FigureForm, TitledMotion, figure_bytes
 from armctl.ui.screens.trajectory_compare import CompareView
 from armctl.ui.screens.trajectory_cursor import CursorView
 from armctl.ui.screens.trajectory_graphs import LIMITS, OF, QUANTITIES, GraphChoice, graph, peaks_html
@@ -87,7 +87,10 @@ class GraphView:
 
     async def _on_figure(self) -> None:
         shown, form = self._require_shown(), _FIGURE_FORMS[self._figure.value]
-        content = await asyncio.to_thread(figure_bytes, self._robot, shown.planned.title, shown.motion, form)
+        beside = self.compare.beside
+        content = await asyncio.to_thread(
+            figure_bytes, self._robot, form, _titled(shown), None if beside is None else _titled(beside)
+        )
         if not self._session.closed:
             self._send(f"motion.{form}", content)
 
@@ -98,3 +101,7 @@ class GraphView:
         if self._shown is None:
             raise InputError("there is no motion to export: press Show first")
         return self._shown
+
+
+def _titled(shown: ShownMotion) -> TitledMotion:
+    return TitledMotion(shown.planned.title, shown.motion)

@@ -60,7 +60,7 @@ class WorkspaceView:
         model = self._model
         if model is None or not self._section.value:
             return
-        q = snapshot.q_command
+        q = self._session.console.last_known.drawn(snapshot)
         if self._outlined_at is None or (
             not model.section.exact and np.abs(q - self._outlined_at).max() > _TURNED_RAD
         ):

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from html import escape
 
 from armctl.robot import BoardKind
-from armctl.runtime import Snapshot
+from armctl.runtime import Snapshot, State
 from armctl.ui.console import PortChoice
 
 _ENABLE_NOTE = (
@@ -15,6 +15,9 @@ _ENABLE_NOTE = (
 )
 _TAKE_OVER_NOTE = "The servos are on: **Enable** takes the arm over where it stands. Nothing jumps."
 _MOTORS_NOTE = "**Enable** switches the motors on; they hold the arm where it stands."
+_LOST_NOTE = (
+    "The board is lost. See to its cable and its power, then press **Connect**; nothing moves by itself."
+)
 _UNHOMED_NOTE = (
     "The arm does not know where it is yet. **Homing** moves every axis slowly to its home switch, one after "
     "the other: keep clear."
@@ -22,7 +25,9 @@ _UNHOMED_NOTE = (
 
 
 def enable_note(snapshot: Snapshot, board: BoardKind) -> str:
-    """What Enable will do."""
+    """What Enable will do, or what must be done before."""
+    if snapshot.state is State.FAULT and snapshot.board is None:
+        return _LOST_NOTE
     if board != "encoder":
         return _TAKE_OVER_NOTE if snapshot.powered else _ENABLE_NOTE
     homed = bool(snapshot.homing) and all(axis.homed for axis in snapshot.homing)
@@ -63,5 +68,5 @@ def board_html(snapshot: Snapshot) -> str:
         return "<div>not connected</div>"
     serial = f" · serial number {escape(board.serial_number)}" if board.serial_number else ""
     lines = [f"<div><b>{escape(board.kind)}</b> on {escape(board.port)}{serial}</div>"]
-    lines += [f"<div style='opacity:.75'>{escape(note)}</div>" for note in board.notes]
+    lines += [f"<div style='opacity:.75'>{escape(note)}</div>" for note in (*board.notes, *board.earlier)]
     return "".join(lines)

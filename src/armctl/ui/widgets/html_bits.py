@@ -7,6 +7,8 @@ import re
 from collections.abc import Iterable
 from html import escape
 
+_LINE_EM = 1.5
+"""height of a line in a block of HTML"""
 _MINUS = re.compile(r"(?<![\w.)-])-(?=\d)")
 """a hyphen before a number that is no part of a word, a range or a date"""
 
@@ -47,6 +49,12 @@ def sentence(text: str) -> str:
 def refused(text: str) -> str:
     """Why something cannot be done."""
     return f"<div style='color:#c92a2a'>{escape(text)}</div>"
+
+
+def limited(text: str, lines: int, style: str = "") -> str:
+    """A text that takes no more than so many lines; what is longer scrolls, and is shown under the mouse."""
+    told = escape(text)
+    return f"<div style='max-height:{_LINE_EM * lines}em;overflow-y:auto;{style}' title='{told}'>{told}</div>"
 
 
 def strong(text: str) -> str:

@@ -82,9 +82,14 @@ class JointGraph:
             self._plot.remove()
             self._plot = plot
 
-    def add(self, snapshot: Snapshot) -> None:
-        """Take a snapshot in and send the graph about five times a second."""
-        self._history.add(snapshot.stamp, snapshot.q_command, snapshot.q)
+    def add(self, snapshot: Snapshot, standing: FloatArray) -> None:
+        """Take a snapshot in and send the graph about five times a second.
+
+        Args:
+            snapshot: of the arm.
+            standing: (n,) what the arm was told last, or else where it was last known [rad].
+        """
+        self._history.add(snapshot.stamp, standing, snapshot.q)
         if snapshot.stamp - self._sent_at < _PERIOD_S:
             return
         data = self._data()

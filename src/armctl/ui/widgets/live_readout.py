@@ -32,7 +32,11 @@ class LiveReadout:
     def refresh(self, snapshot: Snapshot) -> None:
         """Show a snapshot, if it differs from the one before."""
         state = (snapshot.q_command, snapshot.velocity_command, snapshot.acceleration_command, snapshot.q)
-        key = (*(array.tobytes() for array in state), snapshot.source.value.encode())
+        key = (
+            *(array.tobytes() for array in state),
+            snapshot.source.value.encode(),
+            bytes([snapshot.commanded]),
+        )
         if key == self._shown:
             return
         self._shown = key
@@ -42,7 +46,12 @@ class LiveReadout:
 
 
 def tool_table(robot: Robot, snapshot: Snapshot) -> str:
-    """Commanded position, velocity and acceleration of the tool point, pitch and roll, as HTML."""
+    """Commanded position, velocity and acceleration of the tool point, pitch and roll, as HTML.
+
+    An arm that was told nothing has none.
+    """
+    if not snapshot.commanded:
+        return table(["Tool", "x", "y", "z"], [["position mm", *3 * ["–"]]])
     motion = tool_motion(robot, snapshot.q_command, snapshot.velocity_command, snapshot.acceleration_command)
     rows = [
         ["position mm", *_numbers(1000 * motion.position, 2), ""],
@@ -57,9 +66,10 @@ def tool_table(robot: Robot, snapshot: Snapshot) -> str:
 
 def joint_table(robot: Robot, snapshot: Snapshot) -> str:
     """Joint angles in degrees, as commanded and as the board tells them, as HTML."""
+    told = snapshot.q_command if snapshot.commanded else np.full(robot.n, np.nan)
     source = "board" if snapshot.source is Source.COMMANDED else snapshot.source.value
     rows = [
-        ["commanded", *_numbers(np.degrees(snapshot.q_command), 2)],
+        ["commanded", *_numbers(np.degrees(told), 2)],
         [source, *_numbers(np.degrees(snapshot.q), 2)],
     ]
     return table(["Joints °", *(joint.title for joint in robot.joints)], rows)

@@ -9,11 +9,11 @@ from __future__ import annotations
 import asyncio
 import math
 from collections.abc import Callable, Sequence
-from typing import Protocol
 
 import viser
 
 from armctl.errors import InputError
+from armctl.ui.widgets.text_entry import TextEntry
 
 _DIGITS = 3
 _LARGEST = 1e6
@@ -52,7 +52,7 @@ def format_number(value: float, digits: int = _DIGITS) -> str:
     return text.rstrip("0").rstrip(".") if "." in text else text
 
 
-class NumberField:
+class NumberField(TextEntry):
     """One field. A number that the program filled in keeps all its digits until somebody types."""
 
     def __init__(
@@ -69,19 +69,7 @@ class NumberField:
         self.label = label
         self._exact = value
         self._filled = "" if value is None else format_number(value)
-        self.handle: viser.GuiInputHandle[str] = gui.add_text(
-            label, self._filled, hint=hint, visible=visible, disabled=disabled
-        )
-
-    @property
-    def text(self) -> str:
-        """What the field shows."""
-        return self.handle.value
-
-    @property
-    def is_empty(self) -> bool:
-        """Nothing is in it."""
-        return not self.text.strip()
+        super().__init__(gui.add_text(label, self._filled, hint=hint, visible=visible, disabled=disabled))
 
     @property
     def value(self) -> float:
@@ -99,35 +87,6 @@ class NumberField:
         self._exact, self._filled = value, format_number(value)
         self.handle.value = self._filled
 
-    def send_again(self) -> None:
-        """Make the page show what the server has."""
-        text = self.handle.value
-        self.handle.value = f"{text} "  # viser sends nothing when the value is the same
-        self.handle.value = text
-
-    @property
-    def visible(self) -> bool:
-        """Whether the field is shown."""
-        return self.handle.visible
-
-    @visible.setter
-    def visible(self, visible: bool) -> None:
-        if self.handle.visible != visible:
-            self.handle.visible = visible
-
-
-class Watched(Protocol):
-    """A field that is typed into."""
-
-    @property
-    def handle(self) -> viser.GuiInputHandle[str]:
-        """The page's text field."""
-        ...
-
-    def send_again(self) -> None:
-        """Make the page show what the server has."""
-        ...
-
 
 class EditWatch:
     """Knows when the page last edited one of some fields, so that a click cannot overtake a digit.
@@ -135,7 +94,7 @@ class EditWatch:
     ``require_settled`` belongs at the start of everything that uses the fields to move the arm.
     """
 
-    def __init__(self, fields: Sequence[Watched], now: Callable[[], float] | None = None) -> None:
+    def __init__(self, fields: Sequence[TextEntry], now: Callable[[], float] | None = None) -> None:
         self._fields = tuple(fields)
         self._now = now
         self._edited_at = -math.inf

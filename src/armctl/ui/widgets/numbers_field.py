@@ -9,6 +9,7 @@ import viser
 
 from armctl.errors import InputError
 from armctl.ui.widgets.number_field import format_number, parse_number
+from armctl.ui.widgets.text_entry import TextEntry
 
 _BETWEEN = re.compile(r"[,;\s]+")
 
@@ -28,7 +29,7 @@ def parse_numbers(text: str, what: str, names: Sequence[str]) -> list[float]:
     return [parse_number(part, f"{what}: {name}") for part, name in zip(parts, names, strict=True)]
 
 
-class NumbersField:
+class NumbersField(TextEntry):
     """A text field that shows ``names`` numbers with commas between them."""
 
     def __init__(
@@ -44,12 +45,7 @@ class NumbersField:
         """Add the field to the present container."""
         self._label, self._names = label, tuple(names)
         text = ", ".join(format_number(value, 2) for value in values)
-        self.handle: viser.GuiInputHandle[str] = gui.add_text(label, text, hint=hint, visible=visible)
-
-    @property
-    def text(self) -> str:
-        """What the field shows."""
-        return self.handle.value
+        super().__init__(gui.add_text(label, text, hint=hint, visible=visible))
 
     @property
     def values(self) -> list[float]:
@@ -59,19 +55,3 @@ class NumbersField:
             InputError: as ``parse_numbers``.
         """
         return parse_numbers(self.text, self._label, self._names)
-
-    def send_again(self) -> None:
-        """Make the page show what the server has."""
-        text = self.handle.value
-        self.handle.value = f"{text} "  # viser sends nothing when the value is the same
-        self.handle.value = text
-
-    @property
-    def visible(self) -> bool:
-        """Whether the field is shown."""
-        return self.handle.visible
-
-    @visible.setter
-    def visible(self, visible: bool) -> None:
-        if self.handle.visible != visible:
-            self.handle.visible = visible

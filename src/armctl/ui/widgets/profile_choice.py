@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from armctl.errors import InputError
@@ -11,10 +13,28 @@ from armctl.ui.widgets.number_field import NumberField
 if TYPE_CHECKING:
     from armctl.ui.session import Session
 
-_NORMAL = "normal (each joint for itself)"
-_HINT = (
+
+@dataclass(frozen=True, slots=True)
+class Laws:
+    """What can be chosen from, and how the list is called."""
+
+    label: str
+    by_name: Mapping[str, Profile]
+    """the first one is chosen to begin with"""
+    hint: str
+
+
+ALL_PROFILES = Laws(
+    "Profile",
+    {**{profile: profile for profile in PROFILES}, "normal (each joint for itself)": "normal"},
     "cubic: the papers' third-order polynomial. quintic: least jerk. trapezoid: the shortest with limited "
-    "acceleration. s-curve: the shortest with limited jerk as well. normal: each joint at its own speed."
+    "acceleration. s-curve: the shortest with limited jerk as well. normal: each joint at its own speed.",
+)
+MOVEMENTS = Laws(
+    "Movement",
+    {"Planned movement": "cubic", "Normal movement": "normal"},
+    "Planned: a third-order polynomial, all joints start and end together. "
+    "Normal: nothing is planned between the two poses, each joint goes at its own speed.",
 )
 _DURATION_HINT = "Seconds. 0 or empty: the shortest that the limits allow."
 
@@ -22,9 +42,10 @@ _DURATION_HINT = "Seconds. 0 or empty: the shortest that the limits allow."
 class ProfileChoice:
     """A dropdown and a duration; the duration is shown where it means something."""
 
-    def __init__(self, session: Session) -> None:
-        gui = session.gui
-        self._profile = gui.add_dropdown("Profile", (*PROFILES, _NORMAL), initial_value="cubic", hint=_HINT)
+    def __init__(self, session: Session, laws: Laws) -> None:
+        """Add both to the present container."""
+        gui, self._laws = session.gui, laws.by_name
+        self._profile = gui.add_dropdown(laws.label, tuple(self._laws), hint=laws.hint)
         self.duration = NumberField(gui, "Duration s", 0.0, hint=_DURATION_HINT)
         self._duration_shown = True
         session.on(self._profile.on_update, self._on_profile)
@@ -32,7 +53,7 @@ class ProfileChoice:
     @property
     def profile(self) -> Profile:
         """The profile that is chosen."""
-        return "normal" if self._profile.value == _NORMAL else self._profile.value
+        return self._laws[self._profile.value]
 
     @property
     def settings(self) -> tuple[str, ...]:
@@ -48,7 +69,7 @@ class ProfileChoice:
             duration: the field for the duration.
             normal: whether "normal" is among the laws.
         """
-        laws = (*PROFILES, _NORMAL) if normal else PROFILES
+        laws = tuple(name for name, profile in self._laws.items() if normal or profile != "normal")
         if tuple(self._profile.options) != laws:
             self._profile.options = laws
         if self._profile.visible != profile:
@@ -58,7 +79,7 @@ class ProfileChoice:
 
     def choose(self, profile: Profile) -> None:
         """Choose for the operator."""
-        self._profile.value = _NORMAL if profile == "normal" else profile
+        self._profile.value = next(name for name, law in self._laws.items() if law == profile)
 
     def checked(self) -> tuple[Profile, float | None]:
         """Profile and duration [s]; None: the shortest.

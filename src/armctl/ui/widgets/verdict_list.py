@@ -41,6 +41,15 @@ def verdict_html(findings: Sequence[Finding | ProgramFinding], unknown: Sequence
     return verdict + notes
 
 
+def first_error(findings: Sequence[ProgramFinding]) -> str | None:
+    """What keeps a program from being run, in one line: step and reason; None: nothing."""
+    errors = [finding for finding in findings if finding.severity == "error"]
+    if not errors:
+        return None
+    more = f" (and {len(errors) - 1} more, see the list)" if len(errors) > 1 else ""
+    return f"{errors[0]}{more}"
+
+
 def _headline(findings: Sequence[Finding | ProgramFinding]) -> str:
     errors = sum(finding.severity == "error" for finding in findings)
     warnings = len(findings) - errors

@@ -1,0 +1,41 @@
+"""The tabs of one page."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import viser
+
+from armctl.ui.screens import SCREENS, Screen
+
+_ONE_ROW = "<style>[data-dock-tab]{padding:0 .5em!important}</style>"
+"""with the page's own, wider padding the tabs need a second row"""
+
+
+class PageTabs:
+    """They outlive the arm: whoever has a tab open keeps it when its screen is built anew."""
+
+    def __init__(self, gui: viser.GuiApi) -> None:
+        """Add the tabs, empty, in the order of the screens."""
+        self._gui = gui
+        gui.add_html(_ONE_ROW)
+        group = gui.add_tab_group()
+        self._tabs = [group.add_tab(screen.label, screen.icon) for screen in SCREENS]
+        self._contents: list[viser.GuiFolderHandle] = []
+
+    def fill(self, build: Callable[[type[Screen]], Screen]) -> list[Screen]:
+        """Build every screen inside its tab."""
+        screens: list[Screen] = []
+        for screen, tab in zip(SCREENS, self._tabs, strict=True):
+            with tab:
+                content = self._gui.add_folder(None)
+            self._contents.append(content)
+            with content:
+                screens.append(build(screen))
+        return screens
+
+    def clear(self) -> None:
+        """Take the screens out of their tabs."""
+        for content in self._contents:
+            content.remove()
+        self._contents.clear()

@@ -1,0 +1,96 @@
+"""The verdict that stands over a program is about the program that is on the list."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, cast
+
+import pytest
+from tests.runtime.kit import ROBOT, make_rig
+
+from armctl.errors import StateError
+from armctl.motion import MoveStep, PointStep, Program, Step
+from armctl.ui import ProgramDesk
+from armctl.ui.guard import GuardedServer, guarded_server
+from armctl.ui.screens.program_run import ProgramRun
+
+FAR = PointStep(x_mm=999, y_mm=0, z_mm=100)
+HOME = MoveStep(joints_deg=(0, 90, -80, -40, 0))
+
+
+@dataclass
+class Verdict:
+    """Stands for the block on the page."""
+
+    content: str = ""
+    visible: bool = False
+
+    def show(self, content: str) -> None:
+        self.content = content
+
+
+@dataclass
+class Bench:
+    desk: ProgramDesk
+    verdict: Verdict
+    run: ProgramRun
+
+    def put(self, *steps: Step) -> None:
+        self.desk.put(Program(robot="uzuner", name="test", steps=steps))
+
+
+@pytest.fixture(scope="module")
+def server() -> Iterator[GuardedServer]:
+    server = guarded_server(port=0, label="test")
+    yield server
+    server.stop()
+
+
+@pytest.fixture
+def bench(server: GuardedServer, tmp_path: Path) -> Bench:
+    desk, verdict = ProgramDesk("uzuner", tmp_path), Verdict()
+    session: Any = SimpleNamespace(
+        gui=server.gui,
+        console=SimpleNamespace(programs=desk, robot=ROBOT),
+        snapshot=make_rig().now,
+        on=lambda attach, action: None,
+    )
+    return Bench(desk, verdict, ProgramRun(session, cast(Any, None), cast(Any, verdict)))
+
+
+def test_a_check_tells_step_and_reason_until_the_program_is_another(bench: Bench) -> None:
+    bench.put(HOME, FAR)
+    (finding,) = asyncio.run(bench.run.check())
+    assert str(finding).startswith("step 2: too far by 671.0 mm")
+    assert "Pre-flight: refused, 1 error" in bench.verdict.content
+    bench.run.refresh()
+    assert bench.verdict.visible
+    bench.put(HOME)
+    bench.run.refresh()
+    assert not bench.verdict.visible
+
+
+def test_a_check_that_was_overtaken_shows_nothing_of_its_own(bench: Bench) -> None:
+    async def overtaken() -> None:
+        bench.put(HOME, FAR)
+        first = asyncio.create_task(bench.run.check())
+        await asyncio.sleep(0)
+        assert bench.verdict.content.count("Checking") == 1
+        bench.put(HOME)
+        await first
+        assert not bench.verdict.visible
+        await bench.run.check()
+
+    asyncio.run(overtaken())
+    assert bench.verdict.visible
+    assert "refused" not in bench.verdict.content
+
+
+def test_an_empty_list_is_not_checked(bench: Bench) -> None:
+    with pytest.raises(StateError, match="the list is empty"):
+        asyncio.run(bench.run.check())
+    assert not bench.verdict.visible
