@@ -91,3 +91,24 @@ def test_a_file_that_cannot_be_read_is_an_error(capsys: pytest.CaptureFixture[st
     record = json.loads(out)
     assert status == REFUSED
     assert [f["severity"] for f in record["findings"]] == ["error"] and "hop" in record["findings"][0]["text"]
+
+
+URDF = """<robot name="bench"><link name="base"/><link name="arm/upper"/><link name="arm/hand"/>
+<joint name="lift" type="revolute"><parent link="base"/><child link="arm/upper"/><axis xyz="0 1 0"/>
+<origin xyz="0 0 0.3"/><limit lower="-1" upper="1" velocity="1"/></joint>
+<joint name="end" type="fixed"><parent link="arm/upper"/><child link="arm/hand"/>
+<origin xyz="0.1 0 0"/></joint>
+</robot>"""
+
+
+@pytest.mark.parametrize(("behind", "told"), [("", True), ("#arm/hand", False), ("#approach=x", True)])
+def test_what_is_assumed_of_a_urdf_is_told(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, behind: str, told: bool
+) -> None:
+    path = tmp_path / "bench.URDF"
+    path.write_text(URDF, encoding="utf-8")
+    status, out, _ = call(capsys, f"{path}{behind}")
+    assert status == DONE and "a sound robot" in out
+    assert (": assumed: the tool is the link arm/hand, the last one" in out) == told
+    status, out, _ = call(capsys, f"{path}{behind}", "--json")
+    assert "accelerations: full speed within 1/6 s" in json.loads(out)["assumed"]

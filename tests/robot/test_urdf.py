@@ -77,9 +77,9 @@ def pose(xyz: list[float], rpy: list[float]) -> FloatArray:
 
 
 def arm_forward(q: FloatArray) -> FloatArray:
-    """The product that the text of ``ARM`` says."""
+    """The product that the text of ``ARM`` says; 1.5708 is a quarter turn."""
     T = pose([0, 0, 0.1], [0, 0, 0.3]) @ turned(np.array([0, 0, 1.0]), q[0])
-    T = T @ pose([0.1, 0.02, 0.4], [0.2, -0.5, 1.5708]) @ turned(np.array([0, 1.0, 0]), q[1])
+    T = T @ pose([0.1, 0.02, 0.4], [0.2, -0.5, math.pi / 2]) @ turned(np.array([0, 1.0, 0]), q[1])
     T = T @ pose([0.3, 0, 0], [0, 0, 0]) @ turned(np.array([1.0, 0, 0]), q[2])
     return T @ pose([0.1, 0, 0.05], [0, math.pi / 2, 0])
 
@@ -204,7 +204,7 @@ def test_the_arm_ends_at_the_tool(tmp_path: Path, parts: tuple[Part, ...], tool:
     [
         (
             (Part("c", "x", "fixed"), Part("c", "y", "fixed")),
-            "several links could be the tool: x, y; give one",
+            "several links could be the tool: x, y; name one: arm.urdf#x",
         ),
         ((Part("world", "left"), Part("left", "hand")), "several links could be the tool: c, hand"),
         ((Part("c", "l_tcp", "fixed"), Part("b", "r_tcp", "fixed")), "could be the tool: l_tcp, r_tcp"),
@@ -261,7 +261,7 @@ ENTITY = '<!DOCTYPE robot [<!ENTITY a "b"><!ENTITY c "&a;&a;">]>'
         (changed(ELBOW_LIMIT, ""), '<joint name="Elbow-1">: <limit> is missing; a revolute joint needs'),
         (changed(ELBOW_LIMIT, '<limit effort="1"/>'), "<limit lower=0.0 upper=0.0>: the lower limit comes"),
         (changed('lower="0.25"', 'lower="3"'), "<limit lower=3.0 upper=2.0>: the lower limit comes first"),
-        (changed('lower="0.25"', 'lower="-99"'), "within ±12.57"),
+        (changed('lower="0.25"', 'lower="-99"'), "within ±12.57 (they look like degrees)"),
         (changed('lower="0.25"', 'lower="x"'), '<limit>: lower="x": must be a finite number'),
         (changed('velocity="2"', 'velocity="-2"'), "velocity and effort are not negative"),
         (changed('<mass value="1.5"/>', '<mass value="-1"/>'), "a mass is not negative"),

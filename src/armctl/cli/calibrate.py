@@ -32,7 +32,7 @@ from armctl.cli.calibration_words import (
 )
 from armctl.cli.options import json_option, print_json
 from armctl.errors import CalibrationError
-from armctl.robot import load_robot
+from armctl.robot import is_urdf, load_robot
 
 
 @click.group()
@@ -237,7 +237,7 @@ def import_command(file: Path, board: str | None, robot: str | None) -> None:
 
 def _name(robot: str) -> str:
     """The robot's name: of a file the one inside, else what was typed."""
-    return load_robot(robot).name if Path(robot).suffix else robot
+    return load_robot(robot).name if is_urdf(robot) or Path(robot).suffix else robot
 
 
 calibrate.add_command(safe)

@@ -13,7 +13,7 @@ from armctl.errors import ArmctlError, InputError
 from armctl.motion import ProgramFinding, check_program, open_program
 from armctl.motion.preflight import not_checked, preflight_batch
 from armctl.motion.profiles import PointToPoint
-from armctl.robot import Robot, load_robot
+from armctl.robot import Robot, is_urdf, load_robot
 
 
 @click.command()
@@ -27,9 +27,11 @@ def check(file: Path, robot: str | None, as_json: bool) -> int:
     """
     kind = _kind(file)
     unknown: tuple[str, ...] = ()
+    assumed: tuple[str, ...] = ()
     try:
         if kind == "robot":
             arm = load_robot(file)
+            assumed = arm.assumed
             findings = _check_robot(arm)
         else:
             given = None if robot is None else load_robot(robot)
@@ -47,12 +49,15 @@ def check(file: Path, robot: str | None, as_json: bool) -> int:
             "sound": not errors,
             "findings": [_record(finding) for finding in findings],
             "not_checked": unknown,
+            "assumed": assumed,
         }
         print_json(record)
     elif not findings:
         click.echo(f"{file}: a sound {kind}")
     elif not errors:
         click.echo(f"{file}: a sound {kind}, with {len(findings)} warning{'s' if len(findings) > 1 else ''}")
+    for text in assumed if not as_json else ():
+        click.echo(f"{file}: assumed: {text}")
     for text in unknown if not as_json else ():
         click.echo(f"{file}: not checked: {text}")
     for finding in findings:
@@ -77,7 +82,7 @@ def _record(finding: ProgramFinding) -> dict[str, object]:
 
 def _kind(file: Path) -> str:
     """``robot`` or ``program``: what the file's name or its top level says it is."""
-    if file.suffix == ".urdf":
+    if is_urdf(file):
         return "robot"
     if file.suffix in (".csv", ".py"):
         return "program"

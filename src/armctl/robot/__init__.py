@@ -4,6 +4,7 @@ from armctl.robot.encoder_axis import EncoderAxis, HomeBy
 from armctl.robot.load import load_robot, robots_folder, shipped_robots
 from armctl.robot.output_map import OutputMap, OutputUnit
 from armctl.robot.robot import BoardKind, Gripper, Joint, Robot
+from armctl.robot.urdf_name import is_urdf
 
 __all__ = [
     "BoardKind",
@@ -14,6 +15,7 @@ __all__ = [
     "OutputMap",
     "OutputUnit",
     "Robot",
+    "is_urdf",
     "load_robot",
     "robots_folder",
     "shipped_robots",

@@ -18,6 +18,7 @@ from armctl.robot.obstacle import Obstacle
 from armctl.robot.outputs_of_file import differential_axes, encoder_axes, output_map
 from armctl.robot.robot import JERK_UP_S, Gripper, Joint, Robot
 from armctl.robot.urdf import load_urdf
+from armctl.robot.urdf_name import UrdfName
 
 FloatArray = NDArray[np.float64]
 
@@ -38,11 +39,16 @@ def load_robot(name: str | Path) -> Robot:
     """Load a robot.
 
     Args:
-        name: the name of a shipped robot, or a path to a robot file (``.toml``) or a ``.urdf`` file.
+        name: the name of a shipped robot, or a path to a robot file (``.toml``) or a ``.urdf`` file. Behind a
+            ``.urdf`` file may stand the tool link, and which of its axes is the approach axis:
+            ``arm.urdf#gripper_link,approach=x``.
 
     Raises:
         RobotFileError: no such robot, or a file that cannot be read or contradicts itself.
     """
+    urdf = UrdfName.of(name)
+    if urdf is not None:
+        return load_urdf(urdf)
     path = Path(name)
     if path.suffix == "" and len(path.parts) == 1:
         shipped = robots_folder() / f"{name}.toml"
@@ -52,9 +58,7 @@ def load_robot(name: str | Path) -> Robot:
                 "(or give a path to a .toml or .urdf file)"
             )
         path = shipped
-    elif path.suffix == ".urdf":
-        return load_urdf(path)
-    elif path.suffix != ".toml":
+    elif path.suffix.lower() != ".toml":
         raise RobotFileError(f"{path}: a robot file ends in .toml or .urdf")
     return _build(read_robot_file(path), path)
 

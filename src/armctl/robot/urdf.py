@@ -14,43 +14,49 @@ from armctl.errors import RobotFileError
 from armctl.kinematics import Body, DHChain, GravityModel
 from armctl.kinematics.angles import rest_angle
 from armctl.robot.robot import JERK_UP_S, Joint, Robot
+from armctl.robot.urdf_assumed import ASSUMED_SPEED, assumed_of
 from armctl.robot.urdf_file import UrdfFile, UrdfJoint, read_urdf_file
-from armctl.robot.urdf_rows import rows_of
+from armctl.robot.urdf_name import UrdfName
+from armctl.robot.urdf_rows import frame_along, rows_of
+from armctl.robot.urdf_tool import named_tool, suggested_tool
 from armctl.robot.urdf_tree import UrdfTree
 
 FloatArray = NDArray[np.float64]
-ASSUMED_SPEED = math.radians(60)
-"""[rad/s]"""
 SPEED_UP_S = 1 / 6
 """time from rest to full speed [s]"""
 WIDEST = 4 * math.pi
 """no limit of a joint is farther from zero [rad]"""
 
 
-def load_urdf(path: Path) -> Robot:
+def load_urdf(name: UrdfName) -> Robot:
     """The arm of a URDF file.
 
-    The base frame is the root link, the tool frame the link that ``UrdfTree.chain`` picks, and the zero of
-    every joint that of the file. What lies off the chain counts as mass only.
+    The base frame is the root link, the tool frame the link that ``name`` or else ``suggested_tool`` picks,
+    turned so that z is the approach axis of ``name``, and the zero of every joint that of the file. What lies
+    off the chain counts as mass only.
 
     Raises:
         RobotFileError: a file that cannot be read, contradicts itself, or holds no arm of turning joints.
     """
+    path = name.path
     file = read_urdf_file(path)
     tree = UrdfTree(file)
-    chain = tree.chain()
+    tool = suggested_tool(tree) if name.link is None else named_tool(tree, name.link)
+    chain = tree.chain(tool.link)
     moving = [joint for joint in chain if joint.kind != "fixed"]
-    origins, tool = _origins(chain)
-    dh = DHChain(rows_of(origins, [joint.axis for joint in moving], tool))
+    origins, last = _origins(chain)
+    last = last @ frame_along(name.direction)
+    dh = DHChain(rows_of(origins, [joint.axis for joint in moving], last))
     names = _distinct(_plain(joint.name, "joint") for joint in moving)
     joints = tuple(_joint(joint, name, path) for joint, name in zip(moving, names, strict=True))
     home = np.array([rest_angle(joint.lower, joint.upper) for joint in joints])
     home.flags.writeable = False
+    turned = "" if name.approach == "z" else f", whose {name.approach} axis is taken for the tool's z"
     return Robot(
         name=_plain(file.name or path.stem, "arm"),
         title=file.name or path.stem,
-        source=f"URDF file {path.name}, from {tree.root} to {chain[-1].child}",
-        assumed=tuple(_assumed(moving, names)),
+        source=f"URDF file {path.name}, from {tree.root} to {tool.link}{turned}",
+        assumed=assumed_of(name, tool, chain, names, dh),
         joints=joints,
         chain=dh,
         poses={"home": home, "rest": home},
@@ -82,9 +88,10 @@ def _joint(joint: UrdfJoint, name: str, path: Path) -> Joint:
             raise RobotFileError(f"{where}: <limit> is missing; a revolute joint needs lower and upper")
         lower, upper = limit.lower, limit.upper
         if not -WIDEST <= lower < upper <= WIDEST:
+            degrees = " (they look like degrees)" if max(abs(lower), abs(upper)) > WIDEST else ""
             raise RobotFileError(
                 f"{where}: <limit lower={lower} upper={upper}>: the lower limit comes first, "
-                f"both in radians within ±{WIDEST:.2f}"
+                f"both in radians within ±{WIDEST:.2f}{degrees}"
             )
     speed = limit.velocity if limit is not None and limit.velocity > 0 else ASSUMED_SPEED
     return Joint(
@@ -97,19 +104,6 @@ def _joint(joint: UrdfJoint, name: str, path: Path) -> Joint:
         jerk=speed / SPEED_UP_S / JERK_UP_S,
         stall_torque=limit.effort if limit is not None and limit.effort > 0 else None,
     )
-
-
-def _assumed(moving: list[UrdfJoint], names: list[str]) -> Iterable[str]:
-    endless = [name for name, joint in zip(names, moving, strict=True) if joint.kind == "continuous"]
-    if endless:
-        yield f"limits of ±180° of the continuous joints: {', '.join(endless)}"
-    pairs = [(name, joint.limit) for name, joint in zip(names, moving, strict=True)]
-    slow = [name for name, limit in pairs if limit is None or limit.velocity == 0]
-    if slow:
-        yield f"a speed of 60°/s of joints without one: {', '.join(slow)}"
-    yield "accelerations: full speed within 1/6 s"
-    yield "home and rest poses: all joints at zero, or at the limit next to it"
-    yield "the floor, at the height of the base frame"
 
 
 def _bodies(file: UrdfFile, tree: UrdfTree, chain: list[UrdfJoint], dh: DHChain) -> Iterable[Body]:

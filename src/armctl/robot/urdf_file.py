@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armctl.errors import RobotFileError
-from armctl.kinematics import rotation_from_rpy
+from armctl.robot.urdf_rounding import Rounding, exact_axis, exact_rotation
 
 FloatArray = NDArray[np.float64]
 JointKind = Literal["revolute", "continuous", "fixed", "prismatic", "planar", "floating"]
@@ -46,6 +46,8 @@ class UrdfJoint:
     limit: UrdfLimit | None
     mimics: str | None
     """the joint that this one follows"""
+    rounding: Rounding
+    """how origin and axis differ from what is written"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,7 +133,7 @@ class _Reader:
         kilograms = self._numbers(mass, "value", 1, f"{where}: <mass>")[0]
         if kilograms < 0:
             raise RobotFileError(f"{where}: <mass value={kilograms}>: a mass is not negative")
-        return UrdfLink(name, kilograms, self._origin(inertial, f"{where}: <inertial>")[:3, 3])
+        return UrdfLink(name, kilograms, self._origin(inertial, f"{where}: <inertial>")[0][:3, 3])
 
     def _joint(self, element: ElementTree.Element) -> UrdfJoint:
         name = self._attribute(element, "name", f"{self._path}: <joint>")
@@ -141,15 +143,18 @@ class _Reader:
         if not known:
             raise RobotFileError(f'{where}: type="{kind}": allowed are {", ".join(KINDS)}')
         mimic = element.find("mimic")
+        origin, turned = self._origin(element, where)
+        axis, leaned = self._axis(element, where)
         return UrdfJoint(
             name=name,
             kind=known[0],
             parent=self._end(element, "parent", where),
             child=self._end(element, "child", where),
-            origin=self._origin(element, where),
-            axis=self._axis(element, where),
+            origin=origin,
+            axis=axis,
             limit=self._limit(element, where),
             mimics=None if mimic is None else self._attribute(mimic, "joint", f"{where}: <mimic>"),
+            rounding=turned + leaned,
         )
 
     def _end(self, element: ElementTree.Element, tag: str, where: str) -> str:
@@ -181,26 +186,28 @@ class _Reader:
             raise RobotFileError(f'{where}: {key}="{text}": must be {needed} within ±{LARGEST:.0e}')
         return values
 
-    def _origin(self, element: ElementTree.Element, where: str) -> FloatArray:
-        T = np.eye(4)
+    def _origin(self, element: ElementTree.Element, where: str) -> tuple[FloatArray, Rounding]:
+        T, rounding = np.eye(4), Rounding()
         origin = element.find("origin")
         if origin is not None:
-            roll, pitch, yaw = self._numbers(origin, "rpy", 3, f"{where}: <origin>", 0.0)
-            T[:3, :3] = rotation_from_rpy(roll, pitch, yaw)
+            self._numbers(origin, "rpy", 3, f"{where}: <origin>", 0.0)
+            T[:3, :3], rounding = exact_rotation(origin.get("rpy", "0 0 0").split())
             T[:3, 3] = self._numbers(origin, "xyz", 3, f"{where}: <origin>", 0.0)
-        return T
+        return T, rounding
 
-    def _axis(self, element: ElementTree.Element, where: str) -> FloatArray:
+    def _axis(self, element: ElementTree.Element, where: str) -> tuple[FloatArray, Rounding]:
         axis = element.find("axis")
         if axis is None:
-            return np.array([1.0, 0.0, 0.0])  # the format's default
+            return np.array([1.0, 0.0, 0.0]), Rounding()  # the format's default
         vector = self._numbers(axis, "xyz", 3, f"{where}: <axis>")
         length = math.hypot(*vector)
         if length < 1e-6 and element.get("type") not in ("fixed", "floating"):
             raise RobotFileError(
                 f'{where}: <axis xyz="{axis.get("xyz")}">: has no direction; a unit vector is needed'
             )
-        return np.array(vector) / max(length, 1e-6)
+        if length < 1e-6:
+            return np.array(vector), Rounding()
+        return exact_axis(np.array(vector) / length)
 
     def _limit(self, element: ElementTree.Element, where: str) -> UrdfLimit | None:
         limit = element.find("limit")

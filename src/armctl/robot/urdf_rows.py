@@ -42,7 +42,7 @@ def rows_of(origins: Sequence[FloatArray], axes: Sequence[FloatArray], tool: Flo
     Returns:
         Rows whose forward kinematics are ``∏ origin · Rot(axis, q)``, then ``tool``.
     """
-    upright = [_frame_along(axis) for axis in axes]
+    upright = [frame_along(axis) for axis in axes]
     between = [origin @ frame for origin, frame in zip([*origins, tool], [*upright, np.eye(4)], strict=True)]
     for k, frame in enumerate(upright):
         between[k + 1] = frame.T @ between[k + 1]
@@ -108,7 +108,7 @@ def _decomposed(F: FloatArray) -> tuple[list[DHRow], DHRow]:
     return [_fixed(theta, z - shift * r22, c * x + s * y, alpha)], _fixed(closing, shift)
 
 
-def _frame_along(axis: FloatArray) -> FloatArray:
+def frame_along(axis: FloatArray) -> FloatArray:
     """(4, 4) a turn that takes z to a unit vector, the smallest there is."""
     x, y, z = axis.tolist()
     T = np.eye(4)

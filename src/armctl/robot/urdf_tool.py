@@ -1,0 +1,132 @@
+"""Which link of a URDF file is the tool: the one that the user names, else the one that the file suggests."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from armctl.errors import RobotFileError
+from armctl.robot.urdf_file import UrdfJoint
+from armctl.robot.urdf_tree import UrdfTree
+from armctl.robot.urdf_words import is_of_gripper, is_sensor, is_tool_frame
+
+TOOL_NAMES = ("tool0", "tcp", "tool", "ee_link", "end_effector", "gripper_base")
+"""what the tool link is called by custom, the surest first; also with a prefix (``left_tool0``)"""
+
+
+@dataclass(frozen=True, slots=True)
+class UrdfTool:
+    """The tool link, and why it is that one."""
+
+    link: str
+    why: str
+    left_out: tuple[str, ...] = ()
+    """joints that turn, and are taken for the gripper's own"""
+
+
+def named_tool(tree: UrdfTree, link: str) -> UrdfTool:
+    """The link of that name.
+
+    Raises:
+        RobotFileError: there is none; lists those that there are.
+    """
+    if link not in tree.file.links:
+        raise RobotFileError(
+            f"{tree.file.path}: there is no link {link!r}; it has {', '.join(tree.file.links)}"
+        )
+    return UrdfTool(link, "as named")
+
+
+def suggested_tool(tree: UrdfTree) -> UrdfTool:
+    """The link that is most likely the tool.
+
+    One with a customary name (``TOOL_NAMES``). Without one, the arm follows the moving joints from the root.
+    It ends where none is left, or at a gripper: at a link with several moving joints that slide or follow
+    each other, or whose joints are the gripper's own by their names. From there it goes on over fixed joints,
+    to the link that has a name as tool frames have, else to the last one that is no camera.
+
+    Raises:
+        RobotFileError: several links could be the tool.
+    """
+    links = list(tree.file.links)
+    for name in TOOL_NAMES:
+        tools = [link for link in links if link == name] or [link for link in links if _ends_in(link, name)]
+        if tools:
+            return UrdfTool(_only(tree, tools), "which has a customary name")
+    return _Search(tree).tool()
+
+
+class _Search:
+    """Follows the moving joints to where the arm ends."""
+
+    def __init__(self, tree: UrdfTree) -> None:
+        self._tree = tree
+
+    def tool(self) -> UrdfTool:
+        end = self._end_of_motion()
+        left_out = tuple(joint.name for joint in self._tree.below(end) if _turns(joint))
+        fixed = [joint.child for joint in self._tree.fixed_below(end)]
+        frames = [link for link in fixed if is_tool_frame(link)]
+        last = [link for link in frames if not {j.child for j in self._tree.fixed_below(link)} & set(frames)]
+        if last:
+            return UrdfTool(_only(self._tree, last), "which has a name as tool frames have", left_out)
+        leaves = [link for link in fixed if not self._tree.children(link) and not is_sensor(link)]
+        if leaves:
+            return UrdfTool(_only(self._tree, leaves), "the last one", left_out)
+        return UrdfTool(end, "which the last joint of the arm moves", left_out)
+
+    def _end_of_motion(self) -> str:
+        """The link that the last moving joint of the arm carries."""
+        link = self._tree.root
+        while True:
+            moving = [joint for joint in self._tree.children(link) if self._moving(joint)]
+            arms = [joint for joint in moving if self._is_arm(joint)]
+            if all(self._is_gripper(joint) for joint in moving) or self._are_fingers(moving, arms):
+                return link
+            if len(arms) > 1:
+                raise unclear_tool(self._tree, self._leaves(arms))
+            link = (arms or moving)[0].child
+
+    def _moving(self, joint: UrdfJoint) -> list[UrdfJoint]:
+        return [j for j in self._tree.branch(joint) if j.kind != "fixed"]
+
+    def _is_gripper(self, joint: UrdfJoint) -> bool:
+        """True when all that moves in this branch is the gripper's own, or follows that."""
+        free = [j for j in self._moving(joint) if j.mimics is None]
+        return bool(free) and all(map(is_of_gripper, free))
+
+    def _is_arm(self, joint: UrdfJoint) -> bool:
+        """True when a joint of the arm turns in this branch."""
+        return any(_turns(j) and not is_of_gripper(j) for j in self._moving(joint))
+
+    def _are_fingers(self, moving: list[UrdfJoint], arms: list[UrdfJoint]) -> bool:
+        if len(moving) < 2 or not arms:
+            return len(moving) > 1
+        names = {j.name for first in moving for j in self._tree.branch(first)}
+        followers = [j for first in moving for j in self._tree.branch(first) if j.mimics in names]
+        return len(arms) == 1 and any(j in moving for j in followers)
+
+    def _leaves(self, joints: list[UrdfJoint]) -> list[str]:
+        below = [j.child for first in joints for j in self._tree.branch(first)]
+        return [link for link in below if not self._tree.children(link)]
+
+
+def _turns(joint: UrdfJoint) -> bool:
+    return joint.kind in ("revolute", "continuous") and joint.mimics is None
+
+
+def _only(tree: UrdfTree, links: list[str]) -> str:
+    if len(links) > 1:
+        raise unclear_tool(tree, links)
+    return links[0]
+
+
+def unclear_tool(tree: UrdfTree, links: list[str]) -> RobotFileError:
+    """The refusal of a file with several links that could be the tool."""
+    path = tree.file.path
+    return RobotFileError(
+        f"{path}: several links could be the tool: {', '.join(links)}; name one: {path.name}#{links[0]}"
+    )
+
+
+def _ends_in(link: str, name: str) -> bool:
+    return any(link.endswith(f"{mark}{name}") for mark in "_-/.")
