@@ -46,11 +46,9 @@ class Target(NamedTuple):
         """
         point = checked_point(position_m)
         if rotation is None:
-            if pitch is not None:
-                pitch = checked_number(pitch, "pitch")
-                if not -math.pi <= pitch <= math.pi:
-                    pitch = float(_within_half_turn(np.array([pitch]))[0])
-            if roll is not None:
+            if not (type(pitch) is float and -math.pi <= pitch <= math.pi) and pitch is not None:
+                pitch = float(_within_half_turn(np.array([checked_number(pitch, "pitch")]))[0])
+            if not (type(roll) is float and -math.inf < roll < math.inf) and roll is not None:
                 roll = checked_number(roll, "roll")
             return cls._make((point, pitch, roll, None))  # in less time than cls(...)
         if pitch is not None or roll is not None:

@@ -49,6 +49,8 @@ SURE = 1.0 - _ROUNDING
 """up to here it does not"""
 REACHED = 1.0 + _ROUNDING
 """from here on the links do not reach, whatever the rounding"""
+_SAME_LENGTH = 1e-15
+"""links whose lengths differ by no more are equal but for rounding, and make an isosceles triangle [m]"""
 
 
 class PoseBranches:
@@ -127,12 +129,15 @@ class PoseBranches:
     def _triangle(self, base: int, x: str, across: str, last: str, inward: str) -> list[str]:
         """Both elbows of one reading, the base at ``yaw``."""
         l2, l3, _ = self._geometry.lengths
+        inner = f"atan2({l3!r} * sqrt(1.0 - cosine * cosine), {l2!r} + {l3!r} * cosine)"
+        if abs(l2 - l3) < _SAME_LENGTH:
+            inner = "0.5 * bend"
         return [
             f"x2, y2 = {x}, height - {across}",
             f"cosine = (x2 * x2 + y2 * y2 - {l2 * l2 + l3 * l3!r}) * {0.5 / (l2 * l3)!r}",
             f"if {-SURE!r} < cosine < {SURE!r}:",
             "    bend, direction = acos(cosine), atan2(y2, x2)",
-            f"    inner = atan2({l3!r} * sqrt(1.0 - cosine * cosine), {l2!r} + {l3!r} * cosine)",
+            f"    inner = {inner}",
             # a positive bend leaves the elbow down in front, up at the back
             *_indented(self._elbow("bend", "direction - inner", last, base + (0 if base else 2), inward)),
             *_indented(self._elbow("-bend", "direction + inner", last, base + (2 if base else 0), inward)),
