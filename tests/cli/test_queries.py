@@ -33,6 +33,24 @@ def test_ik_gives_the_least_rotation_of_the_papers_point(capsys: pytest.CaptureF
     assert record["branch"] == "front elbow-up"
 
 
+def test_ik_says_where_its_list_may_be_incomplete(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    file = tmp_path / "askew.urdf"
+    axes = ("0 0 1", "0.6 0.8 0", "0 1 0", "0.8 0 0.6")
+    joints = "".join(
+        f'<joint name="j{i}" type="revolute"><parent link="l{i}"/><child link="l{i + 1}"/>'
+        f'<origin xyz="0.1 0 0.1"/><axis xyz="{axis}"/><limit lower="-2" upper="2"/></joint>'
+        for i, axis in enumerate(axes)
+    )
+    links = "".join(f'<link name="l{i}"/>' for i in range(5))
+    file.write_text(f'<robot name="askew">{links}{joints}</robot>')
+    status, out, _ = call(capsys, "ik", str(file), "300", "50", "250")
+    assert status == DONE
+    assert "inside the limits; found by search, there may be others" in out
+    status, out, _ = call(capsys, "ik", str(file), "3000", "50", "250", "--json")
+    assert status == REFUSED
+    assert json.loads(out)["complete"] is False
+
+
 def test_ik_all_lists_every_solution_and_each_one_is_right(capsys: pytest.CaptureFixture[str]) -> None:
     _, out, _ = call(capsys, "ik", "uzuner", "150", "100", "120", "--all", "--step", "0.5", "--json")
     record = json.loads(out)

@@ -139,6 +139,8 @@ def _refuse(arm: Robot, solutions: Solutions, refused: Sequence[Branch] | None, 
             "best_deg": None,
             "branch": None,
             "error_mm": None,
+            "orientation_error_deg": None,
+            "complete": solutions.complete,
             "solutions_deg": [],
             "reason": solutions.reason,
             "nearest_mm": None if nearest is None else rounded(1000 * nearest, 6),
@@ -195,7 +197,8 @@ def _print(
     many = len(solutions) != 1
     free = solutions.free_joint
     swept = "" if free is None else f" ({arm.joints[free].title.lower()} swept)"
-    click.echo(f"{len(solutions)} solution{'s' if many else ''} inside the limits{swept}")
+    more = "" if solutions.complete else "; found by search, there may be others"
+    click.echo(f"{len(solutions)} solution{'s' if many else ''} inside the limits{swept}{more}")
     names = {*CRITERIA, *solutions.branch.tolist(), *(branch.name for branch in refused or ())}
     columns = _Columns(arm, sorted(names))
     columns.head("degrees")

@@ -92,7 +92,8 @@ def checked_point(value: ArrayLike) -> tuple[float, float, float]:
         return x, y, z
     _finite(value, _POINT, "the target position")
     raise InputError(
-        f"the target position is in metres, within {FARTHEST:.0f} m of the base; got {[x, y, z]}"
+        f"the target position is {math.hypot(x, y, z):.0f} m from the base, farther than {FARTHEST:.0f} m: "
+        "is that the unit?"
     )
 
 
@@ -112,8 +113,8 @@ def checked_positions(value: ArrayLike) -> FloatArray:
     far = np.flatnonzero(np.linalg.norm(positions, axis=1) > FARTHEST)
     if len(far):
         raise InputError(
-            f"{what} are in metres, within {FARTHEST:.0f} m of the base; "
-            f"got {positions[far[0]].tolist()} in row {far[0]}"
+            f"{what}: row {far[0]} is {np.linalg.norm(positions[far[0]]):.0f} m from the base, "
+            f"farther than {FARTHEST:.0f} m: is that the unit?"
         )
     return positions
 
