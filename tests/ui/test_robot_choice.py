@@ -353,6 +353,9 @@ def test_what_a_robot_file_says_is_shown_as_text() -> None:
     robot = replace(load_robot("mico"), source="<img src=x>")
     assert "4 joints and a gripper" in about(robot)
     assert "<img" not in about(robot)
+    assert "<details" not in about(replace(robot, assumed=()))
+    guessed = about(replace(robot, assumed=("limits of <b>Elbow</b>: -90 to 90°",)))
+    assert "<li>limits of &lt;b&gt;Elbow&lt;/b&gt;: −90 to 90°</li>" in guessed
 
 
 def test_a_controller_takes_over_nothing_of_the_arm_before_but_the_speed(rig: Rig) -> None:

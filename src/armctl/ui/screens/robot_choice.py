@@ -12,7 +12,7 @@ from armctl.robot import Robot
 from armctl.runtime import Snapshot
 from armctl.ui.leaving import release_to_leave
 from armctl.ui.robot_desk import RobotChoice
-from armctl.ui.widgets.html_bits import muted, sentence
+from armctl.ui.widgets.html_bits import folded, muted, sentence
 from armctl.ui.widgets.text import LiveHtml
 
 if TYPE_CHECKING:
@@ -61,6 +61,7 @@ def labelled(choices: Sequence[RobotChoice]) -> dict[str, str]:
 
 
 def about(robot: Robot) -> str:
-    """Joints, gripper and source of a robot, as HTML."""
+    """Joints, gripper, source and what is assumed of a robot, as HTML."""
     joints = f"{robot.n} joints" + (" and a gripper" if robot.gripper is not None else "")
-    return f"<b>{joints}</b><div style='opacity:.75'>{escape(robot.source)}</div>"
+    source = f"<b>{joints}</b><div style='opacity:.75'>{escape(robot.source)}</div>"
+    return source + (folded("Assumed, where the source is silent", robot.assumed) if robot.assumed else "")

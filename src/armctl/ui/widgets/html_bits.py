@@ -35,6 +35,16 @@ def muted(text: str) -> str:
     return f"<div style='font-size:11.5px;opacity:.75'>{escape(text)}</div>"
 
 
+def folded(title: str, texts: Iterable[str]) -> str:
+    """A list under a title, shown once the title is clicked."""
+    rows = "".join(f"<li>{escape(with_minus(text))}</li>" for text in texts)
+    return (
+        "<details style='font-size:11.5px;opacity:.75'>"
+        f"<summary style='cursor:pointer'>{escape(title)}</summary>"
+        f"<ul style='margin:2px 0;padding-left:16px'>{rows}</ul></details>"
+    )
+
+
 def with_minus(text: str) -> str:
     """Words with real minus signs before their numbers, as ``fixed`` writes them."""
     return _MINUS.sub("−", text)
