@@ -8,6 +8,8 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pytest
 from benchmarks.naive_sweep import UZUNER, PlanarArm
+from hypothesis import given
+from hypothesis import strategies as st
 from tests.kinematics.kit import (
     FloatArray,
     chain_of,
@@ -20,6 +22,7 @@ from tests.kinematics.kit import (
 from armctl import Robot, load_robot
 from armctl.errors import InputError
 from armctl.kinematics import BatchSolutions, DHChain, DHRow, Target, YawPitchRollSolver, shares
+from armctl.kinematics.yaw_pitch_roll.pose_batch import _cosines_within  # pyright: ignore[reportPrivateUsage]
 
 
 def arms() -> list[tuple[DHChain, FloatArray]]:
@@ -312,3 +315,13 @@ def test_the_tip_on_the_shoulder_of_two_equal_links(radius: float) -> None:
                 assert solutions.residual_rad.max() < 1e-7
             if "rotation" in asked or (asked and radius > 0.0):
                 assert np.abs(solutions.q - q).max(axis=1).min() < 1e-6
+
+
+@given(low=st.floats(-9.0, 9.0), wide=st.floats(0.0, 7.0), share=st.floats(0.0, 1.0))
+def test_the_cosines_of_every_bend_inside_its_limits_are_let_through(
+    low: float, wide: float, share: float
+) -> None:
+    least, most = _cosines_within((low, low + wide))
+    assert least < math.cos(low + share * wide) < most
+    cosines = np.cos(np.linspace(low, low + wide, 2001))
+    assert cosines.min() - least < 1e-5 and most - cosines.max() < 1e-5

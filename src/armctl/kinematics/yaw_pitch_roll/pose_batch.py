@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from armctl.kinematics.angles import rest_angle
+from armctl.kinematics.angles import LIMIT_TOLERANCE, TWO_PI, rest_angle
 from armctl.kinematics.batch_solutions import BatchSolutions
 from armctl.kinematics.cos_sin import SCRATCH, cos_sin
 from armctl.kinematics.shares import share_out
@@ -22,7 +22,7 @@ from armctl.kinematics.yaw_pitch_roll.branch_names import BRANCHES, LEVEL, bend_
 from armctl.kinematics.yaw_pitch_roll.geometry import YawPitchRoll
 from armctl.kinematics.yaw_pitch_roll.joint_windows import into_limits
 from armctl.kinematics.yaw_pitch_roll.plane_postures import PlanePostures
-from armctl.kinematics.yaw_pitch_roll.pose_branches import REACHED, SURE, UPRIGHT
+from armctl.kinematics.yaw_pitch_roll.pose_branches import REACHED, SAME_LENGTH, SURE, UPRIGHT
 
 FloatArray = NDArray[np.float64]
 Rows = NDArray[np.intp]
@@ -89,6 +89,7 @@ class PoseBatch:
         l2, l3, *_ = geometry.lengths
         self._l2, self._l3 = l2, l3
         self._l4 = geometry.lengths[2] if len(geometry.lengths) == 3 else 0.0
+        self._cosines = _cosines_within(geometry.plane_limits(1, limits))
 
     def solve(
         self, position: FloatArray, pitch: FloatArray | None, roll: FloatArray | None
@@ -207,7 +208,7 @@ class PoseBatch:
         cosine += square
         cosine -= self._l2**2 + self._l3**2
         cosine *= 0.5 / (self._l2 * self._l3)
-        ok = np.abs(cosine) < REACHED
+        ok = (cosine > self._cosines[0]) & (cosine < self._cosines[1])
         ok &= faces[:, None]
         if two is not None:
             ok[:, 1] &= two
@@ -267,6 +268,10 @@ class PoseBatch:
         As complements of arc sines: half the time of arc cosines, and the same digits.
         """
         l2, l3, cosine = self._l2, self._l3, columns.cosine
+        bend = np.arcsin(cosine)
+        np.subtract(0.5 * math.pi, bend, out=bend)
+        if abs(l2 - l3) < SAME_LENGTH:
+            return bend, 0.5 * bend
         square = columns.x * columns.x
         square += columns.y * columns.y
         inner = square + (l2 * l2 - l3 * l3)
@@ -280,6 +285,19 @@ class PoseBatch:
         near = np.flatnonzero(np.abs(cosine) > 1.0 - _NEARLY_STRAIGHT)
         c = cosine[near]
         inner[near] = np.arctan2(l3 * np.sqrt((1.0 - c) * (1.0 + c)), l2 + l3 * c)
-        bend = np.arcsin(cosine)
-        np.subtract(0.5 * math.pi, bend, out=bend)
         return bend, inner
+
+
+def _cosines_within(limits: tuple[float, float]) -> tuple[float, float]:
+    """Between which cosines a bend inside its limits [rad] lies; no wider than the links reach."""
+    sizes = [abs(math.remainder(limit, TWO_PI)) for limit in limits]
+    sharpest = math.pi if _holds(limits, math.pi) else max(sizes)
+    slightest = 0.0 if _holds(limits, 0.0) else min(sizes)
+    slack = 2.0 * LIMIT_TOLERANCE
+    return max(math.cos(sharpest) - slack, -REACHED), min(math.cos(slightest) + slack, REACHED)
+
+
+def _holds(limits: tuple[float, float], angle: float) -> bool:
+    """True when an image of an angle lies between limits."""
+    low, high = limits
+    return math.ceil((low - angle) / TWO_PI) <= math.floor((high - angle) / TWO_PI)

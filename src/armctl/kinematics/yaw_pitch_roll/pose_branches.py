@@ -49,7 +49,7 @@ SURE = 1.0 - _ROUNDING
 """up to here it does not"""
 REACHED = 1.0 + _ROUNDING
 """from here on the links do not reach, whatever the rounding"""
-_SAME_LENGTH = 1e-15
+SAME_LENGTH = 1e-15
 """links whose lengths differ by no more are equal but for rounding, and make an isosceles triangle [m]"""
 
 
@@ -130,7 +130,7 @@ class PoseBranches:
         """Both elbows of one reading, the base at ``yaw``."""
         l2, l3, _ = self._geometry.lengths
         inner = f"atan2({l3!r} * sqrt(1.0 - cosine * cosine), {l2!r} + {l3!r} * cosine)"
-        if abs(l2 - l3) < _SAME_LENGTH:
+        if abs(l2 - l3) < SAME_LENGTH:
             inner = "0.5 * bend"
         return [
             f"x2, y2 = {x}, height - {across}",
