@@ -1,4 +1,4 @@
-"""What is written for speed gives what the plain way gives: chains, cosines, panels, one pose."""
+"""What is written for speed gives what the plain way gives: chains, cosines, one pose."""
 
 from __future__ import annotations
 
@@ -16,7 +16,6 @@ from armctl.kinematics.compiled.chain_kernel import jacobian_kernel, pose_kernel
 from armctl.kinematics.compiled.chain_program import ChainProgram
 from armctl.kinematics.compiled.straight_line import ONE, StraightLine, Value
 from armctl.kinematics.cos_sin import LARGEST_ANGLE, SCRATCH, by_table, by_tangent
-from armctl.kinematics.yaw_pitch_roll.panels import NODES, PANEL, interpolated, node_positions, unresolved
 from armctl.kinematics.yaw_pitch_roll.pose_branches import PoseBranches
 
 TWISTS = (0.0, math.pi / 2, -math.pi / 2, math.pi, 0.7, -2.1)
@@ -143,28 +142,6 @@ def test_an_array_given_is_never_written_to_and_the_result_is_the_callers_own() 
         chain.checked(value)[...] = 7.0
         assert np.array_equal(value, before)
         assert np.abs(chain.forward(value)).max() < 7.0
-
-
-def test_panels_give_smooth_functions_and_say_where_they_cannot() -> None:
-    count = 5 * PANEL - 30
-    nodes = node_positions(count)
-    assert nodes.shape == (5, NODES)
-    grid = np.arange(5 * PANEL)
-
-    def smooth(i: FloatArray) -> FloatArray:
-        return np.arctan2(1.0 + 1e-4 * i, 2.0 - 2e-4 * i)
-
-    def ended(i: FloatArray) -> FloatArray:
-        return np.arccos(np.minimum(1.0, 1e-4 * (i + 9300)))  # reaches 1 at 700
-
-    assert np.abs(interpolated(np.stack([smooth(nodes)])) - smooth(grid)).max() < 1e-14
-    assert unresolved(np.stack([smooth(nodes)])) == []
-    rough = unresolved(np.stack([smooth(nodes), ended(nodes)]))
-    good = np.ones(len(grid), dtype=bool)
-    for begin, end in rough:
-        good[begin * PANEL : end * PANEL] = False
-    assert not good[700]
-    assert np.abs(interpolated(np.stack([ended(nodes)]))[0] - ended(grid))[good].max() < 1e-13
 
 
 def test_swept_solutions_are_exact_on_every_grid_value() -> None:

@@ -79,9 +79,9 @@ def by_tangent(angle: FloatArray, cos: FloatArray, sin: FloatArray, work: FloatA
     np.subtract(cos, _ONE, cos)
 
 
-HAS_VECTOR_TRIGONOMETRY = not {"X86_V4", "AVX512_SKX"}.isdisjoint(
+HAS_VECTOR_TANGENT = not {"X86_V4", "AVX512_SKX"}.isdisjoint(
     np.show_config(mode="dicts")["SIMD Extensions"].get("found", ())  # type: ignore[index]
 )
-"""whether numpy's tangent, arc cosine and arc tangent are vectorised on this processor"""
-cos_sin = by_tangent if HAS_VECTOR_TRIGONOMETRY else by_table
+"""whether numpy's tangent is vectorised on this processor"""
+cos_sin = by_tangent if HAS_VECTOR_TANGENT else by_table
 """cos_sin(angle, cos, sin, work): the faster of the two ways on this processor"""

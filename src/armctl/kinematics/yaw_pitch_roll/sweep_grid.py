@@ -7,18 +7,16 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from armctl.kinematics.cos_sin import HAS_VECTOR_TRIGONOMETRY
 from armctl.kinematics.grid import grid_values
 from armctl.kinematics.yaw_pitch_roll.geometry import YawPitchRoll
-from armctl.kinematics.yaw_pitch_roll.panels import PANEL, node_positions
+from armctl.kinematics.yaw_pitch_roll.panels import Panels, node_positions
 
 FloatArray = NDArray[np.float64]
+ComplexArray = NDArray[np.complex128]
 _ON_GRID = 1e-4
 """how near to a value, in steps, an angle is on it"""
 _LOST = 1e-6
 """the same [rad]: so near to a knot of the sweep the array formulas lose digits"""
-_WIDEST_PANEL = 0.05
-"""a wider panel is seldom a polynomial to machine precision [rad]"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,27 +26,28 @@ class SweepGrid:
     step: float
     start: float
     """the first plane angle"""
+    last: int
+    """the last index"""
+    tolerance: float
+    """how near to a value, in steps, an angle is on it"""
     joint: FloatArray
     """(m,) joint angles [rad], in the order of rising plane angle"""
     plane: FloatArray
     """(m,) plane angles t_2, rising"""
-    link_x: FloatArray
-    link_y: FloatArray
-    """(m,) end of the first link [m]"""
-    nodes: FloatArray | None
-    """(3, panels, NODES) plane angle and end of the first link at the nodes of each panel; None where the
-    step is too coarse for ``panels.py``, or arc cosines are as cheap"""
+    link: ComplexArray
+    """(m,) conjugate of the end of the first link, forward + i up [m]"""
+    panels: Panels | None
+    """None where the step is too coarse for them"""
+    nodes: ComplexArray | None
+    """(NODES + 1, panels) ``link`` at the nodes and, last, at the anchor of each panel"""
 
-    def first_link(self, start: int, stop: int) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Plane angles [rad] and end of the first link [m] on a range of the grid."""
-        return self.plane[start:stop], self.link_x[start:stop], self.link_y[start:stop]
-
-    def holds(self, angle: float) -> int | None:
-        """Index of the value that a plane angle [rad] falls on, but for rounding; None where it does not."""
+    def position(self, angle: float) -> tuple[float, int | None]:
+        """Where a plane angle [rad] lies, in grid indices; and the value it falls on, but for rounding."""
         position = (angle - self.start) / self.step
         near = round(position)
-        on_grid = abs(position - near) < max(_ON_GRID, _LOST / self.step) and 0 <= near < len(self.plane)
-        return near if on_grid else None
+        if abs(position - near) < self.tolerance and 0 <= near <= self.last:
+            return position, near
+        return position, None
 
     @classmethod
     def of(cls, geometry: YawPitchRoll, limits: tuple[float, float], step: float) -> SweepGrid:
@@ -62,11 +61,17 @@ class SweepGrid:
             joint = joint[::-1].copy()
         plane = geometry.signs[0] * joint + geometry.offsets[0]
         start, length = float(plane[0]), geometry.lengths[0]
-        nodes = None
-        if step * PANEL <= _WIDEST_PANEL and not HAS_VECTOR_TRIGONOMETRY:
-            angle = start + step * node_positions(len(plane))
-            nodes = np.stack([angle, length * np.cos(angle), length * np.sin(angle)])
-        grid = cls(step, start, joint, plane, length * np.cos(plane), length * np.sin(plane), nodes)
-        for array in (grid.joint, grid.plane, grid.link_x, grid.link_y, *(() if nodes is None else (nodes,))):
+        panels, nodes = Panels.of(step), None
+        if panels is not None:
+            nodes = _conjugate(length, start + step * node_positions(len(plane)))
+        link = _conjugate(length, plane)
+        for array in (joint, plane, link, *(() if nodes is None else (nodes,))):
             array.flags.writeable = False
-        return grid
+        tolerance = max(_ON_GRID, _LOST / step)
+        return cls(step, start, len(plane) - 1, tolerance, joint, plane, link, panels, nodes)
+
+
+def _conjugate(length: float, angle: FloatArray) -> ComplexArray:
+    out = np.empty(angle.shape, dtype=np.complex128)
+    out.real, out.imag = length * np.cos(angle), -length * np.sin(angle)
+    return out

@@ -7,7 +7,6 @@ stretched or folded. Between two neighbouring knots it cannot change, so one loo
 from __future__ import annotations
 
 import cmath
-import itertools
 import math
 from typing import NamedTuple
 
@@ -23,6 +22,10 @@ FloatArray = NDArray[np.float64]
 _NEAR_FOLD = 1e-6
 """how near a target must come to the circle of the second pitch axis for equal links to fold onto it [m]"""
 _SAME_KNOT = 1e-13
+
+
+Posture = tuple[float, float, float]
+"""second and third plane angle (inside their limits) and the turns of the third [rad]"""
 
 
 class Interval(NamedTuple):
@@ -67,46 +70,59 @@ class SweepIntervals:
                     ends[-1].append(image)
         out: list[Interval] = []
         lone: list[tuple[int, float]] = []
-        for sign in (1, -1):
-            knots = sorted(ends[sign])
-            knots = [b for a, b in itertools.pairwise([-math.inf, *knots]) if b - a > _SAME_KNOT]
-            touched = -1  # the last knot that ends a feasible interval
-            for i, (a, b) in enumerate(itertools.pairwise(knots)):
+        for sign, knots in ends.items():
+            knots.sort()
+            a, before = knots[0], knots[0]
+            touched = False  # whether the knot a ends a feasible interval
+            for b in knots[1:]:
+                if b - before <= _SAME_KNOT:
+                    before = b
+                    continue
+                before = b
                 middle = self.follow(0.5 * (a + b), x, y, sign)
                 if middle is None:
-                    if touched != i:
+                    if not touched:
                         lone.append((sign, a))
-                    continue
-                if touched == i and out[-1].shift == middle[2]:
-                    out[-1] = Interval(sign, middle[2], out[-1].low, b, (*out[-1].between, a))
+                    touched = False
                 else:
-                    out.append(Interval(sign, middle[2], a, b))
-                touched = i + 1
-            if touched != len(knots) - 1:
-                lone.append((sign, knots[-1]))
+                    if touched and out[-1].shift == middle[2]:
+                        _, shift, begin, _, between = out[-1]
+                        out[-1] = Interval(sign, shift, begin, b, (*between, a))
+                    else:
+                        out.append(Interval(sign, middle[2], a, b))
+                    touched = True
+                a = b
+            if not touched:
+                lone.append((sign, a))
         return out, lone
 
-    def follow(self, t2: float, x: float, y: float, bend: int) -> tuple[float, float, float] | None:
+    def follow(self, t2: float, x: float, y: float, bend: int) -> Posture | None:
         """The second and third plane angle (inside their limits) and the turns of the third, at one t_2.
 
         Stretched or folded links count as bent to the positive side, so that they are listed once. Folded
         onto the second pitch axis they may point anywhere: midway between the limits.
         """
         X, Y = x - self._l2 * math.cos(t2), y - self._l2 * math.sin(t2)
-        angle = bend_angle(X * X + Y * Y, self._l3, self._l4)
+        square = X * X + Y * Y
+        angle = bend_angle(square, self._l3, self._l4)
         if angle is None:
             return None
         if bend < 0 and (angle == 0.0 or angle == math.pi):
             return None
         g = bend * angle
-        third = into_window(g, self._windows[1])
-        if third is None:
-            return None
-        if math.hypot(X, Y) <= ON_JOINT:
-            second = self._windows[0][2]
-        else:
-            second = into_window(math.atan2(Y, X) - inner_angle(self._l3, self._l4, g) - t2, self._windows[0])
-        return None if second is None else (second, third, TWO_PI * round((third - g) / TWO_PI))
+        second_window, third_window = self._windows
+        turns, third = 0.0, g
+        if not third_window[0] <= g <= third_window[1]:
+            third = into_window(g, third_window)
+            if third is None:
+                return None
+            turns = TWO_PI * round((third - g) / TWO_PI)
+        if square <= ON_JOINT * ON_JOINT:
+            return second_window[2], third, turns
+        second = math.atan2(Y, X) - inner_angle(self._l3, self._l4, g) - t2
+        if not second_window[0] <= second <= second_window[1]:
+            second = into_window(second, second_window)
+        return None if second is None else (second, third, turns)
 
     def _knots(self, x: float, y: float) -> list[tuple[int, float]]:
         """(bend, t_2) where feasibility may change; bend 0: for both."""
