@@ -21,7 +21,9 @@ from tests.kinematics.kit import (
 
 from armctl import Robot, load_robot
 from armctl.errors import InputError
-from armctl.kinematics import BatchSolutions, DHChain, DHRow, Target, YawPitchRollSolver, shares
+from armctl.kinematics import BatchSolutions, DHChain, DHRow, Target, YawPitchRollSolver
+from armctl.kinematics.compiled import chain_kernel
+from armctl.kinematics.yaw_pitch_roll import pose_batch
 from armctl.kinematics.yaw_pitch_roll.pose_batch import _cosines_within  # pyright: ignore[reportPrivateUsage]
 
 
@@ -209,19 +211,20 @@ def robot_pitch(robot: Robot, q: FloatArray) -> FloatArray:
     return np.arcsin(np.clip(robot.forward(q)[:, 2, 2], -1.0, 1.0))
 
 
-def test_a_batch_shared_among_cores_is_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_batch_of_several_parts_is_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
     robot = load_robot("scorbot")
     rng = np.random.default_rng(112)
     q = random_q(rng, robot.limits, 1000)
     position, pitch = robot.forward(q)[:, :3, 3], robot_pitch(robot, q)
     pitch[::7] = math.pi / 2
-    alone = robot.inverse_batch(position, pitch, q[:, 4]), robot.forward(q), robot.jacobian(q)
-    monkeypatch.setattr(shares, "SHARE", 64)
-    monkeypatch.setattr(shares, "cores", lambda: 4)
-    shared = robot.inverse_batch(position, pitch, q[:, 4]), robot.forward(q), robot.jacobian(q)
-    assert (alone[0].found == shared[0].found).all()
-    for one, other in ((alone[0].q, shared[0].q), *zip(alone[1:], shared[1:], strict=True)):
-        assert np.array_equal(one, other, equal_nan=True)
+    pitch[300:400] = -math.pi / 2
+    whole = robot.inverse_batch(position, pitch, q[:, 4]), robot.forward(q)
+    monkeypatch.setattr(pose_batch, "_CHUNK", 64)
+    monkeypatch.setattr(chain_kernel, "_CHUNK", 96)
+    parts = robot.inverse_batch(position, pitch, q[:, 4]), robot.forward(q)
+    assert (whole[0].found == parts[0].found).all()
+    assert np.array_equal(whole[0].q, parts[0].q, equal_nan=True)
+    assert np.array_equal(whole[1], parts[1])
     q[300, 1], q[900, 2] = math.nan, math.inf
     with pytest.raises(InputError, match="in row 300"):
         robot.forward(q)

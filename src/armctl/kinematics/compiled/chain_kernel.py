@@ -43,7 +43,6 @@ from armctl.kinematics.checks import require_finite
 from armctl.kinematics.compiled.chain_program import Angle, ChainProgram
 from armctl.kinematics.compiled.straight_line import Value
 from armctl.kinematics.cos_sin import LARGEST_ANGLE, SCRATCH, cos_sin
-from armctl.kinematics.shares import share_out
 
 FloatArray = NDArray[np.float64]
 _CHUNK = 8192
@@ -74,14 +73,11 @@ class MatrixKernel(NamedTuple):
         Raises:
             InputError: an angle is not finite.
         """
-        share_out(len(q), lambda start, stop: self._fill_rows(q, out, start, stop))
-
-    def _fill_rows(self, q: FloatArray, out: FloatArray, start: int, stop: int) -> None:
-        size = min(stop - start, _CHUNK)
+        size = min(len(q), _CHUNK)
         blocks = np.empty((3 + SCRATCH, self.angles, size))
         registers = np.empty((self.registers, size))
-        for at in range(start, stop, _CHUNK):
-            part = q[at : min(at + _CHUNK, stop)]
+        for at in range(0, len(q), _CHUNK):
+            part = q[at : at + _CHUNK]
             if len(part) < size:
                 blocks, registers = blocks[..., : len(part)], registers[:, : len(part)]
             angle, cos, sin = blocks[0], blocks[1], blocks[2]

@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 from armctl.kinematics.angles import LIMIT_TOLERANCE, TWO_PI, rest_angle
 from armctl.kinematics.batch_solutions import BatchSolutions
 from armctl.kinematics.cos_sin import SCRATCH, cos_sin
-from armctl.kinematics.shares import share_out
 from armctl.kinematics.yaw_pitch_roll.base_yaw import base_angles
 from armctl.kinematics.yaw_pitch_roll.branch_names import BRANCHES, LEVEL, bend_sense, branch_index
 from armctl.kinematics.yaw_pitch_roll.geometry import YawPitchRoll
@@ -26,8 +25,8 @@ from armctl.kinematics.yaw_pitch_roll.pose_branches import REACHED, SAME_LENGTH,
 
 FloatArray = NDArray[np.float64]
 Rows = NDArray[np.intp]
-_CHUNK = 4096
-"""poses worked on at a time: what they need stays in the cache"""
+_CHUNK = 16_384
+"""poses worked on at a time: more would leave the cache, fewer would not spread the cost of the calls"""
 _NEARLY_STRAIGHT = 1e-4
 """how near to ±1 the elbow's cosine may come before the cosine rule loses more than four digits"""
 
@@ -107,19 +106,16 @@ class PoseBatch:
         found = np.zeros((branches, k), dtype=np.bool_)
         flat_q, flat_found = q.reshape(len(q), -1), found.ravel()
 
-        def solve_rows(start: int, stop: int) -> None:
-            for at in range(start, stop, _CHUNK):
-                cut = slice(at, min(at + _CHUNK, stop))
-                q[..., cut] = np.nan
-                asked = _Asked(
-                    position[cut],
-                    None if pitch is None else pitch[cut],
-                    None if roll is None else roll[cut],
-                )
-                with np.errstate(invalid="ignore", divide="ignore"):
-                    self._solve_chunk(asked, _Places(flat_q, flat_found, k, at))
-
-        share_out(k, solve_rows)
+        for at in range(0, k, _CHUNK):
+            cut = slice(at, at + _CHUNK)
+            q[..., cut] = np.nan
+            asked = _Asked(
+                position[cut],
+                None if pitch is None else pitch[cut],
+                None if roll is None else roll[cut],
+            )
+            with np.errstate(invalid="ignore", divide="ignore"):
+                self._solve_chunk(asked, _Places(flat_q, flat_found, k, at))
         return BatchSolutions(q.transpose(2, 1, 0), found.T, BRANCHES)
 
     def _solve_chunk(self, asked: _Asked, places: _Places) -> None:
