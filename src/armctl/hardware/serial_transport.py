@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import logging
 import termios
 from collections.abc import Callable, Generator
 from contextlib import contextmanager, suppress
@@ -12,6 +13,7 @@ import serial
 from armctl.errors import BoardError, BoardTimeoutError, PortError
 from armctl.hardware.permissions import permission_hint
 
+_LOGGER = logging.getLogger("armctl.hardware")
 NO_SUCH_PORT = "no such port; is the board plugged in? `armctl ports` lists what is there"
 
 # What pyserial lets through. termios.error is not an OSError, and flushing the input of an
@@ -99,9 +101,10 @@ class SerialTransport:
                 f"{self._name}: the board takes no more bytes; unplug it, plug it in again and reconnect"
             ) from error
         except _LINE_ERRORS as error:
+            _LOGGER.info("%s the port %s failed: %s", action, self._name, _reason(error))
             raise BoardError(
-                f"{self._name}: {action} the port failed ({_reason(error)}); "
-                "was the board unplugged? Check the cable and its power, then connect again"
+                f"{self._name}: the line to the board is gone: was the board unplugged, or its power lost? "
+                "Check the cable and the power, then connect again"
             ) from error
 
 
