@@ -47,6 +47,8 @@ def test_homing_tells_how_far_it_is_and_ends_holding_where_it_ended(rig: Rig) ->
     assert rig.now.q_command == pytest.approx(SCORBOT.pose("home"), abs=1e-9)
     assert rig.now.gripper == 0.0
     assert rig.now.warnings == ()
+    told = [event.text for event in rig.now.events if "looks for its zero" in event.text]
+    assert [text.split()[1] for text in told] == ["Gripper", "Elbow"]  # each once, as it begins
     assert rig.driver.writes == []  # the board holds by itself
 
 

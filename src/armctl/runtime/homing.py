@@ -7,6 +7,7 @@ from collections.abc import Callable
 from armctl.errors import ArmctlError, BoardError
 from armctl.runtime.activity import ActivityView, Setpoint
 from armctl.runtime.board import Board, Reading
+from armctl.runtime.log import EventLog
 
 _SETTLE_S = 0.3
 """what is read before this may still be from before homing began, or was stopped"""
@@ -21,6 +22,7 @@ class Homing:
         reading: gives the newest reading.
         adopt: called once, with the reading that says that every axis is homed, and the time; an
             ``ArmctlError`` of it ends homing as a failure.
+        log: gets a line for each axis.
         now: controller clock [s].
 
     Raises:
@@ -36,11 +38,13 @@ class Homing:
         board: Board,
         reading: Callable[[], Reading],
         adopt: Callable[[Reading, float], None],
+        log: EventLog,
         now: float,
     ) -> None:
         self._board = board
         self._reading = reading
         self._adopt = adopt
+        self._log, self._logged = log, ""
         self._began: float | None = now
         self._ended = False
         self._stopping = False
@@ -79,6 +83,10 @@ class Homing:
             return None
         if self._began is None:
             self._began = now
+        looking = self.notice
+        if looking is not None and looking != self._logged:
+            self._logged = looking
+            self._log.warning(looking)  # somebody's hand may be near the axis that begins now
         if now - self._began >= _SETTLE_S:
             self._conclude(self._reading(), now, now - self._began)
         return None

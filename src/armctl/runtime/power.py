@@ -118,7 +118,7 @@ def home(core: Core, ticket: Ticket, who: str, now: float) -> None:
             core.gate.adopt_opening(reading.opening, when)
         core.gripper.set(core.gate.opening)
 
-    homing = Homing(board, lambda: core.monitor.reading, adopt, now)
+    homing = Homing(board, lambda: core.monitor.reading, adopt, core.log, now)
     core.gate.forget()
     core.gripper.set(None)
     core.monitor.enabled()
