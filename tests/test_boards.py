@@ -129,7 +129,7 @@ def test_a_board_that_was_changed_for_another_is_refused(
     found = replace(on_it, device=device, serial_number="4711")
     one = Boards(load_robot(name), MonotonicClock().now, lambda: [found], board=there)
     driver = one.driver(device)
-    with pytest.raises(PortError, match=rf"{device}: {said}.*, now board 4711 is; nothing was sent to it"):
+    with pytest.raises(PortError, match=rf"{device}: {said}.*, now board 4711 is; it was told nothing"):
         driver.open()
     assert not select.select([board], [], [], 0)[0]  # not one byte reached it
 

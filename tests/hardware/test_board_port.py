@@ -46,3 +46,14 @@ def test_a_line_is_closed_where_its_board_is_refused():
         BoardPort(Line, list, refuse, simulated=False).open()
     assert len(closed) == 1
     BoardPort(Line, list, refuse, simulated=True).open()  # a simulated board is ours
+
+
+def test_a_board_that_is_listed_as_another_one_is_not_opened():
+    """Opening the line of an Arduino would let its servos go."""
+
+    def refuse(serial_number: str | None) -> None:
+        raise PortError(f"not board {serial_number}")
+
+    mega = PortInfo("/dev/ttyACM0", "Arduino Mega 2560", "", "4711", True, "")
+    with pytest.raises(PortError, match="not board 4711"):
+        BoardPort("/dev/ttyACM0", lambda: [mega], refuse, simulated=False).look_up()

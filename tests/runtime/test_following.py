@@ -244,3 +244,14 @@ def test_what_is_solved_after_it_was_left_moves_nothing() -> None:
     rig.run(0.5)
     assert np.array_equal(rig.now.q_command, HOME)
     assert rig.now.state is State.HOLDING
+
+
+def test_after_a_stop_the_same_target_is_followed_again(rig: Rig) -> None:
+    goal = TOOL + np.array([0.02, 0.06, -0.03])
+    follow(rig, goal, 0.3)
+    rig.do(FollowTarget(None))
+    rig.run(1.0)
+    assert rig.now.state is State.HOLDING
+    assert np.abs(tool(rig) - goal).max() > 1e-3
+    follow(rig, goal, 2.0)
+    assert tool(rig) == pytest.approx(goal, abs=1e-9)

@@ -340,6 +340,19 @@ def test_closing_the_desk_closes_the_present_arm(rig: Rig) -> None:
     assert rig.closed == ["uzuner", "mico"]
 
 
+def test_where_an_arm_was_last_known_is_kept_for_the_same_machine_alone(rig: Rig) -> None:
+    rig.arm(powered=False, state=State.OFF)
+    before = rig.desk.console.last_known
+    asyncio.run(rig.desk.reopen(PAGE, lambda: None))
+    assert rig.desk.console.last_known is before
+    asyncio.run(rig.desk.reopen(PAGE, lambda: None, "/dev/ttyACM7"))  # never seen there
+    assert rig.desk.console.last_known is not before
+    before = rig.desk.console.last_known
+    rig.robots["uzuner"] = load_robot("mico")  # the file holds four joints by now
+    asyncio.run(rig.desk.reopen(PAGE, lambda: None, "/dev/ttyACM7"))
+    assert rig.desk.console.last_known is not before
+
+
 def test_two_robots_of_the_same_title_are_told_apart_by_their_files() -> None:
     own = RobotChoice("/home/lab/mine.toml", CHOICES[0].title)
     assert labelled((*CHOICES[:2], own)) == {

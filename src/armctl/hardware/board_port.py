@@ -24,7 +24,7 @@ class BoardPort:
     """A port by its name, or what opens a transport.
 
     Which board is behind a name is certain only while the port is open: until then another one may be
-    plugged in there. So what counts is looked up after opening.
+    plugged in there. So it is looked up before opening, and once more after.
 
     Args:
         line: port name (device, pty, ``socket://host:port``), or what opens the transport.
@@ -53,12 +53,17 @@ class BoardPort:
     def look_up(self) -> PortInfo | None:
         """What is listed under the name now; None where nothing is.
 
+        Opening the line of an Arduino starts it anew and lets its servos or motors go, so a board that is
+        listed as another one is left alone.
+
         Raises:
-            PortError: it is listed as one that cannot be used.
+            PortError: it is listed as one that cannot be used, or that is not the one that is wanted.
         """
         info = self._listed()
         if info is not None and not info.usable:
             raise PortError(f"{self._line}: {info.why_not}")
+        if info is not None:
+            self._accept(info.serial_number)
         return info
 
     def open(self, baud: int = _BAUD) -> tuple[Transport, PortInfo | None]:

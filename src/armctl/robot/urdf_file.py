@@ -181,6 +181,8 @@ class _Reader:
             values = [float(part) for part in text.split()]
         except ValueError:
             values = []
+        if "_" in text:  # Python reads 1_5 as 15
+            values = []
         if len(values) != count or not all(abs(value) <= LARGEST for value in values):
             needed = "a finite number" if count == 1 else f"{count} finite numbers"
             raise RobotFileError(f'{where}: {key}="{text}": must be {needed} within ±{LARGEST:.0e}')

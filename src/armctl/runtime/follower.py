@@ -65,8 +65,9 @@ class Follower(Led):
         return None if self._goal is None else self._goal.copy()
 
     def stop(self) -> None:
-        """Slow down as hard as the limits allow."""
-        self._goal = None
+        """Slow down as hard as the limits allow; the same target asked for again is a new one."""
+        self._goal = self._target = None
+        self._stale = False
         super().stop()
 
     def view(self) -> ActivityView:
@@ -97,6 +98,7 @@ class Follower(Led):
             return
         solving, self._solving = self._solving, None
         if expired:
+            self._stale = True  # nobody waits for it: where the target is asked for again, from there
             return
         try:
             found = result_of(solving)

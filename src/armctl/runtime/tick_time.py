@@ -29,8 +29,8 @@ class Tick:
 class TickTime:
     """Measures from tick to tick.
 
-    Late ticks that follow each other are one notice, which counts them, and two lines of the log: one when it
-    begins, one with the count when it is over.
+    Late ticks that follow each other are one notice, which counts them, a line of the log when the notice
+    begins, and one with the count when they are over.
 
     Args:
         period: from tick to tick [s].

@@ -135,13 +135,18 @@ class App:
             await asyncio.sleep(FRAME_S)
             frame += 1
             try:
-                self._draw_frame(frame)
+                self._draw_frame()
             except Exception:
                 LOG.exception("a frame could not be drawn")
+            try:  # on its own: what the pages say of the arm must not end with the drawing
+                if frame % _FRAMES_A_REFRESH == 0:
+                    self._refresh_pages()
+            except Exception:
+                LOG.exception("the pages could not be refreshed")
 
-    def _draw_frame(self, frame: int) -> None:
-        snapshot = self._console.controller.snapshot
+    def _draw_frame(self) -> None:
         console = self._console
+        snapshot = console.controller.snapshot
         console.last_known.note(snapshot)
         q = console.last_known.drawn(snapshot)
         with self.server.atomic():
@@ -151,7 +156,9 @@ class App:
             console.trail.lift()
         else:
             console.trail.add(console.robot.forward(q)[:3, 3])
-        if frame % _FRAMES_A_REFRESH == 0:
-            for session in tuple(self._sessions.values()):
-                with suppress(RuntimeError):  # a page that has just gone
-                    session.refresh(snapshot)
+
+    def _refresh_pages(self) -> None:
+        snapshot = self._console.controller.snapshot
+        for session in tuple(self._sessions.values()):
+            with suppress(RuntimeError):  # a page that has just gone
+                session.refresh(snapshot)

@@ -235,8 +235,17 @@ class RobotDesk:
         opened.calibrating.adopt(left.calibrating)
         kept = replace(opened, operators=left.operators, earlier=earlier)
         if choice == self._present:
-            kept = replace(kept, programs=left.programs, last_known=left.last_known)
+            kept = replace(kept, programs=left.programs)
+            if _same_machine(left, opened):
+                kept = replace(kept, last_known=left.last_known)
         self._present, self._console = choice, kept
+
+
+def _same_machine(left: Console, opened: Console) -> bool:
+    """Whether the arm that is opened anew stands where the one before it stood."""
+    boards = {left.calibrating.board, opened.calibrating.board} - {None}
+    same_line = left.default_port == opened.default_port and len(boards) < 2
+    return same_line and left.robot.n == opened.robot.n  # its file may be another one by now
 
 
 def _log_lines(

@@ -34,7 +34,8 @@ def control_line(axis: EncoderAxis) -> str:
     kp, ki, kd = (round(gain * _GAIN_UNIT) for gain in (axis.p, axis.i, axis.d))
     largest = math.floor(axis.max_drive * _FULL_DRIVE)  # never more than it may be
     return (
-        f"CFG {axis.axis} kp={kp} ki={ki} kd={kd} brk={round(axis.breakaway * _FULL_DRIVE)} dmax={largest} "
+        f"CFG {axis.axis} kp={kp} ki={ki} kd={kd} "
+        f"brk={min(round(axis.breakaway * _FULL_DRIVE), largest)} dmax={largest} "
         f"ferr={round(axis.following_error)} stall={round(axis.stall_s * _MS)}"
     )
 

@@ -14,8 +14,10 @@ class ToldSettings:
     """Sends settings where the board has not got them: it forgets all of them when it starts anew."""
 
     def __init__(self) -> None:
-        self._lines: tuple[str, ...] = ()
+        self._lines: tuple[str, ...] | None = None
+        """what the board has; None where that is not certain"""
         self._restarts = 0
+        self._told = False
 
     def tell(self, session: EncoderSession, table: AxisTable) -> None:
         """Send what ``table`` says, unless the board has it.
@@ -34,9 +36,9 @@ class ToldSettings:
                 f"{session.name}: the motors are on, and with other settings; release first, or wait half a "
                 "second after another program has let go of the board"
             )
-        if not self._lines and status.latched:
+        if not self._told and status.latched:
             session.command("CLR")  # from before armctl connected; told in the identity
-        restarts = session.heard.restarts
+        restarts, self._lines, self._told = session.heard.restarts, None, True
         for line in (f"WD {WATCHDOG_MS}", *lines):
             session.command(line)
         self._lines, self._restarts = lines, restarts

@@ -46,7 +46,7 @@ def spline_through(points: ArrayLike, weights: ArrayLike | None = None) -> Piece
     p = p.T  # coordinates first, so that all that follows runs over long rows
     ways = np.abs(p[:, 1:] - p[:, :-1])
     if weights is not None:
-        ways *= np.asarray(weights)[:, None]
+        ways *= _checked_weights(weights, len(p))[:, None]
     way = np.maximum.reduce(ways)
     least, most = _range(way)
     if least <= _SAME:
@@ -60,6 +60,14 @@ def spline_through(points: ArrayLike, weights: ArrayLike | None = None) -> Piece
     even = most - least <= _EVEN * most and len(way) < _EVEN_POINTS
     c = _coefficients_even(most, p) if even else _coefficients(way, p)
     return PiecewisePolynomial(breaks, c.transpose(2, 0, 1))
+
+
+def _checked_weights(weights: ArrayLike, count: int) -> FloatArray:
+    """One positive number a coordinate (count,)."""
+    checked = np.asarray(weights, dtype=np.float64)
+    if checked.shape != (count,) or not ((checked > 0.0) & (checked < np.inf)).all():
+        raise InputError(f"a spline of {count} coordinates needs {count} positive weights, got {weights!r}")
+    return checked
 
 
 def _range(values: FloatArray) -> tuple[float, float]:
