@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from armctl.ui.session import Session
 
 _WIDTH = 250
-_MOST_LINES = 4
+_MOST_LINES, _MOST_FAULT_LINES = 4, 12
 """of a cause or a warning: what the arm does must stay in view; the log has all of it"""
 _RELEASE_SECONDS = 5.0
 _DOUBLE_CLICK_S = 0.6
@@ -85,16 +85,19 @@ class ControlPanel:
         if not session.operates and self._speed.value != percent:
             self._speed.value = percent
         color = _COLORS[snapshot.state]
+        # a fault says at its end what to do; what it says already is no warning beside it
+        most = _MOST_FAULT_LINES if snapshot.state is State.FAULT else _MOST_LINES
+        warnings = [text for text in snapshot.warnings if text not in snapshot.cause]
         watching = session.console.operators.watching
         lines = [
             f"<div style='font-size:1.15em;font-weight:600;color:{color}'>"
             f"{snapshot.state.value.upper()}</div>",
-            limited(snapshot.cause, _MOST_LINES, "opacity:.75") if snapshot.cause else "",
+            limited(snapshot.cause, most, "opacity:.75") if snapshot.cause else "",
             f"<div>Operator: <b>{session.console.operators.describe(session.client.client_id)}</b>"
             + (f" · {watching} watching" if watching else "") + "</div>",
             f"<div>Position shown: <b>{self._source(snapshot)}</b></div>",
         ]  # fmt: skip
-        lines += [limited(f"⚠ {text}", _MOST_LINES, "color:#c92a2a") for text in snapshot.warnings]
+        lines += [limited(f"⚠ {text}", _MOST_LINES, "color:#c92a2a") for text in warnings]
         self._state.show("".join(lines))
         self._where.show(self._where_text(snapshot))
 

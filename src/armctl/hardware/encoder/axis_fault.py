@@ -38,7 +38,8 @@ _AXIS_WORDS = {
 }
 _BOARD_WORDS = {
     BoardFlag.WATCHDOG: (
-        "watchdog: the board heard nothing from this computer for too long and switched its motors off"
+        "watchdog: the board heard nothing from this computer for too long (was it busy, or the cable "
+        "loose?) and switched its motors off"
     ),
     BoardFlag.BROWN_OUT: "brown-out: the board's supply voltage sagged and it started anew; check the supply",
     BoardFlag.STOPPED: "the motors were switched off at once by the emergency byte",

@@ -98,7 +98,7 @@ class InverseScreen:
         if found is None:
             return ""
         if self._form.texts != self._answered:
-            return "The fields have changed since: press Solve."
+            return "The fields have changed since: press Solve. (Go by least energy solves them, and goes.)"
         moved = float(np.abs(found.table.start - snapshot.q_command).max()) > _MOVED
         if moved and self._criterion.value == "least-travel":
             return "The arm has moved since, and least travel depends on it: press Solve."
