@@ -293,6 +293,17 @@ def test_the_ghost_belongs_to_the_screen_that_showed_it_last(page: Screen, serve
     page.click("present pose")  # hides the ghost of this screen, not that of the other
     page.pause(300)
     wait_for_ghost(page, robot, best)
+    page.type_into("Base °", "30")
+    wait_for_ghost(page, robot, np.radians([30.0, *HOME[1:]]))
+    page.open_tab("Inverse")
+    page.click("Solve")
+    wait_for_ghost(page, robot, best)
+    page.click("Go by least energy")
+    page.wait_until(
+        lambda: np.abs(np.array(served.commanded_deg) - np.degrees(best)).max() < 0.01, "the arm is there"
+    )
+    page.pause(500)  # what the other screen had shown must not come back now
+    wait_for_no_ghost(page, robot)
 
 
 def test_fields_are_filled_and_figures_follow(page: Screen, served: ServedArm) -> None:

@@ -105,6 +105,7 @@ class ForwardScreen:
 
     def _edit(self) -> None:
         self._edited = True
+        self._preview.hide()  # from here on the ghost is this screen's again, whoever had it
         self._drawn = ()
         self._draw(self._session.snapshot)
 
@@ -141,7 +142,7 @@ class ForwardScreen:
             return
         if shown == PRESENT:
             self._preview.hide()
-        elif self._edited and snapshot.state is not State.MOVING:
+        elif self._edited and not self._preview.taken and snapshot.state is not State.MOVING:
             self._show_ghost(q, present)
         self._figures(q)
 
