@@ -258,7 +258,4 @@ def _require_home_inside(joints: tuple[Joint, ...], limits: FloatArray, outputs:
 
 
 def _poses_inside(poses: Mapping[str, FloatArray], limits: FloatArray) -> dict[str, FloatArray]:
-    inside = {name: np.clip(pose, limits[:, 0], limits[:, 1]) for name, pose in poses.items()}
-    for pose in inside.values():
-        pose.flags.writeable = False
-    return inside
+    return {name: np.clip(pose, limits[:, 0], limits[:, 1]) for name, pose in poses.items()}

@@ -1,9 +1,10 @@
 """What an arm is, and the robot files that say so."""
 
 from armctl.robot.encoder_axis import EncoderAxis, HomeBy
+from armctl.robot.joint import Gripper, Joint
 from armctl.robot.load import load_robot, robots_folder, shipped_robots
 from armctl.robot.output_map import OutputMap, OutputUnit
-from armctl.robot.robot import BoardKind, Gripper, Joint, Robot
+from armctl.robot.robot import BoardKind, Robot
 from armctl.robot.urdf_name import is_urdf
 
 __all__ = [

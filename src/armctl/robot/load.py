@@ -13,10 +13,11 @@ from armctl.errors import RobotFileError
 from armctl.kinematics import Body, DHChain, DHRow, GravityModel
 from armctl.robot.capsules import Capsule, capsule
 from armctl.robot.file import JointEntry, LookEntry, ObstacleEntry, RobotFile, read_robot_file
+from armctl.robot.joint import JERK_UP_S, Gripper, Joint
 from armctl.robot.look import Color, Look
 from armctl.robot.obstacle import Obstacle
 from armctl.robot.outputs_of_file import differential_axes, encoder_axes, output_map
-from armctl.robot.robot import JERK_UP_S, Gripper, Joint, Robot
+from armctl.robot.robot import Robot
 from armctl.robot.urdf import load_urdf
 from armctl.robot.urdf_name import UrdfName
 
@@ -150,15 +151,11 @@ def _pose(values: tuple[float, ...], entries: list[JointEntry], where: str) -> F
         low, high = entry.limit_deg
         if not low <= value <= high:
             raise RobotFileError(f"{where}: {entry.name} = {value}° is outside {low}° … {high}°")
-    pose = np.radians(np.array(values, dtype=np.float64))
-    pose.flags.writeable = False
-    return pose
+    return np.radians(np.array(values, dtype=np.float64))
 
 
 def _point(value_mm: tuple[float, float, float]) -> FloatArray:
-    point = np.array(value_mm, dtype=np.float64) / 1000
-    point.flags.writeable = False
-    return point
+    return np.array(value_mm, dtype=np.float64) / 1000
 
 
 def _capsules(

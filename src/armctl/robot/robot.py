@@ -33,6 +33,7 @@ from armctl.robot.capsules import Capsule, shape_capsules
 from armctl.robot.collision import CollisionModel
 from armctl.robot.corners import Corner, moving_corners
 from armctl.robot.encoder_axis import EncoderAxis
+from armctl.robot.joint import Gripper, Joint
 from armctl.robot.look import Look
 from armctl.robot.obstacle import Obstacle
 from armctl.robot.output_map import OutputMap
@@ -41,36 +42,6 @@ FloatArray = NDArray[np.float64]
 
 
 BoardKind = Literal["maestro", "firmata", "encoder"]
-
-JERK_UP_S = 0.05
-"""Where nothing else is written, a joint reaches its largest acceleration in this time."""
-
-
-@dataclass(frozen=True, slots=True)
-class Joint:
-    """One joint, in radians."""
-
-    name: str
-    title: str
-    lower: float
-    upper: float
-    speed: float
-    """largest speed [rad/s]"""
-    acceleration: float
-    """largest acceleration [rad/s²]"""
-    jerk: float
-    """largest jerk [rad/s³]; kept by the profiles that know one (s-curve, quintic)"""
-    stall_torque: float | None
-    """[N·m]; None where the source gives none"""
-
-
-@dataclass(frozen=True, slots=True)
-class Gripper:
-    """The gripper as an opening from 0 (closed) to 1 (open)."""
-
-    title: str
-    speed: float
-    """largest speed [opening/s]"""
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from armctl.errors import RobotFileError
 from armctl.kinematics import Body, DHChain, GravityModel
 from armctl.kinematics.angles import rest_angle
-from armctl.robot.robot import JERK_UP_S, Joint, Robot
+from armctl.robot.joint import JERK_UP_S, Joint
+from armctl.robot.robot import Robot
 from armctl.robot.urdf_assumed import ASSUMED_SPEED, assumed_of
 from armctl.robot.urdf_file import UrdfFile, UrdfJoint, read_urdf_file
 from armctl.robot.urdf_name import UrdfName
@@ -50,7 +51,6 @@ def load_urdf(name: UrdfName) -> Robot:
     names = _distinct(_plain(joint.name, "joint") for joint in moving)
     joints = tuple(_joint(joint, name, path) for joint, name in zip(moving, names, strict=True))
     home = np.array([rest_angle(joint.lower, joint.upper) for joint in joints])
-    home.flags.writeable = False
     turned = "" if name.approach == "z" else f", whose {name.approach} axis is taken for the tool's z"
     return Robot(
         name=_plain(file.name or path.stem, "arm"),

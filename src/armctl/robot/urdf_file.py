@@ -178,10 +178,8 @@ class _Reader:
             return [default] * count
         text = self._attribute(element, key, where)
         try:
-            values = [float(part) for part in text.split()]
+            values = [] if "_" in text else [float(part) for part in text.split()]  # Python reads 1_5 as 15
         except ValueError:
-            values = []
-        if "_" in text:  # Python reads 1_5 as 15
             values = []
         if len(values) != count or not all(abs(value) <= LARGEST for value in values):
             needed = "a finite number" if count == 1 else f"{count} finite numbers"
