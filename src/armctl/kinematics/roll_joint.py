@@ -9,6 +9,7 @@ from armctl.kinematics.angles import LIMIT_TOLERANCE, TWO_PI, images, nearest_an
 from armctl.kinematics.limit_words import needs
 
 NO_ROLL = "this arm has no joint that rolls the tool"
+_NOTHING = (0.0,)
 
 
 class RollJoint:
@@ -31,6 +32,11 @@ class RollJoint:
         if self._alone_from < roll < self._alone_to:
             return (roll,)
         return images(roll, self.low, self.high)
+
+
+def roll_angles(joint: RollJoint | None, roll: float | None) -> Sequence[float]:
+    """``RollJoint.angles``; for an arm without the joint one number that says nothing."""
+    return _NOTHING if joint is None else joint.angles(roll)
 
 
 def held_roll(joint: RollJoint | None, roll: float | None) -> tuple[str | None, float]:

@@ -30,7 +30,7 @@ class SolvedArm(NamedTuple):
 
 
 class Solutions:
-    """Every configuration inside the limits that answers a target, or why there is none. Immutable."""
+    """Every configuration inside the limits that answers a target, or why there is none; never changed."""
 
     def __init__(
         self,

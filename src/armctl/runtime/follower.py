@@ -116,5 +116,4 @@ def _same(one: Target, other: Target) -> bool:
         turned = one.rotation is other.rotation
     else:
         turned = np.array_equal(one.rotation, other.rotation)
-    angles = (one.pitch, one.roll) == (other.pitch, other.roll)
-    return turned and angles and np.array_equal(one.position, other.position)
+    return turned and (one.point, one.pitch, one.roll) == (other.point, other.pitch, other.roll)

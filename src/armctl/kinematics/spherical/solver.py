@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from armctl.kinematics.chain import DHChain
 from armctl.kinematics.energy import EnergyModel
 from armctl.kinematics.grid import checked_step
-from armctl.kinematics.roll_joint import RollJoint, held_roll
+from armctl.kinematics.roll_joint import RollJoint, held_roll, roll_angles
 from armctl.kinematics.solutions import Solutions, SolvedArm
 from armctl.kinematics.spherical.branches import SPHERICAL_BRANCHES, spherical_branch_index
 from armctl.kinematics.spherical.least_rotation import least_rotation
@@ -104,10 +104,9 @@ class SphericalShoulderSolver:
             wanted = self._orientation.wanted(target.rotation)
             found = self._orientation.nearest(postures, wanted)
         elif target.pitch is not None:
-            rolls = (0.0,) if self._roll_joint is None else self._roll_joint.angles(roll)
             found = [
                 posture
-                for image in rolls
+                for image in roll_angles(self._roll_joint, roll)
                 for posture in self._orientation.at_pitch(postures, target.pitch, image)
             ]
         else:

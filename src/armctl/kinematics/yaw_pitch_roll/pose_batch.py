@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from armctl.kinematics.angles import LIMIT_TOLERANCE, TWO_PI, rest_angle
+from armctl.kinematics.angles import LIMIT_TOLERANCE, TWO_PI, images, rest_angle
 from armctl.kinematics.batch_solutions import BatchSolutions
 from armctl.kinematics.cos_sin import SCRATCH, cos_sin
 from armctl.kinematics.yaw_pitch_roll.base_yaw import base_angles
@@ -287,13 +287,7 @@ class PoseBatch:
 def _cosines_within(limits: tuple[float, float]) -> tuple[float, float]:
     """Between which cosines a bend inside its limits [rad] lies; no wider than the links reach."""
     sizes = [abs(math.remainder(limit, TWO_PI)) for limit in limits]
-    sharpest = math.pi if _holds(limits, math.pi) else max(sizes)
-    slightest = 0.0 if _holds(limits, 0.0) else min(sizes)
+    sharpest = math.pi if images(math.pi, *limits) else max(sizes)
+    slightest = 0.0 if images(0.0, *limits) else min(sizes)
     slack = 2.0 * LIMIT_TOLERANCE
     return max(math.cos(sharpest) - slack, -REACHED), min(math.cos(slightest) + slack, REACHED)
-
-
-def _holds(limits: tuple[float, float], angle: float) -> bool:
-    """True when an image of an angle lies between limits."""
-    low, high = limits
-    return math.ceil((low - angle) / TWO_PI) <= math.floor((high - angle) / TWO_PI)

@@ -16,7 +16,7 @@ from armctl.kinematics.batch_solutions import BatchSolutions
 from armctl.kinematics.chain import DHChain
 from armctl.kinematics.energy import EnergyModel
 from armctl.kinematics.grid import DEFAULT_STEP, checked_step
-from armctl.kinematics.roll_joint import NO_ROLL, RollJoint, held_roll
+from armctl.kinematics.roll_joint import NO_ROLL, RollJoint, held_roll, roll_angles
 from armctl.kinematics.solutions import Solutions, SolvedArm
 from armctl.kinematics.target import Target, checked_column, checked_pitches, checked_point, checked_positions
 from armctl.kinematics.yaw_pitch_roll.base_yaw import BaseBranch, base_branches, is_on_axis
@@ -29,7 +29,7 @@ from armctl.kinematics.yaw_pitch_roll.nearest_orientation import NearestOrientat
 from armctl.kinematics.yaw_pitch_roll.orientation import pitch_poses
 from armctl.kinematics.yaw_pitch_roll.plane_postures import PlanePostures
 from armctl.kinematics.yaw_pitch_roll.pose_batch import PoseBatch
-from armctl.kinematics.yaw_pitch_roll.pose_branches import PoseBranches
+from armctl.kinematics.yaw_pitch_roll.pose_branches import PoseBranches, Postures
 from armctl.kinematics.yaw_pitch_roll.position_sweep import PositionSweep
 from armctl.kinematics.yaw_pitch_roll.reach import Reach
 
@@ -37,8 +37,6 @@ FloatArray = NDArray[np.float64]
 _FEW = 16
 """up to so many points the scalar solver is done before the arrays are set up"""
 _NO_PITCH = "this arm's tool does not keep to its vertical plane, so it has no pitch to ask for"
-_NO_ROLLS: tuple[float, ...] = ()
-"""what an arm without a roll joint may roll to"""
 Optimum = Callable[[], FloatArray | None]
 
 
@@ -107,11 +105,9 @@ class YawPitchRollSolver:
         if step != DEFAULT_STEP:
             step = checked_step(step)
         (x, y, z), pitch, roll, rotation = target
-        quick, joint = self._pose_branches, self._roll_joint
-        if quick is not None and pitch is not None and (roll is None or joint is not None):
-            found = quick.at(x, y, z, pitch, _NO_ROLLS if joint is None else joint.angles(roll))
-            if found is not None and found[0]:
-                return Solutions(self._arm, target, found[1], found[0])
+        found = None if pitch is None else self._written_out(x, y, z, pitch, roll)
+        if found is not None and found[0]:
+            return Solutions(self._arm, target, found[1], found[0])
         refusal, roll = self._roll(target)
         if refusal is not None:
             return self._refused(target, refusal)
@@ -124,6 +120,13 @@ class YawPitchRollSolver:
         if self._sweep is not None and pitch is None:
             return self._swept(self._sweep, target, branches, z, roll, step)
         return self._isolated(target, branches, z, roll)
+
+    def _written_out(self, x: float, y: float, z: float, pitch: float, roll: float | None) -> Postures | None:
+        """What the closed form in one piece lists; None where it does not serve, or leaves it to the rest."""
+        quick, joint = self._pose_branches, self._roll_joint
+        if quick is None or (roll is not None and joint is None):
+            return None
+        return quick.at(x, y, z, pitch, roll_angles(joint, roll))
 
     def postures(
         self, x: float, y: float, z: float, pitch: float, roll: float | None = None
@@ -142,10 +145,8 @@ class YawPitchRollSolver:
         Raises:
             InputError: a value that is not finite.
         """
-        quick, joint = self._pose_branches, self._roll_joint
-        finite = math.isfinite(x + y + z + pitch + (roll or 0.0))
-        if quick is not None and finite and (roll is None or joint is not None):
-            found = quick.at(x, y, z, pitch, _NO_ROLLS if joint is None else joint.angles(roll))
+        if math.isfinite(x + y + z + pitch + (roll or 0.0)):
+            found = self._written_out(x, y, z, pitch, roll)
             if found is not None:
                 return found[1]
         target = Target.of([x, y, z], pitch, roll)
@@ -257,14 +258,11 @@ class YawPitchRollSolver:
             for plane in self._planar.at(branch.r - shoulder.real, z - shoulder.imag, pose.tool_angle):
                 name = branch_index(branch.front, bend_sense(plane[1]), tool_points_in(branch, pose))
                 for angles, rolled in itertools.product(
-                    self._planar.joint_images(plane), self._roll_images(pose.roll)
+                    self._planar.joint_images(plane), roll_angles(self._roll_joint, pose.roll)
                 ):
                     found.append(self._with_roll((branch.angle, *angles), rolled))
                     index.append(name)
         return self._solutions(target, *_distinct(found, index)) if found else self._refused(target)
-
-    def _roll_images(self, roll: float) -> Sequence[float]:
-        return (0.0,) if self._roll_joint is None else self._roll_joint.angles(roll)
 
     def _in_plane(self, yaw: float, r: float, z: float, last: float | None) -> FloatArray | None:
         """Base and pitch joints for a point of the tool plane, the last link's direction given or any."""
