@@ -3,22 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from typing import Any
 
 import pytest
 import viser
 
 from armctl.errors import InputError
-from armctl.ui.guard import GuardedServer, guarded_server
+from armctl.ui.guard import GuardedServer
 from armctl.ui.widgets.number_field import EditWatch, NumberField, format_number, parse_number
-
-
-@pytest.fixture(scope="module")
-def server() -> Iterator[GuardedServer]:
-    server = guarded_server(port=0, label="test")
-    yield server
-    server.stop()
 
 
 @pytest.mark.parametrize(

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
 import numpy as np
 import pytest
 
 from armctl.errors import InputError
 from armctl.kinematics.velocity import position_freedom
 from armctl.robot import load_robot
-from armctl.ui.guard import GuardedServer, guarded_server
+from armctl.ui.guard import GuardedServer
 from armctl.ui.screens.forward_angles import (
     LAST,
     REFERENCE,
@@ -30,13 +28,6 @@ from armctl.ui.widgets.pose_figures import (
 
 ROBOT = load_robot("uzuner")
 HOME = ROBOT.pose("home")
-
-
-@pytest.fixture(scope="module")
-def server() -> Iterator[GuardedServer]:
-    server = guarded_server(port=0, label="test")
-    yield server
-    server.stop()
 
 
 def test_reference_is_absolute_and_last_position_is_added() -> None:

@@ -2,27 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
 import numpy as np
 import pytest
 
 from armctl.errors import InputError
 from armctl.kinematics import Target
 from armctl.robot import Robot, load_robot, shipped_robots
-from armctl.ui.guard import GuardedServer, guarded_server
+from armctl.ui.guard import GuardedServer
 from armctl.ui.screens.forward_angles import AngleFields, limits_text
 from armctl.ui.screens.pose_fields import PoseFields, coupled_joints
 
 ROBOTS = tuple(load_robot(name) for name in shipped_robots())
 UZUNER, MICO, HUMANOID = (load_robot(name) for name in ("uzuner", "mico", "humanoid"))
-
-
-@pytest.fixture(scope="module")
-def server() -> Iterator[GuardedServer]:
-    server = guarded_server(port=0, label="test")
-    yield server
-    server.stop()
 
 
 def fields(server: GuardedServer, robot: Robot) -> PoseFields:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from types import SimpleNamespace
 from typing import Any, cast
 
@@ -10,17 +9,10 @@ import pytest
 
 from armctl.errors import InputError
 from armctl.motion import PROFILES
-from armctl.ui.guard import GuardedServer, guarded_server
+from armctl.ui.guard import GuardedServer
 from armctl.ui.widgets.profile_choice import ALL_PROFILES, MOVEMENTS, Laws, ProfileChoice
 
 BOTH = pytest.mark.parametrize("laws", [ALL_PROFILES, MOVEMENTS], ids=lambda laws: laws.label)
-
-
-@pytest.fixture(scope="module")
-def server() -> Iterator[GuardedServer]:
-    server = guarded_server(port=0, label="test")
-    yield server
-    server.stop()
 
 
 def choice(server: GuardedServer, laws: Laws) -> ProfileChoice:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from types import SimpleNamespace
@@ -15,7 +14,7 @@ from tests.runtime.kit import ROBOT, make_rig
 from armctl.errors import StateError
 from armctl.motion import MoveStep, PointStep, Program, Step
 from armctl.ui import ProgramDesk
-from armctl.ui.guard import GuardedServer, guarded_server
+from armctl.ui.guard import GuardedServer
 from armctl.ui.screens.program_run import ProgramRun
 
 FAR = PointStep(x_mm=999, y_mm=0, z_mm=100)
@@ -41,13 +40,6 @@ class Bench:
 
     def put(self, *steps: Step) -> None:
         self.desk.put(Program(robot="uzuner", name="test", steps=steps))
-
-
-@pytest.fixture(scope="module")
-def server() -> Iterator[GuardedServer]:
-    server = guarded_server(port=0, label="test")
-    yield server
-    server.stop()
 
 
 @pytest.fixture
