@@ -21,6 +21,15 @@ from tests.browser.drawing import DRAW_ON_DEMAND, DRAW_ONCE
 PAUSE_MS = 80
 PATIENCE_MS = 20_000
 
+_WATCH_CLICKS = """
+  window.armctlClicked = [];
+  addEventListener("click", (event) => { window.armctlClicked.push(event.target); }, { capture: true });
+"""
+_FORGET_CLICKS = "() => { window.armctlClicked = []; }"
+_WAS_CLICKED = """(element) =>
+  !element.isConnected || window.armctlClicked.some((clicked) => element.contains(clicked))
+"""
+
 _ARGUMENTS = (
     "--no-sandbox",
     "--disable-gpu",
@@ -66,6 +75,7 @@ class Screen:
         self.page.on("console", note)
         self.page.on("pageerror", lambda error: self.errors.append(str(error)))
         self.page.set_default_timeout(PATIENCE_MS)
+        self.page.add_init_script(_WATCH_CLICKS)
         if not self.drawn:
             self.page.add_init_script(DRAW_ON_DEMAND)
 
@@ -131,13 +141,27 @@ class Screen:
         boxes = self.row(label, within=within).locator("input:not([type=hidden]), textarea")
         return boxes.nth(index)
 
+    def press(self, target: Locator) -> None:
+        """Click something, and again if it moved away between the mouse button's down and up.
+
+        The page's answer to what was done before may move everything below it: a browser then makes no
+        click of the two, and a person presses once more.
+        """
+        for _ in range(5):
+            element = target.element_handle()
+            element.evaluate(_FORGET_CLICKS)
+            target.click()
+            if element.evaluate(_WAS_CLICKED):
+                return
+        raise AssertionError(f"{target} moves away from each click")
+
     def click(self, label: str, *, within: Locator | None = None) -> None:
         """Press the button with this label, also one of a button group."""
-        self.button(label, within=within).click()
+        self.press(self.button(label, within=within))
         self.pause()
 
     def open_tab(self, label: str) -> None:
-        self.tab(label).click()
+        self.press(self.tab(label))
         expect(self.tab(label)).to_have_attribute("aria-selected", "true", timeout=PATIENCE_MS)
         self.pause()
 
@@ -146,7 +170,7 @@ class Screen:
     ) -> None:
         """Replace what a field holds, key by key; when it is left, the page corrects it to its limits."""
         box = self.entry(label, index, within=within)
-        box.click()
+        self.press(box)
         box.press("Control+A")
         self.pause()
         box.press_sequentially(text, delay=PAUSE_MS)
@@ -182,8 +206,8 @@ class Screen:
 
     def choose(self, label: str, option: str, *, within: Locator | None = None) -> None:
         """Choose from a dropdown."""
-        self.entry(label, within=within).click()
-        self.page.get_by_role("option", name=option, exact=True).locator("visible=true").first.click()
+        self.press(self.entry(label, within=within))
+        self.press(self.page.get_by_role("option", name=option, exact=True).locator("visible=true").first)
         self.pause()
 
     def tick(self, label: str, on: bool = True, *, within: Locator | None = None) -> None:
@@ -204,7 +228,7 @@ class Screen:
     def upload(self, label: str, file: Path, *, within: Locator | None = None) -> None:
         """Hand a file to an upload button."""
         with self.page.expect_file_chooser() as chooser:
-            self.button(label, within=within).click()
+            self.press(self.button(label, within=within))
         chooser.value.set_files(file)
         self.pause()
 

@@ -64,7 +64,7 @@ def click_in(screen: Screen, row: str, button: str) -> None:
 
 
 def unfold(screen: Screen, folder: str, button: str) -> None:
-    screen.page.get_by_text(folder, exact=True).click()
+    screen.press(screen.page.get_by_text(folder, exact=True))
     lies_at: list[object] = []
 
     def rests() -> bool:
