@@ -106,7 +106,10 @@ def test_all_excluded_says_so() -> None:
         ("least-travel", [0, 0, 0], "5 joint angles are needed"),
         ("least-travel", [0, 0, 0, 0, math.nan], "finite"),
         ("least-travel", "home", "must be numbers"),
-        ("least-travel", np.zeros((2, 5)), "one pose"),
+        ("least-travel", np.zeros((2, 5)), "5 joint angles are needed, got an array of shape"),
+        ("least-rotation", [0, 0, 0, 0, math.nan], "finite"),
+        ("published", "home", "must be numbers"),
+        ("least-torque", [0, 0, 0], "5 joint angles are needed"),
         (
             "least-effort",
             None,

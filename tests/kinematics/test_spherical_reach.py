@@ -47,8 +47,7 @@ def test_an_elbow_out_of_its_limits_is_named() -> None:
     said = refusal(0, 0, -400)
     assert said == (
         "within the links' reach, but joint limits forbid it: "
-        f"Elbow needs {needs:.2f}°, its limits are 0.00° … 90.00° "
-        f"or Elbow needs -{needs:.2f}°, its limits are 0.00° … 90.00°"
+        f"Elbow needs {needs:.2f}° or -{needs:.2f}°, its limits are 0.00° … 90.00°"
     )
 
 

@@ -113,7 +113,7 @@ def test_a_target_between_two_grid_values_still_has_its_solution() -> None:
     assert solutions.branch[0].startswith("front")
 
 
-@pytest.mark.parametrize("step", [0.0, -1.0, math.nan, math.inf, 1e-12, "0.01", None, [0.1]])
+@pytest.mark.parametrize("step", [0.0, -1.0, math.nan, math.inf, 1e-12, "0.01", None, [0.1], np.zeros(5)])
 def test_a_step_that_cannot_be_is_refused(step: object) -> None:
     with pytest.raises(InputError, match="step of the swept joint"):
         load_robot("uzuner").inverse([0.2, 0, 0.1], step=step)  # type: ignore[arg-type]

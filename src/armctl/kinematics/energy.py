@@ -64,8 +64,10 @@ def energies(
         start: (n,) where the arm stands [rad]; needed for ``least-travel``.
 
     Raises:
-        InputError: ``least-travel`` without a start.
+        InputError: ``least-travel`` without a start, or a start that is no configuration.
     """
+    if start is not None:
+        start = model.gravity.chain.checked_one(start)
     choose: dict[Criterion, Callable[[], FloatArray]] = {
         "least-rotation": lambda: np.abs(q).sum(axis=1),
         "published": lambda: _published(q, pitch_joints),
@@ -84,12 +86,9 @@ def _published(q: FloatArray, pitch_joints: tuple[int, ...]) -> FloatArray:
     return energy
 
 
-def _travel(q: FloatArray, model: EnergyModel, start: ArrayLike | None) -> FloatArray:
+def _travel(q: FloatArray, model: EnergyModel, start: FloatArray | None) -> FloatArray:
     if start is None:
         raise InputError("least-travel needs the pose that the arm starts from")
-    start = model.gravity.chain.checked(start)
-    if start.ndim != 1:
-        raise InputError(f"least-travel needs one pose to start from, got an array of shape {start.shape}")
     return (np.abs(q - start) / model.speed_limits).sum(axis=1)
 
 

@@ -22,8 +22,15 @@ def all_needs(titles: Sequence[str], limits: NDArray[np.float64], needed: Sequen
     return " and ".join(needs(titles[joint], limits[joint], angle) for joint, angle in seen or needed)
 
 
-def needs(title: str, limits: NDArray[np.float64] | Sequence[float], angle: float) -> str:
-    """What a joint would have to do, and what it may: ``limits`` (2,) and ``angle`` [rad]."""
-    low, high, needed = (math.degrees(float(value)) for value in (*limits, angle))
-    digits = next((k for k in range(2, 10) if f"{needed:.{k}f}" not in (f"{low:.{k}f}", f"{high:.{k}f}")), 2)
-    return f"{title} needs {needed:.{digits}f}°, its limits are {low:.{digits}f}° … {high:.{digits}f}°"
+def needs(title: str, limits: NDArray[np.float64] | Sequence[float], *angles: float) -> str:
+    """What a joint would have to do, and what it may: ``limits`` (2,) and alternative ``angles`` [rad]."""
+    low, high, *needed = (math.degrees(float(value)) for value in (*limits, *angles))
+    digits = max(_digits(angle, low, high) for angle in needed)
+    said = " or ".join(f"{angle:.{digits}f}°" for angle in needed)
+    return f"{title} needs {said}, its limits are {low:.{digits}f}° … {high:.{digits}f}°"
+
+
+def _digits(angle: float, low: float, high: float) -> int:
+    """How many decimals tell an angle from both limits."""
+    shown = ((k, f"{angle:.{k}f}", (f"{low:.{k}f}", f"{high:.{k}f}")) for k in range(2, 10))
+    return next((k for k, text, limits in shown if text not in limits), 2)

@@ -134,16 +134,19 @@ class Solutions:
         Args:
             criterion: one of ``energy.CRITERIA``. With ``least-rotation`` and a free joint this is the
                 exact optimum over the continuum, not only the best of the list.
-            start: (n,) where the arm stands [rad]; ``least-travel`` needs it.
+            start: (n,) where the arm stands [rad]; ``least-travel`` needs it, the others only check it.
 
         Returns:
             (n,) joint angles [rad].
 
         Raises:
             UnreachableError: there is no solution, or none that the criterion admits.
-            InputError: no such criterion, or ``least-travel`` without a start.
+            InputError: no such criterion, ``least-travel`` without a start, or a start that is no
+                configuration.
         """
         name = checked_criterion(criterion)
+        if start is not None:
+            start = self.arm.chain.checked_one(start)
         if not self.success:
             raise UnreachableError(self.explanation or "there is no solution")
         if name == "least-rotation" and self.least_rotation is not None:

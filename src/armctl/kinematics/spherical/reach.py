@@ -51,8 +51,8 @@ class SphericalReach:
             said = said or "a shoulder joint would have to leave them by less than 0.01°"
         else:
             limits = self._limits[3].tolist()
-            angles = [central_image(bend - self._geometry.offset, *limits) for bend in bends]
-            said = " or ".join(needs(self._titles[3], self._limits[3], angle) for angle in angles)
+            angles = (central_image(bend - self._geometry.offset, *limits) for bend in bends)
+            said = needs(self._titles[3], self._limits[3], *angles)
         return f"within the links' reach, but joint limits forbid it: {said}"
 
     def of_pitch(self, ends: list[tuple[float, ToolPosture]], roll: float | None) -> str:

@@ -102,7 +102,7 @@ class YawPitchRollSolver:
         Raises:
             InputError: ``step`` is not a positive number.
         """
-        if step != DEFAULT_STEP:
+        if step is not DEFAULT_STEP:
             step = checked_step(step)
         (x, y, z), pitch, roll, rotation = target
         found = None if pitch is None else self._written_out(x, y, z, pitch, roll)
