@@ -54,8 +54,6 @@ class YawPitchRoll:
     """angle of the approach axis above the last link; None: it leaves the plane, so pitch means nothing"""
     roll_joint: int | None
     """index of the joint that rolls the tool about an axis through the tool point"""
-    roll_sign: int
-    """+1 when the roll axis points along the approach axis, -1 when against it"""
 
     @property
     def pitch_joints(self) -> tuple[int, ...]:
@@ -95,10 +93,6 @@ class YawPitchRoll:
     def upright(self) -> bool:
         """True where base coordinates are local ones."""
         return not self.origin.any() and bool((self.frame == np.eye(3)).all())
-
-    def world(self, x: float, y: float, z: float) -> FloatArray:
-        """The opposite of ``local``."""
-        return self.frame @ np.array([x, y, z]) + self.origin
 
 
 def recognise(chain: DHChain) -> YawPitchRoll | None:
@@ -143,7 +137,6 @@ def recognise(chain: DHChain) -> YawPitchRoll | None:
         ),
         tool_angle=_clean(wrap(math.atan2(along[2], along[0]) - phases[-1])) if in_plane else None,
         roll_joint=roll_joint,
-        roll_sign=1 if roll_joint is None or axes[roll_joint] @ approach >= 0 else -1,
     )
 
 
