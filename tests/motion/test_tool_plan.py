@@ -69,6 +69,8 @@ def test_a_duration_is_kept_and_one_too_short_is_refused_with_the_shortest() -> 
     with pytest.raises(MotionRefusedError, match=rf"shortest possible duration is {shortest:.3f} s"):
         plan_arc(ROBOT, start, ARC[28], ARC[-1], duration_s=0.9 * shortest)
     with pytest.raises(InputError, match="leave it open"):
+        plan_arc(ROBOT, start, ARC[28], ARC[-1], duration_s=-1.0)
+    with pytest.raises(InputError, match="finite number, got nan"):
         plan_arc(ROBOT, start, ARC[28], ARC[-1], duration_s=float("nan"))
 
 

@@ -41,7 +41,7 @@ def checked_criterion(name: str) -> Criterion:
         InputError: there is none of that name.
     """
     for criterion in CRITERIA:
-        if name == criterion:
+        if isinstance(name, str) and name == criterion:  # an array compares entry by entry
             return criterion
     raise InputError(f"there is no criterion {name!r}; choose one of {', '.join(CRITERIA)}")
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from armctl.errors import UnreachableError
-from armctl.kinematics import DEFAULT_STEP, Target, YawPitchRollSolver
+from armctl.kinematics import DEFAULT_STEP, Target, YawPitchRollSolver, checked_criterion
 from armctl.motion.preflight import require_clear
 from armctl.motion.profiles import PointToPoint, ProfileName
 from armctl.motion.trajectory import Trajectory
@@ -93,7 +93,7 @@ def solve(robot: Robot, start: ArrayLike | None, target: Target, choose: str) ->
     """
     solver = robot.inverse_kinematics
     anyhow = target.pitch is None and target.roll is None and target.rotation is None
-    if choose == "least-rotation" and anyhow and isinstance(solver, YawPitchRollSolver):
+    if checked_criterion(choose) == "least-rotation" and anyhow and isinstance(solver, YawPitchRollSolver):
         q = robot.least_rotation(target.position)  # the same without listing ten thousand others
         if np.isfinite(q).all():
             return q

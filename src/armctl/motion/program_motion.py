@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import operator
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -46,6 +47,9 @@ def begin_program(
         InputError: ``loops``, ``first`` or ``count`` that cannot be.
         ProgramError: as ``require_runnable``.
     """
+    first = _whole(first, "the first step")
+    loops = None if loops is None else _whole(loops, "how often a program runs")
+    count = None if count is None else _whole(count, "how many steps to run")
     require_runnable(robot, program)
     if not 0 <= first < len(program.steps):
         raise InputError(f"{program.name} has no step {first + 1}; it has {len(program.steps)}")
@@ -54,6 +58,13 @@ def begin_program(
     if count is not None and count < 1:
         raise InputError(f"a program runs one step or more, not {count}")
     return PlanState(start, loops, count, first=first)
+
+
+def _whole(value: int, what: str) -> int:
+    try:
+        return operator.index(value)
+    except TypeError as cause:
+        raise InputError(f"{what} must be a whole number, got {value!r}") from cause
 
 
 def require_runnable(robot: Robot, program: Program) -> None:

@@ -184,7 +184,9 @@ def test_normal_movement_each_joint_at_its_own_speed() -> None:
         (["a"], [1.0], 1.0, "must be numbers"),
         ([0.0], [1.0], 0.0, "cannot take 0.0 s"),
         ([0.0], [1.0], -1.0, "cannot take"),
-        ([0.0], [1.0], np.inf, "cannot take"),
+        ([0.0], [1.0], 1e-300, "cannot take 0.0 s"),
+        ([0.0], [1.0], np.inf, "finite number, got inf"),
+        ([0.0], [1.0], "1", "must be numbers, got '1'"),
     ],
 )
 def test_what_is_no_motion_is_refused(
@@ -199,10 +201,19 @@ def test_a_shape_that_depends_on_limits_has_no_duration_of_its_own() -> None:
         PointToPoint.lasting([0.0], [1.0], 1.0, "s-curve")
 
 
-@pytest.mark.parametrize("duration", [np.nan, -1.0])
-def test_a_duration_that_is_none_is_refused(duration: float) -> None:
-    with pytest.raises(InputError, match="leave it open"):
+@pytest.mark.parametrize(
+    ("duration", "text"),
+    [(np.nan, "finite number, got nan"), (-1.0, "leave it open"), ("x", "must be numbers, got 'x'")],
+)
+def test_a_duration_that_is_none_is_refused(duration: float, text: str) -> None:
+    with pytest.raises(InputError, match=text):
         PointToPoint.plan(ROBOT, np.zeros(5), np.ones(5) * 0.1, duration)
+
+
+def test_a_duration_too_short_to_divide_by_is_no_time_at_all() -> None:
+    with pytest.raises(MotionRefusedError, match="cannot move in 0 s; the shortest possible duration is"):
+        PointToPoint.plan(ROBOT, np.zeros(5), np.ones(5) * 0.1, 1e-300)
+    assert PointToPoint.plan(ROBOT, np.zeros(5), np.zeros(5), 1e-300).duration == 0.0
 
 
 def test_too_few_joints_are_refused() -> None:

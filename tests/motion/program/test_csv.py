@@ -157,7 +157,10 @@ def test_what_spreadsheets_make_of_it(text: str) -> None:
             "x_mm,y_mm,z_mm,gripper_percent\n1,2,3,130\n",
             "line 2, column gripper_percent: must be at most 100",
         ),
-        ("x_mm,y_mm,z_mm,profile\n1,2,3,fast\n", "line 2, column profile: invalid enum value 'fast'"),
+        (
+            "x_mm,y_mm,z_mm,profile\n1,2,3,fast\n",
+            "line 2, column profile: must be one of 'cubic', .*, not 'fast'",
+        ),
         ("x_mm,y_mm,z_mm,times\n1,2,3,4\n", "line 2, column times: a 'point' step has no such thing"),
         ("do,note\nwait,x\n", "line 2, column wait_s: the cell is empty"),
         ("x_mm,y_mm,z_mm,do,wait_s\n1,2,3,wait,1\n", "line 2, column x_mm: a 'wait' step has no such thing"),

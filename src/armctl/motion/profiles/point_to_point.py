@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from armctl.errors import InputError, MotionRefusedError
+from armctl.kinematics.checks import checked_number
 from armctl.motion.polynomial import PiecewisePolynomial
 from armctl.motion.profiles.law import (
     CUBIC_ACCELERATION,
@@ -26,6 +26,8 @@ FloatArray = NDArray[np.float64]
 _ROUNDING = 1e-9
 _NOWHERE = 1e-12
 """A way that is no motion [rad]."""
+_INSTANT = 1e-9
+"""a duration that is none [s]"""
 _SHAPES: dict[ProfileName, tuple[float, ...]] = {
     "cubic": (0.0, 0.0, 3.0, -2.0),
     "quintic": (0.0, 0.0, 0.0, 10.0, -15.0, 6.0),
@@ -70,7 +72,8 @@ class PointToPoint:
                 another profile.
         """
         first, last = checked_ends(start, end)
-        if not math.isfinite(duration) or duration < 0 or (duration == 0 and bool((first != last).any())):
+        duration = checked_duration(duration)
+        if duration == 0 and bool((first != last).any()):
             raise InputError(f"a motion cannot take {duration} s")
         if profile not in _SHAPES:
             raise InputError(f"the shape of a {profile} depends on the limits; plan it")
@@ -110,8 +113,7 @@ class PointToPoint:
         shortest = float(times.max())
         duration = shortest
         if duration_s is not None:
-            if not math.isfinite(duration_s) or duration_s < 0:
-                raise InputError(f"a motion cannot take {duration_s} s; leave it open for the shortest")
+            duration_s = checked_duration(duration_s)
             if duration_s < shortest * (1 - _ROUNDING):
                 raise MotionRefusedError(_too_short(robot, travel, duration_s, times, profile))
             duration = max(duration_s, shortest)
@@ -186,6 +188,18 @@ class PointToPoint:
         )
         q = np.where(moving, q, np.where((time <= 0.0)[..., None], self._start, self._end))
         return Sample(q, velocity * moving, acceleration * inside, jerk * inside)
+
+
+def checked_duration(duration: float) -> float:
+    """A duration [s]; what is too short to divide by is 0.
+
+    Raises:
+        InputError: no number, not finite, or below 0.
+    """
+    checked = checked_number(duration, "the duration of a motion")
+    if checked < 0:
+        raise InputError(f"a motion cannot take {duration} s; leave it open for the shortest")
+    return checked if checked > _INSTANT else 0.0
 
 
 def checked_ends(start: ArrayLike, end: ArrayLike) -> tuple[FloatArray, FloatArray]:

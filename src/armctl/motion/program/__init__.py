@@ -5,7 +5,13 @@ from armctl.motion.program.csv_read import read_csv
 from armctl.motion.program.csv_write import CsvForm, write_csv
 from armctl.motion.program.cursor import Cursor
 from armctl.motion.program.edit import delete, duplicate, insert, move, repeat, replace
-from armctl.motion.program.file import decode_program, encode_program, load_program, save_program
+from armctl.motion.program.file import (
+    checked_program,
+    decode_program,
+    encode_program,
+    load_program,
+    save_program,
+)
 from armctl.motion.program.program import (
     WIDEST_BLEND_MM,
     ArcStep,
@@ -47,6 +53,7 @@ __all__ = [
     "Step",
     "WaitStep",
     "block_findings",
+    "checked_program",
     "decode_program",
     "delete",
     "depths_of",

@@ -172,7 +172,7 @@ def _step(line: int, record: dict[str, object], table: _Table) -> Step:
     try:
         return msgspec.convert(record, Step)
     except msgspec.ValidationError as cause:
-        refusal = refusal_of(cause)
+        refusal = refusal_of(cause, record)
         place, what = f"line {line}", refusal.what
         if refusal.key is not None:
             joint = 0 if refusal.key == JOINTS else None

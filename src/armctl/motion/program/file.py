@@ -8,9 +8,10 @@ import os
 import re
 import tempfile
 from pathlib import Path
-from typing import cast
+from typing import Any, cast
 
 import msgspec
+import numpy as np
 import tomli
 import tomli_w
 
@@ -62,7 +63,7 @@ def decode_program(text: bytes | str) -> Program:
 
 def encode_program(program: Program) -> str:
     """The text of the program's file (TOML; what is not set is left out)."""
-    record = msgspec.to_builtins(program)
+    record = _record(program)
     record["steps"] = [
         {key: value for key, value in step.items() if value is not None and (key, value) != ("note", "")}
         for step in record["steps"]
@@ -70,6 +71,20 @@ def encode_program(program: Program) -> str:
     if not record["steps"]:
         del record["steps"]
     return tomli_w.dumps(record)
+
+
+def checked_program(program: Program) -> Program:
+    """The program as it would be read from its file, for one that was built in Python.
+
+    numpy's numbers and arrays become plain ones.
+
+    Raises:
+        ProgramError: as ``load_program``; names the program, the step and the key.
+    """
+    try:
+        return _checked(_record(program), None)
+    except ProgramError as cause:
+        raise ProgramError(f"{program.name}: {cause}") from cause
 
 
 def save_program(program: Program, path: str | Path) -> None:
@@ -83,7 +98,7 @@ def save_program(program: Program, path: str | Path) -> None:
     """
     path = Path(path)
     try:
-        _checked(msgspec.to_builtins(program), None)
+        _checked(_record(program), None)
         text = encode_program(program).encode()
     except (ProgramError, UnicodeError) as cause:
         raise ProgramError(f"{path}: not saved, it could not be read again: {cause}") from cause
@@ -92,6 +107,21 @@ def save_program(program: Program, path: str | Path) -> None:
     except (OSError, RuntimeError) as cause:  # RuntimeError: links in a circle
         why = cause.strerror if isinstance(cause, OSError) else str(cause)
         raise ProgramError(f"{path}: cannot be written: {why}") from cause
+
+
+def _record(program: Program) -> dict[str, Any]:
+    """What a file says of a program.
+
+    Raises:
+        ProgramError: a value that no file can hold.
+    """
+
+    def plain(value: object) -> object:
+        if isinstance(value, (np.generic, np.ndarray)):
+            return cast("object", value.tolist())
+        raise ProgramError(f"{value!r} is no value for a program")
+
+    return cast("dict[str, Any]", msgspec.to_builtins(program, enc_hook=plain))
 
 
 def _replace(path: Path, text: bytes) -> None:
@@ -181,7 +211,7 @@ def _checked(record: object, text: str | None) -> Program:
     try:
         program = msgspec.convert(record, Program)
     except msgspec.ValidationError as cause:
-        raise ProgramError(_placed(text, refusal_of(cause))) from cause
+        raise ProgramError(_placed(text, refusal_of(cause, record))) from cause
     for index, step in enumerate(program.steps):
         for key in step.__struct_fields__:
             value: object = getattr(step, key)

@@ -158,10 +158,11 @@ def _times(loop: ast.For) -> int:
             iter=ast.Call(func=ast.Name(id="range"), args=[ast.Constant(value=int() as times)], keywords=[]),
             orelse=[],
         ):
+            record = {"do": "repeat", "times": times}
             try:
-                return msgspec.convert({"do": "repeat", "times": times}, RepeatStep).times
+                return msgspec.convert(record, RepeatStep).times
             except msgspec.ValidationError as cause:
-                raise _refused(loop, f"repeats: {refusal_of(cause).what}") from cause
+                raise _refused(loop, f"repeats: {refusal_of(cause, record).what}") from cause
         case _:
             raise _refused(loop, "a loop is 'for _ in range(N):' with a whole number N")
 
@@ -181,7 +182,7 @@ def _call(node: ast.Call, note: str) -> Step:
     try:
         return msgspec.convert(record, Step)
     except msgspec.ValidationError as cause:
-        refusal = refusal_of(cause)
+        refusal = refusal_of(cause, record)
         where = f"{refusal.where}: " if refusal.where else ""
         raise _refused(node, f"arm.{call.name}: {where}{refusal.what}") from cause
 

@@ -7,9 +7,9 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from armctl.errors import InputError, MotionRefusedError
+from armctl.errors import MotionRefusedError
 from armctl.motion.polynomial import PiecewisePolynomial
-from armctl.motion.profiles import ProfileName, law_over
+from armctl.motion.profiles import ProfileName, checked_duration, law_over
 from armctl.motion.timing.path_trajectory import PathTrajectory
 from armctl.motion.timing.speed_plan import PathLimits
 from armctl.robot import Robot
@@ -52,8 +52,7 @@ def timed(
         shortest = _shaped(robot, path, profile, rate_cap)
     if duration_s is None:
         return shortest
-    if not (math.isfinite(duration_s) and duration_s >= 0):
-        raise InputError(f"a motion cannot take {duration_s} s; leave it open for the shortest")
+    duration_s = checked_duration(duration_s)
     if duration_s < shortest.duration * (1 - _ROUNDING):
         raise MotionRefusedError(
             f"the motion cannot take {duration_s:.3f} s: {_bound(robot, shortest, profile, rate_cap)}; "

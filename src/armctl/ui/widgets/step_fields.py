@@ -93,7 +93,7 @@ def edited(step: Step, texts: Mapping[str, str]) -> Step:
     try:
         return msgspec.convert(record, type(step))
     except msgspec.ValidationError as cause:
-        refusal = refusal_of(cause)
+        refusal = refusal_of(cause, record)
         key = refusal.where.partition("[")[0]
         label = next((field.label for field in FIELDS if key in field.keys), kind_of(step))
         raise InputError(f"{label}: {refusal.what}") from cause
