@@ -135,7 +135,10 @@ def _within_half_turn(pitches: FloatArray, *, rows: bool = False) -> FloatArray:
     if len(beyond):
         where = f" in row {beyond[0]}" if rows else ""
         got = float(pitches[beyond[0]])
-        raise InputError(f"a pitch is in radians, within a turn; got {got!r}{where} (it looks like degrees)")
+        raise InputError(
+            f"a pitch lies within one turn, -360° … 360°; got {got:.6g} rad{where}, "
+            f"which is {math.degrees(got):.6g}°"
+        )
     return pitches - TWO_PI * np.rint(pitches / TWO_PI)
 
 
