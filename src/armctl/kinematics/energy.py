@@ -34,7 +34,7 @@ class EnergyModel:
     """(n,) [N·m]; None: not known, then torques count alike"""
 
 
-def checked_criterion(name: str) -> Criterion:
+def checked_criterion(name: object) -> Criterion:
     """``name`` as a criterion.
 
     Raises:
