@@ -73,7 +73,7 @@ void Commands::run(Scanner &words, Writer &answer) {
 
 void Commands::hello(Scanner &words, Writer &answer) {
     if (!at_end(words, answer)) return;
-    answer.text(PSTR("ok armctl-encoder " FIRMWARE_VERSION " proto=1 axes=6 reset="));
+    answer.text(PSTR("ok " BANNER_HEAD));
     answer.text(reset_cause::name());
 }
 

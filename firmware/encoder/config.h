@@ -21,7 +21,10 @@
 
 #include <stdint.h>
 
-#define FIRMWARE_VERSION "1.0.0"
+// PROTOCOL_VERSION goes up with whatever a host has to know of: a key, a command, a field of the status.
+#define FIRMWARE_VERSION "1.1.0"
+#define PROTOCOL_VERSION "2"
+#define BANNER_HEAD "armctl-encoder " FIRMWARE_VERSION " proto=" PROTOCOL_VERSION " axes=6 reset="
 
 constexpr uint8_t AXES = 6;
 constexpr uint32_t CPU_HZ = 16000000UL;

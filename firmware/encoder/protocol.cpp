@@ -18,7 +18,7 @@ constexpr uint16_t STATUS_TICKS = ms_to_ticks(STATUS_EVERY_MS) - 1; // 10 ticks 
 void Protocol::begin() {
     char bytes[80];
     Writer line(bytes, sizeof bytes);
-    line.text(PSTR("# armctl-encoder " FIRMWARE_VERSION " proto=1 axes=6 reset="));
+    line.text(PSTR("# " BANNER_HEAD));
     line.text(reset_cause::name());
     line.seal();
     send(line);

@@ -68,6 +68,7 @@ class Boards:
         """
         if port == SIMULATED:
             return self._driver(self._robot.board, self.simulated().port, simulated=True)
+        _require_name(port)
         _require_outputs(self._robot, port)
         if port == AUTOMATIC:
             return self._driver(self._robot.board, find_board(self._ports(), self._robot.board).device)
@@ -97,9 +98,9 @@ class Boards:
         match kind:
             case "maestro":
                 if not simulated:
-                    return MaestroDriver(line, now=self._now, ports=self._ports, accept=accept)
+                    return MaestroDriver(line, ports=self._ports, accept=accept)
                 return MaestroDriver(
-                    line, now=self._now, model=_model(robot), simulated=True, timeout_s=_SIMULATED_TIMEOUT_S
+                    line, model=_model(robot), simulated=True, timeout_s=_SIMULATED_TIMEOUT_S
                 )
             case "firmata":
                 patience = _SIMULATED_TIMEOUT_S if simulated else _FIRMATA_TIMEOUT_S
@@ -187,6 +188,12 @@ def only_simulated(robot: Robot) -> str | None:
     )
 
 
+def _require_name(port: str) -> None:
+    """Refuse what no port can be called: nothing, as an unset variable leaves it, or a name with a NUL."""
+    if not port or "\0" in port:
+        raise PortError(f"{port!r}: {NO_SUCH_PORT}")
+
+
 def _require_outputs(robot: Robot, port: str) -> None:
     why_not = only_simulated(robot)
     if why_not is not None:
@@ -211,6 +218,7 @@ def board_name(port: str, robot: Robot, ports: Callable[[], Sequence[PortInfo]] 
     """
     if port == SIMULATED:
         return SIMULATED_SERIAL
+    _require_name(port)
     _require_outputs(robot, port)
     if port == AUTOMATIC:
         return find_board(ports(), robot.board).serial_number or UNNUMBERED

@@ -114,7 +114,7 @@ def it_introduces_itself(line: Line) -> None:
     banners = [one for one in host.unasked if one.startswith("# ")]
     assert len(banners) == 1
     assert re.fullmatch(
-        r"# armctl-encoder \d+\.\d+\.\d+ proto=1 axes=6 reset=(power|external)", banners[0]
+        r"# armctl-encoder \d+\.\d+\.\d+ proto=2 axes=6 reset=(power|external)", banners[0]
     ), banners
     assert host.ask("HELLO") == f"ok {banners[0][2:]}"
 
@@ -287,6 +287,30 @@ def settings(host: Host, axis: int = 0) -> dict[str, str]:
         assert answer.startswith("ok "), answer
         words += answer.split(" ")[1:]
     return dict(word.split("=") for word in words)
+
+
+SCORBOT = (
+    "min=-22000 max=22000 vmax=2840 amax=11400 kp=1200 ki=2000 kd=16 brk=200 ferr=600 "
+    "stall=300 hdir=1 hv=900 hpos=0 hord=6 hmode=0 inv=0 minv=0 sinv=0 dmax=255",
+    "min=-8000 max=10800 vmax=2950 amax=11800 kp=1200 ki=2000 kd=16 brk=200 ferr=600 "
+    "stall=300 hdir=1 hv=900 hpos=0 hord=2 hmode=0 inv=0 minv=0 sinv=0 dmax=255",
+    "min=-25600 max=4000 vmax=2950 amax=11800 kp=1200 ki=2000 kd=16 brk=200 ferr=600 "
+    "stall=300 hdir=1 hv=900 hpos=0 hord=3 hmode=0 inv=0 minv=0 sinv=0 dmax=255",
+    "min=-3900 max=3400 vmax=2300 amax=9200 kp=2500 ki=4000 kd=26 brk=200 ferr=400 "
+    "stall=300 hdir=1 hv=800 hpos=0 hord=4 hmode=0 inv=0 minv=0 sinv=0 dmax=255",
+    "min=-5100 max=5100 vmax=2900 amax=11800 kp=2500 ki=4000 kd=26 brk=200 ferr=400 "
+    "stall=300 hdir=1 hv=800 hpos=0 hord=5 hmode=0 inv=0 minv=0 sinv=0 dmax=255",
+    "min=0 max=1700 vmax=1600 amax=8000 kp=1000 ki=1000 kd=13 brk=200 ferr=400 "
+    "stall=200 hdir=-1 hv=800 hpos=0 hord=1 hmode=1 inv=0 minv=0 sinv=0 dmax=255",
+)
+"""what SHOW says of each axis before any CFG, both halves"""
+
+
+def until_it_is_told_otherwise_a_scorbots_values_hold(line: Line) -> None:
+    host = Host(line)
+    for axis, row in enumerate(SCORBOT):
+        halves = [host.ask(f"SHOW {axis} {part}") for part in (1, 2)]
+        assert " ".join(half.removeprefix("ok ") for half in halves) == row
 
 
 def settings_are_taken_whole_or_not_at_all(line: Line) -> None:
@@ -471,6 +495,7 @@ CONFORMANCE: tuple[Check, ...] = (
     realtime_bytes_are_no_part_of_a_line,
     what_it_does_not_know_is_refused,
     arguments_that_do_not_fit_are_refused,
+    until_it_is_told_otherwise_a_scorbots_values_hold,
     settings_are_taken_whole_or_not_at_all,
     settings_change_only_with_the_motors_off,
     setpoints_are_refused_unless_homed,

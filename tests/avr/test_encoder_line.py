@@ -58,7 +58,7 @@ def test_a_reset_forgets_the_last_line(make_arm: MakeArm) -> None:
 
 def test_the_banner_says_why_it_started(make_arm: MakeArm) -> None:
     arm = make_arm()
-    assert arm.banners == ["armctl-encoder 1.0.0 proto=1 axes=6 reset=power"]
+    assert arm.banners == ["armctl-encoder 1.1.0 proto=2 axes=6 reset=power"]
     arm.reset()
     assert arm.banners[-1].endswith(" reset=external")
     assert arm.ask("HELLO").endswith(" reset=external")

@@ -19,6 +19,14 @@ def test_every_line_of_the_session_has_the_right_check() -> None:
     assert [sealed(line.rpartition("*")[0]).decode().rstrip() for line in lines] == lines
 
 
+def test_the_readme_names_the_version_and_the_protocol_of_the_source() -> None:
+    source = (FIRMWARE / "encoder" / "config.h").read_text()
+    version, protocol = re.findall(r'^#define (?:FIRMWARE|PROTOCOL)_VERSION "(.*)"$', source, re.MULTILINE)
+    readme = (FIRMWARE / "README.md").read_text()
+    assert f"(this one: {protocol}, firmware {version})" in readme
+    assert set(re.findall(r"armctl-encoder (\S+) proto=(\d+)", readme)) == {(version, protocol)}
+
+
 def test_the_pins_of_the_readme_are_those_of_the_source_and_of_the_simulated_arm() -> None:
     """Axis by axis; ``config.h`` repeats the table for who reads the source."""
     readme = table((FIRMWARE / "README.md").read_text(), "|")

@@ -7,7 +7,7 @@ import json
 import socket
 import threading
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from pathlib import Path
 
 import pytest
@@ -16,6 +16,7 @@ from tests.cli.simulating import simulated
 from armctl.cli.main import DONE, REFUSED, WRONG_USAGE, run
 from armctl.errors import PortError
 from armctl.hardware.maestro import MaestroSettings, SerialMode, SimulatedMaestro, serve_simulated_maestro
+from armctl.hardware.serial_transport import SerialTransport
 from armctl.runtime.clock import ManualClock
 
 
@@ -62,7 +63,7 @@ def test_the_report_for_people(capsys: pytest.CaptureFixture[str]):
     assert second == "port sim, robot uzuner"
     assert "\nok          channels        channels 0, 1, 2, 3, 4, 5: the board has them\n" in out
     assert "\n                            -> set " in out
-    assert out.splitlines()[-1].endswith("3 not checked")
+    assert out.splitlines()[-1].endswith("4 not checked")
 
 
 def test_a_pty_by_its_link_without_a_robot(capsys: pytest.CaptureFixture[str], tmp_path: Path):
@@ -77,7 +78,17 @@ def test_a_board_that_another_process_simulates(capsys: pytest.CaptureFixture[st
     with simulated("maestro", "--link", str(tmp_path / "arm")):
         status, verdicts, _ = record(capsys, "--port", str(tmp_path / "arm"), "--robot", "uzuner")
     assert status == DONE
-    assert verdicts["other programs"] == "ok"
+    assert verdicts["opens"] == "ok"
+    assert verdicts["other programs"] == "not checked"
+
+
+def test_a_port_in_use_is_not_called_free_first(capsys: pytest.CaptureFixture[str], tmp_path: Path):
+    port = str(tmp_path / "arm")
+    with serve_simulated_maestro(ManualClock().now, link=tmp_path / "arm"), closing(SerialTransport(port)):
+        status, verdicts, seen = record(capsys, "--port", port)
+    assert (status, verdicts["opens"]) == (REFUSED, "failed")
+    assert "in use by another program" in seen["opens"]
+    assert verdicts["other programs"] == "not checked"
 
 
 def test_the_kind_may_stand_in_front_of_the_port(capsys: pytest.CaptureFixture[str], tmp_path: Path):

@@ -38,7 +38,7 @@ def test_the_driver_opens_it_like_a_board(tmp_path: Path) -> None:
             ports=list,
             timeout_s=10.0,
         )
-        assert driver.open().kind == "armctl encoder board, firmware 1.0.0"
+        assert driver.open().kind == "armctl encoder board, firmware 1.1.0"
         driver.configure(channel_settings(robot))
         driver.home()
         readback = driver.read()

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import math
+from typing import get_args
 
 import pytest
 from hypothesis import given
@@ -8,7 +9,9 @@ from hypothesis import strategies as st
 
 from armctl.errors import BoardError
 from armctl.hardware import ChannelSettings
+from armctl.hardware.board_scales import BOARD_SCALES
 from armctl.hardware.channel_scale import ChannelScale
+from armctl.robot import BoardKind
 
 QUARTERS = ChannelScale("channel", "µs", 4)
 CONFIGURED = {3: ChannelSettings(3, 999.9, 2000.1), 1: ChannelSettings(1, -5.5, 5.5)}
@@ -34,3 +37,11 @@ def test_rounding_leads_nowhere_that_the_range_forbids(value: float, steps: int)
     sent = ChannelScale("axis", "counts", steps).admit(CONFIGURED, 1, value) / steps
     assert -5.5 <= sent <= 5.5
     assert abs(sent - value) <= 1 / steps
+
+
+@pytest.mark.parametrize(
+    ("board", "unit", "step"), [("maestro", "µs", 0.25), ("firmata", "µs", 1.0), ("encoder", "counts", 1.0)]
+)
+def test_the_steps_of_every_kind_of_board(board: BoardKind, unit: str, step: float):
+    assert set(BOARD_SCALES) == set(get_args(BoardKind))
+    assert (BOARD_SCALES[board].unit, BOARD_SCALES[board].step) == (unit, step)

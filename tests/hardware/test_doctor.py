@@ -195,7 +195,7 @@ def test_a_healthy_encoder_board(clock: ManualClock, device: str):
     board = SimulatedEncoderBoard()
     findings = report(encoder_patient(device), board, clock)
     assert failures(findings) == []
-    assert findings["firmware"].seen == "armctl-encoder 1.0.0, protocol 1"
+    assert findings["firmware"].seen == "armctl-encoder 1.1.0, protocol 2"
     assert findings["channels"].seen == "axes 0, 1, 2, 3, 4, 5: the board has them"
     assert findings["outputs"].seen.startswith("motors off; homed axes: none")
     assert findings["watchdog"].verdict is Verdict.OK
@@ -243,8 +243,18 @@ class OldEncoderBoard:
 def test_a_firmware_of_another_protocol(clock: ManualClock, device: str):
     firmware = report(encoder_patient(device), OldEncoderBoard(), clock)["firmware"]
     assert firmware.verdict is Verdict.FAILED
-    assert firmware.seen == "armctl-encoder 0.9.0, protocol 0; this armctl speaks protocol 1"
-    assert firmware.advice == "update the board's firmware: it is the older"
+    assert firmware.seen == "armctl-encoder 0.9.0, protocol 0; this armctl needs protocol 2"
+    assert firmware.advice == (
+        "flash the board again, with the firmware that comes with this armctl "
+        "(firmware/README.md says how under Flashing)"
+    )
+
+
+def test_a_board_whose_firmware_is_newer_than_armctl(clock: ManualClock, device: str):
+    board = SimulatedEncoderBoard(protocol=3)
+    firmware = report(encoder_patient(device), board, clock)["firmware"]
+    assert firmware.verdict is Verdict.FAILED
+    assert "this armctl is older than the board's firmware: update armctl" in firmware.advice
 
 
 def test_another_board_than_the_robot_needs_is_looked_at_all_the_same(clock: ManualClock, device: str):
@@ -349,6 +359,15 @@ def test_a_port_that_does_not_open(clock: ManualClock):
         ("opens", Verdict.FAILED),
     ]
     assert "cannot connect" in findings[1].seen
+
+
+def test_a_port_that_another_user_has_open(clock: ManualClock, device: str):
+    def refuse(_baud: int) -> LoopTransport:
+        raise PortError(f"{device}: in use by another program")
+
+    findings = {one.check: one for one in examine(patient(device), refuse, clock.now)}
+    assert findings["opens"].verdict is Verdict.FAILED
+    assert findings["other programs"].seen == "none of this user's; another user's cannot be seen"
 
 
 def test_modem_manager_is_a_warning(clock: ManualClock, device: str):

@@ -21,7 +21,6 @@ class Rig:
         self.faults = FaultyModel(self.board, seed)
         self.driver = MaestroDriver(
             lambda: LoopTransport(self.faults, clock.now, clock.advance),
-            now=clock.now,
             framing=Framing(crc=crc),
             timeout_s=0.05,
         )

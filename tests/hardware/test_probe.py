@@ -26,7 +26,7 @@ from armctl.runtime.clock import ManualClock
 
 MICRO = MaestroModel.MICRO_6.label
 PTY = None
-BANNER = seal("# armctl-encoder 1.0.0 proto=1 axes=6 reset=external")
+BANNER = seal("# armctl-encoder 1.1.0 proto=2 axes=6 reset=external")
 STATUS = seal("@ 20 O 00 00 00 000000000000 0 0 0 0 0 0")
 INTRODUCTION = bytes.fromhex("f9 02 05 f0 79 02 05 53 00 74 00 64 00 2e 00 69 00 6e 00 6f 00 f7")  # "Std.ino"
 
@@ -138,7 +138,7 @@ def test_the_encoder_board_is_understood_at_its_own_rate_and_sent_nothing(clock:
     board = Talker(115_200, {1.0: BANNER, 1.02: STATUS})
     found = asked(board, clock, approach(label))
     assert found == Probed(
-        "port", "encoder", "armctl-encoder", "1.0.0", ("6 axes", "last started by: external")
+        "port", "encoder", "armctl-encoder", "1.1.0", ("6 axes", "last started by: external")
     )
     assert board.opened == [57_600, 115_200]
     assert board.received == b""

@@ -149,6 +149,14 @@ def test_an_unknown_scheme():
         SerialTransport("warp://host")
 
 
+@pytest.mark.parametrize(
+    "address", ["x", "127.0.0.1", ":80", "127.0.0.1:", "h:99999", "h:0", "h:x", "[::1", ""]
+)
+def test_a_network_address_that_is_none(address: str):
+    with pytest.raises(PortError, match=r"socket://.*: a network address is socket://HOST:PORT, with a port"):
+        SerialTransport(f"socket://{address}")
+
+
 def test_a_socket_that_nobody_listens_on():
     with socket.create_server(("127.0.0.1", 0)) as server:
         port = server.getsockname()[1]

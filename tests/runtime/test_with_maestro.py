@@ -46,7 +46,7 @@ def make_bench(channels: dict[int, ChannelConfig] = WIDE) -> Bench:
     return BoardBench.of(
         ROBOT,
         board,
-        lambda line, now: MaestroDriver(line, now=now, model=MaestroModel.MICRO_6, simulated=True),
+        lambda line, _now: MaestroDriver(line, model=MaestroModel.MICRO_6, simulated=True),
     )
 
 

@@ -26,8 +26,6 @@ class CheckPose:
     title: str
     q: FloatArray
     """(n,) [rad]"""
-    tool_m: FloatArray
-    """(3,) where the tool must be, in the base frame [m]"""
     words: tuple[str, ...]
     """the angle of each joint and the place of the tool"""
 
@@ -72,12 +70,9 @@ def _clear(robot: Robot, q: FloatArray) -> NDArray[np.bool_]:
 
 
 def _described(robot: Robot, title: str, q: FloatArray) -> CheckPose:
-    tool = robot.forward(q)[:3, 3]
-    x, y, z = (1000 * tool).tolist()
+    x, y, z = (1000 * robot.forward(q)[:3, 3]).tolist()
     words = [
         f"{joint.title} at {angle + 0.0:.1f}°"
         for joint, angle in zip(robot.joints, np.degrees(q).round(3).tolist(), strict=True)
     ]
-    return CheckPose(
-        title, q, tool, (*words, f"the tool at x {x:.1f}, y {y:.1f}, z {z:.1f} mm from the base")
-    )
+    return CheckPose(title, q, (*words, f"the tool at x {x:.1f}, y {y:.1f}, z {z:.1f} mm from the base"))

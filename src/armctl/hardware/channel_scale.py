@@ -21,6 +21,11 @@ class ChannelScale:
     steps: int = 1
     """of the board in one unit"""
 
+    @property
+    def step(self) -> float:
+        """The smallest change of a setpoint, in the unit."""
+        return 1 / self.steps
+
     def whole_range(self, settings: ChannelSettings) -> tuple[int, int]:
         """The first and the last whole step inside the range: rounding a setpoint must not lead out of it."""
         return math.ceil(settings.minimum * self.steps), math.floor(settings.maximum * self.steps)

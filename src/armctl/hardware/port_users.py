@@ -28,13 +28,18 @@ def program_using(device: str, proc: Path = PROC) -> str | None:
 
     None for a pseudo-terminal: whoever serves it has it open, and that is no rival.
     """
-    resolved = os.path.realpath(device)
-    if resolved.startswith(_PTY_FOLDER):
+    if is_pseudo_terminal(device):
         return None
+    resolved = os.path.realpath(device)
     for process in sorted(proc.glob("[0-9]*")):
         if process.name != str(os.getpid()) and resolved in _open_files(process):
             return f"{_name(process)} (process {process.name})"
     return None
+
+
+def is_pseudo_terminal(device: str) -> bool:
+    """Whether a program, not a device, is at the other end of ``device``."""
+    return os.path.realpath(device).startswith(_PTY_FOLDER)
 
 
 def modem_manager_note(device: str, proc: Path = PROC, database: Path = UDEV_DATABASE) -> str | None:

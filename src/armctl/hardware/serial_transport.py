@@ -7,12 +7,14 @@ import logging
 import termios
 from collections.abc import Callable, Generator
 from contextlib import contextmanager, suppress
+from urllib.parse import urlsplit
 
 import serial
 
 from armctl.errors import BoardError, BoardTimeoutError, PortError
 from armctl.hardware.permissions import permission_hint
 
+_NETWORK = "socket://"
 _LOGGER = logging.getLogger("armctl.hardware")
 NO_SUCH_PORT = "no such port; is the board plugged in? `armctl ports` lists what is there"
 
@@ -37,6 +39,7 @@ class SerialTransport:
     def __init__(self, port: str, *, baud: int = 115_200, write_timeout_s: float = 1.0) -> None:
         self._name = port
         self._timeout_s = 0.05
+        _check_address(port)
         try:
             # exclusive: two programs that write to one board interleave their commands.
             self._serial = serial.serial_for_url(
@@ -108,6 +111,19 @@ class SerialTransport:
             ) from error
 
 
+def _check_address(port: str) -> None:
+    """Refuse a network address without host or port; pyserial's words for it help nobody."""
+    if not port.startswith(_NETWORK):
+        return
+    try:
+        parts = urlsplit(port)
+        complete = bool(parts.hostname and parts.port)
+    except ValueError:  # no number, or above 65535
+        complete = False
+    if not complete:
+        raise PortError(f"{port}: a network address is {_NETWORK}HOST:PORT, with a port of 1 … 65535")
+
+
 def _why_not_opened(port: str, error: Exception) -> str:
     """What kept a port from opening and what to do about it."""
     number = error.errno if isinstance(error, OSError) else None
@@ -125,7 +141,7 @@ def _why_not_opened(port: str, error: Exception) -> str:
     explain = explanations.get(number) if number is not None else None
     if explain is not None:
         return f"{port}: {explain()}"
-    if port.startswith("socket://"):
+    if port.startswith(_NETWORK):
         return f"{port}: cannot connect ({_reason(error)}); is the program at the other end running?"
     return f"{port}: cannot be opened as a serial port ({_reason(error)}); `armctl ports` lists what is there"
 

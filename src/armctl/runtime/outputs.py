@@ -38,11 +38,6 @@ class Outputs:
             self.titles[self._map.gripper_channel] = robot.gripper.title
 
     @property
-    def joint_channels(self) -> tuple[int, ...]:
-        """Channel of each joint."""
-        return self._map.channels
-
-    @property
     def has_gripper(self) -> bool:
         """Whether the board drives a gripper."""
         return self._map.gripper_channel is not None

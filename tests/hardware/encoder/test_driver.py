@@ -5,18 +5,19 @@ from __future__ import annotations
 import math
 
 import pytest
-from tests.hardware.encoder.kit import AXES, CHANNELS, Bench, encoder_axis
+from tests.hardware.encoder.kit import AXES, CHANNELS, PLANTS, Bench, encoder_axis
 
 from armctl.errors import BoardError, PortError, StateError
 from armctl.hardware import ChannelSettings, PortInfo, Source
-from armctl.hardware.encoder import EncoderDriver, Mode
+from armctl.hardware.encoder import EncoderDriver, Mode, SimulatedEncoderBoard
 from armctl.hardware.encoder.driver import SILENCE_NOTE
+from armctl.hardware.encoder.frame import seal, unseal
 from armctl.runtime.clock import ManualClock
 
 
 def test_identity(clock: ManualClock):
     identity = Bench(clock).driver.open()
-    assert identity.kind == "armctl encoder board, firmware 1.0.0"
+    assert identity.kind == "armctl encoder board, firmware 1.1.0"
     assert identity.port == "loop"
     assert identity.simulated is False
     assert identity.notes == (SILENCE_NOTE,)
@@ -67,12 +68,40 @@ def test_homing_goes_axis_by_axis_and_tells_how_far_it_is(bench: Bench):
             running.append(homing.running)
         for axis, homed in homing.homed.items():
             assert (readback.positions[axis] is not None) is homed
-        if homing.done:
+        if homing.done and homing.running is None:
             break
     assert running == [2, 0, 1, None]
     assert bench.wait(0.2).positions == {0: 0.0, 1: 0.0, 2: 0.0}
     assert readback.powered is True
     assert [axis.place for axis in bench.board.axes[:3]] == pytest.approx([0.0, 0.0, 0.0], abs=0.5)
+
+
+class SlowToSay(SimulatedEncoderBoard):
+    """Says for a while that it is homing, when every axis has its zero already."""
+
+    lingers = True
+
+    def advance(self, now: float) -> bytes:
+        lines = super().advance(now).splitlines(keepends=True)
+        return b"".join(map(self._still_homing, lines))
+
+    def _still_homing(self, line: bytes) -> bytes:
+        text = unseal(line.rstrip())
+        return seal(text.replace(" N ", " H ", 1)) if self.lingers and text.startswith("@") else line
+
+
+def test_homing_goes_on_until_the_board_says_that_it_is_done(clock: ManualClock):
+    board = SlowToSay(PLANTS)
+    bench = Bench(clock, board).connect()
+    bench.home()
+    readback = bench.wait(0.1)
+    assert readback.homing.done
+    assert readback.homing.running == 1  # the last one, not yet let go
+    with pytest.raises(StateError, match="the board is homing"):
+        bench.driver.write({0: 0.0})
+    board.lingers = False
+    assert bench.wait(0.1).homing.running is None
+    bench.driver.write({0: 0.0})
 
 
 def test_homing_again_forgets_the_zeros_first(homed: Bench):

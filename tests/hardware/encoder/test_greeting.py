@@ -15,7 +15,7 @@ from armctl.hardware.encoder.greeting import greet
 from armctl.hardware.encoder.session import EncoderSession
 from armctl.runtime.clock import ManualClock
 
-BANNER = Banner("armctl-encoder", "1.0.0", 1, 6, "power")
+BANNER = Banner("armctl-encoder", "1.1.0", 2, 6, "power")
 
 
 class Somebody:
@@ -120,10 +120,9 @@ def test_a_board_that_sends_but_does_not_hear(clock: ManualClock):
     ("says", "words"),
     [
         (
-            "armctl-encoder 2.0.0 proto=2 axes=6 reset=power",
-            "protocol 2, this armctl speaks 1; this arm",
+            "armctl-encoder 2.0.0 proto=3 axes=6 reset=power",
+            r"2\.0\.0 speaks protocol 3, this armctl needs protocol 2; this armctl is older .*update",
         ),
-        ("armctl-encoder 0.1.0 proto=0 axes=6 reset=power", "protocol 0.*the board's firmware is the older"),
         ("armctl-gripper 1.0.0 proto=1 axes=1 reset=power", "armctl-gripper answers, not armctl-encoder"),
         ("hello yourself", "not how an armctl encoder board introduces itself"),
     ],
@@ -133,8 +132,20 @@ def test_another_firmware(clock: ManualClock, says, words):
         greeted(clock, hello_answered_by(says))
 
 
+def test_a_board_that_was_flashed_before_the_protocol_changed(clock: ManualClock):
+    board = SimulatedEncoderBoard(protocol=1)
+    bench = Bench(clock, board)
+    with pytest.raises(BoardProtocolError) as refused:
+        bench.driver.open()
+    assert str(refused.value) == (
+        "loop: the board's firmware 1.1.0 speaks protocol 1, this armctl needs protocol 2; flash the board "
+        "again, with the firmware that comes with this armctl (firmware/README.md says how under Flashing)"
+    )
+    assert {entry.text.split(" ")[-1] for entry in board.log} == {"HELLO"}
+
+
 def test_a_refused_greeting_closes_the_line(clock: ManualClock):
-    bench = Bench(clock, hello_answered_by("armctl-encoder 2.0.0 proto=2 axes=6 reset=power"))
+    bench = Bench(clock, hello_answered_by("armctl-encoder 2.0.0 proto=3 axes=6 reset=power"))
     with pytest.raises(BoardProtocolError):
         bench.driver.open()
     with pytest.raises(Exception, match="not connected"):

@@ -27,9 +27,9 @@ def test_answers():
 
 def test_events_and_banner():
     assert said("! home failed 3 notfound") == Event(("home", "failed", "3", "notfound"))
-    banner = Banner("armctl-encoder", "1.0.0", 1, 6, "external")
-    assert said("# armctl-encoder 1.0.0 proto=1 axes=6 reset=external") == banner
-    assert banner.encode() == "armctl-encoder 1.0.0 proto=1 axes=6 reset=external"
+    banner = Banner("armctl-encoder", "1.1.0", 2, 6, "external")
+    assert said("# armctl-encoder 1.1.0 proto=2 axes=6 reset=external") == banner
+    assert banner.encode() == "armctl-encoder 1.1.0 proto=2 axes=6 reset=external"
 
 
 STATUS = Status(

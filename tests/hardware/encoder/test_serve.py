@@ -32,7 +32,7 @@ def test_a_plain_serial_client(clock: ManualClock):
         answer = port.readline()
         while not answer.startswith(b"1 "):
             answer = port.readline()
-        assert answer.startswith(b"1 ok armctl-encoder 1.0.0 proto=1 axes=6 reset=power*")
+        assert answer.startswith(b"1 ok armctl-encoder 1.1.0 proto=2 axes=6 reset=power*")
 
 
 def test_a_session_of_the_driver(clock: ManualClock, tmp_path: Path):

@@ -258,7 +258,7 @@ def test_a_clock_that_goes_back_is_a_restart(
 def test_a_banner_is_one_restart(wire: Wire, session: EncoderSession):
     session.heard.begin()
     wire.incoming = seal(STATUS.format(ms=5000, count=0))
-    wire.incoming += seal("# armctl-encoder 1.0.0 proto=1 axes=6 reset=brownout")
+    wire.incoming += seal("# armctl-encoder 1.1.0 proto=2 axes=6 reset=brownout")
     wire.incoming += seal(STATUS.format(ms=20, count=0)) + seal(STATUS.format(ms=40, count=0))
     session.drain()
     assert (session.heard.restarted, session.heard.restarts) == ("brownout", 1)

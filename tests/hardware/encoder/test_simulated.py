@@ -13,6 +13,7 @@ from armctl.hardware.encoder.axis_fault import FaultKind
 from armctl.hardware.encoder.axis_plant import plant_of
 from armctl.hardware.encoder.messages import Banner
 from armctl.hardware.encoder.simulated_axis import SimulatedAxis
+from armctl.hardware.encoder.simulated_defaults import FIRMWARE_DEFAULTS
 from armctl.hardware.encoder.status import Status
 from armctl.robot import load_robot
 from armctl.runtime import channel_settings
@@ -21,7 +22,7 @@ TICK_S = 0.005
 
 
 def axis_at(count: int, **changes: int) -> SimulatedAxis:
-    axis = SimulatedAxis(AxisPlant(low=-10_000.0, high=10_000.0, start=float(count)))
+    axis = SimulatedAxis(AxisPlant(low=-10_000.0, high=10_000.0, start=float(count)), FIRMWARE_DEFAULTS[0])
     axis.settings.update({"min": -9000, "max": 9000, "vmax": 1000, "amax": 5000, "ferr": 30000} | changes)
     axis.set_zero()
     return axis
@@ -74,7 +75,7 @@ def test_a_hard_stop_is_hard():
 
 @pytest.mark.parametrize(("largest", "fault"), [(255, FaultKind(0)), (100, FaultKind.STALL)])
 def test_a_motor_that_may_not_push_harder_stalls_earlier(largest: int, fault: FaultKind):
-    axis = axis_at(0, kp=256, dmax=largest)  # a step of drive a count
+    axis = axis_at(0, kp=256, brk=0, dmax=largest)  # a step of drive a count
     axis.go(300, 0.1)
     for _ in range(20):
         assert not axis.tick(TICK_S)
@@ -127,7 +128,7 @@ def test_the_board_is_deaf_and_dumb_while_it_starts():
     assert board.advance(0.0) == board.advance(1.6) == b""
     assert board.feed(b"????") == b""
     (banner,) = [decode(line) for line in board.advance(1.7).splitlines()]
-    assert banner == Banner("armctl-encoder", "1.0.0", 1, 6, "power")
+    assert banner == Banner("armctl-encoder", "1.1.0", 2, 6, "power")
 
 
 @pytest.mark.parametrize("cause", ["power", "external", "brownout", "watchdog"])

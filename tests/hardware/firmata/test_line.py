@@ -141,7 +141,7 @@ def test_something_that_is_not_firmata(clock: ManualClock):
 
 
 def test_armctls_own_encoder_firmware_is_recognised(clock: ManualClock):
-    line, _ = line_to(Babbler(b"# armctl-encoder 1.0.0 proto=1 axes=6 reset=power*1A2B\n"), clock)
+    line, _ = line_to(Babbler(b"# armctl-encoder 1.1.0 proto=2 axes=6 reset=power*1A2B\n"), clock)
     with pytest.raises(
         BoardProtocolError, match=r"armctl's own firmware for arms with encoders, not Firmata"
     ):

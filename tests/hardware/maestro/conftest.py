@@ -16,9 +16,7 @@ def connect(clock: ManualClock) -> Callable[..., MaestroDriver]:
     """A driver over a loop to a simulated board: opened, and configured for channels 0 to 3."""
 
     def connected(board: ByteModel, channels=CHANNELS, **options) -> MaestroDriver:
-        driver = MaestroDriver(
-            lambda: LoopTransport(board, clock.now, clock.advance), now=clock.now, **options
-        )
+        driver = MaestroDriver(lambda: LoopTransport(board, clock.now, clock.advance), **options)
         driver.open()
         driver.configure(channels)
         return driver

@@ -32,7 +32,7 @@ PROBE = (("a1", "00 00"), ("90 00 a1", "00 00 00 00"))
 
 def scripted(*exchanges: tuple[str, str], **options) -> tuple[MaestroDriver, ScriptedTransport]:
     transport = ScriptedTransport(*PROBE, *exchanges)
-    return MaestroDriver(lambda: transport, now=lambda: 0.0, **options), transport
+    return MaestroDriver(lambda: transport, **options), transport
 
 
 def test_identity_of_a_board_of_unknown_model():
@@ -51,14 +51,14 @@ def test_the_watchdog_that_nobody_verified_is_said_loudly():
 
 def test_errors_from_before_are_told_once():
     transport = ScriptedTransport(("a1", "20 00"), PROBE[1])
-    identity = MaestroDriver(lambda: transport, now=lambda: 0.0, model=MaestroModel.MICRO_6).open()
+    identity = MaestroDriver(lambda: transport, model=MaestroModel.MICRO_6).open()
     assert identity.kind == "Pololu Micro Maestro 6-channel"
     assert identity.earlier[0].startswith("before armctl connected, the board had reported: serial timeout")
 
 
 def test_a_silent_board_brings_the_advice_and_closes_the_line():
     transport = ScriptedTransport(("a1", ""), ("1b", ""))
-    driver = MaestroDriver(lambda: transport, now=lambda: 0.0)
+    driver = MaestroDriver(lambda: transport)
     with pytest.raises(BoardTimeoutError, match=r'USB Dual Port.*"UART, detect baud rate".*silently ignores'):
         driver.open()
     transport.assert_done()
@@ -70,27 +70,27 @@ def test_a_silent_board_brings_the_advice_and_closes_the_line():
 def test_half_an_answer_is_no_maestro_and_is_asked_nothing_more():
     transport = ScriptedTransport(("a1", "00"))
     with pytest.raises(BoardProtocolError, match="Get Errors was answered by 1 bytes"):
-        MaestroDriver(lambda: transport, now=lambda: 0.0).open()
+        MaestroDriver(lambda: transport).open()
     transport.assert_done()
 
 
 def test_something_that_answers_like_no_maestro():
     transport = ScriptedTransport(("a1", "41 54"))
     with pytest.raises(BoardProtocolError, match=r"scripted: .*no Maestro"):
-        MaestroDriver(lambda: transport, now=lambda: 0.0).open()
+        MaestroDriver(lambda: transport).open()
     assert transport.closed == 1
 
 
 def test_a_port_that_the_listing_rules_out_is_not_opened():
     port = PortInfo("/dev/ttyACM1", "Pololu Micro Maestro 6-channel", "", "1", False, "this is the TTL port")
-    driver = MaestroDriver("/dev/ttyACM1", now=lambda: 0.0, ports=lambda: [port])
+    driver = MaestroDriver("/dev/ttyACM1", ports=lambda: [port])
     with pytest.raises(PortError, match="/dev/ttyACM1: this is the TTL port"):
         driver.open()
 
 
 @pytest.mark.parametrize("call", ["read", "stop", "release", "configure", "write"])
 def test_nothing_works_before_open(call):
-    driver = MaestroDriver(lambda: ScriptedTransport(), now=lambda: 0.0)
+    driver = MaestroDriver(lambda: ScriptedTransport())
     arguments = {"configure": [CHANNELS], "write": [{}]}.get(call, [])
     with pytest.raises(BoardError, match="not connected"):
         getattr(driver, call)(*arguments)
@@ -98,7 +98,7 @@ def test_nothing_works_before_open(call):
 
 def test_opening_again_forgets_the_channels(clock: ManualClock):
     board = SimulatedMaestro()
-    driver = MaestroDriver(lambda: LoopTransport(board, clock.now), now=clock.now)
+    driver = MaestroDriver(lambda: LoopTransport(board, clock.now))
     driver.open()
     driver.configure(CHANNELS)
     driver.open()
@@ -158,7 +158,7 @@ def test_no_setpoint_on_the_wire_ever_leaves_its_limits(writes):
     board = SimulatedMaestro(
         settings=MaestroSettings(channels={c: ChannelConfig(100.0, 4000.0) for c in range(4)})
     )
-    driver = MaestroDriver(lambda: LoopTransport(board, clock.now), now=clock.now)
+    driver = MaestroDriver(lambda: LoopTransport(board, clock.now))
     driver.open()
     driver.configure(CHANNELS)
     for setpoints in writes:
@@ -254,21 +254,6 @@ def test_an_error_seen_by_configure_or_stop_is_told_by_the_next_read(clock: Manu
         assert driver.read().errors == ()
 
 
-def test_a_narrower_range_on_the_board_is_noticed(clock: ManualClock, connect):
-    board = SimulatedMaestro()
-    driver = connect(board, channels=[ChannelSettings(0, 500.0, 2500.0)])
-    driver.write({0: 2400.0})
-    driver.read()
-    assert driver.clamped == ()
-    clock.advance(0.2)
-    assert driver.read().positions == {0: 2000.0}
-    (clamped,) = driver.clamped
-    assert (clamped.channel, clamped.target_us, clamped.transmitted_us) == (0, 2400.0, 2000.0)
-    driver.write({0: 1500.0})
-    driver.read()
-    assert driver.clamped == ()
-
-
 @pytest.mark.parametrize("device", [None, 12, 99])
 @pytest.mark.parametrize("crc", [False, True])
 def test_every_framing_works_when_both_sides_agree(connect, device, crc):
@@ -286,7 +271,7 @@ def test_whether_the_board_wants_crcs_is_found_out_without_an_error(clock: Manua
     board = SimulatedMaestro(settings=MaestroSettings(crc=crc, channels=home))
     board.advance(clock.now())
     board.feed(bytes.fromhex("84 00 70 2e 2b") if crc else bytes.fromhex("84 00 70 2e"))
-    driver = MaestroDriver(lambda: LoopTransport(board, clock.now, clock.advance), now=clock.now)
+    driver = MaestroDriver(lambda: LoopTransport(board, clock.now, clock.advance))
     driver.open()
     driver.configure(CHANNELS)
     assert driver.read().positions[0] == 1500.0
@@ -300,9 +285,7 @@ def test_crcs_that_were_asked_for_and_are_not_checked_are_refused_without_an_err
     board = SimulatedMaestro()
     board.advance(clock.now())
     board.feed(bytes.fromhex("84 00 70 2e"))
-    driver = MaestroDriver(
-        lambda: LoopTransport(board, clock.now, clock.advance), now=clock.now, framing=Framing(crc=True)
-    )
+    driver = MaestroDriver(lambda: LoopTransport(board, clock.now, clock.advance), framing=Framing(crc=True))
     with pytest.raises(BoardProtocolError, match='does not check them; tick "Enable CRC"'):
         driver.open()
     assert board.target_us(0) == 1500.0
@@ -312,7 +295,7 @@ def test_a_board_without_crc_that_is_late_is_not_taken_for_one_with(clock: Manua
     faults = FaultyModel(SimulatedMaestro())
     faults.advance(clock.now())
     faults.inject(Fault.DELAY_REPLY, delay_s=0.8)
-    driver = MaestroDriver(lambda: LoopTransport(faults, clock.now, clock.advance), now=clock.now)
+    driver = MaestroDriver(lambda: LoopTransport(faults, clock.now, clock.advance))
     driver.open()
     driver.configure(CHANNELS)
     assert driver.read().errors == ()
@@ -322,21 +305,3 @@ def test_the_factory_serial_mode_is_silence_with_advice(connect):
     board = SimulatedMaestro(settings=MaestroSettings(serial_mode=SerialMode.UART_DETECT_BAUD))
     with pytest.raises(BoardTimeoutError, match="USB Dual Port"):
         connect(board)
-
-
-@pytest.mark.parametrize(("timeout_units", "works"), [(0, False), (50, True), (200, False)])
-def test_the_watchdog_can_be_tried(clock: ManualClock, connect, timeout_units, works):
-    driver = connect(SimulatedMaestro(settings=MaestroSettings(timeout_units=timeout_units)))
-    assert driver.watchdog_works(1.0, clock.advance) is works
-    assert driver.read().errors == ()
-
-
-def test_the_watchdog_is_not_tried_with_pulses_on(clock: ManualClock, connect):
-    board = SimulatedMaestro(
-        settings=MaestroSettings(channels={2: ChannelConfig(home=HomeMode.GO_TO, home_us=1500.0)})
-    )
-    driver = connect(board)
-    before = clock.now()
-    with pytest.raises(BoardError, match="channels 2 are on"):
-        driver.watchdog_works(1.0, clock.advance)
-    assert clock.now() == before

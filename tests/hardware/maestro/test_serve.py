@@ -25,7 +25,7 @@ PATIENT_S = 5.0  # the pty has a thread of its own, which a busy machine may kee
 
 
 def connected(port: str, clock: ManualClock, timeout_s: float = PATIENT_S) -> MaestroDriver:
-    driver = MaestroDriver(port, now=clock.now, simulated=True, timeout_s=timeout_s)
+    driver = MaestroDriver(port, simulated=True, timeout_s=timeout_s)
     driver.open()
     driver.configure(CHANNELS)
     return driver
@@ -69,7 +69,7 @@ def test_a_session_of_the_driver(clock: ManualClock):
 
 def test_identity_over_a_link(clock: ManualClock, tmp_path: Path):
     with serve_simulated_maestro(clock.now, link=tmp_path / "arm") as server:
-        driver = MaestroDriver(server.port, now=clock.now, simulated=True, model=MaestroModel.MICRO_6)
+        driver = MaestroDriver(server.port, simulated=True, model=MaestroModel.MICRO_6)
         identity = driver.open()
         driver.close()
     assert identity.port == str(tmp_path / "arm")

@@ -8,6 +8,7 @@ from armctl.hardware.doctor.finding import Finding, failed, not_checked, ok, war
 from armctl.hardware.doctor.needs import Needs
 from armctl.hardware.doctor.round_trips import round_trips
 from armctl.hardware.encoder.axis_fault import fault_words, flag_words
+from armctl.hardware.encoder.greeting import protocol_advice
 from armctl.hardware.encoder.messages import PROTOCOL, Banner, decode_banner
 from armctl.hardware.encoder.session import EncoderSession
 from armctl.hardware.encoder.status import Status
@@ -50,10 +51,7 @@ def _firmware(banner: Banner) -> Finding:
     seen = f"{banner.firmware} {banner.version}, protocol {banner.protocol}"
     if banner.protocol == PROTOCOL:
         return ok("firmware", seen)
-    older = "the board's firmware" if banner.protocol < PROTOCOL else "this armctl"
-    return failed(
-        "firmware", f"{seen}; this armctl speaks protocol {PROTOCOL}", f"update {older}: it is the older"
-    )
+    return failed("firmware", f"{seen}; this armctl needs protocol {PROTOCOL}", protocol_advice(banner))
 
 
 def _axes(banner: Banner, needs: Needs) -> Finding:

@@ -14,17 +14,18 @@ from armctl.hardware.doctor.firmata import examine_firmata
 from armctl.hardware.doctor.maestro import examine_maestro
 from armctl.hardware.doctor.needs import OF_ANOTHER_BOARD, Needs
 from armctl.hardware.driver import ChannelSettings
+from armctl.hardware.encoder.greeting import FLASH_IT
 from armctl.hardware.firmata.line import HOW_TO_LOAD
 from armctl.hardware.maestro.line import SILENT_ADVICE
 from armctl.hardware.maestro_models import MaestroModel
 from armctl.hardware.permissions import permission_hint
+from armctl.hardware.port_users import is_pseudo_terminal
 from armctl.hardware.ports import PortChecks, PortInfo
 from armctl.hardware.probe import Probed, approach, reach
 from armctl.hardware.transport import Transport
 from armctl.robot.robot import BoardKind
 
 _CHECKS_OF_A_BOARD = ("who answers", "channels", "error register", "watchdog", "round trips")
-_FLASH = "flash armctl's encoder firmware (firmware/README.md says how)"
 _NO_USB = "not listed as a USB device (a pty, a socket or a plain serial port)"
 
 
@@ -97,16 +98,22 @@ def _port(patient: Patient) -> list[Finding]:
         findings.append(ok("permission", "this user may read and write it"))
     else:
         findings.append(failed("permission", "this user may not open it", permission_hint(patient.port)))
-    program = patient.checks.used_by(patient.port)
-    if program is None:
-        findings.append(ok("other programs", "no other program of this user has it open"))
-    else:
-        findings.append(failed("other programs", f"{program} has it open", "close that and try again"))
+    findings.append(_other_programs(patient))
     if patient.info is not None:
         if patient.info.why_not is not None and all(one.verdict is Verdict.OK for one in findings):
             findings.append(failed("right port", patient.info.why_not))
         findings += [warning("other programs", note) for note in patient.info.notes]
     return findings
+
+
+def _other_programs(patient: Patient) -> Finding:
+    """Only what can be known before the port is opened: whether it is free, its opening tells."""
+    program = patient.checks.used_by(patient.port)
+    if program is not None:
+        return failed("other programs", f"{program} has it open", "close that and try again")
+    if is_pseudo_terminal(patient.port):
+        return not_checked("other programs", "which program uses a pseudo-terminal cannot be told")
+    return ok("other programs", "none of this user's; another user's cannot be seen")
 
 
 def _listed(info: PortInfo) -> str:
@@ -136,8 +143,8 @@ def _advice(patient: Patient) -> str:
     if patient.expected == "firmata":
         return HOW_TO_LOAD
     if patient.expected == "encoder":
-        return _FLASH
-    return f"if it is an Arduino with servos, {HOW_TO_LOAD}; if it is one with encoders, {_FLASH}"
+        return FLASH_IT
+    return f"if it is an Arduino with servos, {HOW_TO_LOAD}; if it is one with encoders, {FLASH_IT}"
 
 
 def _board(patient: Patient, probed: Probed, line: Transport, now: Callable[[], float]) -> list[Finding]:

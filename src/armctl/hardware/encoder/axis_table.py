@@ -13,7 +13,7 @@ from armctl.hardware.encoder.wire_range import check_wire
 from armctl.robot import EncoderAxis
 
 _LEAVE = "-"
-_SCALE = ChannelScale("axis", "counts")
+SCALE = ChannelScale("axis", "counts")
 
 
 class AxisTable:
@@ -73,7 +73,7 @@ class AxisTable:
         Raises:
             BoardError: not configured, not finite, or outside the limits.
         """
-        counts = {axis: _SCALE.admit(self._limits, axis, value) for axis, value in setpoints.items()}
+        counts = {axis: SCALE.admit(self._limits, axis, value) for axis, value in setpoints.items()}
         fields = " ".join(str(counts.get(axis, _LEAVE)) for axis in range(self._count))
         return f"P {fields} {reach_ms}"
 
@@ -102,7 +102,7 @@ class AxisTable:
                 check_wire(one.channel, name, value, key)
         except InputError as error:
             raise BoardError(str(error)) from error
-        low, high = _SCALE.whole_range(one)
+        low, high = SCALE.whole_range(one)
         if not low < high:
             raise BoardError(f"axis {one.channel}: {one.minimum:g} … {one.maximum:g} counts is no range")
         self._limits[one.channel] = one
@@ -113,7 +113,7 @@ def _limits_line(limits: ChannelSettings) -> str:
 
     They reach as far as count 0, where the axis stands after homing: a gripper's stop is beyond its range.
     """
-    low, high = _SCALE.whole_range(limits)
+    low, high = SCALE.whole_range(limits)
     # Rounded down: the board never runs faster than the limit; the range keeps both above 0.
     speed, acceleration = math.floor(limits.speed or 0.0), math.floor(limits.acceleration or 0.0)
     return f"CFG {limits.channel} min={min(low, 0)} max={max(high, 0)} vmax={speed} amax={acceleration}"

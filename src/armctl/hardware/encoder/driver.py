@@ -289,12 +289,11 @@ class EncoderDriver:
         self._seen = session.fresh_status(_OLDEST_STATUS_S)
 
     def _homing_state(self, status: Status) -> HomingState:
-        order = self._table.homing_order
-        running = next((axis for axis in order if not status.homed[axis]), None)
-        return HomingState(
-            homed={axis: status.homed[axis] for axis in self._table.axes},
-            running=running if status.mode is Mode.HOMING else None,
-        )
+        running: int | None = None
+        if status.mode is Mode.HOMING and (order := self._table.homing_order):
+            # the last axis has its zero a moment before the board says that homing is done
+            running = next((axis for axis in order if not status.homed[axis]), order[-1])
+        return HomingState({axis: status.homed[axis] for axis in self._table.axes}, running)
 
 
 def _stands(status: Status | None) -> bool:

@@ -15,7 +15,8 @@ _SPEAKING_ROUNDS = 10
 # Firmata's "report firmware", as a query and at the beginning of the answer.
 _FIRMATA_QUERY = b"\xf0\x79\xf7"
 _FIRMATA_REPORT = b"\xf0\x79"
-_FLASH_IT = "flash armctl's encoder firmware (firmware/README.md says how)"
+_FLASHING = "firmware/README.md says how under Flashing"
+FLASH_IT = f"flash armctl's encoder firmware ({_FLASHING})"
 
 
 def greet(session: EncoderSession, transport: Transport, *, resets: bool) -> Banner:
@@ -47,15 +48,23 @@ def greet(session: EncoderSession, transport: Transport, *, resets: bool) -> Ban
     raise _who_else(session, transport) from silence
 
 
+def protocol_advice(banner: Banner) -> str:
+    """What to do about a board that speaks another protocol than this armctl."""
+    if banner.protocol < PROTOCOL:
+        return f"flash the board again, with the firmware that comes with this armctl ({_FLASHING})"
+    return (
+        "this armctl is older than the board's firmware: update armctl, or flash the board with the "
+        f"firmware that comes with this one ({_FLASHING})"
+    )
+
+
 def _check(banner: Banner, name: str) -> None:
     if banner.firmware != FIRMWARE:
-        raise BoardProtocolError(f"{name}: {banner.firmware} answers, not {FIRMWARE}; {_FLASH_IT}")
+        raise BoardProtocolError(f"{name}: {banner.firmware} answers, not {FIRMWARE}; {FLASH_IT}")
     if banner.protocol != PROTOCOL:
-        older = "the board's firmware" if banner.protocol < PROTOCOL else "this armctl"
         raise BoardProtocolError(
             f"{name}: the board's firmware {banner.version} speaks protocol {banner.protocol}, this armctl "
-            f"speaks {PROTOCOL}; {older} is the older: flash the firmware that comes with this armctl, or "
-            "install the armctl that fits it"
+            f"needs protocol {PROTOCOL}; {protocol_advice(banner)}"
         )
 
 
@@ -67,7 +76,7 @@ def _who_else(session: EncoderSession, transport: Transport) -> BoardProtocolErr
     heard = session.heard.prelude
     if _FIRMATA_REPORT in heard:
         return BoardProtocolError(
-            f"{transport.name}: StandardFirmata is on this board, not armctl's encoder firmware; {_FLASH_IT}"
+            f"{transport.name}: StandardFirmata is on this board, not armctl's encoder firmware; {FLASH_IT}"
             ", or choose the board firmata if the arm has servos"
         )
     if session.heard.spoken:
@@ -79,9 +88,9 @@ def _who_else(session: EncoderSession, transport: Transport) -> BoardProtocolErr
         shown = heard[:40].decode("ascii", "backslashreplace")
         return BoardProtocolError(
             f"{transport.name}: something else answers there ({shown!r}); is it the right port, at 115200 "
-            f"baud? If it is: {_FLASH_IT}"
+            f"baud? If it is: {FLASH_IT}"
         )
     return BoardTimeoutError(
         f"{transport.name}: no answer. Is this the port of the Arduino Mega, and is it powered? If it is "
-        f"new: {_FLASH_IT}"
+        f"new: {FLASH_IT}"
     )

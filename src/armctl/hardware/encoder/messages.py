@@ -10,7 +10,7 @@ from armctl.hardware.encoder.frame import LARGEST_SEQUENCE, unseal
 from armctl.hardware.encoder.status import Status, decode_status
 
 FIRMWARE = "armctl-encoder"
-PROTOCOL = 1
+PROTOCOL = 2
 
 _ANSWER = re.compile(r"(\d{1,5}) (?:ok(?: (.*))?|err ([A-Z]+)(?: (.*))?)")
 _BANNER = re.compile(r"(\S+) (\S+) proto=(\d{1,4}) axes=(\d{1,2}) reset=([a-z]+)")

@@ -15,11 +15,12 @@ from armctl.hardware.encoder.line_reader import LineReader
 from armctl.hardware.encoder.messages import FIRMWARE, PROTOCOL, Banner
 from armctl.hardware.encoder.simulated_axis import SimulatedAxis
 from armctl.hardware.encoder.simulated_controller import TICK_S, WATCHDOG_RANGE_MS, SimulatedController
+from armctl.hardware.encoder.simulated_defaults import FIRMWARE_DEFAULTS
 from armctl.hardware.encoder.simulated_requests import Refused
 from armctl.hardware.encoder.status import Mode
 
-AXES = 6
-VERSION = "1.0.0"
+AXES = len(FIRMWARE_DEFAULTS)
+VERSION = "1.1.0"
 
 _TICKS_PER_STATUS = 4
 _SLACK_S = 1e-9
@@ -41,15 +42,25 @@ class SimulatedEncoderBoard:
     Args:
         plants: the mechanics by axis; a plain axis for those that are not named.
         boot_s: how long it is deaf and dumb after a start.
+        protocol: what it says it speaks, to be taken for a board that was flashed long ago.
         log_length: how many received lines are kept.
     """
 
     def __init__(
-        self, plants: Mapping[int, AxisPlant] | None = None, *, boot_s: float = 0.0, log_length: int = 10_000
+        self,
+        plants: Mapping[int, AxisPlant] | None = None,
+        *,
+        boot_s: float = 0.0,
+        protocol: int = PROTOCOL,
+        log_length: int = 10_000,
     ) -> None:
         plants = plants or {}
-        self.axes = [SimulatedAxis(plants.get(axis, AxisPlant())) for axis in range(AXES)]
+        self.axes = [
+            SimulatedAxis(plants.get(axis, AxisPlant()), defaults)
+            for axis, defaults in enumerate(FIRMWARE_DEFAULTS)
+        ]
         self._boot_s = boot_s
+        self._protocol = protocol
         self._log: deque[ReceivedLine] = deque(maxlen=log_length)
         self._now: float | None = None
         self._start("power")
@@ -104,7 +115,7 @@ class SimulatedEncoderBoard:
         return self._take_unsent()
 
     def _start(self, cause: str) -> None:
-        self._banner = Banner(FIRMWARE, VERSION, PROTOCOL, AXES, cause)
+        self._banner = Banner(FIRMWARE, VERSION, self._protocol, AXES, cause)
         flags = BoardFlag.BROWN_OUT if cause == "brownout" else BoardFlag(0)
         self._controller = SimulatedController(self.axes, flags)
         self._reader = LineReader(LONGEST_REQUEST)

@@ -3,31 +3,11 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 
 from armctl.hardware.encoder.axis_fault import FaultKind
 from armctl.hardware.encoder.axis_plant import AxisPlant
 
-DEFAULTS = {
-    "min": -1000,
-    "max": 1000,
-    "vmax": 500,
-    "amax": 2000,
-    "kp": 640,
-    "ki": 0,
-    "kd": 0,
-    "brk": 0,
-    "ferr": 500,
-    "stall": 300,
-    "hdir": 1,
-    "hv": 200,
-    "hpos": 0,
-    "hord": 0,
-    "hmode": 0,
-    "inv": 0,
-    "minv": 0,
-    "sinv": 0,
-    "dmax": 255,
-}
 UNHOMING = frozenset({"inv", "minv", "hdir", "hpos", "hmode", "sinv"})
 """Keys whose change makes an earlier zero worthless."""
 
@@ -44,10 +24,12 @@ class SimulatedAxis:
 
     Args:
         plant: the mechanics.
+        defaults: its settings until it is told others.
     """
 
-    def __init__(self, plant: AxisPlant) -> None:
+    def __init__(self, plant: AxisPlant, defaults: Mapping[str, int]) -> None:
         self.plant = plant
+        self._defaults = defaults
         self.place = plant.start
         """where it really is, in the counts of a homed axis"""
         self.jammed = False
@@ -57,7 +39,7 @@ class SimulatedAxis:
 
     def restart(self) -> None:
         """The board has lost its memory; the axis stays where it is."""
-        self.settings = dict(DEFAULTS)
+        self.settings = dict(self._defaults)
         self.homed = False
         self.fault = FaultKind(0)
         self._origin = self.place  # where the count is 0

@@ -12,7 +12,7 @@ from armctl.hardware.firmata.codec import LARGEST_PULSE_US, SMALLEST_PULSE_US
 
 MOST_SERVOS = 16
 """16 setpoints of 6 bytes are 96 of the 115 bytes that 57600 baud carry in a servo frame of 20 ms"""
-_SCALE = ChannelScale("pin", "µs")
+SCALE = ChannelScale("pin", "µs")
 
 
 class PinTable:
@@ -51,7 +51,7 @@ class PinTable:
 
     def range_us(self, pin: int) -> tuple[int, int]:
         """The shortest and the longest pulse that a configured pin may be sent [µs]."""
-        return _SCALE.whole_range(self._settings[pin])
+        return SCALE.whole_range(self._settings[pin])
 
     def admit(self, pin: int, pulse_us: float) -> int:
         """The setpoint [µs] as a whole number, as near as the range allows, if it may be sent at all.
@@ -59,13 +59,13 @@ class PinTable:
         Raises:
             BoardError: not configured, not finite, or outside the range.
         """
-        return _SCALE.admit(self._settings, pin, pulse_us)
+        return SCALE.admit(self._settings, pin, pulse_us)
 
 
 def _check_range(settings: ChannelSettings) -> None:
     bounds = (settings.minimum, settings.maximum)
     if all(map(math.isfinite, bounds)) and SMALLEST_PULSE_US <= settings.minimum:
-        lowest, highest = _SCALE.whole_range(settings)
+        lowest, highest = SCALE.whole_range(settings)
         if lowest <= highest <= LARGEST_PULSE_US:
             return
     raise BoardError(

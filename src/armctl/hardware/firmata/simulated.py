@@ -78,11 +78,6 @@ class SimulatedFirmata:
                 reply += self._obey(message)
         return reply
 
-    @property
-    def crashed(self) -> bool:
-        """Whether a sysex was too long for the sketch."""
-        return self._crashed
-
     def mode(self, pin: int) -> int:
         """What a pin is set to."""
         return self._modes[_checked(pin)]

@@ -1,6 +1,5 @@
 """Pololu's Maestro: codec, driver and a simulated board."""
 
-from armctl.hardware.maestro.clamp_watch import Clamped
 from armctl.hardware.maestro.codec import COMPACT, DEFAULT_DEVICE_NUMBER, Framing
 from armctl.hardware.maestro.driver import MaestroDriver
 from armctl.hardware.maestro.error_register import MaestroErrors, error_words
@@ -13,7 +12,6 @@ __all__ = [
     "COMPACT",
     "DEFAULT_DEVICE_NUMBER",
     "ChannelConfig",
-    "Clamped",
     "Framing",
     "HomeMode",
     "MaestroDriver",

@@ -12,7 +12,7 @@ from armctl.hardware.maestro.codec import MAX_CHANNEL
 from armctl.hardware.maestro.units import MAX_TARGET, QUARTERS_PER_US
 from armctl.hardware.maestro_models import MaestroModel
 
-_SCALE = ChannelScale("channel", "µs", QUARTERS_PER_US)
+SCALE = ChannelScale("channel", "µs", QUARTERS_PER_US)
 
 
 class ChannelTable:
@@ -58,13 +58,13 @@ class ChannelTable:
         Raises:
             BoardError: not configured, not finite, or outside the range.
         """
-        return _SCALE.admit(self._settings, channel, pulse_us)
+        return SCALE.admit(self._settings, channel, pulse_us)
 
 
 def _check_range(settings: ChannelSettings) -> None:
     bounds = (settings.minimum, settings.maximum)
     if all(map(math.isfinite, bounds)) and 0.0 < settings.minimum:
-        lowest, highest = _SCALE.whole_range(settings)
+        lowest, highest = SCALE.whole_range(settings)
         if lowest <= highest <= MAX_TARGET:
             return
     raise BoardError(

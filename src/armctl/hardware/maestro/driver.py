@@ -8,13 +8,11 @@ from armctl.errors import BoardError, BoardProtocolError, BoardTimeoutError
 from armctl.hardware.board_port import AcceptBoard, BoardPort, any_board
 from armctl.hardware.driver import BoardIdentity, ChannelSettings, Readback, Source
 from armctl.hardware.maestro.channel_table import ChannelTable
-from armctl.hardware.maestro.clamp_watch import Clamped, ClampWatch
 from armctl.hardware.maestro.codec import COMPACT, Framing
 from armctl.hardware.maestro.error_register import MaestroErrors, error_words
 from armctl.hardware.maestro.line import MISUNDERSTOOD, MaestroLine
 from armctl.hardware.maestro.units import (
     acceleration_to_units,
-    quarters_to_us,
     speed_to_units,
     us_to_quarters,
 )
@@ -42,7 +40,6 @@ class MaestroDriver:
 
     Args:
         line: port name (device, pty, ``socket://host:port``), or what opens the transport.
-        now: the clock [s].
         model: which member of the family; None: as the USB listing says.
         framing: compact or Pololu form. Whether the board wants CRCs is found out when it is opened (asked
             for here, they are insisted on).
@@ -56,7 +53,6 @@ class MaestroDriver:
         self,
         line: str | Callable[[], Transport],
         *,
-        now: Callable[[], float],
         model: MaestroModel | None = None,
         framing: Framing = COMPACT,
         simulated: bool = False,
@@ -64,7 +60,6 @@ class MaestroDriver:
         accept: AcceptBoard = any_board,
         timeout_s: float = 0.1,
     ) -> None:
-        self._now = now
         self._asked_model = model
         self._model = model
         self._framing = framing
@@ -73,9 +68,6 @@ class MaestroDriver:
         self._timeout_s = timeout_s
         self._opened: MaestroLine | None = None
         self._table = ChannelTable((), None)
-        self._targets: dict[int, float] = {}
-        self._clamp_watch = ClampWatch()
-        self._clamped: tuple[Clamped, ...] = ()
         self._unreported = MaestroErrors(0)
 
     def open(self) -> BoardIdentity:
@@ -155,13 +147,7 @@ class MaestroDriver:
         positions, errors = self._maestro.read(self._table.channels)
         errors |= self._unreported
         self._unreported = MaestroErrors(0)
-        self._clamped = self._clamp_watch.observe(self._targets, positions, self._now())
         return Readback(positions, Source.TRANSMITTED, error_words(errors))
-
-    @property
-    def clamped(self) -> tuple[Clamped, ...]:
-        """Channels that the board kept from their targets at the last reading: its ranges are narrower."""
-        return self._clamped
 
     def stop(self) -> None:
         """Hold every channel that is on at the pulse width that the board transmits now.
@@ -186,35 +172,12 @@ class MaestroDriver:
     def release(self) -> None:
         """Switch the pulses of every configured channel off: the arm drops."""
         self._send_targets(dict.fromkeys(self._table.channels, 0))
-        self._targets.clear()
-        self._clamp_watch.forget()
 
     def close(self) -> None:
         """Close the line; never raises. The outputs stay as they are."""
         if self._opened is not None:
             self._opened.close()
             self._opened = None
-
-    def watchdog_works(self, silence_s: float, wait: Callable[[float], None]) -> bool:
-        """Find out whether the board's serial timeout fires within ``silence_s`` of silence.
-
-        A timeout sends every channel to its home, and one whose home is "Go to" then moves there:
-        call it only when the user has agreed, and with the arm in a place where that does no harm.
-
-        Raises:
-            BoardError: a configured channel has its pulses on.
-        """
-        positions, errors = self._maestro.read(self._table.channels)
-        self._unreported |= errors & ~MaestroErrors.SERIAL_TIMEOUT
-        on = [str(channel) for channel, pulse in positions.items() if pulse is not None]
-        if on:
-            raise BoardError(
-                f"the watchdog is tried with all pulses off, but channels {', '.join(on)} are on"
-            )
-        wait(silence_s)
-        _, errors = self._maestro.read(self._table.channels)
-        self._unreported |= errors & ~MaestroErrors.SERIAL_TIMEOUT
-        return MaestroErrors.SERIAL_TIMEOUT in errors
 
     @property
     def _maestro(self) -> MaestroLine:
@@ -225,16 +188,12 @@ class MaestroDriver:
     def _forget(self) -> None:
         """Know nothing any more of the board's channels: it may be another one, or freshly started."""
         self._table = ChannelTable((), None)
-        self._targets.clear()
-        self._clamp_watch.forget()
-        self._clamped = ()
         self._unreported = MaestroErrors(0)
 
     def _send_targets(self, quarters: Mapping[int, int]) -> None:
         line = self._maestro
         if quarters:
             line.set_targets(quarters, multiple=self._model is not None and self._model.has_multiple_targets)
-            self._targets.update({channel: quarters_to_us(target) for channel, target in quarters.items()})
 
 
 def _listed_model(info: PortInfo | None) -> MaestroModel | None:
