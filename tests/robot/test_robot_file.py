@@ -59,7 +59,7 @@ def test_a_copy_of_the_shipped_file_is_the_same_robot(tmp_path: Path) -> None:
         ("[-102.8, 107.26]", "[107.27, 107.26]", r"joints\.base\.limit_deg.*the lower limit comes first"),
         ("[-102.8, 107.26]", "[-102.8, 1e9]", r"<= 720.*joints\[0\]\.limit_deg\[1\]"),
         ("[-102.8, 107.26]", "[-102.8]", r"length 2.*joints\[0\]\.limit_deg"),
-        ("speed_deg_s = 60", "speed_deg_s = 0", r"> 0.*joints\[0\]\.speed_deg_s"),
+        ("speed_deg_s = 60", "speed_deg_s = 0", r">= 1e-06.*joints\[0\]\.speed_deg_s"),
         ("channel = 1,", "channel = 0,", r"two servos are on the same channel: \[0, 0, 2, 3, 4, 5\]"),
         ("channel = 5,", "channel = 2,", r"two servos are on the same channel"),
         ("channel = 1,", "channel = 1.5,", r"Expected `int`.*joints\[1\]\.servo\.channel"),
@@ -71,7 +71,13 @@ def test_a_copy_of_the_shipped_file_is_the_same_robot(tmp_path: Path) -> None:
         ),
         ("[749, 2251]", "[2251, 749]", r"joints\.shoulder\.servo"),
         ("[749, 2251]", "[749, 9000]", r"joints\[1\]\.servo\.pulse_us\[1\]"),
-        ("us_per_deg = 10", "us_per_deg = 0", r"joints\.shoulder\.servo\.us_per_deg is 0"),
+        (
+            "us_per_deg = 10",
+            "us_per_deg = 0",
+            r"joints\.shoulder\.servo\.us_per_deg is 0: the joint would not move",
+        ),
+        ("us_per_deg = 10", "us_per_deg = 1e-9", r"us_per_deg is 1e-09: .*; 0\.001 or more"),
+        ("speed_deg_s = 60", "speed_deg_s = 1e-300", r">= 1e-06.*joints\[0\]\.speed_deg_s"),
         ("open_us = 2000", "open_us = 1000", "closed and open are both 1000; they must differ"),
         ("home = [0, 90, -80, -40, 0]", "", r"poses\.home is missing"),
         ("rest = [0, 110, -80, -70, 0]", "", r"poses\.rest is missing"),
@@ -147,9 +153,25 @@ def test_an_arm_without_servos_or_gripper(tmp_path: Path) -> None:
     assert robot.gripper is None
 
 
+def test_a_file_from_an_editor_that_begins_with_a_mark(tmp_path: Path) -> None:
+    path = written(tmp_path, SHIPPED)
+    path.write_bytes(b"\xef\xbb\xbf" + path.read_bytes())
+    assert load_robot(path).joint_names == load_robot("uzuner").joint_names
+
+
+def test_a_file_that_is_nested_too_deep(tmp_path: Path) -> None:
+    with pytest.raises(RobotFileError, match="arrays or tables are nested too deep"):
+        load_robot(written(tmp_path, f"a = {5000 * '['}{5000 * ']'}"))
+
+
 def test_files_that_are_none(tmp_path: Path) -> None:
     with pytest.raises(RobotFileError, match=r"there is no robot 'nobody'; shipped are .*uzuner"):
         load_robot("nobody")
+    with pytest.raises(RobotFileError, match=r"there is no robot 'xxxxxxxx.*shipped are"):
+        load_robot(5000 * "x")  # longer than the name of a file may be
+    for name in ("arm\0.toml", "arm\0.urdf", "\0"):
+        with pytest.raises(RobotFileError, match=r"\\x00.*the name of a file holds no NUL"):
+            load_robot(name)
     with pytest.raises(RobotFileError, match="cannot be read: No such file"):
         load_robot(tmp_path / "none.toml")
     with pytest.raises(RobotFileError, match=r"ends in \.toml"):

@@ -10,6 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from tests.robot.urdf_kit import Step
+from tests.robot.urdf_kit import written as kit_written
 
 from armctl import load_robot
 from armctl.errors import RobotFileError
@@ -152,6 +154,35 @@ def test_any_origins_and_axes_are_rows() -> None:
             assert np.abs(chain.forward(q) - T @ tool).max() < 1e-12
 
 
+def test_no_frame_lies_far_from_the_joints() -> None:
+    """Of axes that lean a little, too, whose common normals may be anywhere."""
+    rng = np.random.default_rng(8)
+    axis = np.array([0.0, 0.0, 1.0])
+    for _ in range(200):
+        steps = [
+            pose(rng.uniform(-0.2, 0.2, 3).tolist(), rng.uniform(-0.3, 0.3, 3).tolist()) for _ in range(4)
+        ]
+        chain = DHChain(rows_of(steps[:3], [axis] * 3, steps[3]))
+        length = sum(float(np.linalg.norm(T[:3, 3])) for T in steps)
+        frames = chain.frames(rng.uniform(-4, 4, 3))
+        assert np.linalg.norm(frames[:, :3, 3], axis=1).max() <= 3.01 * length
+
+
+@pytest.mark.parametrize("lean", [0.001, 0.05, 0.1, 0.2, 0.6])
+def test_a_joint_that_leans_a_little_leaves_the_links_where_they_are(tmp_path: Path, lean: float) -> None:
+    steps = (
+        Step("yaw", "revolute", "base", "l1", "0 0 0.06"),
+        Step("p1", "revolute", "l1", "l2", "0.01 0.003 0.04", axis="0 -1 0"),
+        Step("p2", "revolute", "l2", "l3", "0.11 0 0", f"0 0 {lean}", axis="0 -1 0"),
+        Step("p3", "revolute", "l3", "l4", "0.1 0 0", axis="0 -1 0"),
+        Step("end", "fixed", "l4", "tool0", "0.08 0 0"),
+    )
+    robot = load_robot(kit_written(tmp_path / "arm.urdf", steps))
+    points = robot.frames(np.zeros(4))[:, :3, 3]
+    assert np.abs(points[:, 1]).max() < 0.003 + 0.18 * math.sin(lean) + 0.11  # the arm lies along x
+    assert -1e-12 <= points[:, 2].min() and points[:, 2].max() <= 0.1 + 1e-12
+
+
 @dataclass(frozen=True)
 class Part:
     """One joint with the link that it carries, hung on ``parent``."""
@@ -259,7 +290,11 @@ ENTITY = '<!DOCTYPE robot [<!ENTITY a "b"><!ENTITY c "&a;&a;">]>'
         (changed('xyz="0 0 2"', 'xyz="0 0 0"'), '<axis xyz="0 0 0">: has no direction'),
         (changed('xyz="0 0 2"', 'xyz="0 0 1e400"'), "<axis>: xyz="),
         (changed(ELBOW_LIMIT, ""), '<joint name="Elbow-1">: <limit> is missing; a revolute joint needs'),
-        (changed(ELBOW_LIMIT, '<limit effort="1"/>'), "<limit lower=0.0 upper=0.0>: the lower limit comes"),
+        (
+            changed(ELBOW_LIMIT, '<limit effort="1"/>'),
+            "<limit lower=0.0 upper=0.0>: both are 0, which is also",
+        ),
+        (changed(ELBOW_LIMIT, '<limit lower="90" upper="90"/>'), "within ±12.57 (they look like degrees)"),
         (changed('lower="0.25"', 'lower="3"'), "<limit lower=3.0 upper=2.0>: the lower limit comes first"),
         (changed('lower="0.25"', 'lower="-99"'), "within ±12.57 (they look like degrees)"),
         (changed('lower="0.25"', 'lower="x"'), '<limit>: lower="x": must be a finite number'),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 import re
 from pathlib import Path
@@ -14,6 +15,7 @@ from armctl import Robot, load_robot
 from armctl.errors import RobotFileError
 from armctl.robot import is_urdf
 from armctl.robot.urdf_name import UrdfName
+from armctl.robot.urdf_words import customary_tools, is_tool_frame
 
 JAW = (
     Step("pan", "revolute", "base", "shoulder", "0.02 -0.02 0.095", "-3.1416 0 1.5708"),
@@ -176,6 +178,36 @@ def test_a_sliding_joint_on_the_way_is_named(tmp_path: Path) -> None:
     with pytest.raises(RobotFileError, match=r'<joint name="left_finger">: type="prismatic"') as refused:
         arm_of(tmp_path, PROP, "#w/left")
     assert "an arm that ends ahead of it is named as arm.urdf#w/fingers_link" in str(refused.value)
+
+
+def test_a_sliding_joint_that_nothing_turns_ahead_of_is_not_to_be_named_away(tmp_path: Path) -> None:
+    rail = (Step("mount", "fixed", "world", "rail"), Step("slide", "prismatic", "rail", "base"), *JAW)
+    with pytest.raises(RobotFileError, match='<joint name="slide">: type="prismatic"') as refused:
+        arm_of(tmp_path, rail)
+    assert "#" not in str(refused.value)
+    assert str(refused.value).endswith('if the arm is to be used with it at rest, make it type="fixed"')
+    at_rest = tuple(
+        dataclasses.replace(step, kind="fixed") if step.joint == "slide" else step for step in rail
+    )
+    assert arm_of(tmp_path, at_rest).n == 5
+
+
+@pytest.mark.parametrize(
+    ("links", "tools"),
+    [
+        (("base", "tcp", "ee_link", "tool0"), ["tool0"]),
+        (("left_tcp", "right_tcp", "end_effector"), ["left_tcp", "right_tcp"]),
+        (("left_tool0", "tool0"), ["tool0"]),
+        (("base", "toolbox", "mytcp"), []),
+    ],
+)
+def test_names_that_are_the_tools_by_custom(links: tuple[str, ...], tools: list[str]) -> None:
+    assert customary_tools(links) == tools
+
+
+def test_the_words_of_customary_names_tell_a_tool_frame() -> None:
+    assert all(map(is_tool_frame, ("tool0", "my_tcp_frame", "ee_gripper_link", "effector", "gripper_frame")))
+    assert not any(map(is_tool_frame, ("base_link", "gripper", "end", "tool_camera", "ee_finger")))
 
 
 def test_how_files_may_be_named(tmp_path: Path) -> None:

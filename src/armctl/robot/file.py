@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from codecs import BOM_UTF8
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Literal, cast
@@ -12,7 +13,9 @@ from msgspec import Meta
 from armctl.errors import RobotFileError
 from armctl.robot.decoding_words import decoding_words
 
-Positive = Annotated[float, Meta(gt=0)]
+SMALLEST = 1e-6
+"""what must be positive is no smaller than this"""
+Positive = Annotated[float, Meta(ge=SMALLEST)]
 NotNegative = Annotated[float, Meta(ge=0)]
 Name = Annotated[str, Meta(pattern=r"^[a-z][a-z0-9_]*$")]
 PointName = Annotated[str, Meta(pattern=r"^[A-Za-z][A-Za-z0-9_]*$")]
@@ -225,11 +228,13 @@ def read_robot_file(path: Path) -> RobotFile:
     except OSError as cause:
         raise RobotFileError(f"{path}: cannot be read: {cause.strerror}") from cause
     try:
-        file = msgspec.toml.decode(text, type=RobotFile)
+        file = msgspec.toml.decode(text.removeprefix(BOM_UTF8), type=RobotFile)  # some editors begin with it
     except msgspec.DecodeError as cause:
         raise RobotFileError(f"{path}: {decoding_words(cause, RobotFile)}") from cause
     except ValueError as cause:  # not UTF-8
         raise RobotFileError(f"{path}: is not a text file: {cause}") from cause
+    except RecursionError as cause:
+        raise RobotFileError(f"{path}: arrays or tables are nested too deep") from cause
     except OverflowError as cause:  # a whole number with hundreds of digits
         raise RobotFileError(f"{path}: holds a number that is too large: {cause}") from cause
     for key, value in _numbers(msgspec.to_builtins(file), ""):

@@ -47,18 +47,19 @@ def load_robot(name: str | Path) -> Robot:
     Raises:
         RobotFileError: no such robot, or a file that cannot be read or contradicts itself.
     """
+    path = Path(name)
+    if "\0" in str(name):
+        raise RobotFileError(f"{str(name)!r}: the name of a file holds no NUL")
     urdf = UrdfName.of(name)
     if urdf is not None:
         return load_urdf(urdf)
-    path = Path(name)
     if path.suffix == "" and len(path.parts) == 1:
-        shipped = robots_folder() / f"{name}.toml"
-        if not shipped.is_file():
+        if str(name) not in shipped_robots():
             raise RobotFileError(
                 f"there is no robot {str(name)!r}; shipped are {', '.join(shipped_robots())} "
                 "(or give a path to a .toml or .urdf file)"
             )
-        path = shipped
+        path = robots_folder() / f"{name}.toml"
     elif path.suffix.lower() != ".toml":
         raise RobotFileError(f"{path}: a robot file ends in .toml or .urdf")
     return _build(read_robot_file(path), path)

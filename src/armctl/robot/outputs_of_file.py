@@ -24,6 +24,8 @@ Entry = TypeVar("Entry")
 _ROUNDING_US = 0.125
 """robot files may round the safe range inwards by this"""
 _PERCENT = 0.01
+_FLATTEST_PER_DEG = 0.001
+"""[µs or counts a degree]"""
 
 
 def output_map(file: RobotFile, entries: Sequence[JointEntry], path: Path) -> OutputMap | None:
@@ -115,8 +117,7 @@ def _encoder_map(file: RobotFile, entries: Sequence[JointEntry], path: Path) -> 
         _check_drive(gripper, f"{path}: gripper.encoder")
     _check_channels([encoder.axis for encoder in encoders], gripper and gripper.axis, "encoders", path)
     for entry, encoder in zip(entries, encoders, strict=True):
-        if encoder.counts_per_deg == 0:
-            raise RobotFileError(f"{path}: joints.{entry.name}.encoder.counts_per_deg is 0")
+        _check_scale(encoder.counts_per_deg, f"{path}: joints.{entry.name}.encoder.counts_per_deg")
         _check_drive(encoder, f"{path}: joints.{entry.name}.encoder")
         low, high = entry.limit_deg
         if not low <= encoder.home_deg <= high:
@@ -185,8 +186,13 @@ def _check_servo(entry: JointEntry, servo: ServoEntry, where: str) -> None:
             f"{where}: the limits {entry.limit_deg[0]}° … {entry.limit_deg[1]}° need pulses of "
             f"{pulses[0]:.1f} … {pulses[1]:.1f} µs, pulse_us allows {low} … {high} µs"
         )
-    if servo.us_per_deg == 0:
-        raise RobotFileError(f"{where}.us_per_deg is 0")
+    _check_scale(servo.us_per_deg, f"{where}.us_per_deg")
+
+
+def _check_scale(per_deg: float, where: str) -> None:
+    """Refuse a scale on which a whole turn is less than a step of any board."""
+    if abs(per_deg) < _FLATTEST_PER_DEG:
+        raise RobotFileError(f"{where} is {per_deg:g}: the joint would not move; {_FLATTEST_PER_DEG} or more")
 
 
 def _joint_axis(entry: EncoderEntry) -> EncoderAxis:

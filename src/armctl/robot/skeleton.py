@@ -44,9 +44,11 @@ class Bar:
 
 def reach(chain: DHChain) -> float:
     """The length of the arm from its base frame to the tool point, all links stretched [m]."""
-    spans = np.linalg.norm(np.diff(chain.axes()[0], axis=0), axis=1)
-    last = chain.rows[-1]
-    return float(spans.sum()) + abs(last.d_m) + abs(last.a_m)
+    tool = chain.forward(np.zeros(chain.n))[:3, 3]
+    corners = np.vstack(
+        [np.zeros(3), chain.axes()[0], tool]
+    )  # no joint changes how far two in a row are apart
+    return float(np.linalg.norm(np.diff(corners, axis=0), axis=1).sum())
 
 
 def width(chain: DHChain, look: Look) -> float:

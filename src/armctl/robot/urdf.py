@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Iterable
 from pathlib import Path
@@ -17,6 +16,7 @@ from armctl.robot.joint import JERK_UP_S, Joint
 from armctl.robot.robot import Robot
 from armctl.robot.urdf_assumed import ASSUMED_SPEED, assumed_of
 from armctl.robot.urdf_file import UrdfFile, UrdfJoint, read_urdf_file
+from armctl.robot.urdf_limits import fixed_where_held, limits_of
 from armctl.robot.urdf_name import UrdfName
 from armctl.robot.urdf_rows import frame_along, rows_of
 from armctl.robot.urdf_tool import named_tool, suggested_tool
@@ -25,8 +25,6 @@ from armctl.robot.urdf_tree import UrdfTree
 FloatArray = NDArray[np.float64]
 SPEED_UP_S = 1 / 6
 """time from rest to full speed [s]"""
-WIDEST = 4 * math.pi
-"""no limit of a joint is farther from zero [rad]"""
 
 
 def load_urdf(name: UrdfName) -> Robot:
@@ -43,8 +41,10 @@ def load_urdf(name: UrdfName) -> Robot:
     file = read_urdf_file(path)
     tree = UrdfTree(file)
     tool = suggested_tool(tree) if name.link is None else named_tool(tree, name.link)
-    chain = tree.chain(tool.link)
+    chain = [fixed_where_held(joint, path) for joint in tree.chain(tool.link)]
     moving = [joint for joint in chain if joint.kind != "fixed"]
+    if not moving:
+        raise RobotFileError(f"{path}: no joint turns between {tree.root} and {tool.link}")
     origins, last = _origins(chain)
     last = last @ frame_along(name.direction)
     dh = DHChain(rows_of(origins, [joint.axis for joint in moving], last))
@@ -80,19 +80,8 @@ def _origins(chain: list[UrdfJoint]) -> tuple[list[FloatArray], FloatArray]:
 
 
 def _joint(joint: UrdfJoint, name: str, path: Path) -> Joint:
-    where = f'{path}: <joint name="{joint.name}">'
-    lower, upper = -math.pi, math.pi
+    lower, upper = limits_of(joint, path)
     limit = joint.limit
-    if joint.kind == "revolute":
-        if limit is None:
-            raise RobotFileError(f"{where}: <limit> is missing; a revolute joint needs lower and upper")
-        lower, upper = limit.lower, limit.upper
-        if not -WIDEST <= lower < upper <= WIDEST:
-            degrees = " (they look like degrees)" if max(abs(lower), abs(upper)) > WIDEST else ""
-            raise RobotFileError(
-                f"{where}: <limit lower={lower} upper={upper}>: the lower limit comes first, "
-                f"both in radians within ±{WIDEST:.2f}{degrees}"
-            )
     speed = limit.velocity if limit is not None and limit.velocity > 0 else ASSUMED_SPEED
     return Joint(
         name=name,
@@ -110,10 +99,11 @@ def _bodies(file: UrdfFile, tree: UrdfTree, chain: list[UrdfJoint], dh: DHChain)
     """The masses that each joint carries, in its DH row's frame; branches off the chain at their zero."""
     rows = dh.frames(np.zeros(dh.n))
     poses, carrier = {tree.root: np.eye(4)}, {tree.root: -1}
-    on_chain = {joint.name for joint in chain if joint.kind != "fixed"}
-    for joint in tree.below(tree.root):
+    on_chain = {joint.name: joint for joint in chain}
+    for written in tree.below(tree.root):
+        joint = on_chain.get(written.name, written)
         poses[joint.child] = poses[joint.parent] @ joint.origin
-        carrier[joint.child] = carrier[joint.parent] + (joint.name in on_chain)
+        carrier[joint.child] = carrier[joint.parent] + (joint.name in on_chain and joint.kind != "fixed")
     for name, link in file.links.items():
         k = carrier[name]
         if link.mass_kg == 0.0 or k < 0:

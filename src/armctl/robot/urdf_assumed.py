@@ -46,6 +46,7 @@ def assumed_of(
         *_tool(name, tool),
         *_approach(name, tool, names, dh),
         *_leaning(names, dh),
+        *_held(chain),
         *_rounding(chain),
         *_numbers(moving, names),
     )
@@ -110,6 +111,14 @@ def _leaning(names: list[str], dh: DHChain) -> Iterable[str]:
             f"pitch is measured from the plane that the axis of {names[0]} stands on, not from the "
             f"horizontal: that axis leans by {math.degrees(lean):.1f}° in the root frame"
         )
+
+
+def _held(chain: list[UrdfJoint]) -> Iterable[str]:
+    held = [
+        f"{joint.name} at {math.degrees(joint.held_at):.1f}°" for joint in chain if joint.held_at is not None
+    ]
+    if held:
+        yield f"fixed, as both limits are the same: {', '.join(held)}"
 
 
 def _rounding(chain: list[UrdfJoint]) -> Iterable[str]:

@@ -48,6 +48,8 @@ class UrdfJoint:
     """the joint that this one follows"""
     rounding: Rounding
     """how origin and axis differ from what is written"""
+    held_at: float | None = None
+    """the one angle [rad] of a turning joint that was taken as fixed; ``origin`` has it in"""
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,7 +5,8 @@ Between the axes of two joints lies a fixed transform. With both axes along z it
     F = Rz(θ1) Tz(d1) · Tx(a) Rx(α) · Rz(θ2) Tz(d2)
 
 and the turns about z merge with those of the joints on either side: one standard row a joint, one fixed row
-ahead of the first and one behind the last.
+ahead of the first and one behind the last. Where the common normal of two slanted axes lies far from both
+joints, two rows lead from joint to joint instead: what is drawn, and kept off the floor, goes along the rows.
 """
 
 from __future__ import annotations
@@ -25,6 +26,8 @@ _PARALLEL = 1e-14
 """sine of the angle below which two axes are parallel"""
 _SLANTED = 0.05
 """sine below which the common normal of two axes lies so far off that its lengths would lose digits"""
+_FARTHEST = 1.001
+"""times the way between two joints; a common normal that meets the second axis farther off is no link"""
 _NOTHING = 1e-15
 """lengths [m] and angles [rad] below this are rounding"""
 _NONE = DHRow(0.0, 0.0, 0.0, 0.0, joint=False)
@@ -99,12 +102,12 @@ def _decomposed(F: FloatArray) -> tuple[list[DHRow], DHRow]:
     if abs(theta) > math.pi / 2 + 1e-9:  # of the two ways the one with the smaller turn
         theta, alpha = theta - math.pi, -alpha
     closing = facing * (turn - theta)
-    if sine < _SLANTED:
+    c, s = math.cos(theta), math.sin(theta)
+    shift = (s * x - c * y) / math.sin(alpha)
+    if sine < _SLANTED or abs(shift) > _FARTHEST * math.hypot(x, y, z):
         along = math.atan2(y, x)
         ahead = [_fixed(along, z, math.hypot(x, y)), _fixed(theta - along, 0.0, 0.0, alpha)]
         return ahead, _fixed(closing, 0.0)
-    c, s = math.cos(theta), math.sin(theta)
-    shift = (s * x - c * y) / math.sin(alpha)
     return [_fixed(theta, z - shift * r22, c * x + s * y, alpha)], _fixed(closing, shift)
 
 

@@ -7,10 +7,7 @@ from dataclasses import dataclass
 from armctl.errors import RobotFileError
 from armctl.robot.urdf_file import UrdfJoint
 from armctl.robot.urdf_tree import UrdfTree
-from armctl.robot.urdf_words import is_of_gripper, is_sensor, is_tool_frame
-
-TOOL_NAMES = ("tool0", "tcp", "tool", "ee_link", "end_effector", "gripper_base")
-"""what the tool link is called by custom, the surest first; also with a prefix (``left_tool0``)"""
+from armctl.robot.urdf_words import customary_tools, is_of_gripper, is_sensor, is_tool_frame
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,19 +36,16 @@ def named_tool(tree: UrdfTree, link: str) -> UrdfTool:
 def suggested_tool(tree: UrdfTree) -> UrdfTool:
     """The link that is most likely the tool.
 
-    One with a customary name (``TOOL_NAMES``). Without one, the arm follows the moving joints from the root.
-    It ends where none is left, or at a gripper: at a link with several moving joints that slide or follow
-    each other, or whose joints are the gripper's own by their names. From there it goes on over fixed joints,
-    to the link that has a name as tool frames have, else to the last one that is no camera.
+    One with a customary name. Without one, the arm follows the moving joints from the root. It ends where
+    none is left, or at a gripper: at a link with several moving joints that slide or follow each other, or
+    whose joints are the gripper's own by their names. From there it goes on over fixed joints, to the link
+    that has a name as tool frames have, else to the last one that is no camera.
 
     Raises:
         RobotFileError: several links could be the tool.
     """
-    links = list(tree.file.links)
-    for name in TOOL_NAMES:
-        tools = [link for link in links if link == name] or [link for link in links if _ends_in(link, name)]
-        if tools:
-            return UrdfTool(_only(tree, tools), "which has a customary name")
+    if tools := customary_tools(tree.file.links):
+        return UrdfTool(_only(tree, tools), "which has a customary name")
     return _Search(tree).tool()
 
 
@@ -126,7 +120,3 @@ def unclear_tool(tree: UrdfTree, links: list[str]) -> RobotFileError:
     return RobotFileError(
         f"{path}: several links could be the tool: {', '.join(links)}; name one: {path.name}#{links[0]}"
     )
-
-
-def _ends_in(link: str, name: str) -> bool:
-    return any(link.endswith(f"{mark}{name}") for mark in "_-/.")

@@ -75,23 +75,27 @@ class UrdfTree:
         """The joints from the root link to a link, fixed ones among them.
 
         Raises:
-            RobotFileError: a joint on the way is none that turns freely, or none of them turns.
+            RobotFileError: a joint on the way is none that turns freely.
         """
         chain = self._way_to(tool)
-        for joint in chain:
+        for k, joint in enumerate(chain):
             where = f'{self.file.path}: <joint name="{joint.name}">'
             if joint.kind not in ("revolute", "continuous", "fixed"):
                 raise RobotFileError(
                     f'{where}: type="{joint.kind}": the chain of an arm holds revolute, continuous and fixed '
-                    f"joints; an arm that ends ahead of it is named as {self.file.path.name}#{joint.parent}"
+                    f"joints; {self._way_out(joint, chain[:k])}"
                 )
             if joint.mimics is not None and joint.kind != "fixed":
                 raise RobotFileError(
                     f'{where}: follows the joint "{joint.mimics}"; every joint of an arm is free'
                 )
-        if all(joint.kind == "fixed" for joint in chain):
-            raise RobotFileError(f"{self.file.path}: no joint turns between {self.root} and {tool}")
         return chain
+
+    def _way_out(self, joint: UrdfJoint, ahead: list[UrdfJoint]) -> str:
+        """What can be done about a joint that does not turn, with these ones ahead of it."""
+        if any(one.kind != "fixed" for one in ahead):
+            return f"an arm that ends ahead of it is named as {self.file.path.name}#{joint.parent}"
+        return 'no joint turns ahead of it; if the arm is to be used with it at rest, make it type="fixed"'
 
     def _way_to(self, link: str) -> list[UrdfJoint]:
         way: list[UrdfJoint] = []
