@@ -215,7 +215,8 @@ class SlowExecutor(Executor):
 
     def work(self) -> None:
         future, call = self.waiting.pop(0)
-        future.set_result(call())
+        if future.set_running_or_notify_cancel():
+            future.set_result(call())
 
 
 def test_only_the_newest_target_is_solved_for() -> None:
@@ -244,6 +245,25 @@ def test_what_is_solved_after_it_was_left_moves_nothing() -> None:
     rig.run(0.5)
     assert np.array_equal(rig.now.q_command, HOME)
     assert rig.now.state is State.HOLDING
+
+
+def test_what_was_left_is_not_gone_to_when_another_target_is_followed() -> None:
+    executor = SlowExecutor()
+    rig = make_rig(executor).enable(HOME)
+    first, second, third = (TOOL + np.array([0.0, y, 0.0]) for y in (0.05, -0.08, 0.06))
+    follow(rig, first, 2 * TICK)
+    executor.work()
+    follow(rig, first, 0.1)
+    follow(rig, second, 2 * TICK)  # is being solved for
+    rig.do(FollowTarget(None))
+    assert rig.now.velocity_command.any()  # it still slows down
+    follow(rig, third, 2 * TICK)
+    executor.work()
+    follow(rig, third, 0.5)
+    assert tool(rig)[1] > TOOL[1]  # not on its way to the second one, whose answer has come
+    executor.work()
+    follow(rig, third, 1.0)
+    assert tool(rig) == pytest.approx(third, abs=1e-9)
 
 
 def test_after_a_stop_the_same_target_is_followed_again(rig: Rig) -> None:

@@ -296,9 +296,11 @@ def test_the_speed_may_change_on_the_way(holding: Rig) -> None:
     assert_stream_keeps_limits(holding, 1)
 
 
-@pytest.mark.parametrize("fraction", [0.0, 0.04, 1.01, np.nan, np.inf])
-def test_a_speed_that_cannot_be(holding: Rig, fraction: float) -> None:
-    with pytest.raises(InputError, match="is outside 5 … 100 %"):
+@pytest.mark.parametrize(
+    ("fraction", "said"), [(0.0, "0"), (0.04, "4"), (1.001, "100.1"), (np.nan, "nan"), (np.inf, "inf")]
+)
+def test_a_speed_that_cannot_be(holding: Rig, fraction: float, said: str) -> None:
+    with pytest.raises(InputError, match=f"a speed of {said} % is outside 5 … 100 %"):
         holding.do(SetSpeed(fraction)).accepted.result(0)
 
 

@@ -9,10 +9,13 @@ from tests.runtime.kit import (
     Rig,
     assert_accelerations_keep_limits,
     assert_stream_keeps_limits,
+    make_rig,
 )
+from tests.runtime.test_motions import LateExecutor
 
-from armctl.errors import BoardTimeoutError, StateError
+from armctl.errors import ArmctlError, BoardTimeoutError, StateError
 from armctl.runtime import Jog, MoveGripper, MoveJoints, Origin, Pause, Resume, State
+from armctl.runtime.mover import PathMover
 
 REST, HOME = ROBOT.pose("rest"), ROBOT.pose("home")
 
@@ -176,3 +179,72 @@ def test_why_it_was_stopped_is_told(holding: Rig) -> None:
     assert "STOP (page 3: the operator's page is gone)" in holding.texts
     with pytest.raises(StateError, match="stopped by page 3: the operator's page is gone"):
         motion.finished.result(0)
+
+
+PAGE_GONE = Origin("page 3", "the operator's page is gone")
+
+
+def last_event(rig: Rig) -> tuple[str, str]:
+    return rig.now.events[-1].level, rig.now.events[-1].text
+
+
+def test_a_page_that_is_closed_while_nothing_moves_is_no_warning(holding: Rig) -> None:
+    ticket = holding.controller.stop(PAGE_GONE)
+    holding.tick()
+    ticket.finished.result(0)
+    assert last_event(holding) == (
+        "info",
+        "page 3: the operator's page is gone; nothing moved, holding as before",
+    )
+
+
+def test_a_stop_that_somebody_presses_is_a_warning_also_at_rest(holding: Rig) -> None:
+    holding.controller.stop(TEST)
+    holding.tick()
+    assert last_event(holding) == ("warning", "STOP (test)")
+
+
+@pytest.mark.parametrize("what", ["motion", "gripper", "jog"])
+def test_a_page_that_is_closed_in_a_motion_is_a_warning(holding: Rig, what: str) -> None:
+    commands = {"motion": MoveJoints(far(holding)), "gripper": MoveGripper(1.0), "jog": Jog(np.ones(5))}
+    holding.do(MoveGripper(0.0))  # in one step: its opening is not known yet
+    holding.do(commands[what])
+    holding.run(2 * TICK)
+    holding.controller.stop(PAGE_GONE)
+    holding.tick()
+    assert ("warning", "STOP (page 3: the operator's page is gone)") in [
+        (event.level, event.text) for event in holding.now.events
+    ]
+
+
+def test_a_page_that_is_closed_while_its_motion_is_planned_is_a_warning() -> None:
+    rig = make_rig(LateExecutor()).enable()
+    motion = rig.do(MoveJoints(far(rig)))
+    rig.controller.stop(PAGE_GONE)
+    rig.tick()
+    assert last_event(rig) == ("warning", "STOP (page 3: the operator's page is gone)")
+    with pytest.raises(StateError, match="stopped by page 3"):
+        motion.finished.result(0)
+
+
+def test_a_motion_that_cannot_be_stopped_is_a_fault_and_every_stop_is_answered(
+    holding: Rig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A defect: it must neither end the controller's thread nor leave anybody waiting."""
+
+    def broken(_mover: PathMover) -> None:
+        raise ZeroDivisionError("by nought")
+
+    motion = holding.do(MoveJoints(far(holding)))
+    holding.run(0.5)
+    monkeypatch.setattr(PathMover, "stop", broken)
+    first, second = holding.controller.stop(TEST), holding.controller.stop(TEST)
+    holding.tick()
+    for ticket in (first, second):
+        ticket.finished.result(0)
+    with pytest.raises(ArmctlError, match="internal error: ZeroDivisionError: by nought"):
+        motion.finished.result(0)
+    assert holding.now.state is State.FAULT
+    count = len(holding.driver.writes)
+    holding.run(1.0)
+    assert len(holding.driver.writes) == count

@@ -194,7 +194,7 @@ class Origin:
 
     who: str = "library"
     note: str = ""
-    """why, where that is not plain from the command"""
+    """why, where it is not what somebody asked for but what has to follow from something else"""
 
     def __str__(self) -> str:
         return f"{self.who}: {self.note}" if self.note else self.who

@@ -7,6 +7,7 @@ import threading
 from collections.abc import Callable
 from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import partial
 
 from armctl.errors import ArmctlError, InputError, StateError
 from armctl.hardware import Driver
@@ -191,8 +192,8 @@ class Controller:
         self._shut()
 
     def _move(self, stops: list[_Stop], now: float) -> None:
-        for stop in stops:
-            self._core.stop(str(stop.origin), stop.ticket)
+        for stop in stops:  # each on its own: whatever one of them meets, the others are carried out
+            self._guarded(partial(self._core.stop, stop.origin, stop.ticket))
         self._core.advance(now, urgent=bool(stops))
 
     def _take(self, order: Order, stops: list[_Stop], now: float) -> None:

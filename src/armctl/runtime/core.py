@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import math
 from collections.abc import Callable
 
@@ -14,6 +15,7 @@ from armctl.motion import Floor
 from armctl.robot import Robot
 from armctl.runtime.activity import Activity, Setpoint
 from armctl.runtime.board import Board
+from armctl.runtime.commands import Origin
 from armctl.runtime.gate import Gate
 from armctl.runtime.gripper import GripperMover
 from armctl.runtime.keep_clear import KeepClear
@@ -31,6 +33,7 @@ from armctl.runtime.upcoming import Upcoming
 FloatArray = NDArray[np.float64]
 POWERED = (State.HOLDING, State.MOVING, State.PAUSED)
 _READ_INTERVAL_S = 0.02
+_LOGGER = logging.getLogger("armctl.runtime")
 
 
 class Core:
@@ -132,16 +135,17 @@ class Core:
             self.stopping.clear()
             self._leave_now()
 
-    def stop(self, who: str, ticket: Ticket) -> None:
+    def stop(self, origin: Origin, ticket: Ticket) -> None:
         """Slow down along the path as hard as the limits allow, then hold; drop the rest.
 
         A board that moves the arm by itself is told to brake; if it does not confirm, that is a fault.
         """
+        who = str(origin)
         ticket.accept()
+        self._tell_stop(origin)
         self.jog_locked = True
         self.upcoming.drop_motion(StateError(f"stopped by {who}"))
         self.gripper.stop(StateError(f"stopped by {who}"))
-        self.log.warning(f"STOP ({who})")
         try:
             if self.activity is not None:
                 self.stopped_by = who
@@ -154,6 +158,14 @@ class Core:
         except ArmctlError as error:
             self.fault(error)
         ticket.finish()
+
+    def _tell_stop(self, origin: Origin) -> None:
+        """A STOP is a warning; only one that nobody pressed, and that found nothing to stop, is none."""
+        busy = self.activity is not None or self.upcoming.has_motion or self.gripper.moving
+        if busy or self.monitor.homes or not origin.note:
+            self.log.warning(f"STOP ({origin})")
+        else:
+            self.log.info(f"{origin}; nothing moved, {self.state.value} as before")
 
     def drop_all(self, error: ArmctlError) -> ArmctlError | None:
         """Forget everything that runs or waits; the arm gets no further setpoint.
@@ -218,7 +230,7 @@ class Core:
             self.monitor.check_released()
             return
         if reading.errors and self.activity is not None and not self.stopping:
-            self.stop(f"the board reports {', '.join(reading.errors)}", Ticket())
+            self.stop(Origin(f"the board reports {', '.join(reading.errors)}"), Ticket())
         lost = self.monitor.went_by_itself(q, now)
         if lost is not None:
             self.gate.forget()
@@ -244,6 +256,9 @@ class Core:
             activity.stop()
         except ArmctlError as error:
             return error
+        except Exception as error:  # a defect here must not keep a fault from being one
+            _LOGGER.exception("%s could not be stopped", activity.label)
+            return ArmctlError(f"internal error: {type(error).__name__}: {error}")
         return None
 
     def _settle_activity(self, activity: Activity) -> None:

@@ -159,7 +159,7 @@ def _disconnect(core: Core, order: Order, who: str) -> bool:
     if core.state is State.DISCONNECTED:
         return True
     if core.activity is not None:
-        core.stop(f"disconnect, {who}", Ticket())
+        core.stop(c.Origin(f"disconnect, {who}"), Ticket())
         core.leaving = order.ticket
         return False
     core.disconnect(f"disconnected ({who})")
@@ -191,7 +191,7 @@ def _resume(core: Core, who: str) -> None:
 
 def _set_speed(core: Core, fraction: float, who: str) -> None:
     if not SLOWEST <= fraction <= 1:
-        raise InputError(f"a speed of {100 * fraction:.0f} % is outside {100 * SLOWEST:.0f} … 100 %")
+        raise InputError(f"a speed of {100 * fraction:g} % is outside {100 * SLOWEST:.0f} … 100 %")
     core.speed = float(fraction)
     if core.activity is not None:
         core.activity.set_speed(core.speed)
@@ -287,7 +287,7 @@ def _move_gripper(core: Core, opening: float, order: Order) -> bool:
         what = "is not connected" if gripper is not None and core.board is None else "has no gripper"
         raise StateError(f"{core.robot.name} {what}")
     if not 0 <= opening <= 1:
-        raise InputError(f"{gripper.title}: {100 * opening:.0f} % is outside 0 … 100 %")
+        raise InputError(f"{gripper.title}: {100 * opening:g} % is outside 0 … 100 %")
     if core.state not in POWERED or core.gate.q is None:
         raise StateError(f"the gripper needs the arm enabled, it is {core.state.value}{_hint(core)}")
     if isinstance(core.activity, ProgramRunner) and core.activity.gripping:

@@ -68,6 +68,9 @@ class Follower(Led):
         """Slow down as hard as the limits allow; the same target asked for again is a new one."""
         self._goal = self._target = None
         self._stale = False
+        if self._solving is not None:  # its answer is to a target that nobody follows any more
+            self._solving.cancel()
+            self._solving = None
         super().stop()
 
     def view(self) -> ActivityView:

@@ -72,7 +72,7 @@ class Homing:
         homing = self._reading().homing
         if self._ended or homing is None or homing.running is None:
             return None
-        place = sum(homing.homed.values()) + 1
+        place = min(sum(homing.homed.values()) + 1, len(homing.homed))
         title = self._board.title(homing.running)
         return f"homing: {title} looks for its zero ({place} of {len(homing.homed)}); keep clear"
 

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from armctl.errors import ArmctlError, MotionRefusedError, StateError
 from armctl.hardware import Source
-from armctl.motion import FLOOR_TOLERANCE_M
+from armctl.motion import FLOOR_TOLERANCE_M, Floor
 from armctl.runtime.board import Board, Reading
 from armctl.runtime.core import POWERED, Core
 from armctl.runtime.homing import Homing
@@ -82,8 +82,8 @@ def enable(core: Core, wanted: FloatArray | None, who: str, now: float) -> None:
         raise StateError(f"the arm does not know where it is yet; {HOME_FIRST}")
     live = ~np.isnan(reading.q)
     start = _taken_over(core, core.board, np.where(live, reading.q, goal))
-    if not live.all():
-        _check_floor(core, start)
+    if not live.all() and (below := below_floor(core.floor, start)) is not None:
+        raise MotionRefusedError(f"{below}; choose another pose to enable in")
     core.gate.jump(start, now)
     if reading.opening is not None:
         core.gate.adopt_opening(reading.opening, now)
@@ -184,13 +184,12 @@ def _where_it_is(core: Core, board: Board, now: float) -> Reading:
     return second
 
 
-def _check_floor(core: Core, q: FloatArray) -> None:
-    lowest = core.floor.clearance(q)
-    if lowest.size and float(lowest.min()) < -FLOOR_TOLERANCE_M:
-        part = core.floor.parts[int(lowest.argmin())]
-        raise MotionRefusedError(
-            f"{part}: {-1000 * float(lowest.min()):.1f} mm below the floor; choose another pose to enable in"
-        )
+def below_floor(floor: Floor, q: FloatArray) -> str | None:
+    """What of the arm a jump to ``q`` (n,) [rad] would put below the floor, in words; None: nothing."""
+    lowest = floor.clearance(q)
+    if not lowest.size or float(lowest.min()) >= -FLOOR_TOLERANCE_M:
+        return None
+    return f"{floor.parts[int(lowest.argmin())]}: {-1000 * float(lowest.min()):.1f} mm below the floor"
 
 
 def _tolerance(board: Board) -> FloatArray:
