@@ -75,7 +75,7 @@ def test_fit_names_a_wrong_mark(tmp_path: Path, capsys: pytest.CaptureFixture[st
         (("fit", "uzuner", "elbow", "none.csv"), REFUSED, "none.csv: cannot be read"),
         (("fit", "nobody", "elbow", "marks.csv"), REFUSED, "there is no robot 'nobody'"),
         (("fit", "uzuner", "elbow", "two.csv"), REFUSED, "2 marks are too few"),
-        (("show", "uzuner"), REFUSED, "uzuner was never calibrated on this computer"),
+        (("show", "uzuner"), REFUSED, "uzuner was never calibrated on this computer; begin with `armctl cal"),
         (("revert", "uzuner", "--board", "1"), REFUSED, "uzuner was never calibrated"),
         (("points", "uzuner", "marks.csv"), REFUSED, "must name the columns base_deg, shoulder_deg"),
         (("import", "marks.csv"), REFUSED, "is no calibration file"),
@@ -191,7 +191,10 @@ def test_safe_outputs_and_the_gripper_are_set_by_hand(
         (("gripper", "uzuner", "10", "9000"), "a servo's pulses are 64 … 4080 µs long"),
         (("gripper", "uzuner", "1500", "1500"), "closed and open are both 1500"),
         (("gripper", "humanoid", "1000", "2000", "--port", "sim"), "has none"),
-        (("gripper", "abaas", "1000", "2000"), "abaas was never calibrated"),
+        (
+            ("gripper", "abaas", "1000", "2000"),
+            "abaas was never calibrated on this computer; say for which board: --port, or",
+        ),
     ):
         status, _, err = call(capsys, *words)
         assert status == REFUSED and says in err and "forget" not in err

@@ -24,6 +24,7 @@ from armctl.calibration import (
     safe_outputs,
 )
 from armctl.cli.calibration_words import show_fit, timestamp, unit_of
+from armctl.cli.ending import ends_like_ctrl_c
 from armctl.errors import CalibrationError, MotionRefusedError, ProgramError
 from armctl.hardware import Source
 from armctl.robot import Robot
@@ -47,7 +48,7 @@ def measure_joint(robot: Robot, joint: str, port: str, places: int, speed: float
         ArmctlError: no such joint, no board, marks that give no calibration.
     """
     unit = unit_of(robot, joint)
-    with Arm.open(robot, port) as arm:
+    with ends_like_ctrl_c(), Arm.open(robot, port) as arm:
         if arm.board == UNNUMBERED:
             click.echo(f"the board on {port} has no serial number: what is saved holds for every such board")
         arm.set_speed(speed)

@@ -18,6 +18,7 @@ from armctl.cli.options import NUMBER, QUERY_SETTINGS
 from armctl.errors import CalibrationError
 from armctl.robot import Robot, load_robot
 
+_NAME_IT = "say for which board: --port, or --board and its serial number (`armctl ports` prints it)"
 port_option = click.option("--port", help="The port that the board is on, instead of --board.")
 
 
@@ -76,7 +77,9 @@ def _now(arm: Robot, board: str | None, port: str | None) -> Calibration:
     if arm.output_map is None:
         raise CalibrationError(f"the robot file of {arm.title} gives no outputs to calibrate")
     store = CalibrationStore()
-    key = board_name(port, arm) if port is not None else board or chosen_board(store, arm.name, None)
+    key = (
+        board_name(port, arm) if port is not None else board or chosen_board(store, arm.name, None, _NAME_IT)
+    )
     found = store.load(arm.name, key)
     return found or Calibration(arm.name, key, arm.output_map.unit, {})
 

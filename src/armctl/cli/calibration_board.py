@@ -12,8 +12,17 @@ board_option = click.option(
 )
 
 
-def chosen_board(store: CalibrationStore, robot: str, board: str | None) -> str:
+_BEGIN = "begin with `armctl calibrate joint`"
+
+
+def chosen_board(store: CalibrationStore, robot: str, board: str | None, begin: str = _BEGIN) -> str:
     """The board that was named, or the only one.
+
+    Args:
+        store: the calibrations of this computer.
+        robot: name of the robot.
+        board: serial number; None: the only one.
+        begin: what to do where there is no calibration yet.
 
     Raises:
         CalibrationError: the robot was never calibrated, or with several boards.
@@ -24,7 +33,7 @@ def chosen_board(store: CalibrationStore, robot: str, board: str | None) -> str:
     if board is not None and board in known:
         return board
     if not known:
-        raise CalibrationError(f"{robot} was never calibrated on this computer")
+        raise CalibrationError(f"{robot} was never calibrated on this computer; {begin}")
     listed = ", ".join(known)
     if board is None:
         raise CalibrationError(f"{robot} was calibrated with several boards: {listed}; name one with --board")

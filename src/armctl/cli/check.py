@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from codecs import BOM_UTF8
+from collections.abc import Iterator
 from pathlib import Path
 
 import click
@@ -10,10 +12,11 @@ import msgspec
 from armctl.cli.main import DONE, REFUSED
 from armctl.cli.options import json_option, print_json
 from armctl.errors import ArmctlError, InputError
-from armctl.motion import ProgramFinding, check_program, open_program
+from armctl.motion import Floor, ProgramFinding, check_program, open_program
 from armctl.motion.preflight import not_checked, preflight_batch
 from armctl.motion.profiles import PointToPoint
 from armctl.robot import Robot, is_urdf, load_robot
+from armctl.runtime.power import below_floor
 
 
 @click.command()
@@ -84,12 +87,14 @@ def _kind(file: Path) -> str:
     """``robot`` or ``program``: what the file's name or its top level says it is."""
     if is_urdf(file):
         return "robot"
-    if file.suffix in (".csv", ".py"):
+    if file.suffix.lower() in (".csv", ".py"):
         return "program"
     try:
-        top = msgspec.toml.decode(file.read_bytes())
+        top = msgspec.toml.decode(file.read_bytes().removeprefix(BOM_UTF8))
     except OSError as cause:
         raise InputError(f"{file}: cannot be read: {cause.strerror}") from cause
+    except RecursionError as cause:
+        raise InputError(f"{file}: arrays or tables are nested too deep") from cause
     except ValueError as cause:
         raise InputError(f"{file}: is not TOML: {cause}") from cause
     return "robot" if isinstance(top, dict) and ("dh" in top or "joints" in top) else "program"
@@ -102,15 +107,26 @@ def _check_robot(robot: Robot) -> list[ProgramFinding]:
     names = [name for name in robot.poses if name != "home"]
     found = preflight_batch(robot, [PointToPoint.plan(robot, home, robot.pose(name)) for name in names])
     return [
-        ProgramFinding(
-            None,
-            finding.what,
-            finding.time,
-            f"the way from home to {name}: {finding.part}",
-            finding.mend,
-            finding.kind,
-            "warning",
-        )
-        for name, findings in zip(names, found, strict=True)
-        for finding in findings
+        *_check_rest(robot),
+        *(
+            ProgramFinding(
+                None,
+                finding.what,
+                finding.time,
+                f"the way from home to {name}: {finding.part}",
+                finding.mend,
+                finding.kind,
+                "warning",
+            )
+            for name, findings in zip(names, found, strict=True)
+            for finding in findings
+        ),
     ]
+
+
+def _check_rest(robot: Robot) -> Iterator[ProgramFinding]:
+    """Whether servos that are off may jump to where Enable sends them; motors stay where homing ended."""
+    below = None if robot.board == "encoder" else below_floor(Floor(robot), robot.first_pose)
+    if below is not None:
+        mend = "Enable is refused there; choose another rest pose (that of a URDF has all joints at zero)"
+        yield ProgramFinding(None, below, part="the rest pose", mend=mend, kind="floor")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import importlib
 import os
 import sys
@@ -25,6 +26,7 @@ COMMANDS = {
     "simulate": "armctl.cli.simulate:simulate",
 }
 DONE, REFUSED, WRONG_USAGE = 0, 1, 2
+_FULL = frozenset({errno.ENOSPC, errno.EDQUOT})
 
 
 class LazyGroup(click.Group):
@@ -71,9 +73,12 @@ def run(arguments: Sequence[str]) -> int:
         return _complain("interrupted", REFUSED)
     except ArmctlError as error:
         return _complain(str(error), REFUSED)
-    except BrokenPipeError:  # `armctl ... | head`: nobody reads on, and that is not an error
+    except OSError as error:  # not a pipe that nobody reads on: click ends that in silence, with status 1
+        if error.errno not in _FULL:
+            raise
+        # what is left in the buffer would fail once more when Python ends
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return DONE
+        return _complain(f"the output cannot be written: {error.strerror}", REFUSED)
     return status if isinstance(status, int) else DONE
 
 

@@ -22,12 +22,13 @@ class Number(click.ParamType[float]):
 
     Args:
         above: it must be larger than this.
+        within: it must be no farther from zero than this.
     """
 
     name = "float"
 
-    def __init__(self, above: float = -math.inf) -> None:
-        self._above = above
+    def __init__(self, above: float = -math.inf, within: float = math.inf) -> None:
+        self._above, self._within = above, within
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
         """Read ``value``; fails as wrong usage."""
@@ -36,6 +37,8 @@ class Number(click.ParamType[float]):
             self.fail(f"{value} is not a finite number", param, ctx)
         if not number > self._above:
             self.fail(f"{number:g} must be more than {self._above:g}", param, ctx)
+        if abs(number) > self._within:
+            self.fail(f"{number:g} must be within ±{self._within:g}", param, ctx)
         return number
 
 

@@ -8,6 +8,7 @@ import click
 
 from armctl.arm import Arm
 from armctl.boards import SIMULATED
+from armctl.cli.ending import ends_like_ctrl_c
 from armctl.errors import ProgramError
 from armctl.motion import check_program, open_program
 from armctl.robot import load_robot
@@ -30,8 +31,8 @@ def run(program: Path, robot: str | None, port: str, loops: int, forever: bool, 
     Servos that are off jump to the rest pose first, and motors with encoders look for their home switches:
     keep clear.
 
-    Ctrl-C stops the arm. At the end servos stay on; motors with encoders go off, as their board does when
-    nobody speaks to it.
+    Ctrl-C stops the arm; so do SIGTERM and a terminal that is closed. At the end servos stay on; motors
+    with encoders go off, as their board does when nobody speaks to it.
     """
     arm_robot = None if robot is None else load_robot(robot)
     loaded = open_program(program, arm_robot)
@@ -42,7 +43,7 @@ def run(program: Path, robot: str | None, port: str, loops: int, forever: bool, 
         raise ProgramError(f"{program}: {errors[0]}")
     for warning in findings:
         click.echo(f"warning: {warning}", err=True)
-    with Arm.open(arm_robot, port) as arm:
+    with ends_like_ctrl_c(), Arm.open(arm_robot, port) as arm:
         arm.set_speed(speed)
         if any(not axis.homed for axis in arm.snapshot.homing):
             click.echo("homing: axis by axis, the arm moves to its home switches; keep clear", err=True)

@@ -5,18 +5,16 @@ from __future__ import annotations
 import logging
 import os
 import secrets
-import signal
 import sys
-import threading
 import webbrowser
 from functools import partial
-from types import FrameType
 
 import click
 from platformdirs import user_data_path
 
 from armctl.arm import Arm
 from armctl.boards import AUTOMATIC, NO_BOARD, SIMULATED
+from armctl.cli.ending import end_event
 from armctl.errors import ArmctlError, RobotFileError
 from armctl.hardware.ports import list_ports
 from armctl.robot import Robot, load_robot, shipped_robots
@@ -63,7 +61,7 @@ def serve(robot: str, port: str, host: str, http_port: int, no_browser: bool) ->
             click.echo(f"armctl: {present.title} {where}: {url}  (Ctrl-C ends)")
             if not no_browser and _has_display():
                 webbrowser.open(url)
-            _wait()
+            end_event().wait()
         finally:
             app.close()
     finally:
@@ -145,15 +143,3 @@ def _has_display() -> bool:
     return sys.platform in ("darwin", "win32") or bool(
         os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
     )
-
-
-def _wait() -> None:
-    """Until SIGINT or SIGTERM."""
-    ended = threading.Event()
-
-    def end(signum: int, frame: FrameType | None) -> None:
-        ended.set()
-
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, end)
-    ended.wait()

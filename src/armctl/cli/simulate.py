@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import signal
-import threading
 from pathlib import Path
-from types import FrameType
 
 import click
 
+from armctl.cli.ending import end_event
 from armctl.errors import InputError
 from armctl.hardware.encoder import serve_simulated_encoder
 from armctl.hardware.firmata import serve_simulated_firmata
@@ -76,14 +74,8 @@ def encoder(link: Path | None, robot: str) -> int:
 
 
 def _serve(server: PtyServer[Model]) -> int:
-    """Until SIGINT or SIGTERM, either of which is a good end."""
-    ended = threading.Event()
-
-    def end(signum: int, frame: FrameType | None) -> None:
-        ended.set()
-
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, end)
+    """Until it is told to end, which is a good end."""
+    ended = end_event()
     with server:
         click.echo(f"simulated board on {server.port} (ctrl-c ends it)")
         ended.wait()

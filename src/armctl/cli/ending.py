@@ -1,0 +1,42 @@
+"""How a command is told from outside to end: Ctrl-C, a service manager, a terminal that is closed."""
+
+from __future__ import annotations
+
+import signal
+import threading
+from collections.abc import Generator
+from contextlib import contextmanager
+from types import FrameType
+
+
+def end_event() -> threading.Event:
+    """Is set when the command shall end; from now on the signals that say so do nothing else."""
+    ended = threading.Event()
+
+    def end(signum: int, frame: FrameType | None) -> None:
+        ended.set()
+
+    for number in (signal.SIGINT, *_quiet_ends()):
+        signal.signal(number, end)
+    return ended
+
+
+@contextmanager
+def ends_like_ctrl_c() -> Generator[None]:
+    """Every such signal raises ``KeyboardInterrupt`` inside: an arm that moves is stopped first."""
+
+    def interrupt(signum: int, frame: FrameType | None) -> None:
+        raise KeyboardInterrupt
+
+    before = {number: signal.signal(number, interrupt) for number in _quiet_ends()}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def _quiet_ends() -> tuple[signal.Signals, ...]:
+    """Those that nobody types. ``nohup`` has a closed terminal ignored, and so it is; Windows knows none."""
+    ends = [number for number in signal.Signals if number.name in ("SIGTERM", "SIGHUP")]
+    return tuple(number for number in ends if signal.getsignal(number) is not signal.SIG_IGN)

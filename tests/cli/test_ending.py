@@ -1,0 +1,94 @@
+"""A program that runs is ended from outside: the arm is stopped, and the command says so."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from armctl.cli.ending import end_event, ends_like_ctrl_c
+from armctl.cli.main import REFUSED
+from armctl.hardware import PtyServer
+from armctl.hardware.maestro import SimulatedMaestro, serve_simulated_maestro
+from armctl.hardware.maestro.codec import Opcode
+from armctl.motion.program import MoveStep, Program, save_program
+from armctl.robot import load_robot
+from armctl.runtime import MonotonicClock, channel_settings
+
+ENDS = (signal.SIGTERM, signal.SIGHUP)
+
+
+@contextmanager
+def handlers_kept() -> Iterator[None]:
+    """Whatever a test installs is taken away again."""
+    before = {number: signal.getsignal(number) for number in (signal.SIGINT, *ENDS)}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, *ENDS])
+def test_the_event_is_set(number: signal.Signals) -> None:
+    with handlers_kept():
+        ended = end_event()
+        os.kill(os.getpid(), number)
+        assert ended.wait(10)
+
+
+@pytest.mark.parametrize("number", ENDS)
+def test_they_count_as_ctrl_c_and_no_longer_than_asked(number: signal.Signals) -> None:
+    before = signal.getsignal(number)
+    with pytest.raises(KeyboardInterrupt), ends_like_ctrl_c():
+        os.kill(os.getpid(), number)
+        threading.Event().wait(10)
+    assert signal.getsignal(number) is before
+
+
+def test_a_closed_terminal_that_shall_not_matter_does_not() -> None:
+    with handlers_kept():
+        signal.signal(signal.SIGHUP, signal.SIG_IGN)  # as nohup does
+        end_event()
+        with ends_like_ctrl_c():
+            assert signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
+
+
+def base_targets(server: PtyServer[SimulatedMaestro]) -> list[int]:
+    """What the board was told of channel 0, in quarter µs."""
+    with server.inspect() as board:
+        log = board.log
+    sent = [entry.data for entry in log if entry.opcode is Opcode.SET_TARGET and entry.data[0] == 0]
+    return [data[1] | data[2] << 7 for data in sent]
+
+
+@pytest.mark.parametrize("number", ENDS)
+def test_a_run_that_is_ended_slows_down_first(tmp_path: Path, number: signal.Signals) -> None:
+    robot, link = load_robot("uzuner"), tmp_path / "board"
+    there, back = (MoveStep(joints_deg=(angle, 90, -80, -40, 0)) for angle in (90, -90))
+    save_program(Program(robot="uzuner", steps=(there, back)), tmp_path / "swing.toml")
+    served = serve_simulated_maestro(MonotonicClock().now, channels=channel_settings(robot), link=link)
+    with served as server:
+        words = ("run", str(tmp_path / "swing.toml"), "--port", str(link), "--forever")
+        process = subprocess.Popen(
+            [sys.executable, "-m", "armctl", *words], stderr=subprocess.PIPE, text=True
+        )
+        try:
+            pause = threading.Event()
+            while process.poll() is None and not np.ptp(base_targets(server) or [0]) > 2000:
+                pause.wait(0.01)
+            process.send_signal(number)
+            _, said = process.communicate(timeout=30)
+        finally:
+            process.kill()
+        steps = np.abs(np.diff(base_targets(server)))
+    assert (process.returncode, said.splitlines()[-1]) == (REFUSED, "armctl: interrupted")
+    assert steps[-1] < steps.max() / 3
