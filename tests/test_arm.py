@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +18,7 @@ from armctl.errors import (
     StateError,
     UnreachableError,
 )
-from armctl.motion import GripperStep, MoveStep, PointStep, Program
+from armctl.motion import GripperStep, MoveStep, PointStep, Program, WaitStep
 from armctl.runtime import State
 
 
@@ -79,6 +79,35 @@ def test_refusals_are_exceptions_and_move_nothing(arm: armctl.Arm) -> None:
     np.testing.assert_array_equal(arm.joints_deg, before)
 
 
+@pytest.mark.parametrize(
+    ("call", "says"),
+    [
+        (lambda arm: arm.wait(None), "seconds must be numbers, got None"),
+        (lambda arm: arm.wait("x"), "seconds must be numbers, got 'x'"),
+        (lambda arm: arm.wait(float("nan")), "seconds must be a finite number"),
+        (lambda arm: arm.go(10**400, 0, 100), "x_mm, y_mm, z_mm must be numbers"),
+        (lambda arm: arm.go(200, 0, 100, pitch_deg="x"), "pitch_deg must be numbers"),
+        (lambda arm: arm.go(200, 0, 100, pitch_deg=400), "pitch_deg is within ±360°, not 400°"),
+        (lambda arm: arm.go(200, 0, 100, duration_s=[1]), "duration_s must be one number"),
+        (lambda arm: arm.go(200, 0, 100, blend_mm=np.ones(2)), "blend_mm must be one number"),
+        (lambda arm: arm.go_joints([0] * 5, duration_s="x"), "duration_s must be numbers"),
+        (lambda arm: arm.go_pose("home", duration_s="x"), "duration_s must be numbers"),
+        (lambda arm: arm.line("x", 0, 100), "x_mm, y_mm, z_mm must be numbers"),
+        (lambda arm: arm.line(200, 0, 100, speed_mm_s="x"), "speed_mm_s must be numbers"),
+        (lambda arm: arm.arc((1, 2), (3, 4, 5)), r"via_mm needs three numbers, x, y and z, got \(1, 2\)"),
+        (lambda arm: arm.arc((1, 2, 3), "def"), "to_mm must be numbers, got 'def'"),
+        (lambda arm: arm.gripper(np.array([5, 6])), "open_percent must be one number"),
+        (lambda arm: arm.set_speed(None), "percent must be numbers"),
+    ],
+)
+def test_what_is_no_number_is_refused_at_the_door(
+    arm: armctl.Arm, call: Callable[[armctl.Arm], None], says: str
+) -> None:
+    with pytest.raises(InputError, match=says):
+        call(arm)
+    assert arm.snapshot.state is State.HOLDING
+
+
 def test_programs_run_from_values_and_files(arm: armctl.Arm, tmp_path: object) -> None:
     steps = (
         MoveStep(joints_deg=(5.0, 95.0, -75.0, -55.0, 5.0)),
@@ -90,6 +119,21 @@ def test_programs_run_from_values_and_files(arm: armctl.Arm, tmp_path: object) -
     assert board_pulses(arm)[5] == pytest.approx(1500)
     with pytest.raises(ProgramError, match=r"none\.toml"):
         arm.run("none.toml")
+
+
+@pytest.mark.parametrize("loops", [float("nan"), 1.5, "x", 0, -1])
+def test_a_program_runs_a_whole_number_of_times(arm: armctl.Arm, loops: object) -> None:
+    wait = Program(robot="uzuner", name="wait", steps=(WaitStep(seconds=0),))
+    with pytest.raises(InputError, match=r"how often a program runs must be|runs once or more often"):
+        arm.run(wait, loops=loops)  # type: ignore[arg-type]
+    assert arm.snapshot.state is State.HOLDING
+
+
+def test_a_program_that_no_file_could_hold_is_refused_before_it_runs(arm: armctl.Arm) -> None:
+    program = Program(robot="uzuner", name="odd", steps=(WaitStep(seconds=None),))  # type: ignore[arg-type]
+    with pytest.raises(ProgramError, match=r"^odd: step 1, key seconds: must be a number, not None"):
+        arm.run(program)
+    assert arm.snapshot.state is State.HOLDING
 
 
 def test_an_unreachable_step_is_named(arm: armctl.Arm) -> None:
@@ -163,6 +207,9 @@ def test_release_switches_the_pulses_off(arm: armctl.Arm) -> None:
 def test_a_port_that_is_not_there_is_refused_in_words() -> None:
     with pytest.raises(PortError, match="/dev/there_is_none"):
         armctl.Arm.open("uzuner", port="/dev/there_is_none")
+    for port in ("", "a\0b"):  # the first is what an environment variable without a value leaves
+        with pytest.raises(PortError, match="no such port"):
+            armctl.Arm.open("uzuner", port=port)
 
 
 def test_the_package_exports_what_the_readme_uses() -> None:

@@ -10,11 +10,12 @@ from types import TracebackType
 from typing import Self
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from armctl.boards import ANY_BOARD, SIMULATED, Boards, board_name, calibrated_for
 from armctl.errors import InputError
 from armctl.kinematics import Target
+from armctl.kinematics.checks import as_numbers, checked_number, require_finite
 from armctl.motion import (
     WIDEST_BLEND_MM,
     ArcStep,
@@ -24,6 +25,7 @@ from armctl.motion import (
     Program,
     Step,
     WaitStep,
+    checked_program,
     open_program,
 )
 from armctl.robot import Robot, load_robot
@@ -92,7 +94,7 @@ class Arm:
             ArmctlError: no such robot, no board on the port, or another one than a moment before.
         """
         loaded = robot if isinstance(robot, Robot) else load_robot(robot)
-        port = port or SIMULATED
+        port = SIMULATED if port is None else port
         board = board_name(port, loaded)
         arm = cls(calibrated_for(loaded, board), rate_hz, board)
         try:
@@ -174,10 +176,16 @@ class Arm:
             MotionRefusedError: the way there would leave the limits.
         """
         _require_blend(blend_mm)
-        pitch = None if pitch_deg is None else math.radians(pitch_deg)
-        roll = None if roll_deg is None else math.radians(roll_deg)
-        target = Target.of([x_mm / 1000, y_mm / 1000, z_mm / 1000], pitch, roll)
-        self._do(MoveTo(target, choose, duration_s, profile))
+        x, y, z = _point((x_mm, y_mm, z_mm), "x_mm, y_mm, z_mm")
+        pitch, roll = _optional(pitch_deg, "pitch_deg"), _optional(roll_deg, "roll_deg")
+        if pitch is not None and abs(pitch) > 360:
+            raise InputError(f"pitch_deg is within ±360°, not {pitch:g}°")
+        target = Target.of(
+            [x / 1000, y / 1000, z / 1000],
+            None if pitch is None else math.radians(pitch),
+            None if roll is None else math.radians(roll),
+        )
+        self._do(MoveTo(target, choose, _optional(duration_s, "duration_s"), profile))
 
     def go_joints(
         self,
@@ -188,7 +196,8 @@ class Arm:
     ) -> None:
         """Go to joint angles [degrees]; the rest as ``go``."""
         _require_blend(blend_mm)
-        self._do(MoveJoints(np.radians(self.robot.chain.checked(joints_deg)), duration_s, profile))
+        q = np.radians(self.robot.chain.checked(joints_deg))
+        self._do(MoveJoints(q, _optional(duration_s, "duration_s"), profile))
 
     def line(
         self,
@@ -216,16 +225,17 @@ class Arm:
         Raises:
             ProgramError: the tool cannot be led there; says when, where and why.
         """
+        x, y, z = _point((x_mm, y_mm, z_mm), "x_mm, y_mm, z_mm")
         self._step(
             LineStep(
-                x_mm=x_mm,
-                y_mm=y_mm,
-                z_mm=z_mm,
+                x_mm=x,
+                y_mm=y,
+                z_mm=z,
                 pitch=pitch,
-                pitch_deg=pitch_deg,
-                speed_mm_s=speed_mm_s,
-                duration_s=duration_s,
-                blend_mm=blend_mm,
+                pitch_deg=_optional(pitch_deg, "pitch_deg"),
+                speed_mm_s=_optional(speed_mm_s, "speed_mm_s"),
+                duration_s=_optional(duration_s, "duration_s"),
+                blend_mm=checked_number(blend_mm, "blend_mm"),
             )
         )
 
@@ -240,47 +250,50 @@ class Arm:
         blend_mm: float = 0.0,
     ) -> None:
         """Lead the tool along the circle through where it is, ``via_mm`` and ``to_mm`` [mm]; as ``line``."""
+        via, to = _point(via_mm, "via_mm"), _point(to_mm, "to_mm")
         self._step(
             ArcStep(
-                via_x_mm=via_mm[0],
-                via_y_mm=via_mm[1],
-                via_z_mm=via_mm[2],
-                x_mm=to_mm[0],
-                y_mm=to_mm[1],
-                z_mm=to_mm[2],
+                via_x_mm=via[0],
+                via_y_mm=via[1],
+                via_z_mm=via[2],
+                x_mm=to[0],
+                y_mm=to[1],
+                z_mm=to[2],
                 pitch=pitch,
-                pitch_deg=pitch_deg,
-                speed_mm_s=speed_mm_s,
-                duration_s=duration_s,
-                blend_mm=blend_mm,
+                pitch_deg=_optional(pitch_deg, "pitch_deg"),
+                speed_mm_s=_optional(speed_mm_s, "speed_mm_s"),
+                duration_s=_optional(duration_s, "duration_s"),
+                blend_mm=checked_number(blend_mm, "blend_mm"),
             )
         )
 
     def wait(self, seconds: float) -> None:
         """Stand still for some seconds."""
-        self._step(WaitStep(seconds=seconds))
+        self._step(WaitStep(seconds=checked_number(seconds, "seconds")))
 
     def go_pose(self, name: str, duration_s: float | None = None) -> None:
         """Go to one of the robot's named poses, e.g. home."""
-        self._do(MoveJoints(self.robot.pose(name), duration_s))
+        self._do(MoveJoints(self.robot.pose(name), _optional(duration_s, "duration_s")))
 
     def gripper(self, open_percent: float) -> None:
         """Open the gripper: 0 closed, 100 open."""
-        if not 0 <= open_percent <= 100:
+        if not 0 <= checked_number(open_percent, "open_percent") <= 100:
             raise InputError(f"the gripper opens 0 … 100 %, not {open_percent}")
         self._do(MoveGripper(open_percent / 100))
 
     def set_speed(self, percent: float) -> None:
         """Speed override for everything that moves, 5 … 100 %."""
-        self._do(SetSpeed(percent / 100))
+        self._do(SetSpeed(checked_number(percent, "percent") / 100))
 
     def run(self, program: str | Path | Program, loops: int | None = 1) -> None:
         """Run a program, or its file (.toml, .csv, .py), ``loops`` times (None: until stopped).
 
         Raises:
             ProgramError: the file cannot be read, or a step cannot be run.
+            InputError: ``loops`` is not a whole number above 0.
         """
-        loaded = program if isinstance(program, Program) else open_program(program, self.robot)
+        built = isinstance(program, Program)
+        loaded = checked_program(program) if built else open_program(program, self.robot)
         self._do(RunProgram(loaded, loops))
 
     def close(self) -> None:
@@ -312,6 +325,19 @@ class Arm:
             raise
 
 
+def _point(value: ArrayLike, what: str) -> list[float]:
+    """Three finite numbers."""
+    array = as_numbers(value, what)
+    if array.shape != (3,):
+        raise InputError(f"{what} needs three numbers, x, y and z, got {value!r}")
+    require_finite(array, what)
+    return array.tolist()
+
+
+def _optional(value: float | None, what: str) -> float | None:
+    return None if value is None else checked_number(value, what)
+
+
 def _require_blend(blend_mm: float) -> None:
-    if not 0 <= blend_mm <= WIDEST_BLEND_MM:
+    if not 0 <= checked_number(blend_mm, "blend_mm") <= WIDEST_BLEND_MM:
         raise InputError(f"a blend radius is 0 … {WIDEST_BLEND_MM} mm, not {blend_mm}")
