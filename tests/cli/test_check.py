@@ -153,3 +153,19 @@ def test_a_rest_pose_that_enable_would_refuse_is_an_error(
     status, _, err = call(capsys, str(path))
     assert status == REFUSED
     assert re.search(r"the rest pose: .*: \d+\.\d mm below the floor; Enable is refused there", err)
+
+
+@pytest.mark.parametrize(
+    ("written", "instead", "pin"),
+    [("pulse_us = [544, 2400]", "pulse_us = [490, 2400]", 2), ("open_us = 2000", "open_us = 500", 7)],
+)
+def test_channels_that_the_board_would_refuse_are_an_error(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, written: str, instead: str, pin: int
+) -> None:
+    text = (robots_folder() / "abaas.toml").read_text()
+    assert written in text
+    path = tmp_path / "mine.toml"
+    path.write_text(text.replace(written, instead, 1))
+    status, _, err = call(capsys, str(path))
+    assert status == REFUSED
+    assert f"the board: pin {pin}: " in err and "it must lie within 544 … 2912 µs" in err

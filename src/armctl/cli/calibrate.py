@@ -30,7 +30,7 @@ from armctl.cli.calibration_words import (
     timestamp,
     unit_of,
 )
-from armctl.cli.options import json_option, print_json
+from armctl.cli.options import SPEED_PERCENT, json_option, print_json
 from armctl.errors import CalibrationError
 from armctl.robot import is_urdf, load_robot
 
@@ -65,7 +65,7 @@ def fit(robot: str, joint: str, marks: Path, as_json: bool) -> None:
 @click.option("--port", required=True, help="sim, auto, a device or socket://host:port.")
 @click.option("--places", type=click.IntRange(3, 20), default=5, show_default=True, help="How many marks.")
 @click.option(
-    "--speed", type=click.FloatRange(5, 100), default=20, show_default=True, help="Speed override, percent."
+    "--speed", type=SPEED_PERCENT, default=20, show_default=True, help="Speed override, 5 … 100 percent."
 )
 @click.option("--note", default="", help="Kept with the calibration.")
 def joint_command(robot: str, joint: str, port: str, places: int, speed: float, note: str) -> None:

@@ -9,6 +9,7 @@ from pathlib import Path
 import click
 import msgspec
 
+from armctl.boards import board_refusal
 from armctl.cli.main import DONE, REFUSED
 from armctl.cli.options import json_option, print_json
 from armctl.errors import ArmctlError, InputError
@@ -16,6 +17,7 @@ from armctl.motion import Floor, ProgramFinding, check_program, open_program
 from armctl.motion.preflight import not_checked, preflight_batch
 from armctl.motion.profiles import PointToPoint
 from armctl.robot import Robot, is_urdf, load_robot
+from armctl.runtime import MonotonicClock
 from armctl.runtime.power import below_floor
 
 
@@ -107,6 +109,7 @@ def _check_robot(robot: Robot) -> list[ProgramFinding]:
     names = [name for name in robot.poses if name != "home"]
     found = preflight_batch(robot, [PointToPoint.plan(robot, home, robot.pose(name)) for name in names])
     return [
+        *_check_board(robot),
         *_check_rest(robot),
         *(
             ProgramFinding(
@@ -122,6 +125,13 @@ def _check_robot(robot: Robot) -> list[ProgramFinding]:
             for finding in findings
         ),
     ]
+
+
+def _check_board(robot: Robot) -> Iterator[ProgramFinding]:
+    """Whether a board of its kind takes its channels."""
+    refusal = board_refusal(robot, MonotonicClock().now)
+    if refusal is not None:
+        yield ProgramFinding(None, refusal, part="the board", mend="connecting is refused")
 
 
 def _check_rest(robot: Robot) -> Iterator[ProgramFinding]:

@@ -26,7 +26,9 @@ _LABEL, _NARROWEST = 17, 11
 @click.argument("x", type=NUMBER)
 @click.argument("y", type=NUMBER)
 @click.argument("z", type=NUMBER)
-@click.option("--pitch", type=Number(within=360.0), help="Angle of the tool above the horizontal, degrees.")
+@click.option(
+    "--pitch", type=Number(between=(-360, 360)), help="Angle of the tool above the horizontal, degrees."
+)
 @click.option("--roll", type=NUMBER, help="Angle of the tool about its own axis, degrees.")
 @click.option(
     "--rpy",

@@ -25,12 +25,21 @@ COMMANDS = {
     "published": "armctl.cli.published:published",
     "simulate": "armctl.cli.simulate:simulate",
 }
+UNNAMED = "serve"
+"""the command that is meant where none is named"""
 DONE, REFUSED, WRONG_USAGE = 0, 1, 2
 _FULL = frozenset({errno.ENOSPC, errno.EDQUOT})
 
 
 class LazyGroup(click.Group):
     """A group that knows its commands by name and imports one when it is called."""
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """Options without a command are those of the command that needs no name."""
+        own = {name for parameter in self.get_params(ctx) for name in parameter.opts}
+        if args and args[0].startswith("-") and args[0] not in own:
+            args = [UNNAMED, *args]
+        return super().parse_args(ctx, args)
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         """Names of all commands, in the order of the table above."""
@@ -53,10 +62,10 @@ class LazyGroup(click.Group):
 def cli(ctx: click.Context) -> None:
     """An operator's console for small serial robot arms, served in the browser.
 
-    Without a command: the same as `armctl serve`. Lengths are in mm, angles in degrees.
+    Without a command: the same as `armctl serve`, with its options. Lengths are in mm, angles in degrees.
     """
     if ctx.invoked_subcommand is None:
-        command = cli.get_command(ctx, "serve")
+        command = cli.get_command(ctx, UNNAMED)
         if command is not None:
             ctx.invoke(command)
 

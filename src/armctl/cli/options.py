@@ -22,13 +22,15 @@ class Number(click.ParamType[float]):
 
     Args:
         above: it must be larger than this.
-        within: it must be no farther from zero than this.
+        between: it must not lie outside these two.
     """
 
     name = "float"
 
-    def __init__(self, above: float = -math.inf, within: float = math.inf) -> None:
-        self._above, self._within = above, within
+    def __init__(
+        self, above: float = -math.inf, between: tuple[float, float] = (-math.inf, math.inf)
+    ) -> None:
+        self._above, self._between = above, between
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
         """Read ``value``; fails as wrong usage."""
@@ -37,12 +39,14 @@ class Number(click.ParamType[float]):
             self.fail(f"{value} is not a finite number", param, ctx)
         if not number > self._above:
             self.fail(f"{number:g} must be more than {self._above:g}", param, ctx)
-        if abs(number) > self._within:
-            self.fail(f"{number:g} must be within ±{self._within:g}", param, ctx)
+        low, high = self._between
+        if not low <= number <= high:
+            self.fail(f"{number:g} must be within {low:g} … {high:g}", param, ctx)
         return number
 
 
 NUMBER = Number()
+SPEED_PERCENT = Number(between=(5, 100))
 
 
 def print_json(record: object) -> None:

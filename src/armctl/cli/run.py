@@ -9,6 +9,7 @@ import click
 from armctl.arm import Arm
 from armctl.boards import SIMULATED
 from armctl.cli.ending import ends_like_ctrl_c
+from armctl.cli.options import SPEED_PERCENT
 from armctl.errors import ProgramError
 from armctl.motion import check_program, open_program
 from armctl.robot import load_robot
@@ -20,12 +21,12 @@ from armctl.robot import load_robot
 @click.option(
     "--port", default=SIMULATED, show_default=True, help="sim, auto, a device or socket://host:port."
 )
-@click.option("--loops", type=click.IntRange(min=1), default=1, show_default=True, help="How many times.")
+@click.option("--loops", type=click.IntRange(min=1), help="How many times.  [default: 1]")
 @click.option("--forever", is_flag=True, help="Until interrupted, instead of --loops.")
 @click.option(
-    "--speed", type=click.FloatRange(5, 100), default=100, show_default=True, help="Speed override, percent."
+    "--speed", type=SPEED_PERCENT, default=100, show_default=True, help="Speed override, 5 … 100 percent."
 )
-def run(program: Path, robot: str | None, port: str, loops: int, forever: bool, speed: float) -> None:
+def run(program: Path, robot: str | None, port: str, loops: int | None, forever: bool, speed: float) -> None:
     """Run PROGRAM (.toml, .py, or .csv with --robot) on the arm.
 
     Servos that are off jump to the rest pose first, and motors with encoders look for their home switches:
@@ -34,6 +35,8 @@ def run(program: Path, robot: str | None, port: str, loops: int, forever: bool, 
     Ctrl-C stops the arm; so do SIGTERM and a terminal that is closed. At the end servos stay on; motors
     with encoders go off, as their board does when nobody speaks to it.
     """
+    if forever and loops is not None:
+        raise click.UsageError(f"--loops {loops} or --forever, not both")
     arm_robot = None if robot is None else load_robot(robot)
     loaded = open_program(program, arm_robot)
     arm_robot = arm_robot or load_robot(loaded.robot)
@@ -48,7 +51,7 @@ def run(program: Path, robot: str | None, port: str, loops: int, forever: bool, 
         if any(not axis.homed for axis in arm.snapshot.homing):
             click.echo("homing: axis by axis, the arm moves to its home switches; keep clear", err=True)
         arm.enable()
-        arm.run(loaded, None if forever else loops)
+        arm.run(loaded, None if forever else loops or 1)
         x, y, z = arm.position_mm
         click.echo(
             f"done: {loaded.name}, {len(loaded.steps)} steps; the tool is at ({x:.1f}, {y:.1f}, {z:.1f}) mm"
