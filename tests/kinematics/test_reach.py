@@ -221,3 +221,16 @@ def test_an_excess_in_the_last_digits_is_said_with_as_many() -> None:
         == "Elbow needs 20.0001°, its limits are -10.0000° … 20.0000°"
     )
     assert needs("Elbow", limits, math.radians(21.0)) == "Elbow needs 21.00°, its limits are -10.00° … 20.00°"
+
+
+@pytest.mark.parametrize("azimuth", [-170.0, -60.0, 0.0, 45.0, 120.0])
+def test_of_two_ways_to_the_nearest_point_the_least_turned_one_is_told(azimuth: float) -> None:
+    robot = load_robot("mico")  # its base turns right round, so over the back it reaches the same point
+    turn = math.radians(azimuth)
+    found = robot.inverse([0.5 * math.cos(turn), 0.5 * math.sin(turn), 0.7])
+    assert found.nearest_q is not None and found.nearest_m is not None
+    facing = np.radians([azimuth, -40.331257, -90.0, 0.0])
+    back = np.radians([azimuth - math.copysign(180.0, azimuth), -180.0 + 40.331257, -90.0, 0.0])
+    np.testing.assert_allclose(robot.forward(back)[:3, 3], found.nearest_m, atol=1e-8)
+    least = min((facing, back), key=lambda q: float(np.abs(q).sum()))
+    np.testing.assert_allclose(found.nearest_q, least, atol=1e-7)

@@ -35,6 +35,8 @@ link's direction or any; None where there are none"""
 _SAMPLES = 128
 _BISECTIONS = 52
 _NO_LENGTH = 1e-12
+_ALIKE_M = 1e-12
+"""distances that differ by rounding alone [m]"""
 
 
 class _Circles:
@@ -56,6 +58,15 @@ class Nearest:
     """(1 + m,) base and pitch joints [rad]"""
     distance: float
     """of its tip from the target [m]"""
+
+
+def nearest_of(found: Iterable[Nearest | None]) -> Nearest | None:
+    """The nearest; of several that are, such as one and the same point over the back, the least turned."""
+    known = [one for one in found if one is not None]
+    if not known:
+        return None
+    least = min(one.distance for one in known) + _ALIKE_M
+    return min((one for one in known if one.distance <= least), key=lambda one: np.abs(one.q).sum())
 
 
 class NearestReach:
@@ -101,7 +112,7 @@ class NearestReach:
             for yaw in images(turn, *self._base):
                 across = complex(x, y) * cmath.exp(-1j * self.geometry.yaw_sign * yaw)
                 found.append(self._sideways(yaw, across, z, tool_angle, 0.0))
-        return min((n for n in found if n is not None), key=lambda n: n.distance, default=None)
+        return nearest_of(found)
 
     def _sideways(
         self, yaw: float, across: complex, z: float, tool_angle: float | None, r: float
@@ -121,9 +132,12 @@ class NearestReach:
             inside &= ok
         if not inside.any():
             return None
-        i = int(np.argmin(np.where(inside, miss, np.inf)))
-        angles = [self.geometry.joint_angle(k, float(t)) for k, t in enumerate(plane[i])]
-        return Nearest(np.clip([yaw[i], *angles], *self._limits.T), float(miss[i]))
+        near = inside & (miss <= miss[inside].min() + _ALIKE_M)
+        return nearest_of(self._at(yaw[i], plane[i], miss[i]) for i in np.flatnonzero(near))
+
+    def _at(self, yaw: float, plane: FloatArray, miss: float) -> Nearest:
+        angles = [self.geometry.joint_angle(k, float(t)) for k, t in enumerate(plane)]
+        return Nearest(np.clip([yaw, *angles], *self._limits.T), float(miss))
 
     def _facing(
         self, circles: _Circles, x: float, y: float, z: float

@@ -14,7 +14,7 @@ from armctl.kinematics.limit_words import all_needs, needs
 from armctl.kinematics.target import Target
 from armctl.kinematics.yaw_pitch_roll.base_yaw import AXIS_TOLERANCE, BaseBranch, base_branches
 from armctl.kinematics.yaw_pitch_roll.geometry import YawPitchRoll
-from armctl.kinematics.yaw_pitch_roll.nearest import Nearest, NearestReach
+from armctl.kinematics.yaw_pitch_roll.nearest import Nearest, NearestReach, nearest_of
 from armctl.kinematics.yaw_pitch_roll.orientation import pitch_poses
 
 FloatArray = NDArray[np.float64]
@@ -89,8 +89,7 @@ class Reach:
             last = self._geometry.tool_angle or 0.0
             poses = [pose.tool_angle for pose in pitch_poses(target.pitch, 0.0)]
             found = [self._nearest.solve(x, y, z, angle - last) for angle in poses if angle is not None]
-        kept = [n for n in found if n is not None] or [self._nearest.solve(x, y, z)]
-        nearest = min((n for n in kept if n is not None), key=lambda n: n.distance, default=None)
+        nearest = nearest_of(found) or self._nearest.solve(x, y, z)
         joint = self._geometry.roll_joint
         if nearest is None or joint is None:
             return None if nearest is None else nearest.q
