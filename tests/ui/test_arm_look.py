@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from armctl.robot import load_robot, shipped_robots
-from armctl.ui.scene.proportions import front, reach, top
+from armctl.ui.scene.proportions import front, reach
 from armctl.ui.scene.shapes import Point, Solid, beam, spike, tube
 from armctl.ui.scene.stand import stand_parts
 from armctl.ui.widgets.joint_step import held_at
@@ -55,11 +55,6 @@ def test_front_is_where_the_tool_is_at_home() -> None:
     assert front(ROBOTS["abaas"]) == pytest.approx([0, -1])
     above = replace(ROBOTS["mico"], poses={"home": np.radians([0.0, -90, 0, 0])})
     assert front(above) == pytest.approx([1, 0])  # straight up is to no side
-
-
-def test_the_top_is_the_highest_frame_at_home_or_at_rest() -> None:
-    assert top(ROBOTS["humanoid"]) == 0.0
-    assert top(ROBOTS["uzuner"]) == pytest.approx(0.163 + 0.125 * math.sin(math.radians(110)) + 0.104 * 0.5)
 
 
 @pytest.mark.parametrize("bar", [tube, beam])

@@ -40,15 +40,15 @@ def test_boards_are_listed_with_serial_number_and_why_one_cannot_be_used() -> No
     )
     assert told == (
         "Arduino Mega on /dev/ttyACM0 · serial number 8573 Pololu Micro Maestro 6-channel on /dev/ttyACM1 "
-        "cannot be used: no permission to open it; run `sudo usermod -aG dialout $USER` a &lt;note&gt;"
+        "Cannot be used: no permission to open it; run `sudo usermod -aG dialout $USER`. A &lt;note&gt;."
     )
 
 
 def test_what_is_connected_is_told_with_its_notes(snapshot: Snapshot) -> None:
-    assert words(board_html(snapshot)) == "not connected"
+    assert words(board_html(snapshot)) == "Not connected."
     board = BoardIdentity("encoder board", "/dev/ttyACM0", "8573", notes=("motors & more",))
     assert words(board_html(replace(snapshot, board=board))) == (
-        "encoder board on /dev/ttyACM0 · serial number 8573 motors &amp; more"
+        "encoder board on /dev/ttyACM0 · serial number 8573 Motors &amp; more."
     )
 
 

@@ -42,7 +42,7 @@ def test_results_tell_where_both_buttons_lead_and_what_is_outside(server: Guarde
     angles = AngleFields(server.gui, ROBOT, np.radians([10, 90, -80, -40, 0]))
     html = results_html(ROBOT, angles, HOME)
     assert "→ reference" in html and "→ last position" in html
-    assert "With respect to last position: Shoulder: 180.00° is outside -3.19° … 146.83°" in html
+    assert "With respect to last position: Shoulder: 180.00° is outside −3.19° … 146.83°" in html
     assert "With respect to reference" not in html
     angles.fill(np.radians([1, 1, 1, 1, 1]))
     assert "Both are inside the joint limits" in results_html(ROBOT, angles, HOME)
@@ -62,6 +62,12 @@ def test_the_zero_pose_in_figures() -> None:
     html = pose_html(ROBOT, np.zeros(5))
     assert "330.00" in html and "3.62" in html and "163.00" in html
     assert "Rz(yaw) · Ry(pitch) · Rx(roll)" in html
+
+
+def test_the_two_pitches_are_named_apart() -> None:
+    html = pose_html(ROBOT, HOME)  # the tool looks 30° down
+    assert "Rx (roll)" in html and "Ry (pitch) <b>−60.000°</b> · Rz (yaw) <b>0.000°</b>" in html
+    assert "Ry is not the tool pitch: that is −30.000°" in html
 
 
 def test_the_jacobian_is_shown_in_mm_with_rows_named() -> None:

@@ -1,9 +1,12 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 from html import unescape
 
-from armctl.ui.widgets.html_bits import limited
+import pytest
+
+from armctl.ui.widgets.html_bits import limited, muted, refused, warned
 
 
 def test_a_long_text_keeps_its_height_and_can_be_read_to_its_end() -> None:
@@ -14,3 +17,9 @@ def test_a_long_text_keeps_its_height_and_can_be_read_to_its_end() -> None:
     assert told is not None
     assert [unescape(part) for part in told.groups()] == [text, text]
     assert "<Shoulder>" not in html
+
+
+@pytest.mark.parametrize("block", [muted, refused, warned])
+def test_what_is_told_is_text_and_has_the_minus_of_the_figures_beside_it(block: Callable[[str], str]) -> None:
+    html = block("<b>Elbow</b>: -91.2° is outside -84.36° … 95.07°; see ik-1, 2026-11-21")
+    assert "&lt;b&gt;Elbow&lt;/b&gt;: −91.2° is outside −84.36° … 95.07°; see ik-1, 2026-11-21<" in html

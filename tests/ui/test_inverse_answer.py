@@ -55,17 +55,37 @@ def test_the_last_page_may_be_short_and_an_empty_list_has_one_page() -> None:
     assert single.html(0, 1).count("<tr") == 1 + len(single)
 
 
-def test_the_row_of_a_solution_is_found_again() -> None:
-    table = solved(220, -196, 85).table
-    assert table.row_of(int(table.order[41])) == 42
-
-
 def test_the_result_counts_branches_and_says_where_least_energy_goes() -> None:
     html = answer_html(ROBOT, solved(220, -196, 85))
     assert "3520 solutions inside the limits" in html
     assert "front elbow-up: 1760; front elbow-down: 1760" in html
     assert "−42.402, 0.000, −0.678, −48.795, 0.000" in html
     assert "e-1" in html  # of the order of 1e-14 mm
+
+
+def test_it_says_why_row_1_is_not_quite_the_exact_least() -> None:
+    found = solved(124.685, 3.62, 267.54)
+    assert found.best is not None
+    exact, row_1 = (float(np.abs(np.degrees(q)).sum()) for q in (found.best, found.table.q(1)))
+    assert 0.001 < row_1 - exact < 0.05
+    html = answer_html(ROBOT, found)
+    assert f"energy {exact:.3f}°; error" in html
+    assert f"between two rows of the list (row 1: {row_1:.3f}°)" in html
+
+
+@pytest.mark.parametrize("criterion", ["published", "least-travel", "least-torque"])
+def test_where_the_list_itself_is_chosen_from_row_1_is_the_least(criterion: str) -> None:
+    found = solved(220, -196, 85, criterion)
+    assert found.best is not None
+    assert found.table.q(1) == pytest.approx(found.best, abs=0)
+    html = answer_html(ROBOT, found)
+    assert "between two rows" not in html
+    assert f"energy {found.table.energy_text(found.best)}" in html
+    assert found.table.energy_of(found.best) == found.table.energy.min()
+
+
+def test_an_isolated_solution_lies_between_no_rows() -> None:
+    assert "between two rows" not in answer_html(ROBOT, at_home())
 
 
 def test_the_published_criterion_gives_the_printed_row() -> None:

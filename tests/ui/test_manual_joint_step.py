@@ -17,6 +17,7 @@ from armctl.ui.widgets.joint_step import (
     checked_seconds,
     present_pose_deg,
     slider_degrees,
+    slider_limits,
     stepped,
 )
 
@@ -52,6 +53,18 @@ def test_slider_positions_are_hundredths_inside_the_limits_and_can_be_sent_back(
         degrees = slider_degrees(ROBOT, q)
         assert np.abs(asked_pose(ROBOT, degrees) - q).max() < np.radians(0.0051)
         assert slider_degrees(ROBOT, asked_pose(ROBOT, degrees)) == pytest.approx(degrees, abs=1e-9)
+
+
+def test_the_ends_of_a_slider_are_hundredths_inside_the_limits() -> None:
+    joints = [replace(joint, lower=-1.91986, upper=1.91987) for joint in ROBOT.joints]
+    joints[1] = replace(joints[1], lower=0.2, upper=0.20001)  # no hundredth inside
+    robot = replace(ROBOT, joints=tuple(joints))
+    ends = slider_limits(robot)
+    assert ends[0].tolist() == [-109.99, 110.0]
+    assert ends[1] == pytest.approx(np.degrees([0.2, 0.20001]), abs=0)
+    for q in robot.limits.T:
+        asked_pose(robot, slider_degrees(robot, q))  # not refused
+    assert slider_limits(ROBOT)[1].tolist() == [-3.19, 146.83]
 
 
 def test_sliders_cannot_ask_for_what_is_outside_or_no_number() -> None:

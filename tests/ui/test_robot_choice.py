@@ -362,6 +362,17 @@ def test_two_robots_of_the_same_title_are_told_apart_by_their_files() -> None:
     }
 
 
+def test_files_of_the_same_name_are_told_apart_by_their_folders() -> None:
+    links = [RobotChoice(f"/home/{who}/arm.urdf#w/link", "hobby") for who in ("ann", "ben")]
+    assert labelled([*links, CHOICES[1]]) == {
+        "hobby (/home/ann/arm.urdf#w/link)": links[0].name,
+        "hobby (/home/ben/arm.urdf#w/link)": links[1].name,
+        "Kinova MICO, 4 joints": "mico",
+    }
+    other = RobotChoice("/home/ann/second.urdf", "hobby")
+    assert list(labelled([links[0], other])) == ["hobby (arm.urdf)", "hobby (second.urdf)"]
+
+
 def test_what_a_robot_file_says_is_shown_as_text() -> None:
     robot = replace(load_robot("mico"), source="<img src=x>")
     assert "4 joints and a gripper" in about(robot)

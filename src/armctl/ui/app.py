@@ -16,6 +16,7 @@ from armctl.ui.guard import GuardedServer, guarded_server
 from armctl.ui.last_known import known
 from armctl.ui.operator import page_name
 from armctl.ui.page_tabs import PageTabs
+from armctl.ui.panel import PANEL_WIDTH
 from armctl.ui.robot_desk import RobotChange, RobotDesk
 from armctl.ui.scene.arm_figure import ArmFigure
 from armctl.ui.scene.stage import Stage, look_at_arm, set_lights
@@ -24,7 +25,8 @@ from armctl.ui.session import Session
 LOG = logging.getLogger("armctl.ui")
 FRAME_S = 1 / 30
 _FRAMES_A_REFRESH = 3
-_PANEL_WIDTH = 440
+_TABS_WIDTH = 440
+"""[px]"""
 
 
 class App:
@@ -69,16 +71,17 @@ class App:
     async def _connect(self, client: viser.ClientHandle) -> None:
         self._console.operators.arrive(client.client_id)
         client.gui.main_panel.dock_right()
-        client.gui.main_panel.set_width(_PANEL_WIDTH)
+        client.gui.main_panel.set_width(_TABS_WIDTH)
         try:
-            self._build(client, PageTabs(client.gui))
+            # the page has told its width before there were panels
+            self._build(client, PageTabs(client.gui), covered=_TABS_WIDTH + PANEL_WIDTH)
         except Exception:
             LOG.exception("%s could not be built", page_name(client.client_id))
             raise
 
-    def _build(self, client: viser.ClientHandle, tabs: PageTabs) -> Session:
-        """Give a page that is empty its session."""
-        look_at_arm(client, self._console.robot)
+    def _build(self, client: viser.ClientHandle, tabs: PageTabs, covered: int = 0) -> Session:
+        """Give a page that is empty its session; ``covered`` px of its scene will be panels."""
+        look_at_arm(client, self._console.robot, covered)
         with client.atomic():
             session = Session(client, self.robots, tabs)
         self._sessions[client.client_id] = session

@@ -8,8 +8,11 @@ import viser
 
 from armctl.ui.screens import SCREENS, Screen
 
-_ONE_ROW = "<style>[data-dock-tab]{padding:0 .5em!important}</style>"
-"""with the page's own, wider padding the tabs need a second row"""
+_STYLE = (
+    "<style>[data-dock-tab]{padding:0 .5em!important}"
+    "label[for],.mantine-Notification-description{color:#495057!important}</style>"
+)
+"""With the page's own, wider padding the tabs need a second row; its grey for labels is hard to read."""
 
 
 class PageTabs:
@@ -18,7 +21,7 @@ class PageTabs:
     def __init__(self, gui: viser.GuiApi) -> None:
         """Add the tabs, empty, in the order of the screens."""
         self._gui = gui
-        gui.add_html(_ONE_ROW)
+        gui.add_html(_STYLE)
         group = gui.add_tab_group()
         self._tabs = [group.add_tab(screen.label, screen.icon) for screen in SCREENS]
         self._contents: list[viser.GuiFolderHandle] = []

@@ -10,27 +10,28 @@ import numpy as np
 import viser
 
 from armctl.runtime import Pause, Release, Resume, SetSpeed, Snapshot, State
-from armctl.ui.widgets.html_bits import limited
+from armctl.ui.widgets.html_bits import WARNING, limited, muted
+from armctl.ui.widgets.rounding_note import rounding_note
 from armctl.ui.widgets.text import LiveHtml, table
 
 if TYPE_CHECKING:
     from armctl.ui.session import Session
 
-_WIDTH = 250
+PANEL_WIDTH = 250
+"""[px]"""
 _MOST_LINES, _MOST_FAULT_LINES = 4, 12
 """of a cause or a warning: what the arm does must stay in view; the log has all of it"""
 _RELEASE_SECONDS = 5.0
 _DOUBLE_CLICK_S = 0.6
 _EXPAND_S = 1.0
-_STOP_HINT = "Decelerate and hold where the arm is, with power (key: Escape). Not a rated emergency stop."
-_RELEASE_HINT = "Switch the servos or motors off: THE ARM DROPS. Not a rated emergency stop."
+_STOP_NOTE = "STOP (Escape) holds, with power. Release: THE ARM DROPS. Neither is a rated emergency stop."
 _SPEED_HINT = "Slows down everything that moves; the path stays the same."
 _COLORS = {
-    State.DISCONNECTED: "#868e96",
-    State.OFF: "#868e96",
+    State.DISCONNECTED: "#5c636a",
+    State.OFF: "#5c636a",
     State.HOLDING: "#2b8a3e",
     State.MOVING: "#1971c2",
-    State.PAUSED: "#e67700",
+    State.PAUSED: WARNING,
     State.FAULT: "#c92a2a",
 }
 
@@ -44,16 +45,17 @@ class ControlPanel:
         self._window = gui.add_panel()
         speed = round(100 * session.snapshot.speed)
         with self._window.add_tab("Control", viser.Icon.HAND_STOP):
-            self._stop = gui.add_button("STOP", color="red", icon=viser.Icon.HAND_STOP, hint=_STOP_HINT)
+            self._stop = gui.add_button("STOP", color="red", icon=viser.Icon.HAND_STOP)
             self._hold = gui.add_button_group("Motion", ("Pause", "Resume"))
-            self._release = gui.add_button("Release", color="gray", icon=viser.Icon.POWER, hint=_RELEASE_HINT)
+            self._release = gui.add_button("Release", color="gray", icon=viser.Icon.POWER)
+            LiveHtml(gui, muted(_STOP_NOTE))
             self._state = LiveHtml(gui)
             self._speed = gui.add_slider("Speed %", 5, 100, 1, initial_value=speed, hint=_SPEED_HINT)
             self._take = gui.add_button("Take control", visible=False)
             self._where = LiveHtml(gui)
         # Docked: notifications cover what floats at the left, but give way to what is docked there.
         self._window.dock_left()
-        self._window.set_width(_WIDTH)
+        self._window.set_width(PANEL_WIDTH)
         self._asked_release = False
         self._released_at = 0.0
         self._expanded_at = -math.inf
@@ -119,7 +121,8 @@ class ControlPanel:
             if angle is not None:
                 tool.append([name, f"{round(math.degrees(angle), 1) + 0.0:.1f}°"])
         heading = "<b style='display:block;margin-top:6px'>"
-        return f"{heading}Joints</b>{table((), joints)}{heading}Tool</b>{table((), tool)}"
+        angles, pose = table((), joints), table((), tool)
+        return f"{heading}Joints</b>{angles}{heading}Tool</b>{pose}{rounding_note(robot, q)}"
 
     async def _on_stop(self) -> None:
         self._session.console.controller.stop(self._session.origin)

@@ -44,16 +44,6 @@ class ProgramDesk:
         """Where programs are saved."""
         return self._folder
 
-    @property
-    def can_undo(self) -> bool:
-        """Whether there is a change to take back."""
-        return bool(self._undo)
-
-    @property
-    def can_redo(self) -> bool:
-        """Whether there is a change that was taken back."""
-        return bool(self._redo)
-
     def relation(self, progress: ProgramProgress | None) -> Relation | None:
         """How the program on the desk stands to the one that the arm runs; None: the arm runs none.
 

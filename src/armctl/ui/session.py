@@ -5,12 +5,13 @@ from __future__ import annotations
 import asyncio
 import logging
 from collections.abc import Awaitable, Callable, Coroutine
-from typing import Any, Literal
+from typing import Any
 
 import viser
 
 from armctl.errors import ArmctlError
 from armctl.runtime import Command, Origin, Snapshot, Ticket
+from armctl.ui.notices import Color, Notices
 from armctl.ui.operator import page_name
 from armctl.ui.page_tabs import PageTabs
 from armctl.ui.panel import ControlPanel
@@ -19,7 +20,6 @@ from armctl.ui.scene.ghost import Ghost
 
 LOG = logging.getLogger("armctl.ui")
 Action = Callable[[], Awaitable[None]]
-Color = Literal["blue", "yellow", "red"]
 _HEARTBEAT_S = 2.0
 _HEARTBEAT_TIMEOUT_S = 3.0
 
@@ -34,6 +34,7 @@ class Session:
     def __init__(self, client: viser.ClientHandle, robots: RobotDesk, tabs: PageTabs) -> None:
         """Build the page; ``tabs`` are its own, and empty."""
         self.client = client
+        self._notices = Notices(client)
         self.tabs = tabs
         self.robots = robots
         self.console = robots.console
@@ -194,4 +195,4 @@ class Session:
 
     def notify(self, title: str, text: str, color: Color = "blue") -> None:
         """Show a notification for as long as it takes to read it."""
-        self.client.add_notification(title, text, color=color, auto_close_seconds=max(6.0, len(text) / 12))
+        self._notices.show(title, text, color)

@@ -23,8 +23,3 @@ def front(robot: Robot) -> FloatArray:
     tool = robot.forward(robot.pose("home"))[:2, 3]
     distance = float(np.linalg.norm(tool))
     return np.array([1.0, 0.0]) if distance < _ABOVE_BASE * reach(robot) else tool / distance
-
-
-def top(robot: Robot) -> float:
-    """Height of the highest frame in the home and rest poses [m, base frame]."""
-    return max(float(robot.frames(robot.pose(name))[:, 2, 3].max()) for name in ("home", "rest"))

@@ -2,20 +2,28 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import viser
+from numpy.typing import NDArray
 
 from armctl.robot import Robot
+from armctl.ui.scene.framing import framed
 from armctl.ui.scene.placing import send_pose
-from armctl.ui.scene.proportions import front, reach, top
+from armctl.ui.scene.proportions import front, reach
 from armctl.ui.scene.stand import draw_stand
 
+FloatArray = NDArray[np.float64]
 _TARGET_COLOR = (214, 51, 108)
-_FLOOR_M = 1.6
-# The camera: how far ahead of the base it looks and how far away it is, in reaches.
-_AHEAD, _DISTANCE = 0.25, 1.3
-_ROOM_ABOVE = 0.35
-"""How far above the base frame there is room at least, for an arm that hangs down may be lifted."""
+_FLOOR_M, _FLOOR_STEP_M = 1.6, 0.5
+"""the floor is so large at least; a longer arm stands on one that is larger by whole sections"""
+_IN_FRONT, _BESIDE, _ABOVE = 0.62, 0.72, 0.32
+"""The direction from the arm to the camera."""
+_FILLED = 0.95
+"""of the picture, by the arm and how far it reaches"""
+_LEAST_ASPECT = 0.5
+"""where the panels leave the scene a narrower strip, the arm may go beyond it"""
 
 
 def set_lights(scene: viser.SceneApi) -> None:
@@ -32,10 +40,10 @@ class Stage:
     """Floor with 50 mm cells, stand and base axes of one arm."""
 
     def __init__(self, scene: viser.SceneApi, robot: Robot) -> None:
-        size = reach(robot)
+        size, floor = reach(robot), floor_size(robot)
         self._parts = (
             scene.add_grid(
-                "/floor", _FLOOR_M, _FLOOR_M, plane="xy", cell_size=0.05, section_size=0.25,
+                "/floor", floor, floor, plane="xy", cell_size=0.05, section_size=0.25,
                 cell_color=(205, 210, 216), section_color=(150, 158, 166), shadow_opacity=0.0,
                 position=(0.0, 0.0, robot.floor_z),
             ),
@@ -53,17 +61,41 @@ class Stage:
             part.remove()
 
 
-def look_at_arm(client: viser.ClientHandle, robot: Robot) -> None:
-    """Put a page's camera where the whole arm is in view, from the front and the right of its home pose."""
-    size, forward = reach(robot), front(robot)
-    highest = max(top(robot), _ROOM_ABOVE * size)
-    centre = np.array([*(_AHEAD * size * forward), 0.5 * (robot.floor_z + highest)])
-    height = highest - robot.floor_z
-    side = np.array([forward[1], -forward[0]])
-    away = np.array([*(0.62 * forward + 0.72 * side), 0.32])
-    client.camera.up_direction = np.array([0.0, 0.0, 1.0])
-    client.camera.position = centre + _DISTANCE * max(size, height) * away
-    client.camera.look_at = centre
+def floor_size(robot: Robot) -> float:
+    """The side of a floor that the arm does not reach beyond [m]."""
+    return max(_FLOOR_M, _FLOOR_STEP_M * math.ceil(2 * reach(robot) / _FLOOR_STEP_M))
+
+
+def look_at_arm(client: viser.ClientHandle, robot: Robot, covered: int = 0) -> None:
+    """Put a page's camera where the whole arm is in view, from the front and the right of its home pose.
+
+    Args:
+        client: the page.
+        robot: the arm.
+        covered: how much of the width that the page has told will be panels [px].
+    """
+    camera, ahead = client.camera, front(robot)
+    side = np.array([ahead[1], -ahead[0]])
+    away = np.array([*(_IN_FRONT * ahead + _BESIDE * side), _ABOVE])
+    aspect = max((camera.image_width - covered) / camera.image_height, _LEAST_ASPECT)
+    position, centre = framed(in_view(robot), away, camera.fov, aspect, _FILLED)
+    camera.up_direction = np.array([0.0, 0.0, 1.0])
+    camera.position = position
+    camera.look_at = centre
+
+
+def in_view(robot: Robot) -> FloatArray:
+    """What is in view at first (k, 3) [m]: home and rest poses, the foot, and what the arm reaches.
+
+    That is how far it is stretched ahead of its base, to both sides and upwards.
+    """
+    size, ahead = reach(robot), front(robot)
+    shoulder = float(robot.chain.axes()[0][:2, 2][-1])
+    level = size - abs(shoulder)  # the column below the shoulder reaches nowhere
+    side = np.array([-ahead[1], ahead[0]])
+    poses = robot.frames(np.stack([robot.pose("home"), robot.pose("rest")]))[..., :3, 3].reshape(-1, 3)
+    stretched = [[*(level * way), shoulder] for way in (ahead, side, -side)]
+    return np.vstack([poses, stretched, [[0.0, 0.0, robot.floor_z], [0.0, 0.0, shoulder + level]]])
 
 
 class TargetMark:
@@ -72,7 +104,7 @@ class TargetMark:
     def __init__(self, scene: viser.SceneApi, name: str = "/target") -> None:
         self._ball = scene.add_icosphere(name, 0.006, color=_TARGET_COLOR, visible=False)
 
-    def show(self, position_m: np.ndarray[tuple[int, ...], np.dtype[np.float64]]) -> None:
+    def show(self, position_m: FloatArray) -> None:
         """Show the target at a point (3,) [m]."""
         self._ball.position = position_m
         self._ball.visible = True

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from armctl.ui.session import Session
 
 _MOST_GHOSTS = 8
-_HINT = "Every branch in the 3D view: green is the one of least energy, blue is possible, red is refused."
+_LEGEND = "In the 3D view green is the branch of least energy, blue is possible, red is refused."
 _CHOSEN, _POSSIBLE, _REFUSED = (47, 158, 68), (34, 139, 230), (224, 49, 49)
 
 
@@ -30,7 +30,9 @@ class BranchView:
         self._ghosts = BranchGhosts(session.client.scene, self._robot)
         self._ghost = session.ghost
         self._found: tuple[Verdict, ...] = ()
-        self._show = gui.add_checkbox("Show as ghosts", initial_value=False, hint=_HINT)
+        self._show = gui.add_checkbox("Show as ghosts", initial_value=False)
+        self._legend = LiveHtml(gui, muted(_LEGEND))  # no hint: it would lie over the Go button above
+        self._legend.visible = False
         self._table = LiveHtml(gui, muted("Nothing is solved yet."))
         session.on(self._show.on_update, self._on_show)
 
@@ -42,6 +44,7 @@ class BranchView:
     def show(self, found: Answer) -> None:
         """Show the branches of an answer."""
         self._found = found.verdicts
+        self._legend.visible = bool(found.verdicts)
         self._table.show(verdicts_html(self._robot, found.verdicts, found.table))
         self._draw()
 

@@ -15,6 +15,8 @@ from armctl.robot import Robot
 from armctl.runtime import Jog
 from armctl.ui.screens.joint_stepper import JointStepper
 from armctl.ui.widgets.hold import Hold, attach_hold
+from armctl.ui.widgets.html_bits import muted
+from armctl.ui.widgets.text import LiveHtml
 
 if TYPE_CHECKING:
     from armctl.ui.session import Session
@@ -23,7 +25,7 @@ FloatArray = NDArray[np.float64]
 STEPS = {"−10": -10.0, "−1": -1.0, "−0.1": -0.1, "+0.1": 0.1, "+1": 1.0, "+10": 10.0}
 _SLOW_RAD_S, _SLOW_FRACTION, _SHORTEST_S = math.radians(10.0), 0.15, 0.3
 _STEP_HINT = "Turns the joint at once, at no more than 10°/s. Degrees by the calibration in force."
-_JOG_HINT = "Turns the joint slowly for as long as the button is held."
+_JOG_NOTE = "Jog turns the joint slowly for as long as the button is held."
 
 
 def slow_speeds(robot: Robot) -> FloatArray:
@@ -48,8 +50,9 @@ class CalibrationJog:
         self._hold = Hold()
         gui = session.gui
         self._steps = gui.add_button_group("Step °", tuple(STEPS), hint=_STEP_HINT)
-        minus = gui.add_button("Jog −", hint=_JOG_HINT)
-        plus = gui.add_button("Jog +", hint=_JOG_HINT)
+        minus = gui.add_button("Jog −")
+        plus = gui.add_button("Jog +")
+        LiveHtml(gui, muted(_JOG_NOTE))
         session.on(self._steps.on_click, self._on_step)
         session.on(partial(attach_hold, minus), partial(self._on_hold, -1.0))
         session.on(partial(attach_hold, plus), partial(self._on_hold, 1.0))

@@ -33,10 +33,11 @@ _TEST_NOTE = (
     "Save first: the test pose goes by the calibration in force, slowly. If it does not look like this, "
     "Revert takes the arm back in one click."
 )
-_SAVE_HINT = (
-    "Opens the arm anew. A Maestro whose own Timeout ends in that moment lets its servos go: keep clear."
+_SAVE_NOTE = (
+    "Saving opens the arm anew. A Maestro whose own Timeout ends in that moment lets its servos go: "
+    "keep clear."
 )
-_REVERT_HINT = "Bring this version in force again; the present one stays in the list."
+_REVERT_NOTE = "Revert brings this version in force again; the present one stays in the list."
 
 
 class CalibrationSave:
@@ -50,7 +51,8 @@ class CalibrationSave:
         self._overview = LiveHtml(gui)
         self._note = gui.add_text("Note", "", hint="What a later reader should know of this calibration.")
         self._held = LiveHtml(gui)
-        self._save = gui.add_button("Save calibration", icon=viser.Icon.DEVICE_FLOPPY, hint=_SAVE_HINT)
+        self._save = gui.add_button("Save calibration", icon=viser.Icon.DEVICE_FLOPPY)
+        LiveHtml(gui, muted(_SAVE_NOTE))
         clear = gui.add_button("Forget what is not saved", color="gray")
         with gui.add_folder("Test pose"):
             self._pose = check_pose(session.console.robot)
@@ -61,7 +63,8 @@ class CalibrationSave:
             versions = self._desk.versions()
             self._versions = earlier_versions(versions)
             self._version = gui.add_dropdown("Version", tuple(self._versions))
-            self._revert = gui.add_button("Revert", color="orange", hint=_REVERT_HINT)
+            self._revert = gui.add_button("Revert", color="orange")
+            LiveHtml(gui, muted(_REVERT_NOTE))
             LiveHtml(gui, kept_html(versions))
         session.on(self._save.on_click, self._on_save)
         session.on(clear.on_click, self._on_clear)

@@ -21,7 +21,7 @@ from armctl.ui.screens.forward_angles import (
 )
 from armctl.ui.screens.pose_coupling import PoseCoupling
 from armctl.ui.screens.velocity_form import VelocityForm
-from armctl.ui.widgets.html_bits import refused
+from armctl.ui.widgets.html_bits import muted, refused
 from armctl.ui.widgets.number_field import EditWatch
 from armctl.ui.widgets.pose_figures import jacobian_html, pose_html
 from armctl.ui.widgets.preview import Preview
@@ -32,9 +32,8 @@ if TYPE_CHECKING:
     from armctl.ui.session import Session
 
 FloatArray = NDArray[np.float64]
-_ABSOLUTE_HINT = "The angles are absolute: each joint goes to its angle."
-_RELATIVE_HINT = "The angles are added to those where the arm stands now."
-_SHOWN_HINT = "What the ghost and the figures below stand for."
+_GO_NOTE = "Reference: each joint goes to its angle. Last position: the angles are added to where it stands."
+_SHOWN_NOTE = "What the ghost and the figures below stand for."
 _NOTE = "Type joint angles, or a tool pose. Nothing moves until a Go button is pressed."
 
 
@@ -57,9 +56,11 @@ class ForwardScreen:
         self._fill = gui.add_button_group("Fill with", ("present pose", *self._robot.poses))
         self._results = LiveHtml(gui)
         self._movement = ProfileChoice(session, MOVEMENTS)
-        self._absolute = gui.add_button(REFERENCE, icon=viser.Icon.PLAYER_PLAY, hint=_ABSOLUTE_HINT)
-        self._relative = gui.add_button(LAST, icon=viser.Icon.PLAYER_PLAY, hint=_RELATIVE_HINT)
-        self._shown = gui.add_dropdown("Show for", SHOWN, initial_value=SHOWN[0], hint=_SHOWN_HINT)
+        LiveHtml(gui, muted(_GO_NOTE))
+        self._absolute = gui.add_button(REFERENCE, icon=viser.Icon.PLAYER_PLAY)
+        self._relative = gui.add_button(LAST, icon=viser.Icon.PLAYER_PLAY)
+        self._shown = gui.add_dropdown("Show for", SHOWN, initial_value=SHOWN[0])
+        LiveHtml(gui, muted(_SHOWN_NOTE))  # no hint: it would lie over the Go buttons above
         with gui.add_folder("Tool pose"):
             self._pose = LiveHtml(gui)
         with gui.add_folder("Jacobian and manipulability"):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-from html import escape
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
@@ -17,7 +16,7 @@ from armctl.ui.screens.branch_view import BranchView
 from armctl.ui.screens.inverse_answer import Answer, answer, answer_html, no_curve, solve
 from armctl.ui.screens.inverse_target import TargetForm
 from armctl.ui.screens.solution_table import PAGE_ROWS
-from armctl.ui.widgets.html_bits import muted, numbers
+from armctl.ui.widgets.html_bits import muted, numbers, warned
 from armctl.ui.widgets.pager import Pager
 from armctl.ui.widgets.plots import LinePlot
 from armctl.ui.widgets.preview import Preview
@@ -28,6 +27,8 @@ if TYPE_CHECKING:
     from armctl.ui.session import Session
 
 _NOTE = "Type where the tool shall be and press <b>Solve</b>. Nothing moves until a Go button is pressed."
+_SOLVES_FIRST = "This button solves the changed fields first, then goes at once."
+_OLD_LIST = "The list is of the fields as they were: press Solve first."
 _MOVED = 1e-4
 _DRAG_PAUSE_S = 0.1
 
@@ -58,11 +59,11 @@ class InverseScreen:
         self._solve = gui.add_button("Solve", icon=viser.Icon.TARGET)
         self._result = LiveHtml(gui)
         self._stale = LiveHtml(gui)
-        self._stale.visible = False
         self._nearest = gui.add_button("Take nearest point", color="orange", visible=False)
         self._criterion = gui.add_dropdown("Least energy is", CRITERIA, initial_value=CRITERIA[0])
         self._criterion_note = LiveHtml(gui, muted(CRITERION_TEXT[CRITERIA[0]]))
         self._movement = ProfileChoice(session, MOVEMENTS)
+        self._solves_first = LiveHtml(gui, warned(_SOLVES_FIRST))
         self._go_least = gui.add_button("Go by least energy", icon=viser.Icon.PLAYER_PLAY)
         tabs = gui.add_tab_group()
         with tabs.add_tab("List"):
@@ -70,12 +71,15 @@ class InverseScreen:
             self._pager = Pager(session, PAGE_ROWS, self._on_row)
             self._form.watch.watch(self._pager.attach_row_edit)
             self._selected = LiveHtml(gui)
+            self._old_list = LiveHtml(gui, warned(_OLD_LIST))
             self._go_selected = gui.add_button("Go by the selected one", icon=viser.Icon.PLAYER_PLAY)
         with tabs.add_tab("Energy curve"):
             self._curve_note = LiveHtml(gui, muted("Nothing is solved yet."))
             self._curve = LinePlot(gui)
         with tabs.add_tab("Branches"):
             self._branches = BranchView(session, self._show_ghost)
+        for note in (self._stale, self._solves_first, self._old_list):
+            note.visible = False
         session.on(self._fill.on_click, self._on_fill)
         session.on(self._solve.on_click, self._on_solve)
         session.on(self._nearest.on_click, self._on_nearest)
@@ -87,18 +91,24 @@ class InverseScreen:
         """Tell when the result is out of date; hide the ghost once the arm has come to it."""
         stale = self._out_of_date(snapshot)
         self._stale.visible = bool(stale)
-        self._stale.show(f"<b style='color:#e67700'>{escape(stale)}</b>")
+        self._stale.show(warned(stale))
+        self._solves_first.visible = self._old_list.visible = self._fields_changed
         self._preview.refresh(snapshot)
         if not self._preview.shown and not self._branches.as_ghosts:
             self._mark.hide()
+
+    @property
+    def _fields_changed(self) -> bool:
+        """Whether the fields are not those that the result shown was solved for."""
+        return self._answer is not None and self._form.texts != self._answered
 
     def _out_of_date(self, snapshot: Snapshot) -> str:
         """Why the result shown is not that of the present fields and pose; empty where it is."""
         found = self._answer
         if found is None:
             return ""
-        if self._form.texts != self._answered:
-            return "The fields have changed since: press Solve. (Go by least energy solves them, and goes.)"
+        if self._fields_changed:
+            return "The fields have changed since: press Solve."
         moved = float(np.abs(found.table.start - snapshot.q_command).max()) > _MOVED
         if moved and self._criterion.value == "least-travel":
             return "The arm has moved since, and least travel depends on it: press Solve."
@@ -225,7 +235,7 @@ class InverseScreen:
             raise InputError("there is nothing to go to: press Solve first")
         if not found.solutions.success:
             raise UnreachableError(found.why_not)
-        if self._form.texts != self._answered:
+        if self._fields_changed:
             raise InputError("the fields have changed since the list was made: press Solve first")
         if row is None:
             raise InputError(f"no row is selected: type a row from 1 to {len(found.table)}")

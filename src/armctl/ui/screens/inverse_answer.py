@@ -17,6 +17,8 @@ from armctl.ui.widgets.html_bits import muted, numbers, refused, strong
 from armctl.ui.widgets.plots import Picture
 
 FloatArray = NDArray[np.float64]
+_SAME = 1e-9
+"""a row that is no farther off than this is the same configuration [rad]"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,8 +80,18 @@ def answer_html(robot: Robot, found: Answer) -> str:
     return (
         text
         + f"<div>least energy will go to θ = (<b>{angles}</b>)°</div>"
-        + muted(f"{branch}; error {error_mm:.1e} mm")
+        + muted(f"{branch}; energy {found.table.energy_text(found.best)}; error {error_mm:.1e} mm")
+        + _between_rows(found)
     )
+
+
+def _between_rows(found: Answer) -> str:
+    """Why the first row of the list is not quite the one of least energy; empty where it is."""
+    row_1 = found.table.q(1)
+    if found.best is None or np.abs(row_1 - found.best).max() < _SAME:
+        return ""
+    least = found.table.energy_text(row_1)
+    return muted(f"The exact least: it lies between two rows of the list (row 1: {least}).")
 
 
 def no_curve(found: Answer) -> str:

@@ -9,7 +9,7 @@ import viser
 
 from armctl.runtime import MoveJoints, Snapshot
 from armctl.ui.screens.joint_stepper import JointStepper
-from armctl.ui.widgets.joint_step import asked_pose, held_at, slider_degrees
+from armctl.ui.widgets.joint_step import asked_pose, held_at, slider_degrees, slider_limits
 from armctl.ui.widgets.text import LiveHtml
 
 if TYPE_CHECKING:
@@ -62,7 +62,7 @@ class JointControl:
         if (held := held_at(joint)) is not None:
             self._session.gui.add_text(f"{joint.title} °", held, disabled=True)
             return None
-        low, high = np.degrees(self._robot.limits[i]).tolist()
+        low, high = slider_limits(self._robot)[i].tolist()
         slider = self._session.gui.add_slider(
             f"{joint.title} °", min=low, max=high, step=0.01, initial_value=self._shown[i]
         )

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from armctl.errors import ArmctlError, StateError
 from armctl.kinematics import Target
 from armctl.runtime import FollowTarget, Snapshot, State
+from armctl.ui.widgets.html_bits import WARNING
 from armctl.ui.widgets.live_twin import LiveTwin
 from armctl.ui.widgets.number_field import EditWatch, NumberField
 from armctl.ui.widgets.text import LiveHtml
@@ -77,7 +78,7 @@ class LiveTarget:
             note = next((text for text in snapshot.warnings if text.startswith("live target")), None)
         self._text.show(_TEXT[self._mode])
         self._note.visible = note is not None
-        self._note.show(f"<div style='color:#e67700'>⚠ {escape(note or '')}</div>")
+        self._note.show(f"<div style='color:{WARNING}'>⚠ {escape(note or '')}</div>")
 
     async def _on_switch(self) -> None:
         wanted = self._switch.value

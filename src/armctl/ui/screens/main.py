@@ -25,6 +25,7 @@ from armctl.runtime import (
 )
 from armctl.ui.screens.robot_choice import RobotChooser
 from armctl.ui.widgets.board_text import board_html, enable_note, homing_html, ports_html
+from armctl.ui.widgets.html_bits import WARNING
 from armctl.ui.widgets.text import LiveHtml
 from armctl.ui.widgets.when import time_of_day
 
@@ -32,13 +33,12 @@ if TYPE_CHECKING:
     from armctl.ui.session import Session
 
 _LOG_LINES = 14
-_LEVEL_COLOR = {"warning": "#e67700", "error": "#c92a2a"}
+_LEVEL_COLOR = {"warning": WARNING, "error": "#c92a2a"}
 _ASKED_S = 5.0
 _DISCONNECT_DROPS = (
     "The board switches its motors off when nobody speaks to it: THE ARM MAY DROP half a second later. Click "
     "Disconnect again to go on."
 )
-_HOMING_HINT = "Find the zero of every axis: the arm moves to its home switches. STOP ends it."
 
 
 class MainScreen:
@@ -59,7 +59,7 @@ class MainScreen:
         self._line = gui.add_button_group("Board", ("Connect", "Disconnect", "Rescan"))
         self._ports = LiveHtml(gui)
         self._board = LiveHtml(gui)
-        self._homing = gui.add_button("Homing", icon=viser.Icon.TARGET, hint=_HOMING_HINT, visible=False)
+        self._homing = gui.add_button("Homing", icon=viser.Icon.TARGET, visible=False)
         self._homed = LiveHtml(gui)
         self._enable_note = gui.add_markdown(enable_note(session.snapshot, console.robot.board))
         self._enable = gui.add_button("Enable", icon=viser.Icon.BOLT, color="green")

@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armctl.errors import ArmctlError, UnreachableError
-from armctl.kinematics import roll_pitch_yaw
 from armctl.ui.screens.forward_angles import AngleFields
 from armctl.ui.screens.pose_fields import CoupledJoints, PoseFields, coupled_joints
-from armctl.ui.widgets.html_bits import fixed, muted, refused
+from armctl.ui.widgets.html_bits import muted, refused
 from armctl.ui.widgets.number_field import NumberField
+from armctl.ui.widgets.pose_figures import base_turns
 from armctl.ui.widgets.text import LiveHtml
 
 if TYPE_CHECKING:
@@ -164,6 +164,5 @@ class PoseCoupling:
 
     def _pose_line(self, q: FloatArray) -> str:
         """The orientation as the fields do not show it."""
-        angles = np.degrees(roll_pitch_yaw(self._robot.forward(q)[:3, :3])).tolist()
-        named = zip(("roll", "pitch", "yaw"), angles, strict=True)
-        return muted("R = Rz·Ry·Rx: " + ", ".join(f"{name} {fixed(angle, 2)}°" for name, angle in named))
+        turns = ", ".join(f"{name} {angle}" for name, angle in base_turns(self._robot.forward(q), 2))
+        return muted(f"As turns about the base's axes: {turns}")

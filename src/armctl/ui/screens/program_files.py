@@ -17,14 +17,16 @@ from armctl.motion.program import (
     write_script,
 )
 from armctl.motion.program_check import ProgramFinding
+from armctl.ui.widgets.html_bits import muted
+from armctl.ui.widgets.text import LiveHtml
 from armctl.ui.widgets.verdict_list import first_error
 
 if TYPE_CHECKING:
     from armctl.ui.session import Session
 
 _NONE = "(none saved yet)"
-_UPLOAD_HINT = (
-    "A program of this robot: .toml, .py as exported here, or .csv with units in its head "
+_UPLOAD_NOTE = (
+    "Upload takes a program of this robot: .toml, .py as exported here, or .csv with units in its head "
     "(base_deg, … or x_mm, y_mm, z_mm)."
 )
 _EXPORT_HINT = "CSV X-Y-Z: poses become points of the tool. Python: a script for the armctl library."
@@ -46,9 +48,9 @@ class ProgramFiles:
         self._export = gui.add_button_group("Download as", ("CSV X-Y-Z", "Python"), hint=_EXPORT_HINT)
         self._saved = gui.add_dropdown("Saved programs", self._choices())
         self._load = gui.add_button_group("Chosen one", ("Load",))
-        self._upload = gui.add_upload_button(
-            "Upload", icon=viser.Icon.UPLOAD, mime_type=",".join(PROGRAM_SUFFIXES), hint=_UPLOAD_HINT
-        )
+        suffixes = ",".join(PROGRAM_SUFFIXES)
+        self._upload = gui.add_upload_button("Upload", icon=viser.Icon.UPLOAD, mime_type=suffixes)
+        LiveHtml(gui, muted(_UPLOAD_NOTE))
         session.on(self._keep.on_click, self._on_keep)
         session.on(self._export.on_click, self._on_export)
         session.on(self._load.on_click, self._on_load)

@@ -51,13 +51,22 @@ class RobotChooser:
 
 
 def labelled(choices: Sequence[RobotChoice]) -> dict[str, str]:
-    """Names by label: the title, with the file's name where two robots have the same title."""
+    """Names by label: the title; with the file's name, or all of its path, where that is not its alone."""
     titles = Counter(choice.title for choice in choices)
+    files = Counter(_with_file(choice) for choice in choices)
 
     def label(choice: RobotChoice) -> str:
-        return choice.title if titles[choice.title] == 1 else f"{choice.title} ({Path(choice.name).name})"
+        if titles[choice.title] == 1:
+            return choice.title
+        short = _with_file(choice)
+        return short if files[short] == 1 else f"{choice.title} ({choice.name})"
 
     return {label(choice): choice.name for choice in choices}
+
+
+def _with_file(choice: RobotChoice) -> str:
+    """The title with the name of the file; which link of a URDF is its tool goes behind a ``#``."""
+    return f"{choice.title} ({Path(choice.name.partition('#')[0]).name})"
 
 
 def about(robot: Robot) -> str:

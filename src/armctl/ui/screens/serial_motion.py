@@ -12,6 +12,7 @@ from armctl.ui.screens.program_files import ProgramFiles
 from armctl.ui.screens.program_record import ProgramExtras, ProgramRecord
 from armctl.ui.screens.program_run import ProgramRun
 from armctl.ui.screens.program_step_form import ProgramStepForm
+from armctl.ui.widgets.html_bits import WARNING
 from armctl.ui.widgets.step_list import page_count, page_of, step_table
 from armctl.ui.widgets.text import LiveHtml
 
@@ -84,7 +85,7 @@ class SerialMotion:
             return f"{line} · <span style='color:#2b8a3e'>runs {of}</span>"
         if self._desk.relation(progress) == "coming":
             return f"{line} · <span style='color:#2b8a3e'>runs {of}</span>; <b>{EDIT_WAITS}</b>"
-        return f"{line}<br><span style='color:#e67700'>Runs another version: {of}</span>"
+        return f"{line}<br><span style='color:{WARNING}'>Runs another version: {of}</span>"
 
     def _draw(self) -> None:
         steps, editor = self._desk.program.steps, self._editor

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armctl.kinematics import Criterion, Solutions, checked_criterion
+from armctl.kinematics.energy import energies
 from armctl.ui.widgets.html_bits import fixed
 
 FloatArray = NDArray[np.float64]
@@ -64,13 +65,15 @@ class SolutionTable:
         """Branch name of a row."""
         return str(self.solutions.branch[self.order[row - 1]])
 
-    def row_of(self, index: int) -> int:
-        """The row, counted from 1, that shows solution ``index``."""
-        return int(np.flatnonzero(self.order == index)[0]) + 1
-
     def energy_of(self, q: FloatArray) -> float:
-        """Energy of the listed solution nearest to ``q`` (n,) [rad]."""
-        return float(self.energy[self.solutions.index_of(q)])
+        """Energy of any configuration ``q`` (n,) [rad], in the unit of ``unit``; infinite if not admitted."""
+        criterion, arm = checked_criterion(self.criterion), self.solutions.arm
+        scale, _ = _ENERGY[criterion]
+        return scale * float(energies(criterion, q[None], arm.energy, arm.pitch_joints, self.start)[0])
+
+    def energy_text(self, q: FloatArray) -> str:
+        """Energy of ``q`` (n,) [rad] with its unit, as exact as in the list."""
+        return f"{fixed(self.energy_of(q), 3)}{'' if self.unit == '°' else ' '}{self.unit}"
 
     def branch_counts(self) -> dict[str, int]:
         """How many solutions each branch has, in the order of the branches."""

@@ -18,7 +18,7 @@ from armctl.ui.screens.trajectory_motion import PlannedMotion, ShownMotion
 from armctl.ui.screens.trajectory_plan import plan_shown
 from armctl.ui.screens.trajectory_report import ReportView, finished
 from armctl.ui.screens.trajectory_study import StudyView, make_study
-from armctl.ui.widgets.html_bits import refused
+from armctl.ui.widgets.html_bits import refused, warned
 from armctl.ui.widgets.preview import Preview
 from armctl.ui.widgets.text import LiveHtml
 from armctl.ui.widgets.verdict_list import verdict_html
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 FloatArray = NDArray[np.float64]
 _NOTE = "Choose a motion and press <b>Show</b> to see it over time; <b>Run</b> executes what is shown."
-_STALE = "<b style='color:#a65b00'>{}: press Show.</b>"
+_STALE = "{}: press Show."
 _PLANNING = "<b>Planning …</b>"
 _CHANGED = "The settings have changed since"
 _MOVED = 1e-6
@@ -84,7 +84,7 @@ class TrajectoryScreen:
         self._verdict.visible = not study and self._judged
         stale = self._out_of_date(snapshot)
         self._stale.visible = bool(stale) or self._planning > 0
-        self._stale.show(_PLANNING if self._planning else _STALE.format(stale))
+        self._stale.show(_PLANNING if self._planning else warned(_STALE.format(stale)))
         self._preview.refresh(snapshot)
         self._graphs.refresh()
 

@@ -8,6 +8,7 @@ from html import escape
 from armctl.robot import BoardKind
 from armctl.runtime import Snapshot, State
 from armctl.ui.console import PortChoice
+from armctl.ui.widgets.html_bits import refused, sentence
 
 _ENABLE_NOTE = (
     "**Enable** switches the servos on. A servo that was off jumps to the rest pose at full speed: "
@@ -20,7 +21,7 @@ _LOST_NOTE = (
 )
 _UNHOMED_NOTE = (
     "The arm does not know where it is yet. **Homing** moves every axis slowly to its home switch, one after "
-    "the other: keep clear."
+    "the other: keep clear. STOP ends it."
 )
 
 
@@ -56,8 +57,8 @@ def ports_html(choices: Iterable[PortChoice]) -> str:
         serial = f" · serial number {escape(choice.serial_number)}" if choice.serial_number else ""
         lines.append(f"<div>{escape(choice.label)}{serial}</div>")
         if choice.why_not is not None:
-            lines.append(f"<div style='color:#c92a2a'>cannot be used: {escape(choice.why_not)}</div>")
-        lines += [f"<div style='opacity:.75'>{escape(note)}</div>" for note in choice.notes]
+            lines.append(refused(sentence(f"cannot be used: {choice.why_not}")))
+        lines += [f"<div style='opacity:.75'>{escape(sentence(note))}</div>" for note in choice.notes]
     return "".join(lines)
 
 
@@ -65,8 +66,9 @@ def board_html(snapshot: Snapshot) -> str:
     """The board that is connected, and what the user must know of it."""
     board = snapshot.board
     if board is None:
-        return "<div>not connected</div>"
+        return "<div>Not connected.</div>"
     serial = f" · serial number {escape(board.serial_number)}" if board.serial_number else ""
     lines = [f"<div><b>{escape(board.kind)}</b> on {escape(board.port)}{serial}</div>"]
-    lines += [f"<div style='opacity:.75'>{escape(note)}</div>" for note in (*board.notes, *board.earlier)]
+    notes = (*board.notes, *board.earlier)
+    lines += [f"<div style='opacity:.75'>{escape(sentence(note))}</div>" for note in notes]
     return "".join(lines)

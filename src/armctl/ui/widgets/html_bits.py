@@ -9,6 +9,8 @@ from html import escape
 
 _LINE_EM = 1.5
 """height of a line in a block of HTML"""
+WARNING = "#a65b00"
+"""colour of what is not as it should be; dark enough to be read on white"""
 _MINUS = re.compile(r"(?<![\w.)-])-(?=\d)")
 """a hyphen before a number that is no part of a word, a range or a date"""
 
@@ -32,7 +34,7 @@ def heading(text: str) -> str:
 
 def muted(text: str) -> str:
     """An explanation that may be overlooked."""
-    return f"<div style='font-size:11.5px;opacity:.75'>{escape(text)}</div>"
+    return f"<div style='font-size:11.5px;opacity:.75'>{escape(with_minus(text))}</div>"
 
 
 def folded(title: str, texts: Iterable[str]) -> str:
@@ -58,7 +60,12 @@ def sentence(text: str) -> str:
 
 def refused(text: str) -> str:
     """Why something cannot be done."""
-    return f"<div style='color:#c92a2a'>{escape(text)}</div>"
+    return f"<div style='color:#c92a2a'>{escape(with_minus(text))}</div>"
+
+
+def warned(text: str) -> str:
+    """What to know before a button is pressed."""
+    return f"<b style='color:{WARNING}'>{escape(with_minus(text))}</b>"
 
 
 def limited(text: str, lines: int, style: str = "") -> str:

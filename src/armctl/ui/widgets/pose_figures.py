@@ -31,6 +31,7 @@ _ALIKE = math.radians(20)
 _FORMULA = {True: "√det(J Jᵀ)", False: "√det(Jᵀ J)"}
 """of six joints or more, and of fewer"""
 _ROWS = ("vx mm/s", "vy mm/s", "vz mm/s", "ωx rad/s", "ωy rad/s", "ωz rad/s")
+_NOT_TOOL_PITCH = "Ry is not the tool pitch: that is {}°, the tool's axis above the horizontal."
 _WAYS = (("out", "in"), ("left", "right"), ("up", "down"))
 _WAYS_ON_AXIS = (("along +x", "along −x"), ("along +y", "along −y"), ("up", "down"))
 
@@ -42,17 +43,27 @@ def pose_html(robot: Robot, q: FloatArray) -> str:
     shown[:3, 3] *= 1000
     rows = [[fixed(value, 4 if j < 3 else 2) for j, value in enumerate(row)] for row in shown.tolist()]
     rows[3] = ["0", "0", "0", "1"]
-    angles = zip(("roll", "pitch", "yaw"), np.degrees(roll_pitch_yaw(T[:3, :3])).tolist(), strict=True)
-    turned = " · ".join(f"{name} <b>{fixed(angle, 3)}°</b>" for name, angle in angles)
+    turned = " · ".join(
+        f"{name} ({usual}) <b>{angle}</b>"
+        for (name, angle), usual in zip(base_turns(T, 3), ("roll", "pitch", "yaw"), strict=True)
+    )
     quaternion = numbers(quaternion_wxyz(T[:3, :3]).tolist(), 5)
+    pitch, _ = robot.inverse_kinematics.pitch_and_roll(q)
     return (
         heading("Matrix: tool in base, position in mm")
         + table(["x axis", "y axis", "z axis", "position"], rows, names=False)
         + heading("Orientation")
         + f"<div>{turned}</div>"
-        + muted("R = Rz(yaw) · Ry(pitch) · Rx(roll)")
+        + muted("R = Rz(yaw) · Ry(pitch) · Rx(roll): turns about the base's x, then y, then z axis.")
+        + ("" if pitch is None else muted(_NOT_TOOL_PITCH.format(fixed(math.degrees(pitch), 3))))
         + f"<div>quaternion w, x, y, z: {quaternion}</div>"
     )
+
+
+def base_turns(T: FloatArray, digits: int) -> list[tuple[str, str]]:
+    """Roll-pitch-yaw of a pose (4, 4), named Rx, Ry, Rz: pitch and roll are the tool's, on every screen."""
+    angles = [f"{fixed(angle, digits)}°" for angle in np.degrees(roll_pitch_yaw(T[:3, :3])).tolist()]
+    return list(zip(("Rx", "Ry", "Rz"), angles, strict=True))
 
 
 def jacobian_html(robot: Robot, q: FloatArray) -> str:

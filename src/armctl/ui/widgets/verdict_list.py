@@ -7,12 +7,13 @@ from html import escape
 
 from armctl.motion.preflight import Finding
 from armctl.motion.program_check import ProgramFinding
+from armctl.ui.widgets.html_bits import WARNING
 
 _MOST = 12
 _CHECKED = ("limits", "speeds", "floor", "self-collision", "singularity", "torque")
 _MARK = {
     "error": ("✕ refused", "#c92a2a"),
-    "warning": ("! warning", "#a65b00"),
+    "warning": ("! warning", WARNING),
 }
 _BLOCK = "margin:4px 0;padding:2px 0 2px 8px;border-left:3px solid "
 

@@ -1,0 +1,69 @@
+"""The line that says what whole steps of a board mean at the tool."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from armctl.hardware.board_scales import BOARD_SCALES
+from armctl.robot import Robot, load_robot
+from armctl.ui.widgets.rounding_note import joint_steps, rounding_note, rounding_off_m
+
+FloatArray = NDArray[np.float64]
+SERVO_ARMS = ("uzuner", "abaas", "mico", "humanoid")
+
+
+def rounded(robot: Robot, q: FloatArray) -> float:
+    """How far the tool point is off once every setpoint is a whole step [m]."""
+    outputs, scale = robot.output_map, BOARD_SCALES[robot.board]
+    assert outputs is not None
+    sent = {channel: round(value / scale.step) * scale.step for channel, value in outputs.outputs(q).items()}
+    return float(np.linalg.norm(robot.forward(outputs.angles(sent))[:3, 3] - robot.forward(q)[:3, 3]))
+
+
+@pytest.mark.parametrize("name", SERVO_ARMS)
+def test_a_rounded_setpoint_is_never_farther_off_than_the_note_says(name: str) -> None:
+    robot = load_robot(name)
+    rng = np.random.default_rng(61)
+    share: list[float] = []
+    low, high = robot.limits.T
+    poses: list[FloatArray] = list(rng.uniform(low, high, (300, robot.n)))
+    for q in poses:
+        bound = rounding_off_m(robot, q)
+        off = rounded(robot, q)
+        assert off <= 1.001 * bound  # of second order: the steps are small, not infinitely so
+        share.append(off / bound)
+    assert max(share) > 0.5  # no bound that is far from what happens
+
+
+def test_the_figures_are_those_of_the_arm_and_its_board() -> None:
+    robot = load_robot("uzuner")
+    q = robot.pose("home")
+    told = rounding_note(robot, q)
+    steps = np.degrees(joint_steps(robot))
+    assert "Servo steps of" in told and "(0.25 µs)" in told
+    assert f"{steps.max():.3f}°" in told
+    assert f"up to {1000 * rounding_off_m(robot, q):.2f} mm beside its target" in told
+    abaas = load_robot("abaas")
+    assert "(1 µs)" in rounding_note(abaas, abaas.pose("home"))
+    scorbot = load_robot("scorbot")
+    assert re.search(r"Encoder steps of .*\(1 count\)", rounding_note(scorbot, scorbot.pose("home")))
+
+
+def test_a_finer_servo_brings_the_tool_nearer_to_its_target() -> None:
+    robot = load_robot("uzuner")
+    assert robot.output_map is not None
+    finer = replace(robot, output_map=replace(robot.output_map, per_rad=4 * robot.output_map.per_rad))
+    q = robot.pose("home")
+    assert rounding_off_m(finer, q) == pytest.approx(rounding_off_m(robot, q) / 4)
+
+
+def test_a_joint_that_is_held_takes_no_part() -> None:
+    humanoid = load_robot("humanoid")
+    held = [joint.lower == joint.upper for joint in humanoid.joints]
+    assert any(held)
+    assert (joint_steps(humanoid) == 0).tolist() == held
