@@ -1,6 +1,6 @@
 """The straightforward full-grid sweep of the swept joint: what armctl is measured and tested against.
 
-Written from the geometry in PAPERS.md alone; it shares no code with armctl.
+Written from the geometry in the uzuner paper alone; it shares no code with armctl.
 """
 
 from __future__ import annotations

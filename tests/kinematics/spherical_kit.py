@@ -24,7 +24,7 @@ HUMANOID = DHChain(
     ],
     "standard",
 )
-"""PAPERS.md, section 4"""
+"""the humanoid paper's DH table"""
 HUMANOID_LIMITS = np.radians([[-90, 90], [-90, 0], [0, 180], [0, 90], [0, 0.0]])
 TITLES = ("Shoulder swing", "Shoulder lift", "Shoulder turn", "Elbow", "Wrist roll")
 

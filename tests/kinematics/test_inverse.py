@@ -248,7 +248,7 @@ def test_two_pitch_joints_refuse_a_pitch_that_the_position_does_not_give() -> No
 
 
 def test_the_lab_sheet_of_the_two_pitch_arm() -> None:
-    """PAPERS.md, section 5: both solutions for (0, 0, 0.7); the sheet measures from the vertical."""
+    """The mico sheet: both solutions for (0, 0, 0.7); the sheet measures from the vertical."""
     ik, _, _ = two_pitch_arm(True)
     solutions = ik.solve(Target.of([0, 0, 0.7]), STEP)
     found = {tuple(np.round(np.degrees(q[1:3]), 2).tolist()) for q in solutions.q}

@@ -48,6 +48,6 @@ def test_random_arms_are_never_above_a_fine_sweep() -> None:
 
 
 def test_the_printed_example_of_the_text() -> None:
-    """PAPERS.md: min sum |theta| over all branches for (220, -196, 85)."""
+    """The uzuner paper's text: min sum |theta| over all branches for (220, -196, 85)."""
     best = np.degrees(load_robot("uzuner").inverse([0.22, -0.196, 0.085]).best())
     assert best[:4] == pytest.approx([-42.402, 0.0, -0.678, -48.795], abs=1e-3)

@@ -29,7 +29,7 @@ PRINTED_ROTATION = np.array([[-0.8572, 0, 0.5150], [-0.0894, 0.9848, -0.1488], [
 
 
 def test_the_printed_position_is_reached_exactly() -> None:
-    """PAPERS.md, section 4: the paper's angles miss it by 0.07 cm."""
+    """The humanoid paper's angles miss it by 0.07 cm."""
     ik = spherical_solver(HUMANOID, HUMANOID_LIMITS)
     solutions = ik.solve(Target.of(PRINTED), STEP)
     assert_reached(solutions, HUMANOID_LIMITS)
@@ -41,7 +41,7 @@ def test_the_printed_position_is_reached_exactly() -> None:
 
 
 def test_the_printed_orientation_is_met_as_nearly_as_can_be() -> None:
-    """PAPERS.md, section 4: exact near (0.14, -9.66, 0.04, 31.0)° with a residual of about 0.009."""
+    """The humanoid paper's target: exact near (0.14, -9.66, 0.04, 31.0)° with a residual of about 0.009."""
     ik = spherical_solver(HUMANOID, HUMANOID_LIMITS)
     solutions = ik.solve(Target.of(PRINTED, rotation=PRINTED_ROTATION), STEP)
     assert_reached(solutions, HUMANOID_LIMITS)

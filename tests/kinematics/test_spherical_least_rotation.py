@@ -57,7 +57,7 @@ def test_the_humanoid_is_never_above_a_fine_sweep_nor_far_below() -> None:
 
 
 def test_the_least_of_the_printed_position() -> None:
-    """With θ1 held at zero: PAPERS.md prints (0, -9.62, 0, 31), which lands beside the target."""
+    """With θ1 held at zero: the paper prints (0, -9.62, 0, 31), which lands beside the target."""
     ik = spherical_solver(HUMANOID, HUMANOID_LIMITS)
     best = np.degrees(ik.solve(Target.of([0.15, -0.10, -0.59]), FINE).best())
     assert best == pytest.approx([0.0, -9.62, 0.06, 31.0027, 0.0], abs=1e-2)

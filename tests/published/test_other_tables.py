@@ -1,4 +1,4 @@
-"""The printed figures of abaas, scorbot, humanoid and mico (PAPERS.md, sections 2 to 5)."""
+"""The printed figures of abaas, scorbot, humanoid and mico."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The printed tables of the Uzuner arm (PAPERS.md, section 1), row by row."""
+"""The printed tables of the Uzuner arm, row by row."""
 
 from __future__ import annotations
 

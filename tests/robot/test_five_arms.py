@@ -17,7 +17,7 @@ CONFIGURATIONS = 10_000
 
 
 def plain_row(row: DHRow, convention: str, q: FloatArray) -> FloatArray:
-    """(k, 4, 4) of one row at joint angles (k,), written out from the definitions in PAPERS.md."""
+    """(k, 4, 4) of one row at joint angles (k,), written out from the definition of each convention."""
     theta = row.theta_rad + q
     zero = np.zeros_like(q)
     c, s, one = np.cos(theta), np.sin(theta), np.ones_like(q)

@@ -78,7 +78,7 @@ def energies(
 
 
 def _published(q: FloatArray, pitch_joints: tuple[int, ...]) -> FloatArray:
-    """PAPERS.md, section 1: how the printed tables were chosen."""
+    """How the printed tables of the uzuner paper were chosen: not as its text says."""
     summed = [0, *pitch_joints] if pitch_joints else list(range(q.shape[1]))
     energy = np.abs(q[:, summed].sum(axis=1))
     last = summed[-1]

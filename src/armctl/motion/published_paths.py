@@ -1,4 +1,4 @@
-"""The two test paths of the uzuner paper (PAPERS.md, section 1)."""
+"""The two test paths of the uzuner paper."""
 
 from __future__ import annotations
 
