@@ -16,6 +16,7 @@ from armctl.motion.joined import JoinedTrajectory
 from armctl.motion.plan import Profile, plan_joints, solve
 from armctl.motion.polynomial import PiecewisePolynomial
 from armctl.motion.preflight import preflight_batch
+from armctl.motion.profiles import checked_duration, shortest_words
 from armctl.motion.slowed import SlowedTrajectory
 from armctl.motion.trajectory import Trajectory
 from armctl.robot import Robot
@@ -149,8 +150,7 @@ def _require_two(stops: Sequence[FloatArray]) -> None:
 
 
 def _require_time(duration_s: float, shortest_s: float) -> None:
-    if not duration_s >= shortest_s * (1 - _ROUNDING):
+    if checked_duration(duration_s) < shortest_s * (1 - _ROUNDING):
         raise MotionRefusedError(
-            f"the whole motion cannot take {duration_s:.3f} s; "
-            f"the shortest possible duration is {shortest_s:.3f} s"
+            f"the whole motion cannot take {duration_s:g} s; {shortest_words(shortest_s)}"
         )

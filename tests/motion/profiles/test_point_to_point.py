@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -7,6 +9,7 @@ from hypothesis import strategies as st
 
 from armctl.errors import InputError, MotionRefusedError
 from armctl.motion import PROFILES, PointToPoint, ProfileName
+from armctl.motion.profiles import shortest_words
 from armctl.robot import load_robot
 
 ROBOT = load_robot("uzuner")
@@ -99,9 +102,19 @@ def test_a_little_less_than_the_shortest_duration_is_refused(profile: ProfileNam
     start, end = ROBOT.pose("rest"), ROBOT.pose("home")
     shortest = PointToPoint.plan(ROBOT, start, end, profile=profile).duration
     assert PointToPoint.plan(ROBOT, start, end, shortest, profile).duration == shortest
-    text = rf"(Base|Shoulder|Elbow|Wrist).*limit.*the shortest possible duration is {shortest:.3f} s"
+    text = rf"(Base|Shoulder|Elbow|Wrist).*limit.*{re.escape(shortest_words(shortest))}"
     with pytest.raises(MotionRefusedError, match=text):
         PointToPoint.plan(ROBOT, start, end, shortest * 0.999, profile)
+
+
+@given(st.floats(0.0, 170.0))
+def test_the_shortest_duration_that_is_told_is_taken(degrees: float) -> None:
+    end = np.radians([degrees / 2, 0.0, 0.0, 0.0, 0.0])
+    shortest = PointToPoint.plan(ROBOT, np.zeros(5), end).duration
+    told = re.search(r"is (\d+\.\d{3}) s$", shortest_words(shortest))
+    assert told is not None
+    assert shortest <= float(told[1]) < shortest + 0.001 + 1e-9 or shortest == pytest.approx(float(told[1]))
+    PointToPoint.plan(ROBOT, np.zeros(5), end, float(told[1]))
 
 
 @pytest.mark.parametrize(

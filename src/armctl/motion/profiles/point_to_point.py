@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -24,6 +25,8 @@ from armctl.robot import Robot
 
 FloatArray = NDArray[np.float64]
 _ROUNDING = 1e-9
+_SPARE_MS = 1e-9
+"""so little below a whole millisecond is one [ms]"""
 _NOWHERE = 1e-12
 """A way that is no motion [rad]."""
 _INSTANT = 1e-9
@@ -202,6 +205,11 @@ def checked_duration(duration: float) -> float:
     return checked if checked > _INSTANT else 0.0
 
 
+def shortest_words(shortest: float) -> str:
+    """The shortest duration [s] in words, rounded up: what is read there may be asked for."""
+    return f"the shortest possible duration is {math.ceil(1000 * shortest - _SPARE_MS) / 1000:.3f} s"
+
+
 def checked_ends(start: ArrayLike, end: ArrayLike) -> tuple[FloatArray, FloatArray]:
     """Both ends (n,) [rad] as arrays that nobody else can write to.
 
@@ -287,12 +295,12 @@ def _too_short(
     i = int(times.argmax())
     joint, way = robot.joints[i], float(np.degrees(abs(travel[i])))
     if duration == 0:
-        return f"{joint.title}: cannot move in 0 s; the shortest possible duration is {shortest:.3f} s"
+        return f"{joint.title}: cannot move in 0 s; {shortest_words(shortest)}"
     if profile not in _SHAPES:
         return (
             f"{joint.title}: {way:.2f}° in {duration:.3f} s is too fast for its limits of "
             f"{np.degrees(joint.speed):.1f} °/s and {np.degrees(joint.acceleration):.1f} °/s²; "
-            f"the shortest possible duration is {shortest:.3f} s"
+            f"{shortest_words(shortest)}"
         )
     factors = (CUBIC_SPEED, CUBIC_ACCELERATION)
     if profile == "quintic":
@@ -304,5 +312,5 @@ def _too_short(
     needed, allowed, unit = needs[k], limits[k], ("°/s", "°/s²", "°/s³")[k]
     return (
         f"{joint.title}: {way:.2f}° in {duration:.3f} s needs {needed:.1f} {unit}, its limit is "
-        f"{allowed:.1f} {unit}; the shortest possible duration is {shortest:.3f} s"
+        f"{allowed:.1f} {unit}; {shortest_words(shortest)}"
     )

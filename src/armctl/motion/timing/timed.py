@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from armctl.errors import MotionRefusedError
 from armctl.motion.polynomial import PiecewisePolynomial
-from armctl.motion.profiles import ProfileName, checked_duration, law_over
+from armctl.motion.profiles import ProfileName, checked_duration, law_over, shortest_words
 from armctl.motion.timing.path_trajectory import PathTrajectory
 from armctl.motion.timing.speed_plan import PathLimits
 from armctl.robot import Robot
@@ -55,8 +55,8 @@ def timed(
     duration_s = checked_duration(duration_s)
     if duration_s < shortest.duration * (1 - _ROUNDING):
         raise MotionRefusedError(
-            f"the motion cannot take {duration_s:.3f} s: {_bound(robot, shortest, profile, rate_cap)}; "
-            f"the shortest possible duration is {shortest.duration:.3f} s"
+            f"the motion cannot take {duration_s:g} s: {_bound(robot, shortest, profile, rate_cap)}; "
+            f"{shortest_words(shortest.duration)}"
         )
     return shortest.scaled(max(duration_s / shortest.duration, 1.0))
 
