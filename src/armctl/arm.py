@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import sys
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
 from typing import Self
@@ -48,6 +49,8 @@ from armctl.runtime import (
 
 FloatArray = NDArray[np.float64]
 _SWITCH_INTERVAL_S = 2e-4
+_STOP_S = 5.0
+"""so long an interrupt waits for the arm to stand [s]"""
 _ORIGIN = Origin("library")
 
 
@@ -178,8 +181,6 @@ class Arm:
         _require_blend(blend_mm)
         x, y, z = _point((x_mm, y_mm, z_mm), "x_mm, y_mm, z_mm")
         pitch, roll = _optional(pitch_deg, "pitch_deg"), _optional(roll_deg, "roll_deg")
-        if pitch is not None and abs(pitch) > 360:
-            raise InputError(f"pitch_deg is within ±360°, not {pitch:g}°")
         target = Target.of(
             [x / 1000, y / 1000, z / 1000],
             None if pitch is None else math.radians(pitch),
@@ -298,8 +299,10 @@ class Arm:
 
     def close(self) -> None:
         """Stop, close the line and end. The outputs stay as they are."""
-        self.controller.close()
-        self.boards.close()
+        try:
+            self.controller.close()
+        finally:
+            self.boards.close()
 
     def __enter__(self) -> Self:
         """Itself."""
@@ -321,7 +324,8 @@ class Arm:
         try:
             ticket.result()
         except KeyboardInterrupt:
-            self.controller.stop(_ORIGIN).result(5.0)
+            with suppress(TimeoutError):  # closing waits for it once more
+                self.controller.stop(_ORIGIN).result(_STOP_S)
             raise
 
 

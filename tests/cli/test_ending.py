@@ -24,6 +24,14 @@ from armctl.robot import load_robot
 from armctl.runtime import MonotonicClock, channel_settings
 
 ENDS = (signal.SIGTERM, signal.SIGHUP)
+# `armctl` with a driver that does not take a board on a busy computer for one that has gone.
+PATIENT = """
+import sys
+from armctl.cli.main import run
+from armctl.hardware.maestro import MaestroDriver
+MaestroDriver.__init__.__kwdefaults__["timeout_s"] = 5.0
+sys.exit(run(sys.argv[1:]))
+"""
 
 
 @contextmanager
@@ -70,22 +78,32 @@ def base_targets(server: PtyServer[SimulatedMaestro]) -> list[int]:
     return [data[1] | data[2] << 7 for data in sent]
 
 
-@pytest.mark.parametrize("number", ENDS)
-def test_a_run_that_is_ended_slows_down_first(tmp_path: Path, number: signal.Signals) -> None:
+@pytest.mark.parametrize(
+    "numbers",
+    [
+        (signal.SIGTERM,),
+        (signal.SIGHUP,),
+        (signal.SIGINT,) * 3,  # somebody who is impatient
+        (signal.SIGHUP, signal.SIGHUP, signal.SIGTERM),  # a desktop that ends its session
+    ],
+)
+def test_a_run_that_is_ended_slows_down_first(tmp_path: Path, numbers: tuple[signal.Signals, ...]) -> None:
     robot, link = load_robot("uzuner"), tmp_path / "board"
     there, back = (MoveStep(joints_deg=(angle, 90, -80, -40, 0)) for angle in (90, -90))
     save_program(Program(robot="uzuner", steps=(there, back)), tmp_path / "swing.toml")
     served = serve_simulated_maestro(MonotonicClock().now, channels=channel_settings(robot), link=link)
     with served as server:
         words = ("run", str(tmp_path / "swing.toml"), "--port", str(link), "--forever")
-        process = subprocess.Popen(
-            [sys.executable, "-m", "armctl", *words], stderr=subprocess.PIPE, text=True
-        )
+        process = subprocess.Popen([sys.executable, "-c", PATIENT, *words], stderr=subprocess.PIPE, text=True)
         try:
             pause = threading.Event()
-            while process.poll() is None and not np.ptp(base_targets(server) or [0]) > 2000:
+            for _ in range(6000):
+                if process.poll() is not None or np.ptp(base_targets(server) or [0]) > 2000:
+                    break
                 pause.wait(0.01)
-            process.send_signal(number)
+            for number in numbers:
+                process.send_signal(number)
+                pause.wait(0.03)  # each comes to another place of the way out
             _, said = process.communicate(timeout=30)
         finally:
             process.kill()

@@ -16,7 +16,7 @@ def end_event() -> threading.Event:
     def end(signum: int, frame: FrameType | None) -> None:
         ended.set()
 
-    for number in (signal.SIGINT, *_quiet_ends()):
+    for number in (signal.SIGINT, *_quiet_ends()):  # Ctrl-C also where a shell's & has it ignored
         signal.signal(number, end)
     return ended
 
@@ -33,10 +33,11 @@ def ends_like_ctrl_c() -> Generator[None]:
         yield
     finally:
         for number, handler in before.items():
-            signal.signal(number, handler)
+            signal.signal(number, signal.SIG_DFL if handler is None else handler)  # None: not Python's own
 
 
 def _quiet_ends() -> tuple[signal.Signals, ...]:
-    """Those that nobody types. ``nohup`` has a closed terminal ignored, and so it is; Windows knows none."""
+    """Those that nobody types, but for one that is ignored, as ``nohup`` has a closed terminal."""
+    # by name: Windows has no SIGHUP
     ends = [number for number in signal.Signals if number.name in ("SIGTERM", "SIGHUP")]
     return tuple(number for number in ends if signal.getsignal(number) is not signal.SIG_IGN)

@@ -55,13 +55,14 @@ def serve(robot: str, port: str, host: str, http_port: int, no_browser: bool) ->
     try:
         app = App(robots, host, http_port, token)
         try:
+            ended = end_event()  # before anything moves
             connected = _connect(console, port)
             url = app.url if token is None else f"{app.url}/?token={token}"
             where = f"on {_port_label(port)}" if connected else "(not connected)"
             click.echo(f"armctl: {present.title} {where}: {url}  (Ctrl-C ends)")
             if not no_browser and _has_display():
                 webbrowser.open(url)
-            end_event().wait()
+            ended.wait()
         finally:
             app.close()
     finally:

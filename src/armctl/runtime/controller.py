@@ -78,6 +78,7 @@ class Controller:
         self._tick = 0
         self._closing = threading.Event()
         self._closed = False
+        self._ended = threading.Event()
         self._thread: threading.Thread | None = None
         self._snapshot = report(self._core, 0, clock.now())
 
@@ -94,7 +95,7 @@ class Controller:
         """
         if self._thread is not None or self._closed:
             raise StateError("the controller was started already")
-        self._thread = threading.Thread(target=self._run, name="armctl-controller", daemon=True)
+        self._thread = threading.Thread(target=self._run_to_end, name="armctl-controller", daemon=True)
         self._thread.start()
 
     def submit(self, command: Command, origin: Origin | None = None) -> Ticket:
@@ -157,13 +158,18 @@ class Controller:
     def close(self) -> None:
         """Bring a moving arm to rest, close the line and end; the outputs stay as they are.
 
-        May be called more than once.
+        May be called more than once. An interrupt (Ctrl-C) is raised when the arm is at rest: a process that
+        ended before would leave it in the middle of its motion.
         """
-        self._closing.set()
-        self._wake.set()
-        if self._thread is not None and self._thread is not threading.current_thread():
-            self._thread.join()
-        self._shut()
+        interrupt: KeyboardInterrupt | None = None
+        while True:
+            try:
+                self._finish()
+                break
+            except KeyboardInterrupt as another:
+                interrupt = another
+        if interrupt is not None:
+            raise interrupt
 
     def __enter__(self) -> Controller:
         self.start()
@@ -171,6 +177,19 @@ class Controller:
 
     def __exit__(self, *_: object) -> None:
         self.close()
+
+    def _finish(self) -> None:
+        self._closing.set()
+        self._wake.set()
+        if self._thread is not None and self._thread is not threading.current_thread():
+            self._ended.wait()  # not join(): interrupted, it takes the thread for ended
+        self._shut()
+
+    def _run_to_end(self) -> None:
+        try:
+            self._run()
+        finally:
+            self._ended.set()
 
     def _run(self) -> None:
         deadline = self._clock.now()

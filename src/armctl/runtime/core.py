@@ -142,6 +142,7 @@ class Core:
         """
         who = str(origin)
         ticket.accept()
+        self.stopping.append(ticket)  # from here on settle answers it, or a fault
         self._tell_stop(origin)
         self.jog_locked = True
         self.upcoming.drop_motion(StateError(f"stopped by {who}"))
@@ -150,13 +151,14 @@ class Core:
             if self.activity is not None:
                 self.stopped_by = who
                 self.pausing = False
-                self.stopping.append(ticket)
                 self.activity.stop()
                 return
             if self.board is not None and self.monitor.homes:
                 self.board.hold()
         except ArmctlError as error:
             self.fault(error)
+            return
+        self.stopping.remove(ticket)  # nothing is under way; what is asked for next is not waited for
         ticket.finish()
 
     def _tell_stop(self, origin: Origin) -> None:
@@ -258,8 +260,9 @@ class Core:
             return error
         except Exception as error:  # a defect here must not keep a fault from being one
             _LOGGER.exception("%s could not be stopped", activity.label)
-            return ArmctlError(f"internal error: {type(error).__name__}: {error}")
-        return None
+            if self.monitor.homes:
+                return ArmctlError(f"internal error: {type(error).__name__}: {error}")
+        return None  # without setpoints an arm that the board does not move by itself stands still
 
     def _settle_activity(self, activity: Activity) -> None:
         if activity.begun and self.ticket is not None:
