@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, get_args
 
 from armctl.calibration import CalibrationStore, calibrated
-from armctl.errors import BoardError, PortError
+from armctl.errors import PortError
 from armctl.hardware import Driver
 from armctl.hardware.board_titles import BOARD_TITLES
 from armctl.hardware.encoder import EncoderDriver, serve_simulated_encoder
@@ -176,31 +176,6 @@ def require_kind(robot: Robot, kind: BoardKind, port: str) -> None:
             f"{BOARD_TITLES[kind]}, and a channel of one is not that of the other; choose another port, "
             "or give the arm a robot file for this board ([board] kind, channels)"
         )
-
-
-def board_refusal(robot: Robot, now: Callable[[], float]) -> str | None:
-    """What a board of the robot's kind would refuse of its channels, as it would when connecting.
-
-    Args:
-        robot: whose channels.
-        now: the clock [s].
-
-    Returns:
-        The refusal in words; None: it takes them all.
-    """
-    boards = Boards(robot, now)
-    try:
-        driver = boards.driver(SIMULATED)
-        driver.open()
-        try:
-            driver.configure(channel_settings(robot))
-        finally:
-            driver.close()
-    except BoardError as refusal:
-        return str(refusal)
-    finally:
-        boards.close()
-    return None
 
 
 def only_simulated(robot: Robot) -> str | None:

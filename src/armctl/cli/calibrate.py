@@ -73,7 +73,8 @@ def joint_command(robot: str, joint: str, port: str, places: int, speed: float, 
 
     Servos that are off jump to the rest pose first: keep clear.
 
-    Ctrl-C stops the arm. Servos stay on at the end; motors with encoders are switched off: support the arm.
+    Ctrl-C stops the arm; so do SIGTERM and a terminal that is closed. Servos stay on at the end; motors
+    with encoders are switched off: support the arm.
     """
     from armctl.cli.calibrate_joint import measure_joint  # opens ports: only where one is asked for
 

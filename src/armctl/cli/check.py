@@ -9,15 +9,15 @@ from pathlib import Path
 import click
 import msgspec
 
-from armctl.boards import board_refusal
 from armctl.cli.main import DONE, REFUSED
 from armctl.cli.options import json_option, print_json
 from armctl.errors import ArmctlError, InputError
+from armctl.hardware.channel_refusal import channel_refusal
 from armctl.motion import Floor, ProgramFinding, check_program, open_program
 from armctl.motion.preflight import not_checked, preflight_batch
 from armctl.motion.profiles import PointToPoint
 from armctl.robot import Robot, is_urdf, load_robot
-from armctl.runtime import MonotonicClock
+from armctl.runtime import channel_settings
 from armctl.runtime.power import below_floor
 
 
@@ -129,7 +129,9 @@ def _check_robot(robot: Robot) -> list[ProgramFinding]:
 
 def _check_board(robot: Robot) -> Iterator[ProgramFinding]:
     """Whether a board of its kind takes its channels."""
-    refusal = board_refusal(robot, MonotonicClock().now)
+    if robot.output_map is None:
+        return
+    refusal = channel_refusal(robot.board, channel_settings(robot), robot.axes, robot.differential)
     if refusal is not None:
         yield ProgramFinding(None, refusal, part="the board", mend="connecting is refused")
 

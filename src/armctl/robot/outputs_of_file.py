@@ -190,7 +190,7 @@ def _check_servo(entry: JointEntry, servo: ServoEntry, where: str) -> None:
 
 
 def _check_scale(per_deg: float, where: str) -> None:
-    """Refuse a scale on which a whole turn is less than a step of any board."""
+    """Refuse a scale on which a whole turn is about a step of the board, or less."""
     if abs(per_deg) < _FLATTEST_PER_DEG:
         raise RobotFileError(f"{where} is {per_deg:g}: the joint would not move; {_FLATTEST_PER_DEG} or more")
 

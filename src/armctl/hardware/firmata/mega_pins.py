@@ -34,3 +34,6 @@ def capabilities(pin: int) -> dict[int, int]:
     if pin in _I2C_PINS:
         modes[PinMode.I2C] = 1
     return modes
+
+
+SERVO_PINS = tuple(pin for pin in range(PINS) if PinMode.SERVO in capabilities(pin))
