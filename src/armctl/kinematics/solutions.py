@@ -12,12 +12,13 @@ from numpy.typing import ArrayLike, NDArray
 from armctl.errors import UnreachableError
 from armctl.kinematics.chain import DHChain
 from armctl.kinematics.energy import EnergyModel, checked_criterion, energies
+from armctl.kinematics.length_words import millimetres
 from armctl.kinematics.rotation import rotation_angle
 from armctl.kinematics.target import Target
 
 FloatArray = NDArray[np.float64]
-_THERE_MM = 0.05
-"""a nearest point that is printed as 0.0 mm away is the target itself [mm]"""
+_THERE_M = 1e-7
+"""a nearest point that is so near is the target itself [m]"""
 
 
 class SolvedArm(NamedTuple):
@@ -118,10 +119,12 @@ class Solutions:
         if self.reason is None or self.nearest_m is None:
             return self.reason or ""
         x, y, z = np.round(1000.0 * self.nearest_m, 1) + 0.0  # no -0.0
-        away = 1000.0 * float(np.linalg.norm(self.nearest_m - self.target.position))
-        if away < _THERE_MM:
+        away = float(np.linalg.norm(self.nearest_m - self.target.position))
+        if away < _THERE_M:
             return f"{self.reason}; the point itself can be reached"
-        nearest = f"the nearest reachable point is ({x:.1f}, {y:.1f}, {z:.1f}) mm, {away:.1f} mm away"
+        nearest = (
+            f"the nearest reachable point is ({x:.1f}, {y:.1f}, {z:.1f}) mm, {millimetres(away)} mm away"
+        )
         return f"{self.reason}; {nearest}"
 
     def energies(self, criterion: str = "least-rotation", start: ArrayLike | None = None) -> FloatArray:

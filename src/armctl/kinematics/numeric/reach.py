@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armctl.kinematics.chain import DHChain
+from armctl.kinematics.length_words import millimetres
 
 FloatArray = NDArray[np.float64]
 _ROUNDING = 1e-9
@@ -39,12 +40,12 @@ class LinkBound:
         where = f"{1000 * distance:.1f} mm from ({x:.1f}, {y:.1f}, {z:.1f}) mm on the axis of {first_joint}"
         if distance > self.outer + _ROUNDING:
             return (
-                f"too far by {1000 * (distance - self.outer):.1f} mm: the target is {where}, "
+                f"too far by {millimetres(distance - self.outer)} mm: the target is {where}, "
                 f"the links together reach {1000 * self.outer:.1f} mm"
             )
         if distance < self.inner - _ROUNDING:
             return (
-                f"inside the dead zone, too near by {1000 * (self.inner - distance):.1f} mm: the target is "
+                f"inside the dead zone, too near by {millimetres(self.inner - distance)} mm: the target is "
                 f"{where}, the links fold no closer than {1000 * self.inner:.1f} mm"
             )
         return None

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armctl.kinematics.angles import LIMIT_TOLERANCE, TWO_PI, central_image
+from armctl.kinematics.length_words import millimetres
 from armctl.kinematics.limit_words import all_needs, needs
 from armctl.kinematics.spherical.orientation import ToolPosture
 from armctl.kinematics.spherical.shoulder import SphericalShoulder
@@ -38,12 +39,12 @@ class SphericalReach:
         bends = self._geometry.bends(distance)
         if not bends and distance > farthest:
             return (
-                f"too far by {1000 * (distance - farthest):.1f} mm: {where}, "
+                f"too far by {millimetres(distance - farthest)} mm: {where}, "
                 f"the arm reaches {1000 * farthest:.1f} mm"
             )
         if not bends:
             return (
-                f"inside the dead zone, too near by {1000 * (nearest - distance):.1f} mm: {where}, "
+                f"inside the dead zone, too near by {millimetres(nearest - distance)} mm: {where}, "
                 f"the arm folds no closer than {1000 * nearest:.1f} mm"
             )
         if postures:

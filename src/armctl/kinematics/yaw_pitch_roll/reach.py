@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armctl.kinematics.angles import LIMIT_TOLERANCE, TWO_PI, central_image, nearest_angle
+from armctl.kinematics.length_words import millimetres
 from armctl.kinematics.limit_words import all_needs, needs
 from armctl.kinematics.target import Target
 from armctl.kinematics.yaw_pitch_roll.base_yaw import AXIS_TOLERANCE, BaseBranch, base_branches
@@ -127,11 +128,11 @@ class Reach:
         first = self._titles[1].lower()
         if distance > outer:
             return (
-                f"too far by {1000 * miss:.1f} mm: {point} would be {1000 * distance:.1f} mm from the {first}"
-                f"{after}, the arm reaches {1000 * outer:.1f} mm"
+                f"too far by {millimetres(miss)} mm: {point} would be {1000 * distance:.1f} mm from the "
+                f"{first}{after}, the arm reaches {1000 * outer:.1f} mm"
             )
         return (
-            f"inside the dead zone, too near by {1000 * miss:.1f} mm: "
+            f"inside the dead zone, too near by {millimetres(miss)} mm: "
             f"{point} would be {1000 * distance:.1f} mm from the {first}{after}, "
             f"the arm folds no closer than {1000 * inner:.1f} mm"
         )
