@@ -40,7 +40,7 @@ def read(text: str | bytes) -> tuple[Step, ...]:
 
 
 @given(programs(joints=st.just(5)))
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 def test_writing_and_reading_is_the_identity(program: Program) -> None:
     text = write_csv(program, ROBOT)
     if not program.steps:
@@ -52,7 +52,7 @@ def test_writing_and_reading_is_the_identity(program: Program) -> None:
 
 
 @given(programs(joints=st.just(5)))
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 def test_no_text_can_be_taken_for_a_formula(program: Program) -> None:
     rows = list(csv.reader(io.StringIO(write_csv(program, ROBOT), newline="")))
     texts = [cell for row in rows for cell in row if not _is_number(cell)]

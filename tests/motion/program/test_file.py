@@ -55,7 +55,7 @@ open_percent = 20
 
 
 @given(programs())
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 def test_saving_and_loading_is_the_identity(program: Program) -> None:
     assert decode_program(encode_program(program)) == program
 
@@ -324,7 +324,19 @@ def test_a_program_built_in_python_is_as_its_file_would_be_read() -> None:
         (RepeatStep(times=2.5), "step 1, key times: must be a whole number, not 2.5"),  # type: ignore[arg-type]
         (RepeatStep(times=2), "step 1: this 'repeat' has no 'end'"),
         ("wait", "step 1: must be a table, not 'wait'"),
-        (WaitStep(seconds=object()), "is no value for a program"),  # type: ignore[arg-type]
+        (
+            WaitStep(seconds=object()),  # type: ignore[arg-type]
+            "> is neither a number, nor text, nor a list",
+        ),
+        (
+            MoveStep(joints_deg={1.0, 2.0, 3.0, 4.0, 5.0}),  # type: ignore[arg-type]
+            "step 1, key joints_deg: {1.0, 2.0, 3.0, 4.0, 5.0} is neither a number, nor text, nor a list",
+        ),
+        (WaitStep(seconds=1, note=b"x"), "step 1, key note: b'x' is neither"),  # type: ignore[arg-type]
+        (
+            MoveStep(joints_deg=(0, object())),  # type: ignore[arg-type]
+            "step 1, key joints_deg[1]: must be a number, not '<object",
+        ),
     ],
 )
 def test_what_python_lets_a_program_hold_is_told_before_it_is_used(step: Step, message: str) -> None:

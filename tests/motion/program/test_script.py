@@ -71,7 +71,7 @@ def read(body: str) -> tuple[Step, ...]:
 
 
 @given(programs())
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 def test_writing_and_reading_is_the_identity(program: Program) -> None:
     text = write_script(program)
     compile(text, "script", "exec")
@@ -87,7 +87,7 @@ def test_it_reads_like_a_script() -> None:
 
 
 @given(programs())
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 def test_texts_never_become_code(program: Program) -> None:
     """Whatever names and notes hold, the code is made of the calls that the steps are."""
     allowed = {
@@ -133,7 +133,7 @@ def test_hostile_names_and_notes(text: str) -> None:
 
 
 @given(programs(times=st.integers(1, 3)))
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 def test_run_as_a_script_it_calls_what_the_program_does(program: Program) -> None:
     arm_class = create_autospec(Arm)  # refuses arguments that the real methods do not have
     with patch.object(armctl, "Arm", arm_class):

@@ -75,12 +75,12 @@ class PointToPoint:
                 another profile.
         """
         first, last = checked_ends(start, end)
-        duration = checked_duration(duration)
-        if duration == 0 and bool((first != last).any()):
+        lasts = checked_duration(duration)
+        if lasts == 0 and bool((first != last).any()):
             raise InputError(f"a motion cannot take {duration} s")
         if profile not in _SHAPES:
             raise InputError(f"the shape of a {profile} depends on the limits; plan it")
-        return cls(first, last, duration, _one_shape(last - first, duration, profile))
+        return cls(first, last, lasts, _one_shape(last - first, lasts, profile))
 
     @classmethod
     def plan(

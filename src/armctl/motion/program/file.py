@@ -7,6 +7,7 @@ import math
 import os
 import re
 import tempfile
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, cast
 
@@ -22,6 +23,7 @@ from armctl.motion.program.text import plain_text
 from armctl.motion.program.toml_lines import line_of
 from armctl.motion.program.wording import Refusal, refusal_of
 
+_WRITABLE = (int, float, str, list, tuple, np.generic, np.ndarray)
 _STEP = re.compile(r"steps\[(\d+)\]\.?")
 _SYNTAX = re.compile(r"(.*) \(at (?:line (\d+), column (\d+)|end of document)\)", re.DOTALL)
 
@@ -62,7 +64,11 @@ def decode_program(text: bytes | str) -> Program:
 
 
 def encode_program(program: Program) -> str:
-    """The text of the program's file (TOML; what is not set is left out)."""
+    """The text of the program's file (TOML; what is not set is left out).
+
+    Raises:
+        ProgramError: a value that no file can hold; names step and key.
+    """
     record = _record(program)
     record["steps"] = [
         {key: value for key, value in step.items() if value is not None and (key, value) != ("note", "")}
@@ -110,18 +116,28 @@ def save_program(program: Program, path: str | Path) -> None:
 
 
 def _record(program: Program) -> dict[str, Any]:
-    """What a file says of a program.
+    """What a file says of a program, numpy's numbers and arrays as plain ones.
 
     Raises:
-        ProgramError: a value that no file can hold.
+        ProgramError: a value that no file can hold, such as a set, which has no order.
     """
+    steps = cast("object", program.steps)
+    if not isinstance(steps, list | tuple):
+        raise ProgramError(f"steps must be a list, not {steps!r}")
+    for index, step in enumerate(cast("Sequence[object]", steps)):
+        for key in step.__struct_fields__ if isinstance(step, msgspec.Struct) else ():
+            value: object = getattr(step, key)
+            if value is not None and not isinstance(value, _WRITABLE):
+                raise ProgramError(
+                    f"step {index + 1}, key {key}: {value!r} is neither a number, nor text, nor a list"
+                )
+    return cast("dict[str, Any]", msgspec.to_builtins(program, enc_hook=_plain))
 
-    def plain(value: object) -> object:
-        if isinstance(value, (np.generic, np.ndarray)):
-            return cast("object", value.tolist())
-        raise ProgramError(f"{value!r} is no value for a program")
 
-    return cast("dict[str, Any]", msgspec.to_builtins(program, enc_hook=plain))
+def _plain(value: object) -> object:
+    if isinstance(value, np.generic | np.ndarray):
+        return cast("object", value.tolist())
+    return repr(value)  # somewhere in a list of numbers: refused as the text that it is now
 
 
 def _replace(path: Path, text: bytes) -> None:

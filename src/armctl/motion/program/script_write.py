@@ -23,7 +23,8 @@ _INDENT = "    "
 _HEAD = """\
 # Written by armctl; it can read this file again as long as it holds only calls like these.
 # Each call moves and waits until the arm stands, so nothing is blended here. Name a board with
-# Arm.open(..., port="auto"); without, the simulated one is used. set_speed slows down what follows it."""
+# Arm.open(..., port="auto"); without, the simulated one is used. An arm of your own is opened by its file,
+# Arm.open("my_arm.toml"). set_speed slows down what follows it."""
 
 
 def write_script(program: Program) -> str:
