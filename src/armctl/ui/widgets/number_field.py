@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import asyncio
 import math
+import re
 from collections.abc import Callable, Sequence
 
 import viser
@@ -17,6 +18,8 @@ from armctl.ui.widgets.text_entry import TextEntry
 
 _DIGITS = 3
 _LARGEST = 1e6
+_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)(e[+-]?\d+)?|[+-]?(inf|infinity|nan)", re.ASCII | re.IGNORECASE)
+"""as people write one: of what Python takes, ``1_0`` and other scripts' digits are left out"""
 _SETTLE_S = 0.08
 """A page keeps only the last of the messages of 50 ms: a digit and a click that come closer than that
 lose the digit, and the click arrives 50 ms behind the digit before it, or a frame later."""
@@ -33,11 +36,10 @@ def parse_number(text: str, what: str) -> float:
     plain = text.strip().replace("−", "-")
     if not plain:
         raise InputError(f"{what} is empty; type a number")
-    try:
-        value = float(plain)
-    except ValueError as cause:
+    if _NUMBER.fullmatch(plain) is None:
         hint = " (write 1.5, with a point)" if "," in plain else ""
-        raise InputError(f"{what}: {plain[:40]!r} is not a number{hint}") from cause
+        raise InputError(f"{what}: {plain[:40]!r} is not a number{hint}")
+    value = float(plain)
     if not math.isfinite(value) or abs(value) > _LARGEST:
         raise InputError(
             f"{what}: {plain[:40]!r} is not a number that can be used; "

@@ -11,6 +11,8 @@ _STYLE = "padding:2px 12px;font-size:12.5px;line-height:1.5;overflow-x:auto;over
 _CELL = "padding:0 6px;text-align:right;font-variant-numeric:tabular-nums;white-space:nowrap"
 _HEAD = ";white-space:normal;overflow-wrap:normal;vertical-align:bottom"
 """Long heads, such as a joint's name, go over several lines, never broken within a word."""
+_NAME = ";white-space:normal;overflow-wrap:anywhere"
+"""A long name leaves the figures beside it in view."""
 
 
 class LiveHtml:
@@ -52,7 +54,7 @@ def table(
         marked: index of a row to highlight.
         names: the first column holds names, set to the left.
     """
-    left = _CELL.replace("right", "left") if names else _CELL
+    left = _CELL.replace("right", "left") + _NAME if names else _CELL
     parts = ["<table style='border-collapse:collapse;width:100%'>"]
     if head:
         cells = "".join(
