@@ -3,12 +3,19 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import pytest
+from hypothesis import HealthCheck, settings
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from xdist.remote import Producer
     from xdist.scheduler import LoadScopeScheduling
+
+# The same examples in every run, and no time limit for them: a busy computer proves nothing wrong.
+settings.register_profile(
+    "suite", deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow]
+)
+settings.load_profile("suite")
 
 
 @pytest.hookimpl(optionalhook=True)  # only where tests are shared out among workers

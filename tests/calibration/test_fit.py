@@ -30,7 +30,6 @@ hidden_joints = st.builds(
 )
 
 
-@settings(deadline=None)  # the first fit imports scipy
 @given(hidden_joints, st.integers(3, 12), st.floats(20, 300), st.floats(-100, 100), st.randoms())
 def test_without_noise_the_hidden_numbers_come_back(
     hidden: HiddenJoint, count: int, span: float, middle: float, random: object
@@ -45,7 +44,7 @@ def test_without_noise_the_hidden_numbers_come_back(
     assert fit.rms_rad < 1e-9
 
 
-@settings(max_examples=200, deadline=None, derandomize=True)
+@settings(max_examples=200, derandomize=True)
 @given(hidden_joints, st.integers(5, 12), st.floats(0.05, 0.6), st.integers(0, 2**32))
 def test_noise_moves_the_line_no_further_than_it_must(
     hidden: HiddenJoint, count: int, noise: float, seed: int

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import msgspec
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from tests.calibration.kit import calibration
 
@@ -163,7 +163,6 @@ def test_two_processes_at_once_lose_nothing(store: CalibrationStore) -> None:
 odd = st.text(st.characters(exclude_categories=["Cs"]), min_size=1, max_size=300)
 
 
-@settings(deadline=None)  # it waits for the disk
 @given(odd, odd)
 def test_any_serial_number_has_a_place_of_its_own(
     tmp_path_factory: pytest.TempPathFactory, one: str, other: str

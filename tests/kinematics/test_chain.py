@@ -44,7 +44,7 @@ def differences(chain: DHChain, q: FloatArray, h: float = 1e-5) -> FloatArray:
     return J
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 @given(chain=chains(), seed=st.integers(0, 10**6))
 def test_forward_is_the_plain_product(chain: DHChain, seed: int) -> None:
     q = np.random.default_rng(seed).uniform(-7, 7, (3, chain.n))
@@ -60,7 +60,7 @@ def test_forward_is_the_plain_product(chain: DHChain, seed: int) -> None:
         assert np.abs(chain.frames(one)[-1] - T).max() < 1e-12
 
 
-@settings(max_examples=80, deadline=None)
+@settings(max_examples=80)
 @given(chain=chains(), seed=st.integers(0, 10**6))
 def test_jacobian_is_the_difference_quotient(chain: DHChain, seed: int) -> None:
     q = np.random.default_rng(seed).uniform(-4, 4, (2, chain.n))

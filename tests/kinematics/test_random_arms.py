@@ -15,7 +15,7 @@ from tests.kinematics.spherical_kit import random_arm
 from armctl.kinematics import DHChain, InverseKinematics, Target
 
 STEP = math.radians(0.5)
-ALWAYS_THE_SAME = settings(derandomize=True, deadline=None, max_examples=200, database=None)
+ALWAYS_THE_SAME = settings(derandomize=True, max_examples=200, database=None)
 """a property that fails now and then would tell nobody which change broke it"""
 
 links = st.floats(0.03, 0.3)

@@ -25,7 +25,7 @@ POINT = st.tuples(COORDINATE, COORDINATE, COORDINATE)
 
 
 @pytest.mark.parametrize("ideal", [ARC, LINE, ToolArc.through([0.2, 0, 0.1], [0, 0.2, 0.1], [0, -0.2, 0.1])])
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(point=POINT)
 def test_the_nearest_place_is_the_nearest_of_many(
     ideal: IdealPath, point: tuple[float, float, float]

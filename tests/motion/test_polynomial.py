@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
@@ -25,7 +25,6 @@ def inside(p: PiecewisePolynomial, count: int = 40) -> np.ndarray:
     return (p.breaks[:-1, None] + np.diff(p.breaks)[:, None] * shares).ravel()
 
 
-@settings(deadline=None)
 @given(polynomials())
 def test_values_are_the_sum_of_the_powers(p: PiecewisePolynomial) -> None:
     x = inside(p)
@@ -35,7 +34,6 @@ def test_values_are_the_sum_of_the_powers(p: PiecewisePolynomial) -> None:
     np.testing.assert_allclose(p(x), expected, rtol=1e-9, atol=1e-9)
 
 
-@settings(deadline=None)
 @given(polynomials())
 def test_derivatives_are_those_of_numpy(p: PiecewisePolynomial) -> None:
     found = p.derivatives(inside(p), 3)
@@ -51,7 +49,6 @@ def test_derivatives_are_those_of_numpy(p: PiecewisePolynomial) -> None:
                 )
 
 
-@settings(deadline=None)
 @given(polynomials())
 def test_extremes_are_never_passed_and_are_met(p: PiecewisePolynomial) -> None:
     low, high = p.extremes_by_piece()
@@ -68,7 +65,6 @@ def test_extremes_are_never_passed_and_are_met(p: PiecewisePolynomial) -> None:
     assert (above >= high - 1e-9 * size).all()
 
 
-@settings(deadline=None)
 @given(polynomials(), st.integers(1, 4), st.floats(0.2, 5.0))
 def test_cutting_and_scaling_keep_the_curve(p: PiecewisePolynomial, parts: int, factor: float) -> None:
     x = inside(p)
@@ -78,7 +74,6 @@ def test_cutting_and_scaling_keep_the_curve(p: PiecewisePolynomial, parts: int, 
     np.testing.assert_allclose(p.derivative()(x), p.derivatives(x, 1)[1], rtol=1e-9, atol=1e-9 * size)
 
 
-@settings(deadline=None)
 @given(polynomials())
 def test_many_places_in_order_give_what_each_gives_alone(p: PiecewisePolynomial) -> None:
     x = np.sort(np.concatenate([inside(p), p.breaks, p.breaks, [p.low - 1.0, p.high + 1.0]]))

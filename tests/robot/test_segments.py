@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
@@ -22,7 +22,6 @@ def brute(p: FloatArray, u: FloatArray, q: FloatArray, v: FloatArray) -> float:
     return float(np.linalg.norm(one[:, None] - other[None], axis=2).min())
 
 
-@settings(deadline=None)
 @given(POINT, POINT, POINT, POINT)
 def test_as_near_as_the_nearest_of_many_points(
     p: FloatArray, u: FloatArray, q: FloatArray, v: FloatArray
@@ -58,7 +57,6 @@ def test_many_at_once_are_those_one_by_one() -> None:
     np.testing.assert_allclose(many, one, atol=1e-14)
 
 
-@settings(deadline=None)
 @given(POINT, POINT)
 def test_to_a_box(p: FloatArray, u: FloatArray) -> None:
     low, high = np.array([-0.3, -0.2, -0.5]), np.array([0.4, 0.1, 0.2])

@@ -83,7 +83,7 @@ def assert_above_the_floor(rig: Rig) -> None:
 
 
 @given(st.lists(st.tuples(ACTIONS, UNEVEN), min_size=1, max_size=10))
-@settings(max_examples=100, deadline=None, suppress_health_check=list(HealthCheck))
+@settings(max_examples=100, suppress_health_check=list(HealthCheck))
 def test_late_and_early_ticks_never_break_a_limit(script: list[tuple[tuple[Any, ...], list[float]]]) -> None:
     rig = play(script)
     assert_stream_keeps_limits(rig)
@@ -94,7 +94,7 @@ def test_late_and_early_ticks_never_break_a_limit(script: list[tuple[tuple[Any, 
 
 
 @given(st.lists(st.tuples(ACTIONS, EVEN), min_size=1, max_size=10))
-@settings(max_examples=100, deadline=None, suppress_health_check=list(HealthCheck))
+@settings(max_examples=100, suppress_health_check=list(HealthCheck))
 def test_accelerations_stay_inside_their_limits(script: list[tuple[tuple[Any, ...], list[float]]]) -> None:
     rig = play(script)
     assert_stream_keeps_limits(rig)
@@ -103,7 +103,7 @@ def test_accelerations_stay_inside_their_limits(script: list[tuple[tuple[Any, ..
 
 
 @given(st.lists(st.tuples(ACTIONS, EVEN), min_size=1, max_size=6))
-@settings(max_examples=60, deadline=None, suppress_health_check=list(HealthCheck))
+@settings(max_examples=60, suppress_health_check=list(HealthCheck))
 def test_silence_brings_everything_to_rest(script: list[tuple[tuple[Any, ...], list[float]]]) -> None:
     rig = play(script)
     rig.until(lambda s: s.state is State.HOLDING, seconds=1.5)  # the longest expiry, and braking

@@ -95,7 +95,7 @@ def play(script: list[tuple[tuple, list[float]]]) -> Rig:  # pyright: ignore[rep
 
 
 @given(st.lists(st.tuples(ACTIONS, UNEVEN), min_size=1, max_size=10))
-@settings(max_examples=120, deadline=None, suppress_health_check=list(HealthCheck))
+@settings(max_examples=120, suppress_health_check=list(HealthCheck))
 def test_late_and_early_ticks_never_break_a_limit(script: list[tuple[tuple, list[float]]]) -> None:  # pyright: ignore[reportMissingTypeArgument]
     rig = play(script)
     assert_stream_keeps_limits(rig)
@@ -105,7 +105,7 @@ def test_late_and_early_ticks_never_break_a_limit(script: list[tuple[tuple, list
 
 
 @given(st.lists(st.tuples(ACTIONS, EVEN), min_size=1, max_size=10))
-@settings(max_examples=120, deadline=None, suppress_health_check=list(HealthCheck))
+@settings(max_examples=120, suppress_health_check=list(HealthCheck))
 def test_accelerations_stay_inside_their_limits_whatever_is_asked(
     script: list[tuple[tuple, list[float]]],
 ) -> None:  # pyright: ignore[reportMissingTypeArgument]
@@ -115,7 +115,7 @@ def test_accelerations_stay_inside_their_limits_whatever_is_asked(
 
 
 @given(st.lists(st.tuples(ACTIONS, EVEN), min_size=1, max_size=6))
-@settings(max_examples=60, deadline=None, suppress_health_check=list(HealthCheck))
+@settings(max_examples=60, suppress_health_check=list(HealthCheck))
 def test_a_stop_brings_everything_to_rest_and_ends_the_stream(
     script: list[tuple[tuple, list[float]]],
 ) -> None:  # pyright: ignore[reportMissingTypeArgument]

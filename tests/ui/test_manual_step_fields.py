@@ -52,7 +52,7 @@ def test_each_kind_has_its_fields() -> None:
 
 
 @given(programs(joints=st.just(5)))
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 def test_every_value_of_every_step_has_a_field_and_stays_as_it_is(program: Program) -> None:
     for step in program.steps:
         keys = [key for field in fields_of(step) for key in field.keys]

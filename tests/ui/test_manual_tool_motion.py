@@ -19,7 +19,7 @@ ROBOT = load_robot("uzuner")
 FRACTIONS = st.lists(st.floats(0.02, 0.98), min_size=ROBOT.n, max_size=ROBOT.n).map(np.array)
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(FRACTIONS, FRACTIONS, st.floats(0.1, 0.9))
 def test_velocity_and_acceleration_are_the_derivatives_of_the_position(
     a: np.ndarray, b: np.ndarray, at: float

@@ -28,7 +28,7 @@ def axis_at(count: int, **changes: int) -> SimulatedAxis:
     return axis
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(st.integers(-1000, 1000), st.integers(200, 4000), st.integers(500, 60000), st.floats(0.02, 1.0))
 def test_a_setpoint_is_reached_within_speed_and_acceleration(target, speed, acceleration, within):
     axis = axis_at(0, vmax=speed, amax=acceleration)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from armctl.errors import InputError
@@ -52,7 +52,6 @@ def test_a_pin_that_is_no_data_byte_is_refused(pin: int):
             message()
 
 
-@settings(deadline=None)
 @given(st.integers(0, 127), st.integers(544, 2912))
 def test_between_the_frame_of_a_write_there_are_only_data_bytes(pin: int, pulse_us: int):
     message = codec.servo_write(pin, pulse_us)
@@ -62,7 +61,6 @@ def test_between_the_frame_of_a_write_there_are_only_data_bytes(pin: int, pulse_
     assert message[3] + 128 * message[4] == pulse_us
 
 
-@settings(deadline=None)
 @given(st.integers(544, 2912), st.integers(544, 2912), st.integers(544, 2912))
 def test_the_boards_own_limits_never_cut_a_pulse_inside_the_range(low: int, middle: int, high: int):
     low, middle, high = sorted((low, middle, high))
@@ -72,7 +70,6 @@ def test_the_boards_own_limits_never_cut_a_pulse_inside_the_range(low: int, midd
     assert servo.width_us == middle
 
 
-@settings(deadline=None)
 @given(st.integers(544, 1052), st.integers(1892, 2900))
 def test_the_boards_own_limits_are_within_3_us_of_a_range_that_it_can_hold(low: int, high: int):
     servo = SimulatedServo()

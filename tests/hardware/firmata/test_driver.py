@@ -6,7 +6,7 @@ import math
 from itertools import pairwise
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from armctl.errors import BoardError, PortError
@@ -268,7 +268,6 @@ def test_settings_that_the_board_cannot_have_are_refused(connect):
     assert len(session.line.bursts) == count
 
 
-@settings(deadline=None)
 @given(
     st.lists(
         st.dictionaries(

@@ -3,7 +3,7 @@ from __future__ import annotations
 import math
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from armctl.errors import BoardError
@@ -72,7 +72,6 @@ def test_a_setpoint_outside_is_refused_and_the_message_says_what_is_allowed():
         table().admit(8, 1500)
 
 
-@settings(deadline=None)
 @given(st.floats(544, 2912), st.floats(544, 2912), st.floats(0, 1))
 def test_rounding_never_leads_out_of_the_range(a: float, b: float, share: float):
     low, high = sorted((a, b))

@@ -1,7 +1,7 @@
 from __future__ import annotations
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from armctl.hardware.firmata import (
@@ -90,7 +90,6 @@ def test_a_sysex_without_an_end_is_given_up():
 MESSAGES = st.lists(st.sampled_from(GOLDEN), max_size=8)
 
 
-@settings(deadline=None)
 @given(MESSAGES, st.data())
 def test_any_split_gives_the_same_messages(messages, data):
     raw = b"".join(bytes.fromhex(text) for text, _ in messages)
@@ -101,7 +100,6 @@ def test_any_split_gives_the_same_messages(messages, data):
     assert replies == [expected for _, expected in messages]
 
 
-@settings(deadline=None)
 @given(st.lists(st.tuples(st.sampled_from(GOLDEN), st.binary(max_size=12)), max_size=6))
 def test_after_any_garbage_the_next_message_but_one_is_understood(parts):
     parser = ReplyParser()
@@ -113,7 +111,6 @@ def test_after_any_garbage_the_next_message_but_one_is_understood(parts):
         assert replies[-1] == expected
 
 
-@settings(deadline=None)
 @given(st.binary(max_size=200))
 def test_garbage_never_raises(garbage: bytes):
     parser = ReplyParser()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from armctl.errors import InputError
@@ -177,7 +177,6 @@ def test_a_pin_that_a_mega_has_not(pin: int):
             look(pin)
 
 
-@settings(deadline=None)
 @given(st.lists(st.binary(max_size=60), max_size=20))
 def test_any_bytes_are_taken_and_every_pulse_stays_what_a_servo_can_send(bursts: list[bytes]):
     board = running()

@@ -1,7 +1,7 @@
 from __future__ import annotations
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from armctl.hardware.firmata.codec import Command
@@ -52,7 +52,6 @@ def test_the_buffer_holds_64_bytes():
     assert Overflow() in parsed("f0" + "01" * 65)
 
 
-@settings(deadline=None)
 @given(st.binary(max_size=300))
 def test_any_bytes_can_be_parsed(data: bytes):
     parser = SketchParser()

@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy.interpolate import CubicSpline
@@ -11,7 +11,6 @@ from armctl.errors import InputError
 from armctl.motion.paths.spline import spline_through
 
 
-@settings(deadline=None)
 @given(
     st.integers(2, 40).flatmap(
         lambda k: arrays(

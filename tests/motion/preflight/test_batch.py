@@ -65,7 +65,7 @@ def dense(trajectory: Trajectory, count: int = 1500) -> FloatArray:
     return trajectory.sample(np.linspace(0.0, trajectory.duration, count)).q
 
 
-@settings(max_examples=12, deadline=None)
+@settings(max_examples=12)
 @given(st.integers(0, 10_000))
 def test_no_dip_below_the_floor_is_missed(seed: int) -> None:
     robot = random_arm(seed % 7) if seed % 2 else UZUNER
@@ -92,7 +92,7 @@ def lowest_corners(robot: Robot, q: FloatArray) -> list[float]:
     return heights
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 @given(st.integers(0, 10_000))
 def test_no_touch_is_missed(seed: int) -> None:
     rng = np.random.default_rng(seed)

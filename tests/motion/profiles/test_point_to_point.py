@@ -28,7 +28,7 @@ def only(j: int, travel: np.ndarray) -> np.ndarray:
 
 @pytest.mark.parametrize("profile", PROFILES)
 @given(start=TRAVELS, end=TRAVELS, slower=st.one_of(st.none(), st.floats(1, 20)))
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 def test_ends_limits_and_the_integral_of_the_speed(
     profile: ProfileName, start: list[float], end: list[float], slower: float | None
 ) -> None:
@@ -60,7 +60,7 @@ def test_ends_limits_and_the_integral_of_the_speed(
 
 @pytest.mark.parametrize("profile", PROFILES)
 @given(start=TRAVELS, end=TRAVELS)
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 def test_each_derivative_is_that_of_the_one_before(
     profile: ProfileName, start: list[float], end: list[float]
 ) -> None:
@@ -82,7 +82,7 @@ def test_each_derivative_is_that_of_the_one_before(
 
 @pytest.mark.parametrize("profile", PROFILES)
 @given(start=TRAVELS, end=TRAVELS)
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 def test_joints_start_and_arrive_together_as_soon_as_the_slowest_can(
     profile: ProfileName, start: list[float], end: list[float]
 ) -> None:
@@ -197,7 +197,7 @@ def test_normal_movement_each_joint_at_its_own_speed() -> None:
         (["a"], [1.0], 1.0, "must be numbers"),
         ([0.0], [1.0], 0.0, "cannot take 0.0 s"),
         ([0.0], [1.0], -1.0, "cannot take"),
-        ([0.0], [1.0], 1e-300, "cannot take 0.0 s"),
+        ([0.0], [1.0], 1e-300, "cannot take 1e-300 s"),
         ([0.0], [1.0], np.inf, "finite number, got inf"),
         ([0.0], [1.0], "1", "must be numbers, got '1'"),
     ],

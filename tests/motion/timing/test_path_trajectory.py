@@ -27,7 +27,7 @@ def straight(end: np.ndarray) -> PiecewisePolynomial:
 
 
 @given(st.integers(0, 10_000), st.integers(2, 12), st.floats(1e-3, 2.0))
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 def test_no_limit_is_ever_passed(seed: int, count: int, cap: float) -> None:
     motion = PathTrajectory.fastest(ROBOT, random_path(seed, count), cap)
     state = motion.sample(np.linspace(0.0, motion.duration, 3000))
@@ -43,7 +43,7 @@ def test_no_limit_is_ever_passed(seed: int, count: int, cap: float) -> None:
 
 
 @given(st.integers(0, 10_000))
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 def test_each_derivative_is_that_of_the_one_before(seed: int) -> None:
     motion = PathTrajectory.fastest(ROBOT, random_path(seed, 5))
     # between the breaks, where the law has all its derivatives
