@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import multiprocessing
 import os
 from pathlib import Path
@@ -196,7 +197,7 @@ numbers = st.floats(-1e6, 1e6)
 joints = st.builds(
     JointCalibration,
     zero=numbers,
-    per_rad=st.floats(0.01, 1e5) | st.floats(-1e5, -0.01),
+    per_rad=st.floats(0.06, 1e5) | st.floats(-1e5, -0.06),
     low=st.floats(-1e6, -1.0),
     high=st.floats(0.0, 1e6),
 )
@@ -243,9 +244,10 @@ def test_a_file_that_is_wrong_says_where(tmp_path: Path, old: str, new: str, say
 
 
 def test_a_scale_of_nothing_and_text_that_is_none_are_not_saved(store: CalibrationStore) -> None:
-    dead = {"elbow": JointCalibration(1500.0, 0.0, 700.0, 2300.0)}
-    with pytest.raises(CalibrationError, match=r"joints\.elbow: the scale is 0"):
-        store.save(msgspec.structs.replace(calibration(), joints=dead))
+    for per_rad in (0.0, -1e-9, math.degrees(0.0009)):
+        dead = {"elbow": JointCalibration(1500.0, per_rad, 700.0, 2300.0)}
+        with pytest.raises(CalibrationError, match=r"joints\.elbow\.per_deg = \S+: the joint would not move"):
+            store.save(msgspec.structs.replace(calibration(), joints=dead))
     with pytest.raises(CalibrationError, match="text that is none"):
         store.save(calibration(board="\ud800"))
     assert store.boards() == ()

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 import msgspec
 
 from armctl.errors import CalibrationError
-from armctl.robot import OutputUnit
+from armctl.robot import FLATTEST_PER_DEG, OutputUnit
 
 LARGEST_OUTPUT = 1e9
 """no output of any board is larger"""
@@ -64,10 +64,15 @@ def checked_calibration(calibration: Calibration) -> Calibration:
         if not getattr(calibration, key):
             raise CalibrationError(f"{key} is empty; a calibration is of one robot on one board")
     for name, joint in calibration.joints.items():
-        for key in ("zero", "per_rad", "low", "high"):
-            _require_usable(f"joints.{name}.{key}", getattr(joint, key))
-        if joint.per_rad == 0:
-            raise CalibrationError(f"joints.{name}: the scale is 0: no output would move the joint")
+        per_deg = math.radians(joint.per_rad)  # as the file has it
+        values = {"zero": joint.zero, "per_deg": per_deg, "low": joint.low, "high": joint.high}
+        for key, value in values.items():
+            _require_usable(f"joints.{name}.{key}", value)
+        if abs(per_deg) < FLATTEST_PER_DEG:
+            raise CalibrationError(
+                f"joints.{name}.per_deg = {per_deg:g}: the joint would not move; {FLATTEST_PER_DEG} "
+                f"{calibration.unit} a degree or more"
+            )
         if joint.low >= joint.high:
             raise CalibrationError(
                 f"joints.{name}: low = {joint.low:g} and high = {joint.high:g} {calibration.unit}: "

@@ -3,11 +3,12 @@
 from armctl.robot.encoder_axis import EncoderAxis, HomeBy
 from armctl.robot.joint import Gripper, Joint
 from armctl.robot.load import load_robot, robots_folder, shipped_robots
-from armctl.robot.output_map import OutputMap, OutputUnit
+from armctl.robot.output_map import FLATTEST_PER_DEG, OutputMap, OutputUnit
 from armctl.robot.robot import BoardKind, Robot
 from armctl.robot.urdf_name import is_urdf
 
 __all__ = [
+    "FLATTEST_PER_DEG",
     "BoardKind",
     "EncoderAxis",
     "Gripper",

@@ -13,6 +13,8 @@ from armctl.errors import InputError
 
 FloatArray = NDArray[np.float64]
 OutputUnit = Literal["µs", "counts"]
+FLATTEST_PER_DEG = 0.001
+"""the least scale of a joint that an output moves [µs or counts a degree]"""
 _FIRST_US, _MIDDLE_US, _LAST_US = 600.0, 1500.0, 2400.0
 _HELD, _HELD_US_PER_RAD = 1e-6, 573.0
 """a joint with less room than this does not move [rad]; its map only needs some scale"""

@@ -18,14 +18,12 @@ from armctl.robot.file import (
     RobotFile,
     ServoEntry,
 )
-from armctl.robot.output_map import OutputMap
+from armctl.robot.output_map import FLATTEST_PER_DEG, OutputMap
 
 Entry = TypeVar("Entry")
 _ROUNDING_US = 0.125
 """robot files may round the safe range inwards by this"""
 _PERCENT = 0.01
-_FLATTEST_PER_DEG = 0.001
-"""[µs or counts a degree]"""
 
 
 def output_map(file: RobotFile, entries: Sequence[JointEntry], path: Path) -> OutputMap | None:
@@ -191,8 +189,8 @@ def _check_servo(entry: JointEntry, servo: ServoEntry, where: str) -> None:
 
 def _check_scale(per_deg: float, where: str) -> None:
     """Refuse a scale on which a whole turn is about a step of the board, or less."""
-    if abs(per_deg) < _FLATTEST_PER_DEG:
-        raise RobotFileError(f"{where} is {per_deg:g}: the joint would not move; {_FLATTEST_PER_DEG} or more")
+    if abs(per_deg) < FLATTEST_PER_DEG:
+        raise RobotFileError(f"{where} is {per_deg:g}: the joint would not move; {FLATTEST_PER_DEG} or more")
 
 
 def _joint_axis(entry: EncoderEntry) -> EncoderAxis:
