@@ -18,10 +18,12 @@ from armctl.motion.program import (
     LineStep,
     MoveStep,
     PointStep,
+    Program,
     RepeatStep,
     SpeedStep,
     WaitStep,
     load_program,
+    save_program,
 )
 from armctl.runtime import State
 
@@ -354,6 +356,24 @@ def test_every_kind_of_step_is_recorded_edited_taken_back_exported_and_read_agai
     assert "'=SUM(A1)" in points.read_text()
     screen.screenshot("manual-files-unfolded")
     assert screen.errors == []
+
+
+def test_a_file_that_is_too_large_is_refused_in_words_and_the_page_goes_on(
+    screen: Screen, served: ServedArm, tmp_path: Path
+) -> None:
+    opened(screen, served, "Serial motion")
+    unfold(screen, "Files", "Upload")
+    film, wait = tmp_path / "film.toml", tmp_path / "wait.toml"
+    with film.open("wb") as file:
+        file.truncate(30 << 20)
+    screen.upload("Upload", film)
+    screen.wait_for_notification(
+        "film.toml was not taken: it has 30.0 MiB, the largest that is taken has 8 MiB"
+    )
+    screen.wait_until(lambda: screen.is_enabled("Upload"), "another file can be sent")
+    save_program(Program(robot="uzuner", steps=(WaitStep(seconds=1),)), wait)
+    screen.upload("Upload", wait)
+    screen.wait_until(lambda: served.steps == (WaitStep(seconds=1),), "its steps are on the list")
 
 
 def test_the_check_names_the_step_and_a_run_is_refused_by_it(screen: Screen, served: ServedArm) -> None:

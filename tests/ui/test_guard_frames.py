@@ -4,12 +4,15 @@ from typing import Any
 
 import msgspec
 import pytest
+import viser
 from hypothesis import given
 from hypothesis import strategies as st
 from tests.ui.guard_kit import CAMERA
 
+from armctl.ui.guard import GuardedServer
 from armctl.ui.guard.flood import FloodGauge
 from armctl.ui.guard.frames import FrameFilter
+from armctl.ui.guard.messages import UploadStart
 from armctl.ui.guard.tally import Tally
 from armctl.ui.guard.values import Operable
 
@@ -31,6 +34,9 @@ class NoControls:
 
     def has_command(self, uuid: str) -> bool:
         return uuid == "key"
+
+    def refuse_upload(self, upload: UploadStart) -> None:
+        raise AssertionError("there is no upload button")
 
 
 def frame(kind: str, **fields: Any) -> bytes:
@@ -106,6 +112,40 @@ def test_a_busy_page_is_no_flood() -> None:
 def test_an_upload_of_the_largest_file_is_no_flood() -> None:
     gauge = FloodGauge(Clock())
     assert all(gauge.charge(512 << 10, refused=False) for _ in range(16))
+
+
+class UploadButton(NoControls):
+    """Addressees with an upload button, which notes what is refused."""
+
+    def __init__(self, server: viser.ViserServer) -> None:
+        self.button = server.gui.add_upload_button("load")
+        self.refused: list[str] = []
+
+    def control(self, uuid: str) -> Operable | None:
+        return self.button
+
+    def refuse_upload(self, upload: UploadStart) -> None:
+        self.refused.append(upload.filename)
+
+
+def test_a_file_that_is_too_large_is_told_once_and_is_no_flood(server: GuardedServer, tally: Tally) -> None:
+    addressees = UploadButton(server)
+    page = FrameFilter(addressees, tally, Clock())
+    assert page.admits(frame("ViewerCameraMessage", **CAMERA))
+    ids = {"source_component_uuid": "u", "transfer_uuid": "t"}
+    count = 600  # 300 MB, by somebody who took a film for a program
+    named = {"filename": "film.mp4", "mime_type": ""}
+    start = frame("FileTransferStartUpload", **ids, **named, part_count=count, size_bytes=count << 19)
+    assert not page.admits(start)
+    part = frame("FileTransferPart", **ids, part_index=0, content=b"." * (512 << 10))
+    for _ in range(count):
+        assert not page.admits(part)
+    assert not page.flooded
+    assert addressees.refused == ["film.mp4"]
+    assert tally.counts == {"an upload that is too large": 1}
+    for _ in range(100):  # more than was announced
+        page.admits(part)
+    assert page.flooded
 
 
 def test_the_allowance_comes_back_with_time_but_does_not_pile_up() -> None:

@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import pytest
 
-from armctl.ui.guard.messages import UPLOAD_PART_BYTES, UploadPart, UploadStart
+from armctl.ui.guard.messages import MAX_UPLOAD_BYTES, UPLOAD_PART_BYTES, UploadPart, UploadStart
 from armctl.ui.guard.uploads import UploadLedger
 
 
@@ -55,3 +55,23 @@ def test_two_transfers_at_once_are_enough() -> None:
 def test_an_empty_file_has_no_parts() -> None:
     ledger = UploadLedger()
     assert all(ledger.starts(start(0, 0, transfer=str(n))) for n in range(5))
+
+
+def test_the_parts_of_a_file_that_is_too_large_are_known_and_each_counts_once() -> None:
+    ledger = UploadLedger()
+    assert not ledger.is_too_large(start(MAX_UPLOAD_BYTES, 16))
+    assert ledger.is_too_large(start(MAX_UPLOAD_BYTES + 1, 17))
+    assert [ledger.is_leftover(part(index, 5)) for index in range(19)] == [True] * 17 + [False] * 2
+    assert not ledger.continues(part(0, 5))
+
+
+def test_only_two_files_that_are_too_large_are_remembered() -> None:
+    ledger = UploadLedger()
+    for transfer in "abc":
+        assert ledger.is_too_large(start(MAX_UPLOAD_BYTES + 1, 17, transfer=transfer))
+    assert [ledger.is_leftover(part(0, 5, transfer=transfer)) for transfer in "abcd"] == [
+        True,
+        True,
+        False,
+        False,
+    ]

@@ -47,6 +47,9 @@ class FrameFilter:
         if self.flooded:
             return False
         message = self._decoder.decode(raw)
+        if isinstance(message, UploadPart) and self._uploads.is_leftover(message):
+            self.flooded = not self._gauge.charge(0, refused=False)
+            return False
         reason = "not an admissible message" if message is None else self._reason_against(message)
         if reason is not None:
             self._tally.refuse(reason)
@@ -77,6 +80,9 @@ class FrameFilter:
                 control = self._addressees.control(message.source_component_uuid)
                 if not (isinstance(control, GuiUploadButtonHandle) and is_usable(control)):
                     return "an upload to what is no usable upload button"
+                if self._uploads.is_too_large(message):
+                    self._addressees.refuse_upload(message)
+                    return "an upload that is too large"
                 return None if self._uploads.starts(message) else "an upload that contradicts itself"
             case UploadPart():
                 return None if self._uploads.continues(message) else "a part of no upload under way"

@@ -9,9 +9,15 @@ from typing import Protocol
 
 import viser
 from viser import GuiApi, GuiFormHandle
+from viser._messages import FileTransferPartAck
 from websockets.asyncio.server import ServerConnection
 
+from armctl.ui.guard.messages import MAX_UPLOAD_BYTES, UploadStart
 from armctl.ui.guard.values import Operable, is_operable
+
+_MIB = 1 << 20
+_READ_S = 12.0
+"""a refusal has to be read"""
 
 
 class Addressees(Protocol):
@@ -27,6 +33,10 @@ class Addressees(Protocol):
 
     def has_command(self, uuid: str) -> bool:
         """Tell whether this page has been given a command, or a hot key, with this id."""
+        ...
+
+    def refuse_upload(self, upload: UploadStart) -> None:
+        """Tell the page that a file is too large."""
         ...
 
 
@@ -67,12 +77,33 @@ class ConnectionHandles:
             for gui in self._guis()
         )
 
-    def _guis(self) -> list[GuiApi]:
+    def refuse_upload(self, upload: UploadStart) -> None:
+        """See ``Addressees``. The page takes the file for sent, and can send another one."""
+        client = self._client()
+        if client is None:
+            return
+        size = upload.size_bytes
+        done = FileTransferPartAck(upload.source_component_uuid, upload.transfer_uuid, size, size)
+        client.gui._websock_interface.queue_message(done)  # noqa: SLF001  # pyright: ignore[reportPrivateUsage]
+        client.add_notification(
+            "Upload refused",
+            f"{upload.filename} was not taken: it has {size / _MIB:.1f} MiB, "
+            f"the largest that is taken has {MAX_UPLOAD_BYTES / _MIB:.0f} MiB.",
+            color="red",
+            auto_close_seconds=_READ_S,
+        )
+
+    def _client(self) -> viser.ClientHandle | None:
         server = self._slot.server
         if server is None:
-            return []
+            return None
         if self._client_id is None:
             live = server._websock_server._live_connections  # noqa: SLF001  # pyright: ignore[reportPrivateUsage]
             self._client_id = next((i for i, c in tuple(live.items()) if c is self._connection), None)
-        client = None if self._client_id is None else server.get_clients().get(self._client_id)
+        return None if self._client_id is None else server.get_clients().get(self._client_id)
+
+    def _guis(self) -> list[GuiApi]:
+        server, client = self._slot.server, self._client()
+        if server is None:
+            return []
         return [server.gui] if client is None else [server.gui, client.gui]

@@ -16,9 +16,12 @@ from msgspec import Meta
 
 MAX_UPLOAD_BYTES = 8 << 20
 """The largest file that a page may upload; programs and robot files are a few kilobytes."""
+_LARGEST_FILE = 1 << 40
+"""of a larger one not even the announcement is looked at"""
 
 UPLOAD_PART_BYTES = 512 << 10
 """The page cuts a file in parts of this size (``chunkSize`` in viser's UploadButton.tsx)."""
+_MOST_PARTS = _LARGEST_FILE // UPLOAD_PART_BYTES
 
 _LARGEST = 1e9
 
@@ -149,8 +152,8 @@ class UploadStart(Message, frozen=True, tag="FileTransferStartUpload"):
     transfer_uuid: Identifier
     filename: Annotated[str, Meta(min_length=1, max_length=255, pattern=r"^[^/\\\x00-\x1f\x7f]+\Z")]
     mime_type: Annotated[str, Meta(max_length=255)]
-    part_count: Annotated[int, Meta(ge=0, le=-(-MAX_UPLOAD_BYTES // UPLOAD_PART_BYTES))]
-    size_bytes: Annotated[int, Meta(ge=0, le=MAX_UPLOAD_BYTES)]
+    part_count: Annotated[int, Meta(ge=0, le=_MOST_PARTS)]
+    size_bytes: Annotated[int, Meta(ge=0, le=_LARGEST_FILE)]
 
 
 class UploadPart(Message, frozen=True, tag="FileTransferPart"):
@@ -158,7 +161,7 @@ class UploadPart(Message, frozen=True, tag="FileTransferPart"):
 
     source_component_uuid: Identifier
     transfer_uuid: Identifier
-    part_index: Annotated[int, Meta(ge=0, le=-(-MAX_UPLOAD_BYTES // UPLOAD_PART_BYTES))]
+    part_index: Annotated[int, Meta(ge=0, le=_MOST_PARTS)]
     content: Annotated[bytes, Meta(max_length=UPLOAD_PART_BYTES)]
 
 
