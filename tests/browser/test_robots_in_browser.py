@@ -92,9 +92,22 @@ def slider_range(page: Screen, label: str) -> tuple[float, float]:
     return float(low), float(high)
 
 
+def make_ready(page: Screen, served: ServedArm) -> None:
+    """Enable or home, and again where this computer stood still until the board's watchdog had ended it."""
+    for _ in range(3):
+        page.click("Homing" if served.robot.board == "encoder" else "Enable")
+        page.wait_until(lambda: "watchdog" not in served.now.cause, "it has begun")
+        page.wait_until(
+            lambda: served.now.state is State.HOLDING or "watchdog" in served.now.cause,
+            "the arm is ready to move, or says why not",
+        )
+        if served.now.state is State.HOLDING:
+            return
+    raise AssertionError("the board's watchdog ended it three times")
+
+
 def enable_and_go_home(page: Screen, served: ServedArm) -> None:
-    page.click("Homing" if served.robot.board == "encoder" else "Enable")
-    page.wait_until(lambda: served.now.state is State.HOLDING, "the arm is ready to move")
+    make_ready(page, served)
     page.button("Home").click()
     page.wait_until(lambda: stands_at(served, "home"), "the arm is at home")
     page.wait_until(lambda: served.now.state is State.HOLDING, "the motion has ended")
