@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Literal, get_args
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from armctl.errors import InputError
 from armctl.kinematics.gravity import GravityModel
@@ -51,7 +51,7 @@ def energies(
     q: FloatArray,
     model: EnergyModel,
     pitch_joints: tuple[int, ...],
-    start: ArrayLike | None = None,
+    start: FloatArray | None = None,
 ) -> FloatArray:
     """Energy (k,) of each configuration ``q`` (k, n) [rad]; infinite where the criterion excludes it.
 
@@ -64,10 +64,8 @@ def energies(
         start: (n,) where the arm stands [rad]; needed for ``least-travel``.
 
     Raises:
-        InputError: ``least-travel`` without a start, or a start that is no configuration.
+        InputError: ``least-travel`` without a start.
     """
-    if start is not None:
-        start = model.gravity.chain.checked_one(start)
     choose: dict[Criterion, Callable[[], FloatArray]] = {
         "least-rotation": lambda: np.abs(q).sum(axis=1),
         "published": lambda: _published(q, pitch_joints),

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from armctl.errors import UnreachableError
 from armctl.kinematics.chain import DHChain
-from armctl.kinematics.energy import EnergyModel, checked_criterion, energies
+from armctl.kinematics.energy import Criterion, EnergyModel, checked_criterion, energies
 from armctl.kinematics.length_words import millimetres
 from armctl.kinematics.rotation import rotation_angle
 from armctl.kinematics.target import Target
@@ -129,7 +129,7 @@ class Solutions:
 
     def energies(self, criterion: str = "least-rotation", start: ArrayLike | None = None) -> FloatArray:
         """(k,) energy of each by a named criterion (``energy.CRITERIA``); infinite where excluded."""
-        return energies(checked_criterion(criterion), self.q, self.arm.energy, self.arm.pitch_joints, start)
+        return self._energies(checked_criterion(criterion), self._checked_start(start))
 
     def best(self, criterion: str = "least-rotation", start: ArrayLike | None = None) -> FloatArray:
         """The configuration of least energy.
@@ -148,19 +148,25 @@ class Solutions:
                 configuration.
         """
         name = checked_criterion(criterion)
-        if start is not None:
-            start = self.arm.chain.checked_one(start)
+        checked = self._checked_start(start)
         if not self.success:
             raise UnreachableError(self.explanation or "there is no solution")
         if name == "least-rotation" and self.least_rotation is not None:
             exact = self.least_rotation()
             if exact is not None:
                 return exact
-        energy = self.energies(name, start)
+        energy = self._energies(name, checked)
         i = int(np.argmin(energy))
         if not np.isfinite(energy[i]):
             raise UnreachableError(f"none of the {len(self)} solutions is admitted by {name!r}")
         return self.q[i].copy()
+
+    def _energies(self, criterion: Criterion, start: FloatArray | None) -> FloatArray:
+        return energies(criterion, self.q, self.arm.energy, self.arm.pitch_joints, start)
+
+    def _checked_start(self, start: ArrayLike | None) -> FloatArray | None:
+        """``start`` (n,) as a configuration: looked at whether the criterion asks for it or not."""
+        return None if start is None else self.arm.chain.checked_one(start)
 
     def index_of(self, q: ArrayLike) -> int:
         """Index of the listed solution that lies nearest to ``q`` (n,) [rad] (largest joint difference).
