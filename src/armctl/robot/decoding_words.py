@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 
 import msgspec
 from msgspec import inspect
@@ -22,8 +23,13 @@ def decoding_words(error: msgspec.DecodeError, model: type) -> str:
     choices = None if found is None else _choices(inspect.type_info(model), found["key"])
     if found is None or choices is None:
         return str(error)
+    return f"{found['key']} = {found['value']}: {must_be(choices)}"
+
+
+def must_be(choices: Sequence[object]) -> str:
+    """What may stand where only some values may: "must be one of 'a', 'b'"."""
     allowed = ", ".join(repr(choice) for choice in choices)
-    return f"{found['key']} = {found['value']}: must be {'one of ' if len(choices) > 1 else ''}{allowed}"
+    return f"must be {'one of ' if len(choices) > 1 else ''}{allowed}"
 
 
 def _choices(node: inspect.Type, key: str) -> tuple[object, ...] | None:

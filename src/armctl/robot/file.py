@@ -13,9 +13,9 @@ from msgspec import Meta
 from armctl.errors import RobotFileError
 from armctl.robot.decoding_words import decoding_words
 
-SMALLEST = 1e-6
+_SMALLEST = 1e-6
 """what must be positive is no smaller than this"""
-Positive = Annotated[float, Meta(ge=SMALLEST)]
+Positive = Annotated[float, Meta(ge=_SMALLEST)]
 NotNegative = Annotated[float, Meta(ge=0)]
 Name = Annotated[str, Meta(pattern=r"^[a-z][a-z0-9_]*$")]
 PointName = Annotated[str, Meta(pattern=r"^[A-Za-z][A-Za-z0-9_]*$")]

@@ -45,9 +45,8 @@ class Bar:
 def reach(chain: DHChain) -> float:
     """The length of the arm from its base frame to the tool point, all links stretched [m]."""
     tool = chain.forward(np.zeros(chain.n))[:3, 3]
-    corners = np.vstack(
-        [np.zeros(3), chain.axes()[0], tool]
-    )  # no joint changes how far two in a row are apart
+    # No joint changes how far two corners in a row are apart.
+    corners = np.vstack([np.zeros(3), chain.axes()[0], tool])
     return float(np.linalg.norm(np.diff(corners, axis=0), axis=1).sum())
 
 

@@ -12,6 +12,7 @@ import msgspec
 from msgspec import inspect
 
 from armctl.motion.program.program import Program, Step
+from armctl.robot.decoding_words import must_be
 
 _UNKNOWN = re.compile(r"Object contains unknown field `(.+)`", re.DOTALL)
 _MISSING = re.compile(r"Object missing required field `(.+)`", re.DOTALL)
@@ -67,9 +68,7 @@ def refusal_of(error: msgspec.ValidationError, record: object) -> Refusal:
     if match := _CHOICE.fullmatch(what):
         if key == "do":
             return Refusal(where, None, f"there is no step {got}; there are {', '.join(_kinds())}")
-        choices = _choices()[key]
-        allowed = ", ".join(repr(choice) for choice in choices)
-        return Refusal(where, None, f"must be {'one of ' if len(choices) > 1 else ''}{allowed}, not {got}")
+        return Refusal(where, None, f"{must_be(_choices()[key])}, not {got}")
     what = what.replace("`", "")
     return Refusal(where, None, f"{what[:1].lower()}{what[1:]}")
 
