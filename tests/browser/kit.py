@@ -145,7 +145,8 @@ class Screen:
         """Click something, and again if it moved away between the mouse button's down and up.
 
         The page's answer to what was done before may move everything below it: a browser then makes no
-        click of the two, and a person presses once more.
+        click of the two, and a person presses once more. What is gone from the page afterwards counts as
+        pressed: options and menus go when they are.
         """
         for _ in range(5):
             element = target.element_handle()
