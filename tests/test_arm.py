@@ -18,7 +18,7 @@ from armctl.errors import (
     StateError,
     UnreachableError,
 )
-from armctl.motion import GripperStep, MoveStep, PointStep, Program, WaitStep
+from armctl.program import GripperStep, MoveStep, PointStep, Program, WaitStep
 from armctl.runtime import State
 
 

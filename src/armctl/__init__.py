@@ -11,6 +11,7 @@ from armctl.robot import Robot, load_robot, shipped_robots
 if TYPE_CHECKING:
     from armctl.arm import Arm
 
+
 logging.getLogger("armctl").addHandler(logging.NullHandler())  # whoever uses the library chooses what to show
 __version__ = "0.1.0"
 __all__ = ["Arm", "ArmctlError", "Robot", "__version__", "load_robot", "shipped_robots"]

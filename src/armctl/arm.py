@@ -16,13 +16,12 @@ from numpy.typing import ArrayLike, NDArray
 from armctl.boards import ANY_BOARD, SIMULATED, Boards, board_name, calibrated_for
 from armctl.errors import InputError
 from armctl.kinematics import Target
-from armctl.kinematics.checks import as_numbers, checked_number, require_finite
-from armctl.motion import (
+from armctl.kinematics.target import as_numbers, checked_number, require_finite
+from armctl.motion import PitchMode, Profile
+from armctl.program import (
     WIDEST_BLEND_MM,
     ArcStep,
     LineStep,
-    PitchMode,
-    Profile,
     Program,
     Step,
     WaitStep,

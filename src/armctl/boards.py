@@ -14,10 +14,10 @@ from armctl.hardware import Driver
 from armctl.hardware.board_titles import BOARD_TITLES
 from armctl.hardware.encoder import EncoderDriver, serve_simulated_encoder
 from armctl.hardware.firmata import FirmataDriver, serve_simulated_firmata
-from armctl.hardware.maestro import MaestroDriver, MaestroModel, serve_simulated_maestro
-from armctl.hardware.ports import PortInfo, describe_port, find_board, list_ports
-from armctl.hardware.pty_server import PtyServer
-from armctl.hardware.serial_transport import NO_SUCH_PORT
+from armctl.hardware.maestro import MaestroDriver, serve_simulated_maestro
+from armctl.hardware.ports import MaestroModel, PortInfo, describe_port, find_board, list_ports
+from armctl.hardware.simulation.pty_server import PtyServer
+from armctl.hardware.transport import NO_SUCH_PORT
 from armctl.robot import BoardKind, Robot
 from armctl.runtime import channel_settings
 

@@ -12,9 +12,8 @@ from tests.avr.firmata_rig import FirmataRig
 
 from armctl.hardware.doctor import Patient, Verdict, examine
 from armctl.hardware.driver import ChannelSettings
-from armctl.hardware.ports import PortChecks
+from armctl.hardware.ports import ARDUINO_MEGA, PortChecks
 from armctl.hardware.probe import Probed, approach, probe
-from armctl.hardware.usb_ids import ARDUINO_MEGA
 from armctl.robot import BoardKind
 
 FREE = PortChecks(lambda _device: True, lambda _device: None, lambda _device: None)

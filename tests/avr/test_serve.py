@@ -22,7 +22,7 @@ from tests.avr.serve import served
 from armctl.errors import BoardError
 from armctl.hardware.driver import ChannelSettings
 from armctl.hardware.firmata import FirmataDriver
-from armctl.hardware.serial_transport import SerialTransport
+from armctl.hardware.transport import SerialTransport
 from armctl.runtime.clock import MonotonicClock
 
 PATIENCE_S = 60.0

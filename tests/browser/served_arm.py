@@ -11,7 +11,7 @@ import numpy as np
 
 from armctl.arm import Arm
 from armctl.calibration import CalibrationStore
-from armctl.motion import MoveStep, Program, Step
+from armctl.program import MoveStep, Program, Step
 from armctl.robot import Robot, load_robot, shipped_robots
 from armctl.runtime import Enable, Origin, Snapshot
 from armctl.ui import App, CalibrationDesk, Console, PortChoice, ProgramDesk, RobotChoice, RobotDesk

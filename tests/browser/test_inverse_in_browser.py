@@ -14,7 +14,7 @@ from tests.browser.served_arm import ServedArm, served_arm
 
 from armctl.kinematics import Target
 from armctl.runtime import State
-from armctl.ui.screens.inverse_answer import solve
+from armctl.ui.tabs.inverse.answer import solve
 
 pytestmark = pytest.mark.browser
 _TARGET = "() => window.__viserMutable.nodeRefFromName['/inverse_target'].position.toArray()"

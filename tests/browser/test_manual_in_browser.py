@@ -10,7 +10,7 @@ import pytest
 from tests.browser.kit import Screen, Screens
 from tests.browser.served_arm import ServedArm, served_arm
 
-from armctl.motion.program import (
+from armctl.program import (
     ArcStep,
     CommentStep,
     EndStep,

@@ -13,7 +13,7 @@ from tests.browser.serving import serving
 
 from armctl.hardware import PtyServer
 from armctl.hardware.encoder import SimulatedEncoderBoard, serve_simulated_encoder
-from armctl.hardware.encoder.status import Mode
+from armctl.hardware.encoder.messages import Mode
 from armctl.robot import load_robot
 from armctl.runtime import MonotonicClock, channel_settings
 

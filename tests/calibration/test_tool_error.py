@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 from armctl.calibration import ToolError, tool_error
-from armctl.calibration.geometry import Geometry, Parameter
+from armctl.calibration.tool_error import Geometry, Parameter
 from armctl.errors import CalibrationError
 from armctl.kinematics import DHChain, DHRow
 from armctl.robot import Joint, Robot, load_robot, shipped_robots

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from armctl.cli.main import DONE, REFUSED, run
-from armctl.motion.program import LineStep, MoveStep, Program, Step, save_program
+from armctl.program import LineStep, MoveStep, Program, Step, save_program
 from armctl.robot import robots_folder
 
 HOME = MoveStep(joints_deg=(0, 90, -80, -40, 0))

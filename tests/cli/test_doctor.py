@@ -16,7 +16,7 @@ from tests.cli.simulating import simulated
 from armctl.cli.main import DONE, REFUSED, WRONG_USAGE, run
 from armctl.errors import PortError
 from armctl.hardware.maestro import MaestroSettings, SerialMode, SimulatedMaestro, serve_simulated_maestro
-from armctl.hardware.serial_transport import SerialTransport
+from armctl.hardware.transport import SerialTransport
 from armctl.runtime.clock import ManualClock
 
 

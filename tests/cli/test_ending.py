@@ -19,7 +19,7 @@ from armctl.cli.main import REFUSED
 from armctl.hardware import PtyServer
 from armctl.hardware.maestro import SimulatedMaestro, serve_simulated_maestro
 from armctl.hardware.maestro.codec import Opcode
-from armctl.motion.program import MoveStep, Program, save_program
+from armctl.program import MoveStep, Program, save_program
 from armctl.robot import load_robot
 from armctl.runtime import MonotonicClock, channel_settings
 

@@ -10,7 +10,7 @@ import pytest
 from armctl.cli.main import DONE, run
 from armctl.hardware.maestro import SimulatedMaestro, serve_simulated_maestro
 from armctl.hardware.ports import PortInfo
-from armctl.hardware.pty_server import PtyServer
+from armctl.hardware.simulation.pty_server import PtyServer
 from armctl.runtime.clock import ManualClock
 
 MAESTRO = "Pololu Micro Maestro 6-channel"

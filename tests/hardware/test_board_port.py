@@ -6,7 +6,7 @@ import pytest
 
 from armctl.errors import PortError
 from armctl.hardware import PortInfo
-from armctl.hardware.board_port import BoardPort, any_board
+from armctl.hardware.ports import BoardPort, any_board
 
 
 def port(line, *listed: PortInfo, simulated: bool = False) -> BoardPort:

@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 
 from armctl.errors import BoardError
 from armctl.hardware import ChannelSettings
-from armctl.hardware.board_scales import BOARD_SCALES
-from armctl.hardware.channel_scale import ChannelScale
+from armctl.hardware.board_titles import BOARD_SCALES
+from armctl.hardware.driver import ChannelScale
 from armctl.robot import BoardKind
 
 QUARTERS = ChannelScale("channel", "µs", 4)

@@ -10,20 +10,13 @@ import pytest
 from armctl.errors import BoardTimeoutError, PortError
 from armctl.hardware import ByteModel, ChannelSettings, Fault, FaultyModel, LoopTransport
 from armctl.hardware.doctor import Finding, Patient, Verdict, examine, without_personal_data
-from armctl.hardware.doctor.round_trips import round_trips
+from armctl.hardware.doctor.finding import round_trips
 from armctl.hardware.encoder import SimulatedEncoderBoard
 from armctl.hardware.encoder.frame import seal
 from armctl.hardware.firmata import SimulatedFirmata
 from armctl.hardware.firmata.codec import servo_config, servo_write
-from armctl.hardware.maestro import (
-    ChannelConfig,
-    HomeMode,
-    MaestroModel,
-    MaestroSettings,
-    SerialMode,
-    SimulatedMaestro,
-)
-from armctl.hardware.ports import PortChecks, PortInfo
+from armctl.hardware.maestro import ChannelConfig, HomeMode, MaestroSettings, SerialMode, SimulatedMaestro
+from armctl.hardware.ports import MaestroModel, PortChecks, PortInfo
 from armctl.runtime.clock import ManualClock
 
 MICRO = MaestroModel.MICRO_6.label

@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import pytest
 
-from armctl.hardware.maestro_models import MaestroModel
+from armctl.hardware.ports import MaestroModel
 
 
 @pytest.mark.parametrize(

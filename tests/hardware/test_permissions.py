@@ -8,9 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from armctl.hardware.maestro_models import POLOLU_USB_VENDOR
-from armctl.hardware.permissions import UDEV_RULES_NAME, may_open, permission_hint, udev_rules
-from armctl.hardware.usb_ids import ARDUINO_USB_VENDORS, USB_SERIAL_CHIPS
+from armctl.hardware.access import UDEV_RULES_NAME, may_open, permission_hint, udev_rules
+from armctl.hardware.ports import ARDUINO_USB_VENDORS, POLOLU_USB_VENDOR, USB_SERIAL_CHIPS
 
 
 def test_the_hint_names_the_group_that_owns_the_device(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):

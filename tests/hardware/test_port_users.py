@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from armctl.hardware.port_users import MODEM_MANAGER_NOTE, modem_manager_note, program_using
+from armctl.hardware.access import MODEM_MANAGER_NOTE, modem_manager_note, program_using
 
 DEVICE = "/dev/null"  # a device that is there on every computer: character device 1:3
 

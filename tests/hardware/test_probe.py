@@ -12,16 +12,9 @@ from armctl.hardware.encoder import SimulatedEncoderBoard
 from armctl.hardware.encoder.frame import seal
 from armctl.hardware.firmata import SimulatedFirmata
 from armctl.hardware.firmata.codec import servo_config, servo_write
-from armctl.hardware.maestro import (
-    ChannelConfig,
-    HomeMode,
-    MaestroModel,
-    MaestroSettings,
-    SerialMode,
-    SimulatedMaestro,
-)
+from armctl.hardware.maestro import ChannelConfig, HomeMode, MaestroSettings, SerialMode, SimulatedMaestro
+from armctl.hardware.ports import ARDUINO_MEGA, UNKNOWN, USB_SERIAL, MaestroModel
 from armctl.hardware.probe import Approach, Probed, approach, probe
-from armctl.hardware.usb_ids import ARDUINO_MEGA, UNKNOWN, USB_SERIAL
 from armctl.runtime.clock import ManualClock
 
 MICRO = MaestroModel.MICRO_6.label

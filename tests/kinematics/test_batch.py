@@ -22,9 +22,9 @@ from tests.kinematics.kit import (
 from armctl import Robot, load_robot
 from armctl.errors import InputError
 from armctl.kinematics import BatchSolutions, DHChain, DHRow, Target, YawPitchRollSolver
-from armctl.kinematics.compiled import chain_kernel
+from armctl.kinematics import compiled as chain_kernel
 from armctl.kinematics.yaw_pitch_roll import pose_batch
-from armctl.kinematics.yaw_pitch_roll.pose_batch import _cosines_within  # pyright: ignore[reportPrivateUsage]
+from armctl.kinematics.yaw_pitch_roll.pose_batch import _cosines_within
 
 
 def arms() -> list[tuple[DHChain, FloatArray]]:

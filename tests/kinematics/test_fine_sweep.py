@@ -14,9 +14,15 @@ from tests.kinematics.test_sweep import STEP, assert_same, in_order, swept, wide
 
 from armctl import load_robot
 from armctl.kinematics import YawPitchRollSolver
+from armctl.kinematics.yaw_pitch_roll.free_joint import (
+    ANCHOR,
+    NODES,
+    PANEL,
+    Panels,
+    SweepTriangle,
+    node_positions,
+)
 from armctl.kinematics.yaw_pitch_roll.geometry import recognise
-from armctl.kinematics.yaw_pitch_roll.panels import ANCHOR, NODES, PANEL, Panels, node_positions
-from armctl.kinematics.yaw_pitch_roll.sweep_triangle import SweepTriangle
 
 FINE = math.radians(0.02)
 

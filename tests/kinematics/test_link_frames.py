@@ -9,7 +9,7 @@ import pytest
 from tests.kinematics.kit import chain_of, plain_frames, random_planar_arm
 
 from armctl.kinematics import Body, DHChain, GravityModel
-from armctl.kinematics.gravity import STANDARD_GRAVITY
+from armctl.kinematics.energy import STANDARD_GRAVITY
 from armctl.kinematics.link_frames import LinkFrames, row_in_link
 from armctl.robot import load_robot, shipped_robots
 

@@ -10,8 +10,7 @@ from tests.kinematics.kit import FloatArray, chain_of, random_planar_arm
 
 from armctl import load_robot
 from armctl.kinematics.yaw_pitch_roll.geometry import YawPitchRoll, recognise
-from armctl.kinematics.yaw_pitch_roll.live_curve import LiveCurve, live_curves
-from armctl.kinematics.yaw_pitch_roll.pitch_locks import PitchJoint
+from armctl.kinematics.yaw_pitch_roll.least_rotation import LiveCurve, PitchJoint, live_curves
 
 STEP = 1e-3
 """along the self-motion [rad]"""

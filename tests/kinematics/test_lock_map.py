@@ -10,9 +10,7 @@ from tests.kinematics.kit import FloatArray, chain_of, random_planar_arm, random
 
 from armctl import load_robot
 from armctl.kinematics.yaw_pitch_roll.geometry import YawPitchRoll, recognise
-from armctl.kinematics.yaw_pitch_roll.least_rotation import LeastRotation
-from armctl.kinematics.yaw_pitch_roll.lock_map import LockMap
-from armctl.kinematics.yaw_pitch_roll.pitch_locks import bent_lock
+from armctl.kinematics.yaw_pitch_roll.least_rotation import LeastRotation, LockMap, bent_lock
 
 
 def random_arms(count: int) -> list[tuple[YawPitchRoll, LeastRotation, FloatArray]]:

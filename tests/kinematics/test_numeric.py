@@ -22,10 +22,9 @@ from armctl.kinematics.numeric.goals import (
     Together,
     UprightGoal,
     rotation_vectors,
+    tool_motion,
 )
-from armctl.kinematics.numeric.motion import tool_motion
-from armctl.kinematics.numeric.reach import LinkBound
-from armctl.kinematics.numeric.solver import NumericSolver
+from armctl.kinematics.numeric.solver import LinkBound, NumericSolver
 from armctl.kinematics.rotation import rotation_angle
 from armctl.kinematics.solutions import Solutions
 

@@ -13,7 +13,7 @@ from tests.kinematics.kit import FloatArray, chain_of, random_planar_arm, random
 
 from armctl import load_robot
 from armctl.kinematics import DHChain, InverseKinematics, Target
-from armctl.kinematics.limit_words import needs
+from armctl.kinematics.solutions import needs
 
 STEP = math.radians(0.5)
 

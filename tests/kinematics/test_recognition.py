@@ -10,7 +10,7 @@ from tests.kinematics.kit import chain_of, random_planar_arm, solver_of
 
 from armctl import load_robot
 from armctl.kinematics import DHChain, DHRow, Target
-from armctl.kinematics.spherical.shoulder import recognise_spherical
+from armctl.kinematics.spherical_shoulder.geometry import recognise_spherical
 from armctl.kinematics.yaw_pitch_roll.geometry import recognise
 
 RIGHT = math.pi / 2

@@ -8,11 +8,16 @@ from numpy.typing import NDArray
 from tests.kinematics.kit import chain_of, random_planar_arm, random_q
 
 from armctl.kinematics import DHChain
-from armctl.kinematics.workspace.cell_outline import cell_outline, enclosed_area, smoothed
-from armctl.kinematics.workspace.section import PlanarSection, SampledSection, section_of
+from armctl.kinematics.section import (
+    PlanarSection,
+    SampledSection,
+    cell_outline,
+    enclosed_area,
+    section_of,
+    smoothed,
+)
 from armctl.kinematics.yaw_pitch_roll.geometry import recognise
-from armctl.kinematics.yaw_pitch_roll.plane_boundary import boundary_arcs, joined
-from armctl.kinematics.yaw_pitch_roll.plane_reach import PlaneReach
+from armctl.kinematics.yaw_pitch_roll.plane import PlaneReach, boundary_arcs, joined
 from armctl.robot import load_robot
 
 FloatArray = NDArray[np.float64]

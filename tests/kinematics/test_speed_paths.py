@@ -12,11 +12,9 @@ from tests.kinematics.kit import FloatArray, chain_of, plain_forward, random_pla
 from armctl import load_robot
 from armctl.errors import InputError
 from armctl.kinematics import DEFAULT_STEP, DHChain, DHRow, Target, YawPitchRollSolver
-from armctl.kinematics.compiled.chain_kernel import jacobian_kernel, pose_kernel
-from armctl.kinematics.compiled.chain_program import ChainProgram
-from armctl.kinematics.compiled.straight_line import ONE, StraightLine, Value
+from armctl.kinematics.compiled import ONE, ChainProgram, StraightLine, Value, jacobian_kernel, pose_kernel
 from armctl.kinematics.cos_sin import LARGEST_ANGLE, SCRATCH, by_table, by_tangent
-from armctl.kinematics.yaw_pitch_roll.pose_branches import PoseBranches
+from armctl.kinematics.yaw_pitch_roll.closed_form import PoseBranches
 
 TWISTS = (0.0, math.pi / 2, -math.pi / 2, math.pi, 0.7, -2.1)
 

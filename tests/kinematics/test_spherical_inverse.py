@@ -22,7 +22,7 @@ from tests.kinematics.spherical_kit import (
 
 from armctl.errors import InputError
 from armctl.kinematics import Target
-from armctl.kinematics.spherical.solver import SphericalShoulderSolver
+from armctl.kinematics.spherical_shoulder.solver import SphericalShoulderSolver
 
 PRINTED = np.array([0.15, -0.10, -0.59])
 PRINTED_ROTATION = np.array([[-0.8572, 0, 0.5150], [-0.0894, 0.9848, -0.1488], [-0.5072, -0.1736, -0.8441]])

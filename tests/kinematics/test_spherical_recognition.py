@@ -11,8 +11,7 @@ from tests.kinematics.spherical_kit import HUMANOID, HUMANOID_LIMITS, random_arm
 
 from armctl import load_robot
 from armctl.kinematics import DHChain, DHRow
-from armctl.kinematics.spherical.shoulder import recognise_spherical
-from armctl.kinematics.spherical.vectors import about, product, rotated, turned
+from armctl.kinematics.spherical_shoulder.geometry import about, product, recognise_spherical, rotated, turned
 
 
 def test_the_humanoid_is_recognised() -> None:

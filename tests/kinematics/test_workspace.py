@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 from tests.kinematics.kit import plain_forward
 
-from armctl.kinematics.workspace.cloud import longest_levers, sample_workspace, workspace_extent
-from armctl.kinematics.workspace.extremes import greatest
-from armctl.kinematics.workspace.joint_samples import joint_samples
+from armctl.kinematics.samples import greatest, joint_samples
+from armctl.kinematics.workspace import longest_levers, sample_workspace, workspace_extent
 from armctl.robot import load_robot
 
 NAMES = ("uzuner", "abaas", "scorbot", "mico", "humanoid")

@@ -10,9 +10,8 @@ import numpy as np
 import pytest
 
 from armctl.motion import PROFILES, ProfileName, plan_joints, plan_line
-from armctl.motion.analysis import MotionAnalysis, analyse, analysis_csv
+from armctl.motion.analysis import Derivative, MotionAnalysis, analyse, analysis_csv, near_limits
 from armctl.motion.figure import FigureForm, TitledMotion, figure_bytes
-from armctl.motion.near_limits import Derivative, near_limits
 from armctl.robot import load_robot
 
 ROBOT = load_robot("uzuner")

@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from armctl import load_robot
 from armctl.errors import InputError
 from armctl.motion.blend import Blend, Leg, blend
+from armctl.motion.error_report import arc
 from armctl.motion.polynomial import PiecewisePolynomial
-from armctl.motion.published_paths import arc
 
 ROBOT = load_robot("uzuner")
 LOW, HIGH = ROBOT.limits.T

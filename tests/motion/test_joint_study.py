@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from armctl.errors import InputError, MotionRefusedError
-from armctl.kinematics.workspace.cloud import longest_levers
+from armctl.kinematics.workspace import longest_levers
 from armctl.motion.joint_study import Turning, study_csv, study_joints
 from armctl.robot import load_robot
 

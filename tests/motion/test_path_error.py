@@ -10,10 +10,17 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from armctl.motion import PointToPoint, arc, line, plan_arc, plan_line, plan_spline
-from armctl.motion.error_report import ErrorReport, as_printed
-from armctl.motion.path_error import IdealPath, PathError, distances, nearest, path_error
+from armctl.motion.error_report import (
+    ErrorReport,
+    IdealPath,
+    PathError,
+    as_printed,
+    distances,
+    nearest,
+    path_error,
+)
 from armctl.motion.paths.tool_curve import ToolArc, ToolLine
-from armctl.motion.point_path import plan_blended, plan_through, solve_points
+from armctl.motion.plan import plan_blended, plan_through, solve_points
 from armctl.robot import load_robot
 
 ROBOT = load_robot("uzuner")

@@ -5,14 +5,8 @@ import pytest
 
 from armctl.errors import InputError, MotionRefusedError, UnreachableError
 from armctl.kinematics import Target
-from armctl.motion import (
-    MoveStep,
-    PointStep,
-    PointToPoint,
-    plan_joints,
-    plan_step,
-    plan_target,
-)
+from armctl.motion import PointToPoint, plan_joints, plan_target
+from armctl.program import MoveStep, PointStep, plan_step
 from armctl.robot import load_robot
 
 ROBOT = load_robot("uzuner")

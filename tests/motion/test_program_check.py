@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from armctl.errors import InputError
-from armctl.motion import ProgramFinding, check_program
-from armctl.motion.program import (
+from armctl.program import (
     ArcStep,
     CommentStep,
     EndStep,
@@ -16,10 +15,12 @@ from armctl.motion.program import (
     MoveStep,
     PointStep,
     Program,
+    ProgramFinding,
     RepeatStep,
     SpeedStep,
     Step,
     WaitStep,
+    check_program,
 )
 from armctl.robot import load_robot
 

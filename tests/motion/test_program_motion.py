@@ -10,24 +10,23 @@ import numpy as np
 import pytest
 
 from armctl.errors import ProgramError
-from armctl.motion import (
+from armctl.motion import ProfileName, stopping_s
+from armctl.program import (
     CommentStep,
+    Cursor,
     LineStep,
     MoveStep,
     PlannedStep,
     PlanState,
     PointStep,
-    ProfileName,
     Program,
     ProgramSource,
     Step,
     begin_program,
     plan_again,
     plan_next,
-    stopping_s,
 )
-from armctl.motion.program import Cursor
-from armctl.motion.step_plan import leg_of
+from armctl.program.step_plan import leg_of
 from armctl.robot import Robot, load_robot
 
 ROBOT = load_robot("uzuner")
@@ -145,9 +144,9 @@ def test_a_step_alone_is_solved_once(step: Step, monkeypatch: pytest.MonkeyPatch
     def again(*_: object, **__: object) -> None:
         raise AssertionError("it is solved already")
 
-    monkeypatch.setattr("armctl.motion.program_draft.leg_of", counted)
-    monkeypatch.setattr("armctl.motion.step_plan.plan_step", again)
-    monkeypatch.setattr("armctl.motion.step_plan.plan_line", again)
+    monkeypatch.setattr("armctl.program.feed.leg_of", counted)
+    monkeypatch.setattr("armctl.program.step_plan.plan_step", again)
+    monkeypatch.setattr("armctl.program.step_plan.plan_line", again)
     what = program(step)
     (planned,), _ = plan_next(
         ROBOT, ProgramSource(what), begin_program(ROBOT, what, begun.trajectory.end, loops=1)

@@ -5,20 +5,18 @@ import pytest
 
 from armctl import load_robot
 from armctl.errors import InputError, ProgramError
-from armctl.motion import (
+from armctl.motion import PointToPoint, SlowedTrajectory, peaks_of
+from armctl.program import (
     EndStep,
     GripperStep,
     LineStep,
     MoveStep,
     PointStep,
-    PointToPoint,
     Program,
     RepeatStep,
-    SlowedTrajectory,
     SpeedStep,
     Step,
     WaitStep,
-    peaks_of,
     rehearse,
     rehearse_pose,
 )

@@ -13,8 +13,7 @@ from tests.motion.preflight.kit import axis_points, brute_gap, random_arm
 from armctl.errors import RobotFileError
 from armctl.kinematics.link_frames import LinkFrames
 from armctl.robot import Robot, load_robot, robots_folder, shipped_robots
-from armctl.robot.collision import NEAR_M
-from armctl.robot.corners import moving_corners
+from armctl.robot.body import NEAR_M, moving_corners
 
 FloatArray = NDArray[np.float64]
 ARMS = [*map(load_robot, shipped_robots()), *map(random_arm, range(4))]

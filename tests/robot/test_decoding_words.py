@@ -7,7 +7,7 @@ from typing import Literal
 import msgspec
 import pytest
 
-from armctl.robot.decoding_words import decoding_words
+from armctl.robot.file import decoding_words
 
 
 class Inner(msgspec.Struct, forbid_unknown_fields=True):

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from armctl.robot.segments import box_distance, segment_box_distance, segment_distance
+from armctl.robot.body import box_distance, segment_box_distance, segment_distance
 
 FloatArray = NDArray[np.float64]
 Triple = tuple[float, float, float]

@@ -10,7 +10,7 @@ from tests.robot.test_urdf_tool import JAW, PROP
 from tests.robot.urdf_kit import Step, written
 
 from armctl.robot import Robot, load_robot, shipped_robots
-from armctl.robot.skeleton import reach
+from armctl.robot.shape import reach
 
 
 def farthest(robot: Robot) -> float:

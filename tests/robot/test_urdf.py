@@ -16,7 +16,7 @@ from tests.robot.urdf_kit import written as kit_written
 from armctl import load_robot
 from armctl.errors import RobotFileError
 from armctl.kinematics import DHChain, rotation_from_rpy
-from armctl.kinematics.gravity import STANDARD_GRAVITY
+from armctl.kinematics.energy import STANDARD_GRAVITY
 from armctl.robot.urdf_rows import rows_of
 
 FloatArray = NDArray[np.float64]

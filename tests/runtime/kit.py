@@ -11,16 +11,7 @@ from numpy.typing import NDArray
 
 from armctl.hardware import BoardIdentity, ChannelSettings, Readback, Source
 from armctl.robot import Robot, load_robot
-from armctl.runtime import (
-    Connect,
-    Controller,
-    Enable,
-    InlineExecutor,
-    ManualClock,
-    Origin,
-    Snapshot,
-    Ticket,
-)
+from armctl.runtime import Connect, Controller, Enable, InlineExecutor, ManualClock, Origin, Snapshot, Ticket
 from armctl.runtime.commands import Command
 
 ROBOT = load_robot("uzuner")

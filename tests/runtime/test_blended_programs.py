@@ -23,7 +23,8 @@ from tests.runtime.kit import (
 from tests.runtime.test_motions import LateExecutor
 
 from armctl.errors import ProgramError, StateError
-from armctl.motion import (
+from armctl.motion import arc
+from armctl.program import (
     ArcStep,
     CommentStep,
     LineStep,
@@ -33,7 +34,6 @@ from armctl.motion import (
     SpeedStep,
     Step,
     WaitStep,
-    arc,
 )
 from armctl.runtime import InlineExecutor, Pause, Resume, RunProgram, State, UpdateProgram
 

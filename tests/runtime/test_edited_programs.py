@@ -18,7 +18,7 @@ from tests.runtime.kit import (
 )
 from tests.runtime.test_motions import LateExecutor
 
-from armctl.motion import (
+from armctl.program import (
     LineStep,
     MotionStep,
     MoveStep,

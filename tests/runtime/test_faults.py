@@ -14,7 +14,7 @@ from armctl.errors import (
     MotionRefusedError,
     StateError,
 )
-from armctl.motion import Program, WaitStep
+from armctl.program import Program, WaitStep
 from armctl.runtime import (
     ClearFault,
     Connect,

@@ -21,8 +21,8 @@ from armctl.kinematics import Target
 from armctl.motion import Floor
 from armctl.robot import load_robot
 from armctl.runtime import FollowTarget, MoveJoints, Pause, SetSpeed, State
-from armctl.runtime.keep_clear import KeepClear
-from armctl.runtime.live_goal import live_goal
+from armctl.runtime.joint_servo import KeepClear
+from armctl.runtime.planner import live_goal
 
 HOME = ROBOT.pose("home")
 TOOL = ROBOT.forward(HOME)[:3, 3]

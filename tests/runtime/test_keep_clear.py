@@ -8,10 +8,10 @@ from tests.runtime.kit import ROBOT
 
 from armctl.kinematics.link_frames import LinkFrames
 from armctl.motion import Floor
-from armctl.motion.preflight.self_collision import SelfCollision
+from armctl.motion.preflight.clearance import SelfCollision
 from armctl.robot import load_robot
-from armctl.robot.obstacle import Obstacle
-from armctl.runtime.keep_clear import KeepClear
+from armctl.robot.parts import Obstacle
+from armctl.runtime.joint_servo import KeepClear
 
 HOME = ROBOT.pose("home")
 CLEAR = KeepClear(ROBOT)

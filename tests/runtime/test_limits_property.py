@@ -15,17 +15,8 @@ from tests.runtime.kit import (
     make_rig,
 )
 
-from armctl.motion import GripperStep, MoveStep, PointStep, Program, WaitStep
-from armctl.runtime import (
-    Jog,
-    MoveGripper,
-    MoveJoints,
-    Pause,
-    Resume,
-    RunProgram,
-    SetSpeed,
-    State,
-)
+from armctl.program import GripperStep, MoveStep, PointStep, Program, WaitStep
+from armctl.runtime import Jog, MoveGripper, MoveJoints, Pause, Resume, RunProgram, SetSpeed, State
 
 LOW, HIGH = ROBOT.limits[:, 0], ROBOT.limits[:, 1]
 SHARES = st.lists(st.floats(0, 1), min_size=ROBOT.n, max_size=ROBOT.n)

@@ -6,25 +6,9 @@ import numpy as np
 import pytest
 from tests.runtime.kit import ROBOT, Rig, make_rig
 
-from armctl.errors import (
-    BoardError,
-    BoardTimeoutError,
-    InputError,
-    MotionRefusedError,
-    PortError,
-    StateError,
-)
+from armctl.errors import BoardError, BoardTimeoutError, InputError, MotionRefusedError, PortError, StateError
 from armctl.hardware import BoardIdentity, Readback, Source
-from armctl.runtime import (
-    ClearFault,
-    Connect,
-    Disconnect,
-    Enable,
-    MoveGripper,
-    MoveJoints,
-    Release,
-    State,
-)
+from armctl.runtime import ClearFault, Connect, Disconnect, Enable, MoveGripper, MoveJoints, Release, State
 
 REST, HOME = ROBOT.pose("rest"), ROBOT.pose("home")
 

@@ -14,7 +14,8 @@ from tests.runtime.kit import (
 from tests.runtime.test_motions import LateExecutor
 
 from armctl.errors import InputError, ProgramError, StateError
-from armctl.motion import GripperStep, MoveStep, PointStep, PointToPoint, Program, Step, WaitStep
+from armctl.motion import PointToPoint
+from armctl.program import GripperStep, MoveStep, PointStep, Program, Step, WaitStep
 from armctl.runtime import MoveGripper, MoveJoints, Pause, Resume, RunProgram, SetSpeed, State
 
 REST, HOME = ROBOT.pose("rest"), ROBOT.pose("home")
@@ -235,7 +236,7 @@ def test_a_defect_in_planning_the_next_step_is_logged_once(
     def broken(*_: object, **__: object) -> None:
         raise ValueError("oops")
 
-    monkeypatch.setattr("armctl.motion.step_plan.solve", broken)
+    monkeypatch.setattr("armctl.program.step_plan.solve", broken)
     ticket = holding.do(RunProgram(program(TO_HOME, POINT, TO_REST)))
     holding.until(lambda s: s.state is State.HOLDING)
     with pytest.raises(ProgramError, match="pick: planning failed: ValueError: oops"):

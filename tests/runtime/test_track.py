@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 
 from armctl.motion import PointToPoint
-from armctl.runtime.track import Track
+from armctl.runtime.mover import Track
 
 A = PointToPoint.lasting([0.0], [1.0], 1.0)
 B = PointToPoint.lasting([1.0], [3.0], 2.0, "quintic")

@@ -10,7 +10,7 @@ from tests.runtime.kit import TEST, TICK
 from armctl.errors import BoardError, StateError
 from armctl.hardware import Fault, Source
 from armctl.hardware.encoder import EncoderDriver, Mode, SimulatedEncoderBoard
-from armctl.hardware.encoder.serve import simulated_encoder_board
+from armctl.hardware.encoder.simulated import simulated_encoder_board
 from armctl.robot import load_robot
 from armctl.runtime import (
     ClearFault,

@@ -9,17 +9,10 @@ from tests.runtime.kit import ROBOT, TEST, TICK
 
 from armctl.errors import BoardError
 from armctl.hardware import Fault, Source
-from armctl.hardware.maestro import (
-    ChannelConfig,
-    HomeMode,
-    MaestroDriver,
-    MaestroModel,
-    MaestroSettings,
-    SimulatedMaestro,
-)
-from armctl.hardware.maestro.codec import Opcode, set_target
-from armctl.hardware.maestro.units import us_to_quarters
-from armctl.motion import MoveStep, PointStep, Program
+from armctl.hardware.maestro import ChannelConfig, HomeMode, MaestroDriver, MaestroSettings, SimulatedMaestro
+from armctl.hardware.maestro.codec import Opcode, set_target, us_to_quarters
+from armctl.hardware.ports import MaestroModel
+from armctl.program import MoveStep, PointStep, Program
 from armctl.runtime import (
     ClearFault,
     Connect,

@@ -10,7 +10,7 @@ from armctl.hardware import BoardIdentity
 from armctl.robot import load_robot
 from armctl.runtime import AxisHoming, Snapshot, State
 from armctl.ui import PortChoice
-from armctl.ui.widgets.board_text import board_html, enable_note, homing_html, ports_html
+from armctl.ui.tabs.main.boards import board_html, enable_note, homing_html, ports_html
 
 
 @pytest.fixture

@@ -6,8 +6,7 @@ import numpy as np
 
 from armctl.kinematics import Target
 from armctl.robot import load_robot
-from armctl.ui.screens.branch_verdicts import Verdict, standing_alike, verdicts_html
-from armctl.ui.screens.inverse_answer import Answer, solve
+from armctl.ui.tabs.inverse.answer import Answer, Verdict, solve, standing_alike, verdicts_html
 
 MICO = load_robot("mico")
 

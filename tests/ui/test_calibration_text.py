@@ -9,12 +9,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from armctl.calibration import Calibration, CalibrationStore, JointCalibration, check_pose
+from armctl.calibration import Calibration, CalibrationStore, JointCalibration
+from armctl.calibration import apply as check_pose
 from armctl.robot import load_robot, shipped_robots
-from armctl.ui.calibration_desk import CalibrationDesk
-from armctl.ui.calibration_work import CalibrationWork
-from armctl.ui.screens.calibration_jog import STEPS, slow_duration, slow_speeds
-from armctl.ui.screens.calibration_save import earlier_versions
+from armctl.ui.calibration_desk import CalibrationDesk, CalibrationWork
+from armctl.ui.tabs.calibration.joint import STEPS, slow_duration, slow_speeds
+from armctl.ui.tabs.calibration.save import earlier_versions
 from armctl.ui.widgets.calibration_text import (
     check_pose_html,
     draft_html,

@@ -9,15 +9,8 @@ from armctl.errors import InputError
 from armctl.kinematics.velocity import position_freedom
 from armctl.robot import load_robot
 from armctl.ui.guard import GuardedServer
-from armctl.ui.screens.forward_angles import (
-    LAST,
-    REFERENCE,
-    SHOWN,
-    AngleFields,
-    resulting_pose,
-    results_html,
-)
-from armctl.ui.widgets.html_bits import fixed, refused
+from armctl.ui.tabs.forward.coupling import LAST, REFERENCE, SHOWN, AngleFields, resulting_pose, results_html
+from armctl.ui.widgets.html import fixed, refused
 from armctl.ui.widgets.pose_figures import (
     direction_words,
     jacobian_html,

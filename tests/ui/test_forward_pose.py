@@ -9,8 +9,7 @@ from armctl.errors import InputError
 from armctl.kinematics import Target
 from armctl.robot import Robot, load_robot, shipped_robots
 from armctl.ui.guard import GuardedServer
-from armctl.ui.screens.forward_angles import AngleFields, limits_text
-from armctl.ui.screens.pose_fields import PoseFields, coupled_joints
+from armctl.ui.tabs.forward.coupling import AngleFields, PoseFields, coupled_joints, limits_text
 
 ROBOTS = tuple(load_robot(name) for name in shipped_robots())
 UZUNER, MICO, HUMANOID = (load_robot(name) for name in ("uzuner", "mico", "humanoid"))

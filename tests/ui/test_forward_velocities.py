@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from armctl.robot import load_robot
-from armctl.ui.screens.velocity_form import joint_rates_html, tool_velocity_html
+from armctl.ui.tabs.forward.velocity import joint_rates_html, tool_velocity_html
 
 SCORBOT, HUMANOID = load_robot("scorbot"), load_robot("humanoid")
 HOME = SCORBOT.pose("home")

@@ -11,9 +11,8 @@ from numpy.typing import NDArray
 
 from armctl.kinematics import DHChain
 from armctl.robot import Robot, load_robot, shipped_robots
-from armctl.ui.scene.framing import framed
 from armctl.ui.scene.proportions import reach
-from armctl.ui.scene.stage import floor_size, in_view
+from armctl.ui.scene.stage import floor_size, framed, in_view
 
 FloatArray = NDArray[np.float64]
 FOV = math.radians(75)

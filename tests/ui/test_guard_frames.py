@@ -10,11 +10,8 @@ from hypothesis import strategies as st
 from tests.ui.guard_kit import CAMERA
 
 from armctl.ui.guard import GuardedServer
-from armctl.ui.guard.flood import FloodGauge
-from armctl.ui.guard.frames import FrameFilter
+from armctl.ui.guard.filter import FloodGauge, FrameFilter, Operable, Tally
 from armctl.ui.guard.messages import UploadStart
-from armctl.ui.guard.tally import Tally
-from armctl.ui.guard.values import Operable
 
 
 class Clock:

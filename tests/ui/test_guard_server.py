@@ -13,7 +13,8 @@ from tests.ui.guard_kit import Bell, RawPage
 from websockets.http11 import Request, Response
 
 from armctl.errors import ServerError
-from armctl.ui.guard import guarded_server, serving
+from armctl.ui.guard import guarded_server
+from armctl.ui.guard import server as serving
 from armctl.ui.guard.door import Door
 
 TOKEN = "a-secret-of-some-length_0123456789"

@@ -2,8 +2,8 @@ from __future__ import annotations
 
 import pytest
 
+from armctl.ui.guard.filter import UploadLedger
 from armctl.ui.guard.messages import MAX_UPLOAD_BYTES, UPLOAD_PART_BYTES, UploadPart, UploadStart
-from armctl.ui.guard.uploads import UploadLedger
 
 
 def start(size: int, parts: int, *, transfer: str = "t") -> UploadStart:

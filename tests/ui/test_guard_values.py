@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from armctl.ui.guard import guarded_server
+from armctl.ui.guard.filter import Operable, accepts, is_operable, is_usable
 from armctl.ui.guard.messages import Value
-from armctl.ui.guard.values import Operable, accepts, is_operable, is_usable
 
 
 @pytest.fixture(scope="module")

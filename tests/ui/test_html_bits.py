@@ -6,7 +6,7 @@ from html import unescape
 
 import pytest
 
-from armctl.ui.widgets.html_bits import limited, muted, refused, warned
+from armctl.ui.widgets.html import limited, muted, refused, warned
 
 
 def test_a_long_text_keeps_its_height_and_can_be_read_to_its_end() -> None:

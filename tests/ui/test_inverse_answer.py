@@ -7,8 +7,8 @@ import pytest
 
 from armctl.kinematics import CRITERIA, Target
 from armctl.robot import load_robot
-from armctl.ui.screens.inverse_answer import Answer, answer, answer_html, no_curve, solve
-from armctl.ui.screens.solution_table import PAGE_ROWS, short_branch
+from armctl.ui.tabs.inverse.answer import Answer, answer, answer_html, no_curve, solve
+from armctl.ui.tabs.inverse.solution_table import PAGE_ROWS, short_branch
 from armctl.ui.widgets.pager import FIRST, LAST, NEXT, PREVIOUS, turned
 
 ROBOT = load_robot("uzuner")

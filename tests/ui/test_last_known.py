@@ -9,7 +9,7 @@ from tests.runtime.kit import make_rig
 from armctl.errors import BoardTimeoutError
 from armctl.robot import load_robot
 from armctl.runtime import AxisHoming, Connect, Enable, Release, Snapshot, State
-from armctl.ui.last_known import LastKnown, known
+from armctl.ui.console import LastKnown, known
 
 ROBOT = load_robot("uzuner")
 HOME = ROBOT.pose("home")

@@ -10,8 +10,7 @@ from armctl.errors import InputError, MotionRefusedError, StateError
 from armctl.hardware import Source
 from armctl.robot import load_robot
 from armctl.runtime import State
-from armctl.ui.widgets.hold import Hold
-from armctl.ui.widgets.joint_step import (
+from armctl.ui.tabs.manual.joints import (
     asked_pose,
     checked_percent,
     checked_seconds,
@@ -20,6 +19,7 @@ from armctl.ui.widgets.joint_step import (
     slider_limits,
     stepped,
 )
+from armctl.ui.widgets.hold import Hold
 
 ROBOT = load_robot("uzuner")
 HOME = ROBOT.pose("home")

@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 from tests.motion.program.kit import programs
 
 from armctl.errors import InputError
-from armctl.motion.program import (
+from armctl.program import (
     ArcStep,
     EndStep,
     GripperStep,
@@ -18,7 +18,7 @@ from armctl.motion.program import (
     Step,
     WaitStep,
 )
-from armctl.ui.widgets.step_fields import edited, fields_of, shown
+from armctl.ui.tabs.program.editing import edited, fields_of, shown
 
 MOVE = MoveStep(joints_deg=(0.12345, 90, -80, -40, 0), duration_s=2)
 POINT = PointStep(x_mm=200, y_mm=0, z_mm=85)

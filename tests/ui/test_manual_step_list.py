@@ -3,7 +3,7 @@ from __future__ import annotations
 import pytest
 
 from armctl.errors import InputError, ProgramError
-from armctl.motion.program import (
+from armctl.program import (
     ArcStep,
     CommentStep,
     EndStep,
@@ -17,8 +17,8 @@ from armctl.motion.program import (
     Step,
     WaitStep,
 )
-from armctl.ui.widgets import step_edit
-from armctl.ui.widgets.step_list import PAGE_ROWS, describe, page_count, page_of, step_table
+from armctl.ui.tabs.program import editing as step_edit
+from armctl.ui.tabs.program.step_list import PAGE_ROWS, describe, page_count, page_of, step_table
 
 POSE = MoveStep(joints_deg=(0.0, 90.0, -80.256, -40.0, 0.0))
 POINT = PointStep(x_mm=200.0, y_mm=-10.5, z_mm=100.0, pitch_deg=-30.0)

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from armctl.errors import StateError
-from armctl.motion.program import ArcStep, LineStep, MoveStep, PointStep
+from armctl.program import ArcStep, LineStep, MoveStep, PointStep
 from armctl.robot import load_robot, shipped_robots
-from armctl.ui.widgets.step_record import ARC, LINE, POINT, step_here, tool_point_mm
+from armctl.ui.tabs.program.record import ARC, LINE, POINT, step_here, tool_point_mm
 
 ROBOT = load_robot("uzuner")
 HOME_DEG = (0.0, 90.0, -80.0, -40.0, 0.0)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from armctl.errors import InputError
-from armctl.ui.widgets.numbers_field import parse_numbers
+from armctl.ui.widgets.number_field import parse_numbers
 
 XYZ = ("X", "Y", "Z")
 

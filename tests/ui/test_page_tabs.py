@@ -7,8 +7,7 @@ from typing import cast
 
 import viser
 
-from armctl.ui.page_tabs import PageTabs
-from armctl.ui.screens import SCREENS, Screen
+from armctl.ui.tabs import SCREENS, PageTabs, Screen
 
 
 @dataclass

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from armctl.errors import ProgramError
-from armctl.motion.program import EndStep, Program, RepeatStep, WaitStep, insert, load_program
+from armctl.program import EndStep, Program, RepeatStep, WaitStep, insert, load_program
 from armctl.runtime import ProgramProgress
 from armctl.ui.program_desk import ProgramDesk
 

@@ -12,10 +12,10 @@ import pytest
 from tests.runtime.kit import ROBOT, make_rig
 
 from armctl.errors import StateError
-from armctl.motion import MoveStep, PointStep, Program, Step
+from armctl.program import MoveStep, PointStep, Program, Step
 from armctl.ui import ProgramDesk
 from armctl.ui.guard import GuardedServer
-from armctl.ui.screens.program_run import ProgramRun
+from armctl.ui.tabs.program.run import ProgramRun
 
 FAR = PointStep(x_mm=999, y_mm=0, z_mm=100)
 HOME = MoveStep(joints_deg=(0, 90, -80, -40, 0))

@@ -28,9 +28,8 @@ from armctl.runtime import (
     Ticket,
 )
 from armctl.ui import CalibrationDesk, Console, ProgramDesk, RobotChoice, RobotDesk
-from armctl.ui.leaving import release_to_leave, release_to_reopen, require_leavable
-from armctl.ui.robot_desk import RobotChange
-from armctl.ui.screens.robot_choice import about, labelled
+from armctl.ui.robot_desk import RobotChange, release_to_leave, release_to_reopen, require_leavable
+from armctl.ui.tabs.main.boards import about, labelled
 
 SIMULATED = BoardIdentity("Pololu Micro Maestro 6-channel", "/dev/pts/3", simulated=True)
 REAL = BoardIdentity("Pololu Micro Maestro 6-channel", "/dev/ttyACM0")

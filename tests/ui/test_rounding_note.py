@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from armctl.hardware.board_scales import BOARD_SCALES
+from armctl.hardware.board_titles import BOARD_SCALES
 from armctl.robot import Robot, load_robot
 from armctl.ui.widgets.rounding_note import joint_steps, rounding_note, rounding_off_m
 

@@ -7,11 +7,10 @@ import numpy as np
 import pytest
 
 from armctl.robot import load_robot
-from armctl.ui.scene.cloud import CloudStore, workspace_cloud
 from armctl.ui.scene.trail import Trail
-from armctl.ui.screens.workspace_view import cloud_html, picture_of, section_words
-from armctl.ui.widgets.joint_graph import JointHistory, legend_html
-from armctl.ui.widgets.section_plot import section_svg
+from armctl.ui.scene.workspace import CloudStore, workspace_cloud
+from armctl.ui.tabs.simulation.joint_graph import JointHistory, legend_html
+from armctl.ui.tabs.simulation.workspace import cloud_html, picture_of, section_svg, section_words
 
 ROBOT = load_robot("uzuner")
 

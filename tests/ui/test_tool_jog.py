@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from armctl.robot import load_robot, shipped_robots
-from armctl.ui.screens.keyboard_jog import KEYS
-from armctl.ui.screens.tool_jog import tool_axes, tool_jog
+from armctl.ui.tabs.manual.jog import KEYS, tool_axes, tool_jog
 
 
 def test_an_axis_becomes_a_velocity_of_the_tool() -> None:

@@ -11,27 +11,31 @@ import pytest
 from armctl.errors import InputError, MotionRefusedError, ProgramError, UnreachableError
 from armctl.hardware import Source
 from armctl.kinematics import Target
-from armctl.motion import (
+from armctl.motion import Profile
+from armctl.motion.error_report import ErrorReport, PathError, closest_on_path, distances, report_csv
+from armctl.motion.plan import PASSINGS, Passing, plan_blended, plan_through, solve_points
+from armctl.motion.trajectory import peaks_of
+from armctl.program import (
     EndStep,
     GripperStep,
     LineStep,
     MoveStep,
-    Profile,
     Program,
     RepeatStep,
     SpeedStep,
     Step,
     WaitStep,
 )
-from armctl.motion.error_report import ErrorReport, closest_on_path, report_csv
-from armctl.motion.path_error import PathError, distances
-from armctl.motion.peaks import peaks_of
-from armctl.motion.point_path import PASSINGS, Passing, plan_blended, plan_through, solve_points
 from armctl.robot import load_robot
-from armctl.ui.screens.trajectory_compare import compare_html
-from armctl.ui.screens.trajectory_errors import applied_meaning, between_html, points_html, summary_html
-from armctl.ui.screens.trajectory_graphs import OF, QUANTITIES, GraphChoice, cursor_html, graph, peaks_html
-from armctl.ui.screens.trajectory_motion import (
+from armctl.ui.tabs.trajectory.error_report import (
+    applied_meaning,
+    between_html,
+    points_html,
+    summary_html,
+    theoretical,
+)
+from armctl.ui.tabs.trajectory.graphs import OF, QUANTITIES, GraphChoice, cursor_html, graph, peaks_html
+from armctl.ui.tabs.trajectory.motions import (
     ARC,
     JOINTS,
     LINE,
@@ -43,10 +47,10 @@ from armctl.ui.screens.trajectory_motion import (
     PointWish,
     ShownMotion,
     ToolWish,
+    compare_html,
     why_not,
 )
-from armctl.ui.screens.trajectory_plan import plan_motion, plan_shown
-from armctl.ui.screens.trajectory_report import theoretical
+from armctl.ui.tabs.trajectory.plan import plan_motion, plan_shown
 
 ROBOT = load_robot("uzuner")
 REST, HOME, ZERO = ROBOT.pose("rest"), ROBOT.pose("home"), ROBOT.pose("zero")

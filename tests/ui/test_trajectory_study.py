@@ -9,9 +9,9 @@ import pytest
 
 from armctl.motion.joint_study import Turning
 from armctl.robot import Robot, load_robot
-from armctl.ui.screens.study_form import StudyRequest
-from armctl.ui.screens.trajectory_study import (
+from armctl.ui.tabs.trajectory.study import (
     ShownStudy,
+    StudyRequest,
     fastest_words,
     make_study,
     study_html,

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from armctl.motion import Finding, ProgramFinding
+from armctl.motion import Finding
+from armctl.program import ProgramFinding
 from armctl.ui.widgets.verdict_list import first_error, verdict_html
 
 FLOOR = Finding(1.84, "the tool", "12.3 mm below the floor", "raise the target", "floor")

@@ -1,12 +1,23 @@
 """What was measured of one arm on one board: marks, fits, the record, where it is kept, and its use."""
 
-from armctl.calibration.apply import calibrated, narrowed, own_calibration
-from armctl.calibration.check_pose import CheckPose, check_pose
-from armctl.calibration.compare import default_outputs, differences, safe_outputs
-from armctl.calibration.file import decode_calibration, encode_calibration, read_calibration
-from armctl.calibration.fit import JointFit, fit_joint
-from armctl.calibration.mark import LEAST_MARKS, Mark
-from armctl.calibration.record import Calibration, JointCalibration
+from armctl.calibration.apply import (
+    CheckPose,
+    calibrated,
+    check_pose,
+    default_outputs,
+    differences,
+    narrowed,
+    own_calibration,
+    safe_outputs,
+)
+from armctl.calibration.fit import LEAST_MARKS, JointFit, Mark, fit_joint
+from armctl.calibration.record import (
+    Calibration,
+    JointCalibration,
+    decode_calibration,
+    encode_calibration,
+    read_calibration,
+)
 from armctl.calibration.store import CalibrationStore, Stored, Version, renamed
 from armctl.calibration.table import read_marks, read_points
 from armctl.calibration.tool_error import LEAST_POINTS, Blame, Change, ToolError, tool_error

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import math
 import shlex
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
 
+from armctl.calibration.fit import JointFit
 from armctl.calibration.record import Calibration, JointCalibration, checked_calibration
 from armctl.errors import CalibrationError
+from armctl.kinematics.link_frames import LinkFrames
 from armctl.robot import Joint, OutputMap, Robot
 from armctl.robot.file import LONGEST_PULSE_US, SHORTEST_PULSE_US
 
@@ -259,3 +263,158 @@ def _require_home_inside(joints: tuple[Joint, ...], limits: FloatArray, outputs:
 
 def _poses_inside(poses: Mapping[str, FloatArray], limits: FloatArray) -> dict[str, FloatArray]:
     return {name: np.clip(pose, limits[:, 0], limits[:, 1]) for name, pose in poses.items()}
+
+
+# The pose for looking at the arm once it is calibrated: right angles that the eye can judge.
+
+_QUARTER = math.pi / 2
+_CLEAR_M = 0.01
+_MOST = 20_000
+"""of the configurations that are looked at"""
+
+
+@dataclass(frozen=True, slots=True)
+class CheckPose:
+    """A configuration to look at, and what must be seen."""
+
+    title: str
+    q: FloatArray
+    """(n,) [rad]"""
+    words: tuple[str, ...]
+    """the angle of each joint and the place of the tool"""
+
+
+def check_pose(robot: Robot) -> CheckPose:
+    """The pose nearest to home with every joint at a multiple of 90°; home where there is none.
+
+    It is inside the limits, clear of the floor, of the arm itself and of its obstacles; the way there is
+    for pre-flight to judge.
+
+    Args:
+        robot: calibrated.
+    """
+    home = robot.pose("home")
+    right = _right_angles(robot)
+    clear = right[_clear(robot, right)] if len(right) else right
+    if len(clear):
+        away = np.abs(clear - home) / robot.speed_limits
+        return _described(robot, "right angles", clear[int(np.argmin(away.sum(axis=1)))])
+    return _described(robot, "home", home)
+
+
+def _right_angles(robot: Robot) -> FloatArray:
+    """Every configuration of quarter turns inside the limits: (k, n) [rad]; none where a joint has none."""
+    choices: list[list[float]] = []
+    for low, high in robot.limits.tolist():
+        first, last = math.ceil(low / _QUARTER - 1e-9), math.floor(high / _QUARTER + 1e-9)
+        choices.append([min(max(k * _QUARTER, low), high) for k in range(first, last + 1)])
+    if not 0 < math.prod(map(len, choices)) <= _MOST:
+        return np.empty((0, robot.n))
+    return np.array(list(product(*choices)), dtype=np.float64)
+
+
+def _clear(robot: Robot, q: FloatArray) -> NDArray[np.bool_]:
+    """Which of the configurations (k, n) touch nothing."""
+    above = robot.frames(q)[:, 1:, 2, 3].min(axis=1) > robot.floor_z + _CLEAR_M
+    links = LinkFrames.at(robot.chain, q)
+    for gaps in (robot.collision.gaps(links), robot.collision.gaps_to(robot.obstacles, links)):
+        if gaps.size:
+            above &= gaps.reshape(-1, len(q)).min(axis=0) > 0
+    return above
+
+
+def _described(robot: Robot, title: str, q: FloatArray) -> CheckPose:
+    x, y, z = (1000 * robot.forward(q)[:3, 3]).tolist()
+    words = [
+        f"{joint.title} at {angle + 0.0:.1f}°"
+        for joint, angle in zip(robot.joints, np.degrees(q).round(3).tolist(), strict=True)
+    ]
+    return CheckPose(title, q, (*words, f"the tool at x {x:.1f}, y {y:.1f}, z {z:.1f} mm from the base"))
+
+
+# A measured joint beside what its robot says of it.
+
+_TOLD_DEG, _TOLD_SCALE = 0.05, 0.0005
+_SAME = 0.5
+"""outputs that differ by less are one place"""
+
+
+def safe_outputs(
+    robot: Robot, joint: str, fit: JointFit, in_force: JointCalibration | None = None
+) -> tuple[float, float]:
+    """The outputs that the joint's limits need, as far as its servo may be sent there.
+
+    An encoder has no range of its own: there the joint's limits alone decide.
+
+    Args:
+        robot: as its file describes it.
+        joint: its name.
+        fit: the line through its marks.
+        in_force: the joint as it was calibrated so far. Where it ends before its line needed it, somebody
+            had set that end by hand, for what is in the way there; so it stays.
+
+    Raises:
+        CalibrationError: none is left: the servo's range does not reach the joint's limits.
+    """
+    low, high = default_outputs(robot, joint, fit.zero, fit.per_rad)
+    if in_force is not None:
+        kept = _default(robot, joint, in_force.zero, in_force.per_rad)
+        low = max(low, in_force.low) if in_force.low > kept[0] + _SAME else low
+        high = min(high, in_force.high) if in_force.high < kept[1] - _SAME else high
+    if low < high:
+        return low, high
+    raise CalibrationError(
+        f"{robot.joints[joint_index(robot, joint)].title}: the safe outputs that were set by hand do not "
+        "reach its limits any more; set them anew"
+    )
+
+
+def default_outputs(robot: Robot, joint: str, zero: float, per_rad: float) -> tuple[float, float]:
+    """As ``safe_outputs``, for a line of which only the two numbers are known.
+
+    Raises:
+        CalibrationError: as ``safe_outputs``.
+    """
+    low, high = _default(robot, joint, zero, per_rad)
+    if low < high:
+        return low, high
+    own, limits = own_calibration(robot, joint), robot.joints[joint_index(robot, joint)]
+    first, last = outputs_at_limits(robot, joint, zero, per_rad)
+    raise CalibrationError(
+        f"{limits.title}: its limits {math.degrees(limits.lower):.1f}° … "
+        f"{math.degrees(limits.upper):.1f}° need pulses of {first:.0f} … {last:.0f} µs, and pulse_us of "
+        f"the robot file allows {own.low:.0f} … {own.high:.0f} µs: read the marks "
+        "again, or put the horn on anew"
+    )
+
+
+def _default(robot: Robot, joint: str, zero: float, per_rad: float) -> tuple[float, float]:
+    first, last = outputs_at_limits(robot, joint, zero, per_rad)
+    if own_map(robot).unit == "counts":
+        return first, last
+    own = own_calibration(robot, joint)
+    return max(own.low, first), min(own.high, last)
+
+
+def differences(robot: Robot, joint: str, fit: JointFit) -> tuple[str, ...]:
+    """What the marks say otherwise than the robot's own map, in words; empty: nothing worth telling."""
+    own, title = own_calibration(robot, joint), robot.joints[joint_index(robot, joint)].title
+    words: list[str] = []
+    if own.per_rad * fit.per_rad < 0:
+        words.append(f"{title} turns the other way than {robot.name} says")
+    else:
+        scale = fit.per_rad / own.per_rad - 1
+        if abs(scale) > _TOLD_SCALE:
+            words.append(
+                f"{title} needs {abs(scale):.1%} {'more' if scale > 0 else 'fewer'} "
+                f"{own_map(robot).unit} a degree"
+            )
+    # Where the marks are, not at 0°: that may be far outside of the joint's range.
+    told = (fit.centre - own.zero) / own.per_rad
+    offset = math.degrees(fit.angle(fit.centre) - told)
+    if abs(offset) > _TOLD_DEG:
+        words.append(
+            f"{title} stands at {math.degrees(fit.angle(fit.centre)):.1f}° where {robot.name} says "
+            f"{math.degrees(told):.1f}° ({offset:+.1f}°)"
+        )
+    return tuple(words)

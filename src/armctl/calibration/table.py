@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from armctl.calibration.mark import Mark
+from armctl.calibration.fit import Mark
 from armctl.errors import CalibrationError
 from armctl.robot import Robot
 

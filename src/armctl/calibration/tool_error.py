@@ -3,19 +3,327 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from armctl.calibration.blame import Correction, Step, find_blame, solve, unseen
-from armctl.calibration.geometry import BlameUnit, Geometry, Parameter
 from armctl.errors import CalibrationError
-from armctl.kinematics.checks import as_numbers
+from armctl.kinematics.target import as_numbers
 from armctl.robot import Robot
 
+# The numbers of an arm that may be wrong, and how far each moves the tool.
+
 FloatArray = NDArray[np.float64]
+Kind = Literal["zero", "scale", "a", "d", "base"]
+_LENGTHS: tuple[Literal["a"], Literal["d"]] = ("a", "d")
+BlameUnit = Literal["mm", "°", "%"]
+_UNITS: dict[Kind, tuple[BlameUnit, float]] = {
+    "zero": ("°", math.radians(1.0)),
+    "scale": ("%", 0.01),
+    "a": ("mm", 0.001),
+    "d": ("mm", 0.001),
+    "base": ("mm", 0.001),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Parameter:
+    """One number that may be wrong."""
+
+    kind: Kind
+    index: int
+    """of the joint, of the DH row, or of the base's axis"""
+    title: str
+
+    @property
+    def unit(self) -> BlameUnit:
+        """What its error is told in."""
+        return _UNITS[self.kind][0]
+
+    @property
+    def size(self) -> float:
+        """One of its unit, in SI."""
+        return _UNITS[self.kind][1]
+
+
+class Geometry:
+    """An arm at measured configurations, as a function of its parameters' errors.
+
+    With the errors x the arm stands at q + zero + scale · q, its DH rows have lengths a and d with their
+    errors added, and its base is moved by ``base`` among the points. Lengths turn nothing: each runs along
+    an axis of a frame, which the angles alone decide, and the tool moves by it along that axis.
+    """
+
+    def __init__(self, robot: Robot, q: FloatArray) -> None:
+        """``q`` (k, n) [rad], as the board was told or as it measured."""
+        self._chain, self._q = robot.chain, q
+        self.parameters = _parameters(robot)
+        self._sizes = np.array([parameter.size for parameter in self.parameters])
+
+    def tips(self, errors: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Where the tool is with errors (p,), each in its unit, and how that changes with each of them.
+
+        Returns:
+            (k, 3) tool points [m], and their derivatives (k, 3, p) [m a unit].
+        """
+        zero, scale, lengths, base = self._sorted(errors * self._sizes)
+        q = self._q * (1 + scale) + zero
+        frames, jacobian = self._chain.frames(q), self._chain.jacobian(q)[:, :3]
+        axes = self._axes(frames)
+        for joint, row in enumerate(self._chain.joint_rows):
+            # Longer lengths behind a joint are a longer lever about its axis, along which its own d runs.
+            lever = np.einsum("kxlr,lr->kx", axes, np.where(self._behind(row), lengths, 0.0))
+            jacobian[:, :, joint] += np.cross(axes[:, :, 1, row], lever)
+        columns = np.stack([self._column(one, axes, jacobian) for one in self.parameters], axis=-1)
+        tips = frames[:, -1, :3, 3] + np.einsum("kxlr,lr->kx", axes, lengths) + base
+        return tips, columns * self._sizes
+
+    def _sorted(self, errors: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        """Errors in SI as those of zeros (n,), scales (n,), lengths (2, rows) and the base (3,)."""
+        zero, scale = np.zeros(self._chain.n), np.zeros(self._chain.n)
+        lengths, base = np.zeros((2, len(self._chain.rows))), np.zeros(3)
+        of = {"zero": zero, "scale": scale, "a": lengths[0], "d": lengths[1], "base": base}
+        for parameter, error in zip(self.parameters, errors.tolist(), strict=True):
+            of[parameter.kind][parameter.index] = error
+        return zero, scale, lengths, base
+
+    def _behind(self, row: int) -> NDArray[np.bool_]:
+        """(2, rows) which a and d a joint in ``row`` turns."""
+        behind = np.zeros((2, len(self._chain.rows)), dtype=np.bool_)
+        behind[:, row + 1 :] = True
+        behind[0, row] = self._chain.convention == "standard"  # modified rows go along x before they turn
+        return behind
+
+    def _column(self, parameter: Parameter, axes: FloatArray, jacobian: FloatArray) -> FloatArray:
+        """(k, 3) derivative of the tool point [m a SI unit]."""
+        i = parameter.index
+        match parameter.kind:
+            case "zero":
+                return jacobian[:, :, i]
+            case "scale":
+                return jacobian[:, :, i] * self._q[:, i, None]
+            case "base":
+                return np.broadcast_to(np.eye(3)[i], (len(self._q), 3))
+            case "a":
+                return axes[:, :, 0, i]
+            case "d":
+                return axes[:, :, 1, i]
+
+    def _axes(self, frames: FloatArray) -> FloatArray:
+        """(k, 3, 2, rows) along what a and d of each row run.
+
+        Rx keeps x and Rz keeps z, so each length runs along an axis of the frame on one side of its row.
+        """
+        before, behind = frames[:, :-1, :3], frames[:, 1:, :3]
+        along_a, along_d = (behind, before) if self._chain.convention == "standard" else (before, behind)
+        return np.stack([along_a[..., 0], along_d[..., 2]], axis=1).transpose(0, 3, 1, 2)
+
+
+def _parameters(robot: Robot) -> tuple[Parameter, ...]:
+    """All of them; of two that look the same the more likely one comes first."""
+    rows, joints = robot.chain.rows, robot.joints
+    zeros = [Parameter("zero", i, f"zero of {joint.title}") for i, joint in enumerate(joints)]
+    scales = [Parameter("scale", i, f"scale of {joint.title}") for i, joint in enumerate(joints)]
+    lengths = [
+        Parameter(kind, i, f"{_length_title(robot, kind, i)}{_of_joint(robot, i)}")
+        for i in range(len(rows))
+        for kind in _LENGTHS
+    ]
+    written = [one for one in lengths if _length(robot, one) != 0]
+    others = [one for one in lengths if _length(robot, one) == 0]
+    base = [Parameter("base", i, f"place of the points along {axis}") for i, axis in enumerate("xyz")]
+    return (*zeros, *written, *scales, *base, *others)
+
+
+def _length_title(robot: Robot, kind: Literal["a", "d"], row: int) -> str:
+    rows = robot.chain.rows
+    last = max((i for i, one in enumerate(rows) if one.d_m != 0), default=-1)
+    if kind == "d" and row == last and row >= robot.chain.joint_rows[-1]:
+        return f"tool length (d_mm of DH row {row + 1})"
+    return f"{kind}_mm of DH row {row + 1}"
+
+
+def _length(robot: Robot, parameter: Parameter) -> float:
+    row = robot.chain.rows[parameter.index]
+    return row.a_m if parameter.kind == "a" else row.d_m
+
+
+def _of_joint(robot: Robot, row: int) -> str:
+    rows = robot.chain.joint_rows
+    return f" ({robot.joints[rows.index(row)].title})" if row in rows else ""
+
+
+# Which parameters of an arm explain where its tool went, as far as the touched points can tell.
+
+TOUCH_M = 0.0005
+"""standard deviation of a coordinate of a touch, before anything is measured [m]"""
+TOUCH_WEIGHT = 5.0
+"""how many coordinates that is worth"""
+UNSEEN_M = 0.00005
+"""what moves the tool by less than this for a unit of error cannot be seen [m]"""
+_FALSE_ALARM = 0.01
+_MOST_BLAMED = 3
+_ROUNDS = 12
+_SHARE = 0.1
+"""of a movement of the tool; what has less part in it is not named"""
+_PROMISING = 0.25
+"""of the best drop that the first derivatives foresee; candidates below it are not looked at closer"""
+
+
+@dataclass(frozen=True, slots=True)
+class Correction:
+    """Errors of some parameters that explain the touches best."""
+
+    chosen: tuple[int, ...]
+    amounts: FloatArray
+    """of each chosen parameter, in its unit"""
+    left: FloatArray
+    """(k, 3) what they leave [m]"""
+    columns: FloatArray
+    """(k, 3, p) derivatives by all parameters there [m a unit]"""
+
+    @property
+    def squares(self) -> float:
+        """Summed squares of what is left [m²]."""
+        return float(np.sum(self.left**2))
+
+    @property
+    def freedom(self) -> float:
+        """Degrees of freedom of ``variance``."""
+        return TOUCH_WEIGHT + self.left.size - len(self.chosen)
+
+    @property
+    def variance(self) -> float:
+        """Of one coordinate [m²], from what is left and from what a touch is known for."""
+        return (TOUCH_WEIGHT * TOUCH_M**2 + self.squares) / self.freedom
+
+    @property
+    def standard_errors(self) -> FloatArray:
+        """Of each amount, in its unit."""
+        seen = self.columns[..., list(self.chosen)].reshape(-1, len(self.chosen))
+        return np.sqrt(self.variance * np.diag(np.linalg.inv(seen.T @ seen)))
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """One parameter that was blamed, and those that would have explained as much."""
+
+    parameter: int
+    or_else: tuple[int, ...]
+
+
+def find_blame(geometry: Geometry, points: FloatArray) -> tuple[Correction, tuple[Step, ...]]:
+    """Blame one parameter after another, while each makes the touches fit better than chance would.
+
+    Chance: at the level of 1 % over all the parameters that could have been blamed (Bonferroni).
+
+    Args:
+        geometry: the arm at the configurations (k, n) in which it touched.
+        points: (k, 3) what it touched [m].
+    """
+    now = solve(geometry, points, ())
+    steps: list[Step] = []
+    for _ in range(_MOST_BLAMED):
+        tried = _tried(geometry, points, now)
+        if not tried:
+            break
+        least = min(one.squares for one in tried)
+        best = next(one for one in tried if one.squares - least <= 1e-6 * one.variance)
+        limit = _quantile(1 - _FALSE_ALARM / (2 * len(geometry.parameters)), best.freedom)
+        if now.squares - best.squares <= limit**2 * best.variance:
+            break
+        doubt = _quantile(1 - _FALSE_ALARM / 2, best.freedom) ** 2 * best.variance
+        like = [one.chosen[-1] for one in tried if one is not best and one.squares - least <= doubt]
+        steps.append(Step(best.chosen[-1], tuple(like)))
+        now = best
+    return now, tuple(steps)
+
+
+def solve(
+    geometry: Geometry, points: FloatArray, chosen: Sequence[int], start: FloatArray | None = None
+) -> Correction:
+    """The errors of the chosen parameters that explain the points best (Gauss-Newton)."""
+    picked = list(chosen)
+    amounts = np.zeros(len(picked)) if start is None else start.copy()
+    errors = np.zeros(len(geometry.parameters))
+    errors[picked] = amounts
+    tips, columns = geometry.tips(errors)
+    left = points - tips
+    for _ in range(_ROUNDS if picked else 0):
+        step = np.linalg.lstsq(columns[..., picked].reshape(-1, len(picked)), left.ravel(), rcond=None)[0]
+        if np.abs(step).max() < 1e-9:
+            break
+        errors[picked] = amounts = amounts + step
+        tips, columns = geometry.tips(errors)
+        left = points - tips
+    return Correction(tuple(picked), amounts, left, columns)
+
+
+def unseen(columns: FloatArray) -> tuple[tuple[int, ...], tuple[tuple[int, ...], ...]]:
+    """What the touches cannot tell: parameters without effect, and sets of which any one could be the others.
+
+    Args:
+        columns: (k, 3, p) derivatives of the tool points [m a unit].
+
+    Returns:
+        The parameters without effect, and the sets that depend on each other, by index.
+    """
+    flat = columns.reshape(-1, columns.shape[-1]) / math.sqrt(len(columns))
+    size = np.linalg.norm(flat, axis=0)
+    told: list[int] = []
+    sets: list[tuple[int, ...]] = []
+    # In the order of likelihood: a set says which likelier ones another one looks like.
+    for column in np.flatnonzero(size >= UNSEEN_M).tolist():
+        before = flat[:, told]
+        share = np.linalg.lstsq(before, flat[:, column], rcond=None)[0]
+        if np.linalg.norm(flat[:, column] - before @ share) >= UNSEEN_M:
+            told.append(column)
+            continue
+        matters = np.abs(share) * size[told] > _SHARE * size[column]
+        sets.append((*(i for i, one in zip(told, matters.tolist(), strict=True) if one), column))
+    return tuple(np.flatnonzero(size < UNSEEN_M).tolist()), tuple(sorted(_merged(sets)))
+
+
+def _merged(sets: list[tuple[int, ...]]) -> list[tuple[int, ...]]:
+    """Sets of two that share one are one: each of their parameters could be any other."""
+    pairs = [set(one) for one in sets if len(one) == 2]
+    merged: list[set[int]] = []
+    for pair in pairs:
+        apart = [one for one in merged if not one & pair]
+        merged = [*apart, pair.union(*(one for one in merged if one & pair))]
+    return [*(one for one in sets if len(one) != 2), *(tuple(sorted(one)) for one in merged)]
+
+
+def _tried(geometry: Geometry, points: FloatArray, now: Correction) -> list[Correction]:
+    """What one more parameter would make of it, for each promising one, the likeliest first."""
+    drops = _drops(now)
+    if drops.max(initial=0.0) <= 0:
+        return []
+    promising = np.flatnonzero(drops >= _PROMISING * drops.max())
+    return [solve(geometry, points, (*now.chosen, int(i)), np.append(now.amounts, 0.0)) for i in promising]
+
+
+def _drops(now: Correction) -> FloatArray:
+    """(p,) how much of the squares each further parameter would take away, by the first derivatives."""
+    left, columns = now.left.ravel(), now.columns.reshape(now.left.size, -1)
+    if now.chosen:
+        basis = np.linalg.qr(columns[:, list(now.chosen)])[0]
+        columns = columns - basis @ (basis.T @ columns)
+    size = np.linalg.norm(columns, axis=0)
+    told = size >= UNSEEN_M * math.sqrt(len(now.left))
+    drops = (columns.T @ left) ** 2 / np.where(told, size, 1.0) ** 2
+    return np.where(told, drops, 0.0)
+
+
+def _quantile(probability: float, freedom: float) -> float:
+    from scipy.special import stdtrit  # slow to import, and only a tool error needs it
+
+    return float(stdtrit(freedom, probability))
+
+
 LEAST_POINTS = 6
 _LEAST_SPREAD_M = 0.02
 _STRAY = 5.0

@@ -7,8 +7,16 @@ from datetime import UTC, datetime
 import click
 import numpy as np
 
-from armctl.calibration import Calibration, JointFit, differences, own_calibration, safe_outputs
+from armctl.calibration import (
+    Calibration,
+    CalibrationStore,
+    JointFit,
+    differences,
+    own_calibration,
+    safe_outputs,
+)
 from armctl.cli.options import rounded
+from armctl.errors import CalibrationError
 from armctl.robot import Robot
 from armctl.runtime.clock import wall_time
 
@@ -99,3 +107,38 @@ def record(calibration: Calibration) -> dict[str, object]:
         },
         "gripper": None if gripper is None else {"closed": gripper[0], "open": gripper[1]},
     }  # fmt: skip
+
+
+# Which board a command of ``armctl calibrate`` is about.
+
+board_option = click.option(
+    "--board", help="Serial number of the board (default: the only one that the robot was calibrated with)."
+)
+
+
+_BEGIN = "begin with `armctl calibrate joint`"
+
+
+def chosen_board(store: CalibrationStore, robot: str, board: str | None, begin: str = _BEGIN) -> str:
+    """The board that was named, or the only one.
+
+    Args:
+        store: the calibrations of this computer.
+        robot: name of the robot.
+        board: serial number; None: the only one.
+        begin: what to do where there is no calibration yet.
+
+    Raises:
+        CalibrationError: the robot was never calibrated, or with several boards.
+    """
+    known = [one.board for one in store.boards() if one.robot == robot]
+    if board is None and len(known) == 1:
+        return known[0]
+    if board is not None and board in known:
+        return board
+    if not known:
+        raise CalibrationError(f"{robot} was never calibrated on this computer; {begin}")
+    listed = ", ".join(known)
+    if board is None:
+        raise CalibrationError(f"{robot} was calibrated with several boards: {listed}; name one with --board")
+    raise CalibrationError(f"{robot} was never calibrated with board {board!r}; known are {listed}")

@@ -13,9 +13,10 @@ from armctl.cli.main import DONE, REFUSED
 from armctl.cli.options import json_option, print_json
 from armctl.errors import ArmctlError, InputError
 from armctl.hardware.channel_refusal import channel_refusal
-from armctl.motion import Floor, ProgramFinding, check_program, open_program
+from armctl.motion import Floor
 from armctl.motion.preflight import not_checked, preflight_batch
 from armctl.motion.profiles import PointToPoint
+from armctl.program import ProgramFinding, check_program, open_program
 from armctl.robot import Robot, is_urdf, load_robot
 from armctl.runtime import channel_settings
 from armctl.runtime.power import below_floor

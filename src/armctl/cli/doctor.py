@@ -18,9 +18,8 @@ from armctl.cli.options import json_option, print_json
 from armctl.errors import ArmctlError
 from armctl.hardware.doctor import Finding, Patient, Verdict, examine, without_personal_data
 from armctl.hardware.doctor.finding import failed
-from armctl.hardware.maestro_models import MaestroModel
-from armctl.hardware.ports import describe_port, find_board, list_ports
-from armctl.hardware.serial_transport import SerialTransport
+from armctl.hardware.ports import MaestroModel, describe_port, find_board, list_ports
+from armctl.hardware.transport import SerialTransport
 from armctl.robot import BoardKind, Robot, load_robot
 from armctl.runtime import MonotonicClock, channel_settings
 

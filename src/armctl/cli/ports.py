@@ -8,10 +8,10 @@ import click
 
 from armctl.cli.options import json_option, print_json
 from armctl.errors import ArmctlError
-from armctl.hardware.permissions import udev_rules
+from armctl.hardware.access import udev_rules
 from armctl.hardware.ports import PortInfo, list_ports
 from armctl.hardware.probe import approach, probe
-from armctl.hardware.serial_transport import SerialTransport
+from armctl.hardware.transport import SerialTransport
 from armctl.runtime.clock import MonotonicClock
 
 _WIDTH = 20

@@ -11,7 +11,7 @@ from armctl.boards import SIMULATED
 from armctl.cli.ending import ends_like_ctrl_c
 from armctl.cli.options import SPEED_PERCENT
 from armctl.errors import ProgramError
-from armctl.motion import check_program, open_program
+from armctl.program import check_program, open_program
 from armctl.robot import load_robot
 
 

@@ -10,8 +10,9 @@ from armctl.cli.ending import end_event
 from armctl.errors import InputError
 from armctl.hardware.encoder import serve_simulated_encoder
 from armctl.hardware.firmata import serve_simulated_firmata
-from armctl.hardware.maestro import MaestroModel, serve_simulated_maestro
-from armctl.hardware.pty_server import Model, PtyServer
+from armctl.hardware.maestro import serve_simulated_maestro
+from armctl.hardware.ports import MaestroModel
+from armctl.hardware.simulation.pty_server import Model, PtyServer
 from armctl.robot import load_robot
 from armctl.runtime import MonotonicClock, channel_settings
 

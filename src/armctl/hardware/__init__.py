@@ -1,13 +1,11 @@
 """Boards: transports, codecs, drivers, simulated boards."""
 
-from armctl.hardware.byte_model import ByteModel
 from armctl.hardware.driver import BoardIdentity, ChannelSettings, Driver, HomingState, Readback, Source
-from armctl.hardware.faults import Fault, FaultyModel
-from armctl.hardware.loop_transport import LoopTransport
 from armctl.hardware.ports import PortInfo, describe_port, find_board, list_ports
-from armctl.hardware.pty_server import PtyServer
-from armctl.hardware.serial_transport import SerialTransport
-from armctl.hardware.transport import Transport
+from armctl.hardware.simulation.faults import Fault, FaultyModel
+from armctl.hardware.simulation.loop_transport import LoopTransport
+from armctl.hardware.simulation.pty_server import ByteModel, PtyServer
+from armctl.hardware.transport import SerialTransport, Transport
 
 __all__ = [
     "BoardIdentity",

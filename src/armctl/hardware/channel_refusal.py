@@ -6,11 +6,11 @@ from collections.abc import Sequence
 
 from armctl.errors import BoardError
 from armctl.hardware.driver import ChannelSettings
-from armctl.hardware.encoder.axis_table import AxisTable
-from armctl.hardware.encoder.simulated_defaults import FIRMWARE_DEFAULTS
-from armctl.hardware.firmata.mega_pins import SERVO_PINS
-from armctl.hardware.firmata.pin_table import PinTable
-from armctl.hardware.maestro.channel_table import ChannelTable
+from armctl.hardware.encoder.axes import AxisTable
+from armctl.hardware.encoder.simulated_axis import FIRMWARE_DEFAULTS
+from armctl.hardware.firmata.pins import PinTable
+from armctl.hardware.firmata.simulated import SERVO_PINS
+from armctl.hardware.maestro.driver import ChannelTable
 from armctl.robot import BoardKind, EncoderAxis
 
 

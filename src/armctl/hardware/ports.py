@@ -5,17 +5,92 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from enum import Enum
 from pathlib import Path
 
 from serial.tools.list_ports import comports
 from serial.tools.list_ports_common import ListPortInfo
 
 from armctl.errors import PortError
-from armctl.hardware.maestro_models import MaestroModel
-from armctl.hardware.permissions import may_open, permission_hint
-from armctl.hardware.port_users import modem_manager_note, program_using
-from armctl.hardware.usb_ids import ARDUINO_MEGA, UNKNOWN, USB_SERIAL, board_kind
+from armctl.hardware.access import may_open, modem_manager_note, permission_hint, program_using
+from armctl.hardware.transport import SerialTransport, Transport
 from armctl.robot.robot import BoardKind
+
+# The four boards of the Maestro family and how they differ.
+
+POLOLU_USB_VENDOR = 0x1FFB
+
+
+class MaestroModel(Enum):
+    """A member of the family: name, channels, USB product number."""
+
+    MICRO_6 = ("Pololu Micro Maestro 6-channel", 6, 0x0089)
+    MINI_12 = ("Pololu Mini Maestro 12-channel", 12, 0x008A)
+    MINI_18 = ("Pololu Mini Maestro 18-channel", 18, 0x008B)
+    MINI_24 = ("Pololu Mini Maestro 24-channel", 24, 0x008C)
+
+    def __init__(self, label: str, channels: int, usb_product: int) -> None:
+        self.label = label
+        self.channels = channels
+        self.usb_product = usb_product
+
+    @property
+    def has_multiple_targets(self) -> bool:
+        """Whether it knows Set Multiple Targets; to the Micro that command is a protocol error."""
+        return self is not MaestroModel.MICRO_6
+
+    @classmethod
+    def from_usb(cls, vendor: int | None, product: int | None) -> MaestroModel | None:
+        """The model with these USB numbers, None when they are not a Maestro's."""
+        if vendor != POLOLU_USB_VENDOR:
+            return None
+        return next((model for model in cls if model.usb_product == product), None)
+
+    @classmethod
+    def from_label(cls, label: str) -> MaestroModel | None:
+        """The model of this name, None when there is none."""
+        return next((model for model in cls if model.label == label), None)
+
+    @classmethod
+    def with_channels(cls, count: int) -> MaestroModel:
+        """The smallest model with at least ``count`` channels (the largest if none has that many)."""
+        return next((model for model in cls if model.channels >= count), cls.MINI_24)
+
+
+# USB numbers of the boards that armctl drives, and of what hides behind a common USB-to-serial chip.
+
+ARDUINO_MEGA = "Arduino Mega"
+USB_SERIAL = "Arduino or clone (USB-serial)"
+UNKNOWN = "unknown"
+
+ARDUINO_USB_VENDORS = (0x2341, 0x2A03)
+_MEGA_USB = frozenset(
+    [(vendor, product) for vendor in ARDUINO_USB_VENDORS for product in (0x0010, 0x0042)]
+    + [(0x2341, 0x0210), (0x2341, 0x0242)]
+)
+USB_SERIAL_CHIPS = {
+    (0x1A86, 0x7523): "CH340",
+    (0x1A86, 0x5523): "CH341",
+    (0x1A86, 0x55D4): "CH9102",
+    (0x0403, 0x6001): "FT232R",
+    (0x0403, 0x6015): "FT231X",
+    (0x10C4, 0xEA60): "CP2102",
+    (0x067B, 0x2303): "PL2303",
+}
+"""Chips on clones of the Mega and the Uno, and in plain adapter cables: the numbers do not tell which."""
+
+
+def board_kind(vendor: int | None, product: int | None) -> str:
+    """The label of the board with these USB numbers: a ``MaestroModel`` label or one of the constants."""
+    model = MaestroModel.from_usb(vendor, product)
+    if model is not None:
+        return model.label
+    if (vendor, product) in _MEGA_USB:
+        return ARDUINO_MEGA
+    if vendor in ARDUINO_USB_VENDORS or (vendor, product) in USB_SERIAL_CHIPS:
+        return USB_SERIAL
+    return UNKNOWN
+
 
 _BY_ID = Path("/dev/serial/by-id")
 _TTL_INTERFACE = 2
@@ -204,3 +279,83 @@ def _stable_names(by_id: Path) -> dict[str, str]:
 
 def _resolved(device: str) -> str:
     return str(Path(device).resolve())
+
+
+# The port of a driver: what the system says of it, how it is opened, and which board is behind it then.
+
+AcceptBoard = Callable[[str | None], None]
+"""Is told the serial number of the board behind an open port; raises ``PortError`` for the wrong one."""
+_BAUD = 115_200
+_PTY_FOLDER = "/dev/pts/"
+
+
+def any_board(_serial_number: str | None) -> None:
+    """Whatever board is there."""
+
+
+class BoardPort:
+    """A port by its name, or what opens a transport.
+
+    Which board is behind a name is certain only while the port is open: until then another one may be
+    plugged in there. So it is looked up before opening, and once more after.
+
+    Args:
+        line: port name (device, pty, ``socket://host:port``), or what opens the transport.
+        ports: the listing of serial ports; a simulated board, a pty or a socket is not among them.
+        accept: judges the board that is there.
+        simulated: whether a simulated board is at the other end.
+    """
+
+    def __init__(
+        self,
+        line: str | Callable[[], Transport],
+        ports: Callable[[], Sequence[PortInfo]],
+        accept: AcceptBoard,
+        *,
+        simulated: bool,
+    ) -> None:
+        self._line, self._ports, self._accept, self._simulated = line, ports, accept, simulated
+
+    @property
+    def restarts_board(self) -> bool:
+        """Whether opening the line starts an Arduino anew, as a device's control lines do."""
+        if not isinstance(self._line, str) or "://" in self._line:
+            return False
+        return not str(Path(self._line).resolve()).startswith(_PTY_FOLDER)
+
+    def look_up(self) -> PortInfo | None:
+        """What is listed under the name now; None where nothing is.
+
+        Opening the line of an Arduino starts it anew and lets its servos or motors go, so a board that is
+        listed as another one is left alone.
+
+        Raises:
+            PortError: it is listed as one that cannot be used, or that is not the one that is wanted.
+        """
+        info = self._listed()
+        if info is not None and not info.usable:
+            raise PortError(f"{self._line}: {info.why_not}")
+        if info is not None:
+            self._accept(info.serial_number)
+        return info
+
+    def open(self, baud: int = _BAUD) -> tuple[Transport, PortInfo | None]:
+        """Open the line, and see which board is behind it; None where the system does not tell.
+
+        Raises:
+            PortError: it cannot be opened, or the board is not the one that is wanted.
+        """
+        transport = SerialTransport(self._line, baud=baud) if isinstance(self._line, str) else self._line()
+        try:
+            info = self._listed()
+            if not self._simulated:
+                self._accept(None if info is None else info.serial_number)
+        except BaseException:
+            transport.close()
+            raise
+        return transport, info
+
+    def _listed(self) -> PortInfo | None:
+        if not isinstance(self._line, str) or self._simulated:
+            return None
+        return describe_port(self._line, self._ports())

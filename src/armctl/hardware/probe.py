@@ -20,18 +20,91 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 from armctl.errors import BoardError, BoardProtocolError, BoardTimeoutError, InputError
+from armctl.hardware.encoder.frame import LONGEST_MESSAGE, LineReader
+from armctl.hardware.encoder.messages import FIRMWARE, Banner, Status, decode
 from armctl.hardware.firmata.codec import BAUD as FIRMATA_BAUD
 from armctl.hardware.firmata.codec import firmware_query, version_query
-from armctl.hardware.introduction import Ear, EncoderEar, FirmataEar, Introduction
-from armctl.hardware.maestro.codec import COMPACT
-from armctl.hardware.maestro.error_register import error_words
+from armctl.hardware.firmata.replies import FirmwareReport, ReplyParser, VersionReport
+from armctl.hardware.maestro.codec import COMPACT, error_words
 from armctl.hardware.maestro.line import MaestroLine
-from armctl.hardware.maestro_models import MaestroModel
+from armctl.hardware.ports import ARDUINO_MEGA, MaestroModel
 from armctl.hardware.transport import Transport
-from armctl.hardware.usb_ids import ARDUINO_MEGA
 from armctl.robot.robot import BoardKind
+
+# How boards introduce themselves, picked out of whatever else is on the line.
+
+
+@dataclass(frozen=True, slots=True)
+class Introduction:
+    """What a board says of itself."""
+
+    board: BoardKind
+    name: str
+    version: str | None = None
+    details: tuple[str, ...] = ()
+
+
+class Ear(Protocol):
+    """Listens for one kind of board."""
+
+    def feed(self, data: bytes) -> Introduction | None:
+        """Take what came, in any pieces; the introduction once it is complete."""
+        ...
+
+
+class EncoderEar:
+    """Hears armctl's encoder firmware: its banner, or a status line where it has been running for long."""
+
+    def __init__(self) -> None:
+        self._reader = LineReader(LONGEST_MESSAGE)
+
+    def feed(self, data: bytes) -> Introduction | None:
+        """Take what came; a line counts only with the right checksum."""
+        for line in self._reader.feed(data):
+            if line is None:
+                continue
+            try:
+                message = decode(line)
+            except BoardProtocolError:  # noise, half a line, or another board
+                continue
+            if isinstance(message, Banner):
+                details = (f"{message.axes} axes", f"last started by: {message.reset}")
+                return Introduction("encoder", message.firmware, message.version, details)
+            if isinstance(message, Status):
+                return Introduction("encoder", FIRMWARE, details=(f"{len(message.counts)} axes",))
+        return None
+
+
+class FirmataEar:
+    """Hears a Firmata sketch: its name and version, which it tells when it starts and when asked."""
+
+    def __init__(self) -> None:
+        self._parser = ReplyParser()
+        self.protocol: VersionReport | None = None
+        """the protocol version, where it was told"""
+
+    def feed(self, data: bytes) -> Introduction | None:
+        """Take what came; the sketch's name counts, since a version alone may be noise."""
+        for reply in self._parser.feed(data):
+            if isinstance(reply, VersionReport):
+                self.protocol = reply
+            elif isinstance(reply, FirmwareReport):
+                name = reply.name.removesuffix(".ino").removesuffix(".cpp")
+                return Introduction("firmata", name, f"{reply.major}.{reply.minor}", self.details)
+        return None
+
+    @property
+    def details(self) -> tuple[str, ...]:
+        """The protocol version in words."""
+        return () if self.protocol is None else (_protocol_words(self.protocol),)
+
+
+def _protocol_words(report: VersionReport) -> str:
+    return f"Firmata protocol {report.major}.{report.minor}"
+
 
 ENCODER_BAUD = 115_200
 """also where a Maestro is behind a serial adapter; its own USB port ignores the rate"""

@@ -2,7 +2,18 @@
 
 from __future__ import annotations
 
+import errno
+import logging
+import termios
+from collections.abc import Callable, Generator
+from contextlib import contextmanager, suppress
 from typing import Protocol
+from urllib.parse import urlsplit
+
+import serial
+
+from armctl.errors import BoardError, BoardTimeoutError, PortError
+from armctl.hardware.access import permission_hint
 
 
 class Transport(Protocol):
@@ -28,3 +39,151 @@ class Transport(Protocol):
     def close(self) -> None:
         """Give the line up. Never raises; safe to call twice."""
         ...
+
+
+# A serial port, a pty or a ``socket://host:port`` through pyserial, with errors in words for the user.
+
+_NETWORK = "socket://"
+_LOGGER = logging.getLogger("armctl.hardware")
+NO_SUCH_PORT = "no such port; is the board plugged in? `armctl ports` lists what is there"
+
+# What pyserial lets through. termios.error is not an OSError, and flushing the input of an
+# unplugged port raises exactly that.
+_LINE_ERRORS = (serial.SerialException, OSError, termios.error)
+
+
+class SerialTransport:
+    """A line over anything pyserial can open.
+
+    Args:
+        port: device path, pty path or ``socket://host:port``.
+        baud: baud rate; a USB board's own command port ignores it.
+        write_timeout_s: how long a write may block before the board counts as stuck; on a busy computer a
+            quarter of a second passes with nothing wrong at all.
+
+    Raises:
+        PortError: the port cannot be opened; the message says what to do about it.
+    """
+
+    def __init__(self, port: str, *, baud: int = 115_200, write_timeout_s: float = 1.0) -> None:
+        self._name = port
+        self._timeout_s = 0.05
+        _check_address(port)
+        try:
+            # exclusive: two programs that write to one board interleave their commands.
+            self._serial = serial.serial_for_url(
+                port, baudrate=baud, timeout=self._timeout_s, write_timeout=write_timeout_s, exclusive=True
+            )
+        except ValueError as error:
+            raise PortError(
+                f"{port}: not a port that can be opened ({error}); "
+                "name a device such as /dev/ttyACM0 or socket://host:port"
+            ) from error
+        except _LINE_ERRORS as error:
+            raise PortError(_why_not_opened(port, error)) from error
+
+    @property
+    def name(self) -> str:
+        """The port as the user named it."""
+        return self._name
+
+    def write(self, data: bytes) -> None:
+        """Send all of ``data``.
+
+        Raises:
+            BoardTimeoutError: the board does not take bytes any more.
+            BoardError: the line is gone.
+        """
+        with self._translated("writing to"):
+            self._serial.write(data)
+
+    def read(self, count: int, timeout_s: float) -> bytes:
+        """Return ``count`` bytes, or the fewer that came within ``timeout_s``.
+
+        Raises:
+            BoardError: the line is gone.
+        """
+        with self._translated("reading from"):
+            if timeout_s != self._timeout_s:
+                # Each assignment makes pyserial reconfigure the port: only when it changes.
+                self._serial.timeout = timeout_s
+                self._timeout_s = timeout_s
+            return self._serial.read(count)
+
+    def discard_input(self) -> None:
+        """Forget everything received and not yet read.
+
+        Raises:
+            BoardError: the line is gone.
+        """
+        with self._translated("clearing the input of"):
+            self._serial.reset_input_buffer()
+
+    def close(self) -> None:
+        """Close the port. Never raises, also after an unplug."""
+        with suppress(*_LINE_ERRORS):
+            self._serial.close()
+
+    @contextmanager
+    def _translated(self, action: str) -> Generator[None]:
+        try:
+            yield
+        except serial.SerialTimeoutException as error:
+            raise BoardTimeoutError(
+                f"{self._name}: the board takes no more bytes; unplug it, plug it in again and reconnect"
+            ) from error
+        except _LINE_ERRORS as error:
+            _LOGGER.info("%s the port %s failed: %s", action, self._name, _reason(error))
+            raise BoardError(
+                f"{self._name}: the line to the board is gone: was the board unplugged, or its power lost? "
+                "Check the cable and the power, then connect again"
+            ) from error
+
+
+def _check_address(port: str) -> None:
+    """Refuse a network address without host or port; pyserial's words for it help nobody."""
+    if not port.startswith(_NETWORK):
+        return
+    try:
+        parts = urlsplit(port)
+        complete = bool(parts.hostname and parts.port)
+    except ValueError:  # no number, or above 65535
+        complete = False
+    if not complete:
+        raise PortError(f"{port}: a network address is {_NETWORK}HOST:PORT, with a port of 1 … 65535")
+
+
+def _why_not_opened(port: str, error: Exception) -> str:
+    """What kept a port from opening and what to do about it."""
+    number = error.errno if isinstance(error, OSError) else None
+    explanations: dict[int, Callable[[], str]] = {
+        errno.EACCES: lambda: f"no permission to open it; {permission_hint(port)}",
+        errno.EPERM: lambda: f"no permission to open it; {permission_hint(port)}",
+        errno.ENOENT: lambda: NO_SUCH_PORT,
+        errno.ENODEV: lambda: "the device is gone; plug the board in again",
+        errno.ENXIO: lambda: "the device is gone; plug the board in again",
+        errno.EIO: lambda: "nothing is at the other end; plug the board in again or restart its simulator",
+        errno.EBUSY: _busy,
+        errno.EAGAIN: _busy,
+        errno.EISDIR: lambda: "a directory, not a port; `armctl ports` lists what is there",
+    }
+    explain = explanations.get(number) if number is not None else None
+    if explain is not None:
+        return f"{port}: {explain()}"
+    if port.startswith(_NETWORK):
+        return f"{port}: cannot connect ({_reason(error)}); is the program at the other end running?"
+    return f"{port}: cannot be opened as a serial port ({_reason(error)}); `armctl ports` lists what is there"
+
+
+def _busy() -> str:
+    return (
+        "in use by another program (another armctl, the Maestro Control Center, the Arduino IDE's serial "
+        "monitor, a terminal, ModemManager); close that and try again"
+    )
+
+
+def _reason(error: Exception) -> str:
+    """The last and most specific part of an exception's text."""
+    if isinstance(error, OSError) and error.strerror:
+        return error.strerror
+    return str(error.args[-1]) if error.args else type(error).__name__

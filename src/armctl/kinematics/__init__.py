@@ -1,14 +1,20 @@
 """Kinematics in pure numpy: chains, inverse solutions, energy, reach. No I/O, no clock, no robot file."""
 
-from armctl.kinematics.batch_solutions import BatchSolutions
 from armctl.kinematics.branches import Branch, BranchFinder
 from armctl.kinematics.chain import DHChain, DHRow
-from armctl.kinematics.energy import CRITERIA, CRITERION_TEXT, Criterion, EnergyModel, checked_criterion
-from armctl.kinematics.gravity import Body, GravityModel
+from armctl.kinematics.energy import (
+    CRITERIA,
+    CRITERION_TEXT,
+    Body,
+    Criterion,
+    EnergyModel,
+    GravityModel,
+    checked_criterion,
+)
+from armctl.kinematics.families import InverseKinematics, inverse_kinematics
 from armctl.kinematics.grid import DEFAULT_STEP
-from armctl.kinematics.inverse import InverseKinematics, inverse_kinematics
 from armctl.kinematics.rotation import quaternion_wxyz, roll_pitch_yaw, rotation_from_rpy
-from armctl.kinematics.solutions import Solutions
+from armctl.kinematics.solutions import BatchSolutions, Solutions
 from armctl.kinematics.target import Target
 from armctl.kinematics.yaw_pitch_roll.solver import YawPitchRollSolver
 

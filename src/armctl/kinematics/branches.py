@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from armctl.kinematics.angles import LIMIT_TOLERANCE, rest_angle
 from armctl.kinematics.chain import DHChain
 from armctl.kinematics.energy import EnergyModel
+from armctl.kinematics.families import inverse_kinematics
 from armctl.kinematics.grid import DEFAULT_STEP
-from armctl.kinematics.inverse import inverse_kinematics
-from armctl.kinematics.limit_words import needs
+from armctl.kinematics.solutions import needs
 from armctl.kinematics.target import Target
 
 FloatArray = NDArray[np.float64]

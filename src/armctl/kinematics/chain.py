@@ -11,9 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from armctl.errors import InputError
-from armctl.kinematics.checks import as_numbers, require_finite
-from armctl.kinematics.compiled.chain_kernel import MatrixKernel, jacobian_kernel, pose_kernel, small_angles
-from armctl.kinematics.compiled.chain_program import ChainProgram
+from armctl.kinematics.compiled import ChainProgram, MatrixKernel, jacobian_kernel, pose_kernel, small_angles
+from armctl.kinematics.target import as_numbers, require_finite
 
 FloatArray = NDArray[np.float64]
 Convention = Literal["standard", "modified"]

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from armctl.errors import InputError
 from armctl.kinematics.angles import rest_angle
-from armctl.kinematics.checks import checked_number
+from armctl.kinematics.target import checked_number
 
 FloatArray = NDArray[np.float64]
 DEFAULT_STEP = math.radians(0.01)

@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 
 from armctl.kinematics.angles import LIMIT_TOLERANCE, TWO_PI, images, nearest_angle, rest_angle, wrap
-from armctl.kinematics.limit_words import needs
+from armctl.kinematics.solutions import needs
 
 NO_ROLL = "this arm has no joint that rolls the tool"
 _NOTHING = (0.0,)

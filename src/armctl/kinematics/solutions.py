@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
 
@@ -12,9 +14,20 @@ from numpy.typing import ArrayLike, NDArray
 from armctl.errors import UnreachableError
 from armctl.kinematics.chain import DHChain
 from armctl.kinematics.energy import Criterion, EnergyModel, checked_criterion, energies
-from armctl.kinematics.length_words import millimetres
 from armctl.kinematics.rotation import rotation_angle
 from armctl.kinematics.target import Target
+
+# How a length is told.
+
+_SEEN_MM = 0.05
+"""what one decimal shows as more than 0.0 [mm]"""
+
+
+def millimetres(metres: float) -> str:
+    """A length [m] as a number of mm: with one decimal, or two digits of one that would read as 0.0."""
+    length = 1000.0 * metres
+    return f"{length:.1f}" if abs(length) >= _SEEN_MM else f"{length:.2g}"
+
 
 FloatArray = NDArray[np.float64]
 _THERE_M = 1e-7
@@ -182,3 +195,56 @@ class Solutions:
     def branch_of(self, q: ArrayLike) -> str:
         """Branch name of the listed solution that lies nearest to ``q``."""
         return str(self.branch[self.index_of(q)])
+
+
+# What inverse kinematics answers for many poses at once.
+
+
+@dataclass(frozen=True)
+class BatchSolutions:
+    """The branches of k poses, a column a branch."""
+
+    q: FloatArray
+    """(k, b, n) joint angles [rad]; NaN where a branch has no solution inside the limits"""
+    found: NDArray[np.bool_]
+    """(k, b) where it has one"""
+    branch_names: tuple[str, ...]
+    """(b,)"""
+
+    @property
+    def count(self) -> NDArray[np.intp]:
+        """(k,) how many branches of each pose have a solution."""
+        return self.found.sum(axis=1)
+
+    def __len__(self) -> int:
+        return len(self.q)
+
+
+# What is said of a joint that would have to leave its limits.
+
+_UNSEEN = math.radians(0.005)
+"""an excess that two decimals do not show: what a search for the least excess leaves [rad]"""
+
+
+def all_needs(titles: Sequence[str], limits: NDArray[np.float64], needed: Sequence[tuple[int, float]]) -> str:
+    """What some joints would have to do at once: index and angle [rad] of each, ``limits`` (n, 2)."""
+    seen = [
+        (joint, angle)
+        for joint, angle in needed
+        if not limits[joint, 0] - _UNSEEN <= angle <= limits[joint, 1] + _UNSEEN
+    ]
+    return " and ".join(needs(titles[joint], limits[joint], angle) for joint, angle in seen or needed)
+
+
+def needs(title: str, limits: NDArray[np.float64] | Sequence[float], *angles: float) -> str:
+    """What a joint would have to do, and what it may: ``limits`` (2,) and alternative ``angles`` [rad]."""
+    low, high, *needed = (math.degrees(float(value)) for value in (*limits, *angles))
+    digits = max(_digits(angle, low, high) for angle in needed)
+    said = " or ".join(f"{angle:.{digits}f}°" for angle in needed)
+    return f"{title} needs {said}, its limits are {low:.{digits}f}° … {high:.{digits}f}°"
+
+
+def _digits(angle: float, low: float, high: float) -> int:
+    """How many decimals tell an angle from both limits."""
+    shown = ((k, f"{angle:.{k}f}", (f"{low:.{k}f}", f"{high:.{k}f}")) for k in range(2, 10))
+    return next((k for k, text, limits in shown if text not in limits), 2)

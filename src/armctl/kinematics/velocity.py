@@ -16,8 +16,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from armctl.errors import InputError
 from armctl.kinematics.chain import DHChain
-from armctl.kinematics.checks import as_numbers, require_finite
-from armctl.kinematics.workspace.joint_samples import joint_samples
+from armctl.kinematics.samples import joint_samples
+from armctl.kinematics.target import as_numbers, require_finite
 
 FloatArray = NDArray[np.float64]
 Verdict = Literal["singular", "near a singularity", "well away from singularities"]

@@ -1,6 +1,6 @@
-"""Motion: profiles, trajectories, paths, programs, pre-flight."""
+"""Motion: profiles, trajectories, paths, pre-flight."""
 
-from armctl.motion.joined import JoinedTrajectory
+from armctl.motion.error_report import arc, line
 from armctl.motion.paths import (
     PathPlace,
     PitchMode,
@@ -11,7 +11,6 @@ from armctl.motion.paths import (
     tool_line,
     usual_pitch,
 )
-from armctl.motion.peaks import knows_peaks, peaks_of
 from armctl.motion.plan import Profile, plan_joints, plan_target, solve
 from armctl.motion.polynomial import PiecewisePolynomial
 from armctl.motion.preflight import (
@@ -28,123 +27,56 @@ from armctl.motion.preflight import (
     require_clear,
 )
 from armctl.motion.profiles import PROFILES, PointToPoint, ProfileName
-from armctl.motion.program import (
-    WIDEST_BLEND_MM,
-    ArcStep,
-    CommentStep,
-    EndStep,
-    GripperStep,
-    LineStep,
-    MotionStep,
-    MoveStep,
-    PointStep,
-    Program,
-    RepeatStep,
-    SpeedStep,
-    Step,
-    WaitStep,
-    checked_program,
-    decode_program,
-    delete,
-    encode_program,
-    insert,
-    load_program,
-    move,
-    open_program,
-    read_program,
-    replace,
-    save_program,
-)
-from armctl.motion.program_check import ProgramFinding, check_program
-from armctl.motion.program_motion import begin_program, plan_again, plan_next, require_runnable
-from armctl.motion.program_state import PlannedStep, PlanState, ProgramSource
-from armctl.motion.published_paths import arc, line
-from armctl.motion.rehearsal import Rehearsal, RehearsedState, RehearsedStep, rehearse, rehearse_pose
-from armctl.motion.slowed import SlowedTrajectory
-from armctl.motion.step_plan import plan_step, step_target
 from armctl.motion.timing import PathTrajectory, stopping_s
 from armctl.motion.tool_plan import plan_arc, plan_line, plan_spline
-from armctl.motion.trajectory import Peaks, Sample, Trajectory
+from armctl.motion.trajectory import (
+    JoinedTrajectory,
+    Peaks,
+    Sample,
+    SlowedTrajectory,
+    Trajectory,
+    knows_peaks,
+    peaks_of,
+)
 
 __all__ = [
     "FLOOR_TOLERANCE_M",
     "PROFILES",
-    "WIDEST_BLEND_MM",
-    "ArcStep",
-    "CommentStep",
-    "EndStep",
     "Finding",
     "Floor",
-    "GripperStep",
     "JoinedTrajectory",
     "Kind",
-    "LineStep",
-    "MotionStep",
-    "MoveStep",
     "Obstacles",
     "PathPlace",
     "PathTrajectory",
     "Peaks",
     "PiecewisePolynomial",
     "PitchMode",
-    "PlanState",
-    "PlannedStep",
-    "PointStep",
     "PointToPoint",
     "Profile",
     "ProfileName",
-    "Program",
-    "ProgramFinding",
-    "ProgramSource",
-    "Rehearsal",
-    "RehearsedState",
-    "RehearsedStep",
-    "RepeatStep",
     "Sample",
     "SelfCollision",
     "Severity",
     "SlowedTrajectory",
-    "SpeedStep",
-    "Step",
     "ToolPath",
     "ToolPathRefusedError",
     "ToolPathUnreachableError",
     "Trajectory",
-    "WaitStep",
     "arc",
-    "begin_program",
-    "check_program",
-    "checked_program",
-    "decode_program",
-    "delete",
-    "encode_program",
-    "insert",
     "knows_peaks",
     "line",
-    "load_program",
-    "move",
     "not_checked",
-    "open_program",
     "peaks_of",
-    "plan_again",
     "plan_arc",
     "plan_joints",
     "plan_line",
-    "plan_next",
     "plan_spline",
-    "plan_step",
     "plan_target",
     "preflight",
     "preflight_batch",
-    "read_program",
-    "rehearse",
-    "rehearse_pose",
-    "replace",
     "require_clear",
-    "require_runnable",
-    "save_program",
     "solve",
-    "step_target",
     "stopping_s",
     "tool_arc",
     "tool_line",

@@ -3,8 +3,6 @@
 matplotlib is imported when a figure is drawn, not before, and only its object-oriented interface is used:
 pyplot keeps state that threads would share.
 """
-# pyright: reportUnknownMemberType=false
-# matplotlib's own types leave the keywords of nearly every call open.
 
 from __future__ import annotations
 
@@ -16,13 +14,17 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from armctl.motion.analysis import MotionAnalysis
-from armctl.motion.near_limits import Derivative, Limit, near_limits
+from armctl.motion.analysis import Derivative, Limit, MotionAnalysis, near_limits
 from armctl.robot import Robot
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+
+
+# pyright: reportUnknownMemberType=false
+# matplotlib's own types leave the keywords of nearly every call open.
+
 
 FloatArray = NDArray[np.float64]
 FigureForm = Literal["svg", "png"]

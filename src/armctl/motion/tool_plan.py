@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from armctl.errors import InputError
-from armctl.kinematics.checks import as_numbers
+from armctl.kinematics.target import as_numbers
+from armctl.motion import timing as timed
 from armctl.motion.paths import (
     PitchMode,
     ToolPath,
@@ -22,7 +23,7 @@ from armctl.motion.paths import (
 from armctl.motion.polynomial import PiecewisePolynomial
 from armctl.motion.preflight import require_clear
 from armctl.motion.profiles import PointToPoint, ProfileName
-from armctl.motion.timing import PathTrajectory, timed
+from armctl.motion.timing import PathTrajectory
 from armctl.motion.trajectory import Trajectory
 from armctl.robot import Robot
 

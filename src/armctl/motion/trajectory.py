@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
+
+from armctl.errors import InputError
 
 FloatArray = NDArray[np.float64]
 
@@ -69,3 +73,168 @@ class KnowsPeaks(Protocol):
     def peaks(self) -> Peaks:
         """Extremes of the whole motion."""
         ...
+
+
+# Several motions one after the other, as one trajectory.
+
+JOINT_TOLERANCE = 1e-9
+"""How far the start of a part may lie from the end of the part before it [rad]."""
+
+
+class JoinedTrajectory:
+    """Parts run in order. Immutable."""
+
+    def __init__(self, parts: Sequence[Trajectory]) -> None:
+        """Join.
+
+        Args:
+            parts: at least one; each starts where the one before it ends.
+
+        Raises:
+            InputError: no part, or parts that do not meet.
+        """
+        if not parts:
+            raise InputError("a trajectory needs at least one part")
+        for k, (before, after) in enumerate(pairwise(parts), 2):
+            if before.end.shape != after.start.shape:
+                raise InputError(f"part {k} has {len(after.start)} joints, the one before {len(before.end)}")
+            gap = float(np.abs(before.end - after.start).max())
+            if not gap <= JOINT_TOLERANCE:
+                raise InputError(
+                    f"part {k} starts {np.degrees(gap):.4f}° away from where the one before it ends"
+                )
+        self.parts = tuple(parts)
+        self._ends = np.cumsum([part.duration for part in parts])
+
+    @property
+    def duration(self) -> float:
+        """Seconds, over all parts."""
+        return float(self._ends[-1])
+
+    @property
+    def start(self) -> FloatArray:
+        """Where the first part starts (n,) [rad]."""
+        return self.parts[0].start
+
+    @property
+    def end(self) -> FloatArray:
+        """Where the last part ends (n,) [rad]."""
+        return self.parts[-1].end
+
+    @property
+    def starts_at(self) -> FloatArray:
+        """(k,) when each part starts [s]."""
+        return np.concatenate([[0.0], self._ends[:-1]])
+
+    def sample(self, t: float | FloatArray) -> Sample:
+        """State at ``t`` [s], a number or (k,); outside the duration it holds the nearer end."""
+        time = np.asarray(t, dtype=np.float64)
+        which = np.minimum(np.searchsorted(self._ends, time, side="left"), len(self.parts) - 1)
+        starts = self.starts_at
+        if time.ndim == 0:
+            k = int(which)
+            return self.parts[k].sample(self._local(k, time - starts[k]))
+        shape = (*time.shape, len(self.start))
+        q, velocity, acceleration, jerk = (np.empty(shape) for _ in range(4))
+        for k, part_trajectory in enumerate(self.parts):
+            here = which == k
+            if not here.any():
+                continue
+            part = part_trajectory.sample(self._local(k, time[here] - starts[k]))
+            q[here], velocity[here] = part.q, part.velocity
+            acceleration[here], jerk[here] = part.acceleration, part.jerk
+        return Sample(q, velocity, acceleration, jerk)
+
+    def _local(self, k: int, time: FloatArray) -> FloatArray:
+        """Time within a part; a rounding must not carry it over a seam: beyond, a part stands."""
+        low = -np.inf if k == 0 else 0.0
+        high = np.inf if k == len(self.parts) - 1 else self.parts[k].duration
+        return np.clip(time, low, high)
+
+
+# The extremes of any trajectory: exact where it knows them, sampled where it does not.
+
+_SAMPLES = 4001
+
+
+def knows_peaks(trajectory: Trajectory) -> bool:
+    """Whether ``peaks_of`` needs no samples."""
+    if isinstance(trajectory, JoinedTrajectory):
+        return all(knows_peaks(part) for part in trajectory.parts)
+    return isinstance(trajectory, KnowsPeaks)
+
+
+def peaks_of(trajectory: Trajectory) -> Peaks:
+    """Extremes of a whole motion.
+
+    Those of somebody else's trajectory are taken from 4,001 samples, the steps between them included: it
+    may not be what it says of itself.
+    """
+    if isinstance(trajectory, JoinedTrajectory):
+        return _over([peaks_of(part) for part in trajectory.parts])
+    if isinstance(trajectory, KnowsPeaks):
+        return trajectory.peaks
+    time = np.linspace(0.0, trajectory.duration, _SAMPLES)
+    state = trajectory.sample(time)
+    speed = np.abs(state.velocity).max(axis=0)
+    if trajectory.duration > 0:
+        speed = np.maximum(speed, (np.abs(np.diff(state.q, axis=0)) / np.diff(time)[:, None]).max(axis=0))
+    return Peaks(state.q.min(axis=0), state.q.max(axis=0), speed, np.abs(state.acceleration).max(axis=0))
+
+
+def _over(peaks: list[Peaks]) -> Peaks:
+    return Peaks(
+        np.min([p.low for p in peaks], axis=0),
+        np.max([p.high for p in peaks], axis=0),
+        np.max([p.speed for p in peaks], axis=0),
+        np.max([p.acceleration for p in peaks], axis=0),
+    )
+
+
+# The same motion, slower.
+
+
+class SlowedTrajectory:
+    """A trajectory that takes a number of times as long, on the same way. Immutable."""
+
+    def __init__(self, trajectory: Trajectory, factor: float) -> None:
+        """Slow down.
+
+        Args:
+            trajectory: what is slowed down.
+            factor: how many times as long it takes, at least 1.
+
+        Raises:
+            InputError: a factor under 1, or not finite.
+        """
+        if not 1.0 <= factor < np.inf:
+            raise InputError(f"a motion is slowed down by a factor of 1 or more, not {factor}")
+        self._trajectory = trajectory
+        self._factor = factor
+
+    @property
+    def duration(self) -> float:
+        """Seconds."""
+        return self._factor * self._trajectory.duration
+
+    @property
+    def start(self) -> FloatArray:
+        """Where it starts (n,) [rad]."""
+        return self._trajectory.start
+
+    @property
+    def end(self) -> FloatArray:
+        """Where it ends (n,) [rad]."""
+        return self._trajectory.end
+
+    @property
+    def peaks(self) -> Peaks:
+        """Extremes of the whole motion, as well known as those of the trajectory it was made of."""
+        peaks, f = peaks_of(self._trajectory), self._factor
+        return Peaks(peaks.low, peaks.high, peaks.speed / f, peaks.acceleration / f**2)
+
+    def sample(self, t: float | FloatArray) -> Sample:
+        """State at ``t`` [s], a number or (k,); outside the duration it holds the nearer end."""
+        f = self._factor
+        state = self._trajectory.sample(np.asarray(t, dtype=np.float64) / f)
+        return Sample(state.q, state.velocity / f, state.acceleration / f**2, state.jerk / f**3)

@@ -1,11 +1,10 @@
 """What an arm is, and the robot files that say so."""
 
-from armctl.robot.encoder_axis import EncoderAxis, HomeBy
-from armctl.robot.joint import Gripper, Joint
 from armctl.robot.load import load_robot, robots_folder, shipped_robots
-from armctl.robot.output_map import FLATTEST_PER_DEG, OutputMap, OutputUnit
+from armctl.robot.outputs import FLATTEST_PER_DEG, OutputMap, OutputUnit
+from armctl.robot.parts import EncoderAxis, Gripper, HomeBy, Joint
 from armctl.robot.robot import BoardKind, Robot
-from armctl.robot.urdf_name import is_urdf
+from armctl.robot.urdf_tool import is_urdf
 
 __all__ = [
     "FLATTEST_PER_DEG",

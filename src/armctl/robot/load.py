@@ -11,15 +11,13 @@ from numpy.typing import NDArray
 
 from armctl.errors import RobotFileError
 from armctl.kinematics import Body, DHChain, DHRow, GravityModel
-from armctl.robot.capsules import Capsule, capsule
+from armctl.robot.body import Capsule, capsule
 from armctl.robot.file import JointEntry, LookEntry, ObstacleEntry, RobotFile, read_robot_file
-from armctl.robot.joint import JERK_UP_S, Gripper, Joint
-from armctl.robot.look import Color, Look
-from armctl.robot.obstacle import Obstacle
 from armctl.robot.outputs_of_file import differential_axes, encoder_axes, output_map
+from armctl.robot.parts import JERK_UP_S, Color, Gripper, Joint, Look, Obstacle
 from armctl.robot.robot import Robot
 from armctl.robot.urdf import load_urdf
-from armctl.robot.urdf_name import UrdfName
+from armctl.robot.urdf_tool import UrdfName
 
 FloatArray = NDArray[np.float64]
 

@@ -10,15 +10,9 @@ from typing import TypeVar
 import numpy as np
 
 from armctl.errors import RobotFileError
-from armctl.robot.encoder_axis import EncoderAxis
-from armctl.robot.file import (
-    AxisEntry,
-    EncoderEntry,
-    JointEntry,
-    RobotFile,
-    ServoEntry,
-)
-from armctl.robot.output_map import FLATTEST_PER_DEG, OutputMap
+from armctl.robot.file import AxisEntry, EncoderEntry, JointEntry, RobotFile, ServoEntry
+from armctl.robot.outputs import FLATTEST_PER_DEG, OutputMap
+from armctl.robot.parts import EncoderAxis
 
 Entry = TypeVar("Entry")
 _ROUNDING_US = 0.125

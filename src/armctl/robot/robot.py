@@ -27,16 +27,10 @@ from armctl.kinematics import (
     inverse_kinematics,
 )
 from armctl.kinematics.angles import LIMIT_TOLERANCE
-from armctl.kinematics.checks import as_numbers
-from armctl.kinematics.target import is_point
-from armctl.robot.capsules import Capsule, shape_capsules
-from armctl.robot.collision import CollisionModel
-from armctl.robot.corners import Corner, moving_corners
-from armctl.robot.encoder_axis import EncoderAxis
-from armctl.robot.joint import Gripper, Joint
-from armctl.robot.look import Look
-from armctl.robot.obstacle import Obstacle
-from armctl.robot.output_map import OutputMap
+from armctl.kinematics.target import as_numbers, is_point
+from armctl.robot.body import Capsule, CollisionModel, Corner, moving_corners, shape_capsules
+from armctl.robot.outputs import OutputMap
+from armctl.robot.parts import EncoderAxis, Gripper, Joint, Look, Obstacle
 
 FloatArray = NDArray[np.float64]
 

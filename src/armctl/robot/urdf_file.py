@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+import re
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from decimal import Decimal
 from pathlib import Path
 from typing import Literal, get_args
 from xml.etree import ElementTree
@@ -12,9 +15,76 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armctl.errors import RobotFileError
-from armctl.robot.urdf_rounding import Rounding, exact_axis, exact_rotation
+from armctl.kinematics import rotation_from_rpy
+from armctl.robot.urdf_rows import frame_along
+
+# Right angles that a URDF file rounds: taken as what they were before somebody wrote them down.
+#
+# Exporters write a quarter turn as 1.5708 and a zero as -9.4e-08. Read to the letter, axes that are parallel
+# in the machine are not in the file, and no closed form fits the arm.
 
 FloatArray = NDArray[np.float64]
+QUARTER = math.pi / 2
+NOISE = 1e-6
+"""angles [rad] and components of unit vectors below this are a rounded zero"""
+_FEWEST = 4
+"""decimals that a rounded quarter turn has at least: 1.57 may be meant"""
+_MOST_QUARTERS = 4
+
+
+@dataclass(frozen=True, slots=True)
+class Rounding:
+    """What was taken as exact, and how far that is from what is written."""
+
+    quarters: tuple[str, ...] = ()
+    """rounded quarter turns as written, signs left out"""
+    zeros: int = 0
+    """numbers that are a rounded zero"""
+    shift: float = 0.0
+    """how far a point one metre off is moved by it, at most [m]"""
+
+    def __add__(self, other: Rounding) -> Rounding:
+        return Rounding(self.quarters + other.quarters, self.zeros + other.zeros, self.shift + other.shift)
+
+
+def exact_angle(text: str) -> float:
+    """An angle as written [rad], or the whole number of quarter turns that it is when rounded or cut off.
+
+    That needs four decimals, or to be within ``NOISE`` of it. Twice 1.57079 is 3.14158: a multiple may be off
+    by so many units of the last decimal.
+    """
+    value = float(text)
+    quarters = round(value / QUARTER)
+    exponent = Decimal(text).as_tuple().exponent
+    allowed = NOISE
+    if isinstance(exponent, int) and exponent <= -_FEWEST and abs(quarters) <= _MOST_QUARTERS:
+        allowed = max(NOISE, abs(quarters) * 10.0**exponent)
+    return quarters * QUARTER if abs(value - quarters * QUARTER) < allowed else value
+
+
+def exact_rotation(texts: list[str]) -> tuple[FloatArray, Rounding]:
+    """A rotation (3, 3) from roll, pitch and yaw as written [rad]."""
+    written, exact = [float(text) for text in texts], [exact_angle(text) for text in texts]
+    if written == exact:
+        return rotation_from_rpy(*exact), Rounding()
+    changed = [k for k in range(3) if written[k] != exact[k]]
+    rotation = rotation_from_rpy(*exact)
+    chord = float(np.linalg.norm(rotation - rotation_from_rpy(*written))) / math.sqrt(2)
+    quarters = tuple(texts[k].lstrip("+-") for k in changed if exact[k] != 0.0)
+    return rotation, Rounding(quarters, len(changed) - len(quarters), chord)
+
+
+def exact_axis(axis: FloatArray) -> tuple[FloatArray, Rounding]:
+    """A unit vector (3,), without components that are a rounded zero."""
+    noise = (axis != 0.0) & (np.abs(axis) < NOISE)
+    if not noise.any():
+        return axis, Rounding()
+    exact = np.where(noise, 0.0, axis)
+    exact /= np.linalg.norm(exact)
+    # turning about the other axis: the way there, the turn, the way back
+    return exact, Rounding((), int(noise.sum()), 2 * float(np.linalg.norm(exact - axis)))
+
+
 JointKind = Literal["revolute", "continuous", "fixed", "prismatic", "planar", "floating"]
 KINDS: tuple[JointKind, ...] = get_args(JointKind)
 LARGEST = 1e6
@@ -222,3 +292,117 @@ class _Reader:
         if velocity < 0 or effort < 0:
             raise RobotFileError(f"{where}: <limit>: velocity and effort are not negative")
         return UrdfLimit(lower, upper, velocity, effort)
+
+
+# What the limits of a URDF joint say: how far it turns, or that it does not turn at all.
+
+WIDEST = 4 * math.pi
+"""no limit of a joint is farther from zero [rad]"""
+
+
+def limits_of(joint: UrdfJoint, path: Path) -> tuple[float, float]:
+    """Lower and upper limit [rad] of a turning joint; ±180° of a continuous one.
+
+    Raises:
+        RobotFileError: a revolute joint without limits, or with some that cannot be meant.
+    """
+    if joint.kind == "continuous":
+        return -math.pi, math.pi
+    where, limit = f'{path}: <joint name="{joint.name}">', joint.limit
+    if limit is None:
+        raise RobotFileError(f"{where}: <limit> is missing; a revolute joint needs lower and upper")
+    lower, upper = limit.lower, limit.upper
+    if not -WIDEST <= lower <= upper <= WIDEST:
+        degrees = " (they look like degrees)" if max(abs(lower), abs(upper)) > WIDEST else ""
+        raise RobotFileError(
+            f"{where}: <limit lower={lower} upper={upper}>: the lower limit comes first, "
+            f"both in radians within ±{WIDEST:.2f}{degrees}"
+        )
+    if lower == upper == 0.0:  # exporters write that where nobody has filled the limits in
+        raise RobotFileError(
+            f"{where}: <limit lower={lower} upper={upper}>: both are 0, which is also what is read where "
+            "they are not written; write the angles that the joint may take, or make it "
+            'type="fixed" if it does not turn'
+        )
+    return lower, upper
+
+
+def fixed_where_held(joint: UrdfJoint, path: Path) -> UrdfJoint:
+    """The joint itself, or a fixed one at the one angle that its limits leave it.
+
+    Raises:
+        RobotFileError: as ``limits_of``.
+    """
+    if joint.kind == "fixed":
+        return joint
+    lower, upper = limits_of(joint, path)
+    if lower < upper:
+        return joint
+    turn, rounding = exact_rotation(["0", "0", repr(lower)])
+    along, held = frame_along(joint.axis), np.eye(4)
+    held[:3, :3] = along[:3, :3] @ turn @ along[:3, :3].T
+    return replace(
+        joint, kind="fixed", origin=joint.origin @ held, rounding=joint.rounding + rounding, held_at=lower
+    )
+
+
+# What the names in a URDF file give away: a usual tool frame, a sensor, a joint of the gripper.
+
+TOOL_NAMES = ("tool0", "tcp", "tool", "ee_link", "end_effector", "gripper_base")
+"""what the tool link is called by custom, wherever in the file it is; the surest first"""
+
+_WORD = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+")
+_OF_OTHER_LINKS = {"link", "end", "base", "gripper"}
+_SENSOR = {"camera", "cam", "imu", "sensor", "optical"}
+_FINGER = {"finger", "fingers", "jaw", "jaws", "claw", "claws", "knuckle", "pincer"}
+_GRIPPER = {"gripper", "grip"}
+_ARM = {"roll", "rotate", "rotation", "rot", "pitch", "yaw", "wrist", "pan", "tilt", "twist", "arm", "to"}
+
+
+def customary_tools(links: Iterable[str]) -> list[str]:
+    """The links with the surest of ``TOOL_NAMES`` that any has, also behind a prefix (``left_tool0``)."""
+    links = list(links)
+    for name in TOOL_NAMES:
+        tools = [link for link in links if link == name] or [link for link in links if _ends_in(link, name)]
+        if tools:
+            return tools
+    return []
+
+
+def is_tool_frame(link: str) -> bool:
+    """True where a link's name is one that tool frames have: ``ee_gripper_link``, ``gripper_frame_link``."""
+    words = _words(link)
+    usual = bool(words & _TOOL_WORDS) or {"gripper", "frame"} <= words
+    return usual and not words & (_SENSOR | _FINGER)
+
+
+def is_sensor(link: str) -> bool:
+    """True where a link's name says that it is a camera or another sensor, not what the arm works with."""
+    return bool(_words(link) & _SENSOR)
+
+
+def is_of_gripper(joint: UrdfJoint) -> bool:
+    """True where a joint's name or its link's says that it opens the gripper.
+
+    A link called gripper says nothing: the wrist carries it. So does a joint ``gripper_roll`` or
+    ``wrist_to_gripper``.
+    """
+    own, carried = _words(joint.name), _words(joint.child)
+    return bool((own | carried) & _FINGER or (own & _GRIPPER and not own & _ARM))
+
+
+def _words(name: str) -> set[str]:
+    """``leftJaw_link1`` as left, jaw, link."""
+    return {word.lower() for word in _WORD.findall(name)}
+
+
+def _ends_in(link: str, name: str) -> bool:
+    return any(link.endswith(f"{mark}{name}") for mark in "_-/.")
+
+
+# What is left of the customary names counts in other names too: ``ee_gripper_link``.
+_TOOL_WORDS = {word for name in TOOL_NAMES for word in _words(name)} - _OF_OTHER_LINKS | {
+    "eef",
+    "grasp",
+    "gripperframe",
+}

@@ -1,5 +1,6 @@
 """The runtime: commands in, snapshots out."""
 
+from armctl.runtime.board import channel_settings
 from armctl.runtime.clock import Clock, ManualClock, MonotonicClock, wall_time
 from armctl.runtime.commands import (
     ClearFault,
@@ -24,7 +25,6 @@ from armctl.runtime.commands import (
     UpdateProgram,
 )
 from armctl.runtime.controller import Controller
-from armctl.runtime.outputs import channel_settings
 from armctl.runtime.planner import InlineExecutor
 from armctl.runtime.snapshot import AxisHoming, Event, ProgramProgress, Snapshot, State
 from armctl.runtime.ticket import Ticket

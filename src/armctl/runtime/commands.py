@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armctl.kinematics import Target
-from armctl.motion import Profile, Program, Trajectory
+from armctl.motion import Profile, Trajectory
+from armctl.program import Program
 
 FloatArray = NDArray[np.float64]
 ToolFrame = Literal["base", "tool"]

@@ -18,11 +18,10 @@ from armctl.runtime.board import Board
 from armctl.runtime.commands import Origin
 from armctl.runtime.gate import Gate
 from armctl.runtime.gripper import GripperMover
-from armctl.runtime.keep_clear import KeepClear
-from armctl.runtime.log import EventLog
+from armctl.runtime.joint_servo import KeepClear
+from armctl.runtime.log import EventLog, Notices
 from armctl.runtime.monitor import Monitor
 from armctl.runtime.mover import PathMover
-from armctl.runtime.notices import Notices
 from armctl.runtime.planner import BegunProgram, Planner
 from armctl.runtime.program_runner import ProgramRunner
 from armctl.runtime.snapshot import State

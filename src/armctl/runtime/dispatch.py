@@ -12,12 +12,13 @@ from numpy.typing import NDArray
 
 from armctl.errors import ArmctlError, BoardError, InputError, StateError
 from armctl.kinematics import Target
-from armctl.motion import Program, Trajectory
+from armctl.motion import Trajectory
+from armctl.program import Program
 from armctl.runtime import commands as c
 from armctl.runtime import power
 from armctl.runtime.core import POWERED, Core
-from armctl.runtime.follower import FOLLOW_EXPIRY_S, Follower
-from armctl.runtime.jog import JOG_EXPIRY_S, Jogger
+from armctl.runtime.led import JOG_EXPIRY_S, Jogger
+from armctl.runtime.live_target import FOLLOW_EXPIRY_S, Follower
 from armctl.runtime.planner import Pending, PendingEdit
 from armctl.runtime.program_runner import ProgramRunner
 from armctl.runtime.snapshot import State

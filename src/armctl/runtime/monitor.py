@@ -9,8 +9,7 @@ from armctl.errors import BoardError, BoardProtocolError, BoardTimeoutError
 from armctl.hardware import Source
 from armctl.robot import Robot
 from armctl.runtime.board import Board, Reading, no_reading
-from armctl.runtime.log import EventLog
-from armctl.runtime.notices import Notices
+from armctl.runtime.log import EventLog, Notices
 
 FloatArray = NDArray[np.float64]
 _READ_FAILURES = 5

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from itertools import chain
 
 from armctl.errors import ArmctlError
-from armctl.motion import PlannedStep, PlanState, Program
+from armctl.program import PlannedStep, PlanState, Program
 from armctl.runtime.planner import BegunProgram, Planner, result_of
 
 _MOTIONS_AHEAD = 2

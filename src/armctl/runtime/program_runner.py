@@ -3,13 +3,8 @@
 from __future__ import annotations
 
 from armctl.errors import ArmctlError, ProgramError
-from armctl.motion import (
-    GripperStep,
-    PlannedStep,
-    Program,
-    Trajectory,
-    WaitStep,
-)
+from armctl.motion import Trajectory
+from armctl.program import GripperStep, PlannedStep, Program, WaitStep
 from armctl.robot import Robot
 from armctl.runtime.activity import ActivityView, Setpoint
 from armctl.runtime.gripper import GripperMover

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armctl.hardware import BoardIdentity, Source
-from armctl.motion import Program
+from armctl.program import Program
 
 FloatArray = NDArray[np.float64]
 

@@ -5,8 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from armctl.runtime.log import EventLog
-from armctl.runtime.notices import Notices
+from armctl.runtime.log import EventLog, Notices
 
 LONGEST_TICKS = 2
 """A tick counts for no more periods: time that was missed is not made up for, or the arm would jump."""

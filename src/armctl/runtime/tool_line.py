@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armctl.kinematics.velocity import damped_inverse, position_leaves_pitch, turning_speeds
-from armctl.motion.paths.tool_pitch import PitchRows, PlanePitch, pitch_rows
+from armctl.motion.paths.tool_task import PitchRows, PlanePitch, pitch_rows
 from armctl.robot import Robot
 from armctl.runtime.commands import JogTool
 from armctl.runtime.joint_servo import JointServo, fastest_inside

@@ -11,16 +11,14 @@ import numpy as np
 import viser
 
 from armctl.runtime import Origin
-from armctl.ui.console import Console
+from armctl.ui.console import Console, known, page_name
 from armctl.ui.guard import GuardedServer, guarded_server
-from armctl.ui.last_known import known
-from armctl.ui.operator import page_name
-from armctl.ui.page_tabs import PageTabs
 from armctl.ui.panel import PANEL_WIDTH
 from armctl.ui.robot_desk import RobotChange, RobotDesk
 from armctl.ui.scene.arm_figure import ArmFigure
 from armctl.ui.scene.stage import Stage, look_at_arm, set_lights
 from armctl.ui.session import Session
+from armctl.ui.tabs import PageTabs
 
 LOG = logging.getLogger("armctl.ui")
 FRAME_S = 1 / 30

@@ -3,17 +3,265 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable
-from typing import Self
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import Literal, Self
 
 from armctl.boards import board_name
-from armctl.calibration import Calibration, CalibrationStore, Version, calibrated, narrowed
-from armctl.errors import PortError, StateError
-from armctl.robot import Robot
+from armctl.calibration import (
+    LEAST_MARKS,
+    Calibration,
+    CalibrationStore,
+    JointCalibration,
+    JointFit,
+    Mark,
+    Version,
+    calibrated,
+    default_outputs,
+    fit_joint,
+    narrowed,
+    own_calibration,
+    safe_outputs,
+)
+from armctl.errors import InputError, PortError, StateError
+from armctl.robot import OutputMap, Robot
 from armctl.runtime import wall_time
-from armctl.ui.calibration_work import CalibrationWork
 from armctl.ui.touched_points import TouchedPoints
-from armctl.ui.widgets.when import iso_time
+from armctl.ui.widgets.html import iso_time
+
+# Marks, safe limits and gripper of a calibration in the making.
+
+_LARGEST_ANGLE = math.radians(720.0)
+_APART = 1.0
+"""outputs that differ by less are one place"""
+End = Literal["low", "high"]
+Jaw = Literal["closed", "open"]
+
+
+@dataclass(frozen=True, slots=True)
+class JointWork:
+    """What was done for one joint. Outputs are in the board's unit."""
+
+    marks: tuple[Mark, ...] = ()
+    low: float | None = None
+    """smallest output that is safe; None: not set by hand"""
+    high: float | None = None
+    by_default: bool = False
+    """the safe outputs in force do not hold for it any more"""
+
+
+class CalibrationWork:
+    """What was measured of a robot, on top of the calibration that it runs by."""
+
+    def __init__(self, robot: Robot, in_force: Calibration | None) -> None:
+        """Begin without a mark; ``robot`` is as its file describes it."""
+        self.robot, self.in_force = robot, in_force
+        self._joints: dict[str, JointWork] = {}
+        self._jaws: dict[Jaw, float] = {}
+        self._chosen = next((one.name for one in robot.joints if one.lower < one.upper), robot.joint_names[0])
+        self._version = 0
+        self._fit = lru_cache(maxsize=64)(fit_joint)
+
+    @property
+    def version(self) -> int:
+        """Rises with every change, so that a page knows when to draw anew."""
+        return self._version
+
+    @property
+    def map(self) -> OutputMap:
+        """What the robot file says.
+
+        Raises:
+            StateError: nothing, so that there is nothing to calibrate.
+        """
+        if self.robot.output_map is None:
+            raise StateError(f"the robot file of {self.robot.title} gives no outputs: nothing to calibrate")
+        return self.robot.output_map
+
+    @property
+    def chosen(self) -> str:
+        """Name of the joint that is being calibrated."""
+        return self._chosen
+
+    def choose(self, joint: str) -> None:
+        """Go on with another joint."""
+        self._require(joint)
+        if joint != self._chosen:
+            self._chosen = joint
+            self._version += 1
+
+    def joint(self, joint: str) -> JointWork:
+        """What was done for a joint."""
+        return self._joints.get(joint, JointWork())
+
+    @property
+    def jaws(self) -> Mapping[Jaw, float]:
+        """Outputs of the gripper that were set."""
+        return dict(self._jaws)
+
+    @property
+    def unfinished(self) -> tuple[str, ...]:
+        """Titles of the joints whose marks are too few to be used."""
+        return tuple(
+            one.title for one in self.robot.joints if 0 < len(self.joint(one.name).marks) < LEAST_MARKS
+        )
+
+    def add_mark(self, joint: str, output: float, angle: float) -> int:
+        """Note that the joint stood at ``angle`` [rad] when its output was ``output``; gives the number.
+
+        Raises:
+            InputError: no angle of a joint, or the same mark is there already.
+        """
+        if not math.isfinite(angle) or abs(angle) > _LARGEST_ANGLE:
+            raise InputError(
+                f"{math.degrees(angle):g}° is outside ±{math.degrees(_LARGEST_ANGLE):g}°; type the "
+                "angle that the protractor shows"
+            )
+        work, mark = self.joint(joint), Mark(output, angle)
+        if mark in work.marks:
+            raise InputError(
+                f"mark {work.marks.index(mark) + 1} says the same already ({output:.1f} {self.map.unit}, "
+                f"{math.degrees(angle):g}°); jog the joint to another place"
+            )
+        self._set(joint, replace(work, marks=(*work.marks, mark)))
+        return len(work.marks) + 1
+
+    def delete_mark(self, joint: str, index: int) -> None:
+        """Take a mark away, from 0.
+
+        Raises:
+            InputError: there is none of that number.
+        """
+        work = self.joint(joint)
+        if not 0 <= index < len(work.marks):
+            raise InputError(f"there is no mark {index + 1} of {joint}; it has {len(work.marks)}")
+        self._set(joint, replace(work, marks=work.marks[:index] + work.marks[index + 1 :]))
+
+    def fit(self, joint: str) -> JointFit | None:
+        """The line through the marks of a joint; None: there are too few.
+
+        Raises:
+            CalibrationError: no line goes through them; says why.
+        """
+        marks = self.joint(joint).marks
+        return None if len(marks) < LEAST_MARKS else self._fit(marks, self.map.unit)
+
+    def limits(self, joint: str) -> tuple[float, float]:
+        """Smallest and largest output that is safe.
+
+        An end set here by hand holds; else what is in force; by new marks, as far as the joint needs it, but
+        for an end that was set by hand before.
+
+        Raises:
+            CalibrationError: the marks have no line, or nothing is left of the joint's limits.
+        """
+        work = self.joint(joint)
+        if work.low is not None and work.high is not None:
+            return work.low, work.high
+        low, high = self._limits_without_hand(joint)
+        return (low if work.low is None else work.low, high if work.high is None else work.high)
+
+    def _limits_without_hand(self, joint: str) -> tuple[float, float]:
+        fit, now, own = self.fit(joint), self._in_force(joint), own_calibration(self.robot, joint)
+        kept = None if self.joint(joint).by_default else now
+        if fit is not None:
+            return safe_outputs(self.robot, joint, fit, kept)
+        if kept is not None:
+            return kept.low, kept.high
+        if now is not None:
+            return default_outputs(self.robot, joint, now.zero, now.per_rad)
+        return own.low, own.high
+
+    def set_limit(self, joint: str, end: End, output: float) -> None:
+        """Say that ``output`` is as far as the joint may ever go.
+
+        Raises:
+            InputError: it is on the wrong side of the other limit.
+        """
+        low, high = self.limits(joint)
+        low, high = (output, high) if end == "low" else (low, output)
+        if low >= high:
+            unit, word = self.map.unit, "lower" if end == "low" else "upper"
+            other = f"the upper one is {high:.1f}" if end == "low" else f"the lower one is {low:.1f}"
+            raise InputError(
+                f"{output:.1f} {unit} cannot be the {word} limit, {other} {unit}; jog the joint to "
+                "the other end"
+            )
+        work = self.joint(joint)
+        self._set(joint, replace(work, low=output) if end == "low" else replace(work, high=output))
+
+    def limits_by_default(self, joint: str) -> None:
+        """Let the joint have all that the robot file allows: whatever was set by hand holds no more."""
+        self._set(joint, replace(self.joint(joint), low=None, high=None, by_default=True))
+
+    def set_jaw(self, jaw: Jaw, output: float) -> None:
+        """Say at which output the gripper is closed, or open.
+
+        Raises:
+            InputError: it would be closed and open at the same one.
+        """
+        other: Jaw = "open" if jaw == "closed" else "closed"
+        there = self.jaw(other)
+        if abs(there - output) < _APART:
+            raise InputError(
+                f"the gripper is {other} at {there:.1f} {self.map.unit}; move it before you call it {jaw}"
+            )
+        self._jaws[jaw] = output
+        self._version += 1
+
+    def jaw(self, jaw: Jaw) -> float:
+        """Output at which the gripper is closed, or open: as set here, else as in force."""
+        if jaw in self._jaws:
+            return self._jaws[jaw]
+        now = None if self.in_force is None else self.in_force.gripper
+        if now is not None:
+            return now[0] if jaw == "closed" else now[1]
+        return self.map.gripper_closed if jaw == "closed" else self.map.gripper_open
+
+    def clear(self) -> None:
+        """Forget every mark, limit and jaw."""
+        self._joints.clear()
+        self._jaws.clear()
+        self._version += 1
+
+    def take_over(self, other: CalibrationWork) -> None:
+        """Go on with what was done on another desk."""
+        self._joints, self._jaws = dict(other._joints), dict(other._jaws)
+        self._chosen = other._chosen
+        self._version += 1
+
+    def measured(self) -> dict[str, JointCalibration]:
+        """What the marks and limits of each joint come to, where something was done for it.
+
+        Raises:
+            CalibrationError: the marks of a joint have no line; says which and why.
+        """
+        found: dict[str, JointCalibration] = {}
+        for name in self.robot.joint_names:
+            work, fit = self.joint(name), self.fit(name)
+            if fit is not None:
+                found[name] = JointCalibration(fit.zero, fit.per_rad, *self.limits(name))
+            elif work.low is not None or work.high is not None or work.by_default:
+                now = self._in_force(name) or own_calibration(self.robot, name)
+                found[name] = JointCalibration(now.zero, now.per_rad, *self.limits(name))
+        return found
+
+    def _in_force(self, joint: str) -> JointCalibration | None:
+        return None if self.in_force is None else self.in_force.joints.get(joint)
+
+    def _set(self, joint: str, work: JointWork) -> None:
+        self._require(joint)
+        self._joints[joint] = work
+        self._version += 1
+
+    def _require(self, joint: str) -> None:
+        if joint not in self.robot.joint_names:
+            raise InputError(
+                f"{self.robot.title} has no joint {joint!r}; it has {', '.join(self.robot.joint_names)}"
+            )
+
 
 _NO_BOARD = (
     "no board was found for this arm yet, so there is none to keep a calibration for; connect it first"

@@ -5,14 +5,124 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
-from armctl.robot import Robot
-from armctl.runtime import Controller, Event
+import numpy as np
+from numpy.typing import NDArray
+
+from armctl.hardware import Source
+from armctl.robot import BoardKind, Robot
+from armctl.runtime import Controller, Event, Snapshot
 from armctl.ui.calibration_desk import CalibrationDesk
-from armctl.ui.last_known import LastKnown
-from armctl.ui.operator import OperatorDesk
 from armctl.ui.program_desk import ProgramDesk
-from armctl.ui.scene.cloud import CloudStore
 from armctl.ui.scene.trail import Trail
+from armctl.ui.scene.workspace import CloudStore
+
+# Who operates the arm: one page at a time; the others watch, and may press STOP.
+
+
+class OperatorDesk:
+    """Hands the controls to one page. Used on the web server's event loop only."""
+
+    def __init__(self) -> None:
+        self._present: list[int] = []
+        self._operator: int | None = None
+
+    @property
+    def operator(self) -> int | None:
+        """Client id of the operator's page; None: nobody operates."""
+        return self._operator
+
+    def arrive(self, client_id: int) -> None:
+        """A page has opened; it operates when nobody else does."""
+        self._present.append(client_id)
+        if self._operator is None:
+            self._operator = client_id
+
+    def leave(self, client_id: int) -> bool:
+        """A page has gone. True when it was the operator's: then nobody operates until somebody does."""
+        if client_id in self._present:
+            self._present.remove(client_id)
+        if self._operator != client_id:
+            return False
+        self._operator = None
+        return True
+
+    def take(self, client_id: int) -> None:
+        """A page takes the controls."""
+        if client_id in self._present:
+            self._operator = client_id
+
+    def describe(self, client_id: int) -> str:
+        """Who operates, as seen from a page."""
+        if self._operator == client_id:
+            return "you"
+        return "nobody" if self._operator is None else page_name(self._operator)
+
+    @property
+    def watching(self) -> int:
+        """How many pages are open beside the operator's."""
+        return len(self._present) - (self._operator is not None)
+
+
+def page_name(client_id: int) -> str:
+    """What people call a page; the server counts from 0."""
+    return f"browser page {client_id + 1}"
+
+
+# Where the arm was last known to stand: what is drawn while nobody knows where it is.
+
+FloatArray = NDArray[np.float64]
+
+
+class LastKnown:
+    """Keeps the newest angle that was known of each joint, once for all pages.
+
+    A board that is lost does not move the arm: it must not seem to jump to where Enable would put it.
+    """
+
+    def __init__(self) -> None:
+        self._q: FloatArray | None = None
+
+    def note(self, snapshot: Snapshot) -> None:
+        """Remember what is known now."""
+        now = known(snapshot)
+        self._q = now if self._q is None else np.where(np.isnan(now), self._q, now)
+
+    def drawn(self, snapshot: Snapshot) -> FloatArray:
+        """Joint angles (n,) [rad] to draw: as known now, else as last known, else where Enable leads to."""
+        q = known(snapshot)
+        if self._q is not None:
+            q = np.where(np.isnan(q), self._q, q)
+        return np.where(np.isnan(q), snapshot.q_command, q)
+
+    def standing(self, snapshot: Snapshot) -> FloatArray:
+        """Joint angles (n,) [rad] that the arm was told last; where it was told nothing: as it is drawn."""
+        return snapshot.q_command if snapshot.commanded else self.drawn(snapshot)
+
+    def remembers(self, snapshot: Snapshot) -> bool:
+        """Whether what is drawn is not known now, but every joint was known once."""
+        if not np.isnan(known(snapshot)).any():
+            return False
+        return self._q is not None and not np.isnan(self._q).any()
+
+    def words(self, snapshot: Snapshot, board: BoardKind) -> str:
+        """Where the position that is drawn comes from."""
+        if not np.isnan(snapshot.q).any() and snapshot.board is not None:
+            return snapshot.source.value
+        if snapshot.commanded:
+            return Source.COMMANDED.value
+        homed = board == "encoder"
+        if self.remembers(snapshot):
+            return f"last known; unknown until the arm is {'homed' if homed else 'enabled'} again"
+        if homed:
+            return "unknown until the arm is homed; drawn where homing ends"
+        return "unknown; drawn where Enable would put it"
+
+
+def known(snapshot: Snapshot) -> FloatArray:
+    """Joint angles (n,) [rad] as the board tells them, or as commanded; NaN where nobody knows."""
+    if not snapshot.commanded:
+        return snapshot.q
+    return np.where(np.isnan(snapshot.q), snapshot.q_command, snapshot.q)
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,12 +10,12 @@ import numpy as np
 import viser
 
 from armctl.runtime import Pause, Release, Resume, SetSpeed, Snapshot, State
-from armctl.ui.widgets.html_bits import WARNING, limited, muted
+from armctl.ui.widgets.html import WARNING, LiveHtml, limited, muted, table
 from armctl.ui.widgets.rounding_note import rounding_note
-from armctl.ui.widgets.text import LiveHtml, table
 
 if TYPE_CHECKING:
     from armctl.ui.session import Session
+
 
 PANEL_WIDTH = 250
 """[px]"""

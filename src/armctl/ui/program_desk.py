@@ -11,7 +11,7 @@ from typing import Literal
 import msgspec
 
 from armctl.errors import ProgramError
-from armctl.motion.program import Blocks, Program, load_program, save_program
+from armctl.program import Blocks, Program, load_program, save_program
 from armctl.runtime import ProgramProgress
 
 _NAME = re.compile(r"\w[\w .+-]{0,60}")

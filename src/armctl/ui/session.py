@@ -11,12 +11,12 @@ import viser
 
 from armctl.errors import ArmctlError
 from armctl.runtime import Command, Origin, Snapshot, Ticket
+from armctl.ui.console import page_name
 from armctl.ui.notices import Color, Notices
-from armctl.ui.operator import page_name
-from armctl.ui.page_tabs import PageTabs
 from armctl.ui.panel import ControlPanel
 from armctl.ui.robot_desk import RobotDesk
 from armctl.ui.scene.ghost import Ghost
+from armctl.ui.tabs import PageTabs
 
 LOG = logging.getLogger("armctl.ui")
 Action = Callable[[], Awaitable[None]]

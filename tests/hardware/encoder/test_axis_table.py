@@ -10,7 +10,7 @@ from tests.hardware.encoder.kit import AXES, CHANNELS, encoder_axis
 
 from armctl.errors import BoardError
 from armctl.hardware import ChannelSettings
-from armctl.hardware.encoder.axis_table import AxisTable
+from armctl.hardware.encoder.axes import AxisTable
 from armctl.hardware.encoder.frame import request
 from armctl.robot import load_robot
 from armctl.runtime import channel_settings

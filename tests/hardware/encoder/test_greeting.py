@@ -11,8 +11,7 @@ from armctl.errors import BoardProtocolError, BoardTimeoutError
 from armctl.hardware import ByteModel, LoopTransport
 from armctl.hardware.encoder import Banner, SimulatedEncoderBoard
 from armctl.hardware.encoder.frame import seal
-from armctl.hardware.encoder.greeting import greet
-from armctl.hardware.encoder.session import EncoderSession
+from armctl.hardware.encoder.session import EncoderSession, greet
 from armctl.runtime.clock import ManualClock
 
 BANNER = Banner("armctl-encoder", "1.1.0", 2, 6, "power")

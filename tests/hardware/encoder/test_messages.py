@@ -8,10 +8,16 @@ from hypothesis import strategies as st
 
 from armctl.errors import BoardError, BoardProtocolError, StateError
 from armctl.hardware.encoder import Banner, FaultKind, Mode, Status, decode
-from armctl.hardware.encoder.axis_fault import BoardFlag, fault_words, flag_words
 from armctl.hardware.encoder.frame import seal
-from armctl.hardware.encoder.messages import Answer, Event, Refusal
-from armctl.hardware.encoder.status import decode_status
+from armctl.hardware.encoder.messages import (
+    Answer,
+    BoardFlag,
+    Event,
+    Refusal,
+    decode_status,
+    fault_words,
+    flag_words,
+)
 
 
 def said(text: str):

@@ -9,12 +9,8 @@ from tests.hardware.encoder.kit import Bench, encoder_axis
 
 from armctl.hardware import ChannelSettings
 from armctl.hardware.encoder import AxisPlant, Mode, SimulatedEncoderBoard, decode, simulated_encoder_board
-from armctl.hardware.encoder.axis_fault import FaultKind
-from armctl.hardware.encoder.axis_plant import plant_of
-from armctl.hardware.encoder.messages import Banner
-from armctl.hardware.encoder.simulated_axis import SimulatedAxis
-from armctl.hardware.encoder.simulated_defaults import FIRMWARE_DEFAULTS
-from armctl.hardware.encoder.status import Status
+from armctl.hardware.encoder.messages import Banner, FaultKind, Status
+from armctl.hardware.encoder.simulated_axis import FIRMWARE_DEFAULTS, SimulatedAxis, plant_of
 from armctl.robot import load_robot
 from armctl.runtime import channel_settings
 

@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import pytest
 
-from armctl.hardware.firmata.attacher import Attacher, FirstPulse
+from armctl.hardware.firmata.pins import Attacher, FirstPulse
 
 NAME = "StandardFirmata.ino"
 REPORT = 2 + 2 + 2 * len(NAME) + 1  # F0 79, the version, two bytes a character, F7

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from armctl.errors import InputError
 from armctl.hardware.firmata import codec
 from armctl.hardware.firmata.codec import PinMode
-from armctl.hardware.firmata.simulated_servo import SimulatedServo
+from armctl.hardware.firmata.simulated import SimulatedServo
 
 
 @pytest.mark.parametrize(

@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import pytest
 
-from armctl.hardware.firmata.pace import BYTE_S, LinePace
+from armctl.hardware.firmata.line import BYTE_S, LinePace
 
 
 def test_a_byte_takes_ten_bits_at_57600_baud():

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from armctl.errors import BoardError
 from armctl.hardware import ChannelSettings
-from armctl.hardware.firmata.pin_table import PinTable
+from armctl.hardware.firmata.pins import PinTable
 
 SERVO_PINS = tuple(range(2, 50))
 

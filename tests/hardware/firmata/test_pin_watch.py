@@ -1,7 +1,7 @@
 from __future__ import annotations
 
 from armctl.hardware.firmata import PinState
-from armctl.hardware.firmata.pin_watch import PinWatch
+from armctl.hardware.firmata.pins import PinWatch
 
 SERVO, OUTPUT = 4, 1
 

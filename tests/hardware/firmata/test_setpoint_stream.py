@@ -6,11 +6,9 @@ import pytest
 
 from armctl.hardware import ChannelSettings
 from armctl.hardware.firmata import PinState
-from armctl.hardware.firmata.attacher import Attacher
 from armctl.hardware.firmata.codec import BAUD, pin_state_query, servo_write
-from armctl.hardware.firmata.pin_table import PinTable
-from armctl.hardware.firmata.pin_watch import PinWatch
-from armctl.hardware.firmata.setpoint_stream import SERVO_FRAME_S, SetpointStream
+from armctl.hardware.firmata.line import SERVO_FRAME_S, SetpointStream
+from armctl.hardware.firmata.pins import Attacher, PinTable, PinWatch
 from armctl.runtime.clock import ManualClock
 
 SERVO, OUTPUT = 4, 1

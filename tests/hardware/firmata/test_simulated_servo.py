@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from armctl.hardware.firmata.simulated_servo import SimulatedServo
+from armctl.hardware.firmata.simulated import SimulatedServo
 
 
 def test_a_servo_begins_in_the_middle():

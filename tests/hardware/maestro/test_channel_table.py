@@ -8,8 +8,8 @@ from hypothesis import strategies as st
 
 from armctl.errors import BoardError
 from armctl.hardware.driver import ChannelSettings
-from armctl.hardware.maestro.channel_table import ChannelTable
-from armctl.hardware.maestro_models import MaestroModel
+from armctl.hardware.maestro.driver import ChannelTable
+from armctl.hardware.ports import MaestroModel
 
 
 def test_channels_and_settings_come_in_order():

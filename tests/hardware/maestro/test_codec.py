@@ -8,8 +8,7 @@ from hypothesis import strategies as st
 
 from armctl.errors import BoardProtocolError, InputError
 from armctl.hardware.maestro import codec
-from armctl.hardware.maestro.codec import Framing
-from armctl.hardware.maestro.error_register import MaestroErrors, error_words
+from armctl.hardware.maestro.codec import Framing, MaestroErrors, error_words
 from armctl.hardware.maestro.packet_parser import Packet, PacketParser
 
 POLOLU = Framing(device=12)

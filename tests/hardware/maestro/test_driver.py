@@ -16,12 +16,12 @@ from armctl.hardware.maestro import (
     Framing,
     HomeMode,
     MaestroDriver,
-    MaestroModel,
     MaestroSettings,
     SerialMode,
     SimulatedMaestro,
 )
 from armctl.hardware.maestro.driver import UNKNOWN_MODEL_NOTE, WATCHDOG_NOTE
+from armctl.hardware.ports import MaestroModel
 from armctl.runtime.clock import ManualClock
 
 CHANNELS = [ChannelSettings(channel, 1000.0, 2000.0) for channel in range(4)]

@@ -11,14 +11,8 @@ import pytest
 from tests.hardware.maestro.scripted_transport import ScriptedTransport
 
 from armctl.hardware import ChannelSettings, Source
-from armctl.hardware.maestro import (
-    Framing,
-    MaestroDriver,
-    MaestroErrors,
-    MaestroModel,
-    MaestroSettings,
-    SimulatedMaestro,
-)
+from armctl.hardware.maestro import Framing, MaestroDriver, MaestroErrors, MaestroSettings, SimulatedMaestro
+from armctl.hardware.ports import MaestroModel
 
 Session = tuple[tuple[str, str], ...]
 

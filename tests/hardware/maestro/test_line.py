@@ -4,8 +4,7 @@ import pytest
 
 from armctl.errors import BoardProtocolError
 from armctl.hardware import LoopTransport
-from armctl.hardware.maestro.codec import COMPACT
-from armctl.hardware.maestro.error_register import MaestroErrors
+from armctl.hardware.maestro.codec import COMPACT, MaestroErrors
 from armctl.hardware.maestro.line import MaestroLine
 from armctl.runtime.clock import ManualClock
 

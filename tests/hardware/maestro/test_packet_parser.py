@@ -2,8 +2,7 @@ from __future__ import annotations
 
 import pytest
 
-from armctl.hardware.maestro.codec import Opcode
-from armctl.hardware.maestro.error_register import MaestroErrors
+from armctl.hardware.maestro.codec import MaestroErrors, Opcode
 from armctl.hardware.maestro.packet_parser import Packet, PacketParser
 
 

@@ -12,12 +12,12 @@ from armctl.hardware import ChannelSettings, Fault, FaultyModel, PtyServer
 from armctl.hardware.maestro import (
     ChannelConfig,
     MaestroDriver,
-    MaestroModel,
     MaestroSettings,
     SerialMode,
     SimulatedMaestro,
     serve_simulated_maestro,
 )
+from armctl.hardware.ports import MaestroModel
 from armctl.runtime.clock import ManualClock
 
 CHANNELS = [ChannelSettings(0, 700.0, 2300.0, speed=1000.0), ChannelSettings(1, 1000.0, 2000.0)]

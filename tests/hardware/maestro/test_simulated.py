@@ -9,10 +9,15 @@ from hypothesis import strategies as st
 
 from armctl.errors import InputError
 from armctl.hardware.maestro import codec
-from armctl.hardware.maestro.error_register import MaestroErrors
-from armctl.hardware.maestro.simulated import MaestroSettings, SerialMode, SimulatedMaestro
-from armctl.hardware.maestro.simulated_channel import ChannelConfig, HomeMode
-from armctl.hardware.maestro_models import MaestroModel
+from armctl.hardware.maestro.codec import MaestroErrors
+from armctl.hardware.maestro.simulated import (
+    ChannelConfig,
+    HomeMode,
+    MaestroSettings,
+    SerialMode,
+    SimulatedMaestro,
+)
+from armctl.hardware.ports import MaestroModel
 
 WIDE = ChannelConfig(minimum_us=500.0, maximum_us=2500.0)
 

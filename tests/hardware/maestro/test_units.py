@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from armctl.errors import InputError
-from armctl.hardware.maestro import units
+from armctl.hardware.maestro import codec as units
 
 
 @pytest.mark.parametrize(

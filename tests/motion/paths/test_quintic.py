@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from armctl.motion.paths.quintic import quintic
+from armctl.motion.paths.spline import quintic
 from armctl.motion.polynomial import PiecewisePolynomial
 
 

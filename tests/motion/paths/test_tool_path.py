@@ -22,9 +22,9 @@ from tests.motion.paths.tool_kit import (
 
 from armctl.errors import ArmctlError, InputError, MotionRefusedError, UnreachableError
 from armctl.kinematics import DHChain, DHRow
+from armctl.motion.error_report import arc, line
 from armctl.motion.paths.tool_curve import ToolLine
 from armctl.motion.paths.tool_path import PITCH_MODES, PitchMode, ToolPath, follow, tool_arc, tool_line
-from armctl.motion.published_paths import arc, line
 from armctl.robot import Robot
 
 ALLOWED_M = 0.05e-3

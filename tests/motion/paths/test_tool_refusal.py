@@ -17,6 +17,7 @@ from tests.motion.paths.tool_kit import (
 )
 
 from armctl.errors import MotionRefusedError, UnreachableError
+from armctl.motion.error_report import arc, line
 from armctl.motion.paths.tool_curve import ToolArc, ToolCurve, ToolLine
 from armctl.motion.paths.tool_path import follow, tool_arc, tool_line
 from armctl.motion.paths.tool_refusal import (
@@ -26,7 +27,6 @@ from armctl.motion.paths.tool_refusal import (
     first_crossing,
 )
 from armctl.motion.polynomial import PiecewisePolynomial
-from armctl.motion.published_paths import arc, line
 from armctl.robot import Robot
 
 FINE = 4001

@@ -10,7 +10,7 @@ from tests.kinematics.kit import chain_of, plain_frames, random_planar_arm
 
 from armctl.kinematics import DHChain, GravityModel
 from armctl.robot import Joint, Robot
-from armctl.robot.capsules import Capsule
+from armctl.robot.body import Capsule
 
 FloatArray = NDArray[np.float64]
 

@@ -15,7 +15,7 @@ from tests.motion.preflight.kit import brute_gap, random_arm
 from armctl.errors import InputError
 from armctl.motion import JoinedTrajectory, Trajectory
 from armctl.motion.preflight import FLOOR_TOLERANCE_M, preflight, preflight_batch
-from armctl.motion.preflight.stacked import stacked_angles
+from armctl.motion.preflight.batch import stacked_angles
 from armctl.motion.profiles import PROFILES, PointToPoint
 from armctl.robot import Robot, load_robot
 

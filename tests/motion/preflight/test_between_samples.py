@@ -13,11 +13,11 @@ from armctl.kinematics import DHChain, DHRow
 from armctl.kinematics.link_frames import LinkFrames
 from armctl.motion.preflight import Floor, Obstacles, SelfCollision, preflight
 from armctl.motion.preflight.batch import Batch
-from armctl.motion.preflight.keep_out import Gaps
+from armctl.motion.preflight.clearance import Gaps
 from armctl.motion.profiles import PointToPoint
 from armctl.robot import Robot
-from armctl.robot.capsules import capsule
-from armctl.robot.obstacle import Obstacle
+from armctl.robot.body import capsule
+from armctl.robot.parts import Obstacle
 
 # Three links of a metre that turn the same way: between two samples the tool turns by 12 degrees.
 CHAIN = DHChain([DHRow(0.0, np.pi / 2, 4.0), *[DHRow(1.0, 0.0, 0.0)] * 3])

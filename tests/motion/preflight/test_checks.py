@@ -14,7 +14,7 @@ from armctl.motion import JoinedTrajectory, arc, line
 from armctl.motion.preflight import Finding, not_checked, preflight, require_clear
 from armctl.motion.profiles import PointToPoint
 from armctl.robot import Robot, load_robot, shipped_robots
-from armctl.robot.obstacle import Obstacle
+from armctl.robot.parts import Obstacle
 
 FloatArray = NDArray[np.float64]
 UZUNER, SCORBOT, MICO = load_robot("uzuner"), load_robot("scorbot"), load_robot("mico")

@@ -7,13 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from armctl.errors import InputError, MotionRefusedError
-from armctl.motion import (
-    JoinedTrajectory,
-    PointToPoint,
-    Sample,
-    preflight,
-    require_clear,
-)
+from armctl.motion import JoinedTrajectory, PointToPoint, Sample, preflight, require_clear
 from armctl.robot import load_robot
 
 ROBOT = load_robot("uzuner")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from hypothesis import strategies as st
 
-from armctl.motion.program import (
+from armctl.program import (
     ArcStep,
     CommentStep,
     EndStep,

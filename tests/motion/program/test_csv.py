@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from tests.motion.program.kit import programs
 
 from armctl.errors import ProgramError
-from armctl.motion.program import (
+from armctl.program import (
     ArcStep,
     CommentStep,
     CsvForm,

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from tests.motion.program.kit import programs
 
 from armctl.errors import InputError, ProgramError
-from armctl.motion.program import (
+from armctl.program import (
     Blocks,
     CommentStep,
     Cursor,

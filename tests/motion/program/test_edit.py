@@ -3,7 +3,7 @@ from __future__ import annotations
 import pytest
 
 from armctl.errors import ProgramError
-from armctl.motion.program import (
+from armctl.program import (
     EndStep,
     Program,
     RepeatStep,

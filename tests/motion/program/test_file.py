@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from tests.motion.program.kit import programs
 
 from armctl.errors import ProgramError
-from armctl.motion import (
+from armctl.program import (
     GripperStep,
     MoveStep,
     PointStep,

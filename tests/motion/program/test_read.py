@@ -3,8 +3,7 @@ from __future__ import annotations
 import pytest
 
 from armctl.errors import ProgramError
-from armctl.motion import read_program
-from armctl.motion.program import MoveStep, Program, WaitStep, encode_program, write_csv, write_script
+from armctl.program import MoveStep, Program, WaitStep, encode_program, read_program, write_csv, write_script
 from armctl.robot import load_robot
 
 ROBOT = load_robot("uzuner")

@@ -11,7 +11,7 @@ from tests.motion.program.kit import programs
 import armctl
 from armctl.arm import Arm
 from armctl.errors import ProgramError
-from armctl.motion.program import (
+from armctl.program import (
     ArcStep,
     CommentStep,
     Cursor,
@@ -29,7 +29,7 @@ from armctl.motion.program import (
     read_script,
     write_script,
 )
-from armctl.motion.program.script_calls import CALLS
+from armctl.program.files.script import CALLS
 
 STEPS: tuple[Step, ...] = (
     CommentStep(note="pick"),

@@ -10,7 +10,8 @@ from armctl.errors import InputError
 from armctl.motion.paths.spline import spline_through
 from armctl.motion.polynomial import PiecewisePolynomial
 from armctl.motion.profiles import law_over
-from armctl.motion.timing import PathLimits, PathTrajectory, SpeedPlan
+from armctl.motion.speed_plan import PathLimits, SpeedPlan
+from armctl.motion.timing import PathTrajectory
 
 ROBOT = load_robot("uzuner")
 

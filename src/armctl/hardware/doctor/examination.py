@@ -3,24 +3,31 @@
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 from armctl.errors import ArmctlError
+from armctl.hardware.access import is_pseudo_terminal, permission_hint
 from armctl.hardware.board_titles import BOARD_TITLES
-from armctl.hardware.doctor.encoder import examine_encoder
-from armctl.hardware.doctor.finding import Finding, Verdict, failed, not_checked, ok, warning
-from armctl.hardware.doctor.firmata import examine_firmata
-from armctl.hardware.doctor.maestro import examine_maestro
-from armctl.hardware.doctor.needs import OF_ANOTHER_BOARD, Needs
+from armctl.hardware.doctor.finding import (
+    OF_ANOTHER_BOARD,
+    Finding,
+    Needs,
+    Verdict,
+    failed,
+    not_checked,
+    ok,
+    warning,
+)
 from armctl.hardware.driver import ChannelSettings
-from armctl.hardware.encoder.greeting import FLASH_IT
+from armctl.hardware.encoder.doctor import examine_encoder
+from armctl.hardware.encoder.session import FLASH_IT
+from armctl.hardware.firmata.doctor import examine_firmata
 from armctl.hardware.firmata.line import HOW_TO_LOAD
+from armctl.hardware.maestro.doctor import examine_maestro
 from armctl.hardware.maestro.line import SILENT_ADVICE
-from armctl.hardware.maestro_models import MaestroModel
-from armctl.hardware.permissions import permission_hint
-from armctl.hardware.port_users import is_pseudo_terminal
-from armctl.hardware.ports import PortChecks, PortInfo
+from armctl.hardware.ports import MaestroModel, PortChecks, PortInfo
 from armctl.hardware.probe import Probed, approach, reach
 from armctl.hardware.transport import Transport
 from armctl.robot.robot import BoardKind
@@ -165,3 +172,27 @@ def _board(patient: Patient, probed: Probed, line: Transport, now: Callable[[], 
 
 def _unseen() -> list[Finding]:
     return [not_checked(check, "an earlier check failed") for check in _CHECKS_OF_A_BOARD]
+
+
+# A report goes into public bug trackers: what names a person or a computer stays out of it.
+
+_SHORTEST = 3
+"""a shorter name is part of too many words; it also tells little"""
+_TELLS_NOTHING = frozenset({"localhost", "root", "user", "armctl"})
+
+
+def without_personal_data(text: str, home: str, host: str, user: str) -> str:
+    """``text`` with the home folder as ``~`` and without the names of computer and user.
+
+    Args:
+        text: the report.
+        home: the user's home folder.
+        host: the computer's name, with or without its domain.
+        user: the user's login name.
+    """
+    if len(home) > 1:
+        text = re.sub(rf"{re.escape(home.rstrip('/'))}(?![\w-])", "~", text)
+    for name, stands_for in ((host, "<host>"), (host.partition(".")[0], "<host>"), (user, "<user>")):
+        if len(name) >= _SHORTEST and name not in _TELLS_NOTHING:
+            text = re.sub(rf"(?<![\w-]){re.escape(name)}(?![\w-])", stands_for, text)
+    return text

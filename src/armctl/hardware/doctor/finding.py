@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
+import statistics
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from enum import Enum
+
+from armctl.errors import BoardError
+from armctl.hardware.driver import ChannelSettings
 
 
 class Verdict(Enum):
@@ -43,3 +48,64 @@ def failed(check: str, seen: str, advice: str = "") -> Finding:
 def not_checked(check: str, seen: str, advice: str = "") -> Finding:
     """It cannot be told, or an earlier failure stands before it."""
     return Finding(check, Verdict.NOT_CHECKED, seen, advice)
+
+
+# What a robot needs of its board, for the check-up.
+
+
+@dataclass(frozen=True, slots=True)
+class Needs:
+    """The channels of a robot file, or why none can be checked."""
+
+    channels: Sequence[ChannelSettings] = ()
+    why_none: str = "no robot was named"
+    advice: str = "name one with --robot"
+
+    def not_known(self, check: str) -> Finding:
+        """The finding of a check that takes a robot file for this board."""
+        return not_checked(check, self.why_none, self.advice)
+
+
+OF_ANOTHER_BOARD = Needs(
+    why_none="the robot file is for another kind of board", advice="choose the robot that belongs to this one"
+)
+
+
+# How long questions to a board and their answers take.
+
+CHECK = "round trips"
+_ROUNDS = 50
+_TICK_S = 0.020
+_SLOW_MEDIAN_S = 0.010
+_MOST_LATE = _ROUNDS // 20
+
+_SLOW_ADVICE = (
+    "the arm is controlled every 20 ms, and each time the board is asked once: plug it into the computer "
+    "itself, not into a hub; an FTDI adapter holds answers back for 16 ms until its latency timer is set to "
+    "1 (/sys/bus/usb-serial/devices/ttyUSB0/latency_timer); a busy computer is late as well"
+)
+
+
+def round_trips(ask: Callable[[], object], now: Callable[[], float]) -> Finding:
+    """Ask often and say how long it took: median and worst [ms].
+
+    Args:
+        ask: puts one question and returns with the answer; raises ``BoardError`` without one.
+        now: the clock [s].
+    """
+    took: list[float] = []
+    for _ in range(_ROUNDS):
+        before = now()
+        try:
+            ask()
+        except BoardError as error:
+            return failed(CHECK, f"{len(took)} of {_ROUNDS} answered, then: {error}")
+        took.append(now() - before)
+    late = sum(one > _TICK_S for one in took)
+    seen = (
+        f"{_ROUNDS} questions answered, median {1000 * statistics.median(took):.1f} ms, "
+        f"worst {1000 * max(took):.1f} ms"
+    )
+    if statistics.median(took) > _SLOW_MEDIAN_S or late > _MOST_LATE:
+        return warning(CHECK, f"{seen}, {late} later than 20 ms", _SLOW_ADVICE)
+    return ok(CHECK, seen)

@@ -5,17 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 
 from armctl.errors import ArmctlError, BoardError, BoardTimeoutError, StateError
-from armctl.hardware.board_port import AcceptBoard, BoardPort, any_board
 from armctl.hardware.driver import BoardIdentity, ChannelSettings, HomingState, Readback, Source
-from armctl.hardware.encoder.axis_table import AxisTable
+from armctl.hardware.encoder.axes import WATCHDOG_MS, AxisTable, ToldSettings
 from armctl.hardware.encoder.frame import Realtime
-from armctl.hardware.encoder.greeting import greet
-from armctl.hardware.encoder.messages import Banner
-from armctl.hardware.encoder.session import EncoderSession
-from armctl.hardware.encoder.status import Mode, Status
-from armctl.hardware.encoder.told_settings import WATCHDOG_MS, ToldSettings
+from armctl.hardware.encoder.messages import Banner, Mode, Status
+from armctl.hardware.encoder.session import EncoderSession, greet
 from armctl.hardware.encoder.watch import BoardWatch, earlier_words
-from armctl.hardware.ports import PortInfo, list_ports
+from armctl.hardware.ports import AcceptBoard, BoardPort, PortInfo, any_board, list_ports
 from armctl.hardware.transport import Transport
 from armctl.robot import EncoderAxis
 

@@ -4,10 +4,162 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
+from enum import Enum, IntFlag
 
 from armctl.errors import ArmctlError, BoardError, BoardProtocolError, StateError
 from armctl.hardware.encoder.frame import LARGEST_SEQUENCE, unseal
-from armctl.hardware.encoder.status import Status, decode_status
+
+# What the board finds wrong with an axis or with itself, and how a user is told.
+
+
+class FaultKind(IntFlag):
+    """Faults of one axis; each switches all motors off and stays until it is cleared."""
+
+    STALL = 1
+    FOLLOWING = 2
+    ENCODER = 4
+    HOMING = 8
+    LIMIT = 16
+
+
+class BoardFlag(IntFlag):
+    """What the board reports of itself."""
+
+    WATCHDOG = 1
+    LINE_LOST = 2  # nothing is lost for good: a line without an answer is sent again
+    BROWN_OUT = 4
+    STOPPED = 8
+
+
+_AXIS_WORDS = {
+    FaultKind.STALL: "stalled: the motor was driven at its limit and did not move; see what is in its way",
+    FaultKind.FOLLOWING: (
+        "fell too far behind its setpoint (following error); is it overloaded, its supply weak, or the "
+        "speed too high?"
+    ),
+    FaultKind.ENCODER: (
+        "its encoder counted nothing, or nonsense, while the motor was driven; check its plug and wires"
+    ),
+    FaultKind.HOMING: "homing failed; see to its home switch and what is in its way, and home again",
+    FaultKind.LIMIT: "went beyond its soft limit; move it back by hand and home again",
+}
+_BOARD_WORDS = {
+    BoardFlag.WATCHDOG: (
+        "watchdog: the board heard nothing from this computer for too long (was it busy, or the cable "
+        "loose?) and switched its motors off"
+    ),
+    BoardFlag.BROWN_OUT: "brown-out: the board's supply voltage sagged and it started anew; check the supply",
+    BoardFlag.STOPPED: "the motors were switched off at once by the emergency byte",
+}
+
+
+def fault_words(faults: FaultKind, detail: str = "") -> str:
+    """What is wrong with an axis, in words for the user that do not name it.
+
+    Args:
+        faults: of one axis; none gives an empty string.
+        detail: what the board said to it, if anything.
+    """
+    words = "; ".join(words for kind, words in _AXIS_WORDS.items() if kind in faults)
+    return f"{words} ({detail})" if words and detail else words
+
+
+def flag_words(flags: BoardFlag) -> tuple[str, ...]:
+    """What the board reports of itself, in words for the user."""
+    return tuple(words for flag, words in _BOARD_WORDS.items() if flag in flags)
+
+
+# The status line: what the board says 50 times a second of itself and its axes.
+
+_ALL_FAULTS = sum(FaultKind)
+_ALL_FLAGS = sum(BoardFlag)
+
+
+class Mode(Enum):
+    """What the motors do."""
+
+    OFF = "O"
+    ON = "N"
+    HOMING = "H"
+    HELD = "B"
+    TRIPPED = "T"
+
+    @property
+    def powered(self) -> bool:
+        """Whether the motors are on."""
+        return self in (Mode.ON, Mode.HOMING, Mode.HELD)
+
+
+@dataclass(frozen=True, slots=True)
+class Status:
+    """One status line. Tuples go by axis number."""
+
+    time_ms: int
+    """since the board started; starts again at 0 after 49.7 days"""
+    mode: Mode
+    homed: tuple[bool, ...]
+    switches: tuple[bool, ...]
+    """home switches that are closed"""
+    flags: BoardFlag
+    faults: tuple[FaultKind, ...]
+    counts: tuple[int, ...]
+    """joint counts"""
+
+    @property
+    def latched(self) -> bool:
+        """Whether there are flags or faults that CLR clears."""
+        return bool(self.flags) or any(self.faults) or self.mode is Mode.TRIPPED
+
+    def encode(self) -> str:
+        """The fields as the board sends them, without the ``@``."""
+        faults = "".join(f"{fault:02x}" for fault in self.faults)
+        return (
+            f"{self.time_ms} {self.mode.value} {_bits(self.homed):02x} {_bits(self.switches):02x} "
+            f"{self.flags:02x} {faults} {' '.join(map(str, self.counts))}"
+        )
+
+
+def decode_status(text: str) -> Status:
+    """The status in ``text``, the fields without the ``@``.
+
+    Raises:
+        BoardProtocolError: no status that the firmware can send.
+    """
+    fields = text.split(" ")
+    try:
+        time_ms, mode, homed, switches, flags, faults, *counts = fields
+        bits = bytes.fromhex(faults)
+        if not counts or len(bits) != len(counts):
+            raise ValueError("as many faults as counts, and at least one")
+        return Status(
+            time_ms=int(time_ms),
+            mode=Mode(mode),
+            homed=_flags(homed, len(counts)),
+            switches=_flags(switches, len(counts)),
+            flags=BoardFlag(_known(int(flags, 16), _ALL_FLAGS)),
+            faults=tuple(FaultKind(_known(one, _ALL_FAULTS)) for one in bits),
+            counts=tuple(map(int, counts)),
+        )
+    except ValueError as error:
+        raise BoardProtocolError(
+            f"{text!r} is no status of an armctl encoder board ({error}); its firmware is another one"
+        ) from error
+
+
+def _bits(flags: tuple[bool, ...]) -> int:
+    return sum(flag << axis for axis, flag in enumerate(flags))
+
+
+def _flags(text: str, count: int) -> tuple[bool, ...]:
+    bits = _known(int(text, 16), (1 << count) - 1)
+    return tuple(bool(bits >> axis & 1) for axis in range(count))
+
+
+def _known(bits: int, all_known: int) -> int:
+    if bits & ~all_known:
+        raise ValueError(f"bits {bits:#x} where only {all_known:#x} are known")
+    return bits
+
 
 FIRMWARE = "armctl-encoder"
 PROTOCOL = 2

@@ -4,9 +4,54 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import dataclass
 
-from armctl.hardware.encoder.axis_fault import FaultKind
-from armctl.hardware.encoder.axis_plant import AxisPlant
+from armctl.hardware.driver import ChannelSettings
+from armctl.hardware.encoder.messages import FaultKind
+from armctl.robot import EncoderAxis
+
+# What is fixed to a motor of a simulated encoder board: an axis with stops, a switch and a place.
+
+SWITCH_WIDTH = 200.0  # counts over which the home switch of a Scorbot stays closed
+_LEAST_MARGIN = 60.0
+_START_S = 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class AxisPlant:
+    """The mechanics of an axis, in the counts that it has once it is homed.
+
+    Args:
+        low: lower hard stop.
+        high: upper hard stop.
+        switch: where the home switch is closed; None: there is none.
+        start: where it stands when it is built.
+    """
+
+    low: float = -1500.0
+    high: float = 1500.0
+    switch: tuple[float, float] | None = (0.0, SWITCH_WIDTH)
+    start: float = -400.0
+
+
+def plant_of(limits: ChannelSettings, axis: EncoderAxis) -> AxisPlant:
+    """An axis that fits its settings: stops a little outside the limits, the switch where it is looked for.
+
+    It stands where homing finds the switch within about a second.
+    """
+    span = limits.maximum - limits.minimum
+    margin = max(_LEAST_MARGIN, 0.02 * span)
+    low, high = min(0.0, limits.minimum) - margin, max(0.0, limits.maximum) + margin
+    toward = axis.home_toward
+    away = -toward * min(0.25 * span, axis.home_speed * _START_S)
+    start = min(limits.maximum, max(limits.minimum, away))
+    if axis.home_by == "stall":
+        return AxisPlant(
+            low=0.0 if toward < 0 else low, high=0.0 if toward > 0 else high, switch=None, start=start
+        )
+    switch = (0.0, SWITCH_WIDTH) if toward > 0 else (-SWITCH_WIDTH, 0.0)
+    return AxisPlant(low, high, switch, start)
+
 
 UNHOMING = frozenset({"inv", "minv", "hdir", "hpos", "hmode", "sinv"})
 """Keys whose change makes an earlier zero worthless."""
@@ -158,3 +203,21 @@ class SimulatedAxis:
 def _followed_share(dt: float) -> float:
     """The part of its distance from the setpoint that a motor makes good in ``dt`` [s]."""
     return 1.0 - math.exp(-dt / _LAG_S)
+
+
+# What the firmware takes for granted until a host has told it otherwise: a rebuilt Scorbot.
+
+_KEYS = ("min", "max", "vmax", "amax", "kp", "ki", "kd", "brk", "ferr",
+         "stall", "hdir", "hv", "hpos", "hord", "hmode", "inv", "minv", "sinv", "dmax")  # fmt: skip
+"""in the order in which SHOW tells them"""
+_AXES = (
+    (-22000, 22000, 2840, 11400, 1200, 2000, 16, 200, 600, 300, 1, 900, 0, 6, 0, 0, 0, 0, 255),
+    (-8000, 10800, 2950, 11800, 1200, 2000, 16, 200, 600, 300, 1, 900, 0, 2, 0, 0, 0, 0, 255),
+    (-25600, 4000, 2950, 11800, 1200, 2000, 16, 200, 600, 300, 1, 900, 0, 3, 0, 0, 0, 0, 255),
+    (-3900, 3400, 2300, 9200, 2500, 4000, 26, 200, 400, 300, 1, 800, 0, 4, 0, 0, 0, 0, 255),
+    (-5100, 5100, 2900, 11800, 2500, 4000, 26, 200, 400, 300, 1, 800, 0, 5, 0, 0, 0, 0, 255),
+    (0, 1700, 1600, 8000, 1000, 1000, 13, 200, 400, 200, -1, 800, 0, 1, 1, 0, 0, 0, 255),
+)
+
+FIRMWARE_DEFAULTS: tuple[Mapping[str, int], ...] = tuple(dict(zip(_KEYS, row, strict=True)) for row in _AXES)
+"""by axis; ``firmware/encoder/settings.cpp`` says the same"""

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
+from armctl.hardware.encoder.axes import WIRE_RANGES
 from armctl.hardware.encoder.simulated_axis import SimulatedAxis
-from armctl.hardware.encoder.wire_range import WIRE_RANGES
 
 _REACH_MS = 20
 _REACH_RANGE_MS = (1, 1000)

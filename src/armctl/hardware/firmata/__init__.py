@@ -10,9 +10,7 @@ from armctl.hardware.firmata.replies import (
     ReplyParser,
     VersionReport,
 )
-from armctl.hardware.firmata.serve import serve_simulated_firmata
-from armctl.hardware.firmata.simulated import SimulatedFirmata
-from armctl.hardware.firmata.simulated_servo import Pulse
+from armctl.hardware.firmata.simulated import Pulse, SimulatedFirmata, serve_simulated_firmata
 
 __all__ = [
     "BoardText",

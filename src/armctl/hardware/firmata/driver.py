@@ -5,18 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 
 from armctl.errors import BoardError, BoardProtocolError, BoardTimeoutError, PortError
-from armctl.hardware.board_port import AcceptBoard, BoardPort, any_board
 from armctl.hardware.driver import BoardIdentity, ChannelSettings, Readback, Source
 from armctl.hardware.firmata import codec
-from armctl.hardware.firmata.attacher import Attacher
 from armctl.hardware.firmata.codec import BAUD, PinMode
-from armctl.hardware.firmata.line import HOW_TO_LOAD, FirmataLine
-from armctl.hardware.firmata.pin_table import PinTable
-from armctl.hardware.firmata.pin_watch import PinWatch
+from armctl.hardware.firmata.line import HOW_TO_LOAD, FirmataLine, SetpointStream
+from armctl.hardware.firmata.pins import Attacher, PinTable, PinWatch
 from armctl.hardware.firmata.replies import BoardText, Malformed, PinState, Reply
-from armctl.hardware.firmata.setpoint_stream import SetpointStream
-from armctl.hardware.maestro_models import MaestroModel
-from armctl.hardware.ports import PortInfo, list_ports
+from armctl.hardware.ports import AcceptBoard, BoardPort, MaestroModel, PortInfo, any_board, list_ports
 from armctl.hardware.transport import Transport
 
 WATCHDOG_NOTE = (

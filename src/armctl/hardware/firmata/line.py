@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+import itertools
+import math
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import TypeVar
 
 from armctl.errors import BoardError, BoardProtocolError, BoardTimeoutError
 from armctl.hardware.firmata import codec
+from armctl.hardware.firmata.codec import BAUD
+from armctl.hardware.firmata.pins import Attacher, FirstPulse, PinTable, PinWatch
 from armctl.hardware.firmata.replies import (
     CapabilityReport,
     FirmwareReport,
@@ -198,3 +202,113 @@ class FirmataLine:
     def _check(self) -> None:
         if self._lost is not None:
             raise BoardError(self._lost)
+
+
+# How much the serial line can still carry: nothing may queue up in front of a setpoint.
+
+_BITS_PER_BYTE = 10  # 8N1: start bit, eight data bits, stop bit
+BYTE_S = _BITS_PER_BYTE / BAUD
+_ROUNDING_SLACK = 1e-6
+
+
+class LinePace:
+    """Keeps account of the time that the bytes given to the line take on it.
+
+    The operating system and the USB adapter take far more bytes than the line carries; whoever
+    writes faster than it only makes the setpoints old.
+
+    Args:
+        period_s: what may be spent is reckoned per so many seconds.
+        share: which part of them may be spent.
+    """
+
+    def __init__(self, period_s: float, share: float) -> None:
+        self._allowed_s = period_s * share
+        self._busy_until = 0.0
+
+    def waiting(self, now: float) -> int:
+        """How many of the bytes written so far have not gone out yet."""
+        return math.ceil(self._backlog_s(now) / BYTE_S - _ROUNDING_SLACK)
+
+    def room(self, now: float) -> int:
+        """How many more bytes may be written now."""
+        return max(0, math.floor((self._allowed_s - self._backlog_s(now)) / BYTE_S + _ROUNDING_SLACK))
+
+    def charge(self, count: int, now: float) -> None:
+        """Note that ``count`` bytes were written at ``now`` [s]."""
+        self._busy_until = max(self._busy_until, now) + count * BYTE_S
+
+    def _backlog_s(self, now: float) -> float:
+        return max(0.0, self._busy_until - now)
+
+
+# Setpoints and questions on their way to a Firmata board, no faster than the line carries them.
+
+SERVO_FRAME_S = 0.020
+_LINE_SHARE = 0.9
+_QUERY_BYTES = len(codec.pin_state_query(0))
+_MOST_QUERIES = 8
+"""their answers of 7 bytes fit into the board's 64-byte transmit buffer: it never has to wait for it"""
+_ROUND_S = 0.75 * SERVO_FRAME_S
+"""shortest time between two rounds of questions; a loop of 20 ms is now and then early"""
+
+
+class SetpointStream:
+    """Keeps the newest setpoints until the line is free for them.
+
+    Args:
+        send: writes to the line.
+        now: the clock [s].
+        attacher: switches pins on.
+    """
+
+    def __init__(self, send: Callable[[bytes], None], now: Callable[[], float], attacher: Attacher) -> None:
+        self._send_bytes, self._now, self._attacher = send, now, attacher
+        self._pace = LinePace(SERVO_FRAME_S, _LINE_SHARE)
+        self._pending: dict[int, int] = {}
+        self._asked_at = -_ROUND_S
+
+    def put(self, pulses: Mapping[int, int]) -> None:
+        """Have pulse widths [µs] by pin sent with the next ``flush``."""
+        self._pending.update(pulses)
+
+    def clear(self) -> None:
+        """Forget what has not been sent."""
+        self._pending.clear()
+
+    def send(self, data: bytes, answer_length: int = 0) -> None:
+        """Send at once, on the line's account."""
+        self._send_bytes(data)
+        # Both directions of the line work at once: the longer one counts.
+        self._pace.charge(max(len(data), answer_length), self._now())
+
+    def flush(self, table: PinTable, watch: PinWatch) -> None:
+        """Send the newest setpoints that the board has not got, once the line is free for them."""
+        # A round of questions may be in front of them, or reading before writing would cost a frame.
+        if self._pace.waiting(self._now()) > _MOST_QUERIES * _QUERY_BYTES:
+            return
+        wanted = watch.to_repeat() | self._pending
+        due = {pin: pulse for pin, pulse in sorted(wanted.items()) if watch.needs(pin, pulse)}
+        setpoints = {pin: pulse for pin, pulse in due.items() if watch.is_on(pin)}
+        off = [pin for pin in due if pin not in setpoints]
+        first, later = off[: self._attacher.most_at_once], off[self._attacher.most_at_once :]
+        self._pending = {pin: due[pin] for pin in later}
+        request, answer_length = b"".join(itertools.starmap(codec.servo_write, setpoints.items())), 0
+        if first:
+            servos = [FirstPulse(pin, due[pin], table.range_us(pin)) for pin in first]
+            burst = self._attacher.burst(servos)
+            request, answer_length = request + burst.request, burst.answer_length
+        if request:
+            self.send(request, answer_length)
+            watch.sent(setpoints | {pin: due[pin] for pin in first})
+
+    def ask_next(self, watch: PinWatch) -> None:
+        """Ask for as many pin states as the line has room for in this servo frame, in turn."""
+        now = self._now()
+        if now - self._asked_at < _ROUND_S:
+            return
+        count = min(_MOST_QUERIES, self._pace.room(now) // _QUERY_BYTES)
+        pins = watch.ask(count, now)
+        if pins:
+            self._asked_at = now
+            self.send(b"".join(map(codec.pin_state_query, pins)))

@@ -4,19 +4,100 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
 
 from armctl.errors import InputError
-from armctl.hardware.firmata import sketch_reports
+from armctl.hardware.firmata import sketch as sketch_reports
 from armctl.hardware.firmata.codec import Command, PinMode, Sysex
-from armctl.hardware.firmata.mega_pins import PINS, capabilities, mode_after_reset
-from armctl.hardware.firmata.simulated_servo import Pulse, SimulatedServo
-from armctl.hardware.firmata.sketch_parser import (
-    Overflow,
-    ShortMessage,
-    SketchMessage,
-    SketchParser,
-    SysexMessage,
-)
+from armctl.hardware.firmata.sketch import Overflow, ShortMessage, SketchMessage, SketchParser, SysexMessage
+from armctl.hardware.simulation.pty_server import PtyServer
+
+# One servo of a simulated sketch: what the Arduino Servo library does with what it is given.
+
+_MINIMUM_US = 544
+_MAXIMUM_US = 2400
+_DEFAULT_US = 1500
+_LIMIT_STEP_US = 4
+_LARGEST_DEGREES = 180
+
+
+@dataclass(frozen=True, slots=True)
+class Pulse:
+    """One pulse on a pin: when it began, and how long it was."""
+
+    time: float
+    width_us: int
+
+
+class SimulatedServo:
+    """Limits, degrees and microseconds as in Servo.cpp.
+
+    Attributes:
+        width_us: the pulse width that the next frame sends.
+    """
+
+    def __init__(self) -> None:
+        self.width_us = _DEFAULT_US
+        self._minimum_us, self._maximum_us = _MINIMUM_US, _MAXIMUM_US
+
+    def attach(self, minimum_us: int = _MINIMUM_US, maximum_us: int = _MAXIMUM_US) -> None:
+        """Begin to send pulses, of the width that was there before."""
+        self._minimum_us = _MINIMUM_US - _LIMIT_STEP_US * _stored(_MINIMUM_US - minimum_us)
+        self._maximum_us = _MAXIMUM_US - _LIMIT_STEP_US * _stored(_MAXIMUM_US - maximum_us)
+
+    def write(self, value: int) -> None:
+        """Take degrees below 544, else µs."""
+        if value < _MINIMUM_US:
+            degrees = min(_LARGEST_DEGREES, max(0, value))
+            span_us = self._maximum_us - self._minimum_us
+            value = self._minimum_us + span_us * degrees // _LARGEST_DEGREES
+        self.width_us = min(self._maximum_us, max(self._minimum_us, value))
+
+
+def _stored(distance_us: int) -> int:
+    """A limit's distance from the library's own, as kept in a signed byte: it wraps round."""
+    steps = int(distance_us / _LIMIT_STEP_US)  # towards zero, as C divides
+    return (steps + 128) % 256 - 128
+
+
+# The pins of an Arduino Mega as StandardFirmata 2.3 sees them (Boards.h).
+
+PINS = 70
+
+_SERIAL_PINS = (0, 1)
+_FIRST_ANALOG_PIN = 54
+_PWM_PINS = (*range(2, 14), 44, 45, 46)
+_LAST_SERVO_PIN = 49  # the Servo library has room for 48, and the sketch keeps one for each pin from 2 on
+_I2C_PINS = (20, 21)
+
+
+def mode_after_reset(pin: int) -> PinMode:
+    """What a reset sets a pin to: the analog ones listen, the others are low; the serial ones it leaves."""
+    if pin in _SERIAL_PINS:
+        return PinMode.INPUT
+    return PinMode.ANALOG if pin >= _FIRST_ANALOG_PIN else PinMode.OUTPUT
+
+
+def capabilities(pin: int) -> dict[int, int]:
+    """The modes that a pin knows, with their resolution in bits, in the sketch's order."""
+    if pin in _SERIAL_PINS or not 0 <= pin < PINS:
+        return {}
+    modes: dict[int, int] = {PinMode.INPUT: 1, PinMode.OUTPUT: 1}
+    if pin >= _FIRST_ANALOG_PIN:
+        modes[PinMode.ANALOG] = 10
+    if pin in _PWM_PINS:
+        modes[PinMode.PWM] = 8
+    if pin <= _LAST_SERVO_PIN:
+        modes[PinMode.SERVO] = 14
+    if pin in _I2C_PINS:
+        modes[PinMode.I2C] = 1
+    return modes
+
+
+SERVO_PINS = tuple(pin for pin in range(PINS) if PinMode.SERVO in capabilities(pin))
+
 
 SERVO_FRAME_S = 0.020
 _TIME_SLACK_S = 1e-9
@@ -178,3 +259,21 @@ def _checked(pin: int) -> int:
     if not 0 <= pin < PINS:
         raise InputError(f"pin {pin}: a Mega has pins 0 … {PINS - 1}")
     return pin
+
+
+# A simulated Firmata board on a pty, ready to be opened.
+
+
+def serve_simulated_firmata(
+    now: Callable[[], float], *, link: Path | None = None, boot_s: float = 0.0
+) -> PtyServer[SimulatedFirmata]:
+    """A server to be entered as a context; its ``port`` is what a driver or any other client opens.
+
+    Opening a pty does not restart the board, as opening a real Mega's port does.
+
+    Args:
+        now: the clock [s].
+        link: where the pty is to be found; under its own name when None.
+        boot_s: how long the board takes to start.
+    """
+    return PtyServer(SimulatedFirmata(boot_s), now, link=link)

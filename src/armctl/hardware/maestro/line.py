@@ -7,8 +7,7 @@ from dataclasses import replace
 
 from armctl.errors import BoardProtocolError, BoardTimeoutError
 from armctl.hardware.maestro import codec
-from armctl.hardware.maestro.codec import Framing
-from armctl.hardware.maestro.error_register import MaestroErrors, error_words
+from armctl.hardware.maestro.codec import Framing, MaestroErrors, error_words
 from armctl.hardware.transport import Transport
 
 MISUNDERSTOOD = MaestroErrors.SERIAL_PROTOCOL | MaestroErrors.SERIAL_CRC

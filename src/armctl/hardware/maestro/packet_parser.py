@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from armctl.hardware.maestro.codec import POLOLU_START, Opcode, crc7
-from armctl.hardware.maestro.error_register import MaestroErrors
+from armctl.hardware.maestro.codec import POLOLU_START, MaestroErrors, Opcode, crc7
 
 # Data bytes of each command; None: counted by its own first data byte.
 _MICRO_COMMANDS: dict[int, int | None] = {

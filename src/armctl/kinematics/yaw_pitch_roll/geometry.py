@@ -17,13 +17,15 @@ from __future__ import annotations
 import cmath
 import itertools
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from armctl.kinematics.angles import wrap
+from armctl.kinematics.angles import images, into_limits, rest_angle, wrap
 from armctl.kinematics.chain import DHChain
 
 FloatArray = NDArray[np.float64]
@@ -173,3 +175,167 @@ def _planar(frame: FloatArray, origin: FloatArray, point: FloatArray) -> complex
 def _clean(value: float) -> float:
     """Exactly zero where only rounding is left: offsets of 1e-17 m would cost a branch for nothing."""
     return 0.0 if abs(value) < 1e-14 else value
+
+
+# The base angle: which way the tool's vertical plane can face so that it passes through the target.
+
+AXIS_TOLERANCE = 1e-10
+"""How far inside the cylinder about the base axis a target may lie by rounding [m]."""
+_TOUCHING = 1e-15
+"""How far outside it a target still lies on it [m]. The forward coordinate is a square root there: rounding
+of 1e-17 m would put a joint that stands on its limit 1e-9 rad outside."""
+
+
+class BaseBranch(NamedTuple):
+    """One way for the base to face."""
+
+    front: bool
+    """True: the target lies in front of the arm; False: the arm reaches over its back"""
+    angle: float
+    """θ1 [rad]"""
+    r: float
+    """forward coordinate of the target in the tool plane [m], negative at the back"""
+
+
+def is_on_axis(geometry: YawPitchRoll, x: float, y: float) -> bool:
+    """True when any base angle serves: the target and the tool plane both lie on the base axis."""
+    return abs(geometry.lateral) <= AXIS_TOLERANCE and math.hypot(x, y) <= AXIS_TOLERANCE
+
+
+def base_branches(
+    geometry: YawPitchRoll, x: float, y: float, limits: tuple[float, float] | None
+) -> list[BaseBranch]:
+    """Solve ``x + i y = exp(i s1 θ1) (r + i d)``.
+
+    Args:
+        geometry: the arm.
+        x: target, forward of the base axis [m].
+        y: target, left of the base axis [m].
+        limits: of θ1 [rad]; None: any angle, one each way.
+
+    Returns:
+        The front branch before the back branch; none when the target lies closer to the base axis than
+        the tool plane does. Where any angle serves, the one inside the limits that is nearest to zero is
+        given, and its opposite.
+    """
+    d = geometry.lateral
+    rho, aside = math.hypot(x, y), abs(d)
+    gap = rho - aside
+    if gap <= AXIS_TOLERANCE:
+        if gap < -AXIS_TOLERANCE:
+            return []
+        if is_on_axis(geometry, x, y):
+            straight = 0.0 if limits is None else rest_angle(*limits)
+            return axis_branches((straight, straight + math.pi), limits)
+    r = math.sqrt(gap * (rho + aside)) if gap > _TOUCHING else 0.0
+    azimuth, lean, sign = math.atan2(y, x), math.atan2(d, r) if d else 0.0, geometry.yaw_sign
+    branches = [BaseBranch(True, angle, r) for angle in _inside(sign * (azimuth - lean), limits)]
+    if r:  # else both branches are the same one
+        back = sign * (azimuth + lean - math.pi)
+        branches += [BaseBranch(False, angle, -r) for angle in _inside(back, limits)]
+    return branches
+
+
+def axis_branches(turns: Sequence[float], limits: tuple[float, float] | None) -> list[BaseBranch]:
+    """Branches for a target on the base axis, at the angles wanted [rad]: the first in front, others not."""
+    return [BaseBranch(i == 0, angle, 0.0) for i, turn in enumerate(turns) for angle in _inside(turn, limits)]
+
+
+def _inside(turn: float, limits: tuple[float, float] | None) -> list[float]:
+    if limits is None:
+        return [wrap(turn)]
+    low, high = limits
+    return images(turn, low, high)
+
+
+def base_angles(
+    geometry: YawPitchRoll, x: FloatArray, y: FloatArray, limits: tuple[float, float]
+) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
+    """``base_branches`` of many targets: the image inside the limits that is nearest to zero.
+
+    Args:
+        geometry: the arm.
+        x: (k,) targets, forward of the base axis [m].
+        y: (k,) targets, left of the base axis [m].
+        limits: of θ1 [rad].
+
+    Returns:
+        θ1 [rad] in front and at the back (2, k); forward coordinates in the tool plane [m] (2, k); and
+        where there is such a branch (2, k).
+    """
+    d = geometry.lateral
+    square = x * x + y * y - d * d
+    r = np.sqrt(np.where(square > 2.0 * _TOUCHING * abs(d), square, 0.0))
+    azimuth = np.arctan2(y, x)
+    aside = np.arctan2(d, r) if d else 0.0
+    yaw = np.stack([azimuth - aside, azimuth + aside - math.pi])
+    if geometry.yaw_sign < 0:
+        np.negative(yaw, out=yaw)
+    on_axis = np.flatnonzero(r <= AXIS_TOLERANCE)
+    if abs(d) <= AXIS_TOLERANCE and len(on_axis):
+        yaw[0, on_axis] = rest_angle(*limits)
+        yaw[1, on_axis] = yaw[0, on_axis] + math.pi
+    inside = into_limits(yaw, *limits)
+    if d:  # closer to the axis than the tool plane; or both branches the same one
+        inside &= square >= -2.0 * AXIS_TOLERANCE * abs(d)
+        inside[1] &= r > 0.0
+    return yaw, np.stack([r, -r]), inside
+
+
+# Where the tool points in the vertical plane: what a pitch above the horizontal asks for.
+
+
+@dataclass(frozen=True, slots=True)
+class PlanePose:
+    """Tool direction in the vertical plane and roll."""
+
+    tool_angle: float | None
+    """plane angle of the approach axis above forward [rad]; None: whatever the position gives"""
+    roll: float
+    """angle of the roll joint [rad]; 0 where there is none"""
+
+
+def pitch_poses(pitch: float | None, roll: float) -> list[PlanePose]:
+    """Plane angles that hold the tool at a pitch above the horizontal.
+
+    A pitch within ±90° is met by a tool that points away from the base axis and by one that points back
+    at it. Beyond ±90° the angle is taken as it is, in the arm's own plane: the tool points back.
+    """
+    if pitch is None:
+        return [PlanePose(None, roll)]
+    if abs(pitch) > math.pi / 2:
+        return [PlanePose(pitch, roll)]
+    return [PlanePose(pitch, roll), PlanePose(math.pi - pitch, roll)]
+
+
+# Names of the branches of *yaw + parallel pitch joints (+ roll)*.
+
+BRANCHES = tuple(
+    f"{base} elbow-{elbow}{tool}"
+    for base, elbow, tool in itertools.product(("front", "back"), ("up", "down"), ("", " tool-in"))
+)
+"""Index: 4 · back + 2 · elbow down + tool pointing back at the base axis."""
+LEVEL = 1e-9
+"""how near to upright a tool points neither outward nor back at the base axis (cosine)"""
+
+
+def bend_sense(angle: float) -> int:
+    """+1 or -1: the side to which a plane angle [rad] bends."""
+    return 1 if wrap(angle) >= 0 else -1
+
+
+def branch_index(front: bool, bend: int, tool_in: bool = False) -> int:
+    """Index into ``BRANCHES``.
+
+    A positive bend leaves the elbow below the line to the target in front, above it at the back.
+    """
+    elbow_up = (bend < 0) == front
+    return 4 * (not front) + 2 * (not elbow_up) + tool_in
+
+
+def tool_points_in(branch: BaseBranch, pose: PlanePose) -> bool:
+    """True when the tool points back at the base axis."""
+    if pose.tool_angle is None:
+        return False
+    outward = math.cos(pose.tool_angle) if branch.front else -math.cos(pose.tool_angle)
+    return outward < -LEVEL

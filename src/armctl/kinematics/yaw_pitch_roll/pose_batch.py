@@ -13,15 +13,18 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from armctl.kinematics.angles import LIMIT_TOLERANCE, TWO_PI, images, rest_angle
-from armctl.kinematics.batch_solutions import BatchSolutions
+from armctl.kinematics.angles import LIMIT_TOLERANCE, TWO_PI, images, into_limits, rest_angle
 from armctl.kinematics.cos_sin import SCRATCH, cos_sin
-from armctl.kinematics.yaw_pitch_roll.base_yaw import base_angles
-from armctl.kinematics.yaw_pitch_roll.branch_names import BRANCHES, LEVEL, bend_sense, branch_index
-from armctl.kinematics.yaw_pitch_roll.geometry import YawPitchRoll
-from armctl.kinematics.yaw_pitch_roll.joint_windows import into_limits
-from armctl.kinematics.yaw_pitch_roll.plane_postures import PlanePostures
-from armctl.kinematics.yaw_pitch_roll.pose_branches import REACHED, SAME_LENGTH, SURE, UPRIGHT
+from armctl.kinematics.solutions import BatchSolutions
+from armctl.kinematics.yaw_pitch_roll.closed_form import REACHED, SAME_LENGTH, SURE, UPRIGHT, PlanePostures
+from armctl.kinematics.yaw_pitch_roll.geometry import (
+    BRANCHES,
+    LEVEL,
+    YawPitchRoll,
+    base_angles,
+    bend_sense,
+    branch_index,
+)
 
 FloatArray = NDArray[np.float64]
 Rows = NDArray[np.intp]

@@ -12,26 +12,29 @@ from numpy.typing import ArrayLike, NDArray
 
 from armctl.errors import InputError
 from armctl.kinematics.angles import LIMIT_TOLERANCE
-from armctl.kinematics.batch_solutions import BatchSolutions
 from armctl.kinematics.chain import DHChain
 from armctl.kinematics.energy import EnergyModel
 from armctl.kinematics.grid import DEFAULT_STEP, checked_step
 from armctl.kinematics.roll_joint import NO_ROLL, RollJoint, held_roll, roll_angles
-from armctl.kinematics.solutions import Solutions, SolvedArm
+from armctl.kinematics.solutions import BatchSolutions, Solutions, SolvedArm
 from armctl.kinematics.target import Target, checked_column, checked_pitches, checked_point, checked_positions
-from armctl.kinematics.yaw_pitch_roll.base_yaw import BaseBranch, base_branches, is_on_axis
-from armctl.kinematics.yaw_pitch_roll.branch_names import BRANCHES, bend_sense, branch_index, tool_points_in
-from armctl.kinematics.yaw_pitch_roll.geometry import YawPitchRoll
-from armctl.kinematics.yaw_pitch_roll.least_rotation import LeastRotation
-from armctl.kinematics.yaw_pitch_roll.least_rotation_batch import LeastRotationBatch
-from armctl.kinematics.yaw_pitch_roll.nearest import NearestReach
-from armctl.kinematics.yaw_pitch_roll.nearest_orientation import NearestOrientation
-from armctl.kinematics.yaw_pitch_roll.orientation import pitch_poses
-from armctl.kinematics.yaw_pitch_roll.plane_postures import PlanePostures
+from armctl.kinematics.yaw_pitch_roll.closed_form import PlanePostures, PoseBranches, Postures
+from armctl.kinematics.yaw_pitch_roll.free_joint import PositionSweep
+from armctl.kinematics.yaw_pitch_roll.geometry import (
+    BRANCHES,
+    BaseBranch,
+    YawPitchRoll,
+    base_branches,
+    bend_sense,
+    branch_index,
+    is_on_axis,
+    pitch_poses,
+    tool_points_in,
+)
+from armctl.kinematics.yaw_pitch_roll.least_rotation import LeastRotation, LeastRotationBatch
+from armctl.kinematics.yaw_pitch_roll.orientation import NearestOrientation
 from armctl.kinematics.yaw_pitch_roll.pose_batch import PoseBatch
-from armctl.kinematics.yaw_pitch_roll.pose_branches import PoseBranches, Postures
-from armctl.kinematics.yaw_pitch_roll.position_sweep import PositionSweep
-from armctl.kinematics.yaw_pitch_roll.reach import Reach
+from armctl.kinematics.yaw_pitch_roll.reach import NearestReach, Reach
 
 FloatArray = NDArray[np.float64]
 _FEW = 16

@@ -1,10 +1,8 @@
 """Pre-flight: what is wrong with a motion, before the arm makes it."""
 
-from armctl.motion.preflight.finding import Finding, Kind, Severity
-from armctl.motion.preflight.floor import FLOOR_TOLERANCE_M, Floor
-from armctl.motion.preflight.obstacles import Obstacles
+from armctl.motion.preflight.batch import Finding, Kind, Severity
+from armctl.motion.preflight.clearance import FLOOR_TOLERANCE_M, Floor, Obstacles, SelfCollision
 from armctl.motion.preflight.preflight import preflight, preflight_batch, require_clear
-from armctl.motion.preflight.self_collision import SelfCollision
 from armctl.motion.preflight.torque import not_checked
 
 __all__ = [

@@ -6,20 +6,68 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import cast
+from typing import Literal, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from armctl.errors import InputError
-from armctl.motion.joined import JoinedTrajectory
-from armctl.motion.peaks import peaks_of
-from armctl.motion.preflight.stacked import stacked_angles
+from armctl.motion.polynomial import PiecewisePolynomial
 from armctl.motion.profiles import PointToPoint
-from armctl.motion.trajectory import KnowsPeaks, Peaks, Sample, Trajectory
+from armctl.motion.trajectory import JoinedTrajectory, KnowsPeaks, Peaks, Sample, Trajectory, peaks_of
 from armctl.robot import Robot
 
+# Many point-to-point motions evaluated with one call each power, not one by one.
+
 FloatArray = NDArray[np.float64]
+
+
+def stacked_angles(motions: Sequence[PointToPoint], times: Sequence[FloatArray]) -> FloatArray:
+    """Joint angles of many motions: what ``sample`` of each gives at its own times, end to end.
+
+    Args:
+        motions: at least one.
+        times: one array (k,) a motion, rising, the last one its duration [s].
+
+    Returns:
+        (Σ k, n) [rad].
+    """
+    counts = np.array([len(time) for time in times])
+    start, end = np.array([m.start for m in motions]), np.array([m.end for m in motions])
+    owner = np.repeat(np.arange(len(motions)), counts)
+    ways = [motion.way for motion in motions]
+    pieces = np.cumsum([0, *(0 if way is None else len(way.coefficients) for way in ways)])
+    time = np.concatenate(times)
+    gone = np.zeros((len(time), start.shape[1]))
+    if pieces[-1]:
+        piece = np.minimum(pieces[owner], pieces[-1] - 1)
+        for first, way, low in zip(pieces, ways, np.cumsum(counts) - counts, strict=False):
+            if way is not None and len(way.coefficients) > 1:
+                part = slice(low, low + counts[owner[low]])
+                piece[part] = first + np.searchsorted(way.breaks[1:-1], time[part])
+        gone = _evaluated([way for way in ways if way is not None], piece, time)
+        gone[np.array([way is None for way in ways])[owner]] = 0.0
+    q = np.clip(start[owner] + gone, np.minimum(start, end)[owner], np.maximum(start, end)[owner])
+    q[np.cumsum(counts) - 1] = end
+    return q
+
+
+def _evaluated(ways: Sequence[PiecewisePolynomial], piece: NDArray[np.intp], time: FloatArray) -> FloatArray:
+    """(m, n) values: sample i by the piece number ``piece[i]`` of all pieces of all ways."""
+    size = max(way.coefficients.shape[1] for way in ways)
+    coefficients = np.concatenate(
+        [np.pad(w.coefficients, ((0, 0), (0, size - w.coefficients.shape[1]), (0, 0))) for w in ways]
+        if any(way.coefficients.shape[1] != size for way in ways)
+        else [way.coefficients for way in ways]
+    )
+    x = (time - np.concatenate([way.breaks[:-1] for way in ways])[piece])[:, None]
+    out = coefficients[piece, size - 1]
+    for power in reversed(range(size - 1)):
+        out *= x
+        out += coefficients[piece, power]
+    return out
+
+
 IntArray = NDArray[np.intp]
 _TRAVEL = math.radians(6)
 """No joint moves farther between two samples, as far as the peaks of the motion are known."""
@@ -209,3 +257,77 @@ def _sampled(trajectory: Trajectory, time: FloatArray) -> Sample:
         if values.shape != (len(time), len(trajectory.start)) or not np.isfinite(values).all():
             raise InputError(f"the trajectory gives a joint {what} that is not a finite number")
     return sample
+
+
+# What a check finds.
+
+Severity = Literal["error", "warning"]
+"""error: the motion is refused. warning: it is shown, and the motion may be run."""
+Kind = Literal[
+    "limits",
+    "reach",
+    "speed",
+    "acceleration",
+    "rest",
+    "floor",
+    "obstacle",
+    "self-collision",
+    "singularity",
+    "torque",
+    "program",
+]
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """One thing that is wrong with a trajectory."""
+
+    time: float
+    """when it is worst [s]"""
+    part: str
+    """the joint, or the part of the arm"""
+    what: str
+    """what is wrong, with numbers"""
+    mend: str
+    """what to do about it"""
+    kind: Kind
+    """which check found it"""
+    severity: Severity = "error"
+
+    def __str__(self) -> str:
+        return f"{self.part}: at {self.time:.2f} s, {self.what}; {self.mend}"
+
+
+# The worst of each motion, kept while its samples go by.
+
+
+class Worst:
+    """For each of N motions how bad it gets, when, and what goes with it; badness up to 0 does not count."""
+
+    def __init__(self, motions: int) -> None:
+        self.badness = np.zeros(motions)
+        """(N,); 0 where nothing was found"""
+        self.time = np.zeros(motions)
+        """(N,) [s]"""
+        self.which = np.zeros(motions, dtype=np.intp)
+        """(N,) index of the part"""
+        self.figure = np.zeros(motions)
+        """(N,) what is to be told"""
+
+    @property
+    def found(self) -> IntArray:
+        """Indices of the motions that something was found in."""
+        return np.flatnonzero(self.badness > 0.0)
+
+    def look(
+        self, motion: IntArray, time: FloatArray, badness: FloatArray, which: IntArray, figure: FloatArray
+    ) -> None:
+        """Take in samples, (m,) each; of samples that are equally bad the earliest counts."""
+        bad = np.flatnonzero(badness > self.badness[motion])
+        if not len(bad):
+            return
+        # With an index that comes again the last assignment stands: the worst go last, of equals the first.
+        bad = bad[np.lexsort((-time[bad], badness[bad]))]
+        at = motion[bad]
+        self.badness[at], self.time[at] = badness[bad], time[bad]
+        self.which[at], self.figure[at] = which[bad], figure[bad]

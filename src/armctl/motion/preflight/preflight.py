@@ -6,14 +6,9 @@ from collections.abc import Sequence
 
 from armctl.errors import InputError, MotionRefusedError
 from armctl.kinematics.link_frames import LinkFrames
-from armctl.motion.preflight.batch import Batch
-from armctl.motion.preflight.finding import Finding
-from armctl.motion.preflight.floor import Floor
-from armctl.motion.preflight.keep_out import KeepOut
-from armctl.motion.preflight.limits import limit_findings
-from armctl.motion.preflight.obstacles import Obstacles
-from armctl.motion.preflight.rates import rate_findings, rest_findings
-from armctl.motion.preflight.self_collision import SelfCollision
+from armctl.motion.preflight.batch import Batch, Finding
+from armctl.motion.preflight.clearance import Floor, KeepOut, Obstacles, SelfCollision
+from armctl.motion.preflight.rates import limit_findings, rate_findings, rest_findings
 from armctl.motion.preflight.singularity import Singularity
 from armctl.motion.preflight.torque import Torque
 from armctl.motion.trajectory import Trajectory

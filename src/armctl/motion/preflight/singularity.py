@@ -8,11 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armctl.kinematics.link_frames import LinkFrames
+from armctl.kinematics.samples import joint_samples
 from armctl.kinematics.velocity import NEAR
-from armctl.kinematics.workspace.joint_samples import joint_samples
-from armctl.motion.preflight.batch import Batch, Chunk
-from armctl.motion.preflight.finding import Finding
-from armctl.motion.preflight.worst import Worst
+from armctl.motion.preflight.batch import Batch, Chunk, Finding, Worst
 
 FloatArray = NDArray[np.float64]
 _LOST = 0.005

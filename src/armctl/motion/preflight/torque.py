@@ -11,9 +11,7 @@ from numpy.typing import NDArray
 from armctl.errors import InputError
 from armctl.kinematics import GravityModel
 from armctl.kinematics.link_frames import LinkFrames
-from armctl.motion.preflight.batch import Batch, Chunk
-from armctl.motion.preflight.finding import Finding
-from armctl.motion.preflight.worst import Worst
+from armctl.motion.preflight.batch import Batch, Chunk, Finding, Worst
 from armctl.robot import Robot
 
 FloatArray = NDArray[np.float64]

@@ -2,19 +2,209 @@
 
 from __future__ import annotations
 
+import http.client
+import importlib
+import ipaddress
+import logging
 import re
-from collections.abc import Sequence
+import socket
+import sys
+import threading
+import types
+from collections.abc import Callable, Generator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from http import HTTPStatus
+from typing import Any
 
 import viser
+import websockets.asyncio.server
 from typing_extensions import override
+from websockets.asyncio.server import Server, ServerConnection
+from websockets.http11 import Request, Response
+from websockets.server import ServerProtocol
 
 from armctl.errors import ServerError
-from armctl.ui.guard.door import Door
-from armctl.ui.guard.handles import ServerSlot
-from armctl.ui.guard.listening import listening_socket
-from armctl.ui.guard.probe import probe
-from armctl.ui.guard.serving import GuardedServing
-from armctl.ui.guard.tally import LOG, Tally
+from armctl.ui.guard.door import Door, GuardedConnection, listening_socket
+from armctl.ui.guard.filter import LOG, ServerSlot, Tally
+
+# The one place where viser is changed: how it opens its server, and where it prints.
+#
+# viser 1.1.1 exposes none of the options of ``websockets.asyncio.server.serve`` that the guard needs, but
+# looks the function up when it starts. While a server is constructed, this module puts another function in
+# its place, which passes on viser's call with the guard's options added; only documented ones are used.
+
+MAX_FRAME_BYTES = 16 << 20
+"""Pictures of the scene are the largest frames; viser itself would take 50 MiB."""
+
+_VISER_SERVER = "viser.infra._infra"
+_PARTS_OF_RICH = ("rich", "rich.box", "rich.panel", "rich.style", "rich.table")
+_REPLACING = threading.Lock()  # what is replaced belongs to the process, so the lock does too
+
+
+class _WireLog(logging.Handler):
+    """Takes what ``websockets`` reports: broken handshakes are noise, failing handlers are our defects."""
+
+    @override
+    def emit(self, record: logging.LogRecord) -> None:
+        if record.getMessage() == "connection handler failed":
+            LOG.error("a connection failed", exc_info=record.exc_info)
+        else:
+            LOG.debug("websocket: %s", record.getMessage())
+
+
+class _NotServing:
+    """What viser gets for a server that could not be opened: it serves nothing until it is stopped."""
+
+    async def __aenter__(self) -> types.SimpleNamespace:
+        return types.SimpleNamespace(server=types.SimpleNamespace(sockets=()))
+
+    async def __aexit__(self, *of_no_interest: object) -> None:
+        return None
+
+
+@dataclass
+class GuardedServing:
+    """The guard's way to open viser's server.
+
+    Attributes:
+        listener: the socket to listen on, instead of viser's host and port.
+        door: the checks on requests.
+        slot: where connections find the server whose handles they check values against.
+        calls: how often viser opened a server this way; 0 means that the guard is not in place.
+        failure: why ``websockets`` did not open the server, if so; nothing is served then.
+    """
+
+    listener: socket.socket
+    door: Door
+    slot: ServerSlot
+    calls: int = field(default=0, init=False)
+    failure: Exception | None = field(default=None, init=False)
+
+    @contextmanager
+    def in_place(self) -> Generator[None]:
+        """Replace ``serve``, and ``rich.print`` for viser alone, while a ``ViserServer`` is constructed."""
+        module = websockets.asyncio.server
+        for name in _PARTS_OF_RICH:  # what is imported while ``rich`` is replaced would miss in the real one
+            importlib.import_module(name)
+        with _REPLACING:
+            serve, real_rich = module.serve, sys.modules["rich"]
+            quiet_rich = types.ModuleType("rich")
+            quiet_rich.__dict__.update(real_rich.__dict__)
+            quiet_rich.__dict__["print"] = _to_log
+            module.serve = self._replacement(serve)  # pyright: ignore[reportAttributeAccessIssue]
+            sys.modules["rich"] = quiet_rich
+            try:
+                yield
+            finally:
+                module.serve = serve
+                sys.modules["rich"] = real_rich
+
+    def _replacement(self, serve: Callable[..., Any]) -> Callable[..., Any]:
+        def guarded(handler: Callable[..., Any], host: Any = None, port: Any = None, **options: Any) -> Any:
+            if getattr(handler, "__module__", "") != _VISER_SERVER:
+                return serve(handler, host, port, **options)
+            self.calls += 1
+            try:
+                options.update(self._options(options["process_request"]))
+                return serve(handler, **options)
+            except (
+                Exception
+            ) as cause:  # raised here, viser's thread would die and its constructor wait for ever
+                self.failure = cause
+                return _NotServing()
+
+        return guarded
+
+    def _options(self, serve_page: Callable[..., Response | None]) -> dict[str, Any]:
+        def process_request(connection: ServerConnection, request: Request) -> Response | None:
+            response = self.door.answer(connection, request)
+            return serve_page(connection, request) if response is None else response
+
+        def connection(protocol: ServerProtocol, server: Server, **options: Any) -> GuardedConnection:
+            return GuardedConnection(protocol, server, slot=self.slot, tally=self.door.tally, **options)
+
+        wire = logging.Logger("armctl.ui.guard.wire")
+        wire.addHandler(_WireLog())
+        return {
+            "sock": self.listener,
+            "process_request": process_request,
+            "process_response": self.door.finish,
+            "create_connection": connection,
+            "server_header": None,
+            "max_size": MAX_FRAME_BYTES,
+            "ping_interval": 2,
+            "ping_timeout": 4,
+            "close_timeout": 1,
+            "logger": wire,
+        }
+
+
+def _to_log(*words: object, **options: object) -> None:
+    """Take the place of ``rich.print`` in viser: its banner and notices are not the user's business."""
+    del options
+    LOG.debug("viser: %s", " ".join(word for word in words if isinstance(word, str)))
+
+
+# Whether the guard holds: knock at the server's own door as those who must not come in.
+
+_TIMEOUT_S = 3.0
+_REFUSALS = {HTTPStatus.FORBIDDEN, HTTPStatus.MISDIRECTED_REQUEST, HTTPStatus.UNAUTHORIZED}
+_FOREIGN = "armctl-probe.invalid"
+
+
+def probe(address: str, port: int, *, token_needed: bool) -> None:
+    """Try to get in from outside.
+
+    Args:
+        address: the address that the server is bound to.
+        port: its port.
+        token_needed: whether a stranger without token must be refused as well.
+
+    Raises:
+        ServerError: somebody was let in, or the server did not answer.
+    """
+    ip = ipaddress.ip_address(address)
+    if ip.is_unspecified:
+        ip = ipaddress.ip_address("127.0.0.1" if ip.version == 4 else "::1")
+    here = f"[{ip}]:{port}" if ip.version == 6 else f"{ip}:{port}"
+    strangers = {
+        "a page of a foreign origin": {"Host": here, "Origin": f"http://{_FOREIGN}"},
+        "a page under a foreign name": {"Host": f"{_FOREIGN}:{port}", "Origin": f"http://{_FOREIGN}:{port}"},
+        "a websocket without origin": {"Host": here},
+    }
+    if token_needed:
+        strangers["a page without token"] = {"Host": here, "Origin": f"http://{here}"}
+    for who, headers in strangers.items():
+        status = _knock(str(ip), port, headers)
+        if status not in _REFUSALS:
+            raise ServerError(
+                f"the web server's guard is not effective: {who} was answered with {status}; "
+                f"armctl does not run unguarded, report this with the version of viser ({viser.__version__})"
+            )
+
+
+def _knock(address: str, port: int, headers: dict[str, str]) -> int:
+    connection = http.client.HTTPConnection(address, port, timeout=_TIMEOUT_S)
+    try:
+        connection.request(
+            "GET",
+            "/",
+            headers={
+                "Upgrade": "websocket",
+                "Connection": "Upgrade",
+                "Sec-WebSocket-Version": "13",
+                "Sec-WebSocket-Key": "dGhlIHNhbXBsZSBub25jZQ==",
+                "Sec-WebSocket-Protocol": f"viser-v{viser.__version__}",
+                **headers,
+            },
+        )
+        return connection.getresponse().status
+    except (OSError, http.client.HTTPException) as cause:
+        raise ServerError(f"the web server does not answer on port {port}: {cause}") from cause
+    finally:
+        connection.close()
+
 
 _VISER_VERSION = "1.1.1"
 _TOKEN = re.compile(r"[A-Za-z0-9_-]{16,256}")

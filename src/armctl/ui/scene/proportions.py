@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armctl.robot import Robot
-from armctl.robot.skeleton import reach as chain_reach
+from armctl.robot.shape import reach as chain_reach
 
 FloatArray = NDArray[np.float64]
 _ABOVE_BASE = 0.02

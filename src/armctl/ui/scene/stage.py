@@ -9,12 +9,86 @@ import viser
 from numpy.typing import NDArray
 
 from armctl.robot import Robot
-from armctl.ui.scene.framing import framed
-from armctl.ui.scene.placing import send_pose
+from armctl.ui.scene.arm_figure import Point, Solid, beam, block, drum, send_pose, tube
 from armctl.ui.scene.proportions import front, reach
-from armctl.ui.scene.stand import draw_stand
+
+# From how far away a camera has all of something in its picture.
 
 FloatArray = NDArray[np.float64]
+
+
+def framed(
+    points: FloatArray, away: FloatArray, fov: float, aspect: float, filled: float
+) -> tuple[FloatArray, FloatArray]:
+    """Where a camera stands and looks so that points fill the given part of its picture.
+
+    Args:
+        points: (k, 3) what shall be seen [m].
+        away: (3,) the direction from what is seen to the camera, not along z; of any length.
+        fov: the picture's vertical angle of view [rad].
+        aspect: the picture's width by its height.
+        filled: the part of width or height, whichever is short, that the points may take at most (0 … 1).
+
+    Returns:
+        (3,) the camera's position and (3,) the point in the middle of the picture [m]; z is up in it.
+    """
+    back = away / np.linalg.norm(away)
+    right = np.cross([0.0, 0.0, 1.0], back)
+    right /= np.linalg.norm(right)
+    axes = np.stack([right, np.cross(back, right), back])  # to the right, up, towards the camera
+    seen = points @ axes.T
+    middle = 0.5 * (seen.min(axis=0) + seen.max(axis=0))
+    x, y, nearer = (seen - middle).T
+    high = filled * math.tan(0.5 * fov)
+    distance = float((nearer + np.maximum(np.abs(x) / (high * aspect), np.abs(y) / high)).max())
+    centre: FloatArray = middle @ axes
+    return centre + distance * back, centre
+
+
+# What holds an arm up: a plate on the floor, and a column where the base frame is high above it.
+
+# Proportions, as fractions of the arm's reach.
+_PLATE_WIDTH, _PLATE_HEIGHT = 0.28, 0.02
+_COLUMN_WIDTH, _COLUMN_BEHIND = 0.11, 0.24
+_HIGH = 0.3
+"""A base frame this far above the floor lets the arm hang below it: the column goes behind."""
+
+
+def draw_stand(scene: viser.SceneApi, robot: Robot, name: str = "/stand") -> viser.FrameHandle:
+    """Draw the stand; removing the frame that is returned removes all of it."""
+    root = scene.add_frame(name, show_axes=False)
+    for part, solid in stand_parts(robot).items():
+        scene.add_mesh_simple(
+            f"{name}/{part}", solid.vertices, solid.faces, color=robot.look.joints,
+            cast_shadow=False, receive_shadow=False,
+        )  # fmt: skip
+    return root
+
+
+def stand_parts(robot: Robot) -> dict[str, Solid]:
+    """The parts of the stand, in the base frame.
+
+    An arm whose base frame is high above the floor may hang straight down, so its column stands behind the
+    base, seen from where the tool is at home, and a bracket reaches forward to it.
+    """
+    size, floor, square = reach(robot), robot.floor_z, robot.look.shape == "square"
+    link = beam if square else tube
+    foot: Point = (0.0, 0.0, floor)
+    parts: dict[str, Solid] = {}
+    if -floor > _HIGH * size:
+        x, y = (-_COLUMN_BEHIND * size * front(robot)).tolist()
+        width = _COLUMN_WIDTH * size
+        foot = (x, y, floor)
+        parts["column"] = link((x, y, floor + width / 2), (x, y, 0.0), width)
+        parts["bracket"] = link((x, y, 0.0), (0.0, 0.0, 0.0), robot.look.width * size)
+    elif -floor > _PLATE_HEIGHT * size:
+        parts["column"] = link(foot, (0.0, 0.0, 0.0), robot.look.width * size)
+    height, width = _PLATE_HEIGHT * size, _PLATE_WIDTH * size
+    middle: Point = (foot[0], foot[1], floor + height / 2)
+    parts["plate"] = block((width, width, height), middle) if square else drum(width / 2, height, middle)
+    return parts
+
+
 _TARGET_COLOR = (214, 51, 108)
 _FLOOR_M, _FLOOR_STEP_M = 1.6, 0.5
 """the floor is so large at least; a longer arm stands on one that is larger by whole sections"""

@@ -21,12 +21,19 @@ from armctl.calibration import (
     own_calibration,
 )
 from armctl.errors import ArmctlError, StateError
-from armctl.ui.calibration_desk import CalibrationDesk
-from armctl.ui.calibration_work import CalibrationWork
+from armctl.ui.calibration_desk import CalibrationDesk, CalibrationWork
 from armctl.ui.touched_points import TouchedPoints
-from armctl.ui.widgets.html_bits import fixed, heading, muted, refused, sentence, strong, with_minus
-from armctl.ui.widgets.text import table
-from armctl.ui.widgets.when import date_and_time
+from armctl.ui.widgets.html import (
+    date_and_time,
+    fixed,
+    heading,
+    muted,
+    refused,
+    sentence,
+    strong,
+    table,
+    with_minus,
+)
 
 _BOARDS = {
     None: "its board: none is there yet",

@@ -14,7 +14,42 @@ from collections.abc import Callable, Sequence
 import viser
 
 from armctl.errors import InputError
-from armctl.ui.widgets.text_entry import TextEntry
+
+# A text field of the page, as all fields use it that read more than text from it.
+
+
+class TextEntry:
+    """Whatever the field shows arrives at the server, character by character."""
+
+    def __init__(self, handle: viser.GuiInputHandle[str]) -> None:
+        self.handle = handle
+
+    @property
+    def text(self) -> str:
+        """What the field shows."""
+        return self.handle.value
+
+    @property
+    def is_empty(self) -> bool:
+        """Nothing is in it."""
+        return not self.text.strip()
+
+    def send_again(self) -> None:
+        """Make the page show what the server has."""
+        text = self.handle.value
+        self.handle.value = f"{text} "  # viser sends nothing when the value is the same
+        self.handle.value = text
+
+    @property
+    def visible(self) -> bool:
+        """Whether the field is shown."""
+        return self.handle.visible
+
+    @visible.setter
+    def visible(self, visible: bool) -> None:
+        if self.handle.visible != visible:
+            self.handle.visible = visible
+
 
 _DIGITS = 3
 _LARGEST = 1e6
@@ -138,3 +173,51 @@ class EditWatch:
 
     def _time(self) -> float:
         return asyncio.get_running_loop().time() if self._now is None else self._now()
+
+
+# One field for several numbers, such as the angles of all joints: to type, to copy and to paste.
+
+_BETWEEN = re.compile(r"[,;\s]+")
+
+
+def parse_numbers(text: str, what: str, names: Sequence[str]) -> list[float]:
+    """The numbers that a field shows, one for each name.
+
+    Raises:
+        InputError: another count, or one of them is no number that can be used.
+    """
+    parts = [part for part in _BETWEEN.split(text.strip().strip("()[]")) if part]
+    if len(parts) != len(names):
+        raise InputError(
+            f"{what}: {len(names)} numbers are needed ({', '.join(names)}), got {len(parts)}; "
+            "put commas or spaces between them"
+        )
+    return [parse_number(part, f"{what}: {name}") for part, name in zip(parts, names, strict=True)]
+
+
+class NumbersField(TextEntry):
+    """A text field that shows ``names`` numbers with commas between them."""
+
+    def __init__(
+        self,
+        gui: viser.GuiApi,
+        label: str,
+        names: Sequence[str],
+        values: Sequence[float],
+        *,
+        hint: str | None = None,
+        visible: bool = True,
+    ) -> None:
+        """Add the field to the present container."""
+        self._label, self._names = label, tuple(names)
+        text = ", ".join(format_number(value, 2) for value in values)
+        super().__init__(gui.add_text(label, text, hint=hint, visible=visible))
+
+    @property
+    def values(self) -> list[float]:
+        """The numbers in the field.
+
+        Raises:
+            InputError: as ``parse_numbers``.
+        """
+        return parse_numbers(self.text, self._label, self._names)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from armctl.ui.session import Session
 
+
 FIRST, PREVIOUS, NEXT, LAST = "First", "Prev", "Next", "Last"
 
 

@@ -18,9 +18,8 @@ from armctl.kinematics.velocity import (
     turning_speeds,
 )
 from armctl.robot import Robot
-from armctl.ui.widgets.html_bits import fixed, heading, muted, numbers
-from armctl.ui.widgets.joint_step import held_at
-from armctl.ui.widgets.text import table
+from armctl.ui.tabs.manual.joints import held_at
+from armctl.ui.widgets.html import fixed, heading, muted, numbers, table
 
 FloatArray = NDArray[np.float64]
 _ASIDE = 0.35

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from armctl.hardware.board_scales import BOARD_SCALES
+from armctl.hardware.board_titles import BOARD_SCALES
 from armctl.robot import OutputMap, Robot
-from armctl.ui.widgets.html_bits import fixed, muted
-from armctl.ui.widgets.joint_step import held_at
+from armctl.ui.tabs.manual.joints import held_at
+from armctl.ui.widgets.html import fixed, muted
 
 FloatArray = NDArray[np.float64]
 

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from html import escape
 
 from armctl.motion.preflight import Finding
-from armctl.motion.program_check import ProgramFinding
-from armctl.ui.widgets.html_bits import WARNING
+from armctl.program.check import ProgramFinding
+from armctl.ui.widgets.html import WARNING
 
 _MOST = 12
 _CHECKED = ("limits", "speeds", "floor", "self-collision", "singularity", "torque")

@@ -1,0 +1,132 @@
+"""Who may open a device file, and what a user who may not has to do."""
+
+from __future__ import annotations
+
+import grp
+import os
+import pwd
+from contextlib import suppress
+from importlib import resources
+from pathlib import Path
+
+UDEV_RULES_NAME = "70-armctl.rules"
+UDEV_COMMAND = f"armctl ports --udev | sudo tee /etc/udev/rules.d/{UDEV_RULES_NAME}"
+_USUAL_GROUP = "dialout"
+
+
+def may_open(device: str) -> bool:
+    """Whether this process may read and write ``device``."""
+    return os.access(device, os.R_OK | os.W_OK)
+
+
+def permission_hint(device: str) -> str:
+    """What gives this user access to ``device``: the line with the group that owns it, or the udev rule."""
+    group = _group_of(device)
+    if _joined_since_login(group):
+        return (
+            f"you are in the group {group} already, but this login began before that: log out and in again "
+            "(a new terminal is not enough)"
+        )
+    return (
+        f"run `sudo usermod -aG {group} $USER`, then log out and in again "
+        f"(a new terminal is not enough); or install the udev rule: `{UDEV_COMMAND}`, then plug it in again"
+    )
+
+
+def udev_rules() -> str:
+    """The rules file that gives whoever sits at the computer access to the boards' ports."""
+    return resources.files("armctl.hardware").joinpath(UDEV_RULES_NAME).read_text(encoding="utf-8")
+
+
+def _group_of(device: str) -> str:
+    """The group of the device file; distributions differ (dialout, uucp)."""
+    try:
+        group = grp.getgrgid(Path(device).stat().st_gid).gr_name
+    except (OSError, KeyError):
+        return _USUAL_GROUP
+    # A device that belongs to root's own group has no group to join: udev has not set it up.
+    return _USUAL_GROUP if group == "root" else group
+
+
+def _joined_since_login(group: str) -> bool:
+    """Whether this user is listed in the group, and this process does not know it yet."""
+    try:
+        entry, user = grp.getgrnam(group), pwd.getpwuid(os.getuid()).pw_name
+    except KeyError:
+        return False
+    return user in entry.gr_mem and entry.gr_gid not in os.getgroups()
+
+
+# Which other program has a serial port open, or is about to: told without opening the port.
+#
+# Opening a port just to see whether it is free would reset an Arduino. Linux tells through ``/proc``, of
+# one's own programs; elsewhere, and of other users' programs, it turns out when the port is opened.
+
+PROC = Path("/proc")
+UDEV_DATABASE = Path("/run/udev/data")
+
+_PTY_FOLDER = "/dev/pts/"
+_MODEM_MANAGER = "ModemManager"
+_IGNORED = ("E:ID_MM_DEVICE_IGNORE=1", "E:ID_MM_PORT_IGNORE=1")
+
+MODEM_MANAGER_NOTE = (
+    "ModemManager is running and may talk to this port in the first seconds after plugging in; if the board "
+    "misbehaves then, install the udev rule (`armctl ports --udev`)"
+)
+
+
+def program_using(device: str, proc: Path = PROC) -> str | None:
+    """The program of this user, other than this process, that has ``device`` open: "name (process 812)".
+
+    None for a pseudo-terminal: whoever serves it has it open, and that is no rival.
+    """
+    if is_pseudo_terminal(device):
+        return None
+    resolved = os.path.realpath(device)
+    for process in sorted(proc.glob("[0-9]*")):
+        if process.name != str(os.getpid()) and resolved in _open_files(process):
+            return f"{_name(process)} (process {process.name})"
+    return None
+
+
+def is_pseudo_terminal(device: str) -> bool:
+    """Whether a program, not a device, is at the other end of ``device``."""
+    return os.path.realpath(device).startswith(_PTY_FOLDER)
+
+
+def modem_manager_note(device: str, proc: Path = PROC, database: Path = UDEV_DATABASE) -> str | None:
+    """What to know where ModemManager runs and no udev rule keeps it away from ``device``."""
+    if _is_ignored(device, database):
+        return None
+    running = any(_name(process) == _MODEM_MANAGER for process in proc.glob("[0-9]*"))
+    return MODEM_MANAGER_NOTE if running else None
+
+
+def _open_files(process: Path) -> set[str]:
+    """What a process's descriptors point to, by name: to ask a dead network mount for more may hang."""
+    try:
+        links = list((process / "fd").iterdir())
+    except OSError:  # another user's process, or one that has just ended
+        return set()
+    files: set[str] = set()
+    for link in links:
+        with suppress(OSError):  # closed meanwhile
+            files.add(os.readlink(link))
+    return files
+
+
+def _name(process: Path) -> str:
+    try:
+        return (process / "comm").read_text().strip()
+    except OSError:
+        return "a program"
+
+
+def _is_ignored(device: str, database: Path) -> bool:
+    """Whether udev's record of the device tells ModemManager to leave it alone."""
+    try:
+        number = os.stat(device).st_rdev
+        record = (database / f"c{os.major(number)}:{os.minor(number)}").read_text()
+    except OSError:
+        return False
+    return any(line in _IGNORED for line in record.splitlines())

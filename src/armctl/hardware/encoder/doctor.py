@@ -1,0 +1,90 @@
+"""The check-up of an Arduino with armctl's encoder firmware that answers."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from armctl.hardware.doctor.finding import Finding, Needs, failed, not_checked, ok, round_trips, warning
+from armctl.hardware.encoder.messages import PROTOCOL, Banner, Status, decode_banner, fault_words, flag_words
+from armctl.hardware.encoder.session import EncoderSession, protocol_advice
+from armctl.hardware.transport import Transport
+
+_TIMEOUT_S = 0.5
+_OLDEST_STATUS_S = 0.05
+_SUPPLY_ADVICE = (
+    "the motors need a supply of their own, and the Arduino one that does not sag when they start"
+)
+
+
+def examine_encoder(transport: Transport, needs: Needs, now: Callable[[], float]) -> list[Finding]:
+    """Everything that can be asked of an encoder board without moving or changing anything.
+
+    Args:
+        transport: the open line.
+        needs: what the robot file needs; a channel is an axis.
+        now: the clock [s].
+
+    Raises:
+        BoardError: the board stops answering, or the line is gone.
+    """
+    session = EncoderSession(transport, now, _TIMEOUT_S)
+    banner = decode_banner(session.command("HELLO"))
+    status = session.fresh_status(_OLDEST_STATUS_S)
+    return [
+        _firmware(banner),
+        _axes(banner, needs),
+        not_checked("ranges", "armctl tells the board its soft limits when it connects"),
+        _state(status),
+        _faults(status),
+        ok("watchdog", "the firmware switches the motors off when it hears nothing for at most 500 ms"),
+        round_trips(lambda: session.command("PING"), now),
+        _supply(banner),
+    ]
+
+
+def _firmware(banner: Banner) -> Finding:
+    seen = f"{banner.firmware} {banner.version}, protocol {banner.protocol}"
+    if banner.protocol == PROTOCOL:
+        return ok("firmware", seen)
+    return failed("firmware", f"{seen}; this armctl needs protocol {PROTOCOL}", protocol_advice(banner))
+
+
+def _axes(banner: Banner, needs: Needs) -> Finding:
+    channels = needs.channels
+    if not channels:
+        return needs.not_known("channels")
+    beyond = [str(one.channel) for one in channels if one.channel >= banner.axes]
+    if beyond:
+        seen = f"axis {', '.join(beyond)}: the board has axes 0 … {banner.axes - 1}"
+        return failed("channels", seen, "change the robot file")
+    axes = ", ".join(str(one.channel) for one in channels)
+    return ok("channels", f"axes {axes}: the board has them")
+
+
+def _state(status: Status) -> Finding:
+    homed = [str(axis) for axis, is_homed in enumerate(status.homed) if is_homed]
+    closed = [str(axis) for axis, is_closed in enumerate(status.switches) if is_closed]
+    return ok(
+        "outputs",
+        f"motors {'on' if status.mode.powered else 'off'}; homed axes: {', '.join(homed) or 'none'}; "
+        f"home switches closed: {', '.join(closed) or 'none'}; counts {', '.join(map(str, status.counts))}",
+    )
+
+
+def _faults(status: Status) -> Finding:
+    words = [
+        *flag_words(status.flags),
+        *(f"axis {axis}: {fault_words(faults)}" for axis, faults in enumerate(status.faults) if faults),
+    ]
+    if not words:
+        return ok("error register", "empty")
+    return warning("error register", "; ".join(words), "Release in the page, or homing, clears it")
+
+
+def _supply(banner: Banner) -> Finding:
+    if banner.reset == "brownout":
+        seen = "the board last started because its supply voltage had sagged"
+        return warning("supply", seen, _SUPPLY_ADVICE)
+    return not_checked(
+        "supply", f"last started by: {banner.reset}; the board does not measure it", _SUPPLY_ADVICE
+    )

@@ -1,0 +1,100 @@
+"""The check-up of an Arduino with a Firmata sketch that answers."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+from armctl.errors import BoardError, BoardTimeoutError
+from armctl.hardware.doctor.finding import Finding, Needs, failed, not_checked, ok, round_trips, warning
+from armctl.hardware.firmata.codec import PinMode, pin_state_query
+from armctl.hardware.firmata.line import FirmataLine
+from armctl.hardware.firmata.pins import PinTable
+from armctl.hardware.firmata.replies import PinState
+from armctl.hardware.transport import Transport
+
+_SKETCH = "StandardFirmata"
+_ANSWER_S = 0.25
+_PIN = 2
+"""the first pin that is not part of the serial port"""
+
+
+def examine_firmata(transport: Transport, needs: Needs, now: Callable[[], float]) -> list[Finding]:
+    """Everything that can be asked of a Firmata board without moving or changing anything.
+
+    Args:
+        transport: the open line.
+        needs: what the robot file needs; a channel is a pin.
+        now: the clock [s].
+
+    Raises:
+        BoardError: the board stops answering, or the line is gone.
+    """
+    line = FirmataLine(transport, now)
+    identity = line.identify(0.0)
+    firmware = identity.firmware
+    findings = [
+        _sketch(firmware.name, f"{firmware.major}.{firmware.minor}"),
+        *_pins(needs, identity.capabilities.pins_with(PinMode.SERVO)),
+    ]
+    pins = sorted(one.channel for one in needs.channels)
+    states = [_state(line, pin) for pin in pins]
+    on = [f"{state.pin} at {state.value}" for state in states if state.mode == PinMode.SERVO]
+    findings.append(ok("outputs", f"servo pulses on pin {', '.join(on)}" if on else "all pulses are off"))
+    findings.append(
+        warning(
+            "watchdog",
+            "StandardFirmata has none: if this computer or the cable fails, the servos keep their position",
+            "have a switch for the servos' supply within reach",
+        )
+    )
+    asked = pins[0] if pins else _PIN
+    findings.append(round_trips(lambda: _state(line, asked), now))
+    findings.append(
+        not_checked(
+            "supply",
+            "an Arduino does not tell its servos' voltage",
+            "feed the servos from a supply of their own, never from the Arduino's 5 V pin, and join the "
+            "grounds; when the board restarts as the arm moves, that supply is the first suspect",
+        )
+    )
+    return findings
+
+
+def _sketch(name: str, version: str) -> Finding:
+    if name.startswith(_SKETCH):
+        return ok("firmware", f"{name} {version}")
+    return warning(
+        "firmware",
+        f"{name or 'a sketch without a name'} {version} speaks Firmata",
+        f"armctl is tried with {_SKETCH}; load that one if anything is odd",
+    )
+
+
+def _pins(needs: Needs, servo_pins: Sequence[int]) -> list[Finding]:
+    """Whether the board can drive a servo on each pin, in the range that the robot file wants."""
+    channels = needs.channels
+    if not channels:
+        return [needs.not_known("channels")]
+    problems: list[str] = []
+    for one in channels:
+        try:
+            PinTable([one], servo_pins)
+        except BoardError as error:
+            problems.append(str(error))
+    if problems:
+        return [failed("channels", "; ".join(problems), "change the pins or ranges in the robot file")]
+    pins = ", ".join(str(one.channel) for one in channels)
+    return [
+        ok("channels", f"the board can drive servos on pins {pins}"),
+        ok("ranges", "the robot file's ranges can be sent"),
+    ]
+
+
+def _state(line: FirmataLine, pin: int) -> PinState:
+    line.send(pin_state_query(pin))
+    for reply in line.listen(_ANSWER_S):
+        if isinstance(reply, PinState) and reply.pin == pin:
+            return reply
+    raise BoardTimeoutError(
+        f"{line.name}: the board did not tell the state of pin {pin} within {_ANSWER_S * 1000:.0f} ms"
+    )

@@ -1,0 +1,129 @@
+"""The check-up of a Maestro that answers."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+from armctl.hardware.doctor.finding import Finding, Needs, failed, not_checked, ok, round_trips, warning
+from armctl.hardware.maestro.codec import COMPACT, error_words
+from armctl.hardware.maestro.line import MaestroLine
+from armctl.hardware.maestro.simulated import FACTORY_MAXIMUM_US, FACTORY_MINIMUM_US
+from armctl.hardware.ports import MaestroModel
+from armctl.hardware.transport import Transport
+
+_TIMEOUT_S = 0.25
+_SURE_CHANNELS = MaestroModel.MICRO_6.channels
+"""what every Maestro has; asking a board for a channel that it has not is an error: its servos go home"""
+
+_WATCHDOG = (
+    "a Maestro does not tell whether its serial timeout is set, and trying it would send the servos home"
+)
+_WATCHDOG_ADVICE = (
+    'set "Timeout" to 0.5 s in the Maestro Control Center (Serial Settings), and "On startup or error" of '
+    "each channel to what is safest for the arm"
+)
+_SUPPLY = "a Maestro does not tell its servos' voltage"
+_SUPPLY_ADVICE = (
+    "the servos need a supply of their own (USB feeds only the board), strong enough for all of them at "
+    "once; when servos twitch or the board restarts, that supply is the first suspect"
+)
+
+
+def examine_maestro(
+    transport: Transport,
+    model: MaestroModel | None,
+    needs: Needs,
+    reported: Sequence[str],
+    now: Callable[[], float],
+) -> list[Finding]:
+    """Everything that can be asked of a Maestro without moving or changing anything.
+
+    Args:
+        transport: the open line.
+        model: as the USB listing says; None where it does not.
+        needs: what the robot file needs.
+        reported: errors that the board had kept from before the check-up.
+        now: the clock [s].
+
+    Raises:
+        BoardError: the board stops answering, or the line is gone.
+    """
+    line = MaestroLine(transport, COMPACT, _TIMEOUT_S)
+    line.probe()
+    findings = [
+        ok("serial mode", "commands over this port are obeyed"),
+        ok("CRC", "on; armctl sends it with every command" if line.framing.crc else "off"),
+        _errors(reported),
+    ]
+    count = _SURE_CHANNELS if model is None else model.channels
+    findings += _channels(line, model, count, needs)
+    findings.append(_ranges(needs))
+    findings.append(not_checked("watchdog", _WATCHDOG, _WATCHDOG_ADVICE))
+    first = min((one.channel for one in needs.channels if one.channel < count), default=0)
+    findings.append(round_trips(lambda: line.read([first]), now))
+    findings.append(not_checked("supply", _SUPPLY, _SUPPLY_ADVICE))
+    return findings
+
+
+def _errors(reported: Sequence[str]) -> Finding:
+    if not reported:
+        return ok("error register", "empty")
+    return warning(
+        "error register",
+        "; ".join(reported),
+        "read and cleared now; if it comes back while only armctl uses the board, check cable and supply",
+    )
+
+
+def _channels(line: MaestroLine, model: MaestroModel | None, count: int, needs: Needs) -> list[Finding]:
+    """Whether the board has the channels, and what they do now."""
+    wanted = sorted(one.channel for one in needs.channels)
+    if not wanted:
+        return [needs.not_known("channels")]
+    beyond = [channel for channel in wanted if channel >= count]
+    findings: list[Finding] = []
+    if beyond and model is not None:
+        seen = f"{_listed(beyond)}: a {model.label} has 0 … {count - 1}"
+        findings.append(failed("channels", seen, "change the robot file, or use a larger Maestro"))
+    elif beyond:
+        findings.append(
+            not_checked(
+                "channels",
+                f"{_listed(beyond)}: the model cannot be told from this port, and not every Maestro has them",
+                "name the USB port itself, then the model is known",
+            )
+        )
+    known = [channel for channel in wanted if channel < count]
+    positions, errors = line.read(known)
+    if errors:
+        findings.append(failed("channels", f"{_listed(known)}: {'; '.join(error_words(errors))}"))
+    elif not beyond:
+        findings.append(ok("channels", f"{_listed(known)}: the board has them"))
+    on = [f"{channel} at {pulse:g} µs" for channel, pulse in positions.items() if pulse is not None]
+    findings.append(ok("outputs", f"on: {', '.join(on)}" if on else "all pulses are off"))
+    return findings
+
+
+def _ranges(needs: Needs) -> Finding:
+    """The board's own ranges cannot be read over a serial port; the factory's are known."""
+    wider = [
+        f"channel {one.channel} {one.minimum:g} … {one.maximum:g} µs"
+        for one in needs.channels
+        if one.minimum < FACTORY_MINIMUM_US or one.maximum > FACTORY_MAXIMUM_US
+    ]
+    factory = f"{FACTORY_MINIMUM_US:g} … {FACTORY_MAXIMUM_US:g} µs"
+    if not needs.channels:
+        return needs.not_known("ranges")
+    if not wider:
+        return ok("ranges", f"the robot file stays inside the factory's {factory}")
+    return not_checked(
+        "ranges",
+        f"the robot file wants more than the factory's {factory}: {', '.join(wider)}; the board's own "
+        "ranges cannot be read over this port",
+        "set Min and Max of these channels in the Maestro Control Center (Channel Settings), or the board "
+        "cuts their targets off",
+    )
+
+
+def _listed(channels: Sequence[int]) -> str:
+    return ("channel " if len(channels) == 1 else "channels ") + ", ".join(map(str, channels))

@@ -1,0 +1,1 @@
+"""Simulated boards on a line: pseudo-terminals, memory, faults."""

@@ -1,0 +1,223 @@
+"""A simulated board on a pseudo-terminal, for any program that opens serial ports."""
+
+from __future__ import annotations
+
+import os
+import selectors
+import threading
+import tty
+from collections.abc import Callable, Generator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from types import TracebackType
+from typing import Generic, Protocol, Self, TypeVar
+
+from armctl.errors import BoardError, PortError
+
+# A symlink with a name of the user's choice to a pty, which has none of its own.
+
+_PTY_FOLDER = "/dev/pts/"
+
+
+class DeviceLink:
+    """A symlink to a pty, made on construction and removed on ``remove``.
+
+    Args:
+        path: where the link goes.
+        device: the pty that it points to.
+
+    Raises:
+        PortError: something is there that is not a stale link of an earlier simulator.
+    """
+
+    def __init__(self, path: Path, device: str) -> None:
+        self._path = path
+        self._device = device
+        if _is_stale(path, device):
+            path.unlink()
+        elif path.is_symlink() or path.exists():
+            raise PortError(
+                f"{path}: already there, and not a left-over of a simulator; "
+                "choose another name, or remove it if no simulator is running"
+            )
+        try:
+            path.symlink_to(device)
+        except OSError as error:
+            raise PortError(
+                f"{path}: no link can be made there ({error.strerror}); choose another place"
+            ) from error
+
+    def remove(self) -> None:
+        """Take the link away, unless somebody has put something else in its place."""
+        with suppress(OSError):
+            if self._path.is_symlink() and str(self._path.readlink()) == self._device:
+                self._path.unlink()
+
+
+def _is_stale(path: Path, device: str) -> bool:
+    """Whether ``path`` is a link to a pty that is gone, or to the one that is ours now.
+
+    The kernel gives pty numbers out again, so the left-over of a crash may well point to our own.
+    """
+    if not path.is_symlink():
+        return False
+    target = str(path.readlink())
+    return target == device or (target.startswith(_PTY_FOLDER) and not Path(target).exists())
+
+
+# What a simulated board is to whoever carries its bytes: bytes in, bytes out, and a time.
+
+
+class ByteModel(Protocol):
+    """A board's behaviour behind its serial line.
+
+    The carrier (a loop transport, a pty server) calls ``advance`` with its clock before every
+    ``feed``. Either may raise ``BoardError``: the board has left the line.
+    """
+
+    def feed(self, data: bytes) -> bytes:
+        """Take bytes from the host, any number at a time, and return what the board answers."""
+        ...
+
+    def advance(self, now: float) -> bytes:
+        """Let time pass up to ``now`` [s] and return what the board sends unasked."""
+        ...
+
+    def reset(self) -> None:
+        """Start anew, as after a power cut."""
+        ...
+
+
+Model = TypeVar("Model", bound=ByteModel)
+
+_CHUNK = 4096
+_LARGEST_BACKLOG = 65_536
+
+
+class PtyServer(Generic[Model]):
+    """Serves a byte model on a pty, from a thread of its own, while the context is open.
+
+    Args:
+        model: the board. The thread owns it; look at it through ``inspect`` only.
+        now: the clock [s].
+        link: a path at which the pty is to be found; its own (``/dev/pts/7``) when None.
+        tick_s: how often the board's time goes on while nobody speaks to it.
+
+    Raises (on entering):
+        PortError: no pty to be had, or the link's path is taken.
+    """
+
+    def __init__(
+        self, model: Model, now: Callable[[], float], *, link: Path | None = None, tick_s: float = 0.01
+    ) -> None:
+        self._model = model
+        self._now = now
+        self._link_path = link
+        self._tick_s = tick_s
+        self._lock = threading.Lock()
+        self._thread: threading.Thread | None = None
+        self._link: DeviceLink | None = None
+        self._device: str | None = None
+        self._master = self._slave = self._wake_read = self._wake_write = -1
+        self._backlog = bytearray()
+
+    @property
+    def port(self) -> str:
+        """What a client opens: the link when there is one, else the pty.
+
+        Raises:
+            PortError: the server is not running.
+        """
+        if self._device is None:
+            raise PortError("the simulated board is not being served; open its server first")
+        return str(self._link_path) if self._link_path is not None else self._device
+
+    @contextmanager
+    def inspect(self) -> Generator[Model]:
+        """The board, brought up to the present and held still as long as the context is open."""
+        with self._lock:
+            # A board that has left the line can still be looked at.
+            with suppress(BoardError):
+                self._backlog += self._model.advance(self._now())
+            yield self._model
+
+    def __enter__(self) -> Self:
+        """Open the pty and start serving."""
+        try:
+            self._master, self._slave = os.openpty()
+        except OSError as error:
+            raise PortError(f"no pseudo-terminal for the simulated board: {error.strerror}") from error
+        try:
+            # Raw, or the line discipline echoes the host's bytes and rewrites 0x0D and 0x03.
+            tty.setraw(self._slave)
+            os.set_blocking(self._master, False)
+            self._device = os.ttyname(self._slave)
+            if self._link_path is not None:
+                self._link = DeviceLink(self._link_path, self._device)
+        except BaseException:
+            self._close_pty()
+            raise
+        self._wake_read, self._wake_write = os.pipe()
+        self._thread = threading.Thread(target=self._serve, name=f"simulated board {self.port}", daemon=True)
+        self._thread.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Stop serving, close the pty and take the link away."""
+        self.close()
+
+    def close(self) -> None:
+        """Stop serving; safe to call twice."""
+        if self._thread is None:
+            return
+        os.write(self._wake_write, b"x")
+        self._thread.join()
+        self._thread = None
+        if self._link is not None:
+            self._link.remove()
+        self._close_pty()
+        os.close(self._wake_read)
+        os.close(self._wake_write)
+
+    def _serve(self) -> None:
+        with selectors.DefaultSelector() as selector:
+            selector.register(self._wake_read, selectors.EVENT_READ)
+            selector.register(self._master, selectors.EVENT_READ)
+            while True:
+                events = {key.fd for key, _ in selector.select(self._tick_s)}
+                if self._wake_read in events:
+                    return
+                try:
+                    with self._lock:
+                        self._pump(readable=self._master in events)
+                        wanted = selectors.EVENT_READ | (selectors.EVENT_WRITE if self._backlog else 0)
+                except BoardError:
+                    # The board is unplugged: its clients must see a broken line.
+                    selector.unregister(self._master)
+                    self._close_pty()
+                    return
+                selector.modify(self._master, wanted)
+
+    def _pump(self, *, readable: bool) -> None:
+        data = b""
+        if readable:
+            with suppress(BlockingIOError):
+                data = os.read(self._master, _CHUNK)
+        self._backlog += self._model.advance(self._now())
+        if data:
+            self._backlog += self._model.feed(data)
+        if self._backlog:
+            # A client that never reads fills the pty; a board would lose the bytes as well.
+            del self._backlog[_LARGEST_BACKLOG:]
+            with suppress(BlockingIOError):
+                del self._backlog[: os.write(self._master, self._backlog)]
+
+    def _close_pty(self) -> None:
+        # The slave is held open while serving: else the master reads EIO after the first client has left.
+        self._device = None
+        for descriptor in (self._slave, self._master):
+            if descriptor >= 0:
+                os.close(descriptor)
+        self._master = self._slave = -1

@@ -1,0 +1,85 @@
+"""Configurations spread over the joint limits, always the same ones."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+_SEED = 20_240
+
+
+def joint_samples(limits: FloatArray, count: int, seed: int = _SEED) -> FloatArray:
+    """Configurations (count, n) [rad] inside the limits, ends included.
+
+    A Kronecker sequence in the moving joints (steps of powers of the root of ``x^(m+1) = x + 1``): spread
+    more evenly than random numbers. Three in four crowd towards the limits, where much of the boundary
+    of a workspace comes from, and half of those have a joint on a limit.
+
+    Args:
+        limits: (n, 2) [rad]; a joint whose limits are equal is held there.
+        count: how many.
+        seed: another one gives another set.
+    """
+    low, high = limits.T
+    moving = np.flatnonzero(high > low)
+    rng = np.random.default_rng(seed)
+    m = len(moving)
+    root = 2.0
+    for _ in range(60):
+        root = (1.0 + root) ** (1.0 / (m + 1))
+    steps = root ** -np.arange(1.0, m + 1)
+    u = (rng.random(m) + steps * np.arange(1, count + 1)[:, None]) % 1.0
+    kind = np.arange(count) % 4
+    u = np.where((kind > 0)[:, None], np.sin(0.5 * np.pi * u) ** 2, u)
+    if m:
+        snapped = np.flatnonzero(kind > 1)
+        u[snapped, rng.integers(m, size=len(snapped))] = rng.integers(2, size=len(snapped))
+    q = np.tile(low, (count, 1))
+    q[:, moving] = np.clip(low[moving] + u * (high - low)[moving], low[moving], high[moving])
+    return q
+
+
+# The greatest value that a smooth function of the joint angles takes inside the limits.
+
+_SAMPLES = 2048
+_STARTS = 12
+_FINEST = 1e-8
+"""[rad] a step by which nothing is gained any more"""
+_WORTH = 1e-13
+"""the least gain that counts, as a share of the value: along a ridge of many joints less would never end"""
+_MOST_ROUNDS = 400
+
+
+def greatest(value: Callable[[FloatArray], FloatArray], limits: FloatArray) -> tuple[float, FloatArray]:
+    """The greatest value found, and a configuration (n,) [rad] that has it.
+
+    The best of evenly spread samples climb, each joint a step up or down, with steps that are halved when
+    none of them helps. At a maximum the error is of second order in the finest step; where a long ridge
+    leads up to it, the search ends with ``_MOST_ROUNDS`` a little below.
+
+    Args:
+        value: of configurations (k, n) [rad] -> (k,).
+        limits: (n, 2) joint limits [rad].
+    """
+    low, high = limits.T
+    n = len(limits)
+    samples = np.concatenate([joint_samples(limits, _SAMPLES), 0.5 * (low + high)[None]])
+    at = samples[np.argsort(value(samples))[-_STARTS:]]
+    best = value(at)
+    sizes = 0.25 * np.ones(len(at))
+    moves = np.concatenate([np.eye(n), -np.eye(n)])
+    for _ in range(_MOST_ROUNDS):
+        if sizes.max() <= _FINEST:
+            break
+        tried = np.clip(at[:, None] + sizes[:, None, None] * moves, low, high)
+        values = value(tried.reshape(-1, n)).reshape(len(at), -1)
+        chosen = values.argmax(axis=1)
+        gained = values.max(axis=1) > best + _WORTH * np.abs(best)
+        rows = np.flatnonzero(gained)
+        at[rows], best[rows] = tried[rows, chosen[rows]], values[rows, chosen[rows]]
+        sizes = np.where(gained, sizes, 0.5 * sizes)
+    top = int(best.argmax())
+    return float(best[top]), at[top].copy()

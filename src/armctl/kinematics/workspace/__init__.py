@@ -1,1 +1,0 @@
-"""What an arm reaches: a cloud of tool points, and its section in the vertical plane."""

@@ -1,0 +1,433 @@
+"""From one configuration to another: all joints together by one law, or each for itself."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from armctl.errors import InputError, MotionRefusedError
+from armctl.kinematics.target import checked_number
+from armctl.motion.polynomial import PiecewisePolynomial
+from armctl.motion.trajectory import Peaks, Sample
+from armctl.robot import Robot
+
+# How a way is spread over time: laws from rest to rest, as short as the limits allow.
+#
+# All four are polynomials in pieces of the way gone ``s(t)``, from 0 to the length:
+#
+# - *cubic*: ``s = L (3 u² - 2 u³)``, the papers' "planned movement". Its speed is largest at the middle,
+# ``1.5 L / T``, its acceleration at the ends, ``6 L / T²``.
+# - *quintic*: ``s = L (10 u³ - 15 u⁴ + 6 u⁵)``, the motion of least jerk (Flash and Hogan 1985). Largest
+# speed ``1.875 L / T``, acceleration ``10 / √3 L / T²``, jerk ``60 L / T³``.
+# - *trapezoid*: full acceleration, full speed, full brake: the shortest with limited acceleration.
+# - *s-curve*: the shortest with limited jerk as well: seven phases, some of which may be empty (Biagiotti
+# and Melchiorri, Trajectory Planning for Automatic Machines and Robots, section 3.4).
+
+ProfileName = Literal["cubic", "quintic", "trapezoid", "s-curve"]
+PROFILES: tuple[ProfileName, ...] = ("cubic", "quintic", "trapezoid", "s-curve")
+
+CUBIC_SPEED, CUBIC_ACCELERATION = 1.5, 6.0
+QUINTIC_SPEED, QUINTIC_ACCELERATION, QUINTIC_JERK = 1.875, 10 / math.sqrt(3), 60.0
+
+
+def law_over(
+    length: float, speed: float, acceleration: float, jerk: float, profile: ProfileName
+) -> PiecewisePolynomial:
+    """The shortest motion over a length, from rest to rest.
+
+    Args:
+        length: of the way, positive.
+        speed: largest.
+        acceleration: largest, without sign.
+        jerk: largest, without sign; the cubic and the trapezoid jump in acceleration and do not keep it.
+        profile: which law.
+
+    Returns:
+        s(t), one coordinate, t from 0 [s].
+
+    Raises:
+        InputError: a length or a limit that is not positive, or a profile that is none.
+    """
+    for what, value in (("length", length), ("speed", speed), ("acceleration", acceleration), ("jerk", jerk)):
+        if not value > 0:
+            raise InputError(f"a motion needs a positive {what}, got {value}")
+    match profile:
+        case "cubic":
+            time = max(CUBIC_SPEED * length / speed, math.sqrt(CUBIC_ACCELERATION * length / acceleration))
+            return _one_piece(length, time, (0.0, 0.0, 3.0, -2.0))
+        case "quintic":
+            time = max(
+                QUINTIC_SPEED * length / speed,
+                math.sqrt(QUINTIC_ACCELERATION * length / acceleration),
+                (QUINTIC_JERK * length / jerk) ** (1 / 3),
+            )
+            return _one_piece(length, time, (0.0, 0.0, 0.0, 10.0, -15.0, 6.0))
+        case "trapezoid":
+            return _trapezoid(length, speed, acceleration)
+        case "s-curve":
+            return _s_curve(length, speed, acceleration, jerk)
+    raise InputError(f"there is no profile {profile!r}; choose among {', '.join(PROFILES)}")
+
+
+def _one_piece(length: float, time: float, shape: tuple[float, ...]) -> PiecewisePolynomial:
+    powers = [length * c / time**p for p, c in enumerate(shape)]
+    return PiecewisePolynomial([0.0, time], np.array(powers)[None, :, None])
+
+
+def _trapezoid(length: float, speed: float, acceleration: float) -> PiecewisePolynomial:
+    peak = min(speed, math.sqrt(length * acceleration))  # a triangle where the way is short
+    ramp = peak / acceleration
+    cruise = max(length / peak - ramp, 0.0)
+    return _phases(length, ((ramp, acceleration, 0.0), (cruise, 0.0, 0.0), (ramp, -acceleration, 0.0)))
+
+
+def _s_curve(length: float, speed: float, acceleration: float, jerk: float) -> PiecewisePolynomial:
+    if speed * jerk >= acceleration**2:
+        bend, ramp = acceleration / jerk, acceleration / jerk + speed / acceleration
+    else:  # the speed is met before the acceleration
+        bend = math.sqrt(speed / jerk)
+        ramp = 2 * bend
+    cruise = length / speed - ramp
+    if cruise < 0:  # the speed is not met
+        cruise = 0.0
+        if length >= 2 * acceleration**3 / jerk**2:
+            bend = acceleration / jerk
+            ramp = bend / 2 + math.sqrt((bend / 2) ** 2 + length / acceleration)
+        else:  # nor the acceleration
+            bend = (length / (2 * jerk)) ** (1 / 3)
+            ramp = 2 * bend
+    flat, push = max(ramp - 2 * bend, 0.0), jerk * bend
+    return _phases(
+        length,
+        (
+            (bend, 0.0, jerk),
+            (flat, push, 0.0),
+            (bend, push, -jerk),
+            (cruise, 0.0, 0.0),
+            (bend, 0.0, -jerk),
+            (flat, -push, 0.0),
+            (bend, -push, jerk),
+        ),
+    )
+
+
+def _phases(length: float, phases: tuple[tuple[float, float, float], ...]) -> PiecewisePolynomial:
+    """Phases of (duration, acceleration at its beginning, jerk), one after another, from rest.
+
+    What lies beyond the middle is counted from the end, so that the end is met as exactly as the start.
+    """
+    count = len(phases)
+    forward: list[tuple[float, float]] = [(0.0, 0.0)]  # way and speed at each seam
+    for duration, push, twist in phases[: count // 2]:
+        way, rate = forward[-1]
+        forward.append(
+            (
+                way + duration * (rate + duration * (push / 2 + duration * twist / 6)),
+                rate + duration * (push + duration * twist / 2),
+            )
+        )
+    # the motion is symmetric: the second half's seams mirror the first half's
+    seams = forward + [(length - way, rate) for way, rate in forward[::-1]]
+    breaks, rows = [0.0], list[tuple[float, float, float, float]]()
+    for (duration, push, twist), (way, rate) in zip(phases, seams, strict=False):
+        if breaks[-1] + duration > breaks[-1]:
+            breaks.append(breaks[-1] + duration)
+            rows.append((way, rate, push / 2, twist / 6))
+    return PiecewisePolynomial(breaks, np.array(rows)[:, :, None])
+
+
+FloatArray = NDArray[np.float64]
+_ROUNDING = 1e-9
+_SPARE_MS = 1e-9
+"""so little below a whole millisecond is one [ms]"""
+_NOWHERE = 1e-12
+"""A way that is no motion [rad]."""
+_INSTANT = 1e-9
+"""a duration that is none [s]"""
+_SHAPES: dict[ProfileName, tuple[float, ...]] = {
+    "cubic": (0.0, 0.0, 3.0, -2.0),
+    "quintic": (0.0, 0.0, 0.0, 10.0, -15.0, 6.0),
+}
+_SHAPE_PEAKS = {
+    4: (CUBIC_SPEED, CUBIC_ACCELERATION),
+    6: (QUINTIC_SPEED, QUINTIC_ACCELERATION),
+}
+"""largest speed and acceleration of a way of one polynomial, by how many coefficients it has"""
+
+
+class PointToPoint:
+    """A motion of all joints from rest to rest. Immutable."""
+
+    def __init__(
+        self, start: FloatArray, end: FloatArray, duration: float, way: PiecewisePolynomial | None
+    ) -> None:
+        """Take it as it is; ``lasting``, ``plan`` and ``each_for_itself`` make one.
+
+        Args:
+            start: (n,) [rad].
+            end: (n,) [rad].
+            duration: [s].
+            way: (n,) way gone from ``start`` over 0 ... duration [rad], monotonous; None: it takes no time.
+        """
+        self._start, self._end, self._duration, self._way = start, end, float(duration), way
+
+    @classmethod
+    def lasting(
+        cls, start: ArrayLike, end: ArrayLike, duration: float, profile: ProfileName = "cubic"
+    ) -> PointToPoint:
+        """A cubic or quintic motion of a given duration, without limits.
+
+        Args:
+            start: (n,) [rad].
+            end: (n,) [rad].
+            duration: seconds; 0 only where start and end are the same.
+            profile: "cubic" or "quintic"; the shape of the others depends on limits.
+
+        Raises:
+            InputError: shapes that differ, a value that is not finite, a duration that cannot be, or
+                another profile.
+        """
+        first, last = checked_ends(start, end)
+        lasts = checked_duration(duration)
+        if lasts == 0 and bool((first != last).any()):
+            raise InputError(f"a motion cannot take {duration} s")
+        if profile not in _SHAPES:
+            raise InputError(f"the shape of a {profile} depends on the limits; plan it")
+        return cls(first, last, lasts, _one_shape(last - first, lasts, profile))
+
+    @classmethod
+    def plan(
+        cls,
+        robot: Robot,
+        start: ArrayLike,
+        end: ArrayLike,
+        duration_s: float | None = None,
+        profile: ProfileName = "cubic",
+    ) -> PointToPoint:
+        """Plan within the robot's limits; all joints start and arrive together.
+
+        The shortest duration is that of the joint that needs longest; the others are slowed down to it.
+
+        Args:
+            robot: whose speed and acceleration limits, and jerk limits where the profile knows a jerk.
+            start: (n,) [rad].
+            end: (n,) [rad].
+            duration_s: seconds; None: the shortest that the limits allow.
+            profile: the law of each joint over time.
+
+        Raises:
+            InputError: a value that is not finite, or a wrong shape.
+            MotionRefusedError: the duration is too short; names the joint, what it would need and the
+                shortest possible duration.
+        """
+        first, last = checked_ends(start, end)
+        if len(first) != robot.n:
+            raise InputError(f"{robot.n} joint angles are needed, got {len(first)}")
+        travel = last - first
+        laws = None if profile in _SHAPES else _laws(robot, travel, profile)
+        times = _shape_times(robot, travel, profile) if laws is None else _law_times(laws)
+        shortest = float(times.max())
+        duration = shortest
+        if duration_s is not None:
+            duration_s = checked_duration(duration_s)
+            if duration_s < shortest * (1 - _ROUNDING):
+                raise MotionRefusedError(_too_short(robot, travel, duration_s, times, profile))
+            duration = max(duration_s, shortest)
+        if laws is None:
+            way = _one_shape(travel, duration, profile)
+        else:
+            scaled = [None if law is None else law.scaled(duration / law.high) for law in laws]
+            way = _joined(np.sign(travel), scaled, duration)
+        return cls(first, last, duration, way)
+
+    @classmethod
+    def each_for_itself(cls, robot: Robot, start: ArrayLike, end: ArrayLike) -> PointToPoint:
+        """The papers' "normal movement": each joint at its own speed, and then waits for the others.
+
+        Raises:
+            InputError: a value that is not finite, or a wrong shape.
+        """
+        first, last = checked_ends(start, end)
+        if len(first) != robot.n:
+            raise InputError(f"{robot.n} joint angles are needed, got {len(first)}")
+        laws = _laws(robot, last - first, "trapezoid")
+        duration = float(_law_times(laws).max())
+        return cls(first, last, duration, _joined(np.sign(last - first), laws, duration))
+
+    @property
+    def duration(self) -> float:
+        """Seconds; 0 for a motion that goes nowhere."""
+        return self._duration
+
+    @property
+    def start(self) -> FloatArray:
+        """Where it starts (n,) [rad]."""
+        return self._start.copy()
+
+    @property
+    def end(self) -> FloatArray:
+        """Where it ends (n,) [rad]."""
+        return self._end.copy()
+
+    @property
+    def way(self) -> PiecewisePolynomial | None:
+        """(n,) way gone from the start over time [rad]; None for a motion that takes no time."""
+        return self._way
+
+    @property
+    def peaks(self) -> Peaks:
+        """Extremes of the whole motion, exact: no joint turns back on its way."""
+        still = np.zeros(len(self._start))
+        low, high = np.minimum(self._start, self._end), np.maximum(self._start, self._end)
+        if self._way is None:
+            return Peaks(low, high, still, still.copy())
+        if len(self._way.coefficients) == 1:
+            mean = (high - low) / self._duration
+            faster, harder = _SHAPE_PEAKS[self._way.coefficients.shape[1]]
+            return Peaks(low, high, faster * mean, harder * mean / self._duration)
+        speed = self._way.derivative()
+        return Peaks(low, high, _largest(speed), _largest(speed.derivative()))
+
+    def sample(self, t: float | FloatArray) -> Sample:
+        """State at ``t`` [s], a number or (k,); outside the duration it holds the nearer end."""
+        time = np.asarray(t, dtype=np.float64)
+        if self._way is None:
+            still = np.zeros((*time.shape, len(self._start)))
+            held = np.where((time < self._duration)[..., None], self._start, self._end)
+            return Sample(held if self._duration else self._end + still, still, still.copy(), still.copy())
+        gone, velocity, acceleration, jerk = self._way.derivatives(time, 3)
+        inside = ((time >= 0.0) & (time <= self._duration))[..., None]
+        moving = ((time > 0.0) & (time < self._duration))[..., None]
+        # no rounding may carry a joint beyond its ends
+        q = np.clip(
+            self._start + gone, np.minimum(self._start, self._end), np.maximum(self._start, self._end)
+        )
+        q = np.where(moving, q, np.where((time <= 0.0)[..., None], self._start, self._end))
+        return Sample(q, velocity * moving, acceleration * inside, jerk * inside)
+
+
+def checked_duration(duration: float) -> float:
+    """A duration [s]; what is too short to divide by is 0.
+
+    Raises:
+        InputError: no number, not finite, or below 0.
+    """
+    checked = checked_number(duration, "the duration of a motion")
+    if checked < 0:
+        raise InputError(f"a motion cannot take {duration} s; leave it open for the shortest")
+    return checked if checked > _INSTANT else 0.0
+
+
+def shortest_words(shortest: float) -> str:
+    """The shortest duration [s] in words, rounded up: what is read there may be asked for."""
+    return f"the shortest possible duration is {math.ceil(1000 * shortest - _SPARE_MS) / 1000:.3f} s"
+
+
+def checked_ends(start: ArrayLike, end: ArrayLike) -> tuple[FloatArray, FloatArray]:
+    """Both ends (n,) [rad] as arrays that nobody else can write to.
+
+    Raises:
+        InputError: shapes that differ, text, NaN or infinity.
+    """
+    try:
+        first, last = np.array(start, dtype=np.float64), np.array(end, dtype=np.float64)
+    except (TypeError, ValueError) as cause:
+        raise InputError(f"joint angles must be numbers, got {start!r} and {end!r}") from cause
+    if first.ndim != 1 or first.shape != last.shape or first.size == 0:
+        raise InputError(
+            f"start and end need the same number of joint angles, got {first.shape} and {last.shape}"
+        )
+    if not (np.isfinite(first).all() and np.isfinite(last).all()):
+        raise InputError(f"joint angles must be finite numbers, got {first.tolist()} and {last.tolist()}")
+    return first, last
+
+
+def _largest(curve: PiecewisePolynomial) -> FloatArray:
+    low, high = curve.extremes()
+    return np.maximum(-low, high)
+
+
+def _one_shape(travel: FloatArray, duration: float, profile: ProfileName) -> PiecewisePolynomial | None:
+    """The way (n,) of all joints over time by one polynomial; None for a motion that takes no time."""
+    if duration == 0:
+        return None
+    shape = np.array(_SHAPES[profile]) / duration ** np.arange(len(_SHAPES[profile]))
+    return PiecewisePolynomial([0.0, duration], (shape[:, None] * travel)[None])
+
+
+def _shape_times(robot: Robot, travel: FloatArray, profile: ProfileName) -> FloatArray:
+    """(n,) shortest duration of each joint by a law of one polynomial, from its peaks [s]."""
+    way = np.abs(travel)
+    way = np.where(way > _NOWHERE, way, 0.0)
+    v, a, j = robot.speed_limits, robot.acceleration_limits, robot.jerk_limits
+    if profile == "cubic":
+        return np.maximum(CUBIC_SPEED * way / v, np.sqrt(CUBIC_ACCELERATION * way / a))
+    by_speed = np.maximum(QUINTIC_SPEED * way / v, np.sqrt(QUINTIC_ACCELERATION * way / a))
+    return np.maximum(by_speed, np.cbrt(QUINTIC_JERK * way / j))
+
+
+def _laws(robot: Robot, travel: FloatArray, profile: ProfileName) -> list[PiecewisePolynomial | None]:
+    """The shortest law of each joint; None for one that stands."""
+    limits = zip(
+        np.abs(travel).tolist(),
+        robot.speed_limits.tolist(),
+        robot.acceleration_limits.tolist(),
+        robot.jerk_limits.tolist(),
+        strict=True,
+    )
+    return [None if way <= _NOWHERE else law_over(way, v, a, j, profile) for way, v, a, j in limits]
+
+
+def _law_times(laws: Sequence[PiecewisePolynomial | None]) -> FloatArray:
+    return np.array([0.0 if law is None else law.high for law in laws])
+
+
+def _joined(
+    sign: FloatArray, laws: Sequence[PiecewisePolynomial | None], duration: float
+) -> PiecewisePolynomial | None:
+    """One polynomial of all joints over ``duration``; a law that ends before waits at its end."""
+    if duration == 0:
+        return None
+    seams = np.concatenate([[0.0, duration], *(law.breaks for law in laws if law is not None)])
+    seams = np.unique(np.minimum(seams, duration))
+    c = np.zeros((len(seams) - 1, 4, len(laws)))  # the laws that need seams are cubics at most
+    for k, law in enumerate(laws):
+        if law is None:
+            continue
+        arrives = int(np.searchsorted(seams, min(law.high, duration)))
+        part = law.cut(seams[: arrives + 1]).coefficients[:, :, 0]
+        c[:arrives, : part.shape[1], k] = sign[k] * part
+        c[arrives:, 0, k] = sign[k] * law(law.high)[0]
+    return PiecewisePolynomial(seams, c)
+
+
+def _too_short(
+    robot: Robot, travel: FloatArray, duration: float, times: FloatArray, profile: ProfileName
+) -> str:
+    shortest = float(times.max())
+    i = int(times.argmax())
+    joint, way = robot.joints[i], float(np.degrees(abs(travel[i])))
+    if duration == 0:
+        return f"{joint.title}: cannot move in 0 s; {shortest_words(shortest)}"
+    if profile not in _SHAPES:
+        return (
+            f"{joint.title}: {way:.2f}° in {duration:.3f} s is too fast for its limits of "
+            f"{np.degrees(joint.speed):.1f} °/s and {np.degrees(joint.acceleration):.1f} °/s²; "
+            f"{shortest_words(shortest)}"
+        )
+    factors = (CUBIC_SPEED, CUBIC_ACCELERATION)
+    if profile == "quintic":
+        factors = (QUINTIC_SPEED, QUINTIC_ACCELERATION, QUINTIC_JERK)
+    limits = np.degrees([joint.speed, joint.acceleration, joint.jerk]).tolist()
+    needs = [factor * way / duration ** (k + 1) for k, factor in enumerate(factors)]
+    # the limit that asks for the longest time: speed by the first power, acceleration by the second ...
+    k = max(range(len(needs)), key=lambda k: (needs[k] / limits[k]) ** (1 / (k + 1)))
+    needed, allowed, unit = needs[k], limits[k], ("°/s", "°/s²", "°/s³")[k]
+    return (
+        f"{joint.title}: {way:.2f}° in {duration:.3f} s needs {needed:.1f} {unit}, its limit is "
+        f"{allowed:.1f} {unit}; {shortest_words(shortest)}"
+    )

@@ -1,0 +1,1 @@
+"""Programs as files: TOML, CSV, Python scripts."""

@@ -1,0 +1,167 @@
+"""A program over time before it is run: what each step does, and when."""
+
+from __future__ import annotations
+
+import math
+from bisect import bisect_right
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from armctl.errors import ProgramError
+from armctl.motion.plan import plan_joints
+from armctl.motion.profiles import PointToPoint
+from armctl.motion.trajectory import JoinedTrajectory, SlowedTrajectory, Trajectory
+from armctl.program.feed import PlannedStep, ProgramSource, begin_program, plan_next
+from armctl.program.program import GripperStep, Program, WaitStep
+from armctl.robot import Robot
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RehearsedStep:
+    """One step as it is executed: a motion, or standing while time goes by or the gripper moves."""
+
+    index: int
+    """in the program"""
+    begins: float
+    """[s]"""
+    trajectory: Trajectory
+    """its motion; standing still where no joint moves"""
+    opening: tuple[float | None, float | None]
+    """gripper 0..1 at its begin and its end; None: not known"""
+
+    @property
+    def duration(self) -> float:
+        """Seconds."""
+        return self.trajectory.duration
+
+
+@dataclass(frozen=True, slots=True)
+class RehearsedState:
+    """What is shown at one time."""
+
+    q: FloatArray
+    opening: float | None
+    index: int
+    """of the step"""
+
+
+class Rehearsal:
+    """Steps one after another. Immutable."""
+
+    def __init__(
+        self, steps: tuple[RehearsedStep, ...], *, cut: bool = False, broken: PlannedStep | None = None
+    ) -> None:
+        """Take at least one step.
+
+        Raises:
+            ProgramError: no step.
+        """
+        if not steps:
+            raise ProgramError("there is nothing to rehearse")
+        self.steps = steps
+        self.cut = cut
+        """there is more of the program than was asked for"""
+        self.broken = broken
+        """the step after these, which cannot be run; None: all can"""
+        self._begins = [step.begins for step in steps]
+
+    @property
+    def duration(self) -> float:
+        """Seconds at full speed."""
+        return self.steps[-1].begins + self.steps[-1].duration
+
+    @property
+    def trajectory(self) -> JoinedTrajectory:
+        """All of it as one motion."""
+        return JoinedTrajectory([step.trajectory for step in self.steps])
+
+    def sample(self, t: float) -> RehearsedState:
+        """State at ``t`` [s]; outside the duration it holds the nearer end."""
+        step = self.steps[max(bisect_right(self._begins, t) - 1, 0)]
+        passed = min(max(t - step.begins, 0.0), step.duration)
+        return RehearsedState(step.trajectory.sample(passed).q, _opening(step, passed), step.index)
+
+    def tool_path(self, robot: Robot, count: int = 400) -> FloatArray:
+        """Tool points (count, 3) [m], evenly spaced in time."""
+        return robot.forward(self.trajectory.sample(np.linspace(0.0, self.duration, count)).q)[:, :3, 3]
+
+
+def rehearse_pose(robot: Robot, start: FloatArray, end: FloatArray, opening: float | None) -> Rehearsal:
+    """A planned movement to a pose (n,) [rad].
+
+    Raises:
+        MotionRefusedError: outside the limits, or what the pre-flight finds.
+    """
+    trajectory = plan_joints(robot, start, end)
+    return Rehearsal((RehearsedStep(0, 0.0, trajectory, (opening, opening)),))
+
+
+def rehearse(
+    robot: Robot,
+    program: Program,
+    start: FloatArray,
+    opening: float | None = None,
+    *,
+    longest_s: float = math.inf,
+    most_steps: int = 100_000,
+    as_far: bool = False,
+) -> Rehearsal:
+    """One pass of a program, as the arm would run it; ``wait`` and the gripper take their time too.
+
+    Args:
+        robot: the arm.
+        program: what to rehearse.
+        start: (n,) where the arm stands [rad].
+        opening: of the gripper, 0..1; None: not known.
+        longest_s: stop when that much is planned [s].
+        most_steps: stop after so many steps.
+        as_far: go as far as a step that cannot be run (``broken``), where there is a step before it.
+
+    Raises:
+        ProgramError: another robot's program, no steps, or names the step that cannot be run.
+    """
+    source, state, at = ProgramSource(program), begin_program(robot, program, start), 0.0
+    steps: list[RehearsedStep] = []
+    while at < longest_s and len(steps) < most_steps:
+        planned, state = plan_next(robot, source, state)
+        if not planned:
+            return Rehearsal(tuple(steps))
+        for step in planned:
+            if step.error is not None:
+                if as_far and steps:
+                    return Rehearsal(tuple(steps), broken=step)
+                who = f"{step.program.name}: step {step.index + 1}"
+                raise ProgramError(f"{who}: {step.error}") from step.error
+            done = _rehearsed(robot, step, start, opening, at)
+            steps.append(done)
+            start, opening, at = done.trajectory.end, done.opening[1], at + done.duration
+    return Rehearsal(tuple(steps), cut=True)
+
+
+def _rehearsed(
+    robot: Robot, step: PlannedStep, q: FloatArray, opening: float | None, at: float
+) -> RehearsedStep:
+    goal, takes = opening, 0.0
+    if step.trajectory is not None:
+        trajectory: Trajectory = step.trajectory
+        if step.percent != 100.0:
+            trajectory = SlowedTrajectory(trajectory, 100.0 / step.percent)
+        return RehearsedStep(step.index, at, trajectory, (opening, opening))
+    if isinstance(step.step, WaitStep):
+        takes = step.step.seconds
+    elif isinstance(step.step, GripperStep):
+        goal = step.step.open_percent / 100
+        if opening is not None and robot.gripper is not None:
+            takes = abs(goal - opening) / robot.gripper.speed
+    return RehearsedStep(step.index, at, PointToPoint.lasting(q, q, takes), (opening, goal))
+
+
+def _opening(step: RehearsedStep, passed: float) -> float | None:
+    begin, end = step.opening
+    if begin is None or end is None or step.duration == 0:
+        return end
+    return begin + (end - begin) * passed / step.duration

@@ -1,0 +1,374 @@
+"""Which parts of an arm may touch each other, and how far apart they are."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from armctl.kinematics import DHChain
+from armctl.kinematics.link_frames import LinkFrames, row_in_link
+from armctl.kinematics.samples import joint_samples
+from armctl.robot.parts import Look, Obstacle
+from armctl.robot.shape import FINGER, PALM, TIP_LENGTH, TIP_RADIUS, bars, reach, tool_length, width
+
+# The arm's body as capsules: segments with a radius, each fixed to a link.
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Capsule:
+    """All points within a radius of a segment."""
+
+    link: int
+    """index of the joint that moves it; -1: the base"""
+    start: FloatArray
+    """(3,) in the link's frame (``LinkFrames``) [m]"""
+    end: FloatArray
+    """(3,) [m]"""
+    radius: float
+    """[m]"""
+    part: str
+    """what people call it"""
+
+
+def capsule(
+    chain: DHChain, titles: Sequence[str], frame: int, ends: tuple[ArrayLike, ArrayLike], radius: float
+) -> Capsule:
+    """A capsule between two points of a DH frame.
+
+    Args:
+        chain: the arm.
+        titles: of the joints, for the part's name.
+        frame: 0 the base, i + 1 the frame behind DH row i.
+        ends: two points (3,) in that frame [m].
+        radius: [m].
+    """
+    link, T = row_in_link(chain)[frame]
+    start, end = (T[:3, :3] @ np.asarray(point, dtype=np.float64) + T[:3, 3] for point in ends)
+    return Capsule(link, start, end, radius, link_name(link, titles))
+
+
+def link_name(link: int, titles: Sequence[str]) -> str:
+    """What people call a link: the base, or the link behind a joint."""
+    return "the base" if link < 0 else f"the link behind {titles[link].lower()}"
+
+
+def shape_capsules(
+    chain: DHChain, look: Look, titles: Sequence[str], *, gripper: bool
+) -> tuple[Capsule, ...]:
+    """The capsules of an arm as it is drawn.
+
+    A bar shorter than the links are wide lies inside the drum of its joint and is left out; bars in one
+    line are one capsule. Round a square beam the capsule goes through its corners. The fingers are one
+    capsule round both when they are closed; the palm is as wide as it is when they are open.
+
+    Args:
+        chain: the arm.
+        look: how it is drawn.
+        titles: of the joints.
+        gripper: whether it has one; else it ends in a tip.
+    """
+    wide = width(chain, look)
+    radius = wide * (0.5 if look.shape == "round" else math.sqrt(0.5))
+    drawn = [bar for bar in bars(chain, tool_length(chain, look, gripper=gripper)) if bar.length > 1e-9]
+    pieces = [capsule(chain, titles, bar.frame, (bar.start, bar.end), radius) for bar in drawn]
+    links = [piece for piece in _in_one_line(pieces) if math.dist(piece.start, piece.end) >= wide]
+    return (*links, *_hand(chain, look, gripper=gripper))
+
+
+def _in_one_line(pieces: Iterable[Capsule]) -> list[Capsule]:
+    """Pieces of one link that go on in the same direction where the one before ends, put together."""
+    joined: list[Capsule] = []
+    for piece in pieces:
+        last = joined[-1] if joined else None
+        if last is not None and last.link == piece.link:
+            before, after = last.end - last.start, piece.end - piece.start
+            straight = before @ after > (1 - 1e-9) * np.linalg.norm(before) * np.linalg.norm(after)
+            if straight and np.allclose(last.end, piece.start, atol=1e-9):
+                joined[-1] = Capsule(last.link, last.start, piece.end, last.radius, last.part)
+                continue
+        joined.append(piece)
+    return joined
+
+
+def _hand(chain: DHChain, look: Look, *, gripper: bool) -> list[Capsule]:
+    """What ends at the tool point, along the tool's z."""
+    link, T = row_in_link(chain)[-1]
+    size = reach(chain)
+
+    def along(y: float, z: float) -> FloatArray:
+        return T[:3, :3] @ np.array([0.0, y, z]) + T[:3, 3]
+
+    if not gripper:
+        wide = width(chain, look)
+        radius = 0.5 * TIP_RADIUS * wide  # half way along the cone
+        return [Capsule(link, along(0, -TIP_LENGTH * wide), along(0, -radius), radius, "the tool")]
+    finger, palm = 0.5 * FINGER[0] * size, 0.5 * PALM[0] * size
+    behind, half = -(FINGER[2] + 0.5 * PALM[2]) * size, 0.5 * PALM[1] * size - palm
+    return [
+        Capsule(link, along(-half, behind), along(half, behind), palm, "the gripper"),
+        Capsule(link, along(0, behind), along(0, -finger), finger, "the gripper"),
+    ]
+
+
+# Distances between straight segments, many at once, entry by entry in memory.
+
+_PARALLEL = 1e-12
+"""squared sine of the angle between two segments below which they count as parallel"""
+
+
+def segment_distance(p: FloatArray, u: FloatArray, q: FloatArray, v: FloatArray) -> FloatArray:
+    """Smallest distance between the segments ``p + s u`` and ``q + t v``, s and t in 0 … 1.
+
+    After Ericson, *Real-Time Collision Detection* (2005), section 5.1.9: the nearest points of the two
+    lines, then t clipped and s fitted to it. A segment of no length is a point.
+
+    Args:
+        p: (3, ...) start of the first [m].
+        u: (3, ...) from its start to its end [m].
+        q: (3, ...) start of the second [m].
+        v: (3, ...) from its start to its end [m].
+
+    Returns:
+        (...) [m].
+    """
+    r = p - q
+    a, e, b = _dot(u, u), _dot(v, v), _dot(u, v)
+    c, f = _dot(u, r), _dot(v, r)
+    crossing = a * e - b * b
+    skew = crossing > _PARALLEL * a * e
+    s = np.where(skew, np.clip((b * f - c * e) / np.where(skew, crossing, 1.0), 0.0, 1.0), 0.0)
+    t = np.clip(np.where(e > 0.0, (b * s + f) / np.where(e > 0.0, e, 1.0), 0.0), 0.0, 1.0)
+    s = np.clip(np.where(a > 0.0, (b * t - c) / np.where(a > 0.0, a, 1.0), 0.0), 0.0, 1.0)
+    gap = r + s * u - t * v
+    return np.sqrt(_dot(gap, gap))
+
+
+def segment_box_distance(p: FloatArray, u: FloatArray, low: FloatArray, high: FloatArray) -> FloatArray:
+    """Smallest signed distance between the segments ``p + s u`` and a box; inside, minus the depth.
+
+    The signed distance to a convex body is convex along a line, so a golden section search finds its
+    minimum; it ends within 1e-9 of the segment's length.
+
+    Args:
+        p: (3, ...) starts [m].
+        u: (3, ...) from start to end [m].
+        low: (3,) lower corner of the box [m].
+        high: (3,) upper corner [m].
+
+    Returns:
+        (...) [m].
+    """
+    ratio = 0.5 * (math.sqrt(5.0) - 1.0)
+    left, right = np.zeros(p.shape[1:]), np.ones(p.shape[1:])
+    near, far = left + (1.0 - ratio), left + ratio
+    at_near, at_far = box_distance(p + near * u, low, high), box_distance(p + far * u, low, high)
+    for _ in range(44):
+        lower = at_near < at_far
+        left, right = np.where(lower, left, near), np.where(lower, far, right)
+        step: FloatArray = ratio * (right - left)
+        fresh: FloatArray = np.where(lower, right - step, left + step)
+        value = box_distance(p + fresh * u, low, high)
+        near, far = np.where(lower, fresh, far), np.where(lower, near, fresh)
+        at_near, at_far = np.where(lower, value, at_far), np.where(lower, at_near, value)
+    ends = np.minimum(box_distance(p, low, high), box_distance(p + u, low, high))
+    return np.minimum(np.minimum(at_near, at_far), ends)
+
+
+def box_distance(points: FloatArray, low: FloatArray, high: FloatArray) -> FloatArray:
+    """Signed distance (...) [m] of points (3, ...) to an axis-aligned box; inside, minus the depth."""
+    shape = (3, *[1] * (points.ndim - 1))
+    middle, half = 0.5 * (low + high).reshape(shape), 0.5 * (high - low).reshape(shape)
+    beyond = np.abs(points - middle) - half
+    outside = np.maximum(beyond, 0.0)
+    return np.sqrt(_dot(outside, outside)) + np.minimum(beyond.max(axis=0), 0.0)
+
+
+def _dot(a: FloatArray, b: FloatArray) -> FloatArray:
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+# How far a point of an arm can move a radian of a joint.
+
+
+def lever_bounds(chain: DHChain, link: int, points: FloatArray) -> FloatArray:
+    """How far points of a link move a radian of each joint, at most: (n,) [m/rad].
+
+    Args:
+        chain: the arm.
+        link: index of the joint that moves the points; -1: the base.
+        points: (p, 3) in the link's frame [m].
+    """
+    levers = np.zeros(chain.n)
+    aside = float(np.hypot(points[:, 0], points[:, 1]).max())
+    away = float(np.linalg.norm(points, axis=1).max())
+    for j in reversed(range(link + 1)):
+        levers[j] = aside
+        x, y, z = chain.segments[j][:3, 3].tolist()
+        aside, away = math.hypot(x, y) + away, math.hypot(x, y, z) + away
+    return levers
+
+
+NEAR_M = 0.02
+"""Beyond this a gap is given as a lower bound, which costs less than its exact size."""
+_SAMPLES = 512
+
+
+@dataclass(frozen=True, eq=False)
+class CollisionModel:
+    """The capsules of an arm, and the pairs of them that are kept apart.
+
+    Left out are pairs of one link or of neighbours, which the joint's own limits keep apart, and pairs that
+    touch in the home pose or in every one of 512 configurations spread over the limits: they meet in a
+    joint, and no motion could mend that.
+    """
+
+    chain: DHChain
+    capsules: tuple[Capsule, ...]
+    """from the base to the tool"""
+    pairs: tuple[tuple[int, int], ...]
+    """indices of capsules, the one nearer to the base first"""
+
+    @classmethod
+    def build(cls, chain: DHChain, capsules: Sequence[Capsule], limits: FloatArray, home: FloatArray) -> Self:
+        """Find the pairs.
+
+        Args:
+            chain: the arm.
+            capsules: its body.
+            limits: (n, 2) [rad].
+            home: (n,) [rad].
+        """
+        ordered = tuple(sorted(capsules, key=lambda capsule: capsule.link))
+        apart = tuple(
+            (i, j)
+            for j, outer in enumerate(ordered)
+            for i, inner in enumerate(ordered[:j])
+            if outer.link - inner.link > 1
+        )
+        samples = np.concatenate([home[None], joint_samples(limits, _SAMPLES)])
+        touching = cls(chain, ordered, apart).gaps(LinkFrames.at(chain, samples)) <= 0.0
+        kept = ~(touching[:, 0] | touching.all(axis=1))
+        return cls(chain, ordered, tuple(pair for pair, keep in zip(apart, kept, strict=True) if keep))
+
+    @cached_property
+    def moving(self) -> tuple[int, ...]:
+        """Indices of the capsules that a joint moves, and so could be kept out of an obstacle."""
+        return tuple(i for i, capsule in enumerate(self.capsules) if capsule.link >= 0)
+
+    @cached_property
+    def levers(self) -> FloatArray:
+        """(capsules, n) how far a point of each one's axis moves a radian of each joint, at most [m/rad]."""
+        rows = [lever_bounds(self.chain, c.link, np.array([c.start, c.end])) for c in self.capsules]
+        return np.array(rows).reshape(-1, self.chain.n)
+
+    @cached_property
+    def pair_levers(self) -> FloatArray:
+        """(k, n) how much the gap of each pair changes a radian of each joint, at most [m/rad]."""
+        levers = self.levers[[j for _, j in self.pairs]].reshape(-1, self.chain.n)
+        for row, (i, _) in zip(levers, self.pairs, strict=True):
+            row[: self.capsules[i].link + 1] = 0.0  # these joints carry both
+        return levers
+
+    def gaps(self, links: LinkFrames) -> FloatArray:
+        """Gaps between the pairs: (k, m) [m], negative where they overlap.
+
+        Gaps of more than ``NEAR_M`` are lower bounds.
+        """
+        starts, spans = self._placed(links)
+        out = np.empty((len(self.pairs), links.origin[0].shape[-1]))
+        for gap, (i, j) in zip(out, self.pairs, strict=True):
+            apart = starts[i] - starts[j] + 0.5 * (spans[i] - spans[j])
+            radii = self.capsules[i].radius + self.capsules[j].radius
+            gap[:] = np.sqrt(np.einsum("im,im->m", apart, apart)) - (
+                self._halves[i] + self._halves[j] + radii
+            )
+            near = np.flatnonzero(gap < NEAR_M)
+            if len(near):
+                one, other = (starts[i][:, near], spans[i][:, near]), (starts[j][:, near], spans[j][:, near])
+                gap[near] = segment_distance(*one, *other) - radii
+        return out
+
+    def gaps_to(self, obstacles: Sequence[Obstacle], links: LinkFrames) -> FloatArray:
+        """Gaps between each obstacle and each moving capsule: (obstacles · moving, m) [m], as ``gaps``."""
+        starts, spans = self._placed(links)
+        out = np.empty((len(obstacles) * len(self.moving), links.origin[0].shape[-1]))
+        places = [(obstacle, i) for obstacle in obstacles for i in self.moving]
+        for gap, (obstacle, i) in zip(out, places, strict=True):
+            radius = self.capsules[i].radius
+            middle = starts[i] + 0.5 * spans[i]
+            gap[:] = box_distance(middle, obstacle.low, obstacle.high) - (self._halves[i] + radius)
+            near = np.flatnonzero(gap < NEAR_M)
+            if len(near):
+                axis = starts[i][:, near], spans[i][:, near]
+                gap[near] = segment_box_distance(*axis, obstacle.low, obstacle.high) - radius
+        return out
+
+    @cached_property
+    def _halves(self) -> list[float]:
+        return [0.5 * float(np.linalg.norm(capsule.end - capsule.start)) for capsule in self.capsules]
+
+    def _placed(self, links: LinkFrames) -> tuple[list[FloatArray], list[FloatArray]]:
+        """Starts and spans of all capsules: (3, m) each [m], base frame."""
+        ends = [links.place(c.link, np.array([c.start, c.end])) for c in self.capsules]
+        return [end[:, 0] for end in ends], [end[:, 1] - end[:, 0] for end in ends]
+
+
+# The corners of an arm: what comes nearest to a plane that it must stay above.
+
+_PROBES = 24
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Corner:
+    """A point of a link."""
+
+    link: int
+    """index of the joint that moves it"""
+    point: FloatArray
+    """(3,) in the link's frame [m]"""
+    part: str
+    """what people call the part that it belongs to"""
+    levers: FloatArray
+    """(n,) how far it rises or sinks a radian of each joint, at most [m/rad]"""
+
+
+def moving_corners(chain: DHChain, titles: Sequence[str], limits: FloatArray) -> tuple[Corner, ...]:
+    """The corners and frame origins of an arm that joints raise or lower, from the base to the tool.
+
+    Between two frames a DH row runs along x and z in straight lines, and over a plane a straight line is
+    lowest at one of its ends: the origins and the corners between them are the whole arm.
+
+    Args:
+        chain: the arm.
+        titles: of the joints, for the names of the parts.
+        limits: (n, 2) [rad].
+    """
+    probes = LinkFrames.at(chain, joint_samples(limits, _PROBES))
+    upright = abs(chain.segments[0][2, 2]) > 1 - 1e-12  # then the first joint changes no height
+    corners: list[Corner] = []
+    for link, point, part in _points(chain, titles):
+        if np.ptp(probes.place(link, point[None])[2, 0]) > 1e-9:
+            levers = lever_bounds(chain, link, point[None])
+            levers[0] *= not upright
+            corners.append(Corner(link, point, part, levers))
+    return tuple(corners)
+
+
+def _points(chain: DHChain, titles: Sequence[str]) -> Iterator[tuple[int, FloatArray, str]]:
+    places = row_in_link(chain)
+    last = len(chain.rows) - 1
+    for i, (row, (ahead, T_ahead), (link, T_link)) in enumerate(
+        zip(chain.rows, places[:-1], places[1:], strict=True)
+    ):
+        # modified rows go along x first, standard ones along z: the end of that way is the corner
+        offset = (row.a_m, 0.0, 0.0) if chain.convention == "modified" else (0.0, 0.0, row.d_m)
+        yield ahead, T_ahead[:3, :3] @ np.array(offset) + T_ahead[:3, 3], link_name(ahead, titles)
+        yield link, T_link[:3, 3], "the tool" if i == last else link_name(link, titles)

@@ -1,0 +1,82 @@
+"""An arm's shape from its DH rows: a bar along each a and d, and a hand or a tip at the tool point.
+
+What is drawn and what the pre-flight keeps apart are the same shape.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from armctl.kinematics import DHChain
+from armctl.robot.parts import Look
+
+Point = tuple[float, float, float]
+# The gripper, as fractions of the reach (y from finger to finger, z along the tool) ...
+FINGER, PALM = (0.026, 0.012, 0.085), (0.03, 0.15, 0.022)
+GAP_CLOSED, GAP_OPEN = 0.008, 0.065
+# ... and the tip of an arm without one, as multiples of the links' width.
+TIP_RADIUS, TIP_LENGTH = 0.4, 1.6
+
+
+@dataclass(frozen=True, slots=True)
+class Bar:
+    """A straight piece of a link."""
+
+    frame: int
+    """the frame it is fixed to: 0 the base, i + 1 the one behind DH row i"""
+    name: str
+    """``a`` or ``d`` with the number of its row, from 0"""
+    link: int
+    """index of the joint that moves it; -1: the base"""
+    start: Point
+    """in its frame [m]"""
+    end: Point
+
+    @property
+    def length(self) -> float:
+        """[m]."""
+        return math.dist(self.start, self.end)
+
+
+def reach(chain: DHChain) -> float:
+    """The length of the arm from its base frame to the tool point, all links stretched [m]."""
+    tool = chain.forward(np.zeros(chain.n))[:3, 3]
+    # No joint changes how far two corners in a row are apart.
+    corners = np.vstack([np.zeros(3), chain.axes()[0], tool])
+    return float(np.linalg.norm(np.diff(corners, axis=0), axis=1).sum())
+
+
+def width(chain: DHChain, look: Look) -> float:
+    """Width of the links [m]."""
+    return look.width * reach(chain)
+
+
+def tool_length(chain: DHChain, look: Look, *, gripper: bool) -> float:
+    """How much shorter the last bar is, so that the fingers or the tip end at the tool point [m]."""
+    return reach(chain) * FINGER[2] if gripper else width(chain, look) * TIP_LENGTH
+
+
+def bars(chain: DHChain, shorten: float) -> Iterator[Bar]:
+    """The bars from the base to the tool, those of no length too.
+
+    Modified rows go along a on the frame before and along d on their own; standard ones vice versa.
+
+    Args:
+        chain: the arm.
+        shorten: what the hand or the tip takes of the last d [m].
+    """
+    link = -1
+    for i, row in enumerate(chain.rows):
+        before, link = link, link + row.joint
+        left = shorten if i == len(chain.rows) - 1 else 0.0
+        d = math.copysign(max(0.0, abs(row.d_m) - left), row.d_m)
+        if chain.convention == "modified":
+            yield Bar(i, f"a{i}", before, (0, 0, 0), (row.a_m, 0, 0))
+            yield Bar(i + 1, f"d{i}", link, (0, 0, -row.d_m), (0, 0, d - row.d_m))
+        else:
+            yield Bar(i, f"d{i}", before, (0, 0, 0), (0, 0, d))
+            yield Bar(i + 1, f"a{i}", link, (-row.a_m, 0, 0), (0, 0, 0))

@@ -1,0 +1,243 @@
+"""The marks and the safe limits of one joint."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from functools import partial
+from typing import TYPE_CHECKING
+
+import numpy as np
+import viser
+from numpy.typing import NDArray
+
+from armctl.errors import ArmctlError
+from armctl.robot import Robot
+from armctl.runtime import Jog, MoveGripper, Snapshot
+from armctl.ui.calibration_desk import End, Jaw
+from armctl.ui.tabs.manual.joints import JointStepper, checked_percent
+from armctl.ui.widgets.calibration_text import fit_html, limits_html, marks_html, numbered
+from armctl.ui.widgets.hold import Hold, attach_hold
+from armctl.ui.widgets.html import LiveHtml, fixed, muted, sentence
+from armctl.ui.widgets.number_field import EditWatch, NumberField
+from armctl.ui.widgets.standing import calibrated_map, present_outputs, standing_gripper, standing_outputs
+
+if TYPE_CHECKING:
+    from armctl.ui.session import Session
+
+
+# Moving one joint slowly, to a mark on a protractor.
+
+FloatArray = NDArray[np.float64]
+STEPS = {"−10": -10.0, "−1": -1.0, "−0.1": -0.1, "+0.1": 0.1, "+1": 1.0, "+10": 10.0}
+_SLOW_RAD_S, _SLOW_FRACTION, _SHORTEST_S = math.radians(10.0), 0.15, 0.3
+_STEP_HINT = "Turns the joint at once, at no more than 10°/s. Degrees by the calibration in force."
+_JOG_NOTE = "Jog turns the joint slowly for as long as the button is held."
+
+
+def slow_speeds(robot: Robot) -> FloatArray:
+    """(n,) how fast each joint is moved here [rad/s]."""
+    return np.minimum(_SLOW_RAD_S, _SLOW_FRACTION * robot.speed_limits)
+
+
+def slow_duration(robot: Robot, way: FloatArray) -> float:
+    """How long a way (n,) [rad] takes at those speeds [s]."""
+    return max(_SHORTEST_S, float((np.abs(way) / slow_speeds(robot)).max()))
+
+
+class CalibrationJog:
+    """Step and hold buttons of the joint that is being calibrated."""
+
+    def __init__(self, session: Session, chosen: Callable[[], int]) -> None:
+        """Add the controls to the present container; ``chosen`` gives the joint's index."""
+        self._session = session
+        self._chosen = chosen
+        self._robot = session.console.robot
+        self._stepper = JointStepper(session, partial(slow_duration, self._robot))
+        self._hold = Hold()
+        gui = session.gui
+        self._steps = gui.add_button_group("Step °", tuple(STEPS), hint=_STEP_HINT)
+        minus = gui.add_button("Jog −")
+        plus = gui.add_button("Jog +")
+        LiveHtml(gui, muted(_JOG_NOTE))
+        session.on(self._steps.on_click, self._on_step)
+        session.on(partial(attach_hold, minus), partial(self._on_hold, -1.0))
+        session.on(partial(attach_hold, plus), partial(self._on_hold, 1.0))
+
+    async def _on_step(self) -> None:
+        self._session.require_operator()
+        await self._stepper.step(self._chosen(), STEPS[self._steps.value])
+
+    async def _on_hold(self, sign: float) -> None:
+        """One tick of a held button: a short command that expires by itself."""
+        if not self._hold.wants(self._session.snapshot.stamp):
+            return
+        joint, rate = self._chosen(), np.zeros(self._robot.n)
+        rate[joint] = sign * slow_speeds(self._robot)[joint] / self._robot.speed_limits[joint]
+        try:
+            await self._session.submit(Jog(rate))
+        except ArmctlError:
+            self._hold.refuse()
+            raise
+
+
+_ENDS: dict[str, End] = {"Set lower limit here": "low", "Set upper limit here": "high"}
+_ANGLE_HINT = (
+    "What the protractor shows, in the joint's own sense: 0° and + as in the robot file and the 3D view."
+)
+_LIMIT_HINT = "Farther than this the board is never told to go. Outputs, not angles: a sign may be reversed."
+
+
+class CalibrationJoint:
+    """Choose a joint, bring it to a mark, type the angle; again, and the line through the marks shows."""
+
+    def __init__(self, session: Session) -> None:
+        """Add the controls to the present container."""
+        self._session, self._work = session, session.console.calibrating.work
+        self._robot = session.console.robot
+        self._titles = {joint.title: joint.name for joint in self._robot.joints if joint.lower < joint.upper}
+        self._drawn = -1
+        gui = session.gui
+        self._joint = gui.add_dropdown("Joint", tuple(self._titles))
+        self._jog = CalibrationJog(session, self._index)
+        self._now = LiveHtml(gui)
+        self._angle = NumberField(gui, "Angle read °", None, hint=_ANGLE_HINT)
+        self._add = gui.add_button("Add mark", icon=viser.Icon.PLUS)
+        self._marks = LiveHtml(gui)
+        self._fit = LiveHtml(gui)
+        self._which = gui.add_dropdown("Mark", numbered(0))
+        self._delete = gui.add_button("Delete mark", color="gray")
+        self._limits = LiveHtml(gui)
+        self._ends = gui.add_button_group("Safe limits", tuple(_ENDS), hint=_LIMIT_HINT)
+        default = gui.add_button("Limits of the robot file", color="gray")
+        self._watch = EditWatch([self._angle])
+        session.on(self._joint.on_update, self._on_joint)
+        session.on(self._add.on_click, self._on_add)
+        session.on(self._delete.on_click, self._on_delete)
+        session.on(self._ends.on_click, self._on_limit)
+        session.on(default.on_click, self._on_default_limits)
+
+    def refresh(self, snapshot: Snapshot) -> None:
+        """Show where the joint stands, and the marks if they have changed."""
+        self._now.show(self._now_html(snapshot))
+        if self._drawn != self._work.version:
+            self._drawn = self._work.version
+            self._draw()
+
+    def _draw(self) -> None:
+        work, joint = self._work, self._work.chosen
+        title = next((title for title, name in self._titles.items() if name == joint), None)
+        if title is not None and self._joint.value != title:
+            self._joint.value = title
+        marks = work.joint(joint).marks
+        try:
+            fit = work.fit(joint)
+        except ArmctlError:
+            fit = None
+        self._marks.show(marks_html(marks, fit, work.map.unit))
+        self._fit.show(fit_html(work, joint) if marks else "")
+        self._limits.show(limits_html(work, joint))
+        options = numbered(len(marks))
+        if self._which.options != options:
+            self._which.options = options
+            self._which.value = options[-1]
+        self._which.visible = self._delete.visible = bool(marks)
+
+    def _now_html(self, snapshot: Snapshot) -> str:
+        """Output and angle of the joint as it stands."""
+        try:
+            output = present_outputs(self._robot, snapshot)[self._channel()]
+        except ArmctlError as error:
+            return muted(sentence(str(error)))
+        i = self._index()
+        angle = math.degrees(float(calibrated_map(self._robot).angles({self._channel(): output})[i]))
+        said = f"<b>{fixed(output, 1)} {self._work.map.unit}</b>"
+        return f"<div>Stands at {said}, by the calibration in force {fixed(angle, 2)}°</div>"
+
+    def _output(self, snapshot: Snapshot) -> float:
+        return standing_outputs(self._robot, snapshot)[self._channel()]
+
+    def _channel(self) -> int:
+        return self._work.map.channels[self._index()]
+
+    def _index(self) -> int:
+        return self._robot.joint_names.index(self._work.chosen)
+
+    async def _on_joint(self) -> None:
+        try:
+            self._session.require_operator()
+        except ArmctlError:
+            self._drawn = -1  # this page still shows the operator's joint
+            raise
+        self._work.choose(self._titles[self._joint.value])
+
+    async def _on_add(self) -> None:
+        self._session.require_operator()
+        self._watch.require_settled()
+        self._work.add_mark(
+            self._work.chosen, self._output(self._session.snapshot), math.radians(self._angle.value)
+        )
+
+    async def _on_delete(self) -> None:
+        self._session.require_operator()
+        self._work.delete_mark(self._work.chosen, int(self._which.value) - 1)
+
+    async def _on_limit(self) -> None:
+        end = _ENDS[self._ends.value]
+        self._session.require_operator()
+        self._work.set_limit(self._work.chosen, end, self._output(self._session.snapshot))
+
+    async def _on_default_limits(self) -> None:
+        self._session.require_operator()
+        self._work.limits_by_default(self._work.chosen)
+
+
+# The outputs at which the gripper is closed, and open.
+
+_HOW = (
+    "Move the gripper until it just closes, without squeezing, and press 'Closed here'; open it as far as it "
+    "should, and press 'Open here'."
+)
+
+
+class CalibrationGripper:
+    """Move it, and say where it is closed and where it is open."""
+
+    def __init__(self, session: Session) -> None:
+        """Add the controls to the present container."""
+        self._session, self._work = session, session.console.calibrating.work
+        gui = session.gui
+        LiveHtml(gui, muted(_HOW))
+        self._percent = gui.add_slider("Gripper %", min=0, max=100, step=1, initial_value=50)
+        move = gui.add_button("Move gripper")
+        self._now = LiveHtml(gui)
+        closed = gui.add_button("Closed here", color="gray")
+        opened = gui.add_button("Open here", color="gray")
+        self._jaws = LiveHtml(gui)
+        session.on(move.on_click, self._on_move)
+        session.on(closed.on_click, partial(self._on_jaw, "closed"))
+        session.on(opened.on_click, partial(self._on_jaw, "open"))
+
+    def refresh(self, snapshot: Snapshot) -> None:
+        """Show where the gripper is, and what was set."""
+        work = self._work
+        self._now.show(self._now_html(snapshot))
+        set_here = "set here, not saved yet" if work.jaws else "as in force"
+        self._jaws.show(
+            f"<div>Closed at <b>{fixed(work.jaw('closed'), 1)}</b>, open at "
+            f"<b>{fixed(work.jaw('open'), 1)} {work.map.unit}</b> ({set_here})</div>"
+        )
+
+    def _now_html(self, snapshot: Snapshot) -> str:
+        try:
+            output = standing_gripper(self._session.console.robot, snapshot)
+        except ArmctlError as error:
+            return muted(sentence(str(error)))
+        return f"<div>Stands at <b>{fixed(output, 1)} {self._work.map.unit}</b></div>"
+
+    async def _on_move(self) -> None:
+        await self._session.submit(MoveGripper(checked_percent(self._percent.value, "gripper") / 100))
+
+    async def _on_jaw(self, jaw: Jaw) -> None:
+        self._session.require_operator()
+        self._work.set_jaw(jaw, standing_gripper(self._session.console.robot, self._session.snapshot))

@@ -1,0 +1,141 @@
+"""The list of robots."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from html import escape
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from armctl.robot import BoardKind, Robot
+from armctl.runtime import Snapshot, State
+from armctl.ui.console import PortChoice
+from armctl.ui.robot_desk import RobotChoice, release_to_leave
+from armctl.ui.widgets.html import LiveHtml, folded, muted, refused, sentence
+
+if TYPE_CHECKING:
+    from armctl.ui.session import Session
+
+
+class RobotChooser:
+    """Shows the present robot; choosing another one changes it for every page."""
+
+    def __init__(self, session: Session) -> None:
+        self._session, self._desk = session, session.robots
+        self._names = labelled(self._desk.choices)
+        self._present = next(label for label, name in self._names.items() if name == self._desk.present.name)
+        self._list = session.gui.add_dropdown("Robot", tuple(self._names), initial_value=self._present)
+        self._about = about(session.console.robot)
+        self._text = LiveHtml(session.gui, self._about)
+        session.on(self._list.on_update, self._on_choose)
+
+    def refresh(self, snapshot: Snapshot) -> None:
+        """Nothing can be chosen while the robot is being changed, or held up by real servos or motors."""
+        opening, held = self._desk.opening, release_to_leave(snapshot)
+        if self._list.disabled != (disabled := opening is not None or held is not None):
+            self._list.disabled = disabled
+        if opening is not None:
+            self._text.show(f"Opening {escape(opening.title)} …")
+        else:
+            self._text.show(self._about if held is None else self._about + muted(sentence(held)))
+
+    async def _on_choose(self) -> None:
+        session = self._session
+        try:
+            await self._desk.change(self._names[self._list.value], session.origin, session.require_operator)
+        finally:
+            if not session.closed:  # refused: this page still shows the present robot
+                self._list.value = self._present
+
+
+def labelled(choices: Sequence[RobotChoice]) -> dict[str, str]:
+    """Names by label: the title; with the file's name, or all of its path, where that is not its alone."""
+    titles = Counter(choice.title for choice in choices)
+    files = Counter(_with_file(choice) for choice in choices)
+
+    def label(choice: RobotChoice) -> str:
+        if titles[choice.title] == 1:
+            return choice.title
+        short = _with_file(choice)
+        return short if files[short] == 1 else f"{choice.title} ({choice.name})"
+
+    return {label(choice): choice.name for choice in choices}
+
+
+def _with_file(choice: RobotChoice) -> str:
+    """The title with the name of the file; which link of a URDF is its tool goes behind a ``#``."""
+    return f"{choice.title} ({Path(choice.name.partition('#')[0]).name})"
+
+
+def about(robot: Robot) -> str:
+    """Joints, gripper, source and what is assumed of a robot, as HTML."""
+    joints = f"{robot.n} joints" + (" and a gripper" if robot.gripper is not None else "")
+    source = f"<b>{joints}</b><div style='opacity:.75'>{escape(robot.source)}</div>"
+    return source + (folded("Assumed, where the source is silent", robot.assumed) if robot.assumed else "")
+
+
+# What *Main* says of the boards: which are there, which is connected, what Enable and Homing will do.
+
+_ENABLE_NOTE = (
+    "**Enable** switches the servos on. A servo that was off jumps to the rest pose at full speed: "
+    "hold the arm near that pose or keep clear."
+)
+_TAKE_OVER_NOTE = "The servos are on: **Enable** takes the arm over where it stands. Nothing jumps."
+_MOTORS_NOTE = "**Enable** switches the motors on; they hold the arm where it stands."
+_LOST_NOTE = (
+    "The board is lost. See to its cable and its power, then press **Connect**; nothing moves by itself."
+)
+_UNHOMED_NOTE = (
+    "The arm does not know where it is yet. **Homing** moves every axis slowly to its home switch, one after "
+    "the other: keep clear. STOP ends it."
+)
+
+
+def enable_note(snapshot: Snapshot, board: BoardKind) -> str:
+    """What Enable will do, or what must be done before."""
+    if snapshot.state is State.FAULT and snapshot.board is None:
+        return _LOST_NOTE
+    if board != "encoder":
+        return _TAKE_OVER_NOTE if snapshot.powered else _ENABLE_NOTE
+    homed = bool(snapshot.homing) and all(axis.homed for axis in snapshot.homing)
+    return _MOTORS_NOTE if homed else _UNHOMED_NOTE
+
+
+def homing_html(snapshot: Snapshot) -> str:
+    """Each axis with a sign: homed, being looked for, or not."""
+    signs = [
+        f"<span style='white-space:nowrap'>{'✓' if axis.homed else '…' if axis.running else '○'} "
+        f"{'<b>' if axis.running else ''}{escape(axis.title)}{'</b>' if axis.running else ''}</span>"
+        for axis in snapshot.homing
+    ]
+    if not signs:
+        return ""
+    done = sum(axis.homed for axis in snapshot.homing)
+    return f"<div>Homed {done} of {len(signs)}: {' &nbsp; '.join(signs)}</div>"
+
+
+def ports_html(choices: Iterable[PortChoice]) -> str:
+    """The boards that are plugged in, and why one cannot be used."""
+    lines: list[str] = []
+    for choice in choices:
+        if not choice.listed:
+            continue
+        serial = f" · serial number {escape(choice.serial_number)}" if choice.serial_number else ""
+        lines.append(f"<div>{escape(choice.label)}{serial}</div>")
+        if choice.why_not is not None:
+            lines.append(refused(sentence(f"cannot be used: {choice.why_not}")))
+        lines += [f"<div style='opacity:.75'>{escape(sentence(note))}</div>" for note in choice.notes]
+    return "".join(lines)
+
+
+def board_html(snapshot: Snapshot) -> str:
+    """The board that is connected, and what the user must know of it."""
+    board = snapshot.board
+    if board is None:
+        return "<div>Not connected.</div>"
+    serial = f" · serial number {escape(board.serial_number)}" if board.serial_number else ""
+    lines = [f"<div><b>{escape(board.kind)}</b> on {escape(board.port)}{serial}</div>"]
+    notes = (*board.notes, *board.earlier)
+    lines += [f"<div style='opacity:.75'>{escape(sentence(note))}</div>" for note in notes]
+    return "".join(lines)

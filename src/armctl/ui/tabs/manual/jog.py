@@ -1,0 +1,297 @@
+"""Hold-to-jog of a joint or the tool, with buttons or keys, and the gripper."""
+
+from __future__ import annotations
+
+import math
+from functools import partial
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+import viser
+
+from armctl.errors import ArmctlError
+from armctl.robot import Robot
+from armctl.runtime import Jog, JogTool, MoveGripper, Snapshot
+from armctl.runtime.tool_line import tool_turns
+from armctl.ui.tabs.manual.joints import checked_percent, held_at
+from armctl.ui.widgets.hold import Hold, attach_hold
+from armctl.ui.widgets.html import LiveHtml, muted, table
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from armctl.ui.session import Session
+
+
+# Hold-to-jog of the tool: along an axis, or turning in its place.
+
+ToolAxis = Literal["X", "Y", "Z", "Pitch", "Roll"]
+FRAMES: dict[str, Literal["base", "tool"]] = {"base axes": "base", "tool axes": "tool"}
+_TURN_DEG_PER_MM = 0.5
+_SPEED_HINT = "How fast the tool goes while a button is held. The joints' limits and Speed % slow it down."
+_NOTE = (
+    "The tool moves on a straight line while the button is held, its pitch and roll kept where the arm can. "
+    f"Pitch and Roll turn it in its place, {_TURN_DEG_PER_MM:g}°/s for each mm/s."
+)
+
+
+def tool_axes(robot: Robot) -> tuple[ToolAxis, ...]:
+    """What the tool of an arm can be jogged along and about."""
+    names: tuple[ToolAxis, ToolAxis] = ("Pitch", "Roll")
+    turns: list[ToolAxis] = [name for name, can in zip(names, tool_turns(robot), strict=True) if can]
+    return ("X", "Y", "Z", *turns)
+
+
+def tool_jog(axis: ToolAxis, sign: float, speed_mm_s: float, frame: Literal["base", "tool"]) -> JogTool:
+    """One short command; ``sign`` is 1 or -1."""
+    linear, rate = np.zeros(3), sign * math.radians(_TURN_DEG_PER_MM * speed_mm_s)
+    match axis:
+        case "Pitch":
+            return JogTool(linear, pitch_rate=rate, frame=frame)
+        case "Roll":
+            return JogTool(linear, roll_rate=rate, frame=frame)
+        case _:
+            linear["XYZ".index(axis)] = sign * speed_mm_s / 1000
+            return JogTool(linear, frame=frame)
+
+
+class ToolJog:
+    """Two buttons an axis; letting go, or losing the page, stops the arm."""
+
+    def __init__(self, session: Session, speed_mm_s: float = 30) -> None:
+        """Add the controls to the present container; ``speed_mm_s`` is how fast it is to begin with."""
+        self._session = session
+        self._hold = Hold()
+        gui = session.gui
+        self._frame = gui.add_dropdown("Along the", tuple(FRAMES), initial_value="base axes")
+        self._speed = gui.add_slider("Tool mm/s", 1, 150, 1, initial_value=speed_mm_s, hint=_SPEED_HINT)
+        for axis in tool_axes(session.console.robot):
+            for sign, text in ((-1.0, "−"), (1.0, "+")):
+                button = gui.add_button(f"{axis} {text}")
+                session.on(partial(attach_hold, button), partial(self._on_hold, axis, sign))
+        LiveHtml(gui, muted(_NOTE))
+
+    @property
+    def speed_mm_s(self) -> float:
+        """How fast the tool is jogged."""
+        return self._speed.value
+
+    async def _on_hold(self, axis: ToolAxis, sign: float) -> None:
+        """One tick of a held button: a short command that expires by itself."""
+        if not self._hold.wants(self._session.snapshot.stamp):
+            return
+        try:
+            await self._session.submit(tool_jog(axis, sign, self.speed_mm_s, FRAMES[self._frame.value]))
+        except ArmctlError:
+            self._hold.refuse()
+            raise
+
+
+# Jogging with the keyboard: each key press is one short command, and a held key repeats.
+#
+# A page tells of key presses only, never of a key let go. A held key comes again by itself, after the delay
+# and at the rate that the computer is set to (half a second, then thirty times a second, or so); each press
+# counts for 100 ms like every jog. So a tap is a small step, and a held key a step, a rest, and then a motion
+# that ends 100 ms after the key is let go.
+
+Key = Literal["R", "F", "T", "G", "Y", "H", "U", "J", "I", "K", "O", "L", "P", "M"]
+KEYS: tuple[tuple[Key, Key], ...] = (
+    ("R", "F"),
+    ("T", "G"),
+    ("Y", "H"),
+    ("U", "J"),
+    ("I", "K"),
+    ("O", "L"),
+    ("P", "M"),
+)
+"""Key for + above key for −; the page's own camera keys (W A S D Q E, arrows) are left out."""
+JOINTS, BASE, TOOL = "Joints", "Tool, base axes", "Tool, tool axes"
+_SILENCE_S = 1.2
+"""A key that was silent for this long was let go: longer than the delay before it repeats."""
+_ON, _OFF = "Keyboard jog is ON: press to switch off", "Keyboard jog is off: press to switch on"
+_KEYBOARD_JOG_NOTE = (
+    "A tap is a small step; hold a key to go on. The motion ends 100 ms after the key is let go. Keys do "
+    "nothing while a field has the focus: click into the 3D view first."
+)
+
+
+class KeyboardJog:
+    """A switch, what the keys move, and the legend of the keys. Off until the operator switches it on."""
+
+    def __init__(
+        self, session: Session, joint_percent: Callable[[], float], tool_mm_s: Callable[[], float]
+    ) -> None:
+        """Add the controls to the present container; the speeds are those of the buttons."""
+        self._session = session
+        self._robot = session.console.robot
+        self._joint_percent, self._tool_mm_s = joint_percent, tool_mm_s
+        self._hold = Hold(_SILENCE_S)
+        self._commands: list[viser.CommandHandle] = []
+        self._on = False
+        self._what = JOINTS
+        gui = session.gui
+        self._switch = gui.add_button(_OFF, color="gray", icon=viser.Icon.KEYBOARD)
+        self._choice = gui.add_button_group("Keys move", (JOINTS, BASE, TOOL))
+        self._legend = LiveHtml(gui)
+        LiveHtml(gui, muted(_KEYBOARD_JOG_NOTE))
+        session.on(self._switch.on_click, self._on_switch)
+        session.on(self._choice.on_click, self._on_choice)
+
+    def refresh(self) -> None:
+        """Show the keys and their speed; a page that no longer operates has none."""
+        if self._on and not self._session.operates:
+            self._set(on=False)
+        if self._what == JOINTS:
+            speed = f"{self._joint_percent():.0f} % of each joint's speed"
+        else:
+            speed = f"{self._tool_mm_s():.0f} mm/s"
+        rows = [[name, plus, minus] for name, (plus, minus) in zip(self._names(), KEYS, strict=False)]
+        state = "" if self._on else muted("Off: the keys do nothing.")
+        head = f"<b>{self._what}</b> at {speed}"
+        self._legend.show(f"<div>{head}</div>{table(('Moves', 'key +', 'key −'), rows)}{state}")
+
+    def _names(self) -> list[str]:
+        if self._what == JOINTS:
+            return [self._robot.joints[i].title for i in self._turning()]
+        return list(tool_axes(self._robot))
+
+    def _turning(self) -> list[int]:
+        """Indices of the joints that can turn."""
+        return [i for i, joint in enumerate(self._robot.joints) if held_at(joint) is None]
+
+    async def _on_switch(self) -> None:
+        if not self._on:
+            self._session.require_operator()
+        self._set(on=not self._on)
+
+    async def _on_choice(self) -> None:
+        self._what = self._choice.value
+        self._set(on=self._on)
+
+    def _set(self, *, on: bool) -> None:
+        """Give the keys to the page, or take them away: what is not registered never comes."""
+        for command in self._commands:
+            self._session.take_key(command)
+        self._commands.clear()
+        self._on = on
+        self._switch.label = _ON if on else _OFF
+        self._switch.color = "orange" if on else "gray"
+        if not on:
+            return
+        for index, (name, keys) in enumerate(zip(self._names(), KEYS, strict=False)):
+            for key, sign, text in zip(keys, (1.0, -1.0), "+−", strict=True):
+                command = self._session.gui.add_command(f"Jog {name} {text}", hotkey=key)
+                self._session.on_key(command, partial(self._on_key, index, sign))
+                self._commands.append(command)
+
+    async def _on_key(self, index: int, sign: float) -> None:
+        """One press, or one repeat, of a key."""
+        if not (self._on and self._hold.wants(self._session.snapshot.stamp)):
+            return
+        try:
+            await self._session.submit(self._jog(index, sign))
+        except ArmctlError:
+            self._hold.refuse()
+            raise
+
+    def _jog(self, index: int, sign: float) -> Jog | JogTool:
+        if self._what == JOINTS:
+            rate = np.zeros(self._robot.n)
+            rate[self._turning()[index]] = sign * self._joint_percent() / 100
+            return Jog(rate)
+        frame = "base" if self._what == BASE else "tool"
+        return tool_jog(tool_axes(self._robot)[index], sign, self._tool_mm_s(), frame)
+
+
+class JogControl:
+    """The arm moves while a jog button or key is held; letting go, or losing the page, stops it."""
+
+    def __init__(self, session: Session) -> None:
+        self._session = session
+        gui = session.gui
+        with gui.add_folder("Jog (moves while the button is held)"):
+            tabs = gui.add_tab_group()
+            with tabs.add_tab("Joint"):
+                self._joint = JointJog(session)
+            with tabs.add_tab("Tool"):
+                self._tool = ToolJog(session)
+            with tabs.add_tab("Keyboard"):
+                self._keys = KeyboardJog(
+                    session, lambda: self._joint.speed_percent, lambda: self._tool.speed_mm_s
+                )
+        gripper = session.console.robot.gripper
+        self._gripper = None if gripper is None else GripperControl(session, gripper.title)
+
+    def refresh(self, snapshot: Snapshot) -> None:
+        """Show the arm, the keys and the gripper."""
+        self._keys.refresh()
+        if self._gripper is not None:
+            self._gripper.refresh(snapshot)
+
+
+class JointJog:
+    """Two buttons for the joint that is chosen."""
+
+    def __init__(self, session: Session) -> None:
+        """Add the controls to the present container."""
+        self._session = session
+        self._robot = session.console.robot
+        self._hold = Hold()
+        gui = session.gui
+        held = {joint.title: text for joint in self._robot.joints if (text := held_at(joint)) is not None}
+        titles = tuple(joint.title for joint in self._robot.joints if joint.title not in held)
+        self._joint = gui.add_dropdown("Joint", titles, initial_value=titles[0])
+        self._speed = gui.add_slider("Jog speed %", min=1, max=100, step=1, initial_value=25)
+        minus = gui.add_button("Jog −")
+        plus = gui.add_button("Jog +")
+        for title, text in held.items():
+            gui.add_text(title, text, disabled=True)
+        session.on(partial(attach_hold, minus), partial(self._on_hold, -1.0))
+        session.on(partial(attach_hold, plus), partial(self._on_hold, 1.0))
+
+    @property
+    def speed_percent(self) -> float:
+        """How fast joints are jogged, of their speed limits."""
+        return self._speed.value
+
+    async def _on_hold(self, sign: float) -> None:
+        """One tick of a held button: a short command that expires by itself."""
+        if not self._hold.wants(self._session.snapshot.stamp):
+            return
+        rate = np.zeros(self._robot.n)
+        rate[self._chosen()] = sign * self._speed.value / 100
+        try:
+            await self._session.submit(Jog(rate))
+        except ArmctlError:
+            self._hold.refuse()
+            raise
+
+    def _chosen(self) -> int:
+        return [joint.title for joint in self._robot.joints].index(self._joint.value)
+
+
+class GripperControl:
+    """How far it is open."""
+
+    def __init__(self, session: Session, title: str) -> None:
+        """Add the controls to the present container."""
+        self._session = session
+        gui = session.gui
+        with gui.add_folder(title):
+            self._percent = gui.add_slider("Gripper %", min=0, max=100, step=1, initial_value=50)
+            self._set = gui.add_button("Set gripper")
+            self._opening = LiveHtml(gui)
+        session.on(self._set.on_click, self._on_gripper)
+
+    def refresh(self, snapshot: Snapshot) -> None:
+        """Show what it was told."""
+        opening = snapshot.gripper
+        self._opening.show(
+            "0 % is closed, 100 % open. It has not been told to move yet."
+            if opening is None
+            else f"0 % is closed, 100 % open. Commanded: <b>{100 * opening:.0f} %</b>."
+        )
+
+    async def _on_gripper(self) -> None:
+        percent = checked_percent(self._percent.value, "gripper")
+        await self._session.submit(MoveGripper(percent / 100))

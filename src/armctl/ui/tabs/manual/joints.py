@@ -1,0 +1,255 @@
+"""Sliders that are edited first and sent by Go, and −/+ steps that move one joint at once."""
+
+from __future__ import annotations
+
+import asyncio
+import math
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+import viser
+from numpy.typing import NDArray
+
+from armctl.errors import ArmctlError, InputError, MotionRefusedError, StateError
+from armctl.program.program import LONGEST_WAIT_S
+from armctl.robot import Joint, Robot
+from armctl.runtime import MoveJoints, Snapshot
+from armctl.ui.widgets.html import LiveHtml
+
+if TYPE_CHECKING:
+    from armctl.ui.session import Session
+
+
+# What the sliders and the −/+ buttons ask for, checked before it is sent.
+
+FloatArray = NDArray[np.float64]
+_ROUNDING = 1e-9
+
+
+def stepped(robot: Robot, q: FloatArray, joint: int, step_deg: float) -> FloatArray:
+    """``q`` (n,) [rad] with one joint turned by ``step_deg``.
+
+    Raises:
+        MotionRefusedError: the joint would pass its limit; says by how much it may still turn.
+    """
+    asked = q.copy()
+    asked[joint] += math.radians(step_deg)
+    one = robot.joints[joint]
+    limit = one.upper if step_deg > 0 else one.lower
+    beyond = asked[joint] - limit if step_deg > 0 else limit - asked[joint]
+    if beyond > _ROUNDING:
+        left = abs(limit - float(q[joint]))
+        raise MotionRefusedError(
+            f"{one.title}: {step_deg:+g}° from {math.degrees(float(q[joint])):.2f}° leads to "
+            f"{math.degrees(float(asked[joint])):.2f}°, the limit is {math.degrees(limit):.2f}°; "
+            f"it can turn {math.degrees(left):.2f}° more that way"
+        )
+    asked[joint] = min(max(float(asked[joint]), one.lower), one.upper)
+    return asked
+
+
+def held_at(joint: Joint) -> str | None:
+    """What the controls of a joint say whose limits are one and the same angle; None: it can turn."""
+    return f"held at {round(math.degrees(joint.lower), 2):g}°" if joint.lower == joint.upper else None
+
+
+def slider_limits(robot: Robot) -> FloatArray:
+    """(n, 2) ends of the sliders [degrees]: the limits, or the hundredth next to them inside.
+
+    The page writes them out, and a URDF has limits such as 1.91986 rad, which are 109.99987…°.
+    """
+    exact = np.degrees(robot.limits)
+    low, high = np.ceil(100 * exact[:, 0] - _ROUNDING) / 100, np.floor(100 * exact[:, 1] + _ROUNDING) / 100
+    return np.where((low < high)[:, None], np.stack([low, high], axis=1), exact)
+
+
+def slider_degrees(robot: Robot, q: FloatArray) -> list[float]:
+    """``q`` (n,) [rad] as slider positions: degrees rounded to 0.01, inside the limits."""
+    low, high = slider_limits(robot).T
+    return np.clip(np.round(np.degrees(q), 2), low, high).tolist()
+
+
+def asked_pose(robot: Robot, degrees: Sequence[float]) -> FloatArray:
+    """The pose (n,) [rad] that slider positions ask for.
+
+    Raises:
+        InputError: not finite.
+        MotionRefusedError: outside the limits.
+    """
+    return robot.check_limits(np.radians(degrees))
+
+
+def present_pose_deg(robot: Robot, snapshot: Snapshot) -> tuple[float, ...]:
+    """The pose to record, in degrees: what the arm was told last; before that, what its board says.
+
+    Raises:
+        StateError: the arm was told nothing, and its board does not know.
+    """
+    if snapshot.commanded:
+        return tuple(slider_degrees(robot, snapshot.q_command))
+    if np.isfinite(snapshot.q).all():
+        return tuple(slider_degrees(robot, snapshot.q))
+    raise StateError(
+        f"the arm is {snapshot.state.value}, so nobody knows where it stands; connect and enable it first"
+    )
+
+
+def checked_percent(value: float, what: str) -> float:
+    """A percentage.
+
+    Raises:
+        InputError: not finite, or outside 0 … 100.
+    """
+    if not math.isfinite(value) or not 0 <= value <= 100:
+        raise InputError(f"{what}: {value:g} % is outside 0 … 100 %")
+    return float(value)
+
+
+def checked_seconds(value: float) -> float:
+    """How long to wait [s].
+
+    Raises:
+        InputError: not finite, or outside 0 … 86400.
+    """
+    if not math.isfinite(value) or not 0 <= value <= LONGEST_WAIT_S:
+        raise InputError(f"a wait of {value:g} s is outside 0 … {LONGEST_WAIT_S} s")
+    return float(value)
+
+
+# Steps of one joint that are taken at once, and add up while the arm is under way.
+
+
+class JointStepper:
+    """Clicks during a step add up: the arm goes on to where all of them together lead."""
+
+    def __init__(self, session: Session, duration_s: Callable[[FloatArray], float] | None = None) -> None:
+        """``duration_s``: how long a way (n,) [rad] shall take; None: as short as it can."""
+        self._session = session
+        self._duration_s = duration_s
+        self._goal: FloatArray | None = None
+
+    async def step(self, joint: int, step_deg: float) -> None:
+        """Turn one joint by ``step_deg``.
+
+        Raises:
+            ArmctlError: the joint would pass its limit, or the arm cannot move now.
+        """
+        session = self._session
+        start = session.snapshot.q_command if self._goal is None else self._goal
+        goal = stepped(session.console.robot, start, joint, step_deg)
+        under_way, self._goal = self._goal is not None, goal
+        if not under_way:
+            try:
+                await self._go()
+            finally:
+                self._goal = None
+
+    async def _go(self) -> None:
+        """Move to the goal, and on for as long as clicks have moved it further."""
+        reached: FloatArray | None = None
+        while self._goal is not None and self._goal is not reached:
+            reached = self._goal
+            way = reached - self._session.snapshot.q_command
+            duration_s = None if self._duration_s is None else self._duration_s(way)
+            ticket = await self._session.submit(MoveJoints(reached, duration_s))
+            try:
+                await asyncio.wrap_future(ticket.finished)
+            except ArmctlError:  # stopped or broken: the session tells, and later clicks start afresh
+                return
+
+
+_STEPS = ("0.1", "1", "5", "10")
+_FOLLOWING = "The sliders show the arm. Move one, then press <b>Go</b>."
+_EDITED = "<b style='color:#0c8599'>The ghost shows the new pose.</b> Press <b>Go</b>."
+
+
+class JointControl:
+    """One slider and one pair of step buttons a joint.
+
+    The sliders follow the arm until somebody moves one; then they stay until Go has been obeyed or they
+    are put back.
+    """
+
+    def __init__(self, session: Session) -> None:
+        self._session = session
+        self._robot = session.console.robot
+        gui = session.gui
+        self._hint = LiveHtml(gui, _FOLLOWING)
+        self._edited = False
+        self._stepper = JointStepper(session)
+        self._shown = self._present(session.snapshot)
+        self._sliders = [self._add_slider(i) for i in range(self._robot.n)]
+        self._go = gui.add_button("Go", icon=viser.Icon.PLAYER_PLAY)
+        self._reset = gui.add_button("Sliders to present pose", color="gray")
+        session.on(self._go.on_click, self._on_go)
+        session.on(self._reset.on_click, self._on_reset)
+        with gui.add_folder("Step one joint (moves at once)"):
+            self._step = gui.add_dropdown("Step °", _STEPS, initial_value="1")
+            for i in range(self._robot.n):
+                self._add_step(i)
+
+    def refresh(self, snapshot: Snapshot) -> None:
+        """Show the arm; the sliders follow it while nobody has moved them."""
+        present = self._present(snapshot)
+        if self._edited and present == slider_degrees(self._robot, np.radians(self._asked())):
+            self._set_edited(False)
+        if not self._edited and present != self._shown:
+            self._show(present)
+
+    def _present(self, snapshot: Snapshot) -> list[float]:
+        return slider_degrees(self._robot, self._session.console.last_known.standing(snapshot))
+
+    def _add_slider(self, i: int) -> viser.GuiSliderHandle[float] | None:
+        """A joint that is held has no slider: there is nothing to slide."""
+        joint = self._robot.joints[i]
+        if (held := held_at(joint)) is not None:
+            self._session.gui.add_text(f"{joint.title} °", held, disabled=True)
+            return None
+        low, high = slider_limits(self._robot)[i].tolist()
+        slider = self._session.gui.add_slider(
+            f"{joint.title} °", min=low, max=high, step=0.01, initial_value=self._shown[i]
+        )
+        self._session.on(slider.on_update, self._on_slider)
+        return slider
+
+    def _add_step(self, i: int) -> None:
+        joint = self._robot.joints[i]
+        if (held := held_at(joint)) is not None:
+            self._session.gui.add_text(joint.title, held, disabled=True)
+            return
+        group = self._session.gui.add_button_group(joint.title, ("−", "+"))
+        self._session.on(group.on_click, lambda: self._on_step(i, 1 if group.value == "+" else -1))
+
+    def _asked(self) -> list[float]:
+        """What the sliders ask for [degrees]; a joint that is held stays where it is."""
+        return [
+            shown if slider is None else float(slider.value)
+            for slider, shown in zip(self._sliders, self._shown, strict=True)
+        ]
+
+    def _show(self, degrees: list[float]) -> None:
+        self._shown = degrees
+        for slider, value in zip(self._sliders, degrees, strict=True):
+            if slider is not None and slider.value != value:
+                slider.value = value
+
+    def _set_edited(self, edited: bool) -> None:
+        if self._edited and not edited:
+            self._session.ghost.hide()
+        self._edited = edited
+        self._hint.show(_EDITED if edited else _FOLLOWING)
+
+    async def _on_slider(self) -> None:
+        self._set_edited(True)
+        self._session.ghost.show(np.radians(self._asked()))
+
+    async def _on_go(self) -> None:
+        await self._session.submit(MoveJoints(asked_pose(self._robot, self._asked())))
+
+    async def _on_reset(self) -> None:
+        self._set_edited(False)
+        self._show(self._present(self._session.snapshot))
+
+    async def _on_step(self, i: int, sign: int) -> None:
+        await self._stepper.step(i, sign * float(self._step.value))

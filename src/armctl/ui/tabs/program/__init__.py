@@ -1,0 +1,1 @@
+"""Serial motion, on the Manual tab."""

@@ -1,0 +1,141 @@
+"""Running the program: once, N times, for ever, step by step; checked before."""
+
+from __future__ import annotations
+
+import asyncio
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from armctl.errors import InputError, ProgramError, StateError
+from armctl.motion.preflight import not_checked
+from armctl.program import Cursor, Program
+from armctl.program.check import ProgramFinding, check_program
+from armctl.runtime import Pause, Resume, RunProgram
+from armctl.ui.tabs.program.editor import ProgramEditor
+from armctl.ui.widgets.html import LiveHtml, muted
+from armctl.ui.widgets.verdict_list import first_error, verdict_html
+
+if TYPE_CHECKING:
+    from armctl.ui.session import Session
+
+
+FloatArray = NDArray[np.float64]
+_MOST_LOOPS = 100_000
+_STEP_HINT = "Step: run the selected step alone, then select the next. Check: look for what would be refused."
+
+
+class ProgramRun:
+    """The buttons that run the program, and the verdict of the pre-flight."""
+
+    def __init__(self, session: Session, editor: ProgramEditor, verdict: LiveHtml) -> None:
+        """Add the buttons; ``verdict`` is where the findings are shown."""
+        self._session = session
+        self._editor = editor
+        self._desk = session.console.programs
+        self._verdict = verdict
+        self._verdict.visible = False
+        self._checked: tuple[Program, tuple[float, ...] | None, list[ProgramFinding]] | None = None
+        """what was checked, from where, and what was found"""
+        self._stepping: tuple[Program, Cursor, int] | None = None
+        gui = session.gui
+        self._times = gui.add_number("Times N", initial_value=3, min=1, max=_MOST_LOOPS, step=1)
+        self._from_row = gui.add_checkbox(
+            "From selected step", initial_value=False, hint="The first pass begins with the selected row."
+        )
+        self._run = gui.add_button_group("Run", ("Run once", "Run N times", "Loop"))
+        self._try = gui.add_button_group("Try", ("Step", "Check"), hint=_STEP_HINT)
+        self._hold = gui.add_button_group("While it runs", ("Pause", "Resume"))
+        session.on(self._run.on_click, self._on_run)
+        session.on(self._try.on_click, self._on_try)
+        session.on(self._hold.on_click, self._on_hold)
+
+    def refresh(self) -> None:
+        """A verdict goes with the program that it is about."""
+        if self._checked is not None and self._checked[0].steps != self._desk.program.steps:
+            self._checked = None
+            self._verdict.visible = False
+
+    async def check(self) -> list[ProgramFinding]:
+        """Check the program on the desk from where the arm stands, and show the verdict.
+
+        Raises:
+            StateError: it has no steps.
+        """
+        return await self._check(self._program(), self._session.snapshot.q_command)
+
+    async def _on_run(self) -> None:
+        first = self._editor.selected if self._from_row.value else 0
+        loops: int | None = 1
+        if self._run.value == "Loop":
+            loops = None
+        elif self._run.value == "Run N times":
+            loops = int(self._times.value)
+            if not 1 <= loops <= _MOST_LOOPS:
+                raise InputError(f"N = {loops} is outside 1 … {_MOST_LOOPS}")
+        program = self._program()
+        self._session.require_operator()
+        # Elsewhere than at the first step, nobody knows where the arm would have come from.
+        findings = await self._check(program, self._session.snapshot.q_command if first == 0 else None)
+        error = first_error(findings)
+        if error is not None:
+            raise ProgramError(f"{program.name}: {error}")
+        await self._start(RunProgram(program, loops, first))
+
+    async def _on_try(self) -> None:
+        if self._try.value == "Check":
+            await self.check()
+        else:
+            await self._step(self._program())
+
+    async def _on_hold(self) -> None:
+        await self._session.submit(Pause() if self._hold.value == "Pause" else Resume())
+
+    def _program(self) -> Program:
+        program = self._desk.program
+        if not program.steps:
+            raise StateError("the list is empty; record a pose first")
+        return program
+
+    async def _check(self, program: Program, start: FloatArray | None) -> list[ProgramFinding]:
+        """Find and show what would be refused; the same program from the same place is not checked twice."""
+        robot = self._session.console.robot
+        begin = None if start is None else tuple(start.tolist())
+        if self._checked is not None and self._checked[0] is program and self._checked[1] == begin:
+            return self._checked[2]
+        self._verdict.show(muted("Checking …"))
+        self._verdict.visible = True
+        try:
+            findings = await asyncio.to_thread(check_program, program, robot, start=start)
+        except BaseException:
+            self._verdict.visible = False
+            raise
+        if program.steps == self._desk.program.steps:  # else a later check shows what is on the desk now
+            self._verdict.show(verdict_html(findings, not_checked(robot)))
+            self._verdict.visible = True
+            self._checked = (program, begin, findings)
+        elif self._checked is None:
+            self._verdict.visible = False
+        return findings
+
+    async def _start(self, command: RunProgram) -> None:
+        await self._session.submit(command)
+
+    async def _step(self, program: Program) -> None:
+        """Run one step; going on from there, repeats are counted as in a whole run."""
+        row = self._editor.selected
+        cursor = Cursor(program, row)
+        if self._stepping is not None and self._stepping[0] is program and self._stepping[2] == row:
+            cursor = self._stepping[1].copy()
+        present = cursor.next()
+        if present is None:
+            raise StateError(f"behind row {row + 1} there is no step to run")
+        await self._start(RunProgram(program, 1, present[0], 1))
+        following = cursor.copy().next()
+        if following is None:
+            self._stepping = None
+            self._session.notify("Last step", "The program is over after this step; row 1 is selected again.")
+        else:
+            self._stepping = (program, cursor, following[0])
+        self._editor.select(0 if following is None else following[0])

@@ -1,0 +1,238 @@
+"""The Graphs tab of a motion: plot, cursor, peaks, and what can be taken away as a file."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+import numpy as np
+import viser
+
+from armctl.errors import InputError
+from armctl.motion.analysis import analysis_csv
+from armctl.motion.figure import FigureForm, TitledMotion, figure_bytes
+from armctl.ui.tabs.trajectory.graphs import (
+    LIMITS,
+    OF,
+    QUANTITIES,
+    GraphChoice,
+    cursor_html,
+    graph,
+    peaks_html,
+)
+from armctl.ui.tabs.trajectory.motions import CompareView, PlannedMotion, ShownMotion
+from armctl.ui.widgets.html import LiveHtml, muted
+from armctl.ui.widgets.plots import LinePlot
+from armctl.ui.widgets.preview import Preview
+
+if TYPE_CHECKING:
+    from armctl.ui.session import Session
+
+
+# The cursor of a motion: a slider over its time, or played, with the ghost and the numbers there.
+
+_FRAME_S = 1 / 25
+_SLIDER_S = 0.15
+"""a slider and a plot that are written more often make a page slow"""
+_SLOWEST, _FASTEST = 5, 400
+_PATH_POINTS, _PATH_COLOR = 400, (0, 140, 170)
+_PLAY, _PAUSE = "Play", "Pause"
+
+
+class CursorView:
+    """Moves the ghost along the shown motion; the arm does not move."""
+
+    def __init__(self, session: Session, preview: Preview, moved: Callable[[float], None]) -> None:
+        """Add the widgets to the present container; ``moved(time)`` is told where the cursor is [s]."""
+        self._session, self._preview, self._moved = session, preview, moved
+        self._robot = session.console.robot
+        self._planned: PlannedMotion | None = None
+        self._path: viser.LineSegmentsHandle | None = None
+        self._turn = 0
+        self._playing = False
+        gui = session.gui
+        self._box = gui.add_folder(None, visible=False)
+        with self._box:
+            self._slider = gui.add_slider("Time s", min=0.0, max=1.0, step=0.01, initial_value=0.0)
+            self._play = gui.add_button(_PLAY, icon=viser.Icon.PLAYER_PLAY, color="gray")
+            self._speed = gui.add_slider(
+                "Play speed %", min=_SLOWEST, max=_FASTEST, step=5, initial_value=100,
+                hint="Of the ghost; the arm does not move.",
+            )  # fmt: skip
+            self._where = LiveHtml(gui)
+        session.on(self._slider.on_update, self._on_slider)
+        session.on(self._play.on_click, self._on_play)
+
+    def refresh(self) -> None:
+        """Draw the tool's path for as long as no other screen shows something of its own."""
+        if self._path is not None and self._path.visible == self._preview.taken:
+            self._path.visible = not self._preview.taken
+
+    def take(self, planned: PlannedMotion) -> None:
+        """Another motion is shown: cursor and ghost stand at its end, the arm at its beginning."""
+        self._halt()
+        self._planned = planned
+        self._draw_path(planned)
+        self._slider.value = 0.0
+        self._slider.max = self._slider.value = max(round(planned.trajectory.duration, 2), 0.01)
+        self._box.visible = True
+        self._go(self._slider.value)
+
+    @property
+    def time(self) -> float:
+        """Where the cursor is [s]."""
+        return self._slider.value
+
+    async def _on_slider(self) -> None:
+        self._halt()
+        self._go(self._slider.value)
+
+    def _go(self, time: float, *, draw: bool = True) -> None:
+        planned = self._planned
+        if planned is None:
+            return
+        time = min(time, planned.trajectory.duration)
+        self._preview.show(planned.trajectory.sample(time).q, self._session.snapshot.q_command)
+        if draw:
+            self._where.show(cursor_html(self._robot, planned, time))
+            self._moved(time)
+
+    async def _on_play(self) -> None:
+        if self._playing:
+            self._halt()
+            return
+        if self._planned is None:
+            raise InputError("there is no motion to play: press Show first")
+        self._turn += 1
+        self._playing = True
+        self._play.label = _PAUSE
+        self._play.icon = viser.Icon.PLAYER_PAUSE
+        self._session.spawn(self._run(self._planned, self._turn))
+
+    async def _run(self, planned: PlannedMotion, turn: int) -> None:
+        clock = asyncio.get_running_loop().time
+        end = planned.trajectory.duration
+        time = self._slider.value if self._slider.value < end - _FRAME_S else 0.0
+        before, drawn = clock(), -1.0
+        while True:
+            now = clock()
+            time = min(time + (now - before) * self._speed.value / 100, end)
+            before = now
+            draw = now - drawn >= _SLIDER_S or time >= end
+            with self._session.client.atomic():
+                self._go(time, draw=draw)
+                if draw:
+                    drawn = now
+                    self._slider.value = min(round(time, 2), self._slider.max)
+            if time >= end:
+                self._halt()
+                return
+            await asyncio.sleep(_FRAME_S)
+            if turn != self._turn:
+                return
+            if self._preview.taken:
+                self._halt()
+                return
+
+    def _draw_path(self, planned: PlannedMotion) -> None:
+        if self._path is not None:
+            self._path.remove()
+        time = np.linspace(0.0, planned.trajectory.duration, _PATH_POINTS)
+        points = self._robot.forward(planned.trajectory.sample(time).q)[:, :3, 3]
+        self._path = self._session.client.scene.add_line_segments(
+            "/shown_path", np.stack([points[:-1], points[1:]], axis=1), _PATH_COLOR, thickness=2.0,
+            thickness_units="screen",
+        )  # fmt: skip
+
+    def _halt(self) -> None:
+        self._turn += 1
+        if self._playing:
+            self._playing = False
+            self._play.label = _PLAY
+            self._play.icon = viser.Icon.PLAYER_PLAY
+
+
+_LIMITS_HINT = "Dashed lines. near: those that the motion comes near to."
+_JERK_NOTE = "Where the acceleration jumps (cubic at its ends, trapezoid), the jerk there has no bound."
+_ZOOM_NOTE = "Drag across the plot to zoom, double-click to see all of it."
+_FIGURE_FORMS: dict[str, FigureForm] = {"Figure (SVG)": "svg", "Figure (PNG)": "png"}
+
+
+class GraphView:
+    """Draws the shown motion."""
+
+    def __init__(self, session: Session, preview: Preview) -> None:
+        """Add the widgets to the present container."""
+        self._session = session
+        self._robot = session.console.robot
+        self._shown: ShownMotion | None = None
+        gui = session.gui
+        self._which = gui.add_button_group("Graph of", OF)
+        self._what = gui.add_button_group("Quantity", QUANTITIES)
+        self._limits = gui.add_button_group("Limits", LIMITS, hint=_LIMITS_HINT)
+        self._note = LiveHtml(gui, muted("Nothing is shown yet: press Show."))
+        self._plot = LinePlot(gui)
+        self._cursor = CursorView(session, preview, self._on_moved)
+        self._peaks = LiveHtml(gui)
+        with gui.add_folder("Compare"):
+            self.compare = CompareView(session, self._draw)
+        self._csv = gui.add_button("Export motion (CSV)", icon=viser.Icon.DOWNLOAD, color="gray")
+        self._figure = gui.add_button_group("Export", tuple(_FIGURE_FORMS))
+        for group in (self._which, self._what, self._limits):
+            session.on(group.on_click, self._on_graph)
+        session.on(self._csv.on_click, self._on_csv)
+        session.on(self._figure.on_click, self._on_figure)
+
+    def refresh(self) -> None:
+        """Keep the view in order with the other screens."""
+        self._cursor.refresh()
+
+    def take(self, shown: ShownMotion) -> None:
+        """Show another motion."""
+        self._shown = shown
+        self.compare.take(shown)
+        self._peaks.show(peaks_html(self._robot, shown))
+        self._cursor.take(shown.planned)
+        self._draw()
+
+    def _draw(self) -> None:
+        shown = self._shown
+        if shown is None:
+            return
+        self._note.show(muted(_JERK_NOTE if self._what.value == "Jerk" else _ZOOM_NOTE))
+        choice = GraphChoice(self._which.value, self._what.value, self._limits.value)
+        self._plot.show(graph(self._robot, shown, choice, self._cursor.time, self.compare.beside))
+
+    def _on_moved(self, time: float) -> None:
+        del time  # the cursor has it
+        self._draw()
+
+    async def _on_graph(self) -> None:
+        self._draw()
+
+    async def _on_csv(self) -> None:
+        shown = self._require_shown()
+        text = await asyncio.to_thread(analysis_csv, self._robot, shown.motion)
+        self._send("motion.csv", text.encode())
+
+    async def _on_figure(self) -> None:
+        shown, form = self._require_shown(), _FIGURE_FORMS[self._figure.value]
+        beside = self.compare.beside
+        content = await asyncio.to_thread(
+            figure_bytes, self._robot, form, _titled(shown), None if beside is None else _titled(beside)
+        )
+        if not self._session.closed:
+            self._send(f"motion.{form}", content)
+
+    def _send(self, name: str, content: bytes) -> None:
+        self._session.client.send_file_download(f"{self._robot.name}-{name}", content, save_immediately=True)
+
+    def _require_shown(self) -> ShownMotion:
+        if self._shown is None:
+            raise InputError("there is no motion to export: press Show first")
+        return self._shown
+
+
+def _titled(shown: ShownMotion) -> TitledMotion:
+    return TitledMotion(shown.planned.title, shown.motion)

@@ -1,0 +1,166 @@
+"""Small pieces of HTML: numbers, headings, notes and refusals; everything is escaped here."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterable, Sequence
+from datetime import datetime
+from html import escape
+
+import viser
+
+_LINE_EM = 1.5
+"""height of a line in a block of HTML"""
+WARNING = "#a65b00"
+"""colour of what is not as it should be; dark enough to be read on white"""
+_MINUS = re.compile(r"(?<![\w.)-])-(?=\d)")
+"""a hyphen before a number that is no part of a word, a range or a date"""
+
+
+def fixed(value: float, digits: int) -> str:
+    """A number with a real minus sign and no negative zero; a dash where it is not finite."""
+    if not math.isfinite(value):
+        return "–"
+    return f"{round(value, digits) + 0.0:.{digits}f}".replace("-", "−")
+
+
+def numbers(values: Iterable[float], digits: int, between: str = ", ") -> str:
+    """Several numbers in a row."""
+    return between.join(fixed(value, digits) for value in values)
+
+
+def heading(text: str) -> str:
+    """A heading inside a block."""
+    return f"<div style='font-weight:600;margin-top:6px'>{escape(text)}</div>"
+
+
+def muted(text: str) -> str:
+    """An explanation that may be overlooked."""
+    return f"<div style='font-size:11.5px;opacity:.75'>{escape(with_minus(text))}</div>"
+
+
+def folded(title: str, texts: Iterable[str]) -> str:
+    """A list under a title, shown once the title is clicked."""
+    rows = "".join(f"<li>{escape(with_minus(text))}</li>" for text in texts)
+    return (
+        "<details style='font-size:11.5px;opacity:.75'>"
+        f"<summary style='cursor:pointer'>{escape(title)}</summary>"
+        f"<ul style='margin:2px 0;padding-left:16px'>{rows}</ul></details>"
+    )
+
+
+def with_minus(text: str) -> str:
+    """Words with real minus signs before their numbers, as ``fixed`` writes them."""
+    return _MINUS.sub("−", text)
+
+
+def sentence(text: str) -> str:
+    """A message as a sentence of its own."""
+    text = with_minus(text)
+    return text if text.endswith(".") else f"{text[:1].upper()}{text[1:]}."
+
+
+def refused(text: str) -> str:
+    """Why something cannot be done."""
+    return f"<div style='color:#c92a2a'>{escape(with_minus(text))}</div>"
+
+
+def warned(text: str) -> str:
+    """What to know before a button is pressed."""
+    return f"<b style='color:{WARNING}'>{escape(with_minus(text))}</b>"
+
+
+def limited(text: str, lines: int, style: str = "") -> str:
+    """A text that takes no more than so many lines; what is longer scrolls, and is shown under the mouse."""
+    told = escape(text)
+    return f"<div style='max-height:{_LINE_EM * lines}em;overflow-y:auto;{style}' title='{told}'>{told}</div>"
+
+
+def strong(text: str) -> str:
+    """A result, in bold."""
+    return f"<div><b>{escape(text)}</b></div>"
+
+
+# Times as people read them.
+
+
+def time_of_day(stamp: float) -> str:
+    """Local time of day of seconds since the epoch."""
+    return datetime.fromtimestamp(stamp).astimezone().strftime("%H:%M:%S")
+
+
+def date_and_time(stamp: str) -> str:
+    """Local day and time of an ISO stamp."""
+    return datetime.fromisoformat(stamp).astimezone().strftime("%Y-%m-%d %H:%M")
+
+
+def iso_time(stamp: float) -> str:
+    """Local day and time, with its offset, of seconds since the epoch (ISO 8601)."""
+    return datetime.fromtimestamp(stamp).astimezone().isoformat(timespec="seconds")
+
+
+# Text that is sent only when it changes.
+
+_STYLE = "padding:2px 12px;font-size:12.5px;line-height:1.5;overflow-x:auto;overflow-wrap:anywhere"
+_CELL = "padding:0 6px;text-align:right;font-variant-numeric:tabular-nums;white-space:nowrap"
+_HEAD = ";white-space:normal;overflow-wrap:normal;vertical-align:bottom"
+"""Long heads, such as a joint's name, go over several lines, never broken within a word."""
+_NAME = ";white-space:normal;overflow-wrap:anywhere"
+"""A long name leaves the figures beside it in view."""
+
+
+class LiveHtml:
+    """A block of HTML. The caller escapes what is not its own."""
+
+    def __init__(self, gui: viser.GuiApi, content: str = "") -> None:
+        self._shown = content
+        self._handle = gui.add_html(self._wrap(content))
+
+    @property
+    def visible(self) -> bool:
+        """Whether the block is shown."""
+        return self._handle.visible
+
+    @visible.setter
+    def visible(self, visible: bool) -> None:
+        if self._handle.visible != visible:
+            self._handle.visible = visible
+
+    def show(self, content: str) -> None:
+        """Replace the content, if it is another."""
+        if content != self._shown:
+            self._shown = content
+            self._handle.content = self._wrap(content)
+
+    @staticmethod
+    def _wrap(content: str) -> str:
+        return f"<div style='{_STYLE}'>{content}</div>"
+
+
+def table(
+    head: Sequence[str], rows: Sequence[Sequence[str]], *, marked: int | None = None, names: bool = True
+) -> str:
+    """An HTML table; all cells are escaped.
+
+    Args:
+        head: column heads; empty for none.
+        rows: cells, as text.
+        marked: index of a row to highlight.
+        names: the first column holds names, set to the left.
+    """
+    left = _CELL.replace("right", "left") + _NAME if names else _CELL
+    parts = ["<table style='border-collapse:collapse;width:100%'>"]
+    if head:
+        cells = "".join(
+            f"<th style='{left if i == 0 else _CELL}{_HEAD}'>{escape(text)}</th>"
+            for i, text in enumerate(head)
+        )
+        parts.append(f"<tr style='opacity:.7'>{cells}</tr>")
+    for index, row in enumerate(rows):
+        mark = ";background:rgba(34,139,230,.22)" if index == marked else ""
+        cells = "".join(
+            f"<td style='{left if i == 0 else _CELL}'>{escape(text)}</td>" for i, text in enumerate(row)
+        )
+        parts.append(f"<tr style='border-top:1px solid rgba(128,128,128,.2){mark}'>{cells}</tr>")
+    return "".join([*parts, "</table>"])
