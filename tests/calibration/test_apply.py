@@ -15,12 +15,12 @@ from armctl.calibration import (
     Calibration,
     JointCalibration,
     calibrated,
+    check_pose,
     fit_joint,
     narrowed,
     own_calibration,
     safe_outputs,
 )
-from armctl.calibration import apply as check_pose
 from armctl.errors import CalibrationError
 from armctl.robot import Robot, load_robot, shipped_robots
 

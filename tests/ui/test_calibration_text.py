@@ -9,8 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from armctl.calibration import Calibration, CalibrationStore, JointCalibration
-from armctl.calibration import apply as check_pose
+from armctl.calibration import Calibration, CalibrationStore, JointCalibration, check_pose
 from armctl.robot import load_robot, shipped_robots
 from armctl.ui.calibration_desk import CalibrationDesk, CalibrationWork
 from armctl.ui.tabs.calibration.joint import STEPS, slow_duration, slow_speeds

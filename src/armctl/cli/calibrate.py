@@ -12,6 +12,7 @@ from armctl.calibration import (
     CalibrationStore,
     JointCalibration,
     calibrated,
+    check_pose,
     encode_calibration,
     fit_joint,
     narrowed,
@@ -22,7 +23,6 @@ from armctl.calibration import (
     renamed,
     tool_error,
 )
-from armctl.calibration import apply as check_pose
 from armctl.cli.calibration_words import (
     board_option,
     chosen_board,

@@ -18,11 +18,11 @@ from armctl.calibration import (
     JointFit,
     Mark,
     calibrated,
+    check_pose,
     fit_joint,
     narrowed,
     safe_outputs,
 )
-from armctl.calibration import apply as check_pose
 from armctl.cli.calibration_words import show_fit, timestamp, unit_of
 from armctl.cli.ending import ends_like_ctrl_c
 from armctl.errors import CalibrationError, MotionRefusedError, ProgramError

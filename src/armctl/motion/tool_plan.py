@@ -10,7 +10,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from armctl.errors import InputError
 from armctl.kinematics.target import as_numbers
-from armctl.motion import timing as timed
 from armctl.motion.paths import (
     PitchMode,
     ToolPath,
@@ -23,7 +22,7 @@ from armctl.motion.paths import (
 from armctl.motion.polynomial import PiecewisePolynomial
 from armctl.motion.preflight import require_clear
 from armctl.motion.profiles import PointToPoint, ProfileName
-from armctl.motion.timing import PathTrajectory
+from armctl.motion.timing import PathTrajectory, timed
 from armctl.motion.trajectory import Trajectory
 from armctl.robot import Robot
 

@@ -10,8 +10,8 @@ import pytest
 
 from armctl.errors import MotionRefusedError
 from armctl.motion import PiecewisePolynomial, ProfileName
-from armctl.motion import timing as timed
 from armctl.motion.profiles import shortest_words
+from armctl.motion.timing import timed
 from armctl.robot import load_robot
 
 ROBOT = load_robot("uzuner")

@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING
 
 import viser
 
-from armctl.calibration import Version
-from armctl.calibration import apply as check_pose
+from armctl.calibration import Version, check_pose
 from armctl.errors import InputError
 from armctl.runtime import MoveJoints, Snapshot, State
 from armctl.ui.robot_desk import release_to_reopen
