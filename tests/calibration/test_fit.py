@@ -40,7 +40,7 @@ def test_without_noise_the_hidden_numbers_come_back(
     fit = fit_joint(marks)
     assert fit.per_rad == pytest.approx(math.degrees(hidden.per_deg), rel=1e-9)
     assert fit.zero == pytest.approx(hidden.zero, rel=1e-9, abs=1e-7)
-    assert fit.suspects == fit.doubtful == () and fit.advice is None
+    assert fit.suspect is None and fit.advice is None
     assert fit.rms_rad < 1e-9
 
 
@@ -60,22 +60,6 @@ def test_noise_moves_the_line_no_further_than_it_must(
     assert abs(scale) < 6 * math.radians(noise) / math.radians(spread) * 1.1
 
 
-def test_the_standard_errors_are_honest() -> None:
-    """Readings to half a degree: the errors, in standard errors, have the deviation 1."""
-    rng = np.random.default_rng(7)
-    hidden, angles = HiddenJoint(), np.linspace(-60, 80, 6)
-    drawn: list[tuple[float, float]] = []
-    for _ in range(400):
-        fit = fit_joint(hidden.marks(angles, 0.5, rng))
-        output = hidden.zero + hidden.per_deg * 80.0
-        drawn.append((
-            (fit.angle(output) - math.radians(80.0)) / fit.error(output),
-            (fit.per_rad / math.degrees(hidden.per_deg) - 1) / fit.scale_error,
-        ))  # fmt: skip
-    assert np.std(np.array(drawn), axis=0) == pytest.approx([1.0, 1.0], abs=0.15)
-    assert abs(np.mean(np.array(drawn), axis=0)).max() < 0.2
-
-
 @pytest.mark.parametrize("count", [4, 5, 6, 9, 15])
 @pytest.mark.parametrize("by_deg", [12.0, -12.0, 40.0])
 def test_a_wrong_mark_is_named_wherever_it_is(count: int, by_deg: float) -> None:
@@ -83,7 +67,7 @@ def test_a_wrong_mark_is_named_wherever_it_is(count: int, by_deg: float) -> None
     hidden, angles = HiddenJoint(), np.linspace(-65, 75, count)
     for index in range(count):
         fit = fit_joint(with_wrong(hidden.marks(angles, 0.2, rng), index, by_deg))
-        assert fit.suspects == (index,) and fit.suspect == index
+        assert fit.suspect == index
         assert index not in fit.used and len(fit.used) == count - 1
         assert math.degrees(fit.residuals_rad[index]) == pytest.approx(by_deg, abs=1.5)
         assert fit.advice is not None and f"mark {index + 1} does not fit" in fit.advice
@@ -95,17 +79,8 @@ def test_a_wrong_mark_is_named_wherever_it_is(count: int, by_deg: float) -> None
 def test_three_marks_tell_that_one_is_wrong_and_not_which() -> None:
     marks = with_wrong(HiddenJoint().marks(np.array([-60.0, 0.0, 60.0])), 2, 15.0)
     fit = fit_joint(marks)
-    assert fit.suspects == () and fit.doubtful == (0, 1, 2) and fit.used == (0, 1, 2)
-    assert fit.advice is not None
-    assert "one of the marks 1, 2 and 3 does not fit, and 3 marks cannot tell which" in fit.advice
-
-
-def test_two_wrong_marks_of_eight_are_named_even_where_they_hide_each_other() -> None:
-    marks = HiddenJoint().marks(np.linspace(-70, 70, 8))
-    fit = fit_joint(with_wrong(with_wrong(marks, 6, 20.0), 7, 20.0))
-    assert fit.suspects == (6, 7)
-    fit = fit_joint(with_wrong(with_wrong(marks, 0, 20.0), 5, -30.0))
-    assert fit.suspects == (0, 5)
+    assert fit.suspect is None and fit.used == (0, 1, 2)
+    assert fit.advice is not None and "3 marks cannot tell which" in fit.advice
 
 
 def test_a_forgotten_sign_is_guessed() -> None:
@@ -121,11 +96,11 @@ def test_good_marks_are_hardly_ever_blamed_and_wrong_ones_hardly_ever_mistaken()
     for trial in range(600):
         count = 4 + trial % 8
         marks = HiddenJoint().marks(np.linspace(-70, 70, count), 0.5, rng)
-        seen["blamed"] += bool(fit_joint(marks).suspects)
+        seen["blamed"] += fit_joint(marks).suspect is not None
         index = int(rng.integers(count))
         fit = fit_joint(with_wrong(marks, index, 15.0))
-        seen["named"] += fit.suspects == (index,)
-        seen["mistaken"] += bool(set(fit.suspects) - {index})
+        seen["named"] += fit.suspect == index
+        seen["mistaken"] += fit.suspect not in (None, index)
     assert seen["blamed"] <= 6 and seen["mistaken"] <= 3
     assert seen["named"] >= 585
 
@@ -157,7 +132,7 @@ def test_marks_that_scatter_get_a_word() -> None:
         Mark(800 + 100 * i, math.radians(10 * i + (4 if i % 2 else -4))) for i in range(12)
     ]  # every reading is off: none stands out
     fit = fit_joint(marks)
-    assert fit.suspects == ()
+    assert fit.suspect is None
     assert fit.advice is not None and "scatter" in fit.advice
 
 

@@ -5,14 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
 
 from armctl.errors import CalibrationError
-
-# A mark: one reading of a joint's angle, and what the board was told when it was taken.
 
 FloatArray = NDArray[np.float64]
 LEAST_MARKS = 3
@@ -80,142 +77,18 @@ def require_spread(angles: FloatArray) -> None:
         )
 
 
-# Which marks do not lie on the line of the others.
-
 READING = math.radians(0.5)
-"""standard deviation that a reading off a protractor is taken to have before anything is measured [rad]"""
-READING_WEIGHT = 5.0
-"""how many readings that is worth: with few marks it decides, with many they do"""
-_FALSE_ALARM = 0.01
-_TWO_FROM = 7
-"""so many marks can tell two wrong ones"""
-
-
-@dataclass(frozen=True, slots=True)
-class Line:
-    """angle = angle_at_centre + slope · (output - centre), by least squares."""
-
-    slope: float
-    """[rad a unit]"""
-    centre: float
-    angle_at_centre: float
-    """[rad]"""
-    spread: float
-    """root of the summed squares of the outputs about their centre"""
-    squares: float
-    """summed squares of the residuals [rad²]"""
-    count: int
-
-    def angle(self, output: FloatArray | float) -> FloatArray | float:
-        """Angle [rad] at an output, or at each of several."""
-        return self.angle_at_centre + self.slope * (output - self.centre)
-
-    @property
-    def variance(self) -> float:
-        """Of one reading, from the residuals and from what a protractor is known for [rad²]."""
-        return (READING_WEIGHT * READING**2 + self.squares) / self.freedom
-
-    @property
-    def freedom(self) -> float:
-        """Degrees of freedom of ``variance``."""
-        return READING_WEIGHT + max(self.count - 2, 0)
-
-
-@dataclass(frozen=True, slots=True)
-class Verdict:
-    """What is wrong with some marks; all by index."""
-
-    wrong: tuple[int, ...] = ()
-    """these do not fit the others"""
-    doubtful: tuple[int, ...] = ()
-    """something does not fit, and it may be any of these"""
-
-
-def line_through(outputs: FloatArray, angles: FloatArray) -> Line:
-    """The line of least squares through two marks or more.
-
-    Raises:
-        CalibrationError: all outputs are the same.
-    """
-    centre, middle = float(outputs.mean()), float(angles.mean())
-    away, turned = outputs - centre, angles - middle
-    spread = math.sqrt(float(away @ away))
-    if spread <= 0:
-        raise CalibrationError(f"the marks are all at {centre:.1f}: no line goes through one place")
-    slope = float(away @ turned) / spread**2
-    left = turned - slope * away
-    return Line(slope, centre, middle, spread, float(left @ left), len(outputs))
-
-
-def judge(outputs: FloatArray, angles: FloatArray) -> Verdict:
-    """Find the fewest marks without which the others lie on a line.
-
-    Leaving marks out always fits better; they are called wrong only where it fits so much better that
-    readings of the usual scatter would do so once in a hundred times (Bonferroni over the choices), and only
-    where leaving others out instead fits clearly worse. The scatter is pooled from the marks that stay and
-    from what a protractor is known for, since two or three marks alone cannot tell it.
-
-    Args:
-        outputs: (n,) n ≥ 3.
-        angles: (n,) [rad].
-    """
-    n = len(outputs)
-    most = 2 if n >= _TWO_FROM else 1
-    left_out: list[list[tuple[float, tuple[int, ...]]]] = [
-        sorted(_each_without(outputs, angles, count)) for count in range(most + 1)
-    ]
-    count = next(
-        few
-        for few in range(most + 1)
-        if not any(_gains(left_out[few], left_out[more], n, more - few) for more in range(few + 1, most + 1))
-    )
-    if count == 0:
-        return Verdict()
-    (least, wrong), *others = left_out[count]
-    doubt = _variance(least, n - count) * _quantile(1 - _FALSE_ALARM / 2, n - count) ** 2
-    like = {index for squares, one in others if squares - least <= doubt for index in one}
-    return Verdict(doubtful=tuple(sorted({*wrong, *like}))) if like else Verdict(wrong=wrong)
-
-
-def _each_without(outputs: FloatArray, angles: FloatArray, count: int) -> list[tuple[float, tuple[int, ...]]]:
-    """Summed squares without each choice of ``count`` marks, where the rest still makes a line."""
-    found: list[tuple[float, tuple[int, ...]]] = []
-    for without in combinations(range(len(outputs)), count):
-        rest = np.delete(outputs, without)
-        if np.ptp(rest) > 0:
-            found.append((line_through(rest, np.delete(angles, without)).squares, without))
-    return found
-
-
-def _gains(
-    now: Sequence[tuple[float, tuple[int, ...]]],
-    then: Sequence[tuple[float, tuple[int, ...]]],
-    n: int,
-    more: int,
-) -> bool:
-    """Whether leaving ``more`` marks out is worth it."""
-    if not then:
-        return False
-    rest, choices = n - len(then[0][1]), math.comb(n, len(then[0][1]))
-    limit = _quantile(1 - _FALSE_ALARM / (2 * choices), rest) ** 2
-    return now[0][0] - then[0][0] > more * limit * _variance(then[0][0], rest)
-
-
-def _variance(squares: float, count: int) -> float:
-    return Line(0.0, 0.0, 0.0, 1.0, squares, count).variance
-
-
-def _quantile(probability: float, count: int) -> float:
-    """Of Student's distribution, with the freedom that a line through ``count`` marks leaves."""
-    from scipy.special import stdtrit  # slow to import, and only a fit needs it
-
-    return float(stdtrit(Line(0.0, 0.0, 0.0, 1.0, 0.0, count).freedom, probability))
-
-
+"""standard deviation of a reading off a protractor before anything is measured [rad]"""
+_READING_WEIGHT = 5.0
+"""how many readings ``READING`` is worth: with few marks it decides, with many the marks do"""
+_WRONG = 4.5
+"""a mark that is off by more of its standard deviations than this does not fit the others"""
+_CLEARLY = 3.0
+"""leaving out another mark instead must fit worse by so many standard deviations, or none is named"""
 _TURNS_BACK = 3 * math.sqrt(2) * READING
 """two readings of one angle differ by less than this [rad]"""
 _SCATTER = math.radians(2.0)
-"""marks that scatter more about their line than this are worth a word [rad]"""
+"""marks that scatter more about their line than this are worth a warning [rad]"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -232,28 +105,12 @@ class JointFit:
     """of the marks that were used [rad]"""
     used: tuple[int, ...]
     """the marks that the line goes through, by index"""
-    suspects: tuple[int, ...]
-    """the marks that do not fit the others, by index"""
-    doubtful: tuple[int, ...]
-    """a mark does not fit, and these marks cannot tell which of them it is; all are used"""
+    suspect: int | None
+    """the mark that does not fit the others, by index"""
     advice: str | None
     """what is wrong with the marks and what to do, in words"""
     centre: float
     """mean output of the marks that were used"""
-    reading_rad: float
-    """standard deviation of one reading, from the marks and from what a protractor is known for [rad]"""
-    spread: float
-    """root of the summed squares of the outputs about ``centre``"""
-
-    @property
-    def suspect(self) -> int | None:
-        """The mark that does not fit, by index; the first one where there are two."""
-        return self.suspects[0] if self.suspects else None
-
-    @property
-    def scale_error(self) -> float:
-        """Standard error of ``per_rad``, as a fraction of it."""
-        return self.reading_rad * abs(self.per_rad) / self.spread
 
     def angle(self, output: float) -> float:
         """Angle at an output [rad]."""
@@ -263,16 +120,11 @@ class JointFit:
         """Output at an angle [rad]."""
         return self.zero + self.per_rad * angle
 
-    def error(self, output: float) -> float:
-        """Standard error of the angle at an output [rad]: smallest amid the marks, growing outward."""
-        lever = (output - self.centre) / self.spread
-        return self.reading_rad * math.sqrt(1 / len(self.used) + lever**2)
-
 
 def fit_joint(marks: Sequence[Mark], unit: str = "µs") -> JointFit:
-    """Lay a line through marks, leaving out one that does not fit, where the others can tell which it is.
+    """Lay a line through marks; one that does not fit is left out where the others can tell which it is.
 
-    Three marks can tell that something is wrong, not which of them; four name a wrong one, seven two.
+    Three marks can tell that something is wrong, but not which of them; four name the wrong one.
 
     Args:
         marks: three or more, in any order.
@@ -283,26 +135,68 @@ def fit_joint(marks: Sequence[Mark], unit: str = "µs") -> JointFit:
             or an angle that does not go one way with the output.
     """
     outputs, angles = checked_marks(marks, unit)
-    verdict = judge(outputs, angles)
-    used = np.setdiff1d(np.arange(len(marks)), verdict.wrong)
+    suspect, doubt = _wrong_mark(outputs, angles)
+    used = np.delete(np.arange(len(marks)), [] if suspect is None else suspect)
     require_spread(angles[used])
-    line = line_through(outputs[used], angles[used])
+    line = _line(outputs[used], angles[used])
     _require_one_way(outputs, angles, used, line.slope, unit)
-    residuals = angles - line.angle(outputs)
     per_rad = 1 / line.slope
     return JointFit(
-        zero=line.centre - per_rad * line.angle_at_centre,
+        zero=line.centre - per_rad * line.middle,
         per_rad=per_rad,
-        residuals_rad=tuple(residuals.tolist()),
-        rms_rad=math.sqrt(line.squares / line.count),
+        residuals_rad=tuple((angles - line.angle(outputs)).tolist()),
+        rms_rad=math.sqrt(line.squares / len(used)),
         used=tuple(used.tolist()),
-        suspects=verdict.wrong,
-        doubtful=verdict.doubtful,
-        advice=_advice(marks, verdict, line, unit),
+        suspect=suspect,
+        advice=_advice(marks, suspect, doubt, line, unit),
         centre=line.centre,
-        reading_rad=math.sqrt(line.variance),
-        spread=line.spread,
     )
+
+
+@dataclass(frozen=True, slots=True)
+class _Line:
+    """angle = middle + slope · (output - centre), by least squares."""
+
+    slope: float
+    """[rad a unit]"""
+    centre: float
+    middle: float
+    """[rad]"""
+    squares: float
+    """summed squares of the residuals [rad²]"""
+
+    def angle(self, output: FloatArray) -> FloatArray:
+        return self.middle + self.slope * (output - self.centre)
+
+
+def _line(outputs: FloatArray, angles: FloatArray) -> _Line:
+    centre, middle = float(outputs.mean()), float(angles.mean())
+    away, turned = outputs - centre, angles - middle
+    slope = float(away @ turned) / float(away @ away)
+    left = turned - slope * away
+    return _Line(slope, centre, middle, float(left @ left))
+
+
+def _wrong_mark(outputs: FloatArray, angles: FloatArray) -> tuple[int | None, bool]:
+    """The mark without which the others lie on a line; and whether there is one that cannot be told.
+
+    The line without a mark always fits better. A mark is wrong where it fits better by so much that
+    readings of the usual scatter would hardly do so, and where leaving out no other mark helps as much.
+    """
+    n = len(outputs)
+    without = np.full(n, np.inf)
+    for i in range(n):
+        rest = np.delete(outputs, i)
+        if np.ptp(rest) > 0:
+            without[i] = _line(rest, np.delete(angles, i)).squares
+    wrong, second = (int(i) for i in np.argsort(without)[:2])
+    weight, freedom = _READING_WEIGHT * READING**2, _READING_WEIGHT + n - 3
+    variance = (weight + float(without[wrong])) / freedom
+    if _line(outputs, angles).squares - without[wrong] <= _WRONG**2 * variance:
+        return None, False
+    if without[second] - without[wrong] <= _CLEARLY**2 * variance:
+        return None, True
+    return wrong, False
 
 
 def _require_one_way(
@@ -323,30 +217,25 @@ def _require_one_way(
     )
 
 
-def _advice(marks: Sequence[Mark], verdict: Verdict, line: Line, unit: str) -> str | None:
-    if verdict.wrong:
-        told = "; ".join(_wrong(i, marks[i], line, unit) for i in verdict.wrong)
-        return f"{told}. Read it again or delete it; the line is laid without it"
-    if verdict.doubtful:
-        numbers = [str(i + 1) for i in verdict.doubtful]
-        listed = f"{', '.join(numbers[:-1])} and {numbers[-1]}"
+def _advice(marks: Sequence[Mark], suspect: int | None, doubt: bool, line: _Line, unit: str) -> str | None:
+    if suspect is not None:
+        mark = marks[suspect]
+        expected = float(line.angle(np.float64(mark.output)))
+        sign = " (is its sign wrong?)" if abs(mark.angle + expected) < _TURNS_BACK else ""
         return (
-            f"one of the marks {listed} does not fit, and {len(marks)} marks cannot tell which: read them "
-            "again, or add a mark elsewhere"
+            f"mark {suspect + 1} does not fit: at {mark.output:.1f} {unit} it says "
+            f"{math.degrees(mark.angle):.1f}°, and by the others it should be {math.degrees(expected):.1f}°"
+            f"{sign}. Read it again or delete it; the line is laid without it"
         )
-    scatter = math.sqrt(line.squares / max(line.count - 2, 1))
+    if doubt:
+        return (
+            f"one of the marks does not fit, and {len(marks)} marks cannot tell which: read them again, or "
+            "add a mark elsewhere"
+        )
+    scatter = math.sqrt(line.squares / max(len(marks) - 2, 1))
     if scatter > _SCATTER:
         return (
             f"the marks scatter by {math.degrees(scatter):.1f}° about their line: is the protractor fast, "
             "the horn tight, the joint free of load?"
         )
     return None
-
-
-def _wrong(index: int, mark: Mark, line: Line, unit: str) -> str:
-    expected = float(line.angle(mark.output))
-    sign = " (is its sign wrong?)" if abs(mark.angle + expected) < _TURNS_BACK else ""
-    return (
-        f"mark {index + 1} does not fit: at {mark.output:.1f} {unit} it says "
-        f"{math.degrees(mark.angle):.1f}°, and by the others it should be {math.degrees(expected):.1f}°{sign}"
-    )

@@ -265,17 +265,15 @@ def points(robot: str, points: Path, board: str | None, as_json: bool) -> None:
             "rms_after_mm": 1000 * error.rms_after_m,
             "largest_after_mm": 1000 * error.largest_after_m,
             "blamed": [
-                {"title": one.title, "amount": one.amount, "unit": one.unit,
-                 "standard_error": one.standard_error, "or_else": one.or_else} for one in error.blamed
+                {"title": one.title, "amount": one.amount, "unit": one.unit, "or_else": one.or_else}
+                for one in (error.blame,) if one is not None
             ],
-            "not_told_apart": error.not_told_apart,
             "changes": [
                 {"table": one.table, "key": one.key, "old": one.old, "new": one.new} for one in error.changes
             ],
-            "stray_points": [index + 1 for index in error.stray],
         })  # fmt: skip
         return
-    for line in (*error.words, *error.not_told_apart):
+    for line in error.words:
         click.echo(line)
     if error.changes:
         click.echo(f"to write into the robot file of {arm.name}, or into its calibration (export, import):")

@@ -35,11 +35,7 @@ def timestamp() -> str:
 def show_fit(arm: Robot, joint: str, found: JointFit) -> None:
     """A fit in words: the line, each mark's residual, what it changes, what is wrong with it."""
     unit, title = unit_of(arm, joint), arm.joints[arm.joint_names.index(joint)].title
-    error = np.degrees(found.error(found.centre))
-    click.echo(
-        f"{title}: {found.zero:.2f} {unit} at 0°, {np.radians(found.per_rad):+.4f} {unit} a degree "
-        f"(± {found.scale_error:.1%}, ± {error:.2f}° amid the marks)"
-    )
+    click.echo(f"{title}: {found.zero:.2f} {unit} at 0°, {np.radians(found.per_rad):+.4f} {unit} a degree")
     for number, residual in enumerate(np.degrees(found.residuals_rad), 1):
         left_out = "" if number - 1 in found.used else "   left out"
         click.echo(f"  mark {number}: {residual:+.2f}°{left_out}")
@@ -61,9 +57,7 @@ def fit_record(arm: Robot, joint: str, found: JointFit, unit: str) -> dict[str, 
         "per_deg": float(np.radians(found.per_rad)),
         "residuals_deg": rounded(np.degrees(found.residuals_rad)),
         "rms_deg": float(np.degrees(found.rms_rad)),
-        "scale_error_percent": 100 * found.scale_error,
-        "wrong_marks": [index + 1 for index in found.suspects],
-        "doubtful_marks": [index + 1 for index in found.doubtful],
+        "wrong_marks": [] if found.suspect is None else [found.suspect + 1],
         "advice": found.advice,
         "safe_outputs": safe_outputs(arm, joint, found),
         "differences": differences(arm, joint, found),

@@ -14,7 +14,6 @@ from armctl.calibration import (
     CheckPose,
     JointFit,
     Mark,
-    ToolError,
     Version,
     differences,
     narrowed,
@@ -187,13 +186,13 @@ def _measured(work: CalibrationWork, joint: str) -> list[str]:
     safe = f"{fixed(low, 0)} … {fixed(high, 0)}"
     if fit is None:
         return [count, "", "", "", safe]
-    doubt = " ✗" if fit.suspects else " ?" if fit.doubtful else ""
+    doubt = " ✗" if fit.suspect is not None else " ?" if fit.advice else ""
     rms = f"{fixed(math.degrees(fit.rms_rad), 2)}°{doubt}"
     return [count, rms, fixed(fit.zero, 1), fixed(math.radians(fit.per_rad), 3), safe]
 
 
 def _residual(fit: JointFit, index: int) -> str:
-    sign = " ✗" if index in fit.suspects else " ?" if index in fit.doubtful else ""
+    sign = " ✗" if index == fit.suspect else ""
     return fixed(math.degrees(fit.residuals_rad[index]), 2) + sign
 
 
@@ -213,9 +212,8 @@ def points_html(points: TouchedPoints) -> str:
             zip(points.touches, points.distances_m.tolist(), strict=True), 1
         )
     ]
-    marked = points.told.stray[0] if isinstance(points.told, ToolError) and points.told.stray else None
     head = ("point", "X mm", "Y mm", "Z mm", "off by mm")
-    return table(head, rows, marked=marked, names=False) if rows else ""
+    return table(head, rows, names=False) if rows else ""
 
 
 def told_html(points: TouchedPoints) -> str:
@@ -233,4 +231,4 @@ def told_html(points: TouchedPoints) -> str:
     if told.changes:
         text += heading("Suggested values")
         text += f"<pre style='margin:0;font-size:11.5px;user-select:text'>{escape(told.toml())}</pre>"
-    return text + "".join(muted(sentence(words)) for words in told.not_told_apart)
+    return text
