@@ -220,7 +220,7 @@ def _require_one_way(
 def _advice(marks: Sequence[Mark], suspect: int | None, doubt: bool, line: _Line, unit: str) -> str | None:
     if suspect is not None:
         mark = marks[suspect]
-        expected = float(line.angle(np.float64(mark.output)))
+        expected = line.middle + line.slope * (mark.output - line.centre)
         sign = " (is its sign wrong?)" if abs(mark.angle + expected) < _TURNS_BACK else ""
         return (
             f"mark {suspect + 1} does not fit: at {mark.output:.1f} {unit} it says "
