@@ -70,12 +70,12 @@ browser:
 	     else echo 'The browser tests need chromium; install it first: sudo apt-get install chromium' >&2; exit 1; fi
 
 # Real firmware on a simulated CPU: simavr, the compilers, and a firmware image that others built.
-AVR_PACKAGES := simavr libsimavr-dev gcc libc6-dev gcc-avr avr-libc arduino-core-avr pkg-config make
+AVR_PACKAGES := simavr libsimavr-dev libelf-dev gcc libc6-dev gcc-avr avr-libc arduino-core-avr pkg-config make
 .PHONY: avr
 avr: $(VENV)/.tested
 	@missing=; \
-	 { command -v gcc && command -v avr-gcc && command -v pkg-config && pkg-config --exists simavr \
-	   && test -d /usr/share/arduino/hardware/arduino/avr; } >/dev/null || missing='$(AVR_PACKAGES)'; \
+	 { command -v gcc && command -v avr-gcc && command -v pkg-config && pkg-config --cflags --libs simavr \
+	   && test -d /usr/share/arduino/hardware/arduino/avr; } >/dev/null 2>&1 || missing='$(AVR_PACKAGES)'; \
 	 command -v npm >/dev/null || test -e build/avr/StandardFirmata.mega.hex || missing="$$missing npm"; \
 	 if [ -z "$$missing" ]; then :; \
 	 elif [ "$$(id -u)" = 0 ] && command -v apt-get >/dev/null; \

@@ -12,7 +12,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
 BUILD = ROOT / "build" / "avr"
-PACKAGES = "simavr libsimavr-dev gcc gcc-avr avr-libc arduino-core-avr pkg-config make"
+PACKAGES = "simavr libsimavr-dev libelf-dev gcc libc6-dev gcc-avr avr-libc arduino-core-avr pkg-config make"
 
 _HERE = Path(__file__).parent
 

@@ -11,7 +11,6 @@ from pathlib import Path
 import pytest
 from tests.browser.guard_console import Console
 from tests.browser.kit import PATIENCE_MS, Screen, Screens
-from typing_extensions import override
 
 pytestmark = pytest.mark.browser
 
@@ -26,14 +25,12 @@ def console() -> Iterator[Console]:
 
 
 class _ForeignPage(BaseHTTPRequestHandler):
-    @override
     def do_GET(self) -> None:
         self.send_response(200)
         self.send_header("Content-Type", "text/html")
         self.end_headers()
         self.wfile.write(b"<p>a page of somebody else</p>")
 
-    @override
     def log_message(self, format: str, *args: object) -> None:
         pass
 

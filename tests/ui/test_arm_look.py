@@ -10,10 +10,16 @@ import numpy as np
 import pytest
 
 from armctl.robot import load_robot, shipped_robots
-from armctl.ui.scene.arm_figure import Point, Solid, beam, spike, tube
+from armctl.ui.scene.shapes import Point, Solid, beam, spike, tube
 from armctl.ui.scene.proportions import front, reach
+<<<<<<< HEAD
 from armctl.ui.scene.stage import stand_parts
 from armctl.ui.tabs.manual.joints import held_at
+=======
+from armctl.ui.scene.shapes import Point, Solid, beam, block, drum, spike, tube
+from armctl.ui.scene.stand import stand_parts
+from armctl.ui.widgets.joint_step import held_at
+>>>>>>> 525d241 (install: what is imported is declared; libelf for simavr)
 
 ROBOTS = {name: load_robot(name) for name in shipped_robots()}
 
@@ -81,3 +87,22 @@ def test_only_a_joint_that_cannot_turn_is_held() -> None:
     assert held_at(replace(joint, lower=math.radians(-12.5), upper=math.radians(-12.5))) == "held at -12.5°"
     assert held_at(replace(joint, upper=1e-3)) is None
     assert [held_at(one) for one in ROBOTS["mico"].joints] == [None] * 4
+
+
+@pytest.mark.parametrize(
+    ("solid", "volume"),
+    [
+        (block((0.1, 0.2, 0.3), (1, 2, 3)), 0.006),
+        (beam((0, 0.1, 0.2), (0, 0.1, 0.5), 0.05), 0.05**2 * 0.35),
+        (drum(0.1, 0.2), np.pi * 0.1**2 * 0.2),
+        (spike(0.1, 0.3), np.pi * 0.1**2 * 0.3 / 3),
+        (tube((0, 0.1, 0.2), (0.3, 0.1, 0.2), 0.05), np.pi * 0.025**2 * (0.3 + 0.1 / 3)),
+    ],
+)
+def test_meshes_are_closed_and_face_outwards(solid: Solid, volume: float) -> None:
+    edges = solid.faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2).tolist()
+    there, back = {(a, b) for a, b in edges}, {(b, a) for a, b in edges}
+    assert len(there) == len(edges) and there == back
+    corners = solid.vertices[solid.faces]
+    enclosed = np.linalg.det(corners).sum() / 6
+    assert 0.95 * volume < enclosed <= volume * (1 + 1e-9)

@@ -18,7 +18,6 @@ from http import HTTPStatus
 from typing import Any
 from urllib.parse import parse_qs
 
-from typing_extensions import override
 from websockets.asyncio.server import Server, ServerConnection
 from websockets.datastructures import Headers
 from websockets.frames import CloseCode
@@ -40,7 +39,6 @@ class GuardedConnection(ServerConnection):
         super().__init__(protocol, server, **options)
         self._filter = FrameFilter(ConnectionHandles(slot, self), tally, self.loop.time)
 
-    @override
     async def recv(self, decode: bool | None = None) -> Any:
         """Receive the next admissible frame; see ``websockets``."""
         while True:

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from typing import Any, Protocol
 
 import viser
-from typing_extensions import TypeIs
+from typing import TypeGuard
 from viser import (
     GuiApi,
     GuiButtonGroupHandle,
@@ -183,7 +183,7 @@ Operable = (
 """The controls that a page can operate; a progress bar, for one, is not among them."""
 
 
-def is_operable(handle: object) -> TypeIs[Operable]:
+def is_operable(handle: object) -> TypeGuard[Operable]:
     """Tell whether a handle of viser is a control that a page can operate."""
     return isinstance(handle, _CLASSES)
 

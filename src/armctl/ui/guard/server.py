@@ -19,7 +19,6 @@ from typing import Any
 
 import viser
 import websockets.asyncio.server
-from typing_extensions import override
 from websockets.asyncio.server import Server, ServerConnection
 from websockets.http11 import Request, Response
 from websockets.server import ServerProtocol
@@ -45,7 +44,6 @@ _REPLACING = threading.Lock()  # what is replaced belongs to the process, so the
 class _WireLog(logging.Handler):
     """Takes what ``websockets`` reports: broken handshakes are noise, failing handlers are our defects."""
 
-    @override
     def emit(self, record: logging.LogRecord) -> None:
         if record.getMessage() == "connection handler failed":
             LOG.error("a connection failed", exc_info=record.exc_info)
@@ -229,14 +227,12 @@ class GuardedServer(viser.ViserServer):
         """How often the guard refused what since the start."""
         return self._tally.counts
 
-    @override
     def request_share_url(self, verbose: bool = True) -> str | None:
         """Refuse: a public tunnel would let anybody drive the arm."""
         del verbose
         self._tally.refuse("a public tunnel")
         return None
 
-    @override
     def stop(self) -> None:
         """Stop serving and wait for the threads; a second call does nothing."""
         if self._stopped:
