@@ -24,12 +24,14 @@ from armctl.robot import load_robot
 from armctl.runtime import MonotonicClock, channel_settings
 
 ENDS = (signal.SIGTERM, signal.SIGHUP)
-# `armctl` with a driver that does not take a board on a busy computer for one that has gone.
+# `armctl` with a driver that does not take a board on a busy computer for one that has gone, and with
+# Ctrl-C as a terminal has it: a process whose parent ignores SIGINT is born ignoring it, and goes on so.
 PATIENT = """
-import sys
+import signal, sys
 from armctl.cli.main import run
 from armctl.hardware.maestro import MaestroDriver
 MaestroDriver.__init__.__kwdefaults__["timeout_s"] = 5.0
+signal.signal(signal.SIGINT, signal.default_int_handler)
 sys.exit(run(sys.argv[1:]))
 """
 
@@ -94,19 +96,20 @@ def test_a_run_that_is_ended_slows_down_first(tmp_path: Path, numbers: tuple[sig
     served = serve_simulated_maestro(MonotonicClock().now, channels=channel_settings(robot), link=link)
     with served as server:
         words = ("run", str(tmp_path / "swing.toml"), "--port", str(link), "--forever")
-        process = subprocess.Popen([sys.executable, "-c", PATIENT, *words], stderr=subprocess.PIPE, text=True)
-        try:
-            pause = threading.Event()
-            for _ in range(6000):
-                if process.poll() is not None or np.ptp(base_targets(server) or [0]) > 2000:
-                    break
-                pause.wait(0.01)
-            for number in numbers:
-                process.send_signal(number)
-                pause.wait(0.03)  # each comes to another place of the way out
-            _, said = process.communicate(timeout=30)
-        finally:
-            process.kill()
+        child = subprocess.Popen([sys.executable, "-c", PATIENT, *words], stderr=subprocess.PIPE, text=True)
+        with child as process:  # and waits for it, also when it had to be killed
+            try:
+                pause = threading.Event()
+                for _ in range(6000):
+                    if process.poll() is not None or np.ptp(base_targets(server) or [0]) > 2000:
+                        break
+                    pause.wait(0.01)
+                for number in numbers:
+                    process.send_signal(number)
+                    pause.wait(0.03)  # each comes to another place of the way out
+                _, said = process.communicate(timeout=30)
+            finally:
+                process.kill()
         steps = np.abs(np.diff(base_targets(server)))
     assert (process.returncode, said.splitlines()[-1]) == (REFUSED, "armctl: interrupted")
     assert steps[-1] < steps.max() / 3

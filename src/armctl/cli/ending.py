@@ -23,7 +23,11 @@ def end_event() -> threading.Event:
 
 @contextmanager
 def ends_like_ctrl_c() -> Generator[None]:
-    """Every such signal raises ``KeyboardInterrupt`` inside: an arm that moves is stopped first."""
+    """Every such signal raises ``KeyboardInterrupt`` inside: an arm that moves is stopped first.
+
+    Ctrl-C does so already. Where it is ignored, as in a script's background job, it stays ignored: there it
+    is meant for the job in front. SIGTERM ends the command all the same.
+    """
 
     def interrupt(signum: int, frame: FrameType | None) -> None:
         raise KeyboardInterrupt
