@@ -23,7 +23,7 @@ from armctl.hardware.maestro import (
     MaestroSettings,
     SimulatedMaestro,
 )
-from armctl.motion import open_program
+from armctl.program import open_program
 from armctl.robot import Robot
 from armctl.runtime import (
     Connect,

@@ -10,16 +10,10 @@ import numpy as np
 import pytest
 
 from armctl.robot import load_robot, shipped_robots
-from armctl.ui.scene.shapes import Point, Solid, beam, spike, tube
 from armctl.ui.scene.proportions import front, reach
-<<<<<<< HEAD
+from armctl.ui.scene.shapes import Point, Solid, beam, block, drum, spike, tube
 from armctl.ui.scene.stage import stand_parts
 from armctl.ui.tabs.manual.joints import held_at
-=======
-from armctl.ui.scene.shapes import Point, Solid, beam, block, drum, spike, tube
-from armctl.ui.scene.stand import stand_parts
-from armctl.ui.widgets.joint_step import held_at
->>>>>>> 525d241 (install: what is imported is declared; libelf for simavr)
 
 ROBOTS = {name: load_robot(name) for name in shipped_robots()}
 

@@ -7,10 +7,9 @@ import threading
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import Any, Protocol, TypeGuard
 
 import viser
-from typing import TypeGuard
 from viser import (
     GuiApi,
     GuiButtonGroupHandle,

@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 import viser
-from armctl.ui.scene.shapes import Point, Solid, beam, block, drum, spike, tube
 from numpy.typing import NDArray
 
 from armctl.kinematics import quaternion_wxyz
@@ -25,35 +22,9 @@ from armctl.robot.shape import (
     tool_length,
     width,
 )
-
-# Meshes of simple solids, as vertices (v, 3) [m] and faces (f, 3).
-
-# pyright: reportUnknownMemberType=false, reportUnknownVariableType=false, reportUnknownArgumentType=false
-# (trimesh's creation functions are not typed)
-
+from armctl.ui.scene.shapes import Solid, beam, block, drum, spike, tube
 
 FloatArray = NDArray[np.float64]
-
-
-
-
-
-
-
-
-
-
-
-
-
-
-
-
-
-
-
-
-# Making sure that a page draws a new node where it is.
 
 
 def send_pose(node: viser.SceneNodeHandle) -> None:

@@ -9,8 +9,9 @@ import viser
 from numpy.typing import NDArray
 
 from armctl.robot import Robot
-from armctl.ui.scene.arm_figure import Point, Solid, beam, block, drum, send_pose, tube
+from armctl.ui.scene.arm_figure import send_pose
 from armctl.ui.scene.proportions import front, reach
+from armctl.ui.scene.shapes import Point, Solid, beam, block, drum, tube
 
 # From how far away a camera has all of something in its picture.
 
