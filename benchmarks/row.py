@@ -15,11 +15,10 @@ class Goal:
     """A bound on armctl against its reference.
 
     ``time`` bounds armctl's time as a multiple of the reference's from above, ``speed`` how many times
-    faster armctl must be from below, ``share`` the share of targets that armctl must solve from below,
-    ``lateness`` milliseconds from above; there is no reference to the last one.
+    faster armctl must be from below, ``share`` the share of targets that armctl must solve from below.
     """
 
-    of: Literal["time", "speed", "share", "lateness"]
+    of: Literal["time", "speed", "share"]
     bound: float
 
     def is_met(self, figure: float) -> bool:
@@ -29,8 +28,6 @@ class Goal:
         """The figure in the goal's own terms."""
         if self.of == "share":
             return f"{100 * figure:.4g} %"
-        if self.of == "lateness":
-            return f"{figure:.2f} ms"
         number = f"{figure:,.0f}" if figure >= 1000 else f"{figure:.3g}"
         return f"{number} × {'the time' if self.of == 'time' else 'as fast'}"
 
@@ -39,7 +36,7 @@ class Goal:
 
     @property
     def _is_upper(self) -> bool:
-        return self.of in ("time", "lateness")
+        return self.of == "time"
 
 
 @dataclass(frozen=True)

@@ -6,8 +6,8 @@ from collections.abc import Iterator
 
 import numpy as np
 from benchmarks.agreement import must_agree
-from benchmarks.compiled import CArm
 from benchmarks.measure import Effort, Work, compare
+from benchmarks.paper_loop import PaperLoop
 from benchmarks.peers.ikpy import Ikpy
 from benchmarks.peers.roboticstoolbox import RoboticsToolbox
 from benchmarks.planar_arm import UZUNER, FloatArray
@@ -26,7 +26,6 @@ def rows(effort: Effort) -> Iterator[Row]:
     robot = load_robot("uzuner")
     positions = UZUNER.tip(UZUNER.random(np.random.default_rng(2014), effort.count(20_000)))
     yield from _one(robot, positions[:200], effort)
-    yield _batch(robot, positions, effort)
     yield _never_above_the_sweep(robot, positions)
 
 
@@ -68,18 +67,6 @@ def _must_reach(robot: Robot, found: list[FloatArray], positions: FloatArray) ->
     must_agree("the positions that the peer reaches", tips, positions[: len(tips)], 1e-5)
 
 
-def _batch(robot: Robot, positions: FloatArray, effort: Effort) -> Row:
-    def in_c() -> tuple[Work, Work]:
-        arm = CArm(UZUNER)
-        theirs, ours = _sums(arm.least_rotation(positions)), _sums(robot.least_rotation(positions))
-        must_agree("the least sums of angles", theirs, ours, _ROUNDING)
-        return lambda: arm.least_rotation(positions), lambda: robot.least_rotation(positions)
-
-    count = len(positions)
-    work = f"uzuner, least rotation, {count:,} points, a point"
-    return compare(work, "C limit", in_c, effort, each=count, goal=Goal("time", 15))
-
-
 def _never_above_the_sweep(robot: Robot, positions: FloatArray) -> Row:
     """Against every solution that the paper's own loop lists for each position."""
     work, reference = (
@@ -88,11 +75,10 @@ def _never_above_the_sweep(robot: Robot, positions: FloatArray) -> Row:
     )
     goal = Goal("share", 1.0)
     try:
-        arm = CArm(UZUNER)
+        loop = PaperLoop(UZUNER, STEP)
     except NotMeasuredError as missing:
         return Row(work, reference, goal=goal, missing=str(missing))
-    capacity = 4 * len(arm.grid(STEP))
-    swept = np.array([arm.least_sum(arm.paper_sweep(position, STEP, capacity)) for position in positions])
+    swept = np.array([loop.least_sum(loop.solutions(position)) for position in positions])
     exact = _sums(robot.least_rotation(positions))
     share = float(np.mean(exact <= swept + _ROUNDING))  # a missing answer is no answer: NaN compares as false
     return Row(work, reference, ratio=share, goal=goal)

