@@ -1,0 +1,51 @@
+"""The newest request wins: answers that come from a worker thread may come too late."""
+
+from __future__ import annotations
+
+from collections.abc import Awaitable, Callable
+
+
+class Newest:
+    """Tells the newest of several requests from older ones, whose answers are dropped.
+
+    Used on the web server's event loop only::
+
+        is_newest = self._newest.begin()
+        found = await asyncio.to_thread(solve, target)
+        if is_newest():
+            self._show(found)
+    """
+
+    def __init__(self) -> None:
+        self._count = 0
+
+    def begin(self) -> Callable[[], bool]:
+        """Begin a request; returns a function that tells whether it is still the newest."""
+        self._count += 1
+        mine = self._count
+        return lambda: mine == self._count
+
+    def drop(self) -> None:
+        """No answer is wanted any more until the next request begins."""
+        self._count += 1
+
+
+class OneAtATime:
+    """Runs an action once more if it was requested while it ran, however often that was."""
+
+    def __init__(self, action: Callable[[], Awaitable[None]]) -> None:
+        self._action = action
+        self._running = self._requested = False
+
+    async def run(self) -> None:
+        """Run the action, or let the one that runs now do it again when it has ended."""
+        self._requested = True
+        if self._running:
+            return
+        self._running = True
+        try:
+            while self._requested:
+                self._requested = False
+                await self._action()
+        finally:
+            self._running = False
