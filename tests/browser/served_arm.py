@@ -14,7 +14,8 @@ from armctl.calibration import CalibrationStore
 from armctl.program import MoveStep, Program, Step
 from armctl.robot import Robot, load_robot, shipped_robots
 from armctl.runtime import Enable, Origin, Snapshot
-from armctl.ui import App, CalibrationDesk, Console, PortChoice, ProgramDesk, RobotChoice, RobotDesk
+from armctl.ui import App, CalibrationInForce, Console, PortChoice, RobotChoice, RobotSwitch
+from armctl.ui.tabs.program.shared_program import SharedProgram
 
 
 @dataclass(frozen=True)
@@ -46,12 +47,18 @@ class ServedArm:
 
     @property
     def steps(self) -> tuple[Step, ...]:
-        return self.console.programs.program.steps
+        return self.edited.program.steps
+
+    @property
+    def edited(self) -> SharedProgram:
+        return self.console.shared(SharedProgram)
 
     def put(self, *poses_deg: tuple[float, ...]) -> None:
         """A program of poses on the desk, before a page is opened."""
         steps = tuple(MoveStep(joints_deg=pose) for pose in poses_deg)
-        self.console.programs.edit(lambda _: Program(robot=self.robot.name, name="test", steps=steps))
+        self.console.shared(SharedProgram).edit(
+            lambda _: Program(robot=self.robot.name, name="test", steps=steps)
+        )
 
 
 @contextmanager
@@ -60,24 +67,23 @@ def served_arm(folder: Path, robot: str = "uzuner") -> Iterator[ServedArm]:
 
     store = CalibrationStore(folder / "calibrations")
 
-    def console(arm: Arm, calibrating: CalibrationDesk) -> Console:
+    def console(arm: Arm, calibration: CalibrationInForce) -> Console:
         return Console(
-            robot=arm.robot,
+            calibration=calibration,
             controller=arm.controller,
             list_ports=lambda: [PortChoice("sim", "Simulated board")],
-            programs=ProgramDesk(arm.robot.name, folder),
-            calibrating=calibrating,
+            files=folder,
             close=arm.close,
         )
 
     def anew(name: str, port: str) -> Console:
-        calibrating = CalibrationDesk.of(load_robot(name), port, store)
-        return console(Arm(calibrating.robot), calibrating)
+        calibration = CalibrationInForce.of(load_robot(name), port, store)
+        return console(Arm(calibration.robot), calibration)
 
     choices = [RobotChoice(name, load_robot(name).title) for name in shipped_robots()]
-    begun = CalibrationDesk.of(load_robot(robot), "sim", store)
+    begun = CalibrationInForce.of(load_robot(robot), "sim", store)
     arm = Arm.open(begun.robot)
-    robots = RobotDesk(
+    robots = RobotSwitch(
         console(arm, begun),
         next(choice for choice in choices if choice.name == robot),
         choices,

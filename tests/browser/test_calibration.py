@@ -15,6 +15,7 @@ from tests.browser.served_arm import ServedArm, served_arm
 from armctl.calibration import ToolError
 from armctl.robot import OutputMap, load_robot
 from armctl.runtime import State
+from armctl.ui.tabs.calibration.shared_calibration import SharedCalibration
 
 pytestmark = pytest.mark.browser
 TRUE_ZERO_US, TRUE_US_PER_DEG = 1512.0, -8.6
@@ -91,7 +92,9 @@ def test_a_servo_mounted_otherwise_is_measured_saved_tried_and_taken_back(
     page.open_tab("Calibration")
     page.wait_for_text(re.compile("Mark 6 does not fit"))
     page.click("Delete mark")
-    page.wait_until(lambda: len(served.console.calibrating.work.joint("base").marks) == 5, "it is deleted")
+    page.wait_until(
+        lambda: len(served.console.shared(SharedCalibration).work.joint("base").marks) == 5, "it is deleted"
+    )
 
     page.open_tab("Save & test")
     page.type_into("Note", "horn turned")
@@ -142,11 +145,11 @@ def test_a_page_that_watches_reads_the_marks_and_changes_none(
     watcher.click("Forget what is not saved")
     watcher.click("Save calibration")
     watcher.pause(300)
-    work = served.console.calibrating.work
+    work = served.console.shared(SharedCalibration).work
     assert [math.degrees(mark.angle) for mark in work.joint("base").marks] == pytest.approx([0.4])
     assert work.joint("base").high is None
     assert served.commanded_deg[0] == 0
-    assert served.console.calibrating.versions() == ()
+    assert served.console.shared(SharedCalibration).versions() == ()
     page.hold("Jog +", 500)
     page.wait_until(lambda: served.now.state is State.HOLDING, "letting go stops the joint")
     assert 0 < served.commanded_deg[0] < 9
@@ -173,7 +176,7 @@ def test_touched_points_name_the_joint_that_is_off(page: Screen, served: ServedA
     page.wait_for_text("Suggested values")
     page.wait_for_text(re.compile(r"To blame: .*Elbow.*"))
     page.screenshot("calibration_points")
-    told = served.console.calibrating.points.told
+    told = served.console.shared(SharedCalibration).points.told
     assert isinstance(told, ToolError)
     assert told.rms_after_m < 0.0002 < told.rms_m
     with page.page.expect_download() as download:

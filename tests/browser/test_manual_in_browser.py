@@ -253,8 +253,8 @@ def test_save_load_and_downloads(screen: Screen, served: ServedArm) -> None:
     unfold(screen, "Files", "Upload")
     screen.type_into("Name", "pick one")
     screen.click("Save")
-    screen.wait_until(lambda: served.console.programs.saved() == ["pick one"], "the file is there")
-    assert load_program(served.console.programs.folder / "pick one.toml").steps == served.steps
+    screen.wait_until(lambda: served.edited.saved() == ["pick one"], "the file is there")
+    assert load_program(served.edited.folder / "pick one.toml").steps == served.steps
     screen.click("Delete")
     screen.wait_until(lambda: served.steps == (), "the list is empty")
     assert screen.value("Saved programs") == "pick one"

@@ -16,6 +16,7 @@ from tests.browser.serving import serving
 
 from armctl.robot import Robot, load_robot, robots_folder
 from armctl.runtime import State
+from armctl.ui.tabs.simulation.trail import Trail
 
 pytestmark = pytest.mark.browser
 TITLES = {
@@ -203,7 +204,7 @@ def test_from_point_to_point_with_a_trail(page: Screen, served: ServedArm) -> No
         page.click(name)
         page.wait_until(partial(tool_is_at, name), f"the tool is at {name}")
         page.wait_until(lambda: served.now.state is State.HOLDING, "the motion has ended")
-    trail = served.console.trail.since(0)
+    trail = served.console.shared(Trail).since(0)
     assert np.linalg.norm(trail - served.robot.point("P0"), axis=1).min() < 5e-3
     assert len(trail) > 100
     page.wait_until(
@@ -211,7 +212,7 @@ def test_from_point_to_point_with_a_trail(page: Screen, served: ServedArm) -> No
     )
     page.screenshot("robot-points")
     choose(page, served, "uzuner")
-    assert len(served.console.trail.since(0)) < 2  # nothing of the other arm's path is left
+    assert len(served.console.shared(Trail).since(0)) < 2  # nothing of the other arm's path is left
 
 
 def test_a_page_that_closes_in_the_middle_harms_nobody(

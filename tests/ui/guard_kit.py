@@ -5,10 +5,11 @@ from __future__ import annotations
 import queue
 import socket
 from types import TracebackType
-from typing import Any, Self
+from typing import Any, Self, cast
 
 import msgspec
 import viser
+import zstandard
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import ClientConnection, connect
 from websockets.typing import Origin, Subprotocol
@@ -69,6 +70,15 @@ class RawPage:
                 self.socket.recv(timeout=PATIENCE_S)
         except ConnectionClosed as end:
             return end
+
+    def read_until(self, words: bytes) -> None:
+        """Read until the server has sent ``words`` in one of the next thousand frames."""
+        for _ in range(1000):
+            frame = cast(bytes, self.socket.recv(timeout=PATIENCE_S))
+            end = 16 + int.from_bytes(frame[8:16], "little")
+            if words in zstandard.ZstdDecompressor().decompress(frame[16:end]):
+                return
+        raise AssertionError(words)
 
     def introduce(self) -> None:
         self.say("ViewerCameraMessage", **CAMERA)

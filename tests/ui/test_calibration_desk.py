@@ -12,7 +12,8 @@ import pytest
 from armctl.calibration import CalibrationStore, JointCalibration
 from armctl.errors import CalibrationError, PortError, StateError
 from armctl.robot import load_robot
-from armctl.ui.calibration_desk import CalibrationDesk
+from armctl.ui import CalibrationInForce
+from armctl.ui.tabs.calibration.shared_calibration import SharedCalibration
 
 ROBOT = load_robot("uzuner")
 NOON = 1_767_268_800.0
@@ -23,23 +24,22 @@ def store(tmp_path: Path) -> CalibrationStore:
     return CalibrationStore(tmp_path)
 
 
-def desk(store: CalibrationStore, board: str | None = "00123456") -> CalibrationDesk:
-    return CalibrationDesk(ROBOT, board, store, lambda: NOON)
+def desk(store: CalibrationStore, board: str | None = "00123456") -> SharedCalibration:
+    return SharedCalibration(CalibrationInForce(ROBOT, board, store), lambda: NOON)
 
 
-def measure(one: CalibrationDesk, joint: str = "base", zero: float = 1510.0, per_deg: float = -9.5) -> None:
+def measure(one: SharedCalibration, joint: str = "base", zero: float = 1510.0, per_deg: float = -9.5) -> None:
     for degrees in (-40, -15, 10, 45):
         one.work.add_mark(joint, zero + per_deg * degrees, math.radians(degrees))
 
 
-def save(one: CalibrationDesk, note: str = "") -> Path:
+def save(one: SharedCalibration, note: str = "") -> Path:
     return asyncio.run(one.save(note)).path
 
 
 def test_what_is_saved_is_in_force_at_the_next_desk(store: CalibrationStore, tmp_path: Path) -> None:
     first = desk(store)
     assert first.in_force is None
-    assert first.robot is ROBOT
     measure(first)
     path = save(first, "new horn")
     assert path.is_file()
@@ -47,8 +47,9 @@ def test_what_is_saved_is_in_force_at_the_next_desk(store: CalibrationStore, tmp
     second = desk(store)
     assert second.in_force is not None
     assert second.in_force.note == "new horn"
-    assert second.robot.output_map is not None
-    assert math.radians(second.robot.output_map.per_rad[0]) == pytest.approx(-9.5)
+    now = CalibrationInForce(ROBOT, "00123456", store).robot.output_map
+    assert now is not None
+    assert math.radians(now.per_rad[0]) == pytest.approx(-9.5)
     assert desk(store, "another board").in_force is None
 
 
@@ -147,19 +148,20 @@ def test_without_a_board_nothing_is_kept(store: CalibrationStore) -> None:
     assert one.versions() == ()
 
 
-def test_the_desk_of_a_port_knows_its_board(store: CalibrationStore) -> None:
-    one = CalibrationDesk.of(ROBOT, "sim", store)
+def test_what_is_in_force_depends_on_the_board_at_the_port(store: CalibrationStore) -> None:
+    one = CalibrationInForce.of(ROBOT, "sim", store)
     assert one.board == "simulated"
+    assert one.robot is ROBOT
     assert asyncio.run(one.holds_for("sim"))
     assert not asyncio.run(one.holds_for("socket://127.0.0.1:5000"))
-    assert CalibrationDesk.of(ROBOT, "socket://127.0.0.1:5000", store).board == "unnumbered"
+    assert CalibrationInForce.of(ROBOT, "socket://127.0.0.1:5000", store).board == "unnumbered"
     with pytest.raises(PortError, match="/dev/nobody: no such port"):
         asyncio.run(one.holds_for("/dev/nobody"))
 
 
-def test_a_program_that_starts_before_its_board_is_plugged_in_has_a_desk(store: CalibrationStore) -> None:
-    assert CalibrationDesk.of(ROBOT, "auto", store).board is None
-    assert CalibrationDesk.of(ROBOT, "/dev/nobody", store).board is None
+@pytest.mark.parametrize("port", ["auto", "/dev/nobody"])
+def test_a_program_may_start_before_its_board_is_plugged_in(store: CalibrationStore, port: str) -> None:
+    assert CalibrationInForce.of(ROBOT, port, store).board is None
 
 
 def test_what_somebody_else_saved_meanwhile_is_not_overwritten(store: CalibrationStore) -> None:
@@ -177,8 +179,8 @@ def test_what_somebody_else_saved_meanwhile_is_not_overwritten(store: Calibratio
     assert kept is not None and set(kept.joints) == {"base", "elbow"}
 
 
-def test_a_desk_holds_for_its_port_until_something_else_is_in_force(store: CalibrationStore) -> None:
-    one = desk(store, "simulated")
+def test_an_arm_runs_by_what_is_in_force_until_something_else_is_saved(store: CalibrationStore) -> None:
+    one = CalibrationInForce(ROBOT, "simulated", store)
     assert asyncio.run(one.holds_for("sim"))
     other = desk(store, "simulated")
     measure(other)

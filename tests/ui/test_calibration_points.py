@@ -14,7 +14,7 @@ from armctl.errors import InputError, StateError
 from armctl.hardware import Source
 from armctl.robot import OutputMap, load_robot
 from armctl.runtime import Snapshot, State
-from armctl.ui.touched_points import TouchedPoints
+from armctl.ui.tabs.calibration.touched_points import TouchedPoints
 from armctl.ui.widgets.standing import present_outputs, standing_gripper, standing_outputs
 
 ROBOT = load_robot("uzuner")

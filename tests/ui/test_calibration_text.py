@@ -11,9 +11,10 @@ import pytest
 
 from armctl.calibration import Calibration, CalibrationStore, JointCalibration, check_pose
 from armctl.robot import load_robot, shipped_robots
-from armctl.ui.calibration_desk import CalibrationDesk, CalibrationWork
+from armctl.ui import CalibrationInForce
 from armctl.ui.tabs.calibration.joint import STEPS, slow_duration, slow_speeds
 from armctl.ui.tabs.calibration.save import earlier_versions
+from armctl.ui.tabs.calibration.shared_calibration import CalibrationWork, SharedCalibration
 from armctl.ui.widgets.calibration_text import (
     check_pose_html,
     draft_html,
@@ -115,7 +116,7 @@ def test_limits_by_new_marks_are_not_called_those_in_force() -> None:
 
 
 def test_what_saving_takes_from_the_joints_is_told_before(tmp_path: Path) -> None:
-    desk = CalibrationDesk(ROBOT, "simulated", CalibrationStore(tmp_path), lambda: 0.0)
+    desk = SharedCalibration(CalibrationInForce(ROBOT, "simulated", CalibrationStore(tmp_path)), lambda: 0.0)
     assert "There is nothing to save yet" in plain(draft_html(desk))
     desk.work.set_limit("base", "low", 1000)
     assert "Base: −53.33° … 107.26° instead of −102.80°" in plain(draft_html(desk))

@@ -11,7 +11,7 @@ import pytest
 from armctl.calibration import Calibration, JointCalibration, own_calibration
 from armctl.errors import CalibrationError, InputError, StateError
 from armctl.robot import load_robot
-from armctl.ui.calibration_desk import CalibrationWork
+from armctl.ui.tabs.calibration.shared_calibration import CalibrationWork
 
 ROBOT = load_robot("uzuner")
 FILE = own_calibration(ROBOT, "base")

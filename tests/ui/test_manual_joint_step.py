@@ -10,16 +10,10 @@ from armctl.errors import InputError, MotionRefusedError, StateError
 from armctl.hardware import Source
 from armctl.robot import load_robot
 from armctl.runtime import State
-from armctl.ui.tabs.manual.joints import (
-    asked_pose,
-    checked_percent,
-    checked_seconds,
-    present_pose_deg,
-    slider_degrees,
-    slider_limits,
-    stepped,
-)
+from armctl.ui.tabs.manual.joints import asked_pose, checked_percent, stepped
+from armctl.ui.tabs.program.record import checked_seconds, present_pose_deg
 from armctl.ui.widgets.hold import Hold
+from armctl.ui.widgets.joint_angles import slider_degrees, slider_limits
 
 ROBOT = load_robot("uzuner")
 HOME = ROBOT.pose("home")

@@ -8,21 +8,21 @@ import pytest
 from armctl.errors import ProgramError
 from armctl.program import EndStep, Program, RepeatStep, WaitStep, insert, load_program
 from armctl.runtime import ProgramProgress
-from armctl.ui.program_desk import ProgramDesk
+from armctl.ui.tabs.program.shared_program import SharedProgram
 
 WAIT = WaitStep(seconds=2)
 
 
 @pytest.fixture
-def desk(tmp_path: Path) -> ProgramDesk:
-    return ProgramDesk("uzuner", tmp_path / "programs")
+def desk(tmp_path: Path) -> SharedProgram:
+    return SharedProgram("uzuner", tmp_path / "programs")
 
 
-def record(desk: ProgramDesk) -> None:
+def record(desk: SharedProgram) -> None:
     desk.edit(lambda program: insert(program, len(program.steps), WAIT))
 
 
-def test_edit_and_undo(desk: ProgramDesk) -> None:
+def test_edit_and_undo(desk: SharedProgram) -> None:
     record(desk)
     record(desk)
     assert (len(desk.program.steps), desk.version) == (2, 2)
@@ -33,7 +33,7 @@ def test_edit_and_undo(desk: ProgramDesk) -> None:
         desk.undo()
 
 
-def test_an_edit_that_fails_or_changes_nothing_is_none(desk: ProgramDesk) -> None:
+def test_an_edit_that_fails_or_changes_nothing_is_none(desk: SharedProgram) -> None:
     record(desk)
     with pytest.raises(ProgramError):
         desk.edit(lambda program: insert(program, 9, WAIT))
@@ -41,7 +41,7 @@ def test_an_edit_that_fails_or_changes_nothing_is_none(desk: ProgramDesk) -> Non
     assert (len(desk.program.steps), desk.version) == (1, 1)
 
 
-def test_a_hundred_changes_can_be_taken_back(desk: ProgramDesk) -> None:
+def test_a_hundred_changes_can_be_taken_back(desk: SharedProgram) -> None:
     for _ in range(120):
         record(desk)
     for _ in range(100):
@@ -51,7 +51,7 @@ def test_a_hundred_changes_can_be_taken_back(desk: ProgramDesk) -> None:
         desk.undo()
 
 
-def test_save_and_load(desk: ProgramDesk) -> None:
+def test_save_and_load(desk: SharedProgram) -> None:
     record(desk)
     before = desk.version
     path = asyncio.run(desk.save("pick and place"))
@@ -67,7 +67,7 @@ def test_save_and_load(desk: ProgramDesk) -> None:
 
 
 @pytest.mark.parametrize("name", ["", "../x", "/etc/x", ".x", "a/b", "x\n", "a" * 62, "a\\b"])
-def test_a_name_that_leaves_the_folder_is_refused(desk: ProgramDesk, name: str) -> None:
+def test_a_name_that_leaves_the_folder_is_refused(desk: SharedProgram, name: str) -> None:
     with pytest.raises(ProgramError, match="is no program name"):
         asyncio.run(desk.save(name))
     with pytest.raises(ProgramError, match="is no program name"):
@@ -78,10 +78,10 @@ def test_a_name_that_leaves_the_folder_is_refused(desk: ProgramDesk, name: str) 
 def test_an_unusable_folder_is_told(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(ProgramError, match="cannot be made"):
-        asyncio.run(ProgramDesk("uzuner", tmp_path / "file" / "programs").save("a"))
+        asyncio.run(SharedProgram("uzuner", tmp_path / "file" / "programs").save("a"))
 
 
-def test_another_robots_program_changes_nothing(desk: ProgramDesk) -> None:
+def test_another_robots_program_changes_nothing(desk: SharedProgram) -> None:
     record(desk)
     before = (desk.program, desk.version)
     with pytest.raises(ProgramError, match="for the robot 'mico', this one is 'uzuner'"):
@@ -91,7 +91,7 @@ def test_another_robots_program_changes_nothing(desk: ProgramDesk) -> None:
     assert (len(desk.program.steps), desk.version) == (2, 2)
 
 
-def test_blocks_that_do_not_match_never_come_onto_the_desk(desk: ProgramDesk) -> None:
+def test_blocks_that_do_not_match_never_come_onto_the_desk(desk: SharedProgram) -> None:
     record(desk)
     before = (desk.program, desk.version)
     with pytest.raises(ProgramError, match="step 1: this 'repeat' has no 'end'"):
@@ -101,7 +101,7 @@ def test_blocks_that_do_not_match_never_come_onto_the_desk(desk: ProgramDesk) ->
     assert (desk.program, desk.version) == before
 
 
-def test_redo_makes_again_what_was_taken_back_until_something_else_is_edited(desk: ProgramDesk) -> None:
+def test_redo_makes_again_what_was_taken_back_until_something_else_is_edited(desk: SharedProgram) -> None:
     record(desk)
     record(desk)
     desk.undo()
@@ -124,7 +124,7 @@ def running(version: Program, coming: Program) -> ProgramProgress:
     return ProgramProgress(version.name, 0, len(version.steps), 0, None, version, coming)
 
 
-def test_it_knows_how_it_stands_to_the_program_that_the_arm_runs(desk: ProgramDesk) -> None:
+def test_it_knows_how_it_stands_to_the_program_that_the_arm_runs(desk: SharedProgram) -> None:
     record(desk)
     before = desk.program
     assert desk.relation(None) is None

@@ -13,9 +13,9 @@ from tests.runtime.kit import ROBOT, make_rig
 
 from armctl.errors import StateError
 from armctl.program import MoveStep, PointStep, Program, Step
-from armctl.ui import ProgramDesk
 from armctl.ui.guard import GuardedServer
 from armctl.ui.tabs.program.run import ProgramRun
+from armctl.ui.tabs.program.shared_program import SharedProgram
 
 FAR = PointStep(x_mm=999, y_mm=0, z_mm=100)
 HOME = MoveStep(joints_deg=(0, 90, -80, -40, 0))
@@ -34,7 +34,7 @@ class Verdict:
 
 @dataclass
 class Bench:
-    desk: ProgramDesk
+    desk: SharedProgram
     verdict: Verdict
     run: ProgramRun
 
@@ -44,10 +44,11 @@ class Bench:
 
 @pytest.fixture
 def bench(server: GuardedServer, tmp_path: Path) -> Bench:
-    desk, verdict = ProgramDesk("uzuner", tmp_path), Verdict()
+    desk, verdict = SharedProgram("uzuner", tmp_path), Verdict()
     session: Any = SimpleNamespace(
         gui=server.gui,
-        console=SimpleNamespace(programs=desk, robot=ROBOT),
+        console=SimpleNamespace(robot=ROBOT),
+        shared=lambda kind: desk,
         snapshot=make_rig().now,
         on=lambda attach, action: None,
     )

@@ -27,9 +27,13 @@ from armctl.runtime import (
     State,
     Ticket,
 )
-from armctl.ui import CalibrationDesk, Console, ProgramDesk, RobotChoice, RobotDesk
-from armctl.ui.robot_desk import RobotChange, release_to_leave, release_to_reopen, require_leavable
+from armctl.ui import CalibrationInForce, Console, RobotChoice, RobotSwitch
+from armctl.ui.robot_switch import RobotChange, release_to_leave, release_to_reopen, require_leavable
+from armctl.ui.tabs.calibration.shared_calibration import SharedCalibration
 from armctl.ui.tabs.main.boards import about, labelled
+from armctl.ui.tabs.program.shared_program import SharedProgram
+from armctl.ui.tabs.simulation.trail import Trail
+from armctl.ui.tabs.simulation.workspace import CloudStore
 
 SIMULATED = BoardIdentity("Pololu Micro Maestro 6-channel", "/dev/pts/3", simulated=True)
 REAL = BoardIdentity("Pololu Micro Maestro 6-channel", "/dev/ttyACM0")
@@ -68,6 +72,7 @@ class Rig:
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
+        self.store = CalibrationStore(folder / "calibrations")
         self.closed: list[str] = []
         self.told: list[RobotChange] = []
         self.opened: dict[str, FakeController] = {}
@@ -77,7 +82,7 @@ class Rig:
         self.robots: dict[str, Robot | ArmctlError] = {
             choice.name: load_robot(choice.name) for choice in CHOICES
         }
-        self.desk = RobotDesk(self.open("uzuner"), CHOICES[0], CHOICES, self.open)
+        self.desk = RobotSwitch(self.open("uzuner"), CHOICES[0], CHOICES, self.open)
         self.desk.on_change(self.told.append)
         self.arm(board=SIMULATED, state=State.HOLDING, powered=True, speed=0.4)
 
@@ -89,11 +94,12 @@ class Rig:
         controller = self.opened[name] = FakeController(snapshot_of(robot))
         self.on_open(controller)
         return Console(
-            robot=robot,
+            calibration=CalibrationInForce(
+                robot, "simulated", CalibrationStore(self.folder / "calibrations")
+            ),
             controller=cast(Any, controller),
             list_ports=list,
-            programs=ProgramDesk(name, self.folder / name),
-            calibrating=CalibrationDesk(robot, "simulated", CalibrationStore(self.folder / "calibrations")),
+            files=self.folder,
             default_port=port,
             close=lambda: self.closed.append(name),
         )
@@ -130,10 +136,10 @@ def test_the_new_arm_takes_the_place_of_the_old_one(rig: Rig) -> None:
     console = rig.desk.console
     assert (console.robot.n, rig.desk.present.name) == (4, "mico")
     assert console.operators is left.operators
-    assert console.programs.folder != left.programs.folder
-    assert console.trail is not left.trail
+    assert console.shared(SharedProgram).folder != left.shared(SharedProgram).folder
+    assert console.shared(Trail) is not left.shared(Trail)
     assert console.last_known is not left.last_known
-    assert console.clouds is not left.clouds
+    assert console.shared(CloudStore) is not left.shared(CloudStore)
     assert rig.opened["mico"].commands == [SetSpeed(0.4), Connect("sim")]
     assert rig.closed == ["uzuner"]
     assert rig.told == [RobotChange("page 7", "Kinova MICO, 4 joints", None)]
@@ -394,14 +400,15 @@ def reopen(rig: Rig, port: str | None = None) -> None:
 def test_an_arm_that_is_opened_anew_goes_on_with_speed_marks_and_port(rig: Rig) -> None:
     left = rig.desk.console
     left.operators.arrive(7)
-    left.calibrating.work.add_mark("base", 1500.0, 0.0)
+    left.shared(SharedCalibration).work.add_mark("base", 1500.0, 0.0)
+    edited = left.shared(SharedProgram)
     reopen(rig)
     console = rig.desk.console
     assert console is not left
     assert console.operators is left.operators
     assert console.last_known is left.last_known
-    assert console.programs is left.programs
-    assert len(console.calibrating.work.joint("base").marks) == 1
+    assert console.shared(SharedProgram) is edited
+    assert len(console.shared(SharedCalibration).work.joint("base").marks) == 1
     assert rig.opened["uzuner"].commands == [SetSpeed(0.4), Connect("sim")]
     assert rig.closed == ["uzuner"]
     assert rig.told == [RobotChange("page 7", "Uzuner 5-DOF arm", None, "calibrated")]
@@ -477,10 +484,3 @@ def test_what_was_calibrated_at_the_terminal_meanwhile_takes_an_arm_that_is_open
         Calibration("uzuner", "simulated", "µs", {"elbow": elbow})
     )
     assert asyncio.run(rig.desk.needs_reopening("sim"))
-
-
-def test_the_program_on_the_desk_stays_when_the_arm_is_opened_anew(rig: Rig) -> None:
-    left = rig.desk.console
-    reopen(rig)
-    assert rig.desk.console is not left
-    assert rig.desk.console.programs is left.programs

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from armctl.robot import load_robot
-from armctl.ui.scene.trail import Trail
-from armctl.ui.scene.workspace import CloudStore, workspace_cloud
+from armctl.ui.scene.workspace import workspace_cloud
 from armctl.ui.tabs.simulation.joint_graph import JointHistory, legend_html
-from armctl.ui.tabs.simulation.workspace import cloud_html, picture_of, section_svg, section_words
+from armctl.ui.tabs.simulation.trail import Trail
+from armctl.ui.tabs.simulation.workspace import CloudStore, cloud_html, picture_of, section_svg, section_words
 
 ROBOT = load_robot("uzuner")
 
@@ -67,9 +67,9 @@ def test_colours_rise_with_the_value() -> None:
 
 def test_the_cloud_is_computed_once_for_all_pages() -> None:
     async def ask_twice() -> bool:
-        store = CloudStore()
-        first, second = await asyncio.gather(store.get(ROBOT), store.get(ROBOT))
-        return first is second and await store.get(ROBOT) is first
+        store = CloudStore(ROBOT)
+        first, second = await asyncio.gather(store.get(), store.get())
+        return first is second and await store.get() is first
 
     assert asyncio.run(ask_twice())
 

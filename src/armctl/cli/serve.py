@@ -19,7 +19,7 @@ from armctl.errors import ArmctlError, RobotFileError
 from armctl.hardware.ports import list_ports
 from armctl.robot import Robot, load_robot, shipped_robots
 from armctl.runtime import Connect, Origin
-from armctl.ui import App, CalibrationDesk, Console, PortChoice, ProgramDesk, RobotChoice, RobotDesk
+from armctl.ui import App, CalibrationInForce, Console, PortChoice, RobotChoice, RobotSwitch
 
 _LOOPBACK = ("127.0.0.1", "localhost", "::1")
 
@@ -51,7 +51,7 @@ def serve(robot: str, port: str, host: str, http_port: int, no_browser: bool) ->
     open_console = partial(_open_console, asked=port)
     console = open_console(robot, port)
     present = RobotChoice(robot, console.robot.title)
-    robots = RobotDesk(console, present, _robot_choices(present), open_console)
+    robots = RobotSwitch(console, present, _robot_choices(present), open_console)
     try:
         app = App(robots, host, http_port, token)
         try:
@@ -77,17 +77,16 @@ def _open_console(name: str, port: str, asked: str) -> Console:
         port: where it is to be connected.
         asked: the port that the user named at the start; it is always offered.
     """
-    calibrating = CalibrationDesk.of(load_robot(name), port)
-    robot = calibrating.robot
+    calibration = CalibrationInForce.of(load_robot(name), port)
+    robot = calibration.robot
     # Building the solver takes a while, and may find that there is none: here it keeps nobody waiting.
     _ = robot.inverse_kinematics
-    arm = Arm(robot, board=calibrating.board or NO_BOARD)
+    arm = Arm(robot, board=calibration.board or NO_BOARD)
     return Console(
-        robot=robot,
+        calibration=calibration,
         controller=arm.controller,
         list_ports=lambda: _port_choices(asked, robot),
-        programs=ProgramDesk(robot.name, user_data_path("armctl") / "programs" / robot.name),
-        calibrating=calibrating,
+        files=user_data_path("armctl"),
         close=arm.close,
         default_port=port,
     )

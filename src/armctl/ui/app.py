@@ -7,24 +7,20 @@ import logging
 from concurrent.futures import Future
 from contextlib import suppress
 
-import numpy as np
 import viser
 
 from armctl.runtime import Origin
-from armctl.ui.console import Console, known, page_name
+from armctl.ui.console import Console, page_name
 from armctl.ui.guard import GuardedServer, guarded_server
+from armctl.ui.page import TABS_WIDTH, Page
 from armctl.ui.panel import PANEL_WIDTH
-from armctl.ui.robot_desk import RobotChange, RobotDesk
+from armctl.ui.robot_switch import RobotChange, RobotSwitch
 from armctl.ui.scene.arm_figure import ArmFigure
 from armctl.ui.scene.stage import Stage, look_at_arm, set_lights
-from armctl.ui.session import Session
-from armctl.ui.tabs import PageTabs
 
 LOG = logging.getLogger("armctl.ui")
 FRAME_S = 1 / 30
 _FRAMES_A_REFRESH = 3
-_TABS_WIDTH = 440
-"""[px]"""
 
 
 class App:
@@ -34,11 +30,11 @@ class App:
     """
 
     def __init__(
-        self, robots: RobotDesk, host: str = "127.0.0.1", port: int = 8080, token: str | None = None
+        self, robots: RobotSwitch, host: str = "127.0.0.1", port: int = 8080, token: str | None = None
     ) -> None:
         self.robots = robots
         self.server: GuardedServer = guarded_server(host, port, token=token, label="armctl")
-        self._sessions: dict[int, Session] = {}
+        self._pages: dict[int, Page] = {}
         self.server.gui.configure_theme(
             dark_mode=False, show_logo=False, show_share_button=False, brand_color=(24, 100, 171)
         )
@@ -68,23 +64,14 @@ class App:
 
     async def _connect(self, client: viser.ClientHandle) -> None:
         self._console.operators.arrive(client.client_id)
-        client.gui.main_panel.dock_right()
-        client.gui.main_panel.set_width(_TABS_WIDTH)
         try:
             # the page has told its width before there were panels
-            self._build(client, PageTabs(client.gui), covered=_TABS_WIDTH + PANEL_WIDTH)
+            look_at_arm(client, self._console.robot, covered=TABS_WIDTH + PANEL_WIDTH)
+            page = self._pages[client.client_id] = Page(client, self.robots)
+            page.session.watch(self._operator_lost)
         except Exception:
             LOG.exception("%s could not be built", page_name(client.client_id))
             raise
-
-    def _build(self, client: viser.ClientHandle, tabs: PageTabs, covered: int = 0) -> Session:
-        """Give a page that is empty its session; ``covered`` px of its scene will be panels."""
-        look_at_arm(client, self._console.robot, covered)
-        with client.atomic():
-            session = Session(client, self.robots, tabs)
-        self._sessions[client.client_id] = session
-        session.watch(self._operator_lost)
-        return session
 
     def _draw_arm(self) -> None:
         self._stage = Stage(self.server.scene, self._console.robot)
@@ -96,28 +83,27 @@ class App:
             self._stage.remove()
             self._figure.remove()
             self._draw_arm()
-        for session in tuple(self._sessions.values()):
+        for page in tuple(self._pages.values()):
             try:
-                self._rebuild(session, change)
+                self._rebuild(page, change)
             except Exception:  # the other pages go on
-                LOG.exception("%s could not be built anew", page_name(session.client.client_id))
-                session.refuse("this page could not be built for the new robot; reload it", "Error")
+                LOG.exception("%s could not be built anew", page_name(page.client.client_id))
+                page.session.refuse("this page could not be built for the new robot; reload it", "Error")
 
-    def _rebuild(self, old: Session, change: RobotChange) -> None:
-        old.close()
-        del self._sessions[old.client.client_id]
-        with old.client.atomic():
-            old.clear()
-            session = self._build(old.client, old.tabs)
+    def _rebuild(self, page: Page, change: RobotChange) -> None:
+        look_at_arm(page.client, self._console.robot)
+        page.rebuild()
+        session = page.session
+        session.watch(self._operator_lost)
         if not session.operates:
             session.notify("Robot", f"{change.who} {change.did} {change.title}: this page shows it now.")
         elif change.not_connected is not None:
             session.notify("Robot", f"{change.not_connected}.", "yellow")
 
     async def _disconnect(self, client: viser.ClientHandle) -> None:
-        session = self._sessions.pop(client.client_id, None)
-        if session is not None:
-            session.close()
+        page = self._pages.pop(client.client_id, None)
+        if page is not None:
+            page.close()
         self._operator_lost(client.client_id, gone=True)
 
     def _operator_lost(self, client_id: int, *, gone: bool = False) -> None:
@@ -153,13 +139,11 @@ class App:
         with self.server.atomic():
             self._figure.pose(q, snapshot.gripper)
             self._figure.say("last known" if console.last_known.remembers(snapshot) else None)
-        if np.isnan(known(snapshot)).any():
-            console.trail.lift()
-        else:
-            console.trail.add(console.robot.forward(q)[:3, 3])
+        for listener in console.frame_listeners:
+            listener(snapshot)
 
     def _refresh_pages(self) -> None:
         snapshot = self._console.controller.snapshot
-        for session in tuple(self._sessions.values()):
+        for page in tuple(self._pages.values()):
             with suppress(RuntimeError):  # a page that has just gone
-                session.refresh(snapshot)
+                page.refresh(snapshot)

@@ -1,25 +1,27 @@
-"""What all browser pages share: the arm, its controller, who operates, the program being edited."""
+"""One arm and what all browser pages share: its controller, its calibration, who operates."""
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Protocol, Self, TypeVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
+from armctl.boards import board_name
+from armctl.calibration import Calibration, CalibrationStore, calibrated
+from armctl.errors import PortError
 from armctl.hardware import Source
 from armctl.robot import BoardKind, Robot
 from armctl.runtime import Controller, Event, Snapshot
-from armctl.ui.calibration_desk import CalibrationDesk
-from armctl.ui.program_desk import ProgramDesk
-from armctl.ui.scene.trail import Trail
-from armctl.ui.scene.workspace import CloudStore
 
 # Who operates the arm: one page at a time; the others watch, and may press STOP.
 
 
-class OperatorDesk:
+class Operators:
     """Hands the controls to one page. Used on the web server's event loop only."""
 
     def __init__(self) -> None:
@@ -141,25 +143,108 @@ class PortChoice:
     """there is a device; not just a way to ask for one"""
 
 
+class CalibrationInForce:
+    """The calibration that an arm runs by, as it was read when the arm was opened."""
+
+    def __init__(self, robot: Robot, board: str | None, store: CalibrationStore) -> None:
+        """Look up what is in force.
+
+        Args:
+            robot: as its file describes it, without a calibration.
+            board: what the store knows it by, as ``board_name`` says; None: none is there yet.
+            store: where calibrations are kept.
+
+        Raises:
+            CalibrationError: the calibration in force cannot be read, or does not fit the robot.
+        """
+        self.file_robot, self.board, self.store = robot, board, store
+        self.calibration: Calibration | None = None if board is None else store.load(robot.name, board)
+        """None: the arm runs by its robot file"""
+        self.robot = robot if self.calibration is None else calibrated(robot, self.calibration)
+        """the robot that the arm is built from"""
+
+    @classmethod
+    def of(cls, robot: Robot, port: str, store: CalibrationStore | None = None) -> Self:
+        """What is in force for a robot with the board on a port; may block, the ports are listed.
+
+        Raises:
+            CalibrationError: as the constructor.
+        """
+        try:
+            board = board_name(port, robot)
+        except PortError:  # nothing is plugged in yet; connecting asks again, and tells
+            board = None
+        return cls(robot, board, CalibrationStore() if store is None else store)
+
+    def is_overtaken(self) -> bool:
+        """Whether another program, or another page, has saved another calibration since. May block."""
+        if self.board is None:
+            return False
+        return self.store.load(self.file_robot.name, self.board) != self.calibration
+
+    async def holds_for(self, port: str) -> bool:
+        """Whether the arm runs by the calibration that is in force now for the board on a port.
+
+        Raises:
+            PortError: ``auto`` found no board, or more than one.
+            CalibrationError: the calibration in force cannot be read.
+        """
+        return await asyncio.to_thread(
+            lambda: board_name(port, self.file_robot) == self.board and not self.is_overtaken()
+        )
+
+
+class Shared(Protocol):
+    """What all pages share for one tab, so that reloading a page loses nothing.
+
+    One object an arm, made when a page first asks for it. Used on the web server's event loop only.
+    """
+
+    @classmethod
+    def of(cls, console: Console, before: Self | None) -> Self:
+        """Make it for an arm; ``before`` is that of the arm which was left for this one, if it had any."""
+        ...
+
+
+SharedT = TypeVar("SharedT", bound=Shared)
+
+
 @dataclass(frozen=True)
 class Console:
     """One arm and everything that the pages share. Used on the web server's event loop only."""
 
-    robot: Robot
+    calibration: CalibrationInForce
     controller: Controller
     list_ports: Callable[[], Sequence[PortChoice]]
-    programs: ProgramDesk
-    calibrating: CalibrationDesk
+    files: Path
+    """the folder of the user's files"""
     close: Callable[[], None]
     """ends the arm: controller and boards; may block for as long as a moving arm needs to come to rest"""
     default_port: str = "sim"
     """the port that the arm was opened for, as it is calibrated with the board on it"""
-    operators: OperatorDesk = field(default_factory=OperatorDesk)
+    operators: Operators = field(default_factory=Operators)
     last_known: LastKnown = field(default_factory=LastKnown)
     """where the arm was last known to stand"""
-    trail: Trail = field(default_factory=Trail)
-    """where the tool point has been"""
-    clouds: CloudStore = field(default_factory=CloudStore)
-    """the workspace cloud, computed once for all pages"""
     earlier: tuple[Event, ...] = ()
     """the log from before this arm was chosen, oldest first"""
+    frame_listeners: list[Callable[[Snapshot], None]] = field(
+        default_factory=list[Callable[[Snapshot], None]], init=False
+    )
+    """called at each frame that is drawn, 30 times a second"""
+    _shared: dict[type[Shared], Shared] = field(default_factory=dict[type[Shared], Shared], init=False)
+
+    @property
+    def robot(self) -> Robot:
+        """The arm, as it is calibrated."""
+        return self.calibration.robot
+
+    def shared(self, kind: type[SharedT]) -> SharedT:
+        """What all pages share of a kind."""
+        if kind not in self._shared:
+            self._shared[kind] = kind.of(self, None)
+        return cast(SharedT, self._shared[kind])
+
+    def carry_over(self, left: Console) -> None:
+        """Take over what was shared for the arm that is left, as far as it fits this one."""
+        for kind, state in left._shared.items():
+            self._shared[kind] = kind.of(self, state)

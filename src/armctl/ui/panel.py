@@ -4,18 +4,14 @@ from __future__ import annotations
 
 import asyncio
 import math
-from typing import TYPE_CHECKING
 
 import numpy as np
 import viser
 
 from armctl.runtime import Pause, Release, Resume, SetSpeed, Snapshot, State
+from armctl.ui.session import Session
 from armctl.ui.widgets.html import WARNING, LiveHtml, limited, muted, table
 from armctl.ui.widgets.rounding_note import rounding_note
-
-if TYPE_CHECKING:
-    from armctl.ui.session import Session
-
 
 PANEL_WIDTH = 250
 """[px]"""

@@ -1,4 +1,4 @@
-"""One browser page: its panel, its screens, its part of the scene."""
+"""What the parts of one browser page need: clicks become commands, refusals become notices."""
 
 from __future__ import annotations
 
@@ -11,12 +11,10 @@ import viser
 
 from armctl.errors import ArmctlError
 from armctl.runtime import Command, Origin, Snapshot, Ticket
-from armctl.ui.console import page_name
+from armctl.ui.console import SharedT, page_name
 from armctl.ui.notices import Color, Notices
-from armctl.ui.panel import ControlPanel
-from armctl.ui.robot_desk import RobotDesk
+from armctl.ui.robot_switch import RobotSwitch
 from armctl.ui.scene.ghost import Ghost
-from armctl.ui.tabs import PageTabs
 
 LOG = logging.getLogger("armctl.ui")
 Action = Callable[[], Awaitable[None]]
@@ -25,17 +23,15 @@ _HEARTBEAT_TIMEOUT_S = 3.0
 
 
 class Session:
-    """Builds a page's GUI for one arm, turns its clicks into commands, and draws snapshots into it.
+    """One page and the present arm.
 
     When the arm is changed, the page gets a new session. Everything here runs on the web server's event
     loop; nothing in it may block.
     """
 
-    def __init__(self, client: viser.ClientHandle, robots: RobotDesk, tabs: PageTabs) -> None:
-        """Build the page; ``tabs`` are its own, and empty."""
+    def __init__(self, client: viser.ClientHandle, robots: RobotSwitch) -> None:
         self.client = client
         self._notices = Notices(client)
-        self.tabs = tabs
         self.robots = robots
         self.console = robots.console
         self._tasks: set[asyncio.Task[None]] = set()
@@ -43,8 +39,6 @@ class Session:
         self.closed = False
         """page or arm is gone; whoever has waited for something must not write to the page any more"""
         self.ghost = Ghost(client.scene, self.console.robot)
-        self._panel = ControlPanel(self)
-        self._screens = tabs.fill(lambda screen: screen(self))
 
     @property
     def gui(self) -> viser.GuiApi:
@@ -66,12 +60,9 @@ class Session:
         """Whether this page has the controls."""
         return self.console.operators.operator == self.client.client_id
 
-    def refresh(self, snapshot: Snapshot) -> None:
-        """Draw a snapshot."""
-        with self.client.atomic():
-            self._panel.refresh(snapshot)
-            for screen in self._screens:
-                screen.refresh(snapshot)
+    def shared(self, kind: type[SharedT]) -> SharedT:
+        """What all pages share of a kind, for the present arm."""
+        return self.console.shared(kind)
 
     def on(self, attach: Callable[..., object], action: Action) -> None:
         """Run ``action`` on a handle's event; ``attach`` is its ``on_click``, ``on_update`` or ``on_upload``.
@@ -162,13 +153,10 @@ class Session:
         for task in tuple(self._tasks):
             task.cancel()
 
-    def clear(self) -> None:
-        """Take what was built off the page; its tabs stay, and the one that is open stays open."""
-        self._panel.remove()
+    def take_keys(self) -> None:
+        """No key does anything from now on."""
         for command in tuple(self._keys):
             self.take_key(command)
-        self.tabs.clear()
-        self.client.scene.reset()
 
     async def _watch(self, lost: Callable[[int], None]) -> None:
         storage = self.client.local_storage

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
@@ -66,19 +65,6 @@ def workspace_cloud(robot: Robot, count: int = _POINTS) -> WorkspaceCloud:
         workspace_extent(robot.chain, robot.limits),
         section_of(robot.chain, robot.limits),
     )
-
-
-class CloudStore:
-    """Computes the cloud off the event loop, once, for whoever asks first."""
-
-    def __init__(self) -> None:
-        self._cloud: asyncio.Task[WorkspaceCloud] | None = None
-
-    async def get(self, robot: Robot) -> WorkspaceCloud:
-        """The cloud of the console's arm."""
-        if self._cloud is None:
-            self._cloud = asyncio.create_task(asyncio.to_thread(workspace_cloud, robot))
-        return await asyncio.shield(self._cloud)
 
 
 class CloudFigure:

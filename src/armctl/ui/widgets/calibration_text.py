@@ -20,8 +20,8 @@ from armctl.calibration import (
     own_calibration,
 )
 from armctl.errors import ArmctlError, StateError
-from armctl.ui.calibration_desk import CalibrationDesk, CalibrationWork
-from armctl.ui.touched_points import TouchedPoints
+from armctl.ui.tabs.calibration.shared_calibration import CalibrationWork, SharedCalibration
+from armctl.ui.tabs.calibration.touched_points import TouchedPoints
 from armctl.ui.widgets.html import (
     date_and_time,
     fixed,
@@ -134,7 +134,7 @@ def overview_html(work: CalibrationWork) -> str:
     return text
 
 
-def draft_html(desk: CalibrationDesk) -> str:
+def draft_html(desk: SharedCalibration) -> str:
     """What saving would do, or why nothing can be saved."""
     try:
         drawn = desk.draft()

@@ -3,11 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    from armctl.ui.session import Session
-
+from armctl.ui.session import Session
 
 FIRST, PREVIOUS, NEXT, LAST = "First", "Prev", "Next", "Last"
 

@@ -18,8 +18,8 @@ from armctl.kinematics.velocity import (
     turning_speeds,
 )
 from armctl.robot import Robot
-from armctl.ui.tabs.manual.joints import held_at
 from armctl.ui.widgets.html import fixed, heading, muted, numbers, table
+from armctl.ui.widgets.joint_angles import held_at
 
 FloatArray = NDArray[np.float64]
 _ASIDE = 0.35

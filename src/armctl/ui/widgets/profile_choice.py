@@ -4,14 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 from armctl.errors import InputError
 from armctl.motion import PROFILES, Profile
+from armctl.ui.session import Session
 from armctl.ui.widgets.number_field import NumberField
-
-if TYPE_CHECKING:
-    from armctl.ui.session import Session
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 
 from armctl.hardware.board_titles import BOARD_SCALES
 from armctl.robot import OutputMap, Robot
-from armctl.ui.tabs.manual.joints import held_at
 from armctl.ui.widgets.html import fixed, muted
+from armctl.ui.widgets.joint_angles import held_at
 
 FloatArray = NDArray[np.float64]
 

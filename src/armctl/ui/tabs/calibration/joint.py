@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from functools import partial
-from typing import TYPE_CHECKING
 
 import numpy as np
 import viser
@@ -14,17 +13,14 @@ from numpy.typing import NDArray
 from armctl.errors import ArmctlError
 from armctl.robot import Robot
 from armctl.runtime import Jog, MoveGripper, Snapshot
-from armctl.ui.calibration_desk import End, Jaw
+from armctl.ui.session import Session
+from armctl.ui.tabs.calibration.shared_calibration import End, Jaw, SharedCalibration
 from armctl.ui.tabs.manual.joints import JointStepper, checked_percent
 from armctl.ui.widgets.calibration_text import fit_html, limits_html, marks_html, numbered
 from armctl.ui.widgets.hold import Hold, attach_hold
 from armctl.ui.widgets.html import LiveHtml, fixed, muted, sentence
 from armctl.ui.widgets.number_field import EditWatch, NumberField
 from armctl.ui.widgets.standing import calibrated_map, present_outputs, standing_gripper, standing_outputs
-
-if TYPE_CHECKING:
-    from armctl.ui.session import Session
-
 
 # Moving one joint slowly, to a mark on a protractor.
 
@@ -93,7 +89,7 @@ class CalibrationJoint:
 
     def __init__(self, session: Session) -> None:
         """Add the controls to the present container."""
-        self._session, self._work = session, session.console.calibrating.work
+        self._session, self._work = session, session.shared(SharedCalibration).work
         self._robot = session.console.robot
         self._titles = {joint.title: joint.name for joint in self._robot.joints if joint.lower < joint.upper}
         self._drawn = -1
@@ -205,7 +201,7 @@ class CalibrationGripper:
 
     def __init__(self, session: Session) -> None:
         """Add the controls to the present container."""
-        self._session, self._work = session, session.console.calibrating.work
+        self._session, self._work = session, session.shared(SharedCalibration).work
         gui = session.gui
         LiveHtml(gui, muted(_HOW))
         self._percent = gui.add_slider("Gripper %", min=0, max=100, step=1, initial_value=50)

@@ -2,23 +2,19 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 import viser
 
 from armctl.calibration import ToolError
 from armctl.errors import InputError
 from armctl.runtime import Snapshot
+from armctl.ui.session import Session
+from armctl.ui.tabs.calibration.shared_calibration import SharedCalibration
 from armctl.ui.tabs.manual.jog import ToolJog
 from armctl.ui.widgets.calibration_text import numbered, points_html, told_html
 from armctl.ui.widgets.html import LiveHtml, muted, numbers
 from armctl.ui.widgets.number_field import EditWatch, NumberField
 from armctl.ui.widgets.standing import standing_outputs
-
-if TYPE_CHECKING:
-    from armctl.ui.session import Session
-
 
 _TYPED = "as typed below"
 _SLOW_MM_S = 5.0
@@ -33,7 +29,7 @@ class CalibrationPoints:
 
     def __init__(self, session: Session) -> None:
         """Add the controls to the present container."""
-        self._session, self._points = session, session.console.calibrating.points
+        self._session, self._points = session, session.shared(SharedCalibration).points
         self._robot = session.console.robot
         self._drawn = -1
         gui = session.gui

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import viser
 
 from armctl.calibration import Version, check_pose
 from armctl.errors import InputError
 from armctl.runtime import MoveJoints, Snapshot, State
-from armctl.ui.robot_desk import release_to_reopen
+from armctl.ui.robot_switch import release_to_reopen
+from armctl.ui.session import Session
 from armctl.ui.tabs.calibration.joint import slow_duration
+from armctl.ui.tabs.calibration.shared_calibration import SharedCalibration
 from armctl.ui.widgets.calibration_text import (
     check_pose_html,
     draft_html,
@@ -20,10 +21,6 @@ from armctl.ui.widgets.calibration_text import (
     version_label,
 )
 from armctl.ui.widgets.html import LiveHtml, muted, sentence
-
-if TYPE_CHECKING:
-    from armctl.ui.session import Session
-
 
 _ROBOT_FILE = "robot file, no calibration"
 _LONGEST_NOTE = 120
@@ -45,7 +42,7 @@ class CalibrationSave:
 
     def __init__(self, session: Session) -> None:
         """Add the controls to the present container."""
-        self._session, self._desk = session, session.console.calibrating
+        self._session, self._desk = session, session.shared(SharedCalibration)
         self._drawn = -1
         gui = session.gui
         self._overview = LiveHtml(gui)

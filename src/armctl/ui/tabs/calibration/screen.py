@@ -2,20 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, ClassVar
-
-import viser
-
 from armctl.runtime import Snapshot
+from armctl.ui.session import Session
 from armctl.ui.tabs.calibration.joint import CalibrationGripper, CalibrationJoint
 from armctl.ui.tabs.calibration.points import CalibrationPoints
 from armctl.ui.tabs.calibration.save import CalibrationSave
+from armctl.ui.tabs.calibration.shared_calibration import SharedCalibration
 from armctl.ui.widgets.calibration_text import in_force_html
 from armctl.ui.widgets.html import LiveHtml, muted
-
-if TYPE_CHECKING:
-    from armctl.ui.session import Session
-
 
 _NOTHING = "The robot file gives neither servos nor encoders: there is no output to calibrate."
 
@@ -23,11 +17,8 @@ _NOTHING = "The robot file gives neither servos nor encoders: there is no output
 class CalibrationScreen:
     """The joint to move on top; below it marks, gripper, saving and known points as inner tabs."""
 
-    label: ClassVar[str] = "Calibration"
-    icon: ClassVar[viser.IconName | None] = None
-
     def __init__(self, session: Session) -> None:
-        gui, desk = session.gui, session.console.calibrating
+        gui, desk = session.gui, session.shared(SharedCalibration)
         gap = "<div style='height:6px'></div>"
         LiveHtml(gui, in_force_html(desk.in_force, desk.board) + gap)
         self._parts: list[CalibrationJoint | CalibrationGripper | CalibrationSave | CalibrationPoints] = []

@@ -6,7 +6,6 @@ import asyncio
 import math
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 import viser
@@ -16,14 +15,11 @@ from armctl.errors import ArmctlError, UnreachableError
 from armctl.kinematics import Target
 from armctl.kinematics.velocity import position_leaves_pitch
 from armctl.robot import Robot
-from armctl.ui.tabs.manual.joints import held_at
+from armctl.ui.session import Session
 from armctl.ui.widgets.html import LiveHtml, fixed, muted, refused, table
+from armctl.ui.widgets.joint_angles import held_at
 from armctl.ui.widgets.number_field import NumberField
 from armctl.ui.widgets.pose_figures import base_turns
-
-if TYPE_CHECKING:
-    from armctl.ui.session import Session
-
 
 # The tool pose fields of the Forward screen: X, Y, Z, pitch and roll, coupled with the joint angles.
 

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, ClassVar
-
 import numpy as np
 import viser
 from numpy.typing import NDArray
 
 from armctl.errors import ArmctlError
 from armctl.runtime import MoveJoints, Snapshot, State
+from armctl.ui.session import Session
 from armctl.ui.tabs.forward.coupling import (
     LAST,
     PRESENT,
@@ -27,10 +26,6 @@ from armctl.ui.widgets.pose_figures import jacobian_html, pose_html
 from armctl.ui.widgets.preview import Preview
 from armctl.ui.widgets.profile_choice import MOVEMENTS, ProfileChoice
 
-if TYPE_CHECKING:
-    from armctl.ui.session import Session
-
-
 FloatArray = NDArray[np.float64]
 _GO_NOTE = "Reference: each joint goes to its angle. Last position: the angles are added to where it stands."
 _SHOWN_NOTE = "What the ghost and the figures below stand for."
@@ -39,9 +34,6 @@ _NOTE = "Type joint angles, or a tool pose. Nothing moves until a Go button is p
 
 class ForwardScreen:
     """Angle and pose fields, the two ways to go, and the figures of a configuration."""
-
-    label: ClassVar[str] = "Forward"
-    icon: ClassVar[viser.IconName | None] = None
 
     def __init__(self, session: Session) -> None:
         self._session = session

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from html import escape
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,13 +10,10 @@ from numpy.typing import NDArray
 from armctl.errors import ArmctlError
 from armctl.kinematics.velocity import JointRates, joint_rates, tool_velocity, turning_speeds
 from armctl.robot import Robot
-from armctl.ui.tabs.manual.joints import held_at
+from armctl.ui.session import Session
 from armctl.ui.widgets.html import LiveHtml, fixed, muted, refused, table
+from armctl.ui.widgets.joint_angles import held_at
 from armctl.ui.widgets.number_field import NumberField
-
-if TYPE_CHECKING:
-    from armctl.ui.session import Session
-
 
 FloatArray = NDArray[np.float64]
 _RATE_DEG_S = 20.0

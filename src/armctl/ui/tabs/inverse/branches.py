@@ -3,15 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING
 
 from armctl.ui.scene.ghost import BranchGhosts, GhostMark
+from armctl.ui.session import Session
 from armctl.ui.tabs.inverse.answer import Answer, Verdict, standing_alike, verdicts_html
 from armctl.ui.widgets.html import LiveHtml, muted
-
-if TYPE_CHECKING:
-    from armctl.ui.session import Session
-
 
 _MOST_GHOSTS = 8
 _LEGEND = "In the 3D view green is the branch of least energy, blue is possible, red is refused."

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 import viser
@@ -12,6 +11,7 @@ from armctl.errors import InputError, UnreachableError
 from armctl.kinematics import CRITERIA, CRITERION_TEXT, checked_criterion
 from armctl.runtime import MoveJoints, MoveTo, Snapshot
 from armctl.ui.scene.stage import TargetMark
+from armctl.ui.session import Session
 from armctl.ui.tabs.inverse.answer import Answer, answer, answer_html, no_curve, solve
 from armctl.ui.tabs.inverse.branches import BranchView
 from armctl.ui.tabs.inverse.solution_table import PAGE_ROWS
@@ -22,10 +22,6 @@ from armctl.ui.widgets.plots import LinePlot
 from armctl.ui.widgets.preview import Preview
 from armctl.ui.widgets.profile_choice import MOVEMENTS, ProfileChoice
 
-if TYPE_CHECKING:
-    from armctl.ui.session import Session
-
-
 _NOTE = "Type where the tool shall be and press <b>Solve</b>. Nothing moves until a Go button is pressed."
 _SOLVES_FIRST = "This button solves the changed fields first, then goes at once."
 _OLD_LIST = "The list is of the fields as they were: press Solve first."
@@ -35,9 +31,6 @@ _DRAG_PAUSE_S = 0.1
 
 class InverseScreen:
     """Target, solutions, energy curve, and the two ways to go."""
-
-    label: ClassVar[str] = "Inverse"
-    icon: ClassVar[viser.IconName | None] = None
 
     def __init__(self, session: Session) -> None:
         self._session = session

@@ -4,18 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Awaitable, Callable
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from armctl.errors import ArmctlError
 from armctl.kinematics import Target
+from armctl.ui.session import Session
 from armctl.ui.widgets.number_field import EditWatch, NumberField
-
-if TYPE_CHECKING:
-    from armctl.ui.session import Session
-
 
 FloatArray = NDArray[np.float64]
 _GIZMO_SCALE = 0.12

@@ -6,16 +6,13 @@ from collections import Counter
 from collections.abc import Iterable, Sequence
 from html import escape
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from armctl.robot import BoardKind, Robot
 from armctl.runtime import Snapshot, State
 from armctl.ui.console import PortChoice
-from armctl.ui.robot_desk import RobotChoice, release_to_leave
+from armctl.ui.robot_switch import RobotChoice, release_to_leave
+from armctl.ui.session import Session
 from armctl.ui.widgets.html import LiveHtml, folded, muted, refused, sentence
-
-if TYPE_CHECKING:
-    from armctl.ui.session import Session
 
 
 class RobotChooser:

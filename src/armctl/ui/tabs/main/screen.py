@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import math
 from html import escape
-from typing import TYPE_CHECKING, ClassVar
 
 import viser
 
@@ -23,12 +22,9 @@ from armctl.runtime import (
     Snapshot,
     State,
 )
+from armctl.ui.session import Session
 from armctl.ui.tabs.main.boards import RobotChooser, board_html, enable_note, homing_html, ports_html
 from armctl.ui.widgets.html import WARNING, LiveHtml, time_of_day
-
-if TYPE_CHECKING:
-    from armctl.ui.session import Session
-
 
 _LOG_LINES = 14
 _LEVEL_COLOR = {"warning": WARNING, "error": "#c92a2a"}
@@ -41,9 +37,6 @@ _DISCONNECT_DROPS = (
 
 class MainScreen:
     """Choose a robot, connect, enable, go home, and read what happened."""
-
-    label: ClassVar[str] = "Main"
-    icon: ClassVar[viser.IconName | None] = None
 
     def __init__(self, session: Session) -> None:
         self._session = session

@@ -13,9 +13,10 @@ from armctl.errors import ArmctlError
 from armctl.robot import Robot
 from armctl.runtime import Jog, JogTool, MoveGripper, Snapshot
 from armctl.runtime.tool_line import tool_turns
-from armctl.ui.tabs.manual.joints import checked_percent, held_at
+from armctl.ui.tabs.manual.joints import checked_percent
 from armctl.ui.widgets.hold import Hold, attach_hold
 from armctl.ui.widgets.html import LiveHtml, muted, table
+from armctl.ui.widgets.joint_angles import held_at
 
 if TYPE_CHECKING:
     from collections.abc import Callable

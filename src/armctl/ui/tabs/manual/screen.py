@@ -2,25 +2,16 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, ClassVar
-
-import viser
-
 from armctl.runtime import Snapshot
+from armctl.ui.session import Session
 from armctl.ui.tabs.manual.jog import JogControl
 from armctl.ui.tabs.manual.joints import JointControl
 from armctl.ui.tabs.program.screen import SerialMotion
 from armctl.ui.widgets.live_readout import LiveReadout
 
-if TYPE_CHECKING:
-    from armctl.ui.session import Session
-
 
 class ManualScreen:
     """Three inner tabs, so that each fits a laptop's screen."""
-
-    label: ClassVar[str] = "Manual"
-    icon: ClassVar[viser.IconName | None] = None
 
     def __init__(self, session: Session) -> None:
         self._readout = LiveReadout(session.console.robot)

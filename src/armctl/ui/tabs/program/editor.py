@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable
-from typing import TYPE_CHECKING
 
 import viser
 
@@ -12,14 +11,12 @@ from armctl.errors import StateError
 from armctl.program import Program, Step, replace
 from armctl.program.check import check_program
 from armctl.runtime import UpdateProgram
+from armctl.ui.session import Session
 from armctl.ui.tabs.program.editing import FIELDS, Change, StepField, edited, fields_of, shown
+from armctl.ui.tabs.program.shared_program import SharedProgram
 from armctl.ui.tabs.program.step_list import describe, page_of
 from armctl.ui.widgets.html import LiveHtml, muted
 from armctl.ui.widgets.number_field import EditWatch
-
-if TYPE_CHECKING:
-    from armctl.ui.session import Session
-
 
 EDIT_WAITS = "the edit takes effect at the next pass"
 
@@ -29,7 +26,7 @@ class ProgramEditor:
 
     def __init__(self, session: Session) -> None:
         self._session = session
-        self._desk = session.console.programs
+        self._desk = session.shared(SharedProgram)
         self.selected = 0
         """index of the selected row"""
         self.page = 0
@@ -144,7 +141,7 @@ class ProgramStepForm:
             self._head.show(muted(_NOTHING))
             return
         session = self._session
-        relation = session.console.programs.relation(session.snapshot.program)
+        relation = session.shared(SharedProgram).relation(session.snapshot.program)
         waits = f"; {EDIT_WAITS}" if relation == "coming" else ""
         self._head.show(muted(f"Row {self._editor.selected + 1}: {describe(step)[0]}{waits}"))
 

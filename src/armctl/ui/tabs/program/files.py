@@ -4,19 +4,16 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Awaitable, Callable
-from typing import TYPE_CHECKING
 
 import viser
 
 from armctl.errors import ProgramError
 from armctl.program import PROGRAM_SUFFIXES, encode_program, read_program, write_csv, write_script
 from armctl.program.check import ProgramFinding
+from armctl.ui.session import Session
+from armctl.ui.tabs.program.shared_program import SharedProgram
 from armctl.ui.widgets.html import LiveHtml, muted
 from armctl.ui.widgets.verdict_list import first_error
-
-if TYPE_CHECKING:
-    from armctl.ui.session import Session
-
 
 _NONE = "(none saved yet)"
 _UPLOAD_NOTE = (
@@ -33,7 +30,7 @@ class ProgramFiles:
         """Add the controls; ``check`` checks the program on the desk and shows the verdict."""
         self._session = session
         self._check = check
-        self._desk = session.console.programs
+        self._desk = session.shared(SharedProgram)
         self._version = -1
         self._named = self._desk.program.name
         gui = session.gui

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+import math
 
 import numpy as np
 
@@ -21,14 +21,12 @@ from armctl.program import (
 )
 from armctl.program.program import LONGEST_WAIT_S, MOST_REPEATS, SLOWEST_PERCENT
 from armctl.robot import Robot
-from armctl.ui.tabs.manual.joints import checked_seconds, present_pose_deg
+from armctl.runtime import Snapshot
+from armctl.ui.session import Session
 from armctl.ui.tabs.program import editing as step_edit
 from armctl.ui.tabs.program.editor import ProgramEditor
 from armctl.ui.widgets.html import LiveHtml, muted, numbers
-
-if TYPE_CHECKING:
-    from armctl.ui.session import Session
-
+from armctl.ui.widgets.joint_angles import slider_degrees
 
 # Steps made of where the arm stands.
 
@@ -85,6 +83,32 @@ def step_here(kind: str, robot: Robot, pose_deg: tuple[float, ...], via_mm: Poin
 
 def _degrees(angle: float | None) -> float | None:
     return None if angle is None else round(float(np.degrees(angle)), _POINT_DIGITS) + 0.0
+
+
+def present_pose_deg(robot: Robot, snapshot: Snapshot) -> tuple[float, ...]:
+    """The pose to record, in degrees: what the arm was told last; before that, what its board says.
+
+    Raises:
+        StateError: the arm was told nothing, and its board does not know.
+    """
+    if snapshot.commanded:
+        return tuple(slider_degrees(robot, snapshot.q_command))
+    if np.isfinite(snapshot.q).all():
+        return tuple(slider_degrees(robot, snapshot.q))
+    raise StateError(
+        f"the arm is {snapshot.state.value}, so nobody knows where it stands; connect and enable it first"
+    )
+
+
+def checked_seconds(value: float) -> float:
+    """How long to wait [s].
+
+    Raises:
+        InputError: not finite, or outside 0 … 86400.
+    """
+    if not math.isfinite(value) or not 0 <= value <= LONGEST_WAIT_S:
+        raise InputError(f"a wait of {value:g} s is outside 0 … {LONGEST_WAIT_S} s")
+    return float(value)
 
 
 _TOOL_HINT = "Where the tool is: as a point, or as the end of a straight line or of an arc through 'via'."

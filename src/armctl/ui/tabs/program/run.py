@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,13 +12,11 @@ from armctl.motion.preflight import not_checked
 from armctl.program import Cursor, Program
 from armctl.program.check import ProgramFinding, check_program
 from armctl.runtime import Pause, Resume, RunProgram
+from armctl.ui.session import Session
 from armctl.ui.tabs.program.editor import ProgramEditor
+from armctl.ui.tabs.program.shared_program import SharedProgram
 from armctl.ui.widgets.html import LiveHtml, muted
 from armctl.ui.widgets.verdict_list import first_error, verdict_html
-
-if TYPE_CHECKING:
-    from armctl.ui.session import Session
-
 
 FloatArray = NDArray[np.float64]
 _MOST_LOOPS = 100_000
@@ -33,7 +30,7 @@ class ProgramRun:
         """Add the buttons; ``verdict`` is where the findings are shown."""
         self._session = session
         self._editor = editor
-        self._desk = session.console.programs
+        self._desk = session.shared(SharedProgram)
         self._verdict = verdict
         self._verdict.visible = False
         self._checked: tuple[Program, tuple[float, ...] | None, list[ProgramFinding]] | None = None

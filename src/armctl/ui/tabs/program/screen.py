@@ -3,26 +3,24 @@
 from __future__ import annotations
 
 from html import escape
-from typing import TYPE_CHECKING
 
 from armctl.errors import InputError
 from armctl.runtime import Snapshot
+from armctl.ui.session import Session
 from armctl.ui.tabs.program.editor import EDIT_WAITS, ProgramEditor, ProgramStepForm
 from armctl.ui.tabs.program.files import ProgramFiles
 from armctl.ui.tabs.program.record import ProgramExtras, ProgramRecord
 from armctl.ui.tabs.program.run import ProgramRun
+from armctl.ui.tabs.program.shared_program import SharedProgram
 from armctl.ui.tabs.program.step_list import page_count, page_of, step_table
 from armctl.ui.widgets.html import WARNING, LiveHtml
-
-if TYPE_CHECKING:
-    from armctl.ui.session import Session
 
 
 class SerialMotion:
     """The list of the program on the desk, and around it what changes and runs it."""
 
     def __init__(self, session: Session) -> None:
-        self._desk = session.console.programs
+        self._desk = session.shared(SharedProgram)
         self._editor = ProgramEditor(session)
         self._running: int | None = None
         self._drawn: tuple[object, ...] = ()

@@ -2,26 +2,17 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, ClassVar
-
-import viser
-
 from armctl.runtime import Snapshot
-from armctl.ui.scene.trail import TrailLine
-from armctl.ui.tabs.manual.live_target import LiveTarget
+from armctl.ui.session import Session
 from armctl.ui.tabs.simulation.joint_graph import ALL, JointGraph
+from armctl.ui.tabs.simulation.live_target import LiveTarget
+from armctl.ui.tabs.simulation.trail import Trail, TrailLine
 from armctl.ui.tabs.simulation.twin import TwinControl
 from armctl.ui.tabs.simulation.workspace import WorkspaceView
-
-if TYPE_CHECKING:
-    from armctl.ui.session import Session
 
 
 class SimulationScreen:
     """Live target, twin, tool trail, joint graphs and workspace cloud; each page has its own."""
-
-    label: ClassVar[str] = "Simulation"
-    icon: ClassVar[viser.IconName | None] = None
 
     def __init__(self, session: Session) -> None:
         self._session = session
@@ -55,7 +46,7 @@ class SimulationScreen:
         gui, session = self._session.gui, self._session
         self._trail = gui.add_checkbox("Tool trail", initial_value=True)
         self._clear = gui.add_button_group("Trail so far", ("Clear trail",))
-        self._line = TrailLine(session.client.scene, session.console.trail)
+        self._line = TrailLine(session.client.scene, session.shared(Trail))
         self._workspace = WorkspaceView(session)
         session.on(self._clear.on_click, self._on_clear)
 

@@ -6,7 +6,6 @@ import asyncio
 from dataclasses import dataclass
 from functools import partial
 from html import escape
-from typing import TYPE_CHECKING
 
 import numpy as np
 import viser
@@ -16,12 +15,10 @@ from armctl.program import Rehearsal, rehearse, rehearse_pose
 from armctl.runtime import Snapshot
 from armctl.ui.scene.arm_figure import ArmFigure
 from armctl.ui.scene.ghost import thicker
+from armctl.ui.session import Session
+from armctl.ui.tabs.program.shared_program import SharedProgram
 from armctl.ui.tabs.program.step_list import describe
 from armctl.ui.widgets.html import LiveHtml
-
-if TYPE_CHECKING:
-    from armctl.ui.session import Session
-
 
 _FRAME_S = 1 / 30
 _LINGER_S = 2.0
@@ -99,7 +96,7 @@ class TwinControl:
 
     async def _planned(self) -> tuple[Rehearsal, tuple[str, ...]]:
         """The plan, and its steps in words."""
-        snapshot, program = self._session.snapshot, self._session.console.programs.program
+        snapshot, program = self._session.snapshot, self._session.shared(SharedProgram).program
         if self._what.value == _PROGRAM:
             if not program.steps:
                 raise StateError(

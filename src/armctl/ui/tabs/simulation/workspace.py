@@ -6,13 +6,21 @@ import asyncio
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from armctl.runtime import Snapshot
-from armctl.ui.scene.workspace import COLOURINGS, CloudFigure, Colouring, SectionLines, WorkspaceCloud
+from armctl.ui.console import Console
+from armctl.ui.scene.workspace import (
+    COLOURINGS,
+    CloudFigure,
+    Colouring,
+    SectionLines,
+    WorkspaceCloud,
+    workspace_cloud,
+)
 from armctl.ui.widgets.html import LiveHtml, fixed, muted
 
 if TYPE_CHECKING:
@@ -163,6 +171,26 @@ _TURNED_RAD = 0.01
 _UPRIGHT = 1e-9
 
 
+class CloudStore:
+    """Computes the cloud off the event loop, once, for whoever asks first."""
+
+    def __init__(self, robot: Robot) -> None:
+        self._robot = robot
+        self._cloud: asyncio.Task[WorkspaceCloud] | None = None
+
+    @classmethod
+    def of(cls, console: Console, before: Self | None) -> Self:
+        """That of the console's arm."""
+        del before
+        return cls(console.robot)
+
+    async def get(self) -> WorkspaceCloud:
+        """The cloud of the arm."""
+        if self._cloud is None:
+            self._cloud = asyncio.create_task(asyncio.to_thread(workspace_cloud, self._robot))
+        return await asyncio.shield(self._cloud)
+
+
 class WorkspaceView:
     """Two checkboxes, what they draw, and the figures. Made for one page; computed once for all."""
 
@@ -237,7 +265,7 @@ class WorkspaceView:
         self._section_text.show(muted(section_words(model)))
 
     async def _computed(self) -> WorkspaceCloud:
-        self._model = await self._session.console.clouds.get(self._robot)
+        self._model = await self._session.shared(CloudStore).get()
         return self._model
 
 

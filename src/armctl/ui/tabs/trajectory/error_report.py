@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-from typing import TYPE_CHECKING
 
 import numpy as np
 import viser
@@ -23,14 +22,11 @@ from armctl.motion.error_report import (
 )
 from armctl.robot import Robot
 from armctl.runtime import Ticket
+from armctl.ui.session import Session
 from armctl.ui.tabs.trajectory.motions import PlannedMotion
 from armctl.ui.widgets.html import LiveHtml, fixed, heading, muted, table
 from armctl.ui.widgets.pager import Pager
 from armctl.ui.widgets.preview import Preview
-
-if TYPE_CHECKING:
-    from armctl.ui.session import Session
-
 
 # The error report of a path: what was asked for, what the solver reaches, what was read back.
 

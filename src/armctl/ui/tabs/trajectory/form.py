@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import asyncio
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from armctl.kinematics import CRITERIA
 from armctl.motion.plan import Passing
+from armctl.ui.session import Session
+from armctl.ui.tabs.program.shared_program import SharedProgram
 from armctl.ui.tabs.trajectory.motions import (
     ARC,
     JOINT_BY_JOINT,
@@ -31,10 +32,6 @@ from armctl.ui.tabs.trajectory.tool_path_form import PRESENT, EndChoice, ToolPat
 from armctl.ui.widgets.html import LiveHtml, muted, refused
 from armctl.ui.widgets.number_field import EditWatch, NumberField
 from armctl.ui.widgets.profile_choice import ALL_PROFILES, ProfileChoice
-
-if TYPE_CHECKING:
-    from armctl.ui.session import Session
-
 
 FloatArray = NDArray[np.float64]
 _CHOOSE_HINT = "What is least energy among the solutions of a point."
@@ -107,7 +104,7 @@ class MotionForm:
         if self.is_study:
             return (motion, *self.study.settings)
         if motion == PROGRAM:
-            return motion, self._session.console.programs.version
+            return motion, self._session.shared(SharedProgram).version
         ends: tuple[object, ...] = ()
         if motion in TEST_PATHS:
             ends = (self._passing.value, self._blend.text)
@@ -137,7 +134,7 @@ class MotionForm:
             end=self._to.asked(present) if motion == JOINTS else None,
             tool=self._tool_wish(motion),
             points=PointWish(self._passed, self._blend.value / 1000 if self._blend.visible else 0.0),
-            program=self._session.console.programs.program if motion == PROGRAM else None,
+            program=self._session.shared(SharedProgram).program if motion == PROGRAM else None,
             present=present,
             opening=self._session.snapshot.gripper,
         )

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable
-from typing import TYPE_CHECKING
 
 import numpy as np
 import viser
@@ -12,6 +11,7 @@ import viser
 from armctl.errors import InputError
 from armctl.motion.analysis import analysis_csv
 from armctl.motion.figure import FigureForm, TitledMotion, figure_bytes
+from armctl.ui.session import Session
 from armctl.ui.tabs.trajectory.graphs import (
     LIMITS,
     OF,
@@ -25,10 +25,6 @@ from armctl.ui.tabs.trajectory.motions import CompareView, PlannedMotion, ShownM
 from armctl.ui.widgets.html import LiveHtml, muted
 from armctl.ui.widgets.plots import LinePlot
 from armctl.ui.widgets.preview import Preview
-
-if TYPE_CHECKING:
-    from armctl.ui.session import Session
-
 
 # The cursor of a motion: a slider over its time, or played, with the ghost and the numbers there.
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 import viser
@@ -12,6 +11,7 @@ from numpy.typing import NDArray
 from armctl.errors import ArmctlError, InputError, MotionRefusedError
 from armctl.motion import not_checked
 from armctl.runtime import Follow, MoveJoints, RunProgram, Snapshot
+from armctl.ui.session import Session
 from armctl.ui.tabs.trajectory.error_report import ReportView, finished
 from armctl.ui.tabs.trajectory.form import MotionForm
 from armctl.ui.tabs.trajectory.graph_view import GraphView
@@ -21,10 +21,6 @@ from armctl.ui.tabs.trajectory.study import StudyView, make_study
 from armctl.ui.widgets.html import LiveHtml, refused, warned
 from armctl.ui.widgets.preview import Preview
 from armctl.ui.widgets.verdict_list import verdict_html
-
-if TYPE_CHECKING:
-    from armctl.ui.session import Session
-
 
 FloatArray = NDArray[np.float64]
 _NOTE = "Choose a motion and press <b>Show</b> to see it over time; <b>Run</b> executes what is shown."
@@ -36,9 +32,6 @@ _MOVED = 1e-6
 
 class TrajectoryScreen:
     """Choice, verdict, graphs, run, error report."""
-
-    label: ClassVar[str] = "Trajectory"
-    icon: ClassVar[viser.IconName | None] = None
 
     def __init__(self, session: Session) -> None:
         self._session = session

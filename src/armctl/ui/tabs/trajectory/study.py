@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 import viser
@@ -15,13 +14,10 @@ from armctl.errors import InputError
 from armctl.kinematics.workspace import longest_levers
 from armctl.motion.joint_study import JointStudy, Turning, study_csv, study_joints
 from armctl.robot import Robot
+from armctl.ui.session import Session
 from armctl.ui.widgets.html import LiveHtml, fixed, heading, muted, strong, table
 from armctl.ui.widgets.number_field import NumberField
 from armctl.ui.widgets.plots import COLORS, Line, LinePlot, Picture
-
-if TYPE_CHECKING:
-    from armctl.ui.session import Session
-
 
 # What to study joint by joint: how the joints turn, how fast, from where, for how long.
 

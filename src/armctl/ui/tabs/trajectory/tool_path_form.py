@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,11 +11,8 @@ from numpy.typing import NDArray
 from armctl.errors import InputError
 from armctl.kinematics import Target
 from armctl.motion import PitchMode, usual_pitch
+from armctl.ui.session import Session
 from armctl.ui.widgets.number_field import NumberField, NumbersField
-
-if TYPE_CHECKING:
-    from armctl.ui.session import Session
-
 
 # Where a motion on the Trajectory screen begins or ends: a pose, angles, or a point of the tool.
 

@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 from collections import deque
+from typing import Self
 
 import numpy as np
 import viser
 from numpy.typing import NDArray
+
+from armctl.runtime import Snapshot
+from armctl.ui.console import Console, known
 
 FloatArray = NDArray[np.float64]
 _POINTS = 600
@@ -20,6 +24,21 @@ class Trail:
     def __init__(self) -> None:
         self._points: deque[FloatArray] = deque(maxlen=_POINTS)
         self._count = 0
+
+    @classmethod
+    def of(cls, console: Console, before: Self | None) -> Self:
+        """Follow the arm from now on."""
+        del before  # another arm, or one calibrated otherwise
+        trail = cls()
+
+        def follow(snapshot: Snapshot) -> None:
+            if np.isnan(known(snapshot)).any():
+                trail.lift()
+            else:
+                trail.add(console.robot.forward(console.last_known.drawn(snapshot))[:3, 3])
+
+        console.frame_listeners.append(follow)
+        return trail
 
     @property
     def count(self) -> int:

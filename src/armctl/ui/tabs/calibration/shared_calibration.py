@@ -9,26 +9,24 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Literal, Self
 
-from armctl.boards import board_name
 from armctl.calibration import (
     LEAST_MARKS,
     Calibration,
-    CalibrationStore,
     JointCalibration,
     JointFit,
     Mark,
     Version,
-    calibrated,
     default_outputs,
     fit_joint,
     narrowed,
     own_calibration,
     safe_outputs,
 )
-from armctl.errors import InputError, PortError, StateError
+from armctl.errors import InputError, StateError
 from armctl.robot import OutputMap, Robot
 from armctl.runtime import wall_time
-from armctl.ui.touched_points import TouchedPoints
+from armctl.ui.console import CalibrationInForce, Console
+from armctl.ui.tabs.calibration.touched_points import TouchedPoints
 from armctl.ui.widgets.html import iso_time
 
 # Marks, safe limits and gripper of a calibration in the making.
@@ -268,68 +266,28 @@ _NO_BOARD = (
 )
 
 
-class CalibrationDesk:
+class SharedCalibration:
     """What is in force, what was measured since, and what was saved. Used on the server's event loop only."""
 
-    def __init__(
-        self,
-        robot: Robot,
-        board: str | None,
-        store: CalibrationStore,
-        now: Callable[[], float] = wall_time,
-    ) -> None:
-        """Look up what is in force.
-
-        Args:
-            robot: as its file describes it, without a calibration.
-            board: what the store knows it by, as ``board_name`` says; None: none is there yet.
-            store: where calibrations are kept.
-            now: seconds since the epoch.
-
-        Raises:
-            CalibrationError: the calibration in force cannot be read, or does not fit the robot.
-        """
-        self.board = board
-        self.in_force = None if board is None else store.load(robot.name, board)
-        """the calibration that the arm runs by; None: by its robot file"""
-        self.robot = robot if self.in_force is None else calibrated(robot, self.in_force)
-        """the robot that the arm is built from"""
-        self.work = CalibrationWork(robot, self.in_force)
-        self.points = TouchedPoints(self.robot, () if self.in_force is None else tuple(self.in_force.joints))
-        self._file_robot, self._store, self._now = robot, store, now
+    def __init__(self, in_force: CalibrationInForce, now: Callable[[], float] = wall_time) -> None:
+        """Begin without a mark; ``now`` gives seconds since the epoch."""
+        self._kept, self._now = in_force, now
+        self.board, self.in_force = in_force.board, in_force.calibration
+        self._file_robot, self._store = in_force.file_robot, in_force.store
+        self.work = CalibrationWork(in_force.file_robot, self.in_force)
+        self.points = TouchedPoints(
+            in_force.robot, () if self.in_force is None else tuple(self.in_force.joints)
+        )
 
     @classmethod
-    def of(cls, robot: Robot, port: str, store: CalibrationStore | None = None) -> Self:
-        """The desk of a robot with the board on a port; may block, the ports are listed.
+    def of(cls, console: Console, before: Self | None) -> Self:
+        """Go on with what was measured before the same arm was opened anew."""
+        made = cls(console.calibration)
+        if before is not None:
+            made.adopt(before)
+        return made
 
-        Raises:
-            CalibrationError: as the constructor.
-        """
-        try:
-            board = board_name(port, robot)
-        except PortError:  # nothing is plugged in yet; connecting asks again, and tells
-            board = None
-        return cls(robot, board, CalibrationStore() if store is None else store)
-
-    async def holds_for(self, port: str) -> bool:
-        """Whether the arm goes by what is in force now for the board on a port.
-
-        Raises:
-            PortError: ``auto`` found no board, or more than one.
-            CalibrationError: the calibration in force cannot be read.
-        """
-        return await asyncio.to_thread(self._holds_for, port)
-
-    def _holds_for(self, port: str) -> bool:
-        return board_name(port, self._file_robot) == self.board and not self._overtaken()
-
-    def _overtaken(self) -> bool:
-        """Whether another program, or another page, has brought something else in force since."""
-        if self.board is None:
-            return False
-        return self._store.load(self._file_robot.name, self.board) != self.in_force
-
-    def adopt(self, other: CalibrationDesk) -> None:
+    def adopt(self, other: SharedCalibration) -> None:
         """Go on with what was measured at another desk, if that is of the same arm on the same board."""
         key = (self._file_robot.name, self.board)
         if self.board is not None and key == (other._file_robot.name, other.board):
@@ -373,7 +331,7 @@ class CalibrationDesk:
         return await asyncio.to_thread(self._save, self.draft(note))
 
     def _save(self, drawn: Calibration) -> Version:
-        if self._overtaken():
+        if self._kept.is_overtaken():
             raise StateError(
                 f"another calibration of this arm on board {self.board} was saved since it was opened; press "
                 "Disconnect and Connect on the tab Main to go by it (the marks stay), then save"

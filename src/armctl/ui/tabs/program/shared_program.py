@@ -6,20 +6,21 @@ import asyncio
 import re
 from collections.abc import Callable
 from pathlib import Path
-from typing import Literal
+from typing import Literal, Self
 
 import msgspec
 
 from armctl.errors import ProgramError
 from armctl.program import Blocks, Program, load_program, save_program
 from armctl.runtime import ProgramProgress
+from armctl.ui.console import Console
 
 _NAME = re.compile(r"\w[\w .+-]{0,60}")
 _UNDO_STEPS = 100
 Relation = Literal["running", "coming", "other"]
 
 
-class ProgramDesk:
+class SharedProgram:
     """The program on the desk and the folder of saved ones. Used on the web server's event loop only."""
 
     def __init__(self, robot: str, folder: Path) -> None:
@@ -28,6 +29,12 @@ class ProgramDesk:
         self._version = 0
         self._undo: list[Program] = []
         self._redo: list[Program] = []
+
+    @classmethod
+    def of(cls, console: Console, before: Self | None) -> Self:
+        """Go on with the program of the same arm when it is opened anew."""
+        folder = console.files / "programs" / console.robot.name
+        return cls(console.robot.name, folder) if before is None or before.folder != folder else before
 
     @property
     def program(self) -> Program:

@@ -6,7 +6,6 @@ import asyncio
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from html import escape
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,12 +18,9 @@ from armctl.runtime.live_target import FOLLOW_EXPIRY_S, Follower
 from armctl.runtime.planner import LiveGoal, live_goal
 from armctl.ui.scene.arm_figure import ArmFigure
 from armctl.ui.scene.ghost import thicker
+from armctl.ui.session import Session
 from armctl.ui.widgets.html import WARNING, LiveHtml
 from armctl.ui.widgets.number_field import EditWatch, NumberField
-
-if TYPE_CHECKING:
-    from armctl.ui.session import Session
-
 
 # The orange twin that follows a target, exactly as the arm would, on the page's own clock.
 

@@ -106,7 +106,7 @@ class RobotChange:
     """what was done with it"""
 
 
-class RobotDesk:
+class RobotSwitch:
     """Holds the present console. Used on the web server's event loop only.
 
     The new arm is opened first, off the event loop; only when it is ready does it take the place of the
@@ -221,7 +221,7 @@ class RobotDesk:
         console = self._console
         if console.controller.snapshot.state not in (State.DISCONNECTED, State.FAULT):
             return False  # connected already: the controller refuses in words
-        return port != console.default_port or not await console.calibrating.holds_for(port)
+        return port != console.default_port or not await console.calibration.holds_for(port)
 
     async def reopen(self, origin: Origin, permit: Callable[[], None], port: str | None = None) -> None:
         """Open the present arm anew, as it is calibrated now, and connect it where it was connected.
@@ -300,18 +300,16 @@ class RobotDesk:
 
     def _take(self, choice: RobotChoice, opened: Console, earlier: tuple[Event, ...]) -> None:
         left = self._console
-        opened.calibrating.adopt(left.calibrating)
         kept = replace(opened, operators=left.operators, earlier=earlier)
-        if choice == self._present:
-            kept = replace(kept, programs=left.programs)
-            if _same_machine(left, opened):
-                kept = replace(kept, last_known=left.last_known)
+        if choice == self._present and _same_machine(left, opened):
+            kept = replace(kept, last_known=left.last_known)
+        kept.carry_over(left)
         self._present, self._console = choice, kept
 
 
 def _same_machine(left: Console, opened: Console) -> bool:
     """Whether the arm that is opened anew stands where the one before it stood."""
-    boards = {left.calibrating.board, opened.calibrating.board} - {None}
+    boards = {left.calibration.board, opened.calibration.board} - {None}
     same_line = left.default_port == opened.default_port and len(boards) < 2
     return same_line and left.robot.n == opened.robot.n  # its file may be another one by now
 

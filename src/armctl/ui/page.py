@@ -1,0 +1,68 @@
+"""One browser page: the control panel and the tabs, built from a session."""
+
+from __future__ import annotations
+
+import viser
+
+from armctl.runtime import Snapshot
+from armctl.ui.panel import ControlPanel
+from armctl.ui.robot_switch import RobotSwitch
+from armctl.ui.session import Session
+from armctl.ui.tabs import TABS, Screen
+
+TABS_WIDTH = 440
+"""[px]"""
+_STYLE = (
+    "<style>[data-dock-tab]{padding:0 .5em!important}"
+    "label[for],.mantine-Notification-description{color:#495057!important}</style>"
+)
+"""With the page's own, wider padding the tabs need a second row; its grey for labels is hard to read."""
+
+
+class Page:
+    """What one client sees. Its tabs outlive the arm: the open tab stays open when the arm changes."""
+
+    def __init__(self, client: viser.ClientHandle, robots: RobotSwitch) -> None:
+        """Add the tabs and build everything for the present arm."""
+        self.client, self._robots = client, robots
+        client.gui.main_panel.dock_right()
+        client.gui.main_panel.set_width(TABS_WIDTH)
+        client.gui.add_html(_STYLE)
+        group = client.gui.add_tab_group()
+        self._tabs = [(tab, group.add_tab(tab.label, tab.icon)) for tab in TABS]
+        self._build()
+
+    def _build(self) -> None:
+        gui = self.client.gui
+        self._contents: list[viser.GuiFolderHandle] = []
+        self._screens: list[Screen] = []
+        with self.client.atomic():
+            self.session = Session(self.client, self._robots)
+            self._panel = ControlPanel(self.session)
+            for tab, container in self._tabs:
+                with container:
+                    self._contents.append(gui.add_folder(None))
+                with self._contents[-1]:
+                    self._screens.append(tab.build(self.session))
+
+    def rebuild(self) -> None:
+        """The arm was changed: build everything anew for the present one."""
+        self.close()
+        with self.client.atomic():
+            self.session.take_keys()
+            self._panel.remove()
+            for content in self._contents:
+                content.remove()
+            self.client.scene.reset()
+            self._build()
+
+    def refresh(self, snapshot: Snapshot) -> None:
+        """Draw a snapshot."""
+        with self.client.atomic():
+            self._panel.refresh(snapshot)
+            for screen in self._screens:
+                screen.refresh(snapshot)
+
+    def close(self) -> None:
+        """The page or its arm is gone: end what waits for it."""
+        self.session.close()

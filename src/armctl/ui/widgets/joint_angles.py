@@ -1,0 +1,34 @@
+"""Joint angles as sliders and fields show them."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from armctl.robot import Joint, Robot
+
+FloatArray = NDArray[np.float64]
+_ROUNDING = 1e-9
+
+
+def held_at(joint: Joint) -> str | None:
+    """What the controls of a joint say whose limits are one and the same angle; None: it can turn."""
+    return f"held at {round(math.degrees(joint.lower), 2):g}°" if joint.lower == joint.upper else None
+
+
+def slider_limits(robot: Robot) -> FloatArray:
+    """(n, 2) ends of the sliders [degrees]: the limits, or the hundredth next to them inside.
+
+    The page writes them out, and a URDF has limits such as 1.91986 rad, which are 109.99987…°.
+    """
+    exact = np.degrees(robot.limits)
+    low, high = np.ceil(100 * exact[:, 0] - _ROUNDING) / 100, np.floor(100 * exact[:, 1] + _ROUNDING) / 100
+    return np.where((low < high)[:, None], np.stack([low, high], axis=1), exact)
+
+
+def slider_degrees(robot: Robot, q: FloatArray) -> list[float]:
+    """``q`` (n,) [rad] as slider positions: degrees rounded to 0.01, inside the limits."""
+    low, high = slider_limits(robot).T
+    return np.clip(np.round(np.degrees(q), 2), low, high).tolist()
