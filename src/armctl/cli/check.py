@@ -14,7 +14,7 @@ from armctl.cli.options import json_option, print_json
 from armctl.errors import ArmctlError, InputError
 from armctl.hardware.channel_refusal import channel_refusal
 from armctl.motion import Floor
-from armctl.motion.preflight import not_checked, preflight_batch
+from armctl.motion.preflight import not_checked, preflight
 from armctl.motion.profiles import PointToPoint
 from armctl.program import ProgramFinding, check_program, open_program
 from armctl.robot import Robot, is_urdf, load_robot
@@ -108,7 +108,6 @@ def _check_robot(robot: Robot) -> list[ProgramFinding]:
     robot.inverse_kinematics  # noqa: B018
     home = robot.pose("home")
     names = [name for name in robot.poses if name != "home"]
-    found = preflight_batch(robot, [PointToPoint.plan(robot, home, robot.pose(name)) for name in names])
     return [
         *_check_board(robot),
         *_check_rest(robot),
@@ -122,8 +121,8 @@ def _check_robot(robot: Robot) -> list[ProgramFinding]:
                 finding.kind,
                 "warning",
             )
-            for name, findings in zip(names, found, strict=True)
-            for finding in findings
+            for name in names
+            for finding in preflight(robot, PointToPoint.plan(robot, home, robot.pose(name)))
         ),
     ]
 

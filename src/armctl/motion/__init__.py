@@ -23,7 +23,6 @@ from armctl.motion.preflight import (
     Severity,
     not_checked,
     preflight,
-    preflight_batch,
     require_clear,
 )
 from armctl.motion.profiles import PROFILES, PointToPoint, ProfileName
@@ -74,7 +73,6 @@ __all__ = [
     "plan_spline",
     "plan_target",
     "preflight",
-    "preflight_batch",
     "require_clear",
     "solve",
     "stopping_s",

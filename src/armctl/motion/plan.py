@@ -13,7 +13,7 @@ from armctl.errors import InputError, MotionRefusedError, UnreachableError
 from armctl.kinematics import DEFAULT_STEP, Target, YawPitchRollSolver, checked_criterion
 from armctl.motion.blend import Leg, blend
 from armctl.motion.polynomial import PiecewisePolynomial
-from armctl.motion.preflight import preflight_batch, require_clear
+from armctl.motion.preflight import preflight, require_clear
 from armctl.motion.profiles import PointToPoint, ProfileName, checked_duration, shortest_words
 from armctl.motion.trajectory import JoinedTrajectory, SlowedTrajectory, Trajectory
 from armctl.robot import Robot
@@ -224,8 +224,8 @@ def _joined(
         except MotionRefusedError as cause:
             raise MotionRefusedError(f"from point {k + 1} to point {k + 2}: {cause}") from cause
     if checked:
-        for k, findings in enumerate(preflight_batch(robot, parts)):
-            errors = [finding for finding in findings if finding.severity == "error"]
+        for k, part in enumerate(parts):
+            errors = [finding for finding in preflight(robot, part) if finding.severity == "error"]
             if errors:
                 raise MotionRefusedError(f"from point {k + 1} to point {k + 2}: {errors[0]}")
     return JoinedTrajectory(parts)

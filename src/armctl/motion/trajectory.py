@@ -171,7 +171,7 @@ def peaks_of(trajectory: Trajectory) -> Peaks:
     may not be what it says of itself.
     """
     if isinstance(trajectory, JoinedTrajectory):
-        return _over([peaks_of(part) for part in trajectory.parts])
+        return combined([peaks_of(part) for part in trajectory.parts])
     if isinstance(trajectory, KnowsPeaks):
         return trajectory.peaks
     time = np.linspace(0.0, trajectory.duration, _SAMPLES)
@@ -182,7 +182,10 @@ def peaks_of(trajectory: Trajectory) -> Peaks:
     return Peaks(state.q.min(axis=0), state.q.max(axis=0), speed, np.abs(state.acceleration).max(axis=0))
 
 
-def _over(peaks: list[Peaks]) -> Peaks:
+def combined(peaks: Sequence[Peaks]) -> Peaks:
+    """The extremes of several motions together."""
+    if len(peaks) == 1:
+        return peaks[0]
     return Peaks(
         np.min([p.low for p in peaks], axis=0),
         np.max([p.high for p in peaks], axis=0),

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from armctl.errors import ArmctlError, ProgramError
 from armctl.motion.plan import solve
-from armctl.motion.preflight import Finding, Kind, Severity, preflight_batch
+from armctl.motion.preflight import Finding, Kind, Severity, preflight
 from armctl.motion.profiles import PROFILES
 from armctl.motion.trajectory import Trajectory
 from armctl.program.files.document import out_of_range
@@ -229,9 +229,8 @@ class _Walk:
         steps = self.program.steps
         paths = [isinstance(steps[index], LineStep | ArcStep) for index in self._steps]
         told: set[tuple[int, str, str]] = set()
-        found = preflight_batch(self.robot, self._trajectories, payload_kg, tool_paths=paths)
-        for index, findings in zip(self._steps, found, strict=True):
-            for finding in findings:
+        for index, trajectory, path in zip(self._steps, self._trajectories, paths, strict=True):
+            for finding in preflight(self.robot, trajectory, payload_kg, tool_path=path):
                 if (index, finding.kind, finding.part) not in told:  # the same of a block's second pass
                     told.add((index, finding.kind, finding.part))
                     yield ProgramFinding.of(index, finding)

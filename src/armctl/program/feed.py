@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from armctl.errors import ArmctlError, InputError, MotionRefusedError, ProgramError
 from armctl.motion.blend import Entry, Leg, blend
-from armctl.motion.preflight import preflight_batch
+from armctl.motion.preflight import preflight
 from armctl.motion.speed_plan import TooFastError
 from armctl.motion.timing import stopping_s
 from armctl.motion.trajectory import Trajectory
@@ -396,9 +396,8 @@ def _motions(
 def _first_refused(
     robot: Robot, trajectories: Sequence[Trajectory], tool_paths: Sequence[bool]
 ) -> tuple[int, ArmctlError] | None:
-    found = preflight_batch(robot, trajectories, tool_paths=tool_paths, at_rest=False)
-    for k, findings in enumerate(found):
-        for finding in findings:
+    for k, (trajectory, tool_path) in enumerate(zip(trajectories, tool_paths, strict=True)):
+        for finding in preflight(robot, trajectory, tool_path=tool_path, at_rest=False):
             if finding.severity == "error":
                 return k, MotionRefusedError(str(finding))
     return None

@@ -1,9 +1,8 @@
 """Pre-flight: what is wrong with a motion, before the arm makes it."""
 
-from armctl.motion.preflight.batch import Finding, Kind, Severity
 from armctl.motion.preflight.clearance import FLOOR_TOLERANCE_M, Floor, Obstacles, SelfCollision
-from armctl.motion.preflight.preflight import preflight, preflight_batch, require_clear
-from armctl.motion.preflight.torque import not_checked
+from armctl.motion.preflight.preflight import not_checked, preflight, require_clear
+from armctl.motion.preflight.sampled import Finding, Kind, Severity
 
 __all__ = [
     "FLOOR_TOLERANCE_M",
@@ -15,6 +14,5 @@ __all__ = [
     "Severity",
     "not_checked",
     "preflight",
-    "preflight_batch",
     "require_clear",
 ]

@@ -1,18 +1,26 @@
-"""All checks over whole motions, before the arm moves."""
+"""All checks of one motion, before the arm makes it."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
 
 from armctl.errors import InputError, MotionRefusedError
+from armctl.kinematics import GravityModel
 from armctl.kinematics.link_frames import LinkFrames
-from armctl.motion.preflight.batch import Batch, Finding
-from armctl.motion.preflight.clearance import Floor, KeepOut, Obstacles, SelfCollision
-from armctl.motion.preflight.rates import limit_findings, rate_findings, rest_findings
-from armctl.motion.preflight.singularity import Singularity
-from armctl.motion.preflight.torque import Torque
+from armctl.kinematics.samples import joint_samples
+from armctl.kinematics.velocity import NEAR
+from armctl.motion.preflight.clearance import Floor, Obstacles, SelfCollision, gap_finding
+from armctl.motion.preflight.sampled import Finding, Kind, SampledMotion
 from armctl.motion.trajectory import Trajectory
 from armctl.robot import Robot
+
+FloatArray = NDArray[np.float64]
+_CHUNK = 8192
+"""samples that are placed at once: what they need stays in the cache"""
 
 
 def preflight(
@@ -23,7 +31,13 @@ def preflight(
     tool_path: bool = False,
     at_rest: bool = True,
 ) -> list[Finding]:
-    """Check one motion; see ``preflight_batch``.
+    """Check one motion.
+
+    - Joint limits, speed and acceleration by the exact peaks where a trajectory knows them, else by
+      samples; rest at both ends.
+    - Floor, obstacles and self-collision over the whole motion (``gap_finding``). Where it starts below the
+      floor, or touching, it must not get worse.
+    - Singularities of the tool point, and gravity torque against stall torque, at the samples.
 
     Args:
         robot: whose limits, geometry, masses and surroundings.
@@ -38,7 +52,30 @@ def preflight(
     Raises:
         InputError: the trajectory has another number of joints, or a value that is not finite.
     """
-    return preflight_batch(robot, [trajectory], payload_kg, tool_paths=[tool_path], at_rest=at_rest)[0]
+    motion = SampledMotion.of(robot, trajectory)
+    gravity = _loaded(robot.gravity, payload_kg)
+    sources = (Floor(robot), Obstacles(robot), SelfCollision(robot))
+    gaps: list[list[FloatArray]] = [[] for _ in sources]
+    torques: list[FloatArray] = []
+    for low in range(0, len(motion.q), _CHUNK):
+        links = LinkFrames.at(robot.chain, motion.q[low : low + _CHUNK])
+        for source, known in zip(sources, gaps, strict=True):
+            known.append(source.gaps(links))
+        torques.append(gravity.torque_of(links))
+    findings = [
+        *_limit_findings(motion),
+        *_rate_findings(motion, "speed"),
+        *_rate_findings(motion, "acceleration"),
+    ]
+    for source, known in zip(sources, gaps, strict=True):
+        finding = gap_finding(motion, source, np.hstack(known))
+        if finding is not None:
+            findings.append(finding)
+    findings += _singularity_findings(motion, tool_path=tool_path)
+    findings += _torque_findings(motion, np.hstack(torques))
+    if at_rest:
+        findings += _rest_findings(motion)
+    return sorted(findings, key=lambda finding: (finding.severity != "error", finding.time))
 
 
 def require_clear(
@@ -62,58 +99,175 @@ def require_clear(
         raise MotionRefusedError(f"{errors[0]}{more}")
 
 
-def preflight_batch(
-    robot: Robot,
-    trajectories: Sequence[Trajectory],
-    payload_kg: float | None = None,
-    *,
-    tool_paths: Sequence[bool] | None = None,
-    at_rest: bool = True,
-) -> list[list[Finding]]:
-    """Check many motions in one pass over all their samples.
+# Joint limits, speeds and accelerations, rest at both ends.
 
-    - Joint limits, speed and acceleration by the exact peaks where a trajectory knows them
-      (``KnowsPeaks``), else by samples; rest at both ends.
-    - Floor, obstacles and self-collision over the whole of each motion (``KeepOut``). Where a motion
-      starts below the floor, or touching, it must not get worse.
-    - Singularities of the tool point, and gravity torque against stall torque, at the samples.
+_ANGLE_TOLERANCE = 1e-9
+_RATE_TOLERANCE = 1e-6
+_REST_SPEED = 1e-6
 
-    Args:
-        robot: whose limits, geometry, masses and surroundings.
-        trajectories: what is to be run; each counts for itself.
-        payload_kg: what the tool holds; None: what the robot file says.
-        tool_paths: for each, whether it leads the tool along a path; None: none does.
-        at_rest: whether they must start and end at rest.
 
-    Returns:
-        For each motion what ``preflight`` returns.
+def _limit_findings(motion: SampledMotion) -> Iterator[Finding]:
+    robot, peaks = motion.robot, motion.peaks
+    lower, upper = robot.limits.T
+    below, above = lower - peaks.low, peaks.high - upper
+    for j in np.flatnonzero(np.maximum(below, above) > _ANGLE_TOLERANCE).tolist():
+        joint, q = robot.joints[j], motion.q[:, j]
+        is_below = below[j] >= above[j]
+        at = int(q.argmin() if is_below else q.argmax())
+        angle, least, most = np.degrees(
+            [peaks.low[j] if is_below else peaks.high[j], joint.lower, joint.upper]
+        )
+        yield Finding(
+            float(motion.time[at]),
+            joint.title,
+            f"{angle:.2f}° is outside {least:.2f}° … {most:.2f}°",
+            "keep away from this limit: another target, another branch or a straighter way",
+            "limits",
+        )
 
-    Raises:
-        InputError: as ``preflight``, or another number of ``tool_paths``.
+
+def _rate_findings(motion: SampledMotion, kind: Kind) -> Iterator[Finding]:
+    """Joints whose speed or acceleration is over its limit."""
+    robot, peaks = motion.robot, motion.peaks
+    if kind == "speed":
+        most, limits, rates, unit, power = peaks.speed, robot.speed_limits, motion.velocity, "°/s", 1.0
+    else:
+        most, limits, rates = peaks.acceleration, robot.acceleration_limits, motion.acceleration
+        unit, power = "°/s²", 0.5
+    for j in np.flatnonzero(most > limits * (1 + _RATE_TOLERANCE)).tolist():
+        value, limit = np.degrees([most[j], limits[j]])
+        yield Finding(
+            float(motion.time[np.abs(rates[:, j]).argmax()]),
+            robot.joints[j].title,
+            f"{value:.1f} {unit} is over its limit of {limit:.1f} {unit}",
+            f"take {(most[j] / limits[j]) ** power:.2f} times as long",
+            kind,
+        )
+
+
+def _rest_findings(motion: SampledMotion) -> Iterator[Finding]:
+    for k, where in ((0, "starts"), (-1, "ends")):
+        speeds = np.abs(motion.velocity[k])
+        j = int(speeds.argmax())
+        if speeds[j] > _REST_SPEED:
+            yield Finding(
+                float(motion.time[k]),
+                motion.robot.joints[j].title,
+                f"the motion {where} at {np.degrees(speeds[j]):.2f} °/s",
+                "let it start and end at rest",
+                "rest",
+            )
+
+
+# Does the tool lose a direction? The isotropy is the smallest over the largest singular value of the tool
+# point's Jacobian.
+
+_LOST = 0.005
+"""isotropy below which a tool path that needs the hardest direction is refused"""
+_STRAINED = 0.25 / _LOST
+"""Joint travel per tool travel, in units of the best direction's, that shows that a path needs it."""
+_PROBES = 64
+
+
+def _singularity_findings(motion: SampledMotion, *, tool_path: bool) -> Iterator[Finding]:
+    """At most one finding.
+
+    A joint motion passes any singularity; a warning tells where it ends at one (below ``NEAR``), since lines
+    and jogs of the tool cannot well begin there. A path of the tool is checked all the way. There it is
+    an error where the direction that is lost is the one that the path takes: then the joints turn many
+    times as far as the tool's way asks for elsewhere.
     """
-    paths = [False] * len(trajectories) if tool_paths is None else list(tool_paths)
-    if len(paths) != len(trajectories):
-        raise InputError(f"{len(trajectories)} trajectories need as many tool_paths, got {len(paths)}")
-    found: list[list[Finding]] = [[] for _ in trajectories]
-    if not trajectories:
-        return found
-    batch = Batch.of(robot, trajectories)
-    at_start = LinkFrames.at(robot.chain, batch.starts)
-    checks = [
-        *(KeepOut(batch, gaps(robot), at_start) for gaps in (Floor, Obstacles, SelfCollision)),
-        Singularity(batch, paths),
-        Torque(batch, at_start, payload_kg),
-    ]
-    for chunk in batch.chunks():
-        links = LinkFrames.at(robot.chain, chunk.q)
-        for check in checks:
-            check.look(chunk, links)
-    sources = [limit_findings(batch), rate_findings(batch), *(check.findings() for check in checks)]
-    if at_rest:
-        sources.append(rest_findings(batch))
-    for source in sources:
-        for motion, finding in source:
-            found[motion].append(finding)
-    for findings in found:
-        findings.sort(key=lambda finding: (finding.severity != "error", finding.time))
-    return found
+    robot = motion.robot
+    q, time = (motion.q, motion.time) if tool_path else (motion.q[-1:], motion.time[-1:])
+    isotropy, largest = _isotropy(robot, q)
+    if isotropy.min() >= NEAR:
+        return
+    at, is_lost = int(isotropy.argmin()), False
+    lost = np.flatnonzero(isotropy[1:] < _LOST) + 1
+    if len(lost):
+        tool = robot.forward(q)[:, :3, 3]
+        way = np.linalg.norm(tool[lost] - tool[lost - 1], axis=1)
+        turn = np.linalg.norm(q[lost] - q[lost - 1], axis=1)
+        lost = lost[turn * largest[lost] > _STRAINED * way]
+    if len(lost):
+        at, is_lost = int(lost[isotropy[lost].argmin()]), True
+    probes, _ = _isotropy(robot, joint_samples(robot.limits, _PROBES))
+    if (probes <= NEAR).all():  # the tool is held to a line or a plane: no pose of it is special
+        return
+    percent = 100 * float(isotropy[at])
+    yield Finding(
+        float(time[at]),
+        "the tool",
+        f"{'at' if percent < 0.1 else 'near'} a singularity: in one direction it moves only "
+        f"{percent:.1f} % as freely as in the best",
+        "lead the path past there, or go joint by joint"
+        if is_lost
+        else "begin no lines and no jogs of the tool there: they would be slow, or refused",
+        "singularity",
+        "error" if is_lost else "warning",
+    )
+
+
+def _isotropy(robot: Robot, q: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Of configurations (m, n): the isotropy, and the largest singular value [m/rad], (m,) each."""
+    turning = robot.limits[:, 0] < robot.limits[:, 1]
+    J = robot.jacobian(q)[:, :3, turning]
+    squares = np.linalg.eigvalsh(J @ J.swapaxes(1, 2))
+    smallest, largest = np.sqrt(np.maximum(squares[:, [0, 2]], 0.0)).T
+    return smallest / np.maximum(largest, 1e-150), largest
+
+
+# Can the joints hold the arm and what it carries?
+
+_WARM = 0.5
+"""Above this share of its stall torque a motor is told of: held for long, it gets hot."""
+_TORQUE_TOLERANCE = 1e-3
+
+
+def _torque_findings(motion: SampledMotion, torques: FloatArray) -> Iterator[Finding]:
+    """Static gravity torque (n, m) [N·m] of each joint against its stall torque.
+
+    More than the stall torque is an error, unless the motion starts there and it gets no worse.
+    """
+    robot = motion.robot
+    if not robot.gravity.bodies:
+        return
+    for joint, torque in zip(robot.joints, np.abs(torques), strict=True):
+        stall = joint.stall_torque
+        if not stall:
+            continue
+        at = int(torque.argmax())
+        share = float(torque[at]) / stall
+        if share <= _WARM:
+            continue
+        over = share > max(float(torque[0]) / stall, 1.0) * (1 + _TORQUE_TOLERANCE)
+        yield Finding(
+            float(motion.time[at]),
+            joint.title,
+            f"gravity asks for {torque[at]:.2f} N·m, "
+            f"{100 * share:.0f} % of its stall torque of {stall:.2f} N·m",
+            "keep the load nearer to the joint, or take a lighter one"
+            if over
+            else "do not stay there for long: the motor gets hot",
+            "torque",
+            "error" if over else "warning",
+        )
+
+
+def not_checked(robot: Robot) -> tuple[str, ...]:
+    """What the pre-flight cannot judge, because the robot file gives no figures for it."""
+    if not robot.gravity.bodies:
+        return (f"gravity torque: the file of {robot.name} gives no masses",)
+    unknown = [joint.title for joint in robot.joints if joint.stall_torque is None]
+    if not unknown:
+        return ()
+    which = "any joint" if len(unknown) == robot.n else ", ".join(unknown)
+    return (f"gravity torque: the file of {robot.name} gives no stall torque of {which}",)
+
+
+def _loaded(gravity: GravityModel, payload_kg: float | None) -> GravityModel:
+    if payload_kg is None:
+        return gravity
+    if not 0.0 <= payload_kg < np.inf:
+        raise InputError(f"a payload must be a number of at least 0 kg, got {payload_kg}")
+    return replace(gravity, payload_kg=payload_kg)

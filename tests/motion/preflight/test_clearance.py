@@ -1,0 +1,175 @@
+"""Gaps to the floor, to obstacles and to the arm itself over whole motions."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+from tests.kinematics.kit import plain_frames
+from tests.motion.preflight.kit import arm, brute_gap, random_arm
+
+from armctl.kinematics import DHChain, DHRow
+from armctl.kinematics.link_frames import LinkFrames
+from armctl.motion import Trajectory
+from armctl.motion.preflight import FLOOR_TOLERANCE_M, Floor, Obstacles, SelfCollision, preflight
+from armctl.motion.preflight.clearance import Gaps
+from armctl.motion.preflight.sampled import SampledMotion
+from armctl.motion.profiles import PROFILES, PointToPoint
+from armctl.robot import Robot, load_robot
+from armctl.robot.body import capsule
+from armctl.robot.parts import Obstacle
+
+FloatArray = NDArray[np.float64]
+UZUNER, SCORBOT = load_robot("uzuner"), load_robot("scorbot")
+
+# Three links of a metre that turn the same way: between two samples the tool turns by 12 degrees.
+CHAIN = DHChain([DHRow(0.0, np.pi / 2, 4.0), *[DHRow(1.0, 0.0, 0.0)] * 3])
+ARM = arm(CHAIN, np.tile(np.radians([[-170.0, 170.0]]), (4, 1)))
+HANGING = np.radians([0.0, -90.0, 0.0, 0.0])
+"""the tool is at its lowest: 1 m above the base frame, straight below the shoulder"""
+DEPTH, RADIUS = 0.004, 0.02
+
+
+def swing() -> PointToPoint:
+    """Past the lowest point, which lies a quarter of the way: between the first two samples of three."""
+    turn = np.array([0.0, 1.0, 1.0, 1.0])
+    return PointToPoint.plan(ARM, HANGING - np.radians(2.0) * turn, HANGING + np.radians(6.0) * turn)
+
+
+def with_floor(depth: float) -> Robot:
+    return replace(ARM, floor_z=1.0 + depth)
+
+
+def with_obstacle(depth: float) -> Robot:
+    step = Obstacle("the step", np.array([-1.0, -1.0, 0.0]), np.array([1.0, 1.0, 1.0 - RADIUS + depth]))
+    return replace(with_body(-1.0), obstacles=(step,))
+
+
+def with_body(depth: float) -> Robot:
+    bar = np.array([[-1.0, 0.0, 1.0 - 2 * RADIUS + depth], [1.0, 0.0, 1.0 - 2 * RADIUS + depth]])
+    link = np.array([[-0.5, 0.0, 0.0], [0.0, 0.0, 0.0]])
+    titles = [joint.title for joint in ARM.joints]
+    body = (
+        capsule(CHAIN, titles, 0, (bar[0], bar[1]), RADIUS),
+        capsule(CHAIN, titles, 4, (link[0], link[1]), RADIUS),
+    )
+    return replace(ARM, capsules=body)
+
+
+@pytest.mark.parametrize(
+    ("build", "source", "kind"),
+    [
+        (with_floor, Floor, "floor"),
+        (with_obstacle, Obstacles, "obstacle"),
+        (with_body, SelfCollision, "self-collision"),
+    ],
+    ids=["floor", "obstacle", "self-collision"],
+)
+def test_a_dip_between_two_clear_samples_is_found(
+    build: Callable[[float], Robot], source: Callable[[Robot], Gaps], kind: str
+) -> None:
+    robot = build(DEPTH)
+    gaps = source(robot)
+    motion = swing()
+    at_samples = gaps.gaps(LinkFrames.at(CHAIN, SampledMotion.of(robot, motion).q))
+    assert at_samples.min() > DEPTH
+    (finding,) = [one for one in preflight(robot, motion) if one.kind == kind]
+    assert finding.severity == "error"
+    dense = motion.sample(np.linspace(0.0, motion.duration, 20_001)).q
+    worst = gaps.gaps(LinkFrames.at(CHAIN, dense)).min()
+    assert worst == pytest.approx(-DEPTH, abs=1e-6)
+    # one look inside is enough: the deepest place is not searched for
+    assert 0.0 < float(finding.what.split(" mm")[0]) <= 1000 * DEPTH
+    assert [one for one in preflight(build(-DEPTH), motion) if one.kind == kind] == []
+
+
+def motions(robot: Robot, seed: int, count: int) -> list[Trajectory]:
+    rng = np.random.default_rng(seed)
+    q = rng.uniform(robot.limits[:, 0], robot.limits[:, 1], (count + 1, robot.n))
+    return [
+        PointToPoint.plan(robot, a, b, None, PROFILES[k % len(PROFILES)])
+        for k, (a, b) in enumerate(pairwise(q))
+    ]
+
+
+def dense(trajectory: Trajectory, count: int = 1500) -> FloatArray:
+    return trajectory.sample(np.linspace(0.0, trajectory.duration, count)).q
+
+
+@settings(max_examples=12)
+@given(st.integers(0, 10_000))
+def test_no_dip_below_the_floor_is_missed(seed: int) -> None:
+    robot = random_arm(seed % 7) if seed % 2 else UZUNER
+    for trajectory in motions(robot, seed, 3):
+        q = dense(trajectory, 200)
+        heights = np.array([lowest_corners(robot, row) for row in q]) - robot.floor_z
+        allowed = np.minimum(heights[0], 0.0) - FLOOR_TOLERANCE_M
+        lacking = float((allowed - heights).max())
+        found = any(f.kind == "floor" for f in preflight(robot, trajectory))
+        if lacking > 1e-3:
+            assert found
+        if lacking < -1e-3:
+            assert not found
+
+
+def lowest_corners(robot: Robot, q: FloatArray) -> list[float]:
+    """Heights of origins and of the ends of a and d, by plain products."""
+    chain = robot.chain
+    frames = plain_frames(chain.rows, chain.convention, q)
+    heights: list[float] = []
+    for row, before, after in zip(chain.rows, frames[:-1], frames[1:], strict=True):
+        corner = before @ ([row.a_m, 0, 0, 1] if chain.convention == "modified" else [0, 0, row.d_m, 1])
+        heights += [corner[2], after[2, 3]]
+    return heights
+
+
+@settings(max_examples=15)
+@given(st.integers(0, 10_000))
+def test_no_touch_is_missed(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    # folded more than not, so that many motions touch
+    low, high = np.radians([[-20, 0, 80, -60, 0], [20, 35, 130, 0, 1]])
+    a, b = rng.uniform(low, high, (2, 5))
+    trajectory = PointToPoint.plan(SCORBOT, a, b)
+    model = SCORBOT.collision
+    pairs = [(model.capsules[i], model.capsules[j]) for i, j in model.pairs]
+    gaps = np.array([[brute_gap(SCORBOT, *pair, q, 40) for pair in pairs] for q in dense(trajectory, 30)])
+    lacking = float((np.minimum(gaps[0], 0.0) - gaps).max())
+    found = any(f.kind == "self-collision" for f in preflight(SCORBOT, trajectory))
+    if lacking > 0.008:  # what 40 points an axis can be wrong by
+        assert found
+    if lacking < -0.02:
+        assert not found
+
+
+def test_the_turning_column_is_exempt_and_the_tool_is_the_last_part() -> None:
+    floor = Floor(UZUNER)
+    assert "the base" not in floor.parts
+    assert floor.parts[-1] == "the tool"
+    assert "the link behind elbow" in floor.parts
+
+
+def test_heights_are_those_of_the_frames() -> None:
+    floor = Floor(UZUNER)
+    q = np.radians([20, 40, -30, -60, 10])
+    height = 0.163 + 0.125 * math.sin(q[1]) + 0.104 * math.sin(q[1] + q[2]) + 0.101 * math.sin(q[1:4].sum())
+    assert floor.clearance(q)[-1] == pytest.approx(height)
+    # the lowest corner is never above any point of the straight arm between its joints
+    elbow = 0.163 + 0.125 * math.sin(q[1])
+    assert np.abs(floor.clearance(q) - elbow).min() < 1e-12
+
+
+def test_it_takes_many_configurations_at_once() -> None:
+    floor = Floor(UZUNER)
+    q = np.stack([UZUNER.pose(name) for name in ("home", "rest", "zero")])
+    many = floor.clearance(q)
+    assert many.shape == (3, len(floor.parts))
+    for row, one in zip(many, q, strict=True):
+        np.testing.assert_allclose(row, floor.clearance(one), atol=1e-15)
