@@ -1,4 +1,4 @@
-"""Ten minutes of setpoints into a Mega with StandardFirmata, every pulse looked at."""
+"""Two minutes of setpoints into a Mega with StandardFirmata, every pulse checked."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from tests.avr.conftest import MakeAvr
 from tests.avr.firmata_rig import FRAME_S, FirmataRig
 
 PINS = (2, 3, 4, 5, 6, 7)
-MINUTES = 10
+MINUTES = 2
 START_FRAMES = 8
 
 WIDTHS_US = range(800, 2300, 100)
@@ -28,7 +28,7 @@ def width_us(number: int, pin: int) -> int:
 
 
 @pytest.mark.slow
-def test_ten_minutes_without_a_lost_or_an_extra_write(make_avr: MakeAvr, firmata_firmware: Path) -> None:
+def test_minutes_without_a_lost_or_an_extra_write(make_avr: MakeAvr, firmata_firmware: Path) -> None:
     rig = FirmataRig(make_avr(firmata_firmware), PINS)
     avr = rig.avr
     rig.stream({pin: width_us(0, pin) for pin in PINS}, START_FRAMES)
