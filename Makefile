@@ -10,9 +10,9 @@ SOURCES := src tests benchmarks examples
 run: $(VENV)/.installed
 	@$(BIN)/armctl serve $(ARGS)
 
-# Two workers: one drives the browser, test by test; the other does the rest.
+# Three workers on two cores: two drive a browser each and mostly wait for it; the third does the rest.
 test: $(VENV)/.tested browser avr check
-	$(BIN)/pytest -n 2 $(ARGS)
+	$(BIN)/pytest -n 3 $(ARGS)
 
 check: $(VENV)/.tested
 	$(BIN)/ruff check $(SOURCES)
