@@ -1,7 +1,7 @@
 from __future__ import annotations
 
+from pathlib import Path
 from typing import TYPE_CHECKING
-from zlib import crc32
 
 import pytest
 from hypothesis import HealthCheck, settings
@@ -24,11 +24,13 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Producer) -> LoadSco
     """Two workers drive a browser each and mostly wait for it; a third does the rest."""
     from xdist.scheduler import LoadScopeScheduling
 
+    files = sorted(file.name for file in (Path(__file__).parent / "browser").glob("test_*.py"))
+
     class TwoBrowsers(LoadScopeScheduling):
         def _split_scope(self, nodeid: str) -> str:
             if not nodeid.startswith("tests/browser/"):
                 return nodeid
-            return f"browser {crc32(nodeid.partition('::')[0].encode()) % 2}"
+            return f"browser {files.index(nodeid.partition('::')[0].rpartition('/')[2]) % 2}"
 
     return TwoBrowsers(config, log)
 
