@@ -13,7 +13,7 @@ from armctl.errors import RobotFileError
 from armctl.motion import arc, line
 from armctl.robot import Robot, load_robot
 
-# A printed figure beside the recomputed one.
+__all__ = ["REPORTS", "Comparison", "Improvement", "Report"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,7 +79,7 @@ SERVO_PULSE_US = (544.0, 2400.0)
 """pulses of the Arduino Servo library at 0° and 180°"""
 WHOLE_DEGREES_MM = 0.7
 """what servo angles printed in whole degrees leave open in the tip [mm]"""
-PRINTED: tuple[tuple[tuple[float, ...], tuple[float, float, float]], ...] = (
+ABAAS_PRINTED: tuple[tuple[tuple[float, ...], tuple[float, float, float]], ...] = (
     ((86, 130, 125, 60, 90), (-21.05, 308.3, 172.5)),
     ((144, 110, 135, 54, 90), (221.4, 160.9, 218)),
 )
@@ -89,11 +89,11 @@ STUDY_SPEED = math.radians(20)
 PRINTED_SPEED_MM_S = 8.32e3
 MOST_EFFECTIVE = 2
 """the joint that the paper finds to move the tip fastest: the shoulder"""
-STRETCHED = np.radians([0.0, 0.0, 0.0, 90.0, 0.0])
+ABAAS_STRETCHED = np.radians([0.0, 0.0, 0.0, 90.0, 0.0])
 """the tip as far from the shoulder as the links allow"""
-_CONFIGURATIONS = 4000
+_ABAAS_CONFIGURATIONS = 4000
 
-ERRATA = (
+ABAAS_ERRATA = (
     "Eq. 12-15 mix a sign and an index (a3, a4 for a2, a3), and the cosine rule lacks squares: derived anew",
     "Table 2 lists servo angles s, not DH angles: θ1 = −s1, θ2 = s2, θ3 = s3 − 90, θ4 = 180 − s4, θ5 = s5",
     "the printed tip speed of 8.32·10³ mm/s cannot be: a joint at 20°/s moves a tip at most 355 mm away "
@@ -112,7 +112,7 @@ def abaas_report() -> Report:
     if servos is None:
         raise RobotFileError("abaas: the printed rows are servo angles, and the robot file has no servo map")
     comparisons: list[Comparison] = []
-    for printed, tip in PRINTED:
+    for printed, tip in ABAAS_PRINTED:
         q = servos.angles(dict(zip(servos.channels, pulses(printed), strict=True)))
         row = f"servo angles {', '.join(f'{angle:g}' for angle in printed)}"
         reached = robot.forward(q)[:3, 3]
@@ -133,7 +133,11 @@ def abaas_report() -> Report:
         "largest tip speed with one joint at 20°/s", "mm/s", PRINTED_SPEED_MM_S, 1000 * float(speeds.max())
     )
     return Report(
-        "abaas", "Abaas et al.: 5-DOF arm on an Arduino Mega 2560", tuple(comparisons), ERRATA, (impossible,)
+        "abaas",
+        "Abaas et al.: 5-DOF arm on an Arduino Mega 2560",
+        tuple(comparisons),
+        ABAAS_ERRATA,
+        (impossible,),
     )
 
 
@@ -155,8 +159,8 @@ def tip_speeds(robot: Robot) -> FloatArray:
     The first is the stretched arm, where the tip is farthest from the shoulder.
     """
     rng = np.random.default_rng(2020)
-    q = rng.uniform(robot.limits[:, 0], robot.limits[:, 1], (_CONFIGURATIONS, robot.n))
-    q[0] = STRETCHED
+    q = rng.uniform(robot.limits[:, 0], robot.limits[:, 1], (_ABAAS_CONFIGURATIONS, robot.n))
+    q[0] = ABAAS_STRETCHED
     return STUDY_SPEED * np.linalg.norm(robot.jacobian(q)[:, :3], axis=1)
 
 
@@ -164,7 +168,7 @@ def tip_speeds(robot: Robot) -> FloatArray:
 
 CM = 100.0
 """centimetres in a metre: the paper's unit"""
-LENGTH_DIGIT = 0.00005
+POSITION_DIGIT = 0.00005
 """half a unit of the fourth decimal [cm]"""
 PRINTED_POSE = ((45, 0, 30, 50, 0), (32.5689, 32.5689, -35.3467))
 """angles [degrees], position [cm]"""
@@ -201,7 +205,7 @@ def humanoid_report() -> Report:
     exact = robot.forward(solutions.q[int(solutions.residual_rad.argmin())])
     there = "at (45, 0, 30, 50, 0)°"
     comparisons = (
-        Comparison(f"position {there}", "cm", PRINTED_POSE[1], floats(CM * pose[:3, 3]), LENGTH_DIGIT, 4),
+        Comparison(f"position {there}", "cm", PRINTED_POSE[1], floats(CM * pose[:3, 3]), POSITION_DIGIT, 4),
         Comparison(
             f"r32, r33 {there}, errata mended", "–", PRINTED_ROW, floats(pose[2, 1:3]), ROTATION_DIGIT, 4
         ),
@@ -244,7 +248,7 @@ MICO_PRINTED: tuple[tuple[str, tuple[float, float, float]], ...] = (
 OUT_OF_REACH = (0.5, 0.0, 0.7)
 SHOULDER_HEIGHT = 0.2755
 PRINTED_DISTANCE_MM, PRINTED_REACH_MM, PRINTED_MISS_MM = 655.9, 573.3, 82.6
-MICO_LENGTH_DIGIT = 0.05
+DISTANCE_DIGIT = 0.05
 
 
 def mico_report() -> Report:
@@ -265,7 +269,7 @@ def mico_report() -> Report:
             "mm",
             (PRINTED_DISTANCE_MM, PRINTED_REACH_MM, PRINTED_MISS_MM),
             _out_of_reach(robot),
-            MICO_LENGTH_DIGIT,
+            DISTANCE_DIGIT,
             1,
         )
     )
@@ -305,7 +309,7 @@ def scorbot_report() -> Report:
     comparisons = (
         Comparison("reach from the waist axis, stretched", "mm", (REACH_MM,), (reach,), 1e-6, 1),
         Comparison(
-            f"printed tip formula against the DH rows, largest difference of {_CONFIGURATIONS}",
+            f"printed tip formula against the DH rows, largest difference of {_SCORBOT_CONFIGURATIONS}",
             "mm",
             (0.0,),
             (_formula_error_mm(robot),),
@@ -403,8 +407,6 @@ def _trajectory(robot: Robot, name: str, points: Callable[[], FloatArray]) -> Co
         reached += miss_mm <= TIP_TOLERANCE_MM
     return Comparison(f"{name}: points solved", "points", (float(len(path)),), (float(reached),), 0.0, 0)
 
-
-__all__ = ["REPORTS", "Comparison", "Improvement", "Report"]
 
 REPORTS = {
     "uzuner": uzuner_report,
