@@ -16,7 +16,7 @@ from armctl.cli.main import DONE, REFUSED, WRONG_USAGE, run
 from armctl.errors import ArmctlError
 from armctl.robot import load_robot
 from armctl.runtime import Command, Controller, MoveJoints, Origin, State
-from armctl.runtime.ticket import Ticket
+from armctl.runtime import Ticket
 
 MARKS = "output,angle_deg\n" + "".join(f"{1520 - 9.5 * angle},{angle}\n" for angle in (-60, -30, 0, 30, 60))
 

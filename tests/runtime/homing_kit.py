@@ -70,7 +70,7 @@ def make_homing_rig(robot: Robot = SCORBOT) -> Rig:
     rig = make_rig(robot=robot)
     driver = HomingDriver(rig.clock)
     rig.driver = driver
-    rig.controller._core.open_driver = lambda _: driver
+    rig.controller._core._open_driver = lambda _: driver
     rig.do(Connect("sim")).finished.result(0)
     return rig
 

@@ -215,19 +215,20 @@ def test_a_setpoint_that_the_gate_refuses_is_a_fault_and_is_not_sent(
     holding.do(MoveJoints(HOME)).accepted.result(0)
 
 
+@pytest.mark.parametrize("error", [ZeroDivisionError("oops"), SystemExit("oops")])
 def test_a_defect_in_the_controller_is_a_fault_and_the_ticks_go_on(
-    holding: Rig, monkeypatch: pytest.MonkeyPatch
+    holding: Rig, monkeypatch: pytest.MonkeyPatch, error: BaseException
 ) -> None:
     motion = holding.do(MoveJoints(HOME))
 
     def breaks(_self: PathMover, _now: float, _dt: float) -> Setpoint:
-        raise ZeroDivisionError("oops")
+        raise error
 
     with monkeypatch.context() as patch:
         patch.setattr(PathMover, "advance", breaks)
         holding.tick()
     assert holding.now.state is State.FAULT
-    assert holding.now.cause == "internal error: ZeroDivisionError: oops"
+    assert holding.now.cause == f"internal error: {type(error).__name__}: oops"
     with pytest.raises(ArmctlError, match="internal error"):
         motion.finished.result(0)
     holding.run(0.2)

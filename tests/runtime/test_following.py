@@ -22,7 +22,7 @@ from armctl.motion import Floor
 from armctl.robot import load_robot
 from armctl.runtime import FollowTarget, MoveJoints, Pause, SetSpeed, State
 from armctl.runtime.joint_servo import KeepClear
-from armctl.runtime.planner import live_goal
+from armctl.runtime.live_target import live_goal
 
 HOME = ROBOT.pose("home")
 TOOL = ROBOT.forward(HOME)[:3, 3]

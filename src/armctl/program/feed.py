@@ -31,6 +31,10 @@ class ProgramSource:
     def __init__(self, program: Program) -> None:
         self.program = program
 
+    def edit(self, program: Program) -> None:
+        """Another version, from the next pass on."""
+        self.program = program
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlanState:

@@ -22,12 +22,12 @@ from armctl.runtime.commands import (
     Resume,
     RunProgram,
     SetSpeed,
+    Ticket,
     UpdateProgram,
 )
 from armctl.runtime.controller import Controller
 from armctl.runtime.planner import InlineExecutor
 from armctl.runtime.snapshot import AxisHoming, Event, ProgramProgress, Snapshot, State
-from armctl.runtime.ticket import Ticket
 
 __all__ = [
     "AxisHoming",

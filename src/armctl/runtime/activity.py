@@ -1,4 +1,4 @@
-"""What the arm is doing: one motion, a jog or a program."""
+"""What the arm is doing: one motion, a jog, a program or homing."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ FloatArray = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class Setpoint:
-    """What the joints shall do now: (n,) rad, rad/s, rad/s²."""
+    """Where the joints shall be now, and how they move there: (n,) rad, rad/s, rad/s²."""
 
     q: FloatArray
     velocity: FloatArray
@@ -25,7 +25,7 @@ class Setpoint:
 
 @dataclass(frozen=True, slots=True)
 class ActivityView:
-    """What is shown of an activity."""
+    """What the snapshot shows of an activity."""
 
     goal: FloatArray | None
     """(n,) where the running motion ends [rad]"""
@@ -36,11 +36,14 @@ class ActivityView:
 
 
 class Activity(Protocol):
-    """Something that gives one setpoint a tick until it is done. Owned by the controller thread."""
+    """Something that gives one setpoint a tick until it is done. Owned by the controller thread.
+
+    What never changes in an activity is an attribute of its class.
+    """
 
     @property
     def label(self) -> str:
-        """What it is, for the state's cause and the log."""
+        """Its name in the state's cause and in the log."""
         ...
 
     @property
@@ -60,7 +63,7 @@ class Activity(Protocol):
 
     @property
     def error(self) -> ArmctlError | None:
-        """Why it ended before its end; None where it did not."""
+        """Why it ended before its end."""
         ...
 
     @property
@@ -98,5 +101,5 @@ class Activity(Protocol):
         ...
 
     def view(self) -> ActivityView:
-        """What is shown."""
+        """What the snapshot shows of it."""
         ...

@@ -1,10 +1,18 @@
-"""Time, in one place: the only module that reads a clock."""
+"""Time, in one place: the only module that reads a clock. And how much of it a tick counts for."""
 
 from __future__ import annotations
 
+import math
 import threading
 import time
+from dataclasses import dataclass
 from typing import Protocol
+
+LONGEST_TICKS = 2
+"""A tick counts for no more periods: time that was missed is not made up for, or the arm would jump."""
+_LATE_S = 0.06
+LATE_SHOWN_S = 5.0
+"""how long a late tick is shown, and how long no tick may be late before the next one is logged"""
 
 
 class Clock(Protocol):
@@ -58,3 +66,65 @@ class ManualClock:
 def wall_time() -> float:
     """Seconds since the epoch, for log lines and file names only."""
     return time.time()
+
+
+@dataclass(frozen=True, slots=True)
+class Tick:
+    """One tick of the controller."""
+
+    dt: float
+    """what it counts for [s]"""
+    late_s: float | None
+    """how much later it came than it should; None: in time"""
+    late_before: str | None = None
+    """text for the log: several ticks before came late, and that is over"""
+
+
+class TickTime:
+    """Measures the time from tick to tick, and counts the late ones that follow each other."""
+
+    def __init__(self, period: float) -> None:
+        """``period``: from tick to tick [s]."""
+        self._period = period
+        self._at = -math.inf
+        self._count = 0
+        self._longest_s = 0.0
+        self._late_at = -math.inf
+
+    def restart(self, now: float) -> None:
+        """Something begins now: what went before counts no more."""
+        self._at = now
+
+    def take(self, now: float, *, urgent: bool) -> Tick | None:
+        """The tick that ends now; None where it is too early for one: the time counts at the next one."""
+        elapsed = now - self._at
+        if elapsed <= 0 or (elapsed < 0.25 * self._period and not urgent):
+            return None
+        self._at = now
+        late = elapsed > max((LONGEST_TICKS + 1) * self._period, _LATE_S)
+        over = self._late_before(now) if self._count else None
+        counts_s = min(elapsed, LONGEST_TICKS * self._period)
+        return Tick(counts_s, elapsed - self._period if late else None, over)
+
+    def count_late(self, late_s: float, now: float) -> str:
+        """Count a tick that came late and halted a motion; gives the text of the notice."""
+        self._count += 1
+        self._longest_s = max(self._longest_s, late_s)
+        self._late_at = now
+        return self._text()
+
+    def _late_before(self, now: float) -> str | None:
+        if now <= self._late_at + LATE_SHOWN_S:
+            return None
+        text = self._text() if self._count > 1 else None
+        self._count, self._longest_s = 0, 0.0
+        return text
+
+    def _text(self) -> str:
+        longest_ms = 1000 * self._longest_s
+        if self._count == 1:
+            return f"the controller was {longest_ms:.0f} ms late; the motion halted and goes on from rest"
+        return (
+            f"the controller was late {self._count} times, by up to {longest_ms:.0f} ms; each time the "
+            "motion halted and went on from rest: this computer is too busy"
+        )

@@ -1,16 +1,18 @@
-"""What the outside may ask of the controller: plain immutable records.
+"""What the outside may ask of the controller, and the ticket that it gets for it.
 
-STOP is not among them: it bypasses every queue (``Controller.stop``).
+Commands are plain immutable records. STOP is not among them: it bypasses every queue (``Controller.stop``).
 """
 
 from __future__ import annotations
 
+from concurrent.futures import Future
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from armctl.errors import ArmctlError
 from armctl.kinematics import Target
 from armctl.motion import Profile, Trajectory
 from armctl.program import Program
@@ -199,3 +201,69 @@ class Origin:
 
     def __str__(self) -> str:
         return f"{self.who}: {self.note}" if self.note else self.who
+
+
+Answer = tuple[Future[None], ArmctlError | None]
+
+
+class Ticket:
+    """Two futures of one command; any thread may wait for them.
+
+    ``accepted`` is done as soon as the command has begun, or carries the ``ArmctlError`` that refused it.
+    ``finished`` is done when what it began is over: at once for most commands, at the end of the motion for
+    motions; it carries the error that refused, stopped or broke it. Neither can be cancelled: only STOP
+    stops a motion.
+    """
+
+    def __init__(self, answers: list[Answer] | None = None) -> None:
+        """Not answered yet.
+
+        Args:
+            answers: queue of the answers that ``give`` delivers once the snapshot shows what came of them;
+                None: they are given at once.
+        """
+        self._answers = answers
+        self.accepted: Future[None] = Future()
+        self.finished: Future[None] = Future()
+        # asyncio.wrap_future cancels what it wraps when its task ends; a running future refuses that.
+        self.accepted.set_running_or_notify_cancel()
+        self.finished.set_running_or_notify_cancel()
+
+    def accept(self) -> None:
+        """The command has begun."""
+        self._answer(None, self.accepted)
+
+    def finish(self) -> None:
+        """The command is carried out."""
+        self._answer(None, self.accepted, self.finished)
+
+    def refuse(self, error: ArmctlError) -> None:
+        """The command was refused, or did not come to its end."""
+        self._answer(error, self.accepted, self.finished)
+
+    def result(self, timeout: float | None = None) -> None:
+        """Wait until it is over.
+
+        Raises:
+            ArmctlError: what refused, stopped or broke it.
+            TimeoutError: it is not over after ``timeout`` seconds; it goes on.
+        """
+        self.finished.result(timeout)
+
+    def _answer(self, error: ArmctlError | None, *futures: Future[None]) -> None:
+        answers = [(future, error) for future in futures]
+        if self._answers is None:
+            give(answers)
+        else:
+            self._answers.extend(answers)
+
+
+def give(answers: list[Answer]) -> None:
+    """Give every future its answer; the first one counts."""
+    for future, error in answers:
+        if future.done():
+            continue
+        if error is None:
+            future.set_result(None)
+        else:
+            future.set_exception(error)

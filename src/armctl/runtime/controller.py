@@ -7,7 +7,7 @@ import threading
 from collections.abc import Callable
 from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import dataclass
-from functools import partial
+from typing import ParamSpec
 
 import numpy as np
 
@@ -16,62 +16,15 @@ from armctl.hardware import Driver
 from armctl.robot import Robot
 from armctl.runtime.activity import ActivityView
 from armctl.runtime.clock import Clock
-from armctl.runtime.commands import Command, Origin
+from armctl.runtime.commands import Answer, Command, Origin, Ticket, give
 from armctl.runtime.core import Core
 from armctl.runtime.dispatch import HELD, MOVING, Order, dispatch
 from armctl.runtime.planner import Planner
 from armctl.runtime.snapshot import AxisHoming, Snapshot
-from armctl.runtime.ticket import Ticket
 
-# The snapshot of one tick.
-
-_IDLE = ActivityView(None, 0.0, 0.0)
-
-
-def report(core: Core, tick: int, now: float) -> Snapshot:
-    """Everything that the outside may know, as it is now."""
-    q = core.gate.q
-    still = np.zeros(core.robot.n)
-    sample = core.setpoint
-    reading = core.monitor.reading
-    activity = core.activity
-    view = _IDLE if activity is None else activity.view()
-    return Snapshot(
-        stamp=now,
-        tick=tick,
-        state=core.state,
-        cause=core.cause,
-        q_command=core.robot.first_pose if q is None else q,
-        commanded=q is not None,
-        velocity_command=still if sample is None else sample.velocity,
-        acceleration_command=still if sample is None else sample.acceleration,
-        q=reading.q,
-        source=reading.source,
-        powered=core.powered(),
-        gripper=core.gate.opening,
-        speed=core.speed,
-        goal=view.goal,
-        progress=view.progress,
-        remaining_s=view.remaining_s,
-        program=view.program,
-        board=None if core.board is None else core.board.identity,
-        homing=_homing(core),
-        warnings=core.notices.current(now),
-        events=core.log.events,
-    )
-
-
-def _homing(core: Core) -> tuple[AxisHoming, ...]:
-    state = core.monitor.reading.homing
-    if state is None or core.board is None:
-        return ()
-    title = core.board.title
-    return tuple(
-        AxisHoming(title(channel), homed, channel == state.running) for channel, homed in state.homed.items()
-    )
-
-
+P = ParamSpec("P")
 _LOGGER = logging.getLogger("armctl.runtime")
+_IDLE = ActivityView(None, 0.0, 0.0)
 _RATES_HZ = (10.0, 200.0)
 _STOPPING_S = 5.0
 """How long ``close`` waits for a moving arm to come to rest."""
@@ -119,18 +72,18 @@ class Controller:
         self._own_executor = executor is None
         self._executor = executor or ThreadPoolExecutor(1, thread_name_prefix="armctl-planner")
         self._wake = threading.Event()
-        self._core = Core(robot, open_driver, Planner(robot, self._executor, self._wake.set), self._period)
+        self._core = Core(robot, open_driver, Planner(self._executor, self._wake.set), self._period)
         self._lock = threading.Lock()
         self._orders: list[Order] = []
         self._stops: list[_Stop] = []
-        self._answers: list[Callable[[], None]] = []
+        self._answers: list[Answer] = []
         self._number = 0
         self._tick = 0
         self._closing = threading.Event()
         self._closed = False
         self._ended = threading.Event()
         self._thread: threading.Thread | None = None
-        self._snapshot = report(self._core, 0, clock.now())
+        self._snapshot = _report(self._core, 0, clock.now())
 
     @property
     def snapshot(self) -> Snapshot:
@@ -188,21 +141,22 @@ class Controller:
         return ticket
 
     def tick(self) -> None:
-        """One tick: stops, motion, commands, plans, readback, snapshot. Never raises an ``Exception``."""
+        """One tick: stops, motion, commands, plans, readback, snapshot. What goes wrong is a fault."""
         now = self._clock.now()
         self._tick += 1
         core = self._core
         with self._lock:
             stops, self._stops = self._stops, []
             orders, self._orders = self._orders, []
-        self._guarded(lambda: self._move(stops, now))
+        for stop in stops:  # each on its own: whatever one of them meets, the others are carried out
+            self._guarded(core.stop, stop.origin, stop.ticket)
+        self._guarded(core.advance, now, urgent=bool(stops))
         for order in orders:
             self._take(order, stops, now)
-        self._guarded(lambda: core.take_planned(now))
-        self._guarded(lambda: core.upcoming.take_edit(core.activity))
-        self._guarded(lambda: core.observe(now))
-        self._guarded(lambda: core.settle(now))
-        self._guarded(lambda: self._publish(now))
+        self._guarded(core.take_planned, now)
+        self._guarded(core.observe, now)
+        self._guarded(core.settle)
+        self._guarded(self._publish, now)
         self._answer()
 
     def close(self) -> None:
@@ -260,46 +214,41 @@ class Controller:
                 deadline = max(deadline + self._period, now)
         self._shut()
 
-    def _move(self, stops: list[_Stop], now: float) -> None:
-        for stop in stops:  # each on its own: whatever one of them meets, the others are carried out
-            self._guarded(partial(self._core.stop, stop.origin, stop.ticket))
-        self._core.advance(now, urgent=bool(stops))
-
     def _take(self, order: Order, stops: list[_Stop], now: float) -> None:
         for stop in stops:
             if order.number < stop.number and isinstance(order.command, MOVING):
                 order.ticket.refuse(StateError(f"stopped by {stop.origin.who} before it began"))
                 if isinstance(order.command, HELD):
-                    self._core.jogged_at = order.given_at  # its key is held: it must be let go first
+                    self._core.still_held(order.given_at)  # its key is held: it must be let go first
                 return
-        try:
-            dispatch(self._core, order, now)
-        except Exception as error:
-            self._broken(error)
-            order.ticket.refuse(ArmctlError(f"internal error: {error}"))
+        broken = self._guarded(dispatch, self._core, order, now)
+        if broken is not None:
+            order.ticket.refuse(broken)
 
     def _publish(self, now: float) -> None:
-        self._snapshot = report(self._core, self._tick, now)
+        self._snapshot = _report(self._core, self._tick, now)
 
     def _answer(self) -> None:
         """Answer the tickets: whoever waits for one finds the snapshot that shows what came of it."""
         answers = self._answers.copy()
         self._answers.clear()
-        for answer in answers:
-            answer()
+        give(answers)
 
-    def _guarded(self, step: Callable[[], None]) -> None:
-        """Whatever goes wrong in a tick ends in the state fault, in words; the thread lives on."""
+    def _guarded(self, step: Callable[P, None], *args: P.args, **kwargs: P.kwargs) -> ArmctlError | None:
+        """Take a step of a tick; whatever it raises is a fault and is given back, and the thread lives on."""
         try:
-            step()
+            step(*args, **kwargs)
         except ArmctlError as error:
             self._core.fault(error)
-        except Exception as error:
-            self._broken(error)
-
-    def _broken(self, error: Exception) -> None:
-        _LOGGER.exception("the controller broke")
-        self._core.fault(ArmctlError(f"internal error: {type(error).__name__}: {error}"))
+            return error
+        except BaseException as error:  # also SystemExit: a trajectory may be a caller's own code
+            if isinstance(error, KeyboardInterrupt) and self._thread is None:
+                raise  # Ctrl-C while somebody ticks by hand
+            _LOGGER.exception("the controller broke")
+            broken = ArmctlError(f"internal error: {type(error).__name__}: {error}")
+            self._core.fault(broken)
+            return broken
+        return None
 
     def _shut(self) -> None:
         with self._lock:
@@ -317,3 +266,41 @@ class Controller:
         self._answer()
         if self._own_executor:
             self._executor.shutdown(wait=False, cancel_futures=True)
+
+
+def _report(core: Core, tick: int, now: float) -> Snapshot:
+    """Everything that the outside may know, as it is now."""
+    q, board, sample = core.gate.q, core.board, core.setpoint
+    still = np.zeros(core.robot.n)
+    reading = core.monitor.reading
+    view = _IDLE if core.activity is None else core.activity.view()
+    homing: tuple[AxisHoming, ...] = ()
+    if board is not None and reading.homing is not None:
+        running = reading.homing.running
+        homing = tuple(
+            AxisHoming(board.title(channel), homed, channel == running)
+            for channel, homed in reading.homing.homed.items()
+        )
+    return Snapshot(
+        stamp=now,
+        tick=tick,
+        state=core.state,
+        cause=core.cause,
+        q_command=core.robot.first_pose if q is None else q.copy(),
+        commanded=q is not None,
+        velocity_command=still if sample is None else sample.velocity,
+        acceleration_command=still if sample is None else sample.acceleration,
+        q=reading.q,
+        source=reading.source,
+        powered=core.powered,
+        gripper=core.gate.opening,
+        speed=core.speed,
+        goal=view.goal,
+        progress=view.progress,
+        remaining_s=view.remaining_s,
+        program=view.program,
+        board=None if board is None else board.identity,
+        homing=homing,
+        warnings=core.notices.current(now),
+        events=core.log.events,
+    )

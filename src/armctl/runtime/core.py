@@ -1,50 +1,78 @@
-"""What the controller thread owns: board, gate, activity and state, and how they change."""
+"""What the controller thread owns: the arm's state and every transition between the states."""
 
 from __future__ import annotations
 
 import logging
 import math
 from collections.abc import Callable
+from concurrent.futures import Future
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from armctl.errors import ArmctlError, BoardError, MotionRefusedError, StateError
+from armctl.errors import ArmctlError, BoardError, InputError, MotionRefusedError, StateError
 from armctl.hardware import Driver
 from armctl.motion import Floor
 from armctl.robot import Robot
 from armctl.runtime.activity import Activity, Setpoint
 from armctl.runtime.board import Board
-from armctl.runtime.commands import Origin
+from armctl.runtime.clock import LATE_SHOWN_S, LONGEST_TICKS, TickTime
+from armctl.runtime.commands import Origin, Ticket
 from armctl.runtime.gate import Gate
-from armctl.runtime.gripper import GripperMover
 from armctl.runtime.joint_servo import KeepClear
 from armctl.runtime.log import EventLog, Notices
 from armctl.runtime.monitor import Monitor
-from armctl.runtime.mover import PathMover
-from armctl.runtime.planner import BegunProgram, Planner
-from armctl.runtime.program_runner import ProgramRunner
+from armctl.runtime.mover import GripperMover
+from armctl.runtime.planner import Planner, result_of
 from armctl.runtime.snapshot import State
-from armctl.runtime.tick_time import LONGEST_TICKS, TickTime
-from armctl.runtime.ticket import Ticket
-from armctl.runtime.upcoming import Upcoming
 
 FloatArray = NDArray[np.float64]
 POWERED = (State.HOLDING, State.MOVING, State.PAUSED)
+SLOWEST = 0.05
+"""the smallest speed override"""
+JOG_GAP_S = 0.2
+"""A jog that was held during a STOP must be let go for this long before it moves the arm again."""
 _READ_INTERVAL_S = 0.02
 _LOGGER = logging.getLogger("armctl.runtime")
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class PendingMotion:
+    """A motion that is being planned."""
+
+    ticket: Ticket
+    who: str
+    label: str
+    start: FloatArray
+    """(n,) where it is planned from [rad]"""
+    future: Future[Any]
+    """of its plan"""
+    take: Callable[[], Activity]
+    """makes the motion once the future has its plan"""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PendingEdit:
+    """Another version of the running program that is being checked."""
+
+    ticket: Ticket
+    who: str
+    label: str
+    future: Future[None]
+    take: Callable[[], None]
+    """hands it to the program; raises why not"""
+
+
 class Core:
-    """The arm's state. Only one thread at a time may use it."""
+    """The arm's state. Only one thread at a time may use it, and nothing else writes its attributes."""
 
     def __init__(
         self, robot: Robot, open_driver: Callable[[str], Driver], planner: Planner, period: float
     ) -> None:
         self.robot = robot
-        self.open_driver = open_driver
         self.planner = planner
-        self.period = period
         self.log = EventLog()
         self.notices = Notices(self.log)
         self.floor = Floor(robot)
@@ -56,83 +84,201 @@ class Core:
         self.state = State.DISCONNECTED
         self.cause = "not connected yet"
         self.activity: Activity | None = None
-        self.ticket: Ticket | None = None
-        self.upcoming = Upcoming(self.log)
-        self.stopping: list[Ticket] = []
         self.stopped_by = ""
+        """who stopped the activity that comes to rest now"""
         self.leaving: Ticket | None = None
-        self.pausing = False
+        """of a disconnect that waits for the arm to stand"""
+        self.motion: PendingMotion | None = None
         self.speed = 1.0
-        self.jogged_at = -math.inf
-        self.jog_locked = False
         self.setpoint: Setpoint | None = None
-        self._ticks = TickTime(period, self.notices, self.log)
+        self._open_driver = open_driver
+        self._edit: PendingEdit | None = None
+        self._ticket: Ticket | None = None
+        self._stopping: list[Ticket] = []
+        self._pausing = False
+        self._held_at = -math.inf
+        self._held_locked = False
+        self._ticks = TickTime(period)
 
     @property
     def standing(self) -> bool:
         """No joint moves."""
         return self.activity is None or self.activity.standing
 
-    def enter(self, state: State, cause: str) -> None:
-        """Change the state; every change is logged with its cause."""
-        if state is not self.state:
-            line = f"{self.state.value} → {state.value}: {cause}"
-            (self.log.error if state is State.FAULT else self.log.info)(line)
-        self.state, self.cause = state, cause
+    @property
+    def powered(self) -> bool:
+        """The pulses are on, as far as is known."""
+        if self.gate.q is not None:
+            return self.board is not None
+        return bool(self.monitor.reading.on.any())
+
+    # Connecting, and switching the outputs on and off.
+
+    def connect(self, port: str, who: str, now: float) -> None:
+        """Open the line. Moves nothing; leaves the outputs as they are.
+
+        Raises:
+            StateError: connected already.
+            BoardError: nobody there.
+        """
+        if self.state not in (State.DISCONNECTED, State.FAULT):
+            raise StateError(f"connected already, and {self.state.value}; disconnect first")
+        if self.board is not None:
+            self.disconnect("to connect again")
+        try:
+            self.board = Board.open(self.robot, self._open_driver, port)
+            answered = self.monitor.read(self.board, now) is not None
+        except ArmctlError as error:
+            if self.board is not None:
+                self.disconnect(str(error))
+            self._enter(State.DISCONNECTED, str(error))
+            raise
+        identity = self.board.identity
+        for note in identity.notes:
+            self.log.info(note)
+        for words in identity.earlier:
+            self.log.warning(words)
+        cause = f"connected to {identity.kind} at {identity.port} ({who}); "
+        power = self.board.outputs.power
+        if self.powered:
+            cause += f"its {power} are on already: Enable takes the arm over where it is"
+        else:
+            cause += f"{power} are off" if answered else f"it has not said yet whether its {power} are on"
+        self._enter(State.OFF, cause)
+
+    def leave(self, ticket: Ticket, who: str) -> bool:
+        """Disconnect, after the arm was brought to rest; whether that is done at once."""
+        if self.state is State.DISCONNECTED:
+            return True
+        if self.activity is not None:
+            self.stop(Origin(f"disconnect, {who}"), Ticket())
+            self.leaving = ticket
+            return False
+        self.disconnect(f"disconnected ({who})")
+        return True
+
+    def disconnect(self, cause: str) -> None:
+        """Close the line; the outputs stay as they are."""
+        self._drop_all(StateError("disconnected"))
+        self._close_board()
+        self._enter(State.DISCONNECTED, cause)
+        if self.leaving is not None:
+            ticket, self.leaving = self.leaving, None
+            ticket.finish()
+
+    def adopt(self, q: FloatArray, opening: float | None, now: float) -> None:
+        """The arm stands at ``q`` (n,) [rad] with its outputs on: the next setpoint goes on from there."""
+        self.gate.jump(q, now)
+        if opening is not None:
+            self.gate.adopt_opening(opening, now)
+        self.gripper.set(self.gate.opening)
+
+    def forget_position(self) -> None:
+        """Nobody knows where the arm is."""
+        self.gate.forget()
+        self.gripper.set(None)
+
+    def hold(self, cause: str) -> None:
+        """The outputs are on, and the arm stands where the last setpoint is."""
+        self.monitor.enabled()
+        self._enter(State.HOLDING, cause)
+
+    def power_off(self, cause: str) -> None:
+        """The outputs are off: forget where the arm is."""
+        self._drop_all(StateError(cause))
+        self.forget_position()
+        self.monitor.released()
+        self._enter(State.OFF, cause)
+        self._leave_now()
+
+    # Motions.
 
     def begin(self, activity: Activity, ticket: Ticket | None, who: str, now: float) -> None:
-        """Start doing something from standstill."""
-        activity.set_speed(self.speed)
-        self.activity, self.ticket = activity, ticket
-        self.pausing = False
+        """Begin a motion from standstill."""
+        self.activity, self._ticket = activity, ticket
+        self._pausing = False
         self._ticks.restart(now)
-        self.enter(State.MOVING, f"{activity.label} ({who})")
+        self._enter(State.MOVING, f"{activity.label} ({who})")
+
+    def await_motion(self, motion: PendingMotion) -> None:
+        """Begin a motion once its plan is there."""
+        self.motion = motion
+
+    def await_edit(self, edit: PendingEdit) -> None:
+        """Take an edit over once it is checked; an earlier one that is still being checked is refused."""
+        if self._edit is not None:
+            self._edit.ticket.refuse(StateError("another edit came after it"))
+        self._edit = edit
 
     def take_planned(self, now: float) -> None:
-        """Begin the motion that was asked for, once its plan is there."""
-        taken = self.upcoming.take_motion(self.gate.q if self.state is State.HOLDING else None)
-        if taken is None:
-            return
-        asked, plan = taken
-        activity: Activity
-        if isinstance(plan, BegunProgram):
-            activity = ProgramRunner(
-                self.robot, asked.loops, asked.first, plan, self.planner, self.gripper, self.speed
-            )
-        else:
-            activity = PathMover(self.robot, plan, self.speed, asked.label)
-        self.begin(activity, asked.ticket, asked.who, now)
+        """Begin the motion whose plan is there, and take over the edit that is checked."""
+        motion, edit = self.motion, self._edit
+        if motion is not None and motion.future.done():
+            self.motion = None
+            try:
+                result_of(motion.future)
+                q = self.gate.q
+                if self.state is not State.HOLDING or q is None or not np.array_equal(q, motion.start):
+                    raise StateError(
+                        "the arm no longer stands where the motion was planned from; ask for it again"
+                    )
+                self.begin(motion.take(), motion.ticket, motion.who, now)
+            except ArmctlError as error:
+                self._refuse(motion, error)
+        if edit is not None and edit.future.done():
+            self._edit = None
+            try:
+                result_of(edit.future)
+                edit.take()
+                edit.ticket.finish()
+            except ArmctlError as error:
+                self._refuse(edit, error)
 
-    def advance(self, now: float, *, urgent: bool) -> None:
-        """Move on to ``now`` and send one setpoint where something changed."""
-        tick = self._ticks.take(now, urgent=urgent)
-        if tick is None or self.state not in POWERED:
-            return
-        if tick.late_s is not None:
-            self.monitor.doubt()
-            if self.activity is not None and self.gate.q is not None:
-                self._ticks.tell_late(tick.late_s, now)
-        if self.monitor.doubtful:
-            # What is written to a board that has lost its power switches the pulses on again with a jump.
-            self.setpoint = None
-            if self.activity is not None:
-                self.activity.halt()
-            return
-        self.setpoint = None if self.activity is None else self.activity.advance(now, tick.dt)
-        opening = self.gripper.advance(tick.dt, self.speed)
-        self._send(None if self.setpoint is None else self.setpoint.q, opening, now)
+    def _refuse(self, asked: PendingMotion | PendingEdit, error: ArmctlError) -> None:
+        self.log.warning(f"{asked.label} ({asked.who}) refused: {error}")
+        asked.ticket.refuse(error)
 
-    def settle(self, now: float) -> None:
-        """Draw the conclusions of a tick: what has ended, what stands, what is refused."""
-        self.gripper.settle()
+    def pause(self, who: str) -> None:
+        """Bring the motion to rest on its path."""
         activity = self.activity
-        if activity is not None:
-            self._settle_activity(activity)
-        if self.activity is None:
-            for ticket in self.stopping:
-                ticket.finish()
-            self.stopping.clear()
-            self._leave_now()
+        if activity is None or self.state not in (State.MOVING, State.PAUSED):
+            raise StateError(f"there is nothing to pause: {self.state.value}")
+        if self.stopped_by:
+            raise StateError("the arm is stopping; let it come to rest")
+        if not activity.pausable:
+            raise StateError(f"{activity.label} cannot be paused; press STOP")
+        activity.pause()
+        self._pausing = True
+        self.log.info(f"pause ({who})")
+        if self.state is State.MOVING:
+            self.cause = f"{activity.label} pausing ({who})"
+
+    def resume(self, who: str) -> None:
+        """Go on with a motion that was paused."""
+        if self.activity is None or not self._pausing:
+            raise StateError(f"there is nothing to resume: {self.state.value}")
+        self.activity.resume()
+        self._pausing = False
+        self._enter(State.MOVING, f"{self.activity.label} resumed ({who})")
+
+    def set_speed(self, fraction: float, who: str) -> None:
+        """Speed override for everything that moves."""
+        if not SLOWEST <= fraction <= 1:
+            raise InputError(f"a speed of {100 * fraction:g} % is outside {100 * SLOWEST:.0f} … 100 %")
+        self.speed = float(fraction)
+        if self.activity is not None:
+            self.activity.set_speed(self.speed)
+        self.log.info(f"speed {100 * fraction:.0f} % ({who})")
+
+    def still_held(self, given_at: float) -> bool:
+        """A jog came: whether it has been held since before a STOP, and must be let go of first."""
+        gap, self._held_at = given_at - self._held_at, given_at
+        if self._held_locked and gap < JOG_GAP_S:
+            return True
+        self._held_locked = False
+        return False
+
+    # Stop and fault.
 
     def stop(self, origin: Origin, ticket: Ticket) -> None:
         """Slow down along the path as hard as the limits allow, then hold; drop the rest.
@@ -141,15 +287,19 @@ class Core:
         """
         who = str(origin)
         ticket.accept()
-        self.stopping.append(ticket)  # from here on settle answers it, or a fault
-        self._tell_stop(origin)
-        self.jog_locked = True
-        self.upcoming.drop_motion(StateError(f"stopped by {who}"))
+        self._stopping.append(ticket)  # from here on settle answers it, or a fault
+        busy = self.activity is not None or self.motion is not None or self.gripper.goal is not None
+        if busy or self.monitor.homes or not origin.note:
+            self.log.warning(f"STOP ({origin})")
+        else:
+            self.log.info(f"{origin}; nothing moved, {self.state.value} as before")
+        self._held_locked = True
+        self.drop_motion(StateError(f"stopped by {who}"))
         self.gripper.stop(StateError(f"stopped by {who}"))
         try:
             if self.activity is not None:
                 self.stopped_by = who
-                self.pausing = False
+                self._pausing = False
                 self.activity.stop()
                 return
             if self.board is not None and self.monitor.homes:
@@ -157,127 +307,125 @@ class Core:
         except ArmctlError as error:
             self.fault(error)
             return
-        self.stopping.remove(ticket)  # nothing is under way; what is asked for next is not waited for
+        self._stopping.remove(ticket)  # nothing is under way; what is asked for next is not waited for
         ticket.finish()
 
-    def _tell_stop(self, origin: Origin) -> None:
-        """A STOP is a warning; only one that nobody pressed, and that found nothing to stop, is none."""
-        busy = self.activity is not None or self.upcoming.has_motion or self.gripper.moving
-        if busy or self.monitor.homes or not origin.note:
-            self.log.warning(f"STOP ({origin})")
-        else:
-            self.log.info(f"{origin}; nothing moved, {self.state.value} as before")
-
-    def drop_all(self, error: ArmctlError) -> ArmctlError | None:
-        """Forget everything that runs or waits; the arm gets no further setpoint.
-
-        Returns:
-            why a board that moves the arm by itself may go on; None: it does not.
-        """
-        self.upcoming.drop_motion(error)
-        goes_on = self._drop_activity()
-        if self.ticket is not None:
-            self.ticket.refuse(error)
-            self.ticket = None
-        self.gripper.stop(error)
-        for ticket in self.stopping:
-            ticket.finish()  # nothing moves any more: what STOP asked for
-        self.stopping.clear()
-        self.stopped_by = ""
-        self.pausing = False
-        self.setpoint = None
-        self.notices.clear("activity")
-        return goes_on
+    def drop_motion(self, error: ArmctlError) -> None:
+        """Refuse the motion that is being planned."""
+        if self.motion is not None:
+            self.motion.future.cancel()
+            self.motion.ticket.refuse(error)
+            self.motion = None
 
     def fault(self, error: ArmctlError) -> None:
         """Something broke: send nothing more, and say why."""
         cause = str(error)
-        goes_on = self.drop_all(error)
+        goes_on = self._drop_all(error)
         if goes_on is not None:
             cause = f"{cause}; and {goes_on}"
         if isinstance(error, BoardError) or goes_on is not None:
             self._close_board()  # a board that moves its motors by itself ends that when nobody talks to it
-        self.enter(State.FAULT, cause)
+        self._enter(State.FAULT, cause)
         self._leave_now()
 
-    def disconnect(self, cause: str) -> None:
-        """Close the line; the outputs stay as they are."""
-        self.drop_all(StateError("disconnected"))
-        self._close_board()
-        self.enter(State.DISCONNECTED, cause)
-        if self.leaving is not None:
-            ticket, self.leaving = self.leaving, None
-            ticket.finish()
+    def clear_fault(self, who: str) -> None:
+        """Leave fault for ``holding`` (outputs on) or ``off``.
 
-    def power_off(self, cause: str) -> None:
-        """The pulses are off: forget where the arm is."""
-        self.drop_all(StateError(cause))
-        self.gate.forget()
-        self.gripper.set(None)
-        self.monitor.released()
-        self.enter(State.OFF, cause)
-        self._leave_now()
+        Raises:
+            StateError: no fault, or the board is gone.
+        """
+        if self.state is not State.FAULT:
+            raise StateError(f"there is no fault to clear: {self.state.value}")
+        if self.board is None:
+            raise StateError(f"the board is gone ({self.cause}); connect again")
+        self.gripper.set(self.gate.opening)
+        if self.gate.q is None:
+            if self.monitor.reading.powered is False:
+                self.board.release()  # a board that switched its motors off by itself waits for this
+            self._enter(State.OFF, f"fault cleared ({who})")
+        else:
+            self._enter(State.HOLDING, f"fault cleared ({who}); the arm holds the last setpoint")
+
+    # One tick.
+
+    def advance(self, now: float, *, urgent: bool) -> None:
+        """Move on to ``now`` and send one setpoint where something changed."""
+        tick = self._ticks.take(now, urgent=urgent)
+        if tick is None:
+            return
+        if tick.late_before is not None:
+            self.log.warning(tick.late_before)
+        if self.board is None or self.state not in POWERED:
+            return
+        activity = self.activity
+        if tick.late_s is not None:
+            self.monitor.doubt()
+            if activity is not None and self.gate.q is not None:
+                text = self._ticks.count_late(tick.late_s, now)
+                self.notices.set("late", text, until=now + LATE_SHOWN_S)
+        self.setpoint = None
+        if self.monitor.doubtful:
+            # What is written to a board that has lost its power switches the pulses on again with a jump.
+            if activity is not None:
+                activity.halt()
+            return
+        if activity is not None:
+            self.setpoint = activity.advance(now, tick.dt)
+        opening = self.gripper.advance(tick.dt, self.speed)
+        q, opening = self.gate.admit(None if self.setpoint is None else self.setpoint.q, opening, now)
+        if q is not None or opening is not None:
+            self.board.write(q, opening)
 
     def observe(self, now: float) -> None:
         """Read back where it is due, and compare."""
-        board = self.board
-        if board is None or not self.monitor.due(now):
+        board, monitor = self.board, self.monitor
+        reading = monitor.read(board, now) if board is not None and monitor.due(now) else None
+        if board is None or reading is None:
             return
-        reading = self.monitor.read(board, now)
         q = self.gate.q
-        if reading is None:
-            return
         if q is None:
-            self.monitor.check_released()
+            monitor.check_released()
             return
-        if reading.errors and self.activity is not None and not self.stopping:
+        if reading.errors and self.activity is not None and not self._stopping:
             self.stop(Origin(f"the board reports {', '.join(reading.errors)}"), Ticket())
-        lost = self.monitor.went_by_itself(q, now)
+        lost = monitor.went_by_itself(q, now)
         if lost is not None:
-            self.gate.forget()
-            self.gripper.set(None)
+            self.forget_position()
             if self.state is not State.FAULT:  # a fault that is there already keeps its cause
                 text = f"{lost}; see to its power and its errors, then clear the fault and enable"
                 self.fault(MotionRefusedError(text))
             return
-        self.monitor.compare(board, q, self.standing and not self.gripper.moving, now)
+        monitor.compare(board, q, self.standing and self.gripper.goal is None, now)
 
-    def powered(self) -> bool:
-        """The pulses are on, as far as is known."""
-        if self.gate.q is not None:
-            return self.board is not None
-        return bool(self.monitor.reading.on.any())
+    def settle(self) -> None:
+        """Draw the conclusions of a tick: what has ended, what stands, what is refused."""
+        self.gripper.settle()
+        activity = self.activity
+        if activity is not None:
+            if activity.begun and self._ticket is not None:
+                self._ticket.accept()
+            if activity.notice is None:
+                self.notices.clear("activity")
+            else:
+                self.notices.set("activity", activity.notice)
+            if activity.done:
+                self._end(activity)
+            elif self._pausing and activity.standing and self.state is State.MOVING:
+                self._enter(State.PAUSED, f"{activity.label} paused")
+        if self.activity is None:
+            self._answer_stops()
+            self._leave_now()
 
-    def _drop_activity(self) -> ArmctlError | None:
-        """Have what runs end; an error where the board does not confirm that it does."""
-        activity, self.activity = self.activity, None
-        if activity is None:
-            return None
-        try:
-            activity.stop()
-        except ArmctlError as error:
-            return error
-        except Exception as error:  # a defect here must not keep a fault from being one
-            _LOGGER.exception("%s could not be stopped", activity.label)
-            if self.monitor.homes:
-                return ArmctlError(f"internal error: {type(error).__name__}: {error}")
-        return None  # without setpoints an arm that the board does not move by itself stands still
-
-    def _settle_activity(self, activity: Activity) -> None:
-        if activity.begun and self.ticket is not None:
-            self.ticket.accept()
-        if activity.notice is not None:
-            self.notices.set("activity", activity.notice)
-        else:
-            self.notices.clear("activity")
-        if activity.done:
-            self._end(activity)
-        elif self.pausing and activity.standing and self.state is State.MOVING:
-            self.enter(State.PAUSED, f"{activity.label} paused")
+    def _enter(self, state: State, cause: str) -> None:
+        """Change the state; every change is logged with its cause."""
+        if state is not self.state:
+            line = f"{self.state.value} → {state.value}: {cause}"
+            (self.log.error if state is State.FAULT else self.log.info)(line)
+        self.state, self.cause = state, cause
 
     def _end(self, activity: Activity) -> None:
-        ticket, self.ticket, self.activity = self.ticket, None, None
-        self.pausing = False
+        ticket, self._ticket, self.activity = self._ticket, None, None
+        self._pausing = False
         self.notices.clear("activity")
         stopped, self.stopped_by = self.stopped_by, ""
         error = activity.error
@@ -295,21 +443,52 @@ class Core:
             else:
                 ticket.refuse(error)
         # Homing that was stopped or failed leaves an arm of which nobody knows where it is.
-        self.enter(State.OFF if self.gate.q is None else State.HOLDING, cause)
+        self._enter(State.OFF if self.gate.q is None else State.HOLDING, cause)
 
-    def _send(self, q: FloatArray | None, opening: float | None, now: float) -> None:
-        if self.board is None:
-            return
-        q, opening = self.gate.admit(q, opening, now)
-        if q is not None or opening is not None:
-            self.board.write(q, opening)
+    def _drop_all(self, error: ArmctlError) -> ArmctlError | None:
+        """Forget everything that runs or waits; the arm gets no further setpoint.
+
+        Returns:
+            why a board that moves the arm by itself may go on; None: it does not.
+        """
+        self.drop_motion(error)
+        goes_on = self._drop_activity()
+        if self._ticket is not None:
+            self._ticket.refuse(error)
+            self._ticket = None
+        self.gripper.stop(error)
+        self._answer_stops()  # nothing moves any more: what STOP asked for
+        self.stopped_by = ""
+        self._pausing = False
+        self.setpoint = None
+        self.notices.clear("activity")
+        return goes_on
+
+    def _drop_activity(self) -> ArmctlError | None:
+        """End the motion; an error where the board does not confirm that it has ended."""
+        activity, self.activity = self.activity, None
+        if activity is None:
+            return None
+        try:
+            activity.stop()
+        except ArmctlError as error:
+            return error
+        except Exception as error:  # a defect here must not keep a fault from being one
+            _LOGGER.exception("%s could not be stopped", activity.label)
+            if self.monitor.homes:
+                return ArmctlError(f"internal error: {type(error).__name__}: {error}")
+        return None  # without setpoints an arm that the board does not move by itself stands still
+
+    def _answer_stops(self) -> None:
+        for ticket in self._stopping:
+            ticket.finish()
+        self._stopping.clear()
 
     def _close_board(self) -> None:
         if self.board is not None:
             self.board.close()
             self.board = None
-        self.gate.forget()
-        self.gripper.set(None)
+        self.forget_position()
         self.monitor.reset()
         self.notices.clear_all()
 

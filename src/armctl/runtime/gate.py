@@ -25,27 +25,19 @@ class Gate:
     def __init__(self, robot: Robot, longest_s: float) -> None:
         self._robot = robot
         self._longest_s = longest_s
-        self._q: FloatArray | None = None
-        self._opening: float | None = None
+        self.q: FloatArray | None = None
+        """(n,) last setpoint [rad], never written into; None: nothing was sent since the pulses came on"""
+        self.opening: float | None = None
+        """last gripper opening 0..1; None: nothing was sent"""
         self._q_time = 0.0
         self._opening_time = 0.0
 
-    @property
-    def q(self) -> FloatArray | None:
-        """(n,) last setpoint [rad]; None: nothing was sent since the pulses came on."""
-        return None if self._q is None else self._q.copy()
-
-    @property
-    def opening(self) -> float | None:
-        """Last gripper opening 0..1; None: nothing was sent."""
-        return self._opening
-
     def forget(self) -> None:
-        """The pulses are off: where the arm is, nobody knows."""
-        self._q = None
-        self._opening = None
+        """The pulses are off: nobody knows where the arm is."""
+        self.q = None
+        self.opening = None
 
-    def jump(self, q: FloatArray, now: float) -> FloatArray:
+    def jump(self, q: FloatArray, now: float) -> None:
         """Admit the first setpoint after the pulses were off: limits hold, the step cannot.
 
         Args:
@@ -55,12 +47,11 @@ class Gate:
         Raises:
             MotionRefusedError: not finite, or outside the limits.
         """
-        self._q, self._q_time = self._inside(q), now
-        return self._q.copy()
+        self.q, self._q_time = self._inside(q), now
 
     def adopt_opening(self, opening: float, now: float) -> None:
         """The board already holds the gripper at this opening."""
-        self._opening, self._opening_time = min(max(opening, 0.0), 1.0), now
+        self.opening, self._opening_time = min(max(opening, 0.0), 1.0), now
 
     def admit(
         self, q: FloatArray | None, opening: float | None, now: float
@@ -82,17 +73,16 @@ class Gate:
         admitted = None if q is None else self._checked_joints(q, now)
         admitted_opening = None if opening is None else self._checked_opening(opening, now)
         if admitted is not None:
-            self._q, self._q_time = admitted, now
-            admitted = admitted.copy()
+            self.q, self._q_time = admitted, now
         if admitted_opening is not None:
-            self._opening, self._opening_time = admitted_opening, now
+            self.opening, self._opening_time = admitted_opening, now
         return admitted, admitted_opening
 
     def _checked_joints(self, q: FloatArray, now: float) -> FloatArray | None:
-        if self._q is None:
+        if self.q is None:
             raise MotionRefusedError("a setpoint while the pulses are off; enable first")
         q = self._inside(q)
-        step = np.abs(q - self._q)
+        step = np.abs(q - self.q)
         if not step.any():
             return None
         elapsed = min(max(now - self._q_time, 0.0), self._longest_s)
@@ -113,12 +103,12 @@ class Gate:
         if not (math.isfinite(opening) and -_ROUNDING <= opening <= 1 + _ROUNDING):
             raise MotionRefusedError(f"{gripper.title}: {100 * opening:.1f} % is outside 0 … 100 %")
         opening = min(max(opening, 0.0), 1.0)
-        if self._opening is None:
+        if self.opening is None:
             return opening
-        if opening == self._opening:
+        if opening == self.opening:
             return None
         elapsed = min(max(now - self._opening_time, 0.0), self._longest_s)
-        step, allowed = abs(opening - self._opening), gripper.speed * elapsed
+        step, allowed = abs(opening - self.opening), gripper.speed * elapsed
         if step > allowed * (1 + _ROUNDING) + _ROUNDING:
             raise MotionRefusedError(
                 f"{gripper.title}: a step of {100 * step:.2f} % in {1000 * elapsed:.1f} ms, "

@@ -1,4 +1,4 @@
-"""Joints that are led by hand: what a jog and a live target have in common."""
+"""Joints that are led by hand: what a jog and a live target have in common, and the jog."""
 
 from __future__ import annotations
 
@@ -11,10 +11,11 @@ from armctl.errors import ArmctlError
 from armctl.robot import Robot
 from armctl.runtime.activity import ActivityView, Setpoint
 from armctl.runtime.commands import JogTool
-from armctl.runtime.joint_servo import JointServo, KeepClear
-from armctl.runtime.tool_line import Lead, ToolLine
+from armctl.runtime.joint_servo import JointServo, KeepClear, Lead, ToolLine
 
 FloatArray = NDArray[np.float64]
+JOG_EXPIRY_S = 0.1
+"""How long one jog command counts."""
 
 
 class Led:
@@ -24,6 +25,10 @@ class Led:
     floor, an obstacle or itself: a step after which they could not is not taken.
     """
 
+    begun = True
+    pausable = False  # whoever leads it lets go
+    error: ArmctlError | None = None  # what cannot be done is no error: the notice says why
+
     def __init__(self, robot: Robot, clear: KeepClear, q: FloatArray, speed: float) -> None:
         """Stand at ``q`` (n,) [rad]; ``speed`` is the override."""
         self._robot = robot
@@ -31,38 +36,15 @@ class Led:
         self._servo = JointServo(robot, q)
         self._speed = speed
         self._expires = -math.inf
-        self._notice: str | None = None
-        self._done = False
-
-    @property
-    def begun(self) -> bool:
-        """It begins at once."""
-        return True
+        self.notice: str | None = None
+        """what is not as it is asked for: a limit, the floor, a singular pose"""
+        self.done = False
+        """at rest, and nobody leads it any more"""
 
     @property
     def standing(self) -> bool:
         """The joints are at rest."""
         return self._servo.standing
-
-    @property
-    def done(self) -> bool:
-        """At rest, and nobody leads it any more."""
-        return self._done
-
-    @property
-    def error(self) -> ArmctlError | None:
-        """What cannot be done is no error: the notice says why."""
-        return None
-
-    @property
-    def pausable(self) -> bool:
-        """No: whoever leads it lets go."""
-        return False
-
-    @property
-    def notice(self) -> str | None:
-        """What is not as it is asked for: a limit, the floor, a singular pose."""
-        return self._notice
 
     def set_speed(self, fraction: float) -> None:
         """Go towards this speed override inside the acceleration limits."""
@@ -78,17 +60,17 @@ class Led:
     def stop(self) -> None:
         """Slow down as hard as the limits allow."""
         self._expires = -math.inf
-        self._done = self.standing
+        self.done = self.standing
 
     def halt(self) -> None:
         """No setpoint is sent for now: go on from rest."""
         self._servo.halt()
-        self._done = self._expires == -math.inf
+        self.done = self._expires == -math.inf
 
     def _lead_on(self, expires: float) -> None:
         """Somebody leads it until the clock says ``expires``."""
         self._expires = expires
-        self._done = False
+        self.done = False
 
     def _toward_rest(self, dt: float) -> tuple[FloatArray, FloatArray]:
         """Angles and speeds (n,) after ``dt`` [s] of braking."""
@@ -109,25 +91,16 @@ class Led:
         return Setpoint(q.copy(), v.copy(), acceleration)
 
 
-# Jogging: joints or the tool moved by commands that expire.
-
-JOG_EXPIRY_S = 0.1
-"""How long one jog command counts."""
-
-
 class Jogger(Led):
-    """Joint speeds that follow the commands inside every limit."""
+    """Joint speeds that follow the jog commands inside every limit."""
+
+    label = "jog"
 
     def __init__(self, robot: Robot, clear: KeepClear, q: FloatArray, speed: float) -> None:
         """Stand at ``q`` (n,) [rad]; ``speed`` is the override."""
         super().__init__(robot, clear, q, speed)
         self._wanted: FloatArray | JogTool = np.zeros(robot.n)
         self._line: ToolLine | None = None
-
-    @property
-    def label(self) -> str:
-        """What it is."""
-        return "jog"
 
     def command(self, wanted: FloatArray | JogTool, expires: float) -> None:
         """Move on until the clock says ``expires``.
@@ -152,15 +125,15 @@ class Jogger(Led):
         """Go on by ``dt`` seconds to ``now``; None where the joints stand."""
         servo, expired = self._servo, now >= self._expires
         lead = self._lead(expired, dt)
-        self._notice = None if expired else lead.notice
+        self.notice = None if expired else lead.notice
         q, v = servo.step(lead.speeds, dt)
         if not expired and (blocked := self._blocked_ahead(q, v)) is not None:
-            self._notice = f"jog: {blocked}"
+            self.notice = f"jog: {blocked}"
             q, v = self._toward_rest(dt)
-        elif not expired and self._notice is None and self._line is None:
-            self._notice = self._at_limit(q, lead.speeds)
+        elif not expired and self.notice is None and self._line is None:
+            self.notice = self._at_limit(q, lead.speeds)
         if not v.any() and servo.standing:
-            self._done = expired
+            self.done = expired
             if expired:
                 self._line = None
             return None
@@ -182,8 +155,7 @@ class Jogger(Led):
             if not servo.standing:
                 return Lead(np.zeros(self._robot.n))
             self._line = ToolLine(self._robot, servo.q, wanted)
-        self._line.command = wanted
-        return self._line.lead(servo, self._speed, dt)
+        return self._line.lead(servo, self._speed, dt, wanted)
 
     def _at_limit(self, q: FloatArray, desired: FloatArray) -> str | None:
         low, high = self._robot.limits[:, 0], self._robot.limits[:, 1]

@@ -1,22 +1,45 @@
-"""Following a target that is dragged: the joints move toward a goal that is found anew again and again."""
+"""Following a target that is dragged: the joints move toward a goal that is solved for again and again."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from concurrent.futures import Future
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from armctl.errors import ArmctlError
-from armctl.kinematics import Target
+from armctl.kinematics import Solutions, Target
 from armctl.robot import Robot
 from armctl.runtime.activity import ActivityView, Setpoint
 from armctl.runtime.joint_servo import KeepClear
 from armctl.runtime.led import Led
-from armctl.runtime.planner import LiveGoal, result_of
+from armctl.runtime.planner import result_of
 
 FloatArray = NDArray[np.float64]
+_STEP = float(np.radians(0.05))
+"""of a joint that is free [rad]"""
+_SAME_POSTURE = float(np.radians(20.0))
+"""A change of branch with less travel than this passes through the pose where the branches meet [rad]."""
+_DETOUR_M, _DETOUR_SHARE = 0.02, 0.1
+"""How much farther from the target the tool may come on its way there, and as a share of its distance."""
+_ROUND_M, _ROUND_SHARE = 0.03, 1.4
+"""How long the way of the tool may be: a turn of the base by 150 degrees is 1.36 times its chord."""
+_LOOKS = 24
+_SHORT_M = 1e-3
+
+
+@dataclass(frozen=True, slots=True)
+class LiveGoal:
+    """What came of one target."""
+
+    q: FloatArray | None
+    """(n,) where to go [rad]; None: stay with the goal before"""
+    note: str | None = None
+    """what is not as it was asked for"""
+
+
 Solve = Callable[[FloatArray, Target, float | None], Future[LiveGoal]]
 """Begins to solve, from angles (n,) [rad], for a target, keeping a tool pitch [rad] where there is one."""
 FOLLOW_EXPIRY_S = 0.5
@@ -26,8 +49,10 @@ FOLLOW_EXPIRY_S = 0.5
 class Follower(Led):
     """Joints that move toward the newest target inside every limit.
 
-    One target at a time is solved for, somewhere else; of those that come meanwhile only the newest counts.
+    One target at a time is solved for, on another thread; of those that come meanwhile the newest counts.
     """
+
+    label = "live target"
 
     def __init__(self, robot: Robot, clear: KeepClear, q: FloatArray, speed: float, solve: Solve) -> None:
         """Stand at ``q`` (n,) [rad]; ``speed`` is the override."""
@@ -42,11 +67,6 @@ class Follower(Led):
         self._note: str | None = None
 
     @property
-    def label(self) -> str:
-        """What it is."""
-        return "live target"
-
-    @property
     def q(self) -> FloatArray:
         """(n,) where the joints are [rad]."""
         return self._servo.q.copy()
@@ -58,11 +78,6 @@ class Follower(Led):
             self._target = target
             self._stale = True
 
-    @property
-    def goal(self) -> FloatArray | None:
-        """(n,) where the joints go [rad]; None: nowhere yet."""
-        return None if self._goal is None else self._goal.copy()
-
     def stop(self) -> None:
         """Slow down as hard as the limits allow; the same target asked for again is a new one."""
         self._goal = self._target = None
@@ -73,21 +88,21 @@ class Follower(Led):
         super().stop()
 
     def view(self) -> ActivityView:
-        """What is shown: where it goes now."""
-        return ActivityView(self.goal, 0.0, 0.0)
+        """Where the joints go now (n,) [rad]; None: nowhere yet."""
+        return ActivityView(None if self._goal is None else self._goal.copy(), 0.0, 0.0)
 
     def advance(self, now: float, dt: float) -> Setpoint | None:
         """Go on by ``dt`` seconds to ``now``; None where the joints stand."""
         servo, expired = self._servo, now >= self._expires
         self._take_goal(expired)
         goal = None if expired else self._goal
-        self._notice = None if expired or self._note is None else f"live target: {self._note}"
+        self.notice = None if expired or self._note is None else f"live target: {self._note}"
         q, v = self._toward_rest(dt) if goal is None else servo.toward(goal, self._speed, dt)
         if goal is not None and (blocked := self._blocked_ahead(q, v)) is not None:
-            self._notice = f"live target: {blocked}"
+            self.notice = f"live target: {blocked}"
             q, v = self._toward_rest(dt)
         if not v.any() and servo.standing and np.array_equal(q, servo.q):
-            self._done = expired
+            self.done = expired
             return None
         return self._take(q, v, dt)
 
@@ -119,3 +134,111 @@ def _same(one: Target, other: Target) -> bool:
     else:
         turned = np.array_equal(one.rotation, other.rotation)
     return turned and (one.point, one.pitch, one.roll) == (other.point, other.pitch, other.roll)
+
+
+def live_goal(robot: Robot, clear: KeepClear, q: FloatArray, target: Target, pitch: float | None) -> LiveGoal:
+    """The configuration to go to for ``target``: the nearest one, on the branch on which the arm is.
+
+    The joints go straight there, so the way is looked at, too: a way that swings the tool round, away from
+    the target before it comes nearer, is none to be taken while somebody drags; one that leads into the
+    floor, an obstacle or the arm itself ends before it.
+
+    Args:
+        robot: the arm.
+        clear: what it must stay out of.
+        q: (n,) where the arm is [rad].
+        target: where the tool shall be; a roll that it does not give stays as it is.
+        pitch: the tool pitch to keep where the target gives none and the arm can [rad]; None: any.
+    """
+    goal, note = _wanted(robot, q, target, pitch)
+    if goal is None:
+        return LiveGoal(None, note)
+    way = clear.line(q, goal)
+    found = clear.blocked(way)
+    if found is not None:
+        row, why = found
+        return LiveGoal(way[row - 1], why)
+    return LiveGoal(goal, note)
+
+
+def _wanted(
+    robot: Robot, q: FloatArray, target: Target, pitch: float | None
+) -> tuple[FloatArray | None, str | None]:
+    """The nearest configuration on the arm's branch, or a reason why not."""
+    found = _solutions(robot, q, target, pitch)
+    if not found.success:
+        return _toward_nearest(robot, q, found, pitch)
+    goal, branch = _nearest(robot, q, found)
+    if branch is not None:
+        return None, f"it can be reached only with {branch}; the arm keeps its posture and waits"
+    return _swing_checked(robot, q, goal, target.position, None)
+
+
+def _toward_nearest(
+    robot: Robot, q: FloatArray, found: Solutions, pitch: float | None
+) -> tuple[FloatArray | None, str | None]:
+    """To the reachable point that comes nearest to a target without a solution.
+
+    Or just short of it: at the edge of its reach the arm is singular, and its branches meet.
+    """
+    if found.nearest_q is None or found.nearest_m is None:
+        return None, f"{found.reason}; the arm waits"
+    note = f"{found.reason}; following the nearest point"
+    point, target = found.nearest_m, found.target
+    back = robot.forward(q)[:3, 3] - point
+    back *= min(_SHORT_M / max(float(np.linalg.norm(back)), _SHORT_M), 1.0)
+    short = _solutions(robot, q, Target.of(point + back, target.pitch, target.roll, target.rotation), pitch)
+    if short.success:
+        goal, branch = _nearest(robot, q, short)
+        if branch is not None:
+            return (
+                None,
+                f"{found.reason}; the nearest point needs {branch}: the arm keeps its posture and waits",
+            )
+        return _swing_checked(robot, q, goal, point, note)
+    return _swing_checked(robot, q, found.nearest_q, point, note)
+
+
+def _solutions(robot: Robot, q: FloatArray, target: Target, pitch: float | None) -> Solutions:
+    """With the present pitch and roll where nothing else is asked for; else with any."""
+    roll = target.roll
+    if roll is None and target.rotation is None:
+        roll = robot.inverse_kinematics.pitch_and_roll(q)[1]
+    if target.pitch is None and target.rotation is None and pitch is not None:
+        kept = robot.inverse(target.position, pitch, roll, step=_STEP)
+        if kept.success:
+            return kept
+    return robot.inverse(target.position, target.pitch, roll, target.rotation, step=_STEP)
+
+
+def _nearest(robot: Robot, q: FloatArray, found: Solutions) -> tuple[FloatArray, str | None]:
+    """The solution of least travel on the arm's branch, and None; else that of another branch, named."""
+    travel = found.energies("least-travel", q)
+    order = int(np.argmin(travel))
+    if len(found.branch_names) > 1:
+        pitch, roll = robot.inverse_kinematics.pitch_and_roll(q)
+        here = robot.inverse(robot.forward(q)[:3, 3], pitch, roll, step=_STEP)
+        if here.success:
+            mine = found.branch == here.branch_of(q)
+            if mine.any():
+                order = int(np.argmin(np.where(mine, travel, np.inf)))
+            elif np.abs(found.q[order] - q).max() > _SAME_POSTURE:
+                return found.q[order], str(found.branch[order])
+    return found.q[order].copy(), None
+
+
+def _swing_checked(
+    robot: Robot, q: FloatArray, goal: FloatArray, point: FloatArray, note: str | None
+) -> tuple[FloatArray | None, str | None]:
+    """``goal``, unless the tool goes a long way round to it, or first away from ``point`` (3,) [m]."""
+    way = robot.forward(q + np.linspace(0.0, 1.0, _LOOKS)[:, None] * (goal - q))[:, :3, 3]
+    distance = np.linalg.norm(way - point, axis=1)
+    length = float(np.linalg.norm(np.diff(way, axis=0), axis=1).sum())
+    straight = float(np.linalg.norm(way[-1] - way[0]))
+    away = float(distance.max() - distance[0])
+    if away > _DETOUR_M + _DETOUR_SHARE * float(distance[0]) or length > _ROUND_M + _ROUND_SHARE * straight:
+        return None, (
+            f"the way there would swing the tool round, {1000 * length:.0f} mm for {1000 * straight:.0f} mm; "
+            "the arm waits: lead the target round, or go there with Inverse"
+        )
+    return goal, note

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import logging
 import math
-from collections import deque
 
 from armctl.runtime.clock import wall_time
 from armctl.runtime.snapshot import Event
@@ -17,14 +16,9 @@ class EventLog:
     """The newest lines, oldest first. Only the controller thread writes."""
 
     def __init__(self, lines: int = 200, repeat_s: float = 5.0) -> None:
-        self._events: deque[Event] = deque(maxlen=lines)
+        self._lines = lines
         self._repeat_s = repeat_s
-        self._tuple: tuple[Event, ...] = ()
-
-    @property
-    def events(self) -> tuple[Event, ...]:
-        """The lines."""
-        return self._tuple
+        self.events: tuple[Event, ...] = ()
 
     def info(self, text: str) -> None:
         """Something happened."""
@@ -40,20 +34,16 @@ class EventLog:
 
     def _add(self, level: str, text: str) -> None:
         stamp = wall_time()
-        if self._events:
-            last = self._events[-1]
+        if self.events:
+            last = self.events[-1]
             if (last.level, last.text) == (level, text) and 0 <= stamp - last.stamp < self._repeat_s:
                 return  # a held key must not flood the log
-        self._events.append(Event(stamp, level, text))
-        self._tuple = tuple(self._events)
+        self.events = (*self.events, Event(stamp, level, text))[-self._lines :]
         _LOGGER.log(_LEVELS[level], "%s", text)
 
 
-# What is true now and the user should know.
-
-
 class Notices:
-    """Named warnings that stay until they are cleared or their time is over."""
+    """Warnings by name, shown until they are cleared or their time is over."""
 
     def __init__(self, log: EventLog) -> None:
         self._log = log
@@ -70,11 +60,12 @@ class Notices:
         self._texts.pop(key, None)
 
     def clear_all(self) -> None:
-        """Nothing is known any more."""
+        """Clear all of them: nothing is known any more."""
         self._texts.clear()
 
     def current(self, now: float) -> tuple[str, ...]:
         """The texts to show at ``now``, oldest first."""
-        for key in [key for key, (_, until) in self._texts.items() if until < now]:
-            del self._texts[key]
+        for key, (_, until) in tuple(self._texts.items()):
+            if until < now:
+                del self._texts[key]
         return tuple(text for text, _ in self._texts.values())

@@ -1,18 +1,21 @@
-"""Connecting, and switching the pulses on and off."""
+"""Switching the outputs on and off, and homing: how the arm is taken over where it stands."""
 
 from __future__ import annotations
+
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
 
-from armctl.errors import ArmctlError, MotionRefusedError, StateError
+from armctl.errors import ArmctlError, BoardError, MotionRefusedError, StateError
 from armctl.hardware import Source
 from armctl.motion import FLOOR_TOLERANCE_M, Floor
+from armctl.runtime.activity import ActivityView, Setpoint
 from armctl.runtime.board import Board, Reading
+from armctl.runtime.commands import Ticket
 from armctl.runtime.core import POWERED, Core
-from armctl.runtime.homing import Homing
+from armctl.runtime.log import EventLog
 from armctl.runtime.snapshot import State
-from armctl.runtime.ticket import Ticket
 
 FloatArray = NDArray[np.float64]
 ADOPT_TOLERANCE_RAD = np.radians(0.25)
@@ -25,40 +28,10 @@ _BACK_INSIDE = {
     Source.TRANSMITTED: _DROP_AND_ENABLE,
     Source.MEASURED: "release it and turn it back by hand, or press Homing",
 }
-HOME_FIRST = "press Homing (every axis moves to its switch)"
-
-
-def connect(core: Core, port: str, who: str, now: float) -> None:
-    """Open the line. Moves nothing; leaves the outputs as they are.
-
-    Raises:
-        StateError: connected already.
-        BoardError: nobody there.
-    """
-    if core.state not in (State.DISCONNECTED, State.FAULT):
-        raise StateError(f"connected already, and {core.state.value}; disconnect first")
-    if core.board is not None:
-        core.disconnect("to connect again")
-    try:
-        core.board = Board.open(core.robot, core.open_driver, port)
-        answered = core.monitor.read(core.board, now) is not None
-    except ArmctlError as error:
-        if core.board is not None:
-            core.disconnect(str(error))
-        core.enter(State.DISCONNECTED, str(error))
-        raise
-    identity = core.board.identity
-    for note in identity.notes:
-        core.log.info(note)
-    for words in identity.earlier:
-        core.log.warning(words)
-    cause = f"connected to {identity.kind} at {identity.port} ({who}); "
-    power = core.board.outputs.power
-    if core.powered():
-        cause += f"its {power} are on already: Enable takes the arm over where it is"
-    else:
-        cause += f"{power} are off" if answered else f"it has not said yet whether its {power} are on"
-    core.enter(State.OFF, cause)
+_HOME_FIRST = "press Homing (every axis moves to its switch)"
+_SETTLE_S = 0.3
+"""what is read before this may still be from before homing began, or was stopped"""
+_LONGEST_S = 180.0
 
 
 def enable(core: Core, wanted: FloatArray | None, who: str, now: float) -> None:
@@ -74,23 +47,19 @@ def enable(core: Core, wanted: FloatArray | None, who: str, now: float) -> None:
     if core.state in POWERED and core.gate.q is not None and wanted is None:
         return
     if core.state is not State.OFF or core.board is None:
-        raise StateError(f"enable needs the state off, it is {core.state.value}{_way_out(core)}")
+        raise StateError(f"enable needs the state off, it is {core.state.value}{hint(core, to_enable=True)}")
     goal = core.robot.check_limits(core.robot.pose("rest") if wanted is None else wanted)
     core.board.configure()
     reading = _where_it_is(core, core.board, now)
     if reading.homing is not None and not reading.homing.done:
-        raise StateError(f"the arm does not know where it is yet; {HOME_FIRST}")
+        raise StateError(f"the arm does not know where it is yet; {_HOME_FIRST}")
     live = ~np.isnan(reading.q)
     start = _taken_over(core, core.board, np.where(live, reading.q, goal))
     if not live.all() and (below := below_floor(core.floor, start)) is not None:
         raise MotionRefusedError(f"{below}; choose another pose to enable in")
-    core.gate.jump(start, now)
-    if reading.opening is not None:
-        core.gate.adopt_opening(reading.opening, now)
-    core.gripper.set(core.gate.opening)
+    core.adopt(start, reading.opening, now)
     core.board.write(start, None)
-    core.monitor.enabled()
-    core.enter(State.HOLDING, f"enabled ({who}); {_how_it_began(core, live, reading.source)}")
+    core.hold(f"enabled ({who}); {_how_it_began(core, live, reading.source)}")
     if wanted is not None and live.any() and (np.abs(start - goal) > _tolerance(core.board)).any():
         core.log.warning("enabled where the arm stands, not in the pose asked for: move there now")
 
@@ -103,30 +72,28 @@ def home(core: Core, ticket: Ticket, who: str, now: float) -> None:
         BoardError: the board does not begin, or is gone.
     """
     if core.board is None or core.state not in (State.OFF, State.HOLDING):
-        raise StateError(f"homing needs the arm off or holding, it is {core.state.value}{_way_out(core)}")
+        raise StateError(
+            f"homing needs the arm off or holding, it is {core.state.value}{hint(core, to_enable=True)}"
+        )
     if core.monitor.reading.homing is None:
         raise StateError("the servos of this arm know their angles: there is nothing to home")
     instead = StateError(f"the arm is being homed ({who})")
-    core.upcoming.drop_motion(instead)
+    core.drop_motion(instead)
     core.gripper.stop(instead)
     board = core.board
     board.configure()
 
     def adopt(reading: Reading, when: float) -> None:
-        core.gate.jump(_taken_over(core, board, reading.q), when)
-        if reading.opening is not None:
-            core.gate.adopt_opening(reading.opening, when)
-        core.gripper.set(core.gate.opening)
+        core.adopt(_taken_over(core, board, reading.q), reading.opening, when)
 
     homing = Homing(board, lambda: core.monitor.reading, adopt, core.log, now)
-    core.gate.forget()
-    core.gripper.set(None)
+    core.forget_position()
     core.monitor.enabled()
     core.begin(homing, ticket, who, now)
 
 
 def release(core: Core, who: str) -> None:
-    """Pulses off: the arm drops.
+    """Outputs off: the arm drops.
 
     Raises:
         StateError: not connected.
@@ -139,35 +106,147 @@ def release(core: Core, who: str) -> None:
     core.power_off(f"released ({who})")
 
 
-def clear_fault(core: Core, who: str) -> None:
-    """Leave fault for ``holding`` (pulses on) or ``off``.
-
-    Raises:
-        StateError: no fault, or the board is gone.
-    """
-    if core.state is not State.FAULT:
-        raise StateError(f"there is no fault to clear: {core.state.value}")
-    if core.board is None:
-        raise StateError(f"the board is gone ({core.cause}); connect again")
-    core.gripper.set(core.gate.opening)
-    if core.gate.q is None:
-        if core.monitor.reading.powered is False:
-            core.board.release()  # what the board has switched off by itself stays off until it is told so
-        core.enter(State.OFF, f"fault cleared ({who})")
-    else:
-        core.enter(State.HOLDING, f"fault cleared ({who}); the arm holds the last setpoint")
-
-
-def _way_out(core: Core) -> str:
+def hint(core: Core, *, to_enable: bool = False) -> str:
+    """What to do about a state in which a command is refused."""
     match core.state:
         case State.DISCONNECTED:
-            return "; connect first"
+            return "; connect first" if to_enable else "; connect and enable first"
+        case State.OFF:
+            homing = core.monitor.reading.homing
+            return "; enable first" if homing is None or homing.done else f"; {_HOME_FIRST}"
+        case State.MOVING | State.PAUSED:
+            return f" ({core.cause}); stop first"
         case State.FAULT:
             return f" ({core.cause}); clear the fault first"
         case State.HOLDING:
             return "; the arm is enabled already"
-        case _:
-            return f" ({core.cause}); stop first"
+
+
+class Homing:
+    """Watches a board that homes; gives no setpoints. When it is done the arm is taken over where it stands.
+
+    Args:
+        board: which homes.
+        reading: gives the newest reading.
+        adopt: called once, with the reading that says that every axis is homed, and the time; an
+            ``ArmctlError`` of it ends homing as a failure.
+        log: gets a line for each axis.
+        now: controller clock [s].
+
+    Raises:
+        BoardError: the board does not begin.
+    """
+
+    label = "homing"
+    begun = True
+    pausable = False
+
+    def __init__(
+        self,
+        board: Board,
+        reading: Callable[[], Reading],
+        adopt: Callable[[Reading, float], None],
+        log: EventLog,
+        now: float,
+    ) -> None:
+        self.error: ArmctlError | None = None
+        """why not every axis is homed"""
+        self._board = board
+        self._reading = reading
+        self._adopt = adopt
+        self._log, self._logged = log, ""
+        self._began: float | None = now
+        self.done = False
+        self._stopping = False
+        board.home()
+
+    @property
+    def standing(self) -> bool:
+        """The joints are at rest: it is over."""
+        return self.done
+
+    @property
+    def notice(self) -> str | None:
+        """Which axis is looked for."""
+        homing = self._reading().homing
+        if self.done or homing is None or homing.running is None:
+            return None
+        place = min(sum(homing.homed.values()) + 1, len(homing.homed))
+        title = self._board.title(homing.running)
+        return f"homing: {title} looks for its zero ({place} of {len(homing.homed)}); keep clear"
+
+    def advance(self, now: float, dt: float) -> Setpoint | None:
+        """Look how far the board is."""
+        if self.done:
+            return None
+        if self._began is None:
+            self._began = now
+        looking = self.notice
+        if looking is not None and looking != self._logged:
+            self._logged = looking
+            self._log.warning(looking)  # somebody's hand may be near the axis that begins now
+        if now - self._began >= _SETTLE_S:
+            self._conclude(self._reading(), now, now - self._began)
+        return None
+
+    def set_speed(self, fraction: float) -> None:
+        """Axes look for their zeros at their own, slow speed."""
+
+    def pause(self) -> None:
+        """Never called: it is not ``pausable``."""
+
+    def resume(self) -> None:
+        """Never called."""
+
+    def stop(self) -> None:
+        """Have the board brake, at once: it goes on by itself, whether setpoints may be sent or not.
+
+        Raises:
+            BoardError: it does not confirm.
+        """
+        if not self._stopping:
+            self._stopping = True
+            self._began = None
+            self._board.hold()
+
+    def halt(self) -> None:
+        """Nothing is sent anyway: the board goes on by itself."""
+
+    def view(self) -> ActivityView:
+        """How many axes are homed."""
+        homing = self._reading().homing
+        share = 0.0 if homing is None else sum(homing.homed.values()) / max(len(homing.homed), 1)
+        return ActivityView(None, share, 0.0)
+
+    def _conclude(self, reading: Reading, now: float, since: float) -> None:
+        homing = reading.homing
+        if self._stopping:
+            self.done = homing is None or homing.running is None
+        elif homing is None or reading.powered is False:
+            self._fail("; ".join(reading.errors) or "the board switched its motors off")
+        elif homing.running is not None:
+            if since > _LONGEST_S:
+                self.error = BoardError(
+                    f"homing was given up after {_LONGEST_S:.0f} s: an axis still looks for its zero; "
+                    "see to its home switch"
+                )
+                self.stop()
+        elif homing.done:
+            self._take_over(reading, now)
+        else:
+            missing = [self._board.title(channel) for channel, homed in homing.homed.items() if not homed]
+            self._fail("; ".join(reading.errors) or f"{', '.join(missing)} did not find a zero")
+
+    def _take_over(self, reading: Reading, now: float) -> None:
+        try:
+            self._adopt(reading, now)
+        except ArmctlError as error:
+            self.error = error
+        self.done = True
+
+    def _fail(self, why: str) -> None:
+        self.error = BoardError(f"homing ended before every axis had its zero: {why}")
+        self.done = True
 
 
 def _where_it_is(core: Core, board: Board, now: float) -> Reading:

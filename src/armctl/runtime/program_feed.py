@@ -8,14 +8,50 @@ from concurrent.futures import Future
 from dataclasses import dataclass, replace
 from itertools import chain
 
+import numpy as np
+from numpy.typing import NDArray
+
 from armctl.errors import ArmctlError
-from armctl.program import PlannedStep, PlanState, Program
-from armctl.runtime.planner import BegunProgram, Planner, result_of
+from armctl.program import (
+    PlannedStep,
+    PlanState,
+    Program,
+    ProgramSource,
+    begin_program,
+    plan_again,
+    plan_next,
+)
+from armctl.robot import Robot
+from armctl.runtime.planner import Planner, result_of
 
 _MOTIONS_AHEAD = 2
 _STEPS_AHEAD = 512
 
 Planned = tuple[list[PlannedStep], PlanState]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BegunProgram:
+    """A program that is checked, with its first steps planned."""
+
+    source: ProgramSource
+    steps: list[PlannedStep]
+    state: PlanState
+    """after those steps"""
+
+
+def begun_program(
+    robot: Robot,
+    program: Program,
+    loops: int | None,
+    first: int,
+    count: int | None,
+    start: NDArray[np.float64],
+) -> BegunProgram:
+    """Check a program and plan its first steps from ``start`` (n,) [rad]."""
+    source = ProgramSource(program)
+    state = begin_program(robot, program, start, loops=loops, first=first, count=count)
+    return BegunProgram(source, *plan_next(robot, source, state))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -44,14 +80,16 @@ class ProgramFeed:
     at which the arm can still turn off or be braked; until that is done the arm goes on as it was planned.
     """
 
-    def __init__(self, begun: BegunProgram, planner: Planner, early_s: float) -> None:
+    def __init__(self, robot: Robot, begun: BegunProgram, planner: Planner, early_s: float) -> None:
         """Begin with the steps that are planned.
 
         Args:
+            robot: the arm.
             begun: the program, and those steps.
             planner: plans the others.
             early_s: how long before it is due a motion may be taken [s]; twice as much is planned.
         """
+        self._robot = robot
         self._ahead_s = 2 * early_s
         self._source = begun.source
         self._state: PlanState = begun.state
@@ -142,7 +180,7 @@ class ProgramFeed:
 
     def update(self, program: Program) -> None:
         """Go on with another version of the program at the next pass."""
-        self._source.program = program
+        self._source.edit(program)
         self._drop_outdated()
 
     def drop(self) -> None:
@@ -160,7 +198,7 @@ class ProgramFeed:
                     self._over = True
                 if self._over or self._enough():
                     return
-                self._future = self._planner.ahead(self._source, self._state)
+                self._future = self._planner.submit(plan_next, self._robot, self._source, self._state)
             if not self._future.done():
                 return
             future, self._future = self._future, None
@@ -227,7 +265,7 @@ class ProgramFeed:
             return
         self._forget_plans()
         self._tried = tried
-        future = self._planner.again(self._source, [turn.state for turn in turns])
+        future = self._planner.submit(plan_again, self._robot, self._source, [turn.state for turn in turns])
         self._detour = _Detour(turns, future)
 
     def _turns(self) -> list[_Turn]:

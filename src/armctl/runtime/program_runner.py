@@ -7,10 +7,9 @@ from armctl.motion import Trajectory
 from armctl.program import GripperStep, PlannedStep, Program, WaitStep
 from armctl.robot import Robot
 from armctl.runtime.activity import ActivityView, Setpoint
-from armctl.runtime.gripper import GripperMover
-from armctl.runtime.mover import PathMover, starving_s
-from armctl.runtime.planner import BegunProgram, Planner
-from armctl.runtime.program_feed import ProgramFeed
+from armctl.runtime.mover import GripperMover, PathMover, starving_s
+from armctl.runtime.planner import Planner
+from armctl.runtime.program_feed import BegunProgram, ProgramFeed
 from armctl.runtime.snapshot import ProgramProgress
 
 _EARLIER_S = 0.6
@@ -19,6 +18,8 @@ _EARLIER_S = 0.6
 
 class ProgramRunner:
     """One program on its way. At most one step is begun a tick, so that an empty loop cannot hang it."""
+
+    pausable = True
 
     def __init__(
         self,
@@ -47,27 +48,24 @@ class ProgramRunner:
         self._speed, self._percent = speed, 100.0
         self._gripper = gripper
         self._early_s = starving_s(robot) + _EARLIER_S
-        self._feed = ProgramFeed(begun, planner, self._early_s)
+        self._feed = ProgramFeed(robot, begun, planner, self._early_s)
         self._running: PlannedStep | None = None
         self._first = first
         self._mover: PathMover | None = None
         self._wait_left = 0.0
-        self._gripping = False
-        self._begun = False
+        self.gripping = False
+        """a gripper step is running"""
+        self.begun = False
         self._paused = False
         self._stopped = False
-        self._error: ArmctlError | None = None
+        self.error: ArmctlError | None = None
+        """which step could not be run, and why"""
         self._take_steps()
 
     @property
     def label(self) -> str:
         """What it is."""
         return f"program {self._program.name!r}"
-
-    @property
-    def begun(self) -> bool:
-        """Its first step has begun."""
-        return self._begun
 
     @property
     def standing(self) -> bool:
@@ -77,29 +75,14 @@ class ProgramRunner:
     @property
     def done(self) -> bool:
         """All passes are over, or it was stopped or refused, and the joints are at rest."""
-        if self._stopped or self._error is not None:
+        if self._stopped or self.error is not None:
             return self._mover is None or self._mover.done
         return not self._busy and self._feed.ended
-
-    @property
-    def error(self) -> ArmctlError | None:
-        """Which step could not be run, and why."""
-        return self._error
-
-    @property
-    def pausable(self) -> bool:
-        """Yes."""
-        return True
 
     @property
     def notice(self) -> str | None:
         """That what comes next was not planned in time."""
         return None if self._mover is None else self._mover.notice
-
-    @property
-    def gripping(self) -> bool:
-        """A gripper step is running."""
-        return self._gripping
 
     def update(self, program: Program) -> None:
         """Go on with another version of the program, which was checked, at the next pass."""
@@ -115,21 +98,21 @@ class ProgramRunner:
     def pause(self) -> None:
         """Stand on the path, or stop the time of a wait."""
         self._paused = True
-        self._gripper.held = self._gripping
+        self._gripper.hold(self.gripping)
         if self._mover is not None:
             self._mover.pause()
 
     def resume(self) -> None:
         """Go on."""
         self._paused = False
-        self._gripper.held = False
+        self._gripper.hold(False)
         if self._mover is not None:
             self._mover.resume()
 
     def stop(self) -> None:
         """Slow down and drop the rest."""
         self._stopped = True
-        self._gripper.held = False
+        self._gripper.hold(False)
         self._feed.drop()
         if self._mover is not None:
             self._mover.stop()
@@ -150,8 +133,8 @@ class ProgramRunner:
                 self._mover = None
         elif self._wait_left > 0 and not self._paused:
             self._wait_left -= dt
-        if self._gripping and not self._gripper.moving:
-            self._gripping = False
+        if self.gripping and self._gripper.goal is None:
+            self.gripping = False
         self._take_steps()
         return setpoint
 
@@ -168,18 +151,18 @@ class ProgramRunner:
         if running is None:
             program, index, passes = self._program, self._first, 0
         else:
-            over = self.done and not self._stopped and self._error is None
+            over = self.done and not self._stopped and self.error is None
             program, index, passes = running.program, running.index, running.passes + over
         count = len(program.steps)
         return ProgramProgress(program.name, index, count, passes, self._loops, program, self._program)
 
     @property
     def _busy(self) -> bool:
-        return self._mover is not None or self._wait_left > 0 or self._gripping
+        return self._mover is not None or self._wait_left > 0 or self.gripping
 
     def _take_steps(self) -> None:
         """Take the steps that are due: the next motion just before it is needed, others one a tick."""
-        if self._paused or self._stopped or self._error is not None:
+        if self._paused or self._stopped or self.error is not None:
             return
         try:
             withdrawn = self._feed.turn_back()
@@ -193,11 +176,12 @@ class ProgramRunner:
             self._feed.drop()
             if self._mover is not None:
                 self._mover.end()
-            self._error = ProgramError(f"{self._program.name}: {cause}")
-            self._error.__cause__ = cause
+            error = ProgramError(f"{self._program.name}: {cause}")
+            error.__cause__ = cause
+            self.error = error
 
     def _due(self) -> bool:
-        if self._wait_left > 0 or self._gripping:
+        if self._wait_left > 0 or self.gripping:
             return False
         if self._mover is None:
             return True
@@ -209,7 +193,7 @@ class ProgramRunner:
         """Begin a step; whether another may be begun in the same tick."""
         if step.error is not None:
             raise ProgramError(f"step {step.index + 1}: {step.error}") from step.error
-        self._begun = True
+        self.begun = True
         if step.trajectory is not None and step.moves:
             self._move(step, step.trajectory)
             return True
@@ -219,7 +203,7 @@ class ProgramRunner:
             self._wait_left = step.step.seconds
         elif isinstance(step.step, GripperStep):
             self._gripper.move_to(step.step.open_percent / 100)
-            self._gripping = True
+            self.gripping = True
         return False
 
     def _move(self, step: PlannedStep, trajectory: Trajectory) -> None:

@@ -12,7 +12,7 @@ import viser
 from armctl.errors import ArmctlError
 from armctl.robot import Robot
 from armctl.runtime import Jog, JogTool, MoveGripper, Snapshot
-from armctl.runtime.tool_line import tool_turns
+from armctl.runtime.joint_servo import tool_turns
 from armctl.ui.tabs.manual.joints import checked_percent
 from armctl.ui.widgets.hold import Hold, attach_hold
 from armctl.ui.widgets.html import LiveHtml, muted, table

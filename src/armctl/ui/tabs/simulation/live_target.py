@@ -14,8 +14,7 @@ from armctl.errors import ArmctlError, StateError
 from armctl.kinematics import Target
 from armctl.runtime import FollowTarget, Snapshot, State
 from armctl.runtime.joint_servo import KeepClear
-from armctl.runtime.live_target import FOLLOW_EXPIRY_S, Follower
-from armctl.runtime.planner import LiveGoal, live_goal
+from armctl.runtime.live_target import FOLLOW_EXPIRY_S, Follower, LiveGoal, live_goal
 from armctl.ui.scene.arm_figure import ArmFigure
 from armctl.ui.scene.ghost import thicker
 from armctl.ui.session import Session
