@@ -16,8 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armctl.errors import InputError
-from armctl.motion.paths.spline import quintic
-from armctl.motion.polynomial import PiecewisePolynomial
+from armctl.motion.polynomial import PiecewisePolynomial, quintic
 from armctl.motion.speed_plan import PathLimits, SpeedPlan
 from armctl.motion.timing import PathTrajectory
 from armctl.robot import Robot

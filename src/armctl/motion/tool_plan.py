@@ -15,11 +15,10 @@ from armctl.motion.paths import (
     ToolPath,
     ToolPathRefusedError,
     ToolPathUnreachableError,
-    spline_through,
     tool_arc,
     tool_line,
 )
-from armctl.motion.polynomial import PiecewisePolynomial
+from armctl.motion.polynomial import PiecewisePolynomial, spline_through
 from armctl.motion.preflight import require_clear
 from armctl.motion.profiles import PointToPoint, ProfileName
 from armctl.motion.timing import PathTrajectory, timed

@@ -7,8 +7,7 @@ from hypothesis import strategies as st
 
 from armctl import load_robot
 from armctl.errors import InputError
-from armctl.motion.paths.spline import spline_through
-from armctl.motion.polynomial import PiecewisePolynomial
+from armctl.motion.polynomial import PiecewisePolynomial, spline_through
 from armctl.motion.profiles import law_over
 from armctl.motion.speed_plan import PathLimits, SpeedPlan
 from armctl.motion.timing import PathTrajectory

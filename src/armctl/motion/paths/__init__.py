@@ -1,6 +1,5 @@
 """Paths: where a motion goes, without its time."""
 
-from armctl.motion.paths.spline import spline_through
 from armctl.motion.paths.tool_path import PITCH_MODES, PitchMode, ToolPath, tool_arc, tool_line, usual_pitch
 from armctl.motion.paths.tool_refusal import PathPlace, ToolPathRefusedError, ToolPathUnreachableError
 
@@ -11,7 +10,6 @@ __all__ = [
     "ToolPath",
     "ToolPathRefusedError",
     "ToolPathUnreachableError",
-    "spline_through",
     "tool_arc",
     "tool_line",
     "usual_pitch",

@@ -14,14 +14,12 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
 
 from armctl.kinematics.angles import LIMIT_TOLERANCE
 from armctl.kinematics.yaw_pitch_roll.geometry import YawPitchRoll, bend_sense
-from armctl.motion.paths.spline import quintic
 from armctl.motion.paths.tool_curve import ToolCurve
 from armctl.motion.paths.tool_task import Knot, ToolTask, reaches_forward
-from armctl.motion.polynomial import PiecewisePolynomial
+from armctl.motion.polynomial import PiecewisePolynomial, cubic_spline, quintic
 
 FloatArray = NDArray[np.float64]
 DEVIATION_M = 0.01e-3
@@ -296,8 +294,7 @@ def led_pitch(grid: PitchGrid, way: FloatArray, start: float, smoothing: float) 
     rows = np.eye(count) + smoothing * second.T @ second
     values = np.zeros(count)  # the first one is given
     values[1:] = np.linalg.solve(rows[1:, 1:], way[1:])
-    spline = CubicSpline(grid.places, start + values)
-    return PiecewisePolynomial(grid.places, np.moveaxis(spline.c[::-1], 0, 1)[:, :, None])
+    return cubic_spline(grid.places, (start + values)[:, None])
 
 
 def motion_weights(speeds: FloatArray) -> FloatArray:
