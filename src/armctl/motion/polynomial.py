@@ -164,7 +164,7 @@ class PiecewisePolynomial:
     def _control_points(self) -> tuple[FloatArray, FloatArray]:
         """(k, degree + 1, n) Bernstein coefficients of each piece, and its powers over 0 ... 1."""
         size = self.coefficients.shape[1]
-        widths: FloatArray = np.diff(self.breaks)[:, None] ** np.arange(size)
+        widths = np.power(np.diff(self.breaks)[:, None], np.arange(float(size)))
         unit = self.coefficients * widths[:, :, None]
         return _bernstein(size) @ unit, unit
 
