@@ -83,7 +83,7 @@ class RawPage:
     def introduce(self) -> None:
         self.say("ViewerCameraMessage", **CAMERA)
 
-    def set(self, uuid: str, value: object) -> None:
+    def set(self, uuid: object, value: object) -> None:
         self.say("GuiUpdateMessage", uuid=uuid, updates={"value": value})
 
 

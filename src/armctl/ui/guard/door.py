@@ -9,45 +9,19 @@ from __future__ import annotations
 
 import errno
 import hmac
-import http
 import ipaddress
 import os
 import socket
 from dataclasses import dataclass
 from http import HTTPStatus
-from typing import Any
 from urllib.parse import parse_qs
 
-from websockets.asyncio.server import Server, ServerConnection
+from websockets.asyncio.server import ServerConnection
 from websockets.datastructures import Headers
-from websockets.frames import CloseCode
 from websockets.http11 import Request, Response
-from websockets.server import ServerProtocol
 
 from armctl.errors import ServerError
-from armctl.ui.guard.filter import ConnectionHandles, FrameFilter, ServerSlot, Tally
-
-# A websocket connection that delivers only what the filter admits.
-
-
-class GuardedConnection(ServerConnection):
-    """Drops bad frames and keeps the connection; a page that floods is disconnected (1008)."""
-
-    def __init__(
-        self, protocol: ServerProtocol, server: Server, *, slot: ServerSlot, tally: Tally, **options: Any
-    ) -> None:
-        super().__init__(protocol, server, **options)
-        self._filter = FrameFilter(ConnectionHandles(slot, self), tally, self.loop.time)
-
-    async def recv(self, decode: bool | None = None) -> Any:
-        """Receive the next admissible frame; see ``websockets``."""
-        while True:
-            raw = await super().recv(decode)
-            if self._filter.admits(raw):
-                return raw
-            if self._filter.flooded:
-                await self.close(CloseCode.POLICY_VIOLATION, "too many messages")
-
+from armctl.ui.guard.filter import GuardedConnection, Tally
 
 _LOOPBACK_NAMES = ("127.0.0.1", "localhost", "[::1]")
 _PAGE = ("/", "/index.html")
@@ -157,7 +131,7 @@ def _redirect(cookie: str | None = None) -> Response:
     return _respond(HTTPStatus.FOUND, "", headers)
 
 
-def _respond(status: http.HTTPStatus, text: str, more: dict[str, str] | None = None) -> Response:
+def _respond(status: HTTPStatus, text: str, more: dict[str, str] | None = None) -> Response:
     body = text.encode()
     headers = Headers(
         {

@@ -2,42 +2,39 @@
 
 from __future__ import annotations
 
+import asyncio
 import http.client
-import importlib
 import ipaddress
 import logging
 import re
 import socket
-import sys
 import threading
+import traceback
 import types
 from collections.abc import Callable, Generator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from functools import partial
 from http import HTTPStatus
 from typing import Any
 
+import rich
 import viser
 import websockets.asyncio.server
-from websockets.asyncio.server import Server, ServerConnection
+from websockets.asyncio.server import ServerConnection
 from websockets.http11 import Request, Response
-from websockets.server import ServerProtocol
 
 from armctl.errors import ServerError
-from armctl.ui.guard.door import Door, GuardedConnection, listening_socket
-from armctl.ui.guard.filter import LOG, ServerSlot, Tally
+from armctl.ui.guard.door import Door, listening_socket
+from armctl.ui.guard.filter import LOG, MAX_FRAME_BYTES, GuardedConnection, Tally
 
-# The one place where viser is changed: how it opens its server, and where it prints.
+# The one place where viser is changed: how it opens its server.
 #
 # viser 1.1.1 exposes none of the options of ``websockets.asyncio.server.serve`` that the guard needs, but
 # looks the function up when it starts. While a server is constructed, this module puts another function in
 # its place, which passes on viser's call with the guard's options added; only documented ones are used.
 
-MAX_FRAME_BYTES = 16 << 20
-"""Pictures of the scene are the largest frames; viser itself would take 50 MiB."""
-
 _VISER_SERVER = "viser.infra._infra"
-_PARTS_OF_RICH = ("rich", "rich.box", "rich.panel", "rich.style", "rich.table")
 _REPLACING = threading.Lock()  # what is replaced belongs to the process, so the lock does too
 
 
@@ -68,35 +65,28 @@ class GuardedServing:
     Attributes:
         listener: the socket to listen on, instead of viser's host and port.
         door: the checks on requests.
-        slot: where connections find the server whose handles they check values against.
+        client_of: finds the client of a connection, once it has introduced itself.
         calls: how often viser opened a server this way; 0 means that the guard is not in place.
         failure: why ``websockets`` did not open the server, if so; nothing is served then.
     """
 
     listener: socket.socket
     door: Door
-    slot: ServerSlot
+    client_of: Callable[[ServerConnection], viser.ClientHandle | None]
     calls: int = field(default=0, init=False)
     failure: Exception | None = field(default=None, init=False)
 
     @contextmanager
     def in_place(self) -> Generator[None]:
-        """Replace ``serve``, and ``rich.print`` for viser alone, while a ``ViserServer`` is constructed."""
+        """Replace ``serve`` for viser alone, while a ``ViserServer`` is constructed."""
         module = websockets.asyncio.server
-        for name in _PARTS_OF_RICH:  # what is imported while ``rich`` is replaced would miss in the real one
-            importlib.import_module(name)
         with _REPLACING:
-            serve, real_rich = module.serve, sys.modules["rich"]
-            quiet_rich = types.ModuleType("rich")
-            quiet_rich.__dict__.update(real_rich.__dict__)
-            quiet_rich.__dict__["print"] = _to_log
+            serve = module.serve
             module.serve = self._replacement(serve)  # pyright: ignore[reportAttributeAccessIssue]
-            sys.modules["rich"] = quiet_rich
             try:
                 yield
             finally:
                 module.serve = serve
-                sys.modules["rich"] = real_rich
 
     def _replacement(self, serve: Callable[..., Any]) -> Callable[..., Any]:
         def guarded(handler: Callable[..., Any], host: Any = None, port: Any = None, **options: Any) -> Any:
@@ -104,11 +94,8 @@ class GuardedServing:
                 return serve(handler, host, port, **options)
             self.calls += 1
             try:
-                options.update(self._options(options["process_request"]))
-                return serve(handler, **options)
-            except (
-                Exception
-            ) as cause:  # raised here, viser's thread would die and its constructor wait for ever
+                return serve(handler, **{**options, **self._options(options["process_request"])})
+            except Exception as cause:  # raised here, it would let viser's constructor wait for ever
                 self.failure = cause
                 return _NotServing()
 
@@ -119,16 +106,13 @@ class GuardedServing:
             response = self.door.answer(connection, request)
             return serve_page(connection, request) if response is None else response
 
-        def connection(protocol: ServerProtocol, server: Server, **options: Any) -> GuardedConnection:
-            return GuardedConnection(protocol, server, slot=self.slot, tally=self.door.tally, **options)
-
         wire = logging.Logger("armctl.ui.guard.wire")
         wire.addHandler(_WireLog())
         return {
             "sock": self.listener,
             "process_request": process_request,
             "process_response": self.door.finish,
-            "create_connection": connection,
+            "create_connection": partial(GuardedConnection, client_of=self.client_of, tally=self.door.tally),
             "server_header": None,
             "max_size": MAX_FRAME_BYTES,
             "ping_interval": 2,
@@ -136,12 +120,6 @@ class GuardedServing:
             "close_timeout": 1,
             "logger": wire,
         }
-
-
-def _to_log(*words: object, **options: object) -> None:
-    """Take the place of ``rich.print`` in viser: its banner and notices are not the user's business."""
-    del options
-    LOG.debug("viser: %s", " ".join(word for word in words if isinstance(word, str)))
 
 
 # Whether the guard holds: knock at the server's own door as those who must not come in.
@@ -227,6 +205,12 @@ class GuardedServer(viser.ViserServer):
         """How often the guard refused what since the start."""
         return self._tally.counts
 
+    def client_of(self, connection: ServerConnection) -> viser.ClientHandle | None:
+        """The client of a connection; None before it has introduced itself."""
+        live = self._websock_server._live_connections  # noqa: SLF001  # pyright: ignore[reportPrivateUsage]
+        ids = [number for number, one in tuple(live.items()) if one is connection]
+        return self.get_clients().get(ids[0]) if ids else None
+
     def request_share_url(self, verbose: bool = True) -> str | None:
         """Refuse: a public tunnel would let anybody drive the arm."""
         del verbose
@@ -281,7 +265,13 @@ def guarded_server(
     tally = Tally()
     listener = listening_socket(host, port, beyond_loopback=token is not None)
     address, bound_port = listener.getsockname()[:2]
-    serving = GuardedServing(listener, Door(tuple(extra_hosts), token, tally), ServerSlot())
+    server: GuardedServer | None = None
+    serving = GuardedServing(
+        listener,
+        Door(tuple(extra_hosts), token, tally),
+        lambda connection: None if server is None else server.client_of(connection),
+    )
+    rich.get_console().quiet = True  # viser prints a banner and notices, also when it is stopped
     try:
         with serving.in_place():
             server = GuardedServer(tally, host=host, port=bound_port, label=label)
@@ -305,5 +295,16 @@ def guarded_server(
         listener.close()  # nobody else does when viser did not take it
         raise
     tally.open()
-    serving.slot.server = server
+    server.get_event_loop().set_exception_handler(partial(_on_loop_error, tally))
     return server
+
+
+def _on_loop_error(tally: Tally, loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
+    """A value of a wrong type fails where viser casts it: that is a refusal. All else is a defect."""
+    error = context.get("exception")
+    places = [] if error is None else list(traceback.walk_tb(error.__traceback__))
+    if places and places[-1][0].f_globals["__name__"].startswith("viser."):
+        tally.refuse("a value that viser cannot take")
+        LOG.debug("refused by viser", exc_info=error)
+    else:
+        loop.default_exception_handler(context)
