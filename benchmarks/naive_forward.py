@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from armctl.kinematics import DHChain
+from armctl.kinematics import Chain
 
 FloatArray = NDArray[np.float64]
 
 
-def naive_forward(chain: DHChain, q: FloatArray) -> FloatArray:
+def naive_forward(chain: Chain, q: FloatArray) -> FloatArray:
     """(..., 4, 4) tool poses of (..., n) joint angles of a chain of modified rows."""
     T = np.broadcast_to(np.eye(4), (*q.shape[:-1], 4, 4))
     joint = 0

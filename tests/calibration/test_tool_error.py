@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from armctl.calibration import ToolError, tool_error
 from armctl.calibration.tool_error import ErrorModel, Parameter
 from armctl.errors import CalibrationError
-from armctl.kinematics import DHChain, DHRow
+from armctl.kinematics import Chain, DHRow
 from armctl.robot import Joint, Robot, load_robot, shipped_robots
 
 FloatArray = NDArray[np.float64]
@@ -55,7 +55,7 @@ def true_tips(robot: Robot, q: FloatArray, parameter: Parameter, amount: float) 
         rows[i] = replace(rows[i], d_m=rows[i].d_m + amount / 1000)
     else:
         base[i] = amount / 1000
-    chain = robot.chain if tuple(rows) == robot.chain.rows else DHChain(rows, robot.chain.convention)
+    chain = robot.chain if tuple(rows) == robot.chain.rows else Chain.from_dh(rows, robot.chain.convention)
     return chain.forward(turned)[:, :3, 3] + base
 
 
@@ -74,7 +74,7 @@ def random_arm(rng: np.random.Generator) -> Robot:
     joints = tuple(Joint(f"j{i}", f"J{i}", -1.5, 1.5, 1.0, 1.0, 1.0, None) for i in range(6))
     convention = "standard" if rng.random() < 0.5 else "modified"
     return replace(
-        uzuner, name="random", joints=joints, chain=DHChain(rows, convention),
+        uzuner, name="random", joints=joints, chain=Chain.from_dh(rows, convention),
         poses={"home": np.zeros(6), "rest": np.zeros(6)}, output_map=None,
     )  # fmt: skip
 

@@ -15,8 +15,7 @@ from armctl.calibration import Calibration, CalibrationStore, JointCalibration, 
 from armctl.cli.main import DONE, REFUSED, WRONG_USAGE, run
 from armctl.errors import ArmctlError
 from armctl.robot import load_robot
-from armctl.runtime import Command, Controller, MoveJoints, Origin, State
-from armctl.runtime import Ticket
+from armctl.runtime import Command, Controller, MoveJoints, Origin, State, Ticket
 
 MARKS = "output,angle_deg\n" + "".join(f"{1520 - 9.5 * angle},{angle}\n" for angle in (-60, -30, 0, 30, 60))
 

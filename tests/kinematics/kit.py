@@ -8,7 +8,7 @@ import numpy as np
 from benchmarks.naive_sweep import PlanarArm
 from numpy.typing import NDArray
 
-from armctl.kinematics import DHChain, DHRow, EnergyModel, GravityModel, InverseKinematics, inverse_kinematics
+from armctl.kinematics import Chain, DHRow, EnergyModel, GravityModel, InverseKinematics, inverse_kinematics
 
 FloatArray = NDArray[np.float64]
 
@@ -28,7 +28,7 @@ def shift(x: float, z: float) -> FloatArray:
     return T
 
 
-def plain_frames(rows: tuple[DHRow, ...], convention: str, q: FloatArray) -> list[FloatArray]:
+def plain_frames(rows: tuple[DHRow, ...], convention: str | None, q: FloatArray) -> list[FloatArray]:
     """The base and the frame behind each row, one product after the other, for one q (n,)."""
     frames, k = [np.eye(4)], 0
     for row in rows:
@@ -42,7 +42,7 @@ def plain_frames(rows: tuple[DHRow, ...], convention: str, q: FloatArray) -> lis
     return frames
 
 
-def plain_forward(chain: DHChain, q: FloatArray) -> FloatArray:
+def plain_forward(chain: Chain, q: FloatArray) -> FloatArray:
     return plain_frames(chain.rows, chain.convention, q)[-1]
 
 
@@ -69,7 +69,7 @@ def random_planar_arm(rng: np.random.Generator, *, offsets: bool = True, lateral
 
 def chain_of(
     arm: PlanarArm, convention: str, *, roll: bool = False, rng: np.random.Generator | None = None
-) -> DHChain:
+) -> Chain:
     """DH rows of an arm, with its lateral offset spread over the rows and, if asked for, a roll joint."""
     parts = np.zeros(4) if rng is None else rng.uniform(-0.03, 0.03, 4)
     lateral = [*parts[:3], -arm.lateral - parts[:3].sum()]  # the plane's normal points to the right
@@ -95,7 +95,7 @@ def chain_of(
         steps += [("z", 0.0, arm.lengths[2], True)]
     else:
         steps += [("x", 0.0, arm.lengths[2], False)]
-    return DHChain(rows_of(steps, convention), convention)  # type: ignore[arg-type]
+    return Chain.from_dh(rows_of(steps, convention), convention)  # type: ignore[arg-type]
 
 
 def rows_of(steps: list[tuple[str, float, float, bool]], convention: str) -> list[DHRow]:
@@ -114,7 +114,7 @@ def rows_of(steps: list[tuple[str, float, float, bool]], convention: str) -> lis
     return rows
 
 
-def solver_of(chain: DHChain, limits: FloatArray, titles: tuple[str, ...] = ()) -> InverseKinematics:
+def solver_of(chain: Chain, limits: FloatArray, titles: tuple[str, ...] = ()) -> InverseKinematics:
     energy = EnergyModel(speed_limits=np.ones(chain.n), gravity=GravityModel(chain, ()))
     return inverse_kinematics(
         chain, limits, energy, titles or tuple(f"Joint {k + 1}" for k in range(chain.n))

@@ -9,12 +9,12 @@ from typing import Literal
 import numpy as np
 from tests.kinematics.kit import FloatArray, random_q, rows_of, solver_of
 
-from armctl.kinematics import DHChain, DHRow, Solutions
+from armctl.kinematics import Chain, DHRow, Solutions
 from armctl.kinematics.spherical_shoulder.solver import SphericalShoulderSolver
 
 QUARTER = math.pi / 2
 STEP = math.radians(0.5)
-HUMANOID = DHChain(
+HUMANOID = Chain.from_dh(
     [
         DHRow(0.0, QUARTER, 0.0, QUARTER),
         DHRow(0.0, -QUARTER, 0.0, QUARTER),
@@ -30,14 +30,14 @@ TITLES = ("Shoulder swing", "Shoulder lift", "Shoulder turn", "Elbow", "Wrist ro
 
 
 def spherical_solver(
-    chain: DHChain, limits: FloatArray, titles: tuple[str, ...] = ()
+    chain: Chain, limits: FloatArray, titles: tuple[str, ...] = ()
 ) -> SphericalShoulderSolver:
     ik = solver_of(chain, limits, titles)
     assert isinstance(ik, SphericalShoulderSolver)
     return ik
 
 
-def random_arm(rng: np.random.Generator) -> tuple[DHChain, FloatArray]:
+def random_arm(rng: np.random.Generator) -> tuple[Chain, FloatArray]:
     """Axes at any angle, offsets, tools, both conventions; limits narrow, wide, fixed, over a full turn."""
 
     def some(low: float, high: float) -> float:
@@ -60,7 +60,7 @@ def random_arm(rng: np.random.Generator) -> tuple[DHChain, FloatArray]:
     else:
         steps += [("x", some(-2, 2), rng.uniform(0.05, 0.3), False), ("z", 0.0, some(-0.1, 0.1), False)]
     convention: Literal["standard", "modified"] = "standard" if rng.random() < 0.5 else "modified"
-    chain = DHChain(rows_of(steps, convention), convention)
+    chain = Chain.from_dh(rows_of(steps, convention), convention)
     low, high = -rng.uniform(0.1, 3.3, chain.n), rng.uniform(0.1, 3.3, chain.n)
     k = rng.integers(chain.n)
     kind = rng.random()

@@ -21,13 +21,13 @@ from tests.kinematics.kit import (
 
 from armctl import Robot, load_robot
 from armctl.errors import InputError
-from armctl.kinematics import BatchSolutions, DHChain, DHRow, Target, YawPitchRollSolver
-from armctl.kinematics import compiled as chain_kernel
+from armctl.kinematics import BatchSolutions, Chain, DHRow, Target, YawPitchRollSolver
+from armctl.kinematics import chain as chain_kernel
 from armctl.kinematics.yaw_pitch_roll import pose_batch
 from armctl.kinematics.yaw_pitch_roll.pose_batch import _cosines_within
 
 
-def arms() -> list[tuple[DHChain, FloatArray]]:
+def arms() -> list[tuple[Chain, FloatArray]]:
     rng = np.random.default_rng(101)
     out = [(robot.chain, robot.limits) for robot in map(load_robot, ("uzuner", "abaas", "scorbot"))]
     for i in range(30):
@@ -37,13 +37,13 @@ def arms() -> list[tuple[DHChain, FloatArray]]:
     return out
 
 
-def solver(chain: DHChain, limits: FloatArray) -> YawPitchRollSolver:
+def solver(chain: Chain, limits: FloatArray) -> YawPitchRollSolver:
     ik = solver_of(chain, limits)
     assert isinstance(ik, YawPitchRollSolver)
     return ik
 
 
-def assert_true(chain: DHChain, limits: FloatArray, batch: BatchSolutions, position: FloatArray) -> None:
+def assert_true(chain: Chain, limits: FloatArray, batch: BatchSolutions, position: FloatArray) -> None:
     rows, _ = np.nonzero(batch.found)
     q = batch.q[batch.found]
     assert np.isnan(batch.q[~batch.found]).all()
@@ -297,7 +297,7 @@ def test_the_tip_on_the_shoulder_of_two_equal_links(radius: float) -> None:
     for _ in range(30):
         first = rng.uniform(-2.5, 2.5)
         limits = np.array([[-3, 3], [first, first + 0.3], [-math.pi, math.pi], [-1, 1]])
-        chain = DHChain([
+        chain = Chain.from_dh([
             DHRow(radius, math.pi / 2, 0.1), DHRow(0.15, 0.0, 0.0),
             DHRow(0.0, math.pi / 2, 0.0, math.pi / 2), DHRow(0.0, 0.0, 0.15),
         ])  # fmt: skip

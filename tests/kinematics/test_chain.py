@@ -12,7 +12,9 @@ from tests.kinematics.kit import FloatArray, plain_forward, plain_frames
 
 from armctl import load_robot
 from armctl.errors import InputError
-from armctl.kinematics import DHChain, DHRow
+from armctl.kinematics import Chain, DHRow
+from armctl.kinematics.angles import half_angle_cos_sin
+from armctl.kinematics.chain import LinkFrames
 
 QUARTERS = st.sampled_from([0.0, math.pi / 2, -math.pi / 2, math.pi, -math.pi])
 ANGLES = st.floats(-7.0, 7.0) | QUARTERS
@@ -21,18 +23,18 @@ ROWS = st.builds(DHRow, a_m=LENGTHS, alpha_rad=ANGLES, d_m=LENGTHS, theta_rad=AN
 
 
 @st.composite
-def chains(draw: st.DrawFn) -> DHChain:
+def chains(draw: st.DrawFn) -> Chain:
     rows = draw(st.lists(ROWS, min_size=1, max_size=8))
     if not any(row.joint for row in rows):
         rows.append(DHRow(0.1, 0.3, 0.0))
-    return DHChain(rows, draw(st.sampled_from(["standard", "modified"])))
+    return Chain.from_dh(rows, draw(st.sampled_from(["standard", "modified"])))
 
 
-def uzuner() -> DHChain:
+def uzuner() -> Chain:
     return load_robot("uzuner").chain
 
 
-def differences(chain: DHChain, q: FloatArray, h: float = 1e-5) -> FloatArray:
+def differences(chain: Chain, q: FloatArray, h: float = 1e-5) -> FloatArray:
     """(6, n) Jacobian by central differences of the plain products."""
     J = np.zeros((6, chain.n))
     R = plain_forward(chain, q)[:3, :3]
@@ -46,7 +48,7 @@ def differences(chain: DHChain, q: FloatArray, h: float = 1e-5) -> FloatArray:
 
 @settings(max_examples=150)
 @given(chain=chains(), seed=st.integers(0, 10**6))
-def test_forward_is_the_plain_product(chain: DHChain, seed: int) -> None:
+def test_forward_is_the_plain_product(chain: Chain, seed: int) -> None:
     q = np.random.default_rng(seed).uniform(-7, 7, (3, chain.n))
     batched = chain.forward(q)
     for one, T in zip(q, batched, strict=True):
@@ -62,7 +64,7 @@ def test_forward_is_the_plain_product(chain: DHChain, seed: int) -> None:
 
 @settings(max_examples=80)
 @given(chain=chains(), seed=st.integers(0, 10**6))
-def test_jacobian_is_the_difference_quotient(chain: DHChain, seed: int) -> None:
+def test_jacobian_is_the_difference_quotient(chain: Chain, seed: int) -> None:
     q = np.random.default_rng(seed).uniform(-4, 4, (2, chain.n))
     batched = chain.jacobian(q)
     for one, J in zip(q, batched, strict=True):
@@ -99,6 +101,60 @@ def test_a_batch_keeps_its_leading_dimensions() -> None:
     assert chain.forward(np.empty((0, 5))).shape == (0, 4, 4)
 
 
+@settings(max_examples=60)
+@given(chain=chains(), seed=st.integers(0, 10**6))
+def test_links_and_places_are_those_of_the_plain_products(chain: Chain, seed: int) -> None:
+    q = np.random.default_rng(seed).uniform(-3, 3, (3, chain.n))
+    links = LinkFrames.at(chain, q)
+    assert [link for link, _ in chain.places] == [-1, *np.cumsum([row.joint for row in chain.rows]) - 1]
+    for m, one in enumerate(q):
+        expected = plain_frames(chain.rows, chain.convention, one)
+        for (link, T), frame in zip(chain.places, expected, strict=True):
+            assert np.abs(links.place(link, T[:3, 3][None])[:, 0, m] - frame[:3, 3]).max() < 1e-12
+            tips = links.place(link, T[:3, 3] + T[:3, :3].T)[:, :, m]
+            assert np.abs(tips - frame[:3, 3:] - frame[:3, :3]).max() < 1e-12
+        points, directions = chain.axes(one)
+        for j in range(chain.n):
+            assert np.abs(links.rotation[j][:, 2, m] - directions[j]).max() < 1e-12
+            assert np.abs(links.origin[j][:, m] - points[j]).max() < 1e-12
+        assert np.abs(links.tool[:, m] - expected[-1][:3, 3]).max() < 1e-12
+
+
+def test_many_chunks_are_one_batch() -> None:
+    chain = uzuner()
+    q = np.random.default_rng(1).uniform(-7, 7, (10_000, 5))
+    q[:50] = np.round(q[:50] / (math.pi / 2)) * (math.pi / 2)  # half turns, where a half tangent is huge
+    T, J = chain.forward(q), chain.jacobian(q)
+    for i in range(0, 10_000, 53):
+        assert np.abs(T[i] - plain_forward(chain, q[i])).max() < 1e-12
+        assert np.abs(J[i] - chain.jacobian(q[i])).max() < 1e-12
+
+
+def test_cosines_and_sines_by_the_half_angle() -> None:
+    angle = np.random.default_rng(91).uniform(-7, 7, 40_000)
+    angle[:2001] = math.pi + np.arange(-1000, 1001) * 1e-12  # half turns, and next to them
+    for found, exact in zip(half_angle_cos_sin(angle), (np.cos(angle), np.sin(angle)), strict=True):
+        assert np.abs(found - exact).max() < 2e-15
+
+
+def test_a_batch_names_the_row_that_is_not_finite() -> None:
+    q = np.zeros((20_000, 5))
+    q[17_003, 2] = math.nan
+    for method in (uzuner().forward, uzuner().jacobian):
+        with pytest.raises(InputError, match=r"finite numbers, got \[0.0, 0.0, nan, 0.0, 0.0\] in row 17003"):
+            method(q)
+
+
+def test_an_array_given_is_never_written_to_and_the_result_is_the_callers_own() -> None:
+    chain, q = uzuner(), np.full((3, 5), 0.3)
+    for value in (q, q[0]):
+        before, T = value.copy(), chain.forward(value)
+        T[...] = 7.0
+        chain.checked(value)[...] = 7.0
+        assert np.array_equal(value, before)
+        assert np.abs(chain.forward(value)).max() < 7.0
+
+
 def test_huge_angles_still_turn() -> None:
     chain, q = uzuner(), np.array([1e6, -1e9, 12345.6, 3e7, 1e12])
     assert np.abs(chain.forward(np.stack([q, q])) - plain_forward(chain, q)).max() < 1e-12
@@ -128,15 +184,15 @@ def test_what_is_no_configuration_is_refused(q: object, says: str, method: str) 
 
 def test_a_chain_that_cannot_be_is_refused() -> None:
     with pytest.raises(InputError, match="allowed are 'standard' and 'modified'"):
-        DHChain([DHRow(0, 0, 0)], "craig")  # type: ignore[arg-type]
+        Chain.from_dh([DHRow(0, 0, 0)], "craig")  # type: ignore[arg-type]
     with pytest.raises(InputError, match="DH row 2 holds a value that is not a finite number"):
-        DHChain([DHRow(0, 0, 0), DHRow(0, math.nan, 0)])
+        Chain.from_dh([DHRow(0, 0, 0), DHRow(0, math.nan, 0)])
     with pytest.raises(InputError, match="at least one row with a joint"):
-        DHChain([DHRow(0.1, 0, 0, joint=False)])
+        Chain.from_dh([DHRow(0.1, 0, 0, joint=False)])
 
 
 def test_one_configuration_is_one() -> None:
-    chain = load_robot("uzuner").chain
+    chain = uzuner()
     assert chain.checked_one([0, 0, 0, 0, 1]).tolist() == [0.0, 0.0, 0.0, 0.0, 1.0]
     for wrong in (np.zeros((2, 5)), np.zeros((1, 5)), np.zeros(4), 0.0, []):
         with pytest.raises(InputError, match="5 joint angles are needed"):

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from tests.kinematics.kit import FloatArray, plain_frames, random_q
 
-from armctl import load_robot
+from armctl import load_robot, shipped_robots
 from armctl.errors import InputError, UnreachableError
 from armctl.kinematics import CRITERIA, CRITERION_TEXT, Body, GravityModel, Solutions
 
@@ -63,18 +64,27 @@ def test_least_torque_is_the_squared_load_of_each_servo() -> None:
     assert found.best("least-torque").tolist() == found.q[energy.argmin()].tolist()
 
 
-def test_gravity_torque_is_the_gradient_of_the_potential_energy() -> None:
-    robot = load_robot("uzuner")
+@pytest.mark.parametrize("name", shipped_robots())
+def test_gravity_torque_is_the_gradient_of_the_potential_energy(name: str) -> None:
+    robot = load_robot(name)
     rng = np.random.default_rng(51)
-    bodies = tuple(Body(int(rng.integers(5)), 0.3, tuple(rng.uniform(-0.1, 0.1, 3))) for _ in range(6))
+    bodies = tuple(Body(int(rng.integers(robot.n)), 0.3, tuple(rng.uniform(-0.1, 0.1, 3))) for _ in range(6))
     for model in (robot.gravity, GravityModel(robot.chain, bodies, 0.25)):
-        q = random_q(rng, robot.limits, 8)
-        batched = model.torque(q)
-        for one, torque in zip(q, batched, strict=True):
-            steps = 1e-5 * np.eye(5)
+        q = random_q(rng, robot.limits, 2, 4)
+        batched = model.torque(q).reshape(8, robot.n)
+        for one, torque in zip(q.reshape(8, robot.n), batched, strict=True):
+            steps = 1e-5 * np.eye(robot.n)
             numeric = [(potential(model, one + h) - potential(model, one - h)) / 2e-5 for h in steps]
             assert torque == pytest.approx(numeric, abs=1e-8)
-            assert model.torque(one) == pytest.approx(torque, abs=1e-15)
+            assert model.torque(one) == pytest.approx(torque, abs=1e-14)
+
+
+def test_a_payload_put_in_later_counts() -> None:
+    robot = load_robot("uzuner")
+    q = np.radians([0, 10, 5, 5, 0])
+    heavier = replace(robot.gravity, payload_kg=robot.gravity.payload_kg + 1.0)
+    more = heavier.torque(q)[1] - robot.gravity.torque(q)[1]
+    assert more == pytest.approx(9.80665 * robot.forward(q)[0, 3], rel=1e-9)
 
 
 def test_the_base_of_an_upright_arm_carries_nothing() -> None:

@@ -12,7 +12,7 @@ from tests.kinematics.kit import FloatArray, chain_of, plain_forward, random_pla
 
 from armctl import load_robot
 from armctl.errors import InputError
-from armctl.kinematics import DHChain, DHRow, InverseKinematics, Solutions, Target, YawPitchRollSolver
+from armctl.kinematics import Chain, DHRow, InverseKinematics, Solutions, Target, YawPitchRollSolver
 
 STEP = math.radians(0.5)
 ROLL_LIMITS = [[-2.0, 2.5]]
@@ -26,13 +26,15 @@ def rows(table: list[tuple[float, float, float]], *fixed: int) -> list[DHRow]:
     ]
 
 
-ABAAS = DHChain(rows([(0, 90, 105), (105, 0, 0), (100, 0, 0), (0, 90, 0), (0, 0, 150)]), "standard")
-SCORBOT = DHChain(rows([(25, -90, 325), (222, 0, 0), (222, 0, 0), (0, -90, 0), (0, 0, 135)]), "standard")
+ABAAS = Chain.from_dh(rows([(0, 90, 105), (105, 0, 0), (100, 0, 0), (0, 90, 0), (0, 0, 150)]), "standard")
+SCORBOT = Chain.from_dh(
+    rows([(25, -90, 325), (222, 0, 0), (222, 0, 0), (0, -90, 0), (0, 0, 135)]), "standard"
+)
 ABAAS_LIMITS = np.radians([[-90, 90], [0, 180], [-135, 0], [-45, 180], [-90, 90.0]])
 SCORBOT_LIMITS = np.radians([[-155, 155], [-130, 35], [-130, 130], [-130, 130], [-180, 180.0]])
 
 
-def arms() -> list[tuple[DHChain, FloatArray]]:
+def arms() -> list[tuple[Chain, FloatArray]]:
     robot = load_robot("uzuner")
     out = [(robot.chain, robot.limits), (ABAAS, ABAAS_LIMITS), (SCORBOT, SCORBOT_LIMITS)]
     rng = np.random.default_rng(21)
@@ -200,7 +202,7 @@ def test_a_rotation_that_cannot_be_gets_the_nearest_that_can(off: float) -> None
 def test_a_tool_that_swings_out_of_its_plane_has_no_pitch_but_its_rotation_is_solved() -> None:
     """A fixed bend behind the roll joint: the approach axis turns about the roll axis."""
     bent = [*load_robot("uzuner").chain.rows, DHRow(0.0, math.radians(30), 0.0, joint=False)]
-    chain, limits = DHChain(bent, "modified"), load_robot("uzuner").limits
+    chain, limits = Chain.from_dh(bent, "modified"), load_robot("uzuner").limits
     ik = solver_of(chain, limits)
     q = np.radians([20, 60, -40, -20, 30.0])
     assert ik.pitch_and_roll(q) == (None, q[4])
@@ -210,9 +212,11 @@ def test_a_tool_that_swings_out_of_its_plane_has_no_pitch_but_its_rotation_is_so
     assert miss(ik.solve(Target.of(T[:3, 3], rotation=T[:3, :3]), STEP), q) < 1e-6
 
 
-def two_pitch_arm(roll: bool) -> tuple[InverseKinematics, DHChain, FloatArray]:
+def two_pitch_arm(roll: bool) -> tuple[InverseKinematics, Chain, FloatArray]:
     """The build of the MICO as a teaching arm: two pitch joints, and a roll along the forearm."""
-    chain = DHChain(rows([(0, -90, 275.5), (290, 0, 0), (0, -90, 0), (0, 0, 283.3)], *(() if roll else (3,))))
+    chain = Chain.from_dh(
+        rows([(0, -90, 275.5), (290, 0, 0), (0, -90, 0), (0, 0, 283.3)], *(() if roll else (3,)))
+    )
     limits = np.radians([[-180, 180], [-220, 40], [-230, 50], [-180, 180.0]])[: chain.n]
     return solver_of(chain, limits), chain, limits
 

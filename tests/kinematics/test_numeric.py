@@ -13,7 +13,7 @@ from scipy.optimize import minimize
 from tests.kinematics.kit import plain_forward, random_q
 
 from armctl.errors import InputError
-from armctl.kinematics import DHChain, DHRow, EnergyModel, GravityModel, Target, rotation_from_rpy
+from armctl.kinematics import Chain, DHRow, EnergyModel, GravityModel, Target, rotation_from_rpy
 from armctl.kinematics.numeric.goals import (
     Goal,
     PitchGoal,
@@ -29,14 +29,14 @@ from armctl.kinematics.rotation import rotation_angle
 from armctl.kinematics.solutions import Solutions
 
 FloatArray = NDArray[np.float64]
-Arm = tuple[DHChain, FloatArray]
+Arm = tuple[Chain, FloatArray]
 STEP = math.radians(0.01)
 HALF, QUARTER = math.pi, math.pi / 2
 
 
-def chain_of(rows: list[tuple[float, float, float]], convention: str = "standard") -> DHChain:
+def chain_of(rows: list[tuple[float, float, float]], convention: str = "standard") -> Chain:
     """Rows of a, alpha, d."""
-    return DHChain([DHRow(a, alpha, d) for a, alpha, d in rows], convention)  # type: ignore[arg-type]
+    return Chain.from_dh([DHRow(a, alpha, d) for a, alpha, d in rows], convention)  # type: ignore[arg-type]
 
 
 def degrees(*pairs: tuple[float, float]) -> FloatArray:
@@ -80,7 +80,7 @@ def random_arm(n: int, seed: int) -> Arm:
     rng = np.random.default_rng(seed)
     rows = [DHRow(*rng.uniform((-0.2, -HALF, -0.2, -HALF), (0.3, HALF, 0.3, HALF))) for _ in range(n)]
     low = rng.uniform(-2.8, -0.2, n)
-    return DHChain(rows), np.stack([low, low + rng.uniform(0.5, 5.0, n)], axis=1)
+    return Chain.from_dh(rows), np.stack([low, low + rng.uniform(0.5, 5.0, n)], axis=1)
 
 
 ODD4 = random_arm(4, 1)
@@ -139,7 +139,7 @@ def test_the_eight_ways_of_a_six_joint_arm_are_found() -> None:
     assert found.best("least-rotation") == pytest.approx(found.q[0])
 
 
-def pose_of(chain: DHChain, q: FloatArray) -> Target:
+def pose_of(chain: Chain, q: FloatArray) -> Target:
     T = chain.forward(q)
     return Target.of(T[:3, 3], rotation=T[:3, :3])
 

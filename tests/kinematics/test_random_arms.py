@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from tests.kinematics.kit import FloatArray, chain_of, plain_forward, solver_of
 from tests.kinematics.spherical_kit import random_arm
 
-from armctl.kinematics import DHChain, InverseKinematics, Target
+from armctl.kinematics import Chain, InverseKinematics, Target
 
 STEP = math.radians(0.5)
 ALWAYS_THE_SAME = settings(derandomize=True, max_examples=200, database=None)
@@ -33,7 +33,7 @@ def joint_limits(draw: st.DrawFn) -> tuple[float, float]:
 
 
 @st.composite
-def planar_arms(draw: st.DrawFn) -> tuple[DHChain, FloatArray]:
+def planar_arms(draw: st.DrawFn) -> tuple[Chain, FloatArray]:
     """Yaw, three parallel pitch joints and, mostly, a roll joint, in rows of either convention."""
     limits = np.radians([draw(joint_limits()) for _ in range(5)])
     arm = PlanarArm(
@@ -62,18 +62,18 @@ def standing(limits: FloatArray, share: list[float]) -> FloatArray:
 @pytest.mark.slow
 @given(planar_arms(), shares)
 @ALWAYS_THE_SAME
-def test_a_planar_arm_finds_its_pose_again(arm: tuple[DHChain, FloatArray], share: list[float]) -> None:
+def test_a_planar_arm_finds_its_pose_again(arm: tuple[Chain, FloatArray], share: list[float]) -> None:
     leads_back(*arm, standing(arm[1], share))
 
 
 @pytest.mark.slow
 @given(spherical_arms, shares)
 @ALWAYS_THE_SAME
-def test_a_spherical_arm_finds_its_pose_again(arm: tuple[DHChain, FloatArray], share: list[float]) -> None:
+def test_a_spherical_arm_finds_its_pose_again(arm: tuple[Chain, FloatArray], share: list[float]) -> None:
     leads_back(*arm, standing(arm[1], share))
 
 
-def leads_back(chain: DHChain, limits: FloatArray, q: FloatArray) -> None:
+def leads_back(chain: Chain, limits: FloatArray, q: FloatArray) -> None:
     """Its own configuration is listed; where the pose does not determine it, one with the same pose is."""
     T = plain_forward(chain, q)
     solutions = solver_of(chain, limits).solve(Target.of(T[:3, 3], rotation=T[:3, :3]), STEP)
@@ -92,18 +92,18 @@ def leads_back(chain: DHChain, limits: FloatArray, q: FloatArray) -> None:
 @pytest.mark.slow
 @given(planar_arms(), shares)
 @ALWAYS_THE_SAME
-def test_the_least_rotation_of_a_planar_arm(arm: tuple[DHChain, FloatArray], share: list[float]) -> None:
+def test_the_least_rotation_of_a_planar_arm(arm: tuple[Chain, FloatArray], share: list[float]) -> None:
     never_above_the_sweep(*arm, standing(arm[1], share))
 
 
 @pytest.mark.slow
 @given(spherical_arms, shares)
 @ALWAYS_THE_SAME
-def test_the_least_rotation_of_a_spherical_arm(arm: tuple[DHChain, FloatArray], share: list[float]) -> None:
+def test_the_least_rotation_of_a_spherical_arm(arm: tuple[Chain, FloatArray], share: list[float]) -> None:
     never_above_the_sweep(*arm, standing(arm[1], share))
 
 
-def never_above_the_sweep(chain: DHChain, limits: FloatArray, q: FloatArray) -> None:
+def never_above_the_sweep(chain: Chain, limits: FloatArray, q: FloatArray) -> None:
     target = chain.forward(q)[:3, 3]
     ik: InverseKinematics = solver_of(chain, limits)
     solutions = ik.solve(Target.of(target), STEP)

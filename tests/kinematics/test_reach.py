@@ -12,7 +12,7 @@ from benchmarks.naive_sweep import UZUNER, PlanarArm
 from tests.kinematics.kit import FloatArray, chain_of, random_planar_arm, random_q, solver_of
 
 from armctl import load_robot
-from armctl.kinematics import DHChain, InverseKinematics, Target
+from armctl.kinematics import Chain, InverseKinematics, Target
 from armctl.kinematics.solutions import needs
 
 STEP = math.radians(0.5)
@@ -89,7 +89,7 @@ def brute_force(tip: Tip, limits: FloatArray, position: FloatArray, rng: np.rand
     return float(distance(starts).min())
 
 
-def cases(rng: np.random.Generator, count: int) -> list[tuple[PlanarArm, InverseKinematics, DHChain]]:
+def cases(rng: np.random.Generator, count: int) -> list[tuple[PlanarArm, InverseKinematics, Chain]]:
     robot = load_robot("uzuner")
     out = [(UZUNER, robot.inverse_kinematics, robot.chain)] * (count // 4)
     while len(out) < count:

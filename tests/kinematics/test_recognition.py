@@ -9,16 +9,16 @@ import pytest
 from tests.kinematics.kit import chain_of, random_planar_arm, solver_of
 
 from armctl import load_robot
-from armctl.kinematics import DHChain, DHRow, Target
+from armctl.kinematics import Chain, DHRow, Target
 from armctl.kinematics.spherical_shoulder.geometry import recognise_spherical
 from armctl.kinematics.yaw_pitch_roll.geometry import recognise
 
 RIGHT = math.pi / 2
 
 
-def chain(*rows: tuple[float, float, float, float], convention: str = "standard") -> DHChain:
+def chain(*rows: tuple[float, float, float, float], convention: str = "standard") -> Chain:
     """Rows of (a, alpha, d, theta), all of them joints."""
-    return DHChain([DHRow(a, alpha, d, theta) for a, alpha, d, theta in rows], convention)  # type: ignore[arg-type]
+    return Chain.from_dh([DHRow(a, alpha, d, theta) for a, alpha, d, theta in rows], convention)  # type: ignore[arg-type]
 
 
 def test_uzuner_reduces_to_what_the_paper_says() -> None:
@@ -54,7 +54,7 @@ def test_a_first_axis_away_from_the_origin() -> None:
     """A fixed row ahead of the base joint moves and turns the whole arm."""
     inner = load_robot("uzuner")
     rows = [DHRow(0.2, 0.0, 0.3, math.radians(40), joint=False), *inner.chain.rows]
-    moved = DHChain(rows, "modified")
+    moved = Chain.from_dh(rows, "modified")
     ik = solver_of(moved, inner.limits)
     q = np.radians([20, 60, -40, -20, 10.0])
     T = moved.forward(q)
@@ -66,7 +66,7 @@ def test_a_first_axis_away_from_the_origin() -> None:
 
 def test_an_arm_hung_from_the_ceiling() -> None:
     inner = load_robot("uzuner")
-    hung = DHChain([DHRow(0.0, math.pi, 0.0, joint=False), *inner.chain.rows], "modified")
+    hung = Chain.from_dh([DHRow(0.0, math.pi, 0.0, joint=False), *inner.chain.rows], "modified")
     ik = solver_of(hung, inner.limits)
     q = np.radians([20, 60, -40, -20, 10.0])
     pitch, roll = ik.pitch_and_roll(q)
@@ -114,7 +114,7 @@ def test_two_pitch_joints_belong() -> None:
         pytest.param(chain((0.1, 0, 0, 0)), id="a single joint"),
     ],
 )
-def test_what_does_not_belong_is_solved_numerically(other: DHChain) -> None:
+def test_what_does_not_belong_is_solved_numerically(other: Chain) -> None:
     """And says that its list may be incomplete."""
     assert recognise(other) is None
     assert recognise_spherical(other) is None

@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 from tests.kinematics.kit import chain_of, random_planar_arm, random_q
 
-from armctl.kinematics import DHChain
+from armctl.kinematics import Chain
 from armctl.kinematics.section import (
     PlanarSection,
     SampledSection,
@@ -45,7 +45,7 @@ def off_the_lines(points: FloatArray, lines: tuple[FloatArray, ...]) -> FloatArr
     return np.linalg.norm(points[:, None] - start - u[..., None] * along, axis=2).min(axis=1)
 
 
-def in_plane(chain: DHChain, q: FloatArray) -> FloatArray:
+def in_plane(chain: Chain, q: FloatArray) -> FloatArray:
     """Tips (k, 2) as (r, z), each seen in its own tool plane."""
     geometry = recognise(chain)
     assert geometry is not None

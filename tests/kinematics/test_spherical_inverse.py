@@ -191,7 +191,7 @@ def test_a_tip_in_the_shoulder_itself() -> None:
     """Equal links folded up: the target gives no direction, and all three shoulder joints are free."""
     rows = list(HUMANOID.rows)
     rows[4] = type(rows[4])(0.0, 0.0, 0.35)
-    chain = type(HUMANOID)(rows, "standard")
+    chain = HUMANOID.from_dh(rows, "standard")
     limits = np.array([[-2, 2], [-1, 2], [-3, 3], [-3.2, 3.2], [-1, 1.0]])
     ik = spherical_solver(chain, limits)
     rng = np.random.default_rng(89)

@@ -16,7 +16,7 @@ from tests.kinematics.spherical_kit import (
     spherical_solver,
 )
 
-from armctl.kinematics import DHChain, DHRow, Solutions, Target
+from armctl.kinematics import Chain, DHRow, Solutions, Target
 
 IK = spherical_solver(HUMANOID, HUMANOID_LIMITS, TITLES)
 
@@ -95,14 +95,14 @@ def test_no_swept_posture_has_a_nearer_pitch() -> None:
 def test_rolls_that_cannot_be() -> None:
     said = refusal(150, -100, -590, roll=20)
     assert said == "Wrist roll needs 20.00°, its limits are 0.00° … 0.00°"
-    four = DHChain([*HUMANOID.rows[:4], DHRow(0.0, 0.0, 0.29, joint=False)], "standard")
+    four = Chain.from_dh([*HUMANOID.rows[:4], DHRow(0.0, 0.0, 0.29, joint=False)], "standard")
     solutions = spherical_solver(four, HUMANOID_LIMITS[:4]).solve(
         Target.of([0.15, -0.10, -0.59], roll=0.1), STEP
     )
     assert solutions.reason == "this arm has no joint that rolls the tool"
 
 
-def brute_force(chain: DHChain, limits: FloatArray, position: FloatArray, rng: np.random.Generator) -> float:
+def brute_force(chain: Chain, limits: FloatArray, position: FloatArray, rng: np.random.Generator) -> float:
     """Least distance found by sampling, then by ever smaller random steps from the best samples."""
 
     def distance(q: FloatArray) -> FloatArray:
@@ -148,7 +148,7 @@ def test_the_nearest_point_is_the_nearest_and_is_reached() -> None:
 
 def test_a_pitch_that_the_roll_would_change_is_refused_for_the_roll_it_stands_at() -> None:
     """A fixed bend behind the roll joint; without it the roll says nothing about the pitch."""
-    bent = DHChain([*HUMANOID.rows, DHRow(0.0, math.radians(40), 0.0, joint=False)], "standard")
+    bent = Chain.from_dh([*HUMANOID.rows, DHRow(0.0, math.radians(40), 0.0, joint=False)], "standard")
     limits = HUMANOID_LIMITS.copy()
     limits[4] = np.radians([20.0, 90.0])
     for chain, says in ((bent, " with Wrist roll at 20.00°, the nearest"), (HUMANOID, "°, the nearest")):

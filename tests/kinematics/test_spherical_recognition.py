@@ -10,7 +10,7 @@ from tests.kinematics.kit import plain_forward, random_q
 from tests.kinematics.spherical_kit import HUMANOID, HUMANOID_LIMITS, random_arm, spherical_solver
 
 from armctl import load_robot
-from armctl.kinematics import DHChain, DHRow
+from armctl.kinematics import Chain, DHRow
 from armctl.kinematics.spherical_shoulder.geometry import about, product, recognise_spherical, rotated, turned
 
 
@@ -54,9 +54,9 @@ def test_the_geometry_of_random_arms_gives_their_poses() -> None:
     assert conventions == {"standard", "modified"}
 
 
-def rows(**changed: DHRow) -> DHChain:
+def rows(**changed: DHRow) -> Chain:
     table = dict(zip(("one", "two", "three", "four", "five"), HUMANOID.rows, strict=True)) | changed
-    return DHChain(list(table.values()), "standard")
+    return Chain.from_dh(list(table.values()), "standard")
 
 
 @pytest.mark.parametrize(
@@ -86,6 +86,7 @@ def test_pitch_and_roll_of_a_configuration() -> None:
     straight_down = np.zeros(5)
     assert ik.pitch_and_roll(straight_down) == pytest.approx((-math.pi / 2, 0.0))
     four = spherical_solver(
-        DHChain([*HUMANOID.rows[:4], DHRow(0.0, 0.0, 0.29, joint=False)], "standard"), HUMANOID_LIMITS[:4]
+        Chain.from_dh([*HUMANOID.rows[:4], DHRow(0.0, 0.0, 0.29, joint=False)], "standard"),
+        HUMANOID_LIMITS[:4],
     )
     assert four.pitch_and_roll(straight_down[:4])[1] is None

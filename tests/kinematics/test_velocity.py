@@ -9,7 +9,7 @@ import pytest
 from tests.kinematics.kit import FloatArray, chain_of, plain_forward, random_planar_arm, random_q
 
 from armctl.errors import InputError
-from armctl.kinematics import DHChain, DHRow
+from armctl.kinematics import Chain, DHRow
 from armctl.kinematics.velocity import (
     NEAR,
     joint_rates,
@@ -36,7 +36,7 @@ def moved(robot: Robot, q: FloatArray, rates: FloatArray) -> FloatArray:
     return chain_moved(robot.chain, q, rates)
 
 
-def chain_moved(chain: DHChain, q: FloatArray, rates: FloatArray) -> FloatArray:
+def chain_moved(chain: Chain, q: FloatArray, rates: FloatArray) -> FloatArray:
     """As ``moved``, of a chain."""
     ahead, behind = (plain_forward(chain, q + way * _STEP_S * rates) for way in (1, -1))
     D = (ahead - behind) / (2 * _STEP_S)
@@ -249,11 +249,11 @@ def test_velocities_of_random_arms_come_back(seed: int) -> None:
     assert tried > 5
 
 
-def six_axes() -> DHChain:
+def six_axes() -> Chain:
     """Base, two parallel joints, and a wrist of three axes that meet."""
     turn = math.pi / 2
     rows = ((0.0, turn, 0.4), (0.3, 0.0, 0.0), (0.05, turn, 0.0), (0.0, -turn, 0.3), (0.0, turn, 0.0))
-    return DHChain([*(DHRow(a, alpha, d) for a, alpha, d in rows), DHRow(0.0, 0.0, 0.1)])
+    return Chain.from_dh([*(DHRow(a, alpha, d) for a, alpha, d in rows), DHRow(0.0, 0.0, 0.1)])
 
 
 def test_six_joints_give_every_velocity_of_the_tool() -> None:

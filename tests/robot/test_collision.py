@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from tests.motion.preflight.kit import axis_points, brute_gap, random_arm
 
 from armctl.errors import RobotFileError
-from armctl.kinematics.link_frames import LinkFrames
+from armctl.kinematics.chain import LinkFrames
 from armctl.robot import Robot, load_robot, robots_folder, shipped_robots
 from armctl.robot.body import NEAR_M, moving_corners
 

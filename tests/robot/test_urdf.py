@@ -10,14 +10,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from tests.robot.urdf_kit import Step
-from tests.robot.urdf_kit import written as kit_written
 
 from armctl import load_robot
 from armctl.errors import RobotFileError
-from armctl.kinematics import DHChain, rotation_from_rpy
+from armctl.kinematics import Chain, rotation_from_rpy
 from armctl.kinematics.energy import STANDARD_GRAVITY
-from armctl.robot.urdf_rows import rows_of
+from armctl.robot.shape import bars
 
 FloatArray = NDArray[np.float64]
 
@@ -137,50 +135,36 @@ def random_step(rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
     return T, axis / np.linalg.norm(axis)
 
 
-def test_any_origins_and_axes_are_rows() -> None:
+def test_any_origins_and_axes_are_a_chain() -> None:
     """Base, zeros and tool frame kept: the same pose as the plain product, to 1e-12 m."""
     rng = np.random.default_rng(2)
     for _ in range(400):
         n = int(rng.integers(1, 8))
         steps = [random_step(rng) for _ in range(n)]
         tool = random_step(rng)[0]
-        chain = DHChain(rows_of([T for T, _ in steps], [axis for _, axis in steps], tool))
-        assert chain.n == n
-        assert len(chain.rows) <= 2 * n + 3
+        chain = Chain.from_joints([T for T, _ in steps], [axis for _, axis in steps], tool)
+        assert (chain.n, chain.rows) == (n, ())
         for q in (np.zeros(n), rng.uniform(-4, 4, n)):
             T = np.eye(4)
+            origins = [T]
             for (origin, axis), angle in zip(steps, q, strict=True):
                 T = T @ origin @ turned(axis, float(angle))
+                origins.append(T)
+            frames = chain.frames(q)
+            assert np.abs(frames[:-1, :3, 3] - np.array(origins)[:, :3, 3]).max() < 1e-12
+            assert np.abs(frames[-1] - T @ tool).max() < 1e-12
             assert np.abs(chain.forward(q) - T @ tool).max() < 1e-12
 
 
-def test_no_frame_lies_far_from_the_joints() -> None:
-    """Of axes that lean a little, too, whose common normals may be anywhere."""
-    rng = np.random.default_rng(8)
-    axis = np.array([0.0, 0.0, 1.0])
-    for _ in range(200):
-        steps = [
-            pose(rng.uniform(-0.2, 0.2, 3).tolist(), rng.uniform(-0.3, 0.3, 3).tolist()) for _ in range(4)
-        ]
-        chain = DHChain(rows_of(steps[:3], [axis] * 3, steps[3]))
-        length = sum(float(np.linalg.norm(T[:3, 3])) for T in steps)
-        frames = chain.frames(rng.uniform(-4, 4, 3))
-        assert np.linalg.norm(frames[:, :3, 3], axis=1).max() <= 3.01 * length
-
-
-@pytest.mark.parametrize("lean", [0.001, 0.05, 0.1, 0.2, 0.6])
-def test_a_joint_that_leans_a_little_leaves_the_links_where_they_are(tmp_path: Path, lean: float) -> None:
-    steps = (
-        Step("yaw", "revolute", "base", "l1", "0 0 0.06"),
-        Step("p1", "revolute", "l1", "l2", "0.01 0.003 0.04", axis="0 -1 0"),
-        Step("p2", "revolute", "l2", "l3", "0.11 0 0", f"0 0 {lean}", axis="0 -1 0"),
-        Step("p3", "revolute", "l3", "l4", "0.1 0 0", axis="0 -1 0"),
-        Step("end", "fixed", "l4", "tool0", "0.08 0 0"),
-    )
-    robot = load_robot(kit_written(tmp_path / "arm.urdf", steps))
-    points = robot.frames(np.zeros(4))[:, :3, 3]
-    assert np.abs(points[:, 1]).max() < 0.003 + 0.18 * math.sin(lean) + 0.11  # the arm lies along x
-    assert -1e-12 <= points[:, 2].min() and points[:, 2].max() <= 0.1 + 1e-12
+def test_the_body_goes_from_joint_to_joint(tmp_path: Path) -> None:
+    robot = load_robot(written(tmp_path, ARM))
+    drawn = [(bar.link, bar.frame, bar.length) for bar in bars(robot.chain, 0.0)]
+    lengths = [math.hypot(*offset) for offset in ((0.1,), (0.1, 0.02, 0.4), (0.3,), (0.1, 0.05))]
+    assert [drawn[k][:2] for k in range(4)] == [(-1, 0), (0, 1), (1, 2), (2, 3)]
+    assert [length for *_, length in drawn] == pytest.approx(lengths, abs=1e-12)
+    *_, last = bars(robot.chain, 0.02)
+    assert last.length == pytest.approx(math.hypot(0.08, 0.05), abs=1e-12)  # the tool's z lies along x
+    assert [corner.part for corner in robot.corners][-1] == "the tool"
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from tests.runtime.kit import ROBOT
 
-from armctl.kinematics.link_frames import LinkFrames
+from armctl.kinematics.chain import LinkFrames
 from armctl.motion import Floor
 from armctl.motion.preflight.clearance import SelfCollision
 from armctl.robot import load_robot

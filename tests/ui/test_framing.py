@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from armctl.kinematics import DHChain
+from armctl.kinematics import Chain
 from armctl.robot import Robot, load_robot, shipped_robots
 from armctl.ui.scene.proportions import reach
 from armctl.ui.scene.stage import floor_size, framed, in_view
@@ -22,7 +22,7 @@ AWAY = np.array([0.6, 0.7, 0.3])
 def scaled(robot: Robot, factor: float) -> Robot:
     """The same arm, so many times as large."""
     rows = tuple(replace(row, a_m=factor * row.a_m, d_m=factor * row.d_m) for row in robot.chain.rows)
-    return replace(robot, chain=DHChain(rows, robot.chain.convention), floor_z=factor * robot.floor_z)
+    return replace(robot, chain=Chain.from_dh(rows, robot.chain.convention), floor_z=factor * robot.floor_z)
 
 
 def on_picture(points: FloatArray, position: FloatArray, centre: FloatArray, aspect: float) -> FloatArray:

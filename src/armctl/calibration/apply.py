@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from armctl.calibration.fit import JointFit
 from armctl.calibration.record import Calibration, JointCalibration, checked_calibration
 from armctl.errors import CalibrationError
-from armctl.kinematics.link_frames import LinkFrames
+from armctl.kinematics.chain import LinkFrames
 from armctl.robot import Joint, OutputMap, Robot
 from armctl.robot.file import LONGEST_PULSE_US, SHORTEST_PULSE_US
 

@@ -203,7 +203,8 @@ class ErrorModel:
         frames = self._chain.frames(q)
         self.tips: FloatArray = frames[:, -1, :3, 3]
         """(k, 3) where the tool is without an error [m]"""
-        before, behind = frames[:, :-1, :3], frames[:, 1:, :3]
+        count = len(self._chain.rows)  # none of an arm from a URDF file
+        before, behind = frames[:, :count, :3], frames[:, 1 : count + 1, :3]
         # Rx keeps x and Rz keeps z: each length runs along an axis of the frame on one side of its row.
         standard = self._chain.convention == "standard"
         self._along = {

@@ -1,7 +1,7 @@
 """Kinematics in pure numpy: chains, inverse solutions, energy, reach. No I/O, no clock, no robot file."""
 
 from armctl.kinematics.branches import Branch, BranchFinder
-from armctl.kinematics.chain import DHChain, DHRow
+from armctl.kinematics.chain import Chain, DHRow
 from armctl.kinematics.energy import (
     CRITERIA,
     CRITERION_TEXT,
@@ -26,8 +26,8 @@ __all__ = [
     "Body",
     "Branch",
     "BranchFinder",
+    "Chain",
     "Criterion",
-    "DHChain",
     "DHRow",
     "EnergyModel",
     "GravityModel",

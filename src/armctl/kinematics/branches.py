@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armctl.kinematics.angles import LIMIT_TOLERANCE, rest_angle
-from armctl.kinematics.chain import DHChain
+from armctl.kinematics.chain import Chain
 from armctl.kinematics.energy import EnergyModel
 from armctl.kinematics.families import inverse_kinematics
 from armctl.kinematics.grid import DEFAULT_STEP
@@ -42,9 +42,7 @@ class BranchFinder:
     which of them the true limits forbid is then a comparison. A held joint stays held.
     """
 
-    def __init__(
-        self, chain: DHChain, limits: FloatArray, energy: EnergyModel, titles: Sequence[str]
-    ) -> None:
+    def __init__(self, chain: Chain, limits: FloatArray, energy: EnergyModel, titles: Sequence[str]) -> None:
         self._limits, self._titles = limits, tuple(titles)
         low, high = limits.T
         middle = 0.5 * (low + high)

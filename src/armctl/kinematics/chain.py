@@ -1,23 +1,35 @@
-"""Serial chains of revolute joints given as Denavit-Hartenberg rows."""
+"""Serial chains of revolute joints: forward kinematics, Jacobian and frames, for one pose and for many.
+
+A chain is a fixed transform ahead of each joint, which turns about z, and a tail behind the last one. It is
+built from Denavit-Hartenberg rows or from the joints of a URDF file.
+
+Everything is built on two loops over the segments: ``Chain._walk`` in plain floats for one pose, for which
+numpy would take three times as long, and ``Chain.walk`` in numpy for many.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+import struct
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from armctl.errors import InputError
-from armctl.kinematics.compiled import ChainProgram, MatrixKernel, jacobian_kernel, pose_kernel, small_angles
+from armctl.kinematics.angles import half_angle_cos_sin
 from armctl.kinematics.target import as_numbers, require_finite
 
 FloatArray = NDArray[np.float64]
 Convention = Literal["standard", "modified"]
 _FLOAT = np.dtype(np.float64)
-_POSE_SHAPE = (4, 4)
+_CHUNK = 4096
+"""configurations worked on at a time, so that what they need stays in the processor's cache"""
+_put_pose = struct.Struct("16d").pack_into  # half of the time that an array takes to be made of numbers
+_PARALLEL = 1e-14
+"""sine of the angle below which an axis is along z"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,73 +46,108 @@ class DHRow:
     joint: bool = True
 
 
-def _x_part(row: DHRow) -> FloatArray:
-    """Rx(alpha) and Tx(a), which commute: (4, 4)."""
-    c, s = _exact_cos_sin(row.alpha_rad)
-    return np.array([[1, 0, 0, row.a_m], [0, c, -s, 0], [0, s, c, 0], [0, 0, 0, 1.0]])
+class Place(NamedTuple):
+    """A frame that is fixed to a link."""
+
+    link: int
+    """index of the joint that moves it; -1: the base"""
+    T_link_frame: FloatArray
+    """(4, 4), metres"""
 
 
-def _z_part(theta: float, d: float) -> FloatArray:
-    """Rz(theta) and Tz(d), which commute: (4, 4)."""
-    c, s = _exact_cos_sin(theta)
-    return np.array([[c, -s, 0, 0], [s, c, 0, 0], [0, 0, 1, d], [0, 0, 0, 1.0]])
+class Chain:
+    """A chain of n revolute joints. Immutable; safe in several threads.
 
-
-def _exact_cos_sin(angle: float) -> tuple[float, float]:
-    """Cosine and sine, exact at whole quarter turns (cos(pi/2) in floats is 6e-17, not 0)."""
-    quarter = angle / (math.pi / 2)
-    if abs(quarter - round(quarter)) < 1e-14:
-        return ((1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0))[round(quarter) % 4]
-    return math.cos(angle), math.sin(angle)
-
-
-class DHChain:
-    """Forward kinematics and Jacobian of a chain of DH rows.
-
-    Standard (distal) rows are ``Rz(theta) Tz(d) Tx(a) Rx(alpha)``, modified (Craig, proximal)
-    rows ``Rx(alpha) Tx(a) Rz(theta) Tz(d)``. Frames are named ``T_base_x``: x seen from the base.
-
-    Inside, the rows are folded into one fixed transform ahead of each joint and one behind the
-    last, so that every joint is a plain turn about z and fixed rows cost nothing.
+    Frames are named ``T_base_x``: x seen from the base. Link j turns with joint j about its own z axis.
     """
 
-    def __init__(self, rows: Sequence[DHRow], convention: Convention = "standard") -> None:
+    def __init__(
+        self,
+        segments: Sequence[FloatArray],
+        tail: FloatArray,
+        *,
+        places: Sequence[Place] = (),
+        rows: Sequence[DHRow] = (),
+        convention: Convention | None = None,
+    ) -> None:
+        """Use ``from_dh`` or ``from_joints``, or give the transforms themselves.
+
+        Args:
+            segments: n poses (4, 4) of a joint's frame in the link ahead (the first one: in the base).
+            tail: (4, 4) the tool frame in the last link.
+            places: the base, the frame behind each DH row; without rows: the base, the links, the tool.
+            rows: the DH rows that say the same, where the chain was built from them.
+            convention: of the rows.
+        """
+        if not segments:
+            raise InputError("a chain needs at least one row with a joint")
+        self.segments, self.tail = tuple(segments), tail
+        self.rows, self.convention = tuple(rows), convention
+        self.places = tuple(places) or (
+            Place(-1, np.eye(4)),
+            *(Place(j, np.eye(4)) for j in range(len(segments))),
+            Place(len(segments) - 1, tail),
+        )
+        """frames along the chain, as ``frames`` lists them"""
+        if self.rows:
+            self.joint_rows = tuple(i for i, row in enumerate(self.rows) if row.joint)
+        else:
+            self.joint_rows = tuple(range(self.n))
+        """of each joint, the index of the DH row that turns; the frame behind it is the next of ``places``"""
+        for fixed in (*self.segments, self.tail, *(place.T_link_frame for place in self.places)):
+            fixed.flags.writeable = False
+        self._steps = [_step(T) for T in (*self.segments, tail)]
+        self._one_shape = (self.n,)
+
+    @classmethod
+    def from_dh(cls, rows: Sequence[DHRow], convention: Convention = "standard") -> Self:
+        """A chain of DH rows.
+
+        Standard (distal) rows are ``Rz(theta) Tz(d) Tx(a) Rx(alpha)``, modified (Craig, proximal) rows
+        ``Rx(alpha) Tx(a) Rz(theta) Tz(d)``.
+
+        Raises:
+            InputError: no such convention, a number that is not finite, or no joint.
+        """
         if convention not in ("standard", "modified"):
             raise InputError(f"DH convention {convention!r}: allowed are 'standard' and 'modified'")
         for i, row in enumerate(rows, 1):
             if not all(map(math.isfinite, (row.a_m, row.alpha_rad, row.d_m, row.theta_rad))):
                 raise InputError(f"DH row {i} holds a value that is not a finite number: {row}")
-        self.rows = tuple(rows)
-        self.convention: Convention = convention
-        self.joint_rows = tuple(i for i, row in enumerate(self.rows) if row.joint)
-        if not self.joint_rows:
-            raise InputError("a chain needs at least one row with a joint")
-        self.segments, self.tail = self._fold()
-        for fixed in (*self.segments, self.tail):
-            fixed.flags.writeable = False
-        self._one_shape = (self.n,)
-        self._jacobian_shape = (6, self.n)
-        program = ChainProgram(self.segments, self.tail)
-        self._pose, self._jacobian = pose_kernel(program), jacobian_kernel(program)
+        segments: list[FloatArray] = []
+        T_link_frame = np.eye(4)
+        places = [Place(-1, T_link_frame)]
+        for row in rows:
+            if convention == "modified":
+                T_link_frame = T_link_frame @ _x_part(row)
+            if row.joint:
+                segments.append(T_link_frame)
+                T_link_frame = np.eye(4)
+            T_link_frame = T_link_frame @ _z_part(row)
+            if convention == "standard":
+                T_link_frame = T_link_frame @ _x_part(row)
+            places.append(Place(len(segments) - 1, T_link_frame))
+        return cls(segments, T_link_frame, places=places, rows=rows, convention=convention)
+
+    @classmethod
+    def from_joints(cls, origins: Sequence[FloatArray], axes: Sequence[FloatArray], tool: FloatArray) -> Self:
+        """A chain of joints as URDF has them.
+
+        Args:
+            origins: n poses (4, 4) of each joint's frame, at zero, in the frame that the joint ahead turns
+                (the first one: in the base frame) [m].
+            axes: n unit vectors (3,) that the joints turn about, each in its own joint's frame.
+            tool: (4, 4) the tool frame in the frame that the last joint turns [m].
+        """
+        upright = [frame_along(axis) for axis in axes]
+        back = [np.eye(4), *(T.T for T in upright)]
+        segments = [T @ origin @ turn for T, origin, turn in zip(back[:-1], origins, upright, strict=True)]
+        return cls(segments, back[-1] @ tool)
 
     @property
     def n(self) -> int:
         """Number of joints."""
-        return len(self.joint_rows)
-
-    def _fold(self) -> tuple[tuple[FloatArray, ...], FloatArray]:
-        segments: list[FloatArray] = []
-        ahead = np.eye(4)
-        for row in self.rows:
-            if self.convention == "modified":
-                ahead = ahead @ _x_part(row)
-            if row.joint:
-                segments.append(ahead)
-                ahead = np.eye(4)
-            ahead = ahead @ _z_part(row.theta_rad, row.d_m)
-            if self.convention == "standard":
-                ahead = ahead @ _x_part(row)
-        return tuple(segments), ahead
+        return len(self.segments)
 
     def checked(self, q: ArrayLike) -> FloatArray:
         """``q`` as an array ``(..., n)`` of finite numbers; a copy.
@@ -108,9 +155,11 @@ class DHChain:
         Raises:
             InputError: wrong shape, text, NaN or infinity.
         """
-        numbers = self._numbers(q)
+        numbers = as_numbers(q, "joint angles")
+        if numbers.ndim == 0 or numbers.shape[-1] != self.n:
+            raise InputError(f"{self.n} joint angles are needed, got an array of shape {numbers.shape}")
         require_finite(numbers, "joint angles")
-        return numbers.copy() if numbers is q else numbers
+        return numbers
 
     def checked_one(self, q: ArrayLike) -> FloatArray:
         """``q`` as one configuration (n,) of finite numbers; a copy.
@@ -120,13 +169,6 @@ class DHChain:
         """
         numbers = self.checked(q)
         if numbers.ndim != 1:
-            raise InputError(f"{self.n} joint angles are needed, got an array of shape {numbers.shape}")
-        return numbers
-
-    def _numbers(self, q: ArrayLike) -> FloatArray:
-        """``q`` as an array ``(..., n)`` of numbers, finite or not; itself where it is one."""
-        numbers = q if type(q) is np.ndarray and q.dtype is _FLOAT else as_numbers(q, "joint angles")
-        if numbers.ndim == 0 or numbers.shape[-1] != self.n:
             raise InputError(f"{self.n} joint angles are needed, got an array of shape {numbers.shape}")
         return numbers
 
@@ -142,56 +184,13 @@ class DHChain:
         Raises:
             InputError: ``q`` has the wrong shape or is not finite.
         """
-        return self._evaluated(self._pose, q, _POSE_SHAPE)
-
-    def _evaluated(self, kernel: MatrixKernel, q: ArrayLike, shape: tuple[int, int]) -> FloatArray:
-        """A matrix of each configuration: (..., n) -> (..., *shape)."""
-        if (
-            type(q) is np.ndarray and q.dtype is _FLOAT and q.shape == self._one_shape
-        ):  # the door is 1 µs wide
-            out = np.empty(shape)
-            if kernel.one(out, *q.tolist()):
-                return out
-        many = self._numbers(q)
-        if many.ndim == 1:
-            out = np.empty(shape)
-            if not kernel.one(out, *many.tolist()):
-                kernel.one(out, *small_angles(many).tolist())
+        angles = self._one(q)
+        if angles is not None:
+            xx, xy, xz, yx, yy, yz, zx, zy, zz, px, py, pz = self._walk(angles)
+            out = np.empty((4, 4))
+            _put_pose(out.data, 0, xx, yx, zx, px, xy, yy, zy, py, xz, yz, zz, pz, 0.0, 0.0, 0.0, 1.0)
             return out
-        flat = many.reshape(-1, self.n)
-        out = np.zeros(
-            (*shape, len(flat))
-        )  # entry by entry in memory: contiguous to write, and to read a column
-        kernel.many(flat, out)
-        return np.moveaxis(out.reshape(*shape, *many.shape[:-1]), (0, 1), (-2, -1))
-
-    def frames(self, q: ArrayLike) -> FloatArray:
-        """Poses of all frames: the base, then one behind each row.
-
-        Args:
-            q: (..., n) joint angles [rad].
-
-        Returns:
-            ``T_base_row`` (..., len(rows) + 1, 4, 4), metres; the last one is the tool frame.
-        """
-        q = self.checked(q)
-        out = np.zeros((*q.shape[:-1], len(self.rows) + 1, 4, 4))
-        out[..., 0, :, :] = np.eye(4)
-        k = 0
-        for i, row in enumerate(self.rows):
-            if row.joint:
-                c, s = np.cos(q[..., k]), np.sin(q[..., k])
-                k += 1
-            else:
-                c, s = np.ones(q.shape[:-1]), np.zeros(q.shape[:-1])
-            turn = np.zeros((*q.shape[:-1], 4, 4))
-            turn[..., 0, 0] = turn[..., 1, 1] = c
-            turn[..., 1, 0], turn[..., 0, 1] = s, -s
-            turn[..., 2, 2] = turn[..., 3, 3] = 1.0
-            z_part, x_part = _z_part(row.theta_rad, row.d_m), _x_part(row)
-            step = turn @ z_part @ x_part if self.convention == "standard" else x_part @ turn @ z_part
-            out[..., i + 1, :, :] = out[..., i, :, :] @ step
-        return out
+        return self._many(q, (4, 4), self._forward_into)
 
     def jacobian(self, q: ArrayLike) -> FloatArray:
         """Geometric Jacobian of the tool point in the base frame.
@@ -204,16 +203,235 @@ class DHChain:
         Returns:
             (..., 6, n): metres over radians a radian.
         """
-        return self._evaluated(self._jacobian, q, self._jacobian_shape)
+        angles = self._one(q)
+        if angles is not None:
+            axes: list[tuple[float, ...]] = []
+            tx, ty, tz = self._walk(angles, axes)[9:]
+            columns: list[tuple[float, ...]] = []
+            for x, y, z, px, py, pz in axes:
+                px, py, pz = tx - px, ty - py, tz - pz
+                columns.append((y * pz - z * py, z * px - x * pz, x * py - y * px, x, y, z))
+            return np.array(columns).T.copy()
+        return self._many(q, (6, self.n), self._jacobian_into)
+
+    def frames(self, q: ArrayLike) -> FloatArray:
+        """Poses of the frames along the chain, ``places``: the base first, the tool frame last.
+
+        Args:
+            q: (..., n) joint angles [rad].
+
+        Returns:
+            ``T_base_frame`` (..., len(places), 4, 4), metres. A chain of DH rows has a frame behind each row,
+            another one a frame for each link and the tool.
+        """
+        q = self.checked(q)
+        links = LinkFrames.at(self, q.reshape(-1, self.n))
+        out = np.zeros((q.size // self.n, len(self.places), 4, 4))
+        out[..., 3, 3] = 1.0
+        for i, (link, T) in enumerate(self.places):
+            if link < 0:
+                out[:, i] = T
+                continue
+            R = np.moveaxis(links.rotation[link], -1, 0)
+            out[:, i, :3, :3] = R @ T[:3, :3]
+            out[:, i, :3, 3] = R @ T[:3, 3] + links.origin[link].T
+        return out.reshape(*q.shape[:-1], len(self.places), 4, 4)
 
     def axes(self, q: ArrayLike | None = None) -> tuple[FloatArray, FloatArray]:
         """Joint axes at ``q`` (default: all zero): points (n, 3) [m], unit directions (n, 3), base frame."""
-        q = np.zeros(self.n) if q is None else self.checked(q)
-        ahead = np.eye(4)
-        frames: list[FloatArray] = []
-        for segment, angle in zip(self.segments, q.tolist(), strict=True):
-            ahead = ahead @ segment
-            frames.append(ahead)
-            ahead = ahead @ _z_part(angle, 0.0)
-        stacked = np.array(frames)
-        return stacked[:, :3, 3], stacked[:, :3, 2]
+        axes: list[tuple[float, ...]] = []
+        self._walk([0.0] * self.n if q is None else self.checked_one(q).tolist(), axes)
+        stacked = np.array(axes)
+        return stacked[:, 3:].copy(), stacked[:, :3].copy()
+
+    def _one(self, q: ArrayLike) -> list[float] | None:
+        """``q`` as the angles of one configuration; None where it holds many."""
+        if not (type(q) is np.ndarray and q.dtype is _FLOAT and q.shape == self._one_shape):
+            q = self.checked(q)
+            return q.tolist() if q.ndim == 1 else None
+        angles: list[float] = q.tolist()
+        if not math.isfinite(sum(angles)):
+            require_finite(q, "joint angles")
+        return angles
+
+    def _walk(
+        self, angles: Sequence[float], axes: list[tuple[float, ...]] | None = None
+    ) -> tuple[float, ...]:
+        """The tool frame at joint angles (n,) [rad]: x, y and z axis and origin, three numbers each.
+
+        ``axes`` receives direction and point of each joint's axis, three numbers each.
+
+        Lengths of zero and axes that are parallel or at a right angle, as DH rows mostly have them, are not
+        multiplied out: that halves the time of one pose.
+        """
+        xx, xy, xz, yx, yy, yz, zx, zy, zz = 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0
+        px = py = pz = 0.0
+        cos, sin = math.cos, math.sin
+        for (u, v, w, quarter, rotation), angle in zip(self._steps, (*angles, 0.0), strict=True):
+            if u:
+                px, py, pz = px + u * xx, py + u * xy, pz + u * xz
+            if v:
+                px, py, pz = px + v * yx, py + v * yy, pz + v * yz
+            if w:
+                px, py, pz = px + w * zx, py + w * zy, pz + w * zz
+            if quarter == 1:
+                yx, yy, yz, zx, zy, zz = zx, zy, zz, -yx, -yy, -yz
+            elif quarter == -1:
+                yx, yy, yz, zx, zy, zz = -zx, -zy, -zz, yx, yy, yz
+            elif quarter is None:
+                a, b, c, d, e, f, g, h, i = rotation
+                xx, yx, zx = a * xx + b * yx + c * zx, d * xx + e * yx + f * zx, g * xx + h * yx + i * zx
+                xy, yy, zy = a * xy + b * yy + c * zy, d * xy + e * yy + f * zy, g * xy + h * yy + i * zy
+                xz, yz, zz = a * xz + b * yz + c * zz, d * xz + e * yz + f * zz, g * xz + h * yz + i * zz
+            if angle:
+                c, s = cos(angle), sin(angle)
+                xx, yx = c * xx + s * yx, c * yx - s * xx
+                xy, yy = c * xy + s * yy, c * yy - s * xy
+                xz, yz = c * xz + s * yz, c * yz - s * xz
+            if axes is not None:
+                axes.append((zx, zy, zz, px, py, pz))
+        if axes is not None:
+            axes.pop()  # the tail does not turn
+        return xx, xy, xz, yx, yy, yz, zx, zy, zz, px, py, pz
+
+    def _many(
+        self, q: ArrayLike, shape: tuple[int, int], fill: Callable[[FloatArray, FloatArray], None]
+    ) -> FloatArray:
+        """A matrix of each configuration (..., n): (..., *shape)."""
+        q = self.checked(q)
+        flat = q.reshape(-1, self.n)
+        out = np.zeros((*shape, len(flat)))  # entry by entry in memory: contiguous to write
+        for i in range(0, len(flat), _CHUNK):
+            fill(flat[i : i + _CHUNK], out[..., i : i + _CHUNK])
+        return np.moveaxis(out.reshape(*shape, *q.shape[:-1]), (0, 1), (-2, -1))
+
+    def _forward_into(self, q: FloatArray, out: FloatArray) -> None:
+        *_, tool = self.walk(q)
+        out[:3] = np.stack(tool, axis=1)
+        out[3, 3] = 1.0
+
+    def _jacobian_into(self, q: FloatArray, out: FloatArray) -> None:
+        *links, (_, _, _, tool) = self.walk(q)
+        for i, (_, _, axis, origin) in enumerate(links):
+            out[:3, i], out[3:, i] = _cross(axis, tool - origin), axis
+
+    def walk(self, q: FloatArray) -> Iterator[tuple[FloatArray, FloatArray, FloatArray, FloatArray]]:
+        """The frame of each link, then the tool frame, at many configurations: one numpy call an entry.
+
+        Args:
+            q: (m, n) finite joint angles [rad].
+
+        Yields:
+            x, y, z axis and origin, (3, m) each, base frame.
+        """
+        cosines, sines = half_angle_cos_sin(q.T)
+        x, y, z = (np.repeat(axis[:, None], len(q), axis=1) for axis in np.eye(3))
+        origin = np.zeros((3, len(q)))
+        for segment, c, s in zip(self.segments, cosines, sines, strict=True):
+            origin = _mixed(segment[:3, 3], (x, y, z), origin)
+            u, v, z = (_mixed(weights, (x, y, z)) for weights in segment[:3, :3].T)
+            x, y = c * u + s * v, c * v - s * u
+            yield x, y, z, origin
+        origin = _mixed(self.tail[:3, 3], (x, y, z), origin)
+        x, y, z = (_mixed(weights, (x, y, z)) for weights in self.tail[:3, :3].T)
+        yield x, y, z, origin
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LinkFrames:
+    """Where the links are in m configurations, entry by entry in memory. Link -1 is the base.
+
+    Checks over hundreds of thousands of configurations use this, since numpy works on one entry of all of
+    them with one call.
+    """
+
+    rotation: tuple[FloatArray, ...]
+    """one a joint, (3, 3, m): ``R_base_link``"""
+    origin: tuple[FloatArray, ...]
+    """one a joint, (3, m): a point of the joint's axis, base frame [m]"""
+    tool: FloatArray
+    """(3, m) the tool point, base frame [m]"""
+
+    @classmethod
+    def at(cls, chain: Chain, q: ArrayLike) -> LinkFrames:
+        """The links of ``chain`` at ``q`` (m, n) [rad]."""
+        *links, (_, _, _, tool) = chain.walk(chain.checked(q))
+        rotation = tuple(np.stack([x, y, z], axis=1) for x, y, z, _ in links)
+        return cls(rotation, tuple(origin for *_, origin in links), tool)
+
+    def place(self, link: int, points: ArrayLike) -> FloatArray:
+        """Points that are fixed to a link, in the base frame.
+
+        Args:
+            link: index of the joint that moves it; -1 for the base.
+            points: (p, 3) in the frame of the link [m].
+
+        Returns:
+            (3, p, m) [m].
+        """
+        points = np.asarray(points, dtype=np.float64)
+        if link < 0:
+            return np.broadcast_to(points.T[:, :, None], (3, len(points), self.tool.shape[1]))
+        return np.matmul(points, self.rotation[link]) + self.origin[link][:, None, :]
+
+
+def frame_along(axis: FloatArray) -> FloatArray:
+    """(4, 4) a turn that takes z to a unit vector, the smallest there is."""
+    x, y, z = axis.tolist()
+    T = np.eye(4)
+    if math.hypot(x, y) < _PARALLEL:
+        T[1, 1] = T[2, 2] = math.copysign(1.0, z)
+    elif z > -0.5:
+        h = 1.0 / (1.0 + z)
+        T[:3, :3] = [[1 - h * x * x, -h * x * y, x], [-h * x * y, 1 - h * y * y, y], [-x, -y, z]]
+    else:  # half a turn about x first: 1 + z has no digits near -1
+        h = 1.0 / (1.0 - z)
+        T[:3, :3] = [[1 - h * x * x, h * x * y, x], [-h * x * y, h * y * y - 1, y], [x, -y, z]]
+    return T
+
+
+def _step(T: FloatArray) -> tuple[float, float, float, int | None, tuple[float, ...]]:
+    """A fixed transform (4, 4) for ``Chain._walk``: shift, quarter turns about x (None: other), rotation."""
+    rotations = {0: np.eye(3), 1: np.array([[1, 0, 0], [0, 0, -1], [0, 1, 0]])}
+    rotations[-1] = rotations[1].T
+    quarter = next((k for k, R in rotations.items() if np.array_equal(R, T[:3, :3])), None)
+    x, y, z = T[:3, 3].tolist()
+    return x, y, z, quarter, tuple(T[:3, :3].T.ravel().tolist())
+
+
+def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
+    """Cross products of columns (3, m); ``numpy.cross`` takes three times as long."""
+    return np.stack([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
+
+
+def _mixed(weights: FloatArray, columns: Sequence[FloatArray], total: FloatArray | None = None) -> FloatArray:
+    """The sum of ``columns`` by ``weights``, and of ``total``; most weights are 0, 1 or -1."""
+    for weight, column in zip(weights.tolist(), columns, strict=True):
+        if weight == 0.0:
+            continue
+        term = column if weight == 1.0 else weight * column
+        total = term if total is None else total + term
+    return np.zeros_like(columns[0]) if total is None else total
+
+
+def _x_part(row: DHRow) -> FloatArray:
+    """Rx(alpha) and Tx(a), which commute: (4, 4)."""
+    c, s = _exact_cos_sin(row.alpha_rad)
+    return np.array([[1, 0, 0, row.a_m], [0, c, -s, 0], [0, s, c, 0], [0, 0, 0, 1.0]])
+
+
+def _z_part(row: DHRow) -> FloatArray:
+    """Rz(theta) and Tz(d), which commute: (4, 4)."""
+    c, s = _exact_cos_sin(row.theta_rad)
+    return np.array([[c, -s, 0, 0], [s, c, 0, 0], [0, 0, 1, row.d_m], [0, 0, 0, 1.0]])
+
+
+def _exact_cos_sin(angle: float) -> tuple[float, float]:
+    """Cosine and sine, exact at whole quarter turns (cos(pi/2) in floats is 6e-17, not 0)."""
+    quarter = angle / (math.pi / 2)
+    if abs(quarter - round(quarter)) < 1e-14:
+        return ((1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0))[round(quarter) % 4]
+    return math.cos(angle), math.sin(angle)
+
+
+DHChain = Chain  # the name until now

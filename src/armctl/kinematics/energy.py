@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armctl.errors import InputError
-from armctl.kinematics.chain import DHChain
-from armctl.kinematics.link_frames import LinkFrames, row_in_link
+from armctl.kinematics.chain import Chain, LinkFrames
 
 # Static gravity torque of an arm at rest.
 
@@ -28,14 +27,14 @@ class Body:
     """index of the joint that carries it"""
     mass_kg: float
     com_m: tuple[float, float, float]
-    """in the frame of the joint's DH row"""
+    """in the frame of the joint's DH row; in the link's own where there are no rows"""
 
 
 @dataclass(frozen=True, slots=True)
 class GravityModel:
     """Masses of an arm; gravity points along -z of the base frame."""
 
-    chain: DHChain
+    chain: Chain
     bodies: tuple[Body, ...]
     payload_kg: float = 0.0
     """held at the tool point"""
@@ -43,12 +42,12 @@ class GravityModel:
     """for each joint: mass and point (3,) in the link's frame of what it carries until the next joint"""
 
     def __post_init__(self) -> None:
-        places, n = row_in_link(self.chain), self.chain.n
+        places, n = self.chain.places, self.chain.n
         carried: list[list[tuple[float, FloatArray]]] = [[] for _ in range(n)]
         for body in self.bodies:
-            T = places[self.chain.joint_rows[body.joint] + 1][1]
+            T = places[self.chain.joint_rows[body.joint] + 1].T_link_frame
             carried[body.joint].append((body.mass_kg, T[:3, :3] @ np.array(body.com_m) + T[:3, 3]))
-        carried[n - 1].append((self.payload_kg, places[-1][1][:3, 3]))
+        carried[n - 1].append((self.payload_kg, places[-1].T_link_frame[:3, 3]))
         object.__setattr__(self, "_carried", tuple(map(tuple, carried)))
 
     def torque(self, q: FloatArray) -> FloatArray:

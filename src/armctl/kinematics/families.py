@@ -8,7 +8,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from armctl.kinematics.chain import DHChain
+from armctl.kinematics.chain import Chain
 from armctl.kinematics.energy import EnergyModel
 from armctl.kinematics.numeric.solver import NumericSolver
 from armctl.kinematics.solutions import Solutions
@@ -49,7 +49,7 @@ class InverseKinematics(Protocol):
 
 
 def inverse_kinematics(
-    chain: DHChain, limits: FloatArray, energy: EnergyModel, titles: Sequence[str]
+    chain: Chain, limits: FloatArray, energy: EnergyModel, titles: Sequence[str]
 ) -> InverseKinematics:
     """Choose the solver by the chain's geometry.
 

@@ -8,7 +8,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from armctl.kinematics.chain import DHChain
+from armctl.kinematics.chain import Chain
 from armctl.kinematics.samples import joint_samples
 from armctl.kinematics.yaw_pitch_roll.geometry import YawPitchRoll, recognise
 from armctl.kinematics.yaw_pitch_roll.plane import boundary_arcs, joined, within
@@ -124,7 +124,7 @@ class Section(Protocol):
         ...
 
 
-def section_of(chain: DHChain, limits: FloatArray) -> Section:
+def section_of(chain: Chain, limits: FloatArray) -> Section:
     """The section of an arm: in closed form where its pitch joints are parallel, else of sampled points.
 
     Args:
@@ -167,7 +167,7 @@ class SampledSection:
 
     exact = False
 
-    def __init__(self, chain: DHChain, limits: FloatArray) -> None:
+    def __init__(self, chain: Chain, limits: FloatArray) -> None:
         self._chain, self._limits = chain, limits
         points, axes = chain.axes()
         self._origin, self._axis = points[0], axes[0]

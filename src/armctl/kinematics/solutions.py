@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from armctl.errors import UnreachableError
-from armctl.kinematics.chain import DHChain
+from armctl.kinematics.chain import Chain
 from armctl.kinematics.energy import Criterion, EnergyModel, checked_criterion, energies
 from armctl.kinematics.rotation import rotation_angle
 from armctl.kinematics.target import Target
@@ -38,7 +38,7 @@ class SolvedArm(NamedTuple):
     """What all solutions of one arm share."""
 
     branch_names: tuple[str, ...]
-    chain: DHChain
+    chain: Chain
     energy: EnergyModel
     pitch_joints: tuple[int, ...] = ()
 

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from armctl.errors import InputError
-from armctl.kinematics.chain import DHChain
+from armctl.kinematics.chain import Chain
 from armctl.kinematics.samples import joint_samples
 from armctl.kinematics.target import as_numbers, require_finite
 
@@ -194,7 +194,7 @@ def turning_speeds(limits: FloatArray, speed_limits: FloatArray) -> FloatArray:
     return np.where(limits[:, 0] < limits[:, 1], speed_limits, 0.0)
 
 
-def position_leaves_pitch(chain: DHChain, limits: FloatArray) -> bool:
+def position_leaves_pitch(chain: Chain, limits: FloatArray) -> bool:
     """Whether the tool can pitch while its point stays: False where the position alone decides the pitch.
 
     It can when position and height of the approach axis's tip have four independent directions of motion,

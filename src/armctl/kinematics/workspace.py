@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from armctl.kinematics.chain import DHChain
+from armctl.kinematics.chain import Chain
 from armctl.kinematics.samples import greatest, joint_samples
 from armctl.kinematics.velocity import manipulability
 
@@ -44,7 +44,7 @@ class Extent:
     """[m]"""
 
 
-def sample_workspace(chain: DHChain, limits: FloatArray, count: int) -> WorkspaceSamples:
+def sample_workspace(chain: Chain, limits: FloatArray, count: int) -> WorkspaceSamples:
     """Sample the workspace; the same points every time.
 
     Far more configurations than are asked for are tried; space is divided into cells, and a cell keeps the
@@ -65,7 +65,7 @@ def sample_workspace(chain: DHChain, limits: FloatArray, count: int) -> Workspac
     return WorkspaceSamples(q[kept], points[kept], np.concatenate(measures))
 
 
-def workspace_extent(chain: DHChain, limits: FloatArray) -> Extent:
+def workspace_extent(chain: Chain, limits: FloatArray) -> Extent:
     """How far the tool comes sideways, down and up.
 
     Args:
@@ -87,7 +87,7 @@ def workspace_extent(chain: DHChain, limits: FloatArray) -> Extent:
     )
 
 
-def longest_levers(chain: DHChain, limits: FloatArray) -> FloatArray:
+def longest_levers(chain: Chain, limits: FloatArray) -> FloatArray:
     """How far the tool point can come from each joint's axis inside the limits: (n,) [m].
 
     A joint that turns with ω alone moves the tip with ω times its distance from the axis, so this is the

@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from armctl.kinematics import DHChain
-from armctl.kinematics.link_frames import LinkFrames, row_in_link
+from armctl.kinematics.chain import Chain, LinkFrames
 from armctl.kinematics.samples import joint_samples
 from armctl.robot.parts import Look, Obstacle
 from armctl.robot.shape import FINGER, PALM, TIP_LENGTH, TIP_RADIUS, bars, reach, tool_length, width
@@ -39,20 +38,24 @@ class Capsule:
 
 
 def capsule(
-    chain: DHChain, titles: Sequence[str], frame: int, ends: tuple[ArrayLike, ArrayLike], radius: float
+    chain: Chain, titles: Sequence[str], frame: int, ends: tuple[ArrayLike, ArrayLike], radius: float
 ) -> Capsule:
-    """A capsule between two points of a DH frame.
+    """A capsule between two points of a frame of the chain.
 
     Args:
         chain: the arm.
         titles: of the joints, for the part's name.
-        frame: 0 the base, i + 1 the frame behind DH row i.
+        frame: index into ``chain.places``.
         ends: two points (3,) in that frame [m].
         radius: [m].
     """
-    link, T = row_in_link(chain)[frame]
-    start, end = (T[:3, :3] @ np.asarray(point, dtype=np.float64) + T[:3, 3] for point in ends)
+    link, T = chain.places[frame]
+    start, end = (_moved(T, point) for point in ends)
     return Capsule(link, start, end, radius, link_name(link, titles))
+
+
+def _moved(T: FloatArray, point: ArrayLike) -> FloatArray:
+    return T[:3, :3] @ np.asarray(point, dtype=np.float64) + T[:3, 3]
 
 
 def link_name(link: int, titles: Sequence[str]) -> str:
@@ -60,9 +63,7 @@ def link_name(link: int, titles: Sequence[str]) -> str:
     return "the base" if link < 0 else f"the link behind {titles[link].lower()}"
 
 
-def shape_capsules(
-    chain: DHChain, look: Look, titles: Sequence[str], *, gripper: bool
-) -> tuple[Capsule, ...]:
+def shape_capsules(chain: Chain, look: Look, titles: Sequence[str], *, gripper: bool) -> tuple[Capsule, ...]:
     """The capsules of an arm as it is drawn.
 
     A bar shorter than the links are wide lies inside the drum of its joint and is left out; bars in one
@@ -98,13 +99,13 @@ def _in_one_line(pieces: Iterable[Capsule]) -> list[Capsule]:
     return joined
 
 
-def _hand(chain: DHChain, look: Look, *, gripper: bool) -> list[Capsule]:
+def _hand(chain: Chain, look: Look, *, gripper: bool) -> list[Capsule]:
     """What ends at the tool point, along the tool's z."""
-    link, T = row_in_link(chain)[-1]
+    link, T = chain.places[-1]
     size = reach(chain)
 
     def along(y: float, z: float) -> FloatArray:
-        return T[:3, :3] @ np.array([0.0, y, z]) + T[:3, 3]
+        return _moved(T, (0.0, y, z))
 
     if not gripper:
         wide = width(chain, look)
@@ -198,7 +199,7 @@ def _dot(a: FloatArray, b: FloatArray) -> FloatArray:
 # How far a point of an arm can move a radian of a joint.
 
 
-def lever_bounds(chain: DHChain, link: int, points: FloatArray) -> FloatArray:
+def lever_bounds(chain: Chain, link: int, points: FloatArray) -> FloatArray:
     """How far points of a link move a radian of each joint, at most: (n,) [m/rad].
 
     Args:
@@ -230,14 +231,14 @@ class CollisionModel:
     joint, and no motion could mend that.
     """
 
-    chain: DHChain
+    chain: Chain
     capsules: tuple[Capsule, ...]
     """from the base to the tool"""
     pairs: tuple[tuple[int, int], ...]
     """indices of capsules, the one nearer to the base first"""
 
     @classmethod
-    def build(cls, chain: DHChain, capsules: Sequence[Capsule], limits: FloatArray, home: FloatArray) -> Self:
+    def build(cls, chain: Chain, capsules: Sequence[Capsule], limits: FloatArray, home: FloatArray) -> Self:
         """Find the pairs.
 
         Args:
@@ -340,11 +341,10 @@ class Corner:
     """(n,) how far it rises or sinks a radian of each joint, at most [m/rad]"""
 
 
-def moving_corners(chain: DHChain, titles: Sequence[str], limits: FloatArray) -> tuple[Corner, ...]:
-    """The corners and frame origins of an arm that joints raise or lower, from the base to the tool.
+def moving_corners(chain: Chain, titles: Sequence[str], limits: FloatArray) -> tuple[Corner, ...]:
+    """The ends of the bars (``shape.bars``) that joints raise or lower, from the base to the tool.
 
-    Between two frames a DH row runs along x and z in straight lines, and over a plane a straight line is
-    lowest at one of its ends: the origins and the corners between them are the whole arm.
+    Over a plane a straight line is lowest at one of its ends, so these points are the whole arm.
 
     Args:
         chain: the arm.
@@ -354,21 +354,12 @@ def moving_corners(chain: DHChain, titles: Sequence[str], limits: FloatArray) ->
     probes = LinkFrames.at(chain, joint_samples(limits, _PROBES))
     upright = abs(chain.segments[0][2, 2]) > 1 - 1e-12  # then the first joint changes no height
     corners: list[Corner] = []
-    for link, point, part in _points(chain, titles):
-        if np.ptp(probes.place(link, point[None])[2, 0]) > 1e-9:
-            levers = lever_bounds(chain, link, point[None])
+    for bar in bars(chain, 0.0):
+        point = _moved(chain.places[bar.frame].T_link_frame, bar.end)
+        if np.ptp(probes.place(bar.link, point[None])[2, 0]) > 1e-9:
+            levers = lever_bounds(chain, bar.link, point[None])
             levers[0] *= not upright
-            corners.append(Corner(link, point, part, levers))
+            corners.append(Corner(bar.link, point, link_name(bar.link, titles), levers))
+    if corners:
+        corners[-1] = replace(corners[-1], part="the tool")
     return tuple(corners)
-
-
-def _points(chain: DHChain, titles: Sequence[str]) -> Iterator[tuple[int, FloatArray, str]]:
-    places = row_in_link(chain)
-    last = len(chain.rows) - 1
-    for i, (row, (ahead, T_ahead), (link, T_link)) in enumerate(
-        zip(chain.rows, places[:-1], places[1:], strict=True)
-    ):
-        # modified rows go along x first, standard ones along z: the end of that way is the corner
-        offset = (row.a_m, 0.0, 0.0) if chain.convention == "modified" else (0.0, 0.0, row.d_m)
-        yield ahead, T_ahead[:3, :3] @ np.array(offset) + T_ahead[:3, 3], link_name(ahead, titles)
-        yield link, T_link[:3, 3], "the tool" if i == last else link_name(link, titles)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armctl.errors import RobotFileError
-from armctl.kinematics import Body, DHChain, DHRow, GravityModel
+from armctl.kinematics import Body, Chain, DHRow, GravityModel
 from armctl.robot.body import Capsule, capsule
 from armctl.robot.file import JointEntry, LookEntry, ObstacleEntry, RobotFile, read_robot_file
 from armctl.robot.outputs_of_file import differential_axes, encoder_axes, output_map
@@ -68,7 +68,7 @@ def _build(file: RobotFile, path: Path) -> Robot:
     _check_joints(file, by_name, path)
     order = [row.joint for row in file.dh.rows if row.joint is not None]
     entries = [by_name[name] for name in order]
-    chain = DHChain(
+    chain = Chain.from_dh(
         [
             DHRow(
                 row.a_mm / 1000,
@@ -158,7 +158,7 @@ def _point(value_mm: tuple[float, float, float]) -> FloatArray:
 
 
 def _capsules(
-    file: RobotFile, joints: list[JointEntry], chain: DHChain, path: Path
+    file: RobotFile, joints: list[JointEntry], chain: Chain, path: Path
 ) -> tuple[Capsule, ...] | None:
     order = [joint.name for joint in joints]
     capsules: list[Capsule] = []
@@ -194,7 +194,7 @@ def _color(text: str) -> Color:
     return red, green, blue
 
 
-def _gravity(file: RobotFile, order: list[str], chain: DHChain, path: Path) -> GravityModel:
+def _gravity(file: RobotFile, order: list[str], chain: Chain, path: Path) -> GravityModel:
     bodies: list[Body] = []
     for body in file.bodies:
         if body.joint not in order:

@@ -17,7 +17,7 @@ from armctl.kinematics import (
     BatchSolutions,
     Branch,
     BranchFinder,
-    DHChain,
+    Chain,
     EnergyModel,
     GravityModel,
     InverseKinematics,
@@ -47,7 +47,7 @@ class Robot:
     source: str
     assumed: tuple[str, ...]
     joints: tuple[Joint, ...]
-    chain: DHChain
+    chain: Chain
     poses: Mapping[str, FloatArray]
     """named configurations (n,) [rad]"""
     output_map: OutputMap | None

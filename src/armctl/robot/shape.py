@@ -1,4 +1,4 @@
-"""An arm's shape from its DH rows: a bar along each a and d, and a hand or a tip at the tool point.
+"""An arm's shape: bars along its DH rows or from joint to joint, and a hand or a tip at the tool point.
 
 What is drawn and what the pre-flight keeps apart are the same shape.
 """
@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from armctl.kinematics import DHChain
+from armctl.kinematics import Chain
 from armctl.robot.parts import Look
 
 Point = tuple[float, float, float]
@@ -27,9 +27,9 @@ class Bar:
     """A straight piece of a link."""
 
     frame: int
-    """the frame it is fixed to: 0 the base, i + 1 the one behind DH row i"""
+    """the frame it is fixed to: index into ``Chain.places``"""
     name: str
-    """``a`` or ``d`` with the number of its row, from 0"""
+    """tells it from the others"""
     link: int
     """index of the joint that moves it; -1: the base"""
     start: Point
@@ -42,7 +42,7 @@ class Bar:
         return math.dist(self.start, self.end)
 
 
-def reach(chain: DHChain) -> float:
+def reach(chain: Chain) -> float:
     """The length of the arm from its base frame to the tool point, all links stretched [m]."""
     tool = chain.forward(np.zeros(chain.n))[:3, 3]
     # No joint changes how far two corners in a row are apart.
@@ -50,33 +50,49 @@ def reach(chain: DHChain) -> float:
     return float(np.linalg.norm(np.diff(corners, axis=0), axis=1).sum())
 
 
-def width(chain: DHChain, look: Look) -> float:
+def width(chain: Chain, look: Look) -> float:
     """Width of the links [m]."""
     return look.width * reach(chain)
 
 
-def tool_length(chain: DHChain, look: Look, *, gripper: bool) -> float:
+def tool_length(chain: Chain, look: Look, *, gripper: bool) -> float:
     """How much shorter the last bar is, so that the fingers or the tip end at the tool point [m]."""
     return reach(chain) * FINGER[2] if gripper else width(chain, look) * TIP_LENGTH
 
 
-def bars(chain: DHChain, shorten: float) -> Iterator[Bar]:
+def bars(chain: Chain, shorten: float) -> Iterator[Bar]:
     """The bars from the base to the tool, those of no length too.
-
-    Modified rows go along a on the frame before and along d on their own; standard ones vice versa.
 
     Args:
         chain: the arm.
-        shorten: what the hand or the tip takes of the last d [m].
+        shorten: what the hand or the tip takes of the last bar, along the tool's z [m].
     """
+    yield from _bars_of_rows(chain, shorten) if chain.rows else _bars_of_joints(chain, shorten)
+
+
+def _bars_of_rows(chain: Chain, shorten: float) -> Iterator[Bar]:
+    """Modified rows go along a on the frame before and along d on their own; standard ones vice versa."""
     link = -1
     for i, row in enumerate(chain.rows):
         before, link = link, link + row.joint
-        left = shorten if i == len(chain.rows) - 1 else 0.0
-        d = math.copysign(max(0.0, abs(row.d_m) - left), row.d_m)
+        d = _shortened(row.d_m, shorten if i == len(chain.rows) - 1 else 0.0)
         if chain.convention == "modified":
             yield Bar(i, f"a{i}", before, (0, 0, 0), (row.a_m, 0, 0))
             yield Bar(i + 1, f"d{i}", link, (0, 0, -row.d_m), (0, 0, d - row.d_m))
         else:
             yield Bar(i, f"d{i}", before, (0, 0, 0), (0, 0, d))
             yield Bar(i + 1, f"a{i}", link, (-row.a_m, 0, 0), (0, 0, 0))
+
+
+def _bars_of_joints(chain: Chain, shorten: float) -> Iterator[Bar]:
+    """Straight from the origin of each joint's frame to the next one's, and to the tool."""
+    for i, segment in enumerate(chain.segments):
+        x, y, z = segment[:3, 3].tolist()
+        yield Bar(i, f"link{i}", i - 1, (0, 0, 0), (x, y, z))
+    along = float(chain.tail[:3, 3] @ chain.tail[:3, 2])
+    x, y, z = (chain.tail[:3, 3] + (_shortened(along, shorten) - along) * chain.tail[:3, 2]).tolist()
+    yield Bar(chain.n, f"link{chain.n}", chain.n - 1, (0, 0, 0), (x, y, z))
+
+
+def _shortened(length: float, by: float) -> float:
+    return math.copysign(max(0.0, abs(length) - by), length)

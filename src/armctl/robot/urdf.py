@@ -12,13 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armctl.errors import RobotFileError
-from armctl.kinematics import Body, DHChain, GravityModel
+from armctl.kinematics import Body, Chain, GravityModel
 from armctl.kinematics.angles import rest_angle
+from armctl.kinematics.chain import frame_along
 from armctl.kinematics.yaw_pitch_roll.geometry import recognise
 from armctl.robot.parts import JERK_UP_S, Joint
 from armctl.robot.robot import Robot
 from armctl.robot.urdf_file import Rounding, UrdfFile, UrdfJoint, fixed_where_held, limits_of, read_urdf_file
-from armctl.robot.urdf_rows import frame_along, rows_of
 from armctl.robot.urdf_tool import AXES, UrdfName, UrdfTool, named_tool, suggested_tool
 from armctl.robot.urdf_tree import UrdfTree
 
@@ -38,7 +38,7 @@ _SHORTEST = 1e-6
 
 
 def assumed_of(
-    name: UrdfName, tool: UrdfTool, chain: list[UrdfJoint], names: list[str], dh: DHChain
+    name: UrdfName, tool: UrdfTool, chain: list[UrdfJoint], names: list[str], dh: Chain
 ) -> tuple[str, ...]:
     """The assumptions, a sentence each.
 
@@ -68,7 +68,7 @@ def _tool(name: UrdfName, tool: UrdfTool) -> Iterable[str]:
         yield f"the tool is the link {tool.link}, {tool.why}{out} (another: {name.path.name}#LINK)"
 
 
-def _approach(name: UrdfName, tool: UrdfTool, names: list[str], dh: DHChain) -> Iterable[str]:
+def _approach(name: UrdfName, tool: UrdfTool, names: list[str], dh: Chain) -> Iterable[str]:
     """Frames of ROS often have x ahead, where armctl takes z."""
     ahead = _ahead(dh)
     if ahead is None or name.approach != "z":
@@ -96,7 +96,7 @@ class _Ahead:
     """it is the axis of the last joint, which rolls the tool; else the last link's"""
 
 
-def _ahead(dh: DHChain) -> _Ahead | None:
+def _ahead(dh: Chain) -> _Ahead | None:
     """Where the tool points; None where the arm ends on the axis of a joint that does not roll."""
     points, axes = dh.axes()
     tip, last = dh.forward(np.zeros(dh.n))[:3, 3], axes[-1]
@@ -109,7 +109,7 @@ def _ahead(dh: DHChain) -> _Ahead | None:
     return _Ahead(across / length, rolls=False) if length > _SHORTEST else None
 
 
-def _leaning(names: list[str], dh: DHChain) -> Iterable[str]:
+def _leaning(names: list[str], dh: Chain) -> Iterable[str]:
     geometry = recognise(dh)
     if geometry is None:
         return
@@ -187,7 +187,7 @@ def load_urdf(name: UrdfName) -> Robot:
         raise RobotFileError(f"{path}: no joint turns between {tree.root} and {tool.link}")
     origins, last = _origins(chain)
     last = last @ frame_along(name.direction)
-    dh = DHChain(rows_of(origins, [joint.axis for joint in moving], last))
+    dh = Chain.from_joints(origins, [joint.axis for joint in moving], last)
     names = _distinct(_plain(joint.name, "joint") for joint in moving)
     joints = tuple(_joint(joint, name, path) for joint, name in zip(moving, names, strict=True))
     home = np.array([rest_angle(joint.lower, joint.upper) for joint in joints])
@@ -235,7 +235,7 @@ def _joint(joint: UrdfJoint, name: str, path: Path) -> Joint:
     )
 
 
-def _bodies(file: UrdfFile, tree: UrdfTree, chain: list[UrdfJoint], dh: DHChain) -> Iterable[Body]:
+def _bodies(file: UrdfFile, tree: UrdfTree, chain: list[UrdfJoint], dh: Chain) -> Iterable[Body]:
     """The masses that each joint carries, in its DH row's frame; branches off the chain at their zero."""
     rows = dh.frames(np.zeros(dh.n))
     poses, carrier = {tree.root: np.eye(4)}, {tree.root: -1}

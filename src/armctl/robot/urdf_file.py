@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from armctl.errors import RobotFileError
 from armctl.kinematics import rotation_from_rpy
-from armctl.robot.urdf_rows import frame_along
+from armctl.kinematics.chain import frame_along
 
 # Right angles that a URDF file rounds: taken as what they were before somebody wrote them down.
 #

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from armctl.kinematics.link_frames import LinkFrames
+from armctl.kinematics.chain import LinkFrames
 from armctl.kinematics.velocity import damped_inverse, position_leaves_pitch, turning_speeds
 from armctl.motion import Floor, Obstacles, SelfCollision
 from armctl.motion.paths.tool_task import PitchRows, PlanePitch, pitch_rows

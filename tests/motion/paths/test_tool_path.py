@@ -21,7 +21,7 @@ from tests.motion.paths.tool_kit import (
 )
 
 from armctl.errors import ArmctlError, InputError, MotionRefusedError, UnreachableError
-from armctl.kinematics import DHChain, DHRow
+from armctl.kinematics import Chain, DHRow
 from armctl.motion.error_report import arc, line
 from armctl.motion.paths.tool_curve import ToolLine
 from armctl.motion.paths.tool_path import PITCH_MODES, PitchMode, ToolPath, follow, tool_arc, tool_line
@@ -30,7 +30,7 @@ from armctl.robot import Robot
 ALLOWED_M = 0.05e-3
 HELD = math.radians(0.02)
 SIX_AXES = robot_of(
-    DHChain(
+    Chain.from_dh(
         [
             DHRow(0.0, math.pi / 2, 0.1),
             DHRow(0.25, 0.0, 0.0),

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from tests.kinematics.kit import FloatArray, chain_of, random_planar_arm, random_q
 
-from armctl.kinematics import DHChain, GravityModel
+from armctl.kinematics import Chain, GravityModel
 from armctl.motion.paths.tool_curve import ToolCurve
 from armctl.motion.paths.tool_path import ToolPath
 from armctl.motion.paths.tool_task import elevations
@@ -21,7 +21,7 @@ _JUMP = 0.15
 """the nearest solution this far from the one before is on another branch [rad]"""
 
 
-def robot_of(chain: DHChain, limits: FloatArray) -> Robot:
+def robot_of(chain: Chain, limits: FloatArray) -> Robot:
     """An arm of any chain, without anything else to it."""
     joints = tuple(
         Joint(f"j{k}", f"Joint {k}", float(low), float(high), 2.0, 8.0, 160.0, None)

@@ -8,14 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 from tests.kinematics.kit import chain_of, plain_frames, random_planar_arm
 
-from armctl.kinematics import DHChain, GravityModel
+from armctl.kinematics import Chain, GravityModel
 from armctl.robot import Joint, Robot
 from armctl.robot.body import Capsule
 
 FloatArray = NDArray[np.float64]
 
 
-def arm(chain: DHChain, limits: FloatArray) -> Robot:
+def arm(chain: Chain, limits: FloatArray) -> Robot:
     """A robot with a chain and limits, home in the middle."""
     joints = tuple(
         Joint(f"j{k}", f"Joint {k}", float(low), float(high), 1.0, 4.0, 40.0, None)

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from tests.kinematics.kit import plain_frames
 from tests.motion.preflight.kit import arm, brute_gap, random_arm
 
-from armctl.kinematics import DHChain, DHRow
-from armctl.kinematics.link_frames import LinkFrames
+from armctl.kinematics import Chain, DHRow
+from armctl.kinematics.chain import LinkFrames
 from armctl.motion import Trajectory
 from armctl.motion.preflight import FLOOR_TOLERANCE_M, Floor, Obstacles, SelfCollision, preflight
 from armctl.motion.preflight.clearance import Gaps
@@ -30,7 +30,7 @@ FloatArray = NDArray[np.float64]
 UZUNER, SCORBOT = load_robot("uzuner"), load_robot("scorbot")
 
 # Three links of a metre that turn the same way: between two samples the tool turns by 12 degrees.
-CHAIN = DHChain([DHRow(0.0, np.pi / 2, 4.0), *[DHRow(1.0, 0.0, 0.0)] * 3])
+CHAIN = Chain.from_dh([DHRow(0.0, np.pi / 2, 4.0), *[DHRow(1.0, 0.0, 0.0)] * 3])
 ARM = arm(CHAIN, np.tile(np.radians([[-170.0, 170.0]]), (4, 1)))
 HANGING = np.radians([0.0, -90.0, 0.0, 0.0])
 """the tool is at its lowest: 1 m above the base frame, straight below the shoulder"""

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from armctl.kinematics.chain import DHChain
+from armctl.kinematics.chain import Chain
 from armctl.kinematics.numeric.goals import Goal, tool_motion
 
 FloatArray = NDArray[np.float64]
@@ -117,7 +117,7 @@ class Starts:
     same starts in every process and every thread.
     """
 
-    def __init__(self, chain: DHChain, limits: FloatArray) -> None:
+    def __init__(self, chain: Chain, limits: FloatArray) -> None:
         self._q = limits[:, 0] + _even_spread(_COUNT, chain.n) * (limits[:, 1] - limits[:, 0])
         self._motion = tool_motion(chain, self._q)
 
@@ -151,7 +151,7 @@ _OUTER = 8
 
 
 def meet(
-    chain: DHChain, goal: Goal, q: FloatArray, lower: FloatArray, upper: FloatArray, polish: bool = False
+    chain: Chain, goal: Goal, q: FloatArray, lower: FloatArray, upper: FloatArray, polish: bool = False
 ) -> FloatArray:
     """Drive a goal's residuals to zero, or to where they come no lower.
 
@@ -175,9 +175,7 @@ def meet(
     return descend(objective, q, lower, upper, _POLISH if polish else _SEARCH)[0]
 
 
-def come_nearest(
-    chain: DHChain, goal: Goal, q: FloatArray, lower: FloatArray, upper: FloatArray
-) -> FloatArray:
+def come_nearest(chain: Chain, goal: Goal, q: FloatArray, lower: FloatArray, upper: FloatArray) -> FloatArray:
     """The local minima (k, n) of a goal's cost inside the box, from starts ``q`` (k, n) [rad]."""
 
     def objective(q: FloatArray, _: IndexArray) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -187,7 +185,7 @@ def come_nearest(
 
 
 def come_nearest_holding(
-    chain: DHChain, order: Goal, wish: Goal, q: FloatArray, lower: FloatArray, upper: FloatArray
+    chain: Chain, order: Goal, wish: Goal, q: FloatArray, lower: FloatArray, upper: FloatArray
 ) -> FloatArray:
     """The local minima (k, n) of the cost of ``wish`` inside the box where ``order`` is met exactly.
 

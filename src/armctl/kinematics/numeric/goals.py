@@ -13,7 +13,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from armctl.kinematics.chain import DHChain
+from armctl.kinematics.chain import Chain
 
 # Tool pose and motion of many configurations at once, for the numeric solver's small batches.
 
@@ -39,11 +39,11 @@ class ToolMotion:
         return self.rotation[:, :, 2]
 
 
-def tool_motion(chain: DHChain, q: FloatArray) -> ToolMotion:
+def tool_motion(chain: Chain, q: FloatArray) -> ToolMotion:
     """Tool pose and Jacobian columns of configurations ``q`` (k, n) [rad] in one pass.
 
     One product of 4 x 4 matrices a joint: for the tens of configurations of a numeric search that is
-    several times quicker than ``DHChain.forward`` and ``jacobian``, which are made for one or thousands.
+    several times quicker than ``Chain.forward`` and ``jacobian``, which are made for one or thousands.
     """
     c, s = np.cos(q)[..., None], np.sin(q)[..., None]
     segments = np.array(chain.segments)

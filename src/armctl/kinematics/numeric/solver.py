@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from armctl.kinematics.chain import DHChain
+from armctl.kinematics.chain import Chain
 from armctl.kinematics.energy import EnergyModel
 from armctl.kinematics.grid import checked_step
 from armctl.kinematics.numeric.descent import Starts, come_nearest, come_nearest_holding, meet
@@ -41,7 +41,7 @@ class LinkBound:
     bound best.
     """
 
-    def __init__(self, chain: DHChain) -> None:
+    def __init__(self, chain: Chain) -> None:
         points, axes = chain.axes()
         nodes = _shortest_polyline(points, axes, chain.forward(np.zeros(chain.n))[:3, 3])
         links = np.linalg.norm(np.diff(nodes, axis=0), axis=1)
@@ -134,9 +134,7 @@ class NumericSolver:
     pitch_joints: tuple[int, ...] = ()
     free_joint: int | None = None
 
-    def __init__(
-        self, chain: DHChain, limits: FloatArray, energy: EnergyModel, titles: Sequence[str]
-    ) -> None:
+    def __init__(self, chain: Chain, limits: FloatArray, energy: EnergyModel, titles: Sequence[str]) -> None:
         self.chain, self.limits, self.energy = chain, limits, energy
         self._arm = SolvedArm(("numeric",), chain, energy)
         self._titles = tuple(titles)
@@ -305,7 +303,7 @@ class NumericSolver:
         return Solutions(self._arm, target, (), (), reason=reason, nearest_q=nearest, complete=False)
 
 
-def _roll_joint(chain: DHChain) -> int | None:
+def _roll_joint(chain: Chain) -> int | None:
     """The last joint, where it turns the tool about its approach axis through the tool point."""
     points, axes = chain.axes()
     tool = chain.forward(np.zeros(chain.n))

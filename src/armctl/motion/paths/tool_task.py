@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from scipy.linalg import lapack
 
 from armctl.errors import InputError
-from armctl.kinematics import DHChain, YawPitchRollSolver
+from armctl.kinematics import Chain, YawPitchRollSolver
 from armctl.kinematics.numeric.goals import crossed
 from armctl.kinematics.yaw_pitch_roll.geometry import YawPitchRoll
 from armctl.motion.paths.tool_curve import ToolCurve
@@ -289,7 +289,7 @@ class Repulsion:
 class ToolTask:
     """The equations of one path. Immutable."""
 
-    chain: DHChain
+    chain: Chain
     curve: ToolCurve
     moving: NDArray[np.intp]
     """(f,) the joints that are solved for"""

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from armctl.errors import InputError, MotionRefusedError
 from armctl.kinematics import GravityModel
-from armctl.kinematics.link_frames import LinkFrames
+from armctl.kinematics.chain import LinkFrames
 from armctl.kinematics.samples import joint_samples
 from armctl.kinematics.velocity import NEAR
 from armctl.motion.preflight.clearance import Floor, Obstacles, SelfCollision, gap_finding

@@ -63,7 +63,7 @@ class ArmFigure:
         self._width = width(robot.chain, robot.look)
         self._root = scene.add_frame(name, show_axes=False, visible=visible)
         self._frames = [
-            scene.add_frame(f"{name}/f{i}", show_axes=False) for i in range(len(robot.chain.rows) + 1)
+            scene.add_frame(f"{name}/f{i}", show_axes=False) for i in range(len(robot.chain.places))
         ]
         self._shown: FloatArray | None = None
         for frame in self._frames:
@@ -108,7 +108,7 @@ class ArmFigure:
         """Write words at the tool point; None: nothing."""
         if words is not None and (self._label is None or self._label.text != words):
             self.say(None)
-            tool = f"{self._name}/f{len(self._robot.chain.rows)}"
+            tool = f"{self._name}/f{len(self._robot.chain.places) - 1}"
             self._label = self._scene.add_label(f"{tool}/words", words)
             send_pose(self._label)
         elif words is None and self._label is not None:
@@ -120,7 +120,7 @@ class ArmFigure:
         shorten = tool_length(chain, look, gripper=self._robot.gripper is not None)
         for bar in bars(chain, shorten):
             self._draw_bar(bar, look.links[max(bar.link, 0) % len(look.links)])
-        axis = 1 if chain.convention == "modified" else 0  # the frame whose z a joint turns about
+        axis = 0 if chain.convention == "standard" else 1  # the frame whose z a joint turns about
         for i in chain.joint_rows:
             solid = drum(self._width * _DRUM_RADIUS[look.shape], self._width * _DRUM_HEIGHT)
             self._add(f"f{i + axis}/j{i}", solid, look.joints)
@@ -133,11 +133,11 @@ class ArmFigure:
     def _draw_tip(self) -> None:
         """A cone along the tool's z axis, its point in the tool point."""
         solid = spike(self._width * TIP_RADIUS, self._width * TIP_LENGTH)
-        self._add(f"f{len(self._robot.chain.rows)}/tip", solid, _TOOL_COLOR)
+        self._add(f"f{len(self._robot.chain.places) - 1}/tip", solid, _TOOL_COLOR)
 
     def _draw_gripper(self) -> tuple[viser.FrameHandle, ...]:
         """A palm and two fingers along the tool's z axis, ending at the tool point."""
-        tool = f"f{len(self._robot.chain.rows)}"
+        tool = f"f{len(self._robot.chain.places) - 1}"
         across, thickness, length = (self._reach * size for size in FINGER)
         palm = (self._reach * PALM[0], self._reach * PALM[1], self._reach * PALM[2])
         self._add(f"{tool}/palm", block(palm, (0, 0, -length - 0.5 * palm[2])), _TOOL_COLOR)
