@@ -78,7 +78,7 @@ def test_solve_page_select_and_go(page: Screen, served: ServedArm) -> None:
     assert served.commanded_deg == HOME  # nothing has moved the arm so far
     page.screenshot("inverse-selected")
     page.click(SELECTED)
-    stands_at(page, served, found.table.q(3001))
+    stands_at(page, served, found.q(3001))
     assert page.errors == []
 
 
@@ -91,7 +91,7 @@ def test_the_ghost_takes_the_selected_configuration(page: Screen, served: Served
     found = solve(robot, Target.of([0.22, -0.196, 0.085]), "least-rotation", robot.pose("home"))
     for row in (3520, 700):
         page.type_into("Row", str(row))
-        wrist = robot.frames(found.table.q(row))[6, :3, 3]
+        wrist = robot.frames(found.q(row))[6, :3, 3]
 
         def drawn(wrist: np.ndarray = wrist) -> bool:
             name = "/ghost/f6"

@@ -12,7 +12,7 @@ from armctl.robot import load_robot
 from armctl.runtime import State
 from armctl.ui.tabs.manual.joints import asked_pose, checked_percent, stepped
 from armctl.ui.tabs.program.record import checked_seconds, present_pose_deg
-from armctl.ui.widgets.hold import Hold
+from armctl.ui.widgets.events import Hold
 from armctl.ui.widgets.joint_angles import slider_degrees, slider_limits
 
 ROBOT = load_robot("uzuner")

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-from types import SimpleNamespace
-from typing import Any, cast
-
 import pytest
 
 from armctl.errors import InputError
@@ -16,8 +13,7 @@ BOTH = pytest.mark.parametrize("laws", [ALL_PROFILES, MOVEMENTS], ids=lambda law
 
 
 def choice(server: GuardedServer, laws: Laws) -> ProfileChoice:
-    session: Any = SimpleNamespace(gui=server.gui, on=lambda attach, action: None)
-    return ProfileChoice(cast(Any, session), laws)
+    return ProfileChoice(server.gui, lambda attach, action: None, laws)
 
 
 @BOTH

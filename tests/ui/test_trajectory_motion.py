@@ -34,8 +34,16 @@ from armctl.ui.tabs.trajectory.error_report import (
     summary_html,
     theoretical,
 )
-from armctl.ui.tabs.trajectory.graphs import OF, QUANTITIES, GraphChoice, cursor_html, graph, peaks_html
-from armctl.ui.tabs.trajectory.motions import (
+from armctl.ui.tabs.trajectory.graphs import (
+    OF,
+    QUANTITIES,
+    GraphChoice,
+    compare_html,
+    cursor_html,
+    graph,
+    peaks_html,
+)
+from armctl.ui.tabs.trajectory.plan import (
     ARC,
     JOINTS,
     LINE,
@@ -44,13 +52,12 @@ from armctl.ui.tabs.trajectory.motions import (
     TOOL_ARC,
     TOOL_LINE,
     MotionRequest,
-    PointWish,
     ShownMotion,
     ToolWish,
-    compare_html,
+    plan_motion,
+    plan_shown,
     why_not,
 )
-from armctl.ui.tabs.trajectory.plan import plan_motion, plan_shown
 
 ROBOT = load_robot("uzuner")
 REST, HOME, ZERO = ROBOT.pose("rest"), ROBOT.pose("home"), ROBOT.pose("zero")
@@ -66,8 +73,7 @@ def joints(
 def published(
     motion: str, profile: Profile = "cubic", passing: Passing | None = "stop", duration: float | None = None
 ) -> MotionRequest:
-    points = PointWish(passing, 0.002)
-    return MotionRequest(motion, motion, REST, profile, duration, "published", points=points)
+    return MotionRequest(motion, motion, REST, profile, duration, "published", passing=passing)
 
 
 def led(wish: ToolWish, profile: Profile = "trapezoid", duration: float | None = None) -> MotionRequest:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
-from collections.abc import Awaitable, Callable, Coroutine
+from collections.abc import Callable, Coroutine
 from typing import Any
 
 import viser
@@ -15,9 +15,9 @@ from armctl.ui.console import SharedT, page_name
 from armctl.ui.notices import Color, Notices
 from armctl.ui.robot_switch import RobotSwitch
 from armctl.ui.scene.ghost import Ghost
+from armctl.ui.widgets.events import Action
 
 LOG = logging.getLogger("armctl.ui")
-Action = Callable[[], Awaitable[None]]
 _HEARTBEAT_S = 2.0
 _HEARTBEAT_TIMEOUT_S = 3.0
 

@@ -1,8 +1,7 @@
-"""A translucent arm in one page's view: where the arm would stand."""
+"""Translucent arms in one page's view: where the arm would stand."""
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
@@ -11,12 +10,20 @@ import viser
 from numpy.typing import NDArray
 
 from armctl.robot import Robot
-from armctl.ui.scene.arm_figure import ArmFigure, Color
+from armctl.robot.parts import Color
+from armctl.ui.scene.arm_figure import ArmFigure
 
 FloatArray = NDArray[np.float64]
 _COLOR, _OPACITY = (0, 180, 216), 0.35
-_SWELL = 1.08
-"""How much thicker than the arm its ghost is: where both stand in one place, equal surfaces would flicker."""
+_THICKER = 1.08
+"""A ghost is this much thicker than the arm: where both are in one place, equal surfaces would flicker."""
+_SAME_RAD = 1e-4
+_BRANCH_OPACITY, _BRANCH_STEP = 0.4, 0.03
+
+
+def thicker(robot: Robot, factor: float = _THICKER) -> Robot:
+    """The arm as it is drawn beside itself, a little larger all round."""
+    return replace(robot, look=replace(robot.look, width=factor * robot.look.width))
 
 
 class Ghost:
@@ -28,16 +35,17 @@ class Ghost:
     def __init__(self, scene: viser.SceneApi, robot: Robot) -> None:
         self._scene, self._robot = scene, robot
         self._figure: ArmFigure | None = None
+        self.q: FloatArray | None = None
+        """(n,) the configuration that is shown [rad]; None: nothing"""
         self._owner: object = None
         self._lost: Callable[[], None] | None = None
 
     def claim(self, owner: object, lost: Callable[[], None] | None = None) -> None:
-        """The view of what might be is ``owner``'s from now on; who had it before is told, once."""
+        """Give the ghost to ``owner``; the ``lost`` of the owner before is called once."""
         if owner is self._owner:
             return
         before, self._owner, self._lost = self._lost, owner, lost
-        if self._figure is not None:
-            self._figure.visible = False
+        self._hide()
         if before is not None:
             before()
 
@@ -48,35 +56,69 @@ class Ghost:
                 self._scene, thicker(self._robot), "/ghost", color=_COLOR, opacity=_OPACITY
             )
         self.claim(owner)
+        self.q = q.copy()
         self._figure.pose(q)
         self._figure.visible = True
 
     def hide(self, owner: object = None) -> None:
         """Show nothing, if what is shown is ``owner``'s."""
-        if self.shown_by(owner) and self._figure is not None:
-            self._figure.visible = False
+        if self.shown_by(owner):
+            self._hide()
 
     def shown_by(self, owner: object = None) -> bool:
         """Whether the ghost is shown, and ``owner``'s."""
-        return self._figure is not None and self._figure.visible and self._owner is owner
+        return self.q is not None and self._owner is owner
+
+    def _hide(self) -> None:
+        self.q = None
+        if self._figure is not None:
+            self._figure.visible = False
 
 
-def thicker(robot: Robot) -> Robot:
-    """The arm as it is drawn beside itself, a little larger all round."""
-    look = dataclasses.replace(robot.look, width=_SWELL * robot.look.width)
-    return dataclasses.replace(robot, look=look)
+class Preview:
+    """The page's ghost as one screen uses it: shown until the arm stands there or another screen takes it."""
+
+    def __init__(self, ghost: Ghost) -> None:
+        self._ghost = ghost
+        self.q: FloatArray | None = None
+        """(n,) what this screen has shown last [rad]; None: nothing"""
+
+    @property
+    def shown(self) -> bool:
+        """Whether this screen's ghost is shown."""
+        return self.q is not None and self._ghost.shown_by(self)
+
+    @property
+    def taken(self) -> bool:
+        """Whether another screen shows something in place of what this one has shown last."""
+        return self.q is not None and not self._ghost.shown_by(self)
+
+    def show(self, q: FloatArray, present: FloatArray) -> None:
+        """Show ``q`` (n,) [rad], unless the arm stands there now."""
+        if _same(q, present):
+            self.hide()
+            return
+        self.q = q.copy()
+        self._ghost.show(q, self)
+
+    def hide(self) -> None:
+        """Show nothing, if it is this screen's ghost that is shown."""
+        self.q = None
+        self._ghost.hide(self)
+
+    def refresh(self, present: FloatArray) -> None:
+        """Hide the ghost once the arm, at ``present`` (n,) [rad], has come to it."""
+        if self.q is not None and _same(self.q, present):
+            self.hide()
 
 
-# Several translucent arms in one page's view, numbered: the branches of a target side by side.
-
-_ROOT = "/branches"
-_BRANCH_GHOSTS_OPACITY = 0.4
-_BRANCH_GHOSTS_SWELL, _MORE = 1.08, 0.03
+def _same(a: FloatArray, b: FloatArray) -> bool:
+    return bool(np.abs(a - b).max() < _SAME_RAD)
 
 
 @dataclass(frozen=True, slots=True)
 class GhostMark:
-    """One arm to be shown."""
+    """One of several arms that are shown side by side."""
 
     q: FloatArray
     """(n,) [rad]"""
@@ -86,40 +128,36 @@ class GhostMark:
 
 
 class BranchGhosts:
-    """Draws them; those of the last call are gone."""
+    """Several labelled ghosts: the branches of a target."""
 
     def __init__(self, scene: viser.SceneApi, robot: Robot) -> None:
         self._scene, self._robot = scene, robot
-        self._figures: list[ArmFigure] = []
-        self._labels: list[viser.LabelHandle] = []
+        self._nodes: list[ArmFigure | viser.LabelHandle] = []
 
     def show(self, marks: Sequence[GhostMark]) -> None:
-        """Show these arms; none: nothing."""
+        """Show these arms and no others."""
         self.hide()
         for i, (mark, place) in enumerate(zip(marks, self._label_places(marks), strict=True)):
-            # each a little thicker than the one before: what they share would flicker, or mix its colours
-            width = (_BRANCH_GHOSTS_SWELL + i * _MORE) * self._robot.look.width
-            robot = replace(self._robot, look=replace(self._robot.look, width=width))
-            figure = ArmFigure(
-                self._scene, robot, f"{_ROOT}/{i}", color=mark.color, opacity=_BRANCH_GHOSTS_OPACITY
-            )
+            # each a little thicker than the one before: shared surfaces would flicker, or mix their colours
+            robot = thicker(self._robot, _THICKER + i * _BRANCH_STEP)
+            name = f"/branches/{i}"
+            figure = ArmFigure(self._scene, robot, name, color=mark.color, opacity=_BRANCH_OPACITY)
             figure.pose(mark.q)
-            self._figures.append(figure)
-            self._labels.append(self._scene.add_label(f"{_ROOT}/label{i}", mark.label, position=place))
+            label = self._scene.add_label(f"/branches/label{i}", mark.label, position=place)
+            self._nodes += [figure, label]
 
     def hide(self) -> None:
         """Show nothing."""
-        for node in (*self._figures, *self._labels):
+        for node in self._nodes:
             node.remove()
-        self._figures, self._labels = [], []
+        self._nodes = []
 
     def _label_places(self, marks: Sequence[GhostMark]) -> FloatArray:
-        """(k, 3) for each arm the same frame's origin: of the frame at which they lie farthest apart [m]."""
+        """(k, 3) origins of the one frame at which the arms are farthest apart [m]."""
         if not marks:
             return np.empty((0, 3))
         points = self._robot.frames(np.array([mark.q for mark in marks]))[:, :, :3, 3]  # (k, frames, 3)
         apart = np.linalg.norm(points[:, None] - points[None], axis=-1)  # (k, k, frames)
         apart[np.arange(len(marks)), np.arange(len(marks))] = np.inf
-        nearest = apart.min(axis=(0, 1))
-        frame = int(nearest.argmax()) if len(marks) > 1 else points.shape[1] // 2
+        frame = int(apart.min(axis=(0, 1)).argmax()) if len(marks) > 1 else points.shape[1] // 2
         return points[:, frame]

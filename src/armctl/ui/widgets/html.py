@@ -113,9 +113,9 @@ _NAME = ";white-space:normal;overflow-wrap:anywhere"
 class LiveHtml:
     """A block of HTML. The caller escapes what is not its own."""
 
-    def __init__(self, gui: viser.GuiApi, content: str = "") -> None:
+    def __init__(self, gui: viser.GuiApi, content: str = "", *, visible: bool = True) -> None:
         self._shown = content
-        self._handle = gui.add_html(self._wrap(content))
+        self._handle = gui.add_html(self._wrap(content), visible=visible)
 
     @property
     def visible(self) -> bool:

@@ -1,19 +1,21 @@
-"""By which law a motion is spread over time, and how long it shall take."""
+"""The profile of a motion over time, and its duration."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+import viser
+
 from armctl.errors import InputError
 from armctl.motion import PROFILES, Profile
-from armctl.ui.session import Session
+from armctl.ui.widgets.events import On
 from armctl.ui.widgets.number_field import NumberField
 
 
 @dataclass(frozen=True, slots=True)
 class Laws:
-    """What can be chosen from, and how the list is called."""
+    """The entries of a dropdown of profiles."""
 
     label: str
     by_name: Mapping[str, Profile]
@@ -39,13 +41,13 @@ _DURATION_HINT = "Seconds. 0 or empty: the shortest that the limits allow."
 class ProfileChoice:
     """A dropdown and a duration; the duration is shown where it means something."""
 
-    def __init__(self, session: Session, laws: Laws) -> None:
+    def __init__(self, gui: viser.GuiApi, on: On, laws: Laws) -> None:
         """Add both to the present container."""
-        gui, self._laws = session.gui, laws.by_name
+        self._laws = laws.by_name
         self._profile = gui.add_dropdown(laws.label, tuple(self._laws), hint=laws.hint)
         self.duration = NumberField(gui, "Duration s", 0.0, hint=_DURATION_HINT)
         self._duration_shown = True
-        session.on(self._profile.on_update, self._on_profile)
+        on(self._profile.on_update, self._on_profile)
 
     @property
     def profile(self) -> Profile:
@@ -54,18 +56,12 @@ class ProfileChoice:
 
     @property
     def settings(self) -> tuple[str, ...]:
-        """All that decides, as far as it is shown."""
+        """The choices, as far as they are shown."""
         law = self._profile.value if self._profile.visible else ""
         return law, self.duration.text if self.duration.visible else ""
 
     def show(self, *, profile: bool, duration: bool, normal: bool) -> None:
-        """Show or hide.
-
-        Args:
-            profile: the choice of a law.
-            duration: the field for the duration.
-            normal: whether "normal" is among the laws.
-        """
+        """Show or hide the dropdown and the duration; ``normal``: whether "normal" is offered."""
         laws = tuple(name for name, profile in self._laws.items() if normal or profile != "normal")
         if tuple(self._profile.options) != laws:
             self._profile.options = laws

@@ -17,7 +17,7 @@ from armctl.ui.session import Session
 from armctl.ui.tabs.calibration.shared_calibration import End, Jaw, SharedCalibration
 from armctl.ui.tabs.manual.joints import JointStepper, checked_percent
 from armctl.ui.widgets.calibration_text import fit_html, limits_html, marks_html, numbered
-from armctl.ui.widgets.hold import Hold, attach_hold
+from armctl.ui.widgets.events import Hold, attach_hold
 from armctl.ui.widgets.html import LiveHtml, fixed, muted, sentence
 from armctl.ui.widgets.number_field import EditWatch, NumberField
 from armctl.ui.widgets.standing import calibrated_map, present_outputs, standing_gripper, standing_outputs

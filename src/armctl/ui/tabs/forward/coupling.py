@@ -1,10 +1,10 @@
-"""Joint angles and tool pose of the Forward screen, coupled both ways while they are typed."""
+"""Joint angles and tool pose of the Forward tab, coupled both ways while they are typed."""
 
 from __future__ import annotations
 
 import asyncio
 import math
-from collections.abc import Awaitable, Callable
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,13 +15,13 @@ from armctl.errors import ArmctlError, UnreachableError
 from armctl.kinematics import Target
 from armctl.kinematics.velocity import position_leaves_pitch
 from armctl.robot import Robot
+from armctl.ui.newest import Newest, OneAtATime
 from armctl.ui.session import Session
-from armctl.ui.widgets.html import LiveHtml, fixed, muted, refused, table
+from armctl.ui.tabs.forward.figures import base_turns
+from armctl.ui.widgets.events import Action
+from armctl.ui.widgets.html import LiveHtml, fixed, muted, refused
 from armctl.ui.widgets.joint_angles import held_at
 from armctl.ui.widgets.number_field import NumberField
-from armctl.ui.widgets.pose_figures import base_turns
-
-# The tool pose fields of the Forward screen: X, Y, Z, pitch and roll, coupled with the joint angles.
 
 FloatArray = NDArray[np.float64]
 _PITCH_HINT = "Angle of the tool's axis above the horizontal: 0 level, −90 straight down."
@@ -31,110 +31,15 @@ _HOLD_HINT = (
     "On: the pitch stays what it is while X, Y or Z change, so that the joint angles follow uniquely. "
     "Off: any pitch will do, and the field shows what it becomes."
 )
-
-
-class PoseFields:
-    """Position [mm], pitch and roll [degrees] of the tool, as far as the arm has them."""
-
-    def __init__(self, gui: viser.GuiApi, robot: Robot, q: FloatArray) -> None:
-        """Add the fields to the present container, filled with the pose at ``q`` (n,) [rad]."""
-        self._robot = robot
-        solver = robot.inverse_kinematics
-        pitch, roll = solver.pitch_and_roll(q)
-        self.xyz = tuple(NumberField(gui, f"{name} mm", None) for name in "XYZ")
-        self._asks_pitch = pitch is not None and position_leaves_pitch(robot.chain, robot.limits)
-        self.pitch = NumberField(
-            gui,
-            "Pitch °",
-            None,
-            hint=_PITCH_HINT if self._asks_pitch else _DECIDED_HINT,
-            visible=pitch is not None,
-            disabled=not self._asks_pitch,
-        )
-        asks_roll = roll is not None and held_at(robot.joints[-1]) is None
-        self.roll = NumberField(gui, "Roll °", None, hint=_ROLL_HINT, visible=asks_roll)
-        self.hold = gui.add_checkbox(
-            "Hold pitch", initial_value=bool(solver.pitch_joints), hint=_HOLD_HINT, visible=self._asks_pitch
-        )
-        self.fill(q)
-
-    @property
-    def fields(self) -> tuple[NumberField, ...]:
-        """All that can be typed into."""
-        turned = ((self.pitch, self._asks_pitch), (self.roll, self.roll.visible))
-        return (*self.xyz, *(field for field, asked_for in turned if asked_for))
-
-    def fill(self, q: FloatArray) -> None:
-        """Show the tool's pose at ``q`` (n,) [rad]."""
-        for field, value in zip(self.xyz, (1000 * self._robot.forward(q)[:3, 3]).tolist(), strict=True):
-            field.fill(value)
-        for field, angle in zip(
-            (self.pitch, self.roll), self._robot.inverse_kinematics.pitch_and_roll(q), strict=True
-        ):
-            if angle is not None:
-                field.fill(math.degrees(angle))
-
-    def fill_pitch(self, q: FloatArray) -> None:
-        """Show the pitch at ``q`` (n,) [rad], and nothing else."""
-        pitch, _ = self._robot.inverse_kinematics.pitch_and_roll(q)
-        if pitch is not None:
-            self.pitch.fill(math.degrees(pitch))
-
-    def holds_pitch(self, edited: NumberField) -> bool:
-        """Whether the pitch is asked for when ``edited`` is the field that was typed into."""
-        return self._asks_pitch and (self.hold.value or edited is self.pitch)
-
-    def target(self, edited: NumberField) -> Target:
-        """What the fields ask for.
-
-        Raises:
-            InputError: a field is empty, or holds no number that can be used.
-        """
-        position = np.array([field.value for field in self.xyz]) / 1000
-        pitch = math.radians(self.pitch.value) if self.holds_pitch(edited) else None
-        roll = math.radians(self.roll.value) if self.roll.visible else None
-        return Target.of(position, pitch, roll)
-
-
-@dataclass(frozen=True, eq=False)
-class CoupledJoints:
-    """The joint angles for a pose, or why there are none."""
-
-    q: FloatArray | None
-    """(n,) the solution nearest to the joint angles before [rad]"""
-    why_not: str = ""
-    """why there is none, and what is nearest; empty where there is one"""
-    nearest_q: FloatArray | None = None
-    """(n,) the configuration that comes nearest where there is none [rad]"""
-
-
-def coupled_joints(robot: Robot, target: Target, before: FloatArray) -> CoupledJoints:
-    """The solution of a pose that takes the least travel from joint angles ``before`` (n,) [rad]."""
-    solutions = robot.inverse(target.position, target.pitch, target.roll)
-    if not solutions.success:
-        return CoupledJoints(None, solutions.explanation or "there is no solution", solutions.nearest_q)
-    ways = [solutions]
-    if solutions.free_joint is not None:
-        # a sweep holds grid values only; the pitch before lies between them, and the same pose must come back
-        pitch, _ = robot.inverse_kinematics.pitch_and_roll(before)
-        held = robot.inverse(target.position, pitch, target.roll)
-        ways += [held] if held.success else []
-    nearest = min(ways, key=lambda way: float(way.energies("least-travel", before).min()))
-    return CoupledJoints(nearest.best("least-travel", before))
-
-
-# The angle fields of the Forward screen, and what each of the two buttons would do with them.
-
-REFERENCE = "Go with respect to reference"
-LAST = "Go with respect to last position"
-PRESENT = "present pose (live)"
-SHOWN = ("angles as reference", "angles added to last position", PRESENT)
+_HEAD = "Tool pose at these angles: type a pose, and the joint angles follow."
+_SOLVING = "its joint angles are still being computed"
 
 
 class AngleFields:
     """One field a joint, in degrees."""
 
     def __init__(self, gui: viser.GuiApi, robot: Robot, q: FloatArray) -> None:
+        """Add the fields to the present container, filled with ``q`` (n,) [rad]."""
         self.fields = [
             NumberField(
                 gui,
@@ -172,47 +77,101 @@ def limits_text(robot: Robot, joint: int) -> str:
     return f"{robot.joints[joint].title}: {fixed(low, 2)}° … {fixed(high, 2)}°"
 
 
-def resulting_pose(how: str, asked: FloatArray, present: FloatArray) -> FloatArray:
-    """Where the arm would go: ``asked`` itself, or added to where it is commanded to be (n,) [rad]."""
-    return present + asked if how in (LAST, SHOWN[1]) else asked
+class PoseFields:
+    """Position [mm], pitch and roll [degrees] of the tool, as far as the arm has them."""
+
+    def __init__(self, gui: viser.GuiApi, robot: Robot, q: FloatArray) -> None:
+        """Add the fields to the present container, filled with the pose at ``q`` (n,) [rad]."""
+        self._robot = robot
+        pitch, roll = robot.inverse_kinematics.pitch_and_roll(q)
+        self.xyz = tuple(NumberField(gui, f"{name} mm", None) for name in "XYZ")
+        self._asks_pitch = pitch is not None and position_leaves_pitch(robot.chain, robot.limits)
+        self.pitch = NumberField(
+            gui,
+            "Pitch °",
+            None,
+            hint=_PITCH_HINT if self._asks_pitch else _DECIDED_HINT,
+            visible=pitch is not None,
+            disabled=not self._asks_pitch,
+        )
+        asks_roll = roll is not None and held_at(robot.joints[-1]) is None
+        self.roll = NumberField(gui, "Roll °", None, hint=_ROLL_HINT, visible=asks_roll)
+        self.hold = gui.add_checkbox(
+            "Hold pitch",
+            initial_value=bool(robot.inverse_kinematics.pitch_joints),
+            hint=_HOLD_HINT,
+            visible=self._asks_pitch,
+        )
+        self.fields = (
+            *self.xyz,
+            *((self.pitch,) if self._asks_pitch else ()),
+            *((self.roll,) if asks_roll else ()),
+        )
+        """all that can be typed into"""
+        self.fill(q)
+
+    def fill(self, q: FloatArray) -> None:
+        """Show the tool's pose at ``q`` (n,) [rad]."""
+        for field, value in zip(self.xyz, (1000 * self._robot.forward(q)[:3, 3]).tolist(), strict=True):
+            field.fill(value)
+        _, roll = self._robot.inverse_kinematics.pitch_and_roll(q)
+        if roll is not None:
+            self.roll.fill(math.degrees(roll))
+        self.fill_pitch(q)
+
+    def fill_pitch(self, q: FloatArray) -> None:
+        """Show the pitch at ``q`` (n,) [rad], and nothing else."""
+        pitch, _ = self._robot.inverse_kinematics.pitch_and_roll(q)
+        if pitch is not None:
+            self.pitch.fill(math.degrees(pitch))
+
+    def holds_pitch(self, edited: NumberField) -> bool:
+        """Whether the pitch is asked for when ``edited`` is the field that was typed into."""
+        return self._asks_pitch and (self.hold.value or edited is self.pitch)
+
+    def target(self, edited: NumberField) -> Target:
+        """The pose in the fields, when ``edited`` is the one that was typed into.
+
+        Raises:
+            InputError: a field is empty, or holds no number that can be used.
+        """
+        position = np.array([field.value for field in self.xyz]) / 1000
+        pitch = math.radians(self.pitch.value) if self.holds_pitch(edited) else None
+        roll = math.radians(self.roll.value) if self.roll.visible else None
+        return Target.of(position, pitch, roll)
 
 
-def results_html(robot: Robot, angles: AngleFields, present: FloatArray) -> str:
-    """A row for where the arm is, and one for where each button would send it."""
-    rows = [_row("now", robot, present)]
-    problems = ""
-    try:
-        asked = angles.radians()
-    except ArmctlError as refusal:
-        return _table(robot, rows) + refused(f"Nothing can be sent: {refusal}.")
-    for name, how in (("reference", REFERENCE), ("last position", LAST)):
-        q = resulting_pose(how, asked, present)
-        rows.append(_row(f"→ {name}", robot, q))
-        try:
-            robot.check_limits(q)
-        except ArmctlError as refusal:
-            problems += muted(f"✗ With respect to {name}: {refusal}.")
-    return _table(robot, rows) + (problems or muted("Both are inside the joint limits."))
+@dataclass(frozen=True, eq=False)
+class CoupledJoints:
+    """The joint angles for a pose, or why there are none."""
+
+    q: FloatArray | None
+    """(n,) the solution nearest to the joint angles before [rad]"""
+    why_not: str = ""
+    """why there is none, and what is nearest; empty where there is one"""
+    nearest_q: FloatArray | None = None
+    """(n,) the configuration that comes nearest where there is none [rad]"""
 
 
-def _row(name: str, robot: Robot, q: FloatArray) -> list[str]:
-    point = 1000 * robot.forward(q)[:3, 3]
-    return [name, *(fixed(v, 1) for v in np.degrees(q).tolist()), *(fixed(v, 1) for v in point.tolist())]
-
-
-def _table(robot: Robot, rows: list[list[str]]) -> str:
-    head = ["will go to", *(f"θ{i + 1}°" for i in range(robot.n)), "x mm", "y mm", "z mm"]
-    return f"<div style='font-size:11px'>{table(head, rows)}</div>"
-
-
-_HEAD = "Tool pose at these angles: type a pose, and the joint angles follow."
-_SOLVING = "its joint angles are still being computed"
+def coupled_joints(robot: Robot, target: Target, before: FloatArray) -> CoupledJoints:
+    """The solution of a pose that takes the least travel from joint angles ``before`` (n,) [rad]."""
+    solutions = robot.inverse(target.position, target.pitch, target.roll)
+    if not solutions.success:
+        return CoupledJoints(None, solutions.explanation or "there is no solution", solutions.nearest_q)
+    ways = [solutions]
+    if solutions.free_joint is not None:
+        # a sweep holds grid values only; the pitch before lies between them, and the same pose must come back
+        pitch, _ = robot.inverse_kinematics.pitch_and_roll(before)
+        held = robot.inverse(target.position, pitch, target.roll)
+        ways += [held] if held.success else []
+    nearest = min(ways, key=lambda way: float(way.energies("least-travel", before).min()))
+    return CoupledJoints(nearest.best("least-travel", before))
 
 
 class PoseCoupling:
     """Keeps pose fields and angle fields the same pose, without ever rewriting what somebody types.
 
-    A joint angle that is typed changes the pose fields; a pose that is typed changes the angle fields, to
+    A joint angle that is typed changes the pose fields. A pose that is typed changes the angle fields, to
     the solution nearest to what they held before that field was begun: on the way from 2 to 250 the arm may
     pass through other branches. A pose that cannot be reached leaves them at that, and a line says why; until
     it is mended, the two are different poses and nothing may move by them.
@@ -231,8 +190,8 @@ class PoseCoupling:
         self._unmet = ""
         self._nearest: FloatArray | None = None
         self._edited: NumberField | None = None
-        self._asked = 0
-        self._solving = False
+        self._newest = Newest()
+        self._solver = OneAtATime(self._solve)
         for field in self.pose.fields:
             session.on(field.handle.on_update, self._typing(field))
         session.on(self.pose.hold.on_update, self._on_hold)
@@ -252,7 +211,7 @@ class PoseCoupling:
 
     def follow_angles(self) -> None:
         """The joint angles are what counts: show their pose, if they are complete."""
-        self._asked += 1  # whatever is being solved is out of date
+        self._newest.drop()
         self._edited, self._unmet = None, ""
         try:
             q = self._angles.radians()
@@ -261,70 +220,50 @@ class PoseCoupling:
         self.pose.fill(q)
         self._met(q)
 
-    def _typing(self, field: NumberField) -> Callable[[], Awaitable[None]]:
+    def _typing(self, field: NumberField) -> Action:
         async def on_typed() -> None:
-            if field is not self._edited:
-                self._begin(field)
-            await self._solve()
+            await self._follow_pose(field)
 
         return on_typed
+
+    async def _follow_pose(self, field: NumberField) -> None:
+        """Solve what the pose fields hold; ``field`` is the one that is typed into."""
+        if field is not self._edited:
+            self._edited = field
+            try:
+                self._before = self._angles.radians()  # those to stay near to
+            except ArmctlError:  # half-typed: those before
+                pass
+        self._newest.drop()
+        self._unmet = _SOLVING
+        await self._solver.run()
 
     async def _on_hold(self) -> None:
         """Holding the pitch or not asks for no other pose, unless the present one cannot be had."""
         if self._unmet:
-            if self._edited is None:
-                self._begin(self.pose.xyz[0])
-            await self._solve()
+            await self._follow_pose(self._edited or self.pose.xyz[0])
 
     async def _on_take(self) -> None:
         if self._nearest is not None:
-            nearest = self._nearest
-            self._angles.fill(nearest)
+            self._angles.fill(self._nearest)
             self.follow_angles()
             self._changed()
 
     async def _solve(self) -> None:
-        """Solve what the fields hold: one at a time, and always the newest."""
-        self._asked += 1
-        self._unmet = _SOLVING
-        if self._solving:
-            return
-        self._solving = True
-        try:
-            while await self._solve_once():
-                pass
-        finally:
-            self._solving = False
-
-    async def _solve_once(self) -> bool:
-        """Solve the pose as it is now; True if it was changed meanwhile."""
-        asked, edited = self._asked, self._edited
+        edited = self._edited
         if edited is None:  # a joint angle was typed since
-            return False
+            return
+        is_newest = self._newest.begin()
         try:
             target = self.pose.target(edited)
         except ArmctlError as half_typed:
-            self._refuse(str(half_typed))
-            return False
-        found = await asyncio.to_thread(coupled_joints, self._robot, target, self._before)
-        if self._session.closed:
-            return False
-        if asked != self._asked:
-            return True
-        self._take_over(found, edited)
-        return False
-
-    def _begin(self, field: NumberField) -> None:
-        """Somebody begins to type in a field: the joint angles as they are now are those to stay near to."""
-        self._edited = field
-        try:
-            self._before = self._angles.radians()
-        except ArmctlError:  # half-typed: those before
+            self._refuse(str(half_typed), edited)
             return
-
-    def _take_over(self, found: CoupledJoints, edited: NumberField) -> None:
+        found = await asyncio.to_thread(coupled_joints, self._robot, target, self._before)
+        if self._session.closed or not is_newest():
+            return
         if found.q is None:
-            self._refuse(found.why_not, found.nearest_q)
+            self._refuse(found.why_not, edited, found.nearest_q)
             return
         self._angles.fill(found.q)
         if not self.pose.holds_pitch(edited):
@@ -337,10 +276,10 @@ class PoseCoupling:
         self._take.visible = False
         self._line.show(self._pose_line(q))
 
-    def _refuse(self, why: str, nearest: FloatArray | None = None) -> None:
+    def _refuse(self, why: str, edited: NumberField, nearest: FloatArray | None = None) -> None:
         self._unmet, self._nearest = why, nearest
         self._angles.fill(self._before)
-        if self._edited is not None and not self.pose.holds_pitch(self._edited):
+        if not self.pose.holds_pitch(edited):
             self.pose.fill_pitch(self._before)
         self._changed()
         self._take.visible = nearest is not None

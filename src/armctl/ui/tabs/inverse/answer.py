@@ -1,206 +1,276 @@
-"""What the Inverse screen knows once a target is solved; made off the event loop."""
+"""What the Inverse tab knows once a target is solved: computed in a worker thread, shown as HTML."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from armctl.errors import MotionRefusedError, UnreachableError
-from armctl.kinematics import DEFAULT_STEP, Branch, Solutions, Target
+from armctl.kinematics import DEFAULT_STEP, Branch, Criterion, Solutions, Target, checked_criterion
+from armctl.kinematics.energy import energies
 from armctl.motion import plan_joints
 from armctl.robot import Robot
-from armctl.ui.tabs.inverse.solution_table import SolutionTable, energy_curve, short_branch
 from armctl.ui.widgets.html import fixed, muted, numbers, refused, strong, table
-from armctl.ui.widgets.plots import Picture
-
-# Every branch of a target beside the others: which the arm may go to, which it may not, and why.
+from armctl.ui.widgets.plots import COLORS, Line, Picture, thinned
 
 FloatArray = NDArray[np.float64]
-_SAME = 1e-6
-_SAME_PLACE_M = 1e-3
+PAGE_ROWS = 15
+_UNITS: dict[Criterion, tuple[float, str]] = {
+    "least-rotation": (180 / np.pi, "°"),
+    "published": (180 / np.pi, "°"),
+    "least-travel": (1.0, "s"),
+    "least-torque": (1000.0, "×10⁻³"),
+}
+_SAME_RAD = 1e-9
+"""a row that is no farther off than this is the same configuration"""
+_SAME_BRANCH, _SAME_PLACE_M = 1e-6, 1e-3
+_MOST_POINTS = 1000
+"""of an energy curve"""
+_BEST_COLOR = "#e03131"
 
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """One branch, numbered as the page and the 3D view number it."""
+    """One branch of a target, numbered as the page and the 3D view number it."""
 
     number: int
     branch: Branch
     refused: str
     """why the arm may not go there; empty where it may"""
     chosen: bool
-    """it is the one that "least energy" would send"""
+    """it is the one of least energy"""
 
     @property
     def label(self) -> str:
-        """What the ghost is called in the 3D view."""
+        """The text beside its ghost in the 3D view."""
         state = "refused" if self.refused else "least energy" if self.chosen else "possible"
         return f"{self.number}: {state}"
-
-
-def verdicts(robot: Robot, target: Target, start: FloatArray, best: FloatArray | None) -> tuple[Verdict, ...]:
-    """Judge every branch of a target.
-
-    Args:
-        robot: the arm.
-        target: what is asked for.
-        start: (n,) where the arm stands [rad]: the way from there is checked too.
-        best: (n,) the configuration of least energy [rad], if there is one.
-    """
-    branches = robot.branches(target.position, target.pitch, target.roll, target.rotation)
-    return tuple(
-        Verdict(i, branch, _refusal(robot, start, branch), _same(branch.q, best))
-        for i, branch in enumerate(branches, 1)
-    )
-
-
-def _refusal(robot: Robot, start: FloatArray, branch: Branch) -> str:
-    """Why a branch may not be gone to: joint limits, else what the pre-flight of the way there says."""
-    if branch.forbidden:
-        return "; ".join(branch.forbidden)
-    try:
-        plan_joints(robot, start, branch.q)
-    except MotionRefusedError as refusal:
-        return str(refusal)
-    return ""
-
-
-def _same(q: FloatArray, best: FloatArray | None) -> bool:
-    """Whether two configurations are one, whole turns aside."""
-    return best is not None and float(np.abs(np.exp(1j * q) - np.exp(1j * best)).max()) < _SAME
-
-
-def standing_alike(robot: Robot, found: Sequence[Verdict]) -> list[list[Verdict]]:
-    """Branches whose links lie in the same places, together: so they do with the base half a turn round."""
-    groups: list[tuple[FloatArray, list[Verdict]]] = []
-    for one in found:
-        points = robot.frames(one.branch.q)[:, :3, 3]
-        for other, group in groups:
-            if np.abs(points - other).max() < _SAME_PLACE_M:
-                group.append(one)
-                break
-        else:
-            groups.append((points, [one]))
-    return [group for _, group in groups]
-
-
-def verdicts_html(robot: Robot, found: Sequence[Verdict], solutions: SolutionTable) -> str:
-    """The branches as a table with their energies, and what is wrong with those that are refused."""
-    if not found:
-        return muted(
-            "No isolated branches here: the point is out of reach, or a joint is free (then give a pitch)."
-        )
-    head = ["#", "branch", *(f"θ{i + 1}°" for i in range(robot.n)), f"energy {solutions.unit}", "verdict"]
-    rows = [
-        [
-            str(one.number),
-            short_branch(one.branch.name),
-            *(fixed(value, 2) for value in np.degrees(one.branch.q).tolist()),
-            "–" if one.branch.forbidden else fixed(solutions.energy_of(one.branch.q), 3),
-            "refused" if one.refused else "chosen" if one.chosen else "possible",
-        ]
-        for one in found
-    ]
-    marked = next((i for i, one in enumerate(found) if one.chosen), None)
-    said = [f"{one.number} is refused: {one.refused}." for one in found if one.refused]
-    chosen = next((one.number for one in found if one.chosen), None)
-    if chosen is not None:
-        said.append(f"{chosen} is chosen among the possible ones: the least energy by {solutions.criterion}.")
-    grid = f"<div style='font-size:11px'>{table(head, rows, marked=marked)}</div>"
-    return grid + "".join(muted(text) for text in said)
-
-
-_INVERSE_ANSWER_SAME = 1e-9
-"""a row that is no farther off than this is the same configuration [rad]"""
 
 
 @dataclass(frozen=True, eq=False)
 class Answer:
     """Solutions of one target, sorted by one criterion, and the one of least energy."""
 
-    table: SolutionTable
+    solutions: Solutions
+    criterion: Criterion
+    start: FloatArray
+    """(n,) where the arm stood [rad], for ``least-travel``"""
+    energy: FloatArray
+    """(k,) in the unit of the criterion, in the solver's order; infinite where not admitted"""
+    order: NDArray[np.int64]
+    """(k,) indices of the solutions, least energy first"""
     best: FloatArray | None
     """(n,) [rad]; None: no solution, or none that the criterion admits"""
     why_not: str
     """why there is no best one; empty where there is"""
-    curve: Picture | None
     verdicts: tuple[Verdict, ...]
-    """every branch, those that are refused too; empty where a joint is free"""
+    """every branch, also those that are refused; empty where a joint is free"""
+    curve: Picture | None = None
+    """energy over the free joint; None: there is nothing to plot"""
 
     @property
-    def solutions(self) -> Solutions:
-        """What the solver said."""
-        return self.table.solutions
+    def unit(self) -> str:
+        """Unit of the energies."""
+        return _UNITS[self.criterion][1]
 
+    def q(self, row: int) -> FloatArray:
+        """Configuration (n,) [rad] of a row of the list, counted from 1."""
+        return self.solutions.q[self.order[row - 1]].copy()
 
-def answer(robot: Robot, solutions: Solutions, criterion: str, start: FloatArray) -> Answer:
-    """Sort and choose by a criterion; ``start`` (n,) [rad] is where the arm stands."""
-    table = SolutionTable(solutions, criterion, start)
-    if not solutions.success:
-        why_not = solutions.explanation or "there is no solution"
-        return Answer(table, None, why_not, None, verdicts(robot, solutions.target, start, None))
-    best: FloatArray | None = None
-    why_not = ""
-    try:
-        best = solutions.best(criterion, start)
-    except UnreachableError as refusal:
-        why_not = str(refusal)
-    len(table.order)  # sorted here and not on the event loop
-    judged = verdicts(robot, solutions.target, start, best)
-    return Answer(table, best, why_not, energy_curve(robot, table, best), judged)
+    def energy_of(self, q: FloatArray) -> float:
+        """Energy of any configuration ``q`` (n,) [rad], in ``unit``; infinite if not admitted."""
+        arm, (scale, _) = self.solutions.arm, _UNITS[self.criterion]
+        return scale * float(energies(self.criterion, q[None], arm.energy, arm.pitch_joints, self.start)[0])
+
+    def energy_text(self, q: FloatArray) -> str:
+        """Energy of ``q`` (n,) [rad] with its unit, as exact as in the list."""
+        return f"{fixed(self.energy_of(q), 3)}{'' if self.unit == '°' else ' '}{self.unit}"
 
 
 def solve(robot: Robot, target: Target, criterion: str, start: FloatArray) -> Answer:
-    """Solve a target and choose by a criterion."""
-    solutions = robot.inverse_kinematics.solve(target, DEFAULT_STEP)
-    return answer(robot, solutions, criterion, start)
+    """Solve a target and choose by a criterion; ``start`` (n,) [rad] is where the arm stands."""
+    return answer(robot, robot.inverse_kinematics.solve(target, DEFAULT_STEP), criterion, start)
 
 
-def answer_html(robot: Robot, found: Answer) -> str:
-    """Count and branches, and what "least energy" would send; or why there is nothing."""
-    if not found.solutions.success:
-        return strong("No solution") + refused(f"{_sentence(found.why_not)}.")
-    count = len(found.table)
-    branches = "; ".join(f"{name}: {many}" for name, many in found.table.branch_counts().items())
-    text = strong(f"{count} solution{'' if count == 1 else 's'} inside the limits")
-    text += muted(branches + ("" if found.solutions.complete else "; the list may be incomplete"))
-    if found.best is None:
-        return text + refused(_sentence(found.why_not))
-    point = robot.forward(found.best)[:3, 3]
-    error_mm = 1000 * float(np.linalg.norm(point - found.solutions.target.position))
-    angles = numbers(np.degrees(found.best).tolist(), 3)
-    branch = found.solutions.branch_of(found.best)
-    return (
-        text
-        + f"<div>least energy will go to θ = (<b>{angles}</b>)°</div>"
-        + muted(f"{branch}; energy {found.table.energy_text(found.best)}; error {error_mm:.1e} mm")
-        + _between_rows(found)
+def answer(robot: Robot, solutions: Solutions, criterion: str, start: FloatArray) -> Answer:
+    """Sort solutions and choose among them; ``start`` (n,) [rad] is where the arm stands."""
+    name = checked_criterion(criterion)
+    best, why_not, energy = None, "", np.empty(0)
+    try:
+        best = solutions.best(name, start)
+    except UnreachableError as refusal:
+        why_not = str(refusal)
+    if solutions.success:
+        energy = _UNITS[name][0] * solutions.energies(name, start)
+    order = np.argsort(energy, kind="stable")
+    judged = _verdicts(robot, solutions.target, start, best)
+    found = Answer(solutions, name, start, energy, order, best, why_not, judged)
+    return replace(found, curve=_energy_curve(robot, found))
+
+
+def _verdicts(
+    robot: Robot, target: Target, start: FloatArray, best: FloatArray | None
+) -> tuple[Verdict, ...]:
+    """Judge every branch, and the way to it from ``start`` (n,) [rad]."""
+
+    def refusal(branch: Branch) -> str:
+        if branch.forbidden:
+            return "; ".join(branch.forbidden)
+        try:
+            plan_joints(robot, start, branch.q)
+        except MotionRefusedError as refused:
+            return str(refused)
+        return ""
+
+    def chosen(q: FloatArray) -> bool:  # whole turns make no difference
+        return best is not None and float(np.abs(np.exp(1j * q) - np.exp(1j * best)).max()) < _SAME_BRANCH
+
+    branches = robot.branches(target.position, target.pitch, target.roll, target.rotation)
+    return tuple(
+        Verdict(i, branch, refusal(branch), chosen(branch.q)) for i, branch in enumerate(branches, 1)
     )
 
 
-def _between_rows(found: Answer) -> str:
-    """Why the first row of the list is not quite the one of least energy; empty where it is."""
-    row_1 = found.table.q(1)
-    if found.best is None or np.abs(row_1 - found.best).max() < _INVERSE_ANSWER_SAME:
-        return ""
-    least = found.table.energy_text(row_1)
-    return muted(f"The exact least: it lies between two rows of the list (row 1: {least}).")
+def same_place(robot: Robot, found: Sequence[Verdict]) -> list[list[Verdict]]:
+    """Groups of branches whose links are in the same place, e.g. with the base turned by 180°."""
+    groups: list[tuple[FloatArray, list[Verdict]]] = []
+    for one in found:
+        points = robot.frames(one.branch.q)[:, :3, 3]
+        group = next((group for other, group in groups if np.abs(points - other).max() < _SAME_PLACE_M), None)
+        if group is None:
+            groups.append((points, [one]))
+        else:
+            group.append(one)
+    return [group for _, group in groups]
+
+
+def result_html(robot: Robot, found: Answer) -> str:
+    """Count and branches, and the configuration of least energy; or why there is none."""
+    solutions, best = found.solutions, found.best
+    if not solutions.success:
+        return strong("No solution") + refused(f"{_capital(found.why_not)}.")
+    used, counts = np.unique(solutions.branch_index, return_counts=True)
+    branches = "; ".join(
+        f"{solutions.branch_names[i]}: {count}"
+        for i, count in zip(used.tolist(), counts.tolist(), strict=True)
+    )
+    text = strong(f"{_solutions(len(solutions))} inside the limits")
+    text += muted(branches + ("" if solutions.complete else "; the list may be incomplete"))
+    if best is None:
+        return text + refused(_capital(found.why_not))
+    error_mm = 1000 * float(np.linalg.norm(robot.forward(best)[:3, 3] - solutions.target.position))
+    angles = numbers(np.degrees(best).tolist(), 3)
+    text += f"<div>least energy will go to θ = (<b>{angles}</b>)°</div>"
+    text += muted(f"{solutions.branch_of(best)}; energy {found.energy_text(best)}; error {error_mm:.1e} mm")
+    row_1 = found.q(1)
+    if np.abs(row_1 - best).max() >= _SAME_RAD:
+        least = found.energy_text(row_1)
+        text += muted(f"The exact least: it lies between two rows of the list (row 1: {least}).")
+    return text
+
+
+def list_html(found: Answer, page: int, selected: int | None) -> str:
+    """One page (from 0) of the list of solutions; ``selected`` is the row to highlight."""
+    solutions, first = found.solutions, page * PAGE_ROWS
+    head = ["#", *_theta(solutions.q.shape[1]), "branch", f"energy {found.unit}"]
+    rows = [
+        [
+            str(row),
+            *(fixed(value, 2) for value in np.degrees(solutions.q[index]).tolist()),
+            short_branch(str(solutions.branch[index])),
+            fixed(float(found.energy[index]), 3),
+        ]
+        for row, index in enumerate(found.order[first : first + PAGE_ROWS].tolist(), first + 1)
+    ]
+    marked = None if selected is None else selected - 1 - first
+    return f"<div style='font-size:11px'>{table(head, rows, marked=marked, names=False)}</div>"
+
+
+def branches_html(found: Answer) -> str:
+    """Every branch with its energy, and why some are refused."""
+    if not found.verdicts:
+        return muted(
+            "No isolated branches here: the point is out of reach, or a joint is free (then give a pitch)."
+        )
+    head = ["#", "branch", *_theta(len(found.start)), f"energy {found.unit}", "verdict"]
+    rows = [
+        [
+            str(one.number),
+            short_branch(one.branch.name),
+            *(fixed(value, 2) for value in np.degrees(one.branch.q).tolist()),
+            "–" if one.branch.forbidden else fixed(found.energy_of(one.branch.q), 3),
+            "refused" if one.refused else "chosen" if one.chosen else "possible",
+        ]
+        for one in found.verdicts
+    ]
+    notes = [f"{one.number} is refused: {one.refused}." for one in found.verdicts if one.refused]
+    marked = next((i for i, one in enumerate(found.verdicts) if one.chosen), None)
+    if marked is not None:
+        number = found.verdicts[marked].number
+        notes.append(f"{number} is chosen among the possible ones: the least energy by {found.criterion}.")
+    return f"<div style='font-size:11px'>{table(head, rows, marked=marked)}</div>" + "".join(
+        muted(note) for note in notes
+    )
+
+
+def short_branch(name: str) -> str:
+    """A branch name for a narrow column: ``front elbow-up`` becomes ``front up``."""
+    return name.replace("shoulder-", "").replace("elbow-", "").replace("tool-in", "in")
+
+
+def _energy_curve(robot: Robot, found: Answer) -> Picture | None:
+    """The energy over the free joint, one line a branch, with the best one marked.
+
+    None where no joint is free, or no solution is admitted.
+    """
+    solutions, free = found.solutions, found.solutions.free_joint
+    if free is None or len(solutions) < 2:
+        return None
+    unique, place = np.unique(np.round(np.degrees(solutions.q[:, free]), 6), return_inverse=True)
+    angles = unique.astype(np.float64)
+    best = None if found.best is None else int(np.abs(angles - np.degrees(found.best[free])).argmin())
+    kept = thinned(len(angles), _MOST_POINTS, [] if best is None else [best])
+    lines: list[Line] = []
+    for i, (name, color) in enumerate(zip(solutions.branch_names, COLORS, strict=False)):
+        here = solutions.branch_index == i
+        energy = np.full(len(angles), np.inf)
+        np.minimum.at(energy, place.reshape(-1)[here], found.energy[here])
+        energy[~np.isfinite(energy)] = np.nan
+        if np.isfinite(energy[kept]).any():  # else the criterion admits none of this branch
+            lines.append(Line(name, energy[kept], color))
+    if not lines:
+        return None
+    if best is not None:
+        at = np.searchsorted(kept, best)
+        dot = np.full(len(kept), np.nan)
+        dot[at] = np.fmin.reduce([line.y[at] for line in lines])
+        lines.append(Line("least energy", dot, _BEST_COLOR, mark=True))
+    title = f"Energy ({found.unit}): {found.criterion}"
+    return Picture(title, f"{robot.joints[free].title} (°)", angles[kept], tuple(lines))
 
 
 def no_curve(found: Answer) -> str:
     """Why there is no energy curve to show."""
-    many = len(found.table)
-    if many == 0:
+    count = len(found.solutions)
+    if count == 0:
         return "There is no solution."
     if found.solutions.free_joint is None:
-        return f"No joint is free here: {many} isolated solution{'' if many == 1 else 's'}, no curve."
-    if many == 1:
+        return f"No joint is free here: {count} isolated solution{'' if count == 1 else 's'}, no curve."
+    if count == 1:
         return "There is a single solution, and no curve."
     return "The criterion admits none of the solutions."
 
 
-def _sentence(text: str) -> str:
+def _solutions(count: int) -> str:
+    return f"{count} solution{'' if count == 1 else 's'}"
+
+
+def _theta(n: int) -> list[str]:
+    return [f"θ{i + 1}°" for i in range(n)]
+
+
+def _capital(text: str) -> str:
     return text[:1].upper() + text[1:]

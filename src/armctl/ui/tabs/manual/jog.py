@@ -14,7 +14,7 @@ from armctl.robot import Robot
 from armctl.runtime import Jog, JogTool, MoveGripper, Snapshot
 from armctl.runtime.joint_servo import tool_turns
 from armctl.ui.tabs.manual.joints import checked_percent
-from armctl.ui.widgets.hold import Hold, attach_hold
+from armctl.ui.widgets.events import Hold, attach_hold
 from armctl.ui.widgets.html import LiveHtml, muted, table
 from armctl.ui.widgets.joint_angles import held_at
 

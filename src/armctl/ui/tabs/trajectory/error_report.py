@@ -1,4 +1,4 @@
-"""The Error report tab: recorded while a path runs, shown as figures and point by point."""
+"""The Error report tab: asked for, reached by the solver, and read back while the path ran."""
 
 from __future__ import annotations
 
@@ -22,86 +22,18 @@ from armctl.motion.error_report import (
 )
 from armctl.robot import Robot
 from armctl.runtime import Ticket
+from armctl.ui.scene.ghost import Preview
 from armctl.ui.session import Session
-from armctl.ui.tabs.trajectory.motions import PlannedMotion
+from armctl.ui.tabs.trajectory.plan import PlannedMotion
 from armctl.ui.widgets.html import LiveHtml, fixed, heading, muted, table
 from armctl.ui.widgets.pager import Pager
-from armctl.ui.widgets.preview import Preview
-
-# The error report of a path: what was asked for, what the solver reaches, what was read back.
-
-POINT_ROWS = 15
-_SMALL = 0.001
-_MEANING = {
-    Source.COMMANDED: "commanded by this computer, not measured",
-    Source.TRANSMITTED: "transmitted by the board, not measured",
-    Source.MEASURED: "measured by the arm's encoders",
-}
-
-
-def summary_html(name: str, meaning: str, report: ErrorReport) -> str:
-    """MSE, RMSE and largest error of each coordinate."""
-    rows = [
-        ["MSE mm²", *(_figure(1e6 * value) for value in report.mse.tolist()), ""],
-        ["RMSE mm", *(_figure(1e3 * value) for value in report.rmse.tolist()), ""],
-        ["largest mm", *(_figure(1e3 * value) for value in report.largest.tolist())],
-    ]
-    rows[2].append(_figure(1e3 * float(report.distance.max())))
-    return (
-        heading(f"{name}: {len(report.desired)} points")
-        + muted(meaning)
-        + table(["", "x", "y", "z", "3D"], rows)
-    )
-
-
-def between_html(error: PathError, when: str) -> str:
-    """How far the tool strays from the ideal line or arc between the points as well."""
-    figures = [["largest mm", _figure(1e3 * error.largest)], ["RMS mm", _figure(1e3 * error.rms)]]
-    return (
-        heading("Off the ideal line or arc") + muted(f"Between the points, too: {when}.") + table([], figures)
-    )
-
-
-def applied_meaning(source: Source) -> str:
-    """What the applied positions are."""
-    return f"Where the path that was read back comes closest to each point: {_MEANING[source]}."
-
-
-def points_html(report: ErrorReport, page: int, selected: int | None) -> str:
-    """One page (from 0) of the points: desired, reached, distance; ``selected`` is the point to highlight."""
-    first = page * POINT_ROWS
-    rows = [
-        [
-            str(first + i + 1),
-            *(fixed(1000 * value, 2) for value in desired),
-            *(fixed(1000 * value, 2) for value in reached),
-            _figure(1000 * distance),
-        ]
-        for i, (desired, reached, distance) in enumerate(
-            zip(
-                report.desired[first : first + POINT_ROWS].tolist(),
-                report.reached[first : first + POINT_ROWS].tolist(),
-                report.distance[first : first + POINT_ROWS].tolist(),
-                strict=True,
-            )
-        )
-    ]
-    head = ["#", "x", "y", "z", "x got", "y got", "z got", "error"]
-    marked = None if selected is None else selected - 1 - first
-    return f"<div style='font-size:11px'>{table(head, rows, marked=marked, names=False)}</div>"
-
-
-def _figure(value: float) -> str:
-    """Millimetres with three decimals, or in powers of ten where those would all be zero."""
-    if value == 0 or abs(value) >= _SMALL:
-        return fixed(value, 3)
-    return f"{value:.1e}".replace("-", "−")
-
 
 FloatArray = NDArray[np.float64]
+POINT_ROWS = 15
+_SMALL_MM = 0.001
 _RECORD_S = 0.02
 _AFTER = 6
-"""readings that are still taken when the motion is over"""
+"""readings that are still taken when the motion is over: a board answers a little late"""
 _PATH_SAMPLES = 2001
 _MOST_READINGS = 20_000
 _NONE = "Choose a line or an arc and press Show; Run records the applied path."
@@ -110,13 +42,20 @@ _PRINTED = (
     "The same with the angles rounded to 0.001°, as the paper prints them: its RMSE is at most 0.005 mm."
 )
 _LED = "Where the planned tool path comes closest to points evenly spread along the curve."
+_MEANING = {
+    Source.COMMANDED: "commanded by this computer, not measured",
+    Source.TRANSMITTED: "transmitted by the board, not measured",
+    Source.MEASURED: "measured by the arm's encoders",
+}
 
 
 class ReportView:
     """Theoretical errors as soon as a path is shown, applied ones once it has run."""
 
     def __init__(self, session: Session, preview: Preview) -> None:
+        """Add the widgets to the present container."""
         self._session, self._preview = session, preview
+        self._robot = session.console.robot
         self._planned: PlannedMotion | None = None
         self._theory: ErrorReport | None = None
         self._applied: ErrorReport | None = None
@@ -124,20 +63,20 @@ class ReportView:
         self._summary = LiveHtml(gui, muted(_NONE))
         self._applied_summary = LiveHtml(gui)
         self._points = LiveHtml(gui)
-        self._pager = Pager(session, POINT_ROWS, self._on_row)
-        self._export = gui.add_button("Export error report (CSV)", icon=viser.Icon.DOWNLOAD, color="gray")
-        session.on(self._export.on_click, self._on_export)
+        self._pager = Pager(gui, session.on, POINT_ROWS, self._on_row)
+        export = gui.add_button("Export error report (CSV)", icon=viser.Icon.DOWNLOAD, color="gray")
+        session.on(export.on_click, self._on_export)
 
     def take(self, planned: PlannedMotion) -> None:
         """Another motion is shown."""
         self._planned, self._theory, self._applied = planned, None, None
-        self._applied_summary.show("")
         if planned.points is None:
+            self._applied_summary.show("")
             self._summary.show(muted(_NONE))
             self._points.show("")
             self._pager.reset(0, None)
             return
-        self._theory, text = theoretical(self._session.console.robot, planned)
+        self._theory, text = theoretical(self._robot, planned)
         self._summary.show(text)
         self._applied_summary.show(muted("Applied: not run yet. Press Run to record it."))
         self._pager.reset(len(planned.points), None)
@@ -147,28 +86,39 @@ class ReportView:
         """Keep what the board reads back until the motion is over, then report."""
         if self._planned is planned:
             self._applied_summary.show(muted("Applied: recording …"))
-        readings, source = await _readings(self._session, ticket)
+        readings, source = await self._read_back(ticket)
+        came_to_end = await finished(ticket)
         if self._session.closed or self._planned is not planned or planned.points is None:
             return
-        if not await finished(ticket):
-            self._applied_summary.show(
-                muted("Applied: the path did not come to its end, so there is no report.")
-            )
+        if not came_to_end:
+            text = "Applied: the path did not come to its end, so there is no report."
+            self._applied_summary.show(muted(text))
             return
-        robot, points = self._session.console.robot, planned.points
-        path = robot.forward(readings)[:, :3, 3] if len(readings) else np.empty((0, 3))
-        if len(path) == 0:
+        if len(readings) == 0:
             self._applied_summary.show(muted("Applied: the board read nothing back."))
             return
-        reached = await asyncio.to_thread(closest_on_path, points, path)
-        self._applied = ErrorReport.of(points, reached)
-        text = f"{applied_meaning(source)} {len(path)} readings."
-        html = summary_html("Applied", text, self._applied)
+        path = self._robot.forward(readings)[:, :3, 3]
+        reached = await asyncio.to_thread(closest_on_path, planned.points, path)
+        self._applied = ErrorReport.of(planned.points, reached)
+        html = summary_html("Applied", f"{applied_meaning(source)} {len(path)} readings.", self._applied)
         if planned.ideal is not None:
             strays = PathError(np.arange(float(len(path))), distances(planned.ideal, path))
             html += between_html(strays, f"of {len(path)} readings")
         self._applied_summary.show(html)
         self._draw()
+
+    async def _read_back(self, ticket: Ticket) -> tuple[FloatArray, Source]:
+        """Every position (m, n) [rad] that is read back until a motion is over, and its source."""
+        seen: list[FloatArray] = []
+        source, tick, left = Source.COMMANDED, -1, _AFTER
+        while left > 0:
+            left -= ticket.finished.done()
+            snapshot = self._session.snapshot
+            if snapshot.tick != tick and len(seen) < _MOST_READINGS and bool(np.isfinite(snapshot.q).all()):
+                seen.append(snapshot.q)
+                source, tick = snapshot.source, snapshot.tick
+            await asyncio.sleep(_RECORD_S)
+        return np.array(seen).reshape(len(seen), -1), source
 
     def _draw(self) -> None:
         report = self._applied or self._theory
@@ -187,31 +137,8 @@ class ReportView:
         if self._theory is None:
             raise InputError("there is no error report: choose a line or an arc and press Show")
         text = report_csv(self._theory, self._applied)
-        name = f"{self._session.console.robot.name}-errors.csv"
+        name = f"{self._robot.name}-errors.csv"
         self._session.client.send_file_download(name, text.encode(), save_immediately=True)
-
-
-def theoretical(robot: Robot, planned: PlannedMotion) -> tuple[ErrorReport, str]:
-    """The report of a motion through points as it is planned, and its figures as HTML.
-
-    Raises:
-        InputError: the motion has no points.
-    """
-    if planned.points is None:
-        raise InputError(f"{planned.title} prescribes no points")
-    if planned.solved is not None:
-        report = ErrorReport.of(planned.points, robot.forward(planned.solved)[:, :3, 3])
-        printed = ErrorReport.of(planned.points, robot.forward(as_printed(planned.solved))[:, :3, 3])
-        text = summary_html("Theoretical", _THEORY, report) + summary_html("As printed", _PRINTED, printed)
-    else:
-        time = np.linspace(0.0, planned.trajectory.duration, _PATH_SAMPLES)
-        path = robot.forward(planned.trajectory.sample(time).q)[:, :3, 3]
-        report = ErrorReport.of(planned.points, closest_on_path(planned.points, path))
-        text = summary_html("Theoretical", _LED, report)
-    if planned.ideal is not None:
-        strays = path_error(robot, planned.trajectory, planned.ideal)
-        text += between_html(strays, f"at {round(1 / TICK_S)} Hz, planned, at {strays.when:.2f} s")
-    return report, text
 
 
 async def finished(ticket: Ticket) -> bool:
@@ -223,16 +150,69 @@ async def finished(ticket: Ticket) -> bool:
     return True
 
 
-async def _readings(session: Session, ticket: Ticket) -> tuple[FloatArray, Source]:
-    """Every position (m, n) [rad] that is read back until a motion is over, and what it is."""
-    seen: list[FloatArray] = []
-    source, tick = Source.COMMANDED, -1
-    left = _AFTER
-    while left > 0:
-        left -= ticket.finished.done()  # a board answers a little later than it is told
-        snapshot = session.snapshot
-        if snapshot.tick != tick and len(seen) < _MOST_READINGS and bool(np.isfinite(snapshot.q).all()):
-            seen.append(snapshot.q)
-            source, tick = snapshot.source, snapshot.tick
-        await asyncio.sleep(_RECORD_S)
-    return np.array(seen).reshape(len(seen), -1), source
+def theoretical(robot: Robot, planned: PlannedMotion) -> tuple[ErrorReport, str]:
+    """The report of a motion through points as it is planned, and its figures as HTML.
+
+    Raises:
+        InputError: the motion has no points.
+    """
+    points, solved = planned.points, planned.solved
+    if points is None:
+        raise InputError(f"{planned.title} prescribes no points")
+    if solved is not None:
+        report = ErrorReport.of(points, robot.forward(solved)[:, :3, 3])
+        printed = ErrorReport.of(points, robot.forward(as_printed(solved))[:, :3, 3])
+        text = summary_html("Theoretical", _THEORY, report) + summary_html("As printed", _PRINTED, printed)
+    else:
+        time = np.linspace(0.0, planned.trajectory.duration, _PATH_SAMPLES)
+        path = robot.forward(planned.trajectory.sample(time).q)[:, :3, 3]
+        report = ErrorReport.of(points, closest_on_path(points, path))
+        text = summary_html("Theoretical", _LED, report)
+    if planned.ideal is not None:
+        strays = path_error(robot, planned.trajectory, planned.ideal)
+        text += between_html(strays, f"at {round(1 / TICK_S)} Hz, planned, at {strays.when:.2f} s")
+    return report, text
+
+
+def summary_html(name: str, meaning: str, report: ErrorReport) -> str:
+    """MSE, RMSE and largest error of each coordinate."""
+    largest = [*report.largest.tolist(), float(report.distance.max())]
+    rows = [
+        ["MSE mm²", *(_figure(1e6 * value) for value in report.mse.tolist()), ""],
+        ["RMSE mm", *(_figure(1e3 * value) for value in report.rmse.tolist()), ""],
+        ["largest mm", *(_figure(1e3 * value) for value in largest)],
+    ]
+    title = heading(f"{name}: {len(report.desired)} points")
+    return title + muted(meaning) + table(["", "x", "y", "z", "3D"], rows)
+
+
+def between_html(error: PathError, when: str) -> str:
+    """How far the tool strays from the ideal line or arc between the points as well."""
+    figures = [["largest mm", _figure(1e3 * error.largest)], ["RMS mm", _figure(1e3 * error.rms)]]
+    title = heading("Off the ideal line or arc")
+    return title + muted(f"Between the points, too: {when}.") + table([], figures)
+
+
+def applied_meaning(source: Source) -> str:
+    """What the applied positions are."""
+    return f"Where the path that was read back comes closest to each point: {_MEANING[source]}."
+
+
+def points_html(report: ErrorReport, page: int, selected: int | None) -> str:
+    """One page (from 0) of the points: desired, reached, distance; ``selected`` is the point to highlight."""
+    first = page * POINT_ROWS
+    both = 1000 * np.hstack([report.desired, report.reached])
+    rows = [
+        [str(i + 1), *(fixed(value, 2) for value in both[i].tolist()), _figure(1000 * report.distance[i])]
+        for i in range(first, min(first + POINT_ROWS, len(both)))
+    ]
+    head = ["#", "x", "y", "z", "x got", "y got", "z got", "error"]
+    marked = None if selected is None else selected - 1 - first
+    return f"<div style='font-size:11px'>{table(head, rows, marked=marked, names=False)}</div>"
+
+
+def _figure(value_mm: float) -> str:
+    """Millimetres with three decimals, or in powers of ten where those would all be zero."""
+    if value_mm == 0 or abs(value_mm) >= _SMALL_MM:
+        return fixed(value_mm, 3)
+    return f"{value_mm:.1e}".replace("-", "−")

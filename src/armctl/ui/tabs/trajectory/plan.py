@@ -1,4 +1,4 @@
-"""Planning what the Trajectory screen asks for, off the event loop.
+"""Planning what the Trajectory tab asks for, in a worker thread.
 
 What can be planned is planned and drawn, whatever its pre-flight says; a line or an arc that ends where
 the arm can go no farther is drawn as far as that.
@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import math
 import re
+from bisect import bisect_right
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,11 +19,14 @@ from armctl.kinematics import Target
 from armctl.motion import (
     Finding,
     Kind,
+    PitchMode,
     Profile,
     ProfileName,
     ToolPathRefusedError,
     ToolPathUnreachableError,
     Trajectory,
+    arc,
+    line,
     plan_arc,
     plan_joints,
     plan_line,
@@ -30,80 +35,37 @@ from armctl.motion import (
     preflight,
     solve,
 )
-from armctl.motion.analysis import analyse
+from armctl.motion.analysis import MotionAnalysis, analyse
 from armctl.motion.error_report import IdealPath
 from armctl.motion.paths.tool_curve import ToolArc, ToolLine
 from armctl.motion.plan import Passing, plan_blended, plan_through, solve_points
 from armctl.motion.timing import PathTrajectory
-from armctl.motion.trajectory import peaks_of
+from armctl.motion.trajectory import Peaks, peaks_of
 from armctl.program import GripperStep, Program, ProgramFinding
 from armctl.program.rehearsal import Rehearsal, rehearse
 from armctl.robot import Robot
-from armctl.ui.tabs.trajectory.motions import (
-    PROGRAM,
-    TEST_PATHS,
-    MotionRequest,
-    PlannedMotion,
-    ShownMotion,
-    ToolWish,
-)
-
-# One pass of a program as a single motion that can be drawn.
 
 FloatArray = NDArray[np.float64]
-_MOST_STEPS = 400
-_LONGEST_S = 600.0
-
-
-def plan_program(robot: Robot, program: Program, start: FloatArray, opening: float | None) -> PlannedMotion:
-    """Plan one pass as the arm would run it, as far as it can be drawn.
-
-    Args:
-        robot: the arm.
-        program: what to draw.
-        start: (n,) where the arm stands [rad].
-        opening: of the gripper, 0..1; None: not known.
-
-    Raises:
-        ProgramError: none of its steps takes time, or the first cannot be planned.
-    """
-    whole = rehearse(
-        robot, program, start, opening, longest_s=_LONGEST_S, most_steps=_MOST_STEPS, as_far=True
-    )
-    if whole.duration == 0:
-        raise ProgramError(f"{program.name}: no step of it moves a joint, so there is nothing to show")
-    # a drawing that is cut short may end in motion
-    findings: list[Finding | ProgramFinding] = list(preflight(robot, whole.trajectory, at_rest=False))
-    if whole.broken is not None:
-        findings.insert(0, ProgramFinding(whole.broken.index, str(whole.broken.error)))
-    return PlannedMotion(
-        f"program {program.name}",
-        whole.trajectory,
-        tuple(findings),
-        program=program,
-        steps=tuple((step.begins, step.index) for step in whole.steps),
-        note=_note(program, whole),
-    )
-
-
-def _note(program: Program, whole: Rehearsal) -> str:
-    if whole.broken is not None:
-        return f"Drawn as far as step {whole.broken.index + 1}, which cannot be run."
-    if whole.cut:
-        return f"The first {len(whole.steps)} steps of a pass; the rest is not drawn."
-    untimed = sum(
-        isinstance(program.steps[step.index], GripperStep) and step.duration == 0 for step in whole.steps
-    )
-    note = "One pass, with the durations of its own steps."
-    if untimed:
-        note += f" The time of {untimed} gripper step{'' if untimed == 1 else 's'} is not counted."
-    return note
-
-
-SAMPLES = 1501
+JOINTS = "Joint motion"
+TOOL_LINE = "Tool line"
+TOOL_ARC = "Tool arc"
+ARC = "Arc (58 points)"
+LINE = "Line (29 points)"
+PROGRAM = "Program on the desk"
+JOINT_BY_JOINT = "Joint by joint (study)"
+MOTIONS = (JOINTS, TOOL_LINE, TOOL_ARC, ARC, LINE, PROGRAM, JOINT_BY_JOINT)
+"""in the order in which they are offered"""
+TOOL_PATHS = (TOOL_LINE, TOOL_ARC)
+TEST_PATHS = {ARC: arc, LINE: line}
+"""the paper's test paths, by their labels"""
+_SAMPLES = 1501
 _POINTS = 25
 """of a tool line or arc, in its error report"""
+_COARSE_STEP = 0.02
+"""[rad] of a swept joint, where it only matters whether there is a solution"""
 _FLAT_M2 = 1e-9
+_MOST_STEPS, _LONGEST_S = 400, 600.0
+"""of a program that is drawn"""
 _PASSED: dict[Passing | None, str] = {
     "stop": "At rest for an instant in each point.",
     "spline": "Through every point without a stop.",
@@ -120,6 +82,86 @@ _CUT_SHORT = (
 _TIME = re.compile(r"^at [\d.]+ s, ")
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class ToolWish:
+    """How the tool shall be led along a line or an arc."""
+
+    end: FloatArray
+    """(3,) [m]"""
+    via: FloatArray | None = None
+    """(3,) a point of the arc [m]; None: a line"""
+    pitch: PitchMode = "kept"
+    end_pitch: float | None = None
+    """[rad]"""
+    speed: float | None = None
+    """largest speed of the tool [m/s]; None: as fast as the joints can"""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MotionRequest:
+    """The motion that the fields ask for."""
+
+    motion: str
+    title: str
+    start: FloatArray | Target
+    """(n,) where it begins [rad], or where the tool is then"""
+    profile: Profile = "cubic"
+    duration_s: float | None = None
+    choose: str = "least-rotation"
+    end: FloatArray | Target | None = None
+    """of a joint motion: as ``start``"""
+    tool: ToolWish | None = None
+    passing: Passing | None = "stop"
+    """how the points of a test path are passed; None: the tool is led along the curve itself"""
+    blend_m: float = 0.002
+    program: Program | None = None
+    present: FloatArray | None = None
+    """(n,) where the arm stands [rad], for the choice of a start by least travel"""
+    opening: float | None = None
+    """of the gripper when a program begins, 0..1; None: not known"""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PlannedMotion:
+    """A motion that can be drawn, and its pre-flight."""
+
+    title: str
+    trajectory: Trajectory
+    findings: tuple[Finding | ProgramFinding, ...] = ()
+    ideal: IdealPath | None = None
+    """what the tool shall follow; None: nothing is prescribed between its ends"""
+    points: FloatArray | None = None
+    """(k, 3) points that it goes through [m]; None: none are prescribed"""
+    solved: FloatArray | None = None
+    """(k, n) joint angles in those points [rad]"""
+    program: Program | None = None
+    """run this instead of the trajectory: it has waits and gripper steps"""
+    steps: tuple[tuple[float, int], ...] = ()
+    """of a program: when the motion of which step begins [s]"""
+    speed: float | None = None
+    """largest speed of the tool that was asked for [m/s]"""
+    note: str = ""
+
+    @property
+    def refusal(self) -> Finding | ProgramFinding | None:
+        """The first error of its pre-flight; None: it may be run."""
+        return next((finding for finding in self.findings if finding.severity == "error"), None)
+
+    def step_at(self, time: float) -> int | None:
+        """Index of the program step that moves at a time [s]; None: it is no program."""
+        at = bisect_right(self.steps, time, key=lambda step: step[0]) - 1
+        return self.steps[at][1] if at >= 0 else None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ShownMotion:
+    """A motion as it is drawn."""
+
+    planned: PlannedMotion
+    motion: MotionAnalysis
+    peaks: Peaks
+
+
 def plan_shown(robot: Robot, asked: MotionRequest) -> ShownMotion:
     """Plan what is asked for, and sample it.
 
@@ -127,8 +169,7 @@ def plan_shown(robot: Robot, asked: MotionRequest) -> ShownMotion:
         ArmctlError: as ``plan_motion``.
     """
     planned = plan_motion(robot, asked)
-    motion = analyse(robot, planned.trajectory, SAMPLES)
-    return ShownMotion(planned, motion, peaks_of(planned.trajectory))
+    return ShownMotion(planned, analyse(robot, planned.trajectory, _SAMPLES), peaks_of(planned.trajectory))
 
 
 def plan_motion(robot: Robot, asked: MotionRequest) -> PlannedMotion:
@@ -137,22 +178,28 @@ def plan_motion(robot: Robot, asked: MotionRequest) -> PlannedMotion:
     Raises:
         ArmctlError: there is nothing of it that could be drawn; says why.
     """
-    start = _start(robot, asked)
+    if isinstance(asked.start, Target):
+        start = solve(robot, asked.present, asked.start, asked.choose)
+    else:
+        start = robot.check_limits(asked.start)
     if asked.motion in TEST_PATHS:
         return _test_path(robot, asked, start, TEST_PATHS[asked.motion]())
     if asked.motion == PROGRAM:
         if asked.program is None or not asked.program.steps:
             raise ProgramError("the program on the desk has no steps; record some in Manual → Serial motion")
-        return plan_program(robot, asked.program, start, asked.opening)
+        return _program(robot, asked.program, start, asked.opening)
     if asked.tool is not None:
         return _tool_motion(robot, asked, start, asked.tool)
     return _joint_motion(robot, asked, start)
 
 
-def _start(robot: Robot, asked: MotionRequest) -> FloatArray:
-    if isinstance(asked.start, Target):
-        return solve(robot, asked.present, asked.start, asked.choose)
-    return robot.check_limits(asked.start)
+def why_not(robot: Robot, points: FloatArray) -> str | None:
+    """The first point of a path (k, 3) [m] that is out of reach, and why; None: all can be reached."""
+    for number, point in enumerate(points, 1):
+        solutions = robot.inverse(point, step=_COARSE_STEP)
+        if not solutions.success:
+            return f"point {number} of {len(points)}: {solutions.reason}"
+    return None
 
 
 def _joint_motion(robot: Robot, asked: MotionRequest, start: FloatArray) -> PlannedMotion:
@@ -170,47 +217,45 @@ def _joint_motion(robot: Robot, asked: MotionRequest, start: FloatArray) -> Plan
 def _tool_motion(robot: Robot, asked: MotionRequest, start: FloatArray, wish: ToolWish) -> PlannedMotion:
     tip = robot.forward(start)[:3, 3]
     ideal = ToolLine(tip, wish.end) if wish.via is None else ToolArc.through(tip, wish.via, wish.end)
-    trajectory, refused = _led(robot, start, wish, _law(asked.profile), asked.duration_s)
-    findings = (*refused, *_besides(refused, preflight(robot, trajectory, tool_path=True)))
+    trajectory, cut = _led(robot, start, wish, asked.profile, asked.duration_s)
+    found = preflight(robot, trajectory, tool_path=True)
+    if cut is not None and cut.kind == "limits":  # the limit at which it ends is told already
+        found = [finding for finding in found if (finding.kind, finding.part) != ("limits", cut.part)]
+    points = None
+    if cut is None and ideal.length > 0:
+        points = ideal.positions(np.linspace(0.0, ideal.length, _POINTS))
     return PlannedMotion(
-        asked.title.removesuffix(f", {asked.profile}") if refused else asked.title,
+        asked.title if cut is None else asked.title.removesuffix(f", {asked.profile}"),
         trajectory,
-        findings,
+        tuple(found) if cut is None else (cut, *found),
         ideal,
-        points=None
-        if refused or ideal.length == 0
-        else ideal.positions(np.linspace(0.0, ideal.length, _POINTS)),
+        points,
         speed=wish.speed,
-        note=_CUT_SHORT if refused else "",
+        note="" if cut is None else _CUT_SHORT,
     )
 
 
-def _besides(refused: tuple[Finding, ...], found: list[Finding]) -> list[Finding]:
-    """What the pre-flight found, but for the limit at which the motion was refused: that is told already."""
-    ends = {finding.part for finding in refused if finding.kind == "limits"}
-    return [finding for finding in found if not (finding.kind == "limits" and finding.part in ends)]
-
-
 def _led(
-    robot: Robot, start: FloatArray, wish: ToolWish, profile: ProfileName, duration_s: float | None
-) -> tuple[Trajectory, tuple[Finding, ...]]:
-    """The motion of the tool; or its beginning, and why it cannot go on."""
+    robot: Robot, start: FloatArray, wish: ToolWish, profile: Profile, duration_s: float | None
+) -> tuple[Trajectory, Finding | None]:
+    """The motion of the tool, None; or its beginning, and why it cannot go on."""
+    law = _path_profile(profile)
     try:
         if wish.via is None:
             return plan_line(
                 robot, start, wish.end, pitch=wish.pitch, end_pitch=wish.end_pitch, speed=wish.speed,
-                duration_s=duration_s, profile=profile, checked=False,
-            ), ()  # fmt: skip
+                duration_s=duration_s, profile=law, checked=False,
+            ), None  # fmt: skip
         return plan_arc(
             robot, start, wish.via, wish.end, pitch=wish.pitch, end_pitch=wish.end_pitch, speed=wish.speed,
-            duration_s=duration_s, profile=profile, checked=False,
-        ), ()  # fmt: skip
+            duration_s=duration_s, profile=law, checked=False,
+        ), None  # fmt: skip
     except (ToolPathRefusedError, ToolPathUnreachableError) as refusal:
         if refusal.before is None:
             raise
         cap = math.inf if wish.speed is None else wish.speed
         trajectory = PathTrajectory.fastest(robot, refusal.before, cap)
-        return trajectory, (_ends_here(robot, refusal, trajectory.duration),)
+        return trajectory, _ends_here(robot, refusal, trajectory.duration)
 
 
 def _ends_here(
@@ -229,41 +274,36 @@ def _ends_here(
 
 def _test_path(robot: Robot, asked: MotionRequest, start: FloatArray, points: FloatArray) -> PlannedMotion:
     solved = solve_points(robot, points, asked.choose, start)
-    ideal = _test_curve(points)
-    trajectory, refused = _through(robot, asked, solved, points)
-    findings = (*refused, *preflight(robot, trajectory, tool_path=asked.points.passing is None))
-    note = f"{_PASSED[asked.points.passing]} Run goes to the first point first."
-    if asked.points.passing == "spline" and any(finding.kind == "limits" for finding in findings):
-        note = f"{_PASSED['spline']} {_SWINGS}"
-    return PlannedMotion(asked.title, trajectory, findings, ideal, points, solved, note=note)
-
-
-def _through(
-    robot: Robot, asked: MotionRequest, solved: FloatArray, points: FloatArray
-) -> tuple[Trajectory, tuple[Finding, ...]]:
-    wish, duration = asked.points, asked.duration_s
-    match wish.passing:
-        case "stop":
-            return plan_through(robot, list(solved), duration, asked.profile, checked=False), ()
-        case "spline":
-            law = _law(asked.profile)
-            return plan_spline(robot, solved, duration_s=duration, profile=law, checked=False), ()
-        case "blend":
-            return plan_blended(robot, list(solved), wish.blend_m, duration), ()
-        case None:
-            middle = None if isinstance(_test_curve(points), ToolLine) else points[len(points) // 2]
-            led = ToolWish(points[-1], middle, "free")
-            return _led(robot, solved[0], led, _law(asked.profile), duration)
-
-
-def _test_curve(points: FloatArray) -> IdealPath:
-    """The line, or the arc, that a test path's points lie on."""
     first, middle, last = points[0], points[len(points) // 2], points[-1]
-    straight = np.linalg.norm(np.cross(middle - first, last - first)) < _FLAT_M2
-    return ToolLine(first, last) if straight else ToolArc.through(first, middle, last)
+    straight = bool(np.linalg.norm(np.cross(middle - first, last - first)) < _FLAT_M2)
+    cut: Finding | None = None
+    match asked.passing:
+        case "stop":
+            trajectory = plan_through(robot, list(solved), asked.duration_s, asked.profile, checked=False)
+        case "spline":
+            law = _path_profile(asked.profile)
+            trajectory = plan_spline(robot, solved, duration_s=asked.duration_s, profile=law, checked=False)
+        case "blend":
+            trajectory = plan_blended(robot, list(solved), asked.blend_m, asked.duration_s)
+        case None:
+            wish = ToolWish(last, None if straight else middle, "free")
+            trajectory, cut = _led(robot, solved[0], wish, asked.profile, asked.duration_s)
+    found = preflight(robot, trajectory, tool_path=asked.passing is None)
+    note = f"{_PASSED[asked.passing]} Run goes to the first point first."
+    if asked.passing == "spline" and any(finding.kind == "limits" for finding in found):
+        note = f"{_PASSED['spline']} {_SWINGS}"
+    return PlannedMotion(
+        asked.title,
+        trajectory,
+        tuple(found) if cut is None else (cut, *found),
+        ToolLine(first, last) if straight else ToolArc.through(first, middle, last),
+        points,
+        solved,
+        note=note,
+    )
 
 
-def _law(profile: Profile) -> ProfileName:
+def _path_profile(profile: Profile) -> ProfileName:
     """A profile that can be spread over a path.
 
     Raises:
@@ -272,3 +312,39 @@ def _law(profile: Profile) -> ProfileName:
     if profile == "normal":
         raise InputError("normal leads each joint for itself, off the path; choose another profile")
     return profile
+
+
+def _program(robot: Robot, program: Program, start: FloatArray, opening: float | None) -> PlannedMotion:
+    """One pass of a program as the arm would run it, as far as it can be drawn.
+
+    Raises:
+        ProgramError: none of its steps takes time, or the first cannot be planned.
+    """
+    whole = rehearse(
+        robot, program, start, opening, longest_s=_LONGEST_S, most_steps=_MOST_STEPS, as_far=True
+    )
+    if whole.duration == 0:
+        raise ProgramError(f"{program.name}: no step of it moves a joint, so there is nothing to show")
+    # a drawing that is cut short may end in motion
+    findings: list[Finding | ProgramFinding] = list(preflight(robot, whole.trajectory, at_rest=False))
+    if whole.broken is not None:
+        findings.insert(0, ProgramFinding(whole.broken.index, str(whole.broken.error)))
+    steps = tuple((step.begins, step.index) for step in whole.steps)
+    return PlannedMotion(
+        f"program {program.name}", whole.trajectory, tuple(findings), program=program, steps=steps,
+        note=_program_note(program, whole),
+    )  # fmt: skip
+
+
+def _program_note(program: Program, whole: Rehearsal) -> str:
+    if whole.broken is not None:
+        return f"Drawn as far as step {whole.broken.index + 1}, which cannot be run."
+    if whole.cut:
+        return f"The first {len(whole.steps)} steps of a pass; the rest is not drawn."
+    note = "One pass, with the durations of its own steps."
+    untimed = sum(
+        isinstance(program.steps[step.index], GripperStep) and step.duration == 0 for step in whole.steps
+    )
+    if untimed:
+        note += f" The time of {untimed} gripper step{'' if untimed == 1 else 's'} is not counted."
+    return note

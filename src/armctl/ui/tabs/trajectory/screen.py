@@ -6,25 +6,22 @@ import asyncio
 
 import numpy as np
 import viser
-from numpy.typing import NDArray
 
 from armctl.errors import ArmctlError, InputError, MotionRefusedError
 from armctl.motion import not_checked
 from armctl.runtime import Follow, MoveJoints, RunProgram, Snapshot
+from armctl.ui.newest import Newest
+from armctl.ui.scene.ghost import Preview
 from armctl.ui.session import Session
 from armctl.ui.tabs.trajectory.error_report import ReportView, finished
 from armctl.ui.tabs.trajectory.form import MotionForm
 from armctl.ui.tabs.trajectory.graph_view import GraphView
-from armctl.ui.tabs.trajectory.motions import PlannedMotion, ShownMotion
-from armctl.ui.tabs.trajectory.plan import plan_shown
+from armctl.ui.tabs.trajectory.plan import PlannedMotion, plan_shown
 from armctl.ui.tabs.trajectory.study import StudyView, make_study
 from armctl.ui.widgets.html import LiveHtml, refused, warned
-from armctl.ui.widgets.preview import Preview
 from armctl.ui.widgets.verdict_list import verdict_html
 
-FloatArray = NDArray[np.float64]
 _NOTE = "Choose a motion and press <b>Show</b> to see it over time; <b>Run</b> executes what is shown."
-_STALE = "{}: press Show."
 _PLANNING = "<b>Planning …</b>"
 _CHANGED = "The settings have changed since"
 _MOVED = 1e-6
@@ -41,21 +38,16 @@ class TrajectoryScreen:
         self._from_present = True
         self._settings: tuple[object, ...] = ()
         self._studied: tuple[object, ...] = ()
-        self._asked = 0
+        self._newest = Newest()
         self._planning = 0
         self._judged = False
-        self._build()
-
-    def _build(self) -> None:
-        session, gui = self._session, self._session.gui
+        gui = session.gui
         LiveHtml(gui, _NOTE)
         self._form = MotionForm(session)
-        self._show = gui.add_button("Show", icon=viser.Icon.CHART_LINE)
-        self._stale = LiveHtml(gui)
-        self._stale.visible = False
+        show = gui.add_button("Show", icon=viser.Icon.CHART_LINE)
+        self._stale = LiveHtml(gui, visible=False)
         self._run = gui.add_button("Run", icon=viser.Icon.PLAYER_PLAY)
-        self._verdict = LiveHtml(gui)
-        self._verdict.visible = False
+        self._verdict = LiveHtml(gui, visible=False)
         tabs = gui.add_tab_group()
         with tabs.add_tab("Graphs"):
             self._study = StudyView(session)
@@ -64,7 +56,7 @@ class TrajectoryScreen:
                 self._graphs = GraphView(session, self._preview)
         with tabs.add_tab("Error report"):
             self._report = ReportView(session, self._preview)
-        session.on(self._show.on_click, self._on_show)
+        session.on(show.on_click, self._on_show)
         session.on(self._run.on_click, self._on_run)
 
     def refresh(self, snapshot: Snapshot) -> None:
@@ -72,13 +64,12 @@ class TrajectoryScreen:
         study = self._form.is_study
         self._form.refresh()
         self._study.show(study)
-        if self._motion_box.visible == study:
-            self._motion_box.visible = self._run.visible = not study
+        self._motion_box.visible = self._run.visible = not study
         self._verdict.visible = not study and self._judged
         stale = self._out_of_date(snapshot)
         self._stale.visible = bool(stale) or self._planning > 0
-        self._stale.show(_PLANNING if self._planning else warned(_STALE.format(stale)))
-        self._preview.refresh(snapshot)
+        self._stale.show(_PLANNING if self._planning else warned(f"{stale}: press Show."))
+        self._preview.refresh(snapshot.q_command)
         self._graphs.refresh()
 
     def _out_of_date(self, snapshot: Snapshot) -> str:
@@ -97,12 +88,10 @@ class TrajectoryScreen:
     async def _on_show(self) -> None:
         """Plan off the event loop; of several presses the last one counts."""
         self._form.watch.require_settled()
-        settings = self._form.settings
-        self._asked += 1
-        asked = self._asked
+        settings, is_newest = self._form.settings, self._newest.begin()
         if self._form.is_study:
             shown = await asyncio.to_thread(make_study, self._robot, self._form.study.request())
-            if asked == self._asked:
+            if is_newest():
                 self._studied = settings
                 self._study.take(shown)
                 self._preview.hide()
@@ -112,22 +101,18 @@ class TrajectoryScreen:
         try:
             motion = await asyncio.to_thread(plan_shown, self._robot, request)
         except ArmctlError as refusal:
-            if asked == self._asked:
+            if is_newest():
                 self._judged = True
                 self._verdict.show(refused(f"Not drawn: {refusal}"))
             raise
         finally:
             self._planning -= 1
-        if asked == self._asked:
+        if is_newest():
             self._settings, self._from_present = settings, from_present
-            self._take(motion)
-
-    def _take(self, shown: ShownMotion) -> None:
-        self._planned, self._judged = shown.planned, True
-        unknown = not_checked(self._robot)
-        self._verdict.show(verdict_html(shown.planned.findings, unknown))
-        self._graphs.take(shown)
-        self._report.take(shown.planned)
+            self._planned, self._judged = motion.planned, True
+            self._verdict.show(verdict_html(motion.planned.findings, not_checked(self._robot)))
+            self._graphs.take(motion)
+            self._report.take(motion.planned)
 
     async def _on_run(self) -> None:
         self._form.watch.require_settled()

@@ -1,4 +1,4 @@
-"""The study "joint by joint" on the Trajectory screen: curves, who is fastest, what is at most possible."""
+"""The study "joint by joint" of the Trajectory tab: how fast each joint alone moves the tip."""
 
 from __future__ import annotations
 
@@ -19,8 +19,6 @@ from armctl.ui.widgets.html import LiveHtml, fixed, heading, muted, strong, tabl
 from armctl.ui.widgets.number_field import NumberField
 from armctl.ui.widgets.plots import COLORS, Line, LinePlot, Picture
 
-# What to study joint by joint: how the joints turn, how fast, from where, for how long.
-
 FloatArray = NDArray[np.float64]
 _TURNING: dict[str, Turning] = {"each joint alone": "in turn", "all joints at once": "all at once"}
 _PRESENT = "present pose"
@@ -32,11 +30,16 @@ _ALONE_HINT = (
 )
 _SPEED_HINT = f"Of every joint, {_SLOWEST_DEG_S:g} … {_FASTEST_DEG_S:g} °/s. The paper takes 20."
 _DURATION_HINT = "Seconds. 0 or empty: until every joint has come to its limit."
+_NOTHING = "Nothing is shown yet: press Show. A study moves nothing."
+_TOTAL_COLOR = "#212529"
+_PAPER_SPEED = math.radians(_PAPER_DEG_S)
+_PRINTED_M_S = {"abaas": 8.32}
+"""tip speeds that a paper prints at 20 °/s and that cannot be [m/s]"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StudyRequest:
-    """What the fields ask for."""
+    """The study that the fields ask for."""
 
     turning: Turning
     start: FloatArray
@@ -48,10 +51,20 @@ class StudyRequest:
     """None: until every joint has come to its limit"""
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class ShownStudy:
+    """A study, and how far the tip can come from each joint's axis (n,) [m]."""
+
+    request: StudyRequest
+    study: JointStudy
+    levers: FloatArray
+
+
 class StudyForm:
     """The fields of a study; hidden while a motion is chosen."""
 
     def __init__(self, session: Session) -> None:
+        """Add the fields to the present container."""
         self._session = session
         gui, poses = session.gui, session.console.robot.poses
         self._turning = gui.add_dropdown("Turn", tuple(_TURNING), hint=_ALONE_HINT, visible=False)
@@ -59,26 +72,20 @@ class StudyForm:
         self._from = gui.add_dropdown("Start at", starts, initial_value=starts[0], visible=False)
         self._speed = NumberField(gui, "Joint speed °/s", _PAPER_DEG_S, hint=_SPEED_HINT, visible=False)
         self.duration = NumberField(gui, "For s", 0.0, hint=_DURATION_HINT, visible=False)
-
-    @property
-    def fields(self) -> tuple[NumberField, ...]:
-        """Those that are typed into."""
-        return self._speed, self.duration
+        self.fields = (self._speed, self.duration)
 
     @property
     def settings(self) -> tuple[object, ...]:
-        """All that decides about the study, but for where the arm stands."""
+        """All settings of the study, but for where the arm stands."""
         return self._turning.value, self._from.value, self._speed.text, self.duration.text
 
     def show(self, visible: bool) -> None:
         """Show or hide the fields."""
-        if self._turning.visible != visible:
-            self._turning.visible = self._from.visible = visible
-        for field in self.fields:
+        for field in (self._turning, self._from, *self.fields):
             field.visible = visible
 
     def request(self) -> StudyRequest:
-        """What the fields ask for.
+        """The study that the fields ask for.
 
         Raises:
             InputError: a number that cannot be used.
@@ -97,26 +104,11 @@ class StudyForm:
         return StudyRequest(_TURNING[self._turning.value], start, name, math.radians(speed), seconds or None)
 
 
-_NOTHING = "Nothing is shown yet: press Show. A study moves nothing."
-_TOTAL_COLOR = "#212529"
-_PAPER_SPEED = math.radians(20)
-_PRINTED_M_S = {"abaas": 8.32}
-"""tip speeds that a paper prints at 20 °/s and that cannot be [m/s]"""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class ShownStudy:
-    """A study, and how far the tip can come from each joint's axis (n,) [m]."""
-
-    request: StudyRequest
-    study: JointStudy
-    levers: FloatArray
-
-
 class StudyView:
     """Plot, figures and export of one page's study."""
 
     def __init__(self, session: Session) -> None:
+        """Add the widgets to the present container."""
         self._session = session
         self._shown: ShownStudy | None = None
         gui = session.gui
@@ -125,8 +117,8 @@ class StudyView:
             self._note = LiveHtml(gui, muted(_NOTHING))
             self._plot = LinePlot(gui)
             self._figures = LiveHtml(gui)
-            self._export = gui.add_button("Export study (CSV)", icon=viser.Icon.DOWNLOAD, color="gray")
-        session.on(self._export.on_click, self._on_export)
+            export = gui.add_button("Export study (CSV)", icon=viser.Icon.DOWNLOAD, color="gray")
+        session.on(export.on_click, self._on_export)
 
     @property
     def shown(self) -> bool:
@@ -135,15 +127,23 @@ class StudyView:
 
     def show(self, visible: bool) -> None:
         """Show or hide all of it."""
-        if self._box.visible != visible:
-            self._box.visible = visible
+        self._box.visible = visible
 
     def take(self, shown: ShownStudy) -> None:
         """Show another study."""
-        robot = self._session.console.robot
+        robot, study = self._session.console.robot, shown.study
         self._shown = shown
-        self._note.show(strong(fastest_words(robot, shown.study)) + muted(_how(shown)))
-        self._plot.show(study_picture(robot, shown.study))
+        alone = study.total is None
+        turn = "Each joint alone turns" if alone else "All joints turn at once"
+        how = f"{turn} at {_deg_s(study.speed)} from {shown.request.start_name}, towards its farther limit."
+        how += (
+            " A joint that turns alone carries the tip along a circle about its axis, so its line is level; "
+            "it ends at the joint's limit."
+            if alone
+            else " A joint that has come to its limit stays there."
+        )
+        self._note.show(strong(fastest_words(robot, study)) + muted(how))
+        self._plot.show(study_picture(robot, study))
         self._figures.show(study_html(robot, shown))
 
     async def _on_export(self) -> None:
@@ -167,12 +167,9 @@ def make_study(robot: Robot, request: StudyRequest) -> ShownStudy:
 
 def study_picture(robot: Robot, study: JointStudy) -> Picture:
     """Tip speed over time, one line a joint, in mm/s."""
+    speeds = 1000 * study.tip_speed
     lines = [
-        Line(
-            robot.joints[joint].title,
-            np.ascontiguousarray(1000 * study.tip_speed[:, i]),
-            COLORS[joint % len(COLORS)],
-        )
+        Line(robot.joints[joint].title, np.ascontiguousarray(speeds[:, i]), COLORS[joint % len(COLORS)])
         for i, joint in enumerate(study.moving)
     ]
     if study.total is not None:
@@ -183,41 +180,28 @@ def study_picture(robot: Robot, study: JointStudy) -> Picture:
 def study_html(robot: Robot, shown: ShownStudy) -> str:
     """The joints' figures, what is possible at most, and how the curves were checked."""
     study, levers = shown.study, shown.levers
-    most = study.speed * levers
     rows = [
         [
             robot.joints[joint].title,
-            *(fixed(1000 * value, 1) for value in (peak, most[joint], levers[joint])),
+            *(fixed(1000 * value, 1) for value in (peak, study.speed * levers[joint], levers[joint])),
         ]
         for joint, peak in zip(study.moving, study.peaks.tolist(), strict=True)
     ]
-    total = ""
+    html = table(["tip speed mm/s", "largest here", "any pose: ω·R", "R mm"], rows)
     if study.total is not None:
-        total = muted(f"All joints together: at most {fixed(1000 * float(study.total.max()), 1)} mm/s.")
-    head = ["tip speed mm/s", "largest here", "any pose: ω·R", "R mm"]
-    return (
-        table(head, rows)
-        + total
-        + _remarks(robot, study)
-        + heading("At most")
-        + muted(_at_most(robot, study, levers))
-        + muted(
-            f"J·q̇ and central differences of the forward kinematics agree within {study.mismatch:.0e} "
-            "of the largest speed.".replace("e-0", "e-").replace("-", "−")
-        )
+        html += muted(f"All joints together: at most {fixed(1000 * float(study.total.max()), 1)} mm/s.")
+    if study.held:
+        names = ", ".join(robot.joints[i].title for i in study.held)
+        html += muted(f"Left out, because its limits hold it still: {names}.")
+    slower = [robot.joints[i] for i in study.moving if study.speed > robot.joints[i].speed * (1 + 1e-9)]
+    if slower:
+        names = ", ".join(f"{joint.title} ({_deg_s(joint.speed)})" for joint in slower)
+        html += muted(f"Faster than the real arm may turn: {names}.")
+    mismatch = f"{study.mismatch:.0e}".replace("e-0", "e-").replace("-", "−")
+    html += heading("At most") + muted(_at_most(robot, study, levers))
+    return html + muted(
+        f"J·q̇ and central differences of the forward kinematics agree within {mismatch} of the largest speed."
     )
-
-
-def _how(shown: ShownStudy) -> str:
-    turn = "Each joint alone turns" if shown.study.total is None else "All joints turn at once"
-    level = (
-        " A joint that turns alone carries the tip along a circle about its axis, so its line is level; "
-        "it ends at the joint's limit."
-        if shown.study.total is None
-        else " A joint that has come to its limit stays there."
-    )
-    start = shown.request.start_name
-    return f"{turn} at {_deg_s(shown.study.speed)} from {start}, towards its farther limit.{level}"
 
 
 def fastest_words(robot: Robot, study: JointStudy) -> str:
@@ -248,19 +232,6 @@ def _at_most(robot: Robot, study: JointStudy, levers: FloatArray) -> str:
             f"{fixed(1000 * _PAPER_SPEED * reach, 0)} mm/s at most."
         )
     return text
-
-
-def _remarks(robot: Robot, study: JointStudy) -> str:
-    """Joints that are held, and those that could not turn as fast as this."""
-    parts: list[str] = []
-    if study.held:
-        names = ", ".join(robot.joints[i].title for i in study.held)
-        parts.append(f"Left out, because its limits hold it still: {names}.")
-    slower = [robot.joints[i] for i in study.moving if study.speed > robot.joints[i].speed * (1 + 1e-9)]
-    if slower:
-        names = ", ".join(f"{joint.title} ({_deg_s(joint.speed)})" for joint in slower)
-        parts.append(f"Faster than the real arm may turn: {names}.")
-    return "".join(muted(part) for part in parts)
 
 
 def _deg_s(speed: float) -> str:

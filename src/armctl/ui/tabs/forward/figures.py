@@ -1,4 +1,4 @@
-"""What a configuration means in numbers: matrix, orientation, Jacobian, manipulability, as HTML."""
+"""A configuration in numbers: pose matrix, orientation, Jacobian, manipulability and velocities, as HTML."""
 
 from __future__ import annotations
 
@@ -11,28 +11,28 @@ from numpy.typing import NDArray
 from armctl.kinematics import quaternion_wxyz, roll_pitch_yaw
 from armctl.kinematics.velocity import (
     Freedom,
+    joint_rates,
     manipulability,
     pose_freedom,
     position_freedom,
     speeds_alone,
+    tool_velocity,
     turning_speeds,
 )
 from armctl.robot import Robot
-from armctl.ui.widgets.html import fixed, heading, muted, numbers, table
+from armctl.ui.widgets.html import fixed, heading, muted, numbers, refused, table
 from armctl.ui.widgets.joint_angles import held_at
 
 FloatArray = NDArray[np.float64]
-_ASIDE = 0.35
+_LEAST_PART = 0.35
 """a part of a direction smaller than this is left out of its description (20°)"""
 _ON_AXIS_M = 1e-3
-_ALIKE = math.radians(20)
+_EQUAL_RATE = math.radians(20)
 """one rate for all joints, so that they can be compared [rad/s]"""
-_FORMULA = {True: "√det(J Jᵀ)", False: "√det(Jᵀ J)"}
-"""of six joints or more, and of fewer"""
 _ROWS = ("vx mm/s", "vy mm/s", "vz mm/s", "ωx rad/s", "ωy rad/s", "ωz rad/s")
-_NOT_TOOL_PITCH = "Ry is not the tool pitch: that is {}°, the tool's axis above the horizontal."
 _WAYS = (("out", "in"), ("left", "right"), ("up", "down"))
 _WAYS_ON_AXIS = (("along +x", "along −x"), ("along +y", "along −y"), ("up", "down"))
+_MISSED = 1e-6
 
 
 def pose_html(robot: Robot, q: FloatArray) -> str:
@@ -48,19 +48,20 @@ def pose_html(robot: Robot, q: FloatArray) -> str:
     )
     quaternion = numbers(quaternion_wxyz(T[:3, :3]).tolist(), 5)
     pitch, _ = robot.inverse_kinematics.pitch_and_roll(q)
-    return (
-        heading("Matrix: tool in base, position in mm")
-        + table(["x axis", "y axis", "z axis", "position"], rows, names=False)
-        + heading("Orientation")
-        + f"<div>{turned}</div>"
-        + muted("R = Rz(yaw) · Ry(pitch) · Rx(roll): turns about the base's x, then y, then z axis.")
-        + ("" if pitch is None else muted(_NOT_TOOL_PITCH.format(fixed(math.degrees(pitch), 3))))
-        + f"<div>quaternion w, x, y, z: {quaternion}</div>"
-    )
+    html = heading("Matrix: tool in base, position in mm")
+    html += table(["x axis", "y axis", "z axis", "position"], rows, names=False)
+    html += heading("Orientation") + f"<div>{turned}</div>"
+    html += muted("R = Rz(yaw) · Ry(pitch) · Rx(roll): turns about the base's x, then y, then z axis.")
+    if pitch is not None:
+        pitch_deg = fixed(math.degrees(pitch), 3)
+        html += muted(
+            f"Ry is not the tool pitch: that is {pitch_deg}°, the tool's axis above the horizontal."
+        )
+    return html + f"<div>quaternion w, x, y, z: {quaternion}</div>"
 
 
 def base_turns(T: FloatArray, digits: int) -> list[tuple[str, str]]:
-    """Roll-pitch-yaw of a pose (4, 4), named Rx, Ry, Rz: pitch and roll are the tool's, on every screen."""
+    """Roll-pitch-yaw of a pose (4, 4), named Rx, Ry, Rz: "pitch" and "roll" are the tool's."""
     angles = [f"{fixed(angle, digits)}°" for angle in np.degrees(roll_pitch_yaw(T[:3, :3])).tolist()]
     return list(zip(("Rx", "Ry", "Rz"), angles, strict=True))
 
@@ -74,7 +75,7 @@ def jacobian_html(robot: Robot, q: FloatArray) -> str:
         [name, *(fixed(value, 2 if i < 3 else 4) for value in row)]
         for i, (name, row) in enumerate(zip(_ROWS, shown.tolist(), strict=True))
     ]
-    whole = fixed(float(manipulability(J)), 4)
+    formula = "√det(J Jᵀ)" if robot.n >= 6 else "√det(Jᵀ J)"
     # six joints may lose a turn where the tool point is free: a singular wrist
     wrist = "" if robot.n < 6 else f"; position and orientation: {pose_freedom(J).verdict}"
     head = ["per rad/s of", *(joint.title for joint in robot.joints)]
@@ -83,7 +84,7 @@ def jacobian_html(robot: Robot, q: FloatArray) -> str:
         + f"<div style='font-size:11px'>{table(head, rows)}</div>"
         + heading("Manipulability")
         + manipulability_html(position_freedom(J), robot.forward(q)[:3, 3])
-        + muted(f"{_FORMULA[robot.n >= 6]} of all six rows, in m and rad: {whole}{wrist}")
+        + muted(f"{formula} of all six rows, in m and rad: {fixed(float(manipulability(J)), 4)}{wrist}")
         + heading("Tool point's speed when one joint alone turns")
         + tool_speeds_html(robot, J)
     )
@@ -96,8 +97,7 @@ def manipulability_html(freedom: Freedom, tip: FloatArray) -> str:
         freedom: of the tool point.
         tip: (3,) the tool point [m], from which "out" leads away from the base axis.
     """
-    free = freedom.verdict == "well away from singularities"
-    lost = freedom.verdict == "singular"
+    free, lost = freedom.verdict == "well away from singularities", freedom.verdict == "singular"
     color = "#2b8a3e" if free else "#c92a2a"
     ratio = "∞" if lost else fixed(freedom.condition, 1)
     way = f"{direction_words(freedom.hardest, tip)}, along ({numbers(freedom.hardest.tolist(), 2)})"
@@ -124,7 +124,7 @@ def direction_words(direction: FloatArray, tip: FloatArray) -> str:
     out = np.array([1.0, 0.0, 0.0]) if distance < _ON_AXIS_M else np.array([x, y, 0.0]) / distance
     axes = np.stack([out, [-out[1], out[0], 0.0], [0.0, 0.0, 1.0]])
     parts = [(float(part), way) for part, way in zip(axes @ direction, ways, strict=True)]
-    large = [(part, way) for part, way in parts if abs(part) >= _ASIDE]
+    large = [(part, way) for part, way in parts if abs(part) >= _LEAST_PART]
     ahead = large[0][0] > 0
     there = " and ".join(way[(part > 0) != ahead] for part, way in large)
     back = " and ".join(way[(part > 0) == ahead] for part, way in large)
@@ -132,24 +132,70 @@ def direction_words(direction: FloatArray, tip: FloatArray) -> str:
 
 
 def tool_speeds_html(robot: Robot, jacobian: FloatArray) -> str:
-    """How fast each joint alone moves the tool point; the joint that moves it farthest is marked."""
-    alike = 1000 * speeds_alone(jacobian, np.full(robot.n, _ALIKE))
+    """How fast each joint alone moves the tool point; the joint that moves it fastest is marked."""
+    equal = 1000 * speeds_alone(jacobian, np.full(robot.n, _EQUAL_RATE))
     speeds = 1000 * speeds_alone(jacobian, turning_speeds(robot.limits, robot.speed_limits))
+    rows: list[list[str]] = []
+    for joint, same, speed in zip(robot.joints, equal.tolist(), speeds.tolist(), strict=True):
+        if (held := held_at(joint)) is not None:
+            rows.append([joint.title, held, "", ""])
+        else:
+            limit = f"{fixed(math.degrees(joint.speed), 1)} °/s"
+            rows.append([joint.title, f"{fixed(same, 1)} mm/s", limit, f"{fixed(speed, 1)} mm/s"])
+    most = int(np.where(speeds > 0, equal, 0.0).argmax())
+    head = ["joint", f"at {fixed(math.degrees(_EQUAL_RATE), 0)} °/s", "its limit", "at its limit"]
+    return table(head, rows, marked=most if speeds[most] > 0 else None)
+
+
+def tool_velocity_html(robot: Robot, jacobian: FloatArray, rates: FloatArray) -> str:
+    """Velocity of the tool at joint rates (n,) [rad/s], and which rates are over their limits."""
+    velocity = tool_velocity(jacobian, rates)
+    rows = [
+        ["tool point mm/s", *_with_size(1000 * velocity.linear)],
+        ["tool turns °/s", *_with_size(np.degrees(velocity.angular))],
+    ]
+    over = [
+        f"{joint.title} turns at {fixed(math.degrees(joint.speed), 1)} °/s at most"
+        for joint, rate in zip(robot.joints, rates.tolist(), strict=True)
+        if abs(rate) > joint.speed * (1 + 1e-9)
+    ]
+    text = table(["", "x", "y", "z", "size"], rows)
+    return text + (refused(f"{'; '.join(over)}.") if over else "")
+
+
+def joint_rates_html(robot: Robot, jacobian: FloatArray, linear: FloatArray, *, keep: bool) -> str:
+    """Joint rates for a velocity of the tool point (3,) [m/s], within limits and singularities.
+
+    ``keep``: the tool shall not turn.
+    """
+    speeds = turning_speeds(robot.limits, robot.speed_limits)
+    found = joint_rates(jacobian, speeds, linear, np.zeros(3) if keep else None)
     rows = [
         [
             joint.title,
-            held_at(joint) or f"{fixed(same, 1)} mm/s",
-            f"{fixed(limit, 1)} °/s" if held_at(joint) is None else "",
-            f"{fixed(speed, 1)} mm/s" if held_at(joint) is None else "",
+            f"{fixed(math.degrees(rate), 2)} °/s",
+            held_at(joint) or f"{fixed(math.degrees(joint.speed), 1)} °/s",
         ]
-        for joint, same, limit, speed in zip(
-            robot.joints,
-            alike.tolist(),
-            np.degrees(robot.speed_limits).tolist(),
-            speeds.tolist(),
-            strict=True,
-        )
+        for joint, rate in zip(robot.joints, found.rates.tolist(), strict=True)
     ]
-    most = int(np.where(speeds > 0, alike, 0.0).argmax())
-    head = ["joint", f"at {fixed(math.degrees(_ALIKE), 0)} °/s", "its limit", "at its limit"]
-    return table(head, rows, marked=most if speeds[most] > 0 else None)
+    velocity = tool_velocity(jacobian, found.rates)
+    reached, asked = (1000 * float(np.linalg.norm(v)) for v in (velocity.linear, linear))
+    text = table(["joint", "rate", "its limit"], rows)
+    text += f"<div>tool point: <b>{fixed(reached, 1)} mm/s</b> of {fixed(asked, 1)} mm/s"
+    if found.limiting is not None:
+        title = escape(robot.joints[found.limiting].title)
+        text += f"; {title} is at its limit, at {fixed(100 * found.scale, 1)} % of what was asked for"
+    text += "</div>"
+    missed = 1000 * float(np.linalg.norm(found.residual[:3]))
+    if missed > _MISSED * max(asked, 1.0):
+        text += refused(
+            f"Out of the joints' power here: {fixed(missed, 2)} mm/s of the tool point's velocity."
+        )
+    turned = float(np.degrees(np.linalg.norm(velocity.angular)))
+    if keep and turned > _MISSED:
+        return text + refused(f"It cannot go without turning: the tool turns at {fixed(turned, 2)} °/s.")
+    return text + muted(f"The tool turns at {fixed(turned, 2)} °/s meanwhile.")
+
+
+def _with_size(vector: FloatArray) -> list[str]:
+    return [*(fixed(value, 1) for value in vector.tolist()), fixed(float(np.linalg.norm(vector)), 1)]

@@ -6,7 +6,7 @@ from html import unescape
 
 import pytest
 
-from armctl.ui.widgets.html import limited, muted, refused, warned
+from armctl.ui.widgets.html import fixed, limited, muted, refused, warned
 
 
 def test_a_long_text_keeps_its_height_and_can_be_read_to_its_end() -> None:
@@ -23,3 +23,10 @@ def test_a_long_text_keeps_its_height_and_can_be_read_to_its_end() -> None:
 def test_what_is_told_is_text_and_has_the_minus_of_the_figures_beside_it(block: Callable[[str], str]) -> None:
     html = block("<b>Elbow</b>: -91.2° is outside -84.36° … 95.07°; see ik-1, 2026-11-21")
     assert "&lt;b&gt;Elbow&lt;/b&gt;: −91.2° is outside −84.36° … 95.07°; see ik-1, 2026-11-21<" in html
+
+
+@pytest.mark.parametrize(
+    ("value", "text"), [(-1.25, "−1.2"), (-0.01, "0.0"), (float("nan"), "–"), (float("inf"), "–")]
+)
+def test_numbers_have_no_negative_zero(value: float, text: str) -> None:
+    assert fixed(value, 1) == text

@@ -1,17 +1,30 @@
-"""The list of solutions, the energy curve and the result line."""
+"""The Inverse tab: list of solutions, energy curve, result line, branches."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
+from tests.ui.page_kit import FakePage
 
 from armctl.kinematics import CRITERIA, Target
 from armctl.robot import load_robot
-from armctl.ui.tabs.inverse.answer import Answer, answer, answer_html, no_curve, solve
-from armctl.ui.tabs.inverse.solution_table import PAGE_ROWS, short_branch
-from armctl.ui.widgets.pager import FIRST, LAST, NEXT, PREVIOUS, turned
+from armctl.ui.guard import GuardedServer
+from armctl.ui.tabs.inverse.answer import (
+    PAGE_ROWS,
+    Answer,
+    Verdict,
+    answer,
+    branches_html,
+    list_html,
+    no_curve,
+    result_html,
+    same_place,
+    short_branch,
+    solve,
+)
+from armctl.ui.widgets.pager import Pager
 
-ROBOT = load_robot("uzuner")
+ROBOT, MICO = load_robot("uzuner"), load_robot("mico")
 HOME = ROBOT.pose("home")
 
 
@@ -28,35 +41,29 @@ def at_home() -> Answer:
 @pytest.mark.parametrize("criterion", CRITERIA)
 def test_every_row_reaches_the_target_and_energies_rise(criterion: str) -> None:
     found = solved(220, -196, 85, criterion)
-    table = found.table
-    assert len(table) == 3520
-    energies = [table.energy[table.order[row - 1]] for row in range(1, len(table) + 1)]
+    assert len(found.solutions) == 3520
+    energies = found.energy[found.order]
     assert (np.diff(np.nan_to_num(energies, posinf=1e9)) >= 0).all()
     for row in (1, 1760, 3520):
-        tip = 1000 * ROBOT.forward(table.q(row))[:3, 3]
+        tip = 1000 * ROBOT.forward(found.q(row))[:3, 3]
         assert tip == pytest.approx([220, -196, 85], abs=1e-9)
 
 
 def test_pages_show_every_row_once() -> None:
-    table = solved(220, -196, 85).table
-    assert table.pages == 235
+    found = solved(220, -196, 85)
     for page in (0, 234):
-        html = table.html(page, None)
+        html = list_html(found, page, None)
         assert html.count("<tr") == 1 + min(PAGE_ROWS, 3520 - page * PAGE_ROWS)
-    assert ">3520<" in table.html(234, None)
-    assert table.html(0, 3).count("background") == 1
-    assert "background" not in table.html(1, 3)
-
-
-def test_the_last_page_may_be_short_and_an_empty_list_has_one_page() -> None:
-    assert solved(900, 0, 100).table.pages == 1
-    single = at_home().table
-    assert 0 < len(single) < PAGE_ROWS
-    assert single.html(0, 1).count("<tr") == 1 + len(single)
+    assert ">3520<" in list_html(found, 234, None)
+    assert list_html(found, 0, 3).count("background") == 1
+    assert "background" not in list_html(found, 1, 3)
+    single = at_home()
+    assert 0 < len(single.solutions) < PAGE_ROWS
+    assert list_html(single, 0, 1).count("<tr") == 1 + len(single.solutions)
 
 
 def test_the_result_counts_branches_and_says_where_least_energy_goes() -> None:
-    html = answer_html(ROBOT, solved(220, -196, 85))
+    html = result_html(ROBOT, solved(220, -196, 85))
     assert "3520 solutions inside the limits" in html
     assert "front elbow-up: 1760; front elbow-down: 1760" in html
     assert "−42.402, 0.000, −0.678, −48.795, 0.000" in html
@@ -66,9 +73,9 @@ def test_the_result_counts_branches_and_says_where_least_energy_goes() -> None:
 def test_it_says_why_row_1_is_not_quite_the_exact_least() -> None:
     found = solved(124.685, 3.62, 267.54)
     assert found.best is not None
-    exact, row_1 = (float(np.abs(np.degrees(q)).sum()) for q in (found.best, found.table.q(1)))
+    exact, row_1 = (float(np.abs(np.degrees(q)).sum()) for q in (found.best, found.q(1)))
     assert 0.001 < row_1 - exact < 0.05
-    html = answer_html(ROBOT, found)
+    html = result_html(ROBOT, found)
     assert f"energy {exact:.3f}°; error" in html
     assert f"between two rows of the list (row 1: {row_1:.3f}°)" in html
 
@@ -77,24 +84,24 @@ def test_it_says_why_row_1_is_not_quite_the_exact_least() -> None:
 def test_where_the_list_itself_is_chosen_from_row_1_is_the_least(criterion: str) -> None:
     found = solved(220, -196, 85, criterion)
     assert found.best is not None
-    assert found.table.q(1) == pytest.approx(found.best, abs=0)
-    html = answer_html(ROBOT, found)
+    assert found.q(1) == pytest.approx(found.best, abs=0)
+    html = result_html(ROBOT, found)
     assert "between two rows" not in html
-    assert f"energy {found.table.energy_text(found.best)}" in html
-    assert found.table.energy_of(found.best) == found.table.energy.min()
+    assert f"energy {found.energy_text(found.best)}" in html
+    assert found.energy_of(found.best) == found.energy.min()
 
 
 def test_an_isolated_solution_lies_between_no_rows() -> None:
-    assert "between two rows" not in answer_html(ROBOT, at_home())
+    assert "between two rows" not in result_html(ROBOT, at_home())
 
 
 def test_the_published_criterion_gives_the_printed_row() -> None:
-    assert "−42.402, 14.400, −45.909, −1.305" in answer_html(ROBOT, solved(220, -196, 85, "published"))
+    assert "−42.402, 14.400, −45.909, −1.305" in result_html(ROBOT, solved(220, -196, 85, "published"))
 
 
 def test_an_unreachable_point_says_why_and_which_is_nearest() -> None:
     found = solved(900, 0, 100)
-    html = answer_html(ROBOT, found)
+    html = result_html(ROBOT, found)
     assert "No solution" in html and "Too far by 572.2 mm" in html and "nearest reachable point" in html
     assert found.best is None and found.curve is None
     nearest = found.solutions.nearest_m
@@ -137,17 +144,64 @@ def test_branch_names_are_shortened_for_the_list() -> None:
     assert short_branch("front elbow-up tool-in") == "front up in"
 
 
+def answered(*point_mm: float, start: str = "home") -> Answer:
+    return solve(MICO, Target.of(np.array(point_mm) / 1000), "least-rotation", MICO.pose(start))
+
+
+def by_name(found: Answer) -> dict[str, Verdict]:
+    return {one.branch.name: one for one in found.verdicts}
+
+
+def test_the_one_of_least_energy_is_chosen_and_limits_are_named() -> None:
+    found = answered(300, 0, 100)
+    names = by_name(found)
+    assert [one.number for one in found.verdicts] == [1, 2, 3, 4]
+    assert names["front elbow-up"].chosen and not names["front elbow-up"].refused
+    assert names["front elbow-down"].refused.startswith("Shoulder needs 82.14°")
+    assert names["front elbow-down"].label == "2: refused"
+    html = branches_html(found)
+    assert "2 is refused: Shoulder needs 82.14°" in html
+    assert "1 is chosen among the possible ones: the least energy by least-rotation" in html
+
+
+def test_a_branch_inside_the_limits_is_refused_where_the_floor_is_in_the_way() -> None:
+    low = answered(350, 0, -30)
+    refused = {name: one.refused for name, one in by_name(low).items() if not one.branch.forbidden}
+    assert any("floor" in why for why in refused.values()), refused
+
+
+def test_over_the_base_axis_two_branches_look_alike() -> None:
+    found = answered(0, 0, 700)
+    groups = [[one.number for one in group] for group in same_place(MICO, found.verdicts)]
+    assert groups == [[1, 3], [2, 4]] or groups == [[1, 4], [2, 3]]
+    chosen = next(one for one in found.verdicts if one.chosen)
+    assert np.degrees(chosen.branch.q[:3]).round(3).tolist() == [0.0, -131.626, -5.532]
+
+
+def test_no_branches_where_a_joint_is_free_or_nothing_reaches() -> None:
+    found = solved(200, 0, 100)
+    assert found.verdicts == ()
+    assert "a joint is free" in branches_html(found)
+    assert answered(500, 0, 700).verdicts == ()
+
+
 @pytest.mark.parametrize(
-    ("page", "button", "leads_to"),
+    ("row", "button", "leads_to"),
     [
-        (0, FIRST, 0),
-        (0, PREVIOUS, 0),
-        (0, NEXT, 1),
-        (3, LAST, 9),
-        (9, NEXT, 9),
-        (5, PREVIOUS, 4),
-        (7, FIRST, 0),
+        (1, "First", 0),
+        (1, "Prev", 0),
+        (1, "Next", 1),
+        (50, "Last", 9),
+        (150, "Next", 9),
+        (80, "Prev", 4),
+        (120, "First", 0),
     ],
 )
-def test_page_buttons(page: int, button: str, leads_to: int) -> None:
-    assert turned(page, 10, button) == leads_to
+def test_page_buttons(server: GuardedServer, row: int, button: str, leads_to: int) -> None:
+    page = FakePage(server, ROBOT, HOME)
+    pager = Pager(page.gui, page.on, 15, lambda: None)
+    pager.reset(150, row)
+    page.press("Page", button)
+    assert (pager.page, pager.row) == (leads_to, row)
+    page.put("Row", 151)
+    assert pager.row is None

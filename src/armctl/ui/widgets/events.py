@@ -1,13 +1,16 @@
-"""Buttons and keys that act while they are held."""
+"""Clicks, edits, and buttons and keys that act while they are held."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Coroutine
+from collections.abc import Awaitable, Callable, Coroutine
 from typing import Any
 
 import viser
 
+Action = Callable[[], Awaitable[None]]
+On = Callable[[Callable[..., object], Action], None]
+"""Runs an action on a handle's event (its ``on_click`` or ``on_update``); a page's session gives it."""
 HOLD_HZ = 20.0
 _NEW_HOLD_S = 0.3
 

@@ -1,0 +1,66 @@
+"""A page without a browser: what a person presses and types, by label, and the commands that come of it."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+from contextlib import nullcontext
+from types import SimpleNamespace
+from typing import Any, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from armctl.robot import Robot
+from armctl.runtime import Command, State
+from armctl.ui.guard import GuardedServer
+from armctl.ui.scene.ghost import Ghost
+from armctl.ui.session import Session
+from armctl.ui.widgets.events import Action
+
+FloatArray = NDArray[np.float64]
+
+
+class FakePage:
+    """Stands for a session: an arm that holds at ``q`` (n,) [rad], and takes every command."""
+
+    def __init__(self, server: GuardedServer, robot: Robot, q: FloatArray) -> None:
+        self.gui = server.gui
+        self.client = SimpleNamespace(scene=server.scene, atomic=nullcontext)
+        self.snapshot = SimpleNamespace(q_command=q, q=q, state=State.HOLDING, gripper=None, speed=1.0)
+        last_known = SimpleNamespace(standing=lambda snapshot: snapshot.q_command)
+        self.console = SimpleNamespace(robot=robot, last_known=last_known)
+        self.ghost = Ghost(server.scene, robot)
+        self.closed = False
+        self.sent: list[Command] = []
+        self.shown_at_sending: list[FloatArray | None] = []
+        self._handles: dict[str, Any] = {}
+        self._actions: dict[str, Action] = {}
+
+    @property
+    def session(self) -> Session:
+        return cast(Session, self)
+
+    def on(self, attach: Callable[..., object], action: Action) -> None:
+        handle: Any = getattr(attach, "__self__", None)
+        label = getattr(handle, "label", None)
+        if label is not None:
+            self._handles[label], self._actions[label] = handle, action
+
+    async def submit(self, command: Command) -> None:
+        self.shown_at_sending.append(self.ghost.q)
+        self.sent.append(command)
+
+    def press(self, label: str, value: object = None) -> None:
+        """Press a button, or one of a group of buttons."""
+        if value is not None:
+            self._handles[label].value = value
+
+        async def act() -> None:
+            await self._actions[label]()
+
+        asyncio.run(act())
+
+    def put(self, label: str, value: object) -> None:
+        """Type into a field, or choose from a list."""
+        self.press(label, value)

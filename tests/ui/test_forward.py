@@ -1,0 +1,254 @@
+"""The Forward tab: coupled fields, figures of a configuration, what the two buttons would do."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from armctl.errors import InputError
+from armctl.kinematics import Target
+from armctl.kinematics.velocity import position_freedom
+from armctl.robot import Robot, load_robot, shipped_robots
+from armctl.ui.guard import GuardedServer
+from armctl.ui.tabs.forward.coupling import AngleFields, PoseFields, coupled_joints, limits_text
+from armctl.ui.tabs.forward.figures import (
+    direction_words,
+    jacobian_html,
+    joint_rates_html,
+    manipulability_html,
+    pose_html,
+    tool_speeds_html,
+    tool_velocity_html,
+)
+from armctl.ui.tabs.forward.screen import LAST, REFERENCE, SHOWN, resulting_pose, results_html
+
+ROBOTS = tuple(load_robot(name) for name in shipped_robots())
+ROBOT, MICO, HUMANOID, SCORBOT = (load_robot(name) for name in ("uzuner", "mico", "humanoid", "scorbot"))
+HOME, SCORBOT_HOME = ROBOT.pose("home"), SCORBOT.pose("home")
+
+
+def test_reference_is_absolute_and_last_position_is_added() -> None:
+    asked, present = np.radians([1, 2, 3, 4, 5]), np.radians([10, 20, 30, 40, 50])
+    assert np.degrees(resulting_pose(REFERENCE, asked, present)) == pytest.approx([1, 2, 3, 4, 5])
+    assert np.degrees(resulting_pose(LAST, asked, present)) == pytest.approx([11, 22, 33, 44, 55])
+    assert np.array_equal(resulting_pose(SHOWN[0], asked, present), asked)
+    assert np.array_equal(resulting_pose(SHOWN[1], asked, present), present + asked)
+
+
+def test_results_tell_where_both_buttons_lead_and_what_is_outside(server: GuardedServer) -> None:
+    angles = AngleFields(server.gui, ROBOT, np.radians([10, 90, -80, -40, 0]))
+    html = results_html(ROBOT, angles, HOME)
+    assert "→ reference" in html and "→ last position" in html
+    assert "With respect to last position: Shoulder: 180.00° is outside −3.19° … 146.83°" in html
+    assert "With respect to reference" not in html
+    angles.fill(np.radians([1, 1, 1, 1, 1]))
+    assert "Both are inside the joint limits" in results_html(ROBOT, angles, HOME)
+
+
+def test_results_name_the_field_that_cannot_be_used(server: GuardedServer) -> None:
+    angles = AngleFields(server.gui, ROBOT, HOME)
+    angles.fields[2].handle.value = "<b>4x"
+    html = results_html(ROBOT, angles, HOME)
+    assert "Nothing can be sent: Elbow °: &#x27;&lt;b&gt;4x&#x27; is not a number" in html
+    assert "→" not in html
+    with pytest.raises(InputError):
+        angles.radians()
+
+
+def test_the_zero_pose_in_figures() -> None:
+    html = pose_html(ROBOT, np.zeros(5))
+    assert "330.00" in html and "3.62" in html and "163.00" in html
+    assert "Rz(yaw) · Ry(pitch) · Rx(roll)" in html
+
+
+def test_the_two_pitches_are_named_apart() -> None:
+    html = pose_html(ROBOT, HOME)  # the tool looks 30° down
+    assert "Rx (roll)" in html and "Ry (pitch) <b>−60.000°</b> · Rz (yaw) <b>0.000°</b>" in html
+    assert "Ry is not the tool pitch: that is −30.000°" in html
+
+
+def test_the_jacobian_is_shown_in_mm_with_rows_named() -> None:
+    html = jacobian_html(ROBOT, np.zeros(5))
+    for row in ("vx mm/s", "ωz rad/s", "330.00", "Wrist roll", "√det(Jᵀ J) of all six rows"):
+        assert row in html
+
+
+def test_a_stretched_arm_says_which_way_it_cannot_go() -> None:
+    stretched = position_freedom(ROBOT.jacobian(np.zeros(5)))
+    html = manipulability_html(stretched, ROBOT.forward(np.zeros(5))[:3, 3])
+    assert "Singular" in html and "the tool cannot move out or in, along (" in html
+    assert "smallest singular value: <b>0.00</b> mm/rad; largest / smallest: ∞" in html
+    bent = position_freedom(ROBOT.jacobian(HOME))
+    html = manipulability_html(bent, ROBOT.forward(HOME)[:3, 3])
+    assert "Well away from singularities" in html and "moves least" in html
+    J = ROBOT.jacobian(HOME)[:3]
+    assert f"{1e3 * np.sqrt(np.linalg.det(J @ J.T)):.4f}" in html
+
+
+@pytest.mark.parametrize(
+    ("direction", "tip", "words"),
+    [
+        ([1, 0, 0], [0.3, 0, 0.1], "out or in"),
+        ([-1, 0, 0], [0.3, 0, 0.1], "out or in"),
+        ([1, 0, 0], [0, 0.3, 0.1], "left or right"),
+        ([0, 0, 1], [0.3, 0.3, 0.1], "up or down"),
+        ([0.6, 0, 0.8], [0.3, 0, 0.1], "out and up or in and down"),
+        ([-0.6, 0, 0.8], [0.3, 0, 0.1], "out and down or in and up"),
+        ([0, 1, 0], [0, 0, 0.7], "along +y or along −y"),
+        ([0.1, 0.05, 0.99], [0.3, 0, 0.1], "up or down"),
+    ],
+)
+def test_directions_in_words(direction: list[float], tip: list[float], words: str) -> None:
+    unit = np.array(direction) / np.linalg.norm(direction)
+    assert direction_words(unit, np.array(tip, dtype=np.float64)) == words
+
+
+def test_the_tool_speed_of_each_joint_is_listed() -> None:
+    """The abaas arm in a pose of its paper: the shoulder is the most effective joint at equal rates."""
+    abaas = load_robot("abaas")
+    q = abaas.pose("home")
+    html = tool_speeds_html(abaas, abaas.jacobian(q))
+    for text in ("at 20 °/s", "its limit", "Base", "60.0 °/s", "120.0 °/s"):
+        assert text in html
+    x, y, _ = 1000 * abaas.forward(q)[:3, 3]
+    assert f"{np.radians(20) * np.hypot(x, y):.1f} mm/s" in html
+    marked = html[html.index("background") :]
+    assert "Shoulder" in marked[: marked.index("</tr>")]
+    assert "held at 0°" in tool_speeds_html(HUMANOID, HUMANOID.jacobian(HUMANOID.pose("home")))
+
+
+def fields(server: GuardedServer, robot: Robot) -> PoseFields:
+    return PoseFields(server.gui, robot, robot.pose("home"))
+
+
+@pytest.mark.parametrize("robot", ROBOTS, ids=lambda robot: robot.name)
+def test_the_fields_show_the_tool_pose_and_ask_for_it(server: GuardedServer, robot: Robot) -> None:
+    home = robot.pose("home")
+    pose = fields(server, robot)
+    tip = 1000 * robot.forward(home)[:3, 3]
+    assert [float(field.text) for field in pose.xyz] == pytest.approx(tip, abs=1e-3)
+    found = coupled_joints(robot, pose.target(pose.xyz[0]), home)
+    assert found.q is not None and found.why_not == ""
+    np.testing.assert_allclose(robot.forward(found.q)[:3, 3], tip / 1000, atol=1e-9)
+    np.testing.assert_allclose(found.q, home, atol=1e-6)
+
+
+@pytest.mark.parametrize("robot", ROBOTS, ids=lambda robot: robot.name)
+def test_a_small_step_of_the_tool_is_a_small_step_of_the_joints(robot: Robot) -> None:
+    """Of all solutions the nearest is taken: no joint jumps to another branch."""
+    solver, q = robot.inverse_kinematics, robot.pose("home")
+    pitch, roll = solver.pitch_and_roll(q)
+    asked = None if robot.name in ("mico", "humanoid") else pitch
+    for _ in range(10):
+        point = robot.forward(q)[:3, 3] + [0.0, 0.002, 0.001]
+        found = coupled_joints(robot, Target.of(point, asked, roll), q)
+        assert found.q is not None
+        assert np.abs(found.q - q).max() < np.radians(4)
+        np.testing.assert_allclose(robot.forward(found.q)[:3, 3], point, atol=1e-9)
+        q = found.q
+
+
+@pytest.mark.parametrize("robot", ROBOTS, ids=lambda robot: robot.name)
+def test_the_pose_that_is_shown_comes_back_whether_the_pitch_is_held_or_not(robot: Robot) -> None:
+    rng = np.random.default_rng(3)
+    for q in rng.uniform(robot.limits[:, 0], robot.limits[:, 1], (20, robot.n)):
+        _, roll = robot.inverse_kinematics.pitch_and_roll(q)
+        found = coupled_joints(robot, Target.of(robot.forward(q)[:3, 3], None, roll), q)
+        assert found.q is not None
+        np.testing.assert_allclose(found.q, q, atol=1e-6)
+
+
+def test_which_fields_there_are(server: GuardedServer) -> None:
+    assert [field.label for field in fields(server, ROBOT).fields] == [
+        "X mm", "Y mm", "Z mm", "Pitch °", "Roll °",
+    ]  # fmt: skip
+    mico = fields(server, MICO)  # two pitch joints: the position decides the pitch
+    assert [field.label for field in mico.fields] == ["X mm", "Y mm", "Z mm", "Roll °"]
+    assert mico.target(mico.xyz[0]).pitch is None
+    assert mico.pitch.visible and mico.pitch.handle.disabled and not mico.hold.visible
+    mico.fill_pitch(np.zeros(4))  # the tool hangs straight down
+    assert mico.pitch.value == pytest.approx(-90.0)
+    humanoid = fields(server, HUMANOID)  # its wrist roll is held
+    assert [field.label for field in humanoid.fields] == ["X mm", "Y mm", "Z mm", "Pitch °"]
+    assert humanoid.target(humanoid.xyz[0]).roll is None
+
+
+def test_the_pitch_is_asked_for_while_it_is_held_or_typed(server: GuardedServer) -> None:
+    pose = fields(server, HUMANOID)
+    assert not pose.hold.value
+    assert pose.target(pose.xyz[0]).pitch is None
+    assert pose.target(pose.pitch).pitch is not None
+    pose.hold.value = True
+    assert pose.target(pose.xyz[0]).pitch is not None
+    assert fields(server, ROBOT).hold.value
+
+
+def test_a_pose_out_of_reach_says_why_and_what_is_nearest() -> None:
+    found = coupled_joints(ROBOT, Target.of([0.3, 0.0, 0.6], -0.5, 0.0), ROBOT.pose("home"))
+    assert found.q is None and found.nearest_q is not None
+    assert "too far by" in found.why_not and "nearest reachable point is (" in found.why_not
+    ROBOT.check_limits(found.nearest_q)
+
+
+def test_a_half_typed_pose_asks_for_nothing(server: GuardedServer) -> None:
+    pose = fields(server, ROBOT)
+    pose.xyz[1].handle.value = "-"
+    with pytest.raises(InputError, match="Y mm: '-' is not a number"):
+        pose.target(pose.xyz[1])
+
+
+def test_a_joint_that_is_held_cannot_be_typed(server: GuardedServer) -> None:
+    angles = AngleFields(server.gui, HUMANOID, HUMANOID.pose("home"))
+    assert [field.handle.disabled for field in angles.fields] == [False, False, False, False, True]
+    assert limits_text(HUMANOID, 4) == "Wrist roll: held at 0°"
+
+
+def test_the_waist_alone_moves_the_tool_sideways() -> None:
+    html = tool_velocity_html(SCORBOT, SCORBOT.jacobian(SCORBOT_HOME), np.radians([20.0, 0, 0, 0, 0]))
+    x = 1000 * SCORBOT.forward(SCORBOT_HOME)[0, 3]
+    assert f">{np.radians(20) * x:.1f}<" in html  # mm/s along y
+    assert ">20.0<" in html  # °/s about z
+    assert "at most" not in html
+
+
+def test_rates_over_their_limits_are_named() -> None:
+    html = tool_velocity_html(SCORBOT, SCORBOT.jacobian(SCORBOT_HOME), np.radians([25.0, 0, -40.0, 0, 0]))
+    assert "Waist turns at 20.0 °/s at most; Elbow turns at 26.0 °/s at most" in html
+
+
+def test_a_velocity_within_the_limits_is_met() -> None:
+    html = joint_rates_html(SCORBOT, SCORBOT.jacobian(SCORBOT_HOME), np.array([0.0, 0.05, 0.0]), keep=False)
+    assert "<b>50.0 mm/s</b> of 50.0 mm/s</div>" in html
+    rate = np.degrees(0.05 / SCORBOT.forward(SCORBOT_HOME)[0, 3])
+    assert f"{rate:.2f} °/s" in html
+    assert "Out of" not in html
+
+
+def test_the_joint_that_limits_the_speed_is_named() -> None:
+    html = joint_rates_html(SCORBOT, SCORBOT.jacobian(SCORBOT_HOME), np.array([0.0, 1.0, 0.0]), keep=False)
+    reached = 1000 * np.radians(20) * SCORBOT.forward(SCORBOT_HOME)[0, 3]
+    assert f"<b>{reached:.1f} mm/s</b> of 1000.0 mm/s; Waist is at its limit, at {reached / 10:.1f} %" in html
+
+
+def test_a_lost_direction_is_told() -> None:
+    """Stretched out at its reach of 604 mm, the arm can go no farther."""
+    stretched = np.radians([0.0, 0.0, 0.0, -90.0, 0.0])
+    assert SCORBOT.forward(stretched)[0, 3] == pytest.approx(0.604)
+    html = joint_rates_html(SCORBOT, SCORBOT.jacobian(stretched), np.array([0.05, 0.0, 0.0]), keep=False)
+    assert "Out of the joints&#x27; power here: 50.00 mm/s" in html
+    assert "<b>0.0 mm/s</b> of 50.0 mm/s" in html
+
+
+def test_not_turning_is_more_than_five_joints_can() -> None:
+    html = joint_rates_html(SCORBOT, SCORBOT.jacobian(SCORBOT_HOME), np.array([0.0, 0.05, 0.0]), keep=True)
+    assert "It cannot go without turning" in html
+    straight = joint_rates_html(
+        SCORBOT, SCORBOT.jacobian(SCORBOT_HOME), np.array([0.03, 0.0, 0.0]), keep=True
+    )
+    assert "cannot" not in straight and "Out of" not in straight
+
+
+def test_a_held_joint_stands_still() -> None:
+    q = HUMANOID.pose("home")
+    html = joint_rates_html(HUMANOID, HUMANOID.jacobian(q), np.array([0.05, 0.0, 0.0]), keep=False)
+    assert "held at 0°" in html and "0.00 °/s" in html
