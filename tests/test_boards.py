@@ -18,11 +18,12 @@ from armctl.boards import (
     split_kind,
 )
 from armctl.errors import PortError
-from armctl.hardware import PortInfo
-from armctl.hardware.encoder import EncoderDriver
-from armctl.hardware.firmata import FirmataDriver
-from armctl.hardware.maestro import MaestroDriver
-from armctl.hardware.ports import ARDUINO_MEGA
+from armctl.hardware.arduino import ARDUINO_MEGA
+from armctl.hardware.boards import board_type
+from armctl.hardware.encoder.driver import EncoderDriver
+from armctl.hardware.firmata.driver import FirmataDriver
+from armctl.hardware.maestro.driver import MaestroDriver
+from armctl.hardware.transport import PortInfo
 from armctl.robot import load_robot
 from armctl.runtime import MonotonicClock
 
@@ -63,7 +64,7 @@ def test_sockets_and_ptys_have_the_board_of_the_robot_file(name: str, kind: type
 def test_a_port_may_name_its_board() -> None:
     assert isinstance(boards("abaas").driver("firmata:/dev/ttyUSB0"), FirmataDriver)
     assert split_kind("socket://a:1") == (None, "socket://a:1")
-    assert split_kind("encoder:socket://a:1") == ("encoder", "socket://a:1")
+    assert split_kind("encoder:socket://a:1") == (board_type("encoder"), "socket://a:1")
 
 
 @pytest.mark.parametrize(
@@ -72,6 +73,7 @@ def test_a_port_may_name_its_board() -> None:
         ("scorbot", "maestro:/dev/ttyACM0", "Scorbot ER-4PC is set up for Arduino with armctl"),
         ("uzuner", "encoder:/dev/ttyACM0", "is set up for Pololu Maestro, this is Arduino with armctl"),
         ("uzuner", "firmata:/dev/ttyACM1", "is set up for Pololu Maestro, this is Arduino with StandardFirm"),
+        ("abaas", "firmata:/dev/ttyACM0", "is set up for Arduino with StandardFirmata, this is Pololu"),
         ("abaas", "/dev/ttyACM0", "Abaas 5-DOF arm is set up for Arduino with StandardFirmata, this is Pol"),
     ],
 )

@@ -6,19 +6,15 @@ import threading
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any, get_args
 
 from armctl.calibration import CalibrationStore, calibrated
 from armctl.errors import PortError
-from armctl.hardware import Driver
-from armctl.hardware.board_titles import BOARD_TITLES
-from armctl.hardware.encoder import EncoderDriver, serve_simulated_encoder
-from armctl.hardware.firmata import FirmataDriver, serve_simulated_firmata
-from armctl.hardware.maestro import MaestroDriver, serve_simulated_maestro
-from armctl.hardware.ports import MaestroModel, PortInfo, describe_port, find_board, list_ports
-from armctl.hardware.simulation.pty_server import PtyServer
-from armctl.hardware.transport import NO_SUCH_PORT
-from armctl.robot import BoardKind, Robot
+from armctl.hardware import BoardType, ByteModel, Connection, Driver, Setup
+from armctl.hardware.boards import board_type, find_board_type
+from armctl.hardware.ports import boards_listed_as, find_board, list_ports
+from armctl.hardware.simulation import PtyServer
+from armctl.hardware.transport import NO_SUCH_PORT, PortInfo, describe_port
+from armctl.robot import Robot
 from armctl.runtime import channel_settings
 
 SIMULATED, AUTOMATIC = "sim", "auto"
@@ -28,9 +24,6 @@ UNNUMBERED = "unnumbered"
 """what stands for the serial number of a board without one: one calibration for all of them"""
 ANY_BOARD, NO_BOARD = "*", ""
 """for an arm that may be connected to any board; for one whose board was not there when it was opened"""
-_SIMULATED_TIMEOUT_S = 0.5
-"""The simulated board lives in this process: on a busy computer it is late, never gone."""
-_REPEATED_WITHIN_S, _FIRMATA_TIMEOUT_S = 0.1, 0.25
 
 
 class Boards:
@@ -53,7 +46,7 @@ class Boards:
     ) -> None:
         self._robot, self._now, self._ports, self._board = robot, now, ports, board
         self._lock = threading.Lock()
-        self._simulated: PtyServer[Any] | None = None
+        self._simulated: PtyServer[ByteModel] | None = None
 
     def driver(self, port: str) -> Driver:
         """A driver for a port, not opened yet.
@@ -66,20 +59,25 @@ class Boards:
             PortError: ``auto`` found no board, or more than one; another kind of board than the robot
                 file's; or the arm may only be simulated.
         """
+        own = board_type(self._robot.board)
         if port == SIMULATED:
-            return self._driver(self._robot.board, self.simulated().port, simulated=True)
+            return self._driver(own, self.simulated().port, simulated=True)
         _require_name(port)
         _require_outputs(self._robot, port)
         if port == AUTOMATIC:
-            return self._driver(self._robot.board, find_board(self._ports(), self._robot.board).device)
-        kind, device = split_kind(port)
-        return self._driver(kind or self._listed_kind(device), device)
+            return self._driver(own, find_board(self._ports(), own.kind).device)
+        named, device = split_kind(port)
+        for board in (named, _listed_as(device, self._ports())):
+            if board is not None:
+                require_kind(self._robot, board, device)
+        return self._driver(own, device)
 
-    def simulated(self) -> PtyServer[Any]:
+    def simulated(self) -> PtyServer[ByteModel]:
         """The simulated board's server, started when it is first asked for."""
         with self._lock:
             if self._simulated is None:
-                server = self._serve()
+                board = board_type(self._robot.board)
+                server = PtyServer(board.simulated(setup_of(self._robot), {}), self._now)
                 server.__enter__()
                 self._simulated = server
             return self._simulated
@@ -91,38 +89,9 @@ class Boards:
         if server is not None:
             server.__exit__(None, None, None)
 
-    def _driver(self, kind: BoardKind, line: str, *, simulated: bool = False) -> Driver:
-        robot = self._robot
-        require_kind(robot, kind, line)
-        accept = partial(self._accept, line)
-        match kind:
-            case "maestro":
-                if not simulated:
-                    return MaestroDriver(line, ports=self._ports, accept=accept)
-                return MaestroDriver(
-                    line, model=_model(robot), simulated=True, timeout_s=_SIMULATED_TIMEOUT_S
-                )
-            case "firmata":
-                patience = _SIMULATED_TIMEOUT_S if simulated else _FIRMATA_TIMEOUT_S
-                return FirmataDriver(
-                    line,
-                    now=self._now,
-                    simulated=simulated,
-                    ports=self._ports,
-                    accept=accept,
-                    timeout_s=patience,
-                )
-            case "encoder":
-                return EncoderDriver(
-                    line,
-                    axes=robot.axes,
-                    differential=robot.differential,
-                    now=self._now,
-                    simulated=simulated,
-                    ports=self._ports,
-                    accept=accept,
-                    timeout_s=_SIMULATED_TIMEOUT_S if simulated else _REPEATED_WITHIN_S,
-                )
+    def _driver(self, board: BoardType, line: str, *, simulated: bool = False) -> Driver:
+        connection = Connection(line, self._now, self._ports, partial(self._accept, line), simulated)
+        return board.driver(setup_of(self._robot), connection)
 
     def _accept(self, line: str, serial_number: str | None) -> None:
         """Refuse the board of another calibration: a name of a port may mean another board by now."""
@@ -135,47 +104,38 @@ class Boards:
             "it was told nothing. Connect again, to go by its own calibration"
         )
 
-    def _serve(self) -> PtyServer[Any]:
-        robot = self._robot
-        match robot.board:
-            case "maestro":
-                return serve_simulated_maestro(
-                    self._now, channels=channel_settings(robot), model=_model(robot)
-                )
-            case "firmata":
-                return serve_simulated_firmata(self._now)
-            case "encoder":
-                return serve_simulated_encoder(self._now, channels=channel_settings(robot), axes=robot.axes)
 
-    def _listed_kind(self, device: str) -> BoardKind:
-        """What the listing says; an Arduino, a pty or a socket has what the robot file says."""
-        info = describe_port(device, self._ports())
-        if info is not None and MaestroModel.from_label(info.kind) is not None:
-            return "maestro"
-        return self._robot.board
+def setup_of(robot: Robot) -> Setup:
+    """What a robot needs of its board."""
+    return Setup(channel_settings(robot), robot.board_settings)
 
 
-def split_kind(port: str) -> tuple[BoardKind | None, str]:
-    """The kind of board in front of a port's name, if there is one, and the rest."""
+def split_kind(port: str) -> tuple[BoardType | None, str]:
+    """The board whose kind stands in front of a port's name, if one does, and the rest."""
     kind, colon, device = port.partition(":")
-    for known in get_args(BoardKind):
-        if colon and kind == known:
-            return known, device
-    return None, port
+    board = find_board_type(kind) if colon and not device.startswith("//") else None
+    return (None, port) if board is None else (board, device)
 
 
-def require_kind(robot: Robot, kind: BoardKind, port: str) -> None:
+def require_kind(robot: Robot, board: BoardType, port: str) -> None:
     """Refuse another kind of board than the robot file's.
 
     Raises:
         PortError: says which is which, and what to do.
     """
-    if kind != robot.board:
+    if board.kind != robot.board:
         raise PortError(
-            f"{port}: {robot.title} is set up for {BOARD_TITLES[robot.board]}, this is "
-            f"{BOARD_TITLES[kind]}, and a channel of one is not that of the other; choose another port, "
-            "or give the arm a robot file for this board ([board] kind, channels)"
+            f"{port}: {robot.title} is set up for {board_type(robot.board).title}, this is {board.title}, "
+            "and a channel of one is not that of the other; choose another port, or give the arm a "
+            "robot file for this board ([board] kind, channels)"
         )
+
+
+def _listed_as(device: str, ports: Sequence[PortInfo]) -> BoardType | None:
+    """The board that the listing is certain of; it is not of an Arduino, a pty or a socket."""
+    info = describe_port(device, ports)
+    listed = [] if info is None else boards_listed_as(info.kind)
+    return next((board for board in listed if info is not None and info.kind in board.own_listings), None)
 
 
 def only_simulated(robot: Robot) -> str | None:
@@ -198,11 +158,6 @@ def _require_outputs(robot: Robot, port: str) -> None:
     why_not = only_simulated(robot)
     if why_not is not None:
         raise PortError(f"{port} is not opened: {why_not}")
-
-
-def _model(robot: Robot) -> MaestroModel:
-    """The smallest Maestro with enough channels."""
-    return MaestroModel.with_channels(max(one.channel for one in channel_settings(robot)) + 1)
 
 
 def board_name(port: str, robot: Robot, ports: Callable[[], Sequence[PortInfo]] = list_ports) -> str:

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from tests.avr.avr import Avr, AvrError
 
 from armctl.errors import BoardError
-from armctl.hardware.simulation.loop_transport import LoopTransport
+from armctl.hardware.simulation import LoopTransport
 
 _LONGEST_STEP_S = 0.05
 

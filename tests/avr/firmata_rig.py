@@ -9,7 +9,7 @@ from tests.avr.board import stepped_line
 from tests.avr.pulses import Pulse, PulseMeter
 
 from armctl.hardware.driver import ChannelSettings
-from armctl.hardware.firmata import FirmataDriver
+from armctl.hardware.firmata.driver import FirmataDriver
 
 FRAME_S = 0.020
 """what the Servo library takes from one pulse on a pin to the next"""

@@ -20,7 +20,7 @@ from tests.avr.board import AvrBoard
 from tests.avr.building import encoder_image, shim_library
 from tests.avr.firmata_image import firmata_image
 
-from armctl.hardware.simulation.pty_server import PtyServer
+from armctl.hardware.simulation import PtyServer
 from armctl.runtime.clock import MonotonicClock
 
 _TICK_S = 0.002

@@ -9,8 +9,8 @@ from tests.avr.encoder_arm import EncoderArm
 
 from armctl.errors import StateError
 from armctl.hardware import ChannelSettings, Readback
-from armctl.hardware.encoder import EncoderDriver
-from armctl.robot import EncoderAxis
+from armctl.hardware.encoder.axes import EncoderAxis
+from armctl.hardware.encoder.driver import EncoderDriver
 
 PERIOD_S = 0.02
 AXES = tuple(

@@ -10,8 +10,8 @@ from tests.avr.avr import Avr
 from tests.avr.conftest import MakeAvr
 from tests.avr.firmata_conformance import CONFORMANCE, REPORT, Line
 
-from armctl.hardware.firmata import SimulatedFirmata
-from armctl.hardware.simulation.pty_server import ByteModel
+from armctl.hardware.board_type import ByteModel
+from armctl.hardware.firmata.simulated import SimulatedFirmata
 from armctl.runtime.clock import ManualClock
 
 _STEP_S = 0.001

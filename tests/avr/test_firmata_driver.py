@@ -12,7 +12,7 @@ from tests.avr.firmata_rig import HIGHEST_US, LOWEST_US, FirmataRig
 
 from armctl.errors import BoardError, BoardTimeoutError
 from armctl.hardware.driver import ChannelSettings, Source
-from armctl.hardware.firmata import FirmataDriver
+from armctl.hardware.firmata.driver import FirmataDriver
 
 
 def driver_of(avr: Avr) -> FirmataDriver:

@@ -10,11 +10,12 @@ from tests.avr.board import stepped_line
 from tests.avr.conftest import MakeAvr
 from tests.avr.firmata_rig import FirmataRig
 
-from armctl.hardware.doctor import Patient, Verdict, examine
+from armctl.hardware.arduino import ARDUINO_MEGA
+from armctl.hardware.doctor import Patient, examine
 from armctl.hardware.driver import ChannelSettings
-from armctl.hardware.ports import ARDUINO_MEGA, PortChecks
+from armctl.hardware.findings import Verdict
+from armctl.hardware.ports import PortChecks
 from armctl.hardware.probe import Probed, approach, probe
-from armctl.robot import BoardKind
 
 FREE = PortChecks(lambda _device: True, lambda _device: None, lambda _device: None)
 
@@ -67,7 +68,7 @@ def test_the_check_up_finds_nothing_wrong(
     make_avr: MakeAvr,
     firmata_firmware: Path,
     encoder_firmware: Path,
-    kind: BoardKind,
+    kind: str,
     channels: list[ChannelSettings],
 ) -> None:
     avr = make_avr(firmata_firmware if kind == "firmata" else encoder_firmware)

@@ -21,7 +21,7 @@ from tests.avr.serve import served
 
 from armctl.errors import BoardError
 from armctl.hardware.driver import ChannelSettings
-from armctl.hardware.firmata import FirmataDriver
+from armctl.hardware.firmata.driver import FirmataDriver
 from armctl.hardware.transport import SerialTransport
 from armctl.runtime.clock import MonotonicClock
 

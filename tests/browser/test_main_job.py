@@ -14,9 +14,9 @@ import pytest
 from tests.browser.kit import Screen, Screens
 from tests.browser.serving import serving
 
-from armctl.hardware import PtyServer
-from armctl.hardware.maestro import SimulatedMaestro, serve_simulated_maestro
 from armctl.hardware.maestro.codec import Opcode
+from armctl.hardware.maestro.simulated import SimulatedMaestro, simulated_maestro
+from armctl.hardware.simulation import PtyServer
 from armctl.robot import load_robot
 from armctl.runtime import MonotonicClock, channel_settings
 
@@ -28,8 +28,8 @@ QUARTER = 0.126
 
 @pytest.fixture
 def board(tmp_path: Path) -> Iterator[PtyServer[SimulatedMaestro]]:
-    with serve_simulated_maestro(
-        MonotonicClock().now, channels=channel_settings(ROBOT), link=tmp_path / "maestro"
+    with PtyServer(
+        simulated_maestro(channels=channel_settings(ROBOT)), MonotonicClock().now, link=tmp_path / "maestro"
     ) as board:
         yield board
 

@@ -11,9 +11,9 @@ import pytest
 from tests.browser.kit import Screen
 from tests.browser.serving import serving
 
-from armctl.hardware import PtyServer
-from armctl.hardware.encoder import SimulatedEncoderBoard, serve_simulated_encoder
 from armctl.hardware.encoder.messages import Mode
+from armctl.hardware.encoder.simulated import SimulatedEncoderBoard, simulated_encoder_board
+from armctl.hardware.simulation import PtyServer
 from armctl.robot import load_robot
 from armctl.runtime import MonotonicClock, channel_settings
 
@@ -31,8 +31,10 @@ class Cable:
         self.server = self._serve()
 
     def _serve(self) -> PtyServer[SimulatedEncoderBoard]:
-        server = serve_simulated_encoder(
-            MonotonicClock().now, channels=channel_settings(ROBOT), axes=ROBOT.axes, link=self.link
+        server = PtyServer(
+            simulated_encoder_board(channels=channel_settings(ROBOT), axes=ROBOT.board_settings.axes),
+            MonotonicClock().now,
+            link=self.link,
         )
         return server.__enter__()
 

@@ -226,7 +226,7 @@ def test_the_file_gives_back_what_was_written(
         ("zero = 1500.0", "zero = nan", "joints.elbow.zero = nan: must be a finite number"),
         ("low = 700.0", "low = 2400.0", "joints.elbow: low = 2400 and high = 2300 µs"),
         ("closed = 1100.0", "closed = 1900.0", "closed and open are both 1900"),
-        ('unit = "µs"', 'unit = "ms"', "unit"),
+        ('unit = "µs"', "unit = 5", "unit"),
         ("format = 1", "format = 2", "format"),
         ("format = 1", 'format = 1\ncolour = "red"', "colour"),
         ('board = "00123456"', 'board = ""', "board"),

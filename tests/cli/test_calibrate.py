@@ -187,7 +187,7 @@ def test_safe_outputs_and_the_gripper_are_set_by_hand(
         (("safe", "uzuner", "elbow", "2300", "800"), "the smallest safe output comes first"),
         (("safe", "uzuner", "elbow", "2600", "2700"), "nothing is left"),
         (("safe", "uzuner", "elbow", "300", "2300"), "300.0 … 2300.0 µs reach beyond pulse_us"),
-        (("gripper", "uzuner", "10", "9000"), "a servo's pulses are 64 … 4080 µs long"),
+        (("gripper", "uzuner", "10", "9000"), "the board takes 64 … 4080 µs"),
         (("gripper", "uzuner", "1500", "1500"), "closed and open are both 1500"),
         (("gripper", "humanoid", "1000", "2000", "--port", "sim"), "has none"),
         (

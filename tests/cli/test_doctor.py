@@ -15,7 +15,8 @@ from tests.cli.simulating import simulated
 
 from armctl.cli.main import DONE, REFUSED, WRONG_USAGE, run
 from armctl.errors import PortError
-from armctl.hardware.maestro import MaestroSettings, SerialMode, SimulatedMaestro, serve_simulated_maestro
+from armctl.hardware.maestro.simulated import MaestroSettings, SerialMode, SimulatedMaestro, simulated_maestro
+from armctl.hardware.simulation import PtyServer
 from armctl.hardware.transport import SerialTransport
 from armctl.runtime.clock import ManualClock
 
@@ -67,7 +68,7 @@ def test_the_report_for_people(capsys: pytest.CaptureFixture[str]):
 
 
 def test_a_pty_by_its_link_without_a_robot(capsys: pytest.CaptureFixture[str], tmp_path: Path):
-    with serve_simulated_maestro(ManualClock().now, link=tmp_path / "arm"):
+    with PtyServer(simulated_maestro(), ManualClock().now, link=tmp_path / "arm"):
         status, verdicts, seen = record(capsys, "--port", str(tmp_path / "arm"))
     assert status == DONE
     assert seen["who answers"] == "Pololu Maestro"
@@ -84,7 +85,10 @@ def test_a_board_that_another_process_simulates(capsys: pytest.CaptureFixture[st
 
 def test_a_port_in_use_is_not_called_free_first(capsys: pytest.CaptureFixture[str], tmp_path: Path):
     port = str(tmp_path / "arm")
-    with serve_simulated_maestro(ManualClock().now, link=tmp_path / "arm"), closing(SerialTransport(port)):
+    with (
+        PtyServer(simulated_maestro(), ManualClock().now, link=tmp_path / "arm"),
+        closing(SerialTransport(port)),
+    ):
         status, verdicts, seen = record(capsys, "--port", port)
     assert (status, verdicts["opens"]) == (REFUSED, "failed")
     assert "in use by another program" in seen["opens"]
@@ -92,10 +96,12 @@ def test_a_port_in_use_is_not_called_free_first(capsys: pytest.CaptureFixture[st
 
 
 def test_the_kind_may_stand_in_front_of_the_port(capsys: pytest.CaptureFixture[str], tmp_path: Path):
-    with serve_simulated_maestro(ManualClock().now, link=tmp_path / "arm"):
+    with PtyServer(simulated_maestro(), ManualClock().now, link=tmp_path / "arm"):
         status, _, seen = record(capsys, "--port", f"encoder:{tmp_path / 'arm'}")
     assert status == REFUSED
-    assert "that is Pololu Maestro, but Arduino with armctl's encoder firmware is" in seen["who answers"]
+    assert (
+        "a Pololu Maestro answers, where an Arduino with armctl's" in seen["who answers"]
+    )
     assert seen["channels"] == "no robot was named"
 
 
@@ -135,7 +141,7 @@ def test_a_board_behind_a_socket(capsys: pytest.CaptureFixture[str]):
 
 def test_a_board_in_the_factorys_serial_mode_fails_with_advice(capsys: pytest.CaptureFixture[str], tmp_path):
     settings = MaestroSettings(serial_mode=SerialMode.UART_DETECT_BAUD)
-    with serve_simulated_maestro(ManualClock().now, settings=settings, link=tmp_path / "arm"):
+    with PtyServer(simulated_maestro(settings=settings), ManualClock().now, link=tmp_path / "arm"):
         assert run(["doctor", "--port", str(tmp_path / "arm"), "--robot", "uzuner"]) == REFUSED
     out = capsys.readouterr().out
     assert "failed      who answers     nobody that armctl knows answers\n" in out

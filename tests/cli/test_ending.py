@@ -16,9 +16,9 @@ import pytest
 
 from armctl.cli.ending import end_event, ends_like_ctrl_c
 from armctl.cli.main import REFUSED
-from armctl.hardware import PtyServer
-from armctl.hardware.maestro import SimulatedMaestro, serve_simulated_maestro
 from armctl.hardware.maestro.codec import Opcode
+from armctl.hardware.maestro.simulated import SimulatedMaestro, simulated_maestro
+from armctl.hardware.simulation import PtyServer
 from armctl.program import MoveStep, Program, save_program
 from armctl.robot import load_robot
 from armctl.runtime import MonotonicClock, channel_settings
@@ -29,7 +29,7 @@ ENDS = (signal.SIGTERM, signal.SIGHUP)
 PATIENT = """
 import signal, sys
 from armctl.cli.main import run
-from armctl.hardware.maestro import MaestroDriver
+from armctl.hardware.maestro.driver import MaestroDriver
 MaestroDriver.__init__.__kwdefaults__["timeout_s"] = 5.0
 signal.signal(signal.SIGINT, signal.default_int_handler)
 sys.exit(run(sys.argv[1:]))
@@ -93,7 +93,7 @@ def test_a_run_that_is_ended_slows_down_first(tmp_path: Path, numbers: tuple[sig
     robot, link = load_robot("uzuner"), tmp_path / "board"
     there, back = (MoveStep(joints_deg=(angle, 90, -80, -40, 0)) for angle in (90, -90))
     save_program(Program(robot="uzuner", steps=(there, back)), tmp_path / "swing.toml")
-    served = serve_simulated_maestro(MonotonicClock().now, channels=channel_settings(robot), link=link)
+    served = PtyServer(simulated_maestro(channels=channel_settings(robot)), MonotonicClock().now, link=link)
     with served as server:
         words = ("run", str(tmp_path / "swing.toml"), "--port", str(link), "--forever")
         child = subprocess.Popen([sys.executable, "-c", PATIENT, *words], stderr=subprocess.PIPE, text=True)

@@ -8,9 +8,9 @@ from pathlib import Path
 import pytest
 
 from armctl.cli.main import DONE, run
-from armctl.hardware.maestro import SimulatedMaestro, serve_simulated_maestro
-from armctl.hardware.ports import PortInfo
-from armctl.hardware.simulation.pty_server import PtyServer
+from armctl.hardware.maestro.simulated import SimulatedMaestro, simulated_maestro
+from armctl.hardware.simulation import PtyServer
+from armctl.hardware.transport import PortInfo
 from armctl.runtime.clock import ManualClock
 
 MAESTRO = "Pololu Micro Maestro 6-channel"
@@ -56,7 +56,7 @@ def test_kind_serial_number_reason_name_and_notes(listing, capsys: pytest.Captur
 
 
 def test_probing_opens_usable_ports_only(listing, capsys: pytest.CaptureFixture[str], tmp_path: Path):
-    with serve_simulated_maestro(ManualClock().now, link=tmp_path / "arm") as server:
+    with PtyServer(simulated_maestro(), ManualClock().now, link=tmp_path / "arm") as server:
         listing += [
             PortInfo(server.port, MAESTRO, "", None, True, None),
             PortInfo("/dev/ttyACM1", MAESTRO, "", None, False, "this is the TTL port"),

@@ -9,7 +9,7 @@ import serial
 from tests.cli.simulating import simulated
 
 from armctl.cli.main import REFUSED, run
-from armctl.hardware.encoder import EncoderDriver
+from armctl.hardware.encoder.driver import EncoderDriver
 from armctl.robot import load_robot
 from armctl.runtime import MonotonicClock, channel_settings
 
@@ -32,8 +32,8 @@ def test_the_driver_opens_it_like_a_board(tmp_path: Path) -> None:
     with simulated("encoder", "--link", str(link)):
         driver = EncoderDriver(
             str(link),
-            axes=robot.axes,
-            differential=robot.differential,
+            axes=robot.board_settings.axes,
+            differential=robot.board_settings.differential,
             now=MonotonicClock().now,
             ports=list,
             timeout_s=10.0,
@@ -49,10 +49,10 @@ def test_the_driver_opens_it_like_a_board(tmp_path: Path) -> None:
 
 def test_a_robot_with_servos_has_no_such_board(capsys: pytest.CaptureFixture[str]) -> None:
     assert run(["simulate", "encoder", "--robot", "uzuner"]) == REFUSED
-    assert "uzuner has no motors with encoders" in capsys.readouterr().err
+    assert "uzuner is set up for Pololu Maestro, whose outputs are in µs" in capsys.readouterr().err
 
 
 def test_an_encoder_arm_has_no_simulated_maestro(capsys: pytest.CaptureFixture[str]) -> None:
     """Its counts are no pulse widths."""
     assert run(["simulate", "maestro", "--robot", "scorbot"]) == REFUSED
-    assert "scorbot has motors with encoders, not servos" in capsys.readouterr().err
+    assert "outputs are in counts; use `armctl simulate encoder`" in capsys.readouterr().err

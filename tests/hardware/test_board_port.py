@@ -5,8 +5,7 @@ import os
 import pytest
 
 from armctl.errors import PortError
-from armctl.hardware import PortInfo
-from armctl.hardware.ports import BoardPort, any_board
+from armctl.hardware.transport import BoardPort, PortInfo, any_board
 
 
 def port(line, *listed: PortInfo, simulated: bool = False) -> BoardPort:

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from armctl.errors import PortError
-from armctl.hardware.simulation.pty_server import DeviceLink
+from armctl.hardware.simulation import DeviceLink
 
 GONE = "/dev/pts/999999"
 

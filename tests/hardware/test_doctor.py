@@ -8,15 +8,24 @@ from pathlib import Path
 import pytest
 
 from armctl.errors import BoardTimeoutError, PortError
-from armctl.hardware import ByteModel, ChannelSettings, Fault, FaultyModel, LoopTransport
-from armctl.hardware.doctor import Finding, Patient, Verdict, examine, without_personal_data
-from armctl.hardware.doctor.finding import round_trips
-from armctl.hardware.encoder import SimulatedEncoderBoard
-from armctl.hardware.encoder.frame import seal
-from armctl.hardware.firmata import SimulatedFirmata
+from armctl.hardware import ByteModel, ChannelSettings
+from armctl.hardware.doctor import Patient, examine, without_personal_data
+from armctl.hardware.encoder.messages import seal
+from armctl.hardware.encoder.simulated import SimulatedEncoderBoard
+from armctl.hardware.findings import Finding, Verdict, round_trips
 from armctl.hardware.firmata.codec import servo_config, servo_write
-from armctl.hardware.maestro import ChannelConfig, HomeMode, MaestroSettings, SerialMode, SimulatedMaestro
-from armctl.hardware.ports import MaestroModel, PortChecks, PortInfo
+from armctl.hardware.firmata.simulated import SimulatedFirmata
+from armctl.hardware.maestro.codec import MaestroModel
+from armctl.hardware.maestro.simulated import (
+    ChannelConfig,
+    HomeMode,
+    MaestroSettings,
+    SerialMode,
+    SimulatedMaestro,
+)
+from armctl.hardware.ports import PortChecks
+from armctl.hardware.simulation import Fault, FaultyModel, LoopTransport
+from armctl.hardware.transport import PortInfo
 from armctl.runtime.clock import ManualClock
 
 MICRO = MaestroModel.MICRO_6.label
@@ -253,9 +262,8 @@ def test_a_board_whose_firmware_is_newer_than_armctl(clock: ManualClock, device:
 def test_another_board_than_the_robot_needs_is_looked_at_all_the_same(clock: ManualClock, device: str):
     findings = report(encoder_patient(device), maestro(), clock)
     assert failures(findings) == ["who answers"]
-    assert findings["who answers"].seen.endswith(
-        "that is Pololu Maestro, but Arduino with armctl's encoder firmware is expected"
-    )
+    expected = "an Arduino with armctl's encoder firmware is expected"
+    assert findings["who answers"].seen == f"a Pololu Maestro answers, where {expected}"
     assert findings["error register"].verdict is Verdict.OK
     for check in ("channels", "ranges"):
         assert findings[check].verdict is Verdict.NOT_CHECKED
@@ -276,7 +284,7 @@ def test_without_a_robot_the_channels_are_not_checked(clock: ManualClock, device
         ("maestro", "USB Dual Port"),
         ("firmata", "StandardFirmata, Upload"),
         ("encoder", "flash armctl's encoder firmware"),
-        (None, "if it is an Arduino with servos"),
+        (None, "if it should be an Arduino with StandardFirmata"),
     ],
 )
 def test_nobody_answers(clock: ManualClock, device: str, expected, advice):

@@ -3,7 +3,7 @@ from __future__ import annotations
 import pytest
 
 from armctl.errors import BoardError
-from armctl.hardware import LoopTransport
+from armctl.hardware.simulation import LoopTransport
 from armctl.runtime.clock import ManualClock
 
 

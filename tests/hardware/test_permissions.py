@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from armctl.hardware.access import UDEV_RULES_NAME, may_open, permission_hint, udev_rules
-from armctl.hardware.ports import ARDUINO_USB_VENDORS, POLOLU_USB_VENDOR, USB_SERIAL_CHIPS
+from armctl.hardware.boards import board_types
 
 
 def test_the_hint_names_the_group_that_owns_the_device(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
@@ -58,8 +58,7 @@ def rules() -> list[str]:
 
 
 def test_the_udev_rules_cover_every_board_that_the_listing_knows(rules: list[str]):
-    boards = [(vendor, None) for vendor in (POLOLU_USB_VENDOR, *ARDUINO_USB_VENDORS)]
-    for vendor, product in [*boards, *USB_SERIAL_CHIPS]:
+    for vendor, product in [numbers for board in board_types() for numbers in board.usb]:
         assert any(
             f'ATTRS{{idVendor}}=="{vendor:04x}"' in line
             and ("idProduct" not in line or f'ATTRS{{idProduct}}=="{product or 0:04x}"' in line)

@@ -6,7 +6,8 @@ import pytest
 from serial.tools.list_ports_common import ListPortInfo
 
 from armctl.errors import PortError
-from armctl.hardware.ports import PortChecks, PortInfo, describe_port, find_board, list_ports
+from armctl.hardware.ports import PortChecks, find_board, list_ports
+from armctl.hardware.transport import PortInfo, describe_port
 
 
 def listed(

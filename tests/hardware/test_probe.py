@@ -7,14 +7,23 @@ from collections.abc import Callable
 import pytest
 
 from armctl.errors import BoardError
-from armctl.hardware import ByteModel, Fault, FaultyModel, LoopTransport
-from armctl.hardware.encoder import SimulatedEncoderBoard
-from armctl.hardware.encoder.frame import seal
-from armctl.hardware.firmata import SimulatedFirmata
+from armctl.hardware import ByteModel
+from armctl.hardware.arduino import ARDUINO_MEGA, USB_SERIAL
+from armctl.hardware.encoder.messages import seal
+from armctl.hardware.encoder.simulated import SimulatedEncoderBoard
 from armctl.hardware.firmata.codec import servo_config, servo_write
-from armctl.hardware.maestro import ChannelConfig, HomeMode, MaestroSettings, SerialMode, SimulatedMaestro
-from armctl.hardware.ports import ARDUINO_MEGA, UNKNOWN, USB_SERIAL, MaestroModel
+from armctl.hardware.firmata.simulated import SimulatedFirmata
+from armctl.hardware.maestro.codec import MaestroModel
+from armctl.hardware.maestro.simulated import (
+    ChannelConfig,
+    HomeMode,
+    MaestroSettings,
+    SerialMode,
+    SimulatedMaestro,
+)
 from armctl.hardware.probe import Approach, Probed, approach, probe
+from armctl.hardware.simulation import Fault, FaultyModel, LoopTransport
+from armctl.hardware.transport import UNKNOWN
 from armctl.runtime.clock import ManualClock
 
 MICRO = MaestroModel.MICRO_6.label

@@ -9,7 +9,8 @@ import pytest
 import serial
 
 from armctl.errors import BoardError, PortError
-from armctl.hardware import PtyServer, SerialTransport
+from armctl.hardware.simulation import PtyServer
+from armctl.hardware.transport import SerialTransport
 from armctl.runtime.clock import ManualClock
 
 

@@ -14,7 +14,7 @@ import pytest
 import serial
 
 from armctl.errors import BoardError, BoardTimeoutError, PortError
-from armctl.hardware import SerialTransport
+from armctl.hardware.transport import SerialTransport
 
 
 class BarePty:

@@ -47,10 +47,10 @@ def test_every_safe_count_is_an_angle_inside_the_limits() -> None:
 
 def test_axes_are_in_counts(tmp_path: Path) -> None:
     robot = load_robot("scorbot")
-    assert [axis.axis for axis in robot.axes] == [0, 1, 2, 3, 4, 5]
-    assert [axis.home_order for axis in robot.axes] == [6, 2, 3, 4, 5, 1]  # the base goes last
-    assert robot.differential == (3, 4)
-    elbow, gripper = robot.axes[2], robot.axes[5]
+    assert [axis.axis for axis in robot.board_settings.axes] == [0, 1, 2, 3, 4, 5]
+    assert [axis.home_order for axis in robot.board_settings.axes] == [6, 2, 3, 4, 5, 1]  # the base goes last
+    assert robot.board_settings.differential == (3, 4)
+    elbow, gripper = robot.board_settings.axes[2], robot.board_settings.axes[5]
     assert elbow.home_toward == 1
     assert elbow.home_speed == pytest.approx(10 * 113.5555)
     assert elbow.following_error == pytest.approx(5 * 113.5555)
@@ -60,7 +60,7 @@ def test_axes_are_in_counts(tmp_path: Path) -> None:
         "axis = 2, counts_per_deg = 113.5555",
         "axis = 2, counts_per_deg = -113.5555",
     )
-    assert turned.axes[2].home_toward == -1  # the same angle, the other way in counts
+    assert turned.board_settings.axes[2].home_toward == -1  # the same angle, the other way in counts
     assert turned.output_map.low[2] < turned.output_map.high[2]
 
 
@@ -68,7 +68,11 @@ def test_axes_are_in_counts(tmp_path: Path) -> None:
     ("old", "new", "said"),
     [
         ('kind = "encoder"', 'kind = "firmata"', r"differential|have servo entries"),
-        ("encoder = { axis = 1, ", "servo = { channel = 1, ", "unknown field|missing required"),
+        (
+            "encoder = { axis = 1, ",
+            "servo = { channel = 1, ",
+            r"its joints and its gripper have encoder entries, not servo entries",
+        ),
         ("axis = 1, counts_per_deg = 113.5555", "axis = 1, counts_per_deg = 0", "counts_per_deg is 0"),
         ("axis = 1,", "axis = 0,", r"two encoders are on the same channel: \[0, 0, 2, 3, 4, 5\]"),
         ("axis = 1,", "axis = 6,", r"joints\[1\]\.encoder\.axis"),
@@ -115,9 +119,9 @@ def test_what_is_refused(tmp_path: Path, old: str, new: str, said: str) -> None:
 
 
 def test_a_motor_may_be_given_less_than_its_full_drive(tmp_path: Path) -> None:
-    assert {axis.max_drive for axis in load_robot("scorbot").axes} == {1.0}
+    assert {axis.max_drive for axis in load_robot("scorbot").board_settings.axes} == {1.0}
     robot = loaded(tmp_path, "axis = 1,", "axis = 1, max_drive_percent = 90,")
-    assert [axis.max_drive for axis in robot.axes] == pytest.approx([1, 0.9, 1, 1, 1, 1])
+    assert [axis.max_drive for axis in robot.board_settings.axes] == pytest.approx([1, 0.9, 1, 1, 1, 1])
 
 
 def test_an_encoder_that_one_joint_lacks_is_named(tmp_path: Path) -> None:

@@ -8,7 +8,8 @@ from typing import Generic, TypeVar
 
 from tests.runtime.kit import TEST, TICK
 
-from armctl.hardware import ByteModel, Driver, FaultyModel, LoopTransport
+from armctl.hardware import ByteModel, Driver
+from armctl.hardware.simulation import FaultyModel, LoopTransport
 from armctl.robot import Robot
 from armctl.runtime import Controller, InlineExecutor, ManualClock, Snapshot, State, Ticket
 from armctl.runtime.commands import Command

@@ -8,9 +8,11 @@ from tests.runtime.board_bench import BoardBench
 from tests.runtime.kit import TEST, TICK
 
 from armctl.errors import BoardError, StateError
-from armctl.hardware import Fault, Source
-from armctl.hardware.encoder import EncoderDriver, Mode, SimulatedEncoderBoard
-from armctl.hardware.encoder.simulated import simulated_encoder_board
+from armctl.hardware import Source
+from armctl.hardware.encoder.driver import EncoderDriver
+from armctl.hardware.encoder.messages import Mode
+from armctl.hardware.encoder.simulated import SimulatedEncoderBoard, simulated_encoder_board
+from armctl.hardware.simulation import Fault
 from armctl.robot import load_robot
 from armctl.runtime import (
     ClearFault,
@@ -39,12 +41,16 @@ def home(bench: Bench) -> None:
 
 @pytest.fixture
 def bench() -> Bench:
-    board = simulated_encoder_board(channel_settings(SCORBOT), SCORBOT.axes)
+    board = simulated_encoder_board(channel_settings(SCORBOT), SCORBOT.board_settings.axes)
     bench = BoardBench.of(
         SCORBOT,
         board,
         lambda line, now: EncoderDriver(
-            line, axes=SCORBOT.axes, differential=SCORBOT.differential, now=now, simulated=True
+            line,
+            axes=SCORBOT.board_settings.axes,
+            differential=SCORBOT.board_settings.differential,
+            now=now,
+            simulated=True,
         ),
     )
     bench.do(Connect("sim"))

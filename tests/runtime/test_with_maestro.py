@@ -8,10 +8,11 @@ from tests.runtime.board_bench import BoardBench
 from tests.runtime.kit import ROBOT, TEST, TICK
 
 from armctl.errors import BoardError
-from armctl.hardware import Fault, Source
-from armctl.hardware.maestro import ChannelConfig, HomeMode, MaestroDriver, MaestroSettings, SimulatedMaestro
-from armctl.hardware.maestro.codec import Opcode, set_target, us_to_quarters
-from armctl.hardware.ports import MaestroModel
+from armctl.hardware import Source
+from armctl.hardware.maestro.codec import MaestroModel, Opcode, set_target, us_to_quarters
+from armctl.hardware.maestro.driver import MaestroDriver
+from armctl.hardware.maestro.simulated import ChannelConfig, HomeMode, MaestroSettings, SimulatedMaestro
+from armctl.hardware.simulation import Fault
 from armctl.program import MoveStep, PointStep, Program
 from armctl.runtime import (
     ClearFault,

@@ -13,16 +13,15 @@ from pathlib import Path
 from tests.runtime.board_bench import BoardBench
 
 from armctl import load_robot
-from armctl.hardware import ByteModel, Driver, Transport
-from armctl.hardware.encoder import EncoderDriver, simulated_encoder_board
-from armctl.hardware.firmata import FirmataDriver, SimulatedFirmata
-from armctl.hardware.maestro import (
-    ChannelConfig,
-    MaestroDriver,
-    MaestroModel,
-    MaestroSettings,
-    SimulatedMaestro,
-)
+from armctl.hardware import ByteModel, Driver
+from armctl.hardware.encoder.driver import EncoderDriver
+from armctl.hardware.encoder.simulated import simulated_encoder_board
+from armctl.hardware.firmata.driver import FirmataDriver
+from armctl.hardware.firmata.simulated import SimulatedFirmata
+from armctl.hardware.maestro.codec import MaestroModel
+from armctl.hardware.maestro.driver import MaestroDriver
+from armctl.hardware.maestro.simulated import ChannelConfig, MaestroSettings, SimulatedMaestro
+from armctl.hardware.transport import Transport
 from armctl.program import open_program
 from armctl.robot import Robot
 from armctl.runtime import (
@@ -116,7 +115,7 @@ def _bench(robot: Robot, record: list[str]) -> BoardBench[ByteModel]:
         case "firmata":
             board = SimulatedFirmata(0.0)
         case "encoder":
-            board = simulated_encoder_board(channels, robot.axes)
+            board = simulated_encoder_board(channels, robot.board_settings.axes)
 
     def driver(opened: Callable[[], Transport], now: Callable[[], float]) -> Driver:
         def line() -> RecordedLine:
@@ -129,7 +128,11 @@ def _bench(robot: Robot, record: list[str]) -> BoardBench[ByteModel]:
                 return FirmataDriver(line, now=now, simulated=True)
             case "encoder":
                 return EncoderDriver(
-                    line, axes=robot.axes, differential=robot.differential, now=now, simulated=True
+                    line,
+                    axes=robot.board_settings.axes,
+                    differential=robot.board_settings.differential,
+                    now=now,
+                    simulated=True,
                 )
 
     return BoardBench.of(robot, board, driver)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from armctl.hardware.board_titles import BOARD_SCALES
+from armctl.hardware.boards import board_type
 from armctl.robot import Robot, load_robot
 from armctl.ui.widgets.rounding_note import joint_steps, rounding_note, rounding_off_m
 
@@ -19,7 +19,7 @@ SERVO_ARMS = ("uzuner", "abaas", "mico", "humanoid")
 
 def rounded(robot: Robot, q: FloatArray) -> float:
     """How far the tool point is off once every setpoint is a whole step [m]."""
-    outputs, scale = robot.output_map, BOARD_SCALES[robot.board]
+    outputs, scale = robot.output_map, board_type(robot.board).scale
     assert outputs is not None
     sent = {channel: round(value / scale.step) * scale.step for channel, value in outputs.outputs(q).items()}
     return float(np.linalg.norm(robot.forward(outputs.angles(sent))[:3, 3] - robot.forward(q)[:3, 3]))

@@ -16,7 +16,6 @@ from armctl.calibration.record import Calibration, JointCalibration, checked_cal
 from armctl.errors import CalibrationError
 from armctl.kinematics.chain import LinkFrames
 from armctl.robot import Joint, OutputMap, Robot
-from armctl.robot.file import LONGEST_PULSE_US, SHORTEST_PULSE_US
 
 FloatArray = NDArray[np.float64]
 _ROUNDING = 1e-9
@@ -176,16 +175,16 @@ def _require_unit(robot: Robot, calibration: Calibration, outputs: OutputMap) ->
 
 
 def _require_gripper(robot: Robot, calibration: Calibration, outputs: OutputMap) -> None:
-    """A gripper has no range of its own in the robot file: what any servo may be sent holds for it."""
+    """A gripper has no range of its own in the robot file: what any output may be told holds for it."""
     if calibration.gripper is None:
         return
     if outputs.gripper_channel is None:
         raise CalibrationError(f"it sets a gripper, and {robot.title} has none")
     low, high = sorted(calibration.gripper)
-    if outputs.unit == "µs" and not SHORTEST_PULSE_US <= low < high <= LONGEST_PULSE_US:
+    if not outputs.lowest <= low < high <= outputs.highest:
         raise CalibrationError(
-            f"gripper: {low:g} … {high:g} µs; a servo's pulses are {SHORTEST_PULSE_US:g} … "
-            f"{LONGEST_PULSE_US:g} µs long"
+            f"gripper: {low:g} … {high:g} {outputs.unit}; the board takes {outputs.lowest:g} … "
+            f"{outputs.highest:g} {outputs.unit}"
         )
 
 
@@ -193,7 +192,7 @@ def _inside_file(robot: Robot, name: str, one: JointCalibration) -> JointCalibra
     """The joint with safe outputs that the robot file allows too."""
     own = own_calibration(robot, name)
     first, last = (own.low, own.high)
-    if own_map(robot).unit == "counts":  # an encoder has no range of its own: the joint's limits are it
+    if own_map(robot).homed:  # an encoder has no range of its own: the joint's limits are it
         first, last = outputs_at_limits(robot, name, one.zero, one.per_rad)
     low = first if one.low < first - _FILE_ROUNDING else one.low
     high = last if one.high > last + _FILE_ROUNDING else one.high
@@ -248,8 +247,8 @@ def _cut_words(joint: Joint, kept: JointCalibration, one: JointCalibration, outp
 
 
 def _require_home_inside(joints: tuple[Joint, ...], limits: FloatArray, outputs: OutputMap) -> None:
-    """Homing ends at count 0: a joint must be allowed to be there."""
-    if outputs.unit != "counts":
+    """Homing ends at output 0: a joint must be allowed to be there."""
+    if not outputs.homed:
         return
     homes = -outputs.zero / outputs.per_rad
     for joint, home, (low, high) in zip(joints, homes.tolist(), limits.tolist(), strict=True):
@@ -390,7 +389,7 @@ def default_outputs(robot: Robot, joint: str, zero: float, per_rad: float) -> tu
 
 def _default(robot: Robot, joint: str, zero: float, per_rad: float) -> tuple[float, float]:
     first, last = outputs_at_limits(robot, joint, zero, per_rad)
-    if own_map(robot).unit == "counts":
+    if own_map(robot).homed:
         return first, last
     own = own_calibration(robot, joint)
     return max(own.low, first), min(own.high, last)

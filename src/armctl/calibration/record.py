@@ -12,7 +12,7 @@ import tomli_w
 from msgspec import Meta
 
 from armctl.errors import CalibrationError
-from armctl.robot import FLATTEST_PER_DEG, OutputUnit
+from armctl.robot import FLATTEST_PER_DEG
 
 LARGEST_OUTPUT = 1e9
 """no output of any board is larger"""
@@ -43,7 +43,7 @@ class Calibration(msgspec.Struct, frozen=True):
     """name of the robot"""
     board: str
     """serial number of the board, or "simulated" """
-    unit: OutputUnit
+    unit: str
     joints: Mapping[str, JointCalibration]
     """by name"""
     gripper: tuple[float, float] | None = None
@@ -121,7 +121,7 @@ class _CalibrationFile(_Strict, frozen=True):
     format: Literal[1]
     robot: Annotated[str, Meta(min_length=1)]
     board: Annotated[str, Meta(min_length=1)]
-    unit: OutputUnit
+    unit: str
     made: str
     note: str = ""
     again: Annotated[int, Meta(ge=1)] | None = None

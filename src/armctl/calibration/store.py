@@ -16,7 +16,6 @@ import platformdirs
 
 from armctl.calibration.record import Calibration, encode_calibration, read_version
 from armctl.errors import CalibrationError
-from armctl.robot import OutputUnit
 
 # A new file that is there whole or not at all.
 
@@ -141,7 +140,7 @@ class CalibrationStore:
         calibration = chosen.calibration or self._as_in_file(robot, board, "µs", chosen.made)
         return self._save(calibration, chosen.again or chosen.number)
 
-    def forget(self, robot: str, board: str, made: str, unit: OutputUnit = "µs") -> Version:
+    def forget(self, robot: str, board: str, made: str, unit: str = "µs") -> Version:
         """Let the robot file hold as it is; the calibrations so far stay among the versions.
 
         Args:
@@ -218,7 +217,7 @@ class CalibrationStore:
         return replace(version, calibration=None) if calibration.empty else version
 
     @staticmethod
-    def _as_in_file(robot: str, board: str, unit: OutputUnit, made: str) -> Calibration:
+    def _as_in_file(robot: str, board: str, unit: str, made: str) -> Calibration:
         return Calibration(robot, board, unit, {}, None, made, "as in the robot file")
 
 

@@ -325,15 +325,11 @@ def _changes(
     if name in calibrated:
         pairs = [("zero", zero, new_zero), ("per_deg", math.radians(per), math.radians(new_per))]
         table = f"calibration: joints.{name}"
-    elif outputs.unit == "counts":
-        pairs = [
-            ("counts_per_deg", math.radians(per), math.radians(new_per)),
-            ("home_deg", math.degrees(-zero / per), math.degrees(-new_zero / new_per)),
-        ]
-        table = f"joints.{name}.encoder"
     else:
-        pairs = [("zero_us", zero, new_zero), ("us_per_deg", math.radians(per), math.radians(new_per))]
-        table = f"joints.{name}.servo"
+        scale = (f"{outputs.key}_per_deg", math.radians(per), math.radians(new_per))
+        home = ("home_deg", math.degrees(-zero / per), math.degrees(-new_zero / new_per))
+        pairs = [scale, home] if outputs.homed else [(f"zero_{outputs.key}", zero, new_zero), scale]
+        table = f"joints.{name}.{outputs.table}"
     return tuple(Change(table, key, old, new) for key, old, new in pairs if not math.isclose(old, new))
 
 

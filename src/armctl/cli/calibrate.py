@@ -85,7 +85,8 @@ def _require_servo_range(arm: Robot, joint: str, one: JointCalibration) -> None:
     """Refuse what the robot file would cut off again: whoever types it should know."""
     own = own_calibration(arm, joint)
     crosses = one.low < own.high and own.low < one.high
-    if arm.board != "encoder" and crosses and (one.low < own.low or one.high > own.high):
+    ranged = arm.output_map is not None and not arm.output_map.homed
+    if ranged and crosses and (one.low < own.low or one.high > own.high):
         raise CalibrationError(
             f"{joint}: {one.low:.1f} … {one.high:.1f} µs reach beyond pulse_us of the robot file, "
             f"{own.low:.1f} … {own.high:.1f} µs; stay inside, or change it there if the servo can go there"

@@ -9,16 +9,16 @@ from pathlib import Path
 import click
 import msgspec
 
+from armctl.boards import setup_of
 from armctl.cli.main import DONE, REFUSED
 from armctl.cli.options import json_option, print_json
 from armctl.errors import ArmctlError, InputError
-from armctl.hardware.channel_refusal import channel_refusal
+from armctl.hardware.boards import board_type
 from armctl.motion import Floor
 from armctl.motion.preflight import not_checked, preflight
 from armctl.motion.profiles import PointToPoint
 from armctl.program import ProgramFinding, check_program, open_program
 from armctl.robot import Robot, is_urdf, load_robot
-from armctl.runtime import channel_settings
 from armctl.runtime.power import below_floor
 
 
@@ -131,14 +131,14 @@ def _check_board(robot: Robot) -> Iterator[ProgramFinding]:
     """Whether a board of its kind takes its channels."""
     if robot.output_map is None:
         return
-    refusal = channel_refusal(robot.board, channel_settings(robot), robot.axes, robot.differential)
+    refusal = board_type(robot.board).refusal(setup_of(robot))
     if refusal is not None:
         yield ProgramFinding(None, refusal, part="the board", mend="connecting is refused")
 
 
 def _check_rest(robot: Robot) -> Iterator[ProgramFinding]:
     """Whether servos that are off may jump to where Enable sends them; motors stay where homing ended."""
-    below = None if robot.board == "encoder" else below_floor(Floor(robot), robot.first_pose)
+    below = None if board_type(robot.board).homing else below_floor(Floor(robot), robot.first_pose)
     if below is not None:
         mend = "Enable is refused there; choose another rest pose (that of a URDF has all joints at zero)"
         yield ProgramFinding(None, below, part="the rest pose", mend=mend, kind="floor")

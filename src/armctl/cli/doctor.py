@@ -16,11 +16,11 @@ import click
 from armctl.boards import AUTOMATIC, SIMULATED, Boards, require_kind, split_kind
 from armctl.cli.options import json_option, print_json
 from armctl.errors import ArmctlError
-from armctl.hardware.doctor import Finding, Patient, Verdict, examine, without_personal_data
-from armctl.hardware.doctor.finding import failed
-from armctl.hardware.ports import MaestroModel, describe_port, find_board, list_ports
-from armctl.hardware.transport import SerialTransport
-from armctl.robot import BoardKind, Robot, load_robot
+from armctl.hardware.doctor import Patient, examine, without_personal_data
+from armctl.hardware.findings import Finding, Verdict, failed
+from armctl.hardware.ports import find_board, list_ports
+from armctl.hardware.transport import SerialTransport, describe_port
+from armctl.robot import Robot, load_robot
 from armctl.runtime import MonotonicClock, channel_settings
 
 ALL_FINE, SOMETHING_FAILED = 0, 1
@@ -62,21 +62,20 @@ def doctor(port: str, robot: str | None, as_json: bool) -> int:
 
 def _examined(port: str, robot: Robot | None) -> Sequence[Finding]:
     clock = MonotonicClock()
-    expected: BoardKind | None = None if robot is None else robot.board
+    expected = None if robot is None else robot.board
     channels = () if robot is None else tuple(channel_settings(robot))
     if port == SIMULATED:
         # Of the simulated boards the Maestro is the one that needs no robot to be set up.
         with closing(Boards(robot or load_robot("uzuner"), clock.now)) as boards:
-            model = MaestroModel.with_channels(max((one.channel for one in channels), default=0) + 1)
-            patient = Patient(boards.simulated().port, expected=expected, channels=channels, model=model)
+            patient = Patient(boards.simulated().port, expected=expected, channels=channels, simulated=True)
             return examine(patient, _opener(patient.port), clock.now)
     listing = list_ports()
-    kind, device = split_kind(port)
-    if robot is not None and kind is not None:
-        require_kind(robot, kind, device)
+    named, device = split_kind(port)
+    if robot is not None and named is not None:
+        require_kind(robot, named, device)
     if port == AUTOMATIC:
-        device = find_board(listing, expected or "maestro").device
-    patient = Patient(device, describe_port(device, listing), kind or expected, channels)
+        device = find_board(listing, expected).device
+    patient = Patient(device, describe_port(device, listing), named.kind if named else expected, channels)
     return examine(patient, _opener(device), clock.now)
 
 

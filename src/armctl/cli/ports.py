@@ -9,9 +9,9 @@ import click
 from armctl.cli.options import json_option, print_json
 from armctl.errors import ArmctlError
 from armctl.hardware.access import udev_rules
-from armctl.hardware.ports import PortInfo, list_ports
+from armctl.hardware.ports import list_ports
 from armctl.hardware.probe import approach, probe
-from armctl.hardware.transport import SerialTransport
+from armctl.hardware.transport import PortInfo, SerialTransport
 from armctl.runtime.clock import MonotonicClock
 
 _WIDTH = 20

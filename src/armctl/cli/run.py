@@ -11,6 +11,7 @@ from armctl.boards import SIMULATED
 from armctl.cli.ending import ends_like_ctrl_c
 from armctl.cli.options import SPEED_PERCENT
 from armctl.errors import ProgramError
+from armctl.hardware.boards import board_type
 from armctl.program import check_program, open_program
 from armctl.robot import load_robot
 
@@ -46,6 +47,7 @@ def run(program: Path, robot: str | None, port: str, loops: int | None, forever:
         raise ProgramError(f"{program}: {errors[0]}")
     for warning in findings:
         click.echo(f"warning: {warning}", err=True)
+    board = board_type(arm_robot.board)
     with ends_like_ctrl_c(), Arm.open(arm_robot, port) as arm:
         arm.set_speed(speed)
         if any(not axis.homed for axis in arm.snapshot.homing):
@@ -55,5 +57,5 @@ def run(program: Path, robot: str | None, port: str, loops: int | None, forever:
         x, y, z = arm.position_mm
         click.echo(
             f"done: {loaded.name}, {len(loaded.steps)} steps; the tool is at ({x:.1f}, {y:.1f}, {z:.1f}) mm"
-            + ("; the motors go off now" if arm_robot.board == "encoder" else "")
+            + (f"; the {board.power} go off now" if board.off_when_left else "")
         )

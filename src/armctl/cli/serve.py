@@ -16,6 +16,7 @@ from armctl.arm import Arm
 from armctl.boards import AUTOMATIC, NO_BOARD, SIMULATED
 from armctl.cli.ending import end_event
 from armctl.errors import ArmctlError, RobotFileError
+from armctl.hardware.boards import board_type
 from armctl.hardware.ports import list_ports
 from armctl.robot import Robot, load_robot, shipped_robots
 from armctl.runtime import Connect, Origin
@@ -117,7 +118,7 @@ def _connect(console: Console, port: str) -> bool:
 
 
 def _port_choices(asked: str, robot: Robot) -> list[PortChoice]:
-    wanted = "Maestro" if robot.board == "maestro" else "Arduino"
+    wanted = board_type(robot.board).plugged_in
     choices = [PortChoice(SIMULATED, "Simulated board"), PortChoice(AUTOMATIC, f"First {wanted} found")]
     choices += [
         PortChoice(

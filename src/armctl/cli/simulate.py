@@ -6,75 +6,70 @@ from pathlib import Path
 
 import click
 
+from armctl.boards import setup_of
 from armctl.cli.ending import end_event
 from armctl.errors import InputError
-from armctl.hardware.encoder import serve_simulated_encoder
-from armctl.hardware.firmata import serve_simulated_firmata
-from armctl.hardware.maestro import serve_simulated_maestro
-from armctl.hardware.ports import MaestroModel
-from armctl.hardware.simulation.pty_server import Model, PtyServer
+from armctl.hardware import BoardType, ByteModel, Setup
+from armctl.hardware.boards import board_type, board_types, find_board_type
+from armctl.hardware.simulation import PtyServer
 from armctl.robot import load_robot
-from armctl.runtime import MonotonicClock, channel_settings
+from armctl.runtime import MonotonicClock
+from armctl.runtime.board import Outputs
 
 
-@click.group()
+class BoardGroup(click.Group):
+    """A command for each kind of board."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        """The kinds of boards."""
+        return [board.kind for board in board_types()]
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        """The command of one kind of board, with the options that its simulation takes."""
+        board = find_board_type(cmd_name)
+        return None if board is None else _command(board)
+
+
+@click.group(cls=BoardGroup)
 def simulate() -> None:
     """Serve a simulated board on a pseudo-terminal, for any program that opens serial ports."""
 
 
-@simulate.command()
-@click.option("--link", type=click.Path(path_type=Path), help="Where to find the port, e.g. /tmp/maestro.")
-@click.option(
-    "--robot", default="uzuner", show_default=True, help="Whose channel ranges the board is set up with."
-)
-@click.option("--factory", is_flag=True, help="Leave all channels at the factory's 992 … 2000 µs.")
-@click.option(
-    "--channels",
-    type=click.Choice(["6", "12", "18", "24"]),
-    help="Board size (default: what the robot needs).",
-)
-def maestro(link: Path | None, robot: str, factory: bool, channels: str | None) -> int:
-    """Serve a simulated Pololu Maestro until interrupted.
+def _command(board: BoardType) -> click.Command:
+    link = click.Option(
+        ["--link"],
+        type=click.Path(path_type=Path),
+        help=f"Where to find the port, e.g. /tmp/{board.kind}.",
+    )
+    params: list[click.Parameter] = [link]
+    if board.simulator_robot is not None:
+        whose = "Whose channels the board is set up with."
+        params.append(click.Option(["--robot"], default=board.simulator_robot, show_default=True, help=whose))
+    for one in board.simulator_options:
+        choices = click.Choice(one.choices) if one.choices else None
+        params.append(click.Option([f"--{one.name}"], is_flag=not one.choices, type=choices, help=one.help))
 
-    It speaks the compact and the Pololu protocol in USB dual-port mode.
-    """
-    loaded = load_robot(robot)
-    if loaded.board == "encoder":
-        raise InputError(f"{robot} has motors with encoders, not servos; use `armctl simulate encoder`")
-    settings = () if factory else channel_settings(loaded)
-    model = None if channels is None else MaestroModel.with_channels(int(channels))
-    clock = MonotonicClock()
-    return _serve(serve_simulated_maestro(clock.now, channels=settings, model=model, link=link))
+    def serve(link: Path | None, robot: str | None = None, **options: str | bool | None) -> int:
+        setup = Setup() if robot is None else _setup(board, robot)
+        return _serve(PtyServer(board.simulated(setup, options), MonotonicClock().now, link=link))
+
+    about = board.simulator_help or f"Serve a simulated {board.title} until interrupted."
+    return click.Command(board.kind, params=params, callback=serve, help=about)
 
 
-@simulate.command()
-@click.option("--link", type=click.Path(path_type=Path), help="Where to find the port, e.g. /tmp/firmata.")
-def firmata(link: Path | None) -> int:
-    """Serve a simulated Arduino Mega with StandardFirmata until interrupted.
-
-    Servos on pins 2 … 49. It does not restart when its port is opened, as a real Mega does.
-    """
-    return _serve(serve_simulated_firmata(MonotonicClock().now, link=link))
-
-
-@simulate.command()
-@click.option("--link", type=click.Path(path_type=Path), help="Where to find the port, e.g. /tmp/encoder.")
-@click.option("--robot", default="scorbot", show_default=True, help="Whose motors and encoders are on it.")
-def encoder(link: Path | None, robot: str) -> int:
-    """Serve a simulated Arduino Mega with armctl's encoder firmware and an arm on it until interrupted.
-
-    Its axes must be homed, each of which takes about a second. It does not restart when its port is
-    opened, as a real Mega does.
-    """
-    loaded = load_robot(robot)
-    if not loaded.axes:
-        raise InputError(f"{robot} has no motors with encoders; choose a robot whose board is encoder")
-    clock = MonotonicClock()
-    channels = channel_settings(loaded)
-    return _serve(serve_simulated_encoder(clock.now, channels=channels, axes=loaded.axes, link=link))
+def _setup(board: BoardType, name: str) -> Setup:
+    """What a robot needs of the board, if it needs this kind of board."""
+    robot = load_robot(name)
+    unit = Outputs(robot).unit
+    if unit != board.scale.unit:
+        raise InputError(
+            f"{name} is set up for {board_type(robot.board).title}, whose outputs are in {unit}; "
+            f"use `armctl simulate {robot.board}`, or name a robot whose outputs are in {board.scale.unit}"
+        )
+    return setup_of(robot)
 
 
-def _serve(server: PtyServer[Model]) -> int:
+def _serve(server: PtyServer[ByteModel]) -> int:
     """Until it is told to end, which is a good end."""
     ended = end_event()
     with server:

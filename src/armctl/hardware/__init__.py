@@ -1,28 +1,43 @@
-"""Boards: transports, codecs, drivers, simulated boards."""
+"""Boards: what a kind of board must tell of itself, and the seam between the runtime and any of them."""
 
-from armctl.hardware.driver import BoardIdentity, ChannelSettings, Driver, HomingState, Readback, Source
-from armctl.hardware.ports import PortInfo, describe_port, find_board, list_ports
-from armctl.hardware.simulation.faults import Fault, FaultyModel
-from armctl.hardware.simulation.loop_transport import LoopTransport
-from armctl.hardware.simulation.pty_server import ByteModel, PtyServer
-from armctl.hardware.transport import SerialTransport, Transport
+from armctl.hardware.board_type import (
+    BoardType,
+    ByteModel,
+    Connection,
+    Ear,
+    Introduction,
+    Setup,
+    SimulatorOption,
+)
+from armctl.hardware.driver import (
+    BoardIdentity,
+    ChannelScale,
+    ChannelSettings,
+    ChannelTable,
+    Driver,
+    HomingState,
+    Readback,
+    Source,
+)
+from armctl.robot.outputs_of_file import BoardEntries, BoardPart, ServoEntries
 
 __all__ = [
+    "BoardEntries",
     "BoardIdentity",
+    "BoardPart",
+    "BoardType",
     "ByteModel",
+    "ChannelScale",
     "ChannelSettings",
+    "ChannelTable",
+    "Connection",
     "Driver",
-    "Fault",
-    "FaultyModel",
+    "Ear",
     "HomingState",
-    "LoopTransport",
-    "PortInfo",
-    "PtyServer",
+    "Introduction",
     "Readback",
-    "SerialTransport",
+    "ServoEntries",
+    "Setup",
+    "SimulatorOption",
     "Source",
-    "Transport",
-    "describe_port",
-    "find_board",
-    "list_ports",
 ]

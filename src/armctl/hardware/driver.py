@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import Enum
 from typing import Protocol
@@ -70,6 +70,13 @@ class Readback:
     """what is wrong with a channel, in words that do not name it"""
     homing: HomingState | None = None
     """None: the board needs no homing"""
+    load: Mapping[int, float] | None = None
+    """by channel, the force that its motor gives, as a fraction of the largest, with its sign; None, as for
+    the next two: the board does not measure it"""
+    temperature: Mapping[int, float] | None = None
+    """by channel [°C]"""
+    voltage: Mapping[int, float] | None = None
+    """by channel, of the supply [V]"""
 
 
 class Driver(Protocol):
@@ -115,7 +122,7 @@ class Driver(Protocol):
         ...
 
 
-# The whole steps that a kind of board counts in, and what of a setpoint may become such steps.
+# The outputs of a board: how they are called and counted, and what each may be sent.
 
 
 @dataclass(frozen=True, slots=True)
@@ -138,28 +145,78 @@ class ChannelScale:
         """The first and the last whole step inside the range: rounding a setpoint must not lead out of it."""
         return math.ceil(settings.minimum * self.steps), math.floor(settings.maximum * self.steps)
 
-    def admit(self, configured: Mapping[int, ChannelSettings], channel: int, value: float) -> int:
+    def holds_range(self, settings: ChannelSettings, lowest: int, highest: int) -> bool:
+        """Whether the range is finite, holds a whole step and lies within ``lowest`` … ``highest`` steps."""
+        if not (math.isfinite(settings.minimum) and math.isfinite(settings.maximum)):
+            return False
+        first, last = self.whole_range(settings)
+        return lowest <= settings.minimum * self.steps and first <= last <= highest
+
+
+class ChannelTable:
+    """The configured channels of a board, and the last check before the wire.
+
+    Args:
+        scale: how the board names and counts them.
+        settings: what each channel may do.
+        check: raises ``BoardError`` for a channel or a range that the board cannot have.
+
+    Raises:
+        BoardError: the same channel twice, or one that ``check`` refuses.
+    """
+
+    def __init__(
+        self,
+        scale: ChannelScale,
+        settings: Sequence[ChannelSettings] = (),
+        check: Callable[[ChannelSettings], None] | None = None,
+    ) -> None:
+        self._scale = scale
+        self._settings: dict[int, ChannelSettings] = {}
+        for one in settings:
+            if check is not None:
+                check(one)
+            if one.channel in self._settings:
+                raise BoardError(
+                    f"{scale.noun} {one.channel} is configured twice; give each joint its own {scale.noun}"
+                )
+            self._settings[one.channel] = one
+
+    @property
+    def channels(self) -> tuple[int, ...]:
+        """The configured channels, lowest first."""
+        return tuple(sorted(self._settings))
+
+    @property
+    def settings(self) -> tuple[ChannelSettings, ...]:
+        """Their settings, in the same order."""
+        return tuple(self._settings[channel] for channel in self.channels)
+
+    def whole_range(self, channel: int) -> tuple[int, int]:
+        """The first and the last step that a configured channel may be sent."""
+        return self._scale.whole_range(self._settings[channel])
+
+    def admit(self, channel: int, value: float) -> int:
         """A setpoint in whole steps, as near as the range allows, if it may be sent at all.
 
         Args:
-            configured: what each channel may do.
             channel: whose setpoint.
-            value: in the unit.
+            value: in the board's unit.
 
         Raises:
             BoardError: not configured, not finite, or outside the range.
         """
-        settings = configured.get(channel)
+        scale, settings = self._scale, self._settings.get(channel)
         if settings is None:
-            known = ", ".join(map(str, sorted(configured))) or "none"
+            known = ", ".join(map(str, self.channels)) or "none"
             raise BoardError(
-                f"{self.noun} {channel} is not configured (configured: {known}); nothing was sent"
+                f"{scale.noun} {channel} is not configured (configured: {known}); nothing was sent"
             )
         # Written so that a NaN, which compares false with everything, is refused too.
         if not settings.minimum <= value <= settings.maximum:
             raise BoardError(
-                f"{self.noun} {channel}: {value:g} {self.unit} is outside "
-                f"{settings.minimum:g} … {settings.maximum:g} {self.unit}; nothing was sent"
+                f"{scale.noun} {channel}: {value:g} {scale.unit} is outside "
+                f"{settings.minimum:g} … {settings.maximum:g} {scale.unit}; nothing was sent"
             )
-        first, last = self.whole_range(settings)
-        return min(last, max(first, round(value * self.steps)))
+        first, last = scale.whole_range(settings)
+        return min(last, max(first, round(value * scale.steps)))

@@ -11,6 +11,7 @@
 3. Only where an Arduino may be and no Maestro answered: Firmata's version query (``F9``), and after its
    answer the firmware query (``F0 79 F7``). To a Maestro they would be protocol errors, which send its servos
    home: that is why they come last.
+4. Boards of other packages, in their turn, where their port is listed as theirs or the user expects them.
 
 armctl's own lines of text are never sent before the encoder firmware has been heard: to a Maestro each
 letter is a data byte that belongs to nothing, an error as well.
@@ -20,104 +21,19 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Protocol
 
-from armctl.errors import BoardError, BoardProtocolError, BoardTimeoutError, InputError
-from armctl.hardware.encoder.frame import LONGEST_MESSAGE, LineReader
-from armctl.hardware.encoder.messages import FIRMWARE, Banner, Status, decode
-from armctl.hardware.firmata.codec import BAUD as FIRMATA_BAUD
-from armctl.hardware.firmata.codec import firmware_query, version_query
-from armctl.hardware.firmata.replies import FirmwareReport, ReplyParser, VersionReport
-from armctl.hardware.maestro.codec import COMPACT, error_words
-from armctl.hardware.maestro.line import MaestroLine
-from armctl.hardware.ports import ARDUINO_MEGA, MaestroModel
+from armctl.errors import BoardError, BoardProtocolError, InputError
+from armctl.hardware.board_type import BoardType, Introduction, listen
+from armctl.hardware.boards import board_types, find_board_type
+from armctl.hardware.ports import boards_listed_as
 from armctl.hardware.transport import Transport
-from armctl.robot.robot import BoardKind
 
-# How boards introduce themselves, picked out of whatever else is on the line.
-
-
-@dataclass(frozen=True, slots=True)
-class Introduction:
-    """What a board says of itself."""
-
-    board: BoardKind
-    name: str
-    version: str | None = None
-    details: tuple[str, ...] = ()
-
-
-class Ear(Protocol):
-    """Listens for one kind of board."""
-
-    def feed(self, data: bytes) -> Introduction | None:
-        """Take what came, in any pieces; the introduction once it is complete."""
-        ...
-
-
-class EncoderEar:
-    """Hears armctl's encoder firmware: its banner, or a status line where it has been running for long."""
-
-    def __init__(self) -> None:
-        self._reader = LineReader(LONGEST_MESSAGE)
-
-    def feed(self, data: bytes) -> Introduction | None:
-        """Take what came; a line counts only with the right checksum."""
-        for line in self._reader.feed(data):
-            if line is None:
-                continue
-            try:
-                message = decode(line)
-            except BoardProtocolError:  # noise, half a line, or another board
-                continue
-            if isinstance(message, Banner):
-                details = (f"{message.axes} axes", f"last started by: {message.reset}")
-                return Introduction("encoder", message.firmware, message.version, details)
-            if isinstance(message, Status):
-                return Introduction("encoder", FIRMWARE, details=(f"{len(message.counts)} axes",))
-        return None
-
-
-class FirmataEar:
-    """Hears a Firmata sketch: its name and version, which it tells when it starts and when asked."""
-
-    def __init__(self) -> None:
-        self._parser = ReplyParser()
-        self.protocol: VersionReport | None = None
-        """the protocol version, where it was told"""
-
-    def feed(self, data: bytes) -> Introduction | None:
-        """Take what came; the sketch's name counts, since a version alone may be noise."""
-        for reply in self._parser.feed(data):
-            if isinstance(reply, VersionReport):
-                self.protocol = reply
-            elif isinstance(reply, FirmwareReport):
-                name = reply.name.removesuffix(".ino").removesuffix(".cpp")
-                return Introduction("firmata", name, f"{reply.major}.{reply.minor}", self.details)
-        return None
-
-    @property
-    def details(self) -> tuple[str, ...]:
-        """The protocol version in words."""
-        return () if self.protocol is None else (_protocol_words(self.protocol),)
-
-
-def _protocol_words(report: VersionReport) -> str:
-    return f"Firmata protocol {report.major}.{report.minor}"
-
-
-ENCODER_BAUD = 115_200
-"""also where a Maestro is behind a serial adapter; its own USB port ignores the rate"""
-
+_USUAL_BAUD = 115_200
+"""where the rate does not matter: a pty, a socket, a USB port without a UART behind it"""
 _START_S = 5.0
 """What a Mega's bootloader and its sketch may take to be heard."""
 _RUNNING_S = 0.3
 """What a board that is not reset by opening may take: it says its state 50 times a second, or nothing."""
-_UNDERSTOOD_WITHIN_S = 1.0
-"""How long somebody may speak without being understood."""
-_READ_S = 0.05
-_ANSWER_S = 1.0
-_KEPT = 64
 
 
 @dataclass(frozen=True, slots=True)
@@ -135,7 +51,7 @@ class Probed:
     """
 
     port: str
-    board: BoardKind | None = None
+    board: str | None = None
     name: str | None = None
     version: str | None = None
     details: tuple[str, ...] = ()
@@ -158,30 +74,38 @@ class Approach:
     Args:
         bauds: rates to listen at, likeliest first; the last questions are asked at the one at hand.
         listen_s: how long a board may take to be heard after the port has been opened.
-        maestro: whether a Maestro may be there.
-        firmata: whether an Arduino may be there that is not reset by opening its port.
+        asked: the boards that are asked, in this order, where nobody has spoken.
     """
 
     bauds: tuple[int, ...]
     listen_s: float
-    maestro: bool
-    firmata: bool
+    asked: tuple[BoardType, ...]
 
 
-def approach(label: str | None, expected: BoardKind | None = None) -> Approach:
-    """How to meet a port with the listing's ``label`` (None: no USB device, such as a pty or a socket).
+def approach(listing: str | None, expected: str | None = None) -> Approach:
+    """How to meet a port that is listed so (None: no USB device, such as a pty or a socket).
 
     What is behind a USB-to-serial chip may be anything, so nothing is asked there unless the user has
     said what to expect: an Arduino is heard anyway, and any byte could upset another device.
+
+    Args:
+        listing: how the port is listed.
+        expected: the kind of board that should be there; None: any.
     """
-    if label is None:
-        return Approach((ENCODER_BAUD,), _RUNNING_S, maestro=True, firmata=expected != "maestro")
-    if MaestroModel.from_label(label) is not None:
-        return Approach((ENCODER_BAUD,), 0.0, maestro=True, firmata=False)
-    if expected == "maestro" and label != ARDUINO_MEGA:
-        return Approach((ENCODER_BAUD,), _RUNNING_S, maestro=True, firmata=False)
-    bauds = (ENCODER_BAUD, FIRMATA_BAUD) if expected == "encoder" else (FIRMATA_BAUD, ENCODER_BAUD)
-    return Approach(bauds, _START_S, maestro=False, firmata=label == ARDUINO_MEGA or expected == "firmata")
+    wanted = None if expected is None else find_board_type(expected)
+    listed = boards_listed_as(listing)
+    for board in listed:
+        if listing in board.own_listings:
+            return Approach((board.baud,), _START_S if board.restarts else 0.0, (board,))
+    named = any(listing in board.likely[0] for board in listed)
+    if wanted is not None and not wanted.restarts and not named:
+        return Approach((wanted.baud,), _RUNNING_S, (wanted,))
+    if listing is None:
+        return Approach((_USUAL_BAUD,), _RUNNING_S, board_types())
+    restarting = [board for board in board_types() if board.restarts]
+    restarting.sort(key=lambda board: board is not wanted)
+    asked = listed if named else [wanted] if wanted is not None else []
+    return Approach(tuple(dict.fromkeys(board.baud for board in restarting)), _START_S, tuple(asked))
 
 
 def probe(open_line: Callable[[int], Transport], how: Approach, now: Callable[[], float]) -> Probed:
@@ -207,13 +131,15 @@ def reach(
     for rate, baud in enumerate(how.bauds, start=1):
         line = open_line(baud)
         try:
-            found, heard = _listen(line, (EncoderEar(), FirmataEar()), how.listen_s, now)
+            ears = [(board, ear) for board in board_types() if (ear := board.ear()) is not None]
+            found, heard = listen(line, [ear for _, ear in ears], how.listen_s, now)
             if found is not None:
-                return line, _probed(line, found)
+                place, introduction = found
+                return line, _probed(line, ears[place][0], introduction)
             # A silent board is as silent at any other rate: it is asked at this one. What spoke and was
             # not understood may be understood at the next.
             if not heard or len(how.bauds) == 1:
-                return line, _ask(line, how, heard, now)
+                return line, _ask(line, how.asked, heard, now)
             if rate == len(how.bauds):
                 return line, Probed(line.name, heard=heard)
         except BoardError:
@@ -223,66 +149,19 @@ def reach(
     raise InputError("to probe a port at least one baud rate is needed")
 
 
-def _listen(
-    line: Transport,
-    ears: Sequence[Ear],
-    for_s: float,
-    now: Callable[[], float],
-    until: Callable[[], bool] = lambda: False,
-) -> tuple[Introduction | None, bytes]:
-    """Who introduces himself, and the first of what was heard."""
-    heard = bytearray()
-    deadline = now() + for_s
-    # Waiting is counted as well as timed: the clock of a simulation may stand still.
-    waited = 0.0
-    while (left := min(deadline - now(), for_s - waited)) > 0.0:
-        step = min(_READ_S, left)
-        data = line.read(256, step)
-        waited += step
-        for ear in ears:
-            if (found := ear.feed(data)) is not None:
-                return found, bytes(heard)
-        if until():
-            break
-        if data and not heard:
-            deadline = min(deadline, now() + _UNDERSTOOD_WITHIN_S)
-        heard += data[: _KEPT - len(heard)]
-    return None, bytes(heard)
-
-
-def _ask(line: Transport, how: Approach, heard: bytes, now: Callable[[], float]) -> Probed:
-    """Put the questions that this port allows."""
-    if how.maestro and not heard:
+def _ask(line: Transport, boards: Sequence[BoardType], heard: bytes, now: Callable[[], float]) -> Probed:
+    """Put the questions that this port allows; where somebody spoke, only those of boards that speak."""
+    for board in boards:
+        if heard and board.ear() is None:
+            continue
         try:
-            return _ask_maestro(line)
-        except BoardTimeoutError:
-            pass  # nobody, or a Firmata
+            introduction = board.ask(line, now)
         except BoardProtocolError as error:
             return Probed(line.name, details=(str(error),))
-    if how.firmata and (found := _ask_firmata(line, now)) is not None:
-        return found
+        if introduction is not None:
+            return _probed(line, board, introduction)
     return Probed(line.name, heard=heard)
 
 
-def _ask_maestro(line: Transport) -> Probed:
-    board = MaestroLine(line, COMPACT, _ANSWER_S)
-    earlier = board.probe()
-    details = ("commands carry a CRC",) if board.framing.crc else ()
-    return Probed(line.name, "maestro", "Pololu Maestro", details=details, reported=error_words(earlier))
-
-
-def _ask_firmata(line: Transport, now: Callable[[], float]) -> Probed | None:
-    """First for the version: in a sketch that was left in the middle of a message it ends nothing."""
-    ear = FirmataEar()
-    line.write(version_query())
-    found, _ = _listen(line, [ear], _ANSWER_S, now, until=lambda: ear.protocol is not None)
-    if found is None and ear.protocol is not None:
-        line.write(firmware_query())
-        found, _ = _listen(line, [ear], _ANSWER_S, now)
-    if found is not None:
-        return _probed(line, found)
-    return None if ear.protocol is None else Probed(line.name, "firmata", "Firmata", details=ear.details)
-
-
-def _probed(line: Transport, found: Introduction) -> Probed:
-    return Probed(line.name, found.board, found.name, found.version, found.details)
+def _probed(line: Transport, board: BoardType, found: Introduction) -> Probed:
+    return Probed(line.name, board.kind, found.name, found.version, found.details, found.reported)

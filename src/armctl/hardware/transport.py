@@ -1,19 +1,21 @@
-"""A line that carries bytes to a board and back."""
+"""A line that carries bytes to a board and back, and the port that it is opened on."""
 
 from __future__ import annotations
 
 import errno
 import logging
 import termios
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Generator, Sequence
 from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path
 from typing import Protocol
 from urllib.parse import urlsplit
 
 import serial
 
 from armctl.errors import BoardError, BoardTimeoutError, PortError
-from armctl.hardware.access import permission_hint
+from armctl.hardware.access import is_pseudo_terminal, permission_hint
 
 
 class Transport(Protocol):
@@ -187,3 +189,123 @@ def _reason(error: Exception) -> str:
     if isinstance(error, OSError) and error.strerror:
         return error.strerror
     return str(error.args[-1]) if error.args else type(error).__name__
+
+
+# A serial port of this computer, and the port of a driver.
+
+UNKNOWN = "unknown"
+"""what the listing calls a device that no board is known by"""
+
+
+@dataclass(frozen=True, slots=True)
+class PortInfo:
+    """One serial port.
+
+    Args:
+        device: what to open.
+        kind: what its USB numbers say, as ``BoardType.usb`` puts it, or ``UNKNOWN``. What an Arduino has been
+            flashed with does not show here: ``probe`` finds out.
+        description: what the operating system says.
+        serial_number: the board's USB serial number.
+        usable: whether it can be opened and is the port to talk to the board on.
+        why_not: what speaks against it, and what to do; None when usable.
+        stable_name: a name below ``/dev/serial/by-id`` that survives replugging.
+        notes: what to know about a port that can be used.
+    """
+
+    device: str
+    kind: str
+    description: str
+    serial_number: str | None
+    usable: bool
+    why_not: str | None
+    stable_name: str | None = None
+    notes: tuple[str, ...] = ()
+
+
+def describe_port(name: str, ports: Sequence[PortInfo]) -> PortInfo | None:
+    """The entry of ``ports`` that ``name`` means, by device, stable name or any link to the device."""
+    device = resolved(name)
+    return next((port for port in ports if resolved(port.device) == device), None)
+
+
+def resolved(device: str) -> str:
+    """The device that a name or a link stands for."""
+    return str(Path(device).resolve())
+
+
+AcceptBoard = Callable[[str | None], None]
+"""Is told the serial number of the board behind an open port; raises ``PortError`` for the wrong one."""
+_BAUD = 115_200
+
+
+def any_board(_serial_number: str | None) -> None:
+    """Whatever board is there."""
+
+
+class BoardPort:
+    """A port by its name, or what opens a transport.
+
+    Which board is behind a name is certain only while the port is open: until then another one may be
+    plugged in there. So it is looked up before opening, and once more after.
+
+    Args:
+        line: port name (device, pty, ``socket://host:port``), or what opens the transport.
+        ports: the listing of serial ports; a simulated board, a pty or a socket is not among them.
+        accept: judges the board that is there.
+        simulated: whether a simulated board is at the other end.
+    """
+
+    def __init__(
+        self,
+        line: str | Callable[[], Transport],
+        ports: Callable[[], Sequence[PortInfo]],
+        accept: AcceptBoard,
+        *,
+        simulated: bool,
+    ) -> None:
+        self._line, self._ports, self._accept, self._simulated = line, ports, accept, simulated
+
+    @property
+    def restarts_board(self) -> bool:
+        """Whether opening the line starts an Arduino anew, as a device's control lines do."""
+        if not isinstance(self._line, str) or "://" in self._line:
+            return False
+        return not is_pseudo_terminal(self._line)
+
+    def look_up(self) -> PortInfo | None:
+        """What is listed under the name now; None where nothing is.
+
+        Opening the line of an Arduino starts it anew and lets its servos or motors go, so a board that is
+        listed as another one is left alone.
+
+        Raises:
+            PortError: it is listed as one that cannot be used, or that is not the one that is wanted.
+        """
+        info = self._listed()
+        if info is not None and not info.usable:
+            raise PortError(f"{self._line}: {info.why_not}")
+        if info is not None:
+            self._accept(info.serial_number)
+        return info
+
+    def open(self, baud: int = _BAUD) -> tuple[Transport, PortInfo | None]:
+        """Open the line, and see which board is behind it; None where the system does not tell.
+
+        Raises:
+            PortError: it cannot be opened, or the board is not the one that is wanted.
+        """
+        transport = SerialTransport(self._line, baud=baud) if isinstance(self._line, str) else self._line()
+        try:
+            info = self._listed()
+            if not self._simulated:
+                self._accept(None if info is None else info.serial_number)
+        except BaseException:
+            transport.close()
+            raise
+        return transport, info
+
+    def _listed(self) -> PortInfo | None:
+        if not isinstance(self._line, str) or self._simulated:
+            return None
+        return describe_port(self._line, self._ports())

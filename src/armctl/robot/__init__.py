@@ -1,20 +1,16 @@
 """What an arm is, and the robot files that say so."""
 
 from armctl.robot.load import load_robot, robots_folder, shipped_robots
-from armctl.robot.outputs import FLATTEST_PER_DEG, OutputMap, OutputUnit
-from armctl.robot.parts import EncoderAxis, Gripper, HomeBy, Joint
-from armctl.robot.robot import BoardKind, Robot
+from armctl.robot.outputs import FLATTEST_PER_DEG, OutputMap
+from armctl.robot.parts import Gripper, Joint
+from armctl.robot.robot import Robot
 from armctl.robot.urdf_tool import is_urdf
 
 __all__ = [
     "FLATTEST_PER_DEG",
-    "BoardKind",
-    "EncoderAxis",
     "Gripper",
-    "HomeBy",
     "Joint",
     "OutputMap",
-    "OutputUnit",
     "Robot",
     "is_urdf",
     "load_robot",

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import re
 from codecs import BOM_UTF8
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal, cast
 
@@ -13,24 +14,31 @@ from msgspec import Meta, inspect
 
 from armctl.errors import RobotFileError
 
+Table = dict[str, object]
+
 # What is wrong with a file that was decoded strictly: which key, its value and what is allowed.
 
 _NO_CHOICE = re.compile(r"Invalid enum value (?P<value>.*) - at `\$\.(?P<key>.*)`", re.DOTALL)
 _INDEX = re.compile(r"\[[^]]*\]")
 
 
-def decoding_words(error: msgspec.DecodeError, model: type) -> str:
+def decoding_words(error: msgspec.DecodeError, model: type, table: str = "") -> str:
     """The words of ``error``, in which a value that is no choice of its key is answered with the choices.
 
     Args:
         error: of decoding into ``model``.
-        model: the struct of the whole file.
+        model: the struct of the whole file, or of one table of it.
+        table: where that table stands in the file, such as ``joints[0].servo``.
     """
-    found = _NO_CHOICE.fullmatch(str(error))
+    words = str(error)
+    found = _NO_CHOICE.fullmatch(words)
     choices = None if found is None else _choices(inspect.type_info(model), found["key"])
-    if found is None or choices is None:
-        return str(error)
-    return f"{found['key']} = {found['value']}: {must_be(choices)}"
+    if found is not None and choices is not None:
+        key = f"{table}.{found['key']}" if table else found["key"]
+        return f"{key} = {found['value']}: {must_be(choices)}"
+    if not table:
+        return words
+    return words.replace("`$", f"`$.{table}") if "`$" in words else f"{words} - at `$.{table}`"
 
 
 def must_be(choices: Sequence[object]) -> str:
@@ -73,19 +81,17 @@ NotNegative = Annotated[float, Meta(ge=0)]
 Name = Annotated[str, Meta(pattern=r"^[a-z][a-z0-9_]*$")]
 PointName = Annotated[str, Meta(pattern=r"^[A-Za-z][A-Za-z0-9_]*$")]
 Channel = Annotated[int, Meta(ge=0, le=63)]
-SHORTEST_PULSE_US, LONGEST_PULSE_US = 64, 4080
-Pulse = Annotated[float, Meta(ge=SHORTEST_PULSE_US, le=LONGEST_PULSE_US)]
 Limit = Annotated[float, Meta(ge=-720, le=720)]
 Color = Annotated[str, Meta(pattern=r"^#[0-9a-fA-F]{6}$")]
 LARGEST = 1e6
 """no number of a robot file, in mm, degrees or µs, is larger than this"""
 
 
-class _Strict(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """What all parts of a robot file share."""
+class Strict(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """A table of a robot file: an unknown key is refused."""
 
 
-class DHRowEntry(_Strict, frozen=True):
+class DHRowEntry(Strict, frozen=True):
     """One DH row; without ``joint`` it is fixed at ``theta_deg``, with it ``theta_deg`` is the offset."""
 
     alpha_deg: float
@@ -95,77 +101,14 @@ class DHRowEntry(_Strict, frozen=True):
     joint: Name | None = None
 
 
-class DHEntry(_Strict, frozen=True):
+class DHEntry(Strict, frozen=True):
     """The arm's geometry."""
 
     convention: Literal["standard", "modified"]
     rows: Annotated[tuple[DHRowEntry, ...], Meta(min_length=1)]
 
 
-class ServoEntry(_Strict, frozen=True):
-    """The servo of a joint: pulse = zero_us + us_per_deg · angle; negative ``us_per_deg`` turns it round."""
-
-    channel: Channel
-    zero_us: float
-    us_per_deg: float
-    pulse_us: tuple[Pulse, Pulse]
-
-
-class AxisEntry(_Strict, frozen=True):
-    """A motor with an encoder on an encoder board; the defaults suit the gear motors of a small arm."""
-
-    axis: Annotated[int, Meta(ge=0, le=5)]
-    home_order: Annotated[int, Meta(ge=1, le=15)]
-    """place in the homing order"""
-    home_toward: Literal["+", "-"] = "-"
-    """which way the switch is looked for first"""
-    home_by: Literal["switch", "stall"] = "switch"
-    p_percent: NotNegative = 1.8
-    """drive for a position error of one count [% of full drive]"""
-    i_percent_s: NotNegative = 3.0
-    """[% of full drive for a count and a second]"""
-    d_percent: NotNegative = 0.025
-    """[% of full drive for a count a second]"""
-    breakaway_percent: Annotated[float, Meta(ge=0, le=100)] = 35.0
-    """drive below which a motor that stands does not move"""
-    max_drive_percent: Annotated[float, Meta(gt=0, le=100)] = 100.0
-    """the largest drive that the motor is given; what it can push with"""
-    stall_s: Annotated[float, Meta(gt=0, le=5)] = 0.5
-    encoder_inverted: bool = False
-    motor_inverted: bool = False
-    switch_inverted: bool = False
-    """the home switch is closed all the time and opens when it is pressed"""
-
-
-class EncoderEntry(AxisEntry, frozen=True, kw_only=True):
-    """The encoder of a joint: counts = counts_per_deg · (angle - home_deg)."""
-
-    counts_per_deg: float
-    home_deg: float = 0.0
-    """the angle where homing ends: at the edge of the switch"""
-    home_speed_deg_s: Positive = 10.0
-    following_error_deg: Positive = 5.0
-    """this far from its setpoint the motors are switched off"""
-
-
-class GripperEncoderEntry(AxisEntry, frozen=True, kw_only=True):
-    """The gripper's encoder: its position closed and open, counted from where homing ends."""
-
-    closed_counts: float
-    open_counts: float
-    home_speed_counts_s: Positive = 500.0
-    following_error_counts: Positive = 2000.0
-
-
-class BoardEntry(_Strict, frozen=True):
-    """The board that drives the arm."""
-
-    kind: Literal["maestro", "firmata", "encoder"]
-    differential: tuple[Name, Name] | None = None
-    """two joints that two motors drive together (encoder board): the sum, and the difference"""
-
-
-class JointEntry(_Strict, frozen=True):
+class JointEntry(Strict, frozen=True):
     """One joint."""
 
     name: Name
@@ -176,31 +119,17 @@ class JointEntry(_Strict, frozen=True):
     jerk_deg_s3: Positive | None = None
     """None: the acceleration is reached in 50 ms"""
     stall_torque_nm: Positive | None = None
-    servo: ServoEntry | None = None
-    """on a Maestro or a Firmata board"""
-    encoder: EncoderEntry | None = None
-    """on an encoder board"""
 
 
-class GripperServoEntry(_Strict, frozen=True):
-    """The gripper's servo: closed and open pulse."""
-
-    channel: Channel
-    closed_us: Pulse
-    open_us: Pulse
-
-
-class GripperEntry(_Strict, frozen=True):
+class GripperEntry(Strict, frozen=True):
     """The gripper, as an opening of 0 to 100 %."""
 
     title: str
     speed_percent_s: Positive
-    servo: GripperServoEntry | None = None
-    encoder: GripperEncoderEntry | None = None
     stall_torque_nm: Positive | None = None
 
 
-class BodyEntry(_Strict, frozen=True):
+class BodyEntry(Strict, frozen=True):
     """A mass that moves with a joint; ``com_mm`` in the frame of that joint's DH row."""
 
     joint: Name
@@ -208,7 +137,7 @@ class BodyEntry(_Strict, frozen=True):
     com_mm: tuple[float, float, float]
 
 
-class LookEntry(_Strict, frozen=True):
+class LookEntry(Strict, frozen=True):
     """How the arm is drawn; colours as ``#rrggbb``."""
 
     links: Annotated[tuple[Color, ...], Meta(min_length=1)]
@@ -220,13 +149,13 @@ class LookEntry(_Strict, frozen=True):
     """width of the links in percent of the arm's reach"""
 
 
-class FloorEntry(_Strict, frozen=True):
+class FloorEntry(Strict, frozen=True):
     """The plane that the arm must stay above."""
 
     z_mm: float = 0.0
 
 
-class CapsuleEntry(_Strict, frozen=True):
+class CapsuleEntry(Strict, frozen=True):
     """A piece of the arm's body: all within a radius of a segment, in the frame of the joint's DH row."""
 
     from_mm: tuple[float, float, float]
@@ -236,7 +165,7 @@ class CapsuleEntry(_Strict, frozen=True):
     """the joint that moves it; None: it stands still with the base, in the base frame"""
 
 
-class ObstacleEntry(_Strict, frozen=True):
+class ObstacleEntry(Strict, frozen=True):
     """A box that the arm must stay out of, between two opposite corners in the base frame."""
 
     title: Annotated[str, Meta(min_length=1)]
@@ -244,7 +173,7 @@ class ObstacleEntry(_Strict, frozen=True):
     to_mm: tuple[float, float, float]
 
 
-class RobotFile(_Strict, frozen=True):
+class RobotFile(Strict, frozen=True):
     """One robot file, as written."""
 
     format: Literal[1]
@@ -258,7 +187,6 @@ class RobotFile(_Strict, frozen=True):
     source: str = ""
     assumed: tuple[str, ...] = ()
     payload_kg: NotNegative = 0.0
-    board: BoardEntry = BoardEntry("maestro")
     gripper: GripperEntry | None = None
     bodies: tuple[BodyEntry, ...] = ()
     floor: FloorEntry = FloorEntry()
@@ -269,8 +197,22 @@ class RobotFile(_Strict, frozen=True):
     look: LookEntry | None = None
 
 
-def read_robot_file(path: Path) -> RobotFile:
-    """Decode ``path`` without judging what it says.
+@dataclass(frozen=True, slots=True)
+class BoardTables:
+    """The board's part of a robot file, undecoded: only the board knows its own tables."""
+
+    board: Mapping[str, object]
+    """the table ``[board]``"""
+    joints: Mapping[str, Mapping[str, object]]
+    """by joint, the tables in it: ``servo``, ``encoder``, or what the board calls its own"""
+    gripper: Mapping[str, object]
+    """the tables in ``[gripper]``"""
+    order: tuple[str, ...]
+    """names of the joints, as they follow each other in the file"""
+
+
+def read_robot_file(path: Path) -> tuple[RobotFile, BoardTables]:
+    """Decode ``path`` without judging what it says; the board's part is left as it is.
 
     Raises:
         RobotFileError: unreadable, not TOML, an unknown key, a wrong type or an impossible value;
@@ -281,7 +223,9 @@ def read_robot_file(path: Path) -> RobotFile:
     except OSError as cause:
         raise RobotFileError(f"{path}: cannot be read: {cause.strerror}") from cause
     try:
-        file = msgspec.toml.decode(text.removeprefix(BOM_UTF8), type=RobotFile)  # some editors begin with it
+        data = msgspec.toml.decode(text.removeprefix(BOM_UTF8))  # some editors begin with it
+        board, outputs, gripper = _take_board(data)
+        file = msgspec.convert(data, RobotFile)
     except msgspec.DecodeError as cause:
         raise RobotFileError(f"{path}: {decoding_words(cause, RobotFile)}") from cause
     except ValueError as cause:  # not UTF-8
@@ -290,10 +234,40 @@ def read_robot_file(path: Path) -> RobotFile:
         raise RobotFileError(f"{path}: arrays or tables are nested too deep") from cause
     except OverflowError as cause:  # a whole number with hundreds of digits
         raise RobotFileError(f"{path}: holds a number that is too large: {cause}") from cause
-    for key, value in _numbers(msgspec.to_builtins(file), ""):
+    order = tuple(joint.name for joint in file.joints)
+    tables = BoardTables(board, dict(zip(order, outputs, strict=True)), gripper, order)
+    check_numbers(file, "", path)
+    return file, tables
+
+
+def check_numbers(part: msgspec.Struct, table: str, path: Path) -> None:
+    """Refuse a number in ``part``, which stands in ``table`` of the file, that nothing in an arm can have.
+
+    Raises:
+        RobotFileError: not finite, or beyond ``LARGEST``.
+    """
+    for key, value in _numbers(msgspec.to_builtins(part), table):
         if not abs(value) <= LARGEST:  # TOML has nan and inf, and every comparison with nan is false
             raise RobotFileError(f"{path}: {key} = {value}: must be a finite number within ±{LARGEST:.0e}")
-    return file
+
+
+def _take_board(data: dict[str, object]) -> tuple[Table, list[Table], Table]:
+    """Take out of ``data`` what only the board can decode: ``[board]``, and tables in joints and gripper."""
+    joints, gripper = data.get("joints"), data.get("gripper")
+    entries = cast("list[object]", joints) if isinstance(joints, list) else []
+    inside = [_take_tables(entry) for entry in entries]
+    board = data.pop("board", {})
+    if not isinstance(board, dict):
+        raise msgspec.ValidationError(f"Expected `object`, got `{type(board).__name__}` - at `$.board`")
+    return cast("Table", board), inside, _take_tables(gripper)
+
+
+def _take_tables(entry: object) -> Table:
+    """No key of a joint or of the gripper but those of the board has a table as its value."""
+    if not isinstance(entry, dict):
+        return {}
+    table = cast("Table", entry)
+    return {key: table.pop(key) for key, value in [*table.items()] if isinstance(value, dict)}
 
 
 def _numbers(node: object, key: str) -> Iterator[tuple[str, float]]:

@@ -12,8 +12,15 @@ from numpy.typing import NDArray
 from armctl.errors import RobotFileError
 from armctl.kinematics import Body, Chain, DHRow, GravityModel
 from armctl.robot.body import Capsule, capsule
-from armctl.robot.file import JointEntry, LookEntry, ObstacleEntry, RobotFile, read_robot_file
-from armctl.robot.outputs_of_file import differential_axes, encoder_axes, output_map
+from armctl.robot.file import (
+    BoardTables,
+    JointEntry,
+    LookEntry,
+    ObstacleEntry,
+    RobotFile,
+    read_robot_file,
+)
+from armctl.robot.outputs_of_file import read_outputs
 from armctl.robot.parts import JERK_UP_S, Color, Gripper, Joint, Look, Obstacle
 from armctl.robot.robot import Robot
 from armctl.robot.urdf import load_urdf
@@ -60,10 +67,10 @@ def load_robot(name: str | Path) -> Robot:
         path = robots_folder() / f"{name}.toml"
     elif path.suffix.lower() != ".toml":
         raise RobotFileError(f"{path}: a robot file ends in .toml or .urdf")
-    return _build(read_robot_file(path), path)
+    return _build(*read_robot_file(path), path)
 
 
-def _build(file: RobotFile, path: Path) -> Robot:
+def _build(file: RobotFile, tables: BoardTables, path: Path) -> Robot:
     by_name = {joint.name: joint for joint in file.joints}
     _check_joints(file, by_name, path)
     order = [row.joint for row in file.dh.rows if row.joint is not None]
@@ -81,6 +88,7 @@ def _build(file: RobotFile, path: Path) -> Robot:
         ],
         file.dh.convention,
     )
+    board, outputs, settings = read_outputs(file, tables, entries, path)
     robot = Robot(
         name=file.name,
         title=file.title,
@@ -89,10 +97,9 @@ def _build(file: RobotFile, path: Path) -> Robot:
         joints=tuple(_joint(entry) for entry in entries),
         chain=chain,
         poses={name: _pose(values, entries, f"{path}: poses.{name}") for name, values in file.poses.items()},
-        output_map=output_map(file, entries, path),
-        board=file.board.kind,
-        axes=encoder_axes(file, entries),
-        differential=differential_axes(file, by_name, path),
+        output_map=outputs,
+        board=board,
+        board_settings=settings,
         gripper=None
         if file.gripper is None
         else Gripper(file.gripper.title, file.gripper.speed_percent_s / 100),

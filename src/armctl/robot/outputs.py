@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,9 +12,10 @@ from numpy.typing import NDArray
 from armctl.errors import InputError
 
 FloatArray = NDArray[np.float64]
-OutputUnit = Literal["µs", "counts"]
+DEFAULT_BOARD = "maestro"
+"""the kind of board of an arm whose file names none"""
 FLATTEST_PER_DEG = 0.001
-"""the least scale of a joint that an output moves [µs or counts a degree]"""
+"""the least scale of a joint that an output moves [output a degree]"""
 _FIRST_US, _MIDDLE_US, _LAST_US = 600.0, 1500.0, 2400.0
 _HELD, _HELD_US_PER_RAD = 1e-6, 573.0
 """a joint with less room than this does not move [rad]; its map only needs some scale"""
@@ -27,7 +28,8 @@ class OutputMap:
     An output is a pulse width [µs] on a servo board, and a position [encoder counts] on an encoder board.
     """
 
-    unit: OutputUnit
+    unit: str
+    """of an output, as a user reads it"""
     channels: tuple[int, ...]
     """of each joint: the Maestro's channel, the Arduino's pin, the encoder board's axis"""
     zero: FloatArray
@@ -41,6 +43,16 @@ class OutputMap:
     gripper_channel: int | None = None
     gripper_closed: float = 0.0
     gripper_open: float = 0.0
+    homed: bool = False
+    """Outputs count from where homing ends, at 0; which are safe follows from the joint's limits."""
+    lowest: float = -math.inf
+    """no output of this board, the gripper's neither, is below"""
+    highest: float = math.inf
+    """… or above"""
+    table: str = "servo"
+    """what a robot file calls the table of a joint's output"""
+    key: str = "us"
+    """the unit in the keys of that table"""
 
     @classmethod
     def stand_in(cls, limits: FloatArray) -> OutputMap:

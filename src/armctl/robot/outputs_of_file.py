@@ -1,214 +1,270 @@
-"""What a robot file says of servos and encoders, as one map and the axes behind it."""
+"""The board's part of a robot file: which board drives the arm, and what it must be told for which angle.
+
+Each board reads its own part, for only it knows its tables (``BoardEntries``).
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
-from typing import TypeVar
+from typing import Annotated, Any, Protocol, TypeVar
 
+import msgspec
 import numpy as np
+from msgspec import Meta
 
 from armctl.errors import RobotFileError
-from armctl.robot.file import AxisEntry, EncoderEntry, JointEntry, RobotFile, ServoEntry
-from armctl.robot.outputs import FLATTEST_PER_DEG, OutputMap
-from armctl.robot.parts import EncoderAxis
+from armctl.robot.file import (
+    BoardTables,
+    JointEntry,
+    RobotFile,
+    Strict,
+    check_numbers,
+    decoding_words,
+    must_be,
+)
+from armctl.robot.outputs import DEFAULT_BOARD, FLATTEST_PER_DEG, OutputMap
 
-Entry = TypeVar("Entry")
-_ROUNDING_US = 0.125
-"""robot files may round the safe range inwards by this"""
-_PERCENT = 0.01
+Entry = TypeVar("Entry", bound=msgspec.Struct)
+Channel = Annotated[int, Meta(ge=0, le=63)]
+_ROUNDING = 0.125
+"""robot files may round the safe range inwards by this [output]"""
 
 
-def output_map(file: RobotFile, entries: Sequence[JointEntry], path: Path) -> OutputMap | None:
-    """The map of the joints ``entries``, in their order; None where the file has none.
+@dataclass(frozen=True, slots=True)
+class BoardPart:
+    """The board's part of a robot file, for its ``BoardEntries`` to read.
 
-    Raises:
-        RobotFileError: only some joints have one, or of the other kind of board, two share a channel, or
-            the range does not hold the limits.
+    Args:
+        path: the robot file.
+        kind: of the board.
+        tables: as they stand in the file.
+        joints: names and limits [degrees], from the base to the tool.
+        has_gripper: whether the arm has one.
     """
-    if file.board.kind == "encoder":
-        _require_none([entry.servo for entry in entries], "servo", "encoder", file, path)
-        return _encoder_map(file, entries, path)
-    _require_none([entry.encoder for entry in entries], "encoder", "servo", file, path)
-    return _servo_map(file, entries, path)
 
+    path: Path
+    kind: str
+    tables: BoardTables
+    joints: Sequence[tuple[str, tuple[float, float]]]
+    has_gripper: bool
 
-def encoder_axes(file: RobotFile, entries: Sequence[JointEntry]) -> tuple[EncoderAxis, ...]:
-    """The axes of an encoder board, the gripper's last; empty for servos."""
-    axes = [_joint_axis(entry.encoder) for entry in entries if entry.encoder is not None]
-    if file.gripper is not None and file.gripper.encoder is not None:
-        encoder = file.gripper.encoder
-        axes.append(_axis(encoder, 1, encoder.home_speed_counts_s, encoder.following_error_counts))
-    return tuple(axes)
+    def board(self, model: type[Entry]) -> Entry:
+        """``[board]`` without its kind.
 
+        Raises:
+            RobotFileError: it is no ``model``; so for the other tables.
+        """
+        options = {key: value for key, value in self.tables.board.items() if key != "kind"}
+        return self._decoded(options, model, "board")
 
-def differential_axes(
-    file: RobotFile, by_name: Mapping[str, JointEntry], path: Path
-) -> tuple[int, int] | None:
-    """Axes of the two joints that are driven by the sum and the difference of two motors.
+    def outputs(self, key: str, model: type[Entry]) -> list[Entry]:
+        """The table ``key`` of each joint; empty where no joint has one.
 
-    Raises:
-        RobotFileError: a name that is no joint with an encoder, or the same one twice.
-    """
-    if file.board.differential is None:
-        return None
-    axes: list[int] = []
-    for name in file.board.differential:
-        entry = by_name.get(name)
-        if entry is None or entry.encoder is None:
-            raise RobotFileError(f"{path}: board.differential: {name!r} is no joint with an encoder")
-        axes.append(entry.encoder.axis)
-    if axes[0] == axes[1]:
-        raise RobotFileError(f"{path}: board.differential names one joint twice; it takes two")
-    return axes[0], axes[1]
-
-
-def _require_none(there: Sequence[object | None], key: str, right: str, file: RobotFile, path: Path) -> None:
-    if file.gripper is not None:
-        there = [*there, file.gripper.servo if key == "servo" else file.gripper.encoder]
-    if any(entry is not None for entry in there):
-        raise RobotFileError(
-            f"{path}: board.kind = {file.board.kind!r}: its joints and its gripper have {right} entries, "
-            f"not {key} entries"
-        )
-
-
-def _servo_map(file: RobotFile, entries: Sequence[JointEntry], path: Path) -> OutputMap | None:
-    servos = _all_or_none([(entry.name, entry.servo) for entry in entries], "servo", path)
-    if not servos:
-        return None
-    gripper = None
-    if file.gripper is not None:
-        gripper = _gripper_part(file.gripper.servo, "servo", lambda one: (one.closed_us, one.open_us), path)
-    _check_channels([servo.channel for servo in servos], gripper and gripper.channel, "servos", path)
-    for entry, servo in zip(entries, servos, strict=True):
-        _check_servo(entry, servo, f"{path}: joints.{entry.name}.servo")
-    return OutputMap(
-        unit="µs",
-        channels=tuple(servo.channel for servo in servos),
-        zero=np.array([servo.zero_us for servo in servos]),
-        per_rad=np.array([servo.us_per_deg for servo in servos]) * (180 / math.pi),
-        low=np.array([servo.pulse_us[0] for servo in servos]),
-        high=np.array([servo.pulse_us[1] for servo in servos]),
-        gripper_channel=None if gripper is None else gripper.channel,
-        gripper_closed=0.0 if gripper is None else gripper.closed_us,
-        gripper_open=0.0 if gripper is None else gripper.open_us,
-    )
-
-
-def _encoder_map(file: RobotFile, entries: Sequence[JointEntry], path: Path) -> OutputMap | None:
-    encoders = _all_or_none([(entry.name, entry.encoder) for entry in entries], "encoder", path)
-    if not encoders:
-        return None
-    gripper = None
-    if file.gripper is not None:
-        gripper = _gripper_part(
-            file.gripper.encoder, "encoder", lambda one: (one.closed_counts, one.open_counts), path
-        )
-        _check_drive(gripper, f"{path}: gripper.encoder")
-    _check_channels([encoder.axis for encoder in encoders], gripper and gripper.axis, "encoders", path)
-    for entry, encoder in zip(entries, encoders, strict=True):
-        _check_scale(encoder.counts_per_deg, f"{path}: joints.{entry.name}.encoder.counts_per_deg")
-        _check_drive(encoder, f"{path}: joints.{entry.name}.encoder")
-        low, high = entry.limit_deg
-        if not low <= encoder.home_deg <= high:
+        Raises:
+            RobotFileError: some joints have none, or one has the table of another board.
+        """
+        everywhere = [*self.tables.joints.values(), self.tables.gripper]
+        for other in (name for tables in everywhere for name in tables if name != key):
             raise RobotFileError(
-                f"{path}: joints.{entry.name}.encoder.home_deg = {encoder.home_deg}° is outside the limits "
-                f"{low}° … {high}°: homing would end where the joint may not be"
+                f"{self.path}: board.kind = {self.kind!r}: its joints and its gripper have {key} entries, "
+                f"not {other} entries"
             )
-    per_deg = np.array([encoder.counts_per_deg for encoder in encoders])
-    zero = -per_deg * np.array([encoder.home_deg for encoder in encoders])
-    ends = zero[:, None] + per_deg[:, None] * np.array([entry.limit_deg for entry in entries])
-    return OutputMap(
-        unit="counts",
-        channels=tuple(encoder.axis for encoder in encoders),
-        zero=zero,
-        per_rad=per_deg * (180 / math.pi),
-        low=ends.min(axis=1),
-        high=ends.max(axis=1),
-        gripper_channel=None if gripper is None else gripper.axis,
-        gripper_closed=0.0 if gripper is None else gripper.closed_counts,
-        gripper_open=0.0 if gripper is None else gripper.open_counts,
-    )
+        there = [name for name, _ in self.joints if self.tables.joints[name]]
+        missing = [name for name, _ in self.joints if name not in there]
+        if there and missing:
+            raise RobotFileError(
+                f"{self.path}: joints.{missing[0]}.{key} is missing; the other joints have one"
+            )
+        places = {name: f"joints[{self.tables.order.index(name)}].{key}" for name in there}
+        return [self._decoded(self.tables.joints[name][key], model, places[name]) for name in there]
+
+    def gripper(self, key: str, model: type[Entry], closed: str, opened: str) -> Entry | None:
+        """The table ``key`` of the gripper; None for an arm without a gripper.
+
+        Args:
+            key: of the table.
+            model: of the table.
+            closed: the key in it of the gripper's closed end.
+            opened: of its open end.
+
+        Raises:
+            RobotFileError: there is a gripper without one, or its two ends are the same.
+        """
+        if not self.has_gripper:
+            return None
+        if key not in self.tables.gripper:
+            raise RobotFileError(f"{self.path}: gripper.{key} is missing; the joints have one")
+        entry = self._decoded(self.tables.gripper[key], model, f"gripper.{key}")
+        if getattr(entry, closed) == getattr(entry, opened):
+            raise RobotFileError(
+                f"{self.path}: gripper.{key}: closed and open are both {getattr(entry, closed):g}; they must "
+                "differ, or it cannot move"
+            )
+        return entry
+
+    def check_channels(self, channels: Sequence[int], gripper: int | None, what: str) -> None:
+        """Refuse two ``what`` on one channel."""
+        everything = [*channels, *([] if gripper is None else [gripper])]
+        if len(set(everything)) != len(everything):
+            raise RobotFileError(f"{self.path}: two {what} are on the same channel: {everything}")
+
+    def check_scale(self, per_deg: float, where: str) -> None:
+        """Refuse a scale on which a whole turn is about a step of the board, or less."""
+        if abs(per_deg) < FLATTEST_PER_DEG:
+            raise RobotFileError(
+                f"{self.path}: {where} is {per_deg:g}: the joint would not move; {FLATTEST_PER_DEG} or more"
+            )
+
+    def _decoded(self, table: object, model: type[Entry], where: str) -> Entry:
+        try:
+            entry = msgspec.convert(table, model)
+        except msgspec.ValidationError as cause:
+            raise RobotFileError(f"{self.path}: {decoding_words(cause, model, where)}") from cause
+        check_numbers(entry, where, self.path)
+        return entry
 
 
-def _all_or_none(named: Sequence[tuple[str, Entry | None]], key: str, path: Path) -> list[Entry]:
-    there = [entry for _, entry in named if entry is not None]
-    if there and len(there) != len(named):
-        missing = next(name for name, entry in named if entry is None)
-        raise RobotFileError(f"{path}: joints.{missing}.{key} is missing; the other joints have one")
-    return there
+class BoardEntries(Protocol):
+    """How a kind of board reads its part of a robot file."""
+
+    def read(self, part: BoardPart) -> tuple[OutputMap | None, object]:
+        """The map of the outputs, None where the file has none; and what else the board's driver needs.
+
+        Raises:
+            RobotFileError: the file names the place, the value and what is allowed.
+        """
+        ...
 
 
-def _gripper_part(
-    part: Entry | None, key: str, ends: Callable[[Entry], tuple[float, float]], path: Path
-) -> Entry:
-    """The gripper's servo or encoder, which must be there and have two ends."""
-    if part is None:
-        raise RobotFileError(f"{path}: gripper.{key} is missing; the joints have one")
-    closed, opened = ends(part)
-    if closed == opened:
-        raise RobotFileError(
-            f"{path}: gripper.{key}: closed and open are both {closed:g}; they must differ, or it cannot move"
+class NoOptions(Strict, frozen=True):
+    """``[board]`` of a board that needs to be told nothing."""
+
+
+@dataclass(frozen=True)
+class ServoEntries:
+    """Entries of servos, or of any outputs that are proportional to the angle: output = zero + scale · angle.
+
+    In a robot file: ``servo = { channel = 0, zero_us = 1500, us_per_deg = 10, pulse_us = [600, 2400] }`` in
+    each joint, and ``servo = { channel = 5, closed_us = 1000, open_us = 2000 }`` in the gripper.
+
+    Args:
+        unit: of the outputs.
+        key: how the unit is written in the keys.
+        range_key: the key of the range of outputs that is safe.
+        lowest: no output of this board may be below.
+        highest: … or above.
+    """
+
+    unit: str = "µs"
+    key: str = "us"
+    range_key: str = "pulse_us"
+    lowest: float = 64.0
+    highest: float = 4080.0
+
+    def read(self, part: BoardPart) -> tuple[OutputMap | None, object]:
+        """The map of the outputs; None where the file has none."""
+        part.board(NoOptions)
+        zero, per_deg = f"zero_{self.key}", f"{self.key}_per_deg"
+        closed, opened = f"closed_{self.key}", f"open_{self.key}"
+        servos = [_fields(one) for one in part.outputs("servo", self._joint)]
+        if not servos:
+            return None, None
+        entry = part.gripper("servo", self._gripper, closed, opened)
+        gripper: dict[str, Any] = {} if entry is None else _fields(entry)
+        gripper_channel: int | None = gripper.get("channel")
+        part.check_channels([servo["channel"] for servo in servos], gripper_channel, "servos")
+        for (name, limits), servo in zip(part.joints, servos, strict=True):
+            where = f"joints.{name}.servo"
+            self._check_range(
+                servo[zero], servo[per_deg], servo[self.range_key], limits, f"{part.path}: {where}"
+            )
+            part.check_scale(servo[per_deg], f"{where}.{per_deg}")
+        outputs = OutputMap(
+            unit=self.unit,
+            channels=tuple(servo["channel"] for servo in servos),
+            zero=np.array([servo[zero] for servo in servos]),
+            per_rad=np.array([servo[per_deg] for servo in servos]) * (180 / math.pi),
+            low=np.array([servo[self.range_key][0] for servo in servos]),
+            high=np.array([servo[self.range_key][1] for servo in servos]),
+            gripper_channel=gripper_channel,
+            gripper_closed=gripper.get(closed, 0.0),
+            gripper_open=gripper.get(opened, 0.0),
+            lowest=self.lowest,
+            highest=self.highest,
+            key=self.key,
         )
-    return part
+        return outputs, None
 
-
-def _check_drive(entry: AxisEntry, where: str) -> None:
-    if entry.breakaway_percent > entry.max_drive_percent:
-        raise RobotFileError(
-            f"{where}.breakaway_percent = {entry.breakaway_percent:g} is above max_drive_percent = "
-            f"{entry.max_drive_percent:g}: the motor could not start; raise the one or lower the other"
+    @cached_property
+    def _joint(self) -> type[msgspec.Struct]:
+        allowed = Annotated[float, Meta(ge=self.lowest, le=self.highest)]
+        return self._struct(
+            ("channel", Channel),
+            (f"zero_{self.key}", float),
+            (f"{self.key}_per_deg", float),
+            (self.range_key, tuple[allowed, allowed]),
         )
 
-
-def _check_channels(channels: list[int], gripper: int | None, what: str, path: Path) -> None:
-    if gripper is not None:
-        channels = [*channels, gripper]
-    if len(set(channels)) != len(channels):
-        raise RobotFileError(f"{path}: two {what} are on the same channel: {channels}")
-
-
-def _check_servo(entry: JointEntry, servo: ServoEntry, where: str) -> None:
-    pulses = sorted(servo.zero_us + servo.us_per_deg * angle for angle in entry.limit_deg)
-    low, high = servo.pulse_us
-    if pulses[0] < low - _ROUNDING_US or pulses[1] > high + _ROUNDING_US:
-        raise RobotFileError(
-            f"{where}: the limits {entry.limit_deg[0]}° … {entry.limit_deg[1]}° need pulses of "
-            f"{pulses[0]:.1f} … {pulses[1]:.1f} µs, pulse_us allows {low} … {high} µs"
+    @cached_property
+    def _gripper(self) -> type[msgspec.Struct]:
+        allowed = Annotated[float, Meta(ge=self.lowest, le=self.highest)]
+        return self._struct(
+            ("channel", Channel), (f"closed_{self.key}", allowed), (f"open_{self.key}", allowed)
         )
-    _check_scale(servo.us_per_deg, f"{where}.us_per_deg")
+
+    def _struct(self, *fields: tuple[str, object]) -> type[msgspec.Struct]:
+        return msgspec.defstruct("ServoEntry", fields, bases=(Strict,), frozen=True)  # pyright: ignore
+
+    def _check_range(
+        self,
+        zero: float,
+        per_deg: float,
+        safe: tuple[float, float],
+        limits: tuple[float, float],
+        where: str,
+    ) -> None:
+        """Refuse limits [degrees] that the safe range of outputs does not hold."""
+        needed = sorted(zero + per_deg * angle for angle in limits)
+        if needed[0] < safe[0] - _ROUNDING or needed[1] > safe[1] + _ROUNDING:
+            raise RobotFileError(
+                f"{where}: the limits {limits[0]}° … {limits[1]}° need pulses of "
+                f"{needed[0]:.1f} … {needed[1]:.1f} {self.unit}, {self.range_key} allows "
+                f"{safe[0]} … {safe[1]} {self.unit}"
+            )
 
 
-def _check_scale(per_deg: float, where: str) -> None:
-    """Refuse a scale on which a whole turn is about a step of the board, or less."""
-    if abs(per_deg) < FLATTEST_PER_DEG:
-        raise RobotFileError(f"{where} is {per_deg:g}: the joint would not move; {FLATTEST_PER_DEG} or more")
+FindEntries = Callable[[str], "BoardEntries | tuple[str, ...]"]
+"""finds what reads the entries of a kind of board; where there is no such board, the kinds that there are"""
+_find: list[FindEntries] = []
 
 
-def _joint_axis(entry: EncoderEntry) -> EncoderAxis:
-    per_deg = abs(entry.counts_per_deg)
-    turn = 1 if entry.counts_per_deg > 0 else -1
-    return _axis(entry, turn, entry.home_speed_deg_s * per_deg, entry.following_error_deg * per_deg)
+def use_boards(find: FindEntries) -> None:
+    """Tell the loader where boards are found: they are known in a layer above this one."""
+    _find[:] = [find]
 
 
-def _axis(entry: AxisEntry, turn: int, home_speed: float, following_error: float) -> EncoderAxis:
-    """``turn``: -1 where the joint's angle grows against the counts."""
-    return EncoderAxis(
-        axis=entry.axis,
-        home_order=entry.home_order,
-        home_toward=1 if (entry.home_toward == "+") == (turn > 0) else -1,
-        home_by=entry.home_by,
-        home_speed=home_speed,
-        p=entry.p_percent * _PERCENT,
-        i=entry.i_percent_s * _PERCENT,
-        d=entry.d_percent * _PERCENT,
-        breakaway=entry.breakaway_percent * _PERCENT,
-        following_error=following_error,
-        stall_s=entry.stall_s,
-        encoder_inverted=entry.encoder_inverted,
-        motor_inverted=entry.motor_inverted,
-        switch_inverted=entry.switch_inverted,
-        max_drive=entry.max_drive_percent * _PERCENT,
-    )
+def read_outputs(
+    file: RobotFile, tables: BoardTables, entries: Sequence[JointEntry], path: Path
+) -> tuple[str, OutputMap | None, object]:
+    """The kind of the board, the map of the joints ``entries`` in their order, and what else the board needs.
+
+    Raises:
+        RobotFileError: no such board; or its part of the file contradicts itself.
+    """
+    kind = tables.board.get("kind", None if tables.board else DEFAULT_BOARD)
+    if kind is None:
+        raise RobotFileError(f"{path}: Object missing required field `kind` - at `$.board`")
+    found = _find[0](kind) if isinstance(kind, str) else _find[0]("")
+    if isinstance(found, tuple):
+        raise RobotFileError(f"{path}: board.kind = {kind!r}: {must_be(found)}")
+    joints = [(entry.name, entry.limit_deg) for entry in entries]
+    outputs, settings = found.read(BoardPart(path, str(kind), tables, joints, file.gripper is not None))
+    return str(kind), outputs, settings
+
+
+def _fields(entry: msgspec.Struct) -> dict[str, Any]:
+    return msgspec.structs.asdict(entry)

@@ -6,7 +6,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from types import MappingProxyType
-from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -29,13 +28,10 @@ from armctl.kinematics import (
 from armctl.kinematics.angles import LIMIT_TOLERANCE
 from armctl.kinematics.target import as_numbers, is_point
 from armctl.robot.body import Capsule, CollisionModel, Corner, moving_corners, shape_capsules
-from armctl.robot.outputs import OutputMap
-from armctl.robot.parts import EncoderAxis, Gripper, Joint, Look, Obstacle
+from armctl.robot.outputs import DEFAULT_BOARD, OutputMap
+from armctl.robot.parts import Gripper, Joint, Look, Obstacle
 
 FloatArray = NDArray[np.float64]
-
-
-BoardKind = Literal["maestro", "firmata", "encoder"]
 
 
 @dataclass(frozen=True)
@@ -63,12 +59,10 @@ class Robot:
     """its body; None: as it is drawn"""
     obstacles: tuple[Obstacle, ...] = ()
     """what the arm must stay out of, besides the floor"""
-    board: BoardKind = "maestro"
+    board: str = DEFAULT_BOARD
     """the kind of board that drives it"""
-    axes: tuple[EncoderAxis, ...] = ()
-    """of an encoder board, the gripper's last"""
-    differential: tuple[int, int] | None = None
-    """axes of the joints that two motors drive together, by their sum and their difference"""
+    board_settings: object = None
+    """what else the robot file tells the board's driver; only the board reads it"""
     limits: FloatArray = field(init=False)
     """(n, 2) lower and upper joint limits [rad]"""
 
@@ -255,7 +249,7 @@ class Robot:
     @property
     def first_pose(self) -> FloatArray:
         """Where the arm stands once it is enabled (n,) [rad]: rest, or where homing ends."""
-        if self.board == "encoder" and self.output_map is not None:
+        if self.output_map is not None and self.output_map.homed:
             return self.output_map.angles(dict.fromkeys(self.output_map.channels, 0.0))
         return self.pose("rest")
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from armctl.errors import ArmctlError, BoardError, StateError
 from armctl.hardware import BoardIdentity, ChannelSettings, Driver, HomingState, Source
+from armctl.hardware.boards import board_type
 from armctl.robot import OutputMap, Robot
 
 FloatArray = NDArray[np.float64]
@@ -32,7 +33,8 @@ class Outputs:
         self._robot = robot
         self.map = robot.output_map or OutputMap.stand_in(robot.limits)
         self.unit = self.map.unit
-        self.power = "motors" if self.unit == "counts" else "pulses"
+        self._board = board_type(robot.board)
+        self.power = self._board.power
         """what is switched on and off"""
         self.unit_per_rad = np.abs(self.map.per_rad)
         """(n,) board units a radian"""
@@ -76,7 +78,7 @@ class Outputs:
         return settings
 
     def _acceleration(self, value: float) -> float | None:
-        return value if self.unit == "counts" else None
+        return value if self._board.limits_acceleration else None
 
     def setpoints(self, q: FloatArray | None, opening: float | None) -> dict[int, float]:
         """Board units by channel for joint angles (n,) [rad] and a gripper opening 0..1; None: not sent."""

@@ -15,7 +15,8 @@ from armctl.boards import board_name
 from armctl.calibration import Calibration, CalibrationStore, calibrated
 from armctl.errors import PortError
 from armctl.hardware import Source
-from armctl.robot import BoardKind, Robot
+from armctl.hardware.boards import board_type
+from armctl.robot import Robot
 from armctl.runtime import Controller, Event, Snapshot
 
 # Who operates the arm: one page at a time; the others watch, and may press STOP.
@@ -106,13 +107,13 @@ class LastKnown:
             return False
         return self._q is not None and not np.isnan(self._q).any()
 
-    def words(self, snapshot: Snapshot, board: BoardKind) -> str:
+    def words(self, snapshot: Snapshot, board: str) -> str:
         """Where the position that is drawn comes from."""
         if not np.isnan(snapshot.q).any() and snapshot.board is not None:
             return snapshot.source.value
         if snapshot.commanded:
             return Source.COMMANDED.value
-        homed = board == "encoder"
+        homed = board_type(board).homing
         if self.remembers(snapshot):
             return f"last known; unknown until the arm is {'homed' if homed else 'enabled'} again"
         if homed:

@@ -11,7 +11,7 @@ from tests.hardware.encoder.kit import AXES, CHANNELS, encoder_axis
 from armctl.errors import BoardError
 from armctl.hardware import ChannelSettings
 from armctl.hardware.encoder.axes import AxisTable
-from armctl.hardware.encoder.frame import request
+from armctl.hardware.encoder.messages import request
 from armctl.robot import load_robot
 from armctl.runtime import channel_settings
 
@@ -54,7 +54,9 @@ def test_a_gripper_is_homed_at_its_stop_which_is_outside_its_range():
 
 def test_the_scorbot_fits_the_board():
     robot = load_robot("scorbot")
-    lines = AxisTable(channel_settings(robot), robot.axes, robot.differential, 6).configuration()
+    lines = AxisTable(
+        channel_settings(robot), robot.board_settings.axes, robot.board_settings.differential, 6
+    ).configuration()
     assert all(len(request(65535, line)) <= 97 for line in lines)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from tests.avr.encoder_conformance import CONFORMANCE, Check
 
-from armctl.hardware.encoder import SimulatedEncoderBoard
+from armctl.hardware.encoder.simulated import SimulatedEncoderBoard
 
 STEP_S = 0.005
 

@@ -8,10 +8,11 @@ import pytest
 from tests.hardware.encoder.kit import AXES, CHANNELS, PLANTS, Bench, encoder_axis
 
 from armctl.errors import BoardError, PortError, StateError
-from armctl.hardware import ChannelSettings, PortInfo, Source
-from armctl.hardware.encoder import EncoderDriver, Mode, SimulatedEncoderBoard
-from armctl.hardware.encoder.driver import SILENCE_NOTE
-from armctl.hardware.encoder.frame import seal, unseal
+from armctl.hardware import ChannelSettings, Source
+from armctl.hardware.encoder.driver import SILENCE_NOTE, EncoderDriver
+from armctl.hardware.encoder.messages import Mode, seal, unseal
+from armctl.hardware.encoder.simulated import SimulatedEncoderBoard
+from armctl.hardware.transport import PortInfo
 from armctl.runtime.clock import ManualClock
 
 

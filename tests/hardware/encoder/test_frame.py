@@ -8,8 +8,8 @@ from hypothesis import strategies as st
 from tests.avr.encoder_conformance import crc16
 
 from armctl.errors import BoardProtocolError, InputError
-from armctl.hardware.encoder import frame
-from armctl.hardware.encoder.frame import Realtime
+from armctl.hardware.encoder import messages as frame
+from armctl.hardware.encoder.messages import Realtime
 
 GOLDEN = [
     (1, "HELLO", b"1 HELLO*7DF0\n"),

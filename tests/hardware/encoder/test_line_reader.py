@@ -3,7 +3,7 @@ from __future__ import annotations
 from hypothesis import given
 from hypothesis import strategies as st
 
-from armctl.hardware.encoder.frame import LineReader
+from armctl.hardware.encoder.messages import LineReader
 
 
 def test_lines_with_either_end_and_empty_ones():

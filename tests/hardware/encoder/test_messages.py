@@ -7,16 +7,20 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from armctl.errors import BoardError, BoardProtocolError, StateError
-from armctl.hardware.encoder import Banner, FaultKind, Mode, Status, decode
-from armctl.hardware.encoder.frame import seal
 from armctl.hardware.encoder.messages import (
     Answer,
+    Banner,
     BoardFlag,
     Event,
+    FaultKind,
+    Mode,
     Refusal,
+    Status,
+    decode,
     decode_status,
     fault_words,
     flag_words,
+    seal,
 )
 
 

@@ -9,8 +9,9 @@ import serial
 from tests.hardware.encoder.kit import AXES, CHANNELS, PLANTS
 
 from armctl.errors import BoardError
-from armctl.hardware import FaultyModel, PtyServer
-from armctl.hardware.encoder import EncoderDriver, SimulatedEncoderBoard, serve_simulated_encoder
+from armctl.hardware.encoder.driver import EncoderDriver
+from armctl.hardware.encoder.simulated import SimulatedEncoderBoard, simulated_encoder_board
+from armctl.hardware.simulation import FaultyModel, PtyServer
 from armctl.runtime.clock import ManualClock
 
 PATIENT_S = 5.0  # the pty has a thread of its own, which a busy machine may keep waiting
@@ -25,7 +26,7 @@ def connected(port: str, clock: ManualClock) -> EncoderDriver:
 
 def test_a_plain_serial_client(clock: ManualClock):
     with (
-        serve_simulated_encoder(clock.now, channels=CHANNELS, axes=AXES) as server,
+        PtyServer(simulated_encoder_board(channels=CHANNELS, axes=AXES), clock.now) as server,
         serial.Serial(server.port, timeout=PATIENT_S) as port,
     ):
         port.write(b"1 HELLO*7DF0\n")
@@ -36,7 +37,9 @@ def test_a_plain_serial_client(clock: ManualClock):
 
 
 def test_a_session_of_the_driver(clock: ManualClock, tmp_path: Path):
-    with serve_simulated_encoder(clock.now, channels=CHANNELS, axes=AXES, link=tmp_path / "arm") as server:
+    with PtyServer(
+        simulated_encoder_board(channels=CHANNELS, axes=AXES), clock.now, link=tmp_path / "arm"
+    ) as server:
         driver = connected(server.port, clock)
         driver.home()
         readback = driver.read()

@@ -5,8 +5,7 @@ from __future__ import annotations
 import pytest
 
 from armctl.errors import BoardTimeoutError, StateError
-from armctl.hardware.encoder.frame import Realtime, seal
-from armctl.hardware.encoder.messages import Event, Refusal
+from armctl.hardware.encoder.messages import Event, Realtime, Refusal, seal
 from armctl.hardware.encoder.session import EncoderSession
 from armctl.runtime.clock import ManualClock
 

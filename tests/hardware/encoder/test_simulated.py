@@ -8,9 +8,9 @@ from hypothesis import strategies as st
 from tests.hardware.encoder.kit import Bench, encoder_axis
 
 from armctl.hardware import ChannelSettings
-from armctl.hardware.encoder import AxisPlant, Mode, SimulatedEncoderBoard, decode, simulated_encoder_board
-from armctl.hardware.encoder.messages import Banner, FaultKind, Status
-from armctl.hardware.encoder.simulated_axis import FIRMWARE_DEFAULTS, SimulatedAxis, plant_of
+from armctl.hardware.encoder.messages import Banner, FaultKind, Mode, Status, decode
+from armctl.hardware.encoder.simulated import SimulatedEncoderBoard, simulated_encoder_board
+from armctl.hardware.encoder.simulated_axis import FIRMWARE_DEFAULTS, AxisPlant, SimulatedAxis, plant_of
 from armctl.robot import load_robot
 from armctl.runtime import channel_settings
 
@@ -84,8 +84,8 @@ def test_a_motor_that_may_not_push_harder_stalls_earlier(largest: int, fault: Fa
 def test_the_plants_of_a_robot_can_be_homed():
     robot = load_robot("scorbot")
     channels = channel_settings(robot)
-    board = simulated_encoder_board(channels, robot.axes)
-    for limits, own in zip(channels, robot.axes, strict=True):
+    board = simulated_encoder_board(channels, robot.board_settings.axes)
+    for limits, own in zip(channels, robot.board_settings.axes, strict=True):
         plant = board.axes[own.axis].plant
         if own.home_by == "switch":
             assert plant.low < limits.minimum < limits.maximum < plant.high

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from armctl.errors import BoardError
-from armctl.hardware.encoder.axes import ToldSettings
+from armctl.hardware.encoder.driver import ToldSettings
 
 
 class Line:

@@ -4,8 +4,9 @@ from collections.abc import Callable
 
 import pytest
 
-from armctl.hardware import ByteModel, ChannelSettings, LoopTransport
-from armctl.hardware.firmata import FirmataDriver
+from armctl.hardware import ByteModel, ChannelSettings
+from armctl.hardware.firmata.driver import FirmataDriver
+from armctl.hardware.simulation import LoopTransport
 from armctl.runtime.clock import ManualClock
 
 PINS = [9, 22]

@@ -5,8 +5,9 @@ from __future__ import annotations
 import pytest
 
 from armctl.errors import BoardError, BoardProtocolError, BoardTimeoutError
-from armctl.hardware import ChannelSettings, Fault, FaultyModel
-from armctl.hardware.firmata import SimulatedFirmata
+from armctl.hardware import ChannelSettings
+from armctl.hardware.firmata.simulated import SimulatedFirmata
+from armctl.hardware.simulation import Fault, FaultyModel
 from armctl.runtime.clock import ManualClock
 
 from .conftest import CHANNELS

@@ -5,9 +5,10 @@ from __future__ import annotations
 import pytest
 
 from armctl.errors import BoardError, BoardProtocolError, BoardTimeoutError
-from armctl.hardware import LoopTransport
-from armctl.hardware.firmata import PinState, SimulatedFirmata
+from armctl.hardware.firmata.codec import PinState
 from armctl.hardware.firmata.line import FirmataLine
+from armctl.hardware.firmata.simulated import SimulatedFirmata
+from armctl.hardware.simulation import LoopTransport
 from armctl.runtime.clock import ManualClock
 
 from .conftest import RecordingTransport

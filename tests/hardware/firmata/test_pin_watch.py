@@ -1,6 +1,6 @@
 from __future__ import annotations
 
-from armctl.hardware.firmata import PinState
+from armctl.hardware.firmata.codec import PinState
 from armctl.hardware.firmata.pins import PinWatch
 
 SERVO, OUTPUT = 4, 1

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from armctl.hardware.firmata import (
+from armctl.hardware.firmata.codec import (
     BoardText,
     CapabilityReport,
     FirmwareReport,

@@ -8,8 +8,10 @@ import pytest
 import serial
 
 from armctl.errors import BoardError
-from armctl.hardware import ChannelSettings, FaultyModel, PtyServer
-from armctl.hardware.firmata import FirmataDriver, SimulatedFirmata, serve_simulated_firmata
+from armctl.hardware import ChannelSettings
+from armctl.hardware.firmata.driver import FirmataDriver
+from armctl.hardware.firmata.simulated import SimulatedFirmata
+from armctl.hardware.simulation import FaultyModel, PtyServer
 from armctl.runtime.clock import MonotonicClock
 
 CHANNELS = [ChannelSettings(9, 1000.0, 2000.0), ChannelSettings(22, 1000.0, 2000.0)]
@@ -31,7 +33,7 @@ def connected(port: str, clock: MonotonicClock) -> FirmataDriver:
 def test_any_client_can_open_it(tmp_path: Path, real_clock: MonotonicClock):
     link = tmp_path / "firmata"
     with (
-        serve_simulated_firmata(real_clock.now, link=link) as server,
+        PtyServer(SimulatedFirmata(), real_clock.now, link=link) as server,
         serial.Serial(server.port, 57600, timeout=5) as port,
     ):
         assert server.port == str(link)
@@ -42,7 +44,7 @@ def test_any_client_can_open_it(tmp_path: Path, real_clock: MonotonicClock):
 
 
 def test_a_session_over_a_pty(real_clock: MonotonicClock):
-    with serve_simulated_firmata(real_clock.now) as server:
+    with PtyServer(SimulatedFirmata(), real_clock.now) as server:
         driver = connected(server.port, real_clock)
         wanted = {9: 1200.0, 22: 1800.0}
         deadline = real_clock.now() + 20.0
@@ -63,7 +65,7 @@ def test_a_session_over_a_pty(real_clock: MonotonicClock):
 
 
 def test_the_next_client_finds_the_pins_as_they_were_left(real_clock: MonotonicClock):
-    with serve_simulated_firmata(real_clock.now) as server:
+    with PtyServer(SimulatedFirmata(), real_clock.now) as server:
         driver = connected(server.port, real_clock)
         deadline = real_clock.now() + 20.0
         while driver.read().positions[9] is None and real_clock.now() < deadline:

@@ -5,10 +5,9 @@ from __future__ import annotations
 import pytest
 
 from armctl.hardware import ChannelSettings
-from armctl.hardware.firmata import PinState
-from armctl.hardware.firmata.codec import BAUD, pin_state_query, servo_write
+from armctl.hardware.firmata.codec import BAUD, PinState, pin_state_query, servo_write
 from armctl.hardware.firmata.line import SERVO_FRAME_S, SetpointStream
-from armctl.hardware.firmata.pins import Attacher, PinTable, PinWatch
+from armctl.hardware.firmata.pins import Attacher, PinWatch, pin_table
 from armctl.runtime.clock import ManualClock
 
 SERVO, OUTPUT = 4, 1
@@ -22,7 +21,7 @@ class Line:
     def __init__(self, clock: ManualClock, *, mode: int = SERVO) -> None:
         self.clock = clock
         self.sent: list[bytes] = []
-        self.table = PinTable([ChannelSettings(pin, 1000.0, 2000.0) for pin in PINS], PINS)
+        self.table = pin_table([ChannelSettings(pin, 1000.0, 2000.0) for pin in PINS], PINS)
         self.watch = PinWatch(PinState(pin, mode, 1500 if mode == SERVO else 0) for pin in PINS)
         self.stream = SetpointStream(
             self.sent.append, clock.now, Attacher("StandardFirmata.ino", fresh=False)

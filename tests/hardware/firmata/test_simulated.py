@@ -7,7 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from armctl.errors import InputError
-from armctl.hardware.firmata import ReplyParser, SimulatedFirmata
+from armctl.hardware.firmata.codec import ReplyParser
+from armctl.hardware.firmata.simulated import SimulatedFirmata
 
 NAME = "StandardFirmata.ino".encode("utf-16-le").hex(" ")
 UNKNOWN_PIN_MODE = "Unknown pin mode".encode("utf-16-le").hex(" ")

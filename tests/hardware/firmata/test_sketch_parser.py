@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from armctl.hardware.firmata.codec import Command
-from armctl.hardware.firmata.sketch import Overflow, ShortMessage, SketchParser, SysexMessage
+from armctl.hardware.firmata.simulated import Overflow, ShortMessage, SketchParser, SysexMessage
 
 
 def parsed(text: str) -> list:

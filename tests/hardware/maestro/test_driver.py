@@ -10,18 +10,18 @@ from hypothesis import strategies as st
 from tests.hardware.maestro.scripted_transport import ScriptedTransport
 
 from armctl.errors import BoardError, BoardProtocolError, BoardTimeoutError, InputError, PortError
-from armctl.hardware import ChannelSettings, Fault, FaultyModel, LoopTransport, PortInfo
-from armctl.hardware.maestro import (
+from armctl.hardware import ChannelSettings
+from armctl.hardware.maestro.codec import Framing, MaestroModel
+from armctl.hardware.maestro.driver import UNKNOWN_MODEL_NOTE, WATCHDOG_NOTE, MaestroDriver
+from armctl.hardware.maestro.simulated import (
     ChannelConfig,
-    Framing,
     HomeMode,
-    MaestroDriver,
     MaestroSettings,
     SerialMode,
     SimulatedMaestro,
 )
-from armctl.hardware.maestro.driver import UNKNOWN_MODEL_NOTE, WATCHDOG_NOTE
-from armctl.hardware.ports import MaestroModel
+from armctl.hardware.simulation import Fault, FaultyModel, LoopTransport
+from armctl.hardware.transport import PortInfo
 from armctl.runtime.clock import ManualClock
 
 CHANNELS = [ChannelSettings(channel, 1000.0, 2000.0) for channel in range(4)]

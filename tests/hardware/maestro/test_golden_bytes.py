@@ -11,8 +11,9 @@ import pytest
 from tests.hardware.maestro.scripted_transport import ScriptedTransport
 
 from armctl.hardware import ChannelSettings, Source
-from armctl.hardware.maestro import Framing, MaestroDriver, MaestroErrors, MaestroSettings, SimulatedMaestro
-from armctl.hardware.ports import MaestroModel
+from armctl.hardware.maestro.codec import Framing, MaestroErrors, MaestroModel
+from armctl.hardware.maestro.driver import MaestroDriver
+from armctl.hardware.maestro.simulated import MaestroSettings, SimulatedMaestro
 
 Session = tuple[tuple[str, str], ...]
 

@@ -3,9 +3,9 @@ from __future__ import annotations
 import pytest
 
 from armctl.errors import BoardProtocolError
-from armctl.hardware import LoopTransport
 from armctl.hardware.maestro.codec import COMPACT, MaestroErrors
-from armctl.hardware.maestro.line import MaestroLine
+from armctl.hardware.maestro.driver import MaestroLine
+from armctl.hardware.simulation import LoopTransport
 from armctl.runtime.clock import ManualClock
 
 

@@ -8,16 +8,17 @@ import pytest
 import serial
 
 from armctl.errors import BoardError, BoardTimeoutError
-from armctl.hardware import ChannelSettings, Fault, FaultyModel, PtyServer
-from armctl.hardware.maestro import (
+from armctl.hardware import ChannelSettings
+from armctl.hardware.maestro.codec import MaestroModel
+from armctl.hardware.maestro.driver import MaestroDriver
+from armctl.hardware.maestro.simulated import (
     ChannelConfig,
-    MaestroDriver,
     MaestroSettings,
     SerialMode,
     SimulatedMaestro,
-    serve_simulated_maestro,
+    simulated_maestro,
 )
-from armctl.hardware.ports import MaestroModel
+from armctl.hardware.simulation import Fault, FaultyModel, PtyServer
 from armctl.runtime.clock import ManualClock
 
 CHANNELS = [ChannelSettings(0, 700.0, 2300.0, speed=1000.0), ChannelSettings(1, 1000.0, 2000.0)]
@@ -32,7 +33,7 @@ def connected(port: str, clock: ManualClock, timeout_s: float = PATIENT_S) -> Ma
 
 
 def test_a_plain_serial_client_with_bytes_from_the_guide(clock: ManualClock):
-    with serve_simulated_maestro(clock.now) as server, serial.Serial(server.port, timeout=5.0) as port:
+    with PtyServer(simulated_maestro(), clock.now) as server, serial.Serial(server.port, timeout=5.0) as port:
         port.write(bytes.fromhex("84 02 70 2e"))  # 1500 µs on channel 2
         port.write(bytes.fromhex("90 02"))
         assert port.read(2) == bytes.fromhex("70 17")
@@ -48,7 +49,7 @@ def test_a_plain_serial_client_with_bytes_from_the_guide(clock: ManualClock):
 
 
 def test_a_session_of_the_driver(clock: ManualClock):
-    with serve_simulated_maestro(clock.now, channels=CHANNELS) as server:
+    with PtyServer(simulated_maestro(channels=CHANNELS), clock.now) as server:
         driver = connected(server.port, clock)
         driver.write({0: 700.0, 1: 1500.0})
         assert driver.read().positions == {0: 700.0, 1: 1500.0}
@@ -68,7 +69,7 @@ def test_a_session_of_the_driver(clock: ManualClock):
 
 
 def test_identity_over_a_link(clock: ManualClock, tmp_path: Path):
-    with serve_simulated_maestro(clock.now, link=tmp_path / "arm") as server:
+    with PtyServer(simulated_maestro(), clock.now, link=tmp_path / "arm") as server:
         driver = MaestroDriver(server.port, simulated=True, model=MaestroModel.MICRO_6)
         identity = driver.open()
         driver.close()
@@ -79,7 +80,7 @@ def test_identity_over_a_link(clock: ManualClock, tmp_path: Path):
 
 
 def test_outputs_stay_on_while_clients_come_and_go(clock: ManualClock):
-    with serve_simulated_maestro(clock.now, channels=CHANNELS) as server:
+    with PtyServer(simulated_maestro(channels=CHANNELS), clock.now) as server:
         first = connected(server.port, clock)
         first.write({1: 1500.0})
         assert first.read().positions[1] == 1500.0
@@ -92,7 +93,7 @@ def test_outputs_stay_on_while_clients_come_and_go(clock: ManualClock):
 def test_the_board_gets_the_robots_ranges_and_is_large_enough(clock: ManualClock):
     channels = [ChannelSettings(0, 700.0, 2300.0), ChannelSettings(7, 1000.0, 1900.0)]
     settings = MaestroSettings(channels={1: ChannelConfig(800.0, 2200.0)}, timeout_units=50)
-    with serve_simulated_maestro(clock.now, channels=channels, settings=settings) as server:
+    with PtyServer(simulated_maestro(channels=channels, settings=settings), clock.now) as server:
         with server.inspect() as board:
             assert board.model is MaestroModel.MINI_12
             assert board.settings.timeout_units == 50
@@ -101,13 +102,16 @@ def test_the_board_gets_the_robots_ranges_and_is_large_enough(clock: ManualClock
 
 
 def test_the_model_can_be_chosen(clock: ManualClock):
-    with serve_simulated_maestro(clock.now, model=MaestroModel.MINI_24) as server, server.inspect() as board:
+    with (
+        PtyServer(simulated_maestro(model=MaestroModel.MINI_24), clock.now) as server,
+        server.inspect() as board,
+    ):
         assert board.model is MaestroModel.MINI_24
 
 
 def test_the_factory_serial_mode_over_a_pty(clock: ManualClock):
     settings = MaestroSettings(serial_mode=SerialMode.UART_DETECT_BAUD)
-    with serve_simulated_maestro(clock.now, settings=settings) as server:
+    with PtyServer(simulated_maestro(settings=settings), clock.now) as server:
         with pytest.raises(BoardTimeoutError, match="USB Dual Port"):
             connected(server.port, clock)
         serial.Serial(server.port).close()  # the failed open has let go of the port

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from armctl.errors import InputError
 from armctl.hardware.maestro import codec
-from armctl.hardware.maestro.codec import MaestroErrors
+from armctl.hardware.maestro.codec import MaestroErrors, MaestroModel
 from armctl.hardware.maestro.simulated import (
     ChannelConfig,
     HomeMode,
@@ -17,7 +17,6 @@ from armctl.hardware.maestro.simulated import (
     SerialMode,
     SimulatedMaestro,
 )
-from armctl.hardware.ports import MaestroModel
 
 WIDE = ChannelConfig(minimum_us=500.0, maximum_us=2500.0)
 

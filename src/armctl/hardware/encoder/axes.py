@@ -1,14 +1,227 @@
-"""The configured axes of an encoder board and what each may be sent."""
+"""The axes of an encoder board: what a robot file says of them and what the board is told."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Annotated, Literal
 
-from armctl.errors import BoardError, InputError, StateError
-from armctl.hardware.driver import ChannelScale, ChannelSettings
-from armctl.hardware.encoder.session import EncoderSession
-from armctl.robot import EncoderAxis
+import numpy as np
+from msgspec import Meta
+
+from armctl.errors import BoardError, InputError, RobotFileError
+from armctl.hardware.driver import ChannelScale, ChannelSettings, ChannelTable
+from armctl.robot.file import Name, NotNegative, Positive, Strict
+from armctl.robot.outputs import OutputMap
+from armctl.robot.outputs_of_file import BoardPart
+
+SCALE = ChannelScale("axis", "counts")
+_KEY = "encoder"
+_PERCENT = 0.01
+HomeBy = Literal["switch", "stall"]
+
+
+@dataclass(frozen=True, slots=True)
+class EncoderAxis:
+    """An axis of an encoder board, in counts and seconds."""
+
+    axis: int
+    home_order: int
+    """place in the homing order, from 1; those of one place follow each other by axis"""
+    home_toward: Literal[-1, 1]
+    """the direction, in counts, in which the switch (or the stop) is looked for first"""
+    home_by: HomeBy
+    home_speed: float
+    """[counts/s]"""
+    p: float
+    """gain of the position error [fraction of full drive a count]"""
+    i: float
+    """gain of its integral [fraction a count·s]"""
+    d: float
+    """gain of the velocity error [fraction a count/s]"""
+    breakaway: float
+    """drive below which a motor that stands does not move, 0..1"""
+    following_error: float
+    """distance from the setpoint that switches the motors off [counts]"""
+    stall_s: float
+    """the largest drive without movement for so long switches the motors off [s]"""
+    encoder_inverted: bool
+    motor_inverted: bool
+    switch_inverted: bool = False
+    """the home switch is closed all the time and opens when it is pressed"""
+    max_drive: float = 1.0
+    """the largest drive that the motor is given, 0..1; what it can push with"""
+
+
+@dataclass(frozen=True, slots=True)
+class EncoderSettings:
+    """What an encoder board must know of an arm besides the limits of its axes."""
+
+    axes: tuple[EncoderAxis, ...] = ()
+    """the gripper's last"""
+    differential: tuple[int, int] | None = None
+    """axes of the joints that two motors drive together, by their sum and their difference"""
+
+
+class AxisEntry(Strict, frozen=True):
+    """A motor with an encoder on an encoder board; the defaults suit the gear motors of a small arm."""
+
+    axis: Annotated[int, Meta(ge=0, le=5)]
+    home_order: Annotated[int, Meta(ge=1, le=15)]
+    """place in the homing order"""
+    home_toward: Literal["+", "-"] = "-"
+    """which way the switch is looked for first"""
+    home_by: HomeBy = "switch"
+    p_percent: NotNegative = 1.8
+    """drive for a position error of one count [% of full drive]"""
+    i_percent_s: NotNegative = 3.0
+    """[% of full drive for a count and a second]"""
+    d_percent: NotNegative = 0.025
+    """[% of full drive for a count a second]"""
+    breakaway_percent: Annotated[float, Meta(ge=0, le=100)] = 35.0
+    """drive below which a motor that stands does not move"""
+    max_drive_percent: Annotated[float, Meta(gt=0, le=100)] = 100.0
+    """the largest drive that the motor is given; what it can push with"""
+    stall_s: Annotated[float, Meta(gt=0, le=5)] = 0.5
+    encoder_inverted: bool = False
+    motor_inverted: bool = False
+    switch_inverted: bool = False
+    """the home switch is closed all the time and opens when it is pressed"""
+
+
+class EncoderEntry(AxisEntry, frozen=True, kw_only=True):
+    """The encoder of a joint: counts = counts_per_deg · (angle - home_deg)."""
+
+    counts_per_deg: float
+    home_deg: float = 0.0
+    """the angle where homing ends: at the edge of the switch"""
+    home_speed_deg_s: Positive = 10.0
+    following_error_deg: Positive = 5.0
+    """this far from its setpoint the motors are switched off"""
+
+
+class GripperEncoderEntry(AxisEntry, frozen=True, kw_only=True):
+    """The gripper's encoder: its position closed and open, counted from where homing ends."""
+
+    closed_counts: float
+    open_counts: float
+    home_speed_counts_s: Positive = 500.0
+    following_error_counts: Positive = 2000.0
+
+
+class EncoderBoardEntry(Strict, frozen=True):
+    """``[board]`` of an encoder board."""
+
+    differential: tuple[Name, Name] | None = None
+    """two joints that two motors drive together: the sum, and the difference"""
+
+
+class EncoderEntries:
+    """Reads ``encoder`` tables, and ``differential`` in ``[board]``."""
+
+    def read(self, part: BoardPart) -> tuple[OutputMap | None, EncoderSettings]:
+        """The map of the joints, None where the file has none, and the axes behind it.
+
+        Raises:
+            RobotFileError: only some joints have an encoder, two share an axis, homing would end outside the
+                limits, or a differential names no two joints.
+        """
+        board = part.board(EncoderBoardEntry)
+        encoders = part.outputs(_KEY, EncoderEntry)
+        if not encoders:
+            return None, EncoderSettings((), _differential(part, board, encoders))
+        gripper = part.gripper(_KEY, GripperEncoderEntry, "closed_counts", "open_counts")
+        if gripper is not None:
+            _check_drive(gripper, f"{part.path}: gripper.encoder")
+        part.check_channels([one.axis for one in encoders], gripper and gripper.axis, "encoders")
+        for (name, (low, high)), encoder in zip(part.joints, encoders, strict=True):
+            part.check_scale(encoder.counts_per_deg, f"joints.{name}.encoder.counts_per_deg")
+            _check_drive(encoder, f"{part.path}: joints.{name}.encoder")
+            if not low <= encoder.home_deg <= high:
+                raise RobotFileError(
+                    f"{part.path}: joints.{name}.encoder.home_deg = {encoder.home_deg}° is outside the "
+                    f"limits {low}° … {high}°: homing would end where the joint may not be"
+                )
+        axes = [_joint_axis(encoder) for encoder in encoders]
+        if gripper is not None:
+            axes.append(_axis(gripper, 1, gripper.home_speed_counts_s, gripper.following_error_counts))
+        settings = EncoderSettings(tuple(axes), _differential(part, board, encoders))
+        return _output_map(part, encoders, gripper), settings
+
+
+def _output_map(
+    part: BoardPart, encoders: list[EncoderEntry], gripper: GripperEncoderEntry | None
+) -> OutputMap:
+    per_deg = np.array([encoder.counts_per_deg for encoder in encoders])
+    zero = -per_deg * np.array([encoder.home_deg for encoder in encoders])
+    ends = zero[:, None] + per_deg[:, None] * np.array([limits for _, limits in part.joints])
+    return OutputMap(
+        unit="counts",
+        channels=tuple(encoder.axis for encoder in encoders),
+        zero=zero,
+        per_rad=per_deg * (180 / math.pi),
+        low=ends.min(axis=1),
+        high=ends.max(axis=1),
+        gripper_channel=None if gripper is None else gripper.axis,
+        gripper_closed=0.0 if gripper is None else gripper.closed_counts,
+        gripper_open=0.0 if gripper is None else gripper.open_counts,
+        homed=True,
+        table=_KEY,
+        key="counts",
+    )
+
+
+def _differential(
+    part: BoardPart, board: EncoderBoardEntry, encoders: list[EncoderEntry]
+) -> tuple[int, int] | None:
+    """Axes of the two joints that are driven by the sum and the difference of two motors."""
+    if board.differential is None:
+        return None
+    axes = {name: encoder.axis for (name, _), encoder in zip(part.joints, encoders, strict=False)}
+    for name in board.differential:
+        if name not in axes:
+            raise RobotFileError(f"{part.path}: board.differential: {name!r} is no joint with an encoder")
+    first, second = board.differential
+    if first == second:
+        raise RobotFileError(f"{part.path}: board.differential names one joint twice; it takes two")
+    return axes[first], axes[second]
+
+
+def _check_drive(entry: AxisEntry, where: str) -> None:
+    if entry.breakaway_percent > entry.max_drive_percent:
+        raise RobotFileError(
+            f"{where}.breakaway_percent = {entry.breakaway_percent:g} is above max_drive_percent = "
+            f"{entry.max_drive_percent:g}: the motor could not start; raise the one or lower the other"
+        )
+
+
+def _joint_axis(entry: EncoderEntry) -> EncoderAxis:
+    per_deg = abs(entry.counts_per_deg)
+    turn = 1 if entry.counts_per_deg > 0 else -1
+    return _axis(entry, turn, entry.home_speed_deg_s * per_deg, entry.following_error_deg * per_deg)
+
+
+def _axis(entry: AxisEntry, turn: int, home_speed: float, following_error: float) -> EncoderAxis:
+    """``turn``: -1 where the joint's angle grows against the counts."""
+    return EncoderAxis(
+        axis=entry.axis,
+        home_order=entry.home_order,
+        home_toward=1 if (entry.home_toward == "+") == (turn > 0) else -1,
+        home_by=entry.home_by,
+        home_speed=home_speed,
+        p=entry.p_percent * _PERCENT,
+        i=entry.i_percent_s * _PERCENT,
+        d=entry.d_percent * _PERCENT,
+        breakaway=entry.breakaway_percent * _PERCENT,
+        following_error=following_error,
+        stall_s=entry.stall_s,
+        encoder_inverted=entry.encoder_inverted,
+        motor_inverted=entry.motor_inverted,
+        switch_inverted=entry.switch_inverted,
+        max_drive=entry.max_drive_percent * _PERCENT,
+    )
+
 
 # The numbers that a configuration line may carry (firmware/README.md, CFG).
 
@@ -105,7 +318,6 @@ def homing_line(axis: EncoderAxis, order: int) -> str:
 
 
 _LEAVE = "-"
-SCALE = ChannelScale("axis", "counts")
 
 
 class AxisTable:
@@ -132,29 +344,28 @@ class AxisTable:
         self._count = count
         self._differential = differential
         self._axes = {one.axis: one for one in axes}
-        self._limits: dict[int, ChannelSettings] = {}
-        for one in channels:
-            self._add(one)
+        self._table = ChannelTable(SCALE, channels, self._check)
 
     @property
     def axes(self) -> tuple[int, ...]:
         """The configured axes, lowest first."""
-        return tuple(sorted(self._limits))
+        return self._table.channels
 
     @property
     def homing_order(self) -> tuple[int, ...]:
         """The configured axes in the order in which they are homed."""
-        return tuple(sorted(self._limits, key=lambda axis: (self._axes[axis].home_order, axis)))
+        return tuple(sorted(self.axes, key=lambda axis: (self._axes[axis].home_order, axis)))
 
     def configuration(self) -> tuple[str, ...]:
         """The lines that tell the board all of this."""
-        places = sorted({self._axes[axis].home_order for axis in self._limits})
+        places = sorted({self._axes[axis].home_order for axis in self.axes})
         lines = ["PAIR NONE" if self._differential is None else "PAIR {} {}".format(*self._differential)]
+        limits = dict(zip(self.axes, self._table.settings, strict=True))
         for axis in range(self._count):
-            if axis in self._limits:
+            if axis in limits:
                 own = self._axes[axis]
                 place = places.index(own.home_order) + 1  # the board counts to 6, a robot file may go further
-                lines += [_limits_line(self._limits[axis]), control_line(own), homing_line(own, place)]
+                lines += [_limits_line(limits[axis]), control_line(own), homing_line(own, place)]
             else:
                 lines.append(f"CFG {axis} hord=0")
         return tuple(lines)
@@ -165,17 +376,15 @@ class AxisTable:
         Raises:
             BoardError: not configured, not finite, or outside the limits.
         """
-        counts = {axis: SCALE.admit(self._limits, axis, value) for axis, value in setpoints.items()}
+        counts = {axis: self._table.admit(axis, value) for axis, value in setpoints.items()}
         fields = " ".join(str(counts.get(axis, _LEAVE)) for axis in range(self._count))
         return f"P {fields} {reach_ms}"
 
-    def _add(self, one: ChannelSettings) -> None:
+    def _check(self, one: ChannelSettings) -> None:
         if not 0 <= one.channel < self._count:
             raise BoardError(
                 f"axis {one.channel}: the board has axes 0 … {self._count - 1}; change the robot file"
             )
-        if one.channel in self._limits:
-            raise BoardError(f"axis {one.channel} is configured twice; give each joint an axis of its own")
         own = self._axes.get(one.channel)
         if own is None:
             raise BoardError(
@@ -197,7 +406,6 @@ class AxisTable:
         low, high = SCALE.whole_range(one)
         if not low < high:
             raise BoardError(f"axis {one.channel}: {one.minimum:g} … {one.maximum:g} counts is no range")
-        self._limits[one.channel] = one
 
 
 def _limits_line(limits: ChannelSettings) -> str:
@@ -209,43 +417,3 @@ def _limits_line(limits: ChannelSettings) -> str:
     # Rounded down: the board never runs faster than the limit; the range keeps both above 0.
     speed, acceleration = math.floor(limits.speed or 0.0), math.floor(limits.acceleration or 0.0)
     return f"CFG {limits.channel} min={min(low, 0)} max={max(high, 0)} vmax={speed} amax={acceleration}"
-
-
-# What an encoder board has been told of its axes.
-
-WATCHDOG_MS = 500
-_OLDEST_STATUS_S = 0.05
-
-
-class ToldSettings:
-    """Sends settings where the board has not got them: it forgets all of them when it starts anew."""
-
-    def __init__(self) -> None:
-        self._lines: tuple[str, ...] | None = None
-        """what the board has; None where that is not certain"""
-        self._restarts = 0
-        self._told = False
-
-    def tell(self, session: EncoderSession, table: AxisTable) -> None:
-        """Send what ``table`` says, unless the board has it.
-
-        Raises:
-            StateError: the motors are on with other settings.
-            BoardError: the board refuses, or the line is gone.
-        """
-        session.drain()
-        lines = table.configuration()
-        if lines == self._lines and session.heard.restarts == self._restarts:
-            return
-        status = session.fresh_status(_OLDEST_STATUS_S)
-        if status.mode.powered:
-            raise StateError(
-                f"{session.name}: the motors are on, and with other settings; release first, or wait half a "
-                "second after another program has let go of the board"
-            )
-        if not self._told and status.latched:
-            session.command("CLR")  # from before armctl connected; told in the identity
-        restarts, self._lines, self._told = session.heard.restarts, None, True
-        for line in (f"WD {WATCHDOG_MS}", *lines):
-            session.command(line)
-        self._lines, self._restarts = lines, restarts

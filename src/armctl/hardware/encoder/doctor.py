@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
-from armctl.hardware.doctor.finding import Finding, Needs, failed, not_checked, ok, round_trips, warning
 from armctl.hardware.encoder.messages import PROTOCOL, Banner, Status, decode_banner, fault_words, flag_words
 from armctl.hardware.encoder.session import EncoderSession, protocol_advice
-from armctl.hardware.transport import Transport
+from armctl.hardware.findings import CheckUp, Finding, Needs, failed, not_checked, ok, round_trips, warning
 
 _TIMEOUT_S = 0.5
 _OLDEST_STATUS_S = 0.05
@@ -16,28 +13,23 @@ _SUPPLY_ADVICE = (
 )
 
 
-def examine_encoder(transport: Transport, needs: Needs, now: Callable[[], float]) -> list[Finding]:
+def examine_encoder(check_up: CheckUp) -> list[Finding]:
     """Everything that can be asked of an encoder board without moving or changing anything.
-
-    Args:
-        transport: the open line.
-        needs: what the robot file needs; a channel is an axis.
-        now: the clock [s].
 
     Raises:
         BoardError: the board stops answering, or the line is gone.
     """
-    session = EncoderSession(transport, now, _TIMEOUT_S)
+    session = EncoderSession(check_up.line, check_up.now, _TIMEOUT_S)
     banner = decode_banner(session.command("HELLO"))
     status = session.fresh_status(_OLDEST_STATUS_S)
     return [
         _firmware(banner),
-        _axes(banner, needs),
+        _axes(banner, check_up.needs),
         not_checked("ranges", "armctl tells the board its soft limits when it connects"),
         _state(status),
         _faults(status),
         ok("watchdog", "the firmware switches the motors off when it hears nothing for at most 500 ms"),
-        round_trips(lambda: session.command("PING"), now),
+        round_trips(lambda: session.command("PING"), check_up.now),
         _supply(banner),
     ]
 

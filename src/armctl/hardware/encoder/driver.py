@@ -6,15 +6,13 @@ from collections.abc import Callable, Mapping, Sequence
 
 from armctl.errors import ArmctlError, BoardError, BoardTimeoutError, StateError
 from armctl.hardware.driver import BoardIdentity, ChannelSettings, HomingState, Readback, Source
-from armctl.hardware.encoder.axes import WATCHDOG_MS, AxisTable, ToldSettings
-from armctl.hardware.encoder.frame import Realtime
-from armctl.hardware.encoder.messages import Banner, Mode, Status
+from armctl.hardware.encoder.axes import AxisTable, EncoderAxis
+from armctl.hardware.encoder.messages import Banner, Mode, Realtime, Status
 from armctl.hardware.encoder.session import EncoderSession, greet
 from armctl.hardware.encoder.watch import BoardWatch, earlier_words
-from armctl.hardware.ports import AcceptBoard, BoardPort, PortInfo, any_board, list_ports
-from armctl.hardware.transport import Transport
-from armctl.robot import EncoderAxis
+from armctl.hardware.transport import AcceptBoard, BoardPort, PortInfo, Transport, any_board
 
+WATCHDOG_MS = 500
 SILENCE_NOTE = (
     f"the board switches its motors off {WATCHDOG_MS} ms after it last heard from this computer: if the "
     "program or the cable fails, or on Disconnect, joints that their gears do not hold sink"
@@ -56,7 +54,7 @@ class EncoderDriver:
         now: Callable[[], float],
         differential: tuple[int, int] | None = None,
         simulated: bool = False,
-        ports: Callable[[], Sequence[PortInfo]] = list_ports,
+        ports: Callable[[], Sequence[PortInfo]] = tuple,
         accept: AcceptBoard = any_board,
         timeout_s: float = 0.1,
     ) -> None:
@@ -300,3 +298,40 @@ def _stands(status: Status | None) -> bool:
 def _is_free(status: Status | None) -> bool:
     """Whether the board shows that it does not hold."""
     return status is not None and status.mode is not Mode.HELD
+
+
+# What an encoder board has been told of its axes.
+
+
+class ToldSettings:
+    """Sends settings where the board has not got them: it forgets all of them when it starts anew."""
+
+    def __init__(self) -> None:
+        self._lines: tuple[str, ...] | None = None
+        """what the board has; None where that is not certain"""
+        self._restarts = 0
+        self._told = False
+
+    def tell(self, session: EncoderSession, table: AxisTable) -> None:
+        """Send what ``table`` says, unless the board has it.
+
+        Raises:
+            StateError: the motors are on with other settings.
+            BoardError: the board refuses, or the line is gone.
+        """
+        session.drain()
+        lines = table.configuration()
+        if lines == self._lines and session.heard.restarts == self._restarts:
+            return
+        status = session.fresh_status(_OLDEST_STATUS_S)
+        if status.mode.powered:
+            raise StateError(
+                f"{session.name}: the motors are on, and with other settings; release first, or wait half a "
+                "second after another program has let go of the board"
+            )
+        if not self._told and status.latched:
+            session.command("CLR")  # from before armctl connected; told in the identity
+        restarts, self._lines, self._told = session.heard.restarts, None, True
+        for line in (f"WD {WATCHDOG_MS}", *lines):
+            session.command(line)
+        self._lines, self._restarts = lines, restarts

@@ -7,15 +7,19 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from armctl.errors import BoardProtocolError, BoardTimeoutError
-from armctl.hardware.encoder.frame import LARGEST_SEQUENCE, Realtime, request
 from armctl.hardware.encoder.messages import (
     FIRMWARE,
+    FLASH_IT,
+    FLASHING,
+    LARGEST_SEQUENCE,
     PROTOCOL,
     Answer,
     Banner,
+    Realtime,
     Refusal,
     Status,
     decode_banner,
+    request,
 )
 from armctl.hardware.encoder.watch import Heard
 from armctl.hardware.transport import Transport
@@ -265,8 +269,6 @@ _SPEAKING_ROUNDS = 10
 # Firmata's "report firmware", as a query and at the beginning of the answer.
 _FIRMATA_QUERY = b"\xf0\x79\xf7"
 _FIRMATA_REPORT = b"\xf0\x79"
-_FLASHING = "firmware/README.md says how under Flashing"
-FLASH_IT = f"flash armctl's encoder firmware ({_FLASHING})"
 
 
 def greet(session: EncoderSession, transport: Transport, *, resets: bool) -> Banner:
@@ -301,10 +303,10 @@ def greet(session: EncoderSession, transport: Transport, *, resets: bool) -> Ban
 def protocol_advice(banner: Banner) -> str:
     """What to do about a board that speaks another protocol than this armctl."""
     if banner.protocol < PROTOCOL:
-        return f"flash the board again, with the firmware that comes with this armctl ({_FLASHING})"
+        return f"flash the board again, with the firmware that comes with this armctl ({FLASHING})"
     return (
         "this armctl is older than the board's firmware: update armctl, or flash the board with the "
-        f"firmware that comes with this one ({_FLASHING})"
+        f"firmware that comes with this one ({FLASHING})"
     )
 
 

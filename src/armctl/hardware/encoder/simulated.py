@@ -3,27 +3,33 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 from armctl.errors import BoardProtocolError
 from armctl.hardware.driver import ChannelSettings
-from armctl.hardware.encoder import simulated_requests as requests
-from armctl.hardware.encoder.frame import (
+from armctl.hardware.encoder import simulated_controller as requests
+from armctl.hardware.encoder.axes import EncoderAxis
+from armctl.hardware.encoder.messages import (
+    FIRMWARE,
     LARGEST_SEQUENCE,
     LONGEST_REQUEST,
+    PROTOCOL,
+    Banner,
+    BoardFlag,
     LineReader,
+    Mode,
     Realtime,
     seal,
     unseal,
 )
-from armctl.hardware.encoder.messages import FIRMWARE, PROTOCOL, Banner, BoardFlag, Mode
 from armctl.hardware.encoder.simulated_axis import FIRMWARE_DEFAULTS, AxisPlant, SimulatedAxis, plant_of
-from armctl.hardware.encoder.simulated_controller import TICK_S, WATCHDOG_RANGE_MS, SimulatedController
-from armctl.hardware.encoder.simulated_requests import Refused
-from armctl.hardware.simulation.pty_server import PtyServer
-from armctl.robot import EncoderAxis
+from armctl.hardware.encoder.simulated_controller import (
+    TICK_S,
+    WATCHDOG_RANGE_MS,
+    Refused,
+    SimulatedController,
+)
 
 AXES = len(FIRMWARE_DEFAULTS)
 VERSION = "1.1.0"
@@ -243,9 +249,6 @@ def _is_sequence(word: str) -> bool:
     return word.isascii() and word.isdecimal() and len(word) <= 5 and 1 <= int(word) <= LARGEST_SEQUENCE
 
 
-# A simulated encoder board on a pty, ready to be opened: what ``sim`` and ``armctl simulate`` use.
-
-
 def simulated_encoder_board(
     channels: Sequence[ChannelSettings], axes: Sequence[EncoderAxis]
 ) -> SimulatedEncoderBoard:
@@ -254,21 +257,3 @@ def simulated_encoder_board(
     return SimulatedEncoderBoard(
         {one.axis: plant_of(limits[one.axis], one) for one in axes if one.axis in limits}
     )
-
-
-def serve_simulated_encoder(
-    now: Callable[[], float],
-    *,
-    channels: Sequence[ChannelSettings],
-    axes: Sequence[EncoderAxis],
-    link: Path | None = None,
-) -> PtyServer[SimulatedEncoderBoard]:
-    """A server to be entered as a context; its ``port`` is what a driver or any other client opens.
-
-    Args:
-        now: the clock [s].
-        channels: the limits of each axis in counts: the hard stops are a little outside.
-        axes: how each axis is homed: its switch is where it is looked for.
-        link: where the pty is to be found; under its own name when None.
-    """
-    return PtyServer(simulated_encoder_board(channels, axes), now, link=link)

@@ -7,8 +7,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from armctl.hardware.driver import ChannelSettings
+from armctl.hardware.encoder.axes import EncoderAxis
 from armctl.hardware.encoder.messages import FaultKind
-from armctl.robot import EncoderAxis
 
 # What is fixed to a motor of a simulated encoder board: an axis with stops, a switch and a place.
 

@@ -6,12 +6,15 @@ from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 
 from armctl.errors import BoardProtocolError
-from armctl.hardware.encoder.frame import LONGEST_MESSAGE, LineReader
+from armctl.hardware.board_type import Introduction
 from armctl.hardware.encoder.messages import (
+    FIRMWARE,
+    LONGEST_MESSAGE,
     Answer,
     Banner,
     BoardFlag,
     Event,
+    LineReader,
     Message,
     Refusal,
     Status,
@@ -215,3 +218,29 @@ class Heard:
         self.restarted = reset
         self.restarts += 1
         self.status = self._board_ms = None
+
+
+# Who answers on a port, before a driver is opened there.
+
+
+class EncoderEar:
+    """Hears armctl's encoder firmware: its banner, or a status line where it has been running for long."""
+
+    def __init__(self) -> None:
+        self._reader = LineReader(LONGEST_MESSAGE)
+
+    def feed(self, data: bytes) -> Introduction | None:
+        """Take what came; a line counts only with the right checksum."""
+        for line in self._reader.feed(data):
+            if line is None:
+                continue
+            try:
+                message = decode(line)
+            except BoardProtocolError:  # noise, half a line, or another board
+                continue
+            if isinstance(message, Banner):
+                details = (f"{message.axes} axes", f"last started by: {message.reset}")
+                return Introduction(message.firmware, message.version, details)
+            if isinstance(message, Status):
+                return Introduction(FIRMWARE, details=(f"{len(message.counts)} axes",))
+        return None

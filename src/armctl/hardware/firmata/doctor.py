@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 from armctl.errors import BoardError, BoardTimeoutError
-from armctl.hardware.doctor.finding import Finding, Needs, failed, not_checked, ok, round_trips, warning
-from armctl.hardware.firmata.codec import PinMode, pin_state_query
+from armctl.hardware.findings import CheckUp, Finding, Needs, failed, not_checked, ok, round_trips, warning
+from armctl.hardware.firmata.codec import PinMode, PinState, pin_state_query
 from armctl.hardware.firmata.line import FirmataLine
-from armctl.hardware.firmata.pins import PinTable
-from armctl.hardware.firmata.replies import PinState
-from armctl.hardware.transport import Transport
+from armctl.hardware.firmata.pins import pin_table
 
 _SKETCH = "StandardFirmata"
 _ANSWER_S = 0.25
@@ -18,18 +16,14 @@ _PIN = 2
 """the first pin that is not part of the serial port"""
 
 
-def examine_firmata(transport: Transport, needs: Needs, now: Callable[[], float]) -> list[Finding]:
+def examine_firmata(check_up: CheckUp) -> list[Finding]:
     """Everything that can be asked of a Firmata board without moving or changing anything.
-
-    Args:
-        transport: the open line.
-        needs: what the robot file needs; a channel is a pin.
-        now: the clock [s].
 
     Raises:
         BoardError: the board stops answering, or the line is gone.
     """
-    line = FirmataLine(transport, now)
+    needs = check_up.needs
+    line = FirmataLine(check_up.line, check_up.now)
     identity = line.identify(0.0)
     firmware = identity.firmware
     findings = [
@@ -48,7 +42,7 @@ def examine_firmata(transport: Transport, needs: Needs, now: Callable[[], float]
         )
     )
     asked = pins[0] if pins else _PIN
-    findings.append(round_trips(lambda: _state(line, asked), now))
+    findings.append(round_trips(lambda: _state(line, asked), check_up.now))
     findings.append(
         not_checked(
             "supply",
@@ -78,7 +72,7 @@ def _pins(needs: Needs, servo_pins: Sequence[int]) -> list[Finding]:
     problems: list[str] = []
     for one in channels:
         try:
-            PinTable([one], servo_pins)
+            pin_table([one], servo_pins)
         except BoardError as error:
             problems.append(str(error))
     if problems:

@@ -4,15 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 
-from armctl.errors import BoardError, BoardProtocolError, BoardTimeoutError, PortError
-from armctl.hardware.driver import BoardIdentity, ChannelSettings, Readback, Source
+from armctl.errors import BoardError, BoardProtocolError, BoardTimeoutError
+from armctl.hardware.driver import BoardIdentity, ChannelSettings, ChannelTable, Readback, Source
 from armctl.hardware.firmata import codec
-from armctl.hardware.firmata.codec import BAUD, PinMode
-from armctl.hardware.firmata.line import HOW_TO_LOAD, FirmataLine, SetpointStream
-from armctl.hardware.firmata.pins import Attacher, PinTable, PinWatch
-from armctl.hardware.firmata.replies import BoardText, Malformed, PinState, Reply
-from armctl.hardware.ports import AcceptBoard, BoardPort, MaestroModel, PortInfo, any_board, list_ports
-from armctl.hardware.transport import Transport
+from armctl.hardware.firmata.codec import (
+    BAUD,
+    HOW_TO_LOAD,
+    SCALE,
+    BoardText,
+    Malformed,
+    PinMode,
+    PinState,
+    Reply,
+)
+from armctl.hardware.firmata.line import FirmataLine, SetpointStream
+from armctl.hardware.firmata.pins import Attacher, PinWatch, pin_table
+from armctl.hardware.transport import AcceptBoard, BoardPort, PortInfo, Transport, any_board
 
 WATCHDOG_NOTE = (
     "StandardFirmata has no watchdog: if this computer or the cable fails, the servos keep their last "
@@ -50,7 +57,7 @@ class FirmataDriver:
         *,
         now: Callable[[], float],
         simulated: bool = False,
-        ports: Callable[[], Sequence[PortInfo]] = list_ports,
+        ports: Callable[[], Sequence[PortInfo]] = tuple,
         accept: AcceptBoard = any_board,
         timeout_s: float = 0.25,
         ask_after_s: float | None = None,
@@ -77,7 +84,7 @@ class FirmataDriver:
         """
         self.close()
         self._forget()
-        self._refuse_a_maestro()
+        self._port.look_up()
         transport, info = self._port.open(BAUD)
         line = self._opened = FirmataLine(transport, self._now)
         try:
@@ -112,8 +119,8 @@ class FirmataDriver:
             BoardTimeoutError: the board does not tell the pins' states.
         """
         line = self._firmata
-        table = PinTable(channels, self._servo_pins)
-        watch = PinWatch(self._ask_states(table.pins).values())
+        table = pin_table(channels, self._servo_pins)
+        watch = PinWatch(self._ask_states(table.channels).values())
         if gone := watch.carry_on(self._watch):
             raise line.lose(_switched_off(gone))
         self._stream.clear()
@@ -187,8 +194,8 @@ class FirmataDriver:
         self._take(line.receive())
         # The sketch gives a freed servo to the pin attached next, with the last width it sent. Freed
         # highest first and attached lowest first, each pin gets its own again.
-        request = b"".join(codec.pin_mode(pin, PinMode.OUTPUT) for pin in reversed(self._table.pins))
-        still_on = self._table.pins
+        request = b"".join(codec.pin_mode(pin, PinMode.OUTPUT) for pin in reversed(self._table.channels))
+        still_on = self._table.channels
         for _ in range(_RELEASE_ATTEMPTS):
             self._stream.send(request)
             still_on = self._await_off()
@@ -217,17 +224,9 @@ class FirmataDriver:
             return self._ask_after_s
         return _ASK_DEVICE_AFTER_S if self._port.restarts_board else _ASK_OTHERS_AFTER_S
 
-    def _refuse_a_maestro(self) -> None:
-        info = self._port.look_up()
-        if info is not None and MaestroModel.from_label(info.kind) is not None:
-            raise PortError(
-                f"{info.device}: a {info.kind}, which speaks no Firmata; choose a robot file whose board "
-                "kind is maestro, or name the Arduino's port"
-            )
-
     def _forget(self) -> None:
         """Know nothing any more of the board's pins: it may be another one, or freshly started."""
-        self._table = PinTable((), ())
+        self._table = ChannelTable(SCALE)
         self._watch = PinWatch()
         self._stream = SetpointStream(self._send, self._now, Attacher("", fresh=False))
         self._words: list[str] = []
@@ -269,10 +268,10 @@ class FirmataDriver:
 
     def _await_off(self) -> tuple[int, ...]:
         """Ask for the pins' states and wait until all are off; return those that are not."""
-        on = set(self._table.pins)
+        on = set(self._table.channels)
         if not on:
             return ()
-        for state in self._answers(self._table.pins):
+        for state in self._answers(self._table.channels):
             if state.mode != PinMode.SERVO:
                 on.discard(state.pin)
             if not on:

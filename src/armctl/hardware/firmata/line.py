@@ -9,21 +9,21 @@ from dataclasses import dataclass
 from typing import TypeVar
 
 from armctl.errors import BoardError, BoardProtocolError, BoardTimeoutError
+from armctl.hardware.board_type import Introduction, listen
+from armctl.hardware.driver import ChannelTable
 from armctl.hardware.firmata import codec
-from armctl.hardware.firmata.codec import BAUD
-from armctl.hardware.firmata.pins import Attacher, FirstPulse, PinTable, PinWatch
-from armctl.hardware.firmata.replies import (
+from armctl.hardware.firmata.codec import (
+    BAUD,
+    HOW_TO_LOAD,
     CapabilityReport,
     FirmwareReport,
     Reply,
     ReplyParser,
     VersionReport,
 )
+from armctl.hardware.firmata.pins import Attacher, FirstPulse, PinWatch
 from armctl.hardware.transport import Transport
 
-HOW_TO_LOAD = (
-    "load the sketch: Arduino IDE, File > Examples > Firmata > StandardFirmata, Upload; then connect again"
-)
 _OPEN_S = 5.0
 """a Mega that restarts when its port is opened reports after 1.7 s and its bootloader's time"""
 _ASK_AGAIN_S = 1.0
@@ -282,7 +282,7 @@ class SetpointStream:
         # Both directions of the line work at once: the longer one counts.
         self._pace.charge(max(len(data), answer_length), self._now())
 
-    def flush(self, table: PinTable, watch: PinWatch) -> None:
+    def flush(self, table: ChannelTable, watch: PinWatch) -> None:
         """Send the newest setpoints that the board has not got, once the line is free for them."""
         # A round of questions may be in front of them, or reading before writing would cost a frame.
         if self._pace.waiting(self._now()) > _MOST_QUERIES * _QUERY_BYTES:
@@ -295,7 +295,7 @@ class SetpointStream:
         self._pending = {pin: due[pin] for pin in later}
         request, answer_length = b"".join(itertools.starmap(codec.servo_write, setpoints.items())), 0
         if first:
-            servos = [FirstPulse(pin, due[pin], table.range_us(pin)) for pin in first]
+            servos = [FirstPulse(pin, due[pin], table.whole_range(pin)) for pin in first]
             burst = self._attacher.burst(servos)
             request, answer_length = request + burst.request, burst.answer_length
         if request:
@@ -312,3 +312,40 @@ class SetpointStream:
         if pins:
             self._asked_at = now
             self.send(b"".join(map(codec.pin_state_query, pins)))
+
+
+# Who answers on a port, before a driver is opened there.
+
+_PROBE_S = 1.0
+
+
+class FirmataEar:
+    """Hears a Firmata sketch: its name and version, which it tells when it starts and when asked."""
+
+    def __init__(self) -> None:
+        self._parser = ReplyParser()
+        self.details: tuple[str, ...] = ()
+        """the protocol version, where it was told, in words"""
+
+    def feed(self, data: bytes) -> Introduction | None:
+        """Take what came; the sketch's name counts, since a version alone may be noise."""
+        for reply in self._parser.feed(data):
+            if isinstance(reply, VersionReport):
+                self.details = (f"Firmata protocol {reply.major}.{reply.minor}",)
+            elif isinstance(reply, FirmwareReport):
+                name = reply.name.removesuffix(".ino").removesuffix(".cpp")
+                return Introduction(name, f"{reply.major}.{reply.minor}", self.details)
+        return None
+
+
+def ask_firmata(line: Transport, now: Callable[[], float]) -> Introduction | None:
+    """First ask for the version: in a sketch that was left in the middle of a message it ends nothing."""
+    ear = FirmataEar()
+    line.write(codec.version_query())
+    found, _ = listen(line, [ear], _PROBE_S, now, until=lambda: bool(ear.details))
+    if found is None and ear.details:
+        line.write(codec.firmware_query())
+        found, _ = listen(line, [ear], _PROBE_S, now)
+    if found is not None:
+        return found[1]
+    return Introduction("Firmata", details=ear.details) if ear.details else None

@@ -2,23 +2,20 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 from armctl.errors import BoardError
-from armctl.hardware.driver import ChannelScale, ChannelSettings
+from armctl.hardware.driver import ChannelSettings, ChannelTable
 from armctl.hardware.firmata import codec
-from armctl.hardware.firmata.codec import LARGEST_PULSE_US, SMALLEST_PULSE_US, PinMode
-from armctl.hardware.firmata.replies import PinState
+from armctl.hardware.firmata.codec import LARGEST_PULSE_US, SCALE, SMALLEST_PULSE_US, PinMode, PinState
 
 MOST_SERVOS = 16
 """16 setpoints of 6 bytes are 96 of the 115 bytes that 57600 baud carry in a servo frame of 20 ms"""
-SCALE = ChannelScale("pin", "µs")
 
 
-class PinTable:
-    """Settings by pin, checked once, and the last gate before the wire.
+def pin_table(settings: Sequence[ChannelSettings], servo_pins: Sequence[int]) -> ChannelTable:
+    """The configured pins.
 
     Args:
         settings: what each pin may do; pulse widths in µs.
@@ -27,54 +24,26 @@ class PinTable:
     Raises:
         BoardError: a pin that drives no servo, twice the same one, a range that cannot be, or too many.
     """
+    if len(settings) > MOST_SERVOS:
+        raise BoardError(
+            f"{len(settings)} servos: at 57600 baud a Firmata board can be sent {MOST_SERVOS} setpoints "
+            "in each servo frame; put the others on a second board"
+        )
 
-    def __init__(self, settings: Sequence[ChannelSettings], servo_pins: Sequence[int]) -> None:
-        if len(settings) > MOST_SERVOS:
+    def check(one: ChannelSettings) -> None:
+        if one.channel not in servo_pins:
             raise BoardError(
-                f"{len(settings)} servos: at 57600 baud a Firmata board can be sent {MOST_SERVOS} setpoints "
-                "in each servo frame; put the others on a second board"
+                f"pin {one.channel} cannot drive a servo on this board; the pins that can: "
+                f"{_ranges(servo_pins)}; change the robot's servo map"
             )
-        self._settings: dict[int, ChannelSettings] = {}
-        for one in settings:
-            if one.channel not in servo_pins:
-                raise BoardError(
-                    f"pin {one.channel} cannot drive a servo on this board; the pins that can: "
-                    f"{_ranges(servo_pins)}; change the robot's servo map"
-                )
-            if one.channel in self._settings:
-                raise BoardError(f"pin {one.channel} is configured twice; give each joint a pin of its own")
-            _check_range(one)
-            self._settings[one.channel] = one
+        if not SCALE.holds_range(one, SMALLEST_PULSE_US, LARGEST_PULSE_US):
+            raise BoardError(
+                f"pin {one.channel}: {one.minimum:g} … {one.maximum:g} µs is no range for a servo on a "
+                f"Firmata board; it must lie within {SMALLEST_PULSE_US} … {LARGEST_PULSE_US} µs, the smaller "
+                f"number first (the sketch takes anything below {SMALLEST_PULSE_US} as degrees)"
+            )
 
-    @property
-    def pins(self) -> tuple[int, ...]:
-        """The configured pins, lowest first."""
-        return tuple(sorted(self._settings))
-
-    def range_us(self, pin: int) -> tuple[int, int]:
-        """The shortest and the longest pulse that a configured pin may be sent [µs]."""
-        return SCALE.whole_range(self._settings[pin])
-
-    def admit(self, pin: int, pulse_us: float) -> int:
-        """The setpoint [µs] as a whole number, as near as the range allows, if it may be sent at all.
-
-        Raises:
-            BoardError: not configured, not finite, or outside the range.
-        """
-        return SCALE.admit(self._settings, pin, pulse_us)
-
-
-def _check_range(settings: ChannelSettings) -> None:
-    bounds = (settings.minimum, settings.maximum)
-    if all(map(math.isfinite, bounds)) and SMALLEST_PULSE_US <= settings.minimum:
-        lowest, highest = SCALE.whole_range(settings)
-        if lowest <= highest <= LARGEST_PULSE_US:
-            return
-    raise BoardError(
-        f"pin {settings.channel}: {settings.minimum:g} … {settings.maximum:g} µs is no range for a servo on "
-        f"a Firmata board; it must lie within {SMALLEST_PULSE_US} … {LARGEST_PULSE_US} µs, the smaller "
-        f"number first (the sketch takes anything below {SMALLEST_PULSE_US} as degrees)"
-    )
+    return ChannelTable(SCALE, settings, check)
 
 
 def _ranges(pins: Sequence[int]) -> str:

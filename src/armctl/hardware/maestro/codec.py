@@ -8,13 +8,47 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from enum import IntEnum, IntFlag
+from enum import Enum, IntEnum, IntFlag
 
 from armctl.errors import BoardProtocolError, InputError
+from armctl.hardware.driver import ChannelScale
+
+# The four boards of the family and how they differ.
+
+
+class MaestroModel(Enum):
+    """A member of the family: name, channels, USB product number."""
+
+    MICRO_6 = ("Pololu Micro Maestro 6-channel", 6, 0x0089)
+    MINI_12 = ("Pololu Mini Maestro 12-channel", 12, 0x008A)
+    MINI_18 = ("Pololu Mini Maestro 18-channel", 18, 0x008B)
+    MINI_24 = ("Pololu Mini Maestro 24-channel", 24, 0x008C)
+
+    def __init__(self, label: str, channels: int, usb_product: int) -> None:
+        self.label = label
+        self.channels = channels
+        self.usb_product = usb_product
+
+    @property
+    def has_multiple_targets(self) -> bool:
+        """Whether it knows Set Multiple Targets; to the Micro that command is a protocol error."""
+        return self is not MaestroModel.MICRO_6
+
+    @classmethod
+    def from_label(cls, label: str) -> MaestroModel | None:
+        """The model of this name, None when there is none."""
+        return next((model for model in cls if model.label == label), None)
+
+    @classmethod
+    def with_channels(cls, count: int) -> MaestroModel:
+        """The smallest model with at least ``count`` channels (the largest if none has that many)."""
+        return next((model for model in cls if model.channels >= count), cls.MINI_24)
+
 
 # Between SI-like units of a pulse (µs, µs/s, µs/s²) and the integers of the Maestro's protocol.
 
 QUARTERS_PER_US = 4
+SCALE = ChannelScale("channel", "µs", QUARTERS_PER_US)
 SPEED_UNIT_US_PER_S = 25.0  # 0.25 µs in 10 ms
 ACCELERATION_UNIT_US_PER_S2 = 312.5  # 0.25 µs in 10 ms, each 80 ms
 
@@ -130,6 +164,11 @@ def error_words(errors: MaestroErrors) -> tuple[str, ...]:
     return tuple(words for bit, words in _WORDS.items() if bit in errors)
 
 
+SILENT_ADVICE = (
+    'set the serial mode to "USB Dual Port" in the Maestro Control Center (Serial Settings): in the '
+    'factory\'s "UART, detect baud rate" the board silently ignores commands over USB. Check also that this '
+    "is the command port (…-if00)"
+)
 POLOLU_START = 0xAA
 DEFAULT_DEVICE_NUMBER = 12
 MAX_CHANNEL = 23  # the largest board has 24

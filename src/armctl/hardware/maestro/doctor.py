@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
-from armctl.hardware.doctor.finding import Finding, Needs, failed, not_checked, ok, round_trips, warning
-from armctl.hardware.maestro.codec import COMPACT, error_words
-from armctl.hardware.maestro.line import MaestroLine
+from armctl.hardware.findings import CheckUp, Finding, Needs, failed, not_checked, ok, round_trips, warning
+from armctl.hardware.maestro.codec import COMPACT, MaestroModel, error_words
+from armctl.hardware.maestro.driver import MaestroLine
 from armctl.hardware.maestro.simulated import FACTORY_MAXIMUM_US, FACTORY_MINIMUM_US
-from armctl.hardware.ports import MaestroModel
-from armctl.hardware.transport import Transport
 
 _TIMEOUT_S = 0.25
 _SURE_CHANNELS = MaestroModel.MICRO_6.channels
@@ -29,31 +27,23 @@ _SUPPLY_ADVICE = (
 )
 
 
-def examine_maestro(
-    transport: Transport,
-    model: MaestroModel | None,
-    needs: Needs,
-    reported: Sequence[str],
-    now: Callable[[], float],
-) -> list[Finding]:
+def examine_maestro(check_up: CheckUp, model: MaestroModel | None) -> list[Finding]:
     """Everything that can be asked of a Maestro without moving or changing anything.
 
     Args:
-        transport: the open line.
-        model: as the USB listing says; None where it does not.
-        needs: what the robot file needs.
-        reported: errors that the board had kept from before the check-up.
-        now: the clock [s].
+        check_up: the board.
+        model: which one; None where the USB listing does not tell.
 
     Raises:
         BoardError: the board stops answering, or the line is gone.
     """
-    line = MaestroLine(transport, COMPACT, _TIMEOUT_S)
+    needs, now = check_up.needs, check_up.now
+    line = MaestroLine(check_up.line, COMPACT, _TIMEOUT_S)
     line.probe()
     findings = [
         ok("serial mode", "commands over this port are obeyed"),
         ok("CRC", "on; armctl sends it with every command" if line.framing.crc else "off"),
-        _errors(reported),
+        _errors(check_up.reported),
     ]
     count = _SURE_CHANNELS if model is None else model.channels
     findings += _channels(line, model, count, needs)

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
-from pathlib import Path
 
 from armctl.errors import InputError
 from armctl.hardware.driver import ChannelSettings
@@ -16,13 +15,12 @@ from armctl.hardware.maestro.codec import (
     MAX_TARGET,
     QUARTERS_PER_US,
     MaestroErrors,
+    MaestroModel,
     Opcode,
     quarters_to_us,
     us_to_quarters,
 )
 from armctl.hardware.maestro.packet_parser import Packet, PacketParser
-from armctl.hardware.ports import MaestroModel
-from armctl.hardware.simulation.pty_server import PtyServer
 
 # One servo channel of a simulated Maestro: where its pulse width stands and how it moves.
 
@@ -416,31 +414,22 @@ def _value(data: bytes) -> int:
     return data[0] | data[1] << 7
 
 
-# A simulated Maestro on a pty, ready to be opened: what ``--port sim`` and ``armctl simulate`` use.
-
-
-def serve_simulated_maestro(
-    now: Callable[[], float],
-    *,
+def simulated_maestro(
     channels: Sequence[ChannelSettings] = (),
     model: MaestroModel | None = None,
     settings: MaestroSettings | None = None,
-    link: Path | None = None,
-) -> PtyServer[SimulatedMaestro]:
-    """A server to be entered as a context; its ``port`` is what a driver or any other client opens.
+) -> SimulatedMaestro:
+    """A simulated Maestro that is set up for a robot.
 
     Args:
-        now: the clock [s].
         channels: the robot's channels, whose ranges the simulated board gets as if its owner had set
             them in the Maestro Control Center; the factory's 992 … 2000 µs for all others.
         model: which board; None: the smallest with enough channels.
         settings: what else is stored on the board; its ``channels`` win over ranges from ``channels``.
-        link: where the pty is to be found; under its own name when None.
     """
     settings = settings or MaestroSettings()
     if model is None:
         used = [one.channel for one in channels] + list(settings.channels or {})
         model = MaestroModel.with_channels(max(used, default=0) + 1)
     configs = {one.channel: ChannelConfig(one.minimum, one.maximum) for one in channels}
-    board = SimulatedMaestro(model, replace(settings, channels=configs | dict(settings.channels or {})))
-    return PtyServer(board, now, link=link)
+    return SimulatedMaestro(model, replace(settings, channels=configs | dict(settings.channels or {})))

@@ -93,7 +93,7 @@ def fit_html(work: CalibrationWork, joint: str) -> str:
         ["scale", f"{_per_degree(fit.per_rad)} {unit}/°", f"{_per_degree(own.per_rad)} {unit}/°"],
         ["residual, RMS", f"{fixed(math.degrees(fit.rms_rad), 2)}°", ""],
     ]
-    if unit == "counts":
+    if (outputs := work.robot.output_map) is not None and outputs.homed:
         homes = (fit.angle(0.0), -own.zero / own.per_rad)
         rows.insert(1, ["home (0 counts) is at", *(f"{fixed(math.degrees(home), 2)}°" for home in homes)])
     text = table(("", "by the marks", "robot file"), rows)

@@ -7,7 +7,8 @@ from collections.abc import Iterable, Sequence
 from html import escape
 from pathlib import Path
 
-from armctl.robot import BoardKind, Robot
+from armctl.hardware.boards import board_type
+from armctl.robot import Robot
 from armctl.runtime import Snapshot, State
 from armctl.ui.console import PortChoice
 from armctl.ui.robot_switch import RobotChoice, release_to_leave
@@ -89,11 +90,11 @@ _UNHOMED_NOTE = (
 )
 
 
-def enable_note(snapshot: Snapshot, board: BoardKind) -> str:
+def enable_note(snapshot: Snapshot, board: str) -> str:
     """What Enable will do, or what must be done before."""
     if snapshot.state is State.FAULT and snapshot.board is None:
         return _LOST_NOTE
-    if board != "encoder":
+    if not board_type(board).homing:
         return _TAKE_OVER_NOTE if snapshot.powered else _ENABLE_NOTE
     homed = bool(snapshot.homing) and all(axis.homed for axis in snapshot.homing)
     return _MOTORS_NOTE if homed else _UNHOMED_NOTE

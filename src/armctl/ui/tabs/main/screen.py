@@ -9,6 +9,7 @@ from html import escape
 import viser
 
 from armctl.errors import InputError
+from armctl.hardware.boards import board_type
 from armctl.kinematics import Target
 from armctl.runtime import (
     ClearFault,
@@ -117,7 +118,7 @@ class MainScreen:
         """Where that lets the arm drop, the first click asks, and a second one soon after disconnects."""
         session = self._session
         session.require_operator()
-        drops = session.console.robot.board == "encoder" and session.snapshot.powered
+        drops = board_type(session.console.robot.board).off_when_left and session.snapshot.powered
         now = asyncio.get_running_loop().time()
         if drops and now - self._asked_to_disconnect > _ASKED_S:
             self._asked_to_disconnect = now

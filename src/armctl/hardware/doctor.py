@@ -1,4 +1,4 @@
-"""The whole check-up, in the order in which a fault can hide the next one."""
+"""The check-up of a port and the board behind it: in the order in which a fault can hide the next one."""
 
 from __future__ import annotations
 
@@ -9,9 +9,11 @@ from dataclasses import dataclass, field
 
 from armctl.errors import ArmctlError
 from armctl.hardware.access import is_pseudo_terminal, permission_hint
-from armctl.hardware.board_titles import BOARD_TITLES
-from armctl.hardware.doctor.finding import (
+from armctl.hardware.boards import board_type, board_types
+from armctl.hardware.driver import ChannelSettings
+from armctl.hardware.findings import (
     OF_ANOTHER_BOARD,
+    CheckUp,
     Finding,
     Needs,
     Verdict,
@@ -20,17 +22,9 @@ from armctl.hardware.doctor.finding import (
     ok,
     warning,
 )
-from armctl.hardware.driver import ChannelSettings
-from armctl.hardware.encoder.doctor import examine_encoder
-from armctl.hardware.encoder.session import FLASH_IT
-from armctl.hardware.firmata.doctor import examine_firmata
-from armctl.hardware.firmata.line import HOW_TO_LOAD
-from armctl.hardware.maestro.doctor import examine_maestro
-from armctl.hardware.maestro.line import SILENT_ADVICE
-from armctl.hardware.ports import MaestroModel, PortChecks, PortInfo
+from armctl.hardware.ports import PortChecks, boards_listed_as
 from armctl.hardware.probe import Probed, approach, reach
-from armctl.hardware.transport import Transport
-from armctl.robot.robot import BoardKind
+from armctl.hardware.transport import PortInfo, Transport
 
 _CHECKS_OF_A_BOARD = ("who answers", "channels", "error register", "watchdog", "round trips")
 _NO_USB = "not listed as a USB device (a pty, a socket or a plain serial port)"
@@ -45,15 +39,16 @@ class Patient:
         info: what the listing says of it; None where it does not list it.
         expected: the kind of board that should be there; None: any.
         channels: what the robot file needs, in the board's unit.
-        model: the Maestro that a simulated board stands for; else the listing tells.
+        checks: what the system says about the port.
+        simulated: whether a simulated board is behind it.
     """
 
     port: str
     info: PortInfo | None = None
-    expected: BoardKind | None = None
+    expected: str | None = None
     channels: Sequence[ChannelSettings] = ()
-    model: MaestroModel | None = None
     checks: PortChecks = field(default_factory=PortChecks)
+    simulated: bool = False
 
 
 def examine(
@@ -133,41 +128,40 @@ def _who(patient: Patient, probed: Probed) -> Finding:
     if probed.board is None:
         return failed("who answers", str(probed), _advice(patient))
     if patient.expected is not None and probed.board != patient.expected:
+        found, wanted = board_type(probed.board).title, board_type(patient.expected).title
         return failed(
             "who answers",
-            f"{probed}: that is {BOARD_TITLES[probed.board]}, but {BOARD_TITLES[patient.expected]} "
-            "is expected",
+            "; ".join((f"{_a(found)} answers, where {_a(wanted)} is expected", *probed.details)),
             "choose the robot that belongs to this board, or the port that belongs to this robot",
         )
     return ok("who answers", str(probed))
 
 
+def _a(title: str) -> str:
+    return f"{'an' if title[0] in 'AEIOUaeiou' else 'a'} {title}"
+
+
 def _advice(patient: Patient) -> str:
     """What to do where nobody answers."""
-    maestro = patient.info is not None and MaestroModel.from_label(patient.info.kind) is not None
-    if maestro or patient.expected == "maestro":
-        return SILENT_ADVICE
-    if patient.expected == "firmata":
-        return HOW_TO_LOAD
-    if patient.expected == "encoder":
-        return FLASH_IT
-    return f"if it is an Arduino with servos, {HOW_TO_LOAD}; if it is one with encoders, {FLASH_IT}"
+    listing = None if patient.info is None else patient.info.kind
+    listed = boards_listed_as(listing)
+    certain = [board for board in listed if listing in board.own_listings]
+    if certain:
+        return certain[0].advice
+    if patient.expected is not None:
+        return board_type(patient.expected).advice
+    return "; ".join(
+        f"if it should be {_a(board.title)}: {board.advice}" for board in listed or board_types()
+    )
 
 
 def _board(patient: Patient, probed: Probed, line: Transport, now: Callable[[], float]) -> list[Finding]:
     """What is asked of the board depends on who it is; another than expected is not asked for channels."""
     fits = patient.expected in (None, probed.board)
     needs = Needs(patient.channels) if fits or not patient.channels else OF_ANOTHER_BOARD
-    match probed.board:
-        case "maestro":
-            listed = None if patient.info is None else MaestroModel.from_label(patient.info.kind)
-            return examine_maestro(line, listed or patient.model, needs, probed.reported, now)
-        case "firmata":
-            return examine_firmata(line, needs, now)
-        case "encoder":
-            return examine_encoder(line, needs, now)
-        case None:
-            return []
+    listing = None if patient.info is None else patient.info.kind
+    check_up = CheckUp(line, now, needs, listing, probed.reported, patient.simulated)
+    return [] if probed.board is None else board_type(probed.board).examine(check_up)
 
 
 def _unseen() -> list[Finding]:

@@ -9,6 +9,7 @@ from enum import Enum
 
 from armctl.errors import BoardError
 from armctl.hardware.driver import ChannelSettings
+from armctl.hardware.transport import Transport
 
 
 class Verdict(Enum):
@@ -69,6 +70,22 @@ class Needs:
 OF_ANOTHER_BOARD = Needs(
     why_none="the robot file is for another kind of board", advice="choose the robot that belongs to this one"
 )
+
+
+@dataclass(frozen=True, slots=True)
+class CheckUp:
+    """A board that answers and is to be examined."""
+
+    line: Transport
+    """open"""
+    now: Callable[[], float]
+    """the clock [s]"""
+    needs: Needs = Needs()
+    listing: str | None = None
+    """how the port is listed; None: it is not"""
+    reported: tuple[str, ...] = ()
+    """errors that the board had kept from before"""
+    simulated: bool = False
 
 
 # How long questions to a board and their answers take.

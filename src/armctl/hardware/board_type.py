@@ -1,0 +1,225 @@
+"""What a kind of board tells of itself: everything that the rest of armctl asks of it.
+
+A kind of board stands in one folder. Its descriptor, a ``BoardType``, is made known by one line in
+``boards.py``, or, from another package, by an entry point in the group ``armctl.boards``. Every program that
+loads a robot file imports the descriptors, so they import a driver only when one is asked for.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar, Protocol
+
+from armctl.hardware.driver import ChannelScale, ChannelSettings, Driver
+from armctl.robot.outputs_of_file import BoardEntries
+
+if TYPE_CHECKING:
+    from armctl.hardware.findings import CheckUp, Finding
+    from armctl.hardware.transport import AcceptBoard, PortInfo, Transport
+
+ANY_PRODUCT = None
+"""stands for every product number of a USB vendor"""
+
+
+class ByteModel(Protocol):
+    """A simulated board: its behaviour behind its serial line.
+
+    Whoever carries its bytes calls ``advance`` with the time before every ``feed``. Either may raise
+    ``BoardError``: the board has left the line.
+    """
+
+    def feed(self, data: bytes) -> bytes:
+        """Take bytes from the host, any number at a time, and return what the board answers."""
+        ...
+
+    def advance(self, now: float) -> bytes:
+        """Let time pass up to ``now`` [s] and return what the board sends unasked."""
+        ...
+
+    def reset(self) -> None:
+        """Start anew, as after a power cut."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class Setup:
+    """What a robot needs of its board."""
+
+    channels: Sequence[ChannelSettings] = ()
+    settings: object = None
+    """what ``BoardType.entries`` has read from the robot file besides the map of the outputs"""
+
+
+@dataclass(frozen=True, slots=True)
+class Connection:
+    """Where a driver finds its board."""
+
+    line: str
+    """a device, a pty or ``socket://host:port``"""
+    now: Callable[[], float]
+    """the clock [s]"""
+    ports: Callable[[], Sequence[PortInfo]]
+    """the listing of serial ports"""
+    accept: AcceptBoard
+    """is told the serial number of the board, once the line is open and before the board is spoken to"""
+    simulated: bool = False
+    """whether a simulated board of this process is at the other end: late on a busy computer, never gone"""
+
+
+@dataclass(frozen=True, slots=True)
+class Introduction:
+    """What a board says of itself."""
+
+    name: str
+    """of the board, or of its firmware"""
+    version: str | None = None
+    """of the firmware"""
+    details: tuple[str, ...] = ()
+    """what else it told, in words"""
+    reported: tuple[str, ...] = ()
+    """errors that it had kept from before, in words; they are cleared now"""
+
+
+class Ear(Protocol):
+    """Listens for one kind of board."""
+
+    def feed(self, data: bytes) -> Introduction | None:
+        """Take what came, in any pieces; the introduction once it is complete."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class SimulatorOption:
+    """An option of ``armctl simulate`` for one kind of board: a choice among words, or a flag."""
+
+    name: str
+    help: str
+    choices: tuple[str, ...] = ()
+    """none: a flag"""
+
+
+class BoardType(ABC):
+    """A kind of board. What is given a value here holds for boards that say nothing else."""
+
+    kind: ClassVar[str]
+    """in robot files, on the command line"""
+    title: ClassVar[str]
+    """in sentences: "Pololu Maestro\""""
+    plugged_in: ClassVar[str]
+    """what a user looks for on the desk: "Maestro", "Arduino\""""
+    scale: ClassVar[ChannelScale]
+    """noun, unit and steps of its channels"""
+    entries: ClassVar[BoardEntries]
+    """reads its part of a robot file"""
+    usb: ClassVar[Mapping[tuple[int, int | None], str]] = {}
+    """how a port is listed, by USB vendor and product (``ANY_PRODUCT``)"""
+    likely: ClassVar[tuple[tuple[str, ...], ...]] = ()
+    """how a port with this board may be listed, likeliest first; those of one group are as likely"""
+    shared: ClassVar[tuple[str, ...]] = ()
+    """which of these are listings behind which another kind of board may be as well"""
+    baud: ClassVar[int] = 115_200
+    restarts: ClassVar[bool] = False
+    """whether opening its port starts it anew: it may take seconds to answer then"""
+    homing: ClassVar[bool] = False
+    """whether it must find the zeros of its axes, after which the arm stays where that ended"""
+    power: ClassVar[str] = "pulses"
+    """what Enable switches on and Release off"""
+    off_when_left: ClassVar[bool] = False
+    """whether it switches its outputs off when nobody speaks to it any more"""
+    limits_acceleration: ClassVar[bool] = False
+    """whether it is to keep acceleration limits of its own"""
+    advice: ClassVar[str] = "check its cable and its power"
+    """what to do where it does not answer"""
+    simulator_robot: ClassVar[str | None] = None
+    """whose channels the simulated board has unless another robot is named; None: it needs no robot"""
+    simulator_help: ClassVar[str] = ""
+    simulator_options: ClassVar[tuple[SimulatorOption, ...]] = ()
+
+    @abstractmethod
+    def driver(self, setup: Setup, connection: Connection) -> Driver:
+        """A driver, not opened yet."""
+
+    @abstractmethod
+    def simulated(self, setup: Setup, options: Mapping[str, str | bool | None]) -> ByteModel:
+        """A simulated board, set up for a robot; ``options`` by name, as ``simulator_options`` has them."""
+
+    def refusal(self, setup: Setup) -> str | None:
+        """What the largest board of this kind would refuse of a setup; None: it takes all of it."""
+        return None
+
+    def listed_by_name(self, stable_name: str) -> str | None:
+        """How a port is listed of which only udev's stable name is known; None: not this board."""
+        return None
+
+    def port_refusal(self, listing: str, interface: int | None) -> str | None:
+        """Why a port of this board is the wrong one to use; ``interface``: its USB interface number."""
+        return None
+
+    def ear(self) -> Ear | None:
+        """Listens for a board that introduces itself; None: it never speaks unasked."""
+        return None
+
+    def ask(self, line: Transport, now: Callable[[], float]) -> Introduction | None:
+        """Ask who is there, with bytes that upset no kind of board that is asked later; None: nobody.
+
+        Raises:
+            BoardProtocolError: this kind of board is there, and something is wrong with it.
+            BoardError: the line is gone.
+        """
+        return None
+
+    def examine(self, check_up: CheckUp) -> list[Finding]:
+        """Everything that can be asked of a board without moving or changing anything.
+
+        Raises:
+            BoardError: the board stops answering, or the line is gone.
+        """
+        return []
+
+    @property
+    def own_listings(self) -> tuple[str, ...]:
+        """How a port is listed that has this kind of board for certain."""
+        return tuple(name for group in self.likely for name in group if name not in self.shared)
+
+
+_READ_S = 0.05
+_UNDERSTOOD_WITHIN_S = 1.0
+"""how long somebody may speak without being understood"""
+_KEPT = 64
+
+
+def listen(
+    line: Transport,
+    ears: Sequence[Ear],
+    for_s: float,
+    now: Callable[[], float],
+    until: Callable[[], bool] = lambda: False,
+) -> tuple[tuple[int, Introduction] | None, bytes]:
+    """Which of the ears hears an introduction first, with that introduction; and the first bytes of all.
+
+    Args:
+        line: open.
+        ears: who listens.
+        for_s: how long [s]; shorter once somebody speaks whom no ear understands.
+        now: the clock [s].
+        until: ends it.
+    """
+    heard = bytearray()
+    deadline = now() + for_s
+    # Waiting is counted as well as timed: the clock of a simulation may stand still.
+    waited = 0.0
+    while (left := min(deadline - now(), for_s - waited)) > 0.0:
+        step = min(_READ_S, left)
+        data = line.read(256, step)
+        waited += step
+        for place, ear in enumerate(ears):
+            if (found := ear.feed(data)) is not None:
+                return (place, found), bytes(heard)
+        if until():
+            break
+        if data and not heard:
+            deadline = min(deadline, now() + _UNDERSTOOD_WITHIN_S)
+        heard += data[: _KEPT - len(heard)]
+    return None, bytes(heard)

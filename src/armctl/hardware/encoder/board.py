@@ -1,0 +1,91 @@
+"""An Arduino with armctl's own firmware, for motors with encoders."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
+from armctl.errors import BoardError
+from armctl.hardware import arduino
+from armctl.hardware.board_type import BoardType, ByteModel, Connection, Ear, Setup
+from armctl.hardware.driver import Driver
+from armctl.hardware.encoder.axes import SCALE, AxisTable, EncoderEntries, EncoderSettings
+from armctl.hardware.encoder.messages import FLASH_IT
+
+if TYPE_CHECKING:
+    from armctl.hardware.findings import CheckUp, Finding
+
+_TIMEOUT_S, _SIMULATED_TIMEOUT_S = 0.1, 0.5
+_MOST_AXES = 6
+
+
+class EncoderBoard(BoardType):
+    """An Arduino Mega with armctl's encoder firmware."""
+
+    kind = "encoder"
+    title = "Arduino with armctl's encoder firmware"
+    plugged_in = "Arduino"
+    scale = SCALE
+    entries = EncoderEntries()
+    usb = arduino.USB
+    likely = arduino.LIKELY
+    shared = (arduino.ARDUINO_MEGA, arduino.USB_SERIAL)
+    restarts = True
+    homing = True
+    power = "motors"
+    off_when_left = True
+    limits_acceleration = True
+    advice = FLASH_IT
+    simulator_robot = "scorbot"
+    simulator_help = """Serve a simulated Mega with armctl's encoder firmware and an arm until interrupted.
+
+    Its axes must be homed, each of which takes about a second. It does not restart when its port is
+    opened, as a real Mega does.
+    """
+
+    def driver(self, setup: Setup, connection: Connection) -> Driver:
+        """A driver."""
+        from armctl.hardware.encoder.driver import EncoderDriver
+
+        settings = _settings(setup)
+        return EncoderDriver(
+            connection.line,
+            axes=settings.axes,
+            differential=settings.differential,
+            now=connection.now,
+            simulated=connection.simulated,
+            ports=connection.ports,
+            accept=connection.accept,
+            timeout_s=_SIMULATED_TIMEOUT_S if connection.simulated else _TIMEOUT_S,
+        )
+
+    def simulated(self, setup: Setup, options: Mapping[str, str | bool | None]) -> ByteModel:
+        """A simulated board with an arm on it that fits the robot."""
+        from armctl.hardware.encoder.simulated import simulated_encoder_board
+
+        return simulated_encoder_board(setup.channels, _settings(setup).axes)
+
+    def refusal(self, setup: Setup) -> str | None:
+        """What the board would refuse."""
+        settings = _settings(setup)
+        try:
+            AxisTable(setup.channels, settings.axes, settings.differential, _MOST_AXES).configuration()
+        except BoardError as refusal:
+            return str(refusal)
+        return None
+
+    def ear(self) -> Ear:
+        """Hears the banner, and the status line that comes 50 times a second."""
+        from armctl.hardware.encoder.watch import EncoderEar
+
+        return EncoderEar()
+
+    def examine(self, check_up: CheckUp) -> list[Finding]:
+        """Firmware, axes, switches, faults and round trips."""
+        from armctl.hardware.encoder.doctor import examine_encoder
+
+        return examine_encoder(check_up)
+
+
+def _settings(setup: Setup) -> EncoderSettings:
+    return setup.settings if isinstance(setup.settings, EncoderSettings) else EncoderSettings()

@@ -1,0 +1,87 @@
+"""An Arduino with StandardFirmata: hobby servos on its pins."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING
+
+from armctl.errors import BoardError
+from armctl.hardware import arduino
+from armctl.hardware.board_type import BoardType, ByteModel, Connection, Ear, Introduction, Setup
+from armctl.hardware.driver import Driver
+from armctl.hardware.firmata.codec import BAUD, HOW_TO_LOAD, SCALE
+from armctl.robot.outputs_of_file import ServoEntries
+
+if TYPE_CHECKING:
+    from armctl.hardware.findings import CheckUp, Finding
+    from armctl.hardware.transport import Transport
+
+_TIMEOUT_S, _SIMULATED_TIMEOUT_S = 0.25, 0.5
+
+
+class FirmataBoard(BoardType):
+    """An Arduino with StandardFirmata."""
+
+    kind = "firmata"
+    title = "Arduino with StandardFirmata"
+    plugged_in = "Arduino"
+    scale = SCALE
+    entries = ServoEntries()
+    usb = arduino.USB
+    likely = arduino.LIKELY
+    shared = (arduino.ARDUINO_MEGA, arduino.USB_SERIAL)
+    baud = BAUD
+    restarts = True
+    advice = HOW_TO_LOAD
+    simulator_help = """Serve a simulated Arduino Mega with StandardFirmata until interrupted.
+
+    Servos on pins 2 … 49. It does not restart when its port is opened, as a real Mega does.
+    """
+
+    def driver(self, setup: Setup, connection: Connection) -> Driver:
+        """A driver."""
+        from armctl.hardware.firmata.driver import FirmataDriver
+
+        return FirmataDriver(
+            connection.line,
+            now=connection.now,
+            simulated=connection.simulated,
+            ports=connection.ports,
+            accept=connection.accept,
+            timeout_s=_SIMULATED_TIMEOUT_S if connection.simulated else _TIMEOUT_S,
+        )
+
+    def simulated(self, setup: Setup, options: Mapping[str, str | bool | None]) -> ByteModel:
+        """A simulated Mega, which needs to be told nothing."""
+        from armctl.hardware.firmata.simulated import SimulatedFirmata
+
+        return SimulatedFirmata()
+
+    def refusal(self, setup: Setup) -> str | None:
+        """What a Mega would refuse."""
+        from armctl.hardware.firmata.pins import pin_table
+        from armctl.hardware.firmata.simulated import SERVO_PINS
+
+        try:
+            pin_table(setup.channels, SERVO_PINS)
+        except BoardError as refusal:
+            return str(refusal)
+        return None
+
+    def ear(self) -> Ear:
+        """Hears the sketch tell its name when it starts."""
+        from armctl.hardware.firmata.line import FirmataEar
+
+        return FirmataEar()
+
+    def ask(self, line: Transport, now: Callable[[], float]) -> Introduction | None:
+        """The version query, and after its answer the firmware query: to a Maestro both would be errors."""
+        from armctl.hardware.firmata.line import ask_firmata
+
+        return ask_firmata(line, now)
+
+    def examine(self, check_up: CheckUp) -> list[Finding]:
+        """Sketch, pins, what is on, and round trips."""
+        from armctl.hardware.firmata.doctor import examine_firmata
+
+        return examine_firmata(check_up)

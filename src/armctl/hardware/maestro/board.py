@@ -1,0 +1,111 @@
+"""Pololu's Maestro: servos on six to twenty-four channels, over USB."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping
+from types import MappingProxyType
+from typing import TYPE_CHECKING
+
+from armctl.errors import BoardError, BoardTimeoutError
+from armctl.hardware.board_type import BoardType, ByteModel, Connection, Introduction, Setup, SimulatorOption
+from armctl.hardware.driver import Driver
+from armctl.hardware.maestro.codec import COMPACT, SCALE, SILENT_ADVICE, MaestroModel, error_words
+from armctl.robot.outputs_of_file import ServoEntries
+
+if TYPE_CHECKING:
+    from armctl.hardware.findings import CheckUp, Finding
+    from armctl.hardware.transport import Transport
+
+_USB_VENDOR = 0x1FFB
+_TTL_INTERFACE = 2
+_STABLE_NAME = re.compile(r"Pololu_.*Maestro_(6|12|18|24)-Servo")
+_SIMULATED_TIMEOUT_S = 0.5
+_ANSWER_S = 1.0
+
+
+class MaestroBoard(BoardType):
+    """A Pololu Maestro of any size."""
+
+    kind = "maestro"
+    title = "Pololu Maestro"
+    plugged_in = "Maestro"
+    scale = SCALE
+    entries = ServoEntries()
+    usb = MappingProxyType({(_USB_VENDOR, one.usb_product): one.label for one in MaestroModel})
+    likely = (tuple(model.label for model in MaestroModel),)
+    advice = SILENT_ADVICE
+    simulator_robot = "uzuner"
+    simulator_help = """Serve a simulated Pololu Maestro until interrupted.
+
+    It speaks the compact and the Pololu protocol in USB dual-port mode.
+    """
+    simulator_options = (
+        SimulatorOption("factory", "Leave all channels at the factory's 992 … 2000 µs."),
+        SimulatorOption("channels", "Board size (default: what the robot needs).", ("6", "12", "18", "24")),
+    )
+
+    def driver(self, setup: Setup, connection: Connection) -> Driver:
+        """A driver; that of a simulated board knows the model, which no listing tells."""
+        from armctl.hardware.maestro.driver import MaestroDriver
+
+        if not connection.simulated:
+            return MaestroDriver(connection.line, ports=connection.ports, accept=connection.accept)
+        return MaestroDriver(
+            connection.line, model=_smallest(setup), simulated=True, timeout_s=_SIMULATED_TIMEOUT_S
+        )
+
+    def simulated(self, setup: Setup, options: Mapping[str, str | bool | None]) -> ByteModel:
+        """A simulated Maestro whose channels have the robot's ranges."""
+        from armctl.hardware.maestro.simulated import simulated_maestro
+
+        size = options.get("channels")
+        model = MaestroModel.with_channels(int(size)) if isinstance(size, str) else None
+        return simulated_maestro(() if options.get("factory") else setup.channels, model)
+
+    def refusal(self, setup: Setup) -> str | None:
+        """What the largest Maestro would refuse."""
+        from armctl.hardware.maestro.driver import channel_table
+
+        try:
+            channel_table(setup.channels, None)
+        except BoardError as refusal:
+            return str(refusal)
+        return None
+
+    def listed_by_name(self, stable_name: str) -> str | None:
+        """Udev's name of a Maestro tells its size."""
+        found = _STABLE_NAME.search(stable_name)
+        return MaestroModel.with_channels(int(found[1])).label if found else None
+
+    def port_refusal(self, listing: str, interface: int | None) -> str | None:
+        """A Maestro has two ports, and answers on the first."""
+        if interface != _TTL_INTERFACE:
+            return None
+        return "this is the Maestro's TTL port, which passes bytes to its TX pin; use the port ending in if00"
+
+    def ask(self, line: Transport, now: Callable[[], float]) -> Introduction | None:
+        """Get Errors, and after silence the CRC byte that completes it (``MaestroLine.probe``)."""
+        from armctl.hardware.maestro.driver import MaestroLine
+
+        board = MaestroLine(line, COMPACT, _ANSWER_S)
+        try:
+            earlier = board.probe()
+        except BoardTimeoutError:
+            return None
+        details = ("commands carry a CRC",) if board.framing.crc else ()
+        return Introduction(self.title, details=details, reported=error_words(earlier))
+
+    def examine(self, check_up: CheckUp) -> list[Finding]:
+        """Serial mode, CRC, error register, channels, ranges and round trips."""
+        from armctl.hardware.maestro.doctor import examine_maestro
+
+        model = None if check_up.listing is None else MaestroModel.from_label(check_up.listing)
+        if check_up.simulated:
+            model = _smallest(Setup(check_up.needs.channels))
+        return examine_maestro(check_up, model)
+
+
+def _smallest(setup: Setup) -> MaestroModel:
+    """The smallest Maestro with enough channels."""
+    return MaestroModel.with_channels(max((one.channel for one in setup.channels), default=0) + 1)

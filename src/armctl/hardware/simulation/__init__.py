@@ -1,1 +1,0 @@
-"""Simulated boards on a line: pseudo-terminals, memory, faults."""
