@@ -25,8 +25,8 @@ from armctl.motion.preflight import (
     preflight,
     require_clear,
 )
-from armctl.motion.profiles import PROFILES, PointToPoint, ProfileName
-from armctl.motion.timing import PathTrajectory, stopping_s
+from armctl.motion.profiles import PROFILES, PointToPoint, ProfileName, stopping_s
+from armctl.motion.timing import PathTrajectory
 from armctl.motion.tool_plan import plan_arc, plan_line, plan_spline
 from armctl.motion.trajectory import (
     JoinedTrajectory,
@@ -34,7 +34,6 @@ from armctl.motion.trajectory import (
     Sample,
     SlowedTrajectory,
     Trajectory,
-    knows_peaks,
     peaks_of,
 )
 
@@ -63,7 +62,6 @@ __all__ = [
     "ToolPathUnreachableError",
     "Trajectory",
     "arc",
-    "knows_peaks",
     "line",
     "not_checked",
     "peaks_of",

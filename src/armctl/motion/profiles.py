@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
@@ -12,26 +13,52 @@ from numpy.typing import ArrayLike, NDArray
 from armctl.errors import InputError, MotionRefusedError
 from armctl.kinematics.target import checked_number
 from armctl.motion.polynomial import PiecewisePolynomial
-from armctl.motion.trajectory import Peaks, Sample
+from armctl.motion.trajectory import KnowsPeaks, Peaks, Sample
 from armctl.robot import Robot
 
-# How a way is spread over time: laws from rest to rest, as short as the limits allow.
-#
-# All four are polynomials in pieces of the way gone ``s(t)``, from 0 to the length:
+# How a way is spread over time: laws from rest to rest, as short as the limits allow. All four are
+# polynomials in pieces of the way gone ``s(t)``, from 0 to the length:
 #
 # - *cubic*: ``s = L (3 u² - 2 u³)``, the papers' "planned movement". Its speed is largest at the middle,
-# ``1.5 L / T``, its acceleration at the ends, ``6 L / T²``.
+#   ``1.5 L / T``, its acceleration at the ends, ``6 L / T²``.
 # - *quintic*: ``s = L (10 u³ - 15 u⁴ + 6 u⁵)``, the motion of least jerk (Flash and Hogan 1985). Largest
-# speed ``1.875 L / T``, acceleration ``10 / √3 L / T²``, jerk ``60 L / T³``.
+#   speed ``1.875 L / T``, acceleration ``10 / √3 L / T²``, jerk ``60 L / T³``.
 # - *trapezoid*: full acceleration, full speed, full brake: the shortest with limited acceleration.
 # - *s-curve*: the shortest with limited jerk as well: seven phases, some of which may be empty (Biagiotti
-# and Melchiorri, Trajectory Planning for Automatic Machines and Robots, section 3.4).
+#   and Melchiorri, Trajectory Planning for Automatic Machines and Robots, section 3.4).
 
+FloatArray = NDArray[np.float64]
 ProfileName = Literal["cubic", "quintic", "trapezoid", "s-curve"]
 PROFILES: tuple[ProfileName, ...] = ("cubic", "quintic", "trapezoid", "s-curve")
 
-CUBIC_SPEED, CUBIC_ACCELERATION = 1.5, 6.0
-QUINTIC_SPEED, QUINTIC_ACCELERATION, QUINTIC_JERK = 1.875, 10 / math.sqrt(3), 60.0
+
+@dataclass(frozen=True, slots=True)
+class _Shape:
+    """A law of one polynomial."""
+
+    powers: tuple[float, ...]
+    """of u = t / T, lowest first, for a way of 1"""
+    peaks: tuple[float, ...]
+    """largest speed, acceleration and, where the law keeps the jerk limit, jerk, for a way and a time of 1"""
+
+    def times(self, way: FloatArray, *limits: FloatArray) -> FloatArray:
+        """Shortest times [s] for ways (n,), from limits (n,) of speed, acceleration and jerk."""
+        needed = [
+            (peak * way / most) ** (1 / order)
+            for order, (peak, most) in enumerate(zip(self.peaks, limits, strict=False), 1)
+        ]
+        return np.max(needed, axis=0)
+
+    def over(self, way: FloatArray, time: float) -> PiecewisePolynomial:
+        """Ways (n,) in a time [s]."""
+        powers = np.array(self.powers) / time ** np.arange(len(self.powers))
+        return PiecewisePolynomial([0.0, time], (powers[:, None] * way)[None])
+
+
+_SHAPES: dict[ProfileName, _Shape] = {
+    "cubic": _Shape((0.0, 0.0, 3.0, -2.0), (1.5, 6.0)),
+    "quintic": _Shape((0.0, 0.0, 0.0, 10.0, -15.0, 6.0), (1.875, 10 / math.sqrt(3), 60.0)),
+}
 
 
 def law_over(
@@ -55,34 +82,17 @@ def law_over(
     for what, value in (("length", length), ("speed", speed), ("acceleration", acceleration), ("jerk", jerk)):
         if not value > 0:
             raise InputError(f"a motion needs a positive {what}, got {value}")
-    match profile:
-        case "cubic":
-            time = max(CUBIC_SPEED * length / speed, math.sqrt(CUBIC_ACCELERATION * length / acceleration))
-            return _one_piece(length, time, (0.0, 0.0, 3.0, -2.0))
-        case "quintic":
-            time = max(
-                QUINTIC_SPEED * length / speed,
-                math.sqrt(QUINTIC_ACCELERATION * length / acceleration),
-                (QUINTIC_JERK * length / jerk) ** (1 / 3),
-            )
-            return _one_piece(length, time, (0.0, 0.0, 0.0, 10.0, -15.0, 6.0))
-        case "trapezoid":
-            return _trapezoid(length, speed, acceleration)
-        case "s-curve":
-            return _s_curve(length, speed, acceleration, jerk)
+    if profile in _SHAPES:
+        shape, way = _SHAPES[profile], np.array([length])
+        return shape.over(way, float(shape.times(way, *np.array([[speed], [acceleration], [jerk]]))[0]))
+    if profile == "trapezoid":
+        peak = min(speed, math.sqrt(length * acceleration))  # a triangle where the way is short
+        ramp = peak / acceleration
+        cruise = max(length / peak - ramp, 0.0)
+        return _phases(length, ((ramp, acceleration, 0.0), (cruise, 0.0, 0.0), (ramp, -acceleration, 0.0)))
+    if profile == "s-curve":
+        return _s_curve(length, speed, acceleration, jerk)
     raise InputError(f"there is no profile {profile!r}; choose among {', '.join(PROFILES)}")
-
-
-def _one_piece(length: float, time: float, shape: tuple[float, ...]) -> PiecewisePolynomial:
-    powers = [length * c / time**p for p, c in enumerate(shape)]
-    return PiecewisePolynomial([0.0, time], np.array(powers)[None, :, None])
-
-
-def _trapezoid(length: float, speed: float, acceleration: float) -> PiecewisePolynomial:
-    peak = min(speed, math.sqrt(length * acceleration))  # a triangle where the way is short
-    ramp = peak / acceleration
-    cruise = max(length / peak - ramp, 0.0)
-    return _phases(length, ((ramp, acceleration, 0.0), (cruise, 0.0, 0.0), (ramp, -acceleration, 0.0)))
 
 
 def _s_curve(length: float, speed: float, acceleration: float, jerk: float) -> PiecewisePolynomial:
@@ -140,7 +150,6 @@ def _phases(length: float, phases: tuple[tuple[float, float, float], ...]) -> Pi
     return PiecewisePolynomial(breaks, np.array(rows)[:, :, None])
 
 
-FloatArray = NDArray[np.float64]
 _ROUNDING = 1e-9
 _SPARE_MS = 1e-9
 """so little below a whole millisecond is one [ms]"""
@@ -148,32 +157,22 @@ _NOWHERE = 1e-12
 """A way that is no motion [rad]."""
 _INSTANT = 1e-9
 """a duration that is none [s]"""
-_SHAPES: dict[ProfileName, tuple[float, ...]] = {
-    "cubic": (0.0, 0.0, 3.0, -2.0),
-    "quintic": (0.0, 0.0, 0.0, 10.0, -15.0, 6.0),
-}
-_SHAPE_PEAKS = {
-    4: (CUBIC_SPEED, CUBIC_ACCELERATION),
-    6: (QUINTIC_SPEED, QUINTIC_ACCELERATION),
-}
-"""largest speed and acceleration of a way of one polynomial, by how many coefficients it has"""
 
 
-class PointToPoint:
-    """A motion of all joints from rest to rest. Immutable."""
+@dataclass(frozen=True, slots=True, eq=False)
+class PointToPoint(KnowsPeaks):
+    """A motion of all joints from rest to rest; ``plan``, ``each_for_itself`` and ``lasting`` make one."""
 
-    def __init__(
-        self, start: FloatArray, end: FloatArray, duration: float, way: PiecewisePolynomial | None
-    ) -> None:
-        """Take it as it is; ``lasting``, ``plan`` and ``each_for_itself`` make one.
-
-        Args:
-            start: (n,) [rad].
-            end: (n,) [rad].
-            duration: [s].
-            way: (n,) way gone from ``start`` over 0 ... duration [rad], monotonous; None: it takes no time.
-        """
-        self._start, self._end, self._duration, self._way = start, end, float(duration), way
+    start: FloatArray
+    """(n,) [rad], read-only"""
+    end: FloatArray
+    """(n,) [rad], read-only"""
+    duration: float
+    """[s]; 0 for a motion that goes nowhere"""
+    way: PiecewisePolynomial | None
+    """(n,) way gone from the start over time [rad], monotonous; None for a motion that takes no time"""
+    shape: _Shape | None = None
+    """of the way of all joints, where it is one polynomial"""
 
     @classmethod
     def lasting(
@@ -197,7 +196,8 @@ class PointToPoint:
             raise InputError(f"a motion cannot take {duration} s")
         if profile not in _SHAPES:
             raise InputError(f"the shape of a {profile} depends on the limits; plan it")
-        return cls(first, last, lasts, _one_shape(last - first, lasts, profile))
+        shape = _SHAPES[profile]
+        return cls(first, last, lasts, shape.over(last - first, lasts) if lasts else None, shape)
 
     @classmethod
     def plan(
@@ -224,25 +224,27 @@ class PointToPoint:
             MotionRefusedError: the duration is too short; names the joint, what it would need and the
                 shortest possible duration.
         """
-        first, last = checked_ends(start, end)
-        if len(first) != robot.n:
-            raise InputError(f"{robot.n} joint angles are needed, got {len(first)}")
+        first, last = checked_ends(start, end, robot.n)
         travel = last - first
-        laws = None if profile in _SHAPES else _laws(robot, travel, profile)
-        times = _shape_times(robot, travel, profile) if laws is None else _law_times(laws)
-        shortest = float(times.max())
-        duration = shortest
+        shape, laws = _SHAPES.get(profile), list[PiecewisePolynomial | None]()
+        if shape is not None:
+            way = np.where(np.abs(travel) > _NOWHERE, np.abs(travel), 0.0)
+            times = shape.times(way, robot.speed_limits, robot.acceleration_limits, robot.jerk_limits)
+        else:
+            laws = _laws(robot, travel, profile)
+            times = np.array([0.0 if law is None else law.high for law in laws])
+        duration = shortest = float(times.max())
         if duration_s is not None:
             duration_s = checked_duration(duration_s)
             if duration_s < shortest * (1 - _ROUNDING):
                 raise MotionRefusedError(_too_short(robot, travel, duration_s, times, profile))
             duration = max(duration_s, shortest)
-        if laws is None:
-            way = _one_shape(travel, duration, profile)
-        else:
-            scaled = [None if law is None else law.scaled(duration / law.high) for law in laws]
-            way = _joined(np.sign(travel), scaled, duration)
-        return cls(first, last, duration, way)
+        if duration == 0:
+            return cls(first, last, 0.0, None)
+        if shape is not None:
+            return cls(first, last, duration, shape.over(travel, duration), shape)
+        laws = [None if law is None else law.scaled(duration / law.high) for law in laws]
+        return cls(first, last, duration, _joined(np.sign(travel), laws, duration))
 
     @classmethod
     def each_for_itself(cls, robot: Robot, start: ArrayLike, end: ArrayLike) -> PointToPoint:
@@ -251,62 +253,39 @@ class PointToPoint:
         Raises:
             InputError: a value that is not finite, or a wrong shape.
         """
-        first, last = checked_ends(start, end)
-        if len(first) != robot.n:
-            raise InputError(f"{robot.n} joint angles are needed, got {len(first)}")
+        first, last = checked_ends(start, end, robot.n)
         laws = _laws(robot, last - first, "trapezoid")
-        duration = float(_law_times(laws).max())
-        return cls(first, last, duration, _joined(np.sign(last - first), laws, duration))
-
-    @property
-    def duration(self) -> float:
-        """Seconds; 0 for a motion that goes nowhere."""
-        return self._duration
-
-    @property
-    def start(self) -> FloatArray:
-        """Where it starts (n,) [rad]."""
-        return self._start.copy()
-
-    @property
-    def end(self) -> FloatArray:
-        """Where it ends (n,) [rad]."""
-        return self._end.copy()
-
-    @property
-    def way(self) -> PiecewisePolynomial | None:
-        """(n,) way gone from the start over time [rad]; None for a motion that takes no time."""
-        return self._way
+        duration = max(0.0 if law is None else law.high for law in laws)
+        way = _joined(np.sign(last - first), laws, duration) if duration else None
+        return cls(first, last, duration, way)
 
     @property
     def peaks(self) -> Peaks:
         """Extremes of the whole motion, exact: no joint turns back on its way."""
-        still = np.zeros(len(self._start))
-        low, high = np.minimum(self._start, self._end), np.maximum(self._start, self._end)
-        if self._way is None:
-            return Peaks(low, high, still, still.copy())
-        if len(self._way.coefficients) == 1:
-            mean = (high - low) / self._duration
-            faster, harder = _SHAPE_PEAKS[self._way.coefficients.shape[1]]
-            return Peaks(low, high, faster * mean, harder * mean / self._duration)
-        speed = self._way.derivative()
-        return Peaks(low, high, _largest(speed), _largest(speed.derivative()))
+        low, high = np.minimum(self.start, self.end), np.maximum(self.start, self.end)
+        if self.way is None:
+            return Peaks(low, high, np.zeros(len(low)), np.zeros(len(low)))
+        if self.shape is not None:
+            mean = (high - low) / self.duration
+            faster, harder = self.shape.peaks[:2]
+            return Peaks(low, high, faster * mean, harder * mean / self.duration)
+        # the rates of a trapezoid or an s-curve are monotonous in each piece: the bounds are met
+        speed = self.way.derivative()
+        push = speed.derivative()
+        return Peaks(low, high, speed.bound_by_piece().max(axis=0), push.bound_by_piece().max(axis=0))
 
     def sample(self, t: float | FloatArray) -> Sample:
         """State at ``t`` [s], a number or (k,); outside the duration it holds the nearer end."""
         time = np.asarray(t, dtype=np.float64)
-        if self._way is None:
-            still = np.zeros((*time.shape, len(self._start)))
-            held = np.where((time < self._duration)[..., None], self._start, self._end)
-            return Sample(held if self._duration else self._end + still, still, still.copy(), still.copy())
-        gone, velocity, acceleration, jerk = self._way.derivatives(time, 3)
-        inside = ((time >= 0.0) & (time <= self._duration))[..., None]
-        moving = ((time > 0.0) & (time < self._duration))[..., None]
+        if self.way is None:
+            q = np.where((time < self.duration)[..., None], self.start, self.end)
+            return Sample(q, np.zeros_like(q), np.zeros_like(q), np.zeros_like(q))
+        gone, velocity, acceleration, jerk = self.way.derivatives(time, 3)
+        inside = ((time >= 0.0) & (time <= self.duration))[..., None]
+        moving = ((time > 0.0) & (time < self.duration))[..., None]
         # no rounding may carry a joint beyond its ends
-        q = np.clip(
-            self._start + gone, np.minimum(self._start, self._end), np.maximum(self._start, self._end)
-        )
-        q = np.where(moving, q, np.where((time <= 0.0)[..., None], self._start, self._end))
+        q = np.clip(self.start + gone, np.minimum(self.start, self.end), np.maximum(self.start, self.end))
+        q = np.where(moving, q, np.where((time <= 0.0)[..., None], self.start, self.end))
         return Sample(q, velocity * moving, acceleration * inside, jerk * inside)
 
 
@@ -327,11 +306,19 @@ def shortest_words(shortest: float) -> str:
     return f"the shortest possible duration is {math.ceil(1000 * shortest - _SPARE_MS) / 1000:.3f} s"
 
 
-def checked_ends(start: ArrayLike, end: ArrayLike) -> tuple[FloatArray, FloatArray]:
-    """Both ends (n,) [rad] as arrays that nobody else can write to.
+def stopping_s(robot: Robot) -> float:
+    """What the slowest joint needs from its full speed to rest on a straight way [s].
+
+    On a bend the path itself takes some of the acceleration: allow for several times as much.
+    """
+    return float((robot.speed_limits / robot.acceleration_limits).max())
+
+
+def checked_ends(start: ArrayLike, end: ArrayLike, n: int | None = None) -> tuple[FloatArray, FloatArray]:
+    """Both ends (n,) [rad] as new arrays that cannot be written to.
 
     Raises:
-        InputError: shapes that differ, text, NaN or infinity.
+        InputError: shapes that differ, another number than ``n``, text, NaN or infinity.
     """
     try:
         first, last = np.array(start, dtype=np.float64), np.array(end, dtype=np.float64)
@@ -343,31 +330,10 @@ def checked_ends(start: ArrayLike, end: ArrayLike) -> tuple[FloatArray, FloatArr
         )
     if not (np.isfinite(first).all() and np.isfinite(last).all()):
         raise InputError(f"joint angles must be finite numbers, got {first.tolist()} and {last.tolist()}")
+    if n is not None and len(first) != n:
+        raise InputError(f"{n} joint angles are needed, got {len(first)}")
+    first.flags.writeable = last.flags.writeable = False
     return first, last
-
-
-def _largest(curve: PiecewisePolynomial) -> FloatArray:
-    low, high = curve.extremes()
-    return np.maximum(-low, high)
-
-
-def _one_shape(travel: FloatArray, duration: float, profile: ProfileName) -> PiecewisePolynomial | None:
-    """The way (n,) of all joints over time by one polynomial; None for a motion that takes no time."""
-    if duration == 0:
-        return None
-    shape = np.array(_SHAPES[profile]) / duration ** np.arange(len(_SHAPES[profile]))
-    return PiecewisePolynomial([0.0, duration], (shape[:, None] * travel)[None])
-
-
-def _shape_times(robot: Robot, travel: FloatArray, profile: ProfileName) -> FloatArray:
-    """(n,) shortest duration of each joint by a law of one polynomial, from its peaks [s]."""
-    way = np.abs(travel)
-    way = np.where(way > _NOWHERE, way, 0.0)
-    v, a, j = robot.speed_limits, robot.acceleration_limits, robot.jerk_limits
-    if profile == "cubic":
-        return np.maximum(CUBIC_SPEED * way / v, np.sqrt(CUBIC_ACCELERATION * way / a))
-    by_speed = np.maximum(QUINTIC_SPEED * way / v, np.sqrt(QUINTIC_ACCELERATION * way / a))
-    return np.maximum(by_speed, np.cbrt(QUINTIC_JERK * way / j))
 
 
 def _laws(robot: Robot, travel: FloatArray, profile: ProfileName) -> list[PiecewisePolynomial | None]:
@@ -382,16 +348,10 @@ def _laws(robot: Robot, travel: FloatArray, profile: ProfileName) -> list[Piecew
     return [None if way <= _NOWHERE else law_over(way, v, a, j, profile) for way, v, a, j in limits]
 
 
-def _law_times(laws: Sequence[PiecewisePolynomial | None]) -> FloatArray:
-    return np.array([0.0 if law is None else law.high for law in laws])
-
-
 def _joined(
     sign: FloatArray, laws: Sequence[PiecewisePolynomial | None], duration: float
-) -> PiecewisePolynomial | None:
+) -> PiecewisePolynomial:
     """One polynomial of all joints over ``duration``; a law that ends before waits at its end."""
-    if duration == 0:
-        return None
     seams = np.concatenate([[0.0, duration], *(law.breaks for law in laws if law is not None)])
     seams = np.unique(np.minimum(seams, duration))
     c = np.zeros((len(seams) - 1, 4, len(laws)))  # the laws that need seams are cubics at most
@@ -419,11 +379,8 @@ def _too_short(
             f"{np.degrees(joint.speed):.1f} °/s and {np.degrees(joint.acceleration):.1f} °/s²; "
             f"{shortest_words(shortest)}"
         )
-    factors = (CUBIC_SPEED, CUBIC_ACCELERATION)
-    if profile == "quintic":
-        factors = (QUINTIC_SPEED, QUINTIC_ACCELERATION, QUINTIC_JERK)
     limits = np.degrees([joint.speed, joint.acceleration, joint.jerk]).tolist()
-    needs = [factor * way / duration ** (k + 1) for k, factor in enumerate(factors)]
+    needs = [peak * way / duration ** (k + 1) for k, peak in enumerate(_SHAPES[profile].peaks)]
     # the limit that asks for the longest time: speed by the first power, acceleration by the second ...
     k = max(range(len(needs)), key=lambda k: (needs[k] / limits[k]) ** (1 / (k + 1)))
     needed, allowed, unit = needs[k], limits[k], ("°/s", "°/s²", "°/s³")[k]

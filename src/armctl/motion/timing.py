@@ -1,8 +1,17 @@
-"""A path made a motion by a named profile."""
+"""A path made a motion: how fast it may be followed, and by which law over time.
+
+With ``q(s)`` and the rate ``r = ds/dt``, a joint's speed is ``q' r`` and its acceleration
+``q'' r² + q' dr/dt``. The path is cut into regions; in each one the largest ``|q'|`` and ``|q''|`` give
+a largest rate and, at that rate, the acceleration that is left along the path. Between the regions, one
+pass backward and one forward (as machine tools look ahead) give the largest rates that can be reached and
+braked from. The result is never over a limit; it is as fast as the limits allow, except that a share of
+the acceleration is reserved for the curvature.
+"""
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from functools import cached_property
 from typing import cast
 
@@ -12,15 +21,135 @@ from numpy.typing import NDArray
 from armctl.errors import InputError, MotionRefusedError
 from armctl.motion.polynomial import PiecewisePolynomial
 from armctl.motion.profiles import ProfileName, checked_duration, law_over, shortest_words
-from armctl.motion.speed_plan import PathLimits, SpeedPlan
-from armctl.motion.trajectory import Peaks, Sample
+from armctl.motion.trajectory import KnowsPeaks, Peaks, Sample
 from armctl.robot import Robot
 
-# A path and a law over time, made one motion.
-
 FloatArray = NDArray[np.float64]
-_REGIONS = 4
+_CURVATURE_SHARE = 0.7
+"""Of a joint's acceleration: what the curvature of the path may take. The rest is left for speeding up."""
+_MARGIN = 1e-9
+_SHORTEST = 1e-12
+REGIONS = 4
 """regions a piece of a path, for its limits"""
+
+
+class TooFastError(InputError):
+    """A path is begun faster than it can be braked on."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PathLimits:
+    """Largest rate and acceleration in each of m regions of a path."""
+
+    breaks: FloatArray
+    """(m + 1,) of the path variable"""
+    rate: FloatArray
+    """(m,) largest rate"""
+    acceleration: FloatArray
+    """(m,) largest change of the rate, at any rate up to the largest"""
+
+    @classmethod
+    def of(
+        cls,
+        robot: Robot,
+        path: PiecewisePolynomial,
+        rate_cap: float | FloatArray = math.inf,
+    ) -> PathLimits:
+        """Limits of a path from those of the joints.
+
+        Args:
+            robot: whose speed and acceleration limits.
+            path: q(s), (n,) [rad]; each piece is cut into ``REGIONS``.
+            rate_cap: a largest rate besides; a number, or (k,) one a piece of the path.
+
+        Raises:
+            InputError: a cap that is not positive.
+        """
+        caps = np.repeat(np.broadcast_to(rate_cap, len(path.coefficients)), REGIONS)
+        if not (caps > 0).all():
+            raise InputError(f"the speed along a path must be positive, got {caps.min()}")
+        fine = path.refined(REGIONS)
+        speed, acceleration = robot.speed_limits, robot.acceleration_limits
+        slope = fine.derivative().bound_by_piece()
+        bend = fine.derivative().derivative().bound_by_piece()
+        with np.errstate(divide="ignore"):
+            rate = np.minimum((speed / slope).min(axis=1), caps)
+            rate = np.minimum(rate, np.sqrt((_CURVATURE_SHARE * acceleration / bend).min(axis=1)))
+            # where nothing moves, any rate will do
+            rate = np.where(np.isfinite(rate), rate, np.diff(fine.breaks) / _MARGIN)
+            left = ((acceleration - bend * rate[:, None] ** 2) / slope).min(axis=1)
+        most = rate * rate / np.diff(fine.breaks)
+        return cls(fine.breaks, rate * (1 - _MARGIN), np.minimum(left, 1e3 * most) * (1 - _MARGIN))
+
+
+def fastest_rates(limits: PathLimits, first: float = 0.0, last: float = 0.0) -> FloatArray:
+    """The fastest rates at the breaks of a path that its limits allow.
+
+    Args:
+        limits: of the path, in m regions.
+        first: rate at its beginning.
+        last: largest rate at its end; what can be reached is taken where it is less.
+
+    Returns:
+        (m + 1,) rate at each break.
+
+    Raises:
+        TooFastError: ``first`` is more than the path can brake from.
+    """
+    gains: list[float] = (2 * limits.acceleration * np.diff(limits.breaks)).tolist()  # of the squared rate
+    most: list[float] = np.minimum(np.append(limits.rate, last), np.append(math.inf, limits.rate)).tolist()
+    for k in range(len(gains) - 1, -1, -1):  # backward: rates that can be braked from
+        most[k] = min(most[k], math.sqrt(most[k + 1] ** 2 + gains[k]))
+    if first > most[0] * (1 + 1e-6) + 1e-12:
+        raise TooFastError(
+            f"a path cannot be begun at the rate {first:.6g}; the most is {most[0]:.6g}: begin it slower"
+        )
+    rates = [min(first, most[0])]
+    for k, gain in enumerate(gains):  # forward: rates that can be reached
+        rates.append(min(most[k + 1], math.sqrt(rates[k] ** 2 + gain)))
+    return np.array(rates)
+
+
+def trapezoid_law(limits: PathLimits, rates: FloatArray) -> PiecewisePolynomial:
+    """The path variable over time [s], from 0: a trapezoid of the rate in each region.
+
+    Args:
+        limits: of the path, in m regions.
+        rates: (m + 1,) at its breaks, from ``fastest_rates``.
+    """
+    breaks, steps = [0.0], list[tuple[float, float, float]]()
+    rows = np.column_stack(
+        [limits.breaks[:-1], np.diff(limits.breaks), limits.rate, limits.acceleration, rates[:-1], rates[1:]]
+    )
+    for s, length, cap, push, first, last in rows.tolist():
+        for duration, rate, change in _trapezoid(length, cap, push, first, last):
+            if breaks[-1] + duration > breaks[-1]:
+                breaks.append(breaks[-1] + duration)
+                steps.append((s, rate, 0.5 * change))
+                s += duration * (rate + 0.5 * change * duration)
+    return PiecewisePolynomial(breaks, np.array(steps)[:, :, None])
+
+
+def _trapezoid(
+    length: float, cap: float, push: float, first: float, last: float
+) -> list[tuple[float, float, float]]:
+    """(duration, rate at its beginning, change of the rate) of up to three phases over a region."""
+    if push <= 0:
+        return [(2 * length / (first + last), first, 0.0)]
+    peak = min(cap, math.sqrt(max(push * length + 0.5 * (first * first + last * last), 0.0)))
+    peak = max(peak, first, last)
+    up, down = (peak - first) / push, (peak - last) / push
+    rest = length - 0.5 * (first + peak) * up - 0.5 * (peak + last) * down
+    phases: list[tuple[float, float, float]] = []
+    if up > 0:
+        phases.append((up, first, push))
+    if rest > _SHORTEST * length:
+        phases.append((rest / peak, peak, 0.0))
+    if down > 0:
+        phases.append((down, peak, -push))
+    return phases
+
+
 _SLICES, _SLICES_IN_ALL = 4, 96
 """slices of time between two breaks, for the peaks, and at least in a whole motion of few breaks"""
 _SECTIONS, _SECTIONINGS = 32, 4
@@ -28,7 +157,7 @@ _SECTIONS, _SECTIONINGS = 32, 4
 _INNER = np.arange(1, _SECTIONS)
 
 
-class PathTrajectory:
+class PathTrajectory(KnowsPeaks):
     """``q(s(t))`` with the derivatives of both by the chain rule. Immutable."""
 
     def __init__(self, path: PiecewisePolynomial, law: PiecewisePolynomial) -> None:
@@ -50,8 +179,13 @@ class PathTrajectory:
             raise InputError(f"a law from {ends} does not run along a path from {path.low} to {path.high}")
         self.path = path
         self.law = law
-        self._start: FloatArray = path(path.low)
-        self._end: FloatArray = path(path.high)
+        self.duration = law.high
+        """[s]"""
+        self.start: FloatArray = path(path.low)
+        """(n,) [rad], read-only"""
+        self.end: FloatArray = path(path.high)
+        """(n,) [rad], read-only"""
+        self.start.flags.writeable = self.end.flags.writeable = False
 
     @classmethod
     def fastest(
@@ -74,23 +208,8 @@ class PathTrajectory:
         Raises:
             InputError: a cap that is not positive, or a first rate that cannot be.
         """
-        limits = PathLimits.of(path, robot.speed_limits, robot.acceleration_limits, rate_cap, _REGIONS)
-        return cls(path, SpeedPlan.fastest(limits, first, last).law())
-
-    @property
-    def duration(self) -> float:
-        """Seconds."""
-        return self.law.high
-
-    @property
-    def start(self) -> FloatArray:
-        """Where it starts (n,) [rad]."""
-        return self._start.copy()
-
-    @property
-    def end(self) -> FloatArray:
-        """Where it ends (n,) [rad]."""
-        return self._end.copy()
+        limits = PathLimits.of(robot, path, rate_cap)
+        return cls(path, trapezoid_law(limits, fastest_rates(limits, first, last)))
 
     def scaled(self, factor: float) -> PathTrajectory:
         """The same motion, taking ``factor`` times as long."""
@@ -115,7 +234,7 @@ class PathTrajectory:
         rate, push, jerk = rate * inside, push * inside, jerk * inside
         q, slope, bend, twist = self.path.derivatives(s[..., 0], 3)
         arrived = (time >= self.duration)[..., None]
-        q = cast("FloatArray", np.where(arrived, self._end, q))
+        q = cast("FloatArray", np.where(arrived, self.end, q))
         return Sample(
             q,
             slope * rate,
@@ -123,13 +242,15 @@ class PathTrajectory:
             twist * rate**3 + 3 * bend * rate * push + slope * jerk,
         )
 
-    @cached_property
+    @property
     def peaks(self) -> Peaks:
-        """Extremes of the whole motion: the joint angles exact, the rest never passed.
+        """Extremes of the whole motion: the joint angles exact, the rest never passed."""
+        return self._peaks
 
-        In each slice of time the largest ``|q'|``, ``|q''|``, ``ds/dt`` and ``d²s/dt²`` are exact; their
-        products may lie a little above what is ever met at one time.
-        """
+    @cached_property
+    def _peaks(self) -> Peaks:
+        # In each slice of time the bounds of |q'|, |q''|, ds/dt and d²s/dt² are close; their products may lie
+        # a little above what is ever met at one time.
         low, high = self.path.extremes()
         time = np.unique(np.concatenate([self.law.breaks, self._crossings()]))
         count = max(_SLICES, _SLICES_IN_ALL // (len(time) - 1))
@@ -206,13 +327,15 @@ def timed(
 
 def _shaped(robot: Robot, path: PiecewisePolynomial, profile: ProfileName, rate_cap: float) -> PathTrajectory:
     # The caps of the middle of the path give the s-curve its shape; the scale makes all of it fit.
-    limits = PathLimits.of(path, robot.speed_limits, robot.acceleration_limits, rate_cap, _REGIONS)
+    limits = PathLimits.of(robot, path, rate_cap)
     slope = path.derivative().bound_by_piece().max(axis=0)
     moving = slope > 0
     jerk = float((robot.jerk_limits[moving] / slope[moving]).min()) if moving.any() else math.inf
     rate, push = float(np.median(limits.rate)), float(np.median(limits.acceleration))
     law = law_over(path.high - path.low, rate, push, jerk, profile)
-    law = PiecewisePolynomial(law.breaks, law.coefficients + _offset(law, path.low))
+    shift = np.zeros_like(law.coefficients)
+    shift[:, 0] = path.low
+    law = PiecewisePolynomial(law.breaks, law.coefficients + shift)
     shaped = PathTrajectory(path, law)
     needed = [shaped.slowness(robot)]
     if math.isfinite(rate_cap):
@@ -242,20 +365,3 @@ def _bound(robot: Robot, motion: PathTrajectory, profile: ProfileName, rate_cap:
     what, unit, _, most = limits[kind]
     limit = math.degrees(float(most[joint]))
     return f"most of the time {robot.joints[joint].title} is near its largest {what}, {limit:.3g} {unit}"
-
-
-def _offset(law: PiecewisePolynomial, begin: float) -> FloatArray:
-    shift = np.zeros_like(law.coefficients)
-    shift[:, 0] = begin
-    return shift
-
-
-# How long an arm needs to come to rest.
-
-
-def stopping_s(robot: Robot) -> float:
-    """What the slowest joint needs from its full speed to rest on a straight way [s].
-
-    On a bend the path itself takes some of the acceleration: allow for several times as much.
-    """
-    return float((robot.speed_limits / robot.acceleration_limits).max())

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Protocol, runtime_checkable
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -65,14 +65,15 @@ class Trajectory(Protocol):
         ...
 
 
-@runtime_checkable
-class KnowsPeaks(Protocol):
-    """A trajectory that knows its extremes without being sampled."""
+class KnowsPeaks:
+    """Base of the trajectories that know their extremes without being sampled."""
+
+    __slots__ = ()
 
     @property
     def peaks(self) -> Peaks:
         """Extremes of the whole motion."""
-        ...
+        raise NotImplementedError
 
 
 # Several motions one after the other, as one trajectory.
@@ -81,7 +82,7 @@ JOINT_TOLERANCE = 1e-9
 """How far the start of a part may lie from the end of the part before it [rad]."""
 
 
-class JoinedTrajectory:
+class JoinedTrajectory(KnowsPeaks):
     """Parts run in order. Immutable."""
 
     def __init__(self, parts: Sequence[Trajectory]) -> None:
@@ -126,6 +127,25 @@ class JoinedTrajectory:
         """(k,) when each part starts [s]."""
         return np.concatenate([[0.0], self._ends[:-1]])
 
+    @property
+    def peaks(self) -> Peaks:
+        """Extremes of the whole motion, as well known as those of its parts."""
+        peaks = [peaks_of(part) for part in self.parts]
+        return Peaks(
+            np.min([peak.low for peak in peaks], axis=0),
+            np.max([peak.high for peak in peaks], axis=0),
+            np.max([peak.speed for peak in peaks], axis=0),
+            np.max([peak.acceleration for peak in peaks], axis=0),
+        )
+
+    def leaves(self) -> list[tuple[Trajectory, float]]:
+        """The parts, joined ones taken apart, and when each begins [s]."""
+        found: list[tuple[Trajectory, float]] = []
+        for part, begins in zip(self.parts, self.starts_at.tolist(), strict=True):
+            inner = part.leaves() if isinstance(part, JoinedTrajectory) else [(part, 0.0)]
+            found += [(leaf, begins + at) for leaf, at in inner]
+        return found
+
     def sample(self, t: float | FloatArray) -> Sample:
         """State at ``t`` [s], a number or (k,); outside the duration it holds the nearer end."""
         time = np.asarray(t, dtype=np.float64)
@@ -157,21 +177,12 @@ class JoinedTrajectory:
 _SAMPLES = 4001
 
 
-def knows_peaks(trajectory: Trajectory) -> bool:
-    """Whether ``peaks_of`` needs no samples."""
-    if isinstance(trajectory, JoinedTrajectory):
-        return all(knows_peaks(part) for part in trajectory.parts)
-    return isinstance(trajectory, KnowsPeaks)
-
-
 def peaks_of(trajectory: Trajectory) -> Peaks:
     """Extremes of a whole motion.
 
     Those of somebody else's trajectory are taken from 4,001 samples, the steps between them included: it
     may not be what it says of itself.
     """
-    if isinstance(trajectory, JoinedTrajectory):
-        return combined([peaks_of(part) for part in trajectory.parts])
     if isinstance(trajectory, KnowsPeaks):
         return trajectory.peaks
     time = np.linspace(0.0, trajectory.duration, _SAMPLES)
@@ -182,22 +193,10 @@ def peaks_of(trajectory: Trajectory) -> Peaks:
     return Peaks(state.q.min(axis=0), state.q.max(axis=0), speed, np.abs(state.acceleration).max(axis=0))
 
 
-def combined(peaks: Sequence[Peaks]) -> Peaks:
-    """The extremes of several motions together."""
-    if len(peaks) == 1:
-        return peaks[0]
-    return Peaks(
-        np.min([p.low for p in peaks], axis=0),
-        np.max([p.high for p in peaks], axis=0),
-        np.max([p.speed for p in peaks], axis=0),
-        np.max([p.acceleration for p in peaks], axis=0),
-    )
-
-
 # The same motion, slower.
 
 
-class SlowedTrajectory:
+class SlowedTrajectory(KnowsPeaks):
     """A trajectory that takes a number of times as long, on the same way. Immutable."""
 
     def __init__(self, trajectory: Trajectory, factor: float) -> None:

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from armctl.errors import ArmctlError, InputError, MotionRefusedError, ProgramError
 from armctl.motion.blend import Entry, Leg, blend
 from armctl.motion.preflight import preflight
-from armctl.motion.speed_plan import TooFastError
-from armctl.motion.timing import stopping_s
+from armctl.motion.profiles import stopping_s
+from armctl.motion.timing import TooFastError
 from armctl.motion.trajectory import Trajectory
 from armctl.program.check import check_program
 from armctl.program.program import Cursor, MotionStep, Program, SpeedStep, Step

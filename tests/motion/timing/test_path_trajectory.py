@@ -9,8 +9,7 @@ from armctl import load_robot
 from armctl.errors import InputError
 from armctl.motion.polynomial import PiecewisePolynomial, spline_through
 from armctl.motion.profiles import law_over
-from armctl.motion.speed_plan import PathLimits, SpeedPlan
-from armctl.motion.timing import PathTrajectory
+from armctl.motion.timing import PathLimits, PathTrajectory, fastest_rates
 
 ROBOT = load_robot("uzuner")
 
@@ -82,8 +81,8 @@ def test_the_fastest_touches_a_limit_nearly_everywhere_on_a_straight_way() -> No
 
 def test_a_first_rate_is_kept_and_braked() -> None:
     path = random_path(4, 6)
-    limits = PathLimits.of(path, ROBOT.speed_limits, ROBOT.acceleration_limits)
-    most = float(SpeedPlan.fastest(limits, last=np.inf).rates.max())
+    limits = PathLimits.of(ROBOT, path)
+    most = float(fastest_rates(limits, last=np.inf).max())
     motion = PathTrajectory.fastest(ROBOT, path, first=0.2 * min(most, limits.rate[0]))
     assert motion.rates(0.0) == pytest.approx(0.2 * min(most, limits.rate[0]))
     assert motion.rates(motion.duration) == pytest.approx(0.0, abs=1e-9)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Literal
 
@@ -11,15 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armctl.errors import InputError
-from armctl.motion.trajectory import (
-    JoinedTrajectory,
-    Peaks,
-    Sample,
-    Trajectory,
-    combined,
-    knows_peaks,
-    peaks_of,
-)
+from armctl.motion.trajectory import JoinedTrajectory, KnowsPeaks, Peaks, Trajectory, peaks_of
 from armctl.robot import Robot
 
 FloatArray = NDArray[np.float64]
@@ -98,53 +89,35 @@ class SampledMotion:
         """
         if trajectory.start.shape != (robot.n,) or trajectory.end.shape != (robot.n,):
             raise InputError(f"{robot.name} has {robot.n} joints, the trajectory has {len(trajectory.start)}")
+        parts = trajectory.leaves() if isinstance(trajectory, JoinedTrajectory) else [(trajectory, 0.0)]
         times: list[FloatArray] = []
-        samples: list[Sample] = []
-        peaks: list[Peaks] = []
-        for part, begins in _parts(trajectory, 0.0):
-            peaks.append(peaks_of(part))
-            time = _sample_times(part, peaks[-1])
-            times.append(time + begins)
-            samples.append(part.sample(time))
-        counts = [len(time) for time in times]
+        speeds: list[FloatArray] = []
+        states: list[tuple[FloatArray, FloatArray, FloatArray]] = []
+        for part, begins in parts:
+            duration, speed = part.duration, peaks_of(part).speed
+            if not (math.isfinite(duration) and duration >= 0):
+                raise InputError(f"a trajectory cannot take {duration} s")
+            if isinstance(part, KnowsPeaks):
+                travel = min(float(speed.max()) * duration / _TRAVEL, _MOST)
+                count = max(2 * math.ceil(0.5 * travel), 2)
+            else:
+                count = min(max(math.ceil(duration / _FINEST_S), _FEWEST), _MOST)
+            time = np.linspace(0.0, duration, count + 1) if duration else np.zeros(1)
+            state = part.sample(time)
+            times.append(begins + time)
+            speeds.append(np.broadcast_to(speed, (len(time), robot.n)))
+            states.append((state.q, state.velocity, state.acceleration))
+            for what, values in zip(("angle", "speed", "acceleration"), states[-1], strict=True):
+                if values.shape != (len(time), robot.n) or not np.isfinite(values).all():
+                    raise InputError(f"the trajectory gives a joint {what} that is not a finite number")
+        q, velocity, acceleration = map(np.concatenate, zip(*states, strict=True))
         return cls(
             robot,
             trajectory,
             np.concatenate(times),
-            _joined("angle", [sample.q for sample in samples], counts, robot.n),
-            _joined("speed", [sample.velocity for sample in samples], counts, robot.n),
-            _joined("acceleration", [sample.acceleration for sample in samples], counts, robot.n),
-            np.repeat([peak.speed for peak in peaks], counts, axis=0),
-            combined(peaks),
+            q,
+            velocity,
+            acceleration,
+            np.concatenate(speeds),
+            peaks_of(trajectory),
         )
-
-
-def _parts(trajectory: Trajectory, begins: float) -> Iterator[tuple[Trajectory, float]]:
-    """The parts of a joined trajectory, or the trajectory itself, and when each begins [s]."""
-    if isinstance(trajectory, JoinedTrajectory):
-        for part, at in zip(trajectory.parts, trajectory.starts_at.tolist(), strict=True):
-            yield from _parts(part, begins + at)
-    else:
-        yield trajectory, begins
-
-
-def _sample_times(part: Trajectory, peaks: Peaks) -> FloatArray:
-    duration = part.duration
-    if not (math.isfinite(duration) and duration >= 0):
-        raise InputError(f"a trajectory cannot take {duration} s")
-    if duration == 0.0:
-        return np.zeros(1)
-    if knows_peaks(part):
-        travel = float(peaks.speed.max()) * duration
-        count = max(2 * math.ceil(0.5 * min(travel / _TRAVEL, _MOST)), 2)
-    else:
-        count = min(max(math.ceil(duration / _FINEST_S), _FEWEST), _MOST)
-    return np.linspace(0.0, duration, count + 1)
-
-
-def _joined(what: str, values: list[FloatArray], counts: list[int], n: int) -> FloatArray:
-    shapes = [value.shape for value in values]
-    joined = np.concatenate(values) if shapes == [(count, n) for count in counts] else np.array(np.nan)
-    if not np.isfinite(joined).all():
-        raise InputError(f"the trajectory gives a joint {what} that is not a finite number")
-    return joined
