@@ -1,85 +1,17 @@
-"""Which arm the pages show, and changing it for another."""
+"""Which arm the pages show; changing it for another one, and opening it anew."""
 
 from __future__ import annotations
 
 import asyncio
 import logging
-from collections.abc import Awaitable, Callable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 from armctl.boards import SIMULATED
 from armctl.errors import InputError, StateError
-from armctl.hardware import BoardIdentity, Source
+from armctl.hardware import Source
 from armctl.runtime import Command, Connect, Event, Origin, SetSpeed, Snapshot, State, wall_time
 from armctl.ui.console import Console
-
-# When an arm may be left for another one, or opened anew: not in a motion, nor where it would drop.
-
-
-def release_to_leave(snapshot: Snapshot) -> str | None:
-    """Why the arm must be released before another one is chosen; None: it need not.
-
-    Real servos or motors hold it up, and nobody would speak to them any more.
-    """
-    board = _holding_it_up(snapshot)
-    if board is None:
-        return None
-    return (
-        f"the {_outputs(snapshot)} on {board.port} are on; press Release (the arm drops), then choose "
-        "another robot"
-    )
-
-
-def release_to_reopen(snapshot: Snapshot) -> str | None:
-    """Why the arm must be released before it is opened anew; None: it need not.
-
-    A Maestro goes on sending its pulses, and Enable takes the arm over where it stands.
-    """
-    board = _holding_it_up(snapshot)
-    if board is None or snapshot.source is Source.TRANSMITTED:
-        return None
-    return (
-        f"the {_outputs(snapshot)} on {board.port} are on, and the arm has to be opened anew: support it, "
-        "press Release (it drops), then try again"
-    )
-
-
-def require_leavable(snapshot: Snapshot) -> None:
-    """Refuse to leave an arm that moves, or one that real servos or motors hold up.
-
-    Raises:
-        StateError: says what to do first.
-    """
-    if snapshot.state in (State.MOVING, State.PAUSED):
-        doing = "moves" if snapshot.state is State.MOVING else "is in the middle of a motion"
-        raise StateError(f"the arm {doing}; press STOP, then choose another robot")
-    _refuse(release_to_leave(snapshot))
-
-
-def require_reopenable(snapshot: Snapshot) -> None:
-    """Refuse to open an arm anew that moves, or that drops when its line is closed for a moment.
-
-    Raises:
-        StateError: says what to do first.
-    """
-    if snapshot.state in (State.MOVING, State.PAUSED):
-        raise StateError("the arm is in the middle of a motion; press STOP, then try again")
-    _refuse(release_to_reopen(snapshot))
-
-
-def _refuse(why: str | None) -> None:
-    if why is not None:
-        raise StateError(why)
-
-
-def _holding_it_up(snapshot: Snapshot) -> BoardIdentity | None:
-    board = snapshot.board
-    return board if board is not None and not board.simulated and snapshot.powered else None
-
-
-def _outputs(snapshot: Snapshot) -> str:
-    return "motors" if snapshot.source is Source.MEASURED else "servos"
-
 
 LOG = logging.getLogger("armctl.ui")
 _LOG_LINES = 200
@@ -107,11 +39,10 @@ class RobotChange:
 
 
 class RobotSwitch:
-    """Holds the present console. Used on the web server's event loop only.
+    """Holds the present console. Used on the web server's event loop only; others only read its attributes.
 
-    The new arm is opened first, off the event loop; only when it is ready does it take the place of the
-    present one, in one step, and the arm that is left is closed. Whatever fails on the way leaves the
-    present arm as it is.
+    The new arm is opened first, off the event loop; only when it is ready does it replace the present one,
+    in one step, and the old arm is closed. Whatever fails on the way leaves the present arm as it is.
     """
 
     def __init__(
@@ -130,30 +61,11 @@ class RobotSwitch:
             open_console: opens the arm of a choice's name as it is calibrated with the board on a port,
                 without connecting it; may block.
         """
-        self._console, self._present, self._choices = console, present, tuple(choices)
+        self.console, self.present, self.choices = console, present, tuple(choices)
+        self.opening: RobotChoice | None = None
+        """what the present arm is being changed for"""
         self._open = open_console
-        self._opening: RobotChoice | None = None
         self._tell: Callable[[RobotChange], None] | None = None
-
-    @property
-    def console(self) -> Console:
-        """The present arm and what belongs to it."""
-        return self._console
-
-    @property
-    def present(self) -> RobotChoice:
-        """The present arm's entry in the list."""
-        return self._present
-
-    @property
-    def choices(self) -> tuple[RobotChoice, ...]:
-        """What can be chosen."""
-        return self._choices
-
-    @property
-    def opening(self) -> RobotChoice | None:
-        """What the present arm is being changed for; None: nothing."""
-        return self._opening
 
     def on_change(self, tell: Callable[[RobotChange], None]) -> None:
         """Have ``tell`` called at once whenever the present console has become another."""
@@ -161,7 +73,7 @@ class RobotSwitch:
 
     def close(self) -> None:
         """End the present arm."""
-        self._console.close()
+        self.console.close()
 
     def require_settled(self) -> None:
         """Refuse what must wait until the arm has been changed.
@@ -169,16 +81,36 @@ class RobotSwitch:
         Raises:
             StateError: it is being changed.
         """
-        if self._opening is not None:
+        if self.opening is not None:
             raise StateError(
-                f"the robot is being changed for {self._opening.title}; wait a moment and try again"
+                f"the robot is being changed for {self.opening.title}; wait a moment and try again"
             )
+
+    def require_reopenable(self) -> None:
+        """Refuse what would open the arm anew, where that could let it drop.
+
+        Raises:
+            StateError: says what to do first.
+        """
+        self.require_settled()
+        require_reopenable(self.console.controller.snapshot)
+
+    async def needs_reopening(self, port: str) -> bool:
+        """Whether connecting to a port takes an arm that is opened anew, by another calibration.
+
+        Raises:
+            PortError: ``auto`` found no board, or more than one.
+            CalibrationError: the calibration that is kept for the board cannot be read.
+        """
+        if self.console.controller.snapshot.state not in (State.DISCONNECTED, State.FAULT):
+            return False  # connected already: the controller refuses in words
+        return port != self.console.default_port or not await self.console.calibration.holds_for(port)
 
     async def change(self, name: str, origin: Origin, permit: Callable[[], None]) -> None:
         """Change the present arm for another one.
 
-        The new arm begins with the speed override of the one that is left. It is connected where that one
-        is on the simulated board; what hangs on a real board are another arm's servos.
+        The new arm begins with the speed override of the old one. It is connected if the old one is on the
+        simulated board; the servos on a real board are another arm's.
 
         Args:
             name: of the choice.
@@ -190,38 +122,17 @@ class RobotSwitch:
             StateError: the arm moves, a real board's outputs are on, or it is being changed already.
             ArmctlError: the new arm cannot be opened, or ``permit`` refuses.
         """
-        choice = next((choice for choice in self._choices if choice.name == name), None)
+        choice = next((choice for choice in self.choices if choice.name == name), None)
         if choice is None:
             raise InputError(f"there is no robot {name!r} to choose")
-        if choice == self._present:
+        if choice == self.present:
             return
         permit()
         self.require_settled()
-        require_leavable(self._console.controller.snapshot)
-        board = self._console.controller.snapshot.board
-        port = SIMULATED if board is not None and board.simulated else self._console.default_port
-        await self._replace(choice, port, origin, permit, require_leavable, self._prepare, "chose")
-
-    def require_reopenable(self) -> None:
-        """Refuse what would open the arm anew, where that could let it drop.
-
-        Raises:
-            StateError: says what to do first.
-        """
-        self.require_settled()
-        require_reopenable(self._console.controller.snapshot)
-
-    async def needs_reopening(self, port: str) -> bool:
-        """Whether connecting to a port takes an arm that is opened anew, by another calibration.
-
-        Raises:
-            PortError: ``auto`` found no board, or more than one.
-            CalibrationError: the calibration that is kept for the board cannot be read.
-        """
-        console = self._console
-        if console.controller.snapshot.state not in (State.DISCONNECTED, State.FAULT):
-            return False  # connected already: the controller refuses in words
-        return port != console.default_port or not await console.calibration.holds_for(port)
+        require_leavable(self.console.controller.snapshot)
+        board = self.console.controller.snapshot.board
+        port = SIMULATED if board is not None and board.simulated else self.console.default_port
+        await self._replace(choice, port, origin, permit, "chose")
 
     async def reopen(self, origin: Origin, permit: Callable[[], None], port: str | None = None) -> None:
         """Open the present arm anew, as it is calibrated now, and connect it where it was connected.
@@ -237,57 +148,50 @@ class RobotSwitch:
         """
         permit()
         self.require_reopenable()
-        console = self._console
-        wanted = port is not None or console.controller.snapshot.board is not None
-        port = console.default_port if port is None else port
-        did = "opened" if port != console.default_port else "calibrated"
-        await self._replace(
-            self._present, port, origin, permit, require_reopenable, self._take_speed_over, did
-        )
+        wanted = port is not None or self.console.controller.snapshot.board is not None
+        did = "opened" if port not in (None, self.console.default_port) else "calibrated"
+        port = self.console.default_port if port is None else port
+        await self._replace(self.present, port, origin, permit, did)
         if wanted:
-            await _obeyed(self._console, Connect(port), origin)
+            await _finished(self.console, Connect(port), origin)
 
     async def _replace(
-        self,
-        choice: RobotChoice,
-        port: str,
-        origin: Origin,
-        permit: Callable[[], None],
-        require_leavable: Callable[[Snapshot], None],
-        prepare: Callable[[Console, Origin], Awaitable[str | None]],
-        did: str,
+        self, choice: RobotChoice, port: str, origin: Origin, permit: Callable[[], None], did: str
     ) -> None:
-        """Put a new console into the place of the present one; what fails before that changes nothing."""
-        began, self._opening = wall_time(), choice
+        """Put a new console in place of the present one; what fails before that changes nothing."""
+        began, self.opening = wall_time(), choice
+        same = choice == self.present
         try:
             opened = await asyncio.to_thread(self._open, choice.name, port)
             try:
-                not_connected = await prepare(opened, origin)
-                # What was asked of the present arm before this began has shown by now.
+                speed = self.console.controller.snapshot.speed
+                if opened.controller.snapshot.speed != speed:
+                    await _finished(opened, SetSpeed(speed), origin)
+                not_connected = None if same else await self._connect(opened, origin)
+                # ask again: the present arm may have begun to move meanwhile
                 permit()
-                require_leavable(self._console.controller.snapshot)
+                (require_reopenable if same else require_leavable)(self.console.controller.snapshot)
             except BaseException:
                 await asyncio.to_thread(opened.close)
                 raise
-            left = self._console
-            self._take(choice, opened, _log_lines(left, opened, origin, began, not_connected, did))
+            left = self.console
+            log = _log_lines(left, opened, origin, began, not_connected, did)
+            self.console = replace(opened, operators=left.operators, earlier=log)
+            if same and _same_machine(left, opened):
+                self.console = replace(self.console, last_known=left.last_known)
+            self.console.carry_over(left)
+            self.present = choice
             try:
                 if self._tell is not None:
                     self._tell(RobotChange(origin.who, choice.title, not_connected, did))
             finally:
                 await asyncio.to_thread(left.close)  # frees its line, so that the new arm may use it
         finally:
-            self._opening = None
+            self.opening = None
 
-    async def _take_speed_over(self, opened: Console, origin: Origin) -> None:
-        present = self._console.controller.snapshot
-        if opened.controller.snapshot.speed != present.speed:
-            await _obeyed(opened, SetSpeed(present.speed), origin)
-
-    async def _prepare(self, opened: Console, origin: Origin) -> str | None:
-        """Speed and board of the new arm; gives why it is not connected."""
-        await self._take_speed_over(opened, origin)
-        title, board = opened.robot.title, self._console.controller.snapshot.board
+    async def _connect(self, opened: Console, origin: Origin) -> str | None:
+        """Connect the new arm where the present one is simulated; else says why it is not connected."""
+        title, board = opened.robot.title, self.console.controller.snapshot.board
         if board is None:
             return f"{title} is not connected, as the arm before it was not; press Connect"
         if not board.simulated:
@@ -295,16 +199,12 @@ class RobotSwitch:
                 f"{title} is not connected: the servos on {board.port} are another arm's; "
                 "choose its port and press Connect"
             )
-        await _obeyed(opened, Connect(SIMULATED), origin)
+        await _finished(opened, Connect(SIMULATED), origin)
         return None
 
-    def _take(self, choice: RobotChoice, opened: Console, earlier: tuple[Event, ...]) -> None:
-        left = self._console
-        kept = replace(opened, operators=left.operators, earlier=earlier)
-        if choice == self._present and _same_machine(left, opened):
-            kept = replace(kept, last_known=left.last_known)
-        kept.carry_over(left)
-        self._present, self._console = choice, kept
+
+async def _finished(console: Console, command: Command, origin: Origin) -> None:
+    await asyncio.wrap_future(console.controller.submit(command, origin).finished)
 
 
 def _same_machine(left: Console, opened: Console) -> bool:
@@ -317,16 +217,73 @@ def _same_machine(left: Console, opened: Console) -> bool:
 def _log_lines(
     left: Console, opened: Console, origin: Origin, began: float, not_connected: str | None, did: str
 ) -> tuple[Event, ...]:
-    """The log up to here: that of the arm that is left, and that it was left."""
+    """The log of the old arm, and that it was changed."""
     change = f"{left.robot.title} → {opened.robot.title}" if did == "chose" else f"{opened.robot.title} {did}"
-    said = f"robot: {change} ({origin.who})"
-    lines = [*left.earlier, *left.controller.snapshot.events, Event(began, "info", said)]
-    LOG.info("%s", said)
+    text = f"robot: {change} ({origin.who})"
+    lines = [*left.earlier, *left.controller.snapshot.events, Event(began, "info", text)]
+    LOG.info("%s", text)
     if not_connected is not None:
         lines.append(Event(wall_time(), "warning", not_connected))
         LOG.warning("%s", not_connected)
     return tuple(lines[-_LOG_LINES:])
 
 
-async def _obeyed(console: Console, command: Command, origin: Origin) -> None:
-    await asyncio.wrap_future(console.controller.submit(command, origin).finished)
+# When an arm may be left for another one, or opened anew: not in a motion, nor where it would drop.
+
+
+def release_to_leave(snapshot: Snapshot) -> str | None:
+    """Why the arm must be released before another one is chosen; None: it need not.
+
+    Real servos or motors hold it up, and nobody would speak to them any more.
+    """
+    outputs = _holding_it_up(snapshot)
+    if outputs is None:
+        return None
+    return f"the {outputs} are on; press Release (the arm drops), then choose another robot"
+
+
+def release_to_reopen(snapshot: Snapshot) -> str | None:
+    """Why the arm must be released before it is opened anew; None: it need not.
+
+    A Maestro goes on sending its pulses, and Enable takes the arm over where it stands.
+    """
+    outputs = _holding_it_up(snapshot)
+    if outputs is None or snapshot.source is Source.TRANSMITTED:
+        return None
+    return (
+        f"the {outputs} are on, and the arm has to be opened anew: support it, press Release (it drops), "
+        "then try again"
+    )
+
+
+def require_leavable(snapshot: Snapshot) -> None:
+    """Refuse to leave an arm that moves, or one that real servos or motors hold up.
+
+    Raises:
+        StateError: says what to do first.
+    """
+    if snapshot.state in (State.MOVING, State.PAUSED):
+        doing = "moves" if snapshot.state is State.MOVING else "is in the middle of a motion"
+        raise StateError(f"the arm {doing}; press STOP, then choose another robot")
+    if (why := release_to_leave(snapshot)) is not None:
+        raise StateError(why)
+
+
+def require_reopenable(snapshot: Snapshot) -> None:
+    """Refuse to open an arm anew that moves, or that drops when its line is closed for a moment.
+
+    Raises:
+        StateError: says what to do first.
+    """
+    if snapshot.state in (State.MOVING, State.PAUSED):
+        raise StateError("the arm is in the middle of a motion; press STOP, then try again")
+    if (why := release_to_reopen(snapshot)) is not None:
+        raise StateError(why)
+
+
+def _holding_it_up(snapshot: Snapshot) -> str | None:
+    """The real servos or motors that hold the arm up, and where; None: there are none."""
+    board = snapshot.board
+    if board is None or board.simulated or not snapshot.powered:
+        return None
+    return f"{'motors' if snapshot.source is Source.MEASURED else 'servos'} on {board.port}"
