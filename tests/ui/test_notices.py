@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from armctl.ui.notices import Color, Notices, reading_seconds
+from armctl.ui.session import Color, Notices, reading_seconds
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import logging
 from concurrent.futures import Future
-from contextlib import suppress
 
 import viser
 
@@ -88,6 +87,7 @@ class App:
                 self._rebuild(page, change)
             except Exception:  # the other pages go on
                 LOG.exception("%s could not be built anew", page_name(page.client.client_id))
+                self._pages.pop(page.client.client_id)
                 page.session.refuse("this page could not be built for the new robot; reload it", "Error")
 
     def _rebuild(self, page: Page, change: RobotChange) -> None:
@@ -125,11 +125,8 @@ class App:
                 self._draw_frame()
             except Exception:
                 LOG.exception("a frame could not be drawn")
-            try:  # on its own: what the pages say of the arm must not end with the drawing
-                if frame % _FRAMES_A_REFRESH == 0:
-                    self._refresh_pages()
-            except Exception:
-                LOG.exception("the pages could not be refreshed")
+            if frame % _FRAMES_A_REFRESH == 0:
+                self._refresh_pages()
 
     def _draw_frame(self) -> None:
         console = self._console
@@ -145,5 +142,9 @@ class App:
     def _refresh_pages(self) -> None:
         snapshot = self._console.controller.snapshot
         for page in tuple(self._pages.values()):
-            with suppress(RuntimeError):  # a page that has just gone
+            try:
                 page.refresh(snapshot)
+            except RuntimeError:  # the page has just gone
+                LOG.debug("a page could not be refreshed", exc_info=True)
+            except Exception:  # the other pages go on
+                LOG.exception("%s could not be refreshed", page_name(page.client.client_id))

@@ -4,22 +4,26 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import math
 from collections.abc import Callable, Coroutine
-from typing import Any
+from typing import Any, Literal
 
 import viser
 
 from armctl.errors import ArmctlError
 from armctl.runtime import Command, Origin, Snapshot, Ticket
 from armctl.ui.console import SharedT, page_name
-from armctl.ui.notices import Color, Notices
 from armctl.ui.robot_switch import RobotSwitch
 from armctl.ui.scene.ghost import Ghost
 from armctl.ui.widgets.events import Action
 
 LOG = logging.getLogger("armctl.ui")
+Color = Literal["blue", "yellow", "red"]
 _HEARTBEAT_S = 2.0
 _HEARTBEAT_TIMEOUT_S = 3.0
+_MOST_NOTICES = 3
+"""at a time: they lie over the scene, and older ones answer older clicks"""
+_LETTERS_A_SECOND = 12
 
 
 class Session:
@@ -145,7 +149,23 @@ class Session:
 
         A page that hangs keeps its connection: only its script can answer this.
         """
-        self.spawn(self._watch(lost))
+
+        async def watch() -> None:
+            while True:
+                await asyncio.sleep(_HEARTBEAT_S)
+                if self.operates and not await self.answers(_HEARTBEAT_TIMEOUT_S):
+                    LOG.warning("%s does not answer", page_name(self.client.client_id))
+                    lost(self.client.client_id)
+
+        self.spawn(watch())
+
+    async def answers(self, timeout_s: float) -> bool:
+        """Ask the page for a sign of life; its script has to answer."""
+        try:
+            await asyncio.to_thread(self.client.local_storage.get_item, "armctl", timeout=timeout_s)
+        except TimeoutError:
+            return False
+        return True
 
     def close(self) -> None:
         """The page or its arm is gone: end what waits for it."""
@@ -157,18 +177,6 @@ class Session:
         """No key does anything from now on."""
         for command in tuple(self._keys):
             self.take_key(command)
-
-    async def _watch(self, lost: Callable[[int], None]) -> None:
-        storage = self.client.local_storage
-        while True:
-            await asyncio.sleep(_HEARTBEAT_S)
-            if not self.operates:
-                continue
-            try:
-                await asyncio.to_thread(storage.get_item, "armctl", timeout=_HEARTBEAT_TIMEOUT_S)
-            except TimeoutError:
-                LOG.warning("%s does not answer", page_name(self.client.client_id))
-                lost(self.client.client_id)
 
     async def _report_end(self, ticket: Ticket) -> None:
         """Tell when what was accepted does not come to its end."""
@@ -184,3 +192,31 @@ class Session:
     def notify(self, title: str, text: str, color: Color = "blue") -> None:
         """Show a notification for as long as it takes to read it."""
         self._notices.show(title, text, color)
+
+
+class Notices:
+    """What one page is told in passing: the newest few messages, each once, for as long as reading takes.
+
+    The same message again replaces the first, and its time begins anew; one too many replaces the oldest.
+    What has to be known for longer is in the log and in the Control panel.
+    """
+
+    def __init__(self, client: viser.ClientHandle) -> None:
+        self._client = client
+        self._shown: dict[tuple[str, str, Color], viser.NotificationHandle] = {}
+
+    def show(self, title: str, text: str, color: Color) -> None:
+        """Show a message."""
+        key = (title, text, color)
+        if (same := self._shown.pop(key, None)) is not None:
+            same.remove()
+        while len(self._shown) >= _MOST_NOTICES:
+            self._shown.pop(next(iter(self._shown))).remove()
+        self._shown[key] = self._client.add_notification(
+            title, text, auto_close_seconds=reading_seconds(text, color), color=color
+        )
+
+
+def reading_seconds(text: str, color: Color) -> float:
+    """How long a message stays [s]: information may be missed, a refusal has to be read."""
+    return max(5.0 if color == "blue" else 10.0, math.ceil(len(text) / _LETTERS_A_SECOND))

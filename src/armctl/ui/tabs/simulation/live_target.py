@@ -15,6 +15,7 @@ from armctl.kinematics import Target
 from armctl.runtime import FollowTarget, Snapshot, State
 from armctl.runtime.joint_servo import KeepClear
 from armctl.runtime.live_target import FOLLOW_EXPIRY_S, Follower, LiveGoal, live_goal
+from armctl.ui.newest import Newest
 from armctl.ui.scene.arm_figure import ArmFigure
 from armctl.ui.scene.ghost import thicker
 from armctl.ui.session import Session
@@ -108,7 +109,7 @@ class LiveTarget:
         self._robot = session.console.robot
         self._twin: LiveTwin | None = None
         self._mode = OFF
-        self._turn = 0
+        self._newest = Newest()
         self._moved = asyncio.Event()
         gui = session.gui
         self._switch = gui.add_dropdown("Live target", (OFF, TWIN, ARM), initial_value=OFF, hint=_HINT)
@@ -168,7 +169,7 @@ class LiveTarget:
                     "enable it, or let it come to rest"
                 )
         self._mode = mode
-        self._turn += 1
+        is_newest = self._newest.begin()
         self._put(self._robot.forward(snapshot.q_command)[:3, 3])
         self._gizmo.visible = True
         self._box.visible = True
@@ -176,13 +177,13 @@ class LiveTarget:
             self._twin = LiveTwin(session, snapshot.q_command)
             session.spawn(self._twin.play(lambda: self._target))
         else:
-            session.spawn(self._lead_arm(self._turn))
-            session.spawn(self._listen(self._turn))
+            session.spawn(self._lead_arm(is_newest))
+            session.spawn(self._listen(is_newest))
 
     async def _end(self) -> None:
         """Nothing follows any more."""
         before, self._mode = self._mode, OFF
-        self._turn += 1
+        self._newest.drop()
         self._gizmo.visible = False
         self._box.visible = False
         if self._twin is not None:
@@ -195,15 +196,13 @@ class LiveTarget:
     def _target(self) -> Target:
         return Target.of(np.array(self._gizmo.position))
 
-    async def _lead_arm(self, turn: int) -> None:
+    async def _lead_arm(self, is_newest: Callable[[], bool]) -> None:
         """Send the target again and again, at once when it has moved."""
-        while turn == self._turn:
+        while is_newest():
             try:
                 await self._session.submit(FollowTarget(self._target))
             except ArmctlError as refusal:
-                if turn == self._turn:
-                    self._session.notify("Live target is off", str(refusal), "yellow")
-                    await self._give_up()
+                await self._give_up(is_newest, str(refusal))
                 return
             try:
                 await asyncio.wait_for(self._moved.wait(), _REPEAT_S)
@@ -211,22 +210,18 @@ class LiveTarget:
                 continue
             self._moved.clear()
 
-    async def _listen(self, turn: int) -> None:
+    async def _listen(self, is_newest: Callable[[], bool]) -> None:
         """End it when the page gives no sign of life: what hangs can see neither the arm nor STOP."""
-        storage = self._session.client.local_storage
-        while turn == self._turn:
-            try:
-                await asyncio.to_thread(storage.get_item, "armctl", timeout=_PATIENCE_S)
-            except TimeoutError:
-                if turn == self._turn:
-                    self._session.notify(
-                        "Live target is off", "the page did not answer for a while", "yellow"
-                    )
-                    await self._give_up()
+        while is_newest():
+            if not await self._session.answers(_PATIENCE_S):
+                await self._give_up(is_newest, "the page did not answer for a while")
                 return
             await asyncio.sleep(_SIGN_OF_LIFE_S)
 
-    async def _give_up(self) -> None:
+    async def _give_up(self, is_newest: Callable[[], bool], why: str) -> None:
+        if not is_newest():
+            return
+        self._session.notify("Live target is off", why, "yellow")
         self._switch.value = OFF
         await self._session.attempt(self._end)
 
