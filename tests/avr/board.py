@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from tests.avr.avr import Avr, AvrError
+from tests.hardware.lines import LoopTransport
 
 from armctl.errors import BoardError
-from armctl.hardware.simulation import LoopTransport
 
 _LONGEST_STEP_S = 0.05
 

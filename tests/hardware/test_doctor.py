@@ -6,6 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from tests.hardware.lines import Fault, FaultyModel, LoopTransport
 
 from armctl.errors import BoardTimeoutError, PortError
 from armctl.hardware import ByteModel, ChannelSettings
@@ -24,7 +25,6 @@ from armctl.hardware.maestro.simulated import (
     SimulatedMaestro,
 )
 from armctl.hardware.ports import PortChecks
-from armctl.hardware.simulation import Fault, FaultyModel, LoopTransport
 from armctl.hardware.transport import PortInfo
 from armctl.runtime.clock import ManualClock
 

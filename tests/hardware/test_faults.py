@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import pytest
+from tests.hardware.lines import Fault, FaultyModel, LoopTransport
 
 from armctl.errors import BoardError, BoardProtocolError, BoardTimeoutError
 from armctl.hardware import ChannelSettings
 from armctl.hardware.maestro.codec import Framing
 from armctl.hardware.maestro.driver import MaestroDriver
 from armctl.hardware.maestro.simulated import MaestroSettings, SimulatedMaestro
-from armctl.hardware.simulation import Fault, FaultyModel, LoopTransport
 from armctl.runtime.clock import ManualClock
 
 CHANNELS = [ChannelSettings(channel, 1000.0, 2000.0) for channel in range(3)]

@@ -1,9 +1,9 @@
 from __future__ import annotations
 
 import pytest
+from tests.hardware.lines import LoopTransport
 
 from armctl.errors import BoardError
-from armctl.hardware.simulation import LoopTransport
 from armctl.runtime.clock import ManualClock
 
 

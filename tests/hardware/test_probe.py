@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import pytest
+from tests.hardware.lines import Fault, FaultyModel, LoopTransport
 
 from armctl.errors import BoardError
 from armctl.hardware import ByteModel
@@ -22,7 +23,6 @@ from armctl.hardware.maestro.simulated import (
     SimulatedMaestro,
 )
 from armctl.hardware.probe import Approach, Probed, approach, probe
-from armctl.hardware.simulation import Fault, FaultyModel, LoopTransport
 from armctl.hardware.transport import UNKNOWN
 from armctl.runtime.clock import ManualClock
 

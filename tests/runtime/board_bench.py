@@ -6,10 +6,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Generic, TypeVar
 
+from tests.hardware.lines import FaultyModel, LoopTransport
 from tests.runtime.kit import TEST, TICK
 
 from armctl.hardware import ByteModel, Driver
-from armctl.hardware.simulation import FaultyModel, LoopTransport
 from armctl.robot import Robot
 from armctl.runtime import Controller, InlineExecutor, ManualClock, Snapshot, State, Ticket
 from armctl.runtime.commands import Command

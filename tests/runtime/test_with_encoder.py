@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from tests.hardware.lines import Fault
 from tests.runtime.board_bench import BoardBench
 from tests.runtime.kit import TEST, TICK
 
@@ -12,7 +13,6 @@ from armctl.hardware import Source
 from armctl.hardware.encoder.driver import EncoderDriver
 from armctl.hardware.encoder.messages import Mode
 from armctl.hardware.encoder.simulated import SimulatedEncoderBoard, simulated_encoder_board
-from armctl.hardware.simulation import Fault
 from armctl.robot import load_robot
 from armctl.runtime import (
     ClearFault,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from tests.hardware.lines import Fault
 from tests.runtime.board_bench import BoardBench
 from tests.runtime.kit import ROBOT, TEST, TICK
 
@@ -12,7 +13,6 @@ from armctl.hardware import Source
 from armctl.hardware.maestro.codec import MaestroModel, Opcode, set_target, us_to_quarters
 from armctl.hardware.maestro.driver import MaestroDriver
 from armctl.hardware.maestro.simulated import ChannelConfig, HomeMode, MaestroSettings, SimulatedMaestro
-from armctl.hardware.simulation import Fault
 from armctl.program import MoveStep, PointStep, Program
 from armctl.runtime import (
     ClearFault,

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from tests.hardware.lines import LoopTransport
+
 from armctl.hardware import ByteModel, ChannelSettings
 from armctl.hardware.encoder.axes import EncoderAxis
 from armctl.hardware.encoder.driver import EncoderDriver
 from armctl.hardware.encoder.simulated import SimulatedEncoderBoard
 from armctl.hardware.encoder.simulated_axis import AxisPlant
-from armctl.hardware.simulation import LoopTransport
 from armctl.runtime.clock import ManualClock
 
 PERIOD_S = 0.02

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import pytest
 from tests.hardware.encoder.kit import CHANNELS, PLANTS, Bench
+from tests.hardware.lines import Fault, FaultyModel
 
 from armctl.errors import BoardError, BoardTimeoutError, StateError
 from armctl.hardware.encoder.simulated import SimulatedEncoderBoard
-from armctl.hardware.simulation import Fault, FaultyModel
 from armctl.runtime.clock import ManualClock
 
 LOSSES = [Fault.DROP_COMMAND, Fault.GARBLE_COMMAND, Fault.DROP_REPLY, Fault.GARBLE_REPLY, Fault.HALF_REPLY]

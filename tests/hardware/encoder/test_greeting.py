@@ -6,13 +6,13 @@ from collections.abc import Callable
 
 import pytest
 from tests.hardware.encoder.kit import Bench
+from tests.hardware.lines import LoopTransport
 
 from armctl.errors import BoardProtocolError, BoardTimeoutError
 from armctl.hardware import ByteModel
 from armctl.hardware.encoder.messages import Banner, seal
 from armctl.hardware.encoder.session import EncoderSession, greet
 from armctl.hardware.encoder.simulated import SimulatedEncoderBoard
-from armctl.hardware.simulation import LoopTransport
 from armctl.runtime.clock import ManualClock
 
 BANNER = Banner("armctl-encoder", "1.1.0", 2, 6, "power")

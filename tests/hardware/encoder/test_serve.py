@@ -7,11 +7,12 @@ from pathlib import Path
 import pytest
 import serial
 from tests.hardware.encoder.kit import AXES, CHANNELS, PLANTS
+from tests.hardware.lines import FaultyModel
 
 from armctl.errors import BoardError
 from armctl.hardware.encoder.driver import EncoderDriver
 from armctl.hardware.encoder.simulated import SimulatedEncoderBoard, simulated_encoder_board
-from armctl.hardware.simulation import FaultyModel, PtyServer
+from armctl.hardware.simulation import PtyServer
 from armctl.runtime.clock import ManualClock
 
 PATIENT_S = 5.0  # the pty has a thread of its own, which a busy machine may keep waiting

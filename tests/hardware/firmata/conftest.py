@@ -3,10 +3,10 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import pytest
+from tests.hardware.lines import LoopTransport
 
 from armctl.hardware import ByteModel, ChannelSettings
 from armctl.hardware.firmata.driver import FirmataDriver
-from armctl.hardware.simulation import LoopTransport
 from armctl.runtime.clock import ManualClock
 
 PINS = [9, 22]

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import pytest
+from tests.hardware.lines import Fault, FaultyModel
 
 from armctl.errors import BoardError, BoardProtocolError, BoardTimeoutError
 from armctl.hardware import ChannelSettings
 from armctl.hardware.firmata.simulated import SimulatedFirmata
-from armctl.hardware.simulation import Fault, FaultyModel
 from armctl.runtime.clock import ManualClock
 
 from .conftest import CHANNELS

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import pytest
+from tests.hardware.lines import LoopTransport
 
 from armctl.errors import BoardError, BoardProtocolError, BoardTimeoutError
 from armctl.hardware.firmata.codec import PinState
 from armctl.hardware.firmata.line import FirmataLine
 from armctl.hardware.firmata.simulated import SimulatedFirmata
-from armctl.hardware.simulation import LoopTransport
 from armctl.runtime.clock import ManualClock
 
 from .conftest import RecordingTransport

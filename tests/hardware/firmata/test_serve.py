@@ -6,12 +6,13 @@ from pathlib import Path
 
 import pytest
 import serial
+from tests.hardware.lines import FaultyModel
 
 from armctl.errors import BoardError
 from armctl.hardware import ChannelSettings
 from armctl.hardware.firmata.driver import FirmataDriver
 from armctl.hardware.firmata.simulated import SimulatedFirmata
-from armctl.hardware.simulation import FaultyModel, PtyServer
+from armctl.hardware.simulation import PtyServer
 from armctl.runtime.clock import MonotonicClock
 
 CHANNELS = [ChannelSettings(9, 1000.0, 2000.0), ChannelSettings(22, 1000.0, 2000.0)]

@@ -3,10 +3,10 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import pytest
+from tests.hardware.lines import LoopTransport
 
 from armctl.hardware import ByteModel, ChannelSettings
 from armctl.hardware.maestro.driver import MaestroDriver
-from armctl.hardware.simulation import LoopTransport
 from armctl.runtime.clock import ManualClock
 
 CHANNELS = [ChannelSettings(channel, 1000.0, 2000.0) for channel in range(4)]

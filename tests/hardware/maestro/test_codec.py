@@ -23,9 +23,7 @@ COMPACT_AND_POLOLU = [
     (lambda f: codec.set_acceleration(5, 4, f), "89 05 04 00", "aa 0c 09 05 04 00"),
     (lambda f: codec.set_acceleration(0, 255, f), "89 00 7f 01", "aa 0c 09 00 7f 01"),
     (lambda f: codec.get_position(3, f), "90 03", "aa 0c 10 03"),
-    (lambda f: codec.get_moving_state(f), "93", "aa 0c 13"),
     (lambda f: codec.get_errors(f), "a1", "aa 0c 21"),
-    (lambda f: codec.go_home(f), "a2", "aa 0c 22"),
     (
         lambda f: codec.set_multiple_targets(3, [0, 6000], f),
         "9f 02 03 00 00 70 2e",
@@ -38,11 +36,6 @@ COMPACT_AND_POLOLU = [
 def test_every_command_in_both_forms(encode, compact, pololu):
     assert encode(codec.COMPACT).hex(" ") == compact
     assert encode(POLOLU).hex(" ") == pololu
-
-
-def test_mini_ssc_neutral_of_servo_0():
-    assert codec.mini_ssc(0, 127) == bytes.fromhex("ff 00 7f")
-    assert codec.mini_ssc(254, 254) == bytes.fromhex("ff fe fe")
 
 
 def test_crc_of_the_guides_own_example():
@@ -127,14 +120,6 @@ def test_every_error_bit_has_words_of_its_own():
     assert error_words(MaestroErrors(0)) == ()
 
 
-def test_moving_state():
-    assert codec.decode_moving_state(b"\x01") is True
-    assert codec.decode_moving_state(b"\x00") is False
-    for reply in (b"", b"\x02", b"\x00\x00"):
-        with pytest.raises(BoardProtocolError, match="Get Moving State"):
-            codec.decode_moving_state(reply)
-
-
 @pytest.mark.parametrize(
     ("encode", "message"),
     [
@@ -147,8 +132,6 @@ def test_moving_state():
         (lambda: codec.get_position(24), "channel 24 is outside"),
         (lambda: codec.set_multiple_targets(0, []), "at least one target"),
         (lambda: codec.set_multiple_targets(23, [1, 1]), "channel 24 is outside"),
-        (lambda: codec.mini_ssc(255, 0), "servo number 255 is outside 0 … 254"),
-        (lambda: codec.mini_ssc(0, 255), "value 255 is outside 0 … 254"),
         (lambda: Framing(device=128), "device number 128 is outside 0 … 127"),
     ],
 )

@@ -7,6 +7,7 @@ import math
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from tests.hardware.lines import Fault, FaultyModel, LoopTransport
 from tests.hardware.maestro.scripted_transport import ScriptedTransport
 
 from armctl.errors import BoardError, BoardProtocolError, BoardTimeoutError, InputError, PortError
@@ -20,7 +21,6 @@ from armctl.hardware.maestro.simulated import (
     SerialMode,
     SimulatedMaestro,
 )
-from armctl.hardware.simulation import Fault, FaultyModel, LoopTransport
 from armctl.hardware.transport import PortInfo
 from armctl.runtime.clock import ManualClock
 

@@ -1,11 +1,11 @@
 from __future__ import annotations
 
 import pytest
+from tests.hardware.lines import LoopTransport
 
 from armctl.errors import BoardProtocolError
 from armctl.hardware.maestro.codec import COMPACT, MaestroErrors
 from armctl.hardware.maestro.driver import MaestroLine
-from armctl.hardware.simulation import LoopTransport
 from armctl.runtime.clock import ManualClock
 
 

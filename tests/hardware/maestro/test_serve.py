@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 import serial
+from tests.hardware.lines import Fault, FaultyModel
 
 from armctl.errors import BoardError, BoardTimeoutError
 from armctl.hardware import ChannelSettings
@@ -18,7 +19,7 @@ from armctl.hardware.maestro.simulated import (
     SimulatedMaestro,
     simulated_maestro,
 )
-from armctl.hardware.simulation import Fault, FaultyModel, PtyServer
+from armctl.hardware.simulation import PtyServer
 from armctl.runtime.clock import ManualClock
 
 CHANNELS = [ChannelSettings(0, 700.0, 2300.0, speed=1000.0), ChannelSettings(1, 1000.0, 2000.0)]

@@ -83,10 +83,8 @@ def quarters_to_us(quarters: int) -> float:
 def speed_to_units(speed_us_per_s: float | None) -> int:
     """A speed limit [µs/s] as the board takes it; None is unlimited (0 on the wire).
 
-    Rounds down, so that the board never runs faster than the limit; whoever streams setpoints at
-    the limit should plan with ``units_to_speed`` of the result, or the board lags behind. The
-    exceptions: a limit below one unit becomes one unit (25 µs/s), because 0 would mean *unlimited*;
-    a limit above the field becomes the largest value, because unlimited must be asked for.
+    Rounds down, so that the board never runs faster than the limit. Below one unit (25 µs/s) it becomes one
+    unit, because 0 would mean *unlimited*; above the field it becomes the largest value.
 
     Raises:
         InputError: not finite or not positive.
@@ -105,16 +103,6 @@ def acceleration_to_units(acceleration_us_per_s2: float | None) -> int:
     return _limit_to_units(
         "acceleration", "µs/s²", acceleration_us_per_s2, ACCELERATION_UNIT_US_PER_S2, MAX_ACCELERATION
     )
-
-
-def units_to_speed(units: int) -> float | None:
-    """The speed limit [µs/s] that the board enforces for ``units``; None for 0, unlimited."""
-    return units * SPEED_UNIT_US_PER_S if units else None
-
-
-def units_to_acceleration(units: int) -> float | None:
-    """The acceleration limit [µs/s²] that the board enforces for ``units``; None for 0, unlimited."""
-    return units * ACCELERATION_UNIT_US_PER_S2 if units else None
 
 
 def _limit_to_units(what: str, unit: str, limit: float | None, size: float, largest: int) -> int:
@@ -177,7 +165,6 @@ POSITION_REPLY_LENGTH = 2
 ERRORS_REPLY_LENGTH = 2
 
 _CRC_POLYNOMIAL = 0x91
-_MINI_SSC_LARGEST = 254
 _DATA_MASK = 0x7F
 
 
@@ -296,26 +283,9 @@ def get_position(channel: int, framing: Framing = COMPACT) -> bytes:
     return framing.wrap(Opcode.GET_POSITION, channel)
 
 
-def get_moving_state(framing: Framing = COMPACT) -> bytes:
-    """Get Moving State: answered with one byte. A Micro may say 0 while it moves."""
-    return framing.wrap(Opcode.GET_MOVING_STATE)
-
-
 def get_errors(framing: Framing = COMPACT) -> bytes:
     """Get Errors: answered with two bytes, see ``decode_errors``; clears the register."""
     return framing.wrap(Opcode.GET_ERRORS)
-
-
-def go_home(framing: Framing = COMPACT) -> bytes:
-    """Go Home: every channel to what it does on an error (off, nothing, or its home)."""
-    return framing.wrap(Opcode.GO_HOME)
-
-
-def mini_ssc(servo: int, value: int) -> bytes:
-    """Mini SSC: an 8-bit target, 127 is neutral. Its data bytes use all 8 bits and never carry a CRC."""
-    _check("Mini SSC servo number", servo, 0, _MINI_SSC_LARGEST)
-    _check("Mini SSC value", value, 0, _MINI_SSC_LARGEST)
-    return bytes((Opcode.MINI_SSC, servo, value))
 
 
 def decode_position(reply: bytes) -> float | None:
@@ -346,19 +316,6 @@ def decode_errors(reply: bytes) -> MaestroErrors:
             "the line garbles bytes or this is no Maestro"
         )
     return MaestroErrors(bits)
-
-
-def decode_moving_state(reply: bytes) -> bool:
-    """Whether any channel still moves to its target.
-
-    Raises:
-        BoardProtocolError: no reply that a Maestro can give.
-    """
-    if reply not in (b"\x00", b"\x01"):
-        raise BoardProtocolError(
-            f"Get Moving State was answered by {reply.hex(' ') or 'nothing'}, not by 00 or 01"
-        )
-    return reply == b"\x01"
 
 
 def _set_run(run: Sequence[int], quarters: Mapping[int, int], framing: Framing) -> bytes:

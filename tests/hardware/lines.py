@@ -1,0 +1,201 @@
+"""Lines to simulated boards without a pty: one in memory, and faults on purpose, the same each time."""
+
+from __future__ import annotations
+
+import random
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import Enum
+
+from armctl.errors import BoardError
+from armctl.hardware import ByteModel
+
+_STEP_S = 0.001
+
+
+class LoopTransport:
+    """Carries bytes straight into a simulated board's model.
+
+    Args:
+        model: the board at the other end.
+        now: the clock [s].
+        wait: lets that clock go on by so many seconds, which is how a read waits for a late answer;
+            without it a read returns at once with what is there.
+        name: how the line is called in messages.
+    """
+
+    def __init__(
+        self,
+        model: ByteModel,
+        now: Callable[[], float],
+        wait: Callable[[float], None] | None = None,
+        name: str = "loop",
+    ) -> None:
+        self._model = model
+        self._now = now
+        self._wait = wait
+        self._name = name
+        self._received = bytearray()
+        self._open = True
+
+    @property
+    def name(self) -> str:
+        """How the line is called in messages."""
+        return self._name
+
+    def write(self, data: bytes) -> None:
+        """Hand ``data`` to the board; its answer can be read at once."""
+        self._pump()
+        self._received += self._model.feed(data)
+
+    def read(self, count: int, timeout_s: float) -> bytes:
+        """Return ``count`` bytes, or the fewer that came within ``timeout_s``."""
+        self._pump()
+        if self._wait is not None:
+            deadline = self._now() + timeout_s
+            while len(self._received) < count and (left := deadline - self._now()) > 0.0:
+                self._wait(min(_STEP_S, left))
+                self._pump()
+        taken = bytes(self._received[:count])
+        del self._received[:count]
+        return taken
+
+    def discard_input(self) -> None:
+        """Forget everything received and not yet read."""
+        self._pump()
+        self._received.clear()
+
+    def close(self) -> None:
+        """Give the line up; the board goes on without it."""
+        self._open = False
+
+    def _pump(self) -> None:
+        if not self._open:
+            raise BoardError(f"{self._name}: the line is closed; connect again")
+        self._received += self._model.advance(self._now())
+
+
+class Fault(Enum):
+    """What may happen to one burst of bytes."""
+
+    DROP_COMMAND = "drop command"  # the host's burst never reaches the board
+    GARBLE_COMMAND = "garble command"  # one bit of the host's burst flips
+    DROP_REPLY = "drop reply"
+    GARBLE_REPLY = "garble reply"  # one bit of the answer flips
+    HALF_REPLY = "half reply"  # the second half of the answer is lost
+    DELAY_REPLY = "delay reply"  # the answer comes late
+
+
+_ON_COMMAND = (Fault.DROP_COMMAND, Fault.GARBLE_COMMAND)
+
+
+@dataclass(slots=True)
+class _Armed:
+    fault: Fault
+    delay_s: float
+
+
+class FaultyModel:
+    """A simulated board behind a bad line: itself a byte model that wraps another.
+
+    Faults are armed by name and strike the next bursts that they fit, in order; nothing is left to
+    chance but which bit flips, and that follows the seed.
+
+    Args:
+        inner: the board that works.
+        seed: of the generator that picks the bits.
+    """
+
+    def __init__(self, inner: ByteModel, seed: int = 0) -> None:
+        self._inner = inner
+        self._random = random.Random(seed)
+        self._armed: deque[_Armed] = deque()
+        self._late: list[tuple[float, bytes]] = []
+        self._unplugged = False
+        self._dark_until: float | None = None
+        self._now = 0.0
+
+    def inject(self, fault: Fault, count: int = 1, delay_s: float = 0.0) -> None:
+        """Let ``fault`` strike the next ``count`` bursts; ``delay_s`` is for ``DELAY_REPLY``."""
+        self._armed.extend(_Armed(fault, delay_s) for _ in range(count))
+
+    def unplug(self) -> None:
+        """Pull the USB cable: the line breaks, and a board fed over USB loses its power."""
+        self._unplugged = True
+        self._late.clear()
+        self._inner.reset()
+
+    def plug_in(self) -> None:
+        """Put the cable back; the board has started anew."""
+        self._unplugged = False
+
+    def brown_out(self, duration_s: float) -> None:
+        """Let the supply sag: the board starts anew and is deaf and dumb for ``duration_s``."""
+        self._inner.reset()
+        self._late.clear()
+        self._dark_until = self._now + duration_s
+
+    @property
+    def pending(self) -> int:
+        """How many armed faults have not struck yet."""
+        return len(self._armed)
+
+    def advance(self, now: float) -> bytes:
+        """Let time pass, and hand out the late answers that are due."""
+        self._now = now
+        if self._dark_until is not None and now >= self._dark_until:
+            self._dark_until = None
+        unasked = self._inner.advance(now)
+        self._check_plugged()
+        if self._dark_until is not None:
+            return b""
+        due = b"".join(reply for at, reply in self._late if at <= now)
+        self._late = [(at, reply) for at, reply in self._late if at > now]
+        return due + unasked
+
+    def feed(self, data: bytes) -> bytes:
+        """Pass a burst to the board and its answer back, through whatever fault is next."""
+        self._check_plugged()
+        if self._dark_until is not None:
+            return b""
+        if (armed := self._take(lambda fault: fault in _ON_COMMAND)) is not None:
+            data = b"" if armed.fault is Fault.DROP_COMMAND else self._garbled(data)
+        reply = self._inner.feed(data)
+        if not reply:
+            return reply
+        armed = self._take(lambda fault: fault not in _ON_COMMAND)
+        return reply if armed is None else self._spoilt(armed, reply)
+
+    def reset(self) -> None:
+        """Start the board anew; armed faults stay armed."""
+        self._inner.reset()
+
+    def _spoilt(self, armed: _Armed, reply: bytes) -> bytes:
+        match armed.fault:
+            case Fault.GARBLE_REPLY:
+                return self._garbled(reply)
+            case Fault.HALF_REPLY:
+                return reply[: len(reply) // 2]
+            case Fault.DELAY_REPLY:
+                self._late.append((self._now + armed.delay_s, reply))
+                return b""
+            case _:
+                return b""
+
+    def _garbled(self, data: bytes) -> bytes:
+        if not data:
+            return data
+        spoilt = bytearray(data)
+        spoilt[self._random.randrange(len(spoilt))] ^= 1 << self._random.randrange(8)
+        return bytes(spoilt)
+
+    def _take(self, fits: Callable[[Fault], bool]) -> _Armed | None:
+        armed = next((candidate for candidate in self._armed if fits(candidate.fault)), None)
+        if armed is not None:
+            self._armed.remove(armed)
+        return armed
+
+    def _check_plugged(self) -> None:
+        if self._unplugged:
+            raise BoardError("the simulated board was unplugged; plug it in and connect again")
