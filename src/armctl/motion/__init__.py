@@ -11,7 +11,15 @@ from armctl.motion.paths import (
     tool_line,
     usual_pitch,
 )
-from armctl.motion.plan import Profile, plan_joints, plan_target, solve
+from armctl.motion.plan import (
+    Profile,
+    plan_arc,
+    plan_joints,
+    plan_line,
+    plan_spline,
+    plan_target,
+    solve,
+)
 from armctl.motion.polynomial import PiecewisePolynomial
 from armctl.motion.preflight import (
     FLOOR_TOLERANCE_M,
@@ -27,7 +35,6 @@ from armctl.motion.preflight import (
 )
 from armctl.motion.profiles import PROFILES, PointToPoint, ProfileName, stopping_s
 from armctl.motion.timing import PathTrajectory
-from armctl.motion.tool_plan import plan_arc, plan_line, plan_spline
 from armctl.motion.trajectory import (
     JoinedTrajectory,
     Peaks,

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Callable, Sequence
 from itertools import pairwise
 from typing import Literal, get_args
 
@@ -11,10 +12,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from armctl.errors import InputError, MotionRefusedError, UnreachableError
 from armctl.kinematics import DEFAULT_STEP, Target, YawPitchRollSolver, checked_criterion
+from armctl.kinematics.target import as_numbers
 from armctl.motion.blend import Leg, blend
-from armctl.motion.polynomial import PiecewisePolynomial
-from armctl.motion.preflight import preflight, require_clear
+from armctl.motion.paths.tool_path import PitchMode, ToolPath, tool_arc, tool_line
+from armctl.motion.paths.tool_refusal import ToolPathRefusedError, ToolPathUnreachableError
+from armctl.motion.polynomial import PiecewisePolynomial, spline_through
+from armctl.motion.preflight import require_clear
 from armctl.motion.profiles import PointToPoint, ProfileName, checked_duration, shortest_words
+from armctl.motion.timing import PathTrajectory, timed
 from armctl.motion.trajectory import JoinedTrajectory, SlowedTrajectory, Trajectory
 from armctl.robot import Robot
 
@@ -40,7 +45,7 @@ def plan_joints(
         end: (n,) where to go [rad].
         duration_s: seconds; None: the shortest that the limits allow.
         profile: a law, or "normal", which goes at each joint's own speed; with a duration that is a cubic.
-        checked: run the pre-flight; False only for who runs it over many motions at once.
+        checked: run the pre-flight; False: the caller does.
 
     Raises:
         InputError: a value that is not finite, or a wrong shape.
@@ -107,6 +112,175 @@ def solve(robot: Robot, start: ArrayLike | None, target: Target, choose: str) ->
     return solutions.best(choose, start)
 
 
+# Motions of the tool along a line or an arc, and of the joints smoothly through points.
+
+NOWHERE = 1e-12
+"""no joint turns so little on purpose [rad]"""
+
+
+def plan_line(
+    robot: Robot,
+    start: ArrayLike,
+    position_m: ArrayLike,
+    *,
+    pitch: PitchMode = "kept",
+    end_pitch: float | None = None,
+    speed: float | None = None,
+    duration_s: float | None = None,
+    profile: ProfileName = "trapezoid",
+    checked: bool = True,
+) -> Trajectory:
+    """Plan a motion of the tool in a straight line, on the branch the arm is on, and check it.
+
+    Args:
+        robot: the arm.
+        start: (n,) where it stands [rad].
+        position_m: (3,) where the tool shall go, base frame [m].
+        pitch: tool pitch on the way: as at the start, evenly to ``end_pitch``, or as it comes.
+        end_pitch: tool pitch at the end [rad]; with "interpolated" only.
+        speed: largest speed of the tool [m/s]; None: as fast as the joints can.
+        duration_s: seconds; None: the shortest.
+        profile: how the way is spread over time.
+        checked: as in ``plan_joints``.
+
+    Raises:
+        InputError: a value that is not finite, or a wrong shape.
+        UnreachableError: a place on the way is out of reach; says when, where and why.
+        MotionRefusedError: a limit, a singular pose or another branch on the way, said with the time, the
+            place and the joint; too short a duration; the floor.
+    """
+    path = follow_line(robot, as_numbers(start, "joint angles"), position_m, pitch, end_pitch, speed)
+    return plan_path(robot, start, path, speed=speed, duration_s=duration_s, profile=profile, checked=checked)
+
+
+def plan_arc(
+    robot: Robot,
+    start: ArrayLike,
+    via_m: ArrayLike,
+    end_m: ArrayLike,
+    *,
+    pitch: PitchMode = "kept",
+    end_pitch: float | None = None,
+    speed: float | None = None,
+    duration_s: float | None = None,
+    profile: ProfileName = "trapezoid",
+    checked: bool = True,
+) -> Trajectory:
+    """Plan a motion of the tool along the circle through where it is, ``via_m`` and ``end_m`` (3,) [m].
+
+    The rest as ``plan_line``.
+    """
+    path = follow_arc(robot, as_numbers(start, "joint angles"), via_m, end_m, pitch, end_pitch, speed)
+    return plan_path(robot, start, path, speed=speed, duration_s=duration_s, profile=profile, checked=checked)
+
+
+def plan_spline(
+    robot: Robot,
+    points: ArrayLike,
+    *,
+    duration_s: float | None = None,
+    profile: ProfileName = "trapezoid",
+    checked: bool = True,
+) -> Trajectory:
+    """Plan a motion of the joints through configurations without a stop, and check it.
+
+    Args:
+        robot: the arm.
+        points: (k, n) at least one [rad]; the arm stands in the first.
+        duration_s: seconds; None: the shortest.
+        profile: how the way is spread over time.
+        checked: as in ``plan_joints``.
+
+    Raises:
+        InputError: a value that is not finite, or a wrong shape.
+        MotionRefusedError: outside the joint limits (the curve may swing beyond a point), too short a
+            duration, through the floor.
+    """
+    q = as_numbers(points, "joint angles")
+    if q.ndim != 2 or q.shape[1] != robot.n or len(q) == 0:
+        raise InputError(f"a spline needs configurations (k, {robot.n}), got the shape {q.shape}")
+    still = len(q) == 1 or float(np.abs(q - q[0]).max()) <= NOWHERE
+    path = None if still else spline_through(q, 1.0 / robot.speed_limits)
+    return plan_path(robot, q[0], path, duration_s=duration_s, profile=profile, checked=checked)
+
+
+def plan_path(
+    robot: Robot,
+    start: ArrayLike,
+    path: PiecewisePolynomial | None,
+    *,
+    speed: float | None = None,
+    duration_s: float | None = None,
+    profile: ProfileName = "trapezoid",
+    checked: bool = True,
+) -> Trajectory:
+    """Plan a motion along a path q(s) of the joints, (n,) [rad], and check it.
+
+    Args:
+        robot: the arm.
+        start: (n,) where the path begins [rad].
+        path: from ``follow_line``, ``follow_arc`` or ``spline_through``; None: the arm stays.
+        speed: largest ds/dt: of the tool [m/s] where s is its way; None: as fast as the joints can.
+        duration_s: seconds; None: the shortest.
+        profile: how the way is spread over time.
+        checked: as in ``plan_joints``.
+
+    Raises:
+        InputError: a speed that is not positive, or a duration that is not a time.
+        MotionRefusedError: too short a duration, or what the pre-flight finds.
+    """
+    if path is None:
+        return PointToPoint.lasting(start, start, 0.0 if duration_s is None else duration_s)
+    cap = math.inf if speed is None else speed
+    trajectory = timed(robot, path, profile=profile, rate_cap=cap, duration_s=duration_s)
+    if checked:
+        require_clear(robot, trajectory, tool_path=True)
+    return trajectory
+
+
+def follow_line(
+    robot: Robot,
+    start: FloatArray,
+    end_m: ArrayLike,
+    pitch: PitchMode,
+    end_pitch: float | None,
+    speed: float | None = None,
+) -> PiecewisePolynomial | None:
+    """The joints' path q(s) along a straight line of the tool, s its way [m]; None where it goes nowhere.
+
+    Raises:
+        As ``plan_line``, but for the duration and the floor.
+    """
+    return _followed(robot, speed, lambda: tool_line(robot, start, end_m, pitch, end_pitch))
+
+
+def follow_arc(
+    robot: Robot,
+    start: FloatArray,
+    via_m: ArrayLike,
+    end_m: ArrayLike,
+    pitch: PitchMode,
+    end_pitch: float | None,
+    speed: float | None = None,
+) -> PiecewisePolynomial | None:
+    """The same along the circle through three points."""
+    return _followed(robot, speed, lambda: tool_arc(robot, start, via_m, end_m, pitch, end_pitch))
+
+
+def _followed(
+    robot: Robot, speed: float | None, follow: Callable[[], ToolPath]
+) -> PiecewisePolynomial | None:
+    try:
+        found = follow()
+    except (ToolPathRefusedError, ToolPathUnreachableError) as cause:
+        seconds = 0.0
+        if cause.before is not None:  # when the tool comes there, without slowing down for it
+            cap = math.inf if speed is None else speed
+            seconds = PathTrajectory.fastest(robot, cause.before, cap, last=math.inf).duration
+        raise type(cause)(f"at {seconds:.2f} s, {cause}", cause.place, cause.before) from cause
+    return None if found.is_still else found.polynomial
+
+
 # Motions through a list of points: at rest in each, smoothly through all, or turning off before each.
 
 Passing = Literal["stop", "spline", "blend"]
@@ -155,19 +329,19 @@ def plan_through(
         duration_s: of the whole motion [s], shared out so that each part is slowed down alike; None: the
             shortest that the limits allow.
         profile: as in ``plan_joints``.
-        checked: run the pre-flight; False only for who runs it over the whole.
+        checked: as in ``plan_joints``.
 
     Raises:
         InputError: fewer than two stops.
         MotionRefusedError: outside the limits, through the floor, or too short a duration; says where.
     """
     _require_two(stops)
+    anyhow = [None] * (len(stops) - 1)
     if duration_s is None:
-        return _joined(robot, stops, profile, checked=checked)
+        return _joined(robot, stops, profile, anyhow, checked=checked)
     law: Profile = "cubic" if profile == "normal" else profile
-    shortest = _joined(robot, stops, law, checked=checked)
-    _require_time(duration_s, shortest.duration)
-    slower = duration_s / shortest.duration if shortest.duration > 0 else 1.0
+    shortest = _joined(robot, stops, law, anyhow, checked=False)
+    slower = _slower(duration_s, shortest.duration)
     durations = [slower * part.duration for part in shortest.parts]
     return _joined(robot, stops, law, durations, checked=checked)
 
@@ -204,30 +378,23 @@ def plan_blended(
     shortest = JoinedTrajectory(blend(robot, legs).trajectories)
     if duration_s is None:
         return shortest
-    _require_time(duration_s, shortest.duration)
-    return SlowedTrajectory(shortest, max(duration_s / shortest.duration, 1.0))
+    return SlowedTrajectory(shortest, _slower(duration_s, shortest.duration))
 
 
 def _joined(
     robot: Robot,
     stops: Sequence[FloatArray],
     profile: Profile,
-    durations: Sequence[float] | None = None,
+    durations: Sequence[float | None],
     *,
     checked: bool,
 ) -> JoinedTrajectory:
     parts: list[Trajectory] = []
-    for k, (start, end) in enumerate(pairwise(stops)):
-        duration = durations[k] if durations else None
+    for k, ((start, end), duration) in enumerate(zip(pairwise(stops), durations, strict=True), 1):
         try:
-            parts.append(plan_joints(robot, start, end, duration, profile, checked=False))
+            parts.append(plan_joints(robot, start, end, duration, profile, checked=checked))
         except MotionRefusedError as cause:
-            raise MotionRefusedError(f"from point {k + 1} to point {k + 2}: {cause}") from cause
-    if checked:
-        for k, part in enumerate(parts):
-            errors = [finding for finding in preflight(robot, part) if finding.severity == "error"]
-            if errors:
-                raise MotionRefusedError(f"from point {k + 1} to point {k + 2}: {errors[0]}")
+            raise MotionRefusedError(f"from point {k} to point {k + 1}: {cause}") from cause
     return JoinedTrajectory(parts)
 
 
@@ -236,8 +403,14 @@ def _require_two(stops: Sequence[FloatArray]) -> None:
         raise InputError("a motion through points needs at least two of them")
 
 
-def _require_time(duration_s: float, shortest_s: float) -> None:
+def _slower(duration_s: float, shortest_s: float) -> float:
+    """How many times as long as the shortest a duration is.
+
+    Raises:
+        MotionRefusedError: it is too short.
+    """
     if checked_duration(duration_s) < shortest_s * (1 - _ROUNDING):
         raise MotionRefusedError(
             f"the whole motion cannot take {duration_s:g} s; {shortest_words(shortest_s)}"
         )
+    return max(duration_s / shortest_s, 1.0) if shortest_s > 0 else 1.0

@@ -9,9 +9,18 @@ from numpy.typing import ArrayLike, NDArray
 
 from armctl.kinematics import Target
 from armctl.motion.blend import Leg
-from armctl.motion.plan import plan_joints, plan_target, solve
+from armctl.motion.plan import (
+    NOWHERE,
+    follow_arc,
+    follow_line,
+    plan_arc,
+    plan_joints,
+    plan_line,
+    plan_path,
+    plan_target,
+    solve,
+)
 from armctl.motion.polynomial import PiecewisePolynomial
-from armctl.motion.tool_plan import NOWHERE, follow_arc, follow_line, plan_arc, plan_line, plan_path
 from armctl.motion.trajectory import Trajectory
 from armctl.program.program import ArcStep, LineStep, MotionStep, MoveStep, PointStep
 from armctl.robot import Robot
@@ -96,10 +105,10 @@ def plan_leg(robot: Robot, step: MotionStep, leg: Leg) -> Trajectory:
     Raises:
         MotionRefusedError: as in ``plan_joints``.
     """
+    start = leg.path(leg.path.low)
     if isinstance(step, MoveStep | PointStep):
-        start, end = leg.path(leg.path.low), leg.path(leg.path.high)
-        return plan_joints(robot, start, end, step.duration_s, step.profile)
-    return plan_path(robot, leg.path, speed=_speed(step), duration_s=step.duration_s)
+        return plan_joints(robot, start, leg.path(leg.path.high), step.duration_s, step.profile)
+    return plan_path(robot, start, leg.path, speed=_speed(step), duration_s=step.duration_s)
 
 
 def leads_tool(step: MotionStep) -> bool:
