@@ -23,8 +23,7 @@ from armctl.robot.file import (
 from armctl.robot.outputs_of_file import read_outputs
 from armctl.robot.parts import JERK_UP_S, Color, Gripper, Joint, Look, Obstacle
 from armctl.robot.robot import Robot
-from armctl.robot.urdf import load_urdf
-from armctl.robot.urdf_tool import UrdfName
+from armctl.robot.urdf import UrdfName, load_urdf
 
 FloatArray = NDArray[np.float64]
 

@@ -1,10 +1,13 @@
-"""URDF files: the XML read strictly into links and joints. What armctl has no use for is passed over."""
+"""URDF files: the XML read strictly into links and joints. What armctl has no use for is passed over.
+
+Exporters write a quarter turn as 1.5708 and a zero as -9.4e-08. Read to the letter, axes that are parallel in
+the machine are not in the file, and no closed form fits the arm. So rounded right angles are taken as exact,
+and each joint tells how far that is from what is written.
+"""
 
 from __future__ import annotations
 
 import math
-import re
-from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from decimal import Decimal
 from pathlib import Path
@@ -18,17 +21,18 @@ from armctl.errors import RobotFileError
 from armctl.kinematics import rotation_from_rpy
 from armctl.kinematics.chain import frame_along
 
-# Right angles that a URDF file rounds: taken as what they were before somebody wrote them down.
-#
-# Exporters write a quarter turn as 1.5708 and a zero as -9.4e-08. Read to the letter, axes that are parallel
-# in the machine are not in the file, and no closed form fits the arm.
-
 FloatArray = NDArray[np.float64]
-QUARTER = math.pi / 2
-NOISE = 1e-6
+JointKind = Literal["revolute", "continuous", "fixed", "prismatic", "planar", "floating"]
+KINDS: tuple[JointKind, ...] = get_args(JointKind)
+LARGEST = 1e6
+"""no number of a URDF file, in metres, radians, kg or N·m, is larger than this"""
+WIDEST = 4 * math.pi
+"""no limit of a joint is farther from zero [rad]"""
+_QUARTER = math.pi / 2
+_NOISE = 1e-6
 """angles [rad] and components of unit vectors below this are a rounded zero"""
-_FEWEST = 4
-"""decimals that a rounded quarter turn has at least: 1.57 may be meant"""
+_FEWEST_DECIMALS = 4
+"""that a rounded quarter turn has: 1.57 may be meant"""
 _MOST_QUARTERS = 4
 
 
@@ -45,50 +49,6 @@ class Rounding:
 
     def __add__(self, other: Rounding) -> Rounding:
         return Rounding(self.quarters + other.quarters, self.zeros + other.zeros, self.shift + other.shift)
-
-
-def exact_angle(text: str) -> float:
-    """An angle as written [rad], or the whole number of quarter turns that it is when rounded or cut off.
-
-    That needs four decimals, or to be within ``NOISE`` of it. Twice 1.57079 is 3.14158: a multiple may be off
-    by so many units of the last decimal.
-    """
-    value = float(text)
-    quarters = round(value / QUARTER)
-    exponent = Decimal(text).as_tuple().exponent
-    allowed = NOISE
-    if isinstance(exponent, int) and exponent <= -_FEWEST and abs(quarters) <= _MOST_QUARTERS:
-        allowed = max(NOISE, abs(quarters) * 10.0**exponent)
-    return quarters * QUARTER if abs(value - quarters * QUARTER) < allowed else value
-
-
-def exact_rotation(texts: list[str]) -> tuple[FloatArray, Rounding]:
-    """A rotation (3, 3) from roll, pitch and yaw as written [rad]."""
-    written, exact = [float(text) for text in texts], [exact_angle(text) for text in texts]
-    if written == exact:
-        return rotation_from_rpy(*exact), Rounding()
-    changed = [k for k in range(3) if written[k] != exact[k]]
-    rotation = rotation_from_rpy(*exact)
-    chord = float(np.linalg.norm(rotation - rotation_from_rpy(*written))) / math.sqrt(2)
-    quarters = tuple(texts[k].lstrip("+-") for k in changed if exact[k] != 0.0)
-    return rotation, Rounding(quarters, len(changed) - len(quarters), chord)
-
-
-def exact_axis(axis: FloatArray) -> tuple[FloatArray, Rounding]:
-    """A unit vector (3,), without components that are a rounded zero."""
-    noise = (axis != 0.0) & (np.abs(axis) < NOISE)
-    if not noise.any():
-        return axis, Rounding()
-    exact = np.where(noise, 0.0, axis)
-    exact /= np.linalg.norm(exact)
-    # turning about the other axis: the way there, the turn, the way back
-    return exact, Rounding((), int(noise.sum()), 2 * float(np.linalg.norm(exact - axis)))
-
-
-JointKind = Literal["revolute", "continuous", "fixed", "prismatic", "planar", "floating"]
-KINDS: tuple[JointKind, ...] = get_args(JointKind)
-LARGEST = 1e6
-"""no number of a URDF file, in metres, radians, kg or N·m, is larger than this"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -142,13 +102,6 @@ class UrdfFile:
     joints: tuple[UrdfJoint, ...]
 
 
-class _NoDoctype(ElementTree.TreeBuilder):
-    """Refuses a document type: URDF has none, and its entities can grow without bound or name other files."""
-
-    def doctype(self, name: str, pubid: str | None, system: str | None) -> None:
-        raise RobotFileError(f"holds a document type ({name!r}); a URDF file has none, take it out")
-
-
 def read_urdf_file(path: Path) -> UrdfFile:
     """Decode ``path`` into links and joints without judging how they hang together.
 
@@ -157,147 +110,28 @@ def read_urdf_file(path: Path) -> UrdfFile:
             or no finite number; the message names the file and the element.
     """
     try:
-        data = path.read_bytes()
+        root = ElementTree.fromstring(path.read_bytes(), ElementTree.XMLParser(target=_NoDoctype()))
     except OSError as cause:
         raise RobotFileError(f"{path}: cannot be read: {cause.strerror}") from cause
-    try:
-        root = ElementTree.fromstring(data, ElementTree.XMLParser(target=_NoDoctype()))
     except (ElementTree.ParseError, ValueError, LookupError) as cause:  # LookupError: an unknown encoding
         raise RobotFileError(f"{path}: is not XML: {cause}") from cause
     except RobotFileError as refusal:
         raise RobotFileError(f"{path}: {refusal}") from refusal
-    return _Reader(path).robot(root)
-
-
-class _Reader:
-    """Turns elements into records; knows the file for its messages."""
-
-    def __init__(self, path: Path) -> None:
-        self._path = path
-
-    def robot(self, root: ElementTree.Element) -> UrdfFile:
-        if root.tag != "robot":
-            raise RobotFileError(f"{self._path}: the root element is <{root.tag}>, a URDF file has <robot>")
-        for element in root.iter():
-            if "xacro" in element.tag:
-                raise RobotFileError(
-                    f"{self._path}: holds macros ({element.tag.rpartition('}')[2]}); expand them first: "
-                    "xacro arm.urdf.xacro > arm.urdf"
-                )
-        links = [self._link(element) for element in root.findall("link")]
-        joints = [self._joint(element) for element in root.findall("joint")]
-        self._no_doubles("link", [link.name for link in links])
-        self._no_doubles("joint", [joint.name for joint in joints])
-        return UrdfFile(self._path, root.get("name", ""), {link.name: link for link in links}, tuple(joints))
-
-    def _no_doubles(self, tag: str, names: list[str]) -> None:
+    if root.tag != "robot":
+        raise RobotFileError(f"{path}: the root element is <{root.tag}>, a URDF file has <robot>")
+    for element in root.iter():
+        if "xacro" in element.tag:
+            raise RobotFileError(
+                f"{path}: holds macros ({element.tag.rpartition('}')[2]}); expand them first: "
+                "xacro arm.urdf.xacro > arm.urdf"
+            )
+    links = [_link(element, f"{path}: <link>") for element in root.findall("link")]
+    joints = [_joint(element, f"{path}: <joint>") for element in root.findall("joint")]
+    for tag, names in (("link", [link.name for link in links]), ("joint", [joint.name for joint in joints])):
         for name in names:
             if names.count(name) > 1:
-                raise RobotFileError(f'{self._path}: <{tag} name="{name}">: there are two of that name')
-
-    def _link(self, element: ElementTree.Element) -> UrdfLink:
-        name = self._attribute(element, "name", f"{self._path}: <link>")
-        where = f'{self._path}: <link name="{name}">'
-        inertial = element.find("inertial")
-        mass = None if inertial is None else inertial.find("mass")
-        if inertial is None or mass is None:
-            return UrdfLink(name, 0.0, np.zeros(3))
-        kilograms = self._numbers(mass, "value", 1, f"{where}: <mass>")[0]
-        if kilograms < 0:
-            raise RobotFileError(f"{where}: <mass value={kilograms}>: a mass is not negative")
-        return UrdfLink(name, kilograms, self._origin(inertial, f"{where}: <inertial>")[0][:3, 3])
-
-    def _joint(self, element: ElementTree.Element) -> UrdfJoint:
-        name = self._attribute(element, "name", f"{self._path}: <joint>")
-        where = f'{self._path}: <joint name="{name}">'
-        kind = self._attribute(element, "type", where)
-        known: list[JointKind] = [k for k in KINDS if k == kind]
-        if not known:
-            raise RobotFileError(f'{where}: type="{kind}": allowed are {", ".join(KINDS)}')
-        mimic = element.find("mimic")
-        origin, turned = self._origin(element, where)
-        axis, leaned = self._axis(element, where)
-        return UrdfJoint(
-            name=name,
-            kind=known[0],
-            parent=self._end(element, "parent", where),
-            child=self._end(element, "child", where),
-            origin=origin,
-            axis=axis,
-            limit=self._limit(element, where),
-            mimics=None if mimic is None else self._attribute(mimic, "joint", f"{where}: <mimic>"),
-            rounding=turned + leaned,
-        )
-
-    def _end(self, element: ElementTree.Element, tag: str, where: str) -> str:
-        end = element.find(tag)
-        if end is None:
-            raise RobotFileError(f"{where}: <{tag}> is missing")
-        return self._attribute(end, "link", f"{where}: <{tag}>")
-
-    def _attribute(self, element: ElementTree.Element, key: str, where: str) -> str:
-        value = element.get(key, "").strip()
-        if not value:
-            raise RobotFileError(f"{where}: the attribute {key!r} is missing or empty")
-        return value
-
-    def _numbers(
-        self, element: ElementTree.Element, key: str, count: int, where: str, default: float | None = None
-    ) -> list[float]:
-        """``count`` finite numbers of an attribute."""
-        text = element.get(key)
-        if text is None and default is not None:
-            return [default] * count
-        text = self._attribute(element, key, where)
-        try:
-            values = [] if "_" in text else [float(part) for part in text.split()]  # Python reads 1_5 as 15
-        except ValueError:
-            values = []
-        if len(values) != count or not all(abs(value) <= LARGEST for value in values):
-            needed = "a finite number" if count == 1 else f"{count} finite numbers"
-            raise RobotFileError(f'{where}: {key}="{text}": must be {needed} within ±{LARGEST:.0e}')
-        return values
-
-    def _origin(self, element: ElementTree.Element, where: str) -> tuple[FloatArray, Rounding]:
-        T, rounding = np.eye(4), Rounding()
-        origin = element.find("origin")
-        if origin is not None:
-            self._numbers(origin, "rpy", 3, f"{where}: <origin>", 0.0)
-            T[:3, :3], rounding = exact_rotation(origin.get("rpy", "0 0 0").split())
-            T[:3, 3] = self._numbers(origin, "xyz", 3, f"{where}: <origin>", 0.0)
-        return T, rounding
-
-    def _axis(self, element: ElementTree.Element, where: str) -> tuple[FloatArray, Rounding]:
-        axis = element.find("axis")
-        if axis is None:
-            return np.array([1.0, 0.0, 0.0]), Rounding()  # the format's default
-        vector = self._numbers(axis, "xyz", 3, f"{where}: <axis>")
-        length = math.hypot(*vector)
-        if length < 1e-6 and element.get("type") not in ("fixed", "floating"):
-            raise RobotFileError(
-                f'{where}: <axis xyz="{axis.get("xyz")}">: has no direction; a unit vector is needed'
-            )
-        if length < 1e-6:
-            return np.array(vector), Rounding()
-        return exact_axis(np.array(vector) / length)
-
-    def _limit(self, element: ElementTree.Element, where: str) -> UrdfLimit | None:
-        limit = element.find("limit")
-        if limit is None:
-            return None
-        keys = ("lower", "upper", "velocity", "effort")
-        lower, upper, velocity, effort = (
-            self._numbers(limit, key, 1, f"{where}: <limit>", 0.0)[0] for key in keys
-        )
-        if velocity < 0 or effort < 0:
-            raise RobotFileError(f"{where}: <limit>: velocity and effort are not negative")
-        return UrdfLimit(lower, upper, velocity, effort)
-
-
-# What the limits of a URDF joint say: how far it turns, or that it does not turn at all.
-
-WIDEST = 4 * math.pi
-"""no limit of a joint is farther from zero [rad]"""
+                raise RobotFileError(f'{path}: <{tag} name="{name}">: there are two of that name')
+    return UrdfFile(path, root.get("name", ""), {link.name: link for link in links}, tuple(joints))
 
 
 def limits_of(joint: UrdfJoint, path: Path) -> tuple[float, float]:
@@ -312,17 +146,16 @@ def limits_of(joint: UrdfJoint, path: Path) -> tuple[float, float]:
     if limit is None:
         raise RobotFileError(f"{where}: <limit> is missing; a revolute joint needs lower and upper")
     lower, upper = limit.lower, limit.upper
+    where = f"{where}: <limit lower={lower} upper={upper}>"
     if not -WIDEST <= lower <= upper <= WIDEST:
         degrees = " (they look like degrees)" if max(abs(lower), abs(upper)) > WIDEST else ""
         raise RobotFileError(
-            f"{where}: <limit lower={lower} upper={upper}>: the lower limit comes first, "
-            f"both in radians within ±{WIDEST:.2f}{degrees}"
+            f"{where}: the lower limit comes first, both in radians within ±{WIDEST:.2f}{degrees}"
         )
     if lower == upper == 0.0:  # exporters write that where nobody has filled the limits in
         raise RobotFileError(
-            f"{where}: <limit lower={lower} upper={upper}>: both are 0, which is also what is read where "
-            "they are not written; write the angles that the joint may take, or make it "
-            'type="fixed" if it does not turn'
+            f"{where}: both are 0, which is also what is read where they are not written; write the angles "
+            'that the joint may take, or make it type="fixed" if it does not turn'
         )
     return lower, upper
 
@@ -346,63 +179,149 @@ def fixed_where_held(joint: UrdfJoint, path: Path) -> UrdfJoint:
     )
 
 
-# What the names in a URDF file give away: a usual tool frame, a sensor, a joint of the gripper.
+def exact_angle(text: str) -> float:
+    """An angle as written [rad], or the whole number of quarter turns that it is when rounded or cut off.
 
-TOOL_NAMES = ("tool0", "tcp", "tool", "ee_link", "end_effector", "gripper_base")
-"""what the tool link is called by custom, wherever in the file it is; the surest first"""
-
-_WORD = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+")
-_OF_OTHER_LINKS = {"link", "end", "base", "gripper"}
-_SENSOR = {"camera", "cam", "imu", "sensor", "optical"}
-_FINGER = {"finger", "fingers", "jaw", "jaws", "claw", "claws", "knuckle", "pincer"}
-_GRIPPER = {"gripper", "grip"}
-_ARM = {"roll", "rotate", "rotation", "rot", "pitch", "yaw", "wrist", "pan", "tilt", "twist", "arm", "to"}
-
-
-def customary_tools(links: Iterable[str]) -> list[str]:
-    """The links with the surest of ``TOOL_NAMES`` that any has, also behind a prefix (``left_tool0``)."""
-    links = list(links)
-    for name in TOOL_NAMES:
-        tools = [link for link in links if link == name] or [link for link in links if _ends_in(link, name)]
-        if tools:
-            return tools
-    return []
-
-
-def is_tool_frame(link: str) -> bool:
-    """True where a link's name is one that tool frames have: ``ee_gripper_link``, ``gripper_frame_link``."""
-    words = _words(link)
-    usual = bool(words & _TOOL_WORDS) or {"gripper", "frame"} <= words
-    return usual and not words & (_SENSOR | _FINGER)
-
-
-def is_sensor(link: str) -> bool:
-    """True where a link's name says that it is a camera or another sensor, not what the arm works with."""
-    return bool(_words(link) & _SENSOR)
-
-
-def is_of_gripper(joint: UrdfJoint) -> bool:
-    """True where a joint's name or its link's says that it opens the gripper.
-
-    A link called gripper says nothing: the wrist carries it. So does a joint ``gripper_roll`` or
-    ``wrist_to_gripper``.
+    That needs four decimals, or to be within 1e-6 of it. Twice 1.57079 is 3.14158: a multiple may be off
+    by so many units of the last decimal.
     """
-    own, carried = _words(joint.name), _words(joint.child)
-    return bool((own | carried) & _FINGER or (own & _GRIPPER and not own & _ARM))
+    value = float(text)
+    quarters = round(value / _QUARTER)
+    exponent = Decimal(text).as_tuple().exponent
+    allowed = _NOISE
+    if isinstance(exponent, int) and exponent <= -_FEWEST_DECIMALS and abs(quarters) <= _MOST_QUARTERS:
+        allowed = max(_NOISE, abs(quarters) * 10.0**exponent)
+    return quarters * _QUARTER if abs(value - quarters * _QUARTER) < allowed else value
 
 
-def _words(name: str) -> set[str]:
-    """``leftJaw_link1`` as left, jaw, link."""
-    return {word.lower() for word in _WORD.findall(name)}
+def exact_rotation(texts: list[str]) -> tuple[FloatArray, Rounding]:
+    """A rotation (3, 3) from roll, pitch and yaw as written [rad]."""
+    written, exact = [float(text) for text in texts], [exact_angle(text) for text in texts]
+    rotation = rotation_from_rpy(*exact)
+    changed = [k for k in range(3) if written[k] != exact[k]]
+    if not changed:
+        return rotation, Rounding()
+    chord = float(np.linalg.norm(rotation - rotation_from_rpy(*written))) / math.sqrt(2)
+    quarters = tuple(texts[k].lstrip("+-") for k in changed if exact[k] != 0.0)
+    return rotation, Rounding(quarters, len(changed) - len(quarters), chord)
 
 
-def _ends_in(link: str, name: str) -> bool:
-    return any(link.endswith(f"{mark}{name}") for mark in "_-/.")
+def exact_axis(axis: FloatArray) -> tuple[FloatArray, Rounding]:
+    """A unit vector (3,), without components that are a rounded zero."""
+    noise = (axis != 0.0) & (np.abs(axis) < _NOISE)
+    if not noise.any():
+        return axis, Rounding()
+    exact = np.where(noise, 0.0, axis)
+    exact /= np.linalg.norm(exact)
+    # turning about the other axis: the way there, the turn, the way back
+    return exact, Rounding((), int(noise.sum()), 2 * float(np.linalg.norm(exact - axis)))
 
 
-# What is left of the customary names counts in other names too: ``ee_gripper_link``.
-_TOOL_WORDS = {word for name in TOOL_NAMES for word in _words(name)} - _OF_OTHER_LINKS | {
-    "eef",
-    "grasp",
-    "gripperframe",
-}
+class _NoDoctype(ElementTree.TreeBuilder):
+    """Refuses a document type: URDF has none, and its entities can grow without bound or name other files."""
+
+    def doctype(self, name: str, pubid: str | None, system: str | None) -> None:
+        raise RobotFileError(f"holds a document type ({name!r}); a URDF file has none, take it out")
+
+
+def _link(element: ElementTree.Element, where: str) -> UrdfLink:
+    name = _attribute(element, "name", where)
+    where = f'{where[:-1]} name="{name}">'
+    inertial = element.find("inertial")
+    mass = None if inertial is None else inertial.find("mass")
+    if inertial is None or mass is None:
+        return UrdfLink(name, 0.0, np.zeros(3))
+    (kilograms,) = _numbers(mass, "value", 1, f"{where}: <mass>")
+    if kilograms < 0:
+        raise RobotFileError(f"{where}: <mass value={kilograms}>: a mass is not negative")
+    return UrdfLink(name, kilograms, _origin(inertial, f"{where}: <inertial>")[0][:3, 3])
+
+
+def _joint(element: ElementTree.Element, where: str) -> UrdfJoint:
+    name = _attribute(element, "name", where)
+    where = f'{where[:-1]} name="{name}">'
+    written = _attribute(element, "type", where)
+    kind = next((kind for kind in KINDS if kind == written), None)
+    if kind is None:
+        raise RobotFileError(f'{where}: type="{written}": allowed are {", ".join(KINDS)}')
+    mimic = element.find("mimic")
+    origin, turned = _origin(element, where)
+    axis, leaned = _axis(element, where)
+    return UrdfJoint(
+        name=name,
+        kind=kind,
+        parent=_end(element, "parent", where),
+        child=_end(element, "child", where),
+        origin=origin,
+        axis=axis,
+        limit=_limit(element, where),
+        mimics=None if mimic is None else _attribute(mimic, "joint", f"{where}: <mimic>"),
+        rounding=turned + leaned,
+    )
+
+
+def _end(element: ElementTree.Element, tag: str, where: str) -> str:
+    end = element.find(tag)
+    if end is None:
+        raise RobotFileError(f"{where}: <{tag}> is missing")
+    return _attribute(end, "link", f"{where}: <{tag}>")
+
+
+def _origin(element: ElementTree.Element, where: str) -> tuple[FloatArray, Rounding]:
+    T, rounding = np.eye(4), Rounding()
+    origin = element.find("origin")
+    if origin is not None:
+        _numbers(origin, "rpy", 3, f"{where}: <origin>", 0.0)
+        T[:3, :3], rounding = exact_rotation(origin.get("rpy", "0 0 0").split())
+        T[:3, 3] = _numbers(origin, "xyz", 3, f"{where}: <origin>", 0.0)
+    return T, rounding
+
+
+def _axis(element: ElementTree.Element, where: str) -> tuple[FloatArray, Rounding]:
+    axis = element.find("axis")
+    if axis is None:
+        return np.array([1.0, 0.0, 0.0]), Rounding()  # the format's default
+    vector = np.array(_numbers(axis, "xyz", 3, f"{where}: <axis>"))
+    length = math.hypot(*vector)
+    if length >= 1e-6:
+        return exact_axis(vector / length)
+    if element.get("type") in ("fixed", "floating"):
+        return vector, Rounding()
+    raise RobotFileError(
+        f'{where}: <axis xyz="{axis.get("xyz")}">: has no direction; a unit vector is needed'
+    )
+
+
+def _limit(element: ElementTree.Element, where: str) -> UrdfLimit | None:
+    limit = element.find("limit")
+    if limit is None:
+        return None
+    keys = ("lower", "upper", "velocity", "effort")
+    values = UrdfLimit(*(_numbers(limit, key, 1, f"{where}: <limit>", 0.0)[0] for key in keys))
+    if values.velocity < 0 or values.effort < 0:
+        raise RobotFileError(f"{where}: <limit>: velocity and effort are not negative")
+    return values
+
+
+def _attribute(element: ElementTree.Element, key: str, where: str) -> str:
+    value = element.get(key, "").strip()
+    if not value:
+        raise RobotFileError(f"{where}: the attribute {key!r} is missing or empty")
+    return value
+
+
+def _numbers(
+    element: ElementTree.Element, key: str, count: int, where: str, default: float | None = None
+) -> list[float]:
+    """``count`` finite numbers of an attribute."""
+    if default is not None and element.get(key) is None:
+        return [default] * count
+    text = _attribute(element, key, where)
+    try:
+        values = [] if "_" in text else [float(part) for part in text.split()]  # Python reads 1_5 as 15
+    except ValueError:
+        values = []
+    if len(values) != count or not all(abs(value) <= LARGEST for value in values):
+        needed = "a finite number" if count == 1 else f"{count} finite numbers"
+        raise RobotFileError(f'{where}: {key}="{text}": must be {needed} within ±{LARGEST:.0e}')
+    return values
