@@ -94,9 +94,10 @@ class Chain:
         else:
             self.joint_rows = tuple(range(self.n))
         """of each joint, the index of the DH row that turns; the frame behind it is the next of ``places``"""
-        for fixed in (*self.segments, self.tail, *(place.T_link_frame for place in self.places)):
-            fixed.flags.writeable = False
+        for shared in (*self.segments, self.tail, *(place.T_link_frame for place in self.places)):
+            shared.flags.writeable = False
         self._steps = [_step(T) for T in (*self.segments, tail)]
+        self._weights = [[_weights(v) for v in T[:3].T.tolist()] for T in (*self.segments, tail)]
         self._one_shape = (self.n,)
 
     @classmethod
@@ -327,14 +328,14 @@ class Chain:
         cosines, sines = half_angle_cos_sin(q.T)
         x, y, z = (np.repeat(axis[:, None], len(q), axis=1) for axis in np.eye(3))
         origin = np.zeros((3, len(q)))
-        for segment, c, s in zip(self.segments, cosines, sines, strict=True):
-            origin = _mixed(segment[:3, 3], (x, y, z), origin)
-            u, v, z = (_mixed(weights, (x, y, z)) for weights in segment[:3, :3].T)
-            x, y = c * u + s * v, c * v - s * u
+        for k, (along_x, along_y, along_z, offset) in enumerate(self._weights):
+            axes = (x, y, z)
+            origin = _mixed(offset, axes, origin)
+            x, y, z = _mixed(along_x, axes), _mixed(along_y, axes), _mixed(along_z, axes)
+            if k < self.n:
+                c, s = cosines[k], sines[k]
+                x, y = c * x + s * y, c * y - s * x
             yield x, y, z, origin
-        origin = _mixed(self.tail[:3, 3], (x, y, z), origin)
-        x, y, z = (_mixed(weights, (x, y, z)) for weights in self.tail[:3, :3].T)
-        yield x, y, z, origin
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -399,19 +400,24 @@ def _step(T: FloatArray) -> tuple[float, float, float, int | None, tuple[float, 
     return x, y, z, quarter, tuple(T[:3, :3].T.ravel().tolist())
 
 
+def _weights(column: Sequence[float]) -> list[tuple[int, float]]:
+    """The entries of a column that are not 0, with their places."""
+    return [(i, weight) for i, weight in enumerate(column) if weight]
+
+
 def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
     """Cross products of columns (3, m); ``numpy.cross`` takes three times as long."""
     return np.stack([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
 
 
-def _mixed(weights: FloatArray, columns: Sequence[FloatArray], total: FloatArray | None = None) -> FloatArray:
-    """The sum of ``columns`` by ``weights``, and of ``total``; most weights are 0, 1 or -1."""
-    for weight, column in zip(weights.tolist(), columns, strict=True):
-        if weight == 0.0:
-            continue
-        term = column if weight == 1.0 else weight * column
+def _mixed(
+    weights: Sequence[tuple[int, float]], axes: Sequence[FloatArray], total: FloatArray | None = None
+) -> FloatArray:
+    """The sum of ``axes`` by those ``weights`` that are not 0, and of ``total``."""
+    for i, weight in weights:
+        term = axes[i] if weight == 1.0 else weight * axes[i]
         total = term if total is None else total + term
-    return np.zeros_like(columns[0]) if total is None else total
+    return np.zeros_like(axes[0]) if total is None else total
 
 
 def _x_part(row: DHRow) -> FloatArray:

@@ -241,15 +241,15 @@ def _joint(element: ElementTree.Element, where: str) -> UrdfJoint:
     name = _attribute(element, "name", where)
     where = f'{where[:-1]} name="{name}">'
     written = _attribute(element, "type", where)
-    kind = next((kind for kind in KINDS if kind == written), None)
-    if kind is None:
+    kinds: list[JointKind] = [kind for kind in KINDS if kind == written]
+    if not kinds:
         raise RobotFileError(f'{where}: type="{written}": allowed are {", ".join(KINDS)}')
     mimic = element.find("mimic")
     origin, turned = _origin(element, where)
     axis, leaned = _axis(element, where)
     return UrdfJoint(
         name=name,
-        kind=kind,
+        kind=kinds[0],
         parent=_end(element, "parent", where),
         child=_end(element, "child", where),
         origin=origin,
