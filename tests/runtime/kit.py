@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import Executor
+from concurrent.futures import Executor, Future
 from dataclasses import dataclass, field
+from itertools import groupby
+from typing import Any
 
 import numpy as np
+import pytest
 from numpy.typing import NDArray
 
+from armctl.errors import StateError
 from armctl.hardware import BoardIdentity, ChannelSettings, Readback, Source
 from armctl.robot import Robot, load_robot
 from armctl.runtime import Connect, Controller, Enable, InlineExecutor, ManualClock, Origin, Snapshot, Ticket
@@ -71,6 +75,27 @@ class RecordingDriver:
             raise self.fail[name]
 
 
+class LateExecutor(Executor):
+    """Plans only when told to."""
+
+    def __init__(self) -> None:
+        self.waiting: list[tuple[Future[Any], Callable[[], Any]]] = []
+
+    def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
+        future: Future[Any] = Future()
+        self.waiting.append((future, lambda: fn(*args, **kwargs)))
+        return future
+
+    def work(self) -> None:
+        waiting, self.waiting = self.waiting, []
+        for future, plan in waiting:
+            if future.set_running_or_notify_cancel():
+                try:
+                    future.set_result(plan())
+                except Exception as error:
+                    future.set_exception(error)
+
+
 @dataclass
 class Rig:
     """A controller that is ticked by hand."""
@@ -108,6 +133,11 @@ class Rig:
         self.tick(elapsed)
         return ticket
 
+    def refuses(self, command: Command, match: str, error: type[Exception] = StateError) -> None:
+        """Submit and tick once; it must be refused with these words."""
+        with pytest.raises(error, match=match):
+            self.do(command).result(0)
+
     def enable(self, q: NDArray[np.float64] | None = None) -> Rig:
         for command in (Connect("sim"), Enable(q)):
             self.do(command).finished.result(0)
@@ -123,6 +153,12 @@ class Rig:
         assert servo_map is not None
         sent = [(t, values) for t, values in self.driver.writes if servo_map.channels[0] in values]
         return np.array([t for t, _ in sent]), np.array([servo_map.angles(values) for _, values in sent])
+
+
+def steps_seen(rig: Rig) -> list[tuple[int, int]]:
+    """(loop, step) in the order in which they were shown, without repeats."""
+    shown = [(s.program.loop, s.program.step) for s in rig.history if s.program is not None]
+    return [here for here, _ in groupby(shown)]
 
 
 def make_rig(executor: Executor | None = None, robot: Robot = ROBOT, rate_hz: float = 50.0) -> Rig:

@@ -15,12 +15,13 @@ from tests.runtime.kit import (
     ROBOT,
     TEST,
     TICK,
+    LateExecutor,
     Rig,
     assert_accelerations_keep_limits,
     assert_stream_keeps_limits,
     make_rig,
+    steps_seen,
 )
-from tests.runtime.test_motions import LateExecutor
 
 from armctl.errors import ProgramError, StateError
 from armctl.motion import arc
@@ -50,16 +51,6 @@ def program(*steps: Step) -> Program:
 
 def through_the_arc(blend_mm: float) -> Program:
     return program(*(PointStep(x_mm=x, y_mm=y, z_mm=z, blend_mm=blend_mm) for x, y, z in ARC_MM.tolist()))
-
-
-def steps_seen(rig: Rig) -> list[tuple[int, int]]:
-    seen: list[tuple[int, int]] = []
-    for snapshot in rig.history:
-        if snapshot.program is not None:
-            here = (snapshot.program.loop, snapshot.program.step)
-            if not seen or seen[-1] != here:
-                seen.append(here)
-    return seen
 
 
 def run(rig: Rig, what: Program, loops: int | None = 1, seconds: float = 120.0) -> None:
@@ -218,21 +209,8 @@ def test_when_the_planner_is_late_the_arm_waits_on_the_path() -> None:
     assert_accelerations_keep_limits(rig)
 
 
-def test_an_edit_takes_effect_at_the_next_pass(holding: Rig) -> None:
-    a, b, c = (MoveStep(joints_deg=tuple(np.degrees(MIDDLE + d).tolist())) for d in (0.1, 0.2, -0.1))
-    holding.do(RunProgram(program(a, b), None))
-    holding.until(lambda s: s.program is not None and s.program.loop == 1 and s.program.step == 0)
-    holding.do(UpdateProgram(program(a, c, b)))
-    holding.history.clear()
-    holding.run(6)
-    assert steps_seen(holding)[:6] == [(1, 0), (1, 1), (2, 0), (2, 1), (2, 2), (3, 0)]
-    visited = np.array([s.q_command for s in holding.history])
-    assert np.abs(visited - (MIDDLE - 0.1)).max(axis=1).min() < 1e-9
-
-
 def test_an_edit_without_a_running_program_is_refused(holding: Rig) -> None:
-    with pytest.raises(StateError, match="no program runs"):
-        holding.do(UpdateProgram(program(WaitStep(seconds=1)))).result(0)
+    holding.refuses(UpdateProgram(program(WaitStep(seconds=1))), "no program runs")
 
 
 def test_a_single_step(holding: Rig) -> None:

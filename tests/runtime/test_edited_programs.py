@@ -11,12 +11,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from tests.runtime.kit import (
     ROBOT,
+    LateExecutor,
     Rig,
     assert_accelerations_keep_limits,
     assert_stream_keeps_limits,
     make_rig,
 )
-from tests.runtime.test_motions import LateExecutor
 
 from armctl.program import (
     LineStep,

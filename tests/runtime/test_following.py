@@ -1,15 +1,12 @@
 from __future__ import annotations
 
-from collections.abc import Callable
-from concurrent.futures import Executor, Future
-from typing import Any
-
 import numpy as np
 import pytest
 from tests.runtime.kit import (
     ROBOT,
     TEST,
     TICK,
+    LateExecutor,
     Rig,
     assert_accelerations_keep_limits,
     assert_stream_keeps_limits,
@@ -191,10 +188,8 @@ def test_every_arm_follows(name: str) -> None:
 
 def test_it_needs_the_arm_holding_and_nothing_else_begins_meanwhile(rig: Rig) -> None:
     follow(rig, TOOL, 0.1)
-    with pytest.raises(StateError, match="stop first"):
-        rig.do(MoveJoints(HOME)).accepted.result(0)
-    with pytest.raises(StateError, match="live target cannot be paused; press STOP"):
-        rig.do(Pause()).accepted.result(0)
+    rig.refuses(MoveJoints(HOME), "stop first")
+    rig.refuses(Pause(), "live target cannot be paused; press STOP")
     rig.do(FollowTarget(None))
     rig.run(0.2)
     rig.do(MoveJoints(ROBOT.pose("rest")))
@@ -202,25 +197,8 @@ def test_it_needs_the_arm_holding_and_nothing_else_begins_meanwhile(rig: Rig) ->
         follow(rig, TOOL)
 
 
-class SlowExecutor(Executor):
-    """Keeps what is submitted until it is told to do it."""
-
-    def __init__(self) -> None:
-        self.waiting: list[tuple[Future[Any], Callable[[], Any]]] = []
-
-    def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
-        future: Future[Any] = Future()
-        self.waiting.append((future, lambda: fn(*args, **kwargs)))
-        return future
-
-    def work(self) -> None:
-        future, call = self.waiting.pop(0)
-        if future.set_running_or_notify_cancel():
-            future.set_result(call())
-
-
 def test_only_the_newest_target_is_solved_for() -> None:
-    executor = SlowExecutor()
+    executor = LateExecutor()
     rig = make_rig(executor).enable(HOME)
     for k in range(20):
         follow(rig, TOOL + np.array([0.0, 0.002 * k, 0.0]))
@@ -237,7 +215,7 @@ def test_only_the_newest_target_is_solved_for() -> None:
 
 
 def test_what_is_solved_after_it_was_left_moves_nothing() -> None:
-    executor = SlowExecutor()
+    executor = LateExecutor()
     rig = make_rig(executor).enable(HOME)
     follow(rig, TOOL + np.array([0.0, 0.05, 0.0]), 0.1)
     rig.do(FollowTarget(None))
@@ -248,7 +226,7 @@ def test_what_is_solved_after_it_was_left_moves_nothing() -> None:
 
 
 def test_what_was_left_is_not_gone_to_when_another_target_is_followed() -> None:
-    executor = SlowExecutor()
+    executor = LateExecutor()
     rig = make_rig(executor).enable(HOME)
     first, second, third = (TOOL + np.array([0.0, y, 0.0]) for y in (0.05, -0.08, 0.06))
     follow(rig, first, 2 * TICK)

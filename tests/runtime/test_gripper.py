@@ -72,13 +72,10 @@ def test_a_newer_command_takes_the_place_of_an_older_one(holding: Rig) -> None:
 
 @pytest.mark.parametrize("opening", [-0.1, 1.1, np.nan])
 def test_an_opening_that_cannot_be(holding: Rig, opening: float) -> None:
-    with pytest.raises(InputError, match="outside 0 … 100 %"):
-        holding.do(MoveGripper(opening)).accepted.result(0)
+    holding.refuses(MoveGripper(opening), "outside 0 … 100 %", InputError)
 
 
 def test_it_needs_power_and_a_gripper(rig: Rig) -> None:
-    with pytest.raises(StateError, match="not connected"):
-        rig.do(MoveGripper(0.5)).accepted.result(0)
+    rig.refuses(MoveGripper(0.5), "not connected")
     bare = make_rig(robot=replace(ROBOT, gripper=None)).enable()
-    with pytest.raises(StateError, match="has no gripper"):
-        bare.do(MoveGripper(0.5)).accepted.result(0)
+    bare.refuses(MoveGripper(0.5), "has no gripper")

@@ -14,7 +14,7 @@ from tests.runtime.kit import (
     make_rig,
 )
 
-from armctl.errors import InputError, StateError
+from armctl.errors import InputError
 from armctl.motion import Floor
 from armctl.runtime import Jog, MoveGripper, MoveJoints, Pause, SetSpeed, State
 
@@ -122,16 +122,13 @@ def test_a_change_of_direction_keeps_the_acceleration(rig: Rig) -> None:
 
 def test_it_needs_the_arm_holding(rig: Rig) -> None:
     rig.do(MoveJoints(ROBOT.pose("rest")))
-    with pytest.raises(StateError, match="a jog needs the arm holding, it is moving"):
-        rig.do(Jog(rates(0))).accepted.result(0)
+    rig.refuses(Jog(rates(0)), "a jog needs the arm holding, it is moving")
 
 
 def test_no_motion_begins_while_it_is_held(rig: Rig) -> None:
     hold(rig, rates(0), 0.2)
-    with pytest.raises(StateError, match="stop first"):
-        rig.do(MoveJoints(HOME)).accepted.result(0)
-    with pytest.raises(StateError, match="jog cannot be paused"):
-        rig.do(Pause()).accepted.result(0)
+    rig.refuses(MoveJoints(HOME), "stop first")
+    rig.refuses(Pause(), "jog cannot be paused")
 
 
 def test_zero_does_not_begin_a_jog(rig: Rig) -> None:
@@ -141,8 +138,7 @@ def test_zero_does_not_begin_a_jog(rig: Rig) -> None:
 
 @pytest.mark.parametrize("rate", [np.full(5, 1.1), np.full(5, np.nan), np.zeros(3)])
 def test_rates_that_cannot_be(rig: Rig, rate: np.ndarray) -> None:
-    with pytest.raises(InputError, match="5 rates between -1 and 1"):
-        rig.do(Jog(rate)).accepted.result(0)
+    rig.refuses(Jog(rate), "5 rates between -1 and 1", InputError)
 
 
 def test_a_command_that_came_too_late_moves_nothing(rig: Rig) -> None:
@@ -166,8 +162,7 @@ def test_the_gripper_may_move_at_the_same_time(rig: Rig) -> None:
 def test_a_held_joint_is_not_jogged() -> None:
     held = replace(ROBOT.joints[4], lower=0.0, upper=0.0)
     rig = make_rig(robot=replace(ROBOT, joints=(*ROBOT.joints[:4], held))).enable(HOME)
-    with pytest.raises(InputError, match=r"Wrist roll is held at 0\.00°: .* cannot be jogged"):
-        rig.do(Jog(rates(4))).accepted.result(0)
+    rig.refuses(Jog(rates(4)), r"Wrist roll is held at 0\.00°: .* cannot be jogged", InputError)
     assert rig.now.state is State.HOLDING
     hold(rig, rates(0), 0.2)
     assert rig.now.q_command[0] > HOME[0]

@@ -1,15 +1,12 @@
 from __future__ import annotations
 
-from collections.abc import Callable
-from concurrent.futures import Executor, Future
-from typing import Any
-
 import numpy as np
 import pytest
 from tests.runtime.kit import (
     ROBOT,
     TEST,
     TICK,
+    LateExecutor,
     Rig,
     assert_accelerations_keep_limits,
     assert_stream_keeps_limits,
@@ -22,27 +19,6 @@ from armctl.motion import JoinedTrajectory, PointToPoint, arc, plan_joints, plan
 from armctl.runtime import Follow, Jog, MoveJoints, MoveTo, Pause, Release, Resume, SetSpeed, State
 
 REST, HOME = ROBOT.pose("rest"), ROBOT.pose("home")
-
-
-class LateExecutor(Executor):
-    """Plans only when told to."""
-
-    def __init__(self) -> None:
-        self.waiting: list[tuple[Future[Any], Callable[[], Any]]] = []
-
-    def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
-        future: Future[Any] = Future()
-        self.waiting.append((future, lambda: fn(*args, **kwargs)))
-        return future
-
-    def work(self) -> None:
-        waiting, self.waiting = self.waiting, []
-        for future, plan in waiting:
-            if future.set_running_or_notify_cancel():
-                try:
-                    future.set_result(plan())
-                except Exception as error:
-                    future.set_exception(error)
 
 
 def test_a_move_arrives_exactly_in_the_planned_time(holding: Rig) -> None:
@@ -130,8 +106,7 @@ def test_a_second_motion_is_refused_and_says_stop_first(holding: Rig) -> None:
 
 
 def test_a_motion_needs_power(rig: Rig) -> None:
-    with pytest.raises(StateError, match="it is disconnected; connect and enable first"):
-        rig.do(MoveJoints(HOME)).accepted.result(0)
+    rig.refuses(MoveJoints(HOME), "it is disconnected; connect and enable first")
 
 
 def test_planning_takes_its_time_and_the_arm_waits() -> None:
@@ -141,8 +116,7 @@ def test_planning_takes_its_time_and_the_arm_waits() -> None:
     rig.run(0.2)
     assert rig.now.state is State.HOLDING
     assert not ticket.accepted.done()
-    with pytest.raises(StateError, match="another motion is being planned"):
-        rig.do(MoveJoints(REST)).accepted.result(0)
+    rig.refuses(MoveJoints(REST), "another motion is being planned")
     executor.work()
     rig.tick()
     assert ticket.accepted.done()
@@ -225,13 +199,14 @@ def test_following_a_trajectory_of_ones_own(holding: Rig) -> None:
 
 
 def test_a_trajectory_that_starts_elsewhere_is_refused(holding: Rig) -> None:
-    with pytest.raises(StateError, match=r"starts with Wrist pitch at -40\.00°, the arm stands at -70\.00°"):
-        holding.do(Follow(plan_joints(ROBOT, HOME, REST))).accepted.result(0)
+    holding.refuses(
+        Follow(plan_joints(ROBOT, HOME, REST)),
+        r"starts with Wrist pitch at -40\.00°, the arm stands at -70\.00°",
+    )
 
 
 def test_a_trajectory_that_breaks_a_limit_is_refused(holding: Rig) -> None:
-    with pytest.raises(MotionRefusedError, match="is over its limit"):
-        holding.do(Follow(PointToPoint.lasting(REST, HOME, 0.1))).accepted.result(0)
+    holding.refuses(Follow(PointToPoint.lasting(REST, HOME, 0.1)), "is over its limit", MotionRefusedError)
 
 
 def test_pause_and_resume_on_the_same_path(holding: Rig) -> None:
@@ -266,10 +241,8 @@ def test_a_pause_may_be_taken_back_while_it_slows_down(holding: Rig) -> None:
 
 
 def test_nothing_to_pause_or_resume(holding: Rig) -> None:
-    with pytest.raises(StateError, match="nothing to pause: holding"):
-        holding.do(Pause()).accepted.result(0)
-    with pytest.raises(StateError, match="nothing to resume: holding"):
-        holding.do(Resume()).accepted.result(0)
+    holding.refuses(Pause(), "nothing to pause: holding")
+    holding.refuses(Resume(), "nothing to resume: holding")
 
 
 def test_half_the_speed_takes_twice_the_time(holding: Rig) -> None:
@@ -300,8 +273,7 @@ def test_the_speed_may_change_on_the_way(holding: Rig) -> None:
     ("fraction", "said"), [(0.0, "0"), (0.04, "4"), (1.001, "100.1"), (np.nan, "nan"), (np.inf, "inf")]
 )
 def test_a_speed_that_cannot_be(holding: Rig, fraction: float, said: str) -> None:
-    with pytest.raises(InputError, match=f"a speed of {said} % is outside 5 … 100 %"):
-        holding.do(SetSpeed(fraction)).accepted.result(0)
+    holding.refuses(SetSpeed(fraction), f"a speed of {said} % is outside 5 … 100 %", InputError)
 
 
 def test_a_late_tick_does_not_jump_and_is_told(holding: Rig) -> None:

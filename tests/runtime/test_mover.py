@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from tests.runtime.kit import ROBOT, TICK
 
-from armctl.motion import PathTrajectory, PiecewisePolynomial
+from armctl.motion import PathTrajectory, PiecewisePolynomial, PointToPoint
 from armctl.motion.blend import Leg, blend
 from armctl.runtime.activity import Setpoint
 from armctl.runtime.mover import PathMover
@@ -81,3 +81,13 @@ def test_where_nothing_follows_any_more_it_is_done_at_the_end_of_what_is_known()
     assert not mover.done
     mover.end()
     assert mover.done
+
+
+def test_a_thousand_trajectories_take_no_more_room_than_one() -> None:
+    step = PointToPoint.lasting(START, START, 2 * TICK)
+    mover = PathMover(ROBOT, step, 1.0, goes_on=False)
+    for number in range(1000):
+        mover.append(step, number, goes_on=False)
+        for _ in range(2):
+            mover.advance(0.0, TICK)
+    assert len(mover._stretches) <= 2

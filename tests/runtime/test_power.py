@@ -67,8 +67,7 @@ def test_enable_in_an_impossible_pose_is_refused(
     rig: Rig, q: np.ndarray, error: type[Exception], message: str
 ) -> None:
     rig.do(Connect("sim"))
-    with pytest.raises(error, match=message):
-        rig.do(Enable(q)).accepted.result(0)
+    rig.refuses(Enable(q), message, error)
     assert rig.driver.writes == []
     assert rig.now.state is State.OFF
 
@@ -96,8 +95,7 @@ def test_where_only_some_are_on_these_stay_and_the_others_jump(rig: Rig) -> None
 def test_a_joint_that_stands_outside_its_limits_is_not_taken_over(rig: Rig) -> None:
     rig.driver.positions = {**pulses(HOME), 2: 602.0 - 20}
     rig.do(Connect("sim"))
-    with pytest.raises(StateError, match=r"Elbow stands at -86\.4°, outside -84\.4° … 95\.1°; support"):
-        rig.do(Enable()).accepted.result(0)
+    rig.refuses(Enable(), r"Elbow stands at -86\.4°, outside -84\.4° … 95\.1°; support")
     assert rig.driver.writes == []
 
 
@@ -110,12 +108,10 @@ def test_encoders_say_where_the_arm_is(rig: Rig) -> None:
 
 
 def test_enable_twice_is_harmless_and_needs_a_board(rig: Rig) -> None:
-    with pytest.raises(StateError, match="needs the state off, it is disconnected; connect first"):
-        rig.do(Enable()).accepted.result(0)
+    rig.refuses(Enable(), "needs the state off, it is disconnected; connect first")
     rig.enable()
     rig.do(Enable()).finished.result(0)
-    with pytest.raises(StateError, match="the arm is enabled already"):
-        rig.do(Enable(HOME)).finished.result(0)
+    rig.refuses(Enable(HOME), "the arm is enabled already")
     assert len(rig.driver.writes) == 1
 
 
@@ -137,8 +133,7 @@ def test_release_drops_the_arm_at_once_even_while_it_moves(holding: Rig) -> None
 
 
 def test_release_needs_a_board(rig: Rig) -> None:
-    with pytest.raises(StateError, match="nothing to release: disconnected"):
-        rig.do(Release()).accepted.result(0)
+    rig.refuses(Release(), "nothing to release: disconnected")
 
 
 def test_disconnecting_leaves_the_outputs_on(holding: Rig) -> None:
@@ -155,8 +150,7 @@ def test_disconnecting_while_moving_waits_for_a_standstill(holding: Rig) -> None
     holding.run(0.4)
     leaving = holding.do(Disconnect())
     assert not leaving.finished.done()
-    with pytest.raises(StateError, match="disconnecting"):
-        holding.do(MoveGripper(1.0)).accepted.result(0)
+    holding.refuses(MoveGripper(1.0), "disconnecting")
     holding.until(lambda s: s.state is State.DISCONNECTED, seconds=1)
     leaving.finished.result(0)
     with pytest.raises(StateError, match="stopped by disconnect"):
@@ -165,8 +159,7 @@ def test_disconnecting_while_moving_waits_for_a_standstill(holding: Rig) -> None
 
 def test_a_port_that_is_not_there(rig: Rig) -> None:
     rig.driver.fail["open"] = PortError("/dev/ttyACM0: no such port")
-    with pytest.raises(PortError, match="no such port"):
-        rig.do(Connect("/dev/ttyACM0")).finished.result(0)
+    rig.refuses(Connect("/dev/ttyACM0"), "no such port", PortError)
     assert rig.now.state is State.DISCONNECTED
     assert rig.now.cause == "/dev/ttyACM0: no such port"
     assert rig.driver.calls[-1] == "close"
@@ -184,13 +177,11 @@ def test_what_is_no_armctl_error_is_translated_with_its_cause(rig: Rig) -> None:
 
 
 def test_connecting_twice_is_refused(holding: Rig) -> None:
-    with pytest.raises(StateError, match="connected already, and holding; disconnect first"):
-        holding.do(Connect("sim")).accepted.result(0)
+    holding.refuses(Connect("sim"), "connected already, and holding; disconnect first")
 
 
 def test_there_is_no_fault_to_clear(holding: Rig) -> None:
-    with pytest.raises(StateError, match="no fault to clear: holding"):
-        holding.do(ClearFault()).accepted.result(0)
+    holding.refuses(ClearFault(), "no fault to clear: holding")
 
 
 def test_a_rate_that_cannot_be() -> None:
@@ -214,8 +205,7 @@ def test_two_readings_that_differ_are_not_taken_over(rig: Rig) -> None:
 def test_enable_on_a_board_that_is_silent_for_once_may_be_tried_again(rig: Rig) -> None:
     rig.do(Connect("sim"))
     rig.driver.fail["read"] = BoardTimeoutError("no answer")
-    with pytest.raises(StateError, match="did not answer where it is; try again"):
-        rig.do(Enable()).finished.result(0)
+    rig.refuses(Enable(), "did not answer where it is; try again")
     rig.driver.fail.clear()
     rig.do(Enable()).finished.result(0)
     assert rig.now.state is State.HOLDING
@@ -225,8 +215,7 @@ def test_joints_do_not_jump_to_below_the_floor_under_those_that_stay(rig: Rig) -
     low = np.radians([0, -3, -60, -20, 0])
     rig.driver.positions = {channel: pulse for channel, pulse in pulses(low).items() if channel < 3}
     rig.do(Connect("sim"))
-    with pytest.raises(MotionRefusedError, match="mm below the floor"):
-        rig.do(Enable(np.where([1, 1, 1, 0, 0], HOME, low))).finished.result(0)
+    rig.refuses(Enable(np.where([1, 1, 1, 0, 0], HOME, low)), "mm below the floor", MotionRefusedError)
     assert rig.driver.writes == []
 
 
@@ -260,8 +249,7 @@ def test_an_arm_without_a_servo_map_is_driven_on_a_simulated_board_only() -> Non
     assert rig.now.state is State.HOLDING
     rig.do(Disconnect())
     rig.driver.open = lambda: BoardIdentity("real board", "/dev/ttyACM0")  # type: ignore[method-assign]
-    with pytest.raises(StateError, match=r"uzuner has no servo map: .* only the simulated board"):
-        rig.do(Connect("/dev/ttyACM0")).finished.result(0)
+    rig.refuses(Connect("/dev/ttyACM0"), r"uzuner has no servo map: .* only the simulated board")
     assert rig.now.state is State.DISCONNECTED
     assert rig.driver.calls[-1] == "close"
 

@@ -6,12 +6,13 @@ from tests.runtime.kit import (
     ROBOT,
     TEST,
     TICK,
+    LateExecutor,
     Rig,
     assert_accelerations_keep_limits,
     assert_stream_keeps_limits,
     make_rig,
+    steps_seen,
 )
-from tests.runtime.test_motions import LateExecutor
 
 from armctl.errors import InputError, ProgramError, StateError
 from armctl.motion import PointToPoint
@@ -28,17 +29,6 @@ FAR_AWAY = PointStep(x_mm=900, y_mm=0, z_mm=0)
 
 def program(*steps: Step) -> Program:
     return Program(robot="uzuner", name="pick", steps=steps)
-
-
-def steps_seen(rig: Rig) -> list[tuple[int, int]]:
-    """(loop, step) in the order in which they were shown, without repeats."""
-    seen: list[tuple[int, int]] = []
-    for snapshot in rig.history:
-        if snapshot.program is not None:
-            here = (snapshot.program.loop, snapshot.program.step)
-            if not seen or seen[-1] != here:
-                seen.append(here)
-    return seen
 
 
 def test_every_step_in_order(holding: Rig) -> None:
@@ -224,8 +214,7 @@ def test_the_gripper_belongs_to_the_program_during_its_step(holding: Rig) -> Non
     holding.do(MoveGripper(0.0))
     holding.do(RunProgram(program(GripperStep(open_percent=100), WaitStep(seconds=5))))
     holding.tick()
-    with pytest.raises(StateError, match="the program moves the gripper now"):
-        holding.do(MoveGripper(0.2)).accepted.result(0)
+    holding.refuses(MoveGripper(0.2), "the program moves the gripper now")
     holding.run(1)
     holding.do(MoveGripper(0.2)).accepted.result(0)
 

@@ -6,12 +6,12 @@ from tests.runtime.kit import (
     ROBOT,
     TEST,
     TICK,
+    LateExecutor,
     Rig,
     assert_accelerations_keep_limits,
     assert_stream_keeps_limits,
     make_rig,
 )
-from tests.runtime.test_motions import LateExecutor
 
 from armctl.errors import ArmctlError, BoardTimeoutError, StateError
 from armctl.runtime import Jog, MoveGripper, MoveJoints, Origin, Pause, Resume, State
@@ -61,8 +61,7 @@ def test_the_motion_ends_in_words_and_cannot_be_resumed(holding: Rig) -> None:
     holding.until(lambda s: s.state is State.HOLDING, seconds=1)
     with pytest.raises(StateError, match="move was stopped by test"):
         motion.finished.result(0)
-    with pytest.raises(StateError, match="nothing to resume"):
-        holding.do(Resume()).accepted.result(0)
+    holding.refuses(Resume(), "nothing to resume")
     assert any(text == "STOP (test)" for text in holding.texts)
 
 
@@ -156,8 +155,7 @@ def test_a_jog_that_the_stop_dropped_counts_as_held(holding: Rig) -> None:
     with pytest.raises(StateError, match="before it began"):
         dropped.accepted.result(0)
     holding.run(0.14)
-    with pytest.raises(StateError, match="let go first"):
-        holding.do(Jog(rates)).accepted.result(0)
+    holding.refuses(Jog(rates), "let go first")
 
 
 def test_a_jog_is_over_on_a_board_that_does_not_answer(holding: Rig) -> None:
@@ -169,16 +167,6 @@ def test_a_jog_is_over_on_a_board_that_does_not_answer(holding: Rig) -> None:
     holding.tick()
     ticket.finished.result(0)
     assert holding.now.state is State.HOLDING
-
-
-def test_why_it_was_stopped_is_told(holding: Rig) -> None:
-    motion = holding.do(MoveJoints(far(holding)))
-    holding.run(0.3)
-    holding.controller.stop(Origin("page 3", "the operator's page is gone"))
-    holding.until(lambda s: s.state is State.HOLDING, seconds=1)
-    assert "STOP (page 3: the operator's page is gone)" in holding.texts
-    with pytest.raises(StateError, match="stopped by page 3: the operator's page is gone"):
-        motion.finished.result(0)
 
 
 PAGE_GONE = Origin("page 3", "the operator's page is gone")
@@ -208,10 +196,13 @@ def test_a_stop_that_somebody_presses_is_a_warning_also_at_rest(holding: Rig) ->
 def test_a_page_that_is_closed_in_a_motion_is_a_warning(holding: Rig, what: str) -> None:
     commands = {"motion": MoveJoints(far(holding)), "gripper": MoveGripper(1.0), "jog": Jog(np.ones(5))}
     holding.do(MoveGripper(0.0))  # in one step: its opening is not known yet
-    holding.do(commands[what])
+    asked = holding.do(commands[what])
     holding.run(2 * TICK)
     holding.controller.stop(PAGE_GONE)
-    holding.tick()
+    holding.until(lambda s: s.state is State.HOLDING, seconds=1)
+    if what != "jog":
+        with pytest.raises(StateError, match="stopped by page 3: the operator's page is gone"):
+            asked.finished.result(0)
     assert ("warning", "STOP (page 3: the operator's page is gone)") in [
         (event.level, event.text) for event in holding.now.events
     ]

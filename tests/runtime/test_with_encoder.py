@@ -103,14 +103,6 @@ def test_stop_ends_homing_and_it_can_be_begun_again(bench: Bench) -> None:
     assert bench.now.warnings == ()
 
 
-def test_the_gripper_asked_for_while_homing_changes_nothing(bench: Bench) -> None:
-    bench.do(HomeAxes())
-    bench.run(1.0)
-    with pytest.raises(StateError, match="the gripper needs the arm enabled"):
-        bench.do(MoveGripper(1.0))
-    bench.until(State.HOLDING)
-
-
 @pytest.mark.parametrize("moving", [False, True])
 def test_a_brown_out_is_a_fault_until_it_is_cleared_and_the_arm_homed(homed: Bench, moving: bool) -> None:
     if moving:

@@ -22,7 +22,6 @@ from armctl.runtime import (
     Jog,
     MoveGripper,
     MoveJoints,
-    Release,
     RunProgram,
     State,
 )
@@ -87,13 +86,6 @@ def test_reconnecting_takes_the_arm_over_without_a_jump(bench: Bench) -> None:
     assert np.abs(bench.now.q_command - HOME).max() <= QUARTER
     bench.do(Jog(np.array([1.0, 0, 0, 0, 0])))
     bench.until(State.HOLDING)
-
-
-def test_released_pulses_are_off(bench: Bench) -> None:
-    bench.do(Release())
-    bench.run(0.1)
-    assert np.isnan(bench.now.q).all()
-    assert not bench.now.powered
 
 
 def test_a_narrower_channel_range_is_told(bench: Bench) -> None:
@@ -204,10 +196,3 @@ def test_a_few_spoilt_replies_are_borne(bench: Bench, fault: Fault) -> None:
     bench.until(State.HOLDING)
     bench.run(0.2)
     assert np.abs(bench.now.q - HOME).max() <= QUARTER
-
-
-def test_a_board_that_falls_silent_is_lost(bench: Bench) -> None:
-    bench.line.inject(Fault.DROP_REPLY, 1000)
-    bench.run(1.5)
-    assert bench.now.state is State.FAULT
-    assert bench.now.cause.startswith("lost the board")

@@ -36,19 +36,20 @@ class ActivityView:
 
 
 class Activity(Protocol):
-    """Something that gives one setpoint a tick until it is done. Owned by the controller thread.
+    """Something that gives one setpoint a tick until it is done. Owned by the controller thread."""
 
-    What never changes in an activity is an attribute of its class.
-    """
+    label: str
+    """its name in the state's cause and in the log"""
+    begun: bool
+    """it has begun; a program begins when its first step could be planned"""
+    pausable: bool
+    """whether pause and resume mean anything"""
+    error: ArmctlError | None
+    """why it ended before its end"""
 
     @property
-    def label(self) -> str:
-        """Its name in the state's cause and in the log."""
-        ...
-
-    @property
-    def begun(self) -> bool:
-        """It has begun; a program begins when its first step could be planned."""
+    def notice(self) -> str | None:
+        """What it holds back, and why."""
         ...
 
     @property
@@ -59,21 +60,6 @@ class Activity(Protocol):
     @property
     def done(self) -> bool:
         """Nothing more will come: it has ended, was stopped, or failed, and the joints are at rest."""
-        ...
-
-    @property
-    def error(self) -> ArmctlError | None:
-        """Why it ended before its end."""
-        ...
-
-    @property
-    def pausable(self) -> bool:
-        """Whether pause and resume mean anything."""
-        ...
-
-    @property
-    def notice(self) -> str | None:
-        """What it holds back, and why."""
         ...
 
     def advance(self, now: float, dt: float) -> Setpoint | None:

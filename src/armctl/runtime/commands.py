@@ -259,8 +259,9 @@ class Ticket:
 
 
 def give(answers: list[Answer]) -> None:
-    """Give every future its answer; the first one counts."""
-    for future, error in answers:
+    """Empty the queue: give every future its answer, of several the first one."""
+    while answers:
+        future, error = answers.pop(0)
         if future.done():
             continue
         if error is None:

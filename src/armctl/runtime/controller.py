@@ -156,8 +156,8 @@ class Controller:
         self._guarded(core.take_planned, now)
         self._guarded(core.observe, now)
         self._guarded(core.settle)
-        self._guarded(self._publish, now)
-        self._answer()
+        self._guarded(self._publish, now)  # first: whoever waits for an answer finds its snapshot
+        give(self._answers)
 
     def close(self) -> None:
         """Bring a moving arm to rest, close the line and end; the outputs stay as they are.
@@ -228,12 +228,6 @@ class Controller:
     def _publish(self, now: float) -> None:
         self._snapshot = _report(self._core, self._tick, now)
 
-    def _answer(self) -> None:
-        """Answer the tickets: whoever waits for one finds the snapshot that shows what came of it."""
-        answers = self._answers.copy()
-        self._answers.clear()
-        give(answers)
-
     def _guarded(self, step: Callable[P, None], *args: P.args, **kwargs: P.kwargs) -> ArmctlError | None:
         """Take a step of a tick; whatever it raises is a fault and is given back, and the thread lives on."""
         try:
@@ -263,7 +257,7 @@ class Controller:
             order.ticket.refuse(StateError("the controller is closed"))
         self._core.disconnect("closed")
         self._publish(self._clock.now())
-        self._answer()
+        give(self._answers)
         if self._own_executor:
             self._executor.shutdown(wait=False, cancel_futures=True)
 

@@ -5,9 +5,6 @@ from __future__ import annotations
 import logging
 import math
 from collections.abc import Callable
-from concurrent.futures import Future
-from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,7 +22,7 @@ from armctl.runtime.joint_servo import KeepClear
 from armctl.runtime.log import EventLog, Notices
 from armctl.runtime.monitor import Monitor
 from armctl.runtime.mover import GripperMover
-from armctl.runtime.planner import Planner, result_of
+from armctl.runtime.planner import PendingEdit, PendingMotion, Planner, result_of
 from armctl.runtime.snapshot import State
 
 FloatArray = NDArray[np.float64]
@@ -36,33 +33,6 @@ JOG_GAP_S = 0.2
 """A jog that was held during a STOP must be let go for this long before it moves the arm again."""
 _READ_INTERVAL_S = 0.02
 _LOGGER = logging.getLogger("armctl.runtime")
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class PendingMotion:
-    """A motion that is being planned."""
-
-    ticket: Ticket
-    who: str
-    label: str
-    start: FloatArray
-    """(n,) where it is planned from [rad]"""
-    future: Future[Any]
-    """of its plan"""
-    take: Callable[[], Activity]
-    """makes the motion once the future has its plan"""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class PendingEdit:
-    """Another version of the running program that is being checked."""
-
-    ticket: Ticket
-    who: str
-    label: str
-    future: Future[None]
-    take: Callable[[], None]
-    """hands it to the program; raises why not"""
 
 
 class Core:
@@ -189,7 +159,8 @@ class Core:
         self.forget_position()
         self.monitor.released()
         self._enter(State.OFF, cause)
-        self._leave_now()
+        if self.leaving is not None:
+            self.disconnect("asked for")
 
     # Motions.
 
@@ -326,7 +297,8 @@ class Core:
         if isinstance(error, BoardError) or goes_on is not None:
             self._close_board()  # a board that moves its motors by itself ends that when nobody talks to it
         self._enter(State.FAULT, cause)
-        self._leave_now()
+        if self.leaving is not None:
+            self.disconnect("asked for")
 
     def clear_fault(self, who: str) -> None:
         """Leave fault for ``holding`` (outputs on) or ``off``.
@@ -371,7 +343,7 @@ class Core:
             return
         if activity is not None:
             self.setpoint = activity.advance(now, tick.dt)
-        opening = self.gripper.advance(tick.dt, self.speed)
+        opening = None if self.gripper.goal is None else self.gripper.advance(tick.dt, self.speed)
         q, opening = self.gate.admit(None if self.setpoint is None else self.setpoint.q, opening, now)
         if q is not None or opening is not None:
             self.board.write(q, opening)
@@ -413,8 +385,10 @@ class Core:
             elif self._pausing and activity.standing and self.state is State.MOVING:
                 self._enter(State.PAUSED, f"{activity.label} paused")
         if self.activity is None:
-            self._answer_stops()
-            self._leave_now()
+            if self._stopping:
+                self._answer_stops()
+            if self.leaving is not None:
+                self.disconnect("asked for")
 
     def _enter(self, state: State, cause: str) -> None:
         """Change the state; every change is logged with its cause."""
@@ -491,8 +465,3 @@ class Core:
         self.forget_position()
         self.monitor.reset()
         self.notices.clear_all()
-
-    def _leave_now(self) -> None:
-        """The arm stands: carry out a disconnect that waited for it."""
-        if self.leaving is not None:
-            self.disconnect("asked for")

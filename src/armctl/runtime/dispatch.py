@@ -15,12 +15,12 @@ from armctl.motion import Trajectory, plan_joints, plan_target
 from armctl.program import Program, require_runnable
 from armctl.runtime import commands as c
 from armctl.runtime import power
-from armctl.runtime.core import POWERED, Core, PendingEdit, PendingMotion
+from armctl.runtime.core import POWERED, Core
 from armctl.runtime.joint_servo import tool_turns
 from armctl.runtime.led import JOG_EXPIRY_S, Jogger
 from armctl.runtime.live_target import FOLLOW_EXPIRY_S, Follower, LiveGoal, live_goal
 from armctl.runtime.mover import PathMover
-from armctl.runtime.planner import checked_trajectory
+from armctl.runtime.planner import PendingEdit, PendingMotion, checked_trajectory
 from armctl.runtime.power import hint
 from armctl.runtime.program_feed import begun_program
 from armctl.runtime.program_runner import ProgramRunner

@@ -74,7 +74,8 @@ class PathMover:
         self._stretches = deque([_Stretch(trajectory, tag, 0.0, trajectory.duration)])
         self._end = trajectory.duration
         self._limits = robot.acceleration_limits * (1 + _TOLERANCE)
-        self._starving_s = starving_s(robot)
+        self._starving_s = starving_s(robot) if goes_on else 0.0
+        self._robot = robot
         self._time = 0.0
         # At the start the joints are at rest at whatever rate, so the first rate needs no ramp.
         self._rate = speed
@@ -95,6 +96,7 @@ class PathMover:
         self._end += trajectory.duration
         self._forget()
         self.goes_on = goes_on
+        self._starving_s = starving_s(self._robot) if goes_on else 0.0
 
     def drop_from(self, tag: Hashable) -> None:
         """Something else follows what comes before the trajectory with this tag, which has not begun."""

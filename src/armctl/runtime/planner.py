@@ -5,7 +5,8 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable
 from concurrent.futures import Executor, Future
-from typing import ParamSpec, TypeVar
+from dataclasses import dataclass
+from typing import Any, ParamSpec, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +14,8 @@ from numpy.typing import NDArray
 from armctl.errors import ArmctlError, StateError
 from armctl.motion import Trajectory, require_clear
 from armctl.robot import Robot
+from armctl.runtime.activity import Activity
+from armctl.runtime.commands import Ticket
 
 FloatArray = NDArray[np.float64]
 P = ParamSpec("P")
@@ -88,3 +91,30 @@ def checked_trajectory(robot: Robot, start: FloatArray, trajectory: Trajectory) 
             f"the arm stands at {np.degrees(start[j]):.2f}°; go to its start first"
         )
     return trajectory
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PendingMotion:
+    """A motion that is being planned."""
+
+    ticket: Ticket
+    who: str
+    label: str
+    start: FloatArray
+    """(n,) where it is planned from [rad]"""
+    future: Future[Any]
+    """of its plan"""
+    take: Callable[[], Activity]
+    """makes the motion once the future has its plan"""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PendingEdit:
+    """Another version of the running program that is being checked."""
+
+    ticket: Ticket
+    who: str
+    label: str
+    future: Future[None]
+    take: Callable[[], None]
+    """hands it to the program; raises why not"""

@@ -44,6 +44,7 @@ class ProgramRunner:
         """
         self._robot = robot
         self._program = begun.source.program
+        self.label = f"program {self._program.name!r}"
         self._loops = loops
         self._speed, self._percent = speed, 100.0
         self._gripper = gripper
@@ -61,11 +62,6 @@ class ProgramRunner:
         self.error: ArmctlError | None = None
         """which step could not be run, and why"""
         self._take_steps()
-
-    @property
-    def label(self) -> str:
-        """What it is."""
-        return f"program {self._program.name!r}"
 
     @property
     def standing(self) -> bool:
@@ -87,6 +83,7 @@ class ProgramRunner:
     def update(self, program: Program) -> None:
         """Go on with another version of the program, which was checked, at the next pass."""
         self._program = program
+        self.label = f"program {program.name!r}"
         self._feed.update(program)
 
     def set_speed(self, fraction: float) -> None:
