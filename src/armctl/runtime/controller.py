@@ -83,7 +83,7 @@ class Controller:
         self._closed = False
         self._ended = threading.Event()
         self._thread: threading.Thread | None = None
-        self._snapshot = _report(self._core, 0, clock.now())
+        self._publish(clock.now())
 
     @property
     def snapshot(self) -> Snapshot:
@@ -226,7 +226,42 @@ class Controller:
             order.ticket.refuse(broken)
 
     def _publish(self, now: float) -> None:
-        self._snapshot = _report(self._core, self._tick, now)
+        """Make the snapshot: everything that the outside may know, as it is now."""
+        core = self._core
+        q, board, sample = core.gate.q, core.board, core.setpoint
+        still = np.zeros(core.robot.n)
+        reading = core.monitor.reading
+        view = _IDLE if core.activity is None else core.activity.view()
+        homing: tuple[AxisHoming, ...] = ()
+        if board is not None and reading.homing is not None:
+            running = reading.homing.running
+            homing = tuple(
+                AxisHoming(board.title(channel), homed, channel == running)
+                for channel, homed in reading.homing.homed.items()
+            )
+        self._snapshot = Snapshot(
+            stamp=now,
+            tick=self._tick,
+            state=core.state,
+            cause=core.cause,
+            q_command=core.robot.first_pose if q is None else q.copy(),
+            commanded=q is not None,
+            velocity_command=still if sample is None else sample.velocity,
+            acceleration_command=still if sample is None else sample.acceleration,
+            q=reading.q,
+            source=reading.source,
+            powered=core.powered,
+            gripper=core.gate.opening,
+            speed=core.speed,
+            goal=view.goal,
+            progress=view.progress,
+            remaining_s=view.remaining_s,
+            program=view.program,
+            board=None if board is None else board.identity,
+            homing=homing,
+            warnings=core.notices.current(now),
+            events=core.log.events,
+        )
 
     def _guarded(self, step: Callable[P, None], *args: P.args, **kwargs: P.kwargs) -> ArmctlError | None:
         """Take a step of a tick; whatever it raises is a fault and is given back, and the thread lives on."""
@@ -260,41 +295,3 @@ class Controller:
         give(self._answers)
         if self._own_executor:
             self._executor.shutdown(wait=False, cancel_futures=True)
-
-
-def _report(core: Core, tick: int, now: float) -> Snapshot:
-    """Everything that the outside may know, as it is now."""
-    q, board, sample = core.gate.q, core.board, core.setpoint
-    still = np.zeros(core.robot.n)
-    reading = core.monitor.reading
-    view = _IDLE if core.activity is None else core.activity.view()
-    homing: tuple[AxisHoming, ...] = ()
-    if board is not None and reading.homing is not None:
-        running = reading.homing.running
-        homing = tuple(
-            AxisHoming(board.title(channel), homed, channel == running)
-            for channel, homed in reading.homing.homed.items()
-        )
-    return Snapshot(
-        stamp=now,
-        tick=tick,
-        state=core.state,
-        cause=core.cause,
-        q_command=core.robot.first_pose if q is None else q.copy(),
-        commanded=q is not None,
-        velocity_command=still if sample is None else sample.velocity,
-        acceleration_command=still if sample is None else sample.acceleration,
-        q=reading.q,
-        source=reading.source,
-        powered=core.powered,
-        gripper=core.gate.opening,
-        speed=core.speed,
-        goal=view.goal,
-        progress=view.progress,
-        remaining_s=view.remaining_s,
-        program=view.program,
-        board=None if board is None else board.identity,
-        homing=homing,
-        warnings=core.notices.current(now),
-        events=core.log.events,
-    )

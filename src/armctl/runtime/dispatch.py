@@ -127,10 +127,17 @@ def _carry_out(core: Core, order: Order, now: float) -> bool:
 
 
 def _move(core: Core, order: Order, start: FloatArray, future: Future[Trajectory], label: str) -> bool:
-    def take() -> PathMover:
-        return PathMover(core.robot, future.result(), core.speed, label)
-
-    core.await_motion(PendingMotion(order.ticket, order.origin.who, label, start, future, take))
+    who = order.origin.who
+    core.await_motion(
+        PendingMotion(
+            order.ticket,
+            who,
+            label,
+            start,
+            future,
+            lambda: PathMover(core.robot, future.result(), core.speed, label),
+        )
+    )
     return False
 
 

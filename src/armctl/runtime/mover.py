@@ -96,7 +96,8 @@ class PathMover:
         self._end += trajectory.duration
         self._forget()
         self.goes_on = goes_on
-        self._starving_s = starving_s(self._robot) if goes_on else 0.0
+        if goes_on:
+            self._starving_s = starving_s(self._robot)
 
     def drop_from(self, tag: Hashable) -> None:
         """Something else follows what comes before the trajectory with this tag, which has not begun."""
@@ -156,7 +157,7 @@ class PathMover:
         """Go on by ``dt`` seconds; None where the joints stand."""
         if self.done:
             return None
-        starved = self.goes_on and self._end - self._time < self._starving_s
+        starved = self.goes_on and self._end - self._time <= self._starving_s
         target = 0.0 if self._paused or self._stopped or starved else self._speed
         if self._rate == 0.0 and target == 0.0:
             return None
