@@ -49,7 +49,7 @@ class Core:
         self.clear = KeepClear(robot)
         self.gate = Gate(robot, LONGEST_TICKS * period)
         self.gripper = GripperMover(robot.gripper)
-        self.monitor = Monitor(robot, self.notices, self.log, max(period, _READ_INTERVAL_S))
+        self.monitor = Monitor(robot, self.notices, max(period, _READ_INTERVAL_S))
         self.board: Board | None = None
         self.state = State.DISCONNECTED
         self.cause = "not connected yet"

@@ -9,7 +9,7 @@ from armctl.errors import BoardError, BoardProtocolError, BoardTimeoutError
 from armctl.hardware import Source
 from armctl.robot import Robot
 from armctl.runtime.board import Board, Reading, no_reading
-from armctl.runtime.log import EventLog, Notices
+from armctl.runtime.log import Notices
 
 FloatArray = NDArray[np.float64]
 _READ_FAILURES = 5
@@ -34,10 +34,9 @@ _ERROR_SHOWN_S = 10.0
 class Monitor:
     """Reads back, bears a few failures, and tells what does not fit."""
 
-    def __init__(self, robot: Robot, notices: Notices, log: EventLog, interval_s: float) -> None:
+    def __init__(self, robot: Robot, notices: Notices, interval_s: float) -> None:
         self._robot = robot
         self._notices = notices
-        self._log = log
         self._interval_s = interval_s
         self.reading = no_reading(robot.n)
         """the last one"""
