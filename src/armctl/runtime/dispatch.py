@@ -9,19 +9,18 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+import armctl.runtime.commands as c
 from armctl.errors import ArmctlError, BoardError, InputError, StateError
 from armctl.kinematics import Target
 from armctl.motion import Trajectory, plan_joints, plan_target
 from armctl.program import Program, require_runnable
-from armctl.runtime import commands as c
-from armctl.runtime import power
 from armctl.runtime.core import POWERED, Core
 from armctl.runtime.joint_servo import tool_turns
 from armctl.runtime.led import JOG_EXPIRY_S, Jogger
 from armctl.runtime.live_target import FOLLOW_EXPIRY_S, Follower, LiveGoal, live_goal
 from armctl.runtime.mover import PathMover
 from armctl.runtime.planner import PendingEdit, PendingMotion, checked_trajectory
-from armctl.runtime.power import hint
+from armctl.runtime.power import enable, hint, home, release
 from armctl.runtime.program_feed import begun_program
 from armctl.runtime.program_runner import ProgramRunner
 from armctl.runtime.snapshot import State
@@ -84,12 +83,12 @@ def _carry_out(core: Core, order: Order, now: float) -> bool:
         case c.Disconnect():
             return core.leave(order.ticket, who)
         case c.Enable(q):
-            power.enable(core, q, who, now)
+            enable(core, q, who, now)
         case c.HomeAxes():
-            power.home(core, order.ticket, who, now)
+            home(core, order.ticket, who, now)
             return False
         case c.Release():
-            power.release(core, who)
+            release(core, who)
         case c.ClearFault():
             core.clear_fault(who)
         case c.Pause():
