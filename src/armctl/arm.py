@@ -178,10 +178,10 @@ class Arm:
             MotionRefusedError: the way there would leave the limits.
         """
         _require_blend(blend_mm)
-        x, y, z = _point((x_mm, y_mm, z_mm), "x_mm, y_mm, z_mm")
+        point = _point((x_mm, y_mm, z_mm), "x_mm, y_mm, z_mm")
         pitch, roll = _optional(pitch_deg, "pitch_deg"), _optional(roll_deg, "roll_deg")
         target = Target.of(
-            [x / 1000, y / 1000, z / 1000],
+            point / 1000,
             None if pitch is None else math.radians(pitch),
             None if roll is None else math.radians(roll),
         )
@@ -225,7 +225,7 @@ class Arm:
         Raises:
             ProgramError: the tool cannot be led there; says when, where and why.
         """
-        x, y, z = _point((x_mm, y_mm, z_mm), "x_mm, y_mm, z_mm")
+        x, y, z = _point((x_mm, y_mm, z_mm), "x_mm, y_mm, z_mm").tolist()
         self._step(
             LineStep(
                 x_mm=x,
@@ -250,7 +250,7 @@ class Arm:
         blend_mm: float = 0.0,
     ) -> None:
         """Lead the tool along the circle through where it is, ``via_mm`` and ``to_mm`` [mm]; as ``line``."""
-        via, to = _point(via_mm, "via_mm"), _point(to_mm, "to_mm")
+        via, to = _point(via_mm, "via_mm").tolist(), _point(to_mm, "to_mm").tolist()
         self._step(
             ArcStep(
                 via_x_mm=via[0],
@@ -328,13 +328,13 @@ class Arm:
             raise
 
 
-def _point(value: ArrayLike, what: str) -> list[float]:
-    """Three finite numbers."""
+def _point(value: ArrayLike, what: str) -> FloatArray:
+    """(3,) finite numbers."""
     array = as_numbers(value, what)
     if array.shape != (3,):
         raise InputError(f"{what} needs three numbers, x, y and z, got {value!r}")
     require_finite(array, what)
-    return array.tolist()
+    return array
 
 
 def _optional(value: float | None, what: str) -> float | None:

@@ -45,11 +45,6 @@ class Outputs:
         if self.map.gripper_channel is not None and robot.gripper is not None:
             self.titles[self.map.gripper_channel] = robot.gripper.title
 
-    @property
-    def has_gripper(self) -> bool:
-        """Whether the board drives a gripper."""
-        return self.map.gripper_channel is not None
-
     def settings(self) -> list[ChannelSettings]:
         """What each channel may do.
 

@@ -336,7 +336,7 @@ class Core:
                 text = self._ticks.count_late(tick.late_s, now)
                 self.notices.set("late", text, until=now + LATE_SHOWN_S)
         self.setpoint = None
-        if self.monitor.doubtful:
+        if self.monitor.doubts:
             # What is written to a board that has lost its power switches the pulses on again with a jump.
             if activity is not None:
                 activity.halt()

@@ -232,7 +232,7 @@ def _checked_tool_jog(core: Core, jog: c.JogTool) -> c.JogTool:
 
 def _move_gripper(core: Core, opening: float, order: Order) -> None:
     gripper = core.robot.gripper
-    if gripper is None or core.board is None or not core.board.outputs.has_gripper:
+    if gripper is None or core.board is None or core.board.outputs.map.gripper_channel is None:
         what = "is not connected" if gripper is not None and core.board is None else "has no gripper"
         raise StateError(f"{core.robot.name} {what}")
     if not 0 <= opening <= 1:

@@ -48,7 +48,10 @@ class Monitor:
         self._read_at = -np.inf
         self._answered_at: float | None = None
         self._failures = 0
-        self._doubts = 0
+        self.doubts = 0
+        """good readings that are missing before a setpoint may be sent: the last one failed, or said that a
+        joint has no pulses, or is too long ago. A board that has started anew would switch them on again
+        with a jump; after several failures in a row it takes several good readings to trust it."""
         self._off = 0
         self._errors: tuple[str, ...] = ()
         self._erred_at = -np.inf
@@ -75,7 +78,7 @@ class Monitor:
                 board.configure()  # a board that was silent may have started anew and forgotten its limits
         except (BoardTimeoutError, BoardProtocolError) as cause:
             self._failures += 1
-            self._doubts = max(self._doubts, 1)
+            self.doubts = max(self.doubts, 1)
             silent = now - self._answered_at
             if self._failures >= _READ_FAILURES and silent >= _SILENCE_S:
                 raise BoardError(
@@ -83,12 +86,12 @@ class Monitor:
                     "check the cable and the power, then connect again"
                 ) from cause
             if self._failures >= _DOUBTFUL_FAILURES:
-                self._doubts = _OFF_READINGS
+                self.doubts = _OFF_READINGS
                 self._notices.set("read", f"the board does not answer properly: {cause}")
             return None
         self.reading = reading
         self._answered_at = now
-        self._doubts = max(0, self._doubts - 1)
+        self.doubts = max(0, self.doubts - 1)
         if self._failures:
             self._failures = 0
             self._notices.clear("read")
@@ -102,26 +105,16 @@ class Monitor:
         homing = self.reading.homing
         return homing is not None and homing.running is not None
 
-    @property
-    def doubtful(self) -> bool:
-        """Whether a setpoint may do harm now.
-
-        The last reading failed, or said that a joint has no pulses, or is too long ago: a board that has
-        started anew would switch them on again with a jump. After several failures in a row it takes
-        several good readings to trust the board.
-        """
-        return self._doubts > 0
-
     def enabled(self) -> None:
         """The pulses were switched on: what was seen before that counts no more."""
-        self._doubts = self._off = 0
+        self.doubts = self._off = 0
         self._erred_at = -np.inf
         self._released = False
         self._notices.clear("released")
 
     def released(self) -> None:
         """The pulses were switched off: the readings must show it."""
-        self._doubts = self._off = self._still_on = 0
+        self.doubts = self._off = self._still_on = 0
         self._released = True
 
     def check_released(self) -> None:
@@ -139,7 +132,7 @@ class Monitor:
 
     def doubt(self) -> None:
         """Nothing was sent for so long that the board's own watchdog may have struck: look first."""
-        self._doubts = max(self._doubts, 1)
+        self.doubts = max(self.doubts, 1)
 
     def went_by_itself(self, q_command: FloatArray, now: float) -> str | None:
         """In words, that the last reading does not fit (n,) [rad] the last setpoint; None while it does.

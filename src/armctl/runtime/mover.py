@@ -94,7 +94,6 @@ class PathMover:
         """
         self._stretches.append(_Stretch(trajectory, tag, self._end, self._end + trajectory.duration))
         self._end += trajectory.duration
-        self._forget()
         self.goes_on = goes_on
         if goes_on:
             self._starving_s = starving_s(self._robot)
@@ -170,7 +169,8 @@ class PathMover:
             rate = 0.0  # what follows is begun from rest, on the way
         self._rate = rate
         state = self._sample(np.array([self._time]))
-        self._forget()
+        while len(self._stretches) > 1 and self._stretches[0].ends <= self._time:
+            self._stretches.popleft()  # it is over
         q, velocity, acceleration = state.q[0], state.velocity[0], state.acceleration[0]
         if self.standing:
             return Setpoint(q, np.zeros_like(q), np.zeros_like(q))
@@ -182,11 +182,6 @@ class PathMover:
         length = here.ends - here.begins
         progress = 1.0 if length == 0 else min(max((self._time - here.begins) / length, 0.0), 1.0)
         return ActivityView(here.trajectory.end, progress, max(here.ends - self._time, 0.0) / self._speed)
-
-    def _forget(self) -> None:
-        """Drop the trajectories that are over; the last one stays."""
-        while len(self._stretches) > 1 and self._stretches[0].ends <= self._time:
-            self._stretches.popleft()
 
     def _sample(self, times: FloatArray) -> Sample:
         """State at rising times (k,) [s]; at a seam, that of the trajectory before it."""
