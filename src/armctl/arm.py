@@ -286,7 +286,7 @@ class Arm:
         self._do(SetSpeed(checked_number(percent, "percent") / 100))
 
     def run(self, program: str | Path | Program, loops: int | None = 1) -> None:
-        """Run a program, or its file (.toml, .csv, .py), ``loops`` times (None: until stopped).
+        """Run a program, or its file (.toml, .csv), ``loops`` times (None: until stopped).
 
         Raises:
             ProgramError: the file cannot be read, or a step cannot be run.
@@ -314,8 +314,7 @@ class Arm:
         self.close()
 
     def _step(self, step: Step) -> None:
-        name = type(step).__name__.removesuffix("Step").lower()
-        self._do(RunProgram(Program(robot=self.robot.name, name=name, steps=(step,))))
+        self._do(RunProgram(Program(robot=self.robot.name, name=step.kind, steps=(step,))))
 
     def _do(self, command: Command) -> None:
         """Submit and wait for the end; an interrupt stops the arm first."""

@@ -223,15 +223,15 @@ def test_the_file_gives_back_what_was_written(
 @pytest.mark.parametrize(
     ("old", "new", "says"),
     [
-        ("zero = 1500.0", "zero = nan", "joints.elbow.zero = nan: must be a finite number"),
+        ("zero = 1500.0", "zero = nan", "key joints.elbow.zero: nan is no number"),
         ("low = 700.0", "low = 2400.0", "joints.elbow: low = 2400 and high = 2300 µs"),
         ("closed = 1100.0", "closed = 1900.0", "closed and open are both 1900"),
         ('unit = "µs"', "unit = 5", "unit"),
         ("format = 1", "format = 2", "format"),
         ("format = 1", 'format = 1\ncolour = "red"', "colour"),
         ('board = "00123456"', 'board = ""', "board"),
-        ("zero = 1500.0", 'zero = "1500"', r"joints.*zero|Expected `float`"),
-        ("[gripper]", "[gripper", "is no calibration file"),
+        ("zero = 1500.0", 'zero = "1500"', "key joints.*zero: must be a number"),
+        ("[gripper]", "[gripper", r"line \d+, column \d+: expected"),
     ],
 )
 def test_a_file_that_is_wrong_says_where(tmp_path: Path, old: str, new: str, says: str) -> None:
@@ -257,5 +257,5 @@ def test_files_that_cannot_be_read_are_named(tmp_path: Path) -> None:
     with pytest.raises(CalibrationError, match=r"nowhere\.toml: cannot be read: No such file"):
         read_calibration(tmp_path / "nowhere.toml")
     (tmp_path / "bytes.toml").write_bytes(b"\xff\xfe\x00")
-    with pytest.raises(CalibrationError, match=r"bytes\.toml: is no calibration file"):
+    with pytest.raises(CalibrationError, match=r"bytes\.toml: is not a text file in UTF-8"):
         read_calibration(tmp_path / "bytes.toml")

@@ -6,7 +6,7 @@ import pytest
 from armctl.errors import InputError, MotionRefusedError, UnreachableError
 from armctl.kinematics import Target
 from armctl.motion import PointToPoint, plan_joints, plan_target
-from armctl.program import MoveStep, PointStep, plan_step
+from armctl.program import MoveStep, PointStep
 from armctl.robot import load_robot
 
 ROBOT = load_robot("uzuner")
@@ -41,10 +41,10 @@ def test_what_cannot_be_is_refused_in_words() -> None:
 
 
 def test_steps_are_in_degrees_and_millimetres() -> None:
-    move = plan_step(ROBOT, HOME, MoveStep(joints_deg=(10, 80, -70, -30, 5), duration_s=4))
+    move = MoveStep(joints_deg=(10, 80, -70, -30, 5), duration_s=4).plan(ROBOT, HOME)
     np.testing.assert_allclose(np.degrees(move.end), [10, 80, -70, -30, 5])
     assert move.duration == 4
-    point = plan_step(ROBOT, HOME, PointStep(x_mm=250, y_mm=-50, z_mm=85, pitch_deg=-45, roll_deg=5))
+    point = PointStep(x_mm=250, y_mm=-50, z_mm=85, pitch_deg=-45, roll_deg=5).plan(ROBOT, HOME)
     tool = ROBOT.forward(point.end)
     np.testing.assert_allclose(1000 * tool[:3, 3], [250, -50, 85], atol=1e-6)
     assert np.degrees(np.arcsin(tool[2, 2])) == pytest.approx(-45)

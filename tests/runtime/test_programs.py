@@ -225,7 +225,7 @@ def test_a_defect_in_planning_the_next_step_is_logged_once(
     def broken(*_: object, **__: object) -> None:
         raise ValueError("oops")
 
-    monkeypatch.setattr("armctl.program.step_plan.solve", broken)
+    monkeypatch.setattr("armctl.program.steps.solve", broken)
     ticket = holding.do(RunProgram(program(TO_HOME, POINT, TO_REST)))
     holding.until(lambda s: s.state is State.HOLDING)
     with pytest.raises(ProgramError, match="pick: planning failed: ValueError: oops"):

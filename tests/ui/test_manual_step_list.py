@@ -4,21 +4,17 @@ import pytest
 
 from armctl.errors import InputError, ProgramError
 from armctl.program import (
-    ArcStep,
-    CommentStep,
     EndStep,
     GripperStep,
-    LineStep,
     MoveStep,
     PointStep,
     Program,
     RepeatStep,
-    SpeedStep,
     Step,
     WaitStep,
 )
 from armctl.ui.tabs.program import editing as step_edit
-from armctl.ui.tabs.program.step_list import PAGE_ROWS, describe, page_count, page_of, step_table
+from armctl.ui.tabs.program.step_list import PAGE_ROWS, page_count, page_of, step_table
 
 POSE = MoveStep(joints_deg=(0.0, 90.0, -80.256, -40.0, 0.0))
 POINT = PointStep(x_mm=200.0, y_mm=-10.5, z_mm=100.0, pitch_deg=-30.0)
@@ -26,24 +22,6 @@ WAIT, GRIP = WaitStep(seconds=1.5), GripperStep(open_percent=40)
 PROGRAM = Program(robot="uzuner", steps=(POSE, WAIT, GRIP))
 TWICE, END = RepeatStep(times=2), EndStep()
 BLOCK = Program(robot="uzuner", steps=(POSE, TWICE, WAIT, END, GRIP))
-
-
-def test_steps_in_words() -> None:
-    assert describe(POSE) == ("pose", "0, 90, −80.26, −40, 0 °")
-    assert describe(MoveStep(joints_deg=(1.0,), duration_s=2)) == ("pose", "1 ° in 2 s")
-    assert describe(POINT) == ("point", "(200, −10.5, 100) mm, pitch −30°")
-    assert describe(WAIT) == ("wait", "1.5 s")
-    assert describe(GRIP) == ("gripper", "40 % open")
-    quick = PointStep(x_mm=1, y_mm=2, z_mm=3, roll_deg=5, profile="s-curve", blend_mm=4, duration_s=2)
-    assert describe(quick) == ("point", "(1, 2, 3) mm, roll 5° in 2 s, s-curve, blend 4 mm")
-    line = LineStep(x_mm=1, y_mm=2, z_mm=3, pitch="interpolated", pitch_deg=-45, speed_mm_s=20)
-    assert describe(line) == ("line", "(1, 2, 3) mm, pitch interpolated to −45°, 20 mm/s")
-    arc = ArcStep(via_x_mm=4, via_y_mm=5, via_z_mm=6, x_mm=1, y_mm=2, z_mm=3, blend_mm=1)
-    assert describe(arc) == ("arc", "(1, 2, 3) mm via (4, 5, 6) mm, blend 1 mm")
-    assert describe(SpeedStep(percent=50)) == ("speed", "50 % from here on")
-    assert describe(RepeatStep(times=3)) == ("repeat", "3 times")
-    assert describe(EndStep()) == ("end", "of the repeat")
-    assert describe(CommentStep(note="x")) == ("#", "")
 
 
 def test_pages() -> None:

@@ -11,11 +11,13 @@ import msgspec
 import tomli_w
 from msgspec import Meta
 
+from armctl.documents import DocumentKind
 from armctl.errors import CalibrationError
 from armctl.robot import FLATTEST_PER_DEG
 
 LARGEST_OUTPUT = 1e9
 """no output of any board is larger"""
+_CALIBRATIONS = DocumentKind(CalibrationError, most_bytes=256 * 1024, largest=LARGEST_OUTPUT)
 
 
 class JointCalibration(msgspec.Struct, frozen=True):
@@ -173,10 +175,7 @@ def decode_calibration(text: str | bytes) -> Calibration:
 
 def decode_version(text: str | bytes) -> tuple[Calibration, int | None]:
     """As ``decode_calibration``, with the version that it brought back, if it did."""
-    try:
-        file = msgspec.toml.decode(text, type=_CalibrationFile)
-    except (ValueError, OverflowError, RecursionError) as cause:  # all that TOML and UTF-8 can do wrong
-        raise CalibrationError(f"is no calibration file: {cause}") from cause
+    file = _CALIBRATIONS.decode(text, _CalibrationFile)
     calibration = Calibration(
         robot=file.robot,
         board=file.board,
@@ -203,9 +202,4 @@ def read_calibration(path: Path) -> Calibration:
 
 def read_version(path: Path) -> tuple[Calibration, int | None]:
     """As ``read_calibration``, with the version that it brought back, if it did."""
-    try:
-        return decode_version(path.read_bytes())
-    except OSError as cause:
-        raise CalibrationError(f"{path}: cannot be read: {cause.strerror}") from cause
-    except CalibrationError as cause:
-        raise CalibrationError(f"{path}: {cause}") from cause
+    return _CALIBRATIONS.load(path, decode_version)

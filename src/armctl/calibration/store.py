@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import contextlib
 import hashlib
 import os
 import re
 import shlex
-import tempfile
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -15,36 +13,8 @@ import msgspec
 import platformdirs
 
 from armctl.calibration.record import Calibration, encode_calibration, read_version
+from armctl.documents import write_atomically
 from armctl.errors import CalibrationError
-
-# A new file that is there whole or not at all.
-
-
-def write_atomically(path: Path, text: str) -> None:
-    """Write ``path``; a crash leaves what was there before, or all of the new text.
-
-    Raises:
-        OSError: cannot be written.
-        UnicodeError: the text is none that UTF-8 can hold.
-    """
-    handle, name = tempfile.mkstemp(prefix=f".{path.name}.", suffix=".new", dir=path.parent)
-    written = Path(name)
-    try:
-        with os.fdopen(handle, "wb") as stream:
-            stream.write(text.encode())
-            stream.flush()
-            os.fsync(stream.fileno())
-        written.replace(path)
-    except BaseException:
-        written.unlink(missing_ok=True)
-        raise
-    with contextlib.suppress(OSError):  # network file systems and FAT may have no folder to flush
-        folder = os.open(path.parent, os.O_RDONLY)
-        try:
-            os.fsync(folder)
-        finally:
-            os.close(folder)
-
 
 VERSIONS_KEPT = 50
 _VERSION = re.compile(r"\d{6,}\.toml")
@@ -274,7 +244,7 @@ def _write_next(place: Path, text: str) -> Path:
             continue
         try:
             if not path.exists():
-                write_atomically(path, text)
+                write_atomically(path, text.encode())
                 return path
         finally:
             claim.unlink(missing_ok=True)

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from codecs import BOM_UTF8
 from collections.abc import Iterator
 from pathlib import Path
 
 import click
-import msgspec
 
 from armctl.boards import setup_of
 from armctl.cli.main import DONE, REFUSED
 from armctl.cli.options import json_option, print_json
+from armctl.documents import DocumentKind
 from armctl.errors import ArmctlError, InputError
 from armctl.hardware.boards import board_type
 from armctl.motion import Floor
@@ -20,6 +19,9 @@ from armctl.motion.profiles import PointToPoint
 from armctl.program import ProgramFinding, check_program, open_program
 from armctl.robot import Robot, is_urdf, load_robot
 from armctl.runtime.power import below_floor
+
+_ANY = DocumentKind(InputError, most_bytes=1024 * 1024)
+"""a TOML file of which nobody knows yet what it describes"""
 
 
 @click.command()
@@ -92,15 +94,8 @@ def _kind(file: Path) -> str:
         return "robot"
     if file.suffix.lower() in (".csv", ".py"):
         return "program"
-    try:
-        top = msgspec.toml.decode(file.read_bytes().removeprefix(BOM_UTF8))
-    except OSError as cause:
-        raise InputError(f"{file}: cannot be read: {cause.strerror}") from cause
-    except RecursionError as cause:
-        raise InputError(f"{file}: arrays or tables are nested too deep") from cause
-    except ValueError as cause:
-        raise InputError(f"{file}: is not TOML: {cause}") from cause
-    return "robot" if isinstance(top, dict) and ("dh" in top or "joints" in top) else "program"
+    top = _ANY.load(file, lambda content: _ANY.parse(content).record)
+    return "robot" if "dh" in top or "joints" in top else "program"
 
 
 def _check_robot(robot: Robot) -> list[ProgramFinding]:

@@ -28,7 +28,7 @@ from armctl.robot import load_robot
     "--speed", type=SPEED_PERCENT, default=100, show_default=True, help="Speed override, 5 … 100 percent."
 )
 def run(program: Path, robot: str | None, port: str, loops: int | None, forever: bool, speed: float) -> None:
-    """Run PROGRAM (.toml, .py, or .csv with --robot) on the arm.
+    """Run PROGRAM (.toml, or .csv with --robot) on the arm.
 
     Servos that are off jump to the rest pose first, and motors with encoders look for their home switches:
     keep clear.

@@ -6,49 +6,48 @@ from armctl.program.feed import (
     PlanState,
     ProgramSource,
     begin_program,
-    plan_again,
     plan_next,
     require_runnable,
 )
 from armctl.program.files.csv import CsvForm, read_csv, write_csv
-from armctl.program.files.read import PROGRAM_SUFFIXES, open_program, read_program
-from armctl.program.files.script import read_script, write_script
+from armctl.program.files.script import write_script
 from armctl.program.files.toml import (
+    PROGRAM_SUFFIXES,
     checked_program,
     decode_program,
     encode_program,
     load_program,
+    open_program,
+    read_program,
     save_program,
 )
 from armctl.program.program import (
+    Blocks,
+    Cursor,
+    Program,
+    delete,
+    duplicate,
+    insert,
+    move,
+    repeat,
+    replace,
+)
+from armctl.program.rehearsal import Rehearsal, RehearsedState, RehearsedStep, rehearse, rehearse_pose
+from armctl.program.steps import (
     WIDEST_BLEND_MM,
     ArcStep,
-    Blocks,
     CommentStep,
-    Cursor,
     EndStep,
     GripperStep,
     LineStep,
     MotionStep,
     MoveStep,
     PointStep,
-    Program,
     RepeatStep,
     SpeedStep,
     Step,
     WaitStep,
-    block_findings,
-    delete,
-    depths_of,
-    duplicate,
-    insert,
-    kind_of,
-    move,
-    repeat,
-    replace,
 )
-from armctl.program.rehearsal import Rehearsal, RehearsedState, RehearsedStep, rehearse, rehearse_pose
-from armctl.program.step_plan import plan_step, step_target
 
 __all__ = [
     "PROGRAM_SUFFIXES",
@@ -77,32 +76,25 @@ __all__ = [
     "Step",
     "WaitStep",
     "begin_program",
-    "block_findings",
     "check_program",
     "checked_program",
     "decode_program",
     "delete",
-    "depths_of",
     "duplicate",
     "encode_program",
     "insert",
-    "kind_of",
     "load_program",
     "move",
     "open_program",
-    "plan_again",
     "plan_next",
-    "plan_step",
     "read_csv",
     "read_program",
-    "read_script",
     "rehearse",
     "rehearse_pose",
     "repeat",
     "replace",
     "require_runnable",
     "save_program",
-    "step_target",
     "write_csv",
     "write_script",
 ]

@@ -2,33 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 
+import msgspec
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from armctl.errors import ArmctlError, ProgramError
-from armctl.motion.plan import solve
+from armctl.documents import Document
+from armctl.errors import ArmctlError
 from armctl.motion.preflight import Finding, Kind, Severity, preflight
-from armctl.motion.profiles import PROFILES
 from armctl.motion.trajectory import Trajectory
-from armctl.program.files.document import out_of_range
-from armctl.program.program import (
-    ArcStep,
-    Blocks,
-    EndStep,
-    GripperStep,
-    LineStep,
-    MotionStep,
-    MoveStep,
-    PointStep,
-    Program,
-    RepeatStep,
-    Step,
-    block_findings,
-)
-from armctl.program.step_plan import plan_step, step_target
+from armctl.program.program import PROGRAM_FILES, Blocks, Cursor, Program
+from armctl.program.steps import EndStep, MotionStep, RepeatStep
 from armctl.robot import Robot
 
 FloatArray = NDArray[np.float64]
@@ -75,6 +61,7 @@ def check_program(
     motions: bool = True,
     start: ArrayLike | None = None,
     payload_kg: float | None = None,
+    progress: Callable[[int, int], None] | None = None,
 ) -> list[ProgramFinding]:
     """Check a program against an arm.
 
@@ -89,6 +76,8 @@ def check_program(
         start: (n,) where the first motion starts [rad]; None: not known, and so the first motion is not
             checked, only its end.
         payload_kg: what the tool holds; None: what the robot file says.
+        progress: called now and then with how many steps are checked and how many there are; what it
+            raises ends the check.
 
     Returns:
         What was found, in the order of the steps; it may be run if there are no errors among it.
@@ -103,66 +92,29 @@ def check_program(
         )
     if not program.steps:
         findings.append(ProgramFinding(None, "it has no steps"))
-    wrong_values = list(_value_findings(program, robot))
-    broken = block_findings(program)
-    wrong_values += [ProgramFinding(index, what) for index, what in broken]
+    wrong = list(_value_findings(program, robot))
+    broken = [ProgramFinding(index, what) for index, what in Blocks.of(program.steps).findings]
+    of_motions: list[ProgramFinding] = []
     if motions and not broken:
         begin = None if start is None else robot.chain.checked(start)
-        wrong = {finding.step for finding in wrong_values}
-        walk = _Walk(program, robot, frozenset(step for step in wrong if step is not None))
+        skipped = frozenset(finding.step for finding in wrong if finding.step is not None)
+        walk = _Walk(program, robot, skipped, payload_kg, progress or (lambda _done, _steps: None))
         walk.run(begin)
-        wrong_values += walk.findings(payload_kg)
-    return findings + sorted(wrong_values, key=lambda finding: -1 if finding.step is None else finding.step)
+        of_motions = [*walk.refused, *walk.found]
+    in_steps = [*wrong, *broken, *of_motions]
+    return findings + sorted(in_steps, key=lambda finding: -1 if finding.step is None else finding.step)
 
 
 def _value_findings(program: Program, robot: Robot) -> Iterator[ProgramFinding]:
     for index, step in enumerate(program.steps):
         try:
-            _check_values(step, robot)
+            # A file's values were checked when it was decoded; a program made in Python is checked here only.
+            written = Document(PROGRAM_FILES, msgspec.to_builtins(step))
+            written.convert(type(step))
+            written.require_numbers()
+            step.check(robot)
         except ArmctlError as cause:
             yield ProgramFinding(index, str(cause))
-
-
-def _check_values(step: Step, robot: Robot) -> None:
-    # A file's numbers were checked when it was decoded; a program made in Python is checked here only.
-    if (what := out_of_range(step)) is not None:
-        raise ProgramError(what)
-    match step:
-        case MoveStep():
-            _check_profile(step)
-            robot.check_limits(np.radians(step.joints_deg))
-        case PointStep():
-            _check_profile(step)
-            step_target(step)
-        case LineStep():
-            _check_numbers("the end of the line", step.x_mm, step.y_mm, step.z_mm)
-            _check_pitch(step)
-        case ArcStep():
-            _check_numbers("the point on the arc", step.via_x_mm, step.via_y_mm, step.via_z_mm)
-            _check_numbers("the end of the arc", step.x_mm, step.y_mm, step.z_mm)
-            _check_pitch(step)
-        case GripperStep() if robot.gripper is None:
-            raise ProgramError(f"{robot.name} has no gripper; delete the step")
-        case _:
-            pass
-
-
-def _check_profile(step: MoveStep | PointStep) -> None:
-    if step.profile not in PROFILES:
-        raise ProgramError(f"there is no profile {step.profile!r}; choose among {', '.join(PROFILES)}")
-
-
-def _check_numbers(what: str, *values_mm: float) -> None:
-    if not np.isfinite(values_mm).all():
-        raise ProgramError(f"{what} must be finite numbers, got {values_mm}")
-
-
-def _check_pitch(step: LineStep | ArcStep) -> None:
-    if (step.pitch_deg is not None) != (step.pitch == "interpolated"):
-        raise ProgramError(
-            f'pitch = "{step.pitch}" and pitch_deg = {step.pitch_deg} do not go together: "interpolated" '
-            "needs the pitch at the end, the others take none"
-        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -188,52 +140,52 @@ class _Walk:
     robot: Robot
     skipped: frozenset[int]
     """steps that are wrong in themselves"""
-    _steps: list[int] = field(default_factory=list[int])
-    _trajectories: list[Trajectory] = field(default_factory=list[Trajectory])
-    _refused: list[ProgramFinding] = field(default_factory=list[ProgramFinding])
+    payload_kg: float | None
+    progress: Callable[[int, int], None]
+    refused: list[ProgramFinding] = field(default_factory=list[ProgramFinding])
+    """motions that cannot be planned"""
+    found: list[ProgramFinding] = field(default_factory=list[ProgramFinding])
+    """what the pre-flight found in the others"""
     _known: dict[tuple[int, bytes], FloatArray | None] = field(
         default_factory=dict[tuple[int, bytes], FloatArray | None]
     )
     """where a step or a block ends that was entered somewhere"""
+    _told: set[tuple[int, str, str]] = field(default_factory=set[tuple[int, str, str]])
 
     def run(self, start: FloatArray | None) -> None:
         """Walk through the program from ``start`` (n,) [rad]; None: not known."""
-        steps, blocks = self.program.steps, Blocks.of(self.program)
-        q, index, passes = start, 0, list[_Pass]()
+        steps, cursor = self.program.steps, Cursor(self.program)
+        q, passes, done = start, list[_Pass](), 0
         second = False  # inside a second pass; the blocks in it are walked through once
-        while index < len(steps):
-            step = steps[index]
+        while (index := cursor.advance()) is not None:
+            step, done = steps[index], max(done, index + 1)
             if isinstance(step, MotionStep):
                 q = self._after(index, step, q)
+                self.progress(done, len(steps))
             elif isinstance(step, RepeatStep):
-                end = blocks.partner(index)
-                if end is not None and (index, _key(q)) in self._known:
-                    q, index = self._known[index, _key(q)], end
+                if (index, _key(q)) in self._known:
+                    q = self._known[index, _key(q)]
+                    cursor.leave(index)
                 else:
                     passes.append(_Pass(index, q, first=True))
             elif isinstance(step, EndStep):
-                done = passes.pop()
-                repeat = steps[done.begin]
-                again = done.first and isinstance(repeat, RepeatStep) and repeat.times > 1
-                if again and not second and _key(q) != _key(done.entered):
-                    passes.append(_Pass(done.begin, done.entered, first=False))
-                    index, second = done.begin, True
+                over = passes.pop()
+                repeat = steps[over.begin]
+                again = over.first and isinstance(repeat, RepeatStep) and repeat.times > 1
+                if again and not second and _key(q) != _key(over.entered):
+                    passes.append(_Pass(over.begin, over.entered, first=False))
+                    second = True
                 else:
-                    second = second and done.first
-                    self._known[done.begin, _key(done.entered)] = q
-            index += 1
+                    second = second and over.first
+                    self._known[over.begin, _key(over.entered)] = q
+                    cursor.leave(over.begin)
 
-    def findings(self, payload_kg: float | None) -> Iterator[ProgramFinding]:
-        """What was found: motions that cannot be planned, and those that the pre-flight has a word on."""
-        yield from self._refused
-        steps = self.program.steps
-        paths = [isinstance(steps[index], LineStep | ArcStep) for index in self._steps]
-        told: set[tuple[int, str, str]] = set()
-        for index, trajectory, path in zip(self._steps, self._trajectories, paths, strict=True):
-            for finding in preflight(self.robot, trajectory, payload_kg, tool_path=path):
-                if (index, finding.kind, finding.part) not in told:  # the same of a block's second pass
-                    told.add((index, finding.kind, finding.part))
-                    yield ProgramFinding.of(index, finding)
+    def _look_at(self, index: int, step: MotionStep, trajectory: Trajectory) -> None:
+        for finding in preflight(self.robot, trajectory, self.payload_kg, tool_path=step.leads_tool):
+            told = (index, finding.kind, finding.part)
+            if told not in self._told:  # the same of a block's second pass
+                self._told.add(told)
+                self.found.append(ProgramFinding.of(index, finding))
 
     def _after(self, index: int, step: MotionStep, q: FloatArray | None) -> FloatArray | None:
         """Where a moving step ends that starts at ``q``; None where that is not known."""
@@ -241,30 +193,19 @@ class _Walk:
             return None
         key = (index, _key(q))
         if key not in self._known:
+            self._known[key] = None
             try:
-                self._known[key] = self._planned(index, step, q)
+                if q is None:
+                    self._known[key] = step.end(self.robot)
+                else:
+                    trajectory = step.plan(self.robot, q, checked=False)
+                    self._known[key] = trajectory.end
+                    self._look_at(index, step, trajectory)
             except ArmctlError as cause:
-                self._known[key] = None
                 refusal = ProgramFinding(index, str(cause))
-                if refusal not in self._refused:
-                    self._refused.append(refusal)
+                if refusal not in self.refused:
+                    self.refused.append(refusal)
         return self._known[key]
-
-    def _planned(self, index: int, step: MotionStep, q: FloatArray | None) -> FloatArray | None:
-        if q is not None:
-            trajectory = plan_step(self.robot, q, step, checked=False)
-            self._steps.append(index)
-            self._trajectories.append(trajectory)
-            return trajectory.end
-        if isinstance(step, MoveStep):
-            return self.robot.check_limits(np.radians(step.joints_deg))
-        if isinstance(step, PointStep):
-            known = (
-                step.choose != "least-travel"
-            )  # that depends on the start: reachable is all there is to say
-            end = solve(self.robot, None, step_target(step), step.choose if known else "least-rotation")
-            return end if known else None
-        return None
 
 
 def _key(q: FloatArray | None) -> bytes:

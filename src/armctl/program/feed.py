@@ -16,8 +16,8 @@ from armctl.motion.profiles import stopping_s
 from armctl.motion.timing import TooFastError
 from armctl.motion.trajectory import Trajectory
 from armctl.program.check import check_program
-from armctl.program.program import Cursor, MotionStep, Program, SpeedStep, Step
-from armctl.program.step_plan import leads_tool, leg_of, plan_leg
+from armctl.program.program import Cursor, Program
+from armctl.program.steps import MotionStep, Step
 from armctl.robot import Robot
 
 # A program on its way to be run: its steps one by one, and where it is between them.
@@ -99,17 +99,6 @@ class PlannedStep:
         """Whether joints move in it."""
         return self.trajectory is not None and self.trajectory.duration > 0
 
-    def again(self, entry: Entry | None) -> PlanState:
-        """The state from which this step, of this version of the program, is planned once more.
-
-        Args:
-            entry: how its motion, or the next one behind it, is begun.
-        """
-        before = self.before
-        if before.program is None:
-            before = before.begun(self.program, Cursor(self.program, before.first))
-        return replace(before, entry=entry)
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DrawnStep:
@@ -180,12 +169,9 @@ def draw(robot: Robot, source: ProgramSource, state: PlanState) -> Draft:
         if found is None:
             break
         step, after = found
-        if isinstance(step.step, SpeedStep):
-            after = replace(after, percent=step.step.percent)
-            steps.append(DrawnStep(step, None, after))
-        elif isinstance(step.step, MotionStep):
+        if isinstance(step.step, MotionStep):
             try:
-                leg = leg_of(robot, state.q, step.step)
+                leg = step.step.leg(robot, state.q)
             except ArmctlError as cause:
                 if not times:
                     steps.append(DrawnStep(replace(step, error=cause), None, after))
@@ -196,10 +182,14 @@ def draw(robot: Robot, source: ProgramSource, state: PlanState) -> Draft:
             steps.append(DrawnStep(step, leg, after))
             if leg is not None and leg.blend_m == 0:
                 break
-        else:
+        elif step.step.effect.stands:
             if not times:
                 steps.append(DrawnStep(step, None, after))
             break
+        else:
+            percent = step.step.effect.percent
+            after = after if percent is None else replace(after, percent=percent)
+            steps.append(DrawnStep(step, None, after))
         state = after
     return Draft(steps, closed=True)
 
@@ -340,28 +330,6 @@ def plan_next(robot: Robot, source: ProgramSource, state: PlanState) -> tuple[li
     return planned[: last + 1], replace(draft.steps[last].after, entry=entry, known=tuple(known))
 
 
-def plan_again(
-    robot: Robot, source: ProgramSource, states: Sequence[PlanState]
-) -> tuple[int, list[PlannedStep], PlanState] | None:
-    """Plan the next steps from the first of some states from which the arm can go on.
-
-    A moving arm may be too fast to be braked for what comes now, where something else came before.
-
-    Args:
-        robot: the arm.
-        source: where a new pass takes its program from.
-        states: each before a moving step; see ``PlannedStep.again``.
-
-    Returns:
-        Which state it was, and what ``plan_next`` gives from there; None: none of them.
-    """
-    for number, state in enumerate(states):
-        steps, after = plan_next(robot, source, state)
-        if steps and steps[-1].error is None:
-            return number, steps, after
-    return None
-
-
 def _motions(
     robot: Robot, steps: Sequence[DrawnMotion], entry: Entry | None, *, closed: bool
 ) -> list[tuple[Trajectory, Entry | None]]:
@@ -371,8 +339,8 @@ def _motions(
         ArmctlError: the first of them cannot be run.
     """
     if len(steps) == 1 and closed and entry is None:
-        return [(plan_leg(robot, steps[0].step, steps[0].leg), None)]
-    legs, tool_paths = [step.leg for step in steps], [leads_tool(step.step) for step in steps]
+        return [(steps[0].step.plan_leg(robot, steps[0].leg), None)]
+    legs, tool_paths = [step.leg for step in steps], [step.step.leads_tool for step in steps]
     while True:
         try:
             found = blend(robot, legs, entry)

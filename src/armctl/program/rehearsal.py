@@ -14,7 +14,7 @@ from armctl.motion.plan import plan_joints
 from armctl.motion.profiles import PointToPoint
 from armctl.motion.trajectory import JoinedTrajectory, SlowedTrajectory, Trajectory
 from armctl.program.feed import PlannedStep, ProgramSource, begin_program, plan_next
-from armctl.program.program import GripperStep, Program, WaitStep
+from armctl.program.program import Program
 from armctl.robot import Robot
 
 FloatArray = NDArray[np.float64]
@@ -151,12 +151,13 @@ def _rehearsed(
         if step.percent != 100.0:
             trajectory = SlowedTrajectory(trajectory, 100.0 / step.percent)
         return RehearsedStep(step.index, at, trajectory, (opening, opening))
-    if isinstance(step.step, WaitStep):
-        takes = step.step.seconds
-    elif isinstance(step.step, GripperStep):
-        goal = step.step.open_percent / 100
+    effect = step.step.effect
+    if effect.wait_s is not None:
+        takes = effect.wait_s
+    if effect.opening is not None:
+        goal = effect.opening
         if opening is not None and robot.gripper is not None:
-            takes = abs(goal - opening) / robot.gripper.speed
+            takes += abs(goal - opening) / robot.gripper.speed
     return RehearsedStep(step.index, at, PointToPoint.lasting(q, q, takes), (opening, goal))
 
 

@@ -2,78 +2,18 @@
 
 from __future__ import annotations
 
-import re
-from codecs import BOM_UTF8
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal, cast
 
 import msgspec
-from msgspec import Meta, inspect
+from msgspec import Meta
 
+from armctl.documents import Document, DocumentKind
 from armctl.errors import RobotFileError
 
 Table = dict[str, object]
-
-# What is wrong with a file that was decoded strictly: which key, its value and what is allowed.
-
-_NO_CHOICE = re.compile(r"Invalid enum value (?P<value>.*) - at `\$\.(?P<key>.*)`", re.DOTALL)
-_INDEX = re.compile(r"\[[^]]*\]")
-
-
-def decoding_words(error: msgspec.DecodeError, model: type, table: str = "") -> str:
-    """The words of ``error``, in which a value that is no choice of its key is answered with the choices.
-
-    Args:
-        error: of decoding into ``model``.
-        model: the struct of the whole file, or of one table of it.
-        table: where that table stands in the file, such as ``joints[0].servo``.
-    """
-    words = str(error)
-    found = _NO_CHOICE.fullmatch(words)
-    choices = None if found is None else _choices(inspect.type_info(model), found["key"])
-    if found is not None and choices is not None:
-        key = f"{table}.{found['key']}" if table else found["key"]
-        return f"{key} = {found['value']}: {must_be(choices)}"
-    if not table:
-        return words
-    return words.replace("`$", f"`$.{table}") if "`$" in words else f"{words} - at `$.{table}`"
-
-
-def must_be(choices: Sequence[object]) -> str:
-    """What may stand where only some values may: "must be one of 'a', 'b'"."""
-    allowed = ", ".join(repr(choice) for choice in choices)
-    return f"must be {'one of ' if len(choices) > 1 else ''}{allowed}"
-
-
-def _choices(node: inspect.Type, key: str) -> tuple[object, ...] | None:
-    """The literals that may stand under ``key`` below ``node``; None where there is more than literals."""
-    for name in _INDEX.sub(".[]", key).split("."):
-        node = _without_none(node)
-        if name == "[]":
-            match node:
-                case inspect.VarTupleType() | inspect.ListType():
-                    node = node.item_type
-                case inspect.DictType():
-                    node = node.value_type
-                case _:
-                    return None
-        elif isinstance(node, inspect.StructType):
-            node = next(field.type for field in node.fields if field.encode_name == name)
-        else:
-            return None
-    node = _without_none(node)
-    return tuple(node.values) if isinstance(node, inspect.LiteralType) else None
-
-
-def _without_none(node: inspect.Type) -> inspect.Type:
-    if not isinstance(node, inspect.UnionType):
-        return node
-    others = [one for one in node.types if not isinstance(one, inspect.NoneType)]
-    return others[0] if len(others) == 1 else node
-
-
 _SMALLEST = 1e-6
 """what must be positive is no smaller than this"""
 Positive = Annotated[float, Meta(ge=_SMALLEST)]
@@ -85,6 +25,7 @@ Limit = Annotated[float, Meta(ge=-720, le=720)]
 Color = Annotated[str, Meta(pattern=r"^#[0-9a-fA-F]{6}$")]
 LARGEST = 1e6
 """no number of a robot file, in mm, degrees or µs, is larger than this"""
+_ROBOT_FILES = DocumentKind(RobotFileError, most_bytes=256 * 1024, largest=LARGEST)
 
 
 class Strict(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -209,74 +150,47 @@ class BoardTables:
     """the tables in ``[gripper]``"""
     order: tuple[str, ...]
     """names of the joints, as they follow each other in the file"""
+    document: Document
+    """all of the file"""
 
 
 def read_robot_file(path: Path) -> tuple[RobotFile, BoardTables]:
     """Decode ``path`` without judging what it says; the board's part is left as it is.
 
     Raises:
-        RobotFileError: unreadable, not TOML, an unknown key, a wrong type or an impossible value;
-            the message names the file and the key.
+        RobotFileError: unreadable, too large, not TOML, an unknown key, a wrong type or an impossible value;
+            the message names the file, the line and the key.
     """
-    try:
-        text = path.read_bytes()
-    except OSError as cause:
-        raise RobotFileError(f"{path}: cannot be read: {cause.strerror}") from cause
-    try:
-        data = msgspec.toml.decode(text.removeprefix(BOM_UTF8))  # some editors begin with it
-        board, outputs, gripper = _take_board(data)
-        file = msgspec.convert(data, RobotFile)
-    except msgspec.DecodeError as cause:
-        raise RobotFileError(f"{path}: {decoding_words(cause, RobotFile)}") from cause
-    except ValueError as cause:  # not UTF-8
-        raise RobotFileError(f"{path}: is not a text file: {cause}") from cause
-    except RecursionError as cause:
-        raise RobotFileError(f"{path}: arrays or tables are nested too deep") from cause
-    except OverflowError as cause:  # a whole number with hundreds of digits
-        raise RobotFileError(f"{path}: holds a number that is too large: {cause}") from cause
-    order = tuple(joint.name for joint in file.joints)
-    tables = BoardTables(board, dict(zip(order, outputs, strict=True)), gripper, order)
-    check_numbers(file, "", path)
-    return file, tables
+    return _ROBOT_FILES.load(path, _decoded)
 
 
-def check_numbers(part: msgspec.Struct, table: str, path: Path) -> None:
-    """Refuse a number in ``part``, which stands in ``table`` of the file, that nothing in an arm can have.
-
-    Raises:
-        RobotFileError: not finite, or beyond ``LARGEST``.
-    """
-    for key, value in _numbers(msgspec.to_builtins(part), table):
-        if not abs(value) <= LARGEST:  # TOML has nan and inf, and every comparison with nan is false
-            raise RobotFileError(f"{path}: {key} = {value}: must be a finite number within ±{LARGEST:.0e}")
-
-
-def _take_board(data: dict[str, object]) -> tuple[Table, list[Table], Table]:
-    """Take out of ``data`` what only the board can decode: ``[board]``, and tables in joints and gripper."""
-    joints, gripper = data.get("joints"), data.get("gripper")
-    entries = cast("list[object]", joints) if isinstance(joints, list) else []
-    inside = [_take_tables(entry) for entry in entries]
-    board = data.pop("board", {})
+def _decoded(content: bytes) -> tuple[RobotFile, BoardTables]:
+    document = _ROBOT_FILES.parse(content)
+    record = dict(document.record)
+    board, joints, gripper = record.pop("board", {}), record.get("joints"), record.get("gripper")
     if not isinstance(board, dict):
-        raise msgspec.ValidationError(f"Expected `object`, got `{type(board).__name__}` - at `$.board`")
-    return cast("Table", board), inside, _take_tables(gripper)
+        raise document.refusal(f"must be a table, not {board!r}", ("board",))
+    inside: list[Table] = []
+    if isinstance(joints, list):
+        entries = cast("list[object]", joints)
+        inside = [_tables(entry) for entry in entries]
+        record["joints"] = [_without_tables(entry) for entry in entries]
+    if gripper is not None:
+        record["gripper"] = _without_tables(gripper)
+    file = Document(_ROBOT_FILES, record, document.text).convert(RobotFile)
+    document.require_numbers()
+    order = tuple(joint.name for joint in file.joints)
+    by_joint = dict(zip(order, inside, strict=True))
+    return file, BoardTables(cast("Table", board), by_joint, _tables(gripper), order, document)
 
 
-def _take_tables(entry: object) -> Table:
+def _tables(entry: object) -> Table:
     """No key of a joint or of the gripper but those of the board has a table as its value."""
+    table = cast("Table", entry) if isinstance(entry, dict) else {}
+    return {key: value for key, value in table.items() if isinstance(value, dict)}
+
+
+def _without_tables(entry: object) -> object:
     if not isinstance(entry, dict):
-        return {}
-    table = cast("Table", entry)
-    return {key: table.pop(key) for key, value in [*table.items()] if isinstance(value, dict)}
-
-
-def _numbers(node: object, key: str) -> Iterator[tuple[str, float]]:
-    """Every number under a node of the decoded file, with the key that leads there."""
-    if isinstance(node, dict):
-        for name, value in cast("dict[str, object]", node).items():
-            yield from _numbers(value, f"{key}.{name}" if key else name)
-    elif isinstance(node, list | tuple):
-        for i, value in enumerate(cast("list[object]", node)):
-            yield from _numbers(value, f"{key}[{i}]")
-    elif isinstance(node, float):
-        yield key, node
+        return entry
+    return {key: value for key, value in cast("Table", entry).items() if not isinstance(value, dict)}

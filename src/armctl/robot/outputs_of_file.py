@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any, Protocol, TypeVar
@@ -16,15 +16,13 @@ import msgspec
 import numpy as np
 from msgspec import Meta
 
+from armctl.documents import Document, Place, must_be
 from armctl.errors import RobotFileError
 from armctl.robot.file import (
     BoardTables,
     JointEntry,
     RobotFile,
     Strict,
-    check_numbers,
-    decoding_words,
-    must_be,
 )
 from armctl.robot.outputs import DEFAULT_BOARD, FLATTEST_PER_DEG, OutputMap
 
@@ -59,7 +57,7 @@ class BoardPart:
             RobotFileError: it is no ``model``; so for the other tables.
         """
         options = {key: value for key, value in self.tables.board.items() if key != "kind"}
-        return self._decoded(options, model, "board")
+        return self._decoded(replace(self.tables.document, record={"board": options}), model, ("board",))
 
     def outputs(self, key: str, model: type[Entry]) -> list[Entry]:
         """The table ``key`` of each joint; empty where no joint has one.
@@ -79,8 +77,8 @@ class BoardPart:
             raise RobotFileError(
                 f"{self.path}: joints.{missing[0]}.{key} is missing; the other joints have one"
             )
-        places = {name: f"joints[{self.tables.order.index(name)}].{key}" for name in there}
-        return [self._decoded(self.tables.joints[name][key], model, places[name]) for name in there]
+        places: list[Place] = [("joints", self.tables.order.index(name), key) for name in there]
+        return [self._decoded(self.tables.document, model, place) for place in places]
 
     def gripper(self, key: str, model: type[Entry], closed: str, opened: str) -> Entry | None:
         """The table ``key`` of the gripper; None for an arm without a gripper.
@@ -98,7 +96,7 @@ class BoardPart:
             return None
         if key not in self.tables.gripper:
             raise RobotFileError(f"{self.path}: gripper.{key} is missing; the joints have one")
-        entry = self._decoded(self.tables.gripper[key], model, f"gripper.{key}")
+        entry = self._decoded(self.tables.document, model, ("gripper", key))
         if getattr(entry, closed) == getattr(entry, opened):
             raise RobotFileError(
                 f"{self.path}: gripper.{key}: closed and open are both {getattr(entry, closed):g}; they must "
@@ -119,13 +117,11 @@ class BoardPart:
                 f"{self.path}: {where} is {per_deg:g}: the joint would not move; {FLATTEST_PER_DEG} or more"
             )
 
-    def _decoded(self, table: object, model: type[Entry], where: str) -> Entry:
+    def _decoded(self, document: Document, model: type[Entry], place: Place) -> Entry:
         try:
-            entry = msgspec.convert(table, model)
-        except msgspec.ValidationError as cause:
-            raise RobotFileError(f"{self.path}: {decoding_words(cause, model, where)}") from cause
-        check_numbers(entry, where, self.path)
-        return entry
+            return document.convert(model, place)
+        except RobotFileError as cause:
+            raise RobotFileError(f"{self.path}: {cause}") from cause
 
 
 class BoardEntries(Protocol):
@@ -257,10 +253,10 @@ def read_outputs(
     """
     kind = tables.board.get("kind", None if tables.board else DEFAULT_BOARD)
     if kind is None:
-        raise RobotFileError(f"{path}: Object missing required field `kind` - at `$.board`")
+        raise RobotFileError(f"{path}: board: the key 'kind' is missing")
     found = _find[0](kind) if isinstance(kind, str) else _find[0]("")
     if isinstance(found, tuple):
-        raise RobotFileError(f"{path}: board.kind = {kind!r}: {must_be(found)}")
+        raise RobotFileError(f"{path}: key board.kind: {must_be(found)}, not {kind!r}")
     joints = [(entry.name, entry.limit_deg) for entry in entries]
     outputs, settings = found.read(BoardPart(path, str(kind), tables, joints, file.gripper is not None))
     return str(kind), outputs, settings

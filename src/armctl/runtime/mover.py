@@ -98,17 +98,15 @@ class PathMover:
         if goes_on:
             self._starving_s = starving_s(self._robot)
 
-    def drop_from(self, tag: Hashable) -> None:
-        """Something else follows what comes before the trajectory with this tag, which has not begun."""
-        while self._stretches[-1].tag != tag:
-            self._stretches.pop()
-        self._end = self._stretches.pop().begins
-        self.goes_on = True
-
     @property
     def tag(self) -> Hashable:
         """Of the trajectory that runs."""
         return self._stretches[0].tag
+
+    @property
+    def position(self) -> FloatArray:
+        """(n,) where it is on the path [rad]."""
+        return self._sample(np.array([self._time])).q[0]
 
     @property
     def remaining_s(self) -> float:

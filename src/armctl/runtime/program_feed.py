@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass, replace
-from itertools import chain
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,12 +16,12 @@ from armctl.program import (
     Program,
     ProgramSource,
     begin_program,
-    plan_again,
     plan_next,
 )
 from armctl.robot import Robot
 from armctl.runtime.planner import Planner, result_of
 
+FloatArray = NDArray[np.float64]
 _MOTIONS_AHEAD = 2
 _STEPS_AHEAD = 512
 
@@ -46,7 +44,7 @@ def begun_program(
     loops: int | None,
     first: int,
     count: int | None,
-    start: NDArray[np.float64],
+    start: FloatArray,
 ) -> BegunProgram:
     """Check a program and plan its first steps from ``start`` (n,) [rad]."""
     source = ProgramSource(program)
@@ -54,30 +52,11 @@ def begun_program(
     return BegunProgram(source, *plan_next(robot, source, state))
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Turn:
-    """Where the arm may leave what is planned, which an edit has outdated."""
-
-    step: PlannedStep | None
-    """the first step that does not begin then; None: what is planned stays, what is drawn does not"""
-    state: PlanState
-    """before it"""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Detour:
-    """What is planned in the place of an outdated part."""
-
-    turns: Sequence[_Turn]
-    future: Future[tuple[int, list[PlannedStep], PlanState] | None]
-
-
 class ProgramFeed:
     """Hands out the steps and keeps the planner ahead of them. Owned by the controller thread.
 
-    An edit takes effect at the next pass. Where that begins at rest, it is planned anew from there. Where
-    the present pass turns into it without a stop, its last steps are planned anew, too, from the last one
-    at which the arm can still turn off or be braked; until that is done the arm goes on as it was planned.
+    An edit takes effect at the next pass. Where that begins at rest, it is planned anew at once. Where the
+    arm would go on into it without a stop, the arm stops there first (``begin_pass_at``).
     """
 
     def __init__(self, robot: Robot, begun: BegunProgram, planner: Planner, early_s: float) -> None:
@@ -100,12 +79,9 @@ class ProgramFeed:
         self._over = not begun.steps or begun.steps[-1].error is not None
         self._running_pass = 0
         self._goes_on = False
-        """the moving step that began last does not end at rest"""
-        self._handed: deque[PlannedStep] = deque()
-        """moving steps that were taken and have not begun"""
-        self._detour: _Detour | None = None
-        self._tried: tuple[int, Program] | None = None
-        """the pass and the version of the last detour"""
+        """the moving step that was taken last does not end at rest"""
+        self._pass_begins: dict[int, PlanState] = {}
+        """before the first step of each pass that was taken, from the running one on"""
         self._fill()
 
     def peek(self) -> PlannedStep | None:
@@ -124,54 +100,29 @@ class ProgramFeed:
     def take(self) -> PlannedStep:
         """The step that ``peek`` showed; it runs now, or follows what runs."""
         step = self._ready.popleft()
+        if step.before.program is None:
+            self._pass_begins[step.passes] = step.before
         if step.moves:
-            self._handed.append(step)
+            self._goes_on = step.goes_on
         self._fill()
         return step
 
     def begun(self, step: PlannedStep) -> None:
-        """A step that was taken runs now, and all that were taken before it are over."""
-        if step.moves:
-            while self._handed.popleft() is not step:
-                pass
-            self._goes_on = step.goes_on
+        """A step that was taken runs now."""
         if step.passes != self._running_pass:
             self._running_pass = step.passes
+            self._pass_begins = {k: state for k, state in self._pass_begins.items() if k >= step.passes}
             self._drop_outdated()
 
-    def turn_back(self) -> PlannedStep | None:
-        """Go over to what an edit made necessary, once it is planned.
+    def is_outdated(self, step: PlannedStep) -> bool:
+        """Whether a step belongs to a later pass than the running one, and to an older version."""
+        return step.program is not self._source.program and step.passes > self._running_pass
 
-        Returns:
-            A step that was taken and that must not begin any more, nor those taken after it; None: there
-            is no such step.
-        """
-        if self._detour is None or not self._detour.future.done():
-            return None
-        detour, self._detour = self._detour, None
-        try:
-            found = result_of(detour.future)
-        except ArmctlError as cause:
-            self._failure, self._over = cause, True
-            return None
-        withdrawn = None if found is None else self._changed_to(detour.turns[found[0]], *found[1:])
-        self._drop_outdated()  # it may have been edited once more, or another pass runs by now
-        return withdrawn
-
-    def _changed_to(self, turn: _Turn, steps: list[PlannedStep], state: PlanState) -> PlannedStep | None:
-        """Run other steps from a turn on, unless it has begun by now; gives what ``turn_back`` gives."""
-        step, withdrawn = turn.step, None
-        if step in self._handed:
-            _drop_from(self._handed, step)
-            self._ready.clear()
-            withdrawn = step
-        elif step in self._ready:
-            _drop_from(self._ready, step)
-        elif step is not None:
-            return None
-        self._ready.extend(steps)
-        self._plan_from(state)
-        return withdrawn
+    def begin_pass_at(self, q: FloatArray, passes: int) -> None:
+        """Plan a pass anew, of whose steps some were taken, from where the arm stopped, (n,) [rad]."""
+        self._ready.clear()
+        self._goes_on = False
+        self._plan_from(replace(self._pass_begins[passes], q=q, entry=None))
 
     @property
     def ended(self) -> bool:
@@ -185,14 +136,14 @@ class ProgramFeed:
 
     def drop(self) -> None:
         """Nothing of it will run any more."""
-        self._forget_plans()
+        self._forget_plan()
         self._ready.clear()
         self._failure = None
         self._over = True
 
     def _fill(self) -> None:
         """Take in what is planned, and ask for more where it is needed."""
-        while not self._over and self._detour is None:
+        while not self._over:
             if self._future is None:
                 if self._state.ended:
                     self._over = True
@@ -220,68 +171,28 @@ class ProgramFeed:
         return len(motions) >= _MOTIONS_AHEAD and sum(motions) >= self._ahead_s
 
     def _drop_outdated(self) -> None:
-        """Plan anew from the first pass that was planned from an older version."""
-        if self._detour is not None:
-            return
+        """Plan anew from the next pass, if it was planned from an older version and begins at rest."""
         goes_on = self._goes_on
-        for step in chain(self._handed, self._ready):
-            if self._is_outdated(step):
-                if goes_on:
-                    self._ask_for_detour()
-                else:
-                    _drop_from(self._ready, step)
+        for k, step in enumerate(self._ready):
+            if self.is_outdated(step):
+                if not goes_on:
+                    while len(self._ready) > k:
+                        self._ready.pop()
                     self._plan_from(step.before)
                 return
             if step.moves:
                 goes_on = step.goes_on
         known = self._state.known
-        for k, drawn in enumerate(known):
-            if self._is_outdated(drawn.step):
-                if goes_on:
-                    self._ask_for_detour()
-                else:
-                    self._plan_from(replace(self._state, known=known[:k]))
-                return
-
-    def _is_outdated(self, step: PlannedStep) -> bool:
-        return step.program is not self._source.program and step.passes > self._running_pass
+        outdated = next((k for k, drawn in enumerate(known) if self.is_outdated(drawn.step)), None)
+        if outdated is not None and not goes_on:
+            self._plan_from(replace(self._state, known=known[:outdated]))
 
     def _plan_from(self, state: PlanState) -> None:
-        self._forget_plans()
+        self._forget_plan()
         self._state = state
         self._over, self._failure = False, None
 
-    def _forget_plans(self) -> None:
-        for future in (self._future, None if self._detour is None else self._detour.future):
-            if future is not None:
-                future.cancel()
-        self._future = self._detour = None
-
-    def _ask_for_detour(self) -> None:
-        """Once a pass and version: what cannot be left now cannot be left nearer to the end of the pass."""
-        tried = self._running_pass, self._source.program
-        turns = self._turns()
-        if not turns or self._tried == tried:
-            return
-        self._forget_plans()
-        self._tried = tried
-        future = self._planner.submit(plan_again, self._robot, self._source, [turn.state for turn in turns])
-        self._detour = _Detour(turns, future)
-
-    def _turns(self) -> list[_Turn]:
-        """Where the rest of the present pass may be planned anew, the latest first, ever farther apart."""
-        turns = [
-            _Turn(step, step.again(step.before.entry))
-            for step in chain(self._handed, self._ready)
-            if step.moves and step.passes == self._running_pass
-        ]
-        known = self._state.known
-        if known and known[0].step.passes == self._running_pass:
-            turns.append(_Turn(None, known[0].step.again(self._state.entry)))
-        turns.reverse()
-        return [turns[2**k - 1] for k in range(len(turns).bit_length()) if 2**k <= len(turns)]
-
-
-def _drop_from(steps: deque[PlannedStep], first: PlannedStep) -> None:
-    while steps.pop() is not first:
-        pass
+    def _forget_plan(self) -> None:
+        if self._future is not None:
+            self._future.cancel()
+            self._future = None

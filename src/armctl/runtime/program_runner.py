@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from armctl.errors import ArmctlError, ProgramError
 from armctl.motion import Trajectory
-from armctl.program import GripperStep, PlannedStep, Program, WaitStep
+from armctl.program import PlannedStep, Program
 from armctl.robot import Robot
 from armctl.runtime.activity import ActivityView, Setpoint
 from armctl.runtime.mover import GripperMover, PathMover, starving_s
@@ -59,6 +59,8 @@ class ProgramRunner:
         self.begun = False
         self._paused = False
         self._stopped = False
+        self._outdated: PlannedStep | None = None
+        """the first moving step of a pass that was edited: the arm stops, then the pass begins anew"""
         self.error: ArmctlError | None = None
         """which step could not be run, and why"""
         self._take_steps()
@@ -125,9 +127,13 @@ class ProgramRunner:
         if self._mover is not None:
             self._take_steps()
             setpoint = self._mover.advance(now, dt)
-            self._show_step()
+            self._show_step(self._mover)
             if self._mover.done:
+                q = self._mover.position
                 self._mover = None
+                if self._outdated is not None and not self._stopped:
+                    self._feed.begin_pass_at(q, self._outdated.passes)
+                    self._outdated = None
         elif self._wait_left > 0 and not self._paused:
             self._wait_left -= dt
         if self.gripping and self._gripper.goal is None:
@@ -159,12 +165,9 @@ class ProgramRunner:
 
     def _take_steps(self) -> None:
         """Take the steps that are due: the next motion just before it is needed, others one a tick."""
-        if self._paused or self._stopped or self.error is not None:
+        if self._paused or self._stopped or self._outdated is not None or self.error is not None:
             return
         try:
-            withdrawn = self._feed.turn_back()
-            if withdrawn is not None and self._mover is not None:
-                self._mover.drop_from(withdrawn)
             while (step := self._feed.peek()) is not None and self._due():
                 self._feed.take()
                 if not self._begin(step):
@@ -196,10 +199,11 @@ class ProgramRunner:
             return True
         if self._mover is None:
             self._show(step)
-        if isinstance(step.step, WaitStep):
-            self._wait_left = step.step.seconds
-        elif isinstance(step.step, GripperStep):
-            self._gripper.move_to(step.step.open_percent / 100)
+        effect = step.step.effect
+        if effect.wait_s is not None:
+            self._wait_left = effect.wait_s
+        if effect.opening is not None:
+            self._gripper.move_to(effect.opening)
             self.gripping = True
         return False
 
@@ -216,10 +220,15 @@ class ProgramRunner:
         self._running = step
         self._feed.begun(step)
 
-    def _show_step(self) -> None:
+    def _show_step(self, mover: PathMover) -> None:
         """The step that runs is the one whose trajectory the mover is on; its speed is asked for."""
-        step = None if self._mover is None else self._mover.tag
-        if isinstance(step, PlannedStep) and step is not self._running:
+        step = mover.tag
+        if not isinstance(step, PlannedStep) or step is self._running or self._outdated is not None:
+            return
+        if self._feed.is_outdated(step):
+            self._outdated = step
+            mover.stop()
+        else:
             self._show(step)
             self._percent = step.percent
             self.set_speed(self._speed)

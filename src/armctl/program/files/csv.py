@@ -14,40 +14,28 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from armctl.documents import refusal_of
 from armctl.errors import ProgramError
-from armctl.program.files.document import plain_text, refusal_of
-from armctl.program.program import MoveStep, PointStep, Program, Step, block_findings, defaults_of, kind_of
+from armctl.program.program import MOST_STEPS, PROGRAM_FILES, Blocks, Program
+from armctl.program.steps import MoveStep, PointStep, Step, all_keys, any_step, defaults_of
 from armctl.robot import Robot
 
 # The columns of a program's CSV file: what their heads mean, and in which unit.
 
-_LENGTH = {"mm": 1.0, "cm": 10.0, "m": 1000.0}
-_ANGLE = {"deg": 1.0, "rad": 180 / math.pi}
-_TIME = {"s": 1.0, "ms": 0.001}
-_SPEED = {"mm_s": 1.0, "cm_s": 10.0, "m_s": 1000.0, "percent": 1.0}
-_SHARE = {"percent": 1.0}
-_MEASURES: dict[str, dict[str, float]] = {
-    **dict.fromkeys(("x", "y", "z", "via_x", "via_y", "via_z", "blend"), _LENGTH),
-    **dict.fromkeys(("pitch", "roll"), _ANGLE),
-    **dict.fromkeys(("duration", "wait"), _TIME),
-    "speed": _SPEED,
-    "gripper": _SHARE,
-}
-_KEYS = {"wait_s": "seconds", "gripper_percent": "open_percent", "speed_percent": "percent"}
-"""key of the step where the column is named otherwise"""
-_TEXTS = {"pitch_mode": "pitch", "choose": "choose", "profile": "profile", "note": "note", "do": "do"}
-_INTEGERS = ("times",)
+_UNITS: tuple[dict[str, float], ...] = (
+    {"mm_s": 1.0, "cm_s": 10.0, "m_s": 1000.0},
+    {"mm": 1.0, "cm": 10.0, "m": 1000.0},
+    {"deg": 1.0, "rad": 180 / math.pi},
+    {"s": 1.0, "ms": 0.001},
+    {"percent": 1.0},
+)
+"""units of one measure, the one of the steps first, and their factors to it"""
 NUMBER = "step"
 """head of the running number: for people, not read"""
+_DO = "do"
 JOINTS = "joints_deg"
-ORDER = (
-    *("do", "x_mm", "y_mm", "z_mm", "via_x_mm", "via_y_mm", "via_z_mm", "pitch", "pitch_deg", "roll_deg"),
-    *("choose", "profile", "speed_mm_s", "duration_s", "blend_mm", "seconds", "open_percent", "percent"),
-    *("times", "note"),
-)
-"""keys of the steps in the order of their columns; the joints stand behind ``do``"""
-_JOINTS_FROM = 1
-_OTHERS_FROM = 7
+_POINTS_PLACE = 2
+"""of the last key of a point among the keys of steps"""
 _NUMBER_TEXT = re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?")
 _WHOLE_TEXT = re.compile(r"[0-9]{1,9}")
 
@@ -65,48 +53,32 @@ class Column:
     integer: bool = False
 
 
-def joint_noun(name: str) -> str:
-    """A joint's name as in its column's head; told apart from the other columns where it has to be."""
-    taken = name in _MEASURES or name in _TEXTS or name in _INTEGERS or name == NUMBER
-    return f"joint_{name}" if taken else name
-
-
-def head_of(key: str) -> str:
-    """The head under which a step's key is written."""
-    for head, of in (*_KEYS.items(), *_TEXTS.items()):
-        if of == key:
-            return head
-    return key
-
-
-def heads_in_order(joint_names: Sequence[str]) -> list[tuple[str, str, int | None]]:
-    """(head, key, joint) of every column that is written, in order."""
-    columns: list[tuple[str, str, int | None]] = [(head_of(key), key, None) for key in ORDER]
-    joints = [(f"{joint_noun(name)}_deg", JOINTS, i) for i, name in enumerate(joint_names)]
-    return [*columns[:_JOINTS_FROM], *joints, *columns[_JOINTS_FROM:]]
-
-
 class Columns:
-    """All heads that can be read for an arm."""
+    """All heads that are written or can be read for an arm."""
 
     def __init__(self, joint_names: Sequence[str]) -> None:
-        self._names = list(joint_names)
-        self._known: dict[str, Column] = {NUMBER: Column(NUMBER, "")}
-        for noun, units in _MEASURES.items():
-            for unit, factor in units.items():
-                head = f"{noun}_{unit}"
-                first = next(iter(units))
-                key = _KEYS.get(head) or _KEYS.get(f"{noun}_{first}") or f"{noun}_{first}"
-                self._known[head] = Column(head, key, factor)
-        for head, key in _TEXTS.items():
-            self._known[head] = Column(head, key)
-        for head in _INTEGERS:
-            self._known[head] = Column(head, head, integer=True)
-        for i, name in enumerate(joint_names):
-            for unit, factor in _ANGLE.items():
-                head = f"{joint_noun(name)}_{unit}"
-                self._known[head] = Column(head, JOINTS, factor, joint=i)
+        keys = [key for key in all_keys() if key.name != JOINTS]
+        self._known: dict[str, Column] = {NUMBER: Column(NUMBER, ""), _DO: Column(_DO, _DO)}
+        self._units: dict[str, list[str]] = {}
+        """units of each noun"""
+        for key in keys:
+            if key.form == "number":
+                self._add_number(key.head, key.name)
+            else:
+                self._known[key.head] = Column(key.head, key.name, integer=key.form == "integer")
+        taken = {*self._units, *self._known}
+        self._joints = [f"joint_{name}_deg" if name in taken else f"{name}_deg" for name in joint_names]
+        for joint, head in enumerate(self._joints):
+            self._add_number(head, JOINTS, joint)
         self._folded = {head.casefold(): column for head, column in self._known.items()}
+        others = [self._known[key.head] for key in keys]
+        self.written: tuple[Column, ...] = (
+            self._known[_DO],
+            *(self._known[head] for head in self._joints),
+            *others,
+        )
+        """in their order, without the running number"""
+        self._others = [key.head for key in keys if key.field.place > _POINTS_PLACE]
 
     def find(self, head: str) -> Column | None:
         """The column of a head, whatever its capitals; None: not known."""
@@ -123,19 +95,33 @@ class Columns:
             raise ProgramError(self._why_not(head.strip()))
         return column
 
+    def head(self, key: str, joint: int | None = None) -> str:
+        """The head under which a step's key is written."""
+        return next(one.head for one in self.written if one.key == key and one.joint == joint)
+
+    def _add_number(self, head: str, key: str, joint: int | None = None) -> None:
+        """A column for each unit that a number may have."""
+        for units in _UNITS:
+            own = next(iter(units))
+            if head.endswith(f"_{own}"):
+                noun = head.removesuffix(f"_{own}")
+                for unit, factor in units.items():
+                    self._known[f"{noun}_{unit}"] = Column(f"{noun}_{unit}", key, factor, joint)
+                self._units.setdefault(noun, []).extend(units)
+                return
+        self._known[head] = Column(head, key, 1.0, joint)
+
     def _why_not(self, head: str) -> str:
-        units = {**_MEASURES, **{joint_noun(name): _ANGLE for name in self._names}}
         plain = re.sub(r"[\s(\[]+", "_", head.casefold()).rstrip(")]_°")
         # The longest noun first: "via_x" before "x".
-        for noun in sorted(units, key=len, reverse=True):
-            allowed = " or ".join(f"{noun}_{unit}" for unit in units[noun])
+        for noun in sorted(self._units, key=len, reverse=True):
+            allowed = " or ".join(f"{noun}_{unit}" for unit in self._units[noun])
             if plain == noun.casefold():
                 return f"column {head!r} has no unit; write {allowed}"
             if plain.startswith(f"{noun.casefold()}_"):
                 unit = plain[len(noun) + 1 :]
                 return f"column {head!r}: the unit {unit!r} is not known here; write {allowed}"
-        others = ", ".join(head_of(key) for key in ORDER[_OTHERS_FROM:])
-        joints = ", ".join(f"{joint_noun(name)}_deg" for name in self._names)
+        joints, others = ", ".join(self._joints), ", ".join(self._others)
         return f"column {head!r} is not known; known are {joints}, or x_mm, y_mm, z_mm, also {others}"
 
 
@@ -214,8 +200,7 @@ def read_csv(text: bytes | str, robot: Robot, name: str = "untitled") -> Program
             value that is not allowed; names the line and the column.
     """
     plain, delimiter = _opened(text)
-    columns = Columns(robot.joint_names)
-    table = _Table.of(plain, delimiter, columns, robot.joint_names)
+    table = _Table.of(plain, delimiter, Columns(robot.joint_names), robot.n)
     steps: list[Step] = []
     lines: list[int] = []
     for line, cells in table.rows():
@@ -224,10 +209,11 @@ def read_csv(text: bytes | str, robot: Robot, name: str = "untitled") -> Program
             lines.append(line)
     if not steps:
         raise ProgramError("the file has no rows below its head")
-    program = Program(robot=robot.name, name=name, steps=tuple(steps))
-    for index, what in block_findings(program):
+    if len(steps) > MOST_STEPS:
+        raise ProgramError(f"it has {len(steps)} steps; a program has {MOST_STEPS} at most")
+    for index, what in Blocks.of(steps).findings:
         raise ProgramError(f"line {lines[index]}: {what}")
-    return program
+    return Program(robot=robot.name, name=name, steps=tuple(steps))
 
 
 Cell = float | int | str
@@ -238,12 +224,13 @@ class _Table:
     delimiter: str
     columns: list[Column | None]
     """None: a column without a head"""
-    joints: Sequence[str]
+    joints: int
+    known: Columns
     _reader: Iterator[tuple[int, list[str]]]
     by_key: dict[tuple[str, int | None], Column] = field(default_factory=dict[tuple[str, int | None], Column])
 
     @classmethod
-    def of(cls, text: str, delimiter: str | None, known: Columns, joints: Sequence[str]) -> _Table:
+    def of(cls, text: str, delimiter: str | None, known: Columns, joints: int) -> _Table:
         delimiter = delimiter or _delimiter(text, known)
         reader = _records(text, delimiter)
         try:
@@ -254,7 +241,7 @@ class _Table:
             columns = [known.known(unguarded(head)) if head.strip() else None for head in heads]
         except ProgramError as refusal:
             raise ProgramError(f"line {line}, {refusal}") from refusal
-        table = cls(delimiter, columns, joints, reader)
+        table = cls(delimiter, columns, joints, known, reader)
         for column in columns:
             if column is None or not column.key:
                 continue
@@ -294,13 +281,11 @@ class _Table:
     def head(self, key: str, joint: int | None = None) -> str:
         """The head under which a step's key stands, or would stand."""
         column = self.by_key.get((key, joint))
-        if column is not None:
-            return column.head
-        return head_of(key) if joint is None else f"{joint_noun(self.joints[joint])}_deg"
+        return self.known.head(key, joint) if column is None else column.head
 
     def _require_whole(self, line: int) -> None:
         """Columns that mean something together only must be there together."""
-        joints = [(JOINTS, i) for i in range(len(self.joints))]
+        joints = [(JOINTS, i) for i in range(self.joints)]
         for group in (joints, [(key, None) for key in _POINT]):
             missing = [place for place in group if place not in self.by_key]
             if missing and len(missing) < len(group):
@@ -314,10 +299,10 @@ def _steps_of(line: int, cells: dict[Column, Cell], table: _Table) -> Iterator[S
     record: dict[str, object] = {column.key: value for column, value in cells.items() if column.joint is None}
     angles = {column.joint: value for column, value in cells.items() if column.joint is not None}
     if angles:
-        for joint in range(len(table.joints)):
+        for joint in range(table.joints):
             if joint not in angles:
                 raise ProgramError(f"line {line}, column {table.head(JOINTS, joint)}: the cell is empty")
-        record[JOINTS] = tuple(angles[joint] for joint in range(len(table.joints)))
+        record[JOINTS] = tuple(angles[joint] for joint in range(table.joints))
     if "do" in record:
         yield _step(line, record, table)
         return
@@ -341,23 +326,23 @@ def _steps_of(line: int, cells: dict[Column, Cell], table: _Table) -> Iterator[S
 
 def _step(line: int, record: dict[str, object], table: _Table) -> Step:
     try:
-        return msgspec.convert(record, Step)
+        return msgspec.convert(record, any_step())
     except msgspec.ValidationError as cause:
-        refusal = refusal_of(cause, record)
+        refusal = refusal_of(cause, record, any_step())
         place, what = f"line {line}", refusal.what
         if refusal.key is not None:
             joint = 0 if refusal.key == JOINTS else None
             place += f", column {table.head(refusal.key, joint)}"
             missing = refusal.key not in record
             what = "the cell is empty" if missing else f"a {str(record['do'])!r} step has no such thing"
-        elif refusal.where:
-            place += f", column {table.head(refusal.where)}"
+        elif refusal.place:
+            place += f", column {table.head(str(refusal.place[0]))}"
         raise ProgramError(f"{place}: {what}") from cause
 
 
 def _opened(text: bytes | str) -> tuple[str, str | None]:
     """The text, and the delimiter if a first line names it, as Excel's may."""
-    plain = plain_text(text)
+    plain = PROGRAM_FILES.text(text)
     match = _SEPARATOR_LINE.match(plain)
     if match is None:
         return plain, None
@@ -423,21 +408,19 @@ def write_csv(program: Program, robot: Robot, form: CsvForm = "angles") -> str:
     used = {place for record in records for place in record} | {("do", None)}
     if not steps:
         used |= {(JOINTS, i) for i in range(robot.n)}
-    columns = [
-        (head, (key, joint)) for head, key, joint in heads_in_order(robot.joint_names) if (key, joint) in used
-    ]
+    columns = [column for column in Columns(robot.joint_names).written if (column.key, column.joint) in used]
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\r\n")
-    writer.writerow([NUMBER, *(guarded(head) for head, _ in columns)])
+    writer.writerow([NUMBER, *(guarded(column.head) for column in columns)])
     for number, record in enumerate(records, 1):
-        writer.writerow([number, *(record.get(place, "") for _, place in columns)])
+        writer.writerow([number, *(record.get((column.key, column.joint), "") for column in columns)])
     return out.getvalue()
 
 
 def _cells(step: Step) -> dict[tuple[str, int | None], object]:
     """(key, joint) to what its cell holds; what is as by default is left out."""
-    cells: dict[tuple[str, int | None], object] = {("do", None): kind_of(step)}
-    for key, default in defaults_of(step).items():
+    cells: dict[tuple[str, int | None], object] = {("do", None): step.kind}
+    for key, default in defaults_of(type(step)).items():
         value = getattr(step, key)
         if key == JOINTS:
             cells |= {(JOINTS, i): angle for i, angle in enumerate(value)}

@@ -1,46 +1,75 @@
-"""Program files: TOML, decoded strictly, written so that a crash leaves the old file or the new one."""
+"""Program files: TOML as armctl saves it, or a CSV table."""
 
 from __future__ import annotations
 
-import contextlib
-import math
-import os
-import re
-import tempfile
 from collections.abc import Sequence
-from pathlib import Path
-from typing import Any, cast
+from pathlib import Path, PurePath
+from typing import Any, Literal, cast
 
 import msgspec
 import numpy as np
-import tomli
 import tomli_w
 
+from armctl.documents import Document, write_atomically
 from armctl.errors import ProgramError
-from armctl.program.files.document import Refusal, line_of, plain_text, refusal_of
-from armctl.program.program import Program, block_findings
+from armctl.program.files.csv import read_csv
+from armctl.program.program import MOST_STEPS, PROGRAM_FILES, Blocks, Program
+from armctl.program.steps import Step, any_step
+from armctl.robot import Robot
 
+PROGRAM_SUFFIXES = (".toml", ".csv")
 _WRITABLE = (int, float, str, list, tuple, np.generic, np.ndarray)
-_STEP = re.compile(r"steps\[(\d+)\]\.?")
-_SYNTAX = re.compile(r"(.*) \(at (?:line (\d+), column (\d+)|end of document)\)", re.DOTALL)
+
+
+def open_program(path: str | Path, robot: Robot | None = None) -> Program:
+    """Read a program file; its suffix tells the form.
+
+    Args:
+        path: the file.
+        robot: the arm that it is for; only a CSV, which names none, needs it.
+
+    Raises:
+        ProgramError: cannot be read, and what ``read_program`` refuses.
+    """
+    path = Path(path)
+    return PROGRAM_FILES.load(path, lambda content: _read(path, content, robot))
+
+
+def read_program(filename: str, content: bytes, robot: Robot | None) -> Program:
+    """A program from the content of a file of any form.
+
+    Raises:
+        ProgramError: another kind of file, a CSV without a robot, or what its reader refuses; names the
+            file and the line.
+    """
+    try:
+        return _read(PurePath(filename), content, robot)
+    except ProgramError as cause:
+        raise ProgramError(f"{filename}: {cause}") from cause
+
+
+def _read(name: PurePath, content: bytes, robot: Robot | None) -> Program:
+    match name.suffix.lower():
+        case ".toml":
+            return decode_program(content)
+        case ".py":
+            raise ProgramError(f"is a Python script; run it with Python: python {name.name}")
+        case ".csv":
+            if robot is None:
+                raise ProgramError("a CSV names no robot; say which one it is for, e.g. --robot uzuner")
+            return read_csv(content, robot, name.stem)
+        case _:
+            raise ProgramError(f"is none of {', '.join(PROGRAM_SUFFIXES)}")
 
 
 def load_program(path: str | Path) -> Program:
-    """Read a program file.
+    """Read a program file (TOML).
 
     Raises:
         ProgramError: unreadable, not TOML, an unknown key, a wrong type, an impossible value, or blocks
             that do not match; names the file, the line, the step and the key.
     """
-    path = Path(path)
-    try:
-        text = path.read_bytes()
-    except OSError as cause:
-        raise ProgramError(f"{path}: cannot be read: {cause.strerror}") from cause
-    try:
-        return decode_program(text)
-    except ProgramError as cause:
-        raise ProgramError(f"{path}: {cause}") from cause
+    return PROGRAM_FILES.load(Path(path), decode_program)
 
 
 def decode_program(text: bytes | str) -> Program:
@@ -49,15 +78,21 @@ def decode_program(text: bytes | str) -> Program:
     Raises:
         ProgramError: as ``load_program``, without the file's name.
     """
-    # Lines as editors count them; the parser takes no carriage return.
-    plain = plain_text(text).replace("\r\n", "\n")
+    return _decoded(PROGRAM_FILES.parse(text))
+
+
+def checked_program(program: Program) -> Program:
+    """The program as it would be read from its file, for one that was built in Python.
+
+    numpy's numbers and arrays become plain ones.
+
+    Raises:
+        ProgramError: as ``load_program``; names the program, the step and the key.
+    """
     try:
-        record = tomli.loads(plain)
-    except tomli.TOMLDecodeError as cause:
-        raise ProgramError(_syntax(str(cause))) from cause
-    except RecursionError as cause:
-        raise ProgramError("arrays or tables are nested too deep") from cause
-    return _checked(record, plain)
+        return _decoded(Document(PROGRAM_FILES, _record(program)))
+    except ProgramError as cause:
+        raise ProgramError(f"{program.name}: {cause}") from cause
 
 
 def encode_program(program: Program) -> str:
@@ -76,40 +111,46 @@ def encode_program(program: Program) -> str:
     return tomli_w.dumps(record)
 
 
-def checked_program(program: Program) -> Program:
-    """The program as it would be read from its file, for one that was built in Python.
-
-    numpy's numbers and arrays become plain ones.
-
-    Raises:
-        ProgramError: as ``load_program``; names the program, the step and the key.
-    """
-    try:
-        return _checked(_record(program), None)
-    except ProgramError as cause:
-        raise ProgramError(f"{program.name}: {cause}") from cause
-
-
 def save_program(program: Program, path: str | Path) -> None:
     """Write a program file; the version that was there before is kept as ``NAME.toml~``.
 
-    The new text goes to a file beside it and takes its place in one step, so that a reader, a crash or
-    another save at the same time meets one whole version. A symbolic link is followed, not replaced.
+    A symbolic link is followed, not replaced.
 
     Raises:
         ProgramError: cannot be written, or holds a value that could not be read again.
     """
     path = Path(path)
     try:
-        _checked(_record(program), None)
-        text = encode_program(program).encode()
+        _decoded(Document(PROGRAM_FILES, _record(program)))
+        content = encode_program(program).encode()
+        PROGRAM_FILES.text(content)
     except (ProgramError, UnicodeError) as cause:
         raise ProgramError(f"{path}: not saved, it could not be read again: {cause}") from cause
     try:
-        _replace(path.resolve(), text)
+        write_atomically(path.resolve(), content, keep=True)
     except (OSError, RuntimeError) as cause:  # RuntimeError: links in a circle
         why = cause.strerror if isinstance(cause, OSError) else str(cause)
         raise ProgramError(f"{path}: cannot be written: {why}") from cause
+
+
+class _Head(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """All but the steps, whose kinds are known only when the file is read."""
+
+    format: Literal[1] = 1
+    robot: str
+    name: str = "untitled"
+    steps: list[object] = []
+
+
+def _decoded(document: Document) -> Program:
+    head = document.convert(_Head)
+    if len(head.steps) > MOST_STEPS:
+        raise ProgramError(f"it has {len(head.steps)} steps; a program has {MOST_STEPS} at most")
+    steps: tuple[Step, ...] = document.convert(tuple[any_step(), ...], ("steps",)) if head.steps else ()
+    document.require_numbers()
+    for index, what in Blocks.of(steps).findings:
+        raise document.refusal(what, ("steps", index))
+    return Program(robot=head.robot, name=head.name, steps=steps)
 
 
 def _record(program: Program) -> dict[str, Any]:
@@ -135,104 +176,3 @@ def _plain(value: object) -> object:
     if isinstance(value, np.generic | np.ndarray):
         return cast("object", value.tolist())
     return repr(value)  # somewhere in a list of numbers: refused as the text that it is now
-
-
-def _replace(path: Path, text: bytes) -> None:
-    written = _beside(path, text)
-    try:
-        if path.exists():
-            written.chmod(path.stat().st_mode & 0o7777)
-            _keep(path)
-        else:
-            written.chmod(0o644)
-        written.replace(path)
-    except BaseException:
-        written.unlink(missing_ok=True)
-        raise
-    _flush_folder(path.parent)
-
-
-def _beside(path: Path, text: bytes) -> Path:
-    """A new file in the same folder that holds ``text``, on the disk."""
-    handle, name = tempfile.mkstemp(prefix=f".{path.name}.", suffix=".new", dir=path.parent)
-    written = Path(name)
-    try:
-        with os.fdopen(handle, "wb") as stream:
-            stream.write(text)
-            stream.flush()
-            os.fsync(stream.fileno())
-    except BaseException:
-        written.unlink(missing_ok=True)
-        raise
-    return written
-
-
-def _keep(path: Path) -> None:
-    """The earlier version under another name, without either ever being half there or gone."""
-    # Never written through ``NAME~`` itself: that may be a hard link to the present file.
-    kept = _beside(path, path.read_bytes())
-    try:
-        kept.chmod(path.stat().st_mode & 0o7777)
-        kept.replace(path.with_name(f"{path.name}~"))
-    except BaseException:
-        kept.unlink(missing_ok=True)
-        raise
-
-
-def _flush_folder(folder: Path) -> None:
-    """Have the new name on the disk, too, where the file system can (network ones and FAT may not)."""
-    with contextlib.suppress(OSError):
-        handle = os.open(folder, os.O_RDONLY)
-        try:
-            os.fsync(handle)
-        finally:
-            os.close(handle)
-
-
-def _syntax(message: str) -> str:
-    """The parser's message with the place first."""
-    match = _SYNTAX.fullmatch(message)
-    if match is None:
-        return message
-    what, line, column = match.groups()
-    what = f"{what[:1].lower()}{what[1:]}"
-    return f"{what} at the end of the file" if line is None else f"line {line}, column {column}: {what}"
-
-
-def _placed(text: str | None, refusal: Refusal) -> str:
-    """Line, step, key and what is wrong."""
-    match = _STEP.match(refusal.where)
-    step = None if match is None else int(match.group(1))
-    path = refusal.where if match is None else refusal.where[match.end() :]
-    key = path or refusal.key
-    first = None if key is None else re.split(r"[.\[]", key)[0]
-    line = None if text is None else line_of(text, step, first)
-    place = [] if line is None else [f"line {line}"]
-    if step is not None:
-        place.append(f"step {step + 1}")
-    if path:
-        place.append(f"key {path}")
-    return f"{', '.join(place)}: {refusal.what}" if place else refusal.what
-
-
-def _checked(record: object, text: str | None) -> Program:
-    """A program from its record; ``text`` is what it was written as, to tell the lines.
-
-    Raises:
-        ProgramError: as ``decode_program``.
-    """
-    try:
-        program = msgspec.convert(record, Program)
-    except msgspec.ValidationError as cause:
-        raise ProgramError(_placed(text, refusal_of(cause, record))) from cause
-    for index, step in enumerate(program.steps):
-        for key in step.__struct_fields__:
-            value: object = getattr(step, key)
-            numbers = cast("tuple[object, ...]", value) if isinstance(value, tuple) else (value,)
-            for number in numbers:
-                if isinstance(number, float) and not math.isfinite(number):  # TOML knows nan and inf
-                    what = f"{number} is no number to use"
-                    raise ProgramError(_placed(text, Refusal(f"steps[{index}].{key}", None, what)))
-    for index, what in block_findings(program):
-        raise ProgramError(_placed(text, Refusal(f"steps[{index}]", None, what)))
-    return program

@@ -3,88 +3,66 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal, cast, get_args
+from itertools import groupby
 
 import msgspec
 
+from armctl.documents import refusal_of
 from armctl.errors import InputError, ProgramError
-from armctl.kinematics import CRITERIA
-from armctl.motion import PitchMode, ProfileName
-from armctl.program import (
-    EndStep,
-    MoveStep,
-    Program,
-    Step,
-    delete,
-    duplicate,
-    insert,
-    kind_of,
-    move,
-    repeat,
-    replace,
-)
-from armctl.program.files.document import refusal_of
-from armctl.program.program import defaults_of
+from armctl.program import EndStep, Program, Step, delete, duplicate, insert, move, repeat, replace
+from armctl.program.steps import Key, all_keys, keys_of
 from armctl.ui.widgets.number_field import format_number, parse_number
-
-FieldKind = Literal["number", "numbers", "text", "choice"]
-_POINT = ("x_mm", "y_mm", "z_mm")
-_VIA = ("via_x_mm", "via_y_mm", "via_z_mm")
 
 
 @dataclass(frozen=True, slots=True)
 class StepField:
-    """One field of the form."""
+    """One field of the form, for the keys that share its label."""
 
-    label: str
-    keys: tuple[str, ...]
-    """of the step"""
-    kind: FieldKind = "number"
-    choices: tuple[str, ...] = ()
-    hint: str = ""
+    keys: tuple[Key, ...]
+
+    @property
+    def label(self) -> str:
+        """Its label."""
+        return self.keys[0].field.label
+
+    @property
+    def hint(self) -> str:
+        """Its hint."""
+        return self.keys[0].field.hint
+
+    @property
+    def choices(self) -> tuple[str, ...]:
+        """What is offered; empty: a text field."""
+        return self.keys[0].choices
 
 
-_FASTEST = "Empty: as fast as the limits allow."
-FIELDS: tuple[StepField, ...] = (
-    StepField("Angles °", ("joints_deg",), "numbers", hint="One angle a joint, separated by commas."),
-    StepField("Point mm", _POINT, "numbers", hint="X, Y, Z of the tool at the end."),
-    StepField("Via mm", _VIA, "numbers", hint="X, Y, Z of a point on the arc."),
-    StepField("Tool pitch", ("pitch",), "choice", get_args(PitchMode), "Tool pitch on the way."),
-    StepField(
-        "Pitch °",
-        ("pitch_deg",),
-        hint="Tool pitch at the end; of a line or an arc with 'interpolated' only.",
-    ),
-    StepField("Roll °", ("roll_deg",), hint="Tool roll at the end. Empty: as it comes."),
-    StepField("Choose by", ("choose",), "choice", CRITERIA, "Which of the solutions is taken."),
-    StepField("Profile", ("profile",), "choice", get_args(ProfileName), "Law of the motion over time."),
-    StepField("Tool speed mm/s", ("speed_mm_s",), hint=_FASTEST),
-    StepField("Duration s", ("duration_s",), hint=_FASTEST),
-    StepField("Blend mm", ("blend_mm",), hint="How far from its end the tool may turn off to the next step."),
-    StepField("Wait time s", ("seconds",)),
-    StepField("Open %", ("open_percent",), hint="0 closed, 100 open."),
-    StepField("Percent", ("percent",), hint="Speed of the steps after this one."),
-    StepField("Times", ("times",)),
-    StepField("Note", ("note",), "text"),
-)
-"""of all kinds of steps, in order"""
+def form_fields() -> tuple[StepField, ...]:
+    """The fields of all kinds of steps, in order."""
+    return _grouped(all_keys())
 
 
 def fields_of(step: Step) -> tuple[StepField, ...]:
     """The fields that a step's kind has."""
-    keys = set(step.__struct_fields__)
-    return tuple(field for field in FIELDS if keys.issuperset(field.keys))
+    return _grouped(keys_of(type(step)))
+
+
+def _grouped(keys: Sequence[Key]) -> tuple[StepField, ...]:
+    return tuple(StepField(tuple(same)) for _, same in groupby(keys, lambda key: key.field.label))
 
 
 def shown(step: Step, field: StepField) -> str:
     """What a field shows of a step."""
-    values = [getattr(step, key) for key in field.keys]
-    if field.kind in ("text", "choice"):
-        return str(values[0])
-    numbers = cast("tuple[float, ...]", values[0]) if field.keys == ("joints_deg",) else values
-    return ", ".join("" if value is None else format_number(value) for value in numbers)
+    values = [getattr(step, key.name) for key in field.keys]
+    match field.keys[0].form:
+        case "text" | "choice":
+            return str(values[0])
+        case "numbers":
+            values = values[0]
+        case _:
+            pass
+    return ", ".join("" if value is None else format_number(value) for value in values)
 
 
 def edited(step: Step, texts: Mapping[str, str]) -> Step:
@@ -98,43 +76,45 @@ def edited(step: Step, texts: Mapping[str, str]) -> Step:
         InputError: no number, too few or too many, or a value that is not allowed; names the field.
     """
     record: dict[str, object] = msgspec.to_builtins(step)
-    for field in fields_of(step):
+    fields = fields_of(step)
+    for field in fields:
         text = texts[field.label]
         if text != shown(step, field):
             record |= _values(step, field, text)
     try:
         return msgspec.convert(record, type(step))
     except msgspec.ValidationError as cause:
-        refusal = refusal_of(cause, record)
-        key = refusal.where.partition("[")[0]
-        label = next((field.label for field in FIELDS if key in field.keys), kind_of(step))
-        raise InputError(f"{label}: {refusal.what}") from cause
+        refusal = refusal_of(cause, record, type(step))
+        name = refusal.place[0] if refusal.place else None
+        labels = (field.label for field in fields if name in {key.name for key in field.keys})
+        raise InputError(f"{next(labels, step.kind)}: {refusal.what}") from cause
 
 
 def _values(step: Step, field: StepField, text: str) -> dict[str, object]:
-    if field.kind in ("text", "choice"):
-        return {field.keys[0]: text}
-    if field.kind == "number":
-        return {field.keys[0]: _number(step, field, text)}
-    joints = isinstance(step, MoveStep)
-    count = len(step.joints_deg) if joints else len(field.keys)
+    first = field.keys[0]
+    if first.form in ("text", "choice"):
+        return {first.name: text}
+    if first.form != "numbers" and len(field.keys) == 1:
+        return {first.name: _number(first, text)}
+    count = len(getattr(step, first.name)) if first.form == "numbers" else len(field.keys)
     parts = [part for part in re.split(r"[,;\s]+", text.strip().strip("()[]")) if part]
     if len(parts) != count:
         raise InputError(
             f"{field.label}: {count} numbers are needed, separated by commas; there are {len(parts)}"
         )
     numbers = [parse_number(part, field.label) for part in parts]
-    return {"joints_deg": numbers} if joints else dict(zip(field.keys, numbers, strict=True))
+    if first.form == "numbers":
+        return {first.name: numbers}
+    return {key.name: number for key, number in zip(field.keys, numbers, strict=True)}
 
 
-def _number(step: Step, field: StepField, text: str) -> float | int | None:
-    key = field.keys[0]
-    if not text.strip() and defaults_of(step)[key] is None:
+def _number(key: Key, text: str) -> float | int | None:
+    if key.optional and not text.strip():
         return None
-    value = parse_number(text, field.label)
-    if key == "times":
+    value = parse_number(text, key.field.label)
+    if key.form == "integer":
         if not value.is_integer():
-            raise InputError(f"{field.label}: {text.strip()} is not a whole number")
+            raise InputError(f"{key.field.label}: {text.strip()} is not a whole number")
         return int(value)
     return value
 

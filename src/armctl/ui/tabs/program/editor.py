@@ -12,9 +12,9 @@ from armctl.program import Program, Step, replace
 from armctl.program.check import check_program
 from armctl.runtime import UpdateProgram
 from armctl.ui.session import Session
-from armctl.ui.tabs.program.editing import FIELDS, Change, StepField, edited, fields_of, shown
+from armctl.ui.tabs.program.editing import Change, StepField, edited, fields_of, form_fields, shown
 from armctl.ui.tabs.program.shared_program import SharedProgram
-from armctl.ui.tabs.program.step_list import describe, page_of
+from armctl.ui.tabs.program.step_list import page_of
 from armctl.ui.widgets.html import LiveHtml, muted
 from armctl.ui.widgets.number_field import EditWatch
 
@@ -112,7 +112,7 @@ class ProgramStepForm:
         self._filled: tuple[int, Step] | None = None
         gui = session.gui
         self._head = LiveHtml(gui, muted(_NOTHING))
-        self._handles = {field.label: _add(gui, field) for field in FIELDS}
+        self._handles = {field.label: _add(gui, field) for field in form_fields()}
         self._apply = gui.add_button("Apply to step", visible=False)
         self._watch = EditWatch([])
         for handle in self._handles.values():
@@ -127,13 +127,13 @@ class ProgramStepForm:
         if filled == self._filled:
             return
         self._filled = filled
-        fields = () if step is None else fields_of(step)
-        for field in FIELDS:
-            handle = self._handles[field.label]
-            if field in fields and step is not None:
+        fields = {} if step is None else {field.label: field for field in fields_of(step)}
+        for label, handle in self._handles.items():
+            field = fields.get(label)
+            if step is not None and field is not None:
                 _fill(handle, field, shown(step, field))
-            if handle.visible != (field in fields):
-                handle.visible = field in fields
+            if handle.visible != (field is not None):
+                handle.visible = field is not None
         self._apply.visible = bool(fields)
 
     def _show_head(self, step: Step | None) -> None:
@@ -143,7 +143,7 @@ class ProgramStepForm:
         session = self._session
         relation = session.shared(SharedProgram).relation(session.snapshot.program)
         waits = f"; {EDIT_WAITS}" if relation == "coming" else ""
-        self._head.show(muted(f"Row {self._editor.selected + 1}: {describe(step)[0]}{waits}"))
+        self._head.show(muted(f"Row {self._editor.selected + 1}: {step.title}{waits}"))
 
     async def _on_apply(self) -> None:
         self._session.require_operator()
@@ -164,7 +164,7 @@ class ProgramStepForm:
 
 def _add(gui: viser.GuiApi, field: StepField) -> Handle:
     hint = field.hint or None
-    if field.kind == "choice":
+    if field.choices:
         return gui.add_dropdown(field.label, field.choices, hint=hint, visible=False)
     return gui.add_text(field.label, "", hint=hint, visible=False)
 

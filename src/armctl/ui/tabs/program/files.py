@@ -17,7 +17,7 @@ from armctl.ui.widgets.verdict_list import first_error
 
 _NONE = "(none saved yet)"
 _UPLOAD_NOTE = (
-    "Upload takes a program of this robot: .toml, .py as exported here, or .csv with units in its head "
+    "Upload takes a program of this robot: .toml, or .csv with units in its head "
     "(base_deg, … or x_mm, y_mm, z_mm)."
 )
 _EXPORT_HINT = "CSV X-Y-Z: poses become points of the tool. Python: a script for the armctl library."

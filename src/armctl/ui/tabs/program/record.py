@@ -19,7 +19,7 @@ from armctl.program import (
     Step,
     WaitStep,
 )
-from armctl.program.program import LONGEST_WAIT_S, MOST_REPEATS, SLOWEST_PERCENT
+from armctl.program.steps import LONGEST_WAIT_S, MOST_REPEATS, SLOWEST_PERCENT
 from armctl.robot import Robot
 from armctl.runtime import Snapshot
 from armctl.ui.session import Session

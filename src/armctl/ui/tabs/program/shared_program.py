@@ -71,7 +71,7 @@ class SharedProgram:
         """
         changed = change(self._program)
         if changed != self._program:
-            Blocks.of(changed)
+            Blocks.matched(changed.steps)
             self._undo = [*self._undo[1 - _UNDO_STEPS :], self._program]
             self._redo.clear()
             self._program = changed

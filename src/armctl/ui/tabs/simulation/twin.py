@@ -17,7 +17,6 @@ from armctl.ui.scene.arm_figure import ArmFigure
 from armctl.ui.scene.ghost import thicker
 from armctl.ui.session import Session
 from armctl.ui.tabs.program.shared_program import SharedProgram
-from armctl.ui.tabs.program.step_list import describe
 from armctl.ui.widgets.html import LiveHtml
 
 _FRAME_S = 1 / 30
@@ -102,7 +101,7 @@ class TwinControl:
                 raise StateError(
                     "the program of Serial motion has no steps yet; record some, or choose a pose"
                 )
-            steps = tuple(" ".join(describe(step)) for step in program.steps)
+            steps = tuple(f"{step.title} {step.describe()}" for step in program.steps)
             plan = partial(rehearse, longest_s=_LONGEST_S, most_steps=_MOST_STEPS)
             return await asyncio.to_thread(
                 plan, self._robot, program, snapshot.q_command, snapshot.gripper

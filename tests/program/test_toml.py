@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from hypothesis import given, settings
-from tests.motion.program.kit import programs
+from tests.program.kit import programs
 
 from armctl.errors import ProgramError
 from armctl.program import (
@@ -25,9 +25,13 @@ from armctl.program import (
     decode_program,
     encode_program,
     load_program,
+    read_program,
     save_program,
+    write_csv,
 )
+from armctl.robot import load_robot
 
+ROBOT = load_robot("uzuner")
 GOOD = """\
 format = 1
 robot = "uzuner"
@@ -78,22 +82,25 @@ def test_a_written_program_is_read(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (("seconds = 0.5", "seconds = -1"), "line 18, step 3, key seconds: must be at least 0, not -1"),
+        (("seconds = 0.5", "seconds = -1"), "line 18, step 3, key seconds: must be 0 … 86400, not -1"),
         (("seconds = 0.5", "second = 1"), "line 18, step 3: unknown key 'second'; mistyped?"),
         (("x_mm = 200", 'x_mm = "far"'), "line 11, step 2, key x_mm: must be a number, not 'far'"),
         (("x_mm = 200", '"x_mm" = "far"'), "line 11, step 2, key x_mm: must be a number, not 'far'"),
         (("x_mm = 200", "x_mm = nan"), "line 11, step 2, key x_mm: nan is no number to use"),
-        (("-80, -40", "-80, -inf"), "line 7, step 1, key joints_deg: -inf is no number to use"),
+        (("-80, -40", "-80, -inf"), r"line 7, step 1, key joints_deg\[3\]: -inf is no number to use"),
         (("open_percent = 20", ""), "line 20, step 4: the key 'open_percent' is missing"),
         (
             ('do = "wait"', 'do = "sleep"'),
-            "line 17, step 3, key do: there is no step 'sleep'; there are move, point, line, arc, ",
+            "line 17, step 3, key do: must be one of 'move', 'point', 'line', 'arc', .*, not 'sleep'",
         ),
         (('name = "pick"', "speed = 3"), "line 3: unknown key 'speed'; mistyped?"),
         (("format = 1", "format = 2"), "line 1, key format: must be 1, not 2"),
         (('robot = "uzuner"', ""), "the key 'robot' is missing"),
         (("-80, -40", '-80, "x"'), r"line 7, step 1, key joints_deg\[3\]: must be a number, not 'x'"),
-        (("x_mm = 200", "x_mm = 2e9\nblend_mm = -1"), "line 12, step 2, key blend_mm: must be at least 0"),
+        (
+            ("x_mm = 200", "x_mm = 2e9\nblend_mm = -1"),
+            "line 12, step 2, key blend_mm: must be 0 … 1000",
+        ),
         (
             ('note = "above"', 'note = """\n[[steps]]\nx_mm = 1\n"""\nz = 1'),
             "line 18, step 2: unknown key 'z'",
@@ -312,7 +319,7 @@ def test_a_program_built_in_python_is_as_its_file_would_be_read() -> None:
     [
         (WaitStep(seconds=None), "step 1, key seconds: must be a number, not None"),  # type: ignore[arg-type]
         (WaitStep(seconds=math.nan), "step 1, key seconds: "),
-        (WaitStep(seconds=-1), "step 1, key seconds: must be at least 0, not -1"),
+        (WaitStep(seconds=-1), "step 1, key seconds: must be 0 … 86400, not -1"),
         (
             PointStep(x_mm="far", y_mm=0, z_mm=0),  # type: ignore[arg-type]
             "step 1, key x_mm: must be a number, not 'far'",
@@ -342,3 +349,33 @@ def test_a_program_built_in_python_is_as_its_file_would_be_read() -> None:
 def test_what_python_lets_a_program_hold_is_told_before_it_is_used(step: Step, message: str) -> None:
     with pytest.raises(ProgramError, match=f"(?s)^trial: .*{re.escape(message)}"):
         checked_program(Program(robot="uzuner", name="trial", steps=(step,)))
+
+
+READABLE = Program(
+    robot="uzuner", name="pick", steps=(MoveStep(joints_deg=(0, 90, -80, -40, 0)), WaitStep(seconds=1))
+)
+
+
+def test_every_form_that_is_read_is_told_by_its_name() -> None:
+    assert read_program("a.TOML", encode_program(READABLE).encode(), ROBOT) == READABLE
+    assert read_program("pick.csv", write_csv(READABLE, ROBOT).encode(), ROBOT) == READABLE
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "message"),
+    [
+        ("a.txt", b"", r"^a\.txt: is none of \.toml, \.csv$"),
+        ("a.toml", b"x\n", r"^a\.toml: line 1, column 2: "),
+        ("a.csv", b"x,y\n", r"^a\.csv: line 1, column 'x' has no unit"),
+        ("b/a.py", b"import os", r"^b/a\.py: is a Python script; run it with Python: python a\.py$"),
+        ("a.toml", b" " * (1024 * 1024 + 1), r"^a\.toml: is larger than 1024 KiB"),
+        (
+            "a.toml",
+            b'robot = "x"\nsteps = [' + 20_001 * b'{do="end"},' + b"]",
+            r"^a\.toml: it has 20001 steps; a program has 20000 at most",
+        ),
+    ],
+)
+def test_what_is_refused_names_the_file(name: str, content: bytes, message: str) -> None:
+    with pytest.raises(ProgramError, match=message):
+        read_program(name, content, ROBOT)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from tests.motion.program.kit import programs
+from tests.program.kit import programs
 
 from armctl.errors import ProgramError
 from armctl.program import (
@@ -152,10 +152,10 @@ def test_what_spreadsheets_make_of_it(text: str) -> None:
         ),
         ("x_mm;y_mm;z_mm\n1.234,5;2;3\n", "'1.234,5' is not a number; write it without thousands"),
         ("x_mm,y_mm,z_mm\n=1+1,2,3\n", r"line 2, column x_mm: '=1\+1' is not a number"),
-        ("x_mm,y_mm,z_mm,duration_s\n1,2,3,-1\n", "line 2, column duration_s: must be at least 0"),
+        ("x_mm,y_mm,z_mm,duration_s\n1,2,3,-1\n", "line 2, column duration_s: must be 0 … 86400, not -1"),
         (
             "x_mm,y_mm,z_mm,gripper_percent\n1,2,3,130\n",
-            "line 2, column gripper_percent: must be at most 100",
+            "line 2, column gripper_percent: must be 0 … 100, not 130",
         ),
         (
             "x_mm,y_mm,z_mm,profile\n1,2,3,fast\n",
@@ -164,7 +164,7 @@ def test_what_spreadsheets_make_of_it(text: str) -> None:
         ("x_mm,y_mm,z_mm,times\n1,2,3,4\n", "line 2, column times: a 'point' step has no such thing"),
         ("do,note\nwait,x\n", "line 2, column wait_s: the cell is empty"),
         ("x_mm,y_mm,z_mm,do,wait_s\n1,2,3,wait,1\n", "line 2, column x_mm: a 'wait' step has no such thing"),
-        ("x_mm,y_mm,z_mm,do\n1,2,3,fly\n", "line 2, column do: there is no step 'fly'; there are move, "),
+        ("x_mm,y_mm,z_mm,do\n1,2,3,fly\n", "line 2, column do: must be one of 'move', .*, not 'fly'"),
         ("x_mm,y_mm,z_mm,do\n1,2,,line\n", "line 2, column z_mm: the cell is empty"),
         ("do,times\nrepeat,2.5\n", "line 2, column times: '2.5' is not a whole number"),
         ("do,times\nrepeat,2\n", "line 2: this 'repeat' has no 'end'"),

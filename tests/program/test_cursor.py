@@ -6,7 +6,7 @@ import tracemalloc
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from tests.motion.program.kit import programs
+from tests.program.kit import programs
 
 from armctl.errors import InputError, ProgramError
 from armctl.program import (
@@ -19,7 +19,6 @@ from armctl.program import (
     SpeedStep,
     Step,
     WaitStep,
-    block_findings,
 )
 
 A, B, C = (WaitStep(seconds=k) for k in range(3))
@@ -136,7 +135,7 @@ def test_a_million_times_a_million_takes_no_memory_and_no_time() -> None:
 def test_deep_nesting_is_no_recursion() -> None:
     deep = program(*[times(1)] * 5000, A, *[END] * 5000)
     assert indices(Cursor(deep)) == [5000]
-    assert Blocks.of(deep).depth(5000) == 5000
+    assert Blocks.of(deep.steps).depths[5000] == 5000
 
 
 def test_markers_that_do_not_match_are_named() -> None:
@@ -144,8 +143,8 @@ def test_markers_that_do_not_match_are_named() -> None:
         Cursor(program(A, END, B))
     with pytest.raises(ProgramError, match=r"^step 1: this 'repeat' has no 'end'"):
         Cursor(program(times(2), times(2), A, END))
-    assert [index for index, _ in block_findings(program(END, times(2), A))] == [0, 1]
-    assert block_findings(program(times(2), A, END)) == []
+    assert [index for index, _ in Blocks.of((END, times(2), A)).findings] == [0, 1]
+    assert Blocks.of((times(2), A, END)).findings == []
 
 
 def test_no_such_step() -> None:
@@ -156,7 +155,7 @@ def test_no_such_step() -> None:
 
 
 def test_depth_and_partners() -> None:
-    blocks = Blocks.of(program(A, times(2), B, times(3), C, END, END))
-    assert [blocks.depth(index) for index in range(7)] == [0, 0, 1, 1, 2, 1, 0]
-    assert [blocks.partner(index) for index in range(7)] == [None, 6, None, 5, None, 3, 1]
-    assert [blocks.around(index) for index in (0, 1, 2, 4, 5, 6)] == [[], [], [1], [1, 3], [1, 3], [1]]
+    blocks = Blocks.of((A, times(2), B, times(3), C, END, END))
+    assert blocks.depths == [0, 0, 1, 1, 2, 1, 0]
+    assert blocks.partners == {1: 6, 6: 1, 3: 5, 5: 3}
+    assert [blocks.whole(index) for index in (0, 1, 4, 5)] == [(0, 0), (1, 6), (4, 4), (3, 5)]

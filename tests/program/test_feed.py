@@ -3,7 +3,6 @@ from __future__ import annotations
 import math
 import re
 from dataclasses import replace
-from itertools import pairwise
 from typing import cast
 
 import numpy as np
@@ -13,7 +12,6 @@ from armctl.errors import ProgramError
 from armctl.motion import ProfileName, stopping_s
 from armctl.program import (
     CommentStep,
-    Cursor,
     LineStep,
     MoveStep,
     PlannedStep,
@@ -23,10 +21,8 @@ from armctl.program import (
     ProgramSource,
     Step,
     begin_program,
-    plan_again,
     plan_next,
 )
-from armctl.program.step_plan import leg_of
 from armctl.robot import Robot, load_robot
 
 ROBOT = load_robot("uzuner")
@@ -102,13 +98,19 @@ def test_how_long_the_slowest_joint_needs_to_stand(acceleration: float, seconds:
 @pytest.mark.parametrize(
     ("step", "what"),
     [
-        (to(0.1, blend_mm=-1.0), "a blend radius is 0 … 1000 mm, not -1.0"),
-        (to(0.1, blend_mm=math.nan), "a blend radius is 0 … 1000 mm, not nan"),
-        (MoveStep(joints_deg=(0, 90, 0, 0, 0), duration_s=math.nan), "a motion takes 0 … 86400 s, not nan"),
-        (MoveStep(joints_deg=(0, 90, 0, 0, 0), duration_s=-2.0), "a motion takes 0 … 86400 s, not -2.0"),
-        (MoveStep(joints_deg=(0, 90, 0, 0, 0), profile=cast("ProfileName", "x")), "no profile 'x'"),
-        (LineStep(x_mm=200, y_mm=0, z_mm=100, speed_mm_s=0.0), "more than 0 mm/s, not 0.0"),
-        (LineStep(x_mm=200, y_mm=0, z_mm=100, speed_mm_s=math.inf), "more than 0 mm/s, not inf"),
+        (to(0.1, blend_mm=-1.0), "key blend_mm: must be 0 … 1000, not -1.0"),
+        (to(0.1, blend_mm=math.nan), "key blend_mm: "),
+        (MoveStep(joints_deg=(0, 90, 0, 0, 0), duration_s=math.nan), "key duration_s: "),
+        (
+            MoveStep(joints_deg=(0, 90, 0, 0, 0), duration_s=-2.0),
+            "duration_s: must be 0 … 86400, not -2.0",
+        ),
+        (MoveStep(joints_deg=(0, 90, 0, 0, 0), profile=cast("ProfileName", "x")), "not 'x'"),
+        (
+            LineStep(x_mm=200, y_mm=0, z_mm=100, speed_mm_s=0.0),
+            "speed_mm_s: must be more than 0, not 0.0",
+        ),
+        (LineStep(x_mm=200, y_mm=0, z_mm=100, speed_mm_s=math.inf), "key speed_mm_s: inf is no number"),
     ],
 )
 def test_a_program_made_in_python_is_checked_like_a_file(step: Step, what: str) -> None:
@@ -136,49 +138,18 @@ def test_a_step_alone_is_solved_once(step: Step, monkeypatch: pytest.MonkeyPatch
     begun = plan_next(ROBOT, *begin(program(PointStep(x_mm=200, y_mm=0, z_mm=100))))[0][-1]
     assert begun.trajectory is not None
     solved: list[str] = []
+    path = type(step).path
 
     def counted(*args: object) -> object:
-        solved.append("leg")
-        return leg_of(*args)  # type: ignore[arg-type]
+        solved.append("path")
+        return path(*args)  # type: ignore[arg-type]
 
-    def again(*_: object, **__: object) -> None:
-        raise AssertionError("it is solved already")
-
-    monkeypatch.setattr("armctl.program.feed.leg_of", counted)
-    monkeypatch.setattr("armctl.program.step_plan.plan_step", again)
-    monkeypatch.setattr("armctl.program.step_plan.plan_line", again)
+    monkeypatch.setattr(type(step), "path", counted)
     what = program(step)
     (planned,), _ = plan_next(
         ROBOT, ProgramSource(what), begin_program(ROBOT, what, begun.trajectory.end, loops=1)
     )
-    assert planned.trajectory is not None and solved == ["leg"]
-
-
-def test_from_a_place_from_which_it_cannot_be_braked_an_earlier_one_is_taken() -> None:
-    # a long way at full speed, cut into short legs, then a sharp turn
-    old = program(*(to(0.05 * k, blend_mm=20) for k in range(-6, 7)), to(-0.3, blend_mm=20))
-    new = program(to(0.5, -0.5, blend_mm=20), to(-0.3, blend_mm=20))
-    source, state = begin(old)
-    steps: list[PlannedStep] = []
-    while len(steps) < 13:
-        planned, state = plan_next(ROBOT, source, state)
-        steps += planned
-    source.program = new
-    # as if the program had been shortened to where it goes fastest
-    short = program(*old.steps[:8])
-    turns = [
-        replace(step.again(step.before.entry), program=short, cursor=Cursor(short, step.index))
-        for step in steps[7:0:-1]
-    ]
-    found = plan_again(ROBOT, source, turns)
-    assert found is not None
-    number, planned, _ = found
-    assert number > 0 and planned[0].index == 7 - number
-    for step, ahead in pairwise(step for step in planned if step.trajectory is not None):
-        before, after = step.trajectory, ahead.trajectory
-        assert before is not None and after is not None
-        np.testing.assert_allclose(before.end, after.start, atol=1e-9)
-    assert plan_again(ROBOT, source, turns[:1]) is None
+    assert planned.trajectory is not None and solved == ["path"]
 
 
 def test_no_more_legs_are_solved_than_the_first_one_needs_behind_it() -> None:

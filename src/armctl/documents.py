@@ -1,0 +1,439 @@
+"""Files that people write (programs, robot files, calibrations): read strictly, refused in plain words.
+
+A document is TOML. It is parsed with ``tomllib``, which lets other threads run meanwhile, and decoded with
+msgspec. A refusal names the line, the key, its value and what is allowed.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import os
+import re
+import reprlib
+import stat
+import tempfile
+import tomllib
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, NamedTuple, TypeVar, cast
+
+import msgspec
+from msgspec import inspect
+
+from armctl.errors import ArmctlError
+
+T = TypeVar("T")
+Place = tuple[str | int, ...]
+"""Where a value stands: keys and indices from the top, e.g. ("steps", 2, "x_mm")"""
+
+
+@dataclass(frozen=True, slots=True)
+class DocumentKind:
+    """What all documents of one kind share."""
+
+    error: type[ArmctlError]
+    """raised for whatever is wrong with one"""
+    most_bytes: int
+    """no file is larger"""
+    largest: float = math.inf
+    """no number is larger"""
+    entries: Mapping[str, str] = field(default_factory=dict[str, str])
+    """key of a list to what one of its entries is called: the message counts these from 1"""
+
+    def load(self, path: Path, decode: Callable[[bytes], T]) -> T:
+        """Decode a file.
+
+        Raises:
+            ArmctlError: of this kind: no regular file, too large, or as ``decode``; names the file.
+        """
+        try:
+            return decode(self._content(path))
+        except OSError as cause:
+            raise self.error(f"{path}: cannot be read: {cause.strerror}") from cause
+        except self.error as cause:
+            raise self.error(f"{path}: {cause}") from cause
+
+    def _content(self, path: Path) -> bytes:
+        with open(path, "rb", opener=_open_at_once) as stream:
+            status = os.fstat(stream.fileno())
+            if not stat.S_ISREG(status.st_mode):
+                raise self.error("cannot be read: it is no regular file")
+            if status.st_size <= self.most_bytes:
+                content = stream.read(self.most_bytes + 1)  # it may grow meanwhile
+                if len(content) <= self.most_bytes:
+                    return content
+        raise self.error(f"is larger than {self.most_bytes // 1024} KiB; no such file is")
+
+    def text(self, content: bytes | str) -> str:
+        """The text of a file: UTF-8, without a byte order mark, lines ended as they are.
+
+        Raises:
+            ArmctlError: too large, or another encoding; says what to do.
+        """
+        if len(content) > self.most_bytes:
+            raise self.error(f"is larger than {self.most_bytes // 1024} KiB; no such file is")
+        if isinstance(content, bytes):
+            if content.startswith(_UTF16):
+                raise self.error("is not a text file in UTF-8 but in UTF-16; save it as UTF-8")
+            try:
+                content = content.decode()
+            except UnicodeDecodeError as cause:
+                raise self.error(
+                    f"is not a text file in UTF-8: byte {cause.start + 1} cannot be read; save it as UTF-8"
+                ) from cause
+        return content.removeprefix("\ufeff")
+
+    def parse(self, content: bytes | str) -> Document:
+        """The document from the content of its file.
+
+        Raises:
+            ArmctlError: of this kind: no text, or not TOML.
+        """
+        text = self.text(content).replace("\r\n", "\n")  # lines as editors count them
+        try:
+            return Document(self, tomllib.loads(text), text)
+        except tomllib.TOMLDecodeError as cause:
+            raise self.error(_syntax(str(cause))) from cause
+        except RecursionError as cause:
+            raise self.error("arrays or tables are nested too deep") from cause
+        except ValueError as cause:  # a whole number of thousands of digits
+            raise self.error(f"holds a number that is too large: {cause}") from cause
+
+    def decode(self, content: bytes | str, model: type[T]) -> T:
+        """A struct from the content of its file.
+
+        Raises:
+            ArmctlError: of this kind: as ``parse``, ``Document.convert`` and ``Document.require_numbers``.
+        """
+        document = self.parse(content)
+        found = document.convert(model)
+        document.require_numbers()
+        return found
+
+
+@dataclass(frozen=True, slots=True)
+class Document:
+    """The tables of a document, and the text that they come from."""
+
+    kind: DocumentKind
+    record: Mapping[str, Any]
+    text: str | None = None
+    """None: made in Python; a refusal then names no line"""
+
+    def convert(self, model: type[T], place: Place = ()) -> T:
+        """What stands at ``place`` as a struct, strictly.
+
+        Raises:
+            ArmctlError: an unknown or missing key, a wrong type, a value that is not allowed.
+        """
+        value: Any = self.record
+        for key in place:
+            value = value[key]
+        try:
+            return msgspec.convert(value, model)
+        except msgspec.ValidationError as cause:
+            refusal = refusal_of(cause, value, model)
+            raise self.refusal(refusal.what, (*place, *refusal.place), refusal.key) from cause
+
+    def require_numbers(self) -> None:
+        """Refuse what no comparison with a limit catches.
+
+        Raises:
+            ArmctlError: a number that is not finite (TOML knows nan and inf), or too large.
+        """
+        for place, number in _numbers(self.record, ()):
+            if isinstance(number, float) and not math.isfinite(number):
+                raise self.refusal(f"{number} is no number to use", place)
+            if abs(number) > self.kind.largest:
+                raise self.refusal(f"must be within ±{self.kind.largest:.0e}, not {number}", place)
+
+    def refusal(self, what: str, place: Place, key: str | None = None) -> ArmctlError:
+        """The error that says what is wrong at a place; ``key`` is unknown or missing there."""
+        line = None
+        if self.text is not None:
+            line = line_of(self.text, place if key is None else (*place, key))
+        words = [] if line is None else [f"line {line}"]
+        match place:
+            case (str() as name, int() as index, *rest) if name in self.kind.entries:
+                words.append(f"{self.kind.entries[name]} {index + 1}")
+                place = tuple(rest)
+            case _:
+                pass
+        if place:
+            words.append(f"key {_joined(place)}")
+        return self.kind.error(f"{', '.join(words)}: {what}" if words else what)
+
+
+def _open_at_once(path: str, flags: int) -> int:
+    # A named pipe that nobody writes to is opened, too, instead of waiting for ever.
+    return os.open(path, flags | getattr(os, "O_NONBLOCK", 0))
+
+
+_UTF16 = (b"\xff\xfe", b"\xfe\xff")
+_SYNTAX = re.compile(r"(.*) \(at (?:line (\d+), column (\d+)|end of document)\)", re.DOTALL)
+
+
+def _syntax(message: str) -> str:
+    """The parser's message with the place first."""
+    match = _SYNTAX.fullmatch(message)
+    if match is None:
+        return message
+    what, line, column = match.groups()
+    what = f"{what[:1].lower()}{what[1:]}"
+    return f"{what} at the end of the file" if line is None else f"line {line}, column {column}: {what}"
+
+
+def _joined(place: Place) -> str:
+    text = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in place)
+    return text.removeprefix(".")
+
+
+def _numbers(value: object, place: Place) -> Iterator[tuple[Place, float]]:
+    """Every number in a value that was parsed, and where it stands."""
+    if isinstance(value, dict):
+        for key, one in cast("dict[str, object]", value).items():
+            yield from _numbers(one, (*place, key))
+    elif isinstance(value, list | tuple):
+        for index, one in enumerate(cast("Sequence[object]", value)):
+            yield from _numbers(one, (*place, index))
+    elif isinstance(value, float | int):
+        yield place, value
+
+
+# A decoder's refusal in plain words.
+
+_UNKNOWN = re.compile(r"Object contains unknown field `(.+)`", re.DOTALL)
+_MISSING = re.compile(r"Object missing required field `(.+)`", re.DOTALL)
+_CHOICE = re.compile(r"Invalid (?:enum )?value (.+)", re.DOTALL)
+_BOUND = re.compile(r"Expected `(?:float|int)` (?:>=|<=|>|<) \S+")
+_LENGTH = re.compile(r"Expected `(array|str)` of length (?:(>=|<=) )?(\d+)(?:, got \d+)?")
+_PATTERN = re.compile(r"Expected `str` matching regex '(.*)'", re.DOTALL)
+_TYPE = re.compile(r"Expected `([a-z| ]+)`, got `\w+`")
+_TYPE_WORDS = {
+    "float": "a number",
+    "int": "a whole number",
+    "str": "text",
+    "array": "a list",
+    "object": "a table",
+    "null": "left out",
+}
+_LENGTH_WORDS = {None: "", ">=": "at least ", "<=": "at most "}
+_STEP = re.compile(r"\[(\d+|\.\.\.)\]|([^.\[]+)")
+
+
+class Refusal(NamedTuple):
+    """What a record was refused for."""
+
+    place: Place
+    key: str | None
+    """the key that is unknown or missing there"""
+    what: str
+
+
+def refusal_of(error: msgspec.ValidationError, record: object, model: Any) -> Refusal:
+    """Take a decoder's message apart.
+
+    Args:
+        error: what the decoder raised.
+        record: what it was to decode.
+        model: the type that it was to be.
+    """
+    what, _, where = str(error).rpartition(" - at `")
+    if not what:
+        what, where = str(error), "$`"
+    where = where.removeprefix("key` in `").removesuffix("`").removeprefix("$")
+    place = tuple(_part(index, key) for index, key in _STEP.findall(where))
+    if match := _UNKNOWN.fullmatch(what):
+        return Refusal(place, match.group(1), f"unknown key {match.group(1)!r}; mistyped?")
+    if match := _MISSING.fullmatch(what):
+        return Refusal(place, match.group(1), f"the key {match.group(1)!r} is missing")
+    value, node = _found(record, inspect.type_info(model), place)
+    got = "" if value is _LOST else f", not {reprlib.repr(value)}"
+    if _BOUND.fullmatch(what) and isinstance(node, inspect.FloatType | inspect.IntType):
+        return Refusal(place, None, f"must be {range_words(node)}{got}")
+    if (match := _CHOICE.fullmatch(what)) and isinstance(node, inspect.LiteralType):
+        return Refusal(place, None, f"{must_be(node.values)}, not {match.group(1)}")
+    if match := _TYPE.fullmatch(what):
+        allowed = " or ".join(_TYPE_WORDS.get(name, name) for name in match.group(1).split(" | "))
+        return Refusal(place, None, f"must be {allowed}{got}")
+    if match := _LENGTH.fullmatch(what):
+        count, unit = int(match.group(3)), "character" if match.group(1) == "str" else "value"
+        wanted = f"{_LENGTH_WORDS[match.group(2)]}{count} {unit}{'' if count == 1 else 's'}"
+        return Refusal(place, None, f"must have {wanted}{got}")
+    if match := _PATTERN.fullmatch(what):
+        return Refusal(
+            place, None, f"a name must match {match.group(1)}{got if isinstance(value, str) else ''}"
+        )
+    what = what.replace("`", "")
+    return Refusal(place, None, f"{what[:1].lower()}{what[1:]}")
+
+
+def must_be(choices: Sequence[object]) -> str:
+    """What may stand where only some values may: "must be one of 'a', 'b'"."""
+    allowed = ", ".join(repr(choice) for choice in choices)
+    return f"must be {'one of ' if len(choices) > 1 else ''}{allowed}"
+
+
+def range_words(node: inspect.FloatType | inspect.IntType) -> str:
+    """Which numbers are allowed: "0 … 100", "more than 0"."""
+    if node.ge is not None and node.le is not None:
+        return f"{node.ge:.15g} … {node.le:.15g}"
+    bounds = (("at least", node.ge), ("more than", node.gt), ("at most", node.le), ("less than", node.lt))
+    return " and ".join(f"{word} {bound:.15g}" for word, bound in bounds if bound is not None)
+
+
+_LOST = object()
+"""a value below a key that the decoder does not name"""
+
+
+def _part(index: str, key: str) -> str | int:
+    return int(index) if index.isdigit() else key or "*"
+
+
+def _found(value: Any, node: inspect.Type, place: Place) -> tuple[Any, inspect.Type]:
+    """The value at a place of a record, and its type there."""
+    for part in place:
+        match _one_type(node, value):
+            case inspect.StructType(fields=fields):
+                node = next(one.type for one in fields if one.encode_name == part)
+            case inspect.UnionType(types=kinds):  # of structs, and no kind has the tag that stands there
+                node = inspect.LiteralType(
+                    tuple(one.tag for one in kinds if isinstance(one, inspect.StructType))
+                )
+            case inspect.DictType(value_type=inner) | inspect.ListType(item_type=inner):
+                node = inner
+            case inspect.VarTupleType(item_type=inner):
+                node = inner
+            case inspect.TupleType(item_types=inners) if isinstance(part, int):
+                node = inners[part]
+            case _:
+                pass
+        try:
+            value = value[part]
+        except (KeyError, TypeError):
+            value = _LOST
+    return value, _one_type(node, value)
+
+
+def _one_type(node: inspect.Type, value: Any) -> inspect.Type:
+    """A type that may also be None or several kinds of structs: the one that the value is of."""
+    if not isinstance(node, inspect.UnionType):
+        return node
+    kinds = [one for one in node.types if not isinstance(one, inspect.NoneType)]
+    tags = cast("dict[object, object]", value) if isinstance(value, dict) else {}
+    for one in kinds:
+        if isinstance(one, inspect.StructType) and one.tag is not None and tags.get(one.tag_field) == one.tag:
+            return one
+    return kinds[0] if len(kinds) == 1 else node
+
+
+# On which line of a TOML text something stands.
+
+_NAME = r"""(?:[A-Za-z0-9_-]+|"(?:\\.|[^"\\\n])*"|'[^'\n]*')"""
+_NAMES = rf"{_NAME}(?:[ \t]*\.[ \t]*{_NAME})*"
+_SKIPPED = (
+    r'"""(?:\\.|[^\\])*?"""'  # strings may hold what looks like a header or a key
+    r"|'''.*?'''"
+    r'|"(?:\\.|[^"\\\n])*"'
+    r"|'[^'\n]*'"
+    r"|#[^\n]*"
+)
+_LINES = re.compile(
+    rf"^[ \t]*(?P<open>\[\[?)[ \t]*(?P<table>{_NAMES})[ \t]*\]\]?[ \t]*(?=[\n#]|\Z)"
+    rf"|^[ \t]*(?P<key>{_NAMES})[ \t]*="
+    rf"|{_SKIPPED}",
+    re.MULTILINE | re.DOTALL,
+)
+
+
+def line_of(text: str, place: Place) -> int | None:
+    """Line, from 1, of a key, or of the table that it is missing in; None where it cannot be told.
+
+    Args:
+        text: valid TOML.
+        place: of the key; the entries of an array of inline tables have no line.
+    """
+    entries: dict[Place, int] = {}
+    table: Place = ()
+    best: Place = ()
+    found: int | None = None
+    for match in _LINES.finditer(text):
+        if match["table"]:
+            table = _opened(_names(match["table"]), entries, new=match["open"] == "[[")
+            here = table
+        elif match["key"]:
+            here = (*table, *_names(match["key"]))
+        else:
+            continue
+        if len(here) > len(best) and place[: len(here)] == here:
+            best, found = here, match.start()
+    rest = place[len(best) :]
+    if found is None or (len(rest) > 1 and isinstance(rest[0], int)):
+        return None
+    return text.count("\n", 0, found) + 1
+
+
+def _names(text: str) -> list[str]:
+    return [name.strip("\"'") for name in re.findall(_NAME, text)]
+
+
+def _opened(names: Sequence[str], entries: dict[Place, int], *, new: bool) -> Place:
+    """Where a header leads: the last entry of each array of tables, or a new one of its own array."""
+    table: Place = ()
+    for index, name in enumerate(names):
+        table = (*table, name)
+        if new and index == len(names) - 1:
+            entries[table] = entries.get(table, -1) + 1
+        if table in entries:
+            table = (*table, entries[table])
+    return table
+
+
+# Writing: a reader, a crash or another save at the same time meets one whole version.
+
+
+def write_atomically(path: Path, content: bytes, *, keep: bool = False) -> None:
+    """Write a file beside ``path`` and let it take its place in one step; the mode of an old file stays.
+
+    Args:
+        path: of the file; a symbolic link is replaced, not followed.
+        content: all of it.
+        keep: the version that was there before is kept as ``NAME~``.
+
+    Raises:
+        OSError: cannot be written; what was there before is there still.
+    """
+    mode = stat.S_IMODE(path.stat().st_mode) if path.exists() else 0o644
+    written = _beside(path, content, mode)
+    try:
+        if keep and path.exists():
+            # Never written through ``NAME~`` itself: that may be a hard link to the present file.
+            _beside(path, path.read_bytes(), mode).replace(path.with_name(f"{path.name}~"))
+        written.replace(path)
+    except BaseException:
+        written.unlink(missing_ok=True)
+        raise
+    with contextlib.suppress(OSError):  # network file systems and FAT may have no folder to flush
+        folder = os.open(path.parent, os.O_RDONLY)
+        try:
+            os.fsync(folder)
+        finally:
+            os.close(folder)
+
+
+def _beside(path: Path, content: bytes, mode: int) -> Path:
+    """A new file in the same folder that holds ``content``, on the disk."""
+    handle, name = tempfile.mkstemp(prefix=f".{path.name}.", suffix=".new", dir=path.parent)
+    written = Path(name)
+    try:
+        with os.fdopen(handle, "wb") as stream:
+            stream.write(content)
+            stream.flush()
+            os.fsync(stream.fileno())
+        written.chmod(mode)
+    except BaseException:
+        written.unlink(missing_ok=True)
+        raise
+    return written
