@@ -9,11 +9,11 @@ from pathlib import Path
 
 from armctl.calibration import CalibrationStore, calibrated
 from armctl.errors import PortError
-from armctl.hardware import BoardType, ByteModel, Connection, Driver, Setup
+from armctl.hardware import BoardType, ByteModel, Driver, Setup
 from armctl.hardware.boards import board_type, find_board_type
 from armctl.hardware.ports import boards_listed_as, find_board, list_ports
 from armctl.hardware.simulation import PtyServer
-from armctl.hardware.transport import NO_SUCH_PORT, PortInfo, describe_port
+from armctl.hardware.transport import NO_SUCH_PORT, Connection, PortInfo, describe_port
 from armctl.robot import Robot
 from armctl.runtime import channel_settings
 

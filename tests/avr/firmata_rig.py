@@ -10,6 +10,7 @@ from tests.avr.pulses import Pulse, PulseMeter
 
 from armctl.hardware.driver import ChannelSettings
 from armctl.hardware.firmata.driver import FirmataDriver
+from armctl.hardware.transport import Connection
 
 FRAME_S = 0.020
 """what the Servo library takes from one pulse on a pin to the next"""
@@ -27,7 +28,7 @@ class FirmataRig:
     def __init__(self, avr: Avr, pins: Sequence[int]) -> None:
         self.avr = avr
         self.pins = tuple(pins)
-        self.driver = FirmataDriver(stepped_line(avr), now=lambda: avr.now)
+        self.driver = FirmataDriver(Connection(stepped_line(avr), lambda: avr.now))
         self.identity = self.driver.open()
         self.driver.configure([ChannelSettings(pin, LOWEST_US, HIGHEST_US) for pin in pins])
         self.meter = PulseMeter(avr, self.pins)

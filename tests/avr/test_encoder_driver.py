@@ -9,8 +9,9 @@ from tests.avr.encoder_arm import EncoderArm
 
 from armctl.errors import StateError
 from armctl.hardware import ChannelSettings, Readback
-from armctl.hardware.encoder.axes import EncoderAxis
+from armctl.hardware.encoder.axes import EncoderAxis, EncoderSettings
 from armctl.hardware.encoder.driver import EncoderDriver
+from armctl.hardware.transport import Connection
 
 PERIOD_S = 0.02
 AXES = tuple(
@@ -52,7 +53,7 @@ class Session:
     def __init__(self, arm: EncoderArm) -> None:
         self.avr = arm.avr
         self.driver = EncoderDriver(
-            stepped_line(arm.avr), axes=AXES, differential=(3, 4), now=lambda: arm.avr.now
+            Connection(stepped_line(arm.avr), lambda: arm.avr.now), EncoderSettings(AXES, (3, 4))
         )
         self.identity = self.driver.open()
         self.driver.configure(CHANNELS)

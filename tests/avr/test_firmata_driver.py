@@ -13,10 +13,11 @@ from tests.avr.firmata_rig import HIGHEST_US, LOWEST_US, FirmataRig
 from armctl.errors import BoardError, BoardTimeoutError
 from armctl.hardware.driver import ChannelSettings, Source
 from armctl.hardware.firmata.driver import FirmataDriver
+from armctl.hardware.transport import Connection
 
 
 def driver_of(avr: Avr) -> FirmataDriver:
-    return FirmataDriver(stepped_line(avr), now=lambda: avr.now)
+    return FirmataDriver(Connection(stepped_line(avr), lambda: avr.now))
 
 
 def test_the_sketch_is_recognised_right_after_power_on(make_avr: MakeAvr, firmata_firmware: Path) -> None:

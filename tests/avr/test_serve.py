@@ -22,7 +22,7 @@ from tests.avr.serve import served
 from armctl.errors import BoardError
 from armctl.hardware.driver import ChannelSettings
 from armctl.hardware.firmata.driver import FirmataDriver
-from armctl.hardware.transport import SerialTransport
+from armctl.hardware.transport import Connection, SerialTransport
 from armctl.runtime.clock import MonotonicClock
 
 PATIENCE_S = 60.0
@@ -34,7 +34,7 @@ def test_armctl_s_driver_opens_the_real_image_s_port(
     avr = make_avr(firmata_firmware)
     clock = MonotonicClock()
     with served(avr, clock.now, tmp_path / "mega") as server:
-        driver = FirmataDriver(server.port, now=clock.now)
+        driver = FirmataDriver(Connection(server.port, clock.now))
         assert driver.open().kind == "Arduino with StandardFirmata 2.3"
         driver.configure([ChannelSettings(44, 544, 2400)])
         with server.inspect():

@@ -10,6 +10,7 @@ from tests.cli.simulating import simulated
 
 from armctl.cli.main import REFUSED, run
 from armctl.hardware.encoder.driver import EncoderDriver
+from armctl.hardware.transport import Connection
 from armctl.robot import load_robot
 from armctl.runtime import MonotonicClock, channel_settings
 
@@ -31,12 +32,7 @@ def test_the_driver_opens_it_like_a_board(tmp_path: Path) -> None:
     robot = load_robot("scorbot")
     with simulated("encoder", "--link", str(link)):
         driver = EncoderDriver(
-            str(link),
-            axes=robot.board_settings.axes,
-            differential=robot.board_settings.differential,
-            now=MonotonicClock().now,
-            ports=list,
-            timeout_s=10.0,
+            Connection(str(link), MonotonicClock().now, ports=list), robot.board_settings, timeout_s=10.0
         )
         assert driver.open().kind == "armctl encoder board, firmware 1.1.0"
         driver.configure(channel_settings(robot))

@@ -12,6 +12,7 @@ from armctl.hardware import ChannelSettings
 from armctl.hardware.maestro.codec import Framing
 from armctl.hardware.maestro.driver import MaestroDriver
 from armctl.hardware.maestro.simulated import MaestroSettings, SimulatedMaestro
+from armctl.hardware.transport import Connection
 from armctl.runtime.clock import ManualClock
 
 CHANNELS = [ChannelSettings(channel, 1000.0, 2000.0) for channel in range(3)]
@@ -23,7 +24,7 @@ class Rig:
         self.board = SimulatedMaestro(settings=MaestroSettings(crc=crc))
         self.faults = FaultyModel(self.board, seed)
         self.driver = MaestroDriver(
-            lambda: LoopTransport(self.faults, clock.now, clock.advance),
+            Connection(lambda: LoopTransport(self.faults, clock.now, clock.advance), lambda: 0.0),
             framing=Framing(crc=crc),
             timeout_s=0.05,
         )

@@ -13,6 +13,7 @@ from armctl.hardware import Source
 from armctl.hardware.encoder.driver import EncoderDriver
 from armctl.hardware.encoder.messages import Mode
 from armctl.hardware.encoder.simulated import SimulatedEncoderBoard, simulated_encoder_board
+from armctl.hardware.transport import Connection
 from armctl.robot import load_robot
 from armctl.runtime import (
     ClearFault,
@@ -45,13 +46,7 @@ def bench() -> Bench:
     bench = BoardBench.of(
         SCORBOT,
         board,
-        lambda line, now: EncoderDriver(
-            line,
-            axes=SCORBOT.board_settings.axes,
-            differential=SCORBOT.board_settings.differential,
-            now=now,
-            simulated=True,
-        ),
+        lambda line, now: EncoderDriver(Connection(line, now, simulated=True), SCORBOT.board_settings),
     )
     bench.do(Connect("sim"))
     return bench

@@ -13,6 +13,7 @@ from armctl.hardware import Source
 from armctl.hardware.maestro.codec import MaestroModel, Opcode, set_target, us_to_quarters
 from armctl.hardware.maestro.driver import MaestroDriver
 from armctl.hardware.maestro.simulated import ChannelConfig, HomeMode, MaestroSettings, SimulatedMaestro
+from armctl.hardware.transport import Connection
 from armctl.program import MoveStep, PointStep, Program
 from armctl.runtime import (
     ClearFault,
@@ -39,7 +40,9 @@ def make_bench(channels: dict[int, ChannelConfig] = WIDE) -> Bench:
     return BoardBench.of(
         ROBOT,
         board,
-        lambda line, _now: MaestroDriver(line, model=MaestroModel.MICRO_6, simulated=True),
+        lambda line, _now: MaestroDriver(
+            Connection(line, lambda: 0.0, simulated=True), model=MaestroModel.MICRO_6
+        ),
     )
 
 

@@ -21,7 +21,7 @@ from armctl.hardware.firmata.simulated import SimulatedFirmata
 from armctl.hardware.maestro.codec import MaestroModel
 from armctl.hardware.maestro.driver import MaestroDriver
 from armctl.hardware.maestro.simulated import ChannelConfig, MaestroSettings, SimulatedMaestro
-from armctl.hardware.transport import Transport
+from armctl.hardware.transport import Connection, Transport
 from armctl.program import open_program
 from armctl.robot import Robot
 from armctl.runtime import (
@@ -123,17 +123,11 @@ def _bench(robot: Robot, record: list[str]) -> BoardBench[ByteModel]:
 
         match robot.board:
             case "maestro":
-                return MaestroDriver(line, model=model, simulated=True)
+                return MaestroDriver(Connection(line, lambda: 0.0, simulated=True), model=model)
             case "firmata":
-                return FirmataDriver(line, now=now, simulated=True)
+                return FirmataDriver(Connection(line, now, simulated=True))
             case "encoder":
-                return EncoderDriver(
-                    line,
-                    axes=robot.board_settings.axes,
-                    differential=robot.board_settings.differential,
-                    now=now,
-                    simulated=True,
-                )
+                return EncoderDriver(Connection(line, now, simulated=True), robot.board_settings)
 
     return BoardBench.of(robot, board, driver)
 

@@ -3,7 +3,6 @@
 from armctl.hardware.board_type import (
     BoardType,
     ByteModel,
-    Connection,
     Ear,
     Introduction,
     Setup,
@@ -30,7 +29,6 @@ __all__ = [
     "ChannelScale",
     "ChannelSettings",
     "ChannelTable",
-    "Connection",
     "Driver",
     "Ear",
     "HomingState",

@@ -17,7 +17,7 @@ from armctl.robot.outputs_of_file import BoardEntries
 
 if TYPE_CHECKING:
     from armctl.hardware.findings import CheckUp, Finding
-    from armctl.hardware.transport import AcceptBoard, PortInfo, Transport
+    from armctl.hardware.transport import Connection, Transport
 
 ANY_PRODUCT = None
 """stands for every product number of a USB vendor"""
@@ -50,22 +50,6 @@ class Setup:
     channels: Sequence[ChannelSettings] = ()
     settings: object = None
     """what ``BoardType.entries`` has read from the robot file besides the map of the outputs"""
-
-
-@dataclass(frozen=True, slots=True)
-class Connection:
-    """Where a driver finds its board."""
-
-    line: str
-    """a device, a pty or ``socket://host:port``"""
-    now: Callable[[], float]
-    """the clock [s]"""
-    ports: Callable[[], Sequence[PortInfo]]
-    """the listing of serial ports"""
-    accept: AcceptBoard
-    """is told the serial number of the board, once the line is open and before the board is spoken to"""
-    simulated: bool = False
-    """whether a simulated board of this process is at the other end: late on a busy computer, never gone"""
 
 
 @dataclass(frozen=True, slots=True)

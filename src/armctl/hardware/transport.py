@@ -243,69 +243,55 @@ def any_board(_serial_number: str | None) -> None:
     """Whatever board is there."""
 
 
-class BoardPort:
-    """A port by its name, or what opens a transport.
+@dataclass(frozen=True, slots=True)
+class Connection:
+    """Where a driver finds its board, and how it opens the line to it.
 
-    Which board is behind a name is certain only while the port is open: until then another one may be
-    plugged in there. So it is looked up before opening, and once more after.
-
-    Args:
-        line: port name (device, pty, ``socket://host:port``), or what opens the transport.
-        ports: the listing of serial ports; a simulated board, a pty or a socket is not among them.
-        accept: judges the board that is there.
-        simulated: whether a simulated board is at the other end.
+    Which board is behind the name of a port is certain only while the port is open: until then another one
+    may be plugged in there. So it is looked up before opening, and once more after.
     """
 
-    def __init__(
-        self,
-        line: str | Callable[[], Transport],
-        ports: Callable[[], Sequence[PortInfo]],
-        accept: AcceptBoard,
-        *,
-        simulated: bool,
-    ) -> None:
-        self._line, self._ports, self._accept, self._simulated = line, ports, accept, simulated
+    line: str | Callable[[], Transport]
+    """a device, a pty or ``socket://host:port``; or what opens the transport"""
+    now: Callable[[], float]
+    """the clock [s]"""
+    ports: Callable[[], Sequence[PortInfo]] = tuple
+    """the listing of serial ports; a simulated board, a pty or a socket is not among them"""
+    accept: AcceptBoard = any_board
+    """judges the board that is there, before it is spoken to"""
+    simulated: bool = False
+    """whether a simulated board of this program is at the other end: late on a busy computer, never gone"""
 
     @property
     def restarts_board(self) -> bool:
         """Whether opening the line starts an Arduino anew, as a device's control lines do."""
-        if not isinstance(self._line, str) or "://" in self._line:
-            return False
-        return not is_pseudo_terminal(self._line)
+        return isinstance(self.line, str) and "://" not in self.line and not is_pseudo_terminal(self.line)
 
-    def look_up(self) -> PortInfo | None:
-        """What is listed under the name now; None where nothing is.
+    def open(self, baud: int = _BAUD) -> tuple[Transport, PortInfo | None]:
+        """Open the line, and see which board is behind it; None where the system does not tell.
 
         Opening the line of an Arduino starts it anew and lets its servos or motors go, so a board that is
         listed as another one is left alone.
 
         Raises:
-            PortError: it is listed as one that cannot be used, or that is not the one that is wanted.
+            PortError: it cannot be opened or used, or the board is not the one that is wanted.
         """
         info = self._listed()
         if info is not None and not info.usable:
-            raise PortError(f"{self._line}: {info.why_not}")
+            raise PortError(f"{self.line}: {info.why_not}")
         if info is not None:
-            self._accept(info.serial_number)
-        return info
-
-    def open(self, baud: int = _BAUD) -> tuple[Transport, PortInfo | None]:
-        """Open the line, and see which board is behind it; None where the system does not tell.
-
-        Raises:
-            PortError: it cannot be opened, or the board is not the one that is wanted.
-        """
-        transport = SerialTransport(self._line, baud=baud) if isinstance(self._line, str) else self._line()
+            self.accept(info.serial_number)
+        transport = SerialTransport(self.line, baud=baud) if isinstance(self.line, str) else self.line()
         try:
             info = self._listed()
-            if not self._simulated:
-                self._accept(None if info is None else info.serial_number)
+            if not self.simulated:
+                self.accept(None if info is None else info.serial_number)
         except BaseException:
             transport.close()
             raise
         return transport, info
 
     def _listed(self) -> PortInfo | None:
-        if not isinstance(self._line, str) or self._simulated:
+        if not isinstance(self.line, str) or self.simulated:
             return None
-        return describe_port(self._line, self._ports())
+        return describe_port(self.line, self.ports())

@@ -12,7 +12,6 @@ from armctl.hardware import (
     ChannelScale,
     ChannelSettings,
     ChannelTable,
-    Connection,
     Introduction,
     Readback,
     ServoEntries,
@@ -20,7 +19,7 @@ from armctl.hardware import (
     Source,
 )
 from armctl.hardware.findings import CheckUp, Finding, ok
-from armctl.hardware.transport import BoardPort, Transport
+from armctl.hardware.transport import Connection, Transport
 
 LISTING = "Toy board"
 STEPS = ChannelScale("output", "steps")
@@ -59,14 +58,11 @@ class ToyDriver:
 
     def __init__(self, connection: Connection) -> None:
         self._connection = connection
-        self._port = BoardPort(
-            connection.line, connection.ports, connection.accept, simulated=connection.simulated
-        )
         self._line: Transport | None = None
         self._table = ChannelTable(STEPS)
 
     def open(self) -> BoardIdentity:
-        self._line, info = self._port.open()
+        self._line, info = self._connection.open()
         serial_number = None if info is None else info.serial_number
         return BoardIdentity("Toy board", self._line.name, serial_number, self._connection.simulated)
 

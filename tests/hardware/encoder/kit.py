@@ -5,10 +5,11 @@ from __future__ import annotations
 from tests.hardware.lines import LoopTransport
 
 from armctl.hardware import ByteModel, ChannelSettings
-from armctl.hardware.encoder.axes import EncoderAxis
+from armctl.hardware.encoder.axes import EncoderAxis, EncoderSettings
 from armctl.hardware.encoder.driver import EncoderDriver
 from armctl.hardware.encoder.simulated import SimulatedEncoderBoard
 from armctl.hardware.encoder.simulated_axis import AxisPlant
+from armctl.hardware.transport import Connection
 from armctl.runtime.clock import ManualClock
 
 PERIOD_S = 0.02
@@ -58,7 +59,11 @@ class Bench:
         self.clock = clock
         self.board = SimulatedEncoderBoard(PLANTS)
         self.line: ByteModel = self.board if line is None else line
-        self.driver = EncoderDriver(self.open_line, axes=AXES, now=clock.now, **options)
+        self.driver = EncoderDriver(
+            Connection(self.open_line, clock.now, simulated=options.pop("simulated", False)),
+            EncoderSettings(AXES, options.pop("differential", None)),
+            **options,
+        )
 
     def open_line(self) -> LoopTransport:
         return LoopTransport(self.line, self.clock.now, self.clock.advance)

@@ -9,10 +9,11 @@ from tests.hardware.encoder.kit import AXES, CHANNELS, PLANTS, Bench, encoder_ax
 
 from armctl.errors import BoardError, PortError, StateError
 from armctl.hardware import ChannelSettings, Source
+from armctl.hardware.encoder.axes import EncoderSettings
 from armctl.hardware.encoder.driver import SILENCE_NOTE, EncoderDriver
 from armctl.hardware.encoder.messages import Mode, seal, unseal
 from armctl.hardware.encoder.simulated import SimulatedEncoderBoard
-from armctl.hardware.transport import PortInfo
+from armctl.hardware.transport import Connection, PortInfo
 from armctl.runtime.clock import ManualClock
 
 
@@ -308,7 +309,7 @@ def test_homing_from_beyond_the_switch(bench: Bench):
 def test_homing_by_stall(clock: ManualClock):
     bench = Bench(clock)
     axis = encoder_axis(5, home_toward=-1, home_by="stall")
-    bench.driver = EncoderDriver(bench.open_line, axes=[axis], now=clock.now)
+    bench.driver = EncoderDriver(Connection(bench.open_line, clock.now), EncoderSettings((axis,)))
     bench.driver.open()
     bench.driver.configure([ChannelSettings(5, 50.0, 1000.0, 2000.0, 20000.0)])
     bench.driver.home()
@@ -377,7 +378,9 @@ def test_notes_on_a_fault_and_on_a_bad_start(clock: ManualClock):
 
 def test_more_axes_than_the_board_has(clock: ManualClock):
     bench = Bench(clock)
-    driver = EncoderDriver(bench.open_line, axes=[*AXES, encoder_axis(6)], now=clock.now)
+    driver = EncoderDriver(
+        Connection(bench.open_line, clock.now), EncoderSettings(tuple([*AXES, encoder_axis(6)]))
+    )
     with pytest.raises(BoardError, match=r"the board has axes 0 … 5, but the robot file uses axis 6"):
         driver.open()
     with pytest.raises(BoardError, match="not connected"):
@@ -402,7 +405,9 @@ def test_nothing_can_be_homed_before_it_is_configured(clock: ManualClock):
 
 def test_a_port_that_the_listing_rules_out_is_not_opened():
     port = PortInfo("/dev/ttyACM1", "Arduino Mega", "", "1", False, "no permission")
-    driver = EncoderDriver("/dev/ttyACM1", axes=AXES, now=lambda: 0.0, ports=lambda: [port])
+    driver = EncoderDriver(
+        Connection("/dev/ttyACM1", lambda: 0.0, ports=lambda: [port]), EncoderSettings(AXES)
+    )
     with pytest.raises(PortError, match="/dev/ttyACM1: no permission"):
         driver.open()
 

@@ -10,16 +10,20 @@ from tests.hardware.encoder.kit import AXES, CHANNELS, PLANTS
 from tests.hardware.lines import FaultyModel
 
 from armctl.errors import BoardError
+from armctl.hardware.encoder.axes import EncoderSettings
 from armctl.hardware.encoder.driver import EncoderDriver
 from armctl.hardware.encoder.simulated import SimulatedEncoderBoard, simulated_encoder_board
 from armctl.hardware.simulation import PtyServer
+from armctl.hardware.transport import Connection
 from armctl.runtime.clock import ManualClock
 
 PATIENT_S = 5.0  # the pty has a thread of its own, which a busy machine may keep waiting
 
 
 def connected(port: str, clock: ManualClock) -> EncoderDriver:
-    driver = EncoderDriver(port, axes=AXES, now=clock.now, simulated=True, timeout_s=PATIENT_S)
+    driver = EncoderDriver(
+        Connection(port, clock.now, simulated=True), EncoderSettings(AXES), timeout_s=PATIENT_S
+    )
     driver.open()
     driver.configure(CHANNELS)
     return driver

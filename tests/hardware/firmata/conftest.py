@@ -7,6 +7,7 @@ from tests.hardware.lines import LoopTransport
 
 from armctl.hardware import ByteModel, ChannelSettings
 from armctl.hardware.firmata.driver import FirmataDriver
+from armctl.hardware.transport import Connection
 from armctl.runtime.clock import ManualClock
 
 PINS = [9, 22]
@@ -37,7 +38,9 @@ class Session:
     def __init__(self, board: ByteModel, clock: ManualClock, **options) -> None:
         self.board, self.clock = board, clock
         self.transports: list[RecordingTransport] = []
-        self.driver = FirmataDriver(self._open, now=clock.now, **options)
+        self.driver = FirmataDriver(
+            Connection(self._open, clock.now, simulated=options.pop("simulated", False)), **options
+        )
 
     def _open(self) -> RecordingTransport:
         self.transports.append(RecordingTransport(self.board, self.clock))

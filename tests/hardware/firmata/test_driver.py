@@ -13,7 +13,7 @@ from armctl.errors import BoardError, PortError
 from armctl.hardware import ChannelSettings, Source
 from armctl.hardware.firmata.driver import COMMANDED_NOTE, WATCHDOG_NOTE, FirmataDriver
 from armctl.hardware.firmata.simulated import SimulatedFirmata
-from armctl.hardware.transport import PortInfo
+from armctl.hardware.transport import Connection, PortInfo
 from armctl.runtime.clock import ManualClock
 
 from .conftest import CHANNELS, FRAME_S, PINS, Session
@@ -76,7 +76,7 @@ def test_that_the_board_has_no_watchdog_is_said():
 
 @pytest.mark.parametrize("call", ["read", "stop", "release", "configure", "write"])
 def test_nothing_works_before_open(call: str):
-    driver = FirmataDriver("/dev/ttyACM0", now=lambda: 0.0)
+    driver = FirmataDriver(Connection("/dev/ttyACM0", lambda: 0.0))
     arguments = {"configure": [CHANNELS], "write": [{}]}.get(call, [])
     with pytest.raises(BoardError, match="the Arduino is not connected; connect first"):
         getattr(driver, call)(*arguments)
@@ -84,7 +84,7 @@ def test_nothing_works_before_open(call: str):
 
 def test_a_port_that_the_listing_rules_out_is_not_opened():
     port = PortInfo("/dev/ttyACM7", "Arduino Mega", "", "1", False, "no permission to open it")
-    driver = FirmataDriver("/dev/ttyACM7", now=lambda: 0.0, ports=lambda: [port])
+    driver = FirmataDriver(Connection("/dev/ttyACM7", lambda: 0.0, ports=lambda: [port]))
     with pytest.raises(PortError, match="no permission to open it"):
         driver.open()
 

@@ -13,6 +13,7 @@ from armctl.hardware import ChannelSettings
 from armctl.hardware.firmata.driver import FirmataDriver
 from armctl.hardware.firmata.simulated import SimulatedFirmata
 from armctl.hardware.simulation import PtyServer
+from armctl.hardware.transport import Connection
 from armctl.runtime.clock import MonotonicClock
 
 CHANNELS = [ChannelSettings(9, 1000.0, 2000.0), ChannelSettings(22, 1000.0, 2000.0)]
@@ -24,7 +25,7 @@ def real_clock() -> MonotonicClock:
 
 
 def connected(port: str, clock: MonotonicClock) -> FirmataDriver:
-    driver = FirmataDriver(port, now=clock.now, ports=list, timeout_s=2.0, simulated=True)
+    driver = FirmataDriver(Connection(port, clock.now, ports=list, simulated=True), timeout_s=2.0)
     identity = driver.open()
     assert identity.port == port
     driver.configure(CHANNELS)

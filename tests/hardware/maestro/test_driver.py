@@ -21,7 +21,7 @@ from armctl.hardware.maestro.simulated import (
     SerialMode,
     SimulatedMaestro,
 )
-from armctl.hardware.transport import PortInfo
+from armctl.hardware.transport import Connection, PortInfo
 from armctl.runtime.clock import ManualClock
 
 CHANNELS = [ChannelSettings(channel, 1000.0, 2000.0) for channel in range(4)]
@@ -32,7 +32,9 @@ PROBE = (("a1", "00 00"), ("90 00 a1", "00 00 00 00"))
 
 def scripted(*exchanges: tuple[str, str], **options) -> tuple[MaestroDriver, ScriptedTransport]:
     transport = ScriptedTransport(*PROBE, *exchanges)
-    return MaestroDriver(lambda: transport, **options), transport
+    return MaestroDriver(
+        Connection(lambda: transport, lambda: 0.0, simulated=options.pop("simulated", False)), **options
+    ), transport
 
 
 def test_identity_of_a_board_of_unknown_model():
@@ -51,14 +53,14 @@ def test_the_watchdog_that_nobody_verified_is_said_loudly():
 
 def test_errors_from_before_are_told_once():
     transport = ScriptedTransport(("a1", "20 00"), PROBE[1])
-    identity = MaestroDriver(lambda: transport, model=MaestroModel.MICRO_6).open()
+    identity = MaestroDriver(Connection(lambda: transport, lambda: 0.0), model=MaestroModel.MICRO_6).open()
     assert identity.kind == "Pololu Micro Maestro 6-channel"
     assert identity.earlier[0].startswith("before armctl connected, the board had reported: serial timeout")
 
 
 def test_a_silent_board_brings_the_advice_and_closes_the_line():
     transport = ScriptedTransport(("a1", ""), ("1b", ""))
-    driver = MaestroDriver(lambda: transport)
+    driver = MaestroDriver(Connection(lambda: transport, lambda: 0.0))
     with pytest.raises(BoardTimeoutError, match=r'USB Dual Port.*"UART, detect baud rate".*silently ignores'):
         driver.open()
     transport.assert_done()
@@ -70,27 +72,27 @@ def test_a_silent_board_brings_the_advice_and_closes_the_line():
 def test_half_an_answer_is_no_maestro_and_is_asked_nothing_more():
     transport = ScriptedTransport(("a1", "00"))
     with pytest.raises(BoardProtocolError, match="Get Errors was answered by 1 bytes"):
-        MaestroDriver(lambda: transport).open()
+        MaestroDriver(Connection(lambda: transport, lambda: 0.0)).open()
     transport.assert_done()
 
 
 def test_something_that_answers_like_no_maestro():
     transport = ScriptedTransport(("a1", "41 54"))
     with pytest.raises(BoardProtocolError, match=r"scripted: .*no Maestro"):
-        MaestroDriver(lambda: transport).open()
+        MaestroDriver(Connection(lambda: transport, lambda: 0.0)).open()
     assert transport.closed == 1
 
 
 def test_a_port_that_the_listing_rules_out_is_not_opened():
     port = PortInfo("/dev/ttyACM1", "Pololu Micro Maestro 6-channel", "", "1", False, "this is the TTL port")
-    driver = MaestroDriver("/dev/ttyACM1", ports=lambda: [port])
+    driver = MaestroDriver(Connection("/dev/ttyACM1", lambda: 0.0, ports=lambda: [port]))
     with pytest.raises(PortError, match="/dev/ttyACM1: this is the TTL port"):
         driver.open()
 
 
 @pytest.mark.parametrize("call", ["read", "stop", "release", "configure", "write"])
 def test_nothing_works_before_open(call):
-    driver = MaestroDriver(lambda: ScriptedTransport())
+    driver = MaestroDriver(Connection(lambda: ScriptedTransport(), lambda: 0.0))
     arguments = {"configure": [CHANNELS], "write": [{}]}.get(call, [])
     with pytest.raises(BoardError, match="not connected"):
         getattr(driver, call)(*arguments)
@@ -98,7 +100,7 @@ def test_nothing_works_before_open(call):
 
 def test_opening_again_forgets_the_channels(clock: ManualClock):
     board = SimulatedMaestro()
-    driver = MaestroDriver(lambda: LoopTransport(board, clock.now))
+    driver = MaestroDriver(Connection(lambda: LoopTransport(board, clock.now), lambda: 0.0))
     driver.open()
     driver.configure(CHANNELS)
     driver.open()
@@ -158,7 +160,7 @@ def test_no_setpoint_on_the_wire_ever_leaves_its_limits(writes):
     board = SimulatedMaestro(
         settings=MaestroSettings(channels={c: ChannelConfig(100.0, 4000.0) for c in range(4)})
     )
-    driver = MaestroDriver(lambda: LoopTransport(board, clock.now))
+    driver = MaestroDriver(Connection(lambda: LoopTransport(board, clock.now), lambda: 0.0))
     driver.open()
     driver.configure(CHANNELS)
     for setpoints in writes:
@@ -271,7 +273,7 @@ def test_whether_the_board_wants_crcs_is_found_out_without_an_error(clock: Manua
     board = SimulatedMaestro(settings=MaestroSettings(crc=crc, channels=home))
     board.advance(clock.now())
     board.feed(bytes.fromhex("84 00 70 2e 2b") if crc else bytes.fromhex("84 00 70 2e"))
-    driver = MaestroDriver(lambda: LoopTransport(board, clock.now, clock.advance))
+    driver = MaestroDriver(Connection(lambda: LoopTransport(board, clock.now, clock.advance), lambda: 0.0))
     driver.open()
     driver.configure(CHANNELS)
     assert driver.read().positions[0] == 1500.0
@@ -285,7 +287,10 @@ def test_crcs_that_were_asked_for_and_are_not_checked_are_refused_without_an_err
     board = SimulatedMaestro()
     board.advance(clock.now())
     board.feed(bytes.fromhex("84 00 70 2e"))
-    driver = MaestroDriver(lambda: LoopTransport(board, clock.now, clock.advance), framing=Framing(crc=True))
+    driver = MaestroDriver(
+        Connection(lambda: LoopTransport(board, clock.now, clock.advance), lambda: 0.0),
+        framing=Framing(crc=True),
+    )
     with pytest.raises(BoardProtocolError, match='does not check them; tick "Enable CRC"'):
         driver.open()
     assert board.target_us(0) == 1500.0
@@ -295,7 +300,7 @@ def test_a_board_without_crc_that_is_late_is_not_taken_for_one_with(clock: Manua
     faults = FaultyModel(SimulatedMaestro())
     faults.advance(clock.now())
     faults.inject(Fault.DELAY_REPLY, delay_s=0.8)
-    driver = MaestroDriver(lambda: LoopTransport(faults, clock.now, clock.advance))
+    driver = MaestroDriver(Connection(lambda: LoopTransport(faults, clock.now, clock.advance), lambda: 0.0))
     driver.open()
     driver.configure(CHANNELS)
     assert driver.read().errors == ()

@@ -14,6 +14,7 @@ from armctl.hardware import ChannelSettings, Source
 from armctl.hardware.maestro.codec import Framing, MaestroErrors, MaestroModel
 from armctl.hardware.maestro.driver import MaestroDriver
 from armctl.hardware.maestro.simulated import MaestroSettings, SimulatedMaestro
+from armctl.hardware.transport import Connection
 
 Session = tuple[tuple[str, str], ...]
 
@@ -119,7 +120,7 @@ MINI_SESSIONS = [
 def test_the_driver_on_a_micro(device, crc, session, insisted):
     transport = ScriptedTransport(*session)
     driver = MaestroDriver(
-        lambda: transport,
+        Connection(lambda: transport, lambda: 0.0),
         model=MaestroModel.MICRO_6,
         framing=Framing(device, crc and insisted),
     )
@@ -145,7 +146,9 @@ def test_the_driver_on_a_micro(device, crc, session, insisted):
 @pytest.mark.parametrize(("device", "crc", "session"), MINI_SESSIONS)
 def test_the_driver_on_a_mini(device, crc, session):
     transport = ScriptedTransport(*session)
-    driver = MaestroDriver(lambda: transport, model=MaestroModel.MINI_12, framing=Framing(device))
+    driver = MaestroDriver(
+        Connection(lambda: transport, lambda: 0.0), model=MaestroModel.MINI_12, framing=Framing(device)
+    )
     driver.open()
     driver.configure([ChannelSettings(10, 992.0, 2000.0), ChannelSettings(11, 992.0, 2000.0)])
     driver.write({10: 1000.0, 11: 1500.0})
@@ -228,7 +231,7 @@ def test_the_driver_tells_the_register_in_words(register, words):
         ("87 02 00 00 75  89 02 00 00 39  a1 1b", "00 00"),
         ("90 02 76  a1 1b", f"70 17 {register}"),
     )
-    driver = MaestroDriver(lambda: transport, model=MaestroModel.MICRO_6)
+    driver = MaestroDriver(Connection(lambda: transport, lambda: 0.0), model=MaestroModel.MICRO_6)
     driver.open()
     driver.configure([ChannelSettings(2, 992.0, 2000.0)])
     assert [

@@ -20,6 +20,7 @@ from armctl.hardware.maestro.simulated import (
     simulated_maestro,
 )
 from armctl.hardware.simulation import PtyServer
+from armctl.hardware.transport import Connection
 from armctl.runtime.clock import ManualClock
 
 CHANNELS = [ChannelSettings(0, 700.0, 2300.0, speed=1000.0), ChannelSettings(1, 1000.0, 2000.0)]
@@ -27,7 +28,7 @@ PATIENT_S = 5.0  # the pty has a thread of its own, which a busy machine may kee
 
 
 def connected(port: str, clock: ManualClock, timeout_s: float = PATIENT_S) -> MaestroDriver:
-    driver = MaestroDriver(port, simulated=True, timeout_s=timeout_s)
+    driver = MaestroDriver(Connection(port, lambda: 0.0, simulated=True), timeout_s=timeout_s)
     driver.open()
     driver.configure(CHANNELS)
     return driver
@@ -71,7 +72,9 @@ def test_a_session_of_the_driver(clock: ManualClock):
 
 def test_identity_over_a_link(clock: ManualClock, tmp_path: Path):
     with PtyServer(simulated_maestro(), clock.now, link=tmp_path / "arm") as server:
-        driver = MaestroDriver(server.port, simulated=True, model=MaestroModel.MICRO_6)
+        driver = MaestroDriver(
+            Connection(server.port, lambda: 0.0, simulated=True), model=MaestroModel.MICRO_6
+        )
         identity = driver.open()
         driver.close()
     assert identity.port == str(tmp_path / "arm")

@@ -7,13 +7,14 @@ from typing import TYPE_CHECKING
 
 from armctl.errors import BoardError
 from armctl.hardware import arduino
-from armctl.hardware.board_type import BoardType, ByteModel, Connection, Ear, Setup
+from armctl.hardware.board_type import BoardType, ByteModel, Ear, Setup
 from armctl.hardware.driver import Driver
 from armctl.hardware.encoder.axes import SCALE, AxisTable, EncoderEntries, EncoderSettings
 from armctl.hardware.encoder.messages import FLASH_IT
 
 if TYPE_CHECKING:
     from armctl.hardware.findings import CheckUp, Finding
+    from armctl.hardware.transport import Connection
 
 _TIMEOUT_S, _SIMULATED_TIMEOUT_S = 0.1, 0.5
 _MOST_AXES = 6
@@ -47,17 +48,8 @@ class EncoderBoard(BoardType):
         """A driver."""
         from armctl.hardware.encoder.driver import EncoderDriver
 
-        settings = _settings(setup)
-        return EncoderDriver(
-            connection.line,
-            axes=settings.axes,
-            differential=settings.differential,
-            now=connection.now,
-            simulated=connection.simulated,
-            ports=connection.ports,
-            accept=connection.accept,
-            timeout_s=_SIMULATED_TIMEOUT_S if connection.simulated else _TIMEOUT_S,
-        )
+        timeout_s = _SIMULATED_TIMEOUT_S if connection.simulated else _TIMEOUT_S
+        return EncoderDriver(connection, _settings(setup), timeout_s)
 
     def simulated(self, setup: Setup, options: Mapping[str, str | bool | None]) -> ByteModel:
         """A simulated board with an arm on it that fits the robot."""

@@ -6,11 +6,11 @@ from collections.abc import Callable, Mapping, Sequence
 
 from armctl.errors import ArmctlError, BoardError, BoardTimeoutError, StateError
 from armctl.hardware.driver import BoardIdentity, ChannelSettings, HomingState, Readback, Source
-from armctl.hardware.encoder.axes import AxisTable, EncoderAxis
+from armctl.hardware.encoder.axes import AxisTable, EncoderSettings
 from armctl.hardware.encoder.messages import Banner, Mode, Realtime, Status
 from armctl.hardware.encoder.session import EncoderSession, greet
 from armctl.hardware.encoder.watch import BoardWatch, earlier_words
-from armctl.hardware.transport import AcceptBoard, BoardPort, PortInfo, Transport, any_board
+from armctl.hardware.transport import Connection
 
 WATCHDOG_MS = 500
 SILENCE_NOTE = (
@@ -36,33 +36,15 @@ class EncoderDriver:
     often than that: it sends a line where nothing else was sent.
 
     Args:
-        line: port name (device, pty, ``socket://host:port``), or what opens the transport.
-        axes: how each axis is controlled and homed.
-        now: the clock [s].
-        differential: the two axes of a differential wrist, pitch first; None without one.
-        simulated: whether a simulated board is at the other end.
-        ports: the listing of serial ports.
-        accept: judges the board by its serial number, once the port is open and before it is spoken to.
+        connection: where the board is.
+        settings: how each axis is controlled and homed.
         timeout_s: how long an answer may take, with the repetitions of a lost line.
     """
 
-    def __init__(
-        self,
-        line: str | Callable[[], Transport],
-        *,
-        axes: Sequence[EncoderAxis],
-        now: Callable[[], float],
-        differential: tuple[int, int] | None = None,
-        simulated: bool = False,
-        ports: Callable[[], Sequence[PortInfo]] = tuple,
-        accept: AcceptBoard = any_board,
-        timeout_s: float = 0.1,
-    ) -> None:
-        self._axes = tuple(axes)
-        self._now = now
-        self._differential = differential
-        self._simulated = simulated
-        self._port = BoardPort(line, ports, accept, simulated=simulated)
+    def __init__(self, connection: Connection, settings: EncoderSettings, timeout_s: float = 0.1) -> None:
+        self._connection = connection
+        self._arm = settings
+        self._now = connection.now
         self._timeout_s = timeout_s
         self._opened: EncoderSession | None = None
         self._forget()
@@ -80,11 +62,10 @@ class EncoderDriver:
         """
         self.close()
         self._forget()
-        self._port.look_up()
-        transport, info = self._port.open()
+        transport, info = self._connection.open()
         session = self._opened = EncoderSession(transport, self._now, self._timeout_s)
         try:
-            banner = greet(session, transport, resets=self._port.restarts_board)
+            banner = greet(session, transport, resets=self._connection.restarts_board)
             self._check_axes(banner, session.name)
             status = self._seen = session.fresh_status(_OLDEST_STATUS_S)
         except ArmctlError:
@@ -95,8 +76,8 @@ class EncoderDriver:
             kind=f"armctl encoder board, firmware {banner.version}",
             port=session.name,
             serial_number=info.serial_number if info else None,
-            simulated=self._simulated,
-            notes=() if self._simulated else (SILENCE_NOTE,),
+            simulated=self._connection.simulated,
+            notes=() if self._connection.simulated else (SILENCE_NOTE,),
             earlier=earlier_words(status, banner.reset),
         )
 
@@ -110,7 +91,7 @@ class EncoderDriver:
             StateError: the motors are on with other settings.
         """
         session = self._board
-        table = AxisTable(channels, self._axes, self._differential, self._count)
+        table = AxisTable(channels, self._arm.axes, self._arm.differential, self._count)
         self._settings.tell(session, table)
         self._table = table
 
@@ -244,7 +225,7 @@ class EncoderDriver:
         self._held = False
 
     def _check_axes(self, banner: Banner, name: str) -> None:
-        last = max((one.axis for one in self._axes), default=0)
+        last = max((one.axis for one in self._arm.axes), default=0)
         if last >= banner.axes:
             raise BoardError(
                 f"{name}: the board has axes 0 … {banner.axes - 1}, but the robot file uses axis {last}; "

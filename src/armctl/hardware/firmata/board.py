@@ -7,14 +7,14 @@ from typing import TYPE_CHECKING
 
 from armctl.errors import BoardError
 from armctl.hardware import arduino
-from armctl.hardware.board_type import BoardType, ByteModel, Connection, Ear, Introduction, Setup
+from armctl.hardware.board_type import BoardType, ByteModel, Ear, Introduction, Setup
 from armctl.hardware.driver import Driver
 from armctl.hardware.firmata.codec import BAUD, HOW_TO_LOAD, SCALE
 from armctl.robot.outputs_of_file import ServoEntries
 
 if TYPE_CHECKING:
     from armctl.hardware.findings import CheckUp, Finding
-    from armctl.hardware.transport import Transport
+    from armctl.hardware.transport import Connection, Transport
 
 _TIMEOUT_S, _SIMULATED_TIMEOUT_S = 0.25, 0.5
 
@@ -42,14 +42,7 @@ class FirmataBoard(BoardType):
         """A driver."""
         from armctl.hardware.firmata.driver import FirmataDriver
 
-        return FirmataDriver(
-            connection.line,
-            now=connection.now,
-            simulated=connection.simulated,
-            ports=connection.ports,
-            accept=connection.accept,
-            timeout_s=_SIMULATED_TIMEOUT_S if connection.simulated else _TIMEOUT_S,
-        )
+        return FirmataDriver(connection, _SIMULATED_TIMEOUT_S if connection.simulated else _TIMEOUT_S)
 
     def simulated(self, setup: Setup, options: Mapping[str, str | bool | None]) -> ByteModel:
         """A simulated Mega, which needs to be told nothing."""

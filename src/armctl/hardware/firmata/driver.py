@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 from armctl.errors import BoardError, BoardProtocolError, BoardTimeoutError
 from armctl.hardware.driver import BoardIdentity, ChannelSettings, ChannelTable, Readback, Source
@@ -19,7 +19,7 @@ from armctl.hardware.firmata.codec import (
 )
 from armctl.hardware.firmata.line import FirmataLine, SetpointStream
 from armctl.hardware.firmata.pins import Attacher, PinWatch, pin_table
-from armctl.hardware.transport import AcceptBoard, BoardPort, PortInfo, Transport, any_board
+from armctl.hardware.transport import Connection
 
 WATCHDOG_NOTE = (
     "StandardFirmata has no watchdog: if this computer or the cable fails, the servos keep their last "
@@ -41,30 +41,17 @@ class FirmataDriver:
     acceleration limits, so those of ``ChannelSettings`` are left to whoever makes the setpoints.
 
     Args:
-        line: port name (device, pty, ``socket://host:port``), or what opens the transport.
-        now: the clock [s].
-        simulated: whether a simulated board is at the other end, for the identity only.
-        ports: the listing of serial ports.
-        accept: judges the board by its serial number, once the port is open and before it is spoken to.
+        connection: where the board is.
         timeout_s: how long a pin may leave a question unanswered.
         ask_after_s: how long a board is left alone after opening, before it is asked who it is; None:
             as a Mega needs that restarts when its port is opened, or shorter for a pty or a socket.
     """
 
     def __init__(
-        self,
-        line: str | Callable[[], Transport],
-        *,
-        now: Callable[[], float],
-        simulated: bool = False,
-        ports: Callable[[], Sequence[PortInfo]] = tuple,
-        accept: AcceptBoard = any_board,
-        timeout_s: float = 0.25,
-        ask_after_s: float | None = None,
+        self, connection: Connection, timeout_s: float = 0.25, ask_after_s: float | None = None
     ) -> None:
-        self._now = now
-        self._simulated = simulated
-        self._port = BoardPort(line, ports, accept, simulated=simulated)
+        self._connection = connection
+        self._now = connection.now
         self._timeout_s = timeout_s
         self._ask_after_s = ask_after_s
         self._opened: FirmataLine | None = None
@@ -84,8 +71,7 @@ class FirmataDriver:
         """
         self.close()
         self._forget()
-        self._port.look_up()
-        transport, info = self._port.open(BAUD)
+        transport, info = self._connection.open(BAUD)
         line = self._opened = FirmataLine(transport, self._now)
         try:
             board = line.identify(self._ask_after())
@@ -107,8 +93,8 @@ class FirmataDriver:
             kind=f"Arduino with {name} {firmware.major}.{firmware.minor}",
             port=line.name,
             serial_number=info.serial_number if info else None,
-            simulated=self._simulated,
-            notes=(COMMANDED_NOTE,) if self._simulated else (WATCHDOG_NOTE, COMMANDED_NOTE),
+            simulated=self._connection.simulated,
+            notes=(COMMANDED_NOTE,) if self._connection.simulated else (WATCHDOG_NOTE, COMMANDED_NOTE),
         )
 
     def configure(self, channels: Sequence[ChannelSettings]) -> None:
@@ -222,7 +208,7 @@ class FirmataDriver:
     def _ask_after(self) -> float:
         if self._ask_after_s is not None:
             return self._ask_after_s
-        return _ASK_DEVICE_AFTER_S if self._port.restarts_board else _ASK_OTHERS_AFTER_S
+        return _ASK_DEVICE_AFTER_S if self._connection.restarts_board else _ASK_OTHERS_AFTER_S
 
     def _forget(self) -> None:
         """Know nothing any more of the board's pins: it may be another one, or freshly started."""

@@ -8,14 +8,14 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 from armctl.errors import BoardError, BoardTimeoutError
-from armctl.hardware.board_type import BoardType, ByteModel, Connection, Introduction, Setup, SimulatorOption
+from armctl.hardware.board_type import BoardType, ByteModel, Introduction, Setup, SimulatorOption
 from armctl.hardware.driver import Driver
 from armctl.hardware.maestro.codec import COMPACT, SCALE, SILENT_ADVICE, MaestroModel, error_words
 from armctl.robot.outputs_of_file import ServoEntries
 
 if TYPE_CHECKING:
     from armctl.hardware.findings import CheckUp, Finding
-    from armctl.hardware.transport import Transport
+    from armctl.hardware.transport import Connection, Transport
 
 _USB_VENDOR = 0x1FFB
 _TTL_INTERFACE = 2
@@ -50,10 +50,8 @@ class MaestroBoard(BoardType):
         from armctl.hardware.maestro.driver import MaestroDriver
 
         if not connection.simulated:
-            return MaestroDriver(connection.line, ports=connection.ports, accept=connection.accept)
-        return MaestroDriver(
-            connection.line, model=_smallest(setup), simulated=True, timeout_s=_SIMULATED_TIMEOUT_S
-        )
+            return MaestroDriver(connection)
+        return MaestroDriver(connection, model=_smallest(setup), timeout_s=_SIMULATED_TIMEOUT_S)
 
     def simulated(self, setup: Setup, options: Mapping[str, str | bool | None]) -> ByteModel:
         """A simulated Maestro whose channels have the robot's ranges."""

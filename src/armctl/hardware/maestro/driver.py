@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from armctl.errors import BoardError, BoardProtocolError, BoardTimeoutError
@@ -23,7 +23,7 @@ from armctl.hardware.maestro.codec import (
     speed_to_units,
     us_to_quarters,
 )
-from armctl.hardware.transport import AcceptBoard, BoardPort, PortInfo, Transport, any_board
+from armctl.hardware.transport import Connection, PortInfo, Transport
 
 _MISUNDERSTOOD = MaestroErrors.SERIAL_PROTOCOL | MaestroErrors.SERIAL_CRC
 WATCHDOG_NOTE = (
@@ -45,32 +45,24 @@ class MaestroDriver:
     be told from a true one. Commands can be protected (``framing`` with ``crc``).
 
     Args:
-        line: port name (device, pty, ``socket://host:port``), or what opens the transport.
+        connection: where the board is.
         model: which member of the family; None: as the USB listing says.
         framing: compact or Pololu form. Whether the board wants CRCs is found out when it is opened (asked
             for here, they are insisted on).
-        simulated: whether a simulated board is at the other end, for the identity only.
-        ports: the listing of serial ports.
-        accept: judges the board by its serial number, once the port is open and before it is spoken to.
         timeout_s: how long a readback may take.
     """
 
     def __init__(
         self,
-        line: str | Callable[[], Transport],
+        connection: Connection,
         *,
         model: MaestroModel | None = None,
         framing: Framing = COMPACT,
-        simulated: bool = False,
-        ports: Callable[[], Sequence[PortInfo]] = tuple,
-        accept: AcceptBoard = any_board,
         timeout_s: float = 0.1,
     ) -> None:
-        self._asked_model = model
-        self._model = model
+        self._connection = connection
+        self._asked_model = self._model = model
         self._framing = framing
-        self._simulated = simulated
-        self._port = BoardPort(line, ports, accept, simulated=simulated)
         self._timeout_s = timeout_s
         self._opened: MaestroLine | None = None
         self._table = ChannelTable(SCALE)
@@ -86,8 +78,7 @@ class MaestroDriver:
         """
         self.close()
         self._forget()
-        self._port.look_up()
-        transport, info = self._port.open()
+        transport, info = self._connection.open()
         self._model = self._asked_model or _listed_model(info)
         line = self._opened = MaestroLine(transport, self._framing, self._timeout_s)
         try:
@@ -95,14 +86,14 @@ class MaestroDriver:
         except BoardError:
             self.close()
             raise
-        notes = [] if self._simulated else [WATCHDOG_NOTE]
+        notes = [] if self._connection.simulated else [WATCHDOG_NOTE]
         if self._model is None:
             notes.append(UNKNOWN_MODEL_NOTE)
         return BoardIdentity(
             kind=self._model.label if self._model else "Pololu Maestro, model unknown",
             port=line.name,
             serial_number=info.serial_number if info else None,
-            simulated=self._simulated,
+            simulated=self._connection.simulated,
             notes=tuple(notes),
             earlier=tuple(
                 f"before armctl connected, the board had reported: {words}" for words in error_words(earlier)

@@ -5,11 +5,11 @@ import os
 import pytest
 
 from armctl.errors import PortError
-from armctl.hardware.transport import BoardPort, PortInfo, any_board
+from armctl.hardware.transport import Connection, PortInfo
 
 
-def port(line, *listed: PortInfo, simulated: bool = False) -> BoardPort:
-    return BoardPort(line, lambda: listed, any_board, simulated=simulated)
+def port(line, *listed: PortInfo) -> Connection:
+    return Connection(line, lambda: 0.0, lambda: listed)
 
 
 def test_only_a_device_restarts_its_board_when_it_is_opened():
@@ -27,8 +27,7 @@ def test_only_a_device_restarts_its_board_when_it_is_opened():
 def test_what_is_listed_as_no_use_is_not_opened():
     ttl = PortInfo("/dev/ttyACM1", "Pololu Micro Maestro 6-channel", "", "1", False, "this is the TTL port")
     with pytest.raises(PortError, match="/dev/ttyACM1: this is the TTL port"):
-        port("/dev/ttyACM1", ttl).look_up()
-    assert port("/dev/ttyACM1", ttl, simulated=True).look_up() is None
+        port("/dev/ttyACM1", ttl).open()
 
 
 def test_a_line_is_closed_where_its_board_is_refused():
@@ -42,9 +41,9 @@ def test_a_line_is_closed_where_its_board_is_refused():
         raise PortError(f"not board {serial_number}")
 
     with pytest.raises(PortError, match="not board None"):
-        BoardPort(Line, list, refuse, simulated=False).open()
+        Connection(Line, lambda: 0.0, accept=refuse).open()
     assert len(closed) == 1
-    BoardPort(Line, list, refuse, simulated=True).open()  # a simulated board is ours
+    Connection(Line, lambda: 0.0, accept=refuse, simulated=True).open()  # a simulated board is ours
 
 
 def test_a_board_that_is_listed_as_another_one_is_not_opened():
@@ -55,4 +54,4 @@ def test_a_board_that_is_listed_as_another_one_is_not_opened():
 
     mega = PortInfo("/dev/ttyACM0", "Arduino Mega 2560", "", "4711", True, "")
     with pytest.raises(PortError, match="not board 4711"):
-        BoardPort("/dev/ttyACM0", lambda: [mega], refuse, simulated=False).look_up()
+        Connection("/dev/ttyACM0", lambda: 0.0, lambda: [mega], refuse).open()
