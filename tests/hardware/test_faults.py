@@ -41,10 +41,6 @@ def rig(clock: ManualClock) -> Rig:
     return Rig(clock)
 
 
-def test_without_faults_the_wrapper_is_not_there(rig: Rig):
-    assert rig.driver.read().positions == {0: 1500.0, 1: 1600.0, 2: None}
-
-
 def test_a_dropped_setpoint_is_made_good_by_the_next(rig: Rig):
     rig.faults.inject(Fault.DROP_COMMAND)
     rig.driver.write({0: 1700.0})
@@ -117,29 +113,6 @@ def test_with_crc_a_garbled_setpoint_never_moves_a_channel(clock: ManualClock):
     assert reported > 70
 
 
-def test_the_same_seed_garbles_the_same_bit():
-    def garbled(seed: int) -> bytes:
-        model = FaultyModel(SimulatedMaestro(), seed)
-        model.inject(Fault.GARBLE_REPLY)
-        return model.feed(b"\xa1")
-
-    assert garbled(7) == garbled(7)
-    assert len({garbled(seed) for seed in range(30)}) > 5
-
-
-def test_faults_strike_in_order_and_as_often_as_asked(rig: Rig):
-    rig.faults.inject(Fault.DROP_REPLY, count=2)
-    rig.faults.inject(Fault.HALF_REPLY)
-    outcomes = []
-    for _ in range(4):
-        try:
-            rig.driver.read()
-            outcomes.append("ok")
-        except BoardTimeoutError as error:
-            outcomes.append(str(error).split(" of ")[0].split()[-1])
-    assert outcomes == ["0", "0", "4", "ok"]
-
-
 def test_stop_survives_one_bad_reply(rig: Rig):
     rig.faults.inject(Fault.HALF_REPLY)
     rig.driver.stop()
@@ -186,27 +159,3 @@ def test_a_brown_out_is_silence_and_then_a_board_that_has_started_anew(rig: Rig)
     rig.driver.write({0: 1700.0})
     rig.clock.advance(0.3)
     assert rig.driver.read().positions == dict.fromkeys(range(3))
-
-
-def test_a_power_cut_takes_the_late_answers_with_it(clock: ManualClock):
-    for cut in (lambda faults: faults.brown_out(0.01), lambda faults: (faults.unplug(), faults.plug_in())):
-        faults = FaultyModel(SimulatedMaestro())
-        faults.advance(clock.now())
-        faults.inject(Fault.DELAY_REPLY, delay_s=0.1)
-        assert faults.feed(b"\xa1") == b""
-        cut(faults)
-        assert faults.advance(clock.now() + 1.0) == b""
-
-
-def test_a_late_answer_does_come_without_a_power_cut(clock: ManualClock):
-    faults = FaultyModel(SimulatedMaestro())
-    faults.advance(clock.now())
-    faults.inject(Fault.DELAY_REPLY, delay_s=0.1)
-    faults.feed(b"\xa1")
-    assert faults.advance(clock.now() + 0.09) == b""
-    assert faults.advance(clock.now() + 0.1) == b"\x00\x00"
-
-
-def test_reset_reaches_the_board(rig: Rig):
-    rig.faults.reset()
-    assert rig.position(0) is None
