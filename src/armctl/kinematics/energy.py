@@ -1,8 +1,7 @@
-"""Energy criteria: what "least" means when the program chooses among solutions."""
+"""Energy criteria: what "least" means when one of several solutions is chosen, and the gravity torque."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Literal, get_args
 
@@ -11,8 +10,6 @@ from numpy.typing import NDArray
 
 from armctl.errors import InputError
 from armctl.kinematics.chain import Chain, LinkFrames
-
-# Static gravity torque of an arm at rest.
 
 FloatArray = NDArray[np.float64]
 STANDARD_GRAVITY = 9.80665
@@ -134,13 +131,17 @@ def energies(
     Raises:
         InputError: ``least-travel`` without a start.
     """
-    choose: dict[Criterion, Callable[[], FloatArray]] = {
-        "least-rotation": lambda: np.abs(q).sum(axis=1),
-        "published": lambda: _published(q, pitch_joints),
-        "least-travel": lambda: _travel(q, model, start),
-        "least-torque": lambda: _torque(q, model),
-    }
-    return choose[criterion]()
+    match criterion:
+        case "least-rotation":
+            return np.abs(q).sum(axis=1)
+        case "published":
+            return _published(q, pitch_joints)
+        case "least-travel":
+            if start is None:
+                raise InputError("least-travel needs the pose that the arm starts from")
+            return (np.abs(q - start) / model.speed_limits).sum(axis=1)
+        case "least-torque":
+            return _torque(q, model)
 
 
 def _published(q: FloatArray, pitch_joints: tuple[int, ...]) -> FloatArray:
@@ -150,12 +151,6 @@ def _published(q: FloatArray, pitch_joints: tuple[int, ...]) -> FloatArray:
     last = summed[-1]
     energy[q[:, last] > 0.0] = np.inf
     return energy
-
-
-def _travel(q: FloatArray, model: EnergyModel, start: FloatArray | None) -> FloatArray:
-    if start is None:
-        raise InputError("least-travel needs the pose that the arm starts from")
-    return (np.abs(q - start) / model.speed_limits).sum(axis=1)
 
 
 def _torque(q: FloatArray, model: EnergyModel) -> FloatArray:

@@ -1,4 +1,4 @@
-"""Checks of numbers at the door."""
+"""What inverse kinematics is asked for, and the checks of numbers that come in from outside."""
 
 from __future__ import annotations
 
@@ -29,13 +29,12 @@ def as_numbers(value: ArrayLike, what: str) -> FloatArray:
     return array.astype(np.float64)
 
 
-def require_finite(array: FloatArray, what: str, first_row: int = 0, *, rows: bool = False) -> None:
+def require_finite(array: FloatArray, what: str, *, rows: bool = False) -> None:
     """Refuse NaN and infinity.
 
     Args:
         array: of any shape.
         what: what it is called in the message.
-        first_row: what its first row is called, where it is a part of a larger array.
         rows: whether a flat array holds a number a row, not one row.
 
     Raises:
@@ -47,7 +46,7 @@ def require_finite(array: FloatArray, what: str, first_row: int = 0, *, rows: bo
     if array.ndim == 0 or (array.ndim == 1 and not rows):
         raise InputError(f"{what} must be finite numbers, got {array.tolist()}")
     row = int(np.argwhere(~finite)[0, 0])
-    raise InputError(f"{what} must be finite numbers, got {array[row].tolist()} in row {first_row + row}")
+    raise InputError(f"{what} must be finite numbers, got {array[row].tolist()} in row {row}")
 
 
 def checked_number(value: float, what: str) -> float:

@@ -7,17 +7,21 @@ first and second derivatives: what is minimised where the goal cannot be met.
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from armctl.kinematics.chain import Chain
 
-# Tool pose and motion of many configurations at once, for the numeric solver's small batches.
-
 FloatArray = NDArray[np.float64]
+Rows = tuple[FloatArray, FloatArray]
+"""residuals (k, m) and their derivatives by the joint angles (k, m, n)"""
+Cost = tuple[FloatArray, FloatArray, FloatArray]
+"""cost (k,), gradient (k, n) and second derivatives (k, n, n)"""
+_UPRIGHT = 1e-8
+"""a pitch nearer to ±90° than this is taken as ±90° [rad]: the elevation has no derivative there"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,38 +78,29 @@ def second_derivatives(motion: ToolMotion, weights: FloatArray, columns: FloatAr
     return upper + np.swapaxes(np.triu(upper, 1), 1, 2)
 
 
-Rows = tuple[FloatArray, FloatArray]
-"""residuals (k, m) and their derivatives by the joint angles (k, m, n)"""
-Cost = tuple[FloatArray, FloatArray, FloatArray]
-"""cost (k,), gradient (k, n) and second derivatives (k, n, n)"""
-_UPRIGHT = 1e-8
-"""a pitch nearer to ±90° than this is taken as ±90° [rad]: the elevation has no derivative there"""
-
-
-class Goal(Protocol):
+class Goal(ABC):
     """One wish about the tool pose."""
 
+    @abstractmethod
     def rows(self, motion: ToolMotion) -> Rows:
         """Residuals, zero where the goal is met."""
-        ...
 
     def curvature(self, motion: ToolMotion, weights: FloatArray) -> FloatArray:
-        """Second derivatives (k, n, n) of the residuals, summed with ``weights`` (k, m)."""
-        ...
+        """Second derivatives (k, n, n) of the residuals, summed with ``weights`` (k, m).
+
+        Left out of goals about an orientation: there they are multiplied by forces that vanish.
+        """
+        n = motion.axes.shape[2]
+        return np.zeros((len(weights), n, n))
 
     def cost(self, motion: ToolMotion) -> Cost:
-        """The distance from the goal as a smooth number, least where it is met best."""
-        ...
-
-
-def half_square(goal: Goal, motion: ToolMotion) -> Cost:
-    """Half the squared residuals, with all second derivatives."""
-    r, J = goal.rows(motion)
-    return 0.5 * _dot(r, r), _gradient(J, r), _square(J) + goal.curvature(motion, r)
+        """The distance from the goal as a smooth number, least where it is met best: half the square."""
+        r, J = self.rows(motion)
+        return 0.5 * _dot(r, r), _gradient(J, r), _square(J) + self.curvature(motion, r)
 
 
 @dataclass(frozen=True, slots=True)
-class PositionGoal:
+class PositionGoal(Goal):
     """The tool point at a point, in units of the arm's reach."""
 
     point: FloatArray
@@ -121,13 +116,9 @@ class PositionGoal:
         """Of the offset."""
         return second_derivatives(motion, weights, motion.linear / self.reach)
 
-    def cost(self, motion: ToolMotion) -> Cost:
-        """Half the squared offset."""
-        return half_square(self, motion)
-
 
 @dataclass(frozen=True, slots=True)
-class PitchGoal:
+class PitchGoal(Goal):
     """The approach axis at an elevation above the horizontal, short of straight up or down."""
 
     pitch: float
@@ -152,13 +143,9 @@ class PitchGoal:
         bend = (weights * a[:, 2:3])[:, :, None] * np.swapaxes(slope, 1, 2) * slope
         return second_derivatives(motion, up, turned) / flat + bend / flat**3
 
-    def cost(self, motion: ToolMotion) -> Cost:
-        """Half the squared difference."""
-        return half_square(self, motion)
-
 
 @dataclass(frozen=True, slots=True)
-class UprightGoal:
+class UprightGoal(Goal):
     """The approach axis straight up or down."""
 
     up: float
@@ -175,10 +162,6 @@ class UprightGoal:
         across = np.eye(3) - a[:, :, None] * a[:, None, :]
         return -turn, across @ motion.axes
 
-    def curvature(self, motion: ToolMotion, weights: FloatArray) -> FloatArray:
-        """Left out: it is multiplied by forces that vanish with the residual."""
-        return np.zeros((len(weights), motion.axes.shape[2], motion.axes.shape[2]))
-
     def cost(self, motion: ToolMotion) -> Cost:
         """One less the cosine of the angle to go."""
         a = motion.approach
@@ -190,7 +173,7 @@ class UprightGoal:
 
 
 @dataclass(frozen=True, slots=True)
-class RotationGoal:
+class RotationGoal(Goal):
     """The tool frame turned as asked for."""
 
     rotation: FloatArray
@@ -199,10 +182,6 @@ class RotationGoal:
     def rows(self, motion: ToolMotion) -> Rows:
         """Rotation vector from the rotation asked for to the tool's: (k, 3) [rad]."""
         return rotation_vectors(motion.rotation @ self.rotation.T), motion.axes
-
-    def curvature(self, motion: ToolMotion, weights: FloatArray) -> FloatArray:
-        """Left out: it is multiplied by forces that vanish with the residual."""
-        return np.zeros((len(weights), motion.axes.shape[2], motion.axes.shape[2]))
 
     def cost(self, motion: ToolMotion) -> Cost:
         """One less the cosine of the angle between the two: (3 - trace R Rᵀ_goal) / 2."""
@@ -215,7 +194,7 @@ class RotationGoal:
 
 
 @dataclass(frozen=True, slots=True)
-class Together:
+class Together(Goal):
     """Two goals at once."""
 
     first: Goal
