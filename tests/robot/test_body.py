@@ -1,4 +1,4 @@
-"""The body of an arm as capsules, and the pairs that are kept apart."""
+"""The body of an arm as capsules, pairs that are kept apart, distances of segments, and the length of an arm."""
 
 from __future__ import annotations
 
@@ -7,13 +7,18 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from numpy.typing import NDArray
 from tests.motion.preflight.kit import axis_points, brute_gap, random_arm
+from tests.robot.test_urdf_tool import JAW, PROP
+from tests.robot.urdf_kit import Step, written
 
 from armctl.errors import RobotFileError
 from armctl.kinematics.chain import LinkFrames
 from armctl.robot import Robot, load_robot, robots_folder, shipped_robots
-from armctl.robot.body import NEAR_M, moving_corners
+from armctl.robot.body import NEAR_M, box_distance, moving_corners, segment_box_distance, segment_distance
+from armctl.robot.shape import reach
 
 FloatArray = NDArray[np.float64]
 ARMS = [*map(load_robot, shipped_robots()), *map(random_arm, range(4))]
@@ -173,3 +178,99 @@ def test_corners_that_no_joint_lifts_are_left_out() -> None:
     held = robot.limits.copy()
     held[1:] = held[1:, :1]  # only the base turns
     assert moving_corners(robot.chain, [j.title for j in robot.joints], held) == ()
+
+
+# Distances of segments against points sampled on them.
+
+Triple = tuple[float, float, float]
+SHARE = np.linspace(0.0, 1.0, 201)
+COORDINATE = st.floats(-1, 1).map(lambda value: round(value, 3))
+POINT = st.tuples(COORDINATE, COORDINATE, COORDINATE).map(np.array)
+
+
+def brute(p: FloatArray, u: FloatArray, q: FloatArray, v: FloatArray) -> float:
+    one, other = p + SHARE[:, None] * u, q + SHARE[:, None] * v
+    return float(np.linalg.norm(one[:, None] - other[None], axis=2).min())
+
+
+@given(POINT, POINT, POINT, POINT)
+def test_as_near_as_the_nearest_of_many_points(
+    p: FloatArray, u: FloatArray, q: FloatArray, v: FloatArray
+) -> None:
+    exact, sampled = float(segment_distance(p, u, q, v)), brute(p, u, q, v)
+    step = (np.linalg.norm(u) + np.linalg.norm(v)) / 400
+    assert sampled - step - 1e-9 <= exact <= sampled + 1e-9
+    assert float(segment_distance(q, v, p, u)) == pytest.approx(exact, abs=1e-7)
+
+
+@pytest.mark.parametrize(
+    ("p", "u", "q", "v", "distance"),
+    [
+        ((0, 0, 0), (1, 0, 0), (0.5, -1, 0.3), (0, 2, 0), 0.3),  # crossing
+        ((0, 0, 0), (1, 0, 0), (0.4, 0.2, 0), (1, 0, 0), 0.2),  # side by side
+        ((0, 0, 0), (1, 0, 0), (3, 0, 0), (-1, 0, 0), 1.0),  # in one line, apart
+        ((0, 0, 0), (1, 0, 0), (0.2, 0, 0), (0.2, 0, 0), 0.0),  # in one line, one in the other
+        ((0, 0, 0), (0, 0, 0), (0, 3, 0), (0, 0, 4), 3.0),  # a point
+        ((1, 2, 3), (0, 0, 0), (1, 2, 5), (0, 0, 0), 2.0),  # two points
+        ((0, 0, 0), (1, 0, 0), (2, 1, 0), (1, 0, 0), np.sqrt(2)),  # end to end
+    ],
+)
+def test_special_places(p: Triple, u: Triple, q: Triple, v: Triple, distance: float) -> None:
+    arrays = (np.array(x, dtype=np.float64) for x in (p, u, q, v))
+    assert float(segment_distance(*arrays)) == pytest.approx(distance, abs=1e-12)
+
+
+def test_many_at_once_are_those_one_by_one() -> None:
+    rng = np.random.default_rng(3)
+    p, u, q, v = rng.normal(size=(4, 3, 50))
+    many = segment_distance(p, u, q, v)
+    one = [float(segment_distance(p[:, i], u[:, i], q[:, i], v[:, i])) for i in range(50)]
+    np.testing.assert_allclose(many, one, atol=1e-14)
+
+
+@given(POINT, POINT)
+def test_to_a_box(p: FloatArray, u: FloatArray) -> None:
+    low, high = np.array([-0.3, -0.2, -0.5]), np.array([0.4, 0.1, 0.2])
+    exact = float(segment_box_distance(p, u, low, high))
+    points = p + np.linspace(0, 1, 2001)[:, None] * u
+    sampled = float(box_distance(points.T, low, high).min())
+    assert sampled - np.linalg.norm(u) / 2000 - 1e-9 <= exact <= sampled + 1e-9
+
+
+def test_inside_a_box_the_distance_is_minus_the_depth() -> None:
+    low, high = np.array([0.0, 0, 0]), np.array([1.0, 1, 1])
+    points = np.array([[0.5, 0.5, 0.9], [2.0, 2.0, 1.0], [0.5, 0.5, 0.5], [1.0, 0.5, 0.5]])
+    np.testing.assert_allclose(box_distance(points.T, low, high), [-0.1, np.sqrt(2), -0.5, 0.0], atol=1e-15)
+
+
+# How long an arm is, whatever stands between its base and its first joint, or behind its last one.
+
+
+def farthest(robot: Robot) -> float:
+    """Of the tool from the base, over many configurations, limits left aside [m]."""
+    q = np.random.default_rng(7).uniform(-np.pi, np.pi, (20_000, robot.n))
+    return float(np.linalg.norm(robot.forward(q)[:, :3, 3], axis=1).max())
+
+
+@pytest.mark.parametrize("name", shipped_robots())
+def test_no_tool_point_of_a_shipped_arm_is_farther_away(name: str) -> None:
+    robot = load_robot(name)
+    assert farthest(robot) <= reach(robot.chain) <= 1.35 * farthest(robot)
+
+
+RAISED = (Step("mount", "fixed", "world", "w/base", "0.3 0 0.8", "0.2 0.1 0"), *PROP)
+
+
+@pytest.mark.parametrize("steps", [JAW, PROP, RAISED])
+def test_no_tool_point_of_a_urdf_arm_is_farther_away(tmp_path: Path, steps: tuple[Step, ...]) -> None:
+    robot = load_robot(written(tmp_path / "arm.urdf", steps))
+    assert farthest(robot) <= reach(robot.chain) <= 1.35 * farthest(robot)
+
+
+def test_a_straight_arm_is_as_long_as_its_links(tmp_path: Path) -> None:
+    steps = (
+        Step("a", "revolute", "base", "one", "0 0 0.1", axis="0 1 0"),
+        Step("b", "revolute", "one", "two", "0 0 0.2", axis="0 1 0"),
+        Step("end", "fixed", "two", "tool0", "0 0 0.3"),
+    )
+    assert reach(load_robot(written(tmp_path / "arm.urdf", steps)).chain) == pytest.approx(0.6, abs=1e-12)
