@@ -1,4 +1,4 @@
-"""The body of an arm as capsules, pairs that are kept apart, distances of segments, and the length of an arm."""
+"""The body of an arm as capsules, pairs that are kept apart, distances of segments, length of an arm."""
 
 from __future__ import annotations
 
