@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from tests.robot.test_urdf_tool import PROP
+from tests.robot.urdf_kit import written
 
 from armctl.calibration import ToolError, tool_error
 from armctl.calibration.tool_error import ErrorModel, Parameter
@@ -137,6 +140,18 @@ def test_the_one_wrong_parameter_of_a_random_arm_is_blamed() -> None:
     for _ in range(2):
         seen, first = check_every_parameter(random_arm(rng), rng)
         assert seen >= 20 and first >= 0.8 * seen
+
+
+def test_an_arm_from_a_urdf_file_has_no_lengths_to_blame_but_zeros(tmp_path: Path) -> None:
+    robot, rng = load_robot(written(tmp_path / "arm.urdf", PROP)), np.random.default_rng(9)
+    q = random_poses(robot, rng)
+    turned = robot.forward(q + np.radians([0, 3, 0, 0, 0]))[:, :3, 3]
+    error = tool_error(robot, q, turned)
+    assert error.blame is not None
+    assert (error.blame.title, error.blame.amount) == ("zero of Shoulder", pytest.approx(3, abs=1e-3))
+    (change,) = error.changes
+    assert "URDF file, joint shoulder" in change.table
+    assert (change.key, change.new) == ("offset_deg", pytest.approx(3, abs=1e-3))
 
 
 @pytest.mark.parametrize("name", shipped_robots())

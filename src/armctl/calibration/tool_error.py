@@ -314,6 +314,9 @@ def _changes(
         return (Change(_row_table(robot, i), f"{parameter.kind}_mm", old, old + 1000 * error),)
     offset, scale = (error, 0.0) if parameter.kind == "zero" else (0.0, error)
     outputs, name = robot.output_map, robot.joint_names[i]
+    if outputs is None and not robot.chain.rows:
+        table = f"the URDF file, joint {name}: the turn of its origin about its axis"
+        return (Change(table, "offset_deg", 0.0, math.degrees(offset)),)
     if outputs is None:
         row_of = robot.chain.joint_rows[i]
         old = math.degrees(robot.chain.rows[row_of].theta_rad)
