@@ -10,7 +10,7 @@ from armctl.errors import InputError, MotionRefusedError, StateError
 from armctl.hardware import Source
 from armctl.robot import load_robot
 from armctl.runtime import State
-from armctl.ui.tabs.manual.joints import asked_pose, checked_percent, stepped
+from armctl.ui.tabs.manual.joints import checked_percent, stepped
 from armctl.ui.tabs.program.record import checked_seconds, present_pose_deg
 from armctl.ui.widgets.events import Hold
 from armctl.ui.widgets.joint_angles import slider_degrees, slider_limits
@@ -45,8 +45,10 @@ def test_a_step_may_end_on_the_limit_and_always_leaves_it() -> None:
 def test_slider_positions_are_hundredths_inside_the_limits_and_can_be_sent_back() -> None:
     for q in (ROBOT.limits[:, 0], ROBOT.limits[:, 1], HOME, ROBOT.limits.mean(axis=1)):
         degrees = slider_degrees(ROBOT, q)
-        assert np.abs(asked_pose(ROBOT, degrees) - q).max() < np.radians(0.0051)
-        assert slider_degrees(ROBOT, asked_pose(ROBOT, degrees)) == pytest.approx(degrees, abs=1e-9)
+        assert np.abs(ROBOT.check_limits(np.radians(degrees)) - q).max() < np.radians(0.0051)
+        assert slider_degrees(ROBOT, ROBOT.check_limits(np.radians(degrees))) == pytest.approx(
+            degrees, abs=1e-9
+        )
 
 
 def test_the_ends_of_a_slider_are_hundredths_inside_the_limits() -> None:
@@ -57,15 +59,8 @@ def test_the_ends_of_a_slider_are_hundredths_inside_the_limits() -> None:
     assert ends[0].tolist() == [-109.99, 110.0]
     assert ends[1] == pytest.approx(np.degrees([0.2, 0.20001]), abs=0)
     for q in robot.limits.T:
-        asked_pose(robot, slider_degrees(robot, q))  # not refused
+        robot.check_limits(np.radians(slider_degrees(robot, q)))  # not refused
     assert slider_limits(ROBOT)[1].tolist() == [-3.19, 146.83]
-
-
-def test_sliders_cannot_ask_for_what_is_outside_or_no_number() -> None:
-    with pytest.raises(MotionRefusedError, match=r"Base: 120\.00° is outside -102\.80° … 107\.26°"):
-        asked_pose(ROBOT, [120.0, 90, -80, -40, 0])
-    with pytest.raises(InputError):
-        asked_pose(ROBOT, [float("nan"), 90, -80, -40, 0])
 
 
 def test_the_recorded_pose_is_the_commanded_one_while_the_pulses_are_on() -> None:

@@ -15,9 +15,9 @@ from armctl.robot import Robot
 from armctl.runtime import Jog, MoveGripper, Snapshot
 from armctl.ui.session import Session
 from armctl.ui.tabs.calibration.shared_calibration import End, Jaw, SharedCalibration
+from armctl.ui.tabs.manual.jog import HeldJog, joint_jog
 from armctl.ui.tabs.manual.joints import JointStepper, checked_percent
 from armctl.ui.widgets.calibration_text import fit_html, limits_html, marks_html, numbered
-from armctl.ui.widgets.events import Hold, attach_hold
 from armctl.ui.widgets.html import LiveHtml, fixed, muted, sentence
 from armctl.ui.widgets.number_field import EditWatch, NumberField
 from armctl.ui.widgets.standing import calibrated_map, present_outputs, standing_gripper, standing_outputs
@@ -50,31 +50,25 @@ class CalibrationJog:
         self._chosen = chosen
         self._robot = session.console.robot
         self._stepper = JointStepper(session, partial(slow_duration, self._robot))
-        self._hold = Hold()
         gui = session.gui
         self._steps = gui.add_button_group("Step °", tuple(STEPS), hint=_STEP_HINT)
         minus = gui.add_button("Jog −")
         plus = gui.add_button("Jog +")
         LiveHtml(gui, muted(_JOG_NOTE))
         session.on(self._steps.on_click, self._on_step)
-        session.on(partial(attach_hold, minus), partial(self._on_hold, -1.0))
-        session.on(partial(attach_hold, plus), partial(self._on_hold, 1.0))
+        jog = HeldJog(session)
+        jog.attach(minus, partial(self._jog, -1.0))
+        jog.attach(plus, partial(self._jog, 1.0))
 
     async def _on_step(self) -> None:
         self._session.require_operator()
         await self._stepper.step(self._chosen(), STEPS[self._steps.value])
 
-    async def _on_hold(self, sign: float) -> None:
-        """One tick of a held button: a short command that expires by itself."""
-        if not self._hold.wants(self._session.snapshot.stamp):
-            return
-        joint, rate = self._chosen(), np.zeros(self._robot.n)
-        rate[joint] = sign * slow_speeds(self._robot)[joint] / self._robot.speed_limits[joint]
-        try:
-            await self._session.submit(Jog(rate))
-        except ArmctlError:
-            self._hold.refuse()
-            raise
+    def _jog(self, sign: float) -> Jog:
+        joint = self._chosen()
+        return joint_jog(
+            self._robot, joint, sign * slow_speeds(self._robot)[joint] / self._robot.speed_limits[joint]
+        )
 
 
 _ENDS: dict[str, End] = {"Set lower limit here": "low", "Set upper limit here": "high"}

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from functools import partial
-from typing import TYPE_CHECKING, Literal
+from typing import Literal, get_args
 
 import numpy as np
 import viser
@@ -13,18 +14,11 @@ from armctl.errors import ArmctlError
 from armctl.robot import Robot
 from armctl.runtime import Jog, JogTool, MoveGripper, Snapshot
 from armctl.runtime.joint_servo import tool_turns
+from armctl.ui.session import Session
 from armctl.ui.tabs.manual.joints import checked_percent
 from armctl.ui.widgets.events import Hold, attach_hold
 from armctl.ui.widgets.html import LiveHtml, muted, table
 from armctl.ui.widgets.joint_angles import held_at
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from armctl.ui.session import Session
-
-
-# Hold-to-jog of the tool: along an axis, or turning in its place.
 
 ToolAxis = Literal["X", "Y", "Z", "Pitch", "Roll"]
 FRAMES: dict[str, Literal["base", "tool"]] = {"base axes": "base", "tool axes": "tool"}
@@ -35,12 +29,24 @@ _NOTE = (
     f"Pitch and Roll turn it in its place, {_TURN_DEG_PER_MM:g}°/s for each mm/s."
 )
 
+Key = Literal["R", "F", "T", "G", "Y", "H", "U", "J", "I", "K", "O", "L", "P", "M"]
+KEYS: tuple[tuple[Key, Key], ...] = tuple(zip(get_args(Key)[::2], get_args(Key)[1::2], strict=True))
+"""Key for + above key for −; the page's own camera keys (W A S D Q E, arrows) are left out."""
+JOINTS, BASE, TOOL = "Joints", "Tool, base axes", "Tool, tool axes"
+_KEY_SILENCE_S = 1.2
+"""A key that was silent for this long was let go: longer than the delay before it repeats."""
+_ON, _OFF = "Keyboard jog is ON: press to switch off", "Keyboard jog is off: press to switch on"
+_KEYBOARD_JOG_NOTE = (
+    "A tap is a small step; hold a key to go on. The motion ends 100 ms after the key is let go. Keys do "
+    "nothing while a field has the focus: click into the 3D view first."
+)
+
 
 def tool_axes(robot: Robot) -> tuple[ToolAxis, ...]:
     """What the tool of an arm can be jogged along and about."""
-    names: tuple[ToolAxis, ToolAxis] = ("Pitch", "Roll")
-    turns: list[ToolAxis] = [name for name, can in zip(names, tool_turns(robot), strict=True) if can]
-    return ("X", "Y", "Z", *turns)
+    pitch, roll = tool_turns(robot)
+    turns: tuple[tuple[ToolAxis, bool], ...] = (("Pitch", pitch), ("Roll", roll))
+    return ("X", "Y", "Z", *(axis for axis, can in turns if can))
 
 
 def tool_jog(axis: ToolAxis, sign: float, speed_mm_s: float, frame: Literal["base", "tool"]) -> JogTool:
@@ -56,20 +62,100 @@ def tool_jog(axis: ToolAxis, sign: float, speed_mm_s: float, frame: Literal["bas
             return JogTool(linear, frame=frame)
 
 
+def joint_jog(robot: Robot, joint: int, rate: float) -> Jog:
+    """One short command that turns one joint; ``rate`` is -1 … 1 of its speed limit."""
+    rates = np.zeros(robot.n)
+    rates[joint] = rate
+    return Jog(rates)
+
+
+class HeldJog:
+    """Sends a short command, which expires by itself, for each tick of what is held. Refused once a hold."""
+
+    def __init__(self, session: Session, silence_s: float | None = None) -> None:
+        """``silence_s``: as for ``Hold``."""
+        self._session = session
+        self._hold = Hold() if silence_s is None else Hold(silence_s)
+
+    def attach(self, button: viser.GuiButtonHandle, command: Callable[[], Jog | JogTool]) -> None:
+        """Send what ``command`` gives while the button is held."""
+        self._session.on(partial(attach_hold, button), lambda: self.send(command))
+
+    async def send(self, command: Callable[[], Jog | JogTool]) -> None:
+        """One tick.
+
+        Raises:
+            ArmctlError: the first tick of this hold that the controller refuses.
+        """
+        if not self._hold.wants(self._session.snapshot.stamp):
+            return
+        try:
+            await self._session.submit(command())
+        except ArmctlError:
+            self._hold.refuse()
+            raise
+
+
+class JogControl:
+    """The arm moves while a jog button or key is held; letting go, or losing the page, stops it."""
+
+    def __init__(self, session: Session) -> None:
+        gui = session.gui
+        with gui.add_folder("Jog (moves while the button is held)"):
+            tabs = gui.add_tab_group()
+            with tabs.add_tab("Joint"):
+                joint = JointJog(session)
+            with tabs.add_tab("Tool"):
+                tool = ToolJog(session)
+            with tabs.add_tab("Keyboard"):
+                self._keys = KeyboardJog(session, joint, tool)
+        gripper = session.console.robot.gripper
+        self._gripper = None if gripper is None else GripperControl(session, gripper.title)
+
+    def refresh(self, snapshot: Snapshot) -> None:
+        """Show the arm, the keys and the gripper."""
+        self._keys.refresh()
+        if self._gripper is not None:
+            self._gripper.refresh(snapshot)
+
+
+class JointJog:
+    """Two buttons for the joint that is chosen."""
+
+    def __init__(self, session: Session) -> None:
+        """Add the controls to the present container."""
+        gui, self._robot = session.gui, session.console.robot
+        held = {joint.title: text for joint in self._robot.joints if (text := held_at(joint)) is not None}
+        self._titles = [joint.title for joint in self._robot.joints]
+        self._joint = gui.add_dropdown("Joint", tuple(one for one in self._titles if one not in held))
+        self._speed = gui.add_slider("Jog speed %", min=1, max=100, step=1, initial_value=25)
+        jog = HeldJog(session)
+        for sign, text in ((-1.0, "−"), (1.0, "+")):
+            jog.attach(gui.add_button(f"Jog {text}"), partial(self._command, sign))
+        for title, text in held.items():
+            gui.add_text(title, text, disabled=True)
+
+    @property
+    def speed_percent(self) -> float:
+        """How fast joints are jogged, of their speed limits."""
+        return self._speed.value
+
+    def _command(self, sign: float) -> Jog:
+        return joint_jog(self._robot, self._titles.index(self._joint.value), sign * self.speed_percent / 100)
+
+
 class ToolJog:
     """Two buttons an axis; letting go, or losing the page, stops the arm."""
 
     def __init__(self, session: Session, speed_mm_s: float = 30) -> None:
         """Add the controls to the present container; ``speed_mm_s`` is how fast it is to begin with."""
-        self._session = session
-        self._hold = Hold()
         gui = session.gui
         self._frame = gui.add_dropdown("Along the", tuple(FRAMES), initial_value="base axes")
         self._speed = gui.add_slider("Tool mm/s", 1, 150, 1, initial_value=speed_mm_s, hint=_SPEED_HINT)
+        jog = HeldJog(session)
         for axis in tool_axes(session.console.robot):
             for sign, text in ((-1.0, "−"), (1.0, "+")):
-                button = gui.add_button(f"{axis} {text}")
-                session.on(partial(attach_hold, button), partial(self._on_hold, axis, sign))
+                jog.attach(gui.add_button(f"{axis} {text}"), partial(self._command, axis, sign))
         LiveHtml(gui, muted(_NOTE))
 
     @property
@@ -77,62 +163,30 @@ class ToolJog:
         """How fast the tool is jogged."""
         return self._speed.value
 
-    async def _on_hold(self, axis: ToolAxis, sign: float) -> None:
-        """One tick of a held button: a short command that expires by itself."""
-        if not self._hold.wants(self._session.snapshot.stamp):
-            return
-        try:
-            await self._session.submit(tool_jog(axis, sign, self.speed_mm_s, FRAMES[self._frame.value]))
-        except ArmctlError:
-            self._hold.refuse()
-            raise
-
-
-# Jogging with the keyboard: each key press is one short command, and a held key repeats.
-#
-# A page tells of key presses only, never of a key let go. A held key comes again by itself, after the delay
-# and at the rate that the computer is set to (half a second, then thirty times a second, or so); each press
-# counts for 100 ms like every jog. So a tap is a small step, and a held key a step, a rest, and then a motion
-# that ends 100 ms after the key is let go.
-
-Key = Literal["R", "F", "T", "G", "Y", "H", "U", "J", "I", "K", "O", "L", "P", "M"]
-KEYS: tuple[tuple[Key, Key], ...] = (
-    ("R", "F"),
-    ("T", "G"),
-    ("Y", "H"),
-    ("U", "J"),
-    ("I", "K"),
-    ("O", "L"),
-    ("P", "M"),
-)
-"""Key for + above key for −; the page's own camera keys (W A S D Q E, arrows) are left out."""
-JOINTS, BASE, TOOL = "Joints", "Tool, base axes", "Tool, tool axes"
-_SILENCE_S = 1.2
-"""A key that was silent for this long was let go: longer than the delay before it repeats."""
-_ON, _OFF = "Keyboard jog is ON: press to switch off", "Keyboard jog is off: press to switch on"
-_KEYBOARD_JOG_NOTE = (
-    "A tap is a small step; hold a key to go on. The motion ends 100 ms after the key is let go. Keys do "
-    "nothing while a field has the focus: click into the 3D view first."
-)
+    def _command(self, axis: ToolAxis, sign: float) -> JogTool:
+        return tool_jog(axis, sign, self.speed_mm_s, FRAMES[self._frame.value])
 
 
 class KeyboardJog:
-    """A switch, what the keys move, and the legend of the keys. Off until the operator switches it on."""
+    """A switch, what the keys move, and the legend of the keys. Off until the operator switches it on.
 
-    def __init__(
-        self, session: Session, joint_percent: Callable[[], float], tool_mm_s: Callable[[], float]
-    ) -> None:
+    A page tells of key presses only, never of a key that is let go. A held key comes again by itself, after
+    the delay and at the rate that the computer is set to (half a second, then some thirty times a second);
+    each press counts for 100 ms like every jog. So a tap is a small step, and a held key a step, a rest, and
+    then a motion that ends 100 ms after the key is let go.
+    """
+
+    def __init__(self, session: Session, joint: JointJog, tool: ToolJog) -> None:
         """Add the controls to the present container; the speeds are those of the buttons."""
-        self._session = session
-        self._robot = session.console.robot
-        self._joint_percent, self._tool_mm_s = joint_percent, tool_mm_s
-        self._hold = Hold(_SILENCE_S)
+        self._session, self._robot = session, session.console.robot
+        self._joint, self._tool = joint, tool
+        self._jog = HeldJog(session, _KEY_SILENCE_S)
         self._commands: list[viser.CommandHandle] = []
         self._on = False
-        self._what = JOINTS
         gui = session.gui
         self._switch = gui.add_button(_OFF, color="gray", icon=viser.Icon.KEYBOARD)
         self._choice = gui.add_button_group("Keys move", (JOINTS, BASE, TOOL))
+        self._what = JOINTS
         self._legend = LiveHtml(gui)
         LiveHtml(gui, muted(_KEYBOARD_JOG_NOTE))
         session.on(self._switch.on_click, self._on_switch)
@@ -143,22 +197,22 @@ class KeyboardJog:
         if self._on and not self._session.operates:
             self._set(on=False)
         if self._what == JOINTS:
-            speed = f"{self._joint_percent():.0f} % of each joint's speed"
+            speed = f"{self._joint.speed_percent:.0f} % of each joint's speed"
         else:
-            speed = f"{self._tool_mm_s():.0f} mm/s"
+            speed = f"{self._tool.speed_mm_s:.0f} mm/s"
         rows = [[name, plus, minus] for name, (plus, minus) in zip(self._names(), KEYS, strict=False)]
         state = "" if self._on else muted("Off: the keys do nothing.")
         head = f"<b>{self._what}</b> at {speed}"
         self._legend.show(f"<div>{head}</div>{table(('Moves', 'key +', 'key −'), rows)}{state}")
 
+    def _turning(self) -> list[int]:
+        """Indices of the joints that can turn."""
+        return [i for i, joint in enumerate(self._robot.joints) if held_at(joint) is None]
+
     def _names(self) -> list[str]:
         if self._what == JOINTS:
             return [self._robot.joints[i].title for i in self._turning()]
         return list(tool_axes(self._robot))
-
-    def _turning(self) -> list[int]:
-        """Indices of the joints that can turn."""
-        return [i for i, joint in enumerate(self._robot.joints) if held_at(joint) is None]
 
     async def _on_switch(self) -> None:
         if not self._on:
@@ -170,7 +224,7 @@ class KeyboardJog:
         self._set(on=self._on)
 
     def _set(self, *, on: bool) -> None:
-        """Give the keys to the page, or take them away: what is not registered never comes."""
+        """Give the keys to the page, or take them away: a key that is not registered never comes."""
         for command in self._commands:
             self._session.take_key(command)
         self._commands.clear()
@@ -187,88 +241,14 @@ class KeyboardJog:
 
     async def _on_key(self, index: int, sign: float) -> None:
         """One press, or one repeat, of a key."""
-        if not (self._on and self._hold.wants(self._session.snapshot.stamp)):
-            return
-        try:
-            await self._session.submit(self._jog(index, sign))
-        except ArmctlError:
-            self._hold.refuse()
-            raise
+        if self._on:
+            await self._jog.send(lambda: self._command(index, sign))
 
-    def _jog(self, index: int, sign: float) -> Jog | JogTool:
+    def _command(self, index: int, sign: float) -> Jog | JogTool:
         if self._what == JOINTS:
-            rate = np.zeros(self._robot.n)
-            rate[self._turning()[index]] = sign * self._joint_percent() / 100
-            return Jog(rate)
+            return joint_jog(self._robot, self._turning()[index], sign * self._joint.speed_percent / 100)
         frame = "base" if self._what == BASE else "tool"
-        return tool_jog(tool_axes(self._robot)[index], sign, self._tool_mm_s(), frame)
-
-
-class JogControl:
-    """The arm moves while a jog button or key is held; letting go, or losing the page, stops it."""
-
-    def __init__(self, session: Session) -> None:
-        self._session = session
-        gui = session.gui
-        with gui.add_folder("Jog (moves while the button is held)"):
-            tabs = gui.add_tab_group()
-            with tabs.add_tab("Joint"):
-                self._joint = JointJog(session)
-            with tabs.add_tab("Tool"):
-                self._tool = ToolJog(session)
-            with tabs.add_tab("Keyboard"):
-                self._keys = KeyboardJog(
-                    session, lambda: self._joint.speed_percent, lambda: self._tool.speed_mm_s
-                )
-        gripper = session.console.robot.gripper
-        self._gripper = None if gripper is None else GripperControl(session, gripper.title)
-
-    def refresh(self, snapshot: Snapshot) -> None:
-        """Show the arm, the keys and the gripper."""
-        self._keys.refresh()
-        if self._gripper is not None:
-            self._gripper.refresh(snapshot)
-
-
-class JointJog:
-    """Two buttons for the joint that is chosen."""
-
-    def __init__(self, session: Session) -> None:
-        """Add the controls to the present container."""
-        self._session = session
-        self._robot = session.console.robot
-        self._hold = Hold()
-        gui = session.gui
-        held = {joint.title: text for joint in self._robot.joints if (text := held_at(joint)) is not None}
-        titles = tuple(joint.title for joint in self._robot.joints if joint.title not in held)
-        self._joint = gui.add_dropdown("Joint", titles, initial_value=titles[0])
-        self._speed = gui.add_slider("Jog speed %", min=1, max=100, step=1, initial_value=25)
-        minus = gui.add_button("Jog −")
-        plus = gui.add_button("Jog +")
-        for title, text in held.items():
-            gui.add_text(title, text, disabled=True)
-        session.on(partial(attach_hold, minus), partial(self._on_hold, -1.0))
-        session.on(partial(attach_hold, plus), partial(self._on_hold, 1.0))
-
-    @property
-    def speed_percent(self) -> float:
-        """How fast joints are jogged, of their speed limits."""
-        return self._speed.value
-
-    async def _on_hold(self, sign: float) -> None:
-        """One tick of a held button: a short command that expires by itself."""
-        if not self._hold.wants(self._session.snapshot.stamp):
-            return
-        rate = np.zeros(self._robot.n)
-        rate[self._chosen()] = sign * self._speed.value / 100
-        try:
-            await self._session.submit(Jog(rate))
-        except ArmctlError:
-            self._hold.refuse()
-            raise
-
-    def _chosen(self) -> int:
-        return [joint.title for joint in self._robot.joints].index(self._joint.value)
+        return tool_jog(tool_axes(self._robot)[index], sign, self._tool.speed_mm_s, frame)
 
 
 class GripperControl:
@@ -280,19 +260,19 @@ class GripperControl:
         gui = session.gui
         with gui.add_folder(title):
             self._percent = gui.add_slider("Gripper %", min=0, max=100, step=1, initial_value=50)
-            self._set = gui.add_button("Set gripper")
+            move = gui.add_button("Set gripper")
             self._opening = LiveHtml(gui)
-        session.on(self._set.on_click, self._on_gripper)
+        session.on(move.on_click, self._on_gripper)
 
     def refresh(self, snapshot: Snapshot) -> None:
         """Show what it was told."""
         opening = snapshot.gripper
-        self._opening.show(
-            "0 % is closed, 100 % open. It has not been told to move yet."
+        told = (
+            "It has not been told to move yet."
             if opening is None
-            else f"0 % is closed, 100 % open. Commanded: <b>{100 * opening:.0f} %</b>."
+            else f"Commanded: <b>{100 * opening:.0f} %</b>."
         )
+        self._opening.show(f"0 % is closed, 100 % open. {told}")
 
     async def _on_gripper(self) -> None:
-        percent = checked_percent(self._percent.value, "gripper")
-        await self._session.submit(MoveGripper(percent / 100))
+        await self._session.submit(MoveGripper(checked_percent(self._percent.value, "gripper") / 100))

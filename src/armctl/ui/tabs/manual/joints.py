@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 
 import numpy as np
 import viser
@@ -17,97 +17,8 @@ from armctl.ui.session import Session
 from armctl.ui.widgets.html import LiveHtml
 from armctl.ui.widgets.joint_angles import held_at, slider_degrees, slider_limits
 
-# What the sliders and the −/+ buttons ask for, checked before it is sent.
-
 FloatArray = NDArray[np.float64]
 _ROUNDING = 1e-9
-
-
-def stepped(robot: Robot, q: FloatArray, joint: int, step_deg: float) -> FloatArray:
-    """``q`` (n,) [rad] with one joint turned by ``step_deg``.
-
-    Raises:
-        MotionRefusedError: the joint would pass its limit; says by how much it may still turn.
-    """
-    asked = q.copy()
-    asked[joint] += math.radians(step_deg)
-    one = robot.joints[joint]
-    limit = one.upper if step_deg > 0 else one.lower
-    beyond = asked[joint] - limit if step_deg > 0 else limit - asked[joint]
-    if beyond > _ROUNDING:
-        left = abs(limit - float(q[joint]))
-        raise MotionRefusedError(
-            f"{one.title}: {step_deg:+g}° from {math.degrees(float(q[joint])):.2f}° leads to "
-            f"{math.degrees(float(asked[joint])):.2f}°, the limit is {math.degrees(limit):.2f}°; "
-            f"it can turn {math.degrees(left):.2f}° more that way"
-        )
-    asked[joint] = min(max(float(asked[joint]), one.lower), one.upper)
-    return asked
-
-
-def asked_pose(robot: Robot, degrees: Sequence[float]) -> FloatArray:
-    """The pose (n,) [rad] that slider positions ask for.
-
-    Raises:
-        InputError: not finite.
-        MotionRefusedError: outside the limits.
-    """
-    return robot.check_limits(np.radians(degrees))
-
-
-def checked_percent(value: float, what: str) -> float:
-    """A percentage.
-
-    Raises:
-        InputError: not finite, or outside 0 … 100.
-    """
-    if not math.isfinite(value) or not 0 <= value <= 100:
-        raise InputError(f"{what}: {value:g} % is outside 0 … 100 %")
-    return float(value)
-
-
-# Steps of one joint that are taken at once, and add up while the arm is under way.
-
-
-class JointStepper:
-    """Clicks during a step add up: the arm goes on to where all of them together lead."""
-
-    def __init__(self, session: Session, duration_s: Callable[[FloatArray], float] | None = None) -> None:
-        """``duration_s``: how long a way (n,) [rad] shall take; None: as short as it can."""
-        self._session = session
-        self._duration_s = duration_s
-        self._goal: FloatArray | None = None
-
-    async def step(self, joint: int, step_deg: float) -> None:
-        """Turn one joint by ``step_deg``.
-
-        Raises:
-            ArmctlError: the joint would pass its limit, or the arm cannot move now.
-        """
-        session = self._session
-        start = session.snapshot.q_command if self._goal is None else self._goal
-        goal = stepped(session.console.robot, start, joint, step_deg)
-        under_way, self._goal = self._goal is not None, goal
-        if not under_way:
-            try:
-                await self._go()
-            finally:
-                self._goal = None
-
-    async def _go(self) -> None:
-        """Move to the goal, and on for as long as clicks have moved it further."""
-        reached: FloatArray | None = None
-        while self._goal is not None and self._goal is not reached:
-            reached = self._goal
-            way = reached - self._session.snapshot.q_command
-            duration_s = None if self._duration_s is None else self._duration_s(way)
-            ticket = await self._session.submit(MoveJoints(reached, duration_s))
-            try:
-                await asyncio.wrap_future(ticket.finished)
-            except ArmctlError:  # stopped or broken: the session tells, and later clicks start afresh
-                return
-
-
 _STEPS = ("0.1", "1", "5", "10")
 _FOLLOWING = "The sliders show the arm. Move one, then press <b>Go</b>."
 _EDITED = "<b style='color:#0c8599'>The ghost shows the new pose.</b> Press <b>Go</b>."
@@ -194,7 +105,7 @@ class JointControl:
         self._session.ghost.show(np.radians(self._asked()))
 
     async def _on_go(self) -> None:
-        await self._session.submit(MoveJoints(asked_pose(self._robot, self._asked())))
+        await self._session.submit(MoveJoints(self._robot.check_limits(np.radians(self._asked()))))
 
     async def _on_reset(self) -> None:
         self._set_edited(False)
@@ -202,3 +113,75 @@ class JointControl:
 
     async def _on_step(self, i: int, sign: int) -> None:
         await self._stepper.step(i, sign * float(self._step.value))
+
+
+class JointStepper:
+    """Clicks during a step add up: the arm goes on to where all of them together lead."""
+
+    def __init__(self, session: Session, duration_s: Callable[[FloatArray], float] | None = None) -> None:
+        """``duration_s``: how long a way (n,) [rad] shall take; None: as short as it can."""
+        self._session = session
+        self._duration_s = duration_s
+        self._goal: FloatArray | None = None
+
+    async def step(self, joint: int, step_deg: float) -> None:
+        """Turn one joint by ``step_deg``.
+
+        Raises:
+            ArmctlError: the joint would pass its limit, or the arm cannot move now.
+        """
+        session = self._session
+        start = session.snapshot.q_command if self._goal is None else self._goal
+        goal = stepped(session.console.robot, start, joint, step_deg)
+        under_way, self._goal = self._goal is not None, goal
+        if not under_way:
+            try:
+                await self._go()
+            finally:
+                self._goal = None
+
+    async def _go(self) -> None:
+        """Move to the goal, and on for as long as clicks have moved it further."""
+        reached: FloatArray | None = None
+        while self._goal is not None and self._goal is not reached:
+            reached = self._goal
+            way = reached - self._session.snapshot.q_command
+            duration_s = None if self._duration_s is None else self._duration_s(way)
+            ticket = await self._session.submit(MoveJoints(reached, duration_s))
+            try:
+                await asyncio.wrap_future(ticket.finished)
+            except ArmctlError:  # stopped or broken: the session tells, and later clicks start afresh
+                return
+
+
+def stepped(robot: Robot, q: FloatArray, joint: int, step_deg: float) -> FloatArray:
+    """``q`` (n,) [rad] with one joint turned by ``step_deg``.
+
+    Raises:
+        MotionRefusedError: the joint would pass its limit; says by how much it may still turn.
+    """
+    asked = q.copy()
+    asked[joint] += math.radians(step_deg)
+    one = robot.joints[joint]
+    limit = one.upper if step_deg > 0 else one.lower
+    beyond = asked[joint] - limit if step_deg > 0 else limit - asked[joint]
+    if beyond > _ROUNDING:
+        left = abs(limit - float(q[joint]))
+        raise MotionRefusedError(
+            f"{one.title}: {step_deg:+g}° from {math.degrees(float(q[joint])):.2f}° leads to "
+            f"{math.degrees(float(asked[joint])):.2f}°, the limit is {math.degrees(limit):.2f}°; "
+            f"it can turn {math.degrees(left):.2f}° more that way"
+        )
+    asked[joint] = min(max(float(asked[joint]), one.lower), one.upper)
+    return asked
+
+
+def checked_percent(value: float, what: str) -> float:
+    """A percentage.
+
+    Raises:
+        InputError: not finite, or outside 0 … 100.
+    """
+    if not math.isfinite(value) or not 0 <= value <= 100:
+        raise InputError(f"{what}: {value:g} % is outside 0 … 100 %")
+    return float(value)
