@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from armctl.errors import StateError
-from armctl.program import ArcStep, LineStep, MoveStep, PointStep
+from armctl.program import ArcStep, LineStep, PointStep
 from armctl.robot import load_robot, shipped_robots
 from armctl.ui.tabs.program.record import ARC, LINE, POINT, step_here, tool_point_mm
 
@@ -32,7 +32,6 @@ def test_line_and_arc_end_where_the_tool_is() -> None:
     assert step_here(ARC, ROBOT, HOME_DEG, via) == ArcStep(
         via_x_mm=1, via_y_mm=2, via_z_mm=3, x_mm=x, y_mm=y, z_mm=z
     )
-    assert step_here("Pose", ROBOT, HOME_DEG, None) == MoveStep(joints_deg=HOME_DEG)
 
 
 def test_an_arc_needs_a_via_point() -> None:

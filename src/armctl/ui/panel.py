@@ -55,16 +55,13 @@ class ControlPanel:
         self._asked_release = False
         self._released_at = 0.0
         self._expanded_at = -math.inf
-        self._attach()
-
-    def _attach(self) -> None:
-        session = self._session
         session.on(self._stop.on_click, self._on_stop)
         hot_key = session.gui.add_command("STOP", hotkey="escape", description="Decelerate and hold")
         session.on_key(hot_key, self._on_stop)
-        session.on(self._hold.on_click, self._on_hold)
+        hold = self._hold
+        session.on(hold.on_click, lambda: session.submit(Pause() if hold.value == "Pause" else Resume()))
         session.on(self._release.on_click, self._on_release)
-        session.on(self._speed.on_update, self._on_speed)
+        session.on(self._speed.on_update, lambda: session.submit(SetSpeed(self._speed.value / 100)))
         session.on(self._take.on_click, self._on_take)
 
     def remove(self) -> None:
@@ -77,11 +74,9 @@ class ControlPanel:
         if snapshot.state is State.MOVING and snapshot.stamp - self._expanded_at > _EXPAND_S:
             self._window.expand()  # a panel that somebody has minimised must not hide STOP
             self._expanded_at = snapshot.stamp
-        if self._take.visible == session.operates:
-            self._take.visible = not session.operates
-        percent = round(100 * snapshot.speed)
-        if not session.operates and self._speed.value != percent:
-            self._speed.value = percent
+        self._take.visible = not session.operates
+        if not session.operates:
+            self._speed.value = round(100 * snapshot.speed)
         color = _COLORS[snapshot.state]
         # a fault says at its end what to do; what it says already is no warning beside it
         most = _MOST_FAULT_LINES if snapshot.state is State.FAULT else _MOST_LINES
@@ -93,15 +88,11 @@ class ControlPanel:
             limited(snapshot.cause, most, "opacity:.75") if snapshot.cause else "",
             f"<div>Operator: <b>{session.console.operators.describe(session.client.client_id)}</b>"
             + (f" · {watching} watching" if watching else "") + "</div>",
-            f"<div>Position shown: <b>{self._source(snapshot)}</b></div>",
+            f"<div>Position shown: <b>{session.console.last_known.words(snapshot, session.console.robot.board)}</b></div>",
         ]  # fmt: skip
         lines += [limited(f"⚠ {text}", _MOST_LINES, "color:#c92a2a") for text in warnings]
         self._state.show("".join(lines))
         self._where.show(self._where_text(snapshot))
-
-    def _source(self, snapshot: Snapshot) -> str:
-        console = self._session.console
-        return console.last_known.words(snapshot, console.robot.board)
 
     def _where_text(self, snapshot: Snapshot) -> str:
         """Joint angles and tool pose of the arm as it is drawn."""
@@ -123,9 +114,6 @@ class ControlPanel:
     async def _on_stop(self) -> None:
         self._session.console.controller.stop(self._session.origin)
 
-    async def _on_hold(self) -> None:
-        await self._session.submit(Pause() if self._hold.value == "Pause" else Resume())
-
     async def _on_release(self) -> None:
         """The first click asks, a second one within a few seconds releases."""
         self._session.require_operator()
@@ -145,9 +133,6 @@ class ControlPanel:
         self._asked_release = asking
         self._release.label = "DROPS! Click again" if asking else "Release"
         self._release.color = "orange" if asking else "gray"
-
-    async def _on_speed(self) -> None:
-        await self._session.submit(SetSpeed(self._speed.value / 100))
 
     async def _on_take(self) -> None:
         session = self._session

@@ -20,9 +20,11 @@ class RobotChooser:
     """Shows the present robot; choosing another one changes it for every page."""
 
     def __init__(self, session: Session) -> None:
-        self._session, self._desk = session, session.robots
-        self._names = labelled(self._desk.choices)
-        self._present = next(label for label, name in self._names.items() if name == self._desk.present.name)
+        self._session, self._robots = session, session.robots
+        self._names = labelled(self._robots.choices)
+        self._present = next(
+            label for label, name in self._names.items() if name == self._robots.present.name
+        )
         self._list = session.gui.add_dropdown("Robot", tuple(self._names), initial_value=self._present)
         self._about = about(session.console.robot)
         self._text = LiveHtml(session.gui, self._about)
@@ -30,9 +32,8 @@ class RobotChooser:
 
     def refresh(self, snapshot: Snapshot) -> None:
         """Nothing can be chosen while the robot is being changed, or held up by real servos or motors."""
-        opening, held = self._desk.opening, release_to_leave(snapshot)
-        if self._list.disabled != (disabled := opening is not None or held is not None):
-            self._list.disabled = disabled
+        opening, held = self._robots.opening, release_to_leave(snapshot)
+        self._list.disabled = opening is not None or held is not None
         if opening is not None:
             self._text.show(f"Opening {escape(opening.title)} …")
         else:
@@ -41,7 +42,7 @@ class RobotChooser:
     async def _on_choose(self) -> None:
         session = self._session
         try:
-            await self._desk.change(self._names[self._list.value], session.origin, session.require_operator)
+            await self._robots.change(self._names[self._list.value], session.origin, session.require_operator)
         finally:
             if not session.closed:  # refused: this page still shows the present robot
                 self._list.value = self._present

@@ -23,6 +23,7 @@ from armctl.runtime import (
     Snapshot,
     State,
 )
+from armctl.ui.console import PortChoice
 from armctl.ui.session import Session
 from armctl.ui.tabs.main.boards import RobotChooser, board_html, enable_note, homing_html, ports_html
 from armctl.ui.widgets.html import WARNING, LiveHtml, time_of_day
@@ -57,19 +58,20 @@ class MainScreen:
         self._enable = gui.add_button("Enable", icon=viser.Icon.BOLT, color="green")
         self._clear = gui.add_button("Clear fault", color="orange", visible=False)
         self._home = gui.add_button("Home", icon=viser.Icon.HOME)
-        self._poses = gui.add_button_group(
+        poses = gui.add_button_group(
             "Go to pose", tuple(name for name in console.robot.poses if name != "home")
         )
         if console.robot.points:
-            self._add_points()
+            points = gui.add_button_group("Go to point", tuple(console.robot.points))
+            session.on(points.on_click, lambda: self._go_to_point(points.value))
         with gui.add_folder("Log"):
             self._log = LiveHtml(gui)
         session.on(self._line.on_click, self._on_line)
-        session.on(self._enable.on_click, self._on_enable)
-        session.on(self._homing.on_click, self._on_homing)
-        session.on(self._clear.on_click, self._on_clear)
-        session.on(self._home.on_click, self._on_home)
-        session.on(self._poses.on_click, self._on_pose)
+        session.on(self._enable.on_click, lambda: session.submit(Enable()))
+        session.on(self._homing.on_click, lambda: session.submit(HomeAxes()))
+        session.on(self._clear.on_click, lambda: session.submit(ClearFault()))
+        session.on(self._home.on_click, lambda: self._go_to_pose("home"))
+        session.on(poses.on_click, lambda: self._go_to_pose(poses.value))
 
     def refresh(self, snapshot: Snapshot) -> None:
         """Show the board, what can be done, and the newest log lines."""
@@ -77,9 +79,7 @@ class MainScreen:
         self._clear.visible = snapshot.state is State.FAULT and snapshot.board is not None
         holds = snapshot.powered and snapshot.state is not State.OFF
         self._enable.visible = self._enable_note.visible = not holds
-        note = enable_note(snapshot, self._session.console.robot.board)
-        if self._enable_note.content != note:
-            self._enable_note.content = note
+        self._enable_note.content = enable_note(snapshot, self._session.console.robot.board)
         unhomed = any(not axis.homed for axis in snapshot.homing)
         self._enable.disabled = snapshot.state is not State.OFF or unhomed
         self._homing.visible = bool(snapshot.homing)
@@ -89,17 +89,7 @@ class MainScreen:
         self._ports.show(ports_html(self._choices.values()))
         self._board.show(board_html(snapshot))
         events = (*self._session.console.earlier, *snapshot.events)[-_LOG_LINES:]
-        self._log.show("".join(self._log_line(event) for event in reversed(events)))
-
-    def _add_points(self) -> None:
-        group = self._session.gui.add_button_group("Go to point", tuple(self._session.console.robot.points))
-        self._session.on(group.on_click, lambda: self._on_point(group.value))
-
-    @staticmethod
-    def _log_line(event: Event) -> str:
-        color = _LEVEL_COLOR.get(event.level, "inherit")
-        when = f"<span style='opacity:.6'>{time_of_day(event.stamp)}</span>"
-        return f"<div style='color:{color}'>{when} {escape(event.text)}</div>"
+        self._log.show("".join(_log_line(event) for event in reversed(events)))
 
     async def _on_line(self) -> None:
         asked = self._line.value
@@ -109,10 +99,7 @@ class MainScreen:
         elif asked == "Disconnect":
             await self._disconnect()
         else:
-            choice = self._choices[self._port.value]
-            if choice.why_not is not None:
-                raise InputError(f"{choice.label} cannot be used: {choice.why_not}")
-            await self._connect(choice.port)
+            await self._connect(self._choices[self._port.value])
 
     async def _disconnect(self) -> None:
         """Where that lets the arm drop, the first click asks, and a second one soon after disconnects."""
@@ -127,31 +114,27 @@ class MainScreen:
         self._asked_to_disconnect = -math.inf
         await session.submit(Disconnect())
 
-    async def _connect(self, port: str) -> None:
+    async def _connect(self, choice: PortChoice) -> None:
         """The board on another port may be calibrated otherwise: then the arm is opened anew with it."""
         session = self._session
+        if choice.why_not is not None:
+            raise InputError(f"{choice.label} cannot be used: {choice.why_not}")
         session.require_operator()
-        if await session.robots.needs_reopening(port):
-            await session.reopen_arm(port)
+        if await session.robots.needs_reopening(choice.port):
+            await session.reopen_arm(choice.port)
         else:
-            await session.submit(Connect(port))
+            await session.submit(Connect(choice.port))
 
-    async def _on_enable(self) -> None:
-        await self._session.submit(Enable())
+    async def _go_to_pose(self, name: str) -> None:
+        await self._session.submit(MoveJoints(self._session.console.robot.pose(name)))
 
-    async def _on_homing(self) -> None:
-        await self._session.submit(HomeAxes())
-
-    async def _on_clear(self) -> None:
-        await self._session.submit(ClearFault())
-
-    async def _on_home(self) -> None:
-        await self._session.submit(MoveJoints(self._session.console.robot.pose("home")))
-
-    async def _on_pose(self) -> None:
-        await self._session.submit(MoveJoints(self._session.console.robot.pose(self._poses.value)))
-
-    async def _on_point(self, name: str) -> None:
+    async def _go_to_point(self, name: str) -> None:
         """Of all the ways to stand there, the one nearest to the present pose: what an operator expects."""
         point = self._session.console.robot.point(name)
         await self._session.submit(MoveTo(Target.of(point), "least-travel"))
+
+
+def _log_line(event: Event) -> str:
+    color = _LEVEL_COLOR.get(event.level, "inherit")
+    when = f"<span style='opacity:.6'>{time_of_day(event.stamp)}</span>"
+    return f"<div style='color:{color}'>{when} {escape(event.text)}</div>"

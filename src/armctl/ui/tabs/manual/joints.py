@@ -91,7 +91,7 @@ class JointControl:
     def _show(self, degrees: list[float]) -> None:
         self._shown = degrees
         for slider, value in zip(self._sliders, degrees, strict=True):
-            if slider is not None and slider.value != value:
+            if slider is not None:
                 slider.value = value
 
     def _set_edited(self, edited: bool) -> None:

@@ -26,7 +26,7 @@ class ProgramEditor:
 
     def __init__(self, session: Session) -> None:
         self._session = session
-        self._desk = session.shared(SharedProgram)
+        self._shared = session.shared(SharedProgram)
         self.selected = 0
         """index of the selected row"""
         self.page = 0
@@ -35,7 +35,7 @@ class ProgramEditor:
     @property
     def step(self) -> Step | None:
         """The selected step; None where the list is empty."""
-        steps = self._desk.program.steps
+        steps = self._shared.program.steps
         return steps[self.selected] if self.selected < len(steps) else None
 
     def select(self, row: int) -> None:
@@ -50,39 +50,30 @@ class ProgramEditor:
                 with it.
         """
         self._session.require_operator()
-        changed, selected = change(self._desk.program)
-        runs = await self._take_over(lambda: self._desk.edit(lambda _: changed))
+        changed, selected = change(self._shared.program)
+        runs = await self._take_over(lambda: self._shared.edit(lambda _: changed))
         self.select(selected)
         if runs:
             await self._warn(changed)
 
-    async def undo(self) -> None:
-        """Take the last change back.
+    async def undo(self, *, redo: bool = False) -> None:
+        """Take the last change back, or make the change again that was taken back last.
 
         Raises:
             ArmctlError: as ``change``; also where there is none.
         """
         self._session.require_operator()
-        await self._take_over(self._desk.undo)
-
-    async def redo(self) -> None:
-        """Make the change again that was taken back last.
-
-        Raises:
-            ArmctlError: as ``change``; also where there is none.
-        """
-        self._session.require_operator()
-        await self._take_over(self._desk.redo)
+        await self._take_over(self._shared.redo if redo else self._shared.undo)
 
     async def _take_over(self, edit: Callable[[], None]) -> bool:
         """Edit; if the arm runs what is edited, it is given the new version, too, and this is true."""
-        desk = self._desk
-        runs = desk.relation(self._session.snapshot.program) in ("running", "coming")
+        shared = self._shared
+        runs = shared.relation(self._session.snapshot.program) in ("running", "coming")
         edit()
         if not runs:
             return False
         try:
-            await self._session.submit(UpdateProgram(desk.program))
+            await self._session.submit(UpdateProgram(shared.program))
         except StateError:
             if self._session.snapshot.program is None:  # it has ended meanwhile
                 return False
@@ -93,7 +84,7 @@ class ProgramEditor:
         """Say before the next pass that the arm would stop in it; nobody has checked an edit as Run does."""
         findings = await asyncio.to_thread(check_program, program, self._session.console.robot)
         errors = [finding for finding in findings if finding.severity == "error"]
-        if errors and self._desk.program is program:
+        if errors and self._shared.program is program:
             self._session.notify("The next pass would stop there", f"{errors[0]}; edit it, or Undo", "yellow")
 
 
@@ -122,7 +113,7 @@ class ProgramStepForm:
     def refresh(self) -> None:
         """Fill the fields anew when another step is selected, or when it has changed."""
         step = self._editor.step
-        self._show_head(step)
+        self._head.show(self._heading(step))
         filled = None if step is None else (self._editor.selected, step)
         if filled == self._filled:
             return
@@ -132,18 +123,16 @@ class ProgramStepForm:
             field = fields.get(label)
             if step is not None and field is not None:
                 _fill(handle, field, shown(step, field))
-            if handle.visible != (field is not None):
-                handle.visible = field is not None
+            handle.visible = field is not None
         self._apply.visible = bool(fields)
 
-    def _show_head(self, step: Step | None) -> None:
+    def _heading(self, step: Step | None) -> str:
         if step is None:
-            self._head.show(muted(_NOTHING))
-            return
+            return muted(_NOTHING)
         session = self._session
         relation = session.shared(SharedProgram).relation(session.snapshot.program)
         waits = f"; {EDIT_WAITS}" if relation == "coming" else ""
-        self._head.show(muted(f"Row {self._editor.selected + 1}: {step.title}{waits}"))
+        return muted(f"Row {self._editor.selected + 1}: {step.title}{waits}")
 
     async def _on_apply(self) -> None:
         self._session.require_operator()
@@ -172,5 +161,4 @@ def _add(gui: viser.GuiApi, field: StepField) -> Handle:
 def _fill(handle: Handle, field: StepField, text: str) -> None:
     if isinstance(handle, viser.GuiDropdownHandle) and text not in handle.options:
         handle.options = (*field.choices, text)  # a file may name what this version does not offer
-    if handle.value != text:
-        handle.value = text
+    handle.value = text

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Awaitable, Callable
+from typing import ParamSpec
 
 import viser
 
@@ -15,6 +16,7 @@ from armctl.ui.tabs.program.shared_program import SharedProgram
 from armctl.ui.widgets.html import LiveHtml, muted
 from armctl.ui.widgets.verdict_list import first_error
 
+P = ParamSpec("P")
 _NONE = "(none saved yet)"
 _UPLOAD_NOTE = (
     "Upload takes a program of this robot: .toml, or .csv with units in its head "
@@ -24,15 +26,15 @@ _EXPORT_HINT = "CSV X-Y-Z: poses become points of the tool. Python: a script for
 
 
 class ProgramFiles:
-    """Names and files of the program on the desk."""
+    """Names and files of the program."""
 
     def __init__(self, session: Session, check: Callable[[], Awaitable[list[ProgramFinding]]]) -> None:
-        """Add the controls; ``check`` checks the program on the desk and shows the verdict."""
+        """Add the controls; ``check`` checks the program and shows the verdict."""
         self._session = session
         self._check = check
-        self._desk = session.shared(SharedProgram)
+        self._shared = session.shared(SharedProgram)
         self._version = -1
-        self._named = self._desk.program.name
+        self._named = self._shared.program.name
         gui = session.gui
         self._name = gui.add_text("Name", initial_value=self._named)
         self._keep = gui.add_button_group("This program", ("Save", "Download", "CSV"))
@@ -48,46 +50,48 @@ class ProgramFiles:
         session.on(self._upload.on_upload, self._on_upload)
 
     def refresh(self) -> None:
-        """Show the program's name and the saved programs, if the desk has changed."""
-        if self._version == self._desk.version:
+        """Show the program's name and the saved programs, if they have changed."""
+        if self._version == self._shared.version:
             return
-        self._version = self._desk.version
-        if self._named != self._desk.program.name:
-            self._named = self._name.value = self._desk.program.name
+        self._version = self._shared.version
+        if self._named != self._shared.program.name:
+            self._named = self._name.value = self._shared.program.name
         choices = self._choices()
         if self._saved.options != choices:
             self._saved.options = choices
 
     def _choices(self) -> tuple[str, ...]:
-        return tuple(self._desk.saved()) or (_NONE,)
+        return tuple(self._shared.saved()) or (_NONE,)
 
     async def _on_keep(self) -> None:
-        program, name = self._desk.program, self._name.value.strip()
+        program, robot = self._shared.program, self._session.console.robot
         match self._keep.value:
             case "Save":
-                self._session.require_operator()
-                path = await self._desk.save(name)
-                self.refresh()
-                self._saved.value = path.stem  # so that Load brings back this one, not another
-                self._session.notify("Saved", str(path))
+                await self._save(self._name.value.strip())
             case "Download":
-                self._send(".toml", await asyncio.to_thread(encode_program, program))
+                await self._send(".toml", encode_program, program)
             case _:
-                robot = self._session.console.robot
-                self._send(".csv", await asyncio.to_thread(write_csv, program, robot))
+                await self._send(".csv", write_csv, program, robot)
+
+    async def _save(self, name: str) -> None:
+        self._session.require_operator()
+        path = await self._shared.save(name)
+        self.refresh()
+        self._saved.value = path.stem  # so that Load brings back this one, not another
+        self._session.notify("Saved", str(path))
 
     async def _on_export(self) -> None:
-        program, robot = self._desk.program, self._session.console.robot
+        program, robot = self._shared.program, self._session.console.robot
         if self._export.value == "Python":
-            self._send(".py", await asyncio.to_thread(write_script, program))
+            await self._send(".py", write_script, program)
         else:
-            self._send("-xyz.csv", await asyncio.to_thread(write_csv, program, robot, "points"))
+            await self._send("-xyz.csv", write_csv, program, robot, "points")
 
     async def _on_load(self) -> None:
         self._session.require_operator()
         if self._saved.value == _NONE:
             raise ProgramError("no program is saved yet; give this one a name and press Save")
-        await self._desk.load(self._saved.value)
+        await self._shared.load(self._saved.value)
         await self._tell_findings(self._saved.value)
 
     async def _on_upload(self) -> None:
@@ -96,7 +100,7 @@ class ProgramFiles:
         program = await asyncio.to_thread(read_program, file.name, file.content, robot)
         self._session.require_operator()
         try:
-            self._desk.put(program)
+            self._shared.put(program)
         except ProgramError as cause:
             raise ProgramError(f"{file.name}: {cause}") from cause
         count = len(program.steps)
@@ -105,13 +109,14 @@ class ProgramFiles:
         await self._tell_findings(file.name)
 
     async def _tell_findings(self, name: str) -> None:
-        """What would keep the arm from running what is now on the desk, as Check tells it."""
-        if not self._desk.program.steps:
+        """What would keep the arm from running the program, as Check tells it."""
+        if not self._shared.program.steps:
             return
         error = first_error(await self._check())
         if error is not None and not self._session.closed:
             self._session.notify("Cannot run yet", f"{name}: {error}", "yellow")
 
-    def _send(self, suffix: str, text: str) -> None:
-        name = f"{self._desk.program.name}{suffix}"
+    async def _send(self, suffix: str, write: Callable[P, str], *args: P.args, **options: P.kwargs) -> None:
+        name = f"{self._shared.program.name}{suffix}"
+        text = await asyncio.to_thread(write, *args, **options)
         self._session.client.send_file_download(name, text.encode(), save_immediately=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 
@@ -15,6 +16,7 @@ from armctl.program import (
     LineStep,
     MoveStep,
     PointStep,
+    Program,
     SpeedStep,
     Step,
     WaitStep,
@@ -43,10 +45,10 @@ def tool_point_mm(robot: Robot, pose_deg: tuple[float, ...]) -> Point:
 
 
 def step_here(kind: str, robot: Robot, pose_deg: tuple[float, ...], via_mm: Point | None) -> Step:
-    """A step of a kind that leads to where the arm stands.
+    """A step that leads to where the tool is.
 
     Args:
-        kind: a button's label; anything but point, line and arc gives a move to the angles.
+        kind: a button's label: point, line or arc.
         robot: the arm.
         pose_deg: (n,) where it stands.
         via_mm: the point on the arc, as set before.
@@ -55,30 +57,22 @@ def step_here(kind: str, robot: Robot, pose_deg: tuple[float, ...], via_mm: Poin
         StateError: an arc without a via point.
     """
     x, y, z = tool_point_mm(robot, pose_deg)
+    if kind == LINE:
+        return LineStep(x_mm=x, y_mm=y, z_mm=z, pitch=usual_pitch(robot))
     if kind == POINT:
         pitch, roll = robot.inverse_kinematics.pitch_and_roll(np.radians(pose_deg))
         if usual_pitch(robot) == "free":  # the place decides about it
             pitch = None
         return PointStep(x_mm=x, y_mm=y, z_mm=z, pitch_deg=_degrees(pitch), roll_deg=_degrees(roll))
-    if kind == LINE:
-        return LineStep(x_mm=x, y_mm=y, z_mm=z, pitch=usual_pitch(robot))
-    if kind == ARC:
-        if via_mm is None:
-            raise StateError(
-                f"an arc needs a point on its way: bring the tool there and press {SET_VIA!r}, "
-                f"then go on to its end and press {ARC!r}"
-            )
-        via_x, via_y, via_z = via_mm
-        return ArcStep(
-            via_x_mm=via_x,
-            via_y_mm=via_y,
-            via_z_mm=via_z,
-            x_mm=x,
-            y_mm=y,
-            z_mm=z,
-            pitch=usual_pitch(robot),
+    if via_mm is None:
+        raise StateError(
+            f"an arc needs a point on its way: bring the tool there and press {SET_VIA!r}, "
+            f"then go on to its end and press {ARC!r}"
         )
-    return MoveStep(joints_deg=pose_deg)
+    via_x, via_y, via_z = via_mm
+    return ArcStep(
+        via_x_mm=via_x, via_y_mm=via_y, via_z_mm=via_z, x_mm=x, y_mm=y, z_mm=z, pitch=usual_pitch(robot)
+    )
 
 
 def _degrees(angle: float | None) -> float | None:
@@ -111,6 +105,12 @@ def checked_seconds(value: float) -> float:
     return float(value)
 
 
+_EDITS: dict[str, Callable[[Program, int], step_edit.Change]] = {
+    "Up": lambda program, row: step_edit.shift(program, row, -1),
+    "Down": lambda program, row: step_edit.shift(program, row, 1),
+    "Duplicate": step_edit.double,
+    "Delete": step_edit.remove,
+}
 _TOOL_HINT = "Where the tool is: as a point, or as the end of a straight line or of an arc through 'via'."
 
 
@@ -129,12 +129,12 @@ class ProgramRecord:
         self._tool = gui.add_button_group("Record tool", (POINT, LINE, SET_VIA, ARC), hint=_TOOL_HINT)
         self._via = LiveHtml(gui)
         self._via.visible = False
-        self._edit = gui.add_button_group("Edit", ("Up", "Down", "Duplicate", "Delete"))
-        self._undo = gui.add_button_group("Take back", ("Undo", "Redo"))
+        self._edit = gui.add_button_group("Edit", tuple(_EDITS))
+        undo = gui.add_button_group("Take back", ("Undo", "Redo"))
         session.on(self._record.on_click, self._on_record)
         session.on(self._tool.on_click, self._on_tool)
         session.on(self._edit.on_click, self._on_edit)
-        session.on(self._undo.on_click, self._on_undo)
+        session.on(undo.on_click, lambda: editor.undo(redo=undo.value == "Redo"))
 
     async def add(self, step: Step) -> None:
         """Put a step where new ones go."""
@@ -145,45 +145,33 @@ class ProgramRecord:
         return present_pose_deg(self._session.console.robot, self._session.snapshot)
 
     async def _on_record(self) -> None:
-        robot, snapshot = self._session.console.robot, self._session.snapshot
         match self._record.value:
             case "Record pose":
-                await self.add(step_here("Pose", robot, self._pose_deg(), None))
+                await self.add(MoveStep(joints_deg=self._pose_deg()))
             case "Record gripper":
-                if snapshot.gripper is None:
+                opening = self._session.snapshot.gripper
+                if opening is None:
                     raise StateError("the gripper has not been told to move yet; press 'Set gripper' first")
-                await self.add(GripperStep(open_percent=round(100 * snapshot.gripper, 1)))
+                await self.add(GripperStep(open_percent=round(100 * opening, 1)))
             case _:
                 await self.add(WaitStep(seconds=checked_seconds(self._seconds.value)))
 
     async def _on_tool(self) -> None:
         robot, kind = self._session.console.robot, self._tool.value
-        if kind != SET_VIA:
-            await self.add(step_here(kind, robot, self._pose_deg(), self._via_mm))
-            if kind != ARC:
-                return
-            self._via_mm = None
-        else:
+        if kind == SET_VIA:
             self._session.require_operator()
             self._via_mm = tool_point_mm(robot, self._pose_deg())
             where = numbers(self._via_mm, 1)
             self._via.show(muted(f"Arc via ({where}) mm. Bring the tool to the arc's end, then press Arc."))
+        else:
+            await self.add(step_here(kind, robot, self._pose_deg(), self._via_mm))
+            if kind == ARC:
+                self._via_mm = None
         self._via.visible = self._via_mm is not None
 
     async def _on_edit(self) -> None:
-        editor, row = self._editor, self._editor.selected
-        match self._edit.value:
-            case "Up":
-                await editor.change(lambda program: step_edit.shift(program, row, -1))
-            case "Down":
-                await editor.change(lambda program: step_edit.shift(program, row, 1))
-            case "Duplicate":
-                await editor.change(lambda program: step_edit.double(program, row))
-            case _:
-                await editor.change(lambda program: step_edit.remove(program, row))
-
-    async def _on_undo(self) -> None:
-        await (self._editor.undo() if self._undo.value == "Undo" else self._editor.redo())
+        edit, row = _EDITS[self._edit.value], self._editor.selected
+        await self._editor.change(lambda program: edit(program, row))
 
 
 class ProgramExtras:

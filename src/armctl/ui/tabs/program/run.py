@@ -30,7 +30,7 @@ class ProgramRun:
         """Add the buttons; ``verdict`` is where the findings are shown."""
         self._session = session
         self._editor = editor
-        self._desk = session.shared(SharedProgram)
+        self._shared = session.shared(SharedProgram)
         self._verdict = verdict
         self._verdict.visible = False
         self._checked: tuple[Program, tuple[float, ...] | None, list[ProgramFinding]] | None = None
@@ -43,19 +43,19 @@ class ProgramRun:
         )
         self._run = gui.add_button_group("Run", ("Run once", "Run N times", "Loop"))
         self._try = gui.add_button_group("Try", ("Step", "Check"), hint=_STEP_HINT)
-        self._hold = gui.add_button_group("While it runs", ("Pause", "Resume"))
+        hold = gui.add_button_group("While it runs", ("Pause", "Resume"))
         session.on(self._run.on_click, self._on_run)
         session.on(self._try.on_click, self._on_try)
-        session.on(self._hold.on_click, self._on_hold)
+        session.on(hold.on_click, lambda: session.submit(Pause() if hold.value == "Pause" else Resume()))
 
     def refresh(self) -> None:
         """A verdict goes with the program that it is about."""
-        if self._checked is not None and self._checked[0].steps != self._desk.program.steps:
+        if self._checked is not None and self._checked[0].steps != self._shared.program.steps:
             self._checked = None
             self._verdict.visible = False
 
     async def check(self) -> list[ProgramFinding]:
-        """Check the program on the desk from where the arm stands, and show the verdict.
+        """Check the program from where the arm stands, and show the verdict.
 
         Raises:
             StateError: it has no steps.
@@ -78,7 +78,7 @@ class ProgramRun:
         error = first_error(findings)
         if error is not None:
             raise ProgramError(f"{program.name}: {error}")
-        await self._start(RunProgram(program, loops, first))
+        await self._session.submit(RunProgram(program, loops, first))
 
     async def _on_try(self) -> None:
         if self._try.value == "Check":
@@ -86,11 +86,8 @@ class ProgramRun:
         else:
             await self._step(self._program())
 
-    async def _on_hold(self) -> None:
-        await self._session.submit(Pause() if self._hold.value == "Pause" else Resume())
-
     def _program(self) -> Program:
-        program = self._desk.program
+        program = self._shared.program
         if not program.steps:
             raise StateError("the list is empty; record a pose first")
         return program
@@ -108,16 +105,13 @@ class ProgramRun:
         except BaseException:
             self._verdict.visible = False
             raise
-        if program.steps == self._desk.program.steps:  # else a later check shows what is on the desk now
+        if program.steps == self._shared.program.steps:  # else a later check shows the newer one
             self._verdict.show(verdict_html(findings, not_checked(robot)))
             self._verdict.visible = True
             self._checked = (program, begin, findings)
         elif self._checked is None:
             self._verdict.visible = False
         return findings
-
-    async def _start(self, command: RunProgram) -> None:
-        await self._session.submit(command)
 
     async def _step(self, program: Program) -> None:
         """Run one step; going on from there, repeats are counted as in a whole run."""
@@ -128,7 +122,7 @@ class ProgramRun:
         present = cursor.next()
         if present is None:
             raise StateError(f"behind row {row + 1} there is no step to run")
-        await self._start(RunProgram(program, 1, present[0], 1))
+        await self._session.submit(RunProgram(program, 1, present[0], 1))
         following = cursor.copy().next()
         if following is None:
             self._stepping = None

@@ -17,10 +17,10 @@ from armctl.ui.widgets.html import WARNING, LiveHtml
 
 
 class SerialMotion:
-    """The list of the program on the desk, and around it what changes and runs it."""
+    """The list of the program, and around it what changes and runs it."""
 
     def __init__(self, session: Session) -> None:
-        self._desk = session.shared(SharedProgram)
+        self._shared = session.shared(SharedProgram)
         self._editor = ProgramEditor(session)
         self._running: int | None = None
         self._drawn: tuple[object, ...] = ()
@@ -56,12 +56,14 @@ class SerialMotion:
     @property
     def _state(self) -> tuple[object, ...]:
         """All that decides about what the list shows."""
-        return (self._desk.version, self._editor.page, self._editor.selected, self._running)
+        return (self._shared.version, self._editor.page, self._editor.selected, self._running)
 
     def _running_step(self, snapshot: Snapshot) -> int | None:
         """Index of the running step, where the list shows the program that runs."""
         progress = snapshot.program
-        return progress.step if progress is not None and self._desk.relation(progress) == "running" else None
+        return (
+            progress.step if progress is not None and self._shared.relation(progress) == "running" else None
+        )
 
     def _follow(self, running: int | None) -> None:
         """The page turns to the running step when that changes."""
@@ -70,7 +72,7 @@ class SerialMotion:
         self._running = running
 
     def _headline(self, snapshot: Snapshot) -> str:
-        program, progress = self._desk.program, snapshot.program
+        program, progress = self._shared.program, snapshot.program
         count = len(program.steps)
         line = f"<b>{escape(program.name)}</b> · {count} step{'' if count == 1 else 's'}"
         if progress is None:
@@ -79,12 +81,12 @@ class SerialMotion:
         of = f"step {progress.step + 1} of {progress.steps}, pass {progress.loop + 1} of {loops}"
         if self._running is not None:
             return f"{line} · <span style='color:#2b8a3e'>runs {of}</span>"
-        if self._desk.relation(progress) == "coming":
+        if self._shared.relation(progress) == "coming":
             return f"{line} · <span style='color:#2b8a3e'>runs {of}</span>; <b>{EDIT_WAITS}</b>"
         return f"{line}<br><span style='color:{WARNING}'>Runs another version: {of}</span>"
 
     def _draw(self) -> None:
-        steps, editor = self._desk.program.steps, self._editor
+        steps, editor = self._shared.program.steps, self._editor
         pages = page_count(len(steps))
         editor.selected = min(editor.selected, max(len(steps) - 1, 0))
         editor.page = min(editor.page, pages - 1)
@@ -92,19 +94,17 @@ class SerialMotion:
         if pages > 1:
             text += f"<div style='text-align:right;opacity:.75'>page {editor.page + 1} of {pages}</div>"
         self._list.show(text)
-        if self._pages.visible != (pages > 1):
-            self._pages.visible = pages > 1
-        if self._row.value != editor.selected + 1:
-            self._row.value = editor.selected + 1
+        self._pages.visible = pages > 1
+        self._row.value = editor.selected + 1
         self._drawn = self._state
 
     async def _on_page(self) -> None:
-        pages = page_count(len(self._desk.program.steps))
+        pages = page_count(len(self._shared.program.steps))
         turned = self._editor.page + (1 if self._pages.value.startswith("Next") else -1)
         self._editor.page = min(max(turned, 0), pages - 1)
 
     async def _on_row(self) -> None:
-        row, count = int(self._row.value), len(self._desk.program.steps)
+        row, count = int(self._row.value), len(self._shared.program.steps)
         if not 1 <= row <= max(count, 1):
             raise InputError(f"there is no row {row}; the program has {count}")
         self._editor.select(row - 1)
