@@ -82,13 +82,14 @@ class ControlPanel:
         most = _MOST_FAULT_LINES if snapshot.state is State.FAULT else _MOST_LINES
         warnings = [text for text in snapshot.warnings if text not in snapshot.cause]
         watching = session.console.operators.watching
+        source = session.console.last_known.words(snapshot, session.console.robot.board)
         lines = [
             f"<div style='font-size:1.15em;font-weight:600;color:{color}'>"
             f"{snapshot.state.value.upper()}</div>",
             limited(snapshot.cause, most, "opacity:.75") if snapshot.cause else "",
             f"<div>Operator: <b>{session.console.operators.describe(session.client.client_id)}</b>"
             + (f" · {watching} watching" if watching else "") + "</div>",
-            f"<div>Position shown: <b>{session.console.last_known.words(snapshot, session.console.robot.board)}</b></div>",
+            f"<div>Position shown: <b>{source}</b></div>",
         ]  # fmt: skip
         lines += [limited(f"⚠ {text}", _MOST_LINES, "color:#c92a2a") for text in warnings]
         self._state.show("".join(lines))
