@@ -21,10 +21,10 @@ from tests.kinematics.kit import (
 
 from armctl import Robot, load_robot
 from armctl.errors import InputError
-from armctl.kinematics import BatchSolutions, Chain, DHRow, Target, YawPitchRollSolver
+from armctl.kinematics import BatchSolutions, Chain, DHRow, Target
 from armctl.kinematics import chain as chain_kernel
-from armctl.kinematics.yaw_pitch_roll import pose_batch
-from armctl.kinematics.yaw_pitch_roll.pose_batch import _cosines_within
+from armctl.kinematics.yaw_pitch_roll import closed_form
+from armctl.kinematics.yaw_pitch_roll.closed_form import cosines_within
 
 
 def arms() -> list[tuple[Chain, FloatArray]]:
@@ -35,12 +35,6 @@ def arms() -> list[tuple[Chain, FloatArray]]:
         chain = chain_of(arm, "standard" if i % 2 else "modified", roll=i % 4 != 0, rng=rng)
         out.append((chain, arm.limits if chain.n == 4 else np.vstack([arm.limits, [[-2.0, 2.5]]])))
     return out
-
-
-def solver(chain: Chain, limits: FloatArray) -> YawPitchRollSolver:
-    ik = solver_of(chain, limits)
-    assert isinstance(ik, YawPitchRollSolver)
-    return ik
 
 
 def assert_true(chain: Chain, limits: FloatArray, batch: BatchSolutions, position: FloatArray) -> None:
@@ -54,7 +48,7 @@ def assert_true(chain: Chain, limits: FloatArray, batch: BatchSolutions, positio
 def test_every_branch_of_a_batch_is_what_solve_lists() -> None:
     rng = np.random.default_rng(102)
     for chain, limits in arms():
-        ik = solver(chain, limits)
+        ik = solver_of(chain, limits)
         q = random_q(rng, limits, 60)
         q[:10] = np.where(rng.random((10, chain.n)) < 0.5, limits[:, rng.integers(2)], q[:10])  # on limits
         q[10:20, 2] = np.clip(0.0, *limits[2])  # links in line
@@ -137,10 +131,10 @@ def test_least_rotation_of_random_arms_is_the_exact_one_and_never_above_the_swee
     with_curves = 0
     for i in range(120):
         arm = random_planar_arm(rng, offsets=i % 3 != 0)
-        ik = solver(chain_of(arm, "standard"), arm.limits)
+        ik = solver_of(chain_of(arm, "standard"), arm.limits)
         position = arm.tip(random_q(rng, arm.limits, 25))
         position[-1] = [3.0, 0.0, 0.0]
-        q = ik.least_rotation_batch(position)
+        q = ik.least_rotation(position)
         assert np.isnan(q[-1]).all()
         q, position = q[:-1], position[:-1]
         assert np.abs(arm.tip(q) - position).max() < 1e-9
@@ -182,10 +176,10 @@ def test_what_is_no_batch_is_refused(asked: dict[str, object], says: str) -> Non
         load_robot("uzuner").inverse_batch(**(values | asked))  # type: ignore[arg-type]
 
 
-def test_other_families_say_which_one_has_it() -> None:
+def test_a_family_without_a_batch_says_so() -> None:
     robot = load_robot("humanoid")
     for ask in (robot.inverse_batch, robot.least_rotation):
-        with pytest.raises(InputError, match="is for arms of the family 'yaw, parallel pitch joints, roll'"):
+        with pytest.raises(InputError, match=r"'spherical shoulder, elbow, roll'.*call inverse for each"):
             ask([[0.1, 0.1, -0.3]])
 
 
@@ -195,9 +189,9 @@ def test_points_at_the_end_of_reach_with_the_straight_arm_outside_its_limits(nam
     robot = load_robot(name)
     rng = np.random.default_rng(111)
     q = random_q(rng, np.tile([-math.pi, math.pi], (robot.n, 1)), 200)
-    ik = robot.inverse_kinematics
-    assert isinstance(ik, YawPitchRollSolver)
-    q[:, 2] = ik.geometry.joint_angle(1, 0.0)
+    plane = robot.inverse_kinematics.plane
+    assert plane is not None
+    q[:, 2] = plane.joint_angle(1, 0.0)
     position = robot.forward(q)[:, :3, 3]
     pitch = None if name == "mico" else robot_pitch(robot, q)
     batch = robot.inverse_batch(position, pitch, 0.0)
@@ -219,7 +213,7 @@ def test_a_batch_of_several_parts_is_the_same(monkeypatch: pytest.MonkeyPatch) -
     pitch[::7] = math.pi / 2
     pitch[300:400] = -math.pi / 2
     whole = robot.inverse_batch(position, pitch, q[:, 4]), robot.forward(q)
-    monkeypatch.setattr(pose_batch, "_CHUNK", 64)
+    monkeypatch.setattr(closed_form, "_CHUNK", 64)
     monkeypatch.setattr(chain_kernel, "_CHUNK", 96)
     parts = robot.inverse_batch(position, pitch, q[:, 4]), robot.forward(q)
     assert (whole[0].found == parts[0].found).all()
@@ -276,7 +270,7 @@ def test_links_folded_onto_their_joint_are_solved_in_a_batch_too(off: float) -> 
         first = rng.uniform(-2.5, 2.5)
         limits = np.array([[-3, 3], [first, first + 0.3], [-math.pi, math.pi], [-0.4, 0.5], [-1, 1]])
         arm = PlanarArm(0.0, 0.0, 0.1, (0.15, 0.15, 0.1), limits[:4])
-        ik = solver(chain_of(arm, "standard", roll=True), limits)
+        ik = solver_of(chain_of(arm, "standard", roll=True), limits)
         q = random_q(rng, limits, 4)
         q[:, 2] = rng.choice([1, -1], 4) * (math.pi - off)
         position = arm.tip(q)
@@ -301,14 +295,15 @@ def test_the_tip_on_the_shoulder_of_two_equal_links(radius: float) -> None:
             DHRow(radius, math.pi / 2, 0.1), DHRow(0.15, 0.0, 0.0),
             DHRow(0.0, math.pi / 2, 0.0, math.pi / 2), DHRow(0.0, 0.0, 0.15),
         ])  # fmt: skip
-        ik = solver(chain, limits)
-        assert ik.geometry.lengths == pytest.approx((0.15, 0.15), abs=1e-15)
+        ik = solver_of(chain, limits)
+        assert ik.plane is not None
+        assert ik.plane.lengths == pytest.approx((0.15, 0.15), abs=1e-15)
         q = random_q(rng, limits)
-        elbow = ik.geometry.joint_angle(1, math.pi)
+        elbow = ik.plane.joint_angle(1, math.pi)
         q[2] = math.remainder(elbow, 2 * math.pi)
         T = chain.forward(q)
         position = T[:3, 3]
-        assert np.isfinite(ik.least_rotation_batch(position[None])).all()
+        assert np.isfinite(ik.least_rotation(position[None])).all()
         assert_true(chain, limits, ik.solve_batch(position[None], None, None), position[None])
         for asked in ({}, {"pitch": ik.pitch_and_roll(q)[0], "roll": float(q[3])}, {"rotation": T[:3, :3]}):
             solutions = ik.solve(Target.of(position, **asked), 1.0)  # type: ignore[arg-type]
@@ -324,7 +319,7 @@ def test_the_tip_on_the_shoulder_of_two_equal_links(radius: float) -> None:
 def test_the_cosines_of_every_bend_inside_its_limits_are_let_through(
     low: float, wide: float, share: float
 ) -> None:
-    least, most = _cosines_within((low, low + wide))
+    least, most = cosines_within(low, low + wide)
     assert least < math.cos(low + share * wide) < most
     cosines = np.cos(np.linspace(low, low + wide, 2001))
     assert cosines.min() - least < 1e-5 and most - cosines.max() < 1e-5

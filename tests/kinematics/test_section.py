@@ -9,15 +9,13 @@ from tests.kinematics.kit import chain_of, random_planar_arm, random_q
 
 from armctl.kinematics import Chain
 from armctl.kinematics.section import (
-    PlanarSection,
     SampledSection,
     cell_outline,
     enclosed_area,
-    section_of,
     smoothed,
 )
 from armctl.kinematics.yaw_pitch_roll.geometry import recognise
-from armctl.kinematics.yaw_pitch_roll.plane import PlaneReach, boundary_arcs, joined
+from armctl.kinematics.yaw_pitch_roll.section import PlanarSection, PlaneReach, boundary_arcs, joined
 from armctl.robot import load_robot
 
 FloatArray = NDArray[np.float64]
@@ -123,7 +121,7 @@ def test_random_arms_are_enclosed_and_their_reach_is_that_of_brute_force() -> No
 @pytest.mark.parametrize("name", (*PLANAR, "humanoid"))
 def test_the_tip_lies_in_the_plane_of_the_section_and_inside_it(name: str) -> None:
     robot = load_robot(name)
-    section = section_of(robot.chain, robot.limits)
+    section = robot.inverse_kinematics.section()
     assert section.exact is (name != "humanoid")
     for q in random_q(np.random.default_rng(3), robot.limits, 12):
         T = section.plane(q)
@@ -138,7 +136,7 @@ def test_the_tip_lies_in_the_plane_of_the_section_and_inside_it(name: str) -> No
 def test_the_sampled_section_of_a_planar_arm_is_the_exact_one_within_a_cell() -> None:
     robot = load_robot("abaas")
     q = robot.pose("home")
-    sampled, exact = SampledSection(robot.chain, robot.limits), section_of(robot.chain, robot.limits)
+    sampled, exact = SampledSection(robot.chain, robot.limits), robot.inverse_kinematics.section()
     # half of the exact section is in front of the base axis and half behind, as with the sampled one
     # whose base may turn half round; the tip is in front in both
     for line in sampled.outline(q):

@@ -11,12 +11,12 @@ from armctl.kinematics.energy import (
     GravityModel,
     checked_criterion,
 )
-from armctl.kinematics.families import InverseKinematics, inverse_kinematics
+from armctl.kinematics.families import inverse_kinematics
 from armctl.kinematics.grid import DEFAULT_STEP
 from armctl.kinematics.rotation import quaternion_wxyz, roll_pitch_yaw, rotation_from_rpy
 from armctl.kinematics.solutions import BatchSolutions, Solutions
+from armctl.kinematics.solver import InverseKinematics
 from armctl.kinematics.target import Target
-from armctl.kinematics.yaw_pitch_roll.solver import YawPitchRollSolver
 
 __all__ = [
     "CRITERIA",
@@ -34,7 +34,6 @@ __all__ = [
     "InverseKinematics",
     "Solutions",
     "Target",
-    "YawPitchRollSolver",
     "checked_criterion",
     "inverse_kinematics",
     "quaternion_wxyz",

@@ -62,26 +62,6 @@ def half_angle_cos_sin(angle: NDArray[np.float64]) -> tuple[NDArray[np.float64],
 FloatArray = NDArray[np.float64]
 
 
-Window = tuple[float, float, float]
-"""lower limit, upper limit and what lies midway [rad]"""
-
-
-def window(low: float, high: float) -> Window:
-    """Limits that span a turn at most."""
-    return low, high, 0.5 * (low + high)
-
-
-def into_window(angle: float, limits: Window) -> float | None:
-    """The image of an angle [rad] inside limits that span a turn at most, clipped onto them; or None."""
-    low, high, middle = limits
-    angle = middle + math.remainder(angle - middle, TWO_PI)
-    if angle < low:
-        return low if angle >= low - LIMIT_TOLERANCE else None
-    if angle > high:
-        return high if angle <= high + LIMIT_TOLERANCE else None
-    return angle
-
-
 def nearest_image(angle: float, low: float, high: float) -> float | None:
     """The image of an angle [rad] inside the limits that is nearest to zero, clipped onto them; or None."""
     angle = math.remainder(angle, TWO_PI)

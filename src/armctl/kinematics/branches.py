@@ -50,15 +50,15 @@ class BranchFinder:
         held = high - low < _SAME
         wide = np.where(held[:, None], limits, np.stack([middle - turn + _OPEN_END, middle + turn], axis=1))
         self._solver = inverse_kinematics(chain, wide, energy, titles)
-        self._rolls = self._solver.pitch_and_roll(middle)[1] is not None
 
     def find(self, target: Target) -> tuple[Branch, ...]:
         """All branches in the order of their names; none where the links do not reach, or a joint is free."""
         if self._solver.free_joint is not None and target.pitch is None and target.rotation is None:
             return ()  # a continuum, not branches
-        if target.roll is None and target.rotation is None and self._rolls:
+        joint = self._solver.roll_joint
+        if target.roll is None and target.rotation is None and joint is not None:
             # any roll will do: the one at which the arm itself answers, not one of the widened joint
-            low, high = self._limits[-1].tolist()
+            low, high = self._limits[joint].tolist()
             target = target._replace(roll=rest_angle(low, high))
         solutions = self._solver.solve(target, DEFAULT_STEP)
         found: list[Branch] = []

@@ -440,4 +440,4 @@ def _exact_cos_sin(angle: float) -> tuple[float, float]:
     return math.cos(angle), math.sin(angle)
 
 
-DHChain = Chain  # the name until now
+Chain = Chain  # the name until now

@@ -8,10 +8,9 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from armctl.kinematics.angles import LIMIT_TOLERANCE, TWO_PI
 from armctl.kinematics.chain import Chain
 from armctl.kinematics.samples import joint_samples
-from armctl.kinematics.yaw_pitch_roll.geometry import YawPitchRoll, recognise
-from armctl.kinematics.yaw_pitch_roll.plane import boundary_arcs, joined, within
 
 # The outline of scattered points of a plane: that of the square cells they fall into.
 
@@ -94,7 +93,6 @@ def _lines(onward: dict[Corner, list[Corner]]) -> list[list[Corner]]:
     return lines
 
 
-_CHORD_ERROR_M = 2e-4
 _SAMPLES = 160_000
 _CHUNK = 8192
 _CELLS = 96
@@ -124,43 +122,16 @@ class Section(Protocol):
         ...
 
 
-def section_of(chain: Chain, limits: FloatArray) -> Section:
-    """The section of an arm: in closed form where its pitch joints are parallel, else of sampled points.
-
-    Args:
-        chain: the arm.
-        limits: (n, 2) joint limits [rad].
-    """
-    geometry = recognise(chain)
-    return SampledSection(chain, limits) if geometry is None else PlanarSection(geometry, limits)
-
-
-class PlanarSection:
-    """Of a yaw + pitch arm: what the pitch joints reach while the base stands still."""
-
-    exact = True
-
-    def __init__(self, geometry: YawPitchRoll, limits: FloatArray) -> None:
-        self._geometry = geometry
-        lines = joined(boundary_arcs(geometry, limits), _CHORD_ERROR_M)
-        self._outline = tuple(np.column_stack([line.real, line.imag]) for line in lines)
-
-    def plane(self, q: FloatArray) -> FloatArray:
-        """See ``Section``."""
-        turn = self._geometry.yaw_sign * float(q[0])
-        c, s = math.cos(turn), math.sin(turn)
-        T = np.eye(4)
-        T[:3, :3] = self._geometry.frame @ np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-        T[:3, 3] = self._geometry.origin + self._geometry.lateral * T[:3, 1]
-        return T
-
-    def outline(self, q: FloatArray) -> tuple[FloatArray, ...]:
-        """See ``Section``; the same for every ``q``."""
-        return self._outline
+def within(
+    angle: FloatArray, low: float, high: float, tolerance: float = LIMIT_TOLERANCE
+) -> NDArray[np.bool_]:
+    """Whether an image of each angle [rad] lies inside limits; no for NaN."""
+    away = angle - 0.5 * (low + high)
+    return np.abs(away - TWO_PI * np.rint(away / TWO_PI)) <= 0.5 * (high - low) + tolerance
 
 
 class SampledSection:
-    """Of any other arm: sampled poses, each turned about the first joint's axis into the plane.
+    """Of any arm: sampled poses, each turned about the first joint's axis into the plane.
 
     Its outline is that of square cells that hold a sampled point, smoothed: it is good to the size of a cell.
     """

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from armctl.errors import InputError, MotionRefusedError, UnreachableError
-from armctl.kinematics import DEFAULT_STEP, Target, YawPitchRollSolver, checked_criterion
+from armctl.kinematics import DEFAULT_STEP, Target, checked_criterion
 from armctl.kinematics.target import as_numbers
 from armctl.motion.blend import Leg, blend
 from armctl.motion.paths.tool_path import PitchMode, ToolPath, tool_arc, tool_line
@@ -102,7 +102,7 @@ def solve(robot: Robot, start: ArrayLike | None, target: Target, choose: str) ->
     """
     solver = robot.inverse_kinematics
     anyhow = target.pitch is None and target.roll is None and target.rotation is None
-    if checked_criterion(choose) == "least-rotation" and anyhow and isinstance(solver, YawPitchRollSolver):
+    if checked_criterion(choose) == "least-rotation" and anyhow and solver.direct:
         q = robot.least_rotation(target.position)  # the same without listing ten thousand others
         if np.isfinite(q).all():
             return q

@@ -22,11 +22,9 @@ from armctl.kinematics import (
     InverseKinematics,
     Solutions,
     Target,
-    YawPitchRollSolver,
     inverse_kinematics,
 )
 from armctl.kinematics.angles import LIMIT_TOLERANCE
-from armctl.kinematics.target import as_numbers, is_point
 from armctl.robot.body import Capsule, CollisionModel, Corner, moving_corners, shape_capsules
 from armctl.robot.outputs import DEFAULT_BOARD, OutputMap
 from armctl.robot.parts import Gripper, Joint, Look, Obstacle
@@ -201,9 +199,9 @@ class Robot:
 
         Raises:
             InputError: a wrong shape, an entry that is not finite (the row is named), or an arm that is
-                not of the family *yaw, parallel pitch joints, roll*.
+                of a family that has no such answer.
         """
-        return self._closed_form("inverse_batch").solve_batch(position_m, pitch, roll)
+        return self.inverse_kinematics.solve_batch(position_m, pitch, roll)
 
     def least_rotation(self, position_m: ArrayLike) -> FloatArray:
         """The configuration of least Σ|θ| for one point or each of many, exact over the continuum.
@@ -217,24 +215,9 @@ class Robot:
 
         Raises:
             InputError: a wrong shape, an entry that is not finite (the row is named), or an arm that is
-                not of the family *yaw, parallel pitch joints, roll*.
+                of a family that has no such answer.
         """
-        solver = self._closed_form("least_rotation")
-        if is_point(position_m):
-            return solver.least_rotation_of(position_m)
-        position = as_numbers(position_m, "the target position")
-        if position.ndim == 1:
-            return solver.least_rotation_of(position)
-        return solver.least_rotation_batch(position)
-
-    def _closed_form(self, method: str) -> YawPitchRollSolver:
-        solver = self.inverse_kinematics
-        if not isinstance(solver, YawPitchRollSolver):
-            raise InputError(
-                f"{method} is for arms of the family {YawPitchRollSolver.family!r}; {self.name} is of the "
-                f"family {solver.family!r}: call inverse for each target"
-            )
-        return solver
+        return self.inverse_kinematics.least_rotation(position_m)
 
     def pose(self, name: str) -> FloatArray:
         """A named configuration (n,) [rad].

@@ -383,8 +383,8 @@ class ToolLine:
 
 def tool_turns(robot: Robot) -> tuple[bool, bool]:
     """Whether the tool of an arm can be pitched, and rolled, while its point stays."""
-    _, roll = robot.inverse_kinematics.pitch_and_roll(robot.pose("home"))
-    rolls = roll is not None and bool(robot.limits[-1, 0] < robot.limits[-1, 1])
+    roll = robot.inverse_kinematics.roll_joint
+    rolls = roll is not None and bool(robot.limits[roll, 0] < robot.limits[roll, 1])
     return position_leaves_pitch(robot.chain, robot.limits), rolls
 
 

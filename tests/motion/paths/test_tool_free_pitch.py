@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from tests.motion.paths.tool_kit import ABAAS, SCORBOT, UZUNER, random_start, strays
 
-from armctl.kinematics import YawPitchRollSolver
 from armctl.motion.error_report import line
 from armctl.motion.paths.tool_branch import PitchGrid, led_pitch, motion_weights
 from armctl.motion.paths.tool_curve import ToolLine
@@ -17,16 +16,14 @@ from armctl.robot import Robot
 
 @pytest.mark.parametrize("robot", [UZUNER, ABAAS, SCORBOT], ids=lambda robot: robot.name)
 def test_the_grid_stands_on_the_branch_of_the_arm(robot: Robot) -> None:
-    solver = robot.inverse_kinematics
-    assert isinstance(solver, YawPitchRollSolver)
+    plane = robot.inverse_kinematics.plane
+    assert plane is not None
     rng, free = np.random.default_rng(2), 0
     for q in (random_start(rng, robot) for _ in range(8)):
         tool = robot.forward(q)[:3, 3]
-        grid = PitchGrid.of(
-            solver.geometry, robot.limits, q, ToolLine(tool, tool + np.array([0.01, 0.02, -0.01]))
-        )
+        grid = PitchGrid.of(plane, robot.limits, q, ToolLine(tool, tool + np.array([0.01, 0.02, -0.01])))
         np.testing.assert_allclose(grid.q[0, :, 0], q[1:4], atol=1e-6)
-        senses = plane_senses(solver.geometry, robot.n)[1:4]
+        senses = plane_senses(plane, robot.n)[1:4]
         for i, a in zip(rng.integers(49, size=40), rng.integers(360, size=40), strict=True):
             if not np.isfinite(grid.toll[i, a]):
                 continue
@@ -45,9 +42,9 @@ def test_the_grid_stands_on_the_branch_of_the_arm(robot: Robot) -> None:
 
 def test_the_way_keeps_inside_and_the_led_pitch_keeps_near_it() -> None:
     q = UZUNER.inverse(line()[0]).best("least-rotation")
-    solver = UZUNER.inverse_kinematics
-    assert isinstance(solver, YawPitchRollSolver)
-    grid = PitchGrid.of(solver.geometry, UZUNER.limits, q, ToolLine(line()[0], line()[-1]))
+    plane = UZUNER.inverse_kinematics.plane
+    assert plane is not None
+    grid = PitchGrid.of(plane, UZUNER.limits, q, ToolLine(line()[0], line()[-1]))
     way = grid.way(motion_weights(UZUNER.speed_limits))
     index = np.rint(way / grid.turns[1]).astype(int) % len(grid.turns)
     assert way[0] == 0.0 and np.isfinite(grid.toll[np.arange(1, 49), index[1:]]).all()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +24,7 @@ from armctl.kinematics.numeric.goals import (
 )
 from armctl.kinematics.roll_joint import RollJoint, held_roll
 from armctl.kinematics.solutions import Solutions, SolvedArm, millimetres
+from armctl.kinematics.solver import InverseKinematics
 from armctl.kinematics.target import Target
 
 # How far and how near any arm can reach by its links alone: bounds that hold whatever the limits.
@@ -123,7 +125,7 @@ class _Box:
         return np.clip(q, self.lower, self.upper)
 
 
-class NumericSolver:
+class NumericSolver(InverseKinematics):
     """Any chain of revolute joints inside its limits. Immutable; safe in several threads.
 
     What it lists are solutions, to the last digit, but there may be more (``Solutions.complete`` is False);
@@ -131,24 +133,26 @@ class NumericSolver:
     """
 
     family = "numeric"
-    pitch_joints: tuple[int, ...] = ()
-    free_joint: int | None = None
+    complete = False
 
     def __init__(self, chain: Chain, limits: FloatArray, energy: EnergyModel, titles: Sequence[str]) -> None:
-        self.chain, self.limits, self.energy = chain, limits, energy
+        super().__init__(chain, limits, energy, titles)
         self._arm = SolvedArm(("numeric",), chain, energy)
-        self._titles = tuple(titles)
         self._bound = LinkBound(chain)
         self._reach = max(self._bound.outer, 1e-3)
         self._starts = Starts(chain, limits)
         k = _roll_joint(chain)
-        self._roll_joint = None if k is None else RollJoint(k, titles[k], limits[k].tolist())
+        self._roll = None if k is None else RollJoint(k, titles[k], limits[k].tolist())
 
-    def pitch_and_roll(self, q: FloatArray) -> tuple[float | None, float | None]:
-        """Elevation of tool z in [-pi/2, pi/2], and the angle of the rolling joint, if any [rad]."""
-        x, y, z = self.chain.forward(q)[:3, 2].tolist()
-        roll = None if self._roll_joint is None else float(q[self._roll_joint.index])
-        return math.atan2(z, math.hypot(x, y)), roll
+    @classmethod
+    def of(cls, chain: Chain, limits: FloatArray, energy: EnergyModel, titles: Sequence[str]) -> Self:
+        """Any arm is of this family."""
+        return cls(chain, limits, energy, titles)
+
+    @property
+    def roll_joint(self) -> int | None:
+        """The last joint, where it turns the tool about its approach axis through the tool point."""
+        return None if self._roll is None else self._roll.index
 
     def solve(self, target: Target, step: float) -> Solutions:
         """Solutions inside the limits.
@@ -168,7 +172,7 @@ class NumericSolver:
         position = PositionGoal(target.position, self._reach)
         turned = self._orientation(target)
         impossible = target.pitch is not None and turned is None
-        refusal = refusal or self._bound.violation(target.position, self._titles[0])
+        refusal = refusal or self._bound.violation(target.position, self.titles[0])
         if refusal is not None or impossible:
             reason = refusal or "the tool's elevation is between -90° and 90°, no pose has another pitch"
             return self._refused(target, reason, self._nearest(position, turned, box))
@@ -190,7 +194,7 @@ class NumericSolver:
     def _box(self, target: Target) -> tuple[str | None, _Box]:
         """Why the roll asked for cannot be; the limits with the roll joint held at it, or near 0."""
         lower, upper = self.limits[:, 0].copy(), self.limits[:, 1].copy()
-        joint = self._roll_joint
+        joint = self._roll
         if joint is not None and target.rotation is not None:
             return None, _Box(lower, upper)
         refused, held = held_roll(joint, target.roll)

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armctl.kinematics.angles import images
-from armctl.kinematics.chain import DHChain
+from armctl.kinematics.chain import Chain
 from armctl.kinematics.rotation import quaternion_wxyz
 
 # Three-vectors and quaternions of one rotation, in plain floats: a ufunc call costs more than all of it.
@@ -260,7 +260,7 @@ class SphericalShoulder:
         return found
 
 
-def recognise_spherical(chain: DHChain) -> SphericalShoulder | None:
+def recognise_spherical(chain: Chain) -> SphericalShoulder | None:
     """The arm's geometry, or None when it is not of this build.
 
     Needed: three joints whose axes meet in one point, neighbours not parallel; a fourth one whose axis

@@ -8,15 +8,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from armctl.kinematics.chain import DHChain
+from armctl.kinematics.chain import Chain
 from armctl.kinematics.energy import EnergyModel
 from armctl.kinematics.grid import checked_step
 from armctl.kinematics.roll_joint import RollJoint, held_roll, roll_angles
 from armctl.kinematics.solutions import Solutions, SolvedArm
+from armctl.kinematics.solver import InverseKinematics
 from armctl.kinematics.spherical_shoulder.geometry import (
     SPHERICAL_BRANCHES,
     SphericalShoulder,
@@ -25,6 +27,7 @@ from armctl.kinematics.spherical_shoulder.geometry import (
     conjugate,
     norm,
     product,
+    recognise_spherical,
     rotated,
     spherical_branch_index,
     turned,
@@ -48,29 +51,35 @@ _SAME = 1e-7
 _AZIMUTHS = 16
 
 
-class SphericalShoulderSolver:
+class SphericalShoulderSolver(InverseKinematics):
     """One arm of the family inside its limits. Immutable; safe in several threads."""
 
     family = "spherical shoulder, elbow, roll"
-    pitch_joints: tuple[int, ...] = ()
 
     def __init__(
         self,
-        chain: DHChain,
+        chain: Chain,
         geometry: SphericalShoulder,
         limits: FloatArray,
         energy: EnergyModel,
         titles: Sequence[str],
     ) -> None:
-        self.chain, self.geometry, self.limits, self.energy = chain, geometry, limits, energy
-        self._arm = SolvedArm(SPHERICAL_BRANCHES, chain, energy, self.pitch_joints)
+        super().__init__(chain, limits, energy, titles)
+        self.geometry = geometry
+        self._arm = SolvedArm(SPHERICAL_BRANCHES, chain, energy)
         self._shoulder = ShoulderLimits.of(limits)
         self._elbow = (float(limits[3, 0]), float(limits[3, 1]))
         joint = None if geometry.roll_axis is None else RollJoint(4, titles[4], limits[4].tolist())
-        self._roll_joint = joint
+        self._roll = joint
         self._orientation = ToolOrientation(geometry, None if joint is None else (joint.low, joint.high))
         self._reach = SphericalReach(geometry, limits, titles)
         self._nearest = SphericalNearest(geometry, limits)
+
+    @classmethod
+    def of(cls, chain: Chain, limits: FloatArray, energy: EnergyModel, titles: Sequence[str]) -> Self | None:
+        """See ``InverseKinematics``."""
+        geometry = recognise_spherical(chain)
+        return None if geometry is None else cls(chain, geometry, limits, energy, titles)
 
     @property
     def free_joint(self) -> int | None:
@@ -78,10 +87,10 @@ class SphericalShoulderSolver:
         low, high = self._shoulder.pairs[0]
         return 0 if low < high else None
 
-    def pitch_and_roll(self, q: FloatArray) -> tuple[float | None, float | None]:
-        """Tool pitch in [-pi/2, pi/2] and roll [rad] at one configuration (n,)."""
-        x, y, z = self.chain.forward(q)[:3, 2].tolist()
-        return math.atan2(z, math.hypot(x, y)), None if self._roll_joint is None else float(q[4])
+    @property
+    def roll_joint(self) -> int | None:
+        """Index of the joint behind the elbow."""
+        return None if self._roll is None else 4
 
     def solve(self, target: Target, step: float) -> Solutions:
         """All solutions inside the limits.
@@ -94,7 +103,7 @@ class SphericalShoulderSolver:
             InputError: ``step`` is not a positive number.
         """
         step = checked_step(step)
-        refusal, roll = held_roll(self._roll_joint, target.roll)
+        refusal, roll = held_roll(self._roll, target.roll)
         if refusal is not None:
             return self._refused(target, refusal, self._nearest.solve(target.position))
         postures = self._postures(target, roll)
@@ -104,7 +113,7 @@ class SphericalShoulderSolver:
         elif target.pitch is not None:
             found = [
                 posture
-                for image in roll_angles(self._roll_joint, roll)
+                for image in roll_angles(self._roll, roll)
                 for posture in self._orientation.at_pitch(postures, target.pitch, image)
             ]
         else:
@@ -217,7 +226,7 @@ class SphericalShoulderSolver:
 
     def _with_roll(self, q: FloatArray, roll: float) -> FloatArray:
         """(4, …) shoulder and elbow, and the roll joint where there is one."""
-        return q if self._roll_joint is None else np.concatenate([q, np.full((1, *q.shape[1:]), roll)])
+        return q if self._roll is None else np.concatenate([q, np.full((1, *q.shape[1:]), roll)])
 
     def _solved(
         self,
@@ -231,6 +240,6 @@ class SphericalShoulderSolver:
 
     def _refused(self, target: Target, reason: str, nearest: FloatArray) -> Solutions:
         """With the roll joint as near as its limits allow to what was asked for."""
-        if self._roll_joint is not None:
-            nearest = np.append(nearest, held_roll(self._roll_joint, target.roll)[1])
+        if self._roll is not None:
+            nearest = np.append(nearest, held_roll(self._roll, target.roll)[1])
         return Solutions(self._arm, target, (), (), reason=reason, nearest_q=nearest)

@@ -1,25 +1,11 @@
-"""Position, tool pitch and roll with three pitch joints: every branch of one pose, in plain floats.
+"""The closed form of the tool plane, for one pose in plain floats and for many in arrays.
 
-The closed form of ``base_yaw.py`` and ``plane_postures.py`` in one piece, for what is solved most often:
-joints that turn less than a whole turn, and a target off the base axis. What is special (any base angle
-serves, the links are straight or fold onto the first pitch axis) is left to the general solver.
+Everything comes down to the triangle of two links that reach a point (x, y), seen from the first joint:
 
-The arm's constants are written into the source of one function, kept in ``PoseBranches.source``: both ways
-to face the target, both readings of its pitch, both elbows, one after the other. For an arm with its tool
-along the last link the first of the four triangles begins
+    cos(bend) = (x² + y² - a² - b²) / 2ab
+    first     = arg(x + i y) ∓ atan2(b sin(bend), a + b cos(bend))       for a bend of ± that angle
 
-    def at(x, y, z, pitch, rolls):
-        square = x * x + y * y
-        if not square >= 1e-09:
-            return None
-        r, azimuth, height = sqrt(square), atan2(y, x), z - 0.349
-        last = pitch
-        along, across = 0.145 * cos(last), 0.145 * sin(last)
-        ...
-        yaw = azimuth
-        if -2.7 <= yaw <= 2.7 or not (...) and (yaw := into_window(yaw, w0)) is not None:
-            x2, y2 = r - 0.016 - along, height - across
-            ...
+With three pitch joints a pitch gives the direction of the last link, and what is left is that triangle.
 """
 
 from __future__ import annotations
@@ -27,34 +13,189 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable, Sequence
+from math import acos, atan2, cos, remainder, sin, sqrt
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from armctl.kinematics.angles import LIMIT_TOLERANCE, TWO_PI, Window, images, into_window, window
-from armctl.kinematics.two_link import ON_JOINT, two_link
-from armctl.kinematics.yaw_pitch_roll.geometry import LEVEL, YawPitchRoll
+from armctl.kinematics.angles import LIMIT_TOLERANCE, TWO_PI, images, into_limits, rest_angle
+from armctl.kinematics.solutions import BatchSolutions
+from armctl.kinematics.yaw_pitch_roll.geometry import (
+    BRANCHES,
+    LEVEL,
+    YawPitchRoll,
+    base_angles,
+    bend_sense,
+    branch_index,
+)
 
 FloatArray = NDArray[np.float64]
+Rows = NDArray[np.intp]
+REACH_TOLERANCE = 1e-12
+"""how far beyond the two links' reach rounding may carry a target [m]"""
+ON_JOINT = 1e-12
+"""how near to the first joint a target says nothing about the direction of links folded onto it [m]"""
+_STRETCHED = 1.0 - 1e-13
+"""From this cosine on the links count as stretched: the angle is lost in rounding (1e-16 in the cosine is
+1e-8 rad), and a joint that stands on its limit would seem outside; the tip moves 1e-14 m."""
+_FOLDING = -1.0 + 1e-6
+"""up to this cosine the half angle is taken"""
+_FOLDED = 1e-14
+"""how far a tip may lie from where two folded links bring it [m]"""
+
+
+def bend_angle(square: float, a: float, b: float) -> float | None:
+    """The bend of two links whose tip is at a distance from the first joint.
+
+    Args:
+        square: squared distance of the target from the first joint [m²].
+        a: length of the first link [m], positive.
+        b: length of the second link [m], positive.
+
+    Returns:
+        The angle in [0, pi] of the second link against the first [rad], 0 and pi where they are in line;
+        None when they do not reach.
+    """
+    cosine = (square - a * a - b * b) / (2.0 * a * b)
+    if _FOLDING <= cosine <= _STRETCHED:
+        return acos(cosine)
+    distance = sqrt(square)
+    if cosine > 0.0:
+        return 0.0 if distance - (a + b) <= REACH_TOLERANCE else None
+    least = abs(a - b)
+    if distance <= least + _FOLDED:
+        return math.pi if distance >= least - REACH_TOLERANCE else None
+    # the half angle keeps its digits where the arc cosine loses them
+    return math.pi - 2.0 * math.asin(sqrt((distance - least) * (distance + least) / (4.0 * a * b)))
+
+
+def inner_angle(a: float, b: float, bend: float) -> float:
+    """Direction of the tip of two links against the first [rad]; ``bend`` as ``bend_angle`` has it."""
+    if bend == 0.0 or bend == math.pi:
+        return math.pi if bend and b > a else 0.0
+    return atan2(b * sin(bend), a + b * cos(bend))
+
+
+def two_link(x: float, y: float, a: float, b: float) -> list[tuple[float, float]]:
+    """Angles of two links that reach a point of the plane.
+
+    Args:
+        x: target along the zero direction [m].
+        y: target across it [m].
+        a: length of the first link [m], positive.
+        b: length of the second link [m], positive.
+
+    Returns:
+        ``(first, bend)`` [rad]: the first link's direction and the second's relative to it; none, one
+        (stretched or folded) or two (bend positive first). With the target on the first joint itself
+        (a = b, folded) the direction is undefined and 0 is given.
+    """
+    bend = bend_angle(x * x + y * y, a, b)
+    if bend is None:
+        return []
+    direction, inner = atan2(y, x), inner_angle(a, b, bend)
+    if bend == 0.0 or bend == math.pi:
+        return [(direction - inner, bend)]
+    return [(direction - inner, bend), (direction + inner, -bend)]
+
+
+# Postures of the pitch joints that bring the tip to a point of the tool plane, special places included.
+
+_PITCH_TOLERANCE = 1e-6
+"""how far from the pitch asked for two pitch joints may leave the tool [rad]"""
+
+
+class PlanePostures:
+    """The closed form in the tool plane of one arm. Immutable; safe in several threads."""
+
+    def __init__(self, geometry: YawPitchRoll, limits: FloatArray) -> None:
+        self._geometry = geometry
+        self._limits = [(float(low), float(high)) for low, high in limits[1 : 1 + len(geometry.lengths)]]
+
+    def at(self, x: float, y: float, tool_angle: float | None) -> list[tuple[float, ...]]:
+        """Plane angles [rad], limits not looked at.
+
+        Args:
+            x: the tip, forward of the first pitch axis [m].
+            y: the tip, above it [m].
+            tool_angle: plane angle of the approach axis [rad]; None: any (with two pitch joints).
+
+        Folded onto its own first axis the arm may point anywhere: then the directions are given at which
+        a joint is at zero or at a limit, so that one is inside the limits if any is.
+        """
+        lengths = self._geometry.lengths
+        if tool_angle is None:
+            return self._pairs(x, y, None) if len(lengths) == 2 else []
+        last = tool_angle - (self._geometry.tool_angle or 0.0)  # absolute direction of the last link
+        if len(lengths) == 2:
+            pairs = self._pairs(x, y, last)
+            return [p for p in pairs if abs(math.remainder(sum(p) - last, TWO_PI)) < _PITCH_TOLERANCE]
+        return self.reaching(x - lengths[2] * cos(last), y - lengths[2] * sin(last), last)
+
+    def reaching(self, x: float, y: float, last: float | None) -> list[tuple[float, ...]]:
+        """``at`` for the end of the second link, with the direction of the third [rad] if there is one."""
+        pairs = self._pairs(x, y, last)
+        return pairs if last is None else [(*pair, last - sum(pair)) for pair in pairs]
+
+    def _pairs(self, x: float, y: float, last: float | None) -> list[tuple[float, ...]]:
+        """Angles of the first two links; ``last`` is the direction of the arm's last link."""
+        pairs = two_link(x, y, self._geometry.lengths[0], self._geometry.lengths[1])
+        if not pairs or math.hypot(x, y) > ON_JOINT:
+            return list(pairs)
+        bend = pairs[0][1]
+        firsts = [self._geometry.plane_angle(0, way) for way in (0.0, *self._limits[0])]
+        if last is not None and len(self._geometry.lengths) == 2:
+            firsts.append(last - bend)
+        elif last is not None:
+            firsts += [last - bend - self._geometry.plane_angle(2, way) for way in (0.0, *self._limits[2])]
+        return [(first, bend) for first in firsts]
+
+    def joint_images(self, plane: tuple[float, ...]) -> list[tuple[float, ...]]:
+        """Every set of joint angles inside the limits that has these plane angles [rad]."""
+        choices = [
+            images(self._geometry.joint_angle(k, angle), *self._limits[k]) for k, angle in enumerate(plane)
+        ]
+        return list(itertools.product(*choices))
+
+    def inside(self, r: float, z: float, last: float | None) -> tuple[float, ...] | None:
+        """Joint angles inside the limits for a point of the tool plane, or None.
+
+        Args:
+            r: the tip, forward of the base axis [m].
+            z: the tip, above the base origin [m].
+            last: direction of the last link to be kept [rad]; None: any.
+        """
+        shoulder = self._geometry.shoulder
+        tool_angle = None if last is None else last + (self._geometry.tool_angle or 0.0)
+        for plane in self.at(r - shoulder.real, z - shoulder.imag, tool_angle):
+            for angles in self.joint_images(plane):
+                return angles
+        return None
+
+
+# One pose in plain floats.
+
 Postures = tuple[list[int], list[tuple[float, ...]]]
 """indices into ``BRANCHES``, and the joint angles [rad] of each"""
 UPRIGHT = 5e-13
 """how near to ±90° the two readings of a pitch are one [rad]"""
 _EDGE = 1e-9
 """how near to the base axis the general solver takes over [m²]"""
-_ROUNDING = 1e-9
-"""how near to ±1 the elbow's cosine must come for rounding to decide"""
-SURE = 1.0 - _ROUNDING
-"""up to here it does not"""
-REACHED = 1.0 + _ROUNDING
-"""from here on the links do not reach, whatever the rounding"""
-SAME_LENGTH = 1e-15
+_SURE, _REACHED = 1.0 - 1e-9, 1.0 + 1e-9
+"""between these cosines of the elbow rounding decides"""
+_SAME_LENGTH = 1e-15
 """links whose lengths differ by no more are equal but for rounding, and make an isosceles triangle [m]"""
 
 
 class PoseBranches:
-    """One arm inside its limits. Immutable; safe in several threads."""
+    """Position, pitch and roll of the usual arm: one function with the arm's constants in its source.
+
+    It buys the row "pose, all branches, one pose" (0.71 and 0.94 of EAIK's time): with the constants in
+    variables ``Robot.inverse`` takes a fifth longer, and with ``PlanePostures`` ten times as long. What is
+    special is left to that one: joints that may turn a whole turn, a target on the base axis, links in line
+    or folded. Immutable; safe in several threads.
+    """
 
     at: Callable[[float, float, float, float, Sequence[float]], Postures | None]
     """at(x, y, z, pitch, rolls): every configuration inside the limits, in the order of the general solver.
@@ -63,15 +204,19 @@ class PoseBranches:
     readings of it within ±90°, and what the roll joint may be at [rad] (ignored by an arm without one). None
     at a special place.
     """
-    source: str
 
     def __init__(self, geometry: YawPitchRoll, limits: FloatArray) -> None:
         self._geometry = geometry
-        self._windows = [window(low, high) for low, high in limits[:4].tolist()]
+        self._limits: list[tuple[float, float]] = [(low, high) for low, high in limits[:4].tolist()]
         self.source = "\n".join(["def at(x, y, z, pitch, rolls):", *_indented(self._body())])
-        names: dict[str, Any] = {f"w{i}": w for i, w in enumerate(self._windows)}
-        names |= {name: getattr(math, name) for name in ("acos", "atan2", "cos", "sin", "sqrt")}
-        names["into_window"] = into_window
+        names: dict[str, Any] = {
+            "acos": acos,
+            "atan2": atan2,
+            "cos": cos,
+            "sin": sin,
+            "sqrt": sqrt,
+            "onto": _onto,
+        }
         exec(
             compile(self.source, "<pose branches>", "exec"), names
         )  # from this module's own strings and floats
@@ -130,18 +275,18 @@ class PoseBranches:
         """Both elbows of one reading, the base at ``yaw``."""
         l2, l3, _ = self._geometry.lengths
         inner = f"atan2({l3!r} * sqrt(1.0 - cosine * cosine), {l2!r} + {l3!r} * cosine)"
-        if abs(l2 - l3) < SAME_LENGTH:
+        if abs(l2 - l3) < _SAME_LENGTH:
             inner = "0.5 * bend"
         return [
             f"x2, y2 = {x}, height - {across}",
             f"cosine = (x2 * x2 + y2 * y2 - {l2 * l2 + l3 * l3!r}) * {0.5 / (l2 * l3)!r}",
-            f"if {-SURE!r} < cosine < {SURE!r}:",
+            f"if {-_SURE!r} < cosine < {_SURE!r}:",
             "    bend, direction = acos(cosine), atan2(y2, x2)",
             f"    inner = {inner}",
             # a positive bend leaves the elbow down in front, up at the back
             *_indented(self._elbow("bend", "direction - inner", last, base + (0 if base else 2), inward)),
             *_indented(self._elbow("-bend", "direction + inner", last, base + (2 if base else 0), inward)),
-            f"elif {-REACHED!r} < cosine < {REACHED!r}:",
+            f"elif {-_REACHED!r} < cosine < {_REACHED!r}:",
             "    return None",
         ]
 
@@ -164,17 +309,26 @@ class PoseBranches:
         ]
 
     def _inside(self, name: str, joint: int) -> list[str]:
-        """What follows is for an angle inside its limits: where it is not as it comes, by a whole turn."""
-        low, high, _ = limits = self._windows[joint]
-        image = f"({name} := into_window({name}, w{joint})) is not None"
-        return [f"if {low!r} <= {name} <= {high!r} or not ({_outside(name, limits)}) and {image}:"]
+        """What follows is for an angle inside its limits: where it is not as it comes, by a whole turn.
+
+        The look for its image is spared in the gaps between the limits and their images.
+        """
+        low, high = self._limits[joint]
+        above, below = high + 2 * LIMIT_TOLERANCE, low - 2 * LIMIT_TOLERANCE
+        outside = f"{above!r} < {name} < {below + TWO_PI!r} or {above - TWO_PI!r} < {name} < {below!r}"
+        image = f"({name} := onto({name}, {low!r}, {high!r})) is not None"
+        return [f"if {low!r} <= {name} <= {high!r} or not ({outside}) and {image}:"]
 
 
-def _outside(name: str, limits: Window) -> str:
-    """True only for angles near the limits of which no image is inside: quicker than ``into_window``."""
-    low, high, _ = limits
-    above, below = high + 2 * LIMIT_TOLERANCE, low - 2 * LIMIT_TOLERANCE
-    return f"{above!r} < {name} < {below + TWO_PI!r} or {above - TWO_PI!r} < {name} < {below!r}"
+def _onto(angle: float, low: float, high: float) -> float | None:
+    """The image of an angle inside limits less than a turn apart, clipped onto them [rad]; or None."""
+    middle = 0.5 * (low + high)
+    angle = middle + remainder(angle - middle, TWO_PI)
+    if low <= angle <= high:
+        return angle
+    if low - LIMIT_TOLERANCE <= angle <= high + LIMIT_TOLERANCE:
+        return low if angle < low else high
+    return None
 
 
 def _local(geometry: YawPitchRoll) -> list[str]:
@@ -199,78 +353,138 @@ def _indented(lines: Sequence[str], levels: int = 1) -> list[str]:
     return ["    " * levels + line for line in lines]
 
 
-# Postures of the pitch joints that bring the tip to a point of the tool plane.
+# Many poses in arrays: each way to face the target with each reading of its pitch, and both elbows of each.
 
-_PITCH_TOLERANCE = 1e-6
-"""how far from the pitch asked for two pitch joints may leave the tool [rad]"""
+_CHUNK = 16_384
+"""poses worked on at a time: more would leave the cache"""
 
 
-class PlanePostures:
-    """The closed form in the tool plane of one arm. Immutable; safe in several threads."""
+class PoseBatch:
+    """Many poses of one arm inside its limits. Immutable; safe in several threads."""
 
-    def __init__(self, geometry: YawPitchRoll, limits: FloatArray) -> None:
-        self._geometry = geometry
-        self._limits = [(float(low), float(high)) for low, high in limits[1 : 1 + len(geometry.lengths)]]
+    def __init__(self, geometry: YawPitchRoll, limits: FloatArray, planar: PlanePostures) -> None:
+        self._geometry, self._planar = geometry, planar
+        self._limits: list[tuple[float, float]] = [(low, high) for low, high in limits.tolist()]
+        self._cosines = cosines_within(*geometry.plane_limits(1, limits))
 
-    def at(self, x: float, y: float, tool_angle: float | None) -> list[tuple[float, ...]]:
-        """Plane angles [rad], limits not looked at.
+    def solve(
+        self, position: FloatArray, pitch: FloatArray | None, roll: FloatArray | None
+    ) -> BatchSolutions:
+        """Every branch of each pose.
 
         Args:
-            x: the tip, forward of the first pitch axis [m].
-            y: the tip, above it [m].
-            tool_angle: plane angle of the approach axis [rad]; None: any (with two pitch joints).
-
-        Folded onto its own first axis the arm may point anywhere: then the directions are given at which
-        a joint is at zero or at a limit, so that one is inside the limits if any is.
+            position: (k, 3) tool points in the base frame [m].
+            pitch: (k,) of the approach axis above the horizontal [rad]; None with two pitch joints.
+            roll: (k,) the roll joint's angle [rad]; None: the one nearest to zero.
         """
-        lengths = self._geometry.lengths
-        if tool_angle is None:
-            return self._unfolded(x, y, None) if len(lengths) == 2 else []
-        last = tool_angle - (self._geometry.tool_angle or 0.0)  # absolute direction of the last link
-        if len(lengths) == 2:
-            return [
-                pair
-                for pair in self._unfolded(x, y, last)
-                if abs(math.remainder(sum(pair) - last, TWO_PI)) < _PITCH_TOLERANCE
-            ]
-        return self.reaching(x - lengths[2] * math.cos(last), y - lengths[2] * math.sin(last), last)
+        k, branches = len(position), len(BRANCHES)
+        q = np.full((len(self._limits), branches, k), np.nan)  # joint by joint in memory, as it is computed
+        found = np.zeros((branches, k), dtype=np.bool_)
+        for at in range(0, k, _CHUNK):
+            cut = slice(at, at + _CHUNK)
+            with np.errstate(invalid="ignore", divide="ignore"):
+                self._solve_chunk(
+                    position[cut],
+                    None if pitch is None else pitch[cut],
+                    None if roll is None else roll[cut],
+                    q[..., cut],
+                    found[:, cut],
+                )
+        return BatchSolutions(q.transpose(2, 1, 0), found.T, BRANCHES)
 
-    def reaching(self, x: float, y: float, last: float | None) -> list[tuple[float, ...]]:
-        """``at`` for the end of the second link, with the direction of the third [rad] if there is one."""
-        pairs = self._unfolded(x, y, last)
-        return pairs if last is None else [(*pair, last - sum(pair)) for pair in pairs]
+    def _solve_chunk(
+        self,
+        position: FloatArray,
+        pitch: FloatArray | None,
+        roll: FloatArray | None,
+        q: FloatArray,
+        found: NDArray[np.bool_],
+    ) -> None:
+        """``solve`` for some poses, written into ``q`` (n, branches, m) and ``found`` (branches, m)."""
+        geometry, m = self._geometry, len(position)
+        local = position if geometry.upright else (position - geometry.origin) @ geometry.frame
+        forward, left, up = np.ascontiguousarray(local.T)
+        yaw, r, faces = base_angles(geometry, forward, left, self._limits[0])
+        rolls: FloatArray | None = None
+        if geometry.roll_joint is not None:
+            limits = self._limits[geometry.roll_joint]
+            rolls = np.full(m, rest_angle(*limits)) if roll is None else roll.copy()
+            faces &= into_limits(rolls, *limits)
 
-    def _unfolded(self, x: float, y: float, last: float | None) -> list[tuple[float, ...]]:
-        """The two-link triangle of the first links; ``last`` is the direction of the arm's last link."""
-        pairs = two_link(x, y, self._geometry.lengths[0], self._geometry.lengths[1])
-        if not pairs or math.hypot(x, y) > ON_JOINT:
-            return list(pairs)
-        bend = pairs[0][1]
-        firsts = [self._geometry.plane_angle(0, way) for way in (0.0, *self._limits[0])]
-        if last is not None and len(self._geometry.lengths) == 2:
-            firsts.append(last - bend)
-        elif last is not None:
-            firsts += [last - bend - self._geometry.plane_angle(2, way) for way in (0.0, *self._limits[2])]
-        return [(first, bend) for first in firsts]
+        def write(branch: Rows, pose: Rows, joints: list[FloatArray]) -> None:
+            found[branch, pose] = True
+            joints = joints if rolls is None else [*joints, rolls[pose]]
+            for row, angle, limits in zip(q, joints, self._limits, strict=True):
+                row[branch, pose] = np.clip(angle, *limits)
 
-    def joint_images(self, plane: tuple[float, ...]) -> list[tuple[float, ...]]:
-        """Every set of joint angles inside the limits that has these plane angles [rad]."""
-        choices = [
-            images(self._geometry.joint_angle(k, angle), *self._limits[k]) for k, angle in enumerate(plane)
+        l2, l3, *_ = geometry.lengths
+        for back, (last, along, across, only, inward) in itertools.product((0, 1), self._readings(pitch, m)):
+            x, y = r[back] - geometry.shoulder.real - along, up - geometry.shoulder.imag - across
+            cosine = (x * x + y * y - (l2 * l2 + l3 * l3)) * (0.5 / (l2 * l3))
+            pose = np.flatnonzero(
+                faces[back] & only & (cosine > self._cosines[0]) & (cosine < self._cosines[1])
+            )
+            x, y, cosine, base, tool_in = x[pose], y[pose], cosine[pose], yaw[back, pose], inward[back, pose]
+            direction, bend = np.arctan2(y, x), np.arccos(cosine)
+            inner = np.arctan2(l3 * np.sqrt(1.0 - cosine * cosine), l2 + l3 * cosine)
+            in_line = np.abs(cosine) > _SURE
+            for sense in (1, -1):
+                plane = [direction - sense * inner, sense * bend]
+                if last is not None:
+                    plane.append(last[pose] - plane[0] - plane[1])
+                angles, inside = self._joints(plane)
+                kept = np.flatnonzero(inside & ~in_line)
+                # a positive bend leaves the elbow below the line to the target in front, above it at the back
+                branch = (2 + 2 * back if sense > 0 else 6 * back) + tool_in[kept]
+                write(branch, pose[kept], [base[kept], *(angle[kept] for angle in angles)])
+            for i in np.flatnonzero(in_line).tolist():  # rounding decides: one by one
+                direct = None if last is None else float(last[pose[i]])
+                for angles in self._planar.reaching(float(x[i]), float(y[i]), direct):
+                    branch = np.array([branch_index(not back, bend_sense(angles[1]), bool(tool_in[i]))])
+                    images = self._planar.joint_images(angles)
+                    if images and not found[branch, pose[i]]:
+                        write(branch, pose[i : i + 1], [base[i : i + 1], *map(np.atleast_1d, images[0])])
+
+    def _joints(self, planes: list[FloatArray]) -> tuple[list[FloatArray], NDArray[np.bool_]]:
+        """Pitch joint angles of plane angles, and where they are all inside their limits."""
+        geometry, inside = self._geometry, np.ones(len(planes[0]), dtype=np.bool_)
+        angles: list[FloatArray] = []
+        for k, plane in enumerate(planes):
+            angle = plane - geometry.offsets[k]
+            if geometry.signs[k] < 0:
+                np.negative(angle, out=angle)
+            inside &= into_limits(angle, *self._limits[1 + k])
+            angles.append(angle)
+        return angles, inside
+
+    def _readings(
+        self, pitch: FloatArray | None, m: int
+    ) -> list[tuple[FloatArray | None, FloatArray, FloatArray, NDArray[np.bool_], Rows]]:
+        """Each reading of each pitch, arrays over the poses.
+
+        Direction of the last link [rad], if a pitch gives it; what it adds forward and up [m]; where it is a
+        reading of its own; and (2, m) 1 where the tool points back at the base axis, in front and behind.
+        """
+        everywhere = np.ones(m, dtype=np.bool_)
+        if pitch is None:
+            nothing = np.zeros(m)
+            return [(None, nothing, nothing, everywhere, np.zeros((2, m), dtype=np.intp))]
+        tool, l4, outward = self._geometry.tool_angle or 0.0, self._geometry.lengths[2], np.cos(pitch)
+        two = np.abs(pitch) <= math.pi / 2 - UPRIGHT
+        inward = np.where(two, [[0], [1]], np.stack([outward < -LEVEL, outward > LEVEL])).astype(np.intp)
+        return [
+            (last, l4 * np.cos(last), l4 * np.sin(last), only, way)
+            for last, only, way in (
+                (pitch - tool, everywhere, inward),
+                (math.pi - tool - pitch, two, inward[::-1]),
+            )
         ]
-        return list(itertools.product(*choices))
 
-    def inside(self, r: float, z: float, last: float | None) -> tuple[float, ...] | None:
-        """Joint angles inside the limits for a point of the tool plane, or None.
 
-        Args:
-            r: the tip, forward of the base axis [m].
-            z: the tip, above the base origin [m].
-            last: direction of the last link to be kept [rad]; None: any.
-        """
-        shoulder = self._geometry.shoulder
-        tool_angle = None if last is None else last + (self._geometry.tool_angle or 0.0)
-        for plane in self.at(r - shoulder.real, z - shoulder.imag, tool_angle):
-            for angles in self.joint_images(plane):
-                return angles
-        return None
+def cosines_within(low: float, high: float) -> tuple[float, float]:
+    """Between which cosines a bend inside its limits [rad] lies; no wider than the links reach."""
+    sizes = [abs(remainder(limit, TWO_PI)) for limit in (low, high)]
+    sharpest = math.pi if images(math.pi, low, high) else max(sizes)
+    slightest = 0.0 if images(0.0, low, high) else min(sizes)
+    slack = 2.0 * LIMIT_TOLERANCE
+    return max(cos(sharpest) - slack, -_REACHED), min(cos(slightest) + slack, _REACHED)

@@ -26,7 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armctl.kinematics.angles import images, into_limits, rest_angle, wrap
-from armctl.kinematics.chain import DHChain
+from armctl.kinematics.chain import Chain
 
 FloatArray = NDArray[np.float64]
 _ALIGNED = 1e-9
@@ -75,13 +75,10 @@ class YawPitchRoll:
         ends = [self.plane_angle(k, float(limits[1 + k, side])) for side in (0, 1)]
         return min(ends), max(ends)
 
-    def local(self, point: FloatArray) -> tuple[float, float, float]:
-        """A point (3,) of the base frame as forward, left, up coordinates about the base axis."""
-        x, y, z = point.tolist()
-        return self.local_of(x, y, z)
-
     def local_of(self, x: float, y: float, z: float) -> tuple[float, float, float]:
-        """``local`` in plain floats [m]."""
+        """A point of the base frame as forward, left, up coordinates about the base axis [m]."""
+        if self.upright:
+            return x, y, z
         (x0, y0, z0), (fx, fy, fz), (lx, ly, lz), (ux, uy, uz) = self._floats
         x, y, z = x - x0, y - y0, z - z0
         return fx * x + fy * y + fz * z, lx * x + ly * y + lz * z, ux * x + uy * y + uz * z
@@ -97,7 +94,7 @@ class YawPitchRoll:
         return not self.origin.any() and bool((self.frame == np.eye(3)).all())
 
 
-def recognise(chain: DHChain) -> YawPitchRoll | None:
+def recognise(chain: Chain) -> YawPitchRoll | None:
     """The arm's planar geometry, or None when it is not of this build.
 
     Needed: a first joint; two or three joints parallel to each other and perpendicular to it; at most
@@ -229,10 +226,11 @@ def base_branches(
             return axis_branches((straight, straight + math.pi), limits)
     r = math.sqrt(gap * (rho + aside)) if gap > _TOUCHING else 0.0
     azimuth, lean, sign = math.atan2(y, x), math.atan2(d, r) if d else 0.0, geometry.yaw_sign
-    branches = [BaseBranch(True, angle, r) for angle in _inside(sign * (azimuth - lean), limits)]
-    if r:  # else both branches are the same one
-        back = sign * (azimuth + lean - math.pi)
-        branches += [BaseBranch(False, angle, -r) for angle in _inside(back, limits)]
+    branches: list[BaseBranch] = []
+    for angle in _inside(sign * (azimuth - lean), limits):
+        branches.append(BaseBranch(True, angle, r))
+    for angle in _inside(sign * (azimuth + lean - math.pi), limits) if r else ():  # else it is the same one
+        branches.append(BaseBranch(False, angle, -r))
     return branches
 
 

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armctl.kinematics.angles import images
-from armctl.kinematics.chain import DHChain
+from armctl.kinematics.chain import Chain
 from armctl.kinematics.rotation import quaternion_product, quaternion_wxyz, rotation_angle
 from armctl.kinematics.yaw_pitch_roll.closed_form import PlanePostures
 from armctl.kinematics.yaw_pitch_roll.geometry import (
@@ -134,7 +134,7 @@ class NearestOrientation:
 
     def __init__(
         self,
-        chain: DHChain,
+        chain: Chain,
         geometry: YawPitchRoll,
         limits: FloatArray,
         planar: PlanePostures,

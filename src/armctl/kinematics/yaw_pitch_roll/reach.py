@@ -21,7 +21,7 @@ from armctl.kinematics.yaw_pitch_roll.geometry import (
     base_branches,
     pitch_poses,
 )
-from armctl.kinematics.yaw_pitch_roll.plane import PlaneCircle, collinear_circles
+from armctl.kinematics.yaw_pitch_roll.section import PlaneCircle, collinear_circles
 
 # The nearest point that the tool can reach: exact, by the conditions that an optimum must meet.
 #

@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from armctl.errors import InputError, MotionRefusedError
-from armctl.kinematics import YawPitchRollSolver
 from armctl.kinematics.angles import LIMIT_TOLERANCE
 from armctl.kinematics.target import checked_number
 from armctl.motion.paths.tool_branch import SMOOTHINGS, TILT, PitchGrid, Walk, led_pitch, motion_weights, walk
@@ -216,9 +215,8 @@ def _tasks(robot: Robot, task: ToolTask, q: FloatArray) -> Iterator[ToolTask]:
     yield task
     if not task.redundant:
         return
-    solver = robot.inverse_kinematics
-    if isinstance(solver, YawPitchRollSolver) and task.rows + 1 == len(task.moving) and task.pitch is None:
-        geometry = solver.geometry
+    geometry = robot.inverse_kinematics.plane
+    if geometry is not None and task.rows + 1 == len(task.moving) and task.pitch is None:
         grid = PitchGrid.of(geometry, robot.limits, q, task.curve)
         way = grid.way(motion_weights(robot.speed_limits))
         senses = plane_senses(geometry, robot.n)
@@ -239,16 +237,18 @@ def _task(
     end_roll: float | None,
 ) -> ToolTask:
     """The equations of a path, as they are asked for."""
-    tool_pitch, roll = robot.inverse_kinematics.pitch_and_roll(q)
+    roll_joint = robot.inverse_kinematics.roll_joint
+    tool_pitch, _ = robot.inverse_kinematics.pitch_and_roll(q)
     if pitch != "free" and tool_pitch is None:
         raise InputError("this arm's tool does not keep to its vertical plane: it has no pitch; choose free")
     low, high = robot.limits.T
     led = low >= high
     rate = np.zeros(robot.n)
-    if roll is not None:  # the roll joint is the last one in every family
-        led[-1] = True
+    if roll_joint is not None:
+        led[roll_joint] = True
         if end_roll is not None:
-            rate[-1] = (checked_number(end_roll, "the roll at the end") - q[-1]) / curve.length
+            end = checked_number(end_roll, "the roll at the end")
+            rate[roll_joint] = (end - q[roll_joint]) / curve.length
     elif end_roll is not None:
         raise InputError("this arm has no joint that rolls the tool: leave out the roll at the end")
     if robot.n - np.count_nonzero(led) < 3:
@@ -288,9 +288,9 @@ def _still(
     end_roll: float | None,
 ) -> ToolPath:
     """The path of a curve without length, which gives no way to turn the tool on."""
-    tool_pitch, _ = robot.inverse_kinematics.pitch_and_roll(q)
+    tool_pitch, roll = robot.inverse_kinematics.pitch_and_roll(q)
     turns = end_pitch is not None and abs(end_pitch - (tool_pitch or 0.0)) > TILT
-    turns |= end_roll is not None and abs(end_roll - float(q[-1])) > TILT
+    turns |= end_roll is not None and abs(end_roll - (roll or 0.0)) > TILT
     if turns:
         raise InputError(
             f"a {curve.kind} of no length leaves no way to turn the tool on; go to a point with that pitch"

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from armctl.errors import MotionRefusedError, UnreachableError
 from armctl.kinematics.angles import LIMIT_TOLERANCE
-from armctl.kinematics.numeric.solver import NumericSolver
 from armctl.motion.paths.tool_branch import Walk
 from armctl.motion.paths.tool_curve import NO_WAY_M, ToolCurve
 from armctl.motion.paths.tool_task import elevations
@@ -154,7 +153,7 @@ def refuse_end(
 def _out_of_reach(robot: Robot, curve: ToolCurve, s: float, pitch: float | None) -> str | None:
     """Why no branch reaches the curve just beyond ``s`` [m], limits not looked at; None: one does."""
     left = curve.length - s
-    searched = isinstance(robot.inverse_kinematics, NumericSolver)  # by many starts: too slow to ask often
+    searched = not robot.inverse_kinematics.complete  # by many starts: too slow to ask often
 
     def missing(share: float) -> str | None:
         point = curve.positions(s + share * left)
@@ -196,7 +195,7 @@ def _before(path: PiecewisePolynomial | None, s: float) -> PiecewisePolynomial |
 def _other_ways(robot: Robot, point: FloatArray, pitch: float | None) -> str:
     """What to do instead, with the branches that reach a point at a held pitch inside the limits."""
     advice = "start on another branch"
-    if pitch is None or isinstance(robot.inverse_kinematics, NumericSolver):
+    if pitch is None or not robot.inverse_kinematics.complete:
         return advice
     names = sorted(set(map(str, robot.inverse(point, pitch).branch)))
     return f"{advice} ({' or '.join(names)} can be here)" if names else advice

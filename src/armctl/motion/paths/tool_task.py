@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from scipy.linalg import lapack
 
 from armctl.errors import InputError
-from armctl.kinematics import Chain, YawPitchRollSolver
+from armctl.kinematics import Chain
 from armctl.kinematics.numeric.goals import crossed
 from armctl.kinematics.yaw_pitch_roll.geometry import YawPitchRoll
 from armctl.motion.paths.tool_curve import ToolCurve
@@ -175,10 +175,9 @@ def carried(columns: FloatArray, axes: FloatArray, rates: FloatArray) -> FloatAr
 
 def elevations(robot: Robot, poses: FloatArray) -> FloatArray:
     """Elevation of the tool's z axis above the arm's horizontal [rad]: poses (k, 4, 4) to (k,)."""
-    solver = robot.inverse_kinematics
-    axis = poses[:, :3, 2]
-    if isinstance(solver, YawPitchRollSolver):
-        axis = axis @ solver.geometry.frame
+    plane, axis = robot.inverse_kinematics.plane, poses[:, :3, 2]
+    if plane is not None:
+        axis = axis @ plane.frame
     return np.arctan2(axis[:, 2], np.hypot(axis[:, 0], axis[:, 1]))
 
 
@@ -195,9 +194,8 @@ def pitch_rows(robot: Robot, q: FloatArray, length: float, end: float | None) ->
     Raises:
         InputError: an end beyond ±90° for an arm that has no vertical plane of its own.
     """
-    solver = robot.inverse_kinematics
-    if isinstance(solver, YawPitchRollSolver):
-        geometry = solver.geometry
+    geometry = robot.inverse_kinematics.plane
+    if geometry is not None:
         senses = plane_senses(geometry, robot.n)
         angle = sum(geometry.plane_angle(k, float(q[joint])) for k, joint in enumerate(geometry.pitch_joints))
         angle += geometry.tool_angle or 0.0
@@ -230,7 +228,7 @@ def _plane_turn(angle: float, end: float, outward: float) -> float:
 
 def reaches_forward(geometry: YawPitchRoll, q: FloatArray, tool: FloatArray) -> bool:
     """Whether the tool point (3,) lies in front of the arm, not over its back."""
-    x, y, _ = geometry.local(tool)
+    x, y, _ = geometry.local_of(*tool.tolist())
     turn = geometry.yaw_sign * float(q[0])
     return x * math.cos(turn) + y * math.sin(turn) >= 0.0
 

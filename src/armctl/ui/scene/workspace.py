@@ -11,7 +11,7 @@ import viser
 from numpy.typing import NDArray
 
 from armctl.kinematics import quaternion_wxyz
-from armctl.kinematics.section import Section, section_of
+from armctl.kinematics.section import Section
 from armctl.kinematics.workspace import Extent, sample_workspace, workspace_extent
 from armctl.robot import Robot
 
@@ -63,7 +63,7 @@ def workspace_cloud(robot: Robot, count: int = _POINTS) -> WorkspaceCloud:
         samples.points[above],
         samples.manipulability[above],
         workspace_extent(robot.chain, robot.limits),
-        section_of(robot.chain, robot.limits),
+        robot.inverse_kinematics.section(),
     )
 
 

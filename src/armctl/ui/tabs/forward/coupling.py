@@ -94,7 +94,7 @@ class PoseFields:
             visible=pitch is not None,
             disabled=not self._asks_pitch,
         )
-        asks_roll = roll is not None and held_at(robot.joints[-1]) is None
+        asks_roll = solver.roll_joint is not None and held_at(robot.joints[solver.roll_joint]) is None
         self.roll = NumberField(gui, "Roll °", None, hint=_ROLL_HINT, visible=asks_roll)
         self.hold = gui.add_checkbox(
             "Hold pitch",

@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armctl.kinematics.angles import LIMIT_TOLERANCE, TWO_PI
+from armctl.kinematics.section import within
 from armctl.kinematics.yaw_pitch_roll.geometry import YawPitchRoll
 
 FloatArray = NDArray[np.float64]
@@ -79,12 +80,6 @@ class PlaneReach:
         for angles, limits in zip(postures, self._limits, strict=True):
             inside &= within(angles, *limits, self._tolerance)
         return inside
-
-
-def within(angle: FloatArray, low: float, high: float, tolerance: float = LIMIT_TOLERANCE) -> BoolArray:
-    """Whether an image of each angle [rad] lies inside limits; no for NaN."""
-    away = angle - 0.5 * (low + high)
-    return np.abs(away - TWO_PI * np.rint(away / TWO_PI)) <= 0.5 * (high - low) + tolerance
 
 
 def _triangle(tip: ComplexArray, a: float, b: float) -> tuple[FloatArray, FloatArray]:
@@ -195,6 +190,7 @@ _BESIDE = 1e-8
 _SLIVER = 0.05
 """of the square of a piece's length over that of the arm: arcs that touch part as slowly as that, and the
 question must not skip a sliver between two of them"""
+_CHORD_ERROR_M = 2e-4
 _TOLERANCE = 1e-12
 """[rad] over a limit: less than a point beside a piece lies out of reach"""
 
@@ -355,3 +351,27 @@ def _without_doubles(pieces: Iterable[PlaneArc]) -> list[PlaneArc]:
         if not any(same):
             kept.append(piece)
     return kept
+
+
+class PlanarSection:
+    """Of a yaw + pitch arm: what the pitch joints reach while the base stands still."""
+
+    exact = True
+
+    def __init__(self, geometry: YawPitchRoll, limits: FloatArray) -> None:
+        self._geometry = geometry
+        lines = joined(boundary_arcs(geometry, limits), _CHORD_ERROR_M)
+        self._outline = tuple(np.column_stack([line.real, line.imag]) for line in lines)
+
+    def plane(self, q: FloatArray) -> FloatArray:
+        """See ``Section``."""
+        turn = self._geometry.yaw_sign * float(q[0])
+        c, s = math.cos(turn), math.sin(turn)
+        T = np.eye(4)
+        T[:3, :3] = self._geometry.frame @ np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+        T[:3, 3] = self._geometry.origin + self._geometry.lateral * T[:3, 1]
+        return T
+
+    def outline(self, q: FloatArray) -> tuple[FloatArray, ...]:
+        """See ``Section``; the same for every ``q``."""
+        return self._outline

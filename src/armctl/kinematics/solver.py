@@ -1,0 +1,110 @@
+"""What every solver family answers. A family fills in what it can; the rest has an answer here."""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from typing import ClassVar, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from armctl.errors import InputError
+from armctl.kinematics.chain import Chain
+from armctl.kinematics.energy import EnergyModel
+from armctl.kinematics.section import SampledSection, Section
+from armctl.kinematics.solutions import BatchSolutions, Solutions
+from armctl.kinematics.target import Target
+from armctl.kinematics.yaw_pitch_roll.geometry import YawPitchRoll
+
+FloatArray = NDArray[np.float64]
+
+
+class InverseKinematics(ABC):
+    """A solver for one arm inside its limits. Immutable; safe in several threads."""
+
+    family: ClassVar[str]
+    """name of the family, in words"""
+    complete: ClassVar[bool] = True
+    """False where solutions are searched for: that takes long, and some may be missing"""
+    direct: ClassVar[bool] = False
+    """True where ``solve_batch`` and ``least_rotation`` answer, without a list of all solutions"""
+
+    def __init__(self, chain: Chain, limits: FloatArray, energy: EnergyModel, titles: Sequence[str]) -> None:
+        self.chain, self.limits, self.energy, self.titles = chain, limits, energy, tuple(titles)
+
+    @classmethod
+    @abstractmethod
+    def of(cls, chain: Chain, limits: FloatArray, energy: EnergyModel, titles: Sequence[str]) -> Self | None:
+        """The solver of an arm that belongs to the family; None for any other.
+
+        Args:
+            chain: the arm.
+            limits: (n, 2) joint limits [rad].
+            energy: what the energy criteria need.
+            titles: (n,) what the joints are called in messages.
+        """
+
+    @abstractmethod
+    def solve(self, target: Target, step: float) -> Solutions:
+        """All solutions inside the limits; where there is none, why, and the nearest configuration.
+
+        Args:
+            target: what is asked for.
+            step: of a swept joint [rad].
+
+        Raises:
+            InputError: ``step`` is not a positive number.
+        """
+
+    @property
+    def pitch_joints(self) -> tuple[int, ...]:
+        """Indices of the parallel pitch joints; empty where the arm has none."""
+        return ()
+
+    @property
+    def free_joint(self) -> int | None:
+        """Index of the joint that is free (and swept) when only a position is asked for."""
+        return None
+
+    @property
+    def roll_joint(self) -> int | None:
+        """Index of the joint that rolls the tool about its approach axis."""
+        return None
+
+    @property
+    def plane(self) -> YawPitchRoll | None:
+        """The vertical plane in which parallel pitch joints move the tool; None where there is none."""
+        return None
+
+    def pitch_and_roll(self, q: FloatArray) -> tuple[float | None, float | None]:
+        """Tool pitch in [-pi/2, pi/2] and roll [rad] at one configuration (n,); None where there is none."""
+        x, y, z = self.chain.forward(q)[:3, 2].tolist()
+        roll = None if self.roll_joint is None else float(q[self.roll_joint])
+        return math.atan2(z, math.hypot(x, y)), roll  # an arc sine is blind near ±90°
+
+    def solve_batch(
+        self, position_m: ArrayLike, pitch: ArrayLike | None, roll: ArrayLike | None
+    ) -> BatchSolutions:
+        """Every branch of many poses; ``Robot.inverse_batch`` says more.
+
+        Raises:
+            InputError: a wrong shape, an entry that is not finite, or a family that has no batch.
+        """
+        raise self._has_no("batch of poses")
+
+    def least_rotation(self, position_m: ArrayLike) -> FloatArray:
+        """The exact least rotation of one point (3,) or many (k, 3) [m]; ``Robot.least_rotation`` says more.
+
+        Raises:
+            InputError: a wrong shape, an entry that is not finite, or a family that has no such answer.
+        """
+        raise self._has_no("least rotation without a list")
+
+    def section(self) -> Section:
+        """The workspace cut open in the plane of the base axis and the tip."""
+        return SampledSection(self.chain, self.limits)
+
+    def _has_no(self, what: str) -> InputError:
+        return InputError(f"arms of the family {self.family!r} have no {what}: call inverse for each target")
