@@ -16,7 +16,7 @@ from armctl.kinematics.energy import EnergyModel
 from armctl.kinematics.section import SampledSection, Section
 from armctl.kinematics.solutions import BatchSolutions, Solutions
 from armctl.kinematics.target import Target
-from armctl.kinematics.yaw_pitch_roll.geometry import YawPitchRoll
+from armctl.kinematics.tool_plane import ToolPlane
 
 FloatArray = NDArray[np.float64]
 
@@ -74,7 +74,7 @@ class InverseKinematics(ABC):
         return None
 
     @property
-    def plane(self) -> YawPitchRoll | None:
+    def plane(self) -> ToolPlane | None:
         """The vertical plane in which parallel pitch joints move the tool; None where there is none."""
         return None
 

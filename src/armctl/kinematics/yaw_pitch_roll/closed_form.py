@@ -21,10 +21,10 @@ from numpy.typing import NDArray
 
 from armctl.kinematics.angles import LIMIT_TOLERANCE, TWO_PI, images, into_limits, rest_angle
 from armctl.kinematics.solutions import BatchSolutions
+from armctl.kinematics.tool_plane import ToolPlane
 from armctl.kinematics.yaw_pitch_roll.geometry import (
     BRANCHES,
     LEVEL,
-    YawPitchRoll,
     base_angles,
     bend_sense,
     branch_index,
@@ -109,7 +109,7 @@ _PITCH_TOLERANCE = 1e-6
 class PlanePostures:
     """The closed form in the tool plane of one arm. Immutable; safe in several threads."""
 
-    def __init__(self, geometry: YawPitchRoll, limits: FloatArray) -> None:
+    def __init__(self, geometry: ToolPlane, limits: FloatArray) -> None:
         self._geometry = geometry
         self._limits = [(float(low), float(high)) for low, high in limits[1 : 1 + len(geometry.lengths)]]
 
@@ -205,7 +205,7 @@ class PoseBranches:
     at a special place.
     """
 
-    def __init__(self, geometry: YawPitchRoll, limits: FloatArray) -> None:
+    def __init__(self, geometry: ToolPlane, limits: FloatArray) -> None:
         self._geometry = geometry
         self._limits: list[tuple[float, float]] = [(low, high) for low, high in limits[:4].tolist()]
         self.source = "\n".join(["def at(x, y, z, pitch, rolls):", *_indented(self._body())])
@@ -223,7 +223,7 @@ class PoseBranches:
         self.at = names["at"]
 
     @staticmethod
-    def serves(geometry: YawPitchRoll, limits: FloatArray) -> bool:
+    def serves(geometry: ToolPlane, limits: FloatArray) -> bool:
         """True with three pitch joints, a pitch to ask for, and joints that turn less than a turn."""
         narrow = limits[:4, 1] - limits[:4, 0] < TWO_PI - 2 * LIMIT_TOLERANCE
         return len(geometry.lengths) == 3 and geometry.tool_angle is not None and bool(narrow.all())
@@ -331,7 +331,7 @@ def _onto(angle: float, low: float, high: float) -> float | None:
     return None
 
 
-def _local(geometry: YawPitchRoll) -> list[str]:
+def _local(geometry: ToolPlane) -> list[str]:
     """The tool point in coordinates forward, left, up about the base axis, where they are not its own."""
     (x0, y0, z0), frame = geometry.origin.tolist(), geometry.frame.T.tolist()
     lines = [f"x, y, z = x{_plus(-x0)}, y{_plus(-y0)}, z{_plus(-z0)}"] if x0 or y0 or z0 else []
@@ -362,7 +362,7 @@ _CHUNK = 16_384
 class PoseBatch:
     """Many poses of one arm inside its limits. Immutable; safe in several threads."""
 
-    def __init__(self, geometry: YawPitchRoll, limits: FloatArray, planar: PlanePostures) -> None:
+    def __init__(self, geometry: ToolPlane, limits: FloatArray, planar: PlanePostures) -> None:
         self._geometry, self._planar = geometry, planar
         self._limits: list[tuple[float, float]] = [(low, high) for low, high in limits.tolist()]
         self._cosines = cosines_within(*geometry.plane_limits(1, limits))

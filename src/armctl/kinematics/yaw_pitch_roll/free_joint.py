@@ -19,8 +19,9 @@ from numpy.typing import NDArray
 
 from armctl.kinematics.angles import LIMIT_TOLERANCE, TWO_PI, images
 from armctl.kinematics.grid import grid_values
+from armctl.kinematics.tool_plane import ToolPlane
 from armctl.kinematics.yaw_pitch_roll.closed_form import ON_JOINT, bend_angle, inner_angle, two_link
-from armctl.kinematics.yaw_pitch_roll.geometry import BaseBranch, YawPitchRoll, branch_index
+from armctl.kinematics.yaw_pitch_roll.geometry import BaseBranch, branch_index
 
 FloatArray = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
@@ -78,7 +79,7 @@ class _Run(NamedTuple):
 class FreeJointSweep:
     """The list of one arm inside its limits. Immutable but for the cached grid; safe in several threads."""
 
-    def __init__(self, geometry: YawPitchRoll, limits: FloatArray) -> None:
+    def __init__(self, geometry: ToolPlane, limits: FloatArray) -> None:
         self._geometry, self._limits = geometry, limits
         self._parts = [_Part(geometry, part) for part in _turns(limits)]
         self._grid: _Grid | None = None
@@ -131,7 +132,9 @@ class FreeJointSweep:
             if geometry.signs[0] < 0:
                 joint = joint[::-1].copy()
             plane = geometry.signs[0] * joint + geometry.offsets[0]
-            link: ComplexArray = geometry.lengths[0] * np.exp(-1j * plane)
+            link = np.empty(len(plane), dtype=np.complex128)
+            link.real = geometry.lengths[0] * np.cos(plane)
+            link.imag = -geometry.lengths[0] * np.sin(plane)
             grid = self._grid = _Grid(step, joint, float(plane[0]), link)
         return grid
 
@@ -139,7 +142,7 @@ class FreeJointSweep:
 class _Part:
     """The sweep for limits of the second and third pitch joint that span less than a turn. Immutable."""
 
-    def __init__(self, geometry: YawPitchRoll, limits: FloatArray) -> None:
+    def __init__(self, geometry: ToolPlane, limits: FloatArray) -> None:
         self._geometry, self._joints = geometry, limits[2:4].tolist()
         self._l2, self._l3, self._l4 = l2, l3, l4 = geometry.lengths
         self._plane = [geometry.plane_limits(k, limits) for k in range(3)]

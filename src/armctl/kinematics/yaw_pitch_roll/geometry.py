@@ -1,15 +1,7 @@
 """Recognising arms of the build *yaw + parallel pitch joints (+ roll)*, and their planar geometry.
 
 All that the solvers need is read off the joint axes at the zero pose, so the DH convention, the signs
-of alpha and fixed rows make no difference.
-
-With the base turned by θ1, the tool lies in a vertical plane beside the base axis:
-
-    x + i y = exp(i s1 θ1) (r + i d)              d: lateral offset, constant
-    (r - a1) + i (z - h) = Σ_k l_k exp(i (t_1 + … + t_k))      k over the pitch joints
-
-where ``t_k = s_k θ_k + o_k`` is the plane angle of joint k: s_k = ±1 is the sense of its axis, o_k the
-bend between the links at θ_k = 0.
+of alpha and fixed rows make no difference. ``ToolPlane`` says what it is.
 """
 
 from __future__ import annotations
@@ -19,7 +11,6 @@ import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -27,74 +18,14 @@ from numpy.typing import NDArray
 
 from armctl.kinematics.angles import images, into_limits, rest_angle, wrap
 from armctl.kinematics.chain import Chain
+from armctl.kinematics.tool_plane import ToolPlane
 
 FloatArray = NDArray[np.float64]
 _ALIGNED = 1e-9
 """how far from parallel or perpendicular axes may be (sine of the angle) and offsets from zero [m]"""
 
 
-@dataclass(frozen=True)
-class YawPitchRoll:
-    """Geometry of one such arm: lengths in metres, angles in radians."""
-
-    origin: FloatArray
-    """(3,) a point on the base axis, base frame"""
-    frame: FloatArray
-    """(3, 3) columns: forward, left, up at θ1 = 0, base frame"""
-    yaw_sign: int
-    lateral: float
-    """d: how far the tool plane lies to the left of the base axis"""
-    shoulder: complex
-    """a1 + i h: first pitch axis in the tool plane"""
-    lengths: tuple[float, ...]
-    """l_k of the 2 or 3 links between the pitch joints and to the tool point"""
-    signs: tuple[int, ...]
-    """s_k of the pitch joints"""
-    offsets: tuple[float, ...]
-    """o_k of the pitch joints, in (-pi, pi]"""
-    tool_angle: float | None
-    """angle of the approach axis above the last link; None: it leaves the plane, so pitch means nothing"""
-    roll_joint: int | None
-    """index of the joint that rolls the tool about an axis through the tool point"""
-
-    @property
-    def pitch_joints(self) -> tuple[int, ...]:
-        """Indices of the parallel pitch joints."""
-        return tuple(range(1, 1 + len(self.lengths)))
-
-    def plane_angle(self, k: int, joint_angle: float) -> float:
-        """t_k of pitch joint k (0 is the shoulder) at a joint angle."""
-        return self.signs[k] * joint_angle + self.offsets[k]
-
-    def joint_angle(self, k: int, plane_angle: float) -> float:
-        """θ of pitch joint k at a plane angle t_k; not wrapped."""
-        return self.signs[k] * (plane_angle - self.offsets[k])
-
-    def plane_limits(self, k: int, limits: FloatArray) -> tuple[float, float]:
-        """Limits of t_k from the joint limits (n, 2)."""
-        ends = [self.plane_angle(k, float(limits[1 + k, side])) for side in (0, 1)]
-        return min(ends), max(ends)
-
-    def local_of(self, x: float, y: float, z: float) -> tuple[float, float, float]:
-        """A point of the base frame as forward, left, up coordinates about the base axis [m]."""
-        if self.upright:
-            return x, y, z
-        (x0, y0, z0), (fx, fy, fz), (lx, ly, lz), (ux, uy, uz) = self._floats
-        x, y, z = x - x0, y - y0, z - z0
-        return fx * x + fy * y + fz * z, lx * x + ly * y + lz * z, ux * x + uy * y + uz * z
-
-    @cached_property
-    def _floats(self) -> tuple[tuple[float, ...], ...]:
-        """Origin, forward, left and up."""
-        return tuple(tuple(row) for row in np.vstack([self.origin, self.frame.T]).tolist())
-
-    @cached_property
-    def upright(self) -> bool:
-        """True where base coordinates are local ones."""
-        return not self.origin.any() and bool((self.frame == np.eye(3)).all())
-
-
-def recognise(chain: Chain) -> YawPitchRoll | None:
+def recognise(chain: Chain) -> ToolPlane | None:
     """The arm's planar geometry, or None when it is not of this build.
 
     Needed: a first joint; two or three joints parallel to each other and perpendicular to it; at most
@@ -123,7 +54,7 @@ def recognise(chain: Chain) -> YawPitchRoll | None:
     # a roll joint that does not turn about the approach axis swings it out of the plane
     swung = 0.0 if roll_joint is None else float(np.linalg.norm(np.cross(axes[roll_joint], approach)))
     in_plane = abs(along[1]) < _ALIGNED and swung < _ALIGNED
-    return YawPitchRoll(
+    return ToolPlane(
         origin=points[0],
         frame=frame,
         yaw_sign=1 if axes[0] @ up > 0 else -1,
@@ -194,13 +125,13 @@ class BaseBranch(NamedTuple):
     """forward coordinate of the target in the tool plane [m], negative at the back"""
 
 
-def is_on_axis(geometry: YawPitchRoll, x: float, y: float) -> bool:
+def is_on_axis(geometry: ToolPlane, x: float, y: float) -> bool:
     """True when any base angle serves: the target and the tool plane both lie on the base axis."""
     return abs(geometry.lateral) <= AXIS_TOLERANCE and math.hypot(x, y) <= AXIS_TOLERANCE
 
 
 def base_branches(
-    geometry: YawPitchRoll, x: float, y: float, limits: tuple[float, float] | None
+    geometry: ToolPlane, x: float, y: float, limits: tuple[float, float] | None
 ) -> list[BaseBranch]:
     """Solve ``x + i y = exp(i s1 θ1) (r + i d)``.
 
@@ -247,7 +178,7 @@ def _inside(turn: float, limits: tuple[float, float] | None) -> list[float]:
 
 
 def base_angles(
-    geometry: YawPitchRoll, x: FloatArray, y: FloatArray, limits: tuple[float, float]
+    geometry: ToolPlane, x: FloatArray, y: FloatArray, limits: tuple[float, float]
 ) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
     """``base_branches`` of many targets: the image inside the limits that is nearest to zero.
 

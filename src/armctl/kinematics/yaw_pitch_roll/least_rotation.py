@@ -25,9 +25,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armctl.kinematics.angles import TWO_PI, into_limits, nearest_image
+from armctl.kinematics.tool_plane import ToolPlane
 from armctl.kinematics.yaw_pitch_roll.closed_form import bend_angle, cosines_within, inner_angle
 from armctl.kinematics.yaw_pitch_roll.free_joint import joined
-from armctl.kinematics.yaw_pitch_roll.geometry import BaseBranch, YawPitchRoll, base_angles
+from armctl.kinematics.yaw_pitch_roll.geometry import BaseBranch, base_angles
 
 FloatArray = NDArray[np.float64]
 _PATTERNS = ((1, 1, -1), (1, -1, 1), (1, -1, -1))
@@ -99,7 +100,7 @@ class _Band(NamedTuple):
 class LeastRotation:
     """The least rotation of one arm inside its limits. Immutable; safe in several threads."""
 
-    def __init__(self, geometry: YawPitchRoll, limits: FloatArray) -> None:
+    def __init__(self, geometry: ToolPlane, limits: FloatArray) -> None:
         self._geometry, self._limits = geometry, limits
         self._joints = [
             _PitchJoint(sense, offset, low, high)

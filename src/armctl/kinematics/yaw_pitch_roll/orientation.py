@@ -19,11 +19,11 @@ from numpy.typing import NDArray
 from armctl.kinematics.angles import images
 from armctl.kinematics.chain import Chain
 from armctl.kinematics.rotation import quaternion_product, quaternion_wxyz, rotation_angle
+from armctl.kinematics.tool_plane import ToolPlane
 from armctl.kinematics.yaw_pitch_roll.closed_form import PlanePostures
 from armctl.kinematics.yaw_pitch_roll.geometry import (
     BaseBranch,
     PlanePose,
-    YawPitchRoll,
     bend_sense,
     branch_index,
     tool_points_in,
@@ -50,9 +50,7 @@ _VERTICAL = 1e-9
 class OrientationFit:
     """Fits the three turns of one arm. Immutable; safe in several threads."""
 
-    def __init__(
-        self, geometry: YawPitchRoll, tool_at_zero: FloatArray, roll_axis: FloatArray | None
-    ) -> None:
+    def __init__(self, geometry: ToolPlane, tool_at_zero: FloatArray, roll_axis: FloatArray | None) -> None:
         """Prepare for an arm.
 
         Args:
@@ -135,7 +133,7 @@ class NearestOrientation:
     def __init__(
         self,
         chain: Chain,
-        geometry: YawPitchRoll,
+        geometry: ToolPlane,
         limits: FloatArray,
         planar: PlanePostures,
         least: LeastRotation | None,

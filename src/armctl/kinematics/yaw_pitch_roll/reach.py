@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 from armctl.kinematics.angles import LIMIT_TOLERANCE, TWO_PI, central_image, images, nearest_angle, rest_angle
 from armctl.kinematics.solutions import all_needs, millimetres, needs
 from armctl.kinematics.target import Target
+from armctl.kinematics.tool_plane import ToolPlane
 from armctl.kinematics.yaw_pitch_roll.geometry import (
     AXIS_TOLERANCE,
     BaseBranch,
-    YawPitchRoll,
     base_branches,
     pitch_poses,
 )
@@ -80,7 +80,7 @@ def nearest_of(found: Iterable[Nearest | None]) -> Nearest | None:
 class NearestReach:
     """Nearest reachable points of one arm. Immutable; safe in several threads."""
 
-    def __init__(self, geometry: YawPitchRoll, limits: FloatArray, in_plane: PlaneSolver) -> None:
+    def __init__(self, geometry: ToolPlane, limits: FloatArray, in_plane: PlaneSolver) -> None:
         self.geometry, self._in_plane = geometry, in_plane
         self._limits = limits[: 1 + len(geometry.lengths)]
         self._base = (float(limits[0, 0]), float(limits[0, 1]))
@@ -249,7 +249,7 @@ class Reach:
     """Explains refusals of one arm. Immutable; safe in several threads."""
 
     def __init__(
-        self, geometry: YawPitchRoll, limits: FloatArray, titles: Sequence[str], nearest: NearestReach
+        self, geometry: ToolPlane, limits: FloatArray, titles: Sequence[str], nearest: NearestReach
     ) -> None:
         self._geometry, self._limits, self._titles, self._nearest = geometry, limits, titles, nearest
 

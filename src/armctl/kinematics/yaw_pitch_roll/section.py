@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from armctl.kinematics.angles import LIMIT_TOLERANCE, TWO_PI
 from armctl.kinematics.section import within
-from armctl.kinematics.yaw_pitch_roll.geometry import YawPitchRoll
+from armctl.kinematics.tool_plane import ToolPlane
 
 FloatArray = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
@@ -34,9 +34,7 @@ _CHUNK = 8192
 class PlaneReach:
     """Reachable points of one arm's tool plane. Immutable; safe in several threads."""
 
-    def __init__(
-        self, geometry: YawPitchRoll, limits: FloatArray, tolerance: float = LIMIT_TOLERANCE
-    ) -> None:
+    def __init__(self, geometry: ToolPlane, limits: FloatArray, tolerance: float = LIMIT_TOLERANCE) -> None:
         """``tolerance``: how far rounding may carry a joint over its limit [rad]."""
         self._tolerance = tolerance
         self._shoulder, self._lengths = geometry.shoulder, geometry.lengths
@@ -236,7 +234,7 @@ class PlaneArc:
         return line
 
 
-def boundary_arcs(geometry: YawPitchRoll, limits: FloatArray) -> tuple[PlaneArc, ...]:
+def boundary_arcs(geometry: ToolPlane, limits: FloatArray) -> tuple[PlaneArc, ...]:
     """All arcs that bound the reach with the base standing still, inner bounds included.
 
     Args:
@@ -278,7 +276,7 @@ def joined(arcs: Sequence[PlaneArc], chord_error_m: float) -> tuple[ComplexArray
     return tuple(lines)
 
 
-def _inside_limits(geometry: YawPitchRoll, limits: FloatArray, scale: float) -> list[PlaneArc]:
+def _inside_limits(geometry: ToolPlane, limits: FloatArray, scale: float) -> list[PlaneArc]:
     """What the limits leave of each circle."""
     plane = [geometry.plane_limits(k, limits) for k in range(len(geometry.lengths))]
     arcs: list[PlaneArc] = []
@@ -358,7 +356,7 @@ class PlanarSection:
 
     exact = True
 
-    def __init__(self, geometry: YawPitchRoll, limits: FloatArray) -> None:
+    def __init__(self, geometry: ToolPlane, limits: FloatArray) -> None:
         self._geometry = geometry
         lines = joined(boundary_arcs(geometry, limits), _CHORD_ERROR_M)
         self._outline = tuple(np.column_stack([line.real, line.imag]) for line in lines)

@@ -27,12 +27,12 @@ from armctl.kinematics.target import (
     checked_positions,
     is_point,
 )
+from armctl.kinematics.tool_plane import ToolPlane
 from armctl.kinematics.yaw_pitch_roll.closed_form import PlanePostures, PoseBatch, PoseBranches
 from armctl.kinematics.yaw_pitch_roll.free_joint import FreeJointSweep
 from armctl.kinematics.yaw_pitch_roll.geometry import (
     BRANCHES,
     BaseBranch,
-    YawPitchRoll,
     base_branches,
     bend_sense,
     branch_index,
@@ -60,7 +60,7 @@ class YawPitchRollSolver(InverseKinematics):
     def __init__(
         self,
         chain: Chain,
-        geometry: YawPitchRoll,
+        geometry: ToolPlane,
         limits: FloatArray,
         energy: EnergyModel,
         titles: Sequence[str],
@@ -101,7 +101,7 @@ class YawPitchRollSolver(InverseKinematics):
         return self.geometry.roll_joint
 
     @property
-    def plane(self) -> YawPitchRoll:
+    def plane(self) -> ToolPlane:
         """The tool plane."""
         return self.geometry
 

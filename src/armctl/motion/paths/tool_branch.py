@@ -16,7 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armctl.kinematics.angles import LIMIT_TOLERANCE
-from armctl.kinematics.yaw_pitch_roll.geometry import YawPitchRoll, bend_sense
+from armctl.kinematics.tool_plane import ToolPlane
+from armctl.kinematics.yaw_pitch_roll.geometry import bend_sense
 from armctl.motion.paths.tool_curve import ToolCurve
 from armctl.motion.paths.tool_task import Knot, ToolTask, reaches_forward
 from armctl.motion.polynomial import PiecewisePolynomial, cubic_spline, quintic
@@ -214,7 +215,7 @@ class PitchGrid:
     """(m, a) what it costs to be there; infinite where the links do not reach and outside the limits"""
 
     @classmethod
-    def of(cls, geometry: YawPitchRoll, limits: FloatArray, q: FloatArray, curve: ToolCurve) -> PitchGrid:
+    def of(cls, geometry: ToolPlane, limits: FloatArray, q: FloatArray, curve: ToolCurve) -> PitchGrid:
         """Lay it out.
 
         Args:

@@ -25,7 +25,7 @@ from scipy.linalg import lapack
 from armctl.errors import InputError
 from armctl.kinematics import Chain
 from armctl.kinematics.numeric.goals import crossed
-from armctl.kinematics.yaw_pitch_roll.geometry import YawPitchRoll
+from armctl.kinematics.tool_plane import ToolPlane
 from armctl.motion.paths.tool_curve import ToolCurve
 from armctl.motion.polynomial import PiecewisePolynomial
 from armctl.robot import Robot
@@ -181,7 +181,7 @@ def elevations(robot: Robot, poses: FloatArray) -> FloatArray:
     return np.arctan2(axis[:, 2], np.hypot(axis[:, 0], axis[:, 1]))
 
 
-def plane_senses(geometry: YawPitchRoll, n: int) -> FloatArray:
+def plane_senses(geometry: ToolPlane, n: int) -> FloatArray:
     """(n,) what each joint adds to the angle of the tool in the arm's plane: ±1 or 0."""
     senses = np.zeros(n)
     senses[list(geometry.pitch_joints)] = geometry.signs
@@ -226,7 +226,7 @@ def _plane_turn(angle: float, end: float, outward: float) -> float:
     return math.remainder(end - angle, 2.0 * math.pi)
 
 
-def reaches_forward(geometry: YawPitchRoll, q: FloatArray, tool: FloatArray) -> bool:
+def reaches_forward(geometry: ToolPlane, q: FloatArray, tool: FloatArray) -> bool:
     """Whether the tool point (3,) lies in front of the arm, not over its back."""
     x, y, _ = geometry.local_of(*tool.tolist())
     turn = geometry.yaw_sign * float(q[0])

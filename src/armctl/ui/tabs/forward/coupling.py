@@ -83,7 +83,8 @@ class PoseFields:
     def __init__(self, gui: viser.GuiApi, robot: Robot, q: FloatArray) -> None:
         """Add the fields to the present container, filled with the pose at ``q`` (n,) [rad]."""
         self._robot = robot
-        pitch, roll = robot.inverse_kinematics.pitch_and_roll(q)
+        solver = robot.inverse_kinematics
+        pitch, _ = solver.pitch_and_roll(q)
         self.xyz = tuple(NumberField(gui, f"{name} mm", None) for name in "XYZ")
         self._asks_pitch = pitch is not None and position_leaves_pitch(robot.chain, robot.limits)
         self.pitch = NumberField(
@@ -98,7 +99,7 @@ class PoseFields:
         self.roll = NumberField(gui, "Roll °", None, hint=_ROLL_HINT, visible=asks_roll)
         self.hold = gui.add_checkbox(
             "Hold pitch",
-            initial_value=bool(robot.inverse_kinematics.pitch_joints),
+            initial_value=bool(solver.pitch_joints),
             hint=_HOLD_HINT,
             visible=self._asks_pitch,
         )
