@@ -169,3 +169,22 @@ def test_channels_that_the_board_would_refuse_are_an_error(
     status, _, err = call(capsys, str(path))
     assert status == REFUSED
     assert f"the board: pin {pin}: " in err and "it must lie within 544 … 2912 µs" in err
+
+
+def test_a_long_program_shows_how_far_it_is_on_a_terminal(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    long = program(tmp_path, *[HOME] * 500)
+    assert call(capsys, long)[2] == ""
+    monkeypatch.setattr("sys.stderr.isatty", lambda: True)
+    status, _, err = call(capsys, long)
+    assert status == DONE and "checking 500 steps" in err and "100%" in err
+
+
+def test_a_python_script_is_run_with_python(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    path = tmp_path / "pick.py"
+    path.write_text("import armctl\n")
+    for command in ("check", "run"):
+        status = run([command, str(path)])
+        assert status == REFUSED
+        assert "pick.py: is a Python script; run it with Python: python pick.py" in capsys.readouterr().err

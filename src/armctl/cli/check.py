@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -16,12 +17,14 @@ from armctl.hardware.boards import board_type
 from armctl.motion import Floor
 from armctl.motion.preflight import not_checked, preflight
 from armctl.motion.profiles import PointToPoint
-from armctl.program import ProgramFinding, check_program, open_program
+from armctl.program import Program, ProgramFinding, check_program, open_program
 from armctl.robot import Robot, is_urdf, load_robot
 from armctl.runtime.power import below_floor
 
 _ANY = DocumentKind(InputError, most_bytes=1024 * 1024)
 """a TOML file of which nobody knows yet what it describes"""
+_LONG = 500
+"""steps of a program whose check takes more than a moment"""
 
 
 @click.command()
@@ -45,7 +48,7 @@ def check(file: Path, robot: str | None, as_json: bool) -> int:
             given = None if robot is None else load_robot(robot)
             program = open_program(file, given)
             arm = given or load_robot(program.robot)
-            findings = check_program(program, arm, start=arm.first_pose)
+            findings = check_on_terminal(program, arm)
         unknown = not_checked(arm)
     except ArmctlError as refusal:
         findings = [ProgramFinding(None, str(refusal))]
@@ -72,6 +75,17 @@ def check(file: Path, robot: str | None, as_json: bool) -> int:
         text = str(finding) if str(file) in str(finding) else f"{file}: {finding}"
         click.echo(f"armctl: {'' if finding.severity == 'error' else 'warning: '}{text}", err=True)
     return REFUSED if errors else DONE
+
+
+def check_on_terminal(program: Program, robot: Robot) -> list[ProgramFinding]:
+    """Check a program from where the servos start; a long one shows how far it is, where somebody looks."""
+    steps = len(program.steps)
+    if steps < _LONG or not sys.stderr.isatty():
+        return check_program(program, robot, start=robot.first_pose)
+    with click.progressbar(length=steps, label=f"checking {steps} steps", file=sys.stderr) as bar:
+        return check_program(
+            program, robot, start=robot.first_pose, progress=lambda done, _: bar.update(done - bar.pos)
+        )
 
 
 def _record(finding: ProgramFinding) -> dict[str, object]:

@@ -8,11 +8,12 @@ import click
 
 from armctl.arm import Arm
 from armctl.boards import SIMULATED
+from armctl.cli.check import check_on_terminal
 from armctl.cli.ending import ends_like_ctrl_c
 from armctl.cli.options import SPEED_PERCENT
 from armctl.errors import ProgramError
 from armctl.hardware.boards import board_type
-from armctl.program import check_program, open_program
+from armctl.program import open_program
 from armctl.robot import load_robot
 
 
@@ -41,7 +42,7 @@ def run(program: Path, robot: str | None, port: str, loops: int | None, forever:
     arm_robot = None if robot is None else load_robot(robot)
     loaded = open_program(program, arm_robot)
     arm_robot = arm_robot or load_robot(loaded.robot)
-    findings = check_program(loaded, arm_robot, start=arm_robot.first_pose)
+    findings = check_on_terminal(loaded, arm_robot)
     errors = [finding for finding in findings if finding.severity == "error"]
     if errors:
         raise ProgramError(f"{program}: {errors[0]}")

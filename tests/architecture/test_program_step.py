@@ -1,0 +1,94 @@
+"""A kind of step that armctl does not know: added by its struct and its line in the registry."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, ClassVar
+
+import pytest
+from msgspec import Meta
+from tests.runtime.kit import make_rig
+
+from armctl.errors import InputError, ProgramError
+from armctl.program import Program, Step, check_program, load_program, read_csv, save_program, write_csv
+from armctl.program import steps as registry
+from armctl.program.steps import Effect, Field
+from armctl.robot import Robot, load_robot
+from armctl.runtime import RunProgram, State
+from armctl.ui.tabs.program.editing import PLACES, add, edited, fields_of, form_fields, shown
+from armctl.ui.tabs.program.step_list import step_table
+
+ROBOT = load_robot("uzuner")
+
+
+class BlinkStep(Step, frozen=True, kw_only=True, tag="blink"):
+    """Stand still while a lamp blinks."""
+
+    title: ClassVar[str] = "blink"
+
+    flashes: Annotated[int, Meta(ge=1, le=20), Field("Flashes")]
+    each_s: Annotated[float, Meta(gt=0, le=5), Field("Flash s", "How long one flash takes.")] = 0.5
+
+    @property
+    def effect(self) -> Effect:
+        """The lamp takes its time."""
+        return Effect(wait_s=self.flashes * self.each_s)
+
+    def describe(self) -> str:
+        """How often."""
+        return f"{self.flashes} flashes"
+
+    def check(self, robot: Robot) -> None:
+        """Refuse more than three flashes of a whole second."""
+        if self.flashes > 3 and self.each_s >= 1:
+            raise ProgramError("the lamp gets too hot")
+
+
+@pytest.fixture(autouse=True)
+def registered(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(registry, "KINDS", (*registry.KINDS, BlinkStep))
+
+
+def recorded(step: Step) -> Program:
+    return add(Program(robot="uzuner", name="lamp"), step, PLACES[0], 0)[0]
+
+
+def test_it_is_saved_and_loaded_as_toml_and_csv(tmp_path: Path) -> None:
+    program, path = recorded(BlinkStep(flashes=3, each_s=0.25, note="look")), tmp_path / "lamp.toml"
+    save_program(program, path)
+    assert load_program(path) == program
+    table = write_csv(program, ROBOT)
+    assert table == "step,do,flashes,each_s,note\r\n1,blink,3,0.25,look\r\n"
+    assert read_csv(table, ROBOT, "lamp") == program
+    assert read_csv("do,flashes,each_ms\nblink,3,250\n", ROBOT).steps == (BlinkStep(flashes=3, each_s=0.25),)
+
+
+def test_what_it_may_not_hold_is_refused_everywhere(tmp_path: Path) -> None:
+    path = tmp_path / "lamp.toml"
+    path.write_text('robot = "uzuner"\n[[steps]]\ndo = "blink"\nflashes = 21\n')
+    with pytest.raises(ProgramError, match="line 4, step 1, key flashes: must be 1 … 20, not 21"):
+        load_program(path)
+    (finding,) = check_program(recorded(BlinkStep(flashes=0)), ROBOT)
+    assert finding.what == "key flashes: must be 1 … 20, not 0"
+    (finding,) = check_program(recorded(BlinkStep(flashes=4, each_s=1)), ROBOT)
+    assert finding.what == "the lamp gets too hot"
+
+
+def test_it_has_a_row_in_the_list_and_fields_in_the_form() -> None:
+    step = BlinkStep(flashes=3)
+    assert "blink" in step_table([step], 0, None, None) and "3 flashes" in step_table([step], 0, None, None)
+    assert [field.label for field in fields_of(step)] == ["Flashes", "Flash s", "Note"]
+    assert {"Flashes", "Flash s"} <= {field.label for field in form_fields()}
+    texts = {field.label: shown(step, field) for field in fields_of(step)}
+    assert edited(step, {**texts, "Flashes": "5"}) == BlinkStep(flashes=5)
+    with pytest.raises(InputError, match="Flashes: must be 1 … 20, not 50"):
+        edited(step, {**texts, "Flashes": "50"})
+
+
+def test_it_runs_on_the_arm() -> None:
+    rig = make_rig().enable()
+    begin = rig.clock.now()
+    ticket = rig.do(RunProgram(recorded(BlinkStep(flashes=3, each_s=0.5))))
+    rig.until(lambda snapshot: snapshot.state is State.HOLDING)
+    ticket.result(0)
+    assert rig.clock.now() - begin == pytest.approx(1.5, abs=0.2)
