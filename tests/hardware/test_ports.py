@@ -234,6 +234,16 @@ def test_a_maestro_for_a_maestro():
     assert find_board(ports(COMMAND_PORT, TTL_PORT, MEGA), "maestro").device == "/dev/ttyACM0"
 
 
+def test_any_board_is_found_where_no_kind_is_wanted():
+    assert find_board(ports(COMMAND_PORT, TTL_PORT), None).device == "/dev/ttyACM0"
+    assert find_board(ports(CLONE, MEGA), None).device == "/dev/ttyACM3"
+    assert find_board(ports(CLONE), None).device == "/dev/ttyUSB0"
+    with pytest.raises(PortError, match=r"several boards may be meant: /dev/ttyACM\d .*/dev/ttyACM\d"):
+        find_board(ports(COMMAND_PORT, MEGA), None)
+    with pytest.raises(PortError, match="no board found; serial ports: none at all"):
+        find_board([], None)
+
+
 def test_no_arduino():
     with pytest.raises(PortError, match=r"no Arduino found; serial ports: none at all; plug one in"):
         find_board([], "firmata")

@@ -90,21 +90,12 @@ class SerialTransport:
         return self._name
 
     def write(self, data: bytes) -> None:
-        """Send all of ``data``.
-
-        Raises:
-            BoardTimeoutError: the board does not take bytes any more.
-            BoardError: the line is gone.
-        """
+        """Send all of ``data``; ``BoardTimeoutError`` where the board takes no more bytes."""
         with self._translated("writing to"):
             self._serial.write(data)
 
     def read(self, count: int, timeout_s: float) -> bytes:
-        """Return ``count`` bytes, or the fewer that came within ``timeout_s``.
-
-        Raises:
-            BoardError: the line is gone.
-        """
+        """Return ``count`` bytes, or the fewer that came within ``timeout_s``."""
         with self._translated("reading from"):
             if timeout_s != self._timeout_s:
                 # Each assignment makes pyserial reconfigure the port: only when it changes.
@@ -113,11 +104,7 @@ class SerialTransport:
             return self._serial.read(count)
 
     def discard_input(self) -> None:
-        """Forget everything received and not yet read.
-
-        Raises:
-            BoardError: the line is gone.
-        """
+        """Forget everything received and not yet read."""
         with self._translated("clearing the input of"):
             self._serial.reset_input_buffer()
 

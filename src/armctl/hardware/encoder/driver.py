@@ -50,15 +50,9 @@ class EncoderDriver:
         self._forget()
 
     def open(self) -> BoardIdentity:
-        """Open the line and make sure that the right firmware answers; the motors stay as they are.
+        """Open the line and make sure that the right firmware answers, with enough axes.
 
         A board that starts anew when its port is opened may take 5 s.
-
-        Raises:
-            PortError: the port cannot be opened, or is the wrong one.
-            BoardTimeoutError: nobody answers.
-            BoardProtocolError: somebody else answers, or in another version.
-            BoardError: the board has fewer axes than the robot file uses.
         """
         self.close()
         self._forget()
@@ -82,12 +76,9 @@ class EncoderDriver:
         )
 
     def configure(self, channels: Sequence[ChannelSettings]) -> None:
-        """Tell the board the limits, gains and homing of every axis. Moves nothing.
-
-        Where the board has been told the same already, nothing is sent.
+        """Tell the board the limits, gains and homing of every axis, unless it has them. Moves nothing.
 
         Raises:
-            BoardError: settings that this board cannot have; nothing has been sent then.
             StateError: the motors are on with other settings.
         """
         session = self._board
@@ -104,8 +95,6 @@ class EncoderDriver:
         Raises:
             StateError: an axis is not homed, homing is under way, or the board switched its motors off
                 by itself and nobody has taken note.
-            BoardError: a setpoint is not finite or outside its limits (nothing has been sent then), or the
-                line is gone.
         """
         session = self._board
         line = self._table.setpoints_line(setpoints, _REACH_MS)
@@ -125,10 +114,6 @@ class EncoderDriver:
 
         A setpoint that the board refused is among the errors, once its answer is there; one that got
         lost is sent again.
-
-        Raises:
-            BoardTimeoutError: the board says nothing, or has not answered for too long.
-            BoardError: the line is gone.
         """
         session = self._board
         refusals = session.settle()
@@ -148,12 +133,7 @@ class EncoderDriver:
         )
 
     def stop(self) -> None:
-        """Slow down within the acceleration limits and hold; also ends homing.
-
-        Raises:
-            BoardTimeoutError: the board does not show that it holds.
-            BoardError: the line is gone.
-        """
+        """Slow down within the acceleration limits and hold; also ends homing."""
         session = self._board
         if self._insist(session, Realtime.HOLD, _stands):
             self._held = True
@@ -165,11 +145,7 @@ class EncoderDriver:
     def home(self) -> None:
         """Begin to look for the zero of every axis, one after the other: the arm moves.
 
-        Clears latched faults. ``read`` tells how far it is; ``stop`` and ``release`` end it.
-
-        Raises:
-            StateError: homing already.
-            BoardError: nothing is configured, the board refuses, or the line is gone.
+        Clears latched faults. ``StateError`` where it is homing already.
         """
         session = self._board
         if not self._table.axes:
@@ -186,8 +162,7 @@ class EncoderDriver:
     def release(self) -> None:
         """Motors off: joints that their gears do not hold sink. Clears latched faults.
 
-        Raises:
-            BoardError: the line is gone, or the board does not answer; the emergency byte was sent then.
+        Where the board does not answer, the emergency byte is sent too, and ``BoardTimeoutError`` raised.
         """
         session = self._board
         try:

@@ -60,14 +60,9 @@ class FirmataDriver:
         self._forget()
 
     def open(self) -> BoardIdentity:
-        """Open the line and wait until the sketch answers; every output stays as it is.
+        """Open the line and wait until the sketch answers.
 
-        (Opening the port of a real Mega restarts it, which switches its servos off.)
-
-        Raises:
-            PortError: the port cannot be opened, or is another board's.
-            BoardTimeoutError: nobody answers; the message says how to load the sketch.
-            BoardProtocolError: somebody answers, but not in Firmata.
+        Opening the port of a real Mega restarts it, which switches its servos off.
         """
         self.close()
         self._forget()
@@ -98,12 +93,7 @@ class FirmataDriver:
         )
 
     def configure(self, channels: Sequence[ChannelSettings]) -> None:
-        """Remember the pins' ranges and find out which of them are on. Moves nothing, emits no pulse.
-
-        Raises:
-            BoardError: settings that this board cannot have; or it has switched pins off by itself.
-            BoardTimeoutError: the board does not tell the pins' states.
-        """
+        """Remember the pins' ranges and find out which of them are on. Moves nothing, emits no pulse."""
         line = self._firmata
         table = pin_table(channels, self._servo_pins)
         watch = PinWatch(self._ask_states(table.channels).values())
@@ -113,12 +103,7 @@ class FirmataDriver:
         self._table, self._watch = table, watch
 
     def write(self, setpoints: Mapping[int, float]) -> None:
-        """Send setpoints [µs] in one write, or keep them for the next call while the line is busy.
-
-        Raises:
-            BoardError: a setpoint is not finite or outside its pin's range (nothing has been sent then),
-                the board has restarted, or the line is gone.
-        """
+        """Send setpoints [µs] in one write, or keep them for the next call while the line is busy."""
         admitted = {pin: self._table.admit(pin, pulse_us) for pin, pulse_us in setpoints.items()}
         self._take(self._firmata.receive())
         self._stream.put(admitted)
@@ -129,11 +114,6 @@ class FirmataDriver:
 
         Positions are what was sent to the pins that are on. What the board says of them is compared with
         it; a value that was lost on the line is sent again, and reported.
-
-        Raises:
-            BoardTimeoutError: a pin has left a question unanswered for too long.
-            BoardProtocolError: an answer that is no Firmata.
-            BoardError: the board has restarted, or the line is gone.
         """
         line, now = self._firmata, self._now()
         self._take(line.receive())
@@ -156,11 +136,7 @@ class FirmataDriver:
         return Readback(self._watch.positions, Source.COMMANDED, words, powered=self._watch.powered)
 
     def stop(self) -> None:
-        """Hold: the board sends for ever what it was sent last, so all there is to do is to send no more.
-
-        Raises:
-            BoardError: the board has restarted, or the line is gone.
-        """
+        """Hold: the board goes on with what it was sent last, so all there is to do is to send no more."""
         self._stream.clear()
         self._take(self._firmata.receive())
 
@@ -169,12 +145,7 @@ class FirmataDriver:
         raise BoardError("hobby servos need no homing")
 
     def release(self) -> None:
-        """Detach every configured pin (it stays low, as after the board's reset): the arm drops.
-
-        Raises:
-            BoardTimeoutError: the board does not confirm that the pins are off.
-            BoardError: the board has restarted, which switched them off, or the line is gone.
-        """
+        """Detach every configured pin (it stays low, as after the board's reset): the arm drops."""
         line = self._firmata
         self._stream.clear()
         self._take(line.receive())

@@ -15,15 +15,7 @@ MOST_SERVOS = 16
 
 
 def pin_table(settings: Sequence[ChannelSettings], servo_pins: Sequence[int]) -> ChannelTable:
-    """The configured pins.
-
-    Args:
-        settings: what each pin may do; pulse widths in µs.
-        servo_pins: the pins that the board can drive a servo on.
-
-    Raises:
-        BoardError: a pin that drives no servo, twice the same one, a range that cannot be, or too many.
-    """
+    """The configured pins, pulse widths in µs, where they are among the board's ``servo_pins``."""
     if len(settings) > MOST_SERVOS:
         raise BoardError(
             f"{len(settings)} servos: at 57600 baud a Firmata board can be sent {MOST_SERVOS} setpoints "

@@ -69,13 +69,7 @@ class MaestroDriver:
         self._unreported = MaestroErrors(0)
 
     def open(self) -> BoardIdentity:
-        """Open the line and make sure that a Maestro answers; every output stays as it is.
-
-        Raises:
-            PortError: the port cannot be opened, or is the wrong one.
-            BoardTimeoutError: nobody answers; the message says what to set on the board.
-            BoardProtocolError: somebody answers, but not as this Maestro should.
-        """
+        """Open the line and make sure that a Maestro answers; every output stays as it is."""
         self.close()
         self._forget()
         transport, info = self._connection.open()
@@ -101,12 +95,7 @@ class MaestroDriver:
         )
 
     def configure(self, channels: Sequence[ChannelSettings]) -> None:
-        """Set speed and acceleration limits on the board and remember the ranges. Moves nothing.
-
-        Raises:
-            BoardError: settings that this board cannot have; nothing has been sent then.
-            BoardProtocolError: the board did not accept them.
-        """
+        """Set speed and acceleration limits on the board and remember the ranges. Moves nothing."""
         table = channel_table(channels, self._model)
         line = self._maestro
         errors = line.set_limits(
@@ -125,33 +114,19 @@ class MaestroDriver:
         self._table = table
 
     def write(self, setpoints: Mapping[int, float]) -> None:
-        """Send setpoints [µs] in one write.
-
-        Raises:
-            BoardError: a setpoint is not finite or outside its channel's range (nothing has been sent
-                then), or the line is gone.
-        """
+        """Send setpoints [µs] in one write; nothing where one of them is refused."""
         quarters = {channel: self._table.admit(channel, pulse) for channel, pulse in setpoints.items()}
         self._send_targets(quarters)
 
     def read(self) -> Readback:
-        """Read the transmitted pulse widths [µs] and the error register of the board, which clears it.
-
-        Raises:
-            BoardTimeoutError: no answer, or half of one.
-            BoardProtocolError: an answer that no Maestro can give.
-        """
+        """Read the transmitted pulse widths [µs] and the board's error register, which clears it."""
         positions, errors = self._maestro.read(self._table.channels)
         errors |= self._unreported
         self._unreported = MaestroErrors(0)
         return Readback(positions, Source.TRANSMITTED, error_words(errors))
 
     def stop(self) -> None:
-        """Hold every channel that is on at the pulse width that the board transmits now.
-
-        Raises:
-            BoardError: the positions cannot be read, also not at a second attempt; or the line is gone.
-        """
+        """Hold every channel that is on at the pulse width that the board transmits now."""
         try:
             positions, errors = self._maestro.read(self._table.channels)
         except (BoardTimeoutError, BoardProtocolError):
@@ -206,15 +181,7 @@ def _listed_model(info: PortInfo | None) -> MaestroModel | None:
 
 
 def channel_table(settings: Sequence[ChannelSettings], model: MaestroModel | None) -> ChannelTable:
-    """The configured channels.
-
-    Args:
-        settings: what each channel may do; pulse widths in µs.
-        model: the board, None when unknown.
-
-    Raises:
-        BoardError: a channel that the board has not, twice the same one, or a range that cannot be.
-    """
+    """The configured channels, pulse widths in µs, where ``model`` (None: unknown) has them."""
     last = model.channels - 1 if model is not None else MAX_CHANNEL
     board = f"a {model.label}" if model is not None else "the largest Maestro"
 
