@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 from tests.hardware.encoder.kit import AXES, CHANNELS, PLANTS, Bench, encoder_axis
@@ -10,7 +12,7 @@ from tests.hardware.encoder.kit import AXES, CHANNELS, PLANTS, Bench, encoder_ax
 from armctl.errors import BoardError, PortError, StateError
 from armctl.hardware import ChannelSettings, Source
 from armctl.hardware.encoder.axes import EncoderSettings
-from armctl.hardware.encoder.driver import SILENCE_NOTE, EncoderDriver
+from armctl.hardware.encoder.driver import SILENCE_NOTE, EncoderDriver, ToldSettings
 from armctl.hardware.encoder.messages import Mode, seal, unseal
 from armctl.hardware.encoder.simulated import SimulatedEncoderBoard
 from armctl.hardware.transport import Connection, PortInfo
@@ -420,3 +422,49 @@ def test_closing_twice_and_opening_again(homed: Bench):
     readback = homed.driver.read()
     assert readback.homing.done
     assert homed.stream({0: 20.0}, 0.5).positions[0] == 20.0
+
+
+# What a board has been told is sent once, and again where that is not certain.
+
+
+class Line:
+    """A session that records commands; the line goes at one of them."""
+
+    name = "loop"
+
+    def __init__(self) -> None:
+        self.sent: list[str] = []
+        self.lost_at: str | None = None
+        self.heard = SimpleNamespace(restarts=0)
+
+    def drain(self) -> None:
+        pass
+
+    def fresh_status(self, _oldest_s: float) -> Any:
+        return SimpleNamespace(mode=SimpleNamespace(powered=False), latched=True)
+
+    def command(self, line: str) -> None:
+        if line == self.lost_at:
+            raise BoardError("the line is gone")
+        self.sent.append(line)
+
+
+def table(*lines: str) -> Any:
+    return SimpleNamespace(configuration=lambda: lines)
+
+
+def test_settings_that_were_told_by_half_are_told_again():
+    line, told = Line(), ToldSettings()
+    one, other = table("CFG 0 vmax=1", "CFG 1 vmax=1"), table("CFG 0 vmax=2", "CFG 1 vmax=2")
+    told.tell(line, one)  # type: ignore[arg-type]
+    assert line.sent == ["CLR", "WD 500", "CFG 0 vmax=1", "CFG 1 vmax=1"]
+    line.sent.clear()
+    told.tell(line, one)  # type: ignore[arg-type]
+    assert line.sent == []
+    line.lost_at = "CFG 1 vmax=2"
+    with pytest.raises(BoardError):
+        told.tell(line, other)  # type: ignore[arg-type]
+    line.lost_at = None
+    line.sent.clear()
+    told.tell(line, one)  # type: ignore[arg-type]
+    assert line.sent == ["WD 500", "CFG 0 vmax=1", "CFG 1 vmax=1"]

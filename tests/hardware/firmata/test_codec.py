@@ -8,7 +8,16 @@ from hypothesis import strategies as st
 
 from armctl.errors import InputError
 from armctl.hardware.firmata import codec
-from armctl.hardware.firmata.codec import PinMode
+from armctl.hardware.firmata.codec import (
+    BoardText,
+    CapabilityReport,
+    FirmwareReport,
+    Malformed,
+    PinMode,
+    PinState,
+    ReplyParser,
+    VersionReport,
+)
 from armctl.hardware.firmata.simulated import SimulatedServo
 
 
@@ -78,3 +87,107 @@ def test_the_boards_own_limits_are_within_3_us_of_a_range_that_it_can_hold(low: 
     assert low - 3 <= servo.width_us <= low
     servo.write(3000)
     assert high <= servo.width_us <= high + 3
+
+
+VERSION = "f9 02 05"
+FIRMWARE = "f0 79 02 05 41 00 2e 00 69 00 6e 00 6f 00 f7"
+CAPABILITIES = "f0 6c 7f 7f 00 01 0b 01 01 01 03 08 04 0e 7f 00 01 02 0a 7f f7"
+STATE = "f0 6e 16 04 5c 0b f7"
+TEXT = "f0 71 48 00 69 01 f7"
+
+GOLDEN = [
+    (VERSION, VersionReport(2, 5)),
+    (FIRMWARE, FirmwareReport(2, 5, "A.ino")),
+    ("f0 79 02 03 f7", FirmwareReport(2, 3, "")),
+    (CAPABILITIES, CapabilityReport(({}, {}, {0: 1, 11: 1, 1: 1, 3: 8, 4: 14}, {0: 1, 2: 10}))),
+    (STATE, PinState(22, 4, 1500)),
+    ("f0 6e 09 01 00 f7", PinState(9, 1, 0)),
+    ("f0 6e 0c 04 55 70 7f f7", PinState(12, 4, 0x55 + 0x70 * 128 + 0x7F * 16384)),
+    (TEXT, BoardText("Hé")),
+]
+
+
+@pytest.mark.parametrize(("raw", "expected"), GOLDEN)
+def test_golden_messages(raw: str, expected):
+    assert ReplyParser().feed(bytes.fromhex(raw)) == [expected]
+
+
+def test_the_pins_that_can_drive_a_servo():
+    (report,) = ReplyParser().feed(bytes.fromhex(CAPABILITIES))
+    assert isinstance(report, CapabilityReport)
+    assert report.pins_with(4) == (2,)
+    assert report.pins_with(0) == (2, 3)
+
+
+@pytest.mark.parametrize(
+    "raw",
+    [
+        "e3 12 01",  # an analog pin
+        "91 55 01",  # a digital port
+        "f0 7a 01 f7",  # a sysex that is of no use here
+    ],
+)
+def test_what_nobody_asked_for_is_left_out(raw: str):
+    parser = ReplyParser()
+    assert parser.feed(bytes.fromhex(f"{raw} {STATE}")) == [PinState(22, 4, 1500)]
+    assert parser.skipped == 0
+
+
+@pytest.mark.parametrize(
+    "body",
+    ["", "79 02", "79 02 05 41", "6c", "6c 7f 00", "6c 7f 00 7f", "6e 09", "6e 09 04", "6e", "71 48"],
+)
+def test_a_message_that_makes_no_sense(body: str):
+    raw = bytes.fromhex(body)
+    assert ReplyParser().feed(b"\xf0" + raw + b"\xf7") == [Malformed(raw)]
+
+
+def test_a_message_broken_off_by_another_costs_only_itself():
+    assert ReplyParser().feed(bytes.fromhex(f"f0 6e 16 04 {VERSION} f9 02 {STATE}")) == [
+        Malformed(bytes.fromhex("f0 6e 16 04")),
+        VersionReport(2, 5),
+        Malformed(bytes.fromhex("f9 02")),
+        PinState(22, 4, 1500),
+    ]
+
+
+def test_stray_bytes_are_counted():
+    parser = ReplyParser()
+    assert parser.feed(b"hello\xf7\xff" + bytes.fromhex(VERSION)) == [VersionReport(2, 5)]
+    assert parser.skipped == 7
+
+
+def test_a_sysex_without_an_end_is_given_up():
+    (reply,) = ReplyParser().feed(b"\xf0" + b"\x00" * 10_000)
+    assert isinstance(reply, Malformed)
+
+
+MESSAGES = st.lists(st.sampled_from(GOLDEN), max_size=8)
+
+
+@given(MESSAGES, st.data())
+def test_any_split_gives_the_same_messages(messages, data):
+    raw = b"".join(bytes.fromhex(text) for text, _ in messages)
+    cuts = sorted(data.draw(st.lists(st.integers(0, len(raw)), max_size=10)))
+    parser, replies = ReplyParser(), []
+    for start, end in zip([0, *cuts], [*cuts, len(raw)], strict=True):
+        replies += parser.feed(raw[start:end])
+    assert replies == [expected for _, expected in messages]
+
+
+@given(st.lists(st.tuples(st.sampled_from(GOLDEN), st.binary(max_size=12)), max_size=6))
+def test_after_any_garbage_the_next_message_but_one_is_understood(parts):
+    parser = ReplyParser()
+    for (raw, expected), garbage in parts:
+        parser.feed(garbage)
+        # An unfinished message may swallow the first bytes of one that begins with data; these begin with
+        # a command byte, which ends it.
+        replies = parser.feed(bytes.fromhex(raw))
+        assert replies[-1] == expected
+
+
+@given(st.binary(max_size=200))
+def test_garbage_never_raises(garbage: bytes):
+    parser = ReplyParser()
+    for byte in garbage:
+        parser.feed(bytes((byte,)))

@@ -7,8 +7,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from armctl.errors import InputError
-from armctl.hardware.firmata.codec import ReplyParser
-from armctl.hardware.firmata.simulated import SimulatedFirmata
+from armctl.hardware.firmata.codec import Command, ReplyParser
+from armctl.hardware.firmata.simulated import (
+    Overflow,
+    ShortMessage,
+    SimulatedFirmata,
+    SimulatedServo,
+    SketchParser,
+    SysexMessage,
+)
 
 NAME = "StandardFirmata.ino".encode("utf-16-le").hex(" ")
 UNKNOWN_PIN_MODE = "Unknown pin mode".encode("utf-16-le").hex(" ")
@@ -187,3 +194,112 @@ def test_any_bytes_are_taken_and_every_pulse_stays_what_a_servo_can_send(bursts:
         board.advance(0.02 * step)
     for pin in range(70):
         assert all(0 < pulse.width_us <= 2912 for pulse in board.pulses(pin))
+
+
+# Figures worked out from Servo.cpp: limits in steps of 4 µs in a signed byte, degrees below 544.
+
+
+def test_a_servo_begins_in_the_middle():
+    servo = SimulatedServo()
+    servo.attach()
+    assert servo.width_us == 1500
+
+
+@pytest.mark.parametrize(
+    ("value", "width_us"),
+    [
+        (-5, 544),
+        (0, 544),
+        (90, 1472),
+        (180, 2400),
+        (200, 2400),
+        (543, 2400),
+        (544, 544),
+        (1234, 1234),
+        (9999, 2400),
+    ],
+)
+def test_degrees_below_544_and_microseconds_from_there(value: int, width_us: int):
+    servo = SimulatedServo()
+    servo.attach()
+    servo.write(value)
+    assert servo.width_us == width_us
+
+
+@pytest.mark.parametrize(
+    ("limits", "shortest", "longest"),
+    [
+        ((1000, 2000), 1000, 2000),
+        ((1002, 2001), 1000, 2004),  # cut towards 544 and 2400
+        ((1000, 1800), 1000, 2824),  # 600 µs below 2400 do not fit: wrapped round
+        ((1100, 2000), 76, 2000),
+    ],
+)
+def test_limits(limits: tuple[int, int], shortest: int, longest: int):
+    servo = SimulatedServo()
+    servo.attach(*limits)
+    servo.write(544)
+    assert servo.width_us == max(shortest, 544)
+    servo.write(3000)
+    assert servo.width_us == longest
+    servo.write(0)
+    assert servo.width_us == shortest
+
+
+def test_attaching_again_keeps_the_width():
+    servo = SimulatedServo()
+    servo.attach()
+    servo.write(1700)
+    servo.attach(1000, 2000)
+    assert servo.width_us == 1700
+
+
+def parsed(text: str) -> list:
+    parser = SketchParser()
+    messages = (parser.push(byte) for byte in bytes.fromhex(text))
+    return [message for message in messages if message is not None]
+
+
+@pytest.mark.parametrize(
+    ("raw", "expected"),
+    [
+        ("f9", [ShortMessage(Command.REPORT_VERSION, 0, b"")]),
+        ("ff", [ShortMessage(Command.SYSTEM_RESET, 0, b"")]),
+        ("f4 09 04", [ShortMessage(Command.SET_PIN_MODE, 0, b"\x09\x04")]),
+        ("e9 5c 0b", [ShortMessage(Command.ANALOG_MESSAGE, 9, b"\x5c\x0b")]),
+        ("c3 01", [ShortMessage(Command.REPORT_ANALOG, 3, b"\x01")]),
+        ("f0 6d 09 f7", [SysexMessage(b"\x6d\x09")]),
+        ("f0 f7", [SysexMessage(b"")]),
+        ("12 34 f7 a0 80", []),
+        ("f4 09 f4 0a 01", [ShortMessage(Command.SET_PIN_MODE, 0, b"\x0a\x01")]),
+        (
+            "f4 09 f9 04",  # the version in between does not end the wait for data
+            [
+                ShortMessage(Command.REPORT_VERSION, 0, b""),
+                ShortMessage(Command.SET_PIN_MODE, 0, b"\x09\x04"),
+            ],
+        ),
+    ],
+)
+def test_messages(raw: str, expected: list):
+    assert parsed(raw) == expected
+
+
+def test_a_sysex_without_its_end_swallows_the_next_one():
+    assert parsed("f0 6f 09 5c f0 6f 0a 5c 0b f7") == [SysexMessage(bytes.fromhex("6f 09 5c f0 6f 0a 5c 0b"))]
+
+
+def test_nothing_ends_a_sysex_but_its_end():
+    assert parsed("f0 6f ff f9 f4 09 01") == []
+
+
+def test_the_buffer_holds_64_bytes():
+    assert parsed("f0" + "01" * 64 + "f7") == [SysexMessage(b"\x01" * 64)]
+    assert Overflow() in parsed("f0" + "01" * 65)
+
+
+@given(st.binary(max_size=300))
+def test_any_bytes_can_be_parsed(data: bytes):
+    parser = SketchParser()
+    for byte in data:
+        parser.push(byte)

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import math
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from armctl.errors import BoardProtocolError, InputError
 from armctl.hardware.maestro import codec
-from armctl.hardware.maestro.codec import Framing, MaestroErrors, error_words
+from armctl.hardware.maestro import codec as units
+from armctl.hardware.maestro.codec import Framing, MaestroErrors, MaestroModel, error_words
 from armctl.hardware.maestro.packet_parser import Packet, PacketParser
+from armctl.hardware.ports import listing_of
 
 POLOLU = Framing(device=12)
 CRC = Framing(crc=True)
@@ -182,3 +186,95 @@ def test_what_is_encoded_is_what_a_board_decodes(targets, framing, multiple):
 def test_positions_survive_the_reply_format(quarters):
     position = codec.decode_position(quarters.to_bytes(2, "little"))
     assert (0.0 if position is None else position) * 4 == quarters
+
+
+@pytest.mark.parametrize(
+    ("pulse_us", "quarters"),
+    [(1500.0, 6000), (641.75, 2567), (1500.12, 6000), (1500.13, 6001), (0.01, 1), (4095.75, 16383)],
+)
+def test_pulse_widths_are_quarters_of_a_microsecond(pulse_us, quarters):
+    assert units.us_to_quarters(pulse_us) == quarters
+
+
+@pytest.mark.parametrize("pulse_us", [0.0, -1.0, 4095.76, math.nan, math.inf, -math.inf])
+def test_a_pulse_that_cannot_be_sent_is_refused(pulse_us):
+    with pytest.raises(InputError, match="pulse width"):
+        units.us_to_quarters(pulse_us)
+
+
+@given(st.integers(1, units.MAX_TARGET))
+def test_quarters_round_trip(quarters):
+    assert units.us_to_quarters(units.quarters_to_us(quarters)) == quarters
+
+
+@pytest.mark.parametrize(
+    ("speed", "expected"),
+    [
+        (None, 0),  # unlimited only when asked for
+        (3500.0, 140),  # the guide's example: 3.5 µs/ms
+        (3499.9999999, 140),
+        (3499.0, 139),  # down: never faster than the limit
+        (25.0, 1),
+        (24.0, 1),  # 0 would mean unlimited
+        (1e-9, 1),
+        (409_575.0, 16383),
+        (1e9, 16383),
+    ],
+)
+def test_speed_units(speed, expected):
+    assert units.speed_to_units(speed) == expected
+
+
+@pytest.mark.parametrize(
+    ("acceleration", "expected"),
+    [
+        (None, 0),
+        (1250.0, 4),  # the guide's example for 4
+        (1249.0, 3),
+        (1.0, 1),
+        (79_687.5, 255),
+        (1e12, 255),
+    ],
+)
+def test_acceleration_units(acceleration, expected):
+    assert units.acceleration_to_units(acceleration) == expected
+
+
+@pytest.mark.parametrize("convert", [units.speed_to_units, units.acceleration_to_units])
+@pytest.mark.parametrize("limit", [0.0, -1.0, math.nan, math.inf])
+def test_a_limit_that_makes_no_sense_is_refused(convert, limit):
+    with pytest.raises(InputError, match="makes no sense"):
+        convert(limit)
+
+
+@given(st.floats(25.0, 1e7))
+def test_a_limit_of_at_least_one_unit_is_never_exceeded(speed):
+    assert units.speed_to_units(speed) * units.SPEED_UNIT_US_PER_S <= speed * (1 + 1e-6)
+
+
+@given(st.integers(1, units.MAX_SPEED), st.integers(1, units.MAX_ACCELERATION))
+def test_whole_units_stay_what_they_are(speed, acceleration):
+    assert units.speed_to_units(speed * units.SPEED_UNIT_US_PER_S) == speed
+    assert units.acceleration_to_units(acceleration * units.ACCELERATION_UNIT_US_PER_S2) == acceleration
+
+
+@pytest.mark.parametrize(
+    ("product", "channels", "multiple"),
+    [(0x0089, 6, False), (0x008A, 12, True), (0x008B, 18, True), (0x008C, 24, True)],
+)
+def test_the_family_by_its_usb_numbers(product, channels, multiple):
+    model = MaestroModel.from_label(listing_of(0x1FFB, product))
+    assert model is not None
+    assert (model.channels, model.has_multiple_targets) == (channels, multiple)
+    assert MaestroModel.from_label(model.label) is model
+
+
+def test_other_boards_are_not_maestros():
+    for vendor, product in ((0x1FFB, 0x0083), (0x2341, 0x0089), (None, None)):
+        assert MaestroModel.from_label(listing_of(vendor, product)) is None
+    assert MaestroModel.from_label("Arduino Mega") is None
+
+
+@pytest.mark.parametrize(("count", "channels"), [(0, 6), (6, 6), (7, 12), (13, 18), (24, 24), (25, 24)])
+def test_the_smallest_board_with_enough_channels(count, channels):
+    assert MaestroModel.with_channels(count).channels == channels
