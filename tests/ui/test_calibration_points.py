@@ -14,8 +14,12 @@ from armctl.errors import InputError, StateError
 from armctl.hardware import Source
 from armctl.robot import OutputMap, load_robot
 from armctl.runtime import Snapshot, State
-from armctl.ui.tabs.calibration.touched_points import TouchedPoints
-from armctl.ui.widgets.standing import present_outputs, standing_gripper, standing_outputs
+from armctl.ui.tabs.calibration.touched_points import (
+    TouchedPoints,
+    present_outputs,
+    standing_gripper,
+    standing_outputs,
+)
 
 ROBOT = load_robot("uzuner")
 ELBOW_OFF = np.radians(2.0)
@@ -46,18 +50,18 @@ def touch(points: TouchedPoints, count: int = len(TOUCHED_DEG)) -> None:
 def test_five_points_tell_nothing_and_six_name_the_joint() -> None:
     points = TouchedPoints(ROBOT)
     touch(points, 5)
-    asyncio.run(points.think())
-    assert points.told is None
+    asyncio.run(points.compute())
+    assert points.result is None
     assert (points.distances_m > 0.001).all()
     points = TouchedPoints(ROBOT)
     touch(points)
     before = points.version
-    asyncio.run(points.think())
-    assert isinstance(points.told, ToolError)
+    asyncio.run(points.compute())
+    assert isinstance(points.result, ToolError)
     assert points.version > before
-    assert points.told.blame is not None and "Elbow" in points.told.blame.title
-    assert points.told.largest_m == pytest.approx(points.distances_m.max())
-    assert "zero_us" in points.told.toml()
+    assert points.result.blame is not None and "Elbow" in points.result.blame.title
+    assert points.result.largest_m == pytest.approx(points.distances_m.max())
+    assert "zero_us" in points.result.toml()
 
 
 def test_points_of_one_place_are_answered_in_words() -> None:
@@ -65,9 +69,9 @@ def test_points_of_one_place_are_answered_in_words() -> None:
     q = ROBOT.pose("home")
     for _ in range(6):
         points.add(the_map().outputs(q), ROBOT.forward(q)[:3, 3])
-    asyncio.run(points.think())
-    assert isinstance(points.told, str)
-    assert "spread them over the arm's workspace" in points.told
+    asyncio.run(points.compute())
+    assert isinstance(points.result, str)
+    assert "spread them over the arm's workspace" in points.result
 
 
 def test_touches_stay_true_when_the_calibration_changes() -> None:
@@ -85,14 +89,14 @@ def test_what_is_found_out_about_touches_that_have_changed_is_dropped() -> None:
     async def change_meanwhile() -> TouchedPoints:
         points = TouchedPoints(ROBOT)
         touch(points)
-        thinking = asyncio.create_task(points.think())
+        computing = asyncio.create_task(points.compute())
         await asyncio.sleep(0)
         points.delete(0)
-        await thinking
+        await computing
         return points
 
     points = asyncio.run(change_meanwhile())
-    assert points.told is None
+    assert points.result is None
     assert len(points.touches) == 5
 
 

@@ -12,20 +12,24 @@ import pytest
 from armctl.calibration import Calibration, CalibrationStore, JointCalibration, check_pose
 from armctl.robot import load_robot, shipped_robots
 from armctl.ui import CalibrationInForce
-from armctl.ui.tabs.calibration.joint import STEPS, slow_duration, slow_speeds
-from armctl.ui.tabs.calibration.save import earlier_versions
-from armctl.ui.tabs.calibration.shared_calibration import CalibrationWork, SharedCalibration
-from armctl.ui.widgets.calibration_text import (
-    check_pose_html,
-    draft_html,
+from armctl.ui.tabs.calibration.joint import (
+    STEPS,
     fit_html,
-    in_force_html,
-    kept_html,
     limits_html,
     marks_html,
-    numbered,
+    slow_duration,
+    slow_speeds,
+)
+from armctl.ui.tabs.calibration.points import numbered
+from armctl.ui.tabs.calibration.screen import (
+    check_pose_html,
+    draft_html,
+    earlier_versions,
+    in_force_html,
+    kept_html,
     overview_html,
 )
+from armctl.ui.tabs.calibration.shared_calibration import CalibrationWork, SharedCalibration
 
 ROBOT = load_robot("uzuner")
 LINE = JointCalibration(1500, 500, 800, 2200)

@@ -1,28 +1,32 @@
-"""The marks and the safe limits of one joint."""
+"""The Joints and Gripper tabs: bring a joint to marks, and the gripper to its ends."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 
 import numpy as np
 import viser
 from numpy.typing import NDArray
 
+from armctl.calibration import LEAST_MARKS, JointFit, Mark, differences, own_calibration
 from armctl.errors import ArmctlError
 from armctl.robot import Robot
 from armctl.runtime import Jog, MoveGripper, Snapshot
 from armctl.ui.session import Session
-from armctl.ui.tabs.calibration.shared_calibration import End, Jaw, SharedCalibration
+from armctl.ui.tabs.calibration.points import numbered, show_numbers
+from armctl.ui.tabs.calibration.shared_calibration import CalibrationWork, End, Jaw, SharedCalibration
+from armctl.ui.tabs.calibration.touched_points import (
+    calibrated_map,
+    present_outputs,
+    standing_gripper,
+    standing_outputs,
+)
 from armctl.ui.tabs.manual.jog import HeldJog, joint_jog
 from armctl.ui.tabs.manual.joints import JointStepper, checked_percent
-from armctl.ui.widgets.calibration_text import fit_html, limits_html, marks_html, numbered
-from armctl.ui.widgets.html import LiveHtml, fixed, muted, sentence
+from armctl.ui.widgets.html import LiveHtml, fixed, muted, refused, sentence, table
 from armctl.ui.widgets.number_field import EditWatch, NumberField
-from armctl.ui.widgets.standing import calibrated_map, present_outputs, standing_gripper, standing_outputs
-
-# Moving one joint slowly, to a mark on a protractor.
 
 FloatArray = NDArray[np.float64]
 STEPS = {"−10": -10.0, "−1": -1.0, "−0.1": -0.1, "+0.1": 0.1, "+1": 1.0, "+10": 10.0}
@@ -89,10 +93,10 @@ class CalibrationJoint:
         self._drawn = -1
         gui = session.gui
         self._joint = gui.add_dropdown("Joint", tuple(self._titles))
-        self._jog = CalibrationJog(session, self._index)
+        CalibrationJog(session, self._index)
         self._now = LiveHtml(gui)
         self._angle = NumberField(gui, "Angle read °", None, hint=_ANGLE_HINT)
-        self._add = gui.add_button("Add mark", icon=viser.Icon.PLUS)
+        add = gui.add_button("Add mark", icon=viser.Icon.PLUS)
         self._marks = LiveHtml(gui)
         self._fit = LiveHtml(gui)
         self._which = gui.add_dropdown("Mark", numbered(0))
@@ -102,7 +106,7 @@ class CalibrationJoint:
         default = gui.add_button("Limits of the robot file", color="gray")
         self._watch = EditWatch([self._angle])
         session.on(self._joint.on_update, self._on_joint)
-        session.on(self._add.on_click, self._on_add)
+        session.on(add.on_click, self._on_add)
         session.on(self._delete.on_click, self._on_delete)
         session.on(self._ends.on_click, self._on_limit)
         session.on(default.on_click, self._on_default_limits)
@@ -110,14 +114,12 @@ class CalibrationJoint:
     def refresh(self, snapshot: Snapshot) -> None:
         """Show where the joint stands, and the marks if they have changed."""
         self._now.show(self._now_html(snapshot))
-        if self._drawn != self._work.version:
-            self._drawn = self._work.version
-            self._draw()
-
-    def _draw(self) -> None:
         work, joint = self._work, self._work.chosen
+        if self._drawn == work.version:
+            return
+        self._drawn = work.version
         title = next((title for title, name in self._titles.items() if name == joint), None)
-        if title is not None and self._joint.value != title:
+        if title is not None:
             self._joint.value = title
         marks = work.joint(joint).marks
         try:
@@ -127,22 +129,19 @@ class CalibrationJoint:
         self._marks.show(marks_html(marks, fit, work.map.unit))
         self._fit.show(fit_html(work, joint) if marks else "")
         self._limits.show(limits_html(work, joint))
-        options = numbered(len(marks))
-        if self._which.options != options:
-            self._which.options = options
-            self._which.value = options[-1]
-        self._which.visible = self._delete.visible = bool(marks)
+        show_numbers(self._which, len(marks))
+        self._delete.visible = bool(marks)
 
     def _now_html(self, snapshot: Snapshot) -> str:
         """Output and angle of the joint as it stands."""
+        channel = self._channel()
         try:
-            output = present_outputs(self._robot, snapshot)[self._channel()]
+            output = present_outputs(self._robot, snapshot)[channel]
         except ArmctlError as error:
             return muted(sentence(str(error)))
-        i = self._index()
-        angle = math.degrees(float(calibrated_map(self._robot).angles({self._channel(): output})[i]))
+        angle = float(calibrated_map(self._robot).angles({channel: output})[self._index()])
         said = f"<b>{fixed(output, 1)} {self._work.map.unit}</b>"
-        return f"<div>Stands at {said}, by the calibration in force {fixed(angle, 2)}°</div>"
+        return f"<div>Stands at {said}, by the calibration in force {fixed(math.degrees(angle), 2)}°</div>"
 
     def _output(self, snapshot: Snapshot) -> float:
         return standing_outputs(self._robot, snapshot)[self._channel()]
@@ -182,7 +181,70 @@ class CalibrationJoint:
         self._work.limits_by_default(self._work.chosen)
 
 
-# The outputs at which the gripper is closed, and open.
+def marks_html(marks: Sequence[Mark], fit: JointFit | None, unit: str) -> str:
+    """The marks with their residuals; one that does not fit is marked."""
+    if not marks:
+        return muted(
+            "No marks yet: jog the joint to a mark of the protractor, type the angle, press Add mark."
+        )
+
+    def residual(fit: JointFit, index: int) -> str:
+        sign = " ✗" if index == fit.suspect else ""
+        return fixed(math.degrees(fit.residuals_rad[index]), 2) + sign
+
+    rows = [
+        [
+            str(number),
+            fixed(mark.output, 1),
+            fixed(math.degrees(mark.angle), 2),
+            "" if fit is None else residual(fit, number - 1),
+        ]
+        for number, mark in enumerate(marks, 1)
+    ]
+    wrong = None if fit is None else fit.suspect
+    return table(("mark", unit, "angle °", "residual °"), rows, marked=wrong, names=False)
+
+
+def fit_html(work: CalibrationWork, joint: str) -> str:
+    """What the marks of a joint come to, beside what its robot file says."""
+    marks, unit = work.joint(joint).marks, work.map.unit
+    try:
+        fit = work.fit(joint)
+    except ArmctlError as error:
+        return refused(sentence(str(error)))
+    if fit is None:
+        left = LEAST_MARKS - len(marks)
+        return muted(f"{left} more mark{'' if left == 1 else 's'} needed, as far apart as the joint allows.")
+    own = own_calibration(work.robot, joint)
+    rows = [
+        ["sign", *("+" if one.per_rad > 0 else "−" for one in (fit, own))],
+        ["offset (at 0°)", *(f"{fixed(one.zero, 1)} {unit}" for one in (fit, own))],
+        ["scale", *(f"{fixed(abs(math.radians(one.per_rad)), 3)} {unit}/°" for one in (fit, own))],
+        ["residual, RMS", f"{fixed(math.degrees(fit.rms_rad), 2)}°", ""],
+    ]
+    if (outputs := work.robot.output_map) is not None and outputs.homed:
+        homes = (fit.angle(0.0), -own.zero / own.per_rad)
+        rows.insert(1, ["home (0 counts) is at", *(f"{fixed(math.degrees(home), 2)}°" for home in homes)])
+    text = table(("", "by the marks", "robot file"), rows)
+    text += "".join(muted(sentence(words)) for words in differences(work.robot, joint, fit))
+    return text if fit.advice is None else text + refused(sentence(fit.advice))
+
+
+def limits_html(work: CalibrationWork, joint: str) -> str:
+    """The safe limits of a joint, and where they come from."""
+    try:
+        low, high = work.limits(joint)
+    except ArmctlError as error:
+        return refused(sentence(str(error)))
+    mine, now = work.joint(joint), None if work.in_force is None else work.in_force.joints.get(joint)
+    if mine.low is not None or mine.high is not None:
+        said = "set here"
+    elif now is not None and not mine.by_default:
+        said = "as in force" if (low, high) == (now.low, now.high) else "as in force, by the new marks"
+    else:
+        said = "as the robot file allows"
+    return f"<div><b>{fixed(low, 1)} … {fixed(high, 1)} {work.map.unit}</b> ({said})</div>"
+
 
 _HOW = (
     "Move the gripper until it just closes, without squeezing, and press 'Closed here'; open it as far as it "

@@ -1,20 +1,21 @@
-"""Known points that the tool is brought to: how large its error is, and what is to blame."""
+"""The Known points tab: points that the tool is brought to, how far it is off, and what is to blame."""
 
 from __future__ import annotations
+
+from html import escape
 
 import numpy as np
 import viser
 
-from armctl.calibration import ToolError
+from armctl.calibration import LEAST_POINTS, ToolError
 from armctl.errors import InputError
 from armctl.runtime import Snapshot
 from armctl.ui.session import Session
 from armctl.ui.tabs.calibration.shared_calibration import SharedCalibration
+from armctl.ui.tabs.calibration.touched_points import TouchedPoints, standing_outputs
 from armctl.ui.tabs.manual.jog import ToolJog
-from armctl.ui.widgets.calibration_text import numbered, points_html, told_html
-from armctl.ui.widgets.html import LiveHtml, muted, numbers
+from armctl.ui.widgets.html import LiveHtml, fixed, heading, muted, numbers, refused, sentence, strong, table
 from armctl.ui.widgets.number_field import EditWatch, NumberField
-from armctl.ui.widgets.standing import standing_outputs
 
 _TYPED = "as typed below"
 _SLOW_MM_S = 5.0
@@ -25,7 +26,7 @@ _HOW = (
 
 
 class CalibrationPoints:
-    """Choose or type a point, touch it, add it; the verdict comes with the sixth."""
+    """Choose or type a point, touch it, add it; the result comes with the sixth."""
 
     def __init__(self, session: Session) -> None:
         """Add the controls to the present container."""
@@ -43,10 +44,10 @@ class CalibrationPoints:
         self._table = LiveHtml(gui)
         self._which = gui.add_dropdown("Point", numbered(0))
         self._delete = gui.add_button("Delete point", color="gray")
-        self._told = LiveHtml(gui)
+        self._result = LiveHtml(gui)
         self._download = gui.add_button("Download the suggestion", color="gray", visible=False)
         self._watch = EditWatch(self._xyz)
-        session.spawn(self._points.think())  # touches that were made before the arm was opened anew
+        session.spawn(self._points.compute())  # touches that were made before the arm was opened anew
         session.on(self._known.on_update, self._on_known)
         session.on(add.on_click, self._on_add)
         session.on(self._delete.on_click, self._on_delete)
@@ -57,20 +58,15 @@ class CalibrationPoints:
         q = np.where(np.isnan(snapshot.q), snapshot.q_command, snapshot.q)
         tip = numbers(1000 * self._robot.forward(q)[:3, 3], 1)
         self._tip.show(f"<div>The tip, by the calibration in force: <b>{tip} mm</b></div>")
-        if self._drawn != self._points.version:
-            self._drawn = self._points.version
-            self._draw()
-
-    def _draw(self) -> None:
         points = self._points
+        if self._drawn == points.version:
+            return
+        self._drawn = points.version
         self._table.show(points_html(points))
-        self._told.show(told_html(points))
-        options = numbered(len(points.touches))
-        if self._which.options != options:
-            self._which.options = options
-            self._which.value = options[-1]
-        self._which.visible = self._delete.visible = bool(points.touches)
-        self._download.visible = isinstance(points.told, ToolError) and bool(points.told.changes)
+        self._result.show(result_html(points))
+        show_numbers(self._which, len(points.touches))
+        self._delete.visible = bool(points.touches)
+        self._download.visible = isinstance(points.result, ToolError) and bool(points.result.changes)
 
     async def _on_known(self) -> None:
         if self._known.value != _TYPED:
@@ -83,16 +79,60 @@ class CalibrationPoints:
         self._watch.require_settled()
         point = np.array([field.value for field in self._xyz]) / 1000
         self._points.add(standing_outputs(self._robot, self._session.snapshot), point)
-        await self._points.think()
+        await self._points.compute()
 
     async def _on_delete(self) -> None:
         self._session.require_operator()
         self._points.delete(int(self._which.value) - 1)
-        await self._points.think()
+        await self._points.compute()
 
     async def _on_download(self) -> None:
-        told = self._points.told
-        if not isinstance(told, ToolError):
+        result = self._points.result
+        if not isinstance(result, ToolError):
             raise InputError("there is no suggestion yet: touch more points")
         name = f"{self._robot.name}-suggestion.toml"
-        self._session.client.send_file_download(name, told.toml().encode(), save_immediately=True)
+        self._session.client.send_file_download(name, result.toml().encode(), save_immediately=True)
+
+
+def numbered(count: int) -> tuple[str, ...]:
+    """Entries of a list of marks or points; the page hides the list while there are none."""
+    return tuple(str(number) for number in range(1, max(count, 1) + 1))
+
+
+def show_numbers(which: viser.GuiDropdownHandle[str], count: int) -> None:
+    """Offer the numbers up to ``count``, the last one chosen; with none the list is hidden."""
+    options = numbered(count)
+    if which.options != options:
+        which.options = options
+        which.value = options[-1]
+    which.visible = count > 0
+
+
+def points_html(points: TouchedPoints) -> str:
+    """The touched points, and how far from each the arm believes its tool to be."""
+    rows = [
+        [str(number), *(fixed(1000 * value, 1) for value in touch.point_m), fixed(1000 * distance, 2)]
+        for number, (touch, distance) in enumerate(
+            zip(points.touches, points.distances_m.tolist(), strict=True), 1
+        )
+    ]
+    head = ("point", "X mm", "Y mm", "Z mm", "off by mm")
+    return table(head, rows, names=False) if rows else ""
+
+
+def result_html(points: TouchedPoints) -> str:
+    """The tool error by the touched points, and the suggested values."""
+    result, count = points.result, len(points.touches)
+    if count < LEAST_POINTS:
+        left = LEAST_POINTS - count
+        return muted(f"{left} more point{'' if left == 1 else 's'} needed.") if count else ""
+    if result is None:
+        return muted("Comparing …")
+    if isinstance(result, str):
+        return refused(sentence(result))
+    first, *rest = result.words
+    text = strong(sentence(first)) + "".join(f"<div>{escape(sentence(words))}</div>" for words in rest)
+    if result.changes:
+        text += heading("Suggested values")
+        text += f"<pre style='margin:0;font-size:11.5px;user-select:text'>{escape(result.toml())}</pre>"
+    return text

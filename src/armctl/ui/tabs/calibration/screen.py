@@ -1,15 +1,34 @@
-"""Calibration: which output is which angle, joint by joint, and how well known points are met."""
+"""Calibration: which output is which angle, joint by joint; saving it, and how well known points are met."""
 
 from __future__ import annotations
 
-from armctl.runtime import Snapshot
+import math
+from collections.abc import Sequence
+from html import escape
+
+import viser
+
+from armctl.boards import SIMULATED_SERIAL, UNNUMBERED
+from armctl.calibration import LEAST_MARKS, Calibration, CheckPose, Version, check_pose, narrowed
+from armctl.errors import ArmctlError, InputError, StateError
+from armctl.runtime import MoveJoints, Snapshot, State
+from armctl.ui.robot_switch import release_to_reopen
 from armctl.ui.session import Session
-from armctl.ui.tabs.calibration.joint import CalibrationGripper, CalibrationJoint
+from armctl.ui.tabs.calibration.joint import CalibrationGripper, CalibrationJoint, slow_duration
 from armctl.ui.tabs.calibration.points import CalibrationPoints
-from armctl.ui.tabs.calibration.save import CalibrationSave
-from armctl.ui.tabs.calibration.shared_calibration import SharedCalibration
-from armctl.ui.widgets.calibration_text import in_force_html
-from armctl.ui.widgets.html import LiveHtml, muted
+from armctl.ui.tabs.calibration.shared_calibration import CalibrationWork, SharedCalibration
+from armctl.ui.widgets.html import (
+    LiveHtml,
+    date_and_time,
+    fixed,
+    heading,
+    muted,
+    refused,
+    sentence,
+    strong,
+    table,
+    with_minus,
+)
 
 _NOTHING = "The robot file gives neither servos nor encoders: there is no output to calibrate."
 
@@ -40,3 +59,196 @@ class CalibrationScreen:
         """Draw a snapshot."""
         for part in self._parts:
             part.refresh(snapshot)
+
+
+# Overview, saving, the test pose, and going back to an earlier calibration.
+
+_ROBOT_FILE = "robot file, no calibration"
+_LONGEST_NOTE = 120
+_BREAK = "\u200b"
+"""where a long path may go on in the next line; a notification would cut it off"""
+_TEST_NOTE = (
+    "Save first: the test pose goes by the calibration in force, slowly. If it does not look like this, "
+    "Revert takes the arm back in one click."
+)
+_SAVE_NOTE = (
+    "Saving opens the arm anew. A Maestro whose own Timeout ends in that moment lets its servos go: "
+    "keep clear."
+)
+_REVERT_NOTE = "Revert brings this version in force again; the present one stays in the list."
+
+
+class CalibrationSave:
+    """What was measured becomes what the arm runs by."""
+
+    def __init__(self, session: Session) -> None:
+        """Add the controls to the present container."""
+        self._session, self._desk = session, session.shared(SharedCalibration)
+        self._drawn = -1
+        gui = session.gui
+        self._overview = LiveHtml(gui)
+        self._note = gui.add_text("Note", "", hint="What a later reader should know of this calibration.")
+        self._held = LiveHtml(gui)
+        self._save = gui.add_button("Save calibration", icon=viser.Icon.DEVICE_FLOPPY)
+        LiveHtml(gui, muted(_SAVE_NOTE))
+        clear = gui.add_button("Forget what is not saved", color="gray")
+        with gui.add_folder("Test pose"):
+            self._pose = check_pose(session.console.robot)
+            LiveHtml(gui, check_pose_html(self._pose))
+            self._go = gui.add_button("Go to test pose")
+            LiveHtml(gui, muted(_TEST_NOTE))
+        with gui.add_folder("Earlier calibrations"):
+            versions = self._desk.versions()
+            self._versions = earlier_versions(versions)
+            self._version = gui.add_dropdown("Version", tuple(self._versions))
+            self._revert = gui.add_button("Revert", color="orange")
+            LiveHtml(gui, muted(_REVERT_NOTE))
+            LiveHtml(gui, kept_html(versions))
+        session.on(self._save.on_click, self._on_save)
+        session.on(clear.on_click, self._on_clear)
+        session.on(self._go.on_click, self._on_go)
+        session.on(self._revert.on_click, self._on_revert)
+
+    def refresh(self, snapshot: Snapshot) -> None:
+        """Show what was measured, if that has changed, and what saving must wait for."""
+        self._go.disabled = snapshot.state is not State.HOLDING
+        held = release_to_reopen(snapshot)
+        self._held.show("" if held is None else muted(sentence(held)))
+        self._save.disabled = self._revert.disabled = held is not None
+        if self._drawn != self._desk.work.version:
+            self._drawn = self._desk.work.version
+            self._overview.show(overview_html(self._desk.work) + draft_html(self._desk))
+
+    async def _on_save(self) -> None:
+        note = self._note.value.strip()
+        if len(note) > _LONGEST_NOTE:
+            raise InputError(f"the note has {len(note)} characters, {_LONGEST_NOTE} are allowed; shorten it")
+        self._session.require_operator()
+        self._session.robots.require_reopenable()
+        saved = await self._desk.save(note)
+        await self._take_effect("Calibration saved", str(saved.path).replace("/", f"/{_BREAK}"))
+
+    async def _on_clear(self) -> None:
+        self._session.require_operator()
+        self._desk.work.clear()
+
+    async def _on_go(self) -> None:
+        session = self._session
+        way = self._pose.q - session.snapshot.q_command
+        await session.submit(MoveJoints(self._pose.q, slow_duration(session.console.robot, way)))
+
+    async def _on_revert(self) -> None:
+        self._session.require_operator()
+        self._session.robots.require_reopenable()
+        label = self._version.value
+        await self._desk.revert(self._versions[label])
+        await self._take_effect("Calibration reverted", label)
+
+    async def _take_effect(self, title: str, text: str) -> None:
+        """Open the arm anew by what is in force now; the page's next session shows it."""
+        session = self._session
+        session.notify(title, f"{text}. The arm is opened anew with it: enable it again on the tab Main.")
+        await session.reopen_arm()
+
+
+def earlier_versions(versions: Sequence[Version]) -> dict[str, int | None]:
+    """Numbers by label of what can be gone back to, the version before the one in force first.
+
+    The robot file itself, None, is always among them.
+    """
+    earlier = {version_label(one): one.number for one in versions[1:] if one.problem is None}
+    return {**earlier, _ROBOT_FILE: None}
+
+
+# The texts.
+
+_BOARDS = {
+    None: "its board: none is there yet",
+    SIMULATED_SERIAL: "the simulated board",
+    UNNUMBERED: "a board without a serial number (one calibration for all such boards)",
+}
+
+
+def in_force_html(calibration: Calibration | None, board: str | None) -> str:
+    """Which calibration the arm runs by."""
+    on = _BOARDS.get(board, f"board {board}")
+    if calibration is None:
+        return strong("In force: the robot file") + muted(f"This arm is not calibrated on {on}.")
+    note = f" “{calibration.note}”" if calibration.note else ""
+    return strong(f"In force: calibration of {date_and_time(calibration.made)}{note}") + muted(
+        f"{joints_words(calibration)} of this arm on {on}; the rest is as in the robot file."
+    )
+
+
+def overview_html(work: CalibrationWork) -> str:
+    """What was measured so far, a row a joint."""
+    unit = work.map.unit
+    rows = [[one.title, *_measured(work, one.name)] for one in work.robot.joints]
+    text = heading(f"What was measured (outputs in {unit})")
+    text += table(("", "marks", "RMS", "at 0°", "per degree", "safe"), rows)
+    if work.map.gripper_channel is not None:
+        said = "" if work.jaws else " (as before)"
+        text += (
+            f"<div>Gripper: closed at {fixed(work.jaw('closed'), 1)}, open at "
+            f"{fixed(work.jaw('open'), 1)} {unit}{said}</div>"
+        )
+    if work.unfinished:
+        text += refused(f"{', '.join(work.unfinished)}: fewer than {LEAST_MARKS} marks are not used.")
+    return text
+
+
+def draft_html(desk: SharedCalibration) -> str:
+    """What saving would do, or why nothing can be saved."""
+    try:
+        drawn = desk.draft()
+    except StateError as error:
+        return muted(sentence(str(error)))
+    except ArmctlError as error:
+        return refused(sentence(str(error)))
+    return "".join(muted(sentence(words)) for words in narrowed(desk.work.robot, drawn))
+
+
+def check_pose_html(pose: CheckPose) -> str:
+    """What one should see in the test pose."""
+    *joints, tool = (with_minus(words) for words in pose.words)
+    said = f"<b>{escape(', '.join(joints))}</b>; {escape(tool)}."
+    return f"<div>You should see ({escape(pose.title)}): {said}</div>"
+
+
+def kept_html(versions: Sequence[Version]) -> str:
+    """Where they are kept."""
+    if not versions:
+        return muted("Nothing was saved of this arm on this board yet.")
+    return f"<div style='overflow-wrap:anywhere'>{muted(f'Kept in {versions[0].path.parent}.')}</div>"
+
+
+def version_label(version: Version) -> str:
+    """An earlier calibration, as one line of a list."""
+    if version.problem is not None:
+        return f"{version.number}: cannot be read"
+    what = "robot file" if version.calibration is None else joints_words(version.calibration)
+    back = "" if version.again is None else f", back to {version.again}"
+    note = f" “{version.note}”" if version.note and version.calibration is not None else ""
+    return f"{version.number}: {date_and_time(version.made)}, {what}{back}{note}"
+
+
+def joints_words(calibration: Calibration) -> str:
+    """What a calibration covers."""
+    count = len(calibration.joints)
+    joints = f"{count} joint{'' if count == 1 else 's'}"
+    return joints if calibration.gripper is None else f"{joints} and the gripper"
+
+
+def _measured(work: CalibrationWork, joint: str) -> list[str]:
+    count = str(len(work.joint(joint).marks) or "–")
+    try:
+        fit = work.fit(joint)
+        low, high = work.limits(joint)
+    except ArmctlError:
+        return [count, "no line", "", "", ""]
+    safe = f"{fixed(low, 0)} … {fixed(high, 0)}"
+    if fit is None:
+        return [count, "", "", "", safe]
+    doubt = " ✗" if fit.suspect is not None else " ?" if fit.advice else ""
+    rms = f"{fixed(math.degrees(fit.rms_rad), 2)}°{doubt}"
+    return [count, rms, fixed(fit.zero, 1), fixed(math.radians(fit.per_rad), 3), safe]

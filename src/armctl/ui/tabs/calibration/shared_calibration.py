@@ -1,4 +1,4 @@
-"""The calibration of an arm on its board: shared by all pages, so that reloading a page loses nothing."""
+"""A calibration in the making: marks, safe limits, gripper, saving. Shared by all pages of an arm."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ import asyncio
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from functools import lru_cache
 from typing import Literal, Self
 
 from armctl.calibration import (
@@ -29,8 +28,6 @@ from armctl.ui.console import CalibrationInForce, Console
 from armctl.ui.tabs.calibration.touched_points import TouchedPoints
 from armctl.ui.widgets.html import iso_time
 
-# Marks, safe limits and gripper of a calibration in the making.
-
 _LARGEST_ANGLE = math.radians(720.0)
 _APART = 1.0
 """outputs that differ by less are one place"""
@@ -40,7 +37,7 @@ Jaw = Literal["closed", "open"]
 
 @dataclass(frozen=True, slots=True)
 class JointWork:
-    """What was done for one joint. Outputs are in the board's unit."""
+    """Marks and limits of one joint. Outputs are in the board's unit."""
 
     marks: tuple[Mark, ...] = ()
     low: float | None = None
@@ -58,14 +55,10 @@ class CalibrationWork:
         self.robot, self.in_force = robot, in_force
         self._joints: dict[str, JointWork] = {}
         self._jaws: dict[Jaw, float] = {}
-        self._chosen = next((one.name for one in robot.joints if one.lower < one.upper), robot.joint_names[0])
-        self._version = 0
-        self._fit = lru_cache(maxsize=64)(fit_joint)
-
-    @property
-    def version(self) -> int:
-        """Rises with every change, so that a page knows when to draw anew."""
-        return self._version
+        self.chosen = next((one.name for one in robot.joints if one.lower < one.upper), robot.joint_names[0])
+        """name of the joint that is being calibrated"""
+        self.version = 0
+        """rises with every change, so that a page knows when to draw anew"""
 
     @property
     def map(self) -> OutputMap:
@@ -78,20 +71,15 @@ class CalibrationWork:
             raise StateError(f"the robot file of {self.robot.title} gives no outputs: nothing to calibrate")
         return self.robot.output_map
 
-    @property
-    def chosen(self) -> str:
-        """Name of the joint that is being calibrated."""
-        return self._chosen
-
     def choose(self, joint: str) -> None:
         """Go on with another joint."""
         self._require(joint)
-        if joint != self._chosen:
-            self._chosen = joint
-            self._version += 1
+        if joint != self.chosen:
+            self.chosen = joint
+            self.version += 1
 
     def joint(self, joint: str) -> JointWork:
-        """What was done for a joint."""
+        """Marks and limits of a joint."""
         return self._joints.get(joint, JointWork())
 
     @property
@@ -106,8 +94,8 @@ class CalibrationWork:
             one.title for one in self.robot.joints if 0 < len(self.joint(one.name).marks) < LEAST_MARKS
         )
 
-    def add_mark(self, joint: str, output: float, angle: float) -> int:
-        """Note that the joint stood at ``angle`` [rad] when its output was ``output``; gives the number.
+    def add_mark(self, joint: str, output: float, angle: float) -> None:
+        """Note that the joint stood at ``angle`` [rad] when its output was ``output``.
 
         Raises:
             InputError: no angle of a joint, or the same mark is there already.
@@ -124,7 +112,6 @@ class CalibrationWork:
                 f"{math.degrees(angle):g}°); jog the joint to another place"
             )
         self._set(joint, replace(work, marks=(*work.marks, mark)))
-        return len(work.marks) + 1
 
     def delete_mark(self, joint: str, index: int) -> None:
         """Take a mark away, from 0.
@@ -144,7 +131,7 @@ class CalibrationWork:
             CalibrationError: no line goes through them; says why.
         """
         marks = self.joint(joint).marks
-        return None if len(marks) < LEAST_MARKS else self._fit(marks, self.map.unit)
+        return None if len(marks) < LEAST_MARKS else fit_joint(marks, self.map.unit)
 
     def limits(self, joint: str) -> tuple[float, float]:
         """Smallest and largest output that is safe.
@@ -155,22 +142,20 @@ class CalibrationWork:
         Raises:
             CalibrationError: the marks have no line, or nothing is left of the joint's limits.
         """
-        work = self.joint(joint)
+        work, now = self.joint(joint), self._in_force(joint)
         if work.low is not None and work.high is not None:
             return work.low, work.high
-        low, high = self._limits_without_hand(joint)
-        return (low if work.low is None else work.low, high if work.high is None else work.high)
-
-    def _limits_without_hand(self, joint: str) -> tuple[float, float]:
-        fit, now, own = self.fit(joint), self._in_force(joint), own_calibration(self.robot, joint)
-        kept = None if self.joint(joint).by_default else now
+        fit, kept = self.fit(joint), None if work.by_default else now
         if fit is not None:
-            return safe_outputs(self.robot, joint, fit, kept)
-        if kept is not None:
-            return kept.low, kept.high
-        if now is not None:
-            return default_outputs(self.robot, joint, now.zero, now.per_rad)
-        return own.low, own.high
+            low, high = safe_outputs(self.robot, joint, fit, kept)
+        elif kept is not None:
+            low, high = kept.low, kept.high
+        elif now is not None:
+            low, high = default_outputs(self.robot, joint, now.zero, now.per_rad)
+        else:
+            own = own_calibration(self.robot, joint)
+            low, high = own.low, own.high
+        return (low if work.low is None else work.low, high if work.high is None else work.high)
 
     def set_limit(self, joint: str, end: End, output: float) -> None:
         """Say that ``output`` is as far as the joint may ever go.
@@ -207,7 +192,7 @@ class CalibrationWork:
                 f"the gripper is {other} at {there:.1f} {self.map.unit}; move it before you call it {jaw}"
             )
         self._jaws[jaw] = output
-        self._version += 1
+        self.version += 1
 
     def jaw(self, jaw: Jaw) -> float:
         """Output at which the gripper is closed, or open: as set here, else as in force."""
@@ -222,16 +207,16 @@ class CalibrationWork:
         """Forget every mark, limit and jaw."""
         self._joints.clear()
         self._jaws.clear()
-        self._version += 1
+        self.version += 1
 
     def take_over(self, other: CalibrationWork) -> None:
         """Go on with what was done on another desk."""
         self._joints, self._jaws = dict(other._joints), dict(other._jaws)
-        self._chosen = other._chosen
-        self._version += 1
+        self.chosen = other.chosen
+        self.version += 1
 
     def measured(self) -> dict[str, JointCalibration]:
-        """What the marks and limits of each joint come to, where something was done for it.
+        """The calibration of each joint with new marks or limits.
 
         Raises:
             CalibrationError: the marks of a joint have no line; says which and why.
@@ -252,7 +237,7 @@ class CalibrationWork:
     def _set(self, joint: str, work: JointWork) -> None:
         self._require(joint)
         self._joints[joint] = work
-        self._version += 1
+        self.version += 1
 
     def _require(self, joint: str) -> None:
         if joint not in self.robot.joint_names:
@@ -267,7 +252,7 @@ _NO_BOARD = (
 
 
 class SharedCalibration:
-    """What is in force, what was measured since, and what was saved. Used on the server's event loop only."""
+    """In force, measured since, and saved. Used on the web server's event loop only."""
 
     def __init__(self, in_force: CalibrationInForce, now: Callable[[], float] = wall_time) -> None:
         """Begin without a mark; ``now`` gives seconds since the epoch."""

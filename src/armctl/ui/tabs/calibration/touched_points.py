@@ -1,4 +1,4 @@
-"""Known points that the tool was brought to, and what they tell of the arm."""
+"""Where the arm stands, and known points that the tool was brought to: they tell how far the tool is off."""
 
 from __future__ import annotations
 
@@ -10,12 +10,67 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armctl.calibration import LEAST_POINTS, ToolError, tool_error
-from armctl.errors import ArmctlError, InputError
-from armctl.robot import Robot
-from armctl.ui.widgets.standing import calibrated_map
+from armctl.errors import ArmctlError, InputError, StateError
+from armctl.hardware import Source
+from armctl.robot import OutputMap, Robot
+from armctl.runtime import Snapshot, State
 
 FloatArray = NDArray[np.float64]
 _FARTHEST_M = 10.0
+
+
+def present_outputs(robot: Robot, snapshot: Snapshot) -> dict[int, float]:
+    """Output of every joint by channel, in the board's unit.
+
+    As the board tells it; where the board tells nothing, as it was last told. An arm that is off and whose
+    board measures may have been led there by hand.
+
+    Raises:
+        StateError: nobody knows where the arm is.
+    """
+    outputs = calibrated_map(robot)
+    unknown = np.isnan(snapshot.q)
+    if unknown.any() and not snapshot.commanded:
+        if snapshot.source is Source.MEASURED:
+            raise StateError("the board does not know where every joint stands; home the arm first")
+        raise StateError(
+            f"the arm is {snapshot.state.value}, so nobody knows where it stands; connect and enable it first"
+        )
+    return outputs.outputs(np.where(unknown, snapshot.q_command, snapshot.q))
+
+
+def standing_outputs(robot: Robot, snapshot: Snapshot) -> dict[int, float]:
+    """``present_outputs`` of an arm that stands still: a mark is taken there.
+
+    Raises:
+        StateError: the arm moves, or nobody knows where it is.
+    """
+    if snapshot.state in (State.MOVING, State.PAUSED):
+        raise StateError("the arm is in the middle of a motion; wait until it stands, then press again")
+    return present_outputs(robot, snapshot)
+
+
+def standing_gripper(robot: Robot, snapshot: Snapshot) -> float:
+    """Output of the gripper.
+
+    Raises:
+        StateError: it was not told to go anywhere yet.
+    """
+    if snapshot.gripper is None:
+        raise StateError("the gripper has not been told to move yet; press 'Move gripper' first")
+    (output,) = calibrated_map(robot).gripper_output(snapshot.gripper).values()
+    return output
+
+
+def calibrated_map(robot: Robot) -> OutputMap:
+    """The map that the arm runs by.
+
+    Raises:
+        StateError: its file gives none, so that there is nothing to calibrate.
+    """
+    if robot.output_map is None:
+        raise StateError(f"the robot file of {robot.title} gives no outputs: nothing to calibrate")
+    return robot.output_map
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,31 +94,19 @@ class TouchedPoints:
             calibrated: names of the joints that the calibration in force covers.
         """
         self._robot, self._calibrated = robot, calibrated
-        self._touches: tuple[Touch, ...] = ()
-        self._version = 0
-        self._told: ToolError | str | None = None
-
-    @property
-    def version(self) -> int:
-        """Rises with every change, so that a page knows when to draw anew."""
-        return self._version
-
-    @property
-    def touches(self) -> tuple[Touch, ...]:
-        """In the order in which they were made."""
-        return self._touches
-
-    @property
-    def told(self) -> ToolError | str | None:
-        """What they tell, or why they tell nothing, in words; None: too few, or not known yet."""
-        return self._told
+        self.touches: tuple[Touch, ...] = ()
+        """in the order in which they were made"""
+        self.result: ToolError | str | None = None
+        """the tool error, or why there is none, in words; None: too few points, or not known yet"""
+        self.version = 0
+        """rises with every change, so that a page knows when to draw anew"""
 
     @property
     def distances_m(self) -> FloatArray:
         """(k,) from each point to where the arm believes the tool to be [m]."""
-        if not self._touches:
+        if not self.touches:
             return np.zeros(0)
-        points = np.array([touch.point_m for touch in self._touches])
+        points = np.array([touch.point_m for touch in self.touches])
         return np.linalg.norm(points - self._robot.forward(self._angles())[:, :3, 3], axis=1)
 
     def add(self, outputs: Mapping[int, float], point_m: FloatArray) -> None:
@@ -75,7 +118,7 @@ class TouchedPoints:
         if not (np.isfinite(point_m).all() and np.linalg.norm(point_m) < _FARTHEST_M):
             raise InputError(f"a point is less than {_FARTHEST_M:.0f} m from the base; give X, Y, Z in mm")
         x, y, z = point_m.tolist()
-        self._set((*self._touches, Touch(dict(outputs), (x, y, z))))
+        self._set((*self.touches, Touch(dict(outputs), (x, y, z))))
 
     def delete(self, index: int) -> None:
         """Take a touch away, from 0.
@@ -83,35 +126,35 @@ class TouchedPoints:
         Raises:
             InputError: there is none of that number.
         """
-        if not 0 <= index < len(self._touches):
-            raise InputError(f"there is no point {index + 1}; there are {len(self._touches)}")
-        self._set(self._touches[:index] + self._touches[index + 1 :])
+        if not 0 <= index < len(self.touches):
+            raise InputError(f"there is no point {index + 1}; there are {len(self.touches)}")
+        self._set(self.touches[:index] + self.touches[index + 1 :])
 
     def take_over(self, other: TouchedPoints) -> None:
-        """Go on with the touches of another desk."""
+        """Go on with the touches of another one."""
         self._set(other.touches)
 
-    async def think(self) -> None:
-        """Find out what the touches tell, off the event loop, unless that is known."""
-        touches = self._touches
-        if len(touches) < LEAST_POINTS or self._told is not None:
+    async def compute(self) -> None:
+        """Compute the tool error off the event loop, unless it is known or there are too few points."""
+        touches = self.touches
+        if len(touches) < LEAST_POINTS or self.result is not None:
             return
         q, points = self._angles(), np.array([touch.point_m for touch in touches])
         try:
-            told: ToolError | str = await asyncio.to_thread(
+            result: ToolError | str = await asyncio.to_thread(
                 tool_error, self._robot, q, points, self._calibrated
             )
         except ArmctlError as error:
-            told = str(error)
-        if self._touches is touches:  # else somebody has changed them meanwhile, and thinks himself
-            self._told = told
-            self._version += 1
+            result = str(error)
+        if self.touches is touches:  # else somebody has changed them meanwhile, and computes anew
+            self.result = result
+            self.version += 1
 
     def _set(self, touches: tuple[Touch, ...]) -> None:
-        self._touches, self._told = touches, None
-        self._version += 1
+        self.touches, self.result = touches, None
+        self.version += 1
 
     def _angles(self) -> FloatArray:
         """(k, n) [rad]."""
         outputs = calibrated_map(self._robot)
-        return np.array([outputs.angles(touch.outputs) for touch in self._touches])
+        return np.array([outputs.angles(touch.outputs) for touch in self.touches])
