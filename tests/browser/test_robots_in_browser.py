@@ -16,7 +16,7 @@ from tests.browser.serving import serving
 
 from armctl.robot import Robot, load_robot, robots_folder
 from armctl.runtime import State
-from armctl.ui.tabs.simulation.trail import Trail
+from armctl.ui.tabs.simulation.screen import Trail
 
 pytestmark = pytest.mark.browser
 TITLES = {

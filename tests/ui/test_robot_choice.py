@@ -32,7 +32,7 @@ from armctl.ui.robot_switch import RobotChange, release_to_leave, release_to_reo
 from armctl.ui.tabs.calibration.shared_calibration import SharedCalibration
 from armctl.ui.tabs.main.boards import about, labelled
 from armctl.ui.tabs.program.shared_program import SharedProgram
-from armctl.ui.tabs.simulation.trail import Trail
+from armctl.ui.tabs.simulation.screen import Trail
 from armctl.ui.tabs.simulation.workspace import CloudStore
 
 SIMULATED = BoardIdentity("Pololu Micro Maestro 6-channel", "/dev/pts/3", simulated=True)

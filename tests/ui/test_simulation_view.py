@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from armctl.robot import load_robot
-from armctl.ui.scene.workspace import workspace_cloud
 from armctl.ui.tabs.simulation.joint_graph import JointHistory, legend_html
-from armctl.ui.tabs.simulation.trail import Trail
-from armctl.ui.tabs.simulation.workspace import CloudStore, cloud_html, picture_of, section_svg, section_words
+from armctl.ui.tabs.simulation.screen import Trail
+from armctl.ui.tabs.simulation.section import picture_of, section_svg
+from armctl.ui.tabs.simulation.workspace import CloudStore, cloud_html, section_words, workspace_cloud
 
 ROBOT = load_robot("uzuner")
 

@@ -27,18 +27,17 @@ ALL = "all joints"
 class JointHistory:
     """Commanded and board angles of the last 20 s."""
 
-    def __init__(self, n: int, span_s: float = SPAN_S) -> None:
-        self._n, self._span_s = n, span_s
+    def __init__(self, n: int) -> None:
         self._rows: deque[tuple[float, FloatArray]] = deque()
-        self._first = 0.0
+        self._first, self._n = 0.0, n
 
     @property
     def full(self) -> bool:
         """It reaches back over the whole span."""
-        return bool(self._rows) and self._rows[-1][0] - self._rows[0][0] > 0.98 * self._span_s
+        return bool(self._rows) and self._rows[-1][0] - self._rows[0][0] > 0.98 * SPAN_S
 
     def add(self, stamp: float, q_command: FloatArray, q: FloatArray) -> None:
-        """Add one state (n,) [rad]; what is older than the span is dropped, as is a second of one stamp.
+        """Add one state (n,) [rad]; one that is older than the span is dropped, as is a second of one stamp.
 
         Where the board does not know an angle, the commanded one takes its place, as in the drawn arm:
         the page's plot cannot fit a scale to what is no number.
@@ -49,7 +48,7 @@ class JointHistory:
             self._first = stamp
         board = np.where(np.isnan(q), q_command, q)
         self._rows.append((stamp, np.degrees(np.concatenate([q_command, board]))))
-        while stamp - self._rows[0][0] > self._span_s:
+        while stamp - self._rows[0][0] > SPAN_S:
             self._rows.popleft()
 
     def table(self) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -65,46 +64,44 @@ class JointGraph:
     """The graph on one page; nothing is sent while all that it shows stands still."""
 
     def __init__(self, gui: viser.GuiApi, robot: Robot) -> None:
+        """Add the graph of all joints to the present container."""
         self._gui, self._robot = gui, robot
         self._history = JointHistory(robot.n)
         self._sent_at = -np.inf
         self._still = False
-        self._joint: int | None = None
+        self._joints: Sequence[int] = range(robot.n)
         self._legend = LiveHtml(gui)
         self._plot = self._make()
 
     def choose(self, joint: int | None) -> None:
         """Show one joint, commanded and board; None: all joints."""
-        if joint != self._joint:
-            self._joint = joint
-            plot = self._make()
-            self._plot.remove()
-            self._plot = plot
+        self._joints = range(self._robot.n) if joint is None else [joint]
+        plot = self._make()
+        self._plot.remove()
+        self._plot = plot
 
     def add(self, snapshot: Snapshot, standing: FloatArray) -> None:
         """Take a snapshot in and send the graph about five times a second.
 
         Args:
             snapshot: of the arm.
-            standing: (n,) what the arm was told last, or else where it was last known [rad].
+            standing: (n,) where the arm was commanded to be, or else where it was last known [rad].
         """
         self._history.add(snapshot.stamp, standing, snapshot.q)
         if snapshot.stamp - self._sent_at < _PERIOD_S:
             return
         data = self._data()
         still = self._history.full and all(np.ptp(column) < _STILL_DEG for column in data[1:])
-        if still and self._still:
-            return
-        self._sent_at, self._still = snapshot.stamp, still
-        self._plot.data = data
+        if not (still and self._still):
+            self._sent_at, self._still = snapshot.stamp, still
+            self._plot.data = data
 
     def _data(self) -> tuple[FloatArray, ...]:
         times, commanded, board = self._history.table()
-        shown = range(self._robot.n) if self._joint is None else [self._joint]
-        return (times, *(np.ascontiguousarray(table[:, i]) for table in (commanded, board) for i in shown))
+        columns = [table[:, i] for table in (commanded, board) for i in self._joints]
+        return (times, *(np.ascontiguousarray(column) for column in columns))
 
     def _make(self) -> viser.GuiUplotHandle:
-        shown = range(self._robot.n) if self._joint is None else [self._joint]
         lines = [uplot.Series(label="time")]
         for dash, width, source in (((), 1.5, ""), ((3, 4), 2.5, " board")):
             lines += [
@@ -115,10 +112,10 @@ class JointGraph:
                     dash=dash,
                     points=uplot.Series_Points(show=False),
                 )
-                for i in shown
+                for i in self._joints
             ]
         self._still = False
-        self._legend.show(legend_html(self._robot, shown))
+        self._legend.show(legend_html(self._robot, self._joints))
         return self._gui.add_uplot(
             data=self._data(),
             series=tuple(lines),

@@ -122,8 +122,7 @@ class LiveTarget:
                 for name, value in zip("XYZ", (1000 * point).tolist(), strict=True)
             ]
             put = gui.add_button("Put target there")
-        self._note = LiveHtml(gui)
-        self._note.visible = False
+        self._note = LiveHtml(gui, visible=False)
         self._watch = EditWatch(self._xyz)
         self._gizmo = session.client.scene.add_transform_controls(
             "/live_target", scale=_GIZMO_SCALE, disable_rotations=True, depth_test=False, visible=False,
@@ -171,8 +170,7 @@ class LiveTarget:
         self._mode = mode
         is_newest = self._newest.begin()
         self._put(self._robot.forward(snapshot.q_command)[:3, 3])
-        self._gizmo.visible = True
-        self._box.visible = True
+        self._gizmo.visible = self._box.visible = True
         if mode == TWIN:
             self._twin = LiveTwin(session, snapshot.q_command)
             session.spawn(self._twin.play(lambda: self._target))
@@ -184,8 +182,7 @@ class LiveTarget:
         """Nothing follows any more."""
         before, self._mode = self._mode, OFF
         self._newest.drop()
-        self._gizmo.visible = False
-        self._box.visible = False
+        self._gizmo.visible = self._box.visible = False
         if self._twin is not None:
             self._twin.remove()
             self._twin = None

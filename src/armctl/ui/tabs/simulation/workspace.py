@@ -1,164 +1,36 @@
-"""The workspace on the Simulation screen: cloud and section in the 3D view, and the section to scale."""
+"""The workspace of the arm: a cloud of reachable points and a section in the 3D view, and figures."""
 
 from __future__ import annotations
 
 import asyncio
-import math
-from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Self
+from typing import Literal, Self
 
 import numpy as np
+import viser
 from numpy.typing import NDArray
 
+from armctl.kinematics.section import Section
+from armctl.kinematics.workspace import Extent, sample_workspace, workspace_extent
+from armctl.robot import Robot
 from armctl.runtime import Snapshot
 from armctl.ui.console import Console
-from armctl.ui.scene.workspace import (
-    COLOURINGS,
-    CloudFigure,
-    Colouring,
-    SectionLines,
-    WorkspaceCloud,
-    workspace_cloud,
-)
+from armctl.ui.scene.lines import Lines, segments
+from armctl.ui.session import Session
+from armctl.ui.tabs.simulation.section import picture_of, section_svg
 from armctl.ui.widgets.html import LiveHtml, fixed, muted
 
-if TYPE_CHECKING:
-    from armctl.robot import Robot
-    from armctl.ui.session import Session
-
-
-# The section of the workspace as a drawing to scale: height over the distance from the base axis, in mm.
-
 FloatArray = NDArray[np.float64]
-_WIDTH, _TALLEST = 400.0, 330.0
-_LEFT, _RIGHT, _TOP, _BOTTOM = 46.0, 10.0, 8.0, 36.0
-_TICKS = 8
-_GRID = "stroke='currentColor' stroke-opacity='.15'"
-_AXIS_TEXT = "font-size='11' fill='currentColor' fill-opacity='.75'"
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class SectionPicture:
-    """What is drawn, in mm: across (from the base axis) and up."""
-
-    outline: tuple[FloatArray, ...]
-    """closed lines (k, 2)"""
-    tip: tuple[float, float]
-    arm: FloatArray
-    """(k, 2) joints and tip of the arm as it stands"""
-    floor: float | None
-    """height of the floor; None where the plane is not upright"""
-
-
-class _Scale:
-    """From mm to the drawing's own units, the same across and up."""
-
-    def __init__(self, picture: SectionPicture) -> None:
-        corners = np.concatenate([*picture.outline, picture.arm, [picture.tip]])
-        if picture.floor is not None:
-            corners = np.concatenate([corners, [[corners[0, 0], picture.floor]]])
-        low, high = corners.min(axis=0), corners.max(axis=0)
-        margin = 0.05 * float((high - low).max())
-        self.low, self.high = low - margin, high + margin
-        across, up = (self.high - self.low).tolist()
-        self.unit = min((_WIDTH - _LEFT - _RIGHT) / across, (_TALLEST - _TOP - _BOTTOM) / up)
-        # a narrow section gets more room to its sides, so that the drawing fills its width
-        spare = (_WIDTH - _LEFT - _RIGHT) / self.unit - across
-        self.low[0] -= 0.5 * spare
-        self.high[0] += 0.5 * spare
-        self.height = _TOP + _BOTTOM + self.unit * up
-
-    def x(self, value: float) -> float:
-        return round(_LEFT + self.unit * (value - float(self.low[0])), 1)
-
-    def y(self, value: float) -> float:
-        return round(_TOP + self.unit * (float(self.high[1]) - value), 1)
-
-    def points(self, line: FloatArray) -> str:
-        return " ".join(f"{self.x(x):g},{self.y(y):g}" for x, y in line.tolist())
-
-
-def section_svg(picture: SectionPicture) -> str:
-    """The drawing as SVG: what is reached, the floor, the base axis, the arm and its tip."""
-    scale = _Scale(picture)
-    left, right = _LEFT, _WIDTH - _RIGHT
-    top, bottom = _TOP, scale.height - _BOTTOM
-    reached = " ".join(f"M{scale.points(line)}Z" for line in picture.outline)
-    parts = [
-        f"<svg class='section-plot' viewBox='0 0 {_WIDTH:g} {scale.height:.0f}' "
-        "style='width:100%;display:block' role='img' aria-label='Section of the workspace'>",
-        *_grid(scale, left, right, top, bottom),
-        f"<path d='{reached}' fill='#1971c2' fill-opacity='.16' fill-rule='evenodd' "
-        "stroke='#e03131' stroke-width='1.6' stroke-linejoin='round'/>",
-    ]
-    if picture.floor is not None:
-        level = scale.y(picture.floor)
-        parts += [
-            f"<rect x='{left:g}' y='{level:g}' width='{right - left:g}' "
-            f"height='{max(bottom - level, 0):.1f}' fill='#868e96' fill-opacity='.30'/>",
-            f"<line x1='{left:g}' x2='{right:g}' y1='{level:g}' y2='{level:g}' stroke='#868e96' "
-            "stroke-width='2'/>",
-            f"<text x='{right - 3:g}' y='{level - 4:g}' text-anchor='end' {_AXIS_TEXT}>floor</text>",
-        ]
-    x, y = scale.x(picture.tip[0]), scale.y(picture.tip[1])
-    parts += [
-        f"<polyline points='{scale.points(picture.arm)}' fill='none' stroke='currentColor' "
-        "stroke-opacity='.55' stroke-width='3' stroke-linejoin='round' stroke-linecap='round'/>",
-        f"<circle cx='{x:g}' cy='{y:g}' r='5' fill='#e8590c' stroke='white' stroke-width='1.5'/>",
-        "</svg>",
-    ]
-    return "".join(parts)
-
-
-def _grid(scale: _Scale, left: float, right: float, top: float, bottom: float) -> list[str]:
-    step = _nice(float((scale.high - scale.low).max()) / _TICKS)
-    parts: list[str] = []
-    for value in _ticks(float(scale.low[0]), float(scale.high[0]), step):
-        x = scale.x(value)
-        parts.append(f"<line x1='{x:g}' x2='{x:g}' y1='{top:g}' y2='{bottom:.1f}' {_GRID}/>")
-        parts.append(
-            f"<text x='{x:g}' y='{bottom + 14:.1f}' text-anchor='middle' {_AXIS_TEXT}>{_label(value)}</text>"
-        )
-    for value in _ticks(float(scale.low[1]), float(scale.high[1]), step):
-        y = scale.y(value)
-        parts.append(f"<line x1='{left:g}' x2='{right:g}' y1='{y:g}' y2='{y:g}' {_GRID}/>")
-        parts.append(
-            f"<text x='{left - 5:g}' y='{y + 4:g}' text-anchor='end' {_AXIS_TEXT}>{_label(value)}</text>"
-        )
-    axis = scale.x(0.0)
-    parts.append(
-        f"<line x1='{axis:g}' x2='{axis:g}' y1='{top:g}' y2='{bottom:.1f}' stroke='currentColor' "
-        "stroke-opacity='.5' stroke-dasharray='2 4'/>"
-    )
-    middle, across = 0.5 * (top + bottom), 0.5 * (left + right)
-    parts += [
-        f"<text x='{across:g}' y='{bottom + 30:.1f}' text-anchor='middle' {_AXIS_TEXT}>r mm</text>",
-        f"<text x='12' y='{middle:.1f}' text-anchor='middle' {_AXIS_TEXT} "
-        f"transform='rotate(-90 12 {middle:.1f})'>z mm</text>",
-    ]
-    return parts
-
-
-def _ticks(low: float, high: float, step: float) -> list[float]:
-    return [step * k for k in range(math.ceil(low / step), math.floor(high / step) + 1)]
-
-
-def _nice(step: float) -> float:
-    """The next larger of 1, 2, 5 times a power of ten."""
-    power = 10.0 ** math.floor(math.log10(step))
-    return next(factor * power for factor in (1.0, 2.0, 5.0, 10.0) if factor * power >= step)
-
-
-def _label(value: float) -> str:
-    return f"{value:g}".replace("-", "−")
-
-
-def to_mm(lines: Sequence[FloatArray], rise_m: float) -> tuple[FloatArray, ...]:
-    """Lines (k, 2) [m] in mm, lifted by the height of the plane's origin [m]."""
-    return tuple(1000 * (line + np.array([0.0, rise_m])) for line in lines)
-
-
+Colouring = Literal["height", "manipulability"]
+COLOURINGS: tuple[Colouring, ...] = ("height", "manipulability")
+_POINTS = 14_000
+_POINT_SIZE = 0.004
+"""of the reach: small enough to see the arm through the cloud"""
+_LOW, _MIDDLE, _HIGH = (
+    np.array([68.0, 1.0, 84.0]),
+    np.array([33.0, 145.0, 140.0]),
+    np.array([253.0, 231.0, 37.0]),
+)
 _CLOUD_HINT = "Where the tool point can be: a cloud of reachable points."
 _SECTION_HINT = "The workspace cut open in the plane of the base axis and the tool point."
 _COMPUTING = "Computing …"
@@ -168,7 +40,7 @@ _KEYS = {
 }
 _TURNED_RAD = 0.01
 """how far the arm turns before a sampled section is made anew"""
-_UPRIGHT = 1e-9
+_SECTION_COLOR = (224, 49, 49)
 
 
 class CloudStore:
@@ -204,12 +76,11 @@ class WorkspaceView:
         gui, scene = session.gui, session.client.scene
         self._cloud = gui.add_checkbox("Workspace cloud", initial_value=False, hint=_CLOUD_HINT)
         self._colour = gui.add_dropdown("Coloured by", COLOURINGS, initial_value=COLOURINGS[0], visible=False)
-        self._cloud_text = LiveHtml(gui)
-        self._cloud_text.visible = False
+        self._cloud_text = LiveHtml(gui, visible=False)
         self._section = gui.add_checkbox("Section", initial_value=False, hint=_SECTION_HINT)
-        self._plot, self._section_text = LiveHtml(gui), LiveHtml(gui)
-        self._plot.visible = self._section_text.visible = False
-        self._cloud_figure, self._lines = CloudFigure(scene), SectionLines(scene)
+        self._plot, self._section_text = LiveHtml(gui, visible=False), LiveHtml(gui, visible=False)
+        self._points: viser.PointCloudHandle | None = None
+        self._lines = Lines(scene, "/section", _SECTION_COLOR, 2.5)
         session.on(self._cloud.on_update, self._on_cloud)
         session.on(self._colour.on_update, self._on_cloud)
         session.on(self._section.on_update, self._on_section)
@@ -219,18 +90,17 @@ class WorkspaceView:
         model = self._model
         if model is None or not self._section.value:
             return
-        q = self._session.console.last_known.drawn(snapshot)
-        if self._outlined_at is None or (
-            not model.section.exact and np.abs(q - self._outlined_at).max() > _TURNED_RAD
-        ):
+        q, at = self._session.console.last_known.drawn(snapshot), self._outlined_at
+        if at is None or (not model.section.exact and np.abs(q - at).max() > _TURNED_RAD):
             if not self._outlining:
                 self._outlining = True
                 self._session.spawn(self._make_outline(model, q.copy()))
             return
-        self._lines.place(model.section.plane(q if model.section.exact else self._outlined_at))
+        self._lines.place(model.section.plane(q if model.section.exact else at))
         self._plot.show(section_svg(picture_of(self._robot, model.section.plane(q), self._outline, q)))
 
     async def _make_outline(self, model: WorkspaceCloud, q: FloatArray) -> None:
+        """Cut the workspace open in the plane of the arm at ``q`` (n,) [rad], and draw the outline."""
         try:
             outline = await asyncio.to_thread(model.section.outline, q)
         finally:
@@ -238,20 +108,31 @@ class WorkspaceView:
         if self._section.value:
             self._outline, self._outlined_at = outline, q
             self._lines.place(model.section.plane(q))
-            self._lines.show(outline)
+            lines = np.concatenate([np.empty((0, 2, 2)), *(segments(line) for line in outline)])
+            self._lines.show(np.insert(lines, 1, 0.0, axis=2))  # x and z of the plane
 
     async def _on_cloud(self) -> None:
         shown = self._cloud.value
         self._colour.visible = self._cloud_text.visible = shown
         if not shown:
-            self._cloud_figure.hide()
+            self._draw_points(None)
             return
         self._cloud_text.show(_COMPUTING)
         model = await self._computed()
         if self._cloud.value:  # not switched off meanwhile
-            colouring: Colouring = self._colour.value
-            self._cloud_figure.show(model, colouring)
-            self._cloud_text.show(cloud_html(self._robot, model, colouring))
+            self._draw_points(model)
+            self._cloud_text.show(cloud_html(self._robot, model, self._colour.value))
+
+    def _draw_points(self, model: WorkspaceCloud | None) -> None:
+        if self._points is not None:
+            self._points.remove()
+            self._points = None
+        if model is not None:
+            self._points = self._session.client.scene.add_point_cloud(
+                "/workspace", model.points, model.colors(self._colour.value),
+                point_size=_POINT_SIZE * model.extent.reach, point_shape="circle", point_shading="flat",
+                precision="float32",
+            )  # fmt: skip
 
     async def _on_section(self) -> None:
         shown = self._section.value
@@ -261,27 +142,49 @@ class WorkspaceView:
             self._outlined_at = None
             return
         self._section_text.show(_COMPUTING)
-        model = await self._computed()
-        self._section_text.show(muted(section_words(model)))
+        self._section_text.show(muted(section_words(await self._computed())))
 
     async def _computed(self) -> WorkspaceCloud:
         self._model = await self._session.shared(CloudStore).get()
         return self._model
 
 
-def picture_of(
-    robot: Robot, T_base_plane: FloatArray, outline: tuple[FloatArray, ...], q: FloatArray
-) -> SectionPicture:
-    """The section with the arm at ``q`` (n,) [rad] in it, in mm."""
-    rise = float(T_base_plane[2, 3])
-    points = (robot.frames(q)[:, :3, 3] - T_base_plane[:3, 3]) @ T_base_plane[:3, :3]
-    (arm,) = to_mm([points[:, [0, 2]]], rise)
-    upright = float(T_base_plane[2, 2]) > 1 - _UPRIGHT
-    return SectionPicture(
-        outline=to_mm(outline, rise),
-        tip=(float(arm[-1, 0]), float(arm[-1, 1])),
-        arm=arm,
-        floor=1000 * robot.floor_z if upright else None,
+@dataclass(frozen=True, slots=True)
+class WorkspaceCloud:
+    """Tool points inside the joint limits and above the floor, and the workspace cut open."""
+
+    points: FloatArray
+    """(k, 3) [m]"""
+    manipulability: FloatArray
+    """(k,) √det(J Jᵀ) of the tool point's velocity [m³]; 0 at a singularity"""
+    extent: Extent
+    """of all tool points, also those below the floor"""
+    section: Section
+
+    def colors(self, colouring: Colouring) -> NDArray[np.uint8]:
+        """(k, 3) RGB: dark where the value is low, yellow where it is high."""
+        values = self.points[:, 2] if colouring == "height" else self.manipulability
+        low, high = np.percentile(values, (1, 99)) if len(values) else (0.0, 1.0)
+        u = np.clip((values - low) / max(high - low, 1e-12), 0.0, 1.0)[:, None]
+        below = _LOW + 2 * u * (_MIDDLE - _LOW)
+        above = _MIDDLE + (2 * u - 1) * (_HIGH - _MIDDLE)
+        return np.where(u < 0.5, below, above).round().astype(np.uint8)
+
+
+def workspace_cloud(robot: Robot, count: int = _POINTS) -> WorkspaceCloud:
+    """Sample the workspace; the same points every time.
+
+    Args:
+        robot: the arm.
+        count: about how many points; those with the tool point below the floor are left out.
+    """
+    samples = sample_workspace(robot.chain, robot.limits, count)
+    above = samples.points[:, 2] >= robot.floor_z
+    return WorkspaceCloud(
+        samples.points[above],
+        samples.manipulability[above],
+        workspace_extent(robot.chain, robot.limits),
+        robot.inverse_kinematics.section(),
     )
 
 

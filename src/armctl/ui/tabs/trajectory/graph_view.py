@@ -13,6 +13,7 @@ from armctl.motion.analysis import analysis_csv
 from armctl.motion.figure import FigureForm, TitledMotion, figure_bytes
 from armctl.ui.newest import Newest
 from armctl.ui.scene.ghost import Preview
+from armctl.ui.scene.lines import Lines, segments
 from armctl.ui.session import Session
 from armctl.ui.tabs.trajectory.graphs import (
     LIMITS,
@@ -158,7 +159,7 @@ class CursorView:
         self._session, self._preview, self._moved = session, preview, moved
         self._robot = session.console.robot
         self._planned: PlannedMotion | None = None
-        self._path: viser.LineSegmentsHandle | None = None
+        self._path = Lines(session.client.scene, "/shown_path", _PATH_COLOR)
         self._newest = Newest()
         self._playing = False
         gui = session.gui
@@ -181,14 +182,14 @@ class CursorView:
 
     def refresh(self) -> None:
         """Draw the tool's path for as long as no other screen shows something of its own."""
-        if self._path is not None and self._path.visible == self._preview.taken:
-            self._path.visible = not self._preview.taken
+        self._path.set_visible(not self._preview.taken)
 
     def take(self, planned: PlannedMotion) -> None:
         """Another motion is shown: cursor and ghost stand at its end, the arm at its beginning."""
         self._halt()
         self._planned = planned
-        self._draw_path(planned)
+        time = np.linspace(0.0, planned.trajectory.duration, _PATH_POINTS)
+        self._path.show(segments(self._robot.forward(planned.trajectory.sample(time).q)[:, :3, 3]))
         self._slider.value = 0.0
         self._slider.max = self._slider.value = max(round(planned.trajectory.duration, 2), 0.01)
         self._box.visible = True
@@ -238,16 +239,6 @@ class CursorView:
                 break
         if is_newest():
             self._halt()
-
-    def _draw_path(self, planned: PlannedMotion) -> None:
-        if self._path is not None:
-            self._path.remove()
-        time = np.linspace(0.0, planned.trajectory.duration, _PATH_POINTS)
-        points = self._robot.forward(planned.trajectory.sample(time).q)[:, :3, 3]
-        self._path = self._session.client.scene.add_line_segments(
-            "/shown_path", np.stack([points[:-1], points[1:]], axis=1), _PATH_COLOR, thickness=2.0,
-            thickness_units="screen",
-        )  # fmt: skip
 
     def _halt(self) -> None:
         self._newest.drop()
