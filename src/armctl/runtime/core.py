@@ -193,8 +193,10 @@ class Core:
                     raise StateError(
                         "the arm no longer stands where the motion was planned from; ask for it again"
                     )
+                self._ticket = motion.ticket  # a defect in what follows is a fault, which answers it
                 self.begin(motion.take(), motion.ticket, motion.who, now)
             except ArmctlError as error:
+                self._ticket = None
                 self._refuse(motion, error)
         if edit is not None and edit.future.done():
             self._edit = None

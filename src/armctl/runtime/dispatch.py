@@ -21,8 +21,7 @@ from armctl.runtime.live_target import FOLLOW_EXPIRY_S, Follower, LiveGoal, live
 from armctl.runtime.mover import PathMover
 from armctl.runtime.planner import PendingEdit, PendingMotion, checked_trajectory
 from armctl.runtime.power import enable, hint, home, release
-from armctl.runtime.program_feed import begun_program
-from armctl.runtime.program_runner import ProgramRunner
+from armctl.runtime.program_runner import ProgramRunner, begun_program
 from armctl.runtime.snapshot import State
 
 FloatArray = NDArray[np.float64]
