@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from math import acos, atan2, pi, sqrt
 from typing import NamedTuple
 
@@ -111,7 +111,7 @@ class LeastRotation:
         self._locks = sorted(
             lock for k in range(3) for angle in self._rests(k) if (lock := self._lock(k, angle)) is not None
         )
-        self._bands = [band for pattern in _PATTERNS if (band := self._band(pattern)) is not None]
+        self._bands = [band for pattern in _PATTERNS for band in self._bands_of(pattern)]
 
     def solve(self, branches: list[BaseBranch], height: float) -> tuple[float, ...] | None:
         """The configuration of least rotation.
@@ -178,11 +178,11 @@ class LeastRotation:
             least = best[0]
         if self._bands:
             square = x * x + y * y
-            for pattern, nearest, farthest, spent in self._bands:
-                if spent < least and nearest <= square <= farthest:
-                    found = _least_of(self._stationary(pattern, square), x, y, least)
-                    if found is not None:
-                        best, least = found, found[0]
+            near = [band for band in self._bands if band.nearest <= square <= band.farthest]
+            for pattern in {band.pattern for band in near if band.spent < least}:
+                found = _least_of(self._stationary(pattern, square), x, y, least)
+                if found is not None:
+                    best, least = found, found[0]
         return best
 
     def _stationary(self, pattern: tuple[int, int, int], square: float) -> list[_Lock]:
@@ -212,8 +212,8 @@ class LeastRotation:
         locks = (self._lock(1, angle) for angle in angles if angle is not None)
         return sorted(lock for lock in locks if lock is not None)
 
-    def _band(self, pattern: tuple[int, int, int]) -> _Band | None:
-        """Where a pattern may hold a minimum, from samples of t3 and the ones next to them; None: nowhere.
+    def _bands_of(self, pattern: tuple[int, int, int]) -> Iterator[_Band]:
+        """Where a pattern may hold a minimum: runs of samples of t3, and the ones next to them.
 
         The senses must agree with the pattern, both joints be inside their limits, and the sum not have a
         maximum. Without a band, as on uzuner, a target needs no eigenvalues.
@@ -225,7 +225,7 @@ class LeastRotation:
         along, across = b + c * np.cos(t3), c * np.sin(t3)  # along sin t4 + across cos t4 = -a sin t3
         sine = -a * np.sin(t3) / np.maximum(np.hypot(along, across), 1e-300)
         lean = np.arcsin(np.clip(sine, -1.0, 1.0))
-        found: list[tuple[FloatArray, FloatArray]] = []
+        slack = 2.0 * (high - low) / (_SAMPLES - 1)
         for root in (lean, math.pi - lean):
             t4 = root - np.arctan2(across, along)
             (angle3, _), (angle4, inside) = self._image(1, t3), self._image(2, t4)
@@ -238,18 +238,17 @@ class LeastRotation:
             slope4 = b * np.cos(t4) + c * np.cos(t3 + t4)
             curvature = (slope3 * n3 + slope4 * n4) * sense3 * pattern[1]
             alive = inside & agree & (np.abs(sine) <= 1.0) & (curvature >= -1e-9 * (l2 + l3 + l4) ** 4)
-            alive[1:], alive[:-1] = alive[1:] | alive[:-1], alive[:-1] | alive[1:]
+            wide = np.zeros(_SAMPLES + 2, dtype=np.int8)
+            for shift in range(3):
+                wide[shift : shift + _SAMPLES] |= alive
+            wide[[0, -1]] = 0
             cosines = l2 * l3 * np.cos(t3) + l3 * l4 * np.cos(t4) + l2 * l4 * np.cos(t3 + t4)
-            found.append(
-                (l2**2 + l3**2 + l4**2 + 2 * cosines[alive], (np.abs(angle3) + np.abs(angle4))[alive])
-            )
-        square, spent = (np.concatenate(parts) for parts in zip(*found, strict=True))
-        if len(square) == 0:
-            return None
-        # between two samples of t3 nothing moves by more than a few steps
-        slack = 8.0 * (high - low) / (_SAMPLES - 1)
-        room = slack * (l2 + l3 + l4) ** 2
-        return _Band(pattern, square.min() - room, square.max() + room, spent.min() - slack)
+            square, spent = l2**2 + l3**2 + l4**2 + 2 * cosines, np.abs(angle3) + np.abs(angle4)
+            edges = np.flatnonzero(np.diff(wide)).tolist()
+            for start, stop in zip(edges[::2], edges[1::2], strict=True):
+                run, room = slice(start, stop), slack * (l2 + l3 + l4) ** 2
+                nearest, farthest = float(square[run].min()) - room, float(square[run].max()) + room
+                yield _Band(pattern, nearest, farthest, float(spent[run].min()) - slack)
 
     def _image(self, k: int, plane: FloatArray) -> tuple[FloatArray, NDArray[np.bool_]]:
         """Joint angles nearest to zero inside the limits of pitch joint k, and where there is one."""
