@@ -284,17 +284,17 @@ class CollisionModel:
         Gaps of more than ``NEAR_M`` are lower bounds.
         """
         starts, spans = self._placed(links)
-        out = np.empty((len(self.pairs), links.origin[0].shape[-1]))
-        for gap, (i, j) in zip(out, self.pairs, strict=True):
-            apart = starts[i] - starts[j] + 0.5 * (spans[i] - spans[j])
-            radii = self.capsules[i].radius + self.capsules[j].radius
-            gap[:] = np.sqrt(np.einsum("im,im->m", apart, apart)) - (
-                self._halves[i] + self._halves[j] + radii
-            )
-            near = np.flatnonzero(gap < NEAR_M)
-            if len(near):
-                one, other = (starts[i][:, near], spans[i][:, near]), (starts[j][:, near], spans[j][:, near])
-                gap[near] = segment_distance(*one, *other) - radii
+        first, second = np.array(self.pairs, dtype=np.intp).reshape(-1, 2).T
+        middles = starts + 0.5 * spans
+        apart = middles[first] - middles[second]
+        radii = self._radii[first] + self._radii[second]
+        sizes = self._halves[first] + self._halves[second] + radii
+        out = np.sqrt(np.einsum("kim,kim->km", apart, apart)) - sizes[:, None]
+        pair, at = np.nonzero(out < NEAR_M)
+        if len(pair):
+            i, j = first[pair], second[pair]
+            one, other = (starts[i, :, at].T, spans[i, :, at].T), (starts[j, :, at].T, spans[j, :, at].T)
+            out[pair, at] = segment_distance(*one, *other) - radii[pair]
         return out
 
     def gaps_to(self, obstacles: Sequence[Obstacle], links: LinkFrames) -> FloatArray:
@@ -313,13 +313,18 @@ class CollisionModel:
         return out
 
     @cached_property
-    def _halves(self) -> list[float]:
-        return [0.5 * float(np.linalg.norm(capsule.end - capsule.start)) for capsule in self.capsules]
+    def _halves(self) -> FloatArray:
+        return np.array([0.5 * math.dist(capsule.start, capsule.end) for capsule in self.capsules])
 
-    def _placed(self, links: LinkFrames) -> tuple[list[FloatArray], list[FloatArray]]:
-        """Starts and spans of all capsules: (3, m) each [m], base frame."""
+    @cached_property
+    def _radii(self) -> FloatArray:
+        return np.array([capsule.radius for capsule in self.capsules])
+
+    def _placed(self, links: LinkFrames) -> tuple[FloatArray, FloatArray]:
+        """Starts and spans of all capsules: (capsules, 3, m) each [m], base frame."""
         ends = [links.place(c.link, np.array([c.start, c.end])) for c in self.capsules]
-        return [end[:, 0] for end in ends], [end[:, 1] - end[:, 0] for end in ends]
+        ends = np.array(ends).reshape(-1, 3, 2, links.origin[0].shape[-1])
+        return ends[:, :, 0], ends[:, :, 1] - ends[:, :, 0]
 
 
 # The corners of an arm: what comes nearest to a plane that it must stay above.

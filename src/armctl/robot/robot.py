@@ -25,11 +25,14 @@ from armctl.kinematics import (
     inverse_kinematics,
 )
 from armctl.kinematics.angles import LIMIT_TOLERANCE
+from armctl.kinematics.samples import joint_samples
+from armctl.kinematics.velocity import NEAR
 from armctl.robot.body import Capsule, CollisionModel, Corner, moving_corners, shape_capsules
 from armctl.robot.outputs import DEFAULT_BOARD, OutputMap
 from armctl.robot.parts import Gripper, Joint, Look, Obstacle
 
 FloatArray = NDArray[np.float64]
+_PROBES = 64
 
 
 @dataclass(frozen=True)
@@ -124,6 +127,14 @@ class Robot:
             titles = [joint.title for joint in self.joints]
             capsules = shape_capsules(self.chain, self.look, titles, gripper=self.gripper is not None)
         return CollisionModel.build(self.chain, capsules, self.limits, self.pose("home"))
+
+    @cached_property
+    def always_singular(self) -> bool:
+        """Whether the tool point is held to a line or a plane, so that no pose is special."""
+        turning = self.limits[:, 0] < self.limits[:, 1]
+        J = self.jacobian(joint_samples(self.limits, _PROBES))[:, :3, turning]
+        squares = np.linalg.eigvalsh(J @ J.swapaxes(1, 2))
+        return bool((squares[:, 0] <= NEAR**2 * squares[:, 2]).all())
 
     def forward(self, q: ArrayLike) -> FloatArray:
         """Pose of the tool: ``q`` (..., n) [rad] -> ``T_base_tool`` (..., 4, 4), metres."""

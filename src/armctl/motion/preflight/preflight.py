@@ -9,9 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armctl.errors import InputError, MotionRefusedError
-from armctl.kinematics import GravityModel
 from armctl.kinematics.chain import LinkFrames
-from armctl.kinematics.samples import joint_samples
+from armctl.kinematics.target import checked_number
 from armctl.kinematics.velocity import NEAR
 from armctl.motion.preflight.clearance import Floor, Obstacles, SelfCollision, gap_finding
 from armctl.motion.preflight.sampled import Finding, Kind, SampledMotion
@@ -53,8 +52,13 @@ def preflight(
         InputError: the trajectory has another number of joints, or a value that is not finite.
     """
     motion = SampledMotion.of(robot, trajectory)
-    gravity = _loaded(robot.gravity, payload_kg)
-    sources = (Floor(robot), Obstacles(robot), SelfCollision(robot))
+    gravity = robot.gravity
+    if payload_kg is not None:
+        if checked_number(payload_kg, "a payload") < 0.0:
+            raise InputError(f"a payload must be at least 0 kg, got {payload_kg}")
+        gravity = replace(gravity, payload_kg=payload_kg)
+    around = (Obstacles(robot),) if robot.obstacles else ()
+    sources = (Floor(robot), *around, SelfCollision(robot))
     gaps: list[list[FloatArray]] = [[] for _ in sources]
     torques: list[FloatArray] = []
     for low in range(0, len(motion.q), _CHUNK):
@@ -166,7 +170,6 @@ _LOST = 0.005
 """isotropy below which a tool path that needs the hardest direction is refused"""
 _STRAINED = 0.25 / _LOST
 """Joint travel per tool travel, in units of the best direction's, that shows that a path needs it."""
-_PROBES = 64
 
 
 def _singularity_findings(motion: SampledMotion, *, tool_path: bool) -> Iterator[Finding]:
@@ -179,8 +182,12 @@ def _singularity_findings(motion: SampledMotion, *, tool_path: bool) -> Iterator
     """
     robot = motion.robot
     q, time = (motion.q, motion.time) if tool_path else (motion.q[-1:], motion.time[-1:])
-    isotropy, largest = _isotropy(robot, q)
-    if isotropy.min() >= NEAR:
+    jacobians = robot.jacobian(q) if tool_path else robot.jacobian(q[-1])[None]
+    J = jacobians[:, :3, robot.limits[:, 0] < robot.limits[:, 1]]
+    singular = np.sqrt(np.maximum(np.linalg.eigvalsh(J @ J.swapaxes(1, 2)), 0.0))
+    largest = singular[:, 2]
+    isotropy = singular[:, 0] / np.maximum(largest, 1e-150)
+    if isotropy.min() >= NEAR or robot.always_singular:
         return
     at, is_lost = int(isotropy.argmin()), False
     lost = np.flatnonzero(isotropy[1:] < _LOST) + 1
@@ -191,9 +198,6 @@ def _singularity_findings(motion: SampledMotion, *, tool_path: bool) -> Iterator
         lost = lost[turn * largest[lost] > _STRAINED * way]
     if len(lost):
         at, is_lost = int(lost[isotropy[lost].argmin()]), True
-    probes, _ = _isotropy(robot, joint_samples(robot.limits, _PROBES))
-    if (probes <= NEAR).all():  # the tool is held to a line or a plane: no pose of it is special
-        return
     percent = 100 * float(isotropy[at])
     yield Finding(
         float(time[at]),
@@ -206,15 +210,6 @@ def _singularity_findings(motion: SampledMotion, *, tool_path: bool) -> Iterator
         "singularity",
         "error" if is_lost else "warning",
     )
-
-
-def _isotropy(robot: Robot, q: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Of configurations (m, n): the isotropy, and the largest singular value [m/rad], (m,) each."""
-    turning = robot.limits[:, 0] < robot.limits[:, 1]
-    J = robot.jacobian(q)[:, :3, turning]
-    squares = np.linalg.eigvalsh(J @ J.swapaxes(1, 2))
-    smallest, largest = np.sqrt(np.maximum(squares[:, [0, 2]], 0.0)).T
-    return smallest / np.maximum(largest, 1e-150), largest
 
 
 # Can the joints hold the arm and what it carries?
@@ -263,11 +258,3 @@ def not_checked(robot: Robot) -> tuple[str, ...]:
         return ()
     which = "any joint" if len(unknown) == robot.n else ", ".join(unknown)
     return (f"gravity torque: the file of {robot.name} gives no stall torque of {which}",)
-
-
-def _loaded(gravity: GravityModel, payload_kg: float | None) -> GravityModel:
-    if payload_kg is None:
-        return gravity
-    if not 0.0 <= payload_kg < np.inf:
-        raise InputError(f"a payload must be a number of at least 0 kg, got {payload_kg}")
-    return replace(gravity, payload_kg=payload_kg)
