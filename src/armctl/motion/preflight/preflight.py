@@ -18,8 +18,6 @@ from armctl.motion.trajectory import Trajectory
 from armctl.robot import Robot
 
 FloatArray = NDArray[np.float64]
-_CHUNK = 8192
-"""samples that are placed at once: what they need stays in the cache"""
 
 
 def preflight(
@@ -52,31 +50,18 @@ def preflight(
         InputError: the trajectory has another number of joints, or a value that is not finite.
     """
     motion = SampledMotion.of(robot, trajectory)
-    gravity = robot.gravity
-    if payload_kg is not None:
-        if checked_number(payload_kg, "a payload") < 0.0:
-            raise InputError(f"a payload must be at least 0 kg, got {payload_kg}")
-        gravity = replace(gravity, payload_kg=payload_kg)
+    if payload_kg is not None and checked_number(payload_kg, "a payload") < 0.0:
+        raise InputError(f"a payload must be at least 0 kg, got {payload_kg}")
+    links = LinkFrames.at(robot.chain, motion.q)
+    findings = [*_limit_findings(motion)]
+    findings += [*_rate_findings(motion, "speed"), *_rate_findings(motion, "acceleration")]
     around = (Obstacles(robot),) if robot.obstacles else ()
-    sources = (Floor(robot), *around, SelfCollision(robot))
-    gaps: list[list[FloatArray]] = [[] for _ in sources]
-    torques: list[FloatArray] = []
-    for low in range(0, len(motion.q), _CHUNK):
-        links = LinkFrames.at(robot.chain, motion.q[low : low + _CHUNK])
-        for source, known in zip(sources, gaps, strict=True):
-            known.append(source.gaps(links))
-        torques.append(gravity.torque_of(links))
-    findings = [
-        *_limit_findings(motion),
-        *_rate_findings(motion, "speed"),
-        *_rate_findings(motion, "acceleration"),
-    ]
-    for source, known in zip(sources, gaps, strict=True):
-        finding = gap_finding(motion, source, np.hstack(known))
+    for source in (Floor(robot), *around, SelfCollision(robot)):
+        finding = gap_finding(motion, source, source.gaps(links))
         if finding is not None:
             findings.append(finding)
     findings += _singularity_findings(motion, tool_path=tool_path)
-    findings += _torque_findings(motion, np.hstack(torques))
+    findings += _torque_findings(motion, links, payload_kg)
     if at_rest:
         findings += _rest_findings(motion)
     return sorted(findings, key=lambda finding: (finding.severity != "error", finding.time))
@@ -219,15 +204,16 @@ _WARM = 0.5
 _TORQUE_TOLERANCE = 1e-3
 
 
-def _torque_findings(motion: SampledMotion, torques: FloatArray) -> Iterator[Finding]:
-    """Static gravity torque (n, m) [N·m] of each joint against its stall torque.
+def _torque_findings(motion: SampledMotion, links: LinkFrames, payload_kg: float | None) -> Iterator[Finding]:
+    """Static gravity torque of each joint against its stall torque.
 
     More than the stall torque is an error, unless the motion starts there and it gets no worse.
     """
     robot = motion.robot
-    if not robot.gravity.bodies:
+    if not robot.gravity.bodies or not any(joint.stall_torque for joint in robot.joints):
         return
-    for joint, torque in zip(robot.joints, np.abs(torques), strict=True):
+    gravity = robot.gravity if payload_kg is None else replace(robot.gravity, payload_kg=payload_kg)
+    for joint, torque in zip(robot.joints, np.abs(gravity.torque_of(links)), strict=True):
         stall = joint.stall_torque
         if not stall:
             continue
