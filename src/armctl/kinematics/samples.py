@@ -14,9 +14,8 @@ _SEED = 20_240
 def joint_samples(limits: FloatArray, count: int, seed: int = _SEED) -> FloatArray:
     """Configurations (count, n) [rad] inside the limits, ends included.
 
-    A Kronecker sequence in the moving joints (steps of powers of the root of ``x^(m+1) = x + 1``): spread
-    more evenly than random numbers. Three in four crowd towards the limits, where much of the boundary
-    of a workspace comes from, and half of those have a joint on a limit.
+    An ``even_spread`` of the moving joints. Three in four crowd towards the limits, where much of the
+    boundary of a workspace comes from, and half of those have a joint on a limit.
 
     Args:
         limits: (n, 2) [rad]; a joint whose limits are equal is held there.
@@ -27,11 +26,7 @@ def joint_samples(limits: FloatArray, count: int, seed: int = _SEED) -> FloatArr
     moving = np.flatnonzero(high > low)
     rng = np.random.default_rng(seed)
     m = len(moving)
-    root = 2.0
-    for _ in range(60):
-        root = (1.0 + root) ** (1.0 / (m + 1))
-    steps = root ** -np.arange(1.0, m + 1)
-    u = (rng.random(m) + steps * np.arange(1, count + 1)[:, None]) % 1.0
+    u = even_spread(count, rng.random(m))
     kind = np.arange(count) % 4
     u = np.where((kind > 0)[:, None], np.sin(0.5 * np.pi * u) ** 2, u)
     if m:
@@ -40,6 +35,24 @@ def joint_samples(limits: FloatArray, count: int, seed: int = _SEED) -> FloatArr
     q = np.tile(low, (count, 1))
     q[:, moving] = np.clip(low[moving] + u * (high - low)[moving], low[moving], high[moving])
     return q
+
+
+def even_spread(count: int, start: FloatArray) -> FloatArray:
+    """(count, d) points of the unit cube, more evenly spread than random numbers; always the same ones.
+
+    A Kronecker sequence whose steps are powers of the root of x^(d+1) = x + 1 (M. Roberts, "The unreasonable
+    effectiveness of quasirandom sequences", 2018).
+
+    Args:
+        count: how many.
+        start: (d,) where it begins.
+    """
+    d = len(start)
+    root = 2.0
+    for _ in range(60):
+        root = (1.0 + root) ** (1.0 / (d + 1))
+    steps = root ** -np.arange(1.0, d + 1)
+    return (start + steps * np.arange(1, count + 1)[:, None]) % 1.0
 
 
 # The greatest value that a smooth function of the joint angles takes inside the limits.

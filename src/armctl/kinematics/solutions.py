@@ -17,21 +17,13 @@ from armctl.kinematics.energy import Criterion, EnergyModel, checked_criterion, 
 from armctl.kinematics.rotation import rotation_angle
 from armctl.kinematics.target import Target
 
-# How a length is told.
-
-_SEEN_MM = 0.05
-"""what one decimal shows as more than 0.0 [mm]"""
-
-
-def millimetres(metres: float) -> str:
-    """A length [m] as a number of mm: with one decimal, or two digits of one that would read as 0.0."""
-    length = 1000.0 * metres
-    return f"{length:.1f}" if abs(length) >= _SEEN_MM else f"{length:.2g}"
-
-
 FloatArray = NDArray[np.float64]
 _THERE_M = 1e-7
 """a nearest point that is so near is the target itself [m]"""
+_SEEN_MM = 0.05
+"""what one decimal shows as more than 0.0 [mm]"""
+_UNSEEN = math.radians(0.005)
+"""an excess that two decimals do not show: what a search for the least excess leaves [rad]"""
 
 
 class SolvedArm(NamedTuple):
@@ -197,9 +189,6 @@ class Solutions:
         return str(self.branch[self.index_of(q)])
 
 
-# What inverse kinematics answers for many poses at once.
-
-
 @dataclass(frozen=True)
 class BatchSolutions:
     """The branches of k poses, a column a branch."""
@@ -220,14 +209,17 @@ class BatchSolutions:
         return len(self.q)
 
 
-# What is said of a joint that would have to leave its limits.
+# Words of refusals.
 
-_UNSEEN = math.radians(0.005)
-"""an excess that two decimals do not show: what a search for the least excess leaves [rad]"""
+
+def millimetres(metres: float) -> str:
+    """A length [m] as a number of mm: with one decimal, or two digits of one that would read as 0.0."""
+    length = 1000.0 * metres
+    return f"{length:.1f}" if abs(length) >= _SEEN_MM else f"{length:.2g}"
 
 
 def all_needs(titles: Sequence[str], limits: NDArray[np.float64], needed: Sequence[tuple[int, float]]) -> str:
-    """What some joints would have to do at once: index and angle [rad] of each, ``limits`` (n, 2)."""
+    """Text for joints that would leave their limits: index and angle [rad] of each, ``limits`` (n, 2)."""
     seen = [
         (joint, angle)
         for joint, angle in needed
@@ -237,7 +229,7 @@ def all_needs(titles: Sequence[str], limits: NDArray[np.float64], needed: Sequen
 
 
 def needs(title: str, limits: NDArray[np.float64] | Sequence[float], *angles: float) -> str:
-    """What a joint would have to do, and what it may: ``limits`` (2,) and alternative ``angles`` [rad]."""
+    """Text for a joint that would leave its limits: ``limits`` (2,) and alternative ``angles`` [rad]."""
     low, high, *needed = (math.degrees(float(value)) for value in (*limits, *angles))
     digits = max(_digits(angle, low, high) for angle in needed)
     said = " or ".join(f"{angle:.{digits}f}°" for angle in needed)
