@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import asyncio
+import threading
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from types import SimpleNamespace
@@ -51,6 +53,7 @@ def bench(server: GuardedServer, tmp_path: Path) -> Bench:
         shared=lambda kind: desk,
         snapshot=make_rig().now,
         on=lambda attach, action: None,
+        closed=False,
     )
     return Bench(desk, verdict, ProgramRun(session, cast(Any, None), cast(Any, verdict)))
 
@@ -86,4 +89,32 @@ def test_a_check_that_was_overtaken_shows_nothing_of_its_own(bench: Bench) -> No
 def test_an_empty_list_is_not_checked(bench: Bench) -> None:
     with pytest.raises(StateError, match="the list is empty"):
         asyncio.run(bench.run.check())
+    assert not bench.verdict.visible
+
+
+def test_a_check_of_a_long_program_says_how_far_it_is_and_can_be_cancelled(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    reached, go_on = threading.Event(), threading.Event()
+
+    def check(*_: object, progress: Callable[[int, int], None], **__: object) -> list[ProgramFinding]:
+        progress(12, 100)
+        reached.set()
+        assert go_on.wait(10)
+        progress(13, 100)
+        return []
+
+    async def cancel() -> None:
+        checking = asyncio.create_task(bench.run.check())
+        await asyncio.to_thread(reached.wait, 10)
+        bench.run.refresh()
+        assert "12 of 100 steps" in bench.verdict.content
+        await bench.run._on_cancel()
+        go_on.set()
+        await checking
+
+    monkeypatch.setattr("armctl.ui.tabs.program.run.check_program", check)
+    bench.put(HOME)
+    with pytest.raises(StateError, match="the check was cancelled"):
+        asyncio.run(cancel())
     assert not bench.verdict.visible

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import threading
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,6 +36,10 @@ class ProgramRun:
         self._verdict.visible = False
         self._checked: tuple[Program, tuple[float, ...] | None, list[ProgramFinding]] | None = None
         """what was checked, from where, and what was found"""
+        self._progress: tuple[int, int] | None = None
+        """how many steps of a long check are done, and how many there are"""
+        self._cancelled = threading.Event()
+        """of the checks that run now"""
         self._stepping: tuple[Program, Cursor, int] | None = None
         gui = session.gui
         self._times = gui.add_number("Times N", initial_value=3, min=1, max=_MOST_LOOPS, step=1)
@@ -44,12 +49,18 @@ class ProgramRun:
         self._run = gui.add_button_group("Run", ("Run once", "Run N times", "Loop"))
         self._try = gui.add_button_group("Try", ("Step", "Check"), hint=_STEP_HINT)
         hold = gui.add_button_group("While it runs", ("Pause", "Resume"))
+        self._cancel = gui.add_button("Cancel check", color="gray", visible=False)
+        session.on(self._cancel.on_click, self._on_cancel)
         session.on(self._run.on_click, self._on_run)
         session.on(self._try.on_click, self._on_try)
         session.on(hold.on_click, lambda: session.submit(Pause() if hold.value == "Pause" else Resume()))
 
     def refresh(self) -> None:
-        """A verdict goes with the program that it is about."""
+        """Show how far a check is; a verdict goes with the program that it is about."""
+        self._cancel.visible = self._progress is not None
+        if self._progress is not None:
+            done, steps = self._progress
+            self._verdict.show(muted(f"Checking … {done} of {steps} steps"))
         if self._checked is not None and self._checked[0].steps != self._shared.program.steps:
             self._checked = None
             self._verdict.visible = False
@@ -86,6 +97,10 @@ class ProgramRun:
         else:
             await self._step(self._program())
 
+    async def _on_cancel(self) -> None:
+        self._cancelled.set()
+        self._cancelled = threading.Event()
+
     def _program(self) -> Program:
         program = self._shared.program
         if not program.steps:
@@ -100,11 +115,21 @@ class ProgramRun:
             return self._checked[2]
         self._verdict.show(muted("Checking …"))
         self._verdict.visible = True
+        cancelled = self._cancelled
+
+        def progress(done: int, steps: int) -> None:
+            """Called by the worker thread."""
+            if cancelled.is_set() or self._session.closed:
+                raise StateError("the check was cancelled")
+            self._progress = (done, steps)
+
         try:
-            findings = await asyncio.to_thread(check_program, program, robot, start=start)
+            findings = await asyncio.to_thread(check_program, program, robot, start=start, progress=progress)
         except BaseException:
             self._verdict.visible = False
             raise
+        finally:
+            self._progress = None
         if program.steps == self._shared.program.steps:  # else a later check shows the newer one
             self._verdict.show(verdict_html(findings, not_checked(robot)))
             self._verdict.visible = True
