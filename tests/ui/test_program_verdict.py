@@ -15,6 +15,7 @@ from tests.runtime.kit import ROBOT, make_rig
 
 from armctl.errors import StateError
 from armctl.program import MoveStep, PointStep, Program, Step
+from armctl.program.check import ProgramFinding
 from armctl.ui.guard import GuardedServer
 from armctl.ui.tabs.program.run import ProgramRun
 from armctl.ui.tabs.program.shared_program import SharedProgram
