@@ -1,6 +1,6 @@
-"""Maestro commands to bytes and replies to values (Pololu guide 0J40, sections 5.c to 5.e).
+"""The Maestro's bytes, in both directions (Pololu guide 0J40, sections 5.c to 5.e).
 
-Pure functions. Targets are quarter µs, speeds and accelerations the board's units (see ``units``).
+Targets are quarter µs, speeds and accelerations the board's units.
 """
 
 from __future__ import annotations
@@ -61,11 +61,7 @@ _ROUNDING_SLACK = 1e-6
 
 
 def us_to_quarters(pulse_us: float) -> int:
-    """The nearest quarter µs of a pulse width [µs].
-
-    Raises:
-        InputError: not finite, not positive, or longer than the protocol holds.
-    """
+    """The nearest quarter µs of a pulse width [µs]; ``InputError`` where the protocol cannot hold it."""
     if not math.isfinite(pulse_us) or not 0.0 < pulse_us <= MAX_TARGET / QUARTERS_PER_US:
         raise InputError(
             f"pulse width {pulse_us} µs cannot be sent; allowed is more than 0 up to "
@@ -84,10 +80,8 @@ def speed_to_units(speed_us_per_s: float | None) -> int:
     """A speed limit [µs/s] as the board takes it; None is unlimited (0 on the wire).
 
     Rounds down, so that the board never runs faster than the limit. Below one unit (25 µs/s) it becomes one
-    unit, because 0 would mean *unlimited*; above the field it becomes the largest value.
-
-    Raises:
-        InputError: not finite or not positive.
+    unit, because 0 would mean *unlimited*; above the field it becomes the largest value. ``InputError``
+    where it is not finite or not positive.
     """
     return _limit_to_units("speed", "µs/s", speed_us_per_s, SPEED_UNIT_US_PER_S, MAX_SPEED)
 
@@ -96,9 +90,6 @@ def acceleration_to_units(acceleration_us_per_s2: float | None) -> int:
     """An acceleration limit [µs/s²] as the board takes it; None is unlimited (0 on the wire).
 
     Rounds like ``speed_to_units``: down, but never to 0 and never above 255 (79 687.5 µs/s²).
-
-    Raises:
-        InputError: not finite or not positive.
     """
     return _limit_to_units(
         "acceleration", "µs/s²", acceleration_us_per_s2, ACCELERATION_UNIT_US_PER_S2, MAX_ACCELERATION
@@ -343,3 +334,115 @@ def _check_channel(channel: int) -> None:
 def _check(what: str, value: int, lowest: int, highest: int) -> None:
     if not lowest <= value <= highest:
         raise InputError(f"{what} {value} is outside {lowest} … {highest}")
+
+
+# The receiving side: single bytes to commands and errors, as the board takes them.
+
+# Data bytes of each command; None: counted by its own first data byte.
+_MICRO_COMMANDS: dict[int, int | None] = {
+    Opcode.SET_TARGET: 3,
+    Opcode.SET_SPEED: 3,
+    Opcode.SET_ACCELERATION: 3,
+    Opcode.GET_POSITION: 1,
+    Opcode.GET_MOVING_STATE: 0,
+    Opcode.GET_ERRORS: 0,
+    Opcode.GO_HOME: 0,
+}
+_MINI_COMMANDS: dict[int, int | None] = {**_MICRO_COMMANDS, Opcode.SET_MULTIPLE_TARGETS: None}
+
+_COMMAND_BIT = 0x80
+_MINI_SSC_LENGTH = 3
+
+
+@dataclass(frozen=True, slots=True)
+class Packet:
+    """One complete command: its compact-form command byte, its data, and the bytes as they came."""
+
+    opcode: Opcode
+    data: bytes
+    raw: bytes
+
+
+class PacketParser:
+    """Takes bytes one at a time, in all three sub-protocols mixed, as the board does.
+
+    A byte with bit 7 set always begins a new command; one that comes before the last command was
+    complete is a protocol error too. Data bytes that belong to nothing are a protocol error once,
+    then skipped up to the next command byte. (The guide does not say what the board does with
+    them; this is the stricter reading, so that a client that sends them is found out.)
+    A Pololu-form command to another device number is skipped without an error.
+
+    Args:
+        device: the board's own device number.
+        crc: whether the board wants a CRC-7 after each command (never after Mini SSC).
+        multiple_targets: whether the board knows Set Multiple Targets.
+    """
+
+    def __init__(self, *, device: int, crc: bool, multiple_targets: bool) -> None:
+        self._device = device
+        self._crc = crc
+        self._commands: Mapping[int, int | None] = _MINI_COMMANDS if multiple_targets else _MICRO_COMMANDS
+        self._raw = bytearray()
+        self._skipping = False
+
+    def push(self, byte: int) -> list[Packet | MaestroErrors]:
+        """What this byte brings about: nothing, an error, a complete command, or an error and a command."""
+        if self._raw and self._raw[0] == Opcode.MINI_SSC and byte != Opcode.MINI_SSC:
+            return self._push_mini_ssc(byte)
+        events: list[Packet | MaestroErrors] = []
+        if byte & _COMMAND_BIT:
+            if self._raw:
+                events.append(MaestroErrors.SERIAL_PROTOCOL)
+            self._raw = bytearray((byte,))
+            self._skipping = False
+        elif self._raw:
+            self._raw.append(byte)
+        elif self._skipping:
+            return events
+        else:
+            self._skipping = True
+            return [MaestroErrors.SERIAL_PROTOCOL]
+        return events + self._finish_if_complete()
+
+    def _push_mini_ssc(self, byte: int) -> list[Packet | MaestroErrors]:
+        self._raw.append(byte)
+        if len(self._raw) < _MINI_SSC_LENGTH:
+            return []
+        return [self._take(Opcode.MINI_SSC, bytes(self._raw[1:]))]
+
+    def _finish_if_complete(self) -> list[Packet | MaestroErrors]:
+        raw = self._raw
+        if raw[0] == Opcode.MINI_SSC:
+            return []
+        if raw[0] == POLOLU_START:
+            if len(raw) > 1 and raw[1] != self._device:
+                self._skip()
+                return []
+            if len(raw) < 3:
+                return []
+            command, data = raw[2] | _COMMAND_BIT, raw[3:]
+        else:
+            command, data = raw[0], raw[1:]
+        if command not in self._commands:
+            self._skip()
+            return [MaestroErrors.SERIAL_PROTOCOL]
+        length = self._commands[command]
+        if length is None:
+            if not data:
+                return []
+            length = 2 + 2 * data[0]
+        if len(data) < length + self._crc:
+            return []
+        if self._crc and crc7(bytes(raw[:-1])) != raw[-1]:
+            self._raw.clear()
+            return [MaestroErrors.SERIAL_CRC]
+        return [self._take(Opcode(command), bytes(data[:length]))]
+
+    def _take(self, opcode: Opcode, data: bytes) -> Packet:
+        packet = Packet(opcode, data, bytes(self._raw))
+        self._raw.clear()
+        return packet
+
+    def _skip(self) -> None:
+        self._raw.clear()
+        self._skipping = True

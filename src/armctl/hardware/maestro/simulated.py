@@ -17,10 +17,11 @@ from armctl.hardware.maestro.codec import (
     MaestroErrors,
     MaestroModel,
     Opcode,
+    Packet,
+    PacketParser,
     quarters_to_us,
     us_to_quarters,
 )
-from armctl.hardware.maestro.packet_parser import Packet, PacketParser
 
 # One servo channel of a simulated Maestro: where its pulse width stands and how it moves.
 
