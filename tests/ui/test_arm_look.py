@@ -10,9 +10,8 @@ import numpy as np
 import pytest
 
 from armctl.robot import load_robot, shipped_robots
-from armctl.ui.scene.proportions import front, reach
 from armctl.ui.scene.shapes import Point, Solid, beam, block, drum, spike, tube
-from armctl.ui.scene.stage import stand_parts
+from armctl.ui.scene.stage import front, reach, stand_parts
 from armctl.ui.widgets.joint_angles import held_at
 
 ROBOTS = {name: load_robot(name) for name in shipped_robots()}

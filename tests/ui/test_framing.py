@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 
 from armctl.kinematics import Chain
 from armctl.robot import Robot, load_robot, shipped_robots
-from armctl.ui.scene.proportions import reach
-from armctl.ui.scene.stage import floor_size, framed, in_view
+from armctl.ui.scene.stage import floor_size, framed, in_view, reach
 
 FloatArray = NDArray[np.float64]
 FOV = math.radians(75)

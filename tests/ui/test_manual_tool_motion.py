@@ -12,7 +12,7 @@ from tests.runtime.kit import make_rig
 
 from armctl.motion import PointToPoint
 from armctl.robot import load_robot
-from armctl.ui.widgets.live_readout import joint_table, tool_motion, tool_table
+from armctl.ui.tabs.manual.live_readout import joint_table, tool_motion, tool_table
 
 ROBOT = load_robot("uzuner")
 FRACTIONS = st.lists(st.floats(0.02, 0.98), min_size=ROBOT.n, max_size=ROBOT.n).map(np.array)

@@ -1,1 +1,1 @@
-"""The 3D view: the arm from its DH rows, floor, ghosts, trail."""
+"""The 3D view: the arm, what it stands on, ghosts, lines."""

@@ -83,8 +83,7 @@ class ArmFigure:
 
     @visible.setter
     def visible(self, visible: bool) -> None:
-        if self._root.visible != visible:
-            self._root.visible = visible
+        self._root.visible = visible
 
     def remove(self) -> None:
         """Take the drawing out of the scene."""
@@ -101,8 +100,7 @@ class ArmFigure:
         if self._fingers and opening is not None:
             gap = self._reach * (GAP_CLOSED + (GAP_OPEN - GAP_CLOSED) * opening)
             for side, finger in zip((1, -1), self._fingers, strict=True):
-                if finger.position[1] != side * gap:
-                    finger.position = (0.0, side * gap, 0.0)
+                finger.position = (0.0, side * gap, 0.0)
 
     def say(self, words: str | None) -> None:
         """Write words at the tool point; None: nothing."""

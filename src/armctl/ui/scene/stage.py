@@ -9,13 +9,39 @@ import viser
 from numpy.typing import NDArray
 
 from armctl.robot import Robot
+from armctl.robot.shape import reach as chain_reach
 from armctl.ui.scene.arm_figure import send_pose
-from armctl.ui.scene.proportions import front, reach
 from armctl.ui.scene.shapes import Point, Solid, beam, block, drum, tube
 
-# From how far away a camera has all of something in its picture.
-
 FloatArray = NDArray[np.float64]
+# Proportions, as fractions of the arm's reach.
+_PLATE_WIDTH, _PLATE_HEIGHT = 0.28, 0.02
+_COLUMN_WIDTH, _COLUMN_BEHIND = 0.11, 0.24
+_HIGH = 0.3
+"""a base frame this far above the floor lets the arm hang below it: the column goes behind"""
+_ABOVE_BASE = 0.02
+"""a tool nearer to the base axis than this is to no side of it"""
+_TARGET_COLOR = (214, 51, 108)
+_FLOOR_M, _FLOOR_STEP_M = 1.6, 0.5
+"""the floor is so large at least; a longer arm stands on one that is larger by whole sections"""
+_IN_FRONT, _BESIDE, _ABOVE = 0.62, 0.72, 0.32
+"""the direction from the arm to the camera"""
+_FILLED = 0.95
+"""of the picture, by the arm and how far it reaches"""
+_LEAST_ASPECT = 0.5
+"""where the panels leave the scene a narrower strip, the arm may go beyond it"""
+
+
+def reach(robot: Robot) -> float:
+    """The length of the arm from its base frame to the tool point, all links stretched [m]."""
+    return chain_reach(robot.chain)
+
+
+def front(robot: Robot) -> FloatArray:
+    """The horizontal direction (2,) from the base axis to the tool in the home pose, of length 1."""
+    tool = robot.forward(robot.pose("home"))[:2, 3]
+    distance = float(np.linalg.norm(tool))
+    return np.array([1.0, 0.0]) if distance < _ABOVE_BASE * reach(robot) else tool / distance
 
 
 def framed(
@@ -44,15 +70,6 @@ def framed(
     distance = float((nearer + np.maximum(np.abs(x) / (high * aspect), np.abs(y) / high)).max())
     centre: FloatArray = middle @ axes
     return centre + distance * back, centre
-
-
-# What holds an arm up: a plate on the floor, and a column where the base frame is high above it.
-
-# Proportions, as fractions of the arm's reach.
-_PLATE_WIDTH, _PLATE_HEIGHT = 0.28, 0.02
-_COLUMN_WIDTH, _COLUMN_BEHIND = 0.11, 0.24
-_HIGH = 0.3
-"""A base frame this far above the floor lets the arm hang below it: the column goes behind."""
 
 
 def draw_stand(scene: viser.SceneApi, robot: Robot, name: str = "/stand") -> viser.FrameHandle:
@@ -88,17 +105,6 @@ def stand_parts(robot: Robot) -> dict[str, Solid]:
     middle: Point = (foot[0], foot[1], floor + height / 2)
     parts["plate"] = block((width, width, height), middle) if square else drum(width / 2, height, middle)
     return parts
-
-
-_TARGET_COLOR = (214, 51, 108)
-_FLOOR_M, _FLOOR_STEP_M = 1.6, 0.5
-"""the floor is so large at least; a longer arm stands on one that is larger by whole sections"""
-_IN_FRONT, _BESIDE, _ABOVE = 0.62, 0.72, 0.32
-"""The direction from the arm to the camera."""
-_FILLED = 0.95
-"""of the picture, by the arm and how far it reaches"""
-_LEAST_ASPECT = 0.5
-"""where the panels leave the scene a narrower strip, the arm may go beyond it"""
 
 
 def set_lights(scene: viser.SceneApi) -> None:

@@ -100,8 +100,6 @@ def iso_time(stamp: float) -> str:
     return datetime.fromtimestamp(stamp).astimezone().isoformat(timespec="seconds")
 
 
-# Text that is sent only when it changes.
-
 _STYLE = "padding:2px 12px;font-size:12.5px;line-height:1.5;overflow-x:auto;overflow-wrap:anywhere"
 _CELL = "padding:0 6px;text-align:right;font-variant-numeric:tabular-nums;white-space:nowrap"
 _HEAD = ";white-space:normal;overflow-wrap:normal;vertical-align:bottom"
@@ -114,7 +112,6 @@ class LiveHtml:
     """A block of HTML. The caller escapes what is not its own."""
 
     def __init__(self, gui: viser.GuiApi, content: str = "", *, visible: bool = True) -> None:
-        self._shown = content
         self._handle = gui.add_html(self._wrap(content), visible=visible)
 
     @property
@@ -124,14 +121,11 @@ class LiveHtml:
 
     @visible.setter
     def visible(self, visible: bool) -> None:
-        if self._handle.visible != visible:
-            self._handle.visible = visible
+        self._handle.visible = visible
 
     def show(self, content: str) -> None:
-        """Replace the content, if it is another."""
-        if content != self._shown:
-            self._shown = content
-            self._handle.content = self._wrap(content)
+        """Replace the content; viser sends it only if it is another."""
+        self._handle.content = self._wrap(content)
 
     @staticmethod
     def _wrap(content: str) -> str:

@@ -15,8 +15,6 @@ import viser
 
 from armctl.errors import InputError
 
-# A text field of the page, as all fields use it that read more than text from it.
-
 
 class TextEntry:
     """Whatever the field shows arrives at the server, character by character."""
@@ -47,8 +45,7 @@ class TextEntry:
 
     @visible.setter
     def visible(self, visible: bool) -> None:
-        if self.handle.visible != visible:
-            self.handle.visible = visible
+        self.handle.visible = visible
 
 
 _DIGITS = 3

@@ -65,8 +65,7 @@ class ProfileChoice:
         laws = tuple(name for name, profile in self._laws.items() if normal or profile != "normal")
         if tuple(self._profile.options) != laws:
             self._profile.options = laws
-        if self._profile.visible != profile:
-            self._profile.visible = profile
+        self._profile.visible = profile
         self._duration_shown = duration
         self.duration.visible = duration and not (profile and self.profile == "normal")
 

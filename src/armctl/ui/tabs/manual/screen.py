@@ -6,8 +6,8 @@ from armctl.runtime import Snapshot
 from armctl.ui.session import Session
 from armctl.ui.tabs.manual.jog import JogControl
 from armctl.ui.tabs.manual.joints import JointControl
+from armctl.ui.tabs.manual.live_readout import LiveReadout
 from armctl.ui.tabs.program.screen import SerialMotion
-from armctl.ui.widgets.live_readout import LiveReadout
 
 
 class ManualScreen:

@@ -12,9 +12,7 @@ from numpy.typing import NDArray
 from armctl.hardware import Source
 from armctl.robot import Robot
 from armctl.runtime import Snapshot
-from armctl.ui.widgets.html import LiveHtml, table
-
-# How the tool moves: position, velocity and acceleration of the tool point from those of the joints.
+from armctl.ui.widgets.html import LiveHtml, fixed, table
 
 FloatArray = NDArray[np.float64]
 _PROBE_S = 1e-4
@@ -104,9 +102,9 @@ def tool_table(robot: Robot, snapshot: Snapshot) -> str:
         ["velocity mm/s", *_with_size(1000 * motion.velocity)],
         ["acceleration mm/s²", *_with_size(1000 * motion.acceleration)],
     ]
-    angles = f"pitch <b>{_fixed(math.degrees(motion.pitch), 2)}°</b>"
+    angles = f"pitch <b>{fixed(math.degrees(motion.pitch), 2)}°</b>"
     if motion.roll is not None:
-        angles += f" · roll <b>{_fixed(math.degrees(motion.roll), 2)}°</b>"
+        angles += f" · roll <b>{fixed(math.degrees(motion.roll), 2)}°</b>"
     return table(["Tool", "x", "y", "z", "size"], rows) + f"<div style='padding:0 6px'>Tool {angles}</div>"
 
 
@@ -122,15 +120,8 @@ def joint_table(robot: Robot, snapshot: Snapshot) -> str:
 
 
 def _with_size(vector: FloatArray) -> list[str]:
-    return [*_numbers(vector, 1), _fixed(float(np.linalg.norm(vector)), 1)]
+    return [*_numbers(vector, 1), fixed(float(np.linalg.norm(vector)), 1)]
 
 
 def _numbers(values: FloatArray, digits: int) -> list[str]:
-    return [_fixed(value, digits) for value in values.tolist()]
-
-
-def _fixed(value: float, digits: int) -> str:
-    """A number with a real minus sign and no negative zero; a dash where it is not known."""
-    if not math.isfinite(value):
-        return "–"
-    return f"{round(value, digits) + 0.0:.{digits}f}".replace("-", "−")
+    return [fixed(value, digits) for value in values.tolist()]
