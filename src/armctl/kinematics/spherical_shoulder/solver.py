@@ -33,10 +33,9 @@ from armctl.kinematics.spherical_shoulder.geometry import (
     turned,
     vector,
 )
-from armctl.kinematics.spherical_shoulder.least_rotation import least_rotation
 from armctl.kinematics.spherical_shoulder.orientation import ToolOrientation, ToolPosture
 from armctl.kinematics.spherical_shoulder.reach import SphericalNearest, SphericalReach
-from armctl.kinematics.spherical_shoulder.swivel import ShoulderLimits, Swivel, sweep
+from armctl.kinematics.spherical_shoulder.swivel import ShoulderLimits, Swivel, least_rotation, sweep
 from armctl.kinematics.target import Target
 
 FloatArray = NDArray[np.float64]
