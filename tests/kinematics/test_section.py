@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from tests.kinematics.kit import chain_of, random_planar_arm, random_q
 
 from armctl.kinematics import Chain
-from armctl.kinematics.section import (
+from armctl.kinematics.workspace import (
     SampledSection,
     cell_outline,
     enclosed_area,

@@ -13,7 +13,7 @@ from tests.kinematics.kit import FloatArray, chain_of, random_planar_arm, random
 from armctl import load_robot
 from armctl.errors import InputError
 from armctl.kinematics import InverseKinematics, Target
-from armctl.kinematics.grid import grid_values
+from armctl.kinematics.samples import grid_values
 
 STEP = math.radians(0.01)
 COARSE, FINE = math.radians(0.5), math.radians(0.02)

@@ -12,8 +12,8 @@ from armctl.kinematics.energy import (
     checked_criterion,
 )
 from armctl.kinematics.families import inverse_kinematics
-from armctl.kinematics.grid import DEFAULT_STEP
 from armctl.kinematics.rotation import quaternion_wxyz, roll_pitch_yaw, rotation_from_rpy
+from armctl.kinematics.samples import DEFAULT_STEP
 from armctl.kinematics.solutions import BatchSolutions, Solutions
 from armctl.kinematics.solver import InverseKinematics
 from armctl.kinematics.target import Target

@@ -13,7 +13,7 @@ from armctl.kinematics.angles import LIMIT_TOLERANCE, rest_angle
 from armctl.kinematics.chain import Chain
 from armctl.kinematics.energy import EnergyModel
 from armctl.kinematics.families import inverse_kinematics
-from armctl.kinematics.grid import DEFAULT_STEP
+from armctl.kinematics.samples import DEFAULT_STEP
 from armctl.kinematics.solutions import needs
 from armctl.kinematics.target import Target
 

@@ -13,10 +13,10 @@ from numpy.typing import ArrayLike, NDArray
 from armctl.errors import InputError
 from armctl.kinematics.chain import Chain
 from armctl.kinematics.energy import EnergyModel
-from armctl.kinematics.section import SampledSection, Section
 from armctl.kinematics.solutions import BatchSolutions, Solutions
 from armctl.kinematics.target import Target
 from armctl.kinematics.tool_plane import ToolPlane
+from armctl.kinematics.workspace import SampledSection, Section
 
 FloatArray = NDArray[np.float64]
 

@@ -1,12 +1,15 @@
-"""Where the tool point can be: a cloud of points inside the limits, and how far it comes."""
+"""Where the tool point can be: points inside the limits, how far it comes, and the workspace cut open."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from armctl.kinematics.angles import LIMIT_TOLERANCE, TWO_PI
 from armctl.kinematics.chain import Chain
 from armctl.kinematics.samples import greatest, joint_samples
 from armctl.kinematics.velocity import manipulability
@@ -130,3 +133,170 @@ def _one_a_cell(points: FloatArray, edge: float) -> NDArray[np.intp]:
         inner &= np.roll(full, 1, axis) & np.roll(full, -1, axis)
     shell = ~inner.flat[flat]
     return first[shell | (first % _INNER_SHARE == 0)]
+
+
+# The workspace cut open by the plane of the first joint's axis and the tip.
+
+Corner = tuple[int, int]
+_PASSES = 2
+_NEIGHBOURS = 2
+"""corners to either side that a smoothed one is the mean of"""
+
+
+def cell_outline(points: FloatArray, cell_m: float) -> tuple[FloatArray, ...]:
+    """Closed lines around all cells that hold a point.
+
+    Args:
+        points: (k, 2) [m].
+        cell_m: length of a cell's side [m].
+
+    Returns:
+        Lines (j, 2) [m] from corner to corner, the first point repeated at the end. A point lies in a
+        full cell if, and only if, it is inside an odd number of them.
+    """
+    if len(points) == 0:
+        return ()
+    cells = np.floor(points / cell_m).astype(np.intp)
+    low = cells.min(axis=0) - 1
+    full = np.zeros(cells.max(axis=0) - low + 2, dtype=np.bool_)
+    full[tuple((cells - low).T)] = True
+    return tuple((np.array(line) + low) * cell_m for line in _lines(_sides(full)))
+
+
+def smoothed(line: FloatArray) -> FloatArray:
+    """A closed line (j, 2) without the steps of its cells: each point the mean of its neighbourhood.
+
+    Where it is straight it stays; a corner loses less than a cell's side.
+    """
+    corners = line[:-1]
+    for _ in range(_PASSES):
+        around = [np.roll(corners, shift, axis=0) for shift in range(-_NEIGHBOURS, _NEIGHBOURS + 1)]
+        corners = np.mean(around, axis=0)
+    return np.concatenate([corners, corners[:1]])
+
+
+def enclosed_area(line: FloatArray) -> float:
+    """Area inside a closed line (j, 2) [m²]; negative for a hole, which runs clockwise."""
+    (x, y), (x_next, y_next) = line[:-1].T, line[1:].T
+    return 0.5 * float((x * y_next - x_next * y).sum())
+
+
+def _sides(full: NDArray[np.bool_]) -> dict[Corner, list[Corner]]:
+    """From corner to corner along every side between a full and an empty cell, the full one on the left."""
+    onward: dict[Corner, list[Corner]] = {}
+    for (dx, dy), start, end in (
+        ((0, -1), (0, 0), (1, 0)),
+        ((1, 0), (1, 0), (1, 1)),
+        ((0, 1), (1, 1), (0, 1)),
+        ((-1, 0), (0, 1), (0, 0)),
+    ):
+        bare = full & ~np.roll(full, (-dx, -dy), (0, 1))
+        for x, y in np.argwhere(bare).tolist():
+            onward.setdefault((x + start[0], y + start[1]), []).append((x + end[0], y + end[1]))
+    return onward
+
+
+def _lines(onward: dict[Corner, list[Corner]]) -> list[list[Corner]]:
+    """Sides strung together; as many lead to a corner as away from it, so every line closes."""
+    lines: list[list[Corner]] = []
+    while onward:
+        first = next(iter(onward))
+        line, at = [first], first
+        while True:
+            ways = onward[at]
+            step = ways.pop()
+            if not ways:
+                del onward[at]
+            line.append(step)
+            at = step
+            if at == first:
+                break
+        lines.append(line)
+    return lines
+
+
+_SAMPLES = 160_000
+_CELLS = 96
+"""across the sampled section"""
+_SMALLEST_CELLS = 8
+"""holes and islands of fewer cells are gaps in the sampling, not in the workspace"""
+
+
+class Section(Protocol):
+    """The section of one arm's workspace. Immutable; safe in several threads."""
+
+    @property
+    def exact(self) -> bool:
+        """Whether the outline is the boundary itself, not that of sampled points."""
+        ...
+
+    def plane(self, q: FloatArray) -> FloatArray:
+        """Pose of the plane with the arm at ``q`` (n,) [rad].
+
+        Returns:
+            ``T_base_plane`` (4, 4), metres: x away from the base axis, z along it; the tip is at y = 0.
+        """
+        ...
+
+    def outline(self, q: FloatArray) -> tuple[FloatArray, ...]:
+        """Closed lines (k, 2) in the plane's x and z [m]; a point inside an odd number of them is reached."""
+        ...
+
+
+def within(
+    angle: FloatArray, low: float, high: float, tolerance: float = LIMIT_TOLERANCE
+) -> NDArray[np.bool_]:
+    """Whether an image of each angle [rad] lies inside limits; no for NaN."""
+    away = angle - 0.5 * (low + high)
+    return np.abs(away - TWO_PI * np.rint(away / TWO_PI)) <= 0.5 * (high - low) + tolerance
+
+
+class SampledSection:
+    """Of any arm: sampled poses, each turned about the first joint's axis into the plane.
+
+    Its outline is that of square cells that hold a sampled point, smoothed: it is good to the size of a cell.
+    """
+
+    exact = False
+
+    def __init__(self, chain: Chain, limits: FloatArray) -> None:
+        self._chain, self._limits = chain, limits
+        points, axes = chain.axes()
+        self._origin, self._axis = points[0], axes[0]
+        across = np.eye(3)[int(np.argmin(np.abs(axes[0])))]
+        ahead = np.cross(axes[0], across)
+        self._ahead = ahead / np.linalg.norm(ahead)
+        held = limits.copy()
+        held[0] = 0.0
+        q = joint_samples(held, _SAMPLES)
+        tips = np.concatenate([chain.forward(q[i : i + _CHUNK])[:, :3, 3] for i in range(0, len(q), _CHUNK)])
+        self._rho, self._z, self._azimuth = self._cylindrical(tips)
+        self.cell_m = 2.0 * max(float(self._rho.max()), float(np.ptp(self._z)) / 2) / _CELLS
+
+    def plane(self, q: FloatArray) -> FloatArray:
+        """See ``Section``; the tip is in front of the axis."""
+        _, _, azimuth = self._cylindrical(self._chain.forward(q)[None, :3, 3])
+        left = np.cross(self._axis, self._ahead)
+        forward = math.cos(azimuth[0]) * self._ahead + math.sin(azimuth[0]) * left
+        T = np.eye(4)
+        T[:3, :3] = np.column_stack([forward, np.cross(self._axis, forward), self._axis])
+        T[:3, 3] = self._origin
+        return T
+
+    def outline(self, q: FloatArray) -> tuple[FloatArray, ...]:
+        """See ``Section``."""
+        _, _, (azimuth,) = self._cylindrical(self._chain.forward(q)[None, :3, 3])
+        low, high = self._limits[0].tolist()
+        front = within(azimuth - self._azimuth, low, high)
+        back = within(azimuth + math.pi - self._azimuth, low, high)
+        x = np.concatenate([self._rho[front], -self._rho[back]])
+        z = np.concatenate([self._z[front], self._z[back]])
+        lines = cell_outline(np.column_stack([x, z]), self.cell_m)
+        smallest = _SMALLEST_CELLS * self.cell_m**2
+        return tuple(smoothed(line) for line in lines if abs(enclosed_area(line)) > smallest)
+
+    def _cylindrical(self, tips: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Distance from the first axis, height along it, and direction about it of points (k, 3)."""
+        away = tips - self._origin
+        x, y = away @ self._ahead, away @ np.cross(self._axis, self._ahead)
+        return np.hypot(x, y), away @ self._axis, np.arctan2(y, x)

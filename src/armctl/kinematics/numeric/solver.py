@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from armctl.kinematics.chain import Chain
 from armctl.kinematics.energy import EnergyModel
-from armctl.kinematics.grid import checked_step
 from armctl.kinematics.numeric.descent import Starts, come_nearest, come_nearest_holding, meet
 from armctl.kinematics.numeric.goals import (
     Goal,
@@ -23,6 +22,7 @@ from armctl.kinematics.numeric.goals import (
     tool_motion,
 )
 from armctl.kinematics.roll_joint import RollJoint, held_roll
+from armctl.kinematics.samples import checked_step
 from armctl.kinematics.solutions import Solutions, SolvedArm, millimetres
 from armctl.kinematics.solver import InverseKinematics
 from armctl.kinematics.target import Target

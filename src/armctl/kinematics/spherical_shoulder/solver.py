@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from armctl.kinematics.chain import Chain
 from armctl.kinematics.energy import EnergyModel
-from armctl.kinematics.grid import checked_step
 from armctl.kinematics.roll_joint import RollJoint, held_roll, roll_angles
+from armctl.kinematics.samples import checked_step
 from armctl.kinematics.solutions import Solutions, SolvedArm
 from armctl.kinematics.solver import InverseKinematics
 from armctl.kinematics.spherical_shoulder.geometry import (

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armctl.kinematics.angles import LIMIT_TOLERANCE, TWO_PI, half_angle_cos_sin, images, rest_angle
-from armctl.kinematics.grid import grid_values
+from armctl.kinematics.samples import grid_values
 from armctl.kinematics.spherical_shoulder.geometry import (
     Quaternion,
     SphericalShoulder,

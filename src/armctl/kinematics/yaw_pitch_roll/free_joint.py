@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armctl.kinematics.angles import LIMIT_TOLERANCE, TWO_PI, images
-from armctl.kinematics.grid import grid_values
+from armctl.kinematics.samples import grid_values
 from armctl.kinematics.tool_plane import ToolPlane
 from armctl.kinematics.yaw_pitch_roll.closed_form import ON_JOINT, bend_angle, inner_angle, two_link
 from armctl.kinematics.yaw_pitch_roll.geometry import BaseBranch, branch_index

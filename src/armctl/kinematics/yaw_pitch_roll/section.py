@@ -19,8 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armctl.kinematics.angles import LIMIT_TOLERANCE, TWO_PI
-from armctl.kinematics.section import within
 from armctl.kinematics.tool_plane import ToolPlane
+from armctl.kinematics.workspace import within
 
 FloatArray = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]

@@ -10,8 +10,7 @@ import numpy as np
 import viser
 from numpy.typing import NDArray
 
-from armctl.kinematics.section import Section
-from armctl.kinematics.workspace import Extent, sample_workspace, workspace_extent
+from armctl.kinematics.workspace import Extent, Section, sample_workspace, workspace_extent
 from armctl.robot import Robot
 from armctl.runtime import Snapshot
 from armctl.ui.console import Console
