@@ -56,11 +56,7 @@ class Tally:
         self._is_open = True
 
     def refuse(self, reason: str) -> None:
-        """Count one refusal.
-
-        Args:
-            reason: a few fixed words; nothing that the client sent, since it ends up in the log.
-        """
+        """Count one refusal; ``reason`` is a few fixed words, nothing that the client sent."""
         if not self._is_open:
             return
         with self._lock:
@@ -256,10 +252,8 @@ def _is_finite(value: object) -> bool:
     if isinstance(value, float):
         return math.isfinite(value)
     if isinstance(value, dict):
-        return all(map(_is_finite, cast("dict[object, object]", value).values()))
-    if isinstance(value, list | tuple):
-        return all(map(_is_finite, cast("list[object]", value)))
-    return True
+        value = list(cast("dict[object, object]", value).values())
+    return not isinstance(value, list | tuple) or all(map(_is_finite, cast("list[object]", value)))
 
 
 class GuardedConnection(ServerConnection):

@@ -188,10 +188,7 @@ _HOST_NAME = re.compile(r"[A-Za-z0-9._-]{1,253}|\[[0-9A-Fa-f:.]+\]")
 
 
 class GuardedServer(viser.ViserServer):
-    """A viser server without public tunnel, that can be stopped more than once.
-
-    Only ``guarded_server`` makes one: the class alone does not guard anything.
-    """
+    """A viser server without public tunnel; ``guarded_server`` makes it, the class alone guards nothing."""
 
     def __init__(self, tally: Tally, *, host: str, port: int, label: str | None) -> None:
         self._tally = tally
