@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from armctl.motion.paths.tool_task import elevations
+from armctl.motion.paths.tool_pitch import elevations
 from armctl.motion.trajectory import Sample, Trajectory
 from armctl.robot import Robot
 

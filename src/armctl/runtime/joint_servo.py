@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from armctl.kinematics.chain import LinkFrames
 from armctl.kinematics.velocity import damped_inverse, position_leaves_pitch, turning_speeds
 from armctl.motion import Floor, Obstacles, SelfCollision
-from armctl.motion.paths.tool_task import PitchRows, PlanePitch, pitch_rows
+from armctl.motion.paths.tool_pitch import PitchRows, PlanePitch, pitch_rows
 from armctl.robot import Robot
 from armctl.runtime.commands import JogTool
 

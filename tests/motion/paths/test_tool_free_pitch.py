@@ -7,10 +7,9 @@ import pytest
 from tests.motion.paths.tool_kit import ABAAS, SCORBOT, UZUNER, random_start, strays
 
 from armctl.motion.error_report import line
-from armctl.motion.paths.tool_branch import PitchGrid, led_pitch, motion_weights
 from armctl.motion.paths.tool_curve import ToolLine
 from armctl.motion.paths.tool_path import tool_line
-from armctl.motion.paths.tool_task import plane_senses
+from armctl.motion.paths.tool_pitch import PitchGrid, led_pitch, motion_weights, plane_senses
 from armctl.robot import Robot
 
 

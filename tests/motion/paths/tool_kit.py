@@ -10,7 +10,7 @@ from tests.kinematics.kit import FloatArray, chain_of, random_planar_arm, random
 from armctl.kinematics import Chain, GravityModel
 from armctl.motion.paths.tool_curve import ToolCurve
 from armctl.motion.paths.tool_path import ToolPath
-from armctl.motion.paths.tool_task import elevations
+from armctl.motion.paths.tool_pitch import elevations
 from armctl.robot import Joint, Robot, load_robot, shipped_robots
 
 ROBOTS = tuple(load_robot(name) for name in shipped_robots())

@@ -12,18 +12,20 @@ from numpy.typing import ArrayLike, NDArray
 from armctl.errors import InputError, MotionRefusedError
 from armctl.kinematics.angles import LIMIT_TOLERANCE
 from armctl.kinematics.target import checked_number
-from armctl.motion.paths.tool_branch import SMOOTHINGS, TILT, PitchGrid, Walk, led_pitch, motion_weights, walk
 from armctl.motion.paths.tool_curve import NO_WAY_M, ToolArc, ToolCurve, ToolLine
-from armctl.motion.paths.tool_refusal import Crossing, ends_at_once, first_crossing, refuse_end, refuse_limits
-from armctl.motion.paths.tool_task import (
+from armctl.motion.paths.tool_pitch import (
+    SMOOTHINGS,
+    PitchGrid,
     PitchRows,
     PlanePitch,
-    Repulsion,
-    ToolTask,
     elevations,
+    led_pitch,
+    motion_weights,
     pitch_rows,
     plane_senses,
 )
+from armctl.motion.paths.tool_refusal import Crossing, ends_at_once, first_crossing, refuse_end, refuse_limits
+from armctl.motion.paths.tool_walk import TILT, Repulsion, ToolTask, Walk, walk
 from armctl.motion.polynomial import PiecewisePolynomial
 from armctl.robot import Robot
 

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from armctl.errors import MotionRefusedError, UnreachableError
 from armctl.kinematics.angles import LIMIT_TOLERANCE
-from armctl.motion.paths.tool_branch import Walk
 from armctl.motion.paths.tool_curve import NO_WAY_M, ToolCurve
-from armctl.motion.paths.tool_task import elevations
+from armctl.motion.paths.tool_pitch import elevations
+from armctl.motion.paths.tool_walk import Walk
 from armctl.motion.polynomial import PiecewisePolynomial
 from armctl.robot import Robot
 

@@ -1,237 +1,195 @@
-"""What the joints must do while the tool follows a curve: equations in the joint angles, and their solution.
+"""Following a curve on one branch, step by step: each step leaves a polynomial that keeps to the curve.
 
-With the rows ``c(q) = w(s)`` (the tool point on the curve, the pitch where it is held), A = ∂c/∂q over the
-joints that move freely and h the joints that are led (the roll joint, and what the limits hold):
-
-    A q' = w' - A_h h'          A q'' = w'' - Ȧ (q', h')
-
-Where there are as many rows as joints these are solved; where there are fewer, q' is the least motion,
-weighted by the joints' speeds, that serves: the least of ½ q'ᵀ W q' + gᵀ q', where g, if asked for, pushes
-away from the joint limits. q'' is then the exact derivative of that q' along the path, so that a polynomial
-through q, q', q'' at its knots is smooth.
+A step goes ahead by the Taylor series of the last knot, is brought onto the curve by Newton's method, and is
+kept if the quintic between the two knots stays on the curve. Else it is halved. A step that stays refused
+however small it is marks the place where the branch ends: there the joints would have to turn without bound.
+A jump onto another branch is refused by the same test, since no smooth polynomial leads there on the curve.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Protocol, cast
+from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import lapack
 
-from armctl.errors import InputError
 from armctl.kinematics import Chain
-from armctl.kinematics.numeric.goals import crossed
-from armctl.kinematics.tool_plane import ToolPlane
 from armctl.motion.paths.tool_curve import ToolCurve
-from armctl.motion.polynomial import PiecewisePolynomial
-from armctl.robot import Robot
-
-# The tool pitch as rows of equations: what must hold of the joint angles along a path, with derivatives.
-#
-# Pitch is the elevation of the tool's z axis above the horizontal. Each kind of row says the same in a form
-# that is smooth where the arm works: for arms with parallel pitch joints as the angle in the arm's own
-# vertical plane, which is linear in the joint angles and has no trouble straight up and down; for all others
-# as the height of the axis's tip, and straight up or down as its two horizontal parts.
+from armctl.motion.paths.tool_pitch import PitchRows, carried
+from armctl.motion.polynomial import PiecewisePolynomial, quintic
 
 FloatArray = NDArray[np.float64]
-_UPRIGHT = 1e-6
-"""how near to upright a tool points neither outward nor back at the base axis, nor anywhere else [rad]"""
-
-
-class PitchRows(Protocol):
-    """One or two equations ``value(q) = wanted(s)``. Immutable."""
-
-    @property
-    def count(self) -> int:
-        """How many equations."""
-        ...
-
-    def wanted(self, s: float) -> FloatArray:
-        """(3, count) right side, its first and its second derivative over ``s`` [m]."""
-        ...
-
-    def value(self, q: FloatArray, pose: FloatArray) -> FloatArray:
-        """(count,) left side at ``q`` (n,) with the tool pose (4, 4)."""
-        ...
-
-    def tilt(self, q: FloatArray, poses: FloatArray, s: FloatArray) -> FloatArray:
-        """(k,) how far the pitch is off at ``s`` (k,), with ``q`` (k, n) and tool poses (k, 4, 4) [rad]."""
-        ...
-
-    def rows(self, pose: FloatArray, jacobian: FloatArray) -> FloatArray:
-        """(count, n) its derivative by the joint angles."""
-        ...
-
-    def turned(self, pose: FloatArray, jacobian: FloatArray, rates: FloatArray) -> FloatArray:
-        """(count, n) derivative of ``rows`` along joint rates (n,)."""
-        ...
+DEVIATION_M = 0.01e-3
+"""how far the tool may stray from the curve between the knots [m]"""
+TILT = math.radians(0.01)
+"""the same for a held pitch [rad]"""
+SLOWEST_M_S = 1e-4
+"""where a joint at its largest speed leaves the tool slower than this, it counts as singular [m/s]"""
+_AIM = 0.3
+"""what share of the deviation a step aims at"""
+_SHARES = np.array([0.15, 0.35, 0.5, 0.65, 0.85])
+_POWERS = np.arange(6)
+_SHARES_POWERS = _SHARES[:, None] ** _POWERS
+_DENSE = np.arange(1, 16) / 16
+_LONGEST, _SHORTEST = 1 / 2, 1e-6
+"""steps, as shares of the whole curve"""
+_FIRST, _FARTHEST = 0.2, 1.2
+"""most that a joint may turn in the first step, and in any [rad]"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class PlanePitch:
-    """The angle of the tool in the arm's vertical plane: a sum of joint angles."""
+class Walk:
+    """How far a curve could be followed, limits not looked at."""
 
-    senses: FloatArray
-    """(n,) what a joint adds to the sum a radian: ±1 or 0"""
-    curve: PiecewisePolynomial
-    """what the sum shall be over the way [m], one coordinate [rad]"""
-    is_wish: bool = True
-    """False: the curve is only a means to get along, and need not be kept exactly"""
-    count: int = 1
-
-    def wanted(self, s: float) -> FloatArray:
-        """(3, 1)."""
-        return self.curve.derivatives(s, 2)
-
-    def value(self, q: FloatArray, pose: FloatArray) -> FloatArray:
-        """(1,)."""
-        return np.array([self.senses @ q])
-
-    def tilt(self, q: FloatArray, poses: FloatArray, s: FloatArray) -> FloatArray:
-        """(k,)."""
-        return np.abs(q @ self.senses - self.curve(s)[:, 0]) if self.is_wish else np.zeros(len(q))
-
-    def rows(self, pose: FloatArray, jacobian: FloatArray) -> FloatArray:
-        """(1, n)."""
-        return self.senses[None]
-
-    def turned(self, pose: FloatArray, jacobian: FloatArray, rates: FloatArray) -> FloatArray:
-        """(1, n), nothing."""
-        return np.zeros((1, len(self.senses)))
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class AxisPitch:
-    """Parts of the tool's z axis: its height, the sine of the pitch; or, upright, the two other ones."""
-
-    parts: tuple[int, ...]
-    """(2,) for the height, (0, 1) for upright"""
-    start: float
-    """pitch at the start of the path [rad]"""
-    rate: float
-    """how much it grows a metre [rad/m]"""
+    knots: tuple[Knot, ...]
+    """at least the one at the start, if there is one"""
+    complete: bool
+    """whether the last one is at the end of the curve"""
 
     @property
-    def count(self) -> int:
-        """1, or 2 for upright."""
-        return len(self.parts)
+    def s(self) -> float:
+        """How far it leads [m]."""
+        return self.knots[-1].s if self.knots else 0.0
 
-    def wanted(self, s: float) -> FloatArray:
-        """(3, count)."""
-        if self.count == 2:
-            return np.zeros((3, 2))
-        angle = self.start + self.rate * s
-        sine, cosine = math.sin(angle), math.cos(angle)
-        return np.array([[sine], [cosine * self.rate], [-sine * self.rate**2]])
-
-    def value(self, q: FloatArray, pose: FloatArray) -> FloatArray:
-        """(count,)."""
-        return pose[list(self.parts), 2]
-
-    def tilt(self, q: FloatArray, poses: FloatArray, s: FloatArray) -> FloatArray:
-        """(k,)."""
-        x, y, z = poses[:, :3, 2].T
-        return np.abs(np.arctan2(z, np.hypot(x, y)) - (self.start + self.rate * s))
-
-    def rows(self, pose: FloatArray, jacobian: FloatArray) -> FloatArray:
-        """(count, n)."""
-        return _swung(pose, jacobian)[list(self.parts)]
-
-    def turned(self, pose: FloatArray, jacobian: FloatArray, rates: FloatArray) -> FloatArray:
-        """(count, n)."""
-        return carried(_swung(pose, jacobian), jacobian[3:], rates)[list(self.parts)]
+    @property
+    def polynomial(self) -> PiecewisePolynomial | None:
+        """Quintics through all knots; None where there is no way between two."""
+        return hermite(self.knots) if len(self.knots) > 1 else None
 
 
-def _swung(pose: FloatArray, jacobian: FloatArray) -> FloatArray:
-    """(3, n) derivatives of the tool's z axis by the joint angles."""
-    return crossed(jacobian[None, 3:], pose[None, :3, 2:3])[0]
-
-
-def carried(columns: FloatArray, axes: FloatArray, rates: FloatArray) -> FloatArray:
-    """How the derivatives of a vector carried by the tool change while the joints turn.
-
-    Joint i turns whatever joint j behind it does to the vector: ∂²v/∂q_i∂q_j = z_i x ∂v/∂q_j for i ≤ j.
+def walk(task: ToolTask, q_start: FloatArray, limits: FloatArray | None = None) -> Walk:
+    """Follow a task's curve as far as it goes, from ``q_start`` (n,) [rad], which meets its beginning.
 
     Args:
-        columns: (3, n) derivatives ∂v/∂q of the vector by the joint angles.
-        axes: (3, n) joint axes.
-        rates: (n,) joint rates.
-
-    Returns:
-        (3, n) derivative of ``columns`` along the rates.
+        task: what to follow.
+        q_start: (n,) [rad].
+        limits: (n, 2) joint limits [rad]: no farther than a knot beyond them; None: limits do not matter.
     """
-    turning, turned = np.empty((2, *axes.shape)), np.empty((2, *axes.shape))
-    np.add.accumulate(axes * rates, axis=1, out=turning[0])
-    turned[0], turning[1] = columns, axes
-    moved = np.add.accumulate(columns * rates, axis=1)
-    np.subtract(moved[:, -1:], moved, out=turned[1])
-    before, behind = crossed(turning, turned)
-    return before + behind
+    length = task.curve.length
+    here = _settled(task, q_start, 0.0)
+    if here is None:
+        return Walk((), complete=False)
+    knots = [here]
+    step = _turning(_FIRST, here)
+    while here.s < length:
+        step = min(step, _LONGEST * length, _turning(_FARTHEST, here))
+        left = length - here.s
+        if left <= 1.001 * step:
+            ahead = length
+        else:
+            ahead = here.s + min(step, 0.5 * left)  # two even steps rather than one and a rest
+        found = _step(task, here, ahead)
+        if found is None:
+            step *= 0.5
+            if step < _SHORTEST * length:
+                return Walk(tuple(knots), complete=False)
+            continue
+        there, share = found
+        if share > 1.0:
+            step = (there.s - here.s) * max(0.3, 0.85 * share ** (-1 / 6))
+            if step < _SHORTEST * length:
+                return Walk(tuple(knots), complete=False)
+            continue
+        step = (there.s - here.s) * min(2.0, 0.85 * max(share, 1e-9) ** (-1 / 6))
+        knots.append(there)
+        here = there
+        if limits is not None and not ((here.q >= limits[:, 0]) & (here.q <= limits[:, 1])).all():
+            return Walk(tuple(knots), complete=here.s >= length)
+    return _verified(task, knots)
 
 
-def elevations(robot: Robot, poses: FloatArray) -> FloatArray:
-    """Elevation of the tool's z axis above the arm's horizontal [rad]: poses (k, 4, 4) to (k,)."""
-    plane, axis = robot.inverse_kinematics.plane, poses[:, :3, 2]
-    if plane is not None:
-        axis = axis @ plane.frame
-    return np.arctan2(axis[:, 2], np.hypot(axis[:, 0], axis[:, 1]))
+def _turning(angle: float, knot: Knot) -> float:
+    """The way on which the fastest joint turns by an angle [rad], at the rate of a knot [m]."""
+    return angle / max(float(np.abs(knot.slope).max()), 1e-9)
 
 
-def plane_senses(geometry: ToolPlane, n: int) -> FloatArray:
-    """(n,) what each joint adds to the angle of the tool in the arm's plane: ±1 or 0."""
-    senses = np.zeros(n)
-    senses[list(geometry.pitch_joints)] = geometry.signs
-    return senses
+def hermite(knots: Sequence[Knot]) -> PiecewisePolynomial:
+    """Quintics that meet value, slope and bend of all knots (two at least)."""
+    s = np.array([knot.s for knot in knots])
+    h = s[1:] - s[:-1]
+    states = np.array([(knot.q, knot.slope, knot.bend) for knot in knots]).swapaxes(0, 1)
+    unit = quintic(_over(h[:, None], states[:, :-1]), _over(h[:, None], states[:, 1:]))
+    return PiecewisePolynomial(s, (unit / h[:, None] ** _POWERS[:, None, None]).swapaxes(0, 1))
 
 
-def pitch_rows(robot: Robot, q: FloatArray, length: float, end: float | None) -> PitchRows:
-    """The rows that keep the pitch as it is at ``q`` (n,), or lead it evenly to ``end`` [rad].
-
-    Raises:
-        InputError: an end beyond ±90° for an arm that has no vertical plane of its own.
-    """
-    geometry = robot.inverse_kinematics.plane
-    if geometry is not None:
-        senses = plane_senses(geometry, robot.n)
-        angle = sum(geometry.plane_angle(k, float(q[joint])) for k, joint in enumerate(geometry.pitch_joints))
-        angle += geometry.tool_angle or 0.0
-        forward = reaches_forward(geometry, q, robot.forward(q)[:3, 3])
-        turn = 0.0 if end is None else _plane_turn(angle, end, outward=0.0 if forward else math.pi)
-        return PlanePitch(
-            senses, PiecewisePolynomial([0.0, length], [[[float(senses @ q)], [turn / length]]])
-        )
-    if end is not None and abs(end) > math.pi / 2:
-        raise InputError(f"a tool pitch lies within ±90°, got {math.degrees(end):.2f}°")
-    start = float(elevations(robot, robot.forward(q)[None])[0])
-    if end is None and abs(start) > math.pi / 2 - _UPRIGHT:
-        return AxisPitch((0, 1), start, 0.0)
-    return AxisPitch((2,), start, 0.0 if end is None else (end - start) / length)
+def _over(h: float | FloatArray, states: FloatArray) -> FloatArray:
+    """Value, slope and bend (3, ..., n) over a way that is 1 instead of ``h``, a number or (..., 1) [m]."""
+    value, slope, bend = states
+    return np.array([value, h * slope, h * h * bend])
 
 
-def _plane_turn(angle: float, end: float, outward: float) -> float:
-    """How far the tool turns in the arm's plane from its angle to an end pitch [rad].
-
-    A pitch within ±90° is met outward and back at the base axis: the tool stays on the side on which it is;
-    one that stands upright turns outward. Beyond ±90° the angle is taken as it is, in the arm's own plane.
-    """
-    if abs(end) <= math.pi / 2:
-        ahead = math.cos(angle)
-        if abs(ahead) < _UPRIGHT:
-            ahead = math.cos(outward)
-        end = end if ahead > 0.0 else math.pi - end
-    return math.remainder(end - angle, 2.0 * math.pi)
+def deviation(task: ToolTask, q: FloatArray, s: FloatArray) -> FloatArray:
+    """(k,) how far ``q`` (k, n) strays from the task at ``s`` (k,), as a share of what is allowed."""
+    poses = task.chain.forward(q)
+    away = np.linalg.norm(poses[:, :3, 3] - task.curve.positions(s), axis=1) / DEVIATION_M
+    if task.pitch is None:
+        return away
+    return np.maximum(away, task.pitch.tilt(q, poses, s) / TILT)
 
 
-def reaches_forward(geometry: ToolPlane, q: FloatArray, tool: FloatArray) -> bool:
-    """Whether the tool point (3,) lies in front of the arm, not over its back."""
-    x, y, _ = geometry.local_of(*tool.tolist())
-    turn = geometry.yaw_sign * float(q[0])
-    return x * math.cos(turn) + y * math.sin(turn) >= 0.0
+def _settled(task: ToolTask, q: FloatArray, s: float) -> Knot | None:
+    """The knot at a configuration, unless some joint would have to turn without bound there."""
+    knot = task.knot(q, s)
+    if knot is None or not np.isfinite(knot.bend).all():
+        return None
+    return knot if (np.abs(knot.slope) * SLOWEST_M_S <= task.speeds).all() else None
 
+
+def _step(task: ToolTask, here: Knot, s: float) -> tuple[Knot, float] | None:
+    """The knot at ``s`` and by what share of the aim the quintic to it strays; None: no step so long."""
+    h = s - here.s
+    ahead = here.q + h * here.slope + 0.5 * h * h * here.bend
+    there = _arrived(task, ahead, s)
+    if there is not None and task.redundant:
+        # Obreshkov's implicit rule of fourth order, so that the free motion keeps to its equation too
+        ahead = here.q + 0.5 * h * (here.slope + there.slope) + h * h / 12.0 * (here.bend - there.bend)
+        there = _arrived(task, ahead, s)
+    if there is None:
+        return None
+    ends = [_over(h, np.array([knot.q, knot.slope, knot.bend])) for knot in (here, there)]
+    between = _SHARES_POWERS @ quintic(*ends)
+    return there, float(deviation(task, between, here.s + h * _SHARES).max()) / _AIM
+
+
+def _arrived(task: ToolTask, guess: FloatArray, s: float) -> Knot | None:
+    q = task.corrected(guess, s) if np.isfinite(guess).all() else None
+    return None if q is None else _settled(task, q, s)
+
+
+def _verified(task: ToolTask, knots: list[Knot]) -> Walk:
+    """With knots put between where a dense look finds the tool astray."""
+    while True:
+        path = hermite(knots)
+        widths = np.diff(path.breaks)
+        s = path.breaks[:-1, None] + widths[:, None] * _DENSE
+        worst = deviation(task, path(s.ravel()), s.ravel()).reshape(s.shape).max(axis=1)
+        astray = np.flatnonzero(worst > 1.0)
+        if not len(astray):
+            return Walk(tuple(knots), complete=True)
+        for i in map(int, astray[::-1]):
+            s_middle = 0.5 * (knots[i].s + knots[i + 1].s)
+            middle = _arrived(task, path(s_middle), s_middle)
+            if middle is None or widths[i] < _SHORTEST * task.curve.length:
+                del knots[i + 1 :]
+                return Walk(tuple(knots), complete=False)
+            knots.insert(i + 1, middle)
+
+
+# What the joints must do while the tool follows a curve: equations in the joint angles, and their solution.
+#
+# With the rows ``c(q) = w(s)`` (the tool point on the curve, the pitch where it is held), A = ∂c/∂q over the
+# joints that move freely and h the joints that are led (the roll joint, and what the limits hold):
+#
+#     A q' = w' - A_h h'          A q'' = w'' - Ȧ (q', h')
+#
+# Where there are as many rows as joints these are solved; where there are fewer, q' is the least motion,
+# weighted by the joints' speeds, that serves: the least of ½ q'ᵀ W q' + gᵀ q', where g, if asked for, pushes
+# away from the joint limits. q'' is then the exact derivative of that q' along the path, so that a polynomial
+# through q, q', q'' at its knots is smooth.
 
 _RANK = 1e-9
 """singular values below this share of the largest count as none"""

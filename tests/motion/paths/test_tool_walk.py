@@ -7,7 +7,8 @@ import pytest
 from tests.motion.paths.tool_kit import ROBOTS, UZUNER, random_start
 
 from armctl.motion.paths.tool_curve import ToolArc
-from armctl.motion.paths.tool_task import AxisPitch, Repulsion, ToolTask, carried, pitch_rows
+from armctl.motion.paths.tool_pitch import AxisPitch, carried, pitch_rows
+from armctl.motion.paths.tool_walk import Repulsion, ToolTask
 from armctl.robot import Robot
 
 FREE, KEPT, LED = "free", "kept", "interpolated"

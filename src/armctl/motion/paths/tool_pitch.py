@@ -1,0 +1,345 @@
+"""The tool pitch along a path: kept, led to an end, or chosen so that the joints stay inside their limits.
+
+As rows of equations that must hold of the joint angles along a path, with derivatives. Pitch is the
+elevation of the tool's z axis above the horizontal. Each kind of row says the same in a form that is smooth
+where the arm works: for arms with parallel pitch joints as the angle in the arm's own vertical plane, which
+is linear in the joint angles and has no trouble straight up and down; for all others as the height of the
+axis's tip, and straight up or down as its two horizontal parts.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from armctl.errors import InputError
+from armctl.kinematics.angles import LIMIT_TOLERANCE
+from armctl.kinematics.numeric.goals import crossed
+from armctl.kinematics.tool_plane import ToolPlane
+from armctl.kinematics.yaw_pitch_roll.geometry import bend_sense
+from armctl.motion.paths.tool_curve import ToolCurve
+from armctl.motion.polynomial import PiecewisePolynomial, cubic_spline
+from armctl.robot import Robot
+
+FloatArray = NDArray[np.float64]
+_UPRIGHT = 1e-6
+"""how near to upright a tool points neither outward nor back at the base axis, nor anywhere else [rad]"""
+
+
+class PitchRows(Protocol):
+    """One or two equations ``value(q) = wanted(s)``. Immutable."""
+
+    @property
+    def count(self) -> int:
+        """How many equations."""
+        ...
+
+    def wanted(self, s: float) -> FloatArray:
+        """(3, count) right side, its first and its second derivative over ``s`` [m]."""
+        ...
+
+    def value(self, q: FloatArray, pose: FloatArray) -> FloatArray:
+        """(count,) left side at ``q`` (n,) with the tool pose (4, 4)."""
+        ...
+
+    def tilt(self, q: FloatArray, poses: FloatArray, s: FloatArray) -> FloatArray:
+        """(k,) how far the pitch is off at ``s`` (k,), with ``q`` (k, n) and tool poses (k, 4, 4) [rad]."""
+        ...
+
+    def rows(self, pose: FloatArray, jacobian: FloatArray) -> FloatArray:
+        """(count, n) its derivative by the joint angles."""
+        ...
+
+    def turned(self, pose: FloatArray, jacobian: FloatArray, rates: FloatArray) -> FloatArray:
+        """(count, n) derivative of ``rows`` along joint rates (n,)."""
+        ...
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PlanePitch:
+    """The angle of the tool in the arm's vertical plane: a sum of joint angles."""
+
+    senses: FloatArray
+    """(n,) what a joint adds to the sum a radian: ±1 or 0"""
+    curve: PiecewisePolynomial
+    """what the sum shall be over the way [m], one coordinate [rad]"""
+    is_wish: bool = True
+    """False: the curve is only a means to get along, and need not be kept exactly"""
+    count: int = 1
+
+    def wanted(self, s: float) -> FloatArray:
+        """(3, 1)."""
+        return self.curve.derivatives(s, 2)
+
+    def value(self, q: FloatArray, pose: FloatArray) -> FloatArray:
+        """(1,)."""
+        return np.array([self.senses @ q])
+
+    def tilt(self, q: FloatArray, poses: FloatArray, s: FloatArray) -> FloatArray:
+        """(k,)."""
+        return np.abs(q @ self.senses - self.curve(s)[:, 0]) if self.is_wish else np.zeros(len(q))
+
+    def rows(self, pose: FloatArray, jacobian: FloatArray) -> FloatArray:
+        """(1, n)."""
+        return self.senses[None]
+
+    def turned(self, pose: FloatArray, jacobian: FloatArray, rates: FloatArray) -> FloatArray:
+        """(1, n), nothing."""
+        return np.zeros((1, len(self.senses)))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class AxisPitch:
+    """Parts of the tool's z axis: its height, the sine of the pitch; or, upright, the two other ones."""
+
+    parts: tuple[int, ...]
+    """(2,) for the height, (0, 1) for upright"""
+    start: float
+    """pitch at the start of the path [rad]"""
+    rate: float
+    """how much it grows a metre [rad/m]"""
+
+    @property
+    def count(self) -> int:
+        """1, or 2 for upright."""
+        return len(self.parts)
+
+    def wanted(self, s: float) -> FloatArray:
+        """(3, count)."""
+        if self.count == 2:
+            return np.zeros((3, 2))
+        angle = self.start + self.rate * s
+        sine, cosine = math.sin(angle), math.cos(angle)
+        return np.array([[sine], [cosine * self.rate], [-sine * self.rate**2]])
+
+    def value(self, q: FloatArray, pose: FloatArray) -> FloatArray:
+        """(count,)."""
+        return pose[list(self.parts), 2]
+
+    def tilt(self, q: FloatArray, poses: FloatArray, s: FloatArray) -> FloatArray:
+        """(k,)."""
+        x, y, z = poses[:, :3, 2].T
+        return np.abs(np.arctan2(z, np.hypot(x, y)) - (self.start + self.rate * s))
+
+    def rows(self, pose: FloatArray, jacobian: FloatArray) -> FloatArray:
+        """(count, n)."""
+        return _swung(pose, jacobian)[list(self.parts)]
+
+    def turned(self, pose: FloatArray, jacobian: FloatArray, rates: FloatArray) -> FloatArray:
+        """(count, n)."""
+        return carried(_swung(pose, jacobian), jacobian[3:], rates)[list(self.parts)]
+
+
+def _swung(pose: FloatArray, jacobian: FloatArray) -> FloatArray:
+    """(3, n) derivatives of the tool's z axis by the joint angles."""
+    return crossed(jacobian[None, 3:], pose[None, :3, 2:3])[0]
+
+
+def carried(columns: FloatArray, axes: FloatArray, rates: FloatArray) -> FloatArray:
+    """How the derivatives of a vector carried by the tool change while the joints turn.
+
+    Joint i turns whatever joint j behind it does to the vector: ∂²v/∂q_i∂q_j = z_i x ∂v/∂q_j for i ≤ j.
+
+    Args:
+        columns: (3, n) derivatives ∂v/∂q of the vector by the joint angles.
+        axes: (3, n) joint axes.
+        rates: (n,) joint rates.
+
+    Returns:
+        (3, n) derivative of ``columns`` along the rates.
+    """
+    turning, turned = np.empty((2, *axes.shape)), np.empty((2, *axes.shape))
+    np.add.accumulate(axes * rates, axis=1, out=turning[0])
+    turned[0], turning[1] = columns, axes
+    moved = np.add.accumulate(columns * rates, axis=1)
+    np.subtract(moved[:, -1:], moved, out=turned[1])
+    before, behind = crossed(turning, turned)
+    return before + behind
+
+
+def elevations(robot: Robot, poses: FloatArray) -> FloatArray:
+    """Elevation of the tool's z axis above the arm's horizontal [rad]: poses (k, 4, 4) to (k,)."""
+    plane, axis = robot.inverse_kinematics.plane, poses[:, :3, 2]
+    if plane is not None:
+        axis = axis @ plane.frame
+    return np.arctan2(axis[:, 2], np.hypot(axis[:, 0], axis[:, 1]))
+
+
+def plane_senses(geometry: ToolPlane, n: int) -> FloatArray:
+    """(n,) what each joint adds to the angle of the tool in the arm's plane: ±1 or 0."""
+    senses = np.zeros(n)
+    senses[list(geometry.pitch_joints)] = geometry.signs
+    return senses
+
+
+def pitch_rows(robot: Robot, q: FloatArray, length: float, end: float | None) -> PitchRows:
+    """The rows that keep the pitch as it is at ``q`` (n,), or lead it evenly to ``end`` [rad].
+
+    Raises:
+        InputError: an end beyond ±90° for an arm that has no vertical plane of its own.
+    """
+    geometry = robot.inverse_kinematics.plane
+    if geometry is not None:
+        senses = plane_senses(geometry, robot.n)
+        angle = sum(geometry.plane_angle(k, float(q[joint])) for k, joint in enumerate(geometry.pitch_joints))
+        angle += geometry.tool_angle or 0.0
+        forward = reaches_forward(geometry, q, robot.forward(q)[:3, 3])
+        turn = 0.0 if end is None else _plane_turn(angle, end, outward=0.0 if forward else math.pi)
+        return PlanePitch(
+            senses, PiecewisePolynomial([0.0, length], [[[float(senses @ q)], [turn / length]]])
+        )
+    if end is not None and abs(end) > math.pi / 2:
+        raise InputError(f"a tool pitch lies within ±90°, got {math.degrees(end):.2f}°")
+    start = float(elevations(robot, robot.forward(q)[None])[0])
+    if end is None and abs(start) > math.pi / 2 - _UPRIGHT:
+        return AxisPitch((0, 1), start, 0.0)
+    return AxisPitch((2,), start, 0.0 if end is None else (end - start) / length)
+
+
+def _plane_turn(angle: float, end: float, outward: float) -> float:
+    """How far the tool turns in the arm's plane from its angle to an end pitch [rad].
+
+    A pitch within ±90° is met outward and back at the base axis: the tool stays on the side on which it is;
+    one that stands upright turns outward. Beyond ±90° the angle is taken as it is, in the arm's own plane.
+    """
+    if abs(end) <= math.pi / 2:
+        ahead = math.cos(angle)
+        if abs(ahead) < _UPRIGHT:
+            ahead = math.cos(outward)
+        end = end if ahead > 0.0 else math.pi - end
+    return math.remainder(end - angle, 2.0 * math.pi)
+
+
+def reaches_forward(geometry: ToolPlane, q: FloatArray, tool: FloatArray) -> bool:
+    """Whether the tool point (3,) lies in front of the arm, not over its back."""
+    x, y, _ = geometry.local_of(*tool.tolist())
+    turn = geometry.yaw_sign * float(q[0])
+    return x * math.cos(turn) + y * math.sin(turn) >= 0.0
+
+
+# A tool pitch that leads an arm with three parallel pitch joints along a curve inside its joint limits.
+#
+# Where the pitch is free, the least motion may run into a limit that another pitch would have avoided. Here
+# the whole way is looked at: over a grid of places on the curve and angles of the tool in the arm's plane, on
+# the branch that the arm is on, dynamic programming finds the way of least joint motion that keeps inside the
+# limits, and a smoothing spline makes it a pitch to be led along.
+
+_PLACES = 49
+_ANGLES = 360
+_REACH = 12
+"""by how many angles of the grid the tool may turn from one place to the next"""
+_SHIFTS = np.arange(-_REACH, _REACH + 1)
+_MARGIN = math.radians(5.0)
+"""how near to a limit a place begins to cost more [rad]"""
+_CLOSE = 0.03
+"""what a place on a limit costs, in squared radians of joint motion"""
+_BENT, _STRAIGHT = 0.98, 0.9995
+"""cosines of the elbow from which a place costs more, and at which it is too nearly straight or folded"""
+SMOOTHINGS = (30.0, 3.0, 0.3)
+"""tried in this order: how much a smooth way counts against a near one"""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PitchGrid:
+    """The arm on its branch, at places of a curve and angles of the tool."""
+
+    places: FloatArray
+    """(m,) [m]"""
+    turns: FloatArray
+    """(a,) angle of the tool from that at the start, a whole turn in even steps [rad]"""
+    q: FloatArray
+    """(m, 3, a) pitch joints [rad], any number where the links do not reach"""
+    toll: FloatArray
+    """(m, a) what it costs to be there; infinite where the links do not reach and outside the limits"""
+
+    @classmethod
+    def of(cls, geometry: ToolPlane, limits: FloatArray, q: FloatArray, curve: ToolCurve) -> PitchGrid:
+        """Lay it out.
+
+        Args:
+            geometry: of an arm with three pitch joints.
+            limits: (n, 2) joint limits [rad].
+            q: (n,) where it stands [rad]: tells the branch and the angle of the tool.
+            curve: that begins there.
+        """
+        places = np.linspace(0.0, curve.length, _PLACES)
+        turns = 2.0 * math.pi * np.arange(_ANGLES) / _ANGLES
+        forward, left, up = ((curve.positions(places) - geometry.origin) @ geometry.frame).T
+        r = np.sqrt(np.maximum(forward**2 + left**2 - geometry.lateral**2, 0.0))
+        if not reaches_forward(geometry, q, curve.positions(0.0)):
+            r = -r
+        at_start = [geometry.plane_angle(k, float(q[1 + k])) for k in range(3)]
+        last = sum(at_start) + turns
+        first_length, second_length, third_length = geometry.lengths
+        wrist = (r + 1j * up - geometry.shoulder)[:, None] - third_length * np.exp(1j * last)
+        cosine = np.abs(wrist) ** 2 - first_length**2 - second_length**2
+        cosine /= 2.0 * first_length * second_length
+        bend = bend_sense(at_start[1]) * np.arccos(np.clip(cosine, -1.0, 1.0))
+        first = np.angle(wrist) - np.angle(first_length + second_length * np.exp(1j * bend))
+        plane = np.stack([first, bend, last - first - bend], axis=1)
+        signs, offsets = np.array(geometry.signs)[:, None], np.array(geometry.offsets)[:, None]
+        low, high = limits[1:4].T[..., None]
+        whole_turns = np.rint((signs * (plane - offsets) - 0.5 * (low + high)) / (2.0 * math.pi))
+        angles = signs * (plane - offsets) - 2.0 * math.pi * whole_turns
+        room = np.minimum(angles - low, high - angles)
+        toll = _CLOSE * (np.maximum(1.0 - room / _MARGIN, 0.0) ** 2).sum(axis=1)
+        toll += _CLOSE * (np.maximum(np.abs(cosine) - _BENT, 0.0) / (_STRAIGHT - _BENT)) ** 2
+        toll[(room.min(axis=1) < -LIMIT_TOLERANCE) | (np.abs(cosine) > _STRAIGHT)] = np.inf
+        return cls(places, turns, angles, toll)
+
+    def way(self, weights: FloatArray) -> FloatArray:
+        """The way of least joint motion that leads farthest, from the first angle on.
+
+        Args:
+            weights: (3,) of the squared motion of the pitch joints.
+
+        Returns:
+            (m,) angle of the tool at each place, from that at the start [rad]; where nothing leads on, it
+            stays what it was.
+        """
+        count = len(self.turns)
+        weighted = self.q * np.sqrt(weights)[:, None]
+        # for each shift and angle, the angle that lies the shift away
+        around = (np.arange(count) + _SHIFTS[:, None]) % count
+        cost = np.where(np.arange(count) == 0, 0.0, np.inf)
+        choices: list[NDArray[np.intp]] = []
+        for here, ahead, toll in zip(weighted[:-1], weighted[1:], self.toll[1:], strict=True):
+            open_ = np.flatnonzero(np.isfinite(toll))  # mostly few: the limits close the rest
+            near = around.take(open_, axis=1)
+            moved = ahead.take(open_, axis=1)[:, None] - here.take(near, axis=1)
+            moved *= moved
+            total = moved.sum(axis=0)
+            total += cost.take(near)
+            best, reached = np.zeros(count, dtype=np.intp), np.full(count, np.inf)
+            best[open_] = total.argmin(axis=0)
+            reached[open_] = total.min(axis=0) + toll[open_]
+            if not np.isfinite(reached).any():
+                break
+            cost = reached
+            choices.append(best)
+        at = int(cost.argmin())
+        steps = np.zeros(len(self.places), dtype=np.intp)
+        for i in range(len(choices), 0, -1):
+            shift = int(_SHIFTS[choices[i - 1][at]])
+            steps[i] = -shift
+            at = (at + shift) % count
+        return np.cumsum(steps) * self.turns[1]
+
+
+def led_pitch(grid: PitchGrid, way: FloatArray, start: float, smoothing: float) -> PiecewisePolynomial:
+    """A smooth curve near a way, as a sum of joint angles that begins at ``start`` [rad], over the places."""
+    count = len(way)
+    second = np.diff(np.eye(count), 2, axis=0)
+    rows = np.eye(count) + smoothing * second.T @ second
+    values = np.zeros(count)  # the first one is given
+    values[1:] = np.linalg.solve(rows[1:, 1:], way[1:])
+    return cubic_spline(grid.places, (start + values)[:, None])
+
+
+def motion_weights(speeds: FloatArray) -> FloatArray:
+    """(3,) of the pitch joints, from the largest speeds (n,) of all joints."""
+    return (speeds[1:4].max() / speeds[1:4]) ** 2
