@@ -24,7 +24,6 @@ from armctl.kinematics.yaw_pitch_roll.closed_form import ON_JOINT, bend_angle, i
 from armctl.kinematics.yaw_pitch_roll.geometry import BaseBranch, branch_index
 
 FloatArray = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 _ON_GRID = 1e-4
 """how near to a grid value, in steps, a knot counts as on it"""
 _LOST = 1e-6
@@ -43,8 +42,8 @@ class _Grid(NamedTuple):
     """(m,) joint angles [rad], in the order of rising plane angle"""
     start: float
     """the first plane angle [rad]"""
-    link: ComplexArray
-    """(m,) conjugate of the end of the first link, forward + i up [m]"""
+    link: FloatArray
+    """(2, m) end of the first link, forward and up [m]"""
 
     def inside(self, low: float, high: float) -> tuple[int, int]:
         """Start and stop of the values strictly between two plane angles [rad]."""
@@ -132,9 +131,7 @@ class FreeJointSweep:
             if geometry.signs[0] < 0:
                 joint = joint[::-1].copy()
             plane = geometry.signs[0] * joint + geometry.offsets[0]
-            link = np.empty(len(plane), dtype=np.complex128)
-            link.real = geometry.lengths[0] * np.cos(plane)
-            link.imag = -geometry.lengths[0] * np.sin(plane)
+            link = geometry.lengths[0] * np.stack([np.cos(plane), np.sin(plane)])
             grid = self._grid = _Grid(step, joint, float(plane[0]), link)
         return grid
 
@@ -189,38 +186,45 @@ class _Part:
     def fill(self, target: complex, grid: _Grid, runs: list[_Run], places: list[FloatArray]) -> None:
         """Write the three pitch joints' angles (3, k) [rad] of each run into its place."""
         for start, stop, members in _unions(runs):  # both bends share one triangle
-            direction, inner, bent = self._triangle(target, grid.link[start:stop])
+            direction, inner, bent = self._triangle(target, grid.link[:, start:stop])
             for i in members:
-                (bend, begin, end, shift, exact), (first, *followers) = runs[i], places[i]
+                (bend, begin, end, shift, exact), (first, second, third) = runs[i], places[i]
                 first[:] = grid.joint[begin:end]
                 part = slice(begin - start, end - start)
+                sense2, sense3 = self._geometry.signs[1:]
                 if exact is not None:
-                    second, third = (np.array([self._geometry.joint_angle(1 + k, exact[k])]) for k in (0, 1))
+                    second[:], third[:] = (self._geometry.joint_angle(1 + k, exact[k]) for k in (0, 1))
                 else:
-                    sense2, sense3 = self._geometry.signs[1:]
-                    second = direction[part] - (bend * sense2) * inner[part]
-                    third = (bend * sense3) * bent[part]
+                    add_inner = np.subtract if bend == sense2 else np.add
+                    add_inner(direction[part], inner[part], out=second)
+                    np.multiply(bent[part], bend * sense3, out=third)
                     third += sense3 * (shift - self._geometry.offsets[2])
                     if not self._in_one_turn:
                         second -= TWO_PI * np.rint((second - self._middle) / TWO_PI)
-                for row, angle, limits in zip(followers, (second, third), self._joints, strict=True):
-                    np.clip(angle, *limits, out=row)
+                for row, (low, high) in zip((second, third), self._joints, strict=True):
+                    np.minimum(row, high, out=row)
+                    np.maximum(row, low, out=row)
 
-    def _triangle(self, target: complex, link: ComplexArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    def _triangle(self, target: complex, link: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Direction as a joint angle, inner angle and bend (k,) of the last two links [rad].
 
         From the end of the first link the target is seen at D. With v = (|D|² - l3² - l4²) / 2:
         direction = arg D, cos(inner) = (l3² + v) / (l3 |D|), cos(bend) = v / (l3 l4).
         """
-        product = target * link
-        l2, l3, l4 = self._l2, self._l3, self._l4
-        seen = product - l2 * l2
-        seen *= self._back
-        direction = np.arctan2(seen.imag, seen.real)
+        (c, s), l2, l3, l4 = link, self._l2, self._l3, self._l4
+        turned, foot = target * self._back, l2 * l2 * self._back
+        # D in the frame of the first link, turned back by the middle of the limits, times the link's length
+        along, across = turned.real * c, turned.imag * c
+        along += turned.imag * s
+        along -= foot.real
+        across -= turned.real * s
+        across -= foot.imag
+        direction = np.arctan2(across, along)
         if self._geometry.signs[1] < 0:
             np.negative(direction, out=direction)
         direction += self._middle
-        v = 0.5 * (abs(target) ** 2 + l2 * l2 - l3 * l3 - l4 * l4) - product.real
+        v = 0.5 * (abs(target) ** 2 + l2 * l2 - l3 * l3 - l4 * l4) - target.real * c
+        v -= target.imag * s
         distance = 2.0 * v
         distance += l3 * l3 + l4 * l4
         np.maximum(distance, _LEAST, out=distance)  # folded onto the second axis any direction serves
@@ -230,7 +234,8 @@ class _Part:
         inner /= distance
         v *= 1.0 / (l3 * l4)
         for cosine in (inner, v):
-            np.clip(cosine, -1.0, 1.0, out=cosine)
+            np.minimum(cosine, 1.0, out=cosine)
+            np.maximum(cosine, -1.0, out=cosine)
             np.arccos(cosine, out=cosine)
         return direction, inner, v
 
