@@ -2,13 +2,9 @@
 
 from armctl.motion.error_report import arc, line
 from armctl.motion.paths import (
-    PathPlace,
     PitchMode,
-    ToolPath,
     ToolPathRefusedError,
     ToolPathUnreachableError,
-    tool_arc,
-    tool_line,
     usual_pitch,
 )
 from armctl.motion.plan import (
@@ -28,7 +24,6 @@ from armctl.motion.preflight import (
     Kind,
     Obstacles,
     SelfCollision,
-    Severity,
     not_checked,
     preflight,
     require_clear,
@@ -37,7 +32,6 @@ from armctl.motion.profiles import PROFILES, PointToPoint, ProfileName, stopping
 from armctl.motion.timing import PathTrajectory
 from armctl.motion.trajectory import (
     JoinedTrajectory,
-    Peaks,
     Sample,
     SlowedTrajectory,
     Trajectory,
@@ -52,9 +46,7 @@ __all__ = [
     "JoinedTrajectory",
     "Kind",
     "Obstacles",
-    "PathPlace",
     "PathTrajectory",
-    "Peaks",
     "PiecewisePolynomial",
     "PitchMode",
     "PointToPoint",
@@ -62,9 +54,7 @@ __all__ = [
     "ProfileName",
     "Sample",
     "SelfCollision",
-    "Severity",
     "SlowedTrajectory",
-    "ToolPath",
     "ToolPathRefusedError",
     "ToolPathUnreachableError",
     "Trajectory",
@@ -81,7 +71,5 @@ __all__ = [
     "require_clear",
     "solve",
     "stopping_s",
-    "tool_arc",
-    "tool_line",
     "usual_pitch",
 ]
