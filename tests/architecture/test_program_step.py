@@ -12,7 +12,8 @@ from tests.runtime.kit import make_rig
 from armctl.errors import InputError, ProgramError
 from armctl.program import Program, Step, check_program, load_program, read_csv, save_program, write_csv
 from armctl.program import steps as registry
-from armctl.program.steps import Effect, Field
+from armctl.program.keys import Field
+from armctl.program.steps import Effect
 from armctl.robot import Robot, load_robot
 from armctl.runtime import RunProgram, State
 from armctl.ui.tabs.program.editing import PLACES, add, edited, fields_of, form_fields, shown

@@ -173,3 +173,20 @@ def test_a_long_program_is_checked_like_its_motions_one_by_one() -> None:
     ]
     assert [str(f) for f in together] == [str(f) for f in apart]
     assert together
+
+
+def test_a_check_tells_how_far_it_is_and_ends_when_it_is_told_to() -> None:
+    there = MoveStep(joints_deg=(10, 90, -80, -40, 0))
+    seen: list[tuple[int, int]] = []
+    all_findings(HOME, WaitStep(seconds=1), there, HOME, progress=lambda *told: seen.append(told))
+    assert seen == [(1, 4), (3, 4), (4, 4)]
+
+    class CancelledError(Exception):
+        """Somebody pressed Cancel."""
+
+    def cancel(done: int, _: int) -> None:
+        if done > 1:
+            raise CancelledError
+
+    with pytest.raises(CancelledError):
+        all_findings(HOME, there, HOME, progress=cancel)

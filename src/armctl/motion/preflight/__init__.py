@@ -1,7 +1,7 @@
 """Pre-flight: what is wrong with a motion, before the arm makes it."""
 
 from armctl.motion.preflight.clearance import FLOOR_TOLERANCE_M, Floor, Obstacles, SelfCollision
-from armctl.motion.preflight.preflight import not_checked, preflight, require_clear
+from armctl.motion.preflight.preflight import isotropy_of, not_checked, preflight, require_clear
 from armctl.motion.preflight.sampled import Finding, Kind, Severity
 
 __all__ = [
@@ -12,6 +12,7 @@ __all__ = [
     "Obstacles",
     "SelfCollision",
     "Severity",
+    "isotropy_of",
     "not_checked",
     "preflight",
     "require_clear",

@@ -168,10 +168,7 @@ def _singularity_findings(motion: SampledMotion, *, tool_path: bool) -> Iterator
     robot = motion.robot
     q, time = (motion.q, motion.time) if tool_path else (motion.q[-1:], motion.time[-1:])
     jacobians = robot.jacobian(q) if tool_path else robot.jacobian(q[-1])[None]
-    J = jacobians[:, :3, robot.limits[:, 0] < robot.limits[:, 1]]
-    singular = np.sqrt(np.maximum(np.linalg.eigvalsh(J @ J.swapaxes(1, 2)), 0.0))
-    largest = singular[:, 2]
-    isotropy = singular[:, 0] / np.maximum(largest, 1e-150)
+    isotropy, largest = isotropy_of(robot, jacobians)
     if isotropy.min() >= NEAR or robot.always_singular:
         return
     at, is_lost = int(isotropy.argmin()), False
@@ -195,6 +192,13 @@ def _singularity_findings(motion: SampledMotion, *, tool_path: bool) -> Iterator
         "singularity",
         "error" if is_lost else "warning",
     )
+
+
+def isotropy_of(robot: Robot, jacobians: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Of Jacobians (m, 6, n): the isotropy, and the largest singular value [m/rad], (m,) each."""
+    J = jacobians[:, :3, robot.limits[:, 0] < robot.limits[:, 1]]
+    singular = np.sqrt(np.maximum(np.linalg.eigvalsh(J @ J.swapaxes(1, 2)), 0.0))
+    return singular[:, 0] / np.maximum(singular[:, 2], 1e-150), singular[:, 2]
 
 
 # Can the joints hold the arm and what it carries?

@@ -16,8 +16,9 @@ from numpy.typing import NDArray
 
 from armctl.documents import refusal_of
 from armctl.errors import ProgramError
+from armctl.program.keys import defaults_of
 from armctl.program.program import MOST_STEPS, PROGRAM_FILES, Blocks, Program
-from armctl.program.steps import MoveStep, PointStep, Step, all_keys, any_step, defaults_of
+from armctl.program.steps import MoveStep, PointStep, Step, all_keys, any_step
 from armctl.robot import Robot
 
 # The columns of a program's CSV file: what their heads mean, and in which unit.

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from armctl.errors import ProgramError
+from armctl.program.keys import literal
 from armctl.program.program import Blocks, Program
-from armctl.program.steps import CommentStep, EndStep, RepeatStep, literal
+from armctl.program.steps import CommentStep, EndStep, RepeatStep
 
 DEEPEST = 19
 """Python takes 20 blocks inside each other; the ``with`` is one."""

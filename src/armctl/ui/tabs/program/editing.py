@@ -12,7 +12,8 @@ import msgspec
 from armctl.documents import refusal_of
 from armctl.errors import InputError, ProgramError
 from armctl.program import EndStep, Program, Step, delete, duplicate, insert, move, repeat, replace
-from armctl.program.steps import Key, all_keys, keys_of
+from armctl.program.keys import Key, keys_of
+from armctl.program.steps import all_keys
 from armctl.ui.widgets.number_field import format_number, parse_number
 
 
