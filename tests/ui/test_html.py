@@ -1,3 +1,5 @@
+"""Pieces of HTML, and the list of what the pre-flight found."""
+
 from __future__ import annotations
 
 import re
@@ -6,7 +8,10 @@ from html import unescape
 
 import pytest
 
+from armctl.motion import Finding
+from armctl.program import ProgramFinding
 from armctl.ui.widgets.html import fixed, limited, muted, refused, warned
+from armctl.ui.widgets.verdict_list import first_error, verdict_html
 
 
 def test_a_long_text_keeps_its_height_and_can_be_read_to_its_end() -> None:
@@ -30,3 +35,61 @@ def test_what_is_told_is_text_and_has_the_minus_of_the_figures_beside_it(block: 
 )
 def test_numbers_have_no_negative_zero(value: float, text: str) -> None:
     assert fixed(value, 1) == text
+
+
+FLOOR = Finding(1.84, "the tool", "12.3 mm below the floor", "raise the target", "floor")
+HOT = Finding(0.5, "Shoulder", "60 % of its stall torque", "do not stay there", "torque", "warning")
+
+
+def test_nothing_found_is_one_line_that_says_what_was_checked() -> None:
+    html = verdict_html([])
+    assert "Pre-flight: clear" in html and "self-collision" in html
+    assert "refused" not in html
+
+
+def test_what_was_not_checked_is_not_said_to_be_checked() -> None:
+    assert "singularity, torque checked)" in verdict_html([])
+    html = verdict_html([], ["gravity torque: the file of mico gives no stall torque of any joint"])
+    assert "self-collision, singularity checked)" in html
+    assert "Not checked: gravity torque" in html
+
+
+def test_errors_come_first_and_are_marked_in_words() -> None:
+    html = verdict_html([HOT, FLOOR])
+    assert "refused, 1 error and 1 warning" in html
+    assert html.index("12.3 mm below the floor") < html.index("60 % of its stall torque")
+    assert "✕ refused" in html and "! warning" in html
+    for text in ("1.84 s", "the tool", "raise the target"):
+        assert text in html
+
+
+def test_warnings_alone_let_it_run() -> None:
+    assert "may be run, 2 warnings" in verdict_html([HOT, HOT])
+
+
+def test_steps_are_counted_from_one() -> None:
+    found = [ProgramFinding.of(6, FLOOR), ProgramFinding(1, "a wait takes 0 … 86400 s, not -1")]
+    html = verdict_html(found)
+    assert "step 7 · 1.84 s · the tool" in html and "step 2</div>" in html
+
+
+def test_a_long_list_is_cut() -> None:
+    html = verdict_html([FLOOR] * 35)
+    assert html.count("below the floor") == 12
+    assert "and 23 more" in html
+
+
+def test_texts_are_escaped() -> None:
+    nasty = Finding(0.0, "<img src=x onerror=alert(1)>", "<b>", "&", "obstacle")
+    html = verdict_html([nasty], ["<i>masses</i>"])
+    assert "<img" not in html and "<i>" not in html
+    assert "&lt;img" in html and "Not checked: &lt;i&gt;masses" in html
+
+
+def test_what_keeps_a_program_from_running_is_told_in_one_line() -> None:
+    warning = ProgramFinding(0, "near a singularity", severity="warning")
+    far, low = ProgramFinding(1, "too far by 671.0 mm"), ProgramFinding(2, "below the floor")
+    assert first_error([]) is None
+    assert first_error([warning]) is None
+    assert first_error([warning, far]) == "step 2: too far by 671.0 mm"
+    assert first_error([warning, far, low]) == "step 2: too far by 671.0 mm (and 1 more, see the list)"
