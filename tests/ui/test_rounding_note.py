@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from armctl.hardware.boards import board_type
 from armctl.robot import Robot, load_robot
-from armctl.ui.widgets.rounding_note import joint_steps, rounding_note, rounding_off_m
+from armctl.ui.panel import joint_steps, rounding_note, rounding_off_m
 
 FloatArray = NDArray[np.float64]
 SERVO_ARMS = ("uzuner", "abaas", "mico", "humanoid")
