@@ -174,9 +174,9 @@ def test_touched_points_name_the_joint_that_is_off(page: Screen, served: ServedA
             page.type_into(f"{axis} mm", f"{value:.2f}")
         page.click("Add point")
     page.wait_for_text("Suggested values")
-    page.wait_for_text(re.compile(r"To blame: .*Elbow.*"))
+    page.wait_for_text(re.compile(r"Most to blame: .*Elbow.*"))
     page.screenshot("calibration_points")
-    told = served.console.shared(SharedCalibration).points.told
+    told = served.console.shared(SharedCalibration).points.result
     assert isinstance(told, ToolError)
     assert told.rms_after_m < 0.0002 < told.rms_m
     with page.page.expect_download() as download:
