@@ -10,13 +10,14 @@ from armctl.ui.robot_switch import RobotSwitch
 from armctl.ui.session import Session
 from armctl.ui.tabs import TABS, Screen
 
-TABS_WIDTH = 440
+TABS_WIDTH = 460
 """[px]"""
 _STYLE = (
-    "<style>[data-dock-tab]{padding:0 .5em!important}"
+    "<style>[data-dock-tab]{padding:0 .35em!important}"
+    "[data-dock-tab],[data-dock-tab] *{font-size:13px!important}"
     "label[for],.mantine-Notification-description{color:#495057!important}</style>"
 )
-"""With the page's own, wider padding the tabs need a second row; its grey for labels is hard to read."""
+"""Without it the tabs need a second row where the font is wide, and the grey of labels is hard to read."""
 
 
 class Page:
