@@ -99,9 +99,7 @@ def test_the_kind_may_stand_in_front_of_the_port(capsys: pytest.CaptureFixture[s
     with PtyServer(simulated_maestro(), ManualClock().now, link=tmp_path / "arm"):
         status, _, seen = record(capsys, "--port", f"encoder:{tmp_path / 'arm'}")
     assert status == REFUSED
-    assert (
-        "a Pololu Maestro answers, where an Arduino with armctl's" in seen["who answers"]
-    )
+    assert "a Pololu Maestro answers, where an Arduino with armctl's" in seen["who answers"]
     assert seen["channels"] == "no robot was named"
 
 
