@@ -85,6 +85,20 @@ def test_ports_and_doctor_know_it(
     assert "toys need none; 6 outputs are asked for" in capsys.readouterr().out
 
 
+def test_a_defect_of_its_own_is_told_in_words(
+    plugged_in: PtyServer[ByteModel], capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def broken(*_: object) -> None:
+        raise ValueError("the toy is broken")
+
+    monkeypatch.setattr(type(board_type("toy")), "examine", broken)
+    run(["doctor", "--port", plugged_in.port])
+    assert "broke off: the check-up: ValueError: the toy is broken" in capsys.readouterr().out
+    monkeypatch.setattr(type(board_type("toy")), "ask", broken)
+    run(["doctor", "--port", plugged_in.port])
+    assert "asking for a Toy board: ValueError: the toy is broken" in capsys.readouterr().out
+
+
 def test_it_is_simulated_and_its_robot_checked_by_name(
     toy_arm: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -106,6 +120,7 @@ def fresh_registry() -> Iterator[None]:
     [
         ("broken = no_such_module:Board", "broken of no_such_module:Board cannot be loaded: No module named"),
         ("number = math:pi", "math:pi is no BoardType"),
+        ("nameless = tests.architecture.nameless:Board", "it does not say its kind, title"),
         ("second = armctl.hardware.maestro.board:MaestroBoard", "of the kind 'maestro' already"),
     ],
 )

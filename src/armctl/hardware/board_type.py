@@ -12,7 +12,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar, Protocol
 
-from armctl.hardware.driver import ChannelScale, ChannelSettings, Driver
+from armctl.hardware.driver import ChannelScale, ChannelSettings, Driver, translated
 from armctl.robot.outputs_of_file import BoardEntries
 
 if TYPE_CHECKING:
@@ -82,6 +82,10 @@ class SimulatorOption:
     help: str
     choices: tuple[str, ...] = ()
     """none: a flag"""
+
+
+NEEDED = ("kind", "title", "plugged_in", "scale", "entries")
+"""what every board has to say of itself"""
 
 
 class BoardType(ABC):
@@ -199,7 +203,7 @@ def listen(
         data = line.read(256, step)
         waited += step
         for place, ear in enumerate(ears):
-            if (found := ear.feed(data)) is not None:
+            if (found := translated("listening to the port", ear.feed, data)) is not None:
                 return (place, found), bytes(heard)
         if until():
             break

@@ -6,7 +6,7 @@ import logging
 from functools import cache
 
 from armctl.errors import InputError
-from armctl.hardware.board_type import BoardType
+from armctl.hardware.board_type import NEEDED, BoardType
 from armctl.hardware.encoder.board import EncoderBoard
 from armctl.hardware.firmata.board import FirmataBoard
 from armctl.hardware.maestro.board import MaestroBoard
@@ -32,6 +32,10 @@ def board_types() -> tuple[BoardType, ...]:
         try:
             loaded: object = entry.load()
             board = loaded() if isinstance(loaded, type) else loaded
+            if isinstance(board, BoardType):
+                missing = [name for name in NEEDED if not hasattr(board, name)]
+                if missing:
+                    raise TypeError(f"it does not say its {', '.join(missing)}")
         except Exception as error:
             _LOGGER.warning("the board %s of %s cannot be loaded: %s", entry.name, entry.value, error)
             continue

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from armctl.errors import ArmctlError
 from armctl.hardware.access import is_pseudo_terminal, permission_hint
 from armctl.hardware.boards import board_type, board_types
-from armctl.hardware.driver import ChannelSettings
+from armctl.hardware.driver import ChannelSettings, translated
 from armctl.hardware.findings import (
     OF_ANOTHER_BOARD,
     CheckUp,
@@ -161,7 +161,9 @@ def _board(patient: Patient, probed: Probed, line: Transport, now: Callable[[], 
     needs = Needs(patient.channels) if fits or not patient.channels else OF_ANOTHER_BOARD
     listing = None if patient.info is None else patient.info.kind
     check_up = CheckUp(line, now, needs, listing, probed.reported, patient.simulated)
-    return [] if probed.board is None else board_type(probed.board).examine(check_up)
+    if probed.board is None:
+        return []
+    return translated("the check-up", board_type(probed.board).examine, check_up)
 
 
 def _unseen() -> list[Finding]:

@@ -6,9 +6,12 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import Enum
-from typing import Protocol
+from typing import ParamSpec, Protocol, TypeVar
 
-from armctl.errors import BoardError
+from armctl.errors import ArmctlError, BoardError
+
+P = ParamSpec("P")
+T = TypeVar("T")
 
 
 class Source(Enum):
@@ -220,3 +223,16 @@ class ChannelTable:
             )
         first, last = scale.whole_range(settings)
         return min(last, max(first, round(value * scale.steps)))
+
+
+def translated(doing: str, action: Callable[P, T], *args: P.args, **kwargs: P.kwargs) -> T:
+    """What a method of a board gives; whatever else it raises becomes a ``BoardError``, with its cause kept.
+
+    Boards of other packages may raise anything.
+    """
+    try:
+        return action(*args, **kwargs)
+    except ArmctlError:
+        raise
+    except Exception as error:
+        raise BoardError(f"{doing}: {type(error).__name__}: {error}") from error

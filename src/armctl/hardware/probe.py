@@ -25,6 +25,7 @@ from dataclasses import dataclass
 from armctl.errors import BoardError, BoardProtocolError, InputError
 from armctl.hardware.board_type import BoardType, Introduction, listen
 from armctl.hardware.boards import board_types, find_board_type
+from armctl.hardware.driver import translated
 from armctl.hardware.ports import boards_listed_as
 from armctl.hardware.transport import Transport
 
@@ -155,7 +156,7 @@ def _ask(line: Transport, boards: Sequence[BoardType], heard: bytes, now: Callab
         if heard and board.ear() is None:
             continue
         try:
-            introduction = board.ask(line, now)
+            introduction = translated(f"asking for a {board.title}", board.ask, line, now)
         except BoardProtocolError as error:
             return Probed(line.name, details=(str(error),))
         if introduction is not None:

@@ -438,6 +438,3 @@ def _exact_cos_sin(angle: float) -> tuple[float, float]:
     if abs(quarter - round(quarter)) < 1e-14:
         return ((1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0))[round(quarter) % 4]
     return math.cos(angle), math.sin(angle)
-
-
-Chain = Chain  # the name until now

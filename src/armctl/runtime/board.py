@@ -5,19 +5,17 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import ParamSpec, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from armctl.errors import ArmctlError, BoardError, StateError
+from armctl.errors import ArmctlError, StateError
 from armctl.hardware import BoardIdentity, ChannelSettings, Driver, HomingState, Source
 from armctl.hardware.boards import board_type
+from armctl.hardware.driver import translated
 from armctl.robot import OutputMap, Robot
 
 FloatArray = NDArray[np.float64]
-P = ParamSpec("P")
-T = TypeVar("T")
 BOARD_SPEED_MARGIN = 1.5
 """The board's own speed limit over the joint's: a second line of defence that never meets a good stream."""
 _GRIPPER_UP_S = 0.1
@@ -127,9 +125,9 @@ class Board:
             BoardError: nobody there, or not what is needed.
             StateError: a real board, and the robot file does not say which pulse is which angle.
         """
-        driver = _asked("opening the board", open_driver, port)
+        driver = translated("opening the board", open_driver, port)
         try:
-            board = cls(robot, driver, _asked("opening the board", driver.open))
+            board = cls(robot, driver, translated("opening the board", driver.open))
             if robot.output_map is None and not board.identity.simulated:
                 raise StateError(
                     f"{robot.name} has no servo map: which pulse is which angle is not known, so only the "
@@ -143,15 +141,15 @@ class Board:
 
     def configure(self) -> None:
         """Tell the board what each channel may do: one that started anew has forgotten. Moves nothing."""
-        _asked("setting the channels", self._driver.configure, self.outputs.settings())
+        translated("setting the channels", self._driver.configure, self.outputs.settings())
 
     def write(self, q: FloatArray | None, opening: float | None) -> None:
         """Send joint angles (n,) [rad] and a gripper opening 0..1 in one write; None: not sent."""
-        _asked("writing setpoints", self._driver.write, self.outputs.setpoints(q, opening))
+        translated("writing setpoints", self._driver.write, self.outputs.setpoints(q, opening))
 
     def read(self) -> Reading:
         """Read back."""
-        readback = _asked("reading back", self._driver.read)
+        readback = translated("reading back", self._driver.read)
         q = self.outputs.map.angles(readback.positions)
         powered = readback.powered
         errors = readback.errors
@@ -170,11 +168,11 @@ class Board:
 
     def home(self) -> None:
         """Begin to look for the zeros of the axes: the arm moves."""
-        _asked("homing", self._driver.home)
+        translated("homing", self._driver.home)
 
     def hold(self) -> None:
         """Brake on the board itself and hold there."""
-        _asked("stopping the board", self._driver.stop)
+        translated("stopping the board", self._driver.stop)
 
     def title(self, channel: int) -> str:
         """What the user calls a channel."""
@@ -182,7 +180,7 @@ class Board:
 
     def release(self) -> None:
         """Pulses or motors off: the arm drops."""
-        _asked(f"switching the {self.outputs.power} off", self._driver.release)
+        translated(f"switching the {self.outputs.power} off", self._driver.release)
 
     def close(self) -> None:
         """Close the line, whatever state it is in; the outputs stay as they are."""
@@ -192,16 +190,6 @@ class Board:
 def no_reading(n: int) -> Reading:
     """Nothing is known of ``n`` joints."""
     return Reading(np.full(n, math.nan), np.zeros(n, dtype=np.bool_), None, Source.COMMANDED, ())
-
-
-def _asked(doing: str, action: Callable[P, T], *args: P.args, **kwargs: P.kwargs) -> T:
-    """What a driver's method gives; whatever it raises becomes an ``ArmctlError``, with its cause kept."""
-    try:
-        return action(*args, **kwargs)
-    except ArmctlError:
-        raise
-    except Exception as error:
-        raise BoardError(f"{doing}: {type(error).__name__}: {error}") from error
 
 
 def _quietly(action: Callable[[], None]) -> None:

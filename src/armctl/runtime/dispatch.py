@@ -257,13 +257,14 @@ def _run_program(core: Core, command: c.RunProgram, order: Order) -> None:
 
 
 def _update_program(core: Core, program: Program, order: Order) -> None:
-    if not isinstance(core.activity, ProgramRunner):
+    runner = core.activity
+    if not isinstance(runner, ProgramRunner):
         raise StateError("no program runs; press Run")
 
     def take() -> None:
-        if not isinstance(core.activity, ProgramRunner):
+        if core.activity is not runner:  # another run may have begun: the edit was not for it
             raise StateError("the program has ended; run it again")
-        core.activity.update(program)
+        runner.update(program)
         name, who = program.name, order.origin.who
         core.log.info(f"program {name!r} was edited; this takes effect at the next pass ({who})")
 

@@ -1,0 +1,18 @@
+"""A board that somebody has not finished."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from armctl.hardware import BoardType, ByteModel, Driver, Setup
+from armctl.hardware.transport import Connection
+
+
+class Board(BoardType):
+    """Says nothing of itself."""
+
+    def driver(self, setup: Setup, connection: Connection) -> Driver:
+        raise NotImplementedError
+
+    def simulated(self, setup: Setup, options: Mapping[str, str | bool | None]) -> ByteModel:
+        raise NotImplementedError
