@@ -11,8 +11,9 @@ from types import TracebackType
 from typing import Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from armctl.arrays import FloatArray
 from armctl.boards import ANY_BOARD, SIMULATED, Boards, board_name, calibrated_for
 from armctl.errors import InputError
 from armctl.kinematics import Target
@@ -46,7 +47,6 @@ from armctl.runtime import (
     Snapshot,
 )
 
-FloatArray = NDArray[np.float64]
 _SWITCH_INTERVAL_S = 2e-4
 _STOP_S = 5.0
 """so long an interrupt waits for the arm to stand [s]"""

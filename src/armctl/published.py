@@ -7,8 +7,8 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from armctl.arrays import FloatArray
 from armctl.errors import RobotFileError
 from armctl.motion import arc, line
 from armctl.robot import Robot, load_robot
@@ -74,7 +74,6 @@ def floats(values: Iterable[float]) -> tuple[float, ...]:
 
 # Abaas et al.: the printed servo angles with their tips, and the tip speed of each joint.
 
-FloatArray = NDArray[np.float64]
 SERVO_PULSE_US = (544.0, 2400.0)
 """pulses of the Arduino Servo library at 0° and 180°"""
 WHOLE_DEGREES_MM = 0.7

@@ -12,14 +12,13 @@ from typing import Self
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from numpy.typing import NDArray
 
 import armctl
+from armctl.arrays import FloatArray
 from armctl.cli.ik import ik
 from armctl.kinematics import Chain, EnergyModel, InverseKinematics, Solutions, Target, families
 from armctl.kinematics.solutions import SolvedArm
 
-FloatArray = NDArray[np.float64]
 SOURCES = Path(armctl.__file__).parent
 PLOTTER = """
 format = 1

@@ -6,11 +6,9 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from armctl.arrays import FloatArray
 from armctl.calibration import Calibration, JointCalibration, Mark
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -7,17 +7,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from tests.robot.test_urdf_tool import PROP
 from tests.robot.urdf_kit import written
 
+from armctl.arrays import FloatArray
 from armctl.calibration import ToolError, tool_error
 from armctl.calibration.tool_error import ErrorModel, Parameter
 from armctl.errors import CalibrationError
 from armctl.kinematics import Chain, DHRow
 from armctl.robot import Joint, Robot, load_robot, shipped_robots
 
-FloatArray = NDArray[np.float64]
 TOUCH = 0.0003
 """deviation of a coordinate of a simulated touch [m]"""
 AMOUNTS = {"zero": 3.0, "scale": 5.0, "a": 5.0, "d": 5.0, "base": 5.0}

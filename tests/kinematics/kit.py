@@ -6,11 +6,9 @@ import math
 
 import numpy as np
 from benchmarks.naive_sweep import PlanarArm
-from numpy.typing import NDArray
 
+from armctl.arrays import FloatArray
 from armctl.kinematics import Chain, DHRow, EnergyModel, GravityModel, InverseKinematics, inverse_kinematics
-
-FloatArray = NDArray[np.float64]
 
 
 def turn(axis: int, angle: float) -> FloatArray:

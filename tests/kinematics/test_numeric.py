@@ -8,10 +8,10 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.optimize import minimize
 from tests.kinematics.kit import plain_forward, random_q
 
+from armctl.arrays import FloatArray
 from armctl.errors import InputError
 from armctl.kinematics import Chain, DHRow, EnergyModel, GravityModel, Target, rotation_from_rpy
 from armctl.kinematics.numeric.goals import (
@@ -28,7 +28,6 @@ from armctl.kinematics.numeric.solver import LinkBound, NumericSolver
 from armctl.kinematics.rotation import rotation_angle
 from armctl.kinematics.solutions import Solutions
 
-FloatArray = NDArray[np.float64]
 Arm = tuple[Chain, FloatArray]
 STEP = math.radians(0.01)
 HALF, QUARTER = math.pi, math.pi / 2

@@ -7,6 +7,7 @@ import pytest
 from numpy.typing import NDArray
 from tests.kinematics.kit import chain_of, random_planar_arm, random_q
 
+from armctl.arrays import FloatArray
 from armctl.kinematics import Chain
 from armctl.kinematics.workspace import (
     SampledSection,
@@ -18,7 +19,6 @@ from armctl.kinematics.yaw_pitch_roll.geometry import recognise
 from armctl.kinematics.yaw_pitch_roll.section import PlanarSection, PlaneReach, boundary_arcs, joined
 from armctl.robot import load_robot
 
-FloatArray = NDArray[np.float64]
 PLANAR = ("uzuner", "abaas", "scorbot", "mico")
 
 

@@ -9,18 +9,17 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from tests.motion.preflight.kit import axis_points, brute_gap, random_arm
 from tests.robot.test_urdf_tool import JAW, PROP
 from tests.robot.urdf_kit import Step, written
 
+from armctl.arrays import FloatArray
 from armctl.errors import RobotFileError
 from armctl.kinematics.chain import LinkFrames
 from armctl.robot import Robot, load_robot, robots_folder, shipped_robots
 from armctl.robot.body import NEAR_M, box_distance, moving_corners, segment_box_distance, segment_distance
 from armctl.robot.shape import reach
 
-FloatArray = NDArray[np.float64]
 ARMS = [*map(load_robot, shipped_robots()), *map(random_arm, range(4))]
 PRINTED = np.radians(  # the paper's tables: arc 1 to 3, line 1 to 3
     [

@@ -6,13 +6,12 @@ import math
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from armctl import Robot, load_robot
+from armctl.arrays import FloatArray
 from armctl.kinematics import DHRow, Solutions
 from armctl.robot import shipped_robots
 
-FloatArray = NDArray[np.float64]
 CONFIGURATIONS = 10_000
 
 

@@ -10,17 +10,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from tests.robot.urdf_kit import Step, product
 from tests.robot.urdf_kit import written as kit_written
 
 from armctl import load_robot
+from armctl.arrays import FloatArray
 from armctl.errors import RobotFileError
 from armctl.kinematics import Chain, rotation_from_rpy
 from armctl.kinematics.energy import STANDARD_GRAVITY
 from armctl.robot.shape import bars
-
-FloatArray = NDArray[np.float64]
 
 ARM = """<?xml version="1.0"?>
 <robot name="My Arm">

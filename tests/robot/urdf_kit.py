@@ -8,9 +8,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-FloatArray = NDArray[np.float64]
+from armctl.arrays import FloatArray
+
 ROUNDED = {
     "1.5708": math.pi / 2,
     "-1.5708": -math.pi / 2,

@@ -8,17 +8,13 @@ from contextlib import nullcontext
 from types import SimpleNamespace
 from typing import Any, cast
 
-import numpy as np
-from numpy.typing import NDArray
-
+from armctl.arrays import FloatArray
 from armctl.robot import Robot
 from armctl.runtime import Command, State
 from armctl.ui.guard import GuardedServer
 from armctl.ui.scene.ghost import Ghost
 from armctl.ui.session import Session
 from armctl.ui.widgets.events import Action
-
-FloatArray = NDArray[np.float64]
 
 
 class FakePage:

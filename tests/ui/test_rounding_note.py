@@ -7,13 +7,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from armctl.arrays import FloatArray
 from armctl.hardware.boards import board_type
 from armctl.robot import Robot, load_robot
 from armctl.ui.panel import joint_steps, rounding_note, rounding_off_m
 
-FloatArray = NDArray[np.float64]
 SERVO_ARMS = ("uzuner", "abaas", "mico", "humanoid")
 
 

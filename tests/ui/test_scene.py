@@ -8,8 +8,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from armctl.arrays import FloatArray
 from armctl.kinematics import Chain
 from armctl.robot import Robot, load_robot, shipped_robots
 from armctl.ui.scene.shapes import Point, Solid, beam, block, drum, spike, tube
@@ -103,7 +103,6 @@ def test_meshes_are_closed_and_face_outwards(solid: Solid, volume: float) -> Non
     assert 0.95 * volume < enclosed <= volume * (1 + 1e-9)
 
 
-FloatArray = NDArray[np.float64]
 FOV = math.radians(75)
 AWAY = np.array([0.6, 0.7, 0.3])
 

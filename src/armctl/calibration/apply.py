@@ -11,13 +11,13 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
+from armctl.arrays import FloatArray
 from armctl.calibration.fit import JointFit
 from armctl.calibration.record import Calibration, JointCalibration, checked_calibration
 from armctl.errors import CalibrationError
 from armctl.kinematics.chain import LinkFrames
 from armctl.robot import Joint, OutputMap, Robot
 
-FloatArray = NDArray[np.float64]
 _ROUNDING = 1e-9
 """limits that differ by less are the same [rad]"""
 _FILE_ROUNDING = 0.125

@@ -9,9 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from armctl.arrays import FloatArray
 from armctl.errors import CalibrationError
 
-FloatArray = NDArray[np.float64]
 LEAST_MARKS = 3
 LEAST_SPREAD = math.radians(10.0)
 """half a degree of reading error over less than this is more than 5 % of scale"""

@@ -9,13 +9,12 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from armctl.arrays import FloatArray
 from armctl.calibration.fit import Mark
 from armctl.errors import CalibrationError
 from armctl.robot import Robot
 
-FloatArray = NDArray[np.float64]
 _DELIMITERS = (";", "\t", ",")
 _MARK_COLUMNS = ("output", "angle_deg")
 _POINT_COLUMNS = ("x_mm", "y_mm", "z_mm")

@@ -8,13 +8,13 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from armctl.arrays import FloatArray
 from armctl.errors import CalibrationError
 from armctl.kinematics.target import as_numbers
 from armctl.robot import Robot
 
-FloatArray = NDArray[np.float64]
 Kind = Literal["zero", "scale", "a", "d", "base"]
 BlameUnit = Literal["mm", "°", "%"]
 LEAST_POINTS = 6

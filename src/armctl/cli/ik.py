@@ -7,15 +7,14 @@ from collections.abc import Sequence
 
 import click
 import numpy as np
-from numpy.typing import NDArray
 
+from armctl.arrays import FloatArray
 from armctl.cli.main import REFUSED
 from armctl.cli.options import NUMBER, QUERY_SETTINGS, Number, json_option, print_json, rounded
 from armctl.errors import InputError
 from armctl.kinematics import CRITERIA, Branch, Solutions, rotation_from_rpy
 from armctl.robot import Robot, load_robot
 
-FloatArray = NDArray[np.float64]
 _LISTED = 20
 _LABEL, _NARROWEST = 17, 11
 """widths of the names and of the angles' columns, at least"""

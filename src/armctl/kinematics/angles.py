@@ -7,6 +7,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from armctl.arrays import FloatArray
+
 TWO_PI = 2.0 * math.pi
 LIMIT_TOLERANCE = 1e-9
 """How far rounding may carry an angle over its limit [rad]; what is accepted is clipped back onto it."""
@@ -58,8 +60,6 @@ def half_angle_cos_sin(angle: NDArray[np.float64]) -> tuple[NDArray[np.float64],
 
 
 # Angles brought into joint limits: one, or arrays of them.
-
-FloatArray = NDArray[np.float64]
 
 
 def nearest_image(angle: float, low: float, high: float) -> float | None:

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from armctl.arrays import FloatArray
 from armctl.kinematics.angles import LIMIT_TOLERANCE, rest_angle
 from armctl.kinematics.chain import Chain
 from armctl.kinematics.energy import EnergyModel
@@ -17,7 +18,6 @@ from armctl.kinematics.samples import DEFAULT_STEP
 from armctl.kinematics.solutions import needs
 from armctl.kinematics.target import Target
 
-FloatArray = NDArray[np.float64]
 _OPEN_END = 1e-8
 """how much less than a turn a widened joint has, so that half a turn is listed once [rad]"""
 _SAME = 1e-6

@@ -16,13 +16,13 @@ from dataclasses import dataclass
 from typing import Literal, NamedTuple, Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from armctl.arrays import FloatArray
 from armctl.errors import InputError
 from armctl.kinematics.angles import half_angle_cos_sin
 from armctl.kinematics.target import as_numbers, require_finite
 
-FloatArray = NDArray[np.float64]
 Convention = Literal["standard", "modified"]
 _FLOAT = np.dtype(np.float64)
 _CHUNK = 4096

@@ -6,12 +6,11 @@ from dataclasses import dataclass, field
 from typing import Literal, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
+from armctl.arrays import FloatArray
 from armctl.errors import InputError
 from armctl.kinematics.chain import Chain, LinkFrames
 
-FloatArray = NDArray[np.float64]
 STANDARD_GRAVITY = 9.80665
 """m/s² (CGPM 1901)"""
 

@@ -6,13 +6,12 @@ import math
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
+from armctl.arrays import FloatArray
 from armctl.errors import InputError
 from armctl.kinematics.angles import rest_angle
 from armctl.kinematics.target import checked_number
 
-FloatArray = NDArray[np.float64]
 _SEED = 20_240
 
 

@@ -11,13 +11,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from armctl.arrays import FloatArray
 from armctl.errors import UnreachableError
 from armctl.kinematics.chain import Chain
 from armctl.kinematics.energy import Criterion, EnergyModel, checked_criterion, energies
 from armctl.kinematics.rotation import rotation_angle
 from armctl.kinematics.target import Target
 
-FloatArray = NDArray[np.float64]
 _THERE_M = 1e-7
 """a nearest point that is so near is the target itself [m]"""
 _SEEN_MM = 0.05

@@ -7,9 +7,9 @@ from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from typing import ClassVar, Self
 
-import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from armctl.arrays import FloatArray
 from armctl.errors import InputError
 from armctl.kinematics.chain import Chain
 from armctl.kinematics.energy import EnergyModel
@@ -17,8 +17,6 @@ from armctl.kinematics.solutions import BatchSolutions, Solutions
 from armctl.kinematics.target import Target
 from armctl.kinematics.tool_plane import ToolPlane
 from armctl.kinematics.workspace import SampledSection, Section
-
-FloatArray = NDArray[np.float64]
 
 
 class InverseKinematics(ABC):

@@ -6,12 +6,11 @@ import math
 from typing import NamedTuple, TypeGuard
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from armctl.arrays import FloatArray
 from armctl.errors import InputError
 from armctl.kinematics.angles import TWO_PI
-
-FloatArray = NDArray[np.float64]
 
 
 def as_numbers(value: ArrayLike, what: str) -> FloatArray:

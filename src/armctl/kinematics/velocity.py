@@ -12,14 +12,14 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from armctl.arrays import FloatArray
 from armctl.errors import InputError
 from armctl.kinematics.chain import Chain
 from armctl.kinematics.samples import joint_samples
 from armctl.kinematics.target import as_numbers, require_finite
 
-FloatArray = NDArray[np.float64]
 Verdict = Literal["singular", "near a singularity", "well away from singularities"]
 NEAR = 0.05
 """smallest over largest singular value below which a direction counts as nearly lost, and is damped"""

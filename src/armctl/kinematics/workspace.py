@@ -9,12 +9,12 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from armctl.arrays import FloatArray
 from armctl.kinematics.angles import LIMIT_TOLERANCE, TWO_PI
 from armctl.kinematics.chain import Chain
 from armctl.kinematics.samples import greatest, joint_samples
 from armctl.kinematics.velocity import manipulability
 
-FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 _CANDIDATES_A_POINT = 16
 _CHUNK = 4096

@@ -6,13 +6,12 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from armctl.arrays import FloatArray
 from armctl.motion.paths.tool_pitch import elevations
 from armctl.motion.trajectory import Sample, Trajectory
 from armctl.robot import Robot
 
-FloatArray = NDArray[np.float64]
 _PROBE_S = 1e-4
 _JERK_PROBE_S = 1e-3
 """longer, because a second difference loses twice as many digits to rounding"""

@@ -13,14 +13,13 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
+from armctl.arrays import FloatArray
 from armctl.errors import InputError
 from armctl.motion.polynomial import PiecewisePolynomial, quintic
 from armctl.motion.timing import REGIONS, PathLimits, PathTrajectory, fastest_rates, trapezoid_law
 from armctl.robot import Robot
 
-FloatArray = NDArray[np.float64]
 _PROBES = 33
 _TRIES = 6
 _ROUNDING = 1e-9

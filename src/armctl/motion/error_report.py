@@ -6,14 +6,12 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from armctl.arrays import FloatArray
 from armctl.errors import InputError
 from armctl.motion.paths.tool_curve import ToolArc, ToolLine
 from armctl.motion.trajectory import Trajectory
 from armctl.robot import Robot
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

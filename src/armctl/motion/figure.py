@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from armctl.arrays import FloatArray
 from armctl.motion.analysis import Derivative, Limit, MotionAnalysis, near_limits
 from armctl.robot import Robot
 
@@ -26,7 +27,6 @@ if TYPE_CHECKING:
 # matplotlib's own types leave the keywords of nearly every call open.
 
 
-FloatArray = NDArray[np.float64]
 FigureForm = Literal["svg", "png"]
 COLORS = ("#1971c2", "#e8590c", "#2f9e44", "#9c36b5", "#f08c00", "#0c8599", "#5c940d", "#495057")
 """of joints and coordinates, in their order, here and on screens"""

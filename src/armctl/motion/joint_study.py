@@ -15,10 +15,10 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from armctl.arrays import FloatArray
 from armctl.errors import InputError
 from armctl.robot import Robot
 
-FloatArray = NDArray[np.float64]
 Turning = Literal["in turn", "all at once"]
 Rule = Callable[[Robot, FloatArray, FloatArray], FloatArray]
 _SAMPLES = 601

@@ -8,8 +8,9 @@ from itertools import pairwise
 from typing import Literal, get_args
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from armctl.arrays import FloatArray
 from armctl.errors import InputError, MotionRefusedError, UnreachableError
 from armctl.kinematics import DEFAULT_STEP, Target, checked_criterion
 from armctl.kinematics.target import as_numbers
@@ -23,7 +24,6 @@ from armctl.motion.timing import PathTrajectory, timed
 from armctl.motion.trajectory import JoinedTrajectory, SlowedTrajectory, Trajectory
 from armctl.robot import Robot
 
-FloatArray = NDArray[np.float64]
 Profile = ProfileName | Literal["normal"]
 """A law for all joints together; or "normal": each joint at its own speed (takes no duration)."""
 

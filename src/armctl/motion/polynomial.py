@@ -7,12 +7,12 @@ from functools import cache
 from typing import cast
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy import linalg
 
+from armctl.arrays import FloatArray
 from armctl.errors import InputError
 
-FloatArray = NDArray[np.float64]
 _NEGLIGIBLE = 1e-14
 """A coefficient that is a smaller share of the largest one counts as 0."""
 

@@ -8,8 +8,9 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from armctl.arrays import FloatArray
 from armctl.errors import InputError, MotionRefusedError
 from armctl.kinematics.target import checked_number
 from armctl.motion.polynomial import PiecewisePolynomial
@@ -27,7 +28,6 @@ from armctl.robot import Robot
 # - *s-curve*: the shortest with limited jerk as well: seven phases, some of which may be empty (Biagiotti
 #   and Melchiorri, Trajectory Planning for Automatic Machines and Robots, section 3.4).
 
-FloatArray = NDArray[np.float64]
 ProfileName = Literal["cubic", "quintic", "trapezoid", "s-curve"]
 PROFILES: tuple[ProfileName, ...] = ("cubic", "quintic", "trapezoid", "s-curve")
 

@@ -16,15 +16,14 @@ from functools import cached_property
 from typing import cast
 
 import numpy as np
-from numpy.typing import NDArray
 
+from armctl.arrays import FloatArray
 from armctl.errors import InputError, MotionRefusedError
 from armctl.motion.polynomial import PiecewisePolynomial
 from armctl.motion.profiles import ProfileName, checked_duration, law_over, shortest_words
 from armctl.motion.trajectory import KnowsPeaks, Peaks, Sample
 from armctl.robot import Robot
 
-FloatArray = NDArray[np.float64]
 _CURVATURE_SHARE = 0.7
 """Of a joint's acceleration: what the curvature of the path may take. The rest is left for speeding up."""
 _MARGIN = 1e-9

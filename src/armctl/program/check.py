@@ -7,8 +7,9 @@ from dataclasses import dataclass, field
 
 import msgspec
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from armctl.arrays import FloatArray
 from armctl.documents import Document
 from armctl.errors import ArmctlError
 from armctl.kinematics.chain import LinkFrames
@@ -27,8 +28,6 @@ from armctl.motion.trajectory import JoinedTrajectory, Trajectory
 from armctl.program.program import PROGRAM_FILES, Blocks, Cursor, Program
 from armctl.program.steps import EndStep, MotionStep, RepeatStep
 from armctl.robot import Robot
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from armctl.arrays import FloatArray
 from armctl.errors import ArmctlError, InputError, MotionRefusedError, ProgramError
 from armctl.motion.blend import Entry, Leg, blend
 from armctl.motion.preflight import preflight
@@ -21,8 +21,6 @@ from armctl.program.steps import MotionStep, Step
 from armctl.robot import Robot
 
 # A program on its way to be run: its steps one by one, and where it is between them.
-
-FloatArray = NDArray[np.float64]
 
 
 class ProgramSource:

@@ -7,8 +7,8 @@ from bisect import bisect_right
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from armctl.arrays import FloatArray
 from armctl.errors import ProgramError
 from armctl.motion.plan import plan_joints
 from armctl.motion.profiles import PointToPoint
@@ -16,8 +16,6 @@ from armctl.motion.trajectory import JoinedTrajectory, SlowedTrajectory, Traject
 from armctl.program.feed import PlannedStep, ProgramSource, begin_program, plan_next
 from armctl.program.program import Program
 from armctl.robot import Robot
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

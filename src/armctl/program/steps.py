@@ -14,8 +14,8 @@ from typing import Annotated, Any, ClassVar, Union, cast
 import msgspec
 import numpy as np
 from msgspec import Meta
-from numpy.typing import NDArray
 
+from armctl.arrays import FloatArray
 from armctl.errors import ProgramError
 from armctl.kinematics import CRITERIA, Target
 from armctl.motion.blend import Leg
@@ -27,7 +27,6 @@ from armctl.motion.trajectory import Trajectory
 from armctl.program.keys import Field, Key, defaults_of, keys_of, literal
 from armctl.robot import Robot
 
-FloatArray = NDArray[np.float64]
 LONGEST_WAIT_S = 86_400
 MOST_REPEATS = 1_000_000
 SLOWEST_PERCENT = 5

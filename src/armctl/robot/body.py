@@ -9,16 +9,15 @@ from functools import cached_property
 from typing import Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from armctl.arrays import FloatArray
 from armctl.kinematics.chain import Chain, LinkFrames
 from armctl.kinematics.samples import joint_samples
 from armctl.robot.parts import Look, Obstacle
 from armctl.robot.shape import FINGER, PALM, TIP_LENGTH, TIP_RADIUS, bars, reach, tool_length, width
 
 # The arm's body as capsules: segments with a radius, each fixed to a link.
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -7,8 +7,8 @@ from importlib.resources import files
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from armctl.arrays import FloatArray
 from armctl.errors import RobotFileError
 from armctl.kinematics import Body, Chain, DHRow, GravityModel
 from armctl.robot.body import Capsule, capsule
@@ -24,8 +24,6 @@ from armctl.robot.outputs_of_file import read_outputs
 from armctl.robot.parts import JERK_UP_S, Color, Gripper, Joint, Look, Obstacle
 from armctl.robot.robot import Robot
 from armctl.robot.urdf import UrdfName, load_urdf
-
-FloatArray = NDArray[np.float64]
 
 
 def robots_folder() -> Path:

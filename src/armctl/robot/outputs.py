@@ -7,11 +7,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from armctl.arrays import FloatArray
 from armctl.errors import InputError
 
-FloatArray = NDArray[np.float64]
 DEFAULT_BOARD = "maestro"
 """the kind of board of an arm whose file names none"""
 FLATTEST_PER_DEG = 0.001

@@ -5,8 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-import numpy as np
-from numpy.typing import NDArray
+from armctl.arrays import FloatArray
 
 JERK_UP_S = 0.05
 """Where nothing else is written, a joint reaches its largest acceleration in this time."""
@@ -64,8 +63,6 @@ class Look:
 
 
 # Things around the arm that it must stay out of.
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -8,8 +8,9 @@ from functools import cached_property
 from types import MappingProxyType
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from armctl.arrays import FloatArray
 from armctl.errors import InputError, MotionRefusedError
 from armctl.kinematics import (
     DEFAULT_STEP,
@@ -31,7 +32,6 @@ from armctl.robot.body import Capsule, CollisionModel, Corner, moving_corners, s
 from armctl.robot.outputs import DEFAULT_BOARD, OutputMap
 from armctl.robot.parts import Gripper, Joint, Look, Obstacle
 
-FloatArray = NDArray[np.float64]
 _PROBES = 64
 
 

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from armctl.arrays import FloatArray
 from armctl.errors import RobotFileError
 from armctl.kinematics import Body, Chain, GravityModel
 from armctl.kinematics.angles import rest_angle
@@ -21,7 +21,6 @@ from armctl.robot.robot import Robot
 from armctl.robot.urdf_file import Rounding, UrdfJoint, fixed_where_held, limits_of, read_urdf_file
 from armctl.robot.urdf_tree import UrdfTool, UrdfTree, named_tool, suggested_tool
 
-FloatArray = NDArray[np.float64]
 ASSUMED_SPEED = math.radians(60)
 """[rad/s]"""
 SPEED_UP_S = 1 / 6

@@ -15,13 +15,12 @@ from typing import Literal, get_args
 from xml.etree import ElementTree
 
 import numpy as np
-from numpy.typing import NDArray
 
+from armctl.arrays import FloatArray
 from armctl.errors import RobotFileError
 from armctl.kinematics import rotation_from_rpy
 from armctl.kinematics.chain import frame_along
 
-FloatArray = NDArray[np.float64]
 JointKind = Literal["revolute", "continuous", "fixed", "prismatic", "planar", "floating"]
 KINDS: tuple[JointKind, ...] = get_args(JointKind)
 LARGEST = 1e6

@@ -5,13 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Protocol
 
-import numpy as np
-from numpy.typing import NDArray
-
+from armctl.arrays import FloatArray
 from armctl.errors import ArmctlError
 from armctl.runtime.snapshot import ProgramProgress
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,13 +9,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from armctl.arrays import FloatArray
 from armctl.errors import ArmctlError, StateError
 from armctl.hardware import BoardIdentity, ChannelSettings, Driver, HomingState, Source
 from armctl.hardware.boards import board_type
 from armctl.hardware.driver import translated
 from armctl.robot import OutputMap, Robot
 
-FloatArray = NDArray[np.float64]
 BOARD_SPEED_MARGIN = 1.5
 """The board's own speed limit over the joint's: a second line of defence that never meets a good stream."""
 _GRIPPER_UP_S = 0.1

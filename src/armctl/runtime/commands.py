@@ -10,14 +10,13 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from armctl.arrays import FloatArray
 from armctl.errors import ArmctlError
 from armctl.kinematics import Target
 from armctl.motion import Profile, Trajectory
 from armctl.program import Program
 
-FloatArray = NDArray[np.float64]
 ToolFrame = Literal["base", "tool"]
 
 

@@ -7,8 +7,8 @@ import math
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
+from armctl.arrays import FloatArray
 from armctl.errors import ArmctlError, BoardError, InputError, MotionRefusedError, StateError
 from armctl.hardware import Driver
 from armctl.motion import Floor
@@ -25,7 +25,6 @@ from armctl.runtime.mover import GripperMover
 from armctl.runtime.planner import PendingEdit, PendingMotion, Planner, result_of
 from armctl.runtime.snapshot import State
 
-FloatArray = NDArray[np.float64]
 POWERED = (State.HOLDING, State.MOVING, State.PAUSED)
 SLOWEST = 0.05
 """the smallest speed override"""

@@ -7,9 +7,9 @@ from concurrent.futures import Future
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 import armctl.runtime.commands as c
+from armctl.arrays import FloatArray
 from armctl.errors import ArmctlError, BoardError, InputError, StateError
 from armctl.kinematics import Target
 from armctl.motion import Trajectory, plan_joints, plan_target
@@ -24,7 +24,6 @@ from armctl.runtime.power import enable, hint, home, release
 from armctl.runtime.program_runner import ProgramRunner, begun_program
 from armctl.runtime.snapshot import State
 
-FloatArray = NDArray[np.float64]
 _TURNS = ("pitch", "roll")
 _STOPPED_FOLLOWING = "the arm was stopped; switch the live target on again once it stands"
 FASTEST_TOOL_M_S, FASTEST_TURN_RAD_S = 0.5, math.pi

@@ -5,12 +5,11 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from armctl.arrays import FloatArray
 from armctl.errors import MotionRefusedError
 from armctl.robot import Robot
 
-FloatArray = NDArray[np.float64]
 _ROUNDING = 1e-9
 
 

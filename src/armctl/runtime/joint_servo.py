@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from armctl.arrays import FloatArray
 from armctl.kinematics.chain import LinkFrames
 from armctl.kinematics.velocity import damped_inverse, position_leaves_pitch, turning_speeds
 from armctl.motion import Floor, Obstacles, SelfCollision
@@ -15,7 +16,6 @@ from armctl.motion.paths.tool_pitch import PitchRows, PlanePitch, pitch_rows
 from armctl.robot import Robot
 from armctl.runtime.commands import JogTool
 
-FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 _THERE = 1e-10
 """A joint at rest this near to its goal has arrived [rad]."""

@@ -5,15 +5,14 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from armctl.arrays import FloatArray
 from armctl.errors import ArmctlError
 from armctl.robot import Robot
 from armctl.runtime.activity import ActivityView, Setpoint
 from armctl.runtime.commands import JogTool
 from armctl.runtime.joint_servo import JointServo, KeepClear, Lead, ToolLine
 
-FloatArray = NDArray[np.float64]
 JOG_EXPIRY_S = 0.1
 """How long one jog command counts."""
 

@@ -7,8 +7,8 @@ from concurrent.futures import Future
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from armctl.arrays import FloatArray
 from armctl.errors import ArmctlError
 from armctl.kinematics import Solutions, Target
 from armctl.robot import Robot
@@ -17,7 +17,6 @@ from armctl.runtime.joint_servo import KeepClear
 from armctl.runtime.led import Led
 from armctl.runtime.planner import result_of
 
-FloatArray = NDArray[np.float64]
 _STEP = float(np.radians(0.05))
 """of a joint that is free [rad]"""
 _SAME_POSTURE = float(np.radians(20.0))

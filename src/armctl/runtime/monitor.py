@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from armctl.arrays import FloatArray
 from armctl.errors import BoardError, BoardProtocolError, BoardTimeoutError
 from armctl.hardware import Source
 from armctl.robot import Robot
 from armctl.runtime.board import Board, Reading, no_reading
 from armctl.runtime.log import Notices
 
-FloatArray = NDArray[np.float64]
 _READ_FAILURES = 5
 _SILENCE_S = 1.0
 """how long a board may give no good answer before it counts as lost: a busy computer may be that late"""

@@ -8,15 +8,14 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from armctl.arrays import FloatArray
 from armctl.errors import ArmctlError, StateError
 from armctl.motion import Sample, Trajectory, stopping_s
 from armctl.robot import Gripper, Robot
 from armctl.runtime.activity import ActivityView, Setpoint
 from armctl.runtime.commands import Ticket
 
-FloatArray = NDArray[np.float64]
 _PROBES: Final = np.linspace(0.0, 1.0, 9)  # a trapezoid's corners lie anywhere in a tick
 _HALVINGS = 12
 _TOLERANCE = 1e-6

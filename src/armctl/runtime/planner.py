@@ -9,15 +9,14 @@ from dataclasses import dataclass
 from typing import Any, ParamSpec, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from armctl.arrays import FloatArray
 from armctl.errors import ArmctlError, StateError
 from armctl.motion import Trajectory, require_clear
 from armctl.robot import Robot
 from armctl.runtime.activity import Activity
 from armctl.runtime.commands import Ticket
 
-FloatArray = NDArray[np.float64]
 P = ParamSpec("P")
 T = TypeVar("T")
 _START_TOLERANCE = 1e-6

@@ -7,6 +7,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
+from armctl.arrays import FloatArray
 from armctl.errors import ArmctlError, BoardError, MotionRefusedError, StateError
 from armctl.hardware import Source
 from armctl.motion import FLOOR_TOLERANCE_M, Floor
@@ -17,7 +18,6 @@ from armctl.runtime.core import POWERED, Core
 from armctl.runtime.log import EventLog
 from armctl.runtime.snapshot import State
 
-FloatArray = NDArray[np.float64]
 ADOPT_TOLERANCE_RAD = np.radians(0.25)
 """how far outside a limit a joint may stand when it is taken over, and two readings may differ"""
 _ADOPT_TOLERANCE_STEPS = 1.5

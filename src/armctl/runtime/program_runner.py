@@ -6,9 +6,7 @@ from collections import deque
 from concurrent.futures import Future
 from dataclasses import dataclass, replace
 
-import numpy as np
-from numpy.typing import NDArray
-
+from armctl.arrays import FloatArray
 from armctl.errors import ArmctlError, ProgramError
 from armctl.motion import Trajectory
 from armctl.program import PlannedStep, PlanState, Program, ProgramSource, begin_program, plan_next
@@ -18,7 +16,6 @@ from armctl.runtime.mover import GripperMover, PathMover, starving_s
 from armctl.runtime.planner import Planner, result_of
 from armctl.runtime.snapshot import ProgramProgress
 
-FloatArray = NDArray[np.float64]
 _EARLIER_S = 0.6
 """What is begun without a stop is taken this long before the arm would slow down for want of it."""
 _MOTIONS_AHEAD = 2

@@ -5,13 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import Enum
 
-import numpy as np
-from numpy.typing import NDArray
-
+from armctl.arrays import FloatArray
 from armctl.hardware import BoardIdentity, Source
 from armctl.program import Program
-
-FloatArray = NDArray[np.float64]
 
 
 class State(Enum):

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Protocol, Self, TypeVar, cast
 
 import numpy as np
-from numpy.typing import NDArray
 
+from armctl.arrays import FloatArray
 from armctl.boards import board_name
 from armctl.calibration import Calibration, CalibrationStore, calibrated
 from armctl.errors import PortError
@@ -72,8 +72,6 @@ def page_name(client_id: int) -> str:
 
 
 # Where the arm was last known to stand: what is drawn while nobody knows where it is.
-
-FloatArray = NDArray[np.float64]
 
 
 class LastKnown:

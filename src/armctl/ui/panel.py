@@ -7,8 +7,8 @@ import math
 
 import numpy as np
 import viser
-from numpy.typing import NDArray
 
+from armctl.arrays import FloatArray
 from armctl.hardware.boards import board_type
 from armctl.robot import OutputMap, Robot
 from armctl.runtime import Pause, Release, Resume, SetSpeed, Snapshot, State
@@ -16,7 +16,6 @@ from armctl.ui.session import Session
 from armctl.ui.widgets.html import WARNING, LiveHtml, fixed, limited, muted, table
 from armctl.ui.widgets.joint_angles import held_at
 
-FloatArray = NDArray[np.float64]
 PANEL_WIDTH = 250
 """[px]"""
 _MOST_LINES, _MOST_FAULT_LINES = 4, 12

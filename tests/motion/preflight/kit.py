@@ -5,14 +5,12 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 from tests.kinematics.kit import chain_of, plain_frames, random_planar_arm
 
+from armctl.arrays import FloatArray
 from armctl.kinematics import Chain, GravityModel
 from armctl.robot import Joint, Robot
 from armctl.robot.body import Capsule
-
-FloatArray = NDArray[np.float64]
 
 
 def arm(chain: Chain, limits: FloatArray) -> Robot:

@@ -7,8 +7,8 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from armctl.arrays import FloatArray
 from armctl.errors import InputError, MotionRefusedError
 from armctl.motion import JoinedTrajectory, arc, line
 from armctl.motion.preflight import Finding, not_checked, preflight, require_clear
@@ -16,7 +16,6 @@ from armctl.motion.profiles import PointToPoint
 from armctl.robot import Robot, load_robot, shipped_robots
 from armctl.robot.parts import Obstacle
 
-FloatArray = NDArray[np.float64]
 UZUNER, SCORBOT, MICO = load_robot("uzuner"), load_robot("scorbot"), load_robot("mico")
 HOME = UZUNER.pose("home")
 

@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from tests.kinematics.kit import plain_frames
 from tests.motion.preflight.kit import arm, brute_gap, random_arm
 
+from armctl.arrays import FloatArray
 from armctl.kinematics import Chain, DHRow
 from armctl.kinematics.chain import LinkFrames
 from armctl.motion import Trajectory
@@ -26,7 +26,6 @@ from armctl.robot import Robot, load_robot
 from armctl.robot.body import capsule
 from armctl.robot.parts import Obstacle
 
-FloatArray = NDArray[np.float64]
 UZUNER, SCORBOT = load_robot("uzuner"), load_robot("scorbot")
 
 # Three links of a metre that turn the same way: between two samples the tool turns by 12 degrees.

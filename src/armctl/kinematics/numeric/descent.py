@@ -13,11 +13,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from armctl.arrays import FloatArray
 from armctl.kinematics.chain import Chain
 from armctl.kinematics.numeric.goals import Goal, tool_motion
 from armctl.kinematics.samples import even_spread
 
-FloatArray = NDArray[np.float64]
 IndexArray = NDArray[np.intp]
 Objective = Callable[[FloatArray, IndexArray], tuple[FloatArray, FloatArray, FloatArray]]
 """(k, n) configurations and which starts they belong to -> cost (k,), gradient (k, n), Hessian (k, n, n)"""

@@ -11,11 +11,10 @@ from abc import ABC, abstractmethod
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from armctl.arrays import FloatArray
 from armctl.kinematics.chain import Chain
 
-FloatArray = NDArray[np.float64]
 Rows = tuple[FloatArray, FloatArray]
 """residuals (k, m) and their derivatives by the joint angles (k, m, n)"""
 Cost = tuple[FloatArray, FloatArray, FloatArray]

@@ -10,6 +10,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
+from armctl.arrays import FloatArray
 from armctl.kinematics.chain import Chain
 from armctl.kinematics.energy import EnergyModel
 from armctl.kinematics.numeric.descent import Starts, come_nearest, come_nearest_holding, meet
@@ -29,7 +30,6 @@ from armctl.kinematics.target import Target
 
 # How far and how near any arm can reach by its links alone: bounds that hold whatever the limits.
 
-FloatArray = NDArray[np.float64]
 _ROUNDING = 1e-9
 _ROUNDS = 60
 

@@ -21,13 +21,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from armctl.arrays import FloatArray
 from armctl.kinematics.angles import images
 from armctl.kinematics.chain import Chain
 from armctl.kinematics.rotation import quaternion_wxyz
 
 # Three-vectors and quaternions of one rotation, in plain floats: a ufunc call costs more than all of it.
 
-FloatArray = NDArray[np.float64]
 Vector = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
 """w, x, y, z"""

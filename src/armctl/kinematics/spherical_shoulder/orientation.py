@@ -15,9 +15,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
+from armctl.arrays import FloatArray
 from armctl.kinematics.angles import images, rest_angle
 from armctl.kinematics.rotation import quaternion_wxyz
 from armctl.kinematics.spherical_shoulder.geometry import (
@@ -33,7 +31,6 @@ from armctl.kinematics.spherical_shoulder.geometry import (
 )
 from armctl.kinematics.spherical_shoulder.swivel import Angles, Swivel, roots
 
-FloatArray = NDArray[np.float64]
 _AS_GOOD = 1e-7
 """how much farther from the rotation or pitch asked for a posture may be than the best one [rad]"""
 _ALIKE = 1e-6

@@ -9,13 +9,13 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from armctl.arrays import FloatArray
 from armctl.kinematics.angles import LIMIT_TOLERANCE, TWO_PI, central_image
 from armctl.kinematics.solutions import all_needs, millimetres, needs
 from armctl.kinematics.spherical_shoulder.geometry import SphericalShoulder
 from armctl.kinematics.spherical_shoulder.orientation import ToolPosture
 from armctl.kinematics.spherical_shoulder.swivel import Swivel
 
-FloatArray = NDArray[np.float64]
 _ROUNDS = 3
 _VALUES = (1441, 401)
 """values of θ1 in the first round, a quarter of a degree apart, and in the finer ones about the best"""

@@ -11,8 +11,8 @@ from collections.abc import Callable, Sequence
 from typing import Self
 
 import numpy as np
-from numpy.typing import NDArray
 
+from armctl.arrays import FloatArray
 from armctl.kinematics.chain import Chain
 from armctl.kinematics.energy import EnergyModel
 from armctl.kinematics.roll_joint import RollJoint, held_roll, roll_angles
@@ -38,7 +38,6 @@ from armctl.kinematics.spherical_shoulder.reach import SphericalNearest, Spheric
 from armctl.kinematics.spherical_shoulder.swivel import ShoulderLimits, Swivel, least_rotation, sweep
 from armctl.kinematics.target import Target
 
-FloatArray = NDArray[np.float64]
 _AT_SHOULDER = 1e-10
 """how near to the shoulder a tip has no direction from it [m]"""
 _REACHED = 1e-10

@@ -21,6 +21,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from armctl.arrays import FloatArray
 from armctl.kinematics.angles import LIMIT_TOLERANCE, TWO_PI, half_angle_cos_sin, images, rest_angle
 from armctl.kinematics.samples import grid_values
 from armctl.kinematics.spherical_shoulder.geometry import (
@@ -45,7 +46,6 @@ from armctl.kinematics.spherical_shoulder.geometry import (
 
 # Shoulder joint angles inside their limits.
 
-FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 Angles = tuple[float, float, float]
 """θ1, θ2, θ3 [rad]"""

@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from armctl.arrays import FloatArray
 from armctl.kinematics.angles import LIMIT_TOLERANCE, TWO_PI, images, into_limits, rest_angle
 from armctl.kinematics.solutions import BatchSolutions
 from armctl.kinematics.tool_plane import ToolPlane
@@ -30,7 +31,6 @@ from armctl.kinematics.yaw_pitch_roll.geometry import (
     branch_index,
 )
 
-FloatArray = NDArray[np.float64]
 Rows = NDArray[np.intp]
 REACH_TOLERANCE = 1e-12
 """how far beyond the two links' reach rounding may carry a target [m]"""

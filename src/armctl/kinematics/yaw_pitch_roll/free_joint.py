@@ -17,13 +17,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from armctl.arrays import FloatArray
 from armctl.kinematics.angles import LIMIT_TOLERANCE, TWO_PI, images
 from armctl.kinematics.samples import grid_values
 from armctl.kinematics.tool_plane import ToolPlane
 from armctl.kinematics.yaw_pitch_roll.closed_form import ON_JOINT, bend_angle, inner_angle, two_link
 from armctl.kinematics.yaw_pitch_roll.geometry import BaseBranch, branch_index
 
-FloatArray = NDArray[np.float64]
 _ON_GRID = 1e-4
 """how near to a grid value, in steps, a knot counts as on it"""
 _LOST = 1e-6

@@ -16,11 +16,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from armctl.arrays import FloatArray
 from armctl.kinematics.angles import images, into_limits, rest_angle, wrap
 from armctl.kinematics.chain import Chain
 from armctl.kinematics.tool_plane import ToolPlane
 
-FloatArray = NDArray[np.float64]
 _ALIGNED = 1e-9
 """how far from parallel or perpendicular axes may be (sine of the angle) and offsets from zero [m]"""
 

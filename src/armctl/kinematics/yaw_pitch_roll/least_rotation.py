@@ -24,13 +24,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from armctl.arrays import FloatArray
 from armctl.kinematics.angles import TWO_PI, into_limits, nearest_image
 from armctl.kinematics.tool_plane import ToolPlane
 from armctl.kinematics.yaw_pitch_roll.closed_form import bend_angle, cosines_within, inner_angle
 from armctl.kinematics.yaw_pitch_roll.free_joint import joined
 from armctl.kinematics.yaw_pitch_roll.geometry import BaseBranch, base_angles
 
-FloatArray = NDArray[np.float64]
 _PATTERNS = ((1, 1, -1), (1, -1, 1), (1, -1, -1))
 _SAMPLES = 2001
 _DEGREE = 4

@@ -14,8 +14,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from armctl.arrays import FloatArray
 from armctl.kinematics.angles import images
 from armctl.kinematics.chain import Chain
 from armctl.kinematics.rotation import quaternion_product, quaternion_wxyz, rotation_angle
@@ -40,7 +40,6 @@ from armctl.kinematics.yaw_pitch_roll.least_rotation import LeastRotation
 # nearest is an arc tangent, with two it is the leading singular pair of a 2 x 2 matrix: exact, without a
 # search.
 
-FloatArray = NDArray[np.float64]
 Turns = tuple[float, float, float]
 """of base, pitch and roll from the zero pose [rad]"""
 _VERTICAL = 1e-9

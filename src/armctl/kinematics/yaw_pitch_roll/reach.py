@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from armctl.arrays import FloatArray
 from armctl.kinematics.angles import LIMIT_TOLERANCE, TWO_PI, central_image, images, nearest_angle, rest_angle
 from armctl.kinematics.solutions import all_needs, millimetres, needs
 from armctl.kinematics.target import Target
@@ -35,7 +36,6 @@ from armctl.kinematics.yaw_pitch_roll.section import PlaneCircle, collinear_circ
 # One case is left: the tip misses the target only sideways, across the tool plane, where the pitch joints
 # can do nothing about it. Then they have an ordinary inverse solution in the plane.
 
-FloatArray = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
 PlaneSolver = Callable[[float, float, float, float | None], FloatArray | None]
 """(1 + m,) joint angles inside the limits for a base angle, a forward and an upward coordinate, and the last

@@ -8,8 +8,9 @@ from collections.abc import Callable, Sequence
 from typing import Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from armctl.arrays import FloatArray
 from armctl.errors import InputError
 from armctl.kinematics.angles import LIMIT_TOLERANCE
 from armctl.kinematics.chain import Chain
@@ -46,7 +47,6 @@ from armctl.kinematics.yaw_pitch_roll.orientation import NearestOrientation
 from armctl.kinematics.yaw_pitch_roll.reach import NearestReach, Reach
 from armctl.kinematics.yaw_pitch_roll.section import PlanarSection
 
-FloatArray = NDArray[np.float64]
 _NO_PITCH = "this arm's tool does not keep to its vertical plane, so it has no pitch to ask for"
 Optimum = Callable[[], FloatArray | None]
 

@@ -7,12 +7,12 @@ from dataclasses import dataclass, field
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from armctl.arrays import FloatArray
 from armctl.errors import InputError
 from armctl.kinematics.target import Target
 
-FloatArray = NDArray[np.float64]
 NO_WAY_M = 1e-7
 """points nearer to each other than this count as one: a thousandth of what any of these arms can do [m]"""
 _FLAT = 1e-6

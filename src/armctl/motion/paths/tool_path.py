@@ -7,8 +7,9 @@ from dataclasses import dataclass, replace
 from typing import Literal, get_args
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from armctl.arrays import FloatArray
 from armctl.errors import InputError, MotionRefusedError
 from armctl.kinematics.angles import LIMIT_TOLERANCE
 from armctl.kinematics.target import checked_number
@@ -29,7 +30,6 @@ from armctl.motion.paths.tool_walk import TILT, Repulsion, ToolTask, Walk, walk
 from armctl.motion.polynomial import PiecewisePolynomial
 from armctl.robot import Robot
 
-FloatArray = NDArray[np.float64]
 PitchMode = Literal["kept", "interpolated", "free"]
 """tool pitch on the way: as at the start; evenly to that at the end; whatever takes the least motion"""
 PITCH_MODES: tuple[PitchMode, ...] = get_args(PitchMode)

@@ -16,6 +16,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from armctl.arrays import FloatArray
 from armctl.errors import InputError
 from armctl.kinematics.angles import LIMIT_TOLERANCE
 from armctl.kinematics.numeric.goals import crossed
@@ -25,7 +26,6 @@ from armctl.motion.paths.tool_curve import ToolCurve
 from armctl.motion.polynomial import PiecewisePolynomial, cubic_spline
 from armctl.robot import Robot
 
-FloatArray = NDArray[np.float64]
 _UPRIGHT = 1e-6
 """how near to upright a tool points neither outward nor back at the base axis, nor anywhere else [rad]"""
 

@@ -6,8 +6,8 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from armctl.arrays import FloatArray
 from armctl.errors import MotionRefusedError, UnreachableError
 from armctl.kinematics.angles import LIMIT_TOLERANCE
 from armctl.motion.paths.tool_curve import NO_WAY_M, ToolCurve
@@ -16,7 +16,6 @@ from armctl.motion.paths.tool_walk import Walk
 from armctl.motion.polynomial import PiecewisePolynomial
 from armctl.robot import Robot
 
-FloatArray = NDArray[np.float64]
 _BEYOND = 1e-4
 """how far past the end of a branch it is asked whether anything reaches there (share of the curve)"""
 

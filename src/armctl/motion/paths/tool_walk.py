@@ -17,12 +17,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import lapack
 
+from armctl.arrays import FloatArray
 from armctl.kinematics import Chain
 from armctl.motion.paths.tool_curve import ToolCurve
 from armctl.motion.paths.tool_pitch import PitchRows, carried
 from armctl.motion.polynomial import PiecewisePolynomial, quintic
 
-FloatArray = NDArray[np.float64]
 DEVIATION_M = 0.01e-3
 """how far the tool may stray from the curve between the knots [m]"""
 TILT = math.radians(0.01)

@@ -5,13 +5,12 @@ from __future__ import annotations
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from armctl.arrays import FloatArray
 from armctl.kinematics.chain import LinkFrames
 from armctl.motion.preflight.sampled import Finding, SampledMotion
 from armctl.robot import Robot
-
-FloatArray = NDArray[np.float64]
 
 _MISSED_M = 1e-3
 """How much deeper a dip between two samples may be before it is sure to be found."""

@@ -6,8 +6,8 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from armctl.arrays import FloatArray
 from armctl.errors import InputError, MotionRefusedError
 from armctl.kinematics.chain import LinkFrames
 from armctl.kinematics.target import checked_number
@@ -16,8 +16,6 @@ from armctl.motion.preflight.clearance import Floor, Obstacles, SelfCollision, g
 from armctl.motion.preflight.sampled import Finding, Kind, SampledMotion
 from armctl.motion.trajectory import Trajectory
 from armctl.robot import Robot
-
-FloatArray = NDArray[np.float64]
 
 
 def preflight(

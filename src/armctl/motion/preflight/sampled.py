@@ -7,13 +7,12 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from armctl.arrays import FloatArray
 from armctl.errors import InputError
 from armctl.motion.trajectory import JoinedTrajectory, KnowsPeaks, Peaks, Trajectory, peaks_of
 from armctl.robot import Robot
 
-FloatArray = NDArray[np.float64]
 _TRAVEL = math.radians(6)
 """No joint moves farther between two samples, as far as the peaks of the motion are known."""
 _MOST = 4000

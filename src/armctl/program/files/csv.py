@@ -12,8 +12,8 @@ from typing import Literal
 
 import msgspec
 import numpy as np
-from numpy.typing import NDArray
 
+from armctl.arrays import FloatArray
 from armctl.documents import refusal_of
 from armctl.errors import ProgramError
 from armctl.program.keys import defaults_of
@@ -380,7 +380,6 @@ def _records(text: str, delimiter: str) -> Iterator[tuple[int, list[str]]]:
 
 CsvForm = Literal["angles", "points"]
 """angles: every step as it is; points: moves to angles become points of the tool"""
-FloatArray = NDArray[np.float64]
 _DIGITS = 6
 
 

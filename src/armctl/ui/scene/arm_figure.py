@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import viser
-from numpy.typing import NDArray
 
+from armctl.arrays import FloatArray
 from armctl.kinematics import quaternion_wxyz
 from armctl.robot import Robot
 from armctl.robot.parts import Color
@@ -23,8 +23,6 @@ from armctl.robot.shape import (
     width,
 )
 from armctl.ui.scene.shapes import Solid, beam, block, drum, spike, tube
-
-FloatArray = NDArray[np.float64]
 
 
 def send_pose(node: viser.SceneNodeHandle) -> None:

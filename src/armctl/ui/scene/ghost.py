@@ -7,13 +7,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import viser
-from numpy.typing import NDArray
 
+from armctl.arrays import FloatArray
 from armctl.robot import Robot
 from armctl.robot.parts import Color
 from armctl.ui.scene.arm_figure import ArmFigure
 
-FloatArray = NDArray[np.float64]
 _COLOR, _OPACITY = (0, 180, 216), 0.35
 _THICKER = 1.08
 """A ghost is this much thicker than the arm: where both are in one place, equal surfaces would flicker."""

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import viser
-from numpy.typing import NDArray
 
+from armctl.arrays import FloatArray
 from armctl.kinematics import quaternion_wxyz
 
-FloatArray = NDArray[np.float64]
 Rgb = tuple[int, int, int]
 
 

@@ -6,14 +6,13 @@ import math
 
 import numpy as np
 import viser
-from numpy.typing import NDArray
 
+from armctl.arrays import FloatArray
 from armctl.robot import Robot
 from armctl.robot.shape import reach as chain_reach
 from armctl.ui.scene.arm_figure import send_pose
 from armctl.ui.scene.shapes import Point, Solid, beam, block, drum, tube
 
-FloatArray = NDArray[np.float64]
 # Proportions, as fractions of the arm's reach.
 _PLATE_WIDTH, _PLATE_HEIGHT = 0.28, 0.02
 _COLUMN_WIDTH, _COLUMN_BEHIND = 0.11, 0.24

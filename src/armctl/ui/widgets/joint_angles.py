@@ -5,11 +5,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from armctl.arrays import FloatArray
 from armctl.robot import Joint, Robot
 
-FloatArray = NDArray[np.float64]
 _ROUNDING = 1e-9
 
 

@@ -10,9 +10,9 @@ import viser
 from numpy.typing import NDArray
 from viser import uplot
 
+from armctl.arrays import FloatArray
 from armctl.motion.figure import COLORS as FIGURE_COLORS
 
-FloatArray = NDArray[np.float64]
 COLORS = FIGURE_COLORS
 _HEIGHT = 250
 _PADDING = (10, 12, 0, 0)

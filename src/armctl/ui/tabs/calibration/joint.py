@@ -8,8 +8,8 @@ from functools import partial
 
 import numpy as np
 import viser
-from numpy.typing import NDArray
 
+from armctl.arrays import FloatArray
 from armctl.calibration import LEAST_MARKS, JointFit, Mark, differences, own_calibration
 from armctl.errors import ArmctlError
 from armctl.robot import Robot
@@ -28,7 +28,6 @@ from armctl.ui.tabs.manual.joints import JointStepper, checked_percent
 from armctl.ui.widgets.html import LiveHtml, fixed, muted, refused, sentence, table
 from armctl.ui.widgets.number_field import EditWatch, NumberField
 
-FloatArray = NDArray[np.float64]
 STEPS = {"−10": -10.0, "−1": -1.0, "−0.1": -0.1, "+0.1": 0.1, "+1": 1.0, "+10": 10.0}
 _SLOW_RAD_S, _SLOW_FRACTION, _SHORTEST_S = math.radians(10.0), 0.15, 0.3
 _STEP_HINT = "Turns the joint at once, at no more than 10°/s. Degrees by the calibration in force."

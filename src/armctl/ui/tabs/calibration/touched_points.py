@@ -7,15 +7,14 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from armctl.arrays import FloatArray
 from armctl.calibration import LEAST_POINTS, ToolError, tool_error
 from armctl.errors import ArmctlError, InputError, StateError
 from armctl.hardware import Source
 from armctl.robot import OutputMap, Robot
 from armctl.runtime import Snapshot, State
 
-FloatArray = NDArray[np.float64]
 _FARTHEST_M = 10.0
 
 

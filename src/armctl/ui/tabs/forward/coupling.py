@@ -9,8 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 import viser
-from numpy.typing import NDArray
 
+from armctl.arrays import FloatArray
 from armctl.errors import ArmctlError, UnreachableError
 from armctl.kinematics import Target
 from armctl.kinematics.velocity import position_leaves_pitch
@@ -23,7 +23,6 @@ from armctl.ui.widgets.html import LiveHtml, fixed, muted, refused
 from armctl.ui.widgets.joint_angles import held_at
 from armctl.ui.widgets.number_field import NumberField
 
-FloatArray = NDArray[np.float64]
 _PITCH_HINT = "Angle of the tool's axis above the horizontal: 0 level, −90 straight down."
 _DECIDED_HINT = "The position alone decides the pitch of this arm's tool."
 _ROLL_HINT = "Angle of the tool about its own axis: the roll joint's own angle."

@@ -6,8 +6,8 @@ import math
 from html import escape
 
 import numpy as np
-from numpy.typing import NDArray
 
+from armctl.arrays import FloatArray
 from armctl.kinematics import quaternion_wxyz, roll_pitch_yaw
 from armctl.kinematics.velocity import (
     Freedom,
@@ -23,7 +23,6 @@ from armctl.robot import Robot
 from armctl.ui.widgets.html import fixed, heading, muted, numbers, refused, table
 from armctl.ui.widgets.joint_angles import held_at
 
-FloatArray = NDArray[np.float64]
 _LEAST_PART = 0.35
 """a part of a direction smaller than this is left out of its description (20°)"""
 _ON_AXIS_M = 1e-3

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import viser
-from numpy.typing import NDArray
 
+from armctl.arrays import FloatArray
 from armctl.errors import ArmctlError
 from armctl.robot import Robot
 from armctl.runtime import MoveJoints, Snapshot, State
@@ -18,7 +18,6 @@ from armctl.ui.widgets.joint_angles import held_at
 from armctl.ui.widgets.number_field import EditWatch, NumberField
 from armctl.ui.widgets.profile_choice import MOVEMENTS, ProfileChoice
 
-FloatArray = NDArray[np.float64]
 REFERENCE = "Go with respect to reference"
 LAST = "Go with respect to last position"
 PRESENT = "present pose (live)"

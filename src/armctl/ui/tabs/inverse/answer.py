@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from armctl.arrays import FloatArray
 from armctl.errors import MotionRefusedError, UnreachableError
 from armctl.kinematics import DEFAULT_STEP, Branch, Criterion, Solutions, Target, checked_criterion
 from armctl.kinematics.energy import energies
@@ -16,7 +17,6 @@ from armctl.robot import Robot
 from armctl.ui.widgets.html import fixed, muted, numbers, refused, strong, table
 from armctl.ui.widgets.plots import COLORS, Line, Picture, thinned
 
-FloatArray = NDArray[np.float64]
 PAGE_ROWS = 15
 _UNITS: dict[Criterion, tuple[float, str]] = {
     "least-rotation": (180 / np.pi, "°"),

@@ -6,14 +6,13 @@ import math
 from collections.abc import Awaitable, Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
+from armctl.arrays import FloatArray
 from armctl.errors import ArmctlError
 from armctl.kinematics import Target
 from armctl.ui.session import Session
 from armctl.ui.widgets.number_field import EditWatch, NumberField
 
-FloatArray = NDArray[np.float64]
 _GIZMO_SCALE = 0.12
 _PITCH_HINT = "Angle of the tool's axis above the horizontal: 0 level, −90 straight down."
 _ROLL_HINT = "Angle of the tool about its own axis."

@@ -8,8 +8,8 @@ from collections.abc import Callable
 
 import numpy as np
 import viser
-from numpy.typing import NDArray
 
+from armctl.arrays import FloatArray
 from armctl.errors import ArmctlError, InputError, MotionRefusedError
 from armctl.robot import Robot
 from armctl.runtime import MoveJoints, Snapshot
@@ -17,7 +17,6 @@ from armctl.ui.session import Session
 from armctl.ui.widgets.html import LiveHtml
 from armctl.ui.widgets.joint_angles import held_at, slider_degrees, slider_limits
 
-FloatArray = NDArray[np.float64]
 _ROUNDING = 1e-9
 _STEPS = ("0.1", "1", "5", "10")
 _FOLLOWING = "The sliders show the arm. Move one, then press <b>Go</b>."

@@ -7,14 +7,13 @@ from dataclasses import dataclass
 
 import numpy as np
 import viser
-from numpy.typing import NDArray
 
+from armctl.arrays import FloatArray
 from armctl.hardware import Source
 from armctl.robot import Robot
 from armctl.runtime import Snapshot
 from armctl.ui.widgets.html import LiveHtml, fixed, table
 
-FloatArray = NDArray[np.float64]
 _PROBE_S = 1e-4
 _PARALLEL = 1e-6
 

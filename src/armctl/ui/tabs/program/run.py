@@ -5,9 +5,7 @@ from __future__ import annotations
 import asyncio
 import threading
 
-import numpy as np
-from numpy.typing import NDArray
-
+from armctl.arrays import FloatArray
 from armctl.errors import InputError, ProgramError, StateError
 from armctl.motion.preflight import not_checked
 from armctl.program import Cursor, Program
@@ -19,7 +17,6 @@ from armctl.ui.tabs.program.shared_program import SharedProgram
 from armctl.ui.widgets.html import LiveHtml, muted
 from armctl.ui.widgets.verdict_list import first_error, verdict_html
 
-FloatArray = NDArray[np.float64]
 _MOST_LOOPS = 100_000
 _STEP_HINT = "Step: run the selected step alone, then select the next. Check: look for what would be refused."
 

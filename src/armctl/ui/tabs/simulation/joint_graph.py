@@ -8,14 +8,13 @@ from html import escape
 
 import numpy as np
 import viser
-from numpy.typing import NDArray
 from viser import uplot
 
+from armctl.arrays import FloatArray
 from armctl.robot import Robot
 from armctl.runtime import Snapshot
 from armctl.ui.widgets.html import LiveHtml, muted
 
-FloatArray = NDArray[np.float64]
 SPAN_S = 20.0
 _PERIOD_S = 0.2
 _STILL_DEG = 0.02

@@ -8,8 +8,8 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from html import escape
 
 import numpy as np
-from numpy.typing import NDArray
 
+from armctl.arrays import FloatArray
 from armctl.errors import ArmctlError, StateError
 from armctl.kinematics import Target
 from armctl.runtime import FollowTarget, Snapshot, State
@@ -24,7 +24,6 @@ from armctl.ui.widgets.number_field import EditWatch, NumberField
 
 # The orange twin that follows a target, exactly as the arm would, on the page's own clock.
 
-FloatArray = NDArray[np.float64]
 _FRAME_S = 1 / 30
 _LONGEST_S = 0.1
 _COLOR = (240, 140, 0)

@@ -6,8 +6,8 @@ from collections import deque
 from typing import Self
 
 import numpy as np
-from numpy.typing import NDArray
 
+from armctl.arrays import FloatArray
 from armctl.runtime import Snapshot
 from armctl.ui.console import Console, known
 from armctl.ui.scene.lines import Lines, segments
@@ -16,8 +16,6 @@ from armctl.ui.tabs.simulation.joint_graph import ALL, JointGraph
 from armctl.ui.tabs.simulation.live_target import LiveTarget
 from armctl.ui.tabs.simulation.twin import TwinControl
 from armctl.ui.tabs.simulation.workspace import WorkspaceView
-
-FloatArray = NDArray[np.float64]
 
 
 class SimulationScreen:

@@ -6,11 +6,10 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from armctl.arrays import FloatArray
 from armctl.robot import Robot
 
-FloatArray = NDArray[np.float64]
 _WIDTH, _TALLEST = 400.0, 330.0
 _LEFT, _RIGHT, _TOP, _BOTTOM = 46.0, 10.0, 8.0, 36.0
 _TICKS = 8

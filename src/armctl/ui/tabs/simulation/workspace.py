@@ -10,6 +10,7 @@ import numpy as np
 import viser
 from numpy.typing import NDArray
 
+from armctl.arrays import FloatArray
 from armctl.kinematics.workspace import Extent, Section, sample_workspace, workspace_extent
 from armctl.robot import Robot
 from armctl.runtime import Snapshot
@@ -19,7 +20,6 @@ from armctl.ui.session import Session
 from armctl.ui.tabs.simulation.section import picture_of, section_svg
 from armctl.ui.widgets.html import LiveHtml, fixed, muted
 
-FloatArray = NDArray[np.float64]
 Colouring = Literal["height", "manipulability"]
 COLOURINGS: tuple[Colouring, ...] = ("height", "manipulability")
 _POINTS = 14_000

@@ -6,8 +6,8 @@ import asyncio
 
 import numpy as np
 import viser
-from numpy.typing import NDArray
 
+from armctl.arrays import FloatArray
 from armctl.errors import ArmctlError, InputError
 from armctl.hardware import Source
 from armctl.motion.error_report import (
@@ -28,7 +28,6 @@ from armctl.ui.tabs.trajectory.plan import PlannedMotion
 from armctl.ui.widgets.html import LiveHtml, fixed, heading, muted, table
 from armctl.ui.widgets.pager import Pager
 
-FloatArray = NDArray[np.float64]
 POINT_ROWS = 15
 _SMALL_MM = 0.001
 _RECORD_S = 0.02

@@ -7,8 +7,8 @@ import math
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
+from armctl.arrays import FloatArray
 from armctl.errors import InputError
 from armctl.kinematics import CRITERIA, Target
 from armctl.motion import PitchMode, usual_pitch
@@ -35,7 +35,6 @@ from armctl.ui.widgets.html import LiveHtml, muted, refused
 from armctl.ui.widgets.number_field import EditWatch, NumberField, NumbersField
 from armctl.ui.widgets.profile_choice import ALL_PROFILES, ProfileChoice
 
-FloatArray = NDArray[np.float64]
 _CHOOSE_HINT = "What is least energy among the solutions of a point."
 _ABOUT = {
     JOINTS: "All joints from one pose to another; the tool goes as it comes.",

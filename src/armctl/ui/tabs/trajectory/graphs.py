@@ -6,15 +6,14 @@ from dataclasses import dataclass
 from typing import Literal, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
+from armctl.arrays import FloatArray
 from armctl.motion.analysis import Derivative, Limit, near_limits
 from armctl.robot import Robot
 from armctl.ui.tabs.trajectory.plan import PlannedMotion, ShownMotion
 from armctl.ui.widgets.html import fixed, heading, muted, numbers, strong, table
 from armctl.ui.widgets.plots import COLORS, Line, Picture, span, thinned, upright
 
-FloatArray = NDArray[np.float64]
 Of = Literal["Tool", "Joints"]
 Quantity = Literal["Position", "Velocity", "Acceleration", "Jerk"]
 LimitsShown = Literal["near", "all", "none"]

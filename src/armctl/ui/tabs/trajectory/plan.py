@@ -12,8 +12,8 @@ from bisect import bisect_right
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from armctl.arrays import FloatArray
 from armctl.errors import InputError, ProgramError
 from armctl.kinematics import Target
 from armctl.motion import (
@@ -45,7 +45,6 @@ from armctl.program import GripperStep, Program, ProgramFinding
 from armctl.program.rehearsal import Rehearsal, rehearse
 from armctl.robot import Robot
 
-FloatArray = NDArray[np.float64]
 JOINTS = "Joint motion"
 TOOL_LINE = "Tool line"
 TOOL_ARC = "Tool arc"

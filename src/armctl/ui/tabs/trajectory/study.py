@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 import viser
-from numpy.typing import NDArray
 
+from armctl.arrays import FloatArray
 from armctl.errors import InputError
 from armctl.kinematics.workspace import longest_levers
 from armctl.motion.joint_study import JointStudy, Turning, study_csv, study_joints
@@ -19,7 +19,6 @@ from armctl.ui.widgets.html import LiveHtml, fixed, heading, muted, strong, tabl
 from armctl.ui.widgets.number_field import NumberField
 from armctl.ui.widgets.plots import COLORS, Line, LinePlot, Picture
 
-FloatArray = NDArray[np.float64]
 _TURNING: dict[str, Turning] = {"each joint alone": "in turn", "all joints at once": "all at once"}
 _PRESENT = "present pose"
 _SLOWEST_DEG_S, _FASTEST_DEG_S = 1.0, 360.0
