@@ -164,7 +164,9 @@ class BoardType(ABC):
         Raises:
             BoardError: the board stops answering, or the line is gone.
         """
-        return []
+        from armctl.hardware.findings import not_checked
+
+        return [not_checked("channels", f"a {self.title} cannot be asked for more")]
 
     @property
     def own_listings(self) -> tuple[str, ...]:

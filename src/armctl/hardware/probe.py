@@ -11,7 +11,7 @@
 3. Only where an Arduino may be and no Maestro answered: Firmata's version query (``F9``), and after its
    answer the firmware query (``F0 79 F7``). To a Maestro they would be protocol errors, which send its servos
    home: that is why they come last.
-4. Boards of other packages, in their turn, where their port is listed as theirs or the user expects them.
+4. Any other board, in its turn, where its port is listed as its own or the user expects it.
 
 armctl's own lines of text are never sent before the encoder firmware has been heard: to a Maestro each
 letter is a data byte that belongs to nothing, an error as well.

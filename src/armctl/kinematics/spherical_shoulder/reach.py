@@ -107,7 +107,7 @@ class SphericalReach:
 
 _GRID = 5
 """starting values a joint"""
-_NEAREST_ROUNDS = (6, 24)
+_SEARCH_ROUNDS = (6, 24)
 """rounds over all joints: of every start, then of the best"""
 _KEPT = 40
 _POLISHED = 6
@@ -133,7 +133,7 @@ class SphericalNearest:
         """The configuration (4,) inside the limits whose tip comes nearest to a position (3,) [rad]."""
         target = position - self._centre
         q = self._starts.copy()
-        for rounds, kept in zip(_NEAREST_ROUNDS, (_KEPT, _POLISHED), strict=True):
+        for rounds, kept in zip(_SEARCH_ROUNDS, (_KEPT, _POLISHED), strict=True):
             for _ in range(rounds):
                 self._round(q, target)
             distance = np.linalg.norm(self._tips(q) - target, axis=1)

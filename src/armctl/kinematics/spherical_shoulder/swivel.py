@@ -135,7 +135,7 @@ class ShoulderLimits:
 _ROOT_TOLERANCE = 1e-10
 """how far rounding, of a nearly straight elbow too, may carry ``k`` beyond ``A + B cos x + C sin x``, of unit
 vectors; what then misses the target is dropped by the look at the tip"""
-_SWIVEL_ROUNDING = 1e-15
+_SHEET_ROUNDING = 1e-15
 """the same for what nobody looks at"""
 _STILL = 1e-11
 """a vector that lies this near to an axis does not move when the axis turns (unit vectors)"""
@@ -232,7 +232,7 @@ class Swivel:
             still = norm(cross(second_axis, hand)) < _STILL
             yield first, self.limits.rest(1) if still else angle_about(second_axis, hand, aim), third
 
-    def sheets(self, first: FloatArray, tolerance: float = _SWIVEL_ROUNDING) -> list[FloatArray]:
+    def sheets(self, first: FloatArray, tolerance: float = _SHEET_ROUNDING) -> list[FloatArray]:
         """Both postures at each of many values of θ1.
 
         Args:

@@ -36,7 +36,7 @@ JOINTS, BASE, TOOL = "Joints", "Tool, base axes", "Tool, tool axes"
 _KEY_SILENCE_S = 1.2
 """A key that was silent for this long was let go: longer than the delay before it repeats."""
 _ON, _OFF = "Keyboard jog is ON: press to switch off", "Keyboard jog is off: press to switch on"
-_KEYBOARD_JOG_NOTE = (
+_KEYS_NOTE = (
     "A tap is a small step; hold a key to go on. The motion ends 100 ms after the key is let go. Keys do "
     "nothing while a field has the focus: click into the 3D view first."
 )
@@ -188,7 +188,7 @@ class KeyboardJog:
         self._choice = gui.add_button_group("Keys move", (JOINTS, BASE, TOOL))
         self._what = JOINTS
         self._legend = LiveHtml(gui)
-        LiveHtml(gui, muted(_KEYBOARD_JOG_NOTE))
+        LiveHtml(gui, muted(_KEYS_NOTE))
         session.on(self._switch.on_click, self._on_switch)
         session.on(self._choice.on_click, self._on_choice)
 
