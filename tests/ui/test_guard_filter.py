@@ -134,7 +134,9 @@ def test_other_messages_are_refused(page: Page, kind: str) -> None:
         "value",
         {"value": math.nan},
         {"value": [1.0, math.inf]},
-        {"value": "x" * (128 << 10)},
+        {"value": "x" * 4097},
+        {"value": "1" * 100_000},
+        {"value": ["x"] * (64 << 10)},
     ],
 )
 def test_only_a_finite_value_of_some_size_can_be_set(page: Page, updates: object) -> None:
@@ -159,6 +161,48 @@ def test_an_upload_goes_to_an_upload_button_only(page: Page) -> None:
 
 def test_a_camera_looks_from_a_finite_place(page: Page) -> None:
     assert not page.admits("ViewerCameraMessage", **{**CAMERA, "position": (math.nan, 0, 0)})
+
+
+@pytest.mark.parametrize(
+    ("kind", "field", "value"),
+    [
+        ("ViewerCameraMessage", "position", "x"),
+        ("ViewerCameraMessage", "position", "123"),
+        ("ViewerCameraMessage", "wxyz", (1, 0, 0)),
+        ("ViewerCameraMessage", "fov", "1.3"),
+        ("ViewerCameraMessage", "fov", True),
+        ("ViewerCameraMessage", "image_height", "800"),
+        ("TransformControlsUpdateMessage", "position", [1, 2]),
+        ("TransformControlsUpdateMessage", "position", (1, 2, "3")),
+        ("TransformControlsUpdateMessage", "wxyz", None),
+        ("TransformControlsUpdateMessage", "name", 7),
+        ("SceneNodeClickMessage", "ray_origin", (0, 0)),
+        ("SceneNodeClickMessage", "screen_pos", {}),
+        ("SceneNodeClickMessage", "instance_index", "3"),
+        ("SceneNodeClickMessage", "modifier", 1),
+        ("GuiButtonHoldMessage", "frequency", "10"),
+        ("FileTransferStartUpload", "part_count", True),
+        ("FileTransferStartUpload", "size_bytes", "10"),
+        ("FileTransferStartUpload", "filename", b"a.toml"),
+    ],
+)
+def test_a_field_of_another_type_or_shape_is_refused(
+    page: Page, kind: str, field: str, value: object
+) -> None:
+    assert not page.admits(kind, **{**GOOD[kind], field: value})
+    assert page.tally.counts == {"no message of a page": 1}
+    assert page.admits(kind, **GOOD[kind])
+
+
+@pytest.mark.parametrize(
+    ("field", "value"),
+    [("content", "0123456789"), ("content", [0] * 10), ("content", None), ("part_index", False)],
+)
+def test_a_part_is_bytes_with_a_whole_number(page: Page, field: str, value: object) -> None:
+    part = {**IDS, "part_index": 0, "content": b"0123456789"}
+    assert page.admits("FileTransferStartUpload", **GOOD["FileTransferStartUpload"])
+    assert not page.admits("FileTransferPart", **{**part, field: value})
+    assert page.admits("FileTransferPart", **part)
 
 
 ANYTHING = st.recursive(
@@ -302,6 +346,21 @@ def test_only_two_files_that_are_too_large_are_remembered() -> None:
         False,
         False,
     ]
+
+
+def test_a_file_of_any_size_announces_a_bounded_number_of_parts() -> None:
+    ledger = UploadLedger()
+    assert ledger.is_too_large(start(2**63 - 1, 1))
+    assert all(ledger.is_leftover(part(0, 5)) for _ in range(ledger.MOST_LEFTOVER_PARTS))
+    assert not ledger.is_leftover(part(0, 5))
+
+
+def test_a_part_that_is_too_long_counts_with_its_size(page: Page) -> None:
+    large = {"filename": "film.mp4", "mime_type": "", "part_count": 600, "size_bytes": 600 << 19}
+    assert not page.admits("FileTransferStartUpload", **IDS, **large)
+    for _ in range(4):
+        assert not page.admits("FileTransferPart", **IDS, part_index=0, content=b"." * (15 << 20))
+    assert page.filter.flooded
 
 
 def test_the_log_is_not_flooded(caplog: pytest.LogCaptureFixture, page: Page) -> None:

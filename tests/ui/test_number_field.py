@@ -11,6 +11,7 @@ import viser
 
 from armctl.errors import InputError
 from armctl.ui.guard import GuardedServer
+from armctl.ui.widgets import number_field
 from armctl.ui.widgets.number_field import (
     EditWatch,
     NumberField,
@@ -21,7 +22,8 @@ from armctl.ui.widgets.number_field import (
 
 
 @pytest.mark.parametrize(
-    ("text", "value"), [("45", 45.0), (" -3.5 ", -3.5), ("−12", -12.0), ("1e2", 100.0), ("+0", 0.0)]
+    ("text", "value"),
+    [("45", 45.0), (" -3.5 ", -3.5), ("−12", -12.0), ("1e2", 100.0), ("+0", 0.0), ("1.", 1.0), (".5", 0.5)],
 )
 def test_numbers_are_read(text: str, value: float) -> None:
     assert parse_number(text, "X") == value
@@ -33,6 +35,14 @@ def test_numbers_are_read(text: str, value: float) -> None:
 def test_what_is_no_usable_number_is_refused_by_name(text: str) -> None:
     with pytest.raises(InputError, match=r"^Elbow °"):
         parse_number(text, "Elbow °")
+
+
+def test_a_number_of_many_digits_is_refused_by_its_length(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert parse_number("0" * 39 + "1", "X") == 1.0
+    monkeypatch.setattr(number_field, "_NUMBER", None)  # with it, the time would grow with the square
+    for text in ("0" * 41, "1" * 100_000 + "x"):
+        with pytest.raises(InputError, match="is not a number"):
+            parse_number(text, "X")
 
 
 def test_a_decimal_comma_is_explained() -> None:

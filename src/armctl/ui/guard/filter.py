@@ -7,8 +7,10 @@ import math
 import threading
 from collections import Counter
 from collections.abc import Callable
+from numbers import Real
 from typing import Any, cast
 
+import msgspec
 import viser
 from viser import _messages as wire
 from websockets.asyncio.server import Server, ServerConnection
@@ -25,6 +27,8 @@ UPLOAD_PART_BYTES = 512 << 10
 """The page cuts a file in parts of this size (``chunkSize`` in viser's UploadButton.tsx)."""
 _MAX_PLAIN_BYTES = 128 << 10
 """of every frame that is neither a picture nor a part of a file"""
+_MAX_TEXT = 4096
+"""characters that a text field may hold"""
 
 ALLOWED = (
     wire.ViewerCameraMessage,
@@ -41,6 +45,8 @@ ALLOWED = (
     wire.FileTransferPart,
 )
 """Left out above all: ``ShareUrlRequest``, which opens a public tunnel."""
+_DECODERS = {kind.__name__: msgspec.msgpack.Decoder(kind) for kind in ALLOWED}
+"""They refuse a field that is not of its annotated type; viser's own decoding lets most of them pass."""
 
 
 class Tally:
@@ -106,6 +112,7 @@ class UploadLedger:
     """
 
     MOST_AT_ONCE = 2
+    MOST_LEFTOVER_PARTS = (1 << 30) // UPLOAD_PART_BYTES
 
     def __init__(self) -> None:
         self._missing: dict[str, set[int]] = {}
@@ -118,7 +125,8 @@ class UploadLedger:
         if start.size_bytes <= MAX_UPLOAD_BYTES:
             return False
         if len(self._too_large) < self.MOST_AT_ONCE:
-            self._too_large[start.transfer_uuid] = -(-start.size_bytes // UPLOAD_PART_BYTES)
+            parts = -(-start.size_bytes // UPLOAD_PART_BYTES)
+            self._too_large[start.transfer_uuid] = min(parts, self.MOST_LEFTOVER_PARTS)
         return True
 
     def is_leftover(self, part: wire.FileTransferPart) -> bool:
@@ -126,7 +134,7 @@ class UploadLedger:
         left = self._too_large.pop(part.transfer_uuid, 0)
         if left > 1:
             self._too_large[part.transfer_uuid] = left - 1
-        return left > 0
+        return left > 0 and len(part.content) <= UPLOAD_PART_BYTES
 
     def starts(self, start: wire.FileTransferStartUpload) -> bool:
         """Note a new transfer; False when it contradicts itself or too many are under way."""
@@ -172,7 +180,9 @@ class FrameFilter:
         admitted, size = False, len(raw)
         try:
             message = read(raw)
-            if isinstance(message, wire.FileTransferPart) and self._uploads.is_leftover(message):
+            if message is None:
+                reason = "a message of another type"
+            elif isinstance(message, wire.FileTransferPart) and self._uploads.is_leftover(message):
                 size = 0
             else:
                 reason = self._reason_against(message, size)
@@ -187,8 +197,6 @@ class FrameFilter:
         return admitted and not self.flooded
 
     def _reason_against(self, message: wire.Message, size: int) -> str | None:
-        if not isinstance(message, ALLOWED):
-            return "a message of another type"
         match message:
             case wire.FileTransferStartUpload():
                 if not isinstance(self._control(message.source_component_uuid), viser.GuiUploadButtonHandle):
@@ -208,9 +216,8 @@ class FrameFilter:
             case _ if not _is_finite(vars(message)):
                 return "a number that is not finite"
             case wire.GuiUpdateMessage():
-                options = getattr(self._control(message.uuid), "options", None)
-                is_choice = options is None or message.updates["value"] in options
-                return None if is_choice else "a value that is not offered"
+                fits = _fits(self._control(message.uuid), message.updates["value"])
+                return None if fits else "a value that the control cannot take"
             case _:
                 return None
 
@@ -237,15 +244,55 @@ class FrameFilter:
         )
 
 
-def read(raw: str | bytes) -> wire.Message:
-    """Decode a frame as viser does.
+class _Envelope(msgspec.Struct):
+    type: str
+
+
+def read(raw: str | bytes) -> wire.Message | None:
+    """Decode a frame as viser does, after a check that each field is of its type.
+
+    Returns:
+        The message; None when it is of a type that is not allowed.
 
     Raises:
-        Exception: of any kind, when viser could not read it.
+        Exception: of any kind, when a field is of a wrong type or viser could not read the frame.
     """
     if isinstance(raw, str):
         raise TypeError("viser's pages send binary frames only")
+    decoder = _DECODERS.get(msgspec.msgpack.decode(raw, type=_Envelope).type)
+    if decoder is None:
+        return None
+    decoder.decode(raw)
     return cast(wire.Message, wire.Message.deserialize(raw))
+
+
+def _fits(control: object, value: object) -> bool:
+    """Tell whether a control can take a value: an option, within the slider, of the present value's type."""
+    if isinstance(value, str) and len(value) > _MAX_TEXT:
+        return False
+    if control is None:  # viser ignores it
+        return True
+    options = getattr(control, "options", None)
+    if options is not None:
+        return value in options
+    if not _is_like(getattr(control, "value", None), value):
+        return False
+    if not isinstance(control, viser.GuiSliderHandle | viser.GuiMultiSliderHandle):
+        return True  # a number field may leave its range: its screen says so
+    slack = 1e-6 * (control.max - control.min)  # the page rounds to its digits
+    parts = cast("list[float]", value if isinstance(value, list | tuple) else [value])
+    return all(control.min - slack <= part <= control.max + slack for part in parts)
+
+
+def _is_like(present: object, value: object) -> bool:
+    """Tell whether ``value`` is of the type of ``present``; an integer will do for any number."""
+    if isinstance(present, bool | str):
+        return type(value) is type(present)
+    if isinstance(present, tuple | list):
+        old = cast("list[object]", present)
+        new = cast("list[object]", value) if isinstance(value, tuple | list) else []
+        return len(new) == len(old) and all(map(_is_like, old, new))
+    return isinstance(present, Real) and isinstance(value, int | float) and not isinstance(value, bool)
 
 
 def _is_finite(value: object) -> bool:

@@ -50,8 +50,11 @@ class TextEntry:
 
 _DIGITS = 3
 _LARGEST = 1e6
-_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)(e[+-]?\d+)?|[+-]?(inf|infinity|nan)", re.ASCII | re.IGNORECASE)
+_NUMBER = re.compile(
+    r"[+-]?(\d+(\.\d*)?|\.\d+)(e[+-]?\d+)?|[+-]?(inf|infinity|nan)", re.ASCII | re.IGNORECASE
+)
 """as people write one: of what Python takes, ``1_0`` and other scripts' digits are left out"""
+_MOST_CHARACTERS = 40
 _SETTLE_S = 0.08
 """A page keeps only the last of the messages of 50 ms: a digit and a click that come closer than that
 lose the digit, and the click arrives 50 ms behind the digit before it, or a frame later."""
@@ -68,7 +71,7 @@ def parse_number(text: str, what: str) -> float:
     plain = text.strip().replace("−", "-")
     if not plain:
         raise InputError(f"{what} is empty; type a number")
-    if _NUMBER.fullmatch(plain) is None:
+    if len(plain) > _MOST_CHARACTERS or _NUMBER.fullmatch(plain) is None:
         hint = " (write 1.5, with a point)" if "," in plain else ""
         raise InputError(f"{what}: {plain[:40]!r} is not a number{hint}")
     value = float(plain)
