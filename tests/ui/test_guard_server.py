@@ -1,8 +1,10 @@
 from __future__ import annotations
 
+import asyncio
 import re
 import socket
 import threading
+from typing import Any
 
 import pytest
 import viser
@@ -14,6 +16,7 @@ from armctl.errors import ServerError
 from armctl.ui.guard import guarded_server
 from armctl.ui.guard import server as serving
 from armctl.ui.guard.door import Door
+from armctl.ui.guard.filter import Tally
 
 TOKEN = "a-secret-of-some-length_0123456789"
 
@@ -186,3 +189,32 @@ def test_a_tunnel_cannot_be_asked_for() -> None:
         assert server.refusals == {"a public tunnel": 1}
     finally:
         server.stop()
+
+
+@pytest.mark.parametrize(
+    ("modules", "is_refusal"),
+    [
+        (("armctl.ui.guard.filter", "viser.infra._infra", "viser._gui_api"), True),
+        (("viser._gui_api", "armctl.ui.page", "viser._gui_handles"), False),
+        (("viser._gui_api", "armctl.ui.page"), False),
+    ],
+)
+def test_a_callback_of_armctl_that_fails_inside_viser_is_no_refusal(
+    modules: tuple[str, ...], is_refusal: bool
+) -> None:
+    def call(module: str, *deeper: str) -> None:
+        names: dict[str, Any] = {"__name__": module, "go_on": lambda: call(*deeper) if deeper else int("x")}
+        exec("def run(): go_on() if deeper else int('x')", names | {"deeper": deeper}, names)
+        names["run"]()
+
+    tally, loop, defects = Tally(), asyncio.new_event_loop(), []
+    tally.open()
+    loop.default_exception_handler = defects.append
+    try:
+        call(*modules)
+    except ValueError as error:
+        serving._on_loop_error(tally, loop, {"message": "", "exception": error})
+    loop.close()
+    assert (tally.counts, len(defects)) == (
+        ({"a value that viser cannot take": 1}, 0) if is_refusal else ({}, 1)
+    )

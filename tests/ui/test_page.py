@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import asyncio
 import logging
 import threading
 from pathlib import Path
 
 import pytest
 from tests.browser.served_arm import served_arm
-from tests.ui.guard_kit import PATIENCE_S, RawPage, uuid_of
+from tests.ui.guard_kit import CAMERA, PATIENCE_S, RawPage, uuid_of
 
 from armctl.runtime import Snapshot
 from armctl.ui.guard.filter import FloodGauge
@@ -42,3 +43,52 @@ def test_garbage_for_every_control_gives_at_most_a_refusal(
         assert arrived.wait(PATIENCE_S)
         assert served.now.q_command.tolist() == served.robot.pose("home").tolist()
     assert [record.getMessage() for record in caplog.records if record.levelno >= logging.ERROR] == []
+
+
+def test_a_page_that_cannot_be_built_does_not_operate(tmp_path: Path) -> None:
+    with served_arm(tmp_path) as served:
+        port = served.app.server.get_port()
+        with RawPage(port) as broken, RawPage(port) as page:
+            broken.say("ViewerCameraMessage", **{**CAMERA, "image_height": 0})
+            page.introduce()
+            page.read_until(b"Calibration")
+            (built,) = served.app._pages
+            assert served.console.operators.operator == built
+
+
+def test_a_target_out_of_this_world_ends_the_live_target(tmp_path: Path) -> None:
+    with served_arm(tmp_path) as served, RawPage(served.app.server.get_port()) as page:
+        page.introduce()
+        page.read_until(b"Calibration")
+        (client,) = served.app.server.get_clients().values()
+        handles = client.gui._gui_input_handle_from_uuid.values()
+        (switch,) = (handle for handle in handles if getattr(handle, "label", "") == "Live target")
+        page.set(uuid_of(switch), "the twin follows")
+        target = {"name": "/live_target", "wxyz": (1, 0, 0, 0), "position": (1e9, 0, 0)}
+        page.say("TransformControlsUpdateMessage", **target, owner=str(client.client_id))
+        page.read_until(b"Live target is off")
+        assert switch.value == "off"
+
+
+def test_what_a_page_does_beside_its_callbacks_is_logged_when_it_fails(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    async def fail() -> None:
+        raise ValueError("defect")
+
+    async def spawn() -> None:
+        for work in (fail(), asyncio.sleep(60)):
+            session.spawn(work)
+        for _ in range(3):
+            await asyncio.sleep(0)
+        session.close()
+
+    with served_arm(tmp_path) as served, RawPage(served.app.server.get_port()) as page:
+        page.introduce()
+        page.read_until(b"Calibration")
+        (session,) = (page.session for page in served.app._pages.values())
+        asyncio.run_coroutine_threadsafe(spawn(), served.app.server.get_event_loop()).result(PATIENCE_S)
+    errors = [record for record in caplog.records if record.levelno >= logging.ERROR]
+    assert [(record.name, record.getMessage()) for record in errors] == [
+        ("armctl.ui", "a page's task failed")
+    ]

@@ -69,6 +69,7 @@ class App:
             page = self._pages[client.client_id] = Page(client, self.robots)
             page.session.watch(self._operator_lost)
         except Exception:
+            self._console.operators.leave(client.client_id)
             LOG.exception("%s could not be built", page_name(client.client_id))
             raise
 

@@ -139,10 +139,17 @@ class Session:
             self.refuse(str(refusal))
 
     def spawn(self, work: Coroutine[Any, Any, None]) -> None:
-        """Run something beside the callbacks; it ends with the page."""
+        """Run something beside the callbacks; it ends with the page, and what it raises is logged."""
         task = asyncio.create_task(work)
         self._tasks.add(task)
-        task.add_done_callback(self._tasks.discard)
+        task.add_done_callback(self._ended)
+
+    def _ended(self, task: asyncio.Task[None]) -> None:
+        self._tasks.discard(task)
+        error = None if task.cancelled() else task.exception()
+        if error is not None:
+            level = logging.DEBUG if self.closed else logging.ERROR  # it may have outlived its page
+            LOG.log(level, "a page's task failed", exc_info=error)
 
     def watch(self, lost: Callable[[int], None]) -> None:
         """Keep asking the page for a sign of life; ``lost(client id)`` when none comes.

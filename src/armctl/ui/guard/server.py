@@ -297,10 +297,15 @@ def guarded_server(
 
 
 def _on_loop_error(tally: Tally, loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
-    """A value of a wrong type fails where viser casts it: that is a refusal. All else is a defect."""
+    """A value of a wrong type fails where viser casts it: that is a refusal. All else is a defect.
+
+    A callback of armctl that fails inside viser is a defect, too.
+    """
     error = context.get("exception")
-    places = [] if error is None else list(traceback.walk_tb(error.__traceback__))
-    if places and places[-1][0].f_globals["__name__"].startswith("viser."):
+    frames = [] if error is None else [frame for frame, _ in traceback.walk_tb(error.__traceback__)]
+    modules: list[str] = [frame.f_globals["__name__"] for frame in frames]
+    is_ours = any(name.startswith("armctl.") and not name.startswith("armctl.ui.guard") for name in modules)
+    if modules and modules[-1].startswith("viser.") and not is_ours:
         tally.refuse("a value that viser cannot take")
         LOG.debug("refused by viser", exc_info=error)
     else:

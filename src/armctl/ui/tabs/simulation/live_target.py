@@ -172,7 +172,7 @@ class LiveTarget:
         self._gizmo.visible = self._box.visible = True
         if mode == TWIN:
             self._twin = LiveTwin(session, snapshot.q_command)
-            session.spawn(self._twin.play(lambda: self._target))
+            session.spawn(self._lead_twin(self._twin, is_newest))
         else:
             session.spawn(self._lead_arm(is_newest))
             session.spawn(self._listen(is_newest))
@@ -191,6 +191,12 @@ class LiveTarget:
     @property
     def _target(self) -> Target:
         return Target.of(np.array(self._gizmo.position))
+
+    async def _lead_twin(self, twin: LiveTwin, is_newest: Callable[[], bool]) -> None:
+        try:
+            await twin.play(lambda: self._target)
+        except ArmctlError as refusal:
+            await self._give_up(is_newest, str(refusal))
 
     async def _lead_arm(self, is_newest: Callable[[], bool]) -> None:
         """Send the target again and again, at once when it has moved."""
