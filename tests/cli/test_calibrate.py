@@ -77,7 +77,7 @@ def test_fit_names_a_wrong_mark(tmp_path: Path, capsys: pytest.CaptureFixture[st
         (("show", "uzuner"), REFUSED, "uzuner was never calibrated on this computer; begin with `armctl cal"),
         (("revert", "uzuner", "--board", "1"), REFUSED, "uzuner was never calibrated"),
         (("points", "uzuner", "marks.csv"), REFUSED, "must name the columns base_deg, shoulder_deg"),
-        (("import", "marks.csv"), REFUSED, "is no calibration file"),
+        (("import", "marks.csv"), REFUSED, "marks.csv: line 1, column 7: expected '='"),
         (("joint", "uzuner", "elbow"), WRONG_USAGE, "--port"),
         (("joint", "uzuner", "knee", "--port", "sim"), REFUSED, "has no joint 'knee'"),
         (("joint", "uzuner", "elbow", "--port", "sim", "--places", "2"), WRONG_USAGE, "3<=x<=20"),

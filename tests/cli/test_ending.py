@@ -72,12 +72,25 @@ def test_a_closed_terminal_that_shall_not_matter_does_not() -> None:
             assert signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
 
 
-def base_targets(server: PtyServer[SimulatedMaestro]) -> list[int]:
-    """What the board was told of channel 0, in quarter µs."""
+def base_targets(server: PtyServer[SimulatedMaestro]) -> list[tuple[float, int]]:
+    """What the board was told of channel 0: when [s], and what [quarter µs]."""
     with server.inspect() as board:
         log = board.log
-    sent = [entry.data for entry in log if entry.opcode is Opcode.SET_TARGET and entry.data[0] == 0]
-    return [data[1] | data[2] << 7 for data in sent]
+    sent = [entry for entry in log if entry.opcode is Opcode.SET_TARGET and entry.data[0] == 0]
+    return [(entry.time, entry.data[1] | entry.data[2] << 7) for entry in sent]
+
+
+def swing(server: PtyServer[SimulatedMaestro]) -> int:
+    """How far apart the targets so far are."""
+    values = [value for _, value in base_targets(server)]
+    return max(values, default=0) - min(values, default=0)
+
+
+def speed(targets: list[tuple[float, int]], at: float, over_s: float) -> float:
+    """Mean speed in the time before ``at``: of a busy computer single steps say nothing."""
+    time, value = np.array(targets).T
+    now, before = np.interp([at, at - over_s], time, value)
+    return float(abs(now - before) / over_s)
 
 
 @pytest.mark.parametrize(
@@ -90,18 +103,30 @@ def base_targets(server: PtyServer[SimulatedMaestro]) -> list[int]:
     ],
 )
 def test_a_run_that_is_ended_slows_down_first(tmp_path: Path, numbers: tuple[signal.Signals, ...]) -> None:
-    robot, link = load_robot("uzuner"), tmp_path / "board"
+    """A computer that stands still for 60 ms breaks the stream off by itself: hence up to three runs."""
+    for attempt in range(3):
+        targets = ended_run(tmp_path / f"board{attempt}", tmp_path / "swing.toml", numbers)
+        fastest = max(speed(targets, time, 0.2) for time, _ in targets[1:])
+        if speed(targets, targets[-1][0], 0.04) < fastest / 3:
+            return
+    pytest.fail(f"three runs ended abruptly, the last with {targets[-10:]}")
+
+
+def ended_run(link: Path, program: Path, numbers: tuple[signal.Signals, ...]) -> list[tuple[float, int]]:
+    """What the board was told by an endless run that was ended in the middle of a motion."""
+    robot = load_robot("uzuner")
     there, back = (MoveStep(joints_deg=(angle, 90, -80, -40, 0)) for angle in (90, -90))
-    save_program(Program(robot="uzuner", steps=(there, back)), tmp_path / "swing.toml")
-    served = PtyServer(simulated_maestro(channels=channel_settings(robot)), MonotonicClock().now, link=link)
-    with served as server:
-        words = ("run", str(tmp_path / "swing.toml"), "--port", str(link), "--forever")
+    save_program(Program(robot="uzuner", steps=(there, back)), program)
+    with PtyServer(
+        simulated_maestro(channels=channel_settings(robot)), MonotonicClock().now, link=link
+    ) as server:
+        words = ("run", str(program), "--port", str(link), "--forever")
         child = subprocess.Popen([sys.executable, "-c", PATIENT, *words], stderr=subprocess.PIPE, text=True)
         with child as process:  # and waits for it, also when it had to be killed
             try:
                 pause = threading.Event()
                 for _ in range(6000):
-                    if process.poll() is not None or np.ptp(base_targets(server) or [0]) > 2000:
+                    if process.poll() is not None or swing(server) > 2000:
                         break
                     pause.wait(0.01)
                 for number in numbers:
@@ -110,6 +135,6 @@ def test_a_run_that_is_ended_slows_down_first(tmp_path: Path, numbers: tuple[sig
                 _, said = process.communicate(timeout=30)
             finally:
                 process.kill()
-        steps = np.abs(np.diff(base_targets(server)))
+        targets = base_targets(server)
     assert (process.returncode, said.splitlines()[-1]) == (REFUSED, "armctl: interrupted")
-    assert steps[-1] < steps.max() / 3
+    return targets
