@@ -25,15 +25,24 @@ from armctl.runtime import MonotonicClock, channel_settings
 
 ENDS = (signal.SIGTERM, signal.SIGHUP)
 # `armctl` with a driver that does not take a board on a busy computer for one that has gone, and with
-# Ctrl-C as a terminal has it: a process whose parent ignores SIGINT is born ignoring it, and goes on so.
+# signals as a terminal has them: a process whose parent ignores one (`nohup`, `&`) is born ignoring it.
 PATIENT = """
 import signal, sys
 from armctl.cli.main import run
 from armctl.hardware.maestro.driver import MaestroDriver
 MaestroDriver.__init__.__kwdefaults__["timeout_s"] = 5.0
 signal.signal(signal.SIGINT, signal.default_int_handler)
+signal.signal(signal.SIGHUP, signal.SIG_DFL)
 sys.exit(run(sys.argv[1:]))
 """
+
+
+@pytest.fixture(autouse=True)
+def closed_terminals_count() -> Iterator[None]:
+    """Also where the tests themselves run under ``nohup``."""
+    before = signal.signal(signal.SIGHUP, signal.SIG_DFL)
+    yield
+    signal.signal(signal.SIGHUP, before)
 
 
 @contextmanager
