@@ -325,7 +325,7 @@ class Chain:
         Yields:
             x, y, z axis and origin, (3, m) each, base frame.
         """
-        cosines, sines = half_angle_cos_sin(q.T)
+        cosines, sines = half_angle_cos_sin(np.ascontiguousarray(q.T))  # a row a joint
         x, y, z = (np.repeat(axis[:, None], len(q), axis=1) for axis in np.eye(3))
         origin = np.zeros((3, len(q)))
         for k, (along_x, along_y, along_z, offset) in enumerate(self._weights):
