@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from itertools import pairwise
-from typing import Literal, get_args
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -101,8 +101,8 @@ def solve(robot: Robot, start: ArrayLike | None, target: Target, choose: str) ->
         UnreachableError: no solution; says why, and which point is the nearest.
     """
     solver = robot.inverse_kinematics
-    anyhow = target.pitch is None and target.roll is None and target.rotation is None
-    if checked_criterion(choose) == "least-rotation" and anyhow and solver.direct:
+    position_only = target.pitch is None and target.roll is None and target.rotation is None
+    if checked_criterion(choose) == "least-rotation" and position_only and solver.direct:
         q = robot.least_rotation(target.position)  # the same without listing ten thousand others
         if np.isfinite(q).all():
             return q
@@ -285,7 +285,6 @@ def _followed(
 
 Passing = Literal["stop", "spline", "blend"]
 """at rest in each point; smoothly through all points; turning off before each point, towards the next"""
-PASSINGS: tuple[Passing, ...] = get_args(Passing)
 _ROUNDING = 1e-9
 
 
@@ -336,11 +335,11 @@ def plan_through(
         MotionRefusedError: outside the limits, through the floor, or too short a duration; says where.
     """
     _require_two(stops)
-    anyhow = [None] * (len(stops) - 1)
+    no_durations = [None] * (len(stops) - 1)
     if duration_s is None:
-        return _joined(robot, stops, profile, anyhow, checked=checked)
+        return _joined(robot, stops, profile, no_durations, checked=checked)
     law: Profile = "cubic" if profile == "normal" else profile
-    shortest = _joined(robot, stops, law, anyhow, checked=False)
+    shortest = _joined(robot, stops, law, no_durations, checked=False)
     slower = _slower(duration_s, shortest.duration)
     durations = [slower * part.duration for part in shortest.parts]
     return _joined(robot, stops, law, durations, checked=checked)

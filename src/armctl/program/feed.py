@@ -20,8 +20,6 @@ from armctl.program.program import Cursor, Program
 from armctl.program.steps import MotionStep, Step
 from armctl.robot import Robot
 
-# A program on its way to be run: its steps one by one, and where it is between them.
-
 
 class ProgramSource:
     """The program as it is edited now: each pass begins with the newest."""
