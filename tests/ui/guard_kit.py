@@ -50,6 +50,7 @@ class RawPage:
             additional_headers=headers,
             compression=None,
             max_size=None,
+            ping_interval=None,  # without a keepalive thread, which would outlive the connection for a moment
         )
 
     def __enter__(self) -> Self:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import replace
+from typing import get_args
 
 import numpy as np
 import pytest
@@ -13,7 +14,7 @@ from armctl.hardware import Source
 from armctl.kinematics import Target
 from armctl.motion import Profile
 from armctl.motion.error_report import ErrorReport, PathError, closest_on_path, distances, report_csv
-from armctl.motion.plan import PASSINGS, Passing, plan_blended, plan_through, solve_points
+from armctl.motion.plan import Passing, plan_blended, plan_through, solve_points
 from armctl.motion.trajectory import peaks_of
 from armctl.program import (
     EndStep,
@@ -176,7 +177,7 @@ def test_the_limit_that_ends_a_line_is_told_once() -> None:
 
 
 @pytest.mark.parametrize(("motion", "count"), [(ARC, 58), (LINE, 29)])
-@pytest.mark.parametrize("passing", [*PASSINGS, None])
+@pytest.mark.parametrize("passing", [*get_args(Passing), None])
 def test_a_published_path_in_every_way_of_passing_its_points(
     motion: str, count: int, passing: Passing | None
 ) -> None:
