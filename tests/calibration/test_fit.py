@@ -162,7 +162,7 @@ def test_safe_outputs_hold_the_limits_and_stay_inside_the_servos_range() -> None
     beyond = fit_joint(HiddenJoint(own.zero, -14.0).marks(np.array([-60.0, 0.0, 60.0])))
     assert safe_outputs(robot, "elbow", beyond) == (own.low, own.high)
     far = fit_joint(HiddenJoint(9000.0, 10.0).marks(np.array([-60.0, 0.0, 60.0])))
-    with pytest.raises(CalibrationError, match=r"need pulses of 8156 … 9951 µs, and pulse_us .* 602 … 2398"):
+    with pytest.raises(CalibrationError, match=r"need outputs of 8156 … 9951 µs, .* 602 … 2398"):
         safe_outputs(robot, "elbow", far)
 
 

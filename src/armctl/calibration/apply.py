@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import math
 import shlex
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from itertools import product
 
+import msgspec
 import numpy as np
-from numpy.typing import NDArray
 
 from armctl.arrays import FloatArray
 from armctl.calibration.fit import JointFit
@@ -24,52 +23,15 @@ _FILE_ROUNDING = 0.125
 """robot files may round the safe outputs inwards by this"""
 
 
-@dataclass(frozen=True, slots=True)
-class _Applied:
-    """What a calibration makes of a robot."""
-
-    outputs: OutputMap
-    limits: FloatArray
-    """(n, 2) what is left of the joint limits [rad]"""
-    words: tuple[str, ...]
-    """what was taken away, and why"""
-
-
-def own_map(robot: Robot) -> OutputMap:
-    """The robot's map.
-
-    Raises:
-        CalibrationError: its file gives none.
-    """
-    if robot.output_map is None:
-        raise CalibrationError(
-            f"the robot file of {robot.title} gives neither servos nor encoders: there is nothing to "
-            "calibrate; add an entry to each joint"
-        )
-    return robot.output_map
-
-
-def joint_index(robot: Robot, joint: str) -> int:
-    """Place of a joint, by its name.
-
-    Raises:
-        CalibrationError: there is none of that name.
-    """
-    if joint not in robot.joint_names:
-        raise CalibrationError(f"{robot.title} has no joint {joint!r}; it has {', '.join(robot.joint_names)}")
-    return robot.joint_names.index(joint)
-
-
 def own_calibration(robot: Robot, joint: str) -> JointCalibration:
     """What the robot's own map says of a joint.
 
     Raises:
         CalibrationError: no such joint, or a robot without a map.
     """
-    outputs, i = own_map(robot), joint_index(robot, joint)
-    return JointCalibration(
-        float(outputs.zero[i]), float(outputs.per_rad[i]), float(outputs.low[i]), float(outputs.high[i])
-    )
+    outputs, i = _own_map(robot), _index(robot, joint)
+    values = (outputs.zero[i], outputs.per_rad[i], outputs.low[i], outputs.high[i])
+    return JointCalibration(*map(float, values))
 
 
 def calibrated(robot: Robot, calibration: Calibration) -> Robot:
@@ -89,18 +51,12 @@ def calibrated(robot: Robot, calibration: Calibration) -> Robot:
     """
     _require_robot(robot, calibration)
     try:
-        applied = _applied(robot, calibration)
+        return _applied(robot, calibration)[0]
     except CalibrationError as cause:
         raise CalibrationError(
             f"the calibration of {robot.name} on board {calibration.board} cannot be used: {cause} (set it "
             f"aside with `armctl calibrate forget {robot.name} --board {shlex.quote(calibration.board)}`)"
         ) from cause
-    joints = tuple(
-        replace(joint, lower=low, upper=high)
-        for joint, (low, high) in zip(robot.joints, applied.limits.tolist(), strict=True)
-    )
-    poses = _poses_inside(robot.poses, applied.limits)
-    return replace(robot, joints=joints, output_map=applied.outputs, poses=poses)
 
 
 def narrowed(robot: Robot, calibration: Calibration) -> tuple[str, ...]:
@@ -110,52 +66,75 @@ def narrowed(robot: Robot, calibration: Calibration) -> tuple[str, ...]:
         CalibrationError: as ``calibrated``.
     """
     _require_robot(robot, calibration)
-    applied = _applied(robot, calibration)
-    moved: list[str] = []
-    for name, pose in _poses_inside(robot.poses, applied.limits).items():
-        before = robot.poses[name]
-        changed = [
-            f"{joint.title} {np.degrees(pose[i]):.2f}° (was {np.degrees(before[i]):.2f}°)"
-            for i, joint in enumerate(robot.joints)
-            if abs(pose[i] - before[i]) > _ROUNDING
-        ]
-        if changed:
-            moved.append(f"pose {name} moves in: {', '.join(changed)}")
-    return (*applied.words, *moved)
+    return _applied(robot, calibration)[1]
 
 
-def outputs_at_limits(robot: Robot, joint: str, zero: float, per_rad: float) -> tuple[float, float]:
-    """The outputs at the joint's limits through a line, the smaller one first."""
-    limits = robot.joints[joint_index(robot, joint)]
-    first, last = sorted((zero + per_rad * limits.lower, zero + per_rad * limits.upper))
-    return first, last
-
-
-def _applied(robot: Robot, calibration: Calibration) -> _Applied:
-    """What comes out, with every check."""
-    outputs = own_map(robot)
-    _require_unit(robot, calibration, outputs)
+def _applied(robot: Robot, calibration: Calibration) -> tuple[Robot, tuple[str, ...]]:
+    """The calibrated robot, and what was taken away and why."""
+    outputs = _own_map(robot)
+    if calibration.unit != outputs.unit:
+        raise CalibrationError(
+            f"it is in {calibration.unit}, and the robot file of {robot.name} is for a board in "
+            f"{outputs.unit}: calibrate the arm on that board"
+        )
     checked_calibration(calibration)
     _require_gripper(robot, calibration, outputs)
     arrays = {key: getattr(outputs, key).copy() for key in ("zero", "per_rad", "low", "high")}
-    limits, words = robot.limits.copy(), list[str]()
+    joints, words = list(robot.joints), list[str]()
     for name, kept in calibration.joints.items():
-        i = joint_index(robot, name)
-        one = _inside_file(robot, name, kept)
+        i = _index(robot, name)
+        joint, one = joints[i], _inside_file(robot, name, kept)
         for key, array in arrays.items():
             array[i] = getattr(one, key)
         if (one.low, one.high) != (kept.low, kept.high):
-            words.append(_cut_words(robot.joints[i], kept, one, outputs))
-        low, high = _limits_left(robot.joints[i], one, own_calibration(robot, name), outputs)
-        if low - limits[i, 0] > _ROUNDING or limits[i, 1] - high > _ROUNDING:
-            words.append(_narrowed_words(robot.joints[i], low, high, one, outputs))
-            limits[i] = low, high
+            words.append(
+                f"{joint.title}: of the safe outputs {kept.low:.1f} … {kept.high:.1f} {outputs.unit} the "
+                f"robot file allows {one.low:.1f} … {one.high:.1f}"
+            )
+        low, high = _limits_left(joint, one, own_calibration(robot, name), outputs.unit)
+        if low - joint.lower > _ROUNDING or joint.upper - high > _ROUNDING:
+            words.append(
+                f"{joint.title}: {_range(low, high, 2)} instead of {_range(joint.lower, joint.upper, 2)}, "
+                f"because the safe outputs end at {one.low:.1f} and {one.high:.1f} {outputs.unit}"
+            )
+            joints[i] = replace(joint, lower=low, upper=high)
     for array in arrays.values():
         array.flags.writeable = False
     closed, opened = calibration.gripper or (outputs.gripper_closed, outputs.gripper_open)
-    applied = replace(outputs, **arrays, gripper_closed=closed, gripper_open=opened)
-    _require_home_inside(robot.joints, limits, applied)
-    return _Applied(applied, limits, tuple(words))
+    outputs = replace(outputs, **arrays, gripper_closed=closed, gripper_open=opened)
+    _require_home_inside(joints, outputs)
+    low, high = np.array([(joint.lower, joint.upper) for joint in joints]).T
+    poses = {name: np.clip(pose, low, high) for name, pose in robot.poses.items()}
+    for name, pose in poses.items():
+        before = robot.poses[name]
+        moved = [
+            f"{joint.title} {np.degrees(pose[i]):.2f}° (was {np.degrees(before[i]):.2f}°)"
+            for i, joint in enumerate(joints)
+            if abs(pose[i] - before[i]) > _ROUNDING
+        ]
+        if moved:
+            words.append(f"pose {name} moves in: {', '.join(moved)}")
+    return replace(robot, joints=tuple(joints), output_map=outputs, poses=poses), tuple(words)
+
+
+def _own_map(robot: Robot) -> OutputMap:
+    if robot.output_map is None:
+        raise CalibrationError(
+            f"the robot file of {robot.title} gives neither servos nor encoders: there is nothing to "
+            "calibrate; add an entry to each joint"
+        )
+    return robot.output_map
+
+
+def _index(robot: Robot, joint: str) -> int:
+    if joint not in robot.joint_names:
+        raise CalibrationError(f"{robot.title} has no joint {joint!r}; it has {', '.join(robot.joint_names)}")
+    return robot.joint_names.index(joint)
+
+
+def _range(low: float, high: float, digits: int = 1) -> str:
+    """Angles [rad] as degrees."""
+    return f"{math.degrees(low):.{digits}f}° … {math.degrees(high):.{digits}f}°"
 
 
 def _require_robot(robot: Robot, calibration: Calibration) -> None:
@@ -163,14 +142,6 @@ def _require_robot(robot: Robot, calibration: Calibration) -> None:
         raise CalibrationError(
             f"this calibration is of {calibration.robot}, not of {robot.name}: another arm's servos say "
             "nothing of this one; calibrate it, or choose the other robot"
-        )
-
-
-def _require_unit(robot: Robot, calibration: Calibration, outputs: OutputMap) -> None:
-    if calibration.unit != outputs.unit:
-        raise CalibrationError(
-            f"it is in {calibration.unit}, and the robot file of {robot.name} is for a board in "
-            f"{outputs.unit}: calibrate the arm on that board"
         )
 
 
@@ -190,78 +161,52 @@ def _require_gripper(robot: Robot, calibration: Calibration, outputs: OutputMap)
 
 def _inside_file(robot: Robot, name: str, one: JointCalibration) -> JointCalibration:
     """The joint with safe outputs that the robot file allows too."""
-    own = own_calibration(robot, name)
-    first, last = (own.low, own.high)
-    if own_map(robot).homed:  # an encoder has no range of its own: the joint's limits are it
-        first, last = outputs_at_limits(robot, name, one.zero, one.per_rad)
+    outputs, own = _own_map(robot), own_calibration(robot, name)
+    first, last = own.low, own.high
+    if outputs.homed:  # an encoder has no range of its own: the joint's limits are it
+        first, last = _at_limits(robot, name, one.zero, one.per_rad)
     low = first if one.low < first - _FILE_ROUNDING else one.low
     high = last if one.high > last + _FILE_ROUNDING else one.high
     if low < high:
-        return JointCalibration(one.zero, one.per_rad, low, high)
+        return msgspec.structs.replace(one, low=low, high=high)
     raise CalibrationError(
-        f"{robot.joints[joint_index(robot, name)].title}: the safe outputs {one.low:.1f} … {one.high:.1f} "
-        f"{own_map(robot).unit} lie outside of {first:.1f} … {last:.1f}, which is all that the robot file "
+        f"{robot.joints[_index(robot, name)].title}: the safe outputs {one.low:.1f} … {one.high:.1f} "
+        f"{outputs.unit} lie outside of {first:.1f} … {last:.1f}, which is all that the robot file "
         "allows: nothing is left; measure it again, or correct the robot file"
     )
 
 
 def _limits_left(
-    joint: Joint, one: JointCalibration, own: JointCalibration, outputs: OutputMap
+    joint: Joint, one: JointCalibration, own: JointCalibration, unit: str
 ) -> tuple[float, float]:
-    """What the safe outputs leave of a joint's limits [rad]."""
-    first, last = _reach(one, own)
+    """What the safe outputs leave of a joint's limits [rad].
+
+    Where they are the robot file's own, the file's rounding is no reason to move a limit.
+    """
+    low = one.low - _FILE_ROUNDING * (one.low == own.low)
+    high = one.high + _FILE_ROUNDING * (one.high == own.high)
+    first, last = msgspec.structs.replace(one, low=low, high=high).angles()
     low, high = max(joint.lower, first), min(joint.upper, last)
     if low <= high:
         return low, high
     raise CalibrationError(
-        f"{joint.title}: the safe outputs {one.low:.1f} … {one.high:.1f} {outputs.unit} put it at "
-        f"{np.degrees(first):.1f}° … {np.degrees(last):.1f}°, and its limits are "
-        f"{np.degrees(joint.lower):.1f}° … {np.degrees(joint.upper):.1f}°: nothing is left; "
+        f"{joint.title}: the safe outputs {one.low:.1f} … {one.high:.1f} {unit} put it at "
+        f"{_range(first, last)}, and its limits are {_range(joint.lower, joint.upper)}: nothing is left; "
         "measure it again, or correct the limits in the robot file"
     )
 
 
-def _reach(one: JointCalibration, own: JointCalibration) -> tuple[float, float]:
-    """The angles at the safe outputs [rad].
-
-    Where these are the robot file's own, the file's rounding is no reason to move a limit.
-    """
-    low = one.low - _FILE_ROUNDING * (one.low == own.low)
-    high = one.high + _FILE_ROUNDING * (one.high == own.high)
-    return JointCalibration(one.zero, one.per_rad, low, high).angles()
-
-
-def _narrowed_words(joint: Joint, low: float, high: float, one: JointCalibration, outputs: OutputMap) -> str:
-    return (
-        f"{joint.title}: {np.degrees(low):.2f}° … {np.degrees(high):.2f}° instead of "
-        f"{np.degrees(joint.lower):.2f}° … {np.degrees(joint.upper):.2f}°, because the safe outputs end at "
-        f"{one.low:.1f} and {one.high:.1f} {outputs.unit}"
-    )
-
-
-def _cut_words(joint: Joint, kept: JointCalibration, one: JointCalibration, outputs: OutputMap) -> str:
-    return (
-        f"{joint.title}: of the safe outputs {kept.low:.1f} … {kept.high:.1f} {outputs.unit} the robot file "
-        f"allows {one.low:.1f} … {one.high:.1f}"
-    )
-
-
-def _require_home_inside(joints: tuple[Joint, ...], limits: FloatArray, outputs: OutputMap) -> None:
+def _require_home_inside(joints: list[Joint], outputs: OutputMap) -> None:
     """Homing ends at output 0: a joint must be allowed to be there."""
     if not outputs.homed:
         return
-    homes = -outputs.zero / outputs.per_rad
-    for joint, home, (low, high) in zip(joints, homes.tolist(), limits.tolist(), strict=True):
-        if not low - _ROUNDING <= home <= high + _ROUNDING:
+    for joint, home in zip(joints, (-outputs.zero / outputs.per_rad).tolist(), strict=True):
+        if not joint.lower - _ROUNDING <= home <= joint.upper + _ROUNDING:
             raise CalibrationError(
-                f"{joint.title}: homing ends at {np.degrees(home):.2f}°, outside of its limits "
-                f"{np.degrees(low):.2f}° … {np.degrees(high):.2f}°; measure it again, or "
+                f"{joint.title}: homing ends at {math.degrees(home):.2f}°, outside of its limits "
+                f"{_range(joint.lower, joint.upper, 2)}; measure it again, or "
                 "correct limit_deg in the robot file"
             )
-
-
-def _poses_inside(poses: Mapping[str, FloatArray], limits: FloatArray) -> dict[str, FloatArray]:
-    return {name: np.clip(pose, limits[:, 0], limits[:, 1]) for name, pose in poses.items()}
 
 
 # The pose for looking at the arm once it is calibrated: right angles that the eye can judge.
@@ -284,51 +229,39 @@ class CheckPose:
 
 
 def check_pose(robot: Robot) -> CheckPose:
-    """The pose nearest to home with every joint at a multiple of 90°; home where there is none.
+    """The pose nearest to home with every joint of a calibrated robot at a multiple of 90°; else home.
 
     It is inside the limits, clear of the floor, of the arm itself and of its obstacles; the way there is
     for pre-flight to judge.
-
-    Args:
-        robot: calibrated.
     """
-    home = robot.pose("home")
+    title, q = "home", robot.pose("home")
     right = _right_angles(robot)
-    clear = right[_clear(robot, right)] if len(right) else right
-    if len(clear):
-        away = np.abs(clear - home) / robot.speed_limits
-        return _described(robot, "right angles", clear[int(np.argmin(away.sum(axis=1)))])
-    return _described(robot, "home", home)
-
-
-def _right_angles(robot: Robot) -> FloatArray:
-    """Every configuration of quarter turns inside the limits: (k, n) [rad]; none where a joint has none."""
-    choices: list[list[float]] = []
-    for low, high in robot.limits.tolist():
-        first, last = math.ceil(low / _QUARTER - 1e-9), math.floor(high / _QUARTER + 1e-9)
-        choices.append([min(max(k * _QUARTER, low), high) for k in range(first, last + 1)])
-    if not 0 < math.prod(map(len, choices)) <= _MOST:
-        return np.empty((0, robot.n))
-    return np.array(list(product(*choices)), dtype=np.float64)
-
-
-def _clear(robot: Robot, q: FloatArray) -> NDArray[np.bool_]:
-    """Which of the configurations (k, n) touch nothing."""
-    above = robot.frames(q)[:, 1:, 2, 3].min(axis=1) > robot.floor_z + _CLEAR_M
-    links = LinkFrames.at(robot.chain, q)
-    for gaps in (robot.collision.gaps(links), robot.collision.gaps_to(robot.obstacles, links)):
-        if gaps.size:
-            above &= gaps.reshape(-1, len(q)).min(axis=0) > 0
-    return above
-
-
-def _described(robot: Robot, title: str, q: FloatArray) -> CheckPose:
+    if len(right):
+        away = (np.abs(right - q) / robot.speed_limits).sum(axis=1)
+        title, q = "right angles", right[int(np.argmin(away))]
     x, y, z = (1000 * robot.forward(q)[:3, 3]).tolist()
     words = [
         f"{joint.title} at {angle + 0.0:.1f}°"
         for joint, angle in zip(robot.joints, np.degrees(q).round(3).tolist(), strict=True)
     ]
     return CheckPose(title, q, (*words, f"the tool at x {x:.1f}, y {y:.1f}, z {z:.1f} mm from the base"))
+
+
+def _right_angles(robot: Robot) -> FloatArray:
+    """Every configuration (k, n) [rad] of quarter turns that is inside the limits and touches nothing."""
+    choices: list[list[float]] = []
+    for low, high in robot.limits.tolist():
+        first, last = math.ceil(low / _QUARTER - 1e-9), math.floor(high / _QUARTER + 1e-9)
+        choices.append([min(max(k * _QUARTER, low), high) for k in range(first, last + 1)])
+    if not 0 < math.prod(map(len, choices)) <= _MOST:
+        return np.empty((0, robot.n))
+    q = np.array(list(product(*choices)), dtype=np.float64)
+    clear = robot.frames(q)[:, 1:, 2, 3].min(axis=1) > robot.floor_z + _CLEAR_M
+    links = LinkFrames.at(robot.chain, q)
+    for gaps in (robot.collision.gaps(links), robot.collision.gaps_to(robot.obstacles, links)):
+        if gaps.size:
+            clear &= gaps.reshape(-1, len(q)).min(axis=0) > 0
+    return q[clear]
 
 
 # A measured joint beside what its robot says of it.
@@ -349,21 +282,21 @@ def safe_outputs(
         robot: as its file describes it.
         joint: its name.
         fit: the line through its marks.
-        in_force: the joint as it was calibrated so far. Where it ends before its line needed it, somebody
-            had set that end by hand, for what is in the way there; so it stays.
+        in_force: the joint as it was calibrated so far. An end that lies before what its line needed was
+            set by hand, for what is in the way there; so it stays.
 
     Raises:
         CalibrationError: none is left: the servo's range does not reach the joint's limits.
     """
     low, high = default_outputs(robot, joint, fit.zero, fit.per_rad)
     if in_force is not None:
-        kept = _default(robot, joint, in_force.zero, in_force.per_rad)
-        low = max(low, in_force.low) if in_force.low > kept[0] + _SAME else low
-        high = min(high, in_force.high) if in_force.high < kept[1] - _SAME else high
+        first, last = _needed(robot, joint, in_force.zero, in_force.per_rad)
+        low = max(low, in_force.low) if in_force.low > first + _SAME else low
+        high = min(high, in_force.high) if in_force.high < last - _SAME else high
     if low < high:
         return low, high
     raise CalibrationError(
-        f"{robot.joints[joint_index(robot, joint)].title}: the safe outputs that were set by hand do not "
+        f"{robot.joints[_index(robot, joint)].title}: the safe outputs that were set by hand do not "
         "reach its limits any more; set them anew"
     )
 
@@ -374,46 +307,48 @@ def default_outputs(robot: Robot, joint: str, zero: float, per_rad: float) -> tu
     Raises:
         CalibrationError: as ``safe_outputs``.
     """
-    low, high = _default(robot, joint, zero, per_rad)
+    low, high = _needed(robot, joint, zero, per_rad)
     if low < high:
         return low, high
-    own, limits = own_calibration(robot, joint), robot.joints[joint_index(robot, joint)]
-    first, last = outputs_at_limits(robot, joint, zero, per_rad)
+    own, limits, outputs = own_calibration(robot, joint), robot.joints[_index(robot, joint)], _own_map(robot)
+    first, last = _at_limits(robot, joint, zero, per_rad)
     raise CalibrationError(
-        f"{limits.title}: its limits {math.degrees(limits.lower):.1f}° … "
-        f"{math.degrees(limits.upper):.1f}° need pulses of {first:.0f} … {last:.0f} µs, and pulse_us of "
-        f"the robot file allows {own.low:.0f} … {own.high:.0f} µs: read the marks "
-        "again, or put the horn on anew"
+        f"{limits.title}: its limits {_range(limits.lower, limits.upper)} need outputs of {first:.0f} … "
+        f"{last:.0f} {outputs.unit}, and the robot file allows {own.low:.0f} … {own.high:.0f}: "
+        "read the marks again, or put the horn on anew"
     )
 
 
-def _default(robot: Robot, joint: str, zero: float, per_rad: float) -> tuple[float, float]:
-    first, last = outputs_at_limits(robot, joint, zero, per_rad)
-    if own_map(robot).homed:
+def _needed(robot: Robot, joint: str, zero: float, per_rad: float) -> tuple[float, float]:
+    """What a line needs of the outputs that the robot file allows; the ends crossed where that is nothing."""
+    first, last = _at_limits(robot, joint, zero, per_rad)
+    if _own_map(robot).homed:
         return first, last
     own = own_calibration(robot, joint)
     return max(own.low, first), min(own.high, last)
 
 
+def _at_limits(robot: Robot, joint: str, zero: float, per_rad: float) -> tuple[float, float]:
+    """The outputs at the joint's limits through a line, the smaller one first."""
+    limits = robot.joints[_index(robot, joint)]
+    first, last = sorted((zero + per_rad * limits.lower, zero + per_rad * limits.upper))
+    return first, last
+
+
 def differences(robot: Robot, joint: str, fit: JointFit) -> tuple[str, ...]:
     """What the marks say otherwise than the robot's own map, in words; empty: nothing worth telling."""
-    own, title = own_calibration(robot, joint), robot.joints[joint_index(robot, joint)].title
+    own, title = own_calibration(robot, joint), robot.joints[_index(robot, joint)].title
     words: list[str] = []
-    if own.per_rad * fit.per_rad < 0:
+    scale = fit.per_rad / own.per_rad - 1
+    if scale < -1:
         words.append(f"{title} turns the other way than {robot.name} says")
-    else:
-        scale = fit.per_rad / own.per_rad - 1
-        if abs(scale) > _TOLD_SCALE:
-            words.append(
-                f"{title} needs {abs(scale):.1%} {'more' if scale > 0 else 'fewer'} "
-                f"{own_map(robot).unit} a degree"
-            )
+    elif abs(scale) > _TOLD_SCALE:
+        more = "more" if scale > 0 else "fewer"
+        words.append(f"{title} needs {abs(scale):.1%} {more} {_own_map(robot).unit} a degree")
     # Where the marks are, not at 0°: that may be far outside of the joint's range.
-    told = (fit.centre - own.zero) / own.per_rad
-    offset = math.degrees(fit.angle(fit.centre) - told)
-    if abs(offset) > _TOLD_DEG:
+    stands, told = math.degrees(fit.angle(fit.centre)), math.degrees((fit.centre - own.zero) / own.per_rad)
+    if abs(stands - told) > _TOLD_DEG:
         words.append(
-            f"{title} stands at {math.degrees(fit.angle(fit.centre)):.1f}° where {robot.name} says "
-            f"{math.degrees(told):.1f}° ({offset:+.1f}°)"
+            f"{title} stands at {stands:.1f}° where {robot.name} says {told:.1f}° ({stands - told:+.1f}°)"
         )
     return tuple(words)
