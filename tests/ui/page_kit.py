@@ -53,7 +53,9 @@ class FakePage:
             self._handles[label].value = value
 
         async def act() -> None:
-            await self._actions[label]()
+            result = self._actions[label]()
+            if result is not None:
+                await result
 
         asyncio.run(act())
 

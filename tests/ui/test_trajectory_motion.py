@@ -38,7 +38,6 @@ from armctl.ui.tabs.trajectory.error_report import (
 from armctl.ui.tabs.trajectory.graphs import (
     OF,
     QUANTITIES,
-    GraphChoice,
     compare_html,
     cursor_html,
     graph,
@@ -300,7 +299,7 @@ def test_a_program_that_cannot_be_shown_says_why(request_: MotionRequest, why: s
 @pytest.mark.parametrize("of", OF)
 @pytest.mark.parametrize("quantity", QUANTITIES)
 def test_graphs_have_a_title_with_its_unit_and_one_line_a_coordinate(of: str, quantity: str) -> None:
-    picture = graph(ROBOT, shown(joints()), GraphChoice(of, quantity, "none"))
+    picture = graph(ROBOT, shown(joints()), of, quantity, "none")
     assert re.fullmatch(rf"(Tool|Joint) {quantity.lower()} \((mm|°)(/s[²³]?)?\)", picture.title)
     assert len(picture.lines) == (3 if of == "Tool" else 5)
     assert all(len(line.y) == len(picture.x) and np.isfinite(line.y).all() for line in picture.lines)
@@ -308,34 +307,35 @@ def test_graphs_have_a_title_with_its_unit_and_one_line_a_coordinate(of: str, qu
 
 def test_limits_are_dashed_and_drawn_where_they_matter() -> None:
     fast = shown(joints(ZERO, "trapezoid"))
-    near = graph(ROBOT, fast, GraphChoice("Joints", "Velocity", "near")).lines[5:]
+    near = graph(ROBOT, fast, "Joints", "Velocity", "near").lines[5:]
     assert {(line.name, float(line.y[0])) for line in near} == {("Shoulder ≥ −60", -60.0)}
     assert (
-        near[0].dash is not None and near[0].color == graph(ROBOT, fast, GraphChoice("Joints")).lines[1].color
+        near[0].dash is not None
+        and near[0].color == graph(ROBOT, fast, "Joints", "Position", "near").lines[1].color
     )
-    every = graph(ROBOT, fast, GraphChoice("Joints", "Velocity", "all")).lines[5:]
+    every = graph(ROBOT, fast, "Joints", "Velocity", "all").lines[5:]
     assert sorted(float(line.y[0]) for line in every) == pytest.approx([-120, -90, -60, 60, 90, 120])
     assert "2 joints ≤ 120" in {line.name for line in every}
     low = shown(joints(np.radians([0, 0, -40.0, 0, 0])))
     assert low.motion.position[-1, 2] < 0.105
-    floor = graph(ROBOT, low, GraphChoice("Tool", "Position", "all")).lines[3]
+    floor = graph(ROBOT, low, "Tool", "Position", "all").lines[3]
     assert floor.name == "floor" and float(floor.y[0]) == pytest.approx(1000 * ROBOT.floor_z)
 
 
 def test_the_cursor_is_an_upright_line_at_its_time() -> None:
     found = shown(joints())
     for time in (0.0, 0.3, found.planned.trajectory.duration):
-        cursor = graph(ROBOT, found, GraphChoice(), time).lines[-1]
+        cursor = graph(ROBOT, found, "Tool", "Position", "near", time).lines[-1]
         at = np.flatnonzero(np.isfinite(cursor.y))
         assert cursor.name == "cursor" and len(at) == 2
-        x = graph(ROBOT, found, GraphChoice()).x
+        x = graph(ROBOT, found, "Tool", "Position", "near").x
         assert x[at] == pytest.approx([time, time], abs=0.01)
 
 
 def test_another_motion_is_drawn_beside_it_over_the_longer_time() -> None:
     a, b = shown(joints(duration=6.0)), shown(joints(profile="trapezoid"))
     for first, second in ((a, b), (b, a)):
-        picture = graph(ROBOT, second, GraphChoice("Joints", "Velocity", "none"), None, first)
+        picture = graph(ROBOT, second, "Joints", "Velocity", "none", None, first)
         assert [line.name[:2] for line in picture.lines] == ["B "] * 5 + ["A "] * 5
         assert all(line.dash is not None for line in picture.lines[5:])
         assert picture.x[-1] == pytest.approx(6.0) and (np.diff(picture.x) > 0).all()

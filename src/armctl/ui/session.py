@@ -94,7 +94,9 @@ class Session:
     async def attempt(self, action: Action) -> None:
         """Run ``action``; a refusal is shown, a defect is logged and shown."""
         try:
-            await action()
+            result = action()
+            if result is not None:
+                await result
         except ArmctlError as refusal:
             if not self.closed:
                 self.refuse(str(refusal))
@@ -127,6 +129,12 @@ class Session:
         await asyncio.wrap_future(ticket.accepted)
         self.spawn(self._report_end(ticket))
         return ticket
+
+    def download(self, name: str, content: str | bytes) -> None:
+        """Send the page a file; the arm's name goes before its name."""
+        content = content.encode() if isinstance(content, str) else content
+        name = f"{self.console.robot.name}-{name}"
+        self.client.send_file_download(name, content, save_immediately=True)
 
     async def reopen_arm(self, port: str | None = None) -> None:
         """Open the arm anew, as it is calibrated now; it is connected on ``port``, or where it was.

@@ -8,7 +8,7 @@ from typing import Any
 
 import viser
 
-Action = Callable[[], Awaitable[object]]
+Action = Callable[[], Awaitable[object] | None]
 On = Callable[[Callable[..., object], Action], None]
 """Runs an action on a handle's event (its ``on_click`` or ``on_update``); a page's session gives it."""
 HOLD_HZ = 20.0

@@ -119,6 +119,17 @@ class NumberField(TextEntry):
             return self._exact
         return parse_number(self.text, self.label)
 
+    def positive(self, name: str, unit: str, zero: str) -> float | None:
+        """The number in the field; None where the field is empty or 0, which means ``zero``.
+
+        Raises:
+            InputError: as ``parse_number``, or it is negative.
+        """
+        value = 0.0 if self.is_empty else self.value
+        if value < 0:
+            raise InputError(f"{name}: {value:g} {unit} is negative; 0 is {zero}")
+        return value or None
+
     def fill(self, value: float) -> None:
         """Put a number into the field."""
         self._exact, self._filled = value, format_number(value)

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import viser
 
-from armctl.errors import InputError
 from armctl.motion import PROFILES, Profile
 from armctl.ui.widgets.events import On
 from armctl.ui.widgets.number_field import NumberField
@@ -42,36 +41,29 @@ class ProfileChoice:
     """A dropdown and a duration; the duration is shown where it means something."""
 
     def __init__(self, gui: viser.GuiApi, on: On, laws: Laws) -> None:
-        """Add both to the present container."""
         self._laws = laws.by_name
-        self._profile = gui.add_dropdown(laws.label, tuple(self._laws), hint=laws.hint)
+        self.choice = gui.add_dropdown(laws.label, tuple(self._laws), hint=laws.hint)
         self.duration = NumberField(gui, "Duration s", 0.0, hint=_DURATION_HINT)
-        self._duration_shown = True
-        on(self._profile.on_update, self._on_profile)
+        self._timed = True
+        on(self.choice.on_update, self._show_duration)
 
     @property
     def profile(self) -> Profile:
         """The profile that is chosen."""
-        return self._laws[self._profile.value]
-
-    @property
-    def settings(self) -> tuple[str, ...]:
-        """The choices, as far as they are shown."""
-        law = self._profile.value if self._profile.visible else ""
-        return law, self.duration.text if self.duration.visible else ""
+        return self._laws[self.choice.value]
 
     def show(self, *, profile: bool, duration: bool, normal: bool) -> None:
         """Show or hide the dropdown and the duration; ``normal``: whether "normal" is offered."""
         laws = tuple(name for name, profile in self._laws.items() if normal or profile != "normal")
-        if tuple(self._profile.options) != laws:
-            self._profile.options = laws
-        self._profile.visible = profile
-        self._duration_shown = duration
-        self.duration.visible = duration and not (profile and self.profile == "normal")
+        if tuple(self.choice.options) != laws:
+            self.choice.options = laws
+        self.choice.visible = profile
+        self._timed = duration
+        self._show_duration()
 
     def choose(self, profile: Profile) -> None:
         """Choose for the operator."""
-        self._profile.value = next(name for name, law in self._laws.items() if law == profile)
+        self.choice.value = next(name for name, law in self._laws.items() if law == profile)
 
     def checked(self) -> tuple[Profile, float | None]:
         """Profile and duration [s]; None: the shortest.
@@ -79,12 +71,11 @@ class ProfileChoice:
         Raises:
             InputError: the duration is no number, or negative.
         """
-        if not self.duration.visible or self.duration.is_empty:
-            return self.profile, None
-        seconds = self.duration.value
-        if seconds < 0:
-            raise InputError(f"Duration: {seconds:g} s is negative; 0 is the shortest possible")
-        return self.profile, seconds or None
+        seconds = None
+        if self.duration.visible:
+            seconds = self.duration.positive("Duration", "s", "the shortest possible")
+        return self.profile, seconds
 
-    async def _on_profile(self) -> None:
-        self.duration.visible = self._duration_shown and self.profile != "normal"
+    def _show_duration(self) -> None:
+        normal = self.choice.visible and self.profile == "normal"
+        self.duration.visible = self._timed and not normal

@@ -90,8 +90,7 @@ class CalibrationPoints:
         result = self._points.result
         if not isinstance(result, ToolError):
             raise InputError("there is no suggestion yet: touch more points")
-        name = f"{self._robot.name}-suggestion.toml"
-        self._session.client.send_file_download(name, result.toml().encode(), save_immediately=True)
+        self._session.download("suggestion.toml", result.toml())
 
 
 def numbered(count: int) -> tuple[str, ...]:

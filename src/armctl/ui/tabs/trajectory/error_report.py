@@ -52,7 +52,6 @@ class ReportView:
     """Theoretical errors as soon as a path is shown, applied ones once it has run."""
 
     def __init__(self, session: Session, preview: Preview) -> None:
-        """Add the widgets to the present container."""
         self._session, self._preview = session, preview
         self._robot = session.console.robot
         self._planned: PlannedMotion | None = None
@@ -69,16 +68,13 @@ class ReportView:
     def take(self, planned: PlannedMotion) -> None:
         """Another motion is shown."""
         self._planned, self._theory, self._applied = planned, None, None
-        if planned.points is None:
-            self._applied_summary.show("")
-            self._summary.show(muted(_NONE))
-            self._points.show("")
-            self._pager.reset(0, None)
-            return
-        self._theory, text = theoretical(self._robot, planned)
-        self._summary.show(text)
-        self._applied_summary.show(muted("Applied: not run yet. Press Run to record it."))
-        self._pager.reset(len(planned.points), None)
+        summary, applied = muted(_NONE), ""
+        if planned.points is not None:
+            self._theory, summary = theoretical(self._robot, planned)
+            applied = muted("Applied: not run yet. Press Run to record it.")
+        self._summary.show(summary)
+        self._applied_summary.show(applied)
+        self._pager.reset(0 if planned.points is None else len(planned.points), None)
         self._draw()
 
     async def record(self, planned: PlannedMotion, ticket: Ticket) -> None:
@@ -89,12 +85,11 @@ class ReportView:
         came_to_end = await finished(ticket)
         if self._session.closed or self._planned is not planned or planned.points is None:
             return
-        if not came_to_end:
-            text = "Applied: the path did not come to its end, so there is no report."
-            self._applied_summary.show(muted(text))
-            return
-        if len(readings) == 0:
-            self._applied_summary.show(muted("Applied: the board read nothing back."))
+        if not came_to_end or len(readings) == 0:
+            text = "the board read nothing back"
+            if not came_to_end:
+                text = "the path did not come to its end, so there is no report"
+            self._applied_summary.show(muted(f"Applied: {text}."))
             return
         path = self._robot.forward(readings)[:, :3, 3]
         reached = await asyncio.to_thread(closest_on_path, planned.points, path)
@@ -121,10 +116,12 @@ class ReportView:
 
     def _draw(self) -> None:
         report = self._applied or self._theory
-        if report is not None:
-            which = "applied" if self._applied else "theoretical"
-            where = f"page {self._pager.page + 1} of {self._pager.pages} · asked for, and {which}, mm"
-            self._points.show(muted(where) + points_html(report, self._pager.page, self._pager.row))
+        if report is None:
+            self._points.show("")
+            return
+        which = "applied" if self._applied else "theoretical"
+        where = f"page {self._pager.page + 1} of {self._pager.pages} · asked for, and {which}, mm"
+        self._points.show(muted(where) + points_html(report, self._pager.page, self._pager.row))
 
     def _on_row(self) -> None:
         self._draw()
@@ -132,12 +129,10 @@ class ReportView:
         if planned is not None and planned.solved is not None and row is not None:
             self._preview.show(planned.solved[row - 1], self._session.snapshot.q_command)
 
-    async def _on_export(self) -> None:
+    def _on_export(self) -> None:
         if self._theory is None:
             raise InputError("there is no error report: choose a line or an arc and press Show")
-        text = report_csv(self._theory, self._applied)
-        name = f"{self._robot.name}-errors.csv"
-        self._session.client.send_file_download(name, text.encode(), save_immediately=True)
+        self._session.download("errors.csv", report_csv(self._theory, self._applied))
 
 
 async def finished(ticket: Ticket) -> bool:
@@ -150,11 +145,7 @@ async def finished(ticket: Ticket) -> bool:
 
 
 def theoretical(robot: Robot, planned: PlannedMotion) -> tuple[ErrorReport, str]:
-    """The report of a motion through points as it is planned, and its figures as HTML.
-
-    Raises:
-        InputError: the motion has no points.
-    """
+    """The report of a motion through points as it is planned, and its figures as HTML."""
     points, solved = planned.points, planned.solved
     if points is None:
         raise InputError(f"{planned.title} prescribes no points")

@@ -1,32 +1,234 @@
-"""A motion in pictures and figures: graphs with limits, peaks, one instant, and two motions compared."""
+"""The Graphs tab of a motion: plot, time cursor with the ghost, peaks, comparison, exports."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Literal, get_args
+import asyncio
+from collections.abc import Callable
 
 import numpy as np
+import viser
 
 from armctl.arrays import FloatArray
-from armctl.motion.analysis import Derivative, Limit, near_limits
+from armctl.errors import InputError
+from armctl.motion.analysis import Derivative, Limit, analysis_csv, near_limits
+from armctl.motion.figure import FigureForm, TitledMotion, figure_bytes
 from armctl.robot import Robot
+from armctl.ui.newest import Newest
+from armctl.ui.scene.ghost import Preview
+from armctl.ui.scene.lines import Lines, segments
+from armctl.ui.session import Session
 from armctl.ui.tabs.trajectory.plan import PlannedMotion, ShownMotion
-from armctl.ui.widgets.html import fixed, heading, muted, numbers, strong, table
-from armctl.ui.widgets.plots import COLORS, Line, Picture, span, thinned, upright
+from armctl.ui.widgets.html import LiveHtml, fixed, heading, muted, numbers, strong, table
+from armctl.ui.widgets.plots import COLORS, Line, LinePlot, Picture, span, thinned, upright
 
-Of = Literal["Tool", "Joints"]
-Quantity = Literal["Position", "Velocity", "Acceleration", "Jerk"]
-LimitsShown = Literal["near", "all", "none"]
-OF: tuple[Of, ...] = get_args(Of)
-QUANTITIES: tuple[Quantity, ...] = get_args(Quantity)
-LIMITS: tuple[LimitsShown, ...] = get_args(LimitsShown)
-_DERIVATIVE: dict[str, Derivative] = {
-    "Position": "position",
-    "Velocity": "velocity",
-    "Acceleration": "acceleration",
-    "Jerk": "jerk",
+OF = ("Tool", "Joints")
+QUANTITIES: dict[str, tuple[Derivative, str]] = {
+    "Position": ("position", ""),
+    "Velocity": ("velocity", "/s"),
+    "Acceleration": ("acceleration", "/s²"),
+    "Jerk": ("jerk", "/s³"),
 }
-_PER = {"Position": "", "Velocity": "/s", "Acceleration": "/s²", "Jerk": "/s³"}
+"""what they are derivatives of, and the end of their unit"""
+LIMITS = ("near", "all", "none")
+_LIMITS_HINT = "Dashed lines. near: those that the motion comes near to."
+_JERK_NOTE = "Where the acceleration jumps (cubic at its ends, trapezoid), the jerk there has no bound."
+_ZOOM_NOTE = "Drag across the plot to zoom, double-click to see all of it."
+_COMPARE_NOTE = "Keep the shown motion as A, then show another: A is drawn thin and dashed beside it."
+_FIGURE_FORMS: dict[str, FigureForm] = {"Figure (SVG)": "svg", "Figure (PNG)": "png"}
+
+
+class GraphView:
+    """Draws the shown motion, and another one (A) beside it that was kept before."""
+
+    def __init__(self, session: Session, preview: Preview) -> None:
+        self._session, self._robot = session, session.console.robot
+        self._shown: ShownMotion | None = None
+        self._a: ShownMotion | None = None
+        gui = session.gui
+        self._of = gui.add_button_group("Graph of", OF)
+        self._quantity = gui.add_button_group("Quantity", tuple(QUANTITIES))
+        self._limits = gui.add_button_group("Limits", LIMITS, hint=_LIMITS_HINT)
+        self._note = LiveHtml(gui, muted("Nothing is shown yet: press Show."))
+        self._plot = LinePlot(gui)
+        self.cursor = CursorView(session, preview, self._draw)
+        self._peaks = LiveHtml(gui)
+        with gui.add_folder("Compare"):
+            self._compared = LiveHtml(gui, muted(_COMPARE_NOTE))
+            keep = gui.add_button("Keep as A", icon=viser.Icon.PIN, color="gray")
+            self._drop = gui.add_button("Drop A", icon=viser.Icon.PINNED_OFF, color="gray", visible=False)
+        csv = gui.add_button("Export motion (CSV)", icon=viser.Icon.DOWNLOAD, color="gray")
+        self._figure = gui.add_button_group("Export", tuple(_FIGURE_FORMS))
+        for group in (self._of, self._quantity, self._limits):
+            session.on(group.on_click, self._draw)
+        session.on(keep.on_click, lambda: self._keep(self._require_shown("keep")))
+        session.on(self._drop.on_click, lambda: self._keep(None))
+        session.on(csv.on_click, self._on_csv)
+        session.on(self._figure.on_click, self._on_figure)
+
+    def take(self, shown: ShownMotion) -> None:
+        """Show another motion."""
+        self._shown = shown
+        self._peaks.show(peaks_html(self._robot, shown))
+        self._compare()
+        self.cursor.take(shown.planned)
+
+    @property
+    def _beside(self) -> ShownMotion | None:
+        """A, where it is another motion than the one that is shown."""
+        return None if self._a is self._shown else self._a
+
+    def _draw(self) -> None:
+        if self._shown is None:
+            return
+        of, quantity, limits = self._of.value, self._quantity.value, self._limits.value
+        self._note.show(muted(_JERK_NOTE if quantity == "Jerk" else _ZOOM_NOTE))
+        cursor = self.cursor.time
+        self._plot.show(graph(self._robot, self._shown, of, quantity, limits, cursor, self._beside))
+
+    def _keep(self, a: ShownMotion | None) -> None:
+        self._a = a
+        self._compare()
+        self._draw()
+
+    def _compare(self) -> None:
+        self._drop.visible = self._a is not None
+        if self._a is None or self._shown is None:
+            self._compared.show(muted(_COMPARE_NOTE))
+        elif self._a is self._shown:
+            title = self._a.planned.title
+            self._compared.show(muted(f"A is {title}. Choose another motion and press Show."))
+        else:
+            self._compared.show(compare_html(self._robot, self._a, self._shown))
+
+    async def _on_csv(self) -> None:
+        shown = self._require_shown("export")
+        self._session.download("motion.csv", await asyncio.to_thread(analysis_csv, self._robot, shown.motion))
+
+    async def _on_figure(self) -> None:
+        shown, beside = self._require_shown("export"), self._beside
+        form = _FIGURE_FORMS[self._figure.value]
+        content = await asyncio.to_thread(
+            figure_bytes, self._robot, form, _titled(shown), None if beside is None else _titled(beside)
+        )
+        if not self._session.closed:
+            self._session.download(f"motion.{form}", content)
+
+    def _require_shown(self, what: str) -> ShownMotion:
+        if self._shown is None:
+            raise InputError(f"there is no motion to {what}: press Show first")
+        return self._shown
+
+
+def _titled(shown: ShownMotion) -> TitledMotion:
+    return TitledMotion(shown.planned.title, shown.motion)
+
+
+# The cursor: a slider over the motion's time, or played, with the ghost and the numbers there.
+
+_FRAME_S = 1 / 25
+_SLIDER_S = 0.15
+"""a slider and a plot that are written more often make a page slow"""
+_SLOWEST, _FASTEST = 5, 400
+_PATH_POINTS, _PATH_COLOR = 400, (0, 140, 170)
+_PLAY, _PAUSE = ("Play", viser.Icon.PLAYER_PLAY), ("Pause", viser.Icon.PLAYER_PAUSE)
+
+
+class CursorView:
+    """Moves the ghost along the shown motion; the arm does not move. ``moved`` is called with the cursor."""
+
+    def __init__(self, session: Session, preview: Preview, moved: Callable[[], None]) -> None:
+        self._session, self._preview, self._moved = session, preview, moved
+        self._robot = session.console.robot
+        self._planned: PlannedMotion | None = None
+        self._path = Lines(session.client.scene, "/shown_path", _PATH_COLOR)
+        self._newest = Newest()
+        self._playing = False
+        gui = session.gui
+        self._box = gui.add_folder(None, visible=False)
+        with self._box:
+            self._slider = gui.add_slider("Time s", min=0.0, max=1.0, step=0.01, initial_value=0.0)
+            self._play = gui.add_button(_PLAY[0], icon=_PLAY[1], color="gray")
+            self._speed = gui.add_slider(
+                "Play speed %", min=_SLOWEST, max=_FASTEST, step=5, initial_value=100,
+                hint="Of the ghost; the arm does not move.",
+            )  # fmt: skip
+            self._where = LiveHtml(gui)
+        session.on(self._slider.on_update, self._on_slider)
+        session.on(self._play.on_click, self._on_play)
+
+    @property
+    def time(self) -> float:
+        """Where the cursor is [s]."""
+        return self._slider.value
+
+    def refresh(self) -> None:
+        """Draw the tool's path for as long as no other screen shows something of its own."""
+        self._path.set_visible(not self._preview.taken)
+
+    def take(self, planned: PlannedMotion) -> None:
+        """Another motion is shown: cursor and ghost stand at its end, the arm at its beginning."""
+        self._halt()
+        self._planned = planned
+        time = np.linspace(0.0, planned.trajectory.duration, _PATH_POINTS)
+        self._path.show(segments(self._robot.forward(planned.trajectory.sample(time).q)[:, :3, 3]))
+        self._slider.value = 0.0
+        self._slider.max = self._slider.value = max(round(planned.trajectory.duration, 2), 0.01)
+        self._box.visible = True
+        self._go(planned, self._slider.value)
+
+    def _go(self, planned: PlannedMotion, time: float, *, draw: bool = True) -> None:
+        time = min(time, planned.trajectory.duration)
+        self._preview.show(planned.trajectory.sample(time).q, self._session.snapshot.q_command)
+        if draw:
+            self._where.show(cursor_html(self._robot, planned, time))
+            self._moved()
+
+    def _on_slider(self) -> None:
+        self._halt()
+        if self._planned is not None:
+            self._go(self._planned, self._slider.value)
+
+    def _on_play(self) -> None:
+        if self._playing:
+            self._halt()
+        elif self._planned is None:
+            raise InputError("there is no motion to play: press Show first")
+        else:
+            self._playing = True
+            self._play.label, self._play.icon = _PAUSE
+            self._session.spawn(self._run(self._planned, self._newest.begin()))
+
+    async def _run(self, planned: PlannedMotion, is_newest: Callable[[], bool]) -> None:
+        clock = asyncio.get_running_loop().time
+        end = planned.trajectory.duration
+        time = self._slider.value if self._slider.value < end - _FRAME_S else 0.0
+        before, drawn = clock(), -1.0
+        while is_newest():
+            now = clock()
+            time = min(time + (now - before) * self._speed.value / 100, end)
+            before = now
+            draw = now - drawn >= _SLIDER_S or time >= end
+            with self._session.client.atomic():
+                if draw:
+                    drawn = now
+                    self._slider.value = min(round(time, 2), self._slider.max)
+                self._go(planned, time, draw=draw)
+            if time >= end:
+                break
+            await asyncio.sleep(_FRAME_S)
+            if self._preview.taken:
+                break
+        if is_newest():
+            self._halt()
+
+    def _halt(self) -> None:
+        self._newest.drop()
+        self._playing = False
+        self._play.label, self._play.icon = _PLAY
+
+
+# What is drawn and written.
+
 _PLOT_SAMPLES = 600
 _MANY, _CURSOR, _FLOOR = "#868e96", "#c2255c", "#846358"
 _LIMIT_DASH, _OTHER_DASH = (8.0, 5.0), (3.0, 3.0)
@@ -34,99 +236,78 @@ _FLOOR_NEAR_M = 0.05
 """the floor is drawn where the tool comes this near"""
 
 
-@dataclass(frozen=True, slots=True)
-class GraphChoice:
-    """The choices above the plot."""
-
-    of: str = "Tool"
-    quantity: str = "Position"
-    limits: str = "near"
-
-
 def graph(
     robot: Robot,
     shown: ShownMotion,
-    choice: GraphChoice,
+    of: str,
+    quantity: str,
+    limits: str,
     cursor: float | None = None,
     beside: ShownMotion | None = None,
 ) -> Picture:
     """One quantity of the tool (mm) or of the joints (degrees) over time.
 
-    Args:
-        robot: the arm.
-        shown: the motion.
-        choice: what to plot.
-        cursor: where an upright line is drawn [s].
-        beside: another motion, drawn thin and dashed.
+    ``cursor`` is where an upright line is drawn [s]; ``beside`` is drawn thin and dashed.
     """
     time = shown.motion.time[thinned(len(shown.motion.time), _PLOT_SAMPLES)]
     if beside is not None and beside.motion.time[-1] > time[-1]:  # the other one takes longer
         rest = np.linspace(float(time[-1]), float(beside.motion.time[-1]), _PLOT_SAMPLES // 2)
         time = np.concatenate([time, rest[1:]])
-    lines = _lines(robot, shown, choice, time, "" if beside is None else "B ")
+    lines = _lines(robot, shown, of, quantity, time, "" if beside is None else "B ")
     if beside is not None:
-        others = _lines(robot, beside, choice, time, "A ")
+        others = _lines(robot, beside, of, quantity, time, "A ")
         lines += [Line(line.name, line.y, line.color, dash=_OTHER_DASH, width=1.2) for line in others]
-    lines += _limit_lines(robot, shown, choice, time)
+    lines += [
+        Line(name, np.full(len(time), value), color, dash=_LIMIT_DASH, width=1.2)
+        for name, value, color in _limits(robot, shown, of, quantity, limits)
+    ]
     if cursor is not None:
         lines.append(Line("cursor", upright(time, cursor, *span(lines)), _CURSOR, width=1.2))
-    who, unit = ("Joint", "°") if choice.of == "Joints" else ("Tool", "mm")
-    title = f"{who} {choice.quantity.lower()} ({unit}{_PER[choice.quantity]})"
+    who, unit = ("Joint", "°") if of == "Joints" else ("Tool", "mm")
+    title = f"{who} {quantity.lower()} ({unit}{QUANTITIES[quantity][1]})"
     return Picture(title, "time (s)", time, tuple(lines))
 
 
-def _lines(robot: Robot, shown: ShownMotion, choice: GraphChoice, time: FloatArray, mark: str) -> list[Line]:
+def _lines(
+    robot: Robot, shown: ShownMotion, of: str, quantity: str, time: FloatArray, mark: str
+) -> list[Line]:
     motion = shown.motion
-    if choice.of == "Tool":
-        names = ["x", "y", "z"]
-        values = (
-            1000
-            * {
-                "Position": motion.position,
-                "Velocity": motion.tool_velocity,
-                "Acceleration": motion.tool_acceleration,
-                "Jerk": motion.tool_jerk,
-            }[choice.quantity]
-        )
-    else:
-        names = [joint.title for joint in robot.joints]
-        joints = {
-            "Position": motion.q,
-            "Velocity": motion.velocity,
-            "Acceleration": motion.acceleration,
-            "Jerk": motion.jerk,
-        }
-        values = np.degrees(joints[choice.quantity])
+    joints, tool = {
+        "Position": (motion.q, motion.position),
+        "Velocity": (motion.velocity, motion.tool_velocity),
+        "Acceleration": (motion.acceleration, motion.tool_acceleration),
+        "Jerk": (motion.jerk, motion.tool_jerk),
+    }[quantity]
+    names, values = ["x", "y", "z"], 1000 * tool
+    if of == "Joints":
+        names, values = [joint.title for joint in robot.joints], np.degrees(joints)
     return [
         Line(
-            f"{mark}{name}",
-            np.interp(time, motion.time, values[:, i], right=np.nan),
-            COLORS[i % len(COLORS)],
+            f"{mark}{name}", np.interp(time, motion.time, values[:, i], right=np.nan), COLORS[i % len(COLORS)]
         )
         for i, name in enumerate(names)
     ]
 
 
-def _limit_lines(robot: Robot, shown: ShownMotion, choice: GraphChoice, time: FloatArray) -> list[Line]:
-    def level(name: str, value: float, color: str) -> Line:
-        return Line(name, np.full(len(time), value), color, dash=_LIMIT_DASH, width=1.2)
-
-    every = choice.limits == "all"
-    if choice.limits == "none":
+def _limits(
+    robot: Robot, shown: ShownMotion, of: str, quantity: str, limits: str
+) -> list[tuple[str, float, str]]:
+    """Name, value and colour of each limit that is drawn."""
+    every = limits == "all"
+    if limits == "none":
         return []
-    if choice.of == "Tool":
+    if of == "Tool":
         near = float(shown.motion.position[:, 2].min()) < robot.floor_z + _FLOOR_NEAR_M
-        floor = choice.quantity == "Position" and (near or every)
-        return [level("floor", 1000 * robot.floor_z, _FLOOR)] if floor else []
+        return [("floor", 1000 * robot.floor_z, _FLOOR)] if quantity == "Position" and (near or every) else []
     together: dict[float, list[Limit]] = {}  # equal limits of several joints are one line
-    for limit in near_limits(robot, shown.motion, _DERIVATIVE[choice.quantity], every=every):
+    for limit in near_limits(robot, shown.motion, QUANTITIES[quantity][0], every=every):
         together.setdefault(round(limit.value, 3), []).append(limit)
-    lines: list[Line] = []
-    for value, limits in sorted(together.items(), reverse=True):
-        first, alone = limits[0], len(limits) == 1
-        who = robot.joints[first.joint].title if alone else f"{len(limits)} joints"
+    lines: list[tuple[str, float, str]] = []
+    for value, same in sorted(together.items(), reverse=True):
+        first, alone = same[0], len(same) == 1
+        who = robot.joints[first.joint].title if alone else f"{len(same)} joints"
         name = f"{who} {'≤' if first.is_upper else '≥'} {fixed(first.value, 1).removesuffix('.0')}"
-        lines.append(level(name, value, COLORS[first.joint % len(COLORS)] if alone else _MANY))
+        lines.append((name, value, COLORS[first.joint % len(COLORS)] if alone else _MANY))
     return lines
 
 

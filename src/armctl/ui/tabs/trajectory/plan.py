@@ -1,7 +1,7 @@
 """Planning what the Trajectory tab asks for, in a worker thread.
 
-What can be planned is planned and drawn, whatever its pre-flight says; a line or an arc that ends where
-the arm can go no farther is drawn as far as that.
+What can be planned is drawn, whatever its pre-flight says; a line or an arc that the arm cannot follow to
+its end is drawn as far as it can.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ import math
 import re
 from bisect import bisect_right
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -42,7 +43,7 @@ from armctl.motion.plan import Passing, plan_blended, plan_through, solve_points
 from armctl.motion.timing import PathTrajectory
 from armctl.motion.trajectory import Peaks, peaks_of
 from armctl.program import GripperStep, Program, ProgramFinding
-from armctl.program.rehearsal import Rehearsal, rehearse
+from armctl.program.rehearsal import rehearse
 from armctl.robot import Robot
 
 JOINTS = "Joint motion"
@@ -52,8 +53,6 @@ ARC = "Arc (58 points)"
 LINE = "Line (29 points)"
 PROGRAM = "Program on the desk"
 JOINT_BY_JOINT = "Joint by joint (study)"
-MOTIONS = (JOINTS, TOOL_LINE, TOOL_ARC, ARC, LINE, PROGRAM, JOINT_BY_JOINT)
-"""in the order in which they are offered"""
 TOOL_PATHS = (TOOL_LINE, TOOL_ARC)
 TEST_PATHS = {ARC: arc, LINE: line}
 """the paper's test paths, by their labels"""
@@ -83,7 +82,7 @@ _TIME = re.compile(r"^at [\d.]+ s, ")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ToolWish:
-    """How the tool shall be led along a line or an arc."""
+    """How to lead the tool along a line or an arc."""
 
     end: FloatArray
     """(3,) [m]"""
@@ -162,34 +161,26 @@ class ShownMotion:
 
 
 def plan_shown(robot: Robot, asked: MotionRequest) -> ShownMotion:
-    """Plan what is asked for, and sample it.
-
-    Raises:
-        ArmctlError: as ``plan_motion``.
-    """
+    """Plan what is asked for, and sample it; errors as ``plan_motion``."""
     planned = plan_motion(robot, asked)
     return ShownMotion(planned, analyse(robot, planned.trajectory, _SAMPLES), peaks_of(planned.trajectory))
 
 
 def plan_motion(robot: Robot, asked: MotionRequest) -> PlannedMotion:
-    """Plan what is asked for.
-
-    Raises:
-        ArmctlError: there is nothing of it that could be drawn; says why.
-    """
+    """Plan what is asked for; an ``ArmctlError`` says why nothing of it can be drawn."""
     if isinstance(asked.start, Target):
         start = solve(robot, asked.present, asked.start, asked.choose)
     else:
         start = robot.check_limits(asked.start)
     if asked.motion in TEST_PATHS:
-        return _test_path(robot, asked, start, TEST_PATHS[asked.motion]())
+        return _test_path(robot, asked, start)
     if asked.motion == PROGRAM:
-        if asked.program is None or not asked.program.steps:
-            raise ProgramError("the program on the desk has no steps; record some in Manual → Serial motion")
-        return _program(robot, asked.program, start, asked.opening)
-    if asked.tool is not None:
-        return _tool_motion(robot, asked, start, asked.tool)
-    return _joint_motion(robot, asked, start)
+        return _program(robot, asked, start)
+    return (
+        _joint_motion(robot, asked, start)
+        if asked.tool is None
+        else _tool_motion(robot, asked, start, asked.tool)
+    )
 
 
 def why_not(robot: Robot, points: FloatArray) -> str | None:
@@ -203,12 +194,11 @@ def why_not(robot: Robot, points: FloatArray) -> str | None:
 
 def _joint_motion(robot: Robot, asked: MotionRequest, start: FloatArray) -> PlannedMotion:
     duration, profile = asked.duration_s, asked.profile
-    if asked.end is None:
-        raise InputError("a joint motion needs an end")
     if isinstance(asked.end, Target):
         trajectory = plan_target(robot, start, asked.end, asked.choose, duration, profile, checked=False)
     else:
-        trajectory = plan_joints(robot, start, asked.end, duration, profile, checked=False)
+        end = start if asked.end is None else asked.end
+        trajectory = plan_joints(robot, start, end, duration, profile, checked=False)
     note = "" if trajectory.duration > 0 else "It ends where it begins."
     return PlannedMotion(asked.title, trajectory, tuple(preflight(robot, trajectory)), note=note)
 
@@ -216,45 +206,64 @@ def _joint_motion(robot: Robot, asked: MotionRequest, start: FloatArray) -> Plan
 def _tool_motion(robot: Robot, asked: MotionRequest, start: FloatArray, wish: ToolWish) -> PlannedMotion:
     tip = robot.forward(start)[:3, 3]
     ideal = ToolLine(tip, wish.end) if wish.via is None else ToolArc.through(tip, wish.via, wish.end)
-    trajectory, cut = _led(robot, start, wish, asked.profile, asked.duration_s)
-    found = preflight(robot, trajectory, tool_path=True)
-    if cut is not None and cut.kind == "limits":  # the limit at which it ends is told already
-        found = [finding for finding in found if (finding.kind, finding.part) != ("limits", cut.part)]
-    points = None
-    if cut is None and ideal.length > 0:
-        points = ideal.positions(np.linspace(0.0, ideal.length, _POINTS))
-    return PlannedMotion(
-        asked.title if cut is None else asked.title.removesuffix(f", {asked.profile}"),
-        trajectory,
-        tuple(found) if cut is None else (cut, *found),
-        ideal,
-        points,
-        speed=wish.speed,
-        note="" if cut is None else _CUT_SHORT,
-    )
+    trajectory, cut = _led(robot, start, wish, asked)
+    findings = _judged(robot, trajectory, cut)
+    if cut is not None:
+        title = asked.title.removesuffix(f", {asked.profile}")
+        return PlannedMotion(title, trajectory, findings, ideal, speed=wish.speed, note=_CUT_SHORT)
+    points = ideal.positions(np.linspace(0.0, ideal.length, _POINTS)) if ideal.length > 0 else None
+    return PlannedMotion(asked.title, trajectory, findings, ideal, points, speed=wish.speed)
+
+
+def _test_path(robot: Robot, asked: MotionRequest, start: FloatArray) -> PlannedMotion:
+    points = TEST_PATHS[asked.motion]()
+    solved = solve_points(robot, points, asked.choose, start)
+    first, middle, last = points[0], points[len(points) // 2], points[-1]
+    straight = bool(np.linalg.norm(np.cross(middle - first, last - first)) < _FLAT_M2)
+    cut: Finding | None = None
+    match asked.passing:
+        case "stop":
+            trajectory = plan_through(robot, list(solved), asked.duration_s, asked.profile, checked=False)
+        case "spline":
+            law = _path_profile(asked.profile)
+            trajectory = plan_spline(robot, solved, duration_s=asked.duration_s, profile=law, checked=False)
+        case "blend":
+            trajectory = plan_blended(robot, list(solved), asked.blend_m, asked.duration_s)
+        case None:
+            wish = ToolWish(last, None if straight else middle, "free")
+            trajectory, cut = _led(robot, solved[0], wish, asked)
+    findings = _judged(robot, trajectory, cut, tool_path=asked.passing is None)
+    swings = asked.passing == "spline" and any(finding.kind == "limits" for finding in findings)
+    note = f"{_PASSED[asked.passing]} {_SWINGS if swings else 'Run goes to the first point first.'}"
+    ideal = ToolLine(first, last) if straight else ToolArc.through(first, middle, last)
+    return PlannedMotion(asked.title, trajectory, findings, ideal, points, solved, note=note)
 
 
 def _led(
-    robot: Robot, start: FloatArray, wish: ToolWish, profile: Profile, duration_s: float | None
+    robot: Robot, start: FloatArray, wish: ToolWish, asked: MotionRequest
 ) -> tuple[Trajectory, Finding | None]:
     """The motion of the tool, None; or its beginning, and why it cannot go on."""
-    law = _path_profile(profile)
+    law = _path_profile(asked.profile)
+    plan = partial(plan_line, robot, start) if wish.via is None else partial(plan_arc, robot, start, wish.via)
     try:
-        if wish.via is None:
-            return plan_line(
-                robot, start, wish.end, pitch=wish.pitch, end_pitch=wish.end_pitch, speed=wish.speed,
-                duration_s=duration_s, profile=law, checked=False,
-            ), None  # fmt: skip
-        return plan_arc(
-            robot, start, wish.via, wish.end, pitch=wish.pitch, end_pitch=wish.end_pitch, speed=wish.speed,
-            duration_s=duration_s, profile=law, checked=False,
-        ), None  # fmt: skip
+        trajectory = plan(
+            wish.end, pitch=wish.pitch, end_pitch=wish.end_pitch, speed=wish.speed,
+            duration_s=asked.duration_s, profile=law, checked=False,
+        )  # fmt: skip
     except (ToolPathRefusedError, ToolPathUnreachableError) as refusal:
         if refusal.before is None:
             raise
         cap = math.inf if wish.speed is None else wish.speed
         trajectory = PathTrajectory.fastest(robot, refusal.before, cap)
         return trajectory, _ends_here(robot, refusal, trajectory.duration)
+    return trajectory, None
+
+
+def _path_profile(profile: Profile) -> ProfileName:
+    """A profile that can be spread over a path."""
+    if profile == "normal":
+        raise InputError("normal leads each joint for itself, off the path; choose another profile")
+    return profile
 
 
 def _ends_here(
@@ -271,79 +280,42 @@ def _ends_here(
     return Finding(time, part, what or mend, mend if what else "", kind)
 
 
-def _test_path(robot: Robot, asked: MotionRequest, start: FloatArray, points: FloatArray) -> PlannedMotion:
-    solved = solve_points(robot, points, asked.choose, start)
-    first, middle, last = points[0], points[len(points) // 2], points[-1]
-    straight = bool(np.linalg.norm(np.cross(middle - first, last - first)) < _FLAT_M2)
-    cut: Finding | None = None
-    match asked.passing:
-        case "stop":
-            trajectory = plan_through(robot, list(solved), asked.duration_s, asked.profile, checked=False)
-        case "spline":
-            law = _path_profile(asked.profile)
-            trajectory = plan_spline(robot, solved, duration_s=asked.duration_s, profile=law, checked=False)
-        case "blend":
-            trajectory = plan_blended(robot, list(solved), asked.blend_m, asked.duration_s)
-        case None:
-            wish = ToolWish(last, None if straight else middle, "free")
-            trajectory, cut = _led(robot, solved[0], wish, asked.profile, asked.duration_s)
-    found = preflight(robot, trajectory, tool_path=asked.passing is None)
-    note = f"{_PASSED[asked.passing]} Run goes to the first point first."
-    if asked.passing == "spline" and any(finding.kind == "limits" for finding in found):
-        note = f"{_PASSED['spline']} {_SWINGS}"
-    return PlannedMotion(
-        asked.title,
-        trajectory,
-        tuple(found) if cut is None else (cut, *found),
-        ToolLine(first, last) if straight else ToolArc.through(first, middle, last),
-        points,
-        solved,
-        note=note,
-    )
+def _judged(
+    robot: Robot, trajectory: Trajectory, cut: Finding | None, *, tool_path: bool = True
+) -> tuple[Finding, ...]:
+    """The pre-flight, after what has cut the motion short; a limit that has done so is named once."""
+    found = preflight(robot, trajectory, tool_path=tool_path)
+    if cut is None:
+        return tuple(found)
+    named = ("limits", cut.part) if cut.kind == "limits" else None
+    return cut, *(finding for finding in found if (finding.kind, finding.part) != named)
 
 
-def _path_profile(profile: Profile) -> ProfileName:
-    """A profile that can be spread over a path.
-
-    Raises:
-        InputError: "normal", which leads each joint for itself.
-    """
-    if profile == "normal":
-        raise InputError("normal leads each joint for itself, off the path; choose another profile")
-    return profile
-
-
-def _program(robot: Robot, program: Program, start: FloatArray, opening: float | None) -> PlannedMotion:
-    """One pass of a program as the arm would run it, as far as it can be drawn.
-
-    Raises:
-        ProgramError: none of its steps takes time, or the first cannot be planned.
-    """
+def _program(robot: Robot, asked: MotionRequest, start: FloatArray) -> PlannedMotion:
+    """One pass of a program as the arm would run it, as far as it can be drawn."""
+    program = asked.program
+    if program is None or not program.steps:
+        raise ProgramError("the program on the desk has no steps; record some in Manual → Serial motion")
     whole = rehearse(
-        robot, program, start, opening, longest_s=_LONGEST_S, most_steps=_MOST_STEPS, as_far=True
+        robot, program, start, asked.opening, longest_s=_LONGEST_S, most_steps=_MOST_STEPS, as_far=True
     )
     if whole.duration == 0:
         raise ProgramError(f"{program.name}: no step of it moves a joint, so there is nothing to show")
     # a drawing that is cut short may end in motion
     findings: list[Finding | ProgramFinding] = list(preflight(robot, whole.trajectory, at_rest=False))
-    if whole.broken is not None:
-        findings.insert(0, ProgramFinding(whole.broken.index, str(whole.broken.error)))
-    steps = tuple((step.begins, step.index) for step in whole.steps)
-    return PlannedMotion(
-        f"program {program.name}", whole.trajectory, tuple(findings), program=program, steps=steps,
-        note=_program_note(program, whole),
-    )  # fmt: skip
-
-
-def _program_note(program: Program, whole: Rehearsal) -> str:
-    if whole.broken is not None:
-        return f"Drawn as far as step {whole.broken.index + 1}, which cannot be run."
-    if whole.cut:
-        return f"The first {len(whole.steps)} steps of a pass; the rest is not drawn."
-    note = "One pass, with the durations of its own steps."
     untimed = sum(
         isinstance(program.steps[step.index], GripperStep) and step.duration == 0 for step in whole.steps
     )
-    if untimed:
-        note += f" The time of {untimed} gripper step{'' if untimed == 1 else 's'} is not counted."
-    return note
+    if whole.broken is not None:
+        findings.insert(0, ProgramFinding(whole.broken.index, str(whole.broken.error)))
+        note = f"Drawn as far as step {whole.broken.index + 1}, which cannot be run."
+    elif whole.cut:
+        note = f"The first {len(whole.steps)} steps of a pass; the rest is not drawn."
+    else:
+        note = "One pass, with the durations of its own steps."
+        if untimed:
+            note += f" The time of {untimed} gripper step{'' if untimed == 1 else 's'} is not counted."
+    steps = tuple((step.begins, step.index) for step in whole.steps)
+    return PlannedMotion(
+        f"program {program.name}", whole.trajectory, tuple(findings), program=program, steps=steps, note=note
+    )

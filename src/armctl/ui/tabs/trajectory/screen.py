@@ -15,7 +15,7 @@ from armctl.ui.scene.ghost import Preview
 from armctl.ui.session import Session
 from armctl.ui.tabs.trajectory.error_report import ReportView, finished
 from armctl.ui.tabs.trajectory.form import MotionForm
-from armctl.ui.tabs.trajectory.graph_view import GraphView
+from armctl.ui.tabs.trajectory.graphs import GraphView
 from armctl.ui.tabs.trajectory.plan import PlannedMotion, plan_shown
 from armctl.ui.tabs.trajectory.study import StudyView, make_study
 from armctl.ui.widgets.html import LiveHtml, refused, warned
@@ -63,22 +63,23 @@ class TrajectoryScreen:
         """Tell when what is shown no longer belongs to the settings or to where the arm is."""
         study = self._form.is_study
         self._form.refresh()
-        self._study.show(study)
+        self._study.box.visible = study
         self._motion_box.visible = self._run.visible = not study
         self._verdict.visible = not study and self._judged
         stale = self._out_of_date(snapshot)
         self._stale.visible = bool(stale) or self._planning > 0
         self._stale.show(_PLANNING if self._planning else warned(f"{stale}: press Show."))
         self._preview.refresh(snapshot.q_command)
-        self._graphs.refresh()
+        self._graphs.cursor.refresh()
 
     def _out_of_date(self, snapshot: Snapshot) -> str:
+        """Why what is shown has to be planned anew; empty where it need not be."""
+        planned, settings = self._planned, self._form.settings
         if self._form.is_study:
-            return _CHANGED if self._study.shown and self._form.settings != self._studied else ""
-        planned = self._planned
+            return _CHANGED if self._study.shown is not None and settings != self._studied else ""
         if planned is None:
             return ""
-        if self._form.settings != self._settings:
+        if settings != self._settings:
             return _CHANGED
         away = float(np.abs(planned.trajectory.start - snapshot.q_command).max())
         if planned.program is None and self._from_present and away > _MOVED:
@@ -90,7 +91,7 @@ class TrajectoryScreen:
         self._form.watch.require_settled()
         settings, is_newest = self._form.settings, self._newest.begin()
         if self._form.is_study:
-            shown = await asyncio.to_thread(make_study, self._robot, self._form.study.request())
+            shown = await asyncio.to_thread(make_study, self._robot, self._form.study_request())
             if is_newest():
                 self._studied = settings
                 self._study.take(shown)

@@ -16,22 +16,12 @@ from armctl.motion.joint_study import JointStudy, Turning, study_csv, study_join
 from armctl.robot import Robot
 from armctl.ui.session import Session
 from armctl.ui.widgets.html import LiveHtml, fixed, heading, muted, strong, table
-from armctl.ui.widgets.number_field import NumberField
 from armctl.ui.widgets.plots import COLORS, Line, LinePlot, Picture
 
-_TURNING: dict[str, Turning] = {"each joint alone": "in turn", "all joints at once": "all at once"}
-_PRESENT = "present pose"
-_SLOWEST_DEG_S, _FASTEST_DEG_S = 1.0, 360.0
-_PAPER_DEG_S = 20.0
-_ALONE_HINT = (
-    "Alone: each joint turns from the start pose while the others stand still. "
-    "At once: they turn together, and the figures are what each contributes."
-)
-_SPEED_HINT = f"Of every joint, {_SLOWEST_DEG_S:g} … {_FASTEST_DEG_S:g} °/s. The paper takes 20."
-_DURATION_HINT = "Seconds. 0 or empty: until every joint has come to its limit."
+PAPER_DEG_S = 20.0
 _NOTHING = "Nothing is shown yet: press Show. A study moves nothing."
 _TOTAL_COLOR = "#212529"
-_PAPER_SPEED = math.radians(_PAPER_DEG_S)
+_PAPER_SPEED = math.radians(PAPER_DEG_S)
 _PRINTED_M_S = {"abaas": 8.32}
 """tip speeds that a paper prints at 20 °/s and that cannot be [m/s]"""
 
@@ -59,107 +49,46 @@ class ShownStudy:
     levers: FloatArray
 
 
-class StudyForm:
-    """The fields of a study; hidden while a motion is chosen."""
-
-    def __init__(self, session: Session) -> None:
-        """Add the fields to the present container."""
-        self._session = session
-        gui, poses = session.gui, session.console.robot.poses
-        self._turning = gui.add_dropdown("Turn", tuple(_TURNING), hint=_ALONE_HINT, visible=False)
-        starts = (*poses, _PRESENT)
-        self._from = gui.add_dropdown("Start at", starts, initial_value=starts[0], visible=False)
-        self._speed = NumberField(gui, "Joint speed °/s", _PAPER_DEG_S, hint=_SPEED_HINT, visible=False)
-        self.duration = NumberField(gui, "For s", 0.0, hint=_DURATION_HINT, visible=False)
-        self.fields = (self._speed, self.duration)
-
-    @property
-    def settings(self) -> tuple[object, ...]:
-        """All settings of the study, but for where the arm stands."""
-        return self._turning.value, self._from.value, self._speed.text, self.duration.text
-
-    def show(self, visible: bool) -> None:
-        """Show or hide the fields."""
-        for field in (self._turning, self._from, *self.fields):
-            field.visible = visible
-
-    def request(self) -> StudyRequest:
-        """The study that the fields ask for.
-
-        Raises:
-            InputError: a number that cannot be used.
-        """
-        speed = self._speed.value
-        if not _SLOWEST_DEG_S <= speed <= _FASTEST_DEG_S:
-            raise InputError(
-                f"Joint speed: {speed:g} °/s is outside {_SLOWEST_DEG_S:g} … {_FASTEST_DEG_S:g} °/s"
-            )
-        seconds = 0.0 if self.duration.is_empty else self.duration.value
-        if seconds < 0:
-            raise InputError(f"For: {seconds:g} s is negative; 0 is until every joint is at its limit")
-        name = self._from.value
-        robot, here = self._session.console.robot, self._session.snapshot.q_command
-        start = here if name == _PRESENT else robot.pose(name)
-        return StudyRequest(_TURNING[self._turning.value], start, name, math.radians(speed), seconds or None)
-
-
 class StudyView:
-    """Plot, figures and export of one page's study."""
+    """Plot, figures and export of one page's study, in a box of their own."""
 
     def __init__(self, session: Session) -> None:
-        """Add the widgets to the present container."""
         self._session = session
-        self._shown: ShownStudy | None = None
+        self.shown: ShownStudy | None = None
         gui = session.gui
-        self._box = gui.add_folder(None, visible=False)
-        with self._box:
+        self.box = gui.add_folder(None, visible=False)
+        with self.box:
             self._note = LiveHtml(gui, muted(_NOTHING))
             self._plot = LinePlot(gui)
             self._figures = LiveHtml(gui)
             export = gui.add_button("Export study (CSV)", icon=viser.Icon.DOWNLOAD, color="gray")
         session.on(export.on_click, self._on_export)
 
-    @property
-    def shown(self) -> bool:
-        """Whether there is a study to look at."""
-        return self._shown is not None
-
-    def show(self, visible: bool) -> None:
-        """Show or hide all of it."""
-        self._box.visible = visible
-
     def take(self, shown: ShownStudy) -> None:
         """Show another study."""
         robot, study = self._session.console.robot, shown.study
-        self._shown = shown
-        alone = study.total is None
-        turn = "Each joint alone turns" if alone else "All joints turn at once"
+        self.shown = shown
+        turn, then = "All joints turn at once", "A joint that has come to its limit stays there."
+        if study.total is None:
+            turn = "Each joint alone turns"
+            then = (
+                "A joint that turns alone carries the tip along a circle about its axis, so its line is "
+                "level; it ends at the joint's limit."
+            )
         how = f"{turn} at {_deg_s(study.speed)} from {shown.request.start_name}, towards its farther limit."
-        how += (
-            " A joint that turns alone carries the tip along a circle about its axis, so its line is level; "
-            "it ends at the joint's limit."
-            if alone
-            else " A joint that has come to its limit stays there."
-        )
-        self._note.show(strong(fastest_words(robot, study)) + muted(how))
+        self._note.show(strong(fastest_words(robot, study)) + muted(f"{how} {then}"))
         self._plot.show(study_picture(robot, study))
         self._figures.show(study_html(robot, shown))
 
     async def _on_export(self) -> None:
-        if self._shown is None:
+        if self.shown is None:
             raise InputError("there is no study to export: press Show first")
-        robot = self._session.console.robot
-        text = await asyncio.to_thread(study_csv, robot, self._shown.study)
-        name = f"{robot.name}-joint-by-joint.csv"
-        self._session.client.send_file_download(name, text.encode(), save_immediately=True)
+        text = await asyncio.to_thread(study_csv, self._session.console.robot, self.shown.study)
+        self._session.download("joint-by-joint.csv", text)
 
 
 def make_study(robot: Robot, request: StudyRequest) -> ShownStudy:
-    """Compute what is asked for; belongs into a worker thread.
-
-    Raises:
-        ArmctlError: as ``study_joints``.
-    """
+    """Compute what is asked for, in a worker thread; errors as ``study_joints``."""
     study = study_joints(robot, request.start, request.turning, request.speed, request.duration_s)
     return ShownStudy(request, study, longest_levers(robot.chain, robot.limits))
 
