@@ -9,26 +9,26 @@ from tests.avr.encoder_arm import EncoderArm
 
 from armctl.errors import StateError
 from armctl.hardware import ChannelSettings, Readback
-from armctl.hardware.encoder.axes import EncoderAxis, EncoderSettings
+from armctl.hardware.encoder.axes import AxisEntry, EncoderAxis, EncoderSettings
 from armctl.hardware.encoder.driver import EncoderDriver
 from armctl.hardware.transport import Connection
 
 PERIOD_S = 0.02
 AXES = tuple(
     EncoderAxis(
-        axis=axis,
-        home_order=order,
+        AxisEntry(
+            axis,
+            order,
+            home_by="switch" if axis < 5 else "stall",
+            p_percent=100000 / 65280,
+            i_percent_s=100000 / 65280,
+            d_percent=1300 / 65280,
+            breakaway_percent=20000 / 255,
+            stall_s=0.3,
+        ),
         home_toward=1 if axis < 5 else -1,
-        home_by="switch" if axis < 5 else "stall",
         home_speed=800.0,
-        p=1000 / 65280,
-        i=1000 / 65280,
-        d=13 / 65280,
-        breakaway=200 / 255,
         following_error=600.0,
-        stall_s=0.3,
-        encoder_inverted=False,
-        motor_inverted=False,
     )
     for axis, order in ((0, 6), (1, 2), (2, 3), (3, 4), (4, 5), (5, 1))
 )

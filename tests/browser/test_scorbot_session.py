@@ -53,7 +53,7 @@ class Cable:
     @property
     def setpoints(self) -> list[str]:
         with self.server.inspect() as board:
-            return [line.text for line in board.log if line.text.split()[0] == "P"]
+            return [line for line in board.log if line.split()[0] == "P"]
 
 
 @pytest.fixture

@@ -274,7 +274,7 @@ def test_the_simulated_boards_are_found_whatever_is_expected_and_nothing_is_done
     encoder = SimulatedEncoderBoard()
     encoder.advance(clock.now())
     assert asked(encoder, clock, approach(PTY, expected)).board == "encoder"
-    assert encoder.log == ()
+    assert not encoder.log
 
 
 @pytest.mark.parametrize("expected", [None, "firmata", "encoder"])

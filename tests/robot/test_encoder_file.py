@@ -47,14 +47,21 @@ def test_every_safe_count_is_an_angle_inside_the_limits() -> None:
 
 def test_axes_are_in_counts(tmp_path: Path) -> None:
     robot = load_robot("scorbot")
-    assert [axis.axis for axis in robot.board_settings.axes] == [0, 1, 2, 3, 4, 5]
-    assert [axis.home_order for axis in robot.board_settings.axes] == [6, 2, 3, 4, 5, 1]  # the base goes last
+    assert [axis.entry.axis for axis in robot.board_settings.axes] == [0, 1, 2, 3, 4, 5]
+    assert [axis.entry.home_order for axis in robot.board_settings.axes] == [
+        6,
+        2,
+        3,
+        4,
+        5,
+        1,
+    ]  # the base goes last
     assert robot.board_settings.differential == (3, 4)
     elbow, gripper = robot.board_settings.axes[2], robot.board_settings.axes[5]
     assert elbow.home_toward == 1
     assert elbow.home_speed == pytest.approx(10 * 113.5555)
     assert elbow.following_error == pytest.approx(5 * 113.5555)
-    assert gripper.home_by == "stall"
+    assert gripper.entry.home_by == "stall"
     turned = loaded(
         tmp_path,
         "axis = 2, counts_per_deg = 113.5555",
@@ -123,9 +130,9 @@ def test_what_is_refused(tmp_path: Path, old: str, new: str, said: str) -> None:
 
 
 def test_a_motor_may_be_given_less_than_its_full_drive(tmp_path: Path) -> None:
-    assert {axis.max_drive for axis in load_robot("scorbot").board_settings.axes} == {1.0}
     robot = loaded(tmp_path, "axis = 1,", "axis = 1, max_drive_percent = 90,")
-    assert [axis.max_drive for axis in robot.board_settings.axes] == pytest.approx([1, 0.9, 1, 1, 1, 1])
+    drives = [axis.entry.max_drive_percent for axis in robot.board_settings.axes]
+    assert drives == [100, 90, 100, 100, 100, 100]
 
 
 def test_an_encoder_that_one_joint_lacks_is_named(tmp_path: Path) -> None:

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from typing import Literal
+
 from tests.hardware.lines import LoopTransport
 
 from armctl.hardware import ByteModel, ChannelSettings
-from armctl.hardware.encoder.axes import EncoderAxis, EncoderSettings
+from armctl.hardware.encoder.axes import AxisEntry, EncoderAxis, EncoderSettings
 from armctl.hardware.encoder.driver import EncoderDriver
 from armctl.hardware.encoder.simulated import SimulatedEncoderBoard
 from armctl.hardware.encoder.simulated_axis import AxisPlant
@@ -15,24 +17,23 @@ from armctl.runtime.clock import ManualClock
 PERIOD_S = 0.02
 
 
-def encoder_axis(axis: int, **changes) -> EncoderAxis:
+def encoder_axis(
+    axis: int,
+    home_toward: Literal[-1, 1] = 1,
+    home_speed: float = 400.0,
+    following_error: float = 600.0,
+    **entry,
+) -> EncoderAxis:
     """An axis with round numbers, which finds its switch at home_toward."""
     own = dict(
-        axis=axis,
         home_order=axis + 1,
-        home_toward=1,
-        home_by="switch",
-        home_speed=400.0,
-        p=0.01,
-        i=0.01,
-        d=0.0,
-        breakaway=0.2,
-        following_error=600.0,
+        p_percent=1.0,
+        i_percent_s=1.0,
+        d_percent=0.0,
+        breakaway_percent=20.0,
         stall_s=0.3,
-        encoder_inverted=False,
-        motor_inverted=False,
     )
-    return EncoderAxis(**(own | changes))
+    return EncoderAxis(AxisEntry(axis, **(own | entry)), home_toward, home_speed, following_error)
 
 
 AXES = (
@@ -103,4 +104,4 @@ class Bench:
 
     def executed(self) -> list[str]:
         """The lines that the board took."""
-        return [one.text for one in self.board.log]
+        return list(self.board.log)

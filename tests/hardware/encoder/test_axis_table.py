@@ -10,18 +10,18 @@ from tests.hardware.encoder.kit import AXES, CHANNELS, encoder_axis
 
 from armctl.errors import BoardError
 from armctl.hardware import ChannelSettings
-from armctl.hardware.encoder.axes import AxisTable
+from armctl.hardware.encoder.axes import AxisTable, EncoderSettings
 from armctl.hardware.encoder.messages import request
 from armctl.robot import load_robot
 from armctl.runtime import channel_settings
 
 
 def table(channels=CHANNELS, axes=AXES, differential=None) -> AxisTable:
-    return AxisTable(channels, axes, differential, 6)
+    return AxisTable(channels, EncoderSettings(tuple(axes), differential), 6)
 
 
 def test_the_lines_of_a_configuration():
-    assert table(differential=(3, 4)).configuration() == (
+    assert table(differential=(3, 4)).configuration == (
         "PAIR 3 4",
         "CFG 0 min=-1000 max=1000 vmax=2000 amax=20000",
         "CFG 0 kp=653 ki=653 kd=0 brk=51 dmax=255 ferr=600 stall=300",
@@ -36,27 +36,25 @@ def test_the_lines_of_a_configuration():
         "CFG 4 hord=0",
         "CFG 5 hord=0",
     )
-    assert table().configuration()[0] == "PAIR NONE"
+    assert table().configuration[0] == "PAIR NONE"
     assert table().homing_order == (2, 0, 1)
 
 
 def test_a_motor_gets_no_more_drive_than_it_may_have():
-    lines = table(CHANNELS[:1], [encoder_axis(0, max_drive=0.5)]).configuration()
+    lines = table(CHANNELS[:1], [encoder_axis(0, max_drive_percent=50.0)]).configuration
     assert "dmax=127" in lines[2]  # half of 255, rounded down
 
 
 def test_a_gripper_is_homed_at_its_stop_which_is_outside_its_range():
     axis = encoder_axis(5, home_order=9, home_toward=-1, home_by="stall", switch_inverted=True)
-    lines = table([ChannelSettings(5, 50.0, 1650.0, 2400.0, 24000.0)], [axis]).configuration()
+    lines = table([ChannelSettings(5, 50.0, 1650.0, 2400.0, 24000.0)], [axis]).configuration
     assert lines[-3] == "CFG 5 min=0 max=1650 vmax=2400 amax=24000"
     assert lines[-1] == "CFG 5 hdir=-1 hv=400 hpos=0 hord=1 hmode=1 inv=0 minv=0 sinv=1"
 
 
 def test_the_scorbot_fits_the_board():
     robot = load_robot("scorbot")
-    lines = AxisTable(
-        channel_settings(robot), robot.board_settings.axes, robot.board_settings.differential, 6
-    ).configuration()
+    lines = AxisTable(channel_settings(robot), robot.board_settings, 6).configuration
     assert all(len(request(65535, line)) <= 97 for line in lines)
 
 
@@ -95,24 +93,34 @@ def test_no_setpoint_on_the_wire_ever_leaves_its_limits(setpoints):
         ([replace(CHANNELS[0], channel=-1)], AXES, "axis -1: the board has axes 0 … 5"),
         ([CHANNELS[0], CHANNELS[0]], AXES, "axis 0 is configured twice"),
         ([CHANNELS[0]], AXES[1:], "axis 0 has no encoder settings"),
-        ([replace(CHANNELS[0], speed=None)], AXES, "axis 0: an encoder board needs a speed"),
-        ([replace(CHANNELS[0], acceleration=None)], AXES, "needs a speed and an acceleration"),
-        ([replace(CHANNELS[0], speed=20001.0)], AXES, "axis 0: speed 20001 is outside 1 … 20000"),
-        ([replace(CHANNELS[0], acceleration=0.0)], AXES, "axis 0: acceleration 0 is outside 1 … 65535"),
-        ([replace(CHANNELS[0], minimum=math.nan)], AXES, "axis 0: minimum nan"),
-        ([replace(CHANNELS[0], maximum=2e6)], AXES, r"axis 0: maximum 2e\+06"),
-        ([replace(CHANNELS[0], minimum=5.0, maximum=5.0)], AXES, "axis 0: 5 … 5 counts is no range"),
-        ([CHANNELS[0]], [encoder_axis(0, home_speed=0.5)], "axis 0: homing speed 0.5 is outside 1 … 20000"),
-        ([CHANNELS[0]], [encoder_axis(0, following_error=4e4)], "axis 0: following error 40000 is outside"),
-        ([CHANNELS[0]], [encoder_axis(0, stall_s=0.01)], "axis 0: stall time 0.01 is outside 0.02 … 5"),
-        ([CHANNELS[0]], [encoder_axis(0, breakaway=1.1)], "axis 0: breakaway 1.1 is outside 0 … 1"),
-        ([CHANNELS[0]], [encoder_axis(0, max_drive=1.1)], "axis 0: largest drive 1.1 is outside 0.0039"),
-        ([CHANNELS[0]], [encoder_axis(0, max_drive=0.003)], "axis 0: largest drive 0.003 is outside"),
-        ([CHANNELS[0]], [encoder_axis(0, p=1.0)], "axis 0: gain p 1 is outside 0 … 0.5"),
-        ([CHANNELS[0]], [encoder_axis(0, i=-0.1)], "axis 0: gain i -0.1 is outside"),
-        ([CHANNELS[0]], [encoder_axis(0, d=math.inf)], "axis 0: gain d inf is outside"),
     ],
 )
-def test_settings_that_the_board_cannot_have(channels, axes, words):
+def test_axes_that_the_board_cannot_have(channels, axes, words):
     with pytest.raises(BoardError, match=words):
         table(channels, axes)
+
+
+@pytest.mark.parametrize(
+    ("limits", "axis", "words"),
+    [
+        ({"speed": None}, {}, "an encoder board needs a speed"),
+        ({"acceleration": None}, {}, "an encoder board needs a speed and an acceleration"),
+        ({"speed": 20001.0}, {}, "speed 20001 is outside 1 … 20000"),
+        ({"acceleration": 0.0}, {}, "acceleration 0 is outside 1 … 65535"),
+        ({"minimum": math.nan}, {}, "minimum nan"),
+        ({"maximum": 2e6}, {}, r"maximum 2e\+06"),
+        ({"minimum": 5.0, "maximum": 5.0}, {}, "5 … 5 counts is no range"),
+        ({}, {"home_speed": 0.5}, "homing speed 0.5 is outside 1 … 20000"),
+        ({}, {"following_error": 4e4}, "following error 40000 is outside"),
+        ({}, {"stall_s": 0.01}, "stall time 0.01 is outside 0.02 … 5"),
+        ({}, {"breakaway_percent": 110.0}, "breakaway 1.1 is outside 0 … 1"),
+        ({}, {"max_drive_percent": 110.0}, "largest drive 1.1 is outside 0.0039"),
+        ({}, {"max_drive_percent": 0.3}, "largest drive 0.003 is outside"),
+        ({}, {"p_percent": 100.0}, "gain p 1 is outside 0 … 0.5"),
+        ({}, {"i_percent_s": -10.0}, "gain i -0.1 is outside"),
+        ({}, {"d_percent": math.inf}, "gain d inf is outside"),
+    ],
+)
+def test_settings_that_the_board_cannot_have(limits, axis, words):
+    with pytest.raises(BoardError, match=f"axis 0.*{words}"):
+        table([replace(CHANNELS[0], **limits)], [encoder_axis(0, **axis)])

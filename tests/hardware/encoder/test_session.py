@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from armctl.errors import BoardTimeoutError, StateError
-from armctl.hardware.encoder.messages import Event, Realtime, Refusal, seal
+from armctl.hardware.encoder.messages import Realtime, Refusal, seal
 from armctl.hardware.encoder.session import EncoderSession
 from armctl.runtime.clock import ManualClock
 
@@ -124,7 +124,7 @@ def test_status_lines_without_end_do_not_keep_it_waiting_for_an_answer(
 def test_a_flood_does_not_keep_it_for_ever(wire: Wire, session: EncoderSession):
     wire.read = lambda count, timeout_s: b"x" * count
     session.drain()
-    assert session.heard.status is None
+    assert session.status is None
 
 
 def test_refusals(wire: Wire, session: EncoderSession):
@@ -187,7 +187,7 @@ def test_a_command_does_not_wait_for_what_was_posted_before(wire: Wire, session:
     session.post("HELLO")
     wire.expect(b"2 EN 1*5689\n", seal("1 err OFF") + seal("2 ok"))
     assert session.command("EN 1") == ""
-    session.turn_page()
+    session.acknowledge()
     assert session.settle() == ()
 
 
@@ -218,20 +218,18 @@ def test_the_newest_status_counts_and_an_old_one_is_asked_for_anew(
 def test_a_status_from_before_a_command_counts_no_more(wire: Wire, session: EncoderSession):
     wire.incoming = seal(STATUS.format(ms=20, count=1))
     session.drain()
-    assert session.heard.status is not None
+    assert session.status is not None
     wire.expect(b"1 HELLO*7DF0\n", seal(STATUS.format(ms=40, count=2)) + seal("1 ok"))
     session.command("HELLO")
-    assert session.heard.status is None
+    assert session.status is None
 
 
-def test_events_are_kept_but_not_without_end(wire: Wire, session: EncoderSession):
-    wire.incoming = seal("! homed 3")
+def test_why_homing_failed_is_kept_until_the_user_has_taken_note(wire: Wire, session: EncoderSession):
+    wire.incoming = seal("! homed 2") + seal("! home failed 3 notfound") + seal("! home failed x")
     session.drain()
-    assert session.heard.take_events() == (Event(("homed", "3")),)
-    assert session.heard.take_events() == ()
-    wire.incoming = seal("! held") * 1000
-    session.drain()
-    assert len(session.heard.take_events()) == 64
+    assert session.homing_failures == {3: "notfound"}
+    session.acknowledge()
+    assert session.homing_failures == {}
 
 
 @pytest.mark.parametrize(
@@ -247,19 +245,17 @@ def test_events_are_kept_but_not_without_end(wire: Wire, session: EncoderSession
 def test_a_clock_that_goes_back_is_a_restart(
     wire: Wire, session: EncoderSession, before_ms, after_ms, restarted
 ):
-    session.heard.begin()
     for ms in (before_ms, after_ms):
         wire.incoming = seal(STATUS.format(ms=ms, count=0))
         session.drain()
-    assert (session.heard.restarted, session.heard.restarts) == (("unknown", 1) if restarted else (None, 0))
+    assert (session.restarted, session.restarts) == (("unknown", 1) if restarted else (None, 0))
 
 
 def test_a_banner_is_one_restart(wire: Wire, session: EncoderSession):
-    session.heard.begin()
     wire.incoming = seal(STATUS.format(ms=5000, count=0))
     wire.incoming += seal("# armctl-encoder 1.1.0 proto=2 axes=6 reset=brownout")
     wire.incoming += seal(STATUS.format(ms=20, count=0)) + seal(STATUS.format(ms=40, count=0))
     session.drain()
-    assert (session.heard.restarted, session.heard.restarts) == ("brownout", 1)
-    session.turn_page()
-    assert (session.heard.restarted, session.heard.restarts) == (None, 1)
+    assert (session.restarted, session.restarts) == ("brownout", 1)
+    session.acknowledge()
+    assert (session.restarted, session.restarts) == (None, 1)

@@ -10,17 +10,21 @@ from tests.hardware.encoder.kit import Bench, encoder_axis
 from armctl.hardware import ChannelSettings
 from armctl.hardware.encoder.messages import Banner, FaultKind, Mode, Status, decode
 from armctl.hardware.encoder.simulated import SimulatedEncoderBoard, simulated_encoder_board
-from armctl.hardware.encoder.simulated_axis import FIRMWARE_DEFAULTS, AxisPlant, SimulatedAxis, plant_of
+from armctl.hardware.encoder.simulated_axis import (
+    FIRMWARE_DEFAULTS,
+    TICK_S,
+    AxisPlant,
+    SimulatedAxis,
+    plant_of,
+)
 from armctl.robot import load_robot
 from armctl.runtime import channel_settings
-
-TICK_S = 0.005
 
 
 def axis_at(count: int, **changes: int) -> SimulatedAxis:
     axis = SimulatedAxis(AxisPlant(low=-10_000.0, high=10_000.0, start=float(count)), FIRMWARE_DEFAULTS[0])
     axis.settings.update({"min": -9000, "max": 9000, "vmax": 1000, "amax": 5000, "ferr": 30000} | changes)
-    axis.set_zero()
+    axis.set_zero(0.0)
     return axis
 
 
@@ -31,7 +35,7 @@ def test_a_setpoint_is_reached_within_speed_and_acceleration(target, speed, acce
     axis.go(target, within)
     before, velocity = axis._reference, 0.0
     for _ in range(round((within + 1000 / speed + speed / acceleration + 1.0) / TICK_S)):
-        axis.tick(TICK_S)
+        axis.tick()
         now = (axis._reference - before) / TICK_S
         assert abs(now) <= speed * 1.0001
         assert abs(now - velocity) <= acceleration * TICK_S * 1.0001
@@ -44,7 +48,7 @@ def test_it_goes_there_linearly_in_time():
     axis.go(1000, 1.0)
     axis._reference = 0.0
     for tick in range(200):
-        axis.tick(TICK_S)
+        axis.tick()
         assert axis._reference == pytest.approx(1000 * (tick + 1) / 200, abs=12.0)
 
 
@@ -52,11 +56,11 @@ def test_a_halt_keeps_to_the_acceleration():
     axis = axis_at(0, vmax=1000, amax=2000)
     axis.go(5000, 0.1)
     for _ in range(200):
-        axis.tick(TICK_S)
+        axis.tick()
     begun = axis._reference
     axis.halt()
     for _ in range(200):
-        axis.tick(TICK_S)
+        axis.tick()
     assert axis._reference - begun == pytest.approx(1000**2 / (2 * 2000), rel=0.03)
     assert not axis.moving
 
@@ -65,7 +69,7 @@ def test_a_hard_stop_is_hard():
     axis = axis_at(0, max=20_000, vmax=20_000)
     axis.go(15_000, 0.1)
     for _ in range(600):
-        axis.tick(TICK_S)
+        axis.tick()
     assert axis.place == 10_000.0
 
 
@@ -74,10 +78,10 @@ def test_a_motor_that_may_not_push_harder_stalls_earlier(largest: int, fault: Fa
     axis = axis_at(0, kp=256, brk=0, dmax=largest)  # a step of drive a count
     axis.go(300, 0.1)
     for _ in range(20):
-        assert not axis.tick(TICK_S)
+        assert not axis.tick()
     axis.jammed = True
     axis.go(axis.count + 150, 0.1)  # a drive of 150 would be called for
-    faults = {axis.tick(TICK_S) for _ in range(200)}
+    faults = {axis.tick() for _ in range(200)}
     assert faults == {FaultKind(0), fault}
 
 
@@ -86,8 +90,8 @@ def test_the_plants_of_a_robot_can_be_homed():
     channels = channel_settings(robot)
     board = simulated_encoder_board(channels, robot.board_settings.axes)
     for limits, own in zip(channels, robot.board_settings.axes, strict=True):
-        plant = board.axes[own.axis].plant
-        if own.home_by == "switch":
+        plant = board.axes[own.entry.axis].plant
+        if own.entry.home_by == "switch":
             assert plant.low < limits.minimum < limits.maximum < plant.high
         assert plant.low <= plant.start <= plant.high
 
@@ -165,4 +169,4 @@ def test_no_noise_moves_anything(bursts):
         board.advance(now)
     assert not board.mode.powered
     assert [axis.place for axis in board.axes] == places
-    assert board.log == ()
+    assert not board.log

@@ -3,65 +3,21 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Literal
 
 import numpy as np
 from msgspec import Meta
 
-from armctl.errors import BoardError, InputError, RobotFileError
-from armctl.hardware.driver import ChannelScale, ChannelSettings, ChannelTable
+from armctl.errors import BoardError, RobotFileError
+from armctl.hardware.driver import ChannelSettings, ChannelTable
+from armctl.hardware.encoder import SCALE
 from armctl.robot.file import Name, NotNegative, Positive, Strict
 from armctl.robot.outputs import OutputMap
 from armctl.robot.outputs_of_file import BoardPart
 
-SCALE = ChannelScale("axis", "counts")
 _KEY = "encoder"
-_PERCENT = 0.01
-HomeBy = Literal["switch", "stall"]
-
-
-@dataclass(frozen=True, slots=True)
-class EncoderAxis:
-    """An axis of an encoder board, in counts and seconds."""
-
-    axis: int
-    home_order: int
-    """place in the homing order, from 1; those of one place follow each other by axis"""
-    home_toward: Literal[-1, 1]
-    """the direction, in counts, in which the switch (or the stop) is looked for first"""
-    home_by: HomeBy
-    home_speed: float
-    """[counts/s]"""
-    p: float
-    """gain of the position error [fraction of full drive a count]"""
-    i: float
-    """gain of its integral [fraction a count·s]"""
-    d: float
-    """gain of the velocity error [fraction a count/s]"""
-    breakaway: float
-    """drive below which a motor that stands does not move, 0..1"""
-    following_error: float
-    """distance from the setpoint that switches the motors off [counts]"""
-    stall_s: float
-    """the largest drive without movement for so long switches the motors off [s]"""
-    encoder_inverted: bool
-    motor_inverted: bool
-    switch_inverted: bool = False
-    """the home switch is closed all the time and opens when it is pressed"""
-    max_drive: float = 1.0
-    """the largest drive that the motor is given, 0..1; what it can push with"""
-
-
-@dataclass(frozen=True, slots=True)
-class EncoderSettings:
-    """What an encoder board must know of an arm besides the limits of its axes."""
-
-    axes: tuple[EncoderAxis, ...] = ()
-    """the gripper's last"""
-    differential: tuple[int, int] | None = None
-    """axes of the joints that two motors drive together, by their sum and their difference"""
 
 
 class AxisEntry(Strict, frozen=True):
@@ -69,10 +25,10 @@ class AxisEntry(Strict, frozen=True):
 
     axis: Annotated[int, Meta(ge=0, le=5)]
     home_order: Annotated[int, Meta(ge=1, le=15)]
-    """place in the homing order"""
+    """place in the homing order, from 1; those of one place follow each other by axis"""
     home_toward: Literal["+", "-"] = "-"
-    """which way the switch is looked for first"""
-    home_by: HomeBy = "switch"
+    """which way the switch (or the stop) is looked for first"""
+    home_by: Literal["switch", "stall"] = "switch"
     p_percent: NotNegative = 1.8
     """drive for a position error of one count [% of full drive]"""
     i_percent_s: NotNegative = 3.0
@@ -84,6 +40,7 @@ class AxisEntry(Strict, frozen=True):
     max_drive_percent: Annotated[float, Meta(gt=0, le=100)] = 100.0
     """the largest drive that the motor is given; what it can push with"""
     stall_s: Annotated[float, Meta(gt=0, le=5)] = 0.5
+    """the largest drive without movement for so long switches the motors off"""
     encoder_inverted: bool = False
     motor_inverted: bool = False
     switch_inverted: bool = False
@@ -117,37 +74,62 @@ class EncoderBoardEntry(Strict, frozen=True):
     """two joints that two motors drive together: the sum, and the difference"""
 
 
-class EncoderEntries:
-    """Reads ``encoder`` tables, and ``differential`` in ``[board]``."""
+@dataclass(frozen=True, slots=True)
+class EncoderAxis:
+    """A motor of an encoder board: its entry, and what follows from that in counts."""
 
-    def read(self, part: BoardPart) -> tuple[OutputMap | None, EncoderSettings]:
-        """The map of the joints, None where the file has none, and the axes behind it.
+    entry: AxisEntry
+    home_toward: Literal[-1, 1]
+    """the direction, in counts, in which the switch (or the stop) is looked for first"""
+    home_speed: float
+    """[counts/s]"""
+    following_error: float
+    """distance from the setpoint that switches the motors off [counts]"""
 
-        Raises:
-            RobotFileError: only some joints have an encoder, two share an axis, homing would end outside the
-                limits, or a differential names no two joints.
-        """
-        board = part.board(EncoderBoardEntry)
-        encoders = part.outputs(_KEY, EncoderEntry)
-        if not encoders:
-            return None, EncoderSettings((), _differential(part, board, encoders))
-        gripper = part.gripper(_KEY, GripperEncoderEntry, "closed_counts", "open_counts")
-        if gripper is not None:
-            _check_drive(gripper, f"{part.path}: gripper.encoder")
-        part.check_channels([one.axis for one in encoders], gripper and gripper.axis, "encoders")
-        for (name, (low, high)), encoder in zip(part.joints, encoders, strict=True):
-            part.check_scale(encoder.counts_per_deg, f"joints.{name}.encoder.counts_per_deg")
-            _check_drive(encoder, f"{part.path}: joints.{name}.encoder")
-            if not low <= encoder.home_deg <= high:
-                raise RobotFileError(
-                    f"{part.path}: joints.{name}.encoder.home_deg = {encoder.home_deg}° is outside the "
-                    f"limits {low}° … {high}°: homing would end where the joint may not be"
-                )
-        axes = [_joint_axis(encoder) for encoder in encoders]
-        if gripper is not None:
-            axes.append(_axis(gripper, 1, gripper.home_speed_counts_s, gripper.following_error_counts))
-        settings = EncoderSettings(tuple(axes), _differential(part, board, encoders))
-        return _output_map(part, encoders, gripper), settings
+
+@dataclass(frozen=True, slots=True)
+class EncoderSettings:
+    """What an encoder board must know of an arm besides the limits of its axes."""
+
+    axes: tuple[EncoderAxis, ...] = ()
+    """the gripper's last"""
+    differential: tuple[int, int] | None = None
+    """axes of the joints that two motors drive together, by their sum and their difference"""
+
+
+def read_entries(part: BoardPart) -> tuple[OutputMap | None, EncoderSettings]:
+    """The map of the joints, None where the file has none, and the axes behind it.
+
+    Raises:
+        RobotFileError: only some joints have an encoder, two share an axis, homing would end outside the
+            limits, or a differential names no two joints.
+    """
+    board = part.board(EncoderBoardEntry)
+    encoders = part.outputs(_KEY, EncoderEntry)
+    differential = _differential(part, board, encoders)
+    if not encoders:
+        return None, EncoderSettings((), differential)
+    gripper = part.gripper(_KEY, GripperEncoderEntry, "closed_counts", "open_counts")
+    part.check_channels([one.axis for one in encoders], gripper and gripper.axis, "encoders")
+    axes: list[EncoderAxis] = []
+    for (name, (low, high)), entry in zip(part.joints, encoders, strict=True):
+        part.check_scale(entry.counts_per_deg, f"joints.{name}.encoder.counts_per_deg")
+        _check_drive(entry, f"{part.path}: joints.{name}.encoder")
+        if not low <= entry.home_deg <= high:
+            raise RobotFileError(
+                f"{part.path}: joints.{name}.encoder.home_deg = {entry.home_deg}° is outside the "
+                f"limits {low}° … {high}°: homing would end where the joint may not be"
+            )
+        per_deg = abs(entry.counts_per_deg)
+        toward = 1 if (entry.home_toward == "+") == (entry.counts_per_deg > 0) else -1
+        axes.append(
+            EncoderAxis(entry, toward, entry.home_speed_deg_s * per_deg, entry.following_error_deg * per_deg)
+        )
+    if gripper is not None:
+        _check_drive(gripper, f"{part.path}: gripper.encoder")
+        toward = 1 if gripper.home_toward == "+" else -1
+        axes.append(EncoderAxis(gripper, toward, gripper.home_speed_counts_s, gripper.following_error_counts))
+    return _output_map(part, encoders, gripper), EncoderSettings(tuple(axes), differential)
 
 
 def _output_map(
@@ -196,128 +178,104 @@ def _check_drive(entry: AxisEntry, where: str) -> None:
         )
 
 
-def _joint_axis(entry: EncoderEntry) -> EncoderAxis:
-    per_deg = abs(entry.counts_per_deg)
-    turn = 1 if entry.counts_per_deg > 0 else -1
-    return _axis(entry, turn, entry.home_speed_deg_s * per_deg, entry.following_error_deg * per_deg)
-
-
-def _axis(entry: AxisEntry, turn: int, home_speed: float, following_error: float) -> EncoderAxis:
-    """``turn``: -1 where the joint's angle grows against the counts."""
-    return EncoderAxis(
-        axis=entry.axis,
-        home_order=entry.home_order,
-        home_toward=1 if (entry.home_toward == "+") == (turn > 0) else -1,
-        home_by=entry.home_by,
-        home_speed=home_speed,
-        p=entry.p_percent * _PERCENT,
-        i=entry.i_percent_s * _PERCENT,
-        d=entry.d_percent * _PERCENT,
-        breakaway=entry.breakaway_percent * _PERCENT,
-        following_error=following_error,
-        stall_s=entry.stall_s,
-        encoder_inverted=entry.encoder_inverted,
-        motor_inverted=entry.motor_inverted,
-        switch_inverted=entry.switch_inverted,
-        max_drive=entry.max_drive_percent * _PERCENT,
-    )
-
-
-# The numbers that a configuration line may carry (firmware/README.md, CFG).
-
-WIRE_RANGES: dict[str, tuple[int, int]] = {
-    "min": (-1_000_000, 1_000_000),
-    "max": (-1_000_000, 1_000_000),
-    "hpos": (-1_000_000, 1_000_000),
-    "vmax": (1, 20_000),
-    "hv": (1, 20_000),
-    "amax": (1, 65_535),
-    "kp": (0, 32_767),
-    "ki": (0, 32_767),
-    "kd": (0, 32_767),
-    "brk": (0, 255),
-    "dmax": (1, 255),
-    "ferr": (1, 30_000),
-    "stall": (20, 5_000),
-    "hord": (0, 6),
-    "hdir": (-1, 1),
-    "hmode": (0, 1),
-    "inv": (0, 1),
-    "minv": (0, 1),
-    "sinv": (0, 1),
-}
-
-
-def check_wire(axis: int, name: str, value: float, key: str, per_unit: float = 1.0) -> None:
-    """Refuse a value that does not fit its key.
-
-    Args:
-        axis: whose setting it is.
-        name: what the user calls it.
-        value: in the user's unit.
-        key: how the board calls it.
-        per_unit: board units in one of the user's.
-
-    Raises:
-        InputError: not finite, or outside what the board takes.
-    """
-    low, high = WIRE_RANGES[key]
-    if not math.isfinite(value) or not low <= value * per_unit <= high:
-        raise InputError(
-            f"axis {axis}: {name} {value:g} is outside {low / per_unit:g} … {high / per_unit:g}, "
-            "which is what an encoder board takes"
-        )
-
-
-# What a robot file says of a motor with an encoder, as the board is told.
+# The settings that the CFG lines of a board carry (firmware/README.md).
 
 _FULL_DRIVE = 255
-_GAIN_STEPS = 256  # the board takes gains in 1/256 of a PWM step
-_GAIN_UNIT = _FULL_DRIVE * _GAIN_STEPS
-_MS = 1000.0
+_GAIN_UNIT = _FULL_DRIVE * 256  # the board takes gains in 1/256 of a PWM step
 
 
-def check_axis(axis: EncoderAxis) -> None:
-    """Refuse what the board would refuse, before there is a board.
+@dataclass(frozen=True, slots=True)
+class WireSetting:
+    """A setting of an axis as the board takes it: a whole number from ``low`` to ``high``."""
 
-    Raises:
-        InputError: a value that no encoder board takes; names the axis and the value.
+    low: int
+    high: int
+    name: str = ""
+    """what the user calls it"""
+    per_unit: float = 1.0
+    """board units in one of the user's"""
+    whole: Callable[[float], int] = round
+    """limits are rounded so that the board never exceeds them"""
+
+
+_FLAG = WireSetting(0, 1)
+WIRE: Mapping[str, WireSetting] = {
+    "min": WireSetting(-1_000_000, 1_000_000, "minimum", whole=math.ceil),
+    "max": WireSetting(-1_000_000, 1_000_000, "maximum", whole=math.floor),
+    "vmax": WireSetting(1, 20_000, "speed", whole=math.floor),
+    "amax": WireSetting(1, 65_535, "acceleration", whole=math.floor),
+    "kp": WireSetting(0, 32_767, "gain p", _GAIN_UNIT),
+    "ki": WireSetting(0, 32_767, "gain i", _GAIN_UNIT),
+    "kd": WireSetting(0, 32_767, "gain d", _GAIN_UNIT),
+    "brk": WireSetting(0, 255, "breakaway", _FULL_DRIVE),
+    "ferr": WireSetting(1, 30_000, "following error"),
+    "stall": WireSetting(20, 5_000, "stall time", 1000.0),
+    "hdir": WireSetting(-1, 1),
+    "hv": WireSetting(1, 20_000, "homing speed", whole=math.floor),
+    "hpos": WireSetting(-1_000_000, 1_000_000),
+    "hord": WireSetting(0, 6),
+    "hmode": _FLAG,
+    "inv": _FLAG,
+    "minv": _FLAG,
+    "sinv": _FLAG,
+    "dmax": WireSetting(1, 255, "largest drive", _FULL_DRIVE, math.floor),
+}
+"""by the key on the wire"""
+_LINES = (
+    ("min", "max", "vmax", "amax"),
+    ("kp", "ki", "kd", "brk", "dmax", "ferr", "stall"),
+    ("hdir", "hv", "hpos", "hord", "hmode", "inv", "minv", "sinv"),
+)
+
+
+def _to_wire(axis: int, key: str, value: float) -> int:
+    """A value in the user's unit as the board takes it; ``BoardError`` where it does not."""
+    setting = WIRE[key]
+    low, high, per_unit = setting.low, setting.high, setting.per_unit
+    if not math.isfinite(value) or not low <= value * per_unit <= high:
+        raise BoardError(
+            f"axis {axis}: {setting.name} {value:g} is outside {low / per_unit:g} … {high / per_unit:g}, "
+            "which is what an encoder board takes"
+        )
+    return setting.whole(value * per_unit)
+
+
+def _axis_lines(limits: ChannelSettings, own: EncoderAxis, order: int) -> list[str]:
+    """The lines that tell the board of an axis; ``order`` is its place in homing, from 1.
+
+    The axis counts 0 at the edge of its switch, or at its stop: which angle that is, the robot file says.
+    The board's own limits reach as far as count 0, where the axis stands after homing: a gripper's stop is
+    beyond its range.
     """
-    number = axis.axis
-    check_wire(number, "homing speed", axis.home_speed, "hv")
-    check_wire(number, "following error", axis.following_error, "ferr")
-    check_wire(number, "stall time", axis.stall_s, "stall", _MS)
-    check_wire(number, "breakaway", axis.breakaway, "brk", _FULL_DRIVE)
-    check_wire(number, "largest drive", axis.max_drive, "dmax", _FULL_DRIVE)
-    for name, gain, key in (("p", axis.p, "kp"), ("i", axis.i, "ki"), ("d", axis.d, "kd")):
-        check_wire(number, f"gain {name}", gain, key, _GAIN_UNIT)
-
-
-def control_line(axis: EncoderAxis) -> str:
-    """The line that sets gains, drive and trips."""
-    kp, ki, kd = (round(gain * _GAIN_UNIT) for gain in (axis.p, axis.i, axis.d))
-    largest = math.floor(axis.max_drive * _FULL_DRIVE)  # never more than it may be
-    return (
-        f"CFG {axis.axis} kp={kp} ki={ki} kd={kd} "
-        f"brk={min(round(axis.breakaway * _FULL_DRIVE), largest)} dmax={largest} "
-        f"ferr={round(axis.following_error)} stall={round(axis.stall_s * _MS)}"
-    )
-
-
-def homing_line(axis: EncoderAxis, order: int) -> str:
-    """The line that sets how the axis is wired and homed; ``order`` is its place on the board, from 1.
-
-    It counts 0 at the edge of its switch, or at its stop: which angle that is, the robot file says.
-    """
-    wiring = (axis.encoder_inverted, axis.motor_inverted, axis.switch_inverted)
-    inv, minv, sinv = map(int, wiring)
-    return (
-        f"CFG {axis.axis} hdir={axis.home_toward} hv={math.floor(axis.home_speed)} hpos=0 hord={order} "
-        f"hmode={int(axis.home_by == 'stall')} inv={inv} minv={minv} sinv={sinv}"
-    )
-
-
-_LEAVE = "-"
+    entry, axis = own.entry, limits.channel
+    if limits.speed is None or limits.acceleration is None:
+        raise BoardError(f"axis {axis}: an encoder board needs a speed and an acceleration limit")
+    values = {
+        "hv": own.home_speed,
+        "ferr": own.following_error,
+        "stall": entry.stall_s,
+        "brk": entry.breakaway_percent * 0.01,
+        "dmax": entry.max_drive_percent * 0.01,
+        "kp": entry.p_percent * 0.01,
+        "ki": entry.i_percent_s * 0.01,
+        "kd": entry.d_percent * 0.01,
+        "min": limits.minimum,
+        "max": limits.maximum,
+        "vmax": limits.speed,
+        "amax": limits.acceleration,
+        "hdir": own.home_toward,
+        "hpos": 0,
+        "hord": order,
+        "hmode": entry.home_by == "stall",
+        "inv": entry.encoder_inverted,
+        "minv": entry.motor_inverted,
+        "sinv": entry.switch_inverted,
+    }
+    wire = {key: _to_wire(axis, key, value) for key, value in values.items()}
+    if not wire["min"] < wire["max"]:
+        raise BoardError(f"axis {axis}: {limits.minimum:g} … {limits.maximum:g} counts is no range")
+    wire |= {"min": min(wire["min"], 0), "max": max(wire["max"], 0), "brk": min(wire["brk"], wire["dmax"])}
+    return [f"CFG {axis} {' '.join(f'{key}={wire[key]}' for key in keys)}" for keys in _LINES]
 
 
 class AxisTable:
@@ -325,50 +283,40 @@ class AxisTable:
 
     Args:
         channels: what each axis may do, in counts; a channel is an axis.
-        axes: how each is controlled and homed.
-        differential: the two axes of a differential wrist, None without one.
+        arm: how each axis is controlled and homed.
         count: how many axes the board has.
 
     Raises:
-        BoardError: an axis that the board has not, twice the same one, one without settings, or limits
+        BoardError: an axis that the board has not, twice the same one, one without settings, or values
             that the board cannot keep.
     """
 
-    def __init__(
-        self,
-        channels: Sequence[ChannelSettings] = (),
-        axes: Sequence[EncoderAxis] = (),
-        differential: tuple[int, int] | None = None,
-        count: int = 0,
-    ) -> None:
+    def __init__(self, channels: Sequence[ChannelSettings], arm: EncoderSettings, count: int) -> None:
         self._count = count
-        self._differential = differential
-        self._axes = {one.axis: one for one in axes}
-        self._table = ChannelTable(SCALE, channels, self._check)
-
-    @property
-    def axes(self) -> tuple[int, ...]:
-        """The configured axes, lowest first."""
-        return self._table.channels
-
-    @property
-    def homing_order(self) -> tuple[int, ...]:
-        """The configured axes in the order in which they are homed."""
-        return tuple(sorted(self.axes, key=lambda axis: (self._axes[axis].home_order, axis)))
-
-    def configuration(self) -> tuple[str, ...]:
-        """The lines that tell the board all of this."""
-        places = sorted({self._axes[axis].home_order for axis in self.axes})
-        lines = ["PAIR NONE" if self._differential is None else "PAIR {} {}".format(*self._differential)]
+        self._table = ChannelTable(SCALE, channels)
+        self.axes = self._table.channels
+        """the configured axes, lowest first"""
+        known = {one.entry.axis: one for one in arm.axes}
+        for axis in self.axes:
+            if not 0 <= axis < count:
+                raise BoardError(f"axis {axis}: the board has axes 0 … {count - 1}; change the robot file")
+            if axis not in known:
+                raise BoardError(
+                    f"axis {axis} has no encoder settings; give its joint some in the robot file"
+                )
+        order = {axis: known[axis].entry.home_order for axis in self.axes}
+        self.homing_order = tuple(sorted(self.axes, key=lambda axis: (order[axis], axis)))
+        """the configured axes in the order in which they are homed"""
+        places = sorted(set(order.values()))  # the board counts to 6, a robot file may go further
+        lines = ["PAIR NONE" if arm.differential is None else "PAIR {} {}".format(*arm.differential)]
         limits = dict(zip(self.axes, self._table.settings, strict=True))
-        for axis in range(self._count):
+        for axis in range(count):
             if axis in limits:
-                own = self._axes[axis]
-                place = places.index(own.home_order) + 1  # the board counts to 6, a robot file may go further
-                lines += [_limits_line(limits[axis]), control_line(own), homing_line(own, place)]
+                lines += _axis_lines(limits[axis], known[axis], places.index(order[axis]) + 1)
             else:
                 lines.append(f"CFG {axis} hord=0")
-        return tuple(lines)
+        self.configuration = tuple(lines)
+        """the lines that tell the board all of this"""
 
     def setpoints_line(self, setpoints: Mapping[int, float], reach_ms: int) -> str:
         """The line for setpoints [joint counts] by axis, to be reached in ``reach_ms``; the others stay.
@@ -377,43 +325,5 @@ class AxisTable:
             BoardError: not configured, not finite, or outside the limits.
         """
         counts = {axis: self._table.admit(axis, value) for axis, value in setpoints.items()}
-        fields = " ".join(str(counts.get(axis, _LEAVE)) for axis in range(self._count))
+        fields = " ".join(str(counts.get(axis, "-")) for axis in range(self._count))
         return f"P {fields} {reach_ms}"
-
-    def _check(self, one: ChannelSettings) -> None:
-        if not 0 <= one.channel < self._count:
-            raise BoardError(
-                f"axis {one.channel}: the board has axes 0 … {self._count - 1}; change the robot file"
-            )
-        own = self._axes.get(one.channel)
-        if own is None:
-            raise BoardError(
-                f"axis {one.channel} has no encoder settings; give its joint some in the robot file"
-            )
-        if one.speed is None or one.acceleration is None:
-            raise BoardError(f"axis {one.channel}: an encoder board needs a speed and an acceleration limit")
-        try:
-            check_axis(own)
-            for name, value, key in (
-                ("minimum", one.minimum, "min"),
-                ("maximum", one.maximum, "max"),
-                ("speed", one.speed, "vmax"),
-                ("acceleration", one.acceleration, "amax"),
-            ):
-                check_wire(one.channel, name, value, key)
-        except InputError as error:
-            raise BoardError(str(error)) from error
-        low, high = SCALE.whole_range(one)
-        if not low < high:
-            raise BoardError(f"axis {one.channel}: {one.minimum:g} … {one.maximum:g} counts is no range")
-
-
-def _limits_line(limits: ChannelSettings) -> str:
-    """The line that sets the board's own limits.
-
-    They reach as far as count 0, where the axis stands after homing: a gripper's stop is beyond its range.
-    """
-    low, high = SCALE.whole_range(limits)
-    # Rounded down: the board never runs faster than the limit; the range keeps both above 0.
-    speed, acceleration = math.floor(limits.speed or 0.0), math.floor(limits.acceleration or 0.0)
-    return f"CFG {limits.channel} min={min(low, 0)} max={max(high, 0)} vmax={speed} amax={acceleration}"

@@ -9,15 +9,27 @@ from armctl.errors import BoardError
 from armctl.hardware import arduino
 from armctl.hardware.board_type import BoardType, ByteModel, Ear, Setup
 from armctl.hardware.driver import Driver
-from armctl.hardware.encoder.axes import SCALE, AxisTable, EncoderEntries, EncoderSettings
-from armctl.hardware.encoder.messages import FLASH_IT
+from armctl.hardware.encoder import FLASH_IT, SCALE
 
 if TYPE_CHECKING:
+    from armctl.hardware.encoder.axes import EncoderSettings
     from armctl.hardware.findings import CheckUp, Finding
     from armctl.hardware.transport import Connection
+    from armctl.robot.outputs import OutputMap
+    from armctl.robot.outputs_of_file import BoardPart
 
 _TIMEOUT_S, _SIMULATED_TIMEOUT_S = 0.1, 0.5
 _MOST_AXES = 6
+
+
+class EncoderEntries:
+    """Reads ``encoder`` tables, and ``differential`` in ``[board]``."""
+
+    def read(self, part: BoardPart) -> tuple[OutputMap | None, EncoderSettings]:
+        """The map of the joints, and the axes behind it (``axes.read_entries``)."""
+        from armctl.hardware.encoder.axes import read_entries
+
+        return read_entries(part)
 
 
 class EncoderBoard(BoardType):
@@ -59,16 +71,17 @@ class EncoderBoard(BoardType):
 
     def refusal(self, setup: Setup) -> str | None:
         """What the board would refuse."""
-        settings = _settings(setup)
+        from armctl.hardware.encoder.axes import AxisTable
+
         try:
-            AxisTable(setup.channels, settings.axes, settings.differential, _MOST_AXES).configuration()
+            AxisTable(setup.channels, _settings(setup), _MOST_AXES)
         except BoardError as refusal:
             return str(refusal)
         return None
 
     def ear(self) -> Ear:
         """Hears the banner, and the status line that comes 50 times a second."""
-        from armctl.hardware.encoder.watch import EncoderEar
+        from armctl.hardware.encoder.session import EncoderEar
 
         return EncoderEar()
 
@@ -80,4 +93,6 @@ class EncoderBoard(BoardType):
 
 
 def _settings(setup: Setup) -> EncoderSettings:
+    from armctl.hardware.encoder.axes import EncoderSettings
+
     return setup.settings if isinstance(setup.settings, EncoderSettings) else EncoderSettings()

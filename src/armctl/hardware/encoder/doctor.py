@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from armctl.hardware.encoder.messages import PROTOCOL, Banner, Status, decode_banner, fault_words, flag_words
+from collections.abc import Iterable
+
+from armctl.hardware.encoder.messages import PROTOCOL, Banner, Status, decode_banner
 from armctl.hardware.encoder.session import EncoderSession, protocol_advice
 from armctl.hardware.findings import CheckUp, Finding, Needs, failed, not_checked, ok, round_trips, warning
 
@@ -22,12 +24,15 @@ def examine_encoder(check_up: CheckUp) -> list[Finding]:
     session = EncoderSession(check_up.line, check_up.now, _TIMEOUT_S)
     banner = decode_banner(session.command("HELLO"))
     status = session.fresh_status(_OLDEST_STATUS_S)
+    wrong = "; ".join(status.words())
     return [
         _firmware(banner),
         _axes(banner, check_up.needs),
         not_checked("ranges", "armctl tells the board its soft limits when it connects"),
         _state(status),
-        _faults(status),
+        warning("error register", wrong, "Release in the page, or homing, clears it")
+        if wrong
+        else ok("error register", "empty"),
         ok("watchdog", "the firmware switches the motors off when it hears nothing for at most 500 ms"),
         round_trips(lambda: session.command("PING"), check_up.now),
         _supply(banner),
@@ -42,35 +47,26 @@ def _firmware(banner: Banner) -> Finding:
 
 
 def _axes(banner: Banner, needs: Needs) -> Finding:
-    channels = needs.channels
-    if not channels:
+    if not needs.channels:
         return needs.not_known("channels")
-    beyond = [str(one.channel) for one in channels if one.channel >= banner.axes]
+    axes = [one.channel for one in needs.channels]
+    beyond = [axis for axis in axes if axis >= banner.axes]
     if beyond:
-        seen = f"axis {', '.join(beyond)}: the board has axes 0 … {banner.axes - 1}"
+        seen = f"axis {_listed(beyond)}: the board has axes 0 … {banner.axes - 1}"
         return failed("channels", seen, "change the robot file")
-    axes = ", ".join(str(one.channel) for one in channels)
-    return ok("channels", f"axes {axes}: the board has them")
+    return ok("channels", f"axes {_listed(axes)}: the board has them")
 
 
 def _state(status: Status) -> Finding:
-    homed = [str(axis) for axis, is_homed in enumerate(status.homed) if is_homed]
-    closed = [str(axis) for axis, is_closed in enumerate(status.switches) if is_closed]
+    homed, closed = (
+        _listed([axis for axis, on in enumerate(flags) if on]) or "none"
+        for flags in (status.homed, status.switches)
+    )
     return ok(
         "outputs",
-        f"motors {'on' if status.mode.powered else 'off'}; homed axes: {', '.join(homed) or 'none'}; "
-        f"home switches closed: {', '.join(closed) or 'none'}; counts {', '.join(map(str, status.counts))}",
+        f"motors {'on' if status.mode.powered else 'off'}; homed axes: {homed}; "
+        f"home switches closed: {closed}; counts {_listed(status.counts)}",
     )
-
-
-def _faults(status: Status) -> Finding:
-    words = [
-        *flag_words(status.flags),
-        *(f"axis {axis}: {fault_words(faults)}" for axis, faults in enumerate(status.faults) if faults),
-    ]
-    if not words:
-        return ok("error register", "empty")
-    return warning("error register", "; ".join(words), "Release in the page, or homing, clears it")
 
 
 def _supply(banner: Banner) -> Finding:
@@ -80,3 +76,7 @@ def _supply(banner: Banner) -> Finding:
     return not_checked(
         "supply", f"last started by: {banner.reset}; the board does not measure it", _SUPPLY_ADVICE
     )
+
+
+def _listed(numbers: Iterable[int]) -> str:
+    return ", ".join(map(str, numbers))

@@ -7,9 +7,8 @@ from collections.abc import Callable, Mapping, Sequence
 from armctl.errors import ArmctlError, BoardError, BoardTimeoutError, StateError
 from armctl.hardware.driver import BoardIdentity, ChannelSettings, HomingState, Readback, Source
 from armctl.hardware.encoder.axes import AxisTable, EncoderSettings
-from armctl.hardware.encoder.messages import Banner, Mode, Realtime, Status
-from armctl.hardware.encoder.session import EncoderSession, greet
-from armctl.hardware.encoder.watch import BoardWatch, earlier_words
+from armctl.hardware.encoder.messages import BoardFlag, Mode, Realtime, Status, fault_words, flag_words
+from armctl.hardware.encoder.session import EncoderSession
 from armctl.hardware.transport import Connection
 
 WATCHDOG_MS = 500
@@ -22,6 +21,19 @@ _REACH_MS = 30  # longer than the 20 ms between setpoints: one that comes late f
 _OLDEST_STATUS_S = 0.05
 _KEEP_ALIVE_S = 0.1
 _BYTE_ATTEMPTS = 3
+
+_BAD_STARTS = ("brownout", "watchdog")
+_HOMING_FAILURES = {
+    "notfound": "the switch was not found, on either side",
+    "stuck": "the switch stays closed",
+    "timeout": "it took too long",
+}
+_RESETS = {
+    "power": "its supply was interrupted",
+    "external": "its port was opened by another program, or its reset button pressed",
+    "brownout": "its supply voltage sagged",
+    "watchdog": "its program hung",
+}
 
 
 class EncoderDriver:
@@ -47,7 +59,7 @@ class EncoderDriver:
         self._now = connection.now
         self._timeout_s = timeout_s
         self._opened: EncoderSession | None = None
-        self._forget()
+        self._forget_board()
 
     def open(self) -> BoardIdentity:
         """Open the line and make sure that the right firmware answers, with enough axes.
@@ -55,12 +67,17 @@ class EncoderDriver:
         A board that starts anew when its port is opened may take 5 s.
         """
         self.close()
-        self._forget()
+        self._forget_board()
         transport, info = self._connection.open()
         session = self._opened = EncoderSession(transport, self._now, self._timeout_s)
         try:
-            banner = greet(session, transport, resets=self._connection.restarts_board)
-            self._check_axes(banner, session.name)
+            banner = session.greet(resets=self._connection.restarts_board)
+            last = max((one.entry.axis for one in self._arm.axes), default=0)
+            if last >= banner.axes:
+                raise BoardError(
+                    f"{session.name}: the board has axes 0 … {banner.axes - 1}, but the robot file uses axis "
+                    f"{last}; choose the robot that belongs to this board, or change its file"
+                )
             status = self._seen = session.fresh_status(_OLDEST_STATUS_S)
         except ArmctlError:
             self.close()
@@ -72,7 +89,7 @@ class EncoderDriver:
             serial_number=info.serial_number if info else None,
             simulated=self._connection.simulated,
             notes=() if self._connection.simulated else (SILENCE_NOTE,),
-            earlier=earlier_words(status, banner.reset),
+            earlier=_earlier_words(status, banner.reset),
         )
 
     def configure(self, channels: Sequence[ChannelSettings]) -> None:
@@ -82,8 +99,8 @@ class EncoderDriver:
             StateError: the motors are on with other settings.
         """
         session = self._board
-        table = AxisTable(channels, self._arm.axes, self._arm.differential, self._count)
-        self._settings.tell(session, table)
+        table = AxisTable(channels, self._arm, self._count)
+        self._send_settings(session, table)
         self._table = table
 
     def write(self, setpoints: Mapping[int, float]) -> None:
@@ -101,9 +118,9 @@ class EncoderDriver:
         if not setpoints:
             return
         self._check_may_move(setpoints)
-        if not self._watch.on:
+        if not self._on:
             session.command("EN 1")
-            self._watch.acknowledge(on=True)
+            self._on = True
         if self._held or (self._seen is not None and self._seen.mode is Mode.HELD):
             session.realtime(Realtime.RELEASE_HOLD)
             self._held = False
@@ -118,7 +135,20 @@ class EncoderDriver:
         session = self._board
         refusals = session.settle()
         status = self._seen = session.fresh_status(_OLDEST_STATUS_S)
-        errors = self._watch.observe(status, session.heard.restarted, session.heard.take_events())
+        errors = [] if session.restarted is None else [_restart_words(session.restarted)]
+        errors += flag_words(status.flags)
+        failures = session.homing_failures
+        faults = {
+            axis: fault_words(fault, _HOMING_FAILURES.get(failures.get(axis, ""), failures.get(axis, "")))
+            for axis, fault in enumerate(status.faults)
+            if fault
+        }
+        # A board that brakes because nobody spoke to it switches its motors off in a moment.
+        goes_off = not status.mode.powered or BoardFlag.WATCHDOG in status.flags
+        if self._on and (goes_off or session.restarted is not None):
+            self._on, self._went_off = False, True
+        if self._went_off and not errors and not faults:
+            errors.append("the board switched its motors off by itself")
         if session.idle_s >= _KEEP_ALIVE_S:
             session.post("PING")
         return Readback(
@@ -126,9 +156,9 @@ class EncoderDriver:
                 axis: float(status.counts[axis]) if status.homed[axis] else None for axis in self._table.axes
             },
             source=Source.MEASURED,
-            errors=errors + tuple(f"a setpoint was refused: {one}" for one in refusals),
-            powered=status.mode.powered and not self._watch.went_off,
-            faults=self._watch.faults,
+            errors=(*errors, *(f"a setpoint was refused: {one}" for one in refusals)),
+            powered=status.mode.powered and not self._went_off,
+            faults=faults,
             homing=self._homing_state(status),
         )
 
@@ -150,14 +180,14 @@ class EncoderDriver:
         session = self._board
         if not self._table.axes:
             raise BoardError("no axis is configured, so there is nothing to home; configure the board first")
-        self._settings.tell(session, self._table)
+        self._send_settings(session, self._table)
         status = session.fresh_status(_OLDEST_STATUS_S)
         if status.latched:
             session.command("CLR")
         if status.mode is Mode.HELD:
             self._insist(session, Realtime.RELEASE_HOLD, _is_free)  # where that fails, HOME is refused
         session.command("HOME")
-        self._taken_note(session, on=True)
+        self._acknowledge(session, on=True)
 
     def release(self) -> None:
         """Motors off: joints that their gears do not hold sink. Clears latched faults.
@@ -176,7 +206,7 @@ class EncoderDriver:
             ) from silence
         if session.fresh_status(_OLDEST_STATUS_S).latched:
             session.command("CLR")
-        self._taken_note(session, on=False)
+        self._acknowledge(session, on=False)
 
     def close(self) -> None:
         """Close the line; never raises. The board switches its motors off when it hears nothing more."""
@@ -190,37 +220,53 @@ class EncoderDriver:
             raise BoardError("the encoder board is not connected; connect first")
         return self._opened
 
-    def _forget(self) -> None:
+    def _forget_board(self) -> None:
         """Know nothing any more of the board: it may be another one, or freshly started."""
         self._count = 0
-        self._table = AxisTable()
-        self._settings = ToldSettings()
-        self._watch = BoardWatch()
-        self._seen: Status | None = None
+        self._table = AxisTable((), self._arm, 0)
+        self._configured = False
+        self._sent_settings: tuple[tuple[str, ...], int] | None = None
+        """the lines that the board has, and after how many restarts; None where that is not certain"""
+        self._on = False
+        """armctl has switched the motors on"""
+        self._went_off = False
+        """the board has switched them off by itself; until the user has taken note they stay off"""
         self._held = False
+        self._seen: Status | None = None
 
-    def _check_axes(self, banner: Banner, name: str) -> None:
-        last = max((one.axis for one in self._arm.axes), default=0)
-        if last >= banner.axes:
-            raise BoardError(
-                f"{name}: the board has axes 0 … {banner.axes - 1}, but the robot file uses axis {last}; "
-                "choose the robot that belongs to this board, or change its file"
+    def _send_settings(self, session: EncoderSession, table: AxisTable) -> None:
+        """Send the settings unless the board has them: it forgets them when it starts anew."""
+        session.drain()
+        if self._sent_settings == (table.configuration, session.restarts):
+            return
+        status = session.fresh_status(_OLDEST_STATUS_S)
+        if status.mode.powered:
+            raise StateError(
+                f"{session.name}: the motors are on, and with other settings; release first, or wait half a "
+                "second after another program has let go of the board"
             )
+        if not self._configured and status.latched:
+            session.command("CLR")  # from before armctl connected; reported in the identity
+        restarts, self._sent_settings, self._configured = session.restarts, None, True
+        for line in (f"WD {WATCHDOG_MS}", *table.configuration):
+            session.command(line)
+        self._sent_settings = table.configuration, restarts
 
     def _insist(
         self, session: EncoderSession, byte: Realtime, shows: Callable[[Status | None], bool]
     ) -> bool:
         """Send a byte that the board obeys at once, again until its status shows it; whether it does."""
-        session.forget_status()
+        session.drain()
+        session.status = None  # what was said until now does not show yet what is asked for
         for _ in range(_BYTE_ATTEMPTS):
             session.realtime(byte)
             session.realtime(Realtime.STATUS)
-            if session.wait_until(lambda: shows(session.heard.status), self._timeout_s / _BYTE_ATTEMPTS):
+            if session.wait_until(lambda: shows(session.status), self._timeout_s / _BYTE_ATTEMPTS):
                 return True
         return False
 
     def _check_may_move(self, setpoints: Mapping[int, float]) -> None:
-        if self._watch.went_off:
+        if self._went_off:
             raise StateError(
                 "the board switched its motors off by itself; release (which clears its faults), see to the "
                 "cause and enable again"
@@ -232,10 +278,11 @@ class EncoderDriver:
         if lost:
             raise StateError(f"axis {', '.join(lost)}: not homed, so nobody knows where it is; home first")
 
-    def _taken_note(self, session: EncoderSession, *, on: bool) -> None:
-        session.turn_page()
-        self._watch.acknowledge(on=on)
-        self._held = False
+    def _acknowledge(self, session: EncoderSession, *, on: bool) -> None:
+        """The user has taken note; the motors are ``on`` from now on, or off."""
+        session.acknowledge()
+        self._on = on
+        self._went_off = self._held = False
         self._seen = session.fresh_status(_OLDEST_STATUS_S)
 
     def _homing_state(self, status: Status) -> HomingState:
@@ -256,38 +303,14 @@ def _is_free(status: Status | None) -> bool:
     return status is not None and status.mode is not Mode.HELD
 
 
-# What an encoder board has been told of its axes.
+def _earlier_words(status: Status, reset: str) -> tuple[str, ...]:
+    """What the first status shows of the time before armctl connected; ``reset``: why the board started."""
+    words = status.words()
+    if reset in _BAD_STARTS and not words:
+        words = [f"its last start was after a {reset} reset; check its supply"]
+    return tuple(f"before armctl connected, the board had reported: {one}" for one in words)
 
 
-class ToldSettings:
-    """Sends settings where the board has not got them: it forgets all of them when it starts anew."""
-
-    def __init__(self) -> None:
-        self._lines: tuple[str, ...] | None = None
-        """what the board has; None where that is not certain"""
-        self._restarts = 0
-        self._told = False
-
-    def tell(self, session: EncoderSession, table: AxisTable) -> None:
-        """Send what ``table`` says, unless the board has it.
-
-        Raises:
-            StateError: the motors are on with other settings.
-            BoardError: the board refuses, or the line is gone.
-        """
-        session.drain()
-        lines = table.configuration()
-        if lines == self._lines and session.heard.restarts == self._restarts:
-            return
-        status = session.fresh_status(_OLDEST_STATUS_S)
-        if status.mode.powered:
-            raise StateError(
-                f"{session.name}: the motors are on, and with other settings; release first, or wait half a "
-                "second after another program has let go of the board"
-            )
-        if not self._told and status.latched:
-            session.command("CLR")  # from before armctl connected; told in the identity
-        restarts, self._lines, self._told = session.heard.restarts, None, True
-        for line in (f"WD {WATCHDOG_MS}", *lines):
-            session.command(line)
-        self._lines, self._restarts = lines, restarts
+def _restart_words(reset: str) -> str:
+    why = f" ({_RESETS[reset]})" if reset in _RESETS else ""
+    return f"the board has started anew{why}: its motors are off and its zeros are lost; home again"

@@ -18,9 +18,7 @@ LONGEST_REQUEST = 96  # bytes without the line end
 LONGEST_MESSAGE = 192  # the longest that the board sends is a status line of about 120
 LARGEST_SEQUENCE = 0xFFFF
 
-_CRC_START = 0xFFFF
-_TAIL = 5  # "*" and four hexadecimal digits
-_HEX = frozenset(b"0123456789ABCDEF")
+_SEALED = re.compile(rb"(.*)\*([0-9A-F]{4})", re.DOTALL)
 
 
 class Realtime(IntEnum):
@@ -34,7 +32,7 @@ class Realtime(IntEnum):
 
 def crc16(data: bytes) -> int:
     """CRC-16/IBM-3740: polynomial 0x1021 from 0xFFFF, most significant bit first."""
-    return binascii.crc_hqx(data, _CRC_START)
+    return binascii.crc_hqx(data, 0xFFFF)
 
 
 def seal(text: str) -> bytes:
@@ -49,10 +47,11 @@ def unseal(line: bytes) -> str:
     Raises:
         BoardProtocolError: no checksum, a wrong one, or bytes that are no text.
     """
-    body, tail = line[:-_TAIL], line[-_TAIL:]
-    if len(tail) < _TAIL or tail[:1] != b"*" or not _HEX.issuperset(tail[1:]):
+    found = _SEALED.fullmatch(line)
+    if found is None:
         raise BoardProtocolError(f"{_shown(line)} has no checksum; this is no armctl encoder board")
-    if int(tail[1:], 16) != crc16(body):
+    body = found[1]
+    if int(found[2], 16) != crc16(body):
         raise BoardProtocolError(f"{_shown(line)} has a wrong checksum; the line garbles bytes")
     if not all(0x20 <= byte <= 0x7E for byte in body):
         raise BoardProtocolError(f"{_shown(line)} is no text; the line garbles bytes")
@@ -77,39 +76,23 @@ def _shown(line: bytes) -> str:
     return repr(line[:40].decode("ascii", "backslashreplace"))
 
 
-# Bytes to lines, whatever pieces they come in and whatever is between them.
-
-
 class LineReader:
-    """Collects bytes until a line end. A line that is too long is dropped whole.
+    """Collects bytes until a line end, in whatever pieces they come.
 
     Args:
-        longest: bytes that a line may have without its end.
+        longest: bytes that a line may have without its end; a longer one is dropped whole.
     """
 
     def __init__(self, longest: int) -> None:
         self._longest = longest
-        self._pending = bytearray()
-        self._dropping = False
+        self._pending = b""
 
     def feed(self, data: bytes) -> list[bytes | None]:
         """The lines that ``data`` completes, without their ends; None for each that was too long."""
-        lines: list[bytes | None] = []
-        *ended, rest = data.split(b"\n")
-        for piece in ended:
-            self._append(piece)
-            lines.append(None if self._dropping else bytes(self._pending).removesuffix(b"\r"))
-            self._pending.clear()
-            self._dropping = False
-        self._append(rest)
-        return lines
-
-    def _append(self, piece: bytes) -> None:
-        # One more than allowed may be the \r that belongs to the line end.
-        room = self._longest + 1 - len(self._pending)
-        self._dropping |= len(piece) > room
-        self._pending += piece[:room]
-        self._dropping |= len(self._pending) > self._longest and not self._pending.endswith(b"\r")
+        *ended, rest = (self._pending + data).split(b"\n")
+        self._pending = rest[: self._longest + 2]  # enough to know that it is too long, with or without \r
+        lines = [line.removesuffix(b"\r") for line in ended]
+        return [line if len(line) <= self._longest else None for line in lines]
 
 
 # What the board finds wrong with an axis or with itself, and how a user is told.
@@ -157,18 +140,13 @@ _BOARD_WORDS = {
 
 
 def fault_words(faults: FaultKind, detail: str = "") -> str:
-    """What is wrong with an axis, in words for the user that do not name it.
-
-    Args:
-        faults: of one axis; none gives an empty string.
-        detail: what the board said to it, if anything.
-    """
+    """What is wrong with one axis, in words that do not name it; ``detail``: what the board said to it."""
     words = "; ".join(words for kind, words in _AXIS_WORDS.items() if kind in faults)
     return f"{words} ({detail})" if words and detail else words
 
 
 def flag_words(flags: BoardFlag) -> tuple[str, ...]:
-    """What the board reports of itself, in words for the user."""
+    """What the board reports of itself, in words."""
     return tuple(words for flag, words in _BOARD_WORDS.items() if flag in flags)
 
 
@@ -213,6 +191,11 @@ class Status:
         """Whether there are flags or faults that CLR clears."""
         return bool(self.flags) or any(self.faults) or self.mode is Mode.TRIPPED
 
+    def words(self) -> list[str]:
+        """What is wrong with the board and its axes, in words."""
+        axes = enumerate(self.faults)
+        return [*flag_words(self.flags), *(f"axis {axis}: {fault_words(one)}" for axis, one in axes if one)]
+
     def encode(self) -> str:
         """The fields as the board sends them, without the ``@``."""
         faults = "".join(f"{fault:02x}" for fault in self.faults)
@@ -223,11 +206,7 @@ class Status:
 
 
 def decode_status(text: str) -> Status:
-    """The status in ``text``, the fields without the ``@``.
-
-    Raises:
-        BoardProtocolError: no status that the firmware can send.
-    """
+    """The status in ``text``, the fields without the ``@``; ``BoardProtocolError`` where it is none."""
     fields = text.split(" ")
     try:
         time_ms, mode, homed, switches, flags, faults, *counts = fields
@@ -266,12 +245,9 @@ def _known(bits: int, all_known: int) -> int:
 
 FIRMWARE = "armctl-encoder"
 PROTOCOL = 2
-FLASHING = "firmware/README.md says how under Flashing"
-FLASH_IT = f"flash armctl's encoder firmware ({FLASHING})"
 
 _ANSWER = re.compile(r"(\d{1,5}) (?:ok(?: (.*))?|err ([A-Z]+)(?: (.*))?)")
 _BANNER = re.compile(r"(\S+) (\S+) proto=(\d{1,4}) axes=(\d{1,2}) reset=([a-z]+)")
-_OF_STATE = frozenset({"MOVING", "NOTHOMED", "OFF", "HOLD", "FAULT", "BUSY"})
 _WHY = {
     "MOVING": "the motors are on; release first",
     "NOTHOMED": "an axis has not found its zero; home first",
@@ -301,25 +277,20 @@ class Refusal:
 
     def __str__(self) -> str:
         """Why, in words for the user."""
-        said = f"{self.code} {self.text}".rstrip()
-        return (
-            f"{_WHY[self.code]} (the board says: {said})" if self.code in _WHY else f"the board says: {said}"
-        )
+        said = f"the board says: {self.code} {self.text}".rstrip()
+        return f"{_WHY[self.code]} ({said})" if self.code in _WHY else said
 
     def error(self, asked: str) -> ArmctlError:
         """What to raise where this refuses the request ``asked``."""
-        if self.code in _OF_STATE:
-            kind = StateError
+        if self.code == "LIMIT":
+            kind = BoardError
         else:
-            kind = BoardError if self.code == "LIMIT" else BoardProtocolError
+            kind = StateError if self.code in _WHY else BoardProtocolError
         return kind(f"the board refused {asked!r}: {self}")
 
 
-@dataclass(frozen=True, slots=True)
-class Event:
-    """Something that happened on the board: ``("homed", "3")``."""
-
-    words: tuple[str, ...]
+Event = tuple[str, ...]
+"""Something that happened on the board: ``("homed", "3")``."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -351,30 +322,20 @@ def decode(line: bytes) -> Message:
     if kind == "@ ":
         return decode_status(rest)
     if kind == "! ":
-        return Event(tuple(rest.split(" ")))
+        return tuple(rest.split(" "))
     if kind == "# ":
         return decode_banner(rest)
-    return _decode_answer(text)
+    found = _ANSWER.fullmatch(text)
+    if found is None or int(found[1]) > LARGEST_SEQUENCE:
+        raise BoardProtocolError(f"{text!r} is nothing that an armctl encoder board says")
+    sequence = int(found[1])
+    return Refusal(sequence, found[3], found[4] or "") if found[3] else Answer(sequence, found[2] or "")
 
 
 def decode_banner(text: str) -> Banner:
-    """The banner in ``text``: what follows the ``#``, or the answer to HELLO.
-
-    Raises:
-        BoardProtocolError: no banner.
-    """
+    """The banner in ``text``, which HELLO is answered with, too; ``BoardProtocolError`` where it is none."""
     found = _BANNER.fullmatch(text)
     if found is None:
         raise BoardProtocolError(f"{text!r} is not how an armctl encoder board introduces itself")
     firmware, version, protocol, axes, reset = found.groups()
     return Banner(firmware, version, int(protocol), int(axes), reset)
-
-
-def _decode_answer(text: str) -> Answer | Refusal:
-    found = _ANSWER.fullmatch(text)
-    if found is None or int(found[1]) > LARGEST_SEQUENCE:
-        raise BoardProtocolError(f"{text!r} is nothing that an armctl encoder board says")
-    sequence = int(found[1])
-    if found[3] is None:
-        return Answer(sequence, found[2] or "")
-    return Refusal(sequence, found[3], found[4] or "")

@@ -7,21 +7,24 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from armctl.errors import BoardProtocolError, BoardTimeoutError
+from armctl.hardware.board_type import Introduction
+from armctl.hardware.encoder import FLASH_IT, FLASHING
 from armctl.hardware.encoder.messages import (
     FIRMWARE,
-    FLASH_IT,
-    FLASHING,
     LARGEST_SEQUENCE,
+    LONGEST_MESSAGE,
     PROTOCOL,
     Answer,
     Banner,
+    LineReader,
+    Message,
     Realtime,
     Refusal,
     Status,
+    decode,
     decode_banner,
     request,
 )
-from armctl.hardware.encoder.watch import Heard
 from armctl.hardware.transport import Transport
 
 _CHUNK = 4096
@@ -29,6 +32,18 @@ _MOST_CHUNKS = 64  # a board that floods the line must not keep the caller here 
 _MOST_SUPERSEDED = 8
 _ATTEMPTS = 3
 _WAIT_S = 0.02  # time between two status lines
+_LONGEST_PRELUDE = 512
+_CLOCK_WRAPS_MS = 1 << 32
+_NEAR_WRAP_MS = 60_000
+
+_HELLO_S = 0.5
+_START_S = 2.5  # a Mega that is reset by the opening of its port says nothing for 1.7 s
+_LISTENING_ROUNDS = 2
+_SPEAKING_ROUNDS = 10
+
+# Firmata's "report firmware", as a query and at the beginning of the answer.
+_FIRMATA_QUERY = b"\xf0\x79\xf7"
+_FIRMATA_REPORT = b"\xf0\x79"
 
 
 @dataclass(slots=True)
@@ -47,8 +62,7 @@ class EncoderSession:
     """A transport with an encoder board at the other end.
 
     Only the newest line is ever sent again, and as it was: the board answers a line that it has just
-    executed from memory, so nothing is done twice. Whatever the board says unasked is taken in on the way,
-    and of the status lines only the newest is kept.
+    executed from memory, so nothing is done twice. What the board sends unasked is taken in on the way.
 
     Args:
         transport: the open line; this object closes it.
@@ -60,13 +74,27 @@ class EncoderSession:
         self._transport = transport
         self._now = now
         self._timeout_s = timeout_s
+        self._reader = LineReader(LONGEST_MESSAGE)
         self._sequence = 0
         self._in_flight: _InFlight | None = None
         self._superseded: deque[int] = deque(maxlen=_MOST_SUPERSEDED)
-        self._waiting_since = self._sent_at = now()
+        self._waiting_since = self._sent_at = self._status_at = now()
         self._refused: list[Refusal] = []
-        self.heard = Heard(now)
-        """what the board has said unasked"""
+        self._greeting = True
+        self._prelude = b""
+        """the first bytes that came before the board was known, whoever sent them"""
+        self._board_ms: int | None = None
+        self.status: Status | None = None
+        """the newest; None where none shows yet what has just been asked for"""
+        self.homing_failures: dict[int, str] = {}
+        """by axis, why homing failed, in the board's words"""
+        self.restarted: str | None = None
+        """why the board has started anew, in its own word; None: it has not, or that is settled"""
+        self.restarts = 0
+        """how often it has since the session began"""
+        self.spoken = False
+        """whether the board has sent a valid line since the last one was sent to it"""
+        self._garbled = 0
 
     @property
     def name(self) -> str:
@@ -78,11 +106,39 @@ class EncoderSession:
         """How long ago the last line was sent [s]."""
         return self._now() - self._sent_at
 
-    def turn_page(self) -> None:
-        """The user has taken note: restarts, refusals and events from before are told no more."""
+    def greet(self, *, resets: bool) -> Banner:
+        """Make sure that armctl's firmware answers, in the version that this armctl speaks.
+
+        Args:
+            resets: whether opening the line starts the board anew. Then nothing is sent until the board
+                speaks: its boot loader would take it for an upload.
+
+        Raises:
+            BoardTimeoutError: nobody answers.
+            BoardProtocolError: another board answers, or in another version.
+        """
+        silence: BoardTimeoutError | None = None
+        for _ in range(_LISTENING_ROUNDS if resets else _SPEAKING_ROUNDS):
+            if resets:
+                self.wait_until(lambda: self.spoken, _START_S)
+            try:
+                banner = decode_banner(self.command("HELLO", _HELLO_S))
+            except BoardTimeoutError as error:
+                silence = error
+                continue
+            self._check(banner)
+            self._greeting = False
+            self.restarted = self.status = self._board_ms = None
+            self.restarts = self._garbled = 0
+            self.homing_failures.clear()
+            return banner
+        raise self._wrong_board() from silence
+
+    def acknowledge(self) -> None:
+        """The user has taken note: restarts, refusals and failures from before are reported no more."""
         self.drain()
-        self.heard.restarted = None
-        self.heard.take_events()
+        self.restarted = None
+        self.homing_failures.clear()
         self._superseded.clear()
         self._refused.clear()
 
@@ -104,14 +160,18 @@ class EncoderSession:
         timeout_s = self._timeout_s if timeout_s is None else timeout_s
         self.drain()
         sent = self._ask(text, awaited=True)
-        reply = self._wait_for_answer(sent, timeout_s)
-        self.heard.status = None
-        if reply is None:
-            self._in_flight = None
+        for attempt in range(_ATTEMPTS):
+            if attempt:
+                self._send(sent)
+            self.wait_until(lambda: sent.reply is not None or sent.unreadable, timeout_s / _ATTEMPTS)
+            if sent.reply is not None:
+                break
+        self.status = None
+        if sent.reply is None:
             raise self._unanswered(sent, timeout_s)
-        if isinstance(reply, Refusal):
-            raise reply.error(text)
-        return reply.text
+        if isinstance(sent.reply, Refusal):
+            raise sent.reply.error(text)
+        return sent.reply.text
 
     def post(self, text: str) -> None:
         """Send the line for ``text`` and go on; ``settle`` sees to its answer.
@@ -136,10 +196,9 @@ class EncoderSession:
         if waiting is None:
             return refused
         if self._now() - self._waiting_since > self._timeout_s:
-            self._in_flight = None
             raise self._unanswered(waiting, self._timeout_s)
         if waiting.unreadable or self.idle_s >= self._timeout_s / _ATTEMPTS:
-            self._send_again(waiting)
+            self._send(waiting)
         return refused
 
     def realtime(self, byte: Realtime) -> None:
@@ -154,22 +213,16 @@ class EncoderSession:
             BoardError: the line is gone.
         """
         self.drain()
-        known = self.heard.status
-        if known is None or self._now() - self.heard.status_at > oldest_s:
-            self.heard.status = None
+        if self.status is None or self._now() - self._status_at > oldest_s:
+            self.status = None
             self.realtime(Realtime.STATUS)
-            self.wait_until(lambda: self.heard.status is not None, self._timeout_s)
-        if self.heard.status is None:
+            self.wait_until(lambda: self.status is not None, self._timeout_s)
+        if self.status is None:
             raise BoardTimeoutError(
                 f"{self.name}: the board has sent no status for {self._timeout_s * 1000:.0f} ms; "
                 "check the cable and the board's power supply"
             )
-        return self.heard.status
-
-    def forget_status(self) -> None:
-        """What was said until now does not show yet what has just been asked for."""
-        self.drain()
-        self.heard.status = None
+        return self.status
 
     def wait_until(self, done: Callable[[], bool], timeout_s: float) -> bool:
         """Take in what comes until ``done``; whether that was within ``timeout_s``."""
@@ -201,44 +254,52 @@ class EncoderSession:
     def _ask(self, text: str, *, awaited: bool) -> _InFlight:
         before = self._in_flight
         self._sequence = self._sequence % LARGEST_SEQUENCE + 1
-        sent = _InFlight(self._sequence, text, request(self._sequence, text), awaited)
-        self._in_flight = sent
-        self._send(sent.line)
+        self._in_flight = _InFlight(self._sequence, text, request(self._sequence, text), awaited)
+        self._send(self._in_flight)
         if before is None:
             self._waiting_since = self._sent_at
         elif not before.awaited:
             self._superseded.append(before.sequence)
-        return sent
+        return self._in_flight
 
-    def _wait_for_answer(self, sent: _InFlight, timeout_s: float) -> Answer | Refusal | None:
-        """The answer to the line in flight, which is sent again where none comes."""
-        for attempt in range(_ATTEMPTS):
-            if attempt:
-                self._send_again(sent)
-            self.wait_until(lambda: sent.reply is not None or sent.unreadable, timeout_s / _ATTEMPTS)
-            if sent.reply is not None:
-                break
-        return sent.reply
+    def _send(self, sent: _InFlight) -> None:
+        sent.unreadable = False
+        self._sent_at = self._now()
+        self.spoken = False
+        self._transport.write(sent.line)
 
     def _unanswered(self, sent: _InFlight, timeout_s: float) -> BoardTimeoutError:
-        garbled = f"; {self.heard.garbled} lines from it were garbled" if self.heard.garbled else ""
+        self._in_flight = None
+        garbled = f"; {self._garbled} lines from it were garbled" if self._garbled else ""
         return BoardTimeoutError(
             f"{self.name}: the board did not answer {sent.text!r} within {timeout_s * 1000:.0f} ms{garbled}; "
             "check the cable and the board's power supply"
         )
 
-    def _send_again(self, sent: _InFlight) -> None:
-        sent.unreadable = False
-        self._send(sent.line)
-
-    def _send(self, line: bytes) -> None:
-        self._sent_at = self._now()
-        self.heard.spoken = False
-        self._transport.write(line)
-
     def _take(self, data: bytes) -> None:
-        for answer in self.heard.take(data):
-            self._accept_answer(answer)
+        if self._greeting:
+            self._prelude = (self._prelude + data)[:_LONGEST_PRELUDE]
+        for line in self._reader.feed(data):
+            message = _decoded(line)
+            if message is None:
+                # Reported with the next timeout; until then another attempt or status makes up for it.
+                self._garbled += 1
+                continue
+            self.spoken = True
+            match message:
+                case Answer() | Refusal():
+                    self._accept_answer(message)
+                case Status():
+                    if self._clock_went_back(message.time_ms):
+                        self._note_restart("unknown")
+                    self._board_ms = message.time_ms
+                    self.status, self._status_at = message, self._now()
+                case Banner():
+                    self._note_restart(message.reset)
+                case ("home", "failed", axis, *reason) if axis.isdecimal():
+                    self.homing_failures[int(axis)] = " ".join(reason)
+                case _:
+                    pass
 
     def _accept_answer(self, answer: Answer | Refusal) -> None:
         sent = self._in_flight
@@ -258,46 +319,53 @@ class EncoderSession:
         if isinstance(answer, Refusal):
             self._refused.append(answer)
 
+    def _clock_went_back(self, time_ms: int) -> bool:
+        """Whether the board has started anew: this shows it also where its banner was lost."""
+        before = self._board_ms
+        if before is None or time_ms >= before:
+            return False
+        return not (before > _CLOCK_WRAPS_MS - _NEAR_WRAP_MS and time_ms < _NEAR_WRAP_MS)
 
-# Finding out who is at the other end of a line that has just been opened.
+    def _note_restart(self, reset: str) -> None:
+        self.restarted = reset
+        self.restarts += 1
+        self.status = self._board_ms = None
 
-_HELLO_S = 0.5
-_START_S = 2.5  # a Mega that is reset by the opening of its port says nothing for 1.7 s
-_LISTENING_ROUNDS = 2
-_SPEAKING_ROUNDS = 10
+    def _check(self, banner: Banner) -> None:
+        if banner.firmware != FIRMWARE:
+            raise BoardProtocolError(f"{self.name}: {banner.firmware} answers, not {FIRMWARE}; {FLASH_IT}")
+        if banner.protocol != PROTOCOL:
+            raise BoardProtocolError(
+                f"{self.name}: the board's firmware {banner.version} speaks protocol {banner.protocol}, this "
+                f"armctl needs protocol {PROTOCOL}; {protocol_advice(banner)}"
+            )
 
-# Firmata's "report firmware", as a query and at the beginning of the answer.
-_FIRMATA_QUERY = b"\xf0\x79\xf7"
-_FIRMATA_REPORT = b"\xf0\x79"
-
-
-def greet(session: EncoderSession, transport: Transport, *, resets: bool) -> Banner:
-    """Make sure that armctl's firmware answers, in the version that this armctl speaks.
-
-    Args:
-        session: a new session over ``transport``; it begins with this.
-        transport: the open line.
-        resets: whether opening the line starts the board anew. Then nothing is sent until the board
-            speaks: its boot loader would take it for an upload.
-
-    Raises:
-        BoardTimeoutError: nobody answers.
-        BoardProtocolError: somebody else answers, or in another version.
-    """
-    silence: BoardTimeoutError | None = None
-    for _ in range(_LISTENING_ROUNDS if resets else _SPEAKING_ROUNDS):
-        if resets:
-            session.wait_until(lambda: session.heard.spoken, _START_S)
-        try:
-            hello = session.command("HELLO", _HELLO_S)
-        except BoardTimeoutError as error:
-            silence = error
-            continue
-        banner = decode_banner(hello)
-        _check(banner, transport.name)
-        session.heard.begin()
-        return banner
-    raise _who_else(session, transport) from silence
+    def _wrong_board(self) -> BoardProtocolError | BoardTimeoutError:
+        """What to say when armctl's firmware does not answer."""
+        if _FIRMATA_REPORT not in self._prelude:
+            self._transport.write(_FIRMATA_QUERY)
+            self.wait_until(lambda: _FIRMATA_REPORT in self._prelude, _HELLO_S)
+        first = self._prelude
+        if _FIRMATA_REPORT in first:
+            return BoardProtocolError(
+                f"{self.name}: StandardFirmata is on this board, not armctl's encoder firmware; {FLASH_IT}"
+                ", or choose the board firmata if the arm has servos"
+            )
+        if self.spoken:
+            return BoardTimeoutError(
+                f"{self.name}: an armctl encoder board sends, but does not answer; check the wire that "
+                "leads to the board, and that nothing else uses the port"
+            )
+        if first:
+            shown = first[:40].decode("ascii", "backslashreplace")
+            return BoardProtocolError(
+                f"{self.name}: something else answers there ({shown!r}); is it the right port, at 115200 "
+                f"baud? If it is: {FLASH_IT}"
+            )
+        return BoardTimeoutError(
+            f"{self.name}: no answer. Is this the port of the Arduino Mega, and is it powered? If it is "
+            f"new: {FLASH_IT}"
+        )
 
 
 def protocol_advice(banner: Banner) -> str:
@@ -310,39 +378,26 @@ def protocol_advice(banner: Banner) -> str:
     )
 
 
-def _check(banner: Banner, name: str) -> None:
-    if banner.firmware != FIRMWARE:
-        raise BoardProtocolError(f"{name}: {banner.firmware} answers, not {FIRMWARE}; {FLASH_IT}")
-    if banner.protocol != PROTOCOL:
-        raise BoardProtocolError(
-            f"{name}: the board's firmware {banner.version} speaks protocol {banner.protocol}, this armctl "
-            f"needs protocol {PROTOCOL}; {protocol_advice(banner)}"
-        )
+def _decoded(line: bytes | None) -> Message | None:
+    """The message in a line; None where it was too long or makes no sense: noise, or another board."""
+    try:
+        return None if line is None else decode(line)
+    except BoardProtocolError:
+        return None
 
 
-def _who_else(session: EncoderSession, transport: Transport) -> BoardProtocolError | BoardTimeoutError:
-    """What to say when armctl's firmware does not answer."""
-    if _FIRMATA_REPORT not in session.heard.prelude:
-        transport.write(_FIRMATA_QUERY)
-        session.wait_until(lambda: _FIRMATA_REPORT in session.heard.prelude, _HELLO_S)
-    heard = session.heard.prelude
-    if _FIRMATA_REPORT in heard:
-        return BoardProtocolError(
-            f"{transport.name}: StandardFirmata is on this board, not armctl's encoder firmware; {FLASH_IT}"
-            ", or choose the board firmata if the arm has servos"
-        )
-    if session.heard.spoken:
-        return BoardTimeoutError(
-            f"{transport.name}: an armctl encoder board sends, but does not answer; check the wire that "
-            "leads to the board, and that nothing else uses the port"
-        )
-    if heard:
-        shown = heard[:40].decode("ascii", "backslashreplace")
-        return BoardProtocolError(
-            f"{transport.name}: something else answers there ({shown!r}); is it the right port, at 115200 "
-            f"baud? If it is: {FLASH_IT}"
-        )
-    return BoardTimeoutError(
-        f"{transport.name}: no answer. Is this the port of the Arduino Mega, and is it powered? If it is "
-        f"new: {FLASH_IT}"
-    )
+class EncoderEar:
+    """Hears armctl's encoder firmware: its banner, or a status line where it has been running for long."""
+
+    def __init__(self) -> None:
+        self._reader = LineReader(LONGEST_MESSAGE)
+
+    def feed(self, data: bytes) -> Introduction | None:
+        """Take what came; a line counts only with the right checksum."""
+        for message in map(_decoded, self._reader.feed(data)):
+            if isinstance(message, Banner):
+                details = (f"{message.axes} axes", f"last started by: {message.reset}")
+                return Introduction(message.firmware, message.version, details)
+            if isinstance(message, Status):
+                return Introduction(FIRMWARE, details=(f"{len(message.counts)} axes",))
+        return None

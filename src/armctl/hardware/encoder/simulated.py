@@ -4,12 +4,10 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
 from armctl.errors import BoardProtocolError
 from armctl.hardware.driver import ChannelSettings
-from armctl.hardware.encoder import simulated_controller as requests
-from armctl.hardware.encoder.axes import EncoderAxis
+from armctl.hardware.encoder.axes import WIRE, EncoderAxis
 from armctl.hardware.encoder.messages import (
     FIRMWARE,
     LARGEST_SEQUENCE,
@@ -17,18 +15,21 @@ from armctl.hardware.encoder.messages import (
     PROTOCOL,
     Banner,
     BoardFlag,
+    FaultKind,
     LineReader,
     Mode,
     Realtime,
+    Status,
     seal,
     unseal,
 )
-from armctl.hardware.encoder.simulated_axis import FIRMWARE_DEFAULTS, AxisPlant, SimulatedAxis, plant_of
-from armctl.hardware.encoder.simulated_controller import (
+from armctl.hardware.encoder.simulated_axis import (
+    FIRMWARE_DEFAULTS,
     TICK_S,
-    WATCHDOG_RANGE_MS,
-    Refused,
-    SimulatedController,
+    AxisPlant,
+    Homing,
+    SimulatedAxis,
+    plant_of,
 )
 
 AXES = len(FIRMWARE_DEFAULTS)
@@ -37,15 +38,27 @@ VERSION = "1.1.0"
 _TICKS_PER_STATUS = 4
 _SLACK_S = 1e-9
 _LONGEST_CATCH_UP = round(2.0 / TICK_S)  # nobody waits longer than that for bytes; motors are off by then
+_LOG_LENGTH = 10_000
 _REALTIME = frozenset(Realtime)
+_WATCHDOG_RANGE_MS = (50, 500)
+_LONGEST_BRAKING_S = 0.1
+_REACH_MS = 20
+_REACH_RANGE_MS = (1, 1000)
+_MOST_COUNTS = 1 << 31
+_TRIP_WORDS = {
+    FaultKind.STALL: "STALL",
+    FaultKind.FOLLOWING: "FOLLOW",
+    FaultKind.ENCODER: "ENCODER",
+    FaultKind.HOMING: "HOMING",
+}
+_REFUSALS = {Mode.TRIPPED: "FAULT", Mode.OFF: "OFF", Mode.HOMING: "BUSY", Mode.HELD: "HOLD"}
 
 
-@dataclass(frozen=True, slots=True)
-class ReceivedLine:
-    """A line that the board executed or refused, and when."""
+class _Refused(Exception):  # noqa: N818  not an error: what the board answers
+    """The request is answered by ``err`` and has no effect."""
 
-    time: float
-    text: str
+    def __init__(self, code: str, text: str) -> None:
+        super().__init__(f"{code} {text}")
 
 
 class SimulatedEncoderBoard:
@@ -55,7 +68,6 @@ class SimulatedEncoderBoard:
         plants: the mechanics by axis; a plain axis for those that are not named.
         boot_s: how long it is deaf and dumb after a start.
         protocol: what it says it speaks, to be taken for a board that was flashed long ago.
-        log_length: how many received lines are kept.
     """
 
     def __init__(
@@ -64,28 +76,18 @@ class SimulatedEncoderBoard:
         *,
         boot_s: float = 0.0,
         protocol: int = PROTOCOL,
-        log_length: int = 10_000,
     ) -> None:
         plants = plants or {}
         self.axes = [
             SimulatedAxis(plants.get(axis, AxisPlant()), defaults)
             for axis, defaults in enumerate(FIRMWARE_DEFAULTS)
         ]
+        self.log: deque[str] = deque(maxlen=_LOG_LENGTH)
+        """the lines that it executed or refused, without those that were repeated, oldest first"""
         self._boot_s = boot_s
         self._protocol = protocol
-        self._log: deque[ReceivedLine] = deque(maxlen=log_length)
         self._now: float | None = None
-        self._start("power")
-
-    @property
-    def log(self) -> tuple[ReceivedLine, ...]:
-        """The lines taken, without those that were repeated, oldest first."""
-        return tuple(self._log)
-
-    @property
-    def mode(self) -> Mode:
-        """What the motors do."""
-        return self._controller.mode
+        self.reset()
 
     def reset(self) -> None:
         """Start anew, as after a power cut. The arm stays where it is, the board no longer knows where."""
@@ -95,7 +97,22 @@ class SimulatedEncoderBoard:
         """Start anew for ``cause``: power, external, brownout or watchdog."""
         for axis in self.axes:
             axis.restart()
-        self._start(cause)
+        self._banner = Banner(FIRMWARE, VERSION, self._protocol, AXES, cause)
+        self.mode = Mode.OFF
+        """what the motors do"""
+        self._flags = BoardFlag.BROWN_OUT if cause == "brownout" else BoardFlag(0)
+        self._ticks = 0
+        self._watchdog_s = _WATCHDOG_RANGE_MS[1] / 1000.0
+        self._fed_s = 0.0
+        self._off_at_s: float | None = None
+        self._held_told = False
+        self._homing: Homing | None = None
+        self._to_home: list[int] = []
+        self._reader = LineReader(LONGEST_REQUEST)
+        self._last: tuple[bytes, str] | None = None  # the last line and its answer
+        self._started_at: float | None = None
+        self._greeted = False
+        self._unsent = bytearray()
 
     def advance(self, now: float) -> bytes:
         """Let time pass up to ``now`` [s] and return status lines and events."""
@@ -108,7 +125,16 @@ class SimulatedEncoderBoard:
         if not self._greeted:
             self._greeted = True
             self._say(f"# {self._banner.encode()}")
-        self._run_ticks(self._now - self._started_at)
+        due = int((self._now - self._started_at + _SLACK_S) / TICK_S)
+        while self._ticks < due:
+            if not self.mode.powered:
+                self._ticks = max(self._ticks, due - _LONGEST_CATCH_UP)
+            self._ticks += 1
+            if self.mode.powered:
+                self._move()
+                self._watch_host()
+            if self._ticks % _TICKS_PER_STATUS == 0:
+                self._say_status()
         return self._take_unsent()
 
     def feed(self, data: bytes) -> bytes:
@@ -126,43 +152,12 @@ class SimulatedEncoderBoard:
         self._take(bytes(text))
         return self._take_unsent()
 
-    def _start(self, cause: str) -> None:
-        self._banner = Banner(FIRMWARE, VERSION, self._protocol, AXES, cause)
-        flags = BoardFlag.BROWN_OUT if cause == "brownout" else BoardFlag(0)
-        self._controller = SimulatedController(self.axes, flags)
-        self._reader = LineReader(LONGEST_REQUEST)
-        self._last: tuple[bytes, str] | None = None  # the last line and its answer
-        self._started_at: float | None = None
-        self._greeted = False
-        self._unsent = bytearray()
-
-    def _run_ticks(self, until_s: float) -> None:
-        due = int((until_s + _SLACK_S) / TICK_S)
-        controller = self._controller
-        while controller.ticks < due:
-            if not self.mode.powered and (missed := due - controller.ticks - _LONGEST_CATCH_UP) > 0:
-                controller.sleep(missed)
-            controller.tick()
-            self._say_events()
-            if controller.ticks % _TICKS_PER_STATUS == 0:
-                self._say_status()
-
-    def _obey_at_once(self, byte: Realtime) -> None:
-        match byte:
-            case Realtime.STATUS:
-                self._say_status()
-            case Realtime.HOLD:
-                self._controller.hold()
-            case Realtime.RELEASE_HOLD:
-                self._controller.release_hold()
-            case Realtime.MOTORS_OFF:
-                self._controller.stop_at_once()
-        self._say_events()
+    # The line.
 
     def _take(self, data: bytes) -> None:
         for line in self._reader.feed(data):
             if line is None:
-                self._controller.note_lost_line(lost=True)
+                self._flags |= BoardFlag.LINE_LOST
                 self._say("0 err LONG more than 96 bytes")
             elif line:
                 self._take_line(line)
@@ -177,65 +172,20 @@ class SimulatedEncoderBoard:
         if not _is_sequence(sequence) or not rest:
             self._say("0 err SYNTAX seq 1 65535")
             return
-        self._controller.feed_watchdog()
+        self._fed_s = self._time_s
         if self._last is None or self._last[0] != line:
-            self._log.append(ReceivedLine(self._now or 0.0, rest))
-            self._last = line, f"{int(sequence)} {self._answer(rest)}"
+            self.log.append(rest)
+            command, *words = rest.split(" ")
+            try:
+                answer = f"ok {self._execute(command, words)}".rstrip()
+            except _Refused as refused:
+                answer = f"err {refused}"
+            self._last = line, f"{int(sequence)} {answer}"
         self._say(self._last[1])
 
-    def _answer(self, text: str) -> str:
-        command, *words = text.split(" ")
-        try:
-            said = self._execute(command, words)
-        except Refused as refused:
-            return f"err {refused}"
-        return f"ok {said}" if said else "ok"
-
-    def _execute(self, command: str, words: Sequence[str]) -> str:
-        controller = self._controller
-        match command, words:
-            case "HELLO", []:
-                return self._banner.encode()
-            case "PING", []:
-                pass
-            case "GET", []:
-                return controller.status().encode()
-            case "CLR", []:
-                controller.clear()
-            case "EN", ["0"]:
-                controller.switch_off()
-            case "EN", ["1"]:
-                controller.switch_on()
-            case "WD", [ms]:
-                controller.set_watchdog_ms(requests.number(ms, *WATCHDOG_RANGE_MS))
-            case "HOME", _:
-                controller.home(requests.homing_order(words, self.axes))
-            case "P", _:
-                counts, within_s = requests.setpoints(words, AXES)
-                controller.check_not(Mode.TRIPPED, Mode.OFF, Mode.HOMING, Mode.HELD)
-                requests.check_setpoints(counts, self.axes)
-                controller.go(counts, within_s)
-            case "PAIR", _:
-                requests.check_pair(words, AXES)
-                controller.check_off()  # the plant is in joint counts: which motors turn it does not matter
-            case "CFG", [axis, *pairs]:
-                changes = requests.settings(pairs)
-                controller.configure(self.axes[requests.axis_number(axis, AXES)], changes)
-            case "SHOW", [axis, ("1" | "2") as part]:
-                return requests.shown(self.axes[requests.axis_number(axis, AXES)].settings, part)
-            case (("HELLO" | "PING" | "GET" | "CLR" | "EN" | "WD" | "CFG" | "SHOW"), _):
-                raise Refused("ARGS", f"{command} takes other arguments")
-            case _:
-                raise Refused("UNKNOWN", "command")
-        return ""
-
     def _say_status(self) -> None:
-        self._say(f"@ {self._controller.status().encode()}")
-        self._controller.note_lost_line(lost=False)
-
-    def _say_events(self) -> None:
-        for event in self._controller.take_events():
-            self._say(f"! {event}")
+        self._say(f"@ {self._status().encode()}")
+        self._flags &= ~BoardFlag.LINE_LOST
 
     def _say(self, text: str) -> None:
         self._unsent += seal(text)
@@ -243,6 +193,249 @@ class SimulatedEncoderBoard:
     def _take_unsent(self) -> bytes:
         sent, self._unsent = bytes(self._unsent), bytearray()
         return sent
+
+    # Requests: taken apart and checked, before anything is done.
+
+    def _execute(self, command: str, words: Sequence[str]) -> str:
+        match command, words:
+            case "HELLO", []:
+                return self._banner.encode()
+            case "PING", []:
+                pass
+            case "GET", []:
+                return self._status().encode()
+            case "CLR", []:
+                self._clear()
+            case "EN", ["0"]:
+                self._end(Mode.OFF)
+            case "EN", ["1"]:
+                self._refuse_in(Mode.TRIPPED, Mode.HOMING)
+                if self._off_at_s is not None:
+                    raise _Refused("HOLD", "braking")
+                if self.mode is Mode.OFF:
+                    self._begin(Mode.ON)
+            case "WD", [ms]:
+                self._watchdog_s = _number(ms, *_WATCHDOG_RANGE_MS) / 1000.0
+            case "HOME", _:
+                self._home(words)
+            case "P", _:
+                self._go(words)
+            case "PAIR", _:
+                self._pair(words)
+            case "CFG", [axis, *pairs]:
+                self._configure(axis, pairs)
+            case "SHOW", [axis, ("1" | "2") as part]:
+                shown = [f"{key}={value}" for key, value in self._axis(axis).settings.items()]
+                half = len(shown) // 2
+                return " ".join(shown[:half] if part == "1" else shown[half:])
+            case (("HELLO" | "PING" | "GET" | "CLR" | "EN" | "WD" | "CFG" | "SHOW"), _):
+                raise _Refused("ARGS", f"{command} takes other arguments")
+            case _:
+                raise _Refused("UNKNOWN", "command")
+        return ""
+
+    def _clear(self) -> None:
+        """Forget faults and flags; the motors stay off."""
+        for axis in self.axes:
+            axis.fault = FaultKind(0)
+        self._flags = BoardFlag(0)
+        if self.mode is Mode.TRIPPED:
+            self.mode = Mode.OFF
+
+    def _home(self, words: Sequence[str]) -> None:
+        """Look for the zeros of these axes, or of all, one after the other; unused ones are left out."""
+        named = {_number(word, 0, AXES - 1) for word in words} or set(range(AXES))
+        used = [axis for axis in sorted(named) if self.axes[axis].settings["hord"]]
+        for axis in used:
+            own = self.axes[axis].settings
+            if not own["min"] <= own["hpos"] <= own["max"]:
+                raise _Refused("RANGE", f"hpos outside min max, axis {axis}")
+        self._refuse_in(Mode.TRIPPED, Mode.HOMING, Mode.HELD)
+        self._begin(Mode.HOMING)
+        self._to_home = sorted(used, key=lambda axis: self.axes[axis].settings["hord"])
+        for axis in used:
+            self.axes[axis].homed = False
+
+    def _go(self, words: Sequence[str]) -> None:
+        """Take setpoints, all or none; a last word is the time [ms] in which to be there."""
+        if len(words) not in (AXES, AXES + 1):
+            raise _Refused("ARGS", f"P takes {AXES} setpoints and a time")
+        counts = {
+            axis: _number(word, -_MOST_COUNTS, _MOST_COUNTS - 1)
+            for axis, word in enumerate(words[:AXES])
+            if word != "-"
+        }
+        reach_ms = _number(words[AXES], *_REACH_RANGE_MS) if len(words) > AXES else _REACH_MS
+        self._refuse_in(Mode.TRIPPED, Mode.OFF, Mode.HOMING, Mode.HELD)
+        for axis in counts:
+            if not self.axes[axis].homed:
+                raise _Refused("NOTHOMED", str(axis))
+        for axis, count in counts.items():
+            low, high = self.axes[axis].settings["min"], self.axes[axis].settings["max"]
+            if not low <= count <= high:
+                raise _Refused("LIMIT", f"{axis} {count} {low} {high}")
+        for axis, count in counts.items():
+            self.axes[axis].go(count, reach_ms / 1000.0)
+
+    def _pair(self, words: Sequence[str]) -> None:
+        """Changes nothing: the plant is in joint counts, which motors turn it does not matter."""
+        if list(words) != ["NONE"]:
+            if len(words) != 2:
+                raise _Refused("ARGS", "PAIR takes two axes or NONE")
+            first, second = (_number(word, 0, AXES - 1) for word in words)
+            if first == second:
+                raise _Refused("RANGE", "two axes")
+        self._refuse_when_on()
+
+    def _configure(self, axis: str, pairs: Sequence[str]) -> None:
+        """Take the settings of a line, or none of them."""
+        changes: dict[str, int] = {}
+        for pair in pairs:
+            key, equals, value = pair.partition("=")
+            if not equals or key not in WIRE:
+                raise _Refused("ARGS", f"unknown key {key}")
+            changes[key] = _number(value, WIRE[key].low, WIRE[key].high)
+        if not changes:
+            raise _Refused("ARGS", "nothing to set")
+        own = self._axis(axis)
+        self._refuse_when_on()
+        settings = own.settings | changes
+        if settings["min"] >= settings["max"]:
+            raise _Refused("RANGE", "min not below max")
+        own.configure(settings)
+
+    def _axis(self, word: str) -> SimulatedAxis:
+        return self.axes[_number(word, 0, AXES - 1)]
+
+    def _refuse_when_on(self) -> None:
+        if self.mode.powered:
+            raise _Refused("MOVING", "motors are on")
+
+    def _refuse_in(self, *modes: Mode) -> None:
+        if self.mode in modes:
+            raise _Refused(_REFUSALS[self.mode], "not now")
+
+    # What the motors do. Times count from the board's start.
+
+    @property
+    def _time_s(self) -> float:
+        return self._ticks * TICK_S
+
+    def _status(self) -> Status:
+        return Status(
+            time_ms=round(self._time_s * 1000),
+            mode=self.mode,
+            homed=tuple(axis.homed for axis in self.axes),
+            switches=tuple(axis.switch_closed for axis in self.axes),
+            flags=self._flags,
+            faults=tuple(axis.fault for axis in self.axes),
+            counts=tuple(axis.count for axis in self.axes),
+        )
+
+    def _obey_at_once(self, byte: Realtime) -> None:
+        match byte:
+            case Realtime.STATUS:
+                self._say_status()
+            case Realtime.HOLD:
+                if self.mode in (Mode.ON, Mode.HOMING):
+                    self._hold()
+            case Realtime.RELEASE_HOLD:
+                # Nothing moves by this; the watchdog's braking is not undone.
+                if self.mode is Mode.HELD and self._off_at_s is None:
+                    self.mode = Mode.ON
+            case Realtime.MOTORS_OFF:
+                self._flags |= BoardFlag.STOPPED
+                self._end(Mode.OFF)
+                self._say("! stopped")
+
+    def _move(self) -> None:
+        homing = self._to_home[0] if self._to_home else None
+        for number, axis in enumerate(self.axes):
+            if number != homing and (fault := axis.tick()):
+                self._trip(number, fault)
+                return
+        if homing is not None:
+            self._home_on(homing)
+        elif self.mode is Mode.HOMING:
+            self.mode = Mode.ON
+            self._say("! home done")
+        elif self.mode is Mode.HELD and not self._held_told and not any(axis.moving for axis in self.axes):
+            self._held_told = True
+            self._say("! held")
+
+    def _home_on(self, number: int) -> None:
+        if self._homing is None:
+            self._homing = self.axes[number].home()
+            next(self._homing)
+        try:
+            next(self._homing)
+        except StopIteration as ended:
+            self._homing = None
+            if ended.value:
+                self._say(f"! home failed {number} {ended.value}")
+                self._trip(number, FaultKind.HOMING)
+                return
+            self._say(f"! homed {number}")
+            self._to_home.pop(0)
+
+    def _watch_host(self) -> None:
+        """Brake when the host has been silent for long, then switch off, whatever it says by then."""
+        if self._off_at_s is None:
+            limit_s = self._watchdog_s - min(_LONGEST_BRAKING_S, self._watchdog_s / 2)
+            if self._time_s - self._fed_s < limit_s - _SLACK_S:
+                return
+            self._flags |= BoardFlag.WATCHDOG
+            self._say("! watchdog")
+            self._off_at_s = self._fed_s + self._watchdog_s
+            self._hold()
+        if self._time_s >= self._off_at_s - _SLACK_S:
+            self._end(Mode.OFF)
+
+    def _trip(self, number: int, fault: FaultKind) -> None:
+        axis = self.axes[number]
+        axis.fault |= fault
+        if fault is FaultKind.ENCODER:
+            axis.homed = False
+        self._end(Mode.TRIPPED)
+        self._say(f"! trip {number} {_TRIP_WORDS[fault]}")
+
+    def _begin(self, mode: Mode) -> None:
+        """Switch the motors on: the axes hold where they stand."""
+        self._flags &= ~(BoardFlag.WATCHDOG | BoardFlag.STOPPED)
+        if not self.mode.powered:
+            for axis in self.axes:
+                axis.switch_on()
+        self.mode = mode
+
+    def _end(self, mode: Mode) -> None:
+        """Let the motors coast."""
+        if self.mode is not Mode.TRIPPED:
+            self.mode = mode
+        self._off_at_s = None
+        self._end_homing()
+
+    def _hold(self) -> None:
+        """Slow down and hold, until that is released."""
+        self.mode = Mode.HELD
+        self._held_told = self._off_at_s is not None
+        self._end_homing()
+        for axis in self.axes:
+            axis.halt()
+
+    def _end_homing(self) -> None:
+        self._homing = None
+        self._to_home.clear()
+
+
+def _number(word: str, low: int, high: int) -> int:
+    """A decimal number within its range."""
+    try:
+        value = int(word)
+    except ValueError:
+        raise _Refused("ARGS", f"{word} is no number") from None
+    if not low <= value <= high:
+        raise _Refused("RANGE", f"{word} is outside {low} {high}")
+    return value
 
 
 def _is_sequence(word: str) -> bool:
@@ -255,5 +448,5 @@ def simulated_encoder_board(
     """A board with an arm on it that fits these settings; axes without any are plain ones."""
     limits = {one.channel: one for one in channels}
     return SimulatedEncoderBoard(
-        {one.axis: plant_of(limits[one.axis], one) for one in axes if one.axis in limits}
+        {one.entry.axis: plant_of(limits[one.entry.axis], one) for one in axes if one.entry.axis in limits}
     )

@@ -1,17 +1,17 @@
-"""One axis of a simulated encoder board: the firmware's control of it, and its motor."""
+"""One axis of a simulated encoder board: the firmware's control of it, its homing, and its motor."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Generator, Mapping
 from dataclasses import dataclass
 
 from armctl.hardware.driver import ChannelSettings
-from armctl.hardware.encoder.axes import EncoderAxis
+from armctl.hardware.encoder.axes import WIRE, EncoderAxis
 from armctl.hardware.encoder.messages import FaultKind
 
-# What is fixed to a motor of a simulated encoder board: an axis with stops, a switch and a place.
-
+TICK_S = 0.005
+"""the firmware's control period"""
 SWITCH_WIDTH = 200.0  # counts over which the home switch of a Scorbot stays closed
 _LEAST_MARGIN = 60.0
 _START_S = 1.0
@@ -45,20 +45,31 @@ def plant_of(limits: ChannelSettings, axis: EncoderAxis) -> AxisPlant:
     toward = axis.home_toward
     away = -toward * min(0.25 * span, axis.home_speed * _START_S)
     start = min(limits.maximum, max(limits.minimum, away))
-    if axis.home_by == "stall":
-        return AxisPlant(
-            low=0.0 if toward < 0 else low, high=0.0 if toward > 0 else high, switch=None, start=start
-        )
-    switch = (0.0, SWITCH_WIDTH) if toward > 0 else (-SWITCH_WIDTH, 0.0)
-    return AxisPlant(low, high, switch, start)
+    if axis.entry.home_by == "switch":
+        return AxisPlant(low, high, (0.0, SWITCH_WIDTH) if toward > 0 else (-SWITCH_WIDTH, 0.0), start)
+    return AxisPlant(0.0 if toward < 0 else low, 0.0 if toward > 0 else high, None, start)
 
 
-UNHOMING = frozenset({"inv", "minv", "hdir", "hpos", "hmode", "sinv"})
-"""Keys whose change makes an earlier zero worthless."""
+# What the firmware takes for granted until a host has told it otherwise: a rebuilt Scorbot, by axis, in the
+# order of WIRE, which is that of SHOW; firmware/encoder/settings.cpp has the same.
+_SCORBOT = (
+    (-22000, 22000, 2840, 11400, 1200, 2000, 16, 200, 600, 300, 1, 900, 0, 6, 0, 0, 0, 0, 255),
+    (-8000, 10800, 2950, 11800, 1200, 2000, 16, 200, 600, 300, 1, 900, 0, 2, 0, 0, 0, 0, 255),
+    (-25600, 4000, 2950, 11800, 1200, 2000, 16, 200, 600, 300, 1, 900, 0, 3, 0, 0, 0, 0, 255),
+    (-3900, 3400, 2300, 9200, 2500, 4000, 26, 200, 400, 300, 1, 800, 0, 4, 0, 0, 0, 0, 255),
+    (-5100, 5100, 2900, 11800, 2500, 4000, 26, 200, 400, 300, 1, 800, 0, 5, 0, 0, 0, 0, 255),
+    (0, 1700, 1600, 8000, 1000, 1000, 13, 200, 400, 200, -1, 800, 0, 1, 1, 0, 0, 0, 255),
+)
+FIRMWARE_DEFAULTS: tuple[Mapping[str, int], ...] = tuple(
+    dict(zip(WIRE, row, strict=True)) for row in _SCORBOT
+)
 
-_GAIN_STEPS = 256.0
-_LAG_S = 0.015
+_UNHOMING = ("inv", "minv", "hdir", "hpos", "hmode", "sinv")  # a change makes an earlier zero worthless
+_FOLLOWED = 1.0 - math.exp(-TICK_S / 0.015)  # the part of its way that a motor makes good in a tick
 _MOVED_COUNTS = 2.0
+
+Homing = Generator[None, None, str]
+"""goes on by a tick at each ``next``; returns why it failed, an empty string where it did not"""
 
 
 class SimulatedAxis:
@@ -79,6 +90,7 @@ class SimulatedAxis:
         """where it really is, in the counts of a homed axis"""
         self.jammed = False
         self.torn = False
+        """the encoder's wire"""
         self.switch_stuck: bool | None = None
         self.restart()
 
@@ -89,7 +101,6 @@ class SimulatedAxis:
         self.fault = FaultKind(0)
         self._origin = self.place  # where the count is 0
         self._count = 0.0
-        self._reference = self._speed = 0.0
         self._from = self._to = self._left_s = self._whole_s = 0.0
         self.switch_on()
 
@@ -111,10 +122,10 @@ class SimulatedAxis:
         """Whether its setpoint still moves."""
         return self._speed != 0.0
 
-    @property
-    def standing_s(self) -> float:
-        """How long the encoder has not moved [s]."""
-        return self._standing_s
+    def configure(self, settings: Mapping[str, int]) -> None:
+        """Take these settings; some make the zero worthless."""
+        self.homed &= all(self.settings[key] == settings[key] for key in _UNHOMING)
+        self.settings = dict(settings)
 
     def switch_on(self) -> None:
         """Hold where the encoder says that it is."""
@@ -133,91 +144,90 @@ class SimulatedAxis:
         self._from, self._to = self._reference, float(count)
         self._left_s = self._whole_s = within_s
 
-    def tick(self, dt: float) -> FaultKind:
-        """Let ``dt`` [s] pass with the motor on, under control; return what went wrong."""
-        self._advance_reference(dt)
-        self._follow(dt)
-        return self._supervise()
+    def tick(self) -> FaultKind:
+        """Let a tick pass with the motor on, under control; return what went wrong."""
+        self._advance_reference()
+        self._follow()
+        error = abs(self._reference - self._count)
+        if error > self.settings["ferr"]:
+            return FaultKind.FOLLOWING
+        drive = error * self.settings["kp"] / 256.0 + self.settings["brk"]
+        if error < _MOVED_COUNTS or drive < self.settings["dmax"]:
+            self._standing_s = 0.0
+        elif self._stalled():
+            return FaultKind.STALL if self._moved and not self.torn else FaultKind.ENCODER
+        return FaultKind(0)
 
-    def creep(self, speed: float, dt: float) -> None:
-        """Let ``dt`` [s] pass with the motor turning at ``speed`` [counts/s], as in homing."""
-        self._reference = self._count + speed * dt / _followed_share(dt)
-        self._follow(dt)
+    def home(self) -> Homing:
+        """Look for the switch, or for the stop, as the axis is set up; its count is ``hpos`` there.
 
-    def set_zero(self) -> None:
-        """The axis is where homing wants it to be: at the switch's edge, or at the stop."""
-        edge = self.place
-        if not self.settings["hmode"] and self.plant.switch is not None:
-            edge = self.plant.switch[0 if self.settings["hdir"] > 0 else 1]
-        self._origin = edge - self.settings["hpos"]
+        It meets the switch coming from the far side, so that it is always the same edge.
+        """
+        self.homed = False
+        toward, edge = self.settings["hdir"], None
+        if self.settings["hmode"]:
+            yield from self._creep(toward, closed=None)
+        else:
+            if not (yield from self._creep(-toward, closed=False)):
+                return "stuck"
+            if not (yield from self._creep(toward, closed=True)):
+                # It stood beyond the switch: back over it, and once more from the right side.
+                if not (yield from self._creep(-toward, closed=True)):
+                    return "notfound"
+                if not (yield from self._creep(-toward, closed=False)):
+                    return "stuck"
+                yield from self._creep(toward, closed=True)
+            edge = self.plant.switch and self.plant.switch[0 if toward > 0 else 1]
+        self.set_zero(self.place if edge is None else edge)
+        return ""
+
+    def set_zero(self, place: float) -> None:
+        """``place`` is where homing wants the axis to be."""
+        self._origin = place - self.settings["hpos"]
         self._count = self.place - self._origin
         self.homed = True
         self.switch_on()
         self.go(self.settings["hpos"], 0.0)
 
-    def _advance_reference(self, dt: float) -> None:
-        top, ramp = float(self.settings["vmax"]), self.settings["amax"] * dt
-        target_speed = 0.0
-        if math.isnan(self._to):
-            wanted = 0.0
-        else:
+    def _creep(self, direction: int, *, closed: bool | None) -> Generator[None, None, bool]:
+        """Move until the switch says ``closed``; False where the axis stops before."""
+        self.switch_on()
+        while self.switch_closed is not closed:
+            if self._stalled():
+                return False
+            yield
+            self._reference = self._count + direction * float(self.settings["hv"]) * TICK_S / _FOLLOWED
+            self._follow()
+        return True
+
+    def _stalled(self) -> bool:
+        return self._standing_s >= self.settings["stall"] / 1000.0
+
+    def _advance_reference(self) -> None:
+        top, ramp = float(self.settings["vmax"]), self.settings["amax"] * TICK_S
+        wanted = 0.0
+        if not math.isnan(self._to):
             before = self._wanted_place()
-            self._left_s = max(0.0, self._left_s - dt)
-            wanted_place = self._wanted_place()
-            target_speed = (wanted_place - before) / dt
-            away = wanted_place - target_speed * dt - self._reference
+            self._left_s = max(0.0, self._left_s - TICK_S)
+            speed = (self._wanted_place() - before) / TICK_S
+            away = self._wanted_place() - speed * TICK_S - self._reference
             most = math.sqrt(2.0 * self.settings["amax"] * abs(away))
-            wanted = target_speed + math.copysign(min(most, abs(away) / dt), away)
+            wanted = speed + math.copysign(min(most, abs(away) / TICK_S), away)
         wanted = min(top, max(-top, wanted))
         self._speed += min(ramp, max(-ramp, wanted - self._speed))
-        self._reference += self._speed * dt
+        self._reference += self._speed * TICK_S
 
     def _wanted_place(self) -> float:
         share = 1.0 - self._left_s / self._whole_s if self._whole_s else 1.0
         return self._from + share * (self._to - self._from)
 
-    def _follow(self, dt: float) -> None:
+    def _follow(self) -> None:
         error = self._reference - self._count
         if not self.jammed:
-            moved = self.place + error * _followed_share(dt)
-            self.place = min(self.plant.high, max(self.plant.low, moved))
+            self.place = min(self.plant.high, max(self.plant.low, self.place + error * _FOLLOWED))
         if not self.torn:
             self._count = self.place - self._origin
         if abs(self._count - self._seen_count) >= _MOVED_COUNTS:
             self._seen_count, self._standing_s, self._moved = self._count, 0.0, True
         else:
-            self._standing_s += dt
-
-    def _supervise(self) -> FaultKind:
-        error = abs(self._reference - self._count)
-        if error > self.settings["ferr"]:
-            return FaultKind.FOLLOWING
-        drive = error * self.settings["kp"] / _GAIN_STEPS + self.settings["brk"]
-        if error < _MOVED_COUNTS or drive < self.settings["dmax"]:
-            self._standing_s = 0.0
-        elif self._standing_s >= self.settings["stall"] / 1000.0:
-            return FaultKind.STALL if self._moved and not self.torn else FaultKind.ENCODER
-        return FaultKind(0)
-
-
-def _followed_share(dt: float) -> float:
-    """The part of its distance from the setpoint that a motor makes good in ``dt`` [s]."""
-    return 1.0 - math.exp(-dt / _LAG_S)
-
-
-# What the firmware takes for granted until a host has told it otherwise: a rebuilt Scorbot.
-
-_KEYS = ("min", "max", "vmax", "amax", "kp", "ki", "kd", "brk", "ferr",
-         "stall", "hdir", "hv", "hpos", "hord", "hmode", "inv", "minv", "sinv", "dmax")  # fmt: skip
-"""in the order in which SHOW tells them"""
-_AXES = (
-    (-22000, 22000, 2840, 11400, 1200, 2000, 16, 200, 600, 300, 1, 900, 0, 6, 0, 0, 0, 0, 255),
-    (-8000, 10800, 2950, 11800, 1200, 2000, 16, 200, 600, 300, 1, 900, 0, 2, 0, 0, 0, 0, 255),
-    (-25600, 4000, 2950, 11800, 1200, 2000, 16, 200, 600, 300, 1, 900, 0, 3, 0, 0, 0, 0, 255),
-    (-3900, 3400, 2300, 9200, 2500, 4000, 26, 200, 400, 300, 1, 800, 0, 4, 0, 0, 0, 0, 255),
-    (-5100, 5100, 2900, 11800, 2500, 4000, 26, 200, 400, 300, 1, 800, 0, 5, 0, 0, 0, 0, 255),
-    (0, 1700, 1600, 8000, 1000, 1000, 13, 200, 400, 200, -1, 800, 0, 1, 1, 0, 0, 0, 255),
-)
-
-FIRMWARE_DEFAULTS: tuple[Mapping[str, int], ...] = tuple(dict(zip(_KEYS, row, strict=True)) for row in _AXES)
-"""by axis; ``firmware/encoder/settings.cpp`` says the same"""
+            self._standing_s += TICK_S
