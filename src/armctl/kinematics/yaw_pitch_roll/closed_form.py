@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from math import acos, atan2, cos, remainder, sin, sqrt
 from typing import Any
 
@@ -20,7 +20,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armctl.arrays import FloatArray
-from armctl.kinematics.angles import LIMIT_TOLERANCE, TWO_PI, images, into_limits, rest_angle
+from armctl.kinematics.angles import (
+    LIMIT_TOLERANCE,
+    TWO_PI,
+    half_angle_cos_sin,
+    images,
+    into_limits,
+    rest_angle,
+)
 from armctl.kinematics.solutions import BatchSolutions
 from armctl.kinematics.tool_plane import ToolPlane
 from armctl.kinematics.yaw_pitch_roll.geometry import (
@@ -110,7 +117,7 @@ class PlanePostures:
     """The closed form in the tool plane of one arm. Immutable; safe in several threads."""
 
     def __init__(self, geometry: ToolPlane, limits: FloatArray) -> None:
-        self._geometry = geometry
+        self.geometry = geometry
         self._limits = [(float(low), float(high)) for low, high in limits[1 : 1 + len(geometry.lengths)]]
 
     def at(self, x: float, y: float, tool_angle: float | None) -> list[tuple[float, ...]]:
@@ -124,10 +131,10 @@ class PlanePostures:
         Folded onto its own first axis the arm may point anywhere: then the directions are given at which
         a joint is at zero or at a limit, so that one is inside the limits if any is.
         """
-        lengths = self._geometry.lengths
+        lengths = self.geometry.lengths
         if tool_angle is None:
             return self._pairs(x, y, None) if len(lengths) == 2 else []
-        last = tool_angle - (self._geometry.tool_angle or 0.0)  # absolute direction of the last link
+        last = tool_angle - (self.geometry.tool_angle or 0.0)  # absolute direction of the last link
         if len(lengths) == 2:
             pairs = self._pairs(x, y, last)
             return [p for p in pairs if abs(math.remainder(sum(p) - last, TWO_PI)) < _PITCH_TOLERANCE]
@@ -140,21 +147,21 @@ class PlanePostures:
 
     def _pairs(self, x: float, y: float, last: float | None) -> list[tuple[float, ...]]:
         """Angles of the first two links; ``last`` is the direction of the arm's last link."""
-        pairs = two_link(x, y, self._geometry.lengths[0], self._geometry.lengths[1])
+        pairs = two_link(x, y, self.geometry.lengths[0], self.geometry.lengths[1])
         if not pairs or math.hypot(x, y) > ON_JOINT:
             return list(pairs)
         bend = pairs[0][1]
-        firsts = [self._geometry.plane_angle(0, way) for way in (0.0, *self._limits[0])]
-        if last is not None and len(self._geometry.lengths) == 2:
+        firsts = [self.geometry.plane_angle(0, way) for way in (0.0, *self._limits[0])]
+        if last is not None and len(self.geometry.lengths) == 2:
             firsts.append(last - bend)
         elif last is not None:
-            firsts += [last - bend - self._geometry.plane_angle(2, way) for way in (0.0, *self._limits[2])]
+            firsts += [last - bend - self.geometry.plane_angle(2, way) for way in (0.0, *self._limits[2])]
         return [(first, bend) for first in firsts]
 
     def joint_images(self, plane: tuple[float, ...]) -> list[tuple[float, ...]]:
         """Every set of joint angles inside the limits that has these plane angles [rad]."""
         choices = [
-            images(self._geometry.joint_angle(k, angle), *self._limits[k]) for k, angle in enumerate(plane)
+            images(self.geometry.joint_angle(k, angle), *self._limits[k]) for k, angle in enumerate(plane)
         ]
         return list(itertools.product(*choices))
 
@@ -166,8 +173,8 @@ class PlanePostures:
             z: the tip, above the base origin [m].
             last: direction of the last link to be kept [rad]; None: any.
         """
-        shoulder = self._geometry.shoulder
-        tool_angle = None if last is None else last + (self._geometry.tool_angle or 0.0)
+        shoulder = self.geometry.shoulder
+        tool_angle = None if last is None else last + (self.geometry.tool_angle or 0.0)
         for plane in self.at(r - shoulder.real, z - shoulder.imag, tool_angle):
             for angles in self.joint_images(plane):
                 return angles
@@ -359,126 +366,147 @@ _CHUNK = 16_384
 """poses worked on at a time: more would leave the cache"""
 
 
-class PoseBatch:
-    """Many poses of one arm inside its limits. Immutable; safe in several threads."""
+def solve_batch(
+    planar: PlanePostures,
+    limits: FloatArray,
+    position: FloatArray,
+    pitch: FloatArray | None,
+    roll: FloatArray | None,
+) -> BatchSolutions:
+    """Every branch of many poses of an arm inside its limits.
 
-    def __init__(self, geometry: ToolPlane, limits: FloatArray, planar: PlanePostures) -> None:
-        self._geometry, self._planar = geometry, planar
-        self._limits: list[tuple[float, float]] = [(low, high) for low, high in limits.tolist()]
-        self._cosines = cosines_within(*geometry.plane_limits(1, limits))
+    Args:
+        planar: the arm's closed form.
+        limits: (n, 2) joint limits [rad].
+        position: (k, 3) tool points in the base frame [m].
+        pitch: (k,) of the approach axis above the horizontal [rad]; None with two pitch joints.
+        roll: (k,) the roll joint's angle [rad]; None: the one nearest to zero.
+    """
+    k = len(position)
+    q = np.empty((len(limits), len(BRANCHES), k))  # joint by joint in memory, as it is computed
+    if pitch is None:
+        q.fill(np.nan)  # else branch by branch, while it is in the cache
+    found = np.zeros((len(BRANCHES), k), dtype=np.bool_)
+    for at in range(0, k, _CHUNK):
+        cut = slice(at, at + _CHUNK)
+        p, w = (None if angle is None else angle[cut] for angle in (pitch, roll))
+        with np.errstate(invalid="ignore", divide="ignore"):
+            _solve_chunk(planar, limits, position[cut], p, w, q[..., cut], found[:, cut])
+    return BatchSolutions(q.transpose(2, 1, 0), found.T, BRANCHES)
 
-    def solve(
-        self, position: FloatArray, pitch: FloatArray | None, roll: FloatArray | None
-    ) -> BatchSolutions:
-        """Every branch of each pose.
 
-        Args:
-            position: (k, 3) tool points in the base frame [m].
-            pitch: (k,) of the approach axis above the horizontal [rad]; None with two pitch joints.
-            roll: (k,) the roll joint's angle [rad]; None: the one nearest to zero.
-        """
-        k, branches = len(position), len(BRANCHES)
-        q = np.full((len(self._limits), branches, k), np.nan)  # joint by joint in memory, as it is computed
-        found = np.zeros((branches, k), dtype=np.bool_)
-        for at in range(0, k, _CHUNK):
-            cut = slice(at, at + _CHUNK)
-            with np.errstate(invalid="ignore", divide="ignore"):
-                self._solve_chunk(
-                    position[cut],
-                    None if pitch is None else pitch[cut],
-                    None if roll is None else roll[cut],
-                    q[..., cut],
-                    found[:, cut],
-                )
-        return BatchSolutions(q.transpose(2, 1, 0), found.T, BRANCHES)
-
-    def _solve_chunk(
-        self,
-        position: FloatArray,
-        pitch: FloatArray | None,
-        roll: FloatArray | None,
-        q: FloatArray,
-        found: NDArray[np.bool_],
-    ) -> None:
-        """``solve`` for some poses, written into ``q`` (n, branches, m) and ``found`` (branches, m)."""
-        geometry, m = self._geometry, len(position)
-        local = position if geometry.upright else (position - geometry.origin) @ geometry.frame
-        forward, left, up = np.ascontiguousarray(local.T)
-        yaw, r, faces = base_angles(geometry, forward, left, self._limits[0])
-        rolls: FloatArray | None = None
-        if geometry.roll_joint is not None:
-            limits = self._limits[geometry.roll_joint]
-            rolls = np.full(m, rest_angle(*limits)) if roll is None else roll.copy()
-            faces &= into_limits(rolls, *limits)
-
-        def write(branch: Rows, pose: Rows, joints: list[FloatArray]) -> None:
-            found[branch, pose] = True
-            joints = joints if rolls is None else [*joints, rolls[pose]]
-            for row, angle, limits in zip(q, joints, self._limits, strict=True):
-                row[branch, pose] = np.clip(angle, *limits)
-
-        l2, l3, *_ = geometry.lengths
-        for back, (last, along, across, only, inward) in itertools.product((0, 1), self._readings(pitch, m)):
-            x, y = r[back] - geometry.shoulder.real - along, up - geometry.shoulder.imag - across
-            cosine = (x * x + y * y - (l2 * l2 + l3 * l3)) * (0.5 / (l2 * l3))
-            pose = np.flatnonzero(
-                faces[back] & only & (cosine > self._cosines[0]) & (cosine < self._cosines[1])
-            )
-            x, y, cosine, base, tool_in = x[pose], y[pose], cosine[pose], yaw[back, pose], inward[back, pose]
-            direction, bend = np.arctan2(y, x), np.arccos(cosine)
+def _solve_chunk(
+    planar: PlanePostures,
+    limits: FloatArray,
+    position: FloatArray,
+    pitch: FloatArray | None,
+    roll: FloatArray | None,
+    q: FloatArray,
+    found: NDArray[np.bool_],
+) -> None:
+    """``solve_batch`` for some poses, written into ``q`` (n, branches, m) and ``found`` (branches, m)."""
+    geometry, ranges = planar.geometry, limits.tolist()
+    local = position if geometry.upright else (position - geometry.origin) @ geometry.frame
+    forward, left, up = np.ascontiguousarray(local.T)
+    yaw, r, faces = base_angles(geometry, forward, left, ranges[0])
+    np.clip(yaw, *ranges[0], out=yaw)
+    rolls = None
+    if geometry.roll_joint is not None:
+        span = ranges[geometry.roll_joint]
+        rolls = np.full(len(up), rest_angle(*span)) if roll is None else roll.copy()
+        faces &= into_limits(rolls, *span)
+        np.clip(rolls, *span, out=rolls)
+    r -= geometry.shoulder.real
+    up -= geometry.shoulder.imag
+    l2, l3, *_ = geometry.lengths
+    least, most = cosines_within(*geometry.plane_limits(1, limits))
+    for back, tool_in, only, last, along, across in _readings(geometry, pitch):
+        x, y = r[back] - along, up - across
+        cosine = x * x
+        cosine += y * y
+        cosine -= l2 * l2 + l3 * l3
+        cosine *= 0.5 / (l2 * l3)
+        reached = cosine > least
+        reached &= cosine < most
+        reached &= faces[back]
+        if only is not None:
+            reached &= only
+        pose = np.flatnonzero(reached)
+        x, y, cosine = x[pose], y[pose], cosine[pose]
+        direction, bend = np.arctan2(y, x), np.arccos(cosine)
+        inner = 0.5 * bend
+        if abs(l2 - l3) >= _SAME_LENGTH:
             inner = np.arctan2(l3 * np.sqrt(1.0 - cosine * cosine), l2 + l3 * cosine)
-            in_line = np.abs(cosine) > _SURE
-            for sense in (1, -1):
-                plane = [direction - sense * inner, sense * bend]
-                if last is not None:
-                    plane.append(last[pose] - plane[0] - plane[1])
-                angles, inside = self._joints(plane)
-                kept = np.flatnonzero(inside & ~in_line)
-                # a positive bend leaves the elbow below the line to the target in front, above it at the back
-                branch = (2 + 2 * back if sense > 0 else 6 * back) + tool_in[kept]
-                write(branch, pose[kept], [base[kept], *(angle[kept] for angle in angles)])
-            for i in np.flatnonzero(in_line).tolist():  # rounding decides: one by one
-                direct = None if last is None else float(last[pose[i]])
-                for angles in self._planar.reaching(float(x[i]), float(y[i]), direct):
-                    branch = np.array([branch_index(not back, bend_sense(angles[1]), bool(tool_in[i]))])
-                    images = self._planar.joint_images(angles)
-                    if images and not found[branch, pose[i]]:
-                        write(branch, pose[i : i + 1], [base[i : i + 1], *map(np.atleast_1d, images[0])])
+        in_line = np.abs(cosine) > _SURE
+        special = np.flatnonzero(in_line)
+        third = None if last is None else last[pose]
+        for sense in (1, -1):
+            plane = [direction - sense * inner, sense * bend]
+            if third is not None:
+                plane.append(third - plane[0])
+                plane[2] -= plane[1]
+            inside = ~in_line
+            for angle, sign, offset, span in zip(
+                plane, geometry.signs, geometry.offsets, ranges[1:], strict=False
+            ):
+                if sign < 0:
+                    np.subtract(offset, angle, out=angle)
+                elif offset:
+                    angle -= offset
+                inside &= into_limits(angle, *span)
+            kept = np.flatnonzero(inside)
+            at = pose[kept]
+            branch = branch_index(not back, sense, bool(tool_in))
+            found[branch][at] = True
+            rows = q[:, branch]
+            rows[...] = np.nan
+            rows[0][at] = yaw[back][at]
+            for row, angle, span in zip(rows[1:], plane, ranges[1:], strict=False):
+                row[at] = np.clip(angle[kept], *span)
+            if rolls is not None:
+                rows[-1][at] = rolls[at]
+        for i in special.tolist():  # rounding decides: one by one
+            at = pose[i]
+            for angles in planar.reaching(
+                float(x[i]), float(y[i]), None if third is None else float(third[i])
+            ):
+                branch = branch_index(not back, bend_sense(angles[1]), bool(tool_in))
+                images = planar.joint_images(angles)
+                if images and not found[branch, at]:
+                    found[branch, at] = True
+                    q[:, branch, at] = [yaw[back, at], *images[0], *(() if rolls is None else (rolls[at],))]
 
-    def _joints(self, planes: list[FloatArray]) -> tuple[list[FloatArray], NDArray[np.bool_]]:
-        """Pitch joint angles of plane angles, and where they are all inside their limits."""
-        geometry, inside = self._geometry, np.ones(len(planes[0]), dtype=np.bool_)
-        angles: list[FloatArray] = []
-        for k, plane in enumerate(planes):
-            angle = plane - geometry.offsets[k]
-            if geometry.signs[k] < 0:
-                np.negative(angle, out=angle)
-            inside &= into_limits(angle, *self._limits[1 + k])
-            angles.append(angle)
-        return angles, inside
 
-    def _readings(
-        self, pitch: FloatArray | None, m: int
-    ) -> list[tuple[FloatArray | None, FloatArray, FloatArray, NDArray[np.bool_], Rows]]:
-        """Each reading of each pitch, arrays over the poses.
+def _readings(
+    geometry: ToolPlane, pitch: FloatArray | None
+) -> Iterator[
+    tuple[int, int, NDArray[np.bool_] | None, FloatArray | None, FloatArray | float, FloatArray | float]
+]:
+    """Each way to face and to point, over the poses (m,).
 
-        Direction of the last link [rad], if a pitch gives it; what it adds forward and up [m]; where it is a
-        reading of its own; and (2, m) 1 where the tool points back at the base axis, in front and behind.
-        """
-        everywhere = np.ones(m, dtype=np.bool_)
-        if pitch is None:
-            nothing = np.zeros(m)
-            return [(None, nothing, nothing, everywhere, np.zeros((2, m), dtype=np.intp))]
-        tool, l4, outward = self._geometry.tool_angle or 0.0, self._geometry.lengths[2], np.cos(pitch)
-        two = np.abs(pitch) <= math.pi / 2 - UPRIGHT
-        inward = np.where(two, [[0], [1]], np.stack([outward < -LEVEL, outward > LEVEL])).astype(np.intp)
-        return [
-            (last, l4 * np.cos(last), l4 * np.sin(last), only, way)
-            for last, only, way in (
-                (pitch - tool, everywhere, inward),
-                (math.pi - tool - pitch, two, inward[::-1]),
-            )
-        ]
+    1 at the back; 1 where the tool points back at the base axis; where there is such a posture (None:
+    everywhere); the direction of the last link [rad], if a pitch gives it; what it adds forward and up [m].
+    """
+    if pitch is None:
+        yield from ((back, 0, None, None, 0.0, 0.0) for back in (0, 1))
+        return
+    tool, l4 = geometry.tool_angle or 0.0, geometry.lengths[2]
+    outward, upward = half_angle_cos_sin(pitch)
+    readings: list[list[FloatArray]] = []
+    for last, sense in ((pitch - tool, 1.0), (math.pi - tool - pitch, -1.0)):
+        along, across = (sense * l4 * cos(tool)) * outward, (l4 * cos(tool)) * upward
+        if tool:
+            along += (l4 * sin(tool)) * upward
+            across -= (sense * l4 * sin(tool)) * outward
+        readings.append([last, along, across])
+    two = np.abs(pitch) <= math.pi / 2 - UPRIGHT
+    every = bool(two.all())
+    if not every:  # beyond ±90° there is one reading, whichever way it points
+        readings[1] = [np.where(two, other, one) for one, other in zip(*readings, strict=True)]
+    for back, tool_in in itertools.product((0, 1), (0, 1)):
+        only = None if every else two | (((1 - 2 * back) * outward < -LEVEL) == tool_in)
+        last, along, across = readings[back ^ tool_in]
+        yield back, tool_in, only, last, along, across
 
 
 def cosines_within(low: float, high: float) -> tuple[float, float]:

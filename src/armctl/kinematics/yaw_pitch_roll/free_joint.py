@@ -12,6 +12,7 @@ import cmath
 import itertools
 import math
 from collections.abc import Iterator
+from math import atan2, cos, floor, sin
 from typing import NamedTuple
 
 import numpy as np
@@ -30,8 +31,6 @@ _LOST = 1e-6
 """the same [rad]: so near to a knot the array formulas lose digits"""
 _NEAR_FOLD = 1e-6
 """how near to the circle of the second pitch axis a target must lie for equal links to fold onto it [m]"""
-_SAME_KNOT = 1e-13
-_LEAST = 1e-60
 
 
 class _Grid(NamedTuple):
@@ -42,23 +41,9 @@ class _Grid(NamedTuple):
     """(m,) joint angles [rad], in the order of rising plane angle"""
     start: float
     """the first plane angle [rad]"""
-    link: FloatArray
-    """(2, m) end of the first link, forward and up [m]"""
-
-    def inside(self, low: float, high: float) -> tuple[int, int]:
-        """Start and stop of the values strictly between two plane angles [rad]."""
-        first, on_first = self.position(low)
-        last, on_last = self.position(high)
-        start = math.ceil(first) if on_first is None else on_first + 1
-        stop = math.floor(last) + 1 if on_last is None else on_last
-        return max(0, start), min(len(self.joint), stop)
-
-    def position(self, angle: float) -> tuple[float, int | None]:
-        """Where a plane angle lies, as a fractional index, and the index of the value that it falls on."""
-        position = (angle - self.start) / self.step
-        nearest = round(position)
-        on = abs(position - nearest) < max(_ON_GRID, _LOST / self.step) and 0 <= nearest < len(self.joint)
-        return position, nearest if on else None
+    cos: FloatArray
+    sin: FloatArray
+    """(m,) of the plane angles"""
 
 
 class _Run(NamedTuple):
@@ -73,6 +58,10 @@ class _Run(NamedTuple):
     """whole turns that carry the third plane angle from (-pi, pi] into its limits [rad]"""
     exact: tuple[float, float] | None
     """second and third plane angle of a single value that falls on a knot"""
+
+
+_Place = tuple[int, int, int, _Run]
+"""grid indices from and to, the column at which they begin, and the run"""
 
 
 class FreeJointSweep:
@@ -101,22 +90,20 @@ class FreeJointSweep:
             InputError: the step is so small that the grid would not fit into memory.
         """
         grid, shoulder = self._grid_of(step), self._geometry.shoulder
-        found: list[tuple[BaseBranch, complex, _Part, list[_Run]]] = []
-        for branch, part in itertools.product(branches, self._parts):
-            target = complex(branch.r - shoulder.real, z - shoulder.imag)
-            runs = part.runs(target, grid)
-            if runs:
-                found.append((branch, target, part, runs))
+        y = z - shoulder.imag
+        found = [
+            (branch, part, part.runs(branch.r - shoulder.real, y, grid))
+            for branch, part in itertools.product(branches, self._parts)
+        ]
         count = sum(run.stop - run.start for *_, runs in found for run in runs)
         q, index, end = np.empty((len(self._limits), count)), np.empty(count, dtype=np.int8), 0
-        for branch, target, part, runs in found:
-            begin, places = end, list[FloatArray]()
+        for branch, part, runs in found:
+            begin = end
             for run in runs:
                 at, end = end, end + run.stop - run.start
                 index[at:end] = branch_index(branch.front, run.bend)
-                places.append(q[1:4, at:end])
             q[0, begin:end] = branch.angle
-            part.fill(target, grid, runs, places)
+            part.fill(branch.r - shoulder.real, y, grid, runs, q[1:4, begin:end])
         if self._geometry.roll_joint is not None:
             q[self._geometry.roll_joint] = roll
         return q, index
@@ -125,14 +112,12 @@ class FreeJointSweep:
         """The grid for a step [rad]; the last one made is kept."""
         grid = self._grid
         if grid is None or grid.step != step:
-            geometry = self._geometry
-            low, high = self._limits[1].tolist()
+            sign, low, high = self._geometry.signs[0], *self._limits[1].tolist()
             joint = grid_values(low, high, step)
-            if geometry.signs[0] < 0:
+            if sign < 0:
                 joint = joint[::-1].copy()
-            plane = geometry.signs[0] * joint + geometry.offsets[0]
-            link = geometry.lengths[0] * np.stack([np.cos(plane), np.sin(plane)])
-            grid = self._grid = _Grid(step, joint, float(plane[0]), link)
+            plane = sign * joint + self._geometry.offsets[0]
+            grid = self._grid = _Grid(step, joint, float(plane[0]), np.cos(plane), np.sin(plane))
         return grid
 
 
@@ -140,104 +125,110 @@ class _Part:
     """The sweep for limits of the second and third pitch joint that span less than a turn. Immutable."""
 
     def __init__(self, geometry: ToolPlane, limits: FloatArray) -> None:
-        self._geometry, self._joints = geometry, limits[2:4].tolist()
+        self._geometry, (self._low, self._high) = geometry, limits[2:4].T[..., None]
+        self._middle = 0.5 * float(limits[2].sum())
         self._l2, self._l3, self._l4 = l2, l3, l4 = geometry.lengths
         self._plane = [geometry.plane_limits(k, limits) for k in range(3)]
         self._elbow_locks = [(v, *joined(l2, l3, v)) for v in self._plane[1]]
         self._wrist_locks = [(v, *joined(l3, l4, v)) for v in (*self._plane[2], 0.0, math.pi)]
-        low, high = self._joints[0]
-        self._middle = 0.5 * (low + high)
-        self._back = cmath.exp(-1j * geometry.plane_angle(1, self._middle))
         widest = math.asin(l4 / l3) if l4 < l3 else math.pi
-        # then no solution lies half a turn from the middle of the limits, and none needs to be wrapped
-        self._in_one_turn = 0.5 * (high - low) + widest < math.pi - 1e-3
+        # then the direction is never half a turn from the first link's, and nothing needs to be wrapped
+        self._in_one_turn = max(map(abs, self._plane[1])) + widest < math.pi - 1e-3
 
-    def runs(self, target: complex, grid: _Grid) -> list[_Run]:
-        """Where on the grid a target has solutions; seen from the first pitch axis, forward + i up [m]."""
-        x, y = target.real, target.imag
-        knots: dict[int, list[float]] = {1: [*self._plane[0]], -1: [*self._plane[0]]}
+    def runs(self, x: float, y: float, grid: _Grid) -> list[_Run]:
+        """Where on the grid a target has solutions; seen from the first pitch axis, forward, up [m]."""
+        start, step, last = grid.start, grid.step, len(grid.joint) - 1
+        tolerance = max(_ON_GRID, _LOST / step)
+        lowest, highest = self._plane[0]
+        knots: dict[int, list[float]] = {1: [lowest, highest], -1: [lowest, highest]}
         for bend, t2 in self._knots(x, y):
-            for image in images(t2, *self._plane[0]):
-                for sign in (bend,) if bend else (1, -1):
-                    knots[sign].append(image)
+            for image in images(t2, lowest, highest):
+                if bend >= 0:
+                    knots[1].append(image)
+                if bend <= 0:
+                    knots[-1].append(image)
         runs: list[_Run] = []
         for bend, ends in knots.items():
             ends.sort()
-            taken = -1
-            for low, high in itertools.pairwise((*ends, ends[-1])):
-                _, on_grid = grid.position(low)
-                if on_grid is not None and on_grid > taken:  # rounding must not decide here
+            before, begin, taken = lowest, 0, -1
+            for knot in ends:
+                position = (knot - start) / step
+                on_grid = round(position)
+                if abs(position - on_grid) >= tolerance or not 0 <= on_grid <= last:
+                    on_grid = -1
+                stop = on_grid if on_grid >= 0 else min(floor(position), last) + 1
+                posture = self._follow(0.5 * (before + knot), x, y, bend) if begin < stop else None
+                if posture is not None:
+                    previous = runs[-1] if runs else None
+                    if previous and previous[:1] == (bend,) and previous[2:] == (begin, posture[2], None):
+                        begin = runs.pop().start
+                    runs.append(_Run(bend, begin, stop, posture[2], None))
+                if on_grid > taken:  # rounding must not decide here
                     taken = on_grid
-                    posture = self._follow(grid.start + on_grid * grid.step, x, y, bend)
+                    posture = self._follow(start + on_grid * step, x, y, bend)
                     if posture is not None:
                         runs.append(_Run(bend, on_grid, on_grid + 1, 0.0, posture[:2]))
-                if high - low <= _SAME_KNOT:
-                    continue
-                start, stop = grid.inside(low, high)
-                posture = self._follow(0.5 * (low + high), x, y, bend) if start < stop else None
-                if posture is None:
-                    continue
-                before = runs[-1] if runs else None
-                if before and before[:1] == (bend,) and before[2:] == (start, posture[2], None):
-                    start = runs.pop().start
-                runs.append(_Run(bend, start, stop, posture[2], None))
+                before, begin = knot, stop + (on_grid >= 0)
         return runs
 
-    def fill(self, target: complex, grid: _Grid, runs: list[_Run], places: list[FloatArray]) -> None:
-        """Write the three pitch joints' angles (3, k) [rad] of each run into its place."""
-        for start, stop, members in _unions(runs):  # both bends share one triangle
-            direction, inner, bent = self._triangle(target, grid.link[:, start:stop])
-            for i in members:
-                (bend, begin, end, shift, exact), (first, second, third) = runs[i], places[i]
-                first[:] = grid.joint[begin:end]
-                part = slice(begin - start, end - start)
-                sense2, sense3 = self._geometry.signs[1:]
-                if exact is not None:
-                    second[:], third[:] = (self._geometry.joint_angle(1 + k, exact[k]) for k in (0, 1))
-                else:
-                    add_inner = np.subtract if bend == sense2 else np.add
-                    add_inner(direction[part], inner[part], out=second)
-                    np.multiply(bent[part], bend * sense3, out=third)
-                    third += sense3 * (shift - self._geometry.offsets[2])
-                    if not self._in_one_turn:
-                        second -= TWO_PI * np.rint((second - self._middle) / TWO_PI)
-                for row, (low, high) in zip((second, third), self._joints, strict=True):
-                    np.minimum(row, high, out=row)
-                    np.maximum(row, low, out=row)
+    def fill(self, x: float, y: float, grid: _Grid, runs: list[_Run], q: FloatArray) -> None:
+        """Write the pitch joints' angles [rad] of each run into its columns of ``q`` (3, k)."""
+        (_, o2, o3), (_, s2, s3) = self._geometry.offsets, self._geometry.signs
+        first, second, third = q
+        places: list[_Place] = []
+        at = 0
+        for run in runs:
+            end = at + run.stop - run.start
+            first[at:end] = grid.joint[run.start : run.stop]
+            if run.exact is None:
+                places.append((run.start, run.stop, at, run))
+            else:
+                second[at], third[at] = (self._geometry.joint_angle(1 + k, run.exact[k]) for k in (0, 1))
+            at = end
+        for begin, stop, members in _unions(places):  # both bends share one triangle
+            direction, inner, bent = self._triangle(x, y, grid.cos[begin:stop], grid.sin[begin:stop])
+            if o2:
+                direction -= s2 * o2
+            for start, end, at, run in members:
+                part, place = slice(start - begin, end - begin), slice(at, at + end - start)
+                add_inner = np.subtract if run.bend == s2 else np.add
+                add_inner(direction[part], inner[part], out=second[place])
+                np.multiply(bent[part], run.bend * s3, out=third[place])
+                if run.shift != o3:
+                    third[place] += s3 * (run.shift - o3)
+        if not self._in_one_turn:
+            second -= TWO_PI * np.rint((second - self._middle) * (1.0 / TWO_PI))
+        np.clip(q[1:], self._low, self._high, out=q[1:])
 
-    def _triangle(self, target: complex, link: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Direction as a joint angle, inner angle and bend (k,) of the last two links [rad].
+    def _triangle(
+        self, x: float, y: float, cos: FloatArray, sin: FloatArray
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """The last two links, seen from the end of the first, whose plane angle has ``cos`` and ``sin`` (k,).
 
-        From the end of the first link the target is seen at D. With v = (|D|² - l3² - l4²) / 2:
-        direction = arg D, cos(inner) = (l3² + v) / (l3 |D|), cos(bend) = v / (l3 l4).
+        Returns:
+            Direction of the target against the first link, in the sense of the joint, the angle between it
+            and the second link, and the bend (k,) [rad]. With D the way from there to the target:
+            cos(bend) = (|D|² - l3² - l4²) / 2 l3 l4,  cos(inner) = (l3 + l4 cos(bend)) / |D|.
         """
-        (c, s), l2, l3, l4 = link, self._l2, self._l3, self._l4
-        turned, foot = target * self._back, l2 * l2 * self._back
-        # D in the frame of the first link, turned back by the middle of the limits, times the link's length
-        along, across = turned.real * c, turned.imag * c
-        along += turned.imag * s
-        along -= foot.real
-        across -= turned.real * s
-        across -= foot.imag
-        direction = np.arctan2(across, along)
-        if self._geometry.signs[1] < 0:
-            np.negative(direction, out=direction)
-        direction += self._middle
-        v = 0.5 * (abs(target) ** 2 + l2 * l2 - l3 * l3 - l4 * l4) - target.real * c
-        v -= target.imag * s
-        distance = 2.0 * v
-        distance += l3 * l3 + l4 * l4
-        np.maximum(distance, _LEAST, out=distance)  # folded onto the second axis any direction serves
+        l2, l3, l4 = self._l2, self._l3, self._l4
+        scale, s2 = l2 / (l3 * l4), self._geometry.signs[1]
+        u, w = (scale * x) * cos, (s2 * scale * y) * cos
+        term = (scale * y) * sin
+        u += term
+        np.multiply(sin, s2 * scale * x, out=term)
+        w -= term
+        cosine = (x * x + y * y + l2 * l2 - l3 * l3 - l4 * l4) / (2.0 * l3 * l4) - u
+        u -= scale * l2  # D in the frame of the first link, times l2 / l3 l4
+        direction = np.arctan2(w, u, out=w)
+        np.clip(cosine, -1.0, 1.0, out=cosine)
+        # |D| / l4, above zero where the links fold onto their joint, and any direction serves
+        distance = np.add(cosine, max((l3 * l3 + l4 * l4) / (2.0 * l3 * l4), 1.0 + 4e-16), out=u)
+        distance *= 2.0 * l3 / l4
         np.sqrt(distance, out=distance)
-        distance *= l3
-        inner = v + l3 * l3
+        inner = np.add(cosine, l3 / l4, out=term)
         inner /= distance
-        v *= 1.0 / (l3 * l4)
-        for cosine in (inner, v):
-            np.minimum(cosine, 1.0, out=cosine)
-            np.maximum(cosine, -1.0, out=cosine)
-            np.arccos(cosine, out=cosine)
-        return direction, inner, v
+        np.clip(inner, -1.0, 1.0, out=inner)
+        return direction, np.arccos(inner, out=inner), np.arccos(cosine, out=cosine)
 
     def _follow(self, t2: float, x: float, y: float, bend: int) -> tuple[float, float, float] | None:
         """Second and third plane angle (inside their limits) and the turns of the third [rad], at one t_2.
@@ -245,8 +236,8 @@ class _Part:
         Links in line count as bent to the positive side, so that they are listed once. Folded onto the second
         pitch axis they may point anywhere: midway between the limits.
         """
-        X, Y = x - self._l2 * math.cos(t2), y - self._l2 * math.sin(t2)
-        square = X * X + Y * Y
+        x, y = x - self._l2 * cos(t2), y - self._l2 * sin(t2)
+        square = x * x + y * y
         angle = bend_angle(square, self._l3, self._l4)
         if angle is None or (bend < 0 and (angle == 0.0 or angle == math.pi)):
             return None
@@ -257,13 +248,13 @@ class _Part:
         low, high = self._plane[1]
         if square <= ON_JOINT * ON_JOINT:
             return 0.5 * (low + high), third[0], turns
-        second = images(math.atan2(Y, X) - inner_angle(self._l3, self._l4, bend * angle) - t2, low, high)
+        second = images(atan2(y, x) - inner_angle(self._l3, self._l4, bend * angle) - t2, low, high)
         return (second[0], third[0], turns) if second else None
 
     def _knots(self, x: float, y: float) -> Iterator[tuple[int, float]]:
         """(bend, t_2) where feasibility may change; bend 0: for both."""
         if abs(self._l3 - self._l4) < _NEAR_FOLD and abs(math.hypot(x, y) - self._l2) < _NEAR_FOLD:
-            yield 0, math.atan2(y, x)
+            yield 0, atan2(y, x)
         for v, length, turn in self._elbow_locks:
             for first, bend in two_link(x, y, length, self._l4) if length > 1e-12 else ():
                 yield _sign(bend + turn - v), first - turn
@@ -286,16 +277,16 @@ def _sign(angle: float) -> int:
     return 1 if angle > 0 else -1
 
 
-def _unions(runs: list[_Run]) -> list[tuple[int, int, list[int]]]:
-    """Overlapping index ranges joined: start, stop and the numbers of the runs in each."""
-    unions: list[tuple[int, int, list[int]]] = []
-    for i in sorted(range(len(runs)), key=lambda i: runs[i].start):
-        begin, end = runs[i].start, runs[i].stop
+def _unions(places: list[_Place]) -> list[tuple[int, int, list[_Place]]]:
+    """Overlapping ranges joined: start, stop and the members of each."""
+    unions: list[tuple[int, int, list[_Place]]] = []
+    for place in sorted(places):
+        begin, end = place[:2]
         if unions and begin <= unions[-1][1]:
             start, stop, members = unions.pop()
-            unions.append((start, max(stop, end), [*members, i]))
+            unions.append((start, max(stop, end), [*members, place]))
         else:
-            unions.append((begin, end, [i]))
+            unions.append((begin, end, [place]))
     return unions
 
 

@@ -29,7 +29,7 @@ from armctl.kinematics.target import (
     is_point,
 )
 from armctl.kinematics.tool_plane import ToolPlane
-from armctl.kinematics.yaw_pitch_roll.closed_form import PlanePostures, PoseBatch, PoseBranches
+from armctl.kinematics.yaw_pitch_roll.closed_form import PlanePostures, PoseBranches, solve_batch
 from armctl.kinematics.yaw_pitch_roll.free_joint import FreeJointSweep
 from armctl.kinematics.yaw_pitch_roll.geometry import (
     BRANCHES,
@@ -73,7 +73,6 @@ class YawPitchRollSolver(InverseKinematics):
         self._arm = SolvedArm(BRANCHES, chain, energy, geometry.pitch_joints)
         self._planar = PlanePostures(geometry, limits)
         self._pose = PoseBranches(geometry, limits) if PoseBranches.serves(geometry, limits) else None
-        self._batch = PoseBatch(geometry, limits, self._planar)
         self._sweep = FreeJointSweep(geometry, limits) if three else None
         self._least = LeastRotation(geometry, limits) if three else None
         self._orientation = NearestOrientation(chain, geometry, limits, self._planar, self._least)
@@ -168,7 +167,9 @@ class YawPitchRollSolver(InverseKinematics):
         if roll is not None and self._roll is None:
             raise InputError(NO_ROLL)
         count = len(position)
-        return self._batch.solve(
+        return solve_batch(
+            self._planar,
+            self.limits,
             position,
             None if pitch is None else checked_pitches(pitch, count),
             None if roll is None else checked_column(roll, count, "the roll"),
@@ -197,7 +198,7 @@ class YawPitchRollSolver(InverseKinematics):
         """(k, n) the least rotation of each point (k, 3) [m]."""
         if self._least is None:
             # two pitch joints: isolated solutions, of which the least is taken
-            branches = self._batch.solve(position, None, None)
+            branches = solve_batch(self._planar, self.limits, position, None, None)
             energy = np.where(branches.found, np.abs(branches.q).sum(axis=2), np.inf)
             return branches.q[np.arange(len(position)), energy.argmin(axis=1)]
         q = self._least.solve_many(position)
