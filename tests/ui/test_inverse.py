@@ -22,7 +22,7 @@ from armctl.ui.tabs.inverse.answer import (
     short_branch,
     solve,
 )
-from armctl.ui.widgets.pager import Pager
+from armctl.ui.widgets.html import Pager
 
 ROBOT, MICO = load_robot("uzuner"), load_robot("mico")
 HOME = ROBOT.pose("home")

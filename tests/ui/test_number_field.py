@@ -120,17 +120,25 @@ def test_a_click_that_comes_with_an_edit_is_refused(server: GuardedServer) -> No
     watch.require_settled()
 
 
-def test_sending_a_field_again_changes_nothing(server: GuardedServer) -> None:
+def test_a_young_edit_has_the_page_show_what_the_server_has(server: GuardedServer) -> None:
+    now = [10.0]
     field = NumberField(server.gui, "X mm", 12.5)
-    sent: list[str] = []
+    watch, edits, sent = EditWatch([field], lambda: now[0]), Clicks(), list[str]()
+    watch.watch(edits.attach)
 
     @field.handle.on_update
     def _(event: viser.GuiEvent[viser.GuiTextHandle]) -> None:
         sent.append(event.target.value)
 
-    field.send_again()
+    edits.fire(by_page=True)
+    now[0] += 0.9
+    watch.show_held()
     assert sent[-1] == "12.5"
     assert field.value == 12.5
+    sent.clear()
+    now[0] += 0.2
+    watch.show_held()
+    assert sent == []
 
 
 XYZ = ("X", "Y", "Z")

@@ -1,14 +1,15 @@
-"""Translucent arms in one page's view: where the arm would stand."""
+"""What one page draws in its own view beside the arm: ghosts, lines, a mark at the target."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 import viser
 
 from armctl.arrays import FloatArray
+from armctl.kinematics import quaternion_wxyz
 from armctl.robot import Robot
 from armctl.robot.parts import Color
 from armctl.ui.scene.arm_figure import ArmFigure
@@ -115,17 +116,6 @@ def _same(a: FloatArray, b: FloatArray) -> bool:
     return bool(np.abs(a - b).max() < _SAME_RAD)
 
 
-@dataclass(frozen=True, slots=True)
-class GhostMark:
-    """One of several arms that are shown side by side."""
-
-    q: FloatArray
-    """(n,) [rad]"""
-    color: Color
-    label: str
-    """written beside it"""
-
-
 class BranchGhosts:
     """Several labelled ghosts: the branches of a target."""
 
@@ -133,30 +123,94 @@ class BranchGhosts:
         self._scene, self._robot = scene, robot
         self._nodes: list[ArmFigure | viser.LabelHandle] = []
 
-    def show(self, marks: Sequence[GhostMark]) -> None:
-        """Show these arms and no others."""
-        self.hide()
-        for i, (mark, place) in enumerate(zip(marks, self._label_places(marks), strict=True)):
-            # each a little thicker than the one before: shared surfaces would flicker, or mix their colours
-            robot = thicker(self._robot, _THICKER + i * _BRANCH_STEP)
-            name = f"/branches/{i}"
-            figure = ArmFigure(self._scene, robot, name, color=mark.color, opacity=_BRANCH_OPACITY)
-            figure.pose(mark.q)
-            label = self._scene.add_label(f"/branches/label{i}", mark.label, position=place)
-            self._nodes += [figure, label]
-
-    def hide(self) -> None:
-        """Show nothing."""
+    def show(self, marks: Sequence[tuple[FloatArray, Color, str]]) -> None:
+        """Show arms at joint angles (n,) [rad], with their colours and labels, and no others."""
         for node in self._nodes:
             node.remove()
         self._nodes = []
+        places = self._label_places([q for q, _, _ in marks])
+        for i, ((q, color, words), place) in enumerate(zip(marks, places, strict=True)):
+            # each a little thicker than the one before: shared surfaces would flicker, or mix their colours
+            robot = thicker(self._robot, _THICKER + i * _BRANCH_STEP)
+            figure = ArmFigure(self._scene, robot, f"/branches/{i}", color=color, opacity=_BRANCH_OPACITY)
+            figure.pose(q)
+            self._nodes += [figure, self._scene.add_label(f"/branches/label{i}", words, position=place)]
 
-    def _label_places(self, marks: Sequence[GhostMark]) -> FloatArray:
+    def _label_places(self, poses: Sequence[FloatArray]) -> FloatArray:
         """(k, 3) origins of the one frame at which the arms are farthest apart [m]."""
-        if not marks:
+        if not poses:
             return np.empty((0, 3))
-        points = self._robot.frames(np.array([mark.q for mark in marks]))[:, :, :3, 3]  # (k, frames, 3)
+        points = self._robot.frames(np.array(poses))[:, :, :3, 3]  # (k, frames, 3)
         apart = np.linalg.norm(points[:, None] - points[None], axis=-1)  # (k, k, frames)
-        apart[np.arange(len(marks)), np.arange(len(marks))] = np.inf
-        frame = int(apart.min(axis=(0, 1)).argmax()) if len(marks) > 1 else points.shape[1] // 2
+        apart[np.arange(len(poses)), np.arange(len(poses))] = np.inf
+        frame = int(apart.min(axis=(0, 1)).argmax()) if len(poses) > 1 else points.shape[1] // 2
         return points[:, frame]
+
+
+def segments(points: FloatArray) -> FloatArray:
+    """The line segments (k - 1, 2, ...) between consecutive points (k, ...)."""
+    return np.stack([points[:-1], points[1:]], axis=1)
+
+
+class Lines:
+    """Line segments under one name."""
+
+    def __init__(self, scene: viser.SceneApi, name: str, color: Color, thickness: float = 2.0) -> None:
+        """Draw nothing yet; ``thickness`` in pixels."""
+        self._scene, self._name = scene, name
+        self._color, self._thickness = color, thickness
+        self._handle: viser.LineSegmentsHandle | None = None
+        self._pose: FloatArray | None = None
+
+    def show(self, segments: FloatArray) -> None:
+        """Draw line segments (k, 2, 3) [m] in place of those before."""
+        if self._handle is not None and self._handle.points.shape == segments.shape:
+            self._handle.points = segments.astype(np.float32)
+            return
+        self.hide()
+        if len(segments):
+            self._handle = self._scene.add_line_segments(
+                self._name, segments, self._color, thickness=self._thickness, thickness_units="screen"
+            )
+            self._place()
+
+    def hide(self) -> None:
+        """Draw nothing."""
+        if self._handle is not None:
+            self._handle.remove()
+            self._handle = None
+
+    def set_visible(self, visible: bool) -> None:
+        """Show or hide the lines; those drawn anew are shown."""
+        if self._handle is not None:
+            self._handle.visible = visible
+
+    def place(self, T: FloatArray) -> None:
+        """Move the lines to a pose (4, 4) in the base frame [m]."""
+        if self._pose is None or not np.array_equal(T, self._pose):
+            self._pose = T
+            self._place()
+
+    def _place(self) -> None:
+        if self._handle is not None and self._pose is not None:
+            self._handle.wxyz = quaternion_wxyz(self._pose[:3, :3])
+            self._handle.position = self._pose[:3, 3]
+
+
+_TARGET_COLOR = (214, 51, 108)
+
+
+class TargetMark:
+    """A small ball where a target was asked for."""
+
+    def __init__(self, scene: viser.SceneApi, name: str = "/target") -> None:
+        self._ball = scene.add_icosphere(name, 0.006, color=_TARGET_COLOR, visible=False)
+
+    def show(self, position_m: FloatArray) -> None:
+        """Show the target at a point (3,) [m]."""
+        self._ball.position = position_m
+        self._ball.visible = True
+
+    def hide(self) -> None:
+        """Show none."""
+        self._ball.visible = False

@@ -20,7 +20,6 @@ _HIGH = 0.3
 """a base frame this far above the floor lets the arm hang below it: the column goes behind"""
 _ABOVE_BASE = 0.02
 """a tool nearer to the base axis than this is to no side of it"""
-_TARGET_COLOR = (214, 51, 108)
 _FLOOR_M, _FLOOR_STEP_M = 1.6, 0.5
 """the floor is so large at least; a longer arm stands on one that is larger by whole sections"""
 _IN_FRONT, _BESIDE, _ABOVE = 0.62, 0.72, 0.32
@@ -176,19 +175,3 @@ def in_view(robot: Robot) -> FloatArray:
     poses = robot.frames(np.stack([robot.pose("home"), robot.pose("rest")]))[..., :3, 3].reshape(-1, 3)
     stretched = [[*(level * way), shoulder] for way in (ahead, side, -side)]
     return np.vstack([poses, stretched, [[0.0, 0.0, robot.floor_z], [0.0, 0.0, shoulder + level]]])
-
-
-class TargetMark:
-    """A small ball where a target was asked for."""
-
-    def __init__(self, scene: viser.SceneApi, name: str = "/target") -> None:
-        self._ball = scene.add_icosphere(name, 0.006, color=_TARGET_COLOR, visible=False)
-
-    def show(self, position_m: FloatArray) -> None:
-        """Show the target at a point (3,) [m]."""
-        self._ball.position = position_m
-        self._ball.visible = True
-
-    def hide(self) -> None:
-        """Show none."""
-        self._ball.visible = False

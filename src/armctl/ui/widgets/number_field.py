@@ -9,44 +9,14 @@ from __future__ import annotations
 import asyncio
 import math
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Awaitable, Callable, Sequence
 
+import numpy as np
 import viser
 
+from armctl.arrays import FloatArray
 from armctl.errors import InputError
-
-
-class TextEntry:
-    """Whatever the field shows arrives at the server, character by character."""
-
-    def __init__(self, handle: viser.GuiInputHandle[str]) -> None:
-        self.handle = handle
-
-    @property
-    def text(self) -> str:
-        """What the field shows."""
-        return self.handle.value
-
-    @property
-    def is_empty(self) -> bool:
-        """Nothing is in it."""
-        return not self.text.strip()
-
-    def send_again(self) -> None:
-        """Make the page show what the server has."""
-        text = self.handle.value
-        self.handle.value = f"{text} "  # viser sends nothing when the value is the same
-        self.handle.value = text
-
-    @property
-    def visible(self) -> bool:
-        """Whether the field is shown."""
-        return self.handle.visible
-
-    @visible.setter
-    def visible(self, visible: bool) -> None:
-        self.handle.visible = visible
-
+from armctl.ui.widgets.events import Action, On
 
 _DIGITS = 3
 _LARGEST = 1e6
@@ -55,11 +25,7 @@ _NUMBER = re.compile(
 )
 """as people write one: of what Python takes, ``1_0`` and other scripts' digits are left out"""
 _MOST_CHARACTERS = 40
-_SETTLE_S = 0.08
-"""A page keeps only the last of the messages of 50 ms: a digit and a click that come closer than that
-lose the digit, and the click arrives 50 ms behind the digit before it, or a frame later."""
-_SHOW_HELD_S = 1.0
-"""After an edit this young the page is told what the server used: a busy page can be later still."""
+_BETWEEN = re.compile(r"[,;\s]+")
 
 
 def parse_number(text: str, what: str) -> float:
@@ -83,14 +49,55 @@ def parse_number(text: str, what: str) -> float:
     return value
 
 
+def parse_numbers(text: str, what: str, names: Sequence[str]) -> list[float]:
+    """The numbers that a field shows, one for each name.
+
+    Raises:
+        InputError: another count, or one of them is no number that can be used.
+    """
+    parts = [part for part in _BETWEEN.split(text.strip().strip("()[]")) if part]
+    if len(parts) != len(names):
+        raise InputError(
+            f"{what}: {len(names)} numbers are needed ({', '.join(names)}), got {len(parts)}; "
+            "put commas or spaces between them"
+        )
+    return [parse_number(part, f"{what}: {name}") for part, name in zip(parts, names, strict=True)]
+
+
 def format_number(value: float, digits: int = _DIGITS) -> str:
     """``value`` as a field shows it: rounded, without trailing or negative zeros."""
     text = f"{round(value, digits) + 0.0:.{digits}f}"
     return text.rstrip("0").rstrip(".") if "." in text else text
 
 
+class TextEntry:
+    """A text field: whatever it shows arrives at the server, character by character."""
+
+    def __init__(self, handle: viser.GuiInputHandle[str]) -> None:
+        self.handle = handle
+
+    @property
+    def text(self) -> str:
+        """What the field shows."""
+        return self.handle.value
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether nothing is in it."""
+        return not self.text.strip()
+
+    @property
+    def visible(self) -> bool:
+        """Whether the field is shown."""
+        return self.handle.visible
+
+    @visible.setter
+    def visible(self, visible: bool) -> None:
+        self.handle.visible = visible
+
+
 class NumberField(TextEntry):
-    """One field. A number that the program filled in keeps all its digits until somebody types."""
+    """One number. What the program filled in keeps all its digits until the page edits it."""
 
     def __init__(
         self,
@@ -102,7 +109,6 @@ class NumberField(TextEntry):
         visible: bool = True,
         disabled: bool = False,
     ) -> None:
-        """Add the field to the present container; ``value`` None: empty."""
         self.label = label
         self._exact = value
         self._filled = "" if value is None else format_number(value)
@@ -110,11 +116,7 @@ class NumberField(TextEntry):
 
     @property
     def value(self) -> float:
-        """The number in the field.
-
-        Raises:
-            InputError: as ``parse_number``.
-        """
+        """The number in the field; errors as ``parse_number``."""
         if self._exact is not None and self.text == self._filled:
             return self._exact
         return parse_number(self.text, self.label)
@@ -136,6 +138,80 @@ class NumberField(TextEntry):
         self.handle.value = self._filled
 
 
+class NumbersField(TextEntry):
+    """Several numbers in one field, with commas between them: to type, to copy and to paste."""
+
+    def __init__(
+        self, gui: viser.GuiApi, label: str, names: Sequence[str], values: Sequence[float], hint: str
+    ) -> None:
+        self._label, self._names = label, tuple(names)
+        text = ", ".join(format_number(value, 2) for value in values)
+        super().__init__(gui.add_text(label, text, hint=hint))
+
+    @property
+    def values(self) -> list[float]:
+        """The numbers in the field, one for each name; errors as ``parse_numbers``."""
+        return parse_numbers(self.text, self._label, self._names)
+
+
+class FieldArray:
+    """Fields that show an array ``scale`` times as large: radians in degrees, metres in mm."""
+
+    def __init__(self, fields: Sequence[NumberField], scale: float) -> None:
+        self.fields, self._scale = tuple(fields), scale
+
+    @property
+    def texts(self) -> tuple[str, ...]:
+        """What the fields show."""
+        return tuple(field.text for field in self.fields)
+
+    @property
+    def array(self) -> FloatArray:
+        """The array; errors as ``parse_number``, by the field's label."""
+        return np.array([field.value for field in self.fields]) / self._scale
+
+    def fill(self, array: FloatArray, digits: int | None = None) -> None:
+        """Put an array into the fields, rounded to ``digits`` of their unit, if given."""
+        for field, value in zip(self.fields, (self._scale * array).tolist(), strict=True):
+            field.fill(value if digits is None else round(value, digits))
+
+
+_GIZMO_SCALE = 0.12
+
+
+class DraggedPoint:
+    """X, Y and Z in mm, and a target in the scene that can be dragged: both show the same point."""
+
+    def __init__(
+        self, gui: viser.GuiApi, scene: viser.SceneApi, on: On, name: str, point: FloatArray, dragged: Action,
+        prefix: str = "",
+    ) -> None:  # fmt: skip
+        """Begin at ``point`` (3,) [m], the target hidden; ``dragged`` runs once the fields are filled."""
+        self._dragged = dragged
+        self.xyz = FieldArray([NumberField(gui, f"{prefix}{axis} mm", None) for axis in "XYZ"], 1000.0)
+        self.target = scene.add_transform_controls(
+            name, scale=_GIZMO_SCALE, disable_rotations=True, depth_test=False, visible=False
+        )
+        self.put(point)
+        on(self.target.on_update, self._on_drag)
+
+    def put(self, point: FloatArray) -> None:
+        """Move both to ``point`` (3,) [m]."""
+        self.xyz.fill(point)
+        self.target.position = point
+
+    def _on_drag(self) -> Awaitable[object] | None:
+        self.xyz.fill(np.array(self.target.position), digits=1)
+        return self._dragged()
+
+
+_SETTLE_S = 0.08
+"""A page keeps only the last of the messages of 50 ms: a digit and a click that come closer than that
+lose the digit, and the click arrives 50 ms behind the digit before it, or a frame later."""
+_SHOW_HELD_S = 1.0
+"""After an edit this young the page is sent what the server used: a busy page can be later still."""
+
+
 class EditWatch:
     """Knows when the page last edited one of some fields, so that a click cannot overtake a digit.
 
@@ -144,7 +220,7 @@ class EditWatch:
 
     def __init__(self, fields: Sequence[TextEntry], now: Callable[[], float] | None = None) -> None:
         self._fields = tuple(fields)
-        self._now = now
+        self._now = now or (lambda: asyncio.get_running_loop().time())
         self._edited_at = -math.inf
         for field in self._fields:
             self.watch(field.handle.on_update)
@@ -154,20 +230,17 @@ class EditWatch:
 
         async def note(event: viser.GuiEvent[viser.GuiTextHandle]) -> None:
             if event.client is not None:
-                self._edited_at = self._time()
+                self._edited_at = self._now()
 
         attach(note)
 
-    @property
-    def settled(self) -> bool:
-        """Nobody was typing when this click was made."""
-        return self._time() - self._edited_at >= _SETTLE_S
-
     def show_held(self) -> None:
         """Make the page show what the server has, if a digit may have been lost."""
-        if self._time() - self._edited_at < _SHOW_HELD_S:
+        if self._now() - self._edited_at < _SHOW_HELD_S:
             for field in self._fields:
-                field.send_again()
+                text = field.text
+                field.handle.value = f"{text} "  # viser sends nothing when the value is the same
+                field.handle.value = text
 
     def require_settled(self) -> None:
         """Refuse a click that came with an edit; after a young edit the page is sent what the server has.
@@ -176,59 +249,8 @@ class EditWatch:
             InputError: a field was edited a moment ago.
         """
         self.show_held()
-        if not self.settled:
+        if self._now() - self._edited_at < _SETTLE_S:
             raise InputError(
                 "a field was still being edited when the button was pressed; nothing was done: "
                 "look at the fields and press again"
             )
-
-    def _time(self) -> float:
-        return asyncio.get_running_loop().time() if self._now is None else self._now()
-
-
-# One field for several numbers, such as the angles of all joints: to type, to copy and to paste.
-
-_BETWEEN = re.compile(r"[,;\s]+")
-
-
-def parse_numbers(text: str, what: str, names: Sequence[str]) -> list[float]:
-    """The numbers that a field shows, one for each name.
-
-    Raises:
-        InputError: another count, or one of them is no number that can be used.
-    """
-    parts = [part for part in _BETWEEN.split(text.strip().strip("()[]")) if part]
-    if len(parts) != len(names):
-        raise InputError(
-            f"{what}: {len(names)} numbers are needed ({', '.join(names)}), got {len(parts)}; "
-            "put commas or spaces between them"
-        )
-    return [parse_number(part, f"{what}: {name}") for part, name in zip(parts, names, strict=True)]
-
-
-class NumbersField(TextEntry):
-    """A text field that shows ``names`` numbers with commas between them."""
-
-    def __init__(
-        self,
-        gui: viser.GuiApi,
-        label: str,
-        names: Sequence[str],
-        values: Sequence[float],
-        *,
-        hint: str | None = None,
-        visible: bool = True,
-    ) -> None:
-        """Add the field to the present container."""
-        self._label, self._names = label, tuple(names)
-        text = ", ".join(format_number(value, 2) for value in values)
-        super().__init__(gui.add_text(label, text, hint=hint, visible=visible))
-
-    @property
-    def values(self) -> list[float]:
-        """The numbers in the field.
-
-        Raises:
-            InputError: as ``parse_numbers``.
-        """
-        return parse_numbers(self.text, self._label, self._names)

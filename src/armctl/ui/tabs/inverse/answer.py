@@ -71,23 +71,19 @@ class Answer:
     curve: Picture | None = None
     """energy over the free joint; None: there is nothing to plot"""
 
-    @property
-    def unit(self) -> str:
-        """Unit of the energies."""
-        return _UNITS[self.criterion][1]
-
     def q(self, row: int) -> FloatArray:
         """Configuration (n,) [rad] of a row of the list, counted from 1."""
         return self.solutions.q[self.order[row - 1]].copy()
 
     def energy_of(self, q: FloatArray) -> float:
-        """Energy of any configuration ``q`` (n,) [rad], in ``unit``; infinite if not admitted."""
+        """Energy of any configuration ``q`` (n,) [rad], as ``energy``; infinite if not admitted."""
         arm, (scale, _) = self.solutions.arm, _UNITS[self.criterion]
         return scale * float(energies(self.criterion, q[None], arm.energy, arm.pitch_joints, self.start)[0])
 
     def energy_text(self, q: FloatArray) -> str:
         """Energy of ``q`` (n,) [rad] with its unit, as exact as in the list."""
-        return f"{fixed(self.energy_of(q), 3)}{'' if self.unit == '°' else ' '}{self.unit}"
+        unit = _UNITS[self.criterion][1]
+        return f"{fixed(self.energy_of(q), 3)}{'' if unit == '°' else ' '}{unit}"
 
 
 def solve(robot: Robot, target: Target, criterion: str, start: FloatArray) -> Answer:
@@ -115,36 +111,33 @@ def _verdicts(
     robot: Robot, target: Target, start: FloatArray, best: FloatArray | None
 ) -> tuple[Verdict, ...]:
     """Judge every branch, and the way to it from ``start`` (n,) [rad]."""
-
-    def refusal(branch: Branch) -> str:
-        if branch.forbidden:
-            return "; ".join(branch.forbidden)
-        try:
-            plan_joints(robot, start, branch.q)
-        except MotionRefusedError as refused:
-            return str(refused)
-        return ""
-
-    def chosen(q: FloatArray) -> bool:  # whole turns make no difference
-        return best is not None and float(np.abs(np.exp(1j * q) - np.exp(1j * best)).max()) < _SAME_BRANCH
-
+    verdicts: list[Verdict] = []
     branches = robot.branches(target.position, target.pitch, target.roll, target.rotation)
-    return tuple(
-        Verdict(i, branch, refusal(branch), chosen(branch.q)) for i, branch in enumerate(branches, 1)
-    )
+    for number, branch in enumerate(branches, 1):
+        refusal = "; ".join(branch.forbidden)
+        if not refusal:
+            try:
+                plan_joints(robot, start, branch.q)
+            except MotionRefusedError as refused:
+                refusal = str(refused)
+        # whole turns make no difference
+        chosen = best is not None and np.abs(np.exp(1j * branch.q) - np.exp(1j * best)).max() < _SAME_BRANCH
+        verdicts.append(Verdict(number, branch, refusal, bool(chosen)))
+    return tuple(verdicts)
 
 
 def same_place(robot: Robot, found: Sequence[Verdict]) -> list[list[Verdict]]:
     """Groups of branches whose links are in the same place, e.g. with the base turned by 180°."""
-    groups: list[tuple[FloatArray, list[Verdict]]] = []
+    groups: list[list[Verdict]] = []
     for one in found:
         points = robot.frames(one.branch.q)[:, :3, 3]
-        group = next((group for other, group in groups if np.abs(points - other).max() < _SAME_PLACE_M), None)
-        if group is None:
-            groups.append((points, [one]))
+        for group in groups:
+            if np.abs(points - robot.frames(group[0].branch.q)[:, :3, 3]).max() < _SAME_PLACE_M:
+                group.append(one)
+                break
         else:
-            group.append(one)
-    return [group for _, group in groups]
+            groups.append([one])
+    return groups
 
 
 def result_html(robot: Robot, found: Answer) -> str:
@@ -153,11 +146,9 @@ def result_html(robot: Robot, found: Answer) -> str:
     if not solutions.success:
         return strong("No solution") + refused(f"{_capital(found.why_not)}.")
     used, counts = np.unique(solutions.branch_index, return_counts=True)
-    branches = "; ".join(
-        f"{solutions.branch_names[i]}: {count}"
-        for i, count in zip(used.tolist(), counts.tolist(), strict=True)
-    )
-    text = strong(f"{_solutions(len(solutions))} inside the limits")
+    named = zip(used.tolist(), counts.tolist(), strict=True)
+    branches = "; ".join(f"{solutions.branch_names[i]}: {count}" for i, count in named)
+    text = strong(f"{counted(len(solutions))} inside the limits")
     text += muted(branches + ("" if solutions.complete else "; the list may be incomplete"))
     if best is None:
         return text + refused(_capital(found.why_not))
@@ -175,7 +166,8 @@ def result_html(robot: Robot, found: Answer) -> str:
 def list_html(found: Answer, page: int, selected: int | None) -> str:
     """One page (from 0) of the list of solutions; ``selected`` is the row to highlight."""
     solutions, first = found.solutions, page * PAGE_ROWS
-    head = ["#", *_theta(solutions.q.shape[1]), "branch", f"energy {found.unit}"]
+    unit = _UNITS[found.criterion][1]
+    head = ["#", *_theta(solutions.q.shape[1]), "branch", f"energy {unit}"]
     rows = [
         [
             str(row),
@@ -195,7 +187,8 @@ def branches_html(found: Answer) -> str:
         return muted(
             "No isolated branches here: the point is out of reach, or a joint is free (then give a pitch)."
         )
-    head = ["#", "branch", *_theta(len(found.start)), f"energy {found.unit}", "verdict"]
+    unit = _UNITS[found.criterion][1]
+    head = ["#", "branch", *_theta(len(found.start)), f"energy {unit}", "verdict"]
     rows = [
         [
             str(one.number),
@@ -248,7 +241,7 @@ def _energy_curve(robot: Robot, found: Answer) -> Picture | None:
         dot = np.full(len(kept), np.nan)
         dot[at] = np.fmin.reduce([line.y[at] for line in lines])
         lines.append(Line("least energy", dot, _BEST_COLOR, mark=True))
-    title = f"Energy ({found.unit}): {found.criterion}"
+    title = f"Energy ({_UNITS[found.criterion][1]}): {found.criterion}"
     return Picture(title, f"{robot.joints[free].title} (°)", angles[kept], tuple(lines))
 
 
@@ -258,14 +251,15 @@ def no_curve(found: Answer) -> str:
     if count == 0:
         return "There is no solution."
     if found.solutions.free_joint is None:
-        return f"No joint is free here: {count} isolated solution{'' if count == 1 else 's'}, no curve."
+        return f"No joint is free here: {counted(count, 'isolated ')}, no curve."
     if count == 1:
         return "There is a single solution, and no curve."
     return "The criterion admits none of the solutions."
 
 
-def _solutions(count: int) -> str:
-    return f"{count} solution{'' if count == 1 else 's'}"
+def counted(count: int, kind: str = "") -> str:
+    """So many solutions, in words."""
+    return f"{count} {kind}solution{'' if count == 1 else 's'}"
 
 
 def _theta(n: int) -> list[str]:

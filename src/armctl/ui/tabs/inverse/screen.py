@@ -3,32 +3,34 @@
 from __future__ import annotations
 
 import asyncio
+import math
 from collections.abc import Callable
 
 import numpy as np
 import viser
 
-from armctl.errors import InputError, UnreachableError
-from armctl.kinematics import CRITERIA, CRITERION_TEXT, checked_criterion
+from armctl.arrays import FloatArray
+from armctl.errors import ArmctlError, InputError, UnreachableError
+from armctl.kinematics import CRITERIA, CRITERION_TEXT, Target, checked_criterion
 from armctl.runtime import MoveJoints, Snapshot
 from armctl.ui.newest import Newest, OneAtATime
-from armctl.ui.scene.ghost import BranchGhosts, GhostMark, Preview
-from armctl.ui.scene.stage import TargetMark
+from armctl.ui.scene.ghost import BranchGhosts, Preview, TargetMark
 from armctl.ui.session import Session
 from armctl.ui.tabs.inverse.answer import (
     PAGE_ROWS,
     Answer,
     answer,
     branches_html,
+    counted,
     list_html,
     no_curve,
     result_html,
     same_place,
     solve,
 )
-from armctl.ui.tabs.inverse.target import TargetForm
-from armctl.ui.widgets.html import LiveHtml, muted, numbers, warned
-from armctl.ui.widgets.pager import Pager
+from armctl.ui.widgets.events import Action
+from armctl.ui.widgets.html import LiveHtml, Pager, muted, numbers, warned
+from armctl.ui.widgets.number_field import DraggedPoint, EditWatch, NumberField
 from armctl.ui.widgets.plots import LinePlot
 from armctl.ui.widgets.profile_choice import MOVEMENTS, ProfileChoice
 
@@ -36,6 +38,7 @@ _NOTE = "Type where the tool shall be and press <b>Solve</b>. Nothing moves unti
 _SOLVES_FIRST = "This button solves the changed fields first, then goes at once."
 _OLD_LIST = "The list is of the fields as they were: press Solve first."
 _NOTHING = "Nothing is solved yet."
+_ZOOM_NOTE = "Every solution as the free joint turns; drag across the plot to zoom."
 _MOVED = 1e-4
 _DRAG_PAUSE_S = 0.1
 
@@ -52,12 +55,11 @@ class InverseScreen:
         self._preview = Preview(session.ghost)
         self._mark = TargetMark(session.client.scene, "/inverse_mark")
         self._answer: Answer | None = None
-        self._answered: tuple[str | bool, ...] = ()
+        self._answered: tuple[str | None, ...] = ()
         self._newest = Newest()
-        self._drag = OneAtATime(self._solve_dragged)
         gui = session.gui
         LiveHtml(gui, _NOTE)
-        self._form = TargetForm(session, self._drag.run)
+        self._form = TargetForm(session, OneAtATime(self._solve_dragged).run)
         fill = gui.add_button_group("Fill with", ("present position",))
         solve_fields = gui.add_button("Solve", icon=viser.Icon.TARGET)
         self._result = LiveHtml(gui)
@@ -81,7 +83,7 @@ class InverseScreen:
             self._curve = LinePlot(gui)
         with tabs.add_tab("Branches"):
             self._branches = BranchView(session, self._show_ghost)
-        session.on(fill.on_click, self._on_fill)
+        session.on(fill.on_click, lambda: self._form.fill_tool(session.snapshot.q_command))
         session.on(solve_fields.on_click, self._on_solve)
         session.on(self._nearest.on_click, self._on_nearest)
         session.on(self._criterion.on_update, self._on_criterion)
@@ -115,16 +117,13 @@ class InverseScreen:
             return "The arm has moved since, and least travel depends on it: press Solve."
         return ""
 
-    async def _on_fill(self) -> None:
-        self._form.fill_tool(self._session.snapshot.q_command)
-
     async def _on_solve(self) -> None:
         self._form.watch.show_held()  # nothing moves, so a lost digit only has to be seen
         await self._update()
 
     async def _on_nearest(self) -> None:
         if self._answer is not None and self._answer.solutions.nearest_m is not None:
-            self._form.fill(self._answer.solutions.nearest_m)
+            self._form.point.put(self._answer.solutions.nearest_m)
             await self._update()
 
     async def _on_criterion(self) -> None:
@@ -193,13 +192,10 @@ class InverseScreen:
         self._mark.show(solutions.target.position)
         self._show_ghost()
         if found.curve is None:
-            self._curve_note.show(muted(no_curve(found)))
             self._curve.clear()
         else:
-            self._curve_note.show(
-                muted("Every solution as the free joint turns; drag across the plot to zoom.")
-            )
             self._curve.show(found.curve)
+        self._curve_note.show(muted(no_curve(found) if found.curve is None else _ZOOM_NOTE))
 
     def _show_ghost(self) -> None:
         """The one of least energy, else the nearest; none beside the ghosts of all branches."""
@@ -218,14 +214,13 @@ class InverseScreen:
             self._list.show(muted("There is no solution."))
             self._selected.show("")
             return
-        solutions = f"{count} solution{'' if count == 1 else 's'}"
-        where = f"page {page + 1} of {self._pager.pages} · {solutions}, least energy first"
+        where = f"page {page + 1} of {self._pager.pages} · {counted(count)}, least energy first"
         self._list.show(muted(where) + list_html(found, page, row))
         if row is None:
             self._selected.show(muted(f"No row is selected: type a row from 1 to {count}."))
-            return
-        angles = numbers(np.degrees(found.q(row)).tolist(), 2)
-        self._selected.show(f"<div>selected row {row}: will go to θ = (<b>{angles}</b>)°</div>")
+        else:
+            angles = numbers(np.degrees(found.q(row)).tolist(), 2)
+            self._selected.show(f"<div>selected row {row}: will go to θ = (<b>{angles}</b>)°</div>")
 
     def _on_row(self) -> None:
         """A page was turned or a row chosen: the ghost shows the row."""
@@ -237,6 +232,73 @@ class InverseScreen:
             self._preview.show(found.q(row), self._session.snapshot.q_command)
 
 
+# What is asked for: X, Y, Z, pitch, roll, and a target in the scene that can be dragged.
+
+_PITCH_HINT = "Angle of the tool's axis above the horizontal: 0 level, −90 straight down."
+_ROLL_HINT = "Angle of the tool about its own axis."
+_SHOW_HINT = "A target in the 3D view; drag its arrows to fill X, Y, Z. The arm does not move."
+
+
+class TargetForm:
+    """The fields, and the target coupled with them; ``dragged`` runs at every drag."""
+
+    def __init__(self, session: Session, dragged: Action) -> None:
+        self._robot = session.console.robot
+        gui, present = session.gui, session.snapshot.q_command
+        tip = self._robot.forward(present)[:3, 3]
+        angles = self._robot.inverse_kinematics.pitch_and_roll(present)
+        self.point = DraggedPoint(gui, session.client.scene, session.on, "/inverse_target", tip, dragged)
+        self._turns: list[tuple[viser.GuiCheckboxHandle, NumberField]] = []
+        for name, hint, angle in zip(("pitch", "roll"), (_PITCH_HINT, _ROLL_HINT), angles, strict=True):
+            use = gui.add_checkbox(f"Use {name}", initial_value=False, visible=angle is not None)
+            degrees = None if angle is None else math.degrees(angle)
+            field = NumberField(gui, f"{name.capitalize()} °", degrees, hint=hint, visible=False)
+            self._turns.append((use, field))
+        self._show = gui.add_checkbox("Show target", initial_value=False, hint=_SHOW_HINT)
+        xyz = self.point.xyz.fields
+        self.watch = EditWatch([*xyz, *(field for _, field in self._turns)])
+        for field in xyz:
+            session.on(field.handle.on_update, self._on_typed)
+        for use, _ in self._turns:
+            session.on(use.on_update, self._on_checked)
+            self.watch.watch(use.on_update)
+        session.on(self._show.on_update, self._on_checked)
+
+    @property
+    def texts(self) -> tuple[str | None, ...]:
+        """What the form shows; the same again means that nothing has changed."""
+        return *self.point.xyz.texts, *(field.text if use.value else None for use, field in self._turns)
+
+    def target(self) -> Target:
+        """What the form asks for.
+
+        Raises:
+            InputError: a field is empty, or holds no number that can be used.
+        """
+        position = self.point.xyz.array
+        pitch, roll = (math.radians(field.value) if use.value else None for use, field in self._turns)
+        return Target.of(position, pitch, roll)
+
+    def fill_tool(self, q: FloatArray) -> None:
+        """Put the tool's pose at ``q`` (n,) [rad] into all fields."""
+        self.point.put(self._robot.forward(q)[:3, 3])
+        angles = self._robot.inverse_kinematics.pitch_and_roll(q)
+        for (_, field), angle in zip(self._turns, angles, strict=True):
+            if angle is not None:
+                field.fill(math.degrees(angle))
+
+    def _on_typed(self) -> None:
+        try:
+            self.point.target.position = self.target().position
+        except ArmctlError:  # half-typed: said when it is used
+            pass
+
+    def _on_checked(self) -> None:
+        for use, field in self._turns:
+            field.visible = use.value
+        self.point.target.visible = self._show.value
+
+
 # The Branches tab: a table, and every branch as a coloured ghost.
 
 _MOST_GHOSTS = 8
@@ -245,10 +307,9 @@ _CHOSEN, _POSSIBLE, _REFUSED = (47, 158, 68), (34, 139, 230), (224, 49, 49)
 
 
 class BranchView:
-    """Shows the branches of the newest answer; the ghosts only while they are asked for."""
+    """The branches of the newest answer; ``toggled`` is called when their ghosts come or go."""
 
     def __init__(self, session: Session, toggled: Callable[[], None]) -> None:
-        """Build the tab; ``toggled`` is called when the ghosts come or go."""
         self._toggled = toggled
         self._robot, self._ghost = session.console.robot, session.ghost
         self._ghosts = BranchGhosts(session.client.scene, self._robot)
@@ -272,23 +333,23 @@ class BranchView:
         self._table.show(branches_html(found))
         self._draw()
 
-    async def _on_ticked(self) -> None:
+    def _on_ticked(self) -> None:
         self._draw()
         self._toggled()
 
     def _give_up(self) -> None:
         """Another screen shows something: the branches leave the view."""
         self._ticked.value = False
-        self._ghosts.hide()
+        self._ghosts.show(())
 
     def _draw(self) -> None:
         if self._answer is None or not self.as_ghosts:
-            self._ghosts.hide()
+            self._ghosts.show(())
             return
         self._ghost.claim(self, self._give_up)
-        marks: list[GhostMark] = []
+        marks: list[tuple[FloatArray, tuple[int, int, int], str]] = []
         for alike in same_place(self._robot, self._answer.verdicts[:_MOST_GHOSTS]):
             best = min(alike, key=lambda one: (bool(one.refused), not one.chosen))
             color = _REFUSED if best.refused else _CHOSEN if best.chosen else _POSSIBLE
-            marks.append(GhostMark(best.branch.q, color, ", ".join(one.label for one in alike)))
+            marks.append((best.branch.q, color, ", ".join(one.label for one in alike)))
         self._ghosts.show(marks)

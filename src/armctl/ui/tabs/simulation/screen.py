@@ -10,7 +10,7 @@ import numpy as np
 from armctl.arrays import FloatArray
 from armctl.runtime import Snapshot
 from armctl.ui.console import Console, known
-from armctl.ui.scene.lines import Lines, segments
+from armctl.ui.scene.ghost import Lines, segments
 from armctl.ui.session import Session
 from armctl.ui.tabs.simulation.joint_graph import ALL, JointGraph
 from armctl.ui.tabs.simulation.live_target import LiveTarget

@@ -15,8 +15,7 @@ from armctl.program import Rehearsal, rehearse, rehearse_pose
 from armctl.runtime import Snapshot
 from armctl.ui.newest import Newest
 from armctl.ui.scene.arm_figure import ArmFigure
-from armctl.ui.scene.ghost import thicker
-from armctl.ui.scene.lines import Lines, segments
+from armctl.ui.scene.ghost import Lines, segments, thicker
 from armctl.ui.session import Session
 from armctl.ui.tabs.program.shared_program import SharedProgram
 from armctl.ui.widgets.html import LiveHtml

@@ -15,7 +15,7 @@ from armctl.kinematics.workspace import Extent, Section, sample_workspace, works
 from armctl.robot import Robot
 from armctl.runtime import Snapshot
 from armctl.ui.console import Console
-from armctl.ui.scene.lines import Lines, segments
+from armctl.ui.scene.ghost import Lines, segments
 from armctl.ui.session import Session
 from armctl.ui.tabs.simulation.section import picture_of, section_svg
 from armctl.ui.widgets.html import LiveHtml, fixed, muted

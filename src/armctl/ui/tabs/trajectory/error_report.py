@@ -25,8 +25,7 @@ from armctl.runtime import Ticket
 from armctl.ui.scene.ghost import Preview
 from armctl.ui.session import Session
 from armctl.ui.tabs.trajectory.plan import PlannedMotion
-from armctl.ui.widgets.html import LiveHtml, fixed, heading, muted, table
-from armctl.ui.widgets.pager import Pager
+from armctl.ui.widgets.html import LiveHtml, Pager, fixed, heading, muted, table
 
 POINT_ROWS = 15
 _SMALL_MM = 0.001

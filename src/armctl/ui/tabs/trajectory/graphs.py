@@ -14,8 +14,7 @@ from armctl.motion.analysis import Derivative, Limit, analysis_csv, near_limits
 from armctl.motion.figure import FigureForm, TitledMotion, figure_bytes
 from armctl.robot import Robot
 from armctl.ui.newest import Newest
-from armctl.ui.scene.ghost import Preview
-from armctl.ui.scene.lines import Lines, segments
+from armctl.ui.scene.ghost import Lines, Preview, segments
 from armctl.ui.session import Session
 from armctl.ui.tabs.trajectory.plan import PlannedMotion, ShownMotion
 from armctl.ui.widgets.html import LiveHtml, fixed, heading, muted, numbers, strong, table
