@@ -154,6 +154,9 @@ class NumbersField(TextEntry):
         return parse_numbers(self.text, self._label, self._names)
 
 
+DEGREES, MILLIMETRES = float(np.degrees(1.0)), 1000.0
+
+
 class FieldArray:
     """Fields that show an array ``scale`` times as large: radians in degrees, metres in mm."""
 
@@ -188,7 +191,7 @@ class DraggedPoint:
     ) -> None:  # fmt: skip
         """Begin at ``point`` (3,) [m], the target hidden; ``dragged`` runs once the fields are filled."""
         self._dragged = dragged
-        self.xyz = FieldArray([NumberField(gui, f"{prefix}{axis} mm", None) for axis in "XYZ"], 1000.0)
+        self.xyz = FieldArray([NumberField(gui, f"{prefix}{axis} mm", None) for axis in "XYZ"], MILLIMETRES)
         self.target = scene.add_transform_controls(
             name, scale=_GIZMO_SCALE, disable_rotations=True, depth_test=False, visible=False
         )

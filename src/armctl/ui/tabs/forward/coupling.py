@@ -6,6 +6,7 @@ import asyncio
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 import viser
@@ -18,10 +19,9 @@ from armctl.robot import Robot
 from armctl.ui.newest import Newest, OneAtATime
 from armctl.ui.session import Session
 from armctl.ui.tabs.forward.figures import base_turns
-from armctl.ui.widgets.events import Action
 from armctl.ui.widgets.html import LiveHtml, fixed, muted, refused
 from armctl.ui.widgets.joint_angles import held_at
-from armctl.ui.widgets.number_field import NumberField
+from armctl.ui.widgets.number_field import DEGREES, MILLIMETRES, FieldArray, NumberField
 
 _PITCH_HINT = "Angle of the tool's axis above the horizontal: 0 level, −90 straight down."
 _DECIDED_HINT = "The position alone decides the pitch of this arm's tool."
@@ -34,46 +34,30 @@ _HEAD = "Tool pose at these angles: type a pose, and the joint angles follow."
 _SOLVING = "its joint angles are still being computed"
 
 
-class AngleFields:
-    """One field a joint, in degrees."""
-
-    def __init__(self, gui: viser.GuiApi, robot: Robot, q: FloatArray) -> None:
-        """Add the fields to the present container, filled with ``q`` (n,) [rad]."""
-        self.fields = [
+def angle_fields(gui: viser.GuiApi, robot: Robot, q: FloatArray) -> FieldArray:
+    """A field a joint, in degrees, filled with ``q`` (n,) [rad]; one that is held cannot be typed into."""
+    fields = FieldArray(
+        [
             NumberField(
                 gui,
                 f"{joint.title} °",
-                value,
+                None,
                 hint=limits_text(robot, i),
                 disabled=held_at(joint) is not None,
             )
-            for i, (joint, value) in enumerate(zip(robot.joints, np.degrees(q).tolist(), strict=True))
-        ]
-
-    def texts(self) -> tuple[str, ...]:
-        """What the fields show."""
-        return tuple(field.text for field in self.fields)
-
-    def radians(self) -> FloatArray:
-        """The angles (n,) [rad].
-
-        Raises:
-            InputError: a field is empty or holds no number; names it.
-        """
-        return np.radians([field.value for field in self.fields])
-
-    def fill(self, q: FloatArray) -> None:
-        """Put a configuration (n,) [rad] into the fields."""
-        for field, value in zip(self.fields, np.degrees(q).tolist(), strict=True):
-            field.fill(value)
+            for i, joint in enumerate(robot.joints)
+        ],
+        DEGREES,
+    )
+    fields.fill(q)
+    return fields
 
 
 def limits_text(robot: Robot, joint: int) -> str:
     """A joint's limits, in words."""
-    if (held := held_at(robot.joints[joint])) is not None:
-        return f"{robot.joints[joint].title}: {held}"
     low, high = np.degrees(robot.limits[joint]).tolist()
-    return f"{robot.joints[joint].title}: {fixed(low, 2)}° … {fixed(high, 2)}°"
+    held = held_at(robot.joints[joint])
+    return f"{robot.joints[joint].title}: {held or f'{fixed(low, 2)}° … {fixed(high, 2)}°'}"
 
 
 class PoseFields:
@@ -81,49 +65,33 @@ class PoseFields:
 
     def __init__(self, gui: viser.GuiApi, robot: Robot, q: FloatArray) -> None:
         """Add the fields to the present container, filled with the pose at ``q`` (n,) [rad]."""
-        self._robot = robot
-        solver = robot.inverse_kinematics
+        self._robot, solver = robot, robot.inverse_kinematics
         pitch, _ = solver.pitch_and_roll(q)
-        self.xyz = tuple(NumberField(gui, f"{name} mm", None) for name in "XYZ")
+        self.xyz = FieldArray([NumberField(gui, f"{name} mm", None) for name in "XYZ"], MILLIMETRES)
         self._asks_pitch = pitch is not None and position_leaves_pitch(robot.chain, robot.limits)
         self.pitch = NumberField(
-            gui,
-            "Pitch °",
-            None,
-            hint=_PITCH_HINT if self._asks_pitch else _DECIDED_HINT,
-            visible=pitch is not None,
-            disabled=not self._asks_pitch,
-        )
+            gui, "Pitch °", None, hint=_PITCH_HINT if self._asks_pitch else _DECIDED_HINT,
+            visible=pitch is not None, disabled=not self._asks_pitch,
+        )  # fmt: skip
         asks_roll = solver.roll_joint is not None and held_at(robot.joints[solver.roll_joint]) is None
         self.roll = NumberField(gui, "Roll °", None, hint=_ROLL_HINT, visible=asks_roll)
-        self.hold = gui.add_checkbox(
-            "Hold pitch",
-            initial_value=bool(solver.pitch_joints),
-            hint=_HOLD_HINT,
-            visible=self._asks_pitch,
-        )
-        self.fields = (
-            *self.xyz,
-            *((self.pitch,) if self._asks_pitch else ()),
-            *((self.roll,) if asks_roll else ()),
-        )
+        held = bool(solver.pitch_joints)
+        self.hold = gui.add_checkbox("Hold pitch", held, hint=_HOLD_HINT, visible=self._asks_pitch)
+        turns = ((self.pitch, self._asks_pitch), (self.roll, asks_roll))
+        self.fields = (*self.xyz.fields, *(field for field, asked in turns if asked))
         """all that can be typed into"""
         self.fill(q)
 
-    def fill(self, q: FloatArray) -> None:
-        """Show the tool's pose at ``q`` (n,) [rad]."""
-        for field, value in zip(self.xyz, (1000 * self._robot.forward(q)[:3, 3]).tolist(), strict=True):
-            field.fill(value)
-        _, roll = self._robot.inverse_kinematics.pitch_and_roll(q)
-        if roll is not None:
-            self.roll.fill(math.degrees(roll))
-        self.fill_pitch(q)
-
-    def fill_pitch(self, q: FloatArray) -> None:
-        """Show the pitch at ``q`` (n,) [rad], and nothing else."""
-        pitch, _ = self._robot.inverse_kinematics.pitch_and_roll(q)
+    def fill(self, q: FloatArray, *, pitch_only: bool = False) -> None:
+        """Show the tool's pose at ``q`` (n,) [rad], or its pitch and nothing else."""
+        pitch, roll = self._robot.inverse_kinematics.pitch_and_roll(q)
         if pitch is not None:
             self.pitch.fill(math.degrees(pitch))
+        if pitch_only:
+            return
+        self.xyz.fill(self._robot.forward(q)[:3, 3])
+        if roll is not None:
+            self.roll.fill(math.degrees(roll))
 
     def holds_pitch(self, edited: NumberField) -> bool:
         """Whether the pitch is asked for when ``edited`` is the field that was typed into."""
@@ -135,7 +103,7 @@ class PoseFields:
         Raises:
             InputError: a field is empty, or holds no number that can be used.
         """
-        position = np.array([field.value for field in self.xyz]) / 1000
+        position = self.xyz.array
         pitch = math.radians(self.pitch.value) if self.holds_pitch(edited) else None
         roll = math.radians(self.roll.value) if self.roll.visible else None
         return Target.of(position, pitch, roll)
@@ -169,7 +137,7 @@ def coupled_joints(robot: Robot, target: Target, before: FloatArray) -> CoupledJ
 
 
 class PoseCoupling:
-    """Keeps pose fields and angle fields the same pose, without ever rewriting what somebody types.
+    """Keeps pose fields and angle fields the same pose, without rewriting what is being typed.
 
     A joint angle that is typed changes the pose fields. A pose that is typed changes the angle fields, to
     the solution nearest to what they held before that field was begun: on the way from 2 to 250 the arm may
@@ -177,7 +145,7 @@ class PoseCoupling:
     it is mended, the two are different poses and nothing may move by them.
     """
 
-    def __init__(self, session: Session, angles: AngleFields, changed: Callable[[], None]) -> None:
+    def __init__(self, session: Session, angles: FieldArray, changed: Callable[[], None]) -> None:
         """Add the pose fields to the present container; ``changed`` is called with new joint angles."""
         self._session, self._angles, self._changed = session, angles, changed
         self._robot = session.console.robot
@@ -193,7 +161,7 @@ class PoseCoupling:
         self._newest = Newest()
         self._solver = OneAtATime(self._solve)
         for field in self.pose.fields:
-            session.on(field.handle.on_update, self._typing(field))
+            session.on(field.handle.on_update, partial(self._follow_pose, field))
         session.on(self.pose.hold.on_update, self._on_hold)
         session.on(self._take.on_click, self._on_take)
 
@@ -214,24 +182,18 @@ class PoseCoupling:
         self._newest.drop()
         self._edited, self._unmet = None, ""
         try:
-            q = self._angles.radians()
+            q = self._angles.array
         except ArmctlError:  # half-typed, which the screen says and refuses to use
             return
         self.pose.fill(q)
         self._met(q)
-
-    def _typing(self, field: NumberField) -> Action:
-        async def on_typed() -> None:
-            await self._follow_pose(field)
-
-        return on_typed
 
     async def _follow_pose(self, field: NumberField) -> None:
         """Solve what the pose fields hold; ``field`` is the one that is typed into."""
         if field is not self._edited:
             self._edited = field
             try:
-                self._before = self._angles.radians()  # those to stay near to
+                self._before = self._angles.array  # those to stay near to
             except ArmctlError:  # half-typed: those before
                 pass
         self._newest.drop()
@@ -241,9 +203,9 @@ class PoseCoupling:
     async def _on_hold(self) -> None:
         """Holding the pitch or not asks for no other pose, unless the present one cannot be had."""
         if self._unmet:
-            await self._follow_pose(self._edited or self.pose.xyz[0])
+            await self._follow_pose(self._edited or self.pose.xyz.fields[0])
 
-    async def _on_take(self) -> None:
+    def _on_take(self) -> None:
         if self._nearest is not None:
             self._angles.fill(self._nearest)
             self.follow_angles()
@@ -257,33 +219,24 @@ class PoseCoupling:
         try:
             target = self.pose.target(edited)
         except ArmctlError as half_typed:
-            self._refuse(str(half_typed), edited)
-            return
-        found = await asyncio.to_thread(coupled_joints, self._robot, target, self._before)
-        if self._session.closed or not is_newest():
-            return
-        if found.q is None:
-            self._refuse(found.why_not, edited, found.nearest_q)
-            return
-        self._angles.fill(found.q)
+            found = CoupledJoints(None, str(half_typed))
+        else:
+            found = await asyncio.to_thread(coupled_joints, self._robot, target, self._before)
+            if self._session.closed or not is_newest():
+                return
+        q = self._before if found.q is None else found.q
+        self._angles.fill(q)
         if not self.pose.holds_pitch(edited):
-            self.pose.fill_pitch(found.q)
-        self._met(found.q)
+            self.pose.fill(q, pitch_only=True)
+        self._met(q, found)
         self._changed()
 
-    def _met(self, q: FloatArray) -> None:
-        self._unmet, self._nearest = "", None
-        self._take.visible = False
-        self._line.show(self._pose_line(q))
-
-    def _refuse(self, why: str, edited: NumberField, nearest: FloatArray | None = None) -> None:
-        self._unmet, self._nearest = why, nearest
-        self._angles.fill(self._before)
-        if not self.pose.holds_pitch(edited):
-            self.pose.fill_pitch(self._before)
-        self._changed()
-        self._take.visible = nearest is not None
-        self._line.show(refused(f"The joint angles stay as they are: {why}."))
+    def _met(self, q: FloatArray, found: CoupledJoints | None = None) -> None:
+        """Tell whether the fields are one pose, that at ``q`` (n,) [rad], or why ``found`` is not."""
+        self._unmet, self._nearest = (found.why_not, found.nearest_q) if found else ("", None)
+        self._take.visible = self._nearest is not None
+        why = refused(f"The joint angles stay as they are: {self._unmet}.")
+        self._line.show(why if self._unmet else self._pose_line(q))
 
     def _pose_line(self, q: FloatArray) -> str:
         """The orientation as the fields do not show it."""

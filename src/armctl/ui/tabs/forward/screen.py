@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import viser
 
@@ -11,11 +13,11 @@ from armctl.robot import Robot
 from armctl.runtime import MoveJoints, Snapshot, State
 from armctl.ui.scene.ghost import Preview
 from armctl.ui.session import Session
-from armctl.ui.tabs.forward.coupling import AngleFields, PoseCoupling
+from armctl.ui.tabs.forward.coupling import PoseCoupling, angle_fields
 from armctl.ui.tabs.forward.figures import jacobian_html, joint_rates_html, pose_html, tool_velocity_html
 from armctl.ui.widgets.html import LiveHtml, fixed, muted, refused, table
 from armctl.ui.widgets.joint_angles import held_at
-from armctl.ui.widgets.number_field import EditWatch, NumberField
+from armctl.ui.widgets.number_field import DEGREES, MILLIMETRES, EditWatch, FieldArray, NumberField
 from armctl.ui.widgets.profile_choice import MOVEMENTS, ProfileChoice
 
 REFERENCE = "Go with respect to reference"
@@ -43,7 +45,7 @@ class ForwardScreen:
         self._edited = False
         gui = session.gui
         LiveHtml(gui, _NOTE)
-        self._angles = AngleFields(gui, self._robot, session.snapshot.q_command)
+        self._angles = angle_fields(gui, self._robot, session.snapshot.q_command)
         self._coupling = PoseCoupling(session, self._angles, self._on_coupled)
         self._fill = gui.add_button_group("Fill with", ("present pose", *self._robot.poses))
         self._results = LiveHtml(gui)
@@ -64,7 +66,7 @@ class ForwardScreen:
         for field in self._angles.fields:
             session.on(field.handle.on_update, self._on_angle)
         session.on(self._fill.on_click, self._on_fill)
-        session.on(self._shown.on_update, self._on_shown)
+        session.on(self._shown.on_update, self._edit)
         session.on(absolute.on_click, lambda: self._go(REFERENCE))
         session.on(relative.on_click, lambda: self._go(LAST))
 
@@ -73,19 +75,15 @@ class ForwardScreen:
         self._draw(snapshot)
         self._preview.refresh(snapshot.q_command)
 
-    async def _on_angle(self) -> None:
+    def _on_angle(self) -> None:
         self._coupling.follow_angles()
         self._edit()
 
-    async def _on_shown(self) -> None:
-        self._edit()
-
-    async def _on_fill(self) -> None:
+    def _on_fill(self) -> None:
         asked = self._fill.value
         present = asked == "present pose"
         self._angles.fill(self._present(self._session.snapshot) if present else self._robot.pose(asked))
-        self._coupling.follow_angles()
-        self._edit()
+        self._on_angle()
 
     def _on_coupled(self) -> None:
         """A pose was typed and the joint angles have followed: a pose is absolute, so that is shown."""
@@ -102,7 +100,7 @@ class ForwardScreen:
         """Show a configuration and send that very one."""
         self._watch.require_settled()
         self._coupling.require_met()
-        asked, present = self._angles.radians(), self._session.snapshot.q_command
+        asked, present = self._angles.array, self._session.snapshot.q_command
         profile, duration = self._movement.checked()
         q = self._robot.check_limits(resulting_pose(how, asked, present))
         self._preview.show(q, present)
@@ -112,13 +110,13 @@ class ForwardScreen:
     def _draw(self, snapshot: Snapshot) -> None:
         """Draw results, ghost and figures, if fields or arm have changed."""
         present, shown = self._present(snapshot), self._shown.value
-        key = (self._angles.texts(), shown, present.tobytes())
+        key = (self._angles.texts, shown, present.tobytes())
         if key == self._drawn:
             return
         self._drawn = key
         self._results.show(results_html(self._robot, self._angles, present))
         try:
-            q = present if shown == PRESENT else resulting_pose(shown, self._angles.radians(), present)
+            q = present if shown == PRESENT else resulting_pose(shown, self._angles.array, present)
         except ArmctlError as refusal:
             self._preview.hide()
             self._pose.show(refused(str(refusal)))
@@ -128,7 +126,12 @@ class ForwardScreen:
         if shown == PRESENT:
             self._preview.hide()
         elif self._edited and not self._preview.taken and snapshot.state is not State.MOVING:
-            self._show_ghost(q, present)
+            try:
+                self._robot.check_limits(q)
+            except ArmctlError:
+                self._preview.hide()  # no button would send the arm there
+            else:
+                self._preview.show(q, present)
         self._pose.show(pose_html(self._robot, q))
         self._jacobian.show(jacobian_html(self._robot, q))
         self._velocities.show(q)
@@ -136,22 +139,13 @@ class ForwardScreen:
     def _present(self, snapshot: Snapshot) -> FloatArray:
         return self._session.console.last_known.standing(snapshot)
 
-    def _show_ghost(self, q: FloatArray, present: FloatArray) -> None:
-        """The ghost stands where a button would send the arm; where none would, there is none."""
-        try:
-            self._robot.check_limits(q)
-        except ArmctlError:
-            self._preview.hide()
-        else:
-            self._preview.show(q, present)
 
-
-def results_html(robot: Robot, angles: AngleFields, present: FloatArray) -> str:
+def results_html(robot: Robot, angles: FieldArray, present: FloatArray) -> str:
     """A row for where the arm is, and one for where each button would send it."""
     poses = {"now": present}
     problems = ""
     try:
-        asked = angles.radians()
+        asked = angles.array
     except ArmctlError as refusal:
         problems = refused(f"Nothing can be sent: {refusal}.")
     else:
@@ -181,27 +175,26 @@ class VelocityForm:
     """Fields for rates and velocities; nothing here moves the arm."""
 
     def __init__(self, session: Session) -> None:
-        """Add the fields to the present container."""
         self._robot = session.console.robot
         self._q: FloatArray | None = None
+        self._turning = np.array([held_at(joint) is None for joint in self._robot.joints])
         gui = session.gui
         with gui.add_folder("Joint rates (°/s) → tool velocity"):
-            self._rates = [
-                NumberField(gui, joint.title, min(_RATE_DEG_S, float(np.degrees(joint.speed))))
+            rates = [
+                NumberField(gui, joint.title, min(_RATE_DEG_S, math.degrees(joint.speed)))
                 for joint in self._robot.joints
                 if held_at(joint) is None
             ]
+            self._rates = FieldArray(rates, DEGREES)
             self._velocity = LiveHtml(gui)
         with gui.add_folder("Tool velocity → joint rates"):
-            self._linear = [
-                NumberField(gui, f"v{axis} mm/s", value)
-                for axis, value in zip("xyz", (_SPEED_MM_S, 0.0, 0.0), strict=True)
-            ]
+            speeds = zip("xyz", (_SPEED_MM_S, 0.0, 0.0), strict=True)
+            linear = [NumberField(gui, f"v{axis} mm/s", value) for axis, value in speeds]
+            self._linear = FieldArray(linear, MILLIMETRES)
             self._keep = gui.add_checkbox("Do not turn", initial_value=False, hint=_KEEP_HINT)
             self._answer = LiveHtml(gui)
-        for field in (*self._rates, *self._linear):
-            session.on(field.handle.on_update, self._on_edit)
-        session.on(self._keep.on_update, self._on_edit)
+        for handle in (*(field.handle for field in (*rates, *linear)), self._keep):
+            session.on(handle.on_update, lambda: self.show(self._q))
 
     def show(self, q: FloatArray | None) -> None:
         """Compute for a configuration (n,) [rad]; None: there is none to compute for."""
@@ -212,16 +205,12 @@ class VelocityForm:
             return
         J, rates = self._robot.jacobian(q), np.zeros(self._robot.n)
         try:
-            turning = [held_at(joint) is None for joint in self._robot.joints]
-            rates[turning] = np.radians([field.value for field in self._rates])
+            rates[self._turning] = self._rates.array
             self._velocity.show(tool_velocity_html(self._robot, J, rates))
         except ArmctlError as half_typed:
             self._velocity.show(refused(f"{half_typed}."))
         try:
-            linear = np.array([field.value for field in self._linear]) / 1000
-            self._answer.show(joint_rates_html(self._robot, J, linear, keep=self._keep.value))
+            html = joint_rates_html(self._robot, J, self._linear.array, keep=self._keep.value)
+            self._answer.show(html)
         except ArmctlError as half_typed:
             self._answer.show(refused(f"{half_typed}."))
-
-    async def _on_edit(self) -> None:
-        self.show(self._q)
