@@ -1,7 +1,7 @@
 """Motion: profiles, trajectories, paths, pre-flight."""
 
 from armctl.motion.error_report import arc, line
-from armctl.motion.paths import (
+from armctl.motion.paths.tool_path import (
     PitchMode,
     ToolPathRefusedError,
     ToolPathUnreachableError,

@@ -49,17 +49,12 @@ class MotionAnalysis:
 
 
 def analyse(robot: Robot, trajectory: Trajectory, samples: int) -> MotionAnalysis:
-    """Sample a motion evenly.
+    """Sample a motion evenly, at least 2 times, both ends included.
 
     The tool's velocity is ``J q̇``, its acceleration ``J q̈ + J̇ q̇`` with ``J̇`` as the central difference
     of the Jacobian along ``q̇``. Its jerk is the second central difference of its velocity along the
     polynomial that the joints follow at that instant, so that a jump of the joints' acceleration between
     two samples does not show as a spike.
-
-    Args:
-        robot: the arm.
-        trajectory: the motion.
-        samples: how many times, at least 2, both ends included.
     """
     time = np.linspace(0.0, trajectory.duration, samples)
     state = trajectory.sample(time)
@@ -146,14 +141,7 @@ class Limit:
 def near_limits(
     robot: Robot, motion: MotionAnalysis, quantity: Derivative, *, every: bool = False
 ) -> list[Limit]:
-    """The joint limits that a motion comes near to, in degrees and seconds.
-
-    Args:
-        robot: the arm.
-        motion: the motion.
-        quantity: of the joints, whose limits.
-        every: all of them, near or not.
-    """
+    """The joint limits that a motion comes near to (or, with ``every``, all), in degrees and seconds."""
     if quantity == "position":
         return _near_ends(robot, motion.q, every=every)
     values, most = {

@@ -57,15 +57,10 @@ class Blend:
 
 
 def blend(robot: Robot, legs: Sequence[Leg], entry: Entry | None = None) -> Blend:
-    """Plan legs as one motion that ends at rest.
+    """Plan legs, each beginning where the one before it ends, as one motion that ends at rest.
 
-    A corner that would leave the joint limits is drawn tighter; where that does not help, the arm stops
-    at its point.
-
-    Args:
-        robot: the arm.
-        legs: at least one; each begins where the one before it ends.
-        entry: how the first one is begun; None: from rest, at its beginning.
+    A corner that would leave the joint limits is drawn tighter; where that does not help, the arm stops at
+    its point. ``entry``: how the first leg is begun; None: from rest, at its beginning.
 
     Raises:
         InputError: no legs, legs that do not meet, or an entry that is too fast to be braked.
@@ -111,16 +106,10 @@ class Corner:
 
 
 def corner(before: PiecewisePolynomial, leaves: float, after: PiecewisePolynomial, joins: float) -> Corner:
-    """The quintic from a point of one path to a point of the next.
+    """The quintic from a point of one path, before its end, to a point of the next, after its beginning.
 
-    The speeds at its ends are such that a corner without a turn runs along the paths themselves: its
-    control points then lie on them, so that it stays inside the triangle of the two points and the corner.
-
-    Args:
-        before: ends where ``after`` begins.
-        leaves: where to leave it, less than its end.
-        after: the next path.
-        joins: where to join it, more than its beginning.
+    The speeds at its ends are such that a corner without a turn runs along the paths themselves: its control
+    points then lie on them, so that it stays inside the triangle of the two points and the corner.
     """
     scale, scale_after = 2 * (before.high - leaves), 2 * (joins - after.low)
     start = before.derivatives(leaves, 2) * np.array([1.0, scale, scale**2])[:, None]

@@ -68,14 +68,7 @@ def as_printed(q: FloatArray, digits: int = 3) -> FloatArray:
 
 
 def closest_on_path(points: FloatArray, path: FloatArray) -> FloatArray:
-    """Where a path comes closest to each point.
-
-    Args:
-        points: (k, 3) [m].
-        path: (m, 3) [m], at least one; straight between one and the next.
-
-    Returns:
-        (k, 3) points of the path [m].
+    """(k, 3) where a path (m, 3), straight between its points, is closest to each of ``points`` (k, 3) [m].
 
     Raises:
         InputError: an empty path.
@@ -143,13 +136,9 @@ class PathError:
 
 
 def path_error(robot: Robot, trajectory: Trajectory, ideal: IdealPath, tick_s: float = TICK_S) -> PathError:
-    """The planned tool path against the ideal one, at every tick of the run and at the end.
+    """The planned tool path against the ideal one, at every tick of the run [s] and at the end.
 
-    Args:
-        robot: the arm.
-        trajectory: the motion.
-        ideal: what the tool shall follow.
-        tick_s: between two setpoints [s]; longer where the motion would have more than 100,000 of them.
+    Longer ticks where the motion would have more than 100,000 of them.
     """
     ticks = min(math.ceil(trajectory.duration / tick_s - 1e-9), _MOST_TICKS)
     time = np.minimum(

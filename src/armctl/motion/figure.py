@@ -63,13 +63,7 @@ class TitledMotion:
 
 
 def motion_figure(robot: Robot, shown: TitledMotion, beside: TitledMotion | None = None) -> Figure:
-    """Position, velocity, acceleration and jerk of tool and joints over time.
-
-    Args:
-        robot: the arm.
-        shown: the motion.
-        beside: another one to compare it with, drawn thin and dotted.
-    """
+    """Position, velocity, acceleration and jerk of tool and joints over time; ``beside`` is dotted."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=_SIZE_IN, layout="constrained")
@@ -99,14 +93,7 @@ def motion_figure(robot: Robot, shown: TitledMotion, beside: TitledMotion | None
 def figure_bytes(
     robot: Robot, form: FigureForm, shown: TitledMotion, beside: TitledMotion | None = None
 ) -> bytes:
-    """The figure as a file; takes about a second, so it belongs into a worker thread.
-
-    Args:
-        robot: the arm.
-        form: of the file. The texts of an SVG stay texts.
-        shown: the motion.
-        beside: another one to compare it with.
-    """
+    """The figure as a file (the texts of an SVG stay texts); takes about a second, so use a worker thread."""
     import matplotlib
 
     matplotlib.rcParams["svg.fonttype"] = "none"  # always the same, so that threads cannot disagree

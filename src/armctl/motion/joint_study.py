@@ -63,17 +63,11 @@ class JointStudy:
 def study_joints(
     robot: Robot, start: ArrayLike, turning: Turning, speed: float, duration_s: float | None = None
 ) -> JointStudy:
-    """Turn every joint from a start pose towards its farther limit.
+    """Turn every joint from a start pose (n,) [rad] towards its farther limit, at ``speed`` [rad/s].
 
-    In turn: each from the start pose, the others standing still; a joint's curve ends at its limit. All
-    at once: a joint that has come to its limit stays there.
-
-    Args:
-        robot: the arm.
-        start: (n,) [rad].
-        turning: whether the joints turn one after the other or together.
-        speed: of each joint [rad/s].
-        duration_s: [s]; None: until the last joint has come to its limit.
+    In turn: each from the start pose, the others standing still; a joint's curve ends at its limit. All at
+    once: a joint that has come to its limit stays there. Without ``duration_s`` [s] the last joint ends the
+    study.
 
     Raises:
         InputError: a value that is not finite or not above zero, or a joint count that is not the arm's.
@@ -119,13 +113,7 @@ def study_joints(
 
 
 def tip_speed(robot: Robot, q: FloatArray, velocity: FloatArray) -> FloatArray:
-    """Speed of the tool point ``|J q̇|`` (k,) [m/s].
-
-    Args:
-        robot: the arm.
-        q: (k, n) [rad].
-        velocity: (k, n) [rad/s].
-    """
+    """(k,) speed of the tool point ``|J q̇|`` [m/s] at ``q`` (k, n) [rad] and ``velocity`` (k, n) [rad/s]."""
     return np.linalg.norm(np.einsum("kij,kj->ki", robot.jacobian(q)[:, :3], velocity), axis=1)
 
 

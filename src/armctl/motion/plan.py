@@ -1,9 +1,13 @@
-"""From what is asked for to a trajectory that has passed its pre-flight."""
+"""From what is asked for to a trajectory that has passed its pre-flight.
+
+Everywhere: ``start`` (n,) [rad] is where the arm stands; without ``duration_s`` [s] a motion takes the
+shortest that the limits allow; ``checked`` runs the pre-flight, without it the caller does.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from itertools import pairwise
 from typing import Literal
 
@@ -15,11 +19,11 @@ from armctl.errors import InputError, MotionRefusedError, UnreachableError
 from armctl.kinematics import DEFAULT_STEP, Target, checked_criterion
 from armctl.kinematics.target import as_numbers
 from armctl.motion.blend import Leg, blend
-from armctl.motion.paths.tool_path import PitchMode, ToolPath, tool_arc, tool_line
-from armctl.motion.paths.tool_refusal import ToolPathRefusedError, ToolPathUnreachableError
+from armctl.motion.paths.tool_curve import ToolArc, ToolLine
+from armctl.motion.paths.tool_path import PitchMode, ToolPathRefusedError, ToolPathUnreachableError, follow
 from armctl.motion.polynomial import PiecewisePolynomial, spline_through
 from armctl.motion.preflight import require_clear
-from armctl.motion.profiles import PointToPoint, ProfileName, checked_duration, shortest_words
+from armctl.motion.profiles import NOWHERE, PointToPoint, ProfileName, lasting_s
 from armctl.motion.timing import PathTrajectory, timed
 from armctl.motion.trajectory import JoinedTrajectory, SlowedTrajectory, Trajectory
 from armctl.robot import Robot
@@ -37,22 +41,13 @@ def plan_joints(
     *,
     checked: bool = True,
 ) -> Trajectory:
-    """Plan a motion to joint angles and check it.
-
-    Args:
-        robot: the arm.
-        start: (n,) where it stands [rad].
-        end: (n,) where to go [rad].
-        duration_s: seconds; None: the shortest that the limits allow.
-        profile: a law, or "normal", which goes at each joint's own speed; with a duration that is a cubic.
-        checked: run the pre-flight; False: the caller does.
+    """Plan a motion to joint angles (n,) [rad] and check it; "normal" with a duration is a cubic.
 
     Raises:
         InputError: a value that is not finite, or a wrong shape.
         MotionRefusedError: outside the joint limits, too short a duration, or through the floor.
     """
     end = robot.check_limits(end)
-    trajectory: Trajectory
     if profile == "normal" and duration_s is None:
         trajectory = PointToPoint.each_for_itself(robot, start, end)
     else:
@@ -75,15 +70,6 @@ def plan_target(
 ) -> Trajectory:
     """Plan a motion of the tool to a target by inverse kinematics and check it.
 
-    Args:
-        robot: the arm.
-        start: (n,) where it stands [rad].
-        target: where the tool shall go.
-        choose: criterion for the choice among the solutions.
-        duration_s: seconds; None: the shortest that the limits allow.
-        profile: as in ``plan_joints``.
-        checked: as in ``plan_joints``.
-
     Raises:
         InputError: no such criterion.
         UnreachableError: no solution; says why, and which point is the nearest.
@@ -94,7 +80,7 @@ def plan_target(
 
 
 def solve(robot: Robot, start: ArrayLike | None, target: Target, choose: str) -> FloatArray:
-    """The configuration (n,) [rad] that the criterion chooses for a target.
+    """The configuration (n,) [rad] that a criterion chooses for a target.
 
     Raises:
         InputError: no such criterion.
@@ -114,9 +100,6 @@ def solve(robot: Robot, start: ArrayLike | None, target: Target, choose: str) ->
 
 # Motions of the tool along a line or an arc, and of the joints smoothly through points.
 
-NOWHERE = 1e-12
-"""no joint turns so little on purpose [rad]"""
-
 
 def plan_line(
     robot: Robot,
@@ -130,18 +113,18 @@ def plan_line(
     profile: ProfileName = "trapezoid",
     checked: bool = True,
 ) -> Trajectory:
-    """Plan a motion of the tool in a straight line, on the branch the arm is on, and check it.
+    """Plan a motion of the tool straight to a position (3,) [m], on the branch the arm is on, and check it.
 
     Args:
         robot: the arm.
         start: (n,) where it stands [rad].
-        position_m: (3,) where the tool shall go, base frame [m].
+        position_m: (3,) base frame [m].
         pitch: tool pitch on the way: as at the start, evenly to ``end_pitch``, or as it comes.
         end_pitch: tool pitch at the end [rad]; with "interpolated" only.
         speed: largest speed of the tool [m/s]; None: as fast as the joints can.
         duration_s: seconds; None: the shortest.
         profile: how the way is spread over time.
-        checked: as in ``plan_joints``.
+        checked: run the pre-flight.
 
     Raises:
         InputError: a value that is not finite, or a wrong shape.
@@ -149,7 +132,7 @@ def plan_line(
         MotionRefusedError: a limit, a singular pose or another branch on the way, said with the time, the
             place and the joint; too short a duration; the floor.
     """
-    path = follow_line(robot, as_numbers(start, "joint angles"), position_m, pitch, end_pitch, speed)
+    path = follow_tool(robot, start, None, position_m, pitch, end_pitch, speed)
     return plan_path(robot, start, path, speed=speed, duration_s=duration_s, profile=profile, checked=checked)
 
 
@@ -166,11 +149,8 @@ def plan_arc(
     profile: ProfileName = "trapezoid",
     checked: bool = True,
 ) -> Trajectory:
-    """Plan a motion of the tool along the circle through where it is, ``via_m`` and ``end_m`` (3,) [m].
-
-    The rest as ``plan_line``.
-    """
-    path = follow_arc(robot, as_numbers(start, "joint angles"), via_m, end_m, pitch, end_pitch, speed)
+    """As ``plan_line``, along the circle through where the tool is, ``via_m`` and ``end_m`` (3,) [m]."""
+    path = follow_tool(robot, start, via_m, end_m, pitch, end_pitch, speed)
     return plan_path(robot, start, path, speed=speed, duration_s=duration_s, profile=profile, checked=checked)
 
 
@@ -182,14 +162,7 @@ def plan_spline(
     profile: ProfileName = "trapezoid",
     checked: bool = True,
 ) -> Trajectory:
-    """Plan a motion of the joints through configurations without a stop, and check it.
-
-    Args:
-        robot: the arm.
-        points: (k, n) at least one [rad]; the arm stands in the first.
-        duration_s: seconds; None: the shortest.
-        profile: how the way is spread over time.
-        checked: as in ``plan_joints``.
+    """Plan a motion through configurations (k, n) [rad] without a stop, from the first on, and check it.
 
     Raises:
         InputError: a value that is not finite, or a wrong shape.
@@ -214,16 +187,9 @@ def plan_path(
     profile: ProfileName = "trapezoid",
     checked: bool = True,
 ) -> Trajectory:
-    """Plan a motion along a path q(s) of the joints, (n,) [rad], and check it.
+    """Plan a motion along a path q(s) of the joints, (n,) [rad] (None: the arm stays), and check it.
 
-    Args:
-        robot: the arm.
-        start: (n,) where the path begins [rad].
-        path: from ``follow_line``, ``follow_arc`` or ``spline_through``; None: the arm stays.
-        speed: largest ds/dt: of the tool [m/s] where s is its way; None: as fast as the joints can.
-        duration_s: seconds; None: the shortest.
-        profile: how the way is spread over time.
-        checked: as in ``plan_joints``.
+    ``speed``: largest ds/dt, of the tool [m/s] where s is its way; None: as fast as the joints can.
 
     Raises:
         InputError: a speed that is not positive, or a duration that is not a time.
@@ -238,67 +204,40 @@ def plan_path(
     return trajectory
 
 
-def follow_line(
+def follow_tool(
     robot: Robot,
-    start: FloatArray,
+    start: ArrayLike,
+    via_m: ArrayLike | None,
     end_m: ArrayLike,
     pitch: PitchMode,
     end_pitch: float | None,
     speed: float | None = None,
 ) -> PiecewisePolynomial | None:
-    """The joints' path q(s) along a straight line of the tool, s its way [m]; None where it goes nowhere.
+    """The joints' path q(s) along a line of the tool, or the arc over ``via_m``; s is its way [m].
 
-    Raises:
-        As ``plan_line``, but for the duration and the floor.
+    None where it goes nowhere. Raises as ``plan_line``, but for the duration and the floor.
     """
-    return _followed(robot, speed, lambda: tool_line(robot, start, end_m, pitch, end_pitch))
-
-
-def follow_arc(
-    robot: Robot,
-    start: FloatArray,
-    via_m: ArrayLike,
-    end_m: ArrayLike,
-    pitch: PitchMode,
-    end_pitch: float | None,
-    speed: float | None = None,
-) -> PiecewisePolynomial | None:
-    """The same along the circle through three points."""
-    return _followed(robot, speed, lambda: tool_arc(robot, start, via_m, end_m, pitch, end_pitch))
-
-
-def _followed(
-    robot: Robot, speed: float | None, follow: Callable[[], ToolPath]
-) -> PiecewisePolynomial | None:
+    q = robot.chain.checked(as_numbers(start, "joint angles"))
+    tool = robot.forward(q)[:3, 3]
+    curve = ToolLine(tool, np.asarray(end_m)) if via_m is None else ToolArc.through(tool, via_m, end_m)
     try:
-        found = follow()
+        return follow(robot, q, curve, pitch, end_pitch)
     except (ToolPathRefusedError, ToolPathUnreachableError) as cause:
         seconds = 0.0
         if cause.before is not None:  # when the tool comes there, without slowing down for it
             cap = math.inf if speed is None else speed
             seconds = PathTrajectory.fastest(robot, cause.before, cap, last=math.inf).duration
         raise type(cause)(f"at {seconds:.2f} s, {cause}", cause.place, cause.before) from cause
-    return None if found.is_still else found.polynomial
 
 
 # Motions through a list of points: at rest in each, smoothly through all, or turning off before each.
 
 Passing = Literal["stop", "spline", "blend"]
 """at rest in each point; smoothly through all points; turning off before each point, towards the next"""
-_ROUNDING = 1e-9
 
 
 def solve_points(robot: Robot, points: FloatArray, choose: str, start: FloatArray) -> FloatArray:
-    """Solve each point of a path by the same criterion.
-
-    Args:
-        robot: the arm.
-        points: (k, 3) in the base frame [m].
-        choose: criterion for the choice among the solutions.
-        start: (n,) where the arm stands before the first point [rad]; each next one starts from the last.
-
-    Returns:
-        (k, n) joint angles [rad].
+    """(k, n) joint angles [rad] for points (k, 3) [m], each chosen by a criterion from the one before.
 
     Raises:
         UnreachableError: a point has no solution; says which and why.
@@ -320,29 +259,20 @@ def plan_through(
     *,
     checked: bool = True,
 ) -> JoinedTrajectory:
-    """Plan a motion through configurations, at rest in each.
-
-    Args:
-        robot: the arm.
-        stops: at least two configurations (n,) [rad].
-        duration_s: of the whole motion [s], shared out so that each part is slowed down alike; None: the
-            shortest that the limits allow.
-        profile: as in ``plan_joints``.
-        checked: as in ``plan_joints``.
+    """Plan a motion through configurations (n,) [rad], at rest in each; a duration slows all parts alike.
 
     Raises:
         InputError: fewer than two stops.
         MotionRefusedError: outside the limits, through the floor, or too short a duration; says where.
     """
     _require_two(stops)
-    no_durations = [None] * (len(stops) - 1)
-    if duration_s is None:
-        return _joined(robot, stops, profile, no_durations, checked=checked)
-    law: Profile = "cubic" if profile == "normal" else profile
-    shortest = _joined(robot, stops, law, no_durations, checked=False)
-    slower = _slower(duration_s, shortest.duration)
-    durations = [slower * part.duration for part in shortest.parts]
-    return _joined(robot, stops, law, durations, checked=checked)
+    durations: list[float | None] = [None] * (len(stops) - 1)
+    if duration_s is not None:
+        profile = "cubic" if profile == "normal" else profile
+        shortest = _joined(robot, stops, profile, durations, checked=False)
+        slower = _slower(duration_s, shortest.duration)
+        durations = [slower * part.duration for part in shortest.parts]
+    return _joined(robot, stops, profile, durations, checked=checked)
 
 
 def plan_blended(
@@ -350,11 +280,7 @@ def plan_blended(
 ) -> Trajectory:
     """Plan a motion that turns off towards the next configuration before it comes to each; no pre-flight.
 
-    Args:
-        robot: the arm.
-        stops: at least two configurations (n,) [rad].
-        radius_m: how far from each the tool may begin to turn off [m].
-        duration_s: [s]; None: the shortest that the limits allow.
+    ``stops`` (n,) [rad]; the tool may begin to turn off ``radius_m`` [m] before each.
 
     Raises:
         InputError: fewer than two stops, or a radius that is not positive.
@@ -402,14 +328,7 @@ def _require_two(stops: Sequence[FloatArray]) -> None:
         raise InputError("a motion through points needs at least two of them")
 
 
-def _slower(duration_s: float, shortest_s: float) -> float:
-    """How many times as long as the shortest a duration is.
-
-    Raises:
-        MotionRefusedError: it is too short.
-    """
-    if checked_duration(duration_s) < shortest_s * (1 - _ROUNDING):
-        raise MotionRefusedError(
-            f"the whole motion cannot take {duration_s:g} s; {shortest_words(shortest_s)}"
-        )
-    return max(duration_s / shortest_s, 1.0) if shortest_s > 0 else 1.0
+def _slower(duration_s: float, shortest: float) -> float:
+    """How many times as long as the shortest a duration is."""
+    lasts = lasting_s(duration_s, shortest, lambda asked: f"the whole motion cannot take {asked:g} s")
+    return lasts / shortest if shortest > 0 else 1.0

@@ -25,11 +25,7 @@ class PiecewisePolynomial:
     """
 
     def __init__(self, breaks: ArrayLike, coefficients: ArrayLike) -> None:
-        """Check and copy both.
-
-        Args:
-            breaks: (k + 1,), rising.
-            coefficients: (k, degree + 1, n), lowest power first.
+        """Copies breaks (k + 1,), rising, and coefficients (k, degree + 1, n), lowest power first.
 
         Raises:
             InputError: shapes that do not match, breaks that do not rise, or a value that is not finite.
@@ -56,16 +52,9 @@ class PiecewisePolynomial:
         return self.derivatives(x, 0)[0]
 
     def derivatives(self, x: ArrayLike, order: int) -> FloatArray:
-        """Value and derivatives.
+        """(order + 1, ..., n) value and derivatives at ``x`` (...); beyond an end, those of the end.
 
         At a break the piece before it counts, at the very beginning the first piece.
-
-        Args:
-            x: (...) where; beyond an end, the end.
-            order: the highest derivative, 0 for the value alone.
-
-        Returns:
-            (order + 1, ..., n).
         """
         x = np.minimum(np.maximum(np.asarray(x, dtype=np.float64), self.low), self.high)
         piece = self.breaks[1:-1].searchsorted(x)
@@ -97,10 +86,7 @@ class PiecewisePolynomial:
         return self.cut(np.append(inner.ravel(), self.breaks[-1]))
 
     def cut(self, breaks: FloatArray) -> PiecewisePolynomial:
-        """The same curve over other breaks: inside its own ones, and holding all of its own between them.
-
-        Args:
-            breaks: (m + 1,), rising, within ``low ... high``.
+        """The same curve over rising breaks (m + 1,) within its own, which hold all of its own between them.
 
         Raises:
             InputError: a break outside.
@@ -197,14 +183,9 @@ def _bernstein(size: int) -> FloatArray:
 
 
 def quintic(start: FloatArray, end: FloatArray) -> FloatArray:
-    """The polynomial of fifth degree over 0 ... 1 with value, slope and curvature given at both ends.
+    """(6, ..., n) the polynomial of fifth degree over 0 ... 1, lowest power first.
 
-    Args:
-        start: (3, ..., n) value, slope and curvature at 0.
-        end: (3, ..., n) the same at 1.
-
-    Returns:
-        (6, ..., n) coefficients, lowest power first.
+    ``start`` and ``end`` (3, ..., n): value, slope and curvature at 0 and at 1.
     """
     c = np.empty((6, *start.shape[1:]))
     c[:3] = start
@@ -224,15 +205,11 @@ _SAME = 1e-12
 
 
 def spline_through(points: ArrayLike, weights: ArrayLike | None = None) -> PiecewisePolynomial:
-    """The cubic spline through points, in the order given; ``cubic_spline`` tells its ends.
+    """The cubic spline through points (k, n), in the order given; ``cubic_spline`` tells its ends.
 
     The path variable between two points is the largest weighted way of a coordinate, so that a joint with
-    a long way does not overshoot beside a short one. Equal points in a row count once.
-
-    Args:
-        points: (k, n), at least two that differ.
-        weights: (n,) of the coordinates, positive, e.g. one over each joint's largest speed: the path
-            variable is then the least time in seconds. None: all 1.
+    a long way does not overshoot beside a short one. With one over each joint's largest speed as ``weights``
+    (n,) it is the least time [s]; None: all 1. Equal points in a row count once.
 
     Raises:
         InputError: a wrong shape, a value that is not finite, or fewer than two points that differ.

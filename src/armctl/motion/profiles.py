@@ -1,9 +1,21 @@
-"""From one configuration to another: all joints together by one law, or each for itself."""
+"""From one configuration to another: all joints together by one law, or each for itself.
+
+How a way is spread over time: laws from rest to rest, as short as the limits allow. All four are polynomials
+in pieces of the way gone ``s(t)``, from 0 to the length:
+
+- *cubic*: ``s = L (3 u² - 2 u³)``, the papers' "planned movement". Its speed is largest at the middle,
+  ``1.5 L / T``, its acceleration at the ends, ``6 L / T²``.
+- *quintic*: ``s = L (10 u³ - 15 u⁴ + 6 u⁵)``, the motion of least jerk (Flash and Hogan 1985). Largest speed
+  ``1.875 L / T``, acceleration ``10 / √3 L / T²``, jerk ``60 L / T³``.
+- *trapezoid*: full acceleration, full speed, full brake: the shortest with limited acceleration.
+- *s-curve*: the shortest with limited jerk as well: seven phases, some of which may be empty (Biagiotti and
+  Melchiorri, Trajectory Planning for Automatic Machines and Robots, section 3.4).
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -12,24 +24,20 @@ from numpy.typing import ArrayLike
 
 from armctl.arrays import FloatArray
 from armctl.errors import InputError, MotionRefusedError
-from armctl.kinematics.target import checked_number
+from armctl.kinematics.target import as_numbers, checked_number, require_finite
 from armctl.motion.polynomial import PiecewisePolynomial
 from armctl.motion.trajectory import KnowsPeaks, Peaks, Sample
 from armctl.robot import Robot
 
-# How a way is spread over time: laws from rest to rest, as short as the limits allow. All four are
-# polynomials in pieces of the way gone ``s(t)``, from 0 to the length:
-#
-# - *cubic*: ``s = L (3 u² - 2 u³)``, the papers' "planned movement". Its speed is largest at the middle,
-#   ``1.5 L / T``, its acceleration at the ends, ``6 L / T²``.
-# - *quintic*: ``s = L (10 u³ - 15 u⁴ + 6 u⁵)``, the motion of least jerk (Flash and Hogan 1985). Largest
-#   speed ``1.875 L / T``, acceleration ``10 / √3 L / T²``, jerk ``60 L / T³``.
-# - *trapezoid*: full acceleration, full speed, full brake: the shortest with limited acceleration.
-# - *s-curve*: the shortest with limited jerk as well: seven phases, some of which may be empty (Biagiotti
-#   and Melchiorri, Trajectory Planning for Automatic Machines and Robots, section 3.4).
-
 ProfileName = Literal["cubic", "quintic", "trapezoid", "s-curve"]
 PROFILES: tuple[ProfileName, ...] = ("cubic", "quintic", "trapezoid", "s-curve")
+NOWHERE = 1e-12
+"""no joint turns so little on purpose [rad]"""
+_ROUNDING = 1e-9
+_SPARE_MS = 1e-9
+"""so little below a whole millisecond is one [ms]"""
+_INSTANT = 1e-9
+"""a duration that is none [s]"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,11 +51,10 @@ class _Shape:
 
     def times(self, way: FloatArray, *limits: FloatArray) -> FloatArray:
         """Shortest times [s] for ways (n,), from limits (n,) of speed, acceleration and jerk."""
-        needed = [
-            (peak * way / most) ** (1 / order)
-            for order, (peak, most) in enumerate(zip(self.peaks, limits, strict=False), 1)
-        ]
-        return np.max(needed, axis=0)
+        times = np.zeros(len(way))
+        for order, (peak, most) in enumerate(zip(self.peaks, limits, strict=False), 1):
+            times = np.maximum(times, (peak * way / most) ** (1 / order))
+        return times
 
     def over(self, way: FloatArray, time: float) -> PiecewisePolynomial:
         """Ways (n,) in a time [s]."""
@@ -64,17 +71,9 @@ _SHAPES: dict[ProfileName, _Shape] = {
 def law_over(
     length: float, speed: float, acceleration: float, jerk: float, profile: ProfileName
 ) -> PiecewisePolynomial:
-    """The shortest motion over a length, from rest to rest.
+    """The shortest motion over a length, from rest to rest: s(t), one coordinate, t from 0 [s].
 
-    Args:
-        length: of the way, positive.
-        speed: largest.
-        acceleration: largest, without sign.
-        jerk: largest, without sign; the cubic and the trapezoid jump in acceleration and do not keep it.
-        profile: which law.
-
-    Returns:
-        s(t), one coordinate, t from 0 [s].
+    The cubic and the trapezoid jump in acceleration and do not keep the jerk limit.
 
     Raises:
         InputError: a length or a limit that is not positive, or a profile that is none.
@@ -111,18 +110,9 @@ def _s_curve(length: float, speed: float, acceleration: float, jerk: float) -> P
             bend = (length / (2 * jerk)) ** (1 / 3)
             ramp = 2 * bend
     flat, push = max(ramp - 2 * bend, 0.0), jerk * bend
-    return _phases(
-        length,
-        (
-            (bend, 0.0, jerk),
-            (flat, push, 0.0),
-            (bend, push, -jerk),
-            (cruise, 0.0, 0.0),
-            (bend, 0.0, -jerk),
-            (flat, -push, 0.0),
-            (bend, -push, jerk),
-        ),
-    )
+    up = ((bend, 0.0, jerk), (flat, push, 0.0), (bend, push, -jerk))
+    down = ((bend, 0.0, -jerk), (flat, -push, 0.0), (bend, -push, jerk))
+    return _phases(length, (*up, (cruise, 0.0, 0.0), *down))
 
 
 def _phases(length: float, phases: tuple[tuple[float, float, float], ...]) -> PiecewisePolynomial:
@@ -131,15 +121,12 @@ def _phases(length: float, phases: tuple[tuple[float, float, float], ...]) -> Pi
     What lies beyond the middle is counted from the end, so that the end is met as exactly as the start.
     """
     count = len(phases)
-    forward: list[tuple[float, float]] = [(0.0, 0.0)]  # way and speed at each seam
+    way, rate = 0.0, 0.0
+    forward = [(way, rate)]  # at each seam
     for duration, push, twist in phases[: count // 2]:
-        way, rate = forward[-1]
-        forward.append(
-            (
-                way + duration * (rate + duration * (push / 2 + duration * twist / 6)),
-                rate + duration * (push + duration * twist / 2),
-            )
-        )
+        way += duration * (rate + duration * (push / 2 + duration * twist / 6))
+        rate += duration * (push + duration * twist / 2)
+        forward.append((way, rate))
     # the motion is symmetric: the second half's seams mirror the first half's
     seams = forward + [(length - way, rate) for way, rate in forward[::-1]]
     breaks, rows = [0.0], list[tuple[float, float, float, float]]()
@@ -148,15 +135,6 @@ def _phases(length: float, phases: tuple[tuple[float, float, float], ...]) -> Pi
             breaks.append(breaks[-1] + duration)
             rows.append((way, rate, push / 2, twist / 6))
     return PiecewisePolynomial(breaks, np.array(rows)[:, :, None])
-
-
-_ROUNDING = 1e-9
-_SPARE_MS = 1e-9
-"""so little below a whole millisecond is one [ms]"""
-_NOWHERE = 1e-12
-"""A way that is no motion [rad]."""
-_INSTANT = 1e-9
-"""a duration that is none [s]"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -178,17 +156,12 @@ class PointToPoint(KnowsPeaks):
     def lasting(
         cls, start: ArrayLike, end: ArrayLike, duration: float, profile: ProfileName = "cubic"
     ) -> PointToPoint:
-        """A cubic or quintic motion of a given duration, without limits.
-
-        Args:
-            start: (n,) [rad].
-            end: (n,) [rad].
-            duration: seconds; 0 only where start and end are the same.
-            profile: "cubic" or "quintic"; the shape of the others depends on limits.
+        """A motion from ``start`` to ``end`` (n,) [rad] in a given time [s], without limits.
 
         Raises:
-            InputError: shapes that differ, a value that is not finite, a duration that cannot be, or
-                another profile.
+            InputError: a value that is not finite, shapes that differ, no time for a way, or a profile other
+            than
+                cubic or quintic: the shape of the others depends on limits.
         """
         first, last = checked_ends(start, end)
         lasts = checked_duration(duration)
@@ -208,37 +181,29 @@ class PointToPoint(KnowsPeaks):
         duration_s: float | None = None,
         profile: ProfileName = "cubic",
     ) -> PointToPoint:
-        """Plan within the robot's limits; all joints start and arrive together.
+        """Plan from ``start`` to ``end`` (n,) [rad] within the robot's limits; all joints arrive together.
 
         The shortest duration is that of the joint that needs longest; the others are slowed down to it.
 
-        Args:
-            robot: whose speed and acceleration limits, and jerk limits where the profile knows a jerk.
-            start: (n,) [rad].
-            end: (n,) [rad].
-            duration_s: seconds; None: the shortest that the limits allow.
-            profile: the law of each joint over time.
-
         Raises:
             InputError: a value that is not finite, or a wrong shape.
-            MotionRefusedError: the duration is too short; names the joint, what it would need and the
+            MotionRefusedError: the duration [s] is too short; names the joint, what it would need and the
                 shortest possible duration.
         """
         first, last = checked_ends(start, end, robot.n)
         travel = last - first
         shape, laws = _SHAPES.get(profile), list[PiecewisePolynomial | None]()
         if shape is not None:
-            way = np.where(np.abs(travel) > _NOWHERE, np.abs(travel), 0.0)
+            way = np.where(np.abs(travel) > NOWHERE, np.abs(travel), 0.0)
             times = shape.times(way, robot.speed_limits, robot.acceleration_limits, robot.jerk_limits)
         else:
             laws = _laws(robot, travel, profile)
             times = np.array([0.0 if law is None else law.high for law in laws])
-        duration = shortest = float(times.max())
+        duration = float(times.max())
         if duration_s is not None:
-            duration_s = checked_duration(duration_s)
-            if duration_s < shortest * (1 - _ROUNDING):
-                raise MotionRefusedError(_too_short(robot, travel, duration_s, times, profile))
-            duration = max(duration_s, shortest)
+            duration = lasting_s(
+                duration_s, duration, lambda asked: _too_short(robot, travel, asked, times, profile)
+            )
         if duration == 0:
             return cls(first, last, 0.0, None)
         if shape is not None:
@@ -301,6 +266,19 @@ def checked_duration(duration: float) -> float:
     return checked if checked > _INSTANT else 0.0
 
 
+def lasting_s(duration: float, shortest: float, too_short: Callable[[float], str]) -> float:
+    """A duration [s] that is asked for, at least the shortest.
+
+    Raises:
+        InputError: as ``checked_duration``.
+        MotionRefusedError: it is too short, in the words of ``too_short``, and what the shortest is.
+    """
+    checked = checked_duration(duration)
+    if checked < shortest * (1 - _ROUNDING):
+        raise MotionRefusedError(f"{too_short(checked)}; {shortest_words(shortest)}")
+    return max(checked, shortest)
+
+
 def shortest_words(shortest: float) -> str:
     """The shortest duration [s] in words, rounded up: what is read there may be asked for."""
     return f"the shortest possible duration is {math.ceil(1000 * shortest - _SPARE_MS) / 1000:.3f} s"
@@ -320,16 +298,13 @@ def checked_ends(start: ArrayLike, end: ArrayLike, n: int | None = None) -> tupl
     Raises:
         InputError: shapes that differ, another number than ``n``, text, NaN or infinity.
     """
-    try:
-        first, last = np.array(start, dtype=np.float64), np.array(end, dtype=np.float64)
-    except (TypeError, ValueError) as cause:
-        raise InputError(f"joint angles must be numbers, got {start!r} and {end!r}") from cause
+    first, last = as_numbers(start, "joint angles"), as_numbers(end, "joint angles")
     if first.ndim != 1 or first.shape != last.shape or first.size == 0:
         raise InputError(
             f"start and end need the same number of joint angles, got {first.shape} and {last.shape}"
         )
-    if not (np.isfinite(first).all() and np.isfinite(last).all()):
-        raise InputError(f"joint angles must be finite numbers, got {first.tolist()} and {last.tolist()}")
+    for angles in (first, last):
+        require_finite(angles, "joint angles")
     if n is not None and len(first) != n:
         raise InputError(f"{n} joint angles are needed, got {len(first)}")
     first.flags.writeable = last.flags.writeable = False
@@ -338,14 +313,12 @@ def checked_ends(start: ArrayLike, end: ArrayLike, n: int | None = None) -> tupl
 
 def _laws(robot: Robot, travel: FloatArray, profile: ProfileName) -> list[PiecewisePolynomial | None]:
     """The shortest law of each joint; None for one that stands."""
-    limits = zip(
-        np.abs(travel).tolist(),
-        robot.speed_limits.tolist(),
-        robot.acceleration_limits.tolist(),
-        robot.jerk_limits.tolist(),
-        strict=True,
-    )
-    return [None if way <= _NOWHERE else law_over(way, v, a, j, profile) for way, v, a, j in limits]
+    ways = np.abs(travel).tolist()
+    limits = np.array([robot.speed_limits, robot.acceleration_limits, robot.jerk_limits]).T.tolist()
+    return [
+        None if way <= NOWHERE else law_over(way, *most, profile=profile)
+        for way, most in zip(ways, limits, strict=True)
+    ]
 
 
 def _joined(
@@ -368,23 +341,17 @@ def _joined(
 def _too_short(
     robot: Robot, travel: FloatArray, duration: float, times: FloatArray, profile: ProfileName
 ) -> str:
-    shortest = float(times.max())
+    """Which joint cannot, and which of its limits it would pass."""
     i = int(times.argmax())
     joint, way = robot.joints[i], float(np.degrees(abs(travel[i])))
     if duration == 0:
-        return f"{joint.title}: cannot move in 0 s; {shortest_words(shortest)}"
-    if profile not in _SHAPES:
-        return (
-            f"{joint.title}: {way:.2f}° in {duration:.3f} s is too fast for its limits of "
-            f"{np.degrees(joint.speed):.1f} °/s and {np.degrees(joint.acceleration):.1f} °/s²; "
-            f"{shortest_words(shortest)}"
-        )
+        return f"{joint.title}: cannot move in 0 s"
     limits = np.degrees([joint.speed, joint.acceleration, joint.jerk]).tolist()
+    motion = f"{joint.title}: {way:.2f}° in {duration:.3f} s"
+    if profile not in _SHAPES:
+        return f"{motion} is too fast for its limits of {limits[0]:.1f} °/s and {limits[1]:.1f} °/s²"
     needs = [peak * way / duration ** (k + 1) for k, peak in enumerate(_SHAPES[profile].peaks)]
     # the limit that asks for the longest time: speed by the first power, acceleration by the second ...
     k = max(range(len(needs)), key=lambda k: (needs[k] / limits[k]) ** (1 / (k + 1)))
-    needed, allowed, unit = needs[k], limits[k], ("°/s", "°/s²", "°/s³")[k]
-    return (
-        f"{joint.title}: {way:.2f}° in {duration:.3f} s needs {needed:.1f} {unit}, its limit is "
-        f"{allowed:.1f} {unit}; {shortest_words(shortest)}"
-    )
+    unit = ("°/s", "°/s²", "°/s³")[k]
+    return f"{motion} needs {needs[k]:.1f} {unit}, its limit is {limits[k]:.1f} {unit}"

@@ -18,9 +18,9 @@ from typing import cast
 import numpy as np
 
 from armctl.arrays import FloatArray
-from armctl.errors import InputError, MotionRefusedError
+from armctl.errors import InputError
 from armctl.motion.polynomial import PiecewisePolynomial
-from armctl.motion.profiles import ProfileName, checked_duration, law_over, shortest_words
+from armctl.motion.profiles import ProfileName, lasting_s, law_over
 from armctl.motion.trajectory import KnowsPeaks, Peaks, Sample
 from armctl.robot import Robot
 
@@ -54,12 +54,9 @@ class PathLimits:
         path: PiecewisePolynomial,
         rate_cap: float | FloatArray = math.inf,
     ) -> PathLimits:
-        """Limits of a path from those of the joints.
+        """Limits of a path q(s), (n,) [rad], from the joints'; each piece of it is cut into ``REGIONS``.
 
-        Args:
-            robot: whose speed and acceleration limits.
-            path: q(s), (n,) [rad]; each piece is cut into ``REGIONS``.
-            rate_cap: a largest rate besides; a number, or (k,) one a piece of the path.
+        ``rate_cap``: a largest rate besides, a number or (k,) one a piece of the path.
 
         Raises:
             InputError: a cap that is not positive.
@@ -82,15 +79,10 @@ class PathLimits:
 
 
 def fastest_rates(limits: PathLimits, first: float = 0.0, last: float = 0.0) -> FloatArray:
-    """The fastest rates at the breaks of a path that its limits allow.
+    """(m + 1,) the fastest rates at the breaks of a path in m regions that its limits allow.
 
-    Args:
-        limits: of the path, in m regions.
-        first: rate at its beginning.
-        last: largest rate at its end; what can be reached is taken where it is less.
-
-    Returns:
-        (m + 1,) rate at each break.
+    ``first`` is the rate at its beginning, ``last`` the largest at its end; what can be reached is taken
+    where it is less.
 
     Raises:
         TooFastError: ``first`` is more than the path can brake from.
@@ -110,11 +102,9 @@ def fastest_rates(limits: PathLimits, first: float = 0.0, last: float = 0.0) -> 
 
 
 def trapezoid_law(limits: PathLimits, rates: FloatArray) -> PiecewisePolynomial:
-    """The path variable over time [s], from 0: a trapezoid of the rate in each region.
+    """The path variable over time [s], from 0: a trapezoid of the rate in each of the m regions.
 
-    Args:
-        limits: of the path, in m regions.
-        rates: (m + 1,) at its breaks, from ``fastest_rates``.
+    ``rates`` (m + 1,) at its breaks, from ``fastest_rates``.
     """
     breaks, steps = [0.0], list[tuple[float, float, float]]()
     rows = np.column_stack(
@@ -160,11 +150,7 @@ class PathTrajectory(KnowsPeaks):
     """``q(s(t))`` with the derivatives of both by the chain rule. Immutable."""
 
     def __init__(self, path: PiecewisePolynomial, law: PiecewisePolynomial) -> None:
-        """Join them.
-
-        Args:
-            path: q(s), (n,) [rad].
-            law: s(t), one coordinate, from the path's beginning to its end, over t from 0 [s].
+        """``path`` is q(s), (n,) [rad]; ``law`` s(t) over t from 0 [s], from the path's beginning to its end.
 
         Raises:
             InputError: the law does not run from one end of the path to the other.
@@ -195,14 +181,9 @@ class PathTrajectory(KnowsPeaks):
         first: float = 0.0,
         last: float = 0.0,
     ) -> PathTrajectory:
-        """As fast as the speed and acceleration limits allow.
+        """As fast as the speed and acceleration limits allow, along a path q(s), (n,) [rad].
 
-        Args:
-            robot: whose limits.
-            path: q(s), (n,) [rad].
-            rate_cap: largest ds/dt besides.
-            first: ds/dt at the beginning.
-            last: largest ds/dt at the end.
+        ``rate_cap`` is a largest ds/dt besides, ``first`` and ``last`` as in ``fastest_rates``.
 
         Raises:
             InputError: a cap that is not positive, or a first rate that cannot be.
@@ -279,7 +260,6 @@ class PathTrajectory(KnowsPeaks):
         return np.concatenate([[0.0], low[1:-1] + width, [self.duration]])
 
 
-_ROUNDING = 1e-9
 _JERK_SAMPLES, _SAMPLES = 1001, 201
 _WITH_JERK = ("quintic", "s-curve")
 
@@ -292,22 +272,17 @@ def timed(
     rate_cap: float = math.inf,
     duration_s: float | None = None,
 ) -> PathTrajectory:
-    """Follow a path from rest to rest inside the robot's limits.
+    """Follow a path q(s), (n,) [rad], from rest to rest inside the robot's limits.
 
-    ``trapezoid`` is as fast as the speed and acceleration limits allow at every place of the path. The
-    other profiles spread their own shape over the whole path, as fast as its narrowest place allows.
-
-    Args:
-        robot: whose limits.
-        path: q(s), (n,) [rad].
-        profile: the law of s over time.
-        rate_cap: largest ds/dt besides, e.g. the tool's speed [m/s] where s is its way [m].
-        duration_s: seconds; None: the shortest.
+    ``trapezoid`` is as fast as the speed and acceleration limits allow at every place of the path. The other
+    profiles spread their own shape over the whole path, as fast as its narrowest place allows. ``rate_cap``
+    is a largest ds/dt besides: the tool's speed [m/s] where s is its way [m]. Without ``duration_s`` [s] it
+    takes the shortest.
 
     Raises:
         InputError: a cap that is not positive, or a duration that is not a time.
-        MotionRefusedError: the duration is too short; names which joint and limit ask for more, and
-            the shortest.
+        MotionRefusedError: the duration is too short; names which joint and limit ask for more, and the
+            shortest.
     """
     if profile == "trapezoid":
         shortest = PathTrajectory.fastest(robot, path, rate_cap)
@@ -315,13 +290,12 @@ def timed(
         shortest = _shaped(robot, path, profile, rate_cap)
     if duration_s is None:
         return shortest
-    duration_s = checked_duration(duration_s)
-    if duration_s < shortest.duration * (1 - _ROUNDING):
-        raise MotionRefusedError(
-            f"the motion cannot take {duration_s:g} s: {_bound(robot, shortest, profile, rate_cap)}; "
-            f"{shortest_words(shortest.duration)}"
-        )
-    return shortest.scaled(max(duration_s / shortest.duration, 1.0))
+    lasts = lasting_s(
+        duration_s,
+        shortest.duration,
+        lambda asked: f"the motion cannot take {asked:g} s: {_bound(robot, shortest, profile, rate_cap)}",
+    )
+    return shortest.scaled(lasts / shortest.duration)
 
 
 def _shaped(robot: Robot, path: PiecewisePolynomial, profile: ProfileName, rate_cap: float) -> PathTrajectory:

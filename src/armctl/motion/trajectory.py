@@ -84,10 +84,7 @@ class JoinedTrajectory(KnowsPeaks):
     """Parts run in order. Immutable."""
 
     def __init__(self, parts: Sequence[Trajectory]) -> None:
-        """Join.
-
-        Args:
-            parts: at least one; each starts where the one before it ends.
+        """At least one part; each starts where the one before it ends.
 
         Raises:
             InputError: no part, or parts that do not meet.
@@ -127,7 +124,7 @@ class JoinedTrajectory(KnowsPeaks):
 
     @property
     def peaks(self) -> Peaks:
-        """Extremes of the whole motion, as well known as those of its parts."""
+        """As well known as those of its parts."""
         peaks = [peaks_of(part) for part in self.parts]
         return Peaks(
             np.min([peak.low for peak in peaks], axis=0),
@@ -176,10 +173,10 @@ _SAMPLES = 4001
 
 
 def peaks_of(trajectory: Trajectory) -> Peaks:
-    """Extremes of a whole motion.
+    """Extremes of a whole motion: exact where it knows them.
 
-    Those of somebody else's trajectory are taken from 4,001 samples, the steps between them included: it
-    may not be what it says of itself.
+    Those of a foreign trajectory are taken from 4,001 samples, the steps between them included: it may not be
+    what it says of itself.
     """
     if isinstance(trajectory, KnowsPeaks):
         return trajectory.peaks
@@ -198,11 +195,7 @@ class SlowedTrajectory(KnowsPeaks):
     """A trajectory that takes a number of times as long, on the same way. Immutable."""
 
     def __init__(self, trajectory: Trajectory, factor: float) -> None:
-        """Slow down.
-
-        Args:
-            trajectory: what is slowed down.
-            factor: how many times as long it takes, at least 1.
+        """Slow down: ``factor`` times as long, at least 1.
 
         Raises:
             InputError: a factor under 1, or not finite.
@@ -229,7 +222,7 @@ class SlowedTrajectory(KnowsPeaks):
 
     @property
     def peaks(self) -> Peaks:
-        """Extremes of the whole motion, as well known as those of the trajectory it was made of."""
+        """As well known as those of the trajectory it was made of."""
         peaks, f = peaks_of(self._trajectory), self._factor
         return Peaks(peaks.low, peaks.high, peaks.speed / f, peaks.acceleration / f**2)
 

@@ -20,9 +20,9 @@ from armctl.errors import ProgramError
 from armctl.kinematics import CRITERIA, Target
 from armctl.motion.blend import Leg
 from armctl.motion.paths.tool_path import PitchMode
-from armctl.motion.plan import NOWHERE, follow_arc, follow_line, plan_joints, plan_path, solve
+from armctl.motion.plan import follow_tool, plan_joints, plan_path, solve
 from armctl.motion.polynomial import PiecewisePolynomial
-from armctl.motion.profiles import PointToPoint, ProfileName
+from armctl.motion.profiles import NOWHERE, PointToPoint, ProfileName
 from armctl.motion.trajectory import Trajectory
 from armctl.program.keys import Field, Key, defaults_of, keys_of, literal
 from armctl.robot import Robot
@@ -316,7 +316,7 @@ class LineStep(MotionStep, frozen=True, kw_only=True, tag="line"):
     def path(self, robot: Robot, start: FloatArray) -> PiecewisePolynomial | None:
         """Along the tool's way [m]."""
         end = _metres(self.x_mm, self.y_mm, self.z_mm)
-        return follow_line(robot, start, end, self.pitch, _radians(self.pitch_deg), self.tool_speed)
+        return follow_tool(robot, start, None, end, self.pitch, _radians(self.pitch_deg), self.tool_speed)
 
     def plan_leg(self, robot: Robot, leg: Leg, *, checked: bool = True) -> Trajectory:
         """Along the path."""
@@ -365,7 +365,7 @@ class ArcStep(MotionStep, frozen=True, kw_only=True, tag="arc"):
         """Along the tool's way [m]."""
         via = _metres(self.via_x_mm, self.via_y_mm, self.via_z_mm)
         end = _metres(self.x_mm, self.y_mm, self.z_mm)
-        return follow_arc(robot, start, via, end, self.pitch, _radians(self.pitch_deg), self.tool_speed)
+        return follow_tool(robot, start, via, end, self.pitch, _radians(self.pitch_deg), self.tool_speed)
 
     def plan_leg(self, robot: Robot, leg: Leg, *, checked: bool = True) -> Trajectory:
         """Along the path."""

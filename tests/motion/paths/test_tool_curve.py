@@ -58,8 +58,8 @@ def test_an_arc_passes_its_three_points_in_their_order(radius: float, angles: li
     assert arc.length == pytest.approx(radius * (last - first), rel=1e-9)
     np.testing.assert_allclose(arc.positions(0.0), on_circle[0], atol=1e-15)
     np.testing.assert_allclose(arc.positions(radius * (via - first)), on_circle[1], atol=1e-10)
-    np.testing.assert_allclose(arc.end, on_circle[2], atol=1e-10)
-    np.testing.assert_allclose(arc.centre, centre, atol=1e-10)
+    np.testing.assert_allclose(arc.positions(arc.length), on_circle[2], atol=1e-10)
+    np.testing.assert_allclose(arc.start + arc.radius * arc.inward, centre, atol=1e-10)
     check_derivatives(arc)
 
 
@@ -75,7 +75,7 @@ def test_an_arc_through_nearly_straight_points_keeps_its_digits() -> None:
     via = (A + B) / 2 + [0.0, 0.0, 3e-6]
     arc = ToolArc.through(A, via, B)
     assert arc.radius > 1000.0
-    np.testing.assert_allclose(arc.end, B, atol=1e-9)
+    np.testing.assert_allclose(arc.positions(arc.length), B, atol=1e-9)
     np.testing.assert_allclose(arc.positions(arc.length / 2), via, atol=1e-9)
 
 

@@ -14,19 +14,19 @@ from tests.motion.paths.tool_kit import (
     brute_force,
     random_robot,
     random_start,
+    tool_arc,
+    tool_line,
 )
 
 from armctl.errors import MotionRefusedError, UnreachableError
 from armctl.motion.error_report import arc, line
 from armctl.motion.paths.tool_curve import ToolArc, ToolCurve, ToolLine
-from armctl.motion.paths.tool_path import follow, tool_arc, tool_line
-from armctl.motion.paths.tool_refusal import (
+from armctl.motion.paths.tool_path import (
     PathPlace,
     ToolPathRefusedError,
     ToolPathUnreachableError,
-    first_crossing,
+    follow,
 )
-from armctl.motion.polynomial import PiecewisePolynomial
 from armctl.robot import Robot
 
 FINE = 4001
@@ -35,7 +35,7 @@ Refusal = ToolPathRefusedError | ToolPathUnreachableError
 
 def refused(robot: Robot, q: FloatArray, curve: ToolCurve) -> Refusal | None:
     try:
-        follow(robot, q, curve)
+        follow(robot, q, curve, "kept")
     except (ToolPathRefusedError, ToolPathUnreachableError) as error:
         return error
     return None
@@ -173,45 +173,3 @@ def test_another_branch_is_offered_where_one_can_be_there() -> None:
     assert "start on another branch (front elbow-up can be here) or move the arc" in str(info.value)
     there = UZUNER.inverse(info.value.place.point + np.array([1e-5, 0.0, 0.0]), pitch)
     assert "front elbow-up" in set(map(str, there.branch))
-
-
-def test_an_arc_is_called_an_arc() -> None:
-    q = SCORBOT.pose("home")
-    tool = SCORBOT.forward(q)[:3, 3]
-    with pytest.raises(ToolPathUnreachableError, match=r"% of the arc \(x"):
-        tool_arc(SCORBOT, q, tool + np.array([0.3, 0.0, 0.3]), tool + np.array([0.7, 0.0, 0.0]))
-
-
-def test_the_first_crossing_of_a_polynomial() -> None:
-    limits = np.array([[-1.0, 1.0], [-1.0, 1.0]])
-    # the first coordinate passes 1 at x = 2.5; the second one -1 at x = 2.25, in the same piece
-    path = PiecewisePolynomial([0.0, 2.0, 4.0], [[[0.0, 0.0], [0.25, -0.25]], [[0.5, -0.5], [1.0, -2.0]]])
-    crossing = first_crossing(path, limits)
-    assert crossing is not None and crossing.joint == 1
-    assert crossing.s == pytest.approx(2.25, abs=1e-7)
-    assert first_crossing(path, 3.0 * limits[:, ::1] - np.array([2.0, 0.0])) is None
-    # out and in again between two breaks
-    hump = PiecewisePolynomial([0.0, 1.0], [[[0.9], [0.8], [-0.8]]])
-    crossing = first_crossing(hump, limits[:1])
-    assert crossing is not None and crossing.s == pytest.approx((1 - math.sqrt(0.5)) / 2, abs=1e-6)
-
-
-def test_polynomials_near_a_limit_are_told_apart() -> None:
-    rng = np.random.default_rng(6)
-    inside = outside = 0
-    for _ in range(200):
-        path = PiecewisePolynomial(
-            [0.0, 0.3, 0.5], rng.uniform(-1, 1, (2, 6, 1)) * 3.0 ** np.arange(6)[:, None]
-        )
-        values = path(np.linspace(0.0, 0.5, 20_001))[:, 0]
-        edge = values.max() + rng.choice([1e-4, -1e-4])
-        crossing = first_crossing(path, np.array([[-100.0, edge]]))
-        if edge > values.max():
-            assert crossing is None
-            inside += 1
-            continue
-        assert crossing is not None
-        first = np.linspace(0.0, 0.5, 20_001)[(values > edge).argmax()]
-        assert crossing.s == pytest.approx(first, abs=3e-5)
-        outside += 1
-    assert inside > 50 and outside > 50

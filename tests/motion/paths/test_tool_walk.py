@@ -1,32 +1,29 @@
-"""The derivatives along a path, against differences."""
+"""Steps along a curve: their derivatives against differences, and where they leave the limits."""
 
 from __future__ import annotations
+
+import math
 
 import numpy as np
 import pytest
 from tests.motion.paths.tool_kit import ROBOTS, UZUNER, random_start
 
 from armctl.motion.paths.tool_curve import ToolArc
-from armctl.motion.paths.tool_pitch import AxisPitch, carried, pitch_rows
-from armctl.motion.paths.tool_walk import Repulsion, ToolTask
+from armctl.motion.paths.tool_pitch import pitch_rows
+from armctl.motion.paths.tool_walk import ToolTask, first_crossing, repulsion
+from armctl.motion.polynomial import PiecewisePolynomial
 from armctl.robot import Robot
 
 FREE, KEPT, LED = "free", "kept", "interpolated"
 
 
 def task_of(robot: Robot, q: np.ndarray, mode: str, *, push: float = 0.0) -> ToolTask:
-    """A task along an arc from where the tool is, over a roll joint that turns, whatever the limits are."""
+    """A task along an arc from where the tool is; the last joint stands."""
     tool = robot.forward(q)[:3, 3]
     curve = ToolArc.through(tool, tool + np.array([0.02, 0.01, 0.015]), tool + np.array([0.05, -0.01, 0.01]))
-    moving = np.arange(robot.n - 1)
-    rate = np.zeros(robot.n)
-    rate[-1] = 1.5
-    led = np.zeros(robot.n)
-    led[-1] = q[-1]
     pitch = None if mode == FREE else pitch_rows(robot, q, curve.length, 0.2 if mode == LED else None)
-    margin = np.full(robot.n, 1.0)
-    repulsion = Repulsion(robot.limits, margin, push)
-    return ToolTask(robot.chain, curve, moving, led, rate, pitch, robot.speed_limits, repulsion)
+    moving = np.arange(robot.n - 1)
+    return ToolTask(robot.chain, curve, moving, pitch, robot.speed_limits, robot.limits, push)
 
 
 @pytest.mark.parametrize("robot", ROBOTS, ids=lambda robot: robot.name)
@@ -53,7 +50,7 @@ def test_the_bend_is_the_derivative_of_the_slope_along_the_path(robot: Robot, mo
         np.testing.assert_allclose(
             robot.jacobian(q)[:3] @ knot.slope, task.curve.derivatives(0.0)[1], atol=1e-9
         )
-        assert knot.slope[-1] == 1.5 and knot.bend[-1] == 0.0
+        assert knot.slope[-1] == 0.0 and knot.bend[-1] == 0.0
         tried += 1
     assert tried >= 3 or robot.name == "mico"
 
@@ -68,36 +65,46 @@ def test_a_free_joint_moves_as_little_as_serves() -> None:
     assert abs(free @ weighted) < 1e-9 * np.linalg.norm(weighted)
 
 
-@pytest.mark.parametrize("robot", ROBOTS, ids=lambda robot: robot.name)
-def test_carried_columns_are_second_derivatives(robot: Robot) -> None:
-    rng, h = np.random.default_rng(3), 1e-6
-    for q in (random_start(rng, robot) for _ in range(10)):
-        rates = rng.uniform(-1, 1, robot.n)
-        J = robot.jacobian(q)
-        ahead, behind = robot.jacobian(q + h * rates), robot.jacobian(q - h * rates)
-        np.testing.assert_allclose(carried(J[:3], J[3:], rates), (ahead - behind)[:3] / (2 * h), atol=1e-8)
-
-
-@pytest.mark.parametrize("parts", [(2,), (0, 1)])
-def test_rows_of_the_axis_are_derivatives(parts: tuple[int, ...]) -> None:
-    rng, h, rows = np.random.default_rng(4), 1e-6, AxisPitch(parts, 0.3, 0.7)
-    for q in (random_start(rng, UZUNER) for _ in range(10)):
-        rates = rng.uniform(-1, 1, 5)
-        ends = [q + way * h * rates for way in (1.0, -1.0)]
-        poses = [UZUNER.forward(end) for end in ends]
-        value = (rows.value(ends[0], poses[0]) - rows.value(ends[1], poses[1])) / (2 * h)
-        pose, J = UZUNER.forward(q), UZUNER.jacobian(q)
-        np.testing.assert_allclose(rows.rows(pose, J) @ rates, value, atol=1e-8)
-        slopes = [rows.rows(pose, UZUNER.jacobian(end)) for pose, end in zip(poses, ends, strict=True)]
-        np.testing.assert_allclose(rows.turned(pose, J, rates), (slopes[0] - slopes[1]) / (2 * h), atol=1e-8)
-    wanted = [rows.wanted(0.1 + way * h) for way in (1.0, -1.0)]
-    np.testing.assert_allclose(rows.wanted(0.1)[1:], (wanted[0] - wanted[1])[:2] / (2 * h), atol=1e-8)
-
-
 def test_a_push_leads_away_from_both_limits() -> None:
-    repulsion = Repulsion(np.array([[-1.0, 1.0]] * 3), np.full(3, 0.5), 2.0)
-    push, change = repulsion.push(np.array([-1.0, 0.0, 0.9]))
-    np.testing.assert_allclose(push, [-2.0, 0.0, 2.0 * 0.8**3])  # as a gradient: the motion goes against it
+    limits, q = np.array([[-1.0, 1.0]] * 3), np.array([-1.0, 0.0, 0.9])
+    push, change = repulsion(q, limits, 2.0)
+    # as a gradient: the motion goes against it; it begins 0.35 rad from a limit
+    np.testing.assert_allclose(push, [-2.0, 0.0, 2.0 * (0.25 / 0.35) ** 3])
     h = 1e-6
-    ends = [repulsion.push(np.array([-1.0, 0.0, 0.9]) + way * h)[0] for way in (1.0, -1.0)]
-    np.testing.assert_allclose(change, (ends[0] - ends[1]) / (2 * h), atol=1e-5)
+    ends = [repulsion(q + way * h, limits, 2.0)[0] for way in (1.0, -1.0)]
+    np.testing.assert_allclose(change, (ends[0] - ends[1]) / (2 * h), atol=1e-4)
+
+
+def test_the_first_crossing_of_a_polynomial() -> None:
+    limits = np.array([[-1.0, 1.0], [-1.0, 1.0]])
+    # the first coordinate passes 1 at x = 2.5; the second one -1 at x = 2.25, in the same piece
+    path = PiecewisePolynomial([0.0, 2.0, 4.0], [[[0.0, 0.0], [0.25, -0.25]], [[0.5, -0.5], [1.0, -2.0]]])
+    crossing = first_crossing(path, limits)
+    assert crossing is not None and crossing[1] == 1
+    assert crossing[0] == pytest.approx(2.25, abs=1e-7)
+    assert first_crossing(path, 3.0 * limits[:, ::1] - np.array([2.0, 0.0])) is None
+    # out and in again between two breaks
+    hump = PiecewisePolynomial([0.0, 1.0], [[[0.9], [0.8], [-0.8]]])
+    crossing = first_crossing(hump, limits[:1])
+    assert crossing is not None and crossing[0] == pytest.approx((1 - math.sqrt(0.5)) / 2, abs=1e-6)
+
+
+def test_polynomials_near_a_limit_are_told_apart() -> None:
+    rng = np.random.default_rng(6)
+    inside = outside = 0
+    for _ in range(200):
+        path = PiecewisePolynomial(
+            [0.0, 0.3, 0.5], rng.uniform(-1, 1, (2, 6, 1)) * 3.0 ** np.arange(6)[:, None]
+        )
+        values = path(np.linspace(0.0, 0.5, 20_001))[:, 0]
+        edge = values.max() + rng.choice([1e-4, -1e-4])
+        crossing = first_crossing(path, np.array([[-100.0, edge]]))
+        if edge > values.max():
+            assert crossing is None
+            inside += 1
+            continue
+        assert crossing is not None
+        first = np.linspace(0.0, 0.5, 20_001)[(values > edge).argmax()]
+        assert crossing[0] == pytest.approx(first, abs=3e-5)
+        outside += 1
+    assert inside > 50 and outside > 50

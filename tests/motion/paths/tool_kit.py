@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import ArrayLike
 from tests.kinematics.kit import FloatArray, chain_of, random_planar_arm, random_q
 
 from armctl.kinematics import Chain, GravityModel
-from armctl.motion.paths.tool_curve import ToolCurve
-from armctl.motion.paths.tool_path import ToolPath
+from armctl.motion import PitchMode
+from armctl.motion.paths.tool_curve import ToolArc, ToolCurve, ToolLine
+from armctl.motion.paths.tool_path import follow
 from armctl.motion.paths.tool_pitch import elevations
+from armctl.motion.polynomial import PiecewisePolynomial
 from armctl.robot import Joint, Robot, load_robot, shipped_robots
 
 ROBOTS = tuple(load_robot(name) for name in shipped_robots())
@@ -19,6 +22,32 @@ UZUNER, ABAAS, SCORBOT, HUMANOID, MICO = (
 )
 _JUMP = 0.15
 """the nearest solution this far from the one before is on another branch [rad]"""
+
+
+@dataclass(frozen=True)
+class ToolPath:
+    """A curve of the tool, and the joints' way along it."""
+
+    curve: ToolCurve
+    polynomial: PiecewisePolynomial
+
+
+def tool_line(
+    robot: Robot, q: ArrayLike, end: ArrayLike, pitch: PitchMode = "kept", end_pitch: float | None = None
+) -> ToolPath:
+    return led(robot, q, ToolLine(robot.forward(q)[:3, 3], np.asarray(end)), pitch, end_pitch)
+
+
+def tool_arc(
+    robot: Robot, q: ArrayLike, via: ArrayLike, end: ArrayLike, pitch: PitchMode = "kept"
+) -> ToolPath:
+    return led(robot, q, ToolArc.through(robot.forward(q)[:3, 3], via, end), pitch, None)
+
+
+def led(robot: Robot, q: ArrayLike, curve: ToolCurve, pitch: PitchMode, end_pitch: float | None) -> ToolPath:
+    polynomial = follow(robot, q, curve, pitch, end_pitch)
+    assert polynomial is not None
+    return ToolPath(curve, polynomial)
 
 
 def robot_of(chain: Chain, limits: FloatArray) -> Robot:
@@ -47,7 +76,7 @@ def random_start(rng: np.random.Generator, robot: Robot) -> FloatArray:
 
 def strays(robot: Robot, path: ToolPath, count: int = 2001) -> tuple[float, FloatArray]:
     """Largest distance of the tool from the curve [m], and the pitch (count,) [rad], on a dense sample."""
-    s = np.linspace(0.0, path.length, count)
+    s = np.linspace(0.0, path.curve.length, count)
     poses = robot.forward(path.polynomial(s))
     away = np.linalg.norm(poses[:, :3, 3] - path.curve.positions(s), axis=1)
     return float(away.max()), elevations(robot, poses)

@@ -1,10 +1,10 @@
-"""The tool's way through space as geometry alone: a line or a circular arc, over the way gone in metres."""
+"""The tool's way as geometry alone: a line or a circular arc in the base frame, over the metres gone."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -19,50 +19,19 @@ _FLAT = 1e-6
 """sine of the angle at which three points count as standing on one line"""
 
 
-class ToolCurve(Protocol):
-    """Where the tool point goes, over the way gone ``s`` from 0 to ``length`` [m]. Immutable."""
-
-    @property
-    def kind(self) -> str:
-        """What it is called in messages: "line" or "arc"."""
-        ...
-
-    @property
-    def length(self) -> float:
-        """The whole way [m]."""
-        ...
-
-    @property
-    def start(self) -> FloatArray:
-        """Where it begins (3,), base frame [m]."""
-        ...
-
-    @property
-    def end(self) -> FloatArray:
-        """Where it ends (3,), base frame [m]."""
-        ...
-
-    def positions(self, s: float | FloatArray) -> FloatArray:
-        """Tool points (..., 3) in the base frame [m] at ``s`` (...) [m]; not held beyond the ends."""
-        ...
-
-    def derivatives(self, s: float | FloatArray) -> FloatArray:
-        """(3, ..., 3) at ``s`` (...) [m]: the point [m], the unit direction, the curvature vector [1/m]."""
-        ...
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class ToolLine:
     """A straight line."""
 
     start: FloatArray
-    """(3,) base frame [m]"""
+    """(3,) [m]"""
     end: FloatArray
-    """(3,) base frame [m]"""
+    """(3,) [m]"""
     length: float = field(init=False)
     """[m]; 0 where the ends count as one point"""
     direction: FloatArray = field(init=False)
     """(3,) unit vector; zeros where the line has no length"""
+    kind: ClassVar[str] = "line"
 
     def __post_init__(self) -> None:
         start, end = Target.of(self.start).position, Target.of(self.end).position
@@ -74,17 +43,12 @@ class ToolLine:
         object.__setattr__(self, "length", 0.0 if still else length)
         object.__setattr__(self, "direction", np.zeros(3) if still else way / length)
 
-    @property
-    def kind(self) -> str:
-        """What it is called in messages."""
-        return "line"
-
     def positions(self, s: float | FloatArray) -> FloatArray:
-        """Tool points (..., 3) [m]."""
+        """Tool points (..., 3) [m] at ``s`` (...) [m]; not held beyond the ends."""
         return self.start + np.asarray(s, dtype=np.float64)[..., None] * self.direction
 
     def derivatives(self, s: float | FloatArray) -> FloatArray:
-        """(3, ..., 3): point, direction, curvature (none)."""
+        """(3, ..., 3) at ``s`` (...) [m]: point [m], unit direction, curvature vector [1/m]."""
         points = self.positions(s)
         found = np.zeros((3, *points.shape))
         found[0], found[1] = points, self.direction
@@ -100,7 +64,7 @@ class ToolArc:
     """
 
     start: FloatArray
-    """(3,) base frame [m]"""
+    """(3,) [m]"""
     along: FloatArray
     """(3,) unit direction at the start"""
     inward: FloatArray
@@ -109,6 +73,7 @@ class ToolArc:
     """[m]"""
     sweep: float
     """angle of the arc [rad], in 0 … 2 pi"""
+    kind: ClassVar[str] = "arc"
 
     @classmethod
     def through(cls, start: ArrayLike, via: ArrayLike, end: ArrayLike) -> ToolArc:
@@ -141,38 +106,26 @@ class ToolArc:
         return cls(a, along, inward, radius, math.atan2(x, y) % (2.0 * math.pi))
 
     @property
-    def kind(self) -> str:
-        """What it is called in messages."""
-        return "arc"
-
-    @property
     def length(self) -> float:
         """[m]."""
         return self.radius * self.sweep
 
-    @property
-    def centre(self) -> FloatArray:
-        """(3,) base frame [m]."""
-        return self.start + self.radius * self.inward
-
-    @property
-    def end(self) -> FloatArray:
-        """(3,) base frame [m]."""
-        return self.positions(self.length)
-
     def positions(self, s: float | FloatArray) -> FloatArray:
-        """Tool points (..., 3) [m]."""
+        """As ``ToolLine.positions``."""
         angle = np.asarray(s, dtype=np.float64)[..., None] / self.radius
         rise = 2.0 * np.sin(0.5 * angle) ** 2
         return self.start + self.radius * (np.sin(angle) * self.along + rise * self.inward)
 
     def derivatives(self, s: float | FloatArray) -> FloatArray:
-        """(3, ..., 3): point, direction, curvature."""
+        """As ``ToolLine.derivatives``."""
         angle = np.asarray(s, dtype=np.float64)[..., None] / self.radius
         cos, sin = np.cos(angle), np.sin(angle)
         direction = cos * self.along + sin * self.inward
         curvature = (cos * self.inward - sin * self.along) / self.radius
         return np.stack([self.positions(s), direction, curvature])
+
+
+ToolCurve = ToolLine | ToolArc
 
 
 def _mm(point: FloatArray) -> str:

@@ -1,17 +1,18 @@
 """The tool pitch along a path: kept, led to an end, or chosen so that the joints stay inside their limits.
 
-As rows of equations that must hold of the joint angles along a path, with derivatives. Pitch is the
-elevation of the tool's z axis above the horizontal. Each kind of row says the same in a form that is smooth
-where the arm works: for arms with parallel pitch joints as the angle in the arm's own vertical plane, which
-is linear in the joint angles and has no trouble straight up and down; for all others as the height of the
-axis's tip, and straight up or down as its two horizontal parts.
+Pitch is the elevation of the tool's z axis above the horizontal. It enters the equations of a path as one or
+two rows ``value(q) = wanted(s)``, with derivatives, in a form that is smooth where the arm works: for arms
+with parallel pitch joints as the angle in the arm's own vertical plane, which is linear in the joint angles
+and has no trouble straight up and down; for all others as the height of the axis's tip, and straight up or
+down as its two horizontal parts.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Protocol
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,38 +31,9 @@ _UPRIGHT = 1e-6
 """how near to upright a tool points neither outward nor back at the base axis, nor anywhere else [rad]"""
 
 
-class PitchRows(Protocol):
-    """One or two equations ``value(q) = wanted(s)``. Immutable."""
-
-    @property
-    def count(self) -> int:
-        """How many equations."""
-        ...
-
-    def wanted(self, s: float) -> FloatArray:
-        """(3, count) right side, its first and its second derivative over ``s`` [m]."""
-        ...
-
-    def value(self, q: FloatArray, pose: FloatArray) -> FloatArray:
-        """(count,) left side at ``q`` (n,) with the tool pose (4, 4)."""
-        ...
-
-    def tilt(self, q: FloatArray, poses: FloatArray, s: FloatArray) -> FloatArray:
-        """(k,) how far the pitch is off at ``s`` (k,), with ``q`` (k, n) and tool poses (k, 4, 4) [rad]."""
-        ...
-
-    def rows(self, pose: FloatArray, jacobian: FloatArray) -> FloatArray:
-        """(count, n) its derivative by the joint angles."""
-        ...
-
-    def turned(self, pose: FloatArray, jacobian: FloatArray, rates: FloatArray) -> FloatArray:
-        """(count, n) derivative of ``rows`` along joint rates (n,)."""
-        ...
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class PlanePitch:
-    """The angle of the tool in the arm's vertical plane: a sum of joint angles."""
+    """The angle of the tool in the arm's vertical plane: a sum of joint angles. One row."""
 
     senses: FloatArray
     """(n,) what a joint adds to the sum a radian: ±1 or 0"""
@@ -69,32 +41,35 @@ class PlanePitch:
     """what the sum shall be over the way [m], one coordinate [rad]"""
     is_wish: bool = True
     """False: the curve is only a means to get along, and need not be kept exactly"""
-    count: int = 1
+    count: ClassVar[int] = 1
 
     def wanted(self, s: float) -> FloatArray:
-        """(3, 1)."""
+        """(3, count) the right side at ``s`` [m], its first and its second derivative over the way."""
         return self.curve.derivatives(s, 2)
 
     def value(self, q: FloatArray, pose: FloatArray) -> FloatArray:
-        """(1,)."""
+        """(count,) the left side at ``q`` (n,) with the tool pose (4, 4)."""
         return np.array([self.senses @ q])
 
     def tilt(self, q: FloatArray, poses: FloatArray, s: FloatArray) -> FloatArray:
-        """(k,)."""
+        """(k,) how far the pitch is off at ``s`` (k,), with ``q`` (k, n) and tool poses (k, 4, 4) [rad]."""
         return np.abs(q @ self.senses - self.curve(s)[:, 0]) if self.is_wish else np.zeros(len(q))
 
     def rows(self, pose: FloatArray, jacobian: FloatArray) -> FloatArray:
-        """(1, n)."""
+        """(count, n) derivative of ``value`` by the joint angles."""
         return self.senses[None]
 
     def turned(self, pose: FloatArray, jacobian: FloatArray, rates: FloatArray) -> FloatArray:
-        """(1, n), nothing."""
+        """(count, n) derivative of ``rows`` along joint rates (n,)."""
         return np.zeros((1, len(self.senses)))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AxisPitch:
-    """Parts of the tool's z axis: its height, the sine of the pitch; or, upright, the two other ones."""
+    """Parts of the tool's z axis: its height, the sine of the pitch; or, upright, the two other ones.
+
+    The methods mean what those of ``PlanePitch`` mean.
+    """
 
     parts: tuple[int, ...]
     """(2,) for the height, (0, 1) for upright"""
@@ -121,7 +96,7 @@ class AxisPitch:
         return pose[list(self.parts), 2]
 
     def tilt(self, q: FloatArray, poses: FloatArray, s: FloatArray) -> FloatArray:
-        """(k,)."""
+        """(k,) [rad]."""
         x, y, z = poses[:, :3, 2].T
         return np.abs(np.arctan2(z, np.hypot(x, y)) - (self.start + self.rate * s))
 
@@ -134,23 +109,19 @@ class AxisPitch:
         return carried(_swung(pose, jacobian), jacobian[3:], rates)[list(self.parts)]
 
 
+PitchRows = PlanePitch | AxisPitch
+
+
 def _swung(pose: FloatArray, jacobian: FloatArray) -> FloatArray:
     """(3, n) derivatives of the tool's z axis by the joint angles."""
     return crossed(jacobian[None, 3:], pose[None, :3, 2:3])[0]
 
 
 def carried(columns: FloatArray, axes: FloatArray, rates: FloatArray) -> FloatArray:
-    """How the derivatives of a vector carried by the tool change while the joints turn.
+    """(3, n) derivative along joint rates (n,) of the derivatives ``columns`` (3, n) of a vector on the tool.
 
-    Joint i turns whatever joint j behind it does to the vector: ∂²v/∂q_i∂q_j = z_i x ∂v/∂q_j for i ≤ j.
-
-    Args:
-        columns: (3, n) derivatives ∂v/∂q of the vector by the joint angles.
-        axes: (3, n) joint axes.
-        rates: (n,) joint rates.
-
-    Returns:
-        (3, n) derivative of ``columns`` along the rates.
+    Joint i turns whatever joint j behind it does to the vector: ∂²v/∂q_i∂q_j = z_i x ∂v/∂q_j for i ≤ j, with
+    the joint axes z (3, n) and the rates (n,).
     """
     turning, turned = np.empty((2, *axes.shape)), np.empty((2, *axes.shape))
     np.add.accumulate(axes * rates, axis=1, out=turning[0])
@@ -162,14 +133,14 @@ def carried(columns: FloatArray, axes: FloatArray, rates: FloatArray) -> FloatAr
 
 
 def elevations(robot: Robot, poses: FloatArray) -> FloatArray:
-    """Elevation of the tool's z axis above the arm's horizontal [rad]: poses (k, 4, 4) to (k,)."""
+    """(k,) elevation of the tool's z axis above the arm's horizontal [rad], for tool poses (k, 4, 4)."""
     plane, axis = robot.inverse_kinematics.plane, poses[:, :3, 2]
     if plane is not None:
         axis = axis @ plane.frame
     return np.arctan2(axis[:, 2], np.hypot(axis[:, 0], axis[:, 1]))
 
 
-def plane_senses(geometry: ToolPlane, n: int) -> FloatArray:
+def _plane_senses(geometry: ToolPlane, n: int) -> FloatArray:
     """(n,) what each joint adds to the angle of the tool in the arm's plane: ±1 or 0."""
     senses = np.zeros(n)
     senses[list(geometry.pitch_joints)] = geometry.signs
@@ -177,17 +148,17 @@ def plane_senses(geometry: ToolPlane, n: int) -> FloatArray:
 
 
 def pitch_rows(robot: Robot, q: FloatArray, length: float, end: float | None) -> PitchRows:
-    """The rows that keep the pitch as it is at ``q`` (n,), or lead it evenly to ``end`` [rad].
+    """The rows that keep the pitch of ``q`` (n,), or lead it evenly to ``end`` [rad] over ``length`` [m].
 
     Raises:
         InputError: an end beyond ±90° for an arm that has no vertical plane of its own.
     """
     geometry = robot.inverse_kinematics.plane
     if geometry is not None:
-        senses = plane_senses(geometry, robot.n)
+        senses = _plane_senses(geometry, robot.n)
         angle = sum(geometry.plane_angle(k, float(q[joint])) for k, joint in enumerate(geometry.pitch_joints))
         angle += geometry.tool_angle or 0.0
-        forward = reaches_forward(geometry, q, robot.forward(q)[:3, 3])
+        forward = _reaches_forward(geometry, q, robot.forward(q)[:3, 3])
         turn = 0.0 if end is None else _plane_turn(angle, end, outward=0.0 if forward else math.pi)
         return PlanePitch(
             senses, PiecewisePolynomial([0.0, length], [[[float(senses @ q)], [turn / length]]])
@@ -214,7 +185,7 @@ def _plane_turn(angle: float, end: float, outward: float) -> float:
     return math.remainder(end - angle, 2.0 * math.pi)
 
 
-def reaches_forward(geometry: ToolPlane, q: FloatArray, tool: FloatArray) -> bool:
+def _reaches_forward(geometry: ToolPlane, q: FloatArray, tool: FloatArray) -> bool:
     """Whether the tool point (3,) lies in front of the arm, not over its back."""
     x, y, _ = geometry.local_of(*tool.tolist())
     turn = geometry.yaw_sign * float(q[0])
@@ -239,8 +210,23 @@ _CLOSE = 0.03
 """what a place on a limit costs, in squared radians of joint motion"""
 _BENT, _STRAIGHT = 0.98, 0.9995
 """cosines of the elbow from which a place costs more, and at which it is too nearly straight or folded"""
-SMOOTHINGS = (30.0, 3.0, 0.3)
+_SMOOTHINGS = (30.0, 3.0, 0.3)
 """tried in this order: how much a smooth way counts against a near one"""
+
+
+def led_pitches(robot: Robot, geometry: ToolPlane, q: FloatArray, curve: ToolCurve) -> Iterator[PlanePitch]:
+    """Pitches that lead round the limits along a curve that begins at ``q`` (n,), the smoothest first."""
+    grid = PitchGrid.of(geometry, robot.limits, q, curve)
+    speeds = robot.speed_limits[1:4]
+    way = grid.way((speeds.max() / speeds) ** 2)
+    senses = _plane_senses(geometry, robot.n)
+    second = np.diff(np.eye(len(way)), 2, axis=0)
+    for smoothing in _SMOOTHINGS:
+        rows = np.eye(len(way)) + smoothing * second.T @ second
+        values = np.zeros(len(way))  # the first one is given
+        values[1:] = np.linalg.solve(rows[1:, 1:], way[1:])
+        pitch = cubic_spline(grid.places, (float(senses @ q) + values)[:, None])
+        yield PlanePitch(senses, pitch, is_wish=False)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -258,19 +244,12 @@ class PitchGrid:
 
     @classmethod
     def of(cls, geometry: ToolPlane, limits: FloatArray, q: FloatArray, curve: ToolCurve) -> PitchGrid:
-        """Lay it out.
-
-        Args:
-            geometry: of an arm with three pitch joints.
-            limits: (n, 2) joint limits [rad].
-            q: (n,) where it stands [rad]: tells the branch and the angle of the tool.
-            curve: that begins there.
-        """
+        """For an arm with three pitch joints and limits (n, 2) [rad], on the branch of ``q`` (n,) [rad]."""
         places = np.linspace(0.0, curve.length, _PLACES)
         turns = 2.0 * math.pi * np.arange(_ANGLES) / _ANGLES
         forward, left, up = ((curve.positions(places) - geometry.origin) @ geometry.frame).T
         r = np.sqrt(np.maximum(forward**2 + left**2 - geometry.lateral**2, 0.0))
-        if not reaches_forward(geometry, q, curve.positions(0.0)):
+        if not _reaches_forward(geometry, q, curve.positions(0.0)):
             r = -r
         at_start = [geometry.plane_angle(k, float(q[1 + k])) for k in range(3)]
         last = sum(at_start) + turns
@@ -292,14 +271,10 @@ class PitchGrid:
         return cls(places, turns, angles, toll)
 
     def way(self, weights: FloatArray) -> FloatArray:
-        """The way of least joint motion that leads farthest, from the first angle on.
+        """(m,) angle of the tool at each place, from that at the start [rad], for the least joint motion.
 
-        Args:
-            weights: (3,) of the squared motion of the pitch joints.
-
-        Returns:
-            (m,) angle of the tool at each place, from that at the start [rad]; where nothing leads on, it
-            stays what it was.
+        ``weights`` (3,) are those of the squared motion of the pitch joints. Where nothing leads on, the
+        angle stays what it was.
         """
         count = len(self.turns)
         weighted = self.q * np.sqrt(weights)[:, None]
@@ -328,18 +303,3 @@ class PitchGrid:
             steps[i] = -shift
             at = (at + shift) % count
         return np.cumsum(steps) * self.turns[1]
-
-
-def led_pitch(grid: PitchGrid, way: FloatArray, start: float, smoothing: float) -> PiecewisePolynomial:
-    """A smooth curve near a way, as a sum of joint angles that begins at ``start`` [rad], over the places."""
-    count = len(way)
-    second = np.diff(np.eye(count), 2, axis=0)
-    rows = np.eye(count) + smoothing * second.T @ second
-    values = np.zeros(count)  # the first one is given
-    values[1:] = np.linalg.solve(rows[1:, 1:], way[1:])
-    return cubic_spline(grid.places, (start + values)[:, None])
-
-
-def motion_weights(speeds: FloatArray) -> FloatArray:
-    """(3,) of the pitch joints, from the largest speeds (n,) of all joints."""
-    return (speeds[1:4].max() / speeds[1:4]) ** 2

@@ -19,6 +19,7 @@ from scipy.linalg import lapack
 
 from armctl.arrays import FloatArray
 from armctl.kinematics import Chain
+from armctl.kinematics.angles import LIMIT_TOLERANCE
 from armctl.motion.paths.tool_curve import ToolCurve
 from armctl.motion.paths.tool_pitch import PitchRows, carried
 from armctl.motion.polynomial import PiecewisePolynomial, quintic
@@ -43,36 +44,41 @@ _FIRST, _FARTHEST = 0.2, 1.2
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Walk:
-    """How far a curve could be followed, limits not looked at."""
+    """How far a curve could be followed."""
 
-    knots: tuple[Knot, ...]
+    knots: Sequence[Knot]
     """at least the one at the start, if there is one"""
     complete: bool
     """whether the last one is at the end of the curve"""
+    path: PiecewisePolynomial | None
+    """quintics through all knots; None where there is no way between two"""
+    crossing: tuple[float, int] | None
+    """where a joint first leaves its limits [m], and which; None: they are kept"""
 
     @property
-    def s(self) -> float:
-        """How far it leads [m]."""
+    def reach(self) -> float:
+        """How far it leads inside the limits [m]."""
+        if self.crossing is not None:
+            return self.crossing[0]
         return self.knots[-1].s if self.knots else 0.0
 
-    @property
-    def polynomial(self) -> PiecewisePolynomial | None:
-        """Quintics through all knots; None where there is no way between two."""
-        return hermite(self.knots) if len(self.knots) > 1 else None
 
-
-def walk(task: ToolTask, q_start: FloatArray, limits: FloatArray | None = None) -> Walk:
+def walk(task: ToolTask, q_start: FloatArray, *, only_inside: bool) -> Walk:
     """Follow a task's curve as far as it goes, from ``q_start`` (n,) [rad], which meets its beginning.
 
-    Args:
-        task: what to follow.
-        q_start: (n,) [rad].
-        limits: (n, 2) joint limits [rad]: no farther than a knot beyond them; None: limits do not matter.
+    ``only_inside``: no farther than a knot beyond the joint limits.
     """
+    knots, complete = _walked(task, q_start, task.bounds if only_inside else None)
+    path = hermite(knots) if len(knots) > 1 else None
+    return Walk(knots, complete, path, None if path is None else first_crossing(path, task.bounds))
+
+
+def _walked(task: ToolTask, q_start: FloatArray, bounds: FloatArray | None) -> tuple[list[Knot], bool]:
+    """The knots, and whether they lead to the end."""
     length = task.curve.length
-    here = _settled(task, q_start, 0.0)
+    here = task.settled(q_start, 0.0)
     if here is None:
-        return Walk((), complete=False)
+        return [], False
     knots = [here]
     step = _turning(_FIRST, here)
     while here.s < length:
@@ -82,29 +88,57 @@ def walk(task: ToolTask, q_start: FloatArray, limits: FloatArray | None = None) 
             ahead = length
         else:
             ahead = here.s + min(step, 0.5 * left)  # two even steps rather than one and a rest
-        found = _step(task, here, ahead)
-        if found is None:
-            step *= 0.5
+        there, share = _step(task, here, ahead)
+        if there is None or share > 1.0:
+            step = 0.5 * step if there is None else (ahead - here.s) * max(0.3, 0.85 * share ** (-1 / 6))
             if step < _SHORTEST * length:
-                return Walk(tuple(knots), complete=False)
+                return knots, False
             continue
-        there, share = found
-        if share > 1.0:
-            step = (there.s - here.s) * max(0.3, 0.85 * share ** (-1 / 6))
-            if step < _SHORTEST * length:
-                return Walk(tuple(knots), complete=False)
-            continue
-        step = (there.s - here.s) * min(2.0, 0.85 * max(share, 1e-9) ** (-1 / 6))
+        step = (ahead - here.s) * min(2.0, 0.85 * max(share, 1e-9) ** (-1 / 6))
         knots.append(there)
         here = there
-        if limits is not None and not ((here.q >= limits[:, 0]) & (here.q <= limits[:, 1])).all():
-            return Walk(tuple(knots), complete=here.s >= length)
+        if bounds is not None and not ((here.q >= bounds[:, 0]) & (here.q <= bounds[:, 1])).all():
+            return knots, here.s >= length
     return _verified(task, knots)
 
 
 def _turning(angle: float, knot: Knot) -> float:
     """The way on which the fastest joint turns by an angle [rad], at the rate of a knot [m]."""
     return angle / max(float(np.abs(knot.slope).max()), 1e-9)
+
+
+def _step(task: ToolTask, here: Knot, s: float) -> tuple[Knot | None, float]:
+    """The knot at ``s`` and by what share of the aim the quintic to it strays; None: no step so long."""
+    h = s - here.s
+    ahead = here.q + h * here.slope + 0.5 * h * h * here.bend
+    there = task.arrived(ahead, s)
+    if there is not None and task.redundant:
+        # Obreshkov's implicit rule of fourth order, so that the free motion keeps to its equation too
+        ahead = here.q + 0.5 * h * (here.slope + there.slope) + h * h / 12.0 * (here.bend - there.bend)
+        there = task.arrived(ahead, s)
+    if there is None:
+        return None, math.inf
+    ends = [_over(h, np.array([knot.q, knot.slope, knot.bend])) for knot in (here, there)]
+    between = _SHARES_POWERS @ quintic(*ends)
+    return there, float(task.deviation(between, here.s + h * _SHARES).max()) / _AIM
+
+
+def _verified(task: ToolTask, knots: list[Knot]) -> tuple[list[Knot], bool]:
+    """With knots put between where a dense look finds the tool astray."""
+    while True:
+        path = hermite(knots)
+        widths = np.diff(path.breaks)
+        s = path.breaks[:-1, None] + widths[:, None] * _DENSE
+        worst = task.deviation(path(s.ravel()), s.ravel()).reshape(s.shape).max(axis=1)
+        astray = np.flatnonzero(worst > 1.0)
+        if not len(astray):
+            return knots, True
+        for i in map(int, astray[::-1]):
+            s_middle = 0.5 * (knots[i].s + knots[i + 1].s)
+            middle = task.arrived(path(s_middle), s_middle)
+            if middle is None or widths[i] < _SHORTEST * task.curve.length:
+                return knots[: i + 1], False
+            knots.insert(i + 1, middle)
 
 
 def hermite(knots: Sequence[Knot]) -> PiecewisePolynomial:
@@ -122,69 +156,47 @@ def _over(h: float | FloatArray, states: FloatArray) -> FloatArray:
     return np.array([value, h * slope, h * h * bend])
 
 
-def deviation(task: ToolTask, q: FloatArray, s: FloatArray) -> FloatArray:
-    """(k,) how far ``q`` (k, n) strays from the task at ``s`` (k,), as a share of what is allowed."""
-    poses = task.chain.forward(q)
-    away = np.linalg.norm(poses[:, :3, 3] - task.curve.positions(s), axis=1) / DEVIATION_M
-    if task.pitch is None:
-        return away
-    return np.maximum(away, task.pitch.tilt(q, poses, s) / TILT)
-
-
-def _settled(task: ToolTask, q: FloatArray, s: float) -> Knot | None:
-    """The knot at a configuration, unless some joint would have to turn without bound there."""
-    knot = task.knot(q, s)
-    if knot is None or not np.isfinite(knot.bend).all():
+def first_crossing(path: PiecewisePolynomial, bounds: FloatArray) -> tuple[float, int] | None:
+    """Where a joint first leaves its bounds (n, 2) [rad], exact, and which joint; None: none ever does."""
+    least, most = path.bounds_by_piece()
+    if (least >= bounds[:, 0]).all() and (most <= bounds[:, 1]).all():  # most paths: no exact extremes needed
         return None
-    return knot if (np.abs(knot.slope) * SLOWEST_M_S <= task.speeds).all() else None
-
-
-def _step(task: ToolTask, here: Knot, s: float) -> tuple[Knot, float] | None:
-    """The knot at ``s`` and by what share of the aim the quintic to it strays; None: no step so long."""
-    h = s - here.s
-    ahead = here.q + h * here.slope + 0.5 * h * h * here.bend
-    there = _arrived(task, ahead, s)
-    if there is not None and task.redundant:
-        # Obreshkov's implicit rule of fourth order, so that the free motion keeps to its equation too
-        ahead = here.q + 0.5 * h * (here.slope + there.slope) + h * h / 12.0 * (here.bend - there.bend)
-        there = _arrived(task, ahead, s)
-    if there is None:
+    low, high = path.extremes_by_piece()
+    outside = (low < bounds[:, 0]) | (high > bounds[:, 1])
+    if not outside.any():
         return None
-    ends = [_over(h, np.array([knot.q, knot.slope, knot.bend])) for knot in (here, there)]
-    between = _SHARES_POWERS @ quintic(*ends)
-    return there, float(deviation(task, between, here.s + h * _SHARES).max()) / _AIM
+    piece = int(outside.any(axis=1).argmax())
+    begin, width = float(path.breaks[piece]), float(path.breaks[piece + 1] - path.breaks[piece])
+    unit = path.coefficients[piece]
+    unit = unit * width ** np.arange(len(unit), dtype=np.float64)[:, None]
+    found: list[tuple[float, int]] = []
+    for joint in map(int, np.flatnonzero(outside[piece])):
+        lower, upper = bounds[joint].tolist()
+        at_begin = not lower <= unit[0, joint] <= upper
+        for bound, is_passed in ((lower, low[piece, joint] < lower), (upper, high[piece, joint] > upper)):
+            if is_passed:
+                found.append(
+                    (begin + (0.0 if at_begin else width * _first_root(unit[:, joint], bound)), joint)
+                )
+    return min(found, key=lambda crossing: crossing[0])
 
 
-def _arrived(task: ToolTask, guess: FloatArray, s: float) -> Knot | None:
-    q = task.corrected(guess, s) if np.isfinite(guess).all() else None
-    return None if q is None else _settled(task, q, s)
-
-
-def _verified(task: ToolTask, knots: list[Knot]) -> Walk:
-    """With knots put between where a dense look finds the tool astray."""
-    while True:
-        path = hermite(knots)
-        widths = np.diff(path.breaks)
-        s = path.breaks[:-1, None] + widths[:, None] * _DENSE
-        worst = deviation(task, path(s.ravel()), s.ravel()).reshape(s.shape).max(axis=1)
-        astray = np.flatnonzero(worst > 1.0)
-        if not len(astray):
-            return Walk(tuple(knots), complete=True)
-        for i in map(int, astray[::-1]):
-            s_middle = 0.5 * (knots[i].s + knots[i + 1].s)
-            middle = _arrived(task, path(s_middle), s_middle)
-            if middle is None or widths[i] < _SHORTEST * task.curve.length:
-                del knots[i + 1 :]
-                return Walk(tuple(knots), complete=False)
-            knots.insert(i + 1, middle)
+def _first_root(c: FloatArray, bound: float) -> float:
+    """Where a polynomial over 0 … 1 (lowest power first) first reaches a bound that it passes."""
+    shifted = c.copy()
+    shifted[0] -= bound
+    largest = np.abs(shifted).max()
+    roots = np.roots(shifted[::-1] / largest)
+    inside = roots.real[(np.abs(roots.imag) < 1e-6) & (roots.real > -1e-9) & (roots.real < 1 + 1e-9)]
+    return float(np.clip(inside, 0.0, 1.0).min(initial=1.0))
 
 
 # What the joints must do while the tool follows a curve: equations in the joint angles, and their solution.
 #
-# With the rows ``c(q) = w(s)`` (the tool point on the curve, the pitch where it is held), A = ∂c/∂q over the
-# joints that move freely and h the joints that are led (the roll joint, and what the limits hold):
+# With the rows ``c(q) = w(s)`` (the tool point on the curve, the pitch where it is held) and A = ∂c/∂q over
+# the joints that move (the roll joint and those that their limits hold stand still):
 #
-#     A q' = w' - A_h h'          A q'' = w'' - Ȧ (q', h')
+#     A q' = w'          A q'' = w'' - Ȧ q'
 #
 # Where there are as many rows as joints these are solved; where there are fewer, q' is the least motion,
 # weighted by the joints' speeds, that serves: the least of ½ q'ᵀ W q' + gᵀ q', where g, if asked for, pushes
@@ -204,6 +216,8 @@ _SLOW = 0.01
 _TOO_FAR = 1.0
 """a correction this large leads to some other place, not to the next one [rad]"""
 _CORRECTIONS = 8
+_MARGIN = 0.35
+"""how far from a limit the push begins [rad], or a quarter of the joint's range"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -220,25 +234,17 @@ class Knot:
     """(n,) d²q/ds² [rad/m²]"""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Repulsion:
-    """A push away from the joint limits, smooth and bounded."""
+def repulsion(q: FloatArray, limits: FloatArray, strength: float) -> tuple[FloatArray, FloatArray]:
+    """(n,) a smooth, bounded push away from limits (n, 2), as dq/ds [rad/m], and its derivative by q.
 
-    limits: FloatArray
-    """(n, 2) [rad]"""
-    margin: FloatArray
-    """(n,) how far from a limit it begins [rad]"""
-    strength: float
-    """how fast it would drive a joint that stands on its limit [rad/m]; 0: not at all"""
-
-    def push(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """(n,) the push as dq/ds [rad/m], positive near the upper limit, and its derivative by q."""
-        if self.strength == 0.0:
-            return np.zeros(len(q)), np.zeros(len(q))
-        low = np.maximum(1.0 - (q - self.limits[:, 0]) / self.margin, 0.0)
-        high = np.maximum(1.0 - (self.limits[:, 1] - q) / self.margin, 0.0)
-        change = 3.0 * self.strength * (low**2 + high**2) / self.margin
-        return self.strength * (high**3 - low**3), change
+    Positive near the upper limit; on a limit it is ``strength``.
+    """
+    low, high = limits.T
+    margin = np.maximum(np.minimum(_MARGIN, 0.25 * (high - low)), 1e-6)
+    near_low = np.maximum(1.0 - (q - low) / margin, 0.0)
+    near_high = np.maximum(1.0 - (high - q) / margin, 0.0)
+    change = 3.0 * strength * (near_low**2 + near_high**2) / margin
+    return strength * (near_high**3 - near_low**3), change
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -248,15 +254,14 @@ class ToolTask:
     chain: Chain
     curve: ToolCurve
     moving: NDArray[np.intp]
-    """(f,) the joints that are solved for"""
-    led_start: FloatArray
-    """(n,) angles of the other joints at the start [rad]; 0 for those that are solved for"""
-    led_rate: FloatArray
-    """(n,) how fast they go [rad/m]"""
+    """(f,) the joints that are solved for; the others stand"""
     pitch: PitchRows | None
     speeds: FloatArray
     """(n,) the joints' largest speeds: the weights of the least motion [rad/s]"""
-    repulsion: Repulsion
+    limits: FloatArray
+    """(n, 2) [rad]"""
+    push: float = 0.0
+    """how strongly a free joint keeps away from its limits [rad/m]"""
 
     @property
     def rows(self) -> int:
@@ -268,11 +273,32 @@ class ToolTask:
         """Whether there are more joints than equations."""
         return self.rows < len(self.moving)
 
+    @property
+    def bounds(self) -> FloatArray:
+        """(n, 2) the limits, with what rounding may take [rad]."""
+        return self.limits + np.array([-LIMIT_TOLERANCE, LIMIT_TOLERANCE])
+
+    def deviation(self, q: FloatArray, s: FloatArray) -> FloatArray:
+        """(k,) how far ``q`` (k, n) is off the curve or pitch at ``s`` (k,) (1: as far as allowed)."""
+        poses = self.chain.forward(q)
+        away = np.linalg.norm(poses[:, :3, 3] - self.curve.positions(s), axis=1) / DEVIATION_M
+        return away if self.pitch is None else np.maximum(away, self.pitch.tilt(q, poses, s) / TILT)
+
+    def arrived(self, guess: FloatArray, s: float) -> Knot | None:
+        """The knot next to ``guess`` (n,) at ``s`` [m]; None: not found, or as ``settled``."""
+        q = self.corrected(guess, s) if np.isfinite(guess).all() else None
+        return None if q is None else self.settled(q, s)
+
+    def settled(self, q: FloatArray, s: float) -> Knot | None:
+        """The knot at a configuration, unless some joint would have to turn without bound there."""
+        knot = self.knot(q, s)
+        if knot is None or not np.isfinite(knot.bend).all():
+            return None
+        return knot if (np.abs(knot.slope) * SLOWEST_M_S <= self.speeds).all() else None
+
     def corrected(self, q: FloatArray, s: float) -> FloatArray | None:
         """The configuration next to ``q`` (n,) that meets the equations at ``s`` [m]; None: not found."""
-        led = self.led_start + self.led_rate * s
-        led[self.moving] = q[self.moving]
-        q = led
+        q = q.copy()
         wanted = self.curve.positions(s)
         if self.pitch is not None:
             wanted = np.append(wanted, self.pitch.wanted(s)[0])
@@ -280,11 +306,12 @@ class ToolTask:
         for _ in range(_CORRECTIONS):
             pose = self.chain.forward(q)
             if inverse is None or size > _SLOW * before:
-                inverse = _Inverse.of(self._scaled(self._jacobian_rows(pose, self.chain.jacobian(q))))
+                inverse = _Inverse.of(self._scaled_rows(pose, self.chain.jacobian(q)))
                 if inverse is None:
                     return None
             before = size
-            step = speeds * inverse.solve(wanted - self._values(q, pose))
+            value = pose[:3, 3] if self.pitch is None else np.append(pose[:3, 3], self.pitch.value(q, pose))
+            step = speeds * (inverse.least @ (wanted - value))
             size = float(np.abs(step).max())
             if not size < _TOO_FAR:
                 return None
@@ -295,53 +322,43 @@ class ToolTask:
 
     def knot(self, q: FloatArray, s: float) -> Knot | None:
         """The derivatives at a configuration that meets the equations; None where the rates are infinite."""
-        pose, jacobian = self.chain.forward(q), self.chain.jacobian(q)
-        A, move = self._jacobian_rows(pose, jacobian), self.moving
-        inverse = _Inverse.of(self._scaled(A))
+        pose, jacobian, move = self.chain.forward(q), self.chain.jacobian(q), self.moving
+        inverse = _Inverse.of(self._scaled_rows(pose, jacobian))
         if inverse is None:
             return None
         _, first, second = self.curve.derivatives(s)
         if self.pitch is not None:
             _, pitch_first, pitch_second = self.pitch.wanted(s)
             first, second = np.append(first, pitch_first), np.append(second, pitch_second)
-        first = first - A @ self.led_rate
         speed = self.speeds[move]
-        slope, bend = self.led_rate.copy(), np.zeros(len(q))
-        if not self.redundant:
-            slope[move] = speed * inverse.solve(first)
-            if not inverse.meets(slope[move] / speed, first):
-                return None
-            turned = self._turned_rows(pose, jacobian, slope)
-            bend[move] = speed * inverse.solve(second - turned @ slope)
-            return Knot(s, q, slope, bend)
-        push, push_change = self.repulsion.push(q)
-        push, push_change = push[move] / speed**2, push_change[move] / speed**2  # as the gradient g
-        multiplier = inverse.multipliers(first + A[:, move] @ (speed**2 * push))
-        slope[move] = speed * (inverse.solve(first) - inverse.null(speed * push))
-        if not inverse.meets(slope[move] / speed, first):
+        slope, bend = np.zeros(len(q)), np.zeros(len(q))
+        rates = inverse.least @ first
+        push, push_change = np.zeros((2, len(move)))
+        if self.redundant and self.push:
+            push, push_change = (
+                np.array(repulsion(q, self.limits, self.push))[:, move] / speed**2
+            )  # gradient g
+            rates = rates - inverse.null(speed * push)
+        if not inverse.meets(rates, first):
             return None
-        turned = self._turned_rows(pose, jacobian, slope)
-        change = turned[:, move].T @ multiplier - push_change * slope[move]
-        bend[move] = speed * (inverse.solve(second - turned @ slope) + inverse.null(speed * change))
+        slope[move] = speed * rates
+        turned = carried(jacobian[:3], jacobian[3:], slope)
+        if self.pitch is not None:
+            turned = np.append(turned, self.pitch.turned(pose, jacobian, slope), 0)
+        bends = inverse.least @ (second - turned @ slope)
+        if self.redundant:
+            # Lagrange's multipliers: the solution of A Aᵀ x = w' + A g
+            right = first + inverse.rows @ (speed * push)
+            multipliers = inverse.least.T @ (inverse.least @ right)
+            bends += inverse.null(speed * (turned[:, move].T @ multipliers - push_change * slope[move]))
+        bend[move] = speed * bends
         return Knot(s, q, slope, bend)
 
-    def _values(self, q: FloatArray, pose: FloatArray) -> FloatArray:
-        point = pose[:3, 3]
-        return point if self.pitch is None else np.append(point, self.pitch.value(q, pose))
-
-    def _jacobian_rows(self, pose: FloatArray, jacobian: FloatArray) -> FloatArray:
-        """(m, n)."""
-        if self.pitch is None:
-            return jacobian[:3]
-        return np.concatenate([jacobian[:3], self.pitch.rows(pose, jacobian)])
-
-    def _turned_rows(self, pose: FloatArray, jacobian: FloatArray, rates: FloatArray) -> FloatArray:
-        """(m, n) derivative of the rows along joint rates."""
-        rows = carried(jacobian[:3], jacobian[3:], rates)
-        return rows if self.pitch is None else np.append(rows, self.pitch.turned(pose, jacobian, rates), 0)
-
-    def _scaled(self, rows: FloatArray) -> FloatArray:
-        """The columns of the joints solved for, in units of their speeds."""
+    def _scaled_rows(self, pose: FloatArray, jacobian: FloatArray) -> FloatArray:
+        """(m, f) derivatives of the rows by the joints solved for, in units of their speeds."""
+        rows = jacobian[:3]
+        if self.pitch is not None:
+            rows = np.concatenate([rows, self.pitch.rows(pose, jacobian)])
         return rows[:, self.moving] * self.speeds[self.moving]
 
 
@@ -373,14 +390,6 @@ class _Inverse:
         if not rank:
             return None
         return cls(rows, (vt[:rank].T / sizes[:rank]) @ u[:, :rank].T, whole=rank == len(rows))
-
-    def solve(self, right: FloatArray) -> FloatArray:
-        """The least solution."""
-        return self.least @ right
-
-    def multipliers(self, right: FloatArray) -> FloatArray:
-        """Solution of ``rows rowsᵀ x = right``."""
-        return self.least.T @ (self.least @ right)
 
     def null(self, vector: FloatArray) -> FloatArray:
         """The part of a vector that the rows do not see."""
