@@ -9,7 +9,6 @@ from tests.hardware.lines import Fault, FaultyModel, LoopTransport
 
 from armctl.errors import BoardError, BoardProtocolError, BoardTimeoutError
 from armctl.hardware import ChannelSettings
-from armctl.hardware.maestro.codec import Framing
 from armctl.hardware.maestro.driver import MaestroDriver
 from armctl.hardware.maestro.simulated import MaestroSettings, SimulatedMaestro
 from armctl.hardware.transport import Connection
@@ -25,7 +24,6 @@ class Rig:
         self.faults = FaultyModel(self.board, seed)
         self.driver = MaestroDriver(
             Connection(lambda: LoopTransport(self.faults, clock.now, clock.advance), lambda: 0.0),
-            framing=Framing(crc=crc),
             timeout_s=0.05,
         )
         self.driver.open()

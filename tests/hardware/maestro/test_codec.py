@@ -10,9 +10,7 @@ from hypothesis import strategies as st
 
 from armctl.errors import BoardProtocolError, InputError
 from armctl.hardware.maestro import codec
-from armctl.hardware.maestro import codec as units
 from armctl.hardware.maestro.codec import (
-    Framing,
     MaestroErrors,
     MaestroModel,
     Opcode,
@@ -22,31 +20,18 @@ from armctl.hardware.maestro.codec import (
 )
 from armctl.hardware.ports import listing_of
 
-POLOLU = Framing(device=12)
-CRC = Framing(crc=True)
-
-COMPACT_AND_POLOLU = [
-    (lambda f: codec.set_target(2, 6000, f), "84 02 70 2e", "aa 0c 04 02 70 2e"),
-    (lambda f: codec.set_target(0, 6000, f), "84 00 70 2e", "aa 0c 04 00 70 2e"),
-    (lambda f: codec.set_target(5, 0, f), "84 05 00 00", "aa 0c 04 05 00 00"),
-    (lambda f: codec.set_target(23, 16383, f), "84 17 7f 7f", "aa 0c 04 17 7f 7f"),
-    (lambda f: codec.set_speed(5, 140, f), "87 05 0c 01", "aa 0c 07 05 0c 01"),
-    (lambda f: codec.set_acceleration(5, 4, f), "89 05 04 00", "aa 0c 09 05 04 00"),
-    (lambda f: codec.set_acceleration(0, 255, f), "89 00 7f 01", "aa 0c 09 00 7f 01"),
-    (lambda f: codec.get_position(3, f), "90 03", "aa 0c 10 03"),
-    (lambda f: codec.get_errors(f), "a1", "aa 0c 21"),
-    (
-        lambda f: codec.set_multiple_targets(3, [0, 6000], f),
-        "9f 02 03 00 00 70 2e",
-        "aa 0c 1f 02 03 00 00 70 2e",
-    ),
+COMMANDS = [
+    (lambda **crc: codec.set_target(2, 6000, **crc), "84 02 70 2e"),
+    (lambda **crc: codec.set_target(0, 6000, **crc), "84 00 70 2e"),
+    (lambda **crc: codec.set_target(5, 0, **crc), "84 05 00 00"),
+    (lambda **crc: codec.set_target(23, 16383, **crc), "84 17 7f 7f"),
+    (lambda **crc: codec.set_speed(5, 140, **crc), "87 05 0c 01"),
+    (lambda **crc: codec.set_acceleration(5, 4, **crc), "89 05 04 00"),
+    (lambda **crc: codec.set_acceleration(0, 255, **crc), "89 00 7f 01"),
+    (lambda **crc: codec.get_position(3, **crc), "90 03"),
+    (lambda **crc: codec.get_errors(**crc), "a1"),
+    (lambda **crc: codec.set_targets({3: 0, 4: 6000}, multiple=True, **crc), "9f 02 03 00 00 70 2e"),
 ]
-
-
-@pytest.mark.parametrize(("encode", "compact", "pololu"), COMPACT_AND_POLOLU)
-def test_every_command_in_both_forms(encode, compact, pololu):
-    assert encode(codec.COMPACT).hex(" ") == compact
-    assert encode(POLOLU).hex(" ") == pololu
 
 
 def test_crc_of_the_guides_own_example():
@@ -68,20 +53,17 @@ def test_crc_is_the_remainder_of_the_long_division(message):
     assert codec.crc7(message) == crc_by_long_division(message)
 
 
-@pytest.mark.parametrize(("encode", "compact", "pololu"), COMPACT_AND_POLOLU)
-def test_crc_is_appended_over_the_whole_packet(encode, compact, pololu):
-    for framing, plain in ((CRC, compact), (Framing(device=12, crc=True), pololu)):
-        packet = bytes.fromhex(plain)
-        assert encode(framing) == packet + bytes([crc_by_long_division(packet)])
+@pytest.mark.parametrize(("encode", "plain"), COMMANDS)
+def test_every_command_with_and_without_crc(encode, plain):
+    packet = bytes.fromhex(plain)
+    assert encode() == packet
+    assert encode(crc=True) == packet + bytes([crc_by_long_division(packet)])
 
 
 def test_a_position_reply_uses_all_eight_bits():
     assert codec.decode_position(bytes.fromhex("07 0a")) == 641.75  # 2567, the guide's example
     assert codec.decode_position(bytes.fromhex("70 17")) == 1500.0
-
-
-def test_position_zero_means_off():
-    assert codec.decode_position(b"\x00\x00") is None
+    assert codec.decode_position(b"\x00\x00") is None  # off
 
 
 @pytest.mark.parametrize("reply", ["", "70", "70 17 00"])
@@ -141,9 +123,7 @@ def test_every_error_bit_has_words_of_its_own():
         (lambda: codec.set_speed(0, 16384), "speed 16384 is outside"),
         (lambda: codec.set_acceleration(0, 256), "acceleration 256 is outside 0 … 255"),
         (lambda: codec.get_position(24), "channel 24 is outside"),
-        (lambda: codec.set_multiple_targets(0, []), "at least one target"),
-        (lambda: codec.set_multiple_targets(23, [1, 1]), "channel 24 is outside"),
-        (lambda: Framing(device=128), "device number 128 is outside 0 … 127"),
+        (lambda: codec.set_targets({23: 1, 24: 1}, multiple=True), "channel 24 is outside"),
     ],
 )
 def test_what_does_not_fit_is_refused(encode, message):
@@ -152,6 +132,7 @@ def test_what_does_not_fit_is_refused(encode, message):
 
 
 def test_targets_of_any_channels_go_out_in_channel_order():
+    assert codec.set_targets({}) == b""
     assert codec.set_targets({3: 6000, 0: 4000}).hex(" ") == "84 00 20 1f 84 03 70 2e"
 
 
@@ -160,23 +141,15 @@ def test_neighbouring_channels_share_a_command_where_the_board_knows_it():
     assert packets.hex(" ") == "9f 02 00 20 1f 70 2e 84 03 00 00 9f 02 07 00 00 70 2e"
 
 
-def test_no_targets_are_no_bytes():
-    assert codec.set_targets({}) == b""
-
-
-framings = st.builds(Framing, device=st.none() | st.integers(0, 127), crc=st.booleans())
-
-
 @given(
     targets=st.dictionaries(st.integers(0, 23), st.integers(0, 16383), max_size=24),
-    framing=framings,
+    crc=st.booleans(),
     multiple=st.booleans(),
 )
-def test_what_is_encoded_is_what_a_board_decodes(targets, framing, multiple):
-    device = 12 if framing.device is None else framing.device
-    parser = PacketParser(device=device, crc=framing.crc, multiple_targets=True)
+def test_what_is_encoded_is_what_a_board_decodes(targets, crc, multiple):
+    parser = PacketParser(device=12, crc=crc, multiple_targets=True)
     decoded: dict[int, int] = {}
-    for byte in codec.set_targets(targets, framing, multiple=multiple):
+    for byte in codec.set_targets(targets, crc=crc, multiple=multiple):
         for event in parser.push(byte):
             assert isinstance(event, Packet)
             if event.opcode is codec.Opcode.SET_TARGET:
@@ -200,18 +173,13 @@ def test_positions_survive_the_reply_format(quarters):
     [(1500.0, 6000), (641.75, 2567), (1500.12, 6000), (1500.13, 6001), (0.01, 1), (4095.75, 16383)],
 )
 def test_pulse_widths_are_quarters_of_a_microsecond(pulse_us, quarters):
-    assert units.us_to_quarters(pulse_us) == quarters
+    assert codec.us_to_quarters(pulse_us) == quarters
 
 
 @pytest.mark.parametrize("pulse_us", [0.0, -1.0, 4095.76, math.nan, math.inf, -math.inf])
 def test_a_pulse_that_cannot_be_sent_is_refused(pulse_us):
     with pytest.raises(InputError, match="pulse width"):
-        units.us_to_quarters(pulse_us)
-
-
-@given(st.integers(1, units.MAX_TARGET))
-def test_quarters_round_trip(quarters):
-    assert units.us_to_quarters(units.quarters_to_us(quarters)) == quarters
+        codec.us_to_quarters(pulse_us)
 
 
 @pytest.mark.parametrize(
@@ -229,7 +197,7 @@ def test_quarters_round_trip(quarters):
     ],
 )
 def test_speed_units(speed, expected):
-    assert units.speed_to_units(speed) == expected
+    assert codec.speed_to_units(speed) == expected
 
 
 @pytest.mark.parametrize(
@@ -244,10 +212,10 @@ def test_speed_units(speed, expected):
     ],
 )
 def test_acceleration_units(acceleration, expected):
-    assert units.acceleration_to_units(acceleration) == expected
+    assert codec.acceleration_to_units(acceleration) == expected
 
 
-@pytest.mark.parametrize("convert", [units.speed_to_units, units.acceleration_to_units])
+@pytest.mark.parametrize("convert", [codec.speed_to_units, codec.acceleration_to_units])
 @pytest.mark.parametrize("limit", [0.0, -1.0, math.nan, math.inf])
 def test_a_limit_that_makes_no_sense_is_refused(convert, limit):
     with pytest.raises(InputError, match="makes no sense"):
@@ -256,13 +224,13 @@ def test_a_limit_that_makes_no_sense_is_refused(convert, limit):
 
 @given(st.floats(25.0, 1e7))
 def test_a_limit_of_at_least_one_unit_is_never_exceeded(speed):
-    assert units.speed_to_units(speed) * units.SPEED_UNIT_US_PER_S <= speed * (1 + 1e-6)
+    assert codec.speed_to_units(speed) * codec.SPEED_UNIT_US_PER_S <= speed * (1 + 1e-6)
 
 
-@given(st.integers(1, units.MAX_SPEED), st.integers(1, units.MAX_ACCELERATION))
+@given(st.integers(1, codec.MAX_SPEED), st.integers(1, codec.MAX_ACCELERATION))
 def test_whole_units_stay_what_they_are(speed, acceleration):
-    assert units.speed_to_units(speed * units.SPEED_UNIT_US_PER_S) == speed
-    assert units.acceleration_to_units(acceleration * units.ACCELERATION_UNIT_US_PER_S2) == acceleration
+    assert codec.speed_to_units(speed * codec.SPEED_UNIT_US_PER_S) == speed
+    assert codec.acceleration_to_units(acceleration * codec.ACCELERATION_UNIT_US_PER_S2) == acceleration
 
 
 @pytest.mark.parametrize(

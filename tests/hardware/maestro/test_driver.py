@@ -12,7 +12,7 @@ from tests.hardware.maestro.scripted_transport import ScriptedTransport
 
 from armctl.errors import BoardError, BoardProtocolError, BoardTimeoutError, InputError, PortError
 from armctl.hardware import ChannelSettings
-from armctl.hardware.maestro.codec import Framing, MaestroModel
+from armctl.hardware.maestro.codec import MaestroModel
 from armctl.hardware.maestro.driver import UNKNOWN_MODEL_NOTE, WATCHDOG_NOTE, MaestroDriver
 from armctl.hardware.maestro.simulated import (
     ChannelConfig,
@@ -181,7 +181,7 @@ def test_no_setpoint_on_the_wire_ever_leaves_its_limits(writes):
 def test_limits_reach_the_board_and_hold(clock: ManualClock, connect):
     board = SimulatedMaestro()
     driver = connect(board, channels=[ChannelSettings(0, 1000.0, 2000.0, speed=3500.0, acceleration=None)])
-    assert (board.speed_units(0), board.acceleration_units(0)) == (140, 0)
+    assert (board.channel(0).speed, board.channel(0).acceleration) == (140, 0)
     driver.write({0: 1000.0})
     assert driver.read().positions == {0: 1000.0}
     driver.write({0: 1350.0})
@@ -256,17 +256,6 @@ def test_an_error_seen_by_configure_or_stop_is_told_by_the_next_read(clock: Manu
         assert driver.read().errors == ()
 
 
-@pytest.mark.parametrize("device", [None, 12, 99])
-@pytest.mark.parametrize("crc", [False, True])
-def test_every_framing_works_when_both_sides_agree(connect, device, crc):
-    board = SimulatedMaestro(settings=MaestroSettings(device=12 if device is None else device, crc=crc))
-    driver = connect(board, framing=Framing(device, crc))
-    driver.write({0: 1234.5, 1: 1000.0})
-    readback = driver.read()
-    assert readback.positions == {0: 1234.5, 1: 1000.0, 2: None, 3: None}
-    assert readback.errors == ()
-
-
 @pytest.mark.parametrize("crc", [False, True])
 def test_whether_the_board_wants_crcs_is_found_out_without_an_error(clock: ManualClock, crc):
     home = {0: ChannelConfig(home=HomeMode.GO_TO, home_us=1200.0)}  # where any error would send it
@@ -281,19 +270,6 @@ def test_whether_the_board_wants_crcs_is_found_out_without_an_error(clock: Manua
     assert driver.read().errors == ()
     assert board.target_us(0) == 1600.0
     assert all(len(entry.raw) == len(entry.data) + 1 + crc for entry in board.log)
-
-
-def test_crcs_that_were_asked_for_and_are_not_checked_are_refused_without_an_error(clock: ManualClock):
-    board = SimulatedMaestro()
-    board.advance(clock.now())
-    board.feed(bytes.fromhex("84 00 70 2e"))
-    driver = MaestroDriver(
-        Connection(lambda: LoopTransport(board, clock.now, clock.advance), lambda: 0.0),
-        framing=Framing(crc=True),
-    )
-    with pytest.raises(BoardProtocolError, match='does not check them; tick "Enable CRC"'):
-        driver.open()
-    assert board.target_us(0) == 1500.0
 
 
 def test_a_board_without_crc_that_is_late_is_not_taken_for_one_with(clock: ManualClock):

@@ -11,7 +11,7 @@ import pytest
 from tests.hardware.maestro.scripted_transport import ScriptedTransport
 
 from armctl.hardware import ChannelSettings, Source
-from armctl.hardware.maestro.codec import Framing, MaestroErrors, MaestroModel
+from armctl.hardware.maestro.codec import MaestroErrors, MaestroModel
 from armctl.hardware.maestro.driver import MaestroDriver
 from armctl.hardware.maestro.simulated import MaestroSettings, SimulatedMaestro
 from armctl.hardware.transport import Connection
@@ -63,13 +63,6 @@ MICRO_POLOLU_CRC: Session = (
     ("aa 0c 04 01 20 1f 10  aa 0c 04 02 70 2e 11", ""),
     ("aa 0c 04 01 00 00 3b  aa 0c 04 02 00 00 59", ""),
 )
-MICRO_SESSIONS = [
-    pytest.param(None, False, MICRO_COMPACT, id="compact"),
-    pytest.param(None, True, MICRO_COMPACT_CRC, id="compact with CRC"),
-    pytest.param(12, False, MICRO_POLOLU, id="Pololu"),
-    pytest.param(12, True, MICRO_POLOLU_CRC, id="Pololu with CRC"),
-]
-
 MINI_COMPACT: Session = (
     ("a1", "00 00"),
     ("90 00  a1", "00 00 00 00"),
@@ -107,23 +100,12 @@ MINI_POLOLU_CRC: Session = (
     ("aa 0c 10 0a 5e  aa 0c 10 0b 1f  aa 0c 21 78", "a0 0f 70 17 00 00"),
     ("aa 0c 1f 02 0a 00 00 00 00 09", ""),
 )
-MINI_SESSIONS = [
-    pytest.param(None, False, MINI_COMPACT, id="compact"),
-    pytest.param(None, True, MINI_COMPACT_CRC, id="compact with CRC"),
-    pytest.param(12, False, MINI_POLOLU, id="Pololu"),
-    pytest.param(12, True, MINI_POLOLU_CRC, id="Pololu with CRC"),
-]
 
 
-@pytest.mark.parametrize("insisted", [False, True], ids=["CRC found out", "CRC asked for"])
-@pytest.mark.parametrize(("device", "crc", "session"), MICRO_SESSIONS)
-def test_the_driver_on_a_micro(device, crc, session, insisted):
+@pytest.mark.parametrize("session", [MICRO_COMPACT, MICRO_COMPACT_CRC])
+def test_the_driver_on_a_micro(session):
     transport = ScriptedTransport(*session)
-    driver = MaestroDriver(
-        Connection(lambda: transport, lambda: 0.0),
-        model=MaestroModel.MICRO_6,
-        framing=Framing(device, crc and insisted),
-    )
+    driver = MaestroDriver(Connection(lambda: transport, lambda: 0.0), model=MaestroModel.MICRO_6)
     driver.open()
     driver.configure(
         [
@@ -143,12 +125,10 @@ def test_the_driver_on_a_micro(device, crc, session, insisted):
     assert transport.closed == 1
 
 
-@pytest.mark.parametrize(("device", "crc", "session"), MINI_SESSIONS)
-def test_the_driver_on_a_mini(device, crc, session):
+@pytest.mark.parametrize("session", [MINI_COMPACT, MINI_COMPACT_CRC])
+def test_the_driver_on_a_mini(session):
     transport = ScriptedTransport(*session)
-    driver = MaestroDriver(
-        Connection(lambda: transport, lambda: 0.0), model=MaestroModel.MINI_12, framing=Framing(device)
-    )
+    driver = MaestroDriver(Connection(lambda: transport, lambda: 0.0), model=MaestroModel.MINI_12)
     driver.open()
     driver.configure([ChannelSettings(10, 992.0, 2000.0), ChannelSettings(11, 992.0, 2000.0)])
     driver.write({10: 1000.0, 11: 1500.0})
@@ -157,18 +137,21 @@ def test_the_driver_on_a_mini(device, crc, session):
     transport.assert_done()
 
 
-@pytest.mark.parametrize(("device", "crc", "session"), MICRO_SESSIONS)
-def test_the_simulated_micro_answers_the_same_bytes(device, crc, session):
-    replay(MaestroModel.MICRO_6, crc, session)
-
-
-@pytest.mark.parametrize(("device", "crc", "session"), MINI_SESSIONS)
-def test_the_simulated_mini_answers_the_same_bytes(device, crc, session):
-    replay(MaestroModel.MINI_12, crc, session)
-
-
-def replay(model: MaestroModel, crc: bool, session: Session) -> None:
-    """Feed a session to a board; each answer must be the one written down, and nothing may be an error."""
+@pytest.mark.parametrize(
+    ("model", "crc", "session"),
+    [
+        pytest.param(MaestroModel.MICRO_6, False, MICRO_COMPACT, id="Micro, compact"),
+        pytest.param(MaestroModel.MICRO_6, True, MICRO_COMPACT_CRC, id="Micro, compact with CRC"),
+        pytest.param(MaestroModel.MICRO_6, False, MICRO_POLOLU, id="Micro, Pololu"),
+        pytest.param(MaestroModel.MICRO_6, True, MICRO_POLOLU_CRC, id="Micro, Pololu with CRC"),
+        pytest.param(MaestroModel.MINI_12, False, MINI_COMPACT, id="Mini, compact"),
+        pytest.param(MaestroModel.MINI_12, True, MINI_COMPACT_CRC, id="Mini, compact with CRC"),
+        pytest.param(MaestroModel.MINI_12, False, MINI_POLOLU, id="Mini, Pololu"),
+        pytest.param(MaestroModel.MINI_12, True, MINI_POLOLU_CRC, id="Mini, Pololu with CRC"),
+    ],
+)
+def test_the_simulated_board_answers_the_same_bytes(model: MaestroModel, crc: bool, session: Session):
+    """Each answer must be the one written down, and nothing may be an error."""
     board = SimulatedMaestro(model, MaestroSettings(crc=crc))
     board.advance(0.0)
     for request, reply in session:

@@ -4,7 +4,7 @@ import pytest
 from tests.hardware.lines import LoopTransport
 
 from armctl.errors import BoardProtocolError
-from armctl.hardware.maestro.codec import COMPACT, MaestroErrors
+from armctl.hardware.maestro.codec import MaestroErrors
 from armctl.hardware.maestro.driver import MaestroLine
 from armctl.runtime.clock import ManualClock
 
@@ -33,7 +33,7 @@ class SlowBoard:
 
 
 def test_a_shifted_answer_is_refused_and_its_rest_does_not_shift_the_next(clock: ManualClock):
-    line = MaestroLine(LoopTransport(SlowBoard(), clock.now, clock.advance), COMPACT, timeout_s=0.05)
+    line = MaestroLine(LoopTransport(SlowBoard(), clock.now, clock.advance), timeout_s=0.05)
     with pytest.raises(BoardProtocolError, match="loop: the board answered error bits 0x1770"):
         line.read([0])
     assert line.read([0]) == ({0: 1500.0}, MaestroErrors(0))

@@ -384,11 +384,8 @@ def test_a_power_cut_loses_all_but_the_settings():
     simulated.advance(0.9)
     simulated.reset()
     assert simulated.errors == MaestroErrors(0)
-    assert (simulated.position_us(0), simulated.speed_units(0), simulated.acceleration_units(0)) == (
-        None,
-        0,
-        0,
-    )
+    assert simulated.position_us(0) is None
+    assert (simulated.channel(0).speed, simulated.channel(0).acceleration) == (0, 0)
     target(simulated, 0, 2400.0)  # not the rest of the command that was cut off
     assert simulated.position_us(0) == 2400.0
     simulated.advance(1.5)  # the watchdog counts from the restart

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from armctl.errors import BoardError, BoardTimeoutError
 from armctl.hardware.board_type import BoardType, ByteModel, Introduction, Setup, SimulatorOption
 from armctl.hardware.driver import Driver
-from armctl.hardware.maestro.codec import COMPACT, SCALE, SILENT_ADVICE, MaestroModel, error_words
+from armctl.hardware.maestro.codec import SCALE, SILENT_ADVICE, MaestroModel, error_words
 from armctl.robot.outputs_of_file import ServoEntries
 
 if TYPE_CHECKING:
@@ -86,12 +86,12 @@ class MaestroBoard(BoardType):
         """Get Errors, and after silence the CRC byte that completes it (``MaestroLine.probe``)."""
         from armctl.hardware.maestro.driver import MaestroLine
 
-        board = MaestroLine(line, COMPACT, _ANSWER_S)
+        board = MaestroLine(line, _ANSWER_S)
         try:
             earlier = board.probe()
         except BoardTimeoutError:
             return None
-        details = ("commands carry a CRC",) if board.framing.crc else ()
+        details = ("commands carry a CRC",) if board.crc else ()
         return Introduction(self.title, details=details, reported=error_words(earlier))
 
     def examine(self, check_up: CheckUp) -> list[Finding]:

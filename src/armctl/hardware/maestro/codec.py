@@ -6,14 +6,12 @@ Targets are quarter µs, speeds and accelerations the board's units.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import Enum, IntEnum, IntFlag
 
 from armctl.errors import BoardProtocolError, InputError
 from armctl.hardware.driver import ChannelScale
-
-# The four boards of the family and how they differ.
 
 
 class MaestroModel(Enum):
@@ -45,7 +43,13 @@ class MaestroModel(Enum):
         return next((model for model in cls if model.channels >= count), cls.MINI_24)
 
 
-# Between SI-like units of a pulse (µs, µs/s, µs/s²) and the integers of the Maestro's protocol.
+SILENT_ADVICE = (
+    'set the serial mode to "USB Dual Port" in the Maestro Control Center (Serial Settings): in the '
+    'factory\'s "UART, detect baud rate" the board silently ignores commands over USB. Check also that this '
+    "is the command port (…-if00)"
+)
+
+# Units: µs, µs/s and µs/s² of a pulse, and the integers of the protocol.
 
 QUARTERS_PER_US = 4
 SCALE = ChannelScale("channel", "µs", QUARTERS_PER_US)
@@ -55,6 +59,7 @@ ACCELERATION_UNIT_US_PER_S2 = 312.5  # 0.25 µs in 10 ms, each 80 ms
 MAX_TARGET = 0x3FFF  # quarter µs; all that 2 x 7 bits hold
 MAX_SPEED = 0x3FFF
 MAX_ACCELERATION = 255
+MAX_CHANNEL = 23  # the largest board has 24
 
 # 140 x 25.0 computed from degrees may come out as 3499.9999999: not a reason to lose a whole unit.
 _ROUNDING_SLACK = 1e-6
@@ -71,11 +76,6 @@ def us_to_quarters(pulse_us: float) -> int:
     return max(1, round(pulse_us * QUARTERS_PER_US))
 
 
-def quarters_to_us(quarters: int) -> float:
-    """Quarter µs to µs."""
-    return quarters / QUARTERS_PER_US
-
-
 def speed_to_units(speed_us_per_s: float | None) -> int:
     """A speed limit [µs/s] as the board takes it; None is unlimited (0 on the wire).
 
@@ -87,10 +87,7 @@ def speed_to_units(speed_us_per_s: float | None) -> int:
 
 
 def acceleration_to_units(acceleration_us_per_s2: float | None) -> int:
-    """An acceleration limit [µs/s²] as the board takes it; None is unlimited (0 on the wire).
-
-    Rounds like ``speed_to_units``: down, but never to 0 and never above 255 (79 687.5 µs/s²).
-    """
+    """The same for an acceleration limit [µs/s²]: never above 255 units (79 687.5 µs/s²)."""
     return _limit_to_units(
         "acceleration", "µs/s²", acceleration_us_per_s2, ACCELERATION_UNIT_US_PER_S2, MAX_ACCELERATION
     )
@@ -104,9 +101,6 @@ def _limit_to_units(what: str, unit: str, limit: float | None, size: float, larg
             f"{what} limit {limit} {unit} makes no sense; give a positive number, or None for no limit"
         )
     return min(largest, max(1, math.floor(limit / size + _ROUNDING_SLACK)))
-
-
-# The board's error register in words.
 
 
 class MaestroErrors(IntFlag):
@@ -124,39 +118,25 @@ class MaestroErrors(IntFlag):
 
 
 ALL_ERRORS = 0x01FF
-
-_WORDS: dict[MaestroErrors, str] = {
-    MaestroErrors.SERIAL_SIGNAL: "serial signal error: wrong baud rate or noise on the TTL line",
-    MaestroErrors.SERIAL_OVERRUN: "serial overrun: bytes came faster than the board's UART takes them",
-    MaestroErrors.SERIAL_BUFFER_FULL: "serial buffer full: the board lost bytes",
-    MaestroErrors.SERIAL_CRC: "serial CRC error: a damaged command, or only one side has CRC switched on",
-    MaestroErrors.SERIAL_PROTOCOL: "serial protocol error: the board got an unknown command or half of one",
-    MaestroErrors.SERIAL_TIMEOUT: "serial timeout: the board heard nothing for too long and went to its home",
-    MaestroErrors.SCRIPT_STACK: "script stack error in the board's own script",
-    MaestroErrors.SCRIPT_CALL_STACK: "script call stack error in the board's own script",
-    MaestroErrors.SCRIPT_PROGRAM_COUNTER: "script program counter error in the board's own script",
-}
+_ERROR_WORDS = (
+    "serial signal error: wrong baud rate or noise on the TTL line",
+    "serial overrun: bytes came faster than the board's UART takes them",
+    "serial buffer full: the board lost bytes",
+    "serial CRC error: a damaged command, or only one side has CRC switched on",
+    "serial protocol error: the board got an unknown command or half of one",
+    "serial timeout: the board heard nothing for too long and went to its home",
+    "script stack error in the board's own script",
+    "script call stack error in the board's own script",
+    "script program counter error in the board's own script",
+)
 
 
 def error_words(errors: MaestroErrors) -> tuple[str, ...]:
     """One phrase for each bit that is set, lowest bit first."""
-    return tuple(words for bit, words in _WORDS.items() if bit in errors)
+    return tuple(words for bit, words in zip(MaestroErrors, _ERROR_WORDS, strict=True) if bit in errors)
 
 
-SILENT_ADVICE = (
-    'set the serial mode to "USB Dual Port" in the Maestro Control Center (Serial Settings): in the '
-    'factory\'s "UART, detect baud rate" the board silently ignores commands over USB. Check also that this '
-    "is the command port (…-if00)"
-)
-POLOLU_START = 0xAA
-DEFAULT_DEVICE_NUMBER = 12
-MAX_CHANNEL = 23  # the largest board has 24
-
-POSITION_REPLY_LENGTH = 2
-ERRORS_REPLY_LENGTH = 2
-
-_CRC_POLYNOMIAL = 0x91
-_DATA_MASK = 0x7F
+# Commands in the compact form, and their answers.
 
 
 class Opcode(IntEnum):
@@ -173,6 +153,13 @@ class Opcode(IntEnum):
     MINI_SSC = 0xFF
 
 
+REPLY_LENGTH = 2
+"""bytes of the answers to Get Position and Get Errors"""
+
+_CRC_POLYNOMIAL = 0x91
+_DATA_MASK = 0x7F
+
+
 def crc7(data: bytes) -> int:
     """CRC-7 over a whole packet: least significant bit first, polynomial 0x91 (section 5.d)."""
     remainder = 0
@@ -185,121 +172,80 @@ def crc7(data: bytes) -> int:
     return remainder
 
 
-@dataclass(frozen=True, slots=True)
-class Framing:
-    """How a command is wrapped: compact or Pololu form, with or without CRC-7.
+def _packet(crc: bool, opcode: Opcode, *data: int) -> bytes:
+    packet = bytes((opcode, *data))
+    return packet + bytes((crc7(packet),)) if crc else packet
 
-    Args:
-        device: device number for the Pololu form; None for the compact form.
-        crc: append a CRC-7, as the board expects with "Enable CRC" ticked.
+
+def set_targets(quarters: Mapping[int, int], *, crc: bool = False, multiple: bool = False) -> bytes:
+    """The bytes for targets [quarter µs] by channel, fewest possible; 0 switches the pulses off.
+
+    ``multiple``: the board knows Set Multiple Targets, which then serves neighbouring channels.
     """
-
-    device: int | None = None
-    crc: bool = False
-
-    def __post_init__(self) -> None:
-        """Refuse a device number that does not fit a data byte."""
-        if self.device is not None:
-            _check("device number", self.device, 0, _DATA_MASK)
-
-    def wrap(self, opcode: Opcode, *data: int) -> bytes:
-        """The packet of one command."""
-        if self.device is None:
-            packet = bytes((opcode, *data))
-        else:
-            packet = bytes((POLOLU_START, self.device, opcode & _DATA_MASK, *data))
-        return packet + bytes((crc7(packet),)) if self.crc else packet
-
-
-COMPACT = Framing()
-
-
-def set_target(channel: int, quarters: int, framing: Framing = COMPACT) -> bytes:
-    """Set Target; 0 switches the pulses off."""
-    _check_channel(channel)
-    _check("target", quarters, 0, MAX_TARGET)
-    return framing.wrap(Opcode.SET_TARGET, channel, *_split(quarters))
-
-
-def set_multiple_targets(first: int, quarters: Sequence[int], framing: Framing = COMPACT) -> bytes:
-    """Set Multiple Targets for consecutive channels from ``first`` on; the Micro does not know it."""
-    if not quarters:
-        raise InputError("Set Multiple Targets needs at least one target")
-    _check_channel(first)
-    _check_channel(first + len(quarters) - 1)
-    data: list[int] = []
-    for target in quarters:
-        _check("target", target, 0, MAX_TARGET)
-        data += _split(target)
-    return framing.wrap(Opcode.SET_MULTIPLE_TARGETS, len(quarters), first, *data)
-
-
-def set_targets(quarters: Mapping[int, int], framing: Framing = COMPACT, *, multiple: bool = False) -> bytes:
-    """The bytes for targets [quarter µs] of any channels, fewest possible.
-
-    Args:
-        quarters: target by channel; 0 switches the pulses off.
-        framing: form of the commands.
-        multiple: whether the board knows Set Multiple Targets, which then serves neighbouring channels.
-    """
-    packets: list[bytes] = []
-    run: list[int] = []
+    runs: list[list[int]] = []
     for channel in sorted(quarters):
-        if run and (channel != run[-1] + 1 or not multiple):
-            packets.append(_set_run(run, quarters, framing))
-            run = []
-        run.append(channel)
-    if run:
-        packets.append(_set_run(run, quarters, framing))
-    return b"".join(packets)
+        _check("channel", channel, MAX_CHANNEL)
+        _check("target", quarters[channel], MAX_TARGET)
+        if multiple and runs and runs[-1][-1] == channel - 1:
+            runs[-1].append(channel)
+        else:
+            runs.append([channel])
+    packets = b""
+    for run in runs:
+        data = [half for channel in run for half in _split(quarters[channel])]
+        if len(run) == 1:
+            packets += _packet(crc, Opcode.SET_TARGET, run[0], *data)
+        else:
+            packets += _packet(crc, Opcode.SET_MULTIPLE_TARGETS, len(run), run[0], *data)
+    return packets
 
 
-def set_speed(channel: int, units: int, framing: Framing = COMPACT) -> bytes:
+def set_target(channel: int, quarters: int, *, crc: bool = False) -> bytes:
+    """Set Target; 0 switches the pulses off."""
+    return set_targets({channel: quarters}, crc=crc)
+
+
+def set_speed(channel: int, units: int, *, crc: bool = False) -> bytes:
     """Set Speed in units of 0.25 µs / 10 ms; 0 is unlimited."""
-    _check_channel(channel)
-    _check("speed", units, 0, MAX_SPEED)
-    return framing.wrap(Opcode.SET_SPEED, channel, *_split(units))
+    _check("channel", channel, MAX_CHANNEL)
+    _check("speed", units, MAX_SPEED)
+    return _packet(crc, Opcode.SET_SPEED, channel, *_split(units))
 
 
-def set_acceleration(channel: int, units: int, framing: Framing = COMPACT) -> bytes:
+def set_acceleration(channel: int, units: int, *, crc: bool = False) -> bytes:
     """Set Acceleration in units of 0.25 µs / 10 ms / 80 ms; 0 is unlimited."""
-    _check_channel(channel)
-    _check("acceleration", units, 0, MAX_ACCELERATION)
-    return framing.wrap(Opcode.SET_ACCELERATION, channel, *_split(units))
+    _check("channel", channel, MAX_CHANNEL)
+    _check("acceleration", units, MAX_ACCELERATION)
+    return _packet(crc, Opcode.SET_ACCELERATION, channel, *_split(units))
 
 
-def get_position(channel: int, framing: Framing = COMPACT) -> bytes:
+def get_position(channel: int, *, crc: bool = False) -> bytes:
     """Get Position: answered with two bytes, see ``decode_position``."""
-    _check_channel(channel)
-    return framing.wrap(Opcode.GET_POSITION, channel)
+    _check("channel", channel, MAX_CHANNEL)
+    return _packet(crc, Opcode.GET_POSITION, channel)
 
 
-def get_errors(framing: Framing = COMPACT) -> bytes:
+def get_errors(*, crc: bool = False) -> bytes:
     """Get Errors: answered with two bytes, see ``decode_errors``; clears the register."""
-    return framing.wrap(Opcode.GET_ERRORS)
+    return _packet(crc, Opcode.GET_ERRORS)
 
 
 def decode_position(reply: bytes) -> float | None:
     """The transmitted pulse width [µs] of a Get Position reply; None when the pulses are off.
 
-    Raises:
-        BoardProtocolError: no reply that a Maestro can give.
+    ``BoardProtocolError`` for what no Maestro can answer.
     """
     quarters = _word("Get Position", reply)
     if quarters > MAX_TARGET:
         raise BoardProtocolError(
-            f"the board answered a position of {quarters_to_us(quarters)} µs ({reply.hex(' ')}), "
+            f"the board answered a position of {quarters / QUARTERS_PER_US} µs ({reply.hex(' ')}), "
             f"which no Maestro can transmit; the line garbles bytes or this is no Maestro"
         )
-    return quarters_to_us(quarters) if quarters else None
+    return quarters / QUARTERS_PER_US if quarters else None
 
 
 def decode_errors(reply: bytes) -> MaestroErrors:
-    """The error bits of a Get Errors reply.
-
-    Raises:
-        BoardProtocolError: no reply that a Maestro can give.
-    """
+    """The error bits of a Get Errors reply; ``BoardProtocolError`` for what no Maestro can answer."""
     bits = _word("Get Errors", reply)
     if bits & ~ALL_ERRORS:
         raise BoardProtocolError(
@@ -309,12 +255,6 @@ def decode_errors(reply: bytes) -> MaestroErrors:
     return MaestroErrors(bits)
 
 
-def _set_run(run: Sequence[int], quarters: Mapping[int, int], framing: Framing) -> bytes:
-    if len(run) == 1:
-        return set_target(run[0], quarters[run[0]], framing)
-    return set_multiple_targets(run[0], [quarters[channel] for channel in run], framing)
-
-
 def _split(value: int) -> tuple[int, int]:
     """14 bits as two data bytes, low one first."""
     return value & _DATA_MASK, value >> 7
@@ -322,24 +262,22 @@ def _split(value: int) -> tuple[int, int]:
 
 def _word(command: str, reply: bytes) -> int:
     """Two full bytes, low one first: replies, unlike commands, use all 8 bits."""
-    if len(reply) != 2:
+    if len(reply) != REPLY_LENGTH:
         raise BoardProtocolError(f"{command} was answered by {len(reply)} bytes, not by 2")
     return int.from_bytes(reply, "little")
 
 
-def _check_channel(channel: int) -> None:
-    _check("channel", channel, 0, MAX_CHANNEL)
-
-
-def _check(what: str, value: int, lowest: int, highest: int) -> None:
-    if not lowest <= value <= highest:
-        raise InputError(f"{what} {value} is outside {lowest} … {highest}")
+def _check(what: str, value: int, highest: int) -> None:
+    if not 0 <= value <= highest:
+        raise InputError(f"{what} {value} is outside 0 … {highest}")
 
 
 # The receiving side: single bytes to commands and errors, as the board takes them.
 
-# Data bytes of each command; None: counted by its own first data byte.
-_MICRO_COMMANDS: dict[int, int | None] = {
+POLOLU_START = 0xAA
+DEFAULT_DEVICE_NUMBER = 12
+_COMMAND_BIT = 0x80
+_DATA_BYTES: dict[int, int] = {
     Opcode.SET_TARGET: 3,
     Opcode.SET_SPEED: 3,
     Opcode.SET_ACCELERATION: 3,
@@ -348,10 +286,6 @@ _MICRO_COMMANDS: dict[int, int | None] = {
     Opcode.GET_ERRORS: 0,
     Opcode.GO_HOME: 0,
 }
-_MINI_COMMANDS: dict[int, int | None] = {**_MICRO_COMMANDS, Opcode.SET_MULTIPLE_TARGETS: None}
-
-_COMMAND_BIT = 0x80
-_MINI_SSC_LENGTH = 3
 
 
 @dataclass(frozen=True, slots=True)
@@ -361,6 +295,8 @@ class Packet:
     opcode: Opcode
     data: bytes
     raw: bytes
+    time: float = 0.0
+    """when a simulated board took it [s]"""
 
 
 class PacketParser:
@@ -372,76 +308,67 @@ class PacketParser:
     them; this is the stricter reading, so that a client that sends them is found out.)
     A Pololu-form command to another device number is skipped without an error.
 
-    Args:
-        device: the board's own device number.
-        crc: whether the board wants a CRC-7 after each command (never after Mini SSC).
-        multiple_targets: whether the board knows Set Multiple Targets.
+    ``device`` is the board's own device number; ``crc``: it wants a CRC-7 after each command (never after
+    Mini SSC); ``multiple_targets``: it knows Set Multiple Targets.
     """
 
     def __init__(self, *, device: int, crc: bool, multiple_targets: bool) -> None:
         self._device = device
         self._crc = crc
-        self._commands: Mapping[int, int | None] = _MINI_COMMANDS if multiple_targets else _MICRO_COMMANDS
+        self._multiple_targets = multiple_targets
         self._raw = bytearray()
         self._skipping = False
 
     def push(self, byte: int) -> list[Packet | MaestroErrors]:
         """What this byte brings about: nothing, an error, a complete command, or an error and a command."""
-        if self._raw and self._raw[0] == Opcode.MINI_SSC and byte != Opcode.MINI_SSC:
-            return self._push_mini_ssc(byte)
         events: list[Packet | MaestroErrors] = []
-        if byte & _COMMAND_BIT:
+        mini_ssc = bool(self._raw) and self._raw[0] == Opcode.MINI_SSC and byte != Opcode.MINI_SSC
+        if byte & _COMMAND_BIT and not mini_ssc:
             if self._raw:
                 events.append(MaestroErrors.SERIAL_PROTOCOL)
-            self._raw = bytearray((byte,))
+            self._raw.clear()
             self._skipping = False
-        elif self._raw:
-            self._raw.append(byte)
-        elif self._skipping:
-            return events
-        else:
+        elif not self._raw:
+            if self._skipping:
+                return events
             self._skipping = True
             return [MaestroErrors.SERIAL_PROTOCOL]
-        return events + self._finish_if_complete()
-
-    def _push_mini_ssc(self, byte: int) -> list[Packet | MaestroErrors]:
         self._raw.append(byte)
-        if len(self._raw) < _MINI_SSC_LENGTH:
-            return []
-        return [self._take(Opcode.MINI_SSC, bytes(self._raw[1:]))]
+        finished = self._finish()
+        return events if finished is None else [*events, finished]
 
-    def _finish_if_complete(self) -> list[Packet | MaestroErrors]:
-        raw = self._raw
-        if raw[0] == Opcode.MINI_SSC:
-            return []
-        if raw[0] == POLOLU_START:
-            if len(raw) > 1 and raw[1] != self._device:
+    def _finish(self) -> Packet | MaestroErrors | None:
+        """The command that is complete now, or the error that ends it; None: it goes on, or is skipped."""
+        raw, crc = self._raw, self._crc
+        command, data = raw[0], raw[1:]
+        if command == POLOLU_START:
+            if data and data[0] != self._device:
                 self._skip()
-                return []
-            if len(raw) < 3:
-                return []
-            command, data = raw[2] | _COMMAND_BIT, raw[3:]
+                return None
+            if len(data) < 2:
+                return None
+            command, data = data[1] | _COMMAND_BIT, data[2:]
+            length = self._length(command, data)
+        elif command == Opcode.MINI_SSC:
+            length, crc = 2, False
         else:
-            command, data = raw[0], raw[1:]
-        if command not in self._commands:
-            self._skip()
-            return [MaestroErrors.SERIAL_PROTOCOL]
-        length = self._commands[command]
+            length = self._length(command, data)
         if length is None:
-            if not data:
-                return []
-            length = 2 + 2 * data[0]
-        if len(data) < length + self._crc:
-            return []
-        if self._crc and crc7(bytes(raw[:-1])) != raw[-1]:
-            self._raw.clear()
-            return [MaestroErrors.SERIAL_CRC]
-        return [self._take(Opcode(command), bytes(data[:length]))]
+            self._skip()
+            return MaestroErrors.SERIAL_PROTOCOL
+        if len(data) < length + crc:
+            return None
+        whole = bytes(raw)
+        raw.clear()
+        if crc and crc7(whole[:-1]) != whole[-1]:
+            return MaestroErrors.SERIAL_CRC
+        return Packet(Opcode(command), bytes(data[:length]), whole)
 
-    def _take(self, opcode: Opcode, data: bytes) -> Packet:
-        packet = Packet(opcode, data, bytes(self._raw))
-        self._raw.clear()
-        return packet
+    def _length(self, command: int, data: bytearray) -> int | None:
+        """Data bytes of a command; Set Multiple Targets counts its own. None: the board has no such one."""
+        if command == Opcode.SET_MULTIPLE_TARGETS and self._multiple_targets:
+            return 2 + 2 * data[0] if data else 1
+        return _DATA_BYTES.get(command)
 
     def _skip(self) -> None:
         self._raw.clear()

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from armctl.hardware.findings import CheckUp, Finding, Needs, failed, not_checked, ok, round_trips, warning
-from armctl.hardware.maestro.codec import COMPACT, MaestroModel, error_words
+from armctl.hardware.maestro.codec import MaestroModel, error_words
 from armctl.hardware.maestro.driver import MaestroLine
 from armctl.hardware.maestro.simulated import FACTORY_MAXIMUM_US, FACTORY_MINIMUM_US
 
@@ -28,21 +28,13 @@ _SUPPLY_ADVICE = (
 
 
 def examine_maestro(check_up: CheckUp, model: MaestroModel | None) -> list[Finding]:
-    """Everything that can be asked of a Maestro without moving or changing anything.
-
-    Args:
-        check_up: the board.
-        model: which one; None where the USB listing does not tell.
-
-    Raises:
-        BoardError: the board stops answering, or the line is gone.
-    """
+    """The findings of ``BoardType.examine``; ``model`` is None where the USB listing does not tell it."""
     needs, now = check_up.needs, check_up.now
-    line = MaestroLine(check_up.line, COMPACT, _TIMEOUT_S)
+    line = MaestroLine(check_up.line, _TIMEOUT_S)
     line.probe()
     findings = [
         ok("serial mode", "commands over this port are obeyed"),
-        ok("CRC", "on; armctl sends it with every command" if line.framing.crc else "off"),
+        ok("CRC", "on; armctl sends it with every command" if line.crc else "off"),
         _errors(check_up.reported),
     ]
     count = _SURE_CHANNELS if model is None else model.channels

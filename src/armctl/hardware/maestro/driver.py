@@ -3,27 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 
 from armctl.errors import BoardError, BoardProtocolError, BoardTimeoutError
 from armctl.hardware.driver import BoardIdentity, ChannelSettings, ChannelTable, Readback, Source
 from armctl.hardware.maestro import codec
 from armctl.hardware.maestro.codec import (
-    COMPACT,
     MAX_CHANNEL,
     MAX_TARGET,
     QUARTERS_PER_US,
+    REPLY_LENGTH,
     SCALE,
     SILENT_ADVICE,
-    Framing,
     MaestroErrors,
     MaestroModel,
-    acceleration_to_units,
     error_words,
-    speed_to_units,
-    us_to_quarters,
 )
-from armctl.hardware.transport import Connection, PortInfo, Transport
+from armctl.hardware.transport import Connection, Transport
 
 _MISUNDERSTOOD = MaestroErrors.SERIAL_PROTOCOL | MaestroErrors.SERIAL_CRC
 WATCHDOG_NOTE = (
@@ -42,49 +37,40 @@ class MaestroDriver:
     """A Maestro behind the ``Driver`` protocol. Units are µs, µs/s and µs/s².
 
     The Maestro's answers carry no checksum: a garbled position that is still a possible one cannot
-    be told from a true one. Commands can be protected (``framing`` with ``crc``).
+    be told from a true one. Commands carry one where the board is set to want it.
 
-    Args:
-        connection: where the board is.
-        model: which member of the family; None: as the USB listing says.
-        framing: compact or Pololu form. Whether the board wants CRCs is found out when it is opened (asked
-            for here, they are insisted on).
-        timeout_s: how long a readback may take.
+    ``model``: None for what the USB listing says; ``timeout_s``: how long a readback may take.
     """
 
     def __init__(
-        self,
-        connection: Connection,
-        *,
-        model: MaestroModel | None = None,
-        framing: Framing = COMPACT,
-        timeout_s: float = 0.1,
+        self, connection: Connection, *, model: MaestroModel | None = None, timeout_s: float = 0.1
     ) -> None:
         self._connection = connection
         self._asked_model = self._model = model
-        self._framing = framing
         self._timeout_s = timeout_s
         self._opened: MaestroLine | None = None
-        self._table = ChannelTable(SCALE)
-        self._unreported = MaestroErrors(0)
+        self._table, self._unreported = ChannelTable(SCALE), MaestroErrors(0)
 
     def open(self) -> BoardIdentity:
         """Open the line and make sure that a Maestro answers; every output stays as it is."""
         self.close()
-        self._forget()
+        self._table, self._unreported = ChannelTable(SCALE), MaestroErrors(0)
         transport, info = self._connection.open()
-        self._model = self._asked_model or _listed_model(info)
-        line = self._opened = MaestroLine(transport, self._framing, self._timeout_s)
+        # The serial protocol cannot tell the model: a Get Position of channel 6 would tell a Micro from a
+        # Mini, but to a Micro it is an error, and an error sends all its channels home.
+        listed = None if info is None else MaestroModel.from_label(info.kind)
+        model = self._model = self._asked_model or listed
+        line = self._opened = MaestroLine(transport, self._timeout_s)
         try:
             earlier = line.probe()
         except BoardError:
             self.close()
             raise
         notes = [] if self._connection.simulated else [WATCHDOG_NOTE]
-        if self._model is None:
+        if model is None:
             notes.append(UNKNOWN_MODEL_NOTE)
         return BoardIdentity(
-            kind=self._model.label if self._model else "Pololu Maestro, model unknown",
+            kind=model.label if model else "Pololu Maestro, model unknown",
             port=line.name,
             serial_number=info.serial_number if info else None,
             simulated=self._connection.simulated,
@@ -98,20 +84,13 @@ class MaestroDriver:
         """Set speed and acceleration limits on the board and remember the ranges. Moves nothing."""
         table = channel_table(channels, self._model)
         line = self._maestro
-        errors = line.set_limits(
-            [
-                (one.channel, speed_to_units(one.speed), acceleration_to_units(one.acceleration))
-                for one in table.settings
-            ]
-        )
+        errors = line.set_limits(table.settings)
         if errors & _MISUNDERSTOOD:
             raise BoardProtocolError(
                 f"{line.name}: the board did not accept the channel settings "
                 f"({'; '.join(error_words(errors))}); has it as many channels as the robot file uses?"
             )
-        self._forget()
-        self._unreported = errors
-        self._table = table
+        self._table, self._unreported = table, errors
 
     def write(self, setpoints: Mapping[int, float]) -> None:
         """Send setpoints [µs] in one write; nothing where one of them is refused."""
@@ -134,7 +113,7 @@ class MaestroDriver:
         self._unreported |= errors
         # A channel that something else put outside its configured range is held there, not moved.
         self._send_targets(
-            {channel: us_to_quarters(pulse) for channel, pulse in positions.items() if pulse is not None}
+            {channel: codec.us_to_quarters(us) for channel, us in positions.items() if us is not None}
         )
 
     def home(self) -> None:
@@ -157,27 +136,10 @@ class MaestroDriver:
             raise BoardError("the Maestro is not connected; connect first")
         return self._opened
 
-    def _forget(self) -> None:
-        """Know nothing any more of the board's channels: it may be another one, or freshly started."""
-        self._table = ChannelTable(SCALE)
-        self._unreported = MaestroErrors(0)
-
     def _send_targets(self, quarters: Mapping[int, int]) -> None:
         line = self._maestro
         if quarters:
             line.set_targets(quarters, multiple=self._model is not None and self._model.has_multiple_targets)
-
-
-def _listed_model(info: PortInfo | None) -> MaestroModel | None:
-    """The model by its USB number.
-
-    The serial protocol has no way to ask: a Get Position of channel 6 would tell a Micro from a Mini, but
-    to a Micro it is an error, and an error sends all its channels home.
-    """
-    return None if info is None else MaestroModel.from_label(info.kind)
-
-
-# The configured channels of a Maestro.
 
 
 def channel_table(settings: Sequence[ChannelSettings], model: MaestroModel | None) -> ChannelTable:
@@ -210,19 +172,15 @@ _LONGEST_RESYNC = 5
 
 
 class MaestroLine:
-    """A transport with a Maestro at the other end.
+    """A transport, which this object closes, with a Maestro at the other end.
 
-    Args:
-        transport: the open line; this object closes it.
-        framing: form of the commands. ``probe`` finds out whether the board wants CRCs; asked for here,
-            they are insisted on.
-        timeout_s: how long an answer may take.
+    ``timeout_s``: how long an answer may take. ``crc``: whether the board wants CRCs, known after ``probe``.
     """
 
-    def __init__(self, transport: Transport, framing: Framing, timeout_s: float) -> None:
+    def __init__(self, transport: Transport, timeout_s: float) -> None:
         self._transport = transport
-        self._framing = framing
         self._timeout_s = timeout_s
+        self.crc = False
 
     @property
     def name(self) -> str:
@@ -233,11 +191,6 @@ class MaestroLine:
         """Close the transport; never raises."""
         self._transport.close()
 
-    @property
-    def framing(self) -> Framing:
-        """Form of the commands; after ``probe`` with the CRC setting of the board."""
-        return self._framing
-
     def probe(self) -> MaestroErrors:
         """Find out whether a Maestro answers, and whether it wants CRCs; return the errors it had kept.
 
@@ -247,29 +200,19 @@ class MaestroLine:
         ignores both (guide, section 5.a).
 
         Raises:
-            BoardTimeoutError: nobody answers; the message says what to set on the board.
-            BoardProtocolError: somebody answers, but not as a Maestro does, or it does not check CRCs that
-                were asked for.
+            BoardTimeoutError: no answer; the message says what to set on the board.
+            BoardProtocolError: the answer is not a Maestro's.
         """
         self._transport.discard_input()
-        plain = replace(self._framing, crc=False)
-        question = codec.get_errors(plain)
-        self._transport.write(question)
-        reply = self._transport.read(codec.ERRORS_REPLY_LENGTH, _FIRST_ANSWER_TIMEOUT_S)
-        found = plain
+        self._transport.write(codec.get_errors())
+        reply = self._transport.read(REPLY_LENGTH, _FIRST_ANSWER_TIMEOUT_S)
+        self.crc = not reply
         if not reply:
-            found = replace(self._framing, crc=True)
-            self._transport.write(codec.get_errors(found)[len(question) :])
-            reply = self._transport.read(codec.ERRORS_REPLY_LENGTH, _CRC_ANSWER_TIMEOUT_S)
+            self._transport.write(codec.get_errors(crc=True)[-1:])
+            reply = self._transport.read(REPLY_LENGTH, _CRC_ANSWER_TIMEOUT_S)
         if not reply:
             raise BoardTimeoutError(f"{self.name}: no answer; {SILENT_ADVICE}")
-        earlier = self._decode_errors(reply)
-        if self._framing.crc and not found.crc:
-            raise BoardProtocolError(
-                f"{self.name}: commands with CRC were asked for, but the board does not check them; tick "
-                '"Enable CRC" in the Maestro Control Center (Serial Settings), or ask for none'
-            )
-        self._framing = found
+        _, earlier = self._decode((), reply)
         _, ours = self.read([0])
         if ours & _MISUNDERSTOOD:
             raise BoardProtocolError(
@@ -278,19 +221,19 @@ class MaestroLine:
             )
         return earlier
 
-    def set_limits(self, limits: Sequence[tuple[int, int, int]]) -> MaestroErrors:
-        """Set (channel, speed, acceleration) limits in the board's units; return what it says to them."""
+    def set_limits(self, settings: Sequence[ChannelSettings]) -> MaestroErrors:
+        """Set the channels' speed and acceleration limits; return what the board says to them."""
         request = b"".join(
-            codec.set_speed(channel, speed, self._framing)
-            + codec.set_acceleration(channel, acceleration, self._framing)
-            for channel, speed, acceleration in limits
+            codec.set_speed(one.channel, codec.speed_to_units(one.speed), crc=self.crc)
+            + codec.set_acceleration(one.channel, codec.acceleration_to_units(one.acceleration), crc=self.crc)
+            for one in settings
         )
-        reply = self._exchange(request + codec.get_errors(self._framing), codec.ERRORS_REPLY_LENGTH)
-        return self._decode_errors(reply)
+        _, errors = self._exchange(request, ())
+        return errors
 
     def set_targets(self, quarters: Mapping[int, int], *, multiple: bool) -> None:
         """Send targets [quarter µs] by channel in one write."""
-        self._transport.write(codec.set_targets(quarters, self._framing, multiple=multiple))
+        self._transport.write(codec.set_targets(quarters, crc=self.crc, multiple=multiple))
 
     def read(self, channels: Sequence[int]) -> tuple[dict[int, float | None], MaestroErrors]:
         """Positions [µs] of ``channels`` and the error register, in one burst each way.
@@ -299,18 +242,16 @@ class MaestroLine:
             BoardTimeoutError: no answer, or half of one.
             BoardProtocolError: an answer that no Maestro can give.
         """
-        request = b"".join(codec.get_position(channel, self._framing) for channel in channels)
-        length = codec.POSITION_REPLY_LENGTH * len(channels)
-        reply = self._exchange(request + codec.get_errors(self._framing), length + codec.ERRORS_REPLY_LENGTH)
-        errors = self._decode_errors(reply[length:])
-        replies = (reply[at : at + codec.POSITION_REPLY_LENGTH] for at in range(0, length, 2))
-        return dict(zip(channels, map(self._decode_position, replies), strict=True)), errors
+        return self._exchange(b"".join(codec.get_position(one, crc=self.crc) for one in channels), channels)
 
-    def _exchange(self, request: bytes, count: int) -> bytes:
-        """Send a request and return its answer of ``count`` bytes."""
+    def _exchange(
+        self, request: bytes, channels: Sequence[int]
+    ) -> tuple[dict[int, float | None], MaestroErrors]:
+        """Send a request and Get Errors; take the positions of ``channels`` and the errors."""
         # Nothing speaks unasked on this line: whatever is there belongs to an earlier request.
         self._transport.discard_input()
-        self._transport.write(request)
+        self._transport.write(request + codec.get_errors(crc=self.crc))
+        count = REPLY_LENGTH * (len(channels) + 1)
         reply = self._transport.read(count, self._timeout_s)
         if len(reply) < count:
             self._resync()
@@ -318,26 +259,20 @@ class MaestroLine:
                 f"{self.name}: the board answered {len(reply)} of {count} bytes within "
                 f"{self._timeout_s * 1000:.0f} ms; check the cable and the board's power supply"
             )
-        return reply
+        return self._decode(channels, reply)
+
+    def _decode(self, channels: Sequence[int], reply: bytes) -> tuple[dict[int, float | None], MaestroErrors]:
+        length = REPLY_LENGTH * len(channels)
+        try:
+            errors = codec.decode_errors(reply[length:])
+            replies = (reply[at : at + REPLY_LENGTH] for at in range(0, length, REPLY_LENGTH))
+            return dict(zip(channels, map(codec.decode_position, replies), strict=True)), errors
+        except BoardProtocolError as error:
+            self._resync()
+            raise BoardProtocolError(f"{self.name}: {error}") from error
 
     def _resync(self) -> None:
         """Wait until the line is quiet: the rest of a late answer must not be taken for the next one."""
         for _ in range(_LONGEST_RESYNC):
             if not self._transport.read(256, _QUIET_S):
                 return
-
-    def _decode_errors(self, reply: bytes) -> MaestroErrors:
-        try:
-            return codec.decode_errors(reply)
-        except BoardProtocolError as error:
-            raise self._garbled(error) from error
-
-    def _decode_position(self, reply: bytes) -> float | None:
-        try:
-            return codec.decode_position(reply)
-        except BoardProtocolError as error:
-            raise self._garbled(error) from error
-
-    def _garbled(self, error: BoardProtocolError) -> BoardProtocolError:
-        self._resync()
-        return BoardProtocolError(f"{self.name}: {error}")

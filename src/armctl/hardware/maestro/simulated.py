@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import bisect
 import math
 from collections import deque
 from collections.abc import Mapping, Sequence
@@ -12,6 +13,7 @@ from armctl.errors import InputError
 from armctl.hardware.driver import ChannelSettings
 from armctl.hardware.maestro.codec import (
     DEFAULT_DEVICE_NUMBER,
+    MAX_ACCELERATION,
     MAX_TARGET,
     QUARTERS_PER_US,
     MaestroErrors,
@@ -19,7 +21,6 @@ from armctl.hardware.maestro.codec import (
     Opcode,
     Packet,
     PacketParser,
-    quarters_to_us,
     us_to_quarters,
 )
 
@@ -44,14 +45,7 @@ class HomeMode(Enum):
 
 @dataclass(frozen=True, slots=True)
 class ChannelConfig:
-    """A channel's settings in the board's own memory, as the Maestro Control Center writes them.
-
-    Args:
-        minimum_us: shortest pulse; shorter targets become this one.
-        maximum_us: longest pulse; longer targets become this one.
-        home: what it does at start-up and on an error.
-        home_us: where to, with ``HomeMode.GO_TO``.
-    """
+    """A channel's settings in the board's own memory. Targets are clamped to its range."""
 
     minimum_us: float = FACTORY_MINIMUM_US
     maximum_us: float = FACTORY_MAXIMUM_US
@@ -83,18 +77,16 @@ class SimulatedChannel:
         self._config = config
         self._lowest = us_to_quarters(config.minimum_us)
         self._highest = us_to_quarters(config.maximum_us)
-        self._target = 0  # quarter µs, 0: off
         self._position = 0  # eighths of a µs, 0: off
         self._velocity = 0  # eighths of a µs per period
+        self.target = 0
+        """where it goes [quarter µs], after clamping to its range; 0: off"""
         self.speed = 0
+        """limit in 0.25 µs / 10 ms; 0: none"""
         self.acceleration = 0
-        if config.home is HomeMode.GO_TO and config.home_us is not None:
-            self.set_target(us_to_quarters(config.home_us))
-
-    @property
-    def target(self) -> int:
-        """Where it goes [quarter µs], after clamping to its range; 0: off."""
-        return self._target
+        """limit in 0.25 µs / 10 ms / 80 ms; 0: none"""
+        if config.home is HomeMode.GO_TO:
+            self.go_home()
 
     @property
     def position(self) -> int:
@@ -104,30 +96,29 @@ class SimulatedChannel:
     @property
     def moving(self) -> bool:
         """Whether a limit still keeps it from standing at its target."""
-        return self._velocity != 0 or self._position != self._target * _EIGHTHS_PER_QUARTER
+        return self._velocity != 0 or self._position != self.target * _EIGHTHS_PER_QUARTER
 
     def set_target(self, quarters: int) -> None:
         """Take a new target [quarter µs]; 0 stops the pulses at once."""
         if quarters == 0:
-            self._target = self._position = self._velocity = 0
+            self.target = self._position = self._velocity = 0
             return
-        self._target = min(self._highest, max(self._lowest, quarters))
+        self.target = min(self._highest, max(self._lowest, quarters))
         if self._position == 0 or not (self.speed or self.acceleration):
-            self._position = self._target * _EIGHTHS_PER_QUARTER
+            self._position = self.target * _EIGHTHS_PER_QUARTER
             self._velocity = 0
 
     def go_home(self) -> None:
         """Do what an error or Go Home does to this channel."""
-        if self._config.home is HomeMode.OFF:
-            self.set_target(0)
-        elif self._config.home is HomeMode.GO_TO and self._config.home_us is not None:
-            self.set_target(us_to_quarters(self._config.home_us))
+        if self._config.home is not HomeMode.IGNORE:
+            home_us = self._config.home_us if self._config.home is HomeMode.GO_TO else None
+            self.set_target(us_to_quarters(home_us) if home_us is not None else 0)
 
     def tick(self) -> None:
         """One servo period (20 ms)."""
         if not self.moving:
             return
-        error = self._target * _EIGHTHS_PER_QUARTER - self._position
+        error = self.target * _EIGHTHS_PER_QUARTER - self._position
         direction = 1 if error > 0 or (error == 0 and self._velocity > 0) else -1
         velocity = direction * self._next_velocity(abs(error), direction * self._velocity)
         position = self._position + velocity
@@ -135,16 +126,13 @@ class SimulatedChannel:
         # Only a limit that was lowered in mid-motion can lead here; the range holds all the same.
         self._position = min(highest, max(lowest, position))
         # A target that was moved back in mid-motion is passed at speed, not stopped at.
-        arrived = self._position == self._target * _EIGHTHS_PER_QUARTER and (
+        arrived = self._position == self.target * _EIGHTHS_PER_QUARTER and (
             not self.acceleration or abs(velocity) <= self.acceleration
         )
         self._velocity = 0 if arrived or self._position != position else velocity
 
     def _next_velocity(self, distance: int, velocity: int) -> int:
-        """The velocity towards the target: as fast as the limits and the braking distance allow.
-
-        ``velocity`` is negative while the channel still moves away from a target behind it.
-        """
+        """As fast as the limits and the braking distance allow; ``velocity`` < 0: away from the target."""
         wanted = distance
         if self.speed:
             wanted = min(wanted, self.speed * _EIGHTHS_PER_SPEED_UNIT)
@@ -158,20 +146,12 @@ class SimulatedChannel:
 
 def _fastest_that_stops(candidate: int, distance: int, deceleration: int) -> int:
     """The largest velocity up to ``candidate`` from which the channel still stops within ``distance``."""
-    low, high = 0, candidate
-    while low < high:
-        middle = (low + high + 1) // 2
-        if _braking_distance(middle, deceleration) <= distance:
-            low = middle
-        else:
-            high = middle - 1
-    return low
 
+    def too_far(velocity: int) -> bool:
+        steps = velocity // deceleration  # until it stands, the present period included
+        return velocity * (steps + 1) - deceleration * steps * (steps + 1) // 2 > distance
 
-def _braking_distance(velocity: int, deceleration: int) -> int:
-    """What is covered while slowing down to zero, the present period included."""
-    steps = velocity // deceleration
-    return velocity * (steps + 1) - deceleration * steps * (steps + 1) // 2
+    return bisect.bisect_left(range(candidate + 1), True, lo=1, key=too_far) - 1
 
 
 SERVO_PERIOD_S = 0.020
@@ -189,50 +169,31 @@ class SerialMode(Enum):
     UART_FIXED = "UART, fixed baud rate"
     UART_DETECT_BAUD = "UART, detect baud rate"  # as it leaves the factory
 
-    @property
-    def takes_usb_commands(self) -> bool:
-        """Whether commands on the USB command port do anything at all."""
-        return self in (SerialMode.USB_DUAL_PORT, SerialMode.USB_CHAINED)
+
+_TAKE_USB_COMMANDS = (SerialMode.USB_DUAL_PORT, SerialMode.USB_CHAINED)
 
 
 @dataclass(frozen=True, slots=True)
 class MaestroSettings:
-    """The settings in the board's own memory; the defaults are the factory's, but for the serial mode.
-
-    Args:
-        serial_mode: USB Dual Port here, because with the factory's mode no USB client can do anything.
-        device: device number of the Pololu form.
-        crc: whether commands must carry a CRC-7.
-        timeout_units: serial timeout in 10 ms units; 0 switches it off.
-        channels: settings of single channels; the factory's for all others.
-    """
+    """The settings in the board's own memory; the defaults are the factory's, but for the serial mode."""
 
     serial_mode: SerialMode = SerialMode.USB_DUAL_PORT
+    """with the factory's, no USB client can do anything"""
     device: int = DEFAULT_DEVICE_NUMBER
+    """of the Pololu form"""
     crc: bool = False
+    """whether commands must carry a CRC-7"""
     timeout_units: int = 0
+    """serial timeout [10 ms]; 0: none"""
     channels: Mapping[int, ChannelConfig] | None = None
-
-
-@dataclass(frozen=True, slots=True)
-class ReceivedCommand:
-    """A command that the board took, and when."""
-
-    time: float
-    opcode: Opcode
-    data: bytes
-    raw: bytes
+    """the factory's for all others"""
 
 
 class SimulatedMaestro:
     """A Maestro of any size, its channels all servos at the factory's 20 ms period.
 
     The user script and the Mini's PWM output are not modelled: their commands are protocol errors.
-
-    Args:
-        model: which member of the family.
-        settings: what the Maestro Control Center would have stored on it.
-        log_length: how many received commands are kept.
+    The newest ``log_length`` commands taken are kept in ``log``, oldest first.
     """
 
     def __init__(
@@ -243,46 +204,47 @@ class SimulatedMaestro:
     ) -> None:
         self.model = model
         self.settings = settings or MaestroSettings()
-        self._configs = dict(self.settings.channels or {})
-        for channel in self._configs:
+        for channel in self.settings.channels or {}:
             self._check_channel(channel)
-        self._log: deque[ReceivedCommand] = deque(maxlen=log_length)
+        self._log: deque[Packet] = deque(maxlen=log_length)
         self._now = 0.0
         self._powered_at: float | None = None
         self.reset()
 
     def reset(self) -> None:
         """Start anew, as after a power cut: what is not in the board's settings is lost."""
+        configs = self.settings.channels or {}
         self._channels = [
-            SimulatedChannel(self._configs.get(number, ChannelConfig()))
-            for number in range(self.model.channels)
+            SimulatedChannel(configs.get(number, ChannelConfig())) for number in range(self.model.channels)
         ]
         self._parser = PacketParser(
             device=self.settings.device,
             crc=self.settings.crc,
             multiple_targets=self.model.has_multiple_targets,
         )
-        self._errors = MaestroErrors(0)
+        self.errors = MaestroErrors(0)
+        """the error register; read here, it is not cleared"""
         self._ticks = 0
-        # A board that never heard of time starts at the first time it hears of.
+        # A new board is switched on by the first ``advance``.
         self._powered_at = self._now if self._powered_at is not None else None
-        self._heard_at: float | None = self._powered_at
+        self._last_command_at: float | None = self._powered_at
 
     def advance(self, now: float) -> bytes:
         """Let time pass up to ``now`` [s]. A Maestro never speaks unasked."""
         if self._powered_at is None:
-            self._now = self._powered_at = self._heard_at = now
+            self._now = self._powered_at = self._last_command_at = now
         timeout_s = self.settings.timeout_units * _TIMEOUT_UNIT_S
-        if timeout_s and self._heard_at is not None and now >= self._heard_at + timeout_s - _TIME_SLACK_S:
-            self._run_ticks(self._heard_at + timeout_s)
-            self._heard_at = None  # once is enough: the bit stays, the channels are home
+        due = None if self._last_command_at is None else self._last_command_at + timeout_s
+        if timeout_s and due is not None and now >= due - _TIME_SLACK_S:
+            self._run_ticks(due)
+            self._last_command_at = None  # once is enough: the bit stays, the channels are home
             self._raise(MaestroErrors.SERIAL_TIMEOUT)
         self._run_ticks(now)
         return b""
 
     def feed(self, data: bytes) -> bytes:
         """Take bytes from the USB command port and return the answers."""
-        if not self.settings.serial_mode.takes_usb_commands:
+        if self.settings.serial_mode not in _TAKE_USB_COMMANDS:
             return b""
         reply = bytearray()
         for byte in data:
@@ -294,30 +256,22 @@ class SimulatedMaestro:
         return bytes(reply)
 
     @property
-    def log(self) -> tuple[ReceivedCommand, ...]:
+    def log(self) -> tuple[Packet, ...]:
         """The commands taken, oldest first."""
         return tuple(self._log)
 
-    @property
-    def errors(self) -> MaestroErrors:
-        """The error register, without clearing it."""
-        return self._errors
-
     def target_us(self, channel: int) -> float | None:
         """The target [µs] after clamping to the channel's range; None when off."""
-        return quarters_to_us(self._channel(channel).target) or None
+        return self.channel(channel).target / QUARTERS_PER_US or None
 
     def position_us(self, channel: int) -> float | None:
         """The transmitted pulse width [µs]; None when off."""
-        return quarters_to_us(self._channel(channel).position) or None
+        return self.channel(channel).position / QUARTERS_PER_US or None
 
-    def speed_units(self, channel: int) -> int:
-        """The speed limit in 0.25 µs / 10 ms; 0: none."""
-        return self._channel(channel).speed
-
-    def acceleration_units(self, channel: int) -> int:
-        """The acceleration limit in 0.25 µs / 10 ms / 80 ms; 0: none."""
-        return self._channel(channel).acceleration
+    def channel(self, channel: int) -> SimulatedChannel:
+        """A channel by its number; ``InputError`` where the board has none."""
+        self._check_channel(channel)
+        return self._channels[channel]
 
     def _run_ticks(self, until: float) -> None:
         if self._powered_at is None or until <= self._now:
@@ -331,7 +285,10 @@ class SimulatedMaestro:
         self._ticks = max(self._ticks, due)
 
     def _raise(self, error: MaestroErrors) -> None:
-        self._errors |= error
+        self.errors |= error
+        self._go_home()
+
+    def _go_home(self) -> None:
         for channel in self._channels:
             channel.go_home()
 
@@ -340,32 +297,36 @@ class SimulatedMaestro:
         if reply is None:
             self._raise(MaestroErrors.SERIAL_PROTOCOL)
             return b""
-        self._heard_at = self._now
-        self._log.append(ReceivedCommand(self._now, packet.opcode, packet.data, packet.raw))
+        self._last_command_at = self._now
+        self._log.append(replace(packet, time=self._now))
         return reply
 
     def _execute(self, opcode: Opcode, data: bytes) -> bytes | None:
         """The answer to a complete command (mostly empty); None when its values make no sense."""
         match opcode:
             case Opcode.GET_ERRORS:
-                errors, self._errors = self._errors, MaestroErrors(0)
+                errors, self.errors = self.errors, MaestroErrors(0)
                 return int(errors).to_bytes(2, "little")
             case Opcode.GET_MOVING_STATE:
-                return b"\x01" if self._says_moving() else b"\x00"
+                # The Micro may say 0 while it moves. This one always does: no client may rely on it.
+                moving = self.model.has_multiple_targets and any(one.moving for one in self._channels)
+                return b"\x01" if moving else b"\x00"
             case Opcode.GO_HOME:
-                for channel in self._channels:
-                    channel.go_home()
-                return b""
+                self._go_home()
             case Opcode.MINI_SSC:
-                return self._mini_ssc(data[0], data[1])
+                # Numbers above the board's channels belong to another board on the same line.
+                target = _MINI_SSC_NEUTRAL + _MINI_SSC_STEP * (data[1] - 127)
+                if data[0] < self.model.channels:
+                    self._channels[data[0]].set_target(target)
             case Opcode.SET_MULTIPLE_TARGETS:
-                return self._set_targets(
-                    data[1], [_value(data[at : at + 2]) for at in range(2, len(data), 2)]
-                )
-            case Opcode.SET_TARGET:
-                return self._set_targets(data[0], [_value(data[1:])])
+                first, targets = data[1], [_value(data[at : at + 2]) for at in range(2, len(data), 2)]
+                if not targets or first + len(targets) > self.model.channels:
+                    return None
+                for channel, target in zip(self._channels[first:], targets, strict=False):
+                    channel.set_target(target)
             case _:
                 return self._channel_command(opcode, data)
+        return b""
 
     def _channel_command(self, opcode: Opcode, data: bytes) -> bytes | None:
         if data[0] >= self.model.channels:
@@ -374,34 +335,15 @@ class SimulatedMaestro:
         if opcode is Opcode.GET_POSITION:
             return channel.position.to_bytes(2, "little")
         value = _value(data[1:])
-        if opcode is Opcode.SET_SPEED:
+        if opcode is Opcode.SET_TARGET:
+            channel.set_target(value)
+        elif opcode is Opcode.SET_SPEED:
             channel.speed = value
-        elif value > 0xFF:  # one byte in the board's memory
+        elif value > MAX_ACCELERATION:  # one byte in the board's memory
             return None
         else:
             channel.acceleration = value
         return b""
-
-    def _set_targets(self, first: int, targets: list[int]) -> bytes | None:
-        if not targets or first + len(targets) > self.model.channels:
-            return None
-        for channel, target in zip(self._channels[first:], targets, strict=False):
-            channel.set_target(target)
-        return b""
-
-    def _mini_ssc(self, servo: int, value: int) -> bytes:
-        # Numbers above the board's channels belong to another board on the same line.
-        if servo < self.model.channels:
-            self._channels[servo].set_target(_MINI_SSC_NEUTRAL + _MINI_SSC_STEP * (value - 127))
-        return b""
-
-    def _says_moving(self) -> bool:
-        # The Micro may say 0 while it moves. The model always does: nobody may lean on the answer.
-        return self.model.has_multiple_targets and any(channel.moving for channel in self._channels)
-
-    def _channel(self, channel: int) -> SimulatedChannel:
-        self._check_channel(channel)
-        return self._channels[channel]
 
     def _check_channel(self, channel: int) -> None:
         if not 0 <= channel < self.model.channels:
@@ -420,17 +362,14 @@ def simulated_maestro(
     model: MaestroModel | None = None,
     settings: MaestroSettings | None = None,
 ) -> SimulatedMaestro:
-    """A simulated Maestro that is set up for a robot.
+    """A simulated Maestro (None: the smallest with enough channels) that is set up for a robot.
 
-    Args:
-        channels: the robot's channels, whose ranges the simulated board gets as if its owner had set
-            them in the Maestro Control Center; the factory's 992 … 2000 µs for all others.
-        model: which board; None: the smallest with enough channels.
-        settings: what else is stored on the board; its ``channels`` win over ranges from ``channels``.
+    It gets the ranges of the robot's ``channels``, as if its owner had set them in the Maestro Control
+    Center; ``settings`` win over them.
     """
     settings = settings or MaestroSettings()
-    if model is None:
-        used = [one.channel for one in channels] + list(settings.channels or {})
-        model = MaestroModel.with_channels(max(used, default=0) + 1)
     configs = {one.channel: ChannelConfig(one.minimum, one.maximum) for one in channels}
-    return SimulatedMaestro(model, replace(settings, channels=configs | dict(settings.channels or {})))
+    configs |= dict(settings.channels or {})
+    if model is None:
+        model = MaestroModel.with_channels(max(configs, default=0) + 1)
+    return SimulatedMaestro(model, replace(settings, channels=configs))
