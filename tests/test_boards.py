@@ -18,7 +18,7 @@ from armctl.boards import (
     split_kind,
 )
 from armctl.errors import PortError
-from armctl.hardware.arduino import ARDUINO_MEGA
+from armctl.hardware.board_type import ARDUINO_MEGA
 from armctl.hardware.boards import board_type
 from armctl.hardware.encoder.driver import EncoderDriver
 from armctl.hardware.firmata.driver import FirmataDriver

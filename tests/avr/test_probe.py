@@ -10,7 +10,7 @@ from tests.avr.board import stepped_line
 from tests.avr.conftest import MakeAvr
 from tests.avr.firmata_rig import FirmataRig
 
-from armctl.hardware.arduino import ARDUINO_MEGA
+from armctl.hardware.board_type import ARDUINO_MEGA
 from armctl.hardware.doctor import Patient, examine
 from armctl.hardware.driver import ChannelSettings
 from armctl.hardware.findings import Verdict

@@ -9,7 +9,7 @@ from tests.hardware.lines import Fault, FaultyModel, LoopTransport
 
 from armctl.errors import BoardError
 from armctl.hardware import ByteModel
-from armctl.hardware.arduino import ARDUINO_MEGA, USB_SERIAL
+from armctl.hardware.board_type import ARDUINO_MEGA, USB_SERIAL
 from armctl.hardware.encoder.messages import seal
 from armctl.hardware.encoder.simulated import SimulatedEncoderBoard
 from armctl.hardware.firmata.codec import servo_config, servo_write

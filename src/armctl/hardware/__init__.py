@@ -3,8 +3,8 @@
 from armctl.hardware.board_type import (
     BoardType,
     ByteModel,
-    Ear,
     Introduction,
+    Listener,
     Setup,
     SimulatorOption,
 )
@@ -30,9 +30,9 @@ __all__ = [
     "ChannelSettings",
     "ChannelTable",
     "Driver",
-    "Ear",
     "HomingState",
     "Introduction",
+    "Listener",
     "Readback",
     "ServoEntries",
     "Setup",

@@ -66,8 +66,8 @@ class Introduction:
     """errors that it had kept from before, in words; they are cleared now"""
 
 
-class Ear(Protocol):
-    """Listens for one kind of board."""
+class Listener(Protocol):
+    """Recognises one kind of board by what it sends unasked."""
 
     def feed(self, data: bytes) -> Introduction | None:
         """Take what came, in any pieces; the introduction once it is complete."""
@@ -115,7 +115,7 @@ class BoardType(ABC):
     power: ClassVar[str] = "pulses"
     """what Enable switches on and Release off"""
     off_when_left: ClassVar[bool] = False
-    """whether it switches its outputs off when nobody speaks to it any more"""
+    """whether it switches its outputs off when no program speaks to it any more"""
     limits_acceleration: ClassVar[bool] = False
     """whether it is to keep acceleration limits of its own"""
     advice: ClassVar[str] = "check its cable and its power"
@@ -145,12 +145,12 @@ class BoardType(ABC):
         """Why a port of this board is the wrong one to use; ``interface``: its USB interface number."""
         return None
 
-    def ear(self) -> Ear | None:
-        """Listens for a board that introduces itself; None: it never speaks unasked."""
+    def listener(self) -> Listener | None:
+        """Recognises a board that introduces itself; None: it never speaks unasked."""
         return None
 
     def ask(self, line: Transport, now: Callable[[], float]) -> Introduction | None:
-        """Ask who is there, with bytes that upset no kind of board that is asked later; None: nobody.
+        """Ask who is there, with bytes that upset no kind of board that is asked later; None: no answer.
 
         Raises:
             BoardProtocolError: this kind of board is there, and something is wrong with it.
@@ -176,27 +176,23 @@ class BoardType(ABC):
 
 _READ_S = 0.05
 _UNDERSTOOD_WITHIN_S = 1.0
-"""how long somebody may speak without being understood"""
+"""how long a board may speak without being understood"""
 _KEPT = 64
 
 
 def listen(
     line: Transport,
-    ears: Sequence[Ear],
+    listeners: Sequence[Listener],
     for_s: float,
     now: Callable[[], float],
     until: Callable[[], bool] = lambda: False,
 ) -> tuple[tuple[int, Introduction] | None, bytes]:
-    """Which of the ears hears an introduction first, with that introduction; and the first bytes of all.
+    """The first of the listeners to recognise a board, by its place, with the introduction; the first bytes.
 
-    Args:
-        line: open.
-        ears: who listens.
-        for_s: how long [s]; shorter once somebody speaks whom no ear understands.
-        now: the clock [s].
-        until: ends it.
+    Ends after ``for_s`` [s], earlier where a board speaks that no listener understands, and when ``until``
+    says so.
     """
-    heard = bytearray()
+    first = bytearray()
     deadline = now() + for_s
     # Waiting is counted as well as timed: the clock of a simulation may stand still.
     waited = 0.0
@@ -204,12 +200,42 @@ def listen(
         step = min(_READ_S, left)
         data = line.read(256, step)
         waited += step
-        for place, ear in enumerate(ears):
-            if (found := translated("listening to the port", ear.feed, data)) is not None:
-                return (place, found), bytes(heard)
+        for place, listener in enumerate(listeners):
+            if (found := translated("listening to the port", listener.feed, data)) is not None:
+                return (place, found), bytes(first)
         if until():
             break
-        if data and not heard:
+        if data and not first:
             deadline = min(deadline, now() + _UNDERSTOOD_WITHIN_S)
-        heard += data[: _KEPT - len(heard)]
-    return None, bytes(heard)
+        first += data[: _KEPT - len(first)]
+    return None, bytes(first)
+
+
+# How Arduinos, and the chips on clones of them, are listed: several kinds of board are such a one.
+
+ARDUINO_MEGA = "Arduino Mega"
+USB_SERIAL = "Arduino or clone (USB-serial)"
+ARDUINO_LIKELY = ((ARDUINO_MEGA,), (USB_SERIAL,))
+"""what calls itself a Mega goes before what may be anything"""
+
+_ARDUINO_VENDORS = (0x2341, 0x2A03)
+_MEGAS = (
+    *((vendor, product) for vendor in _ARDUINO_VENDORS for product in (0x0010, 0x0042)),
+    (0x2341, 0x0210),
+    (0x2341, 0x0242),
+)
+_CHIPS = (
+    (0x1A86, 0x7523),  # CH340
+    (0x1A86, 0x5523),  # CH341
+    (0x1A86, 0x55D4),  # CH9102
+    (0x0403, 0x6001),  # FT232R
+    (0x0403, 0x6015),  # FT231X
+    (0x10C4, 0xEA60),  # CP2102
+    (0x067B, 0x2303),  # PL2303
+)
+"""Chips on clones of the Mega and the Uno, and in plain adapter cables: the numbers do not tell which."""
+ARDUINO_USB: Mapping[tuple[int, int | None], str] = {
+    **dict.fromkeys(_MEGAS, ARDUINO_MEGA),
+    **dict.fromkeys(_CHIPS, USB_SERIAL),
+    **{(vendor, ANY_PRODUCT): USB_SERIAL for vendor in _ARDUINO_VENDORS},
+}

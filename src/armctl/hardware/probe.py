@@ -132,11 +132,13 @@ def reach(
     for rate, baud in enumerate(how.bauds, start=1):
         line = open_line(baud)
         try:
-            ears = [(board, ear) for board in board_types() if (ear := board.ear()) is not None]
-            found, heard = listen(line, [ear for _, ear in ears], how.listen_s, now)
+            listeners = [
+                (board, listener) for board in board_types() if (listener := board.listener()) is not None
+            ]
+            found, heard = listen(line, [listener for _, listener in listeners], how.listen_s, now)
             if found is not None:
                 place, introduction = found
-                return line, _probed(line, ears[place][0], introduction)
+                return line, _probed(line, listeners[place][0], introduction)
             # A silent board is as silent at any other rate: it is asked at this one. What spoke and was
             # not understood may be understood at the next.
             if not heard or len(how.bauds) == 1:
@@ -153,7 +155,7 @@ def reach(
 def _ask(line: Transport, boards: Sequence[BoardType], heard: bytes, now: Callable[[], float]) -> Probed:
     """Put the questions that this port allows; where somebody spoke, only those of boards that speak."""
     for board in boards:
-        if heard and board.ear() is None:
+        if heard and board.listener() is None:
             continue
         try:
             introduction = translated(f"asking for a {board.title}", board.ask, line, now)

@@ -130,7 +130,6 @@ def test_the_pins_that_can_drive_a_servo():
 def test_what_nobody_asked_for_is_left_out(raw: str):
     parser = ReplyParser()
     assert parser.feed(bytes.fromhex(f"{raw} {STATE}")) == [PinState(22, 4, 1500)]
-    assert parser.skipped == 0
 
 
 @pytest.mark.parametrize(
@@ -151,10 +150,8 @@ def test_a_message_broken_off_by_another_costs_only_itself():
     ]
 
 
-def test_stray_bytes_are_counted():
-    parser = ReplyParser()
-    assert parser.feed(b"hello\xf7\xff" + bytes.fromhex(VERSION)) == [VersionReport(2, 5)]
-    assert parser.skipped == 7
+def test_stray_bytes_are_left_out():
+    assert ReplyParser().feed(b"hello\xf7\xff" + bytes.fromhex(VERSION)) == [VersionReport(2, 5)]
 
 
 def test_a_sysex_without_an_end_is_given_up():

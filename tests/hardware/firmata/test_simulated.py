@@ -9,12 +9,10 @@ from hypothesis import strategies as st
 from armctl.errors import InputError
 from armctl.hardware.firmata.codec import Command, ReplyParser
 from armctl.hardware.firmata.simulated import (
-    Overflow,
-    ShortMessage,
     SimulatedFirmata,
     SimulatedServo,
+    SketchMessage,
     SketchParser,
-    SysexMessage,
 )
 
 NAME = "StandardFirmata.ino".encode("utf-16-le").hex(" ")
@@ -263,20 +261,20 @@ def parsed(text: str) -> list:
 @pytest.mark.parametrize(
     ("raw", "expected"),
     [
-        ("f9", [ShortMessage(Command.REPORT_VERSION, 0, b"")]),
-        ("ff", [ShortMessage(Command.SYSTEM_RESET, 0, b"")]),
-        ("f4 09 04", [ShortMessage(Command.SET_PIN_MODE, 0, b"\x09\x04")]),
-        ("e9 5c 0b", [ShortMessage(Command.ANALOG_MESSAGE, 9, b"\x5c\x0b")]),
-        ("c3 01", [ShortMessage(Command.REPORT_ANALOG, 3, b"\x01")]),
-        ("f0 6d 09 f7", [SysexMessage(b"\x6d\x09")]),
-        ("f0 f7", [SysexMessage(b"")]),
+        ("f9", [SketchMessage(Command.REPORT_VERSION)]),
+        ("ff", [SketchMessage(Command.SYSTEM_RESET)]),
+        ("f4 09 04", [SketchMessage(Command.SET_PIN_MODE, b"\x09\x04")]),
+        ("e9 5c 0b", [SketchMessage(Command.ANALOG_MESSAGE, b"\x5c\x0b", 9)]),
+        ("c3 01", [SketchMessage(Command.REPORT_ANALOG, b"\x01", 3)]),
+        ("f0 6d 09 f7", [SketchMessage(Command.START_SYSEX, b"\x6d\x09")]),
+        ("f0 f7", [SketchMessage(Command.START_SYSEX, b"")]),
         ("12 34 f7 a0 80", []),
-        ("f4 09 f4 0a 01", [ShortMessage(Command.SET_PIN_MODE, 0, b"\x0a\x01")]),
+        ("f4 09 f4 0a 01", [SketchMessage(Command.SET_PIN_MODE, b"\x0a\x01")]),
         (
             "f4 09 f9 04",  # the version in between does not end the wait for data
             [
-                ShortMessage(Command.REPORT_VERSION, 0, b""),
-                ShortMessage(Command.SET_PIN_MODE, 0, b"\x09\x04"),
+                SketchMessage(Command.REPORT_VERSION),
+                SketchMessage(Command.SET_PIN_MODE, b"\x09\x04"),
             ],
         ),
     ],
@@ -286,7 +284,9 @@ def test_messages(raw: str, expected: list):
 
 
 def test_a_sysex_without_its_end_swallows_the_next_one():
-    assert parsed("f0 6f 09 5c f0 6f 0a 5c 0b f7") == [SysexMessage(bytes.fromhex("6f 09 5c f0 6f 0a 5c 0b"))]
+    assert parsed("f0 6f 09 5c f0 6f 0a 5c 0b f7") == [
+        SketchMessage(Command.START_SYSEX, bytes.fromhex("6f 09 5c f0 6f 0a 5c 0b"))
+    ]
 
 
 def test_nothing_ends_a_sysex_but_its_end():
@@ -294,8 +294,8 @@ def test_nothing_ends_a_sysex_but_its_end():
 
 
 def test_the_buffer_holds_64_bytes():
-    assert parsed("f0" + "01" * 64 + "f7") == [SysexMessage(b"\x01" * 64)]
-    assert Overflow() in parsed("f0" + "01" * 65)
+    assert parsed("f0" + "01" * 64 + "f7") == [SketchMessage(Command.START_SYSEX, b"\x01" * 64)]
+    assert SketchMessage(Command.START_SYSEX, b"\x01" * 65) in parsed("f0" + "01" * 65)
 
 
 @given(st.binary(max_size=300))

@@ -6,8 +6,16 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 from armctl.errors import BoardError
-from armctl.hardware import arduino
-from armctl.hardware.board_type import BoardType, ByteModel, Ear, Setup
+from armctl.hardware.board_type import (
+    ARDUINO_LIKELY,
+    ARDUINO_MEGA,
+    ARDUINO_USB,
+    USB_SERIAL,
+    BoardType,
+    ByteModel,
+    Listener,
+    Setup,
+)
 from armctl.hardware.driver import Driver
 from armctl.hardware.encoder import FLASH_IT, SCALE
 
@@ -40,9 +48,9 @@ class EncoderBoard(BoardType):
     plugged_in = "Arduino"
     scale = SCALE
     entries = EncoderEntries()
-    usb = arduino.USB
-    likely = arduino.LIKELY
-    shared = (arduino.ARDUINO_MEGA, arduino.USB_SERIAL)
+    usb = ARDUINO_USB
+    likely = ARDUINO_LIKELY
+    shared = (ARDUINO_MEGA, USB_SERIAL)
     restarts = True
     homing = True
     power = "motors"
@@ -79,11 +87,11 @@ class EncoderBoard(BoardType):
             return str(refusal)
         return None
 
-    def ear(self) -> Ear:
-        """Hears the banner, and the status line that comes 50 times a second."""
-        from armctl.hardware.encoder.session import EncoderEar
+    def listener(self) -> Listener:
+        """Recognises the banner, and the status line that comes 50 times a second."""
+        from armctl.hardware.encoder.session import EncoderListener
 
-        return EncoderEar()
+        return EncoderListener()
 
     def examine(self, check_up: CheckUp) -> list[Finding]:
         """Firmware, axes, switches, faults and round trips."""

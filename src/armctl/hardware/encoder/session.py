@@ -386,7 +386,7 @@ def _decoded(line: bytes | None) -> Message | None:
         return None
 
 
-class EncoderEar:
+class EncoderListener:
     """Hears armctl's encoder firmware: its banner, or a status line where it has been running for long."""
 
     def __init__(self) -> None:

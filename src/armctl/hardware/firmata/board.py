@@ -6,10 +6,19 @@ from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING
 
 from armctl.errors import BoardError
-from armctl.hardware import arduino
-from armctl.hardware.board_type import BoardType, ByteModel, Ear, Introduction, Setup
+from armctl.hardware.board_type import (
+    ARDUINO_LIKELY,
+    ARDUINO_MEGA,
+    ARDUINO_USB,
+    USB_SERIAL,
+    BoardType,
+    ByteModel,
+    Introduction,
+    Listener,
+    Setup,
+)
 from armctl.hardware.driver import Driver
-from armctl.hardware.firmata.codec import BAUD, HOW_TO_LOAD, SCALE
+from armctl.hardware.firmata.pins import BAUD, HOW_TO_LOAD, SCALE, pin_table
 from armctl.robot.outputs_of_file import ServoEntries
 
 if TYPE_CHECKING:
@@ -27,9 +36,9 @@ class FirmataBoard(BoardType):
     plugged_in = "Arduino"
     scale = SCALE
     entries = ServoEntries()
-    usb = arduino.USB
-    likely = arduino.LIKELY
-    shared = (arduino.ARDUINO_MEGA, arduino.USB_SERIAL)
+    usb = ARDUINO_USB
+    likely = ARDUINO_LIKELY
+    shared = (ARDUINO_MEGA, USB_SERIAL)
     baud = BAUD
     restarts = True
     advice = HOW_TO_LOAD
@@ -52,7 +61,6 @@ class FirmataBoard(BoardType):
 
     def refusal(self, setup: Setup) -> str | None:
         """What a Mega would refuse."""
-        from armctl.hardware.firmata.pins import pin_table
         from armctl.hardware.firmata.simulated import SERVO_PINS
 
         try:
@@ -61,11 +69,11 @@ class FirmataBoard(BoardType):
             return str(refusal)
         return None
 
-    def ear(self) -> Ear:
-        """Hears the sketch tell its name when it starts."""
-        from armctl.hardware.firmata.line import FirmataEar
+    def listener(self) -> Listener:
+        """Recognises the sketch by the name that it tells when it starts."""
+        from armctl.hardware.firmata.line import FirmataListener
 
-        return FirmataEar()
+        return FirmataListener()
 
     def ask(self, line: Transport, now: Callable[[], float]) -> Introduction | None:
         """The version query, and after its answer the firmware query: to a Maestro both would be errors."""

@@ -11,25 +11,10 @@ from enum import IntEnum
 from typing import TypeAlias
 
 from armctl.errors import InputError
-from armctl.hardware.driver import ChannelScale
-
-BAUD = 57_600
-SCALE = ChannelScale("pin", "µs")
-HOW_TO_LOAD = (
-    "load the sketch: Arduino IDE, File > Examples > Firmata > StandardFirmata, Upload; then connect again"
-)
-SMALLEST_PULSE_US = 544
-"""anything below is taken as degrees (the Servo library's MIN_PULSE_WIDTH)"""
-LARGEST_PULSE_US = 2912
-"""the longest limit that the Servo library can hold"""
+from armctl.hardware.firmata.pins import LARGEST_PULSE_US, SMALLEST_PULSE_US
 
 _MAX_14_BIT = 0x3FFF
 _MAX_PIN = 0x7F
-
-_DEFAULT_MINIMUM_US = 544
-_DEFAULT_MAXIMUM_US = 2400
-_LIMIT_STEP_US = 4
-_LIMIT_STEPS = 127
 
 
 class Command(IntEnum):
@@ -71,7 +56,8 @@ class PinMode(IntEnum):
     I2C = 6
 
 
-CAPABILITY_RESPONSE_PIN_END = 0x7F
+END_OF_PIN = 0x7F
+"""in the answer to a capability query"""
 
 
 def version_query() -> bytes:
@@ -85,18 +71,18 @@ def version_query() -> bytes:
 
 def firmware_query() -> bytes:
     """Ask for the sketch's name and version."""
-    return _sysex(Sysex.REPORT_FIRMWARE)
+    return sysex(Sysex.REPORT_FIRMWARE)
 
 
 def capability_query() -> bytes:
     """Ask for the modes of every pin."""
-    return _sysex(Sysex.CAPABILITY_QUERY)
+    return sysex(Sysex.CAPABILITY_QUERY)
 
 
 def pin_state_query(pin: int) -> bytes:
     """Ask for a pin's mode and the value last written to it."""
     _check("pin", pin, 0, _MAX_PIN)
-    return _sysex(Sysex.PIN_STATE_QUERY, pin)
+    return sysex(Sysex.PIN_STATE_QUERY, pin)
 
 
 def pin_mode(pin: int, mode: PinMode) -> bytes:
@@ -114,14 +100,18 @@ def servo_config(pin: int, minimum_us: int, maximum_us: int) -> bytes:
     _check("pin", pin, 0, _MAX_PIN)
     _check("minimum", minimum_us, 0, _MAX_14_BIT)
     _check("maximum", maximum_us, 0, _MAX_14_BIT)
-    return _sysex(Sysex.SERVO_CONFIG, pin, *split_14_bits(minimum_us), *split_14_bits(maximum_us))
+    return sysex(Sysex.SERVO_CONFIG, pin, *split_14_bits(minimum_us), *split_14_bits(maximum_us))
 
 
 def servo_write(pin: int, pulse_us: int) -> bytes:
     """Set the pulse width of a servo pin [µs] with an extended analog write."""
     _check("pin", pin, 0, _MAX_PIN)
     _check("pulse width", pulse_us, SMALLEST_PULSE_US, LARGEST_PULSE_US)
-    return _sysex(Sysex.EXTENDED_ANALOG, pin, *split_14_bits(pulse_us))
+    return sysex(Sysex.EXTENDED_ANALOG, pin, *split_14_bits(pulse_us))
+
+
+_DEFAULT_MINIMUM_US, _DEFAULT_MAXIMUM_US = 544, 2400
+_LIMIT_STEP_US, _LIMIT_STEPS = 4, 127
 
 
 def servo_limits(minimum_us: int, maximum_us: int) -> tuple[int, int]:
@@ -143,7 +133,8 @@ def split_14_bits(value: int) -> tuple[int, int]:
     return value & 0x7F, value >> 7
 
 
-def _sysex(kind: Sysex, *data: int) -> bytes:
+def sysex(kind: Sysex, *data: int) -> bytes:
+    """A message of any length, of data bytes of 7 bits."""
     return bytes((Command.START_SYSEX, kind, *data, Command.END_SYSEX))
 
 
@@ -153,12 +144,6 @@ def _check(what: str, value: int, lowest: int, highest: int) -> None:
 
 
 # What a Firmata board sends: single bytes to whole messages.
-
-_LONGEST_SYSEX = 8192
-"""the capabilities of a Mega are about 700 bytes; anything this long is no Firmata"""
-_SHORT_LENGTH = 3
-_COMMAND_BIT = 0x80
-_COMMAND_OF_CHANNEL = 0xF0
 
 
 @dataclass(frozen=True, slots=True)
@@ -214,107 +199,71 @@ class Malformed:
 
 Reply: TypeAlias = VersionReport | FirmwareReport | CapabilityReport | PinState | BoardText | Malformed
 
+_LONGEST_SYSEX = 8192
+"""the capabilities of a Mega are about 700 bytes; anything this long is no Firmata"""
+_COMMAND_BIT = 0x80
+_START, _PIN_ENDS = bytes((Command.START_SYSEX,)), bytes((END_OF_PIN,))
+_DECODED = (Sysex.REPORT_FIRMWARE, Sysex.CAPABILITY_RESPONSE, Sysex.PIN_STATE_RESPONSE, Sysex.STRING_DATA)
+
 
 class ReplyParser:
     """Takes bytes as they come, in any pieces, and returns the messages that they complete.
 
-    Reports of pins that nobody asked for (analog, digital) and sysexes of other sketches are left
-    out. A message that is broken off by another one is ``Malformed``; the other one counts. Data
-    bytes that belong to nothing are skipped and counted (``skipped``).
+    Reports of pins that nobody asked for (analog, digital), sysexes of other sketches and data bytes that
+    belong to nothing are left out. A message that is broken off by another one is ``Malformed``; the
+    other one counts.
     """
 
     def __init__(self) -> None:
-        self.skipped = 0
-        """bytes so far that belonged to no message"""
         self._raw = bytearray()
 
     def feed(self, data: bytes) -> list[Reply]:
         """The messages that ``data`` completes, in order."""
         replies: list[Reply] = []
         for byte in data:
-            if byte & _COMMAND_BIT:
-                replies += self._push_command(byte)
-            else:
-                replies += self._push_data(byte)
+            raw = self._raw
+            if byte == Command.END_SYSEX and raw.startswith(_START):
+                self._raw = bytearray()
+                replies += _decode(bytes(raw[1:]))
+            elif byte & _COMMAND_BIT:
+                replies += [Malformed(bytes(raw))] if raw else []
+                self._raw = bytearray((byte,) if _length(byte) else ())
+            elif raw:
+                raw.append(byte)
+                if len(raw) == _length(raw[0]):
+                    self._raw = bytearray()
+                    if raw[0] == Command.REPORT_VERSION:
+                        replies.append(VersionReport(raw[1], raw[2]))
+                    elif raw[0] == Command.START_SYSEX:
+                        replies.append(Malformed(bytes(raw)))
         return replies
 
-    def _push_command(self, byte: int) -> list[Reply]:
-        raw = self._raw
-        if byte == Command.END_SYSEX and raw and raw[0] == Command.START_SYSEX:
-            self._raw = bytearray()
-            return _decode(bytes(raw[1:]))
-        broken: list[Reply] = [Malformed(bytes(raw))] if raw else []
-        if byte == Command.START_SYSEX or _length(byte) is not None:
-            self._raw = bytearray((byte,))
-        else:
-            self._raw = bytearray()
-            self.skipped += 1
-        return broken
 
-    def _push_data(self, byte: int) -> list[Reply]:
-        raw = self._raw
-        if not raw:
-            self.skipped += 1
-            return []
-        raw.append(byte)
-        if raw[0] == Command.START_SYSEX:
-            if len(raw) < _LONGEST_SYSEX:
-                return []
-            self._raw = bytearray()
-            return [Malformed(bytes(raw))]
-        if len(raw) != _length(raw[0]):
-            return []
-        self._raw = bytearray()
-        return [VersionReport(raw[1], raw[2])] if raw[0] == Command.REPORT_VERSION else []
-
-
-def _length(command: int) -> int | None:
-    """Bytes of a message that is no sysex; None for a byte that begins none."""
-    reported = command & _COMMAND_OF_CHANNEL in (Command.ANALOG_MESSAGE, Command.DIGITAL_MESSAGE)
-    return _SHORT_LENGTH if reported or command == Command.REPORT_VERSION else None
+def _length(command: int) -> int:
+    """Bytes of a message that begins so, of a sysex the most; 0 where none does."""
+    if command == Command.START_SYSEX:
+        return _LONGEST_SYSEX
+    reported = command & 0xF0 in (Command.ANALOG_MESSAGE, Command.DIGITAL_MESSAGE)
+    return 3 if reported or command == Command.REPORT_VERSION else 0
 
 
 def _decode(body: bytes) -> list[Reply]:
     """The message of a sysex without its frame; none for one that is of no use here."""
-    if not body:
-        return [Malformed(body)]
-    data = body[1:]
-    match body[0]:
-        case Sysex.REPORT_FIRMWARE:
-            decoded = _firmware(data)
-        case Sysex.CAPABILITY_RESPONSE:
-            decoded = _capabilities(data)
-        case Sysex.PIN_STATE_RESPONSE:
-            decoded = _pin_state(data)
-        case Sysex.STRING_DATA:
-            decoded = BoardText(_text(data)) if len(data) % 2 == 0 else None
-        case _:
-            return []
-    return [decoded if decoded is not None else Malformed(body)]
-
-
-def _firmware(data: bytes) -> FirmwareReport | None:
-    if len(data) < 2 or len(data) % 2:
-        return None
-    return FirmwareReport(data[0], data[1], _text(data[2:]))
-
-
-def _capabilities(data: bytes) -> CapabilityReport | None:
-    if not data or data[-1] != CAPABILITY_RESPONSE_PIN_END:
-        return None
-    pins: list[dict[int, int]] = []
-    for modes in data[:-1].split(bytes((CAPABILITY_RESPONSE_PIN_END,))):
-        if len(modes) % 2:
-            return None
-        pins.append(dict(zip(modes[::2], modes[1::2], strict=True)))
-    return CapabilityReport(tuple(pins))
-
-
-def _pin_state(data: bytes) -> PinState | None:
-    # Pin, mode, and the value in as many 7-bit bytes as it needs, low one first.
-    if len(data) < 3:
-        return None
-    return PinState(data[0], data[1], sum(byte << 7 * place for place, byte in enumerate(data[2:])))
+    kind, data = body[0] if body else None, body[1:]
+    even = len(data) % 2 == 0
+    if kind == Sysex.REPORT_FIRMWARE and data and even:
+        return [FirmwareReport(data[0], data[1], _text(data[2:]))]
+    if kind == Sysex.CAPABILITY_RESPONSE and data[-1:] == _PIN_ENDS:
+        pins = data[:-1].split(_PIN_ENDS)
+        if all(len(modes) % 2 == 0 for modes in pins):
+            return [CapabilityReport(tuple(dict(zip(pin[::2], pin[1::2], strict=True)) for pin in pins))]
+    if kind == Sysex.PIN_STATE_RESPONSE and len(data) >= 3:
+        # Pin, mode, and the value in as many 7-bit bytes as it needs, low one first.
+        value = sum(byte << 7 * place for place, byte in enumerate(data[2:]))
+        return [PinState(data[0], data[1], value)]
+    if kind == Sysex.STRING_DATA and even:
+        return [BoardText(_text(data))]
+    return [Malformed(body)] if kind is None or kind in _DECODED else []
 
 
 def _text(data: bytes) -> str:

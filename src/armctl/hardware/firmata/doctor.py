@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from armctl.errors import BoardError, BoardTimeoutError
+from armctl.errors import BoardError
 from armctl.hardware.findings import CheckUp, Finding, Needs, failed, not_checked, ok, round_trips, warning
-from armctl.hardware.firmata.codec import PinMode, PinState, pin_state_query
+from armctl.hardware.firmata.codec import PinMode
 from armctl.hardware.firmata.line import FirmataLine
 from armctl.hardware.firmata.pins import pin_table
 
@@ -17,11 +17,7 @@ _PIN = 2
 
 
 def examine_firmata(check_up: CheckUp) -> list[Finding]:
-    """Everything that can be asked of a Firmata board without moving or changing anything.
-
-    Raises:
-        BoardError: the board stops answering, or the line is gone.
-    """
+    """The findings of ``BoardType.examine``."""
     needs = check_up.needs
     line = FirmataLine(check_up.line, check_up.now)
     identity = line.identify(0.0)
@@ -31,7 +27,7 @@ def examine_firmata(check_up: CheckUp) -> list[Finding]:
         *_pins(needs, identity.capabilities.pins_with(PinMode.SERVO)),
     ]
     pins = sorted(one.channel for one in needs.channels)
-    states = [_state(line, pin) for pin in pins]
+    states = [line.pin_state(pin, _ANSWER_S) for pin in pins]
     on = [f"{state.pin} at {state.value}" for state in states if state.mode == PinMode.SERVO]
     findings.append(ok("outputs", f"servo pulses on pin {', '.join(on)}" if on else "all pulses are off"))
     findings.append(
@@ -42,7 +38,7 @@ def examine_firmata(check_up: CheckUp) -> list[Finding]:
         )
     )
     asked = pins[0] if pins else _PIN
-    findings.append(round_trips(lambda: _state(line, asked), check_up.now))
+    findings.append(round_trips(lambda: line.pin_state(asked, _ANSWER_S), check_up.now))
     findings.append(
         not_checked(
             "supply",
@@ -82,13 +78,3 @@ def _pins(needs: Needs, servo_pins: Sequence[int]) -> list[Finding]:
         ok("channels", f"the board can drive servos on pins {pins}"),
         ok("ranges", "the robot file's ranges can be sent"),
     ]
-
-
-def _state(line: FirmataLine, pin: int) -> PinState:
-    line.send(pin_state_query(pin))
-    for reply in line.listen(_ANSWER_S):
-        if isinstance(reply, PinState) and reply.pin == pin:
-            return reply
-    raise BoardTimeoutError(
-        f"{line.name}: the board did not tell the state of pin {pin} within {_ANSWER_S * 1000:.0f} ms"
-    )

@@ -7,18 +7,10 @@ from collections.abc import Iterator, Mapping, Sequence
 from armctl.errors import BoardError, BoardProtocolError, BoardTimeoutError
 from armctl.hardware.driver import BoardIdentity, ChannelSettings, ChannelTable, Readback, Source
 from armctl.hardware.firmata import codec
-from armctl.hardware.firmata.codec import (
-    BAUD,
-    HOW_TO_LOAD,
-    SCALE,
-    BoardText,
-    Malformed,
-    PinMode,
-    PinState,
-    Reply,
-)
-from armctl.hardware.firmata.line import FirmataLine, SetpointStream
-from armctl.hardware.firmata.pins import Attacher, PinWatch, pin_table
+from armctl.hardware.firmata.codec import BoardText, Malformed, PinMode, PinState, Reply
+from armctl.hardware.firmata.line import FirmataLine
+from armctl.hardware.firmata.pins import BAUD, HOW_TO_LOAD, SCALE, pin_table
+from armctl.hardware.firmata.stream import Attacher, PinWatch, SetpointStream
 from armctl.hardware.transport import Connection
 
 WATCHDOG_NOTE = (
@@ -40,11 +32,9 @@ class FirmataDriver:
     an arm is fully on after some calls of ``write`` or ``read``. The board knows no speed or
     acceleration limits, so those of ``ChannelSettings`` are left to whoever makes the setpoints.
 
-    Args:
-        connection: where the board is.
-        timeout_s: how long a pin may leave a question unanswered.
-        ask_after_s: how long a board is left alone after opening, before it is asked who it is; None:
-            as a Mega needs that restarts when its port is opened, or shorter for a pty or a socket.
+    ``timeout_s``: how long a pin may leave a question unanswered. ``ask_after_s``: how long a board is left
+    alone after opening, before it is asked who it is; None: as a Mega needs that restarts when its port is
+    opened, or shorter for a pty or a socket.
     """
 
     def __init__(
@@ -68,14 +58,17 @@ class FirmataDriver:
         self._forget()
         transport, info = self._connection.open(BAUD)
         line = self._opened = FirmataLine(transport, self._now)
+        ask_after_s = self._ask_after_s
+        if ask_after_s is None:
+            ask_after_s = _ASK_DEVICE_AFTER_S if self._connection.restarts_board else _ASK_OTHERS_AFTER_S
         try:
-            board = line.identify(self._ask_after())
+            board = line.identify(ask_after_s)
         except BoardError:
             self.close()
             raise
         firmware, capabilities = board.firmware, board.capabilities
-        self._servo_pins = capabilities.pins_with(PinMode.SERVO)
-        self._markers = tuple(pin for pin in range(len(capabilities.pins)) if pin not in self._servo_pins)
+        self._servo_pins = servo_pins = capabilities.pins_with(PinMode.SERVO)
+        self._markers = tuple(pin for pin in range(len(capabilities.pins)) if pin not in servo_pins)
         if not self._markers:
             self.close()
             raise BoardProtocolError(
@@ -128,10 +121,7 @@ class FirmataDriver:
                 "check the USB cable"
             )
         if late:
-            raise BoardTimeoutError(
-                f"{line.name}: the board did not tell the state of pin {', '.join(map(str, late))} within "
-                f"{self._timeout_s * 1000:.0f} ms; check the cable and the board's power supply"
-            )
+            raise self._not_told(late)
         words, self._words = tuple(dict.fromkeys(self._words)), []
         return Readback(self._watch.positions, Source.COMMANDED, words, powered=self._watch.powered)
 
@@ -176,11 +166,6 @@ class FirmataDriver:
             raise BoardError("the Arduino is not connected; connect first")
         return self._opened
 
-    def _ask_after(self) -> float:
-        if self._ask_after_s is not None:
-            return self._ask_after_s
-        return _ASK_DEVICE_AFTER_S if self._connection.restarts_board else _ASK_OTHERS_AFTER_S
-
     def _forget(self) -> None:
         """Know nothing any more of the board's pins: it may be another one, or freshly started."""
         self._table = ChannelTable(SCALE)
@@ -203,24 +188,25 @@ class FirmataDriver:
                 self._words.append(f"the sketch says: {reply.text}")
             elif isinstance(reply, Malformed):
                 self._malformed.append(reply)
-        if gone := self._watch.switched_off():
+        if gone := self._watch.switched_off:
             raise self._firmata.lose(_switched_off(gone))
 
     def _ask_states(self, pins: Sequence[int]) -> dict[int, PinState]:
         """The states of ``pins``, asked for now and waited for."""
-        line = self._firmata
         states: dict[int, PinState] = {}
-        self._take(line.receive())
+        self._take(self._firmata.receive())
         if not pins:
             return states
         for state in self._answers(pins):
             states[state.pin] = state
             if len(states) == len(pins):
                 return states
-        missing = ", ".join(str(pin) for pin in pins if pin not in states)
-        raise BoardTimeoutError(
-            f"{line.name}: the board did not tell the state of pin {missing} within "
-            f"{self._timeout_s * 1000:.0f} ms; check the cable and the board's power supply"
+        raise self._not_told([pin for pin in pins if pin not in states])
+
+    def _not_told(self, pins: Sequence[int]) -> BoardTimeoutError:
+        return BoardTimeoutError(
+            f"{self._firmata.name}: the board did not tell the state of pin {', '.join(map(str, pins))} "
+            f"within {self._timeout_s * 1000:.0f} ms; check the cable and the board's power supply"
         )
 
     def _await_off(self) -> tuple[int, ...]:

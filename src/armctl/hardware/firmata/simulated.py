@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import TypeAlias
 
 from armctl.errors import InputError
-from armctl.hardware.firmata.codec import CAPABILITY_RESPONSE_PIN_END, Command, PinMode, Sysex, split_14_bits
+from armctl.hardware.firmata.codec import END_OF_PIN, Command, PinMode, Sysex, split_14_bits, sysex
 
 # One servo of a simulated sketch: what the Arduino Servo library does with what it is given.
 
@@ -29,11 +27,7 @@ class Pulse:
 
 
 class SimulatedServo:
-    """Limits, degrees and microseconds as in Servo.cpp.
-
-    Attributes:
-        width_us: the pulse width that the next frame sends.
-    """
+    """Limits, degrees and microseconds as in Servo.cpp; ``width_us`` is what the next frame sends."""
 
     def __init__(self) -> None:
         self.width_us = _DEFAULT_US
@@ -70,36 +64,44 @@ _LAST_SERVO_PIN = 49  # the Servo library has room for 48, and the sketch keeps 
 _I2C_PINS = (20, 21)
 
 
-def mode_after_reset(pin: int) -> PinMode:
-    """What a reset sets a pin to: the analog ones listen, the others are low; the serial ones it leaves."""
+def _mode_after_reset(pin: int) -> PinMode:
+    """The analog pins listen, the others are low; the serial ones are left as they are."""
     if pin in _SERIAL_PINS:
         return PinMode.INPUT
     return PinMode.ANALOG if pin >= _FIRST_ANALOG_PIN else PinMode.OUTPUT
 
 
-def capabilities(pin: int) -> dict[int, int]:
+def _capabilities(pin: int) -> dict[int, int]:
     """The modes that a pin knows, with their resolution in bits, in the sketch's order."""
     if pin in _SERIAL_PINS or not 0 <= pin < PINS:
         return {}
-    modes: dict[int, int] = {PinMode.INPUT: 1, PinMode.OUTPUT: 1}
-    if pin >= _FIRST_ANALOG_PIN:
-        modes[PinMode.ANALOG] = 10
-    if pin in _PWM_PINS:
-        modes[PinMode.PWM] = 8
-    if pin <= _LAST_SERVO_PIN:
-        modes[PinMode.SERVO] = 14
-    if pin in _I2C_PINS:
-        modes[PinMode.I2C] = 1
-    return modes
+    modes = (
+        (PinMode.INPUT, 1, True),
+        (PinMode.OUTPUT, 1, True),
+        (PinMode.ANALOG, 10, pin >= _FIRST_ANALOG_PIN),
+        (PinMode.PWM, 8, pin in _PWM_PINS),
+        (PinMode.SERVO, 14, pin <= _LAST_SERVO_PIN),
+        (PinMode.I2C, 1, pin in _I2C_PINS),
+    )
+    return {mode: bits for mode, bits, known in modes if known}
 
 
-SERVO_PINS = tuple(pin for pin in range(PINS) if PinMode.SERVO in capabilities(pin))
+SERVO_PINS = tuple(pin for pin in range(PINS) if PinMode.SERVO in _capabilities(pin))
 
+
+# The sketch, and what it sends.
 
 SERVO_FRAME_S = 0.020
 _TIME_SLACK_S = 1e-9
 _VERSION = (2, 3)
-_NAME = "StandardFirmata.ino"
+_VERSION_REPORT = bytes((Command.REPORT_VERSION, *_VERSION))
+
+
+def _with_text(kind: Sysex, text: str, *data: int) -> bytes:
+    return sysex(kind, *data, *(half for code in text.encode("ascii") for half in split_14_bits(code)))
+
+
+_NAME_REPORT = _with_text(Sysex.REPORT_FIRMWARE, "StandardFirmata.ino", *_VERSION)
 
 
 class SimulatedFirmata:
@@ -125,9 +127,9 @@ class SimulatedFirmata:
         """Start anew, as after the reset button: no pulses; the sketch reports itself when it runs."""
         self._parser = SketchParser()
         self._crashed = False
-        self._modes: dict[int, int] = {pin: mode_after_reset(pin) for pin in range(PINS)}
+        self._modes: dict[int, int] = {pin: _mode_after_reset(pin) for pin in range(PINS)}
         self._values = dict.fromkeys(range(PINS), 0)
-        self._servos = {pin: SimulatedServo() for pin in range(PINS) if PinMode.SERVO in capabilities(pin)}
+        self._servos = {pin: SimulatedServo() for pin in SERVO_PINS}
         self._on: set[int] = set()
         self._runs_at = None if self._now is None else self._now + self._boot_s
         self._reported = False
@@ -144,14 +146,12 @@ class SimulatedFirmata:
         if self._reported:
             return b""
         self._reported = True
-        return version_report(*_VERSION) + _name_report()
+        return _VERSION_REPORT + _NAME_REPORT
 
     def feed(self, data: bytes) -> bytes:
         """Take bytes from the host and return what the sketch answers."""
-        if not self._reported:
-            return b""
         reply = b""
-        for byte in data:
+        for byte in data if self._reported else b"":
             if not self._crashed and (message := self._parser.push(byte)) is not None:
                 reply += self._obey(message)
         return reply
@@ -173,20 +173,21 @@ class SimulatedFirmata:
         self._frames = due
 
     def _obey(self, message: SketchMessage) -> bytes:
-        match message:
-            case Overflow():
+        data = message.data
+        match message.command:
+            case Command.START_SYSEX if len(data) > SYSEX_BUFFER:
                 self._crashed = True
-                return b""
-            case SysexMessage(body):
-                return self._obey_sysex(body[0], body[1:]) if body else b""
-            case ShortMessage(Command.REPORT_VERSION):
-                return version_report(*_VERSION)
-            case ShortMessage(Command.SYSTEM_RESET):
-                self._system_reset()
-            case ShortMessage(Command.SET_PIN_MODE, _, data):
+            case Command.START_SYSEX if data:
+                return self._obey_sysex(data[0], data[1:])
+            case Command.REPORT_VERSION:
+                return _VERSION_REPORT
+            case Command.SYSTEM_RESET:
+                for pin in range(PINS):
+                    self._set_mode(pin, _mode_after_reset(pin))
+            case Command.SET_PIN_MODE:
                 return self._set_mode(data[0], data[1])
-            case ShortMessage(Command.ANALOG_MESSAGE, channel, data):
-                self._analog_write(channel, data[0] | data[1] << 7)
+            case Command.ANALOG_MESSAGE:
+                self._analog_write(message.channel, data[0] | data[1] << 7)
             case _:
                 pass  # digital pins and reports: nothing here depends on them
         return b""
@@ -194,9 +195,12 @@ class SimulatedFirmata:
     def _obey_sysex(self, kind: int, data: bytes) -> bytes:
         match kind:
             case Sysex.REPORT_FIRMWARE:
-                return _name_report()
+                return _NAME_REPORT
             case Sysex.CAPABILITY_QUERY:
-                return capability_response(map(capabilities, range(PINS)))
+                pins = [sum(_capabilities(pin).items(), ()) for pin in range(PINS)]
+                return sysex(
+                    Sysex.CAPABILITY_RESPONSE, *(byte for pin in pins for byte in (*pin, END_OF_PIN))
+                )
             case Sysex.PIN_STATE_QUERY if data:
                 return self._pin_state(data[0])
             case Sysex.EXTENDED_ANALOG if len(data) > 1:
@@ -204,37 +208,28 @@ class SimulatedFirmata:
                 for place, byte in enumerate(data[1:4]):
                     value |= byte << 7 * place
                 self._analog_write(data[0], (value + 0x8000) % 0x10000 - 0x8000)  # an int of 16 bits
-            case Sysex.SERVO_CONFIG if len(data) > 4:
-                self._configure_servo(data[0], data[1] + (data[2] << 7), data[3] + (data[4] << 7))
+            case Sysex.SERVO_CONFIG if len(data) > 4 and data[0] in self._servos:
+                self._servos[data[0]].attach(data[1] + (data[2] << 7), data[3] + (data[4] << 7))
+                self._on.add(data[0])
+                self._set_mode(data[0], PinMode.SERVO)
             case _:
                 pass  # other sysexes have no handler, and short ones are ignored
         return b""
 
-    def _system_reset(self) -> None:
-        for pin in range(PINS):
-            self._set_mode(pin, mode_after_reset(pin))
-
     def _set_mode(self, pin: int, mode: int) -> bytes:
-        if not capabilities(pin):
+        if not _capabilities(pin):
             return b""
         if mode != PinMode.SERVO:
             self._on.discard(pin)
         self._values[pin] = 0
         if mode not in tuple(PinMode):
-            return text_message("Unknown pin mode")
-        if mode not in capabilities(pin):
-            return b""
-        self._modes[pin] = mode
-        if mode == PinMode.SERVO and pin not in self._on:
-            self._servos[pin].attach()
-            self._on.add(pin)
+            return _with_text(Sysex.STRING_DATA, "Unknown pin mode")
+        if mode in _capabilities(pin):
+            self._modes[pin] = mode
+            if mode == PinMode.SERVO and pin not in self._on:
+                self._servos[pin].attach()
+                self._on.add(pin)
         return b""
-
-    def _configure_servo(self, pin: int, minimum_us: int, maximum_us: int) -> None:
-        if pin in self._servos:
-            self._servos[pin].attach(minimum_us, maximum_us)
-            self._on.add(pin)
-            self._set_mode(pin, PinMode.SERVO)
 
     def _analog_write(self, pin: int, value: int) -> None:
         if pin < PINS and self._modes[pin] in (PinMode.SERVO, PinMode.PWM):
@@ -243,13 +238,16 @@ class SimulatedFirmata:
             self._values[pin] = value
 
     def _pin_state(self, pin: int) -> bytes:
+        """A pin's mode and value (16 bits with sign), in as many bytes of 7 bits as it needs."""
         if pin >= PINS:
-            return unknown_pin_state_response(pin)
-        return pin_state_response(pin, self._modes[pin], self._values[pin])
-
-
-def _name_report() -> bytes:
-    return firmware_report(*_VERSION, _NAME)
+            return sysex(Sysex.PIN_STATE_RESPONSE, pin)
+        value = self._values[pin]
+        data = [pin, self._modes[pin], value & 0x7F]
+        if value & 0xFF80:
+            data.append(value >> 7 & 0x7F)
+        if value & 0xC000:
+            data.append(value >> 14 & 0x7F)
+        return sysex(Sysex.PIN_STATE_RESPONSE, *data)
 
 
 def _checked(pin: int) -> int:
@@ -261,41 +259,29 @@ def _checked(pin: int) -> int:
 # The receiving side of the sketch: single bytes to commands (FirmataParser.cpp).
 
 SYSEX_BUFFER = 64
-"""data bytes that the sketch can keep"""
+"""data bytes that the sketch can keep; more of them crash old builds for the Mega"""
 
 _COMMAND_BIT = 0x80
-_CHANNEL_BITS = 0x0F
-_TWO_DATA_BYTES = (
-    Command.ANALOG_MESSAGE,
-    Command.DIGITAL_MESSAGE,
-    Command.SET_PIN_MODE,
-    Command.SET_DIGITAL_PIN,
-)
-_ONE_DATA_BYTE = (Command.REPORT_ANALOG, Command.REPORT_DIGITAL)
+_DATA_BYTES: dict[int, int] = {
+    Command.ANALOG_MESSAGE: 2,
+    Command.DIGITAL_MESSAGE: 2,
+    Command.SET_PIN_MODE: 2,
+    Command.SET_DIGITAL_PIN: 2,
+    Command.REPORT_ANALOG: 1,
+    Command.REPORT_DIGITAL: 1,
+    Command.REPORT_VERSION: 0,
+    Command.SYSTEM_RESET: 0,
+}
 
 
 @dataclass(frozen=True, slots=True)
-class ShortMessage:
-    """A command of up to three bytes. Those from F0 on have no channel (0)."""
+class SketchMessage:
+    """A command and its data: of a sysex any bytes at all, for the sketch does not look at them."""
 
     command: Command
-    channel: int
-    data: bytes
-
-
-@dataclass(frozen=True, slots=True)
-class SysexMessage:
-    """What stood between F0 and F7: any bytes at all, for the sketch does not look at them."""
-
-    body: bytes
-
-
-@dataclass(frozen=True, slots=True)
-class Overflow:
-    """A sysex longer than the buffer: old builds for the Mega crash here."""
-
-
-SketchMessage: TypeAlias = ShortMessage | SysexMessage | Overflow
+    data: bytes = b""
+    channel: int = 0
+    """of commands below F0"""
 
 
 class SketchParser:
@@ -312,89 +298,39 @@ class SketchParser:
         self._data = bytearray()
 
     def push(self, byte: int) -> SketchMessage | None:
-        """What this byte completes."""
+        """What this byte completes; a sysex too long comes with more data than the buffer holds."""
         if self._sysex is not None:
             return self._push_sysex(self._sysex, byte)
-        if not byte & _COMMAND_BIT:
-            return self._push_data(byte)
-        channel = byte & _CHANNEL_BITS if byte < Command.START_SYSEX else 0
-        try:
-            command = Command(byte - channel)
-        except ValueError:  # a command that the sketch does not know is passed over
-            return None
-        if command is Command.START_SYSEX:
-            self._sysex = bytearray()
-        elif command in _TWO_DATA_BYTES or command in _ONE_DATA_BYTE:
-            self._command, self._channel, self._data = command, channel, bytearray()
-        elif command in (Command.REPORT_VERSION, Command.SYSTEM_RESET):
-            return ShortMessage(command, 0, b"")
-        return None
-
-    def _push_sysex(self, sysex: bytearray, byte: int) -> SketchMessage | None:
-        if byte == Command.END_SYSEX:
-            self._sysex = None
-            return SysexMessage(bytes(sysex))
-        sysex.append(byte)
-        return Overflow() if len(sysex) > SYSEX_BUFFER else None
-
-    def _push_data(self, byte: int) -> SketchMessage | None:
+        if byte & _COMMAND_BIT:
+            return self._begin(byte)
         # A command that comes in between does not end the wait for data: the sketch counts on.
         if self._command is None:
             return None
         self._data.append(byte)
-        if len(self._data) < (1 if self._command in _ONE_DATA_BYTE else 2):
+        if len(self._data) < _DATA_BYTES[self._command]:
             return None
-        message = ShortMessage(self._command, self._channel, bytes(self._data))
+        message = SketchMessage(self._command, bytes(self._data), self._channel)
         self._command = None
         return message
 
+    def _push_sysex(self, body: bytearray, byte: int) -> SketchMessage | None:
+        if byte == Command.END_SYSEX:
+            self._sysex = None
+        else:
+            body.append(byte)
+            if len(body) <= SYSEX_BUFFER:
+                return None
+        return SketchMessage(Command.START_SYSEX, bytes(body))
 
-# What the StandardFirmata sketch sends, as bytes.
-
-
-def version_report(major: int, minor: int) -> bytes:
-    """The protocol version."""
-    return bytes((Command.REPORT_VERSION, major, minor))
-
-
-def firmware_report(major: int, minor: int, name: str) -> bytes:
-    """The sketch's version and name."""
-    return _sysex(Sysex.REPORT_FIRMWARE, bytes((major, minor)) + _characters(name))
-
-
-def capability_response(pins: Iterable[Mapping[int, int]]) -> bytes:
-    """The modes that each pin knows, with their resolutions in bits."""
-    data = bytearray()
-    for modes in pins:
-        for mode, resolution in modes.items():
-            data += bytes((mode, resolution))
-        data.append(CAPABILITY_RESPONSE_PIN_END)
-    return _sysex(Sysex.CAPABILITY_RESPONSE, data)
-
-
-def pin_state_response(pin: int, mode: int, value: int) -> bytes:
-    """A pin's mode and value (16 bits with sign), in as many bytes of 7 bits as it needs."""
-    data = bytearray((pin, mode, value & 0x7F))
-    if value & 0xFF80:
-        data.append(value >> 7 & 0x7F)
-    if value & 0xC000:
-        data.append(value >> 14 & 0x7F)
-    return _sysex(Sysex.PIN_STATE_RESPONSE, data)
-
-
-def unknown_pin_state_response(pin: int) -> bytes:
-    """The answer for a pin that the board has not: nothing but its number."""
-    return _sysex(Sysex.PIN_STATE_RESPONSE, bytes((pin,)))
-
-
-def text_message(text: str) -> bytes:
-    """A text for people."""
-    return _sysex(Sysex.STRING_DATA, _characters(text))
-
-
-def _sysex(kind: Sysex, data: bytes | bytearray) -> bytes:
-    return bytes((Command.START_SYSEX, kind, *data, Command.END_SYSEX))
-
-
-def _characters(text: str) -> bytes:
-    return bytes(half for code in text.encode("ascii") for half in split_14_bits(code))
+    def _begin(self, byte: int) -> SketchMessage | None:
+        channel = byte & 0x0F if byte < Command.START_SYSEX else 0
+        if byte == Command.START_SYSEX:
+            self._sysex = bytearray()
+        length = _DATA_BYTES.get(byte - channel)
+        if length is None:  # a sysex, or a command that the sketch does not know
+            return None
+        command = Command(byte - channel)
+        if length == 0:
+            return SketchMessage(command)
+        self._command, self._channel, self._data = command, channel, bytearray()
+        return None

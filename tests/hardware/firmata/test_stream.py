@@ -1,0 +1,277 @@
+"""Setpoints, questions and answers of the pins; servos switched on with the right first pulse."""
+
+from __future__ import annotations
+
+import pytest
+
+from armctl.hardware import ChannelSettings
+from armctl.hardware.firmata.codec import PinState, pin_state_query, servo_write
+from armctl.hardware.firmata.pins import BAUD, pin_table
+from armctl.hardware.firmata.stream import BYTE_S, SERVO_FRAME_S, Attacher, PinWatch, SetpointStream
+from armctl.runtime.clock import ManualClock
+
+SERVO, OUTPUT = 4, 1
+
+
+def watch_of(*pins: int) -> PinWatch:
+    return PinWatch(PinState(pin, OUTPUT, 0) for pin in pins)
+
+
+def test_what_is_found_on_the_board():
+    watch = PinWatch([PinState(9, SERVO, 1500), PinState(10, SERVO, 90), PinState(11, OUTPUT, 0)])
+    assert watch.positions == {9: 1500.0, 10: None, 11: None}
+    assert watch.powered
+    assert [watch.is_on(pin) for pin in (9, 10, 11)] == [True, True, False]
+
+
+def test_pins_are_asked_in_turn_and_none_twice():
+    watch = watch_of(2, 3, 4)
+    assert watch.ask(2, now=0.0) == (2, 3)
+    assert watch.ask(2, now=0.02) == (4,)
+    assert watch.ask(2, now=0.04) == ()
+    for pin in (2, 3, 4):
+        assert watch.answered(PinState(pin, OUTPUT, 0)) is None
+    assert watch.ask(2, now=0.06) == (2, 3)
+
+
+def test_an_answer_is_compared_with_what_was_sent_when_it_was_asked():
+    watch = watch_of(9)
+    watch.sent({9: 1500})
+    watch.ask(1, now=0.0)
+    watch.sent({9: 1600})
+    assert watch.answered(PinState(9, SERVO, 1500)) is None
+    watch.ask(1, now=0.1)
+    words = watch.answered(PinState(9, SERVO, 1500))
+    assert words is not None and words.startswith("pin 9 had 1500 instead of the 1600 µs last sent")
+    assert watch.to_repeat == {9: 1600}
+    assert watch.needs(9, 1600)
+    watch.sent({9: 1600})
+    assert watch.to_repeat == {}
+    assert not watch.needs(9, 1600)
+
+
+def test_one_answer_does_not_prove_that_a_pin_is_off():
+    watch = watch_of(9)
+    watch.sent({9: 1500})
+    for state, gone in (
+        (PinState(9, OUTPUT, 0), ()),
+        (PinState(9, SERVO, 1500), ()),
+        (PinState(9, OUTPUT, 0), ()),
+        (PinState(9, OUTPUT, 0), (9,)),
+    ):
+        watch.ask(1, now=0.0)
+        watch.answered(state)
+        assert watch.switched_off == gone
+
+
+def test_a_pin_that_somebody_switched_on_is_told():
+    watch = watch_of(9)
+    watch.ask(1, now=0.0)
+    words = watch.answered(PinState(9, SERVO, 1500))
+    assert words == "pin 9 is still on at the board, though armctl switched it off"
+
+
+def test_what_is_overdue_may_be_asked_again():
+    watch = watch_of(2, 3)
+    watch.ask(2, now=0.0)
+    watch.answered(PinState(3, OUTPUT, 0))
+    assert watch.overdue(0.1, timeout_s=0.1) == ()
+    assert watch.overdue(0.11, timeout_s=0.1) == (2,)
+    assert watch.overdue(0.13, timeout_s=0.1) == ()  # told once
+    assert watch.ask(2, now=0.13) == (3,)  # what still comes from 2 belongs to the question that is open
+    assert watch.overdue(0.15, timeout_s=0.1) == ()
+    assert watch.ask(2, now=0.15) == (2,)
+
+
+def test_answers_that_nobody_waits_for_change_nothing():
+    watch = watch_of(9)
+    assert watch.answered(PinState(9, SERVO, 1500)) is None
+    assert watch.answered(PinState(77, SERVO, 1500)) is None
+    assert watch.positions == {9: None}
+
+
+def test_a_new_book_keeps_what_was_sent():
+    earlier = watch_of(2, 3, 4)
+    earlier.sent({2: 1100, 3: 1300})
+    later = PinWatch([PinState(2, SERVO, 1000), PinState(3, OUTPUT, 0), PinState(5, SERVO, 1700)])
+    assert later.carry_on(earlier) == (3,)
+    assert later.positions == {2: 1100.0, 3: None, 5: 1700.0}
+
+
+NAME = "StandardFirmata.ino"
+REPORT = 2 + 2 + 2 * len(NAME) + 1  # F0 79, the version, two bytes a character, F7
+BUFFER = 64
+ATTACHED = "f0 70 09 68 07 50 0f f7 f0 6f 09 5c 0b f7"
+
+
+def burst(attacher: Attacher, count: int) -> tuple[bytes, int]:
+    """The bytes for so many servos at 1500 µs, and how many are answered."""
+    pins = range(2, 2 + count)
+    table = pin_table([ChannelSettings(pin, 544.0, 2400.0) for pin in pins], pins)
+    return attacher.burst(dict.fromkeys(pins, 1500), table)
+
+
+def test_the_bytes_on_a_fresh_board_and_on_one_that_drives_servos_already():
+    table = pin_table([ChannelSettings(9, 1000.0, 2000.0)], [9])
+    request, answer_length = Attacher(NAME, fresh=True).burst({9: 1500}, table)
+    assert (request.hex(" "), answer_length) == (ATTACHED, 0)
+    request, answer_length = Attacher(NAME, fresh=False).burst({9: 1500}, table)
+    assert (request.hex(" "), answer_length) == (f"f0 79 f7 f0 79 f7 {ATTACHED}", 2 * REPORT)
+
+
+def test_a_board_is_fresh_once():
+    attacher = Attacher(NAME, fresh=True)
+    assert attacher.most_at_once == 12
+    burst(attacher, 6)
+    assert attacher.most_at_once == 4
+    assert burst(attacher, 1)[1] > 0
+
+
+def test_on_a_fresh_board_all_is_said_before_the_timer_wraps_round():
+    attacher = Attacher(NAME, fresh=True)
+    request, _ = burst(attacher, attacher.most_at_once)
+    assert len(request) * BYTE_S < 65536 * 0.5e-6
+
+
+@pytest.mark.parametrize(
+    ("name", "most"), [(NAME, 4), ("StandardFirmata", 3), ("StandardFirmataEthernetPlus.ino", 4), ("xy", 1)]
+)
+def test_how_many_servos_one_hold_is_good_for(name: str, most: int):
+    assert Attacher(name, fresh=False).most_at_once == most
+
+
+@pytest.mark.parametrize("name", [NAME, "StandardFirmata", "StandardFirmataEthernetPlus.ino"])
+@pytest.mark.parametrize("less", [0, 1, 2])
+def test_the_sketch_is_held_until_all_has_come_in_and_nothing_overflows(name: str, less: int):
+    attacher = Attacher(name, fresh=False)
+    request, answer_length = burst(attacher, attacher.most_at_once - less)
+    report = 5 + 2 * len(name)
+    # Byte times, from the first byte on: the sketch takes a question as soon as it has come in and it is
+    # not held, and is held until the answer fits into the transmit buffer, which drains all the while.
+    free, waiting, drained_from = 0, 0, None
+    for number in range(answer_length // report):
+        taken = max(free, 3 * (number + 1))
+        drained_from = taken if drained_from is None else drained_from
+        free = max(taken, drained_from + report * (number + 1) - BUFFER)
+        arrived = min(len(request), free)
+        waiting = max(waiting, arrived - 3 * (number + 1))
+    assert free >= len(request), "held too short: attach and write may be torn apart"
+    assert waiting < BUFFER, "the receive buffer overflows"
+
+
+def test_a_sketch_with_a_short_name_never_gets_more_than_its_buffer_holds():
+    request, _ = burst(Attacher("x", fresh=False), 1)
+    assert len(request) - 3 < BUFFER
+
+
+# Setpoints that wait for the line: the newest goes out, once, and before any question.
+
+PINS = tuple(range(2, 14))
+FRAME_BYTES = round(SERVO_FRAME_S * BAUD / 10)
+
+
+class Line:
+    """A stream on a line that is only written down, and the pins at its end."""
+
+    def __init__(self, clock: ManualClock, *, mode: int = SERVO) -> None:
+        self.clock = clock
+        self.sent: list[bytes] = []
+        self.table = pin_table([ChannelSettings(pin, 1000.0, 2000.0) for pin in PINS], PINS)
+        self.watch = PinWatch(PinState(pin, mode, 1500 if mode == SERVO else 0) for pin in PINS)
+        self.stream = SetpointStream(
+            self.sent.append, clock.now, Attacher("StandardFirmata.ino", fresh=False)
+        )
+
+    def flush(self) -> bytes:
+        """What goes out now."""
+        count = len(self.sent)
+        self.stream.flush(self.table, self.watch)
+        return b"".join(self.sent[count:])
+
+    def ask(self) -> bytes:
+        count = len(self.sent)
+        self.stream.ask_next(self.watch)
+        return b"".join(self.sent[count:])
+
+
+@pytest.fixture
+def line(clock: ManualClock) -> Line:
+    return Line(clock)
+
+
+def test_only_the_newest_value_of_a_pin_goes_out_and_only_where_it_is_new(line: Line):
+    line.stream.put({9: 1600, 10: 1500})
+    line.stream.put({9: 1700})
+    assert line.flush() == servo_write(9, 1700)
+    assert line.flush() == b""
+    line.stream.put({9: 1700})
+    assert line.flush() == b""
+
+
+def test_what_was_forgotten_does_not_go_out(line: Line):
+    line.stream.put({9: 1600})
+    line.stream.clear()
+    assert line.flush() == b""
+
+
+def test_a_busy_line_keeps_the_newest_setpoint_waiting(line: Line):
+    line.stream.send(bytes(FRAME_BYTES))
+    line.stream.put({9: 1600})
+    assert line.flush() == b""
+    line.stream.put({9: 1650})
+    line.clock.advance(SERVO_FRAME_S)
+    assert line.flush() == servo_write(9, 1650)
+
+
+def test_the_longer_direction_is_what_the_line_is_busy_with(line: Line):
+    line.stream.send(b"?", answer_length=FRAME_BYTES)
+    line.stream.put({9: 1600})
+    assert line.flush() == b""
+
+
+def test_a_round_of_questions_does_not_hold_a_setpoint_up(line: Line):
+    assert line.ask() == b"".join(map(pin_state_query, PINS[:8]))
+    line.stream.put({9: 1600})
+    assert line.flush() == servo_write(9, 1600)
+
+
+def test_questions_go_round_and_keep_their_distance(line: Line):
+    line.ask()
+    for pin in PINS[:8]:
+        assert line.watch.answered(PinState(pin, SERVO, 1500)) is None
+    assert line.ask() == b""  # too soon
+    line.clock.advance(SERVO_FRAME_S)
+    assert line.ask() == b"".join(map(pin_state_query, (*PINS[8:], *PINS[:4])))
+
+
+def test_questions_take_only_what_setpoints_leave_of_a_frame(line: Line):
+    line.stream.put(dict.fromkeys(PINS, 1600))
+    sent = line.flush()
+    asked = line.ask()
+    assert len(sent) == len(PINS) * 6
+    assert 0 < len(asked) < 8 * len(pin_state_query(2))
+    assert len(sent) + len(asked) <= FRAME_BYTES
+
+
+def test_a_pin_that_the_board_was_seen_with_otherwise_is_sent_again(line: Line):
+    line.stream.put({9: 1600})
+    line.flush()
+    line.ask()
+    assert line.watch.answered(PinState(9, SERVO, 1234)) is not None
+    line.clock.advance(SERVO_FRAME_S)
+    assert line.flush() == servo_write(9, 1600)
+
+
+def test_servos_are_switched_on_a_few_at_a_time_and_none_is_lost(clock: ManualClock):
+    line = Line(clock, mode=OUTPUT)
+    wanted = {pin: 1400 + pin for pin in PINS[:6]}
+    line.stream.put(wanted)
+    bursts: list[bytes] = []
+    for _ in range(4):
+        bursts.append(line.flush())
+        clock.advance(SERVO_FRAME_S)
+    assert [sum(servo_write(pin, pulse) in burst for pin, pulse in wanted.items()) for burst in bursts][
+        :2
+    ] == [4, 2]
+    assert {pin for pin in PINS if line.watch.is_on(pin)} == set(wanted)
+    assert {pin: line.watch.positions[pin] for pin in wanted} == wanted
