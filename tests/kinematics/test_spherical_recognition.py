@@ -11,7 +11,7 @@ from tests.kinematics.spherical_kit import HUMANOID, HUMANOID_LIMITS, random_arm
 
 from armctl import load_robot
 from armctl.kinematics import Chain, DHRow
-from armctl.kinematics.spherical_shoulder.geometry import about, product, recognise_spherical, rotated, turned
+from armctl.kinematics.spherical_shoulder.geometry import recognise_spherical, turned
 
 
 def test_the_humanoid_is_recognised() -> None:
@@ -19,7 +19,7 @@ def test_the_humanoid_is_recognised() -> None:
     assert geometry is not None
     assert geometry.links == pytest.approx((0.35, 0.29, 0.0))
     assert geometry.reach == pytest.approx((0.06, 0.64))
-    assert geometry.bend(0.4) == pytest.approx(0.4)
+    assert geometry.offset == pytest.approx(0.0)
     pose = HUMANOID.forward(np.radians([45, 0, 30, 50, 0]))
     assert 100 * pose[:3, 3] == pytest.approx([32.5689, 32.5689, -35.3467], abs=1e-4)
     ik = spherical_solver(HUMANOID, HUMANOID_LIMITS)
@@ -37,17 +37,15 @@ def test_the_geometry_of_random_arms_gives_their_poses() -> None:
         conventions.add(chain.convention)
         q = random_q(rng, limits)
         T = plain_forward(chain, q)
-        hand, turn = geometry.hand(q[3]), about(geometry.elbow_axis, q[3])
-        if geometry.roll_axis is not None:
-            turn = product(turn, about(geometry.roll_axis, q[4]))
-        for axis, angle in zip(geometry.axes[::-1], q[2::-1], strict=True):
-            hand, turn = turned(hand, axis, angle), product(about(axis, angle), turn)
-        assert np.add(geometry.centre, hand) == pytest.approx(T[:3, 3], abs=1e-12)
-        assert rotated(turn, geometry.tool_axis) == pytest.approx(T[:3, 2], abs=1e-12)
+        hand, approach = geometry.hand(q[3]), geometry.beyond(q[3], q[-1]) @ geometry.tool[:, 2]
+        for axis, angle in zip(geometry.axes[2::-1], q[2::-1], strict=True):
+            hand, approach = turned(hand, axis, angle), turned(approach, axis, angle)
+        assert geometry.centre + hand == pytest.approx(T[:3, 3], abs=1e-12)
+        assert approach == pytest.approx(T[:3, 2], abs=1e-12)
         assert np.linalg.norm(hand) == pytest.approx(
             math.hypot(
-                geometry.links[0] + geometry.links[1] * math.cos(geometry.bend(q[3])),
-                geometry.links[1] * math.sin(geometry.bend(q[3])),
+                geometry.links[0] + geometry.links[1] * math.cos(q[3] + geometry.offset),
+                geometry.links[1] * math.sin(q[3] + geometry.offset),
                 geometry.links[2],
             )
         )

@@ -69,13 +69,8 @@ def quaternion_product(a: FloatArray, b: FloatArray) -> FloatArray:
     return np.array([w * v - u @ t, *(w * t + v * u + np.cross(u, t))])
 
 
-def rotation_angle(rotation: FloatArray) -> float:
-    """Angle [rad] in 0..pi by which one rotation (3, 3) turns."""
-    skew = np.array(
-        [
-            rotation[2, 1] - rotation[1, 2],
-            rotation[0, 2] - rotation[2, 0],
-            rotation[1, 0] - rotation[0, 1],
-        ]
-    )
-    return float(np.arctan2(np.linalg.norm(skew), np.trace(rotation) - 1.0))
+def rotation_angle(rotation: FloatArray) -> FloatArray:
+    """Angles (...) [rad] in 0..pi by which rotations (..., 3, 3) turn."""
+    skew = rotation - np.swapaxes(rotation, -1, -2)
+    sine = np.sqrt(0.5 * (skew * skew).sum(axis=(-2, -1)))
+    return np.arctan2(sine, np.trace(rotation, axis1=-2, axis2=-1) - 1.0)

@@ -111,7 +111,7 @@ class Solutions:
         if self.target.rotation is None:
             return np.zeros(len(self.q))
         turned = np.swapaxes(self.arm.chain.forward(self.q)[:, :3, :3], 1, 2) @ self.target.rotation
-        return np.array([rotation_angle(R) for R in turned])
+        return rotation_angle(turned)
 
     @cached_property
     def nearest_m(self) -> FloatArray | None:
@@ -216,6 +216,18 @@ def millimetres(metres: float) -> str:
     """A length [m] as a number of mm: with one decimal, or two digits of one that would read as 0.0."""
     length = 1000.0 * metres
     return f"{length:.1f}" if abs(length) >= _SEEN_MM else f"{length:.2g}"
+
+
+def too_far(miss: float, where: str, limit: str, length: float) -> str:
+    """Text for a target beyond a greatest length by ``miss``, both [m]."""
+    return f"too far by {millimetres(miss)} mm: {where}, {limit} {1000 * length:.1f} mm"
+
+
+def too_near(miss: float, where: str, limit: str, length: float) -> str:
+    """Text for a target inside a least length by ``miss``, both [m]."""
+    return (
+        f"inside the dead zone, too near by {millimetres(miss)} mm: {where}, {limit} {1000 * length:.1f} mm"
+    )
 
 
 def all_needs(titles: Sequence[str], limits: NDArray[np.float64], needed: Sequence[tuple[int, float]]) -> str:

@@ -24,7 +24,7 @@ from armctl.kinematics.numeric.goals import (
 )
 from armctl.kinematics.roll_joint import RollJoint, held_roll
 from armctl.kinematics.samples import checked_step
-from armctl.kinematics.solutions import Solutions, SolvedArm, millimetres
+from armctl.kinematics.solutions import Solutions, SolvedArm, too_far, too_near
 from armctl.kinematics.solver import InverseKinematics
 from armctl.kinematics.target import Target
 
@@ -58,17 +58,12 @@ class LinkBound:
         """Why a point (3,) [m] cannot be reached, in words; None where the links alone do not forbid it."""
         distance = float(np.linalg.norm(point - self.centre))
         x, y, z = 1000.0 * self.centre + 0.0
-        where = f"{1000 * distance:.1f} mm from ({x:.1f}, {y:.1f}, {z:.1f}) mm on the axis of {first_joint}"
+        place = f"({x:.1f}, {y:.1f}, {z:.1f}) mm on the axis of {first_joint}"
+        where = f"the target is {1000 * distance:.1f} mm from {place}"
         if distance > self.outer + _ROUNDING:
-            return (
-                f"too far by {millimetres(distance - self.outer)} mm: the target is {where}, "
-                f"the links together reach {1000 * self.outer:.1f} mm"
-            )
+            return too_far(distance - self.outer, where, "the links together reach", self.outer)
         if distance < self.inner - _ROUNDING:
-            return (
-                f"inside the dead zone, too near by {millimetres(self.inner - distance)} mm: the target is "
-                f"{where}, the links fold no closer than {1000 * self.inner:.1f} mm"
-            )
+            return too_near(self.inner - distance, where, "the links fold no closer than", self.inner)
         return None
 
 

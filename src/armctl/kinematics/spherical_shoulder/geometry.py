@@ -24,136 +24,73 @@ from numpy.typing import NDArray
 from armctl.arrays import FloatArray
 from armctl.kinematics.angles import images
 from armctl.kinematics.chain import Chain
-from armctl.kinematics.rotation import quaternion_wxyz
 
-# Three-vectors and quaternions of one rotation, in plain floats: a ufunc call costs more than all of it.
+# Rotations about unit axes (3,), of many vectors (..., 3) by many angles (...) at once.
 
-Vector = tuple[float, float, float]
-Quaternion = tuple[float, float, float, float]
-"""w, x, y, z"""
-
-
-def vector(array: FloatArray) -> Vector:
-    """(3,) as a tuple."""
-    x, y, z = array.tolist()
-    return x, y, z
+Circle = tuple[FloatArray, FloatArray, FloatArray]
+"""A, B and C of ``A + B cos x + C sin x``, (...) each"""
+_STILL = 1e-11
+"""a vector that lies this near to an axis does not move when the axis turns (unit vectors)"""
 
 
-def dot(a: Vector, b: Vector) -> float:
-    """Inner product."""
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+def across(axis: FloatArray) -> FloatArray:
+    """The matrix (3, 3) of ``axis x``."""
+    x, y, z = axis.tolist()
+    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
 
 
-def cross(a: Vector, b: Vector) -> Vector:
-    """Vector product."""
-    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+def turn(axis: FloatArray, angle: FloatArray | float) -> FloatArray:
+    """Rotations (..., 3, 3) about a unit axis by angles (...) [rad] (Rodrigues)."""
+    K = across(axis)
+    c, s = np.cos(angle)[..., None, None], np.sin(angle)[..., None, None]
+    return np.eye(3) + s * K + (1.0 - c) * (K @ K)
 
 
-def plus(a: Vector, b: Vector, factor: float = 1.0) -> Vector:
-    """``a + factor · b``."""
-    return a[0] + factor * b[0], a[1] + factor * b[1], a[2] + factor * b[2]
+def turned(v: FloatArray, axis: FloatArray, angle: FloatArray | float) -> FloatArray:
+    """Vectors (..., 3), each turned about a unit axis by its own angle (...) [rad]."""
+    c, s = np.cos(angle)[..., None], np.sin(angle)[..., None]
+    sideways = v @ across(axis).T
+    return v + s * sideways + (1.0 - c) * (sideways @ across(axis).T)
 
 
-def times(a: Vector, factor: float) -> Vector:
-    """``factor · a``."""
-    return factor * a[0], factor * a[1], factor * a[2]
+def circle(axis: FloatArray, turning: FloatArray, fixed: FloatArray) -> Circle:
+    """``fixed · Rot(axis, x) turning`` of vectors (..., 3) over x."""
+    sideways = turning @ across(axis).T
+    level = sideways @ across(axis)
+    a, cosine, sine = (np.einsum("...i,...i->...", fixed, v) for v in (turning - level, level, sideways))
+    return a, cosine, sine
 
 
-def norm(a: Vector) -> float:
-    """Length."""
-    return math.hypot(*a)
+def angle_about(axis: FloatArray, start: FloatArray, end: FloatArray, rest: float = 0.0) -> FloatArray:
+    """The turns about a unit axis [rad] that bring vectors (..., 3) onto others (Paden-Kahan subproblem 1).
+
+    ``rest`` where the axis does not move them.
+    """
+    _, cosine, sine = circle(axis, start, end)
+    still = np.linalg.norm(start @ across(axis).T, axis=-1) < _STILL
+    return np.where(still, rest, np.arctan2(sine, cosine))
 
 
-def angle_between(a: Vector, b: Vector) -> float:
-    """Angle [rad] in 0..pi, accurate also near 0 and pi."""
-    return math.atan2(norm(cross(a, b)), dot(a, b))
+def roots(circle: Circle, value: FloatArray | float, tolerance: float, rest: float = math.nan) -> FloatArray:
+    """Both angles (2, ...) [rad] at which ``A + B cos x + C sin x`` is a value (...); NaN where none is.
+
+    Args:
+        circle: of unit vectors.
+        value: what it has to be.
+        tolerance: how far beyond the range of values one still counts as its end.
+        rest: the first angle where every one serves; there is no second then.
+    """
+    a, b, c = circle
+    size, off = np.hypot(b, c), value - a
+    away = 2.0 * np.arctan2(np.sqrt(np.maximum(0.0, size - off)), np.sqrt(np.maximum(0.0, size + off)))
+    middle, still = np.arctan2(c, b), size <= _STILL
+    both = np.stack([np.where(still, rest, middle + away), np.where(still, math.nan, middle - away)])
+    return np.where(np.abs(off) <= size + tolerance, both, math.nan)
 
 
-def turned(v: Vector, axis: Vector, angle: float) -> Vector:
-    """``v`` turned about a unit axis by an angle [rad] (Rodrigues)."""
-    c, s = math.cos(angle), math.sin(angle)
-    along = dot(axis, v) * (1.0 - c)
-    x, y, z = cross(axis, v)
-    return (
-        c * v[0] + s * x + along * axis[0],
-        c * v[1] + s * y + along * axis[1],
-        c * v[2] + s * z + along * axis[2],
-    )
-
-
-def angle_about(axis: Vector, start: Vector, end: Vector) -> float:
-    """The turn about a unit axis [rad] that brings ``start`` onto ``end`` (Paden-Kahan subproblem 1)."""
-    return math.atan2(dot(axis, cross(start, end)), dot(start, end) - dot(axis, start) * dot(axis, end))
-
-
-def circle(axis: Vector, turning: Vector, fixed: Vector) -> tuple[float, float, float]:
-    """``fixed · Rot(axis, x) turning`` as (A, B, C) of ``A + B cos x + C sin x``."""
-    along = dot(axis, turning) * dot(axis, fixed)
-    return along, dot(fixed, turning) - along, dot(fixed, cross(axis, turning))
-
-
-def any_perpendicular(v: Vector) -> Vector:
-    """A unit vector across a unit vector."""
-    k = min(range(3), key=lambda i: abs(v[i]))
-    across = cross(v, (float(k == 0), float(k == 1), float(k == 2)))
-    return times(across, 1.0 / norm(across))
-
-
-def product(p: Quaternion, q: Quaternion) -> Quaternion:
-    """The rotation ``q``, then ``p``."""
-    a, b, c, d = p
-    e, f, g, h = q
-    return (
-        a * e - b * f - c * g - d * h,
-        a * f + b * e + c * h - d * g,
-        a * g - b * h + c * e + d * f,
-        a * h + b * g - c * f + d * e,
-    )
-
-
-def conjugate(q: Quaternion) -> Quaternion:
-    """The inverse of a rotation."""
-    return q[0], -q[1], -q[2], -q[3]
-
-
-def about(axis: Vector, angle: float) -> Quaternion:
-    """The turn about a unit axis by an angle [rad]."""
-    s = math.sin(0.5 * angle)
-    return math.cos(0.5 * angle), s * axis[0], s * axis[1], s * axis[2]
-
-
-def rotated(q: Quaternion, v: Vector) -> Vector:
-    """``v`` turned by a unit quaternion."""
-    w, *u = q
-    axis = (u[0], u[1], u[2])
-    across = cross(axis, v)
-    twice = cross(axis, across)
-    return (
-        v[0] + 2.0 * (w * across[0] + twice[0]),
-        v[1] + 2.0 * (w * across[1] + twice[1]),
-        v[2] + 2.0 * (w * across[2] + twice[2]),
-    )
-
-
-def shortest_turn(start: Vector, end: Vector) -> Quaternion:
-    """The least rotation that brings one unit vector onto another."""
-    if dot(start, end) < -0.5:  # first half a turn across: 1 + start · end loses its digits near -1
-        half_turn = about(any_perpendicular(start), math.pi)
-        return product(shortest_turn(times(start, -1.0), end), half_turn)
-    w = 1.0 + dot(start, end)
-    x, y, z = cross(start, end)
-    size = math.sqrt(w * w + x * x + y * y + z * z)
-    return w / size, x / size, y / size, z / size
-
-
-def turn_about(q: Quaternion, axis: Vector) -> float:
-    """The turn about a unit axis that comes nearest to a rotation [rad]."""
-    return 2.0 * math.atan2(q[1] * axis[0] + q[2] * axis[1] + q[3] * axis[2], q[0])
-
-
-def turn_of(q: Quaternion) -> float:
-    """The angle of a rotation [rad] in 0..pi."""
-    return 2.0 * math.atan2(math.hypot(q[1], q[2], q[3]), abs(q[0]))
+def angle_between(a: FloatArray, b: FloatArray) -> FloatArray:
+    """Angles [rad] in 0..pi from vectors (..., 3) to one (3,), accurate also near 0 and pi."""
+    return np.arctan2(np.linalg.norm(a @ across(b), axis=-1), a @ b)
 
 
 _ALIGNED = 1e-9
@@ -172,29 +109,25 @@ straight arm 1e-16 m of distance are 1e-8 rad"""
 class SphericalShoulder:
     """Geometry of one such arm, in the base frame at the zero pose: metres and radians."""
 
-    centre: Vector
-    """S"""
-    axes: tuple[Vector, Vector, Vector]
-    """w1, w2, w3"""
-    elbow_axis: Vector
-    upper: Vector
-    """a: from the shoulder straight across to the elbow axis"""
-    fore: Vector
-    """b: from there to the tip"""
+    centre: FloatArray
+    """(3,) S"""
+    axes: FloatArray
+    """(4, 3) w1, w2, w3 and the elbow's w4; (5, 3) with that of the roll, which passes through the tip"""
+    upper: FloatArray
+    """(3,) a: from the shoulder straight across to the elbow axis"""
+    fore: FloatArray
+    """(3,) b: from there to the tip"""
     offset: float
     """o: how far the elbow is bent at θ4 = 0, in (-pi, pi]"""
-    roll_axis: Vector | None
-    """axis of the fifth joint, which passes through the tip; None where there is none"""
-    tool: Quaternion
-    """R0"""
-    tool_axis: Vector
-    """approach axis"""
+    tool: FloatArray
+    """(3, 3) R0; its last column is the approach axis"""
 
     @property
     def links(self) -> tuple[float, float, float]:
         """Lengths |a|, |b across the elbow axis| and |b along it| [m]."""
-        along = dot(self.fore, self.elbow_axis)
-        return norm(self.upper), norm(cross(self.fore, self.elbow_axis)), abs(along)
+        along = float(self.fore @ self.axes[3])
+        flat = float(np.linalg.norm(across(self.axes[3]) @ self.fore))
+        return float(np.linalg.norm(self.upper)), flat, abs(along)
 
     @property
     def reach(self) -> tuple[float, float]:
@@ -208,21 +141,21 @@ class SphericalShoulder:
 
         Half a turn from it they do so again. Between the two lie the two ways to take up a rotation.
         """
-        _, b, c = circle(self.axes[1], self.axes[2], self.axes[0])
-        return math.atan2(c, b)
+        return float(angle_about(self.axes[1], self.axes[2], self.axes[0]))
 
     @property
     def roll_swings_the_tool(self) -> bool:
         """True where the roll joint does not turn about the approach axis, so that it changes the pitch."""
-        return self.roll_axis is not None and norm(cross(self.roll_axis, self.tool_axis)) > _ALIGNED
+        return any(np.linalg.norm(across(axis) @ self.tool[:, 2]) > _ALIGNED for axis in self.axes[4:])
 
-    def bend(self, elbow: float) -> float:
-        """How far the elbow is bent from straight at θ4 [rad]; not wrapped."""
-        return elbow + self.offset
+    def hand(self, elbow: float) -> FloatArray:
+        """(3,) v: the tip seen from the shoulder at θ4, the shoulder joints at zero [m]."""
+        return self.upper + turned(self.fore, self.axes[3], elbow)
 
-    def hand(self, elbow: float) -> Vector:
-        """v: the tip seen from the shoulder at θ4, the shoulder joints at zero [m]."""
-        return plus(self.upper, turned(self.fore, self.elbow_axis, elbow))
+    def beyond(self, elbow: float, roll: float) -> FloatArray:
+        """(3, 3) the turn of elbow and roll joint [rad]."""
+        elbow_turn = turn(self.axes[3], elbow)
+        return elbow_turn @ turn(self.axes[4], roll) if len(self.axes) > 4 else elbow_turn
 
     def bends(self, distance: float) -> tuple[float, ...]:
         """Bends in (-pi, pi] that hold the tip at a distance from the shoulder [m]; limits not looked at."""
@@ -247,14 +180,14 @@ class SphericalShoulder:
 
     def is_straight(self, elbow: float) -> bool:
         """True where the elbow is stretched or folded, or so nearly that its angle is lost in rounding."""
-        return abs(math.sin(self.bend(elbow))) < _NEARLY
+        return abs(math.sin(elbow + self.offset)) < _NEARLY
 
     def elbow_angles(self, distance: float, low: float, high: float) -> list[float]:
         """Every θ4 inside its limits that holds the tip at a distance from the shoulder [rad]."""
         found: list[float] = []
         for bend in self.bends(distance):
             for angle in images(bend - self.offset, low, high, _NEARLY):
-                held = abs(norm(self.hand(angle)) - distance) <= 10 * REACH_TOLERANCE
+                held = abs(np.linalg.norm(self.hand(angle)) - distance) <= 10 * REACH_TOLERANCE
                 if held and angle not in found:
                     found.append(angle)
         return found
@@ -273,38 +206,31 @@ def recognise_spherical(chain: Chain) -> SphericalShoulder | None:
     centre = _meeting_point(points, axes)
     if centre is None:
         return None
-    tip, elbow_axis = tool[:3, 3], vector(axes[3])
-    if chain.n == 5 and np.linalg.norm(np.cross(tip - points[4], axes[4])) > _ALIGNED:
+    tip = tool[:3, 3]
+    if chain.n == 5 and np.linalg.norm(across(axes[4]) @ (tip - points[4])) > _ALIGNED:
         return None
     foot = points[3] + ((centre - points[3]) @ axes[3]) * axes[3]
-    upper, fore = vector(foot - centre), vector(tip - foot)
-    if norm(upper) < _ALIGNED or norm(cross(fore, elbow_axis)) < _ALIGNED:
+    upper, fore = foot - centre, tip - foot
+    if np.linalg.norm(upper) < _ALIGNED or np.linalg.norm(across(axes[3]) @ fore) < _ALIGNED:
         return None
-    first, second, third = (vector(axis / np.linalg.norm(axis)) for axis in axes[:3])
-    w, x, y, z = quaternion_wxyz(tool[:3, :3]).tolist()
     return SphericalShoulder(
-        centre=vector(centre),
-        axes=(first, second, third),
-        elbow_axis=times(elbow_axis, 1.0 / norm(elbow_axis)),
+        centre=centre,
+        axes=axes / np.linalg.norm(axes, axis=1, keepdims=True),
         upper=upper,
         fore=fore,
-        offset=angle_about(elbow_axis, upper, fore),
-        roll_axis=vector(axes[4] / np.linalg.norm(axes[4])) if chain.n == 5 else None,
-        tool=(w, x, y, z),
-        tool_axis=vector(tool[:3, 2]),
+        offset=float(angle_about(axes[3], upper, fore)),
+        tool=tool[:3, :3],
     )
 
 
 def _meeting_point(points: FloatArray, axes: FloatArray) -> FloatArray | None:
     """(3,) where the first three axes meet; None where they do not, or where neighbours are parallel."""
-    for first, second in ((0, 1), (1, 2)):
-        if math.sin(angle_between(vector(axes[first]), vector(axes[second]))) < 1e-6:
-            return None
-    across: list[FloatArray] = [np.eye(3) - np.outer(axis, axis) for axis in axes[:3]]
-    both = np.vstack(across[:2])
-    along = np.concatenate([across[k] @ points[k] for k in (0, 1)])
-    meeting = np.asarray(np.linalg.lstsq(both, along, rcond=None)[0], dtype=np.float64)
-    misses = [float(np.linalg.norm(p @ (meeting - q))) for p, q in zip(across, points[:3], strict=True)]
+    if any(np.linalg.norm(across(axes[k]) @ axes[k + 1]) < 1e-6 for k in (0, 1)):
+        return None
+    planes: list[FloatArray] = [np.eye(3) - np.outer(axis, axis) for axis in axes[:3]]
+    along = np.concatenate([planes[k] @ points[k] for k in (0, 1)])
+    meeting = np.asarray(np.linalg.lstsq(np.vstack(planes[:2]), along, rcond=None)[0], dtype=np.float64)
+    misses = [float(np.linalg.norm(p @ (meeting - q))) for p, q in zip(planes, points[:3], strict=True)]
     return meeting if max(misses) <= _ALIGNED else None
 
 

@@ -8,34 +8,35 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from functools import cached_property
 from typing import Self
 
 import numpy as np
 
 from armctl.arrays import FloatArray
+from armctl.kinematics.angles import LIMIT_TOLERANCE, TWO_PI, central_image
 from armctl.kinematics.chain import Chain
 from armctl.kinematics.energy import EnergyModel
+from armctl.kinematics.numeric.descent import Starts, come_nearest
+from armctl.kinematics.numeric.goals import PositionGoal
 from armctl.kinematics.roll_joint import RollJoint, held_roll, roll_angles
 from armctl.kinematics.samples import checked_step
-from armctl.kinematics.solutions import Solutions, SolvedArm
+from armctl.kinematics.solutions import Solutions, SolvedArm, all_needs, needs, too_far, too_near
 from armctl.kinematics.solver import InverseKinematics
 from armctl.kinematics.spherical_shoulder.geometry import (
     SPHERICAL_BRANCHES,
     SphericalShoulder,
-    Vector,
-    about,
-    conjugate,
-    norm,
-    product,
     recognise_spherical,
-    rotated,
     spherical_branch_index,
     turned,
-    vector,
 )
-from armctl.kinematics.spherical_shoulder.orientation import ToolOrientation, ToolPosture
-from armctl.kinematics.spherical_shoulder.reach import SphericalNearest, SphericalReach
-from armctl.kinematics.spherical_shoulder.swivel import ShoulderLimits, Swivel, least_rotation, sweep
+from armctl.kinematics.spherical_shoulder.orientation import ToolOrientation, elevation
+from armctl.kinematics.spherical_shoulder.swivel import (
+    SHEET_ROUNDING,
+    Swivel,
+    least_rotation,
+    sweep,
+)
 from armctl.kinematics.target import Target
 
 _AT_SHOULDER = 1e-10
@@ -47,10 +48,16 @@ _TOUCHES = 1e-13
 _SAME = 1e-7
 """solutions that differ by less in every joint are one, split by rounding [rad]"""
 _AZIMUTHS = 16
+_NEAREST_STARTS = 64
+_VALUES = (1441, 401, 401)
+"""values of θ1 in the first round, a quarter of a degree apart, and in the finer ones about the best"""
 
 
 class SphericalShoulderSolver(InverseKinematics):
-    """One arm of the family inside its limits. Immutable; safe in several threads."""
+    """One arm of the family inside its limits. Immutable; safe in several threads.
+
+    Postures are (k, 5) inside: shoulder, elbow and roll, which an arm of four joints leaves out at the end.
+    """
 
     family = "spherical shoulder, elbow, roll"
 
@@ -65,13 +72,11 @@ class SphericalShoulderSolver(InverseKinematics):
         super().__init__(chain, limits, energy, titles)
         self.geometry = geometry
         self._arm = SolvedArm(SPHERICAL_BRANCHES, chain, energy)
-        self._shoulder = ShoulderLimits.of(limits)
-        self._elbow = (float(limits[3, 0]), float(limits[3, 1]))
-        joint = None if geometry.roll_axis is None else RollJoint(4, titles[4], limits[4].tolist())
+        joint = RollJoint(4, titles[4], limits[4].tolist()) if chain.n > 4 else None
         self._roll = joint
-        self._orientation = ToolOrientation(geometry, None if joint is None else (joint.low, joint.high))
-        self._reach = SphericalReach(geometry, limits, titles)
-        self._nearest = SphericalNearest(geometry, limits)
+        self._orientation = ToolOrientation(
+            chain, geometry, None if joint is None else (joint.low, joint.high)
+        )
 
     @classmethod
     def of(cls, chain: Chain, limits: FloatArray, energy: EnergyModel, titles: Sequence[str]) -> Self | None:
@@ -82,8 +87,7 @@ class SphericalShoulderSolver(InverseKinematics):
     @property
     def free_joint(self) -> int | None:
         """The first shoulder joint, where its limits do not hold it."""
-        low, high = self._shoulder.pairs[0]
-        return 0 if low < high else None
+        return 0 if self.limits[0, 0] < self.limits[0, 1] else None
 
     @property
     def roll_joint(self) -> int | None:
@@ -103,128 +107,124 @@ class SphericalShoulderSolver(InverseKinematics):
         step = checked_step(step)
         refusal, roll = held_roll(self._roll, target.roll)
         if refusal is not None:
-            return self._refused(target, refusal, self._nearest.solve(target.position))
-        postures = self._postures(target, roll)
+            return self._refused(target, refusal, self._nearest(target))
+        swivels = self._swivels(target, roll)
         if target.rotation is not None:
-            wanted = self._orientation.wanted(target.rotation)
-            found = self._orientation.nearest(postures, wanted)
+            found = self._orientation.nearest(swivels, target.rotation)
         elif target.pitch is not None:
-            found = [
-                posture
-                for image in roll_angles(self._roll, roll)
-                for posture in self._orientation.at_pitch(postures, target.pitch, image)
-            ]
+            rolls = roll_angles(self._roll, roll)
+            held = [self._orientation.at_pitch(swivels, target.pitch, image) for image in rolls]
+            found = np.concatenate(held)
         else:
-            return self._swept(target, postures, roll, step)
-        if found:
-            return self._isolated(target, found)
-        return self._without(target, postures, roll)
+            return self._swept(target, swivels, roll, step)
+        kept: list[FloatArray] = []
+        for q in found:
+            if not any(np.abs(q - other).max() < _SAME for other in kept):
+                kept.append(q)
+        return self._solved(target, np.array(kept)) if kept else self._without(target, swivels, roll)
 
-    def _postures(self, target: Target, roll: float) -> list[tuple[float, Swivel]]:
-        """Elbow angles inside their limits that hold the tip at the target's distance, with their swivels."""
-        aim = vector(target.position - np.array(self.geometry.centre))
-        elbows = self.geometry.elbow_angles(norm(aim), *self._elbow)
-        if norm(aim) < _AT_SHOULDER:
+    def _swivels(self, target: Target, roll: float) -> list[Swivel]:
+        """Those of the elbow angles inside their limits that hold the tip at the target's distance."""
+        aim = target.position - self.geometry.centre
+        distance = float(np.linalg.norm(aim))
+        elbows = self.geometry.elbow_angles(distance, *self.limits[3].tolist())
+        if distance < _AT_SHOULDER:
             return [
-                (elbow, Swivel.of(self.geometry, self._shoulder, *pair))
+                Swivel.of(self.geometry, self.limits, elbow, *pair)
                 for elbow in elbows
                 for pair in self._at_shoulder(target, elbow, roll)
             ]
-        postures = [(elbow, self._swivel(elbow, aim)) for elbow in elbows]
-        for elbow in elbows:
-            if self.geometry.is_straight(elbow):
-                postures += self._touching(elbow, aim, target)
-        return postures
+        swivels = [self._swivel(elbow, aim) for elbow in elbows]
+        for swivel in tuple(swivels):
+            # distance tells a nearly straight elbow's angle poorly, but shoulder joints at their limits do
+            if self.geometry.is_straight(swivel.elbow):
+                q = self._polished(swivel, target, roll)
+                touching = q[self._misses(q, target) < _TOUCHES]
+                swivels += [self._swivel(elbow, aim) for elbow in touching[:, 3].tolist()]
+        return swivels
 
-    def _swivel(self, elbow: float, aim: Vector) -> Swivel:
-        return Swivel.of(self.geometry, self._shoulder, self.geometry.hand(elbow), aim)
+    def _swivel(self, elbow: float, aim: FloatArray) -> Swivel:
+        return Swivel.of(self.geometry, self.limits, elbow, self.geometry.hand(elbow), aim)
 
-    def _touching(self, elbow: float, aim: Vector, target: Target) -> list[tuple[float, Swivel]]:
-        """Elbow angles near a straight one that bring postures onto their limits.
-
-        The distance tells a nearly straight elbow's angle poorly, but shoulder joints at their limits do.
-        """
-        return [
-            (float(q[3]), self._swivel(float(q[3]), aim))
-            for q in self._polished(elbow, self._swivel(elbow, aim), target)
-            if self._nearest.miss(q, target.position) < _TOUCHES
-        ]
-
-    def _polished(self, elbow: float, swivel: Swivel, target: Target) -> list[FloatArray]:
-        """Configurations (4,) inside the limits as near to the target as one leads to that brushes them."""
-        starts = [np.array([*angles, elbow]) for angles in swivel.brushing()]
-        return [self._nearest.descend(q, target.position) for q in starts]
-
-    def _at_shoulder(self, target: Target, elbow: float, roll: float) -> list[tuple[Vector, Vector]]:
+    def _at_shoulder(self, target: Target, elbow: float, roll: float) -> list[tuple[FloatArray, FloatArray]]:
         """Directions to align with a tip in the shoulder itself, which leaves all three joints free."""
-        beyond = about(self.geometry.elbow_axis, elbow)
-        if self.geometry.roll_axis is not None:
-            beyond = product(beyond, about(self.geometry.roll_axis, roll))
-        axes = self.geometry.axes
+        beyond, tool = self.geometry.beyond(elbow, roll), self.geometry.tool
+        axes = self.geometry.axes[:3]
         if target.rotation is not None:
-            turn = product(self._orientation.wanted(target.rotation), conjugate(beyond))
-            return [(axis, rotated(turn, axis)) for axis in axes]
-        approach = rotated(beyond, self.geometry.tool_axis)
+            turn = target.rotation @ tool.T @ beyond.T
+            return [(axis, turn @ axis) for axis in axes]
+        approach = beyond @ tool[:, 2]
         if target.pitch is None:
             aim = approach
             for joint in (2, 1, 0):
-                aim = turned(aim, axes[joint], self._shoulder.rest(joint))
+                aim = turned(aim, axes[joint], float(np.clip(0.0, *self.limits[joint])))
             return [(approach, aim)]
         level, rise = math.cos(target.pitch), math.sin(target.pitch)
-        ways = np.linspace(0.0, 2.0 * math.pi, _AZIMUTHS, endpoint=False).tolist()
-        return [(approach, (level * math.cos(way), level * math.sin(way), rise)) for way in ways]
+        ways = np.linspace(0.0, TWO_PI, _AZIMUTHS, endpoint=False)
+        return [(approach, np.array([level * np.cos(way), level * np.sin(way), rise])) for way in ways]
 
-    def _swept(
-        self, target: Target, postures: list[tuple[float, Swivel]], roll: float, step: float
-    ) -> Solutions:
-        q = self._with_roll(sweep(postures, step), roll)
+    def _swept(self, target: Target, swivels: Sequence[Swivel], roll: float, step: float) -> Solutions:
+        q = self._with_roll(sweep(swivels, step), roll)
 
         def optimum() -> FloatArray | None:
-            found = least_rotation(postures)
-            return None if found is None else self._with_roll(found, roll)
+            found = least_rotation(swivels)
+            return None if found is None else self._with_roll(found[None], roll)[0]
 
-        if q.shape[1]:
-            return self._solved(target, q.T, optimum, free=self.free_joint)
+        if len(q):
+            return self._solved(target, q, optimum, free=self.free_joint)
         single = optimum()  # a sliver between two grid values, or a single configuration
         if single is None:
-            return self._without(target, postures, roll)
+            return self._without(target, swivels, roll)
         return self._solved(target, single[None], optimum)
 
-    def _without(self, target: Target, postures: list[tuple[float, Swivel]], roll: float) -> Solutions:
+    def _without(self, target: Target, swivels: Sequence[Swivel], roll: float) -> Solutions:
         """Refuses, unless the nearest point is the target after all."""
         if target.pitch is not None:
-            ends = self._orientation.pitches(postures, target.pitch, roll)
-            if ends:
-                nearest = min(ends, key=lambda end: end[1].miss)[1]
-                q = np.array([*nearest.shoulder, nearest.elbow])
-                return self._refused(
-                    target,
-                    self._reach.of_pitch(ends, roll if self.geometry.roll_swings_the_tool else None),
-                    q,
-                )
-        nearest_q = self._nearest.solve(target.position)
+            ends = self._orientation.pitch_ends(swivels, roll)
+            if len(ends):
+                return self._refused_pitch(target, target.pitch, ends, roll)
+        ways = [self._nearest(target)]
         if target.pitch is None:
-            ways = [
-                nearest_q,
-                *(q for elbow, swivel in postures for q in self._polished(elbow, swivel, target)),
-            ]
-            nearest_q = min(ways, key=lambda q: self._nearest.miss(q, target.position))
-            if self._nearest.miss(nearest_q, target.position) < _REACHED:
-                return self._solved(target, self._with_roll(nearest_q, roll)[None])
-        distance = float(np.linalg.norm(target.position - np.array(self.geometry.centre)))
-        return self._refused(target, self._reach.of_position(distance, postures), nearest_q)
+            ways += [q for swivel in swivels for q in self._polished(swivel, target, roll)]
+        misses = self._misses(np.array(ways), target)
+        nearest = ways[int(misses.argmin())]
+        if target.pitch is None and misses.min() < _REACHED:
+            return self._solved(target, self._with_roll(nearest[None], roll))
+        return self._refused(target, self._why_not(target, swivels), nearest)
 
-    def _isolated(self, target: Target, found: list[ToolPosture]) -> Solutions:
-        kept: list[FloatArray] = []
-        for posture in sorted(found, key=lambda posture: posture.miss):
-            q = self._with_roll(np.array([*posture.shoulder, posture.elbow]), posture.roll)
-            if not any(np.abs(q - other).max() < _SAME for other in kept):
-                kept.append(q)
-        return self._solved(target, np.array(kept))
+    # The nearest point, and a posture that nearly meets the target brought onto it.
+
+    @cached_property
+    def _starts(self) -> Starts:
+        return Starts(self.chain, self.limits)
+
+    def _nearest(self, target: Target) -> FloatArray:
+        """The configuration (n,) inside the limits whose tip comes nearest to the target [rad]."""
+        starts = self._starts.nearest_first(self._goal(target), _NEAREST_STARTS)
+        q = self._descended(starts, target)
+        return q[int(self._misses(q, target).argmin())]
+
+    def _polished(self, swivel: Swivel, target: Target, roll: float) -> FloatArray:
+        """Configurations (k, n) inside the limits as near to the target as one leads to that brushes them."""
+        return self._descended(self._with_roll(swivel.with_elbow(swivel.brushing()), roll), target)
+
+    def _descended(self, q: FloatArray, target: Target) -> FloatArray:
+        """Where configurations (k, n) come to inside the limits on the way to the target."""
+        lower, upper = (np.broadcast_to(side, q.shape) for side in self.limits.T)
+        return come_nearest(self.chain, self._goal(target), q, lower, upper)
+
+    def _goal(self, target: Target) -> PositionGoal:
+        return PositionGoal(target.position, self.geometry.reach[1])
+
+    def _misses(self, q: FloatArray, target: Target) -> FloatArray:
+        """Distance (k,) of the tip from the target [m] in configurations (k, n)."""
+        return np.linalg.norm(self.chain.forward(q)[:, :3, 3] - target.position, axis=1)
 
     def _with_roll(self, q: FloatArray, roll: float) -> FloatArray:
-        """(4, …) shoulder and elbow, and the roll joint where there is one."""
-        return q if self._roll is None else np.concatenate([q, np.full((1, *q.shape[1:]), roll)])
+        """Configurations (k, n) with the shoulder and elbow of others (k, 4 or more)."""
+        return np.column_stack([q[:, :4], np.full(len(q), roll)])[:, : self.chain.n]
+
+    # Answers.
 
     def _solved(
         self,
@@ -233,11 +233,65 @@ class SphericalShoulderSolver(InverseKinematics):
         optimum: Callable[[], FloatArray | None] | None = None,
         free: int | None = None,
     ) -> Solutions:
+        q = q[:, : self.chain.n]
         index = spherical_branch_index(self.geometry, q)
         return Solutions(self._arm, target, q, index, free_joint=free, least_rotation=optimum)
 
     def _refused(self, target: Target, reason: str, nearest: FloatArray) -> Solutions:
         """With the roll joint as near as its limits allow to what was asked for."""
-        if self._roll is not None:
-            nearest = np.append(nearest, held_roll(self._roll, target.roll)[1])
+        nearest = self._with_roll(nearest[None], held_roll(self._roll, target.roll)[1])[0]
         return Solutions(self._arm, target, (), (), reason=reason, nearest_q=nearest)
+
+    def _refused_pitch(self, target: Target, pitch: float, ends: FloatArray, roll: float) -> Solutions:
+        """A pitch that has no solution at a position that has some: ``ends`` of the pitches held there."""
+        pitches = self._orientation.pitches(ends)
+        best = int(np.abs(pitches - elevation(pitch)).argmin())
+        least, most, nearest = (
+            math.degrees(value) + 0.0 for value in (pitches.min(), pitches.max(), pitches[best])
+        )
+        held = f"{least:.2f}° … {most:.2f}°"
+        if self.geometry.roll_swings_the_tool:
+            held = f"{held} with {self.titles[4]} at {math.degrees(roll) + 0.0:.2f}°"
+        reason = (
+            f"that pitch is impossible here: at this point the arm holds its tool at {held}, "
+            f"the nearest to it is {nearest:.2f}°"
+        )
+        return self._refused(target, reason, ends[best])
+
+    def _why_not(self, target: Target, swivels: Sequence[Swivel]) -> str:
+        """Why a position has no solution."""
+        distance = float(np.linalg.norm(target.position - self.geometry.centre))
+        least, most = self.geometry.reach
+        where = f"the target would be {1000 * distance:.1f} mm from the shoulder"
+        bends = self.geometry.bends(distance)
+        if not bends and distance > most:
+            return too_far(distance - most, where, "the arm reaches", most)
+        if not bends:
+            return too_near(least - distance, where, "the arm folds no closer than", least)
+        if swivels:
+            said = all_needs(self.titles, self.limits, self._least_excess(swivels))
+            said = said or "a shoulder joint would have to leave them by less than 0.01°"
+        else:
+            limits = self.limits[3].tolist()
+            angles = (central_image(bend - self.geometry.offset, *limits) for bend in bends)
+            said = needs(self.titles[3], limits, *angles)
+        return f"within the links' reach, but joint limits forbid it: {said}"
+
+    def _least_excess(self, swivels: Sequence[Swivel]) -> list[tuple[int, float]]:
+        """Joints outside their limits, and what they need [rad], where the sum of it is least."""
+        low, high = self.limits[:3].T
+        middle = 0.5 * (low + high)
+        best, least = np.zeros(3), math.inf
+        for swivel in swivels:
+            centre, reach = float(middle[0]), math.pi
+            for count in _VALUES:
+                first = np.linspace(centre - reach, centre + reach, count)
+                q = np.concatenate(swivel.with_joint(0, first, SHEET_ROUNDING))
+                near = q - TWO_PI * np.rint((q - middle) / TWO_PI)
+                excess = np.maximum(0.0, np.maximum(low - near, near - high)).sum(axis=1)
+                if excess.min(initial=math.inf) < least:
+                    i = int(excess.argmin())
+                    best, least, centre = near[i], float(excess[i]), float(q[i, 0])
+                reach *= 2.0 / (count - 1)
+        outside = (best < low - LIMIT_TOLERANCE) | (best > high + LIMIT_TOLERANCE)
+        return [(joint, float(best[joint])) for joint in np.flatnonzero(outside).tolist()]

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from armctl.arrays import FloatArray
 from armctl.kinematics.angles import LIMIT_TOLERANCE, TWO_PI, central_image, images, nearest_angle, rest_angle
-from armctl.kinematics.solutions import all_needs, millimetres, needs
+from armctl.kinematics.solutions import all_needs, needs, too_far, too_near
 from armctl.kinematics.target import Target
 from armctl.kinematics.tool_plane import ToolPlane
 from armctl.kinematics.yaw_pitch_roll.geometry import (
@@ -333,17 +333,10 @@ class Reach:
                     return None
                 misses.append((max(distance - outer, inner - distance), distance))
         miss, distance = min(misses)
-        first = self._titles[1].lower()
+        where = f"{point} would be {1000 * distance:.1f} mm from the {self._titles[1].lower()}{after}"
         if distance > outer:
-            return (
-                f"too far by {millimetres(miss)} mm: {point} would be {1000 * distance:.1f} mm from the "
-                f"{first}{after}, the arm reaches {1000 * outer:.1f} mm"
-            )
-        return (
-            f"inside the dead zone, too near by {millimetres(miss)} mm: "
-            f"{point} would be {1000 * distance:.1f} mm from the {first}{after}, "
-            f"the arm folds no closer than {1000 * inner:.1f} mm"
-        )
+            return too_far(miss, where, "the arm reaches", outer)
+        return too_near(miss, where, "the arm folds no closer than", inner)
 
     def _by_limits(
         self, branches: list[BaseBranch], z: float, angles: list[float | None], planar: PlanarSolver
