@@ -29,6 +29,12 @@ _PROGRAM = "the program of Serial motion"
 _IDLE = "The orange twin rehearses <b>without the arm</b>."
 
 
+def twin_figure(session: Session, name: str) -> ArmFigure:
+    """An orange arm in the page's view."""
+    robot = thicker(session.console.robot)
+    return ArmFigure(session.client.scene, robot, name, color=_COLOR, opacity=0.55)
+
+
 @dataclass
 class _Run:
     """One rehearsal that is played."""
@@ -43,7 +49,6 @@ class TwinControl:
     """Plans off the event loop and plays the plan in this page's view at the speed override."""
 
     def __init__(self, session: Session) -> None:
-        """Add the controls to the present container."""
         self._session = session
         self._robot = session.console.robot
         self._figure: ArmFigure | None = None
@@ -122,9 +127,7 @@ class TwinControl:
 
     def _pose(self, run: _Run) -> None:
         if self._figure is None:
-            self._figure = ArmFigure(
-                self._session.client.scene, thicker(self._robot), "/twin", color=_COLOR, opacity=0.55
-            )
+            self._figure = twin_figure(self._session, "/twin")
         state = run.plan.sample(run.elapsed_s)
         with self._session.client.atomic():
             self._figure.pose(state.q, state.opening)
@@ -138,6 +141,6 @@ class TwinControl:
         self._path.hide()
         self._text.show(text)
 
-    async def _on_stop(self) -> None:
+    def _on_stop(self) -> None:
         self._newest.drop()
         self._finish(_IDLE)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import math
 from dataclasses import dataclass
 from typing import Literal, Self
 
@@ -17,7 +18,6 @@ from armctl.runtime import Snapshot
 from armctl.ui.console import Console
 from armctl.ui.scene.ghost import Lines, segments
 from armctl.ui.session import Session
-from armctl.ui.tabs.simulation.section import picture_of, section_svg
 from armctl.ui.widgets.html import LiveHtml, fixed, muted
 
 Colouring = Literal["height", "manipulability"]
@@ -63,7 +63,7 @@ class CloudStore:
 
 
 class WorkspaceView:
-    """Two checkboxes, what they draw, and the figures. Made for one page; computed once for all."""
+    """Two checkboxes, what they draw, and the figures; computed once for all pages."""
 
     def __init__(self, session: Session) -> None:
         self._session = session
@@ -72,14 +72,14 @@ class WorkspaceView:
         self._outline: tuple[FloatArray, ...] = ()
         self._outlined_at: FloatArray | None = None
         self._outlining = False
-        gui, scene = session.gui, session.client.scene
+        gui = session.gui
         self._cloud = gui.add_checkbox("Workspace cloud", initial_value=False, hint=_CLOUD_HINT)
         self._colour = gui.add_dropdown("Coloured by", COLOURINGS, initial_value=COLOURINGS[0], visible=False)
         self._cloud_text = LiveHtml(gui, visible=False)
         self._section = gui.add_checkbox("Section", initial_value=False, hint=_SECTION_HINT)
         self._plot, self._section_text = LiveHtml(gui, visible=False), LiveHtml(gui, visible=False)
         self._points: viser.PointCloudHandle | None = None
-        self._lines = Lines(scene, "/section", _SECTION_COLOR, 2.5)
+        self._lines = Lines(session.client.scene, "/section", _SECTION_COLOR, 2.5)
         session.on(self._cloud.on_update, self._on_cloud)
         session.on(self._colour.on_update, self._on_cloud)
         session.on(self._section.on_update, self._on_section)
@@ -111,39 +111,32 @@ class WorkspaceView:
             self._lines.show(np.insert(lines, 1, 0.0, axis=2))  # x and z of the plane
 
     async def _on_cloud(self) -> None:
-        shown = self._cloud.value
-        self._colour.visible = self._cloud_text.visible = shown
-        if not shown:
-            self._draw_points(None)
-            return
-        self._cloud_text.show(_COMPUTING)
-        model = await self._computed()
-        if self._cloud.value:  # not switched off meanwhile
-            self._draw_points(model)
-            self._cloud_text.show(cloud_html(self._robot, model, self._colour.value))
-
-    def _draw_points(self, model: WorkspaceCloud | None) -> None:
+        self._colour.visible = self._cloud_text.visible = self._cloud.value
+        if self._cloud.value:
+            self._cloud_text.show(_COMPUTING)
+            await self._compute()
         if self._points is not None:
             self._points.remove()
             self._points = None
-        if model is not None:
+        model = self._model
+        if self._cloud.value and model is not None:  # not switched off meanwhile
             self._points = self._session.client.scene.add_point_cloud(
                 "/workspace", model.points, model.colors(self._colour.value),
                 point_size=_POINT_SIZE * model.extent.reach, point_shape="circle", point_shading="flat",
                 precision="float32",
             )  # fmt: skip
+            self._cloud_text.show(cloud_html(self._robot, model, self._colour.value))
 
     async def _on_section(self) -> None:
-        shown = self._section.value
-        self._plot.visible = self._section_text.visible = shown
-        if not shown:
+        self._plot.visible = self._section_text.visible = self._section.value
+        if self._section.value:
+            self._section_text.show(_COMPUTING)
+            self._section_text.show(muted(section_words(await self._compute())))
+        else:
             self._lines.hide()
             self._outlined_at = None
-            return
-        self._section_text.show(_COMPUTING)
-        self._section_text.show(muted(section_words(await self._computed())))
 
-    async def _computed(self) -> WorkspaceCloud:
+    async def _compute(self) -> WorkspaceCloud:
         self._model = await self._session.shared(CloudStore).get()
         return self._model
 
@@ -171,12 +164,7 @@ class WorkspaceCloud:
 
 
 def workspace_cloud(robot: Robot, count: int = _POINTS) -> WorkspaceCloud:
-    """Sample the workspace; the same points every time.
-
-    Args:
-        robot: the arm.
-        count: about how many points; those with the tool point below the floor are left out.
-    """
+    """Sample about ``count`` points; the same every time, without those below the floor."""
     samples = sample_workspace(robot.chain, robot.limits, count)
     above = samples.points[:, 2] >= robot.floor_z
     return WorkspaceCloud(
@@ -213,3 +201,123 @@ def section_words(model: WorkspaceCloud) -> str:
     )
     axes = "z is the height, r the distance from the axis."
     return f"{kind} Dot: the tool point now. Dotted: the base axis. {axes}"
+
+
+# The section as a drawing to scale: height over the distance from the base axis, in mm.
+
+_WIDTH, _TALLEST = 400.0, 330.0
+_LEFT, _RIGHT, _TOP, _BOTTOM = 46.0, 10.0, 8.0, 36.0
+_TICKS = 8
+_GRID = "stroke='currentColor' stroke-opacity='.15'"
+_AXIS_TEXT = "font-size='11' fill='currentColor' fill-opacity='.75'"
+_UPRIGHT = 1e-9
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SectionPicture:
+    """All lines and points in mm: across (from the base axis) and up."""
+
+    outline: tuple[FloatArray, ...]
+    """closed lines (k, 2)"""
+    arm: FloatArray
+    """(k, 2) joints of the arm as it stands, and its tip"""
+    floor: float | None
+    """height of the floor; None where the plane is not upright"""
+
+
+def picture_of(
+    robot: Robot, T_base_plane: FloatArray, outline: tuple[FloatArray, ...], q: FloatArray
+) -> SectionPicture:
+    """The section in the plane (4, 4) [m], with the arm at ``q`` (n,) [rad] in it.
+
+    ``outline`` are closed lines (k, 2) in x and z of the plane [m].
+    """
+    rise = np.array([0.0, T_base_plane[2, 3]])
+    points = (robot.frames(q)[:, :3, 3] - T_base_plane[:3, 3]) @ T_base_plane[:3, :3]
+    upright = float(T_base_plane[2, 2]) > 1 - _UPRIGHT
+    return SectionPicture(
+        tuple(1000 * (line + rise) for line in outline),
+        1000 * (points[:, [0, 2]] + rise),
+        1000 * robot.floor_z if upright else None,
+    )
+
+
+def section_svg(picture: SectionPicture) -> str:
+    """The drawing as SVG: the boundary of the reach, the floor, the base axis, the arm and its tip."""
+    corners = np.concatenate([*picture.outline, picture.arm])
+    if picture.floor is not None:
+        corners = np.concatenate([corners, [[corners[0, 0], picture.floor]]])
+    low, high = corners.min(axis=0), corners.max(axis=0)
+    margin = 0.05 * float((high - low).max())
+    low, high = low - margin, high + margin
+    across, up = (high - low).tolist()
+    unit = min((_WIDTH - _LEFT - _RIGHT) / across, (_TALLEST - _TOP - _BOTTOM) / up)
+    # a narrow section gets more room to its sides, so that the drawing fills its width
+    spare = (_WIDTH - _LEFT - _RIGHT) / unit - across
+    low[0] -= 0.5 * spare
+    high[0] += 0.5 * spare
+    height = _TOP + _BOTTOM + unit * up
+    right, bottom = _WIDTH - _RIGHT, height - _BOTTOM
+
+    def drawn(line: FloatArray) -> FloatArray:
+        """Points (k, 2) [mm] in the drawing's own units, y downwards."""
+        return np.round(np.array([_LEFT, _TOP]) + (line - [low[0], high[1]]) * [unit, -unit], 1)
+
+    def path(line: FloatArray) -> str:
+        return " ".join(f"{x:g},{y:g}" for x, y in drawn(line).tolist())
+
+    reached = " ".join(f"M{path(line)}Z" for line in picture.outline)
+    parts = [
+        f"<svg class='section-plot' viewBox='0 0 {_WIDTH:g} {height:.0f}' "
+        "style='width:100%;display:block' role='img' aria-label='Section of the workspace'>",
+    ]
+    for value in _ticks(low, high, axis=0):
+        x = drawn(np.array([value, 0.0]))[0]
+        parts.append(_line(x, _TOP, x, bottom, _GRID) + _text(x, bottom + 14, "middle", _number(value)))
+    for value in _ticks(low, high, axis=1):
+        y = drawn(np.array([0.0, value]))[1]
+        parts.append(_line(_LEFT, y, right, y, _GRID) + _text(_LEFT - 5, y + 4, "end", _number(value)))
+    base, middle = drawn(np.zeros(2))[0], 0.5 * (_TOP + bottom)
+    parts += [
+        _line(base, _TOP, base, bottom, "stroke='currentColor' stroke-opacity='.5' stroke-dasharray='2 4'"),
+        _text(0.5 * (_LEFT + right), bottom + 30, "middle", "r mm"),
+        _text(12, middle, "middle", "z mm", f"transform='rotate(-90 12 {middle:.1f})'"),
+        f"<path d='{reached}' fill='#1971c2' fill-opacity='.16' fill-rule='evenodd' "
+        "stroke='#e03131' stroke-width='1.6' stroke-linejoin='round'/>",
+    ]
+    if picture.floor is not None:
+        level = drawn(np.array([0.0, picture.floor]))[1]
+        parts += [
+            f"<rect x='{_LEFT:g}' y='{level:g}' width='{right - _LEFT:g}' "
+            f"height='{max(bottom - level, 0):.1f}' fill='#868e96' fill-opacity='.30'/>",
+            _line(_LEFT, level, right, level, "stroke='#868e96' stroke-width='2'"),
+            _text(right - 3, level - 4, "end", "floor"),
+        ]
+    x, y = drawn(picture.arm[-1])
+    parts += [
+        f"<polyline points='{path(picture.arm)}' fill='none' stroke='currentColor' "
+        "stroke-opacity='.55' stroke-width='3' stroke-linejoin='round' stroke-linecap='round'/>",
+        f"<circle cx='{x:g}' cy='{y:g}' r='5' fill='#e8590c' stroke='white' stroke-width='1.5'/>",
+        "</svg>",
+    ]
+    return "".join(parts)
+
+
+def _ticks(low: FloatArray, high: FloatArray, axis: int) -> list[float]:
+    """Round values along an axis [mm], the same distance apart on both axes."""
+    rough = float((high - low).max()) / _TICKS
+    power = 10.0 ** math.floor(math.log10(rough))
+    step = next(factor * power for factor in (1.0, 2.0, 5.0, 10.0) if factor * power >= rough)
+    return [step * k for k in range(math.ceil(low[axis] / step), math.floor(high[axis] / step) + 1)]
+
+
+def _number(value: float) -> str:
+    return f"{value:g}".replace("-", "−")
+
+
+def _line(x1: float, y1: float, x2: float, y2: float, style: str) -> str:
+    return f"<line x1='{x1:g}' y1='{y1:.1f}' x2='{x2:g}' y2='{y2:.1f}' {style}/>"
+
+
+def _text(x: float, y: float, anchor: str, text: str, more: str = "") -> str:
+    return f"<text x='{x:g}' y='{y:.1f}' text-anchor='{anchor}' {_AXIS_TEXT} {more}>{text}</text>"
