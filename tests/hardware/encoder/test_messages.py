@@ -17,7 +17,6 @@ from armctl.hardware.encoder.messages import (
     LineReader,
     Mode,
     Realtime,
-    Refusal,
     Status,
     decode,
     decode_status,
@@ -34,8 +33,8 @@ def said(text: str):
 def test_answers():
     assert decode(b"7 ok*B91B") == Answer(7, "")
     assert said("65535 ok a b=1") == Answer(65535, "a b=1")
-    assert said("9 err LIMIT 2 600 -500 500") == Refusal(9, "LIMIT", "2 600 -500 500")
-    assert said("0 err CRC") == Refusal(0, "CRC", "")
+    assert said("9 err LIMIT 2 600 -500 500") == Answer(9, "2 600 -500 500", "LIMIT")
+    assert said("0 err CRC") == Answer(0, "", "CRC")
 
 
 def test_events_and_banner():
@@ -125,7 +124,7 @@ def test_whatever_comes_is_a_message_or_a_protocol_error(data):
     ],
 )
 def test_refusals_in_words(code, kind, words):
-    error = Refusal(5, code, "3").error("EN 1")
+    error = Answer(5, "3", code).error("EN 1")
     assert type(error) is kind
     assert "the board refused 'EN 1'" in str(error)
     assert words in str(error)

@@ -100,9 +100,7 @@ class EncoderSettings:
 def read_entries(part: BoardPart) -> tuple[OutputMap | None, EncoderSettings]:
     """The map of the joints, None where the file has none, and the axes behind it.
 
-    Raises:
-        RobotFileError: only some joints have an encoder, two share an axis, homing would end outside the
-            limits, or a differential names no two joints.
+    ``RobotFileError`` where the tables are incomplete or contradict themselves or the joint limits.
     """
     board = part.board(EncoderBoardEntry)
     encoders = part.outputs(_KEY, EncoderEntry)
@@ -279,16 +277,10 @@ def _axis_lines(limits: ChannelSettings, own: EncoderAxis, order: int) -> list[s
 
 
 class AxisTable:
-    """Limits by axis, checked once, and the last gate before the wire.
+    """Limits by axis [counts], checked once, and the last gate before the wire; a channel is an axis.
 
-    Args:
-        channels: what each axis may do, in counts; a channel is an axis.
-        arm: how each axis is controlled and homed.
-        count: how many axes the board has.
-
-    Raises:
-        BoardError: an axis that the board has not, twice the same one, one without settings, or values
-            that the board cannot keep.
+    ``BoardError`` for an axis beyond the ``count`` that the board has, one twice or without settings, and
+    values that the board cannot keep.
     """
 
     def __init__(self, channels: Sequence[ChannelSettings], arm: EncoderSettings, count: int) -> None:
@@ -321,8 +313,7 @@ class AxisTable:
     def setpoints_line(self, setpoints: Mapping[int, float], reach_ms: int) -> str:
         """The line for setpoints [joint counts] by axis, to be reached in ``reach_ms``; the others stay.
 
-        Raises:
-            BoardError: not configured, not finite, or outside the limits.
+        ``BoardError`` where one is not configured, not finite, or outside the limits.
         """
         counts = {axis: self._table.admit(axis, value) for axis, value in setpoints.items()}
         fields = " ".join(str(counts.get(axis, "-")) for axis in range(self._count))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
 from armctl.errors import ArmctlError, BoardError, BoardTimeoutError, StateError
 from armctl.hardware.driver import BoardIdentity, ChannelSettings, HomingState, Readback, Source
@@ -23,29 +23,21 @@ _KEEP_ALIVE_S = 0.1
 _BYTE_ATTEMPTS = 3
 
 _BAD_STARTS = ("brownout", "watchdog")
-_HOMING_FAILURES = {
-    "notfound": "the switch was not found, on either side",
-    "stuck": "the switch stays closed",
-    "timeout": "it took too long",
-}
 _RESETS = {
-    "power": "its supply was interrupted",
-    "external": "its port was opened by another program, or its reset button pressed",
-    "brownout": "its supply voltage sagged",
-    "watchdog": "its program hung",
+    "power": " (its supply was interrupted)",
+    "external": " (its port was opened by another program, or its reset button pressed)",
+    "brownout": " (its supply voltage sagged)",
+    "watchdog": " (its program hung)",
 }
 
 
 class EncoderDriver:
     """An encoder board behind the ``Driver`` protocol. A channel is an axis; units are joint counts.
 
-    ``stop`` sets the board's hold, which refuses setpoints; the next ``write`` releases it in the same
-    burst, and the arm goes on from where it stands. Motors that the board has switched off by itself
-    (trip, watchdog, reset) stay off: ``write`` refuses until ``release`` or ``home`` is called, which
-    clear the board's faults.
-
-    The board takes its motors off half a second after the last line, so ``read`` must be called more
-    often than that: it sends a line where nothing else was sent.
+    ``stop`` sets the board's hold, which refuses setpoints; the next ``write`` releases it. Motors that
+    the board has switched off by itself (trip, watchdog, reset) stay off: ``write`` refuses until
+    ``release`` or ``home``, which clear the board's faults. The board also switches them off half a second
+    after the last line, so ``read`` must be called more often: it sends a line where nothing else was sent.
 
     Args:
         connection: where the board is.
@@ -78,25 +70,27 @@ class EncoderDriver:
                     f"{session.name}: the board has axes 0 … {banner.axes - 1}, but the robot file uses axis "
                     f"{last}; choose the robot that belongs to this board, or change its file"
                 )
-            status = self._seen = session.fresh_status(_OLDEST_STATUS_S)
+            self._seen = session.fresh_status(_OLDEST_STATUS_S)
         except ArmctlError:
             self.close()
             raise
         self._count = banner.axes
+        earlier = self._seen.words()
+        if banner.reset in _BAD_STARTS and not earlier:
+            earlier = [f"its last start was after a {banner.reset} reset; check its supply"]
         return BoardIdentity(
             kind=f"armctl encoder board, firmware {banner.version}",
             port=session.name,
             serial_number=info.serial_number if info else None,
             simulated=self._connection.simulated,
             notes=() if self._connection.simulated else (SILENCE_NOTE,),
-            earlier=_earlier_words(status, banner.reset),
+            earlier=tuple(f"before armctl connected, the board had reported: {one}" for one in earlier),
         )
 
     def configure(self, channels: Sequence[ChannelSettings]) -> None:
         """Tell the board the limits, gains and homing of every axis, unless it has them. Moves nothing.
 
-        Raises:
-            StateError: the motors are on with other settings.
+        ``StateError`` where the motors are on with other settings.
         """
         session = self._board
         table = AxisTable(channels, self._arm, self._count)
@@ -107,11 +101,8 @@ class EncoderDriver:
         """Send setpoints [joint counts] in one line, whose answer is not waited for: ``read`` takes it.
 
         Motors that are off are switched on first, and hold where they stand: the first setpoints should
-        be where that is.
-
-        Raises:
-            StateError: an axis is not homed, homing is under way, or the board switched its motors off
-                by itself and nobody has taken note.
+        be where that is. ``StateError`` where an axis is not homed, during homing, and after the board has
+        switched its motors off by itself.
         """
         session = self._board
         line = self._table.setpoints_line(setpoints, _REACH_MS)
@@ -129,17 +120,19 @@ class EncoderDriver:
     def read(self) -> Readback:
         """What the encoders measure [joint counts], and what is wrong; None for an axis without a zero.
 
-        A setpoint that the board refused is among the errors, once its answer is there; one that got
-        lost is sent again.
+        A setpoint that the board refused is among the errors; one that got lost is sent again.
         """
         session = self._board
         refusals = session.settle()
         status = self._seen = session.fresh_status(_OLDEST_STATUS_S)
-        errors = [] if session.restarted is None else [_restart_words(session.restarted)]
-        errors += flag_words(status.flags)
-        failures = session.homing_failures
+        errors = list(flag_words(status.flags))
+        if session.restarted is not None:
+            why = _RESETS.get(session.restarted, "")
+            errors.insert(
+                0, f"the board has started anew{why}: its motors are off and its zeros are lost; home again"
+            )
         faults = {
-            axis: fault_words(fault, _HOMING_FAILURES.get(failures.get(axis, ""), failures.get(axis, "")))
+            axis: fault_words(fault, session.homing_failures.get(axis, ""))
             for axis, fault in enumerate(status.faults)
             if fault
         }
@@ -151,21 +144,25 @@ class EncoderDriver:
             errors.append("the board switched its motors off by itself")
         if session.idle_s >= _KEEP_ALIVE_S:
             session.post("PING")
+        homed = {axis: status.homed[axis] for axis in self._table.axes}
+        running: int | None = None
+        if status.mode is Mode.HOMING and homed:
+            # the last axis has its zero a moment before the board says that homing is done
+            order = self._table.homing_order
+            running = next((axis for axis in order if not homed[axis]), order[-1])
         return Readback(
-            positions={
-                axis: float(status.counts[axis]) if status.homed[axis] else None for axis in self._table.axes
-            },
+            positions={axis: float(status.counts[axis]) if known else None for axis, known in homed.items()},
             source=Source.MEASURED,
             errors=(*errors, *(f"a setpoint was refused: {one}" for one in refusals)),
             powered=status.mode.powered and not self._went_off,
             faults=faults,
-            homing=self._homing_state(status),
+            homing=HomingState(homed, running),
         )
 
     def stop(self) -> None:
         """Slow down within the acceleration limits and hold; also ends homing."""
         session = self._board
-        if self._insist(session, Realtime.HOLD, _stands):
+        if self._insist(session, Realtime.HOLD, Mode.ON, Mode.HOMING):
             self._held = True
             return
         raise BoardTimeoutError(
@@ -185,7 +182,7 @@ class EncoderDriver:
         if status.latched:
             session.command("CLR")
         if status.mode is Mode.HELD:
-            self._insist(session, Realtime.RELEASE_HOLD, _is_free)  # where that fails, HOME is refused
+            self._insist(session, Realtime.RELEASE_HOLD, Mode.HELD)  # where that fails, HOME is refused
         session.command("HOME")
         self._acknowledge(session, on=True)
 
@@ -252,16 +249,17 @@ class EncoderDriver:
             session.command(line)
         self._sent_settings = table.configuration, restarts
 
-    def _insist(
-        self, session: EncoderSession, byte: Realtime, shows: Callable[[Status | None], bool]
-    ) -> bool:
-        """Send a byte that the board obeys at once, again until its status shows it; whether it does."""
+    def _insist(self, session: EncoderSession, byte: Realtime, *ended: Mode) -> bool:
+        """Send a byte that the board obeys at once, until its status shows none of ``ended``; whether so."""
         session.drain()
         session.status = None  # what was said until now does not show yet what is asked for
         for _ in range(_BYTE_ATTEMPTS):
             session.realtime(byte)
             session.realtime(Realtime.STATUS)
-            if session.wait_until(lambda: shows(session.status), self._timeout_s / _BYTE_ATTEMPTS):
+            if session.wait_until(
+                lambda: session.status is not None and session.status.mode not in ended,
+                self._timeout_s / _BYTE_ATTEMPTS,
+            ):
                 return True
         return False
 
@@ -284,33 +282,3 @@ class EncoderDriver:
         self._on = on
         self._went_off = self._held = False
         self._seen = session.fresh_status(_OLDEST_STATUS_S)
-
-    def _homing_state(self, status: Status) -> HomingState:
-        running: int | None = None
-        if status.mode is Mode.HOMING and (order := self._table.homing_order):
-            # the last axis has its zero a moment before the board says that homing is done
-            running = next((axis for axis in order if not status.homed[axis]), order[-1])
-        return HomingState({axis: status.homed[axis] for axis in self._table.axes}, running)
-
-
-def _stands(status: Status | None) -> bool:
-    """Whether the board shows that it holds, or has its motors off."""
-    return status is not None and status.mode not in (Mode.ON, Mode.HOMING)
-
-
-def _is_free(status: Status | None) -> bool:
-    """Whether the board shows that it does not hold."""
-    return status is not None and status.mode is not Mode.HELD
-
-
-def _earlier_words(status: Status, reset: str) -> tuple[str, ...]:
-    """What the first status shows of the time before armctl connected; ``reset``: why the board started."""
-    words = status.words()
-    if reset in _BAD_STARTS and not words:
-        words = [f"its last start was after a {reset} reset; check its supply"]
-    return tuple(f"before armctl connected, the board had reported: {one}" for one in words)
-
-
-def _restart_words(reset: str) -> str:
-    why = f" ({_RESETS[reset]})" if reset in _RESETS else ""
-    return f"the board has started anew{why}: its motors are off and its zeros are lost; home again"

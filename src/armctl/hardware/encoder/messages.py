@@ -42,28 +42,21 @@ def seal(text: str) -> bytes:
 
 
 def unseal(line: bytes) -> str:
-    """The text of a line (without its end) whose checksum is right.
-
-    Raises:
-        BoardProtocolError: no checksum, a wrong one, or bytes that are no text.
-    """
+    """The text of a line (without its end); ``BoardProtocolError`` where its checksum is wrong or missing."""
+    shown = repr(line[:40].decode("ascii", "backslashreplace"))
     found = _SEALED.fullmatch(line)
     if found is None:
-        raise BoardProtocolError(f"{_shown(line)} has no checksum; this is no armctl encoder board")
+        raise BoardProtocolError(f"{shown} has no checksum; this is no armctl encoder board")
     body = found[1]
     if int(found[2], 16) != crc16(body):
-        raise BoardProtocolError(f"{_shown(line)} has a wrong checksum; the line garbles bytes")
+        raise BoardProtocolError(f"{shown} has a wrong checksum; the line garbles bytes")
     if not all(0x20 <= byte <= 0x7E for byte in body):
-        raise BoardProtocolError(f"{_shown(line)} is no text; the line garbles bytes")
+        raise BoardProtocolError(f"{shown} is no text; the line garbles bytes")
     return body.decode("ascii")
 
 
 def request(sequence: int, text: str) -> bytes:
-    """The line that asks the board for ``text``.
-
-    Raises:
-        InputError: longer than the board takes, or with a byte in it that the board would obey at once.
-    """
+    """The line that asks for ``text``; ``InputError`` where the board would take it for something else."""
     line = seal(f"{sequence} {text}")
     if len(line) - 1 > LONGEST_REQUEST:
         raise InputError(f"{text!r} is longer than the {LONGEST_REQUEST} bytes that an encoder board takes")
@@ -72,16 +65,8 @@ def request(sequence: int, text: str) -> bytes:
     return line
 
 
-def _shown(line: bytes) -> str:
-    return repr(line[:40].decode("ascii", "backslashreplace"))
-
-
 class LineReader:
-    """Collects bytes until a line end, in whatever pieces they come.
-
-    Args:
-        longest: bytes that a line may have without its end; a longer one is dropped whole.
-    """
+    """Collects bytes until a line end; a line of more than ``longest`` bytes is dropped whole."""
 
     def __init__(self, longest: int) -> None:
         self._longest = longest
@@ -95,14 +80,14 @@ class LineReader:
         return [line if len(line) <= self._longest else None for line in lines]
 
 
-# What the board finds wrong with an axis or with itself, and how a user is told.
+# What the board finds wrong with an axis or with itself, and the words for it.
 
 
 class FaultKind(IntFlag):
-    """Faults of one axis; each switches all motors off and stays until it is cleared."""
+    """Faults of one axis, as the board names them; each switches all motors off until it is cleared."""
 
     STALL = 1
-    FOLLOWING = 2
+    FOLLOW = 2
     ENCODER = 4
     HOMING = 8
     LIMIT = 16
@@ -119,7 +104,7 @@ class BoardFlag(IntFlag):
 
 _AXIS_WORDS = {
     FaultKind.STALL: "stalled: the motor was driven at its limit and did not move; see what is in its way",
-    FaultKind.FOLLOWING: (
+    FaultKind.FOLLOW: (
         "fell too far behind its setpoint (following error); is it overloaded, its supply weak, or the "
         "speed too high?"
     ),
@@ -261,31 +246,24 @@ _WHY = {
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """The board has done what line ``sequence`` asked for."""
+    """What the board answers to line ``sequence``; 0: it could not read a line."""
 
     sequence: int
     text: str
-
-
-@dataclass(frozen=True, slots=True)
-class Refusal:
-    """The board has not done what line ``sequence`` asked for; 0: it could not read a line."""
-
-    sequence: int
-    code: str
-    text: str
+    refusal: str = ""
+    """why the board has not done what the line asked for, a code; empty: it has"""
 
     def __str__(self) -> str:
-        """Why, in words for the user."""
-        said = f"the board says: {self.code} {self.text}".rstrip()
-        return f"{_WHY[self.code]} ({said})" if self.code in _WHY else said
+        """Why it has not, in words for the user."""
+        said = f"the board says: {self.refusal} {self.text}".rstrip()
+        return f"{_WHY[self.refusal]} ({said})" if self.refusal in _WHY else said
 
     def error(self, asked: str) -> ArmctlError:
         """What to raise where this refuses the request ``asked``."""
-        if self.code == "LIMIT":
+        if self.refusal == "LIMIT":
             kind = BoardError
         else:
-            kind = StateError if self.code in _WHY else BoardProtocolError
+            kind = StateError if self.refusal in _WHY else BoardProtocolError
         return kind(f"the board refused {asked!r}: {self}")
 
 
@@ -308,7 +286,7 @@ class Banner:
         return f"{self.firmware} {self.version} proto={self.protocol} axes={self.axes} reset={self.reset}"
 
 
-Message = Answer | Refusal | Status | Event | Banner
+Message = Answer | Status | Event | Banner
 
 
 def decode(line: bytes) -> Message:
@@ -328,8 +306,7 @@ def decode(line: bytes) -> Message:
     found = _ANSWER.fullmatch(text)
     if found is None or int(found[1]) > LARGEST_SEQUENCE:
         raise BoardProtocolError(f"{text!r} is nothing that an armctl encoder board says")
-    sequence = int(found[1])
-    return Refusal(sequence, found[3], found[4] or "") if found[3] else Answer(sequence, found[2] or "")
+    return Answer(int(found[1]), found[2] or found[4] or "", found[3] or "")
 
 
 def decode_banner(text: str) -> Banner:

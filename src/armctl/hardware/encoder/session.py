@@ -19,7 +19,6 @@ from armctl.hardware.encoder.messages import (
     LineReader,
     Message,
     Realtime,
-    Refusal,
     Status,
     decode,
     decode_banner,
@@ -41,6 +40,12 @@ _START_S = 2.5  # a Mega that is reset by the opening of its port says nothing f
 _LISTENING_ROUNDS = 2
 _SPEAKING_ROUNDS = 10
 
+_HOMING_FAILURES = {
+    "notfound": "the switch was not found, on either side",
+    "stuck": "the switch stays closed",
+    "timeout": "it took too long",
+}
+
 # Firmata's "report firmware", as a query and at the beginning of the answer.
 _FIRMATA_QUERY = b"\xf0\x79\xf7"
 _FIRMATA_REPORT = b"\xf0\x79"
@@ -54,7 +59,7 @@ class _InFlight:
     text: str
     line: bytes
     awaited: bool
-    reply: Answer | Refusal | None = None
+    reply: Answer | None = None
     unreadable: bool = False
 
 
@@ -79,7 +84,7 @@ class EncoderSession:
         self._in_flight: _InFlight | None = None
         self._superseded: deque[int] = deque(maxlen=_MOST_SUPERSEDED)
         self._waiting_since = self._sent_at = self._status_at = now()
-        self._refused: list[Refusal] = []
+        self._refused: list[Answer] = []
         self._greeting = True
         self._prelude = b""
         """the first bytes that came before the board was known, whoever sent them"""
@@ -87,14 +92,14 @@ class EncoderSession:
         self.status: Status | None = None
         """the newest; None where none shows yet what has just been asked for"""
         self.homing_failures: dict[int, str] = {}
-        """by axis, why homing failed, in the board's words"""
+        """why homing failed, by axis"""
         self.restarted: str | None = None
         """why the board has started anew, in its own word; None: it has not, or that is settled"""
         self.restarts = 0
-        """how often it has since the session began"""
+        """how often it has"""
         self.spoken = False
         """whether the board has sent a valid line since the last one was sent to it"""
-        self._garbled = 0
+        self._garbled = 0  # lines
 
     @property
     def name(self) -> str:
@@ -109,27 +114,32 @@ class EncoderSession:
     def greet(self, *, resets: bool) -> Banner:
         """Make sure that armctl's firmware answers, in the version that this armctl speaks.
 
-        Args:
-            resets: whether opening the line starts the board anew. Then nothing is sent until the board
-                speaks: its boot loader would take it for an upload.
-
-        Raises:
-            BoardTimeoutError: nobody answers.
-            BoardProtocolError: another board answers, or in another version.
+        ``resets``: opening the line starts the board anew. Then nothing is sent until the board speaks: its
+        boot loader would take it for an upload. ``BoardTimeoutError`` where nothing answers,
+        ``BoardProtocolError`` where another board does, or in another version.
         """
         silence: BoardTimeoutError | None = None
         for _ in range(_LISTENING_ROUNDS if resets else _SPEAKING_ROUNDS):
             if resets:
                 self.wait_until(lambda: self.spoken, _START_S)
             try:
-                banner = decode_banner(self.command("HELLO", _HELLO_S))
+                hello = self.command("HELLO", _HELLO_S)
             except BoardTimeoutError as error:
                 silence = error
                 continue
-            self._check(banner)
+            banner = decode_banner(hello)
+            if banner.firmware != FIRMWARE:
+                raise BoardProtocolError(
+                    f"{self.name}: {banner.firmware} answers, not {FIRMWARE}; {FLASH_IT}"
+                )
+            if banner.protocol != PROTOCOL:
+                raise BoardProtocolError(
+                    f"{self.name}: the board's firmware {banner.version} speaks protocol {banner.protocol}, "
+                    f"this armctl needs protocol {PROTOCOL}; {protocol_advice(banner)}"
+                )
             self._greeting = False
             self.restarted = self.status = self._board_ms = None
-            self.restarts = self._garbled = 0
+            self._garbled = 0
             self.homing_failures.clear()
             return banner
         raise self._wrong_board() from silence
@@ -149,13 +159,8 @@ class EncoderSession:
     def command(self, text: str, timeout_s: float | None = None) -> str:
         """Ask for ``text``, wait for the answer and return what it says.
 
-        The status from before counts no more: the next one shows what has come of it. The answer to a
-        posted line is not waited for.
-
-        Raises:
-            BoardTimeoutError: no answer.
-            StateError: the board's state does not allow it.
-            BoardError: refused for another reason, or the line is gone.
+        The status from before counts no more: the next one shows what has come of it. ``BoardTimeoutError``
+        without an answer; ``StateError`` where the board's state does not allow it.
         """
         timeout_s = self._timeout_s if timeout_s is None else timeout_s
         self.drain()
@@ -169,26 +174,18 @@ class EncoderSession:
         self.status = None
         if sent.reply is None:
             raise self._unanswered(sent, timeout_s)
-        if isinstance(sent.reply, Refusal):
+        if sent.reply.refusal:
             raise sent.reply.error(text)
         return sent.reply.text
 
     def post(self, text: str) -> None:
-        """Send the line for ``text`` and go on; ``settle`` sees to its answer.
-
-        It takes the place of a posted line that is not answered yet.
-        """
+        """Send the line for ``text`` in place of a posted one; ``settle`` takes the answer."""
         self._ask(text, awaited=False)
 
-    def settle(self) -> tuple[Refusal, ...]:
-        """Take the answers to posted lines that are there, without waiting; send the newest again if due.
+    def settle(self) -> tuple[Answer, ...]:
+        """The refusals of posted lines that have come, without waiting; sends the newest line again if due.
 
-        Returns:
-            the refusals among them.
-
-        Raises:
-            BoardTimeoutError: the board has not answered for too long, though the line was sent again.
-            BoardError: the line is gone.
+        ``BoardTimeoutError`` where the board has not answered for too long, though the line was sent again.
         """
         self.drain()
         refused, self._refused = tuple(self._refused), []
@@ -206,12 +203,7 @@ class EncoderSession:
         self._transport.write(bytes((byte,)))
 
     def fresh_status(self, oldest_s: float) -> Status:
-        """A status that came at most ``oldest_s`` ago, waited for if need be.
-
-        Raises:
-            BoardTimeoutError: the board says nothing.
-            BoardError: the line is gone.
-        """
+        """A status that came at most ``oldest_s`` ago, waited for if need be; else ``BoardTimeoutError``."""
         self.drain()
         if self.status is None or self._now() - self._status_at > oldest_s:
             self.status = None
@@ -287,21 +279,28 @@ class EncoderSession:
                 continue
             self.spoken = True
             match message:
-                case Answer() | Refusal():
+                case Answer():
                     self._accept_answer(message)
                 case Status():
-                    if self._clock_went_back(message.time_ms):
+                    # A clock that goes back shows a restart also where its banner was lost.
+                    now, before = message.time_ms, self._board_ms
+                    if (
+                        before is not None
+                        and now < before
+                        and (now - before) % _CLOCK_WRAPS_MS > _NEAR_WRAP_MS
+                    ):
                         self._note_restart("unknown")
-                    self._board_ms = message.time_ms
+                    self._board_ms = now
                     self.status, self._status_at = message, self._now()
                 case Banner():
                     self._note_restart(message.reset)
                 case ("home", "failed", axis, *reason) if axis.isdecimal():
-                    self.homing_failures[int(axis)] = " ".join(reason)
+                    said = " ".join(reason)
+                    self.homing_failures[int(axis)] = _HOMING_FAILURES.get(said, said)
                 case _:
                     pass
 
-    def _accept_answer(self, answer: Answer | Refusal) -> None:
+    def _accept_answer(self, answer: Answer) -> None:
         sent = self._in_flight
         if sent is not None and answer.sequence == 0:
             sent.unreadable = True
@@ -316,37 +315,20 @@ class EncoderSession:
             self._waiting_since = self._now()  # it answers, if late
         else:
             return
-        if isinstance(answer, Refusal):
+        if answer.refusal:
             self._refused.append(answer)
-
-    def _clock_went_back(self, time_ms: int) -> bool:
-        """Whether the board has started anew: this shows it also where its banner was lost."""
-        before = self._board_ms
-        if before is None or time_ms >= before:
-            return False
-        return not (before > _CLOCK_WRAPS_MS - _NEAR_WRAP_MS and time_ms < _NEAR_WRAP_MS)
 
     def _note_restart(self, reset: str) -> None:
         self.restarted = reset
         self.restarts += 1
         self.status = self._board_ms = None
 
-    def _check(self, banner: Banner) -> None:
-        if banner.firmware != FIRMWARE:
-            raise BoardProtocolError(f"{self.name}: {banner.firmware} answers, not {FIRMWARE}; {FLASH_IT}")
-        if banner.protocol != PROTOCOL:
-            raise BoardProtocolError(
-                f"{self.name}: the board's firmware {banner.version} speaks protocol {banner.protocol}, this "
-                f"armctl needs protocol {PROTOCOL}; {protocol_advice(banner)}"
-            )
-
     def _wrong_board(self) -> BoardProtocolError | BoardTimeoutError:
         """What to say when armctl's firmware does not answer."""
         if _FIRMATA_REPORT not in self._prelude:
             self._transport.write(_FIRMATA_QUERY)
             self.wait_until(lambda: _FIRMATA_REPORT in self._prelude, _HELLO_S)
-        first = self._prelude
-        if _FIRMATA_REPORT in first:
+        if _FIRMATA_REPORT in self._prelude:
             return BoardProtocolError(
                 f"{self.name}: StandardFirmata is on this board, not armctl's encoder firmware; {FLASH_IT}"
                 ", or choose the board firmata if the arm has servos"
@@ -356,8 +338,8 @@ class EncoderSession:
                 f"{self.name}: an armctl encoder board sends, but does not answer; check the wire that "
                 "leads to the board, and that nothing else uses the port"
             )
-        if first:
-            shown = first[:40].decode("ascii", "backslashreplace")
+        if self._prelude:
+            shown = self._prelude[:40].decode("ascii", "backslashreplace")
             return BoardProtocolError(
                 f"{self.name}: something else answers there ({shown!r}); is it the right port, at 115200 "
                 f"baud? If it is: {FLASH_IT}"

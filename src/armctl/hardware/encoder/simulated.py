@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections import deque
 from collections.abc import Mapping, Sequence
 
@@ -39,26 +40,19 @@ _TICKS_PER_STATUS = 4
 _SLACK_S = 1e-9
 _LONGEST_CATCH_UP = round(2.0 / TICK_S)  # nobody waits longer than that for bytes; motors are off by then
 _LOG_LENGTH = 10_000
-_REALTIME = frozenset(Realtime)
+_REALTIME = re.compile(rb"([!?~\x18])")
+_REQUEST = re.compile(r"(\d{1,5}) (.+)")
 _WATCHDOG_RANGE_MS = (50, 500)
 _LONGEST_BRAKING_S = 0.1
 _REACH_MS = 20
 _REACH_RANGE_MS = (1, 1000)
 _MOST_COUNTS = 1 << 31
-_TRIP_WORDS = {
-    FaultKind.STALL: "STALL",
-    FaultKind.FOLLOWING: "FOLLOW",
-    FaultKind.ENCODER: "ENCODER",
-    FaultKind.HOMING: "HOMING",
-}
+_COMMANDS = ("HELLO", "PING", "GET", "CLR", "EN", "WD", "HOME", "P", "PAIR", "CFG", "SHOW")
 _REFUSALS = {Mode.TRIPPED: "FAULT", Mode.OFF: "OFF", Mode.HOMING: "BUSY", Mode.HELD: "HOLD"}
 
 
 class _Refused(Exception):  # noqa: N818  not an error: what the board answers
-    """The request is answered by ``err`` and has no effect."""
-
-    def __init__(self, code: str, text: str) -> None:
-        super().__init__(f"{code} {text}")
+    """The request has no effect; it is answered by ``err`` with this code and text."""
 
 
 class SimulatedEncoderBoard:
@@ -71,15 +65,11 @@ class SimulatedEncoderBoard:
     """
 
     def __init__(
-        self,
-        plants: Mapping[int, AxisPlant] | None = None,
-        *,
-        boot_s: float = 0.0,
-        protocol: int = PROTOCOL,
+        self, plants: Mapping[int, AxisPlant] | None = None, *, boot_s: float = 0.0, protocol: int = PROTOCOL
     ) -> None:
-        plants = plants or {}
+        known = plants or {}
         self.axes = [
-            SimulatedAxis(plants.get(axis, AxisPlant()), defaults)
+            SimulatedAxis(known.get(axis, AxisPlant()), defaults)
             for axis, defaults in enumerate(FIRMWARE_DEFAULTS)
         ]
         self.log: deque[str] = deque(maxlen=_LOG_LENGTH)
@@ -141,15 +131,11 @@ class SimulatedEncoderBoard:
         """Take bytes from the host and return what they bring about."""
         if not self._greeted:
             return b""
-        text = bytearray()
-        for byte in data:
-            if byte in _REALTIME:
-                self._take(bytes(text))
-                text.clear()
-                self._obey_at_once(Realtime(byte))
+        for piece in _REALTIME.split(data):
+            if _REALTIME.fullmatch(piece):
+                self._obey_at_once(Realtime(piece[0]))
             else:
-                text.append(byte)
-        self._take(bytes(text))
+                self._take(piece)
         return self._take_unsent()
 
     # The line.
@@ -168,19 +154,19 @@ class SimulatedEncoderBoard:
         except BoardProtocolError:
             self._say("0 err CRC line ignored")
             return
-        sequence, _, rest = text.partition(" ")
-        if not _is_sequence(sequence) or not rest:
+        found = _REQUEST.fullmatch(text)
+        if found is None or not 1 <= int(found[1]) <= LARGEST_SEQUENCE:
             self._say("0 err SYNTAX seq 1 65535")
             return
         self._fed_s = self._time_s
         if self._last is None or self._last[0] != line:
-            self.log.append(rest)
-            command, *words = rest.split(" ")
+            self.log.append(found[2])
+            command, *words = found[2].split(" ")
             try:
                 answer = f"ok {self._execute(command, words)}".rstrip()
             except _Refused as refused:
                 answer = f"err {refused}"
-            self._last = line, f"{int(sequence)} {answer}"
+            self._last = line, f"{int(found[1])} {answer}"
         self._say(self._last[1])
 
     def _say_status(self) -> None:
@@ -205,42 +191,44 @@ class SimulatedEncoderBoard:
             case "GET", []:
                 return self._status().encode()
             case "CLR", []:
-                self._clear()
+                for each in self.axes:
+                    each.fault = FaultKind(0)
+                self._flags = BoardFlag(0)
+                if self.mode is Mode.TRIPPED:
+                    self.mode = Mode.OFF
             case "EN", ["0"]:
                 self._end(Mode.OFF)
             case "EN", ["1"]:
                 self._refuse_in(Mode.TRIPPED, Mode.HOMING)
                 if self._off_at_s is not None:
-                    raise _Refused("HOLD", "braking")
+                    raise _Refused("HOLD braking")
                 if self.mode is Mode.OFF:
                     self._begin(Mode.ON)
             case "WD", [ms]:
                 self._watchdog_s = _number(ms, *_WATCHDOG_RANGE_MS) / 1000.0
             case "HOME", _:
                 self._home(words)
-            case "P", _:
+            case "P", _ if len(words) in (AXES, AXES + 1):
                 self._go(words)
-            case "PAIR", _:
-                self._pair(words)
+            case "PAIR", ["NONE"]:
+                self._refuse_when_on()
+            case "PAIR", [
+                first,
+                second,
+            ]:  # the plant is in joint counts: which motors turn it does not matter
+                if self._axis(first) is self._axis(second):
+                    raise _Refused("RANGE two axes")
+                self._refuse_when_on()
             case "CFG", [axis, *pairs]:
                 self._configure(axis, pairs)
             case "SHOW", [axis, ("1" | "2") as part]:
                 shown = [f"{key}={value}" for key, value in self._axis(axis).settings.items()]
                 half = len(shown) // 2
                 return " ".join(shown[:half] if part == "1" else shown[half:])
-            case (("HELLO" | "PING" | "GET" | "CLR" | "EN" | "WD" | "CFG" | "SHOW"), _):
-                raise _Refused("ARGS", f"{command} takes other arguments")
             case _:
-                raise _Refused("UNKNOWN", "command")
+                known = command in _COMMANDS
+                raise _Refused(f"ARGS {command} takes other arguments" if known else "UNKNOWN command")
         return ""
-
-    def _clear(self) -> None:
-        """Forget faults and flags; the motors stay off."""
-        for axis in self.axes:
-            axis.fault = FaultKind(0)
-        self._flags = BoardFlag(0)
-        if self.mode is Mode.TRIPPED:
-            self.mode = Mode.OFF
 
     def _home(self, words: Sequence[str]) -> None:
         """Look for the zeros of these axes, or of all, one after the other; unused ones are left out."""
@@ -249,7 +237,7 @@ class SimulatedEncoderBoard:
         for axis in used:
             own = self.axes[axis].settings
             if not own["min"] <= own["hpos"] <= own["max"]:
-                raise _Refused("RANGE", f"hpos outside min max, axis {axis}")
+                raise _Refused(f"RANGE hpos outside min max, axis {axis}")
         self._refuse_in(Mode.TRIPPED, Mode.HOMING, Mode.HELD)
         self._begin(Mode.HOMING)
         self._to_home = sorted(used, key=lambda axis: self.axes[axis].settings["hord"])
@@ -258,8 +246,6 @@ class SimulatedEncoderBoard:
 
     def _go(self, words: Sequence[str]) -> None:
         """Take setpoints, all or none; a last word is the time [ms] in which to be there."""
-        if len(words) not in (AXES, AXES + 1):
-            raise _Refused("ARGS", f"P takes {AXES} setpoints and a time")
         counts = {
             axis: _number(word, -_MOST_COUNTS, _MOST_COUNTS - 1)
             for axis, word in enumerate(words[:AXES])
@@ -269,23 +255,13 @@ class SimulatedEncoderBoard:
         self._refuse_in(Mode.TRIPPED, Mode.OFF, Mode.HOMING, Mode.HELD)
         for axis in counts:
             if not self.axes[axis].homed:
-                raise _Refused("NOTHOMED", str(axis))
+                raise _Refused(f"NOTHOMED {axis}")
         for axis, count in counts.items():
             low, high = self.axes[axis].settings["min"], self.axes[axis].settings["max"]
             if not low <= count <= high:
-                raise _Refused("LIMIT", f"{axis} {count} {low} {high}")
+                raise _Refused(f"LIMIT {axis} {count} {low} {high}")
         for axis, count in counts.items():
             self.axes[axis].go(count, reach_ms / 1000.0)
-
-    def _pair(self, words: Sequence[str]) -> None:
-        """Changes nothing: the plant is in joint counts, which motors turn it does not matter."""
-        if list(words) != ["NONE"]:
-            if len(words) != 2:
-                raise _Refused("ARGS", "PAIR takes two axes or NONE")
-            first, second = (_number(word, 0, AXES - 1) for word in words)
-            if first == second:
-                raise _Refused("RANGE", "two axes")
-        self._refuse_when_on()
 
     def _configure(self, axis: str, pairs: Sequence[str]) -> None:
         """Take the settings of a line, or none of them."""
@@ -293,15 +269,15 @@ class SimulatedEncoderBoard:
         for pair in pairs:
             key, equals, value = pair.partition("=")
             if not equals or key not in WIRE:
-                raise _Refused("ARGS", f"unknown key {key}")
+                raise _Refused(f"ARGS unknown key {key}")
             changes[key] = _number(value, WIRE[key].low, WIRE[key].high)
         if not changes:
-            raise _Refused("ARGS", "nothing to set")
+            raise _Refused("ARGS nothing to set")
         own = self._axis(axis)
         self._refuse_when_on()
         settings = own.settings | changes
         if settings["min"] >= settings["max"]:
-            raise _Refused("RANGE", "min not below max")
+            raise _Refused("RANGE min not below max")
         own.configure(settings)
 
     def _axis(self, word: str) -> SimulatedAxis:
@@ -309,11 +285,11 @@ class SimulatedEncoderBoard:
 
     def _refuse_when_on(self) -> None:
         if self.mode.powered:
-            raise _Refused("MOVING", "motors are on")
+            raise _Refused("MOVING motors are on")
 
     def _refuse_in(self, *modes: Mode) -> None:
         if self.mode in modes:
-            raise _Refused(_REFUSALS[self.mode], "not now")
+            raise _Refused(f"{_REFUSALS[self.mode]} not now")
 
     # What the motors do. Times count from the board's start.
 
@@ -397,7 +373,7 @@ class SimulatedEncoderBoard:
         if fault is FaultKind.ENCODER:
             axis.homed = False
         self._end(Mode.TRIPPED)
-        self._say(f"! trip {number} {_TRIP_WORDS[fault]}")
+        self._say(f"! trip {number} {fault.name}")
 
     def _begin(self, mode: Mode) -> None:
         """Switch the motors on: the axes hold where they stand."""
@@ -412,19 +388,17 @@ class SimulatedEncoderBoard:
         if self.mode is not Mode.TRIPPED:
             self.mode = mode
         self._off_at_s = None
-        self._end_homing()
+        self._homing = None
+        self._to_home.clear()
 
     def _hold(self) -> None:
         """Slow down and hold, until that is released."""
         self.mode = Mode.HELD
         self._held_told = self._off_at_s is not None
-        self._end_homing()
-        for axis in self.axes:
-            axis.halt()
-
-    def _end_homing(self) -> None:
         self._homing = None
         self._to_home.clear()
+        for axis in self.axes:
+            axis.halt()
 
 
 def _number(word: str, low: int, high: int) -> int:
@@ -432,21 +406,17 @@ def _number(word: str, low: int, high: int) -> int:
     try:
         value = int(word)
     except ValueError:
-        raise _Refused("ARGS", f"{word} is no number") from None
+        raise _Refused(f"ARGS {word} is no number") from None
     if not low <= value <= high:
-        raise _Refused("RANGE", f"{word} is outside {low} {high}")
+        raise _Refused(f"RANGE {word} is outside {low} {high}")
     return value
-
-
-def _is_sequence(word: str) -> bool:
-    return word.isascii() and word.isdecimal() and len(word) <= 5 and 1 <= int(word) <= LARGEST_SEQUENCE
 
 
 def simulated_encoder_board(
     channels: Sequence[ChannelSettings], axes: Sequence[EncoderAxis]
 ) -> SimulatedEncoderBoard:
     """A board with an arm on it that fits these settings; axes without any are plain ones."""
-    limits = {one.channel: one for one in channels}
+    own = {one.entry.axis: one for one in axes}
     return SimulatedEncoderBoard(
-        {one.entry.axis: plant_of(limits[one.entry.axis], one) for one in axes if one.entry.axis in limits}
+        {one.channel: plant_of(one, own[one.channel]) for one in channels if one.channel in own}
     )

@@ -19,19 +19,15 @@ _START_S = 1.0
 
 @dataclass(frozen=True, slots=True)
 class AxisPlant:
-    """The mechanics of an axis, in the counts that it has once it is homed.
-
-    Args:
-        low: lower hard stop.
-        high: upper hard stop.
-        switch: where the home switch is closed; None: there is none.
-        start: where it stands when it is built.
-    """
+    """The mechanics of an axis, in the counts that it has once it is homed."""
 
     low: float = -1500.0
     high: float = 1500.0
+    """hard stops"""
     switch: tuple[float, float] | None = (0.0, SWITCH_WIDTH)
+    """where the home switch is closed; None: there is none"""
     start: float = -400.0
+    """where it stands when it is built"""
 
 
 def plant_of(limits: ChannelSettings, axis: EncoderAxis) -> AxisPlant:
@@ -77,10 +73,6 @@ class SimulatedAxis:
 
     Counts are joint counts: inverted encoders, inverted motors and the two motors of a differential
     wrist are taken to be wired as they are configured.
-
-    Args:
-        plant: the mechanics.
-        defaults: its settings until it is told others.
     """
 
     def __init__(self, plant: AxisPlant, defaults: Mapping[str, int]) -> None:
@@ -150,7 +142,7 @@ class SimulatedAxis:
         self._follow()
         error = abs(self._reference - self._count)
         if error > self.settings["ferr"]:
-            return FaultKind.FOLLOWING
+            return FaultKind.FOLLOW
         drive = error * self.settings["kp"] / 256.0 + self.settings["brk"]
         if error < _MOVED_COUNTS or drive < self.settings["dmax"]:
             self._standing_s = 0.0
