@@ -16,7 +16,7 @@ from armctl.hardware.encoder.simulated import SimulatedEncoderBoard
 from armctl.hardware.findings import Finding, Verdict, round_trips
 from armctl.hardware.firmata.codec import servo_config, servo_write
 from armctl.hardware.firmata.simulated import SimulatedFirmata
-from armctl.hardware.maestro.codec import MaestroModel
+from armctl.hardware.maestro import MaestroModel
 from armctl.hardware.maestro.simulated import (
     ChannelConfig,
     HomeMode,

@@ -10,7 +10,8 @@ from tests.runtime.kit import ROBOT, TEST, TICK
 
 from armctl.errors import BoardError
 from armctl.hardware import Source
-from armctl.hardware.maestro.codec import MaestroModel, Opcode, set_target, us_to_quarters
+from armctl.hardware.maestro import MaestroModel
+from armctl.hardware.maestro.codec import Opcode, set_target, us_to_quarters
 from armctl.hardware.maestro.driver import MaestroDriver
 from armctl.hardware.maestro.simulated import ChannelConfig, HomeMode, MaestroSettings, SimulatedMaestro
 from armctl.hardware.transport import Connection

@@ -18,7 +18,7 @@ from armctl.hardware.encoder.driver import EncoderDriver
 from armctl.hardware.encoder.simulated import simulated_encoder_board
 from armctl.hardware.firmata.driver import FirmataDriver
 from armctl.hardware.firmata.simulated import SimulatedFirmata
-from armctl.hardware.maestro.codec import MaestroModel
+from armctl.hardware.maestro import MaestroModel
 from armctl.hardware.maestro.driver import MaestroDriver
 from armctl.hardware.maestro.simulated import ChannelConfig, MaestroSettings, SimulatedMaestro
 from armctl.hardware.transport import Connection, Transport

@@ -9,15 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from armctl.errors import BoardProtocolError, InputError
-from armctl.hardware.maestro import codec
-from armctl.hardware.maestro.codec import (
-    MaestroErrors,
-    MaestroModel,
-    Opcode,
-    Packet,
-    PacketParser,
-    error_words,
-)
+from armctl.hardware.maestro import MaestroModel, codec
+from armctl.hardware.maestro.codec import MaestroErrors, Opcode, Packet, PacketParser, error_words
 from armctl.hardware.ports import listing_of
 
 COMMANDS = [

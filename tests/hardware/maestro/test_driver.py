@@ -12,7 +12,7 @@ from tests.hardware.maestro.scripted_transport import ScriptedTransport
 
 from armctl.errors import BoardError, BoardProtocolError, BoardTimeoutError, InputError, PortError
 from armctl.hardware import ChannelSettings
-from armctl.hardware.maestro.codec import MaestroModel
+from armctl.hardware.maestro import MaestroModel
 from armctl.hardware.maestro.driver import UNKNOWN_MODEL_NOTE, WATCHDOG_NOTE, MaestroDriver
 from armctl.hardware.maestro.simulated import (
     ChannelConfig,

@@ -11,7 +11,8 @@ import pytest
 from tests.hardware.maestro.scripted_transport import ScriptedTransport
 
 from armctl.hardware import ChannelSettings, Source
-from armctl.hardware.maestro.codec import MaestroErrors, MaestroModel
+from armctl.hardware.maestro import MaestroModel
+from armctl.hardware.maestro.codec import MaestroErrors
 from armctl.hardware.maestro.driver import MaestroDriver
 from armctl.hardware.maestro.simulated import MaestroSettings, SimulatedMaestro
 from armctl.hardware.transport import Connection

@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from armctl.errors import InputError
-from armctl.hardware.maestro import codec
-from armctl.hardware.maestro.codec import MaestroErrors, MaestroModel
+from armctl.hardware.maestro import MaestroModel, codec
+from armctl.hardware.maestro.codec import MaestroErrors
 from armctl.hardware.maestro.simulated import (
     ChannelConfig,
     HomeMode,

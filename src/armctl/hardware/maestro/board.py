@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from armctl.errors import BoardError, BoardTimeoutError
 from armctl.hardware.board_type import BoardType, ByteModel, Introduction, Setup, SimulatorOption
 from armctl.hardware.driver import Driver
-from armctl.hardware.maestro.codec import SCALE, SILENT_ADVICE, MaestroModel, error_words
+from armctl.hardware.maestro import SCALE, SILENT_ADVICE, MaestroModel
 from armctl.robot.outputs_of_file import ServoEntries
 
 if TYPE_CHECKING:
@@ -84,6 +84,7 @@ class MaestroBoard(BoardType):
 
     def ask(self, line: Transport, now: Callable[[], float]) -> Introduction | None:
         """Get Errors, and after silence the CRC byte that completes it (``MaestroLine.probe``)."""
+        from armctl.hardware.maestro.codec import error_words
         from armctl.hardware.maestro.driver import MaestroLine
 
         board = MaestroLine(line, _ANSWER_S)

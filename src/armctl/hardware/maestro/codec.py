@@ -8,51 +8,13 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from enum import Enum, IntEnum, IntFlag
+from enum import IntEnum, IntFlag
 
 from armctl.errors import BoardProtocolError, InputError
-from armctl.hardware.driver import ChannelScale
-
-
-class MaestroModel(Enum):
-    """A member of the family: name, channels, USB product number."""
-
-    MICRO_6 = ("Pololu Micro Maestro 6-channel", 6, 0x0089)
-    MINI_12 = ("Pololu Mini Maestro 12-channel", 12, 0x008A)
-    MINI_18 = ("Pololu Mini Maestro 18-channel", 18, 0x008B)
-    MINI_24 = ("Pololu Mini Maestro 24-channel", 24, 0x008C)
-
-    def __init__(self, label: str, channels: int, usb_product: int) -> None:
-        self.label = label
-        self.channels = channels
-        self.usb_product = usb_product
-
-    @property
-    def has_multiple_targets(self) -> bool:
-        """Whether it knows Set Multiple Targets; to the Micro that command is a protocol error."""
-        return self is not MaestroModel.MICRO_6
-
-    @classmethod
-    def from_label(cls, label: str) -> MaestroModel | None:
-        """The model of this name, None when there is none."""
-        return next((model for model in cls if model.label == label), None)
-
-    @classmethod
-    def with_channels(cls, count: int) -> MaestroModel:
-        """The smallest model with at least ``count`` channels (the largest if none has that many)."""
-        return next((model for model in cls if model.channels >= count), cls.MINI_24)
-
-
-SILENT_ADVICE = (
-    'set the serial mode to "USB Dual Port" in the Maestro Control Center (Serial Settings): in the '
-    'factory\'s "UART, detect baud rate" the board silently ignores commands over USB. Check also that this '
-    "is the command port (…-if00)"
-)
+from armctl.hardware.maestro import QUARTERS_PER_US
 
 # Units: µs, µs/s and µs/s² of a pulse, and the integers of the protocol.
 
-QUARTERS_PER_US = 4
-SCALE = ChannelScale("channel", "µs", QUARTERS_PER_US)
 SPEED_UNIT_US_PER_S = 25.0  # 0.25 µs in 10 ms
 ACCELERATION_UNIT_US_PER_S2 = 312.5  # 0.25 µs in 10 ms, each 80 ms
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from armctl.hardware.findings import CheckUp, Finding, Needs, failed, not_checked, ok, round_trips, warning
-from armctl.hardware.maestro.codec import MaestroModel, error_words
+from armctl.hardware.maestro import MaestroModel
+from armctl.hardware.maestro.codec import error_words
 from armctl.hardware.maestro.driver import MaestroLine
 from armctl.hardware.maestro.simulated import FACTORY_MAXIMUM_US, FACTORY_MINIMUM_US
 

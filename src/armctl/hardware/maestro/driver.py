@@ -6,18 +6,8 @@ from collections.abc import Mapping, Sequence
 
 from armctl.errors import BoardError, BoardProtocolError, BoardTimeoutError
 from armctl.hardware.driver import BoardIdentity, ChannelSettings, ChannelTable, Readback, Source
-from armctl.hardware.maestro import codec
-from armctl.hardware.maestro.codec import (
-    MAX_CHANNEL,
-    MAX_TARGET,
-    QUARTERS_PER_US,
-    REPLY_LENGTH,
-    SCALE,
-    SILENT_ADVICE,
-    MaestroErrors,
-    MaestroModel,
-    error_words,
-)
+from armctl.hardware.maestro import QUARTERS_PER_US, SCALE, SILENT_ADVICE, MaestroModel, codec
+from armctl.hardware.maestro.codec import MAX_CHANNEL, MAX_TARGET, REPLY_LENGTH, MaestroErrors, error_words
 from armctl.hardware.transport import Connection, Transport
 
 _MISUNDERSTOOD = MaestroErrors.SERIAL_PROTOCOL | MaestroErrors.SERIAL_CRC

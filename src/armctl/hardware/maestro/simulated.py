@@ -11,13 +11,12 @@ from enum import Enum
 
 from armctl.errors import InputError
 from armctl.hardware.driver import ChannelSettings
+from armctl.hardware.maestro import QUARTERS_PER_US, MaestroModel
 from armctl.hardware.maestro.codec import (
     DEFAULT_DEVICE_NUMBER,
     MAX_ACCELERATION,
     MAX_TARGET,
-    QUARTERS_PER_US,
     MaestroErrors,
-    MaestroModel,
     Opcode,
     Packet,
     PacketParser,
