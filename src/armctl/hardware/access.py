@@ -1,4 +1,8 @@
-"""Who may open a device file, and what a user who may not has to do."""
+"""Who may open a device file and which program has it open, told without opening it.
+
+Opening a port just to see whether it is free would reset an Arduino. Linux tells through ``/proc``, of
+one's own programs; elsewhere, and of other users' programs, it turns out when the port is opened.
+"""
 
 from __future__ import annotations
 
@@ -57,15 +61,9 @@ def _joined_since_login(group: str) -> bool:
     return user in entry.gr_mem and entry.gr_gid not in os.getgroups()
 
 
-# Which other program has a serial port open, or is about to: told without opening the port.
-#
-# Opening a port just to see whether it is free would reset an Arduino. Linux tells through ``/proc``, of
-# one's own programs; elsewhere, and of other users' programs, it turns out when the port is opened.
-
 PROC = Path("/proc")
 UDEV_DATABASE = Path("/run/udev/data")
 
-_PTY_FOLDER = "/dev/pts/"
 _MODEM_MANAGER = "ModemManager"
 _IGNORED = ("E:ID_MM_DEVICE_IGNORE=1", "E:ID_MM_PORT_IGNORE=1")
 
@@ -73,6 +71,11 @@ MODEM_MANAGER_NOTE = (
     "ModemManager is running and may talk to this port in the first seconds after plugging in; if the board "
     "misbehaves then, install the udev rule (`armctl ports --udev`)"
 )
+
+
+def is_pseudo_terminal(device: str) -> bool:
+    """Whether a program, not a device, is at the other end of ``device``."""
+    return os.path.realpath(device).startswith("/dev/pts/")
 
 
 def program_using(device: str, proc: Path = PROC) -> str | None:
@@ -89,11 +92,6 @@ def program_using(device: str, proc: Path = PROC) -> str | None:
     return None
 
 
-def is_pseudo_terminal(device: str) -> bool:
-    """Whether a program, not a device, is at the other end of ``device``."""
-    return os.path.realpath(device).startswith(_PTY_FOLDER)
-
-
 def modem_manager_note(device: str, proc: Path = PROC, database: Path = UDEV_DATABASE) -> str | None:
     """What to know where ModemManager runs and no udev rule keeps it away from ``device``."""
     if _is_ignored(device, database):
@@ -104,14 +102,11 @@ def modem_manager_note(device: str, proc: Path = PROC, database: Path = UDEV_DAT
 
 def _open_files(process: Path) -> set[str]:
     """What a process's descriptors point to, by name: to ask a dead network mount for more may hang."""
-    try:
-        links = list((process / "fd").iterdir())
-    except OSError:  # another user's process, or one that has just ended
-        return set()
     files: set[str] = set()
-    for link in links:
-        with suppress(OSError):  # closed meanwhile
-            files.add(os.readlink(link))
+    with suppress(OSError):  # another user's process, or one that has just ended
+        for link in (process / "fd").iterdir():
+            with suppress(OSError):  # closed meanwhile
+                files.add(os.readlink(link))
     return files
 
 

@@ -32,41 +32,38 @@ _NO_USB = "not listed as a USB device (a pty, a socket or a plain serial port)"
 
 @dataclass(frozen=True, slots=True)
 class Patient:
-    """What is to be looked at.
-
-    Args:
-        port: what to open: a device, a pty or ``socket://host:port``.
-        info: what the listing says of it; None where it does not list it.
-        expected: the kind of board that should be there; None: any.
-        channels: what the robot file needs, in the board's unit.
-        checks: what the system says about the port.
-        simulated: whether a simulated board is behind it.
-    """
+    """What is to be looked at."""
 
     port: str
+    """what to open: a device, a pty or ``socket://host:port``"""
     info: PortInfo | None = None
+    """what the listing says of it; None where it does not list it"""
     expected: str | None = None
+    """the kind of board that should be there; None: any"""
     channels: Sequence[ChannelSettings] = ()
+    """what the robot file needs, in the board's unit"""
     checks: PortChecks = field(default_factory=PortChecks)
     simulated: bool = False
+    """whether a simulated board is behind it"""
+
+    @property
+    def listing(self) -> str | None:
+        """How the port is listed."""
+        return None if self.info is None else self.info.kind
 
 
 def examine(
     patient: Patient, open_line: Callable[[int], Transport], now: Callable[[], float]
 ) -> tuple[Finding, ...]:
-    """Check a port and the board behind it. Moves nothing; opening the port of an Arduino resets it.
+    """Check a port, which ``open_line`` opens at a baud rate, and the board behind it.
 
-    Args:
-        patient: the port and what is expected there.
-        open_line: opens the port at a baud rate.
-        now: the clock [s].
+    Moves nothing; opening the port of an Arduino resets it.
     """
     findings = _port(patient)
     if any(one.verdict is Verdict.FAILED for one in findings):
         return (*findings, not_checked("opens", "the port cannot be used"), *_unseen())
-    label = None if patient.info is None else patient.info.kind
     try:
-        line, probed = reach(open_line, approach(label, patient.expected), now)
+        line, probed = reach(open_line, approach(patient.listing, patient.expected), now)
     except ArmctlError as error:
         return (*findings, failed("opens", str(error)), *_unseen())
     try:
@@ -74,8 +71,12 @@ def examine(
         findings.append(_who(patient, probed))
         if probed.board is None:
             return (*findings, *_unseen()[1:])
+        # Another board than expected is not asked for the robot's channels.
+        fits = patient.expected in (None, probed.board) or not patient.channels
+        needs = Needs(patient.channels) if fits else OF_ANOTHER_BOARD
+        check_up = CheckUp(line, now, needs, patient.listing, probed.reported, patient.simulated)
         try:
-            findings += _board(patient, probed, line, now)
+            findings += translated("the check-up", board_type(probed.board).examine, check_up)
         except ArmctlError as error:
             findings.append(failed("conversation", f"broke off: {error}"))
         return tuple(findings)
@@ -85,37 +86,30 @@ def examine(
 
 def _port(patient: Patient) -> list[Finding]:
     """What can be told without opening the port."""
-    if "://" in patient.port:
+    port, info, checks = patient.port, patient.info, patient.checks
+    if "://" in port:
         return [ok("port", "a network address: neither permission nor other programs can be checked")]
-    if not os.path.exists(patient.port):  # a Path raises where it may not look
-        return [
-            failed(
-                "port",
-                f"{patient.port} does not exist",
-                "plug the board in; `armctl ports` lists what is there",
-            )
-        ]
-    findings = [ok("port", _NO_USB if patient.info is None else _listed(patient.info))]
-    if patient.checks.may_open(patient.port):
+    if not os.path.exists(port):  # a Path raises where it may not look
+        advice = "plug the board in; `armctl ports` lists what is there"
+        return [failed("port", f"{port} does not exist", advice)]
+    findings = [ok("port", _NO_USB if info is None else _listed(info))]
+    if checks.may_open(port):
         findings.append(ok("permission", "this user may read and write it"))
     else:
-        findings.append(failed("permission", "this user may not open it", permission_hint(patient.port)))
-    findings.append(_other_programs(patient))
-    if patient.info is not None:
-        if patient.info.why_not is not None and all(one.verdict is Verdict.OK for one in findings):
-            findings.append(failed("right port", patient.info.why_not))
-        findings += [warning("other programs", note) for note in patient.info.notes]
+        findings.append(failed("permission", "this user may not open it", permission_hint(port)))
+    # Only what can be known before the port is opened: whether it is free, its opening tells.
+    if (program := checks.used_by(port)) is not None:
+        findings.append(failed("other programs", f"{program} has it open", "close that and try again"))
+    elif is_pseudo_terminal(port):
+        seen = "which program uses a pseudo-terminal cannot be told"
+        findings.append(not_checked("other programs", seen))
+    else:
+        findings.append(ok("other programs", "none of this user's; another user's cannot be seen"))
+    if info is not None:
+        if info.why_not is not None and all(one.verdict is Verdict.OK for one in findings):
+            findings.append(failed("right port", info.why_not))
+        findings += [warning("other programs", note) for note in info.notes]
     return findings
-
-
-def _other_programs(patient: Patient) -> Finding:
-    """Only what can be known before the port is opened: whether it is free, its opening tells."""
-    program = patient.checks.used_by(patient.port)
-    if program is not None:
-        return failed("other programs", f"{program} has it open", "close that and try again")
-    if is_pseudo_terminal(patient.port):
-        return not_checked("other programs", "which program uses a pseudo-terminal cannot be told")
-    return ok("other programs", "none of this user's; another user's cannot be seen")
 
 
 def _listed(info: PortInfo) -> str:
@@ -142,28 +136,15 @@ def _a(title: str) -> str:
 
 
 def _advice(patient: Patient) -> str:
-    """What to do where nobody answers."""
-    listing = None if patient.info is None else patient.info.kind
-    listed = boards_listed_as(listing)
-    certain = [board for board in listed if listing in board.own_listings]
-    if certain:
-        return certain[0].advice
+    """What to do where no board answers."""
+    listed = boards_listed_as(patient.listing)
+    for board in listed:
+        if patient.listing in board.own_listings:
+            return board.advice
     if patient.expected is not None:
         return board_type(patient.expected).advice
-    return "; ".join(
-        f"if it should be {_a(board.title)}: {board.advice}" for board in listed or board_types()
-    )
-
-
-def _board(patient: Patient, probed: Probed, line: Transport, now: Callable[[], float]) -> list[Finding]:
-    """What is asked of the board depends on who it is; another than expected is not asked for channels."""
-    fits = patient.expected in (None, probed.board)
-    needs = Needs(patient.channels) if fits or not patient.channels else OF_ANOTHER_BOARD
-    listing = None if patient.info is None else patient.info.kind
-    check_up = CheckUp(line, now, needs, listing, probed.reported, patient.simulated)
-    if probed.board is None:
-        return []
-    return translated("the check-up", board_type(probed.board).examine, check_up)
+    boards = listed or board_types()
+    return "; ".join(f"if it should be {_a(board.title)}: {board.advice}" for board in boards)
 
 
 def _unseen() -> list[Finding]:

@@ -49,10 +49,8 @@ class ChannelSettings:
 class HomingState:
     """How far a board that must find its zeros has come with it."""
 
-    homed: Mapping[int, bool]
-    """by channel"""
-    running: int | None = None
-    """the channel that is looking for its zero now; None: none is"""
+    homed: Mapping[int, bool]  # by channel
+    running: int | None = None  # the channel that is looking for its zero now
 
     @property
     def done(self) -> bool:
@@ -67,19 +65,13 @@ class Readback:
     positions: Mapping[int, float | None]
     source: Source
     errors: tuple[str, ...] = ()  # what the board itself reports, in words
-    powered: bool | None = None
-    """whether its outputs are on; None: a channel is on where it has a position"""
-    faults: Mapping[int, str] = field(default_factory=dict[int, str])
-    """what is wrong with a channel, in words that do not name it"""
-    homing: HomingState | None = None
-    """None: the board needs no homing"""
-    load: Mapping[int, float] | None = None
-    """by channel, the force that its motor gives, as a fraction of the largest, with its sign; None, as for
-    the next two: the board does not measure it"""
-    temperature: Mapping[int, float] | None = None
-    """by channel [°C]"""
-    voltage: Mapping[int, float] | None = None
-    """by channel, of the supply [V]"""
+    powered: bool | None = None  # whether its outputs are on; None: a channel is on where it has a position
+    faults: Mapping[int, str] = field(default_factory=dict[int, str])  # by channel, in words without its name
+    homing: HomingState | None = None  # None: the board needs no homing
+    # By channel; None where the board does not measure it.
+    load: Mapping[int, float] | None = None  # force of its motor, as a signed fraction of the largest
+    temperature: Mapping[int, float] | None = None  # [°C]
+    voltage: Mapping[int, float] | None = None  # of the supply [V]
 
 
 class Driver(Protocol):
@@ -132,12 +124,9 @@ class Driver(Protocol):
 class ChannelScale:
     """How a board names its outputs, and how finely it takes their setpoints."""
 
-    noun: str
-    """what the user calls an output of this board: channel, pin, axis"""
-    unit: str
-    """of setpoints"""
-    steps: int = 1
-    """of the board in one unit"""
+    noun: str  # what the user calls an output of this board: channel, pin, axis
+    unit: str  # of setpoints
+    steps: int = 1  # of the board in one unit
 
     @property
     def step(self) -> float:
@@ -159,13 +148,8 @@ class ChannelScale:
 class ChannelTable:
     """The configured channels of a board, and the last check before the wire.
 
-    Args:
-        scale: how the board names and counts them.
-        settings: what each channel may do.
-        check: raises ``BoardError`` for a channel or a range that the board cannot have.
-
-    Raises:
-        BoardError: the same channel twice, or one that ``check`` refuses.
+    ``BoardError`` for the same channel twice, and for what ``check`` refuses by raising it: a channel or a
+    range that the board cannot have.
     """
 
     def __init__(
@@ -184,30 +168,19 @@ class ChannelTable:
                     f"{scale.noun} {one.channel} is configured twice; give each joint its own {scale.noun}"
                 )
             self._settings[one.channel] = one
-
-    @property
-    def channels(self) -> tuple[int, ...]:
-        """The configured channels, lowest first."""
-        return tuple(sorted(self._settings))
-
-    @property
-    def settings(self) -> tuple[ChannelSettings, ...]:
-        """Their settings, in the same order."""
-        return tuple(self._settings[channel] for channel in self.channels)
+        self.channels = tuple(sorted(self._settings))
+        """the configured channels, lowest first"""
+        self.settings = tuple(self._settings[channel] for channel in self.channels)
+        """their settings, in the same order"""
 
     def whole_range(self, channel: int) -> tuple[int, int]:
         """The first and the last step that a configured channel may be sent."""
         return self._scale.whole_range(self._settings[channel])
 
     def admit(self, channel: int, value: float) -> int:
-        """A setpoint in whole steps, as near as the range allows, if it may be sent at all.
+        """A setpoint [the board's unit] in whole steps, as near as the range allows.
 
-        Args:
-            channel: whose setpoint.
-            value: in the board's unit.
-
-        Raises:
-            BoardError: not configured, not finite, or outside the range.
+        ``BoardError`` where it may not be sent: not configured, not finite, or outside the range.
         """
         scale, settings = self._scale, self._settings.get(channel)
         if settings is None:

@@ -1,4 +1,4 @@
-"""What one check came to."""
+"""The check-up of a board: its findings, what it starts from, and how long answers take."""
 
 from __future__ import annotations
 
@@ -51,9 +51,6 @@ def not_checked(check: str, seen: str, advice: str = "") -> Finding:
     return Finding(check, Verdict.NOT_CHECKED, seen, advice)
 
 
-# What a robot needs of its board, for the check-up.
-
-
 @dataclass(frozen=True, slots=True)
 class Needs:
     """The channels of a robot file, or why none can be checked."""
@@ -76,21 +73,17 @@ OF_ANOTHER_BOARD = Needs(
 class CheckUp:
     """A board that answers and is to be examined."""
 
-    line: Transport
-    """open"""
-    now: Callable[[], float]
-    """the clock [s]"""
+    line: Transport  # open
+    now: Callable[[], float]  # the clock [s]
     needs: Needs = Needs()
-    listing: str | None = None
-    """how the port is listed; None: it is not"""
-    reported: tuple[str, ...] = ()
-    """errors that the board had kept from before"""
+    listing: str | None = None  # how the port is listed; None: it is not
+    reported: tuple[str, ...] = ()  # errors that the board had kept from before
     simulated: bool = False
 
 
 # How long questions to a board and their answers take.
 
-CHECK = "round trips"
+_CHECK = "round trips"
 _ROUNDS = 50
 _TICK_S = 0.020
 _SLOW_MEDIAN_S = 0.010
@@ -104,25 +97,17 @@ _SLOW_ADVICE = (
 
 
 def round_trips(ask: Callable[[], object], now: Callable[[], float]) -> Finding:
-    """Ask often and say how long it took: median and worst [ms].
-
-    Args:
-        ask: puts one question and returns with the answer; raises ``BoardError`` without one.
-        now: the clock [s].
-    """
+    """Ask often (``ask`` raises ``BoardError`` without an answer) and say how long it took [ms]."""
     took: list[float] = []
     for _ in range(_ROUNDS):
         before = now()
         try:
             ask()
         except BoardError as error:
-            return failed(CHECK, f"{len(took)} of {_ROUNDS} answered, then: {error}")
+            return failed(_CHECK, f"{len(took)} of {_ROUNDS} answered, then: {error}")
         took.append(now() - before)
-    late = sum(one > _TICK_S for one in took)
-    seen = (
-        f"{_ROUNDS} questions answered, median {1000 * statistics.median(took):.1f} ms, "
-        f"worst {1000 * max(took):.1f} ms"
-    )
-    if statistics.median(took) > _SLOW_MEDIAN_S or late > _MOST_LATE:
-        return warning(CHECK, f"{seen}, {late} later than 20 ms", _SLOW_ADVICE)
-    return ok(CHECK, seen)
+    late, median = sum(one > _TICK_S for one in took), statistics.median(took)
+    seen = f"{_ROUNDS} questions answered, median {1000 * median:.1f} ms, worst {1000 * max(took):.1f} ms"
+    if median > _SLOW_MEDIAN_S or late > _MOST_LATE:
+        return warning(_CHECK, f"{seen}, {late} later than 20 ms", _SLOW_ADVICE)
+    return ok(_CHECK, seen)

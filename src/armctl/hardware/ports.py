@@ -26,11 +26,10 @@ _BY_ID_SERIAL = re.compile(r"_([0-9A-Za-z]+)-if[0-9a-fA-F]{2}(-port\d+)?$")
 
 def listing_of(vendor: int | None, product: int | None) -> str:
     """How a device with these USB numbers is listed: as a board says, or ``UNKNOWN``."""
-    tables = [board.usb for board in board_types()]
     for numbers in ((vendor, product), (vendor, ANY_PRODUCT)):
-        found = (listing for table in tables for key, listing in table.items() if key == numbers)
-        if (listing := next(found, None)) is not None:
-            return listing
+        for board in board_types():
+            if (listing := board.usb.get(numbers)) is not None:
+                return listing
     return UNKNOWN
 
 
@@ -41,13 +40,7 @@ def boards_listed_as(listing: str | None) -> list[BoardType]:
 
 @dataclass(frozen=True, slots=True)
 class PortChecks:
-    """What the system says about a device without opening it.
-
-    Args:
-        may_open: whether this user may open it.
-        used_by: the program that has it open.
-        note: what else there is to know.
-    """
+    """What the system says about a device without opening it."""
 
     may_open: Callable[[str], bool] = may_open
     used_by: Callable[[str], str | None] = program_using
@@ -64,21 +57,28 @@ def list_ports(
 ) -> list[PortInfo]:
     """Every serial port, boards that armctl knows first. Opens none: that would reset an Arduino.
 
-    Args:
-        comports: pyserial's listing.
-        by_id: udev's folder of stable names.
-        checks: what the system says about a device.
+    ``comports`` is pyserial's listing, ``by_id`` udev's folder of stable names.
     """
     stable_names = _stable_names(by_id)
-    ports = [
-        _from_listing(port, stable_names.get(resolved(port.device)), checks)
-        for port in comports()
+    ports: list[PortInfo] = []
+    for port in comports():
         # Ports that the kernel made up (ttyS0 … ttyS31) have no hardware behind them and no description.
-        if port.hwid != "n/a" or port.device.startswith(("/dev/ttyACM", "/dev/ttyUSB"))
-    ]
+        if port.hwid != "n/a" or port.device.startswith(("/dev/ttyACM", "/dev/ttyUSB")):
+            name = stable_names.get(resolved(port.device))
+            interface = _interface(port.location, _LOCATION_INTERFACE, 10)
+            if interface is None:
+                interface = _interface(name, _BY_ID_INTERFACE, 16)
+            kind = listing_of(port.vid, port.pid)
+            known = (port.device, kind, port.description, port.serial_number, name)
+            ports.append(_port(*known, interface=interface, checks=checks))
     listed = {resolved(port.device) for port in ports}
-    unlisted = [(device, name) for device, name in stable_names.items() if device not in listed]
-    ports += [_from_stable_name(device, name, checks) for device, name in unlisted]
+    for device, name in stable_names.items():
+        if device not in listed:  # only the name tells: it holds maker, product, serial number and interface
+            kinds = (board.listed_by_name(name) for board in board_types())
+            kind = next((kind for kind in kinds if kind is not None), UNKNOWN)
+            serial_number = _BY_ID_SERIAL.search(name)
+            known = (device, kind, Path(name).name, serial_number[1] if serial_number else None, name)
+            ports.append(_port(*known, interface=_interface(name, _BY_ID_INTERFACE, 16), checks=checks))
     return sorted(ports, key=lambda port: (_rank(port.kind), not port.usable, port.device))
 
 
@@ -94,8 +94,8 @@ def find_board(ports: Sequence[PortInfo], kind: str | None) -> PortInfo:
     wanted = board_types() if kind is None else (board_type(kind),)
     noun = "board" if kind is None else wanted[0].plugged_in
     candidates: list[PortInfo] = []
-    for likely in _likely(wanted):
-        same = [port for port in ports if port.kind in likely]
+    for groups in zip_longest(*(board.likely for board in wanted), fillvalue=()):
+        same = [port for port in ports if any(port.kind in group for group in groups)]
         candidates += same
         usable = [port for port in same if port.usable]
         if len(usable) == 1:
@@ -112,46 +112,21 @@ def find_board(ports: Sequence[PortInfo], kind: str | None) -> PortInfo:
     )
 
 
-def _likely(boards: Sequence[BoardType]) -> list[set[str]]:
-    """Listings of these boards, the likeliest first."""
-    groups = zip_longest(*(board.likely for board in boards), fillvalue=())
-    return [{listing for group in groups_of_one_rank for listing in group} for groups_of_one_rank in groups]
-
-
-def _from_listing(port: ListPortInfo, stable_name: str | None, checks: PortChecks) -> PortInfo:
-    kind = listing_of(port.vid, port.pid)
-    interface = _interface(port.location, _LOCATION_INTERFACE, 10)
-    if interface is None:
-        interface = _interface(stable_name, _BY_ID_INTERFACE, 16)
-    why_not = _why_not(port.device, kind, interface, checks)
-    return PortInfo(
-        device=port.device,
-        kind=kind,
-        description=port.description,
-        serial_number=port.serial_number,
-        usable=why_not is None,
-        why_not=why_not,
-        stable_name=stable_name,
-        notes=_notes(port.device, kind, checks),
-    )
-
-
-def _from_stable_name(device: str, name: str, checks: PortChecks) -> PortInfo:
-    """A port that only udev's folder knows; its name holds maker, product, serial number and interface."""
-    named = (board.listed_by_name(name) for board in board_types())
-    kind = next((listing for listing in named if listing is not None), UNKNOWN)
-    serial_number = _BY_ID_SERIAL.search(name)
-    why_not = _why_not(device, kind, _interface(name, _BY_ID_INTERFACE, 16), checks)
-    return PortInfo(
-        device=device,
-        kind=kind,
-        description=Path(name).name,
-        serial_number=serial_number[1] if serial_number else None,
-        usable=why_not is None,
-        why_not=why_not,
-        stable_name=name,
-        notes=_notes(device, kind, checks),
-    )
+def _port(
+    device: str,
+    kind: str,
+    description: str,
+    serial_number: str | None,
+    stable_name: str | None,
+    *,
+    interface: int | None,
+    checks: PortChecks,
+) -> PortInfo:
+    why_not = _why_not(device, kind, interface, checks)
+    # For boards only: to an unknown device ModemManager may well be meant to talk.
+    note = None if kind == UNKNOWN else checks.note(device)
+    notes = () if note is None else (note,)
+    return PortInfo(device, kind, description, serial_number, why_not is None, why_not, stable_name, notes)
 
 
 def _why_not(device: str, kind: str, interface: int | None, checks: PortChecks) -> str | None:
@@ -164,12 +139,6 @@ def _why_not(device: str, kind: str, interface: int | None, checks: PortChecks) 
     if program is not None:
         return f"in use by another program: {program}; close that and try again"
     return None
-
-
-def _notes(device: str, kind: str, checks: PortChecks) -> tuple[str, ...]:
-    """For boards only: to an unknown device ModemManager may well be meant to talk."""
-    note = None if kind == UNKNOWN else checks.note(device)
-    return () if note is None else (note,)
 
 
 def _rank(kind: str) -> int:

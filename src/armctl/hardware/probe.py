@@ -3,7 +3,7 @@
 1. Listen. An Arduino is reset by opening its port and then introduces itself: StandardFirmata with its
    name and version, armctl's encoder firmware with its banner and a status line 50 times a second. A
    Maestro never speaks unasked. Nothing is sent to a board that may still be in its bootloader.
-2. Only where a Maestro may be and nothing was heard: Get Errors (``A1``), and after silence the CRC byte
+2. Only where a Maestro may be and nothing came: Get Errors (``A1``), and after silence the CRC byte
    that would complete it (``1B``). To a Maestro neither can be an error (see ``MaestroLine.probe``), and one
    in a UART mode ignores all that comes over USB (Pololu's guide 0J40, section 5.a). StandardFirmata has no
    command ``A0`` … ``AF`` and skips data bytes that belong to none. Only who answered ``A1`` like a
@@ -13,8 +13,8 @@
    home: that is why they come last.
 4. Any other board, in its turn, where its port is listed as its own or the user expects it.
 
-armctl's own lines of text are never sent before the encoder firmware has been heard: to a Maestro each
-letter is a data byte that belongs to nothing, an error as well.
+armctl's own lines of text are never sent before the encoder firmware has introduced itself: to a Maestro
+each letter is a data byte that belongs to nothing, an error as well.
 """
 
 from __future__ import annotations
@@ -32,32 +32,26 @@ from armctl.hardware.transport import Transport
 _USUAL_BAUD = 115_200
 """where the rate does not matter: a pty, a socket, a USB port without a UART behind it"""
 _START_S = 5.0
-"""What a Mega's bootloader and its sketch may take to be heard."""
+"""how long a Mega's bootloader and its sketch may take to speak"""
 _RUNNING_S = 0.3
-"""What a board that is not reset by opening may take: it says its state 50 times a second, or nothing."""
+"""so a board that is not reset by opening: it says its state 50 times a second, or nothing"""
 
 
 @dataclass(frozen=True, slots=True)
 class Probed:
-    """Who answers on a port.
-
-    Args:
-        port: the port as the user named it.
-        board: the kind of board; None: nobody that armctl knows.
-        name: what the board or its firmware is called.
-        version: of the firmware, where the board tells it.
-        details: what else it told, in words.
-        reported: errors that it had kept from before, in words; a Maestro has now forgotten them.
-        heard: the first bytes of what nobody could make sense of.
-    """
+    """Who answers on a port."""
 
     port: str
+    """as the user named it"""
     board: str | None = None
+    """the kind of board; None: none that armctl knows"""
     name: str | None = None
+    """of the board or its firmware; this and the next three as in ``Introduction``"""
     version: str | None = None
     details: tuple[str, ...] = ()
     reported: tuple[str, ...] = ()
     heard: bytes = b""
+    """the first bytes of what no board is known by"""
 
     def __str__(self) -> str:
         """One line for people."""
@@ -70,28 +64,21 @@ class Probed:
 
 @dataclass(frozen=True, slots=True)
 class Approach:
-    """How a port is to be met, after what is known of it.
-
-    Args:
-        bauds: rates to listen at, likeliest first; the last questions are asked at the one at hand.
-        listen_s: how long a board may take to be heard after the port has been opened.
-        asked: the boards that are asked, in this order, where nobody has spoken.
-    """
+    """How a port is to be met, after what is known of it."""
 
     bauds: tuple[int, ...]
+    """rates to listen at, likeliest first; the last questions are asked at the one at hand"""
     listen_s: float
+    """how long a board may take to speak after the port has been opened"""
     asked: tuple[BoardType, ...]
+    """the boards that are asked, in this order, where none has spoken"""
 
 
 def approach(listing: str | None, expected: str | None = None) -> Approach:
     """How to meet a port that is listed so (None: no USB device, such as a pty or a socket).
 
     What is behind a USB-to-serial chip may be anything, so nothing is asked there unless the user has
-    said what to expect: an Arduino is heard anyway, and any byte could upset another device.
-
-    Args:
-        listing: how the port is listed.
-        expected: the kind of board that should be there; None: any.
+    said which kind of board to expect: an Arduino speaks anyway, and any byte could upset another device.
     """
     wanted = None if expected is None else find_board_type(expected)
     listed = boards_listed_as(listing)
@@ -112,13 +99,7 @@ def approach(listing: str | None, expected: str | None = None) -> Approach:
 def probe(open_line: Callable[[int], Transport], how: Approach, now: Callable[[], float]) -> Probed:
     """Find out who answers, and close the line again. Resets an Arduino: for when the user asks only.
 
-    Args:
-        open_line: opens the port at a baud rate.
-        how: see ``approach``.
-        now: the clock [s].
-
-    Raises:
-        BoardError: the port cannot be opened, or its line breaks.
+    ``open_line`` opens the port at a baud rate. ``BoardError``: it cannot be opened, or its line breaks.
     """
     line, probed = reach(open_line, how, now)
     line.close()
@@ -132,13 +113,10 @@ def reach(
     for rate, baud in enumerate(how.bauds, start=1):
         line = open_line(baud)
         try:
-            listeners = [
-                (board, listener) for board in board_types() if (listener := board.listener()) is not None
-            ]
-            found, heard = listen(line, [listener for _, listener in listeners], how.listen_s, now)
+            known = [(board, one) for board in board_types() if (one := board.listener()) is not None]
+            found, heard = listen(line, [one for _, one in known], how.listen_s, now)
             if found is not None:
-                place, introduction = found
-                return line, _probed(line, listeners[place][0], introduction)
+                return line, _probed(line, known[found[0]][0], found[1])
             # A silent board is as silent at any other rate: it is asked at this one. What spoke and was
             # not understood may be understood at the next.
             if not heard or len(how.bauds) == 1:
@@ -153,7 +131,7 @@ def reach(
 
 
 def _ask(line: Transport, boards: Sequence[BoardType], heard: bytes, now: Callable[[], float]) -> Probed:
-    """Put the questions that this port allows; where somebody spoke, only those of boards that speak."""
+    """Put the questions that this port allows; after any bytes only those of boards that speak unasked."""
     for board in boards:
         if heard and board.listener() is None:
             continue

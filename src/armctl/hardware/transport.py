@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import errno
 import logging
+import os
 import termios
 from collections.abc import Callable, Generator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Protocol
 from urllib.parse import urlsplit
 
@@ -47,6 +47,8 @@ class Transport(Protocol):
 
 _NETWORK = "socket://"
 _LOGGER = logging.getLogger("armctl.hardware")
+_BAUD = 115_200
+_FIRST_TIMEOUT_S = 0.05
 NO_SUCH_PORT = "no such port; is the board plugged in? `armctl ports` lists what is there"
 
 # What pyserial lets through. termios.error is not an OSError, and flushing the input of an
@@ -55,21 +57,18 @@ _LINE_ERRORS = (serial.SerialException, OSError, termios.error)
 
 
 class SerialTransport:
-    """A line over anything pyserial can open.
+    """A line over anything pyserial can open; ``PortError`` says why one cannot be opened, and what to do.
 
     Args:
         port: device path, pty path or ``socket://host:port``.
         baud: baud rate; a USB board's own command port ignores it.
         write_timeout_s: how long a write may block before the board counts as stuck; on a busy computer a
             quarter of a second passes with nothing wrong at all.
-
-    Raises:
-        PortError: the port cannot be opened; the message says what to do about it.
     """
 
-    def __init__(self, port: str, *, baud: int = 115_200, write_timeout_s: float = 1.0) -> None:
-        self._name = port
-        self._timeout_s = 0.05
+    def __init__(self, port: str, *, baud: int = _BAUD, write_timeout_s: float = 1.0) -> None:
+        self.name = port
+        self._timeout_s = _FIRST_TIMEOUT_S
         _check_address(port)
         try:
             # exclusive: two programs that write to one board interleave their commands.
@@ -82,12 +81,7 @@ class SerialTransport:
                 "name a device such as /dev/ttyACM0 or socket://host:port"
             ) from error
         except _LINE_ERRORS as error:
-            raise PortError(_why_not_opened(port, error)) from error
-
-    @property
-    def name(self) -> str:
-        """The port as the user named it."""
-        return self._name
+            raise PortError(f"{port}: {_why_not_opened(port, error)}") from error
 
     def write(self, data: bytes) -> None:
         """Send all of ``data``; ``BoardTimeoutError`` where the board takes no more bytes."""
@@ -119,18 +113,18 @@ class SerialTransport:
             yield
         except serial.SerialTimeoutException as error:
             raise BoardTimeoutError(
-                f"{self._name}: the board takes no more bytes; unplug it, plug it in again and reconnect"
+                f"{self.name}: the board takes no more bytes; unplug it, plug it in again and reconnect"
             ) from error
         except _LINE_ERRORS as error:
-            _LOGGER.info("%s the port %s failed: %s", action, self._name, _reason(error))
+            _LOGGER.info("%s the port %s failed: %s", action, self.name, _reason(error))
             raise BoardError(
-                f"{self._name}: the line to the board is gone: was the board unplugged, or its power lost? "
+                f"{self.name}: the line to the board is gone: was the board unplugged, or its power lost? "
                 "Check the cable and the power, then connect again"
             ) from error
 
 
 def _check_address(port: str) -> None:
-    """Refuse a network address without host or port; pyserial's words for it help nobody."""
+    """Refuse a network address without host or port; pyserial's words for it help no user."""
     if not port.startswith(_NETWORK):
         return
     try:
@@ -144,31 +138,26 @@ def _check_address(port: str) -> None:
 
 def _why_not_opened(port: str, error: Exception) -> str:
     """What kept a port from opening and what to do about it."""
-    number = error.errno if isinstance(error, OSError) else None
-    explanations: dict[int, Callable[[], str]] = {
-        errno.EACCES: lambda: f"no permission to open it; {permission_hint(port)}",
-        errno.EPERM: lambda: f"no permission to open it; {permission_hint(port)}",
-        errno.ENOENT: lambda: NO_SUCH_PORT,
-        errno.ENODEV: lambda: "the device is gone; plug the board in again",
-        errno.ENXIO: lambda: "the device is gone; plug the board in again",
-        errno.EIO: lambda: "nothing is at the other end; plug the board in again or restart its simulator",
-        errno.EBUSY: _busy,
-        errno.EAGAIN: _busy,
-        errno.EISDIR: lambda: "a directory, not a port; `armctl ports` lists what is there",
-    }
-    explain = explanations.get(number) if number is not None else None
-    if explain is not None:
-        return f"{port}: {explain()}"
-    if port.startswith(_NETWORK):
-        return f"{port}: cannot connect ({_reason(error)}); is the program at the other end running?"
-    return f"{port}: cannot be opened as a serial port ({_reason(error)}); `armctl ports` lists what is there"
-
-
-def _busy() -> str:
-    return (
-        "in use by another program (another armctl, the Maestro Control Center, the Arduino IDE's serial "
-        "monitor, a terminal, ModemManager); close that and try again"
-    )
+    match error.errno if isinstance(error, OSError) else None:
+        case errno.EACCES | errno.EPERM:
+            return f"no permission to open it; {permission_hint(port)}"
+        case errno.ENOENT:
+            return NO_SUCH_PORT
+        case errno.ENODEV | errno.ENXIO:
+            return "the device is gone; plug the board in again"
+        case errno.EIO:
+            return "nothing is at the other end; plug the board in again or restart its simulator"
+        case errno.EBUSY | errno.EAGAIN:
+            return (
+                "in use by another program (another armctl, the Maestro Control Center, the Arduino IDE's "
+                "serial monitor, a terminal, ModemManager); close that and try again"
+            )
+        case errno.EISDIR:
+            return "a directory, not a port; `armctl ports` lists what is there"
+        case _ if port.startswith(_NETWORK):
+            return f"cannot connect ({_reason(error)}); is the program at the other end running?"
+        case _:
+            return f"cannot be opened as a serial port ({_reason(error)}); `armctl ports` lists what is there"
 
 
 def _reason(error: Exception) -> str:
@@ -186,28 +175,25 @@ UNKNOWN = "unknown"
 
 @dataclass(frozen=True, slots=True)
 class PortInfo:
-    """One serial port.
-
-    Args:
-        device: what to open.
-        kind: what its USB numbers say, as ``BoardType.usb`` puts it, or ``UNKNOWN``. What an Arduino has been
-            flashed with does not show here: ``probe`` finds out.
-        description: what the operating system says.
-        serial_number: the board's USB serial number.
-        usable: whether it can be opened and is the port to talk to the board on.
-        why_not: what speaks against it, and what to do; None when usable.
-        stable_name: a name below ``/dev/serial/by-id`` that survives replugging.
-        notes: what to know about a port that can be used.
-    """
+    """One serial port."""
 
     device: str
+    """what to open"""
     kind: str
+    """what its USB numbers say, as ``BoardType.usb`` puts it, or ``UNKNOWN``. What an Arduino has been
+    flashed with does not show here: ``probe`` finds out"""
     description: str
+    """what the operating system says"""
     serial_number: str | None
+    """the board's USB serial number"""
     usable: bool
+    """whether it can be opened and is the port to talk to the board on"""
     why_not: str | None
+    """what speaks against it, and what to do; None when usable"""
     stable_name: str | None = None
+    """a name below ``/dev/serial/by-id`` that survives replugging"""
     notes: tuple[str, ...] = ()
+    """what to know about a port that can be used"""
 
 
 def describe_port(name: str, ports: Sequence[PortInfo]) -> PortInfo | None:
@@ -218,16 +204,15 @@ def describe_port(name: str, ports: Sequence[PortInfo]) -> PortInfo | None:
 
 def resolved(device: str) -> str:
     """The device that a name or a link stands for."""
-    return str(Path(device).resolve())
+    return os.path.realpath(device)
 
 
 AcceptBoard = Callable[[str | None], None]
-"""Is told the serial number of the board behind an open port; raises ``PortError`` for the wrong one."""
-_BAUD = 115_200
+"""Gets the serial number of the board behind an open port; raises ``PortError`` for the wrong one."""
 
 
 def any_board(_serial_number: str | None) -> None:
-    """Whatever board is there."""
+    """Accept whatever board is there."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -258,10 +243,8 @@ class Connection:
         """Open the line, and see which board is behind it; None where the system does not tell.
 
         Opening the line of an Arduino starts it anew and lets its servos or motors go, so a board that is
-        listed as another one is left alone.
-
-        Raises:
-            PortError: it cannot be opened or used, or the board is not the one that is wanted.
+        listed as another one is left alone. ``PortError``: the line cannot be opened or used, or the board
+        is not the one that is wanted.
         """
         info = self._listed()
         if info is not None and not info.usable:
