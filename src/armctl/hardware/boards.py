@@ -32,10 +32,9 @@ def board_types() -> tuple[BoardType, ...]:
         try:
             loaded: object = entry.load()
             board = loaded() if isinstance(loaded, type) else loaded
-            if isinstance(board, BoardType):
-                missing = [name for name in NEEDED if not hasattr(board, name)]
-                if missing:
-                    raise TypeError(f"it does not say its {', '.join(missing)}")
+            missing = [name for name in NEEDED if not hasattr(board, name)]
+            if missing and isinstance(board, BoardType):
+                raise TypeError(f"it does not say its {', '.join(missing)}")
         except Exception as error:
             _LOGGER.warning("the board %s of %s cannot be loaded: %s", entry.name, entry.value, error)
             continue
@@ -55,11 +54,7 @@ def find_board_type(kind: str) -> BoardType | None:
 
 
 def board_type(kind: str) -> BoardType:
-    """The board of a kind.
-
-    Raises:
-        InputError: there is none; names those that there are.
-    """
+    """The board of a kind; ``InputError`` names those that there are."""
     found = find_board_type(kind)
     if found is None:
         raise InputError(f"there is no board of the kind {kind!r}; there are {', '.join(kinds())}")

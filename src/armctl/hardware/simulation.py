@@ -7,7 +7,7 @@ import selectors
 import threading
 import tty
 from collections.abc import Callable, Generator
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from types import TracebackType
 from typing import Generic, Self, TypeVar
@@ -24,14 +24,9 @@ _LARGEST_BACKLOG = 65_536
 class PtyServer(Generic[Model]):
     """Serves a byte model on a pty, from a thread of its own, while the context is open.
 
-    Args:
-        model: the board. The thread owns it; look at it through ``inspect`` only.
-        now: the clock [s].
-        link: a path at which the pty is to be found; its own (``/dev/pts/7``) when None.
-        tick_s: how often the board's time goes on while nobody speaks to it.
-
-    Raises (on entering):
-        PortError: no pty to be had, or the link's path is taken.
+    The thread owns ``model``; look at it through ``inspect`` only. ``link`` is a path at which the pty is to
+    be found, besides its own (``/dev/pts/7``). The board's time goes on every ``tick_s`` while no client
+    speaks to it. Entering raises ``PortError`` where no pty is to be had, or the link's path is taken.
     """
 
     def __init__(
@@ -39,25 +34,21 @@ class PtyServer(Generic[Model]):
     ) -> None:
         self._model = model
         self._now = now
-        self._link_path = link
+        self._link = link
         self._tick_s = tick_s
         self._lock = threading.Lock()
         self._thread: threading.Thread | None = None
-        self._link: DeviceLink | None = None
+        self._cleanup = ExitStack()
         self._device: str | None = None
         self._master = self._slave = self._wake_read = self._wake_write = -1
         self._backlog = bytearray()
 
     @property
     def port(self) -> str:
-        """What a client opens: the link when there is one, else the pty.
-
-        Raises:
-            PortError: the server is not running.
-        """
+        """What a client opens: the link when there is one, else the pty; ``PortError`` when not running."""
         if self._device is None:
             raise PortError("the simulated board is not being served; open its server first")
-        return str(self._link_path) if self._link_path is not None else self._device
+        return self._device if self._link is None else str(self._link)
 
     @contextmanager
     def inspect(self) -> Generator[Model]:
@@ -74,17 +65,19 @@ class PtyServer(Generic[Model]):
             self._master, self._slave = os.openpty()
         except OSError as error:
             raise PortError(f"no pseudo-terminal for the simulated board: {error.strerror}") from error
-        try:
+        with ExitStack() as stack:
+            stack.callback(self._close_pty)
             # Raw, or the line discipline echoes the host's bytes and rewrites 0x0D and 0x03.
             tty.setraw(self._slave)
             os.set_blocking(self._master, False)
             self._device = os.ttyname(self._slave)
-            if self._link_path is not None:
-                self._link = DeviceLink(self._link_path, self._device)
-        except BaseException:
-            self._close_pty()
-            raise
-        self._wake_read, self._wake_write = os.pipe()
+            if self._link is not None:
+                make_link(self._link, self._device)
+                stack.callback(remove_link, self._link, self._device)
+            self._wake_read, self._wake_write = os.pipe()
+            stack.callback(os.close, self._wake_read)
+            stack.callback(os.close, self._wake_write)
+            self._cleanup = stack.pop_all()
         self._thread = threading.Thread(target=self._serve, name=f"simulated board {self.port}", daemon=True)
         self._thread.start()
         return self
@@ -102,11 +95,7 @@ class PtyServer(Generic[Model]):
         os.write(self._wake_write, b"x")
         self._thread.join()
         self._thread = None
-        if self._link is not None:
-            self._link.remove()
-        self._close_pty()
-        os.close(self._wake_read)
-        os.close(self._wake_write)
+        self._cleanup.close()
 
     def _serve(self) -> None:
         with selectors.DefaultSelector() as selector:
@@ -155,39 +144,28 @@ class PtyServer(Generic[Model]):
 _PTY_FOLDER = "/dev/pts/"
 
 
-class DeviceLink:
-    """A symlink to a pty, made on construction and removed on ``remove``.
+def make_link(path: Path, device: str) -> None:
+    """A symlink to a pty; ``PortError`` where anything but a stale link of an earlier simulator is there."""
+    if _is_stale(path, device):
+        path.unlink()
+    elif path.is_symlink() or path.exists():
+        raise PortError(
+            f"{path}: already there, and not a left-over of a simulator; "
+            "choose another name, or remove it if no simulator is running"
+        )
+    try:
+        path.symlink_to(device)
+    except OSError as error:
+        raise PortError(
+            f"{path}: no link can be made there ({error.strerror}); choose another place"
+        ) from error
 
-    Args:
-        path: where the link goes.
-        device: the pty that it points to.
 
-    Raises:
-        PortError: something is there that is not a stale link of an earlier simulator.
-    """
-
-    def __init__(self, path: Path, device: str) -> None:
-        self._path = path
-        self._device = device
-        if _is_stale(path, device):
+def remove_link(path: Path, device: str) -> None:
+    """Take the link away, unless another one has been put in its place."""
+    with suppress(OSError):
+        if path.is_symlink() and str(path.readlink()) == device:
             path.unlink()
-        elif path.is_symlink() or path.exists():
-            raise PortError(
-                f"{path}: already there, and not a left-over of a simulator; "
-                "choose another name, or remove it if no simulator is running"
-            )
-        try:
-            path.symlink_to(device)
-        except OSError as error:
-            raise PortError(
-                f"{path}: no link can be made there ({error.strerror}); choose another place"
-            ) from error
-
-    def remove(self) -> None:
-        """Take the link away, unless somebody has put something else in its place."""
-        with suppress(OSError):
-            if self._path.is_symlink() and str(self._path.readlink()) == self._device:
-                self._path.unlink()
 
 
 def _is_stale(path: Path, device: str) -> bool:
