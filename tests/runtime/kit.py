@@ -15,7 +15,17 @@ from numpy.typing import NDArray
 from armctl.errors import StateError
 from armctl.hardware import BoardIdentity, ChannelSettings, Readback, Source
 from armctl.robot import Robot, load_robot
-from armctl.runtime import Connect, Controller, Enable, InlineExecutor, ManualClock, Origin, Snapshot, Ticket
+from armctl.runtime import (
+    Connect,
+    Controller,
+    Enable,
+    InlineExecutor,
+    ManualClock,
+    Origin,
+    Snapshot,
+    State,
+    Ticket,
+)
 from armctl.runtime.commands import Command
 
 ROBOT = load_robot("uzuner")
@@ -127,6 +137,14 @@ class Rig:
                 return self.now
         raise AssertionError(f"not within {seconds} s: {self.now.state} ({self.now.cause})")
 
+    def rests(self, seconds: float = 60.0) -> Snapshot:
+        return self.until(lambda s: s.state is State.HOLDING, seconds)
+
+    def sends_nothing(self, seconds: float) -> None:
+        count = len(self.driver.writes)
+        self.run(seconds)
+        assert len(self.driver.writes) == count
+
     def do(self, command: Command, elapsed: float = TICK) -> Ticket:
         """Submit and tick once."""
         ticket = self.controller.submit(command, TEST)
@@ -135,8 +153,7 @@ class Rig:
 
     def refuses(self, command: Command, match: str, error: type[Exception] = StateError) -> None:
         """Submit and tick once; it must be refused with these words."""
-        with pytest.raises(error, match=match):
-            self.do(command).result(0)
+        fails(self.do(command).finished, match, error)
 
     def enable(self, q: NDArray[np.float64] | None = None) -> Rig:
         for command in (Connect("sim"), Enable(q)):
@@ -153,6 +170,12 @@ class Rig:
         assert servo_map is not None
         sent = [(t, values) for t, values in self.driver.writes if servo_map.channels[0] in values]
         return np.array([t for t, _ in sent]), np.array([servo_map.angles(values) for _, values in sent])
+
+
+def fails(future: Future[None], match: str, error: type[Exception] = StateError) -> None:
+    """It carries this error."""
+    with pytest.raises(error, match=match):
+        future.result(0)
 
 
 def steps_seen(rig: Rig) -> list[tuple[int, int]]:
@@ -179,6 +202,12 @@ def assert_stream_keeps_limits(rig: Rig, first: int = 0) -> None:
     times, q = times[first:], q[first:]
     allowed = rig.robot.speed_limits * np.diff(times)[:, None]
     assert (np.abs(np.diff(q, axis=0)) <= allowed * (1 + 1e-9) + 1e-9).all()
+
+
+def assert_keeps_limits(rig: Rig) -> None:
+    """All of it but the jump of enabling."""
+    assert_stream_keeps_limits(rig, 1)
+    assert_accelerations_keep_limits(rig)
 
 
 def assert_accelerations_keep_limits(rig: Rig, tolerance: float = 1e-6) -> None:

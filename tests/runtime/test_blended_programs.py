@@ -17,8 +17,7 @@ from tests.runtime.kit import (
     TICK,
     LateExecutor,
     Rig,
-    assert_accelerations_keep_limits,
-    assert_stream_keeps_limits,
+    assert_keeps_limits,
     make_rig,
     steps_seen,
 )
@@ -69,8 +68,7 @@ def test_the_published_arc_runs_without_a_pause(holding: Rig) -> None:
     assert steps_seen(holding) == [(0, k) for k in range(58)]
     moving = [s for s in holding.history if s.program is not None and 0 < s.program.step < 57]
     assert min(np.abs(s.velocity_command).max() for s in moving) > np.radians(5)
-    assert_stream_keeps_limits(holding, 1)
-    assert_accelerations_keep_limits(holding)
+    assert_keeps_limits(holding)
 
 
 def test_with_stops_it_stands_in_every_point(holding: Rig) -> None:
@@ -99,8 +97,7 @@ def test_lines_and_arcs_of_the_tool(holding: Rig) -> None:
     np.testing.assert_allclose(np.hypot(tools[:, 0], tools[:, 1]), 200.0, atol=0.05)
     np.testing.assert_allclose(tools[:, 2], 85.0, atol=0.05)
     assert np.linalg.norm(np.diff(tools, axis=0), axis=1).max() <= 150 * TICK * 1.001
-    assert_stream_keeps_limits(holding, 1)
-    assert_accelerations_keep_limits(holding)
+    assert_keeps_limits(holding)
 
 
 def test_a_loop_that_is_blended_over_its_end_never_stands(holding: Rig) -> None:
@@ -114,11 +111,10 @@ def test_a_loop_that_is_blended_over_its_end_never_stands(holding: Rig) -> None:
     assert fast[5:].min() > np.radians(2)
     assert {step for _, step in steps_seen(holding)} == {0, 1, 2, 3}
     holding.controller.stop(TEST)
-    holding.until(lambda s: s.state is State.HOLDING, 2)
+    holding.rests(2)
     with pytest.raises(StateError):
         ticket.finished.result(0)
-    assert_stream_keeps_limits(holding, 1)
-    assert_accelerations_keep_limits(holding)
+    assert_keeps_limits(holding)
 
 
 def random_program(rng: np.random.Generator) -> Program:
@@ -172,7 +168,7 @@ def test_a_pause_or_stop_stays_on_the_path_and_skips_no_step(
     rig.run(at)
     if stops:
         rig.controller.stop(TEST)
-        rig.until(lambda s: s.state is State.HOLDING, 1.0)
+        rig.rests(1.0)
         expected = steps_seen(fine)[: len(steps_seen(rig))]
     else:
         if rig.now.state is State.MOVING:
@@ -181,7 +177,7 @@ def test_a_pause_or_stop_stays_on_the_path_and_skips_no_step(
             rig.run(stand)
             if rig.now.state is State.PAUSED:
                 rig.do(Resume())
-        rig.until(lambda s: s.state is State.HOLDING)
+        rig.rests()
         ticket.result(0)
         expected = steps_seen(fine)
     # a step that is over within a tick may not be seen
@@ -190,8 +186,7 @@ def test_a_pause_or_stop_stays_on_the_path_and_skips_no_step(
     assert len(seen) >= len(expected) - sum(isinstance(s, SpeedStep | WaitStep) for s in what.steps)
     # between the ticks of the fine run the tool is on a chord, at most 0.01 mm off
     assert farthest_from(undisturbed, commanded(rig)) < 5e-5
-    assert_stream_keeps_limits(rig, 1)
-    assert_accelerations_keep_limits(rig)
+    assert_keeps_limits(rig)
 
 
 def test_when_the_planner_is_late_the_arm_waits_on_the_path() -> None:
@@ -205,8 +200,7 @@ def test_when_the_planner_is_late_the_arm_waits_on_the_path() -> None:
         rig.run(1.0)  # much longer than what is planned ahead
     ticket.result(0)
     assert steps_seen(rig) == [(0, k) for k in range(58)]
-    assert_stream_keeps_limits(rig, 1)
-    assert_accelerations_keep_limits(rig)
+    assert_keeps_limits(rig)
 
 
 def test_an_edit_without_a_running_program_is_refused(holding: Rig) -> None:
@@ -216,7 +210,7 @@ def test_an_edit_without_a_running_program_is_refused(holding: Rig) -> None:
 def test_a_single_step(holding: Rig) -> None:
     a, b = (MoveStep(joints_deg=tuple(np.degrees(MIDDLE + d).tolist())) for d in (0.1, 0.2))
     ticket = holding.do(RunProgram(program(a, b), 1, first=1, count=1))
-    holding.until(lambda s: s.state is State.HOLDING)
+    holding.rests()
     ticket.result(0)
     assert steps_seen(holding) == [(0, 1)]
     np.testing.assert_allclose(holding.now.q_command, MIDDLE + 0.2, atol=1e-12)
@@ -284,8 +278,7 @@ def test_the_arm_is_braked_in_time_for_a_corner_that_was_not_known_yet(holding: 
     run(holding, program(*(MoveStep(joints_deg=pose, blend_mm=200) for pose in poses)))
     assert steps_seen(holding) == [(0, k) for k in range(7)]
     np.testing.assert_allclose(np.degrees(holding.now.q_command), poses[-1])
-    assert_stream_keeps_limits(holding, 1)
-    assert_accelerations_keep_limits(holding)
+    assert_keeps_limits(holding)
 
 
 def test_a_step_that_goes_nowhere_does_not_interrupt_a_blended_motion(holding: Rig) -> None:
@@ -294,8 +287,7 @@ def test_a_step_that_goes_nowhere_does_not_interrupt_a_blended_motion(holding: R
     between = [s for s in holding.history if s.program is not None and s.program.step in (0, 3)]
     assert np.abs([s.velocity_command for s in between[2:]]).max(axis=1).min() > np.radians(1)
     np.testing.assert_allclose(holding.now.q_command, MIDDLE + 0.1, atol=1e-12)
-    assert_stream_keeps_limits(holding, 1)
-    assert_accelerations_keep_limits(holding)
+    assert_keeps_limits(holding)
 
 
 def test_a_program_of_comments_is_over_at_once(holding: Rig) -> None:
@@ -321,12 +313,11 @@ class FailingExecutor(InlineExecutor):
 def test_when_the_planner_breaks_in_a_blended_motion_the_arm_comes_to_rest(number: int) -> None:
     rig = make_rig(FailingExecutor(number)).enable()
     ticket = rig.do(RunProgram(program(*swings(5, *[0.25, -0.25] * 6))))
-    rig.until(lambda s: s.state is State.HOLDING, 20)
+    rig.rests(20)
     with pytest.raises(ProgramError, match="out of memory"):
         ticket.result(0)
     assert rig.now.program is None
-    assert_stream_keeps_limits(rig, 1)
-    assert_accelerations_keep_limits(rig)
+    assert_keeps_limits(rig)
 
 
 def test_an_edit_mends_what_could_not_be_planned() -> None:
@@ -372,5 +363,4 @@ def test_an_arm_that_needs_seconds_to_stand_waits_for_a_late_planner_on_the_path
         if ticket.finished.done():
             break
     ticket.result(0)
-    assert_stream_keeps_limits(rig, 1)
-    assert_accelerations_keep_limits(rig)
+    assert_keeps_limits(rig)

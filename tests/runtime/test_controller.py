@@ -7,7 +7,7 @@ import threading
 
 import numpy as np
 import pytest
-from tests.runtime.kit import ROBOT, TEST, RecordingDriver, Rig, make_rig
+from tests.runtime.kit import ROBOT, TEST, RecordingDriver, Rig, fails, make_rig
 
 from armctl.errors import ArmctlError, StateError
 from armctl.runtime import (
@@ -103,8 +103,7 @@ def test_closing_brings_a_moving_arm_to_rest_first(driver: LiveDriver) -> None:
     driver.written.clear()
     assert driver.written.wait(PATIENCE_S)
     controller.close()
-    with pytest.raises(StateError, match="stopped by close"):
-        motion.finished.result(0)
+    fails(motion.finished, "stopped by close")
     assert driver.calls[-1] == "close"
     assert "release" not in driver.calls
     assert controller.snapshot.state is State.DISCONNECTED
@@ -115,8 +114,7 @@ def test_after_closing_everything_is_refused(rig: Rig) -> None:
     waiting = rig.controller.submit(Connect("sim"), TEST)
     rig.controller.close()
     for ticket in (waiting, rig.controller.submit(Connect("sim"))):
-        with pytest.raises(StateError, match="the controller is closed"):
-            ticket.accepted.result(0)
+        fails(ticket.accepted, "the controller is closed")
     rig.controller.stop().result(0)
     with pytest.raises(StateError, match="started already"):
         rig.controller.start()
@@ -180,7 +178,7 @@ def test_whoever_waits_for_a_ticket_finds_the_snapshot_that_shows_it(rig: Rig) -
     rig.tick()
     rig.controller.submit(MoveJoints(HOME), TEST).finished.add_done_callback(note)
     rig.until(lambda s: s.state is State.MOVING)
-    rig.until(lambda s: s.state is State.HOLDING)
+    rig.rests()
     assert [state for state, _ in seen] == [State.OFF, State.HOLDING, State.HOLDING]
     assert np.array_equal(seen[2][1], HOME)
 

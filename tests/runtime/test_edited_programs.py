@@ -14,7 +14,7 @@ from tests.runtime.kit import (
     LateExecutor,
     Rig,
     assert_accelerations_keep_limits,
-    assert_stream_keeps_limits,
+    assert_keeps_limits,
     make_rig,
 )
 
@@ -74,7 +74,7 @@ def stands_at_the_end_of(steps: Sequence[Step], rig: Rig) -> Rig:
     if isinstance(first, LineStep):
         first = PointStep(x_mm=first.x_mm, y_mm=first.y_mm, z_mm=first.z_mm)
     rig.do(RunProgram(program([first])))
-    rig.until(lambda s: s.state is State.HOLDING)
+    rig.rests()
     rig.history.clear()
     return rig
 
@@ -142,8 +142,7 @@ def test_the_edit_takes_effect_at_the_next_pass_whatever_the_shape(shape: str, a
     assert rig.now.state is State.MOVING
     assert_no_step_is_skipped(list(seen))
     assert_every_end_is_met_within_its_blend(seen)
-    assert_stream_keeps_limits(rig, 1)
-    assert_accelerations_keep_limits(rig)
+    assert_keeps_limits(rig)
 
 
 def test_an_edited_loop_that_is_blended_over_its_end_stops_there_once() -> None:
@@ -197,8 +196,7 @@ def test_when_the_planner_is_late_the_edit_waits_for_a_pass_that_has_not_begun()
     assert any(here[2] is new for here in seen)
     assert_no_step_is_skipped(list(seen))
     assert_every_end_is_met_within_its_blend(seen)
-    assert_stream_keeps_limits(rig, 1)
-    assert_accelerations_keep_limits(rig)
+    assert_keeps_limits(rig)
 
 
 @pytest.mark.parametrize("loops", [2, 3])
@@ -208,7 +206,7 @@ def test_a_program_that_ends_is_run_as_often_as_it_was_asked_for(loops: int) -> 
     ticket = rig.do(RunProgram(old, loops))
     rig.run(0.1)
     rig.do(UpdateProgram(new))
-    rig.until(lambda s: s.state is State.HOLDING)
+    rig.rests()
     ticket.result(0)
     seen = list(motions_seen(rig))
     assert_no_step_is_skipped(seen)

@@ -4,7 +4,7 @@ import re
 
 import numpy as np
 import pytest
-from tests.runtime.kit import ROBOT, TICK, Rig
+from tests.runtime.kit import ROBOT, TICK, Rig, fails
 
 from armctl.errors import (
     ArmctlError,
@@ -27,8 +27,8 @@ from armctl.runtime import (
     State,
 )
 from armctl.runtime.activity import Setpoint
-from armctl.runtime.log import EventLog
 from armctl.runtime.mover import PathMover
+from armctl.runtime.snapshot import EventLog
 
 REST, HOME = ROBOT.pose("rest"), ROBOT.pose("home")
 
@@ -43,8 +43,7 @@ def test_a_write_that_fails_is_a_fault_with_the_line_closed(holding: Rig) -> Non
     assert holding.driver.calls[-1] == "close"
     assert holding.now.board is None
     assert not holding.now.powered
-    with pytest.raises(BoardError, match="unplugged"):
-        motion.finished.result(0)
+    fails(motion.finished, "unplugged", BoardError)
 
 
 def test_after_an_unplug_nothing_goes_on_by_itself(holding: Rig) -> None:
@@ -76,7 +75,7 @@ def test_a_few_readings_may_fail(holding: Rig, error: BoardError) -> None:
     holding.driver.fail.clear()
     holding.tick()
     assert holding.now.warnings == ()
-    holding.until(lambda s: s.state is State.HOLDING)
+    holding.rests()
     motion.result(0)
 
 
@@ -127,7 +126,7 @@ def test_a_silent_board_gets_no_setpoints_and_the_arm_goes_on_from_rest(holding:
     holding.driver.fail.clear()
     holding.tick()
     assert len(holding.driver.writes) == before  # one good answer is not yet a board to be trusted
-    holding.until(lambda s: s.state is State.HOLDING)
+    holding.rests()
     motion.result(0)
     assert np.array_equal(holding.now.q_command, HOME)
 
@@ -181,9 +180,8 @@ def test_what_the_board_reports_stops_the_motion_and_is_shown(holding: Rig) -> N
     holding.driver.errors = ("serial overrun",)
     holding.tick()
     assert "the board reports: serial overrun" in holding.now.warnings
-    holding.until(lambda s: s.state is State.HOLDING, seconds=1)
-    with pytest.raises(StateError, match="stopped by the board reports serial overrun"):
-        motion.finished.result(0)
+    holding.rests(1)
+    fails(motion.finished, "stopped by the board reports serial overrun")
     holding.run(11)
     assert holding.now.warnings == ()
 
@@ -203,8 +201,7 @@ def test_a_setpoint_that_the_gate_refuses_is_a_fault_and_is_not_sent(
         holding.tick()
     assert holding.now.state is State.FAULT
     assert holding.now.cause.startswith("Base: a step of 10.000° in 20.0 ms, its speed limit allows 1.200°")
-    with pytest.raises(MotionRefusedError, match="a step of"):
-        motion.finished.result(0)
+    fails(motion.finished, "a step of", MotionRefusedError)
     holding.run(1)
     assert len(holding.driver.writes) == count
     assert holding.now.powered
@@ -228,8 +225,7 @@ def test_a_defect_in_the_controller_is_a_fault_and_the_ticks_go_on(
         holding.tick()
     assert holding.now.state is State.FAULT
     assert holding.now.cause == f"internal error: {type(error).__name__}: oops"
-    with pytest.raises(ArmctlError, match="internal error"):
-        motion.finished.result(0)
+    fails(motion.finished, "internal error", ArmctlError)
     holding.run(0.2)
     holding.do(ClearFault()).finished.result(0)
     assert holding.now.state is State.HOLDING
@@ -313,7 +309,7 @@ def test_a_reading_without_pulses_halts_the_arm_at_once_and_one_is_no_fault(hold
     assert len(holding.driver.writes) == count
     holding.driver.positions = good
     del holding.driver.write  # type: ignore[method-assign]
-    holding.until(lambda s: s.state is State.HOLDING)
+    holding.rests()
     assert holding.now.cause == "move finished"
 
 
@@ -361,8 +357,8 @@ def test_a_board_that_went_home_by_itself_is_not_written_to(holding: Rig) -> Non
 
 def test_a_clock_that_was_set_back_does_not_silence_the_log(monkeypatch: pytest.MonkeyPatch) -> None:
     times = iter([5000.0, 5001.0, 1000.0])
-    monkeypatch.setattr("armctl.runtime.log.wall_time", lambda: next(times))
+    monkeypatch.setattr("armctl.runtime.snapshot.wall_time", lambda: next(times))
     log = EventLog()
     for _ in range(3):
-        log.warning("STOP (test)")
+        log.warn("STOP (test)")
     assert [event.stamp for event in log.events] == [5000.0, 1000.0]

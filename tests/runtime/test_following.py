@@ -9,7 +9,7 @@ from tests.runtime.kit import (
     LateExecutor,
     Rig,
     assert_accelerations_keep_limits,
-    assert_stream_keeps_limits,
+    assert_keeps_limits,
     make_rig,
 )
 
@@ -63,8 +63,7 @@ def test_it_arrives_exactly_keeps_pitch_and_roll_and_stays_until_it_is_left(rig:
     rig.tick()
     assert rig.now.state is State.HOLDING
     assert rig.now.cause == "live target finished"
-    assert_accelerations_keep_limits(rig)
-    assert_stream_keeps_limits(rig, 1)
+    assert_keeps_limits(rig)
 
 
 def test_a_circle_is_followed_close_behind_and_without_a_jump(rig: Rig) -> None:
@@ -76,15 +75,14 @@ def test_a_circle_is_followed_close_behind_and_without_a_jump(rig: Rig) -> None:
         lag.append(float(np.linalg.norm(tool(rig) - point)))
     assert max(lag) < 0.009  # at 63 mm/s: a seventh of a second
     assert np.mean(lag[50:]) < 0.005
-    assert_accelerations_keep_limits(rig)
-    assert_stream_keeps_limits(rig, 1)
+    assert_keeps_limits(rig)
 
 
 def test_its_target_expires_500_ms_after_the_last_one(rig: Rig) -> None:
     follow(rig, TOOL + np.array([0.0, 0.15, 0.0]), 0.2)
     last = rig.now.stamp
     rig.do(SetSpeed(0.1))
-    rig.until(lambda s: s.state is State.HOLDING, seconds=2)
+    rig.rests(2)
     assert 0.5 <= rig.now.stamp - last < 0.65
     assert tool(rig)[1] < TOOL[1] + 0.1
     assert_accelerations_keep_limits(rig)
@@ -94,7 +92,7 @@ def test_leaving_it_brakes_at_once(rig: Rig) -> None:
     follow(rig, TOOL + np.array([0.0, 0.15, 0.0]), 0.4)
     rig.do(FollowTarget(None))
     left = rig.now.stamp
-    rig.until(lambda s: s.state is State.HOLDING, seconds=1)
+    rig.rests(1)
     assert rig.now.stamp - left < 0.25
     assert_accelerations_keep_limits(rig)
 
@@ -105,7 +103,7 @@ def test_stop_ends_it_until_the_page_has_been_silent(rig: Rig) -> None:
     rig.tick()
     with pytest.raises(StateError, match="the arm was stopped; switch the live target on again"):
         follow(rig, TOOL)
-    rig.until(lambda s: s.state is State.HOLDING, seconds=1)
+    rig.rests(1)
     assert rig.now.cause == "stopped by test"
     rig.run(0.3)
     follow(rig, TOOL)

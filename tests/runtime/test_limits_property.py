@@ -153,10 +153,8 @@ def test_accelerations_stay_inside_their_limits_whatever_is_asked(script: Script
 @settings(max_examples=60, suppress_health_check=list(HealthCheck))
 def test_silence_brings_an_arm_that_is_led_to_rest(script: Script) -> None:
     rig = play(script)
-    rig.until(lambda s: s.state is State.HOLDING, seconds=1.5)  # the longest expiry, and braking
-    count = len(rig.driver.writes)
-    rig.run(1.0)
-    assert len(rig.driver.writes) == count
+    rig.rests(1.5)  # the longest expiry, and braking
+    rig.sends_nothing(1.0)
     assert not rig.now.velocity_command.any()
 
 
@@ -165,10 +163,8 @@ def test_silence_brings_an_arm_that_is_led_to_rest(script: Script) -> None:
 def test_a_stop_brings_everything_to_rest_and_ends_the_stream(script: Script) -> None:
     rig = play(script)
     ticket = rig.controller.stop(TEST)
-    rig.until(lambda s: s.state is State.HOLDING, seconds=1.0)
+    rig.rests(1.0)
     assert ticket.finished.result(0) is None
     assert not rig.now.velocity_command.any()
-    count = len(rig.driver.writes)
-    rig.run(2.0)
-    assert len(rig.driver.writes) == count
+    rig.sends_nothing(2.0)
     assert rig.now.state is State.HOLDING

@@ -9,7 +9,9 @@ from tests.runtime.kit import (
     LateExecutor,
     Rig,
     assert_accelerations_keep_limits,
+    assert_keeps_limits,
     assert_stream_keeps_limits,
+    fails,
     make_rig,
 )
 
@@ -32,15 +34,13 @@ def test_a_move_arrives_exactly_in_the_planned_time(holding: Rig) -> None:
     goal = holding.now.goal
     assert goal is not None
     assert np.array_equal(goal, HOME)
-    holding.until(lambda s: s.state is State.HOLDING)
+    holding.rests()
     assert holding.now.stamp - began == pytest.approx(duration, abs=TICK)
     ticket.result(0)
     assert np.array_equal(holding.now.q_command, HOME)
     assert not holding.now.velocity_command.any()
     assert holding.now.cause == "move finished"
-    count = len(holding.driver.writes)
-    holding.run(1)
-    assert len(holding.driver.writes) == count
+    holding.sends_nothing(1)
     assert_stream_keeps_limits(holding, 1)
 
 
@@ -59,7 +59,7 @@ def test_normal_movement_turns_every_joint_for_itself(holding: Rig) -> None:
     holding.run(0.6)
     assert holding.now.q_command[3] == pytest.approx(goal[3], abs=1e-12)
     assert holding.now.q_command[0] != goal[0]
-    holding.until(lambda s: s.state is State.HOLDING)
+    holding.rests()
     assert np.array_equal(holding.now.q_command, goal)
     assert_accelerations_keep_limits(holding)
 
@@ -67,7 +67,7 @@ def test_normal_movement_turns_every_joint_for_itself(holding: Rig) -> None:
 def test_a_point_is_reached(holding: Rig) -> None:
     point = np.array([0.2, 0.05, 0.1])
     holding.do(MoveTo(Target.of(point), choose="least-travel"))
-    holding.until(lambda s: s.state is State.HOLDING)
+    holding.rests()
     np.testing.assert_allclose(ROBOT.forward(holding.now.q)[:3, 3], point, atol=1e-9)
 
 
@@ -101,7 +101,7 @@ def test_a_second_motion_is_refused_and_says_stop_first(holding: Rig) -> None:
     first = holding.do(MoveJoints(HOME))
     with pytest.raises(StateError, match=r"it is moving \(move \(test\)\); stop first"):
         holding.do(MoveJoints(REST)).accepted.result(0)
-    holding.until(lambda s: s.state is State.HOLDING)
+    holding.rests()
     first.result(0)
 
 
@@ -130,8 +130,7 @@ def test_a_plan_for_an_arm_that_stands_elsewhere_by_now_is_refused() -> None:
     rig.do(Release())
     executor.work()
     rig.tick()
-    with pytest.raises(StateError, match="released"):
-        ticket.accepted.result(0)
+    fails(ticket.accepted, "released")
     assert rig.now.state is State.OFF
 
 
@@ -144,8 +143,7 @@ def test_a_jog_in_between_makes_a_plan_void() -> None:
     assert rig.now.state is State.HOLDING
     executor.work()
     rig.tick()
-    with pytest.raises(StateError, match="no longer stands where the motion was planned from"):
-        ticket.accepted.result(0)
+    fails(ticket.accepted, "no longer stands where the motion was planned from")
     assert rig.now.state is State.HOLDING
 
 
@@ -157,8 +155,7 @@ def test_a_stop_drops_a_motion_that_is_being_planned() -> None:
     rig.tick()
     executor.work()
     rig.run(0.2)
-    with pytest.raises(StateError, match="stopped by test"):
-        ticket.accepted.result(0)
+    fails(ticket.accepted, "stopped by test")
     assert len(rig.driver.writes) == 1
 
 
@@ -183,8 +180,7 @@ def test_a_plan_that_the_executor_dropped_is_told_and_harms_nothing() -> None:
     ticket = rig.do(MoveJoints(HOME))
     executor.waiting[0][0].cancel()
     rig.tick()
-    with pytest.raises(StateError, match="the planner dropped it"):
-        ticket.accepted.result(0)
+    fails(ticket.accepted, "the planner dropped it")
     assert rig.now.state is State.HOLDING
 
 
@@ -192,7 +188,7 @@ def test_following_a_trajectory_of_ones_own(holding: Rig) -> None:
     first = plan_target(ROBOT, REST, Target.of(arc()[20]))
     second = plan_target(ROBOT, first.end, Target.of(arc()[21]))
     ticket = holding.do(Follow(JoinedTrajectory([first, second])))
-    holding.until(lambda s: s.state is State.HOLDING)
+    holding.rests()
     ticket.result(0)
     assert np.array_equal(holding.now.q_command, second.end)
     assert_accelerations_keep_limits(holding)
@@ -216,13 +212,11 @@ def test_pause_and_resume_on_the_same_path(holding: Rig) -> None:
     holding.do(Pause()).finished.result(0)
     holding.until(lambda s: s.state is State.PAUSED, seconds=0.5)
     paused_at = holding.now.q_command
-    count = len(holding.driver.writes)
-    holding.run(1)
-    assert len(holding.driver.writes) == count
+    holding.sends_nothing(1)
     holding.do(Pause()).finished.result(0)
     holding.do(Resume()).finished.result(0)
     assert holding.now.state is State.MOVING
-    holding.until(lambda s: s.state is State.HOLDING)
+    holding.rests()
     ticket.result(0)
     assert not np.array_equal(paused_at, HOME)
     dense = trajectory.sample(np.linspace(0, trajectory.duration, 20_001)).q
@@ -236,7 +230,7 @@ def test_a_pause_may_be_taken_back_while_it_slows_down(holding: Rig) -> None:
     holding.run(0.3)
     holding.do(Pause())
     holding.do(Resume()).finished.result(0)
-    holding.until(lambda s: s.state is State.HOLDING)
+    holding.rests()
     assert all(s.state is not State.PAUSED for s in holding.history)
 
 
@@ -250,7 +244,7 @@ def test_half_the_speed_takes_twice_the_time(holding: Rig) -> None:
     holding.do(SetSpeed(0.5)).finished.result(0)
     holding.do(MoveJoints(HOME))
     began = holding.now.stamp
-    holding.until(lambda s: s.state is State.HOLDING)
+    holding.rests()
     assert holding.now.stamp - began == pytest.approx(2 * duration, abs=TICK)
     assert holding.now.speed == 0.5
 
@@ -264,9 +258,8 @@ def test_the_speed_may_change_on_the_way(holding: Rig) -> None:
     holding.do(SetSpeed(1.0))
     holding.run(0.5)
     assert np.abs(holding.now.velocity_command).max() > 10 * slow
-    holding.until(lambda s: s.state is State.HOLDING)
-    assert_accelerations_keep_limits(holding)
-    assert_stream_keeps_limits(holding, 1)
+    holding.rests()
+    assert_keeps_limits(holding)
 
 
 @pytest.mark.parametrize(
@@ -283,7 +276,7 @@ def test_a_late_tick_does_not_jump_and_is_told(holding: Rig) -> None:
     holding.tick(3.0)
     assert (np.abs(holding.now.q_command - before) <= ROBOT.speed_limits * 2 * TICK + 1e-12).all()
     assert any("2980 ms late" in text for text in holding.now.warnings)
-    holding.until(lambda s: s.state is State.HOLDING)
+    holding.rests()
     holding.run(6)
     assert holding.now.warnings == ()
 
@@ -296,7 +289,7 @@ def test_late_ticks_in_a_row_are_one_notice_and_two_lines_of_the_log(holding: Ri
         assert sum("late" in text for text in holding.now.warnings) == 1
     (told,) = holding.now.warnings
     assert told.startswith("the controller was late 3 times, by up to 300 ms; each time the motion halted")
-    holding.until(lambda s: s.state is State.HOLDING)
+    holding.rests()
     holding.run(6)
     assert holding.now.warnings == ()
     lines = [text for text in holding.texts if "late" in text]

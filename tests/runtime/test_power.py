@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from tests.runtime.kit import ROBOT, Rig, make_rig
+from tests.runtime.kit import ROBOT, Rig, fails, make_rig
 
-from armctl.errors import BoardError, BoardTimeoutError, InputError, MotionRefusedError, PortError, StateError
+from armctl.errors import BoardError, BoardTimeoutError, InputError, MotionRefusedError, PortError
 from armctl.hardware import BoardIdentity, Readback, Source
 from armctl.runtime import ClearFault, Connect, Disconnect, Enable, MoveGripper, MoveJoints, Release, State
 
@@ -124,8 +124,7 @@ def test_release_drops_the_arm_at_once_even_while_it_moves(holding: Rig) -> None
     assert not holding.now.powered
     assert holding.driver.positions == {}
     assert len(holding.driver.writes) <= count + 1
-    with pytest.raises(StateError, match=r"released \(test\)"):
-        motion.finished.result(0)
+    fails(motion.finished, r"released \(test\)")
     holding.run(1)
     assert holding.now.state is State.OFF
     holding.do(Enable()).finished.result(0)
@@ -153,8 +152,7 @@ def test_disconnecting_while_moving_waits_for_a_standstill(holding: Rig) -> None
     holding.refuses(MoveGripper(1.0), "disconnecting")
     holding.until(lambda s: s.state is State.DISCONNECTED, seconds=1)
     leaving.finished.result(0)
-    with pytest.raises(StateError, match="stopped by disconnect"):
-        motion.finished.result(0)
+    fails(motion.finished, "stopped by disconnect")
 
 
 def test_a_port_that_is_not_there(rig: Rig) -> None:
@@ -196,8 +194,7 @@ def test_two_readings_that_differ_are_not_taken_over(rig: Rig) -> None:
     rig.driver.read = lambda: Readback(next(readings), Source.TRANSMITTED)  # type: ignore[method-assign]
     ticket = rig.controller.submit(Enable())
     rig.controller.tick()
-    with pytest.raises(StateError, match=r"two things of where it is \(Shoulder, Wrist pitch\)"):
-        ticket.finished.result(0)
+    fails(ticket.finished, r"two things of where it is \(Shoulder, Wrist pitch\)")
     assert rig.driver.writes == []
     assert rig.now.state is State.OFF
 

@@ -9,12 +9,13 @@ from tests.runtime.kit import (
     LateExecutor,
     Rig,
     assert_accelerations_keep_limits,
-    assert_stream_keeps_limits,
+    assert_keeps_limits,
+    fails,
     make_rig,
     steps_seen,
 )
 
-from armctl.errors import InputError, ProgramError, StateError
+from armctl.errors import InputError, ProgramError
 from armctl.motion import PointToPoint
 from armctl.program import GripperStep, MoveStep, PointStep, Program, Step, WaitStep
 from armctl.runtime import MoveGripper, MoveJoints, Pause, Resume, RunProgram, SetSpeed, State
@@ -35,7 +36,7 @@ def test_every_step_in_order(holding: Rig) -> None:
     ticket = holding.do(RunProgram(program(TO_HOME, GripperStep(open_percent=100), WAIT, POINT, TO_REST)))
     assert holding.now.state is State.MOVING
     assert holding.now.cause == "program 'pick' (test)"
-    holding.until(lambda s: s.state is State.HOLDING)
+    holding.rests()
     ticket.result(0)
     assert steps_seen(holding) == [(0, 0), (0, 1), (0, 2), (0, 3), (0, 4)]
     np.testing.assert_allclose(holding.now.q_command, REST, atol=1e-12)
@@ -44,15 +45,14 @@ def test_every_step_in_order(holding: Rig) -> None:
     assert holding.now.cause == "program 'pick' finished"
     tips = ROBOT.forward(np.array([s.q_command for s in holding.history]))[:, :3, 3]
     assert np.linalg.norm(tips - [0.2, 0.05, 0.1], axis=1).min() < 1e-9
-    assert_stream_keeps_limits(holding, 1)
-    assert_accelerations_keep_limits(holding)
+    assert_keeps_limits(holding)
 
 
 def test_it_does_not_pause_to_think(holding: Rig) -> None:
     one = PointToPoint.plan(ROBOT, REST, HOME).duration
     holding.do(RunProgram(program(TO_HOME, TO_REST), loops=3))
     began = holding.now.stamp
-    holding.until(lambda s: s.state is State.HOLDING)
+    holding.rests()
     # a tick at the most at each of the six meetings
     assert holding.now.stamp - began <= 6 * (one + TICK) + 2 * TICK
     assert steps_seen(holding) == [(k, step) for k in range(3) for step in range(2)]
@@ -66,12 +66,9 @@ def test_for_ever_until_stopped(holding: Rig) -> None:
     assert holding.now.program.loops is None
     assert holding.now.program.loop > 5
     holding.controller.stop(TEST)
-    holding.until(lambda s: s.state is State.HOLDING, seconds=1)
-    with pytest.raises(StateError, match="program 'pick' was stopped by test"):
-        ticket.finished.result(0)
-    count = len(holding.driver.writes)
-    holding.run(5)
-    assert len(holding.driver.writes) == count
+    holding.rests(1)
+    fails(ticket.finished, "program 'pick' was stopped by test")
+    holding.sends_nothing(5)
 
 
 def test_a_stop_during_a_wait_or_the_gripper_ends_it(holding: Rig) -> None:
@@ -83,16 +80,13 @@ def test_a_stop_during_a_wait_or_the_gripper_ends_it(holding: Rig) -> None:
         holding.controller.stop(TEST)
         holding.tick()
         assert holding.now.state is State.HOLDING
-        with pytest.raises(StateError, match="was stopped"):
-            ticket.finished.result(0)
-        count = len(holding.driver.writes)
-        holding.run(2)
-        assert len(holding.driver.writes) == count
+        fails(ticket.finished, "was stopped")
+        holding.sends_nothing(2)
 
 
 def test_it_begins_where_it_is_told_in_the_first_pass_only(holding: Rig) -> None:
     holding.do(RunProgram(program(TO_HOME, TO_REST, POINT), loops=2, first=2))
-    holding.until(lambda s: s.state is State.HOLDING)
+    holding.rests()
     assert steps_seen(holding) == [(0, 2), (1, 0), (1, 1), (1, 2)]
 
 
@@ -106,14 +100,12 @@ def test_pause_and_resume_in_every_kind_of_step(step: Step) -> None:
     rig.do(Pause()).finished.result(0)
     rig.until(lambda s: s.state is State.PAUSED, seconds=0.5)
     assert rig.now.cause == "program 'pick' paused"
-    count = len(rig.driver.writes)
-    rig.run(5)
-    assert len(rig.driver.writes) == count
+    rig.sends_nothing(5)
     assert rig.now.state is State.PAUSED
     assert rig.now.program is not None
     assert rig.now.program.step == 0
     rig.do(Resume()).finished.result(0)
-    rig.until(lambda s: s.state is State.HOLDING)
+    rig.rests()
     ticket.result(0)
     assert_accelerations_keep_limits(rig)
 
@@ -126,7 +118,7 @@ def test_a_step_that_ends_while_it_is_being_paused_waits_before_the_next(holding
     holding.run(1)
     assert holding.now.state is State.PAUSED
     holding.do(Resume())
-    holding.until(lambda s: s.state is State.HOLDING)
+    holding.rests()
     np.testing.assert_allclose(holding.now.q_command, REST, atol=1e-12)
 
 
@@ -134,7 +126,7 @@ def test_a_wait_is_not_stretched_by_the_speed(holding: Rig) -> None:
     holding.do(SetSpeed(0.1))
     holding.do(RunProgram(program(WAIT)))
     began = holding.now.stamp
-    holding.until(lambda s: s.state is State.HOLDING)
+    holding.rests()
     assert holding.now.stamp - began == pytest.approx(0.5, abs=3 * TICK)
 
 
@@ -170,7 +162,7 @@ def test_what_cannot_run_is_refused(
 def test_a_step_that_cannot_be_reached_stops_it_holding_and_names_the_step(holding: Rig) -> None:
     ticket = holding.do(RunProgram(program(TO_HOME, WAIT, FAR_AWAY, TO_REST)))
     ticket.accepted.result(0)
-    holding.until(lambda s: s.state is State.HOLDING)
+    holding.rests()
     with pytest.raises(ProgramError, match="pick: step 3: ") as caught:
         ticket.finished.result(0)
     assert caught.value.__cause__ is not None
@@ -197,7 +189,7 @@ def test_the_next_step_is_planned_while_the_present_one_runs() -> None:
     rig.run(0.1)
     assert not np.allclose(rig.now.q_command, HOME)
     executor.work()
-    rig.until(lambda s: s.state is State.HOLDING)
+    rig.rests()
     ticket.result(0)
 
 
@@ -227,9 +219,8 @@ def test_a_defect_in_planning_the_next_step_is_logged_once(
 
     monkeypatch.setattr("armctl.program.steps.solve", broken)
     ticket = holding.do(RunProgram(program(TO_HOME, POINT, TO_REST)))
-    holding.until(lambda s: s.state is State.HOLDING)
-    with pytest.raises(ProgramError, match="pick: planning failed: ValueError: oops"):
-        ticket.finished.result(0)
+    holding.rests()
+    fails(ticket.finished, "pick: planning failed: ValueError: oops", ProgramError)
     assert sum(record.message == "planning failed" for record in caplog.records) <= 2
 
 
@@ -238,7 +229,6 @@ def test_a_gripper_step_takes_the_place_of_a_gripper_command(holding: Rig) -> No
     holding.tick()
     command = holding.do(MoveGripper(1.0))
     holding.do(RunProgram(program(GripperStep(open_percent=20))))
-    with pytest.raises(StateError, match="a newer gripper command took its place"):
-        command.finished.result(0)
-    holding.until(lambda s: s.state is State.HOLDING)
+    fails(command.finished, "a newer gripper command took its place")
+    holding.rests()
     assert holding.now.gripper == 0.2

@@ -14,7 +14,7 @@ from armctl.hardware.boards import board_type, board_types, find_board_type
 from armctl.hardware.simulation import PtyServer
 from armctl.robot import load_robot
 from armctl.runtime import MonotonicClock
-from armctl.runtime.board import Outputs
+from armctl.runtime.board import output_map
 
 
 class BoardGroup(click.Group):
@@ -60,7 +60,7 @@ def _command(board: BoardType) -> click.Command:
 def _setup(board: BoardType, name: str) -> Setup:
     """What a robot needs of the board, if it needs this kind of board."""
     robot = load_robot(name)
-    unit = Outputs(robot).unit
+    unit = output_map(robot).unit
     if unit != board.scale.unit:
         raise InputError(
             f"{name} is set up for {board_type(robot.board).title}, whose outputs are in {unit}; "

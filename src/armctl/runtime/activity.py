@@ -1,4 +1,4 @@
-"""What the arm is doing: one motion, a jog, a program or homing."""
+"""What the arm is doing: one motion, a jog, a live target, a program or homing."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ class Setpoint:
 class ActivityView:
     """What the snapshot shows of an activity."""
 
-    goal: FloatArray | None
+    goal: FloatArray | None = None
     """(n,) where the running motion ends [rad]"""
-    progress: float
+    progress: float = 0.0
     """0..1 of the running motion"""
-    remaining_s: float
+    remaining_s: float = 0.0
     program: ProgramProgress | None = None
 
 
@@ -39,14 +39,12 @@ class Activity(Protocol):
     begun: bool
     """it has begun; a program begins when its first step could be planned"""
     pausable: bool
-    """whether pause and resume mean anything"""
     error: ArmctlError | None
     """why it ended before its end"""
 
     @property
     def notice(self) -> str | None:
         """What it holds back, and why."""
-        ...
 
     @property
     def standing(self) -> bool:
@@ -60,27 +58,18 @@ class Activity(Protocol):
 
     def advance(self, now: float, dt: float) -> Setpoint | None:
         """Go on by ``dt`` seconds to ``now`` (controller clock); None where no joint moves."""
-        ...
 
     def set_speed(self, fraction: float) -> None:
         """Go towards this speed override inside the acceleration limits."""
-        ...
 
-    def pause(self) -> None:
-        """Slow down along the path and stand."""
-        ...
-
-    def resume(self) -> None:
-        """Go on along the path."""
-        ...
+    def pause(self, paused: bool) -> None:
+        """Slow down along the path and stand (True), or go on along it (False)."""
 
     def stop(self) -> None:
         """Slow down as hard as the limits allow, then be done."""
-        ...
 
     def halt(self) -> None:
         """No setpoint is sent for now, so the arm stands: when it goes on, it begins from rest."""
-        ...
 
     def view(self) -> ActivityView:
         """What the snapshot shows of it."""

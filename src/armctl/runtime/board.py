@@ -1,94 +1,73 @@
-"""The driver, spoken to in joint angles."""
+"""The driver, spoken to in joint angles, and a monitor that decides whether its readings can be trusted."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from armctl.arrays import FloatArray
-from armctl.errors import ArmctlError, StateError
-from armctl.hardware import BoardIdentity, ChannelSettings, Driver, HomingState, Source
+from armctl.errors import ArmctlError, BoardError, BoardProtocolError, BoardTimeoutError, StateError
+from armctl.hardware import ChannelSettings, Driver, HomingState, Source
 from armctl.hardware.boards import board_type
 from armctl.hardware.driver import translated
 from armctl.robot import OutputMap, Robot
+from armctl.runtime.snapshot import Notices
 
-BOARD_SPEED_MARGIN = 1.5
-"""The board's own speed limit over the joint's: a second line of defence that never meets a good stream."""
+BoolArray = NDArray[np.bool_]
+_SPEED_MARGIN = 1.5
+"""the board's own speed limit over the joint's: a second line of defence that never meets a good stream"""
+_ACCELERATION_MARGIN = 4.0
+"""the same for the acceleration: a stream of setpoints is one of small steps, which the board smooths"""
 _GRIPPER_UP_S = 0.1
 """a gripper's motor may take this long to its speed"""
-BOARD_ACCELERATION_MARGIN = 4.0
-"""The same for the acceleration: a stream of setpoints is one of small steps, which the board smooths."""
+_READ_FAILURES = 5
+_SILENCE_S = 1.0
+"""how long a board may give no good answer before it counts as lost: a busy computer may be that late"""
+_DOUBTFUL_FAILURES = 3
+_OFF_READINGS = 3
+_LAG_S = 0.08
+"""how far the transmitted position may be behind a moving setpoint: a few servo frames"""
+_DEVIATION_UNITS = 1.0
+_DEVIATION_RAD = np.radians(1.0)
+_DEVIATION_S = 0.5
+_DEVIATION_WORDS = {
+    Source.TRANSMITTED: "the board does not send what it was told ({by}): its channel range is narrower than "
+    "the servo map; widen it on the board, or change the robot file",
+    Source.MEASURED: "the arm does not stand where it was told ({by}): look for something in its way, a "
+    "worn gear or too much load",
+}
+_ERROR_SHOWN_S = 10.0
 
 
-class Outputs:
-    """The robot's output map; where its file gives none, a stand-in that only a simulated board may drive."""
-
-    def __init__(self, robot: Robot) -> None:
-        self._robot = robot
-        self.map = robot.output_map or OutputMap.stand_in(robot.limits)
-        self.unit = self.map.unit
-        self._board = board_type(robot.board)
-        self.power = self._board.power
-        """what is switched on and off"""
-        self.unit_per_rad = np.abs(self.map.per_rad)
-        """(n,) board units a radian"""
-        self.titles = {
-            channel: joint.title for channel, joint in zip(self.map.channels, robot.joints, strict=True)
-        }
-        """what the user calls each channel"""
-        if self.map.gripper_channel is not None and robot.gripper is not None:
-            self.titles[self.map.gripper_channel] = robot.gripper.title
-
-    def settings(self) -> list[ChannelSettings]:
-        """What each channel may do.
-
-        A servo board's own acceleration limit stays off: its ramp would lag behind a 50 Hz stream of
-        setpoints and round off the path; the stream itself keeps the acceleration limits. Motors need one.
-        """
-        robot, outputs = self._robot, self.map
-        speeds = robot.speed_limits * self.unit_per_rad * BOARD_SPEED_MARGIN
-        accelerations = robot.acceleration_limits * self.unit_per_rad * BOARD_ACCELERATION_MARGIN
-        settings = [
-            ChannelSettings(channel, low, high, speed, self._acceleration(acceleration))
-            for channel, low, high, speed, acceleration in zip(
-                outputs.channels,
-                outputs.low.tolist(),
-                outputs.high.tolist(),
-                speeds.tolist(),
-                accelerations.tolist(),
-                strict=True,
-            )
-        ]
-        if outputs.gripper_channel is not None and robot.gripper is not None:
-            low, high = sorted((outputs.gripper_closed, outputs.gripper_open))
-            speed = robot.gripper.speed * (high - low) * BOARD_SPEED_MARGIN
-            acceleration = self._acceleration(speed / _GRIPPER_UP_S)
-            settings.append(ChannelSettings(outputs.gripper_channel, low, high, speed, acceleration))
-        return settings
-
-    def _acceleration(self, value: float) -> float | None:
-        return value if self._board.limits_acceleration else None
-
-    def setpoints(self, q: FloatArray | None, opening: float | None) -> dict[int, float]:
-        """Board units by channel for joint angles (n,) [rad] and a gripper opening 0..1; None: not sent."""
-        values: dict[int, float] = {}
-        if q is not None:
-            # Robot files may round the safe range inwards by an eighth of a microsecond.
-            low, high = self.map.low.tolist(), self.map.high.tolist()
-            for (channel, value), least, most in zip(self.map.outputs(q).items(), low, high, strict=True):
-                values[channel] = min(max(value, least), most)
-        if opening is not None:
-            values.update(self.map.gripper_output(opening))
-        return values
+def output_map(robot: Robot) -> OutputMap:
+    """The robot's output map; where its file gives none, one that only a simulated board may use."""
+    return robot.output_map or OutputMap.stand_in(robot.limits)
 
 
 def channel_settings(robot: Robot) -> list[ChannelSettings]:
-    """What each channel of the robot's board may do; a simulated board is set up with the same."""
-    return Outputs(robot).settings()
+    """What each channel of the robot's board may do; a simulated board is set up with the same.
+
+    A servo board's own acceleration limit stays off: its ramp would lag behind a 50 Hz stream of
+    setpoints and round off the path; the stream itself keeps the acceleration limits. Motors need one.
+    """
+    outputs, limited = output_map(robot), board_type(robot.board).limits_acceleration
+    units = np.abs(outputs.per_rad)
+    speeds = robot.speed_limits * units * _SPEED_MARGIN
+    accelerations = robot.acceleration_limits * units * _ACCELERATION_MARGIN
+    table = np.stack([outputs.low, outputs.high, speeds, accelerations], axis=1).tolist()
+    rows = list(zip(outputs.channels, table, strict=True))
+    if outputs.gripper_channel is not None and robot.gripper is not None:
+        low, high = sorted((outputs.gripper_closed, outputs.gripper_open))
+        speed = robot.gripper.speed * (high - low) * _SPEED_MARGIN
+        rows.append((outputs.gripper_channel, [low, high, speed, speed / _GRIPPER_UP_S]))
+    return [
+        ChannelSettings(channel, low, high, speed, acceleration if limited else None)
+        for channel, (low, high, speed, acceleration) in rows
+    ]
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,12 +76,12 @@ class Reading:
 
     q: FloatArray
     """(n,) [rad]; NaN where it does not know"""
-    on: NDArray[np.bool_]
+    on: BoolArray
     """(n,) joints whose outputs are on; where the board does not say, those that have a position"""
-    opening: float | None
+    opening: float | None = None
     """of the gripper 0..1; None: not known"""
-    source: Source
-    errors: tuple[str, ...]
+    source: Source = Source.COMMANDED
+    errors: tuple[str, ...] = ()
     powered: bool | None = None
     """whether its outputs are on; None: it does not say"""
     homing: HomingState | None = None
@@ -112,59 +91,59 @@ class Reading:
 class Board:
     """An open board. Every method may raise ``BoardError``; then it is best closed."""
 
-    def __init__(self, robot: Robot, driver: Driver, identity: BoardIdentity) -> None:
-        self.outputs = Outputs(robot)
-        self.identity = identity
-        self._driver = driver
-
-    @classmethod
-    def open(cls, robot: Robot, open_driver: Callable[[str], Driver], port: str) -> Board:
+    def __init__(self, robot: Robot, open_driver: Callable[[str], Driver], port: str) -> None:
         """Open the line, find out who is there and tell it what each channel may do. Moves nothing.
 
         Raises:
             BoardError: nobody there, or not what is needed.
             StateError: a real board, and the robot file does not say which pulse is which angle.
         """
-        driver = translated("opening the board", open_driver, port)
+        self.map = output_map(robot)
+        self.unit_per_rad = np.abs(self.map.per_rad)
+        """(n,) board units a radian"""
+        self.power = board_type(robot.board).power
+        """what is switched on and off, in words"""
+        self._titles = dict(zip(self.map.channels, (joint.title for joint in robot.joints), strict=True))
+        if self.map.gripper_channel is not None and robot.gripper is not None:
+            self._titles[self.map.gripper_channel] = robot.gripper.title
+        self._settings = channel_settings(robot)
+        self._ranges = list(zip(self.map.low.tolist(), self.map.high.tolist(), strict=True))
+        self._driver = translated("opening the board", open_driver, port)
         try:
-            board = cls(robot, driver, translated("opening the board", driver.open))
-            if robot.output_map is None and not board.identity.simulated:
+            self.identity = translated("opening the board", self._driver.open)
+            if robot.output_map is None and not self.identity.simulated:
                 raise StateError(
                     f"{robot.name} has no servo map: which pulse is which angle is not known, so only the "
                     "simulated board may be driven (port sim); give each joint of the robot file a servo"
                 )
-            board.configure()
+            self.configure()
         except ArmctlError:
-            _quietly(driver.close)
+            self.close()
             raise
-        return board
 
     def configure(self) -> None:
         """Tell the board what each channel may do: one that started anew has forgotten. Moves nothing."""
-        translated("setting the channels", self._driver.configure, self.outputs.settings())
+        translated("setting the channels", self._driver.configure, self._settings)
 
     def write(self, q: FloatArray | None, opening: float | None) -> None:
         """Send joint angles (n,) [rad] and a gripper opening 0..1 in one write; None: not sent."""
-        translated("writing setpoints", self._driver.write, self.outputs.setpoints(q, opening))
+        values: dict[int, float] = {}
+        if q is not None:
+            # Robot files may round the safe range inwards by an eighth of a microsecond.
+            for (channel, value), (low, high) in zip(self.map.outputs(q).items(), self._ranges, strict=True):
+                values[channel] = min(max(value, low), high)
+        if opening is not None:
+            values |= self.map.gripper_output(opening)
+        translated("writing setpoints", self._driver.write, values)
 
     def read(self) -> Reading:
         """Read back."""
-        readback = translated("reading back", self._driver.read)
-        q = self.outputs.map.angles(readback.positions)
-        powered = readback.powered
-        errors = readback.errors
-        if readback.faults:
-            faults = [f"{self.title(channel)}: {words}" for channel, words in readback.faults.items()]
-            errors = (*faults, *errors)
-        return Reading(
-            q,
-            ~np.isnan(q) if powered is None else np.full(q.shape, powered),
-            self.outputs.map.opening(readback.positions),
-            readback.source,
-            errors,
-            powered,
-            readback.homing,
-        )
+        back = translated("reading back", self._driver.read)
+        q = self.map.angles(back.positions)
+        on = ~np.isnan(q) if back.powered is None else np.full(q.shape, back.powered)
+        errors = tuple(f"{self.title(channel)}: {fault}" for channel, fault in back.faults.items())
+        opening = self.map.opening(back.positions)
+        return Reading(q, on, opening, back.source, errors + back.errors, back.powered, back.homing)
 
     def home(self) -> None:
         """Begin to look for the zeros of the axes: the arm moves."""
@@ -176,25 +155,166 @@ class Board:
 
     def title(self, channel: int) -> str:
         """What the user calls a channel."""
-        return self.outputs.titles.get(channel, f"channel {channel}")
+        return self._titles.get(channel, f"channel {channel}")
 
     def release(self) -> None:
         """Pulses or motors off: the arm drops."""
-        translated(f"switching the {self.outputs.power} off", self._driver.release)
+        translated(f"switching the {self.power} off", self._driver.release)
 
     def close(self) -> None:
         """Close the line, whatever state it is in; the outputs stay as they are."""
-        _quietly(self._driver.close)
+        with suppress(Exception):  # a board that is gone was reported before
+            self._driver.close()
 
 
-def no_reading(n: int) -> Reading:
-    """Nothing is known of ``n`` joints."""
-    return Reading(np.full(n, math.nan), np.zeros(n, dtype=np.bool_), None, Source.COMMANDED, ())
+class Monitor:
+    """Reads back, tolerates a few failures, and reports what does not fit."""
 
+    def __init__(self, robot: Robot, notices: Notices, interval_s: float) -> None:
+        self._robot = robot
+        self._notices = notices
+        self._interval_s = interval_s
+        self.reset()
 
-def _quietly(action: Callable[[], None]) -> None:
-    """A board that is gone may fail to close; that it is gone was reported before."""
-    try:
-        action()
-    except Exception:
-        return
+    def reset(self) -> None:
+        """Another board, or none: nothing is known."""
+        n = self._robot.n
+        self.reading = Reading(np.full(n, np.nan), np.zeros(n, dtype=np.bool_))
+        """the last one"""
+        self.due_at = -np.inf
+        """when to read again (controller clock) [s]"""
+        self._answered_at: float | None = None
+        self._failures = 0
+        self.doubts = 0
+        """good readings that are missing before a setpoint may be sent: the last one failed, or said that a
+        joint has no pulses, or is too long ago. A board that has started anew would switch them on again
+        with a jump; after several failures in a row it takes several good readings to trust it."""
+        self._off = 0
+        self._errors: tuple[str, ...] = ()
+        self._erred_at = -np.inf
+        self._released = False
+        self._still_on = 0
+        self._deviates_since: float | None = None
+
+    def read(self, board: Board, now: float) -> Reading | None:
+        """Read back; None where this once no answer came.
+
+        Raises:
+            BoardError: the board is gone, or has not answered several times in a row for a second.
+        """
+        self.due_at = now + 0.9 * self._interval_s
+        if self._answered_at is None:
+            self._answered_at = now
+        try:
+            reading = board.read()
+            if self._failures:
+                board.configure()  # a board that was silent may have started anew and forgotten its limits
+        except (BoardTimeoutError, BoardProtocolError) as cause:
+            self._failures += 1
+            self.doubt()
+            silent = now - self._answered_at
+            if self._failures >= _READ_FAILURES and silent >= _SILENCE_S:
+                raise BoardError(
+                    f"lost the board: {self._failures} readings in a row failed in {silent:.1f} s ({cause}); "
+                    "check the cable and the power, then connect again"
+                ) from cause
+            if self._failures >= _DOUBTFUL_FAILURES:
+                self.doubts = _OFF_READINGS
+                self._notices.set("read", f"the board does not answer properly: {cause}")
+            return None
+        self.reading = reading
+        self._answered_at = now
+        self.doubts = max(0, self.doubts - 1)
+        if self._failures:
+            self._failures = 0
+            self._notices.clear("read")
+        for error in reading.errors:
+            self._notices.set(f"board {error}", f"the board reports: {error}", until=now + _ERROR_SHOWN_S)
+        return reading
+
+    @property
+    def homes(self) -> bool:
+        """Whether the board moved the arm by itself at the last reading, to look for its zeros."""
+        homing = self.reading.homing
+        return homing is not None and homing.running is not None
+
+    def enabled(self) -> None:
+        """The pulses were switched on: what was seen before that counts no more."""
+        self.doubts = self._off = 0
+        self._erred_at = -np.inf
+        self._released = False
+        self._notices.clear("released")
+
+    def released(self) -> None:
+        """The pulses were switched off: the readings must show it."""
+        self.doubts = self._off = self._still_on = 0
+        self._released = True
+
+    def check_released(self) -> None:
+        """Warn where the board goes on sending pulses that it was told to switch off."""
+        on = self.reading.on
+        self._still_on = self._still_on + 1 if self._released and on.any() else 0
+        if self._still_on < _OFF_READINGS:
+            self._notices.clear("released")
+            return
+        self._notices.set(
+            "released",
+            f"the board's outputs are still on ({self._joints(on)}) though it was told to switch them off; "
+            "release again, or cut the power of the motors",
+        )
+
+    def doubt(self) -> None:
+        """Look before the next setpoint: no answer came, or the board's own watchdog may have struck."""
+        self.doubts = max(self.doubts, 1)
+
+    def went_by_itself(self, q_command: FloatArray, now: float) -> str | None:
+        """In words, that the last reading does not fit (n,) [rad] the last setpoint; None while it does.
+
+        Outputs that are off count once several readings say so where answers carry no checksum, and one is
+        no proof. Until the next one nothing is sent. A Maestro that reports an error has sent its channels
+        wherever its settings say; if that is off, or far from the setpoint, nothing checked the path there.
+        """
+        reading = self.reading
+        off = ~reading.on
+        if reading.source is Source.MEASURED:
+            why = "; ".join(reading.errors) or "it does not say why"
+            if off.any():
+                return f"the board switched the motors off by itself ({why})"
+            lost = np.isnan(reading.q)
+            return f"the board lost its zeros ({self._joints(lost)}; {why})" if lost.any() else None
+        self._off = self._off + 1 if off.any() else 0
+        if self._off:
+            self.doubt()
+        if self._off >= _OFF_READINGS:
+            return f"the board switched the pulses off by itself ({self._joints(off)})"
+        if reading.source is not Source.TRANSMITTED:
+            return None
+        if reading.errors:
+            self._errors, self._erred_at = reading.errors, now
+        moved = np.abs(reading.q - q_command) > _LAG_S * self._robot.speed_limits
+        if moved.any() and now - self._erred_at <= _ERROR_SHOWN_S:  # it goes home at its own, slow speed
+            return f"the board moved the arm by itself ({self._joints(moved)}; {', '.join(self._errors)})"
+        return None
+
+    def compare(self, board: Board, q_command: FloatArray, standing: bool, now: float) -> None:
+        """Warn where the arm stands elsewhere than told for half a second while nothing moves."""
+        source = self.reading.source
+        away = np.abs(self.reading.q - q_command)
+        if source is Source.MEASURED:
+            deviates, values, unit = away > _DEVIATION_RAD, np.degrees(away), "°"
+        else:
+            values, unit = away * board.unit_per_rad, f" {board.map.unit}"
+            deviates = values > _DEVIATION_UNITS
+        if source is Source.COMMANDED or not standing or not deviates.any():
+            self._deviates_since = None
+            self._notices.clear("deviation")
+            return
+        if self._deviates_since is None:
+            self._deviates_since = now
+        if now - self._deviates_since > _DEVIATION_S:
+            joints = self._robot.joints
+            by = ", ".join(f"{joints[i].title} by {values[i]:.1f}{unit}" for i in np.flatnonzero(deviates))
+            self._notices.set("deviation", _DEVIATION_WORDS[source].format(by=by))
+
+    def _joints(self, which: BoolArray) -> str:
+        return ", ".join(self._robot.joints[i].title for i in np.flatnonzero(which))

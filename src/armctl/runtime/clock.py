@@ -13,6 +13,8 @@ LONGEST_TICKS = 2
 _LATE_S = 0.06
 LATE_SHOWN_S = 5.0
 """how long a late tick is shown, and how long no tick may be late before the next one is logged"""
+wall_time = time.time
+"""Seconds since the epoch, for log lines and file names only."""
 
 
 class Clock(Protocol):
@@ -30,9 +32,7 @@ class Clock(Protocol):
 class MonotonicClock:
     """The machine's monotonic clock."""
 
-    def now(self) -> float:
-        """Seconds of the monotonic clock."""
-        return time.monotonic()
+    now = staticmethod(time.monotonic)
 
     def wait_until(self, deadline: float, wake: threading.Event) -> bool:
         """Return at ``deadline`` (False) or as soon as ``wake`` is set (True)."""
@@ -63,11 +63,6 @@ class ManualClock:
         return False
 
 
-def wall_time() -> float:
-    """Seconds since the epoch, for log lines and file names only."""
-    return time.time()
-
-
 @dataclass(frozen=True, slots=True)
 class Tick:
     """One tick of the controller."""
@@ -76,7 +71,7 @@ class Tick:
     """what it counts for [s]"""
     late_s: float | None
     """how much later it came than it should; None: in time"""
-    late_before: str | None = None
+    late_before: str | None
     """text for the log: several ticks before came late, and that is over"""
 
 
@@ -102,7 +97,10 @@ class TickTime:
             return None
         self._at = now
         late = elapsed > max((LONGEST_TICKS + 1) * self._period, _LATE_S)
-        over = self._late_before(now) if self._count else None
+        over = None
+        if self._count and now > self._late_at + LATE_SHOWN_S:
+            over = self._text() if self._count > 1 else None
+            self._count, self._longest_s = 0, 0.0
         counts_s = min(elapsed, LONGEST_TICKS * self._period)
         return Tick(counts_s, elapsed - self._period if late else None, over)
 
@@ -112,13 +110,6 @@ class TickTime:
         self._longest_s = max(self._longest_s, late_s)
         self._late_at = now
         return self._text()
-
-    def _late_before(self, now: float) -> str | None:
-        if now <= self._late_at + LATE_SHOWN_S:
-            return None
-        text = self._text() if self._count > 1 else None
-        self._count, self._longest_s = 0, 0.0
-        return text
 
     def _text(self) -> str:
         longest_ms = 1000 * self._longest_s

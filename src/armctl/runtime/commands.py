@@ -9,6 +9,7 @@ from concurrent.futures import Future
 from dataclasses import dataclass
 from typing import Literal
 
+import msgspec
 import numpy as np
 
 from armctl.arrays import FloatArray
@@ -17,55 +18,56 @@ from armctl.kinematics import Target
 from armctl.motion import Profile, Trajectory
 from armctl.program import Program
 
-ToolFrame = Literal["base", "tool"]
+
+class Command(msgspec.Struct, frozen=True):
+    """What the controller may be asked for."""
 
 
-@dataclass(frozen=True, slots=True)
-class Connect:
+class MovingCommand(Command, frozen=True):
+    """A STOP drops it when it was given before."""
+
+
+class HeldCommand(MovingCommand, frozen=True):
+    """Counts only for a moment: it is given again and again."""
+
+
+class Connect(Command, frozen=True):
     """Open the line to the board: ``sim``, ``auto`` or a device."""
 
     port: str
 
 
-@dataclass(frozen=True, slots=True)
-class Disconnect:
+class Disconnect(Command, frozen=True):
     """Stop if moving, then close the line. The outputs stay as they are."""
 
 
-@dataclass(frozen=True, slots=True)
-class Enable:
+class Enable(MovingCommand, frozen=True):
     """Switch the pulses on. Servos that were off jump to ``q`` (n,) [rad] (default: the rest pose)."""
 
     q: FloatArray | None = None
 
 
-@dataclass(frozen=True, slots=True)
-class HomeAxes:
+class HomeAxes(MovingCommand, frozen=True):
     """Let a board with encoders find the zero of every axis: the arm moves, slowly, to its switches."""
 
 
-@dataclass(frozen=True, slots=True)
-class Release:
+class Release(Command, frozen=True):
     """Pulses off: the arm drops. Asked for twice in the UI, at once here."""
 
 
-@dataclass(frozen=True, slots=True)
-class Pause:
+class Pause(Command, frozen=True):
     """Slow down along the path and stand."""
 
 
-@dataclass(frozen=True, slots=True)
-class Resume:
+class Resume(MovingCommand, frozen=True):
     """Go on along the same path."""
 
 
-@dataclass(frozen=True, slots=True)
-class ClearFault:
+class ClearFault(Command, frozen=True):
     """Leave ``fault`` for ``off`` (or ``holding`` when the pulses are still on) once its cause is gone."""
 
 
-@dataclass(frozen=True, slots=True)
-class MoveJoints:
+class MoveJoints(MovingCommand, frozen=True):
     """Go to joint angles ``q`` (n,) [rad]; shortest time unless a duration is given.
 
     ``profile``: "cubic" (cubic, synchronised) or "normal" (each joint at its own speed; a duration
@@ -77,8 +79,7 @@ class MoveJoints:
     profile: Profile = "cubic"
 
 
-@dataclass(frozen=True, slots=True)
-class MoveTo:
+class MoveTo(MovingCommand, frozen=True):
     """Put the tool on a target by inverse kinematics, choosing by a named criterion."""
 
     target: Target
@@ -87,15 +88,13 @@ class MoveTo:
     profile: Profile = "cubic"
 
 
-@dataclass(frozen=True, slots=True)
-class Follow:
-    """Run a trajectory that somebody planned; refused unless the arm stands where it starts."""
+class Follow(MovingCommand, frozen=True):
+    """Run a trajectory of the caller's own; refused unless the arm stands where it starts."""
 
     trajectory: Trajectory
 
 
-@dataclass(frozen=True, slots=True)
-class Jog:
+class Jog(HeldCommand, frozen=True):
     """Turn joints at ``rate`` (n,), each -1 ... 1 of the joint's speed limit, while such commands come.
 
     Each one expires 100 ms after it arrives; the arm then slows down inside its limits.
@@ -104,8 +103,7 @@ class Jog:
     rate: FloatArray
 
 
-@dataclass(frozen=True, slots=True)
-class JogTool:
+class JogTool(HeldCommand, frozen=True):
     """Move the tool along a straight line, or turn it in its place, while such commands come.
 
     Expires as ``Jog`` does. All speeds are scaled together where the arm cannot give them.
@@ -117,7 +115,7 @@ class JogTool:
     """[rad/s], positive lifts the tool"""
     roll_rate: float = 0.0
     """[rad/s], of the roll joint"""
-    frame: ToolFrame = "base"
+    frame: Literal["base", "tool"] = "base"
     """whose axes ``linear`` is along; the tool's are taken as they are when the jog begins"""
 
     @property
@@ -126,8 +124,7 @@ class JogTool:
         return np.array([*self.linear, self.pitch_rate, self.roll_rate])
 
 
-@dataclass(frozen=True, slots=True)
-class FollowTarget:
+class FollowTarget(HeldCommand, frozen=True):
     """Follow a target that moves: the newest one counts. Sent again and again while it is followed.
 
     Expires 500 ms after it arrives; the arm then slows down inside its limits. None: slow down now.
@@ -136,22 +133,19 @@ class FollowTarget:
     target: Target | None
 
 
-@dataclass(frozen=True, slots=True)
-class MoveGripper:
+class MoveGripper(MovingCommand, frozen=True):
     """Open the gripper: 0 closed ... 1 open."""
 
     opening: float
 
 
-@dataclass(frozen=True, slots=True)
-class SetSpeed:
+class SetSpeed(Command, frozen=True):
     """Speed override for everything that moves: 0.05 ... 1, applied to time, so that the path stays."""
 
     fraction: float
 
 
-@dataclass(frozen=True, slots=True)
-class RunProgram:
+class RunProgram(MovingCommand, frozen=True):
     """Run a program ``loops`` times (None: for ever), beginning at step ``first`` of the first pass."""
 
     program: Program
@@ -161,33 +155,10 @@ class RunProgram:
     """how many steps to run, e.g. 1; None: all"""
 
 
-@dataclass(frozen=True, slots=True)
-class UpdateProgram:
+class UpdateProgram(Command, frozen=True):
     """Let the running program go on in another version, from its next pass on."""
 
     program: Program
-
-
-Command = (
-    Connect
-    | Disconnect
-    | Enable
-    | HomeAxes
-    | Release
-    | Pause
-    | Resume
-    | ClearFault
-    | MoveJoints
-    | MoveTo
-    | Follow
-    | Jog
-    | JogTool
-    | FollowTarget
-    | MoveGripper
-    | SetSpeed
-    | RunProgram
-    | UpdateProgram
-)
 
 
 @dataclass(frozen=True, slots=True)
@@ -196,7 +167,7 @@ class Origin:
 
     who: str = "library"
     note: str = ""
-    """why, where it is not what somebody asked for but what has to follow from something else"""
+    """why, where it is no request of its own but what has to follow from something else"""
 
     def __str__(self) -> str:
         return f"{self.who}: {self.note}" if self.note else self.who
@@ -214,13 +185,8 @@ class Ticket:
     stops a motion.
     """
 
-    def __init__(self, answers: list[Answer] | None = None) -> None:
-        """Not answered yet.
-
-        Args:
-            answers: queue of the answers that ``give`` delivers once the snapshot shows what came of them;
-                None: they are given at once.
-        """
+    def __init__(self, answers: list[Answer]) -> None:
+        """Not answered yet; answers wait in ``answers`` for ``give``: the snapshot comes first."""
         self._answers = answers
         self.accepted: Future[None] = Future()
         self.finished: Future[None] = Future()
@@ -228,17 +194,22 @@ class Ticket:
         self.accepted.set_running_or_notify_cancel()
         self.finished.set_running_or_notify_cancel()
 
+    @classmethod
+    def ended(cls, error: ArmctlError | None = None) -> Ticket:
+        """A ticket that has its answer."""
+        answers: list[Answer] = []
+        ticket = cls(answers)
+        ticket.end(error)
+        give(answers)
+        return ticket
+
     def accept(self) -> None:
         """The command has begun."""
-        self._answer(None, self.accepted)
+        self._answers.append((self.accepted, None))
 
-    def finish(self) -> None:
-        """The command is carried out."""
-        self._answer(None, self.accepted, self.finished)
-
-    def refuse(self, error: ArmctlError) -> None:
-        """The command was refused, or did not come to its end."""
-        self._answer(error, self.accepted, self.finished)
+    def end(self, error: ArmctlError | None = None) -> None:
+        """The command is carried out, or was refused or stopped by ``error``."""
+        self._answers += (self.accepted, error), (self.finished, error)
 
     def result(self, timeout: float | None = None) -> None:
         """Wait until it is over.
@@ -248,13 +219,6 @@ class Ticket:
             TimeoutError: it is not over after ``timeout`` seconds; it goes on.
         """
         self.finished.result(timeout)
-
-    def _answer(self, error: ArmctlError | None, *futures: Future[None]) -> None:
-        answers = [(future, error) for future in futures]
-        if self._answers is None:
-            give(answers)
-        else:
-            self._answers.extend(answers)
 
 
 def give(answers: list[Answer]) -> None:
@@ -267,3 +231,17 @@ def give(answers: list[Answer]) -> None:
             future.set_result(None)
         else:
             future.set_exception(error)
+
+
+@dataclass(frozen=True, slots=True)
+class Order:
+    """A command on its way to the controller thread."""
+
+    command: Command | None
+    """None: STOP"""
+    origin: Origin
+    ticket: Ticket
+    given_at: float
+    """controller clock [s]"""
+    number: int
+    """in the order in which they were given, stops included"""

@@ -6,7 +6,6 @@ import logging
 import threading
 from collections.abc import Callable
 from concurrent.futures import Executor, ThreadPoolExecutor
-from dataclasses import dataclass
 from typing import ParamSpec
 
 import numpy as np
@@ -16,25 +15,26 @@ from armctl.hardware import Driver
 from armctl.robot import Robot
 from armctl.runtime.activity import ActivityView
 from armctl.runtime.clock import Clock
-from armctl.runtime.commands import Answer, Command, Origin, Ticket, give
+from armctl.runtime.commands import (
+    Answer,
+    Command,
+    HeldCommand,
+    MovingCommand,
+    Order,
+    Origin,
+    Ticket,
+    give,
+)
 from armctl.runtime.core import Core
-from armctl.runtime.dispatch import HELD, MOVING, Order, dispatch
+from armctl.runtime.dispatch import dispatch
 from armctl.runtime.planner import Planner
 from armctl.runtime.snapshot import AxisHoming, Snapshot
 
 P = ParamSpec("P")
 _LOGGER = logging.getLogger("armctl.runtime")
-_IDLE = ActivityView(None, 0.0, 0.0)
 _RATES_HZ = (10.0, 200.0)
 _STOPPING_S = 5.0
 """How long ``close`` waits for a moving arm to come to rest."""
-
-
-@dataclass(frozen=True, slots=True)
-class _Stop:
-    origin: Origin
-    ticket: Ticket
-    number: int
 
 
 class Controller:
@@ -57,11 +57,8 @@ class Controller:
             robot: the arm.
             open_driver: gives a driver, not opened yet, for a port as the user names it.
             clock: the only source of time.
-            rate_hz: ticks a second, 10 ... 200.
+            rate_hz: ticks a second, 10 ... 200; others are refused (``InputError``).
             executor: where motions are planned; None: a thread of its own.
-
-        Raises:
-            InputError: the rate.
         """
         low, high = _RATES_HZ
         if not low <= rate_hz <= high:
@@ -75,7 +72,7 @@ class Controller:
         self._core = Core(robot, open_driver, Planner(self._executor, self._wake.set), self._period)
         self._lock = threading.Lock()
         self._orders: list[Order] = []
-        self._stops: list[_Stop] = []
+        self._stops: list[Order] = []
         self._answers: list[Answer] = []
         self._number = 0
         self._tick = 0
@@ -98,47 +95,34 @@ class Controller:
         """
         if self._thread is not None or self._closed:
             raise StateError("the controller was started already")
-        self._thread = threading.Thread(target=self._run_to_end, name="armctl-controller", daemon=True)
+        self._thread = threading.Thread(target=self._run, name="armctl-controller", daemon=True)
         self._thread.start()
 
     def submit(self, command: Command, origin: Origin | None = None) -> Ticket:
         """Ask for something; it is looked at at the next tick, which this brings forward.
 
-        Args:
-            command: what.
-            origin: who asks, for the log.
-
-        Returns:
-            Its ticket: ``accepted`` and ``finished``.
+        ``origin``: who asks, for the log. The ticket answers twice: ``accepted`` and ``finished``.
         """
-        ticket = Ticket(self._answers)
         with self._lock:
             if self._closed:
-                ticket = Ticket()
-                ticket.refuse(StateError("the controller is closed"))
-                return ticket
-            self._number += 1
-            origin = Origin() if origin is None else origin
-            self._orders.append(Order(command, origin, ticket, self._clock.now(), self._number))
+                return Ticket.ended(StateError("the controller is closed"))
+            order = self._order(command, origin)
+            self._orders.append(order)
         self._wake.set()
-        return ticket
+        return order.ticket
 
     def stop(self, origin: Origin | None = None) -> Ticket:
         """STOP: bypasses every queue; what was asked for before it and has not begun is dropped.
 
-        Returns:
-            Its ticket: ``finished`` is done when the arm is at rest.
+        The ticket is ``finished`` when the arm is at rest.
         """
-        ticket = Ticket(self._answers)
         with self._lock:
             if self._closed:
-                ticket = Ticket()
-                ticket.finish()
-                return ticket
-            self._number += 1
-            self._stops.append(_Stop(Origin() if origin is None else origin, ticket, self._number))
+                return Ticket.ended()
+            order = self._order(None, origin)
+            self._stops.append(order)
         self._wake.set()
-        return ticket
+        return order.ticket
 
     def tick(self) -> None:
         """One tick: stops, motion, commands, plans, readback, snapshot. What goes wrong is a fault."""
@@ -152,7 +136,10 @@ class Controller:
             self._guarded(core.stop, stop.origin, stop.ticket)
         self._guarded(core.advance, now, urgent=bool(stops))
         for order in orders:
-            self._take(order, stops, now)
+            if stops and isinstance(order.command, MovingCommand) and order.number < stops[-1].number:
+                self._drop(order, stops)
+            elif (broken := self._guarded(dispatch, core, order, now)) is not None:
+                order.ticket.end(broken)
         self._guarded(core.take_planned, now)
         self._guarded(core.observe, now)
         self._guarded(core.settle)
@@ -168,7 +155,11 @@ class Controller:
         interrupt: KeyboardInterrupt | None = None
         while True:
             try:
-                self._finish()
+                self._closing.set()
+                self._wake.set()
+                if self._thread is not None and self._thread is not threading.current_thread():
+                    self._ended.wait()  # not join(): interrupted, it takes the thread for ended
+                self._shut()
                 break
             except KeyboardInterrupt as another:
                 interrupt = another
@@ -182,48 +173,40 @@ class Controller:
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    def _finish(self) -> None:
-        self._closing.set()
-        self._wake.set()
-        if self._thread is not None and self._thread is not threading.current_thread():
-            self._ended.wait()  # not join(): interrupted, it takes the thread for ended
-        self._shut()
-
-    def _run_to_end(self) -> None:
-        try:
-            self._run()
-        finally:
-            self._ended.set()
-
     def _run(self) -> None:
         deadline = self._clock.now()
         ends: float | None = None
-        while True:
-            woken = self._clock.wait_until(deadline, self._wake)
-            self._wake.clear()
-            if self._closing.is_set():
-                if ends is None:
-                    ends = self._clock.now() + _STOPPING_S
-                    self.stop(Origin("close"))
-                if self._core.standing or self._clock.now() > ends:
-                    break
-            self.tick()
-            now = self._clock.now()
-            if not woken or now >= deadline:
-                # Missed ticks are skipped, not made up for.
-                deadline = max(deadline + self._period, now)
-        self._shut()
+        try:
+            while True:
+                woken = self._clock.wait_until(deadline, self._wake)
+                self._wake.clear()
+                if self._closing.is_set():
+                    if ends is None:
+                        ends = self._clock.now() + _STOPPING_S
+                        self.stop(Origin("close"))
+                    if self._core.standing or self._clock.now() > ends:
+                        break
+                self.tick()
+                now = self._clock.now()
+                if not woken or now >= deadline:
+                    # Missed ticks are skipped, not made up for.
+                    deadline = max(deadline + self._period, now)
+            self._shut()
+        finally:
+            self._ended.set()
 
-    def _take(self, order: Order, stops: list[_Stop], now: float) -> None:
-        for stop in stops:
-            if order.number < stop.number and isinstance(order.command, MOVING):
-                order.ticket.refuse(StateError(f"stopped by {stop.origin.who} before it began"))
-                if isinstance(order.command, HELD):
-                    self._core.still_held(order.given_at)  # its key is held: it must be let go first
-                return
-        broken = self._guarded(dispatch, self._core, order, now)
-        if broken is not None:
-            order.ticket.refuse(broken)
+    def _order(self, command: Command | None, origin: Origin | None) -> Order:
+        """The next order; the lock is held."""
+        self._number += 1
+        origin = Origin() if origin is None else origin
+        return Order(command, origin, Ticket(self._answers), self._clock.now(), self._number)
+
+    def _drop(self, order: Order, stops: list[Order]) -> None:
+        """Refuse an order that was given before a stop of the same tick."""
+        who = next(stop.origin.who for stop in stops if order.number < stop.number)
+        order.ticket.end(StateError(f"stopped by {who} before it began"))
+        if isinstance(order.command, HeldCommand):
+            self._core.still_held(order.given_at)  # its key is held: it must be let go first
 
     def _publish(self, now: float) -> None:
         """Make the snapshot: everything that the outside may know, as it is now."""
@@ -231,7 +214,7 @@ class Controller:
         q, board, sample = core.gate.q, core.board, core.setpoint
         still = np.zeros(core.robot.n)
         reading = core.monitor.reading
-        view = _IDLE if core.activity is None else core.activity.view()
+        view = ActivityView() if core.activity is None else core.activity.view()
         homing: tuple[AxisHoming, ...] = ()
         if board is not None and reading.homing is not None:
             running = reading.homing.running
@@ -287,9 +270,9 @@ class Controller:
             stops, self._stops = self._stops, []
             orders, self._orders = self._orders, []
         for stop in stops:
-            stop.ticket.finish()
+            stop.ticket.end()
         for order in orders:
-            order.ticket.refuse(StateError("the controller is closed"))
+            order.ticket.end(StateError("the controller is closed"))
         self._core.disconnect("closed")
         self._publish(self._clock.now())
         give(self._answers)

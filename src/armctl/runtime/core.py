@@ -5,6 +5,9 @@ from __future__ import annotations
 import logging
 import math
 from collections.abc import Callable
+from concurrent.futures import Future
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -14,16 +17,14 @@ from armctl.hardware import Driver
 from armctl.motion import Floor
 from armctl.robot import Robot
 from armctl.runtime.activity import Activity, Setpoint
-from armctl.runtime.board import Board
+from armctl.runtime.board import Board, Monitor
 from armctl.runtime.clock import LATE_SHOWN_S, LONGEST_TICKS, TickTime
-from armctl.runtime.commands import Origin, Ticket
+from armctl.runtime.commands import Order, Origin, Ticket
 from armctl.runtime.gate import Gate
 from armctl.runtime.joint_servo import KeepClear
-from armctl.runtime.log import EventLog, Notices
-from armctl.runtime.monitor import Monitor
-from armctl.runtime.mover import GripperMover
-from armctl.runtime.planner import PendingEdit, PendingMotion, Planner, result_of
-from armctl.runtime.snapshot import State
+from armctl.runtime.mover import GripperMover, PathMover
+from armctl.runtime.planner import Planner, result_of
+from armctl.runtime.snapshot import EventLog, Notices, State
 
 POWERED = (State.HOLDING, State.MOVING, State.PAUSED)
 SLOWEST = 0.05
@@ -32,6 +33,19 @@ JOG_GAP_S = 0.2
 """A jog that was held during a STOP must be let go for this long before it moves the arm again."""
 _READ_INTERVAL_S = 0.02
 _LOGGER = logging.getLogger("armctl.runtime")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Pending:
+    """A motion that is being planned, or another version of the running program that is being checked."""
+
+    order: Order
+    label: str
+    future: Future[Any]
+    start: FloatArray
+    """(n,) where a motion is planned from [rad]; of an edit (0,)"""
+    take: Callable[[Any], Any] | None = None
+    """makes an activity of the plan, or hands the version over; None: a trajectory is just followed"""
 
 
 class Core:
@@ -57,11 +71,11 @@ class Core:
         """who stopped the activity that comes to rest now"""
         self.leaving: Ticket | None = None
         """of a disconnect that waits for the arm to stand"""
-        self.motion: PendingMotion | None = None
         self.speed = 1.0
         self.setpoint: Setpoint | None = None
         self._open_driver = open_driver
-        self._edit: PendingEdit | None = None
+        self._motion: _Pending | None = None
+        self._edit: _Pending | None = None
         self._ticket: Ticket | None = None
         self._stopping: list[Ticket] = []
         self._pausing = False
@@ -95,32 +109,30 @@ class Core:
         if self.board is not None:
             self.disconnect("to connect again")
         try:
-            self.board = Board.open(self.robot, self._open_driver, port)
+            self.board = Board(self.robot, self._open_driver, port)
             answered = self.monitor.read(self.board, now) is not None
         except ArmctlError as error:
             if self.board is not None:
                 self.disconnect(str(error))
             self._enter(State.DISCONNECTED, str(error))
             raise
-        identity = self.board.identity
+        identity, power = self.board.identity, self.board.power
         for note in identity.notes:
-            self.log.info(note)
+            self.log.add(note)
         for words in identity.earlier:
-            self.log.warning(words)
-        cause = f"connected to {identity.kind} at {identity.port} ({who}); "
-        power = self.board.outputs.power
+            self.log.warn(words)
         if self.powered:
-            cause += f"its {power} are on already: Enable takes the arm over where it is"
+            cause = f"its {power} are on already: Enable takes the arm over where it is"
         else:
-            cause += f"{power} are off" if answered else f"it has not said yet whether its {power} are on"
-        self._enter(State.OFF, cause)
+            cause = f"{power} are off" if answered else f"it has not said yet whether its {power} are on"
+        self._enter(State.OFF, f"connected to {identity.kind} at {identity.port} ({who}); {cause}")
 
     def leave(self, ticket: Ticket, who: str) -> bool:
         """Disconnect, after the arm was brought to rest; whether that is done at once."""
         if self.state is State.DISCONNECTED:
             return True
         if self.activity is not None:
-            self.stop(Origin(f"disconnect, {who}"), Ticket())
+            self.stop(Origin(f"disconnect, {who}"))
             self.leaving = ticket
             return False
         self.disconnect(f"disconnected ({who})")
@@ -133,7 +145,7 @@ class Core:
         self._enter(State.DISCONNECTED, cause)
         if self.leaving is not None:
             ticket, self.leaving = self.leaving, None
-            ticket.finish()
+            ticket.end()
 
     def adopt(self, q: FloatArray, opening: float | None, now: float) -> None:
         """The arm stands at ``q`` (n,) [rad] with its outputs on: the next setpoint goes on from there."""
@@ -143,7 +155,7 @@ class Core:
         self.gripper.set(self.gate.opening)
 
     def forget_position(self) -> None:
-        """Nobody knows where the arm is."""
+        """The position of the arm is unknown."""
         self.gate.forget()
         self.gripper.set(None)
 
@@ -158,57 +170,74 @@ class Core:
         self.forget_position()
         self.monitor.released()
         self._enter(State.OFF, cause)
-        if self.leaving is not None:
-            self.disconnect("asked for")
 
     # Motions.
 
-    def begin(self, activity: Activity, ticket: Ticket | None, who: str, now: float) -> None:
+    def begin(self, activity: Activity, who: str, now: float, ticket: Ticket | None = None) -> None:
         """Begin a motion from standstill."""
         self.activity, self._ticket = activity, ticket
         self._pausing = False
         self._ticks.restart(now)
         self._enter(State.MOVING, f"{activity.label} ({who})")
 
-    def await_motion(self, motion: PendingMotion) -> None:
-        """Begin a motion once its plan is there."""
-        self.motion = motion
+    def plan(
+        self,
+        order: Order,
+        label: str,
+        start: FloatArray,
+        take: Callable[[Any], Activity] | None,
+        plan: Callable[..., object],
+        *args: object,
+    ) -> None:
+        """Plan a motion from ``start`` (n,) [rad] off this thread; it begins once its plan is there.
 
-    def await_edit(self, edit: PendingEdit) -> None:
+        ``take`` makes an activity of the plan; None: the plan is a trajectory to follow.
+        """
+        if self._motion is not None:
+            raise StateError("another motion is being planned; stop it first")
+        future = self.planner.submit(plan, self.robot, start, *args)
+        self._motion = _Pending(order, label, future, start, take)
+
+    def await_edit(self, order: Order, label: str, future: Future[None], take: Callable[[Any], None]) -> None:
         """Take an edit over once it is checked; an earlier one that is still being checked is refused."""
         if self._edit is not None:
-            self._edit.ticket.refuse(StateError("another edit came after it"))
-        self._edit = edit
+            self._edit.order.ticket.end(StateError("another edit came after it"))
+        self._edit = _Pending(order, label, future, np.empty(0), take)
 
     def take_planned(self, now: float) -> None:
         """Begin the motion whose plan is there, and take over the edit that is checked."""
-        motion, edit = self.motion, self._edit
+        motion, edit = self._motion, self._edit
         if motion is not None and motion.future.done():
-            self.motion = None
+            self._motion = None
+            ticket = motion.order.ticket
             try:
-                result_of(motion.future)
+                plan = result_of(motion.future)
                 q = self.gate.q
                 if self.state is not State.HOLDING or q is None or not np.array_equal(q, motion.start):
                     raise StateError(
                         "the arm no longer stands where the motion was planned from; ask for it again"
                     )
-                self._ticket = motion.ticket  # a defect in what follows is a fault, which answers it
-                self.begin(motion.take(), motion.ticket, motion.who, now)
+                self._ticket = ticket  # a defect in what follows is a fault, which answers it
+                if motion.take is None:
+                    activity: Activity = PathMover(self.robot, plan, self.speed, motion.label)
+                else:
+                    activity = motion.take(plan)
+                self.begin(activity, motion.order.origin.who, now, ticket)
             except ArmctlError as error:
                 self._ticket = None
-                self._refuse(motion, error)
-        if edit is not None and edit.future.done():
+                self.refuse(motion.order, motion.label, error)
+        if edit is not None and edit.take is not None and edit.future.done():
             self._edit = None
             try:
-                result_of(edit.future)
-                edit.take()
-                edit.ticket.finish()
+                edit.take(result_of(edit.future))
+                edit.order.ticket.end()
             except ArmctlError as error:
-                self._refuse(edit, error)
+                self.refuse(edit.order, edit.label, error)
 
-    def _refuse(self, asked: PendingMotion | PendingEdit, error: ArmctlError) -> None:
-        self.log.warning(f"{asked.label} ({asked.who}) refused: {error}")
-        asked.ticket.refuse(error)
+    def refuse(self, order: Order, label: str, error: ArmctlError) -> None:
+        """Answer an order that cannot be carried out."""
+        self.log.warn(f"{label} ({order.origin.who}) refused: {error}")
+        order.ticket.end(error)
 
     def pause(self, who: str) -> None:
         """Bring the motion to rest on its path."""
@@ -219,9 +248,9 @@ class Core:
             raise StateError("the arm is stopping; let it come to rest")
         if not activity.pausable:
             raise StateError(f"{activity.label} cannot be paused; press STOP")
-        activity.pause()
+        activity.pause(True)
         self._pausing = True
-        self.log.info(f"pause ({who})")
+        self.log.add(f"pause ({who})")
         if self.state is State.MOVING:
             self.cause = f"{activity.label} pausing ({who})"
 
@@ -229,7 +258,7 @@ class Core:
         """Go on with a motion that was paused."""
         if self.activity is None or not self._pausing:
             raise StateError(f"there is nothing to resume: {self.state.value}")
-        self.activity.resume()
+        self.activity.pause(False)
         self._pausing = False
         self._enter(State.MOVING, f"{self.activity.label} resumed ({who})")
 
@@ -240,7 +269,7 @@ class Core:
         self.speed = float(fraction)
         if self.activity is not None:
             self.activity.set_speed(self.speed)
-        self.log.info(f"speed {100 * fraction:.0f} % ({who})")
+        self.log.add(f"speed {100 * fraction:.0f} % ({who})")
 
     def still_held(self, given_at: float) -> bool:
         """A jog came: whether it has been held since before a STOP, and must be let go of first."""
@@ -252,25 +281,25 @@ class Core:
 
     # Stop and fault.
 
-    def stop(self, origin: Origin, ticket: Ticket) -> None:
+    def stop(self, origin: Origin, ticket: Ticket | None = None) -> None:
         """Slow down along the path as hard as the limits allow, then hold; drop the rest.
 
         A board that moves the arm by itself is told to brake; if it does not confirm, that is a fault.
         """
-        who = str(origin)
+        ticket = Ticket.ended() if ticket is None else ticket
         ticket.accept()
         self._stopping.append(ticket)  # from here on settle answers it, or a fault
-        busy = self.activity is not None or self.motion is not None or self.gripper.goal is not None
-        if busy or self.monitor.homes or not origin.note:
-            self.log.warning(f"STOP ({origin})")
+        moving = self.activity is not None or self._motion is not None or self.gripper.goal is not None
+        if moving or self.monitor.homes or not origin.note:
+            self.log.warn(f"STOP ({origin})")
         else:
-            self.log.info(f"{origin}; nothing moved, {self.state.value} as before")
+            self.log.add(f"{origin}; nothing moved, {self.state.value} as before")
         self._held_locked = True
-        self.drop_motion(StateError(f"stopped by {who}"))
-        self.gripper.stop(StateError(f"stopped by {who}"))
+        self.drop_motion(StateError(f"stopped by {origin}"))
+        self.gripper.stop(StateError(f"stopped by {origin}"))
         try:
             if self.activity is not None:
-                self.stopped_by = who
+                self.stopped_by = str(origin)
                 self._pausing = False
                 self.activity.stop()
                 return
@@ -279,15 +308,15 @@ class Core:
         except ArmctlError as error:
             self.fault(error)
             return
-        self._stopping.remove(ticket)  # nothing is under way; what is asked for next is not waited for
-        ticket.finish()
+        self._stopping.remove(ticket)  # nothing moves; what is asked for next is not waited for
+        ticket.end()
 
     def drop_motion(self, error: ArmctlError) -> None:
         """Refuse the motion that is being planned."""
-        if self.motion is not None:
-            self.motion.future.cancel()
-            self.motion.ticket.refuse(error)
-            self.motion = None
+        if self._motion is not None:
+            self._motion.future.cancel()
+            self._motion.order.ticket.end(error)
+            self._motion = None
 
     def fault(self, error: ArmctlError) -> None:
         """Something broke: send nothing more, and say why."""
@@ -296,10 +325,8 @@ class Core:
         if goes_on is not None:
             cause = f"{cause}; and {goes_on}"
         if isinstance(error, BoardError) or goes_on is not None:
-            self._close_board()  # a board that moves its motors by itself ends that when nobody talks to it
+            self._close_board()  # a board that moves its motors by itself ends that when it hears no host
         self._enter(State.FAULT, cause)
-        if self.leaving is not None:
-            self.disconnect("asked for")
 
     def clear_fault(self, who: str) -> None:
         """Leave fault for ``holding`` (outputs on) or ``off``.
@@ -327,7 +354,7 @@ class Core:
         if tick is None:
             return
         if tick.late_before is not None:
-            self.log.warning(tick.late_before)
+            self.log.warn(tick.late_before)
         if self.board is None or self.state not in POWERED:
             return
         activity = self.activity
@@ -344,23 +371,25 @@ class Core:
             return
         if activity is not None:
             self.setpoint = activity.advance(now, tick.dt)
-        opening = None if self.gripper.goal is None else self.gripper.advance(tick.dt, self.speed)
+        gripping = self.gripper.goal is not None
+        opening = self.gripper.advance(tick.dt, self.speed) if gripping else None
         q, opening = self.gate.admit(None if self.setpoint is None else self.setpoint.q, opening, now)
         if q is not None or opening is not None:
             self.board.write(q, opening)
+        if gripping:
+            self.gripper.settle()
 
     def observe(self, now: float) -> None:
         """Read back where it is due, and compare."""
         board, monitor = self.board, self.monitor
-        reading = monitor.read(board, now) if board is not None and monitor.due(now) else None
-        if board is None or reading is None:
+        if board is None or now < monitor.due_at or (reading := monitor.read(board, now)) is None:
             return
         q = self.gate.q
         if q is None:
             monitor.check_released()
             return
         if reading.errors and self.activity is not None and not self._stopping:
-            self.stop(Origin(f"the board reports {', '.join(reading.errors)}"), Ticket())
+            self.stop(Origin(f"the board reports {', '.join(reading.errors)}"))
         lost = monitor.went_by_itself(q, now)
         if lost is not None:
             self.forget_position()
@@ -372,7 +401,6 @@ class Core:
 
     def settle(self) -> None:
         """Draw the conclusions of a tick: what has ended, what stands, what is refused."""
-        self.gripper.settle()
         activity = self.activity
         if activity is not None:
             if activity.begun and self._ticket is not None:
@@ -386,8 +414,7 @@ class Core:
             elif self._pausing and activity.standing and self.state is State.MOVING:
                 self._enter(State.PAUSED, f"{activity.label} paused")
         if self.activity is None:
-            if self._stopping:
-                self._answer_stops()
+            self._answer_stops()
             if self.leaving is not None:
                 self.disconnect("asked for")
 
@@ -395,7 +422,7 @@ class Core:
         """Change the state; every change is logged with its cause."""
         if state is not self.state:
             line = f"{self.state.value} → {state.value}: {cause}"
-            (self.log.error if state is State.FAULT else self.log.info)(line)
+            self.log.add(line, "error" if state is State.FAULT else "info")
         self.state, self.cause = state, cause
 
     def _end(self, activity: Activity) -> None:
@@ -409,15 +436,12 @@ class Core:
             cause = f"stopped by {stopped}"
         elif error is not None:
             cause = str(error)
-            self.log.error(cause)
+            self.log.add(cause, "error")
         else:
             cause = f"{activity.label} finished"
         if ticket is not None:
-            if error is None:
-                ticket.finish()
-            else:
-                ticket.refuse(error)
-        # Homing that was stopped or failed leaves an arm of which nobody knows where it is.
+            ticket.end(error)
+        # Homing that was stopped or failed leaves an arm whose position is unknown.
         self._enter(State.OFF if self.gate.q is None else State.HOLDING, cause)
 
     def _drop_all(self, error: ArmctlError) -> ArmctlError | None:
@@ -429,7 +453,7 @@ class Core:
         self.drop_motion(error)
         goes_on = self._drop_activity()
         if self._ticket is not None:
-            self._ticket.refuse(error)
+            self._ticket.end(error)
             self._ticket = None
         self.gripper.stop(error)
         self._answer_stops()  # nothing moves any more: what STOP asked for
@@ -456,7 +480,7 @@ class Core:
 
     def _answer_stops(self) -> None:
         for ticket in self._stopping:
-            ticket.finish()
+            ticket.end()
         self._stopping.clear()
 
     def _close_board(self) -> None:

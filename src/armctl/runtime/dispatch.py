@@ -3,88 +3,75 @@
 from __future__ import annotations
 
 import math
-from concurrent.futures import Future
-from dataclasses import dataclass, replace
 
+import msgspec
 import numpy as np
 
 import armctl.runtime.commands as c
 from armctl.arrays import FloatArray
 from armctl.errors import ArmctlError, BoardError, InputError, StateError
 from armctl.kinematics import Target
-from armctl.motion import Trajectory, plan_joints, plan_target
+from armctl.motion import plan_joints, plan_target
 from armctl.program import Program, require_runnable
 from armctl.runtime.core import POWERED, Core
-from armctl.runtime.joint_servo import tool_turns
-from armctl.runtime.led import JOG_EXPIRY_S, Jogger
-from armctl.runtime.live_target import FOLLOW_EXPIRY_S, Follower, LiveGoal, live_goal
-from armctl.runtime.mover import PathMover
-from armctl.runtime.planner import PendingEdit, PendingMotion, checked_trajectory
+from armctl.runtime.jog import JOG_EXPIRY_S, Jogger, tool_turns
+from armctl.runtime.live_target import FOLLOW_EXPIRY_S, Follower
+from armctl.runtime.planner import checked_trajectory
 from armctl.runtime.power import enable, hint, home, release
-from armctl.runtime.program_runner import ProgramRunner, begun_program
+from armctl.runtime.program_runner import Begun, ProgramRunner, begun_program
 from armctl.runtime.snapshot import State
 
-_TURNS = ("pitch", "roll")
 _STOPPED_FOLLOWING = "the arm was stopped; switch the live target on again once it stands"
 FASTEST_TOOL_M_S, FASTEST_TURN_RAD_S = 0.5, math.pi
 """What the tool may be jogged at; the joints' own limits are mostly lower."""
-HELD = (c.Jog, c.JogTool, c.FollowTarget)
-"""Commands that count only for a moment: whoever gives them goes on giving them."""
-MOVING = (
-    c.Enable,
-    c.HomeAxes,
-    c.Resume,
-    c.MoveJoints,
-    c.MoveTo,
-    c.Follow,
-    *HELD,
-    c.MoveGripper,
-    c.RunProgram,
-)
-"""Commands that a STOP drops when they were given before it."""
 
 
-@dataclass(frozen=True, slots=True)
-class Order:
-    """A command on its way to the controller thread."""
-
-    command: c.Command
-    origin: c.Origin
-    ticket: c.Ticket
-    given_at: float
-    """controller clock [s]"""
-    number: int
-    """in the order in which they were given, stops included"""
-
-
-def dispatch(core: Core, order: Order, now: float) -> None:
+def dispatch(core: Core, order: c.Order, now: float) -> None:
     """Carry out one order; a refusal goes to its ticket and into the log."""
     try:
         if core.leaving is not None and not isinstance(order.command, c.Release):
             raise StateError("disconnecting as soon as the arm stands")
         if _carry_out(core, order, now):
-            order.ticket.finish()
+            order.ticket.end()
     except ArmctlError as error:
-        name = type(order.command).__name__
-        core.log.warning(f"{name} ({order.origin.who}) refused: {error}")
-        order.ticket.refuse(error)
+        core.refuse(order, type(order.command).__name__, error)
         if isinstance(error, BoardError) and core.board is not None:
             core.fault(error)
 
 
-def _carry_out(core: Core, order: Order, now: float) -> bool:
+def _carry_out(core: Core, order: c.Order, now: float) -> bool:
     """Whether it is over at once."""
     who = order.origin.who
     match order.command:
-        case c.Connect(port):
-            core.connect(port, who, now)
-        case c.Disconnect():
-            return core.leave(order.ticket, who)
-        case c.Enable(q):
-            enable(core, q, who, now)
+        case c.MoveJoints(q, duration_s, profile):
+            start, goal = _held_at(core, "a motion"), core.robot.check_limits(q)
+            core.plan(order, "move", start, None, plan_joints, goal, duration_s, profile)
+            return False
+        case c.MoveTo(target, choose, duration_s, profile):
+            start = _held_at(core, "a motion")
+            core.plan(order, "move to a point", start, None, plan_target, target, choose, duration_s, profile)
+            return False
+        case c.Follow(trajectory):
+            core.plan(order, "trajectory", _held_at(core, "a motion"), None, checked_trajectory, trajectory)
+            return False
+        case c.RunProgram(program, loops, first, count):
+            _run_program(core, order, program, loops, first, count)
+            return False
+        case c.UpdateProgram(program):
+            _update_program(core, order, program)
+            return False
+        case c.MoveGripper(opening):
+            _move_gripper(core, opening, order)
+            return False
         case c.HomeAxes():
             home(core, order.ticket, who, now)
             return False
+        case c.Disconnect():
+            return core.leave(order.ticket, who)
+        case c.Connect(port):
+            core.connect(port, who, now)
+        case c.Enable(q):
+            enable(core, q, who, now)
         case c.Release():
             release(core, who)
         case c.ClearFault():
@@ -99,51 +86,9 @@ def _carry_out(core: Core, order: Order, now: float) -> bool:
             _jog(core, order.command, order, now)
         case c.FollowTarget(target):
             _follow_target(core, target, order, now)
-        case c.MoveGripper(opening):
-            _move_gripper(core, opening, order)
-            return False
-        case c.RunProgram():
-            _run_program(core, order.command, order)
-            return False
-        case c.UpdateProgram(program):
-            _update_program(core, program, order)
-            return False
-        case c.MoveJoints(q, duration_s, profile):
-            start, goal = _standing_start(core), core.robot.check_limits(q)
-            future = core.planner.submit(plan_joints, core.robot, start, goal, duration_s, profile)
-            return _move(core, order, start, future, "move")
-        case c.MoveTo(target, choose, duration_s, profile):
-            start = _standing_start(core)
-            future = core.planner.submit(plan_target, core.robot, start, target, choose, duration_s, profile)
-            return _move(core, order, start, future, "move to a point")
-        case c.Follow(trajectory):
-            start = _standing_start(core)
-            future = core.planner.submit(checked_trajectory, core.robot, start, trajectory)
-            return _move(core, order, start, future, "trajectory")
+        case _:
+            raise InputError(f"not a command: {order.command!r}")
     return True
-
-
-def _move(core: Core, order: Order, start: FloatArray, future: Future[Trajectory], label: str) -> bool:
-    who = order.origin.who
-    core.await_motion(
-        PendingMotion(
-            order.ticket,
-            who,
-            label,
-            start,
-            future,
-            lambda: PathMover(core.robot, future.result(), core.speed, label),
-        )
-    )
-    return False
-
-
-def _standing_start(core: Core) -> FloatArray:
-    """Where the arm holds (n,) [rad], if a motion may begin from there."""
-    q = _held_at(core, "a motion")
-    if core.motion is not None:
-        raise StateError("another motion is being planned; stop it first")
-    return q
 
 
 def _held_at(core: Core, what: str) -> FloatArray:
@@ -154,25 +99,26 @@ def _held_at(core: Core, what: str) -> FloatArray:
     return q
 
 
-def _jog(core: Core, command: c.Jog | c.JogTool, order: Order, now: float) -> None:
+def _jog(core: Core, command: c.Jog | c.JogTool, order: c.Order, now: float) -> None:
     if core.still_held(order.given_at):
         raise StateError("the arm was stopped while it was jogged; let go first")
-    wanted = (
-        _checked_rate(core, command.rate) if isinstance(command, c.Jog) else _checked_tool_jog(core, command)
-    )
+    if isinstance(command, c.Jog):
+        wanted = _checked_rate(core, command.rate)
+    else:
+        wanted = _checked_tool_jog(core, command)
     activity = core.activity
     if not isinstance(activity, Jogger):
         q = _held_at(core, "a jog")
         if not (wanted.twist if isinstance(wanted, c.JogTool) else wanted).any():
             return
         activity = Jogger(core.robot, core.clear, q, core.speed)
-        core.begin(activity, None, order.origin.who, now)
+        core.begin(activity, order.origin.who, now)
     elif core.stopped_by:
         raise StateError("the arm is stopping; let go first")
     activity.command(wanted, order.given_at + JOG_EXPIRY_S)
 
 
-def _follow_target(core: Core, target: Target | None, order: Order, now: float) -> None:
+def _follow_target(core: Core, target: Target | None, order: c.Order, now: float) -> None:
     activity = core.activity
     if target is None:
         if isinstance(activity, Follower):
@@ -182,19 +128,15 @@ def _follow_target(core: Core, target: Target | None, order: Order, now: float) 
         raise StateError(_STOPPED_FOLLOWING)
     if not isinstance(activity, Follower):
         q = _held_at(core, "to follow a target")
-
-        def solve(q: FloatArray, target: Target, pitch: float | None) -> Future[LiveGoal]:
-            return core.planner.submit(live_goal, core.robot, core.clear, q, target, pitch)
-
-        activity = Follower(core.robot, core.clear, q, core.speed, solve)
-        core.begin(activity, None, order.origin.who, now)
+        activity = Follower(core.robot, core.clear, q, core.speed, core.planner.submit)
+        core.begin(activity, order.origin.who, now)
     elif core.stopped_by:
         raise StateError(_STOPPED_FOLLOWING)
     activity.aim(target, order.given_at + FOLLOW_EXPIRY_S)
 
 
 def _checked_rate(core: Core, rate: FloatArray) -> FloatArray:
-    """A copy of ``rate`` (n,) that may be jogged with; whoever gave it may go on writing to it."""
+    """A copy of ``rate`` (n,) that may be jogged with: its sender may go on writing to it."""
     rate = np.array(rate, dtype=np.float64)
     if rate.shape != (core.robot.n,) or not np.isfinite(rate).all() or bool((np.abs(rate) > 1).any()):
         raise InputError(f"a jog needs {core.robot.n} rates between -1 and 1, got {rate.tolist()}")
@@ -210,7 +152,7 @@ def _checked_rate(core: Core, rate: FloatArray) -> FloatArray:
 def _checked_tool_jog(core: Core, jog: c.JogTool) -> c.JogTool:
     """A copy of ``jog`` that the tool may be moved with."""
     linear = np.array(jog.linear, dtype=np.float64)
-    jog = replace(jog, linear=linear)
+    jog = msgspec.structs.replace(jog, linear=linear)
     if linear.shape != (3,) or not np.isfinite(jog.twist).all():
         raise InputError(f"a jog of the tool needs three speeds and two rates, got {jog.twist.tolist()}")
     speed, rate = float(np.linalg.norm(linear)), max(abs(jog.pitch_rate), abs(jog.roll_rate))
@@ -220,17 +162,16 @@ def _checked_tool_jog(core: Core, jog: c.JogTool) -> c.JogTool:
             f"at most {1000 * FASTEST_TOOL_M_S:.0f} mm/s and {math.degrees(FASTEST_TURN_RAD_S):.0f} °/s"
         )
     if rate:
-        for turn, can, name in zip(
-            (jog.pitch_rate, jog.roll_rate), tool_turns(core.robot), _TURNS, strict=True
-        ):
+        pitches, rolls = tool_turns(core.robot)
+        for turn, can, name in ((jog.pitch_rate, pitches, "pitch"), (jog.roll_rate, rolls, "roll")):
             if turn and not can:
                 raise InputError(f"the tool of {core.robot.name} cannot {name} while its point stays")
     return jog
 
 
-def _move_gripper(core: Core, opening: float, order: Order) -> None:
+def _move_gripper(core: Core, opening: float, order: c.Order) -> None:
     gripper = core.robot.gripper
-    if gripper is None or core.board is None or core.board.outputs.map.gripper_channel is None:
+    if gripper is None or core.board is None or core.board.map.gripper_channel is None:
         what = "is not connected" if gripper is not None and core.board is None else "has no gripper"
         raise StateError(f"{core.robot.name} {what}")
     if not 0 <= opening <= 1:
@@ -243,30 +184,27 @@ def _move_gripper(core: Core, opening: float, order: Order) -> None:
     order.ticket.accept()
 
 
-def _run_program(core: Core, command: c.RunProgram, order: Order) -> None:
-    start = _standing_start(core)
-    robot, program, loops, first = core.robot, command.program, command.loops, command.first
-    future = core.planner.submit(begun_program, robot, program, loops, first, command.count, start)
+def _run_program(
+    core: Core, order: c.Order, program: Program, loops: int | None, first: int, count: int | None
+) -> None:
+    def take(begun: Begun) -> ProgramRunner:
+        return ProgramRunner(core, loops, first, begun)
 
-    def take() -> ProgramRunner:
-        return ProgramRunner(robot, loops, first, future.result(), core.planner, core.gripper, core.speed)
-
-    label = f"program {program.name!r}"
-    core.await_motion(PendingMotion(order.ticket, order.origin.who, label, start, future, take))
+    start = _held_at(core, "a motion")
+    core.plan(order, f"program {program.name!r}", start, take, begun_program, program, loops, first, count)
 
 
-def _update_program(core: Core, program: Program, order: Order) -> None:
+def _update_program(core: Core, order: c.Order, program: Program) -> None:
     runner = core.activity
     if not isinstance(runner, ProgramRunner):
         raise StateError("no program runs; press Run")
 
-    def take() -> None:
+    def take(_: None) -> None:
         if core.activity is not runner:  # another run may have begun: the edit was not for it
             raise StateError("the program has ended; run it again")
         runner.update(program)
         name, who = program.name, order.origin.who
-        core.log.info(f"program {name!r} was edited; this takes effect at the next pass ({who})")
+        core.log.add(f"program {name!r} was edited; this takes effect at the next pass ({who})")
 
     future = core.planner.submit(require_runnable, core.robot, program)
-    label = f"edit of {program.name!r}"
-    core.await_edit(PendingEdit(order.ticket, order.origin.who, label, future, take))
+    core.await_edit(order, f"edit of {program.name!r}", future, take)

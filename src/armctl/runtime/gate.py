@@ -32,16 +32,12 @@ class Gate:
         self._opening_time = 0.0
 
     def forget(self) -> None:
-        """The pulses are off: nobody knows where the arm is."""
+        """The pulses are off: the position is unknown."""
         self.q = None
         self.opening = None
 
     def jump(self, q: FloatArray, now: float) -> None:
-        """Admit the first setpoint after the pulses were off: limits hold, the step cannot.
-
-        Args:
-            q: (n,) [rad].
-            now: controller clock [s].
+        """Admit the first setpoint (n,) [rad] after the pulses were off: limits hold, the step cannot.
 
         Raises:
             MotionRefusedError: not finite, or outside the limits.
@@ -55,16 +51,13 @@ class Gate:
     def admit(
         self, q: FloatArray | None, opening: float | None, now: float
     ) -> tuple[FloatArray | None, float | None]:
-        """Admit the next setpoint, all of it or nothing.
+        """Admit the next setpoint, all of it or nothing; gives what to send, None for what is unchanged.
 
         Args:
             q: (n,) [rad]; None: no joint moves.
             opening: gripper, 0 closed ... 1 open; None: it does not move. The first one after the pulses
                 were off may jump.
             now: controller clock [s].
-
-        Returns:
-            What to send of both; None where there is nothing, or nothing but what was sent last.
 
         Raises:
             MotionRefusedError: says which joint, its value and what is allowed; nothing may be sent.

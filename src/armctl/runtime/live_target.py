@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from concurrent.futures import Future
 from dataclasses import dataclass
 
@@ -13,10 +12,11 @@ from armctl.errors import ArmctlError
 from armctl.kinematics import Solutions, Target
 from armctl.robot import Robot
 from armctl.runtime.activity import ActivityView, Setpoint
-from armctl.runtime.joint_servo import KeepClear
-from armctl.runtime.led import Led
-from armctl.runtime.planner import result_of
+from armctl.runtime.joint_servo import KeepClear, Led
+from armctl.runtime.planner import Submit, result_of
 
+FOLLOW_EXPIRY_S = 0.5
+"""How long one target counts. A page that follows repeats it five times as often."""
 _STEP = float(np.radians(0.05))
 """of a joint that is free [rad]"""
 _SAME_POSTURE = float(np.radians(20.0))
@@ -39,12 +39,6 @@ class LiveGoal:
     """what is not as it was asked for"""
 
 
-Solve = Callable[[FloatArray, Target, float | None], Future[LiveGoal]]
-"""Begins to solve, from angles (n,) [rad], for a target, keeping a tool pitch [rad] where there is one."""
-FOLLOW_EXPIRY_S = 0.5
-"""How long one target counts. A page that follows repeats it five times as often."""
-
-
 class Follower(Led):
     """Joints that move toward the newest target inside every limit.
 
@@ -53,10 +47,17 @@ class Follower(Led):
 
     label = "live target"
 
-    def __init__(self, robot: Robot, clear: KeepClear, q: FloatArray, speed: float, solve: Solve) -> None:
-        """Stand at ``q`` (n,) [rad]; ``speed`` is the override."""
+    def __init__(
+        self,
+        robot: Robot,
+        clear: KeepClear,
+        q: FloatArray,
+        speed: float,
+        submit: Submit,
+    ) -> None:
+        """Stand at ``q`` (n,) [rad]; ``speed`` is the override, ``submit`` runs ``live_goal`` elsewhere."""
         super().__init__(robot, clear, q, speed)
-        self._solve = solve
+        self._submit = submit
         self._pitch = robot.inverse_kinematics.pitch_and_roll(q)[0]
         self._target: Target | None = None
         self._stale = False
@@ -81,14 +82,14 @@ class Follower(Led):
         """Slow down as hard as the limits allow; the same target asked for again is a new one."""
         self._goal = self._target = None
         self._stale = False
-        if self._solving is not None:  # its answer is to a target that nobody follows any more
+        if self._solving is not None:  # its answer is to a target that was left
             self._solving.cancel()
             self._solving = None
         super().stop()
 
     def view(self) -> ActivityView:
         """Where the joints go now (n,) [rad]; None: nowhere yet."""
-        return ActivityView(None if self._goal is None else self._goal.copy(), 0.0, 0.0)
+        return ActivityView(None if self._goal is None else self._goal.copy())
 
     def advance(self, now: float, dt: float) -> Setpoint | None:
         """Go on by ``dt`` seconds to ``now``; None where the joints stand."""
@@ -109,12 +110,13 @@ class Follower(Led):
         """Take what has been solved, and have the newest target solved if that has not begun."""
         if self._solving is None and self._stale and self._target is not None and not expired:
             self._stale = False
-            self._solving = self._solve(self._servo.q.copy(), self._target, self._pitch)
+            here = self._servo.q.copy()
+            self._solving = self._submit(live_goal, self._robot, self._clear, here, self._target, self._pitch)
         if self._solving is None or not self._solving.done():
             return
         solving, self._solving = self._solving, None
         if expired:
-            self._stale = True  # nobody waits for it: where the target is asked for again, from there
+            self._stale = True  # if the target is asked for again, it is solved for from there
             return
         try:
             found = result_of(solving)
@@ -139,63 +141,44 @@ def live_goal(robot: Robot, clear: KeepClear, q: FloatArray, target: Target, pit
     """The configuration to go to for ``target``: the nearest one, on the branch on which the arm is.
 
     The joints go straight there, so the way is looked at, too: a way that swings the tool round, away from
-    the target before it comes nearer, is none to be taken while somebody drags; one that leads into the
-    floor, an obstacle or the arm itself ends before it.
-
-    Args:
-        robot: the arm.
-        clear: what it must stay out of.
-        q: (n,) where the arm is [rad].
-        target: where the tool shall be; a roll that it does not give stays as it is.
-        pitch: the tool pitch to keep where the target gives none and the arm can [rad]; None: any.
+    the target before it comes nearer, is not taken; one that leads into the floor, an obstacle or the arm
+    itself ends before it. ``q`` (n,) [rad] is where the arm is. A roll that the target does not give stays
+    as it is; where it gives no pitch, ``pitch`` [rad] is kept if the arm can (None: any).
     """
-    goal, note = _wanted(robot, q, target, pitch)
-    if goal is None:
-        return LiveGoal(None, note)
-    way = clear.line(q, goal)
-    found = clear.blocked(way)
-    if found is not None:
-        row, why = found
-        return LiveGoal(way[row - 1], why)
-    return LiveGoal(goal, note)
-
-
-def _wanted(
-    robot: Robot, q: FloatArray, target: Target, pitch: float | None
-) -> tuple[FloatArray | None, str | None]:
-    """The nearest configuration on the arm's branch, or a reason why not."""
     found = _solutions(robot, q, target, pitch)
-    if not found.success:
-        return _toward_nearest(robot, q, found, pitch)
+    goal = _on_this_branch(robot, q, found) if found.success else _toward_nearest(robot, q, found, pitch)
+    if goal.q is None:
+        return goal
+    way = clear.line(q, goal.q)
+    blocked = clear.blocked(way)
+    return goal if blocked is None else LiveGoal(way[blocked[0] - 1], blocked[1])
+
+
+def _on_this_branch(robot: Robot, q: FloatArray, found: Solutions) -> LiveGoal:
+    """The nearest solution on the arm's branch, or a reason why not."""
     goal, branch = _nearest(robot, q, found)
     if branch is not None:
-        return None, f"it can be reached only with {branch}; the arm keeps its posture and waits"
-    return _swing_checked(robot, q, goal, target.position, None)
+        return LiveGoal(None, f"it can be reached only with {branch}; the arm keeps its posture and waits")
+    return _swing_checked(robot, q, goal, found.target.position, None)
 
 
-def _toward_nearest(
-    robot: Robot, q: FloatArray, found: Solutions, pitch: float | None
-) -> tuple[FloatArray | None, str | None]:
+def _toward_nearest(robot: Robot, q: FloatArray, found: Solutions, pitch: float | None) -> LiveGoal:
     """To the reachable point that comes nearest to a target without a solution.
 
     Or just short of it: at the edge of its reach the arm is singular, and its branches meet.
     """
-    if found.nearest_q is None or found.nearest_m is None:
-        return None, f"{found.reason}; the arm waits"
-    note = f"{found.reason}; following the nearest point"
-    point, target = found.nearest_m, found.target
+    goal, point, target = found.nearest_q, found.nearest_m, found.target
+    if goal is None or point is None:
+        return LiveGoal(None, f"{found.reason}; the arm waits")
     back = robot.forward(q)[:3, 3] - point
     back *= min(_SHORT_M / max(float(np.linalg.norm(back)), _SHORT_M), 1.0)
     short = _solutions(robot, q, Target.of(point + back, target.pitch, target.roll, target.rotation), pitch)
     if short.success:
         goal, branch = _nearest(robot, q, short)
         if branch is not None:
-            return (
-                None,
-                f"{found.reason}; the nearest point needs {branch}: the arm keeps its posture and waits",
-            )
-        return _swing_checked(robot, q, goal, point, note)
-    return _swing_checked(robot, q, found.nearest_q, point, note)
+            why = f"the nearest point needs {branch}: the arm keeps its posture and waits"
+            return LiveGoal(None, f"{found.reason}; {why}")
+    return _swing_checked(robot, q, goal, point, f"{found.reason}; following the nearest point")
 
 
 def _solutions(robot: Robot, q: FloatArray, target: Target, pitch: float | None) -> Solutions:
@@ -228,7 +211,7 @@ def _nearest(robot: Robot, q: FloatArray, found: Solutions) -> tuple[FloatArray,
 
 def _swing_checked(
     robot: Robot, q: FloatArray, goal: FloatArray, point: FloatArray, note: str | None
-) -> tuple[FloatArray | None, str | None]:
+) -> LiveGoal:
     """``goal``, unless the tool goes a long way round to it, or first away from ``point`` (3,) [m]."""
     way = robot.forward(q + np.linspace(0.0, 1.0, _LOOKS)[:, None] * (goal - q))[:, :3, 3]
     distance = np.linalg.norm(way - point, axis=1)
@@ -236,8 +219,9 @@ def _swing_checked(
     straight = float(np.linalg.norm(way[-1] - way[0]))
     away = float(distance.max() - distance[0])
     if away > _DETOUR_M + _DETOUR_SHARE * float(distance[0]) or length > _ROUND_M + _ROUND_SHARE * straight:
-        return None, (
+        return LiveGoal(
+            None,
             f"the way there would swing the tool round, {1000 * length:.0f} mm for {1000 * straight:.0f} mm; "
-            "the arm waits: lead the target round, or go there with Inverse"
+            "the arm waits: lead the target round, or go there with Inverse",
         )
-    return goal, note
+    return LiveGoal(goal, note)

@@ -83,13 +83,10 @@ class PathMover:
         self._stopped = False
 
     def append(self, trajectory: Trajectory, tag: Hashable, *, goes_on: bool) -> None:
-        """Go on with another trajectory, which starts as the last one ends.
+        """Go on with another trajectory, which starts as the last one ends; ``tag`` names it while it runs.
 
-        Args:
-            trajectory: the next one.
-            tag: what ``tag`` is while it runs.
-            goes_on: it does not end at rest: another one must follow. Until that is here, the arm slows
-                down along the path before the end and waits.
+        ``goes_on``: it does not end at rest, another one must follow. Until that is here, the arm slows
+        down along the path before the end and waits.
         """
         self._stretches.append(_Stretch(trajectory, tag, self._end, self._end + trajectory.duration))
         self._end += trajectory.duration
@@ -126,13 +123,9 @@ class PathMover:
         """Go towards this speed override inside the acceleration limits."""
         self._speed = fraction
 
-    def pause(self) -> None:
-        """Slow down along the path and stand."""
-        self._paused = True
-
-    def resume(self) -> None:
-        """Go on along the path."""
-        self._paused = False
+    def pause(self, paused: bool) -> None:
+        """Slow down along the path and stand, or go on along it."""
+        self._paused = paused
 
     def stop(self) -> None:
         """Slow down as hard as the limits allow, then be done; before the first setpoint at once."""
@@ -196,12 +189,8 @@ class PathMover:
                 break
         if len(parts) == 1:
             return parts[0]
-        return Sample(
-            np.concatenate([part.q for part in parts]),
-            np.concatenate([part.velocity for part in parts]),
-            np.concatenate([part.acceleration for part in parts]),
-            np.concatenate([part.jerk for part in parts]),
-        )
+        fields = zip(*((part.q, part.velocity, part.acceleration, part.jerk) for part in parts), strict=True)
+        return Sample(*map(np.concatenate, fields))
 
     def _next_rate(self, target: float, dt: float) -> float:
         """The rate after ``dt`` that comes closest to the target inside the acceleration limits."""
@@ -240,13 +229,13 @@ class GripperMover:
         self._held = False
 
     def set(self, opening: float | None) -> None:
-        """It stands here (None: nobody knows)."""
+        """It stands here (None: not known)."""
         self.opening = opening
         self.goal = None
 
     def move_to(self, goal: float, ticket: Ticket | None = None) -> None:
         """Go to ``goal`` 0..1 instead of wherever it was going; ``ticket`` is answered at the end."""
-        self._refuse(StateError("a newer gripper command took its place"))
+        self._answer(StateError("a newer gripper command took its place"))
         self.goal, self._ticket = goal, ticket
 
     def hold(self, held: bool) -> None:
@@ -257,13 +246,12 @@ class GripperMover:
         """Stand where it is; ``error`` refuses the command that moved it."""
         self.goal = None
         self._held = False
-        self._refuse(error)
+        self._answer(error)
 
     def settle(self) -> None:
-        """Answer the ticket of a command whose goal is reached."""
-        if self._ticket is not None and self.goal is None:
-            self._ticket.finish()
-            self._ticket = None
+        """Answer the command whose goal is reached."""
+        if self.goal is None:
+            self._answer(None)
 
     def advance(self, dt: float, speed: float) -> float | None:
         """Opening after ``dt`` seconds at a speed override; None where it stands."""
@@ -279,7 +267,7 @@ class GripperMover:
             self.goal = None
         return self.opening
 
-    def _refuse(self, error: ArmctlError) -> None:
+    def _answer(self, error: ArmctlError | None) -> None:
         if self._ticket is not None:
-            self._ticket.refuse(error)
+            self._ticket.end(error)
             self._ticket = None

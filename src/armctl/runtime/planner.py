@@ -5,8 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable
 from concurrent.futures import Executor, Future
-from dataclasses import dataclass
-from typing import Any, ParamSpec, TypeVar
+from typing import ParamSpec, Protocol, TypeVar
 
 import numpy as np
 
@@ -14,13 +13,19 @@ from armctl.arrays import FloatArray
 from armctl.errors import ArmctlError, StateError
 from armctl.motion import Trajectory, require_clear
 from armctl.robot import Robot
-from armctl.runtime.activity import Activity
-from armctl.runtime.commands import Ticket
 
 P = ParamSpec("P")
 T = TypeVar("T")
 _START_TOLERANCE = 1e-6
 _LOGGER = logging.getLogger("armctl.runtime")
+
+
+class Submit(Protocol):
+    """Has a function called elsewhere."""
+
+    def __call__(self, plan: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> Future[T]:
+        """The future of ``plan(*args, **kwargs)``."""
+        ...
 
 
 class InlineExecutor(Executor):
@@ -75,7 +80,7 @@ def result_of(future: Future[T]) -> T:
 
 
 def checked_trajectory(robot: Robot, start: FloatArray, trajectory: Trajectory) -> Trajectory:
-    """Somebody else's trajectory, if it passes the pre-flight and begins at ``start`` (n,) [rad].
+    """A caller's trajectory, if it passes the pre-flight and begins at ``start`` (n,) [rad].
 
     Raises:
         MotionRefusedError: the pre-flight refuses it.
@@ -90,30 +95,3 @@ def checked_trajectory(robot: Robot, start: FloatArray, trajectory: Trajectory) 
             f"the arm stands at {np.degrees(start[j]):.2f}°; go to its start first"
         )
     return trajectory
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class PendingMotion:
-    """A motion that is being planned."""
-
-    ticket: Ticket
-    who: str
-    label: str
-    start: FloatArray
-    """(n,) where it is planned from [rad]"""
-    future: Future[Any]
-    """of its plan"""
-    take: Callable[[], Activity]
-    """makes the motion once the future has its plan"""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class PendingEdit:
-    """Another version of the running program that is being checked."""
-
-    ticket: Ticket
-    who: str
-    label: str
-    future: Future[None]
-    take: Callable[[], None]
-    """hands it to the program; raises why not"""

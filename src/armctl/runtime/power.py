@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -15,7 +13,6 @@ from armctl.runtime.activity import ActivityView, Setpoint
 from armctl.runtime.board import Board, Reading
 from armctl.runtime.commands import Ticket
 from armctl.runtime.core import POWERED, Core
-from armctl.runtime.log import EventLog
 from armctl.runtime.snapshot import State
 
 ADOPT_TOLERANCE_RAD = np.radians(0.25)
@@ -38,8 +35,7 @@ def enable(core: Core, wanted: FloatArray | None, who: str, now: float) -> None:
     """Switch the pulses on: servos that were off jump to ``wanted`` (n,) [rad], those that are on stay.
 
     Raises:
-        StateError: not connected, in fault, a joint is on and outside its limits, or the board does not
-            say twice the same of where it is.
+        StateError: not connected, in fault, a joint is on and outside its limits, or two readings differ.
         InputError: not finite, or a wrong shape.
         MotionRefusedError: ``wanted`` is outside the limits, or joints would jump to below the floor.
         BoardError: the board is gone.
@@ -61,7 +57,7 @@ def enable(core: Core, wanted: FloatArray | None, who: str, now: float) -> None:
     core.board.write(start, None)
     core.hold(f"enabled ({who}); {_how_it_began(core, live, reading.source)}")
     if wanted is not None and live.any() and (np.abs(start - goal) > _tolerance(core.board)).any():
-        core.log.warning("enabled where the arm stands, not in the pose asked for: move there now")
+        core.log.warn("enabled where the arm stands, not in the pose asked for: move there now")
 
 
 def home(core: Core, ticket: Ticket, who: str, now: float) -> None:
@@ -80,16 +76,11 @@ def home(core: Core, ticket: Ticket, who: str, now: float) -> None:
     instead = StateError(f"the arm is being homed ({who})")
     core.drop_motion(instead)
     core.gripper.stop(instead)
-    board = core.board
-    board.configure()
-
-    def adopt(reading: Reading, when: float) -> None:
-        core.adopt(_taken_over(core, board, reading.q), reading.opening, when)
-
-    homing = Homing(board, lambda: core.monitor.reading, adopt, core.log, now)
+    core.board.configure()
+    homing = Homing(core, core.board, now)
     core.forget_position()
     core.monitor.enabled()
-    core.begin(homing, ticket, who, now)
+    core.begin(homing, who, now, ticket)
 
 
 def release(core: Core, who: str) -> None:
@@ -102,7 +93,7 @@ def release(core: Core, who: str) -> None:
     if core.board is None:
         raise StateError(f"nothing to release: {core.state.value}")
     core.board.release()
-    core.log.warning(f"RELEASE ({who}): {core.board.outputs.power} off")
+    core.log.warn(f"RELEASE ({who}): {core.board.power} off")
     core.power_off(f"released ({who})")
 
 
@@ -123,38 +114,18 @@ def hint(core: Core, *, to_enable: bool = False) -> str:
 
 
 class Homing:
-    """Watches a board that homes; gives no setpoints. When it is done the arm is taken over where it stands.
-
-    Args:
-        board: which homes.
-        reading: gives the newest reading.
-        adopt: called once, with the reading that says that every axis is homed, and the time; an
-            ``ArmctlError`` of it ends homing as a failure.
-        log: gets a line for each axis.
-        now: controller clock [s].
-
-    Raises:
-        BoardError: the board does not begin.
-    """
+    """Watches a board that homes; sends nothing. When it is done the arm is taken over where it stands."""
 
     label = "homing"
     begun = True
     pausable = False
 
-    def __init__(
-        self,
-        board: Board,
-        reading: Callable[[], Reading],
-        adopt: Callable[[Reading, float], None],
-        log: EventLog,
-        now: float,
-    ) -> None:
+    def __init__(self, core: Core, board: Board, now: float) -> None:
+        """Have the board begin; ``BoardError`` where it does not."""
         self.error: ArmctlError | None = None
         """why not every axis is homed"""
-        self._board = board
-        self._reading = reading
-        self._adopt = adopt
-        self._log, self._logged = log, ""
+        self._core, self._board = core, board
+        self._logged = ""
         self._began: float | None = now
         self.done = False
         self._stopping = False
@@ -168,7 +139,7 @@ class Homing:
     @property
     def notice(self) -> str | None:
         """Which axis is looked for."""
-        homing = self._reading().homing
+        homing = self._core.monitor.reading.homing
         if self.done or homing is None or homing.running is None:
             return None
         place = min(sum(homing.homed.values()) + 1, len(homing.homed))
@@ -184,19 +155,16 @@ class Homing:
         looking = self.notice
         if looking is not None and looking != self._logged:
             self._logged = looking
-            self._log.warning(looking)  # somebody's hand may be near the axis that begins now
+            self._core.log.warn(looking)  # a hand may be near the axis that begins now
         if now - self._began >= _SETTLE_S:
-            self._conclude(self._reading(), now, now - self._began)
+            self._conclude(self._core.monitor.reading, now, now - self._began)
         return None
 
     def set_speed(self, fraction: float) -> None:
         """Axes look for their zeros at their own, slow speed."""
 
-    def pause(self) -> None:
+    def pause(self, paused: bool) -> None:
         """Never called: it is not ``pausable``."""
-
-    def resume(self) -> None:
-        """Never called."""
 
     def stop(self) -> None:
         """Have the board brake, at once: it goes on by itself, whether setpoints may be sent or not.
@@ -214,16 +182,17 @@ class Homing:
 
     def view(self) -> ActivityView:
         """How many axes are homed."""
-        homing = self._reading().homing
+        homing = self._core.monitor.reading.homing
         share = 0.0 if homing is None else sum(homing.homed.values()) / max(len(homing.homed), 1)
-        return ActivityView(None, share, 0.0)
+        return ActivityView(None, share)
 
     def _conclude(self, reading: Reading, now: float, since: float) -> None:
         homing = reading.homing
+        failed = ""
         if self._stopping:
             self.done = homing is None or homing.running is None
         elif homing is None or reading.powered is False:
-            self._fail("; ".join(reading.errors) or "the board switched its motors off")
+            failed = "; ".join(reading.errors) or "the board switched its motors off"
         elif homing.running is not None:
             if since > _LONGEST_S:
                 self.error = BoardError(
@@ -232,27 +201,23 @@ class Homing:
                 )
                 self.stop()
         elif homing.done:
-            self._take_over(reading, now)
+            self.done = True
+            try:
+                q = _taken_over(self._core, self._board, reading.q)
+                self._core.adopt(q, reading.opening, now)
+            except ArmctlError as error:
+                self.error = error
         else:
             missing = [self._board.title(channel) for channel, homed in homing.homed.items() if not homed]
-            self._fail("; ".join(reading.errors) or f"{', '.join(missing)} did not find a zero")
-
-    def _take_over(self, reading: Reading, now: float) -> None:
-        try:
-            self._adopt(reading, now)
-        except ArmctlError as error:
-            self.error = error
-        self.done = True
-
-    def _fail(self, why: str) -> None:
-        self.error = BoardError(f"homing ended before every axis had its zero: {why}")
-        self.done = True
+            failed = "; ".join(reading.errors) or f"{', '.join(missing)} did not find a zero"
+        if failed:
+            self.error = BoardError(f"homing ended before every axis had its zero: {failed}")
+            self.done = True
 
 
 def _where_it_is(core: Core, board: Board, now: float) -> Reading:
     """What two readings agree on: answers carry no checksum, and the arm is held where they say it is."""
-    readings = [core.monitor.read(board, now) for _ in range(2)]
-    first, second = readings
+    first, second = (core.monitor.read(board, now) for _ in range(2))
     if first is None or second is None:
         raise StateError("the board did not answer where it is; try again")
     differs = np.isnan(first.q) != np.isnan(second.q)
@@ -265,19 +230,21 @@ def _where_it_is(core: Core, board: Board, now: float) -> Reading:
 
 def below_floor(floor: Floor, q: FloatArray) -> str | None:
     """What of the arm a jump to ``q`` (n,) [rad] would put below the floor, in words; None: nothing."""
-    lowest = floor.clearance(q)
-    if not lowest.size or float(lowest.min()) >= -FLOOR_TOLERANCE_M:
+    gaps = floor.clearance(q)
+    lowest = float(gaps.min(initial=0.0))
+    if lowest >= -FLOOR_TOLERANCE_M:
         return None
-    return f"{floor.parts[int(lowest.argmin())]}: {-1000 * float(lowest.min()):.1f} mm below the floor"
+    return f"{floor.parts[int(gaps.argmin())]}: {-1000 * lowest:.1f} mm below the floor"
 
 
 def _tolerance(board: Board) -> FloatArray:
     """(n,) difference that says nothing [rad]."""
-    return np.maximum(ADOPT_TOLERANCE_RAD, _ADOPT_TOLERANCE_STEPS / board.outputs.unit_per_rad)
+    return np.maximum(ADOPT_TOLERANCE_RAD, _ADOPT_TOLERANCE_STEPS / board.unit_per_rad)
 
 
 def _taken_over(core: Core, board: Board, q: FloatArray) -> FloatArray:
-    low, high = core.robot.limits[:, 0], core.robot.limits[:, 1]
+    """``q`` (n,) [rad] inside the limits; refused where a joint stands clearly outside."""
+    low, high = core.robot.limits.T
     outside = np.maximum(low - q, q - high) - _tolerance(board)
     i = int(outside.argmax())
     if outside[i] > 0:

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from collections import deque
 from concurrent.futures import Future
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 from armctl.arrays import FloatArray
 from armctl.errors import ArmctlError, ProgramError
-from armctl.motion import Trajectory
 from armctl.program import PlannedStep, PlanState, Program, ProgramSource, begin_program, plan_next
 from armctl.robot import Robot
 from armctl.runtime.activity import ActivityView, Setpoint
-from armctl.runtime.mover import GripperMover, PathMover, starving_s
+from armctl.runtime.core import Core
+from armctl.runtime.mover import PathMover, starving_s
 from armctl.runtime.planner import Planner, result_of
 from armctl.runtime.snapshot import ProgramProgress
 
@@ -22,28 +22,17 @@ _MOTIONS_AHEAD = 2
 _STEPS_AHEAD = 512
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class BegunProgram:
-    """A program that is checked, with its first steps planned."""
-
-    source: ProgramSource
-    steps: list[PlannedStep]
-    state: PlanState
-    """after those steps"""
+Begun = tuple[ProgramSource, list[PlannedStep], PlanState]
+"""a program that is checked, its first steps, planned, and the state after them"""
 
 
 def begun_program(
-    robot: Robot,
-    program: Program,
-    loops: int | None,
-    first: int,
-    count: int | None,
-    start: FloatArray,
-) -> BegunProgram:
+    robot: Robot, start: FloatArray, program: Program, loops: int | None, first: int, count: int | None
+) -> Begun:
     """Check a program and plan its first steps from ``start`` (n,) [rad]."""
     source = ProgramSource(program)
     state = begin_program(robot, program, start, loops=loops, first=first, count=count)
-    return BegunProgram(source, *plan_next(robot, source, state))
+    return (source, *plan_next(robot, source, state))
 
 
 class ProgramRunner:
@@ -51,35 +40,16 @@ class ProgramRunner:
 
     pausable = True
 
-    def __init__(
-        self,
-        robot: Robot,
-        loops: int | None,
-        first: int,
-        begun: BegunProgram,
-        planner: Planner,
-        gripper: GripperMover,
-        speed: float,
-    ) -> None:
-        """Begin with its first step.
-
-        Args:
-            robot: the arm.
-            loops: how often; None: for ever.
-            first: index of the step that the first pass begins with.
-            begun: the program, checked, and its first steps, planned from where the arm stands.
-            planner: solves the other steps.
-            gripper: obeys the gripper steps.
-            speed: override.
-        """
-        self._robot = robot
-        self._program = begun.source.program
+    def __init__(self, core: Core, loops: int | None, first: int, begun: Begun) -> None:
+        """Begin ``begun`` with step ``first``, ``loops`` times (None: for ever)."""
+        self._robot = robot = core.robot
+        self._program = begun[0].program
         self.label = f"program {self._program.name!r}"
         self._loops = loops
-        self._speed, self._percent = speed, 100.0
-        self._gripper = gripper
+        self._speed, self._percent = core.speed, 100.0
+        self._gripper = core.gripper
         self._early_s = starving_s(robot) + _EARLIER_S
-        self._feed = ProgramFeed(robot, begun, planner, self._early_s)
+        self._feed = ProgramFeed(robot, begun, core.planner, self._early_s)
         self._running: PlannedStep | None = None
         self._first = first
         self._mover: PathMover | None = None
@@ -105,7 +75,8 @@ class ProgramRunner:
         """All passes are over, or it was stopped or refused, and the joints are at rest."""
         if self._stopped or self.error is not None:
             return self._mover is None or self._mover.done
-        return not self._busy and self._feed.ended
+        busy = self._mover is not None or self._wait_left > 0 or self.gripping
+        return not busy and self._feed.ended
 
     @property
     def notice(self) -> str | None:
@@ -124,19 +95,12 @@ class ProgramRunner:
         if self._mover is not None:
             self._mover.set_speed(fraction * self._percent / 100)
 
-    def pause(self) -> None:
-        """Stand on the path, or stop the time of a wait."""
-        self._paused = True
-        self._gripper.hold(self.gripping)
+    def pause(self, paused: bool) -> None:
+        """Stand on the path, or stop the time of a wait; or go on."""
+        self._paused = paused
+        self._gripper.hold(paused and self.gripping)
         if self._mover is not None:
-            self._mover.pause()
-
-    def resume(self) -> None:
-        """Go on."""
-        self._paused = False
-        self._gripper.hold(False)
-        if self._mover is not None:
-            self._mover.resume()
+            self._mover.pause(paused)
 
     def stop(self) -> None:
         """Slow down and drop the rest."""
@@ -173,25 +137,18 @@ class ProgramRunner:
 
     def view(self) -> ActivityView:
         """What is shown: goal and progress of the running step, and where the program is."""
-        program = self._progress()
-        if self._mover is None:
-            return ActivityView(None, 0.0, max(self._wait_left, 0.0), program)
-        moving = self._mover.view()
-        return ActivityView(moving.goal, moving.progress, moving.remaining_s, program)
-
-    def _progress(self) -> ProgramProgress:
         running = self._running
         if running is None:
             program, index, passes = self._program, self._first, 0
         else:
             over = self.done and not self._stopped and self.error is None
             program, index, passes = running.program, running.index, running.passes + over
-        count = len(program.steps)
-        return ProgramProgress(program.name, index, count, passes, self._loops, program, self._program)
-
-    @property
-    def _busy(self) -> bool:
-        return self._mover is not None or self._wait_left > 0 or self.gripping
+        shown = ProgramProgress(
+            program.name, index, len(program.steps), passes, self._loops, program, self._program
+        )
+        if self._mover is None:
+            return ActivityView(None, 0.0, max(self._wait_left, 0.0), shown)
+        return replace(self._mover.view(), program=shown)
 
     def _take_steps(self) -> None:
         """Take the steps that are due: the next motion just before it is needed, others one a tick."""
@@ -225,7 +182,13 @@ class ProgramRunner:
             raise ProgramError(f"step {step.index + 1}: {step.error}") from step.error
         self.begun = True
         if step.trajectory is not None and step.moves:
-            self._move(step, step.trajectory)
+            if self._mover is not None:
+                self._mover.append(step.trajectory, step, goes_on=step.goes_on)
+                return True
+            self._percent = step.percent
+            speed = self._speed * self._percent / 100
+            self._mover = PathMover(self._robot, step.trajectory, speed, tag=step, goes_on=step.goes_on)
+            self._show(step)
             return True
         if self._mover is None:
             self._show(step)
@@ -236,15 +199,6 @@ class ProgramRunner:
             self._gripper.move_to(effect.opening)
             self.gripping = True
         return False
-
-    def _move(self, step: PlannedStep, trajectory: Trajectory) -> None:
-        if self._mover is None:
-            self._percent = step.percent
-            speed = self._speed * self._percent / 100
-            self._mover = PathMover(self._robot, trajectory, speed, tag=step, goes_on=step.goes_on)
-            self._show(step)
-        else:
-            self._mover.append(trajectory, step, goes_on=step.goes_on)
 
     def _show(self, step: PlannedStep) -> None:
         self._running = step
@@ -271,29 +225,25 @@ class ProgramFeed:
     arm would go on into it without a stop, the arm stops there first (``begin_pass_at``).
     """
 
-    def __init__(self, robot: Robot, begun: BegunProgram, planner: Planner, early_s: float) -> None:
+    def __init__(self, robot: Robot, begun: Begun, planner: Planner, early_s: float) -> None:
         """Begin with the steps that are planned.
 
-        Args:
-            robot: the arm.
-            begun: the program, and those steps.
-            planner: plans the others.
-            early_s: how long before it is due a motion may be taken [s]; twice as much is planned.
+        ``early_s``: how long before it is due a motion may be taken [s]; twice as much is planned.
         """
         self._robot = robot
         self._ahead_s = 2 * early_s
-        self._source = begun.source
-        self._state: PlanState = begun.state
+        self._source, steps, self._state = begun
         self._planner = planner
-        self._ready: deque[PlannedStep] = deque(begun.steps)
+        self._ready: deque[PlannedStep] = deque()
         self._future: Future[tuple[list[PlannedStep], PlanState]] | None = None
         self._failure: ArmctlError | None = None
-        self._over = not begun.steps or begun.steps[-1].error is not None
+        self._over = False
         self._running_pass = 0
         self._goes_on = False
         """the moving step that was taken last does not end at rest"""
         self._pass_begins: dict[int, PlanState] = {}
         """before the first step of each pass that was taken, from the running one on"""
+        self._take_in(steps, self._state)
         self._fill()
 
     def peek(self) -> PlannedStep | None:
@@ -309,15 +259,14 @@ class ProgramFeed:
             raise self._failure
         return None
 
-    def take(self) -> PlannedStep:
-        """The step that ``peek`` showed; it runs now, or follows what runs."""
+    def take(self) -> None:
+        """Take the step that ``peek`` showed; it runs now, or follows what runs."""
         step = self._ready.popleft()
         if step.before.program is None:
             self._pass_begins[step.passes] = step.before
         if step.moves:
             self._goes_on = step.goes_on
         self._fill()
-        return step
 
     def begun(self, step: PlannedStep) -> None:
         """A step that was taken runs now."""
@@ -348,17 +297,15 @@ class ProgramFeed:
 
     def drop(self) -> None:
         """Nothing of it will run any more."""
-        self._forget_plan()
         self._ready.clear()
-        self._failure = None
+        self._plan_from(self._state)
         self._over = True
 
     def _fill(self) -> None:
         """Take in what is planned, and ask for more where it is needed."""
         while not self._over:
             if self._future is None:
-                if self._state.ended:
-                    self._over = True
+                self._over = self._state.ended
                 if self._over or self._enough():
                     return
                 self._future = self._planner.submit(plan_next, self._robot, self._source, self._state)
@@ -371,10 +318,13 @@ class ProgramFeed:
                 self._failure = cause
                 self._over = True
                 return
-            self._ready.extend(steps)
-            self._state = state
-            self._over = not steps or steps[-1].error is not None
+            self._take_in(steps, state)
             self._drop_outdated()
+
+    def _take_in(self, steps: list[PlannedStep], state: PlanState) -> None:
+        self._ready.extend(steps)
+        self._state = state
+        self._over = not steps or steps[-1].error is not None
 
     def _enough(self) -> bool:
         if len(self._ready) >= _STEPS_AHEAD:
@@ -405,11 +355,8 @@ class ProgramFeed:
                 return
 
     def _plan_from(self, state: PlanState) -> None:
-        self._forget_plan()
-        self._state = state
-        self._over, self._failure = False, None
-
-    def _forget_plan(self) -> None:
         if self._future is not None:
             self._future.cancel()
             self._future = None
+        self._state = state
+        self._over, self._failure = False, None

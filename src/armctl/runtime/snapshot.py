@@ -1,13 +1,21 @@
-"""What the controller tells the outside: one immutable record a tick."""
+"""What the controller tells the outside: one immutable record a tick, with the warnings and the log in it."""
 
 from __future__ import annotations
 
+import logging
+import math
 from dataclasses import dataclass
 from enum import Enum
 
 from armctl.arrays import FloatArray
 from armctl.hardware import BoardIdentity, Source
 from armctl.program import Program
+from armctl.runtime.clock import wall_time
+
+_LOGGER = logging.getLogger("armctl.runtime")
+_LOG_LINES = 200
+_REPEAT_S = 5.0
+"""a line of the log is not repeated sooner: a held key must not flood it"""
 
 
 class State(Enum):
@@ -101,3 +109,51 @@ class Snapshot:
     """what is true now and the user should know"""
     events: tuple[Event, ...]
     """the newest lines of the log, oldest first (bounded)"""
+
+
+class EventLog:
+    """The newest lines, oldest first, passed on to Python's logging. Only the controller thread writes."""
+
+    def __init__(self) -> None:
+        self.events: tuple[Event, ...] = ()
+
+    def add(self, text: str, level: str = "info") -> None:
+        """Add a line; ``level`` is info, warning (the user should know) or error (something broke)."""
+        stamp = wall_time()
+        if self.events:
+            last = self.events[-1]
+            if (last.level, last.text) == (level, text) and 0 <= stamp - last.stamp < _REPEAT_S:
+                return
+        self.events = (*self.events, Event(stamp, level, text))[-_LOG_LINES:]
+        _LOGGER.log(getattr(logging, level.upper()), "%s", text)
+
+    def warn(self, text: str) -> None:
+        """Add a line that the user should know of."""
+        self.add(text, "warning")
+
+
+class Notices:
+    """Warnings by name, shown until they are cleared or their time is over."""
+
+    def __init__(self, log: EventLog) -> None:
+        self._log = log
+        self._texts: dict[str, tuple[str, float]] = {}
+
+    def set(self, key: str, text: str, until: float = math.inf) -> None:
+        """Show ``text`` until the clock says ``until``; a new one is logged once."""
+        if key not in self._texts:
+            self._log.warn(text)
+        self._texts[key] = (text, until)
+
+    def clear(self, key: str) -> None:
+        """It is no longer true."""
+        self._texts.pop(key, None)
+
+    def clear_all(self) -> None:
+        """Clear all of them: nothing is known any more."""
+        self._texts.clear()
+
+    def current(self, now: float) -> tuple[str, ...]:
+        """The texts to show at ``now``, oldest first."""
+        self._texts = {key: shown for key, shown in self._texts.items() if shown[1] >= now}
+        return tuple([text for text, _ in self._texts.values()])

@@ -13,7 +13,7 @@ import viser
 from armctl.errors import ArmctlError
 from armctl.robot import Robot
 from armctl.runtime import Jog, JogTool, MoveGripper, Snapshot
-from armctl.runtime.joint_servo import tool_turns
+from armctl.runtime.jog import tool_turns
 from armctl.ui.session import Session
 from armctl.ui.tabs.manual.joints import checked_percent
 from armctl.ui.widgets.events import Hold, attach_hold

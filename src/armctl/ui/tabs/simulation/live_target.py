@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor
 from html import escape
 
 import numpy as np
@@ -14,7 +14,7 @@ from armctl.errors import ArmctlError, StateError
 from armctl.kinematics import Target
 from armctl.runtime import FollowTarget, Snapshot, State
 from armctl.runtime.joint_servo import KeepClear
-from armctl.runtime.live_target import FOLLOW_EXPIRY_S, Follower, LiveGoal, live_goal
+from armctl.runtime.live_target import FOLLOW_EXPIRY_S, Follower
 from armctl.ui.newest import Newest
 from armctl.ui.scene.arm_figure import ArmFigure
 from armctl.ui.session import Session
@@ -132,13 +132,11 @@ class LiveTarget:
         session, robot, clear = self._session, self._robot, KeepClear(self._robot)
         executor = ThreadPoolExecutor(1, thread_name_prefix="armctl-twin")
 
-        def solve(q: FloatArray, target: Target, pitch: float | None) -> Future[LiveGoal]:
-            return executor.submit(live_goal, robot, clear, q, target, pitch)
-
         clock = asyncio.get_running_loop().time
         before = clock()
         try:
-            follower = Follower(robot, clear, session.snapshot.q_command, session.snapshot.speed, solve)
+            snapshot = session.snapshot
+            follower = Follower(robot, clear, snapshot.q_command, snapshot.speed, executor.submit)
             self._twin = follower, (figure := twin_figure(session, "/live_twin"))
             while is_newest():
                 now = clock()
