@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -66,13 +66,10 @@ class Arm:
     """
 
     def __init__(self, robot: Robot, rate_hz: float = 50.0, board: str = ANY_BOARD) -> None:
-        """Wire up an arm without opening a line; ``open`` does both.
+        """Wire up an arm, as it is calibrated, without opening a line; ``open`` does both.
 
-        Args:
-            robot: as it is calibrated.
-            rate_hz: setpoints a second.
-            board: what ``board_name`` called the board that it is calibrated with: connecting it to
-                another real one is refused. ``NO_BOARD``: none was there.
+        ``rate_hz``: setpoints a second. ``board``: what ``board_name`` called the board that it is calibrated
+        with; connecting to another real one is refused. ``NO_BOARD``: none was there.
         """
         # The interpreter's default of 5 ms is what a tick would be late when other threads run Python.
         sys.setswitchinterval(min(sys.getswitchinterval(), _SWITCH_INTERVAL_S))
@@ -87,10 +84,8 @@ class Arm:
     def open(cls, robot: str | Path | Robot, port: str | None = None, rate_hz: float = 50.0) -> Self:
         """Load a robot, with the calibration that is kept for its board, and connect to the board.
 
-        Args:
-            robot: a shipped robot's name, a robot file, or a robot.
-            port: a device, ``auto``, or None for the simulated board.
-            rate_hz: setpoints a second.
+        ``robot``: a shipped robot's name, a robot file, or a robot. ``port``: a device, ``auto``, or None for
+        the simulated board.
 
         Raises:
             ArmctlError: no such robot, no board on the port, or another one than a moment before.
@@ -162,16 +157,9 @@ class Arm:
     ) -> None:
         """Put the tool on a point, joint by joint.
 
-        Args:
-            x_mm: target in the base frame [mm].
-            y_mm: target in the base frame [mm].
-            z_mm: target in the base frame [mm].
-            pitch_deg: tool pitch [degrees]; None: any.
-            roll_deg: tool roll [degrees]; None: any.
-            choose: criterion for the choice among the solutions.
-            duration_s: seconds; None: the shortest.
-            profile: how the motion is spread over time.
-            blend_mm: means something in a program only, where a step follows; a call stops at its end.
+        The point is in the base frame; ``pitch_deg`` and ``roll_deg`` are the tool's, None: any. ``choose``
+        is the criterion among the solutions, ``profile`` the law over time. Without a duration the motion
+        takes the shortest. ``blend_mm`` means something in a program only: a call stops at its end.
 
         Raises:
             UnreachableError: no solution; says why and names the nearest reachable point.
@@ -210,34 +198,17 @@ class Arm:
         duration_s: float | None = None,
         blend_mm: float = 0.0,
     ) -> None:
-        """Lead the tool to a point [mm] in a straight line.
+        """Lead the tool to a point in the base frame [mm] in a straight line.
 
-        Args:
-            x_mm: end of the line in the base frame [mm].
-            y_mm: end of the line in the base frame [mm].
-            z_mm: end of the line in the base frame [mm].
-            pitch: tool pitch on the way: "kept", "interpolated" to ``pitch_deg``, or "free".
-            pitch_deg: tool pitch at the end [degrees], with "interpolated".
-            speed_mm_s: largest speed of the tool [mm/s]; None: as fast as the joints can.
-            duration_s: seconds; None: the shortest.
-            blend_mm: as in ``go``.
+        ``pitch``: tool pitch on the way, "kept", "interpolated" to ``pitch_deg``, or "free". ``speed_mm_s``:
+        largest speed of the tool; None: as fast as the joints can. The rest as ``go``.
 
         Raises:
             ProgramError: the tool cannot be led there; says when, where and why.
         """
         x, y, z = _point((x_mm, y_mm, z_mm), "x_mm, y_mm, z_mm").tolist()
-        self._step(
-            LineStep(
-                x_mm=x,
-                y_mm=y,
-                z_mm=z,
-                pitch=pitch,
-                pitch_deg=_optional(pitch_deg, "pitch_deg"),
-                speed_mm_s=_optional(speed_mm_s, "speed_mm_s"),
-                duration_s=_optional(duration_s, "duration_s"),
-                blend_mm=checked_number(blend_mm, "blend_mm"),
-            )
-        )
+        shared = _led(pitch, pitch_deg, speed_mm_s, duration_s, blend_mm)
+        self._step(LineStep(x_mm=x, y_mm=y, z_mm=z, **shared))
 
     def arc(
         self,
@@ -250,22 +221,9 @@ class Arm:
         blend_mm: float = 0.0,
     ) -> None:
         """Lead the tool along the circle through where it is, ``via_mm`` and ``to_mm`` [mm]; as ``line``."""
-        via, to = _point(via_mm, "via_mm").tolist(), _point(to_mm, "to_mm").tolist()
-        self._step(
-            ArcStep(
-                via_x_mm=via[0],
-                via_y_mm=via[1],
-                via_z_mm=via[2],
-                x_mm=to[0],
-                y_mm=to[1],
-                z_mm=to[2],
-                pitch=pitch,
-                pitch_deg=_optional(pitch_deg, "pitch_deg"),
-                speed_mm_s=_optional(speed_mm_s, "speed_mm_s"),
-                duration_s=_optional(duration_s, "duration_s"),
-                blend_mm=checked_number(blend_mm, "blend_mm"),
-            )
-        )
+        (via_x, via_y, via_z), (x, y, z) = _point(via_mm, "via_mm").tolist(), _point(to_mm, "to_mm").tolist()
+        shared = _led(pitch, pitch_deg, speed_mm_s, duration_s, blend_mm)
+        self._step(ArcStep(via_x_mm=via_x, via_y_mm=via_y, via_z_mm=via_z, x_mm=x, y_mm=y, z_mm=z, **shared))
 
     def wait(self, seconds: float) -> None:
         """Stand still for some seconds."""
@@ -320,7 +278,7 @@ class Arm:
         """Submit and wait for the end; an interrupt stops the arm first."""
         ticket = self.controller.submit(command, _ORIGIN)
         try:
-            ticket.result()
+            ticket.finished.result()
         except KeyboardInterrupt:
             with suppress(TimeoutError):  # closing waits for it once more
                 self.controller.stop(_ORIGIN).result(_STOP_S)
@@ -334,6 +292,23 @@ def _point(value: ArrayLike, what: str) -> FloatArray:
         raise InputError(f"{what} needs three numbers, x, y and z, got {value!r}")
     require_finite(array, what)
     return array
+
+
+def _led(
+    pitch: PitchMode,
+    pitch_deg: float | None,
+    speed_mm_s: float | None,
+    duration_s: float | None,
+    blend_mm: float,
+) -> dict[str, Any]:
+    """What a line and an arc of the tool share, checked."""
+    return {
+        "pitch": pitch,
+        "pitch_deg": _optional(pitch_deg, "pitch_deg"),
+        "speed_mm_s": _optional(speed_mm_s, "speed_mm_s"),
+        "duration_s": _optional(duration_s, "duration_s"),
+        "blend_mm": checked_number(blend_mm, "blend_mm"),
+    }
 
 
 def _optional(value: float | None, what: str) -> float | None:
