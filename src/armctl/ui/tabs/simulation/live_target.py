@@ -9,7 +9,6 @@ from html import escape
 
 import numpy as np
 
-from armctl.arrays import FloatArray
 from armctl.errors import ArmctlError, StateError
 from armctl.kinematics import Target
 from armctl.runtime import FollowTarget, Snapshot, State
@@ -131,7 +130,6 @@ class LiveTarget:
             return
         session, robot, clear = self._session, self._robot, KeepClear(self._robot)
         executor = ThreadPoolExecutor(1, thread_name_prefix="armctl-twin")
-
         clock = asyncio.get_running_loop().time
         before = clock()
         try:
