@@ -13,11 +13,12 @@ from armctl.errors import InputError, ProgramError
 from armctl.program import Program, Step, check_program, load_program, read_csv, save_program, write_csv
 from armctl.program import steps as registry
 from armctl.program.keys import Field
+from armctl.program.program import PLACES, add
 from armctl.program.steps import Effect
 from armctl.robot import Robot, load_robot
 from armctl.runtime import RunProgram, State
-from armctl.ui.tabs.program.editing import PLACES, add, edited, fields_of, form_fields, shown
-from armctl.ui.tabs.program.step_list import step_table
+from armctl.ui.tabs.manual.serial_motion import step_table
+from armctl.ui.tabs.manual.step_form import by_label, edited, texts_of
 
 ROBOT = load_robot("uzuner")
 
@@ -78,9 +79,9 @@ def test_what_it_may_not_hold_is_refused_everywhere(tmp_path: Path) -> None:
 def test_it_has_a_row_in_the_list_and_fields_in_the_form() -> None:
     step = BlinkStep(flashes=3)
     assert "blink" in step_table([step], 0, None, None) and "3 flashes" in step_table([step], 0, None, None)
-    assert [field.label for field in fields_of(step)] == ["Flashes", "Flash s", "Note"]
-    assert {"Flashes", "Flash s"} <= {field.label for field in form_fields()}
-    texts = {field.label: shown(step, field) for field in fields_of(step)}
+    texts = texts_of(step)
+    assert list(texts) == ["Flashes", "Flash s", "Note"]
+    assert {"Flashes", "Flash s"} <= set(by_label(registry.all_keys()))
     assert edited(step, {**texts, "Flashes": "5"}) == BlinkStep(flashes=5)
     with pytest.raises(InputError, match="Flashes: must be 1 … 20, not 50"):
         edited(step, {**texts, "Flashes": "50"})

@@ -15,7 +15,7 @@ from armctl.program import MoveStep, Program, Step
 from armctl.robot import Robot, load_robot, shipped_robots
 from armctl.runtime import Enable, Origin, Snapshot
 from armctl.ui import App, CalibrationInForce, Console, PortChoice, RobotChoice, RobotSwitch
-from armctl.ui.tabs.program.shared_program import SharedProgram
+from armctl.ui.tabs.manual.shared_program import SharedProgram
 
 
 @dataclass(frozen=True)

@@ -256,7 +256,7 @@ def test_a_program_is_drawn_with_its_lines_and_the_step_at_the_cursor(
         LineStep(x_mm=x, y_mm=y + 50, z_mm=z + 20),
         MoveStep(joints_deg=(0, 90, -80, -40, 0)),
     )
-    served.edited.edit(lambda _: Program(robot="uzuner", name="lines", steps=steps))
+    served.edited.edit(Program(robot="uzuner", name="lines", steps=steps))
     page.choose(MOTION, "Program on the desk")
     page.click("Show")
     page.wait_for_text(re.compile("program lines: "))

@@ -2,84 +2,87 @@ from __future__ import annotations
 
 import pytest
 
-from armctl.errors import ProgramError
-from armctl.program import (
-    EndStep,
-    Program,
-    RepeatStep,
-    WaitStep,
-    delete,
-    duplicate,
-    insert,
-    move,
-    repeat,
-    replace,
-)
+from armctl.errors import InputError, ProgramError
+from armctl.program import EndStep, Program, RepeatStep, Step, WaitStep
+from armctl.program.program import PLACES, Change, add, delete, duplicate, move, repeat, replace
 
 A, B, C, D = (WaitStep(seconds=k) for k in range(4))
-PROGRAM = Program(robot="uzuner", steps=(A, B, C))
 TWICE, END = RepeatStep(times=2), EndStep()
-BLOCK = Program(robot="uzuner", steps=(A, TWICE, B, END, C))
 
 
-def test_insert() -> None:
-    assert insert(PROGRAM, 0, D).steps == (D, A, B, C)
-    assert insert(PROGRAM, 3, D).steps == (A, B, C, D)
-    assert PROGRAM.steps == (A, B, C)
+def program(*steps: Step) -> Program:
+    return Program(robot="uzuner", steps=steps)
 
 
-def test_replace() -> None:
-    assert replace(PROGRAM, 1, D).steps == (A, D, C)
+EMPTY, PROGRAM, BLOCK = program(), program(A, B, C), program(A, TWICE, B, END, C)
 
 
-def test_delete() -> None:
-    assert delete(PROGRAM, 1).steps == (A, C)
+def change(selected: int, *steps: Step) -> Change:
+    return program(*steps), selected
 
 
-def test_move_ends_up_where_it_was_told() -> None:
-    assert move(PROGRAM, 0, 2).steps == (B, C, A)
-    assert move(PROGRAM, 2, 0).steps == (C, A, B)
-    assert move(PROGRAM, 1, 1).steps == (A, B, C)
+def test_a_step_goes_to_its_place_and_the_next_one_behind_it() -> None:
+    end, before, after, instead = PLACES
+    assert add(PROGRAM, D, end, 0) == change(3, A, B, C, D)
+    assert add(PROGRAM, D, before, 1) == change(2, A, D, B, C)
+    assert add(program(A, D, B, C), A, before, 2) == change(3, A, D, A, B, C)
+    assert add(PROGRAM, D, after, 1) == change(2, A, B, D, C)
+    assert add(PROGRAM, D, instead, 1) == replace(PROGRAM, 1, D) == change(1, A, D, C)
+    assert [add(EMPTY, A, where, 0) for where in PLACES] == [change(0, A)] * 4
 
 
-def test_places_that_are_not_there_are_refused() -> None:
-    with pytest.raises(ProgramError, match="cannot be inserted at 5; the program has 3 steps"):
-        insert(PROGRAM, 4, D)
-    for attempt in (lambda: delete(PROGRAM, 3), lambda: move(PROGRAM, 0, 3), lambda: replace(PROGRAM, -1, D)):
-        with pytest.raises(ProgramError, match=r"there is no step \d; the program has 3 steps"):
-            attempt()
-    with pytest.raises(ProgramError, match=r"the program has 1 step$"):
-        delete(Program(robot="uzuner", steps=(A,)), 1)
-
-
-def test_duplicate() -> None:
-    assert duplicate(PROGRAM, 1).steps == (A, B, B, C)
-    for marker in (1, 3):
-        assert duplicate(BLOCK, marker).steps == (A, TWICE, B, END, TWICE, B, END, C)
+def test_up_and_down_take_the_selection_along() -> None:
+    assert move(PROGRAM, 2, -1) == change(1, A, C, B)
+    assert move(PROGRAM, 0, 1) == change(1, B, A, C)
 
 
 def test_a_marker_takes_the_other_with_it() -> None:
-    for marker in (1, 3):
-        assert delete(BLOCK, marker).steps == (A, B, C)
-    assert delete(BLOCK, 2).steps == (A, TWICE, END, C)
-    assert delete(Program(robot="uzuner", steps=(A, END)), 1).steps == (A,)
+    assert delete(PROGRAM, 0) == change(0, B, C)
+    assert delete(PROGRAM, 2) == change(1, A, B)
+    assert delete(program(A), 0) == change(0)
+    assert [delete(BLOCK, marker) for marker in (1, 3)] == [change(1, A, B, C), change(2, A, B, C)]
+    assert delete(BLOCK, 2) == change(2, A, TWICE, END, C)
+    assert delete(program(A, END), 1) == change(0, A)
 
 
-def test_repeat_wraps_a_range() -> None:
-    assert repeat(PROGRAM, 1, 1, 2).steps == BLOCK.steps
-    assert repeat(PROGRAM, 0, 2, 2).steps == (TWICE, A, B, C, END)
-    assert repeat(BLOCK, 0, 3, 2).steps == (TWICE, A, TWICE, B, END, END, C)
-    assert repeat(BLOCK, 2, 2, 2).steps == (A, TWICE, TWICE, B, END, END, C)
+def test_a_block_is_copied_whole_and_the_copy_is_selected() -> None:
+    assert duplicate(PROGRAM, 1) == change(2, A, B, B, C)
+    doubled = (A, TWICE, B, END, TWICE, B, END, C)
+    assert [duplicate(BLOCK, marker) for marker in (1, 3)] == [change(4, *doubled), change(6, *doubled)]
+
+
+def test_a_range_is_wrapped_into_a_block() -> None:
+    assert repeat(PROGRAM, "2", 0, 2) == repeat(PROGRAM, "", 1, 2) == (BLOCK, 1)
+    for text in ("1-3", " 1 – 3 ", "1 to 3", "1…3"):
+        assert repeat(PROGRAM, text, 1, 2) == change(0, TWICE, A, B, C, END)
+    assert repeat(BLOCK, "1-4", 0, 2) == change(0, TWICE, A, TWICE, B, END, END, C)
+    assert repeat(BLOCK, "3", 0, 2) == change(2, A, TWICE, TWICE, B, END, END, C)
+
+
+@pytest.mark.parametrize("text", ["x", "1,3", "-1", "1-2-3", "1.5"])
+def test_what_is_no_range_is_refused(text: str) -> None:
+    with pytest.raises(InputError, match=r"is no range of rows; write e.g. 2-5"):
+        repeat(PROGRAM, text, 0, 2)
 
 
 def test_what_cannot_be_repeated() -> None:
-    for first, last in ((0, 1), (1, 2), (3, 4)):
+    for rows in ("1-2", "2-3", "4-5"):
         with pytest.raises(ProgramError, match=r"cut the block of steps 2 … 4; take all of it, or none"):
-            repeat(BLOCK, first, last, 2)
+            repeat(BLOCK, rows, 0, 2)
     with pytest.raises(ProgramError, match="a block cannot go from step 3 back to step 2"):
-        repeat(PROGRAM, 2, 1, 2)
-    with pytest.raises(ProgramError, match="there is no step 4; the program has 3 steps"):
-        repeat(PROGRAM, 2, 3, 2)
+        repeat(PROGRAM, "3-2", 0, 2)
+    with pytest.raises(ProgramError, match="there is no row 4; the program has 3"):
+        repeat(PROGRAM, "2-4", 0, 2)
     for times in (0, 1_000_001):
         with pytest.raises(ProgramError, match=f"a block repeats 1 … 1000000 times, not {times}"):
-            repeat(PROGRAM, 0, 1, times)
+            repeat(PROGRAM, "1-2", 0, times)
+
+
+def test_what_cannot_be_done_is_refused_in_words() -> None:
+    with pytest.raises(ProgramError, match="row 1 is the first one already"):
+        move(PROGRAM, 0, -1)
+    with pytest.raises(ProgramError, match="row 3 is the last one already"):
+        move(PROGRAM, 2, 1)
+    for attempt in (lambda: move(EMPTY, 0, 1), lambda: duplicate(EMPTY, 0), lambda: delete(EMPTY, 0)):
+        with pytest.raises(ProgramError, match="the list is empty; record a pose first"):
+            attempt()

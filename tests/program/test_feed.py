@@ -156,4 +156,4 @@ def test_no_more_legs_are_solved_than_the_first_one_needs_behind_it() -> None:
     long = program(*(to(turn, 0, 0, 0, 0, blend_mm=5) for turn in (1.2, -1.2, 1.2, -1.2)))
     steps, after = plan_next(ROBOT, ProgramSource(long), begin_program(ROBOT, long, HOME))
     assert [(step.index, step.goes_on) for step in steps] == [(0, True)]
-    assert [drawn.step.index for drawn in after.known] == [1]
+    assert [step.index for step in after.known] == [1]

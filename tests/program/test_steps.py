@@ -16,7 +16,7 @@ from armctl.program import (
 
 
 def words(step: Step) -> tuple[str, str]:
-    return step.title, step.describe()
+    return step.title or step.kind, step.describe()
 
 
 def test_steps_in_words() -> None:

@@ -17,8 +17,8 @@ from armctl.errors import StateError
 from armctl.program import MoveStep, PointStep, Program, Step
 from armctl.program.check import ProgramFinding
 from armctl.ui.guard import GuardedServer
-from armctl.ui.tabs.program.run import ProgramRun
-from armctl.ui.tabs.program.shared_program import SharedProgram
+from armctl.ui.tabs.manual.program_run import ProgramRun
+from armctl.ui.tabs.manual.shared_program import SharedProgram
 
 FAR = PointStep(x_mm=999, y_mm=0, z_mm=100)
 HOME = MoveStep(joints_deg=(0, 90, -80, -40, 0))
@@ -114,7 +114,7 @@ def test_a_check_of_a_long_program_says_how_far_it_is_and_can_be_cancelled(
         go_on.set()
         await checking
 
-    monkeypatch.setattr("armctl.ui.tabs.program.run.check_program", check)
+    monkeypatch.setattr("armctl.ui.tabs.manual.program_run.check_program", check)
     bench.put(HOME)
     with pytest.raises(StateError, match="the check was cancelled"):
         asyncio.run(cancel())

@@ -31,7 +31,7 @@ from armctl.ui import CalibrationInForce, Console, RobotChoice, RobotSwitch
 from armctl.ui.robot_switch import RobotChange, release_to_leave, release_to_reopen, require_leavable
 from armctl.ui.tabs.calibration.shared_calibration import SharedCalibration
 from armctl.ui.tabs.main.boards import about, labelled
-from armctl.ui.tabs.program.shared_program import SharedProgram
+from armctl.ui.tabs.manual.shared_program import SharedProgram
 from armctl.ui.tabs.simulation.screen import Trail
 from armctl.ui.tabs.simulation.workspace import CloudStore
 

@@ -1,6 +1,7 @@
 """Serial-motion programs: steps, blocks, files, editing."""
 
 from armctl.program.check import ProgramFinding, check_program
+from armctl.program.csv import CsvForm, read_csv, write_csv
 from armctl.program.feed import (
     PlannedStep,
     PlanState,
@@ -9,30 +10,9 @@ from armctl.program.feed import (
     plan_next,
     require_runnable,
 )
-from armctl.program.files.csv import CsvForm, read_csv, write_csv
-from armctl.program.files.script import write_script
-from armctl.program.files.toml import (
-    PROGRAM_SUFFIXES,
-    checked_program,
-    decode_program,
-    encode_program,
-    load_program,
-    open_program,
-    read_program,
-    save_program,
-)
-from armctl.program.program import (
-    Blocks,
-    Cursor,
-    Program,
-    delete,
-    duplicate,
-    insert,
-    move,
-    repeat,
-    replace,
-)
-from armctl.program.rehearsal import Rehearsal, RehearsedState, RehearsedStep, rehearse, rehearse_pose
+from armctl.program.program import Blocks, Cursor, Program
+from armctl.program.rehearsal import Rehearsal, rehearse, rehearse_pose
+from armctl.program.script import write_script
 from armctl.program.steps import (
     WIDEST_BLEND_MM,
     ArcStep,
@@ -47,6 +27,16 @@ from armctl.program.steps import (
     SpeedStep,
     Step,
     WaitStep,
+)
+from armctl.program.toml import (
+    PROGRAM_SUFFIXES,
+    checked_program,
+    decode_program,
+    encode_program,
+    load_program,
+    open_program,
+    read_program,
+    save_program,
 )
 
 __all__ = [
@@ -69,8 +59,6 @@ __all__ = [
     "ProgramFinding",
     "ProgramSource",
     "Rehearsal",
-    "RehearsedState",
-    "RehearsedStep",
     "RepeatStep",
     "SpeedStep",
     "Step",
@@ -79,20 +67,14 @@ __all__ = [
     "check_program",
     "checked_program",
     "decode_program",
-    "delete",
-    "duplicate",
     "encode_program",
-    "insert",
     "load_program",
-    "move",
     "open_program",
     "plan_next",
     "read_csv",
     "read_program",
     "rehearse",
     "rehearse_pose",
-    "repeat",
-    "replace",
     "require_runnable",
     "save_program",
     "write_csv",

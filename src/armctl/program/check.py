@@ -1,9 +1,9 @@
-"""What is wrong with a program, told before it is run."""
+"""What is wrong with a program, found before it is run."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from collections.abc import Callable, Container, Iterator
+from dataclasses import dataclass
 
 import msgspec
 import numpy as np
@@ -15,7 +15,6 @@ from armctl.errors import ArmctlError
 from armctl.kinematics.chain import LinkFrames
 from armctl.kinematics.velocity import NEAR
 from armctl.motion.preflight import (
-    Finding,
     Floor,
     Kind,
     Obstacles,
@@ -48,13 +47,6 @@ class ProgramFinding:
     """which check found it"""
     severity: Severity = "error"
 
-    @classmethod
-    def of(cls, step: int, finding: Finding) -> ProgramFinding:
-        """What the pre-flight found in the motion of a step."""
-        return cls(
-            step, finding.what, finding.time, finding.part, finding.mend, finding.kind, finding.severity
-        )
-
     def __str__(self) -> str:
         text = self.what if self.time is None else f"at {self.time:.2f} s, {self.what}"
         if self.part:
@@ -80,42 +72,39 @@ def check_program(
         robot: the arm that shall run it.
         motions: also plan every motion whose start is known and check all of them (slower). A blended step
             is checked as if it stopped. That misses no error: its corner is checked when it is run, and
-            one that is refused there (through the floor, say) becomes a stop. Nor are warnings told that
-            only a corner would give. Of a repeat block two passes are checked: from the third on they are
+            one that is refused there (through the floor, say) becomes a stop. Warnings that only a corner
+            would give are missed. Of a repeat block two passes are checked: from the third on they are
             like the second.
-        start: (n,) where the first motion starts [rad]; None: not known, and so the first motion is not
-            checked, only its end.
+        start: (n,) where the first motion starts [rad]; None: not known, and so only the end of the first
+            motion is checked.
         payload_kg: what the tool holds; None: what the robot file says.
-        progress: called now and then with how many steps are checked and how many there are; what it
-            raises ends the check.
+        progress: called with how many steps are checked and how many there are; what it raises ends the
+            check.
 
     Returns:
         What was found, in the order of the steps; it may be run if there are no errors among it.
 
     Raises:
-        InputError: a start or a payload that nobody can work with.
+        InputError: a start or a payload that cannot be.
     """
     findings: list[ProgramFinding] = []
     if program.robot != robot.name:
-        findings.append(
-            ProgramFinding(None, f"it is for the robot {program.robot!r}, this one is {robot.name!r}")
-        )
+        what = f"it is for the robot {program.robot!r}, this one is {robot.name!r}"
+        findings.append(ProgramFinding(None, what))
     if not program.steps:
         findings.append(ProgramFinding(None, "it has no steps"))
-    wrong = list(_value_findings(program, robot))
-    broken = [ProgramFinding(index, what) for index, what in Blocks.of(program.steps).findings]
-    of_motions: list[ProgramFinding] = []
+    wrong = dict(_value_findings(program, robot))
+    broken = Blocks.of(program.steps).findings
+    in_steps = [ProgramFinding(index, what) for index, what in (*wrong.items(), *broken)]
     if motions and not broken:
         begin = None if start is None else robot.chain.checked(start)
-        skipped = frozenset(finding.step for finding in wrong if finding.step is not None)
-        walk = _Walk(program, robot, skipped, payload_kg, progress or (lambda _done, _steps: None))
+        walk = _Walk(program, robot, wrong, payload_kg, progress or (lambda _done, _steps: None))
         walk.run(begin)
-        of_motions = [*walk.refused, *walk.found]
-    in_steps = [*wrong, *broken, *of_motions]
+        in_steps += [*walk.refused, *walk.found]
     return findings + sorted(in_steps, key=lambda finding: -1 if finding.step is None else finding.step)
 
 
-def _value_findings(program: Program, robot: Robot) -> Iterator[ProgramFinding]:
+def _value_findings(program: Program, robot: Robot) -> Iterator[tuple[int, str]]:
     for index, step in enumerate(program.steps):
         try:
             # A file's values were checked when it was decoded; a program made in Python is checked here only.
@@ -124,25 +113,13 @@ def _value_findings(program: Program, robot: Robot) -> Iterator[ProgramFinding]:
             written.require_numbers()
             step.check(robot)
         except ArmctlError as cause:
-            yield ProgramFinding(index, str(cause))
+            yield index, str(cause)
 
 
 _TOGETHER, _ALONE = 32, 2
 """So many motions are checked at once, and so few one by one: 10,000 steps take a quarter of the time."""
 
 
-@dataclass(frozen=True, slots=True)
-class _Pass:
-    """A pass of a repeat block that is being walked through."""
-
-    begin: int
-    """index of the ``repeat``"""
-    entered: FloatArray | None
-    """(n,) where the block was entered [rad]"""
-    first: bool
-
-
-@dataclass
 class _Walk:
     """Plans the motions of a program from step to step, two passes of each block.
 
@@ -150,30 +127,32 @@ class _Walk:
     before is not walked again: blocks in blocks cost no more than their steps.
     """
 
-    program: Program
-    robot: Robot
-    skipped: frozenset[int]
-    """steps that are wrong in themselves"""
-    payload_kg: float | None
-    progress: Callable[[int, int], None]
-    refused: list[ProgramFinding] = field(default_factory=list[ProgramFinding])
-    """motions that cannot be planned"""
-    found: list[ProgramFinding] = field(default_factory=list[ProgramFinding])
-    """what the pre-flight found in the others"""
-    _planned: list[tuple[int, MotionStep, Trajectory]] = field(
-        default_factory=list[tuple[int, MotionStep, Trajectory]]
-    )
-    """motions that the pre-flight has not seen yet, each from where the one before ends"""
-    _known: dict[tuple[int, bytes], FloatArray | None] = field(
-        default_factory=dict[tuple[int, bytes], FloatArray | None]
-    )
-    """where a step or a block ends that was entered somewhere"""
-    _told: set[tuple[int, str, str]] = field(default_factory=set[tuple[int, str, str]])
+    def __init__(
+        self,
+        program: Program,
+        robot: Robot,
+        skipped: Container[int],
+        payload_kg: float | None,
+        progress: Callable[[int, int], None],
+    ) -> None:
+        """``skipped``: indices of the steps that are wrong in themselves."""
+        self.program, self.robot, self.skipped = program, robot, skipped
+        self.payload_kg, self.progress = payload_kg, progress
+        self.refused: list[ProgramFinding] = []
+        """motions that cannot be planned"""
+        self.found: list[ProgramFinding] = []
+        """what the pre-flight found in the others"""
+        self._planned: list[tuple[int, MotionStep, Trajectory]] = []
+        """motions that the pre-flight has not seen yet, each from where the one before ends"""
+        self._known: dict[tuple[int, bytes], FloatArray | None] = {}
+        """where a step or a block ends that was entered somewhere"""
+        self._reported: set[tuple[int, str, str]] = set()
 
-    def run(self, start: FloatArray | None) -> None:
-        """Walk through the program from ``start`` (n,) [rad]; None: not known."""
-        steps, cursor = self.program.steps, Cursor(self.program)
-        q, passes, done = start, list[_Pass](), 0
+    def run(self, q: FloatArray | None) -> None:
+        """Walk through the program from ``q`` (n,) [rad]; None: not known."""
+        steps, cursor, done = self.program.steps, Cursor(self.program), 0
+        passes: list[tuple[int, FloatArray | None, bool]] = []
+        """of the open blocks: the ``repeat``, where it was entered, and whether it is the first pass"""
         second = False  # inside a second pass; the blocks in it are walked through once
         while (index := cursor.advance()) is not None:
             step, done = steps[index], max(done, index + 1)
@@ -185,18 +164,18 @@ class _Walk:
                     q = self._known[index, _key(q)]
                     cursor.leave(index)
                 else:
-                    passes.append(_Pass(index, q, first=True))
+                    passes.append((index, q, True))
             elif isinstance(step, EndStep):
-                over = passes.pop()
-                repeat = steps[over.begin]
-                again = over.first and isinstance(repeat, RepeatStep) and repeat.times > 1
-                if again and not second and _key(q) != _key(over.entered):
-                    passes.append(_Pass(over.begin, over.entered, first=False))
+                begin, entered, first = passes.pop()
+                repeat = steps[begin]
+                again = first and not second and isinstance(repeat, RepeatStep) and repeat.times > 1
+                if again and _key(q) != _key(entered):
+                    passes.append((begin, entered, False))
                     second = True
                 else:
-                    second = second and over.first
-                    self._known[over.begin, _key(over.entered)] = q
-                    cursor.leave(over.begin)
+                    second = second and first
+                    self._known[begin, _key(entered)] = q
+                    cursor.leave(begin)
         self._flush()
 
     def _add(self, index: int, step: MotionStep, trajectory: Trajectory) -> None:
@@ -220,28 +199,26 @@ class _Walk:
                 self._look_at(planned[half:])
             return
         for index, step, trajectory in planned:
-            for finding in preflight(self.robot, trajectory, self.payload_kg, tool_path=step.leads_tool):
-                told = (index, finding.kind, finding.part)
-                if told not in self._told:  # the same of a block's second pass
-                    self._told.add(told)
-                    self.found.append(ProgramFinding.of(index, finding))
+            for one in preflight(self.robot, trajectory, self.payload_kg, tool_path=step.leads_tool):
+                fact = (index, one.kind, one.part)
+                if fact not in self._reported:  # the same of a block's second pass
+                    self._reported.add(fact)
+                    text = (one.what, one.time, one.part, one.mend)
+                    self.found.append(ProgramFinding(index, *text, one.kind, one.severity))
 
     def _clear_together(self, trajectories: list[Trajectory], step: MotionStep) -> bool:
         """Whether nothing is found in motions that follow each other, all of the kind of ``step``.
 
         What the arm touches at its start it may touch later on: there, each motion is looked at by itself.
         """
-        robot = self.robot
-        start = LinkFrames.at(robot.chain, trajectories[0].start[None])
-        sources = (Floor(robot), Obstacles(robot), SelfCollision(robot))
-        if any((source.gaps(start) < 0).any() for source in sources):
+        robot, motion = self.robot, JoinedTrajectory(trajectories)
+        start = LinkFrames.at(robot.chain, motion.start[None])
+        if any((source(robot).gaps(start) < 0).any() for source in (Floor, Obstacles, SelfCollision)):
             return False
         ends = np.array([trajectory.end for trajectory in trajectories])
         if isotropy_of(robot, robot.jacobian(ends))[0].min() < NEAR:
             return False
-        return not preflight(
-            robot, JoinedTrajectory(trajectories), self.payload_kg, tool_path=step.leads_tool
-        )
+        return not preflight(robot, motion, self.payload_kg, tool_path=step.leads_tool)
 
     def _after(self, index: int, step: MotionStep, q: FloatArray | None) -> FloatArray | None:
         """Where a moving step ends that starts at ``q``; None where that is not known."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 from typing import Literal, cast, get_args, get_type_hints
@@ -27,6 +27,12 @@ class Field:
 
 
 KeyForm = Literal["number", "integer", "numbers", "text", "choice"]
+_FORMS: dict[type[inspect.Type], KeyForm] = {
+    inspect.LiteralType: "choice",
+    inspect.FloatType: "number",
+    inspect.IntType: "integer",
+    inspect.VarTupleType: "numbers",
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,6 +45,8 @@ class Key:
     choices: tuple[str, ...]
     optional: bool
     """it may be left open"""
+    default: object
+    """``msgspec.NODEFAULT`` where it must be given"""
 
     @property
     def head(self) -> str:
@@ -50,37 +58,16 @@ class Key:
 def keys_of(kind: type[msgspec.Struct]) -> tuple[Key, ...]:
     """The keys of a kind of step, in the order of their fields and columns."""
     hints = get_type_hints(kind, include_extras=True)
-    record = cast("inspect.StructType", inspect.type_info(kind))
     keys: list[Key] = []
-    for one in record.fields:
+    for one in cast("inspect.StructType", inspect.type_info(kind)).fields:
         plain, *extras = get_args(hints[one.name]) or (hints[one.name],)
         shown = next((extra for extra in extras if isinstance(extra, Field)), Field(one.name))
         types = one.type.types if isinstance(one.type, inspect.UnionType) else (one.type,)
         optional = any(isinstance(part, inspect.NoneType) for part in types)
-        form = "choice" if shown.choices else _form(types[0])
+        form = "choice" if shown.choices else _FORMS.get(type(types[0]), "text")
         choices = shown.choices or (get_args(plain) if form == "choice" else ())
-        keys.append(Key(one.name, shown, form, choices, optional))
+        keys.append(Key(one.name, shown, form, choices, optional, one.default))
     return tuple(sorted(keys, key=lambda key: key.field.place))
-
-
-@cache
-def defaults_of(kind: type[msgspec.Struct]) -> Mapping[str, object]:
-    """Every key of a kind of step and its default, or ``msgspec.NODEFAULT``."""
-    return {field.name: field.default for field in msgspec.structs.fields(kind)}
-
-
-def _form(node: inspect.Type) -> KeyForm:
-    match node:
-        case inspect.LiteralType():
-            return "choice"
-        case inspect.FloatType():
-            return "number"
-        case inspect.IntType():
-            return "integer"
-        case inspect.VarTupleType():
-            return "numbers"
-        case _:
-            return "text"
 
 
 def literal(value: object) -> str:
@@ -90,9 +77,7 @@ def literal(value: object) -> str:
             return repr(value)
         case float():
             return repr(float(value))
-        case list():
-            return f"[{', '.join(map(literal, cast('list[object]', value)))}]"
-        case tuple():
-            return f"({', '.join(map(literal, cast('tuple[object, ...]', value)))})"
+        case list() | tuple():
+            return f"[{', '.join(map(literal, cast('Sequence[object]', value)))}]"
         case _:
             return repr(str(value))

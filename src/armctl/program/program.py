@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import accumulate
@@ -80,99 +81,114 @@ class Blocks:
         return first, last
 
 
-# Editing a program: pure functions, each gives a new program.
+# Editing a program: each function gives a new program and the index of the row to select in it.
+
+PLACES = (
+    "at the end",
+    "before the selected row",
+    "after the selected row",
+    "in place of the selected row",
+)
+Change = tuple[Program, int]
+_RANGE = re.compile(r"\s*(\d{1,6})\s*(?:(?:-|–|…|to)\s*(\d{1,6})\s*)?")
 
 
-def insert(program: Program, index: int, step: Step) -> Program:
-    """``step`` before the step that is now at ``index``; at ``len(steps)`` it is appended.
+def add(program: Program, step: Step, where: str, selected: int) -> Change:
+    """A step goes to one of the ``PLACES``.
+
+    A step put before the selected row leaves that row selected, one put after it is selected itself, so
+    that several come out in the order in which they were added.
+    """
+    end, before, after, _ = PLACES
+    if where == end or not program.steps:
+        return _spliced(program, len(program.steps), 0, (step,)), len(program.steps)
+    if where == before:
+        return _spliced(program, selected, 0, (step,)), selected + 1
+    if where == after:
+        return _spliced(program, selected + 1, 0, (step,)), selected + 1
+    return replace(program, selected, step)
+
+
+def replace(program: Program, row: int, step: Step) -> Change:
+    """``step`` instead of the one in a row."""
+    return _spliced(program, row, 1, (step,)), row
+
+
+def delete(program: Program, row: int) -> Change:
+    """Without a row; one marker of a block takes the other with it, what it repeated stays.
+
+    The next row is selected, or the last.
+    """
+    _require_row(program, row)
+    first, last = Blocks.of(program.steps).whole(row)
+    steps = tuple(step for i, step in enumerate(program.steps) if i not in (first, last))
+    selected = row - 1 if first < row else row
+    return _with(program, steps), max(min(selected, len(steps) - 1), 0)
+
+
+def move(program: Program, row: int, by: int) -> Change:
+    """A row up (-1) or down (+1).
 
     Raises:
-        ProgramError: no such place.
+        ProgramError: it is the first or the last already.
     """
-    if not 0 <= index <= len(program.steps):
-        raise ProgramError(f"a step cannot be inserted at {index + 1}; the program has {_size(program)}")
-    return _with(program, (*program.steps[:index], step, *program.steps[index:]))
+    _require_row(program, row)
+    if not 0 <= row + by < len(program.steps):
+        raise ProgramError(f"row {row + 1} is the {'first' if by < 0 else 'last'} one already")
+    steps = list(program.steps)
+    steps.insert(row + by, steps.pop(row))
+    return _with(program, tuple(steps)), row + by
 
 
-def replace(program: Program, index: int, step: Step) -> Program:
-    """``step`` instead of the one at ``index``.
-
-    Raises:
-        ProgramError: no such step.
-    """
-    _check(program, index)
-    return _with(program, (*program.steps[:index], step, *program.steps[index + 1 :]))
-
-
-def delete(program: Program, index: int) -> Program:
-    """Without the step at ``index``; one marker of a block takes the other with it, what it repeated stays.
-
-    Raises:
-        ProgramError: no such step.
-    """
-    _check(program, index)
-    gone = Blocks.of(program.steps).whole(index)
-    return _with(program, tuple(step for i, step in enumerate(program.steps) if i not in gone))
-
-
-def duplicate(program: Program, index: int) -> Program:
-    """With a copy of the step at ``index`` behind it; of a block's marker, the whole block behind its end.
-
-    Raises:
-        ProgramError: no such step.
-    """
-    _check(program, index)
-    first, last = Blocks.of(program.steps).whole(index)
+def duplicate(program: Program, row: int) -> Change:
+    """A copy of a row behind it, or of the whole block that it begins or ends; the copy is selected."""
+    _require_row(program, row)
+    first, last = Blocks.of(program.steps).whole(row)
     copied = program.steps[first : last + 1]
-    return _with(program, (*program.steps[: last + 1], *copied, *program.steps[last + 1 :]))
+    return _spliced(program, last + 1, 0, copied), row + len(copied)
 
 
-def repeat(program: Program, first: int, last: int, times: int) -> Program:
-    """With the steps ``first`` ... ``last`` in a block that runs ``times`` times.
+def repeat(program: Program, rows: str, selected: int, times: int) -> Change:
+    """The rows of a range, e.g. ``2-5``, in a block that runs ``times`` times; empty: the selected row.
 
     Raises:
-        ProgramError: no such steps, a number of times that cannot be, or a range that cuts another block.
+        InputError: the range cannot be read.
+        ProgramError: no such rows, a number of times that cannot be, or a range that cuts another block.
     """
-    _check(program, first)
-    _check(program, last)
+    first = last = selected
+    if rows.strip():
+        match = _RANGE.fullmatch(rows)
+        if match is None:
+            raise InputError(f"rows to repeat: {rows.strip()[:40]!r} is no range of rows; write e.g. 2-5")
+        first, last = int(match[1]) - 1, int(match[2] or match[1]) - 1
+    for row in (selected, first, last):
+        _require_row(program, row)
     if last < first:
         raise ProgramError(f"a block cannot go from step {first + 1} back to step {last + 1}")
     if not 1 <= times <= MOST_REPEATS:
         raise ProgramError(f"a block repeats 1 … {MOST_REPEATS} times, not {times}")
     blocks = Blocks.matched(program.steps)
-    for index in range(first, last + 1):
-        begin, end = blocks.whole(index)
+    for row in range(first, last + 1):
+        begin, end = blocks.whole(row)
         if begin < first or last < end:
             raise ProgramError(
                 f"steps {first + 1} … {last + 1} cut the block of steps {begin + 1} … {end + 1}; "
                 "take all of it, or none"
             )
-    steps = program.steps
-    inside = steps[first : last + 1]
-    return _with(program, (*steps[:first], RepeatStep(times=times), *inside, EndStep(), *steps[last + 1 :]))
+    inside = program.steps[first : last + 1]
+    return _spliced(program, first, len(inside), (RepeatStep(times=times), *inside, EndStep())), first
 
 
-def move(program: Program, index: int, to: int) -> Program:
-    """The step at ``index`` taken out and put back so that it ends up at ``to``.
-
-    Raises:
-        ProgramError: no such step or no such place.
-    """
-    _check(program, index)
-    _check(program, to)
-    steps = list(program.steps)
-    steps.insert(to, steps.pop(index))
-    return _with(program, tuple(steps))
+def _require_row(program: Program, row: int) -> None:
+    if not program.steps:
+        raise ProgramError("the list is empty; record a pose first")
+    if not 0 <= row < len(program.steps):
+        raise ProgramError(f"there is no row {row + 1}; the program has {len(program.steps)}")
 
 
-def _check(program: Program, index: int) -> None:
-    if not 0 <= index < len(program.steps):
-        raise ProgramError(f"there is no step {index + 1}; the program has {_size(program)}")
-
-
-def _size(program: Program) -> str:
-    count = len(program.steps)
-    return "1 step" if count == 1 else f"{count} steps"
+def _spliced(program: Program, at: int, removed: int, steps: tuple[Step, ...]) -> Program:
+    """With ``steps`` instead of as many as are ``removed`` from ``at`` on."""
+    return _with(program, (*program.steps[:at], *steps, *program.steps[at + removed :]))
 
 
 def _with(program: Program, steps: tuple[Step, ...]) -> Program:
@@ -190,12 +206,7 @@ class Cursor:
     """
 
     def __init__(self, program: Program, first: int = 0) -> None:
-        """Stand before a step.
-
-        Args:
-            program: whose steps.
-            first: index of the step to begin with. Inside a block, this is the first of the block's
-                passes; on its ``end``, that pass is over at once.
+        """Stand before the step ``first``: inside a block in its first pass, which its ``end`` ends at once.
 
         Raises:
             ProgramError: a ``repeat`` without ``end`` or the reverse; names the step.

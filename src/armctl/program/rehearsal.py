@@ -47,25 +47,15 @@ class RehearsedState:
     """of the step"""
 
 
+@dataclass(frozen=True, slots=True, eq=False)
 class Rehearsal:
-    """Steps one after another. Immutable."""
+    """Steps one after another, at least one."""
 
-    def __init__(
-        self, steps: tuple[RehearsedStep, ...], *, cut: bool = False, broken: PlannedStep | None = None
-    ) -> None:
-        """Take at least one step.
-
-        Raises:
-            ProgramError: no step.
-        """
-        if not steps:
-            raise ProgramError("there is nothing to rehearse")
-        self.steps = steps
-        self.cut = cut
-        """there is more of the program than was asked for"""
-        self.broken = broken
-        """the step after these, which cannot be run; None: all can"""
-        self._begins = [step.begins for step in steps]
+    steps: tuple[RehearsedStep, ...]
+    cut: bool = False
+    """there is more of the program than was asked for"""
+    broken: PlannedStep | None = None
+    """the step after these, which cannot be run; None: all can"""
 
     @property
     def duration(self) -> float:
@@ -79,9 +69,12 @@ class Rehearsal:
 
     def sample(self, t: float) -> RehearsedState:
         """State at ``t`` [s]; outside the duration it holds the nearer end."""
-        step = self.steps[max(bisect_right(self._begins, t) - 1, 0)]
+        step = self.steps[max(bisect_right(self.steps, t, key=lambda step: step.begins) - 1, 0)]
         passed = min(max(t - step.begins, 0.0), step.duration)
-        return RehearsedState(step.trajectory.sample(passed).q, _opening(step, passed), step.index)
+        (begin, end), opening = step.opening, step.opening[1]
+        if begin is not None and end is not None and step.duration > 0:
+            opening = begin + (end - begin) * passed / step.duration
+        return RehearsedState(step.trajectory.sample(passed).q, opening, step.index)
 
     def tool_path(self, robot: Robot, count: int = 400) -> FloatArray:
         """Tool points (count, 3) [m], evenly spaced in time."""
@@ -94,8 +87,7 @@ def rehearse_pose(robot: Robot, start: FloatArray, end: FloatArray, opening: flo
     Raises:
         MotionRefusedError: outside the limits, or what the pre-flight finds.
     """
-    trajectory = plan_joints(robot, start, end)
-    return Rehearsal((RehearsedStep(0, 0.0, trajectory, (opening, opening)),))
+    return Rehearsal((RehearsedStep(0, 0.0, plan_joints(robot, start, end), (opening, opening)),))
 
 
 def rehearse(
@@ -120,13 +112,15 @@ def rehearse(
         as_far: go as far as a step that cannot be run (``broken``), where there is a step before it.
 
     Raises:
-        ProgramError: another robot's program, no steps, or names the step that cannot be run.
+        ProgramError: another robot's program, nothing to do, or names the step that cannot be run.
     """
     source, state, at = ProgramSource(program), begin_program(robot, program, start), 0.0
     steps: list[RehearsedStep] = []
     while at < longest_s and len(steps) < most_steps:
         planned, state = plan_next(robot, source, state)
         if not planned:
+            if not steps:
+                raise ProgramError("there is nothing to rehearse")
             return Rehearsal(tuple(steps))
         for step in planned:
             if step.error is not None:
@@ -143,24 +137,15 @@ def rehearse(
 def _rehearsed(
     robot: Robot, step: PlannedStep, q: FloatArray, opening: float | None, at: float
 ) -> RehearsedStep:
-    goal, takes = opening, 0.0
     if step.trajectory is not None:
         trajectory: Trajectory = step.trajectory
         if step.percent != 100.0:
             trajectory = SlowedTrajectory(trajectory, 100.0 / step.percent)
         return RehearsedStep(step.index, at, trajectory, (opening, opening))
     effect = step.step.effect
-    if effect.wait_s is not None:
-        takes = effect.wait_s
+    goal, takes = opening, effect.wait_s or 0.0
     if effect.opening is not None:
         goal = effect.opening
         if opening is not None and robot.gripper is not None:
             takes += abs(goal - opening) / robot.gripper.speed
     return RehearsedStep(step.index, at, PointToPoint.lasting(q, q, takes), (opening, goal))
-
-
-def _opening(step: RehearsedStep, passed: float) -> float | None:
-    begin, end = step.opening
-    if begin is None or end is None or step.duration == 0:
-        return end
-    return begin + (end - begin) * passed / step.duration

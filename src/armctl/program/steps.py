@@ -1,7 +1,7 @@
 """The steps of a program: one struct a kind, which says how it is written, shown, checked, planned and run.
 
-Files, the form and the list of the page, CSV columns and scripts are made from what a struct says of itself:
-a new kind of step is a struct here and its entry in ``KINDS``.
+Files, the form, the list and the buttons of the page, CSV columns and scripts are made from what a struct
+says of itself: a new kind of step is a struct here and its entry in ``KINDS``.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Annotated, Any, ClassVar, Union, cast
+from typing import Annotated, Any, ClassVar, Union
 
 import msgspec
 import numpy as np
@@ -24,7 +24,7 @@ from armctl.motion.plan import follow_tool, plan_joints, plan_path, solve
 from armctl.motion.polynomial import PiecewisePolynomial
 from armctl.motion.profiles import NOWHERE, PointToPoint, ProfileName
 from armctl.motion.trajectory import Trajectory
-from armctl.program.keys import Field, Key, defaults_of, keys_of, literal
+from armctl.program.keys import Field, Key, keys_of, literal
 from armctl.robot import Robot
 
 LONGEST_WAIT_S = 86_400
@@ -43,6 +43,8 @@ class Effect:
     """where the gripper goes, 0..1; the joints stand meanwhile"""
     percent: float | None = None
     """speed of the steps after it, on top of the operator's override"""
+    says: str = ""
+    """what the log says when it begins; empty: nothing"""
 
     @property
     def stands(self) -> bool:
@@ -56,7 +58,7 @@ _BLEND_HINT = "How far from its end the tool may turn off to the next step."
 _FASTEST = "Empty: as fast as the limits allow."
 _Seconds = Annotated[float, Meta(ge=0, le=LONGEST_WAIT_S)]
 _Point = Annotated[float, Field("Point mm", _POINT_HINT, 1)]
-_Via = Annotated[float, Field("Via mm", _VIA_HINT, 2)]
+_ViaPoint = Annotated[float, Field("Via mm", _VIA_HINT, 2)]
 _Mode = Annotated[PitchMode, Field("Tool pitch", "Tool pitch on the way.", 3, head="pitch_mode")]
 _Pitch = Annotated[float | None, Field("Pitch °", _PITCH_HINT, 4)]
 _Roll = Annotated[float | None, Field("Roll °", "Tool roll at the end. Empty: as it comes.", 5)]
@@ -65,15 +67,24 @@ _Criterion = Annotated[
 ]
 _Profile = Annotated[ProfileName, Field("Profile", "Law of the motion over time.", 7)]
 _ToolSpeed = Annotated[Annotated[float, Meta(gt=0)] | None, Field("Tool speed mm/s", _FASTEST, 8)]
+_END, _VIA = ("x_mm", "y_mm", "z_mm"), ("via_x_mm", "via_y_mm", "via_z_mm")
+_LED = ("pitch", "pitch_deg", "speed_mm_s", "duration_s", "blend_mm")
+"""arguments of ``Arm.line`` and ``Arm.arc`` beside the points"""
 
 
 class Step(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="do", kw_only=True):
     """What all steps share; in the file, ``do`` names the kind."""
 
     title: ClassVar[str] = ""
-    """of its kind, in the list"""
+    """of its kind, in the list; empty: the kind's name"""
     acts: ClassVar[bool] = True
     """it is executed; comments and the markers of blocks are not"""
+    words: ClassVar[str] = ""
+    """its values for the list, as a format of the step ``{0}``"""
+    call: ClassVar[tuple[str, ...]] = ()
+    """the method of ``Arm`` that does the same, and the keys that are its arguments"""
+    button: ClassVar[tuple[str, ...]] = ()
+    """row and label of the button that records one where the arm stands, and the keys that it records"""
 
     note: Annotated[str, Field("Note", place=99)] = ""
 
@@ -89,7 +100,7 @@ class Step(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="d
 
     def describe(self) -> str:
         """Its values in words, for the list."""
-        return ""
+        return self.words.format(self)
 
     def check(self, robot: Robot) -> None:
         """Refuse what can be refused without planning; the ranges of its values are checked already.
@@ -104,21 +115,23 @@ class Step(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="d
         Raises:
             ProgramError: there is none.
         """
-        raise ProgramError(f"no call of Arm does what a {self.kind!r} step does")
+        if not self.call:
+            raise ProgramError(f"no call of Arm does what a {self.kind!r} step does")
+        name, *keys = self.call
+        return f"{name}({self._arguments(keys)})"
 
-    def _call(self, name: str, *arguments: str) -> str:
-        """A call with keys as arguments; one that is as by default is left out."""
-        defaults = defaults_of(type(self))
-        needed = [key for key in arguments if defaults[key] is msgspec.NODEFAULT]
+    def _arguments(self, names: Sequence[str]) -> str:
+        """Keys as arguments. One that is as by default is left out; the only one needed has no name."""
+        defaults = {key.name: key.default for key in keys_of(type(self))}
+        needed = [name for name in names if defaults[name] is msgspec.NODEFAULT]
         parts: list[str] = []
-        for key in arguments:
-            value: object = getattr(self, key)
-            value = list(cast("tuple[float, ...]", value)) if isinstance(value, tuple) else value
-            if needed == [key]:
+        for name in names:
+            value: object = getattr(self, name)
+            if needed == [name]:
                 parts.append(literal(value))
-            elif value != defaults[key]:
-                parts.append(f"{key}={literal(value)}")
-        return f"{name}({', '.join(parts)})"
+            elif value != defaults[name]:
+                parts.append(f"{name}={literal(value)}")
+        return ", ".join(parts)
 
 
 class MotionStep(Step, frozen=True, kw_only=True):
@@ -131,6 +144,11 @@ class MotionStep(Step, frozen=True, kw_only=True):
     """None: as fast as the limits allow"""
     blend_mm: Annotated[float, Meta(ge=0, le=WIDEST_BLEND_MM), Field("Blend mm", _BLEND_HINT, 10)] = 0.0
     """how far from its end the tool may begin to turn off towards the next step; 0: it stops there"""
+
+    @property
+    def law(self) -> ProfileName:
+        """Of a motion that leads each joint to its goal, over time."""
+        return "cubic"
 
     @property
     def tool_speed(self) -> float | None:
@@ -147,14 +165,6 @@ class MotionStep(Step, frozen=True, kw_only=True):
         """
         raise NotImplementedError
 
-    def plan_leg(self, robot: Robot, leg: Leg, *, checked: bool = True) -> Trajectory:
-        """Its motion from rest to rest along the path of ``leg`` (``checked``: as in ``plan_joints``).
-
-        Raises:
-            MotionRefusedError: as in ``plan_joints``.
-        """
-        raise NotImplementedError
-
     def end(self, robot: Robot) -> FloatArray | None:
         """Where it ends, (n,) [rad], if that does not depend on where it starts; else None.
 
@@ -166,8 +176,8 @@ class MotionStep(Step, frozen=True, kw_only=True):
     def leg(self, robot: Robot, start: FloatArray) -> Leg | None:
         """It as a leg of a blended motion; None where it goes nowhere.
 
-        In a blended motion the step's profile gives way to the speed plan over all legs, and its duration is
-        a shortest one.
+        In a blended motion the speed plan over all legs replaces the step's law, and its duration is a
+        shortest one.
 
         Raises:
             ArmctlError: as ``path``.
@@ -180,6 +190,18 @@ class MotionStep(Step, frozen=True, kw_only=True):
             cap = min(cap, (path.high - path.low) / self.duration_s)
         return Leg(path, self.blend_mm / 1000, cap)
 
+    def plan_leg(self, robot: Robot, leg: Leg, *, checked: bool = True) -> Trajectory:
+        """Its motion from rest to rest along the path of ``leg`` (``checked``: as in ``plan_joints``).
+
+        Raises:
+            MotionRefusedError: as ``plan_joints``.
+        """
+        start, seconds = leg.path(leg.path.low), self.duration_s
+        if self.leads_tool:
+            speed = self.tool_speed
+            return plan_path(robot, start, leg.path, speed=speed, duration_s=seconds, checked=checked)
+        return plan_joints(robot, start, leg.path(leg.path.high), seconds, self.law, checked=checked)
+
     def plan(self, robot: Robot, start: FloatArray, *, checked: bool = True) -> Trajectory:
         """Its motion by itself, from rest at ``start`` (n,) [rad] to rest.
 
@@ -191,32 +213,35 @@ class MotionStep(Step, frozen=True, kw_only=True):
             return PointToPoint.lasting(start, start, self.duration_s or 0.0)
         return self.plan_leg(robot, leg, checked=checked)
 
-    def _way(self, profile: str = "cubic") -> str:
+    def _way(self) -> str:
         """Duration, law and blend radius in words."""
         seconds = "" if self.duration_s is None else f" in {self.duration_s:g} s"
-        law = "" if profile == "cubic" else f", {profile}"
+        law = "" if self.law == "cubic" else f", {self.law}"
         return f"{seconds}{law}{f', blend {self.blend_mm:g} mm' if self.blend_mm else ''}"
 
 
 class MoveStep(MotionStep, frozen=True, kw_only=True, tag="move"):
     """Go to joint angles [degrees], in the order of the robot's joints."""
 
-    title: ClassVar[str] = "pose"
+    title: ClassVar = "pose"
+    call: ClassVar = ("go_joints", "joints_deg", "duration_s", "profile", "blend_mm")
+    button: ClassVar = ("Add step", "Record pose", "joints_deg")
 
     joints_deg: Annotated[tuple[float, ...], Field("Angles °", "One angle a joint, separated by commas.", 0)]
     profile: _Profile = "cubic"
 
+    @property
+    def law(self) -> ProfileName:
+        """The profile."""
+        return self.profile
+
     def describe(self) -> str:
         """Angles and how."""
-        return f"{_listed(self.joints_deg)} °{self._way(self.profile)}"
+        return f"{_listed(self.joints_deg)} °{self._way()}"
 
     def check(self, robot: Robot) -> None:
         """Refuse angles outside the limits, or too few or too many."""
         self.end(robot)
-
-    def script(self) -> str:
-        """``go_joints``."""
-        return self._call("go_joints", "joints_deg", "duration_s", "profile", "blend_mm")
 
     def end(self, robot: Robot) -> FloatArray:
         """The angles [rad]."""
@@ -226,15 +251,12 @@ class MoveStep(MotionStep, frozen=True, kw_only=True, tag="move"):
         """Straight in joint space."""
         return _straight(start, self.end(robot))
 
-    def plan_leg(self, robot: Robot, leg: Leg, *, checked: bool = True) -> Trajectory:
-        """By the profile."""
-        return _by_profile(robot, leg, self.duration_s, self.profile, checked)
-
 
 class PointStep(MotionStep, frozen=True, kw_only=True, tag="point"):
     """Put the tool on a point [mm] by inverse kinematics, joint by joint."""
 
-    title: ClassVar[str] = "point"
+    call: ClassVar = ("go", *_END, "pitch_deg", "roll_deg", "choose", "duration_s", "profile", "blend_mm")
+    button: ClassVar = ("Record tool", "Point", *_END, "pitch_deg", "roll_deg")
 
     x_mm: _Point
     y_mm: _Point
@@ -245,25 +267,24 @@ class PointStep(MotionStep, frozen=True, kw_only=True, tag="point"):
     profile: _Profile = "cubic"
 
     @property
+    def law(self) -> ProfileName:
+        """The profile."""
+        return self.profile
+
+    @property
     def target(self) -> Target:
         """In metres and radians.
 
         Raises:
             InputError: a value that is not finite.
         """
-        point = _metres(self.x_mm, self.y_mm, self.z_mm)
-        return Target.of(point, _radians(self.pitch_deg), _radians(self.roll_deg))
+        return Target.of(_metres(self, _END), _radians(self.pitch_deg), _radians(self.roll_deg))
 
     def describe(self) -> str:
         """Point, pitch, roll and how."""
         pitch = "" if self.pitch_deg is None else f", pitch {_short(self.pitch_deg)}°"
         roll = "" if self.roll_deg is None else f", roll {_short(self.roll_deg)}°"
-        return f"{_point(self.x_mm, self.y_mm, self.z_mm)}{pitch}{roll}{self._way(self.profile)}"
-
-    def script(self) -> str:
-        """``go``."""
-        angles = ("pitch_deg", "roll_deg", "choose", "duration_s", "profile", "blend_mm")
-        return self._call("go", "x_mm", "y_mm", "z_mm", *angles)
+        return f"({_listed(_values(self, _END))}) mm{pitch}{roll}{self._way()}"
 
     def end(self, robot: Robot) -> FloatArray | None:
         """The solution that is chosen; by least travel, it depends on the start."""
@@ -276,16 +297,13 @@ class PointStep(MotionStep, frozen=True, kw_only=True, tag="point"):
         """Straight in joint space to the solution that is chosen."""
         return _straight(start, solve(robot, start, self.target, self.choose))
 
-    def plan_leg(self, robot: Robot, leg: Leg, *, checked: bool = True) -> Trajectory:
-        """By the profile."""
-        return _by_profile(robot, leg, self.duration_s, self.profile, checked)
-
 
 class LineStep(MotionStep, frozen=True, kw_only=True, tag="line"):
     """Lead the tool to a point [mm] in a straight line, on the branch the arm is on."""
 
-    title: ClassVar[str] = "line"
     leads_tool: ClassVar[bool] = True
+    call: ClassVar = ("line", *_END, *_LED)
+    button: ClassVar = ("Record tool", "Line", *_END, "pitch")
 
     x_mm: _Point
     y_mm: _Point
@@ -303,41 +321,32 @@ class LineStep(MotionStep, frozen=True, kw_only=True, tag="line"):
 
     def describe(self) -> str:
         """End, pitch and how."""
-        return f"{_point(self.x_mm, self.y_mm, self.z_mm)}{_led(self)}{self._way()}"
+        return f"({_listed(_values(self, _END))}) mm{_led(self)}{self._way()}"
 
     def check(self, robot: Robot) -> None:
         """Refuse a pitch at the end that does not go with the mode."""
         _check_pitch(self)
 
-    def script(self) -> str:
-        """``line``."""
-        return self._call("line", "x_mm", "y_mm", "z_mm", *_LED)
-
     def path(self, robot: Robot, start: FloatArray) -> PiecewisePolynomial | None:
         """Along the tool's way [m]."""
-        end = _metres(self.x_mm, self.y_mm, self.z_mm)
-        return follow_tool(robot, start, None, end, self.pitch, _radians(self.pitch_deg), self.tool_speed)
-
-    def plan_leg(self, robot: Robot, leg: Leg, *, checked: bool = True) -> Trajectory:
-        """Along the path."""
-        return _along(robot, leg, self.duration_s, self.tool_speed, checked)
+        end, pitch = _metres(self, _END), _radians(self.pitch_deg)
+        return follow_tool(robot, start, None, end, self.pitch, pitch, self.tool_speed)
 
 
 class ArcStep(MotionStep, frozen=True, kw_only=True, tag="arc"):
-    """Lead the tool along a circular arc through a point to another [mm], on the branch the arm is on."""
+    """Lead the tool along a circular arc through a point to another [mm]; the rest as in a line."""
 
-    title: ClassVar[str] = "arc"
     leads_tool: ClassVar[bool] = True
+    button: ClassVar = ("Record tool", "Arc", *_VIA, *_END, "pitch")
 
-    via_x_mm: _Via
-    via_y_mm: _Via
-    via_z_mm: _Via
+    via_x_mm: _ViaPoint
+    via_y_mm: _ViaPoint
+    via_z_mm: _ViaPoint
     x_mm: _Point
     y_mm: _Point
     z_mm: _Point
     pitch: _Mode = "kept"
     pitch_deg: _Pitch = None
-    """as in a line"""
     speed_mm_s: _ToolSpeed = None
 
     @property
@@ -347,8 +356,8 @@ class ArcStep(MotionStep, frozen=True, kw_only=True, tag="arc"):
 
     def describe(self) -> str:
         """End, point on the way, pitch and how."""
-        via = f"via {_point(self.via_x_mm, self.via_y_mm, self.via_z_mm)}"
-        return f"{_point(self.x_mm, self.y_mm, self.z_mm)} {via}{_led(self)}{self._way()}"
+        end, via = _listed(_values(self, _END)), _listed(_values(self, _VIA))
+        return f"({end}) mm via ({via}) mm{_led(self)}{self._way()}"
 
     def check(self, robot: Robot) -> None:
         """Refuse a pitch at the end that does not go with the mode."""
@@ -356,26 +365,21 @@ class ArcStep(MotionStep, frozen=True, kw_only=True, tag="arc"):
 
     def script(self) -> str:
         """``arc``; its points are tuples there."""
-        via = literal((self.via_x_mm, self.via_y_mm, self.via_z_mm))
-        end = literal((self.x_mm, self.y_mm, self.z_mm))
-        others = self._call("", *_LED).strip("()")
-        return f"arc(via_mm={via}, to_mm={end}{f', {others}' if others else ''})"
+        numbers = map(literal, _values(self, (*_VIA, *_END)))
+        points = "via_mm=({}, {}, {}), to_mm=({}, {}, {})".format(*numbers)
+        return f"arc({', '.join(filter(None, (points, self._arguments(_LED))))})"
 
     def path(self, robot: Robot, start: FloatArray) -> PiecewisePolynomial | None:
         """Along the tool's way [m]."""
-        via = _metres(self.via_x_mm, self.via_y_mm, self.via_z_mm)
-        end = _metres(self.x_mm, self.y_mm, self.z_mm)
+        via, end = _metres(self, _VIA), _metres(self, _END)
         return follow_tool(robot, start, via, end, self.pitch, _radians(self.pitch_deg), self.tool_speed)
-
-    def plan_leg(self, robot: Robot, leg: Leg, *, checked: bool = True) -> Trajectory:
-        """Along the path."""
-        return _along(robot, leg, self.duration_s, self.tool_speed, checked)
 
 
 class WaitStep(Step, frozen=True, kw_only=True, tag="wait"):
     """Stand still."""
 
-    title: ClassVar[str] = "wait"
+    words: ClassVar = "{0.seconds:g} s"
+    call: ClassVar = ("wait", "seconds")
 
     seconds: Annotated[_Seconds, Field("Wait time s", head="wait_s")]
 
@@ -384,19 +388,13 @@ class WaitStep(Step, frozen=True, kw_only=True, tag="wait"):
         """The time."""
         return Effect(wait_s=self.seconds)
 
-    def describe(self) -> str:
-        """How long."""
-        return f"{self.seconds:g} s"
-
-    def script(self) -> str:
-        """``wait``."""
-        return self._call("wait", "seconds")
-
 
 class GripperStep(Step, frozen=True, kw_only=True, tag="gripper"):
     """Open the gripper to a percentage: 0 closed, 100 open."""
 
-    title: ClassVar[str] = "gripper"
+    words: ClassVar = "{0.open_percent:g} % open"
+    call: ClassVar = ("gripper", "open_percent")
+    button: ClassVar = ("Add step", "Record gripper", "open_percent")
 
     open_percent: Annotated[
         float, Meta(ge=0, le=100), Field("Open %", "0 closed, 100 open.", head="gripper_percent")
@@ -407,24 +405,17 @@ class GripperStep(Step, frozen=True, kw_only=True, tag="gripper"):
         """The opening."""
         return Effect(opening=self.open_percent / 100)
 
-    def describe(self) -> str:
-        """How far."""
-        return f"{self.open_percent:g} % open"
-
     def check(self, robot: Robot) -> None:
         """Refuse an arm without a gripper."""
         if robot.gripper is None:
             raise ProgramError(f"{robot.name} has no gripper; delete the step")
 
-    def script(self) -> str:
-        """``gripper``."""
-        return self._call("gripper", "open_percent")
-
 
 class SpeedStep(Step, frozen=True, kw_only=True, tag="speed"):
     """Run the steps after it at a percentage of their speed, on top of the operator's override."""
 
-    title: ClassVar[str] = "speed"
+    words: ClassVar = "{0.percent:g} % from here on"
+    call: ClassVar = ("set_speed", "percent")
 
     percent: Annotated[
         float,
@@ -437,43 +428,27 @@ class SpeedStep(Step, frozen=True, kw_only=True, tag="speed"):
         """The percentage."""
         return Effect(percent=self.percent)
 
-    def describe(self) -> str:
-        """How fast."""
-        return f"{self.percent:g} % from here on"
-
-    def script(self) -> str:
-        """``set_speed``."""
-        return self._call("set_speed", "percent")
-
 
 class RepeatStep(Step, frozen=True, kw_only=True, tag="repeat"):
     """Run the steps as far as the matching ``end`` several times."""
 
-    title: ClassVar[str] = "repeat"
     acts: ClassVar[bool] = False
+    words: ClassVar = "{0.times} times"
 
     times: Annotated[int, Meta(ge=1, le=MOST_REPEATS), Field("Times")]
-
-    def describe(self) -> str:
-        """How often."""
-        return f"{self.times} times"
 
 
 class EndStep(Step, frozen=True, kw_only=True, tag="end"):
     """End of the block that the last open ``repeat`` began."""
 
-    title: ClassVar[str] = "end"
     acts: ClassVar[bool] = False
-
-    def describe(self) -> str:
-        """Of what."""
-        return "of the repeat"
+    words: ClassVar = "of the repeat"
 
 
 class CommentStep(Step, frozen=True, kw_only=True, tag="comment"):
     """Nothing: its note is for people."""
 
-    title: ClassVar[str] = "#"
+    title: ClassVar = "#"
     acts: ClassVar[bool] = False
 
 
@@ -505,26 +480,10 @@ def all_keys() -> tuple[Key, ...]:
 
 # What several kinds share.
 
-_LED = ("pitch", "pitch_deg", "speed_mm_s", "duration_s", "blend_mm")
-
 
 def _straight(start: FloatArray, end: FloatArray) -> PiecewisePolynomial | None:
     moves = float(np.abs(end - start).max()) > NOWHERE
     return PiecewisePolynomial([0.0, 1.0], np.stack([start, end - start])[None]) if moves else None
-
-
-def _by_profile(
-    robot: Robot, leg: Leg, duration_s: float | None, profile: ProfileName, checked: bool
-) -> Trajectory:
-    start, end = leg.path(leg.path.low), leg.path(leg.path.high)
-    return plan_joints(robot, start, end, duration_s, profile, checked=checked)
-
-
-def _along(
-    robot: Robot, leg: Leg, duration_s: float | None, speed: float | None, checked: bool
-) -> Trajectory:
-    start = leg.path(leg.path.low)
-    return plan_path(robot, start, leg.path, speed=speed, duration_s=duration_s, checked=checked)
 
 
 def _check_pitch(step: LineStep | ArcStep) -> None:
@@ -535,8 +494,19 @@ def _check_pitch(step: LineStep | ArcStep) -> None:
         )
 
 
-def _metres(x_mm: float, y_mm: float, z_mm: float) -> FloatArray:
-    return np.array([x_mm, y_mm, z_mm]) / 1000
+def _led(step: LineStep | ArcStep) -> str:
+    """Pitch and speed of the tool in words."""
+    pitch = "" if step.pitch_deg is None else f" to {_short(step.pitch_deg)}°"
+    mode = "" if step.pitch == "kept" else f", pitch {step.pitch}{pitch}"
+    return mode if step.speed_mm_s is None else f"{mode}, {_short(step.speed_mm_s)} mm/s"
+
+
+def _values(step: Step, keys: Sequence[str]) -> tuple[float, ...]:
+    return tuple(getattr(step, key) for key in keys)
+
+
+def _metres(step: Step, keys: Sequence[str]) -> FloatArray:
+    return np.array(_values(step, keys)) / 1000
 
 
 def _radians(angle_deg: float | None) -> float | None:
@@ -549,13 +519,3 @@ def _short(value: float) -> str:
 
 def _listed(values: Sequence[float]) -> str:
     return ", ".join(map(_short, values))
-
-
-def _point(x_mm: float, y_mm: float, z_mm: float) -> str:
-    return f"({_listed((x_mm, y_mm, z_mm))}) mm"
-
-
-def _led(step: LineStep | ArcStep) -> str:
-    pitch = "" if step.pitch_deg is None else f" to {_short(step.pitch_deg)}°"
-    mode = "" if step.pitch == "kept" else f", pitch {step.pitch}{pitch}"
-    return mode if step.speed_mm_s is None else f"{mode}, {_short(step.speed_mm_s)} mm/s"

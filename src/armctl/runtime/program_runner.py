@@ -348,9 +348,9 @@ class ProgramFeed:
             if step.moves:
                 goes_on = step.goes_on
         known = self._state.known
-        for k, drawn in enumerate(known):
-            if self.is_outdated(drawn.step):
-                if drawn.step.before.program is None and not goes_on:
+        for k, step in enumerate(known):
+            if self.is_outdated(step):
+                if step.before.program is None and not goes_on:
                     self._plan_from(replace(self._state, known=known[:k]))
                 return
 

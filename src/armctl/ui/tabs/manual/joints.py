@@ -175,12 +175,12 @@ def stepped(robot: Robot, q: FloatArray, joint: int, step_deg: float) -> FloatAr
     return asked
 
 
-def checked_percent(value: float, what: str) -> float:
+def checked_percent(value: float, what: str, low: float = 0) -> float:
     """A percentage.
 
     Raises:
-        InputError: not finite, or outside 0 … 100.
+        InputError: not finite, or outside ``low`` … 100.
     """
-    if not math.isfinite(value) or not 0 <= value <= 100:
-        raise InputError(f"{what}: {value:g} % is outside 0 … 100 %")
+    if not low <= value <= 100:
+        raise InputError(f"{what}: {value:g} % is outside {low:g} … 100 %")
     return float(value)

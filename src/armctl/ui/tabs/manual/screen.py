@@ -7,7 +7,7 @@ from armctl.ui.session import Session
 from armctl.ui.tabs.manual.jog import JogControl
 from armctl.ui.tabs.manual.joints import JointControl
 from armctl.ui.tabs.manual.live_readout import LiveReadout
-from armctl.ui.tabs.program.screen import SerialMotion
+from armctl.ui.tabs.manual.serial_motion import SerialMotion
 
 
 class ManualScreen:

@@ -17,7 +17,7 @@ from armctl.ui.newest import Newest
 from armctl.ui.scene.arm_figure import ArmFigure
 from armctl.ui.scene.ghost import Lines, segments, thicker
 from armctl.ui.session import Session
-from armctl.ui.tabs.program.shared_program import SharedProgram
+from armctl.ui.tabs.manual.shared_program import SharedProgram
 from armctl.ui.widgets.html import LiveHtml
 
 _FRAME_S = 1 / 30

@@ -15,7 +15,7 @@ from armctl.motion import PitchMode, usual_pitch
 from armctl.motion.joint_study import Turning
 from armctl.motion.plan import Passing
 from armctl.ui.session import Session
-from armctl.ui.tabs.program.shared_program import SharedProgram
+from armctl.ui.tabs.manual.shared_program import SharedProgram
 from armctl.ui.tabs.trajectory.plan import (
     ARC,
     JOINT_BY_JOINT,

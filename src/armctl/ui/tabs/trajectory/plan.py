@@ -42,7 +42,7 @@ from armctl.motion.paths.tool_curve import ToolArc, ToolLine
 from armctl.motion.plan import Passing, plan_blended, plan_through, solve_points
 from armctl.motion.timing import PathTrajectory
 from armctl.motion.trajectory import Peaks, peaks_of
-from armctl.program import GripperStep, Program, ProgramFinding
+from armctl.program import Program, ProgramFinding
 from armctl.program.rehearsal import rehearse
 from armctl.robot import Robot
 
@@ -304,7 +304,7 @@ def _program(robot: Robot, asked: MotionRequest, start: FloatArray) -> PlannedMo
     # a drawing that is cut short may end in motion
     findings: list[Finding | ProgramFinding] = list(preflight(robot, whole.trajectory, at_rest=False))
     untimed = sum(
-        isinstance(program.steps[step.index], GripperStep) and step.duration == 0 for step in whole.steps
+        program.steps[step.index].effect.opening is not None and step.duration == 0 for step in whole.steps
     )
     if whole.broken is not None:
         findings.insert(0, ProgramFinding(whole.broken.index, str(whole.broken.error)))

@@ -12,8 +12,8 @@ from armctl.program import Cursor, Program
 from armctl.program.check import ProgramFinding, check_program
 from armctl.runtime import Pause, Resume, RunProgram
 from armctl.ui.session import Session
-from armctl.ui.tabs.program.editor import ProgramEditor
-from armctl.ui.tabs.program.shared_program import SharedProgram
+from armctl.ui.tabs.manual.program_editor import ProgramEditor
+from armctl.ui.tabs.manual.shared_program import SharedProgram
 from armctl.ui.widgets.html import LiveHtml, muted
 from armctl.ui.widgets.verdict_list import first_error, verdict_html
 

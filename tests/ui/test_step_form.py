@@ -18,7 +18,8 @@ from armctl.program import (
     Step,
     WaitStep,
 )
-from armctl.ui.tabs.program.editing import edited, fields_of, shown
+from armctl.program.keys import keys_of
+from armctl.ui.tabs.manual.step_form import by_label, edited, texts_of
 
 MOVE = MoveStep(joints_deg=(0.12345, 90, -80, -40, 0), duration_s=2)
 POINT = PointStep(x_mm=200, y_mm=0, z_mm=85)
@@ -26,17 +27,13 @@ LINE = LineStep(x_mm=200, y_mm=0, z_mm=85)
 
 
 def texts(step: Step, **changes: str) -> dict[str, str]:
-    return {field.label: shown(step, field) for field in fields_of(step)} | changes
-
-
-def labels(step: Step) -> list[str]:
-    return [field.label for field in fields_of(step)]
+    return texts_of(step) | changes
 
 
 def test_each_kind_has_its_fields() -> None:
-    assert labels(MOVE) == ["Angles °", "Profile", "Duration s", "Blend mm", "Note"]
-    assert labels(POINT)[:4] == ["Point mm", "Pitch °", "Roll °", "Choose by"]
-    assert labels(LINE) == [
+    assert list(texts_of(MOVE)) == ["Angles °", "Profile", "Duration s", "Blend mm", "Note"]
+    assert list(texts_of(POINT))[:4] == ["Point mm", "Pitch °", "Roll °", "Choose by"]
+    assert list(texts_of(LINE)) == [
         "Point mm",
         "Tool pitch",
         "Pitch °",
@@ -46,16 +43,16 @@ def test_each_kind_has_its_fields() -> None:
         "Note",
     ]
     arc = ArcStep(via_x_mm=1, via_y_mm=2, via_z_mm=3, x_mm=4, y_mm=5, z_mm=6)
-    assert labels(arc)[:2] == ["Point mm", "Via mm"]
-    assert labels(WaitStep(seconds=1)) == ["Wait time s", "Note"]
-    assert labels(EndStep()) == ["Note"]
+    assert list(texts_of(arc))[:2] == ["Point mm", "Via mm"]
+    assert list(texts_of(WaitStep(seconds=1))) == ["Wait time s", "Note"]
+    assert list(texts_of(EndStep())) == ["Note"]
 
 
 @given(programs(joints=st.just(5)))
 @settings(max_examples=100)
 def test_every_value_of_every_step_has_a_field_and_stays_as_it_is(program: Program) -> None:
     for step in program.steps:
-        keys = [key.name for field in fields_of(step) for key in field.keys]
+        keys = [key.name for field in by_label(keys_of(type(step))).values() for key in field]
         assert sorted(keys) == sorted(step.__struct_fields__)
         assert edited(step, texts(step)) == step
 

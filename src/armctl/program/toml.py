@@ -12,7 +12,7 @@ import tomli_w
 
 from armctl.documents import Document, write_atomically
 from armctl.errors import ProgramError
-from armctl.program.files.csv import read_csv
+from armctl.program.csv import read_csv
 from armctl.program.program import MOST_STEPS, PROGRAM_FILES, Blocks, Program
 from armctl.program.steps import Step, any_step
 from armctl.robot import Robot
@@ -22,17 +22,12 @@ _WRITABLE = (int, float, str, list, tuple, np.generic, np.ndarray)
 
 
 def open_program(path: str | Path, robot: Robot | None = None) -> Program:
-    """Read a program file; its suffix tells the form.
-
-    Args:
-        path: the file.
-        robot: the arm that it is for; only a CSV, which names none, needs it.
+    """Read a program file of any form; only a CSV, which names none, needs the robot that it is for.
 
     Raises:
         ProgramError: cannot be read, and what ``read_program`` refuses.
     """
-    path = Path(path)
-    return PROGRAM_FILES.load(path, lambda content: _read(path, content, robot))
+    return PROGRAM_FILES.load(Path(path), lambda content: _read(PurePath(path), content, robot))
 
 
 def read_program(filename: str, content: bytes, robot: Robot | None) -> Program:
@@ -52,12 +47,12 @@ def _read(name: PurePath, content: bytes, robot: Robot | None) -> Program:
     match name.suffix.lower():
         case ".toml":
             return decode_program(content)
+        case ".csv" if robot is not None:
+            return read_csv(content, robot, name.stem)
+        case ".csv":
+            raise ProgramError("a CSV names no robot; say which one it is for, e.g. --robot uzuner")
         case ".py":
             raise ProgramError(f"is a Python script; run it with Python: python {name.name}")
-        case ".csv":
-            if robot is None:
-                raise ProgramError("a CSV names no robot; say which one it is for, e.g. --robot uzuner")
-            return read_csv(content, robot, name.stem)
         case _:
             raise ProgramError(f"is none of {', '.join(PROGRAM_SUFFIXES)}")
 
@@ -82,9 +77,7 @@ def decode_program(text: bytes | str) -> Program:
 
 
 def checked_program(program: Program) -> Program:
-    """The program as it would be read from its file, for one that was built in Python.
-
-    numpy's numbers and arrays become plain ones.
+    """A program built in Python as it would be read from its file; numpy's numbers become plain ones.
 
     Raises:
         ProgramError: as ``load_program``; names the program, the step and the key.

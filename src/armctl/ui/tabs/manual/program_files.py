@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Awaitable, Callable
-from typing import ParamSpec
 
 import viser
 
@@ -12,11 +11,10 @@ from armctl.errors import ProgramError
 from armctl.program import PROGRAM_SUFFIXES, encode_program, read_program, write_csv, write_script
 from armctl.program.check import ProgramFinding
 from armctl.ui.session import Session
-from armctl.ui.tabs.program.shared_program import SharedProgram
+from armctl.ui.tabs.manual.shared_program import SharedProgram
 from armctl.ui.widgets.html import LiveHtml, muted
 from armctl.ui.widgets.verdict_list import first_error
 
-P = ParamSpec("P")
 _NONE = "(none saved yet)"
 _UPLOAD_NOTE = (
     "Upload takes a program of this robot: .toml, or .csv with units in its head "
@@ -38,15 +36,15 @@ class ProgramFiles:
         gui = session.gui
         self._name = gui.add_text("Name", initial_value=self._named)
         self._keep = gui.add_button_group("This program", ("Save", "Download", "CSV"))
-        self._export = gui.add_button_group("Download as", ("CSV X-Y-Z", "Python"), hint=_EXPORT_HINT)
+        export = gui.add_button_group("Download as", ("CSV X-Y-Z", "Python"), hint=_EXPORT_HINT)
         self._saved = gui.add_dropdown("Saved programs", self._choices())
-        self._load = gui.add_button_group("Chosen one", ("Load",))
+        load = gui.add_button_group("Chosen one", ("Load",))
         suffixes = ",".join(PROGRAM_SUFFIXES)
         self._upload = gui.add_upload_button("Upload", icon=viser.Icon.UPLOAD, mime_type=suffixes)
         LiveHtml(gui, muted(_UPLOAD_NOTE))
         session.on(self._keep.on_click, self._on_keep)
-        session.on(self._export.on_click, self._on_export)
-        session.on(self._load.on_click, self._on_load)
+        session.on(export.on_click, lambda: self._download(export.value))
+        session.on(load.on_click, self._on_load)
         session.on(self._upload.on_upload, self._on_upload)
 
     def refresh(self) -> None:
@@ -64,28 +62,26 @@ class ProgramFiles:
         return tuple(self._shared.saved()) or (_NONE,)
 
     async def _on_keep(self) -> None:
-        program, robot = self._shared.program, self._session.console.robot
-        match self._keep.value:
-            case "Save":
-                await self._save(self._name.value.strip())
-            case "Download":
-                await self._send(".toml", encode_program, program)
-            case _:
-                await self._send(".csv", write_csv, program, robot)
-
-    async def _save(self, name: str) -> None:
+        if self._keep.value != "Save":
+            await self._download(self._keep.value)
+            return
         self._session.require_operator()
-        path = await self._shared.save(name)
+        path = await self._shared.save(self._name.value.strip())
         self.refresh()
         self._saved.value = path.stem  # so that Load brings back this one, not another
         self._session.notify("Saved", str(path))
 
-    async def _on_export(self) -> None:
+    async def _download(self, button: str) -> None:
         program, robot = self._shared.program, self._session.console.robot
-        if self._export.value == "Python":
-            await self._send(".py", write_script, program)
-        else:
-            await self._send("-xyz.csv", write_csv, program, robot, "points")
+        suffix, write = {
+            "Download": (".toml", lambda: encode_program(program)),
+            "CSV": (".csv", lambda: write_csv(program, robot)),
+            "CSV X-Y-Z": ("-xyz.csv", lambda: write_csv(program, robot, "points")),
+            "Python": (".py", lambda: write_script(program)),
+        }[button]
+        text = await asyncio.to_thread(write)
+        name = f"{self._shared.program.name}{suffix}"
+        self._session.client.send_file_download(name, text.encode(), save_immediately=True)
 
     async def _on_load(self) -> None:
         self._session.require_operator()
@@ -115,8 +111,3 @@ class ProgramFiles:
         error = first_error(await self._check())
         if error is not None and not self._session.closed:
             self._session.notify("Cannot run yet", f"{name}: {error}", "yellow")
-
-    async def _send(self, suffix: str, write: Callable[P, str], *args: P.args, **options: P.kwargs) -> None:
-        name = f"{self._shared.program.name}{suffix}"
-        text = await asyncio.to_thread(write, *args, **options)
-        self._session.client.send_file_download(name, text.encode(), save_immediately=True)

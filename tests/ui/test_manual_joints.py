@@ -4,14 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from tests.runtime.kit import make_rig
 
-from armctl.errors import InputError, MotionRefusedError, StateError
-from armctl.hardware import Source
-from armctl.robot import load_robot
-from armctl.runtime import State
+from armctl.errors import InputError, MotionRefusedError
+from armctl.robot import load_robot, shipped_robots
+from armctl.ui.tabs.manual.jog import KEYS, tool_axes, tool_jog
 from armctl.ui.tabs.manual.joints import checked_percent, stepped
-from armctl.ui.tabs.program.record import checked_seconds, present_pose_deg
 from armctl.ui.widgets.events import Hold
 from armctl.ui.widgets.joint_angles import slider_degrees, slider_limits
 
@@ -63,39 +60,10 @@ def test_the_ends_of_a_slider_are_hundredths_inside_the_limits() -> None:
     assert slider_limits(ROBOT)[1].tolist() == [-3.19, 146.83]
 
 
-def test_the_recorded_pose_is_the_commanded_one_while_the_pulses_are_on() -> None:
-    snapshot = make_rig().enable().now
-    assert present_pose_deg(ROBOT, snapshot) == pytest.approx((0, 110, -80, -70, 0))
-
-
-def test_without_pulses_only_a_measured_pose_can_be_recorded() -> None:
-    off = replace(
-        make_rig().now, powered=False, state=State.OFF, source=Source.TRANSMITTED, q=np.full(5, np.nan)
-    )
-    with pytest.raises(StateError, match="the arm is off, so nobody knows where it stands"):
-        present_pose_deg(ROBOT, off)
-    with pytest.raises(StateError, match="nobody knows where it stands"):
-        present_pose_deg(ROBOT, replace(off, source=Source.MEASURED, powered=True))  # motors on, not homed
-    by_hand = replace(off, source=Source.MEASURED, q=np.radians([10.0, 100, -30, -20, 5]))
-    assert present_pose_deg(ROBOT, by_hand) == pytest.approx((10, 100, -30, -20, 5))
-
-
-def test_an_arm_that_nobody_has_enabled_yet_is_recorded_where_its_board_holds_it() -> None:
-    q = np.radians([10.0, 100, -30, -20, 5])
-    found_on = replace(make_rig().now, powered=True, state=State.OFF, source=Source.TRANSMITTED, q=q)
-    assert present_pose_deg(ROBOT, found_on) == pytest.approx((10, 100, -30, -20, 5))
-
-
 @pytest.mark.parametrize("value", [-0.1, 100.5, float("nan"), float("inf")])
 def test_a_percentage_outside_is_refused(value: float) -> None:
     with pytest.raises(InputError, match=r"gripper: .* % is outside 0 … 100 %"):
         checked_percent(value, "gripper")
-
-
-@pytest.mark.parametrize("value", [-1.0, 1e9, float("nan")])
-def test_a_wait_outside_is_refused(value: float) -> None:
-    with pytest.raises(InputError, match=r"a wait of .* s is outside 0 … 86400 s"):
-        checked_seconds(value)
 
 
 def test_one_hold_is_refused_once_and_the_next_one_counts_again() -> None:
@@ -104,3 +72,36 @@ def test_one_hold_is_refused_once_and_the_next_one_counts_again() -> None:
     hold.refuse()
     assert not any(hold.wants(1.0 + 0.05 * k) for k in range(1, 20))
     assert hold.wants(2.5)
+
+
+def test_an_axis_becomes_a_velocity_of_the_tool() -> None:
+    jog = tool_jog("Y", -1.0, 30, "tool")
+    assert jog.linear == pytest.approx([0, -0.03, 0])
+    assert (jog.pitch_rate, jog.roll_rate, jog.frame) == (0.0, 0.0, "tool")
+
+
+@pytest.mark.parametrize(("axis", "rates"), [("Pitch", (15.0, 0.0)), ("Roll", (0.0, 15.0))])
+def test_a_turn_goes_half_a_degree_for_each_millimetre(axis: str, rates: tuple[float, float]) -> None:
+    jog = tool_jog("Pitch" if axis == "Pitch" else "Roll", 1.0, 30, "base")
+    assert np.degrees([jog.pitch_rate, jog.roll_rate]) == pytest.approx(rates)
+    assert not jog.linear.any()
+
+
+def test_no_key_is_used_twice_and_none_that_moves_the_camera() -> None:
+    keys = [key for pair in KEYS for key in pair]
+    assert len(set(keys)) == len(keys)
+    assert not set(keys) & set("WASDQE")
+
+
+@pytest.mark.parametrize("name", shipped_robots())
+def test_every_arm_has_keys_for_all_its_joints_and_axes(name: str) -> None:
+    robot = load_robot(name)
+    assert robot.n <= len(KEYS)
+    assert tool_axes(robot)[:3] == ("X", "Y", "Z")
+    assert len(tool_axes(robot)) <= len(KEYS)
+
+
+def test_a_turn_that_an_arm_has_not_has_no_buttons() -> None:
+    assert tool_axes(load_robot("uzuner")) == ("X", "Y", "Z", "Pitch", "Roll")
+    assert tool_axes(load_robot("mico")) == ("X", "Y", "Z", "Roll")
+    assert tool_axes(load_robot("humanoid")) == ("X", "Y", "Z", "Pitch")

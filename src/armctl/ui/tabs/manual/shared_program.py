@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import re
-from collections.abc import Callable
 from pathlib import Path
 from typing import Literal, Self
 
@@ -21,10 +20,7 @@ Relation = Literal["running", "coming", "other"]
 
 
 class SharedProgram:
-    """The program and the folder of saved ones. Used on the web server's event loop only.
-
-    Others only read its attributes.
-    """
+    """The program and the folder of saved ones. Used on the web server's event loop only."""
 
     def __init__(self, robot: str, folder: Path) -> None:
         self.program = Program(robot=robot, name="untitled")
@@ -53,42 +49,31 @@ class SharedProgram:
             return "running"
         return "coming" if progress.coming.steps == steps else "other"
 
-    def edit(self, change: Callable[[Program], Program]) -> None:
-        """Replace the program by ``change(program)``; what that raises changes nothing.
+    def edit(self, changed: Program) -> None:
+        """Replace the program.
 
         Raises:
-            ProgramError: the blocks of the new one do not match; names the step.
+            ProgramError: the blocks of the new one do not match; names the step, and nothing changes.
         """
-        changed = change(self.program)
         if changed != self.program:
             Blocks.matched(changed.steps)
             self._undo = [*self._undo[1 - _UNDO_STEPS :], self.program]
             self._redo.clear()
-            self._put(changed)
+            self._show(changed)
 
-    def undo(self) -> None:
-        """Take the last change back.
-
-        Raises:
-            ProgramError: there is nothing to take back.
-        """
-        if not self._undo:
-            raise ProgramError("there is nothing to undo")
-        self._redo.append(self.program)
-        self._put(self._undo.pop())
-
-    def redo(self) -> None:
-        """Make the change again that was taken back last.
+    def undo(self, *, redo: bool = False) -> None:
+        """Take the last change back; ``redo``: make the change again that was taken back last.
 
         Raises:
-            ProgramError: none was taken back since the last edit.
+            ProgramError: there is none.
         """
-        if not self._redo:
-            raise ProgramError("there is nothing to redo")
-        self._undo.append(self.program)
-        self._put(self._redo.pop())
+        source, other = (self._redo, self._undo) if redo else (self._undo, self._redo)
+        if not source:
+            raise ProgramError(f"there is nothing to {'redo' if redo else 'undo'}")
+        other.append(self.program)
+        self._show(source.pop())
 
-    def _put(self, program: Program) -> None:
+    def _show(self, program: Program) -> None:
         self.program = program
         self.version += 1
 
@@ -105,7 +90,7 @@ class SharedProgram:
         path = self._path(name)
         program = msgspec.structs.replace(self.program, name=name)
         await asyncio.to_thread(self._write, program, path)
-        self.edit(lambda present: msgspec.structs.replace(present, name=name))
+        self.edit(msgspec.structs.replace(self.program, name=name))
         self.version += 1
         return path
 
@@ -123,10 +108,10 @@ class SharedProgram:
         Raises:
             ProgramError: it is another robot's, or its blocks do not match; nothing changes.
         """
-        robot = self.program.robot
-        if program.robot != robot:
-            raise ProgramError(f"the program is for the robot {program.robot!r}, this one is {robot!r}")
-        self.edit(lambda _: program)
+        if program.robot != self.program.robot:
+            ours = self.program.robot
+            raise ProgramError(f"the program is for the robot {program.robot!r}, this one is {ours!r}")
+        self.edit(program)
 
     def _write(self, program: Program, path: Path) -> None:
         try:

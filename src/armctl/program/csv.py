@@ -1,0 +1,364 @@
+"""Programs for spreadsheets: one row a step; a head with units decides what a column means."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import msgspec
+import numpy as np
+
+from armctl.documents import refusal_of
+from armctl.errors import ProgramError
+from armctl.program.keys import keys_of
+from armctl.program.program import MOST_STEPS, PROGRAM_FILES, Blocks, Program
+from armctl.program.steps import MoveStep, PointStep, Step, all_keys, any_step
+from armctl.robot import Robot
+
+CsvForm = Literal["angles", "points"]
+"""angles: every step as it is; points: moves to angles become points of the tool"""
+_UNITS: tuple[dict[str, float], ...] = (
+    {"mm_s": 1.0, "cm_s": 10.0, "m_s": 1000.0},
+    {"mm": 1.0, "cm": 10.0, "m": 1000.0},
+    {"deg": 1.0, "rad": 180 / math.pi},
+    {"s": 1.0, "ms": 0.001},
+    {"percent": 1.0},
+)
+"""units of one measure, the one of the steps first, and their factors to it"""
+_NUMBER, _DO, _JOINTS, _POINT = "step", "do", "joints_deg", ("x_mm", "y_mm", "z_mm")
+"""the running number, which is for people, is not read"""
+_POINTS_PLACE = 2
+"""of the last key of a point among the keys of steps"""
+_EXTRA = {"open_percent": "gripper", "seconds": "wait"}
+"""what a row without ``do`` may ask for behind its motion, and the kind of step that does it"""
+_DIGITS = 6
+_DELIMITERS = (",", ";", "\t")
+_SEPARATOR_LINE = re.compile(r"sep=(.)\r?\n", re.IGNORECASE)
+_NUMBER_TEXT = re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?")
+_WHOLE_TEXT = re.compile(r"[0-9]{1,9}")
+_BEGINS_FORMULA = ("=", "+", "-", "@", "\t", "\r", "\n")
+_GUARD = "'"
+Place = tuple[str, int | None]
+"""a step's key, and which joint it is of, if any"""
+
+
+@dataclass(frozen=True, slots=True)
+class Column:
+    """What one head means."""
+
+    head: str
+    place: Place | None
+    """None: the column is not read"""
+    factor: float | None = None
+    """to the step's unit; None: not a number with a unit"""
+    integer: bool = False
+
+    def value(self, text: str, *, comma: bool) -> float | int | str:
+        """The value of a cell that is not empty; with ``comma``, a decimal point may be written as a comma.
+
+        Raises:
+            ProgramError: not a number, or not finite.
+        """
+        plain = text.strip()
+        if self.factor is None and not self.integer:
+            return text if self.place == ("note", None) else plain
+        plain = plain.replace("−", "-")
+        if self.integer:
+            if _WHOLE_TEXT.fullmatch(plain) is None:
+                raise ProgramError(f"{plain[:40]!r} is not a whole number")
+            return int(plain)
+        if comma and plain.count(",") == 1 and "." not in plain:
+            plain = plain.replace(",", ".")
+        if _NUMBER_TEXT.fullmatch(plain) is None:
+            hint = "; write it without thousands separators and units" if plain[:1].isdigit() else ""
+            if "," in plain and not comma:
+                hint = "; with decimal commas, separate the columns by semicolons"
+            raise ProgramError(f"{plain[:40]!r} is not a number{hint}")
+        value = float(plain) * (self.factor or 1.0)
+        if not math.isfinite(value):
+            raise ProgramError(f"{plain[:40]!r} is too large")
+        return value
+
+
+class Columns:
+    """All heads that are written or can be read for an arm."""
+
+    def __init__(self, joint_names: Sequence[str]) -> None:
+        keys = [key for key in all_keys() if key.name != _JOINTS]
+        self._known = {_NUMBER: Column(_NUMBER, None), _DO: Column(_DO, (_DO, None))}
+        self._units: dict[str, list[str]] = {}
+        """units of each noun"""
+        for key in keys:
+            if key.form == "number":
+                self._add_number(key.head, (key.name, None))
+            else:
+                self._known[key.head] = Column(key.head, (key.name, None), integer=key.form == "integer")
+        taken = {*self._units, *self._known}
+        self._joints = [f"joint_{name}_deg" if name in taken else f"{name}_deg" for name in joint_names]
+        for joint, head in enumerate(self._joints):
+            self._add_number(head, (_JOINTS, joint))
+        self._folded = {head.casefold(): column for head, column in self._known.items()}
+        heads = [_DO, *self._joints, *(key.head for key in keys)]
+        self.written = tuple(self._known[head] for head in heads)
+        """in their order, without the running number"""
+        self._others = [key.head for key in keys if key.field.place > _POINTS_PLACE]
+
+    def find(self, head: str) -> Column | None:
+        """The column of a head, whatever its capitals; None: not known."""
+        return self._known.get(head) or self._folded.get(head.strip().casefold())
+
+    def why_not(self, head: str) -> str:
+        """Why a head is not known: without a unit, with one that does not fit, or what is known instead."""
+        plain = re.sub(r"[\s(\[]+", "_", head.casefold()).rstrip(")]_°")
+        # The longest noun first: "via_x" before "x".
+        for noun in sorted(self._units, key=len, reverse=True):
+            allowed = " or ".join(f"{noun}_{unit}" for unit in self._units[noun])
+            if plain == noun.casefold():
+                return f"column {head!r} has no unit; write {allowed}"
+            if plain.startswith(f"{noun.casefold()}_"):
+                unit = plain[len(noun) + 1 :]
+                return f"column {head!r}: the unit {unit!r} is not known here; write {allowed}"
+        joints, others = ", ".join(self._joints), ", ".join(self._others)
+        return f"column {head!r} is not known; known are {joints}, or x_mm, y_mm, z_mm, also {others}"
+
+    def _add_number(self, head: str, place: Place) -> None:
+        """A column for each unit that a number may have."""
+        self._known[head] = Column(head, place, 1.0)
+        for units in _UNITS:
+            own = f"_{next(iter(units))}"
+            if head.endswith(own):
+                noun = head.removesuffix(own)
+                for unit, factor in units.items():
+                    self._known[f"{noun}_{unit}"] = Column(f"{noun}_{unit}", place, factor)
+                self._units.setdefault(noun, []).extend(units)
+                return
+
+
+def guarded(text: str) -> str:
+    """``text`` with an apostrophe before what a spreadsheet would take for a formula."""
+    return _GUARD + text if text.startswith((*_BEGINS_FORMULA, _GUARD)) else text
+
+
+def unguarded(text: str) -> str:
+    """The text of a cell; an apostrophe that guards nothing stays."""
+    rest = text.removeprefix(_GUARD)
+    return rest if text != rest and rest.startswith((*_BEGINS_FORMULA, _GUARD)) else text
+
+
+def write_csv(program: Program, robot: Robot, form: CsvForm = "angles") -> str:
+    """The program as CSV; ``read_csv`` gives the same steps again.
+
+    With ``points``, a move is written as the point (with tool pitch and roll, where the arm has them) to
+    which its angles lead. Which of the solutions the arm takes there is then chosen when it is run.
+
+    Raises:
+        ProgramError: a move has another number of angles than the arm has joints; names the step.
+    """
+    steps = list(program.steps)
+    for index, step in enumerate(steps):
+        if isinstance(step, MoveStep):
+            if len(step.joints_deg) != robot.n:
+                raise ProgramError(
+                    f"step {index + 1}: {robot.name} has {robot.n} joints, "
+                    f"the step has {len(step.joints_deg)} angles"
+                )
+            if form == "points":
+                steps[index] = _as_point(step, robot)
+    records = [_cells(step) for step in steps]
+    used = {place for record in records for place in record} | {(_DO, None)}
+    if not steps:
+        used |= {(_JOINTS, i) for i in range(robot.n)}
+    columns = [column for column in Columns(robot.joint_names).written if column.place in used]
+    out = io.StringIO()
+    writer = csv.writer(out, lineterminator="\r\n")
+    writer.writerow([_NUMBER, *(guarded(column.head) for column in columns)])
+    for number, record in enumerate(records, 1):
+        writer.writerow([number, *(record.get(column.place, "") for column in columns)])
+    return out.getvalue()
+
+
+def _cells(step: Step) -> dict[Place | None, object]:
+    """What the cells of a step hold; what is as by default is left out."""
+    cells: dict[Place | None, object] = {(_DO, None): step.kind}
+    for key in keys_of(type(step)):
+        value = getattr(step, key.name)
+        if key.name == _JOINTS:
+            cells |= {(_JOINTS, i): angle for i, angle in enumerate(value)}
+        elif value is not None and value != key.default:
+            cells[key.name, None] = guarded(value) if isinstance(value, str) else value
+    return cells
+
+
+def _as_point(step: MoveStep, robot: Robot) -> PointStep:
+    q = np.radians(step.joints_deg)
+    x, y, z = np.round(1000 * robot.forward(q)[:3, 3], _DIGITS).tolist()
+    pitch, roll = (
+        None if angle is None else round(float(np.degrees(angle)), _DIGITS)
+        for angle in robot.inverse_kinematics.pitch_and_roll(q)
+    )
+    shared = {key: getattr(step, key) for key in ("profile", "duration_s", "blend_mm", "note")}
+    return PointStep(x_mm=x, y_mm=y, z_mm=z, pitch_deg=pitch, roll_deg=roll, **shared)
+
+
+def read_csv(text: bytes | str, robot: Robot, name: str = "untitled") -> Program:
+    """A program from a CSV file.
+
+    A row with a ``do`` is one step of that kind. A row without goes to its angles, or to its point; then
+    it sets the gripper and waits, where those columns say so. Columns may be separated by commas,
+    semicolons or tabs; with the latter two, numbers may have decimal commas.
+
+    Args:
+        text: the file.
+        robot: whose joints the heads name.
+        name: of the program; the file does not hold it.
+
+    Raises:
+        ProgramError: an unknown column, a missing or unknown unit, a cell that is missing or no number, a
+            value that is not allowed; names the line and the column.
+    """
+    table = _Table(PROGRAM_FILES.text(text), robot)
+    found = [(line, step) for line, cells in table.rows() for step in table.steps(line, cells)]
+    steps = tuple(step for _, step in found)
+    if not steps:
+        raise ProgramError("the file has no rows below its head")
+    if len(steps) > MOST_STEPS:
+        raise ProgramError(f"it has {len(steps)} steps; a program has {MOST_STEPS} at most")
+    for index, what in Blocks.of(steps).findings:
+        raise ProgramError(f"line {found[index][0]}: {what}")
+    return Program(robot=robot.name, name=name, steps=steps)
+
+
+class _Table:
+    """The columns of a file, and its rows as steps."""
+
+    def __init__(self, text: str, robot: Robot) -> None:
+        self._known = Columns(robot.joint_names)
+        self._joints: list[Place] = [(_JOINTS, i) for i in range(robot.n)]
+        delimiter: str | None = None
+        if match := _SEPARATOR_LINE.match(text):  # Excel's; an empty line in its place keeps the numbers
+            text, delimiter = "\n" + text[match.end() :], match[1]
+        self._delimiter = delimiter or self._best_delimiter(text)
+        self._records = _records(text, self._delimiter)
+        filled = (found for found in self._records if any(map(str.strip, found[1])))
+        line, heads = next(filled, (0, list[str]()))
+        if not heads:
+            raise ProgramError("the file is empty")
+        self._columns = [self._known.find(head) if head.strip() else None for head in map(unguarded, heads)]
+        """None: a column without a head"""
+        for head, column in zip(map(unguarded, heads), self._columns, strict=True):
+            if column is None and head.strip():
+                raise ProgramError(f"line {line}, {self._known.why_not(head.strip())}")
+        self._by_place: dict[Place | None, Column] = {}
+        for column in filter(None, self._columns):
+            if (same := self._by_place.get(column.place)) is not None:
+                what = f"column {column.head!r} says the same as {same.head!r}; keep one of them"
+                raise ProgramError(f"line {line}, {what}")
+            if column.place is not None:
+                self._by_place[column.place] = column
+        self._require_whole(line)
+
+    def rows(self) -> Iterator[tuple[int, dict[Place, float | int | str]]]:
+        """(line, what its cells hold) of each row that is not empty."""
+        for line, cells in self._records:
+            values: dict[Place, float | int | str] = {}
+            for i, text in enumerate(cells):
+                column = self._columns[i] if i < len(self._columns) else None
+                if column is None:
+                    if text.strip():
+                        what = f"{text.strip()[:40]!r} stands in a column without a head"
+                        raise ProgramError(f"line {line}: {what}")
+                    continue
+                text = unguarded(text) if column.factor is None else text
+                if column.place is None or not (text if column.place == ("note", None) else text.strip()):
+                    continue
+                try:
+                    values[column.place] = column.value(text, comma=self._delimiter != ",")
+                except ProgramError as refusal:
+                    raise ProgramError(f"line {line}, column {column.head}: {refusal}") from refusal
+            if values:
+                yield line, values
+
+    def steps(self, line: int, cells: dict[Place, float | int | str]) -> Iterator[Step]:
+        """The steps that a row asks for."""
+        record: dict[str, object] = {key: value for (key, joint), value in cells.items() if joint is None}
+        has_angles = any(place in cells for place in self._joints)
+        if has_angles:
+            for place in self._joints:
+                if place not in cells:
+                    raise ProgramError(f"line {line}, column {self._head(place)}: the cell is empty")
+            record[_JOINTS] = tuple(cells[place] for place in self._joints)
+        if _DO in record:
+            yield self._step(line, record)
+            return
+        has_point = any(key in record for key in _POINT)
+        if has_angles and has_point:
+            what = "both angles and a point; leave one of them empty, or say by 'do' which"
+            raise ProgramError(f"line {line}: {what}")
+        extras = [{_DO: kind, key: record.pop(key)} for key, kind in _EXTRA.items() if key in record]
+        if has_angles or has_point:
+            extras.insert(0, {_DO: "move" if has_angles else "point"})
+        elif not extras and set(record) == {"note"}:
+            extras.append({_DO: "comment"})
+        if not extras:
+            what = "nothing says what to do; fill in the angles, the point, or 'do'"
+            raise ProgramError(f"line {line}: {what}")
+        for extra in extras:  # the first step takes what else the row says
+            yield self._step(line, {**extra, **record})
+            record = {}
+
+    def _step(self, line: int, record: dict[str, object]) -> Step:
+        try:
+            return msgspec.convert(record, any_step())
+        except msgspec.ValidationError as cause:
+            refusal = refusal_of(cause, record, any_step())
+            key, what = refusal.key, refusal.what
+            if key is not None:
+                what = (
+                    f"a {str(record[_DO])!r} step has no such thing" if key in record else "the cell is empty"
+                )
+            elif refusal.place:
+                key = str(refusal.place[0])
+            column = "" if key is None else f", column {self._head((key, 0 if key == _JOINTS else None))}"
+            raise ProgramError(f"line {line}{column}: {what}") from cause
+
+    def _head(self, place: Place) -> str:
+        """The head under which a step's key stands, or would stand."""
+        columns = (*self._by_place.values(), *self._known.written)
+        return next(column.head for column in columns if column.place == place)
+
+    def _require_whole(self, line: int) -> None:
+        """Columns that mean something together only must be there together."""
+        for group in (self._joints, [(key, None) for key in _POINT]):
+            missing = [place for place in group if place not in self._by_place]
+            if missing and len(missing) < len(group):
+                raise ProgramError(f"line {line}: the column {self._head(missing[0])} is missing")
+        if not any(place in self._by_place for place in (*self._joints, (_POINT[0], None), (_DO, None))):
+            angles = f"the joints' angles ({self._head((_JOINTS, 0))} …)"
+            raise ProgramError(f"line {line}: neither {angles} nor a point (x_mm, y_mm, z_mm), nor 'do'")
+
+    def _best_delimiter(self, text: str) -> str:
+        """What splits the head into the most columns that are known."""
+        head = next((line for line in text.splitlines() if line.strip()), "")
+
+        def score(delimiter: str) -> tuple[int, int]:
+            cells = [cell for row in csv.reader([head], delimiter=delimiter) for cell in row]
+            return sum(self._known.find(unguarded(cell)) is not None for cell in cells), len(cells)
+
+        return max(_DELIMITERS, key=score)
+
+
+def _records(text: str, delimiter: str) -> Iterator[tuple[int, list[str]]]:
+    """(line on which it begins, cells) of each record."""
+    reader = csv.reader(io.StringIO(text, newline=""), delimiter=delimiter, strict=True)
+    line = 1
+    try:
+        for cells in reader:
+            yield line, cells
+            line = reader.line_num + 1
+    except csv.Error as cause:
+        raise ProgramError(f"line {line}: cannot be split into cells: {cause}") from cause

@@ -1,1 +1,0 @@
-"""Programs as files: TOML, CSV, Python scripts."""

@@ -1,0 +1,264 @@
+"""Recording steps, and changing the list of the program, by the page that operates."""
+
+from __future__ import annotations
+
+import asyncio
+import math
+from collections.abc import Callable, Mapping
+from functools import partial
+from typing import Any
+
+import numpy as np
+import viser
+
+from armctl.errors import InputError, StateError
+from armctl.motion import usual_pitch
+from armctl.program import CommentStep, Program, SpeedStep, Step, WaitStep, check_program
+from armctl.program import steps as registry
+from armctl.program.program import PLACES, Change, add, delete, duplicate, move, repeat
+from armctl.program.steps import LONGEST_WAIT_S, MOST_REPEATS, SLOWEST_PERCENT
+from armctl.robot import Robot
+from armctl.runtime import Snapshot, UpdateProgram
+from armctl.ui.session import Session
+from armctl.ui.tabs.manual.joints import checked_percent
+from armctl.ui.tabs.manual.shared_program import SharedProgram
+from armctl.ui.widgets.html import LiveHtml, muted, numbers
+from armctl.ui.widgets.joint_angles import slider_degrees
+
+PAGE_ROWS = 15
+"""of the list"""
+EDIT_WAITS = "the edit takes effect at the next pass"
+
+
+class ProgramEditor:
+    """The selected row, and changes of the program: what the parts of the serial motion share on one page."""
+
+    def __init__(self, session: Session) -> None:
+        self._session = session
+        self._shared = session.shared(SharedProgram)
+        self.selected = 0
+        """index of the selected row"""
+        self.page = 0
+        """of the list, from 0"""
+
+    @property
+    def step(self) -> Step | None:
+        """The selected step; None where the list is empty."""
+        steps = self._shared.program.steps
+        return steps[self.selected] if self.selected < len(steps) else None
+
+    def select(self, row: int) -> None:
+        """Select a row, from 0, and turn to its page."""
+        self.selected, self.page = row, row // PAGE_ROWS
+
+    async def change(self, change: Callable[[Program], Change]) -> None:
+        """Change the list and the selection; a program that runs goes on with the change at its next pass.
+
+        Raises:
+            ArmctlError: this page does not operate, the change cannot be made, or the arm cannot go on
+                with it.
+        """
+        self._session.require_operator()
+        changed, selected = change(self._shared.program)
+        runs = await self._take_over(lambda: self._shared.edit(changed))
+        self.select(selected)
+        if runs:  # say before the next pass that the arm would stop in it: only Run checks a program
+            found = await asyncio.to_thread(check_program, changed, self._session.console.robot)
+            error = next((finding for finding in found if finding.severity == "error"), None)
+            if error is not None and self._shared.program is changed:
+                text = f"{error}; edit it, or Undo"
+                self._session.notify("The next pass would stop there", text, "yellow")
+
+    async def undo(self, *, redo: bool = False) -> None:
+        """Take the last change back, or make the change again that was taken back last.
+
+        Raises:
+            ArmctlError: as ``change``; also where there is none.
+        """
+        self._session.require_operator()
+        await self._take_over(lambda: self._shared.undo(redo=redo))
+
+    async def _take_over(self, edit: Callable[[], None]) -> bool:
+        """Edit; if the arm runs what is edited, it is given the new version, too, and this is true."""
+        shared, session = self._shared, self._session
+        runs = shared.relation(session.snapshot.program) in ("running", "coming")
+        edit()
+        if runs:
+            try:
+                await session.submit(UpdateProgram(shared.program))
+            except StateError:
+                if session.snapshot.program is not None:
+                    raise
+                return False  # it has ended meanwhile
+        return runs
+
+
+# Steps made of where the arm is.
+
+SET_VIA, ADD_WAIT = "Set via", "Add wait"
+_ARC, _RECORD = "Arc", "Add step"
+Point = tuple[float, float, float]
+_END, _VIA = ("x_mm", "y_mm", "z_mm"), ("via_x_mm", "via_y_mm", "via_z_mm")
+_DIGITS = 3
+_NOT_KNOWN = {
+    "open_percent": "the gripper has not been told to move yet; press 'Set gripper' first",
+    _VIA[0]: f"an arc needs a point on its way: bring the tool there and press {SET_VIA!r}, "
+    f"then go on to its end and press {_ARC!r}",
+}
+
+
+def recorded_kinds(robot: Robot) -> dict[str, dict[str, type[Step]]]:
+    """Rows of buttons: the label of each, and the kind of step that it records of an arm."""
+    rows: dict[str, dict[str, type[Step]]] = {}
+    for kind in registry.KINDS:
+        if kind.button and (robot.gripper is not None or "open_percent" not in kind.button):
+            row, label, *_ = kind.button
+            rows.setdefault(row, {})[label] = kind
+    return rows
+
+
+def step_here(kind: type[Step], robot: Robot, snapshot: Snapshot, via_mm: Point | None = None) -> Step:
+    """A step of a kind made of where the arm is; ``via_mm``: the point on an arc that was set before.
+
+    Raises:
+        StateError: something of it is not known; says what to do.
+    """
+    keys = kind.button[2:]
+    here: dict[str, Any] = {}
+    if snapshot.gripper is not None:
+        here["open_percent"] = round(100 * snapshot.gripper, 1)
+    if set(keys) - {"open_percent"}:
+        here |= _tool_here(robot, present_pose_deg(robot, snapshot))
+    if via_mm is not None:
+        here |= zip(_VIA, via_mm, strict=True)
+    for key in keys:
+        if key not in here:
+            raise StateError(_NOT_KNOWN[key])
+    return kind(**{key: here[key] for key in keys})
+
+
+def _tool_here(robot: Robot, pose_deg: tuple[float, ...]) -> Mapping[str, Any]:
+    """Keys of steps and their values at a pose; no pitch where the place of the tool decides about it."""
+    mode = usual_pitch(robot)
+    pitch, roll = (
+        None if angle is None else round(math.degrees(angle), _DIGITS) + 0.0
+        for angle in robot.inverse_kinematics.pitch_and_roll(np.radians(pose_deg))
+    )
+    angles = {"pitch": mode, "pitch_deg": None if mode == "free" else pitch, "roll_deg": roll}
+    point = dict(zip(_END, tool_point_mm(robot, pose_deg), strict=True))
+    return {"joints_deg": pose_deg, **point, **angles}
+
+
+def tool_point_mm(robot: Robot, pose_deg: tuple[float, ...]) -> Point:
+    """Where the tool is at a pose [mm], to a micrometre."""
+    x, y, z = (np.round(1000 * robot.forward(np.radians(pose_deg))[:3, 3], _DIGITS) + 0.0).tolist()
+    return x, y, z
+
+
+def present_pose_deg(robot: Robot, snapshot: Snapshot) -> tuple[float, ...]:
+    """The pose to record, in degrees: what the arm was told last; before that, what its board says.
+
+    Raises:
+        StateError: the arm was told nothing, and its board does not know.
+    """
+    q = snapshot.q_command if snapshot.commanded else snapshot.q
+    if np.isfinite(q).all():
+        return tuple(slider_degrees(robot, q))
+    raise StateError(
+        f"the arm is {snapshot.state.value}, so nobody knows where it stands; connect and enable it first"
+    )
+
+
+def checked_seconds(value: float) -> float:
+    """How long to wait [s].
+
+    Raises:
+        InputError: not finite, or outside 0 … 86400.
+    """
+    if not 0 <= value <= LONGEST_WAIT_S:
+        raise InputError(f"a wait of {value:g} s is outside 0 … {LONGEST_WAIT_S} s")
+    return float(value)
+
+
+_EDITS: dict[str, Callable[[Program, int], Change]] = {
+    "Up": lambda program, row: move(program, row, -1),
+    "Down": lambda program, row: move(program, row, 1),
+    "Duplicate": duplicate,
+    "Delete": delete,
+}
+_TOOL_HINT = "Where the tool is: as a point, or as the end of a straight line or of an arc through 'via'."
+
+
+class ProgramRecord:
+    """Buttons that put steps on the list and move them about."""
+
+    def __init__(self, session: Session, editor: ProgramEditor) -> None:
+        self._session = session
+        self._editor = editor
+        self._via_mm: Point | None = None
+        self._kinds: dict[str, type[Step]] = {}
+        gui = session.gui
+        self._where = gui.add_dropdown("New steps go", PLACES, initial_value=PLACES[0])
+        for row, kinds in recorded_kinds(session.console.robot).items():
+            self._kinds |= kinds
+            labels = [*kinds, ADD_WAIT] if row == _RECORD else [*kinds]
+            if _ARC in labels:
+                labels.insert(labels.index(_ARC), SET_VIA)
+            group = gui.add_button_group(row, labels, hint=_TOOL_HINT if _ARC in labels else None)
+            session.on(group.on_click, partial(self._on_record, group))
+            if row == _RECORD:
+                self._seconds = gui.add_number("Wait s", 1.0, min=0.0, max=LONGEST_WAIT_S, step=0.1)
+        self._via = LiveHtml(gui)
+        self._via.visible = False
+        edits = gui.add_button_group("Edit", tuple(_EDITS))
+        undo = gui.add_button_group("Take back", ("Undo", "Redo"))
+        session.on(edits.on_click, lambda: self._edit(_EDITS[edits.value]))
+        session.on(undo.on_click, lambda: editor.undo(redo=undo.value == "Redo"))
+
+    def add_extras(self) -> None:
+        """Add speed, comment and repeat, which are not recorded from the arm, to the present container."""
+        gui = self._session.gui
+        percent = gui.add_number("Step speed %", initial_value=50, min=SLOWEST_PERCENT, max=100, step=1)
+        comment = gui.add_text("Comment", "")
+        rows = gui.add_text("Rows to repeat", "", hint="E.g. 2-5. Empty: the selected row.")
+        times = gui.add_number("How often", initial_value=2, min=1, max=MOST_REPEATS, step=1)
+        group = gui.add_button_group("Add", ("Add speed", "Add comment", "Add repeat"))
+
+        async def on_add() -> None:
+            match group.value:
+                case "Add speed":
+                    speed = checked_percent(percent.value, "speed", SLOWEST_PERCENT)
+                    await self._add(SpeedStep(percent=speed))
+                case "Add comment":
+                    if not comment.value.strip():
+                        raise InputError("Comment is empty; type it first")
+                    await self._add(CommentStep(note=comment.value.strip()))
+                case _:
+                    often = int(times.value)
+                    await self._edit(lambda program, row: repeat(program, rows.value, row, often))
+
+        self._session.on(group.on_click, on_add)
+
+    async def _add(self, step: Step) -> None:
+        """Put a step where new ones go."""
+        where = self._where.value
+        await self._edit(lambda program, row: add(program, step, where, row))
+
+    async def _edit(self, edit: Callable[[Program, int], Change]) -> None:
+        row = self._editor.selected
+        await self._editor.change(lambda program: edit(program, row))
+
+    async def _on_record(self, group: viser.GuiButtonGroupHandle) -> None:
+        robot, snapshot, label = self._session.console.robot, self._session.snapshot, group.value
+        if label == ADD_WAIT:
+            await self._add(WaitStep(seconds=checked_seconds(self._seconds.value)))
+        elif label == SET_VIA:
+            self._session.require_operator()
+            self._via_mm = tool_point_mm(robot, present_pose_deg(robot, snapshot))
+            where = numbers(self._via_mm, 1)
+            self._via.show(muted(f"Arc via ({where}) mm. Bring the tool to the arc's end, then press Arc."))
+        else:
+            await self._add(step_here(self._kinds[label], robot, snapshot, self._via_mm))
+            if label == _ARC:
+                self._via_mm = None
+        self._via.visible = self._via_mm is not None

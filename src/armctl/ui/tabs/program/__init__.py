@@ -1,1 +1,0 @@
-"""Serial motion, on the Manual tab."""

@@ -1,0 +1,113 @@
+"""Recording steps where the arm stands, and the list that shows them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any, cast
+
+import numpy as np
+import pytest
+from tests.runtime.kit import make_rig
+
+from armctl.errors import InputError, StateError
+from armctl.hardware import Source
+from armctl.program import ArcStep, EndStep, GripperStep, LineStep, MoveStep, PointStep, RepeatStep, WaitStep
+from armctl.robot import Robot, load_robot, shipped_robots
+from armctl.runtime import State
+from armctl.ui.tabs.manual.program_editor import (
+    PAGE_ROWS,
+    checked_seconds,
+    present_pose_deg,
+    recorded_kinds,
+    step_here,
+    tool_point_mm,
+)
+from armctl.ui.tabs.manual.serial_motion import step_table
+
+ROBOT = load_robot("uzuner")
+HOME_DEG = (0.0, 90.0, -80.0, -40.0, 0.0)
+
+
+def standing(robot: Robot, gripper: float | None = None) -> Any:
+    """A snapshot of an arm in its first pose."""
+    return SimpleNamespace(commanded=True, q_command=robot.pose("home"), gripper=gripper)
+
+
+@pytest.mark.parametrize("name", shipped_robots())
+def test_a_recorded_point_leads_back_to_where_the_arm_stood(name: str) -> None:
+    robot = load_robot(name)
+    step = cast(PointStep, step_here(PointStep, robot, standing(robot)))
+    pitch, roll = (None if angle is None else np.radians(angle) for angle in (step.pitch_deg, step.roll_deg))
+    solutions = robot.inverse(np.array([step.x_mm, step.y_mm, step.z_mm]) / 1000, pitch=pitch, roll=roll)
+    tip = robot.forward(robot.pose("home"))[:3, 3]
+    assert np.abs(robot.forward(solutions.q)[:, :3, 3] - tip).max() < 5e-6
+
+
+def test_each_kind_records_what_it_says() -> None:
+    here = standing(ROBOT, gripper=0.3)
+    x, y, z = tool_point_mm(ROBOT, HOME_DEG)
+    assert step_here(MoveStep, ROBOT, here) == MoveStep(joints_deg=HOME_DEG)
+    assert step_here(GripperStep, ROBOT, here) == GripperStep(open_percent=30)
+    assert step_here(LineStep, ROBOT, here) == LineStep(x_mm=x, y_mm=y, z_mm=z)
+    assert step_here(ArcStep, ROBOT, here, (1.0, 2.0, 3.0)) == ArcStep(
+        via_x_mm=1, via_y_mm=2, via_z_mm=3, x_mm=x, y_mm=y, z_mm=z
+    )
+    with pytest.raises(StateError, match="an arc needs a point on its way: bring the tool there"):
+        step_here(ArcStep, ROBOT, here)
+    with pytest.raises(StateError, match="the gripper has not been told to move yet"):
+        step_here(GripperStep, ROBOT, standing(ROBOT))
+
+
+def test_an_arm_whose_place_decides_about_its_pitch_lets_it_come_as_it_comes() -> None:
+    mico = load_robot("mico")
+    line, point = (step_here(kind, mico, standing(mico)) for kind in (LineStep, PointStep))
+    assert (cast(LineStep, line).pitch, cast(PointStep, point).pitch_deg) == ("free", None)
+
+
+def test_an_arm_without_a_gripper_has_no_button_for_it() -> None:
+    tool = {"Point": PointStep, "Line": LineStep, "Arc": ArcStep}
+    arm = {"Record pose": MoveStep, "Record gripper": GripperStep}
+    assert recorded_kinds(ROBOT) == {"Add step": arm, "Record tool": tool}
+    assert recorded_kinds(replace(ROBOT, gripper=None))["Add step"] == {"Record pose": MoveStep}
+
+
+def test_the_recorded_pose_is_the_commanded_one_while_the_pulses_are_on() -> None:
+    snapshot = make_rig().enable().now
+    assert present_pose_deg(ROBOT, snapshot) == pytest.approx((0, 110, -80, -70, 0))
+
+
+def test_without_pulses_only_what_the_board_knows_can_be_recorded() -> None:
+    off = replace(make_rig().now, powered=False, state=State.OFF, q=np.full(5, np.nan))
+    with pytest.raises(StateError, match="the arm is off, so nobody knows where it stands"):
+        present_pose_deg(ROBOT, replace(off, source=Source.TRANSMITTED))
+    with pytest.raises(StateError, match="nobody knows where it stands"):
+        present_pose_deg(ROBOT, replace(off, source=Source.MEASURED, powered=True))  # motors on, not homed
+    q = np.radians([10.0, 100, -30, -20, 5])
+    by_hand = replace(off, source=Source.MEASURED, q=q)
+    found_on = replace(off, source=Source.TRANSMITTED, powered=True, q=q)  # the board holds it
+    for known in (by_hand, found_on):
+        assert present_pose_deg(ROBOT, known) == pytest.approx((10, 100, -30, -20, 5))
+
+
+@pytest.mark.parametrize("value", [-1.0, 1e9, float("nan")])
+def test_a_wait_outside_is_refused(value: float) -> None:
+    with pytest.raises(InputError, match=r"a wait of .* s is outside 0 … 86400 s"):
+        checked_seconds(value)
+
+
+def test_a_page_shows_its_rows_only_and_marks_the_selected_and_the_running_one() -> None:
+    steps = [WaitStep(seconds=k) for k in range(2 * PAGE_ROWS)]
+    html = step_table(steps, 1, PAGE_ROWS, PAGE_ROWS + 2)
+    assert html.count("<tr") == PAGE_ROWS
+    assert f"▶ {PAGE_ROWS + 3}<" in html
+    assert (html.count("▶"), html.count("box-shadow")) == (1, 1)
+    assert "▶" not in step_table(steps, 0, 0, PAGE_ROWS + 2)
+
+
+def test_the_list_escapes_notes_indents_blocks_and_says_what_to_do_when_it_is_empty() -> None:
+    assert "<img" not in step_table([WaitStep(seconds=1, note="<img src=x onerror=alert(1)>")], 0, 0, None)
+    assert "Record pose" in step_table([], 0, None, None)
+    wait = WaitStep(seconds=1)
+    rows = step_table([wait, RepeatStep(times=2), wait, EndStep(), wait], 0, None, None).split("<tr")[1:]
+    assert ["padding-left:18px" in row for row in rows] == [False, False, True, False, False]
