@@ -16,7 +16,7 @@ from armctl.kinematics.workspace import (
     smoothed,
 )
 from armctl.kinematics.yaw_pitch_roll.geometry import recognise
-from armctl.kinematics.yaw_pitch_roll.section import PlanarSection, PlaneReach, boundary_arcs, joined
+from armctl.kinematics.yaw_pitch_roll.section import PlanarSection, boundary_arcs, joined, reaches
 from armctl.robot import load_robot
 
 PLANAR = ("uzuner", "abaas", "scorbot", "mico")
@@ -71,7 +71,6 @@ def test_a_millimetre_outside_nothing_is_reached_and_a_millimetre_inside_all_is(
     robot = load_robot(name)
     geometry = recognise(robot.chain)
     assert geometry is not None
-    reach = PlaneReach(geometry, robot.limits)
     section = PlanarSection(geometry, robot.limits)
     q = robot.pose("home")
     T = section.plane(q)
@@ -86,12 +85,12 @@ def test_a_millimetre_outside_nothing_is_reached_and_a_millimetre_inside_all_is(
 
     tried = 0
     for arc in boundary_arcs(geometry, robot.limits):
-        out = (arc.middle - arc.centre) / arc.radius
+        out = (arc.at(0.5) - arc.centre) / arc.radius
         for side in (1, -1):
-            beside = arc.middle + 1e-3 * side * out
-            if reach.contains(np.array([arc.middle + 1e-7 * side * out]))[0]:
-                assert solved(arc.middle + 1e-7 * side * out)
-            elif not reach.contains(np.array([beside]))[0]:
+            beside = arc.at(0.5) + 1e-3 * side * out
+            if reaches(geometry, robot.limits, np.array([arc.at(0.5) + 1e-7 * side * out]))[0]:
+                assert solved(arc.at(0.5) + 1e-7 * side * out)
+            elif not reaches(geometry, robot.limits, np.array([beside]))[0]:
                 tried += 1
                 assert not solved(beside)
     assert tried > 5
@@ -108,13 +107,14 @@ def test_random_arms_are_enclosed_and_their_reach_is_that_of_brute_force() -> No
         lines = tuple(np.column_stack([z.real, z.imag]) for z in joined(arcs, 1e-6))
         assert all(np.array_equal(line[0], line[-1]) for line in lines)
         tips = in_plane(chain, random_q(rng, arm.limits, 400))
-        reach = PlaneReach(geometry, arm.limits)
-        assert reach.contains(tips[:, 0] + 1j * tips[:, 1]).all()
+        assert reaches(geometry, arm.limits, tips[:, 0] + 1j * tips[:, 1]).all()
         outside = tips[crossings(tips, lines) % 2 == 0]
         assert len(outside) == 0 or off_the_lines(outside, lines).max() < 2e-6
         # anywhere else the two rules must agree, too
         anywhere = rng.uniform(-0.9, 0.9, (400, 2)) + np.array([arm.shoulder_r, arm.shoulder_z])
-        differ = reach.contains(anywhere[:, 0] + 1j * anywhere[:, 1]) != (crossings(anywhere, lines) % 2 == 1)
+        differ = reaches(geometry, arm.limits, anywhere[:, 0] + 1j * anywhere[:, 1]) != (
+            crossings(anywhere, lines) % 2 == 1
+        )
         assert not differ.any() or off_the_lines(anywhere[differ], lines).max() < 2e-6
 
 

@@ -44,7 +44,7 @@ from armctl.kinematics.yaw_pitch_roll.geometry import (
 )
 from armctl.kinematics.yaw_pitch_roll.least_rotation import LeastRotation
 from armctl.kinematics.yaw_pitch_roll.orientation import NearestOrientation
-from armctl.kinematics.yaw_pitch_roll.reach import NearestReach, Reach
+from armctl.kinematics.yaw_pitch_roll.reach import Reach
 from armctl.kinematics.yaw_pitch_roll.section import PlanarSection
 
 _NO_PITCH = "this arm's tool does not keep to its vertical plane, so it has no pitch to ask for"
@@ -76,7 +76,7 @@ class YawPitchRollSolver(InverseKinematics):
         self._sweep = FreeJointSweep(geometry, limits) if three else None
         self._least = LeastRotation(geometry, limits) if three else None
         self._orientation = NearestOrientation(chain, geometry, limits, self._planar, self._least)
-        self._reach = Reach(geometry, limits, titles, NearestReach(geometry, limits, self._in_plane))
+        self._reach = Reach(geometry, limits, titles, self._planar, self._in_plane)
 
     @classmethod
     def of(cls, chain: Chain, limits: FloatArray, energy: EnergyModel, titles: Sequence[str]) -> Self | None:
@@ -266,5 +266,5 @@ class YawPitchRollSolver(InverseKinematics):
         return Solutions(self._arm, target, np.array(q), index, least_rotation=optimum)
 
     def _refused(self, target: Target, reason: str | None = None) -> Solutions:
-        why, nearest = self._reach.explain(target, self._planar.at)
+        why, nearest = self._reach.explain(target)
         return Solutions(self._arm, target, (), (), reason=reason or why, nearest_q=nearest)
