@@ -11,7 +11,7 @@ from armctl.ui.tabs.simulation.screen import JointHistory, Trail, legend_html
 from armctl.ui.tabs.simulation.workspace import (
     CloudStore,
     cloud_html,
-    picture_of,
+    in_plane,
     section_svg,
     section_words,
     workspace_cloud,
@@ -128,17 +128,17 @@ def test_the_section_is_drawn_to_scale_with_floor_and_tip(name: str, words: str)
     for pose in ("home", "rest"):
         q = robot.pose(pose)
         T = cloud.section.plane(q)
-        picture = picture_of(robot, T, cloud.section.outline(q), q)
+        outline, arm, floor = in_plane(robot, T, cloud.section.outline(q), q)
         x, y, z = (1000 * robot.forward(q)[:3, 3]).tolist()
-        assert picture.arm[-1] == pytest.approx((np.hypot(x, y), z), abs=1e-6)
-        assert picture.floor == 1000 * robot.floor_z
-        corners = np.concatenate(picture.outline)
+        assert arm[-1] == pytest.approx((np.hypot(x, y), z), abs=1e-6)
+        assert floor == 1000 * robot.floor_z
+        corners = np.concatenate(outline)
         assert corners[:, 1].max() == pytest.approx(
             1000 * cloud.extent.highest, abs=0.3 if name == "abaas" else 15
         )
-        svg = section_svg(picture)
+        svg = section_svg(outline, arm, floor)
         assert svg.count("<path") == 1 and svg.count("<circle") == 1 and ">floor<" in svg
-        assert svg.count("M") == len(picture.outline)
+        assert svg.count("M") == len(outline)
         assert "nan" not in svg
         labels = [float(text.replace("−", "-")) for text in re.findall(r">(−?\d+)</text>", svg)]
         assert min(labels) >= corners.min() - 120 and max(labels) <= corners.max() + 120

@@ -16,7 +16,6 @@ from armctl.robot.shape import (
     PALM,
     TIP_LENGTH,
     TIP_RADIUS,
-    Bar,
     bars,
     reach,
     tool_length,
@@ -34,6 +33,21 @@ def send_pose(node: viser.SceneNodeHandle) -> None:
     position, wxyz = node.position.copy(), node.wxyz.copy()
     node.position, node.wxyz = position + 1.0, np.roll(wxyz, 1)
     node.position, node.wxyz = position, wxyz
+
+
+def add_solid(
+    scene: viser.SceneApi, name: str, solid: Solid, color: Color, opacity: float | None = None
+) -> None:
+    """Draw a solid without shadows."""
+    scene.add_mesh_simple(
+        name,
+        solid.vertices,
+        solid.faces,
+        color=color,
+        opacity=opacity,
+        cast_shadow=False,
+        receive_shadow=False,
+    )
 
 
 _TOOL_COLOR: Color = (90, 90, 95)
@@ -113,18 +127,16 @@ class ArmFigure:
 
     def _draw_links(self) -> None:
         chain, look = self._robot.chain, self._robot.look
+        solid = beam if look.shape == "square" else tube
         shorten = tool_length(chain, look, gripper=self._robot.gripper is not None)
         for bar in bars(chain, shorten):
-            self._draw_bar(bar, look.links[max(bar.link, 0) % len(look.links)])
+            if bar.length > 0.125 * self._width:
+                color = look.links[max(bar.link, 0) % len(look.links)]
+                self._add(f"f{bar.frame}/{bar.name}", solid(bar.start, bar.end, self._width), color)
         axis = 0 if chain.convention == "standard" else 1  # the frame whose z a joint turns about
         for i in chain.joint_rows:
-            solid = drum(self._width * _DRUM_RADIUS[look.shape], self._width * _DRUM_HEIGHT)
-            self._add(f"f{i + axis}/j{i}", solid, look.joints)
-
-    def _draw_bar(self, bar: Bar, color: Color) -> None:
-        if bar.length > 0.125 * self._width:
-            solid = beam if self._robot.look.shape == "square" else tube
-            self._add(f"f{bar.frame}/{bar.name}", solid(bar.start, bar.end, self._width), color)
+            joint = drum(self._width * _DRUM_RADIUS[look.shape], self._width * _DRUM_HEIGHT)
+            self._add(f"f{i + axis}/j{i}", joint, look.joints)
 
     def _draw_tip(self) -> None:
         """A cone along the tool's z axis, its point in the tool point."""
@@ -146,7 +158,4 @@ class ArmFigure:
         return tuple(fingers)
 
     def _add(self, name: str, solid: Solid, color: Color) -> None:
-        self._scene.add_mesh_simple(
-            f"{self._name}/{name}", solid.vertices, solid.faces, color=self._color or color,
-            opacity=self._opacity, cast_shadow=False, receive_shadow=False,
-        )  # fmt: skip
+        add_solid(self._scene, f"{self._name}/{name}", solid, self._color or color, self._opacity)

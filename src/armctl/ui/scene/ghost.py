@@ -1,4 +1,4 @@
-"""What one page draws in its own view beside the arm: ghosts, lines, a mark at the target."""
+"""What one page draws in its own view beside the arm: ghosts and lines."""
 
 from __future__ import annotations
 
@@ -27,9 +27,9 @@ def thicker(robot: Robot, factor: float = _THICKER) -> Robot:
 
 
 class Ghost:
-    """Shows one configuration; built when it is first needed.
+    """One translucent arm, built when it is first needed.
 
-    A page has one ghost, and all its screens use it: it belongs to whoever has shown something last.
+    A page has one, and all its screens use it: it belongs to whoever has shown something last.
     """
 
     def __init__(self, scene: viser.SceneApi, robot: Robot) -> None:
@@ -45,7 +45,7 @@ class Ghost:
         if owner is self._owner:
             return
         before, self._owner, self._lost = self._lost, owner, lost
-        self._hide()
+        self.hide(owner)
         if before is not None:
             before()
 
@@ -61,18 +61,15 @@ class Ghost:
         self._figure.visible = True
 
     def hide(self, owner: object = None) -> None:
-        """Show nothing, if what is shown is ``owner``'s."""
-        if self.shown_by(owner):
-            self._hide()
+        """Show nothing, if the ghost is ``owner``'s."""
+        if self._owner is owner:
+            self.q = None
+            if self._figure is not None:
+                self._figure.visible = False
 
-    def shown_by(self, owner: object = None) -> bool:
+    def shown_by(self, owner: object) -> bool:
         """Whether the ghost is shown, and ``owner``'s."""
         return self.q is not None and self._owner is owner
-
-    def _hide(self) -> None:
-        self.q = None
-        if self._figure is not None:
-            self._figure.visible = False
 
 
 class Preview:
@@ -80,40 +77,36 @@ class Preview:
 
     def __init__(self, ghost: Ghost) -> None:
         self._ghost = ghost
-        self.q: FloatArray | None = None
+        self._q: FloatArray | None = None
         """(n,) what this screen has shown last [rad]; None: nothing"""
 
     @property
     def shown(self) -> bool:
         """Whether this screen's ghost is shown."""
-        return self.q is not None and self._ghost.shown_by(self)
+        return self._q is not None and self._ghost.shown_by(self)
 
     @property
     def taken(self) -> bool:
         """Whether another screen shows something in place of what this one has shown last."""
-        return self.q is not None and not self._ghost.shown_by(self)
+        return self._q is not None and not self._ghost.shown_by(self)
 
     def show(self, q: FloatArray, present: FloatArray) -> None:
         """Show ``q`` (n,) [rad], unless the arm stands there now."""
-        if _same(q, present):
+        if np.abs(q - present).max() < _SAME_RAD:
             self.hide()
-            return
-        self.q = q.copy()
-        self._ghost.show(q, self)
+        else:
+            self._q = q.copy()
+            self._ghost.show(q, self)
 
     def hide(self) -> None:
         """Show nothing, if it is this screen's ghost that is shown."""
-        self.q = None
+        self._q = None
         self._ghost.hide(self)
 
     def refresh(self, present: FloatArray) -> None:
         """Hide the ghost once the arm, at ``present`` (n,) [rad], has come to it."""
-        if self.q is not None and _same(self.q, present):
+        if self._q is not None and np.abs(self._q - present).max() < _SAME_RAD:
             self.hide()
-
-
-def _same(a: FloatArray, b: FloatArray) -> bool:
-    return bool(np.abs(a - b).max() < _SAME_RAD)
 
 
 class BranchGhosts:
@@ -195,22 +188,3 @@ class Lines:
         if self._handle is not None and self._pose is not None:
             self._handle.wxyz = quaternion_wxyz(self._pose[:3, :3])
             self._handle.position = self._pose[:3, 3]
-
-
-_TARGET_COLOR = (214, 51, 108)
-
-
-class TargetMark:
-    """A small ball where a target was asked for."""
-
-    def __init__(self, scene: viser.SceneApi, name: str = "/target") -> None:
-        self._ball = scene.add_icosphere(name, 0.006, color=_TARGET_COLOR, visible=False)
-
-    def show(self, position_m: FloatArray) -> None:
-        """Show the target at a point (3,) [m]."""
-        self._ball.position = position_m
-        self._ball.visible = True
-
-    def hide(self) -> None:
-        """Show none."""
-        self._ball.visible = False

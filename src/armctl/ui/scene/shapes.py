@@ -61,12 +61,9 @@ def _span(start: Point, end: Point) -> FloatArray:
 
 
 def _revolved(radius: ArrayLike, height: ArrayLike, sections: int) -> Solid:
-    """The solid that a profile sweeps out about z.
+    """The solid that a profile sweeps out about z, with so many flat sides.
 
-    Args:
-        radius: (k,) distances from the axis, from the bottom up; the first and the last are on it [m].
-        height: (k,) z of the same points [m].
-        sections: how many flat sides make the round.
+    ``radius`` and ``height`` (k,) [m] go from the bottom up; the first and the last point are on the axis.
     """
     r, z = np.asarray(radius, dtype=np.float64)[1:-1], np.asarray(height, dtype=np.float64)
     angle = np.arange(sections) * (2 * np.pi / sections)

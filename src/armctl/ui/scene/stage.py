@@ -10,7 +10,7 @@ import viser
 from armctl.arrays import FloatArray
 from armctl.robot import Robot
 from armctl.robot.shape import reach as chain_reach
-from armctl.ui.scene.arm_figure import send_pose
+from armctl.ui.scene.arm_figure import add_solid, send_pose
 from armctl.ui.scene.shapes import Point, Solid, beam, block, drum, tube
 
 # Proportions, as fractions of the arm's reach.
@@ -45,17 +45,10 @@ def front(robot: Robot) -> FloatArray:
 def framed(
     points: FloatArray, away: FloatArray, fov: float, aspect: float, filled: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Where a camera stands and looks so that points fill the given part of its picture.
+    """Where a camera stands, and the middle of its picture (3,) [m], with points (k, 3) [m] in view; z is up.
 
-    Args:
-        points: (k, 3) what shall be seen [m].
-        away: (3,) the direction from what is seen to the camera, not along z; of any length.
-        fov: the picture's vertical angle of view [rad].
-        aspect: the picture's width by its height.
-        filled: the part of width or height, whichever is short, that the points may take at most (0 … 1).
-
-    Returns:
-        (3,) the camera's position and (3,) the point in the middle of the picture [m]; z is up in it.
+    ``away`` (3,) is the direction to the camera, not along z; ``fov`` the vertical angle of view [rad];
+    ``aspect`` width by height; ``filled`` the part of the shorter of them that the points may take (0 … 1).
     """
     back = away / np.linalg.norm(away)
     right = np.cross([0.0, 0.0, 1.0], back)
@@ -68,17 +61,6 @@ def framed(
     distance = float((nearer + np.maximum(np.abs(x) / (high * aspect), np.abs(y) / high)).max())
     centre: FloatArray = middle @ axes
     return centre + distance * back, centre
-
-
-def draw_stand(scene: viser.SceneApi, robot: Robot, name: str = "/stand") -> viser.FrameHandle:
-    """Draw the stand; removing the frame that is returned removes all of it."""
-    root = scene.add_frame(name, show_axes=False)
-    for part, solid in stand_parts(robot).items():
-        scene.add_mesh_simple(
-            f"{name}/{part}", solid.vertices, solid.faces, color=robot.look.joints,
-            cast_shadow=False, receive_shadow=False,
-        )  # fmt: skip
-    return root
 
 
 def stand_parts(robot: Robot) -> dict[str, Solid]:
@@ -120,6 +102,7 @@ class Stage:
 
     def __init__(self, scene: viser.SceneApi, robot: Robot) -> None:
         size, floor = reach(robot), floor_size(robot)
+        stand = scene.add_frame("/stand", show_axes=False)
         self._parts = (
             scene.add_grid(
                 "/floor", floor, floor, plane="xy", cell_size=0.05, section_size=0.25,
@@ -129,8 +112,10 @@ class Stage:
             scene.add_frame(
                 "/base_axes", axes_length=0.16 * size, axes_radius=0.005 * size, origin_radius=0.008 * size
             ),
-            draw_stand(scene, robot),
+            stand,
         )  # fmt: skip
+        for part, solid in stand_parts(robot).items():
+            add_solid(scene, f"/stand/{part}", solid, robot.look.joints)
         for part in self._parts:
             send_pose(part)
 
@@ -148,10 +133,7 @@ def floor_size(robot: Robot) -> float:
 def look_at_arm(client: viser.ClientHandle, robot: Robot, covered: int = 0) -> None:
     """Put a page's camera where the whole arm is in view, from the front and the right of its home pose.
 
-    Args:
-        client: the page.
-        robot: the arm.
-        covered: how much of the width that the page has told will be panels [px].
+    ``covered``: how much of the page's width will be panels [px].
     """
     camera, ahead = client.camera, front(robot)
     side = np.array([ahead[1], -ahead[0]])
@@ -164,10 +146,7 @@ def look_at_arm(client: viser.ClientHandle, robot: Robot, covered: int = 0) -> N
 
 
 def in_view(robot: Robot) -> FloatArray:
-    """What is in view at first (k, 3) [m]: home and rest poses, the foot, and what the arm reaches.
-
-    That is how far it is stretched ahead of its base, to both sides and upwards.
-    """
+    """Home and rest poses, the foot, and the arm stretched ahead, to both sides and upwards (k, 3) [m]."""
     size, ahead = reach(robot), front(robot)
     shoulder = float(robot.chain.axes()[0][:2, 2][-1])
     level = size - abs(shoulder)  # the column below the shoulder reaches nowhere

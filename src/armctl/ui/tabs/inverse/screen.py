@@ -14,7 +14,7 @@ from armctl.errors import ArmctlError, InputError, UnreachableError
 from armctl.kinematics import CRITERIA, CRITERION_TEXT, Target, checked_criterion
 from armctl.runtime import MoveJoints, Snapshot
 from armctl.ui.newest import Newest, OneAtATime
-from armctl.ui.scene.ghost import BranchGhosts, Preview, TargetMark
+from armctl.ui.scene.ghost import BranchGhosts, Preview
 from armctl.ui.session import Session
 from armctl.ui.tabs.inverse.answer import (
     PAGE_ROWS,
@@ -39,6 +39,7 @@ _SOLVES_FIRST = "This button solves the changed fields first, then goes at once.
 _OLD_LIST = "The list is of the fields as they were: press Solve first."
 _NOTHING = "Nothing is solved yet."
 _ZOOM_NOTE = "Every solution as the free joint turns; drag across the plot to zoom."
+_MARK_COLOR = (214, 51, 108)
 _MOVED = 1e-4
 _DRAG_PAUSE_S = 0.1
 
@@ -53,7 +54,8 @@ class InverseScreen:
         self._session = session
         self._robot = session.console.robot
         self._preview = Preview(session.ghost)
-        self._mark = TargetMark(session.client.scene, "/inverse_mark")
+        scene = session.client.scene
+        self._mark = scene.add_icosphere("/inverse_mark", 0.006, color=_MARK_COLOR, visible=False)
         self._answer: Answer | None = None
         self._answered: tuple[str | None, ...] = ()
         self._newest = Newest()
@@ -98,7 +100,7 @@ class InverseScreen:
         self._solves_first.visible = self._old_list.visible = self._fields_changed
         self._preview.refresh(snapshot.q_command)
         if not self._preview.shown and not self._branches.as_ghosts:
-            self._mark.hide()
+            self._mark.visible = False
 
     @property
     def _fields_changed(self) -> bool:
@@ -189,7 +191,8 @@ class InverseScreen:
         self._pager.reset(len(solutions), 1 if solutions.success else None)
         self._draw_list(found)
         self._branches.show(found)
-        self._mark.show(solutions.target.position)
+        self._mark.position = solutions.target.position
+        self._mark.visible = True
         self._show_ghost()
         if found.curve is None:
             self._curve.clear()

@@ -17,8 +17,7 @@ from armctl.runtime import Snapshot
 from armctl.ui.console import Console, known
 from armctl.ui.scene.ghost import Lines, segments
 from armctl.ui.session import Session
-from armctl.ui.tabs.simulation.live_target import LiveTarget
-from armctl.ui.tabs.simulation.twin import TwinControl
+from armctl.ui.tabs.simulation.twin import LiveTarget, TwinControl
 from armctl.ui.tabs.simulation.workspace import WorkspaceView
 from armctl.ui.widgets.html import LiveHtml, muted
 
@@ -64,12 +63,12 @@ class SimulationScreen:
         lines = segments(self._trail.since(self._cleared))
         self._line.show(lines[~np.isnan(lines).any(axis=(1, 2))])
 
-    async def _on_joint(self) -> None:
+    def _on_joint(self) -> None:
         chosen = self._joint.value
         with self._graph_box:
             self._graph.choose(None if chosen == ALL else self._titles.index(chosen))
 
-    async def _on_clear(self) -> None:
+    def _on_clear(self) -> None:
         self._cleared = self._trail.count
         self._draw_trail()
 
@@ -147,11 +146,11 @@ class JointHistory:
 
     @property
     def full(self) -> bool:
-        """It reaches back over the whole span."""
+        """Whether it reaches back over the whole span."""
         return bool(self._rows) and self._rows[-1][0] - self._rows[0][0] > 0.98 * SPAN_S
 
     def add(self, stamp: float, q_command: FloatArray, q: FloatArray) -> None:
-        """Add one state (n,) [rad]; one that is older than the span is dropped, as is a second of one stamp.
+        """Add one state (n,) [rad], if it is newer; one that is older than the span is dropped.
 
         Where the board does not know an angle, the commanded one takes its place, as in the drawn arm:
         the page's plot cannot fit a scale to what is no number.
@@ -167,10 +166,9 @@ class JointHistory:
 
     def table(self) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Times since the first state (k,) [s], commanded (k, n) and board angles (k, n) [degrees]."""
-        if not self._rows:
-            return np.zeros(1), np.zeros((1, self._n)), np.zeros((1, self._n))
-        times = np.array([stamp for stamp, _ in self._rows]) - self._first
-        angles = np.array([row for _, row in self._rows])
+        rows = list(self._rows) or [(self._first, np.zeros(2 * self._n))]
+        angles = np.array([row for _, row in rows])
+        times = np.array([stamp for stamp, _ in rows]) - self._first
         return times, angles[:, : self._n], angles[:, self._n :]
 
 
@@ -178,11 +176,9 @@ class JointGraph:
     """The graph on one page; nothing is sent while all that it shows stands still."""
 
     def __init__(self, gui: viser.GuiApi, robot: Robot) -> None:
-        """Add the graph of all joints to the present container."""
         self._gui, self._robot = gui, robot
         self._history = JointHistory(robot.n)
         self._sent_at = -np.inf
-        self._still = False
         self._joints: Sequence[int] = range(robot.n)
         self._legend = LiveHtml(gui)
         self._plot = self._make()
@@ -197,9 +193,7 @@ class JointGraph:
     def add(self, snapshot: Snapshot, standing: FloatArray) -> None:
         """Take a snapshot in and send the graph about five times a second.
 
-        Args:
-            snapshot: of the arm.
-            standing: (n,) where the arm was commanded to be, or else where it was last known [rad].
+        ``standing`` (n,) is where the arm was commanded to be, or else where it was last known [rad].
         """
         self._history.add(snapshot.stamp, standing, snapshot.q)
         if snapshot.stamp - self._sent_at < _PERIOD_S:
@@ -211,28 +205,26 @@ class JointGraph:
             self._plot.data = data
 
     def _data(self) -> tuple[FloatArray, ...]:
-        times, commanded, board = self._history.table()
-        columns = [table[:, i] for table in (commanded, board) for i in self._joints]
-        return (times, *(np.ascontiguousarray(column) for column in columns))
+        times, *tables = self._history.table()
+        return times, *(np.ascontiguousarray(table[:, i]) for table in tables for i in self._joints)
 
     def _make(self) -> viser.GuiUplotHandle:
-        lines = [uplot.Series(label="time")]
-        for dash, width, source in (((), 1.5, ""), ((3, 4), 2.5, " board")):
-            lines += [
-                uplot.Series(
-                    label=f"{self._robot.joints[i].title}{source}",
-                    stroke=_COLORS[i % len(_COLORS)],
-                    width=width,
-                    dash=dash,
-                    points=uplot.Series_Points(show=False),
-                )
-                for i in self._joints
-            ]
+        lines = [
+            uplot.Series(
+                label=f"{self._robot.joints[i].title}{source}",
+                stroke=_COLORS[i % len(_COLORS)],
+                width=width,
+                dash=dash,
+                points=uplot.Series_Points(show=False),
+            )
+            for dash, width, source in (((), 1.5, ""), ((3, 4), 2.5, " board"))
+            for i in self._joints
+        ]
         self._still = False
         self._legend.show(legend_html(self._robot, self._joints))
         return self._gui.add_uplot(
             data=self._data(),
-            series=tuple(lines),
+            series=(uplot.Series(label="time"), *lines),
             # No fixed range: the page fits the angles anew only when the times' ends move with the data.
             scales={"x": uplot.Scale(time=False, auto=True), "y": uplot.Scale(auto=True)},
             axes=(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import math
 from dataclasses import dataclass
-from typing import Literal, Self
+from typing import Self
 
 import numpy as np
 import viser
@@ -20,23 +20,18 @@ from armctl.ui.scene.ghost import Lines, segments
 from armctl.ui.session import Session
 from armctl.ui.widgets.html import LiveHtml, fixed, muted
 
-Colouring = Literal["height", "manipulability"]
-COLOURINGS: tuple[Colouring, ...] = ("height", "manipulability")
-_POINTS = 14_000
-_POINT_SIZE = 0.004
-"""of the reach: small enough to see the arm through the cloud"""
-_LOW, _MIDDLE, _HIGH = (
-    np.array([68.0, 1.0, 84.0]),
-    np.array([33.0, 145.0, 140.0]),
-    np.array([253.0, 231.0, 37.0]),
-)
-_CLOUD_HINT = "Where the tool point can be: a cloud of reachable points."
-_SECTION_HINT = "The workspace cut open in the plane of the base axis and the tool point."
-_COMPUTING = "Computing …"
-_KEYS = {
+_COLOURINGS = {
     "height": "Dark is low, yellow is high.",
     "manipulability": "Yellow: the tool moves freely. Dark: near a singularity.",
 }
+_POINTS = 14_000
+_POINT_SIZE = 0.004
+"""of the reach: small enough to see the arm through the cloud"""
+_RGB = (68, 33, 253), (1, 145, 231), (84, 140, 37)
+"""each of low, middle, high"""
+_CLOUD_HINT = "Where the tool point can be: a cloud of reachable points."
+_SECTION_HINT = "The workspace cut open in the plane of the base axis and the tool point."
+_COMPUTING = "Computing …"
 _TURNED_RAD = 0.01
 """how far the arm turns before a sampled section is made anew"""
 _SECTION_COLOR = (224, 49, 49)
@@ -74,7 +69,7 @@ class WorkspaceView:
         self._outlining = False
         gui = session.gui
         self._cloud = gui.add_checkbox("Workspace cloud", initial_value=False, hint=_CLOUD_HINT)
-        self._colour = gui.add_dropdown("Coloured by", COLOURINGS, initial_value=COLOURINGS[0], visible=False)
+        self._colour = gui.add_dropdown("Coloured by", tuple(_COLOURINGS), visible=False)
         self._cloud_text = LiveHtml(gui, visible=False)
         self._section = gui.add_checkbox("Section", initial_value=False, hint=_SECTION_HINT)
         self._plot, self._section_text = LiveHtml(gui, visible=False), LiveHtml(gui, visible=False)
@@ -96,7 +91,7 @@ class WorkspaceView:
                 self._session.spawn(self._make_outline(model, q.copy()))
             return
         self._lines.place(model.section.plane(q if model.section.exact else at))
-        self._plot.show(section_svg(picture_of(self._robot, model.section.plane(q), self._outline, q)))
+        self._plot.show(section_svg(*in_plane(self._robot, model.section.plane(q), self._outline, q)))
 
     async def _make_outline(self, model: WorkspaceCloud, q: FloatArray) -> None:
         """Cut the workspace open in the plane of the arm at ``q`` (n,) [rad], and draw the outline."""
@@ -153,29 +148,25 @@ class WorkspaceCloud:
     """of all tool points, also those below the floor"""
     section: Section
 
-    def colors(self, colouring: Colouring) -> NDArray[np.uint8]:
+    def colors(self, colouring: str) -> NDArray[np.uint8]:
         """(k, 3) RGB: dark where the value is low, yellow where it is high."""
         values = self.points[:, 2] if colouring == "height" else self.manipulability
         low, high = np.percentile(values, (1, 99)) if len(values) else (0.0, 1.0)
-        u = np.clip((values - low) / max(high - low, 1e-12), 0.0, 1.0)[:, None]
-        below = _LOW + 2 * u * (_MIDDLE - _LOW)
-        above = _MIDDLE + (2 * u - 1) * (_HIGH - _MIDDLE)
-        return np.where(u < 0.5, below, above).round().astype(np.uint8)
+        u = (values - low) / max(high - low, 1e-12)
+        rgb = [np.interp(u, (0.0, 0.5, 1.0), channel) for channel in _RGB]
+        return np.stack(rgb, axis=-1).round().astype(np.uint8)
 
 
 def workspace_cloud(robot: Robot, count: int = _POINTS) -> WorkspaceCloud:
     """Sample about ``count`` points; the same every time, without those below the floor."""
     samples = sample_workspace(robot.chain, robot.limits, count)
     above = samples.points[:, 2] >= robot.floor_z
-    return WorkspaceCloud(
-        samples.points[above],
-        samples.manipulability[above],
-        workspace_extent(robot.chain, robot.limits),
-        robot.inverse_kinematics.section(),
-    )
+    extent = workspace_extent(robot.chain, robot.limits)
+    section = robot.inverse_kinematics.section()
+    return WorkspaceCloud(samples.points[above], samples.manipulability[above], extent, section)
 
 
-def cloud_html(robot: Robot, model: WorkspaceCloud, colouring: Colouring) -> str:
+def cloud_html(robot: Robot, model: WorkspaceCloud, colouring: str) -> str:
     """What the cloud is, and how far the tool comes."""
     extent = model.extent
     reach, low, high = (fixed(1000 * value, 0) for value in (extent.reach, extent.lowest, extent.highest))
@@ -184,11 +175,11 @@ def cloud_html(robot: Robot, model: WorkspaceCloud, colouring: Colouring) -> str
         f"<b>{low}</b> to <b>{high} mm</b> in height.</div>"
     )
     if extent.lowest < robot.floor_z:
-        floor = fixed(1000 * robot.floor_z, 0)
-        text += muted(f"What is below the floor ({floor} mm) is left out of the cloud.")
-    return text + muted(
-        f"{len(model.points)} tool points inside the joint limits, denser at the boundary. {_KEYS[colouring]}"
-    )
+        text += muted(
+            f"What is below the floor ({fixed(1000 * robot.floor_z, 0)} mm) is left out of the cloud."
+        )
+    count = f"{len(model.points)} tool points inside the joint limits, denser at the boundary."
+    return text + muted(f"{count} {_COLOURINGS[colouring]}")
 
 
 def section_words(model: WorkspaceCloud) -> str:
@@ -213,40 +204,26 @@ _AXIS_TEXT = "font-size='11' fill='currentColor' fill-opacity='.75'"
 _UPRIGHT = 1e-9
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class SectionPicture:
-    """All lines and points in mm: across (from the base axis) and up."""
-
-    outline: tuple[FloatArray, ...]
-    """closed lines (k, 2)"""
-    arm: FloatArray
-    """(k, 2) joints of the arm as it stands, and its tip"""
-    floor: float | None
-    """height of the floor; None where the plane is not upright"""
-
-
-def picture_of(
+def in_plane(
     robot: Robot, T_base_plane: FloatArray, outline: tuple[FloatArray, ...], q: FloatArray
-) -> SectionPicture:
-    """The section in the plane (4, 4) [m], with the arm at ``q`` (n,) [rad] in it.
+) -> tuple[tuple[FloatArray, ...], FloatArray, float | None]:
+    """A section and the arm at ``q`` (n,) [rad] in mm: across (from the base axis) and up.
 
-    ``outline`` are closed lines (k, 2) in x and z of the plane [m].
+    ``T_base_plane`` (4, 4) [m] is the plane; ``outline`` are closed lines (k, 2) in its x and z [m].
+    Returns the outline; (k, 2) joints and tip of the arm; the floor's height, None in a plane not upright.
     """
     rise = np.array([0.0, T_base_plane[2, 3]])
     points = (robot.frames(q)[:, :3, 3] - T_base_plane[:3, 3]) @ T_base_plane[:3, :3]
     upright = float(T_base_plane[2, 2]) > 1 - _UPRIGHT
-    return SectionPicture(
-        tuple(1000 * (line + rise) for line in outline),
-        1000 * (points[:, [0, 2]] + rise),
-        1000 * robot.floor_z if upright else None,
-    )
+    arm = 1000 * (points[:, [0, 2]] + rise)
+    return tuple(1000 * (line + rise) for line in outline), arm, 1000 * robot.floor_z if upright else None
 
 
-def section_svg(picture: SectionPicture) -> str:
-    """The drawing as SVG: the boundary of the reach, the floor, the base axis, the arm and its tip."""
-    corners = np.concatenate([*picture.outline, picture.arm])
-    if picture.floor is not None:
-        corners = np.concatenate([corners, [[corners[0, 0], picture.floor]]])
+def section_svg(outline: tuple[FloatArray, ...], arm: FloatArray, floor: float | None) -> str:
+    """The drawing as SVG: the boundary of the reach, the floor, the base axis, the arm and its tip [mm]."""
+    corners = np.concatenate([*outline, arm])
+    if floor is not None:
+        corners = np.concatenate([corners, [[corners[0, 0], floor]]])
     low, high = corners.min(axis=0), corners.max(axis=0)
     margin = 0.05 * float((high - low).max())
     low, high = low - margin, high + margin
@@ -266,7 +243,7 @@ def section_svg(picture: SectionPicture) -> str:
     def path(line: FloatArray) -> str:
         return " ".join(f"{x:g},{y:g}" for x, y in drawn(line).tolist())
 
-    reached = " ".join(f"M{path(line)}Z" for line in picture.outline)
+    reached = " ".join(f"M{path(line)}Z" for line in outline)
     parts = [
         f"<svg class='section-plot' viewBox='0 0 {_WIDTH:g} {height:.0f}' "
         "style='width:100%;display:block' role='img' aria-label='Section of the workspace'>",
@@ -285,17 +262,17 @@ def section_svg(picture: SectionPicture) -> str:
         f"<path d='{reached}' fill='#1971c2' fill-opacity='.16' fill-rule='evenodd' "
         "stroke='#e03131' stroke-width='1.6' stroke-linejoin='round'/>",
     ]
-    if picture.floor is not None:
-        level = drawn(np.array([0.0, picture.floor]))[1]
+    if floor is not None:
+        level = drawn(np.array([0.0, floor]))[1]
         parts += [
             f"<rect x='{_LEFT:g}' y='{level:g}' width='{right - _LEFT:g}' "
             f"height='{max(bottom - level, 0):.1f}' fill='#868e96' fill-opacity='.30'/>",
             _line(_LEFT, level, right, level, "stroke='#868e96' stroke-width='2'"),
             _text(right - 3, level - 4, "end", "floor"),
         ]
-    x, y = drawn(picture.arm[-1])
+    x, y = drawn(arm[-1])
     parts += [
-        f"<polyline points='{path(picture.arm)}' fill='none' stroke='currentColor' "
+        f"<polyline points='{path(arm)}' fill='none' stroke='currentColor' "
         "stroke-opacity='.55' stroke-width='3' stroke-linejoin='round' stroke-linecap='round'/>",
         f"<circle cx='{x:g}' cy='{y:g}' r='5' fill='#e8590c' stroke='white' stroke-width='1.5'/>",
         "</svg>",
