@@ -368,7 +368,7 @@ def test_the_peak_table_tells_duration_and_limits() -> None:
 def test_the_error_report_is_that_of_the_paper() -> None:
     desired = np.zeros((4, 3))
     reached = np.array([[0.001, 0, 0], [-0.001, 0, 0], [0.003, 0, 0], [-0.003, 0, 0.004]])
-    report = ErrorReport.of(desired, reached)
+    report = ErrorReport(desired, reached)
     assert report.mse == pytest.approx([5e-6, 0, 4e-6])
     assert report.rmse == pytest.approx([np.sqrt(5e-6), 0, 2e-3])
     assert report.largest == pytest.approx([0.003, 0, 0.004])
@@ -391,7 +391,7 @@ def test_the_error_report_is_that_of_the_paper() -> None:
 )
 def test_a_report_refuses_what_cannot_be_compared(desired: np.ndarray, reached: np.ndarray) -> None:
     with pytest.raises(InputError):
-        ErrorReport.of(desired, reached)
+        ErrorReport(desired, reached)
 
 
 def test_the_closest_point_of_a_path_may_lie_between_its_readings() -> None:
@@ -405,7 +405,7 @@ def test_the_closest_point_of_a_path_may_lie_between_its_readings() -> None:
 
 
 def test_the_report_s_file_names_its_units() -> None:
-    report = ErrorReport.of(np.full((2, 3), 0.1), np.full((2, 3), 0.2))
+    report = ErrorReport(np.full((2, 3), 0.1), np.full((2, 3), 0.2))
     head, _, second = report_csv(report, report).splitlines()
     assert head.startswith("point,desired_x_mm") and head.endswith("applied_z_mm")
     assert second == "2" + ",100.000000" * 3 + ",200.000000" * 6

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from armctl.motion.joint_study import Turning
+from armctl.motion.analysis import Turning
 from armctl.robot import Robot, load_robot
 from armctl.ui.tabs.trajectory.study import (
     ShownStudy,

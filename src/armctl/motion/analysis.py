@@ -1,17 +1,22 @@
-"""A motion seen over time: joints and tool, position, velocity, acceleration and jerk."""
+"""Motions over time: joints, tool and their derivatives, limits that are near, the tip joint by joint."""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from armctl.arrays import FloatArray
+from armctl.errors import InputError
 from armctl.motion.paths.tool_pitch import elevations
 from armctl.motion.trajectory import Sample, Trajectory
 from armctl.robot import Robot
 
+Derivative = Literal["position", "velocity", "acceleration", "jerk"]
 _PROBE_S = 1e-4
 _JERK_PROBE_S = 1e-3
 """longer, because a second difference loses twice as many digits to rounding"""
@@ -47,6 +52,15 @@ class MotionAnalysis:
         """(k,) [m/s]."""
         return np.linalg.norm(self.tool_velocity, axis=1)
 
+    def of(self, quantity: Derivative) -> tuple[FloatArray, FloatArray]:
+        """One quantity of the joints (k, n) [rad], and of the tool (k, 3) [m], by [s] for the derivatives."""
+        return {
+            "position": (self.q, self.position),
+            "velocity": (self.velocity, self.tool_velocity),
+            "acceleration": (self.acceleration, self.tool_acceleration),
+            "jerk": (self.jerk, self.tool_jerk),
+        }[quantity]
+
 
 def analyse(robot: Robot, trajectory: Trajectory, samples: int) -> MotionAnalysis:
     """Sample a motion evenly, at least 2 times, both ends included.
@@ -59,10 +73,9 @@ def analyse(robot: Robot, trajectory: Trajectory, samples: int) -> MotionAnalysi
     time = np.linspace(0.0, trajectory.duration, samples)
     state = trajectory.sample(time)
     q, v = state.q, state.velocity
-    J = robot.jacobian(q)[:, :3]
-    J_dot = (robot.jacobian(q + _PROBE_S * v)[:, :3] - robot.jacobian(q - _PROBE_S * v)[:, :3]) / (
-        2 * _PROBE_S
-    )
+    J, ahead, behind = (robot.jacobian(q + h * v)[:, :3] for h in (0.0, _PROBE_S, -_PROBE_S))
+    J_dot = (ahead - behind) / (2 * _PROBE_S)
+    before, now, after = (_tool_velocity(robot, state, h) for h in (-_JERK_PROBE_S, 0.0, _JERK_PROBE_S))
     poses = robot.forward(q)
     return MotionAnalysis(
         time=time,
@@ -71,44 +84,11 @@ def analyse(robot: Robot, trajectory: Trajectory, samples: int) -> MotionAnalysi
         acceleration=state.acceleration,
         jerk=state.jerk,
         position=poses[:, :3, 3],
-        tool_velocity=np.einsum("kij,kj->ki", J, v),
+        tool_velocity=now,
         tool_acceleration=np.einsum("kij,kj->ki", J, state.acceleration) + np.einsum("kij,kj->ki", J_dot, v),
-        tool_jerk=_tool_jerk(robot, state),
+        tool_jerk=(before - 2 * now + after) / _JERK_PROBE_S**2,
         pitch=elevations(robot, poses),
     )
-
-
-def analysis_csv(robot: Robot, motion: MotionAnalysis) -> str:
-    """The samples as CSV in s, degrees and mm; the head names the units."""
-    heads = ["time_s"]
-    columns = [motion.time[:, None]]
-    for values, unit in (
-        (motion.q, "deg"),
-        (motion.velocity, "deg_s"),
-        (motion.acceleration, "deg_s2"),
-        (motion.jerk, "deg_s3"),
-    ):
-        heads += [f"{name}_{unit}" for name in robot.joint_names]
-        columns.append(np.degrees(values))
-    for values, name in (
-        (motion.position, "{}_mm"),
-        (motion.tool_velocity, "v{}_mm_s"),
-        (motion.tool_acceleration, "a{}_mm_s2"),
-        (motion.tool_jerk, "j{}_mm_s3"),
-    ):
-        heads += [name.format(axis) for axis in "xyz"]
-        columns.append(1000 * values)
-    heads.append("tool_pitch_deg")
-    columns.append(np.degrees(motion.pitch)[:, None])
-    rows = np.hstack(columns) + 0.0
-    lines = [",".join(f"{value:.6f}" for value in row) for row in rows.tolist()]
-    return "\n".join([",".join(heads), *lines, ""])
-
-
-def _tool_jerk(robot: Robot, state: Sample) -> FloatArray:
-    """(k, 3) [m/s³]."""
-    before, now, after = (_tool_velocity(robot, state, h) for h in (-_JERK_PROBE_S, 0.0, _JERK_PROBE_S))
-    return (before - 2 * now + after) / _JERK_PROBE_S**2
 
 
 def _tool_velocity(robot: Robot, state: Sample, h: float) -> FloatArray:
@@ -118,9 +98,33 @@ def _tool_velocity(robot: Robot, state: Sample, h: float) -> FloatArray:
     return np.einsum("kij,kj->ki", robot.jacobian(q)[:, :3], v + h * (a + h * j / 2))
 
 
+def analysis_csv(robot: Robot, motion: MotionAnalysis) -> str:
+    """The samples as CSV in s, degrees and mm; the head names the units."""
+    heads = ["time_s"]
+    joints, tool = list[FloatArray](), list[FloatArray]()
+    tool_heads: list[str] = []
+    units: tuple[tuple[Derivative, str, str], ...] = (
+        ("position", "", ""), ("velocity", "v", "_s"), ("acceleration", "a", "_s2"), ("jerk", "j", "_s3"),
+    )  # fmt: skip
+    for quantity, letter, per in units:
+        of_joints, of_tool = motion.of(quantity)
+        joints.append(np.degrees(of_joints))
+        tool.append(1000 * of_tool)
+        heads += [f"{name}_deg{per}" for name in robot.joint_names]
+        tool_heads += [f"{letter}{axis}_mm{per}" for axis in "xyz"]
+    columns = [motion.time[:, None], *joints, *tool, np.degrees(motion.pitch)[:, None]]
+    return _csv([*heads, *tool_heads, "tool_pitch_deg"], columns)
+
+
+def _csv(heads: Sequence[str], columns: Sequence[FloatArray]) -> str:
+    """Columns (k, …) side by side; NaN stays empty."""
+    rows = np.hstack(columns) + 0.0
+    lines = [",".join("" if math.isnan(value) else f"{value:.6f}" for value in row) for row in rows.tolist()]
+    return "\n".join([",".join(heads), *lines, ""])
+
+
 # Which limits a motion comes near to: those that are worth drawing beside it.
 
-Derivative = Literal["position", "velocity", "acceleration", "jerk"]
 _NEAR = 0.7
 """a limit is drawn where the motion comes to this share of it"""
 _POSITION_ROOM = 0.2
@@ -142,27 +146,152 @@ def near_limits(
     robot: Robot, motion: MotionAnalysis, quantity: Derivative, *, every: bool = False
 ) -> list[Limit]:
     """The joint limits that a motion comes near to (or, with ``every``, all), in degrees and seconds."""
+    values, _ = motion.of(quantity)
     if quantity == "position":
-        return _near_ends(robot, motion.q, every=every)
-    values, most = {
-        "velocity": (motion.velocity, robot.speed_limits),
-        "acceleration": (motion.acceleration, robot.acceleration_limits),
-        "jerk": (motion.jerk, robot.jerk_limits),
-    }[quantity]
-    found: list[Limit] = []
-    for joint, limit in enumerate(most.tolist()):
-        for sign in (1, -1):
-            if every or float((sign * values[:, joint]).max()) >= _NEAR * limit:
-                found.append(Limit(sign * float(np.degrees(limit)), joint, is_upper=sign > 0))
-    return found
-
-
-def _near_ends(robot: Robot, q: FloatArray, *, every: bool) -> list[Limit]:
-    found: list[Limit] = []
-    for joint, (low, high) in enumerate(robot.limits.tolist()):
+        low, high = robot.limits.T
         room = _POSITION_ROOM * (high - low)
-        if every or float(q[:, joint].min()) <= low + room:
-            found.append(Limit(float(np.degrees(low)), joint, is_upper=False))
-        if every or float(q[:, joint].max()) >= high - room:
-            found.append(Limit(float(np.degrees(high)), joint, is_upper=True))
-    return found
+        near = {False: values.min(axis=0) <= low + room, True: values.max(axis=0) >= high - room}
+        order = (False, True)
+    else:
+        high = {
+            "velocity": robot.speed_limits,
+            "acceleration": robot.acceleration_limits,
+            "jerk": robot.jerk_limits,
+        }[quantity]
+        low = -high
+        near = {False: values.min(axis=0) <= _NEAR * low, True: values.max(axis=0) >= _NEAR * high}
+        order = (True, False)
+    return [
+        Limit(float(np.degrees((high if is_upper else low)[joint])), joint, is_upper)
+        for joint in range(robot.n)
+        for is_upper in order
+        if every or near[is_upper][joint]
+    ]
+
+
+# How fast each joint moves the tip: joints that turn at one constant speed, alone or all at once.
+#
+# A joint that turns alone carries the tip along a circle about its axis, so the tip's speed is level: the
+# joint's speed times the tip's distance from its axis. With all joints turning the distances change, and
+# with them what each joint contributes.
+
+Turning = Literal["in turn", "all at once"]
+_SAMPLES = 601
+_PROBE_RAD = 1e-4
+"""how far the fastest joint turns to either side of a central difference"""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class JointStudy:
+    """The tip's speed at k times for each of the m joints that can move."""
+
+    turning: Turning
+    speed: float
+    """of every joint that turns [rad/s]"""
+    moving: tuple[int, ...]
+    """(m,) indices of those joints"""
+    held: tuple[int, ...]
+    """indices of the joints whose limits hold them still"""
+    time: FloatArray
+    """(k,) [s]"""
+    angle: FloatArray
+    """(k, m) of the joint that turns [rad]; in turn: NaN once it has come to its limit"""
+    tip_speed: FloatArray
+    """(k, m) |J_i| q̇_i: by that joint alone [m/s]; NaN as ``angle``"""
+    total: FloatArray | None
+    """(k,) |J q̇| [m/s]; None where the joints turn one after the other"""
+    mismatch: float
+    """largest difference between these speeds and central differences of the forward kinematics, over the
+    largest of the speeds"""
+
+    @property
+    def peaks(self) -> FloatArray:
+        """(m,) greatest tip speed by each joint [m/s]."""
+        return np.nanmax(self.tip_speed, axis=0)
+
+
+def study_joints(
+    robot: Robot, start: ArrayLike, turning: Turning, speed: float, duration_s: float | None = None
+) -> JointStudy:
+    """Turn every joint from a start pose (n,) [rad] towards its farther limit, at ``speed`` [rad/s].
+
+    In turn: each from the start pose, the others standing still; a joint's curve ends at its limit. All at
+    once: a joint that has come to its limit stays there. Without ``duration_s`` [s] the last joint ends the
+    study.
+
+    Raises:
+        InputError: a value that is not finite or not above zero, or a joint count that is not the arm's.
+        MotionRefusedError: the start is outside the joint limits.
+    """
+    start = robot.check_limits(start)
+    _require_above_zero(speed, "the joint speed")
+    low, high = robot.limits[:, 0], robot.limits[:, 1]
+    moving = np.flatnonzero(high > low)
+    way: FloatArray = np.where(high - start >= start - low, high - start, low - start)[moving]
+    if duration_s is None:
+        duration_s = float(np.abs(way).max()) / speed
+    _require_above_zero(duration_s, "the duration")
+    time = np.linspace(0.0, duration_s, _SAMPLES)
+    angle = start[moving] + np.sign(way) * np.minimum(speed * time[:, None], np.abs(way))
+    velocity = np.sign(way) * speed * (speed * time[:, None] <= np.abs(way) * (1 + 1e-12))
+    everywhere, rates = _filled(start, moving, angle), _filled(np.zeros(robot.n), moving, velocity)
+    together = turning == "all at once"
+    found, misses = list[FloatArray](), list[float]()
+    for joint in moving.tolist():
+        only = np.arange(robot.n) == joint
+        q: FloatArray = everywhere if together else np.where(only, everywhere, start)
+        speeds, miss = _tip_speed(robot, q, np.where(only, rates, 0.0))
+        found.append(speeds)
+        misses.append(miss)
+    tip_speed, total = np.column_stack(found), None
+    if together:
+        total, miss = _tip_speed(robot, everywhere, rates)
+        misses.append(miss)
+    else:
+        over = velocity == 0.0
+        angle[over] = tip_speed[over] = np.nan
+    largest = float(np.nanmax(tip_speed))
+    return JointStudy(
+        turning=turning,
+        speed=speed,
+        moving=tuple(moving.tolist()),
+        held=tuple(np.flatnonzero(high <= low).tolist()),
+        time=time,
+        angle=angle,
+        tip_speed=tip_speed,
+        total=total,
+        mismatch=max(misses) / largest if largest > 0 else 0.0,
+    )
+
+
+def study_csv(robot: Robot, study: JointStudy) -> str:
+    """The curves as CSV in s, degrees and mm/s; empty where a joint does not turn any more."""
+    names = [robot.joint_names[i] for i in study.moving]
+    heads = ["time_s", *(f"{name}_deg" for name in names), *(f"tip_by_{name}_mm_s" for name in names)]
+    columns = [study.time[:, None], np.degrees(study.angle), 1000 * study.tip_speed]
+    if study.total is not None:
+        heads.append("tip_mm_s")
+        columns.append(1000 * study.total[:, None])
+    return _csv(heads, columns)
+
+
+def _tip_speed(robot: Robot, q: FloatArray, velocity: FloatArray) -> tuple[FloatArray, float]:
+    """(k,) speed of the tool point ``|J q̇|`` [m/s], and how far off central differences are."""
+    speeds = np.linalg.norm(np.einsum("kij,kj->ki", robot.jacobian(q)[:, :3], velocity), axis=1)
+    fastest = np.abs(velocity).max()
+    step = _PROBE_RAD / fastest if fastest > 0 else 1.0
+    ahead, behind = (robot.forward(q + side * step * velocity)[:, :3, 3] for side in (1, -1))
+    measured = np.linalg.norm(ahead - behind, axis=1) / (2 * step)
+    return speeds, float(np.abs(speeds - measured).max())
+
+
+def _filled(start: FloatArray, moving: NDArray[np.intp], values: FloatArray) -> FloatArray:
+    """``start`` (n,) at every time, with the moving joints' values (k, m) put in: (k, n)."""
+    filled = np.tile(start, (len(values), 1))
+    filled[:, moving] = values
+    return filled
+
+
+def _require_above_zero(value: float, what: str) -> None:
+    if not (math.isfinite(value) and value > 0):
+        raise InputError(f"{what} must be a finite number above zero, got {value}")

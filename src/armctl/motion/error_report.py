@@ -9,32 +9,30 @@ import numpy as np
 
 from armctl.arrays import FloatArray
 from armctl.errors import InputError
-from armctl.motion.paths.tool_curve import ToolArc, ToolLine
+from armctl.motion.paths.tool_curve import ToolCurve, ToolLine
 from armctl.motion.trajectory import Trajectory
 from armctl.robot import Robot
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ErrorReport:
-    """Points that were asked for, and where the tool came. Make one with ``ErrorReport.of``."""
+    """Points that were asked for, and where the tool came.
+
+    Raises:
+        InputError: shapes that differ or are not (k, 3), or a value that is not finite.
+    """
 
     desired: FloatArray
     """(k, 3) [m]"""
     reached: FloatArray
     """(k, 3) [m]"""
 
-    @classmethod
-    def of(cls, desired: FloatArray, reached: FloatArray) -> ErrorReport:
-        """Check and keep.
-
-        Raises:
-            InputError: shapes that differ or are not (k, 3), or a value that is not finite.
-        """
+    def __post_init__(self) -> None:
+        desired, reached = self.desired, self.reached
         if desired.shape != reached.shape or desired.ndim != 2 or desired.shape[1] != 3 or not len(desired):
             raise InputError(f"desired and reached points differ: {desired.shape} and {reached.shape}")
         if not (np.isfinite(desired).all() and np.isfinite(reached).all()):
             raise InputError("the points of an error report must be finite numbers")
-        return cls(desired, reached)
 
     @property
     def error(self) -> FloatArray:
@@ -104,7 +102,6 @@ def report_csv(theoretical: ErrorReport, applied: ErrorReport | None) -> str:
 
 # How far the tool strays from the line or the arc that it shall follow, between points as well.
 
-IdealPath = ToolLine | ToolArc
 TICK_S = 0.02
 """one setpoint of the default rate"""
 _MOST_TICKS = 100_000
@@ -135,34 +132,31 @@ class PathError:
         return math.sqrt(float((self.distance**2).mean()))
 
 
-def path_error(robot: Robot, trajectory: Trajectory, ideal: IdealPath, tick_s: float = TICK_S) -> PathError:
-    """The planned tool path against the ideal one, at every tick of the run [s] and at the end.
+def path_error(robot: Robot, trajectory: Trajectory, ideal: ToolCurve) -> PathError:
+    """The planned tool path against the ideal one, at every tick of the run and at the end.
 
     Longer ticks where the motion would have more than 100,000 of them.
     """
-    ticks = min(math.ceil(trajectory.duration / tick_s - 1e-9), _MOST_TICKS)
+    ticks = min(math.ceil(trajectory.duration / TICK_S - 1e-9), _MOST_TICKS)
     time = np.minimum(
-        np.arange(ticks + 1) * max(tick_s, trajectory.duration / _MOST_TICKS), trajectory.duration
+        np.arange(ticks + 1) * max(TICK_S, trajectory.duration / _MOST_TICKS), trajectory.duration
     )
     points = robot.forward(trajectory.sample(time).q)[:, :3, 3]
     return PathError(time, distances(ideal, points))
 
 
-def distances(ideal: IdealPath, points: FloatArray) -> FloatArray:
+def distances(ideal: ToolCurve, points: FloatArray) -> FloatArray:
     """How far points (k, 3) [m] lie from a line or an arc, ends included: (k,) [m]."""
-    return np.linalg.norm(points - nearest(ideal, points), axis=-1)
-
-
-def nearest(ideal: IdealPath, points: FloatArray) -> FloatArray:
-    """The places of a line or an arc that are nearest to points (k, 3): (k, 3) [m]."""
     away = points - ideal.start
     if isinstance(ideal, ToolLine):
-        return ideal.positions(np.clip(away @ ideal.direction, 0.0, ideal.length))
-    x, y = ideal.radius - away @ ideal.inward, away @ ideal.along
-    turned = np.arctan2(y, x) % (2 * np.pi)
-    # beyond the end of the arc, the end that is the nearer one on the circle
-    beyond = np.where(turned - ideal.sweep < 2 * np.pi - turned, ideal.sweep, 0.0)
-    return ideal.positions(ideal.radius * np.where(turned <= ideal.sweep, turned, beyond))
+        s = np.clip(away @ ideal.direction, 0.0, ideal.length)
+    else:
+        x, y = ideal.radius - away @ ideal.inward, away @ ideal.along
+        turned = np.arctan2(y, x) % (2 * np.pi)
+        # beyond the end of the arc, the end that is the nearer one on the circle
+        beyond = np.where(turned - ideal.sweep < 2 * np.pi - turned, ideal.sweep, 0.0)
+        s = ideal.radius * np.where(turned <= ideal.sweep, turned, beyond)
+    return np.linalg.norm(points - ideal.positions(s), axis=-1)
 
 
 # The two test paths of the uzuner paper.

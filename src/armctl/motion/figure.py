@@ -7,19 +7,15 @@ pyplot keeps state that threads would share.
 from __future__ import annotations
 
 import io
-from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from armctl.arrays import FloatArray
-from armctl.motion.analysis import Derivative, Limit, MotionAnalysis, near_limits
+from armctl.motion.analysis import Derivative, MotionAnalysis, near_limits
 from armctl.robot import Robot
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 
@@ -30,6 +26,9 @@ if TYPE_CHECKING:
 FigureForm = Literal["svg", "png"]
 COLORS = ("#1971c2", "#e8590c", "#2f9e44", "#9c36b5", "#f08c00", "#0c8599", "#5c940d", "#495057")
 """of joints and coordinates, in their order, here and on screens"""
+_QUANTITIES: tuple[tuple[Derivative, str], ...] = (
+    ("position", ""), ("velocity", "/s"), ("acceleration", "/s²"), ("jerk", "/s³"),
+)  # fmt: skip
 _SIZE_IN = (11.7, 12.0)
 _DPI = 150
 _CAPTION = (
@@ -38,28 +37,11 @@ _CAPTION = (
 )
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Row:
-    """One quantity of joints and tool."""
-
-    name: str
-    per: str
-    joints: FloatArray
-    tool: FloatArray
-    limits: Sequence[Limit]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class TitledMotion:
+class TitledMotion(NamedTuple):
     """A motion and what it is."""
 
     title: str
     motion: MotionAnalysis
-
-    @property
-    def heading(self) -> str:
-        """With its duration."""
-        return _plain(f"{self.title}, {self.motion.time[-1]:.3f} s")
 
 
 def motion_figure(robot: Robot, shown: TitledMotion, beside: TitledMotion | None = None) -> Figure:
@@ -67,20 +49,31 @@ def motion_figure(robot: Robot, shown: TitledMotion, beside: TitledMotion | None
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=_SIZE_IN, layout="constrained")
-    heading = f"{_plain(robot.title)}: {shown.heading}"
+    heading = f"{robot.title}: {_heading(shown)}"
     if beside is not None:
-        heading += f"\nA (dotted): {beside.heading}"
-    figure.suptitle(heading, fontsize=13)
-    motion, rows = shown.motion, _rows(robot, shown.motion)
-    axes: NDArray[np.object_] = figure.subplots(len(rows), 2, sharex=True)
+        heading += f"\nA (dotted): {_heading(beside)}"
+    figure.suptitle(_plain(heading), fontsize=13)
+    axes: NDArray[np.object_] = figure.subplots(len(_QUANTITIES), 2, sharex=True)
     joint_names = [_plain(joint.title) for joint in robot.joints]
-    for k, row in enumerate(rows):
-        _draw(axes[k, 0], motion.time, row.tool, ("x", "y", "z"), f"tool {row.name} (mm{row.per})", ())
-        _draw(axes[k, 1], motion.time, row.joints, joint_names, f"joint {row.name} (°{row.per})", row.limits)
-    if beside is not None:
-        for k, row in enumerate(_rows(robot, beside.motion)):
-            _draw_beside(axes[k, 0], beside.motion.time, row.tool)
-            _draw_beside(axes[k, 1], beside.motion.time, row.joints)
+    for row, (quantity, per) in zip(axes, _QUANTITIES, strict=True):
+        joints, tool = shown.motion.of(quantity)
+        sides = (
+            (row[0], 1000 * tool, ["x", "y", "z"], f"tool {quantity} (mm{per})"),
+            (row[1], np.degrees(joints), joint_names, f"joint {quantity} (°{per})"),
+        )
+        for axis, values, names, label in sides:
+            for i, name in enumerate(names):
+                axis.plot(shown.motion.time, values[:, i], color=_color(i), linewidth=1.3, label=name)
+            axis.set_ylabel(label)
+            axis.grid(visible=True, color="#dee2e6", linewidth=0.6)
+            axis.margins(x=0.0)
+        for limit in near_limits(robot, shown.motion, quantity):
+            row[1].axhline(limit.value, color=_color(limit.joint), linestyle="--", linewidth=0.9)
+        if beside is not None:
+            joints, tool = beside.motion.of(quantity)
+            for axis, values in zip(row, (1000 * tool, np.degrees(joints)), strict=True):
+                for i, line in enumerate(values.T):
+                    axis.plot(beside.motion.time, line, color=_color(i), linewidth=1.0, linestyle=":")
     for axis in axes[-1]:
         axis.set_xlabel("time (s)")
     for axis, many in zip(axes[0], (3, min(robot.n, 3)), strict=True):
@@ -102,41 +95,14 @@ def figure_bytes(
         return file.getvalue()
 
 
+def _heading(shown: TitledMotion) -> str:
+    return f"{shown.title}, {shown.motion.time[-1]:.3f} s"
+
+
+def _color(i: int) -> str:
+    return COLORS[i % len(COLORS)]
+
+
 def _plain(text: str) -> str:
     """A text without mathematics: matplotlib would set what stands between two dollar signs as a formula."""
     return text.replace("$", r"\$")
-
-
-def _rows(robot: Robot, motion: MotionAnalysis) -> list[_Row]:
-    quantities: tuple[tuple[Derivative, str, FloatArray, FloatArray], ...] = (
-        ("position", "", motion.q, motion.position),
-        ("velocity", "/s", motion.velocity, motion.tool_velocity),
-        ("acceleration", "/s²", motion.acceleration, motion.tool_acceleration),
-        ("jerk", "/s³", motion.jerk, motion.tool_jerk),
-    )
-    return [
-        _Row(name, per, np.degrees(joints), 1000 * tool, near_limits(robot, motion, name))
-        for name, per, joints, tool in quantities
-    ]
-
-
-def _draw(
-    axis: Axes,
-    time: FloatArray,
-    values: FloatArray,
-    names: Sequence[str],
-    label: str,
-    limits: Sequence[Limit],
-) -> None:
-    for i, name in enumerate(names):
-        axis.plot(time, values[:, i], color=COLORS[i % len(COLORS)], linewidth=1.3, label=name)
-    for limit in limits:
-        axis.axhline(limit.value, color=COLORS[limit.joint % len(COLORS)], linestyle="--", linewidth=0.9)
-    axis.set_ylabel(label)
-    axis.grid(visible=True, color="#dee2e6", linewidth=0.6)
-    axis.margins(x=0.0)
-
-
-def _draw_beside(axis: Axes, time: FloatArray, values: FloatArray) -> None:
-    for i in range(values.shape[1]):
-        axis.plot(time, values[:, i], color=COLORS[i % len(COLORS)], linewidth=1.0, linestyle=":")

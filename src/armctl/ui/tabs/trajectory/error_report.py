@@ -92,7 +92,7 @@ class ReportView:
             return
         path = self._robot.forward(readings)[:, :3, 3]
         reached = await asyncio.to_thread(closest_on_path, planned.points, path)
-        self._applied = ErrorReport.of(planned.points, reached)
+        self._applied = ErrorReport(planned.points, reached)
         html = summary_html("Applied", f"{applied_meaning(source)} {len(path)} readings.", self._applied)
         if planned.ideal is not None:
             strays = PathError(np.arange(float(len(path))), distances(planned.ideal, path))
@@ -149,13 +149,13 @@ def theoretical(robot: Robot, planned: PlannedMotion) -> tuple[ErrorReport, str]
     if points is None:
         raise InputError(f"{planned.title} prescribes no points")
     if solved is not None:
-        report = ErrorReport.of(points, robot.forward(solved)[:, :3, 3])
-        printed = ErrorReport.of(points, robot.forward(as_printed(solved))[:, :3, 3])
+        report = ErrorReport(points, robot.forward(solved)[:, :3, 3])
+        printed = ErrorReport(points, robot.forward(as_printed(solved))[:, :3, 3])
         text = summary_html("Theoretical", _THEORY, report) + summary_html("As printed", _PRINTED, printed)
     else:
         time = np.linspace(0.0, planned.trajectory.duration, _PATH_SAMPLES)
         path = robot.forward(planned.trajectory.sample(time).q)[:, :3, 3]
-        report = ErrorReport.of(points, closest_on_path(points, path))
+        report = ErrorReport(points, closest_on_path(points, path))
         text = summary_html("Theoretical", _LED, report)
     if planned.ideal is not None:
         strays = path_error(robot, planned.trajectory, planned.ideal)

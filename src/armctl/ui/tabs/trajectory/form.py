@@ -12,7 +12,7 @@ from armctl.arrays import FloatArray
 from armctl.errors import InputError
 from armctl.kinematics import CRITERIA, Target
 from armctl.motion import PitchMode, usual_pitch
-from armctl.motion.joint_study import Turning
+from armctl.motion.analysis import Turning
 from armctl.motion.plan import Passing
 from armctl.ui.session import Session
 from armctl.ui.tabs.manual.shared_program import SharedProgram

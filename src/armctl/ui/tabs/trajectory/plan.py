@@ -37,8 +37,7 @@ from armctl.motion import (
     solve,
 )
 from armctl.motion.analysis import MotionAnalysis, analyse
-from armctl.motion.error_report import IdealPath
-from armctl.motion.paths.tool_curve import ToolArc, ToolLine
+from armctl.motion.paths.tool_curve import ToolArc, ToolCurve, ToolLine
 from armctl.motion.plan import Passing, plan_blended, plan_through, solve_points
 from armctl.motion.timing import PathTrajectory
 from armctl.motion.trajectory import Peaks, peaks_of
@@ -126,7 +125,7 @@ class PlannedMotion:
     title: str
     trajectory: Trajectory
     findings: tuple[Finding | ProgramFinding, ...] = ()
-    ideal: IdealPath | None = None
+    ideal: ToolCurve | None = None
     """what the tool shall follow; None: nothing is prescribed between its ends"""
     points: FloatArray | None = None
     """(k, 3) points that it goes through [m]; None: none are prescribed"""

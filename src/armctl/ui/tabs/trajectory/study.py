@@ -12,7 +12,7 @@ import viser
 from armctl.arrays import FloatArray
 from armctl.errors import InputError
 from armctl.kinematics.workspace import longest_levers
-from armctl.motion.joint_study import JointStudy, Turning, study_csv, study_joints
+from armctl.motion.analysis import JointStudy, Turning, study_csv, study_joints
 from armctl.robot import Robot
 from armctl.ui.session import Session
 from armctl.ui.widgets.html import LiveHtml, fixed, heading, muted, strong, table
