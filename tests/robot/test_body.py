@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from tests.motion.preflight.kit import axis_points, brute_gap, random_arm
+from tests.motion.arm_kit import axis_points, brute_gap, random_arm
 from tests.robot.test_urdf_tool import JAW, PROP
 from tests.robot.urdf_kit import Step, written
 

@@ -8,7 +8,7 @@ from tests.runtime.kit import ROBOT
 
 from armctl.kinematics.chain import LinkFrames
 from armctl.motion import Floor
-from armctl.motion.preflight.clearance import SelfCollision
+from armctl.motion.clearance import SelfCollision
 from armctl.robot import load_robot
 from armctl.robot.parts import Obstacle
 from armctl.runtime.joint_servo import KeepClear

@@ -1,5 +1,6 @@
 """Motion: profiles, trajectories, paths, pre-flight."""
 
+from armctl.motion.clearance import FLOOR_TOLERANCE_M, Floor, Obstacles, SelfCollision
 from armctl.motion.error_report import arc, line
 from armctl.motion.paths.tool_path import (
     PitchMode,
@@ -7,36 +8,12 @@ from armctl.motion.paths.tool_path import (
     ToolPathUnreachableError,
     usual_pitch,
 )
-from armctl.motion.plan import (
-    Profile,
-    plan_arc,
-    plan_joints,
-    plan_line,
-    plan_spline,
-    plan_target,
-    solve,
-)
+from armctl.motion.plan import Profile, plan_arc, plan_joints, plan_line, plan_spline, plan_target, solve
 from armctl.motion.polynomial import PiecewisePolynomial
-from armctl.motion.preflight import (
-    FLOOR_TOLERANCE_M,
-    Finding,
-    Floor,
-    Kind,
-    Obstacles,
-    SelfCollision,
-    not_checked,
-    preflight,
-    require_clear,
-)
+from armctl.motion.preflight import Finding, Kind, not_checked, preflight, require_clear
 from armctl.motion.profiles import PROFILES, PointToPoint, ProfileName, stopping_s
 from armctl.motion.timing import PathTrajectory
-from armctl.motion.trajectory import (
-    JoinedTrajectory,
-    Sample,
-    SlowedTrajectory,
-    Trajectory,
-    peaks_of,
-)
+from armctl.motion.trajectory import JoinedTrajectory, Sample, SlowedTrajectory, Trajectory, peaks_of
 
 __all__ = [
     "FLOOR_TOLERANCE_M",

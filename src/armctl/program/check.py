@@ -14,15 +14,8 @@ from armctl.documents import Document
 from armctl.errors import ArmctlError
 from armctl.kinematics.chain import LinkFrames
 from armctl.kinematics.velocity import NEAR
-from armctl.motion.preflight import (
-    Floor,
-    Kind,
-    Obstacles,
-    SelfCollision,
-    Severity,
-    isotropy_of,
-    preflight,
-)
+from armctl.motion.clearance import Floor, Obstacles, SelfCollision
+from armctl.motion.preflight import Kind, Severity, isotropy_of, preflight
 from armctl.motion.trajectory import JoinedTrajectory, Trajectory
 from armctl.program.program import PROGRAM_FILES, Blocks, Cursor, Program
 from armctl.program.steps import EndStep, MotionStep, RepeatStep

@@ -12,15 +12,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from tests.kinematics.kit import plain_frames
-from tests.motion.preflight.kit import arm, brute_gap, random_arm
+from tests.motion.arm_kit import arm, brute_gap, random_arm
 
 from armctl.arrays import FloatArray
 from armctl.kinematics import Chain, DHRow
 from armctl.kinematics.chain import LinkFrames
 from armctl.motion import Trajectory
-from armctl.motion.preflight import FLOOR_TOLERANCE_M, Floor, Obstacles, SelfCollision, preflight
-from armctl.motion.preflight.clearance import Gaps
-from armctl.motion.preflight.sampled import SampledMotion
+from armctl.motion.clearance import FLOOR_TOLERANCE_M, Floor, Gaps, Obstacles, SelfCollision
+from armctl.motion.preflight import SampledMotion, preflight
 from armctl.motion.profiles import PROFILES, PointToPoint
 from armctl.robot import Robot, load_robot
 from armctl.robot.body import capsule
@@ -87,6 +86,16 @@ def test_a_dip_between_two_clear_samples_is_found(
     # one look inside is enough: the deepest place is not searched for
     assert 0.0 < float(finding.what.split(" mm")[0]) <= 1000 * DEPTH
     assert [one for one in preflight(build(-DEPTH), motion) if one.kind == kind] == []
+
+
+def test_memory_is_bounded_by_halving_in_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
+    grazing, through = with_floor(-DEPTH), with_floor(DEPTH)
+    expected = preflight(grazing, swing()), [finding.kind for finding in preflight(through, swing())]
+    monkeypatch.setattr("armctl.motion.preflight._BLOCK", 1)
+    assert (
+        preflight(grazing, swing()),
+        [finding.kind for finding in preflight(through, swing())],
+    ) == expected
 
 
 def motions(robot: Robot, seed: int, count: int) -> list[Trajectory]:

@@ -1,9 +1,11 @@
-"""All checks of one motion, before the arm makes it."""
+"""Pre-flight: all checks of one motion, before the arm makes it."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 
@@ -12,10 +14,51 @@ from armctl.errors import InputError, MotionRefusedError
 from armctl.kinematics.chain import LinkFrames
 from armctl.kinematics.target import checked_number
 from armctl.kinematics.velocity import NEAR
-from armctl.motion.preflight.clearance import Floor, Obstacles, SelfCollision, gap_finding
-from armctl.motion.preflight.sampled import Finding, Kind, SampledMotion
-from armctl.motion.trajectory import Trajectory
+from armctl.motion.clearance import FLOOR_TOLERANCE_M, Floor, Gaps, Obstacles, SelfCollision
+from armctl.motion.trajectory import JoinedTrajectory, KnowsPeaks, Peaks, Trajectory, peaks_of
 from armctl.robot import Robot
+
+_TRAVEL = math.radians(6)
+"""No joint moves farther between two samples, as far as the peaks of the motion are known."""
+_MOST = 4000
+_FINEST_S = 1e-3
+_FEWEST = 32
+
+Severity = Literal["error", "warning"]
+"""error: the motion is refused. warning: it is shown, and the motion may be run."""
+Kind = Literal[
+    "limits",
+    "reach",
+    "speed",
+    "acceleration",
+    "rest",
+    "floor",
+    "obstacle",
+    "self-collision",
+    "singularity",
+    "torque",
+    "program",
+]
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """One thing that is wrong with a trajectory."""
+
+    time: float
+    """when it is worst [s]"""
+    part: str
+    """the joint, or the part of the arm"""
+    what: str
+    """what is wrong, with numbers"""
+    mend: str
+    """what to do about it"""
+    kind: Kind
+    """which check found it"""
+    severity: Severity = "error"
+
+    def __str__(self) -> str:
+        return f"{self.part}: at {self.time:.2f} s, {self.what}; {self.mend}"
 
 
 def preflight(
@@ -26,7 +69,7 @@ def preflight(
     tool_path: bool = False,
     at_rest: bool = True,
 ) -> list[Finding]:
-    """Check one motion.
+    """Check one motion: errors first, then warnings, each in the order of time.
 
     - Joint limits, speed and acceleration by the exact peaks where a trajectory knows them, else by
       samples; rest at both ends.
@@ -40,9 +83,6 @@ def preflight(
         payload_kg: what the tool holds; None: what the robot file says.
         tool_path: whether it leads the tool along a path, which no singularity may cut.
         at_rest: whether it must start and end at rest; the pieces of a blended program need not.
-
-    Returns:
-        Errors first, then warnings, each in the order of time; empty if nothing was found.
 
     Raises:
         InputError: the trajectory has another number of joints, or a value that is not finite.
@@ -80,10 +120,76 @@ def require_clear(
         MotionRefusedError: says the first error in words, and how many more there are.
     """
     findings = preflight(robot, trajectory, payload_kg, tool_path=tool_path, at_rest=at_rest)
-    errors = [finding for finding in findings if finding.severity == "error"]
-    if errors:
-        more = f" (and {len(errors) - 1} more)" if len(errors) > 1 else ""
-        raise MotionRefusedError(f"{errors[0]}{more}")
+    count = sum(finding.severity == "error" for finding in findings)
+    if count:
+        more = f" (and {count - 1} more)" if count > 1 else ""
+        raise MotionRefusedError(f"{findings[0]}{more}")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SampledMotion:
+    """The m samples of a motion, and its extremes between them.
+
+    Where a trajectory knows its peaks, no joint moves more than 6° between two samples, and a sample lies
+    in the middle; another one is sampled every millisecond, or 4,000 times if it is longer. Each part of a
+    joined trajectory is sampled alone, so the instant between two parts has two samples.
+    """
+
+    robot: Robot
+    trajectory: Trajectory
+    time: FloatArray
+    """(m,) rising [s]"""
+    q: FloatArray
+    """(m, n) [rad]"""
+    velocity: FloatArray
+    """(m, n) [rad/s]"""
+    acceleration: FloatArray
+    """(m, n) [rad/s²]"""
+    speed: FloatArray
+    """(m, n) largest joint speeds of the part that each sample belongs to [rad/s]"""
+    peaks: Peaks
+
+    @classmethod
+    def of(cls, robot: Robot, trajectory: Trajectory) -> SampledMotion:
+        """Sample a trajectory.
+
+        Raises:
+            InputError: another number of joints, or a value that is not finite.
+        """
+        if trajectory.start.shape != (robot.n,) or trajectory.end.shape != (robot.n,):
+            raise InputError(f"{robot.name} has {robot.n} joints, the trajectory has {len(trajectory.start)}")
+        parts = trajectory.leaves() if isinstance(trajectory, JoinedTrajectory) else [(trajectory, 0.0)]
+        times: list[FloatArray] = []
+        speeds: list[FloatArray] = []
+        states: list[tuple[FloatArray, FloatArray, FloatArray]] = []
+        for part, begins in parts:
+            duration, speed = part.duration, peaks_of(part).speed
+            if not (math.isfinite(duration) and duration >= 0):
+                raise InputError(f"a trajectory cannot take {duration} s")
+            if isinstance(part, KnowsPeaks):
+                travel = min(float(speed.max()) * duration / _TRAVEL, _MOST)
+                count = max(2 * math.ceil(0.5 * travel), 2)
+            else:
+                count = min(max(math.ceil(duration / _FINEST_S), _FEWEST), _MOST)
+            time = np.linspace(0.0, duration, count + 1) if duration else np.zeros(1)
+            state = part.sample(time)
+            times.append(begins + time)
+            speeds.append(np.broadcast_to(speed, (len(time), robot.n)))
+            states.append((state.q, state.velocity, state.acceleration))
+            for what, values in zip(("angle", "speed", "acceleration"), states[-1], strict=True):
+                if values.shape != (len(time), robot.n) or not np.isfinite(values).all():
+                    raise InputError(f"the trajectory gives a joint {what} that is not a finite number")
+        q, velocity, acceleration = map(np.concatenate, zip(*states, strict=True))
+        return cls(
+            robot,
+            trajectory,
+            np.concatenate(times),
+            q,
+            velocity,
+            acceleration,
+            np.concatenate(speeds),
+            peaks_of(trajectory),
+        )
 
 
 # Joint limits, speeds and accelerations, rest at both ends.
@@ -146,6 +252,72 @@ def _rest_findings(motion: SampledMotion) -> Iterator[Finding]:
             )
 
 
+# Does the arm keep clear of the floor, of obstacles and of itself over the whole motion?
+
+_MISSED_M = 1e-3
+"""How much deeper a dip between two samples may be before it is sure to be found."""
+_TOO_FAST = 2.0
+"""times the speed limits: a motion beyond is refused for its speed, and nothing else is proven of it"""
+_BLOCK = 4096
+"""intervals that are halved at once, so that memory stays bounded"""
+
+
+def gap_finding(motion: SampledMotion, source: Gaps, gaps: FloatArray) -> Finding | None:
+    """Check that gaps, (k, m) [m] at the samples, stay open; one that starts closed must not close further.
+
+    A gap cannot change faster than its levers times the joint speeds, so with gaps g₀ and g₁ at two samples
+    and a change of at most D between them, it is at least (g₀ + g₁ - D) / 2 there. Where that does not
+    prove it open, the interval is halved.
+
+    Returns:
+        The deepest gap at the samples; if all are open there, the deepest of the first halves that shows
+        one; None: all stay open.
+    """
+    if not len(gaps):
+        return None
+    allowed = np.minimum(gaps[:, :1], 0.0) - FLOOR_TOLERANCE_M
+    slack = gaps - allowed
+    finding = _deepest(source, motion.time, gaps, slack)
+    if finding is not None:
+        return finding
+    speed = np.minimum(motion.speed[1:], _TOO_FAST * motion.robot.speed_limits)
+    change = source.levers @ (speed * np.diff(motion.time)[:, None]).T
+    # one column an interval: when it begins and ends, the slacks at both, and the most they may change
+    k = len(gaps)
+    blocks = [np.vstack([motion.time[:-1], motion.time[1:], slack[:, :-1], slack[:, 1:], change])]
+    while blocks:
+        block = blocks.pop()
+        _, at_begin, at_end, change = np.split(block, [2, 2 + k, 2 + 2 * k])
+        doubtful = np.flatnonzero((0.5 * (at_begin + at_end - change) < -_MISSED_M).any(axis=0))
+        if len(doubtful) > _BLOCK:
+            blocks += [block[:, doubtful[_BLOCK:]], block[:, doubtful[:_BLOCK]]]
+        elif len(doubtful):
+            early = block[:, doubtful]
+            middle = 0.5 * (early[0] + early[1])
+            gaps = source.gaps(LinkFrames.at(motion.robot.chain, motion.trajectory.sample(middle).q))
+            slack = gaps - allowed
+            finding = _deepest(source, middle, gaps, slack)
+            if finding is not None:
+                return finding
+            early[2 + 2 * k :] *= 0.5
+            late = early.copy()
+            early[1], early[2 + k : 2 + 2 * k] = middle, slack
+            late[0], late[2 : 2 + k] = middle, slack
+            blocks.append(np.hstack([early, late]))
+    return None
+
+
+def _deepest(source: Gaps, time: FloatArray, gaps: FloatArray, slack: FloatArray) -> Finding | None:
+    """The place of least slack, the earliest of equals; None: there is slack everywhere."""
+    least = slack.min(axis=0)
+    at = int(least.argmin())
+    if least[at] >= 0.0:
+        return None
+    part = int(slack[:, at].argmin())
+    what, mend = source.words(part, -1000 * float(gaps[part, at]))
+    return Finding(float(time[at]), source.parts[part], what, mend, source.kind)
+
+
 # Does the tool lose a direction? The isotropy is the smallest over the largest singular value of the tool
 # point's Jacobian.
 
@@ -156,7 +328,7 @@ _STRAINED = 0.25 / _LOST
 
 
 def _singularity_findings(motion: SampledMotion, *, tool_path: bool) -> Iterator[Finding]:
-    """At most one finding.
+    """At most one.
 
     A joint motion passes any singularity; a warning tells where it ends at one (below ``NEAR``), since lines
     and jogs of the tool cannot well begin there. A path of the tool is checked all the way. There it is

@@ -1,0 +1,344 @@
+"""Pre-flight: each check can fail and can pass."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from armctl.arrays import FloatArray
+from armctl.errors import InputError, MotionRefusedError
+from armctl.motion import JoinedTrajectory, PointToPoint, Sample, arc, line, preflight, require_clear
+from armctl.motion.preflight import Finding, not_checked
+from armctl.robot import Robot, load_robot, shipped_robots
+from armctl.robot.parts import Obstacle
+
+ROBOT, SCORBOT, MICO = load_robot("uzuner"), load_robot("scorbot"), load_robot("mico")
+HOME = ROBOT.pose("home")
+
+
+@dataclass(frozen=True)
+class Sine:
+    """Joint 1 swings once; nothing of it is known in closed form."""
+
+    amplitude: float
+    duration: float = 2.0
+    lie: float = 1.0
+    phase: float = 0.0
+
+    @property
+    def start(self) -> FloatArray:
+        return HOME + self._unit * self.amplitude * np.sin(self.phase)
+
+    @property
+    def end(self) -> FloatArray:
+        return self.start
+
+    def sample(self, t: float | FloatArray) -> Sample:
+        time = np.asarray(t)[..., None]
+        w = 2 * np.pi / self.duration
+        u = w * np.clip(time, 0, self.duration) + self.phase
+        # (1 - cos) is at rest at both ends; with a phase it is not
+        q = HOME + self._unit * self.amplitude * 0.5 * (1 - np.cos(u))
+        v = self._unit * self.amplitude * 0.5 * w * np.sin(u) * self.lie
+        a = self._unit * self.amplitude * 0.5 * w * w * np.cos(u) * self.lie
+        return Sample(q, v, a, np.zeros_like(q))
+
+    @property
+    def _unit(self) -> FloatArray:
+        return np.array([1.0, 0, 0, 0, 0])
+
+
+def texts(trajectory: object) -> list[str]:
+    return [str(finding) for finding in preflight(ROBOT, trajectory)]  # pyright: ignore[reportArgumentType]
+
+
+def test_good_motions_pass() -> None:
+    rest = ROBOT.pose("rest")
+    there = PointToPoint.plan(ROBOT, HOME, rest)
+    back = PointToPoint.each_for_itself(ROBOT, rest, HOME)
+    assert preflight(ROBOT, there) == []
+    assert preflight(ROBOT, back) == []
+    assert preflight(ROBOT, JoinedTrajectory([there, back])) == []
+    assert preflight(ROBOT, Sine(0.3)) == []
+    require_clear(ROBOT, there)
+
+
+def test_a_joint_outside_its_limits_is_named_with_figures() -> None:
+    end = HOME.copy()
+    end[2] = np.radians(-91.2)
+    (text,) = texts(PointToPoint.lasting(HOME, end, 10.0))
+    assert text == (
+        "Elbow: at 10.00 s, -91.20° is outside -84.36° … 95.07°; "
+        "keep away from this limit: another target, another branch or a straighter way"
+    )
+
+
+def test_speed_and_acceleration_peaks_are_exact() -> None:
+    end = HOME.copy()
+    end[0] += np.radians(60)
+    shortest = PointToPoint.plan(ROBOT, HOME, end).duration
+    assert texts(PointToPoint.lasting(HOME, end, shortest)) == []
+    (speed,) = texts(PointToPoint.lasting(HOME, end, shortest * 0.999))
+    assert speed.startswith("Base: at 0.75 s, 60.1 °/s is over its limit of 60.0 °/s; take 1.00 times")
+    found = texts(PointToPoint.lasting(HOME, end, 0.5))
+    assert [text.split(" is over")[0] for text in found] == [
+        "Base: at 0.00 s, 1440.0 °/s²",
+        "Base: at 0.25 s, 180.0 °/s",
+    ]
+    assert found[0].endswith("limit of 360.0 °/s²; take 2.00 times as long")
+    assert found[1].endswith("limit of 60.0 °/s; take 3.00 times as long")
+
+
+def test_in_a_joined_motion_the_time_counts_from_the_whole_start() -> None:
+    end = HOME.copy()
+    end[0] += np.radians(60)
+    slow = PointToPoint.lasting(HOME, end, 4.0)
+    fast = PointToPoint.lasting(end, HOME, 1.0)
+    (finding,) = [f for f in preflight(ROBOT, JoinedTrajectory([slow, fast])) if "°/s is" in f.what]
+    assert finding.time == pytest.approx(4.5)
+
+
+def test_a_foreign_trajectory_is_sampled() -> None:
+    assert any("°/s is over" in text for text in texts(Sine(1.5)))
+    assert any("°/s² is over" in text for text in texts(Sine(0.3, duration=0.3)))
+    assert any("is outside" in text for text in texts(Sine(2.5, duration=60.0)))
+
+
+def test_one_that_lies_about_its_speed_is_found_out_by_its_steps() -> None:
+    assert any("°/s is over" in text for text in texts(Sine(1.5, lie=0.01)))
+
+
+def test_one_that_does_not_start_at_rest_is_refused() -> None:
+    assert any("the motion starts at" in text for text in texts(Sine(0.3, phase=1.0)))
+
+
+def test_a_piece_of_a_blended_motion_need_not_rest() -> None:
+    assert preflight(ROBOT, Sine(0.3, phase=1.0), at_rest=False) == []
+
+
+def test_a_motion_through_the_floor_says_which_part_and_how_deep() -> None:
+    reach = np.radians([0, 10, -30, -50, 0])
+    down = np.radians([0, -3, -60, -20, 0])
+    trajectory = PointToPoint.plan(ROBOT, reach, down)
+    depth = 1000 * -ROBOT.forward(down)[2, 3]
+    finding = preflight(ROBOT, trajectory)[0]
+    assert (finding.part, finding.kind, finding.severity) == ("the tool", "floor", "error")
+    assert finding.what == f"{depth:.1f} mm below the floor"
+    with pytest.raises(MotionRefusedError, match=r"the tool: .* mm below the floor; .*raise the target"):
+        require_clear(ROBOT, trajectory)
+
+
+def test_a_dip_in_the_middle_is_found_though_both_ends_are_clear() -> None:
+    # The wrist hangs 52 mm above the floor; the tool, 101 mm long, swings through the vertical.
+    start, end = np.radians([0, -3, -84, -83, 0]), np.radians([0, -3, -84, 80, 0])
+    assert ROBOT.forward(start)[2, 3] > 0
+    assert ROBOT.forward(end)[2, 3] > 0
+    trajectory = PointToPoint.plan(ROBOT, start, end)
+    finding = preflight(ROBOT, trajectory)[0]
+    assert 0 < finding.time < trajectory.duration
+    assert "below the floor" in finding.what
+
+
+def test_an_arm_that_is_below_the_floor_may_come_up_but_not_sink() -> None:
+    down = np.radians([0, -3, -60, -20, 0])
+    deeper = np.radians([0, -3, -62, -22, 0])
+    assert preflight(ROBOT, PointToPoint.plan(ROBOT, down, HOME)) == []
+    assert any("below the floor" in text for text in texts(PointToPoint.plan(ROBOT, down, deeper)))
+
+
+def test_the_first_finding_is_told_and_the_rest_are_counted() -> None:
+    end = HOME.copy()
+    end[0] += np.radians(60)
+    with pytest.raises(MotionRefusedError, match=r"Base: at 0\.00 s, 1440\.0 °/s² .* \(and 1 more\)"):
+        require_clear(ROBOT, PointToPoint.lasting(HOME, end, 0.5))
+
+
+def test_another_number_of_joints_is_refused() -> None:
+    with pytest.raises(InputError, match="uzuner has 5 joints, the trajectory has 2"):
+        preflight(ROBOT, PointToPoint.lasting([0.0, 0.0], [1.0, 1.0], 1.0))
+
+
+def test_values_that_are_not_finite_are_refused() -> None:
+    with pytest.raises(InputError, match="angle that is not a finite number"):
+        preflight(ROBOT, Sine(float("nan")))
+
+
+def of_kind(kind: str, robot: Robot, *poses_deg: tuple[float, ...], **more: object) -> list[Finding]:
+    """Findings of one kind on the way from pose to pose."""
+    poses = np.radians(poses_deg)
+    parts = [PointToPoint.plan(robot, a, b) for a, b in pairwise(poses)]
+    found = preflight(robot, JoinedTrajectory(parts), **more)  # type: ignore[arg-type]
+    return [finding for finding in found if finding.kind == kind]
+
+
+# --- self-collision
+
+
+def test_folding_into_the_base_is_refused_with_both_parts_named() -> None:
+    (finding,) = of_kind("self-collision", SCORBOT, (0, -60, 95, -80, 0), (0, 30, 130, -30, 0))
+    assert finding.severity == "error"
+    assert finding.part in ("the gripper", "the link behind elbow")
+    assert "mm inside the base" in finding.what and "the base" in finding.mend
+    assert 0 < finding.time
+
+
+def test_a_touch_in_passing_is_found_though_both_ends_are_clear() -> None:
+    folded = (0, 33, 108, -12, 0)
+    assert of_kind("self-collision", SCORBOT, (0, -60, 95, -80, 0), folded, (0, -60, 95, -80, 0))
+
+
+def test_an_arm_that_touches_may_come_free_but_not_go_deeper() -> None:
+    inside, deeper, free = (0, 30, 115, -12, 0), (0, 33, 120, -12, 0), (0, -60, 95, -80, 0)
+    assert of_kind("self-collision", SCORBOT, free, inside)
+    assert of_kind("self-collision", SCORBOT, inside, free) == []
+    assert of_kind("self-collision", SCORBOT, inside, deeper)
+
+
+@pytest.mark.parametrize("name", shipped_robots())
+def test_the_ways_between_home_and_rest_are_clear(name: str) -> None:
+    robot = load_robot(name)
+    there = PointToPoint.plan(robot, robot.pose("home"), robot.pose("rest"))
+    assert [str(f) for f in preflight(robot, there) if f.severity == "error"] == []
+
+
+@pytest.mark.parametrize("points_m", [arc(), line()], ids=["arc", "line"])
+def test_the_published_ways_are_clear(points_m: FloatArray) -> None:
+    q = np.array([ROBOT.inverse(p).best("published") for p in points_m])
+    parts = [PointToPoint.plan(ROBOT, a, b) for a, b in pairwise(q)]
+    assert [str(f) for f in preflight(ROBOT, JoinedTrajectory(parts), tool_path=True)] == []
+
+
+# --- obstacles
+
+WALL = Obstacle("the wall", np.array([0.2, -0.5, 0.0]), np.array([0.3, 0.5, 0.6]))
+WALLED = replace(ROBOT, obstacles=(WALL,))
+
+
+def test_a_wall_in_the_way_is_named() -> None:
+    found = of_kind("obstacle", WALLED, (0, 120, -80, -40, 0), (0, 40, -20, 0, 0))
+    (finding,) = found
+    assert finding.severity == "error"
+    assert "mm inside the wall" in finding.what and "the wall" in finding.mend
+    assert of_kind("obstacle", ROBOT, (0, 120, -80, -40, 0), (0, 40, -20, 0, 0)) == []
+    assert of_kind("obstacle", WALLED, (0, 120, -80, -40, 0), (20, 120, -80, -40, 0)) == []
+
+
+@pytest.mark.parametrize("angle_deg", [-51.3, -33.9, -22.1, -8.7, 4.4, 17.6, 28.2, 41.7])
+def test_a_thin_post_is_found_between_samples(angle_deg: float) -> None:
+    # the gripper, 13 mm wide, sweeps past a post of 2 mm; samples are up to 30 mm apart
+    q = (10, -10, 0, 0)
+    x, y, z = ROBOT.forward(np.radians([angle_deg, *q]))[:3, 3]
+    low, high = np.array([x - 0.001, y - 0.001, z - 0.05]), np.array([x + 0.001, y + 0.001, z + 0.05])
+    robot = replace(ROBOT, obstacles=(Obstacle("the post", low, high),))
+    assert of_kind("obstacle", robot, (-90, *q), (90, *q))
+    assert of_kind("obstacle", robot, (-90, *q), (angle_deg - 5, *q)) == []
+    assert of_kind("obstacle", robot, (90, *q), (angle_deg + 5, *q)) == []
+
+
+def test_out_of_an_obstacle_the_arm_may_go_but_not_in_deeper() -> None:
+    inside, deeper, out = (0, 40, -20, 0, 0), (0, 30, -10, 0, 0), (0, 120, -80, -40, 0)
+    assert of_kind("obstacle", WALLED, inside, out) == []
+    assert of_kind("obstacle", WALLED, inside, deeper)
+
+
+def test_a_table_under_the_arm_does_not_stop_the_column_from_turning() -> None:
+    table = Obstacle("the table", np.array([-0.5, -0.5, -0.02]), np.array([0.5, 0.5, 0.0]))
+    robot = replace(ROBOT, obstacles=(table,))
+    assert of_kind("obstacle", robot, (-60, 90, -80, -40, 0), (60, 90, -80, -40, 0)) == []
+    down = np.degrees(ROBOT.inverse([0.2, 0.0, -0.01]).best("least-rotation"))
+    (finding,) = of_kind("obstacle", robot, (0, 90, -80, -40, 0), tuple(down))
+    assert finding.part == "the gripper"
+    touching = np.degrees(ROBOT.inverse([0.2, 0.0, 0.0], pitch=-np.pi / 2).best("least-rotation"))
+    assert of_kind("obstacle", robot, (0, 90, -80, -40, 0), tuple(touching)) == []  # picking from it
+
+
+# --- singularity
+
+
+def test_a_joint_motion_that_ends_stretched_is_warned_of() -> None:
+    (finding,) = preflight(ROBOT, PointToPoint.plan(ROBOT, HOME, np.zeros(5)))
+    assert (finding.kind, finding.severity) == ("singularity", "warning")
+    assert "at a singularity" in finding.what
+    require_clear(ROBOT, PointToPoint.plan(ROBOT, HOME, np.zeros(5)))
+
+
+def test_a_joint_motion_may_pass_a_singularity() -> None:
+    assert of_kind("singularity", ROBOT, (0, 20, 40, 30, 0), (0, 20, -40, -30, 0)) == []
+
+
+def test_a_path_of_the_tool_through_the_lost_direction_is_refused() -> None:
+    # stretched upright at the middle: the tool comes out along the arm, stands for an instant, goes back in
+    through = [(0, 120, -40, -20, 0), (0, 90, 0, 0, 0), (0, 60, 40, 20, 0)]
+    (finding,) = of_kind("singularity", ROBOT, *through, tool_path=True)
+    assert finding.severity == "error"
+    assert "lead the path past there" in finding.mend
+
+
+def test_a_path_of_the_tool_that_does_not_need_what_is_lost_is_warned_of() -> None:
+    # stretched all the way, only the base turns: sideways is free
+    (finding,) = of_kind("singularity", ROBOT, (-40, 0, 0, 0, 0), (40, 0, 0, 0, 0), tool_path=True)
+    assert finding.severity == "warning"
+
+
+def test_isotropy_is_that_of_the_singular_values() -> None:
+    rng = np.random.default_rng(9)
+    for q in rng.uniform(ROBOT.limits[:, 0], ROBOT.limits[:, 1], (60, 5)):
+        sizes = np.linalg.svd(ROBOT.jacobian(q)[:3], compute_uv=False)
+        found = [f for f in preflight(ROBOT, PointToPoint.lasting(q, q, 0.0)) if f.kind == "singularity"]
+        assert bool(found) == bool(sizes[2] / sizes[0] < 0.05)
+        if found:
+            assert f"{100 * sizes[2] / sizes[0]:.1f} %" in found[0].what
+
+
+def test_of_an_arm_that_is_always_singular_nothing_is_said() -> None:
+    flat = replace(
+        ROBOT,
+        joints=tuple(
+            replace(joint, lower=0.0, upper=0.0) if joint.name in ("base", "wrist_roll") else joint
+            for joint in ROBOT.joints
+        ),
+    )
+    assert of_kind("singularity", flat, (0, 90, -80, -40, 0), (0, 0, 0, 0, 0)) == []
+
+
+# --- torque
+
+
+def test_a_payload_that_is_too_heavy_is_refused_and_one_that_warms_is_told() -> None:
+    ways = (0, 90, -80, -40, 0), (0, 5, 5, 5, 0)
+    assert of_kind("torque", ROBOT, *ways) == []
+    warm = of_kind("torque", ROBOT, *ways, payload_kg=0.4)
+    assert {f.severity for f in warm} == {"warning"}
+    assert "Shoulder" in {f.part for f in warm}
+    heavy = [f for f in of_kind("torque", ROBOT, *ways, payload_kg=1.0) if f.severity == "error"]
+    assert "Shoulder" in {f.part for f in heavy}
+    q = np.radians(ways[1])
+    torque = abs(float(replace(ROBOT.gravity, payload_kg=1.0).torque(q)[1]))
+    (shoulder,) = [f for f in heavy if f.part == "Shoulder"]
+    assert shoulder.what.startswith(f"gravity asks for {torque:.2f} N·m, {100 * torque / 2.941995:.0f} %")
+    with pytest.raises(MotionRefusedError, match="stall torque"):
+        require_clear(ROBOT, PointToPoint.plan(ROBOT, HOME, q), 1.0)
+
+
+def test_an_overloaded_arm_may_be_brought_in() -> None:
+    out, in_, farther = (0, 30, 0, 0, 0), (0, 90, -80, -40, 0), (0, 0, 0, 0, 0)
+    errors = [f for f in of_kind("torque", ROBOT, out, in_, payload_kg=1.2) if f.severity == "error"]
+    assert errors == []
+    assert any(f.severity == "error" for f in of_kind("torque", ROBOT, out, farther, payload_kg=1.2))
+
+
+@pytest.mark.parametrize("payload", [-0.1, float("nan"), float("inf")])
+def test_a_payload_that_cannot_be(payload: float) -> None:
+    with pytest.raises(InputError, match="payload"):
+        preflight(ROBOT, PointToPoint.plan(ROBOT, HOME, HOME), payload)
+
+
+def test_what_is_not_known_is_said_and_not_invented() -> None:
+    assert not_checked(ROBOT) == ()
+    assert "no stall torque of any joint" in not_checked(MICO)[0]
+    assert of_kind("torque", MICO, (0, -100, 30, 0), (0, 0, 0, 0), payload_kg=50.0) == []
+    bare = replace(ROBOT, gravity=replace(ROBOT.gravity, bodies=()))
+    assert "no masses" in not_checked(bare)[0]
