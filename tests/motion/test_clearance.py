@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import replace
+from importlib import import_module
 from itertools import pairwise
 
 import numpy as np
@@ -91,7 +92,7 @@ def test_a_dip_between_two_clear_samples_is_found(
 def test_memory_is_bounded_by_halving_in_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
     grazing, through = with_floor(-DEPTH), with_floor(DEPTH)
     expected = preflight(grazing, swing()), [finding.kind for finding in preflight(through, swing())]
-    monkeypatch.setattr("armctl.motion.preflight._BLOCK", 1)
+    monkeypatch.setattr(import_module("armctl.motion.preflight"), "_BLOCK", 1)
     assert (
         preflight(grazing, swing()),
         [finding.kind for finding in preflight(through, swing())],
