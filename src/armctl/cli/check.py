@@ -12,7 +12,7 @@ from armctl.boards import setup_of
 from armctl.cli.main import DONE, REFUSED
 from armctl.cli.options import json_option, print_json
 from armctl.documents import DocumentKind
-from armctl.errors import ArmctlError, InputError
+from armctl.errors import ArmctlError, BoardError, InputError
 from armctl.hardware.boards import board_type
 from armctl.motion import Floor
 from armctl.motion.preflight import not_checked, preflight
@@ -140,9 +140,10 @@ def _check_board(robot: Robot) -> Iterator[ProgramFinding]:
     """Whether a board of its kind takes its channels."""
     if robot.output_map is None:
         return
-    refusal = board_type(robot.board).refusal(setup_of(robot))
-    if refusal is not None:
-        yield ProgramFinding(None, refusal, part="the board", mend="connecting is refused")
+    try:
+        board_type(robot.board).check(setup_of(robot))
+    except BoardError as refusal:
+        yield ProgramFinding(None, str(refusal), part="the board", mend="connecting is refused")
 
 
 def _check_rest(robot: Robot) -> Iterator[ProgramFinding]:

@@ -40,7 +40,6 @@ class ByteModel(Protocol):
 
     def reset(self) -> None:
         """Start anew, as after a power cut."""
-        ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,14 +55,10 @@ class Setup:
 class Introduction:
     """What a board says of itself."""
 
-    name: str
-    """of the board, or of its firmware"""
-    version: str | None = None
-    """of the firmware"""
-    details: tuple[str, ...] = ()
-    """what else it told, in words"""
-    reported: tuple[str, ...] = ()
-    """errors that it had kept from before, in words; they are cleared now"""
+    name: str  # of the board, or of its firmware
+    version: str | None = None  # of the firmware
+    details: tuple[str, ...] = ()  # what else it told, in words
+    reported: tuple[str, ...] = ()  # errors that it had kept from before, in words; they are cleared now
 
 
 class Listener(Protocol):
@@ -80,8 +75,7 @@ class SimulatorOption:
 
     name: str
     help: str
-    choices: tuple[str, ...] = ()
-    """none: a flag"""
+    choices: tuple[str, ...] = ()  # none: a flag
 
 
 NEEDED = ("kind", "title", "plugged_in", "scale", "entries")
@@ -133,9 +127,8 @@ class BoardType(ABC):
     def simulated(self, setup: Setup, options: Mapping[str, str | bool | None]) -> ByteModel:
         """A simulated board, set up for a robot; ``options`` by name, as ``simulator_options`` has them."""
 
-    def refusal(self, setup: Setup) -> str | None:
-        """What the largest board of this kind would refuse of a setup; None: it takes all of it."""
-        return None
+    def check(self, setup: Setup) -> None:  # noqa: B027
+        """Raise ``BoardError`` for a setup that the largest board of this kind would refuse."""
 
     def listed_by_name(self, stable_name: str) -> str | None:
         """How a port is listed of which only udev's stable name is known; None: not this board."""

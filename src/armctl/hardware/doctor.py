@@ -34,17 +34,12 @@ _NO_USB = "not listed as a USB device (a pty, a socket or a plain serial port)"
 class Patient:
     """What is to be looked at."""
 
-    port: str
-    """what to open: a device, a pty or ``socket://host:port``"""
-    info: PortInfo | None = None
-    """what the listing says of it; None where it does not list it"""
-    expected: str | None = None
-    """the kind of board that should be there; None: any"""
-    channels: Sequence[ChannelSettings] = ()
-    """what the robot file needs, in the board's unit"""
+    port: str  # what to open: a device, a pty or ``socket://host:port``
+    info: PortInfo | None = None  # what the listing says of it; None where it does not list it
+    expected: str | None = None  # the kind of board that should be there; None: any
+    channels: Sequence[ChannelSettings] = ()  # what the robot file needs, in the board's unit
     checks: PortChecks = field(default_factory=PortChecks)
-    simulated: bool = False
-    """whether a simulated board is behind it"""
+    simulated: bool = False  # whether a simulated board is behind it
 
     @property
     def listing(self) -> str | None:

@@ -87,11 +87,9 @@ class Driver(Protocol):
 
     def configure(self, channels: Sequence[ChannelSettings]) -> None:
         """Tell the board and the driver what each channel may do. Moves nothing."""
-        ...
 
     def write(self, setpoints: Mapping[int, float]) -> None:
         """Send setpoints; the first one of a channel that is off switches its pulses on."""
-        ...
 
     def read(self) -> Readback:
         """Read positions and errors back."""
@@ -99,22 +97,18 @@ class Driver(Protocol):
 
     def stop(self) -> None:
         """Board-side hold: every channel that is on stays where the board now has it."""
-        ...
 
     def home(self) -> None:
         """Begin to look for the zero of every channel: the arm moves. ``read`` tells how it goes.
 
         ``stop`` and ``release`` end it. A board that needs no homing refuses with ``BoardError``.
         """
-        ...
 
     def release(self) -> None:
         """Pulses off on every configured channel: the arm drops."""
-        ...
 
     def close(self) -> None:
         """Close the line; safe to call twice, and after an unplug. Leaves the outputs as they are."""
-        ...
 
 
 # The outputs of a board: how they are called and counted, and what each may be sent.

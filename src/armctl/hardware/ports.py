@@ -26,9 +26,9 @@ _BY_ID_SERIAL = re.compile(r"_([0-9A-Za-z]+)-if[0-9a-fA-F]{2}(-port\d+)?$")
 
 def listing_of(vendor: int | None, product: int | None) -> str:
     """How a device with these USB numbers is listed: as a board says, or ``UNKNOWN``."""
-    for numbers in ((vendor, product), (vendor, ANY_PRODUCT)):
+    for number in (product, ANY_PRODUCT):
         for board in board_types():
-            if (listing := board.usb.get(numbers)) is not None:
+            if vendor is not None and (listing := board.usb.get((vendor, number))) is not None:
                 return listing
     return UNKNOWN
 

@@ -41,17 +41,13 @@ _RUNNING_S = 0.3
 class Probed:
     """Who answers on a port."""
 
-    port: str
-    """as the user named it"""
-    board: str | None = None
-    """the kind of board; None: none that armctl knows"""
-    name: str | None = None
-    """of the board or its firmware; this and the next three as in ``Introduction``"""
+    port: str  # as the user named it
+    board: str | None = None  # the kind of board; None: none that armctl knows
+    name: str | None = None  # of the board or its firmware; this and the next three as in ``Introduction``
     version: str | None = None
     details: tuple[str, ...] = ()
     reported: tuple[str, ...] = ()
-    heard: bytes = b""
-    """the first bytes of what no board is known by"""
+    heard: bytes = b""  # the first bytes of what no board is known by
 
     def __str__(self) -> str:
         """One line for people."""
@@ -68,10 +64,8 @@ class Approach:
 
     bauds: tuple[int, ...]
     """rates to listen at, likeliest first; the last questions are asked at the one at hand"""
-    listen_s: float
-    """how long a board may take to speak after the port has been opened"""
-    asked: tuple[BoardType, ...]
-    """the boards that are asked, in this order, where none has spoken"""
+    listen_s: float  # how long a board may take to speak after the port has been opened
+    asked: tuple[BoardType, ...]  # the boards that are asked, in this order, where none has spoken
 
 
 def approach(listing: str | None, expected: str | None = None) -> Approach:

@@ -28,7 +28,6 @@ class Transport(Protocol):
 
     def write(self, data: bytes) -> None:
         """Send all of ``data``, or raise."""
-        ...
 
     def read(self, count: int, timeout_s: float) -> bytes:
         """Return ``count`` bytes, or the fewer that came within ``timeout_s``."""
@@ -36,11 +35,9 @@ class Transport(Protocol):
 
     def discard_input(self) -> None:
         """Forget everything received and not yet read."""
-        ...
 
     def close(self) -> None:
         """Give the line up. Never raises; safe to call twice."""
-        ...
 
 
 # A serial port, a pty or a ``socket://host:port`` through pyserial, with errors in words for the user.
@@ -177,23 +174,16 @@ UNKNOWN = "unknown"
 class PortInfo:
     """One serial port."""
 
-    device: str
-    """what to open"""
+    device: str  # what to open
     kind: str
     """what its USB numbers say, as ``BoardType.usb`` puts it, or ``UNKNOWN``. What an Arduino has been
     flashed with does not show here: ``probe`` finds out"""
-    description: str
-    """what the operating system says"""
-    serial_number: str | None
-    """the board's USB serial number"""
-    usable: bool
-    """whether it can be opened and is the port to talk to the board on"""
-    why_not: str | None
-    """what speaks against it, and what to do; None when usable"""
-    stable_name: str | None = None
-    """a name below ``/dev/serial/by-id`` that survives replugging"""
-    notes: tuple[str, ...] = ()
-    """what to know about a port that can be used"""
+    description: str  # what the operating system says
+    serial_number: str | None  # the board's USB serial number
+    usable: bool  # whether it can be opened and is the port to talk to the board on
+    why_not: str | None  # what speaks against it, and what to do; None when usable
+    stable_name: str | None = None  # a name below ``/dev/serial/by-id`` that survives replugging
+    notes: tuple[str, ...] = ()  # what to know about a port that can be used
 
 
 def describe_port(name: str, ports: Sequence[PortInfo]) -> PortInfo | None:
@@ -225,12 +215,10 @@ class Connection:
 
     line: str | Callable[[], Transport]
     """a device, a pty or ``socket://host:port``; or what opens the transport"""
-    now: Callable[[], float]
-    """the clock [s]"""
+    now: Callable[[], float]  # the clock [s]
     ports: Callable[[], Sequence[PortInfo]] = tuple
     """the listing of serial ports; a simulated board, a pty or a socket is not among them"""
-    accept: AcceptBoard = any_board
-    """judges the board that is there, before it is spoken to"""
+    accept: AcceptBoard = any_board  # judges the board that is there, before it is spoken to
     simulated: bool = False
     """whether a simulated board of this program is at the other end: late on a busy computer, never gone"""
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
-from armctl.errors import BoardError
 from armctl.hardware.board_type import (
     ARDUINO_LIKELY,
     ARDUINO_MEGA,
@@ -77,15 +76,11 @@ class EncoderBoard(BoardType):
 
         return simulated_encoder_board(setup.channels, _settings(setup).axes)
 
-    def refusal(self, setup: Setup) -> str | None:
-        """What the board would refuse."""
+    def check(self, setup: Setup) -> None:
+        """Refuse what the board would refuse."""
         from armctl.hardware.encoder.axes import AxisTable
 
-        try:
-            AxisTable(setup.channels, _settings(setup), _MOST_AXES)
-        except BoardError as refusal:
-            return str(refusal)
-        return None
+        AxisTable(setup.channels, _settings(setup), _MOST_AXES)
 
     def listener(self) -> Listener:
         """Recognises the banner, and the status line that comes 50 times a second."""

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING
 
-from armctl.errors import BoardError
 from armctl.hardware.board_type import (
     ARDUINO_LIKELY,
     ARDUINO_MEGA,
@@ -59,15 +58,11 @@ class FirmataBoard(BoardType):
 
         return SimulatedFirmata()
 
-    def refusal(self, setup: Setup) -> str | None:
-        """What a Mega would refuse."""
+    def check(self, setup: Setup) -> None:
+        """Refuse what a Mega would refuse."""
         from armctl.hardware.firmata.simulated import SERVO_PINS
 
-        try:
-            pin_table(setup.channels, SERVO_PINS)
-        except BoardError as refusal:
-            return str(refusal)
-        return None
+        pin_table(setup.channels, SERVO_PINS)
 
     def listener(self) -> Listener:
         """Recognises the sketch by the name that it tells when it starts."""

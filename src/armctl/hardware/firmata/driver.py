@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
 from armctl.errors import BoardError, BoardProtocolError, BoardTimeoutError
 from armctl.hardware.driver import BoardIdentity, ChannelSettings, ChannelTable, Readback, Source
@@ -89,7 +89,11 @@ class FirmataDriver:
         """Remember the pins' ranges and find out which of them are on. Moves nothing, emits no pulse."""
         line = self._firmata
         table = pin_table(channels, self._servo_pins)
-        watch = PinWatch(self._ask_states(table.channels).values())
+        self._take(line.receive())
+        states = self._ask_states(table.channels)
+        if missing := [pin for pin in table.channels if pin not in states]:
+            raise self._not_told(missing)
+        watch = PinWatch(states.values())
         if gone := watch.carry_on(self._watch):
             raise line.lose(_switched_off(gone))
         self._stream.clear()
@@ -142,10 +146,12 @@ class FirmataDriver:
         # The sketch gives a freed servo to the pin attached next, with the last width it sent. Freed
         # highest first and attached lowest first, each pin gets its own again.
         request = b"".join(codec.pin_mode(pin, PinMode.OUTPUT) for pin in reversed(self._table.channels))
-        still_on = self._table.channels
+        still_on: Sequence[int] = ()
         for _ in range(_RELEASE_ATTEMPTS):
             self._stream.send(request)
-            still_on = self._await_off()
+            states = self._ask_states(self._table.channels)
+            off = [pin for pin, state in states.items() if state.mode != PinMode.SERVO]
+            still_on = [pin for pin in self._table.channels if pin not in off]
             if not still_on:
                 self._watch.released()
                 return
@@ -191,42 +197,21 @@ class FirmataDriver:
         if gone := self._watch.switched_off:
             raise self._firmata.lose(_switched_off(gone))
 
-    def _ask_states(self, pins: Sequence[int]) -> dict[int, PinState]:
-        """The states of ``pins``, asked for now and waited for."""
-        states: dict[int, PinState] = {}
-        self._take(self._firmata.receive())
-        if not pins:
-            return states
-        for state in self._answers(pins):
-            states[state.pin] = state
-            if len(states) == len(pins):
-                return states
-        raise self._not_told([pin for pin in pins if pin not in states])
-
     def _not_told(self, pins: Sequence[int]) -> BoardTimeoutError:
         return BoardTimeoutError(
             f"{self._firmata.name}: the board did not tell the state of pin {', '.join(map(str, pins))} "
             f"within {self._timeout_s * 1000:.0f} ms; check the cable and the board's power supply"
         )
 
-    def _await_off(self) -> tuple[int, ...]:
-        """Ask for the pins' states and wait until all are off; return those that are not."""
-        on = set(self._table.channels)
-        if not on:
-            return ()
-        for state in self._answers(self._table.channels):
-            if state.mode != PinMode.SERVO:
-                on.discard(state.pin)
-            if not on:
-                break
-        return tuple(sorted(on))
-
-    def _answers(self, pins: Sequence[int]) -> Iterator[PinState]:
-        """What the board says of ``pins``, asked for now; its answers to earlier questions are left out.
+    def _ask_states(self, pins: Sequence[int]) -> dict[int, PinState]:
+        """The states of ``pins``, asked for now; what does not come in time is missing.
 
         Answers do not say to which question they belong, but come in order. So the first question is
         about a pin that drives no servo, of which nothing else asks: what comes after its answer is new.
         """
+        states: dict[int, PinState] = {}
+        if not pins:
+            return states
         marker, *others = self._markers
         self._markers = (*others, marker)  # not the same again: its answer may come late, too
         self._stream.send(b"".join(map(codec.pin_state_query, (marker, *pins))))
@@ -237,7 +222,10 @@ class FirmataDriver:
             elif reply.pin == marker:
                 in_step = True
             elif in_step and reply.pin in pins:
-                yield reply
+                states[reply.pin] = reply
+                if len(states) == len(pins):
+                    break
+        return states
 
 
 def _switched_off(pins: Sequence[int]) -> str:

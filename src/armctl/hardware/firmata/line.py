@@ -39,8 +39,7 @@ class Identity:
 
     firmware: FirmwareReport
     capabilities: CapabilityReport
-    fresh: bool
-    """whether it started while the line was open: it has driven no servo yet"""
+    fresh: bool  # whether it started while the line was open: it has driven no servo yet
 
 
 class FirmataLine:

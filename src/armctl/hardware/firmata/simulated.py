@@ -280,8 +280,7 @@ class SketchMessage:
 
     command: Command
     data: bytes = b""
-    channel: int = 0
-    """of commands below F0"""
+    channel: int = 0  # of commands below F0
 
 
 class SketchParser:

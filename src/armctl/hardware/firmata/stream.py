@@ -33,10 +33,8 @@ class _Question:
 @dataclass(slots=True)
 class _Pin:
     on: bool = False
-    pulse_us: int | None = None
-    """last sent, or found; None: off, or set to degrees by another program"""
-    doubtful: bool = False
-    """the board was seen with another value: what was sent last must be sent again"""
+    pulse_us: int | None = None  # last sent, or found; None: off, or set to degrees by another program
+    doubtful: bool = False  # the board was seen with another value: what was sent last must be sent again
     asked: _Question | None = None
     contradictions: int = 0
 

@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 from types import MappingProxyType
 from typing import TYPE_CHECKING
 
-from armctl.errors import BoardError, BoardTimeoutError
+from armctl.errors import BoardTimeoutError
 from armctl.hardware.board_type import BoardType, ByteModel, Introduction, Setup, SimulatorOption
 from armctl.hardware.driver import Driver
 from armctl.hardware.maestro import SCALE, SILENT_ADVICE, MaestroModel
@@ -61,15 +61,11 @@ class MaestroBoard(BoardType):
         model = MaestroModel.with_channels(int(size)) if isinstance(size, str) else None
         return simulated_maestro(() if options.get("factory") else setup.channels, model)
 
-    def refusal(self, setup: Setup) -> str | None:
-        """What the largest Maestro would refuse."""
+    def check(self, setup: Setup) -> None:
+        """Refuse what the largest Maestro would refuse."""
         from armctl.hardware.maestro.driver import channel_table
 
-        try:
-            channel_table(setup.channels, None)
-        except BoardError as refusal:
-            return str(refusal)
-        return None
+        channel_table(setup.channels, None)
 
     def listed_by_name(self, stable_name: str) -> str | None:
         """Udev's name of a Maestro tells its size."""

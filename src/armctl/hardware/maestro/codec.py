@@ -257,8 +257,7 @@ class Packet:
     opcode: Opcode
     data: bytes
     raw: bytes
-    time: float = 0.0
-    """when a simulated board took it [s]"""
+    time: float = 0.0  # when a simulated board took it [s]
 
 
 class PacketParser:

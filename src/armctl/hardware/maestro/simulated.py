@@ -176,16 +176,11 @@ _TAKE_USB_COMMANDS = (SerialMode.USB_DUAL_PORT, SerialMode.USB_CHAINED)
 class MaestroSettings:
     """The settings in the board's own memory; the defaults are the factory's, but for the serial mode."""
 
-    serial_mode: SerialMode = SerialMode.USB_DUAL_PORT
-    """with the factory's, no USB client can do anything"""
-    device: int = DEFAULT_DEVICE_NUMBER
-    """of the Pololu form"""
-    crc: bool = False
-    """whether commands must carry a CRC-7"""
-    timeout_units: int = 0
-    """serial timeout [10 ms]; 0: none"""
-    channels: Mapping[int, ChannelConfig] | None = None
-    """the factory's for all others"""
+    serial_mode: SerialMode = SerialMode.USB_DUAL_PORT  # with the factory's, no USB client can do anything
+    device: int = DEFAULT_DEVICE_NUMBER  # of the Pololu form
+    crc: bool = False  # whether commands must carry a CRC-7
+    timeout_units: int = 0  # serial timeout [10 ms]; 0: none
+    channels: Mapping[int, ChannelConfig] | None = None  # the factory's for all others
 
 
 class SimulatedMaestro:
