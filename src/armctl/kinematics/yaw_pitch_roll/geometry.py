@@ -9,8 +9,6 @@ from __future__ import annotations
 import cmath
 import itertools
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -33,26 +31,36 @@ def recognise(chain: Chain) -> ToolPlane | None:
     """
     points, axes = chain.axes()
     tool = chain.forward(np.zeros(chain.n))
-    pitch_count = _count_parallel(axes)
-    if pitch_count not in (2, 3) or chain.n - 1 - pitch_count not in (0, 1):
-        return None
-    roll_joint = chain.n - 1 if chain.n == 2 + pitch_count else None
     tip, approach = tool[:3, 3], tool[:3, 2]
+    if len(axes) < 3 or abs(axes[0] @ axes[1]) > _ALIGNED:
+        return None
+    across = [np.linalg.norm(np.cross(axis, axes[1])) >= _ALIGNED for axis in axes[1:]]
+    count = (*across, True).index(True)
+    if count not in (2, 3) or chain.n - 1 - count not in (0, 1):
+        return None
+    roll_joint = chain.n - 1 if chain.n == 2 + count else None
+    swung = 0.0
     if roll_joint is not None:
-        lever = np.cross(tip - points[roll_joint], axes[roll_joint])
-        if abs(axes[roll_joint] @ axes[1]) > _ALIGNED or np.linalg.norm(lever) > _ALIGNED:
+        roll = axes[roll_joint]
+        if abs(roll @ axes[1]) > _ALIGNED or np.linalg.norm(np.cross(tip - points[-1], roll)) > _ALIGNED:
             return None
+        swung = float(np.linalg.norm(np.cross(roll, approach)))
     up = axes[0] if axes[0][2] >= -_ALIGNED else -axes[0]
-    frame = _plane_frame(up, axes[1], points[1], points[2], tip)
-    left = frame[:, 1]
-    joints = [_planar(frame, points[0], p) for p in (*points[1 : 1 + pitch_count], tip)]
+    left = axes[1] - (axes[1] @ up) * up
+    left /= np.linalg.norm(left)
+    forward = np.cross(left, up)
+    # forward is where the tool (else the first link) points with all joints at zero
+    ahead = next((a for p in (tip, points[2]) if abs(a := (p - points[1]) @ forward) > 1e-6), 1.0)
+    if ahead < 0:
+        left, forward = -left, -forward
+    frame = np.column_stack([forward, left, up])
+    local = (np.array([*points[1 : 1 + count], tip]) - points[0]) @ frame
+    joints = [complex(x, z) for x, _, z in local.tolist()]
     links = [b - a for a, b in itertools.pairwise(joints)]
     if min(map(abs, links)) < _ALIGNED:
         return None
-    phases = [cmath.phase(link) for link in links]
+    phases = [0.0, *map(cmath.phase, links)]
     along = frame.T @ approach
-    # a roll joint that does not turn about the approach axis swings it out of the plane
-    swung = 0.0 if roll_joint is None else float(np.linalg.norm(np.cross(axes[roll_joint], approach)))
     in_plane = abs(along[1]) < _ALIGNED and swung < _ALIGNED
     return ToolPlane(
         origin=points[0],
@@ -61,43 +69,11 @@ def recognise(chain: Chain) -> ToolPlane | None:
         lateral=_clean(float(left @ (tip - points[0]))),
         shoulder=complex(_clean(joints[0].real), joints[0].imag),
         lengths=tuple(map(abs, links)),
-        signs=tuple(-1 if axes[1 + k] @ left > 0 else 1 for k in range(pitch_count)),
-        offsets=tuple(
-            _clean(wrap(phase - before)) for phase, before in zip(phases, [0.0, *phases[:-1]], strict=True)
-        ),
+        signs=tuple(-1 if axis @ left > 0 else 1 for axis in axes[1 : 1 + count]),
+        offsets=tuple(_clean(wrap(phase - before)) for before, phase in itertools.pairwise(phases)),
         tool_angle=_clean(wrap(math.atan2(along[2], along[0]) - phases[-1])) if in_plane else None,
         roll_joint=roll_joint,
     )
-
-
-def _count_parallel(axes: FloatArray) -> int:
-    """How many joints after the first are parallel to the second, which must stand across the first."""
-    if len(axes) < 3 or abs(axes[0] @ axes[1]) > _ALIGNED:
-        return 0
-    count = 1
-    while 1 + count < len(axes) and np.linalg.norm(np.cross(axes[1 + count], axes[1])) < _ALIGNED:
-        count += 1
-    return count
-
-
-def _plane_frame(
-    up: FloatArray, pitch: FloatArray, first: FloatArray, second: FloatArray, tip: FloatArray
-) -> FloatArray:
-    """Forward, left, up; forward is where the tool (else the first link) points with all joints at zero."""
-    left = pitch - (pitch @ up) * up
-    left /= np.linalg.norm(left)
-    forward = np.cross(left, up)
-    for reach in (tip - first, second - first):
-        if abs(reach @ forward) > 1e-6:
-            if reach @ forward < 0:
-                left, forward = -left, -forward
-            break
-    return np.column_stack([forward, left, up])
-
-
-def _planar(frame: FloatArray, origin: FloatArray, point: FloatArray) -> complex:
-    local = frame.T @ (point - origin)
-    return complex(float(local[0]), float(local[2]))
 
 
 def _clean(value: float) -> float:
@@ -149,32 +125,23 @@ def base_branches(
     d = geometry.lateral
     rho, aside = math.hypot(x, y), abs(d)
     gap = rho - aside
-    if gap <= AXIS_TOLERANCE:
-        if gap < -AXIS_TOLERANCE:
-            return []
-        if is_on_axis(geometry, x, y):
-            straight = 0.0 if limits is None else rest_angle(*limits)
-            return axis_branches((straight, straight + math.pi), limits)
-    r = math.sqrt(gap * (rho + aside)) if gap > _TOUCHING else 0.0
-    azimuth, lean, sign = math.atan2(y, x), math.atan2(d, r) if d else 0.0, geometry.yaw_sign
-    branches: list[BaseBranch] = []
-    for angle in _inside(sign * (azimuth - lean), limits):
-        branches.append(BaseBranch(True, angle, r))
-    for angle in _inside(sign * (azimuth + lean - math.pi), limits) if r else ():  # else it is the same one
-        branches.append(BaseBranch(False, angle, -r))
-    return branches
-
-
-def axis_branches(turns: Sequence[float], limits: tuple[float, float] | None) -> list[BaseBranch]:
-    """Branches for a target on the base axis, at the angles wanted [rad]: the first in front, others not."""
-    return [BaseBranch(i == 0, angle, 0.0) for i, turn in enumerate(turns) for angle in _inside(turn, limits)]
-
-
-def _inside(turn: float, limits: tuple[float, float] | None) -> list[float]:
-    if limits is None:
-        return [wrap(turn)]
-    low, high = limits
-    return images(turn, low, high)
+    if gap < -AXIS_TOLERANCE:
+        return []
+    on_axis = gap <= AXIS_TOLERANCE and is_on_axis(geometry, x, y)
+    if on_axis:
+        r, front = 0.0, 0.0 if limits is None else rest_angle(*limits)
+        back = front + math.pi
+    else:
+        r = math.sqrt(gap * (rho + aside)) if gap > _TOUCHING else 0.0
+        azimuth, lean, sign = math.atan2(y, x), math.atan2(d, r) if d else 0.0, geometry.yaw_sign
+        front, back = sign * (azimuth - lean), sign * (azimuth + lean - math.pi)
+    found: list[BaseBranch] = []
+    for angle in [wrap(front)] if limits is None else images(front, *limits):
+        found.append(BaseBranch(True, angle, r))
+    if r or on_axis:  # else it is the same one
+        for angle in [wrap(back)] if limits is None else images(back, *limits):
+            found.append(BaseBranch(False, angle, -r))
+    return found
 
 
 def base_angles(
@@ -211,30 +178,16 @@ def base_angles(
     return yaw, np.stack([r, -r]), inside
 
 
-# Where the tool points in the vertical plane: what a pitch above the horizontal asks for.
-
-
-@dataclass(frozen=True, slots=True)
-class PlanePose:
-    """Tool direction in the vertical plane and roll."""
-
-    tool_angle: float | None
-    """plane angle of the approach axis above forward [rad]; None: whatever the position gives"""
-    roll: float
-    """angle of the roll joint [rad]; 0 where there is none"""
-
-
-def pitch_poses(pitch: float | None, roll: float) -> list[PlanePose]:
-    """Plane angles that hold the tool at a pitch above the horizontal.
+def tool_angles(pitch: float | None) -> list[float | None]:
+    """Plane angles of the approach axis [rad] that hold the tool at a pitch above the horizontal [rad].
 
     A pitch within ±90° is met by a tool that points away from the base axis and by one that points back
-    at it. Beyond ±90° the angle is taken as it is, in the arm's own plane: the tool points back.
+    at it. Beyond ±90° the angle is taken as it is, in the arm's own plane: the tool points back. Without a
+    pitch: None, whatever the position gives.
     """
-    if pitch is None:
-        return [PlanePose(None, roll)]
-    if abs(pitch) > math.pi / 2:
-        return [PlanePose(pitch, roll)]
-    return [PlanePose(pitch, roll), PlanePose(math.pi - pitch, roll)]
+    if pitch is None or abs(pitch) > math.pi / 2:
+        return [pitch]
+    return [pitch, math.pi - pitch]
 
 
 # Names of the branches of *yaw + parallel pitch joints (+ roll)*.
@@ -262,9 +215,9 @@ def branch_index(front: bool, bend: int, tool_in: bool = False) -> int:
     return 4 * (not front) + 2 * (not elbow_up) + tool_in
 
 
-def tool_points_in(branch: BaseBranch, pose: PlanePose) -> bool:
-    """True when the tool points back at the base axis."""
-    if pose.tool_angle is None:
+def tool_points_in(branch: BaseBranch, tool_angle: float | None) -> bool:
+    """True when the tool, at a plane angle [rad] or any, points back at the base axis."""
+    if tool_angle is None:
         return False
-    outward = math.cos(pose.tool_angle) if branch.front else -math.cos(pose.tool_angle)
+    outward = math.cos(tool_angle) if branch.front else -math.cos(tool_angle)
     return outward < -LEVEL

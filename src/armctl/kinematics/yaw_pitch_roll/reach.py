@@ -32,7 +32,7 @@ from armctl.kinematics.yaw_pitch_roll.geometry import (
     AXIS_TOLERANCE,
     BaseBranch,
     base_branches,
-    pitch_poses,
+    tool_angles,
 )
 from armctl.kinematics.yaw_pitch_roll.section import PlaneCircle, collinear_circles, triangle
 
@@ -102,7 +102,7 @@ class Reach:
                 f"target is {1000 * math.hypot(x, y):.2f} mm from the axis, the tool plane passes it at "
                 f"{1000 * d:.2f} mm"
             ), nearest
-        angles = [pose.tool_angle for pose in pitch_poses(target.pitch, 0.0)]
+        angles = tool_angles(target.pitch)
         reason = None
         if (
             target.pitch is not None
@@ -211,8 +211,8 @@ class Reach:
         found: list[_Nearest] = []
         if target.pitch is not None and len(self._geometry.lengths) == 3:
             tool = self._geometry.tool_angle or 0.0
-            for pose in pitch_poses(target.pitch, 0.0):
-                found += self._nearest(x, y, z, (pose.tool_angle or 0.0) - tool)
+            for angle in tool_angles(target.pitch):
+                found += self._nearest(x, y, z, (angle or 0.0) - tool)
         nearest = _nearest_of(found or self._nearest(x, y, z, None))
         joint = self._geometry.roll_joint
         if not nearest or joint is None:

@@ -38,8 +38,8 @@ from armctl.kinematics.yaw_pitch_roll.geometry import (
     bend_sense,
     branch_index,
     is_on_axis,
-    pitch_poses,
     recognise,
+    tool_angles,
     tool_points_in,
 )
 from armctl.kinematics.yaw_pitch_roll.least_rotation import LeastRotation
@@ -233,15 +233,14 @@ class YawPitchRollSolver(InverseKinematics):
         return self._solutions(target, [single], [name], optimum)
 
     def _isolated(self, target: Target, branches: list[BaseBranch], z: float, roll: float) -> Solutions:
-        shoulder = self.geometry.shoulder
+        shoulder, rolls = self.geometry.shoulder, roll_angles(self._roll, roll)
         found: list[FloatArray] = []
         index: list[int] = []
-        for branch, pose in itertools.product(branches, pitch_poses(target.pitch, roll)):
-            for plane in self._planar.at(branch.r - shoulder.real, z - shoulder.imag, pose.tool_angle):
-                name = branch_index(branch.front, bend_sense(plane[1]), tool_points_in(branch, pose))
-                for angles, rolled in itertools.product(
-                    self._planar.joint_images(plane), roll_angles(self._roll, pose.roll)
-                ):
+        for branch, tool_angle in itertools.product(branches, tool_angles(target.pitch)):
+            inward = tool_points_in(branch, tool_angle)
+            for plane in self._planar.at(branch.r - shoulder.real, z - shoulder.imag, tool_angle):
+                name = branch_index(branch.front, bend_sense(plane[1]), inward)
+                for angles, rolled in itertools.product(self._planar.joint_images(plane), rolls):
                     q = self._with_roll((branch.angle, *angles), rolled)
                     # straight up and straight down are reached by two pitch angles that are the same
                     if not any(np.abs(q - other).max() < LIMIT_TOLERANCE for other in found):
