@@ -1,7 +1,7 @@
 from __future__ import annotations
 
 import pytest
-from tests.runtime.kit import Rig, make_rig
+from tests.runtime.kit import LateExecutor, Rig, make_rig
 
 
 @pytest.fixture
@@ -12,3 +12,9 @@ def rig() -> Rig:
 @pytest.fixture
 def holding() -> Rig:
     return make_rig().enable()
+
+
+@pytest.fixture
+def late() -> Rig:
+    """Holding; it plans only when told to."""
+    return make_rig(LateExecutor()).enable()

@@ -114,6 +114,8 @@ class Rig:
     driver: RecordingDriver
     controller: Controller
     robot: Robot = ROBOT
+    executor: LateExecutor = field(default_factory=LateExecutor)
+    """of a rig that plans late"""
     history: list[Snapshot] = field(default_factory=list)
 
     @property
@@ -190,7 +192,10 @@ def make_rig(executor: Executor | None = None, robot: Robot = ROBOT, rate_hz: fl
     controller = Controller(
         robot, lambda _port: driver, clock, rate_hz=rate_hz, executor=executor or InlineExecutor()
     )
-    return Rig(clock, driver, controller, robot)
+    rig = Rig(clock, driver, controller, robot)
+    if isinstance(executor, LateExecutor):
+        rig.executor = executor
+    return rig
 
 
 def assert_stream_keeps_limits(rig: Rig, first: int = 0) -> None:

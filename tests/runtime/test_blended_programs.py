@@ -189,22 +189,16 @@ def test_a_pause_or_stop_stays_on_the_path_and_skips_no_step(
     assert_keeps_limits(rig)
 
 
-def test_when_the_planner_is_late_the_arm_waits_on_the_path() -> None:
-    executor = LateExecutor()
-    rig = make_rig(executor).enable()
-    ticket = rig.do(RunProgram(through_the_arc(2.0)))
+def test_when_the_planner_is_late_the_arm_waits_on_the_path(late: Rig) -> None:
+    ticket = late.do(RunProgram(through_the_arc(2.0)))
     for _ in range(400):
-        if rig.now.state is State.HOLDING and rig.now.program is None and ticket.finished.done():
+        if late.now.state is State.HOLDING and late.now.program is None and ticket.finished.done():
             break
-        executor.work()
-        rig.run(1.0)  # much longer than what is planned ahead
+        late.executor.work()
+        late.run(1.0)  # much longer than what is planned ahead
     ticket.result(0)
-    assert steps_seen(rig) == [(0, k) for k in range(58)]
-    assert_keeps_limits(rig)
-
-
-def test_an_edit_without_a_running_program_is_refused(holding: Rig) -> None:
-    holding.refuses(UpdateProgram(program(WaitStep(seconds=1))), "no program runs")
+    assert steps_seen(late) == [(0, k) for k in range(58)]
+    assert_keeps_limits(late)
 
 
 def test_a_single_step(holding: Rig) -> None:
@@ -320,33 +314,31 @@ def test_when_the_planner_breaks_in_a_blended_motion_the_arm_comes_to_rest(numbe
     assert_keeps_limits(rig)
 
 
-def test_an_edit_mends_what_could_not_be_planned() -> None:
-    executor = LateExecutor()
-    rig = make_rig(executor).enable()
+def test_an_edit_mends_what_could_not_be_planned(late: Rig) -> None:
 
     def work_until_nothing_waits() -> None:
-        while executor.waiting:
-            executor.work()
-            rig.tick()
+        while late.executor.waiting:
+            late.executor.work()
+            late.tick()
 
     def broken() -> None:
         raise RuntimeError("out of memory")
 
-    rig.do(RunProgram(program(*swings(0, 0.1, 0.2)), None))
+    late.do(RunProgram(program(*swings(0, 0.1, 0.2)), None))
     work_until_nothing_waits()
-    rig.until(lambda _: bool(executor.waiting))
-    executor.waiting = [(future, broken) for future, _ in executor.waiting]
-    executor.work()
-    rig.tick()
-    edit = rig.do(UpdateProgram(program(*swings(0, 0.1, -0.1))))
-    executor.work()
-    rig.run(10)  # what is left of the old version runs out before the new one is planned
+    late.until(lambda _: bool(late.executor.waiting))
+    late.executor.waiting = [(future, broken) for future, _ in late.executor.waiting]
+    late.executor.work()
+    late.tick()
+    edit = late.do(UpdateProgram(program(*swings(0, 0.1, -0.1))))
+    late.executor.work()
+    late.run(10)  # what is left of the old version runs out before the new one is planned
     edit.result(0)
     for _ in range(100):
-        executor.work()
-        rig.run(0.1)
-    assert rig.now.state is State.MOVING
-    assert np.abs(commanded(rig) - (MIDDLE - 0.1)).max(axis=1).min() < 1e-9
+        late.executor.work()
+        late.run(0.1)
+    assert late.now.state is State.MOVING
+    assert np.abs(commanded(late) - (MIDDLE - 0.1)).max(axis=1).min() < 1e-9
 
 
 @pytest.mark.parametrize("asleep_s", [2.0, 5.0])

@@ -9,17 +9,28 @@ import numpy as np
 import pytest
 from tests.runtime.kit import ROBOT, TEST, RecordingDriver, Rig, fails, make_rig
 
-from armctl.errors import ArmctlError, StateError
+from armctl.errors import ArmctlError, InputError, MotionRefusedError, StateError
+from armctl.motion import PointToPoint, plan_joints
+from armctl.program import Program
 from armctl.runtime import (
+    ClearFault,
+    Command,
     Connect,
     Controller,
     Disconnect,
     Enable,
+    Follow,
     ManualClock,
     MonotonicClock,
+    MoveGripper,
     MoveJoints,
     Origin,
+    Pause,
+    Release,
+    Resume,
+    SetSpeed,
     State,
+    UpdateProgram,
 )
 from armctl.runtime.mover import PathMover
 
@@ -204,3 +215,47 @@ def test_a_snapshot_that_cannot_be_made_is_a_fault_and_the_ticks_go_on(
     rig.tick()
     assert rig.now.state is State.FAULT
     assert isinstance(motion.finished.exception(0), ArmctlError)
+
+
+@pytest.mark.parametrize(
+    ("command", "words"),
+    [
+        (Release(), "nothing to release: disconnected"),
+        (Enable(), "needs the state off, it is disconnected; connect first"),
+        (MoveJoints(HOME), "it is disconnected; connect and enable first"),
+        (MoveGripper(0.5), "uzuner is not connected"),
+    ],
+)
+def test_what_is_refused_without_a_board(rig: Rig, command: Command, words: str) -> None:
+    rig.refuses(command, words)
+
+
+@pytest.mark.parametrize(
+    ("command", "words", "error"),
+    [
+        (Connect("sim"), "connected already, and holding; disconnect first", StateError),
+        (ClearFault(), "no fault to clear: holding", StateError),
+        (Enable(HOME), "the arm is enabled already", StateError),
+        (Pause(), "nothing to pause: holding", StateError),
+        (Resume(), "nothing to resume: holding", StateError),
+        (UpdateProgram(Program(robot="uzuner", steps=())), "no program runs", StateError),
+        (MoveGripper(-0.1), "outside 0 … 100 %", InputError),
+        (MoveGripper(1.1), "outside 0 … 100 %", InputError),
+        (MoveGripper(np.nan), "outside 0 … 100 %", InputError),
+        (SetSpeed(0.0), "a speed of 0 % is outside 5 … 100 %", InputError),
+        (SetSpeed(0.04), "a speed of 4 % is outside", InputError),
+        (SetSpeed(1.001), "a speed of 100.1 % is outside", InputError),
+        (SetSpeed(np.nan), "a speed of nan % is outside", InputError),
+        (
+            Follow(plan_joints(ROBOT, HOME, REST)),
+            r"starts with Wrist pitch at -40\.00°, the arm stands at -70\.00°",
+            StateError,
+        ),
+        (Follow(PointToPoint.lasting(REST, HOME, 0.1)), "is over its limit", MotionRefusedError),
+        (Command(), "not a command", InputError),
+    ],
+)
+def test_what_is_refused_at_rest(rig: Rig, command: Command, words: str, error: type[Exception]) -> None:
+    rig.enable().refuses(command, words, error)
+    assert rig.now.state is State.HOLDING
+    assert len(rig.driver.writes) == 1

@@ -152,18 +152,6 @@ def test_homing_tells_how_far_it_is_and_ends_holding_where_it_ended(rig: Rig) ->
     assert rig.driver.writes == []  # the board holds by itself
 
 
-def test_after_homing_the_arm_and_the_gripper_move(homed: Rig) -> None:
-    goal = SCORBOT.pose("home") + np.radians([10, 5, -5, 5, 20])
-    ticket = homed.do(MoveJoints(goal))
-    homed.do(MoveGripper(0.5))
-    homed.rests()
-    ticket.result(0)
-    assert homed.now.q == pytest.approx(goal, abs=1e-6)
-    assert homed.now.source is Source.MEASURED
-    homed.run(1.0)
-    assert homed.driver.counts[5] == pytest.approx((50 + 1650) / 2)
-
-
 def coarse_at_its_limit() -> Robot:
     """A Scorbot whose waist has two counts a degree, and its home at its lower limit."""
     outputs, low = SCORBOT.output_map, SCORBOT.limits[0]
@@ -205,36 +193,12 @@ def test_a_doubtful_zero_from_before_does_not_end_homing(homed: Rig) -> None:
     assert homed.now.state is State.MOVING
 
 
-def test_stop_ends_homing_and_leaves_an_arm_that_knows_nothing(rig: Rig) -> None:
-    ticket = rig.do(HomeAxes())
-    rig.run(0.4)
-    stopped = rig.controller.stop(TEST)
-    rig.run(0.5)
-    stopped.result(0)
-    assert "stop" in rig.driver.calls
-    fails(ticket.finished, "homing was stopped by test")
-    assert rig.now.state is State.OFF
-    rig.refuses(Enable(), "press Homing")
-    home(rig)
-    assert rig.now.state is State.HOLDING
-
-
 def test_an_axis_that_finds_no_switch_is_named(rig: Rig) -> None:
     ticket = rig.do(HomeAxes())
     rig.run(0.4)
     rig.driver.trip(1, "the home switch was not found")
     rig.run(0.1)
     fails(ticket.finished, "before every axis had its zero: Shoulder: the home switch", BoardError)
-    assert rig.now.state is State.OFF
-
-
-def test_a_board_that_resets_while_it_homes_is_told(rig: Rig) -> None:
-    ticket = rig.do(HomeAxes())
-    rig.run(0.2)
-    rig.driver.on, rig.driver.running = False, None
-    rig.driver.errors = ("the board has started anew",)
-    rig.run(0.2)
-    fails(ticket.finished, "homing ended before every axis had its zero", BoardError)
     assert rig.now.state is State.OFF
 
 

@@ -6,7 +6,6 @@ from tests.runtime.kit import (
     ROBOT,
     TEST,
     TICK,
-    LateExecutor,
     Rig,
     assert_accelerations_keep_limits,
     assert_keeps_limits,
@@ -171,25 +170,23 @@ def test_a_step_that_cannot_be_reached_stops_it_holding_and_names_the_step(holdi
     holding.do(MoveJoints(REST)).accepted.result(0)
 
 
-def test_the_next_step_is_planned_while_the_present_one_runs() -> None:
-    executor = LateExecutor()
-    rig = make_rig(executor).enable()
-    ticket = rig.do(RunProgram(program(TO_HOME, TO_REST, POINT)))
-    assert len(executor.waiting) == 1
-    rig.run(0.1)
+def test_the_next_step_is_planned_while_the_present_one_runs(late: Rig) -> None:
+    ticket = late.do(RunProgram(program(TO_HOME, TO_REST, POINT)))
+    assert len(late.executor.waiting) == 1
+    late.run(0.1)
     assert not ticket.accepted.done()
-    executor.work()
-    rig.run(0.1)
+    late.executor.work()
+    late.run(0.1)
     assert ticket.accepted.done()
-    assert len(executor.waiting) == 1  # the second one, while the first runs
-    rig.run(3)  # the planner is late: the arm waits at home
-    np.testing.assert_allclose(rig.now.q_command, HOME, atol=1e-12)
-    assert rig.now.state is State.MOVING
-    executor.work()
-    rig.run(0.1)
-    assert not np.allclose(rig.now.q_command, HOME)
-    executor.work()
-    rig.rests()
+    assert len(late.executor.waiting) == 1  # the second one, while the first runs
+    late.run(3)  # the planner is late: the arm waits at home
+    np.testing.assert_allclose(late.now.q_command, HOME, atol=1e-12)
+    assert late.now.state is State.MOVING
+    late.executor.work()
+    late.run(0.1)
+    assert not np.allclose(late.now.q_command, HOME)
+    late.executor.work()
+    late.rests()
     ticket.result(0)
 
 

@@ -168,20 +168,20 @@ def last_event(rig: Rig) -> tuple[str, str]:
     return rig.now.events[-1].level, rig.now.events[-1].text
 
 
-def test_a_page_that_is_closed_while_nothing_moves_is_no_warning(holding: Rig) -> None:
-    ticket = holding.controller.stop(PAGE_GONE)
+@pytest.mark.parametrize(
+    ("origin", "logged"),
+    [
+        (PAGE_GONE, ("info", "page 3: the operator's page is gone; nothing moved, holding as before")),
+        (TEST, ("warning", "STOP (test)")),
+    ],
+)
+def test_at_rest_a_stop_is_a_warning_and_a_closed_page_is_none(
+    holding: Rig, origin: Origin, logged: tuple[str, str]
+) -> None:
+    ticket = holding.controller.stop(origin)
     holding.tick()
-    ticket.finished.result(0)
-    assert last_event(holding) == (
-        "info",
-        "page 3: the operator's page is gone; nothing moved, holding as before",
-    )
-
-
-def test_a_stop_that_somebody_presses_is_a_warning_also_at_rest(holding: Rig) -> None:
-    holding.controller.stop(TEST)
-    holding.tick()
-    assert last_event(holding) == ("warning", "STOP (test)")
+    ticket.result(0)
+    assert last_event(holding) == logged
 
 
 @pytest.mark.parametrize("what", ["motion", "gripper", "jog"])

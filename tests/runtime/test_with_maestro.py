@@ -92,14 +92,6 @@ def test_reconnecting_takes_the_arm_over_without_a_jump(bench: Bench) -> None:
     bench.until(State.HOLDING)
 
 
-def test_a_narrower_channel_range_is_told(bench: Bench) -> None:
-    narrow = make_bench({**WIDE, 1: ChannelConfig(minimum_us=992, maximum_us=1700)})
-    narrow.do(Connect("sim"))
-    narrow.do(Enable())
-    narrow.run(1)
-    assert any("Shoulder by" in warning for warning in narrow.now.warnings)
-
-
 def test_unplugged_and_plugged_in_again(bench: Bench) -> None:
     motion = bench.controller.submit(MoveJoints(HOME), TEST)
     bench.run(0.2)
@@ -169,15 +161,6 @@ def test_a_lost_reply_halts_the_arm_and_it_goes_on_from_rest(bench: Bench) -> No
     assert (slow <= ROBOT.acceleration_limits * 2 * TICK * (1 + 1e-6)).all()
     bench.until(State.HOLDING)
     assert bench.now.cause == "move finished"
-
-
-def test_a_long_brown_out_loses_the_board(bench: Bench) -> None:
-    motion = bench.controller.submit(MoveJoints(HOME, duration_s=10), TEST)
-    bench.run(0.5)
-    bench.line.brown_out(2.0)
-    bench.run(1.5)
-    assert bench.now.state is State.FAULT
-    assert isinstance(motion.finished.exception(0), BoardError)
 
 
 def test_pulses_off_while_holding_are_a_fault_and_enable_sets_the_board_up_anew(bench: Bench) -> None:

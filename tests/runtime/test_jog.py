@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import cycle
 
 import numpy as np
@@ -19,9 +20,10 @@ from tests.runtime.kit import (
 from armctl.errors import InputError, StateError
 from armctl.motion import Floor
 from armctl.robot import Robot, load_robot
-from armctl.runtime import Jog, JogTool, SetSpeed, State
+from armctl.runtime import Jog, JogTool, MoveGripper, MoveJoints, Pause, SetSpeed, State
 
 HOME = ROBOT.pose("home")
+LOW = np.radians([0, 60, -80, -20, 0])
 AXES = {"X": 0, "Y": 1, "Z": 2}
 
 
@@ -31,7 +33,7 @@ def along(axis: str, speed: float, frame: str = "base") -> JogTool:
     return JogTool(linear, frame="tool" if frame == "tool" else "base")
 
 
-def hold(rig: Rig, command: JogTool, seconds: float, ticks: Sequence[float] = (TICK,)) -> None:
+def hold(rig: Rig, command: Jog | JogTool, seconds: float, ticks: Sequence[float] = (TICK,)) -> None:
     ends = rig.now.stamp + seconds
     for dt in cycle(ticks):
         if rig.now.stamp >= ends - 1e-9:
@@ -40,8 +42,8 @@ def hold(rig: Rig, command: JogTool, seconds: float, ticks: Sequence[float] = (T
         rig.do(command, 0.001).accepted.result(0)
 
 
-def enabled(robot: Robot = ROBOT, rate_hz: float = 50.0) -> Rig:
-    rig = make_rig(robot=robot, rate_hz=rate_hz).enable(robot.pose("home"))
+def enabled(robot: Robot = ROBOT, rate_hz: float = 50.0, q: np.ndarray | None = None) -> Rig:
+    rig = make_rig(robot=robot, rate_hz=rate_hz).enable(robot.pose("home") if q is None else q)
     rig.history.clear()
     return rig
 
@@ -90,7 +92,7 @@ def test_other_arms_go_straight_too(name: str) -> None:
     assert_accelerations_keep_limits(rig)
 
 
-def test_it_reaches_its_speed_and_expires_100_ms_after_the_last_command() -> None:
+def test_the_tool_reaches_its_speed_and_expires_100_ms_after_the_last_command() -> None:
     rig = enabled()
     hold(rig, along("Y", 0.04), 1.0)
     J = ROBOT.jacobian(rig.now.q_command)
@@ -102,7 +104,7 @@ def test_it_reaches_its_speed_and_expires_100_ms_after_the_last_command() -> Non
     assert_accelerations_keep_limits(rig)
 
 
-def test_the_override_slows_it_down() -> None:
+def test_the_override_slows_the_tool_down() -> None:
     rig = enabled()
     rig.do(SetSpeed(0.25))
     hold(rig, along("Y", 0.08), 0.6)
@@ -175,19 +177,15 @@ def test_another_direction_waits_until_the_arm_stands_on_its_first_line() -> Non
 def test_joints_and_tool_may_be_jogged_in_turn() -> None:
     rig = enabled()
     hold(rig, along("Y", 0.08), 0.5)
-    rate = np.zeros(5)
-    rate[4] = 0.5
-    for _ in range(30):
-        rig.do(Jog(rate)).accepted.result(0)
+    hold(rig, turn(4, 0.5), 0.6)
     assert rig.now.velocity_command[4] == pytest.approx(0.5 * ROBOT.speed_limits[4])
     hold(rig, along("Y", -0.08), 0.5)
     assert ROBOT.jacobian(rig.now.q_command)[1] @ rig.now.velocity_command < -0.05
     assert_accelerations_keep_limits(rig)
 
 
-def test_it_stops_above_the_floor() -> None:
-    rig = make_rig().enable(np.radians([0, 60, -80, -20, 0]))
-    rig.history.clear()
+def test_a_tool_stops_above_the_floor() -> None:
+    rig = enabled(q=LOW)
     hold(rig, along("Z", -0.1), 3.0)
     floor = Floor(ROBOT)
     assert all(floor.clearance(s.q_command).min() >= -1e-9 for s in rig.history)
@@ -196,7 +194,7 @@ def test_it_stops_above_the_floor() -> None:
     assert_accelerations_keep_limits(rig)
 
 
-def test_stop_ends_it_until_it_is_let_go() -> None:
+def test_stop_ends_a_tool_jog_until_it_is_let_go() -> None:
     rig = enabled()
     hold(rig, along("Y", 0.05), 0.5)
     rig.controller.stop(TEST)
@@ -235,14 +233,151 @@ def test_a_turn_that_the_arm_has_not_is_refused(
 
 
 def test_a_direction_that_is_lost_says_so() -> None:
-    rig = make_rig().enable(np.radians([0, 90, 0, 0, 0]))  # stretched straight up
+    rig = enabled(q=np.radians([0, 90, 0, 0, 0]))  # stretched straight up
     before = rig.now.q_command
     hold(rig, along("Z", 0.05), 0.3)
     assert len(rig.now.warnings) == 1
     assert rig.now.q_command == pytest.approx(before, abs=np.radians(0.5))
 
 
-def test_zero_does_not_begin_a_jog() -> None:
-    rig = enabled()
-    rig.do(JogTool(np.zeros(3))).finished.result(0)
+@pytest.fixture
+def rig() -> Rig:
+    return enabled()
+
+
+def turn(joint: int, rate: float = 1.0) -> Jog:
+    return Jog(rate * np.eye(5)[joint])
+
+
+def test_it_speeds_up_to_its_share_of_the_limit_and_expires_100_ms_after_the_last_command(rig: Rig) -> None:
+    hold(rig, turn(0, 0.5), 1.0)
+    assert rig.now.velocity_command == pytest.approx([np.radians(30), 0, 0, 0, 0])
+    assert rig.now.state is State.MOVING
+    assert rig.now.cause == "jog (test)"
+    last = rig.now.stamp
+    rig.until(lambda s: s.velocity_command[0] < np.radians(30) - 1e-9, seconds=1)
+    assert rig.now.stamp - last == pytest.approx(0.1, abs=1.01 * TICK)
+    rig.rests(1)
+    # 30 °/s at 360 °/s²: 83 ms to rest
+    assert rig.now.stamp - last < 0.1 + 0.0834 + 3 * TICK
+    assert rig.now.cause == "jog finished"
+    assert_keeps_limits(rig)
+
+
+def test_the_override_slows_it_down(rig: Rig) -> None:
+    rig.do(SetSpeed(0.2))
+    hold(rig, turn(3), 0.5)
+    assert rig.now.velocity_command[3] == pytest.approx(np.radians(120 * 0.2))
+
+
+@pytest.mark.parametrize("joint", range(5))
+@pytest.mark.parametrize("sign", [-1.0, 1.0])
+def test_it_ends_exactly_at_the_joint_limit(joint: int, sign: float) -> None:
+    # High up, so that the floor is nowhere near; the straight arm would sweep it with its shoulder.
+    rig = enabled(q=np.radians([0, 90, 40, 40, 0] if joint == 1 else [0, 90, 0, 0, 0]))
+    hold(rig, turn(joint, sign), 3.5)
+    limit = ROBOT.limits[joint, 1 if sign > 0 else 0]
+    assert rig.now.q_command[joint] == pytest.approx(limit, abs=1e-9)
+    assert not rig.now.velocity_command.any()
+    assert rig.now.warnings == (f"jog: {ROBOT.joints[joint].title} at the limit",)
+    assert_keeps_limits(rig)
+    rig.run(1)
+    assert rig.now.warnings == ()
     assert rig.now.state is State.HOLDING
+
+
+def test_it_brakes_late_but_in_time(rig: Rig) -> None:
+    hold(rig, turn(0), 3.0)
+    q = np.array([snapshot.q_command[0] for snapshot in rig.history])
+    arrived = int(np.argmax(q >= ROBOT.limits[0, 1] - 1e-9))
+    # 107.26° at 60 °/s with two ramps of 0.167 s: 1.95 s at the least
+    assert arrived * TICK < 1.955 + 5 * TICK
+
+
+def test_it_stops_above_the_floor_and_comes_up_again() -> None:
+    rig = enabled(q=LOW)
+    floor = Floor(ROBOT)
+    hold(rig, turn(1, -1.0), 3.0)
+    lowest = floor.clearance(rig.now.q_command).min()
+    assert 0 <= lowest < 2e-3
+    assert rig.now.warnings == ("jog: the floor is in the way",)
+    assert all(floor.clearance(s.q_command).min() >= -1e-9 for s in rig.history)
+    assert_accelerations_keep_limits(rig)
+    hold(rig, turn(1, 1.0), 0.5)
+    assert floor.clearance(rig.now.q_command).min() > 0.02
+
+
+def test_letting_go_near_the_floor_does_not_carry_it_through() -> None:
+    floor = Floor(ROBOT)
+    for ticks in range(20, 75, 3):
+        rig = enabled(q=LOW)
+        hold(rig, Jog(np.array([0.3, -1, 0.2, -1, 0])), ticks * TICK)
+        rig.run(0.5)
+        assert all(floor.clearance(s.q_command).min() >= -1e-9 for s in rig.history)
+
+
+def test_a_change_of_direction_keeps_the_acceleration(rig: Rig) -> None:
+    hold(rig, turn(2), 0.5)
+    hold(rig, turn(2, -1.0), 0.5)
+    assert rig.now.velocity_command[2] == pytest.approx(-np.radians(90))
+    assert_accelerations_keep_limits(rig)
+
+
+def test_it_needs_the_arm_holding(rig: Rig) -> None:
+    rig.do(MoveJoints(ROBOT.pose("rest")))
+    rig.refuses(turn(0), "a jog needs the arm holding, it is moving")
+
+
+def test_no_motion_begins_while_it_is_held(rig: Rig) -> None:
+    hold(rig, turn(0), 0.2)
+    rig.refuses(MoveJoints(HOME), "stop first")
+    rig.refuses(Pause(), "jog cannot be paused")
+
+
+@pytest.mark.parametrize("command", [Jog(np.zeros(5)), JogTool(np.zeros(3))])
+def test_zero_does_not_begin_a_jog(rig: Rig, command: Jog | JogTool) -> None:
+    rig.do(command).result(0)
+    assert rig.now.state is State.HOLDING
+
+
+@pytest.mark.parametrize("rate", [np.full(5, 1.1), np.full(5, np.nan), np.zeros(3)])
+def test_rates_that_cannot_be(rig: Rig, rate: np.ndarray) -> None:
+    rig.refuses(Jog(rate), "5 rates between -1 and 1", InputError)
+
+
+def test_a_command_that_came_too_late_moves_nothing(rig: Rig) -> None:
+    rig.controller.submit(turn(0), TEST)
+    rig.tick(0.5)
+    rig.run(0.5)
+    assert np.array_equal(rig.now.q_command, HOME)
+    assert rig.now.state is State.HOLDING
+
+
+def test_the_gripper_may_move_at_the_same_time(rig: Rig) -> None:
+    rig.do(MoveGripper(0.0))
+    ticket = rig.do(MoveGripper(1.0))
+    hold(rig, turn(0), 1.0)
+    ticket.result(0)
+    assert rig.now.gripper == 1.0
+    assert all(len(values) in (1, 5, 6) for _, values in rig.driver.writes)
+    assert any(len(values) == 6 for _, values in rig.driver.writes)
+
+
+def test_a_held_joint_is_not_jogged() -> None:
+    held = replace(ROBOT.joints[4], lower=0.0, upper=0.0)
+    rig = make_rig(robot=replace(ROBOT, joints=(*ROBOT.joints[:4], held))).enable(HOME)
+    rig.refuses(turn(4), r"Wrist roll is held at 0\.00°: .* cannot be jogged", InputError)
+    assert rig.now.state is State.HOLDING
+    hold(rig, turn(0), 0.2)
+    assert rig.now.q_command[0] > HOME[0]
+    assert rig.now.q_command[4] == 0.0
+    assert rig.now.warnings == ()
+
+
+def test_what_its_sender_writes_afterwards_changes_nothing(rig: Rig) -> None:
+    wanted = 0.1 * np.eye(5)[0]
+    rig.do(Jog(wanted)).accepted.result(0)
+    wanted[:] = 1e6
+    rig.run(0.08)
+    assert np.degrees(rig.now.velocity_command[0]) == pytest.approx(6)
+    assert not rig.now.velocity_command[1:].any()
