@@ -9,7 +9,7 @@ from armctl.motion import PROFILES
 from armctl.ui.guard import GuardedServer
 from armctl.ui.widgets.profile_choice import ALL_PROFILES, MOVEMENTS, Laws, ProfileChoice
 
-BOTH = pytest.mark.parametrize("laws", [ALL_PROFILES, MOVEMENTS], ids=lambda laws: laws.label)
+BOTH = pytest.mark.parametrize("laws", [ALL_PROFILES, MOVEMENTS], ids=lambda laws: laws[0])
 
 
 def choice(server: GuardedServer, laws: Laws) -> ProfileChoice:
@@ -52,4 +52,4 @@ def test_normal_is_offered_only_where_it_means_something(server: GuardedServer) 
     chosen.choose("quintic")
     chosen.show(profile=True, duration=True, normal=False)
     assert chosen.profile == "quintic"
-    assert set(ALL_PROFILES.by_name.values()) == {*PROFILES, "normal"}
+    assert set(ALL_PROFILES[1].values()) == {*PROFILES, "normal"}

@@ -114,7 +114,7 @@ class LiveHtml:
     """A block of HTML. The caller escapes what is not its own."""
 
     def __init__(self, gui: viser.GuiApi, content: str = "", *, visible: bool = True) -> None:
-        self._handle = gui.add_html(self._wrap(content), visible=visible)
+        self._handle = gui.add_html(_block(content), visible=visible)
 
     @property
     def visible(self) -> bool:
@@ -127,39 +127,39 @@ class LiveHtml:
 
     def show(self, content: str) -> None:
         """Replace the content; viser sends it only if it is another."""
-        self._handle.content = self._wrap(content)
+        self._handle.content = _block(content)
 
-    @staticmethod
-    def _wrap(content: str) -> str:
-        return f"<div style='{_STYLE}'>{content}</div>"
+
+def _block(content: str) -> str:
+    return f"<div style='{_STYLE}'>{content}</div>"
 
 
 def table(
-    head: Sequence[str], rows: Sequence[Sequence[str]], *, marked: int | None = None, names: bool = True
+    head: Sequence[str],
+    rows: Sequence[Sequence[str]],
+    *,
+    marked: int | None = None,
+    names: bool = True,
+    small: bool = False,
 ) -> str:
     """An HTML table; all cells are escaped.
 
-    Args:
-        head: column heads; empty for none.
-        rows: cells, as text.
-        marked: index of a row to highlight.
-        names: the first column holds names, set to the left.
+    ``head`` may be empty; ``marked`` is the index of a row to highlight; ``names``: the first column holds
+    names, set to the left; ``small``: for many columns.
     """
-    left = _CELL.replace("right", "left") + _NAME if names else _CELL
-    parts = ["<table style='border-collapse:collapse;width:100%'>"]
-    if head:
-        cells = "".join(
-            f"<th style='{left if i == 0 else _CELL}{_HEAD}'>{escape(text)}</th>"
-            for i, text in enumerate(head)
-        )
-        parts.append(f"<tr style='opacity:.7'>{cells}</tr>")
+    first = _CELL.replace("right", "left") + _NAME if names else _CELL
+
+    def cells(tag: str, texts: Sequence[str], more: str = "") -> str:
+        styles = (_CELL if i else first for i in range(len(texts)))
+        parts = zip(styles, texts, strict=True)
+        return "".join(f"<{tag} style='{style}{more}'>{escape(text)}</{tag}>" for style, text in parts)
+
+    html = f"<tr style='opacity:.7'>{cells('th', head, _HEAD)}</tr>" if head else ""
     for index, row in enumerate(rows):
         mark = ";background:rgba(34,139,230,.22)" if index == marked else ""
-        cells = "".join(
-            f"<td style='{left if i == 0 else _CELL}'>{escape(text)}</td>" for i, text in enumerate(row)
-        )
-        parts.append(f"<tr style='border-top:1px solid rgba(128,128,128,.2){mark}'>{cells}</tr>")
-    return "".join([*parts, "</table>"])
+        html += f"<tr style='border-top:1px solid rgba(128,128,128,.2){mark}'>{cells('td', row)}</tr>"
+    html = f"<table style='border-collapse:collapse;width:100%'>{html}</table>"
+    return f"<div style='font-size:11px'>{html}</div>" if small else html
 
 
 # Page buttons of a long list, and a field for the number of the row to select.

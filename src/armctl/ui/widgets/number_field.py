@@ -29,11 +29,7 @@ _BETWEEN = re.compile(r"[,;\s]+")
 
 
 def parse_number(text: str, what: str) -> float:
-    """The number that a field shows.
-
-    Raises:
-        InputError: empty, no number, not finite, or too large to mean anything.
-    """
+    """The number that a field shows; an ``InputError`` where it is none, not finite, or too large."""
     plain = text.strip().replace("−", "-")
     if not plain:
         raise InputError(f"{what} is empty; type a number")
@@ -50,11 +46,7 @@ def parse_number(text: str, what: str) -> float:
 
 
 def parse_numbers(text: str, what: str, names: Sequence[str]) -> list[float]:
-    """The numbers that a field shows, one for each name.
-
-    Raises:
-        InputError: another count, or one of them is no number that can be used.
-    """
+    """The numbers that a field shows, one for each name; errors as ``parse_number``, or another count."""
     parts = [part for part in _BETWEEN.split(text.strip().strip("()[]")) if part]
     if len(parts) != len(names):
         raise InputError(
@@ -80,11 +72,6 @@ class TextEntry:
     def text(self) -> str:
         """What the field shows."""
         return self.handle.value
-
-    @property
-    def is_empty(self) -> bool:
-        """Whether nothing is in it."""
-        return not self.text.strip()
 
     @property
     def visible(self) -> bool:
@@ -124,10 +111,9 @@ class NumberField(TextEntry):
     def positive(self, name: str, unit: str, zero: str) -> float | None:
         """The number in the field; None where the field is empty or 0, which means ``zero``.
 
-        Raises:
-            InputError: as ``parse_number``, or it is negative.
+        Errors as ``parse_number``, and where it is negative.
         """
-        value = 0.0 if self.is_empty else self.value
+        value = self.value if self.text.strip() else 0.0
         if value < 0:
             raise InputError(f"{name}: {value:g} {unit} is negative; 0 is {zero}")
         return value or None
@@ -246,11 +232,7 @@ class EditWatch:
                 field.handle.value = text
 
     def require_settled(self) -> None:
-        """Refuse a click that came with an edit; after a young edit the page is sent what the server has.
-
-        Raises:
-            InputError: a field was edited a moment ago.
-        """
+        """Refuse a click that came with an edit; after a young edit the page is sent what the server has."""
         self.show_held()
         if self._now() - self._edited_at < _SETTLE_S:
             raise InputError(

@@ -57,23 +57,23 @@ class LinePlot:
     def show(self, picture: Picture) -> None:
         """Draw a picture."""
         data = (picture.x, *(line.y for line in picture.lines))
-        heads = (
-            picture.title,
-            picture.x_label,
-            span(picture.lines),
-            *((line.name, line.color, line.dash, line.width) for line in picture.lines),
+        heads: tuple[uplot.Series, ...] = (
+            {"label": picture.x_label},
+            *(_series(line) for line in picture.lines),
         )
-        if self._handle is not None and heads == self._heads:
+        ends = span(picture.lines)
+        key = (picture.title, ends, heads)
+        if self._handle is not None and key == self._heads:
             self._handle.data = data
             return
         self.clear()
-        self._heads = heads
+        self._heads = key
         with self._place:
             self._handle = self._gui.add_uplot(
                 data,
-                ({"label": picture.x_label}, *(_series(line) for line in picture.lines)),
+                heads,
                 title=picture.title,
-                scales={"x": {"time": False}, "y": {"auto": False, "range": span(picture.lines)}},
+                scales={"x": {"time": False}, "y": {"auto": False, "range": ends}},
                 axes=(
                     {"label": picture.x_label, "labelSize": 22, "labelFont": _LABEL_FONT, "size": 32},
                     {"size": 54},
@@ -88,7 +88,6 @@ class LinePlot:
         if self._handle is not None:
             self._handle.remove()
             self._handle = None
-            self._heads = ()
 
 
 def span(lines: Sequence[Line]) -> tuple[float, float]:
@@ -116,20 +115,11 @@ def thinned(count: int, most: int, keep: Sequence[int] = ()) -> NDArray[np.int64
 
 
 def _series(line: Line) -> uplot.Series:
+    series: uplot.Series = {"label": line.name, "stroke": line.color, "width": 0 if line.mark else line.width}
     if line.mark:
-        return {
-            "label": line.name,
-            "stroke": line.color,
-            "width": 0,
-            "points": {"show": True, "size": 9, "fill": line.color, "stroke": line.color},
-        }
-    series: uplot.Series = {
-        "label": line.name,
-        "stroke": line.color,
-        "width": line.width,
-        "pxAlign": 0.0,
-        "points": {"show": False},
-    }
+        series["points"] = {"show": True, "size": 9, "fill": line.color, "stroke": line.color}
+        return series
+    series |= {"pxAlign": 0.0, "points": {"show": False}}
     if line.dash is not None:
         series["dash"] = line.dash
     return series

@@ -2,33 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
-
 import viser
 
 from armctl.motion import PROFILES, Profile
 from armctl.ui.widgets.events import On
 from armctl.ui.widgets.number_field import NumberField
 
-
-@dataclass(frozen=True, slots=True)
-class Laws:
-    """The entries of a dropdown of profiles."""
-
-    label: str
-    by_name: Mapping[str, Profile]
-    """the first one is chosen to begin with"""
-    hint: str
-
-
-ALL_PROFILES = Laws(
+Laws = tuple[str, dict[str, Profile], str]
+"""label, entries and hint of a dropdown; the first entry is chosen to begin with"""
+ALL_PROFILES: Laws = (
     "Profile",
     {**{profile: profile for profile in PROFILES}, "normal (each joint for itself)": "normal"},
     "cubic: the papers' third-order polynomial. quintic: least jerk. trapezoid: the shortest with limited "
     "acceleration. s-curve: the shortest with limited jerk as well. normal: each joint at its own speed.",
 )
-MOVEMENTS = Laws(
+MOVEMENTS: Laws = (
     "Movement",
     {"Planned movement": "cubic", "Normal movement": "normal"},
     "Planned: a third-order polynomial, all joints start and end together. "
@@ -41,8 +29,8 @@ class ProfileChoice:
     """A dropdown and a duration; the duration is shown where it means something."""
 
     def __init__(self, gui: viser.GuiApi, on: On, laws: Laws) -> None:
-        self._laws = laws.by_name
-        self.choice = gui.add_dropdown(laws.label, tuple(self._laws), hint=laws.hint)
+        label, self._laws, hint = laws
+        self.choice = gui.add_dropdown(label, tuple(self._laws), hint=hint)
         self.duration = NumberField(gui, "Duration s", 0.0, hint=_DURATION_HINT)
         self._timed = True
         on(self.choice.on_update, self._show_duration)
@@ -66,15 +54,10 @@ class ProfileChoice:
         self.choice.value = next(name for name, law in self._laws.items() if law == profile)
 
     def checked(self) -> tuple[Profile, float | None]:
-        """Profile and duration [s]; None: the shortest.
-
-        Raises:
-            InputError: the duration is no number, or negative.
-        """
-        seconds = None
-        if self.duration.visible:
-            seconds = self.duration.positive("Duration", "s", "the shortest possible")
-        return self.profile, seconds
+        """Profile and duration [s], None: the shortest; errors as ``NumberField.positive``."""
+        if not self.duration.visible:
+            return self.profile, None
+        return self.profile, self.duration.positive("Duration", "s", "the shortest possible")
 
     def _show_duration(self) -> None:
         normal = self.choice.visible and self.profile == "normal"

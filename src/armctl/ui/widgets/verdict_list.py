@@ -11,23 +11,12 @@ from armctl.ui.widgets.html import WARNING
 
 _MOST = 12
 _CHECKED = ("limits", "speeds", "floor", "self-collision", "singularity", "torque")
-_MARK = {
-    "error": ("✕ refused", "#c92a2a"),
-    "warning": ("! warning", WARNING),
-}
+_MARK = {"error": ("✕ refused", "#c92a2a"), "warning": ("! warning", WARNING)}
 _BLOCK = "margin:4px 0;padding:2px 0 2px 8px;border-left:3px solid "
 
 
 def verdict_html(findings: Sequence[Finding | ProgramFinding], unknown: Sequence[str] = ()) -> str:
-    """Findings, errors first, one block each; one line where there are none.
-
-    Args:
-        findings: of a motion or of a program.
-        unknown: what could not be checked (``not_checked``), told below.
-
-    Returns:
-        HTML; all texts are escaped.
-    """
+    """Findings as HTML, errors first, one block each; below them what is ``unknown`` (``not_checked``)."""
     if not findings:
         # What is told as not checked must not be told as checked in the line above it.
         left_out = [text.partition(":")[0] for text in unknown]
@@ -53,14 +42,10 @@ def first_error(findings: Sequence[ProgramFinding]) -> str | None:
 
 def _headline(findings: Sequence[Finding | ProgramFinding]) -> str:
     errors = sum(finding.severity == "error" for finding in findings)
-    warnings = len(findings) - errors
-    counts = [
-        f"{count} {word}{'s' if count > 1 else ''}"
-        for count, word in ((errors, "error"), (warnings, "warning"))
-        if count
-    ]
+    words = (("error", errors), ("warning", len(findings) - errors))
+    counts = " and ".join(f"{count} {word}{'s' if count > 1 else ''}" for word, count in words if count)
     verdict = "refused" if errors else "may be run"
-    return f"<div style='font-weight:600'>Pre-flight: {verdict}, {' and '.join(counts)}</div>"
+    return f"<div style='font-weight:600'>Pre-flight: {verdict}, {counts}</div>"
 
 
 def _block(finding: Finding | ProgramFinding) -> str:

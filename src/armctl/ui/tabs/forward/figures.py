@@ -80,7 +80,7 @@ def jacobian_html(robot: Robot, q: FloatArray) -> str:
     head = ["per rad/s of", *(joint.title for joint in robot.joints)]
     return (
         heading(f"Geometric Jacobian (6×{robot.n}), base frame")
-        + f"<div style='font-size:11px'>{table(head, rows)}</div>"
+        + table(head, rows, small=True)
         + heading("Manipulability")
         + manipulability_html(position_freedom(J), robot.forward(q)[:3, 3])
         + muted(f"{formula} of all six rows, in m and rad: {fixed(float(manipulability(J)), 4)}{wrist}")

@@ -160,7 +160,7 @@ def results_html(robot: Robot, angles: FieldArray, present: FloatArray) -> str:
         [name, *(fixed(v, 1) for v in (*np.degrees(q).tolist(), *(1000 * robot.forward(q)[:3, 3]).tolist()))]
         for name, q in poses.items()
     ]
-    html = f"<div style='font-size:11px'>{table(head, rows)}</div>"
+    html = table(head, rows, small=True)
     return html + (problems or muted("Both are inside the joint limits."))
 
 

@@ -178,7 +178,7 @@ def list_html(found: Answer, page: int, selected: int | None) -> str:
         for row, index in enumerate(found.order[first : first + PAGE_ROWS].tolist(), first + 1)
     ]
     marked = None if selected is None else selected - 1 - first
-    return f"<div style='font-size:11px'>{table(head, rows, marked=marked, names=False)}</div>"
+    return table(head, rows, marked=marked, names=False, small=True)
 
 
 def branches_html(found: Answer) -> str:
@@ -204,9 +204,7 @@ def branches_html(found: Answer) -> str:
     if marked is not None:
         number = found.verdicts[marked].number
         notes.append(f"{number} is chosen among the possible ones: the least energy by {found.criterion}.")
-    return f"<div style='font-size:11px'>{table(head, rows, marked=marked)}</div>" + "".join(
-        muted(note) for note in notes
-    )
+    return table(head, rows, marked=marked, small=True) + "".join(muted(note) for note in notes)
 
 
 def short_branch(name: str) -> str:

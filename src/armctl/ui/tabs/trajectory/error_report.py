@@ -197,7 +197,7 @@ def points_html(report: ErrorReport, page: int, selected: int | None) -> str:
     ]
     head = ["#", "x", "y", "z", "x got", "y got", "z got", "error"]
     marked = None if selected is None else selected - 1 - first
-    return f"<div style='font-size:11px'>{table(head, rows, marked=marked, names=False)}</div>"
+    return table(head, rows, marked=marked, names=False, small=True)
 
 
 def _figure(value_mm: float) -> str:
