@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Literal
 
-from tests.hardware.lines import LoopTransport
+from tests.hardware.lines import FaultyModel, LoopTransport
 
 from armctl.hardware import ByteModel, ChannelSettings
 from armctl.hardware.encoder.axes import AxisEntry, EncoderAxis, EncoderSettings
@@ -53,21 +53,27 @@ PLANTS = {
 }
 
 
-class Bench:
-    """A driver over a loop to a simulated board, on a clock of its own."""
+class DeafTo(SimulatedEncoderBoard):
+    """Does not receive the bursts that contain ``lost``."""
 
-    def __init__(self, clock: ManualClock, line: ByteModel | None = None, **options) -> None:
+    lost: bytes | None = None
+
+    def feed(self, data: bytes) -> bytes:
+        return b"" if self.lost is not None and self.lost in data else super().feed(data)
+
+
+class Bench:
+    """A driver over a line that can fail to a simulated board, on a clock of its own."""
+
+    def __init__(self, clock: ManualClock, board: ByteModel | None = None, seed: int = 0, **options) -> None:
         self.clock = clock
-        self.board = SimulatedEncoderBoard(PLANTS)
-        self.line: ByteModel = self.board if line is None else line
-        self.driver = EncoderDriver(
-            Connection(self.open_line, clock.now, simulated=options.pop("simulated", False)),
-            EncoderSettings(AXES, options.pop("differential", None)),
-            **options,
-        )
+        self.board = DeafTo(PLANTS) if board is None else board
+        self.faults = FaultyModel(self.board, seed)
+        settings = EncoderSettings(options.pop("axes", AXES))
+        self.driver = EncoderDriver(Connection(self.open_line, clock.now, **options), settings)
 
     def open_line(self) -> LoopTransport:
-        return LoopTransport(self.line, self.clock.now, self.clock.advance)
+        return LoopTransport(self.faults, self.clock.now, self.clock.advance)
 
     def connect(self) -> Bench:
         self.driver.open()
@@ -75,11 +81,18 @@ class Bench:
         return self
 
     def wait(self, seconds: float):
-        """Let time pass as the runtime does: a reading every 20 ms. The last one."""
+        """A reading every 20 ms, as the runtime does. The last one, or the first with a fault."""
+        return self.stream({}, seconds)
+
+    def stream(self, setpoints: dict[int, float], seconds: float):
+        """Write the same setpoints every 20 ms. The last reading, or the first with a fault."""
         readback = self.driver.read()
         for _ in range(round(seconds / PERIOD_S)):
+            self.driver.write(setpoints)
             self.clock.advance(PERIOD_S)
             readback = self.driver.read()
+            if readback.faults:
+                break
         return readback
 
     def home(self):
@@ -92,15 +105,6 @@ class Bench:
             if readback.homing.done:
                 return self.wait(0.1)
         raise AssertionError("homing does not end")
-
-    def stream(self, setpoints: dict[int, float], seconds: float):
-        """Write the same setpoints every 20 ms; the last reading."""
-        readback = self.driver.read()
-        for _ in range(round(seconds / PERIOD_S)):
-            self.driver.write(setpoints)
-            self.clock.advance(PERIOD_S)
-            readback = self.driver.read()
-        return readback
 
     def executed(self) -> list[str]:
         """The lines that the board took."""

@@ -250,7 +250,7 @@ class EncoderSession:
         self._send(self._in_flight)
         if before is None:
             self._waiting_since = self._sent_at
-        elif not before.awaited:
+        else:
             self._superseded.append(before.sequence)
         return self._in_flight
 

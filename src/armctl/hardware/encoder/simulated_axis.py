@@ -160,15 +160,14 @@ class SimulatedAxis:
         if self.settings["hmode"]:
             yield from self._creep(toward, closed=None)
         else:
-            if not (yield from self._creep(-toward, closed=False)):
-                return "stuck"
-            if not (yield from self._creep(toward, closed=True)):
-                # It stood beyond the switch: back over it, and once more from the right side.
-                if not (yield from self._creep(-toward, closed=True)):
-                    return "notfound"
+            found = False
+            while not found:
                 if not (yield from self._creep(-toward, closed=False)):
                     return "stuck"
-                yield from self._creep(toward, closed=True)
+                found = yield from self._creep(toward, closed=True)
+                # It may have stood beyond the switch: back over it, and once more from the right side.
+                if not found and not (yield from self._creep(-toward, closed=True)):
+                    return "notfound"
             edge = self.plant.switch and self.plant.switch[0 if toward > 0 else 1]
         self.set_zero(self.place if edge is None else edge)
         return ""
