@@ -25,9 +25,14 @@ from armctl.kinematics.target import as_numbers, require_finite
 
 Convention = Literal["standard", "modified"]
 _FLOAT = np.dtype(np.float64)
-_CHUNK = 4096
+_CHUNK = 8192
 """configurations worked on at a time, so that what they need stays in the processor's cache"""
 _put_pose = struct.Struct("16d").pack_into  # half of the time that an array takes to be made of numbers
+_Entry = FloatArray | float
+_Vector = Sequence[_Entry]
+_UNITS: tuple[_Vector, ...] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0), (0.0, 0.0, 0.0))
+_MOST_SUMMED = 100.0
+"""angles up to this size may be added: with larger ones the sum would lose digits [rad]"""
 _PARALLEL = 1e-14
 """sine of the angle below which an axis is along z"""
 
@@ -97,7 +102,7 @@ class Chain:
         for shared in (*self.segments, self.tail, *(place.T_link_frame for place in self.places)):
             shared.flags.writeable = False
         self._steps = [_step(T) for T in (*self.segments, tail)]
-        self._weights = [[_weights(v) for v in T[:3].T.tolist()] for T in (*self.segments, tail)]
+        self._weights: list[list[list[float]]] = [T[:3].T.tolist() for T in (*self.segments, tail)]
         self._one_shape = (self.n,)
 
     @classmethod
@@ -156,7 +161,10 @@ class Chain:
         Raises:
             InputError: wrong shape, text, NaN or infinity.
         """
-        numbers = as_numbers(q, "joint angles")
+        return self._finite(q).copy()
+
+    def _finite(self, q: ArrayLike) -> FloatArray:
+        numbers = q if type(q) is np.ndarray and q.dtype is _FLOAT else as_numbers(q, "joint angles")
         if numbers.ndim == 0 or numbers.shape[-1] != self.n:
             raise InputError(f"{self.n} joint angles are needed, got an array of shape {numbers.shape}")
         require_finite(numbers, "joint angles")
@@ -299,7 +307,7 @@ class Chain:
         self, q: ArrayLike, shape: tuple[int, int], fill: Callable[[FloatArray, FloatArray], None]
     ) -> FloatArray:
         """A matrix of each configuration (..., n): (..., *shape)."""
-        q = self.checked(q)
+        q = self._finite(q)
         flat = q.reshape(-1, self.n)
         out = np.zeros((*shape, len(flat)))  # entry by entry in memory: contiguous to write
         for i in range(0, len(flat), _CHUNK):
@@ -307,8 +315,10 @@ class Chain:
         return np.moveaxis(out.reshape(*shape, *q.shape[:-1]), (0, 1), (-2, -1))
 
     def _forward_into(self, q: FloatArray, out: FloatArray) -> None:
-        *_, tool = self.walk(q)
-        out[:3] = np.stack(tool, axis=1)
+        *_, frame = self._entries(q)
+        for j, column in enumerate(frame):
+            for i, entry in enumerate(column):
+                out[i, j] = entry
         out[3, 3] = 1.0
 
     def _jacobian_into(self, q: FloatArray, out: FloatArray) -> None:
@@ -325,16 +335,30 @@ class Chain:
         Yields:
             x, y, z axis and origin, (3, m) each, base frame.
         """
-        cosines, sines = half_angle_cos_sin(np.ascontiguousarray(q.T))  # a row a joint
-        x, y, z = (np.repeat(axis[:, None], len(q), axis=1) for axis in np.eye(3))
-        origin = np.zeros((3, len(q)))
+        for frame in self._entries(q):
+            x, y, z, origin = (np.empty((3, len(q))) for _ in frame)
+            for filled, column in zip((x, y, z, origin), frame, strict=True):
+                filled[0], filled[1], filled[2] = column
+            yield x, y, z, origin
+
+    def _entries(self, q: FloatArray) -> Iterator[tuple[_Vector, ...]]:
+        """As ``walk``: x, y, z axis and origin, three entries each, (m,) or a float that all have in common.
+
+        Joints that follow each other on parallel axes turn like one by the sum of their angles. Both
+        together save a third of a million forward poses (the row of that name in docs/speed.md).
+        """
+        x, y, z, origin = _UNITS
+        across, angle = (x, y), None
+        summed = np.abs(q).max(initial=0.0) < _MOST_SUMMED
         for k, (along_x, along_y, along_z, offset) in enumerate(self._weights):
-            axes = (x, y, z)
-            origin = _mixed(offset, axes, origin)
-            x, y, z = _mixed(along_x, axes), _mixed(along_y, axes), _mixed(along_z, axes)
+            origin = _mixed((*offset, 1.0), (x, y, z, origin))
+            if not summed or (along_x, along_y) != ([1.0, 0.0, 0.0], [0.0, 1.0, 0.0]):
+                x, y, z = (_mixed(along, (x, y, z)) for along in (along_x, along_y, along_z))
+                across, angle = (x, y), None
             if k < self.n:
-                c, s = cosines[k], sines[k]
-                x, y = c * x + s * y, c * y - s * x
+                angle = q[:, k] if angle is None else angle + q[:, k]
+                c, s = half_angle_cos_sin(angle)
+                x, y = _mixed((c, s), across), _mixed((-s, c), across)
             yield x, y, z, origin
 
 
@@ -400,24 +424,27 @@ def _step(T: FloatArray) -> tuple[float, float, float, int | None, tuple[float, 
     return x, y, z, quarter, tuple(T[:3, :3].T.ravel().tolist())
 
 
-def _weights(column: Sequence[float]) -> list[tuple[int, float]]:
-    """The entries of a column that are not 0, with their places."""
-    return [(i, weight) for i, weight in enumerate(column) if weight]
-
-
 def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
     """Cross products of columns (3, m); ``numpy.cross`` takes three times as long."""
     return np.stack([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
 
 
-def _mixed(
-    weights: Sequence[tuple[int, float]], axes: Sequence[FloatArray], total: FloatArray | None = None
-) -> FloatArray:
-    """The sum of ``axes`` by those ``weights`` that are not 0, and of ``total``."""
-    for i, weight in weights:
-        term = axes[i] if weight == 1.0 else weight * axes[i]
-        total = term if total is None else total + term
-    return np.zeros_like(axes[0]) if total is None else total
+def _mixed(weights: _Vector, vectors: Sequence[_Vector]) -> _Vector:
+    """The sum of vectors by their weights, entry by entry; a 0 or 1 that all have is not multiplied out."""
+    sums: list[_Entry] = []
+    for entries in zip(*vectors, strict=True):
+        total: _Entry = 0.0
+        for weight, entry in zip(weights, entries, strict=True):
+            if _is(weight, 0.0) or _is(entry, 0.0):
+                continue
+            term = entry if _is(weight, 1.0) else weight if _is(entry, 1.0) else weight * entry
+            total = term if _is(total, 0.0) else total + term
+        sums.append(total)
+    return sums
+
+
+def _is(entry: _Entry, value: float) -> bool:
+    return type(entry) is float and entry == value
 
 
 def _x_part(row: DHRow) -> FloatArray:
