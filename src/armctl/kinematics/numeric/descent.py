@@ -1,4 +1,4 @@
-"""Damped Newton descent inside a box, many starts at once.
+"""Damped Newton descent inside a box, many starts at once, and what it is used for.
 
 Levenberg–Marquardt where the second derivatives are those of Gauss and Newton. The box is an active set:
 a joint that stands at a limit and is pushed against it is held; a joint that a step would carry over its
@@ -8,25 +8,24 @@ limit goes onto it, and the others are solved for again with that move known.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from armctl.arrays import FloatArray
 from armctl.kinematics.chain import Chain
-from armctl.kinematics.numeric.goals import Goal, tool_motion
+from armctl.kinematics.numeric.goals import Cost, Goal, tool_motion
 from armctl.kinematics.samples import even_spread
 
 IndexArray = NDArray[np.intp]
-Objective = Callable[[FloatArray, IndexArray], tuple[FloatArray, FloatArray, FloatArray]]
-"""(k, n) configurations and which starts they belong to -> cost (k,), gradient (k, n), Hessian (k, n, n)"""
+Objective = Callable[[FloatArray, IndexArray], Cost]
+"""(k, n) configurations and which starts they belong to -> their cost with its derivatives"""
 _LEAST_DAMPING, _MOST_DAMPING = 1e-12, 1e9
 _PATIENCE = 8
 
 
-@dataclass(frozen=True, slots=True)
-class Effort:
+class Effort(NamedTuple):
     """When a descent stops."""
 
     iterations: int
@@ -38,21 +37,8 @@ class Effort:
     """True where the second derivatives are exact, and so may be those of a saddle"""
 
 
-def descend(
-    objective: Objective, q: FloatArray, lower: FloatArray, upper: FloatArray, effort: Effort
-) -> tuple[FloatArray, FloatArray]:
-    """Minimise from every start.
-
-    Args:
-        objective: cost with its derivatives.
-        q: (k, n) starts inside the box [rad].
-        lower: (k, n) the box [rad].
-        upper: (k, n) the box [rad].
-        effort: when to stop.
-
-    Returns:
-        (k, n) where each start ended, never outside the box, and (k,) the cost there.
-    """
+def descend(objective: Objective, q: FloatArray, box: FloatArray, effort: Effort) -> FloatArray:
+    """Where starts ``q`` (k, n) inside a ``box`` (n, 2) come to on the way down (k, n), never outside it."""
     q = q.copy()
     live: IndexArray = np.arange(len(q))
     f, g, H = objective(q, live)
@@ -65,8 +51,7 @@ def descend(
             before[live] = f[live]
         if len(live) == 0:
             break
-        low, high = lower[live], upper[live]
-        trial = _step(q[live], g[live], H[live], low, high, damping[live], effort.indefinite)
+        trial = _step(q[live], g[live], H[live], box, damping[live], effort.indefinite)
         f_new, g_new, H_new = objective(trial, live)
         better = f_new < f[live]
         won, lost = live[better], live[~better]
@@ -75,14 +60,14 @@ def descend(
         damping[lost] *= 6.0
         still = np.abs(trial[~better] - q[lost]).max(axis=1, initial=0.0) < 1e-15
         damping[lost[still]] = _MOST_DAMPING
-    return q, f
+    return q
 
 
 def _step(
-    q: FloatArray, g: FloatArray, H: FloatArray, low: FloatArray, high: FloatArray,
-    damping: FloatArray, indefinite: bool,
-) -> FloatArray:  # fmt: skip
+    q: FloatArray, g: FloatArray, H: FloatArray, box: FloatArray, damping: FloatArray, indefinite: bool
+) -> FloatArray:
     """The minimum of the damped quadratic model inside the box, as (k, n) configurations."""
+    low, high = box[:, 0], box[:, 1]
     n = q.shape[1]
     held = ((q <= low) & (g >= 0.0)) | ((q >= high) & (g <= 0.0))
     move = np.zeros(q.shape)
@@ -106,8 +91,6 @@ def _step(
     return np.clip(q + move, low, high)
 
 
-# Where a numeric search starts: configurations spread over the joint limits, nearest to the goal first.
-
 _COUNT = 2048
 
 
@@ -129,6 +112,7 @@ class Starts:
 
 
 # Meeting goals inside joint limits: all of them from many starts, or one strictly before another.
+# ``q`` are (k, n) starts inside the ``box`` (n, 2); what comes back (k, n) is inside it too [rad].
 
 _SEARCH = Effort(iterations=80, floor=0.5e-26, progress=0.02)
 _POLISH = Effort(iterations=60, floor=0.5e-28)
@@ -138,52 +122,34 @@ _STIFFNESS = 1e3
 _OUTER = 8
 
 
-def meet(
-    chain: Chain, goal: Goal, q: FloatArray, lower: FloatArray, upper: FloatArray, polish: bool = False
-) -> FloatArray:
+def meet(chain: Chain, goal: Goal, q: FloatArray, box: FloatArray, polish: bool = False) -> FloatArray:
     """Drive a goal's residuals to zero, or to where they come no lower.
 
-    Args:
-        chain: the arm.
-        goal: what to meet.
-        q: (k, n) starts inside the box [rad].
-        lower: (k, n) the box [rad].
-        upper: (k, n) the box [rad].
-        polish: True to go on to the last digit also where progress is slow.
-
-    Returns:
-        (k, n) configurations inside the box [rad].
+    ``polish`` goes on to the last digit also where progress is slow.
     """
 
-    def objective(q: FloatArray, _: IndexArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    def objective(q: FloatArray, _: IndexArray) -> Cost:
         r, J = goal.rows(tool_motion(chain, q))
         transposed = np.swapaxes(J, 1, 2)
         return 0.5 * (r * r).sum(axis=1), (transposed @ r[:, :, None])[:, :, 0], transposed @ J
 
-    return descend(objective, q, lower, upper, _POLISH if polish else _SEARCH)[0]
+    return descend(objective, q, box, _POLISH if polish else _SEARCH)
 
 
-def come_nearest(chain: Chain, goal: Goal, q: FloatArray, lower: FloatArray, upper: FloatArray) -> FloatArray:
-    """The local minima (k, n) of a goal's cost inside the box, from starts ``q`` (k, n) [rad]."""
-
-    def objective(q: FloatArray, _: IndexArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        return goal.cost(tool_motion(chain, q))
-
-    return descend(objective, q, lower, upper, _NEAREST)[0]
+def come_nearest(chain: Chain, goal: Goal, q: FloatArray, box: FloatArray) -> FloatArray:
+    """The local minima of a goal's cost."""
+    return descend(lambda q, _: goal.cost(tool_motion(chain, q)), q, box, _NEAREST)
 
 
-def come_nearest_holding(
-    chain: Chain, order: Goal, wish: Goal, q: FloatArray, lower: FloatArray, upper: FloatArray
-) -> FloatArray:
-    """The local minima (k, n) of the cost of ``wish`` inside the box where ``order`` is met exactly.
+def come_nearest_holding(chain: Chain, order: Goal, wish: Goal, q: FloatArray, box: FloatArray) -> FloatArray:
+    """The local minima of the cost of ``wish`` where ``order`` is met exactly, as the starts should already.
 
-    Starts should meet ``order`` already. The method of multipliers: each descent minimises the wish plus a
-    stiff spring on the order, and the spring's rest length then takes up what was left of it; the last
-    digits of the order are polished alone.
+    The method of multipliers: each descent minimises the wish plus a stiff spring on the order, and the
+    spring's rest length then takes up what was left of it; the last digits of the order are polished alone.
     """
     slack = np.zeros_like(order.rows(tool_motion(chain, q))[0])
 
-    def objective(q: FloatArray, which: IndexArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    def objective(q: FloatArray, which: IndexArray) -> Cost:
         motion = tool_motion(chain, q)
         f, g, H = wish.cost(motion)
         r, J = order.rows(motion)
@@ -194,9 +160,9 @@ def come_nearest_holding(
         return f, g, H + _STIFFNESS * (transposed @ J) + order.curvature(motion, pull)
 
     for _ in range(_OUTER):
-        q, _cost = descend(objective, q, lower, upper, _INNER)
+        q = descend(objective, q, box, _INNER)
         left = order.rows(tool_motion(chain, q))[0]
         slack += left
         if np.abs(left).max() < 1e-11:
             break
-    return meet(chain, order, q, lower, upper, polish=True)
+    return meet(chain, order, q, box, polish=True)

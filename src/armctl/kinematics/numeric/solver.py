@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
@@ -104,27 +103,12 @@ _ALIKE = 1e-7
 """orientations this near to the best are as good [rad]"""
 
 
-@dataclass(frozen=True, slots=True)
-class _Box:
-    """The joint limits of one request, with the roll joint held."""
-
-    lower: FloatArray
-    upper: FloatArray
-
-    def of(self, count: int) -> tuple[FloatArray, FloatArray]:
-        """(count, n) lower and upper limits."""
-        shape = (count, len(self.lower))
-        return np.broadcast_to(self.lower, shape), np.broadcast_to(self.upper, shape)
-
-    def clip(self, q: FloatArray) -> FloatArray:
-        return np.clip(q, self.lower, self.upper)
-
-
 class NumericSolver(InverseKinematics):
     """Any chain of revolute joints inside its limits. Immutable; safe in several threads.
 
     What it lists are solutions, to the last digit, but there may be more (``Solutions.complete`` is False);
     where joints are left free it lists a spread of the continuum. The same target has the same answer always.
+    A ``box`` (n, 2) is the joint limits of one request, with the roll joint held [rad].
     """
 
     family = "numeric"
@@ -150,14 +134,10 @@ class NumericSolver(InverseKinematics):
         return None if self._roll is None else self._roll.index
 
     def solve(self, target: Target, step: float) -> Solutions:
-        """Solutions inside the limits.
+        """Solutions inside the limits; nothing is swept, ``step`` [rad] is only looked at.
 
         A rotation that cannot be had where the position can is approached: the position is met exactly and
         the orientation as nearly as the search finds.
-
-        Args:
-            target: what is asked for.
-            step: taken for the sake of the other solvers, nothing is swept here [rad].
 
         Raises:
             InputError: ``step`` is not a positive number.
@@ -165,138 +145,122 @@ class NumericSolver(InverseKinematics):
         checked_step(step)
         refusal, box = self._box(target)
         position = PositionGoal(target.position, self._reach)
-        turned = self._orientation(target)
-        impossible = target.pitch is not None and turned is None
+        turned = pitch_goal(target.pitch) if target.pitch is not None else None
+        if target.rotation is not None:
+            turned = RotationGoal(target.rotation)
         refusal = refusal or self._bound.violation(target.position, self.titles[0])
-        if refusal is not None or impossible:
-            reason = refusal or "the tool's elevation is between -90° and 90°, no pose has another pitch"
-            return self._refused(target, reason, self._nearest(position, turned, box))
+        if refusal is None and target.pitch is not None and turned is None:
+            refusal = "the tool's elevation is between -90° and 90°, no pose has another pitch"
+        if refusal is not None:
+            return self._refused(target, refusal, self._nearest(position, turned, box))
         goal = position if turned is None else Together(position, turned)
         found = self._search(goal, box)
-        if len(found) == 0 and target.rotation is not None:
-            near = self._nearest_orientation(position, RotationGoal(target.rotation), box)
-            exact = self._met(goal, meet(self.chain, goal, near, *box.of(len(near)), polish=True))
+        if len(found) == 0 and isinstance(turned, RotationGoal):
+            near = self._approached(position, turned, box)
+            cost = turned.cost(tool_motion(self.chain, near))[0]
+            angle = 2.0 * np.arcsin(np.sqrt(np.clip(cost / 2.0, 0.0, 1.0)))
+            near = near[angle <= angle.min(initial=math.inf) + _ALIKE]
+            exact = self._met(goal, meet(self.chain, goal, near, box, polish=True))
             found = exact if len(exact) else near
         if len(found) == 0:
             return self._unmet(target, position, turned, box)
-        return self._solutions(target, found)
+        return Solutions(self._arm, target, found, np.zeros(len(found), dtype=np.int8), complete=False)
 
-    def _orientation(self, target: Target) -> Goal | None:
-        if target.rotation is not None:
-            return RotationGoal(target.rotation)
-        return None if target.pitch is None else pitch_goal(target.pitch)
-
-    def _box(self, target: Target) -> tuple[str | None, _Box]:
+    def _box(self, target: Target) -> tuple[str | None, FloatArray]:
         """Why the roll asked for cannot be; the limits with the roll joint held at it, or near 0."""
-        lower, upper = self.limits[:, 0].copy(), self.limits[:, 1].copy()
-        joint = self._roll
-        if joint is not None and target.rotation is not None:
-            return None, _Box(lower, upper)
-        refused, held = held_roll(joint, target.roll)
-        if joint is not None:
-            lower[joint.index] = upper[joint.index] = held
-        return refused, _Box(lower, upper)
+        box = self.limits.copy()
+        if self._roll is not None and target.rotation is not None:
+            return None, box
+        refused, held = held_roll(self._roll, target.roll)
+        if self._roll is not None:
+            box[self._roll.index] = held
+        return refused, box
 
-    def _search(self, goal: Goal, box: _Box) -> FloatArray:
+    def _starts_near(self, goal: Goal, count: int, box: FloatArray) -> FloatArray:
+        return np.clip(self._starts.nearest_first(goal, count), *box.T)
+
+    def _search(self, goal: Goal, box: FloatArray) -> FloatArray:
         """(k, n) configurations that meet a goal, from wave after wave of starts until there are any."""
-        starts = box.clip(self._starts.nearest_first(goal, _WAVE * _WAVES))
+        starts = self._starts_near(goal, _WAVE * _WAVES, box)
         for at in range(0, len(starts), _WAVE):
-            wave = starts[at : at + _WAVE]
-            found = self._met(goal, self._polished(goal, wave, box))
+            found = self._met(goal, self._polished(goal, starts[at : at + _WAVE], box))
             if len(found):
                 return found
         return np.empty((0, self.chain.n))
 
-    def _polished(self, goal: Goal, q: FloatArray, box: _Box) -> FloatArray:
+    def _polished(self, goal: Goal, q: FloatArray, box: FloatArray) -> FloatArray:
         """Where starts come to, those near the goal to the last digit (slow at singular configurations)."""
-        q = meet(self.chain, goal, q, *box.of(len(q)))
-        rows = goal.rows(tool_motion(self.chain, q))[0]
-        square = (rows * rows).sum(axis=1)
+        q = meet(self.chain, goal, q, box)
+        square = (self._rows(goal, q) ** 2).sum(axis=1)
         slow = (square > 1e-26) & (square < 1e-6)
         if slow.any():
-            q[slow] = meet(self.chain, goal, q[slow], *box.of(int(slow.sum())), polish=True)
+            q[slow] = meet(self.chain, goal, q[slow], box, polish=True)
         return q
 
     def _met(self, goal: Goal, q: FloatArray) -> FloatArray:
-        """Those of ``q`` (k, n) that meet a goal, each once, at their smallest angles."""
-        q = self._smallest_images(q)
-        rows = goal.rows(tool_motion(self.chain, q))[0]
+        """Those of ``q`` (k, n) that meet a goal, each once; joints of a turn or more at the smallest angle."""
+        image = q - math.tau * np.rint(q / math.tau)
+        low, high = self.limits[:, 0], self.limits[:, 1]
+        q = np.where((high - low >= math.tau) & (image >= low) & (image <= high), image, q)
+        rows = self._rows(goal, q)
         off = np.linalg.norm(rows[:, :3], axis=1) * self._reach
         turned = np.linalg.norm(rows[:, 3:], axis=1)
         return _distinct(q[(off < _MET_M) & (turned < _MET_RAD)])
 
-    def _smallest_images(self, q: FloatArray) -> FloatArray:
-        """Joints that turn more than once round at the smallest of their equal angles."""
-        q = q.copy()
-        for k, (low, high) in enumerate(self.limits):
-            if high - low >= math.tau:
-                turns = np.rint(q[:, k] / math.tau)
-                image = q[:, k] - math.tau * turns
-                q[:, k] = np.where((image >= low) & (image <= high), image, q[:, k])
-        return q
+    def _rows(self, goal: Goal, q: FloatArray) -> FloatArray:
+        return goal.rows(tool_motion(self.chain, q))[0]
 
-    def _nearest_orientation(self, position: PositionGoal, wish: Goal, box: _Box) -> FloatArray:
-        """(k, n) configurations at the position whose orientation comes nearest, best first."""
-        q = self._approached(position, wish, box)
-        cost = wish.cost(tool_motion(self.chain, q))[0]
-        angle = 2.0 * np.arcsin(np.sqrt(np.clip(cost / 2.0, 0.0, 1.0)))
-        return q[angle <= angle.min(initial=math.inf) + _ALIKE]
-
-    def _approached(self, order: Goal, wish: Goal, box: _Box) -> FloatArray:
+    def _approached(self, order: Goal, wish: Goal, box: FloatArray) -> FloatArray:
         """(k, n) configurations that meet ``order``, if any, at the local minima of ``wish``."""
         both = Together(order, wish)
-        starts = box.clip(self._starts.nearest_first(both, _WAVE))
-        q = meet(self.chain, both, starts, *box.of(len(starts)))
+        q = meet(self.chain, both, self._starts_near(both, _WAVE, box), box)
         q = self._holding(order, np.vstack([self._polished(order, q, box), self._search(order, box)]))
         if len(q) == 0:
             return q
         best = q[np.argsort(wish.cost(tool_motion(self.chain, q))[0], kind="stable")[:_REFINED]]
-        return self._holding(order, come_nearest_holding(self.chain, order, wish, best, *box.of(len(best))))
+        return self._holding(order, come_nearest_holding(self.chain, order, wish, best, box))
 
     def _holding(self, order: Goal, q: FloatArray) -> FloatArray:
         """Those of ``q`` that meet an order, each once."""
-        rows = order.rows(tool_motion(self.chain, q))[0]
         scale = self._reach if isinstance(order, PositionGoal) else _MET_M / _MET_RAD
-        return _distinct(q[np.linalg.norm(rows, axis=1) * scale < _MET_M])
+        return _distinct(q[np.linalg.norm(self._rows(order, q), axis=1) * scale < _MET_M])
 
-    def _nearest(self, position: PositionGoal, turned: Goal | None, box: _Box) -> FloatArray:
+    def _nearest(self, position: PositionGoal, turned: Goal | None, box: FloatArray) -> FloatArray:
         """(n,) the configuration nearest to the position, with the pitch kept if any pose has it."""
         if turned is not None and not isinstance(turned, RotationGoal):
             kept = self._approached(turned, position, box)
             if len(kept):
                 return self._best(position, kept)
-        starts = box.clip(self._starts.nearest_first(position, _WAVE))
-        return self._best(position, come_nearest(self.chain, position, starts, *box.of(_WAVE)))
+        starts = self._starts_near(position, _WAVE, box)
+        return self._best(position, come_nearest(self.chain, position, starts, box))
 
     def _best(self, goal: Goal, q: FloatArray) -> FloatArray:
         return q[int(np.argmin(goal.cost(tool_motion(self.chain, q))[0]))]
 
-    def _unmet(self, target: Target, position: PositionGoal, turned: Goal | None, box: _Box) -> Solutions:
+    def _unmet(
+        self, target: Target, position: PositionGoal, turned: Goal | None, box: FloatArray
+    ) -> Solutions:
         """Refused after a search: without a proof, and the reason says so."""
         starts = _WAVE * _WAVES
         nearest = self._nearest(position, turned, box)
         away = 1000 * float(np.linalg.norm(self.chain.forward(nearest)[:3, 3] - target.position))
-        there = np.empty((0, self.chain.n))
         if target.pitch is not None and turned is not None:
             there = self._approached(position, turned, box)
-        if len(there) == 0 or target.pitch is None or turned is None:
-            return self._refused(
-                target,
-                f"no solution was found: none of {starts} starts came nearer than {away:.2f} mm; "
-                "there may be one that was not found",
-                nearest,
-            )
-        closest = self._best(turned, there)
-        pitch, _ = self.pitch_and_roll(closest)
-        return self._refused(
-            target,
-            f"the arm reaches that point, but none of {starts} starts found a pitch of "
-            f"{math.degrees(target.pitch):.2f}° there: the nearest is {math.degrees(pitch or 0.0):.2f}°",
-            closest if away < 1e-6 else nearest,  # where no pose has that pitch: the nearest pitch
+            if len(there):
+                closest = self._best(turned, there)
+                pitch, _ = self.pitch_and_roll(closest)
+                asked, got = math.degrees(target.pitch), math.degrees(pitch or 0.0)
+                reason = (
+                    f"the arm reaches that point, but none of {starts} starts found a pitch of "
+                    f"{asked:.2f}° there: the nearest is {got:.2f}°"
+                )
+                # where no pose has that pitch: the nearest pitch
+                return self._refused(target, reason, closest if away < 1e-6 else nearest)
+        reason = (
+            f"no solution was found: none of {starts} starts came nearer than {away:.2f} mm; "
+            "there may be one that was not found"
         )
-
-    def _solutions(self, target: Target, q: FloatArray) -> Solutions:
-        return Solutions(self._arm, target, q, np.zeros(len(q), dtype=np.int8), complete=False)
+        return self._refused(target, reason, nearest)
 
     def _refused(self, target: Target, reason: str, nearest: FloatArray) -> Solutions:
         return Solutions(self._arm, target, (), (), reason=reason, nearest_q=nearest, complete=False)

@@ -210,8 +210,7 @@ class SphericalShoulderSolver(InverseKinematics):
 
     def _descended(self, q: FloatArray, target: Target) -> FloatArray:
         """Where configurations (k, n) come to inside the limits on the way to the target."""
-        lower, upper = (np.broadcast_to(side, q.shape) for side in self.limits.T)
-        return come_nearest(self.chain, self._goal(target), q, lower, upper)
+        return come_nearest(self.chain, self._goal(target), q, self.limits)
 
     def _goal(self, target: Target) -> PositionGoal:
         return PositionGoal(target.position, self.geometry.reach[1])
