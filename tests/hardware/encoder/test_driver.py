@@ -77,6 +77,12 @@ def test_homing_goes_axis_by_axis_and_tells_how_far_it_is(bench: Bench):
     assert bench.wait(0.2).positions == {0: 0.0, 1: 0.0, 2: 0.0}
     assert readback.powered is True
     assert [axis.place for axis in bench.board.axes[:3]] == pytest.approx([0.0, 0.0, 0.0], abs=0.5)
+    bench.driver.home()
+    assert bench.driver.read().positions == {0: None, 1: None, 2: None}, (
+        "homing again forgets the zeros first"
+    )
+    with pytest.raises(StateError, match="homing"):
+        bench.driver.home()
 
 
 class SlowToSay(SimulatedEncoderBoard):
@@ -107,15 +113,10 @@ def test_homing_goes_on_until_the_board_says_that_it_is_done(clock: ManualClock)
     bench.driver.write({0: 0.0})
 
 
-def test_homing_again_forgets_the_zeros_first(homed: Bench):
-    homed.driver.home()
-    assert homed.driver.read().positions == {0: None, 1: None, 2: None}
-    with pytest.raises(StateError, match="homing"):
-        homed.driver.home()
-
-
 @pytest.mark.parametrize(("call", "mode"), [("stop", Mode.HELD), ("release", Mode.OFF)])
 def test_homing_that_is_ended_can_begin_again(bench: Bench, call, mode):
+    getattr(bench.driver, call)()
+    assert bench.board.mode is Mode.OFF
     bench.driver.home()
     bench.wait(0.2)
     getattr(bench.driver, call)()
@@ -210,12 +211,6 @@ def test_stop_holds_until_the_next_setpoint(homed: Bench):
     assert homed.board.mode is Mode.ON
     assert readback.positions[0] == stood - 10.0
     assert readback.errors == ()
-
-
-def test_stop_of_motors_that_are_off(bench: Bench):
-    bench.driver.stop()
-    assert bench.board.mode is Mode.OFF
-    bench.home()
 
 
 def test_reading_alone_keeps_the_board_awake(homed: Bench):
@@ -337,24 +332,12 @@ def test_more_axes_than_the_board_has(clock: ManualClock):
 @pytest.mark.parametrize("call", ["read", "stop", "release", "home", "configure", "write"])
 def test_nothing_works_before_open(clock: ManualClock, call):
     arguments = {"configure": [CHANNELS], "write": [{0: 1.0}]}.get(call, [])
+    driver = Bench(clock).driver
     with pytest.raises(BoardError, match="not connected"):
-        getattr(Bench(clock).driver, call)(*arguments)
-
-
-def test_nothing_can_be_homed_before_it_is_configured(clock: ManualClock):
-    bench = Bench(clock)
-    bench.driver.open()
+        getattr(driver, call)(*arguments)
+    driver.open()
     with pytest.raises(BoardError, match="configure the board first"):
-        bench.driver.home()
-
-
-def test_closing_twice_and_opening_again(homed: Bench):
-    homed.driver.close()
-    homed.driver.close()
-    homed.clock.advance(1.0)
-    homed.connect()
-    assert homed.driver.read().homing.done
-    assert homed.stream({0: 20.0}, 0.5).positions[0] == 20.0
+        driver.home()
 
 
 # Lost, garbled, halved and late bytes, and a cable that is pulled.
@@ -396,7 +379,13 @@ def test_a_line_that_garbles_one_thing_in_three(clock: ManualClock, seed):
     assert bench.stream({0: 198.0, 1: -198.0}, 0.5).positions == {0: 198.0, 1: -198.0, 2: 0.0}
 
 
-@pytest.mark.parametrize(("late", "refused"), [(5.0, ()), (200.0, ("LIMIT 0 200",))])
+@pytest.mark.parametrize(
+    ("late", "refused"),
+    [
+        (5.0, ()),
+        (200.0, ("a setpoint was refused: outside the soft limits (the board says: LIMIT 0 200 -1000 100)",)),
+    ],
+)
 def test_a_late_answer_is_not_taken_for_the_next_one(homed: Bench, late, refused):
     homed.stream({0: 0.0}, 0.1)
     homed.board.axes[0].settings["max"] = 100  # less than the driver has sent
@@ -406,20 +395,9 @@ def test_a_late_answer_is_not_taken_for_the_next_one(homed: Bench, late, refused
     homed.clock.advance(0.02)
     homed.driver.write({0: 6.0})
     homed.clock.advance(0.02)
-    errors = homed.driver.read().errors
-    assert len(errors) == len(refused) and all(map(str.__contains__, errors, refused))
+    assert homed.driver.read().errors == refused
     readback = homed.wait(0.5)
     assert (readback.errors, readback.positions[0]) == ((), 6.0)
-
-
-def test_a_setpoint_that_only_the_board_refuses_is_reported_by_the_next_reading(homed: Bench):
-    homed.stream({0: 0.0}, 0.1)
-    homed.board.axes[0].settings["max"] = 100  # less than the driver has sent
-    homed.driver.write({0: 200.0})
-    (refused,) = homed.driver.read().errors
-    assert "a setpoint was refused: outside the soft limits" in refused
-    assert "LIMIT 0 200 -1000 100" in refused
-    assert homed.driver.read().errors == ()
 
 
 def test_no_answer_at_all_is_a_timeout_and_the_next_reading_works(homed: Bench):
@@ -491,6 +469,7 @@ def test_a_pulled_plug_is_a_board_error_and_then_the_arm_must_be_homed(homed: Be
     for call in ("read", "write", "stop", "release", "home"):
         with pytest.raises(BoardError, match="unplugged"):
             getattr(homed.driver, call)(*([{0: 0.0}] if call == "write" else []))
+    homed.driver.close()
     homed.driver.close()
     homed.faults.plug_in()
     homed.connect()

@@ -186,19 +186,13 @@ def test_the_newest_status_counts_and_an_old_one_is_asked_for_anew(
     wire.expect(bytes((Realtime.STATUS,)), status(20000, 7))
     clock.advance(0.1)
     assert session.fresh_status(0.05).counts[0] == 7
+    wire.expect(HELLO, status(20020) + seal("1 ok"))
+    session.command("HELLO")
+    assert session.status is None, "the next one shows what has come of the command"
     wire.expect(b"?")
     clock.advance(0.1)
     with pytest.raises(BoardTimeoutError, match="the board has sent no status for 90 ms"):
         session.fresh_status(0.05)
-
-
-def test_a_status_from_before_a_command_counts_no_more(wire: Wire, session: EncoderSession):
-    wire.incoming = status(20)
-    session.drain()
-    assert session.status is not None
-    wire.expect(HELLO, status(40) + seal("1 ok"))
-    session.command("HELLO")
-    assert session.status is None
 
 
 def test_why_homing_failed_is_kept_until_the_user_has_taken_note(wire: Wire, session: EncoderSession):

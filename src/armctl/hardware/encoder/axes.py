@@ -26,15 +26,11 @@ class AxisEntry(Strict, frozen=True):
     axis: Annotated[int, Meta(ge=0, le=5)]
     home_order: Annotated[int, Meta(ge=1, le=15)]
     """place in the homing order, from 1; those of one place follow each other by axis"""
-    home_toward: Literal["+", "-"] = "-"
-    """which way the switch (or the stop) is looked for first"""
+    home_toward: Literal["+", "-"] = "-"  # which way the switch (or the stop) is looked for first
     home_by: Literal["switch", "stall"] = "switch"
-    p_percent: NotNegative = 1.8
-    """drive for a position error of one count [% of full drive]"""
-    i_percent_s: NotNegative = 3.0
-    """[% of full drive for a count and a second]"""
-    d_percent: NotNegative = 0.025
-    """[% of full drive for a count a second]"""
+    p_percent: NotNegative = 1.8  # drive for a position error of one count [% of full drive]
+    i_percent_s: NotNegative = 3.0  # [% of full drive for a count and a second]
+    d_percent: NotNegative = 0.025  # [% of full drive for a count a second]
     breakaway_percent: Annotated[float, Meta(ge=0, le=100)] = 35.0
     """drive below which a motor that stands does not move"""
     max_drive_percent: Annotated[float, Meta(gt=0, le=100)] = 100.0
@@ -43,19 +39,16 @@ class AxisEntry(Strict, frozen=True):
     """the largest drive without movement for so long switches the motors off"""
     encoder_inverted: bool = False
     motor_inverted: bool = False
-    switch_inverted: bool = False
-    """the home switch is closed all the time and opens when it is pressed"""
+    switch_inverted: bool = False  # the home switch is closed all the time and opens when it is pressed
 
 
 class EncoderEntry(AxisEntry, frozen=True, kw_only=True):
     """The encoder of a joint: counts = counts_per_deg · (angle - home_deg)."""
 
     counts_per_deg: float
-    home_deg: float = 0.0
-    """the angle where homing ends: at the edge of the switch"""
+    home_deg: float = 0.0  # the angle where homing ends: at the edge of the switch
     home_speed_deg_s: Positive = 10.0
-    following_error_deg: Positive = 5.0
-    """this far from its setpoint the motors are switched off"""
+    following_error_deg: Positive = 5.0  # this far from its setpoint the motors are switched off
 
 
 class GripperEncoderEntry(AxisEntry, frozen=True, kw_only=True):
@@ -81,18 +74,15 @@ class EncoderAxis:
     entry: AxisEntry
     home_toward: Literal[-1, 1]
     """the direction, in counts, in which the switch (or the stop) is looked for first"""
-    home_speed: float
-    """[counts/s]"""
-    following_error: float
-    """distance from the setpoint that switches the motors off [counts]"""
+    home_speed: float  # [counts/s]
+    following_error: float  # distance from the setpoint that switches the motors off [counts]
 
 
 @dataclass(frozen=True, slots=True)
 class EncoderSettings:
     """What an encoder board must know of an arm besides the limits of its axes."""
 
-    axes: tuple[EncoderAxis, ...] = ()
-    """the gripper's last"""
+    axes: tuple[EncoderAxis, ...] = ()  # the gripper's last
     differential: tuple[int, int] | None = None
     """axes of the joints that two motors drive together, by their sum and their difference"""
 
@@ -188,12 +178,9 @@ class WireSetting:
 
     low: int
     high: int
-    name: str = ""
-    """what the user calls it"""
-    per_unit: float = 1.0
-    """board units in one of the user's"""
-    whole: Callable[[float], int] = round
-    """limits are rounded so that the board never exceeds them"""
+    name: str = ""  # what the user calls it
+    per_unit: float = 1.0  # board units in one of the user's
+    whole: Callable[[float], int] = round  # limits are rounded so that the board never exceeds them
 
 
 _FLAG = WireSetting(0, 1)
@@ -286,8 +273,7 @@ class AxisTable:
     def __init__(self, channels: Sequence[ChannelSettings], arm: EncoderSettings, count: int) -> None:
         self._count = count
         self._table = ChannelTable(SCALE, channels)
-        self.axes = self._table.channels
-        """the configured axes, lowest first"""
+        self.axes = self._table.channels  # the configured axes, lowest first
         known = {one.entry.axis: one for one in arm.axes}
         for axis in self.axes:
             if not 0 <= axis < count:
@@ -307,8 +293,7 @@ class AxisTable:
                 lines += _axis_lines(limits[axis], known[axis], places.index(order[axis]) + 1)
             else:
                 lines.append(f"CFG {axis} hord=0")
-        self.configuration = tuple(lines)
-        """the lines that tell the board all of this"""
+        self.configuration = tuple(lines)  # the lines that tell the board all of this
 
     def setpoints_line(self, setpoints: Mapping[int, float], reach_ms: int) -> str:
         """The line for setpoints [joint counts] by axis, to be reached in ``reach_ms``; the others stay.

@@ -224,8 +224,7 @@ class EncoderDriver:
         self._configured = False
         self._sent_settings: tuple[tuple[str, ...], int] | None = None
         """the lines that the board has, and after how many restarts; None where that is not certain"""
-        self._on = False
-        """armctl has switched the motors on"""
+        self._on = False  # armctl has switched the motors on
         self._went_off = False
         """the board has switched them off by itself; until the user has taken note they stay off"""
         self._held = False

@@ -160,16 +160,13 @@ class Mode(Enum):
 class Status:
     """One status line. Tuples go by axis number."""
 
-    time_ms: int
-    """since the board started; starts again at 0 after 49.7 days"""
+    time_ms: int  # since the board started; starts again at 0 after 49.7 days
     mode: Mode
     homed: tuple[bool, ...]
-    switches: tuple[bool, ...]
-    """home switches that are closed"""
+    switches: tuple[bool, ...]  # home switches that are closed
     flags: BoardFlag
     faults: tuple[FaultKind, ...]
-    counts: tuple[int, ...]
-    """joint counts"""
+    counts: tuple[int, ...]  # joint counts
 
     @property
     def latched(self) -> bool:
@@ -250,8 +247,7 @@ class Answer:
 
     sequence: int
     text: str
-    refusal: str = ""
-    """why the board has not done what the line asked for, a code; empty: it has"""
+    refusal: str = ""  # why the board has not done what the line asked for, a code; empty: it has
 
     def __str__(self) -> str:
         """Why it has not, in words for the user."""

@@ -86,19 +86,15 @@ class EncoderSession:
         self._waiting_since = self._sent_at = self._status_at = now()
         self._refused: list[Answer] = []
         self._greeting = True
-        self._prelude = b""
-        """the first bytes that came before the board was known, whoever sent them"""
+        self._prelude = b""  # the first bytes that came before the board was known, whoever sent them
         self._board_ms: int | None = None
         self.status: Status | None = None
         """the newest; None where none shows yet what has just been asked for"""
-        self.homing_failures: dict[int, str] = {}
-        """why homing failed, by axis"""
+        self.homing_failures: dict[int, str] = {}  # why homing failed, by axis
         self.restarted: str | None = None
         """why the board has started anew, in its own word; None: it has not, or that is settled"""
-        self.restarts = 0
-        """how often it has"""
-        self.spoken = False
-        """whether the board has sent a valid line since the last one was sent to it"""
+        self.restarts = 0  # how often it has started anew
+        self.spoken = False  # whether the board has sent a valid line since the last one was sent to it
         self._garbled = 0  # lines
 
     @property

@@ -88,8 +88,7 @@ class SimulatedEncoderBoard:
         for axis in self.axes:
             axis.restart()
         self._banner = Banner(FIRMWARE, VERSION, self._protocol, AXES, cause)
-        self.mode = Mode.OFF
-        """what the motors do"""
+        self.mode = Mode.OFF  # what the motors do
         self._flags = BoardFlag.BROWN_OUT if cause == "brownout" else BoardFlag(0)
         self._ticks = 0
         self._watchdog_s = _WATCHDOG_RANGE_MS[1] / 1000.0

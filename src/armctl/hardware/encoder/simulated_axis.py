@@ -10,8 +10,7 @@ from armctl.hardware.driver import ChannelSettings
 from armctl.hardware.encoder.axes import WIRE, EncoderAxis
 from armctl.hardware.encoder.messages import FaultKind
 
-TICK_S = 0.005
-"""the firmware's control period"""
+TICK_S = 0.005  # the firmware's control period
 SWITCH_WIDTH = 200.0  # counts over which the home switch of a Scorbot stays closed
 _LEAST_MARGIN = 60.0
 _START_S = 1.0
@@ -21,13 +20,11 @@ _START_S = 1.0
 class AxisPlant:
     """The mechanics of an axis, in the counts that it has once it is homed."""
 
-    low: float = -1500.0
+    low: float = -1500.0  # hard stop, as the next
     high: float = 1500.0
-    """hard stops"""
     switch: tuple[float, float] | None = (0.0, SWITCH_WIDTH)
     """where the home switch is closed; None: there is none"""
-    start: float = -400.0
-    """where it stands when it is built"""
+    start: float = -400.0  # where it stands when it is built
 
 
 def plant_of(limits: ChannelSettings, axis: EncoderAxis) -> AxisPlant:
@@ -78,11 +75,9 @@ class SimulatedAxis:
     def __init__(self, plant: AxisPlant, defaults: Mapping[str, int]) -> None:
         self.plant = plant
         self._defaults = defaults
-        self.place = plant.start
-        """where it really is, in the counts of a homed axis"""
+        self.place = plant.start  # where it really is, in the counts of a homed axis
         self.jammed = False
-        self.torn = False
-        """the encoder's wire"""
+        self.torn = False  # the encoder's wire
         self.switch_stuck: bool | None = None
         self.restart()
 
