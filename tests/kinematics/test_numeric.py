@@ -14,6 +14,7 @@ from tests.kinematics.kit import plain_forward, random_q
 from armctl.arrays import FloatArray
 from armctl.errors import InputError
 from armctl.kinematics import Chain, DHRow, EnergyModel, GravityModel, Target, rotation_from_rpy
+from armctl.kinematics.angles import rotation_angle
 from armctl.kinematics.numeric.goals import (
     Goal,
     PitchGoal,
@@ -25,7 +26,6 @@ from armctl.kinematics.numeric.goals import (
     tool_motion,
 )
 from armctl.kinematics.numeric.solver import LinkBound, NumericSolver
-from armctl.kinematics.rotation import rotation_angle
 from armctl.kinematics.solutions import Solutions
 
 Arm = tuple[Chain, FloatArray]

@@ -1,6 +1,6 @@
 """Kinematics in pure numpy: chains, inverse solutions, energy, reach. No I/O, no clock, no robot file."""
 
-from armctl.kinematics.branches import Branch, BranchFinder
+from armctl.kinematics.angles import quaternion_wxyz, roll_pitch_yaw, rotation_from_rpy
 from armctl.kinematics.chain import Chain, DHRow
 from armctl.kinematics.energy import (
     CRITERIA,
@@ -11,8 +11,7 @@ from armctl.kinematics.energy import (
     GravityModel,
     checked_criterion,
 )
-from armctl.kinematics.families import inverse_kinematics
-from armctl.kinematics.rotation import quaternion_wxyz, roll_pitch_yaw, rotation_from_rpy
+from armctl.kinematics.families import Branch, BranchFinder, inverse_kinematics
 from armctl.kinematics.samples import DEFAULT_STEP
 from armctl.kinematics.solutions import BatchSolutions, Solutions
 from armctl.kinematics.solver import InverseKinematics

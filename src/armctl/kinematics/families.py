@@ -1,18 +1,25 @@
-"""The registry of solver families: the solver that an arm's own joint axes call for."""
+"""The registry of solver families: the solver that an arm's own joint axes call for, and all its branches."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from armctl.arrays import FloatArray
 from armctl.errors import InputError
+from armctl.kinematics.angles import LIMIT_TOLERANCE, rest_angle
 from armctl.kinematics.chain import Chain
 from armctl.kinematics.energy import EnergyModel
 from armctl.kinematics.numeric.solver import NumericSolver
+from armctl.kinematics.samples import DEFAULT_STEP
+from armctl.kinematics.solutions import needs
 from armctl.kinematics.solver import InverseKinematics
 from armctl.kinematics.spherical_shoulder.solver import SphericalShoulderSolver
+from armctl.kinematics.target import Target
 from armctl.kinematics.yaw_pitch_roll.solver import YawPitchRollSolver
 
 FAMILIES: tuple[type[InverseKinematics], ...] = (YawPitchRollSolver, SphericalShoulderSolver, NumericSolver)
@@ -20,7 +27,7 @@ FAMILIES: tuple[type[InverseKinematics], ...] = (YawPitchRollSolver, SphericalSh
 
 
 def inverse_kinematics(
-    chain: Chain, limits: NDArray[np.float64], energy: EnergyModel, titles: Sequence[str]
+    chain: Chain, limits: FloatArray, energy: EnergyModel, titles: Sequence[str]
 ) -> InverseKinematics:
     """The solver of the first family that the arm belongs to; arguments as ``InverseKinematics.of`` has them.
 
@@ -32,3 +39,68 @@ def inverse_kinematics(
         if solver is not None:
             return solver
     raise InputError(f"no solver family takes an arm of {chain.n} joints")
+
+
+# Every closed-form branch of a target, those that the joint limits forbid too, with what forbids them.
+
+_OPEN_END = 1e-8
+"""how much less than a turn a widened joint has, so that half a turn is listed once [rad]"""
+_SAME = 1e-6
+"""configurations this near to each other are one [rad]"""
+
+
+@dataclass(frozen=True, slots=True)
+class Branch:
+    """One way to meet a target."""
+
+    name: str
+    q: FloatArray
+    """(n,) [rad]; each joint at the image nearest to the middle of its limits"""
+    forbidden: tuple[str, ...]
+    """a sentence for each joint that would have to leave its limits; empty where the arm can stand so"""
+
+
+class BranchFinder:
+    """The branches of one arm. Immutable; safe in several threads.
+
+    The arm's own solver, given a whole turn about the middle of each joint's limits, lists every branch once;
+    which of them the true limits forbid is then a comparison. A held joint stays held.
+    """
+
+    def __init__(self, chain: Chain, limits: FloatArray, energy: EnergyModel, titles: Sequence[str]) -> None:
+        self._limits, self._titles = limits, tuple(titles)
+        low, high = limits.T
+        middle = 0.5 * (low + high)
+        turn = np.maximum(0.5 * (high - low), math.pi)
+        held = high - low < _SAME
+        wide = np.where(held[:, None], limits, np.stack([middle - turn + _OPEN_END, middle + turn], axis=1))
+        self._solver = inverse_kinematics(chain, wide, energy, titles)
+
+    def find(self, target: Target) -> tuple[Branch, ...]:
+        """All branches in the order of their names; none where the links do not reach, or a joint is free."""
+        if self._solver.free_joint is not None and target.pitch is None and target.rotation is None:
+            return ()  # a continuum, not branches
+        joint = self._solver.roll_joint
+        if target.roll is None and target.rotation is None and joint is not None:
+            # any roll will do: the one at which the arm itself answers, not one of the widened joint
+            low, high = self._limits[joint].tolist()
+            target = target._replace(roll=rest_angle(low, high))
+        solutions = self._solver.solve(target, DEFAULT_STEP)
+        found: list[Branch] = []
+        for i in np.argsort(solutions.branch_index, kind="stable").tolist():
+            q = solutions.q[i]
+            if not any(np.abs(np.exp(1j * q) - np.exp(1j * other.q)).max() < _SAME for other in found):
+                found.append(Branch(str(solutions.branch[i]), self._onto_limits(q), self._forbidden(q)))
+        return tuple(found)
+
+    def _outside(self, q: FloatArray) -> NDArray[np.bool_]:
+        low, high = self._limits.T
+        return (q < low - LIMIT_TOLERANCE) | (q > high + LIMIT_TOLERANCE)
+
+    def _onto_limits(self, q: FloatArray) -> FloatArray:
+        """Rounding taken off the joints that are inside."""
+        return np.where(self._outside(q), q, np.clip(q, *self._limits.T))
+
+    def _forbidden(self, q: FloatArray) -> tuple[str, ...]:
+        outside = np.flatnonzero(self._outside(q)).tolist()
+        return tuple(needs(self._titles[k], self._limits[k], float(q[k])) for k in outside)

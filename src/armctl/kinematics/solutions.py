@@ -13,9 +13,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from armctl.arrays import FloatArray
 from armctl.errors import UnreachableError
+from armctl.kinematics.angles import rotation_angle
 from armctl.kinematics.chain import Chain
 from armctl.kinematics.energy import Criterion, EnergyModel, checked_criterion, energies
-from armctl.kinematics.rotation import rotation_angle
 from armctl.kinematics.target import Target
 
 _THERE_M = 1e-7

@@ -21,10 +21,9 @@ from armctl.kinematics.numeric.goals import (
     pitch_goal,
     tool_motion,
 )
-from armctl.kinematics.roll_joint import RollJoint, held_roll
 from armctl.kinematics.samples import checked_step
 from armctl.kinematics.solutions import Solutions, SolvedArm, too_far, too_near
-from armctl.kinematics.solver import InverseKinematics
+from armctl.kinematics.solver import InverseKinematics, RollJoint, held_roll
 from armctl.kinematics.target import Target
 
 # How far and how near any arm can reach by its links alone: bounds that hold whatever the limits.
@@ -198,7 +197,7 @@ class NumericSolver(InverseKinematics):
         return q
 
     def _met(self, goal: Goal, q: FloatArray) -> FloatArray:
-        """Those of ``q`` (k, n) that meet a goal, each once; joints of a turn or more at the smallest angle."""
+        """Those of ``q`` (k, n) that meet a goal, each once, at the smallest of equal angles."""
         image = q - math.tau * np.rint(q / math.tau)
         low, high = self.limits[:, 0], self.limits[:, 1]
         q = np.where((high - low >= math.tau) & (image >= low) & (image <= high), image, q)

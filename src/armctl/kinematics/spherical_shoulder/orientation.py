@@ -17,9 +17,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from armctl.arrays import FloatArray
-from armctl.kinematics.angles import images, rest_angle
+from armctl.kinematics.angles import images, quaternion_product, quaternion_wxyz, rest_angle, rotation_angle
 from armctl.kinematics.chain import Chain
-from armctl.kinematics.rotation import quaternion_product, quaternion_wxyz, rotation_angle
 from armctl.kinematics.spherical_shoulder.geometry import Circle, SphericalShoulder, circle, roots
 from armctl.kinematics.spherical_shoulder.swivel import ROOT_TOLERANCE, Swivel, turn_about
 

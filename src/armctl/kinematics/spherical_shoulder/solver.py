@@ -19,10 +19,9 @@ from armctl.kinematics.chain import Chain
 from armctl.kinematics.energy import EnergyModel
 from armctl.kinematics.numeric.descent import Starts, come_nearest
 from armctl.kinematics.numeric.goals import PositionGoal
-from armctl.kinematics.roll_joint import RollJoint, held_roll, roll_angles
 from armctl.kinematics.samples import checked_step
 from armctl.kinematics.solutions import Solutions, SolvedArm, all_needs, needs, too_far, too_near
-from armctl.kinematics.solver import InverseKinematics
+from armctl.kinematics.solver import InverseKinematics, RollJoint, held_roll, roll_angles
 from armctl.kinematics.spherical_shoulder.geometry import (
     SPHERICAL_BRANCHES,
     SphericalShoulder,

@@ -23,9 +23,8 @@ from collections.abc import Iterator
 import numpy as np
 
 from armctl.arrays import FloatArray
-from armctl.kinematics.angles import images
+from armctl.kinematics.angles import images, quaternion_product, quaternion_wxyz, rotation_angle
 from armctl.kinematics.chain import Chain
-from armctl.kinematics.rotation import quaternion_product, quaternion_wxyz, rotation_angle
 from armctl.kinematics.tool_plane import ToolPlane
 from armctl.kinematics.yaw_pitch_roll.closed_form import PlanePostures
 from armctl.kinematics.yaw_pitch_roll.geometry import BaseBranch, bend_sense, branch_index, tool_points_in

@@ -15,10 +15,9 @@ from armctl.errors import InputError
 from armctl.kinematics.angles import LIMIT_TOLERANCE
 from armctl.kinematics.chain import Chain
 from armctl.kinematics.energy import EnergyModel
-from armctl.kinematics.roll_joint import NO_ROLL, RollJoint, held_roll, roll_angles
 from armctl.kinematics.samples import DEFAULT_STEP, checked_step
 from armctl.kinematics.solutions import BatchSolutions, Solutions, SolvedArm
-from armctl.kinematics.solver import InverseKinematics
+from armctl.kinematics.solver import NO_ROLL, InverseKinematics, RollJoint, held_roll, roll_angles
 from armctl.kinematics.target import (
     Target,
     as_numbers,
