@@ -29,7 +29,7 @@ from armctl.program import (
 )
 from armctl.robot import load_robot
 from armctl.ui.tabs.trajectory.error_report import (
-    applied_meaning,
+    MEANING,
     between_html,
     points_html,
     summary_html,
@@ -373,7 +373,7 @@ def test_the_error_report_is_that_of_the_paper() -> None:
     assert report.rmse == pytest.approx([np.sqrt(5e-6), 0, 2e-3])
     assert report.largest == pytest.approx([0.003, 0, 0.004])
     assert report.distance[3] == pytest.approx(0.005)
-    html = summary_html("Applied", applied_meaning(Source.TRANSMITTED), report)
+    html = summary_html("Applied", MEANING[Source.TRANSMITTED], report)
     for part in ("4 points", "transmitted by the board, not measured", "5.000", "2.236", "4.000"):
         assert part in html
     assert points_html(report, 0, 2).count("background") == 1

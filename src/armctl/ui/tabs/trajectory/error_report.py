@@ -40,7 +40,8 @@ _PRINTED = (
     "The same with the angles rounded to 0.001°, as the paper prints them: its RMSE is at most 0.005 mm."
 )
 _LED = "Where the planned tool path comes closest to points evenly spread along the curve."
-_MEANING = {
+_APPLIED = "Where the path that was read back comes closest to each point:"
+MEANING = {
     Source.COMMANDED: "commanded by this computer, not measured",
     Source.TRANSMITTED: "transmitted by the board, not measured",
     Source.MEASURED: "measured by the arm's encoders",
@@ -93,10 +94,11 @@ class ReportView:
         path = self._robot.forward(readings)[:, :3, 3]
         reached = await asyncio.to_thread(closest_on_path, planned.points, path)
         self._applied = ErrorReport(planned.points, reached)
-        html = summary_html("Applied", f"{applied_meaning(source)} {len(path)} readings.", self._applied)
+        count = f"{len(path)} readings"
+        html = summary_html("Applied", f"{_APPLIED} {MEANING[source]}. {count}.", self._applied)
         if planned.ideal is not None:
             strays = PathError(np.arange(float(len(path))), distances(planned.ideal, path))
-            html += between_html(strays, f"of {len(path)} readings")
+            html += between_html(strays, f"of {count}")
         self._applied_summary.show(html)
         self._draw()
 
@@ -180,11 +182,6 @@ def between_html(error: PathError, when: str) -> str:
     figures = [["largest mm", _figure(1e3 * error.largest)], ["RMS mm", _figure(1e3 * error.rms)]]
     title = heading("Off the ideal line or arc")
     return title + muted(f"Between the points, too: {when}.") + table([], figures)
-
-
-def applied_meaning(source: Source) -> str:
-    """What the applied positions are."""
-    return f"Where the path that was read back comes closest to each point: {_MEANING[source]}."
 
 
 def points_html(report: ErrorReport, page: int, selected: int | None) -> str:

@@ -136,8 +136,7 @@ class MotionForm:
     def request(self, present: FloatArray) -> MotionRequest:
         """The motion that the fields ask for, with the arm at ``present`` (n,) [rad].
 
-        Raises:
-            InputError: a field holds no number that can be used.
+        Errors name the field that holds no number that can be used; so below.
         """
         motion = self._motion.value
         start = self._from.asked(present) if self._from.choice.visible else present
@@ -159,11 +158,7 @@ class MotionForm:
         )
 
     def study_request(self) -> StudyRequest:
-        """The study that the fields ask for.
-
-        Raises:
-            InputError: a number that cannot be used.
-        """
+        """The study that the fields ask for."""
         speed = self._joint_speed.value
         if not _SLOWEST_DEG_S <= speed <= _FASTEST_DEG_S:
             raise InputError(
@@ -268,11 +263,7 @@ class EndChoice:
             field.visible = visible and self.choice.value == kind
 
     def asked(self, present: FloatArray) -> FloatArray | Target:
-        """Joint angles (n,) [rad], or where the tool has to be.
-
-        Raises:
-            InputError: a field holds no numbers that can be used.
-        """
+        """Joint angles (n,) [rad], or where the tool has to be."""
         kind = self.choice.value
         if kind == ANGLES:
             return np.radians(self.fields[ANGLES].values)

@@ -81,8 +81,8 @@ class GraphView:
             return
         of, quantity, limits = self._of.value, self._quantity.value, self._limits.value
         self._note.show(muted(_JERK_NOTE if quantity == "Jerk" else _ZOOM_NOTE))
-        cursor = self.cursor.time
-        self._plot.show(graph(self._robot, self._shown, of, quantity, limits, cursor, self._beside))
+        time = self.cursor.slider.value
+        self._plot.show(graph(self._robot, self._shown, of, quantity, limits, time, self._beside))
 
     def _keep(self, a: ShownMotion | None) -> None:
         self._a = a
@@ -94,8 +94,7 @@ class GraphView:
         if self._a is None or self._shown is None:
             self._compared.show(muted(_COMPARE_NOTE))
         elif self._a is self._shown:
-            title = self._a.planned.title
-            self._compared.show(muted(f"A is {title}. Choose another motion and press Show."))
+            self._compared.show(muted(f"A is {self._a.planned.title}. Choose another motion and press Show."))
         else:
             self._compared.show(compare_html(self._robot, self._a, self._shown))
 
@@ -104,11 +103,10 @@ class GraphView:
         self._session.download("motion.csv", await asyncio.to_thread(analysis_csv, self._robot, shown.motion))
 
     async def _on_figure(self) -> None:
-        shown, beside = self._require_shown("export"), self._beside
+        shown = self._require_shown("export"), self._beside
+        drawn = [TitledMotion(one.planned.title, one.motion) for one in shown if one is not None]
         form = _FIGURE_FORMS[self._figure.value]
-        content = await asyncio.to_thread(
-            figure_bytes, self._robot, form, _titled(shown), None if beside is None else _titled(beside)
-        )
+        content = await asyncio.to_thread(figure_bytes, self._robot, form, *drawn)
         if not self._session.closed:
             self._session.download(f"motion.{form}", content)
 
@@ -118,16 +116,14 @@ class GraphView:
         return self._shown
 
 
-def _titled(shown: ShownMotion) -> TitledMotion:
-    return TitledMotion(shown.planned.title, shown.motion)
-
-
 # The cursor: a slider over the motion's time, or played, with the ghost and the numbers there.
 
 _FRAME_S = 1 / 25
 _SLIDER_S = 0.15
 """a slider and a plot that are written more often make a page slow"""
-_SLOWEST, _FASTEST = 5, 400
+_SPEEDS = 5, 400, 5
+"""slowest, fastest, step"""
+_SPEED_HINT = "Of the ghost; the arm does not move."
 _PATH_POINTS, _PATH_COLOR = 400, (0, 140, 170)
 _PLAY, _PAUSE = ("Play", viser.Icon.PLAYER_PLAY), ("Pause", viser.Icon.PLAYER_PAUSE)
 
@@ -145,20 +141,12 @@ class CursorView:
         gui = session.gui
         self._box = gui.add_folder(None, visible=False)
         with self._box:
-            self._slider = gui.add_slider("Time s", min=0.0, max=1.0, step=0.01, initial_value=0.0)
+            self.slider = gui.add_slider("Time s", 0.0, 1.0, 0.01, initial_value=0.0)
             self._play = gui.add_button(_PLAY[0], icon=_PLAY[1], color="gray")
-            self._speed = gui.add_slider(
-                "Play speed %", min=_SLOWEST, max=_FASTEST, step=5, initial_value=100,
-                hint="Of the ghost; the arm does not move.",
-            )  # fmt: skip
+            self._speed = gui.add_slider("Play speed %", *_SPEEDS, initial_value=100, hint=_SPEED_HINT)
             self._where = LiveHtml(gui)
-        session.on(self._slider.on_update, self._on_slider)
+        session.on(self.slider.on_update, self._on_slider)
         session.on(self._play.on_click, self._on_play)
-
-    @property
-    def time(self) -> float:
-        """Where the cursor is [s]."""
-        return self._slider.value
 
     def refresh(self) -> None:
         """Draw the tool's path for as long as no other screen shows something of its own."""
@@ -170,10 +158,10 @@ class CursorView:
         self._planned = planned
         time = np.linspace(0.0, planned.trajectory.duration, _PATH_POINTS)
         self._path.show(segments(self._robot.forward(planned.trajectory.sample(time).q)[:, :3, 3]))
-        self._slider.value = 0.0
-        self._slider.max = self._slider.value = max(round(planned.trajectory.duration, 2), 0.01)
+        self.slider.value = 0.0
+        self.slider.max = self.slider.value = max(round(planned.trajectory.duration, 2), 0.01)
         self._box.visible = True
-        self._go(planned, self._slider.value)
+        self._go(planned, self.slider.value)
 
     def _go(self, planned: PlannedMotion, time: float, *, draw: bool = True) -> None:
         time = min(time, planned.trajectory.duration)
@@ -185,7 +173,7 @@ class CursorView:
     def _on_slider(self) -> None:
         self._halt()
         if self._planned is not None:
-            self._go(self._planned, self._slider.value)
+            self._go(self._planned, self.slider.value)
 
     def _on_play(self) -> None:
         if self._playing:
@@ -200,7 +188,7 @@ class CursorView:
     async def _run(self, planned: PlannedMotion, is_newest: Callable[[], bool]) -> None:
         clock = asyncio.get_running_loop().time
         end = planned.trajectory.duration
-        time = self._slider.value if self._slider.value < end - _FRAME_S else 0.0
+        time = self.slider.value if self.slider.value < end - _FRAME_S else 0.0
         before, drawn = clock(), -1.0
         while is_newest():
             now = clock()
@@ -210,7 +198,7 @@ class CursorView:
             with self._session.client.atomic():
                 if draw:
                     drawn = now
-                    self._slider.value = min(round(time, 2), self._slider.max)
+                    self.slider.value = min(round(time, 2), self.slider.max)
                 self._go(planned, time, draw=draw)
             if time >= end:
                 break

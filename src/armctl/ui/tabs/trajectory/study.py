@@ -21,7 +21,6 @@ from armctl.ui.widgets.plots import COLORS, Line, LinePlot, Picture
 PAPER_DEG_S = 20.0
 _NOTHING = "Nothing is shown yet: press Show. A study moves nothing."
 _TOTAL_COLOR = "#212529"
-_PAPER_SPEED = math.radians(PAPER_DEG_S)
 _PRINTED_M_S = {"abaas": 8.32}
 """tip speeds that a paper prints at 20 °/s and that cannot be [m/s]"""
 
@@ -108,13 +107,10 @@ def study_picture(robot: Robot, study: JointStudy) -> Picture:
 def study_html(robot: Robot, shown: ShownStudy) -> str:
     """The joints' figures, what is possible at most, and how the curves were checked."""
     study, levers = shown.study, shown.levers
-    rows = [
-        [
-            robot.joints[joint].title,
-            *(fixed(1000 * value, 1) for value in (peak, study.speed * levers[joint], levers[joint])),
-        ]
-        for joint, peak in zip(study.moving, study.peaks.tolist(), strict=True)
-    ]
+    rows: list[list[str]] = []
+    for i, peak in zip(study.moving, study.peaks.tolist(), strict=True):
+        figures = peak, study.speed * levers[i], levers[i]
+        rows.append([robot.joints[i].title, *(fixed(1000 * value, 1) for value in figures)])
     html = table(["tip speed mm/s", "largest here", "any pose: ω·R", "R mm"], rows)
     if study.total is not None:
         html += muted(f"All joints together: at most {fixed(1000 * float(study.total.max()), 1)} mm/s.")
@@ -125,8 +121,8 @@ def study_html(robot: Robot, shown: ShownStudy) -> str:
     if slower:
         names = ", ".join(f"{joint.title} ({_deg_s(joint.speed)})" for joint in slower)
         html += muted(f"Faster than the real arm may turn: {names}.")
-    mismatch = f"{study.mismatch:.0e}".replace("e-0", "e-").replace("-", "−")
     html += heading("At most") + muted(_at_most(robot, study, levers))
+    mismatch = f"{study.mismatch:.0e}".replace("e-0", "e-").replace("-", "−")
     return html + muted(
         f"J·q̇ and central differences of the forward kinematics agree within {mismatch} of the largest speed."
     )
@@ -152,12 +148,12 @@ def _at_most(robot: Robot, study: JointStudy, levers: FloatArray) -> str:
         f"{fixed(1000 * reach, 1)} mm at most: {_deg_s(study.speed)} give "
         f"{fixed(1000 * study.speed * reach, 1)} mm/s at most."
     )
-    printed = _PRINTED_M_S.get(robot.name)
+    printed, speed = _PRINTED_M_S.get(robot.name), math.radians(PAPER_DEG_S)
     if printed is not None:
         text += (
             f" The {fixed(printed, 2)}·10³ mm/s that the paper prints at 20 °/s cannot be: that would take "
-            f"an arm of {fixed(printed / _PAPER_SPEED, 1)} m; right is "
-            f"{fixed(1000 * _PAPER_SPEED * reach, 0)} mm/s at most."
+            f"an arm of {fixed(printed / speed, 1)} m; right is "
+            f"{fixed(1000 * speed * reach, 0)} mm/s at most."
         )
     return text
 
