@@ -94,9 +94,7 @@ class Board:
     def __init__(self, robot: Robot, open_driver: Callable[[str], Driver], port: str) -> None:
         """Open the line, find out who is there and tell it what each channel may do. Moves nothing.
 
-        Raises:
-            BoardError: nobody there, or not what is needed.
-            StateError: a real board, and the robot file does not say which pulse is which angle.
+        A real board is refused where the robot file does not say which pulse is which angle.
         """
         self.map = output_map(robot)
         self.unit_per_rad = np.abs(self.map.per_rad)
@@ -197,11 +195,7 @@ class Monitor:
         self._deviates_since: float | None = None
 
     def read(self, board: Board, now: float) -> Reading | None:
-        """Read back; None where this once no answer came.
-
-        Raises:
-            BoardError: the board is gone, or has not answered several times in a row for a second.
-        """
+        """Read back; None where this once no answer came. ``BoardError``: none for a second, or gone."""
         self.due_at = now + 0.9 * self._interval_s
         if self._answered_at is None:
             self._answered_at = now

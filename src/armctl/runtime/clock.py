@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import threading
 import time
-from dataclasses import dataclass
 from typing import Protocol
 
 LONGEST_TICKS = 2
@@ -63,23 +62,15 @@ class ManualClock:
         return False
 
 
-@dataclass(frozen=True, slots=True)
-class Tick:
-    """One tick of the controller."""
-
-    dt: float
-    """what it counts for [s]"""
-    late_s: float | None
-    """how much later it came than it should; None: in time"""
-    late_before: str | None
-    """text for the log: several ticks before came late, and that is over"""
-
-
 class TickTime:
     """Measures the time from tick to tick, and counts the late ones that follow each other."""
 
     def __init__(self, period: float) -> None:
         """``period``: from tick to tick [s]."""
+        self.late_s: float | None = None
+        """how much later the last tick came than it should; None: in time"""
+        self.late_before: str | None = None
+        """text for the log at the last tick: several before it came late, and that is over"""
         self._period = period
         self._at = -math.inf
         self._count = 0
@@ -90,24 +81,24 @@ class TickTime:
         """Something begins now: what went before counts no more."""
         self._at = now
 
-    def take(self, now: float, *, urgent: bool) -> Tick | None:
-        """The tick that ends now; None where it is too early for one: the time counts at the next one."""
+    def take(self, now: float, *, urgent: bool) -> float | None:
+        """What the tick that ends now counts for [s]; None: too early, the time counts at the next one."""
         elapsed = now - self._at
         if elapsed <= 0 or (elapsed < 0.25 * self._period and not urgent):
             return None
         self._at = now
         late = elapsed > max((LONGEST_TICKS + 1) * self._period, _LATE_S)
-        over = None
+        self.late_s = elapsed - self._period if late else None
+        self.late_before = None
         if self._count and now > self._late_at + LATE_SHOWN_S:
-            over = self._text() if self._count > 1 else None
+            self.late_before = self._text() if self._count > 1 else None
             self._count, self._longest_s = 0, 0.0
-        counts_s = min(elapsed, LONGEST_TICKS * self._period)
-        return Tick(counts_s, elapsed - self._period if late else None, over)
+        return min(elapsed, LONGEST_TICKS * self._period)
 
-    def count_late(self, late_s: float, now: float) -> str:
-        """Count a tick that came late and halted a motion; gives the text of the notice."""
+    def count_late(self, now: float) -> str:
+        """Count the last tick, which came late and halted a motion; gives the text of the notice."""
         self._count += 1
-        self._longest_s = max(self._longest_s, late_s)
+        self._longest_s = max(self._longest_s, self.late_s or 0.0)
         self._late_at = now
         return self._text()
 

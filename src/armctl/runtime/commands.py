@@ -212,11 +212,9 @@ class Ticket:
         self._answers += (self.accepted, error), (self.finished, error)
 
     def result(self, timeout: float | None = None) -> None:
-        """Wait until it is over.
+        """Wait until it is over; raises what refused, stopped or broke it.
 
-        Raises:
-            ArmctlError: what refused, stopped or broke it.
-            TimeoutError: it is not over after ``timeout`` seconds; it goes on.
+        ``TimeoutError``: it is not over after ``timeout`` seconds; it goes on.
         """
         self.finished.result(timeout)
 

@@ -88,11 +88,7 @@ class Controller:
         return self._snapshot
 
     def start(self) -> None:
-        """Begin to tick on a thread of its own.
-
-        Raises:
-            StateError: started already, or closed.
-        """
+        """Begin to tick on a thread of its own, once."""
         if self._thread is not None or self._closed:
             raise StateError("the controller was started already")
         self._thread = threading.Thread(target=self._run, name="armctl-controller", daemon=True)

@@ -98,12 +98,7 @@ class Core:
     # Connecting, and switching the outputs on and off.
 
     def connect(self, port: str, who: str, now: float) -> None:
-        """Open the line. Moves nothing; leaves the outputs as they are.
-
-        Raises:
-            StateError: connected already.
-            BoardError: nobody there.
-        """
+        """Open the line. Moves nothing; leaves the outputs as they are."""
         if self.state not in (State.DISCONNECTED, State.FAULT):
             raise StateError(f"connected already, and {self.state.value}; disconnect first")
         if self.board is not None:
@@ -152,12 +147,6 @@ class Core:
         self.gate.jump(q, now)
         if opening is not None:
             self.gate.adopt_opening(opening, now)
-        self.gripper.set(self.gate.opening)
-
-    def forget_position(self) -> None:
-        """The position of the arm is unknown."""
-        self.gate.forget()
-        self.gripper.set(None)
 
     def hold(self, cause: str) -> None:
         """The outputs are on, and the arm stands where the last setpoint is."""
@@ -167,7 +156,7 @@ class Core:
     def power_off(self, cause: str) -> None:
         """The outputs are off: forget where the arm is."""
         self._drop_all(StateError(cause))
-        self.forget_position()
+        self.gate.forget()
         self.monitor.released()
         self._enter(State.OFF, cause)
 
@@ -329,16 +318,11 @@ class Core:
         self._enter(State.FAULT, cause)
 
     def clear_fault(self, who: str) -> None:
-        """Leave fault for ``holding`` (outputs on) or ``off``.
-
-        Raises:
-            StateError: no fault, or the board is gone.
-        """
+        """Leave fault for ``holding`` (outputs on) or ``off``."""
         if self.state is not State.FAULT:
             raise StateError(f"there is no fault to clear: {self.state.value}")
         if self.board is None:
             raise StateError(f"the board is gone ({self.cause}); connect again")
-        self.gripper.set(self.gate.opening)
         if self.gate.q is None:
             if self.monitor.reading.powered is False:
                 self.board.release()  # a board that switched its motors off by itself waits for this
@@ -350,19 +334,19 @@ class Core:
 
     def advance(self, now: float, *, urgent: bool) -> None:
         """Move on to ``now`` and send one setpoint where something changed."""
-        tick = self._ticks.take(now, urgent=urgent)
-        if tick is None:
+        ticks = self._ticks
+        dt = ticks.take(now, urgent=urgent)
+        if dt is None:
             return
-        if tick.late_before is not None:
-            self.log.warn(tick.late_before)
+        if ticks.late_before is not None:
+            self.log.warn(ticks.late_before)
         if self.board is None or self.state not in POWERED:
             return
         activity = self.activity
-        if tick.late_s is not None:
+        if ticks.late_s is not None:
             self.monitor.doubt()
             if activity is not None and self.gate.q is not None:
-                text = self._ticks.count_late(tick.late_s, now)
-                self.notices.set("late", text, until=now + LATE_SHOWN_S)
+                self.notices.set("late", ticks.count_late(now), until=now + LATE_SHOWN_S)
         self.setpoint = None
         if self.monitor.doubts:
             # What is written to a board that has lost its power switches the pulses on again with a jump.
@@ -370,9 +354,9 @@ class Core:
                 activity.halt()
             return
         if activity is not None:
-            self.setpoint = activity.advance(now, tick.dt)
+            self.setpoint = activity.advance(now, dt)
         gripping = self.gripper.goal is not None
-        opening = self.gripper.advance(tick.dt, self.speed) if gripping else None
+        opening = self.gripper.advance(self.gate.opening, dt, self.speed) if gripping else None
         q, opening = self.gate.admit(None if self.setpoint is None else self.setpoint.q, opening, now)
         if q is not None or opening is not None:
             self.board.write(q, opening)
@@ -392,7 +376,7 @@ class Core:
             self.stop(Origin(f"the board reports {', '.join(reading.errors)}"))
         lost = monitor.went_by_itself(q, now)
         if lost is not None:
-            self.forget_position()
+            self.gate.forget()
             if self.state is not State.FAULT:  # a fault that is there already keeps its cause
                 text = f"{lost}; see to its power and its errors, then clear the fault and enable"
                 self.fault(MotionRefusedError(text))
@@ -447,11 +431,20 @@ class Core:
     def _drop_all(self, error: ArmctlError) -> ArmctlError | None:
         """Forget everything that runs or waits; the arm gets no further setpoint.
 
-        Returns:
-            why a board that moves the arm by itself may go on; None: it does not.
+        Gives the reason why a board that moves the arm by itself may go on; None: it does not.
         """
         self.drop_motion(error)
-        goes_on = self._drop_activity()
+        goes_on: ArmctlError | None = None
+        activity, self.activity = self.activity, None
+        try:
+            if activity is not None:
+                activity.stop()
+        except ArmctlError as unconfirmed:
+            goes_on = unconfirmed
+        except Exception as defect:  # must not keep a fault from being one
+            _LOGGER.exception("a motion could not be stopped")
+            if self.monitor.homes:  # else the arm stands still without setpoints
+                goes_on = ArmctlError(f"internal error: {type(defect).__name__}: {defect}")
         if self._ticket is not None:
             self._ticket.end(error)
             self._ticket = None
@@ -463,21 +456,6 @@ class Core:
         self.notices.clear("activity")
         return goes_on
 
-    def _drop_activity(self) -> ArmctlError | None:
-        """End the motion; an error where the board does not confirm that it has ended."""
-        activity, self.activity = self.activity, None
-        if activity is None:
-            return None
-        try:
-            activity.stop()
-        except ArmctlError as error:
-            return error
-        except Exception as error:  # a defect here must not keep a fault from being one
-            _LOGGER.exception("%s could not be stopped", activity.label)
-            if self.monitor.homes:
-                return ArmctlError(f"internal error: {type(error).__name__}: {error}")
-        return None  # without setpoints an arm that the board does not move by itself stands still
-
     def _answer_stops(self) -> None:
         for ticket in self._stopping:
             ticket.end()
@@ -487,6 +465,6 @@ class Core:
         if self.board is not None:
             self.board.close()
             self.board = None
-        self.forget_position()
+        self.gate.forget()
         self.monitor.reset()
         self.notices.clear_all()

@@ -37,11 +37,7 @@ class Gate:
         self.opening = None
 
     def jump(self, q: FloatArray, now: float) -> None:
-        """Admit the first setpoint (n,) [rad] after the pulses were off: limits hold, the step cannot.
-
-        Raises:
-            MotionRefusedError: not finite, or outside the limits.
-        """
+        """Admit the first setpoint (n,) [rad] after the pulses were off: limits hold, the step cannot."""
         self.q, self._q_time = self._inside(q), now
 
     def adopt_opening(self, opening: float, now: float) -> None:
@@ -53,14 +49,8 @@ class Gate:
     ) -> tuple[FloatArray | None, float | None]:
         """Admit the next setpoint, all of it or nothing; gives what to send, None for what is unchanged.
 
-        Args:
-            q: (n,) [rad]; None: no joint moves.
-            opening: gripper, 0 closed ... 1 open; None: it does not move. The first one after the pulses
-                were off may jump.
-            now: controller clock [s].
-
-        Raises:
-            MotionRefusedError: says which joint, its value and what is allowed; nothing may be sent.
+        ``q`` (n,) [rad] and the gripper's ``opening`` (0 closed ... 1 open) are None where nothing moves. The
+        first opening after the pulses were off may jump. ``MotionRefusedError``: nothing may be sent.
         """
         admitted = None if q is None else self._checked_joints(q, now)
         admitted_opening = None if opening is None else self._checked_opening(opening, now)

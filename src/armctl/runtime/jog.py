@@ -10,14 +10,11 @@ from armctl.arrays import FloatArray
 from armctl.kinematics.velocity import damped_inverse, position_leaves_pitch, turning_speeds
 from armctl.motion.paths.tool_pitch import PitchRows, PlanePitch, pitch_rows
 from armctl.robot import Robot
-from armctl.runtime.activity import Setpoint
 from armctl.runtime.commands import JogTool
-from armctl.runtime.joint_servo import JointServo, KeepClear, Led, fastest_inside
+from armctl.runtime.joint_servo import JointServo, KeepClear, Led, Step, fastest_inside
 
 JOG_EXPIRY_S = 0.1
 """How long one jog command counts."""
-_REFINEMENTS = 1
-"""How often the rates are taken anew where the tick will end."""
 _PULL_BACK_S = 0.02
 """A tool beside its line comes back to it with this time constant, or within two ticks."""
 _SHARE_TO_BRAKE = 0.8
@@ -60,25 +57,16 @@ class Jogger(Led):
         self._line = None
         super().stop()
 
-    def advance(self, now: float, dt: float) -> Setpoint | None:
-        """Go on by ``dt`` seconds to ``now``; None where the joints stand."""
-        servo, expired = self._servo, now >= self._expires
+    def _step(self, expired: bool, dt: float) -> tuple[Step | None, str | None]:
+        """As fast as asked for, joints or tool."""
+        servo = self._servo
         speeds, notice = self._lead(expired, dt)
-        self.notice = None if expired else notice
         q, v = servo.step(speeds, dt)
-        if not expired and (blocked := self._blocked_ahead(q, v)) is not None:
-            self.notice = f"jog: {blocked}"
-            q, v = self._toward_rest(dt)
-        elif not expired and self.notice is None and self._line is None:
+        if notice is None and self._line is None:
             stuck = ((speeds > 0) & (q >= servo.high)) | ((speeds < 0) & (q <= servo.low))
             names = ", ".join(self._robot.joints[i].title for i in np.flatnonzero(stuck))
-            self.notice = f"jog: {names} at the limit" if names else None
-        if not v.any() and servo.standing:
-            self.done = expired
-            if expired:
-                self._line = None
-            return None
-        return self._take(q, v, dt)
+            notice = f"jog: {names} at the limit" if names else None
+        return (q, v), notice
 
     def _lead(self, expired: bool, dt: float) -> tuple[FloatArray, str | None]:
         """Speeds (n,) [rad/s] to go for, and what holds the tool back.
@@ -143,9 +131,8 @@ class ToolLine:
         self._command = self._command if command is None else command
         pull_back = max(_PULL_BACK_S, dt)
         along, back, stray = self._rates(self._ahead(servo, servo.v, dt), pull_back)
-        for _ in range(_REFINEMENTS):  # with the rates of where the tick will end
-            _, speeds, _ = self._pace(servo, along, back, share, dt)
-            along, back, stray = self._rates(self._ahead(servo, speeds, dt), pull_back)
+        _, speeds, _ = self._pace(servo, along, back, share, dt)
+        along, back, stray = self._rates(self._ahead(servo, speeds, dt), pull_back)  # where the tick will end
         strays = share > 0.0 and stray > min(max(_ASIDE, self._stray), _LOST)
         scale, speeds, held = self._pace(servo, along, back, 0.0 if strays else share, dt)
         self._bend = np.abs(along - self._along) / max(dt * scale, 1e-9)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +16,8 @@ from armctl.robot import Robot
 from armctl.runtime.activity import ActivityView, Setpoint
 
 BoolArray = NDArray[np.bool_]
+Step = tuple[FloatArray, FloatArray]
+"""angles and speeds (n,) [rad], [rad/s] after a tick"""
 _THERE = 1e-10
 """A joint at rest this near to its goal has arrived [rad]."""
 _SLOWEST_SHARE = 1e-6
@@ -54,11 +57,11 @@ class JointServo:
         """Go on from a step that ``step`` or ``toward`` has proposed."""
         self.q, self.v = q, v
 
-    def step(self, desired: FloatArray, dt: float) -> tuple[FloatArray, FloatArray]:
+    def step(self, desired: FloatArray, dt: float) -> Step:
         """Angles and speeds (n,) after ``dt`` [s]: as near to the desired speeds (n,) as the limits allow."""
         return self._limited(desired, np.zeros(len(self.q), dtype=np.bool_), dt)
 
-    def toward(self, goal: FloatArray, speed: float, dt: float) -> tuple[FloatArray, FloatArray]:
+    def toward(self, goal: FloatArray, speed: float, dt: float) -> Step:
         """Angles and speeds (n,) after ``dt`` [s] on the way to ``goal`` (n,) [rad].
 
         Each joint goes as fast as the share ``speed`` of its limit, its acceleration and the braking way
@@ -81,7 +84,7 @@ class JointServo:
         t = np.minimum(_BRAKING_PROBES[:, None] * takes.max(), takes)
         return q + v * t - 0.5 * np.sign(v) * a * t * t
 
-    def _limited(self, desired: FloatArray, halts: BoolArray, dt: float) -> tuple[FloatArray, FloatArray]:
+    def _limited(self, desired: FloatArray, halts: BoolArray, dt: float) -> Step:
         a, v = self.acceleration_limits, self.v
         most_up, halt_up = fastest_inside(self.high - self.q, v, a, dt)
         most_down, halt_down = fastest_inside(self.q - self.low, -v, a, dt)
@@ -179,13 +182,14 @@ class KeepClear:
         return start + np.linspace(0.0, 1.0, count + 1)[:, None] * (end - start)
 
 
-class Led:
+class Led(ABC):
     """What a jog and a live target share: the way is decided anew at each tick, by commands that expire.
 
     At each tick the joints can still be brought to rest before their limits, and the arm before the
     floor, an obstacle or itself: a step after which they could not is not taken.
     """
 
+    label = ""
     begun = True
     pausable = False  # letting go ends it
     error: ArmctlError | None = None  # what cannot be done is no error: the notice says why
@@ -228,13 +232,32 @@ class Led:
         """A jog has no goal."""
         return ActivityView()
 
+    def advance(self, now: float, dt: float) -> Setpoint | None:
+        """Go on by ``dt`` seconds to ``now``; None where the joints stand."""
+        servo, expired = self._servo, now >= self._expires
+        step, notice = self._step(expired, dt)
+        q, v = self._rest(dt) if step is None else step
+        if step is not None and not expired and (blocked := self._blocked_ahead(q, v)) is not None:
+            notice = f"{self.label}: {blocked}"
+            q, v = self._rest(dt)
+        self.notice = None if expired else notice
+        if not v.any() and servo.standing and np.array_equal(q, servo.q):
+            self.done = expired
+            return None
+        acceleration = (v - servo.v) / dt
+        servo.take(q, v)
+        return Setpoint(q.copy(), v.copy(), acceleration)
+
+    @abstractmethod
+    def _step(self, expired: bool, dt: float) -> tuple[Step | None, str | None]:
+        """What is asked for next (None: to rest), and what is not as it is asked for."""
+
     def _lead_on(self, expires: float) -> None:
         """Go on until the clock says ``expires``."""
         self._expires = expires
         self.done = False
 
-    def _toward_rest(self, dt: float) -> tuple[FloatArray, FloatArray]:
-        """Angles and speeds (n,) after ``dt`` [s] of braking."""
+    def _rest(self, dt: float) -> Step:
         return self._servo.step(np.zeros(self._robot.n), dt)
 
     def _blocked_ahead(self, q: FloatArray, v: FloatArray) -> str | None:
@@ -244,9 +267,3 @@ class Led:
             return None
         found = self._clear.blocked(np.vstack([servo.q, servo.braking_path(q, v)]))
         return None if found is None else found[1]
-
-    def _take(self, q: FloatArray, v: FloatArray, dt: float) -> Setpoint:
-        """Take a step to ``q``, ``v`` (n,), and the setpoint that says so."""
-        acceleration = (v - self._servo.v) / dt
-        self._servo.take(q, v)
-        return Setpoint(q.copy(), v.copy(), acceleration)

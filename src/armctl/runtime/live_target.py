@@ -11,8 +11,8 @@ from armctl.arrays import FloatArray
 from armctl.errors import ArmctlError
 from armctl.kinematics import Solutions, Target
 from armctl.robot import Robot
-from armctl.runtime.activity import ActivityView, Setpoint
-from armctl.runtime.joint_servo import KeepClear, Led
+from armctl.runtime.activity import ActivityView
+from armctl.runtime.joint_servo import KeepClear, Led, Step
 from armctl.runtime.planner import Submit, result_of
 
 FOLLOW_EXPIRY_S = 0.5
@@ -91,20 +91,13 @@ class Follower(Led):
         """Where the joints go now (n,) [rad]; None: nowhere yet."""
         return ActivityView(None if self._goal is None else self._goal.copy())
 
-    def advance(self, now: float, dt: float) -> Setpoint | None:
-        """Go on by ``dt`` seconds to ``now``; None where the joints stand."""
-        servo, expired = self._servo, now >= self._expires
+    def _step(self, expired: bool, dt: float) -> tuple[Step | None, str | None]:
+        """Toward the goal."""
         self._take_goal(expired)
-        goal = None if expired else self._goal
-        self.notice = None if expired or self._note is None else f"live target: {self._note}"
-        q, v = self._toward_rest(dt) if goal is None else servo.toward(goal, self._speed, dt)
-        if goal is not None and (blocked := self._blocked_ahead(q, v)) is not None:
-            self.notice = f"live target: {blocked}"
-            q, v = self._toward_rest(dt)
-        if not v.any() and servo.standing and np.array_equal(q, servo.q):
-            self.done = expired
-            return None
-        return self._take(q, v, dt)
+        notice = None if self._note is None else f"live target: {self._note}"
+        if expired or self._goal is None:
+            return None, notice
+        return self._servo.toward(self._goal, self._speed, dt), notice
 
     def _take_goal(self, expired: bool) -> None:
         """Take what has been solved, and have the newest target solved if that has not begun."""

@@ -220,18 +220,11 @@ class GripperMover:
     """Moves the opening to a goal at the gripper's speed; where the opening is not known, in one step."""
 
     def __init__(self, gripper: Gripper | None) -> None:
-        self.opening: float | None = None
-        """last opening 0..1; None: not known"""
         self.goal: float | None = None
         """opening 0..1 that it moves to; None: it stands"""
         self._gripper = gripper
         self._ticket: Ticket | None = None
         self._held = False
-
-    def set(self, opening: float | None) -> None:
-        """It stands here (None: not known)."""
-        self.opening = opening
-        self.goal = None
 
     def move_to(self, goal: float, ticket: Ticket | None = None) -> None:
         """Go to ``goal`` 0..1 instead of wherever it was going; ``ticket`` is answered at the end."""
@@ -253,19 +246,16 @@ class GripperMover:
         if self.goal is None:
             self._answer(None)
 
-    def advance(self, dt: float, speed: float) -> float | None:
-        """Opening after ``dt`` seconds at a speed override; None where it stands."""
+    def advance(self, opening: float | None, dt: float, speed: float) -> float | None:
+        """Where it is ``dt`` seconds after ``opening`` at a speed override; None where it stands."""
         goal = self.goal
         if goal is None or self._gripper is None or self._held:
             return None
-        if self.opening is None:
-            self.opening = goal
-        else:
-            most = self._gripper.speed * speed * dt
-            self.opening += min(max(goal - self.opening, -most), most)
-        if self.opening == goal:
+        most = self._gripper.speed * speed * dt
+        opening = goal if opening is None else opening + min(max(goal - opening, -most), most)
+        if opening == goal:
             self.goal = None
-        return self.opening
+        return opening
 
     def _answer(self, error: ArmctlError | None) -> None:
         if self._ticket is not None:

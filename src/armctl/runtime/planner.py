@@ -49,11 +49,7 @@ class Planner:
         self._wake = wake
 
     def submit(self, plan: Callable[P, T], *args: P.args, **kwargs: P.kwargs) -> Future[T]:
-        """Call ``plan`` on the executor.
-
-        Raises:
-            StateError: the executor was shut down.
-        """
+        """Call ``plan`` on the executor."""
         try:
             future = self._executor.submit(plan, *args, **kwargs)
         except RuntimeError as cause:
@@ -63,11 +59,7 @@ class Planner:
 
 
 def result_of(future: Future[T]) -> T:
-    """The result of a planning future that is done.
-
-    Raises:
-        ArmctlError: what refused the plan; a defect of the planner itself comes out as one, too.
-    """
+    """The result of a planning future that is done; a defect of the planner is raised as ``ArmctlError``."""
     if future.cancelled():  # an executor that was shut down with work in its queue
         raise StateError("the planner dropped it; ask for it again")
     error = future.exception()
@@ -80,12 +72,7 @@ def result_of(future: Future[T]) -> T:
 
 
 def checked_trajectory(robot: Robot, start: FloatArray, trajectory: Trajectory) -> Trajectory:
-    """A caller's trajectory, if it passes the pre-flight and begins at ``start`` (n,) [rad].
-
-    Raises:
-        MotionRefusedError: the pre-flight refuses it.
-        StateError: it begins elsewhere.
-    """
+    """A caller's trajectory, if it passes the pre-flight and begins at ``start`` (n,) [rad]."""
     require_clear(robot, trajectory)
     away = np.abs(trajectory.start - start)
     j = int(away.argmax())

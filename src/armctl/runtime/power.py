@@ -34,11 +34,8 @@ _LONGEST_S = 180.0
 def enable(core: Core, wanted: FloatArray | None, who: str, now: float) -> None:
     """Switch the pulses on: servos that were off jump to ``wanted`` (n,) [rad], those that are on stay.
 
-    Raises:
-        StateError: not connected, in fault, a joint is on and outside its limits, or two readings differ.
-        InputError: not finite, or a wrong shape.
-        MotionRefusedError: ``wanted`` is outside the limits, or joints would jump to below the floor.
-        BoardError: the board is gone.
+    Refused where a joint is on and outside its limits, two readings differ, or joints would jump to below
+    the floor.
     """
     if core.state in POWERED and core.gate.q is not None and wanted is None:
         return
@@ -61,12 +58,7 @@ def enable(core: Core, wanted: FloatArray | None, who: str, now: float) -> None:
 
 
 def home(core: Core, ticket: Ticket, who: str, now: float) -> None:
-    """Have the board look for the zero of every axis: the arm moves. It holds where that ends.
-
-    Raises:
-        StateError: not connected, in fault, moving, or a board whose servos have nothing to look for.
-        BoardError: the board does not begin, or is gone.
-    """
+    """Have the board look for the zero of every axis: the arm moves. It holds where that ends."""
     if core.board is None or core.state not in (State.OFF, State.HOLDING):
         raise StateError(
             f"homing needs the arm off or holding, it is {core.state.value}{hint(core, to_enable=True)}"
@@ -78,18 +70,13 @@ def home(core: Core, ticket: Ticket, who: str, now: float) -> None:
     core.gripper.stop(instead)
     core.board.configure()
     homing = Homing(core, core.board, now)
-    core.forget_position()
+    core.gate.forget()
     core.monitor.enabled()
     core.begin(homing, who, now, ticket)
 
 
 def release(core: Core, who: str) -> None:
-    """Outputs off: the arm drops.
-
-    Raises:
-        StateError: not connected.
-        BoardError: the board is gone.
-    """
+    """Outputs off: the arm drops."""
     if core.board is None:
         raise StateError(f"nothing to release: {core.state.value}")
     core.board.release()
@@ -167,11 +154,7 @@ class Homing:
         """Never called: it is not ``pausable``."""
 
     def stop(self) -> None:
-        """Have the board brake, at once: it goes on by itself, whether setpoints may be sent or not.
-
-        Raises:
-            BoardError: it does not confirm.
-        """
+        """Have the board brake, at once: it goes on by itself, whether setpoints may be sent or not."""
         if not self._stopping:
             self._stopping = True
             self._began = None

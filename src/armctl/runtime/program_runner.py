@@ -249,8 +249,7 @@ class ProgramFeed:
     def peek(self) -> PlannedStep | None:
         """The next step, once it is planned; None while it is being planned, or at the end.
 
-        Raises:
-            ArmctlError: the planner itself failed, and every step that it had planned before was taken.
+        Raises what made the planner fail, after every step that it had planned before was taken.
         """
         self._fill()
         if self._ready:
