@@ -215,7 +215,7 @@ class Led(ABC):
         """Go towards this speed override inside the acceleration limits."""
         self._speed = fraction
 
-    def pause(self, paused: bool) -> None:
+    def pause(self, paused: bool) -> None:  # noqa: B027
         """Never called: it is not ``pausable``."""
 
     def stop(self) -> None:
