@@ -146,32 +146,46 @@ class MotionStep(Step, frozen=True, kw_only=True):
     """how far from its end the tool may begin to turn off towards the next step; 0: it stops there"""
 
     @property
-    def law(self) -> ProfileName:
+    def _law(self) -> ProfileName:
         """Of a motion that leads each joint to its goal, over time."""
         return "cubic"
 
     @property
-    def tool_speed(self) -> float | None:
+    def _tool_speed(self) -> float | None:
         """Largest speed of the tool [m/s]; None: as fast as the joints can."""
         return None
 
+    def _goal(self) -> str:
+        """Where it leads to, in words."""
+        raise NotImplementedError
+
+    def describe(self) -> str:
+        """Where it leads to, duration, law and blend radius."""
+        seconds = "" if self.duration_s is None else f" in {self.duration_s:g} s"
+        law = "" if self._law == "cubic" else f", {self._law}"
+        blend = f", blend {self.blend_mm:g} mm" if self.blend_mm else ""
+        return f"{self._goal()}{seconds}{law}{blend}"
+
+    def end(self, robot: Robot, start: FloatArray | None = None) -> FloatArray | None:
+        """Where it ends, (n,) [rad]; None where the start must be known, or the path be followed.
+
+        Raises:
+            ArmctlError: as ``path``.
+        """
+        return None
+
     def path(self, robot: Robot, start: FloatArray) -> PiecewisePolynomial | None:
-        """The joints' path q(s) from ``start`` (n,) [rad]; None where it goes nowhere.
+        """The joints' path q(s) from ``start`` (n,) [rad], straight to the end; None where it goes nowhere.
 
         Raises:
             InputError: a value that is not finite, or the wrong number of joints.
             UnreachableError: no solution, or a line or arc that the arm cannot follow; says where and why.
             MotionRefusedError: outside the joint limits.
         """
-        raise NotImplementedError
-
-    def end(self, robot: Robot) -> FloatArray | None:
-        """Where it ends, (n,) [rad], if that does not depend on where it starts; else None.
-
-        Raises:
-            ArmctlError: as ``path``.
-        """
-        return None
+        end = self.end(robot, start)
+        if end is None or np.abs(end - start).max() <= NOWHERE:
+            return None
+        return PiecewisePolynomial([0.0, 1.0], np.stack([start, end - start])[None])
 
     def leg(self, robot: Robot, start: FloatArray) -> Leg | None:
         """It as a leg of a blended motion; None where it goes nowhere.
@@ -185,7 +199,7 @@ class MotionStep(Step, frozen=True, kw_only=True):
         path = self.path(robot, start)
         if path is None:
             return None
-        cap = math.inf if self.tool_speed is None else self.tool_speed
+        cap = math.inf if self._tool_speed is None else self._tool_speed
         if self.duration_s:
             cap = min(cap, (path.high - path.low) / self.duration_s)
         return Leg(path, self.blend_mm / 1000, cap)
@@ -198,9 +212,9 @@ class MotionStep(Step, frozen=True, kw_only=True):
         """
         start, seconds = leg.path(leg.path.low), self.duration_s
         if self.leads_tool:
-            speed = self.tool_speed
+            speed = self._tool_speed
             return plan_path(robot, start, leg.path, speed=speed, duration_s=seconds, checked=checked)
-        return plan_joints(robot, start, leg.path(leg.path.high), seconds, self.law, checked=checked)
+        return plan_joints(robot, start, leg.path(leg.path.high), seconds, self._law, checked=checked)
 
     def plan(self, robot: Robot, start: FloatArray, *, checked: bool = True) -> Trajectory:
         """Its motion by itself, from rest at ``start`` (n,) [rad] to rest.
@@ -212,12 +226,6 @@ class MotionStep(Step, frozen=True, kw_only=True):
         if leg is None:
             return PointToPoint.lasting(start, start, self.duration_s or 0.0)
         return self.plan_leg(robot, leg, checked=checked)
-
-    def _way(self) -> str:
-        """Duration, law and blend radius in words."""
-        seconds = "" if self.duration_s is None else f" in {self.duration_s:g} s"
-        law = "" if self.law == "cubic" else f", {self.law}"
-        return f"{seconds}{law}{f', blend {self.blend_mm:g} mm' if self.blend_mm else ''}"
 
 
 class MoveStep(MotionStep, frozen=True, kw_only=True, tag="move"):
@@ -231,25 +239,19 @@ class MoveStep(MotionStep, frozen=True, kw_only=True, tag="move"):
     profile: _Profile = "cubic"
 
     @property
-    def law(self) -> ProfileName:
-        """The profile."""
+    def _law(self) -> ProfileName:
         return self.profile
 
-    def describe(self) -> str:
-        """Angles and how."""
-        return f"{_listed(self.joints_deg)} °{self._way()}"
+    def _goal(self) -> str:
+        return f"{_listed(self.joints_deg)} °"
 
     def check(self, robot: Robot) -> None:
         """Refuse angles outside the limits, or too few or too many."""
         self.end(robot)
 
-    def end(self, robot: Robot) -> FloatArray:
+    def end(self, robot: Robot, start: FloatArray | None = None) -> FloatArray:
         """The angles [rad]."""
         return robot.check_limits(np.radians(self.joints_deg))
-
-    def path(self, robot: Robot, start: FloatArray) -> PiecewisePolynomial | None:
-        """Straight in joint space."""
-        return _straight(start, self.end(robot))
 
 
 class PointStep(MotionStep, frozen=True, kw_only=True, tag="point"):
@@ -267,41 +269,63 @@ class PointStep(MotionStep, frozen=True, kw_only=True, tag="point"):
     profile: _Profile = "cubic"
 
     @property
-    def law(self) -> ProfileName:
-        """The profile."""
+    def _law(self) -> ProfileName:
         return self.profile
 
-    @property
-    def target(self) -> Target:
-        """In metres and radians.
-
-        Raises:
-            InputError: a value that is not finite.
-        """
-        return Target.of(_metres(self, _END), _radians(self.pitch_deg), _radians(self.roll_deg))
-
-    def describe(self) -> str:
-        """Point, pitch, roll and how."""
+    def _goal(self) -> str:
         pitch = "" if self.pitch_deg is None else f", pitch {_short(self.pitch_deg)}°"
         roll = "" if self.roll_deg is None else f", roll {_short(self.roll_deg)}°"
-        return f"({_listed(_values(self, _END))}) mm{pitch}{roll}{self._way()}"
+        return f"{_place(self, _END)}{pitch}{roll}"
 
-    def end(self, robot: Robot) -> FloatArray | None:
+    def end(self, robot: Robot, start: FloatArray | None = None) -> FloatArray | None:
         """The solution that is chosen; by least travel, it depends on the start."""
-        if self.choose == "least-travel":
-            solve(robot, None, self.target, "least-rotation")  # whether there is any
+        target = Target.of(_metres(self, _END), _radians(self.pitch_deg), _radians(self.roll_deg))
+        if start is None and self.choose == "least-travel":
+            solve(robot, None, target, "least-rotation")  # whether there is any
             return None
-        return solve(robot, None, self.target, self.choose)
+        return solve(robot, start, target, self.choose)
+
+
+class _LeadsTool:
+    """What a line and an arc share. No struct: each writes its keys in an order of its own."""
+
+    __slots__ = ()
+    leads_tool: ClassVar[bool] = True
+    points: ClassVar[tuple[tuple[str, ...], ...]] = (_END,)
+    """keys of the points on the way, the last one is the end"""
+
+    pitch: PitchMode
+    pitch_deg: float | None
+    speed_mm_s: float | None
+
+    @property
+    def _tool_speed(self) -> float | None:
+        return None if self.speed_mm_s is None else self.speed_mm_s / 1000
+
+    def _goal(self) -> str:
+        end = "" if self.pitch_deg is None else f" to {_short(self.pitch_deg)}°"
+        pitch = "" if self.pitch == "kept" else f", pitch {self.pitch}{end}"
+        speed = "" if self.speed_mm_s is None else f", {_short(self.speed_mm_s)} mm/s"
+        return f"{' via '.join(_place(self, keys) for keys in reversed(self.points))}{pitch}{speed}"
+
+    def check(self, robot: Robot) -> None:
+        """Refuse a pitch at the end that does not go with the mode."""
+        if (self.pitch_deg is not None) != (self.pitch == "interpolated"):
+            raise ProgramError(
+                f'pitch = "{self.pitch}" and pitch_deg = {self.pitch_deg} do not go together: "interpolated" '
+                "needs the pitch at the end, the others take none"
+            )
 
     def path(self, robot: Robot, start: FloatArray) -> PiecewisePolynomial | None:
-        """Straight in joint space to the solution that is chosen."""
-        return _straight(start, solve(robot, start, self.target, self.choose))
+        """Along the tool's way [m]."""
+        *via, end = (_metres(self, keys) for keys in self.points)
+        way = (via[0] if via else None, end, self.pitch, _radians(self.pitch_deg))
+        return follow_tool(robot, start, *way, self._tool_speed)
 
 
-class LineStep(MotionStep, frozen=True, kw_only=True, tag="line"):
+class LineStep(_LeadsTool, MotionStep, frozen=True, kw_only=True, tag="line"):
     """Lead the tool to a point [mm] in a straight line, on the branch the arm is on."""
 
-    leads_tool: ClassVar[bool] = True
     call: ClassVar = ("line", *_END, *_LED)
     button: ClassVar = ("Record tool", "Line", *_END, "pitch")
 
@@ -314,30 +338,12 @@ class LineStep(MotionStep, frozen=True, kw_only=True, tag="line"):
     speed_mm_s: _ToolSpeed = None
     """largest speed of the tool; None: as fast as the limits allow"""
 
-    @property
-    def tool_speed(self) -> float | None:
-        """[m/s]."""
-        return None if self.speed_mm_s is None else self.speed_mm_s / 1000
 
-    def describe(self) -> str:
-        """End, pitch and how."""
-        return f"({_listed(_values(self, _END))}) mm{_led(self)}{self._way()}"
-
-    def check(self, robot: Robot) -> None:
-        """Refuse a pitch at the end that does not go with the mode."""
-        _check_pitch(self)
-
-    def path(self, robot: Robot, start: FloatArray) -> PiecewisePolynomial | None:
-        """Along the tool's way [m]."""
-        end, pitch = _metres(self, _END), _radians(self.pitch_deg)
-        return follow_tool(robot, start, None, end, self.pitch, pitch, self.tool_speed)
-
-
-class ArcStep(MotionStep, frozen=True, kw_only=True, tag="arc"):
+class ArcStep(_LeadsTool, MotionStep, frozen=True, kw_only=True, tag="arc"):
     """Lead the tool along a circular arc through a point to another [mm]; the rest as in a line."""
 
-    leads_tool: ClassVar[bool] = True
     button: ClassVar = ("Record tool", "Arc", *_VIA, *_END, "pitch")
+    points: ClassVar = (_VIA, _END)
 
     via_x_mm: _ViaPoint
     via_y_mm: _ViaPoint
@@ -349,30 +355,11 @@ class ArcStep(MotionStep, frozen=True, kw_only=True, tag="arc"):
     pitch_deg: _Pitch = None
     speed_mm_s: _ToolSpeed = None
 
-    @property
-    def tool_speed(self) -> float | None:
-        """[m/s]."""
-        return None if self.speed_mm_s is None else self.speed_mm_s / 1000
-
-    def describe(self) -> str:
-        """End, point on the way, pitch and how."""
-        end, via = _listed(_values(self, _END)), _listed(_values(self, _VIA))
-        return f"({end}) mm via ({via}) mm{_led(self)}{self._way()}"
-
-    def check(self, robot: Robot) -> None:
-        """Refuse a pitch at the end that does not go with the mode."""
-        _check_pitch(self)
-
     def script(self) -> str:
         """``arc``; its points are tuples there."""
         numbers = map(literal, _values(self, (*_VIA, *_END)))
         points = "via_mm=({}, {}, {}), to_mm=({}, {}, {})".format(*numbers)
         return f"arc({', '.join(filter(None, (points, self._arguments(_LED))))})"
-
-    def path(self, robot: Robot, start: FloatArray) -> PiecewisePolynomial | None:
-        """Along the tool's way [m]."""
-        via, end = _metres(self, _VIA), _metres(self, _END)
-        return follow_tool(robot, start, via, end, self.pitch, _radians(self.pitch_deg), self.tool_speed)
 
 
 class WaitStep(Step, frozen=True, kw_only=True, tag="wait"):
@@ -478,34 +465,14 @@ def all_keys() -> tuple[Key, ...]:
     return tuple(sorted(found.values(), key=lambda key: key.field.place))
 
 
-# What several kinds share.
+# Points and numbers of several kinds.
 
 
-def _straight(start: FloatArray, end: FloatArray) -> PiecewisePolynomial | None:
-    moves = float(np.abs(end - start).max()) > NOWHERE
-    return PiecewisePolynomial([0.0, 1.0], np.stack([start, end - start])[None]) if moves else None
-
-
-def _check_pitch(step: LineStep | ArcStep) -> None:
-    if (step.pitch_deg is not None) != (step.pitch == "interpolated"):
-        raise ProgramError(
-            f'pitch = "{step.pitch}" and pitch_deg = {step.pitch_deg} do not go together: "interpolated" '
-            "needs the pitch at the end, the others take none"
-        )
-
-
-def _led(step: LineStep | ArcStep) -> str:
-    """Pitch and speed of the tool in words."""
-    pitch = "" if step.pitch_deg is None else f" to {_short(step.pitch_deg)}°"
-    mode = "" if step.pitch == "kept" else f", pitch {step.pitch}{pitch}"
-    return mode if step.speed_mm_s is None else f"{mode}, {_short(step.speed_mm_s)} mm/s"
-
-
-def _values(step: Step, keys: Sequence[str]) -> tuple[float, ...]:
+def _values(step: object, keys: Sequence[str]) -> tuple[float, ...]:
     return tuple(getattr(step, key) for key in keys)
 
 
-def _metres(step: Step, keys: Sequence[str]) -> FloatArray:
+def _metres(step: object, keys: Sequence[str]) -> FloatArray:
     return np.array(_values(step, keys)) / 1000
 
 
@@ -519,3 +486,7 @@ def _short(value: float) -> str:
 
 def _listed(values: Sequence[float]) -> str:
     return ", ".join(map(_short, values))
+
+
+def _place(step: object, keys: Sequence[str]) -> str:
+    return f"({_listed(_values(step, keys))}) mm"

@@ -20,8 +20,8 @@ from armctl.ui.widgets.events import Hold, attach_hold
 from armctl.ui.widgets.html import LiveHtml, muted, table
 from armctl.ui.widgets.joint_angles import held_at
 
-ToolAxis = Literal["X", "Y", "Z", "Pitch", "Roll"]
-FRAMES: dict[str, Literal["base", "tool"]] = {"base axes": "base", "tool axes": "tool"}
+Frame = Literal["base", "tool"]
+FRAMES: dict[str, Frame] = {"base axes": "base", "tool axes": "tool"}
 _TURN_DEG_PER_MM = 0.5
 _SPEED_HINT = "How fast the tool goes while a button is held. The joints' limits and Speed % slow it down."
 _NOTE = (
@@ -42,14 +42,13 @@ _KEYS_NOTE = (
 )
 
 
-def tool_axes(robot: Robot) -> tuple[ToolAxis, ...]:
+def tool_axes(robot: Robot) -> tuple[str, ...]:
     """What the tool of an arm can be jogged along and about."""
     pitch, roll = tool_turns(robot)
-    turns: tuple[tuple[ToolAxis, bool], ...] = (("Pitch", pitch), ("Roll", roll))
-    return ("X", "Y", "Z", *(axis for axis, can in turns if can))
+    return ("X", "Y", "Z", *(["Pitch"] if pitch else []), *(["Roll"] if roll else []))
 
 
-def tool_jog(axis: ToolAxis, sign: float, speed_mm_s: float, frame: Literal["base", "tool"]) -> JogTool:
+def tool_jog(axis: str, sign: float, speed_mm_s: float, frame: Frame) -> JogTool:
     """One short command; ``sign`` is 1 or -1."""
     linear, rate = np.zeros(3), sign * math.radians(_TURN_DEG_PER_MM * speed_mm_s)
     match axis:
@@ -123,48 +122,54 @@ class JointJog:
     """Two buttons for the joint that is chosen."""
 
     def __init__(self, session: Session) -> None:
-        """Add the controls to the present container."""
         gui, self._robot = session.gui, session.console.robot
-        held = {joint.title: text for joint in self._robot.joints if (text := held_at(joint)) is not None}
         self._titles = [joint.title for joint in self._robot.joints]
-        self._joint = gui.add_dropdown("Joint", tuple(one for one in self._titles if one not in held))
+        held = {joint.title: text for joint in self._robot.joints if (text := held_at(joint)) is not None}
+        self.axes = tuple(title for title in self._titles if title not in held)
+        """the joints that can turn"""
+        self._joint = gui.add_dropdown("Joint", self.axes)
         self._speed = gui.add_slider("Jog speed %", min=1, max=100, step=1, initial_value=25)
         jog = HeldJog(session)
         for sign, text in ((-1.0, "−"), (1.0, "+")):
-            jog.attach(gui.add_button(f"Jog {text}"), partial(self._command, sign))
+            button = gui.add_button(f"Jog {text}")
+            jog.attach(button, lambda sign=sign: self.command(self._joint.value, sign))
         for title, text in held.items():
             gui.add_text(title, text, disabled=True)
 
     @property
-    def speed_percent(self) -> float:
-        """How fast joints are jogged, of their speed limits."""
-        return self._speed.value
+    def speed(self) -> str:
+        """How fast joints are jogged, in words."""
+        return f"{self._speed.value:.0f} % of each joint's speed"
 
-    def _command(self, sign: float) -> Jog:
-        return joint_jog(self._robot, self._titles.index(self._joint.value), sign * self.speed_percent / 100)
+    def command(self, axis: str, sign: float) -> Jog:
+        """One short command; ``sign`` is 1 or -1."""
+        return joint_jog(self._robot, self._titles.index(axis), sign * self._speed.value / 100)
 
 
 class ToolJog:
     """Two buttons an axis; letting go, or losing the page, stops the arm."""
 
     def __init__(self, session: Session, speed_mm_s: float = 30) -> None:
-        """Add the controls to the present container; ``speed_mm_s`` is how fast it is to begin with."""
+        """``speed_mm_s``: how fast it is to begin with."""
         gui = session.gui
+        self.axes = tool_axes(session.console.robot)
         self._frame = gui.add_dropdown("Along the", tuple(FRAMES), initial_value="base axes")
         self._speed = gui.add_slider("Tool mm/s", 1, 150, 1, initial_value=speed_mm_s, hint=_SPEED_HINT)
         jog = HeldJog(session)
-        for axis in tool_axes(session.console.robot):
+        for axis in self.axes:
             for sign, text in ((-1.0, "−"), (1.0, "+")):
-                jog.attach(gui.add_button(f"{axis} {text}"), partial(self._command, axis, sign))
+                button = gui.add_button(f"{axis} {text}")
+                jog.attach(button, partial(self.command, axis, sign))
         LiveHtml(gui, muted(_NOTE))
 
     @property
-    def speed_mm_s(self) -> float:
-        """How fast the tool is jogged."""
-        return self._speed.value
+    def speed(self) -> str:
+        """How fast the tool is jogged, in words."""
+        return f"{self._speed.value:.0f} mm/s"
 
-    def _command(self, axis: ToolAxis, sign: float) -> JogTool:
-        return tool_jog(axis, sign, self.speed_mm_s, FRAMES[self._frame.value])
+    def command(self, axis: str, sign: float, frame: Frame | None = None) -> JogTool:
+        """One short command; ``sign`` is 1 or -1; ``frame`` None: the chosen one."""
+        return tool_jog(axis, sign, self._speed.value, frame or FRAMES[self._frame.value])
 
 
 class KeyboardJog:
@@ -177,9 +182,8 @@ class KeyboardJog:
     """
 
     def __init__(self, session: Session, joint: JointJog, tool: ToolJog) -> None:
-        """Add the controls to the present container; the speeds are those of the buttons."""
-        self._session, self._robot = session, session.console.robot
-        self._joint, self._tool = joint, tool
+        """The speeds are those of the buttons."""
+        self._session, self._joint, self._tool = session, joint, tool
         self._jog = HeldJog(session, _KEY_SILENCE_S)
         self._commands: list[viser.CommandHandle] = []
         self._on = False
@@ -196,23 +200,15 @@ class KeyboardJog:
         """Show the keys and their speed; a page that no longer operates has none."""
         if self._on and not self._session.operates:
             self._set(on=False)
-        if self._what == JOINTS:
-            speed = f"{self._joint.speed_percent:.0f} % of each joint's speed"
-        else:
-            speed = f"{self._tool.speed_mm_s:.0f} mm/s"
-        rows = [[name, plus, minus] for name, (plus, minus) in zip(self._names(), KEYS, strict=False)]
+        moved = self._moved
+        rows = [[name, plus, minus] for name, (plus, minus) in zip(moved.axes, KEYS, strict=False)]
         state = "" if self._on else muted("Off: the keys do nothing.")
-        head = f"<b>{self._what}</b> at {speed}"
+        head = f"<b>{self._what}</b> at {moved.speed}"
         self._legend.show(f"<div>{head}</div>{table(('Moves', 'key +', 'key −'), rows)}{state}")
 
-    def _turning(self) -> list[int]:
-        """Indices of the joints that can turn."""
-        return [i for i, joint in enumerate(self._robot.joints) if held_at(joint) is None]
-
-    def _names(self) -> list[str]:
-        if self._what == JOINTS:
-            return [self._robot.joints[i].title for i in self._turning()]
-        return list(tool_axes(self._robot))
+    @property
+    def _moved(self) -> JointJog | ToolJog:
+        return self._joint if self._what == JOINTS else self._tool
 
     async def _on_switch(self) -> None:
         if not self._on:
@@ -231,33 +227,28 @@ class KeyboardJog:
         self._on = on
         self._switch.label = _ON if on else _OFF
         self._switch.color = "orange" if on else "gray"
-        if not on:
-            return
-        for index, (name, keys) in enumerate(zip(self._names(), KEYS, strict=False)):
+        for axis, keys in zip(self._moved.axes, KEYS, strict=False) if on else ():
             for key, sign, text in zip(keys, (1.0, -1.0), "+−", strict=True):
-                command = self._session.gui.add_command(f"Jog {name} {text}", hotkey=key)
-                self._session.on_key(command, partial(self._on_key, index, sign))
+                command = self._session.gui.add_command(f"Jog {axis} {text}", hotkey=key)
+                self._session.on_key(command, partial(self._on_key, axis, sign))
                 self._commands.append(command)
 
-    async def _on_key(self, index: int, sign: float) -> None:
+    async def _on_key(self, axis: str, sign: float) -> None:
         """One press, or one repeat, of a key."""
         if self._on:
-            await self._jog.send(lambda: self._command(index, sign))
+            await self._jog.send(lambda: self._command(axis, sign))
 
-    def _command(self, index: int, sign: float) -> Jog | JogTool:
+    def _command(self, axis: str, sign: float) -> Jog | JogTool:
         if self._what == JOINTS:
-            return joint_jog(self._robot, self._turning()[index], sign * self._joint.speed_percent / 100)
-        frame = "base" if self._what == BASE else "tool"
-        return tool_jog(tool_axes(self._robot)[index], sign, self._tool.speed_mm_s, frame)
+            return self._joint.command(axis, sign)
+        return self._tool.command(axis, sign, "base" if self._what == BASE else "tool")
 
 
 class GripperControl:
     """How far it is open."""
 
     def __init__(self, session: Session, title: str) -> None:
-        """Add the controls to the present container."""
-        self._session = session
-        gui = session.gui
+        gui, self._session = session.gui, session
         with gui.add_folder(title):
             self._percent = gui.add_slider("Gripper %", min=0, max=100, step=1, initial_value=50)
             move = gui.add_button("Set gripper")
@@ -265,14 +256,11 @@ class GripperControl:
         session.on(move.on_click, self._on_gripper)
 
     def refresh(self, snapshot: Snapshot) -> None:
-        """Show what it was told."""
-        opening = snapshot.gripper
-        told = (
-            "It has not been told to move yet."
-            if opening is None
-            else f"Commanded: <b>{100 * opening:.0f} %</b>."
-        )
-        self._opening.show(f"0 % is closed, 100 % open. {told}")
+        """Show where it was sent last."""
+        text = "It has not been told to move yet."
+        if snapshot.gripper is not None:
+            text = f"Commanded: <b>{100 * snapshot.gripper:.0f} %</b>."
+        self._opening.show(f"0 % is closed, 100 % open. {text}")
 
     async def _on_gripper(self) -> None:
         await self._session.submit(MoveGripper(checked_percent(self._percent.value, "gripper") / 100))

@@ -15,7 +15,6 @@ from armctl.runtime import Snapshot
 from armctl.ui.widgets.html import LiveHtml, fixed, table
 
 _PROBE_S = 1e-4
-_PARALLEL = 1e-6
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,28 +34,19 @@ class ToolMotion:
 
 
 def tool_motion(robot: Robot, q: FloatArray, velocity: FloatArray, acceleration: FloatArray) -> ToolMotion:
-    """State of the tool point: ``v = J q̇`` and ``a = J q̈ + J̇ q̇``.
+    """State of the tool point: ``v = J q̇`` and ``a = J q̈ + J̇ q̇``, of joints (n,) [rad, rad/s, rad/s²].
 
     ``J̇`` is the central difference of the Jacobian along ``q̇``.
-
-    Args:
-        robot: the arm.
-        q: (n,) joint angles [rad].
-        velocity: (n,) [rad/s].
-        acceleration: (n,) [rad/s²].
     """
-    T = robot.forward(q)
-    J = robot.jacobian(q)
+    T, J = robot.forward(q), robot.jacobian(q)[:3]
     probes = robot.jacobian(np.stack([q + _PROBE_S * velocity, q - _PROBE_S * velocity]))[:, :3]
     J_dot = (probes[0] - probes[1]) / (2 * _PROBE_S)
-    approach = T[:3, 2]
-    turns_tool = float(np.linalg.norm(np.cross(J[3:, -1], approach))) < _PARALLEL
     return ToolMotion(
         position=T[:3, 3].copy(),
-        velocity=J[:3] @ velocity,
-        acceleration=J[:3] @ acceleration + J_dot @ velocity,
-        pitch=math.asin(min(1.0, max(-1.0, float(approach[2])))),
-        roll=float(q[-1]) if turns_tool else None,
+        velocity=J @ velocity,
+        acceleration=J @ acceleration + J_dot @ velocity,
+        pitch=math.asin(min(1.0, max(-1.0, float(T[2, 2])))),
+        roll=robot.inverse_kinematics.pitch_and_roll(q)[1],
     )
 
 
@@ -66,7 +56,7 @@ class LiveReadout:
     def __init__(self, robot: Robot) -> None:
         self._robot = robot
         self._blocks: list[LiveHtml] = []
-        self._shown: tuple[bytes, ...] = ()
+        self._shown: tuple[object, ...] = ()
 
     def add_to(self, gui: viser.GuiApi) -> None:
         """Show the table in the present GUI container, too."""
@@ -75,17 +65,12 @@ class LiveReadout:
     def refresh(self, snapshot: Snapshot) -> None:
         """Show a snapshot, if it differs from the one before."""
         state = (snapshot.q_command, snapshot.velocity_command, snapshot.acceleration_command, snapshot.q)
-        key = (
-            *(array.tobytes() for array in state),
-            snapshot.source.value.encode(),
-            bytes([snapshot.commanded]),
-        )
-        if key == self._shown:
-            return
-        self._shown = key
-        content = tool_table(self._robot, snapshot) + joint_table(self._robot, snapshot)
-        for block in self._blocks:
-            block.show(content)
+        key = (*(array.tobytes() for array in state), snapshot.source, snapshot.commanded)
+        if key != self._shown:
+            self._shown = key
+            content = tool_table(self._robot, snapshot) + joint_table(self._robot, snapshot)
+            for block in self._blocks:
+                block.show(content)
 
 
 def tool_table(robot: Robot, snapshot: Snapshot) -> str:
