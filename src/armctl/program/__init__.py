@@ -10,9 +10,19 @@ from armctl.program.feed import (
     plan_next,
     require_runnable,
 )
+from armctl.program.files import (
+    PROGRAM_SUFFIXES,
+    checked_program,
+    decode_program,
+    encode_program,
+    load_program,
+    open_program,
+    read_program,
+    save_program,
+    write_script,
+)
 from armctl.program.program import Blocks, Cursor, Program
 from armctl.program.rehearsal import Rehearsal, rehearse, rehearse_pose
-from armctl.program.script import write_script
 from armctl.program.steps import (
     WIDEST_BLEND_MM,
     ArcStep,
@@ -27,16 +37,6 @@ from armctl.program.steps import (
     SpeedStep,
     Step,
     WaitStep,
-)
-from armctl.program.toml import (
-    PROGRAM_SUFFIXES,
-    checked_program,
-    decode_program,
-    encode_program,
-    load_program,
-    open_program,
-    read_program,
-    save_program,
 )
 
 __all__ = [

@@ -206,16 +206,11 @@ def _as_point(step: MoveStep, robot: Robot) -> PointStep:
 
 
 def read_csv(text: bytes | str, robot: Robot, name: str = "untitled") -> Program:
-    """A program from a CSV file.
+    """A program called ``name`` from the text of a CSV file, whose heads name the joints of ``robot``.
 
     A row with a ``do`` is one step of that kind. A row without goes to its angles, or to its point; then
     it sets the gripper and waits, where those columns say so. Columns may be separated by commas,
     semicolons or tabs; with the latter two, numbers may have decimal commas.
-
-    Args:
-        text: the file.
-        robot: whose joints the heads name.
-        name: of the program; the file does not hold it.
 
     Raises:
         ProgramError: an unknown column, a missing or unknown unit, a cell that is missing or no number, a

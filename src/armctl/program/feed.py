@@ -107,15 +107,10 @@ def begin_program(
     first: int = 0,
     count: int | None = None,
 ) -> PlanState:
-    """Check a program and stand before its first step.
+    """Check a program and stand before its first step, with the arm at ``start`` (n,) [rad].
 
-    Args:
-        robot: the arm.
-        program: what to run.
-        start: (n,) where the arm stands [rad].
-        loops: how many passes; None: without end.
-        first: index of the step that the first pass begins with.
-        count: how many steps to run; None: all.
+    It runs ``loops`` passes (None: without end), the first of them from the step ``first`` on, and ``count``
+    steps of it (None: all).
 
     Raises:
         InputError: ``loops``, ``first`` or ``count`` that cannot be.
@@ -157,11 +152,6 @@ def plan_next(robot: Robot, source: ProgramSource, state: PlanState) -> tuple[li
 
     What cannot be blended (a corner through the floor, the step after it refused) stops at its point.
 
-    Args:
-        robot: the arm.
-        source: where a new pass takes its program from.
-        state: what was planned before.
-
     Returns:
         The steps, and the state after them; no steps: the program has ended. A step that cannot be run
         comes last, with its error.
@@ -187,12 +177,10 @@ def plan_next(robot: Robot, source: ProgramSource, state: PlanState) -> tuple[li
 
 
 def _draw(robot: Robot, source: ProgramSource, state: PlanState) -> tuple[list[PlannedStep], bool]:
-    """The next steps with their legs, as far as a blended motion has to look ahead.
+    """The next steps with their legs, as far as a blended motion looks ahead; whether it ends at rest there.
 
-    Returns:
-        The steps, and whether the last motion ends at rest. No steps: the program has ended. Where the first
-        moving step cannot be solved, it is the last one and says why; where a later one cannot, the motion
-        ends before it.
+    Where the first moving step cannot be solved, it is the last one and says why; where a later one cannot,
+    the motion ends before it.
     """
     steps = list(state.known)
     state = steps[-1].after if steps else replace(state, entry=None)
@@ -259,11 +247,7 @@ def _next_step(source: ProgramSource, before: PlanState) -> PlannedStep | None:
 def _motions(
     robot: Robot, steps: Sequence[PlannedStep], entry: Entry | None, *, closed: bool
 ) -> list[tuple[Trajectory, Entry | None]]:
-    """The motions of the first moving steps, as many as are certain, and how the one after each begins.
-
-    Raises:
-        ArmctlError: the first of them cannot be run.
-    """
+    """The motions of the first moving steps, as many as are certain, and how the one after each begins."""
     moving = [
         (one.step, one.leg) for one in steps if one.leg is not None and isinstance(one.step, MotionStep)
     ]

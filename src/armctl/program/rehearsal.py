@@ -107,9 +107,9 @@ def rehearse(
         program: what to rehearse.
         start: (n,) where the arm stands [rad].
         opening: of the gripper, 0..1; None: not known.
-        longest_s: stop when that much is planned [s].
-        most_steps: stop after so many steps.
-        as_far: go as far as a step that cannot be run (``broken``), where there is a step before it.
+        longest_s: cut where that much is planned [s].
+        most_steps: cut after so many steps.
+        as_far: a step that cannot be run ends it (``broken``) instead of raising, unless it is the first.
 
     Raises:
         ProgramError: another robot's program, nothing to do, or names the step that cannot be run.

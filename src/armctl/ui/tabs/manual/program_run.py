@@ -18,6 +18,7 @@ from armctl.ui.widgets.html import LiveHtml, muted
 from armctl.ui.widgets.verdict_list import first_error, verdict_html
 
 _MOST_LOOPS = 100_000
+_FROM_HINT = "The first pass begins with the selected row."
 _STEP_HINT = "Step: run the selected step alone, then select the next. Check: look for what would be refused."
 
 
@@ -25,12 +26,10 @@ class ProgramRun:
     """The buttons that run the program, and the verdict of the pre-flight."""
 
     def __init__(self, session: Session, editor: ProgramEditor, verdict: LiveHtml) -> None:
-        """Add the buttons; ``verdict`` is where the findings are shown."""
-        self._session = session
-        self._editor = editor
+        """``verdict`` is where the findings are shown."""
+        self._session, self._editor, self._verdict = session, editor, verdict
         self._shared = session.shared(SharedProgram)
-        self._verdict = verdict
-        self._verdict.visible = False
+        verdict.visible = False
         self._checked: tuple[Program, tuple[float, ...] | None, list[ProgramFinding]] | None = None
         """what was checked, from where, and what was found"""
         self._progress: tuple[int, int] | None = None
@@ -40,16 +39,14 @@ class ProgramRun:
         self._stepping: tuple[Program, Cursor, int] | None = None
         gui = session.gui
         self._times = gui.add_number("Times N", initial_value=3, min=1, max=_MOST_LOOPS, step=1)
-        self._from_row = gui.add_checkbox(
-            "From selected step", initial_value=False, hint="The first pass begins with the selected row."
-        )
+        self._from_row = gui.add_checkbox("From selected step", initial_value=False, hint=_FROM_HINT)
         self._run = gui.add_button_group("Run", ("Run once", "Run N times", "Loop"))
-        self._try = gui.add_button_group("Try", ("Step", "Check"), hint=_STEP_HINT)
+        tries = gui.add_button_group("Try", ("Step", "Check"), hint=_STEP_HINT)
         hold = gui.add_button_group("While it runs", ("Pause", "Resume"))
         self._cancel = gui.add_button("Cancel check", color="gray", visible=False)
         session.on(self._cancel.on_click, self._on_cancel)
         session.on(self._run.on_click, self._on_run)
-        session.on(self._try.on_click, self._on_try)
+        session.on(tries.on_click, lambda: self.check() if tries.value == "Check" else self._step())
         session.on(hold.on_click, lambda: session.submit(Pause() if hold.value == "Pause" else Resume()))
 
     def refresh(self) -> None:
@@ -57,7 +54,7 @@ class ProgramRun:
         self._cancel.visible = self._progress is not None
         if self._progress is not None:
             done, steps = self._progress
-            self._verdict.show(muted(f"Checking … {done} of {steps} steps"))
+            self._verdict.show(muted(f"Checking … {done} of {steps} step{'' if steps == 1 else 's'}"))
         if self._checked is not None and self._checked[0].steps != self._shared.program.steps:
             self._checked = None
             self._verdict.visible = False
@@ -71,28 +68,18 @@ class ProgramRun:
         return await self._check(self._program(), self._session.snapshot.q_command)
 
     async def _on_run(self) -> None:
-        first = self._editor.selected if self._from_row.value else 0
-        loops: int | None = 1
-        if self._run.value == "Loop":
-            loops = None
-        elif self._run.value == "Run N times":
-            loops = int(self._times.value)
-            if not 1 <= loops <= _MOST_LOOPS:
-                raise InputError(f"N = {loops} is outside 1 … {_MOST_LOOPS}")
+        first, button = self._editor.selected if self._from_row.value else 0, self._run.value
+        often = int(self._times.value) if button == "Run N times" else 1
+        if not 1 <= often <= _MOST_LOOPS:
+            raise InputError(f"N = {often} is outside 1 … {_MOST_LOOPS}")
         program = self._program()
         self._session.require_operator()
-        # Elsewhere than at the first step, nobody knows where the arm would have come from.
+        # Where another step comes first, it is not known where the arm would have come from.
         findings = await self._check(program, self._session.snapshot.q_command if first == 0 else None)
         error = first_error(findings)
         if error is not None:
             raise ProgramError(f"{program.name}: {error}")
-        await self._session.submit(RunProgram(program, loops, first))
-
-    async def _on_try(self) -> None:
-        if self._try.value == "Check":
-            await self.check()
-        else:
-            await self._step(self._program())
+        await self._session.submit(RunProgram(program, None if button == "Loop" else often, first))
 
     async def _on_cancel(self) -> None:
         self._cancelled.set()
@@ -135,9 +122,9 @@ class ProgramRun:
             self._verdict.visible = False
         return findings
 
-    async def _step(self, program: Program) -> None:
+    async def _step(self) -> None:
         """Run one step; going on from there, repeats are counted as in a whole run."""
-        row = self._editor.selected
+        program, row = self._program(), self._editor.selected
         cursor = Cursor(program, row)
         if self._stepping is not None and self._stepping[0] is program and self._stepping[2] == row:
             cursor = self._stepping[1].copy()
@@ -146,9 +133,7 @@ class ProgramRun:
             raise StateError(f"behind row {row + 1} there is no step to run")
         await self._session.submit(RunProgram(program, 1, present[0], 1))
         following = cursor.copy().next()
-        if following is None:
-            self._stepping = None
-            self._session.notify("Last step", "The program is over after this step; row 1 is selected again.")
-        else:
-            self._stepping = (program, cursor, following[0])
+        self._stepping = None if following is None else (program, cursor, following[0])
         self._editor.select(0 if following is None else following[0])
+        if following is None:
+            self._session.notify("Last step", "The program is over after this step; row 1 is selected again.")

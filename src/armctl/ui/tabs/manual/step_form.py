@@ -44,11 +44,7 @@ def _shown(step: Step, keys: Sequence[Key]) -> str:
 
 
 def edited(step: Step, texts: Mapping[str, str]) -> Step:
-    """The step with what its fields hold; a field that was not edited keeps all digits of its value.
-
-    Args:
-        step: the one that the fields were filled from.
-        texts: label of each of its fields to what it holds.
+    """The step with what its fields hold (``texts``, by label); what was not edited keeps all its digits.
 
     Raises:
         InputError: no number, too few or too many, or a value that is not allowed; names the field.

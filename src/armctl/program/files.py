@@ -1,4 +1,4 @@
-"""Program files: TOML as armctl saves it, or a CSV table."""
+"""Program files: TOML as armctl saves it, a CSV table, and Python scripts for the ``Arm`` class."""
 
 from __future__ import annotations
 
@@ -13,8 +13,9 @@ import tomli_w
 from armctl.documents import Document, write_atomically
 from armctl.errors import ProgramError
 from armctl.program.csv import read_csv
+from armctl.program.keys import literal
 from armctl.program.program import MOST_STEPS, PROGRAM_FILES, Blocks, Program
-from armctl.program.steps import Step, any_step
+from armctl.program.steps import CommentStep, EndStep, RepeatStep, Step, any_step
 from armctl.robot import Robot
 
 PROGRAM_SUFFIXES = (".toml", ".csv")
@@ -68,11 +69,7 @@ def load_program(path: str | Path) -> Program:
 
 
 def decode_program(text: bytes | str) -> Program:
-    """A program from the text of its file.
-
-    Raises:
-        ProgramError: as ``load_program``, without the file's name.
-    """
+    """A program from the text of its file; refused as by ``load_program``, without the file's name."""
     return _decoded(PROGRAM_FILES.parse(text))
 
 
@@ -95,19 +92,15 @@ def encode_program(program: Program) -> str:
         ProgramError: a value that no file can hold; names step and key.
     """
     record = _record(program)
-    record["steps"] = [
+    steps = [
         {key: value for key, value in step.items() if value is not None and (key, value) != ("note", "")}
-        for step in record["steps"]
+        for step in record.pop("steps")
     ]
-    if not record["steps"]:
-        del record["steps"]
-    return tomli_w.dumps(record)
+    return tomli_w.dumps({**record, "steps": steps} if steps else record)
 
 
 def save_program(program: Program, path: str | Path) -> None:
-    """Write a program file; the version that was there before is kept as ``NAME.toml~``.
-
-    A symbolic link is followed, not replaced.
+    """Write a program file; the version before is kept as ``NAME.toml~``. A symbolic link is followed.
 
     Raises:
         ProgramError: cannot be written, or holds a value that could not be read again.
@@ -147,11 +140,7 @@ def _decoded(document: Document) -> Program:
 
 
 def _record(program: Program) -> dict[str, Any]:
-    """What a file says of a program, numpy's numbers and arrays as plain ones.
-
-    Raises:
-        ProgramError: a value that no file can hold, such as a set, which has no order.
-    """
+    """What a file says of a program, numpy's numbers as plain ones; refuses, say, a set: it has no order."""
     steps = cast("object", program.steps)
     if not isinstance(steps, list | tuple):
         raise ProgramError(f"steps must be a list, not {steps!r}")
@@ -169,3 +158,57 @@ def _plain(value: object) -> object:
     if isinstance(value, np.generic | np.ndarray):
         return cast("object", value.tolist())
     return repr(value)  # somewhere in a list of numbers: refused as the text that it is now
+
+
+# A program as a plain Python script.
+
+_DEEPEST = 19
+"""Python takes 20 blocks inside each other; the ``with`` is one."""
+_INDENT = "    "
+_HEAD = """\
+# Written by armctl; run it with Python.
+# Each call moves and waits until the arm stands, so nothing is blended here. Name a board with
+# Arm.open(..., port="auto"); without, the simulated one is used. An arm of your own is opened by its file,
+# Arm.open("my_arm.toml"). set_speed slows down what follows it."""
+
+
+def write_script(program: Program) -> str:
+    """The program as a Python script; texts stand in it as string literals or behind ``#``, never as code.
+
+    Raises:
+        ProgramError: blocks that do not match, more than 19 inside each other, or a step that no call of
+            ``Arm`` does; names the step.
+    """
+    blocks = Blocks.matched(program.steps)
+    lines = [literal(program.name), "", _HEAD, "", "import armctl", ""]
+    lines += [f"with armctl.Arm.open({literal(program.robot)}) as arm:", f"{_INDENT}arm.enable()"]
+    for index, step in enumerate(program.steps):
+        depth, note = blocks.depths[index], _remark(step.note)
+        indent = _INDENT * (1 + depth)
+        if isinstance(step, CommentStep):
+            lines.append(f"{indent}{note.strip() or '#'}")
+        elif isinstance(step, RepeatStep):
+            if depth >= _DEEPEST:
+                raise ProgramError(
+                    f"step {index + 1}: a Python script takes at most {_DEEPEST} repeats inside each other"
+                )
+            lines.append(f"{indent}for _ in range({step.times}):{note}")
+        elif isinstance(step, EndStep):
+            inside = program.steps[blocks.partners[index] + 1 : index]
+            # A loop needs a statement, and its end's note one to stand behind.
+            if step.note or all(isinstance(other, CommentStep) for other in inside):
+                lines.append(f"{_INDENT}{indent}pass{note}")
+        else:
+            try:
+                lines.append(f"{indent}arm.{step.script()}{note}")
+            except ProgramError as cause:
+                raise ProgramError(f"step {index + 1}: {cause}") from cause
+    return "\n".join([*lines, ""])
+
+
+def _remark(note: str) -> str:
+    """A note behind ``#``; as a string literal where it would not stay one line of plain text."""
+    if not note:
+        return ""
+    plain = note.isprintable() and note == note.strip() and note[:1] not in ("'", '"')
+    return f"  # {note if plain else literal(note)}"
