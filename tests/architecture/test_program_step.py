@@ -17,6 +17,7 @@ from armctl.program.program import PLACES, add
 from armctl.program.steps import Effect
 from armctl.robot import Robot, load_robot
 from armctl.runtime import RunProgram, State
+from armctl.ui.tabs.manual.program_editor import recorded_kinds, step_here
 from armctl.ui.tabs.manual.serial_motion import step_table
 from armctl.ui.tabs.manual.step_form import by_label, edited, texts_of
 
@@ -26,15 +27,16 @@ ROBOT = load_robot("uzuner")
 class BlinkStep(Step, frozen=True, kw_only=True, tag="blink"):
     """Stand still while a lamp blinks."""
 
-    title: ClassVar[str] = "blink"
+    button: ClassVar = ("Lamp", "Blink here", "roll_deg")
 
-    flashes: Annotated[int, Meta(ge=1, le=20), Field("Flashes")]
+    flashes: Annotated[int, Meta(ge=1, le=20), Field("Flashes")] = 1
     each_s: Annotated[float, Meta(gt=0, le=5), Field("Flash s", "How long one flash takes.")] = 0.5
+    roll_deg: float = 0.0
 
     @property
     def effect(self) -> Effect:
         """The lamp takes its time."""
-        return Effect(wait_s=self.flashes * self.each_s)
+        return Effect(wait_s=self.flashes * self.each_s, says=f"the lamp flashes {self.flashes} times")
 
     def describe(self) -> str:
         """How often."""
@@ -80,7 +82,7 @@ def test_it_has_a_row_in_the_list_and_fields_in_the_form() -> None:
     step = BlinkStep(flashes=3)
     assert "blink" in step_table([step], 0, None, None) and "3 flashes" in step_table([step], 0, None, None)
     texts = texts_of(step)
-    assert list(texts) == ["Flashes", "Flash s", "Note"]
+    assert list(texts) == ["Flashes", "Flash s", "roll_deg", "Note"]
     assert {"Flashes", "Flash s"} <= set(by_label(registry.all_keys()))
     assert edited(step, {**texts, "Flashes": "5"}) == BlinkStep(flashes=5)
     with pytest.raises(InputError, match="Flashes: must be 1 … 20, not 50"):
@@ -94,3 +96,10 @@ def test_it_runs_on_the_arm() -> None:
     rig.until(lambda snapshot: snapshot.state is State.HOLDING)
     ticket.result(0)
     assert rig.clock.now() - begin == pytest.approx(1.5, abs=0.2)
+    assert any("the lamp flashes 3 times" in event.text for event in rig.now.events)
+
+
+def test_it_is_recorded_where_the_arm_stands() -> None:
+    snapshot = make_rig().enable(ROBOT.pose("home")).now
+    kind = recorded_kinds(ROBOT)["Lamp"]["Blink here"]
+    assert step_here(kind, ROBOT, snapshot) == BlinkStep(roll_deg=0.0)

@@ -48,6 +48,7 @@ class ProgramRunner:
         self._loops = loops
         self._speed, self._percent = core.speed, 100.0
         self._gripper = core.gripper
+        self._log = core.log
         self._early_s = starving_s(robot) + _EARLIER_S
         self._feed = ProgramFeed(robot, begun, core.planner, self._early_s)
         self._running: PlannedStep | None = None
@@ -193,6 +194,8 @@ class ProgramRunner:
         if self._mover is None:
             self._show(step)
         effect = step.step.effect
+        if effect.says:
+            self._log.add(effect.says)
         if effect.wait_s is not None:
             self._wait_left = effect.wait_s
         if effect.opening is not None:
