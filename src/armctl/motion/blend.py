@@ -16,6 +16,7 @@ import numpy as np
 
 from armctl.arrays import FloatArray
 from armctl.errors import InputError
+from armctl.motion.paths.tool_walk import first_crossing
 from armctl.motion.polynomial import PiecewisePolynomial, quintic
 from armctl.motion.timing import REGIONS, PathLimits, PathTrajectory, fastest_rates, trapezoid_law
 from armctl.robot import Robot
@@ -90,8 +91,8 @@ def blend(robot: Robot, legs: Sequence[Leg], entry: Entry | None = None) -> Blen
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Corner:
-    """A curve from one path to the next: joint angles, slope and curvature go over without a jump."""
+class _Corner:
+    """A quintic from one path to the next: joint angles, slope and curvature go over without a jump."""
 
     path: PiecewisePolynomial
     """q(u), u = 0 ... 1"""
@@ -105,21 +106,7 @@ class Corner:
     """variable of the path after, per u, at the end"""
 
 
-def corner(before: PiecewisePolynomial, leaves: float, after: PiecewisePolynomial, joins: float) -> Corner:
-    """The quintic from a point of one path, before its end, to a point of the next, after its beginning.
-
-    The speeds at its ends are such that a corner without a turn runs along the paths themselves: its control
-    points then lie on them, so that it stays inside the triangle of the two points and the corner.
-    """
-    scale, scale_after = 2 * (before.high - leaves), 2 * (joins - after.low)
-    start = before.derivatives(leaves, 2) * np.array([1.0, scale, scale**2])[:, None]
-    # a break belongs to the piece before it: what follows "joins" starts with the same values
-    end = after.derivatives(joins, 2) * np.array([1.0, scale_after, scale_after**2])[:, None]
-    path = PiecewisePolynomial([0.0, 1.0], quintic(start, end)[None])
-    return Corner(path, leaves, joins, scale, scale_after)
-
-
-def _corner_between(robot: Robot, before: Leg, after: Leg) -> Corner | None:
+def _corner_between(robot: Robot, before: Leg, after: Leg) -> _Corner | None:
     """The largest corner inside the joint limits; None: the arm stops at the point."""
     gap = float(np.abs(before.path(before.path.high) - after.path(after.path.low)).max())
     if not gap <= _ROUNDING:
@@ -127,16 +114,19 @@ def _corner_between(robot: Robot, before: Leg, after: Leg) -> Corner | None:
     radius = before.blend_m
     if radius <= 0:
         return None
-    limits = robot.limits + np.array([-_ROUNDING, _ROUNDING])
+    bounds = robot.limits + np.array([-_ROUNDING, _ROUNDING])
     for _ in range(_TRIES):
         leaves = _at_radius(robot, before.path, before.path.high, before.path.low, radius)
         joins = _at_radius(robot, after.path, after.path.low, after.path.high, radius)
-        bend = corner(before.path, leaves, after.path, joins)
-        # the bounds are cheap and nearly always enough
-        for look in (bend.path.bounds_by_piece, bend.path.extremes):
-            low, high = look()
-            if (low >= limits[:, 0]).all() and (high <= limits[:, 1]).all():
-                return bend
+        # with these speeds at its ends a corner without a turn runs along the paths themselves: its control
+        # points lie on them, so that it stays inside the triangle of the two points and the corner
+        scale, scale_after = 2 * (before.path.high - leaves), 2 * (joins - after.path.low)
+        start = before.path.derivatives(leaves, 2) * np.array([1.0, scale, scale**2])[:, None]
+        # a break belongs to the piece before it: what follows "joins" starts with the same values
+        end = after.path.derivatives(joins, 2) * np.array([1.0, scale_after, scale_after**2])[:, None]
+        path = PiecewisePolynomial([0.0, 1.0], quintic(start, end)[None])
+        if first_crossing(path, bounds) is None:
+            return _Corner(path, leaves, joins, scale, scale_after)
         radius *= 0.5
     return None
 
@@ -166,7 +156,7 @@ class _Piece:
     """where the next leg is begun; None: this one ends at rest"""
 
 
-def _piece(leg: Leg, begin: float, scale: float, bend: Corner | None, next_cap: float) -> _Piece:
+def _piece(leg: Leg, begin: float, scale: float, bend: _Corner | None, next_cap: float) -> _Piece:
     """A leg from ``begin`` on; ``scale``: the run's variable per variable of the leg."""
     end = leg.path.high if bend is None else bend.leaves
     body = None

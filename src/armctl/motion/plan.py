@@ -115,16 +115,8 @@ def plan_line(
 ) -> Trajectory:
     """Plan a motion of the tool straight to a position (3,) [m], on the branch the arm is on, and check it.
 
-    Args:
-        robot: the arm.
-        start: (n,) where it stands [rad].
-        position_m: (3,) base frame [m].
-        pitch: tool pitch on the way: as at the start, evenly to ``end_pitch``, or as it comes.
-        end_pitch: tool pitch at the end [rad]; with "interpolated" only.
-        speed: largest speed of the tool [m/s]; None: as fast as the joints can.
-        duration_s: seconds; None: the shortest.
-        profile: how the way is spread over time.
-        checked: run the pre-flight.
+    The tool pitch stays as at the start, goes evenly to ``end_pitch`` [rad], or comes as it comes.
+    ``speed`` is the largest of the tool [m/s]; None: as fast as the joints can.
 
     Raises:
         InputError: a value that is not finite, or a wrong shape.
@@ -164,10 +156,7 @@ def plan_spline(
 ) -> Trajectory:
     """Plan a motion through configurations (k, n) [rad] without a stop, from the first on, and check it.
 
-    Raises:
-        InputError: a value that is not finite, or a wrong shape.
-        MotionRefusedError: outside the joint limits (the curve may swing beyond a point), too short a
-            duration, through the floor.
+    Raises as ``plan_joints``; the curve may swing beyond a point, and so leave the joint limits.
     """
     q = as_numbers(points, "joint angles")
     if q.ndim != 2 or q.shape[1] != robot.n or len(q) == 0:
@@ -190,10 +179,6 @@ def plan_path(
     """Plan a motion along a path q(s) of the joints, (n,) [rad] (None: the arm stays), and check it.
 
     ``speed``: largest ds/dt, of the tool [m/s] where s is its way; None: as fast as the joints can.
-
-    Raises:
-        InputError: a speed that is not positive, or a duration that is not a time.
-        MotionRefusedError: too short a duration, or what the pre-flight finds.
     """
     if path is None:
         return PointToPoint.lasting(start, start, 0.0 if duration_s is None else duration_s)

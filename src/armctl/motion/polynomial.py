@@ -86,11 +86,7 @@ class PiecewisePolynomial:
         return self.cut(np.append(inner.ravel(), self.breaks[-1]))
 
     def cut(self, breaks: FloatArray) -> PiecewisePolynomial:
-        """The same curve over rising breaks (m + 1,) within its own, which hold all of its own between them.
-
-        Raises:
-            InputError: a break outside.
-        """
+        """The same curve over rising breaks (m + 1,) within it, which hold all of its own between them."""
         if breaks[0] < self.low or breaks[-1] > self.high:
             raise InputError(f"a polynomial over {self.low} … {self.high} cannot be cut at {breaks}")
         piece = self.breaks[1:-1].searchsorted(0.5 * (breaks[:-1] + breaks[1:]))
@@ -212,7 +208,7 @@ def spline_through(points: ArrayLike, weights: ArrayLike | None = None) -> Piece
     (n,) it is the least time [s]; None: all 1. Equal points in a row count once.
 
     Raises:
-        InputError: a wrong shape, a value that is not finite, or fewer than two points that differ.
+        InputError: a wrong shape, a value that is not finite, fewer than two points that differ.
     """
     p = np.asarray(points, dtype=np.float64)
     if p.ndim != 2 or p.size == 0 or not np.isfinite(p).all():
@@ -229,9 +225,6 @@ def cubic_spline(breaks: FloatArray, points: FloatArray) -> PiecewisePolynomial:
 
     At both ends the third derivative is continuous across the second point ("not a knot"), so samples of a
     smooth curve are met to fourth order. De Boor, A Practical Guide to Splines, chapter IV.
-
-    Raises:
-        InputError: distances between the breaks that differ too much.
     """
     h, k = np.diff(breaks), len(breaks)
     chord = np.diff(points, axis=0) / h[:, None]

@@ -72,17 +72,11 @@ def preflight(
     """Check one motion: errors first, then warnings, each in the order of time.
 
     - Joint limits, speed and acceleration by the exact peaks where a trajectory knows them, else by
-      samples; rest at both ends.
+      samples; rest at both ends, unless it is a piece of a blended program (``at_rest``).
     - Floor, obstacles and self-collision over the whole motion (``gap_finding``). Where it starts below the
       floor, or touching, it must not get worse.
-    - Singularities of the tool point, and gravity torque against stall torque, at the samples.
-
-    Args:
-        robot: whose limits, geometry, masses and surroundings.
-        trajectory: what is to be run.
-        payload_kg: what the tool holds; None: what the robot file says.
-        tool_path: whether it leads the tool along a path, which no singularity may cut.
-        at_rest: whether it must start and end at rest; the pieces of a blended program need not.
+    - Singularities of the tool point, which must not cut a ``tool_path``, and gravity torque (with
+      ``payload_kg`` instead of the robot file's) against stall torque, at the samples.
 
     Raises:
         InputError: the trajectory has another number of joints, or a value that is not finite.
@@ -116,7 +110,6 @@ def require_clear(
     """Refuse a motion that must not be run; takes what ``preflight`` takes.
 
     Raises:
-        InputError: as ``preflight``.
         MotionRefusedError: says the first error in words, and how many more there are.
     """
     findings = preflight(robot, trajectory, payload_kg, tool_path=tool_path, at_rest=at_rest)
@@ -151,11 +144,7 @@ class SampledMotion:
 
     @classmethod
     def of(cls, robot: Robot, trajectory: Trajectory) -> SampledMotion:
-        """Sample a trajectory.
-
-        Raises:
-            InputError: another number of joints, or a value that is not finite.
-        """
+        """Sample a trajectory; InputError: another number of joints, or a value that is not finite."""
         if trajectory.start.shape != (robot.n,) or trajectory.end.shape != (robot.n,):
             raise InputError(f"{robot.name} has {robot.n} joints, the trajectory has {len(trajectory.start)}")
         parts = trajectory.leaves() if isinstance(trajectory, JoinedTrajectory) else [(trajectory, 0.0)]
@@ -267,11 +256,8 @@ def gap_finding(motion: SampledMotion, source: Gaps, gaps: FloatArray) -> Findin
 
     A gap cannot change faster than its levers times the joint speeds, so with gaps g₀ and g₁ at two samples
     and a change of at most D between them, it is at least (g₀ + g₁ - D) / 2 there. Where that does not
-    prove it open, the interval is halved.
-
-    Returns:
-        The deepest gap at the samples; if all are open there, the deepest of the first halves that shows
-        one; None: all stay open.
+    prove it open, the interval is halved. Tells the deepest gap at the samples; if all are open there, the
+    deepest of the first halves that shows one.
     """
     if not len(gaps):
         return None

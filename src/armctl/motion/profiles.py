@@ -183,12 +183,11 @@ class PointToPoint(KnowsPeaks):
     ) -> PointToPoint:
         """Plan from ``start`` to ``end`` (n,) [rad] within the robot's limits; all joints arrive together.
 
-        The shortest duration is that of the joint that needs longest; the others are slowed down to it.
+        The shortest duration [s] is that of the joint that needs longest; the others are slowed down to it.
 
         Raises:
             InputError: a value that is not finite, or a wrong shape.
-            MotionRefusedError: the duration [s] is too short; names the joint, what it would need and the
-                shortest possible duration.
+            MotionRefusedError: too short a duration; names the joint, what it would need and the shortest.
         """
         first, last = checked_ends(start, end, robot.n)
         travel = last - first
@@ -213,11 +212,7 @@ class PointToPoint(KnowsPeaks):
 
     @classmethod
     def each_for_itself(cls, robot: Robot, start: ArrayLike, end: ArrayLike) -> PointToPoint:
-        """The papers' "normal movement": each joint at its own speed, and then waits for the others.
-
-        Raises:
-            InputError: a value that is not finite, or a wrong shape.
-        """
+        """The papers' "normal movement": each joint at its own speed, and then waits for the others."""
         first, last = checked_ends(start, end, robot.n)
         laws = _laws(robot, last - first, "trapezoid")
         duration = max(0.0 if law is None else law.high for law in laws)
@@ -255,11 +250,7 @@ class PointToPoint(KnowsPeaks):
 
 
 def checked_duration(duration: float) -> float:
-    """A duration [s]; what is too short to divide by is 0.
-
-    Raises:
-        InputError: no number, not finite, or below 0.
-    """
+    """A duration [s]; what is too short to divide by is 0. InputError: no number, not finite, or below 0."""
     checked = checked_number(duration, "the duration of a motion")
     if checked < 0:
         raise InputError(f"a motion cannot take {duration} s; leave it open for the shortest")
@@ -270,7 +261,6 @@ def lasting_s(duration: float, shortest: float, too_short: Callable[[float], str
     """A duration [s] that is asked for, at least the shortest.
 
     Raises:
-        InputError: as ``checked_duration``.
         MotionRefusedError: it is too short, in the words of ``too_short``, and what the shortest is.
     """
     checked = checked_duration(duration)
@@ -293,11 +283,7 @@ def stopping_s(robot: Robot) -> float:
 
 
 def checked_ends(start: ArrayLike, end: ArrayLike, n: int | None = None) -> tuple[FloatArray, FloatArray]:
-    """Both ends (n,) [rad] as new arrays that cannot be written to.
-
-    Raises:
-        InputError: shapes that differ, another number than ``n``, text, NaN or infinity.
-    """
+    """Both ends (n,) [rad] as new arrays that cannot be written to; InputError for anything else."""
     first, last = as_numbers(start, "joint angles"), as_numbers(end, "joint angles")
     if first.ndim != 1 or first.shape != last.shape or first.size == 0:
         raise InputError(

@@ -13,7 +13,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import cast
 
 import numpy as np
 
@@ -49,10 +48,7 @@ class PathLimits:
 
     @classmethod
     def of(
-        cls,
-        robot: Robot,
-        path: PiecewisePolynomial,
-        rate_cap: float | FloatArray = math.inf,
+        cls, robot: Robot, path: PiecewisePolynomial, rate_cap: float | FloatArray = math.inf
     ) -> PathLimits:
         """Limits of a path q(s), (n,) [rad], from the joints'; each piece of it is cut into ``REGIONS``.
 
@@ -111,7 +107,17 @@ def trapezoid_law(limits: PathLimits, rates: FloatArray) -> PiecewisePolynomial:
         [limits.breaks[:-1], np.diff(limits.breaks), limits.rate, limits.acceleration, rates[:-1], rates[1:]]
     )
     for s, length, cap, push, first, last in rows.tolist():
-        for duration, rate, change in _trapezoid(length, cap, push, first, last):
+        # (duration, rate at its beginning, change of the rate) of up to three phases
+        if push <= 0:
+            phases = [(2 * length / (first + last), first, 0.0)]
+        else:
+            peak = min(cap, math.sqrt(max(push * length + 0.5 * (first * first + last * last), 0.0)))
+            peak = max(peak, first, last)
+            up, down = (peak - first) / push, (peak - last) / push
+            rest = length - 0.5 * (first + peak) * up - 0.5 * (peak + last) * down
+            level = rest / peak if rest > _SHORTEST * length else 0.0
+            phases = [(up, first, push), (level, peak, 0.0), (down, peak, -push)]
+        for duration, rate, change in phases:
             if breaks[-1] + duration > breaks[-1]:
                 breaks.append(breaks[-1] + duration)
                 steps.append((s, rate, 0.5 * change))
@@ -119,31 +125,10 @@ def trapezoid_law(limits: PathLimits, rates: FloatArray) -> PiecewisePolynomial:
     return PiecewisePolynomial(breaks, np.array(steps)[:, :, None])
 
 
-def _trapezoid(
-    length: float, cap: float, push: float, first: float, last: float
-) -> list[tuple[float, float, float]]:
-    """(duration, rate at its beginning, change of the rate) of up to three phases over a region."""
-    if push <= 0:
-        return [(2 * length / (first + last), first, 0.0)]
-    peak = min(cap, math.sqrt(max(push * length + 0.5 * (first * first + last * last), 0.0)))
-    peak = max(peak, first, last)
-    up, down = (peak - first) / push, (peak - last) / push
-    rest = length - 0.5 * (first + peak) * up - 0.5 * (peak + last) * down
-    phases: list[tuple[float, float, float]] = []
-    if up > 0:
-        phases.append((up, first, push))
-    if rest > _SHORTEST * length:
-        phases.append((rest / peak, peak, 0.0))
-    if down > 0:
-        phases.append((down, peak, -push))
-    return phases
-
-
 _SLICES, _SLICES_IN_ALL = 4, 96
 """slices of time between two breaks, for the peaks, and at least in a whole motion of few breaks"""
 _SECTIONS, _SECTIONINGS = 32, 4
 """where a slice begins is sought in so many parts of the duration, that often: to a millionth of it"""
-_INNER = np.arange(1, _SECTIONS)
 
 
 class PathTrajectory(KnowsPeaks):
@@ -156,20 +141,12 @@ class PathTrajectory(KnowsPeaks):
             InputError: the law does not run from one end of the path to the other.
         """
         ends = law(np.array([law.low, law.high]))[:, 0]
-        if (
-            law.n != 1
-            or law.low != 0.0
-            or not np.allclose(ends, (path.low, path.high), rtol=1e-6, atol=1e-12)
-        ):
+        runs = np.allclose(ends, (path.low, path.high), rtol=1e-6, atol=1e-12)
+        if law.n != 1 or law.low != 0.0 or not runs:
             raise InputError(f"a law from {ends} does not run along a path from {path.low} to {path.high}")
-        self.path = path
-        self.law = law
+        self.path, self.law = path, law
         self.duration = law.high
-        """[s]"""
-        self.start: FloatArray = path(path.low)
-        """(n,) [rad], read-only"""
-        self.end: FloatArray = path(path.high)
-        """(n,) [rad], read-only"""
+        self.start, self.end = path(path.low), path(path.high)
         self.start.flags.writeable = self.end.flags.writeable = False
 
     @classmethod
@@ -195,17 +172,6 @@ class PathTrajectory(KnowsPeaks):
         """The same motion, taking ``factor`` times as long."""
         return PathTrajectory(self.path, self.law.scaled(factor))
 
-    def slowness(self, robot: Robot) -> float:
-        """How many times as long it must take to be inside the robot's limits; at most 1: it is inside."""
-        peaks = self.peaks
-        over_speed = float((peaks.speed / robot.speed_limits).max())
-        over_push = float((peaks.acceleration / robot.acceleration_limits).max())
-        return max(over_speed, over_push**0.5)
-
-    def rates(self, t: float | FloatArray) -> FloatArray:
-        """(...) ds/dt at ``t`` [s], inside the duration."""
-        return self.law.derivatives(t, 1)[1, ..., 0]
-
     def sample(self, t: float | FloatArray) -> Sample:
         """State at ``t`` [s], a number or (k,); outside the duration it holds the nearer end."""
         time = np.asarray(t, dtype=np.float64)
@@ -214,21 +180,16 @@ class PathTrajectory(KnowsPeaks):
         rate, push, jerk = rate * inside, push * inside, jerk * inside
         q, slope, bend, twist = self.path.derivatives(s[..., 0], 3)
         arrived = (time >= self.duration)[..., None]
-        q = cast("FloatArray", np.where(arrived, self.end, q))
         return Sample(
-            q,
+            np.where(arrived, self.end, q),
             slope * rate,
             bend * rate**2 + slope * push,
             twist * rate**3 + 3 * bend * rate * push + slope * jerk,
         )
 
-    @property
-    def peaks(self) -> Peaks:
-        """Extremes of the whole motion: the joint angles exact, the rest never passed."""
-        return self._peaks
-
     @cached_property
-    def _peaks(self) -> Peaks:
+    def peaks(self) -> Peaks:  # pyright: ignore[reportIncompatibleMethodOverride]
+        """Extremes of the whole motion: the joint angles exact, the rest never passed."""
         # In each slice of time the bounds of |q'|, |q''|, ds/dt and d²s/dt² are close; their products may lie
         # a little above what is ever met at one time.
         low, high = self.path.extremes()
@@ -254,7 +215,7 @@ class PathTrajectory(KnowsPeaks):
         low, width = np.zeros(len(breaks)), self.duration
         for _ in range(_SECTIONINGS):
             width /= _SECTIONS
-            inner = low[:, None] + width * _INNER
+            inner = low[:, None] + width * np.arange(1, _SECTIONS)
             before = self.law(inner.ravel())[:, 0].reshape(inner.shape) < breaks[:, None]
             low = low + width * np.count_nonzero(before, axis=1)
         return np.concatenate([[0.0], low[1:-1] + width, [self.duration]])
@@ -299,20 +260,20 @@ def timed(
 
 
 def _shaped(robot: Robot, path: PiecewisePolynomial, profile: ProfileName, rate_cap: float) -> PathTrajectory:
-    # The caps of the middle of the path give the s-curve its shape; the scale makes all of it fit.
+    """The caps of the middle of a path from 0 give the law its shape; the scale makes all of it fit."""
     limits = PathLimits.of(robot, path, rate_cap)
     slope = path.derivative().bound_by_piece().max(axis=0)
     moving = slope > 0
     jerk = float((robot.jerk_limits[moving] / slope[moving]).min()) if moving.any() else math.inf
     rate, push = float(np.median(limits.rate)), float(np.median(limits.acceleration))
-    law = law_over(path.high - path.low, rate, push, jerk, profile)
-    shift = np.zeros_like(law.coefficients)
-    shift[:, 0] = path.low
-    law = PiecewisePolynomial(law.breaks, law.coefficients + shift)
+    law = law_over(path.high, rate, push, jerk, profile)
     shaped = PathTrajectory(path, law)
-    needed = [shaped.slowness(robot)]
-    if math.isfinite(rate_cap):
-        needed.append(float(law.derivative().bound_by_piece().max()) / rate_cap)
+    peaks = shaped.peaks
+    needed = [  # times as long
+        float((peaks.speed / robot.speed_limits).max()),
+        float((peaks.acceleration / robot.acceleration_limits).max()) ** 0.5,
+        float(law.derivative().bound_by_piece().max()) / rate_cap,
+    ]
     if profile in _WITH_JERK:
         jerks = shaped.sample(np.linspace(0.0, shaped.duration, _JERK_SAMPLES)).jerk
         needed.append(float((np.abs(jerks) / robot.jerk_limits).max()) ** (1 / 3))
@@ -330,7 +291,7 @@ def _bound(robot: Robot, motion: PathTrajectory, profile: ProfileName, rate_cap:
     if profile in _WITH_JERK:
         limits.append(("jerk", "°/s³", state.jerk, robot.jerk_limits))
     shares = [np.abs(values) / most for _, _, values, most in limits]
-    shares.append(np.abs(motion.rates(times))[:, None] / rate_cap)
+    shares.append(np.abs(motion.law.derivatives(times, 1)[1]) / rate_cap)
     nearest = np.concatenate(shares, axis=1).argmax(axis=1)
     kind, joint = divmod(int(np.bincount(nearest).argmax()), robot.n)
     if kind == len(limits):

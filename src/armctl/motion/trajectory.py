@@ -100,38 +100,20 @@ class JoinedTrajectory(KnowsPeaks):
                     f"part {k} starts {np.degrees(gap):.4f}° away from where the one before it ends"
                 )
         self.parts = tuple(parts)
+        self.start, self.end = parts[0].start, parts[-1].end
         self._ends = np.cumsum([part.duration for part in parts])
-
-    @property
-    def duration(self) -> float:
-        """Seconds, over all parts."""
-        return float(self._ends[-1])
-
-    @property
-    def start(self) -> FloatArray:
-        """Where the first part starts (n,) [rad]."""
-        return self.parts[0].start
-
-    @property
-    def end(self) -> FloatArray:
-        """Where the last part ends (n,) [rad]."""
-        return self.parts[-1].end
-
-    @property
-    def starts_at(self) -> FloatArray:
-        """(k,) when each part starts [s]."""
-        return np.concatenate([[0.0], self._ends[:-1]])
+        self.starts_at = np.concatenate([[0.0], self._ends[:-1]])
+        """(k,) when each part starts [s]"""
+        self.duration = float(self._ends[-1])
 
     @property
     def peaks(self) -> Peaks:
         """As well known as those of its parts."""
-        peaks = [peaks_of(part) for part in self.parts]
-        return Peaks(
-            np.min([peak.low for peak in peaks], axis=0),
-            np.max([peak.high for peak in peaks], axis=0),
-            np.max([peak.speed for peak in peaks], axis=0),
-            np.max([peak.acceleration for peak in peaks], axis=0),
+        all_peaks = [peaks_of(part) for part in self.parts]
+        low, high, speed, acceleration = zip(
+            *((one.low, one.high, one.speed, one.acceleration) for one in all_peaks), strict=True
         )
+        return Peaks(np.min(low, 0), np.max(high, 0), np.max(speed, 0), np.max(acceleration, 0))
 
     def leaves(self) -> list[tuple[Trajectory, float]]:
         """The parts, joined ones taken apart, and when each begins [s]."""
@@ -145,26 +127,16 @@ class JoinedTrajectory(KnowsPeaks):
         """State at ``t`` [s], a number or (k,); outside the duration it holds the nearer end."""
         time = np.asarray(t, dtype=np.float64)
         which = np.minimum(np.searchsorted(self._ends, time, side="left"), len(self.parts) - 1)
-        starts = self.starts_at
-        if time.ndim == 0:
-            k = int(which)
-            return self.parts[k].sample(self._local(k, time - starts[k]))
-        shape = (*time.shape, len(self.start))
-        q, velocity, acceleration, jerk = (np.empty(shape) for _ in range(4))
-        for k, part_trajectory in enumerate(self.parts):
+        q, velocity, acceleration, jerk = np.empty((4, *time.shape, len(self.start)))
+        for k in np.unique(which).tolist():
             here = which == k
-            if not here.any():
-                continue
-            part = part_trajectory.sample(self._local(k, time[here] - starts[k]))
+            # a rounding must not carry the time over a seam: beyond, a part stands
+            low = -np.inf if k == 0 else 0.0
+            high = np.inf if k == len(self.parts) - 1 else self.parts[k].duration
+            part = self.parts[k].sample(np.clip(time[here] - self.starts_at[k], low, high))
             q[here], velocity[here] = part.q, part.velocity
             acceleration[here], jerk[here] = part.acceleration, part.jerk
         return Sample(q, velocity, acceleration, jerk)
-
-    def _local(self, k: int, time: FloatArray) -> FloatArray:
-        """Time within a part; a rounding must not carry it over a seam: beyond, a part stands."""
-        low = -np.inf if k == 0 else 0.0
-        high = np.inf if k == len(self.parts) - 1 else self.parts[k].duration
-        return np.clip(time, low, high)
 
 
 # The extremes of any trajectory: exact where it knows them, sampled where it does not.
@@ -202,23 +174,9 @@ class SlowedTrajectory(KnowsPeaks):
         """
         if not 1.0 <= factor < np.inf:
             raise InputError(f"a motion is slowed down by a factor of 1 or more, not {factor}")
-        self._trajectory = trajectory
-        self._factor = factor
-
-    @property
-    def duration(self) -> float:
-        """Seconds."""
-        return self._factor * self._trajectory.duration
-
-    @property
-    def start(self) -> FloatArray:
-        """Where it starts (n,) [rad]."""
-        return self._trajectory.start
-
-    @property
-    def end(self) -> FloatArray:
-        """Where it ends (n,) [rad]."""
-        return self._trajectory.end
+        self._trajectory, self._factor = trajectory, factor
+        self.duration = factor * trajectory.duration
+        self.start, self.end = trajectory.start, trajectory.end
 
     @property
     def peaks(self) -> Peaks:

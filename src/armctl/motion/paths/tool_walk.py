@@ -76,7 +76,7 @@ def walk(task: ToolTask, q_start: FloatArray, *, only_inside: bool) -> Walk:
 def _walked(task: ToolTask, q_start: FloatArray, bounds: FloatArray | None) -> tuple[list[Knot], bool]:
     """The knots, and whether they lead to the end."""
     length = task.curve.length
-    here = task.settled(q_start, 0.0)
+    here = task.knot(q_start, 0.0)
     if here is None:
         return [], False
     knots = [here]
@@ -285,20 +285,8 @@ class ToolTask:
         return away if self.pitch is None else np.maximum(away, self.pitch.tilt(q, poses, s) / TILT)
 
     def arrived(self, guess: FloatArray, s: float) -> Knot | None:
-        """The knot next to ``guess`` (n,) at ``s`` [m]; None: not found, or as ``settled``."""
-        q = self.corrected(guess, s) if np.isfinite(guess).all() else None
-        return None if q is None else self.settled(q, s)
-
-    def settled(self, q: FloatArray, s: float) -> Knot | None:
-        """The knot at a configuration, unless some joint would have to turn without bound there."""
-        knot = self.knot(q, s)
-        if knot is None or not np.isfinite(knot.bend).all():
-            return None
-        return knot if (np.abs(knot.slope) * SLOWEST_M_S <= self.speeds).all() else None
-
-    def corrected(self, q: FloatArray, s: float) -> FloatArray | None:
-        """The configuration next to ``q`` (n,) that meets the equations at ``s`` [m]; None: not found."""
-        q = q.copy()
+        """The knot at ``s`` [m] next to ``guess`` (n,) [rad]; None: not found, or as ``knot``."""
+        q = guess.copy()
         wanted = self.curve.positions(s)
         if self.pitch is not None:
             wanted = np.append(wanted, self.pitch.wanted(s)[0])
@@ -317,11 +305,11 @@ class ToolTask:
                 return None
             q[self.moving] += step
             if size < _CONVERGED:
-                return q
+                return self.knot(q, s)
         return None
 
     def knot(self, q: FloatArray, s: float) -> Knot | None:
-        """The derivatives at a configuration that meets the equations; None where the rates are infinite."""
+        """The derivatives where ``q`` (n,) meets the equations; None: a joint would turn without bound."""
         pose, jacobian, move = self.chain.forward(q), self.chain.jacobian(q), self.moving
         inverse = _Inverse.of(self._scaled_rows(pose, jacobian))
         if inverse is None:
@@ -352,7 +340,8 @@ class ToolTask:
             multipliers = inverse.least.T @ (inverse.least @ right)
             bends += inverse.null(speed * (turned[:, move].T @ multipliers - push_change * slope[move]))
         bend[move] = speed * bends
-        return Knot(s, q, slope, bend)
+        bounded = np.isfinite(bend).all() and (np.abs(slope) * SLOWEST_M_S <= self.speeds).all()
+        return Knot(s, q, slope, bend) if bounded else None
 
     def _scaled_rows(self, pose: FloatArray, jacobian: FloatArray) -> FloatArray:
         """(m, f) derivatives of the rows by the joints solved for, in units of their speeds."""
