@@ -48,7 +48,6 @@ class EncoderDriver:
     def __init__(self, connection: Connection, settings: EncoderSettings, timeout_s: float = 0.1) -> None:
         self._connection = connection
         self._arm = settings
-        self._now = connection.now
         self._timeout_s = timeout_s
         self._opened: EncoderSession | None = None
         self._forget_board()
@@ -61,7 +60,7 @@ class EncoderDriver:
         self.close()
         self._forget_board()
         transport, info = self._connection.open()
-        session = self._opened = EncoderSession(transport, self._now, self._timeout_s)
+        session = self._opened = EncoderSession(transport, self._connection.now, self._timeout_s)
         try:
             banner = session.greet(resets=self._connection.restarts_board)
             last = max((one.entry.axis for one in self._arm.axes), default=0)
@@ -112,9 +111,8 @@ class EncoderDriver:
         if not self._on:
             session.command("EN 1")
             self._on = True
-        if self._held or (self._seen is not None and self._seen.mode is Mode.HELD):
+        if self._seen is not None and self._seen.mode is Mode.HELD:
             session.realtime(Realtime.RELEASE_HOLD)
-            self._held = False
         session.post(line)
 
     def read(self) -> Readback:
@@ -162,12 +160,11 @@ class EncoderDriver:
     def stop(self) -> None:
         """Slow down within the acceleration limits and hold; also ends homing."""
         session = self._board
-        if self._insist(session, Realtime.HOLD, Mode.ON, Mode.HOMING):
-            self._held = True
-            return
-        raise BoardTimeoutError(
-            f"{session.name}: the board does not confirm that it holds; cut the motors' power if it moves"
-        )
+        if not self._insist(session, Realtime.HOLD, Mode.ON, Mode.HOMING):
+            raise BoardTimeoutError(
+                f"{session.name}: the board does not confirm that it holds; cut the motors' power if it moves"
+            )
+        self._seen = session.status
 
     def home(self) -> None:
         """Begin to look for the zero of every axis, one after the other: the arm moves.
@@ -227,7 +224,6 @@ class EncoderDriver:
         self._on = False  # armctl has switched the motors on
         self._went_off = False
         """the board has switched them off by itself; until the user has taken note they stay off"""
-        self._held = False
         self._seen: Status | None = None
 
     def _send_settings(self, session: EncoderSession, table: AxisTable) -> None:
@@ -279,5 +275,5 @@ class EncoderDriver:
         """The user has taken note; the motors are ``on`` from now on, or off."""
         session.acknowledge()
         self._on = on
-        self._went_off = self._held = False
+        self._went_off = False
         self._seen = session.fresh_status(_OLDEST_STATUS_S)
