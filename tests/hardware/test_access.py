@@ -3,7 +3,6 @@ from __future__ import annotations
 import grp
 import os
 import pwd
-import re
 import subprocess
 import sys
 from pathlib import Path
@@ -23,16 +22,11 @@ from armctl.hardware.boards import board_types
 
 
 def test_the_hint_names_the_group_that_owns_the_device(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    device = tmp_path / "ttyACM0"
-    device.touch()
-    group = grp.struct_group(("uucp", "x", device.stat().st_gid, []))
+    group = grp.struct_group(("uucp", "x", tmp_path.stat().st_gid, []))
     monkeypatch.setattr(grp, "getgrgid", lambda number: group if number == group.gr_gid else None)
-    assert permission_hint(str(device)).startswith(
+    assert permission_hint(str(tmp_path)).startswith(
         "run `sudo usermod -aG uucp $USER`, then log out and in again"
     )
-
-
-def test_without_a_group_to_join_it_is_the_usual_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     assert "-aG dialout" in permission_hint(str(tmp_path / "missing"))
     monkeypatch.setattr(grp, "getgrgid", lambda number: grp.struct_group(("root", "x", 0, [])))
     assert "-aG dialout" in permission_hint(str(tmp_path))
@@ -61,30 +55,19 @@ def test_may_open_asks_for_both_directions(tmp_path: Path, monkeypatch: pytest.M
     assert may_open(str(device)) is False
 
 
-@pytest.fixture
-def rules() -> list[str]:
-    """The lines of the rules that grant something."""
-    return [line for line in udev_rules().splitlines() if line.startswith("ATTRS")]
-
-
-def test_the_udev_rules_cover_every_board_that_the_listing_knows(rules: list[str]):
+def test_the_udev_rules_cover_every_board_that_the_listing_knows():
+    rules = [line for line in udev_rules().splitlines() if line.startswith("ATTRS")]
     for vendor, product in [numbers for board in board_types() for numbers in board.usb]:
         assert any(
             f'ATTRS{{idVendor}}=="{vendor:04x}"' in line
             and ("idProduct" not in line or f'ATTRS{{idProduct}}=="{product or 0:04x}"' in line)
             for line in rules
         ), f"{vendor:04x}:{product}"
-
-
-def test_each_udev_rule_grants_access_and_keeps_modem_manager_away(rules: list[str]):
     for line in rules:
         assert 'TAG+="uaccess"' in line
-        assert 'ENV{ID_MM_DEVICE_IGNORE}="1"' in line
-        assert re.search(r'MODE="0660"', line)  # never the whole world
-
-
-def test_the_udev_rules_come_before_those_that_hand_the_tag_on():
-    assert UDEV_RULES_NAME.split("-")[0] < "73"
+        assert 'ENV{ID_MM_DEVICE_IGNORE}="1"' in line  # ModemManager keeps away
+        assert 'MODE="0660"' in line  # never the whole world
+    assert UDEV_RULES_NAME.split("-")[0] < "73"  # before the rules that hand the tag on
     assert UDEV_RULES_NAME in udev_rules()  # its own install line
 
 
@@ -110,25 +93,17 @@ def proc(tmp_path: Path) -> Path:
     return folder
 
 
-def test_the_program_that_has_a_port_open(proc: Path):
-    assert program_using("/dev/ttyACM0", proc) == "minicom (process 812)"
-    assert program_using("/dev/ttyACM1", proc) is None
-    assert program_using("/dev/ttyACM0", proc / "missing") is None
-
-
-def test_a_link_to_the_port_is_the_port(proc: Path, tmp_path: Path):
+def test_the_program_that_has_a_port_open(proc: Path, tmp_path: Path):
     (tmp_path / "arm").symlink_to("/dev/ttyACM0")
-    assert program_using(str(tmp_path / "arm"), proc) == "minicom (process 812)"
-
-
-def test_what_this_program_itself_has_open_does_not_count(proc: Path):
-    (proc / "812").rename(proc / str(os.getpid()))
-    assert program_using("/dev/ttyACM0", proc) is None
-
-
-def test_a_program_that_ends_while_it_is_looked_at(proc: Path):
-    (proc / "812" / "comm").unlink()
+    for name in ("/dev/ttyACM0", str(tmp_path / "arm")):
+        assert program_using(name, proc) == "minicom (process 812)"
+    assert program_using("/dev/ttyACM1", proc) is None
+    assert program_using("/dev/pts/1", proc) is None  # the program that serves it does not use it
+    assert program_using("/dev/ttyACM0", proc / "missing") is None
+    (proc / "812" / "comm").unlink()  # it ends meanwhile
     assert program_using("/dev/ttyACM0", proc) == "a program (process 812)"
+    (proc / "812").rename(proc / str(os.getpid()))  # what this program has open does not count
+    assert program_using("/dev/ttyACM0", proc) is None
 
 
 def test_another_process_of_this_user_is_seen_in_the_real_proc(tmp_path: Path):
@@ -147,24 +122,13 @@ def test_another_process_of_this_user_is_seen_in_the_real_proc(tmp_path: Path):
     assert program_using(str(device)) is None
 
 
-def test_who_serves_a_pseudo_terminal_does_not_use_it(proc: Path):
-    assert program_using("/dev/pts/1", proc) is None
-
-
-def running(proc: Path) -> Path:
+def test_modem_manager_matters_where_it_runs_and_no_udev_rule_covers_the_port(proc: Path, tmp_path: Path):
+    assert modem_manager_note(DEVICE, proc, tmp_path) is None
     (proc / "600").mkdir()
     (proc / "600" / "comm").write_text("ModemManager\n")
-    return proc
-
-
-def test_modem_manager_matters_only_where_it_runs(proc: Path, tmp_path: Path):
-    assert modem_manager_note(DEVICE, proc, tmp_path) is None
-    assert modem_manager_note(DEVICE, running(proc), tmp_path) == MODEM_MANAGER_NOTE
-
-
-def test_a_port_that_the_udev_rule_covers_needs_no_note(proc: Path, tmp_path: Path):
+    assert modem_manager_note(DEVICE, proc, tmp_path) == MODEM_MANAGER_NOTE
     record = tmp_path / "c1:3"
     record.write_text("S:arm\nE:ID_MM_DEVICE_IGNORE=1\n")
-    assert modem_manager_note(DEVICE, running(proc), tmp_path) is None
+    assert modem_manager_note(DEVICE, proc, tmp_path) is None
     record.write_text("S:arm\nE:ID_MM_CANDIDATE=1\n")
     assert modem_manager_note(DEVICE, proc, tmp_path) == MODEM_MANAGER_NOTE

@@ -54,55 +54,28 @@ def test_the_command_port_of_a_maestro_and_not_its_ttl_port():
 
 
 @pytest.mark.parametrize(
-    ("pid", "kind"),
+    ("vid", "pid", "kind"),
     [
-        (0x0089, "Pololu Micro Maestro 6-channel"),
-        (0x008A, "Pololu Mini Maestro 12-channel"),
-        (0x008B, "Pololu Mini Maestro 18-channel"),
-        (0x008C, "Pololu Mini Maestro 24-channel"),
+        (0x1FFB, 0x0089, "Pololu Micro Maestro 6-channel"),
+        (0x1FFB, 0x008A, "Pololu Mini Maestro 12-channel"),
+        (0x1FFB, 0x008B, "Pololu Mini Maestro 18-channel"),
+        (0x1FFB, 0x008C, "Pololu Mini Maestro 24-channel"),
+        *((vid, pid, "Arduino Mega") for vid in (0x2341, 0x2A03) for pid in (0x0010, 0x0042)),
+        (0x2341, 0x0210, "Arduino Mega"),
+        (0x2341, 0x0242, "Arduino Mega"),
+        (0x2341, 0x0043, "Arduino or clone (USB-serial)"),  # Uno R3
+        (0x2A03, 0x0043, "Arduino or clone (USB-serial)"),
+        (0x1A86, 0x7523, "Arduino or clone (USB-serial)"),  # CH340
+        (0x1A86, 0x55D4, "Arduino or clone (USB-serial)"),  # CH9102
+        (0x0403, 0x6001, "Arduino or clone (USB-serial)"),  # FT232R
+        (0x10C4, 0xEA60, "Arduino or clone (USB-serial)"),  # CP2102
+        (0x067B, 0x2303, "Arduino or clone (USB-serial)"),  # PL2303
+        (0x0403, 0x6011, "unknown"),  # another device of a chip's maker
     ],
 )
-def test_every_maestro_by_its_usb_numbers(pid, kind):
-    assert [port.kind for port in ports(listed("/dev/ttyACM0", 0x1FFB, pid))] == [kind]
-
-
-@pytest.mark.parametrize(
-    ("vid", "pid"),
-    [
-        (0x2341, 0x0010),
-        (0x2341, 0x0042),
-        (0x2A03, 0x0010),
-        (0x2A03, 0x0042),
-        (0x2341, 0x0210),
-        (0x2341, 0x0242),
-    ],
-)
-def test_an_arduino_mega(vid, pid):
+def test_every_board_by_its_usb_numbers(vid: int, pid: int, kind: str):
     (port,) = ports(listed("/dev/ttyACM0", vid, pid))
-    assert (port.kind, port.usable) == ("Arduino Mega", True)
-
-
-@pytest.mark.parametrize(
-    ("vid", "pid"),
-    [
-        (0x2341, 0x0043),  # Uno R3
-        (0x2341, 0x0001),  # Uno
-        (0x2A03, 0x0043),
-        (0x1A86, 0x7523),  # CH340
-        (0x1A86, 0x55D4),  # CH9102
-        (0x0403, 0x6001),  # FT232R
-        (0x10C4, 0xEA60),  # CP2102
-        (0x067B, 0x2303),  # PL2303
-    ],
-)
-def test_what_may_be_an_arduino_is_not_said_to_be_more(vid, pid):
-    (port,) = ports(listed("/dev/ttyUSB0", vid, pid))
-    assert (port.kind, port.usable) == ("Arduino or clone (USB-serial)", True)
-
-
-def test_another_device_of_a_chips_maker_is_unknown():
-    (port,) = ports(listed("/dev/ttyUSB0", 0x0403, 0x6011))
-    assert port.kind == "unknown"
+    assert (port.kind, port.usable) == (kind, True)
 
 
 def test_boards_that_are_known_come_first_and_ports_without_hardware_not_at_all():
@@ -119,15 +92,12 @@ def test_boards_that_are_known_come_first_and_ports_without_hardware_not_at_all(
     ]
 
 
-def test_a_port_without_permission_says_what_to_type():
+def test_a_port_that_cannot_be_opened_says_why_and_what_to_do():
     (port,) = ports(COMMAND_PORT, may_open=False)
     assert port.usable is False
     assert port.why_not is not None
     assert port.why_not.startswith("no permission to open it; run `sudo usermod -aG dialout $USER`")
     assert "armctl ports --udev | sudo tee /etc/udev/rules.d/70-armctl.rules" in port.why_not
-
-
-def test_a_port_that_another_program_has_open_says_which():
     (port,) = ports(COMMAND_PORT, used_by="minicom (process 812)")
     assert port.usable is False
     assert port.why_not == "in use by another program: minicom (process 812); close that and try again"
@@ -155,10 +125,7 @@ def by_id(tmp_path: Path) -> Path:
     return folder
 
 
-def test_a_folder_of_stable_names_that_vanishes_while_it_is_read(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-):
-    monkeypatch.setattr(Path, "is_dir", lambda _self: True)  # udev removes it right after the look
+def test_without_a_folder_of_stable_names(tmp_path: Path):
     assert ports(by_id=tmp_path / "by-id") == []
 
 
@@ -196,66 +163,53 @@ def test_a_port_is_found_under_any_of_its_names(by_id: Path, tmp_path: Path):
     assert describe_port("socket://127.0.0.1:5000", found) is None
 
 
-def test_no_maestro():
-    with pytest.raises(PortError, match=r"no Maestro found; serial ports: none at all; plug one in"):
-        find_board([], "maestro")
-    mega = ports(listed("/dev/ttyACM3", 0x2341, 0x0042))
-    with pytest.raises(PortError, match=r"serial ports: /dev/ttyACM3 \(Arduino Mega\)"):
-        find_board(mega, "maestro")
-
-
-def test_several_maestros():
-    other = listed("/dev/ttyACM2", 0x1FFB, 0x008A, "1-1.3:1.0")
-    with pytest.raises(PortError, match=r"several Maestros .*/dev/ttyACM0 .*/dev/ttyACM2 .*name one"):
-        find_board(ports(COMMAND_PORT, TTL_PORT, other), "maestro")
-
-
-def test_a_maestro_that_cannot_be_used():
-    with pytest.raises(
-        PortError,
-        match="the Maestro that is plugged in cannot be used: /dev/ttyACM1: this is the Maestro's TTL port",
-    ):
-        find_board(ports(TTL_PORT), "maestro")
-
-
+MINI = listed("/dev/ttyACM2", 0x1FFB, 0x008A, "1-1.3:1.0")
 MEGA = listed("/dev/ttyACM3", 0x2341, 0x0042)
+OTHER_MEGA = listed("/dev/ttyACM4", 0x2A03, 0x0010)
 CLONE = listed("/dev/ttyUSB0", 0x1A86, 0x7523)
+OTHER_CLONE = listed("/dev/ttyUSB1", 0x0403, 0x6001)
 
 
-@pytest.mark.parametrize("kind", ["firmata", "encoder"])
-def test_an_arduino_for_a_board_that_runs_on_one(kind):
-    assert find_board(ports(COMMAND_PORT, MEGA), kind).device == "/dev/ttyACM3"
-    assert find_board(ports(CLONE), kind).device == "/dev/ttyUSB0"
-    # What calls itself a Mega goes before what may be anything.
-    assert find_board(ports(CLONE, MEGA), kind).device == "/dev/ttyACM3"
+@pytest.mark.parametrize(
+    ("found", "kind", "device"),
+    [
+        ((COMMAND_PORT, TTL_PORT, MEGA), "maestro", "/dev/ttyACM0"),
+        *(
+            (found, kind, device)
+            for kind in ("firmata", "encoder")
+            for found, device in (
+                ((COMMAND_PORT, MEGA), "/dev/ttyACM3"),
+                ((CLONE,), "/dev/ttyUSB0"),
+                ((CLONE, MEGA), "/dev/ttyACM3"),  # what calls itself a Mega goes before what may be anything
+            )
+        ),
+        ((COMMAND_PORT, TTL_PORT), None, "/dev/ttyACM0"),
+        ((CLONE, MEGA), None, "/dev/ttyACM3"),
+        ((CLONE,), None, "/dev/ttyUSB0"),
+    ],
+)
+def test_the_board_that_is_meant(found: tuple[ListPortInfo, ...], kind: str | None, device: str):
+    assert find_board(ports(*found), kind).device == device
 
 
-def test_a_maestro_for_a_maestro():
-    assert find_board(ports(COMMAND_PORT, TTL_PORT, MEGA), "maestro").device == "/dev/ttyACM0"
-
-
-def test_any_board_is_found_where_no_kind_is_wanted():
-    assert find_board(ports(COMMAND_PORT, TTL_PORT), None).device == "/dev/ttyACM0"
-    assert find_board(ports(CLONE, MEGA), None).device == "/dev/ttyACM3"
-    assert find_board(ports(CLONE), None).device == "/dev/ttyUSB0"
-    with pytest.raises(PortError, match=r"several boards may be meant: /dev/ttyACM\d .*/dev/ttyACM\d"):
-        find_board(ports(COMMAND_PORT, MEGA), None)
-    with pytest.raises(PortError, match="no board found; serial ports: none at all"):
-        find_board([], None)
-
-
-def test_no_arduino():
-    with pytest.raises(PortError, match=r"no Arduino found; serial ports: none at all; plug one in"):
-        find_board([], "firmata")
-    with pytest.raises(PortError, match=r"serial ports: /dev/ttyACM0 \(Pololu Micro Maestro 6-channel\)"):
-        find_board(ports(COMMAND_PORT), "encoder")
-
-
-@pytest.mark.parametrize("pair", [((0x2341, 0x0042), (0x2A03, 0x0010)), ((0x1A86, 0x7523), (0x0403, 0x6001))])
-def test_several_arduinos_that_may_be_meant(pair):
-    found = ports(*(listed(f"/dev/ttyX{number}", *usb) for number, usb in enumerate(pair)))
-    with pytest.raises(PortError, match=r"several Arduinos may be meant: /dev/ttyX0 .*/dev/ttyX1 .*name one"):
-        find_board(found, "firmata")
+@pytest.mark.parametrize(
+    ("found", "kind", "says"),
+    [
+        ((), "maestro", "no Maestro found; serial ports: none at all; plug one in"),
+        ((), "firmata", "no Arduino found; serial ports: none at all; plug one in"),
+        ((), None, "no board found; serial ports: none at all"),
+        ((MEGA,), "maestro", r"serial ports: /dev/ttyACM3 \(Arduino Mega\)"),
+        ((COMMAND_PORT,), "encoder", r"serial ports: /dev/ttyACM0 \(Pololu Micro Maestro 6-channel\)"),
+        ((COMMAND_PORT, TTL_PORT, MINI), "maestro", "several Maestros .*ttyACM0 .*ttyACM2 .*name one"),
+        ((MEGA, OTHER_MEGA), "firmata", "several Arduinos may be meant: .*ttyACM3 .*ttyACM4 .*name one"),
+        ((CLONE, OTHER_CLONE), "firmata", "several Arduinos may be meant: .*ttyUSB0 .*ttyUSB1 .*name one"),
+        ((COMMAND_PORT, MEGA), None, r"several boards may be meant: /dev/ttyACM\d .*/dev/ttyACM\d"),
+        ((TTL_PORT,), "maestro", "the Maestro that is plugged in cannot be used: /dev/ttyACM1: this is the"),
+    ],
+)
+def test_no_board_or_several(found: tuple[ListPortInfo, ...], kind: str | None, says: str):
+    with pytest.raises(PortError, match=says):
+        find_board(ports(*found), kind)
 
 
 def test_an_arduino_that_cannot_be_used():

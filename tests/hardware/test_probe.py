@@ -106,11 +106,7 @@ def test_a_maestro_is_found_and_not_moved(clock: ManualClock, label, crc):
 @pytest.mark.parametrize("mode", [SerialMode.UART_DETECT_BAUD, SerialMode.UART_FIXED])
 @pytest.mark.parametrize("label", [MICRO, PTY])
 def test_a_maestro_in_a_uart_mode_is_neither_found_nor_moved(clock: ManualClock, label, mode):
-    board = SimulatedMaestro(
-        settings=MaestroSettings(
-            serial_mode=mode, channels={0: ChannelConfig(home=HomeMode.GO_TO, home_us=1200.0)}
-        )
-    )
+    board = moving_maestro(serial_mode=mode)
     found = asked(board, clock, approach(label))
     assert found == Probed("port")
     assert board.target_us(0) == 1200.0
@@ -126,41 +122,26 @@ def test_what_a_maestro_had_reported_is_told(clock: ManualClock):
 
 
 @pytest.mark.parametrize("label", [ARDUINO_MEGA, USB_SERIAL])
-def test_firmata_introduces_itself_after_the_reset_and_is_sent_nothing(clock: ManualClock, label):
-    board = Talker(57_600, {1.7: INTRODUCTION[:9], 1.75: INTRODUCTION[9:]})
-    found = asked(board, clock, approach(label))
+def test_an_arduino_introduces_itself_after_the_reset_and_is_sent_nothing(clock: ManualClock, label):
+    firmata = Talker(57_600, {1.7: INTRODUCTION[:9], 1.75: INTRODUCTION[9:]})
+    found = asked(firmata, clock, approach(label))
     assert found == Probed("port", "firmata", "Std", "2.5", ("Firmata protocol 2.5",))
     assert str(found) == "Std 2.5; Firmata protocol 2.5"
-    assert board.opened == [57_600]
-    assert board.received == b""
-
-
-@pytest.mark.parametrize("label", [ARDUINO_MEGA, USB_SERIAL])
-def test_the_encoder_board_is_understood_at_its_own_rate_and_sent_nothing(clock: ManualClock, label):
-    board = Talker(115_200, {1.0: BANNER, 1.02: STATUS})
-    found = asked(board, clock, approach(label))
-    assert found == Probed(
-        "port", "encoder", "armctl-encoder", "1.1.0", ("6 axes", "last started by: external")
-    )
-    assert board.opened == [57_600, 115_200]
-    assert board.received == b""
-
-
-def test_an_encoder_board_that_is_expected_is_opened_and_reset_once(clock: ManualClock):
-    board = Talker(115_200, {1.0: BANNER})
-    assert asked(board, clock, approach(ARDUINO_MEGA, "encoder")).board == "encoder"
-    assert board.opened == [115_200]
+    encoder = Talker(115_200, {1.0: BANNER, 1.02: STATUS})
+    details = ("6 axes", "last started by: external")
+    found = asked(encoder, clock, approach(label))
+    assert found == Probed("port", "encoder", "armctl-encoder", "1.1.0", details)
+    assert (firmata.opened, encoder.opened) == ([57_600], [57_600, 115_200])
+    assert firmata.received == encoder.received == b""
+    encoder.opened.clear()  # opened, and reset, once where it is expected
+    assert asked(encoder, clock, approach(label, "encoder")).board == "encoder"
+    assert encoder.opened == [115_200]
 
 
 def test_an_encoder_board_that_has_been_running_is_known_by_its_status(clock: ManualClock):
     board = Talker(115_200, {0.0: STATUS[7:], 0.02: STATUS})
     found = asked(board, clock, approach(PTY))
-    assert (found.board, found.name, found.version, found.details) == (
-        "encoder",
-        "armctl-encoder",
-        None,
-        ("6 axes",),
-    )
+    assert found == Probed("port", "encoder", "armctl-encoder", None, ("6 axes",))
     assert board.received == b""
 
 
@@ -173,12 +154,9 @@ def test_a_firmata_that_is_not_reset_by_opening_is_asked_last(clock: ManualClock
     assert found == Probed("port", "firmata", "Std", "2.5", ("Firmata protocol 2.5",))
     before = bytes.fromhex("a1 1b") if label is PTY else b""
     assert board.received == before + bytes.fromhex("f9 f0 79 f7")
-
-
-def test_a_firmata_that_keeps_its_name_to_itself(clock: ManualClock):
-    board = Talker(57_600, {}, {b"\xf9": INTRODUCTION[:3]})
-    found = asked(board, clock, approach(ARDUINO_MEGA))
-    assert (found.board, found.name, found.details) == ("firmata", "Firmata", ("Firmata protocol 2.5",))
+    del answers[bytes.fromhex("f0 79 f7")]
+    found = asked(board, clock, approach(label))
+    assert found == Probed("port", "firmata", "Firmata", None, ("Firmata protocol 2.5",))
 
 
 def test_a_mega_with_another_sketch_is_nobody_and_its_words_are_told(clock: ManualClock):
@@ -230,26 +208,18 @@ def test_noise_is_no_board(clock: ManualClock):
 def test_a_line_that_breaks_is_an_error_and_is_closed(clock: ManualClock):
     model = FaultyModel(SimulatedMaestro())
     model.unplug()
-    lines: list[LoopTransport] = []
-
-    def open_line(baud: int) -> LoopTransport:
-        lines.append(LoopTransport(model, clock.now, clock.advance))
-        return lines[-1]
-
+    line = LoopTransport(model, clock.now, clock.advance)
     with pytest.raises(BoardError, match="unplugged"):
-        probe(open_line, approach(MICRO), clock.now)
+        probe(lambda _baud: line, approach(MICRO), clock.now)
     with pytest.raises(BoardError, match="the line is closed"):
-        lines[0].write(b"")
+        line.write(b"")
 
 
 def test_a_probe_ends_where_the_clock_stands_still(clock: ManualClock):
     board = Talker(57_600, {})
-
-    def open_line(baud: int) -> LoopTransport:
-        board.open(baud, clock.now())
-        return LoopTransport(board, clock.now)
-
-    assert probe(open_line, approach(ARDUINO_MEGA), clock.now).board is None
+    board.open(57_600, clock.now())
+    line = LoopTransport(board, clock.now)
+    assert probe(lambda _baud: line, approach(PTY), clock.now).board is None
 
 
 @pytest.mark.parametrize("fault", [Fault.HALF_REPLY, Fault.GARBLE_REPLY])

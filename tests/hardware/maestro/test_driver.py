@@ -10,123 +10,84 @@ from hypothesis import strategies as st
 from tests.hardware.lines import Fault, FaultyModel, LoopTransport
 from tests.hardware.maestro.scripted_transport import ScriptedTransport
 
-from armctl.errors import BoardError, BoardProtocolError, BoardTimeoutError, InputError, PortError
-from armctl.hardware import ChannelSettings
+from armctl.errors import BoardError, BoardProtocolError, BoardTimeoutError, InputError
+from armctl.hardware import BoardIdentity, ChannelSettings
 from armctl.hardware.maestro import MaestroModel
-from armctl.hardware.maestro.driver import UNKNOWN_MODEL_NOTE, WATCHDOG_NOTE, MaestroDriver
+from armctl.hardware.maestro.codec import MaestroErrors
+from armctl.hardware.maestro.driver import UNKNOWN_MODEL_NOTE, WATCHDOG_NOTE, MaestroDriver, MaestroLine
 from armctl.hardware.maestro.simulated import (
     ChannelConfig,
     HomeMode,
     MaestroSettings,
-    SerialMode,
     SimulatedMaestro,
 )
-from armctl.hardware.transport import Connection, PortInfo
+from armctl.hardware.transport import Connection
 from armctl.runtime.clock import ManualClock
 
 CHANNELS = [ChannelSettings(channel, 1000.0, 2000.0) for channel in range(4)]
 
 
-PROBE = (("a1", "00 00"), ("90 00 a1", "00 00 00 00"))
-
-
 def scripted(*exchanges: tuple[str, str], **options) -> tuple[MaestroDriver, ScriptedTransport]:
-    transport = ScriptedTransport(*PROBE, *exchanges)
-    return MaestroDriver(
-        Connection(lambda: transport, lambda: 0.0, simulated=options.pop("simulated", False)), **options
-    ), transport
+    transport = ScriptedTransport(*exchanges)
+    return MaestroDriver(Connection(lambda: transport, lambda: 0.0), **options), transport
 
 
-def test_identity_of_a_board_of_unknown_model():
-    driver, _ = scripted()
+def test_identity_of_a_board_of_unknown_model_and_of_a_known_one():
+    driver, _ = scripted(("a1", "00 00"), ("90 00 a1", "00 00 00 00"))
     identity = driver.open()
-    assert identity.kind == "Pololu Maestro, model unknown"
-    assert identity.port == "scripted"
-    assert identity.simulated is False
-    assert identity.notes == (WATCHDOG_NOTE, UNKNOWN_MODEL_NOTE)
-
-
-def test_the_watchdog_that_nobody_verified_is_said_loudly():
+    assert identity == BoardIdentity(
+        "Pololu Maestro, model unknown", "scripted", notes=(WATCHDOG_NOTE, UNKNOWN_MODEL_NOTE)
+    )
     assert "not verified" in WATCHDOG_NOTE
-    assert "Timeout" in WATCHDOG_NOTE
-
-
-def test_errors_from_before_are_told_once():
-    transport = ScriptedTransport(("a1", "20 00"), PROBE[1])
-    identity = MaestroDriver(Connection(lambda: transport, lambda: 0.0), model=MaestroModel.MICRO_6).open()
-    assert identity.kind == "Pololu Micro Maestro 6-channel"
+    driver, _ = scripted(("a1", "20 00"), ("90 00 a1", "00 00 00 00"), model=MaestroModel.MICRO_6)
+    identity = driver.open()
+    assert (identity.kind, identity.notes) == ("Pololu Micro Maestro 6-channel", (WATCHDOG_NOTE,))
     assert identity.earlier[0].startswith("before armctl connected, the board had reported: serial timeout")
 
 
-def test_a_silent_board_brings_the_advice_and_closes_the_line():
-    transport = ScriptedTransport(("a1", ""), ("1b", ""))
-    driver = MaestroDriver(Connection(lambda: transport, lambda: 0.0))
-    with pytest.raises(BoardTimeoutError, match=r'USB Dual Port.*"UART, detect baud rate".*silently ignores'):
+@pytest.mark.parametrize(
+    ("exchanges", "error", "says"),
+    [
+        # Silence, as in the factory's serial mode.
+        ([("a1", ""), ("1b", "")], BoardTimeoutError, r'USB Dual Port.*"UART, detect .*silently ignores'),
+        ([("a1", "00")], BoardProtocolError, "Get Errors was answered by 1 bytes"),
+        ([("a1", "41 54")], BoardProtocolError, r"scripted: .*no Maestro"),
+    ],
+)
+def test_what_is_no_maestro_is_asked_nothing_more_and_left(exchanges, error, says: str):
+    driver, transport = scripted(*exchanges)
+    with pytest.raises(error, match=says):
         driver.open()
     transport.assert_done()
     assert transport.closed == 1
-    with pytest.raises(BoardError, match="not connected"):
-        driver.read()
+    for call in (
+        driver.read,
+        driver.stop,
+        driver.release,
+        lambda: driver.configure(CHANNELS),
+        lambda: driver.write({}),
+    ):
+        with pytest.raises(BoardError, match="not connected"):
+            call()
 
 
-def test_half_an_answer_is_no_maestro_and_is_asked_nothing_more():
-    transport = ScriptedTransport(("a1", "00"))
-    with pytest.raises(BoardProtocolError, match="Get Errors was answered by 1 bytes"):
-        MaestroDriver(Connection(lambda: transport, lambda: 0.0)).open()
-    transport.assert_done()
-
-
-def test_something_that_answers_like_no_maestro():
-    transport = ScriptedTransport(("a1", "41 54"))
-    with pytest.raises(BoardProtocolError, match=r"scripted: .*no Maestro"):
-        MaestroDriver(Connection(lambda: transport, lambda: 0.0)).open()
-    assert transport.closed == 1
-
-
-def test_a_port_that_the_listing_rules_out_is_not_opened():
-    port = PortInfo("/dev/ttyACM1", "Pololu Micro Maestro 6-channel", "", "1", False, "this is the TTL port")
-    driver = MaestroDriver(Connection("/dev/ttyACM1", lambda: 0.0, ports=lambda: [port]))
-    with pytest.raises(PortError, match="/dev/ttyACM1: this is the TTL port"):
-        driver.open()
-
-
-@pytest.mark.parametrize("call", ["read", "stop", "release", "configure", "write"])
-def test_nothing_works_before_open(call):
-    driver = MaestroDriver(Connection(lambda: ScriptedTransport(), lambda: 0.0))
-    arguments = {"configure": [CHANNELS], "write": [{}]}.get(call, [])
-    with pytest.raises(BoardError, match="not connected"):
-        getattr(driver, call)(*arguments)
-
-
-def test_opening_again_forgets_the_channels(clock: ManualClock):
-    board = SimulatedMaestro()
-    driver = MaestroDriver(Connection(lambda: LoopTransport(board, clock.now), lambda: 0.0))
-    driver.open()
-    driver.configure(CHANNELS)
+def test_opening_again_forgets_the_channels(connect):
+    driver = connect(SimulatedMaestro())
     driver.open()
     with pytest.raises(BoardError, match="channel 0 is not configured"):
         driver.write({0: 1500.0})
 
 
-def test_opening_moves_nothing(clock: ManualClock, connect):
+def test_opening_moves_nothing_and_release_switches_off_what_is_configured(clock: ManualClock, connect):
     board = SimulatedMaestro()
     board.advance(clock.now())
-    board.feed(bytes.fromhex("84 02 70 2e"))
+    board.feed(bytes.fromhex("84 02 70 2e 84 05 70 2e"))
     driver = connect(board)
     assert driver.read().positions == {0: None, 1: None, 2: 1500.0, 3: None}
-
-
-def test_a_setpoint_outside_its_range_is_refused_before_anything_is_sent(connect):
-    board = SimulatedMaestro()
-    driver = connect(board)
-    before = len(board.log)
-    for bad in (999.0, 2001.0, math.nan, math.inf):
-        with pytest.raises(BoardError, match=r"channel 3: .* nothing was sent"):
-            driver.write({0: 1500.0, 3: bad})
-    with pytest.raises(BoardError, match="channel 5 is not configured"):
-        driver.write({0: 1500.0, 5: 1500.0})
-    assert len(board.log) == before
-    assert board.target_us(0) is None
+    driver.write({0: 1500.0, 3: 1600.0})
+    driver.release()
+    assert driver.read().positions == dict.fromkeys(range(4))
+    assert board.target_us(5) == 1500.0
 
 
 def test_channel_settings_that_the_board_cannot_have_are_refused_before_anything_is_sent(connect):
@@ -140,22 +101,17 @@ def test_channel_settings_that_the_board_cannot_have_are_refused_before_anything
     assert len(board.log) == before
 
 
-def test_a_channel_too_many_on_a_board_of_unknown_model_is_found_out(connect):
-    with pytest.raises(BoardProtocolError, match="did not accept the channel settings"):
-        connect(SimulatedMaestro(), channels=[ChannelSettings(6, 1000, 2000)])
-
-
 @given(
     st.lists(
         st.dictionaries(
-            st.integers(0, 3),
+            st.integers(0, 4),
             st.floats(allow_nan=True, allow_infinity=True) | st.floats(900.0, 2100.0),
             max_size=4,
         ),
         max_size=10,
     )
 )
-def test_no_setpoint_on_the_wire_ever_leaves_its_limits(writes):
+def test_a_write_with_a_setpoint_outside_its_limits_sends_nothing(writes):
     clock = ManualClock()
     board = SimulatedMaestro(
         settings=MaestroSettings(channels={c: ChannelConfig(100.0, 4000.0) for c in range(4)})
@@ -164,7 +120,7 @@ def test_no_setpoint_on_the_wire_ever_leaves_its_limits(writes):
     driver.open()
     driver.configure(CHANNELS)
     for setpoints in writes:
-        inside = all(1000.0 <= pulse <= 2000.0 for pulse in setpoints.values())
+        inside = all(c < 4 and 1000.0 <= pulse <= 2000.0 for c, pulse in setpoints.items())
         before = len(board.log)
         try:
             driver.write(setpoints)
@@ -176,6 +132,11 @@ def test_no_setpoint_on_the_wire_ever_leaves_its_limits(writes):
     for entry in board.log:
         if entry.raw[0] == 0x84:
             assert 4000 <= entry.data[1] + 128 * entry.data[2] <= 8000
+
+
+def test_a_channel_too_many_on_a_board_of_unknown_model_is_found_out(connect):
+    with pytest.raises(BoardProtocolError, match="did not accept the channel settings"):
+        connect(SimulatedMaestro(), channels=[ChannelSettings(6, 1000, 2000)])
 
 
 def test_limits_reach_the_board_and_hold(clock: ManualClock, connect):
@@ -212,27 +173,6 @@ def test_stop_holds_a_channel_that_stands_outside_its_range(clock: ManualClock, 
     assert [entry.raw.hex(" ") for entry in board.log].count(
         "84 00 60 46"
     ) == 2  # the test's own, and the stop's
-
-
-def test_release_switches_every_configured_channel_off_and_no_other(clock: ManualClock, connect):
-    board = SimulatedMaestro()
-    board.advance(clock.now())
-    board.feed(bytes.fromhex("84 05 70 2e"))
-    driver = connect(board)
-    driver.write({0: 1500.0, 3: 1600.0})
-    driver.release()
-    assert driver.read().positions == dict.fromkeys(range(4))
-    assert board.target_us(5) == 1500.0
-
-
-def test_the_first_setpoint_after_release_jumps_at_once(connect):
-    board = SimulatedMaestro()
-    driver = connect(board, channels=[ChannelSettings(0, 1000.0, 2000.0, speed=25.0)])
-    driver.write({0: 1900.0})
-    assert driver.read().positions == {0: 1900.0}
-    driver.release()
-    driver.write({0: 1100.0})
-    assert driver.read().positions == {0: 1100.0}
 
 
 def test_the_boards_watchdog_is_reported_in_words(clock: ManualClock, connect):
@@ -282,7 +222,31 @@ def test_a_board_without_crc_that_is_late_is_not_taken_for_one_with(clock: Manua
     assert driver.read().errors == ()
 
 
-def test_the_factory_serial_mode_is_silence_with_advice(connect):
-    board = SimulatedMaestro(settings=MaestroSettings(serial_mode=SerialMode.UART_DETECT_BAUD))
-    with pytest.raises(BoardTimeoutError, match="USB Dual Port"):
-        connect(board)
+class SlowBoard:
+    """Answers 20 ms after each request; the first answer has two stray bytes before it."""
+
+    def __init__(self) -> None:
+        self._now = 0.0
+        self._answers = [[(0.02, "ff ff 70 17"), (0.03, "00 00")], [(0.02, "70 17 00 00")]]
+        self._waiting: list[tuple[float, bytes]] = []
+
+    def feed(self, data: bytes) -> bytes:
+        assert data.hex(" ") == "90 00 a1"
+        self._waiting += [(self._now + delay, bytes.fromhex(text)) for delay, text in self._answers.pop(0)]
+        return b""
+
+    def advance(self, now: float) -> bytes:
+        self._now = now
+        due = b"".join(data for at, data in self._waiting if at <= now)
+        self._waiting = [(at, data) for at, data in self._waiting if at > now]
+        return due
+
+    def reset(self) -> None:
+        self._waiting.clear()
+
+
+def test_a_shifted_answer_is_refused_and_its_rest_does_not_shift_the_next(clock: ManualClock):
+    line = MaestroLine(LoopTransport(SlowBoard(), clock.now, clock.advance), timeout_s=0.05)
+    with pytest.raises(BoardProtocolError, match="loop: the board answered error bits 0x1770"):
+        line.read([0])
+    assert line.read([0]) == ({0: 1500.0}, MaestroErrors(0))

@@ -36,23 +36,13 @@ def target(simulated: SimulatedMaestro, channel: int, pulse_us: float) -> None:
     assert simulated.feed(codec.set_target(channel, round(pulse_us * 4))) == b""
 
 
-def test_it_starts_with_all_pulses_off():
+def test_set_target_then_get_position():
     simulated = board()
     assert [simulated.position_us(channel) for channel in range(6)] == [None] * 6
     assert feed(simulated, "90 00 a1") == "00 00 00 00"
-
-
-def test_set_target_then_get_position():
-    simulated = board()
     assert feed(simulated, "84 02 70 2e 90 02") == "70 17"
     assert simulated.target_us(2) == simulated.position_us(2) == 1500.0
     assert simulated.position_us(1) is None
-
-
-def test_bytes_may_come_one_at_a_time():
-    simulated = board()
-    replies = [simulated.feed(bytes([byte])) for byte in bytes.fromhex("84 02 70 2e 90 02 a1")]
-    assert replies == [b"", b"", b"", b"", b"", bytes.fromhex("70 17"), bytes.fromhex("00 00")]
 
 
 def test_the_pololu_form_reaches_only_its_own_device_number():
@@ -67,18 +57,11 @@ def test_the_pololu_form_reaches_only_its_own_device_number():
     assert other.target_us(0) == 1500.0
 
 
-def test_targets_outside_the_factory_range_are_clamped():
-    simulated = board()
-    target(simulated, 0, 500.0)
-    target(simulated, 1, 2500.0)
-    assert (simulated.position_us(0), simulated.position_us(1)) == (992.0, 2000.0)
-
-
-def test_a_channels_own_range_counts():
+def test_targets_outside_the_channels_range_are_clamped():
     simulated = board(channels={1: WIDE})
-    target(simulated, 0, 2500.0)
-    target(simulated, 1, 2500.0)
-    assert (simulated.position_us(0), simulated.position_us(1)) == (2000.0, 2500.0)
+    for channel, pulse_us, sent in ((0, 500.0, 992.0), (0, 2500.0, 2000.0), (1, 2500.0, 2500.0)):
+        target(simulated, channel, pulse_us)
+        assert simulated.position_us(channel) == sent
 
 
 def test_a_speed_of_140_takes_exactly_100_ms_for_350_us():
@@ -86,22 +69,13 @@ def test_a_speed_of_140_takes_exactly_100_ms_for_350_us():
     target(simulated, 5, 1000.0)
     feed(simulated, "87 05 0c 01")
     target(simulated, 5, 1350.0)
+    simulated.advance(0.0199)  # nothing moves between two servo periods
+    assert simulated.position_us(5) == 1000.0
     seen = []
     for tick in range(1, 7):
         simulated.advance(tick * 0.02)
         seen.append(simulated.position_us(5))
     assert seen == [1070.0, 1140.0, 1210.0, 1280.0, 1350.0, 1350.0]
-
-
-def test_nothing_moves_between_two_servo_periods():
-    simulated = board()
-    target(simulated, 5, 1000.0)
-    feed(simulated, "87 05 0c 01")
-    target(simulated, 5, 1350.0)
-    simulated.advance(0.0199)
-    assert simulated.position_us(5) == 1000.0
-    simulated.advance(0.0399)
-    assert simulated.position_us(5) == 1070.0
 
 
 def test_the_smallest_speed_takes_40_s_from_1_to_2_ms():
@@ -188,24 +162,15 @@ def test_ramps_keep_their_limits_and_arrive(speed, acceleration, targets):
     assert simulated.position_us(0) == targets[-1][0] / 4
 
 
-def test_the_first_target_of_an_off_channel_jumps_whatever_its_limits():
+def test_the_first_target_of_an_off_channel_jumps_as_every_one_does_without_limits():
     simulated = board()
+    for pulse_us in (1000.0, 2000.0):
+        target(simulated, 1, pulse_us)
+        assert simulated.position_us(1) == pulse_us
     simulated.feed(codec.set_speed(0, 1) + codec.set_acceleration(0, 1))
-    target(simulated, 0, 1900.0)
-    assert simulated.position_us(0) == 1900.0
-    target(simulated, 0, 1000.0)
-    assert simulated.position_us(0) == 1900.0
-    target(simulated, 0, 0.0)
-    assert simulated.position_us(0) is None
-    target(simulated, 0, 1000.0)
-    assert simulated.position_us(0) == 1000.0
-
-
-def test_without_limits_a_target_takes_effect_at_once():
-    simulated = board()
-    target(simulated, 0, 1000.0)
-    target(simulated, 0, 2000.0)
-    assert simulated.position_us(0) == 2000.0
+    for pulse_us, sent in ((1900.0, 1900.0), (1000.0, 1900.0), (0.0, None), (1000.0, 1000.0)):
+        target(simulated, 0, pulse_us)
+        assert simulated.position_us(0) == sent
 
 
 def test_mini_ssc():
@@ -224,66 +189,39 @@ def test_multiple_targets_on_a_mini():
     assert simulated.errors == MaestroErrors(0)
 
 
-def test_multiple_targets_on_a_micro_are_a_protocol_error_and_switch_everything_off():
-    simulated = board()
+@pytest.mark.parametrize(
+    ("model", "bytes_in"),
+    [
+        (MaestroModel.MICRO_6, "9f 02 03 00 00 70 2e"),
+        (MaestroModel.MINI_12, "9f 02 0b 70 2e 70 2e"),  # beyond the last channel
+        (MaestroModel.MINI_12, "9f 00 03"),
+        *((MaestroModel.MICRO_6, text) for text in ("84 06 70 2e", "90 06", "87 06 01 00", "89 00 00 02")),
+    ],
+)
+def test_commands_without_sense_get_no_answer_and_switch_off(model: MaestroModel, bytes_in: str):
+    simulated = board(model)
     target(simulated, 0, 1500.0)
-    feed(simulated, "9f 02 03 00 00 70 2e")
-    assert simulated.errors == MaestroErrors.SERIAL_PROTOCOL
-    assert simulated.target_us(0) is None
-
-
-@pytest.mark.parametrize("bytes_in", ["9f 02 0b 70 2e 70 2e", "9f 00 03"])
-def test_multiple_targets_beyond_the_last_channel_or_none_are_an_error(bytes_in):
-    simulated = board(MaestroModel.MINI_12)
-    feed(simulated, bytes_in)
-    assert simulated.errors == MaestroErrors.SERIAL_PROTOCOL
-
-
-@pytest.mark.parametrize("bytes_in", ["84 06 70 2e", "90 06", "87 06 01 00", "89 00 00 02"])
-def test_commands_without_sense_are_protocol_errors_and_get_no_answer(bytes_in):
-    simulated = board()
     assert feed(simulated, bytes_in) == ""
-    assert simulated.errors == MaestroErrors.SERIAL_PROTOCOL
-
-
-def test_errors_stay_until_they_are_read():
-    simulated = board()
-    feed(simulated, "c0")
+    assert simulated.target_us(0) is None
     feed(simulated, "84 00 70 2e")
-    assert feed(simulated, "a1") == "10 00"
+    assert simulated.target_us(0) == 1500.0
+    assert feed(simulated, "a1") == "10 00"  # the error stays until it is read
     assert feed(simulated, "a1") == "00 00"
 
 
-def test_an_error_sends_every_channel_to_its_home():
-    simulated = board(
-        channels={
-            1: ChannelConfig(home=HomeMode.IGNORE),
-            2: ChannelConfig(home=HomeMode.GO_TO, home_us=1200.0),
-        }
-    )
+@pytest.mark.parametrize(("bytes_in", "error"), [("c0", MaestroErrors.SERIAL_PROTOCOL), ("a2", 0)])
+def test_an_error_and_go_home_send_every_channel_to_its_home(bytes_in: str, error: int):
+    home = ChannelConfig(home=HomeMode.GO_TO, home_us=1200.0)
+    simulated = board(channels={1: ChannelConfig(home=HomeMode.IGNORE), 2: home, 3: home})
     assert simulated.position_us(2) == 1200.0  # at start-up too
-    for channel in range(3):
+    for channel in range(4):
         target(simulated, channel, 1800.0)
-    feed(simulated, "c0")
-    assert [simulated.target_us(channel) for channel in range(3)] == [None, 1800.0, 1200.0]
-
-
-def test_go_home_does_the_same_without_an_error():
-    simulated = board(channels={1: ChannelConfig(home=HomeMode.IGNORE)})
-    target(simulated, 0, 1800.0)
-    target(simulated, 1, 1800.0)
-    feed(simulated, "a2")
-    assert (simulated.target_us(0), simulated.target_us(1)) == (None, 1800.0)
-    assert simulated.errors == MaestroErrors(0)
-
-
-def test_a_home_with_a_speed_limit_is_ramped_to():
-    simulated = board(channels={0: ChannelConfig(home=HomeMode.GO_TO, home_us=1200.0)})
-    target(simulated, 0, 1800.0)
-    simulated.feed(codec.set_speed(0, 40))
-    feed(simulated, "a2")
+    simulated.feed(codec.set_speed(3, 40))
+    feed(simulated, bytes_in)
+    assert [simulated.target_us(channel) for channel in range(4)] == [None, 1800.0, 1200.0, 1200.0]
+    assert simulated.errors == error
     simulated.advance(0.02)
-    assert simulated.position_us(0) == 1780.0
+    assert simulated.position_us(3) == 1780.0
 
 
 def test_crc_mode_obeys_only_commands_that_check():
@@ -295,13 +233,6 @@ def test_crc_mode_obeys_only_commands_that_check():
     assert simulated.target_us(3) is None
 
 
-def test_the_serial_timeout_is_off_by_default():
-    simulated = board()
-    target(simulated, 0, 1500.0)
-    simulated.advance(1e6)
-    assert simulated.position_us(0) == 1500.0
-
-
 def test_the_serial_timeout_fires_on_time_and_switches_off():
     simulated = board(timeout_units=50)
     simulated.advance(0.3)
@@ -311,7 +242,13 @@ def test_the_serial_timeout_fires_on_time_and_switches_off():
     assert simulated.errors == MaestroErrors(0)
     simulated.advance(0.8)
     assert simulated.position_us(0) is None
+    assert feed(simulated, "a1 a1") == "20 00 00 00"
+    simulated.advance(1.3)  # the next command has armed it again
     assert feed(simulated, "a1") == "20 00"
+    by_default = board()
+    target(by_default, 0, 1500.0)
+    by_default.advance(1e6)
+    assert by_default.position_us(0) == 1500.0
 
 
 def test_any_valid_command_feeds_the_watchdog_and_an_invalid_one_does_not():
@@ -326,25 +263,17 @@ def test_any_valid_command_feeds_the_watchdog_and_an_invalid_one_does_not():
     assert MaestroErrors.SERIAL_TIMEOUT in simulated.errors
 
 
-def test_the_watchdog_is_armed_again_by_the_next_command():
-    simulated = board(timeout_units=10)
-    simulated.advance(5.0)
-    assert feed(simulated, "a1 a1") == "20 00 00 00"
-    simulated.advance(5.1)
-    assert feed(simulated, "a1") == "20 00"
-
-
-@pytest.mark.parametrize("mode", [SerialMode.UART_DETECT_BAUD, SerialMode.UART_FIXED])
-def test_in_the_uart_modes_usb_commands_are_silently_ignored(mode):
+@pytest.mark.parametrize("mode", SerialMode)
+def test_in_the_uart_modes_usb_commands_are_silently_ignored(mode: SerialMode):
     simulated = board(serial_mode=mode)
-    assert feed(simulated, "84 02 70 2e 90 02 a1 c0") == ""
+    reply = feed(simulated, "84 02 70 2e 90 02 a1")
+    if mode in (SerialMode.USB_DUAL_PORT, SerialMode.USB_CHAINED):
+        assert reply == "70 17 00 00"
+        return
+    assert reply == ""
     assert simulated.target_us(2) is None
     assert simulated.errors == MaestroErrors(0)
     assert simulated.log == ()
-
-
-def test_usb_chained_takes_commands():
-    assert feed(board(serial_mode=SerialMode.USB_CHAINED), "a1") == "00 00"
 
 
 def test_moving_state_on_a_mini_and_on_the_micro_that_must_not_be_trusted():
@@ -364,6 +293,8 @@ def test_every_model_has_its_number_of_channels(model):
     assert simulated.target_us(model.channels - 1) == 1500.0
     with pytest.raises(InputError, match=f"channels 0 … {model.channels - 1}"):
         simulated.target_us(model.channels)
+    with pytest.raises(InputError, match=f"channel {model.channels}"):
+        board(model, channels={model.channels: WIDE})
 
 
 def test_the_log_keeps_commands_with_their_times_and_stays_bounded():
@@ -392,15 +323,17 @@ def test_a_power_cut_loses_all_but_the_settings():
     assert simulated.position_us(0) == 2400.0
 
 
-def test_settings_that_make_no_sense_are_refused():
-    with pytest.raises(InputError, match="no range"):
-        ChannelConfig(minimum_us=2000.0, maximum_us=1000.0)
-    with pytest.raises(InputError, match="home None"):
-        ChannelConfig(home=HomeMode.GO_TO)
-    with pytest.raises(InputError, match="home 900"):
-        ChannelConfig(home=HomeMode.GO_TO, home_us=900.0)
-    with pytest.raises(InputError, match="channel 6"):
-        SimulatedMaestro(settings=MaestroSettings(channels={6: WIDE}))
+@pytest.mark.parametrize(
+    ("settings", "says"),
+    [
+        ({"minimum_us": 2000.0, "maximum_us": 1000.0}, "no range"),
+        ({"home": HomeMode.GO_TO}, "home None"),
+        ({"home": HomeMode.GO_TO, "home_us": 900.0}, "home 900"),
+    ],
+)
+def test_settings_that_make_no_sense_are_refused(settings, says: str):
+    with pytest.raises(InputError, match=says):
+        ChannelConfig(**settings)
 
 
 def assert_in_range(simulated: SimulatedMaestro) -> None:
