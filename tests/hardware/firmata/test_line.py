@@ -132,26 +132,25 @@ def test_a_line_that_cannot_wait_ends_too(clock: ManualClock):
         line.identify(ask_after_s=2.5)
 
 
-def test_something_that_is_not_firmata(clock: ManualClock):
-    line, _ = line_to(Babbler(b"\x80\x13Marlin"), clock)
-    with pytest.raises(
-        BoardProtocolError,
-        match=r"something answers, but not in Firmata at 57600 baud \(first bytes .*4d 61 72.*\); load the",
-    ):
-        line.identify(ask_after_s=0.2)
-
-
-def test_armctls_own_encoder_firmware_is_recognised(clock: ManualClock):
-    line, _ = line_to(Babbler(b"# armctl-encoder 1.1.0 proto=2 axes=6 reset=power*1A2B\n"), clock)
-    with pytest.raises(
-        BoardProtocolError, match=r"armctl's own firmware for arms with encoders, not Firmata"
-    ):
-        line.identify(ask_after_s=0.2)
-
-
-def test_a_sketch_that_tells_its_version_but_nothing_more(clock: ManualClock):
-    line, _ = line_to(Babbler(bytes.fromhex("f9 02 05")), clock)
-    with pytest.raises(BoardTimeoutError, match=r"speaks Firmata but did not tell its firmware within 2 s"):
+@pytest.mark.parametrize(
+    ("says", "error", "words"),
+    [
+        (
+            b"\x80\x13Marlin",
+            BoardProtocolError,
+            r"in Firmata at 57600 baud \(first bytes .*4d 61 72.*\); load",
+        ),
+        (
+            b"# armctl-encoder 1.1.0 proto=2 axes=6 reset=power*1A2B\n",
+            BoardProtocolError,
+            "armctl's own firmware for arms with encoders, not Firmata",
+        ),
+        (b"\xf9\x02\x05", BoardTimeoutError, "speaks Firmata but did not tell its firmware within 2 s"),
+    ],
+)
+def test_something_that_is_no_standard_firmata(clock: ManualClock, says: bytes, error, words: str):
+    line, _ = line_to(Babbler(says), clock)
+    with pytest.raises(error, match=words):
         line.identify(ask_after_s=0.2)
 
 

@@ -81,14 +81,6 @@ MINI_COMPACT_CRC: Session = (
     ("90 0a 3a  90 0b 7b  a1 1b", "a0 0f 70 17 00 00"),
     ("9f 02 0a 00 00 00 00 05", ""),
 )
-MINI_POLOLU: Session = (
-    ("aa 0c 21", "00 00"),
-    ("aa 0c 10 00  aa 0c 21", "00 00 00 00"),
-    ("aa 0c 07 0a 00 00  aa 0c 09 0a 00 00  aa 0c 07 0b 00 00  aa 0c 09 0b 00 00  aa 0c 21", "00 00"),
-    ("aa 0c 1f 02 0a 20 1f 70 2e", ""),
-    ("aa 0c 10 0a  aa 0c 10 0b  aa 0c 21", "a0 0f 70 17 00 00"),
-    ("aa 0c 1f 02 0a 00 00 00 00", ""),
-)
 MINI_POLOLU_CRC: Session = (
     ("aa 0c 21", ""),
     ("78", "00 00"),
@@ -147,7 +139,6 @@ def test_the_driver_on_a_mini(session):
         pytest.param(MaestroModel.MICRO_6, True, MICRO_POLOLU_CRC, id="Micro, Pololu with CRC"),
         pytest.param(MaestroModel.MINI_12, False, MINI_COMPACT, id="Mini, compact"),
         pytest.param(MaestroModel.MINI_12, True, MINI_COMPACT_CRC, id="Mini, compact with CRC"),
-        pytest.param(MaestroModel.MINI_12, False, MINI_POLOLU, id="Mini, Pololu"),
         pytest.param(MaestroModel.MINI_12, True, MINI_POLOLU_CRC, id="Mini, Pololu with CRC"),
     ],
 )
