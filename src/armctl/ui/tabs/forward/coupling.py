@@ -36,21 +36,13 @@ _SOLVING = "its joint angles are still being computed"
 
 def angle_fields(gui: viser.GuiApi, robot: Robot, q: FloatArray) -> FieldArray:
     """A field a joint, in degrees, filled with ``q`` (n,) [rad]; one that is held cannot be typed into."""
-    fields = FieldArray(
-        [
-            NumberField(
-                gui,
-                f"{joint.title} °",
-                None,
-                hint=limits_text(robot, i),
-                disabled=held_at(joint) is not None,
-            )
-            for i, joint in enumerate(robot.joints)
-        ],
-        DEGREES,
-    )
-    fields.fill(q)
-    return fields
+    fields: list[NumberField] = []
+    for i, joint in enumerate(robot.joints):
+        held, hint = held_at(joint) is not None, limits_text(robot, i)
+        fields.append(NumberField(gui, f"{joint.title} °", None, hint=hint, disabled=held))
+    angles = FieldArray(fields, DEGREES)
+    angles.fill(q)
+    return angles
 
 
 def limits_text(robot: Robot, joint: int) -> str:
@@ -98,11 +90,7 @@ class PoseFields:
         return self._asks_pitch and (self.hold.value or edited is self.pitch)
 
     def target(self, edited: NumberField) -> Target:
-        """The pose in the fields, when ``edited`` is the one that was typed into.
-
-        Raises:
-            InputError: a field is empty, or holds no number that can be used.
-        """
+        """The pose in the fields, when ``edited`` is the one that was typed into; errors name the field."""
         position = self.xyz.array
         pitch = math.radians(self.pitch.value) if self.holds_pitch(edited) else None
         roll = math.radians(self.roll.value) if self.roll.visible else None
@@ -139,10 +127,9 @@ def coupled_joints(robot: Robot, target: Target, before: FloatArray) -> CoupledJ
 class PoseCoupling:
     """Keeps pose fields and angle fields the same pose, without rewriting what is being typed.
 
-    A joint angle that is typed changes the pose fields. A pose that is typed changes the angle fields, to
-    the solution nearest to what they held before that field was begun: on the way from 2 to 250 the arm may
-    pass through other branches. A pose that cannot be reached leaves them at that, and a line says why; until
-    it is mended, the two are different poses and nothing may move by them.
+    A typed pose changes the angles to the solution nearest to what they were before that field was begun: on
+    the way from 2 to 250 the arm may pass through other branches. A pose out of reach leaves them at that, and
+    a line says why; until it is mended, the two are different poses and nothing may move by them.
     """
 
     def __init__(self, session: Session, angles: FieldArray, changed: Callable[[], None]) -> None:
@@ -166,11 +153,7 @@ class PoseCoupling:
         session.on(self._take.on_click, self._on_take)
 
     def require_met(self) -> None:
-        """Refuse while the pose fields show another pose than the angle fields.
-
-        Raises:
-            UnreachableError: they do; says why.
-        """
+        """Refuse while the pose fields show another pose than the angle fields, and say why they do."""
         if self._unmet:
             raise UnreachableError(
                 f"the pose fields and the joint angles are not the same pose: {self._unmet}; mend the pose, "

@@ -90,12 +90,7 @@ def jacobian_html(robot: Robot, q: FloatArray) -> str:
 
 
 def manipulability_html(freedom: Freedom, tip: FloatArray) -> str:
-    """The measure, the distance from singularities, and the direction that is hardest.
-
-    Args:
-        freedom: of the tool point.
-        tip: (3,) the tool point [m], from which "out" leads away from the base axis.
-    """
+    """The measure, the distance from singularities, and the hardest direction of the tool point (3,) [m]."""
     free, lost = freedom.verdict == "well away from singularities", freedom.verdict == "singular"
     color = "#2b8a3e" if free else "#c92a2a"
     ratio = "∞" if lost else fixed(freedom.condition, 1)
@@ -111,11 +106,9 @@ def manipulability_html(freedom: Freedom, tip: FloatArray) -> str:
 
 
 def direction_words(direction: FloatArray, tip: FloatArray) -> str:
-    """A line through the tool point in words, either way along it.
+    """A line along a unit vector (3,) through the tool point (3,) [m] in words, either way along it.
 
-    Args:
-        direction: (3,) unit vector, base frame; its sign means nothing.
-        tip: (3,) the tool point [m]: out is away from the base's z axis, left is to its left.
+    Out is away from the base's z axis, left is to its left.
     """
     x, y, _ = tip.tolist()
     distance = math.hypot(x, y)
@@ -163,20 +156,13 @@ def tool_velocity_html(robot: Robot, jacobian: FloatArray, rates: FloatArray) ->
 
 
 def joint_rates_html(robot: Robot, jacobian: FloatArray, linear: FloatArray, *, keep: bool) -> str:
-    """Joint rates for a velocity of the tool point (3,) [m/s], within limits and singularities.
-
-    ``keep``: the tool shall not turn.
-    """
+    """Joint rates for a velocity of the tool point (3,) [m/s]; ``keep``: without turning the tool."""
     speeds = turning_speeds(robot.limits, robot.speed_limits)
     found = joint_rates(jacobian, speeds, linear, np.zeros(3) if keep else None)
-    rows = [
-        [
-            joint.title,
-            f"{fixed(math.degrees(rate), 2)} °/s",
-            held_at(joint) or f"{fixed(math.degrees(joint.speed), 1)} °/s",
-        ]
-        for joint, rate in zip(robot.joints, found.rates.tolist(), strict=True)
-    ]
+    rows: list[list[str]] = []
+    for joint, rate in zip(robot.joints, np.degrees(found.rates).tolist(), strict=True):
+        limit = held_at(joint) or f"{fixed(math.degrees(joint.speed), 1)} °/s"
+        rows.append([joint.title, f"{fixed(rate, 2)} °/s", limit])
     velocity = tool_velocity(jacobian, found.rates)
     reached, asked = (1000 * float(np.linalg.norm(v)) for v in (velocity.linear, linear))
     text = table(["joint", "rate", "its limit"], rows)

@@ -273,11 +273,7 @@ class TargetForm:
         return *self.point.xyz.texts, *(field.text if use.value else None for use, field in self._turns)
 
     def target(self) -> Target:
-        """What the form asks for.
-
-        Raises:
-            InputError: a field is empty, or holds no number that can be used.
-        """
+        """What the form asks for; errors name the field that holds no number that can be used."""
         position = self.point.xyz.array
         pitch, roll = (math.radians(field.value) if use.value else None for use, field in self._turns)
         return Target.of(position, pitch, roll)

@@ -217,11 +217,7 @@ class LiveTarget:
             raise
 
     def _begin(self, mode: str) -> None:
-        """Set the target to where the tool is, and follow it.
-
-        Raises:
-            ArmctlError: this page does not operate, or the arm is not enabled or does something else.
-        """
+        """Set the target to where the tool is, and follow it; the arm only for the operator, and at rest."""
         session, snapshot = self._session, self._session.snapshot
         if mode == ARM:
             session.require_operator()

@@ -246,7 +246,7 @@ def section_svg(outline: tuple[FloatArray, ...], arm: FloatArray, floor: float |
     reached = " ".join(f"M{path(line)}Z" for line in outline)
     parts = [
         f"<svg class='section-plot' viewBox='0 0 {_WIDTH:g} {height:.0f}' "
-        "style='width:100%;display:block' role='img' aria-label='Section of the workspace'>",
+        "style='width:100%;display:block' role='img' aria-label='Section of the workspace'>"
     ]
     for value in _ticks(low, high, axis=0):
         x = drawn(np.array([value, 0.0]))[0]

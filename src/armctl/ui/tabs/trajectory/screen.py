@@ -36,8 +36,8 @@ class TrajectoryScreen:
         self._preview = Preview(session.ghost)
         self._planned: PlannedMotion | None = None
         self._from_present = True
-        self._settings: tuple[object, ...] = ()
-        self._studied: tuple[object, ...] = ()
+        self._settings: dict[bool, tuple[object, ...]] = {}
+        """of what is shown: a study, a motion"""
         self._newest = Newest()
         self._planning = 0
         self._judged = False
@@ -74,17 +74,13 @@ class TrajectoryScreen:
 
     def _out_of_date(self, snapshot: Snapshot) -> str:
         """Why what is shown has to be planned anew; empty where it need not be."""
-        planned, settings = self._planned, self._form.settings
-        if self._form.is_study:
-            return _CHANGED if self._study.shown is not None and settings != self._studied else ""
-        if planned is None:
-            return ""
-        if settings != self._settings:
+        study, planned, settings = self._form.is_study, self._planned, self._form.settings
+        if self._settings.get(study, settings) != settings:
             return _CHANGED
+        if study or planned is None or planned.program is not None or not self._from_present:
+            return ""
         away = float(np.abs(planned.trajectory.start - snapshot.q_command).max())
-        if planned.program is None and self._from_present and away > _MOVED:
-            return "The arm has moved since"
-        return ""
+        return "The arm has moved since" if away > _MOVED else ""
 
     async def _on_show(self) -> None:
         """Plan off the event loop; of several presses the last one counts."""
@@ -93,7 +89,7 @@ class TrajectoryScreen:
         if self._form.is_study:
             shown = await asyncio.to_thread(make_study, self._robot, self._form.study_request())
             if is_newest():
-                self._studied = settings
+                self._settings[True] = settings
                 self._study.take(shown)
                 self._preview.hide()
             return
@@ -109,7 +105,7 @@ class TrajectoryScreen:
         finally:
             self._planning -= 1
         if is_newest():
-            self._settings, self._from_present = settings, from_present
+            self._settings[False], self._from_present = settings, from_present
             self._planned, self._judged = motion.planned, True
             self._verdict.show(verdict_html(motion.planned.findings, not_checked(self._robot)))
             self._graphs.take(motion)
