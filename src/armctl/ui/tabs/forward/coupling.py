@@ -128,7 +128,7 @@ class PoseCoupling:
     """Keeps pose fields and angle fields the same pose, without rewriting what is being typed.
 
     A typed pose changes the angles to the solution nearest to what they were before that field was begun: on
-    the way from 2 to 250 the arm may pass through other branches. A pose out of reach leaves them at that, and
+    the way from 2 to 250 the arm may pass through other branches. A pose out of reach leaves them there, and
     a line says why; until it is mended, the two are different poses and nothing may move by them.
     """
 
