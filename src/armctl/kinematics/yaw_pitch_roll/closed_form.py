@@ -14,6 +14,7 @@ import itertools
 import math
 from collections.abc import Callable, Iterator, Sequence
 from math import acos, atan2, cos, remainder, sin, sqrt
+from textwrap import indent
 from typing import Any
 
 import numpy as np
@@ -53,16 +54,9 @@ _FOLDED = 1e-14
 
 
 def bend_angle(square: float, a: float, b: float) -> float | None:
-    """The bend of two links whose tip is at a distance from the first joint.
+    """The bend in [0, pi] of two links (a, b > 0 [m]) with the tip at a squared distance from their joint.
 
-    Args:
-        square: squared distance of the target from the first joint [m²].
-        a: length of the first link [m], positive.
-        b: length of the second link [m], positive.
-
-    Returns:
-        The angle in [0, pi] of the second link against the first [rad], 0 and pi where they are in line;
-        None when they do not reach.
+    0 and pi where they are in line; None when they do not reach.
     """
     cosine = (square - a * a - b * b) / (2.0 * a * b)
     if _FOLDING <= cosine <= _STRETCHED:
@@ -85,18 +79,10 @@ def inner_angle(a: float, b: float, bend: float) -> float:
 
 
 def two_link(x: float, y: float, a: float, b: float) -> list[tuple[float, float]]:
-    """Angles of two links that reach a point of the plane.
+    """``(first, bend)`` [rad] of two links (a, b > 0 [m]) that reach a point x along, y across [m].
 
-    Args:
-        x: target along the zero direction [m].
-        y: target across it [m].
-        a: length of the first link [m], positive.
-        b: length of the second link [m], positive.
-
-    Returns:
-        ``(first, bend)`` [rad]: the first link's direction and the second's relative to it; none, one
-        (stretched or folded) or two (bend positive first). With the target on the first joint itself
-        (a = b, folded) the direction is undefined and 0 is given.
+    The first link's direction and the second's relative to it; none, one (stretched or folded) or two (bend
+    positive first). On the first joint itself (a = b, folded) the direction is undefined and 0 is given.
     """
     bend = bend_angle(x * x + y * y, a, b)
     if bend is None:
@@ -120,18 +106,15 @@ class PlanePostures:
         self.geometry = geometry
         self._limits = [(float(low), float(high)) for low, high in limits[1 : 1 + len(geometry.lengths)]]
 
-    def at(self, x: float, y: float, tool_angle: float | None) -> list[tuple[float, ...]]:
-        """Plane angles [rad], limits not looked at.
+    def at(self, r: float, z: float, tool_angle: float | None) -> list[tuple[float, ...]]:
+        """Plane angles [rad] of a tip forward and up of the base origin [m], limits not looked at.
 
-        Args:
-            x: the tip, forward of the first pitch axis [m].
-            y: the tip, above it [m].
-            tool_angle: plane angle of the approach axis [rad]; None: any (with two pitch joints).
-
-        Folded onto its own first axis the arm may point anywhere: then the directions are given at which
-        a joint is at zero or at a limit, so that one is inside the limits if any is.
+        With the plane angle of the approach axis [rad], or with any (two pitch joints). Folded onto its own
+        first axis the arm may point anywhere: then the directions are given at which a joint is at zero or
+        at a limit, so that one is inside the limits if any is.
         """
-        lengths = self.geometry.lengths
+        lengths, shoulder = self.geometry.lengths, self.geometry.shoulder
+        x, y = r - shoulder.real, z - shoulder.imag
         if tool_angle is None:
             return self._pairs(x, y, None) if len(lengths) == 2 else []
         last = tool_angle - (self.geometry.tool_angle or 0.0)  # absolute direction of the last link
@@ -160,31 +143,25 @@ class PlanePostures:
 
     def joint_images(self, plane: tuple[float, ...]) -> list[tuple[float, ...]]:
         """Every set of joint angles inside the limits that has these plane angles [rad]."""
-        choices = [
-            images(self.geometry.joint_angle(k, angle), *self._limits[k]) for k, angle in enumerate(plane)
-        ]
-        return list(itertools.product(*choices))
+        angles = (self.geometry.joint_angle(k, angle) for k, angle in enumerate(plane))
+        return list(itertools.product(*(images(q, *self._limits[k]) for k, q in enumerate(angles))))
 
-    def inside(self, r: float, z: float, last: float | None) -> tuple[float, ...] | None:
-        """Joint angles inside the limits for a point of the tool plane, or None.
-
-        Args:
-            r: the tip, forward of the base axis [m].
-            z: the tip, above the base origin [m].
-            last: direction of the last link to be kept [rad]; None: any.
-        """
-        shoulder = self.geometry.shoulder
-        tool_angle = None if last is None else last + (self.geometry.tool_angle or 0.0)
-        for plane in self.at(r - shoulder.real, z - shoulder.imag, tool_angle):
-            for angles in self.joint_images(plane):
-                return angles
-        return None
+    def inside(self, r: float, z: float, tool_angle: float | None) -> list[tuple[float, ...]]:
+        """``at`` as joint angles inside the limits [rad]."""
+        return [angles for plane in self.at(r, z, tool_angle) for angles in self.joint_images(plane)]
 
 
 # One pose in plain floats.
 
-Postures = tuple[list[int], list[tuple[float, ...]]]
-"""indices into ``BRANCHES``, and the joint angles [rad] of each"""
+PoseFunction = Callable[
+    [float, float, float, float, Sequence[float]], tuple[list[int], list[tuple[float, ...]]] | None
+]
+"""(x, y, z, pitch, rolls): every configuration inside the limits, in the order of the general solver.
+
+A tool point in the base frame [m], the pitch of the approach axis above the horizontal [rad], both readings
+of it within ±90°, and what the roll joint may be at [rad], one number for an arm without one. Gives indices
+into ``BRANCHES`` and the joint angles [rad] of each; None at a special place.
+"""
 UPRIGHT = 5e-13
 """how near to ±90° the two readings of a pitch are one [rad]"""
 _EDGE = 1e-9
@@ -195,136 +172,104 @@ _SAME_LENGTH = 1e-15
 """links whose lengths differ by no more are equal but for rounding, and make an isosceles triangle [m]"""
 
 
-class PoseBranches:
-    """Position, pitch and roll of the usual arm: one function with the arm's constants in its source.
+def pose_function(geometry: ToolPlane, limits: FloatArray) -> PoseFunction | None:
+    """Position, pitch and roll of the usual arm: a function with the arm's constants in its source.
 
     It buys the row "pose, all branches, one pose" (0.71 and 0.94 of EAIK's time): with the constants in
     variables ``Robot.inverse`` takes a fifth longer, and with ``PlanePostures`` ten times as long. What is
-    special is left to that one: joints that may turn a whole turn, a target on the base axis, links in line
-    or folded. Immutable; safe in several threads.
+    special is left to that one: links in line or folded, a target on the base axis (the function gives None),
+    and arms with two pitch joints, without a pitch or with a joint that may turn a whole turn (None here).
     """
+    wide = limits[:4, 1] - limits[:4, 0] >= TWO_PI - 2 * LIMIT_TOLERANCE
+    if len(geometry.lengths) != 3 or geometry.tool_angle is None or wide.any():
+        return None
+    names: dict[str, Any] = {
+        "acos": acos, "atan2": atan2, "cos": cos, "sin": sin, "sqrt": sqrt, "onto": _onto
+    }  # fmt: skip
+    exec(compile(_source(geometry, limits), "<pose>", "exec"), names)  # from this module's strings and floats
+    return names["at"]
 
-    at: Callable[[float, float, float, float, Sequence[float]], Postures | None]
-    """at(x, y, z, pitch, rolls): every configuration inside the limits, in the order of the general solver.
 
-    A tool point in the base frame [m], the pitch of the approach axis above the horizontal [rad], both
-    readings of it within ±90°, and what the roll joint may be at [rad] (ignored by an arm without one). None
-    at a special place.
+def _source(geometry: ToolPlane, limits: FloatArray) -> str:
+    d, tool, (l2, l3, l4) = geometry.lateral, geometry.tool_angle or 0.0, geometry.lengths
+    (x0, y0, z0), rows = geometry.origin.tolist(), geometry.frame.T.tolist()
+    (s2, s3, s4), (o2, o3, o4) = geometry.signs, geometry.offsets
+    yaw, shoulder, elbow, wrist = (
+        _inside(name, *span)
+        for name, span in zip(("yaw", "shoulder", "elbow", "wrist"), limits[:4].tolist(), strict=True)
+    )
+    posture = f"(yaw, shoulder, elbow, wrist{', roll' if geometry.roll_joint is not None else ''})"
+    inner = f"atan2({l3!r} * sqrt(1.0 - cosine * cosine), {l2!r} + {l3!r} * cosine)"
+
+    def bent(bend: str, against: str, last: str, branch: str) -> str:
+        """One elbow; ``against`` is the other sign."""
+        return f"""
+            elbow = {_signed(s3, bend + "bend" + _plus(-o3))}
+            {elbow}
+                first = direction {against} inner
+                shoulder = {_signed(s2, "first" + _plus(-o2))}
+                {shoulder}
+                    wrist = {_signed(s4, f"{last} - first {against} bend" + _plus(-o4))}
+                    {wrist}
+                        for roll in rolls:
+                            index.append({branch})
+                            found.append({posture})"""
+
+    def reading(base: int, r: str, along: str, across: str, last: str, inward: str) -> str:
+        """Both elbows of one way to face and to read the pitch: a positive bend is down in front."""
+        plus, minus = (4, 6) if base else (2, 0)
+        return f"""
+        x2, y2 = {r}{_plus(-geometry.shoulder.real)} - {along}, height - {across}
+        cosine = (x2 * x2 + y2 * y2 - {l2 * l2 + l3 * l3!r}) * {0.5 / (l2 * l3)!r}
+        if {-_SURE!r} < cosine < {_SURE!r}:
+            bend, direction = acos(cosine), atan2(y2, x2)
+            inner = {"0.5 * bend" if abs(l2 - l3) < _SAME_LENGTH else inner}
+            {bent("", "-", last, inward + (f" + {plus}" if plus else ""))}
+            {bent("-", "+", last, inward + (f" + {minus}" if minus else ""))}
+        elif {-_REACHED!r} < cosine < {_REACHED!r}:
+            return None"""
+
+    def facing(base: int, angle: str, r: str, first: str, second: str) -> str:
+        two = indent(reading(base, r, "along_2", "across_2", "last_2", second), "    ")
+        return f"""
+    yaw = {_signed(geometry.yaw_sign, angle)}
+    {yaw}
+        {reading(base, r, "along", "across", "last", first)}
+        if two:
+            {two}"""
+
+    back = f"azimuth{' + aside' if d else ''} - {math.pi!r}"
+    sums = (" + ".join(f"{c!r} * {n}" for c, n in zip(row, "xyz", strict=True) if c) for row in rows)
+    return f"""
+def at(x, y, z, pitch, rolls):
+    {f"x, y, z = x{_plus(-x0)}, y{_plus(-y0)}, z{_plus(-z0)}" if x0 or y0 or z0 else ""}
+    {f"x, y, z = {', '.join(sums)}" if rows != np.eye(3).tolist() else ""}
+    square = x * x + y * y{_plus(-d * d)}
+    if not square >= {_EDGE!r}:
+        return None
+    r, azimuth, height = sqrt(square), atan2(y, x), z{_plus(-geometry.shoulder.imag)}
+    {f"aside = atan2({d!r}, r)" if d else ""}
+    outward, last, last_2 = cos(pitch), pitch{_plus(-tool)}, {math.pi - tool!r} - pitch
+    along, across = {l4!r} * {"cos(last)" if tool else "outward"}, {l4!r} * sin(last)
+    along_2, across_2 = {f"{l4!r} * cos(last_2), {l4!r} * sin(last_2)" if tool else "-along, across"}
+    two = {-(math.pi / 2 - UPRIGHT)!r} <= pitch <= {math.pi / 2 - UPRIGHT!r}
+    inward, opposite = outward < {-LEVEL!r}, outward > {LEVEL!r}
+    index, found = [], []
+    {facing(0, "azimuth - aside" if d else "azimuth", "r", "inward", "opposite")}
+    {facing(4, back, "-r", "opposite", "inward")}
+    return index, found
+"""
+
+
+def _inside(name: str, low: float, high: float) -> str:
+    """What follows is for an angle inside its limits: where it is not as it comes, by a whole turn.
+
+    The look for its image is spared in the gaps between the limits and their images.
     """
-
-    def __init__(self, geometry: ToolPlane, limits: FloatArray) -> None:
-        self._geometry = geometry
-        self._limits: list[tuple[float, float]] = [(low, high) for low, high in limits[:4].tolist()]
-        self.source = "\n".join(["def at(x, y, z, pitch, rolls):", *_indented(self._body())])
-        names: dict[str, Any] = {
-            "acos": acos,
-            "atan2": atan2,
-            "cos": cos,
-            "sin": sin,
-            "sqrt": sqrt,
-            "onto": _onto,
-        }
-        exec(
-            compile(self.source, "<pose branches>", "exec"), names
-        )  # from this module's own strings and floats
-        self.at = names["at"]
-
-    @staticmethod
-    def serves(geometry: ToolPlane, limits: FloatArray) -> bool:
-        """True with three pitch joints, a pitch to ask for, and joints that turn less than a turn."""
-        narrow = limits[:4, 1] - limits[:4, 0] < TWO_PI - 2 * LIMIT_TOLERANCE
-        return len(geometry.lengths) == 3 and geometry.tool_angle is not None and bool(narrow.all())
-
-    def _body(self) -> list[str]:
-        geometry, d = self._geometry, self._geometry.lateral
-        tool, l4 = geometry.tool_angle or 0.0, geometry.lengths[2]
-        front, back = ("azimuth - aside", "azimuth + aside") if d else ("azimuth", "azimuth")
-        return [
-            *_local(geometry),
-            "square = x * x + y * y" + _plus(-d * d),
-            f"if not square >= {_EDGE!r}:",
-            "    return None",
-            f"r, azimuth, height = sqrt(square), atan2(y, x), z{_plus(-geometry.shoulder.imag)}",
-            *([f"aside = atan2({d!r}, r)"] if d else []),
-            f"last = pitch{_plus(-tool)}",
-            f"along, across = {l4!r} * cos(last), {l4!r} * sin(last)",
-            *self._second_reading(tool, l4),
-            "outward = cos(pitch)",
-            f"inward, opposite = outward < {-LEVEL!r}, outward > {LEVEL!r}",
-            "index, found = [], []",
-            f"yaw = {_signed(geometry.yaw_sign, front)}",
-            *self._facing(0, "r", "inward", "opposite"),
-            f"yaw = {_signed(geometry.yaw_sign, f'{back} - {math.pi!r}')}",
-            *self._facing(4, "-r", "opposite", "inward"),
-            "return index, found",
-        ]
-
-    def _second_reading(self, tool: float, l4: float) -> list[str]:
-        lines = [
-            f"two = {-(math.pi / 2 - UPRIGHT)!r} <= pitch <= {math.pi / 2 - UPRIGHT!r}",
-            f"last_2 = {math.pi - tool!r} - pitch",
-        ]
-        if tool == 0.0:
-            return [*lines, "along_2, across_2 = -along, across"]
-        return [*lines, f"along_2, across_2 = {l4!r} * cos(last_2), {l4!r} * sin(last_2)"]
-
-    def _facing(self, base: int, r: str, first: str, second: str) -> list[str]:
-        """Both readings of the pitch for one way to face, ``yaw`` as it comes."""
-        forward = f"{r}{_plus(-self._geometry.shoulder.real)}"
-        return [
-            *self._inside("yaw", 0),
-            *_indented(self._triangle(base, f"{forward} - along", "across", "last", first)),
-            "    if two:",
-            *_indented(self._triangle(base, f"{forward} - along_2", "across_2", "last_2", second), 2),
-        ]
-
-    def _triangle(self, base: int, x: str, across: str, last: str, inward: str) -> list[str]:
-        """Both elbows of one reading, the base at ``yaw``."""
-        l2, l3, _ = self._geometry.lengths
-        inner = f"atan2({l3!r} * sqrt(1.0 - cosine * cosine), {l2!r} + {l3!r} * cosine)"
-        if abs(l2 - l3) < _SAME_LENGTH:
-            inner = "0.5 * bend"
-        return [
-            f"x2, y2 = {x}, height - {across}",
-            f"cosine = (x2 * x2 + y2 * y2 - {l2 * l2 + l3 * l3!r}) * {0.5 / (l2 * l3)!r}",
-            f"if {-_SURE!r} < cosine < {_SURE!r}:",
-            "    bend, direction = acos(cosine), atan2(y2, x2)",
-            f"    inner = {inner}",
-            # a positive bend leaves the elbow down in front, up at the back
-            *_indented(self._elbow("bend", "direction - inner", last, base + (0 if base else 2), inward)),
-            *_indented(self._elbow("-bend", "direction + inner", last, base + (2 if base else 0), inward)),
-            f"elif {-_REACHED!r} < cosine < {_REACHED!r}:",
-            "    return None",
-        ]
-
-    def _elbow(self, bend: str, first: str, last: str, branch: int, inward: str) -> list[str]:
-        joints = zip(self._geometry.signs, self._geometry.offsets, strict=True)
-        (s2, o2), (s3, o3), (s4, o4) = joints
-        rolled = self._geometry.roll_joint is not None
-        posture = f"(yaw, shoulder, elbow, wrist{', roll' if rolled else ''})"
-        keep = [f"index.append({f'{branch} + ' if branch else ''}{inward})", f"found.append({posture})"]
-        turned = f"- {bend}" if bend[0] != "-" else f"+ {bend[1:]}"
-        return [
-            f"elbow = {_signed(s3, bend + _plus(-o3))}",
-            *self._inside("elbow", 2),
-            f"    first = {first}",
-            f"    shoulder = {_signed(s2, 'first' + _plus(-o2))}",
-            *_indented(self._inside("shoulder", 1)),
-            f"        wrist = {_signed(s4, f'{last} - first {turned}' + _plus(-o4))}",
-            *_indented(self._inside("wrist", 3), 2),
-            *_indented(["for roll in rolls:", *_indented(keep)] if rolled else keep, 3),
-        ]
-
-    def _inside(self, name: str, joint: int) -> list[str]:
-        """What follows is for an angle inside its limits: where it is not as it comes, by a whole turn.
-
-        The look for its image is spared in the gaps between the limits and their images.
-        """
-        low, high = self._limits[joint]
-        above, below = high + 2 * LIMIT_TOLERANCE, low - 2 * LIMIT_TOLERANCE
-        outside = f"{above!r} < {name} < {below + TWO_PI!r} or {above - TWO_PI!r} < {name} < {below!r}"
-        image = f"({name} := onto({name}, {low!r}, {high!r})) is not None"
-        return [f"if {low!r} <= {name} <= {high!r} or not ({outside}) and {image}:"]
+    above, below = high + 2 * LIMIT_TOLERANCE, low - 2 * LIMIT_TOLERANCE
+    outside = f"{above!r} < {name} < {below + TWO_PI!r} or {above - TWO_PI!r} < {name} < {below!r}"
+    image = f"({name} := onto({name}, {low!r}, {high!r})) is not None"
+    return f"if {low!r} <= {name} <= {high!r} or not ({outside}) and {image}:"
 
 
 def _onto(angle: float, low: float, high: float) -> float | None:
@@ -338,26 +283,12 @@ def _onto(angle: float, low: float, high: float) -> float | None:
     return None
 
 
-def _local(geometry: ToolPlane) -> list[str]:
-    """The tool point in coordinates forward, left, up about the base axis, where they are not its own."""
-    (x0, y0, z0), frame = geometry.origin.tolist(), geometry.frame.T.tolist()
-    lines = [f"x, y, z = x{_plus(-x0)}, y{_plus(-y0)}, z{_plus(-z0)}"] if x0 or y0 or z0 else []
-    if frame != np.eye(3).tolist():
-        rows = [" + ".join(f"{c!r} * {n}" for c, n in zip(row, "xyz", strict=True) if c) for row in frame]
-        lines.append(f"x, y, z = {', '.join(rows)}")
-    return lines
-
-
 def _plus(constant: float) -> str:
     return f" {'-' if constant < 0 else '+'} {abs(constant)!r}" if constant else ""
 
 
 def _signed(sign: int, text: str) -> str:
     return text if sign > 0 else f"-({text})"
-
-
-def _indented(lines: Sequence[str], levels: int = 1) -> list[str]:
-    return ["    " * levels + line for line in lines]
 
 
 # Many poses in arrays: each way to face the target with each reading of its pitch, and both elbows of each.

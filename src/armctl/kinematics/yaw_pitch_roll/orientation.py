@@ -127,23 +127,17 @@ class NearestOrientation:
 
     def _at(self, branch: BaseBranch, z: float, pitch_turn: float) -> list[_Posture]:
         """Postures at a given turn of the tool in its plane."""
-        shoulder, heading = self._geometry.shoulder, pitch_turn + self._zero_heading
+        heading = pitch_turn + self._zero_heading
         tool_angle = heading + (self._geometry.tool_angle or 0.0)
-        planes = self._planar.at(branch.r - shoulder.real, z - shoulder.imag, tool_angle)
-        return [(angles, heading) for plane in planes for angles in self._planar.joint_images(plane)]
+        return [(angles, heading) for angles in self._planar.inside(branch.r, z, tool_angle)]
 
     def _ends(self, branch: BaseBranch, z: float) -> list[_Posture]:
         """Two pitch joints: all that reach the point. Three: those at the ends of the pitch's intervals."""
-        shoulder = self._geometry.shoulder
-        if self._least is not None:
-            joints = self._least.extremes(branch, z)
-        else:
-            planes = self._planar.at(branch.r - shoulder.real, z - shoulder.imag, None)
-            joints = [angles for plane in planes for angles in self._planar.joint_images(plane)]
-        return [
-            (angles, sum(self._geometry.plane_angle(k, angle) for k, angle in enumerate(angles)))
-            for angles in joints
-        ]
+        joints = (
+            self._planar.inside(branch.r, z, None) if self._least is None else self._least.extremes(branch, z)
+        )
+        plane_angle = self._geometry.plane_angle
+        return [(angles, sum(itertools.starmap(plane_angle, enumerate(angles)))) for angles in joints]
 
     def _nearest_of(
         self, found: list[_Candidate], rotation: FloatArray

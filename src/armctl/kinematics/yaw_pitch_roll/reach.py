@@ -16,7 +16,7 @@ from __future__ import annotations
 import cmath
 import itertools
 import math
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -34,13 +34,11 @@ from armctl.kinematics.yaw_pitch_roll.geometry import (
     base_branches,
     tool_angles,
 )
+from armctl.kinematics.yaw_pitch_roll.least_rotation import LeastRotation
 from armctl.kinematics.yaw_pitch_roll.section import PlaneCircle, collinear_circles, triangle
 
 ComplexArray = NDArray[np.complex128]
 Rows = NDArray[np.intp]
-PlaneSolver = Callable[[float, float, float, float | None], FloatArray | None]
-"""(1 + m,) joint angles inside the limits for a base angle, a forward and an upward coordinate, and the last
-link's direction or any; None where there are none"""
 _SAMPLES = 128
 _BISECTIONS = 52
 _NO_LENGTH = 1e-12
@@ -82,10 +80,11 @@ class Reach:
         limits: FloatArray,
         titles: Sequence[str],
         planar: PlanePostures,
-        in_plane: PlaneSolver,
+        least: LeastRotation | None,
     ) -> None:
+        """Prepare for an arm; ``least`` where it has three pitch joints, None where it has two."""
         self._geometry, self._limits, self._titles = geometry, limits, titles
-        self._planar, self._in_plane = planar, in_plane
+        self._planar, self._least = planar, least
         self._plane = [geometry.plane_limits(k, limits) for k in range(len(geometry.lengths))]
         self._free = _Circles(collinear_circles(geometry.lengths, self._plane), geometry.shoulder)
 
@@ -117,9 +116,8 @@ class Reach:
         self, branches: Iterable[BaseBranch], z: float, angles: Iterable[float | None]
     ) -> list[tuple[float, ...]]:
         """Plane angles with which the links alone hold the tool there, at some plane angles [rad]."""
-        shoulder, branches = self._geometry.shoulder, list(branches)
         ways = itertools.product(branches, angles)
-        return [p for b, a in ways for p in self._planar.at(b.r - shoulder.real, z - shoulder.imag, a)]
+        return [plane for branch, angle in ways for plane in self._planar.at(branch.r, z, angle)]
 
     def _other_pitch(self, branches: list[BaseBranch], z: float) -> str:
         tool = self._geometry.tool_angle or 0.0
@@ -249,6 +247,15 @@ class Reach:
             if q is not None:
                 found.append(_Nearest(q, abs(across - complex(forward, d))))
         return _nearest_of(found)
+
+    def _in_plane(self, yaw: float, r: float, z: float, heading: float | None) -> FloatArray | None:
+        """Base and pitch joints inside the limits for a tip r + i z [m] and a base angle [rad]; or None."""
+        if self._least is not None and heading is None:
+            least = self._least.solve([BaseBranch(True, yaw, r)], z)
+            return None if least is None else np.array(least)
+        tool_angle = None if heading is None else heading + (self._geometry.tool_angle or 0.0)
+        angles = self._planar.inside(r, z, tool_angle)
+        return np.array([yaw, *angles[0]]) if angles else None
 
     def _best(
         self, circles: _Circles, row: Rows, phi: FloatArray, yaw: FloatArray, miss: FloatArray

@@ -28,7 +28,7 @@ from armctl.kinematics.target import (
     is_point,
 )
 from armctl.kinematics.tool_plane import ToolPlane
-from armctl.kinematics.yaw_pitch_roll.closed_form import PlanePostures, PoseBranches, solve_batch
+from armctl.kinematics.yaw_pitch_roll.closed_form import PlanePostures, pose_function, solve_batch
 from armctl.kinematics.yaw_pitch_roll.free_joint import FreeJointSweep
 from armctl.kinematics.yaw_pitch_roll.geometry import (
     BRANCHES,
@@ -71,11 +71,11 @@ class YawPitchRollSolver(InverseKinematics):
         self._roll = None if k is None else RollJoint(k, titles[k], limits[k].tolist())
         self._arm = SolvedArm(BRANCHES, chain, energy, geometry.pitch_joints)
         self._planar = PlanePostures(geometry, limits)
-        self._pose = PoseBranches(geometry, limits) if PoseBranches.serves(geometry, limits) else None
+        self._pose = pose_function(geometry, limits)
         self._sweep = FreeJointSweep(geometry, limits) if three else None
         self._least = LeastRotation(geometry, limits) if three else None
         self._orientation = NearestOrientation(chain, geometry, limits, self._planar, self._least)
-        self._reach = Reach(geometry, limits, titles, self._planar, self._in_plane)
+        self._reach = Reach(geometry, limits, titles, self._planar, self._least)
 
     @classmethod
     def of(cls, chain: Chain, limits: FloatArray, energy: EnergyModel, titles: Sequence[str]) -> Self | None:
@@ -130,7 +130,7 @@ class YawPitchRollSolver(InverseKinematics):
             step = checked_step(step)
         (x, y, z), pitch, roll, rotation = target
         if self._pose is not None and pitch is not None and (roll is None or self._roll is not None):
-            postures = self._pose.at(x, y, z, pitch, roll_angles(self._roll, roll))
+            postures = self._pose(x, y, z, pitch, roll_angles(self._roll, roll))
             if postures is not None and postures[0]:
                 return Solutions(self._arm, target, postures[1], postures[0])
         if pitch is not None and self.geometry.tool_angle is None:
@@ -232,28 +232,19 @@ class YawPitchRollSolver(InverseKinematics):
         return self._solutions(target, [single], [name], optimum)
 
     def _isolated(self, target: Target, branches: list[BaseBranch], z: float, roll: float) -> Solutions:
-        shoulder, rolls = self.geometry.shoulder, roll_angles(self._roll, roll)
+        rolls = roll_angles(self._roll, roll)
         found: list[FloatArray] = []
         index: list[int] = []
         for branch, tool_angle in itertools.product(branches, tool_angles(target.pitch)):
             inward = tool_points_in(branch, tool_angle)
-            for plane in self._planar.at(branch.r - shoulder.real, z - shoulder.imag, tool_angle):
-                name = branch_index(branch.front, bend_sense(plane[1]), inward)
+            for plane in self._planar.at(branch.r, z, tool_angle):
                 for angles, rolled in itertools.product(self._planar.joint_images(plane), rolls):
                     q = self._with_roll((branch.angle, *angles), rolled)
                     # straight up and straight down are reached by two pitch angles that are the same
                     if not any(np.abs(q - other).max() < LIMIT_TOLERANCE for other in found):
                         found.append(q)
-                        index.append(name)
+                        index.append(branch_index(branch.front, bend_sense(plane[1]), inward))
         return self._solutions(target, found, index) if found else self._refused(target)
-
-    def _in_plane(self, yaw: float, r: float, z: float, last: float | None) -> FloatArray | None:
-        """Base and pitch joints for a point of the tool plane, the last link's direction given or any."""
-        if self._least is not None and last is None:
-            least = self._least.solve([BaseBranch(True, yaw, r)], z)
-            return None if least is None else np.array(least)
-        angles = self._planar.inside(r, z, last)
-        return None if angles is None else np.array([yaw, *angles])
 
     def _with_roll(self, q: Sequence[float], roll: float) -> FloatArray:
         return np.array(q if self._roll is None else (*q, roll))
