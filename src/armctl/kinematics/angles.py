@@ -81,44 +81,29 @@ def nearest_image(angle: float, low: float, high: float) -> float | None:
 def into_limits(angle: FloatArray, low: float, high: float) -> NDArray[np.bool_]:
     """Move angles in place onto their images inside the limits, the one nearest to zero where there are more.
 
-    Args:
-        angle: any shape [rad]; changed.
-        low: lower limit [rad].
-        high: upper limit [rad].
-
-    Returns:
-        Where there is an image inside the limits, or outside by no more than ``LIMIT_TOLERANCE``: clip
-        what is used. False where the angle is NaN.
+    Returns where there is one inside, or outside by no more than ``LIMIT_TOLERANCE``: clip what is used.
+    False where the angle is NaN.
     """
     if high - low < TWO_PI:
         middle = 0.5 * (low + high)
-        near = angle - middle  # only one image can be inside, and none nearer to the middle than this one
-        near *= 1.0 / TWO_PI
-        np.rint(near, out=near)
-        near *= TWO_PI
-        angle -= near
+        # only one image can be inside, and none nearer to the middle than this one
+        angle -= TWO_PI * np.rint((angle - middle) * (1.0 / TWO_PI))
     else:
         angle -= TWO_PI * np.rint(angle * (1.0 / TWO_PI))
         if low > -math.pi:
             angle += TWO_PI * np.ceil(np.maximum(0.0, low - LIMIT_TOLERANCE - angle) / TWO_PI)
         if high < math.pi:
             angle -= TWO_PI * np.ceil(np.maximum(0.0, angle - high - LIMIT_TOLERANCE) / TWO_PI)
-    inside = angle >= low - LIMIT_TOLERANCE
-    inside &= angle <= high + LIMIT_TOLERANCE
-    return inside
+    return (angle >= low - LIMIT_TOLERANCE) & (angle <= high + LIMIT_TOLERANCE)
 
 
 # Rotations in the forms that people and programs read.
 
 
 def roll_pitch_yaw(rotation: FloatArray) -> FloatArray:
-    """Roll, pitch, yaw [rad] with ``R = Rz(yaw) Ry(pitch) Rx(roll)``.
+    """Roll, pitch, yaw (..., 3) [rad] of ``R = Rz(yaw) Ry(pitch) Rx(roll)`` (..., 3, 3).
 
-    Args:
-        rotation: (..., 3, 3).
-
-    Returns:
-        (..., 3). At pitch = ±90°, where only yaw ∓ roll is defined, yaw is 0.
+    At pitch = ±90°, where only yaw ∓ roll is defined, yaw is 0.
     """
     sin_pitch = -rotation[..., 2, 0]
     cos_pitch = np.hypot(rotation[..., 2, 1], rotation[..., 2, 2])

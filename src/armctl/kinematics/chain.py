@@ -75,14 +75,10 @@ class Chain:
         rows: Sequence[DHRow] = (),
         convention: Convention | None = None,
     ) -> None:
-        """Use ``from_dh`` or ``from_joints``, or give the transforms themselves.
+        """Of n poses (4, 4) of a joint's frame in the link ahead, and of the tool frame in the last link.
 
-        Args:
-            segments: n poses (4, 4) of a joint's frame in the link ahead (the first one: in the base).
-            tail: (4, 4) the tool frame in the last link.
-            places: the base, the frame behind each DH row; without rows: the base, the links, the tool.
-            rows: the DH rows that say the same, where the chain was built from them.
-            convention: of the rows.
+        ``rows`` are the DH rows that say the same, if there are any, and ``places`` the base and the frames
+        behind them; without rows: the base, the links, the tool.
         """
         if not segments:
             raise InputError("a chain needs at least one row with a joint")
@@ -139,11 +135,9 @@ class Chain:
     def from_joints(cls, origins: Sequence[FloatArray], axes: Sequence[FloatArray], tool: FloatArray) -> Self:
         """A chain of joints as URDF has them.
 
-        Args:
-            origins: n poses (4, 4) of each joint's frame, at zero, in the frame that the joint ahead turns
-                (the first one: in the base frame) [m].
-            axes: n unit vectors (3,) that the joints turn about, each in its own joint's frame.
-            tool: (4, 4) the tool frame in the frame that the last joint turns [m].
+        ``origins`` are n poses (4, 4) [m] of each joint's frame, at zero, in the frame that the joint ahead
+        turns (the first one: in the base frame), ``axes`` unit vectors (3,) in the joints' own frames, and
+        ``tool`` (4, 4) is the tool frame in the frame that the last joint turns.
         """
         upright = [frame_along(axis) for axis in axes]
         back = [np.eye(4), *(T.T for T in upright)]
@@ -156,11 +150,7 @@ class Chain:
         return len(self.segments)
 
     def checked(self, q: ArrayLike) -> FloatArray:
-        """``q`` as an array ``(..., n)`` of finite numbers; a copy.
-
-        Raises:
-            InputError: wrong shape, text, NaN or infinity.
-        """
+        """``q`` as an array ``(..., n)`` of finite numbers; a copy. Raises ``InputError`` for any other."""
         return self._finite(q).copy()
 
     def _finite(self, q: ArrayLike) -> FloatArray:
@@ -171,24 +161,14 @@ class Chain:
         return numbers
 
     def checked_one(self, q: ArrayLike) -> FloatArray:
-        """``q`` as one configuration (n,) of finite numbers; a copy.
-
-        Raises:
-            InputError: wrong shape, text, NaN or infinity.
-        """
+        """As ``checked``, of one configuration (n,)."""
         numbers = self.checked(q)
         if numbers.ndim != 1:
             raise InputError(f"{self.n} joint angles are needed, got an array of shape {numbers.shape}")
         return numbers
 
     def forward(self, q: ArrayLike) -> FloatArray:
-        """Pose of the tool frame.
-
-        Args:
-            q: (..., n) joint angles [rad].
-
-        Returns:
-            ``T_base_tool`` (..., 4, 4), translation in metres.
+        """Pose of the tool frame ``T_base_tool`` (..., 4, 4) [m] at joint angles ``q`` (..., n) [rad].
 
         Raises:
             InputError: ``q`` has the wrong shape or is not finite.
@@ -202,15 +182,9 @@ class Chain:
         return self._many(q, (4, 4), self._forward_into)
 
     def jacobian(self, q: ArrayLike) -> FloatArray:
-        """Geometric Jacobian of the tool point in the base frame.
+        """Geometric Jacobian (..., 6, n) of the tool point in the base frame at ``q`` (..., n) [rad].
 
-        Column i is ``(z_i x (p_tool - p_i), z_i)``: linear over angular velocity for one rad/s.
-
-        Args:
-            q: (..., n) joint angles [rad].
-
-        Returns:
-            (..., 6, n): metres over radians a radian.
+        Column i is ``(z_i x (p_tool - p_i), z_i)``: linear [m] over angular velocity for one rad/s.
         """
         angles = self._one(q)
         if angles is not None:
@@ -224,14 +198,10 @@ class Chain:
         return self._many(q, (6, self.n), self._jacobian_into)
 
     def frames(self, q: ArrayLike) -> FloatArray:
-        """Poses of the frames along the chain, ``places``: the base first, the tool frame last.
+        """Poses ``T_base_frame`` (..., len(places), 4, 4) [m] of ``places`` at ``q`` (..., n) [rad].
 
-        Args:
-            q: (..., n) joint angles [rad].
-
-        Returns:
-            ``T_base_frame`` (..., len(places), 4, 4), metres. A chain of DH rows has a frame behind each row,
-            another one a frame for each link and the tool.
+        The base first, the tool frame last. A chain of DH rows has a frame behind each row, another one a
+        frame for each link and the tool.
         """
         q = self.checked(q)
         links = LinkFrames.at(self, q.reshape(-1, self.n))
@@ -327,13 +297,9 @@ class Chain:
             out[:3, i], out[3:, i] = _cross(axis, tool - origin), axis
 
     def walk(self, q: FloatArray) -> Iterator[tuple[FloatArray, FloatArray, FloatArray, FloatArray]]:
-        """The frame of each link, then the tool frame, at many configurations: one numpy call an entry.
+        """The frame of each link, then the tool frame, at finite ``q`` (m, n) [rad].
 
-        Args:
-            q: (m, n) finite joint angles [rad].
-
-        Yields:
-            x, y, z axis and origin, (3, m) each, base frame.
+        Yields x, y, z axis and origin, (3, m) each, base frame [m].
         """
         for frame in self._entries(q):
             x, y, z, origin = (np.empty((3, len(q))) for _ in frame)
@@ -364,11 +330,7 @@ class Chain:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LinkFrames:
-    """Where the links are in m configurations, entry by entry in memory. Link -1 is the base.
-
-    Checks over hundreds of thousands of configurations use this, since numpy works on one entry of all of
-    them with one call.
-    """
+    """Where the links are in m configurations, entry by entry in memory. Link -1 is the base."""
 
     rotation: tuple[FloatArray, ...]
     """one a joint, (3, 3, m): ``R_base_link``"""
@@ -385,15 +347,7 @@ class LinkFrames:
         return cls(rotation, tuple(origin for *_, origin in links), tool)
 
     def place(self, link: int, points: ArrayLike) -> FloatArray:
-        """Points that are fixed to a link, in the base frame.
-
-        Args:
-            link: index of the joint that moves it; -1 for the base.
-            points: (p, 3) in the frame of the link [m].
-
-        Returns:
-            (3, p, m) [m].
-        """
+        """Points (p, 3) [m] in the frame of a link (-1: the base) as (3, p, m) [m] in the base frame."""
         points = np.asarray(points, dtype=np.float64)
         if link < 0:
             return np.broadcast_to(points.T[:, :, None], (3, len(points), self.tool.shape[1]))

@@ -47,16 +47,10 @@ class GravityModel:
         object.__setattr__(self, "_carried", tuple(map(tuple, carried)))
 
     def torque(self, q: FloatArray) -> FloatArray:
-        """Torque that each joint must hold against gravity.
+        """Torque (..., n) [N·m] that each joint must hold against gravity at ``q`` (..., n) [rad].
 
-        Args:
-            q: (..., n) joint angles [rad].
-
-        Returns:
-            (..., n) [N·m], positive where gravity would turn the joint to smaller angles.
-
-        The sum over all masses beyond the joint of ``m g (z_axis x lever)_z``: the gradient of the
-        potential energy.
+        The sum over all masses beyond the joint of ``m g (z_axis x lever)_z``, the gradient of the
+        potential energy: positive where gravity would turn the joint to smaller angles.
         """
         q = self.chain.checked(q)
         flat = q.reshape(-1, self.chain.n)
@@ -99,11 +93,7 @@ class EnergyModel:
 
 
 def checked_criterion(name: object) -> Criterion:
-    """``name`` as a criterion.
-
-    Raises:
-        InputError: there is none of that name.
-    """
+    """``name`` as a criterion. Raises ``InputError`` where there is none of that name."""
     for criterion in CRITERIA:
         if isinstance(name, str) and name == criterion:  # an array compares entry by entry
             return criterion
@@ -119,42 +109,23 @@ def energies(
 ) -> FloatArray:
     """Energy (k,) of each configuration ``q`` (k, n) [rad]; infinite where the criterion excludes it.
 
-    Args:
-        criterion: which.
-        q: (k, n) configurations [rad].
-        model: speeds, masses, stall torques.
-        pitch_joints: indices of the joints that are parallel to each other; ``published`` sums the
-            base and these, and excludes solutions whose last pitch joint is positive.
-        start: (n,) where the arm stands [rad]; needed for ``least-travel``.
-
-    Raises:
-        InputError: ``least-travel`` without a start.
+    ``published`` sums the base and the parallel ``pitch_joints``, and excludes solutions whose last pitch
+    joint is positive: so the printed tables of the uzuner paper were chosen, not as its text says.
+    ``least-torque`` is the sum of squared load factors, as a motor's heat grows with the square.
+    ``start`` (n,) [rad] is where the arm stands; ``least-travel`` raises ``InputError`` without it.
     """
     match criterion:
         case "least-rotation":
             return np.abs(q).sum(axis=1)
         case "published":
-            return _published(q, pitch_joints)
+            summed = [0, *pitch_joints] if pitch_joints else list(range(q.shape[1]))
+            return np.where(q[:, summed[-1]] > 0.0, np.inf, np.abs(q[:, summed].sum(axis=1)))
         case "least-travel":
             if start is None:
                 raise InputError("least-travel needs the pose that the arm starts from")
             return (np.abs(q - start) / model.speed_limits).sum(axis=1)
         case "least-torque":
-            return _torque(q, model)
-
-
-def _published(q: FloatArray, pitch_joints: tuple[int, ...]) -> FloatArray:
-    """How the printed tables of the uzuner paper were chosen: not as its text says."""
-    summed = [0, *pitch_joints] if pitch_joints else list(range(q.shape[1]))
-    energy = np.abs(q[:, summed].sum(axis=1))
-    last = summed[-1]
-    energy[q[:, last] > 0.0] = np.inf
-    return energy
-
-
-def _torque(q: FloatArray, model: EnergyModel) -> FloatArray:
-    """Sum of squared load factors: what a motor's copper turns into heat grows with the square."""
-    torque = model.gravity.torque(q)
-    if model.stall_torque is not None:
-        torque = torque / model.stall_torque
-    return np.einsum("kn,kn->k", torque, torque)
+            load = model.gravity.torque(q)
+            if model.stall_torque is not None:
+                load = load / model.stall_torque
+            return np.einsum("kn,kn->k", load, load)

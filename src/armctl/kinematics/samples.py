@@ -16,15 +16,10 @@ _SEED = 20_240
 
 
 def joint_samples(limits: FloatArray, count: int, seed: int = _SEED) -> FloatArray:
-    """Configurations (count, n) [rad] inside the limits, ends included.
+    """Configurations (count, n) [rad] inside the limits (n, 2), ends included; the same ones for a seed.
 
     An ``even_spread`` of the moving joints. Three in four crowd towards the limits, where much of the
     boundary of a workspace comes from, and half of those have a joint on a limit.
-
-    Args:
-        limits: (n, 2) [rad]; a joint whose limits are equal is held there.
-        count: how many.
-        seed: another one gives another set.
     """
     low, high = limits.T
     moving = np.flatnonzero(high > low)
@@ -42,14 +37,10 @@ def joint_samples(limits: FloatArray, count: int, seed: int = _SEED) -> FloatArr
 
 
 def even_spread(count: int, start: FloatArray) -> FloatArray:
-    """(count, d) points of the unit cube, more evenly spread than random numbers; always the same ones.
+    """(count, d) points of the unit cube, more evenly spread than random ones; the first is at ``start``.
 
     A Kronecker sequence whose steps are powers of the root of x^(d+1) = x + 1 (M. Roberts, "The unreasonable
     effectiveness of quasirandom sequences", 2018).
-
-    Args:
-        count: how many.
-        start: (d,) where it begins.
     """
     d = len(start)
     root = 2.0
@@ -71,15 +62,11 @@ _MOST_ROUNDS = 400
 
 
 def greatest(value: Callable[[FloatArray], FloatArray], limits: FloatArray) -> tuple[float, FloatArray]:
-    """The greatest value found, and a configuration (n,) [rad] that has it.
+    """The greatest ``value`` found inside limits (n, 2), and a configuration (n,) [rad] that has it.
 
     The best of evenly spread samples climb, each joint a step up or down, with steps that are halved when
     none of them helps. At a maximum the error is of second order in the finest step; where a long ridge
     leads up to it, the search ends with ``_MOST_ROUNDS`` a little below.
-
-    Args:
-        value: of configurations (k, n) [rad] -> (k,).
-        limits: (n, 2) joint limits [rad].
     """
     low, high = limits.T
     n = len(limits)
@@ -112,11 +99,7 @@ _SLACK = 1e-6
 
 
 def checked_step(step: float) -> float:
-    """A sweep's step [rad] as a float.
-
-    Raises:
-        InputError: not a positive finite number.
-    """
+    """A sweep's step [rad] as a float. Raises ``InputError`` where it is not a positive finite number."""
     step = checked_number(step, "the step of the swept joint")
     if step <= 0.0:
         raise InputError(f"the step of the swept joint must be a positive angle, got {step!r} rad")
@@ -127,11 +110,6 @@ def grid_values(low: float, high: float, step: float) -> FloatArray:
     """Whole multiples of ``step`` within a joint's limits [rad], rising.
 
     Limits too narrow for one, such as those of a held joint, have the angle that is nearest to zero.
-
-    Args:
-        low: lower limit [rad].
-        high: upper limit [rad].
-        step: ``checked_step`` [rad].
 
     Raises:
         InputError: ``step`` is so small that there are too many values.

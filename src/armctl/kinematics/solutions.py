@@ -56,7 +56,7 @@ class Solutions:
         Args:
             arm: whose configurations they are.
             target: what was asked for.
-            q: (k, n) configurations [rad], all inside the limits; becomes an array when it is read.
+            q: (k, n) configurations [rad]; becomes an array when it is read.
             branch_index: (k,) index of each into the arm's ``branch_names``.
             free_joint: index of the joint that was swept; None where the solutions are isolated.
             least_rotation: the exact least-rotation optimum over the continuum, where a joint is free.
@@ -127,25 +127,18 @@ class Solutions:
         away = float(np.linalg.norm(self.nearest_m - self.target.position))
         if away < _THERE_M:
             return f"{self.reason}; the point itself can be reached"
-        nearest = (
-            f"the nearest reachable point is ({x:.1f}, {y:.1f}, {z:.1f}) mm, {millimetres(away)} mm away"
-        )
-        return f"{self.reason}; {nearest}"
+        nearest = f"({x:.1f}, {y:.1f}, {z:.1f}) mm, {millimetres(away)} mm away"
+        return f"{self.reason}; the nearest reachable point is {nearest}"
 
     def energies(self, criterion: str = "least-rotation", start: ArrayLike | None = None) -> FloatArray:
         """(k,) energy of each by a named criterion (``energy.CRITERIA``); infinite where excluded."""
         return self._energies(checked_criterion(criterion), self._checked_start(start))
 
     def best(self, criterion: str = "least-rotation", start: ArrayLike | None = None) -> FloatArray:
-        """The configuration of least energy.
+        """The configuration (n,) [rad] of least energy by one of ``energy.CRITERIA``.
 
-        Args:
-            criterion: one of ``energy.CRITERIA``. With ``least-rotation`` and a free joint this is the
-                exact optimum over the continuum, not only the best of the list.
-            start: (n,) where the arm stands [rad]; ``least-travel`` needs it, the others only check it.
-
-        Returns:
-            (n,) joint angles [rad].
+        With ``least-rotation`` and a free joint this is the exact optimum over the continuum, not only the
+        best of the list. ``least-travel`` needs the ``start`` (n,) [rad]; the others only check it.
 
         Raises:
             UnreachableError: there is no solution, or none that the criterion admits.

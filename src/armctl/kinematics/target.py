@@ -16,8 +16,7 @@ from armctl.kinematics.angles import TWO_PI
 def as_numbers(value: ArrayLike, what: str) -> FloatArray:
     """``value`` as an array of floats of any shape.
 
-    Raises:
-        InputError: anything but whole or real numbers: text, booleans, complex numbers, ragged lists.
+    Raises ``InputError`` for anything but whole or real numbers: text, booleans, complex, ragged lists.
     """
     try:
         array = np.asarray(value)
@@ -29,15 +28,9 @@ def as_numbers(value: ArrayLike, what: str) -> FloatArray:
 
 
 def require_finite(array: FloatArray, what: str, *, rows: bool = False) -> None:
-    """Refuse NaN and infinity.
+    """Raise ``InputError`` that names the first NaN or infinity of an array of any shape.
 
-    Args:
-        array: of any shape.
-        what: what it is called in the message.
-        rows: whether a flat array holds a number a row, not one row.
-
-    Raises:
-        InputError: names the first entry that is not finite.
+    ``rows`` tells that a flat array holds a number a row, not one row.
     """
     finite = np.isfinite(array)
     if finite.all():
@@ -49,11 +42,7 @@ def require_finite(array: FloatArray, what: str, *, rows: bool = False) -> None:
 
 
 def checked_number(value: float, what: str) -> float:
-    """``value`` as one finite float.
-
-    Raises:
-        InputError: text, an array, NaN or infinity.
-    """
+    """``value`` as one finite float. Raises ``InputError`` for text, an array, NaN or infinity."""
     if type(value) is float and math.isfinite(value):
         return value
     array = as_numbers(value, what)
@@ -132,11 +121,7 @@ def is_point(value: ArrayLike) -> TypeGuard[FloatArray]:
 
 
 def checked_point(value: ArrayLike) -> tuple[float, float, float]:
-    """A tool point x, y, z [m].
-
-    Raises:
-        InputError: text, a wrong shape, NaN, infinity or a point beyond ``FARTHEST``.
-    """
+    """A tool point x, y, z [m]. Raises ``InputError`` for any other value, or a point beyond ``FARTHEST``."""
     if is_point(value) and value.dtype is _FLOAT:  # most calls
         x, y, z = value.tolist()
     else:
@@ -151,11 +136,7 @@ def checked_point(value: ArrayLike) -> tuple[float, float, float]:
 
 
 def checked_positions(value: ArrayLike) -> FloatArray:
-    """Tool points (k, 3) [m].
-
-    Raises:
-        InputError: text, a wrong shape, NaN, infinity or a point beyond ``FARTHEST``; names the row.
-    """
+    """Tool points (k, 3) [m]. Raises as ``checked_point``, and names the row."""
     what = "the target positions"
     positions = as_numbers(value, what)
     if positions.ndim != 2 or positions.shape[1] != 3:
@@ -173,11 +154,7 @@ def checked_positions(value: ArrayLike) -> FloatArray:
 
 
 def checked_pitches(value: ArrayLike, count: int) -> FloatArray:
-    """A pitch for each of ``count`` poses (count,) [rad], from as many or from one for all.
-
-    Raises:
-        InputError: as ``checked_column``, or a pitch beyond a whole turn.
-    """
+    """As ``checked_column``, of pitches; raises ``InputError`` for one beyond a whole turn, too."""
     pitches = checked_column(value, count, "the pitch")
     return pitches if np.abs(pitches).max(initial=0.0) <= math.pi else _within_half_turn(pitches, rows=True)
 
@@ -198,8 +175,7 @@ def _within_half_turn(pitches: FloatArray, *, rows: bool = False) -> FloatArray:
 def checked_column(value: ArrayLike, count: int, what: str) -> FloatArray:
     """An angle for each of ``count`` poses (count,) [rad], from as many or from one for all.
 
-    Raises:
-        InputError: text, a wrong shape, NaN or infinity; names the row.
+    Raises ``InputError`` for text, a wrong shape, NaN or infinity, and names the row.
     """
     column = as_numbers(value, what)
     if column.shape not in ((), (count,)):

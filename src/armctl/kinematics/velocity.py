@@ -1,6 +1,6 @@
 """Velocity kinematics of one configuration: tool velocity and joint rates, manipulability, singularities.
 
-All of it follows from the geometric Jacobian J (6, n), linear over angular, in the base frame. The
+All of it follows from ``jacobian`` J (6, n), linear over angular, in the base frame (``Chain.jacobian``). The
 singular values of its position rows are how many metres the tool point moves a radian of joint motion, in
 the direction that is easiest, the next and the hardest; where the smallest is zero, the direction that
 belongs to it is lost: no joint motion moves the tool that way.
@@ -29,12 +29,10 @@ _SAMPLES = 16
 
 @dataclass(frozen=True, slots=True)
 class ToolVelocity:
-    """How the tool moves, in the base frame."""
+    """How the tool moves, in the base frame: its point (3,) [m/s], and (3,) [rad/s]."""
 
     linear: FloatArray
-    """(3,) of the tool point [m/s]"""
     angular: FloatArray
-    """(3,) [rad/s]"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,11 +86,7 @@ class Freedom:
 
 
 def tool_velocity(jacobian: FloatArray, rates: ArrayLike) -> ToolVelocity:
-    """Velocity of the tool at joint rates: ``J q̇``.
-
-    Args:
-        jacobian: (6, n), linear over angular, base frame.
-        rates: (n,) [rad/s].
+    """Velocity ``J q̇`` of the tool at joint rates (n,) [rad/s], from ``jacobian`` (6, n).
 
     Raises:
         InputError: a wrong shape, or not finite.
@@ -111,15 +105,13 @@ def joint_rates(
     none where the direction is lost. The other directions are met exactly.
 
     With an angular velocity, an unmet rad/s counts as the speed that it has at the end of the longest lever.
+    Where a rate would pass its limit, all are scaled by one factor, so that the direction stays.
 
     Args:
-        jacobian: (6, n), linear over angular, base frame.
+        jacobian: (6, n).
         speed_limits: (n,) largest rates [rad/s]; a joint with 0 stands still.
         linear: (3,) of the tool point [m/s].
         angular: (3,) [rad/s]; None: any.
-
-    Returns:
-        The rates, all scaled by one factor where a limit would be passed, so that the direction stays.
 
     Raises:
         InputError: a wrong shape, or not finite.
@@ -144,18 +136,12 @@ def joint_rates(
 
 
 def manipulability(jacobian: FloatArray) -> FloatArray:
-    """Yoshikawa's measure of each of some Jacobians: the product of the singular values.
+    """Yoshikawa's measure (...) of Jacobians (..., rows, n): the product of the singular values.
 
     With at least as many joints as rows it is √det(J Jᵀ), the volume that joint rates of length 1 sweep in
-    the space of tool velocities. That is always 0 with fewer joints, where √det(Jᵀ J) takes its place: the
-    volume that they sweep in the tool velocities that the arm has; it is 0 where two joint motions do the
-    same to the tool. Of all six rows the value mixes metres and radians, so it compares poses of one arm.
-
-    Args:
-        jacobian: (..., rows, n), for example the position rows ``J[..., :3, :]``.
-
-    Returns:
-        (...); m³ for the position rows.
+    the space of tool velocities. That is always 0 with fewer joints, where √det(Jᵀ J) takes its place: it is
+    0 where two joint motions do the same to the tool. Of the position rows it is in m³; of all six it mixes
+    metres and radians, so it compares poses of one arm.
     """
     return np.linalg.svd(jacobian, compute_uv=False).prod(axis=-1)
 
@@ -175,22 +161,12 @@ def pose_freedom(jacobian: FloatArray) -> Freedom:
 
 
 def speeds_alone(jacobian: FloatArray, speed_limits: FloatArray) -> FloatArray:
-    """Speed of the tool point when each joint turns alone at its limit: (n,) [m/s].
-
-    Args:
-        jacobian: (6, n), linear over angular.
-        speed_limits: (n,) [rad/s].
-    """
+    """Speed of the tool point when each joint turns alone at its limit: (n,) [m/s]."""
     return np.linalg.norm(jacobian[:3], axis=0) * speed_limits
 
 
 def turning_speeds(limits: FloatArray, speed_limits: FloatArray) -> FloatArray:
-    """Largest rates of the joints that can turn: (n,) [rad/s], 0 for those that their limits hold.
-
-    Args:
-        limits: (n, 2) joint limits [rad].
-        speed_limits: (n,) [rad/s].
-    """
+    """Largest rates of the joints that can turn: (n,) [rad/s], 0 for those that ``limits`` (n, 2) hold."""
     return np.where(limits[:, 0] < limits[:, 1], speed_limits, 0.0)
 
 
@@ -198,11 +174,7 @@ def position_leaves_pitch(chain: Chain, limits: FloatArray) -> bool:
     """Whether the tool can pitch while its point stays: False where the position alone decides the pitch.
 
     It can when position and height of the approach axis's tip have four independent directions of motion,
-    somewhere inside the limits.
-
-    Args:
-        chain: the arm.
-        limits: (n, 2) joint limits [rad].
+    somewhere inside the limits (n, 2).
     """
     q = joint_samples(limits, _SAMPLES)
     J, approach = chain.jacobian(q), chain.forward(q)[:, :3, 2]

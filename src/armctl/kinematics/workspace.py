@@ -48,15 +48,10 @@ class Extent:
 
 
 def sample_workspace(chain: Chain, limits: FloatArray, count: int) -> WorkspaceSamples:
-    """Sample the workspace; the same points every time.
+    """Sample the workspace inside joint limits (n, 2) with about ``count`` points; the same ones every time.
 
     Far more configurations than are asked for are tried; space is divided into cells, and a cell keeps the
     first point that falls into it: where many poses lead to the same place, one is enough.
-
-    Args:
-        chain: the arm.
-        limits: (n, 2) joint limits [rad].
-        count: about how many points to keep.
     """
     q = joint_samples(limits, _CANDIDATES_A_POINT * count)
     parts = range(0, len(q), _CHUNK)  # in parts: other threads get their turn in between
@@ -69,36 +64,22 @@ def sample_workspace(chain: Chain, limits: FloatArray, count: int) -> WorkspaceS
 
 
 def workspace_extent(chain: Chain, limits: FloatArray) -> Extent:
-    """How far the tool comes sideways, down and up.
-
-    Args:
-        chain: the arm.
-        limits: (n, 2) joint limits [rad].
-    """
+    """How far the tool comes sideways, down and up inside joint limits (n, 2)."""
     base, axes = chain.axes()
 
     def sideways(q: FloatArray) -> FloatArray:
         return np.linalg.norm(np.cross(axes[0], chain.forward(q)[:, :3, 3] - base[0]), axis=1)
 
-    def height(q: FloatArray) -> FloatArray:
-        return chain.forward(q)[:, 2, 3]
-
-    return Extent(
-        reach=greatest(sideways, limits)[0],
-        lowest=-greatest(lambda q: -height(q), limits)[0],
-        highest=greatest(height, limits)[0],
-    )
+    down, _ = greatest(lambda q: -chain.forward(q)[:, 2, 3], limits)
+    up, _ = greatest(lambda q: chain.forward(q)[:, 2, 3], limits)
+    return Extent(greatest(sideways, limits)[0], -down, up)
 
 
 def longest_levers(chain: Chain, limits: FloatArray) -> FloatArray:
-    """How far the tool point can come from each joint's axis inside the limits: (n,) [m].
+    """How far the tool point can come from each joint's axis inside the limits (n, 2): (n,) [m].
 
     A joint that turns with ω alone moves the tip with ω times its distance from the axis, so this is the
     most that it can do.
-
-    Args:
-        chain: the arm.
-        limits: (n, 2) joint limits [rad].
     """
 
     def lever(k: int) -> float:
@@ -144,15 +125,10 @@ _NEIGHBOURS = 2
 
 
 def cell_outline(points: FloatArray, cell_m: float) -> tuple[FloatArray, ...]:
-    """Closed lines around all cells that hold a point.
+    """Closed lines (j, 2) [m] around all square cells that hold one of the points (k, 2) [m].
 
-    Args:
-        points: (k, 2) [m].
-        cell_m: length of a cell's side [m].
-
-    Returns:
-        Lines (j, 2) [m] from corner to corner, the first point repeated at the end. A point lies in a
-        full cell if, and only if, it is inside an odd number of them.
+    From corner to corner, the first point repeated at the end. A point lies in a full cell if, and only if,
+    it is inside an odd number of them.
     """
     if len(points) == 0:
         return ()
@@ -200,17 +176,12 @@ def _lines(onward: dict[Corner, list[Corner]]) -> list[list[Corner]]:
     """Sides strung together; as many lead to a corner as away from it, so every line closes."""
     lines: list[list[Corner]] = []
     while onward:
-        first = next(iter(onward))
-        line, at = [first], first
-        while True:
-            ways = onward[at]
-            step = ways.pop()
-            if not ways:
-                del onward[at]
-            line.append(step)
-            at = step
-            if at == first:
-                break
+        line = [next(iter(onward))]
+        while len(line) == 1 or line[-1] != line[0]:
+            ways = onward[line[-1]]
+            if len(ways) == 1:
+                del onward[line[-1]]
+            line.append(ways.pop())
         lines.append(line)
     return lines
 
@@ -231,10 +202,9 @@ class Section(Protocol):
         ...
 
     def plane(self, q: FloatArray) -> FloatArray:
-        """Pose of the plane with the arm at ``q`` (n,) [rad].
+        """Pose ``T_base_plane`` (4, 4) [m] of the plane with the arm at ``q`` (n,) [rad].
 
-        Returns:
-            ``T_base_plane`` (4, 4), metres: x away from the base axis, z along it; the tip is at y = 0.
+        x leads away from the base axis, z along it; the tip is at y = 0.
         """
         ...
 
