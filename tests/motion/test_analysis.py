@@ -112,11 +112,6 @@ def test_the_figure_has_its_title_units_and_legend_as_texts(profile: ProfileName
     assert {"time (s)", "x", "y", "z", *(joint.title for joint in ROBOT.joints)} <= texts
 
 
-def test_a_dollar_sign_in_a_name_is_no_formula() -> None:
-    svg = figure_bytes(ROBOT, "svg", TitledMotion("program $\\frac$", motion(samples=11))).decode()
-    assert "program $\\frac$" in svg
-
-
 def test_limits_are_dashed_lines_of_the_figure() -> None:
     svg = figure_bytes(ROBOT, "svg", TitledMotion("fast", motion("trapezoid", 301, None)))
     slow = figure_bytes(ROBOT, "svg", TitledMotion("slow", motion("trapezoid", 301, 60.0)))
@@ -193,15 +188,6 @@ def test_all_at_once_the_total_is_the_slope_of_the_way_of_the_tip(name: str) -> 
     running = (np.abs(np.diff(study.angle, axis=0)) > 0).all(axis=1)  # no joint has come to its limit
     assert running.sum() > 50
     assert slopes[running] == pytest.approx(middles[running], rel=1e-4)
-
-
-@pytest.mark.parametrize("name", NAMES)
-def test_no_joint_is_faster_than_its_longest_lever_allows(name: str) -> None:
-    robot = load_robot(name)
-    most = SPEED * longest_levers(robot.chain, robot.limits)
-    for turning in BOTH:
-        study = study_joints(robot, robot.pose("home"), turning, SPEED)
-        assert (study.peaks <= most[list(study.moving)] * (1 + 1e-9) + 1e-12).all()
 
 
 def test_alone_a_joint_moves_the_tip_at_a_level_speed_until_its_limit() -> None:

@@ -1,16 +1,150 @@
+"""Planned motions: of the joints, to a target, along a line or an arc, through points."""
+
 from __future__ import annotations
+
+import re
 
 import numpy as np
 import pytest
 
-from armctl.errors import InputError, MotionRefusedError, UnreachableError
+from armctl import load_robot
+from armctl.errors import ArmctlError, InputError, MotionRefusedError, UnreachableError
 from armctl.kinematics import Target
-from armctl.motion import PointToPoint, plan_joints, plan_target
+from armctl.motion import (
+    PROFILES,
+    PointToPoint,
+    ProfileName,
+    ToolPathRefusedError,
+    Trajectory,
+    arc,
+    line,
+    plan_arc,
+    plan_joints,
+    plan_line,
+    plan_spline,
+    plan_target,
+    preflight,
+)
+from armctl.motion.profiles import shortest_words
 from armctl.program import MoveStep, PointStep
-from armctl.robot import load_robot
 
 ROBOT = load_robot("uzuner")
 HOME = ROBOT.pose("home")
+ARC, LINE = arc(), line()
+TICK = 0.02
+
+
+def at(point: np.ndarray) -> np.ndarray:
+    return ROBOT.inverse(point).best("least-rotation")
+
+
+def tool_at_ticks(motion: Trajectory) -> np.ndarray:
+    """(k, 3) [mm] at every tick of a 50 Hz run."""
+    ticks = np.append(np.arange(0.0, motion.duration, TICK), motion.duration)
+    return 1000 * ROBOT.forward(motion.sample(ticks).q)[:, :3, 3]
+
+
+@pytest.mark.parametrize("profile", PROFILES)
+def test_the_published_arc_is_an_arc_at_every_tick(profile: ProfileName) -> None:
+    motion = plan_arc(ROBOT, at(ARC[0]), ARC[28], ARC[-1], profile=profile)
+    tool = tool_at_ticks(motion)
+    assert np.abs(np.hypot(tool[:, 0], tool[:, 1]) - 200).max() < 0.05
+    assert np.abs(tool[:, 2] - 85).max() < 0.05
+    np.testing.assert_allclose(tool[[0, -1]], 1000 * ARC[[0, -1]], atol=1e-3)
+    assert not [f for f in preflight(ROBOT, motion) if f.severity == "error"]
+
+
+@pytest.mark.parametrize("profile", PROFILES)
+def test_the_published_line_is_a_line_at_every_tick(profile: ProfileName) -> None:
+    tool = tool_at_ticks(plan_line(ROBOT, at(LINE[0]), LINE[-1], pitch="free", profile=profile))
+    assert np.abs(tool[:, 0] - 220).max() < 0.05
+    assert np.abs(tool[:, 2] - 85).max() < 0.05
+    assert (np.diff(tool[:, 1]) > -1e-6).all()
+
+
+@pytest.mark.parametrize("profile", PROFILES)
+def test_the_tool_is_never_faster_than_asked_for(profile: ProfileName) -> None:
+    motion = plan_arc(ROBOT, at(ARC[0]), ARC[28], ARC[-1], speed=0.08, profile=profile)
+    steps = np.linalg.norm(np.diff(tool_at_ticks(motion)[:-1], axis=0), axis=1) / TICK
+    assert steps.max() <= 80 * (1 + 1e-6)
+    if profile == "trapezoid":
+        assert np.median(steps) == pytest.approx(80, rel=1e-3)
+
+
+def test_a_duration_is_kept_and_one_too_short_is_refused_with_the_shortest() -> None:
+    start = at(ARC[0])
+    shortest = plan_arc(ROBOT, start, ARC[28], ARC[-1]).duration
+    assert plan_arc(ROBOT, start, ARC[28], ARC[-1], duration_s=9.5).duration == pytest.approx(9.5)
+    with pytest.raises(MotionRefusedError, match=re.escape(shortest_words(shortest))):
+        plan_arc(ROBOT, start, ARC[28], ARC[-1], duration_s=0.9 * shortest)
+    with pytest.raises(InputError, match="leave it open"):
+        plan_arc(ROBOT, start, ARC[28], ARC[-1], duration_s=-1.0)
+    with pytest.raises(InputError, match="finite number, got nan"):
+        plan_arc(ROBOT, start, ARC[28], ARC[-1], duration_s=float("nan"))
+
+
+def test_what_cannot_be_followed_says_when_where_and_which_joint() -> None:
+    start = at(LINE[0])
+    with pytest.raises(ToolPathRefusedError) as refused:
+        plan_line(ROBOT, start, LINE[-1], pitch="kept", speed=0.1)
+    found = re.match(
+        r"at ([\d.]+) s, (\d+) % of the line \(x 220.0, y (-?[\d.]+), z 85.0 mm\): Elbow would need "
+        r"(-?[\d.]+)°, its limits are -84.36° … 95.07°; ",
+        str(refused.value),
+    )
+    assert found is not None, str(refused.value)
+    seconds, percent, y, _ = (float(text) for text in found.groups())
+    place = refused.value.place
+    assert place.fraction == pytest.approx(percent / 100, abs=0.005)
+    assert y == pytest.approx(1000 * place.point[1], abs=0.05)
+    # the tool cannot be there earlier than at the speed asked for
+    assert seconds >= place.s / 0.1
+    # it is where a finer look finds the limit passed: the same line ends well just before
+    before = LINE[0] + (place.fraction - 1e-3) * (LINE[-1] - LINE[0])
+    plan_line(ROBOT, start, before, pitch="kept")
+    with pytest.raises(MotionRefusedError, match="Elbow"):
+        plan_line(ROBOT, start, LINE[0] + (place.fraction + 1e-3) * (LINE[-1] - LINE[0]), pitch="kept")
+
+
+def test_out_of_reach_is_said_with_the_time() -> None:
+    with pytest.raises((UnreachableError, MotionRefusedError), match=r"^at [\d.]+ s, \d+ % of the line"):
+        plan_line(ROBOT, at(ARC[28]), [0.5, 0.0, 0.085], pitch="free")
+
+
+def test_a_line_to_where_the_tool_is_takes_no_time() -> None:
+    start = at(ARC[0])
+    motion = plan_line(ROBOT, start, ROBOT.forward(start)[:3, 3])
+    assert motion.duration == 0
+    np.testing.assert_array_equal(motion.sample(0.0).q, start)
+
+
+@pytest.mark.parametrize("profile", PROFILES)
+def test_a_spline_meets_its_points_without_a_stop(profile: ProfileName) -> None:
+    points = ROBOT.least_rotation(ARC)
+    motion = plan_spline(ROBOT, points, profile=profile)
+    q = motion.sample(np.linspace(0.0, motion.duration, 20_001))
+    nearest = np.abs(q.q[:, None] - points[::6]).max(axis=2).min(axis=0)
+    assert nearest.max() < 1e-3
+    moving = np.abs(q.velocity[200:-200]).max(axis=1)
+    assert moving.min() > 1e-3  # a hundredth of the duration after the start, a quintic has hardly begun
+    assert not [f for f in preflight(ROBOT, motion) if f.severity == "error"]
+
+
+@pytest.mark.parametrize(
+    ("points", "text"),
+    [
+        (np.zeros((3, 4)), r"needs configurations \(k, 5\)"),
+        (np.zeros((0, 5)), "needs configurations"),
+        ([[0.0] * 5, [np.nan] * 5], "finite"),
+    ],
+)
+def test_what_gives_no_spline_is_refused(points: object, text: str) -> None:
+    with pytest.raises(ArmctlError, match=text):
+        plan_spline(ROBOT, points)  # pyright: ignore[reportArgumentType]
+
+
+def test_a_spline_through_one_place_stands() -> None:
+    assert plan_spline(ROBOT, [HOME, HOME]).duration == 0
 
 
 def test_planned_is_cubic_and_normal_is_each_joint_for_itself() -> None:

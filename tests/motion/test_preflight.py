@@ -59,11 +59,9 @@ def test_good_motions_pass() -> None:
     rest = ROBOT.pose("rest")
     there = PointToPoint.plan(ROBOT, HOME, rest)
     back = PointToPoint.each_for_itself(ROBOT, rest, HOME)
-    assert preflight(ROBOT, there) == []
-    assert preflight(ROBOT, back) == []
-    assert preflight(ROBOT, JoinedTrajectory([there, back])) == []
-    assert preflight(ROBOT, Sine(0.3)) == []
-    require_clear(ROBOT, there)
+    for motion in (there, back, JoinedTrajectory([there, back]), Sine(0.3)):
+        assert preflight(ROBOT, motion) == []
+        require_clear(ROBOT, motion)
 
 
 def test_a_joint_outside_its_limits_is_named_with_figures() -> None:
@@ -90,6 +88,8 @@ def test_speed_and_acceleration_peaks_are_exact() -> None:
     ]
     assert found[0].endswith("limit of 360.0 °/s²; take 2.00 times as long")
     assert found[1].endswith("limit of 60.0 °/s; take 3.00 times as long")
+    with pytest.raises(MotionRefusedError, match=r"Base: at 0\.00 s, 1440\.0 °/s² .* \(and 1 more\)"):
+        require_clear(ROBOT, PointToPoint.lasting(HOME, end, 0.5))
 
 
 def test_in_a_joined_motion_the_time_counts_from_the_whole_start() -> None:
@@ -101,18 +101,18 @@ def test_in_a_joined_motion_the_time_counts_from_the_whole_start() -> None:
     assert finding.time == pytest.approx(4.5)
 
 
-def test_a_foreign_trajectory_is_sampled() -> None:
-    assert any("°/s is over" in text for text in texts(Sine(1.5)))
-    assert any("°/s² is over" in text for text in texts(Sine(0.3, duration=0.3)))
-    assert any("is outside" in text for text in texts(Sine(2.5, duration=60.0)))
-
-
-def test_one_that_lies_about_its_speed_is_found_out_by_its_steps() -> None:
-    assert any("°/s is over" in text for text in texts(Sine(1.5, lie=0.01)))
-
-
-def test_one_that_does_not_start_at_rest_is_refused() -> None:
-    assert any("the motion starts at" in text for text in texts(Sine(0.3, phase=1.0)))
+@pytest.mark.parametrize(
+    ("motion", "found"),
+    [
+        (Sine(1.5), "°/s is over"),
+        (Sine(1.5, lie=0.01), "°/s is over"),  # its steps tell
+        (Sine(0.3, duration=0.3), "°/s² is over"),
+        (Sine(2.5, duration=60.0), "is outside"),
+        (Sine(0.3, phase=1.0), "the motion starts at"),
+    ],
+)
+def test_a_foreign_trajectory_is_sampled(motion: Sine, found: str) -> None:
+    assert any(found in text for text in texts(motion))
 
 
 def test_a_piece_of_a_blended_motion_need_not_rest() -> None:
@@ -131,39 +131,13 @@ def test_a_motion_through_the_floor_says_which_part_and_how_deep() -> None:
         require_clear(ROBOT, trajectory)
 
 
-def test_a_dip_in_the_middle_is_found_though_both_ends_are_clear() -> None:
-    # The wrist hangs 52 mm above the floor; the tool, 101 mm long, swings through the vertical.
-    start, end = np.radians([0, -3, -84, -83, 0]), np.radians([0, -3, -84, 80, 0])
-    assert ROBOT.forward(start)[2, 3] > 0
-    assert ROBOT.forward(end)[2, 3] > 0
-    trajectory = PointToPoint.plan(ROBOT, start, end)
-    finding = preflight(ROBOT, trajectory)[0]
-    assert 0 < finding.time < trajectory.duration
-    assert "below the floor" in finding.what
-
-
-def test_an_arm_that_is_below_the_floor_may_come_up_but_not_sink() -> None:
-    down = np.radians([0, -3, -60, -20, 0])
-    deeper = np.radians([0, -3, -62, -22, 0])
-    assert preflight(ROBOT, PointToPoint.plan(ROBOT, down, HOME)) == []
-    assert any("below the floor" in text for text in texts(PointToPoint.plan(ROBOT, down, deeper)))
-
-
-def test_the_first_finding_is_told_and_the_rest_are_counted() -> None:
-    end = HOME.copy()
-    end[0] += np.radians(60)
-    with pytest.raises(MotionRefusedError, match=r"Base: at 0\.00 s, 1440\.0 °/s² .* \(and 1 more\)"):
-        require_clear(ROBOT, PointToPoint.lasting(HOME, end, 0.5))
-
-
-def test_another_number_of_joints_is_refused() -> None:
+def test_what_is_no_motion_of_the_arm_is_refused() -> None:
     with pytest.raises(InputError, match="uzuner has 5 joints, the trajectory has 2"):
         preflight(ROBOT, PointToPoint.lasting([0.0, 0.0], [1.0, 1.0], 1.0))
-
-
-def test_values_that_are_not_finite_are_refused() -> None:
     with pytest.raises(InputError, match="angle that is not a finite number"):
         preflight(ROBOT, Sine(float("nan")))
+    with pytest.raises(InputError, match="cannot take -1"):
+        preflight(ROBOT, Sine(0.1, duration=-1.0))
 
 
 def of_kind(kind: str, robot: Robot, *poses_deg: tuple[float, ...], **more: object) -> list[Finding]:
@@ -183,18 +157,6 @@ def test_folding_into_the_base_is_refused_with_both_parts_named() -> None:
     assert finding.part in ("the gripper", "the link behind elbow")
     assert "mm inside the base" in finding.what and "the base" in finding.mend
     assert 0 < finding.time
-
-
-def test_a_touch_in_passing_is_found_though_both_ends_are_clear() -> None:
-    folded = (0, 33, 108, -12, 0)
-    assert of_kind("self-collision", SCORBOT, (0, -60, 95, -80, 0), folded, (0, -60, 95, -80, 0))
-
-
-def test_an_arm_that_touches_may_come_free_but_not_go_deeper() -> None:
-    inside, deeper, free = (0, 30, 115, -12, 0), (0, 33, 120, -12, 0), (0, -60, 95, -80, 0)
-    assert of_kind("self-collision", SCORBOT, free, inside)
-    assert of_kind("self-collision", SCORBOT, inside, free) == []
-    assert of_kind("self-collision", SCORBOT, inside, deeper)
 
 
 @pytest.mark.parametrize("name", shipped_robots())
@@ -238,12 +200,6 @@ def test_a_thin_post_is_found_between_samples(angle_deg: float) -> None:
     assert of_kind("obstacle", robot, (90, *q), (angle_deg + 5, *q)) == []
 
 
-def test_out_of_an_obstacle_the_arm_may_go_but_not_in_deeper() -> None:
-    inside, deeper, out = (0, 40, -20, 0, 0), (0, 30, -10, 0, 0), (0, 120, -80, -40, 0)
-    assert of_kind("obstacle", WALLED, inside, out) == []
-    assert of_kind("obstacle", WALLED, inside, deeper)
-
-
 def test_a_table_under_the_arm_does_not_stop_the_column_from_turning() -> None:
     table = Obstacle("the table", np.array([-0.5, -0.5, -0.02]), np.array([0.5, 0.5, 0.0]))
     robot = replace(ROBOT, obstacles=(table,))
@@ -253,6 +209,22 @@ def test_a_table_under_the_arm_does_not_stop_the_column_from_turning() -> None:
     assert finding.part == "the gripper"
     touching = np.degrees(ROBOT.inverse([0.2, 0.0, 0.0], pitch=-np.pi / 2).best("least-rotation"))
     assert of_kind("obstacle", robot, (0, 90, -80, -40, 0), tuple(touching)) == []  # picking from it
+
+
+@pytest.mark.parametrize(
+    ("kind", "robot", "inside", "deeper", "out"),
+    [
+        ("floor", ROBOT, (0, -3, -60, -20, 0), (0, -3, -62, -22, 0), (0, 90, -80, -40, 0)),
+        ("obstacle", WALLED, (0, 40, -20, 0, 0), (0, 30, -10, 0, 0), (0, 120, -80, -40, 0)),
+        ("self-collision", SCORBOT, (0, 30, 115, -12, 0), (0, 33, 120, -12, 0), (0, -60, 95, -80, 0)),
+    ],
+)
+def test_where_an_arm_touches_it_may_come_free_but_not_go_deeper(
+    kind: str, robot: Robot, inside: tuple[float, ...], deeper: tuple[float, ...], out: tuple[float, ...]
+) -> None:
+    assert of_kind(kind, robot, out, inside)
+    assert of_kind(kind, robot, inside, out) == []
+    assert of_kind(kind, robot, inside, deeper)
 
 
 # --- singularity

@@ -1,4 +1,4 @@
-"""How far the tool strays from its line or arc, against a brute-force search."""
+"""Errors of a path: from its line or arc, against a brute-force search, and as the paper prints them."""
 
 from __future__ import annotations
 
@@ -94,3 +94,19 @@ def test_a_spline_and_a_blended_motion_pass_the_points_without_a_stop() -> None:
         assert path_error(ROBOT, motion, ARC).largest < 0.05e-3 + 0.004**2 / 8 / 0.2
     slower = plan_blended(ROBOT, list(solved), 0.002, 2 * blended.duration)
     assert slower.duration == pytest.approx(2 * blended.duration)
+
+
+def test_the_arc_has_58_points_and_begins_as_printed() -> None:
+    points = arc()
+    assert points.shape == (58, 3)
+    np.testing.assert_allclose(np.hypot(points[:, 0], points[:, 1]), 0.2)
+    assert (points[:, 2] == 0.085).all()
+    printed = [[10.46, -199.73], [21.08, -198.89], [31.63, -197.48]]
+    np.testing.assert_allclose(1000 * points[:3, :2], printed, atol=0.03)
+
+
+def test_the_line_has_29_points_from_minus_196_to_196() -> None:
+    points = line()
+    assert points.shape == (29, 3)
+    np.testing.assert_allclose(1000 * points[:3], [[220, -196, 85], [220, -182, 85], [220, -168, 85]])
+    np.testing.assert_allclose(1000 * points[-1], [220, 196, 85])
