@@ -208,7 +208,7 @@ def test_a_healthy_encoder_board(clock: ManualClock, device: str):
     assert findings["supply"].seen == "last started by: power; the board does not measure it"
     assert {text.split(" ")[-1] for text in board.log} <= {"HELLO", "PING"}
     assert board.mode.powered is False
-    board.restart("brownout")
+    board.reset("brownout")
     findings = report(encoder_patient(device, [ChannelSettings(6, -1000.0, 1000.0)]), board, clock)
     assert failures(findings) == ["channels"]
     assert findings["channels"].seen == "axis 6: the board has axes 0 … 5"

@@ -269,7 +269,7 @@ def test_an_axis_that_trips(homed: Bench, broken, target, words, keeps_zero):
 
 
 def test_a_board_that_has_started_anew_says_so_and_must_be_homed(homed: Bench):
-    homed.board.restart("brownout")
+    homed.board.reset("brownout")
     readback = homed.driver.read()
     assert readback.powered is False
     assert readback.positions == {0: None, 1: None, 2: None}
@@ -290,11 +290,11 @@ def test_a_board_that_has_started_anew_says_so_and_must_be_homed(homed: Bench):
 
 
 def test_a_board_that_has_started_anew_while_its_motors_were_off(bench: Bench):
-    bench.board.restart("external")
+    bench.board.reset("external")
     assert "port was opened by another program" in bench.driver.read().errors[0]
     bench.home()
     assert bench.driver.read().errors == ()
-    bench.board.restart("watchdog")
+    bench.board.reset("watchdog")
     assert "its last start was after a watchdog reset" in bench.driver.open().earlier[0]
 
 

@@ -180,19 +180,19 @@ def test_the_newest_status_counts_and_an_old_one_is_asked_for_anew(
     wire: Wire, session: EncoderSession, clock: ManualClock
 ):
     wire.incoming = b"".join(status(20 * n, n) for n in range(500))
-    assert session.fresh_status(0.05).counts[0] == 499
+    assert session.fresh_status().counts[0] == 499
     clock.advance(0.04)
-    assert session.fresh_status(10.0).counts[0] == 499
+    assert session.fresh_status().counts[0] == 499
     wire.expect(bytes((Realtime.STATUS,)), status(20000, 7))
     clock.advance(0.1)
-    assert session.fresh_status(0.05).counts[0] == 7
+    assert session.fresh_status().counts[0] == 7
     wire.expect(HELLO, status(20020) + seal("1 ok"))
     session.command("HELLO")
     assert session.status is None, "the next one shows what has come of the command"
     wire.expect(b"?")
     clock.advance(0.1)
     with pytest.raises(BoardTimeoutError, match="the board has sent no status for 90 ms"):
-        session.fresh_status(0.05)
+        session.fresh_status()
 
 
 def test_why_homing_failed_is_kept_until_the_user_has_taken_note(wire: Wire, session: EncoderSession):

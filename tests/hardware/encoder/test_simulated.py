@@ -142,7 +142,7 @@ def test_the_board_is_deaf_and_dumb_while_it_starts():
 def test_a_restart_forgets_everything_but_where_the_arm_is(homed: Bench, cause):
     homed.stream({0: 200.0}, 0.5)
     board = homed.board
-    board.restart(cause)
+    board.reset(cause)
     said = [decode(line) for line in board.advance(homed.clock.now()).splitlines()]
     assert isinstance(said[0], Banner) and said[0].reset == cause
     assert board.mode is Mode.OFF

@@ -9,7 +9,6 @@ from armctl.hardware.encoder.session import EncoderSession, protocol_advice
 from armctl.hardware.findings import CheckUp, Finding, Needs, failed, not_checked, ok, round_trips, warning
 
 _TIMEOUT_S = 0.5
-_OLDEST_STATUS_S = 0.05
 _SUPPLY_ADVICE = (
     "the motors need a supply of their own, and the Arduino one that does not sag when they start"
 )
@@ -24,7 +23,7 @@ def examine_encoder(check_up: CheckUp) -> list[Finding]:
     session = EncoderSession(check_up.line, check_up.now, _TIMEOUT_S)
     banner = decode_banner(session.command("HELLO"))
     firmware = f"{banner.firmware} {banner.version}, protocol {banner.protocol}"
-    status = session.fresh_status(_OLDEST_STATUS_S)
+    status = session.fresh_status()
     homed, closed = (
         _listed(axis for axis, on in enumerate(flags) if on) or "none"
         for flags in (status.homed, status.switches)

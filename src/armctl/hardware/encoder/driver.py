@@ -18,7 +18,6 @@ SILENCE_NOTE = (
 )
 
 _REACH_MS = 30  # longer than the 20 ms between setpoints: one that comes late finds the arm still moving
-_OLDEST_STATUS_S = 0.05
 _KEEP_ALIVE_S = 0.1
 _BYTE_ATTEMPTS = 3
 
@@ -69,7 +68,7 @@ class EncoderDriver:
                     f"{session.name}: the board has axes 0 … {banner.axes - 1}, but the robot file uses axis "
                     f"{last}; choose the robot that belongs to this board, or change its file"
                 )
-            self._seen = session.fresh_status(_OLDEST_STATUS_S)
+            self._seen = session.fresh_status()
         except ArmctlError:
             self.close()
             raise
@@ -122,7 +121,7 @@ class EncoderDriver:
         """
         session = self._board
         refusals = session.settle()
-        status = self._seen = session.fresh_status(_OLDEST_STATUS_S)
+        status = self._seen = session.fresh_status()
         errors = list(flag_words(status.flags))
         if session.restarted is not None:
             why = _RESETS.get(session.restarted, "")
@@ -175,7 +174,7 @@ class EncoderDriver:
         if not self._table.axes:
             raise BoardError("no axis is configured, so there is nothing to home; configure the board first")
         self._send_settings(session, self._table)
-        status = session.fresh_status(_OLDEST_STATUS_S)
+        status = session.fresh_status()
         if status.latched:
             session.command("CLR")
         if status.mode is Mode.HELD:
@@ -198,7 +197,7 @@ class EncoderDriver:
                 f"this computer it switches them off after {WATCHDOG_MS} ms. Cut their supply before you "
                 "reach in"
             ) from silence
-        if session.fresh_status(_OLDEST_STATUS_S).latched:
+        if session.fresh_status().latched:
             session.command("CLR")
         self._acknowledge(session, on=False)
 
@@ -231,7 +230,7 @@ class EncoderDriver:
         session.drain()
         if self._sent_settings == (table.configuration, session.restarts):
             return
-        status = session.fresh_status(_OLDEST_STATUS_S)
+        status = session.fresh_status()
         if status.mode.powered:
             raise StateError(
                 f"{session.name}: the motors are on, and with other settings; release first, or wait half a "
@@ -276,4 +275,4 @@ class EncoderDriver:
         session.acknowledge()
         self._on = on
         self._went_off = False
-        self._seen = session.fresh_status(_OLDEST_STATUS_S)
+        self._seen = session.fresh_status()

@@ -31,6 +31,7 @@ _MOST_CHUNKS = 64  # a board that floods the line must not keep the caller here 
 _MOST_SUPERSEDED = 8
 _ATTEMPTS = 3
 _WAIT_S = 0.02  # time between two status lines
+_OLDEST_STATUS_S = 0.05
 _LONGEST_PRELUDE = 512
 _CLOCK_WRAPS_MS = 1 << 32
 _NEAR_WRAP_MS = 60_000
@@ -198,10 +199,10 @@ class EncoderSession:
         """Send a byte that the board obeys at once; there is no answer, only the next status."""
         self._transport.write(bytes((byte,)))
 
-    def fresh_status(self, oldest_s: float) -> Status:
-        """A status that came at most ``oldest_s`` ago, waited for if need be; else ``BoardTimeoutError``."""
+    def fresh_status(self) -> Status:
+        """A status of the last 50 ms, asked for if need be; ``BoardTimeoutError`` where none comes."""
         self.drain()
-        if self.status is None or self._now() - self._status_at > oldest_s:
+        if self.status is None or self._now() - self._status_at > _OLDEST_STATUS_S:
             self.status = None
             self.realtime(Realtime.STATUS)
             self.wait_until(lambda: self.status is not None, self._timeout_s)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 from armctl.errors import BoardProtocolError
 from armctl.hardware.driver import ChannelSettings
@@ -28,7 +28,6 @@ from armctl.hardware.encoder.simulated_axis import (
     FIRMWARE_DEFAULTS,
     TICK_S,
     AxisPlant,
-    Homing,
     SimulatedAxis,
     plant_of,
 )
@@ -79,12 +78,8 @@ class SimulatedEncoderBoard:
         self._now: float | None = None
         self.reset()
 
-    def reset(self) -> None:
-        """Start anew, as after a power cut. The arm stays where it is, the board no longer knows where."""
-        self.restart("power")
-
-    def restart(self, cause: str) -> None:
-        """Start anew for ``cause``: power, external, brownout or watchdog."""
+    def reset(self, cause: str = "power") -> None:
+        """Start anew for ``cause``: power, external, brownout or watchdog. The arm stays where it is."""
         for axis in self.axes:
             axis.restart()
         self._banner = Banner(FIRMWARE, VERSION, self._protocol, AXES, cause)
@@ -95,7 +90,7 @@ class SimulatedEncoderBoard:
         self._fed_s = 0.0
         self._off_at_s: float | None = None
         self._held_told = False
-        self._homing: Homing | None = None
+        self._homing: Iterator[None] = iter(())
         self._to_home: list[int] = []
         self._reader = LineReader(LONGEST_REQUEST)
         self._last: tuple[bytes, str] | None = None  # the last line and its answer
@@ -242,6 +237,8 @@ class SimulatedEncoderBoard:
         self._to_home = sorted(used, key=lambda axis: self.axes[axis].settings["hord"])
         for axis in used:
             self.axes[axis].homed = False
+        self._homing = self._home_in_order()
+        next(self._homing, None)
 
     def _go(self, words: Sequence[str]) -> None:
         """Take setpoints, all or none; a last word is the time [ms] in which to be there."""
@@ -330,7 +327,7 @@ class SimulatedEncoderBoard:
                 self._trip(number, fault)
                 return
         if homing is not None:
-            self._home_on(homing)
+            next(self._homing, None)
         elif self.mode is Mode.HOMING:
             self.mode = Mode.ON
             self._say("! home done")
@@ -338,16 +335,12 @@ class SimulatedEncoderBoard:
             self._held_told = True
             self._say("! held")
 
-    def _home_on(self, number: int) -> None:
-        if self._homing is None:
-            self._homing = self.axes[number].home()
-            next(self._homing)
-        try:
-            next(self._homing)
-        except StopIteration as ended:
-            self._homing = None
-            if ended.value:
-                self._say(f"! home failed {number} {ended.value}")
+    def _home_in_order(self) -> Iterator[None]:
+        while self._to_home:
+            number = self._to_home[0]
+            failure = yield from self.axes[number].home()
+            if failure:
+                self._say(f"! home failed {number} {failure}")
                 self._trip(number, FaultKind.HOMING)
                 return
             self._say(f"! homed {number}")
@@ -387,14 +380,12 @@ class SimulatedEncoderBoard:
         if self.mode is not Mode.TRIPPED:
             self.mode = mode
         self._off_at_s = None
-        self._homing = None
         self._to_home.clear()
 
     def _hold(self) -> None:
         """Slow down and hold, until that is released."""
         self.mode = Mode.HELD
         self._held_told = self._off_at_s is not None
-        self._homing = None
         self._to_home.clear()
         for axis in self.axes:
             axis.halt()
