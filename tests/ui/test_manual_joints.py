@@ -82,7 +82,7 @@ def test_an_axis_becomes_a_velocity_of_the_tool() -> None:
 
 @pytest.mark.parametrize(("axis", "rates"), [("Pitch", (15.0, 0.0)), ("Roll", (0.0, 15.0))])
 def test_a_turn_goes_half_a_degree_for_each_millimetre(axis: str, rates: tuple[float, float]) -> None:
-    jog = tool_jog("Pitch" if axis == "Pitch" else "Roll", 1.0, 30, "base")
+    jog = tool_jog(axis, 1.0, 30, "base")
     assert np.degrees([jog.pitch_rate, jog.roll_rate]) == pytest.approx(rates)
     assert not jog.linear.any()
 

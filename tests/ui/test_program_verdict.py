@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, cast
+from unittest.mock import Mock
 
 import pytest
 from tests.runtime.kit import ROBOT, make_rig
@@ -25,21 +26,14 @@ HOME = MoveStep(joints_deg=(0, 90, -80, -40, 0))
 
 
 @dataclass
-class Verdict:
-    """Stands for the block on the page."""
-
-    content: str = ""
-    visible: bool = False
-
-    def show(self, content: str) -> None:
-        self.content = content
-
-
-@dataclass
 class Bench:
     desk: SharedProgram
-    verdict: Verdict
+    verdict: Mock
     run: ProgramRun
+
+    @property
+    def shown(self) -> str:
+        return self.verdict.show.call_args.args[0]
 
     def put(self, *steps: Step) -> None:
         self.desk.put(Program(robot="uzuner", name="test", steps=steps))
@@ -47,7 +41,7 @@ class Bench:
 
 @pytest.fixture
 def bench(server: GuardedServer, tmp_path: Path) -> Bench:
-    desk, verdict = SharedProgram("uzuner", tmp_path), Verdict()
+    desk, verdict = SharedProgram("uzuner", tmp_path), Mock()
     session: Any = SimpleNamespace(
         gui=server.gui,
         console=SimpleNamespace(robot=ROBOT),
@@ -56,14 +50,14 @@ def bench(server: GuardedServer, tmp_path: Path) -> Bench:
         on=lambda attach, action: None,
         closed=False,
     )
-    return Bench(desk, verdict, ProgramRun(session, cast(Any, None), cast(Any, verdict)))
+    return Bench(desk, verdict, ProgramRun(session, cast(Any, None), verdict))
 
 
 def test_a_check_tells_step_and_reason_until_the_program_is_another(bench: Bench) -> None:
     bench.put(HOME, FAR)
     (finding,) = asyncio.run(bench.run.check())
     assert str(finding).startswith("step 2: too far by 671.0 mm")
-    assert "Pre-flight: refused, 1 error" in bench.verdict.content
+    assert "Pre-flight: refused, 1 error" in bench.shown
     bench.run.refresh()
     assert bench.verdict.visible
     bench.put(HOME)
@@ -76,7 +70,7 @@ def test_a_check_that_was_overtaken_shows_nothing_of_its_own(bench: Bench) -> No
         bench.put(HOME, FAR)
         first = asyncio.create_task(bench.run.check())
         await asyncio.sleep(0)
-        assert bench.verdict.content.count("Checking") == 1
+        assert "Checking" in bench.shown
         bench.put(HOME)
         await first
         assert not bench.verdict.visible
@@ -84,7 +78,7 @@ def test_a_check_that_was_overtaken_shows_nothing_of_its_own(bench: Bench) -> No
 
     asyncio.run(overtaken())
     assert bench.verdict.visible
-    assert "refused" not in bench.verdict.content
+    assert "refused" not in bench.shown
 
 
 def test_an_empty_list_is_not_checked(bench: Bench) -> None:
@@ -109,7 +103,7 @@ def test_a_check_of_a_long_program_says_how_far_it_is_and_can_be_cancelled(
         checking = asyncio.create_task(bench.run.check())
         await asyncio.to_thread(reached.wait, 10)
         bench.run.refresh()
-        assert "12 of 100 steps" in bench.verdict.content
+        assert "12 of 100 steps" in bench.shown
         await bench.run._on_cancel()
         go_on.set()
         await checking

@@ -71,12 +71,9 @@ def test_a_name_that_leaves_the_folder_is_refused(desk: SharedProgram, name: str
     with pytest.raises(ProgramError, match="is no program name"):
         asyncio.run(desk.load(name))
     assert desk.saved() == []
-
-
-def test_an_unusable_folder_is_told(tmp_path: Path) -> None:
-    (tmp_path / "file").write_text("")
+    desk.folder.write_text("")
     with pytest.raises(ProgramError, match="cannot be made"):
-        asyncio.run(SharedProgram("uzuner", tmp_path / "file" / "programs").save("a"))
+        asyncio.run(desk.save("a"))
 
 
 def test_another_robots_program_changes_nothing(desk: SharedProgram) -> None:
