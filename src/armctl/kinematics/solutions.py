@@ -15,7 +15,7 @@ from armctl.arrays import FloatArray
 from armctl.errors import UnreachableError
 from armctl.kinematics.angles import rotation_angle
 from armctl.kinematics.chain import Chain
-from armctl.kinematics.energy import Criterion, EnergyModel, checked_criterion, energies
+from armctl.kinematics.energy import EnergyModel, checked_criterion, energies
 from armctl.kinematics.target import Target
 
 _THERE_M = 1e-7
@@ -132,7 +132,9 @@ class Solutions:
 
     def energies(self, criterion: str = "least-rotation", start: ArrayLike | None = None) -> FloatArray:
         """(k,) energy of each by a named criterion (``energy.CRITERIA``); infinite where excluded."""
-        return self._energies(checked_criterion(criterion), self._checked_start(start))
+        name = checked_criterion(criterion)
+        checked = None if start is None else self.arm.chain.checked_one(start)
+        return energies(name, self.q, self.arm.energy, self.arm.pitch_joints, checked)
 
     def best(self, criterion: str = "least-rotation", start: ArrayLike | None = None) -> FloatArray:
         """The configuration (n,) [rad] of least energy by one of ``energy.CRITERIA``.
@@ -145,26 +147,20 @@ class Solutions:
             InputError: no such criterion, ``least-travel`` without a start, or a start that is no
                 configuration.
         """
-        name = checked_criterion(criterion)
-        checked = self._checked_start(start)
+        checked_criterion(criterion)
+        if start is not None:
+            start = self.arm.chain.checked_one(start)
         if not self.success:
             raise UnreachableError(self.explanation or "there is no solution")
-        if name == "least-rotation" and self.least_rotation is not None:
+        if criterion == "least-rotation" and self.least_rotation is not None:
             exact = self.least_rotation()
             if exact is not None:
                 return exact
-        energy = self._energies(name, checked)
+        energy = self.energies(criterion, start)
         i = int(np.argmin(energy))
         if not np.isfinite(energy[i]):
-            raise UnreachableError(f"none of the {len(self)} solutions is admitted by {name!r}")
+            raise UnreachableError(f"none of the {len(self)} solutions is admitted by {criterion!r}")
         return self.q[i].copy()
-
-    def _energies(self, criterion: Criterion, start: FloatArray | None) -> FloatArray:
-        return energies(criterion, self.q, self.arm.energy, self.arm.pitch_joints, start)
-
-    def _checked_start(self, start: ArrayLike | None) -> FloatArray | None:
-        """``start`` (n,) as a configuration: looked at whether the criterion asks for it or not."""
-        return None if start is None else self.arm.chain.checked_one(start)
 
     def index_of(self, q: ArrayLike) -> int:
         """Index of the listed solution that lies nearest to ``q`` (n,) [rad] (largest joint difference).

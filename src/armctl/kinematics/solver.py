@@ -49,12 +49,7 @@ class InverseKinematics(ABC):
     def solve(self, target: Target, step: float) -> Solutions:
         """All solutions inside the limits; where there is none, why, and the nearest configuration.
 
-        Args:
-            target: what is asked for.
-            step: of a swept joint [rad].
-
-        Raises:
-            InputError: ``step`` is not a positive number.
+        Raises ``InputError`` where the ``step`` of a swept joint [rad] is not a positive number.
         """
 
     @property
@@ -143,11 +138,10 @@ def roll_angles(joint: RollJoint | None, roll: float | None) -> Sequence[float]:
 
 
 def held_roll(joint: RollJoint | None, roll: float | None) -> tuple[str | None, float]:
-    """What the roll joint is held at for a roll asked for, or any [rad].
+    """Why a roll asked for (None: any) cannot be, or None; and what the joint is held at for it [rad].
 
-    Returns:
-        Why that roll cannot be, or None; and the joint's angle: where there are several the one nearest to
-        zero, where it cannot be the nearest that can, 0 where there is no such joint.
+    Where there are several angles the one nearest to zero, where it cannot be the nearest that can, and 0
+    where there is no such joint.
     """
     if joint is None:
         return (None if roll is None else NO_ROLL), 0.0

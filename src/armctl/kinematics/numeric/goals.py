@@ -63,17 +63,17 @@ def crossed(a: FloatArray, b: FloatArray) -> FloatArray:
 
 
 def second_derivatives(motion: ToolMotion, weights: FloatArray, columns: FloatArray) -> FloatArray:
-    """Second derivatives of ``weights · v`` by the joint angles: (k, n, n).
+    """Second derivatives (k, n, n) of ``weights · v`` by the joint angles.
 
-    Args:
-        motion: the configurations.
-        weights: (k, 3).
-        columns: (k, 3, n) first derivatives of the vector v by the joint angles.
-
-    For a vector v carried by the tool, joint i turns whatever joint j behind it does to v:
-    ∂²v/∂q_i∂q_j = z_i x ∂v/∂q_j for i ≤ j.
+    ``weights`` are (k, 3) and ``columns`` (k, 3, n) the first derivatives of a vector v carried by the tool.
+    Joint i turns whatever joint j behind it does to v: ∂²v/∂q_i∂q_j = z_i x ∂v/∂q_j for i ≤ j.
     """
-    upper = np.triu(np.swapaxes(crossed(weights[:, :, None], motion.axes), 1, 2) @ columns)
+    return _mirrored(np.swapaxes(crossed(weights[:, :, None], motion.axes), 1, 2) @ columns)
+
+
+def _mirrored(matrices: FloatArray) -> FloatArray:
+    """Symmetric matrices with the upper triangles of others (k, n, n)."""
+    upper = np.triu(matrices)
     return upper + np.swapaxes(np.triu(upper, 1), 1, 2)
 
 
@@ -95,7 +95,8 @@ class Goal(ABC):
     def cost(self, motion: ToolMotion) -> Cost:
         """The distance from the goal as a smooth number, least where it is met best: half the square."""
         r, J = self.rows(motion)
-        return 0.5 * _dot(r, r), _gradient(J, r), _square(J) + self.curvature(motion, r)
+        gradient = (r[:, None, :] @ J)[:, 0]
+        return 0.5 * (r * r).sum(axis=1), gradient, _square(J) + self.curvature(motion, r)
 
 
 @dataclass(frozen=True, slots=True)
@@ -188,8 +189,8 @@ class RotationGoal(Goal):
         trace = np.trace(off, axis1=1, axis2=2)
         Z = motion.axes
         gradient = np.einsum("kin,ki->kn", Z, _skew_part(off))
-        upper = np.triu(trace[:, None, None] * _square(Z) - np.swapaxes(Z, 1, 2) @ off @ Z) / 2
-        return (3.0 - trace) / 2, gradient, upper + np.swapaxes(np.triu(upper, 1), 1, 2)
+        curvature = trace[:, None, None] * _square(Z) - np.swapaxes(Z, 1, 2) @ off @ Z
+        return (3.0 - trace) / 2, gradient, _mirrored(curvature) / 2
 
 
 @dataclass(frozen=True, slots=True)
@@ -244,14 +245,6 @@ def _skew_part(matrices: FloatArray) -> FloatArray:
     """(k, 3) the vector of the skew part: for a rotation the axis times the sine of the angle."""
     m = matrices
     return 0.5 * np.stack([m[:, 2, 1] - m[:, 1, 2], m[:, 0, 2] - m[:, 2, 0], m[:, 1, 0] - m[:, 0, 1]], axis=1)
-
-
-def _dot(a: FloatArray, b: FloatArray) -> FloatArray:
-    return np.einsum("km,km->k", a, b)
-
-
-def _gradient(J: FloatArray, r: FloatArray) -> FloatArray:
-    return (r[:, None, :] @ J)[:, 0]
 
 
 def _square(J: FloatArray) -> FloatArray:

@@ -72,13 +72,10 @@ def angle_about(axis: FloatArray, start: FloatArray, end: FloatArray, rest: floa
 
 
 def roots(circle: Circle, value: FloatArray | float, tolerance: float, rest: float = math.nan) -> FloatArray:
-    """Both angles (2, ...) [rad] at which ``A + B cos x + C sin x`` is a value (...); NaN where none is.
+    """Both angles (2, ...) [rad] at which a circle of unit vectors has a value (...); NaN where none does.
 
-    Args:
-        circle: of unit vectors.
-        value: what it has to be.
-        tolerance: how far beyond the range of values one still counts as its end.
-        rest: the first angle where every one serves; there is no second then.
+    A value beyond the range by no more than ``tolerance`` counts as its end. Where every angle serves, the
+    first is ``rest`` and there is no second.
     """
     a, b, c = circle
     size, off = np.hypot(b, c), value - a

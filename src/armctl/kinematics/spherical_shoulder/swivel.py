@@ -154,15 +154,10 @@ class Swivel:
     def with_joint(
         self, joint: int, values: FloatArray, tolerance: float = ROOT_TOLERANCE
     ) -> list[FloatArray]:
-        """Both postures at each of many values of one joint; limits not looked at.
+        """Both postures (k, 3) for those k of some values (m,) [rad] of one joint that have any.
 
-        Args:
-            joint: index of the shoulder joint.
-            values: (m,) of it [rad].
-            tolerance: see ``roots``; with more than rounding the postures may miss the target.
-
-        Returns:
-            Twice (k, 3), for those k of the values that have a posture.
+        The limits are not looked at. For ``tolerance`` see ``roots``; with more than rounding the postures
+        may miss the target.
         """
         w1, w2, w3 = self.geometry.axes[:3]
         rest = [rest_angle(low, high) for low, high in self.limits.tolist()]
