@@ -142,6 +142,17 @@ class Rig:
     def rests(self, seconds: float = 60.0) -> Snapshot:
         return self.until(lambda s: s.state is State.HOLDING, seconds)
 
+    def finishes(self, command: Command, seconds: float = 60.0) -> None:
+        """Submit, and wait until the arm holds; it must have been carried out."""
+        ticket = self.do(command)
+        if self.now.state is not State.HOLDING:
+            self.rests(seconds)
+        ticket.result(0)
+
+    def stops(self) -> None:
+        self.controller.stop(TEST)
+        self.rests(1.0)
+
     def sends_nothing(self, seconds: float) -> None:
         count = len(self.driver.writes)
         self.run(seconds)

@@ -13,7 +13,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from tests.runtime.kit import (
     ROBOT,
-    TEST,
     TICK,
     LateExecutor,
     Rig,
@@ -110,10 +109,9 @@ def test_a_loop_that_is_blended_over_its_end_never_stands(holding: Rig) -> None:
     fast = speeds(holding)
     assert fast[5:].min() > np.radians(2)
     assert {step for _, step in steps_seen(holding)} == {0, 1, 2, 3}
-    holding.controller.stop(TEST)
-    holding.rests(2)
+    holding.stops()
     with pytest.raises(StateError):
-        ticket.finished.result(0)
+        ticket.result(0)
     assert_keeps_limits(holding)
 
 
@@ -167,8 +165,7 @@ def test_a_pause_or_stop_stays_on_the_path_and_skips_no_step(
     ticket = rig.do(RunProgram(what))
     rig.run(at)
     if stops:
-        rig.controller.stop(TEST)
-        rig.rests(1.0)
+        rig.stops()
         expected = steps_seen(fine)[: len(steps_seen(rig))]
     else:
         if rig.now.state is State.MOVING:
@@ -203,9 +200,7 @@ def test_when_the_planner_is_late_the_arm_waits_on_the_path(late: Rig) -> None:
 
 def test_a_single_step(holding: Rig) -> None:
     a, b = (MoveStep(joints_deg=tuple(np.degrees(MIDDLE + d).tolist())) for d in (0.1, 0.2))
-    ticket = holding.do(RunProgram(program(a, b), 1, first=1, count=1))
-    holding.rests()
-    ticket.result(0)
+    holding.finishes(RunProgram(program(a, b), 1, first=1, count=1))
     assert steps_seen(holding) == [(0, 1)]
     np.testing.assert_allclose(holding.now.q_command, MIDDLE + 0.2, atol=1e-12)
 

@@ -177,6 +177,11 @@ def test_a_wake_between_two_ticks_writes_nothing_and_loses_no_time() -> None:
     assert rig.now.stamp - rig.history[2].stamp == pytest.approx(1.0, abs=0.03)
 
 
+def test_a_rate_that_cannot_be() -> None:
+    with pytest.raises(InputError, match="5 Hz is outside 10 … 200 Hz"):
+        make_rig(rate_hz=5)
+
+
 def test_whoever_waits_for_a_ticket_finds_the_snapshot_that_shows_it(rig: Rig) -> None:
     seen: list[tuple[State, np.ndarray]] = []
 
@@ -201,7 +206,7 @@ def test_closing_answers_a_disconnect_that_waits_for_a_standstill() -> None:
     leaving = rig.do(Disconnect())
     assert not leaving.finished.done()
     rig.controller.close()
-    leaving.finished.result(0)
+    leaving.result(0)
 
 
 def test_a_snapshot_that_cannot_be_made_is_a_fault_and_the_ticks_go_on(

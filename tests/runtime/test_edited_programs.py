@@ -73,8 +73,7 @@ def stands_at_the_end_of(steps: Sequence[Step], rig: Rig) -> Rig:
     first = square(0)[-1] if isinstance(steps[-1], LineStep) else steps[-1]
     if isinstance(first, LineStep):
         first = PointStep(x_mm=first.x_mm, y_mm=first.y_mm, z_mm=first.z_mm)
-    rig.do(RunProgram(program([first])))
-    rig.rests()
+    rig.finishes(RunProgram(program([first])))
     rig.history.clear()
     return rig
 
@@ -132,7 +131,7 @@ def test_the_edit_takes_effect_at_the_next_pass_whatever_the_shape(shape: str, a
     rig = stands_at_the_end_of(old.steps, make_rig().enable())
     rig.do(RunProgram(old, None))
     rig.run(at)
-    rig.do(UpdateProgram(new)).finished.result(0)
+    rig.do(UpdateProgram(new)).result(0)
     running = rig.tick().program
     rig.run(4)
     seen = motions_seen(rig)
@@ -187,7 +186,7 @@ def test_when_the_planner_is_late_the_edit_waits_for_a_pass_that_has_not_begun()
     edit = rig.do(UpdateProgram(new))
     executor.work()
     rig.run(0.04)
-    edit.finished.result(0)
+    edit.result(0)
     rig.run(1.5)  # by now all that was handed out has begun, and the arm waits
     for _ in range(60):
         executor.work()
@@ -205,8 +204,7 @@ def test_a_program_that_ends_is_run_as_often_as_it_was_asked_for(loops: int) -> 
     rig = stands_at_the_end_of(old.steps, make_rig().enable())
     ticket = rig.do(RunProgram(old, loops))
     rig.run(0.1)
-    rig.do(UpdateProgram(new))
-    rig.rests()
+    rig.finishes(UpdateProgram(new))
     ticket.result(0)
     seen = list(motions_seen(rig))
     assert_no_step_is_skipped(seen)

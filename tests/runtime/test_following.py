@@ -81,8 +81,7 @@ def test_a_circle_is_followed_close_behind_and_without_a_jump(rig: Rig) -> None:
 def test_its_target_expires_500_ms_after_the_last_one(rig: Rig) -> None:
     follow(rig, TOOL + np.array([0.0, 0.15, 0.0]), 0.2)
     last = rig.now.stamp
-    rig.do(SetSpeed(0.1))
-    rig.rests(2)
+    rig.finishes(SetSpeed(0.1), 2)
     assert 0.5 <= rig.now.stamp - last < 0.65
     assert tool(rig)[1] < TOOL[1] + 0.1
     assert_accelerations_keep_limits(rig)
@@ -196,8 +195,7 @@ def test_it_needs_the_arm_holding_and_nothing_else_begins_meanwhile(rig: Rig) ->
 
 
 def test_only_the_newest_target_is_solved_for() -> None:
-    executor = LateExecutor()
-    rig = make_rig(executor).enable(HOME)
+    rig = make_rig(executor := LateExecutor()).enable(HOME)
     for k in range(20):
         follow(rig, TOOL + np.array([0.0, 0.002 * k, 0.0]))
     assert len(executor.waiting) == 1  # the first; the others wait for nobody
@@ -213,8 +211,7 @@ def test_only_the_newest_target_is_solved_for() -> None:
 
 
 def test_what_is_solved_after_it_was_left_moves_nothing() -> None:
-    executor = LateExecutor()
-    rig = make_rig(executor).enable(HOME)
+    rig = make_rig(executor := LateExecutor()).enable(HOME)
     follow(rig, TOOL + np.array([0.0, 0.05, 0.0]), 0.1)
     rig.do(FollowTarget(None))
     executor.work()
@@ -224,8 +221,7 @@ def test_what_is_solved_after_it_was_left_moves_nothing() -> None:
 
 
 def test_what_was_left_is_not_gone_to_when_another_target_is_followed() -> None:
-    executor = LateExecutor()
-    rig = make_rig(executor).enable(HOME)
+    rig = make_rig(executor := LateExecutor()).enable(HOME)
     first, second, third = (TOOL + np.array([0.0, y, 0.0]) for y in (0.05, -0.08, 0.06))
     follow(rig, first, 2 * TICK)
     executor.work()

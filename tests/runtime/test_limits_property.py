@@ -164,7 +164,7 @@ def test_a_stop_brings_everything_to_rest_and_ends_the_stream(script: Script) ->
     rig = play(script)
     ticket = rig.controller.stop(TEST)
     rig.rests(1.0)
-    assert ticket.finished.result(0) is None
+    assert ticket.result(0) is None
     assert not rig.now.velocity_command.any()
     rig.sends_nothing(2.0)
     assert rig.now.state is State.HOLDING

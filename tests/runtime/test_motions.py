@@ -1,10 +1,11 @@
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 from tests.runtime.kit import (
     ROBOT,
-    TEST,
     TICK,
     Rig,
     assert_accelerations_keep_limits,
@@ -64,8 +65,7 @@ def test_normal_movement_turns_every_joint_for_itself(holding: Rig) -> None:
 
 def test_a_point_is_reached(holding: Rig) -> None:
     point = np.array([0.2, 0.05, 0.1])
-    holding.do(MoveTo(Target.of(point), choose="least-travel"))
-    holding.rests()
+    holding.finishes(MoveTo(Target.of(point), choose="least-travel"))
     np.testing.assert_allclose(ROBOT.forward(holding.now.q)[:3, 3], point, atol=1e-9)
 
 
@@ -85,10 +85,8 @@ def test_what_cannot_be_is_refused_before_the_arm_moves(
     holding: Rig, command: MoveTo | MoveJoints, error: type[Exception], message: str
 ) -> None:
     ticket = holding.do(command)
-    with pytest.raises(error, match=message):
-        ticket.accepted.result(0)
-    with pytest.raises(error):
-        ticket.finished.result(0)
+    fails(ticket.accepted, message, error)
+    fails(ticket.finished, message, error)
     holding.run(0.5)
     assert holding.now.state is State.HOLDING
     assert len(holding.driver.writes) == 1
@@ -97,8 +95,7 @@ def test_what_cannot_be_is_refused_before_the_arm_moves(
 
 def test_a_second_motion_is_refused_and_says_stop_first(holding: Rig) -> None:
     first = holding.do(MoveJoints(HOME))
-    with pytest.raises(StateError, match=r"it is moving \(move \(test\)\); stop first"):
-        holding.do(MoveJoints(REST)).accepted.result(0)
+    holding.refuses(MoveJoints(REST), r"it is moving \(move \(test\)\); stop first")
     holding.rests()
     first.result(0)
 
@@ -115,58 +112,40 @@ def test_planning_takes_its_time_and_the_arm_waits(late: Rig) -> None:
     assert late.now.state is State.MOVING
 
 
-def test_a_plan_for_an_arm_that_stands_elsewhere_by_now_is_refused(late: Rig) -> None:
+def moved(rig: Rig) -> None:
+    rig.do(Jog(np.array([1.0, 0, 0, 0, 0]))).accepted.result(0)
+    rig.run(1)
+
+
+@pytest.mark.parametrize(
+    ("meanwhile", "words", "error"),
+    [
+        (lambda rig: rig.do(Release()), "released", StateError),
+        (moved, "no longer stands where the motion was planned from", StateError),
+        (lambda rig: rig.executor.waiting[0][0].cancel(), "the planner dropped it", StateError),
+        (
+            lambda rig: rig.executor.waiting[0][0].set_exception(ZeroDivisionError("oops")),
+            "planning failed: ZeroDivisionError: oops",
+            ArmctlError,
+        ),
+    ],
+)
+def test_a_plan_that_cannot_be_taken_is_refused_and_harms_nothing(
+    late: Rig, meanwhile: Callable[[Rig], object], words: str, error: type[Exception]
+) -> None:
     ticket = late.do(MoveJoints(HOME))
-    late.do(Release())
+    meanwhile(late)
+    late.executor.waiting = [(future, plan) for future, plan in late.executor.waiting if not future.done()]
     late.executor.work()
     late.tick()
-    fails(ticket.accepted, "released")
-    assert late.now.state is State.OFF
-
-
-def test_a_jog_in_between_makes_a_plan_void(late: Rig) -> None:
-    ticket = late.do(MoveJoints(HOME))
-    late.do(Jog(np.array([1.0, 0, 0, 0, 0]))).accepted.result(0)
-    late.run(1)
-    assert late.now.state is State.HOLDING
-    late.executor.work()
-    late.tick()
-    fails(ticket.accepted, "no longer stands where the motion was planned from")
-    assert late.now.state is State.HOLDING
-
-
-def test_a_stop_drops_a_motion_that_is_being_planned(late: Rig) -> None:
-    ticket = late.do(MoveJoints(HOME))
-    late.controller.stop(TEST)
-    late.tick()
-    late.executor.work()
-    late.run(0.2)
-    fails(ticket.accepted, "stopped by test")
-    assert len(late.driver.writes) == 1
-
-
-def test_a_defect_of_the_planner_is_told_and_harms_nothing(late: Rig) -> None:
-    ticket = late.do(MoveJoints(HOME))
-    late.executor.waiting[0][0].set_exception(ZeroDivisionError("oops"))
-    late.tick()
-    fails(ticket.accepted, "planning failed: ZeroDivisionError: oops", ArmctlError)
-    assert late.now.state is State.HOLDING
-
-
-def test_a_plan_that_the_executor_dropped_is_told_and_harms_nothing(late: Rig) -> None:
-    ticket = late.do(MoveJoints(HOME))
-    late.executor.waiting[0][0].cancel()
-    late.tick()
-    fails(ticket.accepted, "the planner dropped it")
-    assert late.now.state is State.HOLDING
+    fails(ticket.accepted, words, error)
+    assert late.now.state in (State.HOLDING, State.OFF)
 
 
 def test_following_a_trajectory_of_ones_own(holding: Rig) -> None:
     first = plan_target(ROBOT, REST, Target.of(arc()[20]))
     second = plan_target(ROBOT, first.end, Target.of(arc()[21]))
-    ticket = holding.do(Follow(JoinedTrajectory([first, second])))
-    holding.rests()
-    ticket.result(0)
+    holding.finishes(Follow(JoinedTrajectory([first, second])))
     assert np.array_equal(holding.now.q_command, second.end)
     assert_accelerations_keep_limits(holding)
 
@@ -175,12 +154,12 @@ def test_pause_and_resume_on_the_same_path(holding: Rig) -> None:
     trajectory = plan_joints(ROBOT, REST, HOME)
     ticket = holding.do(MoveJoints(HOME))
     holding.run(0.3)
-    holding.do(Pause()).finished.result(0)
+    holding.do(Pause()).result(0)
     holding.until(lambda s: s.state is State.PAUSED, seconds=0.5)
     paused_at = holding.now.q_command
     holding.sends_nothing(1)
-    holding.do(Pause()).finished.result(0)
-    holding.do(Resume()).finished.result(0)
+    holding.do(Pause()).result(0)
+    holding.do(Resume()).result(0)
     assert holding.now.state is State.MOVING
     holding.rests()
     ticket.result(0)
@@ -195,14 +174,13 @@ def test_a_pause_may_be_taken_back_while_it_slows_down(holding: Rig) -> None:
     holding.do(MoveJoints(HOME))
     holding.run(0.3)
     holding.do(Pause())
-    holding.do(Resume()).finished.result(0)
-    holding.rests()
+    holding.finishes(Resume())
     assert all(s.state is not State.PAUSED for s in holding.history)
 
 
 def test_half_the_speed_takes_twice_the_time(holding: Rig) -> None:
     duration = PointToPoint.plan(ROBOT, REST, HOME).duration
-    holding.do(SetSpeed(0.5)).finished.result(0)
+    holding.do(SetSpeed(0.5)).result(0)
     holding.do(MoveJoints(HOME))
     began = holding.now.stamp
     holding.rests()
@@ -256,7 +234,6 @@ def test_late_ticks_in_a_row_are_one_notice_and_two_lines_of_the_log(holding: Ri
 
 
 def test_going_nowhere_is_over_at_once(holding: Rig) -> None:
-    ticket = holding.do(MoveJoints(REST))
-    ticket.result(0)
+    holding.do(MoveJoints(REST)).result(0)
     assert holding.now.state is State.HOLDING
     assert len(holding.driver.writes) == 1

@@ -18,15 +18,19 @@ def pulses(q: np.ndarray) -> dict[int, float]:
     return ROBOT.output_map.outputs(q)
 
 
-def test_before_anything(rig: Rig) -> None:
+def connected(rig: Rig, positions: dict[int, float]) -> Rig:
+    """To a board that sends these pulses."""
+    rig.driver.positions = positions
+    rig.do(Connect("sim")).result(0)
+    return rig
+
+
+def test_connecting_moves_nothing_and_sets_the_channels(rig: Rig) -> None:
     assert rig.now.state is State.DISCONNECTED
     assert np.array_equal(rig.now.q_command, REST)
     assert np.isnan(rig.now.q).all()
     assert not rig.now.powered
-
-
-def test_connecting_moves_nothing_and_sets_the_channels(rig: Rig) -> None:
-    rig.do(Connect("sim")).finished.result(0)
+    rig.do(Connect("sim")).result(0)
     assert rig.now.state is State.OFF
     assert rig.now.cause == "connected to recording board at sim (test); pulses are off"
     assert rig.driver.writes == []
@@ -38,20 +42,16 @@ def test_connecting_moves_nothing_and_sets_the_channels(rig: Rig) -> None:
     assert gripper.speed == pytest.approx(1.5 * 2.0 * 1000)
 
 
-def test_enable_sends_the_rest_pose_at_once_and_once(rig: Rig) -> None:
-    rig.enable()
+@pytest.mark.parametrize(("wanted", "sent"), [(None, REST), (HOME, HOME)])
+def test_enable_sends_the_pose_once(rig: Rig, wanted: np.ndarray | None, sent: np.ndarray) -> None:
+    rig.enable(wanted)
     assert rig.now.state is State.HOLDING
     assert rig.now.powered
-    assert [values for _, values in rig.driver.writes] == [pulses(REST)]
     rig.run(1)
-    assert len(rig.driver.writes) == 1
-    np.testing.assert_allclose(rig.now.q, REST, atol=1e-12)
+    rig.do(Enable()).result(0)
+    assert [values for _, values in rig.driver.writes] == [pulses(sent)]
+    np.testing.assert_allclose(rig.now.q, sent, atol=1e-12)
     assert rig.now.source is Source.TRANSMITTED
-
-
-def test_enable_in_a_pose_of_ones_own(rig: Rig) -> None:
-    rig.enable(HOME)
-    assert [values for _, values in rig.driver.writes] == [pulses(HOME)]
 
 
 @pytest.mark.parametrize(
@@ -66,18 +66,16 @@ def test_enable_in_a_pose_of_ones_own(rig: Rig) -> None:
 def test_enable_in_an_impossible_pose_is_refused(
     rig: Rig, q: np.ndarray, error: type[Exception], message: str
 ) -> None:
-    rig.do(Connect("sim"))
-    rig.refuses(Enable(q), message, error)
+    connected(rig, {}).refuses(Enable(q), message, error)
     assert rig.driver.writes == []
     assert rig.now.state is State.OFF
 
 
 def test_pulses_that_are_on_already_are_taken_over_without_a_jump(rig: Rig) -> None:
-    rig.driver.positions = {**pulses(HOME), 5: 1500.0}
-    rig.do(Connect("sim"))
+    connected(rig, {**pulses(HOME), 5: 1500.0})
     assert rig.now.powered
     assert "its pulses are on already: Enable takes the arm over" in rig.now.cause
-    rig.do(Enable()).finished.result(0)
+    rig.do(Enable()).result(0)
     np.testing.assert_allclose(rig.now.q_command, HOME, atol=1e-12)
     assert [values for _, values in rig.driver.writes] == [pytest.approx(pulses(HOME))]
     assert rig.now.gripper == pytest.approx(0.5)
@@ -86,29 +84,65 @@ def test_pulses_that_are_on_already_are_taken_over_without_a_jump(rig: Rig) -> N
 
 def test_where_only_some_are_on_these_stay_and_the_others_jump(rig: Rig) -> None:
     home = pulses(HOME)
-    rig.driver.positions = {0: home[0], 1: home[1]}
-    rig.enable()
+    connected(rig, {0: home[0], 1: home[1]}).do(Enable()).result(0)
     np.testing.assert_allclose(rig.now.q_command, [*HOME[:2], *REST[2:]], atol=1e-12)
     assert "Base, Shoulder stayed, the others jumped" in rig.now.cause
 
 
+def test_enabled_where_it_stands_and_not_in_the_pose_asked_for_is_a_warning(rig: Rig) -> None:
+    connected(rig, pulses(HOME)).do(Enable(REST)).result(0)
+    np.testing.assert_allclose(rig.now.q_command, HOME, atol=1e-12)
+    assert any("enabled where the arm stands" in text for text in rig.texts)
+
+
 def test_a_joint_that_stands_outside_its_limits_is_not_taken_over(rig: Rig) -> None:
-    rig.driver.positions = {**pulses(HOME), 2: 602.0 - 20}
-    rig.do(Connect("sim"))
+    connected(rig, {**pulses(HOME), 2: 602.0 - 20})
     rig.refuses(Enable(), r"Elbow stands at -86\.4°, outside -84\.4° … 95\.1°; support")
     assert rig.driver.writes == []
 
 
-def test_enable_twice_is_harmless(rig: Rig) -> None:
-    rig.enable().do(Enable()).result(0)
-    assert len(rig.driver.writes) == 1
+def test_joints_do_not_jump_to_below_the_floor_under_those_that_stay(rig: Rig) -> None:
+    low = np.radians([0, -3, -60, -20, 0])
+    connected(rig, {channel: pulse for channel, pulse in pulses(low).items() if channel < 3})
+    rig.refuses(Enable(np.where([1, 1, 1, 0, 0], HOME, low)), "mm below the floor", MotionRefusedError)
+    assert rig.driver.writes == []
+
+
+def test_two_readings_that_differ_are_not_taken_over(rig: Rig) -> None:
+    connected(rig, pulses(HOME))
+    readings = iter([pulses(REST), pulses(HOME)])
+    rig.driver.read = lambda: Readback(next(readings), Source.TRANSMITTED)  # type: ignore[method-assign]
+    ticket = rig.controller.submit(Enable())
+    rig.controller.tick()
+    fails(ticket.finished, r"two things of where it is \(Shoulder, Wrist pitch\)")
+    assert rig.driver.writes == []
+    assert rig.now.state is State.OFF
+
+
+def test_enable_on_a_board_that_is_silent_for_once_may_be_tried_again(rig: Rig) -> None:
+    rig.driver.fail["read"] = BoardTimeoutError("no answer")
+    connected(rig, pulses(HOME))
+    assert rig.now.cause.endswith("it has not said yet whether its pulses are on")
+    rig.refuses(Enable(), "did not answer where it is; try again")
+    rig.driver.fail.clear()
+    rig.do(Enable()).result(0)
+    assert rig.now.state is State.HOLDING
+
+
+def test_a_gripper_that_stands_beyond_its_range_is_taken_over(rig: Rig) -> None:
+    connected(rig, {**pulses(HOME), 5: 2100.0}).do(Enable()).result(0)
+    assert rig.now.gripper == 1.0
+    rig.do(MoveGripper(0.5))
+    rig.run(1)
+    assert rig.now.state is State.HOLDING
+    assert rig.now.gripper == 0.5
 
 
 def test_release_drops_the_arm_at_once_even_while_it_moves(holding: Rig) -> None:
     motion = holding.do(MoveJoints(HOME))
     holding.run(0.2)
     count = len(holding.driver.writes)
-    holding.do(Release()).finished.result(0)
+    holding.do(Release()).result(0)
     assert holding.now.state is State.OFF
     assert not holding.now.powered
     assert holding.driver.positions == {}
@@ -116,12 +150,26 @@ def test_release_drops_the_arm_at_once_even_while_it_moves(holding: Rig) -> None
     fails(motion.finished, r"released \(test\)")
     holding.run(1)
     assert holding.now.state is State.OFF
-    holding.do(Enable()).finished.result(0)
+    holding.do(Enable()).result(0)
     assert holding.now.state is State.HOLDING
 
 
+def test_pulses_that_go_on_after_a_release_are_told(holding: Rig) -> None:
+    holding.driver.release = lambda: None  # type: ignore[method-assign]  # lost on the line
+    holding.do(Release())
+    holding.run(0.1)
+    assert holding.now.state is State.OFF
+    assert holding.now.powered
+    (warning,) = holding.now.warnings
+    on = "the board's outputs are still on (Base, Shoulder, Elbow, Wrist pitch, Wrist roll)"
+    assert warning.startswith(on)
+    holding.driver.positions.clear()
+    holding.tick()
+    assert holding.now.warnings == ()
+
+
 def test_disconnecting_leaves_the_outputs_on(holding: Rig) -> None:
-    holding.do(Disconnect()).finished.result(0)
+    holding.do(Disconnect()).result(0)
     assert holding.now.state is State.DISCONNECTED
     assert holding.driver.calls[-1] == "close"
     assert "release" not in holding.driver.calls
@@ -136,7 +184,7 @@ def test_disconnecting_while_moving_waits_for_a_standstill(holding: Rig) -> None
     assert not leaving.finished.done()
     holding.refuses(MoveGripper(1.0), "disconnecting")
     holding.until(lambda s: s.state is State.DISCONNECTED, seconds=1)
-    leaving.finished.result(0)
+    leaving.result(0)
     fails(motion.finished, "stopped by disconnect")
 
 
@@ -152,70 +200,10 @@ def test_a_port_that_is_not_there(rig: Rig) -> None:
 
 def test_what_is_no_armctl_error_is_translated_with_its_cause(rig: Rig) -> None:
     rig.driver.fail["configure"] = OSError(5, "Input/output error")
-    ticket = rig.do(Connect("sim"))
-    with pytest.raises(BoardError, match=r"setting the channels: OSError: \[Errno 5\]") as caught:
-        ticket.finished.result(0)
-    assert isinstance(caught.value.__cause__, OSError)
+    error = rig.do(Connect("sim")).finished.exception(0)
+    assert isinstance(error, BoardError) and isinstance(error.__cause__, OSError)
+    assert str(error).startswith("setting the channels: OSError: [Errno 5]")
     assert rig.now.board is None
-
-
-def test_a_rate_that_cannot_be() -> None:
-    with pytest.raises(InputError, match="5 Hz is outside 10 … 200 Hz"):
-        make_rig(rate_hz=5)
-
-
-def test_two_readings_that_differ_are_not_taken_over(rig: Rig) -> None:
-    rig.driver.positions = pulses(HOME)
-    rig.do(Connect("sim"))
-    readings = iter([pulses(REST), pulses(HOME)])
-    rig.driver.read = lambda: Readback(next(readings), Source.TRANSMITTED)  # type: ignore[method-assign]
-    ticket = rig.controller.submit(Enable())
-    rig.controller.tick()
-    fails(ticket.finished, r"two things of where it is \(Shoulder, Wrist pitch\)")
-    assert rig.driver.writes == []
-    assert rig.now.state is State.OFF
-
-
-def test_enable_on_a_board_that_is_silent_for_once_may_be_tried_again(rig: Rig) -> None:
-    rig.do(Connect("sim"))
-    rig.driver.fail["read"] = BoardTimeoutError("no answer")
-    rig.refuses(Enable(), "did not answer where it is; try again")
-    rig.driver.fail.clear()
-    rig.do(Enable()).finished.result(0)
-    assert rig.now.state is State.HOLDING
-
-
-def test_joints_do_not_jump_to_below_the_floor_under_those_that_stay(rig: Rig) -> None:
-    low = np.radians([0, -3, -60, -20, 0])
-    rig.driver.positions = {channel: pulse for channel, pulse in pulses(low).items() if channel < 3}
-    rig.do(Connect("sim"))
-    rig.refuses(Enable(np.where([1, 1, 1, 0, 0], HOME, low)), "mm below the floor", MotionRefusedError)
-    assert rig.driver.writes == []
-
-
-def test_a_gripper_that_stands_beyond_its_range_is_taken_over(rig: Rig) -> None:
-    rig.driver.positions = {**pulses(HOME), 5: 2100.0}
-    rig.enable()
-    assert rig.now.gripper == 1.0
-    rig.do(MoveGripper(0.5))
-    rig.run(1)
-    assert rig.now.state is State.HOLDING
-    assert rig.now.gripper == 0.5
-
-
-def test_pulses_that_go_on_after_a_release_are_told(holding: Rig) -> None:
-    holding.driver.release = lambda: None  # type: ignore[method-assign]  # lost on the line
-    holding.do(Release())
-    holding.run(0.1)
-    assert holding.now.state is State.OFF
-    assert holding.now.powered
-    (warning,) = holding.now.warnings
-    assert warning.startswith(
-        "the board's outputs are still on (Base, Shoulder, Elbow, Wrist pitch, Wrist roll)"
-    )
-    holding.driver.positions.clear()
-    holding.tick()
-    assert holding.now.warnings == ()
 
 
 def test_an_arm_without_a_servo_map_is_driven_on_a_simulated_board_only() -> None:
@@ -228,21 +216,11 @@ def test_an_arm_without_a_servo_map_is_driven_on_a_simulated_board_only() -> Non
     assert rig.driver.calls[-1] == "close"
 
 
-def test_what_a_board_did_not_say_is_not_made_up(rig: Rig) -> None:
-    rig.driver.positions = pulses(HOME)
-    rig.driver.fail["read"] = BoardTimeoutError("no answer")
-    rig.do(Connect("sim")).finished.result(0)
-    assert rig.now.cause.endswith("it has not said yet whether its pulses are on")
-
-
-def test_what_is_known_of_a_board_is_no_warning_what_it_had_reported_is(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    rig = make_rig()
+def test_what_is_known_of_a_board_is_no_warning_what_it_had_reported_is(rig: Rig) -> None:
     identity = BoardIdentity(
         "recording board", "sim", simulated=True, notes=("it has no watchdog",), earlier=("it had sagged",)
     )
-    monkeypatch.setattr(rig.driver, "open", lambda: identity)
-    rig.do(Connect("sim")).finished.result(0)
+    rig.driver.open = lambda: identity  # type: ignore[method-assign]
+    rig.do(Connect("sim")).result(0)
     levels = {event.text: event.level for event in rig.now.events}
     assert (levels["it has no watchdog"], levels["it had sagged"]) == ("info", "warning")

@@ -64,8 +64,7 @@ def test_for_ever_until_stopped(holding: Rig) -> None:
     assert holding.now.program is not None
     assert holding.now.program.loops is None
     assert holding.now.program.loop > 5
-    holding.controller.stop(TEST)
-    holding.rests(1)
+    holding.stops()
     fails(ticket.finished, "program 'pick' was stopped by test")
     holding.sends_nothing(5)
 
@@ -84,8 +83,7 @@ def test_a_stop_during_a_wait_or_the_gripper_ends_it(holding: Rig) -> None:
 
 
 def test_it_begins_where_it_is_told_in_the_first_pass_only(holding: Rig) -> None:
-    holding.do(RunProgram(program(TO_HOME, TO_REST, POINT), loops=2, first=2))
-    holding.rests()
+    holding.finishes(RunProgram(program(TO_HOME, TO_REST, POINT), loops=2, first=2))
     assert steps_seen(holding) == [(0, 2), (1, 0), (1, 1), (1, 2)]
 
 
@@ -96,15 +94,14 @@ def test_pause_and_resume_in_every_kind_of_step(step: Step) -> None:
     rig.run(0.5)
     ticket = rig.do(RunProgram(program(step, TO_REST)))
     rig.run(0.1)
-    rig.do(Pause()).finished.result(0)
+    rig.do(Pause()).result(0)
     rig.until(lambda s: s.state is State.PAUSED, seconds=0.5)
     assert rig.now.cause == "program 'pick' paused"
     rig.sends_nothing(5)
     assert rig.now.state is State.PAUSED
     assert rig.now.program is not None
     assert rig.now.program.step == 0
-    rig.do(Resume()).finished.result(0)
-    rig.rests()
+    rig.finishes(Resume())
     ticket.result(0)
     assert_accelerations_keep_limits(rig)
 
@@ -116,8 +113,7 @@ def test_a_step_that_ends_while_it_is_being_paused_waits_before_the_next(holding
     holding.until(lambda s: s.state is State.PAUSED, seconds=1)
     holding.run(1)
     assert holding.now.state is State.PAUSED
-    holding.do(Resume())
-    holding.rests()
+    holding.finishes(Resume())
     np.testing.assert_allclose(holding.now.q_command, REST, atol=1e-12)
 
 
@@ -163,7 +159,7 @@ def test_a_step_that_cannot_be_reached_stops_it_holding_and_names_the_step(holdi
     ticket.accepted.result(0)
     holding.rests()
     with pytest.raises(ProgramError, match="pick: step 3: ") as caught:
-        ticket.finished.result(0)
+        ticket.result(0)
     assert caught.value.__cause__ is not None
     np.testing.assert_allclose(holding.now.q_command, HOME, atol=1e-12)
     assert holding.now.cause.startswith("pick: step 3: ")
