@@ -130,14 +130,6 @@ def test_a_long_absence_is_caught_up_with_at_once_and_time_never_goes_back():
     assert board.advance(86_400.0) == board.advance(9.0) == b""
 
 
-def test_the_board_is_deaf_and_dumb_while_it_starts():
-    board = SimulatedEncoderBoard(boot_s=1.7)
-    assert board.advance(0.0) == board.advance(1.6) == b""
-    assert board.feed(b"????") == b""
-    (banner,) = [decode(line) for line in board.advance(1.7).splitlines()]
-    assert banner == Banner("armctl-encoder", "1.1.0", 2, 6, "power")
-
-
 @pytest.mark.parametrize("cause", ["power", "external", "brownout", "watchdog"])
 def test_a_restart_forgets_everything_but_where_the_arm_is(homed: Bench, cause):
     homed.stream({0: 200.0}, 0.5)
@@ -164,18 +156,3 @@ def test_the_watchdog_brakes_before_it_switches_off(homed: Bench):
     assert list(modes) == [Mode.ON, Mode.HELD, Mode.OFF]
     assert modes[Mode.HELD] == pytest.approx(0.4, abs=0.011)
     assert modes[Mode.OFF] == pytest.approx(0.5, abs=0.011)
-
-
-@given(st.lists(st.binary(max_size=200), max_size=20))
-def test_no_noise_moves_anything(bursts):
-    board = SimulatedEncoderBoard()
-    now = 1.0
-    board.advance(now)
-    places = [axis.place for axis in board.axes]
-    for burst in bursts:
-        board.feed(burst)
-        now += 0.02
-        board.advance(now)
-    assert not board.mode.powered
-    assert [axis.place for axis in board.axes] == places
-    assert not board.log
