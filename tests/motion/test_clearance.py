@@ -76,7 +76,7 @@ def test_a_dip_between_two_clear_samples_is_found(
     robot = build(DEPTH)
     gaps = source(robot)
     motion = swing()
-    at_samples = gaps.gaps(LinkFrames.at(CHAIN, SampledMotion.of(robot, motion).q))
+    at_samples = gaps.gaps(LinkFrames.at(CHAIN, SampledMotion(robot, motion).q))
     assert at_samples.min() > DEPTH
     (finding,) = [one for one in preflight(robot, motion) if one.kind == kind]
     assert finding.severity == "error"

@@ -23,13 +23,13 @@ from armctl.robot import load_robot
 
 ROBOT = load_robot("uzuner")
 HOME = ROBOT.pose("home")
-ARC = ToolArc.through(arc()[0], arc()[29], arc()[-1])
+ARC = ToolArc(arc()[0], arc()[29], arc()[-1])
 LINE = ToolLine(line()[0], line()[-1])
 COORDINATE = st.integers(-400, 400).map(lambda mm: mm / 1000)
 POINT = st.tuples(COORDINATE, COORDINATE, COORDINATE)
 
 
-@pytest.mark.parametrize("ideal", [ARC, LINE, ToolArc.through([0.2, 0, 0.1], [0, 0.2, 0.1], [0, -0.2, 0.1])])
+@pytest.mark.parametrize("ideal", [ARC, LINE, ToolArc([0.2, 0, 0.1], [0, 0.2, 0.1], [0, -0.2, 0.1])])
 @settings(max_examples=60)
 @given(point=POINT)
 def test_the_nearest_place_is_the_nearest_of_many(
@@ -61,7 +61,7 @@ def test_a_tool_line_and_a_tool_arc_keep_to_their_curve() -> None:
     tip = ROBOT.forward(HOME)[:3, 3]
     end, via = tip + np.array([0, 0.08, 0]), tip + np.array([0, 0.04, 0.02])
     straight = path_error(ROBOT, plan_line(ROBOT, HOME, end), ToolLine(tip, end))
-    round_ = path_error(ROBOT, plan_arc(ROBOT, HOME, via, end), ToolArc.through(tip, via, end))
+    round_ = path_error(ROBOT, plan_arc(ROBOT, HOME, via, end), ToolArc(tip, via, end))
     assert max(straight.largest, round_.largest) < 0.05e-3
     joints = PointToPoint.lasting(HOME, plan_line(ROBOT, HOME, end).end, 2.0)
     assert path_error(ROBOT, joints, ToolLine(tip, end)).largest > 0.05e-3

@@ -204,7 +204,7 @@ def follow_tool(
     """
     q = robot.chain.checked(as_numbers(start, "joint angles"))
     tool = robot.forward(q)[:3, 3]
-    curve = ToolLine(tool, np.asarray(end_m)) if via_m is None else ToolArc.through(tool, via_m, end_m)
+    curve = ToolLine(tool, np.asarray(end_m)) if via_m is None else ToolArc(tool, via_m, end_m)
     try:
         return follow(robot, q, curve, pitch, end_pitch)
     except (ToolPathRefusedError, ToolPathUnreachableError) as cause:
@@ -219,6 +219,7 @@ def follow_tool(
 
 Passing = Literal["stop", "spline", "blend"]
 """at rest in each point; smoothly through all points; turning off before each point, towards the next"""
+_TOO_FEW = "a motion through points needs at least two of them"
 
 
 def solve_points(robot: Robot, points: FloatArray, choose: str, start: FloatArray) -> FloatArray:
@@ -250,7 +251,8 @@ def plan_through(
         InputError: fewer than two stops.
         MotionRefusedError: outside the limits, through the floor, or too short a duration; says where.
     """
-    _require_two(stops)
+    if len(stops) < 2:
+        raise InputError(_TOO_FEW)
     durations: list[float | None] = [None] * (len(stops) - 1)
     if duration_s is not None:
         profile = "cubic" if profile == "normal" else profile
@@ -271,7 +273,8 @@ def plan_blended(
         InputError: fewer than two stops, or a radius that is not positive.
         MotionRefusedError: outside the joint limits, or too short a duration.
     """
-    _require_two(stops)
+    if len(stops) < 2:
+        raise InputError(_TOO_FEW)
     if not radius_m > 0:
         raise InputError(
             f"a blend radius must be positive, got {1000 * radius_m:g} mm; or stop at each point"
@@ -306,11 +309,6 @@ def _joined(
         except MotionRefusedError as cause:
             raise MotionRefusedError(f"from point {k} to point {k + 1}: {cause}") from cause
     return JoinedTrajectory(parts)
-
-
-def _require_two(stops: Sequence[FloatArray]) -> None:
-    if len(stops) < 2:
-        raise InputError("a motion through points needs at least two of them")
 
 
 def _slower(duration_s: float, shortest: float) -> float:

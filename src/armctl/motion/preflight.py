@@ -15,7 +15,7 @@ from armctl.kinematics.chain import LinkFrames
 from armctl.kinematics.target import checked_number
 from armctl.kinematics.velocity import NEAR
 from armctl.motion.clearance import FLOOR_TOLERANCE_M, Floor, Gaps, Obstacles, SelfCollision
-from armctl.motion.trajectory import JoinedTrajectory, KnowsPeaks, Peaks, Trajectory, peaks_of
+from armctl.motion.trajectory import JoinedTrajectory, KnowsPeaks, Trajectory, peaks_of
 from armctl.robot import Robot
 
 _TRAVEL = math.radians(6)
@@ -81,7 +81,7 @@ def preflight(
     Raises:
         InputError: the trajectory has another number of joints, or a value that is not finite.
     """
-    motion = SampledMotion.of(robot, trajectory)
+    motion = SampledMotion(robot, trajectory)
     if payload_kg is not None and checked_number(payload_kg, "a payload") < 0.0:
         raise InputError(f"a payload must be at least 0 kg, got {payload_kg}")
     links = LinkFrames.at(robot.chain, motion.q)
@@ -119,7 +119,6 @@ def require_clear(
         raise MotionRefusedError(f"{findings[0]}{more}")
 
 
-@dataclass(frozen=True, slots=True, eq=False)
 class SampledMotion:
     """The m samples of a motion, and its extremes between them.
 
@@ -128,28 +127,12 @@ class SampledMotion:
     joined trajectory is sampled alone, so the instant between two parts has two samples.
     """
 
-    robot: Robot
-    trajectory: Trajectory
-    time: FloatArray
-    """(m,) rising [s]"""
-    q: FloatArray
-    """(m, n) [rad]"""
-    velocity: FloatArray
-    """(m, n) [rad/s]"""
-    acceleration: FloatArray
-    """(m, n) [rad/s²]"""
-    speed: FloatArray
-    """(m, n) largest joint speeds of the part that each sample belongs to [rad/s]"""
-    peaks: Peaks
-
-    @classmethod
-    def of(cls, robot: Robot, trajectory: Trajectory) -> SampledMotion:
-        """Sample a trajectory; InputError: another number of joints, or a value that is not finite."""
+    def __init__(self, robot: Robot, trajectory: Trajectory) -> None:
+        """InputError: another number of joints, or a value that is not finite."""
         if trajectory.start.shape != (robot.n,) or trajectory.end.shape != (robot.n,):
             raise InputError(f"{robot.name} has {robot.n} joints, the trajectory has {len(trajectory.start)}")
         parts = trajectory.leaves() if isinstance(trajectory, JoinedTrajectory) else [(trajectory, 0.0)]
-        times: list[FloatArray] = []
-        speeds: list[FloatArray] = []
+        times, speeds = list[FloatArray](), list[FloatArray]()
         states: list[tuple[FloatArray, FloatArray, FloatArray]] = []
         for part, begins in parts:
             duration, speed = part.duration, peaks_of(part).speed
@@ -168,17 +151,14 @@ class SampledMotion:
             for what, values in zip(("angle", "speed", "acceleration"), states[-1], strict=True):
                 if values.shape != (len(time), robot.n) or not np.isfinite(values).all():
                     raise InputError(f"the trajectory gives a joint {what} that is not a finite number")
-        q, velocity, acceleration = map(np.concatenate, zip(*states, strict=True))
-        return cls(
-            robot,
-            trajectory,
-            np.concatenate(times),
-            q,
-            velocity,
-            acceleration,
-            np.concatenate(speeds),
-            peaks_of(trajectory),
-        )
+        self.robot, self.trajectory = robot, trajectory
+        self.time = np.concatenate(times)
+        """(m,) rising [s]"""
+        self.q, self.velocity, self.acceleration = map(np.concatenate, zip(*states, strict=True))
+        """(m, n) [rad], [rad/s], [rad/s²]"""
+        self.speed = np.concatenate(speeds)
+        """(m, n) largest joint speeds of the part that each sample belongs to [rad/s]"""
+        self.peaks = peaks_of(trajectory)
 
 
 # Joint limits, speeds and accelerations, rest at both ends.

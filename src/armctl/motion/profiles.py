@@ -159,9 +159,8 @@ class PointToPoint(KnowsPeaks):
         """A motion from ``start`` to ``end`` (n,) [rad] in a given time [s], without limits.
 
         Raises:
-            InputError: a value that is not finite, shapes that differ, no time for a way, or a profile other
-            than
-                cubic or quintic: the shape of the others depends on limits.
+            InputError: a value that is not finite, shapes that differ, no time for a way, or a profile but
+                cubic and quintic: the shape of the others depends on limits.
         """
         first, last = checked_ends(start, end)
         lasts = checked_duration(duration)

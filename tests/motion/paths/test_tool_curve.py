@@ -54,7 +54,7 @@ def test_an_arc_passes_its_three_points_in_their_order(radius: float, angles: li
     on_circle = [
         centre + radius * (math.cos(x) * axes[0] + math.sin(x) * axes[1]) for x in (first, via, last)
     ]
-    arc = ToolArc.through(*on_circle)
+    arc = ToolArc(*on_circle)
     assert arc.length == pytest.approx(radius * (last - first), rel=1e-9)
     np.testing.assert_allclose(arc.positions(0.0), on_circle[0], atol=1e-15)
     np.testing.assert_allclose(arc.positions(radius * (via - first)), on_circle[1], atol=1e-10)
@@ -64,16 +64,16 @@ def test_an_arc_passes_its_three_points_in_their_order(radius: float, angles: li
 
 
 def test_the_way_round_is_the_one_over_the_via_point() -> None:
-    over_b, over_other = ToolArc.through(A, B, C), ToolArc.through(A, [0.0, -0.2, 0.1], C)
+    over_b, over_other = ToolArc(A, B, C), ToolArc(A, [0.0, -0.2, 0.1], C)
     np.testing.assert_allclose(over_b.positions(over_b.length / 2), B, atol=1e-12)
     np.testing.assert_allclose(over_other.positions(over_other.length / 2), [0.0, -0.2, 0.1], atol=1e-12)
-    near_start = ToolArc.through(A, [0.2 * math.cos(0.1), -0.2 * math.sin(0.1), 0.1], B)
+    near_start = ToolArc(A, [0.2 * math.cos(0.1), -0.2 * math.sin(0.1), 0.1], B)
     assert near_start.sweep == pytest.approx(1.5 * math.pi)
 
 
 def test_an_arc_through_nearly_straight_points_keeps_its_digits() -> None:
     via = (A + B) / 2 + [0.0, 0.0, 3e-6]
-    arc = ToolArc.through(A, via, B)
+    arc = ToolArc(A, via, B)
     assert arc.radius > 1000.0
     np.testing.assert_allclose(arc.positions(arc.length), B, atol=1e-9)
     np.testing.assert_allclose(arc.positions(arc.length / 2), via, atol=1e-9)
@@ -81,9 +81,9 @@ def test_an_arc_through_nearly_straight_points_keeps_its_digits() -> None:
 
 def test_points_on_one_line_make_no_arc() -> None:
     with pytest.raises(InputError, match=r"start \(200.00, 0.00, 100.00 mm\), via .* stand on one line"):
-        ToolArc.through(A, (A + B) / 2, B)
+        ToolArc(A, (A + B) / 2, B)
     with pytest.raises(InputError, match="stand on one line"):
-        ToolArc.through(A, A + 2 * (B - A), B)  # beyond the end
+        ToolArc(A, A + 2 * (B - A), B)  # beyond the end
 
 
 @pytest.mark.parametrize(
@@ -92,13 +92,13 @@ def test_points_on_one_line_make_no_arc() -> None:
 )
 def test_points_that_coincide_make_no_arc(points: tuple[np.ndarray, ...], named: str) -> None:
     with pytest.raises(InputError, match=f"the {named} points of an arc are the same point"):
-        ToolArc.through(*points)
+        ToolArc(*points)
 
 
 def test_what_is_not_a_point_is_refused() -> None:
     with pytest.raises(InputError, match="finite"):
         ToolLine(A, np.array([0.1, math.nan, 0.0]))
     with pytest.raises(InputError, match="finite"):
-        ToolArc.through(A, [0.0, math.inf, 0.1], C)
+        ToolArc(A, [0.0, math.inf, 0.1], C)
     with pytest.raises(InputError, match="shape"):
-        ToolArc.through(A, B, [0.1, 0.2])
+        ToolArc(A, B, [0.1, 0.2])

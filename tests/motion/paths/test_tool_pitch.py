@@ -45,7 +45,7 @@ def test_the_grid_stands_on_the_branch_of_the_arm(robot: Robot) -> None:
     rng, free = np.random.default_rng(2), 0
     for q in (random_start(rng, robot) for _ in range(8)):
         tool = robot.forward(q)[:3, 3]
-        grid = PitchGrid.of(plane, robot.limits, q, ToolLine(tool, tool + np.array([0.01, 0.02, -0.01])))
+        grid = PitchGrid(plane, robot.limits, q, ToolLine(tool, tool + np.array([0.01, 0.02, -0.01])))
         np.testing.assert_allclose(grid.q[0, :, 0], q[1:4], atol=1e-6)
         senses = np.array(plane.signs)
         for i, a in zip(rng.integers(49, size=40), rng.integers(360, size=40), strict=True):
@@ -68,7 +68,7 @@ def test_the_way_keeps_inside_and_the_led_pitches_keep_near_it() -> None:
     q = UZUNER.inverse(line()[0]).best("least-rotation")
     plane, curve = UZUNER.inverse_kinematics.plane, ToolLine(line()[0], line()[-1])
     assert plane is not None
-    grid = PitchGrid.of(plane, UZUNER.limits, q, curve)
+    grid = PitchGrid(plane, UZUNER.limits, q, curve)
     way = grid.way(np.ones(3))
     index = np.rint(way / grid.turns[1]).astype(int) % len(grid.turns)
     assert way[0] == 0.0 and np.isfinite(grid.toll[np.arange(1, 49), index[1:]]).all()

@@ -65,7 +65,7 @@ def test_random_lines_and_arcs_end_where_small_steps_end() -> None:
         there = np.clip(q + rng.uniform(-0.8, 0.8, robot.n), *robot.limits.T)
         end = robot.forward(there)[:3, 3] + rng.uniform(-0.03, 0.03, 3)
         via = 0.5 * (tool + end) + rng.uniform(-0.05, 0.05, 3)
-        curve = ToolArc.through(tool, via, end) if rng.random() < 0.3 else ToolLine(tool, end)
+        curve = ToolArc(tool, via, end) if rng.random() < 0.3 else ToolLine(tool, end)
         pitch = robot.inverse_kinematics.pitch_and_roll(q)[0]
         if pitch is None or abs(pitch) > 1.2:  # the two readings of a pitch near upright confuse the oracle
             continue

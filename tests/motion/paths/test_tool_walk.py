@@ -20,7 +20,7 @@ FREE, KEPT, LED = "free", "kept", "interpolated"
 def task_of(robot: Robot, q: np.ndarray, mode: str, *, push: float = 0.0) -> ToolTask:
     """A task along an arc from where the tool is; the last joint stands."""
     tool = robot.forward(q)[:3, 3]
-    curve = ToolArc.through(tool, tool + np.array([0.02, 0.01, 0.015]), tool + np.array([0.05, -0.01, 0.01]))
+    curve = ToolArc(tool, tool + np.array([0.02, 0.01, 0.015]), tool + np.array([0.05, -0.01, 0.01]))
     pitch = None if mode == FREE else pitch_rows(robot, q, curve.length, 0.2 if mode == LED else None)
     moving = np.arange(robot.n - 1)
     return ToolTask(robot.chain, curve, moving, pitch, robot.speed_limits, robot.limits, push)

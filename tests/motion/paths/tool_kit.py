@@ -41,7 +41,7 @@ def tool_line(
 def tool_arc(
     robot: Robot, q: ArrayLike, via: ArrayLike, end: ArrayLike, pitch: PitchMode = "kept"
 ) -> ToolPath:
-    return led(robot, q, ToolArc.through(robot.forward(q)[:3, 3], via, end), pitch, None)
+    return led(robot, q, ToolArc(robot.forward(q)[:3, 3], via, end), pitch, None)
 
 
 def led(robot: Robot, q: ArrayLike, curve: ToolCurve, pitch: PitchMode, end_pitch: float | None) -> ToolPath:

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
-from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -19,29 +17,20 @@ _FLAT = 1e-6
 """sine of the angle at which three points count as standing on one line"""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
 class ToolLine:
-    """A straight line."""
+    """A straight line between two points (3,) [m]. Immutable."""
 
-    start: FloatArray
-    """(3,) [m]"""
-    end: FloatArray
-    """(3,) [m]"""
-    length: float = field(init=False)
-    """[m]; 0 where the ends count as one point"""
-    direction: FloatArray = field(init=False)
-    """(3,) unit vector; zeros where the line has no length"""
-    kind: ClassVar[str] = "line"
+    kind = "line"
 
-    def __post_init__(self) -> None:
-        start, end = Target.of(self.start).position, Target.of(self.end).position
-        way = end - start
+    def __init__(self, start: ArrayLike, end: ArrayLike) -> None:
+        self.start, self.end = Target.of(start).position, Target.of(end).position
+        way = self.end - self.start
         length = float(np.linalg.norm(way))
         still = length < NO_WAY_M
-        object.__setattr__(self, "start", start)
-        object.__setattr__(self, "end", end)
-        object.__setattr__(self, "length", 0.0 if still else length)
-        object.__setattr__(self, "direction", np.zeros(3) if still else way / length)
+        self.length = 0.0 if still else length
+        """[m]; 0 where the ends count as one point"""
+        self.direction: FloatArray = np.zeros(3) if still else way / length
+        """(3,) unit vector; zeros where the line has no length"""
 
     def positions(self, s: float | FloatArray) -> FloatArray:
         """Tool points (..., 3) [m] at ``s`` (...) [m]; not held beyond the ends."""
@@ -55,33 +44,19 @@ class ToolLine:
         return found
 
 
-@dataclass(frozen=True, slots=True, eq=False)
 class ToolArc:
-    """A circular arc. Make one with ``ToolArc.through``.
+    """A circular arc over three points (3,) [m], start, via and end. Immutable.
 
     With the unit directions t (along, at the start) and n (from the start to the centre) the place is
     ``start + R (sin(s/R) t + (1 - cos(s/R)) n)``, which keeps its digits however large the radius is.
+
+    Raises:
+        InputError: a point that is not three finite numbers, two points that are one, or three on a line.
     """
 
-    start: FloatArray
-    """(3,) [m]"""
-    along: FloatArray
-    """(3,) unit direction at the start"""
-    inward: FloatArray
-    """(3,) unit direction from the start to the centre"""
-    radius: float
-    """[m]"""
-    sweep: float
-    """angle of the arc [rad], in 0 … 2 pi"""
-    kind: ClassVar[str] = "arc"
+    kind = "arc"
 
-    @classmethod
-    def through(cls, start: ArrayLike, via: ArrayLike, end: ArrayLike) -> ToolArc:
-        """The arc from ``start`` over ``via`` to ``end``: (3,) each, base frame [m].
-
-        Raises:
-            InputError: a point that is not three finite numbers, two points that are one, or three on a line.
-        """
+    def __init__(self, start: ArrayLike, via: ArrayLike, end: ArrayLike) -> None:
         a, b, c = (Target.of(point).position for point in (start, via, end))
         for first, second, names in ((a, b, "start and via"), (b, c, "via and end"), (a, c, "start and end")):
             if np.linalg.norm(second - first) < NO_WAY_M:
@@ -99,16 +74,18 @@ class ToolArc:
             )
         normal /= size
         to_centre = np.cross(to_via @ to_via * to_end - to_end @ to_end * to_via, normal) / (2.0 * size)
-        radius = float(np.linalg.norm(to_centre))
-        inward = to_centre / radius
-        along = np.cross(inward, normal)
-        x, y = float(to_end @ along), radius - float(to_end @ inward)
-        return cls(a, along, inward, radius, math.atan2(x, y) % (2.0 * math.pi))
-
-    @property
-    def length(self) -> float:
-        """[m]."""
-        return self.radius * self.sweep
+        self.start: FloatArray = a
+        self.radius = float(np.linalg.norm(to_centre))
+        """[m]"""
+        self.inward: FloatArray = to_centre / self.radius
+        """(3,) unit direction from the start to the centre"""
+        self.along: FloatArray = np.cross(self.inward, normal)
+        """(3,) unit direction at the start"""
+        x, y = float(to_end @ self.along), self.radius - float(to_end @ self.inward)
+        self.sweep = math.atan2(x, y) % (2.0 * math.pi)
+        """angle of the arc [rad], in 0 … 2 pi"""
+        self.length = self.radius * self.sweep
+        """[m]"""
 
     def positions(self, s: float | FloatArray) -> FloatArray:
         """As ``ToolLine.positions``."""

@@ -216,7 +216,7 @@ _SMOOTHINGS = (30.0, 3.0, 0.3)
 
 def led_pitches(robot: Robot, geometry: ToolPlane, q: FloatArray, curve: ToolCurve) -> Iterator[PlanePitch]:
     """Pitches that lead round the limits along a curve that begins at ``q`` (n,), the smoothest first."""
-    grid = PitchGrid.of(geometry, robot.limits, q, curve)
+    grid = PitchGrid(geometry, robot.limits, q, curve)
     speeds = robot.speed_limits[1:4]
     way = grid.way((speeds.max() / speeds) ** 2)
     senses = _plane_senses(geometry, robot.n)
@@ -229,22 +229,13 @@ def led_pitches(robot: Robot, geometry: ToolPlane, q: FloatArray, curve: ToolCur
         yield PlanePitch(senses, pitch, is_wish=False)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
 class PitchGrid:
-    """The arm on its branch, at places of a curve and angles of the tool."""
+    """An arm with three pitch joints on the branch of ``q`` (n,), at places of a curve and tool angles.
 
-    places: FloatArray
-    """(m,) [m]"""
-    turns: FloatArray
-    """(a,) angle of the tool from that at the start, a whole turn in even steps [rad]"""
-    q: FloatArray
-    """(m, 3, a) pitch joints [rad], any number where the links do not reach"""
-    toll: FloatArray
-    """(m, a) what it costs to be there; infinite where the links do not reach and outside the limits"""
+    ``limits`` (n, 2) are those of the joints; all angles [rad].
+    """
 
-    @classmethod
-    def of(cls, geometry: ToolPlane, limits: FloatArray, q: FloatArray, curve: ToolCurve) -> PitchGrid:
-        """For an arm with three pitch joints and limits (n, 2) [rad], on the branch of ``q`` (n,) [rad]."""
+    def __init__(self, geometry: ToolPlane, limits: FloatArray, q: FloatArray, curve: ToolCurve) -> None:
         places = np.linspace(0.0, curve.length, _PLACES)
         turns = 2.0 * math.pi * np.arange(_ANGLES) / _ANGLES
         forward, left, up = ((curve.positions(places) - geometry.origin) @ geometry.frame).T
@@ -268,7 +259,10 @@ class PitchGrid:
         toll = _CLOSE * (np.maximum(1.0 - room / _MARGIN, 0.0) ** 2).sum(axis=1)
         toll += _CLOSE * (np.maximum(np.abs(cosine) - _BENT, 0.0) / (_STRAIGHT - _BENT)) ** 2
         toll[(room.min(axis=1) < -LIMIT_TOLERANCE) | (np.abs(cosine) > _STRAIGHT)] = np.inf
-        return cls(places, turns, angles, toll)
+        self.places, self.turns, self.q, self.toll = places, turns, angles, toll
+        """(m,) [m]; (a,) angle of the tool from that at the start, a whole turn in even steps; (m, 3, a)
+        pitch joints, any number where the links do not reach; (m, a) what it costs to be there, infinite where
+        they do not and outside the limits"""
 
     def way(self, weights: FloatArray) -> FloatArray:
         """(m,) angle of the tool at each place, from that at the start [rad], for the least joint motion.

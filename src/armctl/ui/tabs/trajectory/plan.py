@@ -204,7 +204,7 @@ def _joint_motion(robot: Robot, asked: MotionRequest, start: FloatArray) -> Plan
 
 def _tool_motion(robot: Robot, asked: MotionRequest, start: FloatArray, wish: ToolWish) -> PlannedMotion:
     tip = robot.forward(start)[:3, 3]
-    ideal = ToolLine(tip, wish.end) if wish.via is None else ToolArc.through(tip, wish.via, wish.end)
+    ideal = ToolLine(tip, wish.end) if wish.via is None else ToolArc(tip, wish.via, wish.end)
     trajectory, cut = _led(robot, start, wish, asked)
     findings = _judged(robot, trajectory, cut)
     if cut is not None:
@@ -234,7 +234,7 @@ def _test_path(robot: Robot, asked: MotionRequest, start: FloatArray) -> Planned
     findings = _judged(robot, trajectory, cut, tool_path=asked.passing is None)
     swings = asked.passing == "spline" and any(finding.kind == "limits" for finding in findings)
     note = f"{_PASSED[asked.passing]} {_SWINGS if swings else 'Run goes to the first point first.'}"
-    ideal = ToolLine(first, last) if straight else ToolArc.through(first, middle, last)
+    ideal = ToolLine(first, last) if straight else ToolArc(first, middle, last)
     return PlannedMotion(asked.title, trajectory, findings, ideal, points, solved, note=note)
 
 
