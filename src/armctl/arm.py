@@ -278,7 +278,7 @@ class Arm:
         """Submit and wait for the end; an interrupt stops the arm first."""
         ticket = self.controller.submit(command, _ORIGIN)
         try:
-            ticket.finished.result()
+            ticket.result()
         except KeyboardInterrupt:
             with suppress(TimeoutError):  # closing waits for it once more
                 self.controller.stop(_ORIGIN).result(_STOP_S)
