@@ -1,4 +1,4 @@
-"""The axes of an encoder board: what a robot file says of them and what the board is told."""
+"""The axes of an encoder board: what a robot file says of them and what is sent to the board."""
 
 from __future__ import annotations
 
@@ -293,7 +293,7 @@ class AxisTable:
                 lines += _axis_lines(limits[axis], known[axis], places.index(order[axis]) + 1)
             else:
                 lines.append(f"CFG {axis} hord=0")
-        self.configuration = tuple(lines)  # the lines that tell the board all of this
+        self.configuration = tuple(lines)  # the lines that configure the board
 
     def setpoints_line(self, setpoints: Mapping[int, float], reach_ms: int) -> str:
         """The line for setpoints [joint counts] by axis, to be reached in ``reach_ms``; the others stay.

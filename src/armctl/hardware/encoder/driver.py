@@ -133,7 +133,7 @@ class EncoderDriver:
             for axis, fault in enumerate(status.faults)
             if fault
         }
-        # A board that brakes because nobody spoke to it switches its motors off in a moment.
+        # A board that brakes after a silence switches its motors off in a moment.
         goes_off = not status.mode.powered or BoardFlag.WATCHDOG in status.flags
         if self._on and (goes_off or session.restarted is not None):
             self._on, self._went_off = False, True

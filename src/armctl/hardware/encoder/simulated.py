@@ -37,7 +37,7 @@ VERSION = "1.1.0"
 
 _TICKS_PER_STATUS = 4
 _SLACK_S = 1e-9
-_LONGEST_CATCH_UP = round(2.0 / TICK_S)  # nobody waits longer than that for bytes; motors are off by then
+_LONGEST_CATCH_UP = round(2.0 / TICK_S)  # as long as a read may wait; motors are off by then
 _LOG_LENGTH = 10_000
 _REALTIME = re.compile(rb"([!?~\x18])")
 _REQUEST = re.compile(r"(\d{1,5}) (.+)")
@@ -89,7 +89,7 @@ class SimulatedEncoderBoard:
         self._watchdog_s = _WATCHDOG_RANGE_MS[1] / 1000.0
         self._fed_s = 0.0
         self._off_at_s: float | None = None
-        self._held_told = False
+        self._held_reported = False
         self._homing: Iterator[None] = iter(())
         self._to_home: list[int] = []
         self._reader = LineReader(LONGEST_REQUEST)
@@ -206,10 +206,8 @@ class SimulatedEncoderBoard:
                 self._go(words)
             case "PAIR", ["NONE"]:
                 self._refuse_when_on()
-            case "PAIR", [
-                first,
-                second,
-            ]:  # the plant is in joint counts: which motors turn it does not matter
+            case "PAIR", [first, second]:
+                # The plant is in joint counts: which motors turn it does not matter.
                 if self._axis(first) is self._axis(second):
                     raise _Refused("RANGE two axes")
                 self._refuse_when_on()
@@ -308,17 +306,16 @@ class SimulatedEncoderBoard:
         match byte:
             case Realtime.STATUS:
                 self._say_status()
-            case Realtime.HOLD:
-                if self.mode in (Mode.ON, Mode.HOMING):
-                    self._hold()
-            case Realtime.RELEASE_HOLD:
-                # Nothing moves by this; the watchdog's braking is not undone.
-                if self.mode is Mode.HELD and self._off_at_s is None:
-                    self.mode = Mode.ON
+            case Realtime.HOLD if self.mode in (Mode.ON, Mode.HOMING):
+                self._hold()
+            case Realtime.RELEASE_HOLD if self.mode is Mode.HELD and self._off_at_s is None:
+                self.mode = Mode.ON  # nothing moves by this; the watchdog's braking is not undone
             case Realtime.MOTORS_OFF:
                 self._flags |= BoardFlag.STOPPED
                 self._end(Mode.OFF)
                 self._say("! stopped")
+            case _:
+                pass
 
     def _move(self) -> None:
         homing = self._to_home[0] if self._to_home else None
@@ -331,8 +328,10 @@ class SimulatedEncoderBoard:
         elif self.mode is Mode.HOMING:
             self.mode = Mode.ON
             self._say("! home done")
-        elif self.mode is Mode.HELD and not self._held_told and not any(axis.moving for axis in self.axes):
-            self._held_told = True
+        elif (
+            self.mode is Mode.HELD and not self._held_reported and not any(axis.moving for axis in self.axes)
+        ):
+            self._held_reported = True
             self._say("! held")
 
     def _home_in_order(self) -> Iterator[None]:
@@ -385,7 +384,7 @@ class SimulatedEncoderBoard:
     def _hold(self) -> None:
         """Slow down and hold, until that is released."""
         self.mode = Mode.HELD
-        self._held_told = self._off_at_s is not None
+        self._held_reported = self._off_at_s is not None
         self._to_home.clear()
         for axis in self.axes:
             axis.halt()

@@ -43,8 +43,8 @@ def plant_of(limits: ChannelSettings, axis: EncoderAxis) -> AxisPlant:
     return AxisPlant(0.0 if toward < 0 else low, 0.0 if toward > 0 else high, None, start)
 
 
-# What the firmware takes for granted until a host has told it otherwise: a rebuilt Scorbot, by axis, in the
-# order of WIRE, which is that of SHOW; firmware/encoder/settings.cpp has the same.
+# What the firmware assumes until a host configures it: a rebuilt Scorbot, by axis, in the order of WIRE,
+# which is that of SHOW; firmware/encoder/settings.cpp has the same.
 _SCORBOT = (
     (-22000, 22000, 2840, 11400, 1200, 2000, 16, 200, 600, 300, 1, 900, 0, 6, 0, 0, 0, 0, 255),
     (-8000, 10800, 2950, 11800, 1200, 2000, 16, 200, 600, 300, 1, 900, 0, 2, 0, 0, 0, 0, 255),
