@@ -7,6 +7,7 @@ import math
 import numpy as np
 from benchmarks.naive_sweep import PlanarArm
 
+from armctl import load_robot
 from armctl.arrays import FloatArray
 from armctl.kinematics import Chain, DHRow, EnergyModel, GravityModel, InverseKinematics, inverse_kinematics
 
@@ -110,6 +111,17 @@ def rows_of(steps: list[tuple[str, float, float, bool]], convention: str) -> lis
         (alpha, a, _), (theta, d, joint) = pair["x"], pair["z"]
         rows.append(DHRow(a_m=a, alpha_rad=alpha, d_m=d, theta_rad=theta, joint=joint))
     return rows
+
+
+def planar_arms(seed: int, count: int) -> list[tuple[Chain, FloatArray]]:
+    """Chain and limits of uzuner, abaas, scorbot and random ones, most of them with a roll joint."""
+    rng = np.random.default_rng(seed)
+    out = [(robot.chain, robot.limits) for robot in map(load_robot, ("uzuner", "abaas", "scorbot"))]
+    for i in range(count):
+        arm = random_planar_arm(rng)
+        chain = chain_of(arm, "standard" if i % 2 else "modified", roll=i % 4 != 0, rng=rng)
+        out.append((chain, arm.limits if chain.n == 4 else np.vstack([arm.limits, [[-2.0, 2.5]]])))
+    return out
 
 
 def solver_of(chain: Chain, limits: FloatArray, titles: tuple[str, ...] = ()) -> InverseKinematics:

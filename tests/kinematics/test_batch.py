@@ -7,13 +7,14 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
-from benchmarks.naive_sweep import UZUNER, PlanarArm
+from benchmarks.naive_sweep import PlanarArm
 from hypothesis import given
 from hypothesis import strategies as st
 from tests.kinematics.kit import (
     FloatArray,
     chain_of,
     plain_forward,
+    planar_arms,
     random_planar_arm,
     random_q,
     solver_of,
@@ -27,16 +28,6 @@ from armctl.kinematics.yaw_pitch_roll import closed_form
 from armctl.kinematics.yaw_pitch_roll.closed_form import cosines_within
 
 
-def arms() -> list[tuple[Chain, FloatArray]]:
-    rng = np.random.default_rng(101)
-    out = [(robot.chain, robot.limits) for robot in map(load_robot, ("uzuner", "abaas", "scorbot"))]
-    for i in range(30):
-        arm = random_planar_arm(rng)
-        chain = chain_of(arm, "standard" if i % 2 else "modified", roll=i % 4 != 0, rng=rng)
-        out.append((chain, arm.limits if chain.n == 4 else np.vstack([arm.limits, [[-2.0, 2.5]]])))
-    return out
-
-
 def assert_true(chain: Chain, limits: FloatArray, batch: BatchSolutions, position: FloatArray) -> None:
     rows, _ = np.nonzero(batch.found)
     q = batch.q[batch.found]
@@ -47,7 +38,7 @@ def assert_true(chain: Chain, limits: FloatArray, batch: BatchSolutions, positio
 
 def test_every_branch_of_a_batch_is_what_solve_lists() -> None:
     rng = np.random.default_rng(102)
-    for chain, limits in arms():
+    for chain, limits in planar_arms(101, 30):
         ik = solver_of(chain, limits)
         q = random_q(rng, limits, 60)
         q[:10] = np.where(rng.random((10, chain.n)) < 0.5, limits[:, rng.integers(2)], q[:10])  # on limits
@@ -111,19 +102,6 @@ def test_two_pitch_joints_need_no_pitch() -> None:
         assert np.abs(least[i]).sum() == pytest.approx(np.abs(robot.inverse(one).best()).sum(), abs=1e-9)
     with pytest.raises(InputError, match="position alone decides the pitch"):
         robot.inverse_batch(position, pitch=0.1)
-
-
-@pytest.mark.slow
-def test_least_rotation_of_uzuner_is_never_above_the_sweep() -> None:
-    robot = load_robot("uzuner")
-    rng = np.random.default_rng(104)
-    position = UZUNER.tip(random_q(rng, UZUNER.limits, 20_000))
-    q = robot.least_rotation(position)
-    assert np.abs(robot.forward(q)[:, :3, 3] - position).max() < 1e-9
-    assert ((q >= robot.limits[:, 0]) & (q <= robot.limits[:, 1])).all()
-    energy = np.abs(q).sum(axis=1)
-    for point, least in zip(position[::8], energy[::8], strict=True):
-        assert least <= robot.inverse(point).energies().min() + 1e-9
 
 
 def test_least_rotation_of_random_arms_is_the_exact_one_and_never_above_the_sweep() -> None:

@@ -8,14 +8,14 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 from benchmarks.naive_sweep import PlanarArm
-from tests.kinematics.kit import FloatArray, chain_of, plain_forward, random_planar_arm, random_q, solver_of
+from tests.kinematics.kit import FloatArray, chain_of, plain_forward, planar_arms, random_q, solver_of
 
 from armctl import load_robot
 from armctl.errors import InputError
 from armctl.kinematics import Chain, DHRow, InverseKinematics, Solutions, Target
+from armctl.kinematics.yaw_pitch_roll import solver
 
 STEP = math.radians(0.5)
-ROLL_LIMITS = [[-2.0, 2.5]]
 
 
 def rows(table: list[tuple[float, float, float]], *fixed: int) -> list[DHRow]:
@@ -32,17 +32,6 @@ SCORBOT = Chain.from_dh(
 )
 ABAAS_LIMITS = np.radians([[-90, 90], [0, 180], [-135, 0], [-45, 180], [-90, 90.0]])
 SCORBOT_LIMITS = np.radians([[-155, 155], [-130, 35], [-130, 130], [-130, 130], [-180, 180.0]])
-
-
-def arms() -> list[tuple[Chain, FloatArray]]:
-    robot = load_robot("uzuner")
-    out = [(robot.chain, robot.limits), (ABAAS, ABAAS_LIMITS), (SCORBOT, SCORBOT_LIMITS)]
-    rng = np.random.default_rng(21)
-    for i in range(90):
-        arm = random_planar_arm(rng)
-        chain = chain_of(arm, "standard" if i % 2 else "modified", roll=i % 4 != 0, rng=rng)
-        out.append((chain, arm.limits if chain.n == 4 else np.vstack([arm.limits, ROLL_LIMITS])))
-    return out
 
 
 def configurations(limits: FloatArray, rng: np.random.Generator) -> Iterator[FloatArray]:
@@ -72,50 +61,59 @@ def miss(solutions: Solutions, q: FloatArray) -> float:
     return float(np.abs(solutions.q - q).max(axis=1).min())
 
 
-def test_position_pitch_and_roll_contain_the_configuration() -> None:
-    rng = np.random.default_rng(22)
-    asked = 0
-    for chain, limits in arms():
-        ik = solver_of(chain, limits)
-        for q in configurations(limits, rng):
-            pitch, roll = ik.pitch_and_roll(q)
-            if pitch is None:
-                continue
-            approach = plain_forward(chain, q)[:3, 2]
-            assert math.sin(pitch) == pytest.approx(approach[2], abs=1e-12)
-            solutions = ik.solve(Target.of(chain.forward(q)[:3, 3], pitch, roll), STEP)
-            assert_true(solutions, limits)
-            assert miss(solutions, q) < 1e-6
-            for other in solutions.q:
-                assert ik.pitch_and_roll(other)[0] == pytest.approx(pitch, abs=1e-6)
-            asked += 1
-    assert asked > 700
-
-
-def test_position_and_rotation_contain_the_configuration() -> None:
-    rng = np.random.default_rng(23)
-    for chain, limits in arms():
+def test_a_pose_or_its_position_on_the_grid_contains_the_configuration() -> None:
+    rng = np.random.default_rng(24)
+    asked, arms = 0, planar_arms(21, 90)
+    arms[1:3] = [(ABAAS, ABAAS_LIMITS), (SCORBOT, SCORBOT_LIMITS)]
+    for chain, limits in arms:
         ik = solver_of(chain, limits)
         for q in configurations(limits, rng):
             T = chain.forward(q)
-            solutions = ik.solve(Target.of(T[:3, 3], rotation=T[:3, :3]), STEP)
-            assert_true(solutions, limits)
-            assert miss(solutions, q) < 1e-6
-            assert solutions.residual_rad.min() < 1e-7
-
-
-def test_position_alone_contains_the_configuration_on_the_grid() -> None:
-    rng = np.random.default_rng(24)
-    for chain, limits in arms():
-        ik = solver_of(chain, limits)
-        for q in configurations(limits, rng):
+            pitch, roll = ik.pitch_and_roll(q)
+            targets = [Target.of(T[:3, 3], rotation=T[:3, :3])]
+            if pitch is not None:
+                asked += 1
+                assert math.sin(pitch) == pytest.approx(plain_forward(chain, q)[2, 2], abs=1e-12)
+                targets.append(Target.of(T[:3, 3], pitch, roll))
+            for target in targets:
+                solutions = ik.solve(target, STEP)
+                assert_true(solutions, limits)
+                assert miss(solutions, q) < 1e-6
+                assert target.rotation is None or solutions.residual_rad.min() < 1e-7
+                for other in solutions.q if target.pitch is not None else ():
+                    assert ik.pitch_and_roll(other)[0] == pytest.approx(pitch, abs=1e-6)
             q[1] = STEP * round(q[1] / STEP)
-            if not limits[1, 0] <= q[1] <= limits[1, 1]:
+            if limits[1, 0] <= q[1] <= limits[1, 1]:
+                solutions = ik.solve(Target.of(chain.forward(q)[:3, 3], roll=roll), STEP)
+                assert_true(solutions, limits)
+                turned = np.exp(1j * solutions.q) - np.exp(1j * q)  # a roll of half a turn is one of two
+                assert np.abs(turned).max(axis=1).min() < 1e-6
+    assert asked > 700
+
+
+def test_the_written_out_closed_form_lists_what_the_general_one_lists(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Same postures, same branches, same order; upright and backward tools and the links in line too."""
+    rng = np.random.default_rng(95)
+    for chain, limits in planar_arms(93, 40):
+        quick = solver_of(chain, limits)
+        with monkeypatch.context() as patched:
+            patched.setattr(solver, "pose_function", lambda *_: None)
+            general = solver_of(chain, limits)
+        for i in range(30):
+            q = random_q(rng, limits)
+            if i < 4:
+                q[2] = np.clip(0.0, *limits[2])
+            pitch, roll = quick.pitch_and_roll(q)
+            if pitch is None:
                 continue
-            roll = None if chain.n == 4 else float(q[4])
-            solutions = ik.solve(Target.of(chain.forward(q)[:3, 3], roll=roll), STEP)
-            assert_true(solutions, limits)
-            assert miss(solutions, q) < 1e-6
+            pitch = (pitch, pitch, math.pi / 2, -math.pi / 2, math.pi - pitch)[i % 5]
+            target = Target.of(chain.forward(q)[:3, 3], pitch, (roll, None)[i % 2])
+            one, other = quick.solve(target, STEP), general.solve(target, STEP)
+            assert one.branch.tolist() == other.branch.tolist()
+            assert one.reason == other.reason
+            assert np.abs(one.q - other.q).max(initial=0.0) < 1e-9
 
 
 def test_a_tip_over_the_base_axis_keeps_its_rotation() -> None:

@@ -1,4 +1,4 @@
-"""Any arm of either family: its pose leads back to it; its least rotation is never above a sweep."""
+"""Any spherical-shoulder arm: its pose leads back to it; its least rotation is never above a sweep."""
 
 from __future__ import annotations
 
@@ -6,10 +6,9 @@ import math
 
 import numpy as np
 import pytest
-from benchmarks.naive_sweep import PlanarArm
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from tests.kinematics.kit import FloatArray, chain_of, plain_forward, solver_of
+from tests.kinematics.kit import FloatArray, plain_forward, solver_of
 from tests.kinematics.spherical_kit import random_arm
 
 from armctl.kinematics import Chain, InverseKinematics, Target
@@ -18,37 +17,8 @@ STEP = math.radians(0.5)
 ALWAYS_THE_SAME = settings(derandomize=True, max_examples=200, database=None)
 """a property that fails now and then would tell nobody which change broke it"""
 
-links = st.floats(0.03, 0.3)
-small = st.one_of(st.just(0.0), st.floats(-0.1, 0.1))
-bends = st.one_of(st.sampled_from([0.0, math.pi / 2, -math.pi / 2]), st.floats(-2, 2))
-senses = st.sampled_from([1, -1])
 shares = st.lists(st.one_of(st.sampled_from([0.0, 0.5, 1.0]), st.floats(0.0, 1.0)), min_size=5, max_size=5)
 """where each joint stands between its limits"""
-
-
-@st.composite
-def joint_limits(draw: st.DrawFn) -> tuple[float, float]:
-    low = draw(st.floats(-200, 60))
-    return low, low + draw(st.floats(5, 300))
-
-
-@st.composite
-def planar_arms(draw: st.DrawFn) -> tuple[Chain, FloatArray]:
-    """Yaw, three parallel pitch joints and, mostly, a roll joint, in rows of either convention."""
-    limits = np.radians([draw(joint_limits()) for _ in range(5)])
-    arm = PlanarArm(
-        lateral=draw(small),
-        shoulder_r=draw(small),
-        shoulder_z=draw(small),
-        lengths=(draw(links), draw(links), draw(links)),
-        limits=limits[:4],
-        yaw_sign=draw(senses),
-        signs=(draw(senses), draw(senses), draw(senses)),
-        offsets=(draw(bends), draw(bends), draw(bends)),
-    )
-    roll = draw(st.sampled_from([True, True, False]))
-    chain = chain_of(arm, draw(st.sampled_from(["standard", "modified"])), roll=roll)
-    return chain, limits[: chain.n]
 
 
 spherical_arms = st.integers(0, 2**32 - 1).map(lambda seed: random_arm(np.random.default_rng(seed)))
@@ -57,13 +27,6 @@ spherical_arms = st.integers(0, 2**32 - 1).map(lambda seed: random_arm(np.random
 def standing(limits: FloatArray, share: list[float]) -> FloatArray:
     low, high = limits.T
     return np.clip(low + np.array(share[: len(limits)]) * (high - low), low, high)
-
-
-@pytest.mark.slow
-@given(planar_arms(), shares)
-@ALWAYS_THE_SAME
-def test_a_planar_arm_finds_its_pose_again(arm: tuple[Chain, FloatArray], share: list[float]) -> None:
-    leads_back(*arm, standing(arm[1], share))
 
 
 @pytest.mark.slow
@@ -87,13 +50,6 @@ def leads_back(chain: Chain, limits: FloatArray, q: FloatArray) -> None:
     if away > (1e-6 if smallest > 1e-2 else 1e-4):
         assert smallest < 1e-4, "the configuration is lost"
         assert np.abs(reached - T).max(axis=(1, 2)).min() < 1e-6
-
-
-@pytest.mark.slow
-@given(planar_arms(), shares)
-@ALWAYS_THE_SAME
-def test_the_least_rotation_of_a_planar_arm(arm: tuple[Chain, FloatArray], share: list[float]) -> None:
-    never_above_the_sweep(*arm, standing(arm[1], share))
 
 
 @pytest.mark.slow

@@ -99,10 +99,6 @@ def cases(rng: np.random.Generator, count: int) -> list[tuple[PlanarArm, Inverse
     return out
 
 
-def assert_nearest(nearest: float, brute: float) -> None:
-    assert nearest <= brute + 1e-6
-
-
 @pytest.mark.slow
 def test_the_nearest_point_is_the_nearest() -> None:
     rng = np.random.default_rng(41)
@@ -121,10 +117,8 @@ def test_the_nearest_point_is_the_nearest() -> None:
             q = solutions.nearest_q[:4]
             assert ((q >= arm.limits[:, 0]) & (q <= arm.limits[:, 1])).all()
             assert np.abs(chain.forward(solutions.nearest_q)[:3, 3] - solutions.nearest_m).max() == 0.0
-            assert_nearest(
-                float(np.linalg.norm(solutions.nearest_m - position)),
-                brute_force(arm.tip, arm.limits, position, rng),
-            )
+            nearest = float(np.linalg.norm(solutions.nearest_m - position))
+            assert nearest <= brute_force(arm.tip, arm.limits, position, rng) + 1e-6
             assert ik.solve(Target.of(solutions.nearest_m), STEP).success
     assert refused >= 200
 

@@ -304,14 +304,10 @@ def solve_batch(
     pitch: FloatArray | None,
     roll: FloatArray | None,
 ) -> BatchSolutions:
-    """Every branch of many poses of an arm inside its limits.
+    """Every branch of many poses of an arm inside its limits (n, 2) [rad].
 
-    Args:
-        planar: the arm's closed form.
-        limits: (n, 2) joint limits [rad].
-        position: (k, 3) tool points in the base frame [m].
-        pitch: (k,) of the approach axis above the horizontal [rad]; None with two pitch joints.
-        roll: (k,) the roll joint's angle [rad]; None: the one nearest to zero.
+    Tool points (k, 3) in the base frame [m]; pitch (k,) of the approach axis above the horizontal [rad], None
+    with two pitch joints; angle (k,) of the roll joint [rad], None: the one nearest to zero.
     """
     k = len(position)
     q = np.empty((len(limits), len(BRANCHES), k))  # joint by joint in memory, as it is computed

@@ -75,16 +75,10 @@ class FreeJointSweep:
     def solve(
         self, branches: list[BaseBranch], z: float, roll: float, step: float
     ) -> tuple[FloatArray, NDArray[np.int8]]:
-        """Solutions on the grid of the first pitch joint.
+        """(n, k) joint angles [rad], joint by joint in memory, and (k,) their branch indices.
 
-        Args:
-            branches: base angles inside their limits.
-            z: height of the target above the base origin [m].
-            roll: the roll joint's angle [rad], where there is one.
-            step: of the grid [rad].
-
-        Returns:
-            (n, k) joint angles [rad], joint by joint in memory, and (k,) their branch indices.
+        For base angles inside their limits, a target at a height z [m], the roll joint's angle, where there
+        is one, and the step of the grid [rad].
 
         Raises:
             InputError: the step is so small that the grid would not fit into memory.
@@ -205,10 +199,9 @@ class _Part:
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
         """The last two links, seen from the end of the first, whose plane angle has ``cos`` and ``sin`` (k,).
 
-        Returns:
-            Direction of the target against the first link, in the sense of the joint, the angle between it
-            and the second link, and the bend (k,) [rad]. With D the way from there to the target:
-            cos(bend) = (|D|² - l3² - l4²) / 2 l3 l4,  cos(inner) = (l3 + l4 cos(bend)) / |D|.
+        Direction of the target against the first link, in the sense of the joint, the angle between it and
+        the second link, and the bend (k,) [rad]. With D the way from there to the target:
+        cos(bend) = (|D|² - l3² - l4²) / 2 l3 l4,  cos(inner) = (l3 + l4 cos(bend)) / |D|.
         """
         l2, l3, l4 = self._l2, self._l3, self._l4
         scale, s2 = l2 / (l3 * l4), self._geometry.signs[1]

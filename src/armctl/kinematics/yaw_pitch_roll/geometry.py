@@ -109,18 +109,11 @@ def is_on_axis(geometry: ToolPlane, x: float, y: float) -> bool:
 def base_branches(
     geometry: ToolPlane, x: float, y: float, limits: tuple[float, float] | None
 ) -> list[BaseBranch]:
-    """Solve ``x + i y = exp(i s1 θ1) (r + i d)``.
+    """Solve ``x + i y = exp(i s1 θ1) (r + i d)`` for a target x forward, y left of the base axis [m].
 
-    Args:
-        geometry: the arm.
-        x: target, forward of the base axis [m].
-        y: target, left of the base axis [m].
-        limits: of θ1 [rad]; None: any angle, one each way.
-
-    Returns:
-        The front branch before the back branch; none when the target lies closer to the base axis than
-        the tool plane does. Where any angle serves, the one inside the limits that is nearest to zero is
-        given, and its opposite.
+    Inside the limits of θ1 [rad], or (None) at any angle, one each way: front branches before back branches;
+    none when the target lies closer to the base axis than the tool plane does. Where any angle serves, the
+    one inside the limits that is nearest to zero is given, and its opposite.
     """
     d = geometry.lateral
     rho, aside = math.hypot(x, y), abs(d)
@@ -147,17 +140,10 @@ def base_branches(
 def base_angles(
     geometry: ToolPlane, x: FloatArray, y: FloatArray, limits: tuple[float, float]
 ) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
-    """``base_branches`` of many targets: the image inside the limits that is nearest to zero.
+    """``base_branches`` of targets x, y (k,): the image inside the limits that is nearest to zero.
 
-    Args:
-        geometry: the arm.
-        x: (k,) targets, forward of the base axis [m].
-        y: (k,) targets, left of the base axis [m].
-        limits: of θ1 [rad].
-
-    Returns:
-        θ1 [rad] in front and at the back (2, k); forward coordinates in the tool plane [m] (2, k); and
-        where there is such a branch (2, k).
+    θ1 [rad] in front and at the back (2, k); forward coordinates in the tool plane [m] (2, k); and where
+    there is such a branch (2, k).
     """
     d = geometry.lateral
     square = x * x + y * y - d * d

@@ -67,9 +67,7 @@ class LeastRotation:
     def solve(self, branches: list[BaseBranch], height: float) -> tuple[float, ...] | None:
         """The 4 base and pitch joint angles of least rotation [rad], or None when no branch has a solution.
 
-        Args:
-            branches: base angles inside their limits.
-            height: of the target above the base origin [m].
+        For base angles inside their limits and the height of the target above the base origin [m].
         """
         best, least = None, math.inf
         shoulder = self._geometry.shoulder
@@ -159,12 +157,9 @@ class LeastRotation:
     def _band(self, pattern: _Pattern) -> tuple[float, float, float] | None:
         """Where a pattern may hold a minimum, from samples of t3 and the ones next to them.
 
-        The senses must agree with the pattern, both joints be inside their limits, and the sum not have a
-        maximum. Without a band, as on uzuner, a target needs no eigenvalues.
-
-        Returns:
-            The least and greatest squared distance from the first pitch axis [m²], and what the second and
-            third joint turn there at least [rad].
+        The least and greatest squared distance from the first pitch axis [m²], and what the second and third
+        joint turn there at least [rad]. The senses must agree with the pattern, both joints be inside their
+        limits, and the sum not have a maximum. Without a band, as on uzuner, a target needs no eigenvalues.
         """
         geometry, (l2, l3, l4) = self._geometry, self._geometry.lengths
         a, b, c = _coefficients(pattern, geometry.lengths)
@@ -274,14 +269,10 @@ def _coefficients(pattern: _Pattern, lengths: Sequence[float]) -> tuple[float, f
 def _least_of(
     locks: Sequence[_Lock], x: float, y: float, least: float, every: list[_Turned] | None = None
 ) -> _Turned | None:
-    """The least turned posture that reaches a point with one of some locks, inside the limits.
+    """The least turned posture inside the limits, with one of some locks (the least turned first).
 
-    Args:
-        locks: by what the locked joint turns, least first.
-        x: the point, seen from the first pitch axis, forward [m].
-        y: and upward [m].
-        least: only what turns the joints by less counts [rad].
-        every: takes every posture that counts, if given; then no best one is looked for.
+    For a point x forward, y up of the first pitch axis [m]; only what turns the joints by less than ``least``
+    [rad] counts. ``every`` takes every posture that counts, if given; then no best one is looked for.
     """
     best: _Turned | None = None
     for (

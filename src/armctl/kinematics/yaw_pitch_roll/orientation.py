@@ -71,11 +71,8 @@ class NearestOrientation:
     ) -> tuple[list[FloatArray], list[int]]:
         """Configurations (n,) [rad] and their branch indices; none when the position has no solution.
 
-        Args:
-            branches: base angles for the position, inside the limits.
-            z: height of the target above the base origin [m].
-            rotation: (3, 3) ``R_base_tool``.
-            any_base: the target lies on the base axis, so that the base may take any angle.
+        For base angles inside the limits, or ``any_base`` for a target on the base axis, the height z of the
+        target above the base origin [m] and ``R_base_tool`` (3, 3).
         """
         # (2, 2, 2) trilinear form over the three unit vectors
         form = self._basis @ quaternion_wxyz(self._geometry.frame.T @ rotation @ self._zero.T)

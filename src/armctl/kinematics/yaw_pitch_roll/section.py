@@ -34,11 +34,8 @@ def reaches(
 ) -> NDArray[np.bool_]:
     """Whether the tip can come to each point with the base standing still.
 
-    Args:
-        geometry: the arm.
-        limits: (n, 2) joint limits [rad].
-        points: (k,) r + i z: forward of the base axis and above the base origin [m].
-        tolerance: how far rounding may carry a joint over its limit [rad].
+    For joint limits (n, 2), over which rounding may carry a joint by the tolerance [rad], and points (k,)
+    r + i z: forward of the base axis and above the base origin [m].
     """
     ranges = [geometry.plane_limits(k, limits) for k in range(len(geometry.lengths))]
     found = np.zeros(len(points), dtype=np.bool_)
@@ -103,11 +100,7 @@ def collinear_circles(
 
     There every pitch joint is at a limit or on the line through the tip, so that the joints' columns of the
     planar Jacobian are parallel. For each choice of which of the m joints are at which limit the free groups
-    of links lie on one line.
-
-    Args:
-        lengths: (m,) of the links [m].
-        plane_limits: (m,) lower and upper limit of each plane angle [rad].
+    of links (lengths (m,) [m]; lower and upper limit of each plane angle (m,) [rad]) lie on one line.
     """
     for held in itertools.product(*((low, high, None) for low, high in plane_limits)):
         groups, heading = [0j], 0.0  # the first stands still; a further one begins with each free joint
@@ -193,12 +186,7 @@ class PlaneArc(NamedTuple):
 
 
 def boundary_arcs(geometry: ToolPlane, limits: FloatArray) -> tuple[PlaneArc, ...]:
-    """All arcs that bound the reach with the base standing still, inner bounds included.
-
-    Args:
-        geometry: the arm.
-        limits: (n, 2) joint limits [rad].
-    """
+    """All arcs that bound the reach in limits (n, 2) [rad], the base standing still; inner bounds, too."""
     scale = sum(geometry.lengths)
     arcs = list(_inside_limits(geometry, limits, _SHORTEST * scale))
     pieces: list[PlaneArc] = []

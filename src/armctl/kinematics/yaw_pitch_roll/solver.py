@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Self
 
 import numpy as np
@@ -47,7 +47,6 @@ from armctl.kinematics.yaw_pitch_roll.reach import Reach
 from armctl.kinematics.yaw_pitch_roll.section import PlanarSection
 
 _NO_PITCH = "this arm's tool does not keep to its vertical plane, so it has no pitch to ask for"
-Optimum = Callable[[], FloatArray | None]
 
 
 class YawPitchRollSolver(InverseKinematics):
@@ -119,9 +118,8 @@ class YawPitchRollSolver(InverseKinematics):
         """All solutions inside the limits.
 
         Position alone with three pitch joints: the first one is swept in steps of ``step`` [rad], with the
-        roll joint at one of its equal angles, the one nearest to zero. Else
-        the solutions are isolated: position and pitch (and roll), position alone with two pitch joints,
-        or position and rotation (the nearest rotation that the arm can take at that position).
+        roll joint at one of its equal angles, the one nearest to zero. Else the solutions are isolated; for
+        a rotation they are the nearest that the arm can take at that position.
 
         Raises:
             InputError: ``step`` is not a positive number.
@@ -143,7 +141,7 @@ class YawPitchRollSolver(InverseKinematics):
         if rotation is not None:
             any_base = is_on_axis(self.geometry, x, y)
             found, index = self._orientation.solve(branches, z, rotation, any_base=any_base)
-            return self._solutions(target, found, index) if found else self._refused(target)
+            return Solutions(self._arm, target, np.array(found), index) if found else self._refused(target)
         if self._sweep is not None and pitch is None:
             return self._swept(self._sweep, target, branches, z, roll, step)
         return self._isolated(target, branches, z, roll)
@@ -165,14 +163,9 @@ class YawPitchRollSolver(InverseKinematics):
             raise InputError(_NO_PITCH)
         if roll is not None and self._roll is None:
             raise InputError(NO_ROLL)
-        count = len(position)
-        return solve_batch(
-            self._planar,
-            self.limits,
-            position,
-            None if pitch is None else checked_pitches(pitch, count),
-            None if roll is None else checked_column(roll, count, "the roll"),
-        )
+        pitches = None if pitch is None else checked_pitches(pitch, len(position))
+        rolls = None if roll is None else checked_column(roll, len(position), "the roll")
+        return solve_batch(self._planar, self.limits, position, pitches, rolls)
 
     def least_rotation(self, position_m: ArrayLike) -> FloatArray:
         """The exact least rotation of one point (3,) or many (k, 3) [m]; ``Robot.least_rotation`` says more.
@@ -206,14 +199,9 @@ class YawPitchRollSolver(InverseKinematics):
         return np.column_stack([q, np.where(np.isnan(q[:, 0]), np.nan, self._roll.resting)])
 
     def _swept(
-        self,
-        sweep: FreeJointSweep,
-        target: Target,
-        branches: list[BaseBranch],
-        z: float,
-        roll: float,
-        step: float,
-    ) -> Solutions:
+        self, sweep: FreeJointSweep, target: Target, branches: list[BaseBranch],
+        z: float, roll: float, step: float,
+    ) -> Solutions:  # fmt: skip
         def optimum() -> FloatArray | None:
             found = None if self._least is None else self._least.solve(branches, z)
             return None if found is None else self._with_roll(found, roll)
@@ -229,7 +217,7 @@ class YawPitchRollSolver(InverseKinematics):
         turn = self.geometry.yaw_sign * float(single[0])
         front = x * math.cos(turn) + y * math.sin(turn) >= 0.0
         name = branch_index(front, bend_sense(self.geometry.plane_angle(2, float(single[3]))))
-        return self._solutions(target, [single], [name], optimum)
+        return Solutions(self._arm, target, [single.tolist()], [name], least_rotation=optimum)
 
     def _isolated(self, target: Target, branches: list[BaseBranch], z: float, roll: float) -> Solutions:
         rolls = roll_angles(self._roll, roll)
@@ -244,15 +232,10 @@ class YawPitchRollSolver(InverseKinematics):
                     if not any(np.abs(q - other).max() < LIMIT_TOLERANCE for other in found):
                         found.append(q)
                         index.append(branch_index(branch.front, bend_sense(plane[1]), inward))
-        return self._solutions(target, found, index) if found else self._refused(target)
+        return Solutions(self._arm, target, np.array(found), index) if found else self._refused(target)
 
     def _with_roll(self, q: Sequence[float], roll: float) -> FloatArray:
         return np.array(q if self._roll is None else (*q, roll))
-
-    def _solutions(
-        self, target: Target, q: list[FloatArray], index: list[int], optimum: Optimum | None = None
-    ) -> Solutions:
-        return Solutions(self._arm, target, np.array(q), index, least_rotation=optimum)
 
     def _refused(self, target: Target, reason: str | None = None) -> Solutions:
         why, nearest = self._reach.explain(target)
