@@ -112,8 +112,5 @@ def test_legs_that_do_not_meet_are_refused() -> None:
     legs = legs_through(points, 0.01)
     with pytest.raises(InputError, match=r"begins .*° away"):
         blend(ROBOT, [legs[0], legs[2]])
-
-
-def test_no_legs_are_refused() -> None:
     with pytest.raises(InputError, match="at least one leg"):
         blend(ROBOT, [])

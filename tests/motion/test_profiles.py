@@ -151,7 +151,7 @@ def only(j: int, travel: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize("profile", PROFILES)
 @given(start=TRAVELS, end=TRAVELS, slower=st.one_of(st.none(), st.floats(1, 20)))
 @settings(max_examples=60)
-def test_ends_limits_and_the_integral_of_the_speed(
+def test_ends_and_limits(
     profile: ProfileName, start: list[float], end: list[float], slower: float | None
 ) -> None:
     shortest = PointToPoint.plan(ROBOT, start, end, profile=profile)
@@ -173,11 +173,6 @@ def test_ends_limits_and_the_integral_of_the_speed(
         assert (np.abs(state.jerk) <= ROBOT.jerk_limits * (1 + 1e-9)).all()
     np.testing.assert_array_equal(peaks.low, np.minimum(start, end))
     np.testing.assert_array_equal(peaks.high, np.maximum(start, end))
-    if motion.duration > 0:
-        middle = motion.sample(0.5 * (time[1:] + time[:-1]))
-        way = middle.velocity.sum(axis=0) * motion.duration / 700
-        size = 1e-9 + np.abs(np.subtract(end, start))
-        np.testing.assert_allclose(way / size, np.subtract(end, start) / size, atol=2e-3)
 
 
 @pytest.mark.parametrize("profile", PROFILES)

@@ -261,7 +261,7 @@ class PitchGrid:
         toll[(room.min(axis=1) < -LIMIT_TOLERANCE) | (np.abs(cosine) > _STRAIGHT)] = np.inf
         self.places, self.turns, self.q, self.toll = places, turns, angles, toll
         """(m,) [m]; (a,) angle of the tool from that at the start, a whole turn in even steps; (m, 3, a)
-        pitch joints, any number where the links do not reach; (m, a) what it costs to be there, infinite where
+        pitch joints, any number where the links do not reach; (m, a) what a place costs, infinite where
         they do not and outside the limits"""
 
     def way(self, weights: FloatArray) -> FloatArray:
