@@ -29,10 +29,10 @@ HOME, SCORBOT_HOME = ROBOT.pose("home"), SCORBOT.pose("home")
 
 def test_reference_is_absolute_and_last_position_is_added() -> None:
     asked, present = np.radians([1, 2, 3, 4, 5]), np.radians([10, 20, 30, 40, 50])
-    assert np.degrees(resulting_pose(REFERENCE, asked, present)) == pytest.approx([1, 2, 3, 4, 5])
-    assert np.degrees(resulting_pose(LAST, asked, present)) == pytest.approx([11, 22, 33, 44, 55])
-    assert np.array_equal(resulting_pose(SHOWN[0], asked, present), asked)
-    assert np.array_equal(resulting_pose(SHOWN[1], asked, present), present + asked)
+    for how in (REFERENCE, SHOWN[0]):
+        assert np.array_equal(resulting_pose(how, asked, present), asked)
+    for how in (LAST, SHOWN[1]):
+        assert np.array_equal(resulting_pose(how, asked, present), present + asked)
 
 
 def test_results_tell_where_both_buttons_lead_and_what_is_outside(server: GuardedServer) -> None:
@@ -43,10 +43,6 @@ def test_results_tell_where_both_buttons_lead_and_what_is_outside(server: Guarde
     assert "With respect to reference" not in html
     angles.fill(np.radians([1, 1, 1, 1, 1]))
     assert "Both are inside the joint limits" in results_html(ROBOT, angles, HOME)
-
-
-def test_results_name_the_field_that_cannot_be_used(server: GuardedServer) -> None:
-    angles = angle_fields(server.gui, ROBOT, HOME)
     angles.fields[2].handle.value = "<b>4x"
     html = results_html(ROBOT, angles, HOME)
     assert "Nothing can be sent: Elbow °: &#x27;&lt;b&gt;4x&#x27; is not a number" in html
@@ -55,19 +51,13 @@ def test_results_name_the_field_that_cannot_be_used(server: GuardedServer) -> No
         _ = angles.array
 
 
-def test_the_zero_pose_in_figures() -> None:
+def test_a_pose_in_figures_names_the_two_pitches_apart() -> None:
     html = pose_html(ROBOT, np.zeros(5))
-    assert "330.00" in html and "3.62" in html and "163.00" in html
-    assert "Rz(yaw) · Ry(pitch) · Rx(roll)" in html
-
-
-def test_the_two_pitches_are_named_apart() -> None:
+    for text in ("330.00", "3.62", "163.00", "Rz(yaw) · Ry(pitch) · Rx(roll)"):
+        assert text in html
     html = pose_html(ROBOT, HOME)  # the tool looks 30° down
     assert "Rx (roll)" in html and "Ry (pitch) <b>−60.000°</b> · Rz (yaw) <b>0.000°</b>" in html
     assert "Ry is not the tool pitch: that is −30.000°" in html
-
-
-def test_the_jacobian_is_shown_in_mm_with_rows_named() -> None:
     html = jacobian_html(ROBOT, np.zeros(5))
     for row in ("vx mm/s", "ωz rad/s", "330.00", "Wrist roll", "√det(Jᵀ J) of all six rows"):
         assert row in html
@@ -85,9 +75,8 @@ def test_a_stretched_arm_says_which_way_it_cannot_go() -> None:
     assert f"{1e3 * np.sqrt(np.linalg.det(J @ J.T)):.4f}" in html
 
 
-@pytest.mark.parametrize(
-    ("direction", "tip", "words"),
-    [
+def test_directions_in_words() -> None:
+    for direction, tip, words in (
         ([1, 0, 0], [0.3, 0, 0.1], "out or in"),
         ([-1, 0, 0], [0.3, 0, 0.1], "out or in"),
         ([1, 0, 0], [0, 0.3, 0.1], "left or right"),
@@ -96,11 +85,9 @@ def test_a_stretched_arm_says_which_way_it_cannot_go() -> None:
         ([-0.6, 0, 0.8], [0.3, 0, 0.1], "out and down or in and up"),
         ([0, 1, 0], [0, 0, 0.7], "along +y or along −y"),
         ([0.1, 0.05, 0.99], [0.3, 0, 0.1], "up or down"),
-    ],
-)
-def test_directions_in_words(direction: list[float], tip: list[float], words: str) -> None:
-    unit = np.array(direction) / np.linalg.norm(direction)
-    assert direction_words(unit, np.array(tip, dtype=np.float64)) == words
+    ):
+        unit = np.array(direction) / np.linalg.norm(direction)
+        assert direction_words(unit, np.array(tip, dtype=np.float64)) == words
 
 
 def test_the_tool_speed_of_each_joint_is_listed() -> None:
@@ -134,8 +121,7 @@ def test_the_fields_show_the_tool_pose_and_ask_for_it(server: GuardedServer, rob
 
 
 @pytest.mark.parametrize("robot", ROBOTS, ids=lambda robot: robot.name)
-def test_a_small_step_of_the_tool_is_a_small_step_of_the_joints(robot: Robot) -> None:
-    """Of all solutions the nearest is taken: no joint jumps to another branch."""
+def test_of_all_solutions_the_nearest_is_taken_whether_the_pitch_is_held_or_not(robot: Robot) -> None:
     solver, q = robot.inverse_kinematics, robot.pose("home")
     pitch, roll = solver.pitch_and_roll(q)
     asked = None if robot.name in ("mico", "humanoid") else pitch
@@ -143,16 +129,12 @@ def test_a_small_step_of_the_tool_is_a_small_step_of_the_joints(robot: Robot) ->
         point = robot.forward(q)[:3, 3] + [0.0, 0.002, 0.001]
         found = coupled_joints(robot, Target.of(point, asked, roll), q)
         assert found.q is not None
-        assert np.abs(found.q - q).max() < np.radians(4)
+        assert np.abs(found.q - q).max() < np.radians(4)  # no joint jumps to another branch
         np.testing.assert_allclose(robot.forward(found.q)[:3, 3], point, atol=1e-9)
         q = found.q
-
-
-@pytest.mark.parametrize("robot", ROBOTS, ids=lambda robot: robot.name)
-def test_the_pose_that_is_shown_comes_back_whether_the_pitch_is_held_or_not(robot: Robot) -> None:
-    rng = np.random.default_rng(3)
-    for q in rng.uniform(robot.limits[:, 0], robot.limits[:, 1], (20, robot.n)):
-        _, roll = robot.inverse_kinematics.pitch_and_roll(q)
+    low, high = robot.limits.T
+    for q in np.random.default_rng(3).uniform(low, high, (20, robot.n)):
+        _, roll = solver.pitch_and_roll(q)
         found = coupled_joints(robot, Target.of(robot.forward(q)[:3, 3], None, roll), q)
         assert found.q is not None
         np.testing.assert_allclose(found.q, q, atol=1e-6)
@@ -203,52 +185,47 @@ def test_a_joint_that_is_held_cannot_be_typed(server: GuardedServer) -> None:
     assert limits_text(HUMANOID, 4) == "Wrist roll: held at 0°"
 
 
-def test_the_waist_alone_moves_the_tool_sideways() -> None:
-    html = tool_velocity_html(SCORBOT, SCORBOT.jacobian(SCORBOT_HOME), np.radians([20.0, 0, 0, 0, 0]))
-    x = 1000 * SCORBOT.forward(SCORBOT_HOME)[0, 3]
-    assert f">{np.radians(20) * x:.1f}<" in html  # mm/s along y
+def velocity(*rates_deg: float) -> str:
+    return tool_velocity_html(SCORBOT, SCORBOT.jacobian(SCORBOT_HOME), np.radians(rates_deg))
+
+
+def rates(*linear: float, q: np.ndarray = SCORBOT_HOME, keep: bool = False) -> str:
+    return joint_rates_html(SCORBOT, SCORBOT.jacobian(q), np.array(linear), keep=keep)
+
+
+def test_the_waist_alone_moves_the_tool_sideways_and_rates_over_their_limits_are_named() -> None:
+    html = velocity(20.0, 0, 0, 0, 0)
+    assert f">{np.radians(20) * 1000 * SCORBOT.forward(SCORBOT_HOME)[0, 3]:.1f}<" in html  # mm/s along y
     assert ">20.0<" in html  # °/s about z
     assert "at most" not in html
+    assert "Waist turns at 20.0 °/s at most; Elbow turns at 26.0 °/s at most" in velocity(
+        25.0, 0, -40.0, 0, 0
+    )
 
 
-def test_rates_over_their_limits_are_named() -> None:
-    html = tool_velocity_html(SCORBOT, SCORBOT.jacobian(SCORBOT_HOME), np.radians([25.0, 0, -40.0, 0, 0]))
-    assert "Waist turns at 20.0 °/s at most; Elbow turns at 26.0 °/s at most" in html
-
-
-def test_a_velocity_within_the_limits_is_met() -> None:
-    html = joint_rates_html(SCORBOT, SCORBOT.jacobian(SCORBOT_HOME), np.array([0.0, 0.05, 0.0]), keep=False)
+def test_a_velocity_within_the_limits_is_met_and_the_joint_that_limits_it_is_named() -> None:
+    html, x = rates(0.0, 0.05, 0.0), SCORBOT.forward(SCORBOT_HOME)[0, 3]
     assert "<b>50.0 mm/s</b> of 50.0 mm/s</div>" in html
-    rate = np.degrees(0.05 / SCORBOT.forward(SCORBOT_HOME)[0, 3])
-    assert f"{rate:.2f} °/s" in html
+    assert f"{np.degrees(0.05 / x):.2f} °/s" in html
     assert "Out of" not in html
-
-
-def test_the_joint_that_limits_the_speed_is_named() -> None:
-    html = joint_rates_html(SCORBOT, SCORBOT.jacobian(SCORBOT_HOME), np.array([0.0, 1.0, 0.0]), keep=False)
-    reached = 1000 * np.radians(20) * SCORBOT.forward(SCORBOT_HOME)[0, 3]
-    assert f"<b>{reached:.1f} mm/s</b> of 1000.0 mm/s; Waist is at its limit, at {reached / 10:.1f} %" in html
+    met = 1000 * np.radians(20) * x
+    limited = f"<b>{met:.1f} mm/s</b> of 1000.0 mm/s; Waist is at its limit, at {met / 10:.1f} %"
+    assert limited in rates(0.0, 1.0, 0.0)
 
 
 def test_a_lost_direction_is_told() -> None:
     """Stretched out at its reach of 604 mm, the arm can go no farther."""
     stretched = np.radians([0.0, 0.0, 0.0, -90.0, 0.0])
     assert SCORBOT.forward(stretched)[0, 3] == pytest.approx(0.604)
-    html = joint_rates_html(SCORBOT, SCORBOT.jacobian(stretched), np.array([0.05, 0.0, 0.0]), keep=False)
+    html = rates(0.05, 0.0, 0.0, q=stretched)
     assert "Out of the joints&#x27; power here: 50.00 mm/s" in html
     assert "<b>0.0 mm/s</b> of 50.0 mm/s" in html
 
 
 def test_not_turning_is_more_than_five_joints_can() -> None:
-    html = joint_rates_html(SCORBOT, SCORBOT.jacobian(SCORBOT_HOME), np.array([0.0, 0.05, 0.0]), keep=True)
-    assert "It cannot go without turning" in html
-    straight = joint_rates_html(
-        SCORBOT, SCORBOT.jacobian(SCORBOT_HOME), np.array([0.03, 0.0, 0.0]), keep=True
-    )
+    assert "It cannot go without turning" in rates(0.0, 0.05, 0.0, keep=True)
+    straight = rates(0.03, 0.0, 0.0, keep=True)
     assert "cannot" not in straight and "Out of" not in straight
-
-
-def test_a_held_joint_stands_still() -> None:
     q = HUMANOID.pose("home")
     html = joint_rates_html(HUMANOID, HUMANOID.jacobian(q), np.array([0.05, 0.0, 0.0]), keep=False)
     assert "held at 0°" in html and "0.00 °/s" in html

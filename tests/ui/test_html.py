@@ -63,21 +63,17 @@ def test_errors_come_first_and_are_marked_in_words() -> None:
         assert text in html
 
 
-def test_warnings_alone_let_it_run() -> None:
+def test_warnings_alone_let_it_run_and_a_long_list_is_cut() -> None:
     assert "may be run, 2 warnings" in verdict_html([HOT, HOT])
-
-
-def test_steps_are_counted_from_one() -> None:
-    floor = ProgramFinding(6, FLOOR.what, FLOOR.time, FLOOR.part, FLOOR.mend, "floor", "error")
-    found = [floor, ProgramFinding(1, "a wait takes 0 … 86400 s, not -1")]
-    html = verdict_html(found)
-    assert "step 7 · 1.84 s · the tool" in html and "step 2</div>" in html
-
-
-def test_a_long_list_is_cut() -> None:
     html = verdict_html([FLOOR] * 35)
     assert html.count("below the floor") == 12
     assert "and 23 more" in html
+
+
+def test_steps_are_counted_from_one() -> None:
+    found = [floor, ProgramFinding(1, "a wait takes 0 … 86400 s, not -1")]
+    html = verdict_html(found)
+    assert "step 7 · 1.84 s · the tool" in html and "step 2</div>" in html
 
 
 def test_texts_are_escaped() -> None:

@@ -17,21 +17,12 @@ def choice(server: GuardedServer, laws: Laws) -> ProfileChoice:
 
 
 @BOTH
-def test_it_begins_with_the_cubic_in_the_shortest_time(server: GuardedServer, laws: Laws) -> None:
-    assert choice(server, laws).checked() == ("cubic", None)
-
-
-@BOTH
-@pytest.mark.parametrize(("text", "seconds"), [("", None), ("0", None), ("2.5", 2.5)])
-def test_the_duration_is_read(server: GuardedServer, laws: Laws, text: str, seconds: float | None) -> None:
+def test_it_begins_with_the_cubic_and_the_duration_is_read(server: GuardedServer, laws: Laws) -> None:
     chosen = choice(server, laws)
-    chosen.duration.handle.value = text
-    assert chosen.checked() == ("cubic", seconds)
-
-
-@BOTH
-def test_a_negative_duration_is_refused(server: GuardedServer, laws: Laws) -> None:
-    chosen = choice(server, laws)
+    assert chosen.checked() == ("cubic", None)
+    for text, seconds in (("", None), ("0", None), ("2.5", 2.5)):
+        chosen.duration.handle.value = text
+        assert chosen.checked() == ("cubic", seconds)
     chosen.duration.handle.value = "-1"
     with pytest.raises(InputError, match="Duration: -1 s is negative; 0 is the shortest possible"):
         chosen.checked()

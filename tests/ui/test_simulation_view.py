@@ -20,20 +20,20 @@ from armctl.ui.tabs.simulation.workspace import (
 ROBOT = load_robot("uzuner")
 
 
-def test_the_trail_keeps_points_that_lie_apart_and_gives_those_since() -> None:
+def trail_of(*x: float) -> Trail:
     trail = Trail()
-    for x in (0.0, 0.001, 0.003, 0.006):
-        trail.add(np.array([x, 0.0, 0.0]))
+    for value in x:
+        trail.add(np.array([value, 0.0, 0.0]))
+    return trail
+
+
+def test_the_trail_keeps_points_that_lie_apart_and_gives_those_since() -> None:
+    trail = trail_of(0.0, 0.001, 0.003, 0.006)
     assert trail.count == 3
     assert trail.since(0)[:, 0] == pytest.approx([0.0, 0.003, 0.006])
     assert trail.since(2)[:, 0] == pytest.approx([0.006])
     assert trail.since(3).shape == (0, 3)
-
-
-def test_a_long_trail_forgets_its_beginning_but_counts_on() -> None:
-    trail = Trail()
-    for k in range(1000):
-        trail.add(np.array([0.01 * k, 0.0, 0.0]))
+    trail = trail_of(*(0.01 * k for k in range(1000)))  # a long one forgets its beginning but counts on
     assert (trail.count, len(trail.since(0))) == (1000, 600)
     assert trail.since(990)[:, 0] == pytest.approx(0.01 * np.arange(990, 1000))
 
@@ -51,7 +51,7 @@ def test_no_line_is_drawn_over_what_nobody_knows() -> None:
     assert np.isnan(points).any(axis=1).tolist() == [False, True, False]
 
 
-def test_the_cloud_lies_within_reach_above_the_floor_and_is_always_the_same() -> None:
+def test_the_cloud_lies_within_reach_above_the_floor_and_is_coloured_by_its_values() -> None:
     cloud = workspace_cloud(ROBOT, 2000)
     assert 1000 < len(cloud.points) <= 2200
     assert (cloud.points[:, 2] >= ROBOT.floor_z).all()
@@ -59,15 +59,14 @@ def test_the_cloud_lies_within_reach_above_the_floor_and_is_always_the_same() ->
     assert 0.320 < np.linalg.norm(cloud.points - shoulder, axis=1).max() < 0.331
     assert (cloud.manipulability >= 0).all()
     assert np.array_equal(cloud.points, workspace_cloud(ROBOT, 2000).points)
-
-
-def test_colours_rise_with_the_value() -> None:
-    cloud = workspace_cloud(ROBOT, 2000)
     for colouring, values in (("height", cloud.points[:, 2]), ("manipulability", cloud.manipulability)):
-        green = cloud.colors(colouring)[np.argsort(values), 1].astype(int)  # type: ignore[arg-type]
+        green = cloud.colors(colouring)[np.argsort(values), 1].astype(int)
         assert (np.diff(green) >= 0).all()
-        assert green[0] < 10
-        assert green[-1] > 220
+        assert green[0] < 10 and green[-1] > 220
+    html = cloud_html(ROBOT, cloud, "height")
+    assert "<b>330 mm</b> from the base axis" in html
+    assert "<b>−49</b> to <b>493 mm</b>" in html
+    assert "below the floor (0 mm) is left out" in html
 
 
 def test_the_cloud_is_computed_once_for_all_pages() -> None:
@@ -82,17 +81,13 @@ def test_the_cloud_is_computed_once_for_all_pages() -> None:
 def test_the_graph_grows_to_twenty_seconds_and_then_scrolls() -> None:
     history = JointHistory(2)
     assert all(np.isfinite(part).all() for part in history.table())
-    for k in range(100):
-        history.add(100.0 + 0.1 * k, np.zeros(2), np.zeros(2))
-    assert (np.ptp(history.table()[0]), history.full) == (pytest.approx(9.9), False)
-    for k in range(100, 400):
-        history.add(100.0 + 0.1 * k, np.zeros(2), np.zeros(2))
-    times, commanded, _ = history.table()
-    assert history.full
-    assert times[-1] == pytest.approx(39.9)
-    assert np.ptp(times) == pytest.approx(20.0, abs=0.11)
-    assert len(times) == len(commanded)
-    assert (np.diff(times) > 0).all()
+    for count, span, full in ((100, 9.9, False), (400, 20.0, True)):
+        for k in range(count):
+            history.add(100.0 + 0.1 * k, np.zeros(2), np.zeros(2))
+        times, commanded, _ = history.table()
+        assert (np.ptp(times), history.full) == (pytest.approx(span, abs=0.11), full)
+        assert times[-1] == pytest.approx(0.1 * (count - 1)) and len(times) == len(commanded)
+        assert (np.diff(times) > 0).all()
 
 
 def test_the_graph_is_in_degrees_and_holds_numbers_only() -> None:
@@ -111,13 +106,6 @@ def test_the_legend_names_each_joint_once_and_says_what_is_dotted() -> None:
     assert len(set(re.findall("#[0-9a-f]{6}", html))) == 5
     assert "Dotted: as the board tells it" in html
     assert "Base" not in legend_html(ROBOT, [1])
-
-
-def test_the_figures_of_the_workspace_are_in_words() -> None:
-    html = cloud_html(ROBOT, workspace_cloud(ROBOT, 500), "height")
-    assert "<b>330 mm</b> from the base axis" in html
-    assert "<b>−49</b> to <b>493 mm</b>" in html
-    assert "below the floor (0 mm) is left out" in html
 
 
 @pytest.mark.parametrize(("name", "words"), [("abaas", "exact boundary"), ("humanoid", "Sampled")])

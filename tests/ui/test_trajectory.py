@@ -1,0 +1,404 @@
+"""Motions of the Trajectory screen: planned, drawn with what is wrong with them, compared, reported."""
+
+from __future__ import annotations
+
+import itertools
+import math
+import re
+from typing import Any, get_args
+
+import numpy as np
+import pytest
+
+from armctl.errors import InputError, MotionRefusedError, ProgramError, UnreachableError
+from armctl.hardware import Source
+from armctl.kinematics import Target
+from armctl.motion import Profile
+from armctl.motion.analysis import Turning
+from armctl.motion.error_report import ErrorReport, PathError, closest_on_path, distances, report_csv
+from armctl.motion.plan import Passing, plan_blended, plan_through, solve_points
+from armctl.motion.trajectory import peaks_of
+from armctl.program import (
+    EndStep,
+    GripperStep,
+    LineStep,
+    MoveStep,
+    Program,
+    RepeatStep,
+    SpeedStep,
+    Step,
+    WaitStep,
+)
+from armctl.robot import Robot, load_robot
+from armctl.ui.tabs.trajectory.error_report import (
+    MEANING,
+    between_html,
+    points_html,
+    summary_html,
+    theoretical,
+)
+from armctl.ui.tabs.trajectory.graphs import (
+    OF,
+    QUANTITIES,
+    compare_html,
+    cursor_html,
+    graph,
+    peaks_html,
+)
+from armctl.ui.tabs.trajectory.plan import (
+    ARC,
+    JOINTS,
+    LINE,
+    PROGRAM,
+    TEST_PATHS,
+    TOOL_ARC,
+    TOOL_LINE,
+    MotionRequest,
+    PlannedMotion,
+    ShownMotion,
+    ToolWish,
+    plan_motion,
+    plan_shown,
+    why_not,
+)
+from armctl.ui.tabs.trajectory.study import (
+    ShownStudy,
+    StudyRequest,
+    fastest_words,
+    make_study,
+    study_html,
+    study_picture,
+)
+
+ROBOT = load_robot("uzuner")
+REST, HOME, ZERO = ROBOT.pose("rest"), ROBOT.pose("home"), ROBOT.pose("zero")
+TIP = ROBOT.forward(HOME)[:3, 3]
+NEAR = TIP + np.array([0, 0.05, 0])
+STRETCHED = ToolWish(np.array([0.5, 0.0, 0.3]))
+GO_HOME = MoveStep(joints_deg=(0, 90, -80, -40, 0))
+
+
+def planned(motion: str = JOINTS, start: np.ndarray | Target = REST, **asked: Any) -> PlannedMotion:
+    return plan_motion(ROBOT, MotionRequest(motion, motion, start, **asked))
+
+
+def shown(motion: str = JOINTS, start: np.ndarray = REST, **asked: Any) -> ShownMotion:
+    return plan_shown(ROBOT, MotionRequest(motion, motion, start, **asked))
+
+
+def of_program(*steps: Step) -> PlannedMotion:
+    return planned(PROGRAM, program=Program(robot="uzuner", name="test", steps=steps))
+
+
+def path_of(found: PlannedMotion, count: int) -> np.ndarray:
+    time = np.linspace(0.0, found.trajectory.duration, count)
+    return ROBOT.forward(found.trajectory.sample(time).q)[:, :3, 3]
+
+
+def test_from_pose_to_pose_and_from_point_to_point() -> None:
+    found = planned(end=HOME, duration_s=3.0)
+    assert found.trajectory.duration == 3.0 and found.refusal is None
+    assert found.trajectory.start == pytest.approx(REST)
+    assert found.trajectory.end == pytest.approx(HOME)
+    assert planned(end=REST).note == "It ends where it begins."
+    begin, end = Target.of([0.2, 0.0, 0.1]), Target.of([0.2, 0.1, 0.1])
+    between = path_of(planned(start=begin, end=end), 2)
+    assert between == pytest.approx(np.array([begin.point, end.point]), abs=1e-9)
+    nearest = planned(start=begin, end=HOME, choose="least-travel", present=HOME)
+    assert path_of(nearest, 2)[0] == pytest.approx(begin.point)
+    with pytest.raises(UnreachableError, match="too far"):
+        planned(end=Target.of([0.9, 0.0, 0.1]))
+    with pytest.raises(MotionRefusedError, match=r"Base: 171\.89° is outside"):
+        planned(end=np.array([3.0, 0, 0, 0, 0]))
+
+
+def test_a_motion_that_must_not_be_run_is_drawn_with_what_is_wrong() -> None:
+    down = np.radians([0.0, -3.0, -84.0, -10.0, 0.0])  # the hand below the floor
+    found = planned(end=down)
+    assert found.trajectory.end == pytest.approx(down)
+    assert found.refusal is not None and found.refusal.kind in ("floor", "self-collision")
+
+
+@pytest.mark.parametrize("via", [None, TIP + np.array([0, 0.04, 0.02])])
+def test_the_tool_is_led_to_its_end_at_the_speed_that_is_asked_for(via: np.ndarray | None) -> None:
+    end, motion = TIP + np.array([0, 0.08, 0]), TOOL_LINE if via is None else TOOL_ARC
+    found = shown(motion, HOME, profile="trapezoid", tool=ToolWish(end, via, speed=0.02))
+    assert found.planned.refusal is None
+    assert found.motion.position[-1] == pytest.approx(end, abs=1e-5)
+    assert found.motion.tool_speed.max() == pytest.approx(0.02, rel=1e-3)
+    assert np.degrees(found.motion.pitch) == pytest.approx(-30.0, abs=0.02)
+    assert found.planned.points is not None and len(found.planned.points) == 25
+    report, html = theoretical(ROBOT, found.planned)
+    assert report.distance.max() < 0.05e-3
+    assert "Off the ideal line or arc" in html and "As printed" not in html
+    assert "(asked for: 20 mm/s)" in peaks_html(ROBOT, found)
+    turned = shown(motion, HOME, tool=ToolWish(end, via, "interpolated", np.radians(-40)))
+    assert np.degrees(turned.motion.pitch[-1]) == pytest.approx(-40.0, abs=0.02)
+
+
+def test_a_line_that_ends_on_the_way_is_drawn_as_far_as_that_and_refused() -> None:
+    found = planned(TOOL_LINE, HOME, profile="trapezoid", tool=STRETCHED)
+    assert found.refusal is not None
+    assert re.match(r"(?!at ).*\d+ % of the line", found.refusal.what)
+    assert found.refusal.time == pytest.approx(found.trajectory.duration)
+    assert found.note.startswith("Drawn as far as the arm can follow, as fast as its limits allow")
+    assert found.points is None
+    assert path_of(found, 2)[-1, 0] > TIP[0] + 0.05
+    with pytest.raises(InputError, match="normal leads each joint for itself"):
+        planned(TOOL_LINE, HOME, profile="normal", tool=ToolWish(NEAR))
+
+
+def test_a_line_cut_short_is_not_called_after_a_profile_that_it_does_not_follow() -> None:
+    for wish, title in ((STRETCHED, "Tool line"), (ToolWish(NEAR), "Tool line, quintic")):
+        request = MotionRequest(TOOL_LINE, "Tool line, quintic", HOME, "quintic", tool=wish)
+        assert plan_motion(ROBOT, request).title == title
+
+
+def test_the_limit_that_ends_a_line_is_told_once() -> None:
+    start = np.radians([0.0, 80.0, -50.0, -60.0, 0.0])
+    found = planned(TOOL_LINE, start, profile="trapezoid", tool=ToolWish(np.array([0.22, -0.06, 0.2])))
+    limits = [finding for finding in found.findings if finding.kind == "limits"]
+    assert [finding.part for finding in limits] == ["Elbow"]
+    assert "Elbow would need" in limits[0].what
+
+
+@pytest.mark.parametrize(("motion", "count"), [(ARC, 58), (LINE, 29)])
+@pytest.mark.parametrize("passing", [*get_args(Passing), None])
+def test_a_published_path_in_every_way_of_passing_its_points(
+    motion: str, count: int, passing: Passing | None
+) -> None:
+    found = planned(motion, choose="published", passing=passing)
+    assert found.points is not None and found.solved is not None and found.ideal is not None
+    assert found.points.shape == (count, 3)
+    assert np.abs(ROBOT.forward(found.solved)[:, :3, 3] - found.points).max() < 1e-9
+    assert found.trajectory.start == pytest.approx(found.solved[0])
+    report, html = theoretical(ROBOT, found)
+    assert report.rmse.max() < 5e-12
+    assert "As printed" in html and "at most 0.005 mm" in html
+    if passing is None:
+        path = path_of(found, int(found.trajectory.duration / 0.02))
+        assert np.linalg.norm(closest_on_path(found.points, path) - found.points, axis=1).max() < 5e-3
+        assert distances(found.ideal, path).max() < 5e-5
+    if passing == "stop":
+        assert found.refusal is None
+        assert found.trajectory.end == pytest.approx(found.solved[-1])
+    if motion == LINE:  # the printed first row
+        first = [-42.402, 14.4, -45.909, -1.305, 0]
+        assert np.degrees(found.solved[0]) == pytest.approx(first, abs=0.0006)
+
+
+@pytest.mark.parametrize("motion", [ARC, LINE])
+@pytest.mark.parametrize("name", ["abaas", "scorbot", "mico", "humanoid"])
+def test_another_arm_follows_a_published_path_or_it_is_said_why_not(name: str, motion: str) -> None:
+    robot, points = load_robot(name), TEST_PATHS[motion]()
+    request = MotionRequest(motion, motion, robot.pose("home"))
+    reason = why_not(robot, points)
+    assert (reason is None) is (name != "humanoid")
+    if reason is None:
+        solved = plan_motion(robot, request).solved
+        assert solved is not None
+        assert np.abs(robot.forward(solved)[:, :3, 3] - points).max() < 1e-9
+    else:
+        assert re.match(r"point 1 of \d+: .*Elbow needs", reason)
+        with pytest.raises(UnreachableError, match="Elbow needs"):
+            plan_motion(robot, request)
+
+
+@pytest.mark.parametrize("profile", ["cubic", "trapezoid", "s-curve"])
+def test_the_duration_of_a_path_is_that_of_the_whole(profile: Profile) -> None:
+    asked = {"profile": profile, "choose": "published"}
+    quick = planned(ARC, **asked).trajectory
+    slow = planned(ARC, duration_s=2 * quick.duration, **asked).trajectory
+    assert slow.duration == pytest.approx(2 * quick.duration)
+    assert peaks_of(slow).speed == pytest.approx(peaks_of(quick).speed / 2)
+    assert peaks_of(slow).acceleration == pytest.approx(peaks_of(quick).acceleration / 4)
+    with pytest.raises(MotionRefusedError, match=r"shortest possible duration is \d"):
+        planned(ARC, duration_s=0.5, **asked)
+
+
+def test_a_path_that_leaves_the_workspace_names_the_point() -> None:
+    with pytest.raises(UnreachableError, match=r"^point 2 of 2: too far"):
+        solve_points(ROBOT, np.array([[0.2, 0, 0.1], [0.9, 0, 0.1]]), "least-rotation", HOME)
+    with pytest.raises(InputError, match="at least two"):
+        plan_through(ROBOT, [HOME])
+    with pytest.raises(MotionRefusedError, match="from point 2 to point 3: Base"):
+        plan_through(ROBOT, [HOME, REST, np.array([3.0, 0, 0, 0, 0])])
+    with pytest.raises(InputError, match="radius must be positive, got 0 mm"):
+        plan_blended(ROBOT, [HOME, REST], 0.0)
+    with pytest.raises(InputError, match="all the same"):
+        plan_blended(ROBOT, [HOME, HOME], 0.01)
+
+
+def test_a_program_is_shown_as_it_runs_with_its_waits_repeats_and_speeds() -> None:
+    there = MoveStep(joints_deg=(0, 90, -80, -40, 0), duration_s=2.0)
+    twice = RepeatStep(times=2), MoveStep(joints_deg=(0, 80, -80, -40, 0)), there, EndStep()
+    found = of_program(there, WaitStep(seconds=1.5), GripperStep(open_percent=20), *twice)
+    assert "1 gripper step " in found.note
+    assert found.program is not None
+    assert found.trajectory.sample(3.0).q == pytest.approx(HOME)
+    assert [step for _, step in found.steps] == [0, 1, 2, 4, 5, 4, 5]
+    assert [found.step_at(time) for time in (0.0, 3.0, 1e9)] == [0, 1, 5]
+    assert "step 2" in cursor_html(ROBOT, found, 3.0)
+    assert of_program(SpeedStep(percent=50), there).trajectory.duration == pytest.approx(4.0)
+
+
+def test_a_program_is_drawn_as_far_as_it_can_be_run_and_makes_sense() -> None:
+    found = of_program(GO_HOME, LineStep(x_mm=900, y_mm=0, z_mm=100))
+    assert found.trajectory.end == pytest.approx(HOME)
+    assert found.refusal is not None and "step 2" in str(found.refusal)
+    assert found.note == "Drawn as far as step 2, which cannot be run."
+    endless = of_program(GO_HOME, RepeatStep(times=1_000_000), WaitStep(seconds=10.0), EndStep())
+    assert 600 <= endless.trajectory.duration < 625
+    assert re.match(r"The first \d+ steps of a pass", endless.note)
+
+
+@pytest.mark.parametrize(
+    ("steps", "why"),
+    [
+        ((), "no steps"),
+        ((GripperStep(open_percent=5),), "no step of it moves a joint"),
+        ((MoveStep(joints_deg=(300, 0, 0, 0, 0)),), r"test: step 1: Base: 300\.00° is outside"),
+    ],
+)
+def test_a_program_that_cannot_be_shown_says_why(steps: tuple[Step, ...], why: str) -> None:
+    with pytest.raises(ProgramError, match=why):
+        of_program(*steps)
+
+
+def test_graphs_have_a_title_with_its_unit_and_one_line_a_coordinate() -> None:
+    found = shown(end=HOME)
+    for of, quantity in itertools.product(OF, QUANTITIES):
+        picture = graph(ROBOT, found, of, quantity, "none")
+        assert re.fullmatch(rf"(Tool|Joint) {quantity.lower()} \((mm|°)(/s[²³]?)?\)", picture.title)
+        assert len(picture.lines) == (3 if of == "Tool" else 5)
+        assert all(len(line.y) == len(picture.x) and np.isfinite(line.y).all() for line in picture.lines)
+    plain = graph(ROBOT, found, "Tool", "Position", "near")
+    for time in (0.0, 0.3, found.planned.trajectory.duration):
+        cursor = graph(ROBOT, found, "Tool", "Position", "near", time).lines[-1]
+        at = np.flatnonzero(np.isfinite(cursor.y))
+        assert cursor.name == "cursor" and plain.x[at] == pytest.approx([time, time], abs=0.01)
+    html = peaks_html(ROBOT, found)
+    for word in (
+        f"{found.planned.trajectory.duration:.3f} s",
+        "Shoulder",
+        "speed °/s",
+        ">360<",
+        ">60<",
+        "mm/s²",
+    ):
+        assert word in html
+    numbers = cursor_html(ROBOT, found.planned, 0.0)
+    assert "at 0.00 s: tool (<b>124.7, 3.6, 267.5</b>) mm, 0.0 mm/s" in numbers
+    assert all(joint.title in numbers for joint in ROBOT.joints)
+
+
+def test_limits_are_dashed_and_drawn_where_they_matter() -> None:
+    fast = shown(end=ZERO, profile="trapezoid")
+    near = graph(ROBOT, fast, "Joints", "Velocity", "near").lines[5:]
+    assert {(line.name, float(line.y[0])) for line in near} == {("Shoulder ≥ −60", -60.0)}
+    shoulder = graph(ROBOT, fast, "Joints", "Position", "near").lines[1]
+    assert near[0].dash is not None and near[0].color == shoulder.color
+    every = graph(ROBOT, fast, "Joints", "Velocity", "all").lines[5:]
+    assert sorted(float(line.y[0]) for line in every) == pytest.approx([-120, -90, -60, 60, 90, 120])
+    assert "2 joints ≤ 120" in {line.name for line in every}
+    low = shown(end=np.radians([0, 0, -40.0, 0, 0]))
+    assert low.motion.position[-1, 2] < 0.105
+    floor = graph(ROBOT, low, "Tool", "Position", "all").lines[3]
+    assert floor.name == "floor" and float(floor.y[0]) == pytest.approx(1000 * ROBOT.floor_z)
+
+
+def test_another_motion_is_drawn_beside_it_over_the_longer_time() -> None:
+    a, b = shown(end=HOME, duration_s=6.0), shown(end=HOME, profile="trapezoid")
+    for first, second in ((a, b), (b, a)):
+        picture = graph(ROBOT, second, "Joints", "Velocity", "none", None, first)
+        assert [line.name[:2] for line in picture.lines] == ["B "] * 5 + ["A "] * 5
+        assert all(line.dash is not None for line in picture.lines[5:])
+        assert picture.x[-1] == pytest.approx(6.0) and (np.diff(picture.x) > 0).all()
+        short = picture.lines[1 if second is b else 6].y
+        assert np.isnan(short[picture.x > b.planned.trajectory.duration + 1e-9]).all()
+        assert np.isfinite(short[picture.x <= b.planned.trajectory.duration]).all()
+    html = compare_html(ROBOT, a, b)
+    for part in ("6.000", f"{b.planned.trajectory.duration:.3f}", "% of limit", "jerk A", "Shoulder"):
+        assert part in html
+
+
+def test_the_error_report_is_that_of_the_paper() -> None:
+    desired = np.zeros((4, 3))
+    reached = np.array([[0.001, 0, 0], [-0.001, 0, 0], [0.003, 0, 0], [-0.003, 0, 0.004]])
+    report = ErrorReport(desired, reached)
+    assert report.mse == pytest.approx([5e-6, 0, 4e-6])
+    assert report.rmse == pytest.approx([np.sqrt(5e-6), 0, 2e-3])
+    assert report.largest == pytest.approx([0.003, 0, 0.004])
+    assert report.distance[3] == pytest.approx(0.005)
+    html = summary_html("Applied", MEANING[Source.TRANSMITTED], report)
+    for part in ("4 points", "transmitted by the board, not measured", "5.000", "2.236", "4.000"):
+        assert part in html
+    assert points_html(report, 0, 2).count("background") == 1
+    strays = between_html(PathError(np.arange(2.0), np.array([0.0, 0.0015])), "of 2 readings")
+    assert "of 2 readings" in strays and "1.500" in strays and "1.061" in strays
+
+
+def test_a_report_refuses_what_cannot_be_compared() -> None:
+    for desired, reached in ((2, np.zeros((3, 3))), (0, np.zeros((0, 3))), (2, np.full((2, 3), np.nan))):
+        with pytest.raises(InputError):
+            ErrorReport(np.zeros((desired, 3)), reached)
+
+
+def test_the_closest_point_of_a_path_may_lie_between_its_readings() -> None:
+    path = np.array([[0.0, 0, 0], [1, 0, 0], [1, 0, 0], [1, 1, 0]])
+    points = np.array([[0.25, 0.1, 0], [1.2, 0.5, 0], [-1, 0, 0], [2, 2, 0]])
+    expected = [[0.25, 0, 0], [1, 0.5, 0], [0, 0, 0], [1, 1, 0]]
+    assert closest_on_path(points, path) == pytest.approx(np.array(expected))
+    assert closest_on_path(points, path[:1]) == pytest.approx(np.zeros((4, 3)))
+    with pytest.raises(InputError, match="without points"):
+        closest_on_path(points, path[:0])
+
+
+def test_the_report_s_file_names_its_units() -> None:
+    report = ErrorReport(np.full((2, 3), 0.1), np.full((2, 3), 0.2))
+    head, _, second = report_csv(report, report).splitlines()
+    assert head.startswith("point,desired_x_mm") and head.endswith("applied_z_mm")
+    assert second == "2" + ",100.000000" * 3 + ",200.000000" * 6
+    assert "applied" not in report_csv(report, None)
+
+
+# The study joint by joint.
+
+
+def studied(robot: Robot, turning: Turning = "in turn", deg_s: float = 20.0) -> ShownStudy:
+    return make_study(robot, StudyRequest(turning, robot.pose("home"), "home", math.radians(deg_s), None))
+
+
+def test_the_fastest_joint_is_named_and_the_printed_speed_set_right() -> None:
+    robot = load_robot("abaas")
+    alone, together = studied(robot), studied(robot, "all at once")
+    words = "Shoulder moves the tip fastest: 84.4 mm/s; next is Elbow with 83.4 mm/s."
+    assert fastest_words(robot, alone.study) == words
+    assert "Shoulder moves the tip fastest: 122.0 mm/s" in fastest_words(robot, together.study)
+    html = study_html(robot, alone)
+    for part in ("355.0 mm at most", "20 °/s give 123.9", "8.32·10³ mm/s", "23.8 m", "right is 124 mm/s"):
+        assert part in html
+    assert "8.32·10³" not in study_html(load_robot("mico"), studied(load_robot("mico")))
+    assert "of the largest speed" in html
+
+
+def test_held_joints_and_too_fast_ones_are_named() -> None:
+    humanoid, scorbot = load_robot("humanoid"), load_robot("scorbot")
+    assert "its limits hold it still: Wrist roll." in study_html(humanoid, studied(humanoid))
+    assert "Faster than" not in study_html(scorbot, studied(scorbot))
+    html = study_html(scorbot, studied(scorbot, deg_s=50.0))
+    assert "Faster than the real arm may turn: Waist (20 °/s), Shoulder (26 °/s), Elbow (26 °/s)." in html
+
+
+@pytest.mark.parametrize("name", ["uzuner", "abaas", "scorbot", "mico", "humanoid"])
+def test_the_plot_has_a_line_a_joint_in_millimetres_a_second(name: str) -> None:
+    robot = load_robot(name)
+    alone, together = studied(robot), studied(robot, "all at once")
+    titles = [joint.title for joint in robot.joints if joint.upper > joint.lower]
+    assert [line.name for line in study_picture(robot, alone.study).lines] == titles
+    picture = study_picture(robot, together.study)
+    assert picture.title == "Tip speed by joint (mm/s)"
+    assert [line.name for line in picture.lines] == [*titles, "all together"]
+    assert len({line.color for line in picture.lines}) == len(picture.lines)
+    highest = max(float(np.nanmax(line.y)) for line in picture.lines[:-1])
+    assert highest == pytest.approx(1000 * together.study.peaks.max())
