@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from armctl.errors import StateError
 from armctl.hardware import BoardIdentity, ChannelSettings, Readback, Source
+from armctl.program import MoveStep, Program, Step
 from armctl.robot import Robot, load_robot
 from armctl.runtime import (
     Connect,
@@ -29,6 +30,7 @@ from armctl.runtime import (
 from armctl.runtime.commands import Command
 
 ROBOT = load_robot("uzuner")
+MIDDLE = ROBOT.pose("home") + np.radians([0, 0, 20, 0, 0])  # away from every limit
 TICK = 0.02
 TEST = Origin("test")
 
@@ -180,7 +182,6 @@ class Rig:
     def stream(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Times (k,) [s] and joint angles (k, n) [rad] of what left the driver."""
         servo_map = self.robot.output_map
-        assert servo_map is not None
         sent = [(t, values) for t, values in self.driver.writes if servo_map.channels[0] in values]
         return np.array([t for t, _ in sent]), np.array([servo_map.angles(values) for _, values in sent])
 
@@ -189,6 +190,15 @@ def fails(future: Future[None], match: str, error: type[Exception] = StateError)
     """It carries this error."""
     with pytest.raises(error, match=match):
         future.result(0)
+
+
+def program(*steps: Step) -> Program:
+    return Program(robot="uzuner", name="pick", steps=steps)
+
+
+def swings(blend_mm: float, *away: float | Sequence[float]) -> list[Step]:
+    """Moves to ``MIDDLE`` turned by some angle [rad] at all joints, or at each."""
+    return [MoveStep(joints_deg=tuple(np.degrees(MIDDLE + d).tolist()), blend_mm=blend_mm) for d in away]
 
 
 def steps_seen(rig: Rig) -> list[tuple[int, int]]:

@@ -12,13 +12,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from tests.runtime.kit import (
+    MIDDLE,
     ROBOT,
     TICK,
     LateExecutor,
     Rig,
     assert_keeps_limits,
     make_rig,
+    program,
     steps_seen,
+    swings,
 )
 
 from armctl.errors import ProgramError, StateError
@@ -38,13 +41,7 @@ from armctl.runtime import InlineExecutor, Pause, Resume, RunProgram, State, Upd
 
 P = ParamSpec("P")
 T = TypeVar("T")
-HOME = ROBOT.pose("home")
-MIDDLE = HOME + np.radians([0, 0, 20, 0, 0])  # away from every limit
 ARC_MM = 1000 * arc()
-
-
-def program(*steps: Step) -> Program:
-    return Program(robot="uzuner", name="pick", steps=steps)
 
 
 def through_the_arc(blend_mm: float) -> Program:
@@ -199,14 +196,14 @@ def test_when_the_planner_is_late_the_arm_waits_on_the_path(late: Rig) -> None:
 
 
 def test_a_single_step(holding: Rig) -> None:
-    a, b = (MoveStep(joints_deg=tuple(np.degrees(MIDDLE + d).tolist())) for d in (0.1, 0.2))
+    a, b = swings(0, 0.1, 0.2)
     holding.finishes(RunProgram(program(a, b), 1, first=1, count=1))
     assert steps_seen(holding) == [(0, 1)]
     np.testing.assert_allclose(holding.now.q_command, MIDDLE + 0.2, atol=1e-12)
 
 
 def test_a_speed_step_slows_down_what_follows_it(holding: Rig) -> None:
-    a, b = (MoveStep(joints_deg=tuple(np.degrees(MIDDLE + d).tolist())) for d in (0.3, -0.3))
+    a, b = swings(0, 0.3, -0.3)
     run(holding, program(a))
     holding.history.clear()
     run(holding, program(b))
@@ -219,9 +216,7 @@ def test_a_speed_step_slows_down_what_follows_it(holding: Rig) -> None:
 
 
 def test_an_endless_loop_takes_no_more_memory_the_longer_it_runs(holding: Rig) -> None:
-    a, b, c = (
-        MoveStep(joints_deg=tuple(np.degrees(MIDDLE + d).tolist()), blend_mm=5) for d in (0.1, 0.2, 0.0)
-    )
+    a, b, c = swings(5, 0.1, 0.2, 0.0)
     up = LineStep(x_mm=200, y_mm=20, z_mm=100, pitch="free")
     to = PointStep(x_mm=200, y_mm=-20, z_mm=100, blend_mm=5)
     holding.do(RunProgram(program(a, b, WaitStep(seconds=0.1), c, to, up), None))
@@ -242,15 +237,9 @@ def test_an_endless_loop_takes_no_more_memory_the_longer_it_runs(holding: Rig) -
         after = in_use()
     finally:
         tracemalloc.stop()
-    assert passes is not None
-    assert holding.now.program is not None
     assert holding.now.program.loop > passes.loop + 5
     # what is planned ahead differs from moment to moment; a leak of a setpoint a tick would be 300 kB
     assert after - before < 150_000
-
-
-def swings(blend_mm: float, *away: float) -> list[Step]:
-    return [MoveStep(joints_deg=tuple(np.degrees(MIDDLE + d).tolist()), blend_mm=blend_mm) for d in away]
 
 
 def test_the_arm_is_braked_in_time_for_a_corner_that_was_not_known_yet(holding: Rig) -> None:

@@ -10,12 +10,15 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from tests.runtime.kit import (
+    MIDDLE,
     ROBOT,
     LateExecutor,
     Rig,
     assert_accelerations_keep_limits,
     assert_keeps_limits,
     make_rig,
+    program,
+    swings,
 )
 
 from armctl.program import (
@@ -30,12 +33,6 @@ from armctl.program import (
 )
 from armctl.runtime import RunProgram, State, UpdateProgram
 
-MIDDLE = ROBOT.pose("home") + np.radians([0, 0, 20, 0, 0])  # away from every limit
-
-
-def program(steps: Sequence[Step]) -> Program:
-    return Program(robot="uzuner", name="pick", steps=tuple(steps))
-
 
 def square(blend_mm: float, z_mm: float = 100.0) -> list[Step]:
     corners = [(180, -60), (180, 60), (220, 60), (220, -60)]
@@ -43,8 +40,7 @@ def square(blend_mm: float, z_mm: float = 100.0) -> list[Step]:
 
 
 def moves(blend_mm: float, *away: Sequence[float]) -> list[Step]:
-    goals = (MIDDLE + np.resize(np.array(one), ROBOT.n) * [1, 1, 0, 0, 0] for one in away)
-    return [MoveStep(joints_deg=tuple(np.degrees(q).tolist()), blend_mm=blend_mm) for q in goals]
+    return swings(blend_mm, *(np.resize(one, ROBOT.n) * [1, 1, 0, 0, 0] for one in away))
 
 
 THREE = ((0.0, 0.0), (0.1, 0.05), (0.0, 0.1))
@@ -73,7 +69,7 @@ def stands_at_the_end_of(steps: Sequence[Step], rig: Rig) -> Rig:
     first = square(0)[-1] if isinstance(steps[-1], LineStep) else steps[-1]
     if isinstance(first, LineStep):
         first = PointStep(x_mm=first.x_mm, y_mm=first.y_mm, z_mm=first.z_mm)
-    rig.finishes(RunProgram(program([first])))
+    rig.finishes(RunProgram(program(first)))
     rig.history.clear()
     return rig
 
@@ -127,7 +123,7 @@ def assert_every_end_is_met_within_its_blend(seen: dict[Seen, list[np.ndarray]])
 @example(shape="a wait within", at=1.2)  # steps of the next pass were handed out before the edit came
 @settings(max_examples=15)
 def test_the_edit_takes_effect_at_the_next_pass_whatever_the_shape(shape: str, at: float) -> None:
-    old, new = (program(steps) for steps in SHAPES[shape])
+    old, new = (program(*steps) for steps in SHAPES[shape])
     rig = stands_at_the_end_of(old.steps, make_rig().enable())
     rig.do(RunProgram(old, None))
     rig.run(at)
@@ -135,7 +131,6 @@ def test_the_edit_takes_effect_at_the_next_pass_whatever_the_shape(shape: str, a
     running = rig.tick().program
     rig.run(4)
     seen = motions_seen(rig)
-    assert running is not None
     first = next(here for here in seen if here[2] is new)
     assert first[0] == running.loop + (running.running is not new)
     assert rig.now.state is State.MOVING
@@ -146,9 +141,9 @@ def test_the_edit_takes_effect_at_the_next_pass_whatever_the_shape(shape: str, a
 
 def test_an_edited_loop_that_is_blended_over_its_end_stops_there_once() -> None:
     rig = stands_at_the_end_of(square(10), make_rig().enable())
-    rig.do(RunProgram(program(square(10)), None))
+    rig.do(RunProgram(program(*square(10)), None))
     rig.run(3)
-    rig.do(UpdateProgram(program(square(10, 110.0))))
+    rig.do(UpdateProgram(program(*square(10, 110.0))))
     rig.history.clear()
     rig.run(8)
     stands = [not s.velocity_command.any() for s in rig.history]
@@ -157,7 +152,7 @@ def test_an_edited_loop_that_is_blended_over_its_end_stops_there_once() -> None:
 
 
 def test_two_edits_one_after_the_other_and_one_back_again() -> None:
-    old, first, second = (program(moves(30, *THREE, (away, 0.0))) for away in (0.05, 0.15, 0.2))
+    old, first, second = (program(*moves(30, *THREE, (away, 0.0))) for away in (0.05, 0.15, 0.2))
     rig = stands_at_the_end_of(old.steps, make_rig().enable())
     rig.do(RunProgram(old, None))
     rig.run(2)
@@ -177,7 +172,7 @@ def test_two_edits_one_after_the_other_and_one_back_again() -> None:
 
 def test_when_the_planner_is_late_the_edit_waits_for_a_pass_that_has_not_begun() -> None:
     executor = LateExecutor()
-    old, new = (program(steps) for steps in SHAPES["three short moves"])
+    old, new = (program(*steps) for steps in SHAPES["three short moves"])
     rig = make_rig(executor).enable()
     rig.do(RunProgram(old, None))
     for _ in range(40):
@@ -200,7 +195,7 @@ def test_when_the_planner_is_late_the_edit_waits_for_a_pass_that_has_not_begun()
 
 @pytest.mark.parametrize("loops", [2, 3])
 def test_a_program_that_ends_is_run_as_often_as_it_was_asked_for(loops: int) -> None:
-    old, new = (program(steps) for steps in SHAPES["three short moves"])
+    old, new = (program(*steps) for steps in SHAPES["three short moves"])
     rig = stands_at_the_end_of(old.steps, make_rig().enable())
     ticket = rig.do(RunProgram(old, loops))
     rig.run(0.1)

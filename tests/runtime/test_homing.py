@@ -155,7 +155,6 @@ def test_homing_tells_how_far_it_is_and_ends_holding_where_it_ended(rig: Rig) ->
 def coarse_at_its_limit() -> Robot:
     """A Scorbot whose waist has two counts a degree, and its home at its lower limit."""
     outputs, low = SCORBOT.output_map, SCORBOT.limits[0]
-    assert outputs is not None
     per_rad, zero = outputs.per_rad.copy(), outputs.zero.copy()
     least, most = outputs.low.copy(), outputs.high.copy()
     per_rad[0] = np.degrees(2.0)

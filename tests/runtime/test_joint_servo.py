@@ -139,7 +139,6 @@ def test_a_way_through_the_air_is_clear() -> None:
 def test_the_first_row_below_the_floor_is_named() -> None:
     way = CLEAR.line(HOME, np.radians([0, 0, -80, -40, 0]))
     found = CLEAR.blocked(way)
-    assert found is not None
     row, why = found
     assert why == "the floor is in the way"
     floor = Floor(ROBOT)
@@ -159,7 +158,6 @@ def test_an_obstacle_is_in_the_way() -> None:
     robot = replace(ROBOT, obstacles=(wall,))
     clear = KeepClear(robot)
     found = clear.blocked(clear.line(HOME, HOME + np.radians([90, 0, 0, 0, 0])))
-    assert found is not None
     assert found[1].startswith("an obstacle is in the way of ")
 
 
@@ -178,7 +176,6 @@ def test_the_arm_may_not_run_into_itself() -> None:
     clear, body = KeepClear(robot), SelfCollision(robot)
     way = clear.line(robot.pose("home"), np.radians([-18, 29, 37, 107]))
     found = clear.blocked(way)
-    assert found is not None
     row, why = found
     assert why == "the arm itself is in the way of the gripper"
     assert body.gaps(LinkFrames.at(robot.chain, way[:row])).min() >= -1e-9

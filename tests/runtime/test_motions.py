@@ -31,7 +31,6 @@ def test_a_move_arrives_exactly_in_the_planned_time(holding: Rig) -> None:
     assert holding.now.cause == "move (test)"
     began = holding.now.stamp
     goal = holding.now.goal
-    assert goal is not None
     assert np.array_equal(goal, HOME)
     holding.rests()
     assert holding.now.stamp - began == pytest.approx(duration, abs=TICK)

@@ -14,7 +14,6 @@ REST, HOME = ROBOT.pose("rest"), ROBOT.pose("home")
 
 
 def pulses(q: np.ndarray) -> dict[int, float]:
-    assert ROBOT.output_map is not None
     return ROBOT.output_map.outputs(q)
 
 

@@ -11,6 +11,7 @@ from tests.runtime.kit import (
     assert_keeps_limits,
     fails,
     make_rig,
+    program,
     steps_seen,
 )
 
@@ -25,10 +26,6 @@ TO_REST = MoveStep(joints_deg=tuple(np.degrees(REST).tolist()))
 POINT = PointStep(x_mm=200, y_mm=50, z_mm=100)
 WAIT = WaitStep(seconds=0.5)
 FAR_AWAY = PointStep(x_mm=900, y_mm=0, z_mm=0)
-
-
-def program(*steps: Step) -> Program:
-    return Program(robot="uzuner", name="pick", steps=steps)
 
 
 def test_every_step_in_order(holding: Rig) -> None:
@@ -61,7 +58,6 @@ def test_for_ever_until_stopped(holding: Rig) -> None:
     ticket = holding.do(RunProgram(program(TO_HOME, WaitStep(seconds=0.1), TO_REST), loops=None))
     holding.run(30)
     assert holding.now.state is State.MOVING
-    assert holding.now.program is not None
     assert holding.now.program.loops is None
     assert holding.now.program.loop > 5
     holding.stops()
@@ -99,7 +95,6 @@ def test_pause_and_resume_in_every_kind_of_step(step: Step) -> None:
     assert rig.now.cause == "program 'pick' paused"
     rig.sends_nothing(5)
     assert rig.now.state is State.PAUSED
-    assert rig.now.program is not None
     assert rig.now.program.step == 0
     rig.finishes(Resume())
     ticket.result(0)

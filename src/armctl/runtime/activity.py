@@ -12,7 +12,7 @@ from armctl.runtime.snapshot import ProgramProgress
 
 @dataclass(frozen=True, slots=True)
 class Setpoint:
-    """Where the joints shall be now, and how they move there: (n,) rad, rad/s, rad/s²."""
+    """Where the joints are to be now, and how they move there: (n,) rad, rad/s, rad/s²."""
 
     q: FloatArray
     velocity: FloatArray

@@ -245,7 +245,7 @@ class Monitor:
         self._released = True
 
     def check_released(self) -> None:
-        """Warn where the board goes on sending pulses that it was told to switch off."""
+        """Warn where the board goes on sending pulses that were switched off."""
         on = self.reading.on
         self._still_on = self._still_on + 1 if self._released and on.any() else 0
         if self._still_on < _OFF_READINGS:
@@ -291,7 +291,7 @@ class Monitor:
         return None
 
     def compare(self, board: Board, q_command: FloatArray, standing: bool, now: float) -> None:
-        """Warn where the arm stands elsewhere than told for half a second while nothing moves."""
+        """Warn where the arm stands away from its setpoint for half a second while nothing moves."""
         source = self.reading.source
         away = np.abs(self.reading.q - q_command)
         if source is Source.MEASURED:

@@ -39,7 +39,7 @@ class MonotonicClock:
 
 
 class ManualClock:
-    """A clock that stands still until it is told to go on: for tests and for offline runs."""
+    """A clock that stands still until it is advanced: for tests and for offline runs."""
 
     def __init__(self, start: float = 0.0) -> None:
         self._now = start

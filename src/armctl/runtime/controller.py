@@ -139,7 +139,7 @@ class Controller:
         self._guarded(core.take_planned, now)
         self._guarded(core.observe, now)
         self._guarded(core.settle)
-        self._guarded(self._publish, now)  # first: whoever waits for an answer finds its snapshot
+        self._guarded(self._publish, now)  # first: who waits for an answer finds its snapshot
         give(self._answers)
 
     def close(self) -> None:
@@ -251,7 +251,7 @@ class Controller:
             return error
         except BaseException as error:  # also SystemExit: a trajectory may be a caller's own code
             if isinstance(error, KeyboardInterrupt) and self._thread is None:
-                raise  # Ctrl-C while somebody ticks by hand
+                raise  # Ctrl-C while it is ticked by hand
             _LOGGER.exception("the controller broke")
             broken = ArmctlError(f"internal error: {type(error).__name__}: {error}")
             self._core.fault(broken)

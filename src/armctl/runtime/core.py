@@ -273,7 +273,7 @@ class Core:
     def stop(self, origin: Origin, ticket: Ticket | None = None) -> None:
         """Slow down along the path as hard as the limits allow, then hold; drop the rest.
 
-        A board that moves the arm by itself is told to brake; if it does not confirm, that is a fault.
+        A board that moves the arm by itself gets a command to brake; if it does not confirm, that is a fault.
         """
         ticket = Ticket.ended() if ticket is None else ticket
         ticket.accept()
@@ -314,7 +314,7 @@ class Core:
         if goes_on is not None:
             cause = f"{cause}; and {goes_on}"
         if isinstance(error, BoardError) or goes_on is not None:
-            self._close_board()  # a board that moves its motors by itself ends that when it hears no host
+            self._close_board()  # a board that moves its motors by itself ends that when no host talks to it
         self._enter(State.FAULT, cause)
 
     def clear_fault(self, who: str) -> None:

@@ -14,7 +14,7 @@ _ROUNDING = 1e-9
 
 
 class Gate:
-    """Admits a setpoint, or refuses it in words; remembers the last one it admitted.
+    """Admits a setpoint, or refuses it with a reason; remembers the last one it admitted.
 
     A setpoint must be finite, inside the limits, and no further from the last one than the speed limit
     allows in the time since then; that time counts for no more than ``longest_s``, so that a pause does

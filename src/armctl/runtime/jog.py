@@ -173,7 +173,7 @@ class ToolLine:
         return rates[:, 0], rates[:, 1], stray
 
     def _second(self, pose: FloatArray, J: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Rows (m, n) of what comes second to the position, and the rates (m,) that they shall have."""
+        """Rows (m, n) of what comes second to the position, and the rates (m,) wanted of them."""
         pitch_rate, roll_rate = self._command.pitch_rate, self._command.roll_rate
         if self._pose_kept:
             approach = pose[:3, 2]

@@ -1,4 +1,4 @@
-"""What the controller tells the outside: one immutable record a tick, with the warnings and the log in it."""
+"""What the controller shows of itself: one immutable record a tick, with the warnings and the log in it."""
 
 from __future__ import annotations
 
@@ -87,11 +87,11 @@ class Snapshot:
     acceleration_command: FloatArray
     """(n,) [rad/s²]"""
     q: FloatArray
-    """(n,) position as the board tells it [rad]; NaN for a joint it does not know"""
+    """(n,) position that the board reports [rad]; NaN for a joint it does not know"""
     source: Source
     """what ``q`` is: commanded, transmitted or measured"""
     powered: bool
-    """pulses or motors are on, as far as is known: also where nobody has enabled the arm"""
+    """pulses or motors are on, as far as is known: also where the arm was not enabled"""
     gripper: float | None
     """commanded opening 0..1; None: no gripper, or not commanded yet"""
     speed: float
