@@ -71,6 +71,7 @@ def test_warnings_alone_let_it_run_and_a_long_list_is_cut() -> None:
 
 
 def test_steps_are_counted_from_one() -> None:
+    floor = ProgramFinding(6, FLOOR.what, FLOOR.time, FLOOR.part, FLOOR.mend, "floor", "error")
     found = [floor, ProgramFinding(1, "a wait takes 0 … 86400 s, not -1")]
     html = verdict_html(found)
     assert "step 7 · 1.84 s · the tool" in html and "step 2</div>" in html
