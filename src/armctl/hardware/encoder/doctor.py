@@ -15,11 +15,7 @@ _SUPPLY_ADVICE = (
 
 
 def examine_encoder(check_up: CheckUp) -> list[Finding]:
-    """Everything that can be asked of an encoder board without moving or changing anything.
-
-    Raises:
-        BoardError: the board stops answering, or the line is gone.
-    """
+    """What can be asked without moving or changing anything; ``BoardError`` where the board falls silent."""
     session = EncoderSession(check_up.line, check_up.now, _TIMEOUT_S)
     banner = decode_banner(session.command("HELLO"))
     firmware = f"{banner.firmware} {banner.version}, protocol {banner.protocol}"

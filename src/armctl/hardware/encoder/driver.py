@@ -38,10 +38,8 @@ class EncoderDriver:
     ``release`` or ``home``, which clear the board's faults. The board also switches them off half a second
     after the last line, so ``read`` must be called more often: it sends a line where nothing else was sent.
 
-    Args:
-        connection: where the board is.
-        settings: how each axis is controlled and homed.
-        timeout_s: how long an answer may take, with the repetitions of a lost line.
+    ``settings`` is how each axis is controlled and homed; ``timeout_s`` how long an answer may take, with the
+    repetitions of a lost line.
     """
 
     def __init__(self, connection: Connection, settings: EncoderSettings, timeout_s: float = 0.1) -> None:

@@ -263,10 +263,6 @@ class Answer:
         return kind(f"the board refused {asked!r}: {self}")
 
 
-Event = tuple[str, ...]
-"""Something that happened on the board: ``("homed", "3")``."""
-
-
 @dataclass(frozen=True, slots=True)
 class Banner:
     """Who the board is, and why it last started."""
@@ -282,15 +278,12 @@ class Banner:
         return f"{self.firmware} {self.version} proto={self.protocol} axes={self.axes} reset={self.reset}"
 
 
-Message = Answer | Status | Event | Banner
+Message = Answer | Status | Banner | tuple[str, ...]
+"""a tuple: the words of an event on the board, as ``("homed", "3")``"""
 
 
 def decode(line: bytes) -> Message:
-    """The message in a line from the board, without its end.
-
-    Raises:
-        BoardProtocolError: garbled, or nothing that the firmware sends.
-    """
+    """The message in a line without its end; ``BoardProtocolError`` where it is garbled or unknown."""
     text = unseal(line)
     kind, rest = text[:2], text[2:]
     if kind == "@ ":

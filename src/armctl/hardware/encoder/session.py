@@ -70,10 +70,7 @@ class EncoderSession:
     Only the newest line is ever sent again, and as it was: the board answers a line that it has just
     executed from memory, so nothing is done twice. What the board sends unasked is taken in on the way.
 
-    Args:
-        transport: the open line; this object closes it.
-        now: the clock [s].
-        timeout_s: how long an answer may take in all.
+    It closes ``transport``; ``now`` is the clock [s]; an answer may take ``timeout_s`` in all.
     """
 
     def __init__(self, transport: Transport, now: Callable[[], float], timeout_s: float) -> None:
