@@ -58,13 +58,8 @@ class FakeController:
 
     def submit(self, command: Command, origin: Origin) -> Ticket:
         assert origin is PAGE
-        ticket = Ticket()
         self.commands.append(command)
-        if type(command) in self.refuses:
-            ticket.refuse(self.refuses[type(command)])
-        else:
-            ticket.finish()
-        return ticket
+        return Ticket.ended(self.refuses.get(type(command)))
 
 
 class Rig:
