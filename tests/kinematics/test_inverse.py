@@ -249,16 +249,6 @@ def test_two_pitch_joints_refuse_a_pitch_that_the_position_does_not_give() -> No
     assert f"{pitch:.2f}°" in str(solutions.reason)
 
 
-def test_the_lab_sheet_of_the_two_pitch_arm() -> None:
-    """The mico sheet: both solutions for (0, 0, 0.7); the sheet measures from the vertical."""
-    ik, _, _ = two_pitch_arm(True)
-    solutions = ik.solve(Target.of([0, 0, 0.7]), STEP)
-    found = {tuple(np.round(np.degrees(q[1:3]), 2).tolist()) for q in solutions.q}
-    assert {(-131.63, -5.53), (-48.37, -174.47)} <= found
-    beyond = ik.solve(Target.of([0.5, 0, 0.7]), STEP)
-    assert "too far by 82.6 mm" in str(beyond.reason)
-
-
 @pytest.mark.parametrize(
     ("asked", "says"),
     [

@@ -9,6 +9,7 @@ from tests.kinematics.kit import chain_of, random_planar_arm, random_q
 
 from armctl.arrays import FloatArray
 from armctl.kinematics import Chain
+from armctl.kinematics.tool_plane import ToolPlane
 from armctl.kinematics.workspace import (
     SampledSection,
     cell_outline,
@@ -53,17 +54,23 @@ def in_plane(chain: Chain, q: FloatArray) -> FloatArray:
     return np.column_stack([flat.real, local[:, 2]])
 
 
+def enclosed(chain: Chain, limits: FloatArray, q: FloatArray) -> tuple[ToolPlane, tuple[FloatArray, ...]]:
+    """Geometry and closed boundary lines, once the tips at ``q`` (k, n) are known to lie inside."""
+    geometry = recognise(chain)
+    assert geometry is not None
+    lines = tuple(np.column_stack([z.real, z.imag]) for z in joined(boundary_arcs(geometry, limits), 1e-6))
+    assert all(np.array_equal(line[0], line[-1]) for line in lines)
+    tips = in_plane(chain, q)
+    outside = tips[crossings(tips, lines) % 2 == 0]
+    assert len(outside) == 0 or off_the_lines(outside, lines).max() < 2e-6  # between arc and chord
+    assert reaches(geometry, limits, tips[:, 0] + 1j * tips[:, 1]).all()
+    return geometry, lines
+
+
 @pytest.mark.parametrize("name", PLANAR)
 def test_the_boundary_encloses_every_sampled_point(name: str) -> None:
     robot = load_robot(name)
-    geometry = recognise(robot.chain)
-    assert geometry is not None
-    arcs = boundary_arcs(geometry, robot.limits)
-    lines = tuple(np.column_stack([z.real, z.imag]) for z in joined(arcs, 1e-6))
-    assert all(np.array_equal(line[0], line[-1]) for line in lines)
-    tips = in_plane(robot.chain, random_q(np.random.default_rng(7), robot.limits, 3000))
-    outside = tips[crossings(tips, lines) % 2 == 0]
-    assert len(outside) == 0 or off_the_lines(outside, lines).max() < 2e-6  # between arc and chord
+    enclosed(robot.chain, robot.limits, random_q(np.random.default_rng(7), robot.limits, 3000))
 
 
 @pytest.mark.parametrize("name", PLANAR)
@@ -101,15 +108,7 @@ def test_random_arms_are_enclosed_and_their_reach_is_that_of_brute_force() -> No
     for _ in range(25):
         arm = random_planar_arm(rng)
         chain = chain_of(arm, "standard")
-        geometry = recognise(chain)
-        assert geometry is not None
-        arcs = boundary_arcs(geometry, arm.limits)
-        lines = tuple(np.column_stack([z.real, z.imag]) for z in joined(arcs, 1e-6))
-        assert all(np.array_equal(line[0], line[-1]) for line in lines)
-        tips = in_plane(chain, random_q(rng, arm.limits, 400))
-        assert reaches(geometry, arm.limits, tips[:, 0] + 1j * tips[:, 1]).all()
-        outside = tips[crossings(tips, lines) % 2 == 0]
-        assert len(outside) == 0 or off_the_lines(outside, lines).max() < 2e-6
+        geometry, lines = enclosed(chain, arm.limits, random_q(rng, arm.limits, 400))
         # anywhere else the two rules must agree, too
         anywhere = rng.uniform(-0.9, 0.9, (400, 2)) + np.array([arm.shoulder_r, arm.shoulder_z])
         differ = reaches(geometry, arm.limits, anywhere[:, 0] + 1j * anywhere[:, 1]) != (
