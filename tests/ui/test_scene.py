@@ -12,8 +12,9 @@ import pytest
 from armctl.arrays import FloatArray
 from armctl.kinematics import Chain
 from armctl.robot import Robot, load_robot, shipped_robots
+from armctl.robot.shape import reach
 from armctl.ui.scene.shapes import Point, Solid, beam, block, drum, spike, tube
-from armctl.ui.scene.stage import floor_size, framed, front, in_view, reach, stand_parts
+from armctl.ui.scene.stage import floor_size, framed, front, in_view, stand_parts
 from armctl.ui.widgets.joint_angles import held_at
 
 ROBOTS = {name: load_robot(name) for name in shipped_robots()}
@@ -24,7 +25,7 @@ def test_the_stand_and_the_reach_bound_the_arm(name: str) -> None:
     robot = ROBOTS[name]
     q = np.random.default_rng(1).uniform(robot.limits[:, 0], robot.limits[:, 1], (5000, robot.n))
     farthest = np.linalg.norm(robot.forward(q)[:, :3, 3], axis=1).max()
-    assert 0.8 * reach(robot) < farthest <= reach(robot) + 1e-12
+    assert 0.8 * reach(robot.chain) < farthest <= reach(robot.chain) + 1e-12
     vertices = np.concatenate([solid.vertices for solid in stand_parts(robot).values()])
     assert vertices[:, 2].min() == pytest.approx(robot.floor_z, abs=1e-9)
     assert vertices[:, 2].max() >= 0.0
@@ -35,7 +36,7 @@ def test_an_arm_that_hangs_down_hangs_clear_of_its_column() -> None:
     column = stand_parts(robot)["column"].vertices[:, :2]
     hanging = robot.frames(robot.pose("rest"))[:, :2, 3]
     gap = np.linalg.norm(column[:, None] - hanging[None], axis=2).min()
-    assert gap > robot.look.width * reach(robot)
+    assert gap > robot.look.width * reach(robot.chain)
     assert (column @ front(robot)).max() < 0  # behind, as seen from the tool at home
 
 
@@ -128,8 +129,8 @@ def test_an_arm_of_any_size_fills_the_picture_and_does_not_leave_it_or_the_floor
     for aspect in (0.5, 0.73, 1.13, 2.4):
         at = on_picture(points, *framed(points, AWAY, FOV, aspect, 0.8), aspect)
         assert np.abs(at).max() == pytest.approx(0.8)
-    assert 0.5 * floor_size(robot) >= reach(robot)
-    assert floor_size(robot) <= 1.6 or 0.5 * floor_size(robot) < reach(robot) + 0.25
+    assert 0.5 * floor_size(robot) >= reach(robot.chain)
+    assert floor_size(robot) <= 1.6 or 0.5 * floor_size(robot) < reach(robot.chain) + 0.25
 
 
 def test_a_single_point_is_looked_at_from_where_it_is() -> None:

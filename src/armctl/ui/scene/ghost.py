@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -15,13 +15,12 @@ from armctl.robot.parts import Color
 from armctl.ui.scene.arm_figure import ArmFigure
 
 _COLOR, _OPACITY = (0, 180, 216), 0.35
-_THICKER = 1.08
+THICKER = 1.08
 """A ghost is this much thicker than the arm: where both are in one place, equal surfaces would flicker."""
 _SAME_RAD = 1e-4
-_BRANCH_OPACITY, _BRANCH_STEP = 0.4, 0.03
 
 
-def thicker(robot: Robot, factor: float = _THICKER) -> Robot:
+def thicker(robot: Robot, factor: float = THICKER) -> Robot:
     """The arm as it is drawn beside itself, a little larger all round."""
     return replace(robot, look=replace(robot.look, width=factor * robot.look.width))
 
@@ -107,37 +106,6 @@ class Preview:
         """Hide the ghost once the arm, at ``present`` (n,) [rad], has come to it."""
         if self._q is not None and np.abs(self._q - present).max() < _SAME_RAD:
             self.hide()
-
-
-class BranchGhosts:
-    """Several labelled ghosts: the branches of a target."""
-
-    def __init__(self, scene: viser.SceneApi, robot: Robot) -> None:
-        self._scene, self._robot = scene, robot
-        self._nodes: list[ArmFigure | viser.LabelHandle] = []
-
-    def show(self, marks: Sequence[tuple[FloatArray, Color, str]]) -> None:
-        """Show arms at joint angles (n,) [rad], with their colours and labels, and no others."""
-        for node in self._nodes:
-            node.remove()
-        self._nodes = []
-        places = self._label_places([q for q, _, _ in marks])
-        for i, ((q, color, words), place) in enumerate(zip(marks, places, strict=True)):
-            # each a little thicker than the one before: shared surfaces would flicker, or mix their colours
-            robot = thicker(self._robot, _THICKER + i * _BRANCH_STEP)
-            figure = ArmFigure(self._scene, robot, f"/branches/{i}", color=color, opacity=_BRANCH_OPACITY)
-            figure.pose(q)
-            self._nodes += [figure, self._scene.add_label(f"/branches/label{i}", words, position=place)]
-
-    def _label_places(self, poses: Sequence[FloatArray]) -> FloatArray:
-        """(k, 3) origins of the one frame at which the arms are farthest apart [m]."""
-        if not poses:
-            return np.empty((0, 3))
-        points = self._robot.frames(np.array(poses))[:, :, :3, 3]  # (k, frames, 3)
-        apart = np.linalg.norm(points[:, None] - points[None], axis=-1)  # (k, k, frames)
-        apart[np.arange(len(poses)), np.arange(len(poses))] = np.inf
-        frame = int(apart.min(axis=(0, 1)).argmax()) if len(poses) > 1 else points.shape[1] // 2
-        return points[:, frame]
 
 
 def segments(points: FloatArray) -> FloatArray:

@@ -9,7 +9,7 @@ import viser
 
 from armctl.arrays import FloatArray
 from armctl.robot import Robot
-from armctl.robot.shape import reach as chain_reach
+from armctl.robot.shape import reach
 from armctl.ui.scene.arm_figure import add_solid, send_pose
 from armctl.ui.scene.shapes import Point, Solid, beam, block, drum, tube
 
@@ -30,16 +30,11 @@ _LEAST_ASPECT = 0.5
 """where the panels leave the scene a narrower strip, the arm may go beyond it"""
 
 
-def reach(robot: Robot) -> float:
-    """The length of the arm from its base frame to the tool point, all links stretched [m]."""
-    return chain_reach(robot.chain)
-
-
 def front(robot: Robot) -> FloatArray:
     """The horizontal direction (2,) from the base axis to the tool in the home pose, of length 1."""
     tool = robot.forward(robot.pose("home"))[:2, 3]
     distance = float(np.linalg.norm(tool))
-    return np.array([1.0, 0.0]) if distance < _ABOVE_BASE * reach(robot) else tool / distance
+    return np.array([1.0, 0.0]) if distance < _ABOVE_BASE * reach(robot.chain) else tool / distance
 
 
 def framed(
@@ -69,7 +64,7 @@ def stand_parts(robot: Robot) -> dict[str, Solid]:
     An arm whose base frame is high above the floor may hang straight down, so its column stands behind the
     base, seen from where the tool is at home, and a bracket reaches forward to it.
     """
-    size, floor, square = reach(robot), robot.floor_z, robot.look.shape == "square"
+    size, floor, square = reach(robot.chain), robot.floor_z, robot.look.shape == "square"
     link = beam if square else tube
     foot: Point = (0.0, 0.0, floor)
     parts: dict[str, Solid] = {}
@@ -101,7 +96,7 @@ class Stage:
     """Floor with 50 mm cells, stand and base axes of one arm."""
 
     def __init__(self, scene: viser.SceneApi, robot: Robot) -> None:
-        size, floor = reach(robot), floor_size(robot)
+        size, floor = reach(robot.chain), floor_size(robot)
         stand = scene.add_frame("/stand", show_axes=False)
         self._parts = (
             scene.add_grid(
@@ -127,7 +122,7 @@ class Stage:
 
 def floor_size(robot: Robot) -> float:
     """The side of a floor that the arm does not reach beyond [m]."""
-    return max(_FLOOR_M, _FLOOR_STEP_M * math.ceil(2 * reach(robot) / _FLOOR_STEP_M))
+    return max(_FLOOR_M, _FLOOR_STEP_M * math.ceil(2 * reach(robot.chain) / _FLOOR_STEP_M))
 
 
 def look_at_arm(client: viser.ClientHandle, robot: Robot, covered: int = 0) -> None:
@@ -147,7 +142,7 @@ def look_at_arm(client: viser.ClientHandle, robot: Robot, covered: int = 0) -> N
 
 def in_view(robot: Robot) -> FloatArray:
     """Home and rest poses, the foot, and the arm stretched ahead, to both sides and upwards (k, 3) [m]."""
-    size, ahead = reach(robot), front(robot)
+    size, ahead = reach(robot.chain), front(robot)
     shoulder = float(robot.chain.axes()[0][:2, 2][-1])
     level = size - abs(shoulder)  # the column below the shoulder reaches nowhere
     side = np.array([-ahead[1], ahead[0]])

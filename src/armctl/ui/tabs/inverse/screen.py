@@ -14,7 +14,8 @@ from armctl.errors import ArmctlError, InputError, UnreachableError
 from armctl.kinematics import CRITERIA, CRITERION_TEXT, Target, checked_criterion
 from armctl.runtime import MoveJoints, Snapshot
 from armctl.ui.newest import Newest, OneAtATime
-from armctl.ui.scene.ghost import BranchGhosts, Preview
+from armctl.ui.scene.arm_figure import ArmFigure
+from armctl.ui.scene.ghost import THICKER, Preview, thicker
 from armctl.ui.session import Session
 from armctl.ui.tabs.inverse.answer import (
     PAGE_ROWS,
@@ -301,6 +302,7 @@ class TargetForm:
 # The Branches tab: a table, and every branch as a coloured ghost.
 
 _MOST_GHOSTS = 8
+_OPACITY, _THICKER_EACH = 0.4, 0.03
 _LEGEND = "In the 3D view green is the branch of least energy, blue is possible, red is refused."
 _CHOSEN, _POSSIBLE, _REFUSED = (47, 158, 68), (34, 139, 230), (224, 49, 49)
 
@@ -311,7 +313,8 @@ class BranchView:
     def __init__(self, session: Session, toggled: Callable[[], None]) -> None:
         self._toggled = toggled
         self._robot, self._ghost = session.console.robot, session.ghost
-        self._ghosts = BranchGhosts(session.client.scene, self._robot)
+        self._scene = session.client.scene
+        self._ghosts: list[ArmFigure | viser.LabelHandle] = []
         self._answer: Answer | None = None
         gui = session.gui
         self._ticked = gui.add_checkbox("Show as ghosts", initial_value=False)
@@ -339,16 +342,30 @@ class BranchView:
     def _give_up(self) -> None:
         """Another screen shows something: the branches leave the view."""
         self._ticked.value = False
-        self._ghosts.show(())
+        self._draw()
 
     def _draw(self) -> None:
+        for node in self._ghosts:
+            node.remove()
+        self._ghosts = []
         if self._answer is None or not self.as_ghosts:
-            self._ghosts.show(())
             return
         self._ghost.claim(self, self._give_up)
-        marks: list[tuple[FloatArray, tuple[int, int, int], str]] = []
-        for alike in same_place(self._robot, self._answer.verdicts[:_MOST_GHOSTS]):
-            best = min(alike, key=lambda one: (bool(one.refused), not one.chosen))
+        groups = same_place(self._robot, self._answer.verdicts[:_MOST_GHOSTS])
+        shown = [min(alike, key=lambda one: (bool(one.refused), not one.chosen)) for alike in groups]
+        places = self._label_places(np.array([one.branch.q for one in shown]))
+        for i, (alike, best, place) in enumerate(zip(groups, shown, places, strict=True)):
+            # each a little thicker than the one before: shared surfaces would flicker, or mix their colours
+            robot = thicker(self._robot, THICKER + i * _THICKER_EACH)
             color = _REFUSED if best.refused else _CHOSEN if best.chosen else _POSSIBLE
-            marks.append((best.branch.q, color, ", ".join(one.label for one in alike)))
-        self._ghosts.show(marks)
+            figure = ArmFigure(self._scene, robot, f"/branches/{i}", color=color, opacity=_OPACITY)
+            figure.pose(best.branch.q)
+            words = ", ".join(one.label for one in alike)
+            self._ghosts += [figure, self._scene.add_label(f"/branches/label{i}", words, position=place)]
+
+    def _label_places(self, q: FloatArray) -> FloatArray:
+        """(k, 3) origins of the one frame at which the arms at ``q`` (k, n) [rad] are farthest apart [m]."""
+        points = self._robot.frames(q)[:, :, :3, 3]  # (k, frames, 3)
+        apart = np.linalg.norm(points[:, None] - points[None], axis=-1)  # (k, k, frames)
+        apart[np.arange(len(q)), np.arange(len(q))] = np.inf
+        return points[:, int(apart.min(axis=(0, 1)).argmax()) if len(q) > 1 else points.shape[1] // 2]
