@@ -5,7 +5,6 @@ from __future__ import annotations
 import random
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass
 from enum import Enum
 
 from armctl.errors import BoardError
@@ -17,12 +16,8 @@ _STEP_S = 0.001
 class LoopTransport:
     """Carries bytes straight into a simulated board's model.
 
-    Args:
-        model: the board at the other end.
-        now: the clock [s].
-        wait: lets that clock go on by so many seconds, which is how a read waits for a late answer;
-            without it a read returns at once with what is there.
-        name: how the line is called in messages.
+    ``wait`` lets the clock go on by so many seconds, which is how a read waits for a late answer; without it
+    a read returns at once with what is there.
     """
 
     def __init__(
@@ -32,17 +27,10 @@ class LoopTransport:
         wait: Callable[[float], None] | None = None,
         name: str = "loop",
     ) -> None:
-        self._model = model
-        self._now = now
-        self._wait = wait
-        self._name = name
+        self._model, self._now, self._wait = model, now, wait
+        self.name = name
         self._received = bytearray()
         self._open = True
-
-    @property
-    def name(self) -> str:
-        """How the line is called in messages."""
-        return self._name
 
     def write(self, data: bytes) -> None:
         """Hand ``data`` to the board; its answer can be read at once."""
@@ -50,7 +38,6 @@ class LoopTransport:
         self._received += self._model.feed(data)
 
     def read(self, count: int, timeout_s: float) -> bytes:
-        """Return ``count`` bytes, or the fewer that came within ``timeout_s``."""
         self._pump()
         if self._wait is not None:
             deadline = self._now() + timeout_s
@@ -62,7 +49,6 @@ class LoopTransport:
         return taken
 
     def discard_input(self) -> None:
-        """Forget everything received and not yet read."""
         self._pump()
         self._received.clear()
 
@@ -72,7 +58,7 @@ class LoopTransport:
 
     def _pump(self) -> None:
         if not self._open:
-            raise BoardError(f"{self._name}: the line is closed; connect again")
+            raise BoardError(f"{self.name}: the line is closed; connect again")
         self._received += self._model.advance(self._now())
 
 
@@ -90,27 +76,17 @@ class Fault(Enum):
 _ON_COMMAND = (Fault.DROP_COMMAND, Fault.GARBLE_COMMAND)
 
 
-@dataclass(slots=True)
-class _Armed:
-    fault: Fault
-    delay_s: float
-
-
 class FaultyModel:
     """A simulated board behind a bad line: itself a byte model that wraps another.
 
     Faults are armed by name and strike the next bursts that they fit, in order; nothing is left to
     chance but which bit flips, and that follows the seed.
-
-    Args:
-        inner: the board that works.
-        seed: of the generator that picks the bits.
     """
 
     def __init__(self, inner: ByteModel, seed: int = 0) -> None:
         self._inner = inner
         self._random = random.Random(seed)
-        self._armed: deque[_Armed] = deque()
+        self._armed: deque[tuple[Fault, float]] = deque()
         self._late: list[tuple[float, bytes]] = []
         self._unplugged = False
         self._dark_until: float | None = None
@@ -118,7 +94,7 @@ class FaultyModel:
 
     def inject(self, fault: Fault, count: int = 1, delay_s: float = 0.0) -> None:
         """Let ``fault`` strike the next ``count`` bursts; ``delay_s`` is for ``DELAY_REPLY``."""
-        self._armed.extend(_Armed(fault, delay_s) for _ in range(count))
+        self._armed.extend([(fault, delay_s)] * count)
 
     def unplug(self) -> None:
         """Pull the USB cable: the line breaks, and a board fed over USB loses its power."""
@@ -159,29 +135,27 @@ class FaultyModel:
         self._check_plugged()
         if self._dark_until is not None:
             return b""
-        if (armed := self._take(lambda fault: fault in _ON_COMMAND)) is not None:
-            data = b"" if armed.fault is Fault.DROP_COMMAND else self._garbled(data)
+        match self._take(on_command=True):
+            case (Fault.DROP_COMMAND, _):
+                data = b""
+            case (Fault.GARBLE_COMMAND, _):
+                data = self._garbled(data)
         reply = self._inner.feed(data)
-        if not reply:
-            return reply
-        armed = self._take(lambda fault: fault not in _ON_COMMAND)
-        return reply if armed is None else self._spoilt(armed, reply)
+        match self._take(on_command=False) if reply else None:
+            case (Fault.GARBLE_REPLY, _):
+                return self._garbled(reply)
+            case (Fault.HALF_REPLY, _):
+                return reply[: len(reply) // 2]
+            case (Fault.DELAY_REPLY, delay_s):
+                self._late.append((self._now + delay_s, reply))
+                return b""
+            case (Fault.DROP_REPLY, _):
+                return b""
+        return reply
 
     def reset(self) -> None:
         """Start the board anew; armed faults stay armed."""
         self._inner.reset()
-
-    def _spoilt(self, armed: _Armed, reply: bytes) -> bytes:
-        match armed.fault:
-            case Fault.GARBLE_REPLY:
-                return self._garbled(reply)
-            case Fault.HALF_REPLY:
-                return reply[: len(reply) // 2]
-            case Fault.DELAY_REPLY:
-                self._late.append((self._now + armed.delay_s, reply))
-                return b""
-            case _:
-                return b""
 
     def _garbled(self, data: bytes) -> bytes:
         if not data:
@@ -190,8 +164,8 @@ class FaultyModel:
         spoilt[self._random.randrange(len(spoilt))] ^= 1 << self._random.randrange(8)
         return bytes(spoilt)
 
-    def _take(self, fits: Callable[[Fault], bool]) -> _Armed | None:
-        armed = next((candidate for candidate in self._armed if fits(candidate.fault)), None)
+    def _take(self, *, on_command: bool) -> tuple[Fault, float] | None:
+        armed = next((one for one in self._armed if (one[0] in _ON_COMMAND) == on_command), None)
         if armed is not None:
             self._armed.remove(armed)
         return armed

@@ -9,9 +9,9 @@ import pytest
 import serial
 from tests.hardware.encoder.kit import AXES
 from tests.hardware.encoder.kit import CHANNELS as AXIS_CHANNELS
-from tests.hardware.lines import Fault, FaultyModel
+from tests.hardware.lines import FaultyModel
 
-from armctl.errors import BoardError, BoardTimeoutError
+from armctl.errors import BoardError
 from armctl.hardware import ByteModel, ChannelSettings, Driver
 from armctl.hardware.encoder.axes import EncoderSettings
 from armctl.hardware.encoder.driver import EncoderDriver
@@ -23,7 +23,6 @@ from armctl.hardware.maestro.driver import MaestroDriver
 from armctl.hardware.maestro.simulated import (
     ChannelConfig,
     MaestroSettings,
-    SerialMode,
     SimulatedMaestro,
     simulated_maestro,
 )
@@ -190,18 +189,6 @@ def test_an_unplugged_board_is_a_board_error(board: ByteModel, connected: Callab
         driver.close()
 
 
-def test_half_a_reply_over_a_pty(clock: ManualClock):
-    with PtyServer(FaultyModel(SimulatedMaestro()), clock.now) as server:
-        driver = maestro(server.port, clock.now, timeout_s=0.3)
-        driver.write({1: 1500.0})
-        with server.inspect() as model:
-            model.inject(Fault.HALF_REPLY)
-        with pytest.raises(BoardTimeoutError, match="answered 3 of 6 bytes within 300 ms"):
-            driver.read()
-        assert driver.read().positions == {0: None, 1: 1500.0}
-        driver.close()
-
-
 def test_a_maestro_gets_the_robots_ranges_and_is_large_enough():
     channels = [ChannelSettings(0, 700.0, 2300.0), ChannelSettings(7, 1000.0, 1900.0)]
     settings = MaestroSettings(channels={1: ChannelConfig(800.0, 2200.0)}, timeout_units=50)
@@ -211,11 +198,3 @@ def test_a_maestro_gets_the_robots_ranges_and_is_large_enough():
     board.feed(bytes.fromhex("84 00 7f 7f 84 01 7f 7f 84 02 7f 7f 84 07 7f 7f"))
     assert [board.target_us(channel) for channel in (0, 1, 2, 7)] == [2300.0, 2200.0, 2000.0, 1900.0]
     assert simulated_maestro(model=MaestroModel.MINI_24).model is MaestroModel.MINI_24
-
-
-def test_the_factory_serial_mode_over_a_pty(clock: ManualClock):
-    settings = MaestroSettings(serial_mode=SerialMode.UART_DETECT_BAUD)
-    with PtyServer(simulated_maestro(settings=settings), clock.now) as server:
-        with pytest.raises(BoardTimeoutError, match="USB Dual Port"):
-            maestro(server.port, clock.now)
-        serial.Serial(server.port).close()  # the failed open has let go of the port

@@ -9,10 +9,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from armctl.errors import BoardError
+from armctl.errors import BoardError, BoardTimeoutError
 from armctl.hardware import BoardIdentity, ChannelSettings, Readback, Source
 from armctl.hardware.firmata.driver import COMMANDED_NOTE, WATCHDOG_NOTE, FirmataDriver
 from armctl.hardware.firmata.simulated import SimulatedFirmata
+from armctl.hardware.maestro.simulated import SimulatedMaestro
 from armctl.hardware.transport import Connection
 from armctl.runtime.clock import ManualClock
 
@@ -63,11 +64,15 @@ def test_identity(clock: ManualClock):
     assert identity == BoardIdentity("Arduino with StandardFirmata 2.3", "loop", notes=notes)
     assert "no watchdog" in WATCHDOG_NOTE
     assert Session(SimulatedFirmata(), clock, simulated=True).driver.open().notes == (COMMANDED_NOTE,)
+    with pytest.raises(BoardTimeoutError, match="no answer within 5 s"):
+        Session(SimulatedMaestro(), clock).driver.open()
 
 
 @pytest.mark.parametrize("call", ["read", "stop", "release", "configure", "write"])
 def test_nothing_works_before_open(call: str):
     driver = FirmataDriver(Connection("/dev/ttyACM0", lambda: 0.0))
+    with pytest.raises(BoardError, match="hobby servos need no homing"):
+        driver.home()
     arguments = {"configure": [CHANNELS], "write": [{}]}.get(call, [])
     with pytest.raises(BoardError, match="the Arduino is not connected; connect first"):
         getattr(driver, call)(*arguments)

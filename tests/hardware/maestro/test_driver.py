@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from tests.hardware.lines import Fault, FaultyModel, LoopTransport
-from tests.hardware.maestro.scripted_transport import ScriptedTransport
+from tests.hardware.maestro.conftest import ScriptedTransport
 
 from armctl.errors import BoardError, BoardProtocolError, BoardTimeoutError, InputError
 from armctl.hardware import BoardIdentity, ChannelSettings
@@ -52,6 +52,7 @@ def test_identity_of_a_board_of_unknown_model_and_of_a_known_one():
         ([("a1", ""), ("1b", "")], BoardTimeoutError, r'USB Dual Port.*"UART, detect .*silently ignores'),
         ([("a1", "00")], BoardProtocolError, "Get Errors was answered by 1 bytes"),
         ([("a1", "41 54")], BoardProtocolError, r"scripted: .*no Maestro"),
+        ([("a1", "00 00"), ("90 00 a1", "00 00 10 00")], BoardProtocolError, "answers but misunderstands"),
     ],
 )
 def test_what_is_no_maestro_is_asked_nothing_more_and_left(exchanges, error, says: str):
@@ -73,6 +74,8 @@ def test_what_is_no_maestro_is_asked_nothing_more_and_left(exchanges, error, say
 
 def test_opening_again_forgets_the_channels(connect):
     driver = connect(SimulatedMaestro())
+    with pytest.raises(BoardError, match="need no homing"):
+        driver.home()
     driver.open()
     with pytest.raises(BoardError, match="channel 0 is not configured"):
         driver.write({0: 1500.0})
