@@ -145,17 +145,14 @@ class BoardType(ABC):
     def ask(self, line: Transport, now: Callable[[], float]) -> Introduction | None:
         """Ask who is there, with bytes that upset no kind of board that is asked later; None: no answer.
 
-        Raises:
-            BoardProtocolError: this kind of board is there, and something is wrong with it.
-            BoardError: the line is gone.
+        ``BoardProtocolError``: this kind of board is there, and something is wrong with it.
         """
         return None
 
     def examine(self, check_up: CheckUp) -> list[Finding]:
         """Everything that can be asked of a board without moving or changing anything.
 
-        Raises:
-            BoardError: the board stops answering, or the line is gone.
+        ``BoardError`` where it stops answering, or the line is gone.
         """
         from armctl.hardware.findings import not_checked
 

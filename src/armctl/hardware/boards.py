@@ -22,8 +22,8 @@ _LOGGER = logging.getLogger("armctl.hardware")
 def board_types() -> tuple[BoardType, ...]:
     """Every kind of board: the shipped ones, then those that installed packages bring as entry points.
 
-    An entry point of the group ``armctl.boards`` names a ``BoardType``, as a class or an instance. One that
-    cannot be loaded, or is of a kind that is there already, is logged and left out.
+    An entry point names a ``BoardType``, as a class or an instance. One that cannot be loaded, or is of a
+    kind that is there already, is logged and left out.
     """
     from importlib.metadata import entry_points
 

@@ -154,14 +154,7 @@ _TELLS_NOTHING = frozenset({"localhost", "root", "user", "armctl"})
 
 
 def without_personal_data(text: str, home: str, host: str, user: str) -> str:
-    """``text`` with the home folder as ``~`` and without the names of computer and user.
-
-    Args:
-        text: the report.
-        home: the user's home folder.
-        host: the computer's name, with or without its domain.
-        user: the user's login name.
-    """
+    """``text`` with the home folder as ``~`` and without the names of computer and user."""
     if len(home) > 1:
         text = re.sub(rf"{re.escape(home.rstrip('/'))}(?![\w-])", "~", text)
     for name, stands_for in ((host, "<host>"), (host.partition(".")[0], "<host>"), (user, "<user>")):

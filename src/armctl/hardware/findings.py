@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import statistics
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import Enum
+from functools import partial
 
 from armctl.errors import BoardError
 from armctl.hardware.driver import ChannelSettings
@@ -26,29 +27,15 @@ class Finding:
     """One check: what was looked at, what was seen, and what to do about it."""
 
     check: str
-    verdict: Verdict
+    verdict: Verdict = field(kw_only=True)
     seen: str
     advice: str = ""
 
 
-def ok(check: str, seen: str) -> Finding:
-    """All is well."""
-    return Finding(check, Verdict.OK, seen)
-
-
-def warning(check: str, seen: str, advice: str = "") -> Finding:
-    """It works, but the user should know."""
-    return Finding(check, Verdict.WARNING, seen, advice)
-
-
-def failed(check: str, seen: str, advice: str = "") -> Finding:
-    """It does not work."""
-    return Finding(check, Verdict.FAILED, seen, advice)
-
-
-def not_checked(check: str, seen: str, advice: str = "") -> Finding:
-    """It cannot be told, or an earlier failure stands before it."""
-    return Finding(check, Verdict.NOT_CHECKED, seen, advice)
+ok = partial(Finding, verdict=Verdict.OK)
+warning = partial(Finding, verdict=Verdict.WARNING)  # it works, but the user should know
+failed = partial(Finding, verdict=Verdict.FAILED)
+not_checked = partial(Finding, verdict=Verdict.NOT_CHECKED)  # unknown, or an earlier failure stands before it
 
 
 @dataclass(frozen=True, slots=True)

@@ -56,11 +56,8 @@ _LINE_ERRORS = (serial.SerialException, OSError, termios.error)
 class SerialTransport:
     """A line over anything pyserial can open; ``PortError`` says why one cannot be opened, and what to do.
 
-    Args:
-        port: device path, pty path or ``socket://host:port``.
-        baud: baud rate; a USB board's own command port ignores it.
-        write_timeout_s: how long a write may block before the board counts as stuck; on a busy computer a
-            quarter of a second passes with nothing wrong at all.
+    ``port`` is a device, a pty or ``socket://host:port``. A write that blocks for ``write_timeout_s`` means
+    that the board is stuck; on a busy computer a quarter of a second passes with nothing wrong at all.
     """
 
     def __init__(self, port: str, *, baud: int = _BAUD, write_timeout_s: float = 1.0) -> None:

@@ -11,7 +11,7 @@ from armctl.hardware.firmata.codec import BoardText, Malformed, PinMode, PinStat
 from armctl.hardware.firmata.line import FirmataLine
 from armctl.hardware.firmata.pins import BAUD, HOW_TO_LOAD, SCALE, pin_table
 from armctl.hardware.firmata.stream import Attacher, PinWatch, SetpointStream
-from armctl.hardware.transport import Connection
+from armctl.hardware.transport import Connection, Transport
 
 WATCHDOG_NOTE = (
     "StandardFirmata has no watchdog: if this computer or the cable fails, the servos keep their last "
@@ -44,6 +44,7 @@ class FirmataDriver:
         self._now = connection.now
         self._timeout_s = timeout_s
         self._ask_after_s = ask_after_s
+        self._transport: Transport | None = None
         self._opened: FirmataLine | None = None
         self._servo_pins: tuple[int, ...] = ()
         self._markers: tuple[int, ...] = ()
@@ -57,6 +58,7 @@ class FirmataDriver:
         self.close()
         self._forget()
         transport, info = self._connection.open(BAUD)
+        self._transport = transport
         line = self._opened = FirmataLine(transport, self._now)
         ask_after_s = self._ask_after_s
         if ask_after_s is None:
@@ -162,9 +164,9 @@ class FirmataDriver:
 
     def close(self) -> None:
         """Close the line; never raises. The servos go on with what they were sent last."""
-        if self._opened is not None:
-            self._opened.close()
-            self._opened = None
+        if self._transport is not None:
+            self._transport.close()
+        self._transport = self._opened = None
 
     @property
     def _firmata(self) -> FirmataLine:

@@ -43,7 +43,7 @@ class Identity:
 
 
 class FirmataLine:
-    """A transport, which this object closes, with a Firmata board at the other end.
+    """A transport with a Firmata board at the other end.
 
     A sysex that breaks off is finished by the next one, and a wrong value is executed. So a line on
     which a write failed, or whose board has started anew, takes nothing more: it has to be opened
@@ -52,6 +52,7 @@ class FirmataLine:
     """
 
     def __init__(self, transport: Transport, now: Callable[[], float]) -> None:
+        self.name = transport.name
         self._transport = transport
         self._now = now
         self._parser = ReplyParser()
@@ -59,24 +60,11 @@ class FirmataLine:
         self._received = b""
         self._lost: str | None = None
 
-    @property
-    def name(self) -> str:
-        """The line as the user named it."""
-        return self._transport.name
-
-    def close(self) -> None:
-        """Close the transport; never raises."""
-        self._transport.close()
-
     def identify(self, ask_after_s: float) -> Identity:
         """Wait until a Firmata sketch runs and answers; find out which and what its pins can do.
 
-        Args:
-            ask_after_s: how long to listen before asking: bytes sent to a bootloader keep it waiting.
-
-        Raises:
-            BoardTimeoutError: no answer; the message says how to load the sketch.
-            BoardProtocolError: an answer, but not in Firmata.
+        Listens for ``ask_after_s`` before asking: bytes sent to a bootloader keep it waiting.
+        ``BoardTimeoutError`` without an answer, ``BoardProtocolError`` where it is not in Firmata.
         """
         self._transport.discard_input()
         fresh = self._await_version(ask_after_s)

@@ -109,11 +109,8 @@ class SimulatedFirmata:
 
     Bytes are taken as soon as they are fed: the line's own speed is not modelled. All servos share
     one frame of 20 ms. A sysex that is longer than the sketch's buffer crashes it, as it does in old
-    builds: nothing answers any more until ``reset``.
-
-    Args:
-        boot_s: how long it is deaf and dumb after power-on; a real Mega 1.7 s and its bootloader's time.
-        log_length: how many pulses are kept for each pin.
+    builds: nothing answers any more until ``reset``. After power-on it is deaf and dumb for ``boot_s`` (a
+    real Mega 1.7 s and its bootloader's time). The last ``log_length`` pulses of each pin are kept.
     """
 
     def __init__(self, boot_s: float = 0.0, log_length: int = 10_000) -> None:

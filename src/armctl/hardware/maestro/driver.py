@@ -38,6 +38,7 @@ class MaestroDriver:
         self._connection = connection
         self._asked_model = self._model = model
         self._timeout_s = timeout_s
+        self._transport: Transport | None = None
         self._opened: MaestroLine | None = None
         self._table, self._unreported = ChannelTable(SCALE), MaestroErrors(0)
 
@@ -50,6 +51,7 @@ class MaestroDriver:
         # Mini, but to a Micro it is an error, and an error sends all its channels home.
         listed = None if info is None else MaestroModel.from_label(info.kind)
         model = self._model = self._asked_model or listed
+        self._transport = transport
         line = self._opened = MaestroLine(transport, self._timeout_s)
         try:
             earlier = line.probe()
@@ -116,9 +118,9 @@ class MaestroDriver:
 
     def close(self) -> None:
         """Close the line; never raises. The outputs stay as they are."""
-        if self._opened is not None:
-            self._opened.close()
-            self._opened = None
+        if self._transport is not None:
+            self._transport.close()
+        self._transport = self._opened = None
 
     @property
     def _maestro(self) -> MaestroLine:
@@ -162,24 +164,16 @@ _LONGEST_RESYNC = 5
 
 
 class MaestroLine:
-    """A transport, which this object closes, with a Maestro at the other end.
+    """A transport with a Maestro at the other end.
 
     ``timeout_s``: how long an answer may take. ``crc``: whether the board wants CRCs, known after ``probe``.
     """
 
     def __init__(self, transport: Transport, timeout_s: float) -> None:
+        self.name = transport.name
         self._transport = transport
         self._timeout_s = timeout_s
         self.crc = False
-
-    @property
-    def name(self) -> str:
-        """The line as the user named it."""
-        return self._transport.name
-
-    def close(self) -> None:
-        """Close the transport; never raises."""
-        self._transport.close()
 
     def probe(self) -> MaestroErrors:
         """Find out whether a Maestro answers, and whether it wants CRCs; return the errors it had kept.
@@ -187,11 +181,8 @@ class MaestroLine:
         Neither question can be an error to a Maestro, and an error is what would switch its outputs
         off: Get Errors without a CRC is complete to a board with CRC off, and unfinished to one with CRC
         on; the CRC byte is sent only where no answer came, and finishes it. A board in another serial mode
-        ignores both (guide, section 5.a).
-
-        Raises:
-            BoardTimeoutError: no answer; the message says what to set on the board.
-            BoardProtocolError: the answer is not a Maestro's.
+        ignores both (guide, section 5.a). ``BoardTimeoutError`` without an answer, ``BoardProtocolError``
+        where it is not a Maestro's.
         """
         self._transport.discard_input()
         self._transport.write(codec.get_errors())
@@ -228,9 +219,7 @@ class MaestroLine:
     def read(self, channels: Sequence[int]) -> tuple[dict[int, float | None], MaestroErrors]:
         """Positions [µs] of ``channels`` and the error register, in one burst each way.
 
-        Raises:
-            BoardTimeoutError: no answer, or half of one.
-            BoardProtocolError: an answer that no Maestro can give.
+        ``BoardTimeoutError`` for no answer or half of one, ``BoardProtocolError`` for an impossible one.
         """
         return self._exchange(b"".join(codec.get_position(one, crc=self.crc) for one in channels), channels)
 
