@@ -97,12 +97,19 @@ def test_a_healthy_maestro(clock: ManualClock, device: str, crc, words):
     assert {entry.opcode.name for entry in board.log} == {"SET_TARGET", "GET_POSITION", "GET_ERRORS"}
 
 
-def test_ranges_beyond_the_factorys_cannot_be_told_and_say_what_to_set(clock: ManualClock, device: str):
-    wide = [ChannelSettings(2, 554.0, 2446.0)]
-    ranges = report(patient(device, channels=wide), maestro(), clock)["ranges"]
-    assert ranges.verdict is Verdict.NOT_CHECKED
-    assert "channel 2 554 … 2446 µs" in ranges.seen
-    assert "Channel Settings" in ranges.advice
+def test_a_channel_too_many_is_not_asked_for_and_wide_ranges_cannot_be_told(clock: ManualClock, device: str):
+    channels = [*CHANNELS, ChannelSettings(7, 554.0, 2446.0)]
+    board = maestro()
+    findings = report(patient(device, channels=channels), board, clock)
+    assert failures(findings) == ["channels"]
+    assert findings["channels"].seen == f"channel 7: a {MICRO} has 0 … 5"
+    assert findings["ranges"].verdict is Verdict.NOT_CHECKED
+    assert "channel 7 554 … 2446 µs" in findings["ranges"].seen
+    assert "Channel Settings" in findings["ranges"].advice
+    unlisted = report(patient(device, channels=channels, info=None), board, clock)["channels"]
+    assert unlisted.verdict is Verdict.NOT_CHECKED
+    assert "the model cannot be told" in unlisted.seen
+    assert (board.errors, board.target_us(0)) == (0, 1500.0)
 
 
 def test_what_the_maestro_had_reported_is_in_the_report_once(clock: ManualClock, device: str):
@@ -111,19 +118,6 @@ def test_what_the_maestro_had_reported_is_in_the_report_once(clock: ManualClock,
     finding = report(patient(device), board, clock)["error register"]
     assert (finding.verdict, finding.seen.split(":")[0]) == (Verdict.WARNING, "serial timeout")
     assert report(patient(device), board, clock)["error register"].verdict is Verdict.OK
-
-
-def test_a_channel_too_many_is_not_asked_for(clock: ManualClock, device: str):
-    channels = [*CHANNELS, ChannelSettings(7, 1000.0, 2000.0)]
-    board = maestro()
-    findings = report(patient(device, channels=channels), board, clock)
-    assert failures(findings) == ["channels"]
-    assert findings["channels"].seen == f"channel 7: a {MICRO} has 0 … 5"
-    unlisted = report(patient(device, channels=channels, info=None), board, clock)["channels"]
-    assert unlisted.verdict is Verdict.NOT_CHECKED
-    assert "the model cannot be told" in unlisted.seen
-    assert board.errors == 0
-    assert board.target_us(0) == 1500.0
 
 
 def test_the_factorys_serial_mode_says_what_to_set(clock: ManualClock, device: str):

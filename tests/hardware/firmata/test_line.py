@@ -117,19 +117,13 @@ def test_an_unfinished_sysex_from_before_is_not_finished(clock: ManualClock):
 
 def test_nobody_answers(clock: ManualClock):
     line, transport = line_to(Babbler(b""), clock)
-    with pytest.raises(
-        BoardTimeoutError,
-        match=r"loop: no answer within 5 s\. .*File > Examples > Firmata > StandardFirmata, Upload",
-    ):
+    with pytest.raises(BoardTimeoutError, match=r"loop: no answer within 5 s\. .*StandardFirmata, Upload"):
         line.identify(ask_after_s=2.5)
     assert transport.bursts == ["f9"] * 3
     assert clock.now() - 100.0 == pytest.approx(5.0, abs=0.1)
-
-
-def test_a_line_that_cannot_wait_ends_too(clock: ManualClock):
-    line = FirmataLine(LoopTransport(Babbler(b""), clock.now), clock.now)
+    cannot_wait = FirmataLine(LoopTransport(Babbler(b""), clock.now), clock.now)
     with pytest.raises(BoardTimeoutError, match="no answer"):
-        line.identify(ask_after_s=2.5)
+        cannot_wait.identify(ask_after_s=2.5)
 
 
 @pytest.mark.parametrize(

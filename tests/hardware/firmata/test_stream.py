@@ -202,19 +202,14 @@ def test_only_the_newest_value_of_a_pin_goes_out_and_only_where_it_is_new(line: 
     assert line.flush() == b""
 
 
-def test_a_busy_line_keeps_the_newest_setpoint_waiting(line: Line):
-    line.stream.send(bytes(FRAME_BYTES))
+@pytest.mark.parametrize(("request_length", "answer_length"), [(FRAME_BYTES, 0), (1, FRAME_BYTES)])
+def test_a_busy_line_keeps_the_newest_setpoint_waiting(line: Line, request_length: int, answer_length: int):
+    line.stream.send(bytes(request_length), answer_length)  # the longer direction counts
     line.stream.put({9: 1600})
     assert line.flush() == b""
     line.stream.put({9: 1650})
     line.clock.advance(SERVO_FRAME_S)
     assert line.flush() == servo_write(9, 1650)
-
-
-def test_the_longer_direction_is_what_the_line_is_busy_with(line: Line):
-    line.stream.send(b"?", answer_length=FRAME_BYTES)
-    line.stream.put({9: 1600})
-    assert line.flush() == b""
 
 
 def test_a_round_of_questions_does_not_hold_a_setpoint_up(line: Line):
