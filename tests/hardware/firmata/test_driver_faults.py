@@ -216,9 +216,7 @@ def test_configuring_finds_out_that_the_pins_are_off_or_the_board_silent(session
         session.driver.configure(CHANNELS)
 
 
-def test_a_swallowed_release_is_sent_again_and_one_that_is_not_confirmed_warns(
-    session, board, faults
-):
+def test_a_swallowed_release_is_sent_again_and_one_that_is_not_confirmed_warns(session, board, faults):
     session.line.write(bytes.fromhex("f0 6d 09"))  # an unfinished sysex takes the whole command in
     session.driver.release()
     assert board.mode(9) == board.mode(22) == 1
