@@ -11,7 +11,7 @@ from tests.runtime.kit import ROBOT, TEST, TICK
 from armctl.errors import BoardError
 from armctl.hardware import Source
 from armctl.hardware.maestro import MaestroModel
-from armctl.hardware.maestro.codec import Opcode, set_target, us_to_quarters
+from armctl.hardware.maestro.codec import Opcode, command, us_to_quarters
 from armctl.hardware.maestro.driver import MaestroDriver
 from armctl.hardware.maestro.simulated import ChannelConfig, HomeMode, MaestroSettings, SimulatedMaestro
 from armctl.hardware.transport import Connection
@@ -142,7 +142,7 @@ def test_a_board_that_goes_to_its_own_home_on_an_error_is_a_fault() -> None:
     on = {channel: bench.board.target_us(channel) for channel in range(1, 5)}
     bench.board.feed(b"\x05")  # a data byte that belongs to nothing: a protocol error
     for channel, pulse in on.items():  # as if these ignored it
-        bench.board.feed(set_target(channel, us_to_quarters(pulse or 0.0)))
+        bench.board.feed(command(Opcode.SET_TARGET, channel, us_to_quarters(pulse or 0.0)))
     bench.run(0.5)
     assert bench.now.state is State.FAULT
     assert bench.now.cause.startswith("the board moved the arm by itself (Base; serial protocol error")

@@ -24,9 +24,9 @@ from armctl.hardware.firmata.simulated import SimulatedServo
 @pytest.mark.parametrize(
     ("message", "expected"),
     [
-        (codec.version_query(), "f9"),
-        (codec.firmware_query(), "f0 79 f7"),
-        (codec.capability_query(), "f0 6b f7"),
+        (codec.VERSION_QUERY, "f9"),
+        (codec.FIRMWARE_QUERY, "f0 79 f7"),
+        (codec.CAPABILITY_QUERY, "f0 6b f7"),
         (codec.pin_state_query(9), "f0 6d 09 f7"),
         (codec.pin_state_query(49), "f0 6d 31 f7"),
         (codec.pin_mode(9, PinMode.SERVO), "f4 09 04"),

@@ -13,15 +13,15 @@ from armctl.hardware.maestro import MaestroModel, codec
 from armctl.hardware.maestro.codec import MaestroErrors, Opcode, Packet, PacketParser, error_words
 
 COMMANDS = [
-    (lambda **crc: codec.set_target(2, 6000, **crc), "84 02 70 2e"),
-    (lambda **crc: codec.set_target(0, 6000, **crc), "84 00 70 2e"),
-    (lambda **crc: codec.set_target(5, 0, **crc), "84 05 00 00"),
-    (lambda **crc: codec.set_target(23, 16383, **crc), "84 17 7f 7f"),
-    (lambda **crc: codec.set_speed(5, 140, **crc), "87 05 0c 01"),
-    (lambda **crc: codec.set_acceleration(5, 4, **crc), "89 05 04 00"),
-    (lambda **crc: codec.set_acceleration(0, 255, **crc), "89 00 7f 01"),
-    (lambda **crc: codec.get_position(3, **crc), "90 03"),
-    (lambda **crc: codec.get_errors(**crc), "a1"),
+    (lambda **crc: codec.command(codec.Opcode.SET_TARGET, 2, 6000, **crc), "84 02 70 2e"),
+    (lambda **crc: codec.command(codec.Opcode.SET_TARGET, 0, 6000, **crc), "84 00 70 2e"),
+    (lambda **crc: codec.command(codec.Opcode.SET_TARGET, 5, 0, **crc), "84 05 00 00"),
+    (lambda **crc: codec.command(codec.Opcode.SET_TARGET, 23, 16383, **crc), "84 17 7f 7f"),
+    (lambda **crc: codec.command(codec.Opcode.SET_SPEED, 5, 140, **crc), "87 05 0c 01"),
+    (lambda **crc: codec.command(codec.Opcode.SET_ACCELERATION, 5, 4, **crc), "89 05 04 00"),
+    (lambda **crc: codec.command(codec.Opcode.SET_ACCELERATION, 0, 255, **crc), "89 00 7f 01"),
+    (lambda **crc: codec.command(codec.Opcode.GET_POSITION, 3, **crc), "90 03"),
+    (lambda **crc: codec.command(codec.Opcode.GET_ERRORS, **crc), "a1"),
     (lambda **crc: codec.set_targets({3: 0, 4: 6000}, multiple=True, **crc), "9f 02 03 00 00 70 2e"),
 ]
 
@@ -101,13 +101,13 @@ def test_every_error_bit_has_words_of_its_own(reply: str, begins: list[str]):
 @pytest.mark.parametrize(
     ("encode", "message"),
     [
-        (lambda: codec.set_target(24, 6000), "channel 24 is outside 0 … 23"),
-        (lambda: codec.set_target(-1, 6000), "channel -1 is outside"),
-        (lambda: codec.set_target(0, 16384), "target 16384 is outside 0 … 16383"),
-        (lambda: codec.set_target(0, -1), "target -1 is outside"),
-        (lambda: codec.set_speed(0, 16384), "speed 16384 is outside"),
-        (lambda: codec.set_acceleration(0, 256), "acceleration 256 is outside 0 … 255"),
-        (lambda: codec.get_position(24), "channel 24 is outside"),
+        (lambda: codec.command(codec.Opcode.SET_TARGET, 24, 6000), "channel 24 is outside 0 … 23"),
+        (lambda: codec.command(codec.Opcode.SET_TARGET, -1, 6000), "channel -1 is outside"),
+        (lambda: codec.command(codec.Opcode.SET_TARGET, 0, 16384), "target 16384 is outside 0 … 16383"),
+        (lambda: codec.command(codec.Opcode.SET_TARGET, 0, -1), "target -1 is outside"),
+        (lambda: codec.command(codec.Opcode.SET_SPEED, 0, 16384), "speed 16384 is outside"),
+        (lambda: codec.command(codec.Opcode.SET_ACCELERATION, 0, 256), "acceleration 256 is outside 0 … 255"),
+        (lambda: codec.command(codec.Opcode.GET_POSITION, 24), "channel 24 is outside"),
         (lambda: codec.set_targets({23: 1, 24: 1}, multiple=True), "channel 24 is outside"),
     ],
 )

@@ -33,7 +33,7 @@ def feed(simulated: SimulatedMaestro, text: str) -> str:
 
 
 def target(simulated: SimulatedMaestro, channel: int, pulse_us: float) -> None:
-    assert simulated.feed(codec.set_target(channel, round(pulse_us * 4))) == b""
+    assert simulated.feed(codec.command(codec.Opcode.SET_TARGET, channel, round(pulse_us * 4))) == b""
 
 
 def test_set_target_then_get_position():
@@ -109,7 +109,9 @@ def test_the_smallest_acceleration_takes_about_3_s_from_1_to_2_ms():
 def test_speed_and_acceleration_together_make_a_trapezoid():
     simulated = board()
     target(simulated, 0, 1000.0)
-    simulated.feed(codec.set_speed(0, 40) + codec.set_acceleration(0, 20))
+    simulated.feed(
+        codec.command(codec.Opcode.SET_SPEED, 0, 40) + codec.command(codec.Opcode.SET_ACCELERATION, 0, 20)
+    )
     target(simulated, 0, 2000.0)
     positions = [1000.0]
     for tick in range(1, 80):
@@ -126,7 +128,7 @@ def test_speed_and_acceleration_together_make_a_trapezoid():
 def test_a_target_moved_behind_a_running_channel_is_reached_after_a_turn():
     simulated = board()
     target(simulated, 0, 1000.0)
-    simulated.feed(codec.set_acceleration(0, 10))
+    simulated.feed(codec.command(codec.Opcode.SET_ACCELERATION, 0, 10))
     target(simulated, 0, 2000.0)
     simulated.advance(0.5)
     passed = simulated.position_us(0)
@@ -145,11 +147,14 @@ def test_a_target_moved_behind_a_running_channel_is_reached_after_a_turn():
 def test_ramps_keep_their_limits_and_arrive(speed, acceleration, targets):
     simulated = board()
     target(simulated, 0, 1500.0)
-    simulated.feed(codec.set_speed(0, speed) + codec.set_acceleration(0, acceleration))
+    simulated.feed(
+        codec.command(codec.Opcode.SET_SPEED, 0, speed)
+        + codec.command(codec.Opcode.SET_ACCELERATION, 0, acceleration)
+    )
     tick = 0
     last = 1500.0
     for quarters, ticks in targets:
-        simulated.feed(codec.set_target(0, quarters))
+        simulated.feed(codec.command(codec.Opcode.SET_TARGET, 0, quarters))
         for _ in range(ticks):
             tick += 1
             simulated.advance(tick * 0.02)
@@ -167,7 +172,9 @@ def test_the_first_target_of_an_off_channel_jumps_as_every_one_does_without_limi
     for pulse_us in (1000.0, 2000.0):
         target(simulated, 1, pulse_us)
         assert simulated.position_us(1) == pulse_us
-    simulated.feed(codec.set_speed(0, 1) + codec.set_acceleration(0, 1))
+    simulated.feed(
+        codec.command(codec.Opcode.SET_SPEED, 0, 1) + codec.command(codec.Opcode.SET_ACCELERATION, 0, 1)
+    )
     for pulse_us, sent in ((1900.0, 1900.0), (1000.0, 1900.0), (0.0, None), (1000.0, 1000.0)):
         target(simulated, 0, pulse_us)
         assert simulated.position_us(0) == sent
@@ -216,7 +223,7 @@ def test_an_error_and_go_home_send_every_channel_to_its_home(bytes_in: str, erro
     assert simulated.position_us(2) == 1200.0  # at start-up too
     for channel in range(4):
         target(simulated, channel, 1800.0)
-    simulated.feed(codec.set_speed(3, 40))
+    simulated.feed(codec.command(codec.Opcode.SET_SPEED, 3, 40))
     feed(simulated, bytes_in)
     assert [simulated.target_us(channel) for channel in range(4)] == [None, 1800.0, 1200.0, 1200.0]
     assert simulated.errors == error
@@ -287,7 +294,7 @@ def test_every_model_has_its_number_of_channels_and_tells_whether_it_moves(model
     with pytest.raises(InputError, match=f"channel {model.channels}"):
         board(model, channels={model.channels: WIDE})
     assert feed(simulated, "93") == "00"
-    simulated.feed(codec.set_speed(last, 1))
+    simulated.feed(codec.command(codec.Opcode.SET_SPEED, last, 1))
     target(simulated, last, 2000.0)
     assert feed(simulated, "93") == ("00" if model is MaestroModel.MICRO_6 else "01")  # a Micro's is no use
 
@@ -306,7 +313,11 @@ def test_the_log_keeps_commands_with_their_times_and_stays_bounded():
 def test_a_power_cut_loses_all_but_the_settings():
     simulated = board(channels={0: WIDE}, timeout_units=100)
     target(simulated, 0, 2400.0)
-    simulated.feed(codec.set_speed(0, 5) + codec.set_acceleration(0, 6) + b"\xc0\x84\x00")
+    simulated.feed(
+        codec.command(codec.Opcode.SET_SPEED, 0, 5)
+        + codec.command(codec.Opcode.SET_ACCELERATION, 0, 6)
+        + b"\xc0\x84\x00"
+    )
     simulated.advance(0.9)
     simulated.reset()
     assert simulated.errors == MaestroErrors(0)
@@ -376,7 +387,7 @@ def test_one_long_step_in_time_ends_where_many_short_ones_do():
     boards = [board(timeout_units=10, channels={0: home}) for _ in range(2)]
     for simulated in boards:
         target(simulated, 0, 1900.0)
-        simulated.feed(codec.set_speed(0, 40))
+        simulated.feed(codec.command(codec.Opcode.SET_SPEED, 0, 40))
         target(simulated, 0, 2000.0)
     for step in range(1, 301):
         boards[0].advance(step * 0.001)

@@ -60,23 +60,18 @@ END_OF_PIN = 0x7F
 """in the answer to a capability query"""
 
 
-def version_query() -> bytes:
-    """Ask for the protocol version.
-
-    The only question that does no harm whatever the board has received before: inside an unfinished
-    sysex it is one more data byte, and it does not end that sysex.
-    """
-    return bytes((Command.REPORT_VERSION,))
+def sysex(kind: Sysex, *data: int) -> bytes:
+    """A message of any length, of data bytes of 7 bits."""
+    return bytes((Command.START_SYSEX, kind, *data, Command.END_SYSEX))
 
 
-def firmware_query() -> bytes:
-    """Ask for the sketch's name and version."""
-    return sysex(Sysex.REPORT_FIRMWARE)
-
-
-def capability_query() -> bytes:
-    """Ask for the modes of every pin."""
-    return sysex(Sysex.CAPABILITY_QUERY)
+VERSION_QUERY = bytes((Command.REPORT_VERSION,))
+"""the only question that does no harm whatever the board has received before: inside an unfinished sysex it
+is one more data byte, and it does not end that sysex"""
+FIRMWARE_QUERY = sysex(Sysex.REPORT_FIRMWARE)
+"""for the sketch's name and version"""
+CAPABILITY_QUERY = sysex(Sysex.CAPABILITY_QUERY)
+"""for the modes of every pin"""
 
 
 def pin_state_query(pin: int) -> bytes:
@@ -131,11 +126,6 @@ def servo_limits(minimum_us: int, maximum_us: int) -> tuple[int, int]:
 def split_14_bits(value: int) -> tuple[int, int]:
     """Two data bytes of 7 bits, low one first."""
     return value & 0x7F, value >> 7
-
-
-def sysex(kind: Sysex, *data: int) -> bytes:
-    """A message of any length, of data bytes of 7 bits."""
-    return bytes((Command.START_SYSEX, kind, *data, Command.END_SYSEX))
 
 
 def _check(what: str, value: int, lowest: int, highest: int) -> None:

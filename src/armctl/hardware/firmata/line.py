@@ -68,9 +68,9 @@ class FirmataLine:
         """
         self._transport.discard_input()
         fresh = self._await_version(ask_after_s)
-        firmware = self._ask(codec.firmware_query(), FirmwareReport, "its firmware")
+        firmware = self._ask(codec.FIRMWARE_QUERY, FirmwareReport, "its firmware")
         # The board answers in order: whatever it said of itself while starting lies before this answer.
-        capabilities = self._ask(codec.capability_query(), CapabilityReport, "its pins' capabilities")
+        capabilities = self._ask(codec.CAPABILITY_QUERY, CapabilityReport, "its pins' capabilities")
         self._identified = True
         return Identity(firmware, capabilities, fresh)
 
@@ -128,7 +128,7 @@ class FirmataLine:
                     return not asked
             left_s -= wait_s
             if left_s > 0.0:
-                self.send(codec.version_query())
+                self.send(codec.VERSION_QUERY)
                 wait_s, asked = _ASK_AGAIN_S, True
         if not self._received:
             raise BoardTimeoutError(
@@ -199,10 +199,10 @@ class FirmataListener:
 def ask_firmata(line: Transport, now: Callable[[], float]) -> Introduction | None:
     """First ask for the version: in a sketch that was left in the middle of a message it ends nothing."""
     listener = FirmataListener()
-    line.write(codec.version_query())
+    line.write(codec.VERSION_QUERY)
     found, _ = listen(line, [listener], _PROBE_S, now, until=lambda: bool(listener.details))
     if found is None and listener.details:
-        line.write(codec.firmware_query())
+        line.write(codec.FIRMWARE_QUERY)
         found, _ = listen(line, [listener], _PROBE_S, now)
     if found is not None:
         return found[1]

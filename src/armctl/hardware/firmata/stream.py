@@ -171,7 +171,6 @@ _MOST_ON_FRESH_BOARD = 12
 _TRANSMIT_BUFFER = 64
 _RECEIVE_BUFFER = 63
 _REPORT_FRAME = 5
-_QUESTION = codec.firmware_query()
 _SERVO_BYTES = len(codec.servo_config(0, 0, 0)) + len(codec.servo_write(0, SMALLEST_PULSE_US))
 
 
@@ -214,19 +213,19 @@ class Attacher:
         )
         count = 0 if self._fresh else min(self._needed(len(pulses)), self._allowed(len(pulses)))
         self._fresh = False
-        return _QUESTION * count + request, self._report_length * count
+        return codec.FIRMWARE_QUERY * count + request, self._report_length * count
 
     def _needed(self, servos: int) -> int:
         """How many questions hold the sketch until all bytes of so many servos have come in.
 
         It begins to answer after the first one, and is held until all but a buffer full has gone out.
         """
-        gained = self._report_length - len(_QUESTION)
-        return -(-(_TRANSMIT_BUFFER + 1 + _SERVO_BYTES * servos - len(_QUESTION)) // gained)
+        gained = self._report_length - len(codec.FIRMWARE_QUERY)
+        return -(-(_TRANSMIT_BUFFER + 1 + _SERVO_BYTES * servos - len(codec.FIRMWARE_QUERY)) // gained)
 
     def _allowed(self, servos: int) -> int:
         """How many questions leave room in the receive buffer, the first one being taken out at once."""
-        return (_RECEIVE_BUFFER - _SERVO_BYTES * servos) // len(_QUESTION) + 1
+        return (_RECEIVE_BUFFER - _SERVO_BYTES * servos) // len(codec.FIRMWARE_QUERY) + 1
 
 
 # No faster than the line carries: the system and the USB adapter take far more, and setpoints only get old.

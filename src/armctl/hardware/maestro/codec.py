@@ -134,9 +134,27 @@ def crc7(data: bytes) -> int:
     return remainder
 
 
-def _packet(crc: bool, opcode: Opcode, *data: int) -> bytes:
-    packet = bytes((opcode, *data))
-    return packet + bytes((crc7(packet),)) if crc else packet
+_LARGEST = {
+    Opcode.SET_TARGET: ("target", MAX_TARGET),
+    Opcode.SET_SPEED: ("speed", MAX_SPEED),
+    Opcode.SET_ACCELERATION: ("acceleration", MAX_ACCELERATION),
+}
+
+
+def command(opcode: Opcode, *values: int, crc: bool = False) -> bytes:
+    """A command for a channel, if it is for one, with what is set there, in the board's units; 0: none.
+
+    Get Position and Get Errors, which clears the register, are answered with two bytes.
+    """
+    data: list[int] = []
+    if values:
+        _check("channel", values[0], MAX_CHANNEL)
+        data.append(values[0])
+    if len(values) > 1:
+        what, largest = _LARGEST[opcode]
+        _check(what, values[1], largest)
+        data += _split(values[1])
+    return _packet(crc, opcode, *data)
 
 
 def set_targets(quarters: Mapping[int, int], *, crc: bool = False, multiple: bool = False) -> bytes:
@@ -162,34 +180,9 @@ def set_targets(quarters: Mapping[int, int], *, crc: bool = False, multiple: boo
     return packets
 
 
-def set_target(channel: int, quarters: int, *, crc: bool = False) -> bytes:
-    """Set Target; 0 switches the pulses off."""
-    return set_targets({channel: quarters}, crc=crc)
-
-
-def set_speed(channel: int, units: int, *, crc: bool = False) -> bytes:
-    """Set Speed in units of 0.25 µs / 10 ms; 0 is unlimited."""
-    _check("channel", channel, MAX_CHANNEL)
-    _check("speed", units, MAX_SPEED)
-    return _packet(crc, Opcode.SET_SPEED, channel, *_split(units))
-
-
-def set_acceleration(channel: int, units: int, *, crc: bool = False) -> bytes:
-    """Set Acceleration in units of 0.25 µs / 10 ms / 80 ms; 0 is unlimited."""
-    _check("channel", channel, MAX_CHANNEL)
-    _check("acceleration", units, MAX_ACCELERATION)
-    return _packet(crc, Opcode.SET_ACCELERATION, channel, *_split(units))
-
-
-def get_position(channel: int, *, crc: bool = False) -> bytes:
-    """Get Position: answered with two bytes, see ``decode_position``."""
-    _check("channel", channel, MAX_CHANNEL)
-    return _packet(crc, Opcode.GET_POSITION, channel)
-
-
-def get_errors(*, crc: bool = False) -> bytes:
-    """Get Errors: answered with two bytes, see ``decode_errors``; clears the register."""
-    return _packet(crc, Opcode.GET_ERRORS)
+def _packet(crc: bool, opcode: Opcode, *data: int) -> bytes:
+    packet = bytes((opcode, *data))
+    return packet + bytes((crc7(packet),)) if crc else packet
 
 
 def decode_position(reply: bytes) -> float | None:

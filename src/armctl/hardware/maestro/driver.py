@@ -185,11 +185,11 @@ class MaestroLine:
         where it is not a Maestro's.
         """
         self._transport.discard_input()
-        self._transport.write(codec.get_errors())
+        self._transport.write(codec.command(codec.Opcode.GET_ERRORS))
         reply = self._transport.read(REPLY_LENGTH, _FIRST_ANSWER_TIMEOUT_S)
         self.crc = not reply
         if not reply:
-            self._transport.write(codec.get_errors(crc=True)[-1:])
+            self._transport.write(codec.command(codec.Opcode.GET_ERRORS, crc=True)[-1:])
             reply = self._transport.read(REPLY_LENGTH, _CRC_ANSWER_TIMEOUT_S)
         if not reply:
             raise BoardTimeoutError(f"{self.name}: no answer; {SILENT_ADVICE}")
@@ -205,8 +205,13 @@ class MaestroLine:
     def set_limits(self, settings: Sequence[ChannelSettings]) -> MaestroErrors:
         """Set the channels' speed and acceleration limits; return what the board says to them."""
         request = b"".join(
-            codec.set_speed(one.channel, codec.speed_to_units(one.speed), crc=self.crc)
-            + codec.set_acceleration(one.channel, codec.acceleration_to_units(one.acceleration), crc=self.crc)
+            codec.command(codec.Opcode.SET_SPEED, one.channel, codec.speed_to_units(one.speed), crc=self.crc)
+            + codec.command(
+                codec.Opcode.SET_ACCELERATION,
+                one.channel,
+                codec.acceleration_to_units(one.acceleration),
+                crc=self.crc,
+            )
             for one in settings
         )
         _, errors = self._exchange(request, ())
@@ -221,7 +226,10 @@ class MaestroLine:
 
         ``BoardTimeoutError`` for no answer or half of one, ``BoardProtocolError`` for an impossible one.
         """
-        return self._exchange(b"".join(codec.get_position(one, crc=self.crc) for one in channels), channels)
+        return self._exchange(
+            b"".join(codec.command(codec.Opcode.GET_POSITION, one, crc=self.crc) for one in channels),
+            channels,
+        )
 
     def _exchange(
         self, request: bytes, channels: Sequence[int]
@@ -229,7 +237,7 @@ class MaestroLine:
         """Send a request and Get Errors; take the positions of ``channels`` and the errors."""
         # Nothing speaks unasked on this line: whatever is there belongs to an earlier request.
         self._transport.discard_input()
-        self._transport.write(request + codec.get_errors(crc=self.crc))
+        self._transport.write(request + codec.command(codec.Opcode.GET_ERRORS, crc=self.crc))
         count = REPLY_LENGTH * (len(channels) + 1)
         reply = self._transport.read(count, self._timeout_s)
         if len(reply) < count:
