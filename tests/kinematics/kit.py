@@ -45,6 +45,18 @@ def plain_forward(chain: Chain, q: FloatArray) -> FloatArray:
     return plain_frames(chain.rows, chain.convention, q)[-1]
 
 
+def plain_jacobian(chain: Chain, q: FloatArray, h: float = 1e-5) -> FloatArray:
+    """(6, n) by central differences of the plain products."""
+    J = np.zeros((6, chain.n))
+    R = plain_forward(chain, q)[:3, :3]
+    for k in range(chain.n):
+        ahead, behind = (plain_forward(chain, q + sign * h * np.eye(chain.n)[k]) for sign in (1, -1))
+        D = (ahead - behind) / (2 * h)
+        spin = D[:3, :3] @ R.T
+        J[:, k] = [*D[:3, 3], spin[2, 1], spin[0, 2], spin[1, 0]]
+    return J
+
+
 def random_planar_arm(rng: np.random.Generator, *, offsets: bool = True, lateral: float = 0.15) -> PlanarArm:
     """One of the family: links, offsets, senses and limits at random; no limit spans a whole turn."""
     low = -rng.uniform(5, 190, 4)

@@ -50,32 +50,20 @@ def test_random_arms_are_measured_rightly(convention: str, roll: bool) -> None:
         assert geometry.yaw_sign == arm.yaw_sign
 
 
-def test_a_first_axis_away_from_the_origin() -> None:
-    """A fixed row ahead of the base joint moves and turns the whole arm."""
+@pytest.mark.parametrize("first", [(0.2, 0.0, 0.3, math.radians(40)), (0.0, math.pi, 0.0, 0.0)])
+def test_a_fixed_row_ahead_moves_and_turns_the_whole_arm(first: tuple[float, float, float, float]) -> None:
+    """Away from the origin, or hung from the ceiling."""
     inner = load_robot("uzuner")
-    rows = [DHRow(0.2, 0.0, 0.3, math.radians(40), joint=False), *inner.chain.rows]
-    moved = Chain.from_dh(rows, "modified")
+    moved = Chain.from_dh([DHRow(*first, joint=False), *inner.chain.rows], "modified")
     ik = solver_of(moved, inner.limits)
-    q = np.radians([20, 60, -40, -20, 10.0])
+    q = np.radians([20, 60, -40, -50, 10.0])
     T = moved.forward(q)
-    for target in (Target.of(T[:3, 3], *ik.pitch_and_roll(q)), Target.of(T[:3, 3], rotation=T[:3, :3])):
+    pitch, roll = ik.pitch_and_roll(q)  # upside down a wrist that bends down points up
+    assert pitch == pytest.approx(math.radians(30 if first[1] else -30))
+    for target in (Target.of(T[:3, 3], pitch, roll), Target.of(T[:3, 3], rotation=T[:3, :3])):
         solutions = ik.solve(target, 0.01)
         assert np.abs(solutions.q - q).max(axis=1).min() < 1e-9
         assert solutions.residual_m.max() < 1e-12
-
-
-def test_an_arm_hung_from_the_ceiling() -> None:
-    inner = load_robot("uzuner")
-    hung = Chain.from_dh([DHRow(0.0, math.pi, 0.0, joint=False), *inner.chain.rows], "modified")
-    ik = solver_of(hung, inner.limits)
-    q = np.radians([20, 60, -40, -20, 10.0])
-    pitch, roll = ik.pitch_and_roll(q)
-    assert pitch == pytest.approx(0.0, abs=1e-12)
-    q[3] = math.radians(-50)
-    pitch, roll = ik.pitch_and_roll(q)
-    assert pitch == pytest.approx(math.radians(30))  # upside down: a wrist that bends down points up
-    solutions = ik.solve(Target.of(hung.forward(q)[:3, 3], pitch, roll), 0.01)
-    assert np.abs(solutions.q - q).max(axis=1).min() < 1e-9
 
 
 def test_two_pitch_joints_belong() -> None:

@@ -9,7 +9,6 @@ import pytest
 from tests.kinematics.kit import plain_forward, random_q
 from tests.kinematics.spherical_kit import HUMANOID, HUMANOID_LIMITS, random_arm, spherical_solver
 
-from armctl import load_robot
 from armctl.kinematics import Chain, DHRow
 from armctl.kinematics.spherical_shoulder.geometry import recognise_spherical, turned
 
@@ -71,12 +70,6 @@ def rows(**changed: DHRow) -> Chain:
 def test_what_is_nearly_one_is_not_taken_for_one(changed: dict[str, DHRow]) -> None:
     assert recognise_spherical(rows()) is not None
     assert recognise_spherical(rows(**changed)) is None
-
-
-def test_planar_arms_keep_their_own_family() -> None:
-    for name in ("uzuner", "abaas", "scorbot", "mico"):
-        robot = load_robot(name)
-        assert "parallel pitch" in robot.inverse_kinematics.family
 
 
 def test_pitch_and_roll_of_a_configuration() -> None:

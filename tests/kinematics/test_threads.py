@@ -1,4 +1,4 @@
-"""Two threads that solve at once get what each gets alone."""
+"""The same target has the same answer in any order and any thread."""
 
 from __future__ import annotations
 
@@ -6,61 +6,51 @@ import math
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
-from benchmarks.naive_sweep import UZUNER
-from tests.kinematics.kit import FloatArray, random_q
-from tests.kinematics.spherical_kit import HUMANOID, HUMANOID_LIMITS, STEP, spherical_solver
+import pytest
+from tests.kinematics.kit import FloatArray, random_q, solver_of
+from tests.kinematics.spherical_kit import HUMANOID, HUMANOID_LIMITS
+from tests.kinematics.test_numeric import PANDA
 
 from armctl import load_robot
 from armctl.kinematics import Target
 
-STEPS = (math.radians(0.01), math.radians(0.02))  # the grid is cached: let them fight over it
+UZUNER = load_robot("uzuner")
+ARMS = {
+    "uzuner": (UZUNER.chain, UZUNER.limits, 60),
+    "humanoid": (HUMANOID, np.vstack([HUMANOID_LIMITS[:4], [[-1.5, 1.5]]]), 12),
+    "panda": (*PANDA, 4),
+}
 
 
-def test_two_threads_get_what_they_get_alone() -> None:
-    robot = load_robot("uzuner")
-    rng = np.random.default_rng(71)
-    jobs = [(UZUNER.tip(random_q(rng, UZUNER.limits)), STEPS[i % 2]) for i in range(120)]
+@pytest.mark.parametrize("name", ARMS)
+def test_the_same_target_has_the_same_answer_in_any_order_and_any_thread(name: str) -> None:
+    chain, limits, count = ARMS[name]
+    solver = solver_of(chain, limits)
+    jobs: list[tuple[Target, float]] = []
+    for i, T in enumerate(chain.forward(random_q(np.random.default_rng(71), limits, count))):
+        step = math.radians((0.05, 0.1)[i % 2])
+        point = T[:3, 3]
+        jobs += [(Target.of(point), step), (Target.of(point, rotation=T[:3, :3]), step)]
+        jobs += [(Target.of(point, 0.3), step), (Target.of(3 * point + [0, 0, 0.5]), step)]
 
-    def solve(job: tuple[FloatArray, float]) -> tuple[FloatArray, FloatArray, FloatArray]:
-        position, step = job
-        solutions = robot.inverse(position, step=step)
-        far = robot.inverse(3 * position + [0, 0, 0.5], step=step)
-        return solutions.q, solutions.best(), np.zeros(3) if far.nearest_m is None else far.nearest_m
+    def solve(job: tuple[Target, float], solver=solver) -> list[FloatArray]:
+        found = solver.solve(*job)
+        return [found.q, found.best() if found.success else found.nearest_q]
 
     alone = [solve(job) for job in jobs]
-    with ThreadPoolExecutor(2) as pool:
-        together = list(pool.map(solve, jobs))
-    for one, other in zip(alone, together, strict=True):
-        for a, b in zip(one, other, strict=True):
-            assert np.array_equal(a, b)
+    fresh = solver_of(chain, limits)
+    backwards = [solve(job, fresh) for job in jobs[::-1]][::-1]
+    with ThreadPoolExecutor(4) as pool:
+        together = list(pool.map(solve, jobs * 2))
+    for one, *others in zip(alone, backwards, together[: len(jobs)], together[len(jobs) :], strict=True):
+        for other in others:
+            assert all(np.array_equal(a, b) for a, b in zip(one, other, strict=True))
 
 
 def test_solutions_of_one_target_survive_the_next() -> None:
-    robot = load_robot("uzuner")
-    first = robot.inverse([0.2, 0.0, 0.1])
+    first = UZUNER.inverse([0.2, 0.0, 0.1])
     before = first.q.copy()
-    robot.inverse([0.22, 0.03, 0.12])
+    UZUNER.inverse([0.22, 0.03, 0.12])
     assert np.array_equal(first.q, before)
     first.q[:] = 0.0  # the caller's own: nothing inside leans on it
-    assert np.array_equal(robot.inverse([0.2, 0.0, 0.1]).q, before)
-
-
-def test_two_threads_share_a_spherical_shoulder() -> None:
-    limits = np.vstack([HUMANOID_LIMITS[:4], [[-1.5, 1.5]]])
-    ik = spherical_solver(HUMANOID, limits)
-    rng = np.random.default_rng(111)
-    poses = [HUMANOID.forward(random_q(rng, limits)) for _ in range(60)]
-
-    def solve(T: FloatArray) -> list[FloatArray]:
-        swept = ik.solve(Target.of(T[:3, 3]), STEP)
-        posed = ik.solve(Target.of(T[:3, 3], rotation=T[:3, :3]), STEP)
-        far = ik.solve(Target.of(3 * T[:3, 3]), STEP)
-        assert far.nearest_q is not None
-        return [swept.q, swept.best(), posed.q, far.nearest_q]
-
-    alone = [solve(T) for T in poses]
-    with ThreadPoolExecutor(2) as pool:
-        together = list(pool.map(solve, poses))
-    for one, other in zip(alone, together, strict=True):
-        for a, b in zip(one, other, strict=True):
-            assert np.array_equal(a, b)
+    assert np.array_equal(UZUNER.inverse([0.2, 0.0, 0.1]).q, before)
