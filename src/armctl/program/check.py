@@ -61,8 +61,8 @@ def check_program(
     """Check a program against an arm.
 
     Args:
-        program: the program.
-        robot: the arm that shall run it.
+        program: what to check.
+        robot: the arm that is to run it.
         motions: also plan every motion whose start is known and check all of them (slower). A blended step
             is checked as if it stopped. That misses no error: its corner is checked when it is run, and
             one that is refused there (through the floor, say) becomes a stop. Warnings that only a corner

@@ -59,11 +59,7 @@ class Column:
     integer: bool = False
 
     def value(self, text: str, *, comma: bool) -> float | int | str:
-        """The value of a cell that is not empty; with ``comma``, a decimal point may be written as a comma.
-
-        Raises:
-            ProgramError: not a number, or not finite.
-        """
+        """The value of a cell that is not empty; with ``comma``, a number may have a decimal comma."""
         plain = text.strip()
         if self.factor is None and not self.integer:
             return text if self.place == ("note", None) else plain

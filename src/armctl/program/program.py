@@ -127,11 +127,7 @@ def delete(program: Program, row: int) -> Change:
 
 
 def move(program: Program, row: int, by: int) -> Change:
-    """A row up (-1) or down (+1).
-
-    Raises:
-        ProgramError: it is the first or the last already.
-    """
+    """A row up (-1) or down (+1); a ProgramError where it is the first or the last already."""
     _require_row(program, row)
     if not 0 <= row + by < len(program.steps):
         raise ProgramError(f"row {row + 1} is the {'first' if by < 0 else 'last'} one already")

@@ -82,11 +82,7 @@ class Rehearsal:
 
 
 def rehearse_pose(robot: Robot, start: FloatArray, end: FloatArray, opening: float | None) -> Rehearsal:
-    """A planned movement to a pose (n,) [rad].
-
-    Raises:
-        MotionRefusedError: outside the limits, or what the pre-flight finds.
-    """
+    """A planned movement to a pose (n,) [rad]; refused as in ``plan_joints``."""
     return Rehearsal((RehearsedStep(0, 0.0, plan_joints(robot, start, end), (opening, opening)),))
 
 

@@ -103,18 +103,10 @@ class Step(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="d
         return self.words.format(self)
 
     def check(self, robot: Robot) -> None:
-        """Refuse what can be refused without planning; the ranges of its values are checked already.
-
-        Raises:
-            ArmctlError: what is wrong for this arm.
-        """
+        """Raise what can be refused without planning; the ranges of its values are checked already."""
 
     def script(self) -> str:
-        """The call of ``Arm`` that does the same, as Python.
-
-        Raises:
-            ProgramError: there is none.
-        """
+        """The call of ``Arm`` that does the same, as Python; a ProgramError where there is none."""
         if not self.call:
             raise ProgramError(f"no call of Arm does what a {self.kind!r} step does")
         name, *keys = self.call
@@ -167,11 +159,7 @@ class MotionStep(Step, frozen=True, kw_only=True):
         return f"{self._goal()}{seconds}{law}{blend}"
 
     def end(self, robot: Robot, start: FloatArray | None = None) -> FloatArray | None:
-        """Where it ends, (n,) [rad]; None where the start must be known, or the path be followed.
-
-        Raises:
-            ArmctlError: as ``path``.
-        """
+        """Where it ends, (n,) [rad], as far as that is known without ``path``; raises as that."""
         return None
 
     def path(self, robot: Robot, start: FloatArray) -> PiecewisePolynomial | None:
@@ -188,13 +176,10 @@ class MotionStep(Step, frozen=True, kw_only=True):
         return PiecewisePolynomial([0.0, 1.0], np.stack([start, end - start])[None])
 
     def leg(self, robot: Robot, start: FloatArray) -> Leg | None:
-        """It as a leg of a blended motion; None where it goes nowhere.
+        """It as a leg of a blended motion; None where it goes nowhere. Raises as ``path``.
 
         In a blended motion the speed plan over all legs replaces the step's law, and its duration is a
         shortest one.
-
-        Raises:
-            ArmctlError: as ``path``.
         """
         path = self.path(robot, start)
         if path is None:
@@ -205,11 +190,7 @@ class MotionStep(Step, frozen=True, kw_only=True):
         return Leg(path, self.blend_mm / 1000, cap)
 
     def plan_leg(self, robot: Robot, leg: Leg, *, checked: bool = True) -> Trajectory:
-        """Its motion from rest to rest along the path of ``leg`` (``checked``: as in ``plan_joints``).
-
-        Raises:
-            MotionRefusedError: as ``plan_joints``.
-        """
+        """Its motion along the path of ``leg``, from rest to rest; ``checked`` as in ``plan_joints``."""
         start, seconds = leg.path(leg.path.low), self.duration_s
         if self.leads_tool:
             speed = self._tool_speed
@@ -217,11 +198,7 @@ class MotionStep(Step, frozen=True, kw_only=True):
         return plan_joints(robot, start, leg.path(leg.path.high), seconds, self._law, checked=checked)
 
     def plan(self, robot: Robot, start: FloatArray, *, checked: bool = True) -> Trajectory:
-        """Its motion by itself, from rest at ``start`` (n,) [rad] to rest.
-
-        Raises:
-            ArmctlError: as ``path`` and ``plan_leg``.
-        """
+        """Its motion by itself, from rest at ``start`` (n,) [rad] to rest; raises as ``path``."""
         leg = self.leg(robot, start)
         if leg is None:
             return PointToPoint.lasting(start, start, self.duration_s or 0.0)

@@ -81,11 +81,7 @@ class HeldJog:
         self._session.on(partial(attach_hold, button), lambda: self.send(command))
 
     async def send(self, command: Callable[[], Jog | JogTool]) -> None:
-        """One tick.
-
-        Raises:
-            ArmctlError: the first tick of this hold that the controller refuses.
-        """
+        """One tick; raises what the controller refuses, once a hold."""
         if not self._hold.wants(self._session.snapshot.stamp):
             return
         try:

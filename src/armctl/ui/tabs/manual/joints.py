@@ -115,11 +115,7 @@ class JointStepper:
         self._goal: FloatArray | None = None
 
     async def step(self, joint: int, step_deg: float) -> None:
-        """Turn one joint by ``step_deg``.
-
-        Raises:
-            ArmctlError: the joint would pass its limit, or the arm cannot move now.
-        """
+        """Turn one joint by ``step_deg``; refused past its limit, and where the arm cannot move now."""
         session = self._session
         start = session.snapshot.q_command if self._goal is None else self._goal
         goal = stepped(session.console.robot, start, joint, step_deg)
@@ -167,11 +163,7 @@ def stepped(robot: Robot, q: FloatArray, joint: int, step_deg: float) -> FloatAr
 
 
 def checked_percent(value: float, what: str, low: float = 0) -> float:
-    """A percentage.
-
-    Raises:
-        InputError: not finite, or outside ``low`` … 100.
-    """
+    """A percentage; an InputError where it is outside ``low`` … 100, or not finite."""
     if not low <= value <= 100:
         raise InputError(f"{what}: {value:g} % is outside {low:g} … 100 %")
     return float(value)

@@ -70,11 +70,7 @@ class ProgramEditor:
                 self._session.notify("The next pass would stop there", text, "yellow")
 
     async def undo(self, *, redo: bool = False) -> None:
-        """Take the last change back, or make the change again that was taken back last.
-
-        Raises:
-            ArmctlError: as ``change``; also where there is none.
-        """
+        """Take the last change back, or make again the one taken back last; refused as ``change``."""
         self._session.require_operator()
         await self._take_over(lambda: self._shared.undo(redo=redo))
 
@@ -170,11 +166,7 @@ def present_pose_deg(robot: Robot, snapshot: Snapshot) -> tuple[float, ...]:
 
 
 def checked_seconds(value: float) -> float:
-    """How long to wait [s].
-
-    Raises:
-        InputError: not finite, or outside 0 … 86400.
-    """
+    """How long to wait [s]; an InputError where it is outside 0 … 86400, or not finite."""
     if not 0 <= value <= LONGEST_WAIT_S:
         raise InputError(f"a wait of {value:g} s is outside 0 … {LONGEST_WAIT_S} s")
     return float(value)
@@ -193,8 +185,7 @@ class ProgramRecord:
     """Buttons that put steps on the list and move them about."""
 
     def __init__(self, session: Session, editor: ProgramEditor) -> None:
-        self._session = session
-        self._editor = editor
+        self._session, self._editor = session, editor
         self._via_mm: Point | None = None
         self._kinds: dict[str, type[Step]] = {}
         gui = session.gui

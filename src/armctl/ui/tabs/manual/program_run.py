@@ -60,11 +60,7 @@ class ProgramRun:
             self._verdict.visible = False
 
     async def check(self) -> list[ProgramFinding]:
-        """Check the program from where the arm stands, and show the verdict.
-
-        Raises:
-            StateError: it has no steps.
-        """
+        """Check the program from where the arm stands, and show the verdict; refused without steps."""
         return await self._check(self._program(), self._session.snapshot.q_command)
 
     async def _on_run(self) -> None:

@@ -62,11 +62,7 @@ class SharedProgram:
             self._show(changed)
 
     def undo(self, *, redo: bool = False) -> None:
-        """Take the last change back; ``redo``: make the change again that was taken back last.
-
-        Raises:
-            ProgramError: there is none.
-        """
+        """Take the last change back; ``redo``: make it again. Refused if there is none."""
         source, other = (self._redo, self._undo) if redo else (self._undo, self._redo)
         if not source:
             raise ProgramError(f"there is nothing to {'redo' if redo else 'undo'}")
@@ -95,11 +91,7 @@ class SharedProgram:
         return path
 
     async def load(self, name: str) -> None:
-        """Edit a saved program.
-
-        Raises:
-            ProgramError: there is none of that name, it cannot be read, or as ``put``.
-        """
+        """Edit a saved program; refused if it is not there or cannot be read, or as ``put``."""
         self.put(await asyncio.to_thread(load_program, self._path(name)))
 
     def put(self, program: Program) -> None:

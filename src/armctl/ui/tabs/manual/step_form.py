@@ -92,8 +92,7 @@ class StepForm:
     """One field for everything that any step has; those of the selected step's kind are shown."""
 
     def __init__(self, session: Session, editor: ProgramEditor) -> None:
-        self._session = session
-        self._editor = editor
+        self._session, self._editor = session, editor
         self._filled: tuple[int, Step] | None = None
         gui = session.gui
         self._head = LiveHtml(gui)
