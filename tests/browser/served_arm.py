@@ -56,9 +56,7 @@ class ServedArm:
     def put(self, *poses_deg: tuple[float, ...]) -> None:
         """A program of poses on the desk, before a page is opened."""
         steps = tuple(MoveStep(joints_deg=pose) for pose in poses_deg)
-        self.console.shared(SharedProgram).edit(
-            lambda _: Program(robot=self.robot.name, name="test", steps=steps)
-        )
+        self.edited.edit(Program(robot=self.robot.name, name="test", steps=steps))
 
 
 @contextmanager

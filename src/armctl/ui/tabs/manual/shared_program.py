@@ -83,9 +83,16 @@ class SharedProgram:
         Raises:
             ProgramError: a name that is no file name, or the file cannot be written.
         """
-        path = self._path(name)
-        program = msgspec.structs.replace(self.program, name=name)
-        await asyncio.to_thread(self._write, program, path)
+        path, program = self._path(name), msgspec.structs.replace(self.program, name=name)
+
+        def write() -> None:
+            try:
+                self.folder.mkdir(parents=True, exist_ok=True)
+            except OSError as cause:
+                raise ProgramError(f"{self.folder}: cannot be made: {cause.strerror}") from cause
+            save_program(program, path)
+
+        await asyncio.to_thread(write)
         self.edit(msgspec.structs.replace(self.program, name=name))
         self.version += 1
         return path
@@ -104,13 +111,6 @@ class SharedProgram:
             ours = self.program.robot
             raise ProgramError(f"the program is for the robot {program.robot!r}, this one is {ours!r}")
         self.edit(program)
-
-    def _write(self, program: Program, path: Path) -> None:
-        try:
-            self.folder.mkdir(parents=True, exist_ok=True)
-        except OSError as cause:
-            raise ProgramError(f"{self.folder}: cannot be made: {cause.strerror}") from cause
-        save_program(program, path)
 
     def _path(self, name: str) -> Path:
         if not _NAME.fullmatch(name):
