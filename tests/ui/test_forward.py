@@ -157,12 +157,18 @@ def test_which_fields_there_are(server: GuardedServer) -> None:
 
 def test_the_pitch_is_asked_for_while_it_is_held_or_typed(server: GuardedServer) -> None:
     pose = fields(server, HUMANOID)
+    x = pose.xyz.fields[0]
     assert not pose.hold.value
-    assert pose.target(pose.xyz.fields[0]).pitch is None
-    assert pose.target(pose.pitch).pitch is not None
+    assert pose.target(x).pitch is None and pose.target(pose.pitch).pitch is not None
     pose.hold.value = True
-    assert pose.target(pose.xyz.fields[0]).pitch is not None
+    assert pose.target(x).pitch is not None
     assert fields(server, ROBOT).hold.value
+    x.handle.value = "-"
+    with pytest.raises(InputError, match="X mm: '-' is not a number"):
+        pose.target(x)
+    angles = angle_fields(server.gui, HUMANOID, HUMANOID.pose("home"))  # its wrist roll is held
+    assert [field.handle.disabled for field in angles.fields] == [False, False, False, False, True]
+    assert limits_text(HUMANOID, 4) == "Wrist roll: held at 0°"
 
 
 def test_a_pose_out_of_reach_says_why_and_what_is_nearest() -> None:
@@ -170,19 +176,6 @@ def test_a_pose_out_of_reach_says_why_and_what_is_nearest() -> None:
     assert found.q is None and found.nearest_q is not None
     assert "too far by" in found.why_not and "nearest reachable point is (" in found.why_not
     ROBOT.check_limits(found.nearest_q)
-
-
-def test_a_half_typed_pose_asks_for_nothing(server: GuardedServer) -> None:
-    pose = fields(server, ROBOT)
-    pose.xyz.fields[1].handle.value = "-"
-    with pytest.raises(InputError, match="Y mm: '-' is not a number"):
-        pose.target(pose.xyz.fields[1])
-
-
-def test_a_joint_that_is_held_cannot_be_typed(server: GuardedServer) -> None:
-    angles = angle_fields(server.gui, HUMANOID, HUMANOID.pose("home"))
-    assert [field.handle.disabled for field in angles.fields] == [False, False, False, False, True]
-    assert limits_text(HUMANOID, 4) == "Wrist roll: held at 0°"
 
 
 def velocity(*rates_deg: float) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -69,61 +70,37 @@ def test_a_filled_field_keeps_all_digits_until_it_is_edited(server: GuardedServe
         _ = field.value
 
 
-class Clicks:
-    """Stands for a handle: keeps the callback, and calls it as the page would."""
-
-    def __init__(self) -> None:
-        self.callback: Callable[[Any], Any] | None = None
-
-    def attach(self, callback: Callable[[Any], Any]) -> None:
-        self.callback = callback
-
-    def fire(self, *, by_page: bool) -> None:
-        assert self.callback is not None
-
-        class Event:
-            client = object() if by_page else None
-
-        with pytest.raises(StopIteration):
-            self.callback(Event()).send(None)
-
-
-def test_a_click_that_comes_with_an_edit_is_refused(server: GuardedServer) -> None:
-    now = [10.0]
+def test_a_click_that_comes_with_an_edit_is_refused_and_the_page_shown_what_the_server_has(
+    server: GuardedServer,
+) -> None:
+    now, sent, callbacks = [10.0], list[str](), list[Callable[[Any], Any]]()
     field = NumberField(server.gui, "Z mm", 4.0)
     watch = EditWatch([field], lambda: now[0])
-    edits = Clicks()
-    watch.watch(edits.attach)
-    watch.require_settled()
-    edits.fire(by_page=False)
-    watch.require_settled()  # what the program fills in is no edit
-    edits.fire(by_page=True)
-    now[0] += 0.06
-    with pytest.raises(InputError, match="still being edited"):
-        watch.require_settled()
-    assert field.text == "4"
-    now[0] += 0.03
-    watch.require_settled()
-
-
-def test_a_young_edit_has_the_page_show_what_the_server_has(server: GuardedServer) -> None:
-    now = [10.0]
-    field = NumberField(server.gui, "X mm", 12.5)
-    watch, edits, sent = EditWatch([field], lambda: now[0]), Clicks(), list[str]()
-    watch.watch(edits.attach)
+    watch.watch(callbacks.append)
 
     @field.handle.on_update
     def _(event: viser.GuiEvent[viser.GuiTextHandle]) -> None:
         sent.append(event.target.value)
 
-    edits.fire(by_page=True)
+    def edit(*, by_page: bool) -> None:
+        with pytest.raises(StopIteration):
+            callbacks[0](SimpleNamespace(client=object() if by_page else None)).send(None)
+
+    watch.require_settled()
+    edit(by_page=False)
+    watch.require_settled()  # what the program fills in is no edit
+    edit(by_page=True)
+    now[0] += 0.06
+    with pytest.raises(InputError, match="still being edited"):
+        watch.require_settled()
+    assert (field.value, sent[-1]) == (4.0, "4")
     now[0] += 0.9
-    watch.show_held()
-    assert sent[-1] == "12.5"
-    assert field.value == 12.5
     sent.clear()
-    now[0] += 0.2
-    watch.show_held()
+    watch.require_settled()
+    assert sent[-1] == "4"
+    now[0] += 0.1
+    sent.clear()
+    watch.require_settled()
     assert sent == []
 
 

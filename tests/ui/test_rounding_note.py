@@ -47,16 +47,12 @@ def test_the_figures_are_those_of_the_arm_and_its_board() -> None:
     assert re.search(r"Encoder steps of .*\(1 count\)", rounding_note(scorbot, scorbot.pose("home")))
 
 
-def test_a_finer_servo_brings_the_tool_nearer_to_its_target() -> None:
-    robot = load_robot("uzuner")
+def test_a_finer_servo_brings_the_tool_nearer_and_a_held_joint_takes_no_part() -> None:
+    robot, humanoid = load_robot("uzuner"), load_robot("humanoid")
     assert robot.output_map is not None
     finer = replace(robot, output_map=replace(robot.output_map, per_rad=4 * robot.output_map.per_rad))
     q = robot.pose("home")
     assert rounding_off_m(finer, q) == pytest.approx(rounding_off_m(robot, q) / 4)
-
-
-def test_a_joint_that_is_held_takes_no_part() -> None:
-    humanoid = load_robot("humanoid")
     held = [joint.lower == joint.upper for joint in humanoid.joints]
     assert any(held)
     assert (joint_steps(humanoid) == 0).tolist() == held

@@ -31,23 +31,16 @@ def test_the_stand_and_the_reach_bound_the_arm(name: str) -> None:
     assert vertices[:, 2].max() >= 0.0
 
 
-def test_an_arm_that_hangs_down_hangs_clear_of_its_column() -> None:
+def test_the_column_stands_below_or_behind_the_base() -> None:
     robot = ROBOTS["humanoid"]
     column = stand_parts(robot)["column"].vertices[:, :2]
     hanging = robot.frames(robot.pose("rest"))[:, :2, 3]
     gap = np.linalg.norm(column[:, None] - hanging[None], axis=2).min()
     assert gap > robot.look.width * reach(robot.chain)
     assert (column @ front(robot)).max() < 0  # behind, as seen from the tool at home
-
-
-def test_a_base_a_little_above_the_floor_gets_a_column_below_it() -> None:
-    robot = replace(ROBOTS["uzuner"], floor_z=-0.05)
-    column = stand_parts(robot)["column"].vertices
-    assert column[:, :2].mean(axis=0) == pytest.approx([0, 0], abs=1e-3)
+    below = stand_parts(replace(ROBOTS["uzuner"], floor_z=-0.05))["column"].vertices
+    assert below[:, :2].mean(axis=0) == pytest.approx([0, 0], abs=1e-3)
     assert set(stand_parts(ROBOTS["uzuner"])) == {"plate"}
-
-
-def test_front_is_where_the_tool_is_at_home() -> None:
     assert front(ROBOTS["uzuner"]) == pytest.approx([1, 0], abs=0.02)
     assert front(ROBOTS["abaas"]) == pytest.approx([0, -1])
     above = replace(ROBOTS["mico"], poses={"home": np.radians([0.0, -90, 0, 0])})
@@ -64,12 +57,9 @@ def test_a_bar_joins_its_ends_and_is_as_wide_as_asked(
     assert (along.min(), along.max()) == (pytest.approx(-0.02), pytest.approx(0.32))
     across = np.delete(vertices, np.flatnonzero(end), axis=1)
     assert np.ptp(across, axis=0) == pytest.approx([0.04, 0.04], abs=1e-3)
-
-
-def test_the_tip_points_at_the_tool_point() -> None:
-    vertices = spike(0.01, 0.05).vertices
-    assert vertices[vertices[:, 2].argmax()] == pytest.approx([0, 0, 0], abs=1e-12)
-    assert vertices[:, 2].min() == pytest.approx(-0.05)
+    tip = spike(0.01, 0.05).vertices  # its point is at the tool point
+    assert tip[tip[:, 2].argmax()] == pytest.approx([0, 0, 0], abs=1e-12)
+    assert tip[:, 2].min() == pytest.approx(-0.05)
 
 
 def test_only_a_joint_that_cannot_turn_is_held() -> None:
