@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from armctl.arrays import FloatArray
 from armctl.errors import InputError
@@ -89,18 +88,12 @@ class BranchFinder:
         found: list[Branch] = []
         for i in np.argsort(solutions.branch_index, kind="stable").tolist():
             q = solutions.q[i]
-            if not any(np.abs(np.exp(1j * q) - np.exp(1j * other.q)).max() < _SAME for other in found):
-                found.append(Branch(str(solutions.branch[i]), self._onto_limits(q), self._forbidden(q)))
+            if any(np.abs(np.exp(1j * q) - np.exp(1j * other.q)).max() < _SAME for other in found):
+                continue
+            inside = np.clip(q, *self._limits.T)  # takes rounding off the joints that are inside
+            outside = np.abs(inside - q) > LIMIT_TOLERANCE
+            why = [
+                needs(self._titles[k], self._limits[k], float(q[k])) for k in np.flatnonzero(outside).tolist()
+            ]
+            found.append(Branch(str(solutions.branch[i]), np.where(outside, q, inside), tuple(why)))
         return tuple(found)
-
-    def _outside(self, q: FloatArray) -> NDArray[np.bool_]:
-        low, high = self._limits.T
-        return (q < low - LIMIT_TOLERANCE) | (q > high + LIMIT_TOLERANCE)
-
-    def _onto_limits(self, q: FloatArray) -> FloatArray:
-        """Rounding taken off the joints that are inside."""
-        return np.where(self._outside(q), q, np.clip(q, *self._limits.T))
-
-    def _forbidden(self, q: FloatArray) -> tuple[str, ...]:
-        outside = np.flatnonzero(self._outside(q)).tolist()
-        return tuple(needs(self._titles[k], self._limits[k], float(q[k])) for k in outside)

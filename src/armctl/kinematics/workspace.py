@@ -17,7 +17,6 @@ from armctl.kinematics.velocity import manipulability
 
 BoolArray = NDArray[np.bool_]
 _CANDIDATES_A_POINT = 16
-_CHUNK = 4096
 _ROUNDS = 6
 _INNER_SHARE = 3
 """one in so many cells of the inside keeps its point, every cell of the shell does"""
@@ -42,9 +41,7 @@ class Extent:
     reach: float
     """farthest from the first joint's axis [m]"""
     lowest: float
-    """[m]"""
     highest: float
-    """[m]"""
 
 
 def sample_workspace(chain: Chain, limits: FloatArray, count: int) -> WorkspaceSamples:
@@ -54,13 +51,9 @@ def sample_workspace(chain: Chain, limits: FloatArray, count: int) -> WorkspaceS
     first point that falls into it: where many poses lead to the same place, one is enough.
     """
     q = joint_samples(limits, _CANDIDATES_A_POINT * count)
-    parts = range(0, len(q), _CHUNK)  # in parts: other threads get their turn in between
-    points = np.concatenate([chain.forward(q[i : i + _CHUNK])[:, :3, 3] for i in parts])
+    points = chain.forward(q)[:, :3, 3]
     kept = _spread(points, count)
-    measures = [
-        manipulability(chain.jacobian(q[kept[i : i + _CHUNK]])[:, :3]) for i in range(0, len(kept), _CHUNK)
-    ]
-    return WorkspaceSamples(q[kept], points[kept], np.concatenate(measures))
+    return WorkspaceSamples(q[kept], points[kept], manipulability(chain.jacobian(q[kept])[:, :3]))
 
 
 def workspace_extent(chain: Chain, limits: FloatArray) -> Extent:
@@ -239,8 +232,7 @@ class SampledSection:
         held = limits.copy()
         held[0] = 0.0
         q = joint_samples(held, _SAMPLES)
-        tips = np.concatenate([chain.forward(q[i : i + _CHUNK])[:, :3, 3] for i in range(0, len(q), _CHUNK)])
-        self._rho, self._z, self._azimuth = self._cylindrical(tips)
+        self._rho, self._z, self._azimuth = self._cylindrical(chain.forward(q)[:, :3, 3])
         self.cell_m = 2.0 * max(float(self._rho.max()), float(np.ptp(self._z)) / 2) / _CELLS
 
     def plane(self, q: FloatArray) -> FloatArray:

@@ -111,7 +111,7 @@ class Swivel:
         return image, np.clip(image, low, high)
 
     def inside(self, q: FloatArray) -> FloatArray:
-        """Those of postures (m, 3) inside the limits, with all images (k, 3)."""
+        """Those of postures (m, 3) inside the limits, with all equal angles (k, 3)."""
         kept, met = self._met(q)
         return kept[met]
 
