@@ -56,7 +56,8 @@ def run(program: Path, robot: str | None, port: str, loops: int | None, forever:
         arm.enable()
         arm.run(loaded, None if forever else loops or 1)
         x, y, z = arm.position_mm
+        steps = "1 step" if len(loaded.steps) == 1 else f"{len(loaded.steps)} steps"
         click.echo(
-            f"done: {loaded.name}, {len(loaded.steps)} steps; the tool is at ({x:.1f}, {y:.1f}, {z:.1f}) mm"
+            f"done: {loaded.name}, {steps}; the tool is at ({x:.1f}, {y:.1f}, {z:.1f}) mm"
             + (f"; the {board.power} go off now" if board.off_when_left else "")
         )

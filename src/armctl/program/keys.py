@@ -47,11 +47,8 @@ class Key:
     """it may be left open"""
     default: object
     """``msgspec.NODEFAULT`` where it must be given"""
-
-    @property
-    def head(self) -> str:
-        """Of its CSV column."""
-        return self.field.head or self.name
+    head: str
+    """of its CSV column"""
 
 
 @cache
@@ -66,7 +63,7 @@ def keys_of(kind: type[msgspec.Struct]) -> tuple[Key, ...]:
         optional = any(isinstance(part, inspect.NoneType) for part in types)
         form = "choice" if shown.choices else _FORMS.get(type(types[0]), "text")
         choices = shown.choices or (get_args(plain) if form == "choice" else ())
-        keys.append(Key(one.name, shown, form, choices, optional, one.default))
+        keys.append(Key(one.name, shown, form, choices, optional, one.default, shown.head or one.name))
     return tuple(sorted(keys, key=lambda key: key.field.place))
 
 
