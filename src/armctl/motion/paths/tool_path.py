@@ -118,7 +118,7 @@ def follow(
         # a limit that is left at once, only because a singularity is at hand, is not the reason
         at_once = crossing[0] < _AT_ONCE * curve.length and walked.knots[-1].s < 1e3 * _AT_ONCE * curve.length
         if walked.complete or not at_once:
-            raise _limit_refusal(robot, curve, path, crossing, pitch_held=pitch_held)
+            raise _limit_refusal(robot, curve, path, *crossing, pitch_held=pitch_held)
     if path is None or not walked.complete:
         raise _end_refusal(robot, curve, walked, pitch_held=pitch_held)
     if wish is not None and not pitch_held:
@@ -202,15 +202,9 @@ def _require_pitch(robot: Robot, wish: PitchRows, curve: ToolCurve, path: Piecew
 
 
 def _limit_refusal(
-    robot: Robot,
-    curve: ToolCurve,
-    path: PiecewisePolynomial,
-    crossing: tuple[float, int],
-    *,
-    pitch_held: bool,
+    robot: Robot, curve: ToolCurve, path: PiecewisePolynomial, s: float, k: int, *, pitch_held: bool
 ) -> ToolPathRefusedError:
-    """A joint leaves its limits: says by how much on the rest of the curve."""
-    s, k = crossing
+    """Joint ``k`` leaves its limits at ``s`` [m]: says by how much on the rest of the curve."""
     lower, upper = robot.limits[k]
     rest = path.cut(np.append(s, path.breaks[path.breaks > s])) if s < path.high else path
     low, high = (float(end[k]) for end in rest.extremes())
