@@ -21,7 +21,7 @@ def test_what_is_found_on_the_board():
     watch = PinWatch([PinState(9, SERVO, 1500), PinState(10, SERVO, 90), PinState(11, OUTPUT, 0)])
     assert watch.positions == {9: 1500.0, 10: None, 11: None}
     assert watch.powered
-    assert [watch.is_on(pin) for pin in (9, 10, 11)] == [True, True, False]
+    assert watch.due({9: 1500, 10: 1600, 11: 1700}) == ({10: 1600}, {11: 1700})
 
 
 def test_pins_are_asked_in_turn_and_none_twice():
@@ -43,11 +43,9 @@ def test_an_answer_is_compared_with_what_was_sent_when_it_was_asked():
     watch.ask(1, now=0.1)
     words = watch.answered(PinState(9, SERVO, 1500))
     assert words is not None and words.startswith("pin 9 had 1500 instead of the 1600 µs last sent")
-    assert watch.to_repeat == {9: 1600}
-    assert watch.needs(9, 1600)
+    assert watch.due({}) == ({9: 1600}, {})
     watch.sent({9: 1600})
-    assert watch.to_repeat == {}
-    assert not watch.needs(9, 1600)
+    assert watch.due({9: 1600}) == ({}, {})
 
 
 def test_one_answer_does_not_prove_that_a_pin_is_off():
@@ -256,5 +254,4 @@ def test_servos_are_switched_on_a_few_at_a_time_and_none_is_lost(clock: ManualCl
     assert [sum(servo_write(pin, pulse) in burst for pin, pulse in wanted.items()) for burst in bursts][
         :2
     ] == [4, 2]
-    assert {pin for pin in PINS if line.watch.is_on(pin)} == set(wanted)
-    assert {pin: line.watch.positions[pin] for pin in wanted} == wanted
+    assert {pin: pulse for pin, pulse in line.watch.positions.items() if pulse is not None} == wanted

@@ -76,14 +76,15 @@ class PinWatch:
             number for number, pin in self._pins.items() if pin.on and pin.contradictions >= _CERTAIN
         )
 
-    @property
-    def to_repeat(self) -> dict[int, int]:
-        """What must be sent again, because the board was seen with another value."""
-        return {
-            number: pin.pulse_us
-            for number, pin in self._pins.items()
-            if pin.doubtful and pin.pulse_us is not None
-        }
+    def due(self, wanted: Mapping[int, int]) -> tuple[dict[int, int], dict[int, int]]:
+        """What the board has not got, or must be sent again [µs]: on pins that are on, and off."""
+        on: dict[int, int] = {}
+        off: dict[int, int] = {}
+        for number, pin in self._pins.items():
+            pulse_us = wanted.get(number, pin.pulse_us if pin.doubtful else None)
+            if pulse_us is not None and (pin.doubtful or pulse_us != pin.pulse_us):
+                (on if pin.on else off)[number] = pulse_us
+        return on, off
 
     def carry_on(self, earlier: PinWatch) -> tuple[int, ...]:
         """Take over what an earlier watch says was sent; return the pins that were on then and are not now.
@@ -96,14 +97,6 @@ class PinWatch:
                 self._pins[number].pulse_us = pin.pulse_us
                 self._pins[number].doubtful = pin.doubtful
         return tuple(number for number in were_on if not self._pins[number].on)
-
-    def is_on(self, pin: int) -> bool:
-        """Whether a configured pin sends pulses."""
-        return self._pins[pin].on
-
-    def needs(self, pin: int, pulse_us: int) -> bool:
-        """Whether a setpoint has to be sent, or is what the board has already."""
-        return self._pins[pin].doubtful or self._pins[pin].pulse_us != pulse_us
 
     def sent(self, pulses: Mapping[int, int]) -> None:
         """Note what was sent [µs] by pin; a pin that was off is on now."""
@@ -273,12 +266,9 @@ class SetpointStream:
         # A round of questions may be in front of them, or reading before writing would cost a frame.
         if self._backlog(self._now()) > _MOST_QUERIES * _QUERY_BYTES + _ROUNDING_SLACK:
             return
-        wanted = watch.to_repeat | self._pending
-        due = {pin: wanted[pin] for pin in sorted(wanted) if watch.needs(pin, wanted[pin])}
-        setpoints = {pin: pulse for pin, pulse in due.items() if watch.is_on(pin)}
-        off = [pin for pin in due if pin not in setpoints]
-        first = {pin: due[pin] for pin in off[: self._attacher.most_at_once]}
-        self._pending = {pin: due[pin] for pin in off if pin not in first}
+        setpoints, off = watch.due(self._pending)
+        first = dict(itertools.islice(off.items(), self._attacher.most_at_once))
+        self._pending = {pin: pulse_us for pin, pulse_us in off.items() if pin not in first}
         request, answer_length = b"".join(itertools.starmap(codec.servo_write, setpoints.items())), 0
         if first:
             attach, answer_length = self._attacher.burst(first, table)
