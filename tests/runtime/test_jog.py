@@ -316,13 +316,6 @@ def test_letting_go_near_the_floor_does_not_carry_it_through() -> None:
         assert all(floor.clearance(s.q_command).min() >= -1e-9 for s in rig.history)
 
 
-def test_a_change_of_direction_keeps_the_acceleration(rig: Rig) -> None:
-    hold(rig, turn(2), 0.5)
-    hold(rig, turn(2, -1.0), 0.5)
-    assert rig.now.velocity_command[2] == pytest.approx(-np.radians(90))
-    assert_accelerations_keep_limits(rig)
-
-
 def test_it_needs_the_arm_holding(rig: Rig) -> None:
     rig.do(MoveJoints(ROBOT.pose("rest")))
     rig.refuses(turn(0), "a jog needs the arm holding, it is moving")

@@ -210,13 +210,3 @@ def test_a_defect_in_planning_the_next_step_is_logged_once(
     holding.rests()
     fails(ticket.finished, "pick: planning failed: ValueError: oops", ProgramError)
     assert sum(record.message == "planning failed" for record in caplog.records) <= 2
-
-
-def test_a_gripper_step_takes_the_place_of_a_gripper_command(holding: Rig) -> None:
-    holding.do(MoveGripper(0.0))
-    holding.tick()
-    command = holding.do(MoveGripper(1.0))
-    holding.do(RunProgram(program(GripperStep(open_percent=20))))
-    fails(command.finished, "a newer gripper command took its place")
-    holding.rests()
-    assert holding.now.gripper == 0.2

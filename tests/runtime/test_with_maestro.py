@@ -123,15 +123,6 @@ def test_a_brown_out_that_switched_the_pulses_off_is_a_fault_and_nothing_jumps(
     assert not [command for command in bench.board.log[before:] if command.opcode is Opcode.SET_TARGET]
 
 
-def test_a_board_that_forgot_its_limits_in_the_dark_is_given_them_again(bench: Bench) -> None:
-    bench.do(MoveJoints(HOME, duration_s=3))
-    bench.run(0.5)
-    before = len(bench.board.log)
-    bench.line.brown_out(0.06)
-    bench.run(0.2)
-    assert any(command.opcode is Opcode.SET_SPEED for command in bench.board.log[before:])
-
-
 def test_a_board_that_goes_to_its_own_home_on_an_error_is_a_fault() -> None:
     home = {0: ChannelConfig(minimum_us=500, maximum_us=2500, home=HomeMode.GO_TO, home_us=600)}
     bench = make_bench(WIDE | home)
@@ -173,13 +164,3 @@ def test_pulses_off_while_holding_are_a_fault_and_enable_sets_the_board_up_anew(
     before = len(bench.board.log)
     bench.do(Enable())
     assert any(command.raw[0] == 0x87 for command in bench.board.log[before:])  # Set Speed again
-
-
-@pytest.mark.parametrize("fault", [Fault.DROP_REPLY, Fault.HALF_REPLY])
-def test_a_few_spoilt_replies_are_borne(bench: Bench, fault: Fault) -> None:
-    bench.do(MoveJoints(HOME))
-    bench.run(0.2)
-    bench.line.inject(fault, 2)
-    bench.until(State.HOLDING)
-    bench.run(0.2)
-    assert np.abs(bench.now.q - HOME).max() <= QUARTER

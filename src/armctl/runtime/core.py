@@ -6,7 +6,6 @@ import logging
 import math
 from collections.abc import Callable
 from concurrent.futures import Future
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -23,7 +22,7 @@ from armctl.runtime.commands import Order, Origin, Ticket
 from armctl.runtime.gate import Gate
 from armctl.runtime.joint_servo import KeepClear
 from armctl.runtime.mover import GripperMover, PathMover
-from armctl.runtime.planner import Planner, result_of
+from armctl.runtime.planner import Pending, Planner, result_of
 from armctl.runtime.snapshot import EventLog, Notices, State
 
 POWERED = (State.HOLDING, State.MOVING, State.PAUSED)
@@ -33,19 +32,6 @@ JOG_GAP_S = 0.2
 """A jog that was held during a STOP must be let go for this long before it moves the arm again."""
 _READ_INTERVAL_S = 0.02
 _LOGGER = logging.getLogger("armctl.runtime")
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Pending:
-    """A motion that is being planned, or another version of the running program that is being checked."""
-
-    order: Order
-    label: str
-    future: Future[Any]
-    start: FloatArray
-    """(n,) where a motion is planned from [rad]; of an edit (0,)"""
-    take: Callable[[Any], Any] | None = None
-    """makes an activity of the plan, or hands the version over; None: a trajectory is just followed"""
 
 
 class Core:
@@ -74,8 +60,8 @@ class Core:
         self.speed = 1.0
         self.setpoint: Setpoint | None = None
         self._open_driver = open_driver
-        self._motion: _Pending | None = None
-        self._edit: _Pending | None = None
+        self._motion: Pending | None = None
+        self._edit: Pending | None = None
         self._ticket: Ticket | None = None
         self._stopping: list[Ticket] = []
         self._pausing = False
@@ -185,13 +171,13 @@ class Core:
         if self._motion is not None:
             raise StateError("another motion is being planned; stop it first")
         future = self.planner.submit(plan, self.robot, start, *args)
-        self._motion = _Pending(order, label, future, start, take)
+        self._motion = Pending(order, label, future, start, take)
 
     def await_edit(self, order: Order, label: str, future: Future[None], take: Callable[[Any], None]) -> None:
         """Take an edit over once it is checked; an earlier one that is still being checked is refused."""
         if self._edit is not None:
             self._edit.order.ticket.end(StateError("another edit came after it"))
-        self._edit = _Pending(order, label, future, np.empty(0), take)
+        self._edit = Pending(order, label, future, np.empty(0), take)
 
     def take_planned(self, now: float) -> None:
         """Begin the motion whose plan is there, and take over the edit that is checked."""

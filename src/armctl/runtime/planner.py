@@ -5,7 +5,8 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable
 from concurrent.futures import Executor, Future
-from typing import ParamSpec, Protocol, TypeVar
+from dataclasses import dataclass
+from typing import Any, ParamSpec, Protocol, TypeVar
 
 import numpy as np
 
@@ -13,11 +14,25 @@ from armctl.arrays import FloatArray
 from armctl.errors import ArmctlError, StateError
 from armctl.motion import Trajectory, require_clear
 from armctl.robot import Robot
+from armctl.runtime.commands import Order
 
 P = ParamSpec("P")
 T = TypeVar("T")
 _START_TOLERANCE = 1e-6
 _LOGGER = logging.getLogger("armctl.runtime")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Pending:
+    """A motion that is being planned, or another version of the running program that is being checked."""
+
+    order: Order
+    label: str
+    future: Future[Any]
+    start: FloatArray
+    """(n,) where a motion is planned from [rad]; of an edit (0,)"""
+    take: Callable[[Any], Any] | None = None
+    """makes an activity of the plan, or hands the version over; None: a trajectory is just followed"""
 
 
 class Submit(Protocol):
