@@ -114,10 +114,7 @@ class Trail:
             self._append(np.full(3, np.nan))
 
     def since(self, first: int) -> FloatArray:
-        """Points (k, 3) [m] that are still kept, from the ``first``-th ever added on, oldest first.
-
-        A row of NaN stands between two lines.
-        """
+        """Points (k, 3) [m] still kept, from the ``first``-th ever added on; NaN stands between two lines."""
         dropped = self.count - len(self._points)
         kept = list(self._points)[max(first - dropped, 0) :]
         return np.array(kept).reshape(-1, 3)
@@ -150,10 +147,9 @@ class JointHistory:
         return bool(self._rows) and self._rows[-1][0] - self._rows[0][0] > 0.98 * SPAN_S
 
     def add(self, stamp: float, q_command: FloatArray, q: FloatArray) -> None:
-        """Add one state (n,) [rad], if it is newer; one that is older than the span is dropped.
+        """Add one state (n,) [rad], if it is newer; what is older than the span is dropped.
 
-        Where the board does not know an angle, the commanded one takes its place, as in the drawn arm:
-        the page's plot cannot fit a scale to what is no number.
+        The commanded angle stands for one that the board does not know: the plot's scale needs numbers.
         """
         if self._rows and stamp <= self._rows[-1][0]:
             return

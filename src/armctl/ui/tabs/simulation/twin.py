@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
 from functools import partial
 from html import escape
 
@@ -41,16 +40,6 @@ def twin_figure(session: Session, name: str) -> ArmFigure:
     return ArmFigure(session.client.scene, robot, name, color=_COLOR, opacity=0.55)
 
 
-@dataclass
-class _Run:
-    """One rehearsal that is played."""
-
-    plan: Rehearsal
-    steps: tuple[str, ...]
-    """each step in words; empty for a plain motion"""
-    elapsed_s: float = 0.0
-
-
 class TwinControl:
     """Plans off the event loop and plays the plan in this page's view at the speed override."""
 
@@ -59,7 +48,10 @@ class TwinControl:
         self._robot = session.console.robot
         self._figure: ArmFigure | None = None
         self._path = Lines(session.client.scene, "/twin_path", _COLOR)
-        self._run: _Run | None = None
+        self._plan: Rehearsal | None = None
+        self._steps: tuple[str, ...] = ()
+        """each step in words; empty for a plain motion"""
+        self._elapsed_s = 0.0
         self._newest = Newest()
         gui = session.gui
         poses = tuple(f"go to {name}" for name in self._robot.poses)
@@ -73,75 +65,75 @@ class TwinControl:
 
     def refresh(self, snapshot: Snapshot) -> None:
         """Show how far the twin is."""
-        run = self._run
-        self._bar.visible = run is not None
-        if run is None:
+        plan, elapsed = self._plan, self._elapsed_s
+        self._bar.visible = plan is not None
+        if plan is None:
             return
-        total = run.plan.duration
-        self._bar.value = 100.0 if total == 0 else round(100 * run.elapsed_s / total, 1)
-        line = f"<b>{run.elapsed_s:.1f} / {total:.1f} s</b>"
+        total = plan.duration
+        self._bar.value = 100.0 if total == 0 else round(100 * elapsed / total, 1)
+        line = f"<b>{elapsed:.1f} / {total:.1f} s</b>"
         if snapshot.speed < 1:
             line += f" of the plan, played at {100 * snapshot.speed:.0f} %"
-        if run.steps:
-            step = run.plan.sample(run.elapsed_s).index
-            line += f" · step {step + 1} of {len(run.steps)}: {escape(run.steps[step])}"
+        if self._steps:
+            step = plan.sample(elapsed).index
+            line += f" · step {step + 1} of {len(self._steps)}: {escape(self._steps[step])}"
         self._text.show(line)
 
     async def _on_start(self) -> None:
         is_newest = self._newest.begin()
         self._finish("Planning …")
         try:
-            run = await self._planned()
+            plan, steps = await self._planned()
         except BaseException:
             if is_newest():
                 self._finish(_IDLE)
             raise
         if is_newest():  # neither stopped nor started anew while it was planned
-            self._path.show(segments(run.plan.tool_path(self._robot)))
-            self._run = run
-            self._session.spawn(self._play(run, is_newest))
+            self._path.show(segments(plan.tool_path(self._robot)))
+            self._plan, self._steps, self._elapsed_s = plan, steps, 0.0
+            self._session.spawn(self._play(plan, is_newest))
 
-    async def _planned(self) -> _Run:
+    async def _planned(self) -> tuple[Rehearsal, tuple[str, ...]]:
         snapshot, program = self._session.snapshot, self._session.shared(SharedProgram).program
         q, opening = snapshot.q_command, snapshot.gripper
         if self._what.value != _PROGRAM:
             pose = self._robot.pose(self._what.value.removeprefix("go to "))
-            return _Run(await asyncio.to_thread(rehearse_pose, self._robot, q, pose, opening), ())
+            return await asyncio.to_thread(rehearse_pose, self._robot, q, pose, opening), ()
         if not program.steps:
             raise StateError("the program of Serial motion has no steps yet; record some, or choose a pose")
         steps = tuple(f"{step.title} {step.describe()}" for step in program.steps)
         plan = partial(rehearse, longest_s=_LONGEST_S, most_steps=_MOST_STEPS)
-        return _Run(await asyncio.to_thread(plan, self._robot, program, q, opening), steps)
+        return await asyncio.to_thread(plan, self._robot, program, q, opening), steps
 
-    async def _play(self, run: _Run, is_newest: Callable[[], bool]) -> None:
+    async def _play(self, plan: Rehearsal, is_newest: Callable[[], bool]) -> None:
         clock = asyncio.get_running_loop().time
         before = clock()
-        self._pose(run)
-        while run.elapsed_s < run.plan.duration:
+        self._pose(plan)
+        while self._elapsed_s < plan.duration:
             await asyncio.sleep(_FRAME_S)
             if not is_newest():
                 return
             now = clock()
             played = (now - before) * self._session.snapshot.speed
-            run.elapsed_s = min(run.elapsed_s + played, run.plan.duration)
+            self._elapsed_s = min(self._elapsed_s + played, plan.duration)
             before = now
-            self._pose(run)
+            self._pose(plan)
         await asyncio.sleep(_LINGER_S)
         if is_newest():
-            more = "; there is more of the program" if run.plan.cut else ""
-            self._finish(f"The twin has finished after <b>{run.plan.duration:.1f} s</b>{more}.")
+            more = "; there is more of the program" if plan.cut else ""
+            self._finish(f"The twin has finished after <b>{plan.duration:.1f} s</b>{more}.")
 
-    def _pose(self, run: _Run) -> None:
+    def _pose(self, plan: Rehearsal) -> None:
         if self._figure is None:
             self._figure = twin_figure(self._session, "/twin")
-        state = run.plan.sample(run.elapsed_s)
+        state = plan.sample(self._elapsed_s)
         with self._session.client.atomic():
             self._figure.pose(state.q, state.opening)
             self._figure.visible = True
 
     def _finish(self, text: str) -> None:
         """Take the twin out of the view."""
-        self._run = None
+        self._plan = None
         if self._figure is not None:
             self._figure.visible = False
         self._path.hide()
