@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armctl.arrays import FloatArray
-from armctl.kinematics.angles import LIMIT_TOLERANCE, TWO_PI, images, nearest_angle, rest_angle
+from armctl.kinematics.angles import LIMIT_TOLERANCE, TWO_PI, central_image, images, nearest_angle, rest_angle
 from armctl.kinematics.solutions import all_needs, millimetres, needs
 from armctl.kinematics.target import Target
 from armctl.kinematics.tool_plane import ToolPlane
@@ -160,9 +160,10 @@ class Reach:
         said: list[str] = []
         for branch in branches:
             side = _SIDE[branch.front]
-            yaw, beyond = _central_images(np.array(branch.angle), *self._limits[0].tolist())
-            if beyond > LIMIT_TOLERANCE:
-                said.append(f"{side}, {needs(self._titles[0], self._limits[0], float(yaw))}")
+            low, high = self._limits[0].tolist()
+            yaw = central_image(branch.angle, low, high)
+            if not low - LIMIT_TOLERANCE <= yaw <= high + LIMIT_TOLERANCE:
+                said.append(f"{side}, {needs(self._titles[0], self._limits[0], yaw)}")
                 continue
             if angles[0] is None and len(self._geometry.lengths) == 3:
                 planes = self._swept(branch, z)
