@@ -219,20 +219,6 @@ def test_the_shoulder_of_the_abaas_arm_moves_the_tip_fastest_and_the_printed_spe
     assert most < 8.32 / 60  # the paper prints 8.32·10³ mm/s
 
 
-def test_a_held_joint_is_left_out() -> None:
-    robot = load_robot("humanoid")
-    study = study_joints(robot, robot.pose("home"), "in turn", SPEED)
-    assert (study.moving, study.held) == ((0, 1, 2, 3), (4,))
-    assert study.tip_speed.shape == (len(study.time), 4)
-
-
-def test_the_duration_cuts_the_study_off() -> None:
-    robot = load_robot("mico")
-    study = study_joints(robot, robot.pose("home"), "all at once", SPEED, 1.5)
-    assert study.time[-1] == 1.5
-    assert np.ptp(study.angle, axis=0) == pytest.approx(np.full(4, 1.5 * SPEED))
-
-
 def test_what_cannot_be_studied_is_refused() -> None:
     robot = load_robot("mico")
     home = robot.pose("home")
@@ -248,7 +234,8 @@ def test_what_cannot_be_studied_is_refused() -> None:
 def test_the_curves_are_exported_with_units() -> None:
     robot = load_robot("humanoid")
     for turning, columns in (("in turn", 9), ("all at once", 10)):
-        study = study_joints(robot, robot.pose("home"), turning, SPEED)  # type: ignore[arg-type]
+        study = study_joints(robot, robot.pose("home"), turning, SPEED, 1.5)  # type: ignore[arg-type]
+        assert (study.moving, study.held, study.time[-1]) == ((0, 1, 2, 3), (4,), 1.5)
         head, *rows = study_csv(robot, study).splitlines()
         names = head.split(",")
         assert len(names) == columns and len(rows) == len(study.time)

@@ -27,15 +27,6 @@ def inside(p: PiecewisePolynomial, count: int = 40) -> np.ndarray:
 
 
 @given(polynomials())
-def test_values_are_the_sum_of_the_powers(p: PiecewisePolynomial) -> None:
-    x = inside(p)
-    piece = np.searchsorted(p.breaks, x) - 1
-    h = (x - p.breaks[piece])[:, None]
-    expected = sum(p.coefficients[piece, k] * h**k for k in range(p.coefficients.shape[1]))
-    np.testing.assert_allclose(p(x), expected, rtol=1e-9, atol=1e-9)
-
-
-@given(polynomials())
 def test_derivatives_are_those_of_numpy(p: PiecewisePolynomial) -> None:
     found = p.derivatives(inside(p), 3)
     shares = (np.arange(40) + 0.5) / 40

@@ -126,9 +126,6 @@ def test_what_is_not_positive_is_refused(place: int, value: float) -> None:
     numbers[place] = value
     with pytest.raises(InputError, match=("length", "speed", "acceleration", "jerk")[place]):
         law_over(*numbers, profile="cubic")
-
-
-def test_a_profile_that_is_none_is_refused() -> None:
     with pytest.raises(InputError, match="choose among cubic, quintic, trapezoid, s-curve"):
         law_over(1.0, 1.0, 1.0, 1.0, "septic")  # pyright: ignore[reportArgumentType]
 
