@@ -384,7 +384,8 @@ class Core:
             elif self._pausing and activity.standing and self.state is State.MOVING:
                 self._enter(State.PAUSED, f"{activity.label} paused")
         if self.activity is None:
-            self._answer_stops()
+            if self._stopping:
+                self._answer_stops()
             if self.leaving is not None:
                 self.disconnect("asked for")
 
