@@ -287,6 +287,8 @@ def test_a_program_built_in_python_is_as_its_file_would_be_read() -> None:
         PointStep(x_mm=200.0, y_mm=0.0, z_mm=85.5),
     )
     assert checked_program(built).steps == plain
+    with pytest.raises(ProgramError, match="untitled: steps must be a list, not 3"):
+        checked_program(Program(robot="uzuner", steps=3))
     assert decode_program(encode_program(built)).steps == plain
 
 
