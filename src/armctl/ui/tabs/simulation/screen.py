@@ -81,7 +81,7 @@ _TRAIL_COLOR = (214, 51, 108)
 
 
 class Trail:
-    """The newest tool points, at least 2 mm apart; no line goes over what nobody knows."""
+    """The newest tool points, at least 2 mm apart; no line spans a time when the place was not known."""
 
     def __init__(self) -> None:
         self._points: deque[FloatArray] = deque(maxlen=_TRAIL_POINTS)

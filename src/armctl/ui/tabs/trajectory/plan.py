@@ -126,7 +126,7 @@ class PlannedMotion:
     trajectory: Trajectory
     findings: tuple[Finding | ProgramFinding, ...] = ()
     ideal: ToolCurve | None = None
-    """what the tool shall follow; None: nothing is prescribed between its ends"""
+    """the line or arc of the tool; None: nothing is prescribed between its ends"""
     points: FloatArray | None = None
     """(k, 3) points that it goes through [m]; None: none are prescribed"""
     solved: FloatArray | None = None
