@@ -1,4 +1,4 @@
-"""Whatever is imported is declared, and whatever is declared is imported."""
+"""What pyproject.toml declares is what is imported, and ARCHITECTURE.md names files that are there."""
 
 from __future__ import annotations
 
@@ -38,3 +38,11 @@ def test_what_is_imported_is_declared_and_what_is_declared_is_imported() -> None
     owners = packages_distributions()
     used = {normalised(owners[package][0]) for package in imported()}
     assert used == declared()
+
+
+def test_every_file_and_folder_that_the_architecture_names_is_there() -> None:
+    named = re.findall(r"`([\w./-]+(?:\.py|/))`", (ROOT / "ARCHITECTURE.md").read_text(encoding="utf-8"))
+    paths = [path for folder in ("src", "tests") for path in (ROOT / folder).rglob("*")]
+    there = {f"/{path.relative_to(ROOT).as_posix()}{'/' if path.is_dir() else ''}" for path in paths}
+    assert len(named) > 30
+    assert not [name for name in named if not any(path.endswith(f"/{name}") for path in there)]
