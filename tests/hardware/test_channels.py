@@ -12,7 +12,7 @@ from armctl.boards import setup_of
 from armctl.errors import BoardError
 from armctl.hardware import ChannelScale, ChannelSettings, ChannelTable, Setup
 from armctl.hardware.boards import board_type
-from armctl.hardware.firmata.pins import pin_table
+from armctl.hardware.firmata import pin_table
 from armctl.hardware.maestro import MaestroModel
 from armctl.hardware.maestro.driver import channel_table
 from armctl.robot import load_robot

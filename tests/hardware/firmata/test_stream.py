@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 
 from armctl.hardware import ChannelSettings
+from armctl.hardware.firmata import BAUD, pin_table
 from armctl.hardware.firmata.codec import PinState, pin_state_query, servo_write
-from armctl.hardware.firmata.pins import BAUD, pin_table
 from armctl.hardware.firmata.stream import BYTE_S, SERVO_FRAME_S, Attacher, PinWatch, SetpointStream
 from armctl.runtime.clock import ManualClock
 

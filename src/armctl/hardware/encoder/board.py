@@ -90,7 +90,7 @@ class EncoderBoard(BoardType):
 
     def examine(self, check_up: CheckUp) -> list[Finding]:
         """Firmware, axes, switches, faults and round trips."""
-        from armctl.hardware.encoder.doctor import examine_encoder
+        from armctl.hardware.encoder.driver import examine_encoder
 
         return examine_encoder(check_up)
 

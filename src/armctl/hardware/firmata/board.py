@@ -17,7 +17,7 @@ from armctl.hardware.board_type import (
     Setup,
 )
 from armctl.hardware.driver import Driver
-from armctl.hardware.firmata.pins import BAUD, HOW_TO_LOAD, SCALE, pin_table
+from armctl.hardware.firmata import BAUD, HOW_TO_LOAD, SCALE, pin_table
 from armctl.robot.outputs_of_file import ServoEntries
 
 if TYPE_CHECKING:
@@ -78,6 +78,6 @@ class FirmataBoard(BoardType):
 
     def examine(self, check_up: CheckUp) -> list[Finding]:
         """Sketch, pins, what is on, and round trips."""
-        from armctl.hardware.firmata.doctor import examine_firmata
+        from armctl.hardware.firmata.driver import examine_firmata
 
         return examine_firmata(check_up)

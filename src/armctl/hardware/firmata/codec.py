@@ -11,7 +11,7 @@ from enum import IntEnum
 from typing import TypeAlias
 
 from armctl.errors import InputError
-from armctl.hardware.firmata.pins import LARGEST_PULSE_US, SMALLEST_PULSE_US
+from armctl.hardware.firmata import LARGEST_PULSE_US, SMALLEST_PULSE_US
 
 _MAX_14_BIT = 0x3FFF
 _MAX_PIN = 0x7F

@@ -8,7 +8,7 @@ from typing import TypeVar
 
 from armctl.errors import BoardError, BoardProtocolError, BoardTimeoutError
 from armctl.hardware.board_type import Introduction, listen
-from armctl.hardware.firmata import codec
+from armctl.hardware.firmata import BAUD, HOW_TO_LOAD, codec
 from armctl.hardware.firmata.codec import (
     CapabilityReport,
     FirmwareReport,
@@ -17,7 +17,6 @@ from armctl.hardware.firmata.codec import (
     ReplyParser,
     VersionReport,
 )
-from armctl.hardware.firmata.pins import BAUD, HOW_TO_LOAD
 from armctl.hardware.transport import Transport
 
 _OPEN_S = 5.0

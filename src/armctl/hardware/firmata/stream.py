@@ -7,9 +7,8 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 
 from armctl.hardware.driver import ChannelTable
-from armctl.hardware.firmata import codec
+from armctl.hardware.firmata import BAUD, LARGEST_PULSE_US, SMALLEST_PULSE_US, codec
 from armctl.hardware.firmata.codec import PinMode, PinState
-from armctl.hardware.firmata.pins import BAUD, LARGEST_PULSE_US, SMALLEST_PULSE_US
 
 # What the host last sent to each pin, and what the board says to that.
 

@@ -8,6 +8,7 @@ from armctl.hardware.driver import ChannelScale
 
 QUARTERS_PER_US = 4
 SCALE = ChannelScale("channel", "µs", QUARTERS_PER_US)
+FACTORY_MINIMUM_US, FACTORY_MAXIMUM_US = 992.0, 2000.0
 SILENT_ADVICE = (
     'set the serial mode to "USB Dual Port" in the Maestro Control Center (Serial Settings): in the '
     'factory\'s "UART, detect baud rate" the board silently ignores commands over USB. Check also that this '

@@ -11,7 +11,7 @@ from enum import Enum
 
 from armctl.errors import InputError
 from armctl.hardware.driver import ChannelSettings
-from armctl.hardware.maestro import QUARTERS_PER_US, MaestroModel
+from armctl.hardware.maestro import FACTORY_MAXIMUM_US, FACTORY_MINIMUM_US, QUARTERS_PER_US, MaestroModel
 from armctl.hardware.maestro.codec import (
     DEFAULT_DEVICE_NUMBER,
     MAX_ACCELERATION,
@@ -24,9 +24,6 @@ from armctl.hardware.maestro.codec import (
 )
 
 # One servo channel of a simulated Maestro: where its pulse width stands and how it moves.
-
-FACTORY_MINIMUM_US = 992.0
-FACTORY_MAXIMUM_US = 2000.0
 
 # Eighths of a µs make every ramp exact in integers: at the board's 20 ms period a speed unit
 # (0.25 µs / 10 ms) is 4 eighths a period, an acceleration unit (0.25 µs / 10 ms / 80 ms) 1 eighth a period².
