@@ -4,10 +4,10 @@ from armctl.calibration.apply import (
     CheckPose,
     calibrated,
     check_pose,
-    default_outputs,
     differences,
     narrowed,
     own_calibration,
+    own_map,
     safe_outputs,
 )
 from armctl.calibration.fit import LEAST_MARKS, JointFit, Mark, fit_joint
@@ -16,6 +16,7 @@ from armctl.calibration.record import (
     JointCalibration,
     decode_calibration,
     encode_calibration,
+    iso_time,
     read_calibration,
 )
 from armctl.calibration.store import CalibrationStore, Stored, Version, renamed
@@ -39,12 +40,13 @@ __all__ = [
     "calibrated",
     "check_pose",
     "decode_calibration",
-    "default_outputs",
     "differences",
     "encode_calibration",
     "fit_joint",
+    "iso_time",
     "narrowed",
     "own_calibration",
+    "own_map",
     "read_calibration",
     "read_marks",
     "read_points",

@@ -23,15 +23,27 @@ _FILE_ROUNDING = 0.125
 """robot files may round the safe outputs inwards by this"""
 
 
+def own_map(robot: Robot) -> OutputMap:
+    """The map of a robot's outputs.
+
+    Raises:
+        CalibrationError: its file gives none, so that there is nothing to calibrate.
+    """
+    if robot.output_map is None:
+        raise CalibrationError(
+            f"the robot file of {robot.title} gives neither servos nor encoders: there is nothing to "
+            "calibrate; add an entry to each joint"
+        )
+    return robot.output_map
+
+
 def own_calibration(robot: Robot, joint: str) -> JointCalibration:
     """What the robot's own map says of a joint.
 
     Raises:
         CalibrationError: no such joint, or a robot without a map.
     """
-    outputs, i = _own_map(robot), _index(robot, joint)
-    values = (outputs.zero[i], outputs.per_rad[i], outputs.low[i], outputs.high[i])
-    return JointCalibration(*map(float, values))
+    return _parts(robot, joint)[2]
 
 
 def calibrated(robot: Robot, calibration: Calibration) -> Robot:
@@ -71,33 +83,35 @@ def narrowed(robot: Robot, calibration: Calibration) -> tuple[str, ...]:
 
 def _applied(robot: Robot, calibration: Calibration) -> tuple[Robot, tuple[str, ...]]:
     """The calibrated robot, and what was taken away and why."""
-    outputs = _own_map(robot)
-    if calibration.unit != outputs.unit:
+    outputs = own_map(robot)
+    unit = outputs.unit
+    if calibration.unit != unit:
         raise CalibrationError(
             f"it is in {calibration.unit}, and the robot file of {robot.name} is for a board in "
-            f"{outputs.unit}: calibrate the arm on that board"
+            f"{unit}: calibrate the arm on that board"
         )
     checked_calibration(calibration)
     _require_gripper(robot, calibration, outputs)
     arrays = {key: getattr(outputs, key).copy() for key in ("zero", "per_rad", "low", "high")}
     joints, words = list(robot.joints), list[str]()
     for name, kept in calibration.joints.items():
-        i = _index(robot, name)
-        joint, one = joints[i], _inside_file(robot, name, kept)
+        one, (lower, upper) = _inside_file(robot, name, kept)
+        i = robot.joint_names.index(name)
+        joint = joints[i]
         for key, array in arrays.items():
             array[i] = getattr(one, key)
         if (one.low, one.high) != (kept.low, kept.high):
             words.append(
-                f"{joint.title}: of the safe outputs {kept.low:.1f} … {kept.high:.1f} {outputs.unit} the "
+                f"{joint.title}: of the safe outputs {kept.low:.1f} … {kept.high:.1f} {unit} the "
                 f"robot file allows {one.low:.1f} … {one.high:.1f}"
             )
-        low, high = _limits_left(joint, one, own_calibration(robot, name), outputs.unit)
-        if low - joint.lower > _ROUNDING or joint.upper - high > _ROUNDING:
+        if lower - joint.lower > _ROUNDING or joint.upper - upper > _ROUNDING:
             words.append(
-                f"{joint.title}: {_range(low, high, 2)} instead of {_range(joint.lower, joint.upper, 2)}, "
-                f"because the safe outputs end at {one.low:.1f} and {one.high:.1f} {outputs.unit}"
+                f"{joint.title}: {_range(lower, upper, 2)} instead of "
+                f"{_range(joint.lower, joint.upper, 2)}, because the safe outputs end at {one.low:.1f} and "
+                f"{one.high:.1f} {unit}"
             )
-            joints[i] = replace(joint, lower=low, upper=high)
+            joints[i] = replace(joint, lower=lower, upper=upper)
     for array in arrays.values():
         array.flags.writeable = False
     closed, opened = calibration.gripper or (outputs.gripper_closed, outputs.gripper_open)
@@ -117,19 +131,14 @@ def _applied(robot: Robot, calibration: Calibration) -> tuple[Robot, tuple[str, 
     return replace(robot, joints=tuple(joints), output_map=outputs, poses=poses), tuple(words)
 
 
-def _own_map(robot: Robot) -> OutputMap:
-    if robot.output_map is None:
-        raise CalibrationError(
-            f"the robot file of {robot.title} gives neither servos nor encoders: there is nothing to "
-            "calibrate; add an entry to each joint"
-        )
-    return robot.output_map
-
-
-def _index(robot: Robot, joint: str) -> int:
-    if joint not in robot.joint_names:
-        raise CalibrationError(f"{robot.title} has no joint {joint!r}; it has {', '.join(robot.joint_names)}")
-    return robot.joint_names.index(joint)
+def _parts(robot: Robot, name: str) -> tuple[OutputMap, Joint, JointCalibration]:
+    """The robot's own map, one of its joints, and what the map says of that."""
+    outputs = own_map(robot)
+    if name not in robot.joint_names:
+        raise CalibrationError(f"{robot.title} has no joint {name!r}; it has {', '.join(robot.joint_names)}")
+    i = robot.joint_names.index(name)
+    own = [float(array[i]) for array in (outputs.zero, outputs.per_rad, outputs.low, outputs.high)]
+    return outputs, robot.joints[i], JointCalibration(*own)
 
 
 def _range(low: float, high: float, digits: int = 1) -> str:
@@ -159,41 +168,34 @@ def _require_gripper(robot: Robot, calibration: Calibration, outputs: OutputMap)
         )
 
 
-def _inside_file(robot: Robot, name: str, one: JointCalibration) -> JointCalibration:
-    """The joint with safe outputs that the robot file allows too."""
-    outputs, own = _own_map(robot), own_calibration(robot, name)
-    first, last = own.low, own.high
-    if outputs.homed:  # an encoder has no range of its own: the joint's limits are it
-        first, last = _at_limits(robot, name, one.zero, one.per_rad)
+def _inside_file(
+    robot: Robot, name: str, one: JointCalibration
+) -> tuple[JointCalibration, tuple[float, float]]:
+    """The joint with safe outputs that the robot file allows too, and what they leave of its limits [rad]."""
+    outputs, joint, own = _parts(robot, name)
+    # an encoder has no range of its own: the joint's limits are it
+    first, last = _at_limits(joint, one) if outputs.homed else (own.low, own.high)
     low = first if one.low < first - _FILE_ROUNDING else one.low
     high = last if one.high > last + _FILE_ROUNDING else one.high
-    if low < high:
-        return msgspec.structs.replace(one, low=low, high=high)
-    raise CalibrationError(
-        f"{robot.joints[_index(robot, name)].title}: the safe outputs {one.low:.1f} … {one.high:.1f} "
-        f"{outputs.unit} lie outside of {first:.1f} … {last:.1f}, which is all that the robot file "
-        "allows: nothing is left; measure it again, or correct the robot file"
-    )
-
-
-def _limits_left(
-    joint: Joint, one: JointCalibration, own: JointCalibration, unit: str
-) -> tuple[float, float]:
-    """What the safe outputs leave of a joint's limits [rad].
-
-    Where they are the robot file's own, the file's rounding is no reason to move a limit.
-    """
-    low = one.low - _FILE_ROUNDING * (one.low == own.low)
-    high = one.high + _FILE_ROUNDING * (one.high == own.high)
+    if low >= high:
+        raise CalibrationError(
+            f"{joint.title}: the safe outputs {one.low:.1f} … {one.high:.1f} {outputs.unit} lie outside of "
+            f"{first:.1f} … {last:.1f}, which is all that the robot file allows: nothing is left; measure it "
+            "again, or correct the robot file"
+        )
+    one = msgspec.structs.replace(one, low=low, high=high)
+    # where they are the robot file's own, the file's rounding is no reason to move a limit
+    low -= _FILE_ROUNDING * (low == own.low)
+    high += _FILE_ROUNDING * (high == own.high)
     first, last = msgspec.structs.replace(one, low=low, high=high).angles()
-    low, high = max(joint.lower, first), min(joint.upper, last)
-    if low <= high:
-        return low, high
-    raise CalibrationError(
-        f"{joint.title}: the safe outputs {one.low:.1f} … {one.high:.1f} {unit} put it at "
-        f"{_range(first, last)}, and its limits are {_range(joint.lower, joint.upper)}: nothing is left; "
-        "measure it again, or correct the limits in the robot file"
-    )
+    lower, upper = max(joint.lower, first), min(joint.upper, last)
+    if lower > upper:
+        raise CalibrationError(
+            f"{joint.title}: the safe outputs {one.low:.1f} … {one.high:.1f} {outputs.unit} put it at "
+            f"{_range(first, last)}, and its limits are {_range(joint.lower, joint.upper)}: nothing is left; "
+            "measure it again, or correct the limits in the robot file"
+        )
+    return one, (lower, upper)
 
 
 def _require_home_inside(joints: list[Joint], outputs: OutputMap) -> None:
@@ -272,7 +274,7 @@ _SAME = 0.5
 
 
 def safe_outputs(
-    robot: Robot, joint: str, fit: JointFit, in_force: JointCalibration | None = None
+    robot: Robot, joint: str, line: JointFit | JointCalibration, in_force: JointCalibration | None = None
 ) -> tuple[float, float]:
     """The outputs that the joint's limits need, as far as its servo may be sent there.
 
@@ -281,70 +283,57 @@ def safe_outputs(
     Args:
         robot: as its file describes it.
         joint: its name.
-        fit: the line through its marks.
+        line: through its marks.
         in_force: the joint as it was calibrated so far. An end that lies before what its line needed was
             set by hand, for what is in the way there; so it stays.
 
     Raises:
         CalibrationError: none is left: the servo's range does not reach the joint's limits.
     """
-    low, high = default_outputs(robot, joint, fit.zero, fit.per_rad)
+    outputs, limits, own = _parts(robot, joint)
+    low, high = _needed(robot, joint, line)
+    if low >= high:
+        first, last = _at_limits(limits, line)
+        raise CalibrationError(
+            f"{limits.title}: its limits {_range(limits.lower, limits.upper)} need outputs of {first:.0f} … "
+            f"{last:.0f} {outputs.unit}, and the robot file allows {own.low:.0f} … {own.high:.0f}: "
+            "read the marks again, or put the horn on anew"
+        )
     if in_force is not None:
-        first, last = _needed(robot, joint, in_force.zero, in_force.per_rad)
+        first, last = _needed(robot, joint, in_force)
         low = max(low, in_force.low) if in_force.low > first + _SAME else low
         high = min(high, in_force.high) if in_force.high < last - _SAME else high
-    if low < high:
-        return low, high
-    raise CalibrationError(
-        f"{robot.joints[_index(robot, joint)].title}: the safe outputs that were set by hand do not "
-        "reach its limits any more; set them anew"
-    )
+        if low >= high:
+            raise CalibrationError(
+                f"{limits.title}: the safe outputs that were set by hand do not reach its limits any more; "
+                "set them anew"
+            )
+    return low, high
 
 
-def default_outputs(robot: Robot, joint: str, zero: float, per_rad: float) -> tuple[float, float]:
-    """As ``safe_outputs``, for a line of which only the two numbers are known.
-
-    Raises:
-        CalibrationError: as ``safe_outputs``.
-    """
-    low, high = _needed(robot, joint, zero, per_rad)
-    if low < high:
-        return low, high
-    own, limits, outputs = own_calibration(robot, joint), robot.joints[_index(robot, joint)], _own_map(robot)
-    first, last = _at_limits(robot, joint, zero, per_rad)
-    raise CalibrationError(
-        f"{limits.title}: its limits {_range(limits.lower, limits.upper)} need outputs of {first:.0f} … "
-        f"{last:.0f} {outputs.unit}, and the robot file allows {own.low:.0f} … {own.high:.0f}: "
-        "read the marks again, or put the horn on anew"
-    )
-
-
-def _needed(robot: Robot, joint: str, zero: float, per_rad: float) -> tuple[float, float]:
+def _needed(robot: Robot, name: str, line: JointFit | JointCalibration) -> tuple[float, float]:
     """What a line needs of the outputs that the robot file allows; the ends crossed where that is nothing."""
-    first, last = _at_limits(robot, joint, zero, per_rad)
-    if _own_map(robot).homed:
-        return first, last
-    own = own_calibration(robot, joint)
-    return max(own.low, first), min(own.high, last)
+    outputs, joint, own = _parts(robot, name)
+    first, last = _at_limits(joint, line)
+    return (first, last) if outputs.homed else (max(own.low, first), min(own.high, last))
 
 
-def _at_limits(robot: Robot, joint: str, zero: float, per_rad: float) -> tuple[float, float]:
+def _at_limits(joint: Joint, line: JointFit | JointCalibration) -> tuple[float, float]:
     """The outputs at the joint's limits through a line, the smaller one first."""
-    limits = robot.joints[_index(robot, joint)]
-    first, last = sorted((zero + per_rad * limits.lower, zero + per_rad * limits.upper))
+    first, last = sorted(line.zero + line.per_rad * limit for limit in (joint.lower, joint.upper))
     return first, last
 
 
 def differences(robot: Robot, joint: str, fit: JointFit) -> tuple[str, ...]:
     """What the marks say otherwise than the robot's own map, in words; empty: nothing worth telling."""
-    own, title = own_calibration(robot, joint), robot.joints[_index(robot, joint)].title
+    outputs, limits, own = _parts(robot, joint)
+    title, scale = limits.title, fit.per_rad / own.per_rad - 1
     words: list[str] = []
-    scale = fit.per_rad / own.per_rad - 1
     if scale < -1:
         words.append(f"{title} turns the other way than {robot.name} says")
     elif abs(scale) > _TOLD_SCALE:
         more = "more" if scale > 0 else "fewer"
-        words.append(f"{title} needs {abs(scale):.1%} {more} {_own_map(robot).unit} a degree")
+        words.append(f"{title} needs {abs(scale):.1%} {more} {outputs.unit} a degree")
     # Where the marks are, not at 0°: that may be far outside of the joint's range.
     stands, told = math.degrees(fit.angle(fit.centre)), math.degrees((fit.centre - own.zero) / own.per_rad)
     if abs(stands - told) > _TOLD_DEG:

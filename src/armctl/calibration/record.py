@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from datetime import datetime
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -15,9 +16,9 @@ from armctl.documents import DocumentKind
 from armctl.errors import CalibrationError
 from armctl.robot import FLATTEST_PER_DEG
 
-LARGEST_OUTPUT = 1e9
+_LARGEST = 1e9
 """no output of any board is larger"""
-_CALIBRATIONS = DocumentKind(CalibrationError, most_bytes=256 * 1024, largest=LARGEST_OUTPUT)
+_CALIBRATIONS = DocumentKind(CalibrationError, most_bytes=256 * 1024, largest=_LARGEST)
 
 
 class JointCalibration(msgspec.Struct, frozen=True):
@@ -66,36 +67,37 @@ def checked_calibration(calibration: Calibration) -> Calibration:
     Raises:
         CalibrationError: names the part, its value and what is allowed.
     """
+    unit = calibration.unit
     for key in ("robot", "board"):
         if not getattr(calibration, key):
             raise CalibrationError(f"{key} is empty; a calibration is of one robot on one board")
-    for name, joint in calibration.joints.items():
-        per_deg = math.radians(joint.per_rad)  # as the file has it
-        values = {"zero": joint.zero, "per_deg": per_deg, "low": joint.low, "high": joint.high}
-        for key, value in values.items():
-            _require_usable(f"joints.{name}.{key}", value)
-        if abs(per_deg) < FLATTEST_PER_DEG:
+    entries = {f"joints.{name}": _JointEntry.of(one) for name, one in calibration.joints.items()}
+    gripper = calibration.gripper and _GripperEntry(*calibration.gripper)
+    for place, entry in (*entries.items(), *([("gripper", gripper)] if gripper else [])):
+        for key, value in msgspec.structs.asdict(entry).items():
+            if not (math.isfinite(value) and abs(value) <= _LARGEST):
+                raise CalibrationError(
+                    f"{place}.{key} = {value}: must be a finite number within ±{_LARGEST:.0e}"
+                )
+    for place, joint in entries.items():
+        if abs(joint.per_deg) < FLATTEST_PER_DEG:
             raise CalibrationError(
-                f"joints.{name}.per_deg = {per_deg:g}: the joint would not move; {FLATTEST_PER_DEG} "
-                f"{calibration.unit} a degree or more"
+                f"{place}.per_deg = {joint.per_deg:g}: the joint would not move; {FLATTEST_PER_DEG} {unit} "
+                "a degree or more"
             )
         if joint.low >= joint.high:
             raise CalibrationError(
-                f"joints.{name}: low = {joint.low:g} and high = {joint.high:g} {calibration.unit}: "
-                "the smallest safe output comes first"
+                f"{place}: low = {joint.low:g} and high = {joint.high:g} {unit}: the smallest safe output "
+                "comes first"
             )
-    if calibration.gripper is not None:
-        closed, opened = calibration.gripper
-        _require_usable("gripper.closed", closed)
-        _require_usable("gripper.open", opened)
-        if closed == opened:
-            raise CalibrationError(f"gripper: closed and open are both {closed:g} {calibration.unit}")
+    if gripper and gripper.closed == gripper.open:
+        raise CalibrationError(f"gripper: closed and open are both {gripper.open:g} {unit}")
     return calibration
 
 
-def _require_usable(key: str, value: float) -> None:
-    if not (math.isfinite(value) and abs(value) <= LARGEST_OUTPUT):
-        raise CalibrationError(f"{key} = {value}: must be a finite number within ±{LARGEST_OUTPUT:.0e}")
+def iso_time(stamp: float) -> str:
+    """Local day and time to the second, with its offset, of seconds since the epoch (ISO 8601)."""
+    return datetime.fromtimestamp(stamp).astimezone().isoformat(timespec="seconds")
 
 
 # A calibration as TOML, decoded strictly: an unknown key or a wrong type is refused.
@@ -103,23 +105,23 @@ def _require_usable(key: str, value: float) -> None:
 _PER_RAD = 180 / math.pi
 
 
-class _Strict(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """What all parts of a calibration file share."""
-
-
-class _JointEntry(_Strict, frozen=True):
+class _JointEntry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     zero: float
     per_deg: float
     low: float
     high: float
 
+    @classmethod
+    def of(cls, joint: JointCalibration) -> _JointEntry:
+        return cls(float(joint.zero), float(joint.per_rad) / _PER_RAD, float(joint.low), float(joint.high))
 
-class _GripperEntry(_Strict, frozen=True):
+
+class _GripperEntry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     closed: float
     open: float
 
 
-class _CalibrationFile(_Strict, frozen=True):
+class _CalibrationFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     format: Literal[1]
     robot: Annotated[str, Meta(min_length=1)]
     board: Annotated[str, Meta(min_length=1)]
@@ -128,8 +130,8 @@ class _CalibrationFile(_Strict, frozen=True):
     note: str = ""
     again: Annotated[int, Meta(ge=1)] | None = None
     """the earlier version that this one brought back"""
-    joints: dict[str, _JointEntry] = {}
     gripper: _GripperEntry | None = None
+    joints: dict[str, _JointEntry] = {}
 
 
 def encode_calibration(calibration: Calibration, again: int | None = None) -> str:
@@ -139,29 +141,19 @@ def encode_calibration(calibration: Calibration, again: int | None = None) -> st
         CalibrationError: a value that could not be read again.
     """
     checked_calibration(calibration)
-    record: dict[str, object] = {
-        "format": 1,
-        "robot": calibration.robot,
-        "board": calibration.board,
-        "unit": calibration.unit,
-        "made": calibration.made,
-        "note": calibration.note,
-    }
-    if again is not None:
-        record["again"] = again
-    if calibration.gripper is not None:
-        closed, opened = calibration.gripper
-        record["gripper"] = {"closed": float(closed), "open": float(opened)}
-    record["joints"] = {
-        name: {
-            "zero": float(joint.zero),
-            "per_deg": float(joint.per_rad) / _PER_RAD,
-            "low": float(joint.low),
-            "high": float(joint.high),
-        }
-        for name, joint in calibration.joints.items()
-    }
-    return tomli_w.dumps(record)
+    file = _CalibrationFile(
+        format=1,
+        robot=calibration.robot,
+        board=calibration.board,
+        unit=calibration.unit,
+        made=calibration.made,
+        note=calibration.note,
+        again=again,
+        gripper=calibration.gripper and _GripperEntry(*map(float, calibration.gripper)),
+        joints={name: _JointEntry.of(joint) for name, joint in calibration.joints.items()},
+    )
+    record: dict[str, object] = msgspec.to_builtins(file)
+    return tomli_w.dumps({key: value for key, value in record.items() if value is not None})
 
 
 def decode_calibration(text: str | bytes) -> Calibration:
@@ -170,11 +162,10 @@ def decode_calibration(text: str | bytes) -> Calibration:
     Raises:
         CalibrationError: not TOML, an unknown key, a wrong type or an impossible value; names the key.
     """
-    return decode_version(text)[0]
+    return _decode_version(text)[0]
 
 
-def decode_version(text: str | bytes) -> tuple[Calibration, int | None]:
-    """As ``decode_calibration``, with the version that it brought back, if it did."""
+def _decode_version(text: str | bytes) -> tuple[Calibration, int | None]:
     file = _CALIBRATIONS.decode(text, _CalibrationFile)
     calibration = Calibration(
         robot=file.robot,
@@ -184,7 +175,7 @@ def decode_version(text: str | bytes) -> tuple[Calibration, int | None]:
             name: JointCalibration(entry.zero, entry.per_deg * _PER_RAD, entry.low, entry.high)
             for name, entry in file.joints.items()
         },
-        gripper=None if file.gripper is None else (file.gripper.closed, file.gripper.open),
+        gripper=file.gripper and (file.gripper.closed, file.gripper.open),
         made=file.made,
         note=file.note,
     )
@@ -202,4 +193,4 @@ def read_calibration(path: Path) -> Calibration:
 
 def read_version(path: Path) -> tuple[Calibration, int | None]:
     """As ``read_calibration``, with the version that it brought back, if it did."""
-    return _CALIBRATIONS.load(path, decode_version)
+    return _CALIBRATIONS.load(path, _decode_version)

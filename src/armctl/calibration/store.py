@@ -6,7 +6,7 @@ import hashlib
 import os
 import re
 import shlex
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import msgspec
@@ -24,11 +24,13 @@ _LONGEST_NAME = 40
 
 @dataclass(frozen=True, slots=True)
 class Version:
-    """One version of a calibration."""
+    """One version of a calibration. Texts are empty where the file cannot be read."""
 
     number: int
+    robot: str
+    board: str
     made: str
-    """when it was measured (ISO 8601); empty where the file cannot be read"""
+    """when it was measured (ISO 8601)"""
     note: str
     calibration: Calibration | None
     """None: the robot file as it is, or a file that cannot be read"""
@@ -66,10 +68,10 @@ class CalibrationStore:
         Raises:
             CalibrationError: its file cannot be read; names the file, and how to go back.
         """
-        names = self._names(robot, board)
-        if not names:
+        paths = _version_paths(self._place(robot, board))
+        if not paths:
             return None
-        version = self._read(self._place(robot, board) / names[-1], robot, board)
+        version = _read(paths[-1], (robot, board))
         if version.problem is not None:
             raise CalibrationError(
                 f"{version.problem}; mend the file, or go back with "
@@ -77,26 +79,40 @@ class CalibrationStore:
             )
         return version.calibration
 
-    def save(self, calibration: Calibration) -> Version:
+    def save(self, calibration: Calibration, again: int | None = None) -> Version:
         """Bring a calibration in force; the earlier ones stay.
+
+        ``again``: the earlier version that it is.
 
         Raises:
             CalibrationError: it contradicts itself, or cannot be written.
         """
-        return self._save(calibration, None)
+        place = self._place(calibration.robot, calibration.board)
+        try:
+            text = encode_calibration(calibration, again)
+            place.mkdir(parents=True, exist_ok=True)
+            path = _write_next(place, text.encode())
+        except OSError as cause:
+            raise CalibrationError(f"{place}: the calibration cannot be saved: {cause.strerror}") from cause
+        except UnicodeError as cause:
+            raise CalibrationError(
+                f"the calibration cannot be saved, it holds text that is none: {cause}"
+            ) from cause
+        for old in _version_paths(place)[:-VERSIONS_KEPT]:
+            if _read(old).problem is None:  # a file that cannot be read is never deleted
+                old.unlink(missing_ok=True)
+        return _read(path)
 
     def versions(self, robot: str, board: str) -> tuple[Version, ...]:
         """All versions that are kept, the newest, which is in force, first."""
-        place = self._place(robot, board)
-        return tuple(self._read(place / name, robot, board) for name in reversed(self._names(robot, board)))
+        paths = _version_paths(self._place(robot, board))
+        return tuple(_read(path, (robot, board)) for path in reversed(paths))
 
     def revert(self, robot: str, board: str, number: int | None = None) -> Version:
         """Bring an earlier version in force again, as a new one.
 
-        Args:
-            robot: name of the robot.
-            board: serial number of the board.
-            number: of the version; None: the one before the one in force (once more: the one before that).
+        ``number`` is that of the version; None: the one before the one in force (once more: the one before
+        that).
 
         Raises:
             CalibrationError: there is no such version, or its file cannot be read.
@@ -104,91 +120,42 @@ class CalibrationStore:
         versions = self.versions(robot, board)
         if not versions:
             raise CalibrationError(f"{robot} on board {board} was never calibrated: nothing to go back to")
-        chosen = _before(versions) if number is None else _numbered(versions, number)
+        if number is None:
+            # before what the newest one brought back, if it did
+            number = versions[0].again or versions[0].number
+            fitting = [one for one in versions if one.number < number and not (one.again or one.problem)]
+            missing = (
+                f"before version {number} to go back to; to go by the robot file, forget the calibration"
+            )
+        else:
+            fitting = [one for one in versions if one.number == number]
+            missing = f"{number}; kept are {', '.join(str(one.number) for one in versions)}"
+        if not fitting:
+            raise CalibrationError(f"there is no version {missing}")
+        chosen = fitting[0]
         if chosen.problem is not None:
             raise CalibrationError(f"version {chosen.number} cannot be brought back: {chosen.problem}")
-        calibration = chosen.calibration or self._as_in_file(robot, board, "µs", chosen.made)
-        return self._save(calibration, chosen.again or chosen.number)
+        calibration = chosen.calibration or _as_in_file(robot, board, "µs", chosen.made)
+        return self.save(calibration, chosen.again or chosen.number)
 
     def forget(self, robot: str, board: str, made: str, unit: str = "µs") -> Version:
-        """Let the robot file hold as it is; the calibrations so far stay among the versions.
-
-        Args:
-            robot: name of the robot.
-            board: serial number of the board.
-            made: when (ISO 8601).
-            unit: of the board's outputs.
-        """
-        return self._save(self._as_in_file(robot, board, unit, made), None)
+        """Go by the robot file from ``made`` (ISO 8601) on; the versions so far stay."""
+        return self.save(_as_in_file(robot, board, unit, made))
 
     def boards(self) -> tuple[Stored, ...]:
         """What is in force for each robot and board that was ever calibrated, sorted by both."""
         found: list[Stored] = []
-        for place in sorted(self.folder.glob("*/*")) if self.folder.is_dir() else ():
-            names = _version_names(place)
-            if names:
-                version = self._read(place / names[-1], None, None)
-                robot, board = self._owner(place, names)
-                found.append(Stored(robot, board, version.calibration, version.problem))
+        for place in sorted(self.folder.glob("*/*")):
+            paths = _version_paths(place)
+            if paths:
+                newest = _read(paths[-1])
+                named = next((one for path in reversed(paths) if not (one := _read(path)).problem), None)
+                robot, board = (named.robot, named.board) if named else (place.parent.name, place.name)
+                found.append(Stored(robot, board, newest.calibration, newest.problem))
         return tuple(sorted(found, key=lambda one: (one.robot, one.board)))
-
-    def _save(self, calibration: Calibration, again: int | None) -> Version:
-        place = self._place(calibration.robot, calibration.board)
-        try:
-            text = encode_calibration(calibration, again)
-            place.mkdir(parents=True, exist_ok=True)
-            path = _write_next(place, text)
-        except OSError as cause:
-            raise CalibrationError(f"{place}: the calibration cannot be saved: {cause.strerror}") from cause
-        except UnicodeError as cause:
-            raise CalibrationError(
-                f"the calibration cannot be saved, it holds text that is none: {cause}"
-            ) from cause
-        version = self._read(path, calibration.robot, calibration.board)
-        self._thin_out(place)
-        return version
-
-    def _thin_out(self, place: Path) -> None:
-        """Delete the oldest versions beyond the number kept, but never a file that cannot be read."""
-        for name in _version_names(place)[:-VERSIONS_KEPT]:
-            if self._read(place / name, None, None).problem is None:
-                (place / name).unlink(missing_ok=True)
-
-    def _names(self, robot: str, board: str) -> list[str]:
-        return _version_names(self._place(robot, board))
 
     def _place(self, robot: str, board: str) -> Path:
         return self.folder / _safe_name(robot) / _safe_name(board)
-
-    def _owner(self, place: Path, names: list[str]) -> tuple[str, str]:
-        """Robot and board of a folder, from its newest file that can be read."""
-        for name in reversed(names):
-            try:
-                calibration, _ = read_version(place / name)
-            except CalibrationError:  # the caller tells it as the version's problem
-                continue
-            return calibration.robot, calibration.board
-        return place.parent.name, place.name
-
-    def _read(self, path: Path, robot: str | None, board: str | None) -> Version:
-        number = _number(path.name)
-        try:
-            calibration, again = read_version(path)
-        except CalibrationError as problem:
-            return Version(number, "", "", None, str(problem), None, path)
-        version = Version(number, calibration.made, calibration.note, calibration, None, again, path)
-        if robot is not None and (calibration.robot, calibration.board) != (robot, board):
-            return replace(
-                version,
-                calibration=None,
-                problem=f"{path}: is of {calibration.robot} on board {calibration.board}, "
-                f"not of {robot} on board {board}",
-            )
-        return replace(version, calibration=None) if calibration.empty else version
-
-    @staticmethod
-    def _as_in_file(robot: str, board: str, unit: str, made: str) -> Calibration:
-        return Calibration(robot, board, unit, {}, None, made, "as in the robot file")
 
 
 def renamed(calibration: Calibration, board: str) -> Calibration:
@@ -196,55 +163,53 @@ def renamed(calibration: Calibration, board: str) -> Calibration:
     return msgspec.structs.replace(calibration, board=board)
 
 
-def _before(versions: tuple[Version, ...]) -> Version:
-    """The version before the newest one, past what that one brought back."""
-    newest = versions[0]
-    place = newest.again or newest.number
-    for version in versions:
-        if version.number < place and version.again is None and version.problem is None:
-            return version
-    raise CalibrationError(
-        f"there is no version before version {place} to go back to; "
-        "to go by the robot file, forget the calibration"
-    )
+def _as_in_file(robot: str, board: str, unit: str, made: str) -> Calibration:
+    return Calibration(robot, board, unit, {}, None, made, "as in the robot file")
 
 
-def _numbered(versions: tuple[Version, ...], number: int) -> Version:
-    for version in versions:
-        if version.number == number:
-            return version
-    known = ", ".join(str(version.number) for version in versions)
-    raise CalibrationError(f"there is no version {number}; kept are {known}")
+def _read(path: Path, owner: tuple[str, str] | None = None) -> Version:
+    """A version from its file; ``owner``: the robot and the board that it must be of."""
+    number = _number(path)
+    try:
+        calibration, again = read_version(path)
+    except CalibrationError as problem:
+        return Version(number, "", "", "", "", None, str(problem), None, path)
+    robot, board = calibration.robot, calibration.board
+    problem = None
+    if owner is not None and owner != (robot, board):
+        problem = f"{path}: is of {robot} on board {board}, not of {owner[0]} on board {owner[1]}"
+    kept = None if problem or calibration.empty else calibration
+    return Version(number, robot, board, calibration.made, calibration.note, kept, problem, again, path)
 
 
-def _version_names(place: Path) -> list[str]:
-    """Names of the version files, the oldest first."""
+def _version_paths(place: Path) -> list[Path]:
+    """The files of the versions, the oldest first."""
     try:
         names = [name for name in os.listdir(place) if _VERSION.fullmatch(name)]
     except (FileNotFoundError, NotADirectoryError):
         return []
     except OSError as cause:
         raise CalibrationError(f"{place}: cannot be read: {cause.strerror}") from cause
-    return sorted(names, key=_number)
+    return sorted((place / name for name in names), key=_number)
 
 
-def _number(name: str) -> int:
-    return int(name.partition(".")[0])
+def _number(path: Path) -> int:
+    return int(path.stem)
 
 
-def _write_next(place: Path, text: str) -> Path:
+def _write_next(place: Path, content: bytes) -> Path:
     """Write the next version. Programs that save at once take turns by claiming a number each."""
-    number = 1 + max((_number(name) for name in _version_names(place)), default=0)
+    number = 1 + max(map(_number, _version_paths(place)), default=0)
     while True:
         path, claim = place / f"{number:06d}.toml", place / f".{number:06d}.claim"
         number += 1
         try:
             claim.touch(exist_ok=False)
-        except FileExistsError:  # somebody is writing it, or died while doing so
+        except FileExistsError:  # another program is writing it, or died while doing so
             continue
         try:
             if not path.exists():
-                write_atomically(path, text.encode())
+                write_atomically(path, content)
                 return path
         finally:
             claim.unlink(missing_ok=True)

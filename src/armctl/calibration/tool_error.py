@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from armctl.arrays import FloatArray
 from armctl.errors import CalibrationError
+from armctl.kinematics import Chain
 from armctl.kinematics.target import as_numbers
 from armctl.robot import Robot
 
@@ -26,6 +27,7 @@ _UNITS: dict[Kind, tuple[BlameUnit, float]] = {
     "d": ("mm", 0.001),
     "base": ("mm", 0.001),
 }
+"""the unit of a parameter's error, and one of it in SI"""
 _TOUCH_M = 0.0005
 """standard deviation of a coordinate of a touch, before anything is measured [m]"""
 _TOUCH_WEIGHT = 5.0
@@ -36,9 +38,9 @@ _CHANCE = 4.5
 """a parameter is blamed where it explains more than so many standard deviations of chance"""
 _LIKE = 3.0
 """parameters that explain less than so many standard deviations less than the best are named beside it"""
-_PROMISING = 0.25
-"""of the best drop that the derivatives foresee; parameters below it are not looked at closer"""
 _ROUNDS = 12
+_STEP = 0.001
+"""units of error over which a derivative is taken"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,15 +52,39 @@ class Parameter:
     """of the joint, of the DH row, or of the base's axis"""
     title: str
 
-    @property
-    def unit(self) -> BlameUnit:
-        """What its error is told in."""
-        return _UNITS[self.kind][0]
+    def tips(self, robot: Robot, q: FloatArray, amount: float) -> FloatArray:
+        """(k, 3) tool points [m] at ``q`` (k, n) [rad] where it is larger by ``amount`` of its unit."""
+        chain, i, error = robot.chain, self.index, amount * _UNITS[self.kind][1]
+        match self.kind:
+            case "base":
+                return chain.forward(q)[:, :3, 3] + error * np.eye(3)[i]
+            case "zero" | "scale":
+                q = q.copy()
+                q[:, i] += error if self.kind == "zero" else error * q[:, i]
+            case "a" | "d":
+                rows = list(chain.rows)
+                key = f"{self.kind}_m"
+                rows[i] = replace(rows[i], **{key: getattr(rows[i], key) + error})
+                chain = Chain.from_dh(rows, "modified" if chain.convention == "modified" else "standard")
+        return chain.forward(q)[:, :3, 3]
 
-    @property
-    def size(self) -> float:
-        """One of its unit, in SI."""
-        return _UNITS[self.kind][1]
+    def solve(self, robot: Robot, q: FloatArray, points: FloatArray) -> tuple[float, FloatArray] | None:
+        """The error that explains the points best (Gauss-Newton), and what it leaves (k, 3) [m].
+
+        None where the points cannot show it.
+        """
+        amount = 0.0
+        for _ in range(_ROUNDS):
+            here = self.tips(robot, q, amount)
+            slope = (self.tips(robot, q, amount + _STEP) - here) / _STEP
+            size = float(np.sum(slope**2))
+            if size < _UNSEEN_M**2 * len(points):
+                return None
+            step = float(np.sum(slope * (points - here))) / size
+            amount += step
+            if abs(step) < 1e-9:
+                break
+        return amount, points - self.tips(robot, q, amount)
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,8 +101,8 @@ class Blame:
     def __str__(self) -> str:
         """One line."""
         digits = 2 if self.unit != "mm" else 1
-        told = f"{self.title}: {self.amount:+.{digits}f} {self.unit}"
-        return f"{told}, or else {', '.join(self.or_else)}" if self.or_else else told
+        text = f"{self.title}: {self.amount:+.{digits}f} {self.unit}"
+        return f"{text}, or else {', '.join(self.or_else)}" if self.or_else else text
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,65 +115,43 @@ class Change:
     old: float
     new: float
 
-    def __str__(self) -> str:
-        """As it is to be written, with what it was."""
-        return f"{self.key} = {self.new:.6g}  # was {self.old:.6g}"
-
 
 @dataclass(frozen=True, slots=True)
 class ToolError:
-    """What touched points tell of an arm."""
+    """What touched points say about an arm."""
 
-    errors_m: FloatArray
-    """(k, 3) each point less where the robot's numbers put the tool [m]"""
-    left_m: FloatArray
-    """(k, 3) the same with the blamed parameter corrected [m]"""
+    count: int
+    """of the points"""
+    rms_m: float
+    """root mean square of the distances between the points and where the robot's numbers put the tool [m]"""
+    largest_m: float
+    """largest of these distances [m]"""
+    rms_after_m: float
+    """``rms_m`` with the blamed parameter corrected"""
+    largest_after_m: float
     blame: Blame | None
     """None: no parameter explains more than chance would"""
     changes: tuple[Change, ...]
     """of robot file or calibration, where the blamed parameter stands in it"""
 
     @property
-    def rms_m(self) -> float:
-        """Root mean square of the distances [m]."""
-        return _rms(self.errors_m)
-
-    @property
-    def largest_m(self) -> float:
-        """Largest distance [m]."""
-        return float(np.linalg.norm(self.errors_m, axis=1).max())
-
-    @property
-    def rms_after_m(self) -> float:
-        """``rms_m`` with the blamed parameter corrected."""
-        return _rms(self.left_m)
-
-    @property
-    def largest_after_m(self) -> float:
-        """``largest_m`` with the blamed parameter corrected."""
-        return float(np.linalg.norm(self.left_m, axis=1).max())
-
-    @property
     def words(self) -> tuple[str, ...]:
         """All of it for the user."""
-        told = (
-            f"tool error of {len(self.errors_m)} points: RMS {1000 * self.rms_m:.2f} mm, largest "
-            f"{1000 * self.largest_m:.2f} mm"
-        )
+
+        def figures(rms: float, largest: float) -> str:
+            return f"RMS {1000 * rms:.2f} mm, largest {1000 * largest:.2f} mm"
+
+        error = f"tool error of {self.count} points: {figures(self.rms_m, self.largest_m)}"
         if self.blame is None:
-            return told, "no parameter is to blame: none explains more of it than chance would"
-        return (
-            told,
-            f"most to blame: {self.blame}",
-            f"with that corrected: RMS {1000 * self.rms_after_m:.2f} mm, largest "
-            f"{1000 * self.largest_after_m:.2f} mm",
-        )
+            return error, "no parameter is to blame: none explains more of it than chance would"
+        after = f"with that corrected: {figures(self.rms_after_m, self.largest_after_m)}"
+        return error, f"most to blame: {self.blame}", after
 
     def toml(self) -> str:
         """The changed values, each with the old one and where it stands."""
-        if not self.changes:
-            return ""
-        return f"# [{self.changes[0].table}]\n" + "".join(f"{change}\n" for change in self.changes)
+        lines = [f"# [{self.changes[0].table}]"] if self.changes else []
+        lines += [f"{one.key} = {one.new:.6g}  # was {one.old:.6g}" for one in self.changes]
+        return "".join(f"{line}\n" for line in lines)
 
 
 def tool_error(
@@ -159,100 +163,40 @@ def tool_error(
         robot: as the arm runs: with its calibration.
         q: (k, n) joint angles as commanded or measured while the tool touched each point [rad].
         points_m: (k, 3) the points in the base frame [m].
-        calibrated: names of the joints that a calibration is in force for: what the robot file says of their
-            zero and scale counts for nothing.
+        calibrated: names of the joints that a calibration is in force for: their zero and scale are
+            corrected there, not in the robot file.
 
     Raises:
         CalibrationError: fewer than six points, not finite, of a wrong shape, or all in one place.
     """
     configurations, points = _checked(robot, q, points_m)
-    model = ErrorModel(robot, configurations)
-    errors = points - model.tips
-    drops = np.array([_drop(model.column(one), errors) for one in model.parameters])
-    promising = np.flatnonzero((drops >= _PROMISING * drops.max()) & (drops > 0)).tolist()
-    solved = {i: _solve(model, model.parameters[i], points) for i in promising}
-    nothing = ToolError(errors, errors, None, ())
-    if not solved:
-        return nothing
-    squares = {i: float(np.sum(left**2)) for i, (_, left) in solved.items()}
-    freedom = _TOUCH_WEIGHT + errors.size - 1
+    errors = points - robot.forward(configurations)[:, :3, 3]
+    parameters = parameters_of(robot)
+    solved = {one: found for one in parameters if (found := one.solve(robot, configurations, points))}
+    squares = {one: float(np.sum(left**2)) for one, (_, left) in solved.items()}
     least = min(squares.values())
-    variance = (_TOUCH_WEIGHT * _TOUCH_M**2 + least) / freedom
+    variance = (_TOUCH_WEIGHT * _TOUCH_M**2 + least) / (_TOUCH_WEIGHT + errors.size - 1)
+    before = _sizes(errors)
     if float(np.sum(errors**2)) - least <= _CHANCE**2 * variance:
-        return nothing
+        return ToolError(len(points), *before, *before, None, ())
     # of parameters that explain equally much the likelier one: they are listed in that order
-    best = next(i for i in promising if squares[i] - least <= 1e-6 * variance)
+    best = next(one for one in solved if squares[one] - least <= 1e-6 * variance)
     amount, left = solved[best]
-    parameter = model.parameters[best]
-    like = [i for i in promising if i != best and squares[i] - least <= _LIKE**2 * variance]
+    like = [one.title for one in solved if one != best and squares[one] - least <= _LIKE**2 * variance]
+    unit, size = _UNITS[best.kind]
     return ToolError(
-        errors,
-        left,
-        Blame(parameter.title, amount, parameter.unit, tuple(model.parameters[i].title for i in like)),
-        _changes(robot, parameter, amount * parameter.size, calibrated),
+        len(points),
+        *before,
+        *_sizes(left),
+        Blame(best.title, amount, unit, tuple(like)),
+        _changes(robot, best, amount * size, calibrated),
     )
 
 
-class ErrorModel:
-    """An arm with one wrong number, at configurations in which its tool touched something."""
-
-    def __init__(self, robot: Robot, q: FloatArray) -> None:
-        """``q`` (k, n) [rad], as the board was told or as it measured."""
-        self.parameters = _parameters(robot)
-        self._chain, self._q = robot.chain, q
-        frames = self._chain.frames(q)
-        self.tips: FloatArray = frames[:, -1, :3, 3]
-        """(k, 3) where the tool is without an error [m]"""
-        count = len(self._chain.rows)  # none of an arm from a URDF file
-        before, behind = frames[:, :count, :3], frames[:, 1 : count + 1, :3]
-        # Rx keeps x and Rz keeps z: each length runs along an axis of the frame on one side of its row.
-        standard = self._chain.convention == "standard"
-        self._along = {
-            "a": (behind if standard else before)[..., 0],
-            "d": (before if standard else behind)[..., 2],
-        }
-
-    def tips_with(self, parameter: Parameter, amount: float) -> FloatArray:
-        """(k, 3) tool points where a parameter is wrong by ``amount`` of its unit [m]; exact."""
-        if parameter.kind in ("zero", "scale"):
-            return self._chain.forward(self._turned(parameter, amount))[:, :3, 3]
-        return self.tips + amount * self.column(parameter)
-
-    def column(self, parameter: Parameter, amount: float = 0.0) -> FloatArray:
-        """(k, 3) how ``tips_with`` changes with the amount there [m a unit]."""
-        i = parameter.index
-        if parameter.kind == "base":
-            return np.broadcast_to(np.eye(3)[i] * parameter.size, self.tips.shape)
-        if parameter.kind in ("a", "d"):
-            return self._along[parameter.kind][:, i] * parameter.size
-        column = self._chain.jacobian(self._turned(parameter, amount))[:, :3, i]
-        return parameter.size * (column * self._q[:, i, None] if parameter.kind == "scale" else column)
-
-    def _turned(self, parameter: Parameter, amount: float) -> FloatArray:
-        """(k, n) where the joints truly stand [rad]."""
-        q, i, error = self._q.copy(), parameter.index, amount * parameter.size
-        q[:, i] += error if parameter.kind == "zero" else error * q[:, i]
-        return q
-
-
-def _drop(column: FloatArray, errors: FloatArray) -> float:
-    """How much of the squared errors a parameter takes away, by its derivative."""
-    size = float(np.sum(column**2))
-    if size < _UNSEEN_M**2 * len(errors):
-        return 0.0
-    return float(np.sum(column * errors)) ** 2 / size
-
-
-def _solve(model: ErrorModel, parameter: Parameter, points: FloatArray) -> tuple[float, FloatArray]:
-    """The error of one parameter that explains the points best (Gauss-Newton), and what it leaves (k, 3)."""
-    amount = 0.0
-    for _ in range(_ROUNDS):
-        column = model.column(parameter, amount)
-        step = float(np.sum(column * (points - model.tips_with(parameter, amount))) / np.sum(column**2))
-        amount += step
-        if abs(step) < 1e-9:
-            break
-    return amount, points - model.tips_with(parameter, amount)
+def _sizes(errors: FloatArray) -> tuple[float, float]:
+    """RMS and largest length of errors (k, 3)."""
+    lengths: FloatArray = np.linalg.norm(errors, axis=1)
+    return math.sqrt(np.mean(lengths**2)), float(lengths.max())
 
 
 def _checked(robot: Robot, q: ArrayLike, points_m: ArrayLike) -> tuple[FloatArray, FloatArray]:
@@ -278,7 +222,7 @@ def _checked(robot: Robot, q: ArrayLike, points_m: ArrayLike) -> tuple[FloatArra
     return configurations, points
 
 
-def _parameters(robot: Robot) -> tuple[Parameter, ...]:
+def parameters_of(robot: Robot) -> tuple[Parameter, ...]:
     """All numbers that may be wrong, the likelier ones first."""
     zeros = [Parameter("zero", i, f"zero of {joint.title}") for i, joint in enumerate(robot.joints)]
     scales = [Parameter("scale", i, f"scale of {joint.title}") for i, joint in enumerate(robot.joints)]
@@ -340,7 +284,3 @@ def _row_table(robot: Robot, row: int) -> str:
     rows = robot.chain.joint_rows
     joint = f' (joint = "{robot.joint_names[rows.index(row)]}")' if row in rows else ""
     return f"dh.rows, row {row + 1}{joint}"
-
-
-def _rms(errors: FloatArray) -> float:
-    return math.sqrt(float(np.sum(errors**2)) / len(errors))

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from pathlib import Path
 
 import click
+import msgspec
 
 from armctl.boards import board_name
 from armctl.calibration import (
@@ -12,11 +14,12 @@ from armctl.calibration import (
     CalibrationStore,
     JointCalibration,
     calibrated,
-    check_pose,
     encode_calibration,
     fit_joint,
+    iso_time,
     narrowed,
     own_calibration,
+    own_map,
     read_calibration,
     read_marks,
     read_points,
@@ -30,21 +33,31 @@ from armctl.cli.calibration_words import (
     in_words,
     joint_lines,
     record,
+    show_check_pose,
     show_fit,
-    timestamp,
-    unit_of,
+    show_narrowed,
 )
 from armctl.cli.options import NUMBER, QUERY_SETTINGS, SPEED_PERCENT, json_option, print_json
 from armctl.errors import CalibrationError
 from armctl.robot import Robot, is_urdf, load_robot
+from armctl.runtime.clock import wall_time
 
-# ``armctl calibrate safe`` and ``gripper``: numbers that are set, not fitted.
+
+@click.group()
+def calibrate() -> None:
+    """Measure an arm and keep what was measured, by robot and by the board's serial number.
+
+    Outputs are in the board's unit: µs for servos, counts for encoders. The robot file stays as it is.
+    """
+
+
+# Numbers that are set, not fitted.
 
 _NAME_IT = "say for which board: --port, or --board and its serial number (`armctl ports` prints it)"
 port_option = click.option("--port", help="The port that the board is on, instead of --board.")
 
 
-@click.command(context_settings=QUERY_SETTINGS)
+@calibrate.command(context_settings=QUERY_SETTINGS)
 @click.argument("robot")
 @click.argument("joint")
 @click.argument("low", type=NUMBER)
@@ -57,16 +70,22 @@ def safe(robot: str, joint: str, low: float, high: float, board: str | None, por
     In the board's unit: µs for servos, counts for encoders.
     """
     arm = load_robot(robot)
-    unit = unit_of(arm, joint)
-    now = _now(arm, board, port)
-    one = now.joints.get(joint) or own_calibration(arm, joint)
+    own, outputs = own_calibration(arm, joint), own_map(arm)
+    now = _in_force(arm, board, port)
+    crosses = low < own.high and own.low < high
+    if crosses and not outputs.homed and (low < own.low or high > own.high):
+        raise CalibrationError(
+            f"{joint}: {low:.1f} … {high:.1f} {outputs.unit} reach beyond {outputs.range_key} of the robot "
+            f"file, {own.low:.1f} … {own.high:.1f} {outputs.unit}; stay inside, or change it there if the "
+            "servo can go there"
+        )
+    one = now.joints.get(joint) or own
     changed = JointCalibration(one.zero, one.per_rad, low, high)
-    _require_servo_range(arm, joint, changed)
-    _save(arm, now, {**now.joints, joint: changed}, now.gripper)
-    click.echo(f"{joint}: safe outputs {low:.1f} … {high:.1f} {unit}, kept for board {now.board}")
+    _save(arm, msgspec.structs.replace(now, joints={**now.joints, joint: changed}))
+    click.echo(f"{joint}: safe outputs {low:.1f} … {high:.1f} {now.unit}, kept for board {now.board}")
 
 
-@click.command(context_settings=QUERY_SETTINGS)
+@calibrate.command(context_settings=QUERY_SETTINGS)
 @click.argument("robot")
 @click.argument("closed", type=NUMBER)
 @click.argument("opened", type=NUMBER, metavar="OPEN")
@@ -75,54 +94,31 @@ def safe(robot: str, joint: str, low: float, high: float, board: str | None, por
 def gripper(robot: str, closed: float, opened: float, board: str | None, port: str | None) -> None:
     """Set the outputs at which the gripper of ROBOT is CLOSED and OPEN, in the board's unit."""
     arm = load_robot(robot)
-    unit = unit_of(arm, arm.joint_names[0])
-    now = _now(arm, board, port)
-    _save(arm, now, dict(now.joints), (closed, opened))
-    click.echo(f"gripper: closed at {closed:.1f}, open at {opened:.1f} {unit}, kept for board {now.board}")
+    now = _in_force(arm, board, port)
+    _save(arm, msgspec.structs.replace(now, gripper=(closed, opened)))
+    click.echo(
+        f"gripper: closed at {closed:.1f}, open at {opened:.1f} {now.unit}, kept for board {now.board}"
+    )
 
 
-def _require_servo_range(arm: Robot, joint: str, one: JointCalibration) -> None:
-    """Refuse what the robot file would cut off again: whoever types it should know."""
-    own = own_calibration(arm, joint)
-    crosses = one.low < own.high and own.low < one.high
-    ranged = arm.output_map is not None and not arm.output_map.homed
-    if ranged and crosses and (one.low < own.low or one.high > own.high):
-        raise CalibrationError(
-            f"{joint}: {one.low:.1f} … {one.high:.1f} µs reach beyond pulse_us of the robot file, "
-            f"{own.low:.1f} … {own.high:.1f} µs; stay inside, or change it there if the servo can go there"
-        )
-
-
-def _now(arm: Robot, board: str | None, port: str | None) -> Calibration:
+def _in_force(arm: Robot, board: str | None, port: str | None) -> Calibration:
     """What is in force for the board; an empty calibration where nothing is."""
     if board is not None and port is not None:
         raise click.UsageError("give --board or --port, not both")
-    if arm.output_map is None:
-        raise CalibrationError(f"the robot file of {arm.title} gives no outputs to calibrate")
-    store = CalibrationStore()
-    key = (
-        board_name(port, arm) if port is not None else board or chosen_board(store, arm.name, None, _NAME_IT)
-    )
-    found = store.load(arm.name, key)
-    return found or Calibration(arm.name, key, arm.output_map.unit, {})
+    unit, store = own_map(arm).unit, CalibrationStore()
+    if port is not None:
+        board = board_name(port, arm)
+    elif board is None:
+        board = chosen_board(store, arm.name, None, _NAME_IT)
+    return store.load(arm.name, board) or Calibration(arm.name, board, unit, {})
 
 
-def _save(
-    arm: Robot, now: Calibration, joints: dict[str, JointCalibration], jaws: tuple[float, float] | None
-) -> None:
-    changed = Calibration(now.robot, now.board, now.unit, joints, jaws, timestamp(), now.note)
-    words = narrowed(arm, changed)
-    CalibrationStore().save(changed)
-    for line in words:
-        click.echo(f"  {line}")
+def _save(arm: Robot, changed: Calibration) -> None:
+    show_narrowed(arm, changed)
+    CalibrationStore().save(msgspec.structs.replace(changed, made=iso_time(wall_time())))
 
 
-@click.group()
-def calibrate() -> None:
-    """Measure an arm and keep what was measured, by robot and by the board's serial number.
-
-    Outputs are in the board's unit: µs for servos, counts for encoders. The robot file stays as it is.
-    """
+# Measuring.
 
 
 @calibrate.command()
@@ -133,12 +129,12 @@ def calibrate() -> None:
 def fit(robot: str, joint: str, marks: Path, as_json: bool) -> None:
     """Fit JOINT of ROBOT to MARKS, a CSV file with the columns output and angle_deg; saves nothing."""
     arm = load_robot(robot)
-    unit = unit_of(arm, joint)
-    found = fit_joint(read_marks(marks), unit)
+    own_calibration(arm, joint)  # refuses a joint that is not there
+    found = fit_joint(read_marks(marks), own_map(arm).unit)
     if as_json:
-        print_json(fit_record(arm, joint, found, unit))
-        return
-    show_fit(arm, joint, found)
+        print_json(fit_record(arm, joint, found))
+    else:
+        show_fit(arm, joint, found)
 
 
 @calibrate.command("joint")
@@ -171,27 +167,23 @@ def show(robot: str, board: str | None, as_json: bool) -> None:
     """Show the calibration in force for ROBOT, its earlier versions, and what it takes from the limits."""
     arm, store = load_robot(robot), CalibrationStore()
     board = chosen_board(store, arm.name, board)
-    versions = store.versions(arm.name, board)
-    now = store.load(arm.name, board)
+    versions, now = store.versions(arm.name, board), store.load(arm.name, board)
     words = () if now is None else narrowed(arm, now)
     if as_json:
+        keys = ("number", "made", "note", "problem", "again")
         print_json({
             "robot": arm.name,
             "board": board,
-            "calibration": None if now is None else record(now),
+            "calibration": record(now),
             "narrowed": words,
-            "versions": [
-                {"number": one.number, "made": one.made, "note": one.note, "problem": one.problem,
-                 "again": one.again} for one in versions
-            ],
+            "versions": [{key: getattr(one, key) for key in keys} for one in versions],
         })  # fmt: skip
         return
     click.echo(f"{arm.title} on board {board}: {in_words(now)}")
-    for line in () if now is None else (*joint_lines(arm, now), *words):
-        click.echo(f"  {line}")
     if now is not None:
-        pose = check_pose(calibrated(arm, now))
-        click.echo(f"to check by eye, send it to {pose.title}: {'; '.join(pose.words)}")
+        for line in (*joint_lines(arm, now), *words):
+            click.echo(f"  {line}")
+        show_check_pose(calibrated(arm, now))
     for one in versions:
         what = one.problem or one.note or ("as in the robot file" if one.calibration is None else "")
         again = "" if one.again is None else f" (version {one.again} again)"
@@ -207,7 +199,7 @@ def list_command(as_json: bool) -> None:
     if as_json:
         print_json([
             {"robot": one.robot, "board": one.board, "problem": one.problem,
-             "calibration": None if one.calibration is None else record(one.calibration)}
+             "calibration": record(one.calibration)}
             for one in found
         ])  # fmt: skip
         return
@@ -223,8 +215,7 @@ def list_command(as_json: bool) -> None:
 @click.option("--to", "number", type=int, help="Number of the version (default: the one before).")
 def revert(robot: str, board: str | None, number: int | None) -> None:
     """Go back to an earlier calibration of ROBOT; again and again goes further back. Nothing is lost."""
-    store, name = CalibrationStore(), _name(robot)
-    board = chosen_board(store, name, board)
+    store, name, board = _kept(robot, board)
     version = store.revert(name, board, number)
     words = in_words(version.calibration)
     click.echo(f"{name} on board {board}: version {version.again} is in force again: {words}")
@@ -235,9 +226,8 @@ def revert(robot: str, board: str | None, number: int | None) -> None:
 @board_option
 def forget(robot: str, board: str | None) -> None:
     """Let the file of ROBOT hold as it is. The calibrations so far are kept; `revert` brings them back."""
-    store, name = CalibrationStore(), _name(robot)
-    board = chosen_board(store, name, board)
-    store.forget(name, board, timestamp())
+    store, name, board = _kept(robot, board)
+    store.forget(name, board, iso_time(wall_time()))
     click.echo(f"{name} on board {board} goes by its robot file now")
 
 
@@ -255,23 +245,16 @@ def points(robot: str, points: Path, board: str | None, as_json: bool) -> None:
     arm, store = load_robot(robot), CalibrationStore()
     calibration = None if board is None else store.load(arm.name, chosen_board(store, arm.name, board))
     q, touched = read_points(points, arm)
-    if calibration is None:
-        error = tool_error(arm, q, touched)
-    else:
-        error = tool_error(calibrated(arm, calibration), q, touched, calibration.joints)
+    corrected = () if calibration is None else calibration.joints
+    error = tool_error(arm if calibration is None else calibrated(arm, calibration), q, touched, corrected)
     if as_json:
         print_json({
             "rms_mm": 1000 * error.rms_m,
             "largest_mm": 1000 * error.largest_m,
             "rms_after_mm": 1000 * error.rms_after_m,
             "largest_after_mm": 1000 * error.largest_after_m,
-            "blamed": [
-                {"title": one.title, "amount": one.amount, "unit": one.unit, "or_else": one.or_else}
-                for one in (error.blame,) if one is not None
-            ],
-            "changes": [
-                {"table": one.table, "key": one.key, "old": one.old, "new": one.new} for one in error.changes
-            ],
+            "blamed": [] if error.blame is None else [asdict(error.blame)],
+            "changes": [asdict(change) for change in error.changes],
         })  # fmt: skip
         return
     for line in error.words:
@@ -287,8 +270,7 @@ def points(robot: str, points: Path, board: str | None, as_json: bool) -> None:
 @board_option
 def export(robot: str, file: Path, board: str | None) -> None:
     """Write the calibration in force for ROBOT to FILE (TOML), which must not be there yet."""
-    store, name = CalibrationStore(), _name(robot)
-    board = chosen_board(store, name, board)
+    store, name, board = _kept(robot, board)
     now = store.load(name, board)
     if now is None:
         raise CalibrationError(f"{name} on board {board} goes by its robot file: there is nothing to export")
@@ -316,10 +298,8 @@ def import_command(file: Path, board: str | None, robot: str | None) -> None:
         click.echo(f"  {line}")
 
 
-def _name(robot: str) -> str:
-    """The robot's name: of a file the one inside, else what was typed."""
-    return load_robot(robot).name if is_urdf(robot) or Path(robot).suffix else robot
-
-
-calibrate.add_command(safe)
-calibrate.add_command(gripper)
+def _kept(robot: str, board: str | None) -> tuple[CalibrationStore, str, str]:
+    """The store, the robot's name (of a file the one inside, else what was typed), and its board."""
+    store = CalibrationStore()
+    name = load_robot(robot).name if is_urdf(robot) or Path(robot).suffix else robot
+    return store, name, chosen_board(store, name, board)

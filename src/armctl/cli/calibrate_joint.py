@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Mapping
 
 import click
+import msgspec
 import numpy as np
 
 from armctl.arm import Arm
@@ -18,36 +18,32 @@ from armctl.calibration import (
     JointFit,
     Mark,
     calibrated,
-    check_pose,
     fit_joint,
-    narrowed,
+    iso_time,
+    own_calibration,
+    own_map,
     safe_outputs,
 )
-from armctl.cli.calibration_words import show_fit, timestamp, unit_of
+from armctl.cli.calibration_words import show_check_pose, show_fit, show_narrowed
 from armctl.cli.ending import ends_like_ctrl_c
 from armctl.errors import CalibrationError, MotionRefusedError, ProgramError
 from armctl.hardware import Source
 from armctl.robot import Robot
+from armctl.runtime.clock import wall_time
 
 _MARGIN = 0.05
 """of the joint's range that is left free at either end"""
 
 
 def measure_joint(robot: Robot, joint: str, port: str, places: int, speed: float, note: str) -> None:
-    """Take marks of a joint, fit them, and save them if the user wants that.
+    """Take ``places`` marks of a joint on ``port``, fit them, and save them if the user wants that.
 
-    Args:
-        robot: as its file describes it.
-        joint: name of the joint.
-        port: of the board.
-        places: how many marks are taken, evenly over the range.
-        speed: override, percent.
-        note: kept with it.
+    ``robot`` is as its file describes it; ``speed`` is the override [percent].
 
     Raises:
         ArmctlError: no such joint, no board, marks that give no calibration.
     """
-    unit = unit_of(robot, joint)
+    own_calibration(robot, joint)
     with ends_like_ctrl_c(), Arm.open(robot, port) as arm:
         if arm.board == UNNUMBERED:
             click.echo(f"the board on {port} has no serial number: what is saved holds for every such board")
@@ -58,15 +54,15 @@ def measure_joint(robot: Robot, joint: str, port: str, places: int, speed: float
         )
         arm.enable()
         arm.go_pose("home")
-        marks = _take_marks(arm, joint, places, unit)
-        found = fit_joint(marks, unit)
+        marks = _take_marks(arm, joint, places)
+        found = fit_joint(marks, own_map(robot).unit)
         show_fit(robot, joint, found)
         _keep(robot, arm.board, joint, found, note)
 
 
-def _take_marks(arm: Arm, joint: str, places: int, unit: str) -> tuple[Mark, ...]:
+def _take_marks(arm: Arm, joint: str, places: int) -> list[Mark]:
     """Send the joint to places over its range, and ask what it shows there."""
-    index = arm.robot.joint_names.index(joint)
+    unit, index = own_map(arm.robot).unit, arm.robot.joint_names.index(joint)
     low, high = (float(limit) for limit in np.degrees(arm.robot.limits[index]))
     margin = _MARGIN * (high - low)
     click.echo(
@@ -89,7 +85,7 @@ def _take_marks(arm: Arm, joint: str, places: int, unit: str) -> tuple[Mark, ...
             click.echo(f"  {marks[-1].output:.1f} {unit}: {read:g}°")
     if len(marks) < LEAST_MARKS:
         raise CalibrationError(f"{len(marks)} marks were taken, {LEAST_MARKS} are needed; nothing is saved")
-    return tuple(marks)
+    return marks
 
 
 def _ask(question: str) -> float | None:
@@ -110,9 +106,7 @@ def _ask(question: str) -> float | None:
 
 def _output(arm: Arm, index: int) -> float:
     """What the board was told for a joint, or what its encoder says."""
-    snapshot, outputs = arm.snapshot, arm.robot.output_map
-    if outputs is None:
-        raise CalibrationError(f"{arm.robot.title} has no outputs")
+    snapshot, outputs = arm.snapshot, own_map(arm.robot)
     q = snapshot.q if snapshot.source is Source.MEASURED else snapshot.q_command
     if not np.isfinite(q[index]):
         raise CalibrationError("the board does not tell where the joint is; nothing is saved")
@@ -122,25 +116,15 @@ def _output(arm: Arm, index: int) -> float:
 def _keep(robot: Robot, board: str, joint: str, found: JointFit, note: str) -> None:
     """Save the joint with the other joints that are in force, if the user wants it."""
     store = CalibrationStore()
-    now = store.load(robot.name, board)
-    joints: Mapping[str, JointCalibration] = {} if now is None else now.joints
-    low, high = safe_outputs(robot, joint, found, joints.get(joint))
-    calibration = Calibration(
-        robot=robot.name,
-        board=board,
-        unit="µs" if robot.output_map is None else robot.output_map.unit,
-        joints={**joints, joint: JointCalibration(found.zero, found.per_rad, low, high)},
-        gripper=None if now is None else now.gripper,
-        made=timestamp(),
-        note=note,
-    )
-    for line in narrowed(robot, calibration):
-        click.echo(f"  {line}")
+    now = store.load(robot.name, board) or Calibration(robot.name, board, own_map(robot).unit, {})
+    outputs = safe_outputs(robot, joint, found, now.joints.get(joint))
+    joints = {**now.joints, joint: JointCalibration(found.zero, found.per_rad, *outputs)}
+    calibration = msgspec.structs.replace(now, joints=joints, made=iso_time(wall_time()), note=note)
+    show_narrowed(robot, calibration)
     if not click.confirm(f"Save it for board {board}?"):
         click.echo("nothing is saved")
         return
     version = store.save(calibration)
     back = f"armctl calibrate revert {robot.name} --board {shlex.quote(board)}"
     click.echo(f"saved as version {version.number}; `{back}` goes back")
-    pose = check_pose(calibrated(robot, calibration))
-    click.echo(f"to check by eye, send it to {pose.title}: {'; '.join(pose.words)}")
+    show_check_pose(calibrated(robot, calibration))

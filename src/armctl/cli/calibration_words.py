@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from datetime import UTC, datetime
-
 import click
 import numpy as np
 
@@ -11,36 +9,24 @@ from armctl.calibration import (
     Calibration,
     CalibrationStore,
     JointFit,
+    check_pose,
     differences,
-    own_calibration,
+    narrowed,
+    own_map,
     safe_outputs,
 )
 from armctl.cli.options import rounded
 from armctl.errors import CalibrationError
 from armctl.robot import Robot
-from armctl.runtime.clock import wall_time
-
-
-def unit_of(arm: Robot, joint: str) -> str:
-    """The unit of the robot's outputs; refuses a joint that it has not."""
-    own_calibration(arm, joint)
-    return "µs" if arm.output_map is None else arm.output_map.unit
-
-
-def timestamp() -> str:
-    """Now, to the second, with the computer's offset from UTC (ISO 8601)."""
-    return datetime.fromtimestamp(wall_time(), UTC).astimezone().isoformat(timespec="seconds")
 
 
 def show_fit(arm: Robot, joint: str, found: JointFit) -> None:
     """A fit in words: the line, each mark's residual, what it changes, what is wrong with it."""
-    unit, title = unit_of(arm, joint), arm.joints[arm.joint_names.index(joint)].title
+    unit, title = own_map(arm).unit, arm.joints[arm.joint_names.index(joint)].title
     click.echo(f"{title}: {found.zero:.2f} {unit} at 0°, {np.radians(found.per_rad):+.4f} {unit} a degree")
-    for number, residual in enumerate(np.degrees(found.residuals_rad), 1):
-        left_out = "" if number - 1 in found.used else "   left out"
-        click.echo(f"  mark {number}: {residual:+.2f}°{left_out}")
-    click.echo(f"  RMS {np.degrees(found.rms_rad):.2f}°")
-    for line in differences(arm, joint, found):
+    for i, residual in enumerate(np.degrees(found.residuals_rad)):
+        click.echo(f"  mark {i + 1}: {residual:+.2f}°{'   left out' if i == found.suspect else ''}")
+    for line in (f"RMS {np.degrees(found.rms_rad):.2f}°", *differences(arm, joint, found)):
         click.echo(f"  {line}")
     if found.advice is not None:
         click.echo(f"armctl: warning: {found.advice}", err=True)
@@ -48,11 +34,11 @@ def show_fit(arm: Robot, joint: str, found: JointFit) -> None:
     click.echo(f"  safe outputs: {low:.1f} … {high:.1f} {unit}")
 
 
-def fit_record(arm: Robot, joint: str, found: JointFit, unit: str) -> dict[str, object]:
+def fit_record(arm: Robot, joint: str, found: JointFit) -> dict[str, object]:
     """A fit for programs; marks are counted from 1, as in the text."""
     return {
         "joint": joint,
-        "unit": unit,
+        "unit": own_map(arm).unit,
         "zero": found.zero,
         "per_deg": float(np.radians(found.per_rad)),
         "residuals_deg": rounded(np.degrees(found.residuals_rad)),
@@ -87,52 +73,59 @@ def joint_lines(arm: Robot, calibration: Calibration) -> list[str]:
     return lines
 
 
-def record(calibration: Calibration) -> dict[str, object]:
+def record(calibration: Calibration | None) -> dict[str, object] | None:
     """A calibration for programs, in degrees."""
+    if calibration is None:
+        return None
+    joints = {
+        name: {"zero": one.zero, "per_deg": float(np.radians(one.per_rad)), "low": one.low, "high": one.high}
+        for name, one in calibration.joints.items()
+    }
     gripper = calibration.gripper
     return {
         "unit": calibration.unit,
         "made": calibration.made,
         "note": calibration.note,
-        "joints": {
-            name: {"zero": one.zero, "per_deg": float(np.radians(one.per_rad)), "low": one.low,
-                   "high": one.high}
-            for name, one in calibration.joints.items()
-        },
+        "joints": joints,
         "gripper": None if gripper is None else {"closed": gripper[0], "open": gripper[1]},
-    }  # fmt: skip
+    }
 
 
-# Which board a command of ``armctl calibrate`` is about.
+def show_narrowed(arm: Robot, calibration: Calibration) -> None:
+    """What a calibration takes from the limits; refuses one that does not fit the robot."""
+    for line in narrowed(arm, calibration):
+        click.echo(f"  {line}")
+
+
+def show_check_pose(arm: Robot) -> None:
+    """Where a calibrated arm is to be sent to judge it by eye."""
+    pose = check_pose(arm)
+    click.echo(f"to check by eye, send it to {pose.title}: {'; '.join(pose.words)}")
+
 
 board_option = click.option(
     "--board", help="Serial number of the board (default: the only one that the robot was calibrated with)."
 )
 
 
-_BEGIN = "begin with `armctl calibrate joint`"
+def chosen_board(
+    store: CalibrationStore, robot: str, board: str | None, begin: str = "begin with `armctl calibrate joint`"
+) -> str:
+    """The board that was named, or the only one that the robot was calibrated with.
 
-
-def chosen_board(store: CalibrationStore, robot: str, board: str | None, begin: str = _BEGIN) -> str:
-    """The board that was named, or the only one.
-
-    Args:
-        store: the calibrations of this computer.
-        robot: name of the robot.
-        board: serial number; None: the only one.
-        begin: what to do where there is no calibration yet.
+    ``begin`` says what to do where there is no calibration yet.
 
     Raises:
-        CalibrationError: the robot was never calibrated, or with several boards.
+        CalibrationError: the robot was never calibrated, not with this board, or with several.
     """
     known = [one.board for one in store.boards() if one.robot == robot]
-    if board is None and len(known) == 1:
-        return known[0]
-    if board is not None and board in known:
-        return board
     if not known:
         raise CalibrationError(f"{robot} was never calibrated on this computer; {begin}")
+    if board is None and len(known) == 1:
+        return known[0]
     listed = ", ".join(known)
     if board is None:
         raise CalibrationError(f"{robot} was calibrated with several boards: {listed}; name one with --board")
-    raise CalibrationError(f"{robot} was never calibrated with board {board!r}; known are {listed}")
+    if board not in known:
+        raise CalibrationError(f"{robot} was never calibrated with board {board!r}; known are {listed}")
+    return board

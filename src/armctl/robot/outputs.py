@@ -52,6 +52,8 @@ class OutputMap:
     """what a robot file calls the table of a joint's output"""
     key: str = "us"
     """the unit in the keys of that table"""
+    range_key: str = "pulse_us"
+    """the key of the safe outputs in that table"""
 
     @classmethod
     def stand_in(cls, limits: FloatArray) -> OutputMap:

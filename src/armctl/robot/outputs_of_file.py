@@ -192,6 +192,7 @@ class ServoEntries:
             lowest=self.lowest,
             highest=self.highest,
             key=self.key,
+            range_key=self.range_key,
         )
         return outputs, None
 

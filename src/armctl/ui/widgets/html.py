@@ -97,11 +97,6 @@ def date_and_time(stamp: str) -> str:
     return datetime.fromisoformat(stamp).astimezone().strftime("%Y-%m-%d %H:%M")
 
 
-def iso_time(stamp: float) -> str:
-    """Local day and time, with its offset, of seconds since the epoch (ISO 8601)."""
-    return datetime.fromtimestamp(stamp).astimezone().isoformat(timespec="seconds")
-
-
 _STYLE = "padding:2px 12px;font-size:12.5px;line-height:1.5;overflow-x:auto;overflow-wrap:anywhere"
 _CELL = "padding:0 6px;text-align:right;font-variant-numeric:tabular-nums;white-space:nowrap"
 _HEAD = ";white-space:normal;overflow-wrap:normal;vertical-align:bottom"

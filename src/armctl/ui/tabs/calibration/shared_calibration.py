@@ -15,8 +15,8 @@ from armctl.calibration import (
     JointFit,
     Mark,
     Version,
-    default_outputs,
     fit_joint,
+    iso_time,
     narrowed,
     own_calibration,
     safe_outputs,
@@ -26,7 +26,6 @@ from armctl.robot import OutputMap, Robot
 from armctl.runtime import wall_time
 from armctl.ui.console import CalibrationInForce, Console
 from armctl.ui.tabs.calibration.touched_points import TouchedPoints
-from armctl.ui.widgets.html import iso_time
 
 _LARGEST_ANGLE = math.radians(720.0)
 _APART = 1.0
@@ -151,7 +150,7 @@ class CalibrationWork:
         elif kept is not None:
             low, high = kept.low, kept.high
         elif now is not None:
-            low, high = default_outputs(self.robot, joint, now.zero, now.per_rad)
+            low, high = safe_outputs(self.robot, joint, now)
         else:
             own = own_calibration(self.robot, joint)
             low, high = own.low, own.high
