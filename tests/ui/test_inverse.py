@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 from tests.ui.page_kit import FakePage
@@ -10,11 +12,10 @@ from armctl.kinematics import CRITERIA, Target
 from armctl.robot import load_robot
 from armctl.ui.guard import GuardedServer
 from armctl.ui.tabs.inverse.answer import (
-    PAGE_ROWS,
     Answer,
     answer,
     branches_html,
-    list_html,
+    list_row,
     no_curve,
     result_html,
     same_place,
@@ -48,15 +49,11 @@ def test_every_row_reaches_the_target_and_energies_rise(criterion: str) -> None:
         assert tip == pytest.approx([220, -196, 85], abs=1e-9)
 
 
-def test_pages_show_every_row_once_and_the_result_counts_branches() -> None:
+def test_the_list_and_the_result_name_branches_and_energy() -> None:
     found = solved(220, -196, 85)
-    for page in (0, 234):
-        html = list_html(found, page, None)
-        assert html.count("<tr") == 1 + min(PAGE_ROWS, 3520 - page * PAGE_ROWS)
-    assert ">3520<" in list_html(found, 234, None)
-    assert [list_html(found, page, 3).count("background") for page in (0, 1)] == [1, 0]
-    single = at_home()
-    assert list_html(single, 0, 1).count("<tr") == 1 + len(single.solutions) < PAGE_ROWS
+    first, last = list_row(found, 1), list_row(found, 3520)
+    assert (first[0], last[0]) == ("1", "3520") and float(first[-1]) < float(last[-1])
+    assert first[6] in ("front up", "front down") and len(first) == 8
     html = result_html(ROBOT, found)
     assert "3520 solutions inside the limits" in html
     assert "front elbow-up: 1760; front elbow-down: 1760" in html
@@ -166,11 +163,21 @@ def test_no_branches_where_a_joint_is_free_or_nothing_reaches() -> None:
     ("row", "button", "leads_to"),
     [(1, "Prev", 0), (1, "Next", 1), (50, "Last", 9), (150, "Next", 9), (80, "Prev", 4), (120, "First", 0)],
 )
-def test_page_buttons(server: GuardedServer, row: int, button: str, leads_to: int) -> None:
+def test_page_buttons_and_rows(server: GuardedServer, row: int, button: str, leads_to: int) -> None:
     page = FakePage(server, ROBOT, HOME)
-    pager = Pager(page.gui, page.on, 15, lambda: None)
+    pager = Pager(page.gui, page.on, lambda: None)
+
+    def rows() -> list[str]:
+        return re.findall(r"row (\d+)<", pager.html("about it", [], lambda number: [f"row {number}"]))
+
     pager.reset(150, row)
     page.press("Page", button)
-    assert (pager.page, pager.row) == (leads_to, row)
+    assert rows() == [str(15 * leads_to + k) for k in range(1, 16)]
+    assert pager.row == row
+    page.put("Row", 149)
+    html = pager.html("about it", [], lambda number: [f"row {number}"])
+    assert "page 10 of 10 · about it" in html and html.count("background") == 1
     page.put("Row", 151)
     assert pager.row is None
+    pager.reset(3, None)
+    assert rows() == ["1", "2", "3"]

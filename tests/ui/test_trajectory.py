@@ -33,7 +33,7 @@ from armctl.robot import Robot, load_robot
 from armctl.ui.tabs.trajectory.error_report import (
     MEANING,
     between_html,
-    points_html,
+    point_row,
     summary_html,
     theoretical,
 )
@@ -55,15 +55,11 @@ from armctl.ui.tabs.trajectory.plan import (
     TOOL_LINE,
     MotionRequest,
     PlannedMotion,
-    ShownMotion,
-    ToolWish,
     plan_motion,
-    plan_shown,
     why_not,
 )
 from armctl.ui.tabs.trajectory.study import (
     ShownStudy,
-    StudyRequest,
     fastest_words,
     make_study,
     study_html,
@@ -74,16 +70,12 @@ ROBOT = load_robot("uzuner")
 REST, HOME, ZERO = ROBOT.pose("rest"), ROBOT.pose("home"), ROBOT.pose("zero")
 TIP = ROBOT.forward(HOME)[:3, 3]
 NEAR = TIP + np.array([0, 0.05, 0])
-STRETCHED = ToolWish(np.array([0.5, 0.0, 0.3]))
+STRETCHED = Target.of([0.5, 0.0, 0.3])
 GO_HOME = MoveStep(joints_deg=(0, 90, -80, -40, 0))
 
 
 def planned(motion: str = JOINTS, start: np.ndarray | Target = REST, **asked: Any) -> PlannedMotion:
     return plan_motion(ROBOT, MotionRequest(motion, motion, start, **asked))
-
-
-def shown(motion: str = JOINTS, start: np.ndarray = REST, **asked: Any) -> ShownMotion:
-    return plan_shown(ROBOT, MotionRequest(motion, motion, start, **asked))
 
 
 def of_program(*steps: Step) -> PlannedMotion:
@@ -122,22 +114,22 @@ def test_a_motion_that_must_not_be_run_is_drawn_with_what_is_wrong() -> None:
 @pytest.mark.parametrize("via", [None, TIP + np.array([0, 0.04, 0.02])])
 def test_the_tool_is_led_to_its_end_at_the_speed_that_is_asked_for(via: np.ndarray | None) -> None:
     end, motion = TIP + np.array([0, 0.08, 0]), TOOL_LINE if via is None else TOOL_ARC
-    found = shown(motion, HOME, profile="trapezoid", tool=ToolWish(end, via, speed=0.02))
-    assert found.planned.refusal is None
+    found = planned(motion, HOME, profile="trapezoid", end=Target.of(end), via=via, speed=0.02)
+    assert found.refusal is None
     assert found.motion.position[-1] == pytest.approx(end, abs=1e-5)
     assert found.motion.tool_speed.max() == pytest.approx(0.02, rel=1e-3)
     assert np.degrees(found.motion.pitch) == pytest.approx(-30.0, abs=0.02)
-    assert found.planned.points is not None and len(found.planned.points) == 25
-    report, html = theoretical(ROBOT, found.planned)
+    assert found.points is not None and len(found.points) == 25
+    report, html = theoretical(found)
     assert report.distance.max() < 0.05e-3
     assert "Off the ideal line or arc" in html and "As printed" not in html
-    assert "(asked for: 20 mm/s)" in peaks_html(ROBOT, found)
-    turned = shown(motion, HOME, tool=ToolWish(end, via, "interpolated", np.radians(-40)))
+    assert "(asked for: 20 mm/s)" in peaks_html(found)
+    turned = planned(motion, HOME, end=Target.of(end, np.radians(-40)), via=via, pitch="interpolated")
     assert np.degrees(turned.motion.pitch[-1]) == pytest.approx(-40.0, abs=0.02)
 
 
 def test_a_line_that_ends_on_the_way_is_drawn_as_far_as_that_and_refused() -> None:
-    found = planned(TOOL_LINE, HOME, profile="trapezoid", tool=STRETCHED)
+    found = planned(TOOL_LINE, HOME, profile="trapezoid", end=STRETCHED)
     assert found.refusal is not None
     assert re.match(r"(?!at ).*\d+ % of the line", found.refusal.what)
     assert found.refusal.time == pytest.approx(found.trajectory.duration)
@@ -145,18 +137,18 @@ def test_a_line_that_ends_on_the_way_is_drawn_as_far_as_that_and_refused() -> No
     assert found.points is None
     assert path_of(found, 2)[-1, 0] > TIP[0] + 0.05
     with pytest.raises(InputError, match="normal leads each joint for itself"):
-        planned(TOOL_LINE, HOME, profile="normal", tool=ToolWish(NEAR))
+        planned(TOOL_LINE, HOME, profile="normal", end=Target.of(NEAR))
 
 
 def test_a_line_cut_short_is_not_called_after_a_profile_that_it_does_not_follow() -> None:
-    for wish, title in ((STRETCHED, "Tool line"), (ToolWish(NEAR), "Tool line, quintic")):
-        request = MotionRequest(TOOL_LINE, "Tool line, quintic", HOME, "quintic", tool=wish)
+    for wish, title in ((STRETCHED, "Tool line"), (Target.of(NEAR), "Tool line, quintic")):
+        request = MotionRequest(TOOL_LINE, "Tool line, quintic", HOME, "quintic", end=wish)
         assert plan_motion(ROBOT, request).title == title
 
 
 def test_the_limit_that_ends_a_line_is_told_once() -> None:
     start = np.radians([0.0, 80.0, -50.0, -60.0, 0.0])
-    found = planned(TOOL_LINE, start, profile="trapezoid", tool=ToolWish(np.array([0.22, -0.06, 0.2])))
+    found = planned(TOOL_LINE, start, profile="trapezoid", end=Target.of([0.22, -0.06, 0.2]))
     limits = [finding for finding in found.findings if finding.kind == "limits"]
     assert [finding.part for finding in limits] == ["Elbow"]
     assert "Elbow would need" in limits[0].what
@@ -172,7 +164,7 @@ def test_a_published_path_in_every_way_of_passing_its_points(
     assert found.points.shape == (count, 3)
     assert np.abs(ROBOT.forward(found.solved)[:, :3, 3] - found.points).max() < 1e-9
     assert found.trajectory.start == pytest.approx(found.solved[0])
-    report, html = theoretical(ROBOT, found)
+    report, html = theoretical(found)
     assert report.rmse.max() < 5e-12
     assert "As printed" in html and "at most 0.005 mm" in html
     if passing is None:
@@ -238,7 +230,7 @@ def test_a_program_is_shown_as_it_runs_with_its_waits_repeats_and_speeds() -> No
     assert found.trajectory.sample(3.0).q == pytest.approx(HOME)
     assert [step for _, step in found.steps] == [0, 1, 2, 4, 5, 4, 5]
     assert [found.step_at(time) for time in (0.0, 3.0, 1e9)] == [0, 1, 5]
-    assert "step 2" in cursor_html(ROBOT, found, 3.0)
+    assert "step 2" in cursor_html(found, 3.0)
     assert of_program(SpeedStep(percent=50), there).trajectory.duration == pytest.approx(4.0)
 
 
@@ -266,20 +258,20 @@ def test_a_program_that_cannot_be_shown_says_why(steps: tuple[Step, ...], why: s
 
 
 def test_graphs_have_a_title_with_its_unit_and_one_line_a_coordinate() -> None:
-    found = shown(end=HOME)
+    found = planned(end=HOME)
     for of, quantity in itertools.product(OF, QUANTITIES):
-        picture = graph(ROBOT, found, of, quantity, "none")
+        picture = graph(found, of, quantity, "none")
         assert re.fullmatch(rf"(Tool|Joint) {quantity.lower()} \((mm|°)(/s[²³]?)?\)", picture.title)
         assert len(picture.lines) == (3 if of == "Tool" else 5)
         assert all(len(line.y) == len(picture.x) and np.isfinite(line.y).all() for line in picture.lines)
-    plain = graph(ROBOT, found, "Tool", "Position", "near")
-    for time in (0.0, 0.3, found.planned.trajectory.duration):
-        cursor = graph(ROBOT, found, "Tool", "Position", "near", time).lines[-1]
+    plain = graph(found, "Tool", "Position", "near")
+    for time in (0.0, 0.3, found.trajectory.duration):
+        cursor = graph(found, "Tool", "Position", "near", time).lines[-1]
         at = np.flatnonzero(np.isfinite(cursor.y))
         assert cursor.name == "cursor" and plain.x[at] == pytest.approx([time, time], abs=0.01)
-    html = peaks_html(ROBOT, found)
+    html = peaks_html(found)
     for word in (
-        f"{found.planned.trajectory.duration:.3f} s",
+        f"{found.trajectory.duration:.3f} s",
         "Shoulder",
         "speed °/s",
         ">360<",
@@ -287,38 +279,38 @@ def test_graphs_have_a_title_with_its_unit_and_one_line_a_coordinate() -> None:
         "mm/s²",
     ):
         assert word in html
-    numbers = cursor_html(ROBOT, found.planned, 0.0)
+    numbers = cursor_html(found, 0.0)
     assert "at 0.00 s: tool (<b>124.7, 3.6, 267.5</b>) mm, 0.0 mm/s" in numbers
     assert all(joint.title in numbers for joint in ROBOT.joints)
 
 
 def test_limits_are_dashed_and_drawn_where_they_matter() -> None:
-    fast = shown(end=ZERO, profile="trapezoid")
-    near = graph(ROBOT, fast, "Joints", "Velocity", "near").lines[5:]
+    fast = planned(end=ZERO, profile="trapezoid")
+    near = graph(fast, "Joints", "Velocity", "near").lines[5:]
     assert {(line.name, float(line.y[0])) for line in near} == {("Shoulder ≥ −60", -60.0)}
-    shoulder = graph(ROBOT, fast, "Joints", "Position", "near").lines[1]
+    shoulder = graph(fast, "Joints", "Position", "near").lines[1]
     assert near[0].dash is not None and near[0].color == shoulder.color
-    every = graph(ROBOT, fast, "Joints", "Velocity", "all").lines[5:]
+    every = graph(fast, "Joints", "Velocity", "all").lines[5:]
     assert sorted(float(line.y[0]) for line in every) == pytest.approx([-120, -90, -60, 60, 90, 120])
     assert "2 joints ≤ 120" in {line.name for line in every}
-    low = shown(end=np.radians([0, 0, -40.0, 0, 0]))
+    low = planned(end=np.radians([0, 0, -40.0, 0, 0]))
     assert low.motion.position[-1, 2] < 0.105
-    floor = graph(ROBOT, low, "Tool", "Position", "all").lines[3]
+    floor = graph(low, "Tool", "Position", "all").lines[3]
     assert floor.name == "floor" and float(floor.y[0]) == pytest.approx(1000 * ROBOT.floor_z)
 
 
 def test_another_motion_is_drawn_beside_it_over_the_longer_time() -> None:
-    a, b = shown(end=HOME, duration_s=6.0), shown(end=HOME, profile="trapezoid")
+    a, b = planned(end=HOME, duration_s=6.0), planned(end=HOME, profile="trapezoid")
     for first, second in ((a, b), (b, a)):
-        picture = graph(ROBOT, second, "Joints", "Velocity", "none", None, first)
+        picture = graph(second, "Joints", "Velocity", "none", None, first)
         assert [line.name[:2] for line in picture.lines] == ["B "] * 5 + ["A "] * 5
         assert all(line.dash is not None for line in picture.lines[5:])
         assert picture.x[-1] == pytest.approx(6.0) and (np.diff(picture.x) > 0).all()
         short = picture.lines[1 if second is b else 6].y
-        assert np.isnan(short[picture.x > b.planned.trajectory.duration + 1e-9]).all()
-        assert np.isfinite(short[picture.x <= b.planned.trajectory.duration]).all()
-    html = compare_html(ROBOT, a, b)
-    for part in ("6.000", f"{b.planned.trajectory.duration:.3f}", "% of limit", "jerk A", "Shoulder"):
+        assert np.isnan(short[picture.x > b.trajectory.duration + 1e-9]).all()
+        assert np.isfinite(short[picture.x <= b.trajectory.duration]).all()
+    html = compare_html(a, b)
+    for part in ("6.000", f"{b.trajectory.duration:.3f}", "% of limit", "jerk A", "Shoulder"):
         assert part in html
 
 
@@ -333,7 +325,7 @@ def test_the_error_report_is_that_of_the_paper() -> None:
     html = summary_html("Applied", MEANING[Source.TRANSMITTED], report)
     for part in ("4 points", "transmitted by the board, not measured", "5.000", "2.236", "4.000"):
         assert part in html
-    assert points_html(report, 0, 2).count("background") == 1
+    assert point_row(report, 4) == ["4", *["0.00"] * 3, "−3.00", "0.00", "4.00", "5.000"]
     strays = between_html(PathError(np.arange(2.0), np.array([0.0, 0.0015])), "of 2 readings")
     assert "of 2 readings" in strays and "1.500" in strays and "1.061" in strays
 
@@ -366,27 +358,27 @@ def test_the_report_s_file_names_its_units() -> None:
 
 
 def studied(robot: Robot, turning: Turning = "in turn", deg_s: float = 20.0) -> ShownStudy:
-    return make_study(robot, StudyRequest(turning, robot.pose("home"), "home", math.radians(deg_s), None))
+    return make_study(robot, "home", robot.pose("home"), turning, math.radians(deg_s), None)
 
 
 def test_the_fastest_joint_is_named_and_the_printed_speed_set_right() -> None:
     robot = load_robot("abaas")
     alone, together = studied(robot), studied(robot, "all at once")
     words = "Shoulder moves the tip fastest: 84.4 mm/s; next is Elbow with 83.4 mm/s."
-    assert fastest_words(robot, alone.study) == words
-    assert "Shoulder moves the tip fastest: 122.0 mm/s" in fastest_words(robot, together.study)
-    html = study_html(robot, alone)
+    assert fastest_words(alone) == words
+    assert "Shoulder moves the tip fastest: 122.0 mm/s" in fastest_words(together)
+    html = study_html(alone)
     for part in ("355.0 mm at most", "20 °/s give 123.9", "8.32·10³ mm/s", "23.8 m", "right is 124 mm/s"):
         assert part in html
-    assert "8.32·10³" not in study_html(load_robot("mico"), studied(load_robot("mico")))
+    assert "8.32·10³" not in study_html(studied(load_robot("mico")))
     assert "of the largest speed" in html
 
 
 def test_held_joints_and_too_fast_ones_are_named() -> None:
     humanoid, scorbot = load_robot("humanoid"), load_robot("scorbot")
-    assert "its limits hold it still: Wrist roll." in study_html(humanoid, studied(humanoid))
-    assert "Faster than" not in study_html(scorbot, studied(scorbot))
-    html = study_html(scorbot, studied(scorbot, deg_s=50.0))
+    assert "its limits hold it still: Wrist roll." in study_html(studied(humanoid))
+    assert "Faster than" not in study_html(studied(scorbot))
+    html = study_html(studied(scorbot, deg_s=50.0))
     assert "Faster than the real arm may turn: Waist (20 °/s), Shoulder (26 °/s), Elbow (26 °/s)." in html
 
 
@@ -395,8 +387,8 @@ def test_the_plot_has_a_line_a_joint_in_millimetres_a_second(name: str) -> None:
     robot = load_robot(name)
     alone, together = studied(robot), studied(robot, "all at once")
     titles = [joint.title for joint in robot.joints if joint.upper > joint.lower]
-    assert [line.name for line in study_picture(robot, alone.study).lines] == titles
-    picture = study_picture(robot, together.study)
+    assert [line.name for line in study_picture(alone).lines] == titles
+    picture = study_picture(together)
     assert picture.title == "Tip speed by joint (mm/s)"
     assert [line.name for line in picture.lines] == [*titles, "all together"]
     assert len({line.color for line in picture.lines}) == len(picture.lines)

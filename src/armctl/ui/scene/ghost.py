@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import asyncio
+from collections.abc import AsyncIterator, Callable
 from dataclasses import replace
 
 import numpy as np
@@ -106,6 +107,21 @@ class Preview:
         """Hide the ghost once the arm, at ``present`` (n,) [rad], has come to it."""
         if self._q is not None and np.abs(self._q - present).max() < _SAME_RAD:
             self.hide()
+
+
+async def played(
+    begin: float, end: float, speed: Callable[[], float], frame_s: float
+) -> AsyncIterator[float]:
+    """Times of a motion from ``begin`` to ``end`` [s] as it is played, a frame apart, the end included."""
+    clock = asyncio.get_running_loop().time
+    time, before = begin, clock()
+    yield time
+    while time < end:
+        await asyncio.sleep(frame_s)
+        now = clock()
+        time = min(time + (now - before) * speed(), end)
+        before = now
+        yield time
 
 
 def segments(points: FloatArray) -> FloatArray:

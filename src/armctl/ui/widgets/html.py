@@ -157,42 +157,47 @@ def table(
     return f"<div style='font-size:11px'>{html}</div>" if small else html
 
 
-# Page buttons of a long list, and a field for the number of the row to select.
+# A long table, a page at a time; page buttons, and a field for the number of the row to select.
 
-_BUTTONS = ("First", "Prev", "Next", "Last")
+PAGE_ROWS = 15
 
 
 class Pager:
     """``changed`` is called when the user has turned a page or chosen a row."""
 
-    def __init__(self, gui: viser.GuiApi, on: On, page_rows: int, changed: Callable[[], None]) -> None:
-        self._page_rows = page_rows
+    def __init__(self, gui: viser.GuiApi, on: On, changed: Callable[[], None]) -> None:
         self._changed = changed
-        self._rows = 0
-        self.page = 0
+        self._rows = self._page = 0
         self.row: int | None = None
-        self._buttons = gui.add_button_group("Page", _BUTTONS)
+        """selected, from 1; None: none"""
+        self._buttons = gui.add_button_group("Page", ("First", "Prev", "Next", "Last"))
         self._field = gui.add_number("Row", initial_value=1, step=1, hint="Type a row's number to select it.")
         self.attach_row_edit = self._field.on_update
         on(self._buttons.on_click, self._on_button)
         on(self._field.on_update, self._on_row)
 
-    @property
-    def pages(self) -> int:
-        """Number of pages, at least 1."""
-        return max(1, -(-self._rows // self._page_rows))
-
     def reset(self, rows: int, row: int | None) -> None:
         """Page through another list of ``rows`` rows, with ``row`` (from 1) selected and in view."""
-        self._rows, self.row, self.page = rows, row, 0
+        self._rows, self.row, self._page = rows, row, 0
         if row is not None:
-            self.page = (row - 1) // self._page_rows
+            self._page = (row - 1) // PAGE_ROWS
             self._field.value = row
 
+    def html(self, about: str, head: Sequence[str], row: Callable[[int], list[str]]) -> str:
+        """The page as a table, above it what the list is ``about``; ``row``: the cells of a row, from 1."""
+        first = self._page * PAGE_ROWS + 1
+        rows = [row(number) for number in range(first, min(first + PAGE_ROWS, self._rows + 1))]
+        marked = None if self.row is None else self.row - first
+        where = muted(f"page {self._page + 1} of {self._last + 1} · {about}")
+        return where + table(head, rows, marked=marked, names=False, small=True)
+
+    @property
+    def _last(self) -> int:
+        return max(0, (self._rows - 1) // PAGE_ROWS)
+
     def _on_button(self) -> None:
-        last = self.pages - 1
-        wanted = {"First": 0, "Prev": self.page - 1, "Next": self.page + 1, "Last": last}
-        self.page = min(max(wanted[self._buttons.value], 0), last)
+        wanted = {"First": 0, "Prev": self._page - 1, "Next": self._page + 1, "Last": self._last}
+        self._page = min(max(wanted[self._buttons.value], 0), self._last)
         self._changed()
 
     def _on_row(self) -> None:
@@ -200,5 +205,5 @@ class Pager:
         row = self._field.value
         self.row = int(row) if 1 <= row <= self._rows else None
         if self.row is not None:
-            self.page = (self.row - 1) // self._page_rows
+            self._page = (self.row - 1) // PAGE_ROWS
         self._changed()

@@ -17,7 +17,6 @@ from armctl.robot import Robot
 from armctl.ui.widgets.html import fixed, muted, numbers, refused, strong, table
 from armctl.ui.widgets.plots import COLORS, Line, Picture, thinned
 
-PAGE_ROWS = 15
 _UNITS: dict[Criterion, tuple[float, str]] = {
     "least-rotation": (180 / np.pi, "°"),
     "published": (180 / np.pi, "°"),
@@ -163,22 +162,20 @@ def result_html(robot: Robot, found: Answer) -> str:
     return text
 
 
-def list_html(found: Answer, page: int, selected: int | None) -> str:
-    """One page (from 0) of the list of solutions; ``selected`` is the row to highlight."""
-    solutions, first = found.solutions, page * PAGE_ROWS
-    unit = _UNITS[found.criterion][1]
-    head = ["#", *_theta(solutions.q.shape[1]), "branch", f"energy {unit}"]
-    rows = [
-        [
-            str(row),
-            *(fixed(value, 2) for value in np.degrees(solutions.q[index]).tolist()),
-            short_branch(str(solutions.branch[index])),
-            fixed(float(found.energy[index]), 3),
-        ]
-        for row, index in enumerate(found.order[first : first + PAGE_ROWS].tolist(), first + 1)
+def list_head(found: Answer) -> list[str]:
+    """The heads of the list of solutions."""
+    return ["#", *_theta(len(found.start)), "branch", f"energy {_UNITS[found.criterion][1]}"]
+
+
+def list_row(found: Answer, row: int) -> list[str]:
+    """One row of the list, counted from 1."""
+    index = found.order[row - 1]
+    return [
+        str(row),
+        *(fixed(value, 2) for value in np.degrees(found.q(row)).tolist()),
+        short_branch(str(found.solutions.branch[index])),
+        fixed(float(found.energy[index]), 3),
     ]
-    marked = None if selected is None else selected - 1 - first
-    return table(head, rows, marked=marked, names=False, small=True)
 
 
 def branches_html(found: Answer) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import math
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 import viser
@@ -18,12 +19,12 @@ from armctl.ui.scene.arm_figure import ArmFigure
 from armctl.ui.scene.ghost import THICKER, Preview, thicker
 from armctl.ui.session import Session
 from armctl.ui.tabs.inverse.answer import (
-    PAGE_ROWS,
     Answer,
     answer,
     branches_html,
     counted,
-    list_html,
+    list_head,
+    list_row,
     no_curve,
     result_html,
     same_place,
@@ -76,7 +77,7 @@ class InverseScreen:
         tabs = gui.add_tab_group()
         with tabs.add_tab("List"):
             self._list = LiveHtml(gui, muted(_NOTHING))
-            self._pager = Pager(gui, session.on, PAGE_ROWS, self._on_row)
+            self._pager = Pager(gui, session.on, self._on_row)
             self._form.watch.watch(self._pager.attach_row_edit)
             self._selected = LiveHtml(gui)
             self._old_list = LiveHtml(gui, warned(_OLD_LIST), visible=False)
@@ -213,13 +214,13 @@ class InverseScreen:
             self._preview.show(shown, self._session.snapshot.q_command)
 
     def _draw_list(self, found: Answer) -> None:
-        count, page, row = len(found.solutions), self._pager.page, self._pager.row
+        count, row = len(found.solutions), self._pager.row
         if count == 0:
             self._list.show(muted("There is no solution."))
             self._selected.show("")
             return
-        where = f"page {page + 1} of {self._pager.pages} · {counted(count)}, least energy first"
-        self._list.show(muted(where) + list_html(found, page, row))
+        about = f"{counted(count)}, least energy first"
+        self._list.show(self._pager.html(about, list_head(found), partial(list_row, found)))
         if row is None:
             self._selected.show(muted(f"No row is selected: type a row from 1 to {count}."))
         else:

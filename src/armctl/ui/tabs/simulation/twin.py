@@ -19,7 +19,7 @@ from armctl.runtime.joint_servo import KeepClear
 from armctl.runtime.live_target import FOLLOW_EXPIRY_S, Follower
 from armctl.ui.newest import Newest
 from armctl.ui.scene.arm_figure import ArmFigure
-from armctl.ui.scene.ghost import Lines, segments, thicker
+from armctl.ui.scene.ghost import Lines, played, segments, thicker
 from armctl.ui.session import Session
 from armctl.ui.tabs.manual.shared_program import SharedProgram
 from armctl.ui.widgets.html import WARNING, LiveHtml
@@ -106,17 +106,10 @@ class TwinControl:
         return await asyncio.to_thread(plan, self._robot, program, q, opening), steps
 
     async def _play(self, plan: Rehearsal, is_newest: Callable[[], bool]) -> None:
-        clock = asyncio.get_running_loop().time
-        before = clock()
-        self._pose(plan)
-        while self._elapsed_s < plan.duration:
-            await asyncio.sleep(_FRAME_S)
+        async for time in played(0.0, plan.duration, lambda: self._session.snapshot.speed, _FRAME_S):
             if not is_newest():
                 return
-            now = clock()
-            played = (now - before) * self._session.snapshot.speed
-            self._elapsed_s = min(self._elapsed_s + played, plan.duration)
-            before = now
+            self._elapsed_s = time
             self._pose(plan)
         await asyncio.sleep(_LINGER_S)
         if is_newest():

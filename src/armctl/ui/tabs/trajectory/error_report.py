@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from functools import partial
 
 import numpy as np
 import viser
@@ -20,14 +21,12 @@ from armctl.motion.error_report import (
     path_error,
     report_csv,
 )
-from armctl.robot import Robot
 from armctl.runtime import Ticket
 from armctl.ui.scene.ghost import Preview
 from armctl.ui.session import Session
 from armctl.ui.tabs.trajectory.plan import PlannedMotion
 from armctl.ui.widgets.html import LiveHtml, Pager, fixed, heading, muted, table
 
-POINT_ROWS = 15
 _SMALL_MM = 0.001
 _RECORD_S = 0.02
 _AFTER = 6
@@ -53,7 +52,6 @@ class ReportView:
 
     def __init__(self, session: Session, preview: Preview) -> None:
         self._session, self._preview = session, preview
-        self._robot = session.console.robot
         self._planned: PlannedMotion | None = None
         self._theory: ErrorReport | None = None
         self._applied: ErrorReport | None = None
@@ -61,7 +59,7 @@ class ReportView:
         self._summary = LiveHtml(gui, muted(_NONE))
         self._applied_summary = LiveHtml(gui)
         self._points = LiveHtml(gui)
-        self._pager = Pager(gui, session.on, POINT_ROWS, self._on_row)
+        self._pager = Pager(gui, session.on, self._on_row)
         export = gui.add_button("Export error report (CSV)", icon=viser.Icon.DOWNLOAD, color="gray")
         session.on(export.on_click, self._on_export)
 
@@ -70,7 +68,7 @@ class ReportView:
         self._planned, self._theory, self._applied = planned, None, None
         summary, applied = muted(_NONE), ""
         if planned.points is not None:
-            self._theory, summary = theoretical(self._robot, planned)
+            self._theory, summary = theoretical(planned)
             applied = muted("Applied: not run yet. Press Run to record it.")
         self._summary.show(summary)
         self._applied_summary.show(applied)
@@ -91,7 +89,7 @@ class ReportView:
                 text = "the path did not come to its end, so there is no report"
             self._applied_summary.show(muted(f"Applied: {text}."))
             return
-        path = self._robot.forward(readings)[:, :3, 3]
+        path = planned.robot.forward(readings)[:, :3, 3]
         reached = await asyncio.to_thread(closest_on_path, planned.points, path)
         self._applied = ErrorReport(planned.points, reached)
         count = f"{len(path)} readings"
@@ -120,9 +118,9 @@ class ReportView:
         if report is None:
             self._points.show("")
             return
-        which = "applied" if self._applied else "theoretical"
-        where = f"page {self._pager.page + 1} of {self._pager.pages} · asked for, and {which}, mm"
-        self._points.show(muted(where) + points_html(report, self._pager.page, self._pager.row))
+        about = f"asked for, and {'applied' if self._applied else 'theoretical'}, mm"
+        head = ["#", "x", "y", "z", "x got", "y got", "z got", "error"]
+        self._points.show(self._pager.html(about, head, partial(point_row, report)))
 
     def _on_row(self) -> None:
         self._draw()
@@ -145,9 +143,9 @@ async def finished(ticket: Ticket) -> bool:
     return True
 
 
-def theoretical(robot: Robot, planned: PlannedMotion) -> tuple[ErrorReport, str]:
+def theoretical(planned: PlannedMotion) -> tuple[ErrorReport, str]:
     """The report of a motion through points as it is planned, and its figures as HTML."""
-    points, solved = planned.points, planned.solved
+    robot, points, solved = planned.robot, planned.points, planned.solved
     if points is None:
         raise InputError(f"{planned.title} prescribes no points")
     if solved is not None:
@@ -184,17 +182,11 @@ def between_html(error: PathError, when: str) -> str:
     return title + muted(f"Between the points, too: {when}.") + table([], figures)
 
 
-def points_html(report: ErrorReport, page: int, selected: int | None) -> str:
-    """One page (from 0) of the points: desired, reached, distance; ``selected`` is the point to highlight."""
-    first = page * POINT_ROWS
-    both = 1000 * np.hstack([report.desired, report.reached])
-    rows = [
-        [str(i + 1), *(fixed(value, 2) for value in both[i].tolist()), _figure(1000 * report.distance[i])]
-        for i in range(first, min(first + POINT_ROWS, len(both)))
-    ]
-    head = ["#", "x", "y", "z", "x got", "y got", "z got", "error"]
-    marked = None if selected is None else selected - 1 - first
-    return table(head, rows, marked=marked, names=False, small=True)
+def point_row(report: ErrorReport, number: int) -> list[str]:
+    """One point, from 1: desired, reached, distance."""
+    both = 1000 * np.hstack([report.desired[number - 1], report.reached[number - 1]])
+    figures = (fixed(value, 2) for value in both.tolist())
+    return [str(number), *figures, _figure(1000 * report.distance[number - 1])]
 
 
 def _figure(value_mm: float) -> str:

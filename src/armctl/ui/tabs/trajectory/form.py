@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import math
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 
@@ -27,10 +28,9 @@ from armctl.ui.tabs.trajectory.plan import (
     TOOL_LINE,
     TOOL_PATHS,
     MotionRequest,
-    ToolWish,
     why_not,
 )
-from armctl.ui.tabs.trajectory.study import PAPER_DEG_S, StudyRequest
+from armctl.ui.tabs.trajectory.study import PAPER_DEG_S, ShownStudy, make_study
 from armctl.ui.widgets.html import LiveHtml, muted, refused
 from armctl.ui.widgets.number_field import EditWatch, NumberField, NumbersField
 from armctl.ui.widgets.profile_choice import ALL_PROFILES, ProfileChoice
@@ -141,6 +141,9 @@ class MotionForm:
         motion = self._motion.value
         start = self._from.asked(present) if self._from.choice.visible else present
         profile, duration = self._profile.checked()
+        speed = None
+        if motion in TOOL_PATHS:
+            speed = self._tool_speed.positive("Tool speed", "mm/s", "as fast as the joints can")
         return MotionRequest(
             motion,
             self._title(),
@@ -148,8 +151,10 @@ class MotionForm:
             profile,
             duration,
             self._choose.value,
-            end=self._to.asked(present) if motion == JOINTS else None,
-            tool=self._tool_wish() if motion in TOOL_PATHS else None,
+            end=self._end_asked(present),
+            via=_metres(self._via) if self._via.visible else None,
+            pitch=_PITCH[self._pitch.value],
+            speed=None if speed is None else speed / 1000,
             passing=_PASSING[self._passing.value],
             blend_m=self._blend.value / 1000 if self._blend.visible else 0.0,
             program=self._session.shared(SharedProgram).program if motion == PROGRAM else None,
@@ -157,8 +162,8 @@ class MotionForm:
             opening=self._session.snapshot.gripper,
         )
 
-    def study_request(self) -> StudyRequest:
-        """The study that the fields ask for."""
+    def study(self) -> Callable[[], ShownStudy]:
+        """What computes the study that the fields ask for, in a worker thread."""
         speed = self._joint_speed.value
         if not _SLOWEST_DEG_S <= speed <= _FASTEST_DEG_S:
             raise InputError(
@@ -167,7 +172,8 @@ class MotionForm:
         seconds = self._for.positive("For", "s", "until every joint is at its limit")
         robot, name = self._session.console.robot, self._start.value
         start = self._session.snapshot.q_command if name == PRESENT else robot.pose(name)
-        return StudyRequest(_TURNING[self._turning.value], start, name, math.radians(speed), seconds)
+        turning = _TURNING[self._turning.value]
+        return partial(make_study, robot, name, start, turning, math.radians(speed), seconds)
 
     def refresh(self) -> None:
         """Say what a duration of 0 means for as long as it is 0."""
@@ -175,12 +181,13 @@ class MotionForm:
         self._zero.visible = duration.visible and duration.text.strip() in ("", "0")
         self._zero.show(muted(_TO_THE_LIMITS if self.is_study else _SHORTEST))
 
-    def _tool_wish(self) -> ToolWish:
-        speed = self._tool_speed.positive("Tool speed", "mm/s", "as fast as the joints can")
-        end_pitch = math.radians(self._end_pitch.value) if self._end_pitch.visible else None
-        via = _metres(self._via) if self._via.visible else None
-        pitch = _PITCH[self._pitch.value]
-        return ToolWish(_metres(self._end), via, pitch, end_pitch, None if speed is None else speed / 1000)
+    def _end_asked(self, present: FloatArray) -> FloatArray | Target | None:
+        if self._to.choice.visible:
+            return self._to.asked(present)
+        if not self._end.visible:
+            return None
+        pitch = math.radians(self._end_pitch.value) if self._end_pitch.visible else None
+        return Target.of(_metres(self._end))._replace(pitch=pitch)
 
     def _title(self) -> str:
         motion, profile = self._motion.value, self._profile.profile

@@ -12,11 +12,10 @@ from armctl.arrays import FloatArray
 from armctl.errors import InputError
 from armctl.motion.analysis import Derivative, Limit, analysis_csv, near_limits
 from armctl.motion.figure import FigureForm, TitledMotion, figure_bytes
-from armctl.robot import Robot
 from armctl.ui.newest import Newest
-from armctl.ui.scene.ghost import Lines, Preview, segments
+from armctl.ui.scene.ghost import Lines, Preview, played, segments
 from armctl.ui.session import Session
-from armctl.ui.tabs.trajectory.plan import PlannedMotion, ShownMotion
+from armctl.ui.tabs.trajectory.plan import PlannedMotion
 from armctl.ui.widgets.html import LiveHtml, fixed, heading, muted, numbers, strong, table
 from armctl.ui.widgets.plots import COLORS, Line, LinePlot, Picture, span, thinned, upright
 
@@ -40,9 +39,9 @@ class GraphView:
     """Draws the shown motion, and another one (A) beside it that was kept before."""
 
     def __init__(self, session: Session, preview: Preview) -> None:
-        self._session, self._robot = session, session.console.robot
-        self._shown: ShownMotion | None = None
-        self._a: ShownMotion | None = None
+        self._session = session
+        self._shown: PlannedMotion | None = None
+        self._a: PlannedMotion | None = None
         gui = session.gui
         self._of = gui.add_button_group("Graph of", OF)
         self._quantity = gui.add_button_group("Quantity", tuple(QUANTITIES))
@@ -64,15 +63,15 @@ class GraphView:
         session.on(csv.on_click, self._on_csv)
         session.on(self._figure.on_click, self._on_figure)
 
-    def take(self, shown: ShownMotion) -> None:
+    def take(self, shown: PlannedMotion) -> None:
         """Show another motion."""
         self._shown = shown
-        self._peaks.show(peaks_html(self._robot, shown))
+        self._peaks.show(peaks_html(shown))
         self._compare()
-        self.cursor.take(shown.planned)
+        self.cursor.take(shown)
 
     @property
-    def _beside(self) -> ShownMotion | None:
+    def _beside(self) -> PlannedMotion | None:
         """A, where it is another motion than the one that is shown."""
         return None if self._a is self._shown else self._a
 
@@ -82,9 +81,9 @@ class GraphView:
         of, quantity, limits = self._of.value, self._quantity.value, self._limits.value
         self._note.show(muted(_JERK_NOTE if quantity == "Jerk" else _ZOOM_NOTE))
         time = self.cursor.slider.value
-        self._plot.show(graph(self._robot, self._shown, of, quantity, limits, time, self._beside))
+        self._plot.show(graph(self._shown, of, quantity, limits, time, self._beside))
 
-    def _keep(self, a: ShownMotion | None) -> None:
+    def _keep(self, a: PlannedMotion | None) -> None:
         self._a = a
         self._compare()
         self._draw()
@@ -94,23 +93,24 @@ class GraphView:
         if self._a is None or self._shown is None:
             self._compared.show(muted(_COMPARE_NOTE))
         elif self._a is self._shown:
-            self._compared.show(muted(f"A is {self._a.planned.title}. Choose another motion and press Show."))
+            self._compared.show(muted(f"A is {self._a.title}. Choose another motion and press Show."))
         else:
-            self._compared.show(compare_html(self._robot, self._a, self._shown))
+            self._compared.show(compare_html(self._a, self._shown))
 
     async def _on_csv(self) -> None:
         shown = self._require_shown("export")
-        self._session.download("motion.csv", await asyncio.to_thread(analysis_csv, self._robot, shown.motion))
+        self._session.download("motion.csv", await asyncio.to_thread(analysis_csv, shown.robot, shown.motion))
 
     async def _on_figure(self) -> None:
-        shown = self._require_shown("export"), self._beside
-        drawn = [TitledMotion(one.planned.title, one.motion) for one in shown if one is not None]
+        shown = self._require_shown("export")
+        both = [shown] if self._beside is None else [shown, self._beside]
+        drawn = [TitledMotion(one.title, one.motion) for one in both]
         form = _FIGURE_FORMS[self._figure.value]
-        content = await asyncio.to_thread(figure_bytes, self._robot, form, *drawn)
+        content = await asyncio.to_thread(figure_bytes, shown.robot, form, *drawn)
         if not self._session.closed:
             self._session.download(f"motion.{form}", content)
 
-    def _require_shown(self, what: str) -> ShownMotion:
+    def _require_shown(self, what: str) -> PlannedMotion:
         if self._shown is None:
             raise InputError(f"there is no motion to {what}: press Show first")
         return self._shown
@@ -133,7 +133,6 @@ class CursorView:
 
     def __init__(self, session: Session, preview: Preview, moved: Callable[[], None]) -> None:
         self._session, self._preview, self._moved = session, preview, moved
-        self._robot = session.console.robot
         self._planned: PlannedMotion | None = None
         self._path = Lines(session.client.scene, "/shown_path", _PATH_COLOR)
         self._newest = Newest()
@@ -157,7 +156,7 @@ class CursorView:
         self._halt()
         self._planned = planned
         time = np.linspace(0.0, planned.trajectory.duration, _PATH_POINTS)
-        self._path.show(segments(self._robot.forward(planned.trajectory.sample(time).q)[:, :3, 3]))
+        self._path.show(segments(planned.robot.forward(planned.trajectory.sample(time).q)[:, :3, 3]))
         self.slider.value = 0.0
         self.slider.max = self.slider.value = max(round(planned.trajectory.duration, 2), 0.01)
         self._box.visible = True
@@ -167,7 +166,7 @@ class CursorView:
         time = min(time, planned.trajectory.duration)
         self._preview.show(planned.trajectory.sample(time).q, self._session.snapshot.q_command)
         if draw:
-            self._where.show(cursor_html(self._robot, planned, time))
+            self._where.show(cursor_html(planned, time))
             self._moved()
 
     def _on_slider(self) -> None:
@@ -186,27 +185,21 @@ class CursorView:
             self._session.spawn(self._run(self._planned, self._newest.begin()))
 
     async def _run(self, planned: PlannedMotion, is_newest: Callable[[], bool]) -> None:
-        clock = asyncio.get_running_loop().time
-        end = planned.trajectory.duration
-        time = self.slider.value if self.slider.value < end - _FRAME_S else 0.0
-        before, drawn = clock(), -1.0
-        while is_newest():
-            now = clock()
-            time = min(time + (now - before) * self._speed.value / 100, end)
-            before = now
-            draw = now - drawn >= _SLIDER_S or time >= end
-            with self._session.client.atomic():
-                if draw:
-                    drawn = now
-                    self.slider.value = min(round(time, 2), self.slider.max)
-                self._go(planned, time, draw=draw)
-            if time >= end:
-                break
-            await asyncio.sleep(_FRAME_S)
+        clock, drawn, end = asyncio.get_running_loop().time, -1.0, planned.trajectory.duration
+        begin = self.slider.value if self.slider.value < end - _FRAME_S else 0.0
+        self._go(planned, begin)
+        async for time in played(begin, end, lambda: self._speed.value / 100, _FRAME_S):
+            if not is_newest():
+                return
             if self._preview.taken:
                 break
-        if is_newest():
-            self._halt()
+            draw = clock() - drawn >= _SLIDER_S or time >= end
+            with self._session.client.atomic():
+                if draw:
+                    drawn = clock()
+                    self.slider.value = min(round(time, 2), self.slider.max)
+                self._go(planned, time, draw=draw)
+        self._halt()
 
     def _halt(self) -> None:
         self._newest.drop()
@@ -224,13 +217,12 @@ _FLOOR_NEAR_M = 0.05
 
 
 def graph(
-    robot: Robot,
-    shown: ShownMotion,
+    shown: PlannedMotion,
     of: str,
     quantity: str,
     limits: str,
     cursor: float | None = None,
-    beside: ShownMotion | None = None,
+    beside: PlannedMotion | None = None,
 ) -> Picture:
     """One quantity of the tool (mm) or of the joints (degrees) over time.
 
@@ -240,13 +232,13 @@ def graph(
     if beside is not None and beside.motion.time[-1] > time[-1]:  # the other one takes longer
         rest = np.linspace(float(time[-1]), float(beside.motion.time[-1]), _PLOT_SAMPLES // 2)
         time = np.concatenate([time, rest[1:]])
-    lines = _lines(robot, shown, of, quantity, time, "" if beside is None else "B ")
+    lines = _lines(shown, of, quantity, time, "" if beside is None else "B ")
     if beside is not None:
-        others = _lines(robot, beside, of, quantity, time, "A ")
+        others = _lines(beside, of, quantity, time, "A ")
         lines += [Line(line.name, line.y, line.color, dash=_OTHER_DASH, width=1.2) for line in others]
     lines += [
         Line(name, np.full(len(time), value), color, dash=_LIMIT_DASH, width=1.2)
-        for name, value, color in _limits(robot, shown, of, quantity, limits)
+        for name, value, color in _limits(shown, of, quantity, limits)
     ]
     if cursor is not None:
         lines.append(Line("cursor", upright(time, cursor, *span(lines)), _CURSOR, width=1.2))
@@ -255,32 +247,20 @@ def graph(
     return Picture(title, "time (s)", time, tuple(lines))
 
 
-def _lines(
-    robot: Robot, shown: ShownMotion, of: str, quantity: str, time: FloatArray, mark: str
-) -> list[Line]:
-    motion = shown.motion
-    joints, tool = {
-        "Position": (motion.q, motion.position),
-        "Velocity": (motion.velocity, motion.tool_velocity),
-        "Acceleration": (motion.acceleration, motion.tool_acceleration),
-        "Jerk": (motion.jerk, motion.tool_jerk),
-    }[quantity]
-    names, values = ["x", "y", "z"], 1000 * tool
+def _lines(shown: PlannedMotion, of: str, quantity: str, time: FloatArray, mark: str) -> list[Line]:
+    joints, tool = shown.motion.of(QUANTITIES[quantity][0])
+    names, values, at = ["x", "y", "z"], 1000 * tool, shown.motion.time
     if of == "Joints":
-        names, values = [joint.title for joint in robot.joints], np.degrees(joints)
+        names, values = [joint.title for joint in shown.robot.joints], np.degrees(joints)
     return [
-        Line(
-            f"{mark}{name}", np.interp(time, motion.time, values[:, i], right=np.nan), COLORS[i % len(COLORS)]
-        )
+        Line(f"{mark}{name}", np.interp(time, at, values[:, i], right=np.nan), COLORS[i % len(COLORS)])
         for i, name in enumerate(names)
     ]
 
 
-def _limits(
-    robot: Robot, shown: ShownMotion, of: str, quantity: str, limits: str
-) -> list[tuple[str, float, str]]:
+def _limits(shown: PlannedMotion, of: str, quantity: str, limits: str) -> list[tuple[str, float, str]]:
     """Name, value and colour of each limit that is drawn."""
-    every = limits == "all"
+    robot, every = shown.robot, limits == "all"
     if limits == "none":
         return []
     if of == "Tool":
@@ -298,9 +278,9 @@ def _limits(
     return lines
 
 
-def peaks_html(robot: Robot, shown: ShownMotion) -> str:
+def peaks_html(planned: PlannedMotion) -> str:
     """Duration, largest joint speeds and accelerations against their limits, largest tool speed."""
-    planned, motion, peaks = shown.planned, shown.motion, shown.peaks
+    robot, motion, peaks = planned.robot, planned.motion, planned.peaks
     columns = (peaks.speed, robot.speed_limits, peaks.acceleration, robot.acceleration_limits)
     rows = [
         [joint.title, *(fixed(value, digits) for value, digits in zip(row, (1, 0, 1, 0), strict=True))]
@@ -318,9 +298,9 @@ def peaks_html(robot: Robot, shown: ShownMotion) -> str:
     )
 
 
-def cursor_html(robot: Robot, planned: PlannedMotion, time: float) -> str:
+def cursor_html(planned: PlannedMotion, time: float) -> str:
     """Where the tool and the joints are at one time [s], and how fast."""
-    state = planned.trajectory.sample(time)
+    robot, state = planned.robot, planned.trajectory.sample(time)
     point = 1000 * robot.forward(state.q)[:3, 3]
     speed = 1000 * float(np.linalg.norm(robot.jacobian(state.q)[:3] @ state.velocity))
     step = planned.step_at(time)
@@ -336,10 +316,11 @@ def cursor_html(robot: Robot, planned: PlannedMotion, time: float) -> str:
     )
 
 
-def compare_html(robot: Robot, a: ShownMotion, b: ShownMotion) -> str:
+def compare_html(a: PlannedMotion, b: PlannedMotion) -> str:
     """Durations, peaks of the joints as a share of their limits, and the largest tool speeds of both."""
+    robot = a.robot
     rows = [
-        ["duration s", *(fixed(shown.planned.trajectory.duration, 3) for shown in (a, b))],
+        ["duration s", *(fixed(shown.trajectory.duration, 3) for shown in (a, b))],
         ["tool, largest mm/s", *(fixed(1000 * float(shown.motion.tool_speed.max()), 1) for shown in (a, b))],
     ]
     shares = np.column_stack(
@@ -354,8 +335,8 @@ def compare_html(robot: Robot, a: ShownMotion, b: ShownMotion) -> str:
         for joint, row in zip(robot.joints, shares.tolist(), strict=True)
     ]
     return (
-        muted(f"A (dashed): {a.planned.title}")
-        + muted(f"B: {b.planned.title}")
+        muted(f"A (dashed): {a.title}")
+        + muted(f"B: {b.title}")
         + table(["", "A", "B"], rows)
         + table(["% of limit", "speed A", "B", "acc. A", "B", "jerk A", "B"], percent)
         + muted("Only quintic and s-curve keep the jerk limits; trapezoid and cubic jump in acceleration.")

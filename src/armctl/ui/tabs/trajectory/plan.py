@@ -9,8 +9,7 @@ from __future__ import annotations
 import math
 import re
 from bisect import bisect_right
-from dataclasses import dataclass
-from functools import partial
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -28,17 +27,14 @@ from armctl.motion import (
     Trajectory,
     arc,
     line,
-    plan_arc,
     plan_joints,
-    plan_line,
     plan_spline,
-    plan_target,
     preflight,
     solve,
 )
 from armctl.motion.analysis import MotionAnalysis, analyse
 from armctl.motion.paths.tool_curve import ToolArc, ToolCurve, ToolLine
-from armctl.motion.plan import Passing, plan_blended, plan_through, solve_points
+from armctl.motion.plan import Passing, follow_tool, plan_blended, plan_path, plan_through, solve_points
 from armctl.motion.timing import PathTrajectory
 from armctl.motion.trajectory import Peaks, peaks_of
 from armctl.program import Program, ProgramFinding
@@ -80,21 +76,6 @@ _TIME = re.compile(r"^at [\d.]+ s, ")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ToolWish:
-    """How to lead the tool along a line or an arc."""
-
-    end: FloatArray
-    """(3,) [m]"""
-    via: FloatArray | None = None
-    """(3,) a point of the arc [m]; None: a line"""
-    pitch: PitchMode = "kept"
-    end_pitch: float | None = None
-    """[rad]"""
-    speed: float | None = None
-    """largest speed of the tool [m/s]; None: as fast as the joints can"""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
 class MotionRequest:
     """The motion that the fields ask for."""
 
@@ -106,8 +87,13 @@ class MotionRequest:
     duration_s: float | None = None
     choose: str = "least-rotation"
     end: FloatArray | Target | None = None
-    """of a joint motion: as ``start``"""
-    tool: ToolWish | None = None
+    """of a joint motion: as ``start``; of a tool line or arc: the tool's last point, and its pitch there"""
+    via: FloatArray | None = None
+    """(3,) a point of a tool arc [m]"""
+    pitch: PitchMode = "kept"
+    """of the tool along its line or arc"""
+    speed: float | None = None
+    """largest speed of the tool along its line or arc [m/s]; None: as fast as the joints can"""
     passing: Passing | None = "stop"
     """how the points of a test path are passed; None: the tool is led along the curve itself"""
     blend_m: float = 0.002
@@ -120,8 +106,9 @@ class MotionRequest:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlannedMotion:
-    """A motion that can be drawn, and its pre-flight."""
+    """A motion that can be drawn, sampled, and its pre-flight."""
 
+    robot: Robot
     title: str
     trajectory: Trajectory
     findings: tuple[Finding | ProgramFinding, ...] = ()
@@ -138,6 +125,12 @@ class PlannedMotion:
     speed: float | None = None
     """largest speed of the tool that was asked for [m/s]"""
     note: str = ""
+    motion: MotionAnalysis = field(init=False)
+    peaks: Peaks = field(init=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "motion", analyse(self.robot, self.trajectory, _SAMPLES))
+        object.__setattr__(self, "peaks", peaks_of(self.trajectory))
 
     @property
     def refusal(self) -> Finding | ProgramFinding | None:
@@ -150,21 +143,6 @@ class PlannedMotion:
         return self.steps[at][1] if at >= 0 else None
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class ShownMotion:
-    """A motion as it is drawn."""
-
-    planned: PlannedMotion
-    motion: MotionAnalysis
-    peaks: Peaks
-
-
-def plan_shown(robot: Robot, asked: MotionRequest) -> ShownMotion:
-    """Plan what is asked for, and sample it; errors as ``plan_motion``."""
-    planned = plan_motion(robot, asked)
-    return ShownMotion(planned, analyse(robot, planned.trajectory, _SAMPLES), peaks_of(planned.trajectory))
-
-
 def plan_motion(robot: Robot, asked: MotionRequest) -> PlannedMotion:
     """Plan what is asked for; an ``ArmctlError`` says why nothing of it can be drawn."""
     if isinstance(asked.start, Target):
@@ -175,11 +153,9 @@ def plan_motion(robot: Robot, asked: MotionRequest) -> PlannedMotion:
         return _test_path(robot, asked, start)
     if asked.motion == PROGRAM:
         return _program(robot, asked, start)
-    return (
-        _joint_motion(robot, asked, start)
-        if asked.tool is None
-        else _tool_motion(robot, asked, start, asked.tool)
-    )
+    if asked.motion in TOOL_PATHS and isinstance(asked.end, Target):
+        return _tool_motion(robot, asked, start, asked.end)
+    return _joint_motion(robot, asked, start)
 
 
 def why_not(robot: Robot, points: FloatArray) -> str | None:
@@ -192,26 +168,23 @@ def why_not(robot: Robot, points: FloatArray) -> str | None:
 
 
 def _joint_motion(robot: Robot, asked: MotionRequest, start: FloatArray) -> PlannedMotion:
-    duration, profile = asked.duration_s, asked.profile
-    if isinstance(asked.end, Target):
-        trajectory = plan_target(robot, start, asked.end, asked.choose, duration, profile, checked=False)
-    else:
-        end = start if asked.end is None else asked.end
-        trajectory = plan_joints(robot, start, end, duration, profile, checked=False)
+    end = start if asked.end is None else asked.end
+    if isinstance(end, Target):
+        end = solve(robot, start, end, asked.choose)
+    trajectory = plan_joints(robot, start, end, asked.duration_s, asked.profile, checked=False)
     note = "" if trajectory.duration > 0 else "It ends where it begins."
-    return PlannedMotion(asked.title, trajectory, tuple(preflight(robot, trajectory)), note=note)
+    return PlannedMotion(robot, asked.title, trajectory, tuple(preflight(robot, trajectory)), note=note)
 
 
-def _tool_motion(robot: Robot, asked: MotionRequest, start: FloatArray, wish: ToolWish) -> PlannedMotion:
-    tip = robot.forward(start)[:3, 3]
-    ideal = ToolLine(tip, wish.end) if wish.via is None else ToolArc(tip, wish.via, wish.end)
-    trajectory, cut = _led(robot, start, wish, asked)
+def _tool_motion(robot: Robot, asked: MotionRequest, start: FloatArray, end: Target) -> PlannedMotion:
+    ideal = _curve(robot.forward(start)[:3, 3], asked.via, end.position)
+    trajectory, cut = _led(robot, start, asked, end)
     findings = _judged(robot, trajectory, cut)
     if cut is not None:
         title = asked.title.removesuffix(f", {asked.profile}")
-        return PlannedMotion(title, trajectory, findings, ideal, speed=wish.speed, note=_CUT_SHORT)
+        return PlannedMotion(robot, title, trajectory, findings, ideal, speed=asked.speed, note=_CUT_SHORT)
     points = ideal.positions(np.linspace(0.0, ideal.length, _POINTS)) if ideal.length > 0 else None
-    return PlannedMotion(asked.title, trajectory, findings, ideal, points, speed=wish.speed)
+    return PlannedMotion(robot, asked.title, trajectory, findings, ideal, points, speed=asked.speed)
 
 
 def _test_path(robot: Robot, asked: MotionRequest, start: FloatArray) -> PlannedMotion:
@@ -219,6 +192,7 @@ def _test_path(robot: Robot, asked: MotionRequest, start: FloatArray) -> Planned
     solved = solve_points(robot, points, asked.choose, start)
     first, middle, last = points[0], points[len(points) // 2], points[-1]
     straight = bool(np.linalg.norm(np.cross(middle - first, last - first)) < _FLAT_M2)
+    via = None if straight else middle
     cut: Finding | None = None
     match asked.passing:
         case "stop":
@@ -229,33 +203,34 @@ def _test_path(robot: Robot, asked: MotionRequest, start: FloatArray) -> Planned
         case "blend":
             trajectory = plan_blended(robot, list(solved), asked.blend_m, asked.duration_s)
         case None:
-            wish = ToolWish(last, None if straight else middle, "free")
-            trajectory, cut = _led(robot, solved[0], wish, asked)
+            wish = replace(asked, via=via, pitch="free")
+            trajectory, cut = _led(robot, solved[0], wish, Target.of(last))
     findings = _judged(robot, trajectory, cut, tool_path=asked.passing is None)
     swings = asked.passing == "spline" and any(finding.kind == "limits" for finding in findings)
     note = f"{_PASSED[asked.passing]} {_SWINGS if swings else 'Run goes to the first point first.'}"
-    ideal = ToolLine(first, last) if straight else ToolArc(first, middle, last)
-    return PlannedMotion(asked.title, trajectory, findings, ideal, points, solved, note=note)
+    ideal = _curve(first, via, last)
+    return PlannedMotion(robot, asked.title, trajectory, findings, ideal, points, solved, note=note)
+
+
+def _curve(start: FloatArray, via: FloatArray | None, end: FloatArray) -> ToolCurve:
+    return ToolLine(start, end) if via is None else ToolArc(start, via, end)
 
 
 def _led(
-    robot: Robot, start: FloatArray, wish: ToolWish, asked: MotionRequest
+    robot: Robot, start: FloatArray, asked: MotionRequest, end: Target
 ) -> tuple[Trajectory, Finding | None]:
     """The motion of the tool, None; or its beginning, and why it cannot go on."""
-    law = _path_profile(asked.profile)
-    plan = partial(plan_line, robot, start) if wish.via is None else partial(plan_arc, robot, start, wish.via)
+    law, speed = _path_profile(asked.profile), asked.speed
     try:
-        trajectory = plan(
-            wish.end, pitch=wish.pitch, end_pitch=wish.end_pitch, speed=wish.speed,
-            duration_s=asked.duration_s, profile=law, checked=False,
-        )  # fmt: skip
+        path = follow_tool(robot, start, asked.via, end.position, asked.pitch, end.pitch, speed)
     except (ToolPathRefusedError, ToolPathUnreachableError) as refusal:
         if refusal.before is None:
             raise
-        cap = math.inf if wish.speed is None else wish.speed
+        cap = math.inf if speed is None else speed
         trajectory = PathTrajectory.fastest(robot, refusal.before, cap)
         return trajectory, _ends_here(robot, refusal, trajectory.duration)
-    return trajectory, None
+    duration = asked.duration_s
+    return plan_path(robot, start, path, speed=speed, duration_s=duration, profile=law, checked=False), None
 
 
 def _path_profile(profile: Profile) -> ProfileName:
@@ -315,6 +290,7 @@ def _program(robot: Robot, asked: MotionRequest, start: FloatArray) -> PlannedMo
         if untimed:
             note += f" The time of {untimed} gripper step{'' if untimed == 1 else 's'} is not counted."
     steps = tuple((step.begins, step.index) for step in whole.steps)
+    title = f"program {program.name}"
     return PlannedMotion(
-        f"program {program.name}", whole.trajectory, tuple(findings), program=program, steps=steps, note=note
+        robot, title, whole.trajectory, tuple(findings), program=program, steps=steps, note=note
     )

@@ -16,8 +16,8 @@ from armctl.ui.session import Session
 from armctl.ui.tabs.trajectory.error_report import ReportView, finished
 from armctl.ui.tabs.trajectory.form import MotionForm
 from armctl.ui.tabs.trajectory.graphs import GraphView
-from armctl.ui.tabs.trajectory.plan import PlannedMotion, plan_shown
-from armctl.ui.tabs.trajectory.study import StudyView, make_study
+from armctl.ui.tabs.trajectory.plan import PlannedMotion, plan_motion
+from armctl.ui.tabs.trajectory.study import StudyView
 from armctl.ui.widgets.html import LiveHtml, refused, warned
 from armctl.ui.widgets.verdict_list import verdict_html
 
@@ -87,7 +87,7 @@ class TrajectoryScreen:
         self._form.watch.require_settled()
         settings, is_newest = self._form.settings, self._newest.begin()
         if self._form.is_study:
-            shown = await asyncio.to_thread(make_study, self._robot, self._form.study_request())
+            shown = await asyncio.to_thread(self._form.study())
             if is_newest():
                 self._settings[True] = settings
                 self._study.take(shown)
@@ -96,7 +96,7 @@ class TrajectoryScreen:
         request, from_present = self._form.request(self._session.snapshot.q_command), self._form.from_present
         self._planning += 1
         try:
-            motion = await asyncio.to_thread(plan_shown, self._robot, request)
+            planned = await asyncio.to_thread(plan_motion, self._robot, request)
         except ArmctlError as refusal:
             if is_newest():
                 self._judged = True
@@ -106,10 +106,10 @@ class TrajectoryScreen:
             self._planning -= 1
         if is_newest():
             self._settings[False], self._from_present = settings, from_present
-            self._planned, self._judged = motion.planned, True
-            self._verdict.show(verdict_html(motion.planned.findings, not_checked(self._robot)))
-            self._graphs.take(motion)
-            self._report.take(motion.planned)
+            self._planned, self._judged = planned, True
+            self._verdict.show(verdict_html(planned.findings, not_checked(self._robot)))
+            self._graphs.take(planned)
+            self._report.take(planned)
 
     async def _on_run(self) -> None:
         self._form.watch.require_settled()

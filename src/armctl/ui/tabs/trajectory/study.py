@@ -26,24 +26,11 @@ _PRINTED_M_S = {"abaas": 8.32}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class StudyRequest:
-    """The study that the fields ask for."""
-
-    turning: Turning
-    start: FloatArray
-    """(n,) [rad]"""
-    start_name: str
-    speed: float
-    """[rad/s]"""
-    duration_s: float | None
-    """None: until every joint has come to its limit"""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
 class ShownStudy:
-    """A study, and how far the tip can come from each joint's axis (n,) [m]."""
+    """A study from a named pose, and how far the tip can come from each joint's axis (n,) [m]."""
 
-    request: StudyRequest
+    robot: Robot
+    start_name: str
     study: JointStudy
     levers: FloatArray
 
@@ -65,8 +52,7 @@ class StudyView:
 
     def take(self, shown: ShownStudy) -> None:
         """Show another study."""
-        robot, study = self._session.console.robot, shown.study
-        self.shown = shown
+        self.shown, study = shown, shown.study
         turn, then = "All joints turn at once", "A joint that has come to its limit stays there."
         if study.total is None:
             turn = "Each joint alone turns"
@@ -74,26 +60,29 @@ class StudyView:
                 "A joint that turns alone carries the tip along a circle about its axis, so its line is "
                 "level; it ends at the joint's limit."
             )
-        how = f"{turn} at {_deg_s(study.speed)} from {shown.request.start_name}, towards its farther limit."
-        self._note.show(strong(fastest_words(robot, study)) + muted(f"{how} {then}"))
-        self._plot.show(study_picture(robot, study))
-        self._figures.show(study_html(robot, shown))
+        how = f"{turn} at {_deg_s(study.speed)} from {shown.start_name}, towards its farther limit."
+        self._note.show(strong(fastest_words(shown)) + muted(f"{how} {then}"))
+        self._plot.show(study_picture(shown))
+        self._figures.show(study_html(shown))
 
     async def _on_export(self) -> None:
         if self.shown is None:
             raise InputError("there is no study to export: press Show first")
-        text = await asyncio.to_thread(study_csv, self._session.console.robot, self.shown.study)
+        text = await asyncio.to_thread(study_csv, self.shown.robot, self.shown.study)
         self._session.download("joint-by-joint.csv", text)
 
 
-def make_study(robot: Robot, request: StudyRequest) -> ShownStudy:
-    """Compute what is asked for, in a worker thread; errors as ``study_joints``."""
-    study = study_joints(robot, request.start, request.turning, request.speed, request.duration_s)
-    return ShownStudy(request, study, longest_levers(robot.chain, robot.limits))
+def make_study(
+    robot: Robot, start_name: str, start: FloatArray, turning: Turning, speed: float, duration_s: float | None
+) -> ShownStudy:
+    """Compute a study from ``start`` (n,) [rad]; arguments and errors as ``study_joints``."""
+    study = study_joints(robot, start, turning, speed, duration_s)
+    return ShownStudy(robot, start_name, study, longest_levers(robot.chain, robot.limits))
 
 
-def study_picture(robot: Robot, study: JointStudy) -> Picture:
+def study_picture(shown: ShownStudy) -> Picture:
     """Tip speed over time, one line a joint, in mm/s."""
+    robot, study = shown.robot, shown.study
     speeds = 1000 * study.tip_speed
     lines = [
         Line(robot.joints[joint].title, np.ascontiguousarray(speeds[:, i]), COLORS[joint % len(COLORS)])
@@ -104,9 +93,9 @@ def study_picture(robot: Robot, study: JointStudy) -> Picture:
     return Picture("Tip speed by joint (mm/s)", "time (s)", study.time, tuple(lines))
 
 
-def study_html(robot: Robot, shown: ShownStudy) -> str:
+def study_html(shown: ShownStudy) -> str:
     """The joints' figures, what is possible at most, and how the curves were checked."""
-    study, levers = shown.study, shown.levers
+    robot, study, levers = shown.robot, shown.study, shown.levers
     rows: list[list[str]] = []
     for i, peak in zip(study.moving, study.peaks.tolist(), strict=True):
         figures = peak, study.speed * levers[i], levers[i]
@@ -121,15 +110,16 @@ def study_html(robot: Robot, shown: ShownStudy) -> str:
     if slower:
         names = ", ".join(f"{joint.title} ({_deg_s(joint.speed)})" for joint in slower)
         html += muted(f"Faster than the real arm may turn: {names}.")
-    html += heading("At most") + muted(_at_most(robot, study, levers))
+    html += heading("At most") + muted(_at_most(shown))
     mismatch = f"{study.mismatch:.0e}".replace("e-0", "e-").replace("-", "−")
     return html + muted(
         f"J·q̇ and central differences of the forward kinematics agree within {mismatch} of the largest speed."
     )
 
 
-def fastest_words(robot: Robot, study: JointStudy) -> str:
+def fastest_words(shown: ShownStudy) -> str:
     """Which joint moves the tip fastest, and which comes next."""
+    robot, study = shown.robot, shown.study
     order: list[int] = np.argsort(-study.peaks).tolist()
     ranked = [(robot.joints[study.moving[i]].title, 1000 * float(study.peaks[i])) for i in order]
     (first, best), *others = ranked
@@ -141,14 +131,14 @@ def fastest_words(robot: Robot, study: JointStudy) -> str:
     return f"{text}."
 
 
-def _at_most(robot: Robot, study: JointStudy, levers: FloatArray) -> str:
-    reach = float(levers.max())
+def _at_most(shown: ShownStudy) -> str:
+    reach, speed = float(shown.levers.max()), shown.study.speed
     text = (
         "A joint gives the tip its speed times the tip's distance from its axis, which is "
-        f"{fixed(1000 * reach, 1)} mm at most: {_deg_s(study.speed)} give "
-        f"{fixed(1000 * study.speed * reach, 1)} mm/s at most."
+        f"{fixed(1000 * reach, 1)} mm at most: {_deg_s(speed)} give "
+        f"{fixed(1000 * speed * reach, 1)} mm/s at most."
     )
-    printed, speed = _PRINTED_M_S.get(robot.name), math.radians(PAPER_DEG_S)
+    printed, speed = _PRINTED_M_S.get(shown.robot.name), math.radians(PAPER_DEG_S)
     if printed is not None:
         text += (
             f" The {fixed(printed, 2)}·10³ mm/s that the paper prints at 20 °/s cannot be: that would take "
