@@ -25,6 +25,13 @@ from armctl.ui.guard.filter import (
 
 UUID = "3f0e1d9c-0000-4000-8000-000000000000"
 IDS = {"source_component_uuid": "upload", "transfer_uuid": "t"}
+START: dict[str, Any] = {
+    **IDS,
+    "filename": "pick and place.toml",
+    "mime_type": "",
+    "part_count": 1,
+    "size_bytes": 10,
+}
 GOOD: dict[str, dict[str, Any]] = {
     "ViewerCameraMessage": CAMERA,
     "GuiUpdateMessage": {"uuid": UUID, "updates": {"value": 12.5}},
@@ -43,14 +50,9 @@ GOOD: dict[str, dict[str, Any]] = {
     },
     "GetRenderResponseMessage": {"payload": b"png", "render_uuid": UUID},
     "LocalStorageGetItemResponseMessage": {"value": None, "error": None, "request_uuid": UUID},
-    "FileTransferStartUpload": {
-        **IDS,
-        "filename": "pick and place.toml",
-        "mime_type": "",
-        "part_count": 1,
-        "size_bytes": 10,
-    },
+    "FileTransferStartUpload": START,
 }
+PART: dict[str, Any] = {**IDS, "part_index": 0, "content": b"0123456789"}
 
 
 class Clock:
@@ -61,6 +63,13 @@ class Clock:
         return self.now_s
 
 
+class UploadButton(viser.GuiUploadButtonHandle):
+    visible, disabled = True, False
+
+    def __init__(self) -> None:
+        """Of no page."""
+
+
 class Page:
     """One connection's filter, and what it did."""
 
@@ -68,7 +77,7 @@ class Page:
         self.tally = Tally()
         self.tally.open()
         self.notices: list[str] = []
-        self.controls: dict[str, object] = {"upload": object.__new__(viser.GuiUploadButtonHandle)}
+        self.controls: dict[str, object] = {"upload": UploadButton()}
         gui = SimpleNamespace(
             _gui_input_handle_from_uuid=self.controls,
             _websock_interface=SimpleNamespace(queue_message=lambda message: None),
@@ -92,13 +101,11 @@ def page() -> Page:
 
 
 @pytest.mark.parametrize("kind", GOOD)
-def test_what_the_page_of_armctl_sends_is_admitted(page: Page, kind: str) -> None:
+def test_what_the_page_of_armctl_sends_is_admitted_with_all_its_fields_and_no_more(
+    page: Page, kind: str
+) -> None:
     assert page.admits(kind, **GOOD[kind])
     assert page.tally.counts == {}
-
-
-@pytest.mark.parametrize("kind", GOOD)
-def test_a_missing_or_an_unknown_field_is_refused(page: Page, kind: str) -> None:
     for name in GOOD[kind]:
         assert not page.admits(kind, **{k: v for k, v in GOOD[kind].items() if k != name})
     assert not page.admits(kind, **GOOD[kind], surplus=1)
@@ -121,26 +128,30 @@ def test_a_missing_or_an_unknown_field_is_refused(page: Page, kind: str) -> None
 def test_other_messages_are_refused(page: Page, kind: str) -> None:
     assert not page.admits(kind)
     assert not page.admits(kind, uuid=UUID)
+    assert page.tally.counts == {"a message of another type": 2}
 
 
 @pytest.mark.parametrize(
-    "updates",
-    [
-        {},
-        {"update_cb": []},
-        {"value": 1, "update_cb": []},
-        {"removed": True},
-        {"props": None},
-        "value",
-        {"value": math.nan},
-        {"value": [1.0, math.inf]},
-        {"value": "x" * 4097},
-        {"value": "1" * 100_000},
-        {"value": ["x"] * (64 << 10)},
-    ],
+    ("reason", "wrong"),
+    {
+        "setting something else than a value": (
+            {},
+            {"update_cb": []},
+            {"value": 1, "update_cb": []},
+            {"removed": True},
+            {"props": None},
+        ),
+        "no message of a page": ("value",),
+        "a number that is not finite": ({"value": math.nan}, {"value": [1.0, math.inf]}),
+        "a value that the control cannot take": ({"value": "x" * 4097}, {"value": "1" * 100_000}),
+        "a message that is too large": ({"value": ["x"] * (64 << 10)},),
+    }.items(),
 )
-def test_only_a_finite_value_of_some_size_can_be_set(page: Page, updates: object) -> None:
-    assert not page.admits("GuiUpdateMessage", uuid=UUID, updates=updates)
+def test_only_a_finite_value_of_some_size_can_be_set(
+    page: Page, reason: str, wrong: tuple[object, ...]
+) -> None:
+    assert not any(page.admits("GuiUpdateMessage", uuid=UUID, updates=updates) for updates in wrong)
+    assert page.tally.counts == {reason: len(wrong)}
 
 
 @pytest.mark.parametrize("value", [True, 5, -2.5, "text", "", (1, 2.5), (255, 0, 0, 255)])
@@ -149,60 +160,61 @@ def test_a_plain_value_is_admitted(page: Page, value: object) -> None:
 
 
 def test_a_choice_is_one_that_is_offered(page: Page) -> None:
-    page.controls["list"] = SimpleNamespace(options=("uzuner", "mico"))
+    page.controls["list"] = SimpleNamespace(options=("uzuner", "mico"), visible=True, disabled=False)
     for value, offered in (("mico", True), ("scorbot", False), (0, False), ([], False)):
         assert page.admits("GuiUpdateMessage", uuid="list", updates={"value": value}) is offered
+    assert not page.admits("FileTransferStartUpload", **{**START, "source_component_uuid": "list"})
+    assert page.tally.counts["an upload to what is no upload button"] == 1
 
 
-def test_an_upload_goes_to_an_upload_button_only(page: Page) -> None:
-    page.controls["upload"] = SimpleNamespace(options=("uzuner", "mico"))
-    assert not page.admits("FileTransferStartUpload", **GOOD["FileTransferStartUpload"])
+@pytest.mark.parametrize(("visible", "disabled"), [(False, False), (True, True)])
+def test_a_control_that_is_disabled_or_hidden_takes_nothing(
+    page: Page, visible: bool, disabled: bool
+) -> None:
+    shown = {"visible": visible, "disabled": disabled}
+    page.controls["upload"] = page.controls[UUID] = type("Off", (UploadButton,), shown)()
+    said = ("GuiUpdateMessage", "GuiButtonHoldMessage", "FileTransferStartUpload")
+    assert not any(page.admits(kind, **GOOD[kind]) for kind in said)
+    assert page.tally.counts == {"a control that is disabled or hidden": 3}
 
 
-def test_a_camera_looks_from_a_finite_place(page: Page) -> None:
-    assert not page.admits("ViewerCameraMessage", **{**CAMERA, "position": (math.nan, 0, 0)})
+WRONG: dict[str, dict[str, tuple[object, ...]]] = {
+    "ViewerCameraMessage": {
+        "position": ("x", "123"),
+        "wxyz": ((1, 0, 0),),
+        "fov": ("1.3", True),
+        "image_height": ("800",),
+    },
+    "TransformControlsUpdateMessage": {"position": ([1, 2], (1, 2, "3")), "wxyz": (None,), "name": (7,)},
+    "SceneNodeClickMessage": {
+        "ray_origin": ((0, 0),),
+        "screen_pos": ({},),
+        "instance_index": ("3",),
+        "modifier": (1,),
+    },
+    "GuiButtonHoldMessage": {"frequency": ("10",)},
+    "FileTransferStartUpload": {"part_count": (True,), "size_bytes": ("10",), "filename": (b"a.toml",)},
+    "FileTransferPart": {"content": ("0123456789", [0] * 10, None), "part_index": (False,)},
+}
 
 
 @pytest.mark.parametrize(
     ("kind", "field", "value"),
-    [
-        ("ViewerCameraMessage", "position", "x"),
-        ("ViewerCameraMessage", "position", "123"),
-        ("ViewerCameraMessage", "wxyz", (1, 0, 0)),
-        ("ViewerCameraMessage", "fov", "1.3"),
-        ("ViewerCameraMessage", "fov", True),
-        ("ViewerCameraMessage", "image_height", "800"),
-        ("TransformControlsUpdateMessage", "position", [1, 2]),
-        ("TransformControlsUpdateMessage", "position", (1, 2, "3")),
-        ("TransformControlsUpdateMessage", "wxyz", None),
-        ("TransformControlsUpdateMessage", "name", 7),
-        ("SceneNodeClickMessage", "ray_origin", (0, 0)),
-        ("SceneNodeClickMessage", "screen_pos", {}),
-        ("SceneNodeClickMessage", "instance_index", "3"),
-        ("SceneNodeClickMessage", "modifier", 1),
-        ("GuiButtonHoldMessage", "frequency", "10"),
-        ("FileTransferStartUpload", "part_count", True),
-        ("FileTransferStartUpload", "size_bytes", "10"),
-        ("FileTransferStartUpload", "filename", b"a.toml"),
-    ],
+    [(kind, field, value) for kind in WRONG for field, values in WRONG[kind].items() for value in values],
 )
 def test_a_field_of_another_type_or_shape_is_refused(
     page: Page, kind: str, field: str, value: object
 ) -> None:
-    assert not page.admits(kind, **{**GOOD[kind], field: value})
+    good = GOOD.get(kind, PART)
+    if good is PART:
+        assert page.admits("FileTransferStartUpload", **START)
+    assert not page.admits(kind, **{**good, field: value})
     assert page.tally.counts == {"no message of a page": 1}
-    assert page.admits(kind, **GOOD[kind])
+    assert page.admits(kind, **good)
 
 
-@pytest.mark.parametrize(
-    ("field", "value"),
-    [("content", "0123456789"), ("content", [0] * 10), ("content", None), ("part_index", False)],
-)
-def test_a_part_is_bytes_with_a_whole_number(page: Page, field: str, value: object) -> None:
-    part = {**IDS, "part_index": 0, "content": b"0123456789"}
-    assert page.admits("FileTransferStartUpload", **GOOD["FileTransferStartUpload"])
-    assert not page.admits("FileTransferPart", **{**part, field: value})
-    assert page.admits("FileTransferPart", **part)
+def test_a_camera_looks_from_a_finite_place(page: Page) -> None:
+    assert not page.admits("ViewerCameraMessage", **{**CAMERA, "position": (math.nan, 0, 0)})
 
 
 ANYTHING = st.recursive(
@@ -221,20 +233,17 @@ def test_no_frame_raises(frames: list[str | bytes]) -> None:
         assert not page.filter.admits(raw)
 
 
-@given(st.sampled_from(sorted({**GOOD, "FileTransferPart": {}})), st.data())
-def test_one_field_replaced_by_anything_never_raises(kind: str, data: st.DataObject) -> None:
-    page, good = Page(), {**GOOD, "FileTransferPart": {**IDS, "part_index": 0, "content": b"0123456789"}}
-    page.admits("FileTransferStartUpload", **GOOD["FileTransferStartUpload"])
-    name = data.draw(st.sampled_from(sorted(good[kind])))
-    page.admits(kind, **{**good[kind], name: data.draw(ANYTHING)})
-
-
-@given(st.sampled_from(sorted(GOOD)), st.data())
-def test_a_damaged_frame_never_raises(kind: str, data: st.DataObject) -> None:
-    raw = bytearray(frame(kind, **GOOD[kind]))
+@given(st.sampled_from([*GOOD, "FileTransferPart"]), st.data())
+def test_one_field_replaced_by_anything_or_a_damaged_frame_never_raises(
+    kind: str, data: st.DataObject
+) -> None:
+    page, good = Page(), GOOD.get(kind, PART)
+    page.admits("FileTransferStartUpload", **START)
+    page.admits(kind, **{**good, data.draw(st.sampled_from(sorted(good))): data.draw(ANYTHING)})
+    raw = bytearray(frame(kind, **good))
     for index in data.draw(st.lists(st.integers(0, len(raw) - 1), max_size=4)):
         raw[index] = data.draw(st.integers(0, 255))
-    Page().filter.admits(bytes(raw[: data.draw(st.integers(0, len(raw)))]))
+    page.filter.admits(bytes(raw[: data.draw(st.integers(0, len(raw)))]))
 
 
 def test_a_flood_ends_it_for_good(page: Page) -> None:
@@ -246,17 +255,13 @@ def test_a_flood_ends_it_for_good(page: Page) -> None:
     assert page.tally.counts["no message of a page"] < 200
 
 
-def test_a_busy_page_is_no_flood() -> None:
+def test_a_busy_page_and_the_largest_upload_are_no_flood() -> None:
     clock = Clock()
     gauge = FloodGauge(clock)
+    assert all(gauge.charge(512 << 10, refused=False) for _ in range(16))
     for _ in range(60 * 200):
         clock.now_s += 1 / 200
         assert gauge.charge(120, refused=False)
-
-
-def test_an_upload_of_the_largest_file_is_no_flood() -> None:
-    gauge = FloodGauge(Clock())
-    assert all(gauge.charge(512 << 10, refused=False) for _ in range(16))
 
 
 def test_the_allowance_comes_back_with_time_but_does_not_pile_up() -> None:
@@ -286,8 +291,16 @@ def test_a_file_that_is_too_large_is_told_once_and_is_no_flood(page: Page) -> No
     assert page.filter.flooded
 
 
-def start(size: int, parts: int, *, transfer: str = "t") -> FileTransferStartUpload:
-    return FileTransferStartUpload("button", transfer, "a.toml", "", parts, size)
+def test_a_part_that_is_too_long_counts_with_its_size(page: Page) -> None:
+    assert not page.admits("FileTransferStartUpload", **{**START, "size_bytes": 600 << 19})
+    for _ in range(4):
+        assert not page.admits("FileTransferPart", **{**PART, "content": b"." * (15 << 20)})
+    assert page.filter.flooded
+
+
+def starts(ledger: UploadLedger, size: int, parts: int = 1, *, transfer: str = "t") -> bool:
+    start = FileTransferStartUpload("button", transfer, "a.toml", "", parts, size)
+    return ledger.reason_against(start) is None
 
 
 def part(index: int, size: int, *, transfer: str = "t") -> FileTransferPart:
@@ -296,7 +309,7 @@ def part(index: int, size: int, *, transfer: str = "t") -> FileTransferPart:
 
 def test_parts_may_come_in_any_order_each_once() -> None:
     ledger = UploadLedger()
-    assert ledger.starts(start(UPLOAD_PART_BYTES + 5, 2))
+    assert starts(ledger, UPLOAD_PART_BYTES + 5, 2)
     assert ledger.continues(part(1, 5))
     assert ledger.continues(part(0, UPLOAD_PART_BYTES))
     assert not ledger.continues(part(0, UPLOAD_PART_BYTES))
@@ -308,7 +321,7 @@ def test_parts_may_come_in_any_order_each_once() -> None:
 def test_a_part_is_one_that_was_announced(wrong: FileTransferPart) -> None:
     ledger = UploadLedger()
     assert not ledger.continues(wrong)
-    assert ledger.starts(start(5, 1))
+    assert starts(ledger, 5)
     assert not ledger.continues(wrong)
     assert ledger.continues(part(0, 5))
 
@@ -317,57 +330,35 @@ def test_a_part_is_one_that_was_announced(wrong: FileTransferPart) -> None:
     ("size", "parts"), [(5, 0), (5, 2), (0, 1), (UPLOAD_PART_BYTES + 1, 1), (-UPLOAD_PART_BYTES, -1)]
 )
 def test_size_and_count_of_parts_agree(size: int, parts: int) -> None:
-    assert not UploadLedger().starts(start(size, parts))
+    assert not starts(UploadLedger(), size, parts)
 
 
-def test_two_transfers_at_once_are_enough() -> None:
+def test_two_transfers_at_once_are_enough_but_for_empty_files() -> None:
     ledger = UploadLedger()
-    assert ledger.starts(start(5, 1, transfer="a"))
-    assert not ledger.starts(start(5, 1, transfer="a"))
-    assert ledger.starts(start(5, 1, transfer="b"))
-    assert not ledger.starts(start(5, 1, transfer="c"))
+    assert starts(ledger, 5, transfer="a")
+    assert not starts(ledger, 5, transfer="a")
+    assert starts(ledger, 5, transfer="b")
+    assert not starts(ledger, 5, transfer="c")
+    assert all(starts(ledger, 0, 0, transfer=str(n)) for n in range(5))
     assert ledger.continues(part(0, 5, transfer="a"))
-    assert ledger.starts(start(5, 1, transfer="c"))
+    assert starts(ledger, 5, transfer="c")
 
 
-def test_an_empty_file_has_no_parts() -> None:
+def test_only_two_files_that_are_too_large_are_remembered_with_a_bounded_number_of_parts() -> None:
     ledger = UploadLedger()
-    assert all(ledger.starts(start(0, 0, transfer=str(n))) for n in range(5))
-
-
-def test_only_two_files_that_are_too_large_are_remembered() -> None:
+    assert starts(ledger, MAX_UPLOAD_BYTES, 16)
+    assert not any(starts(ledger, MAX_UPLOAD_BYTES + 1, 17, transfer=transfer) for transfer in "abc")
+    known = [ledger.is_leftover(part(0, 5, transfer=transfer)) for transfer in "abcd"]
+    assert known == [True, True, False, False]
     ledger = UploadLedger()
-    assert not ledger.is_too_large(start(MAX_UPLOAD_BYTES, 16))
-    for transfer in "abc":
-        assert ledger.is_too_large(start(MAX_UPLOAD_BYTES + 1, 17, transfer=transfer))
-    assert [ledger.is_leftover(part(0, 5, transfer=transfer)) for transfer in "abcd"] == [
-        True,
-        True,
-        False,
-        False,
-    ]
-
-
-def test_a_file_of_any_size_announces_a_bounded_number_of_parts() -> None:
-    ledger = UploadLedger()
-    assert ledger.is_too_large(start(2**63 - 1, 1))
+    assert not starts(ledger, 2**63 - 1)
     assert all(ledger.is_leftover(part(0, 5)) for _ in range(ledger.MOST_LEFTOVER_PARTS))
     assert not ledger.is_leftover(part(0, 5))
-
-
-def test_a_part_that_is_too_long_counts_with_its_size(page: Page) -> None:
-    large = {"filename": "film.mp4", "mime_type": "", "part_count": 600, "size_bytes": 600 << 19}
-    assert not page.admits("FileTransferStartUpload", **IDS, **large)
-    for _ in range(4):
-        assert not page.admits("FileTransferPart", **IDS, part_index=0, content=b"." * (15 << 20))
-    assert page.filter.flooded
 
 
 def test_the_log_is_not_flooded(caplog: pytest.LogCaptureFixture, page: Page) -> None:
     for _ in range(250):
         page.tally.refuse("a foreign origin")
     assert [record.getMessage() for record in caplog.records] == [
-        "refused: a foreign origin (1 so far)",
-        "refused: a foreign origin (10 so far)",
-        "refused: a foreign origin (100 so far)",
+        f"refused: a foreign origin ({count} so far)" for count in (1, 10, 100)
     ]

@@ -12,6 +12,7 @@ import hmac
 import ipaddress
 import os
 import socket
+from collections.abc import Mapping
 from dataclasses import dataclass
 from http import HTTPStatus
 from urllib.parse import parse_qs
@@ -45,16 +46,12 @@ _PAGE_HEADERS = {
 
 @dataclass(frozen=True)
 class Door:
-    """Answers requests: None lets one pass to viser.
-
-    Attributes:
-        extra_hosts: names, besides loopback and the address connected to, by which pages may call us.
-        token: the secret that a page must bring, or None on the loopback address.
-        tally: where refusals are counted.
-    """
+    """Answers requests: None lets one pass to viser."""
 
     extra_hosts: tuple[str, ...]
+    """names, besides loopback and the address connected to, by which pages may call us"""
     token: str | None
+    """the secret that a page must bring, or None on the loopback address"""
     tally: Tally
 
     def answer(self, connection: ServerConnection, request: Request) -> Response | None:
@@ -75,16 +72,19 @@ class Door:
             return self._refuse(HTTPStatus.FORBIDDEN, "a foreign origin")
         path, _, query = request.path.partition("?")
         if self.token is not None:
+            # A browser sends a host's cookies to all its ports: each console has a cookie of its own.
+            cookie = f"armctl-{connection.local_address[1]}={self.token}"
             given = parse_qs(query).get("token", [""])[0] if len(query) <= 1024 else ""
-            if given and not is_websocket and self._is_token(given):
-                return _redirect(self._cookie(connection))
-            if not self._is_token(_cookies(headers).get(_cookie_name(connection), "")):
+            if not is_websocket and _same(given, self.token):
+                more = {"Location": "/", "Set-Cookie": f"{cookie}; HttpOnly; SameSite=Strict; Path=/"}
+                return _respond(HTTPStatus.FOUND, "", more)
+            if not any(_same(part.strip(), cookie) for part in headers.get("Cookie", "").split(";")):
                 return self._refuse(HTTPStatus.UNAUTHORIZED, "no valid token")
         if path not in _PAGE:
             return _respond(HTTPStatus.NOT_FOUND, "There is nothing here.\n")
         if query and not is_websocket:
             # viser's page would follow ?websocket= and ?playbackPath= to any server.
-            return _redirect()
+            return _respond(HTTPStatus.FOUND, "", {"Location": "/"})
         return None
 
     def finish(self, connection: ServerConnection, request: Request, response: Response) -> None:
@@ -95,20 +95,10 @@ class Door:
 
     def _hosts(self, connection: ServerConnection) -> frozenset[str]:
         # An address typed by the user cannot be a foreign page's name, so the one connected to is fine.
-        local: tuple[str, int] = connection.local_address
-        address, port = local[:2]
-        literal = f"[{address}]" if ipaddress.ip_address(address).version == 6 else address
+        address, port = connection.local_address[:2]
+        literal = url_host(ipaddress.ip_address(address))
         names = (*_LOOPBACK_NAMES, literal, *(name.lower() for name in self.extra_hosts))
         return frozenset(f"{name}:{port}" for name in names) | frozenset(names if port == 80 else ())
-
-    def _is_token(self, given: str) -> bool:
-        return self.token is not None and hmac.compare_digest(
-            given.encode(errors="surrogateescape"),  # as websockets decoded it
-            self.token.encode(),
-        )
-
-    def _cookie(self, connection: ServerConnection) -> str:
-        return f"{_cookie_name(connection)}={self.token}; HttpOnly; SameSite=Strict; Path=/"
 
     def _refuse(self, status: HTTPStatus, reason: str) -> Response:
         self.tally.refuse(reason)
@@ -116,32 +106,27 @@ class Door:
         return _respond(status, f"armctl refused this request: {reason}.\n{advice}\n")
 
 
-def _cookie_name(connection: ServerConnection) -> str:
-    # A browser sends the cookies of a host to all its ports: two consoles must not overwrite each other's.
-    return f"armctl-{connection.local_address[1]}"
+def _same(given: str, secret: str) -> bool:
+    """Compare in constant time; ``given`` may hold bytes as ``websockets`` decoded them."""
+    return hmac.compare_digest(given.encode(errors="surrogateescape"), secret.encode())
 
 
-def _cookies(headers: Headers) -> dict[str, str]:
-    pairs = (part.strip().partition("=") for part in headers.get("Cookie", "").split(";"))
-    return {name: value for name, _, value in pairs}
-
-
-def _redirect(cookie: str | None = None) -> Response:
-    headers = {"Location": "/"} if cookie is None else {"Location": "/", "Set-Cookie": cookie}
-    return _respond(HTTPStatus.FOUND, "", headers)
-
-
-def _respond(status: HTTPStatus, text: str, more: dict[str, str] | None = None) -> Response:
+def _respond(status: HTTPStatus, text: str, more: Mapping[str, str] = {}) -> Response:
     body = text.encode()
     headers = Headers(
         {
             "Content-Type": "text/plain; charset=utf-8",
             "Content-Length": str(len(body)),
             "Connection": "close",
-            **(more or {}),
+            **more,
         }
     )
     return Response(status.value, status.phrase, headers, body)
+
+
+def url_host(ip: ipaddress.IPv4Address | ipaddress.IPv6Address) -> str:
+    """An address as it is written in a URL."""
+    return f"[{ip}]" if ip.version == 6 else str(ip)
 
 
 # The listening socket, bound before viser starts.
@@ -152,18 +137,11 @@ _BACKLOG = 100
 
 
 def listening_socket(host: str, port: int, *, beyond_loopback: bool) -> socket.socket:
-    """Bind and listen.
-
-    Args:
-        host: address or name to listen on.
-        port: TCP port; 0 lets the system choose a free one.
-        beyond_loopback: whether an address that other computers can reach is allowed.
-
-    Returns:
-        The socket; the caller closes it.
+    """Bind and listen; the caller closes the socket. Port 0 lets the system choose a free one.
 
     Raises:
-        ServerError: the address is unknown or reachable from outside, or the port is not to be had.
+        ServerError: the address is unknown, or reachable from outside without ``beyond_loopback``, or the
+            port is not to be had.
     """
     if not 0 <= port <= 65535:
         raise ServerError(f"port {port} does not exist; choose 1 … 65535 with --http-port (0: any free one)")
@@ -186,20 +164,12 @@ def listening_socket(host: str, port: int, *, beyond_loopback: bool) -> socket.s
         listener.listen(_BACKLOG)
     except OSError as cause:
         listener.close()
-        raise ServerError(_why(cause, host, port)) from cause
+        other = port + 1 if port < 65535 else 8080
+        why = {
+            errno.EADDRINUSE: f"port {port} on {host} is in use by another program (another armctl?): "
+            f"close it, or choose another port with --http-port {other}",
+            errno.EACCES: f"port {port} is reserved for the system: choose one above 1023 with --http-port",
+            errno.EADDRNOTAVAIL: f"{host} is no address of this computer: use --host 127.0.0.1",
+        }.get(cause.errno or 0, f"cannot listen on {host}, port {port}: {cause.strerror or cause}")
+        raise ServerError(why) from cause
     return listener
-
-
-def _why(cause: OSError, host: str, port: int) -> str:
-    match cause.errno:
-        case errno.EADDRINUSE:
-            return (
-                f"port {port} on {host} is in use by another program (another armctl?): "
-                f"close it, or choose another port with --http-port {port + 1 if port < 65535 else 8080}"
-            )
-        case errno.EACCES:
-            return f"port {port} is reserved for the system: choose one above 1023 with --http-port"
-        case errno.EADDRNOTAVAIL:
-            return f"{host} is no address of this computer: use --host 127.0.0.1"
-        case _:
-            return f"cannot listen on {host}, port {port}: {cause.strerror or cause}"

@@ -107,8 +107,8 @@ class FloodGauge:
 class UploadLedger:
     """What one page is uploading, so that it cannot fill the memory: viser keeps every part that arrives.
 
-    A page sends the parts of a file that is too large in one go, whatever it is told. The ledger counts them,
-    so that a user who picked the wrong file is told so, and not taken for one who floods.
+    A page sends the parts of a file that is too large in one go, even after the refusal. The ledger counts
+    them, so that a user who picked the wrong file reads so, and is not taken for one who floods.
     """
 
     MOST_AT_ONCE = 2
@@ -120,14 +120,20 @@ class UploadLedger:
         self._too_large: dict[str, int] = {}
         """number of parts still to come, by transfer"""
 
-    def is_too_large(self, start: wire.FileTransferStartUpload) -> bool:
-        """Tell whether the file is too large, and note how many parts of it will come."""
-        if start.size_bytes <= MAX_UPLOAD_BYTES:
-            return False
-        if len(self._too_large) < self.MOST_AT_ONCE:
-            parts = -(-start.size_bytes // UPLOAD_PART_BYTES)
-            self._too_large[start.transfer_uuid] = min(parts, self.MOST_LEFTOVER_PARTS)
-        return True
+    def reason_against(self, start: wire.FileTransferStartUpload) -> str | None:
+        """Note a new file; why it is refused, if so."""
+        size, transfer = start.size_bytes, start.transfer_uuid
+        parts = -(-size // UPLOAD_PART_BYTES)
+        if size > MAX_UPLOAD_BYTES:
+            if len(self._too_large) < self.MOST_AT_ONCE:
+                self._too_large[transfer] = min(parts, self.MOST_LEFTOVER_PARTS)
+            return "an upload that is too large"
+        too_many = len(self._missing) >= self.MOST_AT_ONCE and parts > 0
+        if start.part_count != parts or size < 0 or transfer in self._missing or too_many:
+            return "an upload that contradicts itself"
+        if parts:
+            self._missing[transfer] = set(range(parts))
+        return None
 
     def is_leftover(self, part: wire.FileTransferPart) -> bool:
         """Tell whether a part belongs to a file that was too large; each of them counts once."""
@@ -135,18 +141,6 @@ class UploadLedger:
         if left > 1:
             self._too_large[part.transfer_uuid] = left - 1
         return left > 0 and len(part.content) <= UPLOAD_PART_BYTES
-
-    def starts(self, start: wire.FileTransferStartUpload) -> bool:
-        """Note a new transfer; False when it contradicts itself or too many are under way."""
-        parts = -(-start.size_bytes // UPLOAD_PART_BYTES)
-        if start.part_count != parts or start.size_bytes < 0 or start.transfer_uuid in self._missing:
-            return False
-        if parts == 0:  # an empty file: no part will come
-            return True
-        if len(self._missing) >= self.MOST_AT_ONCE:
-            return False
-        self._missing[start.transfer_uuid] = set(range(parts))
-        return True
 
     def continues(self, part: wire.FileTransferPart) -> bool:
         """Note a part; False unless it is one that is still to come."""
@@ -176,86 +170,73 @@ class FrameFilter:
         """Tell whether viser may see this frame; refusals are counted."""
         if self.flooded:
             return False
-        reason: str | None = None
-        admitted, size = False, len(raw)
+        leftover, size = False, len(raw)
         try:
-            message = read(raw)
-            if message is None:
-                reason = "a message of another type"
-            elif isinstance(message, wire.FileTransferPart) and self._uploads.is_leftover(message):
-                size = 0
-            else:
-                reason = self._reason_against(message, size)
-                admitted = reason is None
+            message = _read(raw)
+            leftover = isinstance(message, wire.FileTransferPart) and self._uploads.is_leftover(message)
+            reason = None if leftover else self._reason_against(message, size)
         except Exception:  # the fields of a message may be of any type
             reason = "no message of a page"
         if reason is not None:
             self._tally.refuse(reason)
-        if not self._gauge.charge(size, refused=reason is not None):
+        if not self._gauge.charge(0 if leftover else size, refused=reason is not None):
             self.flooded = True
             self._tally.refuse("too many messages")
-        return admitted and not self.flooded
+        return reason is None and not leftover and not self.flooded
 
-    def _reason_against(self, message: wire.Message, size: int) -> str | None:
-        match message:
-            case wire.FileTransferStartUpload():
-                if not isinstance(self._control(message.source_component_uuid), viser.GuiUploadButtonHandle):
-                    return "an upload to what is no upload button"
-                if self._uploads.is_too_large(message):
-                    self._refuse_upload(message)
-                    return "an upload that is too large"
-                return None if self._uploads.starts(message) else "an upload that contradicts itself"
-            case wire.FileTransferPart():
-                return None if self._uploads.continues(message) else "a part of no upload under way"
-            case wire.GetRenderResponseMessage():
-                return None
-            case _ if size > _MAX_PLAIN_BYTES:
-                return "a message that is too large"
-            case wire.GuiUpdateMessage() if message.updates.keys() != {"value"}:
-                return "setting something else than a value"
-            case _ if not _is_finite(vars(message)):
-                return "a number that is not finite"
-            case wire.GuiUpdateMessage():
-                fits = _fits(self._control(message.uuid), message.updates["value"])
-                return None if fits else "a value that the control cannot take"
-            case _:
-                return None
-
-    def _control(self, uuid: str) -> object:
-        """The page's own control of this id; None when there is none."""
+    def _reason_against(self, message: wire.Message | None, size: int) -> str | None:
+        if message is None:
+            return "a message of another type"
+        if isinstance(message, wire.FileTransferPart):
+            return None if self._uploads.continues(message) else "a part of no upload under way"
+        if isinstance(message, wire.GetRenderResponseMessage):
+            return None
+        if size > _MAX_PLAIN_BYTES:
+            return "a message that is too large"
+        fields = vars(message)
+        if isinstance(message, wire.GuiUpdateMessage) and message.updates.keys() != {"value"}:
+            return "setting something else than a value"
+        if not _is_finite(fields):
+            return "a number that is not finite"
         client = self._client()
         table = {} if client is None else client.gui._gui_input_handle_from_uuid  # noqa: SLF001  # pyright: ignore[reportPrivateUsage]
-        return table.get(uuid)
+        control = table.get(fields.get("uuid", fields.get("source_component_uuid", "")))
+        if control is not None and (control.disabled or not control.visible):
+            return "a control that is disabled or hidden"  # the page greys it out, but sends all the same
+        if isinstance(message, wire.GuiUpdateMessage) and not _fits(control, message.updates["value"]):
+            return "a value that the control cannot take"
+        if not isinstance(message, wire.FileTransferStartUpload):
+            return None
+        if client is None or not isinstance(control, viser.GuiUploadButtonHandle):
+            return "an upload to what is no upload button"
+        if message.size_bytes > MAX_UPLOAD_BYTES:
+            _refuse_upload(client, message)
+        return self._uploads.reason_against(message)
 
-    def _refuse_upload(self, start: wire.FileTransferStartUpload) -> None:
-        """Tell the page that the file is too large; it takes the file for sent, and can send another one."""
-        client = self._client()
-        if client is None:
-            return
-        size = start.size_bytes
-        done = wire.FileTransferPartAck(start.source_component_uuid, start.transfer_uuid, size, size)
-        client.gui._websock_interface.queue_message(done)  # noqa: SLF001  # pyright: ignore[reportPrivateUsage]
-        client.add_notification(
-            "Upload refused",
-            f"{start.filename[:100]} was not taken: it has {size / 2**20:.1f} MiB, "
-            f"the largest that is taken has {MAX_UPLOAD_BYTES / 2**20:.0f} MiB.",
-            color="red",
-            auto_close_seconds=12.0,
-        )
+
+def _refuse_upload(client: viser.ClientHandle, start: wire.FileTransferStartUpload) -> None:
+    """Tell the page that the file is too large; it takes the file for sent, and can send another one."""
+    size = start.size_bytes
+    done = wire.FileTransferPartAck(start.source_component_uuid, start.transfer_uuid, size, size)
+    client.gui._websock_interface.queue_message(done)  # noqa: SLF001  # pyright: ignore[reportPrivateUsage]
+    client.add_notification(
+        "Upload refused",
+        f"{start.filename[:100]} was not taken: it has {size / 2**20:.1f} MiB, "
+        f"the largest that is taken has {MAX_UPLOAD_BYTES / 2**20:.0f} MiB.",
+        color="red",
+        auto_close_seconds=12.0,
+    )
 
 
 class _Envelope(msgspec.Struct):
     type: str
 
 
-def read(raw: str | bytes) -> wire.Message | None:
-    """Decode a frame as viser does, after a check that each field is of its type.
+def _read(raw: str | bytes) -> wire.Message | None:
+    """Decode a frame as viser does, each field checked against its type.
 
-    Returns:
-        The message; None when it is of a type that is not allowed.
-
-    Raises:
-        Exception: of any kind, when a field is of a wrong type or viser could not read the frame.
+    None for a message of a type that is not allowed; an exception of any kind where a field is of a wrong
+    type or viser could not read the frame.
     """
     if isinstance(raw, str):
         raise TypeError("viser's pages send binary frames only")
@@ -266,16 +247,15 @@ def read(raw: str | bytes) -> wire.Message | None:
     return cast(wire.Message, wire.Message.deserialize(raw))
 
 
-def _fits(control: object, value: object) -> bool:
+def _fits(control: Any, value: object) -> bool:
     """Tell whether a control can take a value: an option, within the slider, of the present value's type."""
     if isinstance(value, str) and len(value) > _MAX_TEXT:
         return False
     if control is None:  # viser ignores it
         return True
-    options = getattr(control, "options", None)
-    if options is not None:
+    if (options := getattr(control, "options", None)) is not None:
         return value in options
-    if not _is_like(getattr(control, "value", None), value):
+    if not _is_like(control.value, value):
         return False
     if not isinstance(control, viser.GuiSliderHandle | viser.GuiMultiSliderHandle):
         return True  # a number field may leave its range: its screen says so

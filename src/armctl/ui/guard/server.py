@@ -11,9 +11,8 @@ import socket
 import threading
 import traceback
 import types
-from collections.abc import Callable, Generator, Sequence
-from contextlib import contextmanager
-from dataclasses import dataclass, field
+from collections.abc import AsyncGenerator, Callable, Generator, Sequence
+from contextlib import asynccontextmanager, closing, contextmanager
 from functools import partial
 from http import HTTPStatus
 from typing import Any
@@ -25,17 +24,12 @@ from websockets.asyncio.server import ServerConnection
 from websockets.http11 import Request, Response
 
 from armctl.errors import ServerError
-from armctl.ui.guard.door import Door, listening_socket
+from armctl.ui.guard.door import Door, listening_socket, url_host
 from armctl.ui.guard.filter import LOG, MAX_FRAME_BYTES, GuardedConnection, Tally
 
-# The one place where viser is changed: how it opens its server.
-#
-# viser 1.1.1 exposes none of the options of ``websockets.asyncio.server.serve`` that the guard needs, but
-# looks the function up when it starts. While a server is constructed, this module puts another function in
-# its place, which passes on viser's call with the guard's options added; only documented ones are used.
-
-_VISER_SERVER = "viser.infra._infra"
-_REPLACING = threading.Lock()  # what is replaced belongs to the process, so the lock does too
+_TIMEOUT_S = 3.0
+_REFUSALS = {HTTPStatus.FORBIDDEN, HTTPStatus.MISDIRECTED_REQUEST, HTTPStatus.UNAUTHORIZED}
+_FOREIGN = "armctl-probe.invalid"
 
 
 class _WireLog(logging.Handler):
@@ -48,71 +42,44 @@ class _WireLog(logging.Handler):
             LOG.debug("websocket: %s", record.getMessage())
 
 
-class _NotServing:
-    """What viser gets for a server that could not be opened: it serves nothing until it is stopped."""
+# The one place where viser is changed: how it opens its server.
+#
+# viser 1.1.1 exposes none of the options of ``websockets.asyncio.server.serve`` that the guard needs, but
+# looks the function up when it starts. While a server is constructed, this module puts another function in
+# its place, which passes on viser's call with the guard's options added; only documented ones are used.
 
-    async def __aenter__(self) -> types.SimpleNamespace:
-        return types.SimpleNamespace(server=types.SimpleNamespace(sockets=()))
-
-    async def __aexit__(self, *of_no_interest: object) -> None:
-        return None
+_VISER_SERVER = "viser.infra._infra"
+_REPLACING = threading.Lock()  # what is replaced belongs to the process, so the lock does too
 
 
-@dataclass
-class GuardedServing:
-    """The guard's way to open viser's server.
+@contextmanager
+def _guarded_serve(
+    listener: socket.socket, door: Door, client_of: Callable[[ServerConnection], viser.ClientHandle | None]
+) -> Generator[list[Exception | None]]:
+    """Replace ``serve`` for viser alone, so that it listens on ``listener`` behind ``door``.
 
-    Attributes:
-        listener: the socket to listen on, instead of viser's host and port.
-        door: the checks on requests.
-        client_of: finds the client of a connection, once it has introduced itself.
-        calls: how often viser opened a server this way; 0 means that the guard is not in place.
-        failure: why ``websockets`` did not open the server, if so; nothing is served then.
+    ``client_of`` finds the client of a connection, once it has introduced itself. The list that is given
+    has one entry for each server that viser opened this way: None, or why it could not be opened.
     """
+    module = websockets.asyncio.server
+    opened: list[Exception | None] = []
+    wire = logging.Logger("armctl.ui.guard.wire")
+    wire.addHandler(_WireLog())
 
-    listener: socket.socket
-    door: Door
-    client_of: Callable[[ServerConnection], viser.ClientHandle | None]
-    calls: int = field(default=0, init=False)
-    failure: Exception | None = field(default=None, init=False)
+    def guarded(handler: Callable[..., Any], host: Any = None, port: Any = None, **options: Any) -> Any:
+        if getattr(handler, "__module__", "") != _VISER_SERVER:
+            return serve(handler, host, port, **options)
+        serve_page = options["process_request"]
 
-    @contextmanager
-    def in_place(self) -> Generator[None]:
-        """Replace ``serve`` for viser alone, while a ``ViserServer`` is constructed."""
-        module = websockets.asyncio.server
-        with _REPLACING:
-            serve = module.serve
-            module.serve = self._replacement(serve)  # pyright: ignore[reportAttributeAccessIssue]
-            try:
-                yield
-            finally:
-                module.serve = serve
-
-    def _replacement(self, serve: Callable[..., Any]) -> Callable[..., Any]:
-        def guarded(handler: Callable[..., Any], host: Any = None, port: Any = None, **options: Any) -> Any:
-            if getattr(handler, "__module__", "") != _VISER_SERVER:
-                return serve(handler, host, port, **options)
-            self.calls += 1
-            try:
-                return serve(handler, **{**options, **self._options(options["process_request"])})
-            except Exception as cause:  # raised here, it would let viser's constructor wait for ever
-                self.failure = cause
-                return _NotServing()
-
-        return guarded
-
-    def _options(self, serve_page: Callable[..., Response | None]) -> dict[str, Any]:
         def process_request(connection: ServerConnection, request: Request) -> Response | None:
-            response = self.door.answer(connection, request)
+            response = door.answer(connection, request)
             return serve_page(connection, request) if response is None else response
 
-        wire = logging.Logger("armctl.ui.guard.wire")
-        wire.addHandler(_WireLog())
-        return {
-            "sock": self.listener,
+        options |= {
+            "sock": listener,
             "process_request": process_request,
-            "process_response": self.door.finish,
-            "create_connection": partial(GuardedConnection, client_of=self.client_of, tally=self.door.tally),
+            "process_response": door.finish,
+            "create_connection": partial(GuardedConnection, client_of=client_of, tally=door.tally),
             "server_header": None,
             "max_size": MAX_FRAME_BYTES,
             "ping_interval": 2,
@@ -120,30 +87,38 @@ class GuardedServing:
             "close_timeout": 1,
             "logger": wire,
         }
+        opened.append(None)
+        try:
+            return serve(handler, **options)
+        except Exception as cause:  # raised here, it would let viser's constructor wait for ever
+            opened[-1] = cause
+            return _serving_nothing()
+
+    with _REPLACING:
+        serve: Callable[..., Any] = module.serve
+        module.serve = guarded  # pyright: ignore[reportAttributeAccessIssue]
+        try:
+            yield opened
+        finally:
+            module.serve = serve
 
 
-# Whether the guard holds: knock at the server's own door as those who must not come in.
+@asynccontextmanager
+async def _serving_nothing() -> AsyncGenerator[types.SimpleNamespace]:
+    """What viser gets for a server that could not be opened: it serves nothing until it is stopped."""
+    yield types.SimpleNamespace(server=types.SimpleNamespace(sockets=()))
 
-_TIMEOUT_S = 3.0
-_REFUSALS = {HTTPStatus.FORBIDDEN, HTTPStatus.MISDIRECTED_REQUEST, HTTPStatus.UNAUTHORIZED}
-_FOREIGN = "armctl-probe.invalid"
 
-
-def probe(address: str, port: int, *, token_needed: bool) -> None:
-    """Try to get in from outside.
-
-    Args:
-        address: the address that the server is bound to.
-        port: its port.
-        token_needed: whether a stranger without token must be refused as well.
+def _probe(address: str, port: int, *, token_needed: bool) -> None:
+    """Knock at the server's own door as those who must not come in.
 
     Raises:
-        ServerError: somebody was let in, or the server did not answer.
+        ServerError: a stranger was let in (or one without token, if that is needed), or nothing answered.
     """
     ip = ipaddress.ip_address(address)
     if ip.is_unspecified:
         ip = ipaddress.ip_address("127.0.0.1" if ip.version == 4 else "::1")
-    here = f"[{ip}]:{port}" if ip.version == 6 else f"{ip}:{port}"
+    here = f"{url_host(ip)}:{port}"
     strangers = {
         "a page of a foreign origin": {"Host": here, "Origin": f"http://{_FOREIGN}"},
         "a page under a foreign name": {"Host": f"{_FOREIGN}:{port}", "Origin": f"http://{_FOREIGN}:{port}"},
@@ -151,35 +126,25 @@ def probe(address: str, port: int, *, token_needed: bool) -> None:
     }
     if token_needed:
         strangers["a page without token"] = {"Host": here, "Origin": f"http://{here}"}
+    websocket = {
+        "Upgrade": "websocket",
+        "Connection": "Upgrade",
+        "Sec-WebSocket-Version": "13",
+        "Sec-WebSocket-Key": "dGhlIHNhbXBsZSBub25jZQ==",
+        "Sec-WebSocket-Protocol": f"viser-v{viser.__version__}",
+    }
     for who, headers in strangers.items():
-        status = _knock(str(ip), port, headers)
+        try:
+            with closing(http.client.HTTPConnection(str(ip), port, timeout=_TIMEOUT_S)) as connection:
+                connection.request("GET", "/", headers=websocket | headers)
+                status = connection.getresponse().status
+        except (OSError, http.client.HTTPException) as cause:
+            raise ServerError(f"the web server does not answer on port {port}: {cause}") from cause
         if status not in _REFUSALS:
             raise ServerError(
                 f"the web server's guard is not effective: {who} was answered with {status}; "
                 f"armctl does not run unguarded, report this with the version of viser ({viser.__version__})"
             )
-
-
-def _knock(address: str, port: int, headers: dict[str, str]) -> int:
-    connection = http.client.HTTPConnection(address, port, timeout=_TIMEOUT_S)
-    try:
-        connection.request(
-            "GET",
-            "/",
-            headers={
-                "Upgrade": "websocket",
-                "Connection": "Upgrade",
-                "Sec-WebSocket-Version": "13",
-                "Sec-WebSocket-Key": "dGhlIHNhbXBsZSBub25jZQ==",
-                "Sec-WebSocket-Protocol": f"viser-v{viser.__version__}",
-                **headers,
-            },
-        )
-        return connection.getresponse().status
-    except (OSError, http.client.HTTPException) as cause:
-        raise ServerError(f"the web server does not answer on port {port}: {cause}") from cause
-    finally:
-        connection.close()
 
 
 _VISER_VERSION = "1.1.1"
@@ -232,7 +197,7 @@ def guarded_server(
     token: str | None = None,
     label: str | None = None,
 ) -> GuardedServer:
-    """Start a viser server behind the guard.
+    """Start a viser server behind the guard, and try from outside whether the guard holds.
 
     Args:
         host: address to listen on; one that other computers can reach needs a token.
@@ -242,9 +207,6 @@ def guarded_server(
         token: secret of at least 16 letters, digits, ``-`` or ``_``, which pages bring as ``/?token=…``
             once; a cookie keeps it.
         label: title of the main panel.
-
-    Returns:
-        The running server; it has already been tried from outside.
 
     Raises:
         ServerError: the address cannot be had, an option is unsafe, or the guard turns out not to hold.
@@ -263,33 +225,28 @@ def guarded_server(
     listener = listening_socket(host, port, beyond_loopback=token is not None)
     address, bound_port = listener.getsockname()[:2]
     server: GuardedServer | None = None
-    serving = GuardedServing(
-        listener,
-        Door(tuple(extra_hosts), token, tally),
-        lambda connection: None if server is None else server.client_of(connection),
-    )
+    door = Door(tuple(extra_hosts), token, tally)
     rich.get_console().quiet = True  # viser prints a banner and notices, also when it is stopped
     try:
-        with serving.in_place():
+        with _guarded_serve(
+            listener, door, lambda one: None if server is None else server.client_of(one)
+        ) as opened:
             server = GuardedServer(tally, host=host, port=bound_port, label=label)
-    except BaseException:
-        listener.close()
-        raise
-    try:
-        if serving.failure is not None:
+        if opened and (failure := opened[0]) is not None:
             raise ServerError(
-                f"the web server cannot be opened: {serving.failure}; "
+                f"the web server cannot be opened: {failure}; "
                 "is the installed version of websockets one that viser supports?"
-            ) from serving.failure
-        if serving.calls != 1 or server.get_port() != bound_port:
+            ) from failure
+        if len(opened) != 1 or server.get_port() != bound_port:
             raise ServerError(
                 "the web server's guard is not effective: viser did not open its server through it; "
                 "armctl does not run unguarded"
             )
-        probe(address, bound_port, token_needed=token is not None)
+        _probe(address, bound_port, token_needed=token is not None)
     except BaseException:
-        server.stop()
-        listener.close()  # nobody else does when viser did not take it
+        if server is not None:
+            server.stop()
+        listener.close()  # viser may not have taken it
         raise
     tally.open()
     server.get_event_loop().set_exception_handler(partial(_on_loop_error, tally))
