@@ -93,9 +93,12 @@ def program_using(device: str, proc: Path = PROC) -> str | None:
 
 
 def modem_manager_note(device: str, proc: Path = PROC, database: Path = UDEV_DATABASE) -> str | None:
-    """What to know where ModemManager runs and no udev rule keeps it away from ``device``."""
-    if _is_ignored(device, database):
-        return None
+    """What to know where ModemManager runs and udev's record of ``device`` does not keep it away."""
+    with suppress(OSError):
+        number = os.stat(device).st_rdev
+        record = (database / f"c{os.major(number)}:{os.minor(number)}").read_text()
+        if any(line in _IGNORED for line in record.splitlines()):
+            return None
     running = any(_name(process) == _MODEM_MANAGER for process in proc.glob("[0-9]*"))
     return MODEM_MANAGER_NOTE if running else None
 
@@ -115,13 +118,3 @@ def _name(process: Path) -> str:
         return (process / "comm").read_text().strip()
     except OSError:
         return "a program"
-
-
-def _is_ignored(device: str, database: Path) -> bool:
-    """Whether udev's record of the device tells ModemManager to leave it alone."""
-    try:
-        number = os.stat(device).st_rdev
-        record = (database / f"c{os.major(number)}:{os.minor(number)}").read_text()
-    except OSError:
-        return False
-    return any(line in _IGNORED for line in record.splitlines())

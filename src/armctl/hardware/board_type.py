@@ -7,12 +7,14 @@ loads a robot file imports the descriptors, so they import a driver only when on
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar, Protocol
 
 from armctl.hardware.driver import ChannelScale, ChannelSettings, Driver, translated
+from armctl.hardware.transport import pieces
 from armctl.robot.outputs_of_file import BoardEntries
 
 if TYPE_CHECKING:
@@ -85,16 +87,11 @@ NEEDED = ("kind", "title", "plugged_in", "scale", "entries")
 class BoardType(ABC):
     """A kind of board. What is given a value here holds for boards that say nothing else."""
 
-    kind: ClassVar[str]
-    """in robot files, on the command line"""
-    title: ClassVar[str]
-    """in sentences: "Pololu Maestro\""""
-    plugged_in: ClassVar[str]
-    """what a user looks for on the desk: "Maestro", "Arduino\""""
-    scale: ClassVar[ChannelScale]
-    """noun, unit and steps of its channels"""
-    entries: ClassVar[BoardEntries]
-    """reads its part of a robot file"""
+    kind: ClassVar[str]  # in robot files, on the command line
+    title: ClassVar[str]  # in sentences: "Pololu Maestro"
+    plugged_in: ClassVar[str]  # what a user looks for on the desk: "Maestro", "Arduino"
+    scale: ClassVar[ChannelScale]  # noun, unit and steps of its channels
+    entries: ClassVar[BoardEntries]  # reads its part of a robot file
     usb: ClassVar[Mapping[tuple[int, int | None], str]] = {}
     """how a port is listed, by USB vendor and product (``ANY_PRODUCT``)"""
     likely: ClassVar[tuple[tuple[str, ...], ...]] = ()
@@ -106,14 +103,11 @@ class BoardType(ABC):
     """whether opening its port starts it anew: it may take seconds to answer then"""
     homing: ClassVar[bool] = False
     """whether it must find the zeros of its axes, after which the arm stays where that ended"""
-    power: ClassVar[str] = "pulses"
-    """what Enable switches on and Release off"""
+    power: ClassVar[str] = "pulses"  # what Enable switches on and Release off
     off_when_left: ClassVar[bool] = False
     """whether it switches its outputs off when no program speaks to it any more"""
-    limits_acceleration: ClassVar[bool] = False
-    """whether it is to keep acceleration limits of its own"""
-    advice: ClassVar[str] = "check its cable and its power"
-    """what to do where it does not answer"""
+    limits_acceleration: ClassVar[bool] = False  # whether it is to keep acceleration limits of its own
+    advice: ClassVar[str] = "check its cable and its power"  # what to do where it does not answer
     simulator_robot: ClassVar[str | None] = None
     """whose channels the simulated board has unless another robot is named; None: it needs no robot"""
     simulator_help: ClassVar[str] = ""
@@ -164,7 +158,6 @@ class BoardType(ABC):
         return tuple(name for group in self.likely for name in group if name not in self.shared)
 
 
-_READ_S = 0.05
 _UNDERSTOOD_WITHIN_S = 1.0
 """how long a board may speak without being understood"""
 _KEPT = 64
@@ -183,21 +176,16 @@ def listen(
     says so.
     """
     first = bytearray()
-    deadline = now() + for_s
-    # Waiting is counted as well as timed: the clock of a simulation may stand still.
-    waited = 0.0
-    while (left := min(deadline - now(), for_s - waited)) > 0.0:
-        step = min(_READ_S, left)
-        data = line.read(256, step)
-        waited += step
+    give_up_at = math.inf
+    for data in pieces(line, for_s, now):
         for place, listener in enumerate(listeners):
             if (found := translated("listening to the port", listener.feed, data)) is not None:
                 return (place, found), bytes(first)
-        if until():
-            break
         if data and not first:
-            deadline = min(deadline, now() + _UNDERSTOOD_WITHIN_S)
+            give_up_at = now() + _UNDERSTOOD_WITHIN_S
         first += data[: _KEPT - len(first)]
+        if until() or now() >= give_up_at:
+            break
     return None, bytes(first)
 
 

@@ -61,6 +61,27 @@ def list_ports(
     """
     stable_names = _stable_names(by_id)
     ports: list[PortInfo] = []
+
+    def add(
+        device: str,
+        kind: str,
+        description: str,
+        serial_number: str | None,
+        name: str | None,
+        interface: int | None,
+    ) -> None:
+        refusals = (board.port_refusal(kind, interface) for board in boards_listed_as(kind))
+        why_not = next((refusal for refusal in refusals if refusal is not None), None)
+        if why_not is None and not checks.may_open(device):
+            why_not = f"no permission to open it; {permission_hint(device)}"
+        elif why_not is None and (program := checks.used_by(device)) is not None:
+            why_not = f"in use by another program: {program}; close that and try again"
+        # For boards only: to an unknown device ModemManager may well be meant to talk.
+        note = None if kind == UNKNOWN else checks.note(device)
+        notes = () if note is None else (note,)
+        usable = why_not is None
+        ports.append(PortInfo(device, kind, description, serial_number, usable, why_not, name, notes))
+
     for port in comports():
         # Ports that the kernel made up (ttyS0 … ttyS31) have no hardware behind them and no description.
         if port.hwid != "n/a" or port.device.startswith(("/dev/ttyACM", "/dev/ttyUSB")):
@@ -69,16 +90,15 @@ def list_ports(
             if interface is None:
                 interface = _interface(name, _BY_ID_INTERFACE, 16)
             kind = listing_of(port.vid, port.pid)
-            known = (port.device, kind, port.description, port.serial_number, name)
-            ports.append(_port(*known, interface=interface, checks=checks))
+            add(port.device, kind, port.description, port.serial_number, name, interface)
     listed = {resolved(port.device) for port in ports}
     for device, name in stable_names.items():
         if device not in listed:  # only the name tells: it holds maker, product, serial number and interface
             kinds = (board.listed_by_name(name) for board in board_types())
             kind = next((kind for kind in kinds if kind is not None), UNKNOWN)
-            serial_number = _BY_ID_SERIAL.search(name)
-            known = (device, kind, Path(name).name, serial_number[1] if serial_number else None, name)
-            ports.append(_port(*known, interface=_interface(name, _BY_ID_INTERFACE, 16), checks=checks))
+            found = _BY_ID_SERIAL.search(name)
+            interface = _interface(name, _BY_ID_INTERFACE, 16)
+            add(device, kind, Path(name).name, found[1] if found else None, name, interface)
     return sorted(ports, key=lambda port: (_rank(port.kind), not port.usable, port.device))
 
 
@@ -86,10 +106,7 @@ def find_board(ports: Sequence[PortInfo], kind: str | None) -> PortInfo:
     """The one usable port among ``ports`` that has, or may have, a board of this kind; None: of any kind.
 
     Whether an Arduino runs the right sketch shows only when it is opened; what calls itself a Mega goes
-    before what may be anything.
-
-    Raises:
-        PortError: there is none (with the reason, when one is there but not usable), or several.
+    before what may be anything. ``PortError`` where there is none, or several.
     """
     wanted = board_types() if kind is None else (board_type(kind),)
     noun = "board" if kind is None else wanted[0].plugged_in
@@ -110,35 +127,6 @@ def find_board(ports: Sequence[PortInfo], kind: str | None) -> PortInfo:
     raise PortError(
         f"no {noun} found; serial ports: {others}; plug one in, or use the simulated board (port sim)"
     )
-
-
-def _port(
-    device: str,
-    kind: str,
-    description: str,
-    serial_number: str | None,
-    stable_name: str | None,
-    *,
-    interface: int | None,
-    checks: PortChecks,
-) -> PortInfo:
-    why_not = _why_not(device, kind, interface, checks)
-    # For boards only: to an unknown device ModemManager may well be meant to talk.
-    note = None if kind == UNKNOWN else checks.note(device)
-    notes = () if note is None else (note,)
-    return PortInfo(device, kind, description, serial_number, why_not is None, why_not, stable_name, notes)
-
-
-def _why_not(device: str, kind: str, interface: int | None, checks: PortChecks) -> str | None:
-    for board in boards_listed_as(kind):
-        if (refusal := board.port_refusal(kind, interface)) is not None:
-            return refusal
-    if not checks.may_open(device):
-        return f"no permission to open it; {permission_hint(device)}"
-    program = checks.used_by(device)
-    if program is not None:
-        return f"in use by another program: {program}; close that and try again"
-    return None
 
 
 def _rank(kind: str) -> int:

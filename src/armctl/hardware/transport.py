@@ -6,7 +6,7 @@ import errno
 import logging
 import os
 import termios
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from typing import Protocol
@@ -38,6 +38,22 @@ class Transport(Protocol):
 
     def close(self) -> None:
         """Give the line up. Never raises; safe to call twice."""
+
+
+_STEP_S = 0.05
+_CHUNK = 4096
+
+
+def pieces(line: Transport, wait_s: float, now: Callable[[], float]) -> Iterator[bytes]:
+    """What comes on ``line`` within ``wait_s`` [s], piece by piece; empty ones while it is silent."""
+    # Silence is counted as well as timed: the clock of a simulation may stand still.
+    deadline, silent_s = now() + wait_s, 0.0
+    while (left := min(deadline - now(), wait_s - silent_s)) > 0.0:
+        step_s = min(_STEP_S, left)
+        data = line.read(1, step_s)
+        if not data:
+            silent_s += step_s
+        yield data and data + line.read(_CHUNK, 0.0)
 
 
 # A serial port, a pty or a ``socket://host:port`` through pyserial, with errors in words for the user.

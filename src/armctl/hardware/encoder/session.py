@@ -24,13 +24,12 @@ from armctl.hardware.encoder.messages import (
     decode_banner,
     request,
 )
-from armctl.hardware.transport import Transport
+from armctl.hardware.transport import Transport, pieces
 
 _CHUNK = 4096
 _MOST_CHUNKS = 64  # a board that floods the line must not keep the caller here for ever
 _MOST_SUPERSEDED = 8
 _ATTEMPTS = 3
-_WAIT_S = 0.02  # time between two status lines
 _OLDEST_STATUS_S = 0.05
 _LONGEST_PRELUDE = 512
 _CLOCK_WRAPS_MS = 1 << 32
@@ -212,22 +211,14 @@ class EncoderSession:
 
     def wait_until(self, done: Callable[[], bool], timeout_s: float) -> bool:
         """Take in what comes until ``done``; whether that was within ``timeout_s``."""
-        deadline = self._now() + timeout_s
-        # Waiting is counted as well as timed: while a status line comes every 20 ms no read waits long,
-        # and the clock of a simulation may stand still while a real line is waited for.
-        waited = 0.0
         self.drain()
-        while not done():
-            left = min(deadline - self._now(), timeout_s - waited)
-            if left <= 0.0:
-                return False
-            step = min(left, _WAIT_S)
-            if first := self._transport.read(1, step):
-                self._take(first)
-                self.drain()
-            else:
-                waited += step
-        return True
+        if done():
+            return True
+        for data in pieces(self._transport, timeout_s, self._now):
+            self._take(data)
+            if done():
+                return True
+        return False
 
     def drain(self) -> None:
         """Take in everything that is there."""

@@ -17,14 +17,13 @@ from armctl.hardware.firmata.codec import (
     ReplyParser,
     VersionReport,
 )
-from armctl.hardware.transport import Transport
+from armctl.hardware.transport import Transport, pieces
 
 _OPEN_S = 5.0
 """a Mega that restarts when its port is opened reports after 1.7 s and its bootloader's time"""
 _ASK_AGAIN_S = 1.0
 _ANSWER_S = 2.0
 """the capabilities of a Mega take 0.15 s on the line"""
-_STEP_S = 0.05
 _CHUNK = 4096
 _KEPT = 512
 """how much of what came is kept to tell who it is"""
@@ -105,14 +104,7 @@ class FirmataLine:
     def listen(self, wait_s: float) -> Iterator[Reply]:
         """What comes within ``wait_s``; a caller that has what it waited for stops earlier."""
         self._check()
-        # A line that cannot wait returns at once: its silence is counted, or this would never end.
-        deadline, silent_s, step_s = self._now() + wait_s, 0.0, min(_STEP_S, wait_s)
-        while silent_s < wait_s and self._now() < deadline:
-            data = self._transport.read(1, step_s)
-            if data:
-                data += self._transport.read(_CHUNK, 0.0)
-            else:
-                silent_s += step_s
+        for data in pieces(self._transport, wait_s, self._now):
             yield from self._parse(data)
 
     def _await_version(self, ask_after_s: float) -> bool:
