@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from armctl.errors import InputError
+from armctl.motion import Finding
 from armctl.program import (
     ArcStep,
     CommentStep,
@@ -15,7 +16,6 @@ from armctl.program import (
     MoveStep,
     PointStep,
     Program,
-    ProgramFinding,
     RepeatStep,
     Step,
     WaitStep,
@@ -73,7 +73,7 @@ def test_the_program_as_a_whole() -> None:
     ]
 
 
-def all_findings(*steps: Step, **more: object) -> list[ProgramFinding]:
+def all_findings(*steps: Step, **more: object) -> list[Finding]:
     return check_program(Program(robot="uzuner", steps=steps), ROBOT, **more)  # type: ignore[arg-type]
 
 

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
+from dataclasses import replace
 from html import unescape
 
 import pytest
 
 from armctl.motion import Finding
-from armctl.program import ProgramFinding
 from armctl.ui.widgets.html import fixed, limited, muted, refused, warned
 from armctl.ui.widgets.verdict_list import first_error, verdict_html
 
@@ -37,8 +37,8 @@ def test_numbers_have_no_negative_zero(value: float, text: str) -> None:
     assert fixed(value, 1) == text
 
 
-FLOOR = Finding(1.84, "the tool", "12.3 mm below the floor", "raise the target", "floor")
-HOT = Finding(0.5, "Shoulder", "60 % of its stall torque", "do not stay there", "torque", "warning")
+FLOOR = Finding("12.3 mm below the floor", 1.84, "the tool", "raise the target", "floor")
+HOT = Finding("60 % of its stall torque", 0.5, "Shoulder", "do not stay there", "torque", "warning")
 
 
 def test_nothing_found_is_one_line_that_says_what_was_checked() -> None:
@@ -71,22 +71,21 @@ def test_warnings_alone_let_it_run_and_a_long_list_is_cut() -> None:
 
 
 def test_steps_are_counted_from_one() -> None:
-    floor = ProgramFinding(6, FLOOR.what, FLOOR.time, FLOOR.part, FLOOR.mend, "floor", "error")
-    found = [floor, ProgramFinding(1, "a wait takes 0 … 86400 s, not -1")]
+    found = [replace(FLOOR, step=6), Finding("a wait takes 0 … 86400 s, not -1", step=1)]
     html = verdict_html(found)
     assert "step 7 · 1.84 s · the tool" in html and "step 2</div>" in html
 
 
 def test_texts_are_escaped() -> None:
-    nasty = Finding(0.0, "<img src=x onerror=alert(1)>", "<b>", "&", "obstacle")
+    nasty = Finding("<b>", 0.0, "<img src=x onerror=alert(1)>", "&", "obstacle")
     html = verdict_html([nasty], ["<i>masses</i>"])
     assert "<img" not in html and "<i>" not in html
     assert "&lt;img" in html and "Not checked: &lt;i&gt;masses" in html
 
 
 def test_what_keeps_a_program_from_running_is_told_in_one_line() -> None:
-    warning = ProgramFinding(0, "near a singularity", severity="warning")
-    far, low = ProgramFinding(1, "too far by 671.0 mm"), ProgramFinding(2, "below the floor")
+    warning = Finding("near a singularity", severity="warning", step=0)
+    far, low = Finding("too far by 671.0 mm", step=1), Finding("below the floor", step=2)
     assert first_error([]) is None
     assert first_error([warning]) is None
     assert first_error([warning, far]) == "step 2: too far by 671.0 mm"

@@ -15,8 +15,8 @@ import pytest
 from tests.runtime.kit import ROBOT, make_rig
 
 from armctl.errors import StateError
+from armctl.motion import Finding
 from armctl.program import MoveStep, PointStep, Program, Step
-from armctl.program.check import ProgramFinding
 from armctl.ui.guard import GuardedServer
 from armctl.ui.tabs.manual.program_run import ProgramRun
 from armctl.ui.tabs.manual.shared_program import SharedProgram
@@ -92,7 +92,7 @@ def test_a_check_of_a_long_program_says_how_far_it_is_and_can_be_cancelled(
 ) -> None:
     reached, go_on = threading.Event(), threading.Event()
 
-    def check(*_: object, progress: Callable[[int, int], None], **__: object) -> list[ProgramFinding]:
+    def check(*_: object, progress: Callable[[int, int], None], **__: object) -> list[Finding]:
         progress(12, 100)
         reached.set()
         assert go_on.wait(10)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import click
@@ -15,9 +16,9 @@ from armctl.documents import DocumentKind
 from armctl.errors import ArmctlError, BoardError, InputError
 from armctl.hardware.boards import board_type
 from armctl.motion import Floor
-from armctl.motion.preflight import not_checked, preflight
+from armctl.motion.preflight import Finding, not_checked, preflight
 from armctl.motion.profiles import PointToPoint
-from armctl.program import Program, ProgramFinding, check_program, open_program
+from armctl.program import Program, check_program, open_program
 from armctl.robot import Robot, is_urdf, load_robot
 from armctl.runtime.power import below_floor
 
@@ -51,7 +52,7 @@ def check(file: Path, robot: str | None, as_json: bool) -> int:
             findings = check_on_terminal(program, arm)
         unknown = not_checked(arm)
     except ArmctlError as refusal:
-        findings = [ProgramFinding(None, str(refusal))]
+        findings = [Finding(str(refusal))]
     errors = [finding for finding in findings if finding.severity == "error"]
     if as_json:
         record = {
@@ -77,7 +78,7 @@ def check(file: Path, robot: str | None, as_json: bool) -> int:
     return REFUSED if errors else DONE
 
 
-def check_on_terminal(program: Program, robot: Robot) -> list[ProgramFinding]:
+def check_on_terminal(program: Program, robot: Robot) -> list[Finding]:
     """Check a program from where the servos start; a long one shows how far it is, where somebody looks."""
     steps = len(program.steps)
     if steps < _LONG or not sys.stderr.isatty():
@@ -88,7 +89,7 @@ def check_on_terminal(program: Program, robot: Robot) -> list[ProgramFinding]:
         )
 
 
-def _record(finding: ProgramFinding) -> dict[str, object]:
+def _record(finding: Finding) -> dict[str, object]:
     """A finding for programs; steps are counted from 1, as in the text."""
     return {
         "step": None if finding.step is None else finding.step + 1,
@@ -112,7 +113,7 @@ def _kind(file: Path) -> str:
     return "robot" if "dh" in top or "joints" in top else "program"
 
 
-def _check_robot(robot: Robot) -> list[ProgramFinding]:
+def _check_robot(robot: Robot) -> list[Finding]:
     """Whether it has a solver, and what the way from home to each of its named poses would meet."""
     robot.inverse_kinematics  # noqa: B018
     home = robot.pose("home")
@@ -121,34 +122,26 @@ def _check_robot(robot: Robot) -> list[ProgramFinding]:
         *_check_board(robot),
         *_check_rest(robot),
         *(
-            ProgramFinding(
-                None,
-                finding.what,
-                finding.time,
-                f"the way from home to {name}: {finding.part}",
-                finding.mend,
-                finding.kind,
-                "warning",
-            )
+            replace(finding, part=f"the way from home to {name}: {finding.part}", severity="warning")
             for name in names
             for finding in preflight(robot, PointToPoint.plan(robot, home, robot.pose(name)))
         ),
     ]
 
 
-def _check_board(robot: Robot) -> Iterator[ProgramFinding]:
+def _check_board(robot: Robot) -> Iterator[Finding]:
     """Whether a board of its kind takes its channels."""
     if robot.output_map is None:
         return
     try:
         board_type(robot.board).check(setup_of(robot))
     except BoardError as refusal:
-        yield ProgramFinding(None, str(refusal), part="the board", mend="connecting is refused")
+        yield Finding(str(refusal), part="the board", mend="connecting is refused")
 
 
-def _check_rest(robot: Robot) -> Iterator[ProgramFinding]:
+def _check_rest(robot: Robot) -> Iterator[Finding]:
     """Whether servos that are off may jump to where Enable sends them; motors stay where homing ended."""
     below = None if board_type(robot.board).homing else below_floor(Floor(robot), robot.first_pose)
     if below is not None:
         mend = "Enable is refused there; choose another rest pose (that of a URDF has all joints at zero)"
-        yield ProgramFinding(None, below, part="the rest pose", mend=mend, kind="floor")
+        yield Finding(below, part="the rest pose", mend=mend, kind="floor")

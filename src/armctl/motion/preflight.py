@@ -43,22 +43,29 @@ Kind = Literal[
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """One thing that is wrong with a trajectory."""
+    """One thing that is wrong with a motion or a program."""
 
-    time: float
-    """when it is worst [s]"""
-    part: str
-    """the joint, or the part of the arm"""
     what: str
     """what is wrong, with numbers"""
-    mend: str
-    """what to do about it"""
-    kind: Kind
+    time: float | None = None
+    """when it is worst, from the start of the motion [s]; None: not a matter of time"""
+    part: str = ""
+    """the joint, or the part of the arm"""
+    mend: str = ""
+    """what to do about it; empty where ``what`` says it"""
+    kind: Kind = "program"
     """which check found it"""
     severity: Severity = "error"
+    step: int | None = None
+    """index of the program's step; None: no step, or the program as a whole"""
 
     def __str__(self) -> str:
-        return f"{self.part}: at {self.time:.2f} s, {self.what}; {self.mend}"
+        text = self.what if self.time is None else f"at {self.time:.2f} s, {self.what}"
+        if self.part:
+            text = f"{self.part}: {text}"
+        if self.mend:
+            text += f"; {self.mend}"
+        return text if self.step is None else f"step {self.step + 1}: {text}"
 
 
 def preflight(
@@ -96,7 +103,7 @@ def preflight(
     findings += _torque_findings(motion, links, payload_kg)
     if at_rest:
         findings += _rest_findings(motion)
-    return sorted(findings, key=lambda finding: (finding.severity != "error", finding.time))
+    return sorted(findings, key=lambda finding: (finding.severity != "error", finding.time or 0.0))
 
 
 def require_clear(
@@ -180,9 +187,9 @@ def _limit_findings(motion: SampledMotion) -> Iterator[Finding]:
             [peaks.low[j] if is_below else peaks.high[j], joint.lower, joint.upper]
         )
         yield Finding(
+            f"{angle:.2f}° is outside {least:.2f}° … {most:.2f}°",
             float(motion.time[at]),
             joint.title,
-            f"{angle:.2f}° is outside {least:.2f}° … {most:.2f}°",
             "keep away from this limit: another target, another branch or a straighter way",
             "limits",
         )
@@ -199,9 +206,9 @@ def _rate_findings(motion: SampledMotion, kind: Kind) -> Iterator[Finding]:
     for j in np.flatnonzero(most > limits * (1 + _RATE_TOLERANCE)).tolist():
         value, limit = np.degrees([most[j], limits[j]])
         yield Finding(
+            f"{value:.1f} {unit} is over its limit of {limit:.1f} {unit}",
             float(motion.time[np.abs(rates[:, j]).argmax()]),
             robot.joints[j].title,
-            f"{value:.1f} {unit} is over its limit of {limit:.1f} {unit}",
             f"take {(most[j] / limits[j]) ** power:.2f} times as long",
             kind,
         )
@@ -213,9 +220,9 @@ def _rest_findings(motion: SampledMotion) -> Iterator[Finding]:
         j = int(speeds.argmax())
         if speeds[j] > _REST_SPEED:
             yield Finding(
+                f"the motion {where} at {np.degrees(speeds[j]):.2f} °/s",
                 float(motion.time[k]),
                 motion.robot.joints[j].title,
-                f"the motion {where} at {np.degrees(speeds[j]):.2f} °/s",
                 "let it start and end at rest",
                 "rest",
             )
@@ -283,7 +290,7 @@ def _deepest(source: Gaps, time: FloatArray, gaps: FloatArray, slack: FloatArray
         return None
     part = int(slack[:, at].argmin())
     what, mend = source.words(part, -1000 * float(gaps[part, at]))
-    return Finding(float(time[at]), source.parts[part], what, mend, source.kind)
+    return Finding(what, float(time[at]), source.parts[part], mend, source.kind)
 
 
 # Does the tool lose a direction? The isotropy is the smallest over the largest singular value of the tool
@@ -320,10 +327,10 @@ def _singularity_findings(motion: SampledMotion, *, tool_path: bool) -> Iterator
         at, is_lost = int(lost[isotropy[lost].argmin()]), True
     percent = 100 * float(isotropy[at])
     yield Finding(
-        float(time[at]),
-        "the tool",
         f"{'at' if percent < 0.1 else 'near'} a singularity: in one direction it moves only "
         f"{percent:.1f} % as freely as in the best",
+        float(time[at]),
+        "the tool",
         "lead the path past there, or go joint by joint"
         if is_lost
         else "begin no lines and no jogs of the tool there: they would be slow, or refused",
@@ -365,10 +372,10 @@ def _torque_findings(motion: SampledMotion, links: LinkFrames, payload_kg: float
             continue
         over = share > max(float(torque[0]) / stall, 1.0) * (1 + _TORQUE_TOLERANCE)
         yield Finding(
-            float(motion.time[at]),
-            joint.title,
             f"gravity asks for {torque[at]:.2f} N·m, "
             f"{100 * share:.0f} % of its stall torque of {stall:.2f} N·m",
+            float(motion.time[at]),
+            joint.title,
             "keep the load nearer to the joint, or take a lighter one"
             if over
             else "do not stay there for long: the motor gets hot",

@@ -1,6 +1,6 @@
 """Serial-motion programs: steps, blocks, files, editing."""
 
-from armctl.program.check import ProgramFinding, check_program
+from armctl.program.check import check_program
 from armctl.program.csv import CsvForm, read_csv, write_csv
 from armctl.program.feed import (
     PlannedStep,
@@ -56,7 +56,6 @@ __all__ = [
     "PlannedStep",
     "PointStep",
     "Program",
-    "ProgramFinding",
     "ProgramSource",
     "Rehearsal",
     "RepeatStep",

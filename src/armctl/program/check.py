@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Container, Iterator
-from dataclasses import dataclass
+from dataclasses import replace
 
 import msgspec
 import numpy as np
@@ -15,38 +15,11 @@ from armctl.errors import ArmctlError
 from armctl.kinematics.chain import LinkFrames
 from armctl.kinematics.velocity import NEAR
 from armctl.motion.clearance import Floor, Obstacles, SelfCollision
-from armctl.motion.preflight import Kind, Severity, isotropy_of, preflight
+from armctl.motion.preflight import Finding, isotropy_of, preflight
 from armctl.motion.trajectory import JoinedTrajectory, Trajectory
 from armctl.program.program import PROGRAM_FILES, Blocks, Cursor, Program
 from armctl.program.steps import EndStep, MotionStep, RepeatStep
 from armctl.robot import Robot
-
-
-@dataclass(frozen=True, slots=True)
-class ProgramFinding:
-    """One thing that is wrong with a program."""
-
-    step: int | None
-    """index of the step; None: the program as a whole"""
-    what: str
-    """what is wrong, with numbers"""
-    time: float | None = None
-    """when it is worst, from the start of the step's motion [s]; None: not a matter of time"""
-    part: str = ""
-    """the joint, or the part of the arm"""
-    mend: str = ""
-    """what to do about it; empty where ``what`` says it"""
-    kind: Kind = "program"
-    """which check found it"""
-    severity: Severity = "error"
-
-    def __str__(self) -> str:
-        text = self.what if self.time is None else f"at {self.time:.2f} s, {self.what}"
-        if self.part:
-            text = f"{self.part}: {text}"
-        if self.mend:
-            text += f"; {self.mend}"
-        return text if self.step is None else f"step {self.step + 1}: {text}"
 
 
 def check_program(
@@ -57,7 +30,7 @@ def check_program(
     start: ArrayLike | None = None,
     payload_kg: float | None = None,
     progress: Callable[[int, int], None] | None = None,
-) -> list[ProgramFinding]:
+) -> list[Finding]:
     """What is wrong with a program for an arm, in the order of the steps; without errors it may be run.
 
     A blended step is checked as if it stopped. That misses no error: its corner is checked when it is run,
@@ -76,15 +49,15 @@ def check_program(
     Raises:
         InputError: a start or a payload that cannot be.
     """
-    findings: list[ProgramFinding] = []
+    findings: list[Finding] = []
     if program.robot != robot.name:
         what = f"it is for the robot {program.robot!r}, this one is {robot.name!r}"
-        findings.append(ProgramFinding(None, what))
+        findings.append(Finding(what))
     if not program.steps:
-        findings.append(ProgramFinding(None, "it has no steps"))
+        findings.append(Finding("it has no steps"))
     wrong = dict(_value_findings(program, robot))
     broken = Blocks.of(program.steps).findings
-    in_steps = [ProgramFinding(index, what) for index, what in (*wrong.items(), *broken)]
+    in_steps = [Finding(what, step=index) for index, what in (*wrong.items(), *broken)]
     if motions and not broken:
         begin = None if start is None else robot.chain.checked(start)
         walk = _Walk(program, robot, wrong, payload_kg, progress or (lambda _done, _steps: None))
@@ -127,9 +100,9 @@ class _Walk:
         """``skipped``: indices of the steps that are wrong in themselves."""
         self.program, self.robot, self.skipped = program, robot, skipped
         self.payload_kg, self.progress = payload_kg, progress
-        self.refused: list[ProgramFinding] = []
+        self.refused: list[Finding] = []
         """motions that cannot be planned"""
-        self.found: list[ProgramFinding] = []
+        self.found: list[Finding] = []
         """what the pre-flight found in the others"""
         self._planned: list[tuple[int, MotionStep, Trajectory]] = []
         """motions that the pre-flight has not seen yet, each from where the one before ends"""
@@ -192,8 +165,7 @@ class _Walk:
                 fact = (index, one.kind, one.part)
                 if fact not in self._reported:  # the same of a block's second pass
                     self._reported.add(fact)
-                    text = (one.what, one.time, one.part, one.mend)
-                    self.found.append(ProgramFinding(index, *text, one.kind, one.severity))
+                    self.found.append(replace(one, step=index))
 
     def _clear_together(self, trajectories: list[Trajectory], step: MotionStep) -> bool:
         """Whether nothing is found in motions that follow each other, all of the kind of ``step``.
@@ -224,7 +196,7 @@ class _Walk:
                     self._known[key] = trajectory.end
                     self._add(index, step, trajectory)
             except ArmctlError as cause:
-                refusal = ProgramFinding(index, str(cause))
+                refusal = Finding(str(cause), step=index)
                 if refusal not in self.refused:
                     self.refused.append(refusal)
         return self._known[key]

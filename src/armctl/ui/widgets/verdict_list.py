@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from html import escape
 
 from armctl.motion.preflight import Finding
-from armctl.program.check import ProgramFinding
 from armctl.ui.widgets.html import WARNING
 
 _MOST = 12
@@ -15,7 +14,7 @@ _MARK = {"error": ("✕ refused", "#c92a2a"), "warning": ("! warning", WARNING)}
 _BLOCK = "margin:4px 0;padding:2px 0 2px 8px;border-left:3px solid "
 
 
-def verdict_html(findings: Sequence[Finding | ProgramFinding], unknown: Sequence[str] = ()) -> str:
+def verdict_html(findings: Sequence[Finding], unknown: Sequence[str] = ()) -> str:
     """Findings as HTML, errors first, one block each; below them what is ``unknown`` (``not_checked``)."""
     if not findings:
         # What is told as not checked must not be told as checked in the line above it.
@@ -31,7 +30,7 @@ def verdict_html(findings: Sequence[Finding | ProgramFinding], unknown: Sequence
     return verdict + notes
 
 
-def first_error(findings: Sequence[ProgramFinding]) -> str | None:
+def first_error(findings: Sequence[Finding]) -> str | None:
     """What keeps a program from being run, in one line: step and reason; None: nothing."""
     errors = [finding for finding in findings if finding.severity == "error"]
     if not errors:
@@ -40,7 +39,7 @@ def first_error(findings: Sequence[ProgramFinding]) -> str | None:
     return f"{errors[0]}{more}"
 
 
-def _headline(findings: Sequence[Finding | ProgramFinding]) -> str:
+def _headline(findings: Sequence[Finding]) -> str:
     errors = sum(finding.severity == "error" for finding in findings)
     words = (("error", errors), ("warning", len(findings) - errors))
     counts = " and ".join(f"{count} {word}{'s' if count > 1 else ''}" for word, count in words if count)
@@ -48,10 +47,10 @@ def _headline(findings: Sequence[Finding | ProgramFinding]) -> str:
     return f"<div style='font-weight:600'>Pre-flight: {verdict}, {counts}</div>"
 
 
-def _block(finding: Finding | ProgramFinding) -> str:
+def _block(finding: Finding) -> str:
     mark, color = _MARK[finding.severity]
     place: list[str] = []
-    if isinstance(finding, ProgramFinding) and finding.step is not None:
+    if finding.step is not None:
         place.append(f"step {finding.step + 1}")
     if finding.time is not None:
         place.append(f"{finding.time:.2f} s")

@@ -8,8 +8,8 @@ from collections.abc import Awaitable, Callable
 import viser
 
 from armctl.errors import ProgramError
+from armctl.motion.preflight import Finding
 from armctl.program import PROGRAM_SUFFIXES, encode_program, read_program, write_csv, write_script
-from armctl.program.check import ProgramFinding
 from armctl.ui.session import Session
 from armctl.ui.tabs.manual.shared_program import SharedProgram
 from armctl.ui.widgets.html import LiveHtml, muted
@@ -26,7 +26,7 @@ _EXPORT_HINT = "CSV X-Y-Z: poses become points of the tool. Python: a script for
 class ProgramFiles:
     """Names and files of the program."""
 
-    def __init__(self, session: Session, check: Callable[[], Awaitable[list[ProgramFinding]]]) -> None:
+    def __init__(self, session: Session, check: Callable[[], Awaitable[list[Finding]]]) -> None:
         """Add the controls; ``check`` checks the program and shows the verdict."""
         self._session = session
         self._check = check

@@ -7,9 +7,9 @@ import threading
 
 from armctl.arrays import FloatArray
 from armctl.errors import InputError, ProgramError, StateError
-from armctl.motion.preflight import not_checked
+from armctl.motion.preflight import Finding, not_checked
 from armctl.program import Cursor, Program
-from armctl.program.check import ProgramFinding, check_program
+from armctl.program.check import check_program
 from armctl.runtime import Pause, Resume, RunProgram
 from armctl.ui.session import Session
 from armctl.ui.tabs.manual.program_editor import ProgramEditor
@@ -30,7 +30,7 @@ class ProgramRun:
         self._session, self._editor, self._verdict = session, editor, verdict
         self._shared = session.shared(SharedProgram)
         verdict.visible = False
-        self._checked: tuple[Program, tuple[float, ...] | None, list[ProgramFinding]] | None = None
+        self._checked: tuple[Program, tuple[float, ...] | None, list[Finding]] | None = None
         """what was checked, from where, and what was found"""
         self._progress: tuple[int, int] | None = None
         """how many steps of a long check are done, and how many there are"""
@@ -59,7 +59,7 @@ class ProgramRun:
             self._checked = None
             self._verdict.visible = False
 
-    async def check(self) -> list[ProgramFinding]:
+    async def check(self) -> list[Finding]:
         """Check the program from where the arm stands, and show the verdict; refused without steps."""
         return await self._check(self._program(), self._session.snapshot.q_command)
 
@@ -87,7 +87,7 @@ class ProgramRun:
             raise StateError("the list is empty; record a pose first")
         return program
 
-    async def _check(self, program: Program, start: FloatArray | None) -> list[ProgramFinding]:
+    async def _check(self, program: Program, start: FloatArray | None) -> list[Finding]:
         """Find and show what would be refused; the same program from the same place is not checked twice."""
         robot = self._session.console.robot
         begin = None if start is None else tuple(start.tolist())

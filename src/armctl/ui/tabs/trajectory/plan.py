@@ -37,7 +37,7 @@ from armctl.motion.paths.tool_curve import ToolArc, ToolCurve, ToolLine
 from armctl.motion.plan import Passing, follow_tool, plan_blended, plan_path, plan_through, solve_points
 from armctl.motion.timing import PathTrajectory
 from armctl.motion.trajectory import Peaks, peaks_of
-from armctl.program import Program, ProgramFinding
+from armctl.program import Program
 from armctl.program.rehearsal import rehearse
 from armctl.robot import Robot
 
@@ -111,7 +111,7 @@ class PlannedMotion:
     robot: Robot
     title: str
     trajectory: Trajectory
-    findings: tuple[Finding | ProgramFinding, ...] = ()
+    findings: tuple[Finding, ...] = ()
     ideal: ToolCurve | None = None
     """the line or arc of the tool; None: nothing is prescribed between its ends"""
     points: FloatArray | None = None
@@ -133,7 +133,7 @@ class PlannedMotion:
         object.__setattr__(self, "peaks", peaks_of(self.trajectory))
 
     @property
-    def refusal(self) -> Finding | ProgramFinding | None:
+    def refusal(self) -> Finding | None:
         """The first error of its pre-flight; None: it may be run."""
         return next((finding for finding in self.findings if finding.severity == "error"), None)
 
@@ -251,7 +251,7 @@ def _ends_here(
         kind = "reach"
     elif place.needed is not None:
         kind = "limits"
-    return Finding(time, part, what or mend, mend if what else "", kind)
+    return Finding(what or mend, time, part, mend if what else "", kind)
 
 
 def _judged(
@@ -276,12 +276,12 @@ def _program(robot: Robot, asked: MotionRequest, start: FloatArray) -> PlannedMo
     if whole.duration == 0:
         raise ProgramError(f"{program.name}: no step of it moves a joint, so there is nothing to show")
     # a drawing that is cut short may end in motion
-    findings: list[Finding | ProgramFinding] = list(preflight(robot, whole.trajectory, at_rest=False))
+    findings = list(preflight(robot, whole.trajectory, at_rest=False))
     untimed = sum(
         program.steps[step.index].effect.opening is not None and step.duration == 0 for step in whole.steps
     )
     if whole.broken is not None:
-        findings.insert(0, ProgramFinding(whole.broken.index, str(whole.broken.error)))
+        findings.insert(0, Finding(str(whole.broken.error), step=whole.broken.index))
         note = f"Drawn as far as step {whole.broken.index + 1}, which cannot be run."
     elif whole.cut:
         note = f"The first {len(whole.steps)} steps of a pass; the rest is not drawn."
