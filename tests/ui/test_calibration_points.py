@@ -10,7 +10,7 @@ import pytest
 from tests.runtime.kit import make_rig
 
 from armctl.calibration import Calibration, JointCalibration, ToolError, calibrated, own_calibration
-from armctl.errors import InputError, StateError
+from armctl.errors import CalibrationError, InputError, StateError
 from armctl.hardware import Source
 from armctl.robot import OutputMap, load_robot
 from armctl.runtime import Snapshot, State
@@ -155,5 +155,5 @@ def test_a_gripper_that_was_never_told_stands_nowhere() -> None:
 
 
 def test_an_arm_without_outputs_has_none() -> None:
-    with pytest.raises(StateError, match="nothing to calibrate"):
+    with pytest.raises(CalibrationError, match="nothing to calibrate"):
         standing_outputs(replace(ROBOT, output_map=None), holding())

@@ -10,19 +10,14 @@ import numpy as np
 import viser
 
 from armctl.arrays import FloatArray
-from armctl.calibration import LEAST_MARKS, JointFit, Mark, differences, own_calibration
+from armctl.calibration import LEAST_MARKS, JointFit, Mark, differences, own_calibration, own_map
 from armctl.errors import ArmctlError
 from armctl.robot import Robot
 from armctl.runtime import Jog, MoveGripper, Snapshot
 from armctl.ui.session import Session
 from armctl.ui.tabs.calibration.points import numbered, show_numbers
 from armctl.ui.tabs.calibration.shared_calibration import CalibrationWork, End, Jaw, SharedCalibration
-from armctl.ui.tabs.calibration.touched_points import (
-    calibrated_map,
-    present_outputs,
-    standing_gripper,
-    standing_outputs,
-)
+from armctl.ui.tabs.calibration.touched_points import present_outputs, standing_gripper, standing_outputs
 from armctl.ui.tabs.manual.jog import HeldJog, joint_jog
 from armctl.ui.tabs.manual.joints import JointStepper, checked_percent
 from armctl.ui.widgets.html import LiveHtml, fixed, muted, refused, sentence, table
@@ -44,34 +39,14 @@ def slow_duration(robot: Robot, way: FloatArray) -> float:
     return max(_SHORTEST_S, float((np.abs(way) / slow_speeds(robot)).max()))
 
 
-class CalibrationJog:
-    """Step and hold buttons of the joint that is being calibrated."""
+def on_edit(session: Session, attach: Callable[..., object], edit: Callable[[], None]) -> None:
+    """As ``session.on``, for what only the operator may change."""
 
-    def __init__(self, session: Session, chosen: Callable[[], int]) -> None:
-        """Add the controls to the present container; ``chosen`` gives the joint's index."""
-        self._session = session
-        self._chosen = chosen
-        self._robot = session.console.robot
-        self._stepper = JointStepper(session, partial(slow_duration, self._robot))
-        gui = session.gui
-        self._steps = gui.add_button_group("Step °", tuple(STEPS), hint=_STEP_HINT)
-        minus = gui.add_button("Jog −")
-        plus = gui.add_button("Jog +")
-        LiveHtml(gui, muted(_JOG_NOTE))
-        session.on(self._steps.on_click, self._on_step)
-        jog = HeldJog(session)
-        jog.attach(minus, partial(self._jog, -1.0))
-        jog.attach(plus, partial(self._jog, 1.0))
+    async def run() -> None:
+        session.require_operator()
+        edit()
 
-    async def _on_step(self) -> None:
-        self._session.require_operator()
-        await self._stepper.step(self._chosen(), STEPS[self._steps.value])
-
-    def _jog(self, sign: float) -> Jog:
-        joint = self._chosen()
-        return joint_jog(
-            self._robot, joint, sign * slow_speeds(self._robot)[joint] / self._robot.speed_limits[joint]
-        )
+    session.on(attach, run)
 
 
 _ENDS: dict[str, End] = {"Set lower limit here": "low", "Set upper limit here": "high"}
@@ -88,11 +63,16 @@ class CalibrationJoint:
         """Add the controls to the present container."""
         self._session, self._work = session, session.shared(SharedCalibration).work
         self._robot = session.console.robot
+        self._stepper = JointStepper(session, partial(slow_duration, self._robot))
         self._titles = {joint.title: joint.name for joint in self._robot.joints if joint.lower < joint.upper}
         self._drawn = -1
-        gui = session.gui
+        gui, work = session.gui, self._work
         self._joint = gui.add_dropdown("Joint", tuple(self._titles))
-        CalibrationJog(session, self._index)
+        self._steps = gui.add_button_group("Step °", tuple(STEPS), hint=_STEP_HINT)
+        jog = HeldJog(session)
+        for label, sign in (("Jog −", -1.0), ("Jog +", 1.0)):
+            jog.attach(gui.add_button(label), partial(self._jog, sign))
+        LiveHtml(gui, muted(_JOG_NOTE))
         self._now = LiveHtml(gui)
         self._angle = NumberField(gui, "Angle read °", None, hint=_ANGLE_HINT)
         add = gui.add_button("Add mark", icon=viser.Icon.PLUS)
@@ -105,10 +85,19 @@ class CalibrationJoint:
         default = gui.add_button("Limits of the robot file", color="gray")
         self._watch = EditWatch([self._angle])
         session.on(self._joint.on_update, self._on_joint)
-        session.on(add.on_click, self._on_add)
-        session.on(self._delete.on_click, self._on_delete)
-        session.on(self._ends.on_click, self._on_limit)
-        session.on(default.on_click, self._on_default_limits)
+        session.on(self._steps.on_click, self._on_step)
+        on_edit(session, add.on_click, self._add)
+        on_edit(
+            session,
+            self._delete.on_click,
+            lambda: work.delete_mark(work.chosen, int(self._which.value) - 1),
+        )
+        on_edit(
+            session,
+            self._ends.on_click,
+            lambda: work.set_limit(work.chosen, _ENDS[self._ends.value], self._output()),
+        )
+        on_edit(session, default.on_click, lambda: work.limits_by_default(work.chosen))
 
     def refresh(self, snapshot: Snapshot) -> None:
         """Show where the joint stands, and the marks if they have changed."""
@@ -138,12 +127,14 @@ class CalibrationJoint:
             output = present_outputs(self._robot, snapshot)[channel]
         except ArmctlError as error:
             return muted(sentence(str(error)))
-        angle = float(calibrated_map(self._robot).angles({channel: output})[self._index()])
-        said = f"<b>{fixed(output, 1)} {self._work.map.unit}</b>"
-        return f"<div>Stands at {said}, by the calibration in force {fixed(math.degrees(angle), 2)}°</div>"
+        degrees = math.degrees(own_map(self._robot).angles({channel: output})[self._index()])
+        return (
+            f"<div>Stands at <b>{fixed(output, 1)} {self._work.map.unit}</b>, by the calibration in force "
+            f"{fixed(degrees, 2)}°</div>"
+        )
 
-    def _output(self, snapshot: Snapshot) -> float:
-        return standing_outputs(self._robot, snapshot)[self._channel()]
+    def _output(self) -> float:
+        return standing_outputs(self._robot, self._session.snapshot)[self._channel()]
 
     def _channel(self) -> int:
         return self._work.map.channels[self._index()]
@@ -159,25 +150,17 @@ class CalibrationJoint:
             raise
         self._work.choose(self._titles[self._joint.value])
 
-    async def _on_add(self) -> None:
+    async def _on_step(self) -> None:
         self._session.require_operator()
+        await self._stepper.step(self._index(), STEPS[self._steps.value])
+
+    def _jog(self, sign: float) -> Jog:
+        joint, robot = self._index(), self._robot
+        return joint_jog(robot, joint, sign * slow_speeds(robot)[joint] / robot.speed_limits[joint])
+
+    def _add(self) -> None:
         self._watch.require_settled()
-        self._work.add_mark(
-            self._work.chosen, self._output(self._session.snapshot), math.radians(self._angle.value)
-        )
-
-    async def _on_delete(self) -> None:
-        self._session.require_operator()
-        self._work.delete_mark(self._work.chosen, int(self._which.value) - 1)
-
-    async def _on_limit(self) -> None:
-        end = _ENDS[self._ends.value]
-        self._session.require_operator()
-        self._work.set_limit(self._work.chosen, end, self._output(self._session.snapshot))
-
-    async def _on_default_limits(self) -> None:
-        self._session.require_operator()
-        self._work.limits_by_default(self._work.chosen)
+        self._work.add_mark(self._work.chosen, self._output(), math.radians(self._angle.value))
 
 
 def marks_html(marks: Sequence[Mark], fit: JointFit | None, unit: str) -> str:
@@ -186,22 +169,15 @@ def marks_html(marks: Sequence[Mark], fit: JointFit | None, unit: str) -> str:
         return muted(
             "No marks yet: jog the joint to a mark of the protractor, type the angle, press Add mark."
         )
-
-    def residual(fit: JointFit, index: int) -> str:
-        sign = " ✗" if index == fit.suspect else ""
-        return fixed(math.degrees(fit.residuals_rad[index]), 2) + sign
-
     rows = [
-        [
-            str(number),
-            fixed(mark.output, 1),
-            fixed(math.degrees(mark.angle), 2),
-            "" if fit is None else residual(fit, number - 1),
-        ]
+        [str(number), fixed(mark.output, 1), fixed(math.degrees(mark.angle), 2), ""]
         for number, mark in enumerate(marks, 1)
     ]
-    wrong = None if fit is None else fit.suspect
-    return table(("mark", unit, "angle °", "residual °"), rows, marked=wrong, names=False)
+    for row, residual in zip(rows, fit.residuals_rad if fit else (), strict=False):
+        row[-1] = fixed(math.degrees(residual), 2)
+    if fit and fit.suspect is not None:
+        rows[fit.suspect][-1] += " ✗"
+    return table(("mark", unit, "angle °", "residual °"), rows, marked=fit and fit.suspect, names=False)
 
 
 def fit_html(work: CalibrationWork, joint: str) -> str:
@@ -221,7 +197,7 @@ def fit_html(work: CalibrationWork, joint: str) -> str:
         ["scale", *(f"{fixed(abs(math.radians(one.per_rad)), 3)} {unit}/°" for one in (fit, own))],
         ["residual, RMS", f"{fixed(math.degrees(fit.rms_rad), 2)}°", ""],
     ]
-    if (outputs := work.robot.output_map) is not None and outputs.homed:
+    if work.map.homed:
         homes = (fit.angle(0.0), -own.zero / own.per_rad)
         rows.insert(1, ["home (0 counts) is at", *(f"{fixed(math.degrees(home), 2)}°" for home in homes)])
     text = table(("", "by the marks", "robot file"), rows)
@@ -235,7 +211,7 @@ def limits_html(work: CalibrationWork, joint: str) -> str:
         low, high = work.limits(joint)
     except ArmctlError as error:
         return refused(sentence(str(error)))
-    mine, now = work.joint(joint), None if work.in_force is None else work.in_force.joints.get(joint)
+    mine, now = work.joint(joint), work.in_force and work.in_force.joints.get(joint)
     if mine.low is not None or mine.high is not None:
         said = "set here"
     elif now is not None and not mine.by_default:
@@ -262,12 +238,12 @@ class CalibrationGripper:
         self._percent = gui.add_slider("Gripper %", min=0, max=100, step=1, initial_value=50)
         move = gui.add_button("Move gripper")
         self._now = LiveHtml(gui)
-        closed = gui.add_button("Closed here", color="gray")
-        opened = gui.add_button("Open here", color="gray")
+        jaws: tuple[Jaw, ...] = ("closed", "open")
+        for jaw in jaws:
+            button = gui.add_button(f"{jaw.capitalize()} here", color="gray")
+            on_edit(session, button.on_click, partial(self._set_jaw, jaw))
         self._jaws = LiveHtml(gui)
         session.on(move.on_click, self._on_move)
-        session.on(closed.on_click, partial(self._on_jaw, "closed"))
-        session.on(opened.on_click, partial(self._on_jaw, "open"))
 
     def refresh(self, snapshot: Snapshot) -> None:
         """Show where the gripper is, and what was set."""
@@ -289,6 +265,5 @@ class CalibrationGripper:
     async def _on_move(self) -> None:
         await self._session.submit(MoveGripper(checked_percent(self._percent.value, "gripper") / 100))
 
-    async def _on_jaw(self, jaw: Jaw) -> None:
-        self._session.require_operator()
+    def _set_jaw(self, jaw: Jaw) -> None:
         self._work.set_jaw(jaw, standing_gripper(self._session.console.robot, self._session.snapshot))

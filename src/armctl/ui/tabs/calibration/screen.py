@@ -14,7 +14,7 @@ from armctl.errors import ArmctlError, InputError, StateError
 from armctl.runtime import MoveJoints, Snapshot, State
 from armctl.ui.robot_switch import release_to_reopen
 from armctl.ui.session import Session
-from armctl.ui.tabs.calibration.joint import CalibrationGripper, CalibrationJoint, slow_duration
+from armctl.ui.tabs.calibration.joint import CalibrationGripper, CalibrationJoint, on_edit, slow_duration
 from armctl.ui.tabs.calibration.points import CalibrationPoints
 from armctl.ui.tabs.calibration.shared_calibration import CalibrationWork, SharedCalibration
 from armctl.ui.widgets.html import (
@@ -41,19 +41,19 @@ class CalibrationScreen:
         gap = "<div style='height:6px'></div>"
         LiveHtml(gui, in_force_html(desk.in_force, desk.board) + gap)
         self._parts: list[CalibrationJoint | CalibrationGripper | CalibrationSave | CalibrationPoints] = []
-        if desk.work.robot.output_map is None:
+        outputs = desk.work.robot.output_map
+        if outputs is None:
             LiveHtml(gui, muted(_NOTHING))
             return
         tabs = gui.add_tab_group()
-        with tabs.add_tab("Joints"):
-            self._parts.append(CalibrationJoint(session))
-        if desk.work.map.gripper_channel is not None:
-            with tabs.add_tab("Gripper"):
-                self._parts.append(CalibrationGripper(session))
-        with tabs.add_tab("Save & test"):
-            self._parts.append(CalibrationSave(session))
-        with tabs.add_tab("Known points"):
-            self._parts.append(CalibrationPoints(session))
+        for title, part in (
+            ("Joints", CalibrationJoint),
+            *([] if outputs.gripper_channel is None else [("Gripper", CalibrationGripper)]),
+            ("Save & test", CalibrationSave),
+            ("Known points", CalibrationPoints),
+        ):
+            with tabs.add_tab(title):
+                self._parts.append(part(session))
 
     def refresh(self, snapshot: Snapshot) -> None:
         """Draw a snapshot."""
@@ -105,7 +105,7 @@ class CalibrationSave:
             LiveHtml(gui, muted(_REVERT_NOTE))
             LiveHtml(gui, kept_html(versions))
         session.on(self._save.on_click, self._on_save)
-        session.on(clear.on_click, self._on_clear)
+        on_edit(session, clear.on_click, self._desk.work.clear)
         session.on(self._go.on_click, self._on_go)
         session.on(self._revert.on_click, self._on_revert)
 
@@ -128,10 +128,6 @@ class CalibrationSave:
         saved = await self._desk.save(note)
         await self._take_effect("Calibration saved", str(saved.path).replace("/", f"/{_BREAK}"))
 
-    async def _on_clear(self) -> None:
-        self._session.require_operator()
-        self._desk.work.clear()
-
     async def _on_go(self) -> None:
         session = self._session
         way = self._pose.q - session.snapshot.q_command
@@ -152,10 +148,7 @@ class CalibrationSave:
 
 
 def earlier_versions(versions: Sequence[Version]) -> dict[str, int | None]:
-    """Numbers by label of what can be gone back to, the version before the one in force first.
-
-    The robot file itself, None, is always among them.
-    """
+    """Numbers by label of what can be gone back to, the latest first; last the robot file itself, None."""
     earlier = {version_label(one): one.number for one in versions[1:] if one.problem is None}
     return {**earlier, _ROBOT_FILE: None}
 

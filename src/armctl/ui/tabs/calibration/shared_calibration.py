@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Literal, Self
 
@@ -19,6 +19,7 @@ from armctl.calibration import (
     iso_time,
     narrowed,
     own_calibration,
+    own_map,
     safe_outputs,
 )
 from armctl.errors import InputError, StateError
@@ -52,8 +53,9 @@ class CalibrationWork:
     def __init__(self, robot: Robot, in_force: Calibration | None) -> None:
         """Begin without a mark; ``robot`` is as its file describes it."""
         self.robot, self.in_force = robot, in_force
+        self.jaws: dict[Jaw, float] = {}
+        """outputs of the gripper that were set"""
         self._joints: dict[str, JointWork] = {}
-        self._jaws: dict[Jaw, float] = {}
         self.chosen = next((one.name for one in robot.joints if one.lower < one.upper), robot.joint_names[0])
         """name of the joint that is being calibrated"""
         self.version = 0
@@ -61,18 +63,11 @@ class CalibrationWork:
 
     @property
     def map(self) -> OutputMap:
-        """What the robot file says.
-
-        Raises:
-            StateError: nothing, so that there is nothing to calibrate.
-        """
-        if self.robot.output_map is None:
-            raise StateError(f"the robot file of {self.robot.title} gives no outputs: nothing to calibrate")
-        return self.robot.output_map
+        """The map of the robot file; refuses a robot without one."""
+        return own_map(self.robot)
 
     def choose(self, joint: str) -> None:
         """Go on with another joint."""
-        self._require(joint)
         if joint != self.chosen:
             self.chosen = joint
             self.version += 1
@@ -80,11 +75,6 @@ class CalibrationWork:
     def joint(self, joint: str) -> JointWork:
         """Marks and limits of a joint."""
         return self._joints.get(joint, JointWork())
-
-    @property
-    def jaws(self) -> Mapping[Jaw, float]:
-        """Outputs of the gripper that were set."""
-        return dict(self._jaws)
 
     @property
     def unfinished(self) -> tuple[str, ...]:
@@ -104,13 +94,13 @@ class CalibrationWork:
                 f"{math.degrees(angle):g}° is outside ±{math.degrees(_LARGEST_ANGLE):g}°; type the "
                 "angle that the protractor shows"
             )
-        work, mark = self.joint(joint), Mark(output, angle)
-        if mark in work.marks:
+        marks, mark = self.joint(joint).marks, Mark(output, angle)
+        if mark in marks:
             raise InputError(
-                f"mark {work.marks.index(mark) + 1} says the same already ({output:.1f} {self.map.unit}, "
+                f"mark {marks.index(mark) + 1} says the same already ({output:.1f} {self.map.unit}, "
                 f"{math.degrees(angle):g}°); jog the joint to another place"
             )
-        self._set(joint, replace(work, marks=(*work.marks, mark)))
+        self._set(joint, marks=(*marks, mark))
 
     def delete_mark(self, joint: str, index: int) -> None:
         """Take a mark away, from 0.
@@ -118,10 +108,10 @@ class CalibrationWork:
         Raises:
             InputError: there is none of that number.
         """
-        work = self.joint(joint)
-        if not 0 <= index < len(work.marks):
-            raise InputError(f"there is no mark {index + 1} of {joint}; it has {len(work.marks)}")
-        self._set(joint, replace(work, marks=work.marks[:index] + work.marks[index + 1 :]))
+        marks = self.joint(joint).marks
+        if not 0 <= index < len(marks):
+            raise InputError(f"there is no mark {index + 1} of {joint}; it has {len(marks)}")
+        self._set(joint, marks=marks[:index] + marks[index + 1 :])
 
     def fit(self, joint: str) -> JointFit | None:
         """The line through the marks of a joint; None: there are too few.
@@ -144,16 +134,14 @@ class CalibrationWork:
         work, now = self.joint(joint), self._in_force(joint)
         if work.low is not None and work.high is not None:
             return work.low, work.high
-        fit, kept = self.fit(joint), None if work.by_default else now
-        if fit is not None:
-            low, high = safe_outputs(self.robot, joint, fit, kept)
-        elif kept is not None:
-            low, high = kept.low, kept.high
-        elif now is not None:
+        line, kept = self.fit(joint), None if work.by_default else now
+        if line is not None:
+            low, high = safe_outputs(self.robot, joint, line, kept)
+        elif now is not None and kept is None:
             low, high = safe_outputs(self.robot, joint, now)
         else:
-            own = own_calibration(self.robot, joint)
-            low, high = own.low, own.high
+            one = kept or own_calibration(self.robot, joint)
+            low, high = one.low, one.high
         return (low if work.low is None else work.low, high if work.high is None else work.high)
 
     def set_limit(self, joint: str, end: End, output: float) -> None:
@@ -163,20 +151,20 @@ class CalibrationWork:
             InputError: it is on the wrong side of the other limit.
         """
         low, high = self.limits(joint)
-        low, high = (output, high) if end == "low" else (low, output)
-        if low >= high:
-            unit, word = self.map.unit, "lower" if end == "low" else "upper"
-            other = f"the upper one is {high:.1f}" if end == "low" else f"the lower one is {low:.1f}"
+        word, other = (
+            ("lower", f"upper one is {high:.1f}") if end == "low" else ("upper", f"lower one is {low:.1f}")
+        )
+        if output >= high if end == "low" else output <= low:
+            unit = self.map.unit
             raise InputError(
-                f"{output:.1f} {unit} cannot be the {word} limit, {other} {unit}; jog the joint to "
+                f"{output:.1f} {unit} cannot be the {word} limit, the {other} {unit}; jog the joint to "
                 "the other end"
             )
-        work = self.joint(joint)
-        self._set(joint, replace(work, low=output) if end == "low" else replace(work, high=output))
+        self._set(joint, **{end: output})
 
     def limits_by_default(self, joint: str) -> None:
         """Let the joint have all that the robot file allows: whatever was set by hand holds no more."""
-        self._set(joint, replace(self.joint(joint), low=None, high=None, by_default=True))
+        self._set(joint, low=None, high=None, by_default=True)
 
     def set_jaw(self, jaw: Jaw, output: float) -> None:
         """Say at which output the gripper is closed, or open.
@@ -190,28 +178,23 @@ class CalibrationWork:
             raise InputError(
                 f"the gripper is {other} at {there:.1f} {self.map.unit}; move it before you call it {jaw}"
             )
-        self._jaws[jaw] = output
+        self.jaws[jaw] = output
         self.version += 1
 
     def jaw(self, jaw: Jaw) -> float:
         """Output at which the gripper is closed, or open: as set here, else as in force."""
-        if jaw in self._jaws:
-            return self._jaws[jaw]
-        now = None if self.in_force is None else self.in_force.gripper
-        if now is not None:
-            return now[0] if jaw == "closed" else now[1]
-        return self.map.gripper_closed if jaw == "closed" else self.map.gripper_open
+        now = self.in_force and self.in_force.gripper
+        closed, opened = now or (self.map.gripper_closed, self.map.gripper_open)
+        return self.jaws.get(jaw, closed if jaw == "closed" else opened)
 
     def clear(self) -> None:
         """Forget every mark, limit and jaw."""
-        self._joints.clear()
-        self._jaws.clear()
+        self._joints, self.jaws = {}, {}
         self.version += 1
 
     def take_over(self, other: CalibrationWork) -> None:
-        """Go on with what was done on another desk."""
-        self._joints, self._jaws = dict(other._joints), dict(other._jaws)
-        self.chosen = other.chosen
+        """Go on with what was measured before the arm was opened anew."""
+        self._joints, self.jaws, self.chosen = dict(other._joints), dict(other.jaws), other.chosen
         self.version += 1
 
     def measured(self) -> dict[str, JointCalibration]:
@@ -222,32 +205,19 @@ class CalibrationWork:
         """
         found: dict[str, JointCalibration] = {}
         for name in self.robot.joint_names:
-            work, fit = self.joint(name), self.fit(name)
-            if fit is not None:
-                found[name] = JointCalibration(fit.zero, fit.per_rad, *self.limits(name))
-            elif work.low is not None or work.high is not None or work.by_default:
-                now = self._in_force(name) or own_calibration(self.robot, name)
-                found[name] = JointCalibration(now.zero, now.per_rad, *self.limits(name))
+            work, line = self.joint(name), self.fit(name)
+            if line is None and work != JointWork(work.marks):
+                line = self._in_force(name) or own_calibration(self.robot, name)
+            if line is not None:
+                found[name] = JointCalibration(line.zero, line.per_rad, *self.limits(name))
         return found
 
     def _in_force(self, joint: str) -> JointCalibration | None:
-        return None if self.in_force is None else self.in_force.joints.get(joint)
+        return self.in_force and self.in_force.joints.get(joint)
 
-    def _set(self, joint: str, work: JointWork) -> None:
-        self._require(joint)
-        self._joints[joint] = work
+    def _set(self, joint: str, **changes: object) -> None:
+        self._joints[joint] = replace(self.joint(joint), **changes)
         self.version += 1
-
-    def _require(self, joint: str) -> None:
-        if joint not in self.robot.joint_names:
-            raise InputError(
-                f"{self.robot.title} has no joint {joint!r}; it has {', '.join(self.robot.joint_names)}"
-            )
-
-
-_NO_BOARD = (
-    "no board was found for this arm yet, so there is none to keep a calibration for; connect it first"
-)
 
 
 class SharedCalibration:
@@ -257,11 +227,8 @@ class SharedCalibration:
         """Begin without a mark; ``now`` gives seconds since the epoch."""
         self._kept, self._now = in_force, now
         self.board, self.in_force = in_force.board, in_force.calibration
-        self._file_robot, self._store = in_force.file_robot, in_force.store
         self.work = CalibrationWork(in_force.file_robot, self.in_force)
-        self.points = TouchedPoints(
-            in_force.robot, () if self.in_force is None else tuple(self.in_force.joints)
-        )
+        self.points = TouchedPoints(in_force.robot, self.in_force.joints if self.in_force else ())
 
     @classmethod
     def of(cls, console: Console, before: Self | None) -> Self:
@@ -272,9 +239,9 @@ class SharedCalibration:
         return made
 
     def adopt(self, other: SharedCalibration) -> None:
-        """Go on with what was measured at another desk, if that is of the same arm on the same board."""
-        key = (self._file_robot.name, self.board)
-        if self.board is not None and key == (other._file_robot.name, other.board):
+        """Go on with what was measured before, if that is of the same arm on the same board."""
+        key = (self.work.robot.name, self.board)
+        if self.board is not None and key == (other.work.robot.name, other.board):
             self.work.take_over(other.work)
             self.points.take_over(other.points)
 
@@ -285,24 +252,19 @@ class SharedCalibration:
             StateError: nothing was done that could be saved, or there is no board yet.
             CalibrationError: the marks of a joint have no line, or leave nothing of its limits; says which.
         """
-        if self.board is None:
-            raise StateError(_NO_BOARD)
-        work, before = self.work, self.in_force
-        joints = {} if before is None else dict(before.joints)
-        joints |= work.measured()
-        gripper = None if before is None else before.gripper
-        if work.jaws:
-            gripper = (work.jaw("closed"), work.jaw("open"))
+        board, work, before = self._require_board(), self.work, self.in_force
+        joints = {**(before.joints if before else {}), **work.measured()}
+        gripper = (work.jaw("closed"), work.jaw("open")) if work.jaws else before and before.gripper
         if not joints and gripper is None:
             hint = f" ({', '.join(work.unfinished)}: too few marks)" if work.unfinished else ""
             raise StateError(
                 f"there is nothing to save yet{hint}: a joint needs three marks, or a safe limit set by hand"
             )
-        if before is not None and (joints, gripper) == (dict(before.joints), before.gripper):
+        if before is not None and (joints, gripper) == (before.joints, before.gripper):
             raise StateError("everything is saved: nothing differs from the calibration in force")
         made = iso_time(self._now())
-        drawn = Calibration(self._file_robot.name, self.board, work.map.unit, joints, gripper, made, note)
-        narrowed(self._file_robot, drawn)
+        drawn = Calibration(work.robot.name, board, work.map.unit, joints, gripper, made, note)
+        narrowed(work.robot, drawn)
         return drawn
 
     async def save(self, note: str) -> Version:
@@ -320,7 +282,7 @@ class SharedCalibration:
                 f"another calibration of this arm on board {self.board} was saved since it was opened; press "
                 "Disconnect and Connect on the tab Main to go by it (the marks stay), then save"
             )
-        return self._store.save(drawn)
+        return self._kept.store.save(drawn)
 
     def versions(self) -> tuple[Version, ...]:
         """What was saved of this arm on this board, the newest first.
@@ -328,7 +290,7 @@ class SharedCalibration:
         Raises:
             CalibrationError: the folder cannot be read.
         """
-        return () if self.board is None else self._store.versions(self._file_robot.name, self.board)
+        return () if self.board is None else self._kept.store.versions(self.work.robot.name, self.board)
 
     async def revert(self, number: int | None) -> Version:
         """Bring an earlier version in force again; None: the robot file as it is.
@@ -337,15 +299,21 @@ class SharedCalibration:
             CalibrationError: there is no such version, or it does not fit the robot, or cannot be written.
             StateError: there is no board yet, or nothing to go back from.
         """
-        if self.board is None:
-            raise StateError(_NO_BOARD)
-        name, board = self._file_robot.name, self.board
-        if number is None and self.in_force is None:
-            raise StateError("the robot file is in force already: nothing to go back from")
+        board, robot, store = self._require_board(), self.work.robot, self._kept.store
         if number is None:
+            if self.in_force is None:
+                raise StateError("the robot file is in force already: nothing to go back from")
             made = iso_time(self._now())
-            return await asyncio.to_thread(self._store.forget, name, board, made, self.work.map.unit)
+            return await asyncio.to_thread(store.forget, robot.name, board, made, self.work.map.unit)
         for version in self.versions():
             if version.number == number and version.calibration is not None:
-                narrowed(self._file_robot, version.calibration)  # else the arm could not be opened any more
-        return await asyncio.to_thread(self._store.revert, name, board, number)
+                narrowed(robot, version.calibration)  # else the arm could not be opened any more
+        return await asyncio.to_thread(store.revert, robot.name, board, number)
+
+    def _require_board(self) -> str:
+        if self.board is None:
+            raise StateError(
+                "no board was found for this arm yet, so there is none to keep a calibration for; connect it "
+                "first"
+            )
+        return self.board

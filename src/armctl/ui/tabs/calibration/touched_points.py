@@ -9,10 +9,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from armctl.arrays import FloatArray
-from armctl.calibration import LEAST_POINTS, ToolError, tool_error
+from armctl.calibration import LEAST_POINTS, ToolError, own_map, tool_error
 from armctl.errors import ArmctlError, InputError, StateError
 from armctl.hardware import Source
-from armctl.robot import OutputMap, Robot
+from armctl.robot import Robot
 from armctl.runtime import Snapshot, State
 
 _FARTHEST_M = 10.0
@@ -21,13 +21,12 @@ _FARTHEST_M = 10.0
 def present_outputs(robot: Robot, snapshot: Snapshot) -> dict[int, float]:
     """Output of every joint by channel, in the board's unit.
 
-    As the board tells it; where the board tells nothing, as it was last told. An arm that is off and whose
-    board measures may have been led there by hand.
+    As the board reports it; where it reports nothing, as it was last told. An arm that is off and whose
+    board measures may have been moved by hand.
 
     Raises:
-        StateError: nobody knows where the arm is.
+        StateError: it is not known where the arm is.
     """
-    outputs = calibrated_map(robot)
     unknown = np.isnan(snapshot.q)
     if unknown.any() and not snapshot.commanded:
         if snapshot.source is Source.MEASURED:
@@ -35,14 +34,14 @@ def present_outputs(robot: Robot, snapshot: Snapshot) -> dict[int, float]:
         raise StateError(
             f"the arm is {snapshot.state.value}, so nobody knows where it stands; connect and enable it first"
         )
-    return outputs.outputs(np.where(unknown, snapshot.q_command, snapshot.q))
+    return own_map(robot).outputs(np.where(unknown, snapshot.q_command, snapshot.q))
 
 
 def standing_outputs(robot: Robot, snapshot: Snapshot) -> dict[int, float]:
     """``present_outputs`` of an arm that stands still: a mark is taken there.
 
     Raises:
-        StateError: the arm moves, or nobody knows where it is.
+        StateError: the arm moves, or it is not known where it is.
     """
     if snapshot.state in (State.MOVING, State.PAUSED):
         raise StateError("the arm is in the middle of a motion; wait until it stands, then press again")
@@ -57,19 +56,8 @@ def standing_gripper(robot: Robot, snapshot: Snapshot) -> float:
     """
     if snapshot.gripper is None:
         raise StateError("the gripper has not been told to move yet; press 'Move gripper' first")
-    (output,) = calibrated_map(robot).gripper_output(snapshot.gripper).values()
+    (output,) = own_map(robot).gripper_output(snapshot.gripper).values()
     return output
-
-
-def calibrated_map(robot: Robot) -> OutputMap:
-    """The map that the arm runs by.
-
-    Raises:
-        StateError: its file gives none, so that there is nothing to calibrate.
-    """
-    if robot.output_map is None:
-        raise StateError(f"the robot file of {robot.title} gives no outputs: nothing to calibrate")
-    return robot.output_map
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,12 +74,7 @@ class TouchedPoints:
     """The touches so far. Used on the web server's event loop only."""
 
     def __init__(self, robot: Robot, calibrated: Collection[str] = ()) -> None:
-        """Begin without a touch.
-
-        Args:
-            robot: as the arm runs, with its calibration.
-            calibrated: names of the joints that the calibration in force covers.
-        """
+        """``robot``: as the arm runs; ``calibrated``: the joints that the calibration in force covers."""
         self._robot, self._calibrated = robot, calibrated
         self.touches: tuple[Touch, ...] = ()
         """in the order in which they were made"""
@@ -145,15 +128,14 @@ class TouchedPoints:
             )
         except ArmctlError as error:
             result = str(error)
-        if self.touches is touches:  # else somebody has changed them meanwhile, and computes anew
-            self.result = result
-            self.version += 1
+        if self.touches is touches:  # else they have changed meanwhile, and are computed anew
+            self._set(touches, result)
 
-    def _set(self, touches: tuple[Touch, ...]) -> None:
-        self.touches, self.result = touches, None
+    def _set(self, touches: tuple[Touch, ...], result: ToolError | str | None = None) -> None:
+        self.touches, self.result = touches, result
         self.version += 1
 
     def _angles(self) -> FloatArray:
         """(k, n) [rad]."""
-        outputs = calibrated_map(self._robot)
+        outputs = own_map(self._robot)
         return np.array([outputs.angles(touch.outputs) for touch in self.touches])
