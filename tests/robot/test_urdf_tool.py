@@ -14,8 +14,7 @@ from tests.robot.urdf_kit import ROUNDED, Step, product, turn, written
 from armctl import Robot, load_robot
 from armctl.errors import RobotFileError
 from armctl.robot import is_urdf
-from armctl.robot.urdf import UrdfName
-from armctl.robot.urdf_tree import customary_tools, is_tool_frame
+from armctl.robot.urdf_tool import customary_tools, is_tool_frame
 
 JAW = (
     Step("pan", "revolute", "base", "shoulder", "0.02 -0.02 0.095", "-3.1416 0 1.5708"),
@@ -215,8 +214,6 @@ def test_how_files_may_be_named(tmp_path: Path) -> None:
     assert load_robot(path).n == load_robot(str(path)).n == 5
     named = Path(f"{path}#w/ee_arm_link")
     assert load_robot(named).source.endswith("to w/ee_arm_link")
-    assert UrdfName.of("a/b.urdf#l,approach=-x") == UrdfName(Path("a/b.urdf"), "l", "-x")
-    assert UrdfName.of("b.urdf#approach=y") == UrdfName(Path("b.urdf"), None, "y")
     assert [is_urdf(name) for name in ("a.urdf", Path("a.Urdf"), named, "a.urdf#l")] == [True] * 4
     assert [is_urdf(name) for name in ("uzuner", "a.toml", ".urdf", "a.urdf.xacro", "urdf#l")] == [False] * 5
     with pytest.raises(RobotFileError, match=r"ends in \.toml or \.urdf"):

@@ -1,10 +1,9 @@
 """What an arm is, and the robot files that say so."""
 
-from armctl.robot.load import load_robot, robots_folder, shipped_robots
+from armctl.robot.load import is_urdf, load_robot, robots_folder, shipped_robots
 from armctl.robot.outputs import FLATTEST_PER_DEG, OutputMap
 from armctl.robot.parts import Gripper, Joint
 from armctl.robot.robot import Robot
-from armctl.robot.urdf import is_urdf
 
 __all__ = [
     "FLATTEST_PER_DEG",

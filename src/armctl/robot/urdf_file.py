@@ -1,17 +1,19 @@
-"""URDF files: the XML read strictly into links and joints. What armctl has no use for is passed over.
+"""URDF files: the XML read strictly into a tree of links and joints. What armctl has no use for is skipped.
 
 Exporters write a quarter turn as 1.5708 and a zero as -9.4e-08. Read to the letter, axes that are parallel in
 the machine are not in the file, and no closed form fits the arm. So rounded right angles are taken as exact,
-and each joint tells how far that is from what is written.
+and each joint tells how far that is from what is written. Refusals do not name the file; ``load_urdf`` does.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Generator, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from decimal import Decimal
 from pathlib import Path
-from typing import Literal, get_args
+from typing import TypeVar
 from xml.etree import ElementTree
 
 import numpy as np
@@ -21,8 +23,8 @@ from armctl.errors import RobotFileError
 from armctl.kinematics import rotation_from_rpy
 from armctl.kinematics.chain import frame_along
 
-JointKind = Literal["revolute", "continuous", "fixed", "prismatic", "planar", "floating"]
-KINDS: tuple[JointKind, ...] = get_args(JointKind)
+T = TypeVar("T")
+KINDS = ("revolute", "continuous", "fixed", "prismatic", "planar", "floating")
 LARGEST = 1e6
 """no number of a URDF file, in metres, radians, kg or N·m, is larger than this"""
 WIDEST = 4 * math.pi
@@ -50,29 +52,24 @@ class Rounding:
         return Rounding(self.quarters + other.quarters, self.zeros + other.zeros, self.shift + other.shift)
 
 
-@dataclass(frozen=True, slots=True)
-class UrdfLimit:
-    """The ``<limit>`` of a joint; what is not written is 0, as the format has it."""
-
-    lower: float
-    upper: float
-    velocity: float
-    effort: float
-
-
 @dataclass(frozen=True)
 class UrdfJoint:
     """One joint, in metres and radians."""
 
     name: str
-    kind: JointKind
+    kind: str
+    """one of ``KINDS``"""
     parent: str
     child: str
     origin: FloatArray
     """(4, 4) ``T_parent_joint``"""
     axis: FloatArray
     """(3,) unit vector in the joint's frame"""
-    limit: UrdfLimit | None
+    limits: tuple[float, float] | None
+    """lower and upper; 0 where one is not written"""
+    speed: float
+    """0 where none is written, as ``effort``"""
+    effort: float
     mimics: str | None
     """the joint that this one follows"""
     rounding: Rounding
@@ -80,102 +77,280 @@ class UrdfJoint:
     held_at: float | None = None
     """the one angle [rad] of a turning joint that was taken as fixed; ``origin`` has it in"""
 
+    def settled(self) -> UrdfJoint:
+        """The joint with the limits that it has in an arm, or fixed at the one angle that they leave it.
+
+        Raises:
+            RobotFileError: a revolute joint without limits, or with some that cannot be meant.
+        """
+        if self.kind == "fixed":
+            return self
+        if self.kind == "continuous":
+            return replace(self, limits=(-math.pi, math.pi))
+        where = f'<joint name="{self.name}">'
+        if self.limits is None:
+            raise RobotFileError(f"{where}: <limit> is missing; a revolute joint needs lower and upper")
+        lower, upper = self.limits
+        where = f"{where}: <limit lower={lower} upper={upper}>"
+        if not -WIDEST <= lower <= upper <= WIDEST:
+            degrees = " (they look like degrees)" if max(abs(lower), abs(upper)) > WIDEST else ""
+            raise RobotFileError(
+                f"{where}: the lower limit comes first, both in radians within ±{WIDEST:.2f}{degrees}"
+            )
+        if lower == upper == 0.0:  # exporters write that where the limits were never filled in
+            raise RobotFileError(
+                f"{where}: both are 0, which is also what is read where they are not written; write the "
+                'angles that the joint may take, or make it type="fixed" if it does not turn'
+            )
+        if lower < upper:
+            return self
+        turn, rounding = exact_rotation(["0", "0", repr(lower)])
+        along, held = frame_along(self.axis), np.eye(4)
+        held[:3, :3] = along[:3, :3] @ turn @ along[:3, :3].T
+        rounding = self.rounding + rounding
+        return replace(self, kind="fixed", origin=self.origin @ held, rounding=rounding, held_at=lower)
+
 
 @dataclass(frozen=True, slots=True)
 class UrdfLink:
-    """One link with its mass, 0 where none is written."""
+    """The mass of a link, 0 where none is written."""
 
-    name: str
     mass_kg: float
     com: FloatArray
     """(3,) centre of mass in the link's frame [m]"""
 
 
-@dataclass(frozen=True, slots=True)
-class UrdfFile:
-    """One URDF file, as written."""
-
-    path: Path
-    name: str
-    links: dict[str, UrdfLink]
-    joints: tuple[UrdfJoint, ...]
-
-
-def read_urdf_file(path: Path) -> UrdfFile:
-    """Decode ``path`` into links and joints without judging how they hang together.
+class UrdfTree:
+    """The links of a file, hung up by its root.
 
     Raises:
-        RobotFileError: unreadable, not XML, no ``<robot>``, an element or attribute that is missing, doubled
-            or no finite number; the message names the file and the element.
+        RobotFileError: no link, an unknown link, two joints into one link, a loop, or more than one root.
+    """
+
+    def __init__(self, path: Path, name: str, links: dict[str, UrdfLink], joints: Sequence[UrdfJoint]):
+        self.path, self.name, self.links = path, name, links
+        self._children: dict[str, list[UrdfJoint]] = {link: [] for link in links}
+        self._into: dict[str, UrdfJoint] = {}
+        if not links:
+            raise RobotFileError("there is no <link>")
+        for joint in joints:
+            self._hang(joint)
+        roots = [link for link in links if link not in self._into]
+        if not roots:
+            raise RobotFileError("the joints form a loop; a robot has one root link")
+        if len(roots) > 1:
+            raise RobotFileError(
+                f"there are several root links ({', '.join(roots)}); join them by a fixed joint"
+            )
+        self.root = roots[0]
+        lost = set(links) - {self.root, *(joint.child for joint in self.below(self.root))}
+        if lost:
+            raise RobotFileError(f"the joints form a loop: {', '.join(sorted(lost))}")
+
+    def _hang(self, joint: UrdfJoint) -> None:
+        where = f'<joint name="{joint.name}">'
+        for tag, link in (("parent", joint.parent), ("child", joint.child)):
+            if link not in self.links:
+                raise RobotFileError(f'{where}: <{tag} link="{link}">: there is no such link')
+        if joint.child in self._into:
+            other = self._into[joint.child].name
+            raise RobotFileError(f'{where}: the link "{joint.child}" already hangs on the joint "{other}"')
+        self._into[joint.child] = joint
+        self._children[joint.parent].append(joint)
+
+    def children(self, link: str) -> list[UrdfJoint]:
+        """The joints that a link carries."""
+        return self._children[link]
+
+    def below(self, link: str) -> Iterator[UrdfJoint]:
+        """Every joint further from the root than a link, parents first."""
+        waiting = list(self._children[link])
+        while waiting:
+            joint = waiting.pop(0)
+            yield joint
+            waiting += self._children[joint.child]
+
+    def way(self, tool: str) -> list[UrdfJoint]:
+        """The joints from the root link to a link, fixed ones among them.
+
+        Raises:
+            RobotFileError: a joint on the way does not turn freely, or as ``UrdfJoint.settled``.
+        """
+        way: list[UrdfJoint] = []
+        link = tool
+        while link != self.root:
+            way.insert(0, self._into[link])
+            link = way[0].parent
+        for k, joint in enumerate(way):
+            where = f'<joint name="{joint.name}">'
+            if joint.kind not in ("revolute", "continuous", "fixed"):
+                ahead = any(one.kind != "fixed" for one in way[:k])
+                way_out = (
+                    f"an arm that ends ahead of it is named as {self.path.name}#{joint.parent}"
+                    if ahead
+                    else "no joint turns ahead of it; if the arm is to be used with it at rest, "
+                    'make it type="fixed"'
+                )
+                raise RobotFileError(
+                    f'{where}: type="{joint.kind}": the chain of an arm holds revolute, continuous and fixed '
+                    f"joints; {way_out}"
+                )
+            if joint.mimics is not None and joint.kind != "fixed":
+                raise RobotFileError(
+                    f'{where}: follows the joint "{joint.mimics}"; every joint of an arm is free'
+                )
+        return [joint.settled() for joint in way]
+
+
+def read_urdf_file(path: Path) -> UrdfTree:
+    """Read ``path`` into links and joints.
+
+    Raises:
+        RobotFileError: unreadable, not XML, no ``<robot>``, links that are no tree, an element or attribute
+            that is missing, doubled or no finite number.
     """
     try:
         root = ElementTree.fromstring(path.read_bytes(), ElementTree.XMLParser(target=_NoDoctype()))
     except OSError as cause:
-        raise RobotFileError(f"{path}: cannot be read: {cause.strerror}") from cause
+        raise RobotFileError(f"cannot be read: {cause.strerror}") from cause
     except (ElementTree.ParseError, ValueError, LookupError) as cause:  # LookupError: an unknown encoding
-        raise RobotFileError(f"{path}: is not XML: {cause}") from cause
-    except RobotFileError as refusal:
-        raise RobotFileError(f"{path}: {refusal}") from refusal
+        raise RobotFileError(f"is not XML: {cause}") from cause
     if root.tag != "robot":
-        raise RobotFileError(f"{path}: the root element is <{root.tag}>, a URDF file has <robot>")
-    for element in root.iter():
-        if "xacro" in element.tag:
-            raise RobotFileError(
-                f"{path}: holds macros ({element.tag.rpartition('}')[2]}); expand them first: "
-                "xacro arm.urdf.xacro > arm.urdf"
-            )
-    links = [_link(element, f"{path}: <link>") for element in root.findall("link")]
-    joints = [_joint(element, f"{path}: <joint>") for element in root.findall("joint")]
-    for tag, names in (("link", [link.name for link in links]), ("joint", [joint.name for joint in joints])):
-        for name in names:
-            if names.count(name) > 1:
-                raise RobotFileError(f'{path}: <{tag} name="{name}">: there are two of that name')
-    return UrdfFile(path, root.get("name", ""), {link.name: link for link in links}, tuple(joints))
+        raise RobotFileError(f"the root element is <{root.tag}>, a URDF file has <robot>")
+    macro = next((element.tag for element in root.iter() if "xacro" in element.tag), None)
+    if macro is not None:
+        macro = macro.rpartition("}")[2]
+        raise RobotFileError(f"holds macros ({macro}); expand them first: xacro arm.urdf.xacro > arm.urdf")
+    links, joints = _by_name(root, "link", _link), _by_name(root, "joint", _joint)
+    return UrdfTree(path, root.get("name", ""), links, list(joints.values()))
 
 
-def limits_of(joint: UrdfJoint, path: Path) -> tuple[float, float]:
-    """Lower and upper limit [rad] of a turning joint; ±180° of a continuous one.
+class _NoDoctype(ElementTree.TreeBuilder):
+    """Refuses a document type: URDF has none, and its entities can grow without bound or name other files."""
 
-    Raises:
-        RobotFileError: a revolute joint without limits, or with some that cannot be meant.
-    """
-    if joint.kind == "continuous":
-        return -math.pi, math.pi
-    where, limit = f'{path}: <joint name="{joint.name}">', joint.limit
-    if limit is None:
-        raise RobotFileError(f"{where}: <limit> is missing; a revolute joint needs lower and upper")
-    lower, upper = limit.lower, limit.upper
-    where = f"{where}: <limit lower={lower} upper={upper}>"
-    if not -WIDEST <= lower <= upper <= WIDEST:
-        degrees = " (they look like degrees)" if max(abs(lower), abs(upper)) > WIDEST else ""
-        raise RobotFileError(
-            f"{where}: the lower limit comes first, both in radians within ±{WIDEST:.2f}{degrees}"
-        )
-    if lower == upper == 0.0:  # exporters write that where nobody has filled the limits in
-        raise RobotFileError(
-            f"{where}: both are 0, which is also what is read where they are not written; write the angles "
-            'that the joint may take, or make it type="fixed" if it does not turn'
-        )
-    return lower, upper
+    def doctype(self, name: str, pubid: str | None, system: str | None) -> None:
+        raise RobotFileError(f"holds a document type ({name!r}); a URDF file has none, take it out")
 
 
-def fixed_where_held(joint: UrdfJoint, path: Path) -> UrdfJoint:
-    """The joint itself, or a fixed one at the one angle that its limits leave it.
+def _by_name(
+    root: ElementTree.Element, tag: str, read: Callable[[ElementTree.Element, str], T]
+) -> dict[str, T]:
+    found: dict[str, T] = {}
+    for element in root.findall(tag):
+        with _inside(element):
+            name = _attribute(element, "name")
+            if name in found:
+                raise RobotFileError("there are two of that name")
+            found[name] = read(element, name)
+    return found
 
-    Raises:
-        RobotFileError: as ``limits_of``.
-    """
-    if joint.kind == "fixed":
-        return joint
-    lower, upper = limits_of(joint, path)
-    if lower < upper:
-        return joint
-    turn, rounding = exact_rotation(["0", "0", repr(lower)])
-    along, held = frame_along(joint.axis), np.eye(4)
-    held[:3, :3] = along[:3, :3] @ turn @ along[:3, :3].T
-    return replace(
-        joint, kind="fixed", origin=joint.origin @ held, rounding=joint.rounding + rounding, held_at=lower
+
+@contextmanager
+def _inside(element: ElementTree.Element) -> Generator[None]:
+    """Name the element in what is refused inside."""
+    name = element.get("name", "").strip()
+    try:
+        yield
+    except RobotFileError as refusal:
+        tag = f'<{element.tag} name="{name}">' if name else f"<{element.tag}>"
+        raise RobotFileError(f"{tag}: {refusal}") from refusal
+
+
+def _link(element: ElementTree.Element, name: str) -> UrdfLink:
+    inertial = element.find("inertial")
+    mass = None if inertial is None else inertial.find("mass")
+    if inertial is None or mass is None:
+        return UrdfLink(0.0, np.zeros(3))
+    (kilograms,) = _numbers(mass, "value", 1)
+    if kilograms < 0:
+        raise RobotFileError(f"<mass value={kilograms}>: a mass is not negative")
+    with _inside(inertial):
+        return UrdfLink(kilograms, _origin(inertial)[0][:3, 3])
+
+
+def _joint(element: ElementTree.Element, name: str) -> UrdfJoint:
+    kind = _attribute(element, "type")
+    if kind not in KINDS:
+        raise RobotFileError(f'type="{kind}": allowed are {", ".join(KINDS)}')
+    origin, turned = _origin(element)
+    axis, leaned = _axis(element)
+    limit, lower, upper, speed, effort = element.find("limit"), 0.0, 0.0, 0.0, 0.0
+    if limit is not None:
+        keys = ("lower", "upper", "velocity", "effort")
+        lower, upper, speed, effort = (_numbers(limit, key, 1, 0.0)[0] for key in keys)
+    if speed < 0 or effort < 0:
+        raise RobotFileError("<limit>: velocity and effort are not negative")
+    return UrdfJoint(
+        name=name,
+        kind=kind,
+        parent=_attribute_of(element, "parent", "link"),
+        child=_attribute_of(element, "child", "link"),
+        origin=origin,
+        axis=axis,
+        limits=None if limit is None else (lower, upper),
+        speed=speed,
+        effort=effort,
+        mimics=None if element.find("mimic") is None else _attribute_of(element, "mimic", "joint"),
+        rounding=turned + leaned,
     )
+
+
+def _origin(element: ElementTree.Element) -> tuple[FloatArray, Rounding]:
+    origin = element.find("origin")
+    if origin is None:
+        return np.eye(4), Rounding()
+    T = np.eye(4)
+    _numbers(origin, "rpy", 3, 0.0)
+    T[:3, :3], rounding = exact_rotation(origin.get("rpy", "0 0 0").split())
+    T[:3, 3] = _numbers(origin, "xyz", 3, 0.0)
+    return T, rounding
+
+
+def _axis(element: ElementTree.Element) -> tuple[FloatArray, Rounding]:
+    axis = element.find("axis")
+    if axis is None:
+        return np.array([1.0, 0.0, 0.0]), Rounding()  # the format's default
+    vector = np.array(_numbers(axis, "xyz", 3))
+    length = math.hypot(*vector)
+    if length >= 1e-6:
+        return exact_axis(vector / length)
+    if element.get("type") in ("fixed", "floating"):
+        return vector, Rounding()
+    raise RobotFileError(f'<axis xyz="{axis.get("xyz")}">: has no direction; a unit vector is needed')
+
+
+def _attribute(element: ElementTree.Element, key: str) -> str:
+    value = element.get(key, "").strip()
+    if not value:
+        raise RobotFileError(f"the attribute {key!r} is missing or empty")
+    return value
+
+
+def _attribute_of(element: ElementTree.Element, tag: str, key: str) -> str:
+    found = element.find(tag)
+    if found is None:
+        raise RobotFileError(f"<{tag}> is missing")
+    with _inside(found):
+        return _attribute(found, key)
+
+
+def _numbers(element: ElementTree.Element, key: str, count: int, default: float | None = None) -> list[float]:
+    """``count`` finite numbers of an attribute."""
+    if default is not None and element.get(key) is None:
+        return [default] * count
+    with _inside(element):
+        text = _attribute(element, key)
+        try:
+            values = [] if "_" in text else [float(part) for part in text.split()]  # Python reads 1_5 as 15
+        except ValueError:
+            values = []
+        if len(values) != count or not all(abs(value) <= LARGEST for value in values):
+            needed = "a finite number" if count == 1 else f"{count} finite numbers"
+            raise RobotFileError(f'{key}="{text}": must be {needed} within ±{LARGEST:.0e}')
+    return values
+
+
+# Right angles that were rounded.
 
 
 def exact_angle(text: str) -> float:
@@ -193,7 +368,7 @@ def exact_angle(text: str) -> float:
     return quarters * _QUARTER if abs(value - quarters * _QUARTER) < allowed else value
 
 
-def exact_rotation(texts: list[str]) -> tuple[FloatArray, Rounding]:
+def exact_rotation(texts: Sequence[str]) -> tuple[FloatArray, Rounding]:
     """A rotation (3, 3) from roll, pitch and yaw as written [rad]."""
     written, exact = [float(text) for text in texts], [exact_angle(text) for text in texts]
     rotation = rotation_from_rpy(*exact)
@@ -214,113 +389,3 @@ def exact_axis(axis: FloatArray) -> tuple[FloatArray, Rounding]:
     exact /= np.linalg.norm(exact)
     # turning about the other axis: the way there, the turn, the way back
     return exact, Rounding((), int(noise.sum()), 2 * float(np.linalg.norm(exact - axis)))
-
-
-class _NoDoctype(ElementTree.TreeBuilder):
-    """Refuses a document type: URDF has none, and its entities can grow without bound or name other files."""
-
-    def doctype(self, name: str, pubid: str | None, system: str | None) -> None:
-        raise RobotFileError(f"holds a document type ({name!r}); a URDF file has none, take it out")
-
-
-def _link(element: ElementTree.Element, where: str) -> UrdfLink:
-    name = _attribute(element, "name", where)
-    where = f'{where[:-1]} name="{name}">'
-    inertial = element.find("inertial")
-    mass = None if inertial is None else inertial.find("mass")
-    if inertial is None or mass is None:
-        return UrdfLink(name, 0.0, np.zeros(3))
-    (kilograms,) = _numbers(mass, "value", 1, f"{where}: <mass>")
-    if kilograms < 0:
-        raise RobotFileError(f"{where}: <mass value={kilograms}>: a mass is not negative")
-    return UrdfLink(name, kilograms, _origin(inertial, f"{where}: <inertial>")[0][:3, 3])
-
-
-def _joint(element: ElementTree.Element, where: str) -> UrdfJoint:
-    name = _attribute(element, "name", where)
-    where = f'{where[:-1]} name="{name}">'
-    written = _attribute(element, "type", where)
-    kinds: list[JointKind] = [kind for kind in KINDS if kind == written]
-    if not kinds:
-        raise RobotFileError(f'{where}: type="{written}": allowed are {", ".join(KINDS)}')
-    mimic = element.find("mimic")
-    origin, turned = _origin(element, where)
-    axis, leaned = _axis(element, where)
-    return UrdfJoint(
-        name=name,
-        kind=kinds[0],
-        parent=_end(element, "parent", where),
-        child=_end(element, "child", where),
-        origin=origin,
-        axis=axis,
-        limit=_limit(element, where),
-        mimics=None if mimic is None else _attribute(mimic, "joint", f"{where}: <mimic>"),
-        rounding=turned + leaned,
-    )
-
-
-def _end(element: ElementTree.Element, tag: str, where: str) -> str:
-    end = element.find(tag)
-    if end is None:
-        raise RobotFileError(f"{where}: <{tag}> is missing")
-    return _attribute(end, "link", f"{where}: <{tag}>")
-
-
-def _origin(element: ElementTree.Element, where: str) -> tuple[FloatArray, Rounding]:
-    T, rounding = np.eye(4), Rounding()
-    origin = element.find("origin")
-    if origin is not None:
-        _numbers(origin, "rpy", 3, f"{where}: <origin>", 0.0)
-        T[:3, :3], rounding = exact_rotation(origin.get("rpy", "0 0 0").split())
-        T[:3, 3] = _numbers(origin, "xyz", 3, f"{where}: <origin>", 0.0)
-    return T, rounding
-
-
-def _axis(element: ElementTree.Element, where: str) -> tuple[FloatArray, Rounding]:
-    axis = element.find("axis")
-    if axis is None:
-        return np.array([1.0, 0.0, 0.0]), Rounding()  # the format's default
-    vector = np.array(_numbers(axis, "xyz", 3, f"{where}: <axis>"))
-    length = math.hypot(*vector)
-    if length >= 1e-6:
-        return exact_axis(vector / length)
-    if element.get("type") in ("fixed", "floating"):
-        return vector, Rounding()
-    raise RobotFileError(
-        f'{where}: <axis xyz="{axis.get("xyz")}">: has no direction; a unit vector is needed'
-    )
-
-
-def _limit(element: ElementTree.Element, where: str) -> UrdfLimit | None:
-    limit = element.find("limit")
-    if limit is None:
-        return None
-    keys = ("lower", "upper", "velocity", "effort")
-    values = UrdfLimit(*(_numbers(limit, key, 1, f"{where}: <limit>", 0.0)[0] for key in keys))
-    if values.velocity < 0 or values.effort < 0:
-        raise RobotFileError(f"{where}: <limit>: velocity and effort are not negative")
-    return values
-
-
-def _attribute(element: ElementTree.Element, key: str, where: str) -> str:
-    value = element.get(key, "").strip()
-    if not value:
-        raise RobotFileError(f"{where}: the attribute {key!r} is missing or empty")
-    return value
-
-
-def _numbers(
-    element: ElementTree.Element, key: str, count: int, where: str, default: float | None = None
-) -> list[float]:
-    """``count`` finite numbers of an attribute."""
-    if default is not None and element.get(key) is None:
-        return [default] * count
-    text = _attribute(element, key, where)
-    try:
-        values = [] if "_" in text else [float(part) for part in text.split()]  # Python reads 1_5 as 15
-    except ValueError:
-        values = []
-    if len(values) != count or not all(abs(value) <= LARGEST for value in values):
-        needed = "a finite number" if count == 1 else f"{count} finite numbers"
-        raise RobotFileError(f'{where}: {key}="{text}": must be {needed} within ±{LARGEST:.0e}')
-    return values
