@@ -18,7 +18,7 @@ from armctl.hardware.driver import (
     Readback,
     Source,
 )
-from armctl.robot.outputs_of_file import BoardEntries, BoardPart, ServoEntries
+from armctl.robot.board_entries import BoardEntries, BoardPart, ServoEntries
 
 __all__ = [
     "BoardEntries",

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, ClassVar, Protocol
 
 from armctl.hardware.driver import ChannelScale, ChannelSettings, Driver, translated
 from armctl.hardware.transport import pieces
-from armctl.robot.outputs_of_file import BoardEntries
+from armctl.robot.board_entries import BoardEntries
 
 if TYPE_CHECKING:
     from armctl.hardware.findings import CheckUp, Finding

@@ -10,7 +10,7 @@ from armctl.hardware.board_type import NEEDED, BoardType
 from armctl.hardware.encoder.board import EncoderBoard
 from armctl.hardware.firmata.board import FirmataBoard
 from armctl.hardware.maestro.board import MaestroBoard
-from armctl.robot.outputs_of_file import BoardEntries
+from armctl.robot.board_entries import BoardEntries
 
 SHIPPED: tuple[BoardType, ...] = (MaestroBoard(), FirmataBoard(), EncoderBoard())
 """in the order in which they are asked who is there: a question of the second upsets the first"""

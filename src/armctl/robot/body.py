@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Self
@@ -17,12 +17,10 @@ from armctl.kinematics.samples import joint_samples
 from armctl.robot.parts import Look, Obstacle
 from armctl.robot.shape import FINGER, PALM, TIP_LENGTH, TIP_RADIUS, bars, reach, tool_length, width
 
-# The arm's body as capsules: segments with a radius, each fixed to a link.
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Capsule:
-    """All points within a radius of a segment."""
+    """A piece of the arm's body: all points within a radius of a segment."""
 
     link: int
     """index of the joint that moves it; -1: the base"""
@@ -33,88 +31,69 @@ class Capsule:
     radius: float
     """[m]"""
     part: str
-    """what people call it"""
+    """what a user calls it"""
 
 
 def capsule(
     chain: Chain, titles: Sequence[str], frame: int, ends: tuple[ArrayLike, ArrayLike], radius: float
 ) -> Capsule:
-    """A capsule between two points of a frame of the chain.
-
-    Args:
-        chain: the arm.
-        titles: of the joints, for the part's name.
-        frame: index into ``chain.places``.
-        ends: two points (3,) in that frame [m].
-        radius: [m].
-    """
+    """A capsule between two points (3,) [m] of a frame, an index into ``chain.places``."""
     link, T = chain.places[frame]
     start, end = (_moved(T, point) for point in ends)
-    return Capsule(link, start, end, radius, link_name(link, titles))
+    return Capsule(link, start, end, radius, _link_name(link, titles))
 
 
 def _moved(T: FloatArray, point: ArrayLike) -> FloatArray:
     return T[:3, :3] @ np.asarray(point, dtype=np.float64) + T[:3, 3]
 
 
-def link_name(link: int, titles: Sequence[str]) -> str:
-    """What people call a link: the base, or the link behind a joint."""
+def _link_name(link: int, titles: Sequence[str]) -> str:
     return "the base" if link < 0 else f"the link behind {titles[link].lower()}"
 
 
 def shape_capsules(chain: Chain, look: Look, titles: Sequence[str], *, gripper: bool) -> tuple[Capsule, ...]:
-    """The capsules of an arm as it is drawn.
+    """The capsules of an arm as it is drawn; without a gripper it ends in a tip.
 
     A bar shorter than the links are wide lies inside the drum of its joint and is left out; bars in one
     line are one capsule. Round a square beam the capsule goes through its corners. The fingers are one
     capsule round both when they are closed; the palm is as wide as it is when they are open.
-
-    Args:
-        chain: the arm.
-        look: how it is drawn.
-        titles: of the joints.
-        gripper: whether it has one; else it ends in a tip.
     """
     wide = width(chain, look)
     radius = wide * (0.5 if look.shape == "round" else math.sqrt(0.5))
-    drawn = [bar for bar in bars(chain, tool_length(chain, look, gripper=gripper)) if bar.length > 1e-9]
-    pieces = [capsule(chain, titles, bar.frame, (bar.start, bar.end), radius) for bar in drawn]
-    links = [piece for piece in _in_one_line(pieces) if math.dist(piece.start, piece.end) >= wide]
-    return (*links, *_hand(chain, look, gripper=gripper))
+    links: list[Capsule] = []
+    for bar in bars(chain, tool_length(chain, look, gripper=gripper)):
+        if bar.length > 1e-9:
+            piece = capsule(chain, titles, bar.frame, (bar.start, bar.end), radius)
+            if links and _goes_on(links[-1], piece):
+                piece = replace(piece, start=links.pop().start)
+            links.append(piece)
+    links = [piece for piece in links if math.dist(piece.start, piece.end) >= wide]
+    return (*links, *_hand(chain, wide, gripper=gripper))
 
 
-def _in_one_line(pieces: Iterable[Capsule]) -> list[Capsule]:
-    """Pieces of one link that go on in the same direction where the one before ends, put together."""
-    joined: list[Capsule] = []
-    for piece in pieces:
-        last = joined[-1] if joined else None
-        if last is not None and last.link == piece.link:
-            before, after = last.end - last.start, piece.end - piece.start
-            straight = before @ after > (1 - 1e-9) * np.linalg.norm(before) * np.linalg.norm(after)
-            if straight and np.allclose(last.end, piece.start, atol=1e-9):
-                joined[-1] = Capsule(last.link, last.start, piece.end, last.radius, last.part)
-                continue
-        joined.append(piece)
-    return joined
+def _goes_on(last: Capsule, piece: Capsule) -> bool:
+    """Whether a piece of the same link goes on in the same direction where the last one ends."""
+    before, after = last.end - last.start, piece.end - piece.start
+    straight = before @ after > (1 - 1e-9) * np.linalg.norm(before) * np.linalg.norm(after)
+    return last.link == piece.link and bool(straight) and np.allclose(last.end, piece.start, atol=1e-9)
 
 
-def _hand(chain: Chain, look: Look, *, gripper: bool) -> list[Capsule]:
+def _hand(chain: Chain, wide: float, *, gripper: bool) -> list[Capsule]:
     """What ends at the tool point, along the tool's z."""
     link, T = chain.places[-1]
-    size = reach(chain)
 
-    def along(y: float, z: float) -> FloatArray:
-        return _moved(T, (0.0, y, z))
+    def piece(start: tuple[float, float], end: tuple[float, float], radius: float, part: str) -> Capsule:
+        return Capsule(link, _moved(T, (0.0, *start)), _moved(T, (0.0, *end)), radius, part)
 
     if not gripper:
-        wide = width(chain, look)
         radius = 0.5 * TIP_RADIUS * wide  # half way along the cone
-        return [Capsule(link, along(0, -TIP_LENGTH * wide), along(0, -radius), radius, "the tool")]
+        return [piece((0, -TIP_LENGTH * wide), (0, -radius), radius, "the tool")]
+    size = reach(chain)
     finger, palm = 0.5 * FINGER[0] * size, 0.5 * PALM[0] * size
     behind, half = -(FINGER[2] + 0.5 * PALM[2]) * size, 0.5 * PALM[1] * size - palm
     return [
-        Capsule(link, along(-half, behind), along(half, behind), palm, "the gripper"),
-        Capsule(link, along(0, behind), along(0, -finger), finger, "the gripper"),
+        piece((-half, behind), (half, behind), palm, "the gripper"),
+        piece((0, behind), (0, -finger), finger, "the gripper"),
     ]
 
 
@@ -125,19 +104,10 @@ _PARALLEL = 1e-12
 
 
 def segment_distance(p: FloatArray, u: FloatArray, q: FloatArray, v: FloatArray) -> FloatArray:
-    """Smallest distance between the segments ``p + s u`` and ``q + t v``, s and t in 0 … 1.
+    """Smallest distance (...) between the segments ``p + s u`` and ``q + t v``, s and t in 0 … 1.
 
-    After Ericson, *Real-Time Collision Detection* (2005), section 5.1.9: the nearest points of the two
-    lines, then t clipped and s fitted to it. A segment of no length is a point.
-
-    Args:
-        p: (3, ...) start of the first [m].
-        u: (3, ...) from its start to its end [m].
-        q: (3, ...) start of the second [m].
-        v: (3, ...) from its start to its end [m].
-
-    Returns:
-        (...) [m].
+    All are (3, ...) [m]. After Ericson, *Real-Time Collision Detection* (2005), section 5.1.9: the nearest
+    points of the two lines, then t clipped and s fitted to it. A segment of no length is a point.
     """
     r = p - q
     a, e, b = _dot(u, u), _dot(v, v), _dot(u, v)
@@ -152,19 +122,10 @@ def segment_distance(p: FloatArray, u: FloatArray, q: FloatArray, v: FloatArray)
 
 
 def segment_box_distance(p: FloatArray, u: FloatArray, low: FloatArray, high: FloatArray) -> FloatArray:
-    """Smallest signed distance between the segments ``p + s u`` and a box; inside, minus the depth.
+    """Smallest signed distance (...) of the segments ``p + s u``, (3, ...) [m], to a box as ``box_distance``.
 
     The signed distance to a convex body is convex along a line, so a golden section search finds its
     minimum; it ends within 1e-9 of the segment's length.
-
-    Args:
-        p: (3, ...) starts [m].
-        u: (3, ...) from start to end [m].
-        low: (3,) lower corner of the box [m].
-        high: (3,) upper corner [m].
-
-    Returns:
-        (...) [m].
     """
     ratio = 0.5 * (math.sqrt(5.0) - 1.0)
     left, right = np.zeros(p.shape[1:]), np.ones(p.shape[1:])
@@ -183,7 +144,7 @@ def segment_box_distance(p: FloatArray, u: FloatArray, low: FloatArray, high: Fl
 
 
 def box_distance(points: FloatArray, low: FloatArray, high: FloatArray) -> FloatArray:
-    """Signed distance (...) [m] of points (3, ...) to an axis-aligned box; inside, minus the depth."""
+    """Signed distance (...) of points (3, ...) to a box, corners (3,); inside, minus the depth."""
     shape = (3, *[1] * (points.ndim - 1))
     middle, half = 0.5 * (low + high).reshape(shape), 0.5 * (high - low).reshape(shape)
     beyond = np.abs(points - middle) - half
@@ -195,17 +156,8 @@ def _dot(a: FloatArray, b: FloatArray) -> FloatArray:
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
-# How far a point of an arm can move a radian of a joint.
-
-
-def lever_bounds(chain: Chain, link: int, points: FloatArray) -> FloatArray:
-    """How far points of a link move a radian of each joint, at most: (n,) [m/rad].
-
-    Args:
-        chain: the arm.
-        link: index of the joint that moves the points; -1: the base.
-        points: (p, 3) in the link's frame [m].
-    """
+def _levers(chain: Chain, link: int, points: FloatArray) -> FloatArray:
+    """How far points (p, 3) [m] in a link's frame move a radian of each joint, at most: (n,) [m/rad]."""
     levers = np.zeros(chain.n)
     aside = float(np.hypot(points[:, 0], points[:, 1]).max())
     away = float(np.linalg.norm(points, axis=1).max())
@@ -238,14 +190,7 @@ class CollisionModel:
 
     @classmethod
     def build(cls, chain: Chain, capsules: Sequence[Capsule], limits: FloatArray, home: FloatArray) -> Self:
-        """Find the pairs.
-
-        Args:
-            chain: the arm.
-            capsules: its body.
-            limits: (n, 2) [rad].
-            home: (n,) [rad].
-        """
+        """Find the pairs of an arm with these ``limits`` (n, 2) and pose ``home`` (n,) [rad]."""
         ordered = tuple(sorted(capsules, key=lambda capsule: capsule.link))
         apart = tuple(
             (i, j)
@@ -260,13 +205,13 @@ class CollisionModel:
 
     @cached_property
     def moving(self) -> tuple[int, ...]:
-        """Indices of the capsules that a joint moves, and so could be kept out of an obstacle."""
+        """Indices of the capsules that a joint moves."""
         return tuple(i for i, capsule in enumerate(self.capsules) if capsule.link >= 0)
 
     @cached_property
     def levers(self) -> FloatArray:
         """(capsules, n) how far a point of each one's axis moves a radian of each joint, at most [m/rad]."""
-        rows = [lever_bounds(self.chain, c.link, np.array([c.start, c.end])) for c in self.capsules]
+        rows = [_levers(self.chain, c.link, np.array([c.start, c.end])) for c in self.capsules]
         return np.array(rows).reshape(-1, self.chain.n)
 
     @cached_property
@@ -278,10 +223,7 @@ class CollisionModel:
         return levers
 
     def gaps(self, links: LinkFrames) -> FloatArray:
-        """Gaps between the pairs: (k, m) [m], negative where they overlap.
-
-        Gaps of more than ``NEAR_M`` are lower bounds.
-        """
+        """Gaps between the pairs: (k, m) [m], negative where they overlap; above ``NEAR_M`` lower bounds."""
         starts, spans = self._placed(links)
         first, second = np.array(self.pairs, dtype=np.intp).reshape(-1, 2).T
         middles = starts + 0.5 * spans
@@ -326,34 +268,27 @@ class CollisionModel:
         return ends[:, :, 0], ends[:, :, 1] - ends[:, :, 0]
 
 
-# The corners of an arm: what comes nearest to a plane that it must stay above.
-
 _PROBES = 24
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Corner:
-    """A point of a link."""
+    """A point of a link, to be kept above the floor."""
 
     link: int
     """index of the joint that moves it"""
     point: FloatArray
     """(3,) in the link's frame [m]"""
     part: str
-    """what people call the part that it belongs to"""
+    """what a user calls the part that it belongs to"""
     levers: FloatArray
     """(n,) how far it rises or sinks a radian of each joint, at most [m/rad]"""
 
 
 def moving_corners(chain: Chain, titles: Sequence[str], limits: FloatArray) -> tuple[Corner, ...]:
-    """The ends of the bars (``shape.bars``) that joints raise or lower, from the base to the tool.
+    """The ends of the bars (``shape.bars``) that joints raise or lower within limits (n, 2) [rad].
 
     Over a plane a straight line is lowest at one of its ends, so these points are the whole arm.
-
-    Args:
-        chain: the arm.
-        titles: of the joints, for the names of the parts.
-        limits: (n, 2) [rad].
     """
     probes = LinkFrames.at(chain, joint_samples(limits, _PROBES))
     upright = abs(chain.segments[0][2, 2]) > 1 - 1e-12  # then the first joint changes no height
@@ -361,9 +296,9 @@ def moving_corners(chain: Chain, titles: Sequence[str], limits: FloatArray) -> t
     for bar in bars(chain, 0.0):
         point = _moved(chain.places[bar.frame].T_link_frame, bar.end)
         if np.ptp(probes.place(bar.link, point[None])[2, 0]) > 1e-9:
-            levers = lever_bounds(chain, bar.link, point[None])
+            levers = _levers(chain, bar.link, point[None])
             levers[0] *= not upright
-            corners.append(Corner(bar.link, point, link_name(bar.link, titles), levers))
+            corners.append(Corner(bar.link, point, _link_name(bar.link, titles), levers))
     if corners:
         corners[-1] = replace(corners[-1], part="the tool")
     return tuple(corners)

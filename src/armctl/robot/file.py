@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
-from pathlib import Path
+from dataclasses import replace
 from typing import Annotated, Literal, cast
 
 import msgspec
@@ -25,7 +23,7 @@ Limit = Annotated[float, Meta(ge=-720, le=720)]
 Color = Annotated[str, Meta(pattern=r"^#[0-9a-fA-F]{6}$")]
 LARGEST = 1e6
 """no number of a robot file, in mm, degrees or µs, is larger than this"""
-_ROBOT_FILES = DocumentKind(RobotFileError, most_bytes=256 * 1024, largest=LARGEST)
+ROBOT_FILES = DocumentKind(RobotFileError, most_bytes=256 * 1024, largest=LARGEST)
 
 
 class Strict(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -138,54 +136,29 @@ class RobotFile(Strict, frozen=True):
     look: LookEntry | None = None
 
 
-@dataclass(frozen=True, slots=True)
-class BoardTables:
-    """The board's part of a robot file, undecoded: only the board knows its own tables."""
-
-    board: Mapping[str, object]
-    """the table ``[board]``"""
-    joints: Mapping[str, Mapping[str, object]]
-    """by joint, the tables in it: ``servo``, ``encoder``, or what the board calls its own"""
-    gripper: Mapping[str, object]
-    """the tables in ``[gripper]``"""
-    order: tuple[str, ...]
-    """names of the joints, as they follow each other in the file"""
-    document: Document
-    """all of the file"""
-
-
-def read_robot_file(path: Path) -> tuple[RobotFile, BoardTables]:
-    """Decode ``path`` without judging what it says; the board's part is left as it is.
+def read_robot_file(content: bytes) -> tuple[RobotFile, Document]:
+    """Decode a file without judging what it says. The board's part stays in the document (``board_tables``).
 
     Raises:
-        RobotFileError: unreadable, too large, not TOML, an unknown key, a wrong type or an impossible value;
-            the message names the file, the line and the key.
+        RobotFileError: not TOML, an unknown key, a wrong type or an impossible value; the message names the
+            line and the key.
     """
-    return _ROBOT_FILES.load(path, _decoded)
-
-
-def _decoded(content: bytes) -> tuple[RobotFile, BoardTables]:
-    document = _ROBOT_FILES.parse(content)
-    record = dict(document.record)
-    board, joints, gripper = record.pop("board", {}), record.get("joints"), record.get("gripper")
+    document = ROBOT_FILES.parse(content)
+    record: Table = dict(document.record)
+    board, joints = record.pop("board", {}), record.get("joints")
     if not isinstance(board, dict):
         raise document.refusal(f"must be a table, not {board!r}", ("board",))
-    inside: list[Table] = []
     if isinstance(joints, list):
-        entries = cast("list[object]", joints)
-        inside = [_tables(entry) for entry in entries]
-        record["joints"] = [_without_tables(entry) for entry in entries]
-    if gripper is not None:
-        record["gripper"] = _without_tables(gripper)
-    file = Document(_ROBOT_FILES, record, document.text).convert(RobotFile)
+        record["joints"] = [_without_tables(entry) for entry in cast("list[object]", joints)]
+    if "gripper" in record:
+        record["gripper"] = _without_tables(record["gripper"])
+    file = replace(document, record=record).convert(RobotFile)
     document.require_numbers()
-    order = tuple(joint.name for joint in file.joints)
-    by_joint = dict(zip(order, inside, strict=True))
-    return file, BoardTables(cast("Table", board), by_joint, _tables(gripper), order, document)
+    return file, document
 
 
-def _tables(entry: object) -> Table:
-    """No key of a joint or of the gripper but those of the board has a table as its value."""
+def board_tables(entry: object) -> Table:
+    """The board's tables in a joint or in the gripper: no other key there has a table as its value."""
     table = cast("Table", entry) if isinstance(entry, dict) else {}
     return {key: value for key, value in table.items() if isinstance(value, dict)}
 

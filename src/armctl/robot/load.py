@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Sequence
 from importlib.resources import files
 from pathlib import Path
 
@@ -12,16 +13,17 @@ import numpy as np
 from armctl.arrays import FloatArray
 from armctl.errors import RobotFileError
 from armctl.kinematics import Body, Chain, DHRow, GravityModel
+from armctl.robot.board_entries import read_outputs
 from armctl.robot.body import Capsule, capsule
 from armctl.robot.file import (
-    BoardTables,
+    ROBOT_FILES,
+    CapsuleEntry,
+    DHRowEntry,
     JointEntry,
-    LookEntry,
     ObstacleEntry,
     RobotFile,
     read_robot_file,
 )
-from armctl.robot.outputs_of_file import read_outputs
 from armctl.robot.parts import JERK_UP_S, Color, Gripper, Joint, Look, Obstacle
 from armctl.robot.robot import Robot
 
@@ -74,75 +76,72 @@ def load_robot(name: str | Path) -> Robot:
         path = robots_folder() / f"{name}.toml"
     elif path.suffix.lower() != ".toml":
         raise RobotFileError(f"{path}: a robot file ends in .toml or .urdf")
-    return _build(*read_robot_file(path), path)
+    return ROBOT_FILES.load(path, _robot)
 
 
-def _build(file: RobotFile, tables: BoardTables, path: Path) -> Robot:
+def _robot(content: bytes) -> Robot:
+    file, document = read_robot_file(content)
     by_name = {joint.name: joint for joint in file.joints}
-    _check_joints(file, by_name, path)
-    order = [row.joint for row in file.dh.rows if row.joint is not None]
-    entries = [by_name[name] for name in order]
-    chain = Chain.from_dh(
-        [
-            DHRow(
-                row.a_mm / 1000,
-                math.radians(row.alpha_deg),
-                row.d_mm / 1000,
-                math.radians(row.theta_deg),
-                joint=row.joint is not None,
-            )
-            for row in file.dh.rows
-        ],
-        file.dh.convention,
+    _check_joints(file, by_name)
+    joints = [by_name[row.joint] for row in file.dh.rows if row.joint is not None]
+    chain = Chain.from_dh([_row(row) for row in file.dh.rows], file.dh.convention)
+    board, outputs, settings = read_outputs(
+        document, [(joint.name, joint.limit_deg) for joint in joints], has_gripper=file.gripper is not None
     )
-    board, outputs, settings = read_outputs(file, tables, entries, path)
+    gripper, look = file.gripper, file.look
     robot = Robot(
         name=file.name,
         title=file.title,
         source=file.source,
         assumed=file.assumed,
-        joints=tuple(_joint(entry) for entry in entries),
+        joints=tuple(map(_joint, joints)),
         chain=chain,
-        poses={name: _pose(values, entries, f"{path}: poses.{name}") for name, values in file.poses.items()},
+        poses={name: _pose(values, joints, f"poses.{name}") for name, values in file.poses.items()},
         output_map=outputs,
         board=board,
         board_settings=settings,
-        gripper=None
-        if file.gripper is None
-        else Gripper(file.gripper.title, file.gripper.speed_percent_s / 100),
-        gravity=_gravity(file, order, chain, path),
+        gripper=None if gripper is None else Gripper(gripper.title, gripper.speed_percent_s / 100),
+        gravity=_gravity(file, joints, chain),
         floor_z=file.floor.z_mm / 1000,
-        points={name: _point(value) for name, value in file.points.items()},
-        look=_look(file.look),
-        capsules=_capsules(file, entries, chain, path),
-        obstacles=tuple(_obstacle(entry, path) for entry in file.obstacles),
+        points={name: np.array(point_mm) / 1000 for name, point_mm in file.points.items()},
+        look=Look()
+        if look is None
+        else Look(tuple(map(_color, look.links)), _color(look.joints), look.shape, look.width_percent / 100),
+        capsules=tuple(_capsule(entry, joints, chain) for entry in file.capsules) or None,
+        obstacles=tuple(map(_obstacle, file.obstacles)),
     )
     for needed in ("home", "rest"):
         if needed not in robot.poses:
-            raise RobotFileError(f"{path}: poses.{needed} is missing; every robot names home and rest")
+            raise RobotFileError(f"poses.{needed} is missing; every robot names home and rest")
     return robot
 
 
-def _check_joints(file: RobotFile, by_name: dict[str, JointEntry], path: Path) -> None:
+def _check_joints(file: RobotFile, by_name: dict[str, JointEntry]) -> None:
     if len(by_name) != len(file.joints):
-        raise RobotFileError(f"{path}: joints: two joints have the same name")
+        raise RobotFileError("joints: two joints have the same name")
     used = [row.joint for row in file.dh.rows if row.joint is not None]
     if sorted(used) != sorted(by_name):
         raise RobotFileError(
-            f"{path}: dh.rows and joints must name the same joints once each: "
+            "dh.rows and joints must name the same joints once each: "
             f"rows name {', '.join(used)}; joints are {', '.join(by_name)}"
         )
     for joint in file.joints:
         low, high = joint.limit_deg
         if not (math.isfinite(low) and math.isfinite(high) and low <= high):
             raise RobotFileError(
-                f"{path}: joints.{joint.name}.limit_deg = [{low}, {high}]: the lower limit comes first "
+                f"joints.{joint.name}.limit_deg = [{low}, {high}]: the lower limit comes first "
                 "(the same number twice holds the joint there)"
             )
 
 
+def _row(row: DHRowEntry) -> DHRow:
+    alpha, theta = math.radians(row.alpha_deg), math.radians(row.theta_deg)
+    return DHRow(row.a_mm / 1000, alpha, row.d_mm / 1000, theta, joint=row.joint is not None)
+
+
 def _joint(entry: JointEntry) -> Joint:
     low, high = entry.limit_deg
+    jerk = entry.acceleration_deg_s2 / JERK_UP_S if entry.jerk_deg_s3 is None else entry.jerk_deg_s3
     return Joint(
         name=entry.name,
         title=entry.title,
@@ -150,70 +149,55 @@ def _joint(entry: JointEntry) -> Joint:
         upper=math.radians(high),
         speed=math.radians(entry.speed_deg_s),
         acceleration=math.radians(entry.acceleration_deg_s2),
-        jerk=math.radians(
-            entry.acceleration_deg_s2 / JERK_UP_S if entry.jerk_deg_s3 is None else entry.jerk_deg_s3
-        ),
+        jerk=math.radians(jerk),
         stall_torque=entry.stall_torque_nm,
     )
 
 
-def _pose(values: tuple[float, ...], entries: list[JointEntry], where: str) -> FloatArray:
-    if len(values) != len(entries):
-        raise RobotFileError(f"{where}: {len(entries)} angles are needed, there are {len(values)}")
-    for value, entry in zip(values, entries, strict=True):
-        low, high = entry.limit_deg
+def _pose(values: tuple[float, ...], joints: Sequence[JointEntry], where: str) -> FloatArray:
+    if len(values) != len(joints):
+        raise RobotFileError(f"{where}: {len(joints)} angles are needed, there are {len(values)}")
+    for value, joint in zip(values, joints, strict=True):
+        low, high = joint.limit_deg
         if not low <= value <= high:
-            raise RobotFileError(f"{where}: {entry.name} = {value}° is outside {low}° … {high}°")
+            raise RobotFileError(f"{where}: {joint.name} = {value}° is outside {low}° … {high}°")
     return np.radians(np.array(values, dtype=np.float64))
 
 
-def _point(value_mm: tuple[float, float, float]) -> FloatArray:
-    return np.array(value_mm, dtype=np.float64) / 1000
+def _index(name: str, joints: Sequence[JointEntry], where: str) -> int:
+    names = [joint.name for joint in joints]
+    if name not in names:
+        raise RobotFileError(f"{where}: there is no joint {name!r}")
+    return names.index(name)
 
 
-def _capsules(
-    file: RobotFile, joints: list[JointEntry], chain: Chain, path: Path
-) -> tuple[Capsule, ...] | None:
-    order = [joint.name for joint in joints]
-    capsules: list[Capsule] = []
-    for entry in file.capsules:
-        if entry.joint is not None and entry.joint not in order:
-            raise RobotFileError(f"{path}: capsules: there is no joint {entry.joint!r}")
-        frame = 0 if entry.joint is None else chain.joint_rows[order.index(entry.joint)] + 1
-        ends = np.array([entry.from_mm, entry.to_mm]) / 1000
-        titles = [joint.title for joint in joints]
-        capsules.append(capsule(chain, titles, frame, (ends[0], ends[1]), entry.radius_mm / 1000))
-    return tuple(capsules) or None
+def _capsule(entry: CapsuleEntry, joints: Sequence[JointEntry], chain: Chain) -> Capsule:
+    frame = 0
+    if entry.joint is not None:
+        frame = chain.joint_rows[_index(entry.joint, joints, "capsules")] + 1
+    ends = np.array([entry.from_mm, entry.to_mm]) / 1000
+    return capsule(chain, [one.title for one in joints], frame, (ends[0], ends[1]), entry.radius_mm / 1000)
 
 
-def _obstacle(entry: ObstacleEntry, path: Path) -> Obstacle:
+def _gravity(file: RobotFile, joints: Sequence[JointEntry], chain: Chain) -> GravityModel:
+    bodies: list[Body] = []
+    for body in file.bodies:
+        x, y, z = (value / 1000 for value in body.com_mm)
+        bodies.append(Body(_index(body.joint, joints, "bodies"), body.mass_kg, (x, y, z)))
+    return GravityModel(chain, tuple(bodies), file.payload_kg)
+
+
+def _obstacle(entry: ObstacleEntry) -> Obstacle:
     corners = np.array([entry.from_mm, entry.to_mm]) / 1000
     flat = np.flatnonzero(corners[0] == corners[1])
     if len(flat):
         raise RobotFileError(
-            f"{path}: obstacles: {entry.title}: from_mm and to_mm have the same {'xyz'[flat[0]]}; "
+            f"obstacles: {entry.title}: from_mm and to_mm have the same {'xyz'[flat[0]]}; "
             "they must be opposite corners of a box"
         )
     return Obstacle(entry.title, corners.min(axis=0), corners.max(axis=0))
 
 
-def _look(entry: LookEntry | None) -> Look:
-    if entry is None:
-        return Look()
-    return Look(tuple(map(_color, entry.links)), _color(entry.joints), entry.shape, entry.width_percent / 100)
-
-
 def _color(text: str) -> Color:
     red, green, blue = bytes.fromhex(text.removeprefix("#"))
     return red, green, blue
-
-
-def _gravity(file: RobotFile, order: list[str], chain: Chain, path: Path) -> GravityModel:
-    bodies: list[Body] = []
-    for body in file.bodies:
-        if body.joint not in order:
-            raise RobotFileError(f"{path}: bodies: there is no joint {body.joint!r}")
-        index = order.index(body.joint)
-        x, y, z = (value / 1000 for value in body.com_mm)
-        bodies.append(Body(joint=index, mass_kg=body.mass_kg, com_m=(x, y, z)))
-    return GravityModel(chain, tuple(bodies), file.payload_kg)

@@ -66,12 +66,24 @@ class Robot:
     """what else the robot file tells the board's driver; only the board reads it"""
     limits: FloatArray = field(init=False)
     """(n, 2) lower and upper joint limits [rad]"""
+    speed_limits: FloatArray = field(init=False)
+    """(n,) largest joint speeds [rad/s]"""
+    acceleration_limits: FloatArray = field(init=False)
+    """(n,) largest joint accelerations [rad/s²]"""
+    jerk_limits: FloatArray = field(init=False)
+    """(n,) largest joint jerks [rad/s³]"""
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "limits", _fixed([[joint.lower, joint.upper] for joint in self.joints]))
-        for name in ("poses", "points"):
-            fixed = {title: _fixed(values) for title, values in getattr(self, name).items()}
-            object.__setattr__(self, name, MappingProxyType(fixed))
+        fixed: dict[str, object] = {
+            "limits": _fixed([[joint.lower, joint.upper] for joint in self.joints]),
+            "speed_limits": _fixed([joint.speed for joint in self.joints]),
+            "acceleration_limits": _fixed([joint.acceleration for joint in self.joints]),
+            "jerk_limits": _fixed([joint.jerk for joint in self.joints]),
+            "poses": MappingProxyType({name: _fixed(q) for name, q in self.poses.items()}),
+            "points": MappingProxyType({name: _fixed(point) for name, point in self.points.items()}),
+        }
+        for name, value in fixed.items():
+            object.__setattr__(self, name, value)
 
     @property
     def n(self) -> int:
@@ -83,26 +95,14 @@ class Robot:
         """Names of the joints, from the base to the tool."""
         return tuple(joint.name for joint in self.joints)
 
-    @cached_property
-    def speed_limits(self) -> FloatArray:
-        """(n,) largest joint speeds [rad/s]."""
-        return _fixed([joint.speed for joint in self.joints])
-
-    @cached_property
-    def acceleration_limits(self) -> FloatArray:
-        """(n,) largest joint accelerations [rad/s²]."""
-        return _fixed([joint.acceleration for joint in self.joints])
-
-    @cached_property
-    def jerk_limits(self) -> FloatArray:
-        """(n,) largest joint jerks [rad/s³]."""
-        return _fixed([joint.jerk for joint in self.joints])
+    @property
+    def _titles(self) -> list[str]:
+        return [joint.title for joint in self.joints]
 
     @cached_property
     def inverse_kinematics(self) -> InverseKinematics:
-        """The solver that the arm's DH rows call for."""
-        titles = [joint.title for joint in self.joints]
-        return inverse_kinematics(self.chain, self.limits, self.energy, titles)
+        """The solver of the arm's family."""
+        return inverse_kinematics(self.chain, self.limits, self.energy, self._titles)
 
     @cached_property
     def energy(self) -> EnergyModel:
@@ -117,15 +117,15 @@ class Robot:
     @cached_property
     def corners(self) -> tuple[Corner, ...]:
         """What comes nearest to the floor, from the base to the tool; without what no joint lifts."""
-        return moving_corners(self.chain, [joint.title for joint in self.joints], self.limits)
+        return moving_corners(self.chain, self._titles, self.limits)
 
     @cached_property
     def collision(self) -> CollisionModel:
         """The arm's body as capsules, and which of them are kept apart."""
         capsules = self.capsules
         if capsules is None:
-            titles = [joint.title for joint in self.joints]
-            capsules = shape_capsules(self.chain, self.look, titles, gripper=self.gripper is not None)
+            gripper = self.gripper is not None
+            capsules = shape_capsules(self.chain, self.look, self._titles, gripper=gripper)
         return CollisionModel.build(self.chain, capsules, self.limits, self.pose("home"))
 
     @cached_property
@@ -182,16 +182,15 @@ class Robot:
         roll: float | None = None,
         rotation: ArrayLike | None = None,
     ) -> tuple[Branch, ...]:
-        """Every branch of a target, those that joint limits forbid too, each with what forbids it.
+        """Every branch of a target as for ``inverse``, those that joint limits forbid too, each with why.
 
-        Takes what ``inverse`` takes. Empty where the links do not reach, and where a joint is free, so
-        that there is a continuum and no branches.
+        Empty where the links do not reach, and where a joint is free, so that there is a continuum.
         """
         return self._branch_finder.find(Target.of(position_m, pitch, roll, rotation))
 
     @cached_property
     def _branch_finder(self) -> BranchFinder:
-        return BranchFinder(self.chain, self.limits, self.energy, [joint.title for joint in self.joints])
+        return BranchFinder(self.chain, self.limits, self.energy, self._titles)
 
     def inverse_batch(
         self, position_m: ArrayLike, pitch: ArrayLike | None = None, roll: ArrayLike | None = None
@@ -225,17 +224,12 @@ class Robot:
             where a point is out of reach (``inverse`` says why).
 
         Raises:
-            InputError: a wrong shape, an entry that is not finite (the row is named), or an arm that is
-                of a family that has no such answer.
+            InputError: as ``inverse_batch``.
         """
         return self.inverse_kinematics.least_rotation(position_m)
 
     def pose(self, name: str) -> FloatArray:
-        """A named configuration (n,) [rad].
-
-        Raises:
-            InputError: there is none of that name.
-        """
+        """A named configuration (n,) [rad]; ``InputError`` where there is none of that name."""
         if name not in self.poses:
             raise InputError(f"{self.name} has no pose {name!r}; it has {', '.join(self.poses)}")
         return self.poses[name].copy()
@@ -248,11 +242,7 @@ class Robot:
         return self.pose("rest")
 
     def point(self, name: str) -> FloatArray:
-        """A named tool point (3,) [m].
-
-        Raises:
-            InputError: there is none of that name.
-        """
+        """A named tool point (3,) [m]; ``InputError`` where there is none of that name."""
         if name not in self.points:
             raise InputError(f"{self.name} has no point {name!r}; it has {', '.join(self.points) or 'none'}")
         return self.points[name].copy()
@@ -278,7 +268,7 @@ class Robot:
 
 
 def _fixed(values: ArrayLike) -> FloatArray:
-    """A copy that nobody can write to: a robot is shared by threads."""
+    """A read-only copy: threads share a robot."""
     array = np.array(values, dtype=np.float64)
     array.flags.writeable = False
     return array

@@ -13,9 +13,9 @@ from msgspec import Meta
 from armctl.errors import BoardError, RobotFileError
 from armctl.hardware.driver import ChannelSettings, ChannelTable
 from armctl.hardware.encoder import SCALE
+from armctl.robot.board_entries import BoardPart
 from armctl.robot.file import Name, NotNegative, Positive, Strict
 from armctl.robot.outputs import OutputMap
-from armctl.robot.outputs_of_file import BoardPart
 
 _KEY = "encoder"
 
@@ -102,10 +102,10 @@ def read_entries(part: BoardPart) -> tuple[OutputMap | None, EncoderSettings]:
     axes: list[EncoderAxis] = []
     for (name, (low, high)), entry in zip(part.joints, encoders, strict=True):
         part.check_scale(entry.counts_per_deg, f"joints.{name}.encoder.counts_per_deg")
-        _check_drive(entry, f"{part.path}: joints.{name}.encoder")
+        _check_drive(entry, f"joints.{name}.encoder")
         if not low <= entry.home_deg <= high:
             raise RobotFileError(
-                f"{part.path}: joints.{name}.encoder.home_deg = {entry.home_deg}° is outside the "
+                f"joints.{name}.encoder.home_deg = {entry.home_deg}° is outside the "
                 f"limits {low}° … {high}°: homing would end where the joint may not be"
             )
         per_deg = abs(entry.counts_per_deg)
@@ -114,7 +114,7 @@ def read_entries(part: BoardPart) -> tuple[OutputMap | None, EncoderSettings]:
             EncoderAxis(entry, toward, entry.home_speed_deg_s * per_deg, entry.following_error_deg * per_deg)
         )
     if gripper is not None:
-        _check_drive(gripper, f"{part.path}: gripper.encoder")
+        _check_drive(gripper, "gripper.encoder")
         toward = 1 if gripper.home_toward == "+" else -1
         axes.append(EncoderAxis(gripper, toward, gripper.home_speed_counts_s, gripper.following_error_counts))
     return _output_map(part, encoders, gripper), EncoderSettings(tuple(axes), differential)
@@ -151,10 +151,10 @@ def _differential(
     axes = {name: encoder.axis for (name, _), encoder in zip(part.joints, encoders, strict=False)}
     for name in board.differential:
         if name not in axes:
-            raise RobotFileError(f"{part.path}: board.differential: {name!r} is no joint with an encoder")
+            raise RobotFileError(f"board.differential: {name!r} is no joint with an encoder")
     first, second = board.differential
     if first == second:
-        raise RobotFileError(f"{part.path}: board.differential names one joint twice; it takes two")
+        raise RobotFileError("board.differential names one joint twice; it takes two")
     return axes[first], axes[second]
 
 

@@ -22,8 +22,8 @@ if TYPE_CHECKING:
     from armctl.hardware.encoder.axes import EncoderSettings
     from armctl.hardware.findings import CheckUp, Finding
     from armctl.hardware.transport import Connection
+    from armctl.robot.board_entries import BoardPart
     from armctl.robot.outputs import OutputMap
-    from armctl.robot.outputs_of_file import BoardPart
 
 _TIMEOUT_S, _SIMULATED_TIMEOUT_S = 0.1, 0.5
 _MOST_AXES = 6

@@ -18,7 +18,7 @@ from armctl.hardware.board_type import (
 )
 from armctl.hardware.driver import Driver
 from armctl.hardware.firmata import BAUD, HOW_TO_LOAD, SCALE, pin_table
-from armctl.robot.outputs_of_file import ServoEntries
+from armctl.robot.board_entries import ServoEntries
 
 if TYPE_CHECKING:
     from armctl.hardware.findings import CheckUp, Finding

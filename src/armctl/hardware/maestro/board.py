@@ -11,7 +11,7 @@ from armctl.errors import BoardTimeoutError
 from armctl.hardware.board_type import BoardType, ByteModel, Introduction, Setup, SimulatorOption
 from armctl.hardware.driver import Driver
 from armctl.hardware.maestro import SCALE, SILENT_ADVICE, MaestroModel
-from armctl.robot.outputs_of_file import ServoEntries
+from armctl.robot.board_entries import ServoEntries
 
 if TYPE_CHECKING:
     from armctl.hardware.findings import CheckUp, Finding

@@ -1,0 +1,232 @@
+"""The board's part of a robot file: which board drives the arm, and what it is sent for which angle.
+
+Each board reads its own part, for only it knows its tables (``BoardEntries``). Refusals do not name the file;
+``load_robot`` does.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Annotated, Any, Protocol, TypeVar
+
+import msgspec
+import numpy as np
+from msgspec import Meta
+
+from armctl.documents import Document, must_be
+from armctl.errors import RobotFileError
+from armctl.robot.file import Channel, Strict, board_tables
+from armctl.robot.outputs import DEFAULT_BOARD, FLATTEST_PER_DEG, OutputMap
+
+Entry = TypeVar("Entry", bound=msgspec.Struct)
+_ROUNDING = 0.125
+"""robot files may round the safe range inwards by this [output]"""
+
+
+class BoardEntries(Protocol):
+    """How a kind of board reads its part of a robot file."""
+
+    def read(self, part: BoardPart) -> tuple[OutputMap | None, object]:
+        """The map of the outputs, None where the file has none; and what else the board's driver needs.
+
+        Raises:
+            RobotFileError: names the place, the value and what is allowed.
+        """
+        ...
+
+
+def _no_boards(kind: str) -> BoardEntries | tuple[str, ...]:
+    return ()
+
+
+find_entries: Callable[[str], BoardEntries | tuple[str, ...]] = _no_boards
+"""What reads the entries of a kind of board; where there is no such board, the kinds that there are.
+
+Boards are known in a layer above this one: ``armctl/__init__.py`` sets it.
+"""
+
+
+@dataclass(frozen=True, slots=True)
+class BoardPart:
+    """The board's part of a robot file, for its ``BoardEntries`` to read."""
+
+    kind: str
+    """of the board"""
+    document: Document
+    """all of the file"""
+    joints: Sequence[tuple[str, tuple[float, float]]]
+    """names and limits [degrees], from the base to the tool"""
+    has_gripper: bool
+
+    def board(self, model: type[Entry]) -> Entry:
+        """``[board]`` without its kind; ``RobotFileError`` where it is no ``model``."""
+        options = dict(self.document.record.get("board", {}))
+        options.pop("kind", None)
+        return replace(self.document, record={"board": options}).convert(model, ("board",))
+
+    def outputs(self, key: str, model: type[Entry]) -> list[Entry]:
+        """The table ``key`` of each joint; empty where no joint has one.
+
+        Raises:
+            RobotFileError: some joints have none, or one has the table of another board.
+        """
+        joints = {one["name"]: (i, board_tables(one)) for i, one in enumerate(self.document.record["joints"])}
+        for tables in (
+            *(own for _, own in joints.values()),
+            board_tables(self.document.record.get("gripper")),
+        ):
+            for other in tables.keys() - {key}:
+                raise RobotFileError(
+                    f"board.kind = {self.kind!r}: its joints and its gripper have {key} entries, "
+                    f"not {other} entries"
+                )
+        missing = [name for name, _ in self.joints if not joints[name][1]]
+        if len(missing) == len(joints):
+            return []
+        if missing:
+            raise RobotFileError(f"joints.{missing[0]}.{key} is missing; the other joints have one")
+        return [self.document.convert(model, ("joints", joints[name][0], key)) for name, _ in self.joints]
+
+    def gripper(self, key: str, model: type[Entry], closed: str, opened: str) -> Entry | None:
+        """The table ``key`` of the gripper; None for an arm without a gripper.
+
+        Args:
+            key: of the table.
+            model: of the table.
+            closed: the key in it of the gripper's closed end.
+            opened: of its open end.
+
+        Raises:
+            RobotFileError: there is a gripper without one, or its two ends are the same.
+        """
+        if not self.has_gripper:
+            return None
+        if key not in self.document.record["gripper"]:
+            raise RobotFileError(f"gripper.{key} is missing; the joints have one")
+        entry = self.document.convert(model, ("gripper", key))
+        if getattr(entry, closed) == getattr(entry, opened):
+            raise RobotFileError(
+                f"gripper.{key}: closed and open are both {getattr(entry, closed):g}; they must differ, "
+                "or it cannot move"
+            )
+        return entry
+
+    def check_channels(self, channels: Sequence[int], gripper: int | None, what: str) -> None:
+        """Refuse two ``what`` on one channel."""
+        everything = [*channels, *([] if gripper is None else [gripper])]
+        if len(set(everything)) != len(everything):
+            raise RobotFileError(f"two {what} are on the same channel: {everything}")
+
+    def check_scale(self, per_deg: float, where: str) -> None:
+        """Refuse a scale on which a whole turn is about a step of the board, or less."""
+        if abs(per_deg) < FLATTEST_PER_DEG:
+            raise RobotFileError(
+                f"{where} is {per_deg:g}: the joint would not move; {FLATTEST_PER_DEG} or more"
+            )
+
+
+class NoOptions(Strict, frozen=True):
+    """``[board]`` of a board without options."""
+
+
+@dataclass(frozen=True)
+class ServoEntries:
+    """Entries of servos, or of any outputs that are proportional to the angle: output = zero + scale · angle.
+
+    In a robot file: ``servo = { channel = 0, zero_us = 1500, us_per_deg = 10, pulse_us = [600, 2400] }`` in
+    each joint, and ``servo = { channel = 5, closed_us = 1000, open_us = 2000 }`` in the gripper.
+    """
+
+    unit: str = "µs"
+    """of the outputs"""
+    key: str = "us"
+    """how the unit is written in the keys"""
+    range_key: str = "pulse_us"
+    """the key of the range of outputs that is safe"""
+    lowest: float = 64.0
+    """no output of this board may be below"""
+    highest: float = 4080.0
+    """… or above"""
+
+    def read(self, part: BoardPart) -> tuple[OutputMap | None, object]:
+        """The map of the outputs; None where the file has none."""
+        part.board(NoOptions)
+        zero, per_deg = f"zero_{self.key}", f"{self.key}_per_deg"
+        closed, opened = f"closed_{self.key}", f"open_{self.key}"
+        joint, gripper = self._models
+        servos = [msgspec.structs.asdict(one) for one in part.outputs("servo", joint)]
+        if not servos:
+            return None, None
+        found = part.gripper("servo", gripper, closed, opened)
+        hand: dict[str, Any] = {} if found is None else msgspec.structs.asdict(found)
+        channels = tuple(servo["channel"] for servo in servos)
+        part.check_channels(channels, hand.get("channel"), "servos")
+        for (name, limits), servo in zip(part.joints, servos, strict=True):
+            self._check_range(servo, limits, f"joints.{name}.servo")
+            part.check_scale(servo[per_deg], f"joints.{name}.servo.{per_deg}")
+        outputs = OutputMap(
+            unit=self.unit,
+            channels=channels,
+            zero=np.array([servo[zero] for servo in servos]),
+            per_rad=np.array([servo[per_deg] for servo in servos]) * (180 / math.pi),
+            low=np.array([servo[self.range_key][0] for servo in servos]),
+            high=np.array([servo[self.range_key][1] for servo in servos]),
+            gripper_channel=hand.get("channel"),
+            gripper_closed=hand.get(closed, 0.0),
+            gripper_open=hand.get(opened, 0.0),
+            lowest=self.lowest,
+            highest=self.highest,
+            key=self.key,
+            range_key=self.range_key,
+        )
+        return outputs, None
+
+    @cached_property
+    def _models(self) -> tuple[type[msgspec.Struct], type[msgspec.Struct]]:
+        """Of a joint's table and of the gripper's."""
+        allowed = Annotated[float, Meta(ge=self.lowest, le=self.highest)]
+        joint = {
+            f"zero_{self.key}": float,
+            f"{self.key}_per_deg": float,
+            self.range_key: tuple[allowed, allowed],
+        }
+        gripper = {f"closed_{self.key}": allowed, f"open_{self.key}": allowed}
+        joint_model, gripper_model = (
+            msgspec.defstruct(
+                "ServoEntry", [("channel", Channel), *fields.items()], bases=(Strict,), frozen=True
+            )
+            for fields in (joint, gripper)
+        )
+        return joint_model, gripper_model
+
+    def _check_range(self, servo: dict[str, Any], limits: tuple[float, float], where: str) -> None:
+        """Refuse limits [degrees] that the safe range of outputs does not hold."""
+        zero, per_deg = servo[f"zero_{self.key}"], servo[f"{self.key}_per_deg"]
+        least, most = sorted(zero + per_deg * angle for angle in limits)
+        low, high = servo[self.range_key]
+        if least < low - _ROUNDING or most > high + _ROUNDING:
+            raise RobotFileError(
+                f"{where}: the limits {limits[0]}° … {limits[1]}° need pulses of {least:.1f} … {most:.1f} "
+                f"{self.unit}, {self.range_key} allows {low} … {high} {self.unit}"
+            )
+
+
+def read_outputs(
+    document: Document, joints: Sequence[tuple[str, tuple[float, float]]], *, has_gripper: bool
+) -> tuple[str, OutputMap | None, object]:
+    """The kind of the board, the map of the joints in their order, and what else the board needs.
+
+    Raises:
+        RobotFileError: no such board; or its part of the file contradicts itself.
+    """
+    board = document.record.get("board", {})
+    kind = board.get("kind", None if board else DEFAULT_BOARD)
+    if kind is None:
+        raise RobotFileError("board: the key 'kind' is missing")
+    found = find_entries(kind if isinstance(kind, str) else "")
+    if isinstance(found, tuple):
+        raise RobotFileError(f"key board.kind: {must_be(found)}, not {kind!r}")
+    return kind, *found.read(BoardPart(kind, document, joints, has_gripper))
