@@ -215,6 +215,14 @@ def test_an_arm_without_a_servo_map_is_driven_on_a_simulated_board_only() -> Non
     assert rig.driver.calls[-1] == "close"
 
 
+def test_what_a_board_measures_beside_the_positions_is_shown_by_joint(rig: Rig) -> None:
+    heat = {0: 41.2, 1: 40.0}
+    back = Readback({}, Source.MEASURED, load={0: -0.123}, temperature=heat, voltage={1: 7.44})
+    rig.driver.read = lambda: back  # type: ignore[method-assign]
+    rig.do(Connect("sim")).result(0)
+    assert rig.now.measured == {"Base": "load −12 %, 41 °C", "Shoulder": "40 °C, 7.4 V"}
+
+
 def test_what_is_known_of_a_board_is_no_warning_what_it_had_reported_is(rig: Rig) -> None:
     identity = BoardIdentity(
         "recording board", "sim", simulated=True, notes=("it has no watchdog",), earlier=("it had sagged",)

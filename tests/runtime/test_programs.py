@@ -103,7 +103,7 @@ def test_pause_and_resume_in_every_kind_of_step(step: Step) -> None:
 
 def test_a_step_that_ends_while_it_is_being_paused_waits_before_the_next(holding: Rig) -> None:
     holding.do(RunProgram(program(TO_HOME, TO_REST)))
-    holding.until(lambda s: s.progress > 0.93)
+    holding.until(lambda s: np.abs(s.q_command - HOME).max() < np.radians(1))
     holding.do(Pause())
     holding.until(lambda s: s.state is State.PAUSED, seconds=1)
     holding.run(1)

@@ -47,8 +47,8 @@ def test_boards_are_listed_with_serial_number_and_why_one_cannot_be_used() -> No
 def test_what_is_connected_is_told_with_its_notes(snapshot: Snapshot) -> None:
     assert words(board_html(snapshot)) == "Not connected."
     board = BoardIdentity("encoder board", "/dev/ttyACM0", "8573", notes=("motors & more",))
-    assert words(board_html(replace(snapshot, board=board))) == (
-        "encoder board on /dev/ttyACM0 · serial number 8573 Motors &amp; more."
+    assert words(board_html(replace(snapshot, board=board, measured={"Base": "41 °C"}))) == (
+        "encoder board on /dev/ttyACM0 · serial number 8573 Base: 41 °C Motors &amp; more."
     )
 
 

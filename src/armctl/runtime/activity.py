@@ -19,18 +19,6 @@ class Setpoint:
     acceleration: FloatArray
 
 
-@dataclass(frozen=True, slots=True)
-class ActivityView:
-    """What the snapshot shows of an activity."""
-
-    goal: FloatArray | None = None
-    """(n,) where the running motion ends [rad]"""
-    progress: float = 0.0
-    """0..1 of the running motion"""
-    remaining_s: float = 0.0
-    program: ProgramProgress | None = None
-
-
 class Activity(Protocol):
     """Something that gives one setpoint a tick until it is done. Owned by the controller thread."""
 
@@ -45,6 +33,10 @@ class Activity(Protocol):
     @property
     def notice(self) -> str | None:
         """What it holds back, and why."""
+
+    @property
+    def program(self) -> ProgramProgress | None:
+        """Where the program is that it runs, if it is one."""
 
     @property
     def standing(self) -> bool:
@@ -70,7 +62,3 @@ class Activity(Protocol):
 
     def halt(self) -> None:
         """No setpoint is sent for now, so the arm stands: when it goes on, it begins from rest."""
-
-    def view(self) -> ActivityView:
-        """What the snapshot shows of it."""
-        ...

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -86,6 +86,8 @@ class Reading:
     """whether its outputs are on; None: it does not say"""
     homing: HomingState | None = None
     """None: there is nothing to home"""
+    measured: Mapping[str, str] = field(default_factory=dict[str, str])
+    """what else it measures of each joint, in words"""
 
 
 class Board:
@@ -141,7 +143,17 @@ class Board:
         on = ~np.isnan(q) if back.powered is None else np.full(q.shape, back.powered)
         errors = tuple(f"{self.title(channel)}: {fault}" for channel, fault in back.faults.items())
         opening = self.map.opening(back.positions)
-        return Reading(q, on, opening, back.source, errors + back.errors, back.powered, back.homing)
+        measured: dict[str, str] = {}
+        for values, scale, form in (
+            (back.load, 100, "load {:.0f} %"),
+            (back.temperature, 1, "{:.0f} °C"),
+            (back.voltage, 1, "{:.1f} V"),
+        ):
+            for channel, value in (values or {}).items():
+                title, words = self.title(channel), form.format(scale * value).replace("-", "−")
+                measured[title] = f"{measured[title]}, {words}" if title in measured else words
+        errors += back.errors
+        return Reading(q, on, opening, back.source, errors, back.powered, back.homing, measured)
 
     def home(self) -> None:
         """Begin to look for the zeros of the axes: the arm moves."""

@@ -13,7 +13,6 @@ import numpy as np
 from armctl.errors import ArmctlError, InputError, StateError
 from armctl.hardware import Driver
 from armctl.robot import Robot
-from armctl.runtime.activity import ActivityView
 from armctl.runtime.clock import Clock
 from armctl.runtime.commands import (
     Answer,
@@ -51,14 +50,10 @@ class Controller:
         rate_hz: float = 50.0,
         executor: Executor | None = None,
     ) -> None:
-        """Wire it up; nothing is opened yet.
+        """Wire it up; ``open_driver`` gives a driver, not opened yet, for a port as the user names it.
 
-        Args:
-            robot: the arm.
-            open_driver: gives a driver, not opened yet, for a port as the user names it.
-            clock: the only source of time.
-            rate_hz: ticks a second, 10 ... 200; others are refused (``InputError``).
-            executor: where motions are planned; None: a thread of its own.
+        ``rate_hz``: ticks a second, 10 ... 200 (else ``InputError``). ``executor``: where motions are
+        planned; None: a thread of its own.
         """
         low, high = _RATES_HZ
         if not low <= rate_hz <= high:
@@ -210,7 +205,6 @@ class Controller:
         q, board, sample = core.gate.q, core.board, core.setpoint
         still = np.zeros(core.robot.n)
         reading = core.monitor.reading
-        view = ActivityView() if core.activity is None else core.activity.view()
         homing: tuple[AxisHoming, ...] = ()
         if board is not None and reading.homing is not None:
             running = reading.homing.running
@@ -232,14 +226,12 @@ class Controller:
             powered=core.powered,
             gripper=core.gate.opening,
             speed=core.speed,
-            goal=view.goal,
-            progress=view.progress,
-            remaining_s=view.remaining_s,
-            program=view.program,
+            program=None if core.activity is None else core.activity.program,
             board=None if board is None else board.identity,
             homing=homing,
             warnings=core.notices.current(now),
             events=core.log.events,
+            measured=reading.measured,
         )
 
     def _guarded(self, step: Callable[P, None], *args: P.args, **kwargs: P.kwargs) -> ArmctlError | None:

@@ -171,13 +171,14 @@ class Core:
         if self._motion is not None:
             raise StateError("another motion is being planned; stop it first")
         future = self.planner.submit(plan, self.robot, start, *args)
-        self._motion = Pending(order, label, future, start, take)
+        follow = take or (lambda trajectory: PathMover(self.robot, trajectory, self.speed, label))
+        self._motion = Pending(order, label, future, follow, start)
 
     def await_edit(self, order: Order, label: str, future: Future[None], take: Callable[[Any], None]) -> None:
         """Take an edit over once it is checked; an earlier one that is still being checked is refused."""
         if self._edit is not None:
             self._edit.order.ticket.end(StateError("another edit came after it"))
-        self._edit = Pending(order, label, future, np.empty(0), take)
+        self._edit = Pending(order, label, future, take)
 
     def take_planned(self, now: float) -> None:
         """Begin the motion whose plan is there, and take over the edit that is checked."""
@@ -188,20 +189,16 @@ class Core:
             try:
                 plan = result_of(motion.future)
                 q = self.gate.q
-                if self.state is not State.HOLDING or q is None or not np.array_equal(q, motion.start):
+                if self.state is not State.HOLDING or not np.array_equal(q, motion.start):
                     raise StateError(
                         "the arm no longer stands where the motion was planned from; ask for it again"
                     )
                 self._ticket = ticket  # a defect in what follows is a fault, which answers it
-                if motion.take is None:
-                    activity: Activity = PathMover(self.robot, plan, self.speed, motion.label)
-                else:
-                    activity = motion.take(plan)
-                self.begin(activity, motion.order.origin.who, now, ticket)
+                self.begin(motion.take(plan), motion.order.origin.who, now, ticket)
             except ArmctlError as error:
                 self._ticket = None
                 self.refuse(motion.order, motion.label, error)
-        if edit is not None and edit.take is not None and edit.future.done():
+        if edit is not None and edit.future.done():
             self._edit = None
             try:
                 edit.take(result_of(edit.future))

@@ -13,7 +13,7 @@ from armctl.errors import ArmctlError
 from armctl.kinematics.chain import LinkFrames
 from armctl.motion import Floor, Obstacles, SelfCollision
 from armctl.robot import Robot
-from armctl.runtime.activity import ActivityView, Setpoint
+from armctl.runtime.activity import Setpoint
 
 BoolArray = NDArray[np.bool_]
 Step = tuple[FloatArray, FloatArray]
@@ -193,6 +193,7 @@ class Led(ABC):
     begun = True
     pausable = False  # letting go ends it
     error: ArmctlError | None = None  # what cannot be done is no error: the notice says why
+    program = None
 
     def __init__(self, robot: Robot, clear: KeepClear, q: FloatArray, speed: float) -> None:
         """Stand at ``q`` (n,) [rad]; ``speed`` is the override."""
@@ -227,10 +228,6 @@ class Led(ABC):
         """No setpoint is sent for now: go on from rest."""
         self._servo.halt()
         self.done = self._expires == -math.inf
-
-    def view(self) -> ActivityView:
-        """A jog has no goal."""
-        return ActivityView()
 
     def advance(self, now: float, dt: float) -> Setpoint | None:
         """Go on by ``dt`` seconds to ``now``; None where the joints stand."""

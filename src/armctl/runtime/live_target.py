@@ -11,7 +11,6 @@ from armctl.arrays import FloatArray
 from armctl.errors import ArmctlError
 from armctl.kinematics import Solutions, Target
 from armctl.robot import Robot
-from armctl.runtime.activity import ActivityView
 from armctl.runtime.joint_servo import KeepClear, Led, Step
 from armctl.runtime.planner import Submit, result_of
 
@@ -86,10 +85,6 @@ class Follower(Led):
             self._solving.cancel()
             self._solving = None
         super().stop()
-
-    def view(self) -> ActivityView:
-        """Where the joints go now (n,) [rad]; None: nowhere yet."""
-        return ActivityView(None if self._goal is None else self._goal.copy())
 
     def _step(self, expired: bool, dt: float) -> tuple[Step | None, str | None]:
         """Toward the goal."""

@@ -13,7 +13,7 @@ from armctl.arrays import FloatArray
 from armctl.errors import ArmctlError, StateError
 from armctl.motion import Sample, Trajectory, stopping_s
 from armctl.robot import Gripper, Robot
-from armctl.runtime.activity import ActivityView, Setpoint
+from armctl.runtime.activity import Setpoint
 from armctl.runtime.commands import Ticket
 
 _PROBES: Final = np.linspace(0.0, 1.0, 9)  # a trapezoid's corners lie anywhere in a tick
@@ -54,6 +54,7 @@ class PathMover:
     begun = True
     pausable = True
     error: ArmctlError | None = None
+    program = None
 
     def __init__(
         self,
@@ -165,13 +166,6 @@ class PathMover:
         if self.standing:
             return Setpoint(q, np.zeros_like(q), np.zeros_like(q))
         return Setpoint(q, velocity * rate, acceleration * rate**2 + velocity * push)
-
-    def view(self) -> ActivityView:
-        """Goal, progress and remaining time of the trajectory that runs."""
-        here = self._stretches[0]
-        length = here.ends - here.begins
-        progress = 1.0 if length == 0 else min(max((self._time - here.begins) / length, 0.0), 1.0)
-        return ActivityView(here.trajectory.end, progress, max(here.ends - self._time, 0.0) / self._speed)
 
     def _sample(self, times: FloatArray) -> Sample:
         """State at rising times (k,) [s]; at a seam, that of the trajectory before it."""

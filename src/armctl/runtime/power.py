@@ -9,7 +9,7 @@ from armctl.arrays import FloatArray
 from armctl.errors import ArmctlError, BoardError, MotionRefusedError, StateError
 from armctl.hardware import Source
 from armctl.motion import FLOOR_TOLERANCE_M, Floor
-from armctl.runtime.activity import ActivityView, Setpoint
+from armctl.runtime.activity import Setpoint
 from armctl.runtime.board import Board, Reading
 from armctl.runtime.commands import Ticket
 from armctl.runtime.core import POWERED, Core
@@ -106,6 +106,7 @@ class Homing:
     label = "homing"
     begun = True
     pausable = False
+    program = None
 
     def __init__(self, core: Core, board: Board, now: float) -> None:
         """Have the board begin; ``BoardError`` where it does not."""
@@ -162,12 +163,6 @@ class Homing:
 
     def halt(self) -> None:
         """Nothing is sent anyway: the board goes on by itself."""
-
-    def view(self) -> ActivityView:
-        """How many axes are homed."""
-        homing = self._core.monitor.reading.homing
-        share = 0.0 if homing is None else sum(homing.homed.values()) / max(len(homing.homed), 1)
-        return ActivityView(None, share)
 
     def _conclude(self, reading: Reading, now: float, since: float) -> None:
         homing = reading.homing

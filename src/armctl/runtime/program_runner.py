@@ -10,7 +10,7 @@ from armctl.arrays import FloatArray
 from armctl.errors import ArmctlError, ProgramError
 from armctl.program import PlannedStep, PlanState, Program, ProgramSource, begin_program, plan_next
 from armctl.robot import Robot
-from armctl.runtime.activity import ActivityView, Setpoint
+from armctl.runtime.activity import Setpoint
 from armctl.runtime.core import Core
 from armctl.runtime.mover import PathMover, starving_s
 from armctl.runtime.planner import Planner, result_of
@@ -136,20 +136,17 @@ class ProgramRunner:
         self._take_steps()
         return setpoint
 
-    def view(self) -> ActivityView:
-        """What is shown: goal and progress of the running step, and where the program is."""
+    @property
+    def program(self) -> ProgramProgress:
+        """The step that runs, and its version of the program."""
         running = self._running
         if running is None:
             program, index, passes = self._program, self._first, 0
         else:
             over = self.done and not self._stopped and self.error is None
             program, index, passes = running.program, running.index, running.passes + over
-        shown = ProgramProgress(
-            program.name, index, len(program.steps), passes, self._loops, program, self._program
-        )
-        if self._mover is None:
-            return ActivityView(None, 0.0, max(self._wait_left, 0.0), shown)
-        return replace(self._mover.view(), program=shown)
+        steps = len(program.steps)
+        return ProgramProgress(program.name, index, steps, passes, self._loops, program, self._program)
 
     def _take_steps(self) -> None:
         """Take the steps that are due: the next motion just before it is needed, others one a tick."""
@@ -339,22 +336,19 @@ class ProgramFeed:
 
         Of a pass of which some steps were taken nothing is dropped here: the arm stops where it begins.
         """
-        goes_on = self._goes_on
-        for k, step in enumerate(self._ready):
+        goes_on, ready, known = self._goes_on, self._ready, self._state.known
+        for k, step in enumerate([*ready, *known]):
             if self.is_outdated(step):
                 if step.before.program is None and not goes_on:
-                    while len(self._ready) > k:
-                        self._ready.pop()
-                    self._plan_from(step.before)
+                    beyond = k - len(ready)
+                    while len(ready) > k:
+                        ready.pop()
+                    self._plan_from(
+                        replace(self._state, known=known[:beyond]) if beyond >= 0 else step.before
+                    )
                 return
             if step.moves:
                 goes_on = step.goes_on
-        known = self._state.known
-        for k, step in enumerate(known):
-            if self.is_outdated(step):
-                if step.before.program is None and not goes_on:
-                    self._plan_from(replace(self._state, known=known[:k]))
-                return
 
     def _plan_from(self, state: PlanState) -> None:
         if self._future is not None:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import logging
 import math
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from enum import Enum
 
 from armctl.arrays import FloatArray
@@ -96,11 +97,6 @@ class Snapshot:
     """commanded opening 0..1; None: no gripper, or not commanded yet"""
     speed: float
     """speed override 0.05..1"""
-    goal: FloatArray | None
-    """(n,) where the running motion ends [rad]"""
-    progress: float
-    """0..1 of the running motion"""
-    remaining_s: float
     program: ProgramProgress | None
     board: BoardIdentity | None
     homing: tuple[AxisHoming, ...]
@@ -109,6 +105,8 @@ class Snapshot:
     """what is true now and the user should know"""
     events: tuple[Event, ...]
     """the newest lines of the log, oldest first (bounded)"""
+    measured: Mapping[str, str] = field(default_factory=dict[str, str])
+    """by joint: the load, temperature and voltage that the board measures, if it does"""
 
 
 class EventLog:

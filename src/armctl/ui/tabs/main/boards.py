@@ -135,6 +135,7 @@ def board_html(snapshot: Snapshot) -> str:
         return "<div>Not connected.</div>"
     serial = f" · serial number {escape(board.serial_number)}" if board.serial_number else ""
     lines = [f"<div><b>{escape(board.kind)}</b> on {escape(board.port)}{serial}</div>"]
+    lines += [f"<div>{escape(title)}: {escape(words)}</div>" for title, words in snapshot.measured.items()]
     notes = (*board.notes, *board.earlier)
     lines += [f"<div style='opacity:.75'>{escape(sentence(note))}</div>" for note in notes]
     return "".join(lines)
