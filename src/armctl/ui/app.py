@@ -66,8 +66,7 @@ class App:
         try:
             # the page has told its width before there were panels
             look_at_arm(client, self._console.robot, covered=TABS_WIDTH + PANEL_WIDTH)
-            page = self._pages[client.client_id] = Page(client, self.robots)
-            page.session.watch(self._operator_lost)
+            self._pages[client.client_id] = Page(client, self.robots, self._operator_lost)
         except Exception:
             self._console.operators.leave(client.client_id)
             LOG.exception("%s could not be built", page_name(client.client_id))
@@ -83,23 +82,19 @@ class App:
             self._stage.remove()
             self._figure.remove()
             self._draw_arm()
-        for page in tuple(self._pages.values()):
+        for client_id, page in tuple(self._pages.items()):
             try:
-                self._rebuild(page, change)
+                look_at_arm(page.client, self._console.robot)
+                page.rebuild()
+                if not page.session.operates:
+                    text = f"{change.who} {change.did} {change.title}: this page shows it now."
+                    page.session.notify("Robot", text)
+                elif change.not_connected is not None:
+                    page.session.notify("Robot", f"{change.not_connected}.", "yellow")
             except Exception:  # the other pages go on
-                LOG.exception("%s could not be built anew", page_name(page.client.client_id))
-                self._pages.pop(page.client.client_id)
+                LOG.exception("%s could not be built anew", page_name(client_id))
+                self._pages.pop(client_id)
                 page.session.refuse("this page could not be built for the new robot; reload it", "Error")
-
-    def _rebuild(self, page: Page, change: RobotChange) -> None:
-        look_at_arm(page.client, self._console.robot)
-        page.rebuild()
-        session = page.session
-        session.watch(self._operator_lost)
-        if not session.operates:
-            session.notify("Robot", f"{change.who} {change.did} {change.title}: this page shows it now.")
-        elif change.not_connected is not None:
-            session.notify("Robot", f"{change.not_connected}.", "yellow")
 
     async def _disconnect(self, client: viser.ClientHandle) -> None:
         page = self._pages.pop(client.client_id, None)
@@ -126,8 +121,13 @@ class App:
                 self._draw_frame()
             except Exception:
                 LOG.exception("a frame could not be drawn")
-            if frame % _FRAMES_A_REFRESH == 0:
-                self._refresh_pages()
+            for client_id, page in tuple(self._pages.items()) if frame % _FRAMES_A_REFRESH == 0 else ():
+                try:
+                    page.refresh(self._console.controller.snapshot)
+                except RuntimeError:  # the page has just gone
+                    LOG.debug("a page could not be refreshed", exc_info=True)
+                except Exception:  # the other pages go on
+                    LOG.exception("%s could not be refreshed", page_name(client_id))
 
     def _draw_frame(self) -> None:
         console = self._console
@@ -139,13 +139,3 @@ class App:
             self._figure.say("last known" if console.last_known.remembers(snapshot) else None)
         for listener in console.frame_listeners:
             listener(snapshot)
-
-    def _refresh_pages(self) -> None:
-        snapshot = self._console.controller.snapshot
-        for page in tuple(self._pages.values()):
-            try:
-                page.refresh(snapshot)
-            except RuntimeError:  # the page has just gone
-                LOG.debug("a page could not be refreshed", exc_info=True)
-            except Exception:  # the other pages go on
-                LOG.exception("%s could not be refreshed", page_name(page.client.client_id))

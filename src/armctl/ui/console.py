@@ -27,43 +27,37 @@ class Operators:
 
     def __init__(self) -> None:
         self._present: list[int] = []
-        self._operator: int | None = None
-
-    @property
-    def operator(self) -> int | None:
-        """Client id of the operator's page; None: nobody operates."""
-        return self._operator
+        self.operator: int | None = None
+        """client id of the operator's page; None: no page operates until one takes the controls"""
 
     def arrive(self, client_id: int) -> None:
-        """A page has opened; it operates when nobody else does."""
+        """A page has opened; it operates when no other does."""
         self._present.append(client_id)
-        if self._operator is None:
-            self._operator = client_id
+        if self.operator is None:
+            self.operator = client_id
 
-    def leave(self, client_id: int) -> bool:
-        """A page has gone. True when it was the operator's: then nobody operates until somebody does."""
+    def leave(self, client_id: int) -> None:
+        """A page has gone."""
         if client_id in self._present:
             self._present.remove(client_id)
-        if self._operator != client_id:
-            return False
-        self._operator = None
-        return True
+        if self.operator == client_id:
+            self.operator = None
 
     def take(self, client_id: int) -> None:
         """A page takes the controls."""
         if client_id in self._present:
-            self._operator = client_id
+            self.operator = client_id
 
     def describe(self, client_id: int) -> str:
         """Who operates, as seen from a page."""
-        if self._operator == client_id:
+        if self.operator == client_id:
             return "you"
-        return "nobody" if self._operator is None else page_name(self._operator)
+        return "nobody" if self.operator is None else page_name(self.operator)
 
     @property
     def watching(self) -> int:
         """How many pages are open beside the operator's."""
-        return len(self._present) - (self._operator is not None)
+        return len(self._present) - (self.operator is not None)
 
 
 def page_name(client_id: int) -> str:
@@ -71,11 +65,8 @@ def page_name(client_id: int) -> str:
     return f"browser page {client_id + 1}"
 
 
-# Where the arm was last known to stand: what is drawn while nobody knows where it is.
-
-
 class LastKnown:
-    """Keeps the newest angle that was known of each joint, once for all pages.
+    """Keeps the newest angle that was known of each joint, to draw the arm while its place is not known.
 
     A board that is lost does not move the arm: it must not seem to jump to where Enable would put it.
     """
@@ -96,7 +87,7 @@ class LastKnown:
         return np.where(np.isnan(q), snapshot.q_command, q)
 
     def standing(self, snapshot: Snapshot) -> FloatArray:
-        """Joint angles (n,) [rad] that the arm was told last; where it was told nothing: as it is drawn."""
+        """Joint angles (n,) [rad] as last commanded; before the first command: as drawn."""
         return snapshot.q_command if snapshot.commanded else self.drawn(snapshot)
 
     def remembers(self, snapshot: Snapshot) -> bool:
@@ -120,7 +111,7 @@ class LastKnown:
 
 
 def known(snapshot: Snapshot) -> FloatArray:
-    """Joint angles (n,) [rad] as the board tells them, or as commanded; NaN where nobody knows."""
+    """Joint angles (n,) [rad] as the board reports them, or as commanded; NaN where neither is known."""
     if not snapshot.commanded:
         return snapshot.q
     return np.where(np.isnan(snapshot.q), snapshot.q_command, snapshot.q)
@@ -146,15 +137,9 @@ class CalibrationInForce:
     """The calibration that an arm runs by, as it was read when the arm was opened."""
 
     def __init__(self, robot: Robot, board: str | None, store: CalibrationStore) -> None:
-        """Look up what is in force.
+        """Look up what is in force; a ``CalibrationError`` where it cannot be read or does not fit.
 
-        Args:
-            robot: as its file describes it, without a calibration.
-            board: what the store knows it by, as ``board_name`` says; None: none is there yet.
-            store: where calibrations are kept.
-
-        Raises:
-            CalibrationError: the calibration in force cannot be read, or does not fit the robot.
+        ``robot`` is without a calibration; ``board`` is its ``board_name``, or None where there is none yet.
         """
         self.file_robot, self.board, self.store = robot, board, store
         self.calibration: Calibration | None = None if board is None else store.load(robot.name, board)
@@ -164,14 +149,10 @@ class CalibrationInForce:
 
     @classmethod
     def of(cls, robot: Robot, port: str, store: CalibrationStore | None = None) -> Self:
-        """What is in force for a robot with the board on a port; may block, the ports are listed.
-
-        Raises:
-            CalibrationError: as the constructor.
-        """
+        """What is in force with the board on a port; errors as the constructor. May block: it lists ports."""
         try:
             board = board_name(port, robot)
-        except PortError:  # nothing is plugged in yet; connecting asks again, and tells
+        except PortError:  # nothing is plugged in yet; connecting asks again, and reports it
             board = None
         return cls(robot, board, CalibrationStore() if store is None else store)
 

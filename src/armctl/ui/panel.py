@@ -75,26 +75,25 @@ class ControlPanel:
         """Show state, operator and speed."""
         session = self._session
         if snapshot.state is State.MOVING and snapshot.stamp - self._expanded_at > _EXPAND_S:
-            self._window.expand()  # a panel that somebody has minimised must not hide STOP
+            self._window.expand()  # a panel that was minimised must not hide STOP
             self._expanded_at = snapshot.stamp
         self._take.visible = not session.operates
         if not session.operates:
             self._speed.value = round(100 * snapshot.speed)
-        color = _COLORS[snapshot.state]
         # a fault says at its end what to do; what it says already is no warning beside it
         most = _MOST_FAULT_LINES if snapshot.state is State.FAULT else _MOST_LINES
         warnings = [text for text in snapshot.warnings if text not in snapshot.cause]
-        watching = session.console.operators.watching
+        operators = session.console.operators
+        watching = f" · {operators.watching} watching" if operators.watching else ""
         source = session.console.last_known.words(snapshot, session.console.robot.board)
         lines = [
-            f"<div style='font-size:1.15em;font-weight:600;color:{color}'>"
+            f"<div style='font-size:1.15em;font-weight:600;color:{_COLORS[snapshot.state]}'>"
             f"{snapshot.state.value.upper()}</div>",
             limited(snapshot.cause, most, "opacity:.75") if snapshot.cause else "",
-            f"<div>Operator: <b>{session.console.operators.describe(session.client.client_id)}</b>"
-            + (f" · {watching} watching" if watching else "") + "</div>",
+            f"<div>Operator: <b>{operators.describe(session.client.client_id)}</b>{watching}</div>",
             f"<div>Position shown: <b>{source}</b></div>",
-        ]  # fmt: skip
-        lines += [limited(f"⚠ {text}", _MOST_LINES, "color:#c92a2a") for text in warnings]
+            *(limited(f"⚠ {text}", _MOST_LINES, "color:#c92a2a") for text in warnings),
+        ]
         self._state.show("".join(lines))
         self._where.show(self._where_text(snapshot))
 
@@ -167,8 +166,7 @@ def rounding_note(robot: Robot, q: FloatArray) -> str:
         return ""
     low, high = (fixed(float(step), 3) for step in (turning.min(), turning.max()))
     span = f"{low}°" if low == high else f"{low} … {high}°"
-    counted = "Encoder steps", "1 count"
-    scale = board.scale
-    what, step = counted if board.homing else ("Servo steps", f"{scale.step:g} {scale.unit}")
+    servo = f"Servo steps of {span} ({board.scale.step:g} {board.scale.unit})"
+    what = f"Encoder steps of {span} (1 count)" if board.homing else servo
     off = fixed(1000 * rounding_off_m(robot, q), 2)
-    return muted(f"{what} of {span} ({step}): the tool may stop up to {off} mm beside its target.")
+    return muted(f"{what}: the tool may stop up to {off} mm beside its target.")

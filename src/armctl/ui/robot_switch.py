@@ -52,14 +52,10 @@ class RobotSwitch:
         choices: Sequence[RobotChoice],
         open_console: Callable[[str, str], Console],
     ) -> None:
-        """Begin with an arm that is open already.
+        """Begin with an arm that is open already; ``present`` is its entry in the list.
 
-        Args:
-            console: the present arm.
-            present: its entry in the list.
-            choices: the whole list.
-            open_console: opens the arm of a choice's name as it is calibrated with the board on a port,
-                without connecting it; may block.
+        ``open_console`` opens the arm of a choice's name as it is calibrated with the board on a port,
+        without connecting it; may block.
         """
         self.console, self.present, self.choices = console, present, tuple(choices)
         self.opening: RobotChoice | None = None
@@ -93,14 +89,12 @@ class RobotSwitch:
             StateError: says what to do first.
         """
         self.require_settled()
-        require_reopenable(self.console.controller.snapshot)
+        require_replaceable(self.console.controller.snapshot, reopen=True)
 
     async def needs_reopening(self, port: str) -> bool:
         """Whether connecting to a port takes an arm that is opened anew, by another calibration.
 
-        Raises:
-            PortError: ``auto`` found no board, or more than one.
-            CalibrationError: the calibration that is kept for the board cannot be read.
+        Errors as ``CalibrationInForce.holds_for``.
         """
         if self.console.controller.snapshot.state not in (State.DISCONNECTED, State.FAULT):
             return False  # connected already: the controller refuses in words
@@ -110,12 +104,8 @@ class RobotSwitch:
         """Change the present arm for another one.
 
         The new arm begins with the speed override of the old one. It is connected if the old one is on the
-        simulated board; the servos on a real board are another arm's.
-
-        Args:
-            name: of the choice.
-            origin: who asks, for the log.
-            permit: raises when the page that asks may not; asked again once the new arm is ready.
+        simulated board; the servos on a real board are another arm's. ``permit`` raises when the page that
+        asks may not; it is called again once the new arm is ready.
 
         Raises:
             InputError: there is no such choice.
@@ -129,18 +119,15 @@ class RobotSwitch:
             return
         permit()
         self.require_settled()
-        require_leavable(self.console.controller.snapshot)
-        board = self.console.controller.snapshot.board
-        port = SIMULATED if board is not None and board.simulated else self.console.default_port
-        await self._replace(choice, port, origin, permit, "chose")
+        snapshot = self.console.controller.snapshot
+        require_replaceable(snapshot, reopen=False)
+        simulated = snapshot.board is not None and snapshot.board.simulated
+        await self._replace(choice, SIMULATED if simulated else self.console.default_port, origin, permit)
 
     async def reopen(self, origin: Origin, permit: Callable[[], None], port: str | None = None) -> None:
         """Open the present arm anew, as it is calibrated now, and connect it where it was connected.
 
-        Args:
-            origin: who asks, for the log.
-            permit: as in ``change``.
-            port: connect it there, as it is calibrated with the board on that port.
+        Or on ``port``, as it is calibrated with the board there. ``permit`` as in ``change``.
 
         Raises:
             StateError: the arm moves, or would drop, or it is being changed already.
@@ -148,37 +135,35 @@ class RobotSwitch:
         """
         permit()
         self.require_reopenable()
-        wanted = port is not None or self.console.controller.snapshot.board is not None
-        did = "opened" if port not in (None, self.console.default_port) else "calibrated"
+        connect = port is not None or self.console.controller.snapshot.board is not None
         port = self.console.default_port if port is None else port
-        await self._replace(self.present, port, origin, permit, did)
-        if wanted:
+        await self._replace(self.present, port, origin, permit)
+        if connect:
             await _finished(self.console, Connect(port), origin)
 
     async def _replace(
-        self, choice: RobotChoice, port: str, origin: Origin, permit: Callable[[], None], did: str
+        self, choice: RobotChoice, port: str, origin: Origin, permit: Callable[[], None]
     ) -> None:
         """Put a new console in place of the present one; what fails before that changes nothing."""
-        began, self.opening = wall_time(), choice
-        same = choice == self.present
+        began, left, reopen = wall_time(), self.console, choice == self.present
+        self.opening = choice
         try:
             opened = await asyncio.to_thread(self._open, choice.name, port)
             try:
-                speed = self.console.controller.snapshot.speed
+                speed = left.controller.snapshot.speed
                 if opened.controller.snapshot.speed != speed:
                     await _finished(opened, SetSpeed(speed), origin)
-                not_connected = None if same else await self._connect(opened, origin)
+                not_connected = None if reopen else await _connect(opened, left, origin)
                 # ask again: the present arm may have begun to move meanwhile
                 permit()
-                (require_reopenable if same else require_leavable)(self.console.controller.snapshot)
+                require_replaceable(left.controller.snapshot, reopen=reopen)
             except BaseException:
                 await asyncio.to_thread(opened.close)
                 raise
-            left = self.console
+            did = "chose" if not reopen else "calibrated" if port == left.default_port else "opened"
             log = _log_lines(left, opened, origin, began, not_connected, did)
-            self.console = replace(opened, operators=left.operators, earlier=log)
-            if same and _same_machine(left, opened):
-                self.console = replace(self.console, last_known=left.last_known)
+            kept = left.last_known if reopen and _same_machine(left, opened) else opened.last_known
+            self.console = replace(opened, operators=left.operators, earlier=log, last_known=kept)
             self.console.carry_over(left)
             self.present = choice
             try:
@@ -189,18 +174,19 @@ class RobotSwitch:
         finally:
             self.opening = None
 
-    async def _connect(self, opened: Console, origin: Origin) -> str | None:
-        """Connect the new arm where the present one is simulated; else says why it is not connected."""
-        title, board = opened.robot.title, self.console.controller.snapshot.board
-        if board is None:
-            return f"{title} is not connected, as the arm before it was not; press Connect"
-        if not board.simulated:
-            return (
-                f"{title} is not connected: the servos on {board.port} are another arm's; "
-                "choose its port and press Connect"
-            )
-        await _finished(opened, Connect(SIMULATED), origin)
-        return None
+
+async def _connect(opened: Console, left: Console, origin: Origin) -> str | None:
+    """Connect the new arm where the old one is simulated; else says why it is not connected."""
+    title, board = opened.robot.title, left.controller.snapshot.board
+    if board is None:
+        return f"{title} is not connected, as the arm before it was not; press Connect"
+    if not board.simulated:
+        return (
+            f"{title} is not connected: the servos on {board.port} are another arm's; "
+            "choose its port and press Connect"
+        )
+    await _finished(opened, Connect(SIMULATED), origin)
+    return None
 
 
 async def _finished(console: Console, command: Command, origin: Origin) -> None:
@@ -231,59 +217,31 @@ def _log_lines(
 # When an arm may be left for another one, or opened anew: not in a motion, nor where it would drop.
 
 
-def release_to_leave(snapshot: Snapshot) -> str | None:
-    """Why the arm must be released before another one is chosen; None: it need not.
+def release_first(snapshot: Snapshot, *, reopen: bool) -> str | None:
+    """Why the arm must be released before another one is chosen, or this one opened anew; None: it need not.
 
-    Real servos or motors hold it up, and nobody would speak to them any more.
+    Real servos or motors hold it up, and nothing would speak to them any more.
     """
-    outputs = _holding_it_up(snapshot)
-    if outputs is None:
-        return None
-    return f"the {outputs} are on; press Release (the arm drops), then choose another robot"
-
-
-def release_to_reopen(snapshot: Snapshot) -> str | None:
-    """Why the arm must be released before it is opened anew; None: it need not.
-
-    A Maestro goes on sending its pulses, and Enable takes the arm over where it stands.
-    """
-    outputs = _holding_it_up(snapshot)
-    if outputs is None or snapshot.source is Source.TRANSMITTED:
-        return None
-    return (
-        f"the {outputs} are on, and the arm has to be opened anew: support it, press Release (it drops), "
-        "then try again"
-    )
-
-
-def require_leavable(snapshot: Snapshot) -> None:
-    """Refuse to leave an arm that moves, or one that real servos or motors hold up.
-
-    Raises:
-        StateError: says what to do first.
-    """
-    if snapshot.state in (State.MOVING, State.PAUSED):
-        doing = "moves" if snapshot.state is State.MOVING else "is in the middle of a motion"
-        raise StateError(f"the arm {doing}; press STOP, then choose another robot")
-    if (why := release_to_leave(snapshot)) is not None:
-        raise StateError(why)
-
-
-def require_reopenable(snapshot: Snapshot) -> None:
-    """Refuse to open an arm anew that moves, or that drops when its line is closed for a moment.
-
-    Raises:
-        StateError: says what to do first.
-    """
-    if snapshot.state in (State.MOVING, State.PAUSED):
-        raise StateError("the arm is in the middle of a motion; press STOP, then try again")
-    if (why := release_to_reopen(snapshot)) is not None:
-        raise StateError(why)
-
-
-def _holding_it_up(snapshot: Snapshot) -> str | None:
-    """The real servos or motors that hold the arm up, and where; None: there are none."""
     board = snapshot.board
     if board is None or board.simulated or not snapshot.powered:
         return None
-    return f"{'motors' if snapshot.source is Source.MEASURED else 'servos'} on {board.port}"
+    on = f"the {'motors' if snapshot.source is Source.MEASURED else 'servos'} on {board.port} are on"
+    if not reopen:
+        return f"{on}; press Release (the arm drops), then choose another robot"
+    if snapshot.source is Source.TRANSMITTED:
+        return None  # a Maestro goes on sending its pulses, and Enable takes the arm over where it stands
+    return f"{on}, and the arm has to be opened anew: support it, press Release (it drops), then try again"
+
+
+def require_replaceable(snapshot: Snapshot, *, reopen: bool) -> None:
+    """Refuse to leave an arm, or to open it anew, that moves or must be released first.
+
+    Raises:
+        StateError: says what to do first.
+    """
+    if snapshot.state in (State.MOVING, State.PAUSED):
+        doing = "moves" if snapshot.state is State.MOVING and not reopen else "is in the middle of a motion"
+        then = "try again" if reopen else "choose another robot"
+        raise StateError(f"the arm {doing}; press STOP, then {then}")
+    if (why := release_first(snapshot, reopen=reopen)) is not None:
+        raise StateError(why)

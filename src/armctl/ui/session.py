@@ -91,6 +91,11 @@ class Session:
         self._keys.remove(command)
         command.remove()
 
+    def take_keys(self) -> None:
+        """No key does anything from now on."""
+        for command in tuple(self._keys):
+            self.take_key(command)
+
     async def attempt(self, action: Action) -> None:
         """Run ``action``; a refusal is shown, a defect is logged and shown."""
         try:
@@ -159,20 +164,23 @@ class Session:
             level = logging.DEBUG if self.closed else logging.ERROR  # it may have outlived its page
             LOG.log(level, "a page's task failed", exc_info=error)
 
-    def watch(self, lost: Callable[[int], None]) -> None:
+    async def _report_end(self, ticket: Ticket) -> None:
+        """Show when what was accepted does not come to its end."""
+        try:
+            await asyncio.wrap_future(ticket.finished)
+        except ArmctlError as broken:
+            self.notify("Not finished", str(broken), "yellow")
+
+    async def watch(self, lost: Callable[[int], None]) -> None:
         """Keep asking the page for a sign of life; ``lost(client id)`` when none comes.
 
         A page that hangs keeps its connection: only its script can answer this.
         """
-
-        async def watch() -> None:
-            while True:
-                await asyncio.sleep(_HEARTBEAT_S)
-                if self.operates and not await self.answers(_HEARTBEAT_TIMEOUT_S):
-                    LOG.warning("%s does not answer", page_name(self.client.client_id))
-                    lost(self.client.client_id)
-
-        self.spawn(watch())
+        while True:
+            await asyncio.sleep(_HEARTBEAT_S)
+            if self.operates and not await self.answers(_HEARTBEAT_TIMEOUT_S):
+                LOG.warning("%s does not answer", page_name(self.client.client_id))
+                lost(self.client.client_id)
 
     async def answers(self, timeout_s: float) -> bool:
         """Ask the page for a sign of life; its script has to answer."""
@@ -188,18 +196,6 @@ class Session:
         for task in tuple(self._tasks):
             task.cancel()
 
-    def take_keys(self) -> None:
-        """No key does anything from now on."""
-        for command in tuple(self._keys):
-            self.take_key(command)
-
-    async def _report_end(self, ticket: Ticket) -> None:
-        """Tell when what was accepted does not come to its end."""
-        try:
-            await asyncio.wrap_future(ticket.finished)
-        except ArmctlError as broken:
-            self.notify("Not finished", str(broken), "yellow")
-
     def refuse(self, text: str, title: str = "Refused") -> None:
         """Say why something is not done."""
         self.notify(title, text, "red")
@@ -210,7 +206,7 @@ class Session:
 
 
 class Notices:
-    """What one page is told in passing: the newest few messages, each once, for as long as reading takes.
+    """The notifications of one page: the newest few, each once, for as long as reading takes.
 
     The same message again replaces the first, and its time begins anew; one too many replaces the oldest.
     What has to be known for longer is in the log and in the Control panel.

@@ -12,7 +12,7 @@ from armctl.boards import SIMULATED_SERIAL, UNNUMBERED
 from armctl.calibration import LEAST_MARKS, Calibration, CheckPose, Version, check_pose, narrowed
 from armctl.errors import ArmctlError, InputError, StateError
 from armctl.runtime import MoveJoints, Snapshot, State
-from armctl.ui.robot_switch import release_to_reopen
+from armctl.ui.robot_switch import release_first
 from armctl.ui.session import Session
 from armctl.ui.tabs.calibration.joint import CalibrationGripper, CalibrationJoint, on_edit, slow_duration
 from armctl.ui.tabs.calibration.points import CalibrationPoints
@@ -112,7 +112,7 @@ class CalibrationSave:
     def refresh(self, snapshot: Snapshot) -> None:
         """Show what was measured, if that has changed, and what saving must wait for."""
         self._go.disabled = snapshot.state is not State.HOLDING
-        held = release_to_reopen(snapshot)
+        held = release_first(snapshot, reopen=True)
         self._held.show("" if held is None else muted(sentence(held)))
         self._save.disabled = self._revert.disabled = held is not None
         if self._drawn != self._desk.work.version:

@@ -11,7 +11,7 @@ from armctl.hardware.boards import board_type
 from armctl.robot import Robot
 from armctl.runtime import Snapshot, State
 from armctl.ui.console import PortChoice
-from armctl.ui.robot_switch import RobotChoice, release_to_leave
+from armctl.ui.robot_switch import RobotChoice, release_first
 from armctl.ui.session import Session
 from armctl.ui.widgets.html import LiveHtml, folded, muted, refused, sentence
 
@@ -32,7 +32,7 @@ class RobotChooser:
 
     def refresh(self, snapshot: Snapshot) -> None:
         """Nothing can be chosen while the robot is being changed, or held up by real servos or motors."""
-        opening, held = self._robots.opening, release_to_leave(snapshot)
+        opening, held = self._robots.opening, release_first(snapshot, reopen=False)
         self._list.disabled = opening is not None or held is not None
         if opening is not None:
             self._text.show(f"Opening {escape(opening.title)} …")
