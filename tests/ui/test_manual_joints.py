@@ -1,15 +1,18 @@
 from __future__ import annotations
 
+import asyncio
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 import pytest
 
-from armctl.errors import InputError, MotionRefusedError
+from armctl.errors import InputError, MotionRefusedError, StateError
 from armctl.robot import load_robot, shipped_robots
-from armctl.ui.tabs.manual.jog import KEYS, tool_axes, tool_jog
+from armctl.ui.session import Session
+from armctl.ui.tabs.manual.jog import KEYS, HeldJog, tool_axes, tool_jog
 from armctl.ui.tabs.manual.joints import checked_percent, stepped
-from armctl.ui.widgets.events import Hold
 from armctl.ui.widgets.joint_angles import slider_degrees, slider_limits
 
 ROBOT = load_robot("uzuner")
@@ -61,11 +64,21 @@ def test_a_percentage_outside_is_refused(value: float) -> None:
 
 
 def test_one_hold_is_refused_once_and_the_next_one_counts_again() -> None:
-    hold = Hold()
-    assert hold.wants(1.0)
-    hold.refuse()
-    assert not any(hold.wants(1.0 + 0.05 * k) for k in range(1, 20))
-    assert hold.wants(2.5)
+    asked: list[float] = []
+
+    async def submit(command: object) -> None:
+        asked.append(page.snapshot.stamp)
+        if len(asked) == 1:
+            raise StateError("enable it first")
+
+    page = SimpleNamespace(snapshot=SimpleNamespace(stamp=1.0), submit=submit)
+    jog = HeldJog(cast(Session, page))
+    with pytest.raises(StateError):
+        asyncio.run(jog.send(lambda: tool_jog("X", 1.0, 30, "base")))
+    for stamp in (1.05, 1.3, 1.55, 2.5, 2.55):
+        page.snapshot.stamp = stamp
+        asyncio.run(jog.send(lambda: tool_jog("X", 1.0, 30, "base")))
+    assert asked == [1.0, 2.5, 2.55]
 
 
 def test_an_axis_becomes_a_velocity_of_the_tool() -> None:

@@ -28,7 +28,7 @@ from armctl.runtime import (
     Ticket,
 )
 from armctl.ui import CalibrationInForce, Console, RobotChoice, RobotSwitch
-from armctl.ui.robot_switch import RobotChange, release_to_leave, release_to_reopen, require_leavable
+from armctl.ui.robot_switch import RobotChange, release_first, require_replaceable
 from armctl.ui.tabs.calibration.shared_calibration import SharedCalibration
 from armctl.ui.tabs.main.boards import about, labelled
 from armctl.ui.tabs.manual.shared_program import SharedProgram
@@ -89,9 +89,7 @@ class Rig:
         controller = self.opened[name] = FakeController(snapshot_of(robot))
         self.on_open(controller)
         return Console(
-            calibration=CalibrationInForce(
-                robot, "simulated", CalibrationStore(self.folder / "calibrations")
-            ),
+            calibration=CalibrationInForce(robot, "simulated", self.store),
             controller=cast(Any, controller),
             list_ports=list,
             files=self.folder,
@@ -124,9 +122,10 @@ def rig(tmp_path: Path) -> Rig:
     return Rig(tmp_path)
 
 
-def test_the_new_arm_takes_the_place_of_the_old_one(rig: Rig) -> None:
+def test_the_new_arm_takes_the_place_of_the_old_one_and_the_log_goes_on(rig: Rig) -> None:
     left = rig.desk.console
     left.operators.arrive(7)
+    rig.arm(q_command=np.radians([10.0, 90, -80, -40, 0]))
     rig.change("mico")
     console = rig.desk.console
     assert (console.robot.n, rig.desk.present.name) == (4, "mico")
@@ -135,21 +134,17 @@ def test_the_new_arm_takes_the_place_of_the_old_one(rig: Rig) -> None:
     assert console.shared(Trail) is not left.shared(Trail)
     assert console.last_known is not left.last_known
     assert console.shared(CloudStore) is not left.shared(CloudStore)
+    assert console.controller.snapshot.q_command == pytest.approx(load_robot("mico").first_pose)
     assert rig.opened["mico"].commands == [SetSpeed(0.4), Connect("sim")]
     assert rig.closed == ["uzuner"]
     assert rig.told == [RobotChange("page 7", "Kinova MICO, 4 joints", None)]
     assert rig.log() == [("info", "robot: Uzuner 5-DOF arm → Kinova MICO, 4 joints (page 7)")]
-
-
-def test_the_log_goes_on_over_several_changes(rig: Rig) -> None:
-    rig.change("mico")
     rig.change("scorbot")
-    rig.change("mico")
     assert [text for _, text in rig.log() if text.startswith("robot:")] == [
         "robot: Uzuner 5-DOF arm → Kinova MICO, 4 joints (page 7)",
         "robot: Kinova MICO, 4 joints → Scorbot ER-4PC (page 7)",
-        "robot: Scorbot ER-4PC → Kinova MICO, 4 joints (page 7)",
     ]
+    rig.desk.close()
     assert rig.closed == ["uzuner", "mico", "scorbot"]
 
 
@@ -197,11 +192,9 @@ def test_an_arm_that_moves_or_is_held_up_by_real_servos_is_not_left(
     [(State.HOLDING, SIMULATED), (State.FAULT, SIMULATED), (State.OFF, REAL), (State.DISCONNECTED, None)],
 )
 def test_an_arm_that_may_be_left(state: State, board: BoardIdentity | None) -> None:
-    snapshot = replace(
-        snapshot_of(load_robot("uzuner")), state=state, board=board, powered=board is SIMULATED
-    )
-    require_leavable(snapshot)
-    assert release_to_leave(snapshot) is None
+    snapshot = snapshot_of(load_robot("uzuner"))
+    powered = board is SIMULATED
+    require_replaceable(replace(snapshot, state=state, board=board, powered=powered), reopen=False)
 
 
 @pytest.mark.parametrize(
@@ -215,32 +208,30 @@ def test_what_release_is_needed_for_is_known_before_it_is_asked_for(
     snapshot = replace(
         snapshot_of(load_robot("uzuner")), state=state, board=REAL, powered=True, source=source
     )
-    assert release_to_leave(snapshot) == (
-        f"the {outputs} on /dev/ttyACM0 are on; press Release (the arm drops), then choose another robot"
-    )
-    told = release_to_reopen(snapshot)
-    if source is Source.TRANSMITTED:  # a Maestro keeps the arm up meanwhile
-        assert told is None
-    else:
-        assert told is not None
-        assert told.startswith(f"the {outputs} on /dev/ttyACM0 are on, and the arm has to be opened anew")
+    on = f"the {outputs} on /dev/ttyACM0 are on"
+    leave = release_first(snapshot, reopen=False)
+    assert leave == f"{on}; press Release (the arm drops), then choose another robot"
+    support = f"{on}, and the arm has to be opened anew: support it, press Release (it drops), then try again"
+    keeps_it_up = source is Source.TRANSMITTED  # a Maestro goes on by itself
+    assert release_first(snapshot, reopen=True) == (None if keeps_it_up else support)
 
 
-def test_after_a_real_board_the_new_arm_starts_disconnected_and_says_so(rig: Rig) -> None:
-    rig.arm(state=State.OFF, board=REAL, powered=False)
+@pytest.mark.parametrize(
+    ("board", "why"),
+    [
+        (REAL, "the servos on /dev/ttyACM0 are another arm's; choose its port and press Connect"),
+        (None, "as the arm before it was not; press Connect"),
+    ],
+)
+def test_the_new_arm_is_not_connected_after_one_that_is_not_simulated(
+    rig: Rig, board: BoardIdentity | None, why: str
+) -> None:
+    rig.arm(state=State.DISCONNECTED if board is None else State.OFF, board=board, powered=False)
     rig.change("mico")
     assert rig.opened["mico"].commands == [SetSpeed(0.4)]
-    why = rig.told[0].not_connected
-    assert why is not None
-    assert "the servos on /dev/ttyACM0 are another arm's; choose its port and press Connect" in why
-    assert rig.log()[-1] == ("warning", why)
-
-
-def test_a_disconnected_arm_is_followed_by_a_disconnected_one(rig: Rig) -> None:
-    rig.arm(state=State.DISCONNECTED, board=None, powered=False)
-    rig.change("mico")
-    assert rig.opened["mico"].commands == [SetSpeed(0.4)]
-    assert "as the arm before it was not; press Connect" in (rig.told[0].not_connected or "")
+    level, text = rig.log()[-1]
+    assert (level, rig.told[0].not_connected) == ("warning", text)
+    assert why in text
 
 
 def test_an_arm_without_servos_runs_on_the_simulated_board(rig: Rig) -> None:
@@ -277,28 +268,20 @@ def test_an_arm_that_has_begun_to_move_meanwhile_is_not_left(rig: Rig) -> None:
     assert rig.closed == ["mico"]
 
 
-def test_a_page_that_may_not_choose_opens_nothing(rig: Rig) -> None:
-    def refuse() -> None:
-        raise ArmctlError("this page is watching")
-
-    with pytest.raises(ArmctlError, match="watching"):
-        rig.change("mico", refuse)
-    assert rig.is_untouched()
-    assert "mico" not in rig.opened
-
-
-def test_a_page_that_has_gone_meanwhile_changes_nothing(rig: Rig) -> None:
+@pytest.mark.parametrize("allowed", [0, 1])
+def test_a_page_that_may_not_choose_or_has_gone_meanwhile_changes_nothing(rig: Rig, allowed: int) -> None:
     asked: list[bool] = []
 
     def permit() -> None:
         asked.append(True)
-        if len(asked) == 2:
-            raise ArmctlError("nobody operates")
+        if len(asked) > allowed:
+            raise ArmctlError("this page is watching")
 
-    with pytest.raises(ArmctlError, match="nobody operates"):
+    with pytest.raises(ArmctlError, match="watching"):
         rig.change("mico", permit)
     assert rig.is_untouched()
-    assert rig.closed == ["mico"]
+    assert rig.closed == ["mico"] * allowed
+    assert len(rig.opened) == 1 + allowed
 
 
 def test_of_two_quick_choices_the_second_is_refused(rig: Rig) -> None:
@@ -320,36 +303,26 @@ def test_of_two_quick_choices_the_second_is_refused(rig: Rig) -> None:
     assert "scorbot" not in rig.opened
 
 
-def test_choosing_the_present_robot_does_nothing(rig: Rig) -> None:
+def test_only_another_robot_of_the_list_can_be_chosen(rig: Rig) -> None:
     console = rig.desk.console
     rig.arm(state=State.MOVING)
     rig.change("uzuner")
-    assert rig.desk.console is console
-    assert rig.is_untouched()
-
-
-def test_a_robot_that_is_not_in_the_list_cannot_be_chosen(rig: Rig) -> None:
     with pytest.raises(InputError, match=r"no robot '\.\./secret' to choose"):
         rig.change("../secret")
+    assert rig.desk.console is console
     assert rig.is_untouched()
-
-
-def test_closing_the_desk_closes_the_present_arm(rig: Rig) -> None:
-    rig.change("mico")
-    rig.desk.close()
-    assert rig.closed == ["uzuner", "mico"]
 
 
 def test_where_an_arm_was_last_known_is_kept_for_the_same_machine_alone(rig: Rig) -> None:
     rig.arm(powered=False, state=State.OFF)
     before = rig.desk.console.last_known
-    asyncio.run(rig.desk.reopen(PAGE, lambda: None))
+    reopen(rig)
     assert rig.desk.console.last_known is before
-    asyncio.run(rig.desk.reopen(PAGE, lambda: None, "/dev/ttyACM7"))  # never seen there
+    reopen(rig, "/dev/ttyACM7")  # never seen there
     assert rig.desk.console.last_known is not before
     before = rig.desk.console.last_known
     rig.robots["uzuner"] = load_robot("mico")  # the file holds four joints by now
-    asyncio.run(rig.desk.reopen(PAGE, lambda: None, "/dev/ttyACM7"))
+    reopen(rig, "/dev/ttyACM7")
     assert rig.desk.console.last_known is not before
 
 
@@ -382,12 +355,6 @@ def test_what_a_robot_file_says_is_shown_as_text() -> None:
     assert "<li>limits of &lt;b&gt;Elbow&lt;/b&gt;: −90 to 90°</li>" in guessed
 
 
-def test_a_controller_takes_over_nothing_of_the_arm_before_but_the_speed(rig: Rig) -> None:
-    rig.arm(q_command=np.radians([10.0, 90, -80, -40, 0]))
-    rig.change("scorbot")
-    assert rig.desk.console.controller.snapshot.q_command == pytest.approx(load_robot("scorbot").first_pose)
-
-
 def reopen(rig: Rig, port: str | None = None) -> None:
     asyncio.run(rig.desk.reopen(PAGE, lambda: None, port))
 
@@ -410,18 +377,16 @@ def test_an_arm_that_is_opened_anew_goes_on_with_speed_marks_and_port(rig: Rig) 
     assert rig.log() == [("info", "robot: Uzuner 5-DOF arm calibrated (page 7)")]
 
 
-def test_an_arm_that_was_not_connected_is_opened_anew_unconnected(rig: Rig) -> None:
+@pytest.mark.parametrize("port", [None, "/dev/ttyACM0"])
+def test_an_arm_that_was_not_connected_is_connected_on_the_port_it_was_opened_anew_for(
+    rig: Rig, port: str | None
+) -> None:
     rig.arm(state=State.DISCONNECTED, board=None, powered=False)
-    reopen(rig)
-    assert rig.opened["uzuner"].commands == [SetSpeed(0.4)]
-
-
-def test_another_port_is_connected_by_an_arm_that_was_opened_for_it(rig: Rig) -> None:
-    rig.arm(state=State.DISCONNECTED, board=None, powered=False)
-    reopen(rig, "/dev/ttyACM0")
-    assert rig.opened["uzuner"].commands == [SetSpeed(0.4), Connect("/dev/ttyACM0")]
-    assert rig.desk.console.default_port == "/dev/ttyACM0"
-    assert rig.log()[-1] == ("info", "robot: Uzuner 5-DOF arm opened (page 7)")
+    reopen(rig, port)
+    assert rig.opened["uzuner"].commands == [SetSpeed(0.4), *([Connect(port)] if port else [])]
+    assert rig.desk.console.default_port == (port or "sim")
+    did = "opened" if port else "calibrated"
+    assert rig.log()[-1] == ("info", f"robot: Uzuner 5-DOF arm {did} (page 7)")
 
 
 def test_a_board_that_does_not_answer_is_told_and_the_new_arm_stays(rig: Rig) -> None:
@@ -459,23 +424,17 @@ def test_a_board_that_goes_on_by_itself_keeps_the_arm_up_meanwhile(rig: Rig) -> 
     assert rig.opened["uzuner"].commands[-1] == Connect("sim")
 
 
-@pytest.mark.parametrize("state", [State.DISCONNECTED, State.FAULT])
+@pytest.mark.parametrize("state", [State.DISCONNECTED, State.FAULT, State.HOLDING])
 def test_to_connect_elsewhere_the_arm_is_opened_for_the_board_there(rig: Rig, state: State) -> None:
     """A fault may leave its board open: another one is another arm's calibration all the same."""
-    rig.arm(state=state, board=SIMULATED if state is State.FAULT else None, powered=False)
-    assert asyncio.run(rig.desk.needs_reopening("/dev/ttyACM0"))
+    if state is not State.HOLDING:  # connected already
+        rig.arm(state=state, board=SIMULATED if state is State.FAULT else None, powered=False)
+    assert asyncio.run(rig.desk.needs_reopening("/dev/ttyACM0")) is (state is not State.HOLDING)
     assert not asyncio.run(rig.desk.needs_reopening("sim"))
-
-
-def test_an_arm_that_is_connected_is_not_opened_anew_to_be_connected(rig: Rig) -> None:
-    assert not asyncio.run(rig.desk.needs_reopening("/dev/ttyACM0"))
 
 
 def test_what_was_calibrated_at_the_terminal_meanwhile_takes_an_arm_that_is_opened_anew(rig: Rig) -> None:
     rig.arm(state=State.DISCONNECTED, board=None, powered=False)
-    robot = rig.desk.console.robot
-    elbow = own_calibration(robot, "elbow")
-    CalibrationStore(rig.folder / "calibrations").save(
-        Calibration("uzuner", "simulated", "µs", {"elbow": elbow})
-    )
+    elbow = own_calibration(rig.desk.console.robot, "elbow")
+    rig.store.save(Calibration("uzuner", "simulated", "µs", {"elbow": elbow}))
     assert asyncio.run(rig.desk.needs_reopening("sim"))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from functools import partial
-from typing import Literal, get_args
+from typing import Any, Literal, get_args
 
 import numpy as np
 import viser
@@ -16,7 +16,6 @@ from armctl.runtime import Jog, JogTool, MoveGripper, Snapshot
 from armctl.runtime.jog import tool_turns
 from armctl.ui.session import Session
 from armctl.ui.tabs.manual.joints import checked_percent
-from armctl.ui.widgets.events import Hold, attach_hold
 from armctl.ui.widgets.html import LiveHtml, muted, table
 from armctl.ui.widgets.joint_angles import held_at
 
@@ -32,7 +31,8 @@ _NOTE = (
 Key = Literal["R", "F", "T", "G", "Y", "H", "U", "J", "I", "K", "O", "L", "P", "M"]
 KEYS: tuple[tuple[Key, Key], ...] = tuple(zip(get_args(Key)[::2], get_args(Key)[1::2], strict=True))
 """Key for + above key for −; the page's own camera keys (W A S D Q E, arrows) are left out."""
-JOINTS, BASE, TOOL = "Joints", "Tool, base axes", "Tool, tool axes"
+_HOLD_HZ, _SILENCE_S = 20.0, 0.3
+"""ticks of a held button, and how long one is silent that was let go [s]"""
 _KEY_SILENCE_S = 1.2
 """A key that was silent for this long was let go: longer than the delay before it repeats."""
 _ON, _OFF = "Keyboard jog is ON: press to switch off", "Keyboard jog is off: press to switch on"
@@ -71,23 +71,29 @@ def joint_jog(robot: Robot, joint: int, rate: float) -> Jog:
 class HeldJog:
     """Sends a short command, which expires by itself, for each tick of what is held. Refused once a hold."""
 
-    def __init__(self, session: Session, silence_s: float | None = None) -> None:
-        """``silence_s``: as for ``Hold``."""
-        self._session = session
-        self._hold = Hold() if silence_s is None else Hold(silence_s)
+    def __init__(self, session: Session, silence_s: float = _SILENCE_S) -> None:
+        """What was silent for ``silence_s`` was let go."""
+        self._session, self._silence_s = session, silence_s
+        self._last_s = -math.inf
+        self._refused = False
 
     def attach(self, button: viser.GuiButtonHandle, command: Callable[[], Jog | JogTool]) -> None:
-        """Send what ``command`` gives while the button is held."""
-        self._session.on(partial(attach_hold, button), lambda: self.send(command))
+        """Send what ``command`` gives, ``_HOLD_HZ`` times a second, while the button is held."""
+        on_hold: Any = button.on_hold  # pyright: ignore[reportUnknownMemberType, reportUnknownVariableType]
+        self._session.on(partial(on_hold, callback_hz=_HOLD_HZ), lambda: self.send(command))
 
     async def send(self, command: Callable[[], Jog | JogTool]) -> None:
         """One tick; raises what the controller refuses, once a hold."""
-        if not self._hold.wants(self._session.snapshot.stamp):
+        now_s = self._session.snapshot.stamp
+        if now_s - self._last_s > self._silence_s:
+            self._refused = False
+        self._last_s = now_s
+        if self._refused:
             return
         try:
             await self._session.submit(command())
         except ArmctlError:
-            self._hold.refuse()
+            self._refused = True
             raise
 
 
@@ -186,22 +192,27 @@ class ToolJog:
 class KeyboardJog:
     """A switch, what the keys move, and the legend of the keys. Off until the operator switches it on.
 
-    A page tells of key presses only, never of a key that is let go. A held key comes again by itself, after
-    the delay and at the rate that the computer is set to (half a second, then some thirty times a second);
-    each press counts for 100 ms like every jog. So a tap is a small step, and a held key a step, a rest, and
-    then a motion that ends 100 ms after the key is let go.
+    A page reports key presses only, never that a key is let go. A held key comes again by itself, after the
+    delay and at the rate that the computer is set to (half a second, then some thirty times a second); each
+    press counts for 100 ms like every jog. So a tap is a small step, and a held key a step, a rest, and then
+    a motion that ends 100 ms after the key is let go.
     """
 
     def __init__(self, session: Session, joint: JointJog, tool: ToolJog) -> None:
         """The speeds are those of the buttons."""
-        self._session, self._joint, self._tool = session, joint, tool
+        self._session = session
+        self._moves: dict[str, tuple[JointJog | ToolJog, Callable[[str, float], Jog | JogTool]]] = {
+            "Joints": (joint, joint.command),
+            "Tool, base axes": (tool, partial(tool.command, frame="base")),
+            "Tool, tool axes": (tool, partial(tool.command, frame="tool")),
+        }
         self._jog = HeldJog(session, _KEY_SILENCE_S)
         self._commands: list[viser.CommandHandle] = []
         self._on = False
         gui = session.gui
         self._switch = gui.add_button(_OFF, color="gray", icon=viser.Icon.KEYBOARD)
-        self._choice = gui.add_button_group("Keys move", (JOINTS, BASE, TOOL))
-        self._what = JOINTS
+        self._choice = gui.add_button_group("Keys move", tuple(self._moves))
+        self._what = next(iter(self._moves))
         self._legend = LiveHtml(gui)
         LiveHtml(gui, muted(_KEYS_NOTE))
         session.on(self._switch.on_click, self._on_switch)
@@ -211,22 +222,18 @@ class KeyboardJog:
         """Show the keys and their speed; a page that no longer operates has none."""
         if self._on and not self._session.operates:
             self._set(on=False)
-        moved = self._moved
+        moved, _ = self._moves[self._what]
         rows = [[name, plus, minus] for name, (plus, minus) in zip(moved.axes, KEYS, strict=False)]
         state = "" if self._on else muted("Off: the keys do nothing.")
         head = f"<b>{self._what}</b> at {moved.speed}"
         self._legend.show(f"<div>{head}</div>{table(('Moves', 'key +', 'key −'), rows)}{state}")
 
-    @property
-    def _moved(self) -> JointJog | ToolJog:
-        return self._joint if self._what == JOINTS else self._tool
-
-    async def _on_switch(self) -> None:
+    def _on_switch(self) -> None:
         if not self._on:
             self._session.require_operator()
         self._set(on=not self._on)
 
-    async def _on_choice(self) -> None:
+    def _on_choice(self) -> None:
         self._what = self._choice.value
         self._set(on=self._on)
 
@@ -238,18 +245,14 @@ class KeyboardJog:
         self._on = on
         self._switch.label = _ON if on else _OFF
         self._switch.color = "orange" if on else "gray"
-        for axis, keys in zip(self._moved.axes, KEYS, strict=False) if on else ():
+        moved, jog = self._moves[self._what]
+        for axis, keys in zip(moved.axes, KEYS, strict=False) if on else ():
             for key, sign, text in zip(keys, (1.0, -1.0), "+−", strict=True):
                 command = self._session.gui.add_command(f"Jog {axis} {text}", hotkey=key)
-                self._session.on_key(command, partial(self._on_key, axis, sign))
+                self._session.on_key(command, partial(self._on_key, partial(jog, axis, sign)))
                 self._commands.append(command)
 
-    async def _on_key(self, axis: str, sign: float) -> None:
+    async def _on_key(self, command: Callable[[], Jog | JogTool]) -> None:
         """One press, or one repeat, of a key."""
         if self._on:
-            await self._jog.send(lambda: self._command(axis, sign))
-
-    def _command(self, axis: str, sign: float) -> Jog | JogTool:
-        if self._what == JOINTS:
-            return self._joint.command(axis, sign)
-        return self._tool.command(axis, sign, "base" if self._what == BASE else "tool")
+            await self._jog.send(command)

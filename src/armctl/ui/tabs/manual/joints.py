@@ -41,23 +41,24 @@ class JointControl:
         """degrees"""
         self._sliders: dict[int, viser.GuiSliderHandle[float]] = {}
         """by joint"""
+        held = [held_at(joint) for joint in self._robot.joints]
         limits = slider_limits(self._robot).tolist()
         for i, joint in enumerate(self._robot.joints):
             title, (low, high) = f"{joint.title} °", limits[i]
-            if (held := held_at(joint)) is not None:
-                gui.add_text(title, held, disabled=True)
+            if (text := held[i]) is not None:
+                gui.add_text(title, text, disabled=True)
                 continue
             self._sliders[i] = gui.add_slider(title, low, high, 0.01, initial_value=self._shown[i])
             session.on(self._sliders[i].on_update, self._on_slider)
         go = gui.add_button("Go", icon=viser.Icon.PLAYER_PLAY)
         reset = gui.add_button("Sliders to present pose", color="gray")
-        session.on(go.on_click, self._on_go)
+        session.on(go.on_click, lambda: session.submit(MoveJoints(self._robot.check_limits(self._asked()))))
         session.on(reset.on_click, self._on_reset)
         with gui.add_folder("Step one joint (moves at once)"):
             self._step = gui.add_dropdown("Step °", _STEPS, initial_value="1")
             for i, joint in enumerate(self._robot.joints):
-                if (held := held_at(joint)) is not None:
-                    gui.add_text(joint.title, held, disabled=True)
+                if (text := held[i]) is not None:
+                    gui.add_text(joint.title, text, disabled=True)
                     continue
                 group = gui.add_button_group(joint.title, ("−", "+"))
                 session.on(group.on_click, partial(self._on_step, i, group))
@@ -89,14 +90,11 @@ class JointControl:
         self._edited = edited
         self._hint.show(_EDITED if edited else _FOLLOWING)
 
-    async def _on_slider(self) -> None:
+    def _on_slider(self) -> None:
         self._set_edited(True)
         self._session.ghost.show(self._asked())
 
-    async def _on_go(self) -> None:
-        await self._session.submit(MoveJoints(self._robot.check_limits(self._asked())))
-
-    async def _on_reset(self) -> None:
+    def _on_reset(self) -> None:
         self._set_edited(False)
         self._show(self._present(self._session.snapshot))
 
@@ -109,7 +107,7 @@ class JointStepper:
     """Clicks during a step add up: the arm goes on to where all of them together lead."""
 
     def __init__(self, session: Session, duration_s: Callable[[FloatArray], float] | None = None) -> None:
-        """``duration_s``: how long a way (n,) [rad] shall take; None: as short as it can."""
+        """``duration_s``: how long a way (n,) [rad] takes; None: as short as possible."""
         self._session = session
         self._duration_s = duration_s
         self._goal: FloatArray | None = None
@@ -141,11 +139,7 @@ class JointStepper:
 
 
 def stepped(robot: Robot, q: FloatArray, joint: int, step_deg: float) -> FloatArray:
-    """``q`` (n,) [rad] with one joint turned by ``step_deg``.
-
-    Raises:
-        MotionRefusedError: the joint would pass its limit; says by how much it may still turn.
-    """
+    """``q`` (n,) [rad] with one joint turned by ``step_deg``; refused past its limit."""
     asked = q.copy()
     asked[joint] += math.radians(step_deg)
     one = robot.joints[joint]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 import viser
@@ -17,37 +16,18 @@ from armctl.ui.widgets.html import LiveHtml, fixed, table
 _PROBE_S = 1e-4
 
 
-@dataclass(frozen=True, slots=True)
-class ToolMotion:
-    """State of the tool point in the base frame."""
+def tool_motion(
+    robot: Robot, q: FloatArray, velocity: FloatArray, acceleration: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """The tool point's position, velocity and acceleration, each (3,) [m, m/s, m/s²] in the base frame.
 
-    position: FloatArray
-    """(3,) [m]"""
-    velocity: FloatArray
-    """(3,) [m/s]"""
-    acceleration: FloatArray
-    """(3,) [m/s²]"""
-    pitch: float
-    """angle of the approach axis (tool z) above the horizontal [rad]"""
-    roll: float | None
-    """angle of the joint that turns the tool about that axis [rad]; None where there is none"""
-
-
-def tool_motion(robot: Robot, q: FloatArray, velocity: FloatArray, acceleration: FloatArray) -> ToolMotion:
-    """State of the tool point: ``v = J q̇`` and ``a = J q̈ + J̇ q̇``, of joints (n,) [rad, rad/s, rad/s²].
-
-    ``J̇`` is the central difference of the Jacobian along ``q̇``.
+    ``v = J q̇`` and ``a = J q̈ + J̇ q̇``, of joints (n,) [rad, rad/s, rad/s²]; ``J̇`` is the central difference
+    of the Jacobian along ``q̇``.
     """
-    T, J = robot.forward(q), robot.jacobian(q)[:3]
+    J = robot.jacobian(q)[:3]
     probes = robot.jacobian(np.stack([q + _PROBE_S * velocity, q - _PROBE_S * velocity]))[:, :3]
     J_dot = (probes[0] - probes[1]) / (2 * _PROBE_S)
-    return ToolMotion(
-        position=T[:3, 3].copy(),
-        velocity=J @ velocity,
-        acceleration=J @ acceleration + J_dot @ velocity,
-        pitch=math.asin(min(1.0, max(-1.0, float(T[2, 2])))),
-        roll=robot.inverse_kinematics.pitch_and_roll(q)[1],
-    )
+    return robot.forward(q)[:3, 3], J @ velocity, J @ acceleration + J_dot @ velocity
 
 
 class LiveReadout:
@@ -80,15 +60,19 @@ def tool_table(robot: Robot, snapshot: Snapshot) -> str:
     """
     if not snapshot.commanded:
         return table(["Tool", "x", "y", "z"], [["position mm", *3 * ["–"]]])
-    motion = tool_motion(robot, snapshot.q_command, snapshot.velocity_command, snapshot.acceleration_command)
+    q = snapshot.q_command
+    motion = tool_motion(robot, q, snapshot.velocity_command, snapshot.acceleration_command)
+    position, velocity, acceleration = (1000 * vector for vector in motion)
     rows = [
-        ["position mm", *_numbers(1000 * motion.position, 2), ""],
-        ["velocity mm/s", *_with_size(1000 * motion.velocity)],
-        ["acceleration mm/s²", *_with_size(1000 * motion.acceleration)],
+        ["position mm", *_numbers(position, 2), ""],
+        ["velocity mm/s", *_with_size(velocity)],
+        ["acceleration mm/s²", *_with_size(acceleration)],
     ]
-    angles = f"pitch <b>{fixed(math.degrees(motion.pitch), 2)}°</b>"
-    if motion.roll is not None:
-        angles += f" · roll <b>{fixed(math.degrees(motion.roll), 2)}°</b>"
+    pitch = math.asin(min(1.0, max(-1.0, float(robot.forward(q)[2, 2]))))  # of the approach axis, tool z
+    roll = robot.inverse_kinematics.pitch_and_roll(q)[1]
+    angles = f"pitch <b>{fixed(math.degrees(pitch), 2)}°</b>"
+    if roll is not None:
+        angles += f" · roll <b>{fixed(math.degrees(roll), 2)}°</b>"
     return table(["Tool", "x", "y", "z", "size"], rows) + f"<div style='padding:0 6px'>Tool {angles}</div>"
 
 

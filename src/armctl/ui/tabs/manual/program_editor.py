@@ -54,9 +54,7 @@ class ProgramEditor:
     async def change(self, change: Callable[[Program], Change]) -> None:
         """Change the list and the selection; a program that runs goes on with the change at its next pass.
 
-        Raises:
-            ArmctlError: this page does not operate, the change cannot be made, or the arm cannot go on
-                with it.
+        Refused where this page does not operate, the change cannot be made, or the arm cannot go on with it.
         """
         self._session.require_operator()
         changed, selected = change(self._shared.program)
@@ -116,8 +114,7 @@ def recorded_kinds(robot: Robot) -> dict[str, dict[str, type[Step]]]:
 def step_here(kind: type[Step], robot: Robot, snapshot: Snapshot, via_mm: Point | None = None) -> Step:
     """A step of a kind made of where the arm is; ``via_mm``: the point on an arc that was set before.
 
-    Raises:
-        StateError: something of it is not known; says what to do.
+    A ``StateError`` says what to do where something of it is not known.
     """
     keys = kind.button[2:]
     here: dict[str, Any] = {}
@@ -152,10 +149,9 @@ def tool_point_mm(robot: Robot, pose_deg: tuple[float, ...]) -> Point:
 
 
 def present_pose_deg(robot: Robot, snapshot: Snapshot) -> tuple[float, ...]:
-    """The pose to record, in degrees: what the arm was told last; before that, what its board says.
+    """The pose to record, in degrees: as commanded last; before that, as the board reports it.
 
-    Raises:
-        StateError: the arm was told nothing, and its board does not know.
+    A ``StateError`` where neither is known.
     """
     q = snapshot.q_command if snapshot.commanded else snapshot.q
     if np.isfinite(q).all():

@@ -100,11 +100,11 @@ class SerialMotion:
         """How many pages there are; an empty list has one."""
         return max(1, -(-len(self._shared.program.steps) // PAGE_ROWS))
 
-    async def _on_turn(self) -> None:
+    def _on_turn(self) -> None:
         turned = self._editor.page + (1 if self._turn.value.startswith("Next") else -1)
         self._editor.page = min(max(turned, 0), self._pages - 1)
 
-    async def _on_row(self) -> None:
+    def _on_row(self) -> None:
         row, count = int(self._row.value), len(self._shared.program.steps)
         if not 1 <= row <= max(count, 1):
             raise InputError(f"there is no row {row}; the program has {count}")

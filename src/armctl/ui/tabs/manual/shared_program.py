@@ -50,11 +50,7 @@ class SharedProgram:
         return "coming" if progress.coming.steps == steps else "other"
 
     def edit(self, changed: Program) -> None:
-        """Replace the program.
-
-        Raises:
-            ProgramError: the blocks of the new one do not match; names the step, and nothing changes.
-        """
+        """Replace the program; a ``ProgramError`` names the step where its blocks do not match."""
         if changed != self.program:
             Blocks.matched(changed.steps)
             self._undo = [*self._undo[1 - _UNDO_STEPS :], self.program]
@@ -80,8 +76,7 @@ class SharedProgram:
     async def save(self, name: str) -> Path:
         """Save under a name; the earlier version is kept as ``NAME.toml~``.
 
-        Raises:
-            ProgramError: a name that is no file name, or the file cannot be written.
+        Refused where the name is no file name, or the file cannot be written.
         """
         path, program = self._path(name), msgspec.structs.replace(self.program, name=name)
 
@@ -102,11 +97,7 @@ class SharedProgram:
         self.put(await asyncio.to_thread(load_program, self._path(name)))
 
     def put(self, program: Program) -> None:
-        """Edit a program that comes from elsewhere.
-
-        Raises:
-            ProgramError: it is another robot's, or its blocks do not match; nothing changes.
-        """
+        """Edit a program that comes from elsewhere; refused if it is another robot's, or as ``edit``."""
         if program.robot != self.program.robot:
             ours = self.program.robot
             raise ProgramError(f"the program is for the robot {program.robot!r}, this one is {ours!r}")
