@@ -82,7 +82,7 @@ def test_the_theoretical_error_is_the_paper_s_when_rounded_as_printed(
 
 def test_a_spline_and_a_blended_motion_pass_the_points_without_a_stop() -> None:
     solved = solve_points(ROBOT, arc(), "least-rotation", HOME)
-    stops = plan_through(ROBOT, list(solved), checked=False)
+    stops = plan_through(ROBOT, list(solved))
     smooth = plan_spline(ROBOT, solved, checked=False)
     blended = plan_blended(ROBOT, list(solved), 0.002)
     for motion in (smooth, blended):

@@ -330,12 +330,6 @@ def test_the_error_report_is_that_of_the_paper() -> None:
     assert "of 2 readings" in strays and "1.500" in strays and "1.061" in strays
 
 
-def test_a_report_refuses_what_cannot_be_compared() -> None:
-    for desired, reached in ((2, np.zeros((3, 3))), (0, np.zeros((0, 3))), (2, np.full((2, 3), np.nan))):
-        with pytest.raises(InputError):
-            ErrorReport(np.zeros((desired, 3)), reached)
-
-
 def test_the_closest_point_of_a_path_may_lie_between_its_readings() -> None:
     path = np.array([[0.0, 0, 0], [1, 0, 0], [1, 0, 0], [1, 1, 0]])
     points = np.array([[0.25, 0.1, 0], [1.2, 0.5, 0], [-1, 0, 0], [2, 2, 0]])

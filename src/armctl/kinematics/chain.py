@@ -107,9 +107,7 @@ class Chain:
 
         Standard (distal) rows are ``Rz(theta) Tz(d) Tx(a) Rx(alpha)``, modified (Craig, proximal) rows
         ``Rx(alpha) Tx(a) Rz(theta) Tz(d)``.
-
-        Raises:
-            InputError: no such convention, a number that is not finite, or no joint.
+        Raises ``InputError``: no such convention, a number that is not finite, or no joint.
         """
         if convention not in ("standard", "modified"):
             raise InputError(f"DH convention {convention!r}: allowed are 'standard' and 'modified'")
@@ -170,8 +168,7 @@ class Chain:
     def forward(self, q: ArrayLike) -> FloatArray:
         """Pose of the tool frame ``T_base_tool`` (..., 4, 4) [m] at joint angles ``q`` (..., n) [rad].
 
-        Raises:
-            InputError: ``q`` has the wrong shape or is not finite.
+        Raises ``InputError``: ``q`` has the wrong shape or is not finite.
         """
         angles = self._one(q)
         if angles is not None:

@@ -30,8 +30,7 @@ def inverse_kinematics(
 ) -> InverseKinematics:
     """The solver of the first family that the arm belongs to; arguments as ``InverseKinematics.of`` has them.
 
-    Raises:
-        InputError: no family takes the arm.
+    Raises ``InputError``: no family takes the arm.
     """
     for family in FAMILIES:
         solver = family.of(chain, limits, energy, titles)

@@ -110,9 +110,7 @@ def grid_values(low: float, high: float, step: float) -> FloatArray:
     """Whole multiples of ``step`` within a joint's limits [rad], rising.
 
     Limits too narrow for one, such as those of a held joint, have the angle that is nearest to zero.
-
-    Raises:
-        InputError: ``step`` is so small that there are too many values.
+    Raises ``InputError``: ``step`` is so small that there are too many values.
     """
     if (high - low) / step > _MOST_VALUES:
         least = math.degrees((high - low) / _MOST_VALUES)

@@ -141,11 +141,8 @@ class Solutions:
 
         With ``least-rotation`` and a free joint this is the exact optimum over the continuum, not only the
         best of the list. ``least-travel`` needs the ``start`` (n,) [rad]; the others only check it.
-
-        Raises:
-            UnreachableError: there is no solution, or none that the criterion admits.
-            InputError: no such criterion, ``least-travel`` without a start, or a start that is no
-                configuration.
+        Raises ``UnreachableError``: there is no solution, or none that the criterion admits; ``InputError``:
+        no such criterion, ``least-travel`` without a start, or a start that is no configuration.
         """
         checked_criterion(criterion)
         if start is not None:
@@ -165,9 +162,8 @@ class Solutions:
     def index_of(self, q: ArrayLike) -> int:
         """Index of the listed solution that lies nearest to ``q`` (n,) [rad] (largest joint difference).
 
-        Raises:
-            UnreachableError: there is no solution.
-            InputError: ``q`` has the wrong shape or is not finite.
+        Raises ``UnreachableError``: there is no solution; ``InputError``: ``q`` has the wrong shape or is not
+        finite.
         """
         if not self.success:
             raise UnreachableError(self.reason or "there is no solution")

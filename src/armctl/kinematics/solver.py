@@ -83,8 +83,7 @@ class InverseKinematics(ABC):
     ) -> BatchSolutions:
         """Every branch of many poses; ``Robot.inverse_batch`` says more.
 
-        Raises:
-            InputError: a wrong shape, an entry that is not finite, or a family that has no batch.
+        Raises ``InputError``: a wrong shape, an entry that is not finite, or a family that has no batch.
         """
         raise self._has_no("batch of poses")
 

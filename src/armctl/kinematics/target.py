@@ -82,9 +82,8 @@ class Target(NamedTuple):
     ) -> Target:
         """Check and convert.
 
-        Raises:
-            InputError: text, NaN, infinity, a wrong shape, a matrix that is no rotation, or both a
-                rotation and pitch or roll.
+        Raises ``InputError``: text, NaN, infinity, a wrong shape, a matrix that is no rotation, or both a
+        rotation and pitch or roll.
         """
         point = checked_point(position_m)
         if rotation is None:

@@ -88,8 +88,7 @@ class Freedom:
 def tool_velocity(jacobian: FloatArray, rates: ArrayLike) -> ToolVelocity:
     """Velocity ``J q̇`` of the tool at joint rates (n,) [rad/s], from ``jacobian`` (6, n).
 
-    Raises:
-        InputError: a wrong shape, or not finite.
+    Raises ``InputError``: a wrong shape, or not finite.
     """
     moved = jacobian @ _vector(rates, jacobian.shape[1], "joint rates")
     return ToolVelocity(moved[:3], moved[3:])
@@ -112,9 +111,7 @@ def joint_rates(
         speed_limits: (n,) largest rates [rad/s]; a joint with 0 stands still.
         linear: (3,) of the tool point [m/s].
         angular: (3,) [rad/s]; None: any.
-
-    Raises:
-        InputError: a wrong shape, or not finite.
+    Raises ``InputError``: a wrong shape, or not finite.
     """
     wanted = _vector(linear, 3, "the linear velocity")
     rows = jacobian[:3]

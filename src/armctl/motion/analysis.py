@@ -65,10 +65,8 @@ class MotionAnalysis:
 def analyse(robot: Robot, trajectory: Trajectory, samples: int) -> MotionAnalysis:
     """Sample a motion evenly, at least 2 times, both ends included.
 
-    The tool's velocity is ``J q̇``, its acceleration ``J q̈ + J̇ q̇`` with ``J̇`` as the central difference
-    of the Jacobian along ``q̇``. Its jerk is the second central difference of its velocity along the
-    polynomial that the joints follow at that instant, so that a jump of the joints' acceleration between
-    two samples does not show as a spike.
+    The tool's velocity is ``J q̇``, its acceleration ``J q̈ + J̇ q̇``. Its jerk is the second difference of its
+    velocity as if the joints' jerk stayed, so a jump of the joints' acceleration does not show as a spike.
     """
     time = np.linspace(0.0, trajectory.duration, samples)
     state = trajectory.sample(time)
@@ -150,30 +148,26 @@ def near_limits(
     if quantity == "position":
         low, high = robot.limits.T
         room = _POSITION_ROOM * (high - low)
-        near = {False: values.min(axis=0) <= low + room, True: values.max(axis=0) >= high - room}
-        order = (False, True)
     else:
         high = {
             "velocity": robot.speed_limits,
             "acceleration": robot.acceleration_limits,
             "jerk": robot.jerk_limits,
         }[quantity]
-        low = -high
-        near = {False: values.min(axis=0) <= _NEAR * low, True: values.max(axis=0) >= _NEAR * high}
-        order = (True, False)
+        low, room = -high, (1 - _NEAR) * high
+    sides = (
+        (False, low, values.min(axis=0) <= low + room),
+        (True, high, values.max(axis=0) >= high - room),
+    )
     return [
-        Limit(float(np.degrees((high if is_upper else low)[joint])), joint, is_upper)
+        Limit(float(np.degrees(limits[joint])), joint, is_upper)
         for joint in range(robot.n)
-        for is_upper in order
-        if every or near[is_upper][joint]
+        for is_upper, limits, near in sides
+        if every or near[joint]
     ]
 
 
 # How fast each joint moves the tip: joints that turn at one constant speed, alone or all at once.
-#
-# A joint that turns alone carries the tip along a circle about its axis, so the tip's speed is level: the
-# joint's speed times the tip's distance from its axis. With all joints turning the distances change, and
-# with them what each joint contributes.
 
 Turning = Literal["in turn", "all at once"]
 _SAMPLES = 601
@@ -215,13 +209,10 @@ def study_joints(
 ) -> JointStudy:
     """Turn every joint from a start pose (n,) [rad] towards its farther limit, at ``speed`` [rad/s].
 
-    In turn: each from the start pose, the others standing still; a joint's curve ends at its limit. All at
-    once: a joint that has come to its limit stays there. Without ``duration_s`` [s] the last joint ends the
-    study.
-
-    Raises:
-        InputError: a value that is not finite or not above zero, or a joint count that is not the arm's.
-        MotionRefusedError: the start is outside the joint limits.
+    In turn, the others stand still, and a joint's curve ends at its limit; all at once, it stays there.
+    Without ``duration_s`` [s] the last joint ends the study.
+    Raises ``InputError``: a value that is not finite or not above zero, or a joint count that is not the
+    arm's; ``MotionRefusedError``: the start is outside the joint limits.
     """
     start = robot.check_limits(start)
     _require_above_zero(speed, "the joint speed")
@@ -236,18 +227,15 @@ def study_joints(
     velocity = np.sign(way) * speed * (speed * time[:, None] <= np.abs(way) * (1 + 1e-12))
     everywhere, rates = _filled(start, moving, angle), _filled(np.zeros(robot.n), moving, velocity)
     together = turning == "all at once"
-    found, misses = list[FloatArray](), list[float]()
-    for joint in moving.tolist():
-        only = np.arange(robot.n) == joint
-        q: FloatArray = everywhere if together else np.where(only, everywhere, start)
-        speeds, miss = _tip_speed(robot, q, np.where(only, rates, 0.0))
-        found.append(speeds)
-        misses.append(miss)
-    tip_speed, total = np.column_stack(found), None
+    runs: list[tuple[FloatArray, FloatArray]] = [
+        (everywhere if together else np.where(only, everywhere, start), np.where(only, rates, 0.0))
+        for only in np.eye(robot.n, dtype=np.bool_)[moving]
+    ]
     if together:
-        total, miss = _tip_speed(robot, everywhere, rates)
-        misses.append(miss)
-    else:
+        runs.append((everywhere, rates))
+    speeds, misses = zip(*(_tip_speed(robot, *run) for run in runs), strict=True)
+    tip_speed, total = np.column_stack(speeds[: len(moving)]), speeds[-1] if together else None
+    if not together:
         over = velocity == 0.0
         angle[over] = tip_speed[over] = np.nan
     largest = float(np.nanmax(tip_speed))

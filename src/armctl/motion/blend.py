@@ -1,8 +1,7 @@
 """Several paths as one motion that does not stop between them.
 
-Where a leg ends, the tool may turn off towards the next one within a radius: a corner. All legs and corners
-then are one path, and one speed plan runs over it: it slows down in a corner as far as the joints need, and
-looks ahead as far as legs are known.
+Where a leg ends, the tool may turn off towards the next one within a radius: a corner. One speed plan runs
+over all legs and corners: it slows down in a corner, and looks ahead as far as legs are known.
 """
 
 from __future__ import annotations
@@ -62,9 +61,7 @@ def blend(robot: Robot, legs: Sequence[Leg], entry: Entry | None = None) -> Blen
 
     A corner that would leave the joint limits is drawn tighter; where that does not help, the arm stops at
     its point. ``entry``: how the first leg is begun; None: from rest, at its beginning.
-
-    Raises:
-        InputError: no legs, legs that do not meet, or an entry that is too fast to be braked.
+    Raises ``InputError`` for no legs, legs that do not meet, or an entry that is too fast to be braked.
     """
     if not legs:
         raise InputError("a blended motion needs at least one leg")
@@ -118,11 +115,9 @@ def _corner_between(robot: Robot, before: Leg, after: Leg) -> _Corner | None:
     for _ in range(_TRIES):
         leaves = _at_radius(robot, before.path, before.path.high, before.path.low, radius)
         joins = _at_radius(robot, after.path, after.path.low, after.path.high, radius)
-        # with these speeds at its ends a corner without a turn runs along the paths themselves: its control
-        # points lie on them, so that it stays inside the triangle of the two points and the corner
+        # with these speeds at its ends the control points of the corner lie on the paths
         scale, scale_after = 2 * (before.path.high - leaves), 2 * (joins - after.path.low)
         start = before.path.derivatives(leaves, 2) * np.array([1.0, scale, scale**2])[:, None]
-        # a break belongs to the piece before it: what follows "joins" starts with the same values
         end = after.path.derivatives(joins, 2) * np.array([1.0, scale_after, scale_after**2])[:, None]
         path = PiecewisePolynomial([0.0, 1.0], quintic(start, end)[None])
         if first_crossing(path, bounds) is None:
@@ -159,22 +154,18 @@ class _Piece:
 def _piece(leg: Leg, begin: float, scale: float, bend: _Corner | None, next_cap: float) -> _Piece:
     """A leg from ``begin`` on; ``scale``: the run's variable per variable of the leg."""
     end = leg.path.high if bend is None else bend.leaves
-    body = None
+    parts: list[PiecewisePolynomial] = []
     if end - begin > _ROUNDING * (leg.path.high - leg.path.low):  # corners have left something of it
         inner = leg.path.breaks[(leg.path.breaks > begin) & (leg.path.breaks < end)]
-        part = leg.path.cut(np.concatenate([[begin], inner, [end]]))
-        body = PiecewisePolynomial(part.breaks - begin, part.coefficients).scaled(scale)
-    caps = np.full(0 if body is None else len(body.coefficients), leg.rate_cap * scale)
+        body = leg.path.cut(np.concatenate([[begin], inner, [end]]))
+        parts.append(PiecewisePolynomial(body.breaks - begin, body.coefficients).scaled(scale))
+    caps = np.full(sum(len(part.coefficients) for part in parts), leg.rate_cap * scale)
     if bend is None:
-        if body is None:
-            raise InputError("a leg that is left before it was begun cannot end at rest")
-        return _Piece(body, caps)
-    corner_scale = scale * bend.before
-    next_scale = corner_scale / bend.after
-    turn = bend.path.scaled(corner_scale)
+        return _Piece(parts[0], caps)
+    next_scale = scale * bend.before / bend.after
+    parts.append(bend.path.scaled(scale * bend.before))
     cap = min(leg.rate_cap * scale, next_cap * next_scale)
-    path = turn if body is None else body.followed_by(turn)
-    return _Piece(path, np.append(caps, cap), next_scale, bend.joins)
+    return _Piece(parts[0].followed_by(*parts[1:]), np.append(caps, cap), next_scale, bend.joins)
 
 
 def _planned(robot: Robot, run: Sequence[_Piece], first: float) -> list[tuple[PathTrajectory, float]]:

@@ -1,7 +1,6 @@
 """Gaps between parts of the arm and what they must stay away from: the floor, obstacles, the arm itself.
 
-Each kind has k gaps, with their parts' names, how much they change at most a radian of each joint, and in
-words what is wrong, and what to do, where gap number ``part`` is closed by ``depth_mm``.
+Each kind has k gaps: ``parts`` are their names, ``levers`` (k, n) how much each changes at most [m/rad].
 """
 
 from __future__ import annotations
@@ -20,23 +19,14 @@ FLOOR_TOLERANCE_M = 5e-4
 
 
 class Floor:
-    """Heights of the arm's corners (``Robot.corners``) above the floor plane.
-
-    Corners whose height no joint changes (the base, a turning column) are left out: no motion could mend
-    them.
-    """
+    """Heights of those corners of the arm above the floor that joints change (``Robot.corners``)."""
 
     kind: ClassVar[Literal["floor"]] = "floor"
 
     def __init__(self, robot: Robot) -> None:
         self._robot, self._corners = robot, robot.corners
         self.levers = np.array([corner.levers for corner in robot.corners]).reshape(-1, robot.n)
-        """(k, n) how far a corner rises or sinks a radian of each joint, at most [m/rad]"""
-
-    @property
-    def parts(self) -> tuple[str, ...]:
-        """(k,) the corners, from the base to the tool."""
-        return tuple(corner.part for corner in self._corners)
+        self.parts = tuple(corner.part for corner in robot.corners)
 
     def clearance(self, q: ArrayLike) -> FloatArray:
         """(..., k) heights above the floor [m] at ``q`` (..., n) [rad], negative below it; k may be 0."""
@@ -52,7 +42,7 @@ class Floor:
         return heights - self._robot.floor_z
 
     def words(self, part: int, depth_mm: float) -> tuple[str, str]:
-        """What is wrong, and what to do."""
+        """What is wrong where gap ``part`` is closed by ``depth_mm``, and what to do."""
         higher = f"raise the target, or go round by a point that is {depth_mm:.0f} mm higher"
         return f"{depth_mm:.1f} mm below the floor", higher
 
@@ -66,16 +56,14 @@ class Obstacles:
         self._model, self._obstacles = robot.collision, robot.obstacles
         moving = list(self._model.moving)
         self.parts = tuple(self._model.capsules[i].part for _ in robot.obstacles for i in moving)
-        """(k,) the capsules"""
         self.levers = np.tile(self._model.levers[moving], (len(robot.obstacles), 1))
-        """(k, n) [m/rad]"""
 
     def gaps(self, links: LinkFrames) -> FloatArray:
         """(k, m) [m] at m configurations, negative inside an obstacle."""
         return self._model.gaps_to(self._obstacles, links)
 
     def words(self, part: int, depth_mm: float) -> tuple[str, str]:
-        """What is wrong, and what to do."""
+        """As ``Floor.words``."""
         title = self._obstacles[part // len(self._model.moving)].title
         return (
             f"{depth_mm:.1f} mm inside {title}",
@@ -84,26 +72,21 @@ class Obstacles:
 
 
 class SelfCollision:
-    """Gaps between the arm's capsules (``Robot.collision``)."""
+    """Gaps between the arm's capsules (``Robot.collision``), each named by the one nearer to the tool."""
 
     kind: ClassVar[Literal["self-collision"]] = "self-collision"
 
     def __init__(self, robot: Robot) -> None:
         self._model = robot.collision
         self.levers = self._model.pair_levers
-        """(k, n) [m/rad]"""
-
-    @property
-    def parts(self) -> tuple[str, ...]:
-        """(k,) of each pair, the capsule nearer to the tool."""
-        return tuple(self._model.capsules[j].part for _, j in self._model.pairs)
+        self.parts = tuple(self._model.capsules[j].part for _, j in self._model.pairs)
 
     def gaps(self, links: LinkFrames) -> FloatArray:
         """(k, m) [m] at m configurations, negative where a pair overlaps."""
         return self._model.gaps(links)
 
     def words(self, part: int, depth_mm: float) -> tuple[str, str]:
-        """What is wrong, and what to do."""
+        """As ``Floor.words``."""
         other = self._model.capsules[self._model.pairs[part][0]].part
         return (
             f"{depth_mm:.1f} mm inside {other}",

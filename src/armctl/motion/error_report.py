@@ -16,23 +16,12 @@ from armctl.robot import Robot
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ErrorReport:
-    """Points that were asked for, and where the tool came.
-
-    Raises:
-        InputError: shapes that differ or are not (k, 3), or a value that is not finite.
-    """
+    """Points that were asked for, and where the tool came."""
 
     desired: FloatArray
     """(k, 3) [m]"""
     reached: FloatArray
     """(k, 3) [m]"""
-
-    def __post_init__(self) -> None:
-        desired, reached = self.desired, self.reached
-        if desired.shape != reached.shape or desired.ndim != 2 or desired.shape[1] != 3 or not len(desired):
-            raise InputError(f"desired and reached points differ: {desired.shape} and {reached.shape}")
-        if not (np.isfinite(desired).all() and np.isfinite(reached).all()):
-            raise InputError("the points of an error report must be finite numbers")
 
     @property
     def error(self) -> FloatArray:
@@ -68,8 +57,7 @@ def as_printed(q: FloatArray, digits: int = 3) -> FloatArray:
 def closest_on_path(points: FloatArray, path: FloatArray) -> FloatArray:
     """(k, 3) where a path (m, 3), straight between its points, is closest to each of ``points`` (k, 3) [m].
 
-    Raises:
-        InputError: an empty path.
+    Raises ``InputError`` for an empty path.
     """
     if len(path) == 0:
         raise InputError("a path without points comes close to nothing")
@@ -93,14 +81,11 @@ def report_csv(theoretical: ErrorReport, applied: ErrorReport | None) -> str:
             heads += [f"{name}_{axis}_mm" for axis in "xyz"]
             columns.append(report.reached)
     rows = 1000 * np.hstack(columns) + 0.0
-    lines = [
-        f"{number}," + ",".join(f"{value:.6f}" for value in row)
-        for number, row in enumerate(rows.tolist(), 1)
-    ]
+    lines = [",".join([f"{k}", *(f"{value:.6f}" for value in row)]) for k, row in enumerate(rows.tolist(), 1)]
     return "\n".join([",".join(heads), *lines, ""])
 
 
-# How far the tool strays from the line or the arc that it shall follow, between points as well.
+# How far the tool strays from a line or an arc, between points as well.
 
 TICK_S = 0.02
 """one setpoint of the default rate"""

@@ -1,7 +1,6 @@
 """A motion as a figure for a report: SVG or PNG, with axes, units, legend and limits.
 
-matplotlib is imported when a figure is drawn, not before, and only its object-oriented interface is used:
-pyplot keeps state that threads would share.
+matplotlib is imported when a figure is drawn, and without pyplot, which keeps state that threads would share.
 """
 
 from __future__ import annotations
@@ -49,9 +48,9 @@ def motion_figure(robot: Robot, shown: TitledMotion, beside: TitledMotion | None
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=_SIZE_IN, layout="constrained")
-    heading = f"{robot.title}: {_heading(shown)}"
+    heading = f"{robot.title}: {shown.title}, {shown.motion.time[-1]:.3f} s"
     if beside is not None:
-        heading += f"\nA (dotted): {_heading(beside)}"
+        heading += f"\nA (dotted): {beside.title}, {beside.motion.time[-1]:.3f} s"
     figure.suptitle(_plain(heading), fontsize=13)
     axes: NDArray[np.object_] = figure.subplots(len(_QUANTITIES), 2, sharex=True)
     joint_names = [_plain(joint.title) for joint in robot.joints]
@@ -93,10 +92,6 @@ def figure_bytes(
     with io.BytesIO() as file:
         motion_figure(robot, shown, beside).savefig(file, format=form, dpi=_DPI)
         return file.getvalue()
-
-
-def _heading(shown: TitledMotion) -> str:
-    return f"{shown.title}, {shown.motion.time[-1]:.3f} s"
 
 
 def _color(i: int) -> str:

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from armctl.arrays import FloatArray
-from armctl.errors import InputError, MotionRefusedError, UnreachableError
+from armctl.errors import InputError, UnreachableError
 from armctl.kinematics import DEFAULT_STEP, Target, checked_criterion
 from armctl.kinematics.target import as_numbers
 from armctl.motion.blend import Leg, blend
@@ -43,9 +43,8 @@ def plan_joints(
 ) -> Trajectory:
     """Plan a motion to joint angles (n,) [rad] and check it; "normal" with a duration is a cubic.
 
-    Raises:
-        InputError: a value that is not finite, or a wrong shape.
-        MotionRefusedError: outside the joint limits, too short a duration, or through the floor.
+    Raises ``InputError`` for what is no configuration, ``MotionRefusedError`` for one outside the joint
+    limits, too short a duration, or what the pre-flight refuses.
     """
     end = robot.check_limits(end)
     if profile == "normal" and duration_s is None:
@@ -70,10 +69,7 @@ def plan_target(
 ) -> Trajectory:
     """Plan a motion of the tool to a target by inverse kinematics and check it.
 
-    Raises:
-        InputError: no such criterion.
-        UnreachableError: no solution; says why, and which point is the nearest.
-        MotionRefusedError: as in ``plan_joints``.
+    Raises as ``solve`` and ``plan_joints``.
     """
     end = solve(robot, start, target, choose)
     return plan_joints(robot, start, end, duration_s, profile, checked=checked)
@@ -82,9 +78,8 @@ def plan_target(
 def solve(robot: Robot, start: ArrayLike | None, target: Target, choose: str) -> FloatArray:
     """The configuration (n,) [rad] that a criterion chooses for a target.
 
-    Raises:
-        InputError: no such criterion.
-        UnreachableError: no solution; says why, and which point is the nearest.
+    Raises ``InputError`` where there is no such criterion, ``UnreachableError`` where there is no solution:
+    with the reason and the nearest point.
     """
     solver = robot.inverse_kinematics
     position_only = target.pitch is None and target.roll is None and target.rotation is None
@@ -121,8 +116,8 @@ def plan_line(
     Raises:
         InputError: a value that is not finite, or a wrong shape.
         UnreachableError: a place on the way is out of reach; says when, where and why.
-        MotionRefusedError: a limit, a singular pose or another branch on the way, said with the time, the
-            place and the joint; too short a duration; the floor.
+        MotionRefusedError: a limit, a singular pose or another branch on the way, with the time, the place
+            and the joint; too short a duration; the floor.
     """
     path = follow_tool(robot, start, None, position_m, pitch, end_pitch, speed)
     return plan_path(robot, start, path, speed=speed, duration_s=duration_s, profile=profile, checked=checked)
@@ -208,9 +203,8 @@ def follow_tool(
     try:
         return follow(robot, q, curve, pitch, end_pitch)
     except (ToolPathRefusedError, ToolPathUnreachableError) as cause:
-        seconds = 0.0
+        seconds, cap = 0.0, math.inf if speed is None else speed
         if cause.before is not None:  # when the tool comes there, without slowing down for it
-            cap = math.inf if speed is None else speed
             seconds = PathTrajectory.fastest(robot, cause.before, cap, last=math.inf).duration
         raise type(cause)(f"at {seconds:.2f} s, {cause}", cause.place, cause.before) from cause
 
@@ -219,14 +213,12 @@ def follow_tool(
 
 Passing = Literal["stop", "spline", "blend"]
 """at rest in each point; smoothly through all points; turning off before each point, towards the next"""
-_TOO_FEW = "a motion through points needs at least two of them"
 
 
 def solve_points(robot: Robot, points: FloatArray, choose: str, start: FloatArray) -> FloatArray:
     """(k, n) joint angles [rad] for points (k, 3) [m], each chosen by a criterion from the one before.
 
-    Raises:
-        UnreachableError: a point has no solution; says which and why.
+    Raises ``UnreachableError``: a point has no solution; says which and why.
     """
     found: list[FloatArray] = []
     for number, point in enumerate(points, 1):
@@ -238,28 +230,21 @@ def solve_points(robot: Robot, points: FloatArray, choose: str, start: FloatArra
 
 
 def plan_through(
-    robot: Robot,
-    stops: Sequence[FloatArray],
-    duration_s: float | None = None,
-    profile: Profile = "cubic",
-    *,
-    checked: bool = True,
+    robot: Robot, stops: Sequence[FloatArray], duration_s: float | None = None, profile: Profile = "cubic"
 ) -> JoinedTrajectory:
-    """Plan a motion through configurations (n,) [rad], at rest in each; a duration slows all parts alike.
+    """Plan a motion through configurations (n,) [rad], at rest in each; no pre-flight.
 
-    Raises:
-        InputError: fewer than two stops.
-        MotionRefusedError: outside the limits, through the floor, or too short a duration; says where.
+    A duration slows all parts alike; raises ``MotionRefusedError`` where it is too short.
     """
-    if len(stops) < 2:
-        raise InputError(_TOO_FEW)
-    durations: list[float | None] = [None] * (len(stops) - 1)
-    if duration_s is not None:
-        profile = "cubic" if profile == "normal" else profile
-        shortest = _joined(robot, stops, profile, durations, checked=False)
-        slower = _slower(duration_s, shortest.duration)
-        durations = [slower * part.duration for part in shortest.parts]
-    return _joined(robot, stops, profile, durations, checked=checked)
+    law = "cubic" if profile == "normal" and duration_s is not None else profile
+    parts = [plan_joints(robot, *ends, None, law, checked=False) for ends in pairwise(stops)]
+    shortest = JoinedTrajectory(parts)
+    if duration_s is None:
+        return shortest
+    factor = _slower(duration_s, shortest.duration)
+    return JoinedTrajectory(
+        [plan_joints(robot, p.start, p.end, factor * p.duration, law, checked=False) for p in parts]
+    )
 
 
 def plan_blended(
@@ -267,26 +252,18 @@ def plan_blended(
 ) -> Trajectory:
     """Plan a motion that turns off towards the next configuration before it comes to each; no pre-flight.
 
-    ``stops`` (n,) [rad]; the tool may begin to turn off ``radius_m`` [m] before each.
-
-    Raises:
-        InputError: fewer than two stops, or a radius that is not positive.
-        MotionRefusedError: outside the joint limits, or too short a duration.
+    ``stops`` (n,) [rad], two at least differ; the tool may begin to turn off ``radius_m`` [m] before each.
+    Raises ``InputError`` for a radius that is not positive, ``MotionRefusedError`` for too short a duration.
     """
-    if len(stops) < 2:
-        raise InputError(_TOO_FEW)
     if not radius_m > 0:
         raise InputError(
             f"a blend radius must be positive, got {1000 * radius_m:g} mm; or stop at each point"
         )
-    inside = [robot.check_limits(stop) for stop in stops]
     legs = [
         Leg(PiecewisePolynomial([0.0, 1.0], np.stack([start, end - start])[None]), radius_m)
-        for start, end in pairwise(inside)
+        for start, end in pairwise(stops)
         if bool((start != end).any())
     ]
-    if not legs:
-        raise InputError("the points of a blended motion are all the same")
     legs[-1] = Leg(legs[-1].path)
     shortest = JoinedTrajectory(blend(robot, legs).trajectories)
     if duration_s is None:
@@ -294,24 +271,8 @@ def plan_blended(
     return SlowedTrajectory(shortest, _slower(duration_s, shortest.duration))
 
 
-def _joined(
-    robot: Robot,
-    stops: Sequence[FloatArray],
-    profile: Profile,
-    durations: Sequence[float | None],
-    *,
-    checked: bool,
-) -> JoinedTrajectory:
-    parts: list[Trajectory] = []
-    for k, ((start, end), duration) in enumerate(zip(pairwise(stops), durations, strict=True), 1):
-        try:
-            parts.append(plan_joints(robot, start, end, duration, profile, checked=checked))
-        except MotionRefusedError as cause:
-            raise MotionRefusedError(f"from point {k} to point {k + 1}: {cause}") from cause
-    return JoinedTrajectory(parts)
-
-
 def _slower(duration_s: float, shortest: float) -> float:
     """How many times as long as the shortest a duration is."""
-    lasts = lasting_s(duration_s, shortest, lambda asked: f"the whole motion cannot take {asked:g} s")
-    return lasts / shortest if shortest > 0 else 1.0
+    return (
+        lasting_s(duration_s, shortest, lambda asked: f"the whole motion cannot take {asked:g} s") / shortest
+    )

@@ -18,10 +18,9 @@ _NEGLIGIBLE = 1e-14
 
 
 class PiecewisePolynomial:
-    """n coordinates as polynomials of one variable, with the same breaks for all. Immutable.
+    """n coordinates, ``sum_p coefficients[i, p] * (x - breaks[i]) ** p`` in piece i. Immutable.
 
-    Between ``breaks[i]`` and ``breaks[i + 1]`` the coordinates are
-    ``sum_p coefficients[i, p] * (x - breaks[i]) ** p``. Outside the breaks it holds the nearer end.
+    Outside the breaks it holds the nearer end.
     """
 
     def __init__(self, breaks: ArrayLike, coefficients: ArrayLike) -> None:
@@ -203,12 +202,9 @@ _SAME = 1e-12
 def spline_through(points: ArrayLike, weights: ArrayLike | None = None) -> PiecewisePolynomial:
     """The cubic spline through points (k, n), in the order given; ``cubic_spline`` tells its ends.
 
-    The path variable between two points is the largest weighted way of a coordinate, so that a joint with
-    a long way does not overshoot beside a short one. With one over each joint's largest speed as ``weights``
-    (n,) it is the least time [s]; None: all 1. Equal points in a row count once.
-
-    Raises:
-        InputError: a wrong shape, a value that is not finite, fewer than two points that differ.
+    The path variable between two points is the largest way of a coordinate times its weight; ``weights`` (n,)
+    of one over each joint's largest speed make it the least time [s]. Equal points in a row count once.
+    Raises ``InputError``: a wrong shape, a value that is not finite, fewer than two points that differ.
     """
     p = np.asarray(points, dtype=np.float64)
     if p.ndim != 2 or p.size == 0 or not np.isfinite(p).all():

@@ -78,15 +78,11 @@ def preflight(
 ) -> list[Finding]:
     """Check one motion: errors first, then warnings, each in the order of time.
 
-    - Joint limits, speed and acceleration by the exact peaks where a trajectory knows them, else by
-      samples; rest at both ends, unless it is a piece of a blended program (``at_rest``).
-    - Floor, obstacles and self-collision over the whole motion (``gap_finding``). Where it starts below the
-      floor, or touching, it must not get worse.
+    - Joint limits, speed and acceleration by the peaks of the trajectory; rest at both ends (``at_rest``).
+    - Floor, obstacles and self-collision over the whole motion (``gap_finding``).
     - Singularities of the tool point, which must not cut a ``tool_path``, and gravity torque (with
       ``payload_kg`` instead of the robot file's) against stall torque, at the samples.
-
-    Raises:
-        InputError: the trajectory has another number of joints, or a value that is not finite.
+    Raises ``InputError``: the trajectory has another number of joints, or a value that is not finite.
     """
     motion = SampledMotion(robot, trajectory)
     if payload_kg is not None and checked_number(payload_kg, "a payload") < 0.0:
@@ -116,8 +112,7 @@ def require_clear(
 ) -> None:
     """Refuse a motion that must not be run; takes what ``preflight`` takes.
 
-    Raises:
-        MotionRefusedError: says the first error in words, and how many more there are.
+    Raises ``MotionRefusedError``: says the first error in words, and how many more there are.
     """
     findings = preflight(robot, trajectory, payload_kg, tool_path=tool_path, at_rest=at_rest)
     count = sum(finding.severity == "error" for finding in findings)
@@ -129,9 +124,8 @@ def require_clear(
 class SampledMotion:
     """The m samples of a motion, and its extremes between them.
 
-    Where a trajectory knows its peaks, no joint moves more than 6° between two samples, and a sample lies
-    in the middle; another one is sampled every millisecond, or 4,000 times if it is longer. Each part of a
-    joined trajectory is sampled alone, so the instant between two parts has two samples.
+    Where a trajectory knows its peaks, no joint moves more than 6° between two samples; another one is
+    sampled every millisecond, at most 4,000 times. Each part of a joined trajectory is sampled alone.
     """
 
     def __init__(self, robot: Robot, trajectory: Trajectory) -> None:
@@ -183,9 +177,8 @@ def _limit_findings(motion: SampledMotion) -> Iterator[Finding]:
         joint, q = robot.joints[j], motion.q[:, j]
         is_below = below[j] >= above[j]
         at = int(q.argmin() if is_below else q.argmax())
-        angle, least, most = np.degrees(
-            [peaks.low[j] if is_below else peaks.high[j], joint.lower, joint.upper]
-        )
+        worst = peaks.low[j] if is_below else peaks.high[j]
+        angle, least, most = np.degrees([worst, joint.lower, joint.upper])
         yield Finding(
             f"{angle:.2f}° is outside {least:.2f}° … {most:.2f}°",
             float(motion.time[at]),
@@ -241,10 +234,9 @@ _BLOCK = 4096
 def gap_finding(motion: SampledMotion, source: Gaps, gaps: FloatArray) -> Finding | None:
     """Check that gaps, (k, m) [m] at the samples, stay open; one that starts closed must not close further.
 
-    A gap cannot change faster than its levers times the joint speeds, so with gaps g₀ and g₁ at two samples
-    and a change of at most D between them, it is at least (g₀ + g₁ - D) / 2 there. Where that does not
-    prove it open, the interval is halved. Tells the deepest gap at the samples; if all are open there, the
-    deepest of the first halves that shows one.
+    With gaps g₀ and g₁ at two samples and a change of at most D (levers times joint speeds) between them, a
+    gap is at least (g₀ + g₁ - D) / 2 there. Where that does not prove it open, the interval is halved. Finds
+    the deepest gap at the samples, else of the first halves that show one.
     """
     if not len(gaps):
         return None
@@ -305,15 +297,12 @@ _STRAINED = 0.25 / _LOST
 def _singularity_findings(motion: SampledMotion, *, tool_path: bool) -> Iterator[Finding]:
     """At most one.
 
-    A joint motion passes any singularity; a warning tells where it ends at one (below ``NEAR``), since lines
-    and jogs of the tool cannot well begin there. A path of the tool is checked all the way. There it is
-    an error where the direction that is lost is the one that the path takes: then the joints turn many
-    times as far as the tool's way asks for elsewhere.
+    A joint motion passes any singularity; a warning tells where it ends at one (below ``NEAR``). A path of
+    the tool is checked all the way: an error where it takes the direction that is lost.
     """
     robot = motion.robot
     q, time = (motion.q, motion.time) if tool_path else (motion.q[-1:], motion.time[-1:])
-    jacobians = robot.jacobian(q) if tool_path else robot.jacobian(q[-1])[None]
-    isotropy, largest = isotropy_of(robot, jacobians)
+    isotropy, largest = isotropy_of(robot, robot.jacobian(q))
     if isotropy.min() >= NEAR or robot.always_singular:
         return
     at, is_lost = int(isotropy.argmin()), False

@@ -73,14 +73,9 @@ def law_over(
 ) -> PiecewisePolynomial:
     """The shortest motion over a length, from rest to rest: s(t), one coordinate, t from 0 [s].
 
-    The cubic and the trapezoid jump in acceleration and do not keep the jerk limit.
-
-    Raises:
-        InputError: a length or a limit that is not positive, or a profile that is none.
+    Length and limits are positive. The cubic and the trapezoid do not keep the jerk limit.
+    Raises ``InputError`` for a profile that is none.
     """
-    for what, value in (("length", length), ("speed", speed), ("acceleration", acceleration), ("jerk", jerk)):
-        if not value > 0:
-            raise InputError(f"a motion needs a positive {what}, got {value}")
     if profile in _SHAPES:
         shape, way = _SHAPES[profile], np.array([length])
         return shape.over(way, float(shape.times(way, *np.array([[speed], [acceleration], [jerk]]))[0]))
@@ -116,18 +111,14 @@ def _s_curve(length: float, speed: float, acceleration: float, jerk: float) -> P
 
 
 def _phases(length: float, phases: tuple[tuple[float, float, float], ...]) -> PiecewisePolynomial:
-    """Phases of (duration, acceleration at its beginning, jerk), one after another, from rest.
-
-    What lies beyond the middle is counted from the end, so that the end is met as exactly as the start.
-    """
-    count = len(phases)
+    """Phases of (duration, acceleration at its beginning, jerk), one after another, from rest to rest."""
     way, rate = 0.0, 0.0
     forward = [(way, rate)]  # at each seam
-    for duration, push, twist in phases[: count // 2]:
+    for duration, push, twist in phases[: len(phases) // 2]:
         way += duration * (rate + duration * (push / 2 + duration * twist / 6))
         rate += duration * (push + duration * twist / 2)
         forward.append((way, rate))
-    # the motion is symmetric: the second half's seams mirror the first half's
+    # the second half mirrors the first, so that the end is met as exactly as the start
     seams = forward + [(length - way, rate) for way, rate in forward[::-1]]
     breaks, rows = [0.0], list[tuple[float, float, float, float]]()
     for (duration, push, twist), (way, rate) in zip(phases, seams, strict=False):
@@ -149,8 +140,6 @@ class PointToPoint(KnowsPeaks):
     """[s]; 0 for a motion that goes nowhere"""
     way: PiecewisePolynomial | None
     """(n,) way gone from the start over time [rad], monotonous; None for a motion that takes no time"""
-    shape: _Shape | None = None
-    """of the way of all joints, where it is one polynomial"""
 
     @classmethod
     def lasting(
@@ -158,9 +147,7 @@ class PointToPoint(KnowsPeaks):
     ) -> PointToPoint:
         """A motion from ``start`` to ``end`` (n,) [rad] in a given time [s], without limits.
 
-        Raises:
-            InputError: a value that is not finite, shapes that differ, no time for a way, or a profile but
-                cubic and quintic: the shape of the others depends on limits.
+        Raises ``InputError`` for no motion, no time for a way, or a profile whose shape depends on limits.
         """
         first, last = checked_ends(start, end)
         lasts = checked_duration(duration)
@@ -168,8 +155,7 @@ class PointToPoint(KnowsPeaks):
             raise InputError(f"a motion cannot take {duration} s")
         if profile not in _SHAPES:
             raise InputError(f"the shape of a {profile} depends on the limits; plan it")
-        shape = _SHAPES[profile]
-        return cls(first, last, lasts, shape.over(last - first, lasts) if lasts else None, shape)
+        return cls(first, last, lasts, _SHAPES[profile].over(last - first, lasts) if lasts else None)
 
     @classmethod
     def plan(
@@ -183,10 +169,8 @@ class PointToPoint(KnowsPeaks):
         """Plan from ``start`` to ``end`` (n,) [rad] within the robot's limits; all joints arrive together.
 
         The shortest duration [s] is that of the joint that needs longest; the others are slowed down to it.
-
-        Raises:
-            InputError: a value that is not finite, or a wrong shape.
-            MotionRefusedError: too short a duration; names the joint, what it would need and the shortest.
+        Raises ``InputError`` for no motion, ``MotionRefusedError`` for too short a duration: with the joint,
+        what it would need and the shortest.
         """
         first, last = checked_ends(start, end, robot.n)
         travel = last - first
@@ -205,7 +189,7 @@ class PointToPoint(KnowsPeaks):
         if duration == 0:
             return cls(first, last, 0.0, None)
         if shape is not None:
-            return cls(first, last, duration, shape.over(travel, duration), shape)
+            return cls(first, last, duration, shape.over(travel, duration))
         laws = [None if law is None else law.scaled(duration / law.high) for law in laws]
         return cls(first, last, duration, _joined(np.sign(travel), laws, duration))
 
@@ -224,14 +208,9 @@ class PointToPoint(KnowsPeaks):
         low, high = np.minimum(self.start, self.end), np.maximum(self.start, self.end)
         if self.way is None:
             return Peaks(low, high, np.zeros(len(low)), np.zeros(len(low)))
-        if self.shape is not None:
-            mean = (high - low) / self.duration
-            faster, harder = self.shape.peaks[:2]
-            return Peaks(low, high, faster * mean, harder * mean / self.duration)
-        # the rates of a trapezoid or an s-curve are monotonous in each piece: the bounds are met
-        speed = self.way.derivative()
-        push = speed.derivative()
-        return Peaks(low, high, speed.bound_by_piece().max(axis=0), push.bound_by_piece().max(axis=0))
+        rate = self.way.derivative()
+        speed, push = (np.abs(curve.extremes()).max(axis=0) for curve in (rate, rate.derivative()))
+        return Peaks(low, high, speed, push)
 
     def sample(self, t: float | FloatArray) -> Sample:
         """State at ``t`` [s], a number or (k,); outside the duration it holds the nearer end."""
@@ -241,7 +220,7 @@ class PointToPoint(KnowsPeaks):
             return Sample(q, np.zeros_like(q), np.zeros_like(q), np.zeros_like(q))
         gone, velocity, acceleration, jerk = self.way.derivatives(time, 3)
         inside = ((time >= 0.0) & (time <= self.duration))[..., None]
-        moving = ((time > 0.0) & (time < self.duration))[..., None]
+        moving = inside & ((time > 0.0) & (time < self.duration))[..., None]
         # no rounding may carry a joint beyond its ends
         q = np.clip(self.start + gone, np.minimum(self.start, self.end), np.maximum(self.start, self.end))
         q = np.where(moving, q, np.where((time <= 0.0)[..., None], self.start, self.end))
@@ -257,11 +236,7 @@ def checked_duration(duration: float) -> float:
 
 
 def lasting_s(duration: float, shortest: float, too_short: Callable[[float], str]) -> float:
-    """A duration [s] that is asked for, at least the shortest.
-
-    Raises:
-        MotionRefusedError: it is too short, in the words of ``too_short``, and what the shortest is.
-    """
+    """A duration [s] that is asked for; ``MotionRefusedError`` where it is under the shortest."""
     checked = checked_duration(duration)
     if checked < shortest * (1 - _ROUNDING):
         raise MotionRefusedError(f"{too_short(checked)}; {shortest_words(shortest)}")
@@ -274,10 +249,7 @@ def shortest_words(shortest: float) -> str:
 
 
 def stopping_s(robot: Robot) -> float:
-    """What the slowest joint needs from its full speed to rest on a straight way [s].
-
-    On a bend the path itself takes some of the acceleration: allow for several times as much.
-    """
+    """What the slowest joint needs from its full speed to rest on a straight way [s]; more on a bend."""
     return float((robot.speed_limits / robot.acceleration_limits).max())
 
 

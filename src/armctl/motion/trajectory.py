@@ -86,8 +86,7 @@ class JoinedTrajectory(KnowsPeaks):
     def __init__(self, parts: Sequence[Trajectory]) -> None:
         """At least one part; each starts where the one before it ends.
 
-        Raises:
-            InputError: no part, or parts that do not meet.
+        Raises ``InputError``: no part, or parts that do not meet.
         """
         if not parts:
             raise InputError("a trajectory needs at least one part")
@@ -109,11 +108,10 @@ class JoinedTrajectory(KnowsPeaks):
     @property
     def peaks(self) -> Peaks:
         """As well known as those of its parts."""
-        all_peaks = [peaks_of(part) for part in self.parts]
-        low, high, speed, acceleration = zip(
-            *((one.low, one.high, one.speed, one.acceleration) for one in all_peaks), strict=True
-        )
-        return Peaks(np.min(low, 0), np.max(high, 0), np.max(speed, 0), np.max(acceleration, 0))
+        peaks = [peaks_of(part) for part in self.parts]
+        low, high = np.min([one.low for one in peaks], axis=0), np.max([one.high for one in peaks], axis=0)
+        speed, acceleration = np.max([(one.speed, one.acceleration) for one in peaks], axis=0)
+        return Peaks(low, high, speed, acceleration)
 
     def leaves(self) -> list[tuple[Trajectory, float]]:
         """The parts, joined ones taken apart, and when each begins [s]."""
@@ -139,17 +137,11 @@ class JoinedTrajectory(KnowsPeaks):
         return Sample(q, velocity, acceleration, jerk)
 
 
-# The extremes of any trajectory: exact where it knows them, sampled where it does not.
-
 _SAMPLES = 4001
 
 
 def peaks_of(trajectory: Trajectory) -> Peaks:
-    """Extremes of a whole motion: exact where it knows them.
-
-    Those of a foreign trajectory are taken from 4,001 samples, the steps between them included: it may not be
-    what it says of itself.
-    """
+    """Extremes of a whole motion: exact where it knows them, else of 4,001 samples and the steps between."""
     if isinstance(trajectory, KnowsPeaks):
         return trajectory.peaks
     time = np.linspace(0.0, trajectory.duration, _SAMPLES)
@@ -160,17 +152,13 @@ def peaks_of(trajectory: Trajectory) -> Peaks:
     return Peaks(state.q.min(axis=0), state.q.max(axis=0), speed, np.abs(state.acceleration).max(axis=0))
 
 
-# The same motion, slower.
-
-
 class SlowedTrajectory(KnowsPeaks):
     """A trajectory that takes a number of times as long, on the same way. Immutable."""
 
     def __init__(self, trajectory: Trajectory, factor: float) -> None:
         """Slow down: ``factor`` times as long, at least 1.
 
-        Raises:
-            InputError: a factor under 1, or not finite.
+        Raises ``InputError``: a factor under 1, or not finite.
         """
         if not 1.0 <= factor < np.inf:
             raise InputError(f"a motion is slowed down by a factor of 1 or more, not {factor}")

@@ -137,9 +137,7 @@ class NumericSolver(InverseKinematics):
 
         A rotation that cannot be had where the position can is approached: the position is met exactly and
         the orientation as nearly as the search finds.
-
-        Raises:
-            InputError: ``step`` is not a positive number.
+        Raises ``InputError``: ``step`` is not a positive number.
         """
         checked_step(step)
         refusal, box = self._box(target)

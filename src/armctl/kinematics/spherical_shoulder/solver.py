@@ -99,9 +99,7 @@ class SphericalShoulderSolver(InverseKinematics):
         Position alone: the first joint is swept in steps of ``step`` [rad], with the roll joint at the one of
         its equal angles nearest to zero. With a pitch the solutions are isolated; where no roll is given the
         roll joint stands as near to zero as it may. With a rotation they are the nearest that can be had.
-
-        Raises:
-            InputError: ``step`` is not a positive number.
+        Raises ``InputError``: ``step`` is not a positive number.
         """
         step = checked_step(step)
         refusal, roll = held_roll(self._roll, target.roll)

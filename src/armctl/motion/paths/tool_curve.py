@@ -47,11 +47,10 @@ class ToolLine:
 class ToolArc:
     """A circular arc over three points (3,) [m], start, via and end. Immutable.
 
-    With the unit directions t (along, at the start) and n (from the start to the centre) the place is
-    ``start + R (sin(s/R) t + (1 - cos(s/R)) n)``, which keeps its digits however large the radius is.
-
-    Raises:
-        InputError: a point that is not three finite numbers, two points that are one, or three on a line.
+    With t ``along`` and n ``inward`` the place is ``start + R (sin(s/R) t + (1 - cos(s/R)) n)``: this keeps
+    its digits however large the radius is.
+    Raises ``InputError``: a point that is not three finite numbers, two points that are one, or three on a
+    line.
     """
 
     kind = "arc"

@@ -25,7 +25,6 @@ from armctl.robot import Robot
 PitchMode = Literal["kept", "interpolated", "free"]
 """tool pitch on the way: as at the start; evenly to that at the end; whatever takes the least motion"""
 PITCH_MODES: tuple[PitchMode, ...] = get_args(PitchMode)
-_JOINTS_FOR_PITCH = 3
 _PUSHES = (6.0, 30.0)
 """tried in this order: how strongly a free joint keeps away from the limits [rad/m]"""
 _SAMPLES = 65
@@ -67,12 +66,8 @@ class ToolPathUnreachableError(_PlacedError, UnreachableError):
 
 
 def usual_pitch(robot: Robot) -> PitchMode:
-    """What an arm can do with its tool pitch along most lines: keep it, or let it come as it comes.
-
-    With two parallel pitch joints, the place of the tool decides about its pitch.
-    """
-    joints = robot.inverse_kinematics.pitch_joints
-    return "free" if joints and len(joints) < _JOINTS_FOR_PITCH else "kept"
+    """What an arm can do along most lines: keep its pitch, or, with two pitch joints, let it come."""
+    return "free" if len(robot.inverse_kinematics.pitch_joints) == 2 else "kept"
 
 
 def follow(
@@ -80,20 +75,17 @@ def follow(
 ) -> PiecewisePolynomial | None:
     """Lead the tool along a curve that begins where it is with the joints at ``q_start`` (n,) [rad].
 
-    The tool keeps within 0.01 mm of the curve, and a held pitch within 0.01°, between the knots of the
-    polynomial too. The roll joint stays. A free joint moves as little as serves, weighted by the joints'
-    speeds; where that runs into a limit it is led around it.
+    The tool keeps within 0.01 mm of the curve, and a held pitch within 0.01°. The roll joint stays. A free
+    joint moves as little as serves, weighted by the joints' speeds, and is led around the limits.
 
     Returns:
-        q(s) [rad] over 0 … ``curve.length`` [m], quintics, smooth to the second derivative, joint limits
-        kept; None for a curve so short that the arm stays.
-
-    Raises:
-        InputError: a value that is not finite, a curve that begins elsewhere, contradictory wishes about the
-            pitch (``end_pitch`` [rad] goes with "interpolated", and only there).
-        MotionRefusedError: a start outside the limits; a limit, a singularity or the end of a branch on the
-            way (``ToolPathRefusedError``, which knows the place); a pitch that this arm cannot hold.
-        UnreachableError: out of reach (``ToolPathUnreachableError``, which knows the place).
+        q(s) [rad] over 0 … ``curve.length`` [m], quintics, smooth to the second derivative; None for a curve
+        so short that the arm stays.
+    Raises ``InputError``: a value that is not finite, a curve that begins elsewhere, contradictory wishes
+    about the pitch (``end_pitch`` [rad] goes with "interpolated", and only there); ``MotionRefusedError``: a
+    start outside the limits; a limit, a singularity or the end of a branch on the way
+    (``ToolPathRefusedError``, which knows the place); a pitch that this arm cannot hold;
+    ``UnreachableError``: out of reach (``ToolPathUnreachableError``, which knows the place).
     """
     q = robot.chain.checked(q_start)
     robot.check_limits(q)
@@ -266,12 +258,11 @@ def _out_of_reach(robot: Robot, curve: ToolCurve, s: float, pitch: float | None)
     why, share = missing(nearest), nearest
     if why is None:
         return None
-    farther = 1.0
-    while farther > nearest and not searched:  # clearer than just beyond, where all is a trifle too far
+    farther, clearer = 1.0, None
+    while clearer is None and farther > nearest and not searched:  # clearer than just beyond
         clearer = missing(farther)
         if clearer is not None:
             why, share = clearer, farther
-            break
         farther *= 0.5
     left_for = "the arm's reach" if pitch is None else "what the arm reaches with that pitch"
     return f"here it leaves {left_for}; at {100.0 * (s + share * left) / curve.length:.0f} %, {why}"

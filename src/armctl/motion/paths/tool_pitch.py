@@ -1,10 +1,8 @@
 """The tool pitch along a path: kept, led to an end, or chosen so that the joints stay inside their limits.
 
 Pitch is the elevation of the tool's z axis above the horizontal. It enters the equations of a path as one or
-two rows ``value(q) = wanted(s)``, with derivatives, in a form that is smooth where the arm works: for arms
-with parallel pitch joints as the angle in the arm's own vertical plane, which is linear in the joint angles
-and has no trouble straight up and down; for all others as the height of the axis's tip, and straight up or
-down as its two horizontal parts.
+two rows ``value(q) = wanted(s)``: for arms with parallel pitch joints the angle in the arm's own vertical
+plane, linear in the joint angles; for others the height of the axis's tip, or upright its horizontal parts.
 """
 
 from __future__ import annotations
@@ -120,8 +118,7 @@ def _swung(pose: FloatArray, jacobian: FloatArray) -> FloatArray:
 def carried(columns: FloatArray, axes: FloatArray, rates: FloatArray) -> FloatArray:
     """(3, n) derivative along joint rates (n,) of the derivatives ``columns`` (3, n) of a vector on the tool.
 
-    Joint i turns whatever joint j behind it does to the vector: ∂²v/∂q_i∂q_j = z_i x ∂v/∂q_j for i ≤ j, with
-    the joint axes z (3, n) and the rates (n,).
+    With the joint axes z (3, n): ∂²v/∂q_i∂q_j = z_i x ∂v/∂q_j for i ≤ j.
     """
     turning, turned = np.empty((2, *axes.shape)), np.empty((2, *axes.shape))
     np.add.accumulate(axes * rates, axis=1, out=turning[0])
@@ -141,7 +138,7 @@ def elevations(robot: Robot, poses: FloatArray) -> FloatArray:
 
 
 def _plane_senses(geometry: ToolPlane, n: int) -> FloatArray:
-    """(n,) what each joint adds to the angle of the tool in the arm's plane: ±1 or 0."""
+    """(n,) ``PlanePitch.senses``."""
     senses = np.zeros(n)
     senses[list(geometry.pitch_joints)] = geometry.signs
     return senses
@@ -150,8 +147,7 @@ def _plane_senses(geometry: ToolPlane, n: int) -> FloatArray:
 def pitch_rows(robot: Robot, q: FloatArray, length: float, end: float | None) -> PitchRows:
     """The rows that keep the pitch of ``q`` (n,), or lead it evenly to ``end`` [rad] over ``length`` [m].
 
-    Raises:
-        InputError: an end beyond ±90° for an arm that has no vertical plane of its own.
+    Raises ``InputError``: an end beyond ±90° for an arm that has no vertical plane of its own.
     """
     geometry = robot.inverse_kinematics.plane
     if geometry is not None:
@@ -174,13 +170,10 @@ def pitch_rows(robot: Robot, q: FloatArray, length: float, end: float | None) ->
 def _plane_turn(angle: float, end: float, outward: float) -> float:
     """How far the tool turns in the arm's plane from its angle to an end pitch [rad].
 
-    A pitch within ±90° is met outward and back at the base axis: the tool stays on the side on which it is;
-    one that stands upright turns outward. Beyond ±90° the angle is taken as it is, in the arm's own plane.
+    For a pitch within ±90° it stays outward or back at the base axis; one that stands upright turns outward.
     """
     if abs(end) <= math.pi / 2:
-        ahead = math.cos(angle)
-        if abs(ahead) < _UPRIGHT:
-            ahead = math.cos(outward)
+        ahead = math.cos(angle) if abs(math.cos(angle)) >= _UPRIGHT else math.cos(outward)
         end = end if ahead > 0.0 else math.pi - end
     return math.remainder(end - angle, 2.0 * math.pi)
 
@@ -192,12 +185,9 @@ def _reaches_forward(geometry: ToolPlane, q: FloatArray, tool: FloatArray) -> bo
     return x * math.cos(turn) + y * math.sin(turn) >= 0.0
 
 
-# A tool pitch that leads an arm with three parallel pitch joints along a curve inside its joint limits.
-#
-# Where the pitch is free, the least motion may run into a limit that another pitch would have avoided. Here
-# the whole way is looked at: over a grid of places on the curve and angles of the tool in the arm's plane, on
-# the branch that the arm is on, dynamic programming finds the way of least joint motion that keeps inside the
-# limits, and a smoothing spline makes it a pitch to be led along.
+# A free tool pitch that leads three parallel pitch joints along a curve inside their limits: over a grid of
+# places on the curve and angles of the tool, on the arm's branch, dynamic programming finds the way of least
+# joint motion inside the limits, and a smoothing spline makes it a pitch to be led along.
 
 _PLACES = 49
 _ANGLES = 360

@@ -2,8 +2,7 @@
 
 A step goes ahead by the Taylor series of the last knot, is brought onto the curve by Newton's method, and is
 kept if the quintic between the two knots stays on the curve. Else it is halved. A step that stays refused
-however small it is marks the place where the branch ends: there the joints would have to turn without bound.
-A jump onto another branch is refused by the same test, since no smooth polynomial leads there on the curve.
+however small it is marks the place where the branch ends. So is a jump onto another branch refused.
 """
 
 from __future__ import annotations
@@ -68,12 +67,14 @@ def walk(task: ToolTask, q_start: FloatArray, *, only_inside: bool) -> Walk:
 
     ``only_inside``: no farther than a knot beyond the joint limits.
     """
-    knots, complete = _walked(task, q_start, task.bounds if only_inside else None)
+    knots, complete = _walked(task, q_start, task.bounds if only_inside else None, _AIM)
     path = hermite(knots) if len(knots) > 1 else None
     return Walk(knots, complete, path, None if path is None else first_crossing(path, task.bounds))
 
 
-def _walked(task: ToolTask, q_start: FloatArray, bounds: FloatArray | None) -> tuple[list[Knot], bool]:
+def _walked(
+    task: ToolTask, q_start: FloatArray, bounds: FloatArray | None, aim: float
+) -> tuple[list[Knot], bool]:
     """The knots, and whether they lead to the end."""
     length = task.curve.length
     here = task.knot(q_start, 0.0)
@@ -88,7 +89,7 @@ def _walked(task: ToolTask, q_start: FloatArray, bounds: FloatArray | None) -> t
             ahead = length
         else:
             ahead = here.s + min(step, 0.5 * left)  # two even steps rather than one and a rest
-        there, share = _step(task, here, ahead)
+        there, share = _step(task, here, ahead, aim)
         if there is None or share > 1.0:
             step = 0.5 * step if there is None else (ahead - here.s) * max(0.3, 0.85 * share ** (-1 / 6))
             if step < _SHORTEST * length:
@@ -99,7 +100,11 @@ def _walked(task: ToolTask, q_start: FloatArray, bounds: FloatArray | None) -> t
         here = there
         if bounds is not None and not ((here.q >= bounds[:, 0]) & (here.q <= bounds[:, 1])).all():
             return knots, here.s >= length
-    return _verified(task, knots)
+    path = hermite(knots)
+    s = (path.breaks[:-1, None] + np.diff(path.breaks)[:, None] * _DENSE).ravel()
+    if (task.deviation(path(s), s) > 1.0).any():  # astray between the places that a step looks at
+        return _walked(task, q_start, bounds, 0.1 * aim)
+    return knots, True
 
 
 def _turning(angle: float, knot: Knot) -> float:
@@ -107,7 +112,7 @@ def _turning(angle: float, knot: Knot) -> float:
     return angle / max(float(np.abs(knot.slope).max()), 1e-9)
 
 
-def _step(task: ToolTask, here: Knot, s: float) -> tuple[Knot | None, float]:
+def _step(task: ToolTask, here: Knot, s: float, aim: float) -> tuple[Knot | None, float]:
     """The knot at ``s`` and by what share of the aim the quintic to it strays; None: no step so long."""
     h = s - here.s
     ahead = here.q + h * here.slope + 0.5 * h * h * here.bend
@@ -120,25 +125,7 @@ def _step(task: ToolTask, here: Knot, s: float) -> tuple[Knot | None, float]:
         return None, math.inf
     ends = [_over(h, np.array([knot.q, knot.slope, knot.bend])) for knot in (here, there)]
     between = _SHARES_POWERS @ quintic(*ends)
-    return there, float(task.deviation(between, here.s + h * _SHARES).max()) / _AIM
-
-
-def _verified(task: ToolTask, knots: list[Knot]) -> tuple[list[Knot], bool]:
-    """With knots put between where a dense look finds the tool astray."""
-    while True:
-        path = hermite(knots)
-        widths = np.diff(path.breaks)
-        s = path.breaks[:-1, None] + widths[:, None] * _DENSE
-        worst = task.deviation(path(s.ravel()), s.ravel()).reshape(s.shape).max(axis=1)
-        astray = np.flatnonzero(worst > 1.0)
-        if not len(astray):
-            return knots, True
-        for i in map(int, astray[::-1]):
-            s_middle = 0.5 * (knots[i].s + knots[i + 1].s)
-            middle = task.arrived(path(s_middle), s_middle)
-            if middle is None or widths[i] < _SHORTEST * task.curve.length:
-                return knots[: i + 1], False
-            knots.insert(i + 1, middle)
+    return there, float(task.deviation(between, here.s + h * _SHARES).max()) / aim
 
 
 def hermite(knots: Sequence[Knot]) -> PiecewisePolynomial:
@@ -172,12 +159,10 @@ def first_crossing(path: PiecewisePolynomial, bounds: FloatArray) -> tuple[float
     found: list[tuple[float, int]] = []
     for joint in map(int, np.flatnonzero(outside[piece])):
         lower, upper = bounds[joint].tolist()
-        at_begin = not lower <= unit[0, joint] <= upper
         for bound, is_passed in ((lower, low[piece, joint] < lower), (upper, high[piece, joint] > upper)):
             if is_passed:
-                found.append(
-                    (begin + (0.0 if at_begin else width * _first_root(unit[:, joint], bound)), joint)
-                )
+                share = _first_root(unit[:, joint], bound) if lower <= unit[0, joint] <= upper else 0.0
+                found.append((begin + share * width, joint))
     return min(found, key=lambda crossing: crossing[0])
 
 
@@ -194,14 +179,12 @@ def _first_root(c: FloatArray, bound: float) -> float:
 # What the joints must do while the tool follows a curve: equations in the joint angles, and their solution.
 #
 # With the rows ``c(q) = w(s)`` (the tool point on the curve, the pitch where it is held) and A = ∂c/∂q over
-# the joints that move (the roll joint and those that their limits hold stand still):
+# the joints that move:
 #
 #     A q' = w'          A q'' = w'' - Ȧ q'
 #
-# Where there are as many rows as joints these are solved; where there are fewer, q' is the least motion,
-# weighted by the joints' speeds, that serves: the least of ½ q'ᵀ W q' + gᵀ q', where g, if asked for, pushes
-# away from the joint limits. q'' is then the exact derivative of that q' along the path, so that a polynomial
-# through q, q', q'' at its knots is smooth.
+# Where there are fewer rows than joints, q' is the least of ½ q'ᵀ W q' + gᵀ q': W are weights by the joints'
+# speeds, and g pushes away from the limits. q'' is the exact derivative of that q' along the path.
 
 _RANK = 1e-9
 """singular values below this share of the largest count as none"""
@@ -322,10 +305,8 @@ class ToolTask:
         slope, bend = np.zeros(len(q)), np.zeros(len(q))
         rates = inverse.least @ first
         push, push_change = np.zeros((2, len(move)))
-        if self.redundant and self.push:
-            push, push_change = (
-                np.array(repulsion(q, self.limits, self.push))[:, move] / speed**2
-            )  # gradient g
+        if self.redundant and self.push:  # the gradient g
+            push, push_change = np.array(repulsion(q, self.limits, self.push))[:, move] / speed**2
             rates = rates - inverse.null(speed * push)
         if not inverse.meets(rates, first):
             return None

@@ -196,7 +196,7 @@ def _test_path(robot: Robot, asked: MotionRequest, start: FloatArray) -> Planned
     cut: Finding | None = None
     match asked.passing:
         case "stop":
-            trajectory = plan_through(robot, list(solved), asked.duration_s, asked.profile, checked=False)
+            trajectory = plan_through(robot, list(solved), asked.duration_s, asked.profile)
         case "spline":
             law = _path_profile(asked.profile)
             trajectory = plan_spline(robot, solved, duration_s=asked.duration_s, profile=law, checked=False)
