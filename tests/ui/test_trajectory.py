@@ -16,7 +16,7 @@ from armctl.kinematics import Target
 from armctl.motion import Profile
 from armctl.motion.analysis import Turning
 from armctl.motion.error_report import ErrorReport, PathError, closest_on_path, distances, report_csv
-from armctl.motion.plan import Passing, plan_blended, plan_through, solve_points
+from armctl.motion.plan import Passing, plan_blended, solve_points
 from armctl.motion.trajectory import peaks_of
 from armctl.program import (
     EndStep,
@@ -211,14 +211,8 @@ def test_the_duration_of_a_path_is_that_of_the_whole(profile: Profile) -> None:
 def test_a_path_that_leaves_the_workspace_names_the_point() -> None:
     with pytest.raises(UnreachableError, match=r"^point 2 of 2: too far"):
         solve_points(ROBOT, np.array([[0.2, 0, 0.1], [0.9, 0, 0.1]]), "least-rotation", HOME)
-    with pytest.raises(InputError, match="at least two"):
-        plan_through(ROBOT, [HOME])
-    with pytest.raises(MotionRefusedError, match="from point 2 to point 3: Base"):
-        plan_through(ROBOT, [HOME, REST, np.array([3.0, 0, 0, 0, 0])])
     with pytest.raises(InputError, match="radius must be positive, got 0 mm"):
         plan_blended(ROBOT, [HOME, REST], 0.0)
-    with pytest.raises(InputError, match="all the same"):
-        plan_blended(ROBOT, [HOME, HOME], 0.01)
 
 
 def test_a_program_is_shown_as_it_runs_with_its_waits_repeats_and_speeds() -> None:
