@@ -15,7 +15,7 @@ from click.testing import CliRunner
 
 import armctl
 from armctl.arrays import FloatArray
-from armctl.cli.ik import ik
+from armctl.cli.kinematics import ik
 from armctl.kinematics import Chain, EnergyModel, InverseKinematics, Solutions, Target, families
 from armctl.kinematics.solutions import SolvedArm
 

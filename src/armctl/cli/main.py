@@ -14,10 +14,10 @@ from armctl.errors import ArmctlError
 
 COMMANDS = {
     "serve": "armctl.cli.serve:serve",
-    "robots": "armctl.cli.robots:robots",
+    "robots": "armctl.cli.kinematics:robots",
     "ports": "armctl.cli.ports:ports",
-    "fk": "armctl.cli.fk:fk",
-    "ik": "armctl.cli.ik:ik",
+    "fk": "armctl.cli.kinematics:fk",
+    "ik": "armctl.cli.kinematics:ik",
     "run": "armctl.cli.run:run",
     "check": "armctl.cli.check:check",
     "calibrate": "armctl.cli.calibrate:calibrate",

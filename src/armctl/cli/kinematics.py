@@ -1,0 +1,237 @@
+"""``armctl robots``, ``fk`` and ``ik``: what is known of an arm without a board."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+
+import click
+import numpy as np
+
+from armctl.arrays import FloatArray
+from armctl.cli.main import DONE, REFUSED
+from armctl.cli.options import NUMBER, QUERY_SETTINGS, Number, json_option, print_json, rounded
+from armctl.errors import ArmctlError, InputError
+from armctl.kinematics import CRITERIA, Branch, Solutions, roll_pitch_yaw, rotation_from_rpy
+from armctl.robot import Robot, load_robot, shipped_robots
+
+_LISTED = 20
+_LABEL, _NARROWEST = 17, 11
+"""widths of the names and of the angles' columns, at least"""
+
+
+@click.command()
+@json_option
+def robots(as_json: bool) -> None:
+    """List the shipped robots: joints, limits, source."""
+    arms = [load_robot(name) for name in shipped_robots()]
+    if as_json:
+        print_json([
+            {
+                "name": arm.name,
+                "title": arm.title,
+                "source": arm.source,
+                "family": arm.inverse_kinematics.family,
+                "joints": list(arm.joint_names),
+                "limits_deg": [rounded(row, 6) for row in np.degrees(arm.limits)],
+                "assumed": list(arm.assumed),
+            }
+            for arm in arms
+        ])  # fmt: skip
+        return
+    for arm in arms:
+        click.echo(f"{arm.name:<12}{arm.title}: {arm.n} joints; {arm.inverse_kinematics.family}")
+        for joint, (low, high) in zip(arm.joints, np.degrees(arm.limits), strict=True):
+            click.echo(f"{'':<12}{joint.title:<14}{low:9.2f}° … {high:.2f}°")
+
+
+@click.command(context_settings=QUERY_SETTINGS)
+@click.argument("robot")
+@click.argument("q", nargs=-1, type=NUMBER)
+@json_option
+def fk(robot: str, q: tuple[float, ...], as_json: bool) -> None:
+    """Compute the pose of ROBOT's tool at joint angles Q… (degrees).
+
+    Position in mm in the base frame; roll, pitch, yaw as Rz(yaw)·Ry(pitch)·Rx(roll).
+    """
+    arm = load_robot(robot)
+    if len(q) != arm.n:
+        names = ", ".join(arm.joint_names)
+        raise click.UsageError(f"{arm.name} needs {arm.n} joint angles in degrees, got {len(q)}: {names}")
+    configuration = np.radians(arm.chain.checked(q))
+    T = arm.forward(configuration)
+    rpy = np.degrees(roll_pitch_yaw(T[:3, :3]))
+    T[:3, 3] *= 1000
+    outside = None
+    try:
+        arm.check_limits(configuration)
+    except ArmctlError as refusal:
+        outside = str(refusal)
+    if as_json:
+        print_json({
+            "position_mm": rounded(T[:3, 3]),
+            "rpy_deg": rounded(rpy),
+            "matrix": [rounded(row, 12) for row in T],
+            "outside_limits": outside,
+        })  # fmt: skip
+    else:
+        x, y, z = T[:3, 3] + 0.0
+        roll, pitch, yaw = (round(float(angle), 4) + 0.0 for angle in rpy)  # no -0.0000
+        click.echo(f"position   x {x:10.4f}   y {y:10.4f}   z {z:10.4f}  mm")
+        click.echo(f"rotation   roll {roll:9.4f}   pitch {pitch:9.4f}   yaw {yaw:9.4f}  degrees")
+        for row in T:
+            click.echo("           " + "  ".join(f"{value + 0.0:11.6f}" for value in row))
+    if outside is not None:
+        click.echo(f"armctl: warning: the arm cannot stand there: {outside}", err=True)
+
+
+@click.command(context_settings=QUERY_SETTINGS)
+@click.argument("robot")
+@click.argument("x", type=NUMBER)
+@click.argument("y", type=NUMBER)
+@click.argument("z", type=NUMBER)
+@click.option("--pitch", type=Number(between=(-360, 360)),
+              help="Angle of the tool above the horizontal, degrees.")  # fmt: skip
+@click.option("--roll", type=NUMBER, help="Angle of the tool about its own axis, degrees.")
+@click.option("--rpy", type=NUMBER, nargs=3, metavar="ROLL PITCH YAW", default=None,
+              help="Orientation as Rz(yaw)·Ry(pitch)·Rx(roll), degrees: the nearest that the arm can take.",
+              )  # fmt: skip
+@click.option("--choose", type=click.Choice(CRITERIA), default="least-rotation", show_default=True,
+              help="What the best solution is.")  # fmt: skip
+@click.option("--start", metavar="Q1,Q2,…",
+              help="Where the arm stands, degrees (for least-travel; default: home).")  # fmt: skip
+@click.option("--step", type=Number(above=0.0), default=0.01, show_default=True,
+              help="Step of the swept joint, degrees.")  # fmt: skip
+@click.option("--all", "every", is_flag=True,
+              help="List every solution, and the branches that limits forbid.")  # fmt: skip
+@json_option
+def ik(
+    robot: str, x: float, y: float, z: float, pitch: float | None, roll: float | None,
+    rpy: tuple[float, float, float] | None, choose: str, start: str | None, step: float, every: bool,
+    as_json: bool,
+) -> int:  # fmt: skip
+    """Solve inverse kinematics: joint angles that put ROBOT's tool on X Y Z (mm)."""
+    if rpy is not None and (pitch is not None or roll is not None):
+        raise click.UsageError("give either --rpy, or --pitch and --roll, not both")
+    arm = load_robot(robot)
+    point = np.array([x, y, z]) / 1000
+    rotation = None if rpy is None else rotation_from_rpy(*map(math.radians, rpy))
+    pitch, roll = (None if angle is None else math.radians(angle) for angle in (pitch, roll))
+    wish = (pitch, roll, rotation)
+    solutions = arm.inverse(point, *wish, step=math.radians(step))
+    refused = [branch for branch in arm.branches(point, *wish) if branch.forbidden] if every else None
+    q = solutions.best(choose, _start(arm, start)) if solutions.success else None
+    error_mm = 0.0 if q is None else 1000 * float(np.linalg.norm(arm.forward(q)[:3, 3] - point))
+    if as_json:
+        print_json(_record(solutions, q, error_mm, refused))
+    elif q is not None:
+        _print(arm, solutions, q, error_mm, choose, refused)
+    elif refused:
+        _print_table(arm, [branch.name for branch in refused], _refused_rows(refused))
+    if q is None:
+        click.echo(f"armctl: {solutions.explanation}", err=True)
+    return REFUSED if q is None else DONE
+
+
+def _start(arm: Robot, text: str | None) -> FloatArray:
+    if text is None:
+        return arm.pose("home")
+    try:
+        values = arm.chain.checked([float(part) for part in text.replace(",", " ").split()])
+    except (ValueError, InputError) as cause:
+        raise click.UsageError(f"--start needs {arm.n} finite numbers in degrees, got {text!r}") from cause
+    return np.radians(values)
+
+
+def _turned_deg(solutions: Solutions, q: FloatArray | None) -> float | None:
+    """Angle between the orientation asked for and the one found; None where none was asked for."""
+    if q is None or solutions.target.rotation is None:
+        return None
+    return math.degrees(float(solutions.residual_rad[solutions.index_of(q)]))
+
+
+def _record(
+    solutions: Solutions, q: FloatArray | None, error_mm: float, refused: Sequence[Branch] | None
+) -> dict[str, object]:
+    nearest_m, nearest_q = solutions.nearest_m, solutions.nearest_q
+    record: dict[str, object] = {
+        "count": len(solutions),
+        "best_deg": None if q is None else rounded(np.degrees(q)),
+        "branch": None if q is None else solutions.branch_of(q),
+        "error_mm": None if q is None else error_mm,
+        "orientation_error_deg": _turned_deg(solutions, q),
+        "reason": solutions.reason,
+        "nearest_mm": None if nearest_m is None else rounded(1000 * nearest_m, 6),
+        "complete": solutions.complete,
+    }
+    if q is None:
+        record["solutions_deg"] = []
+        record["nearest_deg"] = None if nearest_q is None else rounded(np.degrees(nearest_q))
+    elif refused is not None:
+        record["solutions_deg"] = [rounded(row) for row in np.degrees(solutions.q)]
+        record["branches"] = solutions.branch.tolist()
+    if refused is not None:
+        record["refused"] = [
+            {"branch": branch.name, "deg": rounded(np.degrees(branch.q)), "why": "; ".join(branch.forbidden)}
+            for branch in refused
+        ]
+    return record
+
+
+_Row = tuple[str, FloatArray | str | None]
+"""a name before angles (n,) [rad], a text, or the titles of the joints"""
+
+
+def _print(
+    arm: Robot,
+    solutions: Solutions,
+    q: FloatArray,
+    error_mm: float,
+    choose: str,
+    refused: Sequence[Branch] | None,
+) -> None:
+    many = len(solutions) != 1
+    free = solutions.free_joint
+    swept = "" if free is None else f" ({arm.joints[free].title.lower()} swept)"
+    more = "" if solutions.complete else "; found by search, there may be others"
+    click.echo(f"{len(solutions)} solution{'s' if many else ''} inside the limits{swept}{more}")
+    rows: list[_Row] = [
+        ("degrees", None),
+        (choose, q),
+        ("branch", solutions.branch_of(q)),
+        ("position error", f"{error_mm:.2e} mm"),
+    ]
+    turned_deg = _turned_deg(solutions, q)
+    if turned_deg is not None:
+        rows.append(("orientation error", f"{turned_deg:.3f}°"))
+    branches = solutions.branch.tolist()
+    if refused is not None or 1 < len(solutions) <= _LISTED:
+        rows += zip(branches, solutions.q, strict=True)
+    names = [*branches, *(branch.name for branch in refused or ())]
+    _print_table(arm, names, rows)
+    if refused is None and len(solutions) > _LISTED:
+        click.echo("(--all lists them)")
+    if refused:
+        _print_table(arm, names, _refused_rows(refused))
+
+
+def _refused_rows(refused: Sequence[Branch]) -> Iterable[_Row]:
+    """The branches outside the limits, each with what it needs."""
+    yield f"{len(refused)} branch{'es' if len(refused) != 1 else ''} refused", None
+    for branch in refused:
+        yield branch.name, branch.q
+        yield "", "; ".join(branch.forbidden)
+
+
+def _print_table(arm: Robot, names: Sequence[str], rows: Iterable[_Row]) -> None:
+    """Columns as wide as the longest of ``names`` and of the joints' titles."""
+    titles = [joint.title for joint in arm.joints]
+    label, width = max(_LABEL, *map(len, names)), max(_NARROWEST, *map(len, titles)) + 2
+    for name, value in rows:
+        if value is None:
+            text = "".join(f"{title:>{width}}" for title in titles)
+        elif isinstance(value, str):
+            text = f"  {value}"
+        else:
+            text = "".join(f"{angle + 0.0:{width}.3f}" for angle in np.round(np.degrees(value), 3))
+        click.echo(f"{name:<{label}}{text}")
