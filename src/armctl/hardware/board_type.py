@@ -14,7 +14,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar, Protocol
 
 from armctl.hardware.driver import ChannelScale, ChannelSettings, Driver, translated
-from armctl.hardware.transport import pieces
 from armctl.robot.board_entries import BoardEntries
 
 if TYPE_CHECKING:
@@ -175,6 +174,8 @@ def listen(
     Ends after ``for_s`` [s], earlier where a board speaks that no listener understands, and when ``until``
     says so.
     """
+    from armctl.hardware.transport import pieces  # pyserial: 10 ms that `armctl ik` does not need
+
     first = bytearray()
     give_up_at = math.inf
     for data in pieces(line, for_s, now):
