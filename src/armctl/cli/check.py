@@ -23,7 +23,7 @@ from armctl.robot import Robot, is_urdf, load_robot
 from armctl.runtime.power import below_floor
 
 _ANY = DocumentKind(InputError, most_bytes=1024 * 1024)
-"""a TOML file of which nobody knows yet what it describes"""
+"""a TOML file of a robot or a program"""
 _LONG = 500
 """steps of a program whose check takes more than a moment"""
 
@@ -55,23 +55,20 @@ def check(file: Path, robot: str | None, as_json: bool) -> int:
         findings = [Finding(str(refusal))]
     errors = [finding for finding in findings if finding.severity == "error"]
     if as_json:
-        record = {
+        print_json({
             "file": str(file),
             "kind": kind,
             "sound": not errors,
             "findings": [_record(finding) for finding in findings],
             "not_checked": unknown,
             "assumed": assumed,
-        }
-        print_json(record)
-    elif not findings:
-        click.echo(f"{file}: a sound {kind}")
-    elif not errors:
-        click.echo(f"{file}: a sound {kind}, with {len(findings)} warning{'s' if len(findings) > 1 else ''}")
-    for text in assumed if not as_json else ():
-        click.echo(f"{file}: assumed: {text}")
-    for text in unknown if not as_json else ():
-        click.echo(f"{file}: not checked: {text}")
+        })  # fmt: skip
+    else:
+        warnings = f", with {len(findings)} warning{'s' if len(findings) > 1 else ''}" if findings else ""
+        lines = [] if errors else [f"a sound {kind}{warnings}"]
+        lines += [f"assumed: {text}" for text in assumed]
+        for line in (*lines, *(f"not checked: {text}" for text in unknown)):
+            click.echo(f"{file}: {line}")
     for finding in findings:
         text = str(finding) if str(file) in str(finding) else f"{file}: {finding}"
         click.echo(f"armctl: {'' if finding.severity == 'error' else 'warning: '}{text}", err=True)
@@ -79,18 +76,16 @@ def check(file: Path, robot: str | None, as_json: bool) -> int:
 
 
 def check_on_terminal(program: Program, robot: Robot) -> list[Finding]:
-    """Check a program from where the servos start; a long one shows how far it is, where somebody looks."""
-    steps = len(program.steps)
+    """Check a program from where the servos start; on a terminal a long one shows its progress."""
+    steps, start = len(program.steps), robot.first_pose
     if steps < _LONG or not sys.stderr.isatty():
-        return check_program(program, robot, start=robot.first_pose)
+        return check_program(program, robot, start=start)
     with click.progressbar(length=steps, label=f"checking {steps} steps", file=sys.stderr) as bar:
-        return check_program(
-            program, robot, start=robot.first_pose, progress=lambda done, _: bar.update(done - bar.pos)
-        )
+        return check_program(program, robot, start=start, progress=lambda done, _: bar.update(done - bar.pos))
 
 
 def _record(finding: Finding) -> dict[str, object]:
-    """A finding for programs; steps are counted from 1, as in the text."""
+    """A finding as JSON; steps are counted from 1, as in the text."""
     return {
         "step": None if finding.step is None else finding.step + 1,
         "time_s": finding.time,

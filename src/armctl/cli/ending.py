@@ -1,4 +1,4 @@
-"""How a command is told from outside to end: Ctrl-C, a service manager, a terminal that is closed."""
+"""Signals that end a command: Ctrl-C, a service manager, a terminal that is closed."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from types import FrameType
 
 
 def end_event() -> threading.Event:
-    """Is set when the command shall end; from now on the signals that say so do nothing else."""
+    """An event that these signals set; from now on they do nothing else."""
     ended = threading.Event()
 
     def end(signum: int, frame: FrameType | None) -> None:
@@ -23,7 +23,7 @@ def end_event() -> threading.Event:
 
 @contextmanager
 def ends_like_ctrl_c() -> Generator[None]:
-    """Every such signal raises ``KeyboardInterrupt`` inside: an arm that moves is stopped first.
+    """These signals raise ``KeyboardInterrupt`` inside, so that a moving arm is stopped first.
 
     Ctrl-C does so already. Where it is ignored, as in a script's background job, it stays ignored: there it
     is meant for the job in front. SIGTERM ends the command all the same.
@@ -41,7 +41,7 @@ def ends_like_ctrl_c() -> Generator[None]:
 
 
 def _quiet_ends() -> tuple[signal.Signals, ...]:
-    """Those that nobody types, but for one that is ignored, as ``nohup`` has a closed terminal."""
+    """SIGTERM and SIGHUP, without one that is ignored, as ``nohup`` does with SIGHUP."""
     # by name: Windows has no SIGHUP
     ends = [number for number in signal.Signals if number.name in ("SIGTERM", "SIGHUP")]
     return tuple(number for number in ends if signal.getsignal(number) is not signal.SIG_IGN)

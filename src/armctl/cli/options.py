@@ -14,6 +14,9 @@ from numpy.typing import NDArray
 QUERY_SETTINGS = {"ignore_unknown_options": True, "help_option_names": ["-h", "--help"]}
 """For commands with number arguments: ``-196`` is a number, not an option."""
 
+port_option = click.option(
+    "--port", default="sim", show_default=True, help="sim, auto, a device or socket://host:port."
+)
 json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON for programs.")
 
 
@@ -33,7 +36,7 @@ class Number(click.ParamType[float]):
         self._above, self._between = above, between
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
-        """Read ``value``; fails as wrong usage."""
+        """Read ``value``; a refusal is wrong usage."""
         number = float(click.FLOAT.convert(value, param, ctx))
         if not math.isfinite(number):
             self.fail(f"{value} is not a finite number", param, ctx)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import dataclasses
+from dataclasses import asdict
 
 import click
 
@@ -34,12 +34,8 @@ def ports(probing: bool, udev: bool, as_json: bool) -> None:
     found = list_ports()
     answers = {port.device: _answer(port) for port in found} if probing else {}
     if as_json:
-        print_json(
-            [
-                dataclasses.asdict(port) | ({"answer": answers[port.device]} if probing else {})
-                for port in found
-            ]
-        )
+        extra = {device: {"answer": answer} for device, answer in answers.items()}
+        print_json([asdict(port) | extra.get(port.device, {}) for port in found])
         return
     if not found:
         click.echo("no serial port found; the simulated board needs none (--port sim)")
@@ -56,10 +52,11 @@ def _answer(port: PortInfo) -> str | None:
     """Who answers there; None for a port that cannot be used anyway."""
     if not port.usable:
         return None
+
+    def open_line(baud: int) -> SerialTransport:
+        return SerialTransport(port.device, baud=baud)
+
     try:
-        probed = probe(
-            lambda baud: SerialTransport(port.device, baud=baud), approach(port.kind), MonotonicClock().now
-        )
+        return f"probed: {probe(open_line, approach(port.kind), MonotonicClock().now)}"
     except ArmctlError as error:
         return f"probed: {error}"
-    return f"probed: {probed}"

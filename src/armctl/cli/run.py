@@ -7,10 +7,9 @@ from pathlib import Path
 import click
 
 from armctl.arm import Arm
-from armctl.boards import SIMULATED
 from armctl.cli.check import check_on_terminal
 from armctl.cli.ending import ends_like_ctrl_c
-from armctl.cli.options import SPEED_PERCENT
+from armctl.cli.options import SPEED_PERCENT, port_option
 from armctl.errors import ProgramError
 from armctl.hardware.boards import board_type
 from armctl.program import open_program
@@ -20,14 +19,11 @@ from armctl.robot import load_robot
 @click.command()
 @click.argument("program", type=click.Path(path_type=Path))
 @click.option("--robot", help="The robot (default: the one that the program names).")
-@click.option(
-    "--port", default=SIMULATED, show_default=True, help="sim, auto, a device or socket://host:port."
-)
+@port_option
 @click.option("--loops", type=click.IntRange(min=1), help="How many times.  [default: 1]")
 @click.option("--forever", is_flag=True, help="Until interrupted, instead of --loops.")
-@click.option(
-    "--speed", type=SPEED_PERCENT, default=100, show_default=True, help="Speed override, 5 … 100 percent."
-)
+@click.option("--speed", type=SPEED_PERCENT, default=100, show_default=True,
+              help="Speed override, 5 … 100 percent.")  # fmt: skip
 def run(program: Path, robot: str | None, port: str, loops: int | None, forever: bool, speed: float) -> None:
     """Run PROGRAM (.toml, or .csv with --robot) on the arm.
 

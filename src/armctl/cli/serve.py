@@ -15,6 +15,7 @@ from platformdirs import user_data_path
 from armctl.arm import Arm
 from armctl.boards import AUTOMATIC, NO_BOARD, SIMULATED
 from armctl.cli.ending import end_event
+from armctl.cli.options import port_option
 from armctl.errors import ArmctlError, RobotFileError
 from armctl.hardware.boards import board_type
 from armctl.hardware.ports import list_ports
@@ -26,24 +27,14 @@ _LOOPBACK = ("127.0.0.1", "localhost", "::1")
 
 
 @click.command()
-@click.option(
-    "--robot",
-    default="uzuner",
-    show_default=True,
-    help="The robot to begin with: a shipped name or a robot file.",
-)
-@click.option(
-    "--port", default=SIMULATED, show_default=True, help="sim, auto, a device or socket://host:port."
-)
-@click.option(
-    "--host",
-    default="127.0.0.1",
-    show_default=True,
-    help="Address to listen on. Beyond this computer, the page needs a token, which is printed.",
-)
-@click.option(
-    "--http-port", type=click.IntRange(0, 65535), default=8080, show_default=True, help="0: any free one."
-)
+@click.option("--robot", default="uzuner", show_default=True,
+              help="The robot to begin with: a shipped name or a robot file.")  # fmt: skip
+@port_option
+@click.option("--host", default="127.0.0.1", show_default=True,
+              help="Address to listen on. Beyond this computer, the page needs a token, which is printed.",
+              )  # fmt: skip
+@click.option("--http-port", type=click.IntRange(0, 65535), default=8080, show_default=True,
+              help="0: any free one.")  # fmt: skip
 @click.option("--no-browser", is_flag=True, help="Do not open a browser.")
 def serve(robot: str, port: str, host: str, http_port: int, no_browser: bool) -> None:
     """Serve the console until interrupted (Ctrl-C)."""
@@ -59,7 +50,8 @@ def serve(robot: str, port: str, host: str, http_port: int, no_browser: bool) ->
             ended = end_event()  # before anything moves
             connected = _connect(console, port)
             url = app.url if token is None else f"{app.url}/?token={token}"
-            where = f"on {_port_label(port)}" if connected else "(not connected)"
+            board = "the simulated board" if port == SIMULATED else port
+            where = f"on {board}" if connected else "(not connected)"
             click.echo(f"armctl: {present.title} {where}: {url}  (Ctrl-C ends)")
             if not no_browser and _has_display():
                 webbrowser.open(url)
@@ -71,17 +63,10 @@ def serve(robot: str, port: str, host: str, http_port: int, no_browser: bool) ->
 
 
 def _open_console(name: str, port: str, asked: str) -> Console:
-    """An arm that is not connected yet, as it is calibrated with the board on a port.
-
-    Args:
-        name: of the robot, or its file.
-        port: where it is to be connected.
-        asked: the port that the user named at the start; it is always offered.
-    """
+    """An arm, not connected yet, as calibrated with the board on a port; ``asked`` stays on offer."""
     calibration = CalibrationInForce.of(load_robot(name), port)
     robot = calibration.robot
-    # Building the solver takes a while, and may find that there is none: here it keeps nobody waiting.
-    _ = robot.inverse_kinematics
+    _ = robot.inverse_kinematics  # takes a while, and may be refused: here, before a page waits for it
     arm = Arm(robot, board=calibration.board or NO_BOARD)
     return Console(
         calibration=calibration,
@@ -120,24 +105,14 @@ def _connect(console: Console, port: str) -> bool:
 def _port_choices(asked: str, robot: Robot) -> list[PortChoice]:
     wanted = board_type(robot.board).plugged_in
     choices = [PortChoice(SIMULATED, "Simulated board"), PortChoice(AUTOMATIC, f"First {wanted} found")]
-    choices += [
-        PortChoice(
-            port.device,
-            f"{port.kind} on {port.device}",
-            port.why_not,
-            port.serial_number,
-            port.notes,
-            listed=True,
+    for port in list_ports():
+        label = f"{port.kind} on {port.device}"
+        choices.append(
+            PortChoice(port.device, label, port.why_not, port.serial_number, port.notes, listed=True)
         )
-        for port in list_ports()
-    ]
     if asked not in [choice.port for choice in choices]:
         choices.append(PortChoice(asked, asked))
     return choices
-
-
-def _port_label(port: str) -> str:
-    return "the simulated board" if port == SIMULATED else port
 
 
 def _has_display() -> bool:

@@ -9,7 +9,7 @@ import click
 from armctl.boards import setup_of
 from armctl.cli.ending import end_event
 from armctl.errors import InputError
-from armctl.hardware import BoardType, ByteModel, Setup
+from armctl.hardware import BoardType, Setup
 from armctl.hardware.boards import board_type, board_types, find_board_type
 from armctl.hardware.simulation import PtyServer
 from armctl.robot import load_robot
@@ -36,12 +36,8 @@ def simulate() -> None:
 
 
 def _command(board: BoardType) -> click.Command:
-    link = click.Option(
-        ["--link"],
-        type=click.Path(path_type=Path),
-        help=f"Where to find the port, e.g. /tmp/{board.kind}.",
-    )
-    params: list[click.Parameter] = [link]
+    where = f"Where to find the port, e.g. /tmp/{board.kind}."
+    params: list[click.Parameter] = [click.Option(["--link"], type=click.Path(path_type=Path), help=where)]
     if board.simulator_robot is not None:
         whose = "Whose channels the board is set up with."
         params.append(click.Option(["--robot"], default=board.simulator_robot, show_default=True, help=whose))
@@ -49,9 +45,12 @@ def _command(board: BoardType) -> click.Command:
         choices = click.Choice(one.choices) if one.choices else None
         params.append(click.Option([f"--{one.name}"], is_flag=not one.choices, type=choices, help=one.help))
 
-    def serve(link: Path | None, robot: str | None = None, **options: str | bool | None) -> int:
+    def serve(link: Path | None, robot: str | None = None, **options: str | bool | None) -> None:
         setup = Setup() if robot is None else _setup(board, robot)
-        return _serve(PtyServer(board.simulated(setup, options), MonotonicClock().now, link=link))
+        ended = end_event()
+        with PtyServer(board.simulated(setup, options), MonotonicClock().now, link=link) as server:
+            click.echo(f"simulated board on {server.port} (ctrl-c ends it)")
+            ended.wait()
 
     about = board.simulator_help or f"Serve a simulated {board.title} until interrupted."
     return click.Command(board.kind, params=params, callback=serve, help=about)
@@ -67,12 +66,3 @@ def _setup(board: BoardType, name: str) -> Setup:
             f"use `armctl simulate {robot.board}`, or name a robot whose outputs are in {board.scale.unit}"
         )
     return setup_of(robot)
-
-
-def _serve(server: PtyServer[ByteModel]) -> int:
-    """Until it is told to end, which is a good end."""
-    ended = end_event()
-    with server:
-        click.echo(f"simulated board on {server.port} (ctrl-c ends it)")
-        ended.wait()
-    return 0
