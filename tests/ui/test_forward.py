@@ -10,7 +10,6 @@ from armctl.kinematics import Target
 from armctl.kinematics.velocity import position_freedom
 from armctl.robot import Robot, load_robot, shipped_robots
 from armctl.ui.guard import GuardedServer
-from armctl.ui.tabs.forward.coupling import PoseFields, angle_fields, coupled_joints, limits_text
 from armctl.ui.tabs.forward.figures import (
     direction_words,
     jacobian_html,
@@ -20,23 +19,27 @@ from armctl.ui.tabs.forward.figures import (
     tool_speeds_html,
     tool_velocity_html,
 )
-from armctl.ui.tabs.forward.screen import LAST, REFERENCE, SHOWN, resulting_pose, results_html
+from armctl.ui.tabs.forward.screen import (
+    LAST,
+    REFERENCE,
+    SHOWN,
+    PoseFields,
+    angle_fields,
+    coupled_joints,
+    resulting_pose,
+    results_html,
+)
 
 ROBOTS = tuple(load_robot(name) for name in shipped_robots())
 ROBOT, MICO, HUMANOID, SCORBOT = (load_robot(name) for name in ("uzuner", "mico", "humanoid", "scorbot"))
 HOME, SCORBOT_HOME = ROBOT.pose("home"), SCORBOT.pose("home")
 
 
-def test_reference_is_absolute_and_last_position_is_added() -> None:
-    asked, present = np.radians([1, 2, 3, 4, 5]), np.radians([10, 20, 30, 40, 50])
-    for how in (REFERENCE, SHOWN[0]):
-        assert np.array_equal(resulting_pose(how, asked, present), asked)
-    for how in (LAST, SHOWN[1]):
-        assert np.array_equal(resulting_pose(how, asked, present), present + asked)
-
-
 def test_results_tell_where_both_buttons_lead_and_what_is_outside(server: GuardedServer) -> None:
-    angles = angle_fields(server.gui, ROBOT, np.radians([10, 90, -80, -40, 0]))
+    asked = np.radians([10, 90, -80, -40, 0])
+    for how, goal in ((REFERENCE, asked), (SHOWN[0], asked), (LAST, HOME + asked), (SHOWN[1], HOME + asked)):
+        assert np.array_equal(resulting_pose(how, asked, HOME), goal)
+    angles = angle_fields(server.gui, ROBOT, asked)
     html = results_html(ROBOT, angles, HOME)
     assert "→ reference" in html and "→ last position" in html
     assert "With respect to last position: Shoulder: 180.00° is outside −3.19° … 146.83°" in html
@@ -47,8 +50,6 @@ def test_results_tell_where_both_buttons_lead_and_what_is_outside(server: Guarde
     html = results_html(ROBOT, angles, HOME)
     assert "Nothing can be sent: Elbow °: &#x27;&lt;b&gt;4x&#x27; is not a number" in html
     assert "→" not in html
-    with pytest.raises(InputError):
-        _ = angles.array
 
 
 def test_a_pose_in_figures_names_the_two_pitches_apart() -> None:
@@ -109,26 +110,22 @@ def fields(server: GuardedServer, robot: Robot) -> PoseFields:
 
 
 @pytest.mark.parametrize("robot", ROBOTS, ids=lambda robot: robot.name)
-def test_the_fields_show_the_tool_pose_and_ask_for_it(server: GuardedServer, robot: Robot) -> None:
-    home = robot.pose("home")
-    pose = fields(server, robot)
-    tip = 1000 * robot.forward(home)[:3, 3]
-    assert [float(field.text) for field in pose.xyz.fields] == pytest.approx(tip, abs=1e-3)
-    found = coupled_joints(robot, pose.target(pose.xyz.fields[0]), home)
-    assert found.q is not None and found.why_not == ""
-    np.testing.assert_allclose(robot.forward(found.q)[:3, 3], tip / 1000, atol=1e-9)
-    np.testing.assert_allclose(found.q, home, atol=1e-6)
-
-
-@pytest.mark.parametrize("robot", ROBOTS, ids=lambda robot: robot.name)
-def test_of_all_solutions_the_nearest_is_taken_whether_the_pitch_is_held_or_not(robot: Robot) -> None:
+def test_the_fields_ask_for_the_pose_they_show_and_the_nearest_solution_is_taken(
+    server: GuardedServer, robot: Robot
+) -> None:
     solver, q = robot.inverse_kinematics, robot.pose("home")
+    pose = fields(server, robot)
+    assert [float(field.text) for field in pose.xyz.fields] == pytest.approx(
+        1000 * robot.forward(q)[:3, 3], abs=1e-3
+    )
+    found = coupled_joints(robot, pose.target(pose.xyz.fields[0]), q)
+    np.testing.assert_allclose(found.q, q, atol=1e-6)
     pitch, roll = solver.pitch_and_roll(q)
     asked = None if robot.name in ("mico", "humanoid") else pitch
     for _ in range(10):
         point = robot.forward(q)[:3, 3] + [0.0, 0.002, 0.001]
         found = coupled_joints(robot, Target.of(point, asked, roll), q)
-        assert found.q is not None
+        assert found.q is not None and found.why_not == ""
         assert np.abs(found.q - q).max() < np.radians(4)  # no joint jumps to another branch
         np.testing.assert_allclose(robot.forward(found.q)[:3, 3], point, atol=1e-9)
         q = found.q
@@ -136,14 +133,12 @@ def test_of_all_solutions_the_nearest_is_taken_whether_the_pitch_is_held_or_not(
     for q in np.random.default_rng(3).uniform(low, high, (20, robot.n)):
         _, roll = solver.pitch_and_roll(q)
         found = coupled_joints(robot, Target.of(robot.forward(q)[:3, 3], None, roll), q)
-        assert found.q is not None
         np.testing.assert_allclose(found.q, q, atol=1e-6)
 
 
 def test_which_fields_there_are(server: GuardedServer) -> None:
-    assert [field.label for field in fields(server, ROBOT).fields] == [
-        "X mm", "Y mm", "Z mm", "Pitch °", "Roll °",
-    ]  # fmt: skip
+    labels = [field.label for field in fields(server, ROBOT).fields]
+    assert labels == ["X mm", "Y mm", "Z mm", "Pitch °", "Roll °"]
     mico = fields(server, MICO)  # two pitch joints: the position decides the pitch
     assert [field.label for field in mico.fields] == ["X mm", "Y mm", "Z mm", "Roll °"]
     assert mico.target(mico.xyz.fields[0]).pitch is None
@@ -168,7 +163,8 @@ def test_the_pitch_is_asked_for_while_it_is_held_or_typed(server: GuardedServer)
         pose.target(x)
     angles = angle_fields(server.gui, HUMANOID, HUMANOID.pose("home"))  # its wrist roll is held
     assert [field.handle.disabled for field in angles.fields] == [False, False, False, False, True]
-    assert limits_text(HUMANOID, 4) == "Wrist roll: held at 0°"
+    hints = [field.handle.hint for field in angles.fields]
+    assert hints[4] == "Wrist roll: held at 0°" and "…" in hints[0]
 
 
 def test_a_pose_out_of_reach_says_why_and_what_is_nearest() -> None:

@@ -40,11 +40,11 @@ def test_the_trail_keeps_points_that_lie_apart_and_gives_those_since() -> None:
 
 def test_no_line_is_drawn_over_what_nobody_knows() -> None:
     trail = Trail()
-    trail.lift()
+    trail.add(np.full(3, np.nan))
     assert trail.count == 0
     trail.add(np.zeros(3))
     for _ in range(3):
-        trail.lift()
+        trail.add(np.full(3, np.nan))
     trail.add(np.zeros(3))  # near the last one, but after a gap
     points = trail.since(0)
     assert trail.count == len(points) == 3

@@ -25,10 +25,9 @@ from armctl.ui.scene.shapes import Solid, beam, block, drum, spike, tube
 
 
 def send_pose(node: viser.SceneNodeHandle) -> None:
-    """Send a new node's pose even where it is the one that nodes begin with.
+    """Send a new node's pose even where it is the one that nodes begin with, which viser would not send.
 
-    viser sends no pose that equals the present one, and a page keeps the pose of a node that is removed and
-    made again under the same name in one go: the new node would stand where the old one stood.
+    A page keeps the pose of a node that is removed and made again under the same name in one go.
     """
     position, wxyz = node.position.copy(), node.wxyz.copy()
     node.position, node.wxyz = position + 1.0, np.roll(wxyz, 1)
@@ -71,6 +70,7 @@ class ArmFigure:
         """Draw the arm as it looks; ``color`` and ``opacity`` replace its own."""
         self._robot, self._scene, self._name = robot, scene, name
         self._color, self._opacity = color, opacity
+        self._tool = f"f{len(robot.chain.places) - 1}"
         self._reach = reach(robot.chain)
         self._width = width(robot.chain, robot.look)
         self._root = scene.add_frame(name, show_axes=False, visible=visible)
@@ -83,8 +83,9 @@ class ArmFigure:
         self._draw_links()
         self._label: viser.LabelHandle | None = None
         self._fingers: tuple[viser.FrameHandle, ...] = ()
-        if robot.gripper is None:
-            self._draw_tip()
+        if robot.gripper is None:  # a cone along the tool's z axis, its point in the tool point
+            tip = spike(self._width * TIP_RADIUS, self._width * TIP_LENGTH)
+            self._add(f"{self._tool}/tip", tip, _TOOL_COLOR)
         else:
             self._fingers = self._draw_gripper()
 
@@ -118,8 +119,7 @@ class ArmFigure:
         """Write words at the tool point; None: nothing."""
         if words is not None and (self._label is None or self._label.text != words):
             self.say(None)
-            tool = f"{self._name}/f{len(self._robot.chain.places) - 1}"
-            self._label = self._scene.add_label(f"{tool}/words", words)
+            self._label = self._scene.add_label(f"{self._name}/{self._tool}/words", words)
             send_pose(self._label)
         elif words is None and self._label is not None:
             self._label.remove()
@@ -138,23 +138,17 @@ class ArmFigure:
             joint = drum(self._width * _DRUM_RADIUS[look.shape], self._width * _DRUM_HEIGHT)
             self._add(f"f{i + axis}/j{i}", joint, look.joints)
 
-    def _draw_tip(self) -> None:
-        """A cone along the tool's z axis, its point in the tool point."""
-        solid = spike(self._width * TIP_RADIUS, self._width * TIP_LENGTH)
-        self._add(f"f{len(self._robot.chain.places) - 1}/tip", solid, _TOOL_COLOR)
-
     def _draw_gripper(self) -> tuple[viser.FrameHandle, ...]:
         """A palm and two fingers along the tool's z axis, ending at the tool point."""
-        tool = f"f{len(self._robot.chain.places) - 1}"
         across, thickness, length = (self._reach * size for size in FINGER)
         palm = (self._reach * PALM[0], self._reach * PALM[1], self._reach * PALM[2])
-        self._add(f"{tool}/palm", block(palm, (0, 0, -length - 0.5 * palm[2])), _TOOL_COLOR)
+        self._add(f"{self._tool}/palm", block(palm, (0, 0, -length - 0.5 * palm[2])), _TOOL_COLOR)
         fingers: list[viser.FrameHandle] = []
         for side in ("left", "right"):
-            fingers.append(self._scene.add_frame(f"{self._name}/{tool}/{side}", show_axes=False))
+            fingers.append(self._scene.add_frame(f"{self._name}/{self._tool}/{side}", show_axes=False))
             send_pose(fingers[-1])
             finger = block((across, thickness, length), (0, 0, -0.5 * length))
-            self._add(f"{tool}/{side}/finger", finger, _TOOL_COLOR)
+            self._add(f"{self._tool}/{side}/finger", finger, _TOOL_COLOR)
         return tuple(fingers)
 
     def _add(self, name: str, solid: Solid, color: Color) -> None:

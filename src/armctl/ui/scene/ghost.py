@@ -27,24 +27,21 @@ def thicker(robot: Robot, factor: float = THICKER) -> Robot:
 
 
 class Ghost:
-    """One translucent arm, built when it is first needed.
-
-    A page has one, and all its screens use it: it belongs to whoever has shown something last.
-    """
+    """A page's one translucent arm, built when it is first needed; its owner is who showed something last."""
 
     def __init__(self, scene: viser.SceneApi, robot: Robot) -> None:
         self._scene, self._robot = scene, robot
         self._figure: ArmFigure | None = None
         self.q: FloatArray | None = None
         """(n,) the configuration that is shown [rad]; None: nothing"""
-        self._owner: object = None
+        self.owner: object = None
         self._lost: Callable[[], None] | None = None
 
     def claim(self, owner: object, lost: Callable[[], None] | None = None) -> None:
         """Give the ghost to ``owner``; the ``lost`` of the owner before is called once."""
-        if owner is self._owner:
+        if owner is self.owner:
             return
-        before, self._owner, self._lost = self._lost, owner, lost
+        before, self.owner, self._lost = self._lost, owner, lost
         self.hide(owner)
         if before is not None:
             before()
@@ -52,9 +49,8 @@ class Ghost:
     def show(self, q: FloatArray, owner: object = None) -> None:
         """Show the arm at ``q`` (n,) [rad]; the ghost is ``owner``'s from now on."""
         if self._figure is None:
-            self._figure = ArmFigure(
-                self._scene, thicker(self._robot), "/ghost", color=_COLOR, opacity=_OPACITY
-            )
+            robot = thicker(self._robot)
+            self._figure = ArmFigure(self._scene, robot, "/ghost", color=_COLOR, opacity=_OPACITY)
         self.claim(owner)
         self.q = q.copy()
         self._figure.pose(q)
@@ -62,18 +58,14 @@ class Ghost:
 
     def hide(self, owner: object = None) -> None:
         """Show nothing, if the ghost is ``owner``'s."""
-        if self._owner is owner:
+        if self.owner is owner:
             self.q = None
             if self._figure is not None:
                 self._figure.visible = False
 
-    def shown_by(self, owner: object) -> bool:
-        """Whether the ghost is shown, and ``owner``'s."""
-        return self.q is not None and self._owner is owner
-
 
 class Preview:
-    """The page's ghost as one screen uses it: shown until the arm stands there or another screen takes it."""
+    """The page's ghost for one screen: shown until the arm stands there or another screen takes it."""
 
     def __init__(self, ghost: Ghost) -> None:
         self._ghost = ghost
@@ -83,12 +75,12 @@ class Preview:
     @property
     def shown(self) -> bool:
         """Whether this screen's ghost is shown."""
-        return self._q is not None and self._ghost.shown_by(self)
+        return self._q is not None and self._ghost.owner is self
 
     @property
     def taken(self) -> bool:
         """Whether another screen shows something in place of what this one has shown last."""
-        return self._q is not None and not self._ghost.shown_by(self)
+        return self._q is not None and self._ghost.owner is not self
 
     def show(self, q: FloatArray, present: FloatArray) -> None:
         """Show ``q`` (n,) [rad], unless the arm stands there now."""

@@ -42,8 +42,8 @@ def framed(
 ) -> tuple[FloatArray, FloatArray]:
     """Where a camera stands, and the middle of its picture (3,) [m], with points (k, 3) [m] in view; z is up.
 
-    ``away`` (3,) is the direction to the camera, not along z; ``fov`` the vertical angle of view [rad];
-    ``aspect`` width by height; ``filled`` the part of the shorter of them that the points may take (0 … 1).
+    ``away`` (3,): the direction to it, not along z; ``fov`` [rad] upright; ``aspect`` width by height;
+    ``filled``: the part of the shorter of them that the points may take (0 … 1).
     """
     back = away / np.linalg.norm(away)
     right = np.cross([0.0, 0.0, 1.0], back)
@@ -61,8 +61,7 @@ def framed(
 def stand_parts(robot: Robot) -> dict[str, Solid]:
     """The parts of the stand, in the base frame.
 
-    An arm whose base frame is high above the floor may hang straight down, so its column stands behind the
-    base, seen from where the tool is at home, and a bracket reaches forward to it.
+    An arm high above the floor may hang straight down: its column stands behind the base, with a bracket.
     """
     size, floor, square = reach(robot.chain), robot.floor_z, robot.look.shape == "square"
     link = beam if square else tube

@@ -1,7 +1,6 @@
 """Fields for numbers that move an arm: what the field shows is what is used, or nothing is.
 
-viser's own number field keeps an emptied or half-typed value to itself, so the server would go on with
-the number before it. These are text fields: whatever they show arrives, and what is no number is refused.
+They are text fields: viser's number field keeps an emptied or half-typed value to itself.
 """
 
 from __future__ import annotations
@@ -29,7 +28,7 @@ _BETWEEN = re.compile(r"[,;\s]+")
 
 
 def parse_number(text: str, what: str) -> float:
-    """The number that a field shows; an ``InputError`` where it is none, not finite, or too large."""
+    """The number in a field; an ``InputError`` where it is none, not finite, or too large."""
     plain = text.strip().replace("−", "-")
     if not plain:
         raise InputError(f"{what} is empty; type a number")
@@ -109,10 +108,7 @@ class NumberField(TextEntry):
         return parse_number(self.text, self.label)
 
     def positive(self, name: str, unit: str, zero: str) -> float | None:
-        """The number in the field; None where the field is empty or 0, which means ``zero``.
-
-        Errors as ``parse_number``, and where it is negative.
-        """
+        """The number, None for an empty field or 0 (``zero``); errors as ``parse_number``, and below 0."""
         value = self.value if self.text.strip() else 0.0
         if value < 0:
             raise InputError(f"{name}: {value:g} {unit} is negative; 0 is {zero}")
@@ -128,23 +124,25 @@ class NumbersField(TextEntry):
     """Several numbers in one field, with commas between them: to type, to copy and to paste."""
 
     def __init__(
-        self, gui: viser.GuiApi, label: str, names: Sequence[str], values: Sequence[float], hint: str
+        self, gui: viser.GuiApi, label: str, names: Sequence[str], array: FloatArray, scale: float, hint: str
     ) -> None:
-        self._label, self._names = label, tuple(names)
-        text = ", ".join(format_number(value, 2) for value in values)
+        """Show an array, one number for each name, ``scale`` times as large."""
+        self._label, self._names, self._scale = label, tuple(names), scale
+        text = ", ".join(format_number(value, 2) for value in (scale * array).tolist())
         super().__init__(gui.add_text(label, text, hint=hint))
 
     @property
-    def values(self) -> list[float]:
-        """The numbers in the field, one for each name; errors as ``parse_numbers``."""
-        return parse_numbers(self.text, self._label, self._names)
+    def array(self) -> FloatArray:
+        """The array; errors as ``parse_numbers``."""
+        return np.array(parse_numbers(self.text, self._label, self._names)) / self._scale
 
 
 DEGREES, MILLIMETRES = float(np.degrees(1.0)), 1000.0
+"""what a field shows for 1 rad and 1 m"""
 
 
 class FieldArray:
-    """Fields that show an array ``scale`` times as large: radians in degrees, metres in mm."""
+    """Fields that show an array ``scale`` times as large."""
 
     def __init__(self, fields: Sequence[NumberField], scale: float) -> None:
         self.fields, self._scale = tuple(fields), scale
@@ -195,17 +193,13 @@ class DraggedPoint:
 
 
 _SETTLE_S = 0.08
-"""A page keeps only the last of the messages of 50 ms: a digit and a click that come closer than that
-lose the digit, and the click arrives 50 ms behind the digit before it, or a frame later."""
+"""a page sends only the last message of 50 ms: a click that follows a digit sooner loses the digit"""
 _SHOW_HELD_S = 1.0
-"""After an edit this young the page is sent what the server used: a busy page can be later still."""
+"""after an edit this young the page is sent what the server used"""
 
 
 class EditWatch:
-    """Knows when the page last edited one of some fields, so that a click cannot overtake a digit.
-
-    ``require_settled`` belongs at the start of everything that uses the fields to move the arm.
-    """
+    """Knows when the page last edited one of some fields, so that a click cannot overtake a digit."""
 
     def __init__(self, fields: Sequence[TextEntry], now: Callable[[], float] | None = None) -> None:
         self._fields = tuple(fields)
@@ -232,7 +226,7 @@ class EditWatch:
                 field.handle.value = text
 
     def require_settled(self) -> None:
-        """Refuse a click that came with an edit; after a young edit the page is sent what the server has."""
+        """Refuse a click that came with an edit; for the start of everything that moves the arm by fields."""
         self.show_held()
         if self._now() - self._edited_at < _SETTLE_S:
             raise InputError(

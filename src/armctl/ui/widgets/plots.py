@@ -14,7 +14,7 @@ from armctl.arrays import FloatArray
 from armctl.motion.figure import COLORS as FIGURE_COLORS
 
 COLORS = FIGURE_COLORS
-_HEIGHT = 250
+_HEIGHT, _LIVE_HEIGHT = 250, 200
 _PADDING = (10, 12, 0, 0)
 """top, right, bottom, left [px]: room for half of the outermost numbers"""
 _LABEL_FONT = "12px sans-serif"
@@ -27,11 +27,11 @@ class Line:
     name: str
     y: FloatArray
     color: str
-    mark: bool = False
     dash: tuple[float, float] | None = None
     """lengths of dash and gap [px]; None: drawn through"""
     width: float = 1.6
     """[px]"""
+    mark: bool = False
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -48,8 +48,12 @@ class Picture:
 class LinePlot:
     """One plot; made when there is something to show, and made anew when its lines are others."""
 
-    def __init__(self, gui: viser.GuiApi) -> None:
-        self._gui = gui
+    def __init__(self, gui: viser.GuiApi, y_label: str | None = None) -> None:
+        """With ``y_label`` it is live: small, fitted by the page, with neither title nor legend."""
+        self._gui, self._live = gui, y_label is not None
+        self._y_axis: uplot.Axis = {"size": 54}
+        if y_label is not None:
+            self._y_axis = {"label": y_label, "size": 42, "labelSize": 18, "labelGap": 0}
         self._place = gui.add_folder(None)
         self._handle: viser.GuiUplotHandle | None = None
         self._heads: tuple[object, ...] = ()
@@ -61,25 +65,25 @@ class LinePlot:
             {"label": picture.x_label},
             *(_series(line) for line in picture.lines),
         )
-        ends = span(picture.lines)
-        key = (picture.title, ends, heads)
+        # No fixed range where it is live: the page fits it anew only when the ends of x move with the data.
+        y_scale: uplot.Scale = {"auto": True} if self._live else {"auto": False, "range": span(picture.lines)}
+        key = (picture.title, y_scale, heads)
         if self._handle is not None and key == self._heads:
             self._handle.data = data
             return
         self.clear()
         self._heads = key
+        x_axis: uplot.Axis = {"label": picture.x_label, "labelSize": 22, "labelFont": _LABEL_FONT, "size": 32}
         with self._place:
             self._handle = self._gui.add_uplot(
                 data,
                 heads,
-                title=picture.title,
-                scales={"x": {"time": False}, "y": {"auto": False, "range": ends}},
-                axes=(
-                    {"label": picture.x_label, "labelSize": 22, "labelFont": _LABEL_FONT, "size": 32},
-                    {"size": 54},
-                ),
-                cursor={"points": {"show": False}},  # they would be drawn astray where a value is NaN
-                height=_HEIGHT,
+                title=picture.title or None,
+                scales={"x": {"time": False}, "y": y_scale},
+                axes=(x_axis, self._y_axis),
+                cursor={"points": {"show": self._live}},  # they would be drawn astray where a value is NaN
+                legend={"show": not self._live},
+                height=_LIVE_HEIGHT if self._live else _HEIGHT,
                 padding=_PADDING,
             )
 

@@ -9,7 +9,6 @@ from typing import Self
 
 import numpy as np
 import viser
-from viser import uplot
 
 from armctl.arrays import FloatArray
 from armctl.robot import Robot
@@ -20,6 +19,7 @@ from armctl.ui.session import Session
 from armctl.ui.tabs.simulation.twin import LiveTarget, TwinControl
 from armctl.ui.tabs.simulation.workspace import WorkspaceView
 from armctl.ui.widgets.html import LiveHtml, muted
+from armctl.ui.widgets.plots import Line, LinePlot, Picture
 
 
 class SimulationScreen:
@@ -35,9 +35,7 @@ class SimulationScreen:
             self._twin = TwinControl(session)
         with gui.add_folder("Joint graph"):
             self._joint = gui.add_dropdown("Show", (ALL, *self._titles), initial_value=ALL)
-            self._graph_box = gui.add_folder(None)
-            with self._graph_box:
-                self._graph = JointGraph(gui, session.console.robot)
+            self._graph = JointGraph(gui, session.console.robot)
         with gui.add_folder("In the 3D view"):
             self._with_trail = gui.add_checkbox("Tool trail", initial_value=True)
             clear = gui.add_button_group("Trail so far", ("Clear trail",))
@@ -65,8 +63,7 @@ class SimulationScreen:
 
     def _on_joint(self) -> None:
         chosen = self._joint.value
-        with self._graph_box:
-            self._graph.choose(None if chosen == ALL else self._titles.index(chosen))
+        self._graph.choose([i for i, title in enumerate(self._titles) if chosen in (ALL, title)])
 
     def _on_clear(self) -> None:
         self._cleared = self._trail.count
@@ -95,33 +92,25 @@ class Trail:
         trail = cls()
 
         def follow(snapshot: Snapshot) -> None:
-            if np.isnan(known(snapshot)).any():
-                trail.lift()
-            else:
-                trail.add(console.robot.forward(console.last_known.drawn(snapshot))[:3, 3])
+            is_known = not np.isnan(known(snapshot)).any()
+            tip = console.robot.forward(console.last_known.drawn(snapshot))[:3, 3]
+            trail.add(tip if is_known else np.full(3, np.nan))
 
         console.frame_listeners.append(follow)
         return trail
 
     def add(self, point: FloatArray) -> None:
-        """Add a tool point (3,) [m], if it lies far enough from the last one."""
-        if not self._points or not np.linalg.norm(point - self._points[-1]) < _TRAIL_SPACING_M:
-            self._append(point)
-
-    def lift(self) -> None:
-        """Where the tool goes from here on is not known: the line ends, the next point begins another."""
-        if self._points and not np.isnan(self._points[-1]).any():
-            self._append(np.full(3, np.nan))
+        """Add a tool point (3,) [m], if it lies far enough from the last one; NaN: not known, a gap."""
+        before = self._points[-1] if self._points else np.full(3, np.nan)
+        away = np.linalg.norm(point - before)
+        if not (away < _TRAIL_SPACING_M or np.isnan([point, before]).all()):
+            self._points.append(point.copy())
+            self.count += 1
 
     def since(self, first: int) -> FloatArray:
         """Points (k, 3) [m] still kept, from the ``first``-th ever added on; NaN stands between two lines."""
         dropped = self.count - len(self._points)
-        kept = list(self._points)[max(first - dropped, 0) :]
-        return np.array(kept).reshape(-1, 3)
-
-    def _append(self, point: FloatArray) -> None:
-        self._points.append(point.copy())
-        self.count += 1
+        return np.array(list(self._points)[max(first - dropped, 0) :]).reshape(-1, 3)
 
 
 # Joint angles of the last seconds as a live graph.
@@ -130,7 +119,6 @@ SPAN_S = 20.0
 _PERIOD_S = 0.2
 _STILL_DEG = 0.02
 _COLORS = ("#1971c2", "#e8590c", "#2f9e44", "#9c36b5", "#c92a2a", "#0c8599", "#5f3dc4", "#846358")
-_HEIGHT = 200
 ALL = "all joints"
 
 
@@ -172,19 +160,18 @@ class JointGraph:
     """The graph on one page; nothing is sent while all that it shows stands still."""
 
     def __init__(self, gui: viser.GuiApi, robot: Robot) -> None:
-        self._gui, self._robot = gui, robot
+        self._robot = robot
         self._history = JointHistory(robot.n)
         self._sent_at = -np.inf
-        self._joints: Sequence[int] = range(robot.n)
         self._legend = LiveHtml(gui)
-        self._plot = self._make()
+        self._plot = LinePlot(gui, y_label="angle °")
+        self.choose(range(robot.n))
 
-    def choose(self, joint: int | None) -> None:
-        """Show one joint, commanded and board; None: all joints."""
-        self._joints = range(self._robot.n) if joint is None else [joint]
-        plot = self._make()
-        self._plot.remove()
-        self._plot = plot
+    def choose(self, joints: Sequence[int]) -> None:
+        """Show some joints, commanded and board."""
+        self._joints, self._still = joints, False
+        self._legend.show(legend_html(self._robot, joints))
+        self._plot.show(self._picture())
 
     def add(self, snapshot: Snapshot, standing: FloatArray) -> None:
         """Take a snapshot in and send the graph about five times a second.
@@ -194,49 +181,31 @@ class JointGraph:
         self._history.add(snapshot.stamp, standing, snapshot.q)
         if snapshot.stamp - self._sent_at < _PERIOD_S:
             return
-        data = self._data()
-        still = self._history.full and all(np.ptp(column) < _STILL_DEG for column in data[1:])
+        picture = self._picture()
+        still = self._history.full and all(np.ptp(line.y) < _STILL_DEG for line in picture.lines)
         if not (still and self._still):
             self._sent_at, self._still = snapshot.stamp, still
-            self._plot.data = data
+            self._plot.show(picture)
 
-    def _data(self) -> tuple[FloatArray, ...]:
-        times, *tables = self._history.table()
-        return times, *(np.ascontiguousarray(table[:, i]) for table in tables for i in self._joints)
-
-    def _make(self) -> viser.GuiUplotHandle:
+    def _picture(self) -> Picture:
+        times, commanded, board = self._history.table()
         lines = [
-            uplot.Series(
-                label=f"{self._robot.joints[i].title}{source}",
-                stroke=_COLORS[i % len(_COLORS)],
-                width=width,
-                dash=dash,
-                points=uplot.Series_Points(show=False),
-            )
-            for dash, width, source in (((), 1.5, ""), ((3, 4), 2.5, " board"))
+            Line(f"{self._robot.joints[i].title}{source}", angles[:, i].copy(), _color(i), dash, width)
+            for angles, source, dash, width in ((commanded, "", None, 1.5), (board, " board", (3, 4), 2.5))
             for i in self._joints
         ]
-        self._still = False
-        self._legend.show(legend_html(self._robot, self._joints))
-        return self._gui.add_uplot(
-            data=self._data(),
-            series=(uplot.Series(label="time"), *lines),
-            # No fixed range: the page fits the angles anew only when the times' ends move with the data.
-            scales={"x": uplot.Scale(time=False, auto=True), "y": uplot.Scale(auto=True)},
-            axes=(
-                uplot.Axis(label="time s", size=30, labelSize=18, labelGap=0),
-                uplot.Axis(label="angle °", size=42, labelSize=18, labelGap=0),
-            ),
-            legend=uplot.Legend(show=False),  # it would name each joint twice
-            height=_HEIGHT,
-        )
+        return Picture("", "time s", times, tuple(lines))
+
+
+def _color(joint: int) -> str:
+    return _COLORS[joint % len(_COLORS)]
 
 
 def legend_html(robot: Robot, shown: Sequence[int]) -> str:
     """Each joint once, in its colour; and what solid and dotted lines are."""
     names = " ".join(
         "<span style='display:inline-block;margin-right:8px'>"
-        f"<span style='color:{_COLORS[i % len(_COLORS)]}'>■</span> {escape(robot.joints[i].title)}</span>"
+        f"<span style='color:{_color(i)}'>■</span> {escape(robot.joints[i].title)}</span>"
         for i in shown
     )
     return f"<div>{names}</div>{muted('Solid: commanded. Dotted: as the board tells it.')}"

@@ -155,8 +155,8 @@ _TEXT = {
 class LiveTarget:
     """The switch, the target and its fields. Only the operator may have the arm follow.
 
-    The arm is sent the newest target ten times a second, as long as the page gives signs of life; it brakes
-    half a second after the last one. The twin follows exactly as the arm would, on the page's own clock.
+    The arm gets the newest target ten times a second while the page gives signs of life, and brakes half a
+    second after the last one; the twin follows as the arm would, on the page's own clock.
     """
 
     def __init__(self, session: Session) -> None:
@@ -172,9 +172,8 @@ class LiveTarget:
         point = self._robot.forward(session.snapshot.q_command)[:3, 3]
         self._box = gui.add_folder(None, visible=False)
         with self._box:
-            self._point = DraggedPoint(
-                gui, scene, session.on, "/live_target", point, self._moved.set, prefix="Target "
-            )
+            moved = self._moved.set
+            self._point = DraggedPoint(gui, scene, session.on, "/live_target", point, moved, "Target ")
             put = gui.add_button("Put target there")
         self._note = LiveHtml(gui, visible=False)
         self._watch = EditWatch(self._point.xyz.fields)
@@ -207,9 +206,9 @@ class LiveTarget:
         if mode == ARM:
             session.require_operator()
             if snapshot.state is not State.HOLDING:
+                state = snapshot.state.value
                 raise StateError(
-                    f"a live target needs the arm holding, it is {snapshot.state.value}; "
-                    "enable it, or let it come to rest"
+                    f"a live target needs the arm holding, it is {state}; enable it, or let it come to rest"
                 )
         self._mode = mode
         is_newest = self._newest.begin()

@@ -31,7 +31,6 @@ _RGB = (68, 33, 253), (1, 145, 231), (84, 140, 37)
 """each of low, middle, high"""
 _CLOUD_HINT = "Where the tool point can be: a cloud of reachable points."
 _SECTION_HINT = "The workspace cut open in the plane of the base axis and the tool point."
-_COMPUTING = "Computing …"
 _TURNED_RAD = 0.01
 """how far the arm turns before a sampled section is made anew"""
 _SECTION_COLOR = (224, 49, 49)
@@ -108,7 +107,7 @@ class WorkspaceView:
     async def _on_cloud(self) -> None:
         self._colour.visible = self._cloud_text.visible = self._cloud.value
         if self._cloud.value:
-            self._cloud_text.show(_COMPUTING)
+            self._cloud_text.show("Computing …")
             await self._compute()
         if self._points is not None:
             self._points.remove()
@@ -125,7 +124,7 @@ class WorkspaceView:
     async def _on_section(self) -> None:
         self._plot.visible = self._section_text.visible = self._section.value
         if self._section.value:
-            self._section_text.show(_COMPUTING)
+            self._section_text.show("Computing …")
             self._section_text.show(muted(section_words(await self._compute())))
         else:
             self._lines.hide()
@@ -170,60 +169,55 @@ def cloud_html(robot: Robot, model: WorkspaceCloud, colouring: str) -> str:
     """What the cloud is, and how far the tool comes."""
     extent = model.extent
     reach, low, high = (fixed(1000 * value, 0) for value in (extent.reach, extent.lowest, extent.highest))
-    text = (
-        f"<div>The tool comes <b>{reach} mm</b> from the base axis, and from "
-        f"<b>{low}</b> to <b>{high} mm</b> in height.</div>"
-    )
+    text = f"<div>The tool comes <b>{reach} mm</b> from the base axis, and from "
+    text += f"<b>{low}</b> to <b>{high} mm</b> in height.</div>"
     if extent.lowest < robot.floor_z:
-        text += muted(
-            f"What is below the floor ({fixed(1000 * robot.floor_z, 0)} mm) is left out of the cloud."
-        )
+        floor = fixed(1000 * robot.floor_z, 0)
+        text += muted(f"What is below the floor ({floor} mm) is left out of the cloud.")
     count = f"{len(model.points)} tool points inside the joint limits, denser at the boundary."
     return text + muted(f"{count} {_COLOURINGS[colouring]}")
 
 
 def section_words(model: WorkspaceCloud) -> str:
     """What the drawing shows."""
-    kind = (
-        "The red line is the exact boundary of what the pitch joints reach with the base standing still."
-        if model.section.exact
-        else "Sampled: the red line goes around cells that hold a reachable point; the base turns each point "
-        "into this plane."
+    kind = "The red line is the exact boundary of what the pitch joints reach with the base standing still."
+    if not model.section.exact:
+        kind = (
+            "Sampled: the red line goes around cells that hold a reachable point; the base turns each point "
+        )
+        kind += "into this plane."
+    return (
+        f"{kind} Dot: the tool point now. Dotted: the base axis. "
+        "z is the height, r the distance from the axis."
     )
-    axes = "z is the height, r the distance from the axis."
-    return f"{kind} Dot: the tool point now. Dotted: the base axis. {axes}"
 
 
 # The section as a drawing to scale: height over the distance from the base axis, in mm.
 
 _WIDTH, _TALLEST = 400.0, 330.0
 _LEFT, _RIGHT, _TOP, _BOTTOM = 46.0, 10.0, 8.0, 36.0
-_TICKS = 8
 _GRID = "stroke='currentColor' stroke-opacity='.15'"
 _AXIS_TEXT = "font-size='11' fill='currentColor' fill-opacity='.75'"
-_UPRIGHT = 1e-9
 
 
 def in_plane(
     robot: Robot, T_base_plane: FloatArray, outline: tuple[FloatArray, ...], q: FloatArray
 ) -> tuple[tuple[FloatArray, ...], FloatArray, float | None]:
-    """A section and the arm at ``q`` (n,) [rad] in mm: across (from the base axis) and up.
+    """A section in the plane ``T_base_plane`` (4, 4), its lines (k, 2) [m], and the arm at ``q`` (n,) [rad].
 
-    ``T_base_plane`` (4, 4) [m] is the plane; ``outline`` are closed lines (k, 2) in its x and z [m].
-    Returns the outline; (k, 2) joints and tip of the arm; the floor's height, None in a plane not upright.
+    All in mm, across and up: the outline; (k, 2) joints and tip; the floor, None in a plane not upright.
     """
     rise = np.array([0.0, T_base_plane[2, 3]])
     points = (robot.frames(q)[:, :3, 3] - T_base_plane[:3, 3]) @ T_base_plane[:3, :3]
-    upright = float(T_base_plane[2, 2]) > 1 - _UPRIGHT
+    upright = float(T_base_plane[2, 2]) > 1 - 1e-9
     arm = 1000 * (points[:, [0, 2]] + rise)
     return tuple(1000 * (line + rise) for line in outline), arm, 1000 * robot.floor_z if upright else None
 
 
 def section_svg(outline: tuple[FloatArray, ...], arm: FloatArray, floor: float | None) -> str:
     """The drawing as SVG: the boundary of the reach, the floor, the base axis, the arm and its tip [mm]."""
-    corners = np.concatenate([*outline, arm])
-    if floor is not None:
-        corners = np.concatenate([corners, [[corners[0, 0], floor]]])
+    ground = [] if floor is None else [np.array([[arm[0, 0], floor]])]
+    corners = np.concatenate([*outline, arm, *ground])
     low, high = corners.min(axis=0), corners.max(axis=0)
     margin = 0.05 * float((high - low).max())
     low, high = low - margin, high + margin
@@ -236,60 +230,53 @@ def section_svg(outline: tuple[FloatArray, ...], arm: FloatArray, floor: float |
     height = _TOP + _BOTTOM + unit * up
     right, bottom = _WIDTH - _RIGHT, height - _BOTTOM
 
-    def drawn(line: FloatArray) -> FloatArray:
-        """Points (k, 2) [mm] in the drawing's own units, y downwards."""
-        return np.round(np.array([_LEFT, _TOP]) + (line - [low[0], high[1]]) * [unit, -unit], 1)
+    def drawn(x: float, y: float) -> tuple[float, float]:
+        """A point [mm] in the drawing's own units, y downwards."""
+        return round(_LEFT + unit * (x - low[0]), 1), round(_TOP + unit * (high[1] - y), 1)
 
     def path(line: FloatArray) -> str:
-        return " ".join(f"{x:g},{y:g}" for x, y in drawn(line).tolist())
+        return " ".join("{:g},{:g}".format(*drawn(x, y)) for x, y in line.tolist())
 
-    reached = " ".join(f"M{path(line)}Z" for line in outline)
     parts = [
         f"<svg class='section-plot' viewBox='0 0 {_WIDTH:g} {height:.0f}' "
         "style='width:100%;display:block' role='img' aria-label='Section of the workspace'>"
     ]
     for value in _ticks(low, high, axis=0):
-        x = drawn(np.array([value, 0.0]))[0]
-        parts.append(_line(x, _TOP, x, bottom, _GRID) + _text(x, bottom + 14, "middle", _number(value)))
+        x, _ = drawn(value, 0.0)
+        parts += [_line(x, _TOP, x, bottom, _GRID), _text(x, bottom + 14, "middle", fixed(value, 0))]
     for value in _ticks(low, high, axis=1):
-        y = drawn(np.array([0.0, value]))[1]
-        parts.append(_line(_LEFT, y, right, y, _GRID) + _text(_LEFT - 5, y + 4, "end", _number(value)))
-    base, middle = drawn(np.zeros(2))[0], 0.5 * (_TOP + bottom)
+        _, y = drawn(0.0, value)
+        parts += [_line(_LEFT, y, right, y, _GRID), _text(_LEFT - 5, y + 4, "end", fixed(value, 0))]
+    base, middle = drawn(0.0, 0.0)[0], 0.5 * (_TOP + bottom)
     parts += [
         _line(base, _TOP, base, bottom, "stroke='currentColor' stroke-opacity='.5' stroke-dasharray='2 4'"),
         _text(0.5 * (_LEFT + right), bottom + 30, "middle", "r mm"),
         _text(12, middle, "middle", "z mm", f"transform='rotate(-90 12 {middle:.1f})'"),
-        f"<path d='{reached}' fill='#1971c2' fill-opacity='.16' fill-rule='evenodd' "
-        "stroke='#e03131' stroke-width='1.6' stroke-linejoin='round'/>",
+        f"<path d='{' '.join(f'M{path(line)}Z' for line in outline)}' fill='#1971c2' fill-opacity='.16' "
+        "fill-rule='evenodd' stroke='#e03131' stroke-width='1.6' stroke-linejoin='round'/>",
     ]
     if floor is not None:
-        level = drawn(np.array([0.0, floor]))[1]
+        _, level = drawn(0.0, floor)
         parts += [
             f"<rect x='{_LEFT:g}' y='{level:g}' width='{right - _LEFT:g}' "
             f"height='{max(bottom - level, 0):.1f}' fill='#868e96' fill-opacity='.30'/>",
             _line(_LEFT, level, right, level, "stroke='#868e96' stroke-width='2'"),
             _text(right - 3, level - 4, "end", "floor"),
         ]
-    x, y = drawn(arm[-1])
-    parts += [
+    x, y = drawn(*arm[-1].tolist())
+    return "".join(parts) + (
         f"<polyline points='{path(arm)}' fill='none' stroke='currentColor' "
-        "stroke-opacity='.55' stroke-width='3' stroke-linejoin='round' stroke-linecap='round'/>",
-        f"<circle cx='{x:g}' cy='{y:g}' r='5' fill='#e8590c' stroke='white' stroke-width='1.5'/>",
-        "</svg>",
-    ]
-    return "".join(parts)
+        "stroke-opacity='.55' stroke-width='3' stroke-linejoin='round' stroke-linecap='round'/>"
+        f"<circle cx='{x:g}' cy='{y:g}' r='5' fill='#e8590c' stroke='white' stroke-width='1.5'/></svg>"
+    )
 
 
 def _ticks(low: FloatArray, high: FloatArray, axis: int) -> list[float]:
     """Round values along an axis [mm], the same distance apart on both axes."""
-    rough = float((high - low).max()) / _TICKS
+    rough = float((high - low).max()) / 8
     power = 10.0 ** math.floor(math.log10(rough))
     step = next(factor * power for factor in (1.0, 2.0, 5.0, 10.0) if factor * power >= rough)
     return [step * k for k in range(math.ceil(low[axis] / step), math.floor(high[axis] / step) + 1)]
-
-
-def _number(value: float) -> str:
-    return f"{value:g}".replace("-", "−")
 
 
 def _line(x1: float, y1: float, x2: float, y2: float, style: str) -> str:

@@ -27,7 +27,6 @@ from armctl.ui.session import Session
 from armctl.ui.tabs.trajectory.plan import PlannedMotion
 from armctl.ui.widgets.html import LiveHtml, Pager, fixed, heading, muted, table
 
-_SMALL_MM = 0.001
 _RECORD_S = 0.02
 _AFTER = 6
 """readings that are still taken when the motion is over: a board answers a little late"""
@@ -191,6 +190,6 @@ def point_row(report: ErrorReport, number: int) -> list[str]:
 
 def _figure(value_mm: float) -> str:
     """Millimetres with three decimals, or in powers of ten where those would all be zero."""
-    if value_mm == 0 or abs(value_mm) >= _SMALL_MM:
+    if value_mm == 0 or abs(value_mm) >= 0.001:
         return fixed(value_mm, 3)
     return f"{value_mm:.1e}".replace("-", "−")

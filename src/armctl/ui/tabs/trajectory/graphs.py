@@ -33,22 +33,41 @@ _JERK_NOTE = "Where the acceleration jumps (cubic at its ends, trapezoid), the j
 _ZOOM_NOTE = "Drag across the plot to zoom, double-click to see all of it."
 _COMPARE_NOTE = "Keep the shown motion as A, then show another: A is drawn thin and dashed beside it."
 _FIGURE_FORMS: dict[str, FigureForm] = {"Figure (SVG)": "svg", "Figure (PNG)": "png"}
+_FRAME_S = 1 / 25
+_SLIDER_S = 0.15
+"""a slider and a plot that are written more often make a page slow"""
+_SPEEDS = 5, 400, 5
+"""slowest, fastest, step"""
+_SPEED_HINT = "Of the ghost; the arm does not move."
+_PATH_POINTS, _PATH_COLOR = 400, (0, 140, 170)
+_PLAY, _PAUSE = ("Play", viser.Icon.PLAYER_PLAY), ("Pause", viser.Icon.PLAYER_PAUSE)
 
 
 class GraphView:
-    """Draws the shown motion, and another one (A) beside it that was kept before."""
+    """Draws the shown motion, and another one (A) beside it that was kept before.
+
+    A cursor, a slider over the motion's time or played, moves the ghost along it; the arm does not move.
+    """
 
     def __init__(self, session: Session, preview: Preview) -> None:
-        self._session = session
+        self._session, self._preview = session, preview
         self._shown: PlannedMotion | None = None
         self._a: PlannedMotion | None = None
+        self._path = Lines(session.client.scene, "/shown_path", _PATH_COLOR)
+        self._newest = Newest()
+        self._playing = False
         gui = session.gui
         self._of = gui.add_button_group("Graph of", OF)
         self._quantity = gui.add_button_group("Quantity", tuple(QUANTITIES))
         self._limits = gui.add_button_group("Limits", LIMITS, hint=_LIMITS_HINT)
         self._note = LiveHtml(gui, muted("Nothing is shown yet: press Show."))
         self._plot = LinePlot(gui)
-        self.cursor = CursorView(session, preview, self._draw)
+        self._cursor_box = gui.add_folder(None, visible=False)
+        with self._cursor_box:
+            self._time = gui.add_slider("Time s", 0.0, 1.0, 0.01, initial_value=0.0)
+            self._play = gui.add_button(_PLAY[0], icon=_PLAY[1], color="gray")
+            self._speed = gui.add_slider("Play speed %", *_SPEEDS, initial_value=100, hint=_SPEED_HINT)
+            self._where = LiveHtml(gui)
         self._peaks = LiveHtml(gui)
         with gui.add_folder("Compare"):
             self._compared = LiveHtml(gui, muted(_COMPARE_NOTE))
@@ -58,17 +77,29 @@ class GraphView:
         self._figure = gui.add_button_group("Export", tuple(_FIGURE_FORMS))
         for group in (self._of, self._quantity, self._limits):
             session.on(group.on_click, self._draw)
+        session.on(self._time.on_update, self._on_time)
+        session.on(self._play.on_click, self._on_play)
         session.on(keep.on_click, lambda: self._keep(self._require_shown("keep")))
         session.on(self._drop.on_click, lambda: self._keep(None))
         session.on(csv.on_click, self._on_csv)
         session.on(self._figure.on_click, self._on_figure)
 
+    def refresh(self) -> None:
+        """Draw the tool's path for as long as no other screen shows something of its own."""
+        self._path.set_visible(not self._preview.taken)
+
     def take(self, shown: PlannedMotion) -> None:
-        """Show another motion."""
+        """Show another motion: cursor and ghost stand at its end, the arm at its beginning."""
+        self._halt()
         self._shown = shown
         self._peaks.show(peaks_html(shown))
         self._compare()
-        self.cursor.take(shown)
+        time = np.linspace(0.0, shown.trajectory.duration, _PATH_POINTS)
+        self._path.show(segments(shown.robot.forward(shown.trajectory.sample(time).q)[:, :3, 3]))
+        self._time.value = 0.0
+        self._time.max = self._time.value = max(round(shown.trajectory.duration, 2), 0.01)
+        self._cursor_box.visible = True
+        self._go(shown, self._time.value)
 
     @property
     def _beside(self) -> PlannedMotion | None:
@@ -80,8 +111,51 @@ class GraphView:
             return
         of, quantity, limits = self._of.value, self._quantity.value, self._limits.value
         self._note.show(muted(_JERK_NOTE if quantity == "Jerk" else _ZOOM_NOTE))
-        time = self.cursor.slider.value
-        self._plot.show(graph(self._shown, of, quantity, limits, time, self._beside))
+        self._plot.show(graph(self._shown, of, quantity, limits, self._time.value, self._beside))
+
+    def _go(self, shown: PlannedMotion, time: float, *, draw: bool = True) -> None:
+        """Move the ghost, and with ``draw`` the cursor, to a time [s]."""
+        time = min(time, shown.trajectory.duration)
+        self._preview.show(shown.trajectory.sample(time).q, self._session.snapshot.q_command)
+        if draw:
+            self._where.show(cursor_html(shown, time))
+            self._draw()
+
+    def _on_time(self) -> None:
+        self._halt()
+        if self._shown is not None:
+            self._go(self._shown, self._time.value)
+
+    def _on_play(self) -> None:
+        if self._playing:
+            self._halt()
+        else:
+            shown = self._require_shown("play")
+            self._playing = True
+            self._play.label, self._play.icon = _PAUSE
+            self._session.spawn(self._run(shown, self._newest.begin()))
+
+    async def _run(self, shown: PlannedMotion, is_newest: Callable[[], bool]) -> None:
+        clock, drawn, end = asyncio.get_running_loop().time, -1.0, shown.trajectory.duration
+        begin = self._time.value if self._time.value < end - _FRAME_S else 0.0
+        self._go(shown, begin, draw=False)
+        async for time in played(begin, end, lambda: self._speed.value / 100, _FRAME_S):
+            if not is_newest():
+                return
+            if self._preview.taken:
+                break
+            draw = clock() - drawn >= _SLIDER_S or time >= end
+            with self._session.client.atomic():
+                if draw:
+                    drawn = clock()
+                    self._time.value = min(round(time, 2), self._time.max)
+                self._go(shown, time, draw=draw)
+        self._halt()
+
+    def _halt(self) -> None:
+        self._newest.drop()
+        self._playing = False
+        self._play.label, self._play.icon = _PLAY
 
     def _keep(self, a: PlannedMotion | None) -> None:
         self._a = a
@@ -103,8 +177,7 @@ class GraphView:
 
     async def _on_figure(self) -> None:
         shown = self._require_shown("export")
-        both = [shown] if self._beside is None else [shown, self._beside]
-        drawn = [TitledMotion(one.title, one.motion) for one in both]
+        drawn = [TitledMotion(one.title, one.motion) for one in (shown, self._beside) if one is not None]
         form = _FIGURE_FORMS[self._figure.value]
         content = await asyncio.to_thread(figure_bytes, shown.robot, form, *drawn)
         if not self._session.closed:
@@ -114,97 +187,6 @@ class GraphView:
         if self._shown is None:
             raise InputError(f"there is no motion to {what}: press Show first")
         return self._shown
-
-
-# The cursor: a slider over the motion's time, or played, with the ghost and the numbers there.
-
-_FRAME_S = 1 / 25
-_SLIDER_S = 0.15
-"""a slider and a plot that are written more often make a page slow"""
-_SPEEDS = 5, 400, 5
-"""slowest, fastest, step"""
-_SPEED_HINT = "Of the ghost; the arm does not move."
-_PATH_POINTS, _PATH_COLOR = 400, (0, 140, 170)
-_PLAY, _PAUSE = ("Play", viser.Icon.PLAYER_PLAY), ("Pause", viser.Icon.PLAYER_PAUSE)
-
-
-class CursorView:
-    """Moves the ghost along the shown motion; the arm does not move. ``moved`` is called with the cursor."""
-
-    def __init__(self, session: Session, preview: Preview, moved: Callable[[], None]) -> None:
-        self._session, self._preview, self._moved = session, preview, moved
-        self._planned: PlannedMotion | None = None
-        self._path = Lines(session.client.scene, "/shown_path", _PATH_COLOR)
-        self._newest = Newest()
-        self._playing = False
-        gui = session.gui
-        self._box = gui.add_folder(None, visible=False)
-        with self._box:
-            self.slider = gui.add_slider("Time s", 0.0, 1.0, 0.01, initial_value=0.0)
-            self._play = gui.add_button(_PLAY[0], icon=_PLAY[1], color="gray")
-            self._speed = gui.add_slider("Play speed %", *_SPEEDS, initial_value=100, hint=_SPEED_HINT)
-            self._where = LiveHtml(gui)
-        session.on(self.slider.on_update, self._on_slider)
-        session.on(self._play.on_click, self._on_play)
-
-    def refresh(self) -> None:
-        """Draw the tool's path for as long as no other screen shows something of its own."""
-        self._path.set_visible(not self._preview.taken)
-
-    def take(self, planned: PlannedMotion) -> None:
-        """Another motion is shown: cursor and ghost stand at its end, the arm at its beginning."""
-        self._halt()
-        self._planned = planned
-        time = np.linspace(0.0, planned.trajectory.duration, _PATH_POINTS)
-        self._path.show(segments(planned.robot.forward(planned.trajectory.sample(time).q)[:, :3, 3]))
-        self.slider.value = 0.0
-        self.slider.max = self.slider.value = max(round(planned.trajectory.duration, 2), 0.01)
-        self._box.visible = True
-        self._go(planned, self.slider.value)
-
-    def _go(self, planned: PlannedMotion, time: float, *, draw: bool = True) -> None:
-        time = min(time, planned.trajectory.duration)
-        self._preview.show(planned.trajectory.sample(time).q, self._session.snapshot.q_command)
-        if draw:
-            self._where.show(cursor_html(planned, time))
-            self._moved()
-
-    def _on_slider(self) -> None:
-        self._halt()
-        if self._planned is not None:
-            self._go(self._planned, self.slider.value)
-
-    def _on_play(self) -> None:
-        if self._playing:
-            self._halt()
-        elif self._planned is None:
-            raise InputError("there is no motion to play: press Show first")
-        else:
-            self._playing = True
-            self._play.label, self._play.icon = _PAUSE
-            self._session.spawn(self._run(self._planned, self._newest.begin()))
-
-    async def _run(self, planned: PlannedMotion, is_newest: Callable[[], bool]) -> None:
-        clock, drawn, end = asyncio.get_running_loop().time, -1.0, planned.trajectory.duration
-        begin = self.slider.value if self.slider.value < end - _FRAME_S else 0.0
-        self._go(planned, begin)
-        async for time in played(begin, end, lambda: self._speed.value / 100, _FRAME_S):
-            if not is_newest():
-                return
-            if self._preview.taken:
-                break
-            draw = clock() - drawn >= _SLIDER_S or time >= end
-            with self._session.client.atomic():
-                if draw:
-                    drawn = clock()
-                    self.slider.value = min(round(time, 2), self.slider.max)
-                self._go(planned, time, draw=draw)
-        self._halt()
-
-    def _halt(self) -> None:
-        self._newest.drop()
-        self._playing = False
-        self._play.label, self._play.icon = _PLAY
 
 
 # What is drawn and written.
@@ -217,16 +199,11 @@ _FLOOR_NEAR_M = 0.05
 
 
 def graph(
-    shown: PlannedMotion,
-    of: str,
-    quantity: str,
-    limits: str,
-    cursor: float | None = None,
-    beside: PlannedMotion | None = None,
+    shown: PlannedMotion, of: str, quantity: str, limits: str, cursor: float, beside: PlannedMotion | None
 ) -> Picture:
-    """One quantity of the tool (mm) or of the joints (degrees) over time.
+    """One quantity of the tool (mm) or of the joints (degrees), with an upright line at ``cursor`` [s].
 
-    ``cursor`` is where an upright line is drawn [s]; ``beside`` is drawn thin and dashed.
+    ``beside`` is drawn thin and dashed.
     """
     time = shown.motion.time[thinned(len(shown.motion.time), _PLOT_SAMPLES)]
     if beside is not None and beside.motion.time[-1] > time[-1]:  # the other one takes longer
@@ -240,8 +217,7 @@ def graph(
         Line(name, np.full(len(time), value), color, dash=_LIMIT_DASH, width=1.2)
         for name, value, color in _limits(shown, of, quantity, limits)
     ]
-    if cursor is not None:
-        lines.append(Line("cursor", upright(time, cursor, *span(lines)), _CURSOR, width=1.2))
+    lines.append(Line("cursor", upright(time, cursor, *span(lines)), _CURSOR, width=1.2))
     who, unit = ("Joint", "°") if of == "Joints" else ("Tool", "mm")
     title = f"{who} {quantity.lower()} ({unit}{QUANTITIES[quantity][1]})"
     return Picture(title, "time (s)", time, tuple(lines))
@@ -324,16 +300,12 @@ def compare_html(a: PlannedMotion, b: PlannedMotion) -> str:
         ["tool, largest mm/s", *(fixed(1000 * float(shown.motion.tool_speed.max()), 1) for shown in (a, b))],
     ]
     shares = np.column_stack(
-        [
-            *(shown.peaks.speed / robot.speed_limits for shown in (a, b)),
-            *(shown.peaks.acceleration / robot.acceleration_limits for shown in (a, b)),
-            *(np.abs(shown.motion.jerk).max(axis=0) / robot.jerk_limits for shown in (a, b)),
-        ]
+        [one.peaks.speed / robot.speed_limits for one in (a, b)]
+        + [one.peaks.acceleration / robot.acceleration_limits for one in (a, b)]
+        + [np.abs(one.motion.jerk).max(axis=0) / robot.jerk_limits for one in (a, b)]
     )
-    percent = [
-        [joint.title, *(fixed(100 * share, 0) for share in row)]
-        for joint, row in zip(robot.joints, shares.tolist(), strict=True)
-    ]
+    titled = zip(robot.joints, shares.tolist(), strict=True)
+    percent = [[joint.title, *(fixed(100 * share, 0) for share in row)] for joint, row in titled]
     return (
         muted(f"A (dashed): {a.title}")
         + muted(f"B: {b.title}")

@@ -1,8 +1,4 @@
-"""Planning what the Trajectory tab asks for, in a worker thread.
-
-What can be planned is drawn, whatever its pre-flight says; a line or an arc that the arm cannot follow to
-its end is drawn as far as it can.
-"""
+"""Planning what the Trajectory tab asks for: drawn as far as it goes, whatever its pre-flight says."""
 
 from __future__ import annotations
 
@@ -246,11 +242,9 @@ def _ends_here(
     """A refusal as a finding at the end of what is drawn, which comes there later than at full speed."""
     place, (what, _, mend) = refusal.place, _TIME.sub("", str(refusal)).rpartition("; ")
     part = "tool" if place.joint is None else robot.joints[place.joint].title
-    kind: Kind = "singularity"
+    kind: Kind = "singularity" if place.needed is None else "limits"
     if isinstance(refusal, ToolPathUnreachableError):
         kind = "reach"
-    elif place.needed is not None:
-        kind = "limits"
     return Finding(what or mend, time, part, mend if what else "", kind)
 
 

@@ -3,27 +3,48 @@
 from __future__ import annotations
 
 import asyncio
+import math
+from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 import viser
 
+from armctl.arrays import FloatArray
 from armctl.errors import ArmctlError, InputError, MotionRefusedError
-from armctl.motion import not_checked
+from armctl.kinematics import CRITERIA, Target
+from armctl.motion import PitchMode, not_checked, usual_pitch
+from armctl.motion.analysis import Turning
+from armctl.motion.plan import Passing
 from armctl.runtime import Follow, MoveJoints, RunProgram, Snapshot
 from armctl.ui.newest import Newest
 from armctl.ui.scene.ghost import Preview
 from armctl.ui.session import Session
+from armctl.ui.tabs.manual.shared_program import SharedProgram
 from armctl.ui.tabs.trajectory.error_report import ReportView, finished
-from armctl.ui.tabs.trajectory.form import MotionForm
 from armctl.ui.tabs.trajectory.graphs import GraphView
-from armctl.ui.tabs.trajectory.plan import PlannedMotion, plan_motion
-from armctl.ui.tabs.trajectory.study import StudyView
-from armctl.ui.widgets.html import LiveHtml, refused, warned
+from armctl.ui.tabs.trajectory.plan import (
+    ARC,
+    JOINT_BY_JOINT,
+    JOINTS,
+    LINE,
+    PROGRAM,
+    TEST_PATHS,
+    TOOL_ARC,
+    TOOL_LINE,
+    TOOL_PATHS,
+    MotionRequest,
+    PlannedMotion,
+    plan_motion,
+    why_not,
+)
+from armctl.ui.tabs.trajectory.study import PAPER_DEG_S, ShownStudy, StudyView, make_study
+from armctl.ui.widgets.html import LiveHtml, muted, refused, warned
+from armctl.ui.widgets.number_field import DEGREES, MILLIMETRES, EditWatch, NumberField, NumbersField
+from armctl.ui.widgets.profile_choice import ALL_PROFILES, ProfileChoice
 from armctl.ui.widgets.verdict_list import verdict_html
 
 _NOTE = "Choose a motion and press <b>Show</b> to see it over time; <b>Run</b> executes what is shown."
-_PLANNING = "<b>Planning …</b>"
-_CHANGED = "The settings have changed since"
 _MOVED = 1e-6
 
 
@@ -68,15 +89,15 @@ class TrajectoryScreen:
         self._verdict.visible = not study and self._judged
         stale = self._out_of_date(snapshot)
         self._stale.visible = bool(stale) or self._planning > 0
-        self._stale.show(_PLANNING if self._planning else warned(f"{stale}: press Show."))
+        self._stale.show("<b>Planning …</b>" if self._planning else warned(f"{stale}: press Show."))
         self._preview.refresh(snapshot.q_command)
-        self._graphs.cursor.refresh()
+        self._graphs.refresh()
 
     def _out_of_date(self, snapshot: Snapshot) -> str:
         """Why what is shown has to be planned anew; empty where it need not be."""
         study, planned, settings = self._form.is_study, self._planned, self._form.settings
         if self._settings.get(study, settings) != settings:
-            return _CHANGED
+            return "The settings have changed since"
         if study or planned is None or planned.program is not None or not self._from_present:
             return ""
         away = float(np.abs(planned.trajectory.start - snapshot.q_command).max())
@@ -125,15 +146,267 @@ class TrajectoryScreen:
             raise MotionRefusedError(f"the pre-flight refuses it: {planned.refusal}")
         if planned.program is not None:
             await self._session.submit(RunProgram(planned.program))
-        elif await self._go_to_start(planned):
-            ticket = await self._session.submit(Follow(planned.trajectory))
-            self._preview.hide()
-            if planned.points is not None:
-                await self._report.record(planned, ticket)
-
-    async def _go_to_start(self, planned: PlannedMotion) -> bool:
-        """Bring the arm to the first point; whether it has come there."""
+            return
         start = planned.trajectory.start
-        if float(np.abs(start - self._session.snapshot.q_command).max()) <= _MOVED:
-            return True
-        return await finished(await self._session.submit(MoveJoints(start)))
+        if float(np.abs(start - self._session.snapshot.q_command).max()) > _MOVED:
+            came_there = await finished(await self._session.submit(MoveJoints(start)))
+            if not came_there:
+                return
+        ticket = await self._session.submit(Follow(planned.trajectory))
+        self._preview.hide()
+        if planned.points is not None:
+            await self._report.record(planned, ticket)
+
+
+# The fields: which motion, from where to where, how, and in which time.
+
+_ABOUT = {
+    JOINTS: "All joints from one pose to another; the tool goes as it comes.",
+    TOOL_LINE: "The tool in a straight line, on the branch the arm is on.",
+    TOOL_ARC: "The tool along the circle through its start, via and end.",
+    ARC: "The paper's test arc: radius 200 mm about the base axis, −87° to 87°, 85 mm high.",
+    LINE: "The paper's test line: x = 220 mm, y from −196 to 196 mm by 14 mm, 85 mm high.",
+    PROGRAM: "The program that is edited in Manual → Serial motion.",
+    JOINT_BY_JOINT: "How fast each joint moves the tip at one constant joint speed. A study: nothing moves.",
+}
+"""the motions, in the order in which they are offered"""
+_SHORTEST = "Duration 0 is the shortest that the speed and acceleration limits allow."
+_TO_THE_LIMITS = "For 0 s is until every joint has come to its limit."
+_CHOOSE_HINT = "What is least energy among the solutions of a point."
+_PAPER_ARM, _PAPER_CRITERION = "uzuner", "published"
+"""the criterion that the paper's tables were made with"""
+_PASSING: dict[str, Passing | None] = {
+    "tool on the curve itself": None,
+    "stop at each": "stop",
+    "spline through them": "spline",
+    "blended": "blend",
+}
+_BLEND_MM = 2.0
+_XYZ_HINT = "Tool point in the base frame [mm], by inverse kinematics; e.g. 220, −196, 85."
+_VIA_MM, _END_MM = (0.0, 40.0, 20.0), (0.0, 80.0, 0.0)
+"""from the tool of the first named pose: an arc and a line that most arms can follow"""
+_PITCH: dict[str, PitchMode] = {"kept": "kept", "evenly to another": "interpolated", "free": "free"}
+_PITCH_HINT = (
+    "Tool pitch on the way. Kept: as at the start. Evenly to another: it turns to the pitch below. "
+    "Free: whatever takes the least motion."
+)
+_TOOL_SPEED_HINT = "Largest speed of the tool. 0 or empty: as fast as the joints can."
+_TURNING: dict[str, Turning] = {"each joint alone": "in turn", "all joints at once": "all at once"}
+_TURNING_HINT = (
+    "Alone: each joint turns from the start pose while the others stand still. "
+    "At once: they turn together, and the figures are what each contributes."
+)
+_SLOWEST_DEG_S, _FASTEST_DEG_S = 1.0, 360.0
+_JOINT_SPEED_HINT = f"Of every joint, {_SLOWEST_DEG_S:g} … {_FASTEST_DEG_S:g} °/s. The paper takes 20."
+_FOR_HINT = "Seconds. 0 or empty: until every joint has come to its limit."
+
+
+class MotionForm:
+    """The fields of all motions and of the study; each is shown where the chosen motion needs it."""
+
+    def __init__(self, session: Session) -> None:
+        self._session = session
+        gui, robot = session.gui, session.console.robot
+        first_pose = next(iter(robot.poses))
+        self._motion = gui.add_dropdown("Which motion", tuple(_ABOUT), initial_value=JOINTS)
+        self._about = LiveHtml(gui)
+        self._from = EndChoice(session, "From", PRESENT, self._show_fields)
+        self._to = EndChoice(session, "To", first_pose, self._show_fields)
+        self._via = _point_field(session, "Via X Y Z mm", _VIA_MM)
+        self._end = _point_field(session, "End X Y Z mm", _END_MM)
+        usual = next(label for label, mode in _PITCH.items() if mode == usual_pitch(robot))
+        self._pitch = gui.add_dropdown("Tool pitch", tuple(_PITCH), initial_value=usual, hint=_PITCH_HINT)
+        self._end_pitch = NumberField(gui, "End pitch °", 0.0)
+        self._tool_speed = NumberField(gui, "Tool speed mm/s", 0.0, hint=_TOOL_SPEED_HINT)
+        self._passing = gui.add_dropdown("Points", tuple(_PASSING))
+        self._blend = NumberField(gui, "Blend radius mm", _BLEND_MM)
+        self._choose = gui.add_dropdown("Choose by", CRITERIA, initial_value=CRITERIA[0], hint=_CHOOSE_HINT)
+        self._profile = ProfileChoice(gui, session.on, ALL_PROFILES)
+        self._turning = gui.add_dropdown("Turn", tuple(_TURNING), hint=_TURNING_HINT)
+        self._start = gui.add_dropdown("Start at", (*robot.poses, PRESENT), initial_value=first_pose)
+        self._joint_speed = NumberField(gui, "Joint speed °/s", PAPER_DEG_S, hint=_JOINT_SPEED_HINT)
+        self._for = NumberField(gui, "For s", 0.0, hint=_FOR_HINT)
+        self._zero = LiveHtml(gui)
+        typed = (
+            *self._from.fields.values(), *self._to.fields.values(), self._via, self._end, self._end_pitch,
+            self._tool_speed, self._blend, self._profile.duration, self._joint_speed, self._for,
+        )  # fmt: skip
+        self._inputs = (
+            self._motion, self._from.choice, self._to.choice, self._pitch, self._passing, self._choose,
+            self._profile.choice, self._turning, self._start, *(field.handle for field in typed),
+        )  # fmt: skip
+        self.watch = EditWatch(typed)
+        session.on(self._motion.on_update, self._on_motion)
+        session.on(self._passing.on_update, self._show_fields)
+        session.on(self._pitch.on_update, self._show_fields)
+        self._show_fields()
+
+    @property
+    def is_study(self) -> bool:
+        """Whether a study is chosen, not a motion."""
+        return self._motion.value == JOINT_BY_JOINT
+
+    @property
+    def from_present(self) -> bool:
+        """Whether the motion begins where the arm stands."""
+        motion = self._motion.value
+        return motion == PROGRAM or (motion not in TEST_PATHS and self._from.choice.value == PRESENT)
+
+    @property
+    def settings(self) -> tuple[object, ...]:
+        """All settings that are shown; the same again means that nothing has changed."""
+        program = self._session.shared(SharedProgram).version if self._motion.value == PROGRAM else None
+        return program, *((handle.label, handle.value) for handle in self._inputs if handle.visible)
+
+    def request(self, present: FloatArray) -> MotionRequest:
+        """The motion that the fields ask for, with the arm at ``present`` (n,) [rad].
+
+        Errors name the field that holds no number that can be used; so below.
+        """
+        motion = self._motion.value
+        start = self._from.asked(present) if self._from.choice.visible else present
+        profile, duration = self._profile.checked()
+        speed = None
+        if motion in TOOL_PATHS:
+            speed = self._tool_speed.positive("Tool speed", "mm/s", "as fast as the joints can")
+        return MotionRequest(
+            motion,
+            self._title(),
+            start,
+            profile,
+            duration,
+            self._choose.value,
+            end=self._end_asked(present),
+            via=self._via.array if self._via.visible else None,
+            pitch=_PITCH[self._pitch.value],
+            speed=None if speed is None else speed / 1000,
+            passing=_PASSING[self._passing.value],
+            blend_m=self._blend.value / 1000 if self._blend.visible else 0.0,
+            program=self._session.shared(SharedProgram).program if motion == PROGRAM else None,
+            present=present,
+            opening=self._session.snapshot.gripper,
+        )
+
+    def study(self) -> Callable[[], ShownStudy]:
+        """What computes the study that the fields ask for, in a worker thread."""
+        speed = self._joint_speed.value
+        if not _SLOWEST_DEG_S <= speed <= _FASTEST_DEG_S:
+            raise InputError(
+                f"Joint speed: {speed:g} °/s is outside {_SLOWEST_DEG_S:g} … {_FASTEST_DEG_S:g} °/s"
+            )
+        seconds = self._for.positive("For", "s", "until every joint is at its limit")
+        robot, name = self._session.console.robot, self._start.value
+        start = self._session.snapshot.q_command if name == PRESENT else robot.pose(name)
+        turning = _TURNING[self._turning.value]
+        return partial(make_study, robot, name, start, turning, math.radians(speed), seconds)
+
+    def refresh(self) -> None:
+        """Say what a duration of 0 means for as long as it is 0."""
+        duration = self._for if self.is_study else self._profile.duration
+        self._zero.visible = duration.visible and duration.text.strip() in ("", "0")
+        self._zero.show(muted(_TO_THE_LIMITS if self.is_study else _SHORTEST))
+
+    def _end_asked(self, present: FloatArray) -> FloatArray | Target | None:
+        if self._to.choice.visible:
+            return self._to.asked(present)
+        if not self._end.visible:
+            return None
+        pitch = math.radians(self._end_pitch.value) if self._end_pitch.visible else None
+        return Target.of(self._end.array)._replace(pitch=pitch)
+
+    def _title(self) -> str:
+        motion, profile = self._motion.value, self._profile.profile
+        if motion == JOINTS:
+            return f"{self._from.title} to {self._to.title}, {profile}"
+        if motion in TEST_PATHS:
+            shaped = "" if self._blend.visible else f", {profile}"
+            return f"{motion}, {self._passing.value}{shaped}"
+        return f"{motion} from {self._from.title}, pitch {_PITCH[self._pitch.value]}, {profile}"
+
+    async def _on_motion(self) -> None:
+        motion, robot = self._motion.value, self._session.console.robot
+        if motion in TEST_PATHS and robot.name == _PAPER_ARM:
+            self._choose.value = _PAPER_CRITERION
+        if motion in TOOL_PATHS:
+            self._profile.choose("trapezoid")
+        self._show_fields()
+        if motion in TEST_PATHS:
+            reason = await asyncio.to_thread(why_not, robot, TEST_PATHS[motion]())
+            if reason is not None and self._motion.value == motion:
+                self._about.show(muted(_ABOUT[motion]) + refused(f"Not for this arm: {reason}."))
+
+    def _show_fields(self) -> None:
+        motion, study = self._motion.value, self.is_study
+        led, test = motion in TOOL_PATHS, motion in TEST_PATHS
+        passing = _PASSING[self._passing.value] if test else None
+        timed = not study and motion != PROGRAM
+        self._from.show(motion == JOINTS or led)
+        self._to.show(motion == JOINTS)
+        self._via.visible = motion == TOOL_ARC
+        self._end.visible = self._pitch.visible = self._tool_speed.visible = led
+        self._end_pitch.visible = led and _PITCH[self._pitch.value] == "interpolated"
+        self._passing.visible = test
+        self._blend.visible = passing == "blend"
+        self._choose.visible = test or self._from.is_point or self._to.is_point
+        normal = motion == JOINTS or passing == "stop"
+        self._profile.show(profile=timed and passing != "blend", duration=timed, normal=normal)
+        self._turning.visible = self._start.visible = study
+        self._joint_speed.visible = self._for.visible = study
+        self._about.show(muted(_ABOUT[motion]))
+
+
+PRESENT = "present pose"
+ANGLES = "angles"
+POINT = "X Y Z"
+
+
+class EndChoice:
+    """Where a motion begins or ends: a pose, angles, or a point of the tool; with the field for it."""
+
+    def __init__(self, session: Session, label: str, initial: str, changed: Callable[[], None]) -> None:
+        gui, self._robot = session.gui, session.console.robot
+        poses, titles = self._robot.poses, [joint.title for joint in self._robot.joints]
+        self.choice = gui.add_dropdown(label, (PRESENT, *poses, ANGLES, POINT), initial_value=initial)
+        hint = f"Joint angles [°]: {', '.join(titles)}."
+        angles = self._robot.pose(next(iter(poses)))
+        self.fields = {
+            ANGLES: NumbersField(gui, f"{label} θ °", titles, angles, DEGREES, hint),
+            POINT: _point_field(session, f"{label} X Y Z mm"),
+        }
+        session.on(self.choice.on_update, changed)
+
+    @property
+    def is_point(self) -> bool:
+        """Whether inverse kinematics is needed."""
+        return self.fields[POINT].visible
+
+    @property
+    def title(self) -> str:
+        """The end in a few words."""
+        kind = self.choice.value
+        unit = "°" if kind == ANGLES else " mm"
+        return f"({self.fields[kind].text}){unit}" if kind in self.fields else kind
+
+    def show(self, visible: bool) -> None:
+        """Show or hide the choice and its field."""
+        self.choice.visible = visible
+        for kind, field in self.fields.items():
+            field.visible = visible and self.choice.value == kind
+
+    def asked(self, present: FloatArray) -> FloatArray | Target:
+        """Joint angles (n,) [rad], or where the tool has to be."""
+        kind = self.choice.value
+        if kind == ANGLES:
+            return self.fields[ANGLES].array
+        if kind == POINT:
+            return Target.of(self.fields[POINT].array)
+        return present if kind == PRESENT else self._robot.pose(kind)
+
+
+def _point_field(
+    session: Session, label: str, offset_mm: tuple[float, float, float] = (0, 0, 0)
+) -> NumbersField:
+    """A field for a tool point, filled with that of the first named pose, moved a little."""
+    robot = session.console.robot
+    point = robot.forward(robot.pose(next(iter(robot.poses))))[:3, 3] + np.array(offset_mm) / 1000
+    return NumbersField(session.gui, label, "XYZ", point.round(4), MILLIMETRES, _XYZ_HINT)
