@@ -166,7 +166,7 @@ def test_another_robots_calibration_is_refused() -> None:
             "Elbow: the safe outputs 2500.0 … 2600.0 µs lie outside of 602.0 … 2398.0",
         ),
         (of(UZUNER, (10.0, 1900.0)), "gripper: 10 … 1900 µs; the board takes 64 … 4080 µs"),
-        (of(UZUNER, elbow=elbow(math.nan, 10, 600, 2400)), "must be a finite number"),
+        (of(UZUNER, elbow=elbow(math.nan, 10, 600, 2400)), "elbow.zero: nan is no number"),
         (of(UZUNER, (1500.0, 1500.0)), "closed and open are both 1500"),
     ],
 )

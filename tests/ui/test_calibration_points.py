@@ -14,7 +14,7 @@ from armctl.errors import CalibrationError, InputError, StateError
 from armctl.hardware import Source
 from armctl.robot import OutputMap, load_robot
 from armctl.runtime import Snapshot, State
-from armctl.ui.tabs.calibration.touched_points import (
+from armctl.ui.tabs.calibration.shared_calibration import (
     TouchedPoints,
     present_outputs,
     standing_gripper,

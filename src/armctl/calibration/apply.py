@@ -12,7 +12,7 @@ import numpy as np
 
 from armctl.arrays import FloatArray
 from armctl.calibration.fit import JointFit
-from armctl.calibration.record import Calibration, JointCalibration, checked_calibration
+from armctl.calibration.record import Calibration, JointCalibration, checked_record
 from armctl.errors import CalibrationError
 from armctl.kinematics.chain import LinkFrames
 from armctl.robot import Joint, OutputMap, Robot
@@ -90,7 +90,7 @@ def _applied(robot: Robot, calibration: Calibration) -> tuple[Robot, tuple[str, 
             f"it is in {calibration.unit}, and the robot file of {robot.name} is for a board in "
             f"{unit}: calibrate the arm on that board"
         )
-    checked_calibration(calibration)
+    checked_record(calibration)
     _require_gripper(robot, calibration, outputs)
     arrays = {key: getattr(outputs, key).copy() for key in ("zero", "per_rad", "low", "high")}
     joints, words = list(robot.joints), list[str]()

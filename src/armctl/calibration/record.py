@@ -12,13 +12,11 @@ import msgspec
 import tomli_w
 from msgspec import Meta
 
-from armctl.documents import DocumentKind
+from armctl.documents import Document, DocumentKind
 from armctl.errors import CalibrationError
 from armctl.robot import FLATTEST_PER_DEG
 
-_LARGEST = 1e9
-"""no output of any board is larger"""
-_CALIBRATIONS = DocumentKind(CalibrationError, most_bytes=256 * 1024, largest=_LARGEST)
+_CALIBRATIONS = DocumentKind(CalibrationError, most_bytes=256 * 1024, largest=1e9)
 
 
 class JointCalibration(msgspec.Struct, frozen=True):
@@ -61,40 +59,6 @@ class Calibration(msgspec.Struct, frozen=True):
         return not self.joints and self.gripper is None
 
 
-def checked_calibration(calibration: Calibration) -> Calibration:
-    """The calibration, if its numbers make sense by themselves.
-
-    Raises:
-        CalibrationError: names the part, its value and what is allowed.
-    """
-    unit = calibration.unit
-    for key in ("robot", "board"):
-        if not getattr(calibration, key):
-            raise CalibrationError(f"{key} is empty; a calibration is of one robot on one board")
-    entries = {f"joints.{name}": _JointEntry.of(one) for name, one in calibration.joints.items()}
-    gripper = calibration.gripper and _GripperEntry(*calibration.gripper)
-    for place, entry in (*entries.items(), *([("gripper", gripper)] if gripper else [])):
-        for key, value in msgspec.structs.asdict(entry).items():
-            if not (math.isfinite(value) and abs(value) <= _LARGEST):
-                raise CalibrationError(
-                    f"{place}.{key} = {value}: must be a finite number within ±{_LARGEST:.0e}"
-                )
-    for place, joint in entries.items():
-        if abs(joint.per_deg) < FLATTEST_PER_DEG:
-            raise CalibrationError(
-                f"{place}.per_deg = {joint.per_deg:g}: the joint would not move; {FLATTEST_PER_DEG} {unit} "
-                "a degree or more"
-            )
-        if joint.low >= joint.high:
-            raise CalibrationError(
-                f"{place}: low = {joint.low:g} and high = {joint.high:g} {unit}: the smallest safe output "
-                "comes first"
-            )
-    if gripper and gripper.closed == gripper.open:
-        raise CalibrationError(f"gripper: closed and open are both {gripper.open:g} {unit}")
-    return calibration
-
-
 def iso_time(stamp: float) -> str:
     """Local day and time to the second, with its offset, of seconds since the epoch (ISO 8601)."""
     return datetime.fromtimestamp(stamp).astimezone().isoformat(timespec="seconds")
@@ -110,10 +74,6 @@ class _JointEntry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     per_deg: float
     low: float
     high: float
-
-    @classmethod
-    def of(cls, joint: JointCalibration) -> _JointEntry:
-        return cls(float(joint.zero), float(joint.per_rad) / _PER_RAD, float(joint.low), float(joint.high))
 
 
 class _GripperEntry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -133,14 +93,29 @@ class _CalibrationFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     gripper: _GripperEntry | None = None
     joints: dict[str, _JointEntry] = {}
 
+    def require_sense(self) -> None:
+        """Refuse numbers that contradict each other."""
+        for name, joint in self.joints.items():
+            if abs(joint.per_deg) < FLATTEST_PER_DEG:
+                raise CalibrationError(
+                    f"joints.{name}.per_deg = {joint.per_deg:g}: the joint would not move; "
+                    f"{FLATTEST_PER_DEG} {self.unit} a degree or more"
+                )
+            if joint.low >= joint.high:
+                raise CalibrationError(
+                    f"joints.{name}: low = {joint.low:g} and high = {joint.high:g} {self.unit}: the smallest "
+                    "safe output comes first"
+                )
+        if self.gripper and self.gripper.closed == self.gripper.open:
+            raise CalibrationError(f"gripper: closed and open are both {self.gripper.open:g} {self.unit}")
 
-def encode_calibration(calibration: Calibration, again: int | None = None) -> str:
-    """The text of a calibration's file; ``again``: the version of the store that it brings back.
+
+def checked_record(calibration: Calibration, again: int | None = None) -> dict[str, object]:
+    """The tables of a calibration's file, if its numbers make sense by themselves.
 
     Raises:
-        CalibrationError: a value that could not be read again.
+        CalibrationError: names the part, its value and what is allowed.
     """
-    checked_calibration(calibration)
     file = _CalibrationFile(
         format=1,
         robot=calibration.robot,
@@ -150,10 +125,26 @@ def encode_calibration(calibration: Calibration, again: int | None = None) -> st
         note=calibration.note,
         again=again,
         gripper=calibration.gripper and _GripperEntry(*map(float, calibration.gripper)),
-        joints={name: _JointEntry.of(joint) for name, joint in calibration.joints.items()},
+        joints={
+            name: _JointEntry(float(one.zero), float(one.per_rad) / _PER_RAD, float(one.low), float(one.high))
+            for name, one in calibration.joints.items()
+        },
     )
-    record: dict[str, object] = msgspec.to_builtins(file)
-    return tomli_w.dumps({key: value for key, value in record.items() if value is not None})
+    record = {key: value for key, value in msgspec.to_builtins(file).items() if value is not None}
+    document = Document(_CALIBRATIONS, record)
+    document.convert(_CalibrationFile)
+    document.require_numbers()
+    file.require_sense()
+    return record
+
+
+def encode_calibration(calibration: Calibration, again: int | None = None) -> str:
+    """The text of a calibration's file; ``again``: the version of the store that it brings back.
+
+    Raises:
+        CalibrationError: a value that could not be read again.
+    """
+    return tomli_w.dumps(checked_record(calibration, again))
 
 
 def decode_calibration(text: str | bytes) -> Calibration:
@@ -167,6 +158,7 @@ def decode_calibration(text: str | bytes) -> Calibration:
 
 def _decode_version(text: str | bytes) -> tuple[Calibration, int | None]:
     file = _CALIBRATIONS.decode(text, _CalibrationFile)
+    file.require_sense()
     calibration = Calibration(
         robot=file.robot,
         board=file.board,
@@ -179,7 +171,7 @@ def _decode_version(text: str | bytes) -> tuple[Calibration, int | None]:
         made=file.made,
         note=file.note,
     )
-    return checked_calibration(calibration), file.again
+    return calibration, file.again
 
 
 def read_calibration(path: Path) -> Calibration:

@@ -16,8 +16,15 @@ from armctl.robot import Robot
 from armctl.runtime import Jog, MoveGripper, Snapshot
 from armctl.ui.session import Session
 from armctl.ui.tabs.calibration.points import numbered, show_numbers
-from armctl.ui.tabs.calibration.shared_calibration import CalibrationWork, End, Jaw, SharedCalibration
-from armctl.ui.tabs.calibration.touched_points import present_outputs, standing_gripper, standing_outputs
+from armctl.ui.tabs.calibration.shared_calibration import (
+    CalibrationWork,
+    End,
+    Jaw,
+    SharedCalibration,
+    present_outputs,
+    standing_gripper,
+    standing_outputs,
+)
 from armctl.ui.tabs.manual.jog import HeldJog, joint_jog
 from armctl.ui.tabs.manual.joints import JointStepper, checked_percent
 from armctl.ui.widgets.html import LiveHtml, fixed, muted, refused, sentence, table

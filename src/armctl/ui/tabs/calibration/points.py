@@ -11,8 +11,7 @@ from armctl.calibration import LEAST_POINTS, ToolError
 from armctl.errors import InputError
 from armctl.runtime import Snapshot
 from armctl.ui.session import Session
-from armctl.ui.tabs.calibration.shared_calibration import SharedCalibration
-from armctl.ui.tabs.calibration.touched_points import TouchedPoints, standing_outputs
+from armctl.ui.tabs.calibration.shared_calibration import SharedCalibration, TouchedPoints, standing_outputs
 from armctl.ui.tabs.manual.jog import ToolJog
 from armctl.ui.widgets.html import LiveHtml, fixed, heading, muted, numbers, refused, sentence, strong, table
 from armctl.ui.widgets.number_field import EditWatch, NumberField

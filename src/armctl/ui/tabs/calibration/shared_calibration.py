@@ -1,19 +1,24 @@
-"""A calibration in the making: marks, safe limits, gripper, saving. Shared by all pages of an arm."""
+"""A calibration in the making: marks, safe limits, gripper, known points, saving. Shared by all pages."""
 
 from __future__ import annotations
 
 import asyncio
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, replace
 from typing import Literal, Self
 
+import numpy as np
+
+from armctl.arrays import FloatArray
 from armctl.calibration import (
     LEAST_MARKS,
+    LEAST_POINTS,
     Calibration,
     JointCalibration,
     JointFit,
     Mark,
+    ToolError,
     Version,
     fit_joint,
     iso_time,
@@ -21,14 +26,16 @@ from armctl.calibration import (
     own_calibration,
     own_map,
     safe_outputs,
+    tool_error,
 )
-from armctl.errors import InputError, StateError
+from armctl.errors import ArmctlError, InputError, StateError
+from armctl.hardware import Source
 from armctl.robot import OutputMap, Robot
-from armctl.runtime import wall_time
+from armctl.runtime import Snapshot, State, wall_time
 from armctl.ui.console import CalibrationInForce, Console
-from armctl.ui.tabs.calibration.touched_points import TouchedPoints
 
 _LARGEST_ANGLE = math.radians(720.0)
+_FARTHEST_M = 10.0
 _APART = 1.0
 """outputs that differ by less are one place"""
 End = Literal["low", "high"]
@@ -84,11 +91,7 @@ class CalibrationWork:
         )
 
     def add_mark(self, joint: str, output: float, angle: float) -> None:
-        """Note that the joint stood at ``angle`` [rad] when its output was ``output``.
-
-        Raises:
-            InputError: no angle of a joint, or the same mark is there already.
-        """
+        """Note that the joint stood at ``angle`` [rad] when its output was ``output``."""
         if not math.isfinite(angle) or abs(angle) > _LARGEST_ANGLE:
             raise InputError(
                 f"{math.degrees(angle):g}° is outside ±{math.degrees(_LARGEST_ANGLE):g}°; type the "
@@ -103,22 +106,14 @@ class CalibrationWork:
         self._set(joint, marks=(*marks, mark))
 
     def delete_mark(self, joint: str, index: int) -> None:
-        """Take a mark away, from 0.
-
-        Raises:
-            InputError: there is none of that number.
-        """
+        """Take a mark away, from 0."""
         marks = self.joint(joint).marks
         if not 0 <= index < len(marks):
             raise InputError(f"there is no mark {index + 1} of {joint}; it has {len(marks)}")
         self._set(joint, marks=marks[:index] + marks[index + 1 :])
 
     def fit(self, joint: str) -> JointFit | None:
-        """The line through the marks of a joint; None: there are too few.
-
-        Raises:
-            CalibrationError: no line goes through them; says why.
-        """
+        """The line through the marks of a joint; None: there are too few."""
         marks = self.joint(joint).marks
         return None if len(marks) < LEAST_MARKS else fit_joint(marks, self.map.unit)
 
@@ -127,9 +122,6 @@ class CalibrationWork:
 
         An end set here by hand holds; else what is in force; by new marks, as far as the joint needs it, but
         for an end that was set by hand before.
-
-        Raises:
-            CalibrationError: the marks have no line, or nothing is left of the joint's limits.
         """
         work, now = self.joint(joint), self._in_force(joint)
         if work.low is not None and work.high is not None:
@@ -145,11 +137,7 @@ class CalibrationWork:
         return (low if work.low is None else work.low, high if work.high is None else work.high)
 
     def set_limit(self, joint: str, end: End, output: float) -> None:
-        """Say that ``output`` is as far as the joint may ever go.
-
-        Raises:
-            InputError: it is on the wrong side of the other limit.
-        """
+        """Say that ``output`` is as far as the joint may ever go."""
         low, high = self.limits(joint)
         word, other = (
             ("lower", f"upper one is {high:.1f}") if end == "low" else ("upper", f"lower one is {low:.1f}")
@@ -167,11 +155,7 @@ class CalibrationWork:
         self._set(joint, low=None, high=None, by_default=True)
 
     def set_jaw(self, jaw: Jaw, output: float) -> None:
-        """Say at which output the gripper is closed, or open.
-
-        Raises:
-            InputError: it would be closed and open at the same one.
-        """
+        """Say at which output the gripper is closed, or open."""
         other: Jaw = "open" if jaw == "closed" else "closed"
         there = self.jaw(other)
         if abs(there - output) < _APART:
@@ -198,11 +182,7 @@ class CalibrationWork:
         self.version += 1
 
     def measured(self) -> dict[str, JointCalibration]:
-        """The calibration of each joint with new marks or limits.
-
-        Raises:
-            CalibrationError: the marks of a joint have no line; says which and why.
-        """
+        """The calibration of each joint with new marks or limits."""
         found: dict[str, JointCalibration] = {}
         for name in self.robot.joint_names:
             work, line = self.joint(name), self.fit(name)
@@ -218,6 +198,79 @@ class CalibrationWork:
     def _set(self, joint: str, **changes: object) -> None:
         self._joints[joint] = replace(self.joint(joint), **changes)
         self.version += 1
+
+
+@dataclass(frozen=True, slots=True)
+class Touch:
+    """The tool stood on a point."""
+
+    outputs: Mapping[int, float]
+    """by channel, in the board's unit: they stay true when the calibration changes"""
+    point_m: tuple[float, float, float]
+    """in the base frame [m]"""
+
+
+class TouchedPoints:
+    """The touches so far. Used on the web server's event loop only."""
+
+    def __init__(self, robot: Robot, calibrated: Collection[str] = ()) -> None:
+        """``robot``: as the arm runs; ``calibrated``: the joints that the calibration in force covers."""
+        self._robot, self._calibrated = robot, calibrated
+        self.touches: tuple[Touch, ...] = ()
+        """in the order in which they were made"""
+        self.result: ToolError | str | None = None
+        """the tool error, or why there is none, in words; None: too few points, or not known yet"""
+        self.version = 0
+        """rises with every change, so that a page knows when to draw anew"""
+
+    @property
+    def distances_m(self) -> FloatArray:
+        """(k,) from each point to where the arm believes the tool to be [m]."""
+        if not self.touches:
+            return np.zeros(0)
+        points = np.array([touch.point_m for touch in self.touches])
+        return np.linalg.norm(points - self._robot.forward(self._angles())[:, :3, 3], axis=1)
+
+    def add(self, outputs: Mapping[int, float], point_m: FloatArray) -> None:
+        """Note that the tool touches a point (3,) [m]."""
+        if not (np.isfinite(point_m).all() and np.linalg.norm(point_m) < _FARTHEST_M):
+            raise InputError(f"a point is less than {_FARTHEST_M:.0f} m from the base; give X, Y, Z in mm")
+        x, y, z = point_m.tolist()
+        self._set((*self.touches, Touch(dict(outputs), (x, y, z))))
+
+    def delete(self, index: int) -> None:
+        """Take a touch away, from 0."""
+        if not 0 <= index < len(self.touches):
+            raise InputError(f"there is no point {index + 1}; there are {len(self.touches)}")
+        self._set(self.touches[:index] + self.touches[index + 1 :])
+
+    def take_over(self, other: TouchedPoints) -> None:
+        """Go on with the touches of another one."""
+        self._set(other.touches)
+
+    async def compute(self) -> None:
+        """Compute the tool error off the event loop, unless it is known or there are too few points."""
+        touches = self.touches
+        if len(touches) < LEAST_POINTS or self.result is not None:
+            return
+        q, points = self._angles(), np.array([touch.point_m for touch in touches])
+        try:
+            result: ToolError | str = await asyncio.to_thread(
+                tool_error, self._robot, q, points, self._calibrated
+            )
+        except ArmctlError as error:
+            result = str(error)
+        if self.touches is touches:  # else they have changed meanwhile, and are computed anew
+            self._set(touches, result)
+
+    def _set(self, touches: tuple[Touch, ...], result: ToolError | str | None = None) -> None:
+        self.touches, self.result = touches, result
+        self.version += 1
+
+    def _angles(self) -> FloatArray:
+        """(k, n) [rad]."""
+        outputs = own_map(self._robot)
+        return np.array([outputs.angles(touch.outputs) for touch in self.touches])
 
 
 class SharedCalibration:
@@ -246,12 +299,7 @@ class SharedCalibration:
             self.points.take_over(other.points)
 
     def draft(self, note: str = "") -> Calibration:
-        """The calibration in force with what was measured in its place.
-
-        Raises:
-            StateError: nothing was done that could be saved, or there is no board yet.
-            CalibrationError: the marks of a joint have no line, or leave nothing of its limits; says which.
-        """
+        """The calibration in force with what was measured in its place."""
         board, work, before = self._require_board(), self.work, self.in_force
         joints = {**(before.joints if before else {}), **work.measured()}
         gripper = (work.jaw("closed"), work.jaw("open")) if work.jaws else before and before.gripper
@@ -268,12 +316,7 @@ class SharedCalibration:
         return drawn
 
     async def save(self, note: str) -> Version:
-        """Save the draft; the arm goes by it once it is opened anew.
-
-        Raises:
-            StateError: something else is in force by now, which this would overwrite.
-            ArmctlError: as ``draft``, or it cannot be written.
-        """
+        """Save the draft; the arm goes by it once it is opened anew."""
         return await asyncio.to_thread(self._save, self.draft(note))
 
     def _save(self, drawn: Calibration) -> Version:
@@ -285,20 +328,11 @@ class SharedCalibration:
         return self._kept.store.save(drawn)
 
     def versions(self) -> tuple[Version, ...]:
-        """What was saved of this arm on this board, the newest first.
-
-        Raises:
-            CalibrationError: the folder cannot be read.
-        """
+        """What was saved of this arm on this board, the newest first."""
         return () if self.board is None else self._kept.store.versions(self.work.robot.name, self.board)
 
     async def revert(self, number: int | None) -> Version:
-        """Bring an earlier version in force again; None: the robot file as it is.
-
-        Raises:
-            CalibrationError: there is no such version, or it does not fit the robot, or cannot be written.
-            StateError: there is no board yet, or nothing to go back from.
-        """
+        """Bring an earlier version in force again; None: the robot file as it is."""
         board, robot, store = self._require_board(), self.work.robot, self._kept.store
         if number is None:
             if self.in_force is None:
@@ -317,3 +351,37 @@ class SharedCalibration:
                 "first"
             )
         return self.board
+
+
+# Where the arm stands: a mark or a touch is taken there.
+
+
+def present_outputs(robot: Robot, snapshot: Snapshot) -> dict[int, float]:
+    """Output of every joint by channel, in the board's unit.
+
+    As the board reports it; where it reports nothing, as it was last told. An arm that is off and whose
+    board measures may have been moved by hand.
+    """
+    unknown = np.isnan(snapshot.q)
+    if unknown.any() and not snapshot.commanded:
+        if snapshot.source is Source.MEASURED:
+            raise StateError("the board does not know where every joint stands; home the arm first")
+        raise StateError(
+            f"the arm is {snapshot.state.value}, so nobody knows where it stands; connect and enable it first"
+        )
+    return own_map(robot).outputs(np.where(unknown, snapshot.q_command, snapshot.q))
+
+
+def standing_outputs(robot: Robot, snapshot: Snapshot) -> dict[int, float]:
+    """``present_outputs`` of an arm that stands still: a mark is taken there."""
+    if snapshot.state in (State.MOVING, State.PAUSED):
+        raise StateError("the arm is in the middle of a motion; wait until it stands, then press again")
+    return present_outputs(robot, snapshot)
+
+
+def standing_gripper(robot: Robot, snapshot: Snapshot) -> float:
+    """Output of the gripper."""
+    if snapshot.gripper is None:
+        raise StateError("the gripper has not been told to move yet; press 'Move gripper' first")
+    (output,) = own_map(robot).gripper_output(snapshot.gripper).values()
+    return output
