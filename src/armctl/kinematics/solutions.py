@@ -44,7 +44,6 @@ class Solutions:
         target: Target,
         q: FloatArray | Sequence[Sequence[float]],
         branch_index: NDArray[np.int8] | Sequence[int],
-        *,
         free_joint: int | None = None,
         least_rotation: Callable[[], FloatArray | None] | None = None,
         reason: str | None = None,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from math import inf, pi
 from typing import NamedTuple, TypeGuard
 
 import numpy as np
@@ -57,7 +58,7 @@ def checked_number(value: float, what: str) -> float:
 
 FARTHEST = 1000.0
 """a target farther off than this is a mistake in the unit [m]"""
-_FLOAT, _POINT = np.dtype(np.float64), (3,)
+_FLOAT, _POINT, _ARRAY, _FARTHEST_SQUARED = np.dtype(np.float64), (3,), np.ndarray, FARTHEST**2
 
 
 class Target(NamedTuple):
@@ -87,11 +88,12 @@ class Target(NamedTuple):
         """
         point = checked_point(position_m)
         if rotation is None:
-            if not (type(pitch) is float and -math.pi <= pitch <= math.pi) and pitch is not None:
+            if not (type(pitch) is float and -pi <= pitch <= pi) and pitch is not None:
                 pitch = float(_within_half_turn(np.array([checked_number(pitch, "pitch")]))[0])
-            if not (type(roll) is float and -math.inf < roll < math.inf) and roll is not None:
+            if not (type(roll) is float and -inf < roll < inf) and roll is not None:
                 roll = checked_number(roll, "roll")
-            return cls._make((point, pitch, roll, None))  # in less time than cls(...)
+            # in less time than cls(...)
+            return tuple.__new__(cls, (point, pitch, roll, None))  # pyright: ignore[reportUnknownMemberType]
         if pitch is not None or roll is not None:
             raise InputError("give either a rotation, or pitch and roll, not both")
         matrix = _finite(rotation, (3, 3), "the target rotation")
@@ -121,11 +123,12 @@ def is_point(value: ArrayLike) -> TypeGuard[FloatArray]:
 
 def checked_point(value: ArrayLike) -> tuple[float, float, float]:
     """A tool point x, y, z [m]. Raises ``InputError`` for any other value, or a point beyond ``FARTHEST``."""
-    if is_point(value) and value.dtype is _FLOAT:  # most calls
-        x, y, z = value.tolist()
+    if type(value) is _ARRAY and value.dtype is _FLOAT and value.shape == _POINT:  # most calls
+        point: list[float] = value.tolist()
     else:
-        x, y, z = _finite(value, _POINT, "the target position").tolist()
-    if x * x + y * y + z * z <= FARTHEST**2:  # false with NaN too
+        point = _finite(value, _POINT, "the target position").tolist()
+    x, y, z = point
+    if x * x + y * y + z * z <= _FARTHEST_SQUARED:  # false with NaN too
         return x, y, z
     _finite(value, _POINT, "the target position")
     raise InputError(

@@ -2,23 +2,20 @@
 
 The position is an order, the rotation a wish. Position and limits leave a box: the base angle is one of two
 (any, over the base axis), the pitch lies in intervals whose ends have a joint at a limit or the links
-stretched, the roll between its limits. Where the best turns lie inside it they are taken; where they do not,
-the best lies on a face of the box, and on each face it is closed form again.
+stretched, the roll between its limits. The best turns lie inside it or on a face of it.
 
-In forward, left, up coordinates the tool's rotation is ``R_up(a) R_down(b) R_w(c) R_zero``: a turn of the
-base about up, one of the pitch joints together about the downward normal of the tool plane, one of the roll
-joint about its axis w in that plane. The inner product of its quaternion with the one asked for is linear
-in each of the unit vectors (cos a/2, sin a/2), (cos b/2, sin b/2) and (cos c/2, sin c/2), and the angle
-between the two rotations is least where the inner product's magnitude is largest. So with one turn free the
-nearest is an arc tangent, with two it is the leading singular pair of a 2 x 2 matrix: exact, without a
-search.
+In forward, left, up coordinates the tool's rotation is ``R_up(a) R_down(b) R_w(c) R_zero``: turns of the base
+about up, of the pitch joints together about the downward normal of the tool plane, of the roll joint about
+its axis w. The inner product of its quaternion with the one asked for is linear in each of (cos a/2, sin
+a/2), (cos b/2, sin b/2) and (cos c/2, sin c/2), and the nearest rotation has the largest. So with one turn
+free the nearest is an arc tangent, with two the leading singular pair of a 2 x 2 matrix: exact.
 """
 
 from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -34,10 +31,10 @@ _VERTICAL = 1e-9
 """how near to vertical a roll axis may point before it says nothing about the base angle (sine)"""
 _ALIKE = 1e-6
 """how much farther from the rotation asked for than the nearest one a solution may be [rad]"""
-_Posture = tuple[tuple[float, ...], float]
-"""pitch joint angles inside the limits that bring the tip to the target, and the last link's plane angle"""
-_Candidate = tuple[FloatArray, int]
-"""a configuration (n,) and its branch"""
+Candidate = tuple[FloatArray, int]
+"""a configuration (n,) [rad] and the index of its branch"""
+_Posture = tuple[float, ...]
+"""pitch joint angles inside the limits that bring the tip to the target [rad]"""
 
 
 class NearestOrientation:
@@ -68,8 +65,8 @@ class NearestOrientation:
 
     def solve(
         self, branches: list[BaseBranch], z: float, rotation: FloatArray, *, any_base: bool
-    ) -> tuple[list[FloatArray], list[int]]:
-        """Configurations (n,) [rad] and their branch indices; none when the position has no solution.
+    ) -> list[Candidate]:
+        """None when the position has no solution.
 
         For base angles inside the limits, or ``any_base`` for a target on the base axis, the height z of the
         target above the base origin [m] and ``R_base_tool`` (3, 3).
@@ -78,7 +75,7 @@ class NearestOrientation:
         form = self._basis @ quaternion_wxyz(self._geometry.frame.T @ rotation @ self._zero.T)
         joint, sign = self._geometry.roll_joint, self._geometry.yaw_sign
         rolls = (None, *(() if joint is None else self._limits[joint]))
-        found: list[_Candidate] = []
+        found: list[Candidate] = []
         for branch in [BaseBranch(True, 0.0, 0.0)] if any_base else branches:
             called_for = bases = [sign * branch.angle]
             if any_base:
@@ -89,7 +86,15 @@ class NearestOrientation:
                 for base, posture, roll in itertools.product(bases, (None, *self._ends(branch, z)), rolls):
                     if base is not None or posture is not None or roll is not None:
                         found += self._on_face(branch, z, form, base, posture, roll)
-        return self._nearest_of(found, rotation)
+        if not found:
+            return []
+        tools = self._chain.forward(np.array([q for q, _ in found]))[:, :3, :3]
+        misses = rotation_angle(tools.swapaxes(1, 2) @ rotation)
+        nearest: list[Candidate] = []  # without copies
+        for (q, branch), near in zip(found, misses <= misses.min() + _ALIKE, strict=True):
+            if near and all(np.abs(q - other).max() >= _ALIKE for other, _ in nearest):
+                nearest.append((q, branch))
+        return nearest
 
     def _base_turns(self, rotation: FloatArray) -> list[float]:
         """The two turns of the base [rad] that a rotation (3, 3) itself calls for; none where any will do."""
@@ -104,52 +109,34 @@ class NearestOrientation:
     def _on_face(
         self, branch: BaseBranch, z: float, form: FloatArray,
         base: float | None, posture: _Posture | None, roll: float | None,
-    ) -> Iterator[_Candidate]:  # fmt: skip
+    ) -> Iterator[Candidate]:  # fmt: skip
         """The nearest with some turns held, if what is free comes out inside the limits."""
         geometry, joint = self._geometry, self._geometry.roll_joint
         if joint is None:
             roll = 0.0
-        pitch = None if posture is None else posture[1] - self._zero_heading
+        pitch = None if posture is None else self._heading(posture) - self._zero_heading
         base_turn, pitch_turn, roll_turn = _nearest_turns(form, base, pitch, roll)
         rolls = [roll] if roll is not None or joint is None else images(roll_turn, *self._limits[joint])
         if not rolls:
             return
-        postures = [posture] if posture is not None else self._at(branch, z, pitch_turn)
+        tool_angle = pitch_turn + self._zero_heading + (geometry.tool_angle or 0.0)
+        postures = [posture] if posture is not None else self._planar.inside(branch.r, z, tool_angle)
         yaws = images(geometry.yaw_sign * base_turn, *self._limits[0])
-        for (angles, heading), yaw, rolled in itertools.product(postures, yaws, rolls):
-            inward = geometry.tool_angle is not None and tool_points_in(branch, heading + geometry.tool_angle)
+        inward = geometry.tool_angle is not None and tool_points_in(branch, tool_angle)
+        for angles, yaw, rolled in itertools.product(postures, yaws, rolls):
             bend = bend_sense(geometry.plane_angle(1, angles[1]))
             q = np.array([yaw, *angles, rolled][: self._chain.n])
             yield q, branch_index(branch.front, bend, inward)
 
-    def _at(self, branch: BaseBranch, z: float, pitch_turn: float) -> list[_Posture]:
-        """Postures at a given turn of the tool in its plane."""
-        heading = pitch_turn + self._zero_heading
-        tool_angle = heading + (self._geometry.tool_angle or 0.0)
-        return [(angles, heading) for angles in self._planar.inside(branch.r, z, tool_angle)]
+    def _heading(self, posture: _Posture) -> float:
+        """Plane angle of the last link [rad]."""
+        return sum(itertools.starmap(self._geometry.plane_angle, enumerate(posture)))
 
-    def _ends(self, branch: BaseBranch, z: float) -> list[_Posture]:
+    def _ends(self, branch: BaseBranch, z: float) -> Sequence[_Posture]:
         """Two pitch joints: all that reach the point. Three: those at the ends of the pitch's intervals."""
-        joints = (
-            self._planar.inside(branch.r, z, None) if self._least is None else self._least.extremes(branch, z)
-        )
-        plane_angle = self._geometry.plane_angle
-        return [(angles, sum(itertools.starmap(plane_angle, enumerate(angles)))) for angles in joints]
-
-    def _nearest_of(
-        self, found: list[_Candidate], rotation: FloatArray
-    ) -> tuple[list[FloatArray], list[int]]:
-        """Those that come nearest to the rotation, without copies."""
-        if not found:
-            return [], []
-        turned = np.swapaxes(self._chain.forward(np.array([q for q, _ in found]))[:, :3, :3], 1, 2) @ rotation
-        misses = [rotation_angle(R) for R in turned]
-        bound = min(misses) + _ALIKE
-        kept: list[_Candidate] = []
-        for (q, branch), miss in zip(found, misses, strict=True):
-            if miss <= bound and not any(np.abs(q - other).max() < _ALIKE for other, _ in kept):
-                kept.append((q, branch))
-        return [q for q, _ in kept], [branch for _, branch in kept]
+        if self._least is None:
+            return self._planar.inside(branch.r, z, None)
+        return self._least.extremes(branch, z)
 
 
 def _nearest_turns(

@@ -42,10 +42,11 @@ from armctl.kinematics.yaw_pitch_roll.geometry import (
     tool_points_in,
 )
 from armctl.kinematics.yaw_pitch_roll.least_rotation import LeastRotation
-from armctl.kinematics.yaw_pitch_roll.orientation import NearestOrientation
+from armctl.kinematics.yaw_pitch_roll.orientation import Candidate, NearestOrientation
 from armctl.kinematics.yaw_pitch_roll.reach import Reach
 from armctl.kinematics.yaw_pitch_roll.section import PlanarSection
 
+_NO_ROLLS = (0.0,)
 _NO_PITCH = "this arm's tool does not keep to its vertical plane, so it has no pitch to ask for"
 
 
@@ -65,7 +66,7 @@ class YawPitchRollSolver(InverseKinematics):
     ) -> None:
         super().__init__(chain, limits, energy, titles)
         self.geometry = geometry
-        self._base: tuple[float, float] = (float(limits[0, 0]), float(limits[0, 1]))
+        self._base: tuple[float, float] = tuple(limits[0].tolist())
         k, three = geometry.roll_joint, len(geometry.lengths) == 3
         self._roll = None if k is None else RollJoint(k, titles[k], limits[k].tolist())
         self._arm = SolvedArm(BRANCHES, chain, energy, geometry.pitch_joints)
@@ -103,7 +104,7 @@ class YawPitchRollSolver(InverseKinematics):
         return self.geometry
 
     def section(self) -> PlanarSection:
-        """What the pitch joints reach while the base stands still; exact."""
+        """See ``InverseKinematics``; exact."""
         return PlanarSection(self.geometry, self.limits)
 
     def pitch_and_roll(self, q: FloatArray) -> tuple[float | None, float | None]:
@@ -115,20 +116,17 @@ class YawPitchRollSolver(InverseKinematics):
         return math.atan2(up, math.hypot(forward, left)), roll
 
     def solve(self, target: Target, step: float) -> Solutions:
-        """All solutions inside the limits.
+        """See ``InverseKinematics``; for a rotation the nearest that the arm can take at that position.
 
         Position alone with three pitch joints: the first one is swept in steps of ``step`` [rad], with the
-        roll joint at one of its equal angles, the one nearest to zero. Else the solutions are isolated; for
-        a rotation they are the nearest that the arm can take at that position.
-
-        Raises:
-            InputError: ``step`` is not a positive number.
+        roll joint at one of its equal angles, the one nearest to zero. Else the solutions are isolated.
         """
         if step is not DEFAULT_STEP:
             step = checked_step(step)
         (x, y, z), pitch, roll, rotation = target
         if self._pose is not None and pitch is not None and (roll is None or self._roll is not None):
-            postures = self._pose(x, y, z, pitch, roll_angles(self._roll, roll))
+            rolls = _NO_ROLLS if self._roll is None else self._roll.angles(roll)
+            postures = self._pose(x, y, z, pitch, rolls)
             if postures is not None and postures[0]:
                 return Solutions(self._arm, target, postures[1], postures[0])
         if pitch is not None and self.geometry.tool_angle is None:
@@ -138,22 +136,20 @@ class YawPitchRollSolver(InverseKinematics):
             return self._refused(target, refusal)
         x, y, z = self.geometry.local_of(x, y, z)
         branches = base_branches(self.geometry, x, y, self._base)
-        if rotation is not None:
-            any_base = is_on_axis(self.geometry, x, y)
-            found, index = self._orientation.solve(branches, z, rotation, any_base=any_base)
-            return Solutions(self._arm, target, np.array(found), index) if found else self._refused(target)
-        if self._sweep is not None and pitch is None:
+        if self._sweep is not None and pitch is None and rotation is None:
             return self._swept(self._sweep, target, branches, z, roll, step)
-        return self._isolated(target, branches, z, roll)
+        if rotation is None:
+            found = self._isolated(branches, z, pitch, roll_angles(self._roll, roll))
+        else:
+            found = self._orientation.solve(branches, z, rotation, any_base=is_on_axis(self.geometry, x, y))
+        if not found:
+            return self._refused(target)
+        return Solutions(self._arm, target, np.array([q for q, _ in found]), [branch for _, branch in found])
 
     def solve_batch(
         self, position_m: ArrayLike, pitch: ArrayLike | None, roll: ArrayLike | None
     ) -> BatchSolutions:
-        """Every branch of many poses; ``Robot.inverse_batch`` says more.
-
-        Raises:
-            InputError: a wrong shape, or an entry that is not finite; it names the row.
-        """
+        """See ``InverseKinematics``."""
         position = checked_positions(position_m)
         if self._sweep is not None and pitch is None:
             raise InputError("this arm has a free joint: give a pitch, or ask for the least rotation")
@@ -168,35 +164,32 @@ class YawPitchRollSolver(InverseKinematics):
         return solve_batch(self._planar, self.limits, position, pitches, rolls)
 
     def least_rotation(self, position_m: ArrayLike) -> FloatArray:
-        """The exact least rotation of one point (3,) or many (k, 3) [m]; ``Robot.least_rotation`` says more.
-
-        Raises:
-            InputError: a wrong shape, or an entry that is not finite; it names the row.
-        """
+        """See ``InverseKinematics``."""
         if not is_point(position_m):
             position_m = as_numbers(position_m, "the target position")
             if position_m.ndim != 1:
-                return self._least_of_many(checked_positions(position_m))
+                return self._least_of(checked_positions(position_m))
         point = checked_point(position_m)
         if self._least is None:
-            return self._least_of_many(np.array([point]))[0]
-        x, y, z = self.geometry.local_of(*point)
-        found = self._least.solve(base_branches(self.geometry, x, y, self._base), z)
+            return self._least_of(np.array([point]))[0]
+        return self._least_at(self._least, *point)
+
+    def _least_of(self, points: FloatArray) -> FloatArray:
+        """(k, n) for checked points (k, 3) [m]."""
+        if self._least is not None:
+            rows = [self._least_at(self._least, *point) for point in points.tolist()]
+            return np.reshape(rows, (-1, self.chain.n))
+        # two pitch joints: isolated solutions, of which the least is taken
+        batch = solve_batch(self._planar, self.limits, points, None, None)
+        turned = np.where(batch.found, np.abs(batch.q).sum(axis=2), np.inf)
+        return batch.q[np.arange(len(points)), turned.argmin(axis=1)]
+
+    def _least_at(self, least: LeastRotation, x: float, y: float, z: float) -> FloatArray:
+        x, y, z = self.geometry.local_of(x, y, z)
+        found = least.solve(base_branches(self.geometry, x, y, self._base), z)
         if found is None:
             return np.full(self.chain.n, np.nan)
         return self._with_roll(found, 0.0 if self._roll is None else self._roll.resting)
-
-    def _least_of_many(self, position: FloatArray) -> FloatArray:
-        """(k, n) the least rotation of each point (k, 3) [m]."""
-        if self._least is None:
-            # two pitch joints: isolated solutions, of which the least is taken
-            branches = solve_batch(self._planar, self.limits, position, None, None)
-            energy = np.where(branches.found, np.abs(branches.q).sum(axis=2), np.inf)
-            return branches.q[np.arange(len(position)), energy.argmin(axis=1)]
-        q = self._least.solve_many(position)
-        if self._roll is None:
-            return q
-        return np.column_stack([q, np.where(np.isnan(q[:, 0]), np.nan, self._roll.resting)])
 
     def _swept(
         self, sweep: FreeJointSweep, target: Target, branches: list[BaseBranch],
@@ -219,20 +212,19 @@ class YawPitchRollSolver(InverseKinematics):
         name = branch_index(front, bend_sense(self.geometry.plane_angle(2, float(single[3]))))
         return Solutions(self._arm, target, [single.tolist()], [name], least_rotation=optimum)
 
-    def _isolated(self, target: Target, branches: list[BaseBranch], z: float, roll: float) -> Solutions:
-        rolls = roll_angles(self._roll, roll)
-        found: list[FloatArray] = []
-        index: list[int] = []
-        for branch, tool_angle in itertools.product(branches, tool_angles(target.pitch)):
+    def _isolated(
+        self, branches: list[BaseBranch], z: float, pitch: float | None, rolls: Sequence[float]
+    ) -> list[Candidate]:
+        found: list[Candidate] = []
+        for branch, tool_angle in itertools.product(branches, tool_angles(pitch)):
             inward = tool_points_in(branch, tool_angle)
             for plane in self._planar.at(branch.r, z, tool_angle):
                 for angles, rolled in itertools.product(self._planar.joint_images(plane), rolls):
                     q = self._with_roll((branch.angle, *angles), rolled)
                     # straight up and straight down are reached by two pitch angles that are the same
-                    if not any(np.abs(q - other).max() < LIMIT_TOLERANCE for other in found):
-                        found.append(q)
-                        index.append(branch_index(branch.front, bend_sense(plane[1]), inward))
-        return Solutions(self._arm, target, np.array(found), index) if found else self._refused(target)
+                    if not any(np.abs(q - other).max() < LIMIT_TOLERANCE for other, _ in found):
+                        found.append((q, branch_index(branch.front, bend_sense(plane[1]), inward)))
+        return found
 
     def _with_roll(self, q: Sequence[float], roll: float) -> FloatArray:
         return np.array(q if self._roll is None else (*q, roll))
