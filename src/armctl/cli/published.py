@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
+
 import click
 
 from armctl.cli.main import DONE, REFUSED
@@ -21,10 +23,7 @@ def published(robots: tuple[str, ...], as_json: bool) -> int:
     if as_json:
         print_json([_record(report) for report in reports])
     else:
-        for i, report in enumerate(reports):
-            if i:
-                click.echo()
-            _print(report)
+        click.echo("\n\n".join(map(_text, reports)))
     return DONE if all(report.agrees for report in reports) else REFUSED
 
 
@@ -46,29 +45,30 @@ def _record(report: Report) -> dict[str, object]:
             for one in report.comparisons
         ],
         "errata": report.errata,
-        "improvements": [
-            {"what": one.what, "unit": one.unit, "paper": one.paper, "armctl": one.armctl}
-            for one in report.improvements
-        ],
+        "improvements": [asdict(one) for one in report.improvements],
     }
 
 
-def _print(report: Report) -> None:
-    click.echo(f"{report.robot}: {report.title}")
+def _text(report: Report) -> str:
+    lines = [f"{report.robot}: {report.title}"]
     for one in report.comparisons:
-        printed = "  ".join(f"{value:9.{one.digits}f}" for value in one.printed)
-        computed = "  ".join(f"{value:9.{one.digits}f}" for value in one.computed)
-        verdict = "agrees" if one.agrees else "DIFFERS"
-        click.echo(f"  {one.what}")
-        click.echo(f"    printed   {printed}  {one.unit}")
-        click.echo(
-            f"    computed  {computed}  {one.unit}   {verdict} (largest difference {one.difference:.1e})"
+        printed, computed = (
+            "  ".join(f"{value:9.{one.digits}f}" for value in values)
+            for values in (one.printed, one.computed)
         )
+        verdict = f"{'agrees' if one.agrees else 'DIFFERS'} (largest difference {one.difference:.1e})"
+        lines += [
+            f"  {one.what}",
+            f"    printed   {printed}  {one.unit}",
+            f"    computed  {computed}  {one.unit}   {verdict}",
+        ]
     for one in report.improvements:
-        click.echo(f"  {one.what}")
-        click.echo(f"    paper     {one.paper:9.4g}  {one.unit}")
-        click.echo(f"    armctl    {one.armctl:9.4g}  {one.unit}")
-    for erratum in report.errata:
-        click.echo(f"  erratum: {erratum}")
+        lines += [
+            f"  {one.what}",
+            f"    paper     {one.paper:9.4g}  {one.unit}",
+            f"    armctl    {one.armctl:9.4g}  {one.unit}",
+        ]
+    lines += [f"  erratum: {erratum}" for erratum in report.errata]
     agreeing = sum(one.agrees for one in report.comparisons)
-    click.echo(f"  {agreeing} of {len(report.comparisons)} figures reproduced within the print's rounding")
+    lines.append(f"  {agreeing} of {len(report.comparisons)} figures reproduced within the print's rounding")
+    return "\n".join(lines)
