@@ -82,4 +82,4 @@ avr: $(VENV)/.tested
 	 then echo "installing $$missing for the firmware tests ..."; \
 	      apt-get update -qq && DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends $$missing; \
 	 else echo "The firmware tests need a simulated board; install it first: sudo apt-get install $$missing" >&2; exit 1; fi
-	@$(BIN)/python -m tests.avr.firmata_image
+	@$(BIN)/python -m tests.avr.building

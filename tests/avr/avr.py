@@ -11,6 +11,9 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import NamedTuple
 
+from tests.avr.building import library
+
+_MCU = "atmega2560"
 _ROOM = 1 << 16
 _RESULTS = {
     1: "the simulated CPU crashed",
@@ -43,39 +46,24 @@ class _Edge(ctypes.Structure):
 class Avr:
     """One simulated CPU with its image loaded, at its reset.
 
-    Pins are named by port and bit (``"H6"``); ``mega.PINS[9]`` is the one of an Arduino's pin 9.
-
-    Args:
-        library: the shim, built (the fixture ``avr_library``).
-        image: an Intel hex file.
-        mcu: simavr's name of the CPU.
-        clock_hz: its clock.
-
-    Raises:
-        AvrError: simavr does not know the CPU, or cannot load the image.
+    Pins are named by port and bit (``"H6"``); ``mega.PINS[9]`` is the one of an Arduino's pin 9. ``image`` is
+    an Intel hex file; ``AvrError`` where simavr cannot load it.
     """
 
-    def __init__(
-        self, library: Path, image: Path, *, mcu: str = "atmega2560", clock_hz: int = 16_000_000
-    ) -> None:
+    clock_hz = 16_000_000
+
+    def __init__(self, image: Path) -> None:
         self.image = image
-        self.clock_hz = clock_hz
-        self._shim = _load(library)
+        self._shim = _load()
         self._bytes = ctypes.create_string_buffer(_ROOM)
         self._edges = (_Edge * _ROOM)()
-        self._handle = self._shim.sim_new(mcu.encode(), clock_hz, str(image).encode())
+        self._handle = self._shim.sim_new(_MCU.encode(), self.clock_hz, str(image).encode())
         if not self._handle:
-            raise AvrError(f"{image}: not a hex file that fits an {mcu}, or simavr has no {mcu}")
+            raise AvrError(f"{image}: not a hex file that fits an {_MCU}, or simavr has no {_MCU}")
 
     @property
     def handle(self) -> int:
-        """The simulator in the shim (``sim_t *``), for other C code that joins it.
-
-        Raises:
-            AvrError: it is closed.
-        """
-        if self._handle is None:
-            raise AvrError(f"{self.image.name}: the simulator is closed")
+        """The simulator in the shim (``sim_t *``), for other C code that joins it."""
         return self._handle
 
     @property
@@ -95,8 +83,7 @@ class Avr:
     def run_until(self, cycle: int) -> None:
         """Run up to a cycle, or the few past it that the last instruction takes.
 
-        Raises:
-            AvrError: the CPU crashed, or a buffer overflowed.
+        ``AvrError`` where the CPU crashes, or a buffer overflows.
         """
         result = self._shim.sim_run(self._handle, cycle)
         if result:
@@ -128,7 +115,7 @@ class Avr:
     def watch(self, *pins: str) -> None:
         """Record the edges of these pins from now on."""
         for pin in pins:
-            self._shim.sim_watch(self._handle, _number(pin), 1)
+            self._shim.sim_watch(self._handle, _NUMBERS[pin], 1)
 
     def edges(self) -> list[Edge]:
         """The watched pins' edges since the last call, in order; not those made by ``set_pin``."""
@@ -139,20 +126,20 @@ class Avr:
 
     def set_pin(self, pin: str, level: int) -> None:
         """Hold a pin at a level from outside, from now on."""
-        self._shim.sim_set_pin(self._handle, _number(pin), int(bool(level)))
+        self._shim.sim_set_pin(self._handle, _NUMBERS[pin], int(bool(level)))
 
     def schedule(self, changes: Iterable[Edge]) -> None:
         """Set pins from outside at given cycles, while ``run_until`` passes them.
 
         Much faster than to stop at each; the cycles must not fall, over all calls.
         """
-        records = [_Edge(edge.cycle, _number(edge.pin), edge.level) for edge in changes]
+        records = [_Edge(edge.cycle, _NUMBERS[edge.pin], edge.level) for edge in changes]
         if self._shim.sim_schedule(self._handle, (_Edge * len(records))(*records), len(records)):
             raise AvrError(f"{self.image.name}: {_RESULTS[3]}")
 
     def pin(self, pin: str) -> int:
         """The level of a pin, whoever drives it."""
-        return self._shim.sim_pin(self._handle, _number(pin))
+        return self._shim.sim_pin(self._handle, _NUMBERS[pin])
 
     def data(self, address: int) -> int:
         """A byte of the data space: register or RAM, by its data address (the datasheet's in brackets)."""
@@ -184,12 +171,8 @@ _PINS = [f"{port}{bit}" for port in "ABCDEFGHIJKL" for bit in range(8)]
 _NUMBERS = {pin: number for number, pin in enumerate(_PINS)}
 
 
-def _number(pin: str) -> int:
-    return _NUMBERS[pin]
-
-
-def _load(library: Path) -> ctypes.CDLL:
-    shim = ctypes.CDLL(str(library))
+def _load() -> ctypes.CDLL:
+    shim = ctypes.CDLL(str(library("shim")))
     handle, text, edges = ctypes.c_void_p, ctypes.c_char_p, ctypes.POINTER(_Edge)
     pin = number = ctypes.c_int
     u32, u64 = ctypes.c_uint32, ctypes.c_uint64

@@ -1,13 +1,24 @@
-"""Builds what the simulated boards need: the shim, and firmware images."""
+"""Builds what the simulated boards need: the shim, and firmware images.
+
+StandardFirmata for the Mega is a third party's, as the npm package avrgirl-arduino ships it.
+``python -m tests.avr.building`` fetches it; so does the first test that needs it. The package is only
+unpacked, never installed, and both it and the image are held to the digests below.
+"""
 
 from __future__ import annotations
 
+import base64
 import fcntl
+import hashlib
 import os
 import shutil
 import subprocess
-from collections.abc import Generator, Sequence
+import sys
+import tarfile
+import tempfile
+from collections.abc import Callable, Generator, Sequence
 from contextlib import contextmanager
+from functools import cache
 from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
@@ -30,26 +41,10 @@ def build_lock() -> Generator[None]:
         yield
 
 
-def shim_library() -> Path:
-    """The compiled shim.
-
-    Raises:
-        BuildError: no compiler or no simavr.
-    """
-    return _library(_HERE / "shim.c", BUILD / "libavr.so")
-
-
-def plant_library() -> Path:
-    """The compiled plant.
-
-    Raises:
-        BuildError: no compiler or no simavr.
-    """
-    return _library(_HERE / "plant.c", BUILD / "libplant.so")
-
-
-def _library(source: Path, library: Path) -> Path:
-    """Compiled for this computer, again when its source is newer."""
+@cache
+def library(name: str) -> Path:
+    """``shim`` or ``plant``, compiled for this computer, again when its source is newer."""
+    source, library = _HERE / f"{name}.c", BUILD / f"lib{name}.so"
     with build_lock():
         if _is_stale(library, [source]):
             flags = run(["pkg-config", "--cflags", "--libs", "simavr"]).split()
@@ -61,11 +56,7 @@ def _library(source: Path, library: Path) -> Path:
 
 
 def encoder_image() -> Path:
-    """The encoder firmware's image, built by its own Makefile, which knows what is stale.
-
-    Raises:
-        BuildError: it does not compile, or the compiler is missing.
-    """
+    """The encoder firmware's image, built by its own Makefile, which knows what is stale."""
     folder = ROOT / "firmware" / "encoder"
     with build_lock():
         run(["make", "--silent", "-C", str(folder)])
@@ -76,11 +67,7 @@ def encoder_image() -> Path:
 
 
 def avr_image(source: Path) -> Path:
-    """A small firmware of one C file, compiled for the Mega's CPU without any library.
-
-    Raises:
-        BuildError: it does not compile, or the compiler is missing.
-    """
+    """A small firmware of one C file, compiled for the Mega's CPU without any library."""
     elf, image = BUILD / f"{source.stem}.elf", BUILD / f"{source.stem}.hex"
     with build_lock():
         if _is_stale(image, [source]):
@@ -97,11 +84,7 @@ def _is_stale(product: Path, sources: Sequence[Path]) -> bool:
 
 
 def run(command: Sequence[str], packages: str = PACKAGES) -> str:
-    """Run a command and return what it prints.
-
-    Raises:
-        BuildError: it is not installed (of Debian's ``packages``), or it failed.
-    """
+    """Run a command and return what it prints."""
     if shutil.which(command[0]) is None:
         raise BuildError(f"{command[0]} is not installed; install it first: sudo apt-get install {packages}")
     # A test run out of make would else hand its own make's options on.
@@ -113,3 +96,52 @@ def run(command: Sequence[str], packages: str = PACKAGES) -> str:
             f"If something is missing: sudo apt-get install {packages}"
         )
     return done.stdout
+
+
+PACKAGE = "avrgirl-arduino@5.0.1"
+INTEGRITY = "sha512-wF9wJhhRG6vDinBxTuFRR3iIaVDMjJfce2wW7JwmbXJquzoGu3HIK5SnvDqNplsi3hcOS+p+15m1z9kt3IwgdQ=="
+MEMBER = "package/junk/hex/mega/StandardFirmata.cpp.hex"
+IMAGE_SHA256 = "44139612e9aa601f4e92c40cf7e72e3716871e43b2024323776d8b781d165e68"
+
+
+def firmata_image() -> Path:
+    """The image, fetched when it is not there yet."""
+    image = BUILD / "StandardFirmata.mega.hex"
+    with build_lock():
+        if not image.exists():
+            _fetch(image)
+        digest = hashlib.sha256(image.read_bytes()).hexdigest()
+    if digest != IMAGE_SHA256:
+        raise BuildError(f"{image} has the sha256 {digest}, not {IMAGE_SHA256}; delete it and try again")
+    return image
+
+
+def _fetch(image: Path) -> None:
+    with tempfile.TemporaryDirectory(dir=BUILD) as folder:
+        run(["npm", "pack", "--silent", PACKAGE, "--pack-destination", folder], packages="npm")
+        package = next(Path(folder).glob("*.tgz"), None)
+        if package is None:
+            raise BuildError(f"npm pack {PACKAGE} left no package behind")
+        digest = base64.b64encode(hashlib.sha512(package.read_bytes()).digest()).decode()
+        if f"sha512-{digest}" != INTEGRITY:
+            raise BuildError(f"{PACKAGE} has the integrity sha512-{digest}, not the pinned {INTEGRITY}")
+        with tarfile.open(package) as archive:
+            member = archive.extractfile(MEMBER)
+            if member is None:
+                raise BuildError(f"{PACKAGE} has no {MEMBER}")
+            partial = Path(folder) / "image"
+            partial.write_bytes(member.read())
+        partial.replace(image)
+
+
+IMAGES: dict[str, Callable[[], Path]] = {
+    "firmata": cache(firmata_image),
+    "encoder": cache(encoder_image),
+    "known": cache(lambda: avr_image(_HERE / "known.c")),  # speaks neither of armctl's protocols
+}
+
+if __name__ == "__main__":
+    try:
+        firmata_image()
+    except BuildError as error:
+        sys.exit(str(error))

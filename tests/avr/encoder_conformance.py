@@ -9,24 +9,13 @@ from __future__ import annotations
 import itertools
 import random
 import re
-from collections.abc import Callable
-from typing import Protocol
+
+from tests.avr.conformance import Line, checks
 
 START_S = 0.3
 TURN_S = 0.06
 STATUS = re.compile(r"@ \d+ [ONHBT] [0-9a-f]{2} [0-9a-f]{2} [0-9a-f]{2} [0-9a-f]{12}(?: -?\d+){6}", re.ASCII)
 LONGEST_FROM_BOARD = 127
-
-
-class Line(Protocol):
-    """A serial line to a board."""
-
-    def exchange(self, data: bytes, seconds: float) -> bytes:
-        """Send ``data``, let ``seconds`` of the board's time pass and return what it has sent."""
-        ...
-
-
-Check = Callable[[Line], None]
 
 
 def crc16(data: bytes) -> int:
@@ -104,12 +93,8 @@ def code(answer: str) -> str:
     return answer.split(" ")[1]
 
 
-def the_checksum_is_the_published_one(line: Line) -> None:
-    assert crc16(b"123456789") == 0x29B1
-    assert line.exchange(b"", START_S).startswith(b"# armctl-encoder ")
-
-
 def it_introduces_itself(line: Line) -> None:
+    assert crc16(b"123456789") == 0x29B1, "the published check value"
     host = Host(line)
     banners = [one for one in host.unasked if one.startswith("# ")]
     assert len(banners) == 1
@@ -211,27 +196,14 @@ def a_repeated_line_is_answered_and_not_repeated(line: Line) -> None:
     assert host.mode == "N"
     host.ask("EN 0", 8)
     assert host.mode == "O", "another line with the same number is another line"
-
-
-def a_repeated_refusal_is_the_same(line: Line) -> None:
-    host = Host(line)
     refused = host.ask("P 1 - - - - -", 9)
     assert code(refused) == "OFF"
     host.send(b"junk\n")
     assert host.ask("P 1 - - - - -", 9) == refused
-
-
-def a_repeated_answer_is_from_then(line: Line) -> None:
-    host = Host(line)
-    first = host.ask("GET", 11)
-    assert host.ask("GET", 11) == first
-    assert host.ask("GET", 12) != first
-
-
-def get_says_what_the_status_says(line: Line) -> None:
-    host = Host(line)
-    said = host.ask("GET")
+    said = host.ask("GET", 11)
     assert STATUS.fullmatch("@ " + said.removeprefix("ok ")), said
+    assert host.ask("GET", 11) == said, "a repeated answer is from then"
+    assert host.ask("GET", 12) != said
 
 
 def realtime_bytes_are_no_part_of_a_line(line: Line) -> None:
@@ -258,19 +230,8 @@ def arguments_that_do_not_fit_are_refused(line: Line) -> None:
     missing += ("SHOW", "HOME x", "CFG 6 kp=1", "CFG -1 kp=1", "PAIR 0 6", "HOME 6", "WD 49", "WD 501")
     ranges = ("vmax=0", "vmax=20001", "amax=0", "amax=65536", "kp=-1", "kp=32768", "ki=32768", "kd=32768")
     ranges += ("brk=256", "ferr=0", "ferr=30001", "stall=19", "stall=5001", "hord=7", "hdir=2", "hv=0")
-    ranges += (
-        "min=-1000001",
-        "max=1000001",
-        "min=10 max=10",
-        "min=10 max=-10",
-        "hpos=1000001",
-        "hmode=2",
-        "inv=2",
-        "minv=2",
-        "sinv=2",
-        "dmax=0",
-        "dmax=256",
-    )
+    ranges += ("min=-1000001", "max=1000001", "min=10 max=10", "min=10 max=-10", "hpos=1000001", "hmode=2")
+    ranges += ("inv=2", "minv=2", "sinv=2", "dmax=0", "dmax=256")
     before = settings(host)
     for text in (*missing, *(f"CFG 0 {pair}" for pair in ranges)):
         assert code(host.ask(text)) in ("ARGS", "RANGE"), text
@@ -315,31 +276,15 @@ def until_it_is_told_otherwise_a_scorbots_values_hold(line: Line) -> None:
 
 def settings_are_taken_whole_or_not_at_all(line: Line) -> None:
     host = Host(line)
-    wanted = {
-        "min": "-1234",
-        "max": "4321",
-        "vmax": "1000",
-        "amax": "5000",
-        "kp": "522",
-        "ki": "13",
-        "kd": "7",
-        "brk": "89",
-        "ferr": "700",
-        "stall": "500",
-        "hdir": "-1",
-        "hv": "300",
-        "hpos": "5",
-        "hord": "3",
-        "hmode": "1",
-        "inv": "1",
-        "minv": "1",
-        "sinv": "1",
-        "dmax": "200",
-    }
+    parts = (
+        "min=-1234 max=4321 vmax=1000 amax=5000 kp=522 ki=13",
+        "kd=7 brk=89 ferr=700 stall=500 hdir=-1 hv=300",
+        "hpos=5 hord=3 hmode=1 inv=1 minv=1 sinv=1 dmax=200",
+    )
+    wanted = dict(pair.split("=") for part in parts for pair in part.split(" "))
     other = settings(host, 1)
-    pairs = [f"{key}={value}" for key, value in wanted.items()]
-    for part in (pairs[:6], pairs[6:12], pairs[12:]):
-        assert host.ask(f"CFG 2 {' '.join(part)}") == "ok"
+    for part in parts:
+        assert host.ask(f"CFG 2 {part}") == "ok"
     assert settings(host, 2) == wanted
     assert settings(host, 1) == other
     assert code(host.ask("CFG 2 kp=1 vmax=0")) == "RANGE"
@@ -476,34 +421,4 @@ def noise_moves_nothing(line: Line) -> None:
     assert host.ask("PING") == "ok"
 
 
-CONFORMANCE: tuple[Check, ...] = (
-    the_checksum_is_the_published_one,
-    it_introduces_itself,
-    it_starts_off_and_knows_nothing,
-    it_tells_its_status_50_times_a_second,
-    it_tells_its_status_when_asked,
-    a_wrong_checksum_is_refused,
-    a_line_without_a_checksum_is_refused,
-    a_number_that_is_none_is_refused,
-    a_line_that_is_too_long_is_dropped_whole,
-    line_ends_of_any_computer,
-    a_line_in_pieces,
-    a_repeated_line_is_answered_and_not_repeated,
-    a_repeated_refusal_is_the_same,
-    a_repeated_answer_is_from_then,
-    get_says_what_the_status_says,
-    realtime_bytes_are_no_part_of_a_line,
-    what_it_does_not_know_is_refused,
-    arguments_that_do_not_fit_are_refused,
-    until_it_is_told_otherwise_a_scorbots_values_hold,
-    settings_are_taken_whole_or_not_at_all,
-    settings_change_only_with_the_motors_off,
-    setpoints_are_refused_unless_homed,
-    hold_until_it_is_released,
-    motors_off_at_once,
-    silence_switches_the_motors_off,
-    only_good_lines_break_the_silence,
-    homing_keeps_everything_else_out,
-    homing_needs_a_place_to_end_at,
-    noise_moves_nothing,
-)
+CONFORMANCE = checks(globals())

@@ -6,17 +6,7 @@ has been read. The bytes expected here are the ones of StandardFirmata 2.3 as ot
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Protocol
-
-
-class Line(Protocol):
-    """A board's serial line, with time in the caller's hand."""
-
-    def exchange(self, data: bytes, seconds: float) -> bytes:
-        """Send ``data``, let ``seconds`` go by, and return everything received meanwhile."""
-        ...
-
+from tests.avr.conformance import Line, checks
 
 VERSION = bytes.fromhex("F9 02 03")
 FIRMWARE = b"\xf0\x79\x02\x03" + b"".join(bytes((code, 0)) for code in b"StandardFirmata.ino") + b"\xf7"
@@ -147,29 +137,6 @@ def questions_in_one_burst_are_answered_in_order(line: Line) -> None:
     assert line.exchange(question, _LONG_S) == answers
 
 
-CONFORMANCE: tuple[Callable[[Line], None], ...] = (
-    the_version_is_told,
-    the_firmware_is_told,
-    the_capabilities_are_told,
-    pins_start_as_outputs_or_analog_inputs,
-    a_pin_beyond_the_board_has_no_state,
-    a_configured_servo_has_its_mode_and_then_its_width,
-    the_servo_mode_alone_attaches_too,
-    a_config_keeps_no_earlier_width,
-    the_output_mode_ends_a_servo,
-    a_write_to_a_pin_that_is_no_servo_is_ignored,
-    a_pin_that_cannot_drive_a_servo_stays_as_it_is,
-    a_short_write_reaches_pins_up_to_15_only,
-    a_reset_sets_every_pin_back,
-    an_unknown_mode_is_answered_in_words,
-    an_unknown_sysex_is_ignored,
-    data_bytes_that_belong_to_nothing_are_ignored,
-    commands_inside_a_sysex_are_its_data,
-    a_question_a_byte_at_a_time_is_the_same_question,
-    questions_in_one_burst_are_answered_in_order,
-)
-
-
 def _modes(pin: int) -> bytes:
     """A pin's modes with their resolutions in bits, as the capabilities tell them."""
     if pin in SERIAL_PINS:
@@ -198,3 +165,6 @@ def _servo_config(pin: int, lowest: int, highest: int) -> bytes:
 
 def _write(pin: int, width: int) -> bytes:
     return bytes((0xF0, 0x6F, pin, width & 0x7F, width >> 7, 0xF7))
+
+
+CONFORMANCE = checks(globals())

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from tests.avr.avr import Avr
-from tests.avr.board import stepped_line
-from tests.avr.pulses import Pulse, PulseMeter
+from tests.avr.mega import Pulse, PulseMeter
+from tests.avr.serve import stepped_line
 
 from armctl.hardware.driver import ChannelSettings
 from armctl.hardware.firmata.driver import FirmataDriver

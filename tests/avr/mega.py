@@ -1,6 +1,8 @@
-"""The Arduino Mega 2560: which port bit each of its pins is, and the duty of its PWM outputs."""
+"""The Arduino Mega 2560: the port bits of its pins, the duty of its PWM outputs, and servo pulses."""
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 from tests.avr.avr import Avr
 
@@ -73,3 +75,35 @@ def _compare(avr: Avr, timer: str, control: int, channel: str) -> int:
 
 def _word(avr: Avr, address: int) -> int:
     return avr.data(address) | avr.data(address + 1) << 8
+
+
+@dataclass(frozen=True, slots=True)
+class Pulse:
+    """One pulse on an Arduino pin."""
+
+    pin: int
+    start_s: float
+    width_us: float
+
+
+class PulseMeter:
+    """Measures the pulses on pins of a simulated Mega, from now on."""
+
+    def __init__(self, avr: Avr, pins: tuple[int, ...]) -> None:
+        self._avr = avr
+        self._pin_of = {PINS[pin]: pin for pin in pins}
+        self._risen: dict[int, int] = {}
+        avr.watch(*self._pin_of)
+
+    def take(self) -> list[Pulse]:
+        """The pulses that have ended since the last call, in the order of their ends."""
+        pulses: list[Pulse] = []
+        for edge in self._avr.edges():
+            pin = self._pin_of[edge.pin]
+            if edge.level:
+                self._risen[pin] = edge.cycle
+            elif pin in self._risen:
+                start = self._risen.pop(pin)
+                clock_hz = self._avr.clock_hz
+                pulses.append(Pulse(pin, start / clock_hz, (edge.cycle - start) * 1e6 / clock_hz))
+        return pulses

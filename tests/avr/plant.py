@@ -9,11 +9,10 @@ from __future__ import annotations
 import ctypes
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 from typing import Any
 
 from tests.avr.avr import Avr
-from tests.avr.building import plant_library
+from tests.avr.building import library
 from tests.avr.mega import PINS
 
 AXES = 6
@@ -140,14 +139,12 @@ class Plant:
     """The arm on a simulated Mega's pins, from now on and over its resets.
 
     Args:
-        simulator: the shim (it knows the CPU).
         avr: whose pins.
         motors: one an axis.
         pair: the axes of a differential pair: the first joint is the sum of both motors, the second
             their difference.
     """
 
-    simulator: Path
     avr: Avr
     motors: Sequence[Motor] = SCORBOT
     pair: tuple[int, int] | None = (3, 4)
@@ -161,7 +158,7 @@ class Plant:
                 for axis, (motor, wires) in enumerate(zip(self.motors, WIRES, strict=True))
             )
         )
-        shim, self._library = ctypes.CDLL(str(self.simulator)), ctypes.CDLL(str(plant_library()))
+        shim, self._library = ctypes.CDLL(str(library("shim"))), ctypes.CDLL(str(library("plant")))
         shim.sim_avr.restype, shim.sim_avr.argtypes = ctypes.c_void_p, (ctypes.c_void_p,)
         new = self._library.plant_new
         new.restype = ctypes.c_void_p

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import pytest
-from tests.avr.conftest import MakeArm, MakeAvr
+from tests.avr.conftest import MakeAvr
 from tests.avr.encoder_arm import EncoderArm
 
 BEGINNING_CYCLES = 20_000
@@ -14,20 +12,10 @@ RUNS_TO_ICR = 0x10
 """WGMn3 in TCCRnB: in modes without it ICRn cannot be written (datasheet, 16-bit timers, ICRn)."""
 
 
-@pytest.fixture
-def homed(make_arm: MakeArm) -> EncoderArm:
-    """An arm at home."""
-    arm = make_arm()
-    arm.home()
-    return arm
-
-
 @pytest.mark.parametrize("timer", [0x90, 0xA0], ids=["timer 3", "timer 4"])
-def test_the_period_of_the_pwm_is_set_when_it_can_be(
-    make_avr: MakeAvr, encoder_firmware: Path, timer: int
-) -> None:
+def test_the_period_of_the_pwm_is_set_when_it_can_be(make_avr: MakeAvr, timer: int) -> None:
     """The simulator takes it at any time; a real timer would keep 0, and every duty would be full drive."""
-    avr = make_avr(encoder_firmware)
+    avr = make_avr("encoder")
     period = 0
     for _ in range(BEGINNING_CYCLES):
         before, mode = period, avr.data(timer + 1)
@@ -48,10 +36,8 @@ def test_a_bridge_turns_round_only_while_it_is_off(homed: EncoderArm) -> None:
     assert homed.plant.hot_turns == 0
 
 
-def test_nothing_is_driven_from_the_reset_to_the_first_command(
-    make_avr: MakeAvr, encoder_firmware: Path
-) -> None:
-    avr = make_avr(encoder_firmware)
+def test_nothing_is_driven_from_the_reset_to_the_first_command(make_avr: MakeAvr) -> None:
+    avr = make_avr("encoder")
     avr.watch(ENABLE)
     avr.run_for(1.0)
     avr.reset()

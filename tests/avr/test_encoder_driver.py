@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import pytest
-from tests.avr.board import stepped_line
 from tests.avr.conftest import MakeArm
 from tests.avr.encoder_arm import EncoderArm
+from tests.avr.serve import stepped_line
 
 from armctl.errors import StateError
 from armctl.hardware import ChannelSettings, Readback

@@ -12,14 +12,6 @@ from tests.avr.plant import NEAR_HOME, changed
 STALL, FOLLOW, ENCODER, LIMIT = 1, 2, 4, 16
 
 
-@pytest.fixture
-def homed(make_arm: MakeArm) -> EncoderArm:
-    """An arm at home."""
-    arm = make_arm()
-    arm.home()
-    return arm
-
-
 def slow_stream(arm: EncoderArm, axis: int, counts_a_step: int, until: Callable[[], bool]) -> float:
     """Move one axis on and on until something is so, or 3 s have passed; how long that took [s]."""
     begin = arm.avr.now

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 from tests.avr.avr import Avr, AvrError
-from tests.avr.board import stepped_line
 from tests.avr.conftest import MakeAvr
 from tests.avr.firmata_rig import HIGHEST_US, LOWEST_US, FirmataRig
+from tests.avr.serve import stepped_line
 
 from armctl.errors import BoardError, BoardTimeoutError
 from armctl.hardware.driver import ChannelSettings, Source
@@ -20,22 +20,20 @@ def driver_of(avr: Avr) -> FirmataDriver:
     return FirmataDriver(Connection(stepped_line(avr), lambda: avr.now))
 
 
-def test_the_sketch_is_recognised_right_after_power_on(make_avr: MakeAvr, firmata_firmware: Path) -> None:
-    identity = driver_of(make_avr(firmata_firmware)).open()
+def test_the_sketch_is_recognised_right_after_power_on(make_avr: MakeAvr) -> None:
+    identity = driver_of(make_avr("firmata")).open()
     assert identity.kind == "Arduino with StandardFirmata 2.3"
 
 
-def test_the_sketch_is_recognised_when_it_has_long_been_running(
-    make_avr: MakeAvr, firmata_firmware: Path
-) -> None:
-    avr = make_avr(firmata_firmware)
+def test_the_sketch_is_recognised_when_it_has_long_been_running(make_avr: MakeAvr) -> None:
+    avr = make_avr("firmata")
     avr.run_for(5.0)
     avr.read()
     assert driver_of(avr).open().kind == "Arduino with StandardFirmata 2.3"
 
 
-def test_positions_read_back_are_the_commanded_ones(make_avr: MakeAvr, firmata_firmware: Path) -> None:
-    rig = FirmataRig(make_avr(firmata_firmware), (2, 44))
+def test_positions_read_back_are_the_commanded_ones(make_avr: MakeAvr) -> None:
+    rig = FirmataRig(make_avr("firmata"), (2, 44))
     assert rig.driver.read().positions == {2: None, 44: None}
     rig.stream({2: 1234, 44: 2345}, frames=20)
     readback = rig.driver.read()
@@ -44,8 +42,8 @@ def test_positions_read_back_are_the_commanded_ones(make_avr: MakeAvr, firmata_f
     assert readback.powered
 
 
-def test_release_between_questions_leaves_none_unanswered(make_avr: MakeAvr, firmata_firmware: Path) -> None:
-    rig = FirmataRig(make_avr(firmata_firmware), (2, 5, 13, 14))
+def test_release_between_questions_leaves_none_unanswered(make_avr: MakeAvr) -> None:
+    rig = FirmataRig(make_avr("firmata"), (2, 5, 13, 14))
     for _ in range(10):
         rig.stream(dict.fromkeys(rig.pins, 1000), frames=5)
         rig.driver.release()
@@ -53,12 +51,10 @@ def test_release_between_questions_leaves_none_unanswered(make_avr: MakeAvr, fir
     assert rig.driver.read().positions == dict.fromkeys(rig.pins)
 
 
-def test_configuring_anew_takes_no_earlier_answer_for_its_own(
-    make_avr: MakeAvr, firmata_firmware: Path
-) -> None:
+def test_configuring_anew_takes_no_earlier_answer_for_its_own(make_avr: MakeAvr) -> None:
     """The runtime configures again after a reading that failed, while the arm moves."""
     pins = (2, 3, 4, 5, 6, 7)
-    rig = FirmataRig(make_avr(firmata_firmware), pins)
+    rig = FirmataRig(make_avr("firmata"), pins)
     rig.stream(dict.fromkeys(pins, 1000), frames=10)
     for turn in range(20):
         rig.stream(dict.fromkeys(pins, 1000 + turn), frames=2)
@@ -69,15 +65,15 @@ def test_configuring_anew_takes_no_earlier_answer_for_its_own(
     assert rig.settled_us() == pytest.approx(dict.fromkeys(pins, 1519), abs=4)
 
 
-def test_a_pin_that_cannot_drive_a_servo_is_named(make_avr: MakeAvr, firmata_firmware: Path) -> None:
-    driver = driver_of(make_avr(firmata_firmware))
+def test_a_pin_that_cannot_drive_a_servo_is_named(make_avr: MakeAvr) -> None:
+    driver = driver_of(make_avr("firmata"))
     driver.open()
     with pytest.raises(BoardError, match="pin 53 cannot drive a servo"):
         driver.configure([ChannelSettings(pin, LOWEST_US, HIGHEST_US) for pin in (2, 53)])
 
 
-def test_the_reset_button_is_noticed(make_avr: MakeAvr, firmata_firmware: Path) -> None:
-    rig = FirmataRig(make_avr(firmata_firmware), (2, 44))
+def test_the_reset_button_is_noticed(make_avr: MakeAvr) -> None:
+    rig = FirmataRig(make_avr("firmata"), (2, 44))
     rig.stream({2: 1000, 44: 2000}, frames=5)
     rig.avr.reset()
     rig.avr.run_for(2.0)
@@ -88,15 +84,15 @@ def test_the_reset_button_is_noticed(make_avr: MakeAvr, firmata_firmware: Path) 
     assert rig.pulses_of(0.2) == []
 
 
-def test_a_mega_without_the_sketch_is_told_how_to_get_it(make_avr: MakeAvr, known_firmware: Path) -> None:
+def test_a_mega_without_the_sketch_is_told_how_to_get_it(make_avr: MakeAvr) -> None:
     """A sketch that answers something else (here: every byte, plus one) is no Firmata."""
     with pytest.raises(BoardError, match="StandardFirmata"):
-        driver_of(make_avr(known_firmware)).open()
+        driver_of(make_avr("known")).open()
 
 
-def test_the_encoder_firmware_is_not_mistaken_for_firmata(make_avr: MakeAvr, encoder_firmware: Path) -> None:
+def test_the_encoder_firmware_is_not_mistaken_for_firmata(make_avr: MakeAvr) -> None:
     with pytest.raises(BoardError, match="Firmata"):
-        driver_of(make_avr(encoder_firmware)).open()
+        driver_of(make_avr("encoder")).open()
 
 
 def test_a_silent_mega_is_told_from_a_foreign_one(make_avr: MakeAvr, tmp_path: Path) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from pathlib import Path
 from random import Random
 
 import pytest
@@ -21,8 +20,8 @@ MakeRig = Callable[[Sequence[int]], FirmataRig]
 
 
 @pytest.fixture
-def make_rig(make_avr: MakeAvr, firmata_firmware: Path) -> MakeRig:
-    return lambda pins: FirmataRig(make_avr(firmata_firmware), pins)
+def make_rig(make_avr: MakeAvr) -> MakeRig:
+    return lambda pins: FirmataRig(make_avr("firmata"), pins)
 
 
 @pytest.mark.parametrize(

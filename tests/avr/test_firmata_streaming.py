@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from bisect import bisect_right
 from collections import defaultdict
-from pathlib import Path
 
 import pytest
 from tests.avr.conftest import MakeAvr
@@ -28,8 +27,8 @@ def width_us(number: int, pin: int) -> int:
 
 
 @pytest.mark.slow
-def test_minutes_without_a_lost_or_an_extra_write(make_avr: MakeAvr, firmata_firmware: Path) -> None:
-    rig = FirmataRig(make_avr(firmata_firmware), PINS)
+def test_minutes_without_a_lost_or_an_extra_write(make_avr: MakeAvr) -> None:
+    rig = FirmataRig(make_avr("firmata"), PINS)
     avr = rig.avr
     rig.stream({pin: width_us(0, pin) for pin in PINS}, START_FRAMES)
     written_at = [0.0]

@@ -7,13 +7,12 @@ from pathlib import Path
 import pytest
 from tests.avr.avr import Avr, AvrError, Edge
 from tests.avr.conftest import MakeAvr
-from tests.avr.mega import PINS, duty
-from tests.avr.pulses import PulseMeter
+from tests.avr.mega import PINS, PulseMeter, duty
 
 
 @pytest.fixture
-def avr(make_avr: MakeAvr, known_firmware: Path) -> Avr:
-    avr = make_avr(known_firmware)
+def avr(make_avr: MakeAvr) -> Avr:
+    avr = make_avr("known")
     avr.run_for(0.01)
     return avr
 
@@ -85,10 +84,10 @@ def test_phase_correct_pwm_is_read_from_the_timer(avr: Avr) -> None:
         duty(avr, 22)
 
 
-def test_the_same_steps_give_the_same_edges(make_avr: MakeAvr, known_firmware: Path) -> None:
+def test_the_same_steps_give_the_same_edges(make_avr: MakeAvr) -> None:
     seen: list[list[Edge]] = []
     for step_s in (0.0001, 0.0001, 0.01):
-        avr = make_avr(known_firmware)
+        avr = make_avr("known")
         avr.watch("B7", "L5")
         avr.run_for(0.001)
         avr.write(b"ppp")

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import pytest
 from tests.avr.avr import Avr
-from tests.avr.board import stepped_line
 from tests.avr.conftest import MakeAvr
 from tests.avr.firmata_rig import FirmataRig
+from tests.avr.serve import stepped_line
 
 from armctl.hardware.board_type import ARDUINO_MEGA
 from armctl.hardware.doctor import Patient, examine
@@ -26,17 +24,15 @@ def probed(avr: Avr, label: str | None) -> Probed:
 
 
 @pytest.mark.parametrize("label", [None, ARDUINO_MEGA])
-def test_standard_firmata_is_told_by_name_and_version(
-    make_avr: MakeAvr, firmata_firmware: Path, label: str | None
-) -> None:
-    found = probed(make_avr(firmata_firmware), label)
+def test_standard_firmata_is_told_by_name_and_version(make_avr: MakeAvr, label: str | None) -> None:
+    found = probed(make_avr("firmata"), label)
     assert (found.board, found.name, found.version) == ("firmata", "StandardFirmata", "2.3")
 
 
 def test_standard_firmata_that_has_long_been_running_is_asked_without_a_change_to_its_pulses(
-    make_avr: MakeAvr, firmata_firmware: Path
+    make_avr: MakeAvr,
 ) -> None:
-    rig = FirmataRig(make_avr(firmata_firmware), (2, 22))
+    rig = FirmataRig(make_avr("firmata"), (2, 22))
     rig.stream({2: 1000, 22: 2000}, frames=10)
     before = rig.settled_us()
     assert probed(rig.avr, None).board == "firmata"
@@ -45,16 +41,14 @@ def test_standard_firmata_that_has_long_been_running_is_asked_without_a_change_t
 
 
 @pytest.mark.parametrize("label", [None, ARDUINO_MEGA])
-def test_the_encoder_firmware_is_told_by_name_and_version(
-    make_avr: MakeAvr, encoder_firmware: Path, label: str | None
-) -> None:
-    found = probed(make_avr(encoder_firmware), label)
+def test_the_encoder_firmware_is_told_by_name_and_version(make_avr: MakeAvr, label: str | None) -> None:
+    found = probed(make_avr("encoder"), label)
     assert (found.board, found.name) == ("encoder", "armctl-encoder")
     assert "6 axes" in found.details
 
 
-def test_another_sketch_is_nobody(make_avr: MakeAvr, known_firmware: Path) -> None:
-    assert probed(make_avr(known_firmware), ARDUINO_MEGA).board is None
+def test_another_sketch_is_nobody(make_avr: MakeAvr) -> None:
+    assert probed(make_avr("known"), ARDUINO_MEGA).board is None
 
 
 @pytest.mark.parametrize(
@@ -66,12 +60,10 @@ def test_another_sketch_is_nobody(make_avr: MakeAvr, known_firmware: Path) -> No
 )
 def test_the_check_up_finds_nothing_wrong(
     make_avr: MakeAvr,
-    firmata_firmware: Path,
-    encoder_firmware: Path,
     kind: str,
     channels: list[ChannelSettings],
 ) -> None:
-    avr = make_avr(firmata_firmware if kind == "firmata" else encoder_firmware)
+    avr = make_avr(kind)
     open_line = stepped_line(avr)
     patient = Patient("socket://board", expected=kind, channels=channels, checks=FREE)
     findings = examine(patient, lambda _baud: open_line(), lambda: avr.now)

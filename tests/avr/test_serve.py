@@ -13,10 +13,9 @@ from pathlib import Path
 
 import pytest
 from tests.avr.avr import AvrError
-from tests.avr.building import ROOT
+from tests.avr.building import IMAGES, ROOT
 from tests.avr.conftest import MakeAvr
-from tests.avr.mega import PINS
-from tests.avr.pulses import PulseMeter
+from tests.avr.mega import PINS, PulseMeter
 from tests.avr.serve import served
 
 from armctl.errors import BoardError
@@ -28,10 +27,8 @@ from armctl.runtime.clock import MonotonicClock
 PATIENCE_S = 60.0
 
 
-def test_armctl_s_driver_opens_the_real_image_s_port(
-    make_avr: MakeAvr, firmata_firmware: Path, tmp_path: Path
-) -> None:
-    avr = make_avr(firmata_firmware)
+def test_armctl_s_driver_opens_the_real_image_s_port(make_avr: MakeAvr, tmp_path: Path) -> None:
+    avr = make_avr("firmata")
     clock = MonotonicClock()
     with served(avr, clock.now, tmp_path / "mega") as server:
         driver = FirmataDriver(Connection(server.port, clock.now))
@@ -53,12 +50,10 @@ def test_armctl_s_driver_opens_the_real_image_s_port(
     assert widths[0] == pytest.approx(1234, abs=15)  # of one pulse: it may wait for a byte's interrupt
 
 
-def test_a_crash_breaks_the_line_and_fails_the_one_who_served_it(
-    make_avr: MakeAvr, known_firmware: Path
-) -> None:
+def test_a_crash_breaks_the_line_and_fails_the_one_who_served_it(make_avr: MakeAvr) -> None:
     with (
         pytest.raises(AvrError, match="crashed"),
-        served(make_avr(known_firmware), MonotonicClock().now) as server,
+        served(make_avr("known"), MonotonicClock().now) as server,
     ):
         line = SerialTransport(server.port, baud=57_600)
         line.read(1, 0.1)
@@ -69,8 +64,8 @@ def test_a_crash_breaks_the_line_and_fails_the_one_who_served_it(
         line.close()
 
 
-def test_the_runner_serves_until_it_is_interrupted(known_firmware: Path, tmp_path: Path) -> None:
-    with runner(known_firmware, tmp_path / "mega") as process:
+def test_the_runner_serves_until_it_is_interrupted(tmp_path: Path) -> None:
+    with runner(IMAGES["known"](), tmp_path / "mega") as process:
         line = SerialTransport(str(tmp_path / "mega"), baud=57_600)
         line.read(1, 0.1)
         line.write(b"a")
@@ -82,8 +77,8 @@ def test_the_runner_serves_until_it_is_interrupted(known_firmware: Path, tmp_pat
     assert "s simulated" in out
 
 
-def test_the_runner_s_exit_status_tells_of_a_crash(known_firmware: Path, tmp_path: Path) -> None:
-    with runner(known_firmware, tmp_path / "mega") as process:
+def test_the_runner_s_exit_status_tells_of_a_crash(tmp_path: Path) -> None:
+    with runner(IMAGES["known"](), tmp_path / "mega") as process:
         line = SerialTransport(str(tmp_path / "mega"), baud=57_600)
         line.read(1, 0.1)
         line.write(b"j")

@@ -8,8 +8,7 @@ from statistics import median
 
 import pytest
 from tests.avr.conftest import MakeAvr
-from tests.avr.mega import PINS
-from tests.avr.pulses import PulseMeter
+from tests.avr.mega import PINS, PulseMeter
 from tests.avr.serve import served
 
 import armctl
@@ -18,10 +17,8 @@ from armctl.runtime.clock import MonotonicClock
 PATIENCE_S = 60.0
 
 
-def test_an_arm_is_enabled_moved_and_released_over_a_port(
-    make_avr: MakeAvr, firmata_firmware: Path, tmp_path: Path
-) -> None:
-    avr, clock = make_avr(firmata_firmware), MonotonicClock()
+def test_an_arm_is_enabled_moved_and_released_over_a_port(make_avr: MakeAvr, tmp_path: Path) -> None:
+    avr, clock = make_avr("firmata"), MonotonicClock()
     with (
         served(avr, clock.now, tmp_path / "mega") as server,
         armctl.Arm.open("abaas", port=f"firmata:{server.port}") as arm,

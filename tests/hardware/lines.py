@@ -10,6 +10,7 @@ from enum import Enum
 from armctl.errors import BoardError
 from armctl.hardware import ByteModel
 
+_SHORTEST_S = 1e-6  # less may not be a cycle of a simulated CPU's clock
 _STEP_S = 0.001
 
 
@@ -42,7 +43,7 @@ class LoopTransport:
         if self._wait is not None:
             deadline = self._now() + timeout_s
             while len(self._received) < count and (left := deadline - self._now()) > 0.0:
-                self._wait(min(_STEP_S, left))
+                self._wait(min(_STEP_S, max(_SHORTEST_S, left)))
                 self._pump()
         taken = bytes(self._received[:count])
         del self._received[:count]

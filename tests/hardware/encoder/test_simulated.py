@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from tests.avr.encoder_conformance import CONFORMANCE, Check
+from tests.avr.conformance import Check, ModelLine
+from tests.avr.encoder_conformance import CONFORMANCE
 from tests.hardware.encoder.kit import Bench, encoder_axis
 
 from armctl.hardware import ChannelSettings
@@ -23,24 +24,9 @@ from armctl.robot import load_robot
 from armctl.runtime import channel_settings
 
 
-class LineToTheSimulation:
-    """Its time passes in small steps, as on a pty."""
-
-    def __init__(self) -> None:
-        self.board = SimulatedEncoderBoard()
-        self.now = 50.0
-
-    def exchange(self, data: bytes, seconds: float) -> bytes:
-        said = self.board.advance(self.now) + self.board.feed(data)
-        for _ in range(round(seconds / TICK_S)):
-            self.now += TICK_S
-            said += self.board.advance(self.now)
-        return said
-
-
 @pytest.mark.parametrize("check", CONFORMANCE, ids=lambda check: check.__name__)
 def test_conformance(check: Check) -> None:
-    check(LineToTheSimulation())
+    check(ModelLine(SimulatedEncoderBoard(), TICK_S))
 
 
 def axis(**changes: int) -> SimulatedAxis:
