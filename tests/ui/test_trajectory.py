@@ -15,7 +15,7 @@ from armctl.hardware import Source
 from armctl.kinematics import Target
 from armctl.motion import Profile
 from armctl.motion.analysis import Turning
-from armctl.motion.error_report import ErrorReport, PathError, closest_on_path, distances
+from armctl.motion.error_report import ErrorReport, PathError, closest_on_path, distances, report_csv
 from armctl.motion.plan import Passing, plan_blended, solve_points
 from armctl.program import (
     EndStep,
@@ -292,6 +292,10 @@ def test_the_error_report_is_that_of_the_paper() -> None:
     assert point_row(report, 4) == ["4", *["0.00"] * 3, "−3.00", "0.00", "4.00", "5.000"]
     strays = between_html(PathError(np.arange(2.0), np.array([0.0, 0.0015])), "of 2 readings")
     assert "of 2 readings" in strays and "1.500" in strays and "1.061" in strays
+    head, _, second, *_ = report_csv(report, report).splitlines()
+    assert head.startswith("point,desired_x_mm") and head.endswith("applied_z_mm")
+    assert second == "2" + ",0.000000" * 3 + ",-1.000000,0.000000,0.000000" * 2
+    assert "applied" not in report_csv(report, None)
 
 
 def test_the_closest_point_of_a_path_may_lie_between_its_readings() -> None:

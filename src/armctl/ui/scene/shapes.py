@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -22,19 +23,15 @@ class Solid:
 
 def tube(start: Point, end: Point, width: float) -> Solid:
     """A round-ended tube between two points that are apart."""
-    radius, half = 0.5 * width, 0.5 * float(np.linalg.norm(_span(start, end)))
+    radius, half = 0.5 * width, 0.5 * math.dist(start, end)
     latitude = np.linspace(-0.5 * np.pi, 0.5 * np.pi, 14)
     height = radius * np.sin(latitude) + np.copysign(half, latitude)
     return _placed(_revolved(radius * np.cos(latitude), height, 20), start, end)
 
 
 def beam(start: Point, end: Point, width: float) -> Solid:
-    """A square beam between two points that are apart, half its width longer at both ends.
-
-    So two beams that meet at a right angle make a whole corner, as two tubes do.
-    """
-    length = float(np.linalg.norm(_span(start, end)))
-    return _placed(block((width, width, length + width)), start, end)
+    """A square beam between two points that are apart, half its width longer at both ends, for corners."""
+    return _placed(block((width, width, math.dist(start, end) + width)), start, end)
 
 
 def drum(radius: float, height: float, centre: Point = (0, 0, 0)) -> Solid:
@@ -54,10 +51,6 @@ def block(size: Point, centre: Point = (0, 0, 0)) -> Solid:
     sides = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3))
     faces = [face for a, b, c, d in sides for face in ((a, b, c), (a, c, d))]
     return Solid(corners * size + centre, np.array(faces, dtype=np.int64))
-
-
-def _span(start: Point, end: Point) -> FloatArray:
-    return np.array(end, dtype=np.float64) - np.array(start, dtype=np.float64)
 
 
 def _revolved(radius: ArrayLike, height: ArrayLike, sections: int) -> Solid:
@@ -86,7 +79,7 @@ def _revolved(radius: ArrayLike, height: ArrayLike, sections: int) -> Solid:
 
 def _placed(solid: Solid, start: Point, end: Point) -> Solid:
     """A solid about the origin along z, put half way between two points, along the line between them."""
-    span = _span(start, end)
+    span = np.array(end) - np.array(start)
     along = span / np.linalg.norm(span)
     aside = np.cross(np.eye(3)[np.abs(along).argmin()], along)
     aside /= np.linalg.norm(aside)

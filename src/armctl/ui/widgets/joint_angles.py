@@ -9,8 +9,6 @@ import numpy as np
 from armctl.arrays import FloatArray
 from armctl.robot import Joint, Robot
 
-_ROUNDING = 1e-9
-
 
 def held_at(joint: Joint) -> str | None:
     """What the controls of a joint say whose limits are one and the same angle; None: it can turn."""
@@ -23,7 +21,7 @@ def slider_limits(robot: Robot) -> FloatArray:
     The page writes them out, and a URDF has limits such as 1.91986 rad, which are 109.99987…°.
     """
     exact = np.degrees(robot.limits)
-    low, high = np.ceil(100 * exact[:, 0] - _ROUNDING) / 100, np.floor(100 * exact[:, 1] + _ROUNDING) / 100
+    low, high = np.ceil(100 * exact[:, 0] - 1e-9) / 100, np.floor(100 * exact[:, 1] + 1e-9) / 100
     return np.where((low < high)[:, None], np.stack([low, high], axis=1), exact)
 
 

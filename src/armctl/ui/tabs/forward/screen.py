@@ -178,8 +178,6 @@ def results_html(robot: Robot, angles: FieldArray, present: FloatArray) -> str:
 
 # Joint rates in, tool velocity out, and the other way round, in the configuration that is shown.
 
-_RATE_DEG_S = 20.0
-_SPEED_MM_S = 50.0
 _KEEP_HINT = "The tool shall not turn. With fewer than six joints that is not always possible."
 
 
@@ -192,15 +190,12 @@ class VelocityForm:
         self._turning = np.array([held_at(joint) is None for joint in self._robot.joints])
         gui = session.gui
         with gui.add_folder("Joint rates (°/s) → tool velocity"):
-            rates = [
-                NumberField(gui, joint.title, min(_RATE_DEG_S, math.degrees(joint.speed)))
-                for joint in self._robot.joints
-                if held_at(joint) is None
-            ]
+            turning = [joint for joint in self._robot.joints if held_at(joint) is None]
+            rates = [NumberField(gui, one.title, min(20.0, math.degrees(one.speed))) for one in turning]
             self._rates = FieldArray(rates, DEGREES)
             self._velocity = LiveHtml(gui)
         with gui.add_folder("Tool velocity → joint rates"):
-            speeds = zip("xyz", (_SPEED_MM_S, 0.0, 0.0), strict=True)
+            speeds = zip("xyz", (50.0, 0.0, 0.0), strict=True)
             linear = [NumberField(gui, f"v{axis} mm/s", value) for axis, value in speeds]
             self._linear = FieldArray(linear, MILLIMETRES)
             self._keep = gui.add_checkbox("Do not turn", initial_value=False, hint=_KEEP_HINT)
@@ -222,8 +217,7 @@ class VelocityForm:
         except ArmctlError as half_typed:
             self._velocity.show(refused(f"{half_typed}."))
         try:
-            html = joint_rates_html(self._robot, J, self._linear.array, keep=self._keep.value)
-            self._answer.show(html)
+            self._answer.show(joint_rates_html(self._robot, J, self._linear.array, keep=self._keep.value))
         except ArmctlError as half_typed:
             self._answer.show(refused(f"{half_typed}."))
 

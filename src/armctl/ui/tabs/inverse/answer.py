@@ -67,8 +67,8 @@ class Answer:
     """why there is no best one; empty where there is"""
     verdicts: tuple[Verdict, ...]
     """every branch, also those that are refused; empty where a joint is free"""
-    curve: Picture | None = None
-    """energy over the free joint; None: there is nothing to plot"""
+    curve: Picture | str = ""
+    """energy over the free joint; or why there is nothing to plot"""
 
     def q(self, row: int) -> FloatArray:
         """Configuration (n,) [rad] of a row of the list, counted from 1."""
@@ -144,9 +144,8 @@ def result_html(robot: Robot, found: Answer) -> str:
     solutions, best = found.solutions, found.best
     if not solutions.success:
         return strong("No solution") + refused(f"{_capital(found.why_not)}.")
-    used, counts = np.unique(solutions.branch_index, return_counts=True)
-    named = zip(used.tolist(), counts.tolist(), strict=True)
-    branches = "; ".join(f"{solutions.branch_names[i]}: {count}" for i, count in named)
+    used = zip(*np.unique(solutions.branch_index, return_counts=True), strict=True)
+    branches = "; ".join(f"{solutions.branch_names[i]}: {count}" for i, count in used)
     text = strong(f"{counted(len(solutions))} inside the limits")
     text += muted(branches + ("" if solutions.complete else "; the list may be incomplete"))
     if best is None:
@@ -209,14 +208,15 @@ def short_branch(name: str) -> str:
     return name.replace("shoulder-", "").replace("elbow-", "").replace("tool-in", "in")
 
 
-def _energy_curve(robot: Robot, found: Answer) -> Picture | None:
-    """The energy over the free joint, one line a branch, with the best one marked.
-
-    None where no joint is free, or no solution is admitted.
-    """
-    solutions, free = found.solutions, found.solutions.free_joint
-    if free is None or len(solutions) < 2:
-        return None
+def _energy_curve(robot: Robot, found: Answer) -> Picture | str:
+    """The energy over the free joint, one line a branch, with the best one marked; or why there is none."""
+    solutions, free, count = found.solutions, found.solutions.free_joint, len(found.solutions)
+    if count == 0:
+        return "There is no solution."
+    if free is None:
+        return f"No joint is free here: {counted(count, 'isolated ')}, no curve."
+    if count == 1:
+        return "There is a single solution, and no curve."
     unique, place = np.unique(np.round(np.degrees(solutions.q[:, free]), 6), return_inverse=True)
     angles = unique.astype(np.float64)
     best = None if found.best is None else int(np.abs(angles - np.degrees(found.best[free])).argmin())
@@ -230,7 +230,7 @@ def _energy_curve(robot: Robot, found: Answer) -> Picture | None:
         if np.isfinite(energy[kept]).any():  # else the criterion admits none of this branch
             lines.append(Line(name, energy[kept], color))
     if not lines:
-        return None
+        return "The criterion admits none of the solutions."
     if best is not None:
         at = np.searchsorted(kept, best)
         dot = np.full(len(kept), np.nan)
@@ -238,18 +238,6 @@ def _energy_curve(robot: Robot, found: Answer) -> Picture | None:
         lines.append(Line("least energy", dot, _BEST_COLOR, mark=True))
     title = f"Energy ({_UNITS[found.criterion][1]}): {found.criterion}"
     return Picture(title, f"{robot.joints[free].title} (°)", angles[kept], tuple(lines))
-
-
-def no_curve(found: Answer) -> str:
-    """Why there is no energy curve to show."""
-    count = len(found.solutions)
-    if count == 0:
-        return "There is no solution."
-    if found.solutions.free_joint is None:
-        return f"No joint is free here: {counted(count, 'isolated ')}, no curve."
-    if count == 1:
-        return "There is a single solution, and no curve."
-    return "The criterion admits none of the solutions."
 
 
 def counted(count: int, kind: str = "") -> str:

@@ -25,7 +25,6 @@ from armctl.ui.tabs.inverse.answer import (
     counted,
     list_head,
     list_row,
-    no_curve,
     result_html,
     same_place,
     solve,
@@ -47,10 +46,7 @@ _DRAG_PAUSE_S = 0.1
 
 
 class InverseScreen:
-    """Target, solutions, energy curve, and the two ways to go.
-
-    A Go button sends the configuration that is shown; it is solved once, in a worker thread.
-    """
+    """Target, solutions, energy curve, and two ways to go: to the very configuration that is shown."""
 
     def __init__(self, session: Session) -> None:
         self._session = session
@@ -196,11 +192,12 @@ class InverseScreen:
         self._mark.position = solutions.target.position
         self._mark.visible = True
         self._show_ghost()
-        if found.curve is None:
+        if isinstance(found.curve, str):
             self._curve.clear()
+            self._curve_note.show(muted(found.curve))
         else:
             self._curve.show(found.curve)
-        self._curve_note.show(muted(no_curve(found) if found.curve is None else _ZOOM_NOTE))
+            self._curve_note.show(muted(_ZOOM_NOTE))
 
     def _show_ghost(self) -> None:
         """The one of least energy, else the nearest; none beside the ghosts of all branches."""
