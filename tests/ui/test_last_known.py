@@ -8,7 +8,7 @@ from tests.runtime.kit import make_rig
 
 from armctl.errors import BoardTimeoutError
 from armctl.robot import load_robot
-from armctl.runtime import AxisHoming, Connect, Enable, Release, Snapshot, State
+from armctl.runtime import AxisHoming, Connect, Enable, Release, State
 from armctl.ui.console import LastKnown, known
 
 ROBOT = load_robot("uzuner")
@@ -59,12 +59,14 @@ def test_a_lost_arm_stays_where_it_was_last_known_until_it_is_enabled_again(last
 def test_a_released_arm_is_drawn_where_it_was_known_last(last_known: LastKnown) -> None:
     rig = make_rig().enable(HOME)
     last_known.note(rig.now)
+    unread = replace(rig.now, q=np.full(5, np.nan))
+    assert known(unread) == pytest.approx(HOME)  # what was commanded stands for what the board does not tell
+    assert last_known.words(unread, "firmata") == "commanded"
     rig.do(Release())
-    released = rig.run(0.1)
-    last_known.note(released)
-    assert released.state is State.OFF
-    assert last_known.drawn(released) == pytest.approx(HOME, abs=0.01)
-    assert last_known.remembers(released)
+    last_known.note(rig.run(0.1))
+    assert rig.now.state is State.OFF
+    assert last_known.drawn(rig.now) == pytest.approx(HOME, abs=0.01)
+    assert last_known.remembers(rig.now)
 
 
 def test_each_joint_is_known_by_itself_while_the_arm_is_homed(last_known: LastKnown) -> None:
@@ -76,9 +78,3 @@ def test_each_joint_is_known_by_itself_while_the_arm_is_homed(last_known: LastKn
     last_known.note(homing)
     assert last_known.drawn(homing) == pytest.approx([0.5, *stood[1:]])
     assert last_known.words(homing, "encoder") == "last known; unknown until the arm is homed again"
-
-
-def test_what_was_commanded_stands_for_what_the_board_does_not_tell(last_known: LastKnown) -> None:
-    snapshot: Snapshot = replace(make_rig().enable(HOME).now, q=np.full(5, np.nan))
-    assert known(snapshot) == pytest.approx(HOME)
-    assert last_known.words(snapshot, "firmata") == "commanded"

@@ -24,36 +24,31 @@ from armctl.ui.widgets.number_field import (
 
 @pytest.mark.parametrize(
     ("text", "value"),
-    [("45", 45.0), (" -3.5 ", -3.5), ("−12", -12.0), ("1e2", 100.0), ("+0", 0.0), ("1.", 1.0), (".5", 0.5)],
+    [("45", 45.0), (" -3.5 ", -3.5), ("−12", -12.0), ("1e2", 100.0), ("1.", 1.0), ("0" * 39 + "1", 1.0)],
 )
 def test_numbers_are_read(text: str, value: float) -> None:
     assert parse_number(text, "X") == value
 
 
-@pytest.mark.parametrize(
-    "text", ["", "   ", "-", "1.5.2", "abc", "nan", "inf", "-inf", "1e999", "1e7", "0x10"]
-)
+@pytest.mark.parametrize("text", ["", "   ", "-", "1.5.2", "abc", "nan", "-inf", "1e999", "1e7", "0x10"])
 def test_what_is_no_usable_number_is_refused_by_name(text: str) -> None:
     with pytest.raises(InputError, match=r"^Elbow °"):
         parse_number(text, "Elbow °")
 
 
-def test_a_number_of_many_digits_is_refused_by_its_length(monkeypatch: pytest.MonkeyPatch) -> None:
-    assert parse_number("0" * 39 + "1", "X") == 1.0
+def test_a_decimal_comma_is_explained_and_many_digits_are_refused_by_their_length(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    with pytest.raises(InputError, match=r"write 1\.5, with a point"):
+        parse_number("45,5", "X mm")
     monkeypatch.setattr(number_field, "_NUMBER", None)  # with it, the time would grow with the square
     for text in ("0" * 41, "1" * 100_000 + "x"):
         with pytest.raises(InputError, match="is not a number"):
             parse_number(text, "X")
 
 
-def test_a_decimal_comma_is_explained() -> None:
-    with pytest.raises(InputError, match=r"write 1\.5, with a point"):
-        parse_number("45,5", "X mm")
-
-
 @pytest.mark.parametrize(
-    ("value", "text"),
-    [(0.0, "0"), (-1e-9, "0"), (45.0, "45"), (1.25, "1.25"), (-80.12345, "-80.123"), (100.0, "100")],
+    ("value", "text"), [(-1e-9, "0"), (1.25, "1.25"), (-80.12345, "-80.123"), (100.0, "100")]
 )
 def test_a_field_shows_no_needless_zeros(value: float, text: str) -> None:
     assert format_number(value) == text
@@ -107,9 +102,7 @@ def test_a_click_that_comes_with_an_edit_is_refused_and_the_page_shown_what_the_
 XYZ = ("X", "Y", "Z")
 
 
-@pytest.mark.parametrize(
-    "text", ["220, -196, 85", "220 −196 85", " (220; -196; 85.0) ", "[220,-196,85]", "220\t-196,  85,"]
-)
+@pytest.mark.parametrize("text", ["220, -196, 85", "220 −196 85", " (220; -196; 85.0) ", "[220,-196,\t85,]"])
 def test_commas_spaces_semicolons_and_brackets(text: str) -> None:
     assert parse_numbers(text, "End", XYZ) == [220.0, -196.0, 85.0]
 
@@ -118,11 +111,9 @@ def test_commas_spaces_semicolons_and_brackets(text: str) -> None:
     ("text", "why"),
     [
         ("", r"End: 3 numbers are needed \(X, Y, Z\), got 0; put commas or spaces"),
-        ("1, 2", "got 2"),
         ("1 2 3 4", "got 4"),
         ("1, two, 3", "End: Y: 'two' is not a number"),
         ("1, 2, inf", "End: Z: 'inf' is not a number that can be used"),
-        ("1, 2, 1e9", "End: Z"),
     ],
 )
 def test_what_is_no_number_is_named(text: str, why: str) -> None:

@@ -27,8 +27,7 @@ def rounded(robot: Robot, q: FloatArray) -> float:
 @pytest.mark.parametrize("name", SERVO_ARMS)
 def test_a_rounded_setpoint_is_never_farther_off_than_the_note_says(name: str) -> None:
     robot = load_robot(name)
-    low, high = robot.limits.T
-    poses: list[FloatArray] = list(np.random.default_rng(61).uniform(low, high, (300, robot.n)))
+    poses = np.random.default_rng(61).uniform(*robot.limits.T, (300, robot.n))
     shares = [rounded(robot, q) / rounding_off_m(robot, q) for q in poses]
     assert 0.5 < max(shares) <= 1.001  # near the bound; of second order: the steps are not infinitely small
 
