@@ -93,21 +93,6 @@ def test_inside_its_limits_a_calibrated_joint_never_leaves_its_safe_outputs(
     assert (robot.limits[:, 1] <= UZUNER.limits[:, 1]).all()
 
 
-def test_a_hidden_servo_goes_where_it_is_sent_once_it_is_measured() -> None:
-    hidden, rng = HiddenJoint(1560.0, -9.7), np.random.default_rng(11)
-    fit = fit_joint(hidden.marks(np.array([-70.0, -40.0, 0.0, 30.0, 60.0]), 0.4, rng))
-    low, high = safe_outputs(UZUNER, "elbow", fit)
-    robot = calibrated(UZUNER, of(UZUNER, elbow=JointCalibration(fit.zero, fit.per_rad, low, high)))
-    assert robot.output_map is not None
-    for angle in np.linspace(*np.degrees(robot.limits[ELBOW]), 9).tolist():
-        q = UZUNER.pose("zero")
-        q[ELBOW] = math.radians(angle)
-        pulse = robot.output_map.outputs(q)[2]
-        stands = (pulse - hidden.zero) / hidden.per_deg
-        spread = math.sqrt(sum((x + 4.0) ** 2 for x in (-70, -40, 0, 30, 60)))
-        assert abs(stands - angle) < 4 * 0.4 * math.sqrt(1 / 5 + ((angle + 4.0) / spread) ** 2)
-
-
 def test_no_servo_is_ever_sent_beyond_its_range_in_the_robot_file() -> None:
     """Whoever types 300 … 2900 µs would break a horn: the file's range holds, and moves the limits in."""
     wide = of(UZUNER, elbow=elbow(1446.45, 12.0, 300.0, 2900.0))
@@ -144,13 +129,6 @@ def test_what_is_not_kept_yet_is_refused_without_advice_to_forget_what_is() -> N
         assert "forget" not in str(refusal.value)
 
 
-def test_another_robots_calibration_is_refused() -> None:
-    with pytest.raises(CalibrationError, match="is of uzuner, not of abaas"):
-        calibrated(load_robot("abaas"), of(UZUNER))
-    with pytest.raises(CalibrationError, match="is of uzuner, not of abaas"):
-        narrowed(load_robot("abaas"), of(UZUNER))
-
-
 @pytest.mark.parametrize(
     ("wrong", "says"),
     [
@@ -175,9 +153,11 @@ def test_one_that_does_not_fit_says_why_and_how_to_set_it_aside(wrong: Calibrati
         calibrated(UZUNER, wrong)
 
 
-def test_a_gripper_that_is_not_there_is_refused() -> None:
+def test_another_robots_calibration_and_a_gripper_that_is_not_there_are_refused() -> None:
+    for use in (calibrated, narrowed):
+        with pytest.raises(CalibrationError, match="this calibration is of uzuner, not of abaas"):
+            use(load_robot("abaas"), of(UZUNER))
     humanoid = load_robot("humanoid")
-    assert humanoid.gripper is None
     with pytest.raises(CalibrationError, match=r"it sets a gripper, and .* has none"):
         calibrated(humanoid, of(humanoid, (1000.0, 2000.0)))
 

@@ -1,0 +1,622 @@
+"""Calibrating in the browser: marks, limits, gripper, known points and saving, and what the page shows."""
+
+from __future__ import annotations
+
+import asyncio
+import math
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import msgspec
+import numpy as np
+import pytest
+from tests.runtime.kit import make_rig
+
+from armctl.calibration import (
+    Calibration,
+    CalibrationStore,
+    JointCalibration,
+    ToolError,
+    calibrated,
+    check_pose,
+    own_calibration,
+)
+from armctl.errors import CalibrationError, InputError, PortError, StateError
+from armctl.hardware import Source
+from armctl.robot import OutputMap, load_robot, shipped_robots
+from armctl.runtime import Snapshot, State
+from armctl.ui import CalibrationInForce
+from armctl.ui.tabs.calibration.joint import (
+    STEPS,
+    fit_html,
+    limits_html,
+    marks_html,
+    slow_duration,
+    slow_speeds,
+)
+from armctl.ui.tabs.calibration.screen import (
+    check_pose_html,
+    draft_html,
+    earlier_versions,
+    in_force_html,
+    kept_html,
+    overview_html,
+)
+from armctl.ui.tabs.calibration.shared_calibration import (
+    CalibrationWork,
+    SharedCalibration,
+    TouchedPoints,
+    present_outputs,
+    standing_gripper,
+    standing_outputs,
+)
+
+ROBOT = load_robot("uzuner")
+FILE = own_calibration(ROBOT, "base")
+
+
+def work(in_force: Calibration | None = None) -> CalibrationWork:
+    return CalibrationWork(ROBOT, in_force)
+
+
+def mark(desk: CalibrationWork, joint: str, *pairs: tuple[float, float]) -> None:
+    for output, degrees in pairs:
+        desk.add_mark(joint, output, math.radians(degrees))
+
+
+def saved(**joints: JointCalibration) -> Calibration:
+    return Calibration("uzuner", "simulated", "µs", joints, (1100.0, 1900.0), "2026-01-01T10:00:00+00:00")
+
+
+def test_three_marks_make_a_line_two_none_and_the_same_mark_is_refused() -> None:
+    desk = work()
+    mark(desk, "base", (1500, 0), (1400, 10))
+    assert desk.fit("base") is None
+    assert desk.unfinished == ("Base",)
+    with pytest.raises(InputError, match=r"mark 1 says the same already \(1500\.0 µs, 0°\); jog"):
+        mark(desk, "base", (1500, 0))
+    for degrees in (721.0, -1e9, math.inf):
+        with pytest.raises(InputError, match=r"is outside ±720°; type the angle that the protractor shows"):
+            mark(desk, "base", (1500, degrees))
+    mark(desk, "base", (1300, 20))
+    fit = desk.fit("base")
+    assert fit is not None
+    assert (math.radians(fit.per_rad), fit.zero) == pytest.approx((-10, 1500))
+    assert desk.unfinished == ()
+    assert desk.measured().keys() == {"base"}
+
+
+def test_every_change_raises_the_version_and_what_is_refused_does_not() -> None:
+    desk = work()
+    versions = [desk.version]
+    for change in (
+        lambda: desk.add_mark("base", 1500, 0.0),
+        lambda: desk.choose("elbow"),
+        lambda: desk.set_limit("base", "low", 700),
+        lambda: desk.set_jaw("closed", 1200),
+        lambda: desk.delete_mark("base", 0),
+        desk.clear,
+    ):
+        change()
+        versions.append(desk.version)
+    assert versions == sorted(set(versions))
+    for refused in (
+        lambda: desk.add_mark("base", 1500, math.nan),
+        lambda: desk.delete_mark("base", 0),
+        lambda: desk.set_limit("base", "high", 100),
+    ):
+        with pytest.raises(InputError):
+            refused()
+    assert desk.version == versions[-1]
+
+
+def test_safe_limits_are_the_files_until_somebody_sets_them() -> None:
+    desk = work()
+    assert desk.limits("base") == (FILE.low, FILE.high)
+    desk.set_limit("base", "low", 700.0)
+    assert desk.limits("base") == (700.0, FILE.high)
+    with pytest.raises(InputError, match=r"600\.0 µs cannot be the upper limit, the lower one is 700\.0"):
+        desk.set_limit("base", "high", 600.0)
+    with pytest.raises(InputError, match=r"cannot be the lower limit, the upper one is 2446"):
+        desk.set_limit("base", "low", 2446.0)
+    desk.set_limit("base", "high", 2100.0)
+    assert desk.measured()["base"] == JointCalibration(FILE.zero, FILE.per_rad, 700.0, 2100.0)
+    desk.limits_by_default("base")
+    assert desk.limits("base") == (FILE.low, FILE.high)
+
+
+def test_limits_set_by_hand_stay_when_the_line_is_measured_anew() -> None:
+    desk = work(saved(base=JointCalibration(1500, 500, 800, 2200)))
+    assert desk.limits("base") == (800, 2200)
+    mark(desk, "base", (1300, -20), (1500, 0), (1700, 20))
+    assert desk.limits("base") == (800, 2200)
+    for _ in ("by the new marks", "by the line in force"):
+        desk.limits_by_default("base")
+        low, high = desk.limits("base")
+        assert FILE.low <= low < 800 < 2200 < high <= FILE.high
+        for _ in desk.joint("base").marks:
+            desk.delete_mark("base", 0)
+
+
+def test_limits_that_the_line_in_force_needed_go_with_the_new_line() -> None:
+    """Else each measuring takes a little more from the joint, and from an encoder's a lot."""
+    scorbot = load_robot("scorbot")
+    own = own_calibration(scorbot, "waist")
+    now = Calibration("scorbot", "7", "counts", {"waist": own})
+    desk = CalibrationWork(scorbot, now)
+    assert desk.limits("waist") == (own.low, own.high)
+    per_deg = 1.1 * math.radians(own.per_rad)
+    mark(desk, "waist", *((per_deg * degrees, degrees) for degrees in (-90.0, 0.0, 90.0)))
+    assert desk.limits("waist") == pytest.approx((1.1 * own.low, 1.1 * own.high))
+    assert desk.measured()["waist"].angles() == pytest.approx(tuple(scorbot.limits[0]))
+
+
+def test_limits_by_default_follow_the_marks_that_come_after() -> None:
+    desk = work()
+    desk.set_limit("base", "low", 900.0)
+    desk.limits_by_default("base")
+    assert desk.limits("base") == (FILE.low, FILE.high)
+    mark(desk, "base", (1340, -20), (1500, 0), (1660, 20))
+    assert desk.measured()["base"].angles() == pytest.approx(tuple(ROBOT.limits[0]))
+
+
+def test_only_limits_set_keeps_the_line_in_force() -> None:
+    desk = work(saved(base=JointCalibration(1500, 500, 800, 2200)))
+    desk.set_limit("base", "low", 900)
+    assert desk.measured() == {"base": JointCalibration(1500, 500, 900, 2200)}
+
+
+def test_the_gripper_is_closed_and_open_at_two_outputs() -> None:
+    desk = work()
+    assert desk.jaw("closed") == desk.map.gripper_closed
+    desk.set_jaw("closed", 1150.0)
+    assert (desk.jaw("closed"), desk.jaw("open")) == (1150.0, desk.map.gripper_open)
+    with pytest.raises(
+        InputError, match=r"the gripper is closed at 1150\.0 µs; move it before you call it open"
+    ):
+        desk.set_jaw("open", 1150.2)
+    assert work(saved()).jaw("open") == 1900.0
+
+
+def test_another_desk_goes_on_with_all_of_it() -> None:
+    first, second = work(), work(saved())
+    mark(first, "elbow", (1500, 3))
+    first.choose("elbow")
+    first.set_jaw("open", 1800.0)
+    second.take_over(first)
+    assert second.joint("elbow") == first.joint("elbow")
+    assert (second.chosen, dict(second.jaws)) == ("elbow", {"open": 1800.0})
+    second.delete_mark("elbow", 0)
+    assert len(first.joint("elbow").marks) == 1
+
+
+def test_a_joint_that_is_held_is_not_the_first_to_be_chosen() -> None:
+    humanoid = load_robot("humanoid")
+    held = [joint.name for joint in humanoid.joints if joint.lower == joint.upper]
+    assert held
+    assert CalibrationWork(humanoid, None).chosen not in held
+    assert np.isfinite(humanoid.limits).all()
+
+
+NOON = 1_767_268_800.0
+
+
+@pytest.fixture
+def store(tmp_path: Path) -> CalibrationStore:
+    return CalibrationStore(tmp_path)
+
+
+def desk(store: CalibrationStore, board: str | None = "00123456") -> SharedCalibration:
+    return SharedCalibration(CalibrationInForce(ROBOT, board, store), lambda: NOON)
+
+
+def measure(one: SharedCalibration, joint: str = "base", zero: float = 1510.0, per_deg: float = -9.5) -> None:
+    for degrees in (-40, -15, 10, 45):
+        one.work.add_mark(joint, zero + per_deg * degrees, math.radians(degrees))
+
+
+def save(one: SharedCalibration, note: str = "") -> Path:
+    return asyncio.run(one.save(note)).path
+
+
+def test_what_is_saved_is_in_force_at_the_next_desk(store: CalibrationStore, tmp_path: Path) -> None:
+    first = desk(store)
+    assert first.in_force is None
+    measure(first)
+    path = save(first, "new horn")
+    assert path.is_file()
+    assert path.is_relative_to(tmp_path)
+    second = desk(store)
+    assert second.in_force is not None
+    assert second.in_force.note == "new horn"
+    now = CalibrationInForce(ROBOT, "00123456", store).robot.output_map
+    assert now is not None
+    assert math.radians(now.per_rad[0]) == pytest.approx(-9.5)
+    assert desk(store, "another board").in_force is None
+
+
+def test_what_was_not_measured_stays_as_in_force(store: CalibrationStore) -> None:
+    first = desk(store)
+    measure(first)
+    first.work.set_jaw("closed", 1200.0)
+    save(first)
+    second = desk(store)
+    measure(second, "elbow", 1450, 10.2)
+    drawn = second.draft()
+    assert second.in_force is not None
+    assert drawn.joints["base"] == second.in_force.joints["base"]
+    assert drawn.joints.keys() == {"base", "elbow"}
+    assert drawn.gripper == (1200.0, second.work.map.gripper_open)
+
+
+def test_nothing_is_saved_twice_and_nothing_out_of_nothing(store: CalibrationStore) -> None:
+    first = desk(store)
+    with pytest.raises(StateError, match="there is nothing to save yet: a joint needs three marks"):
+        first.draft()
+    first.work.add_mark("base", 1500, 0.0)
+    with pytest.raises(StateError, match=r"nothing to save yet \(Base: too few marks\)"):
+        first.draft()
+    first.work.clear()
+    measure(first)
+    save(first)
+    second = desk(store)
+    second.adopt(first)
+    with pytest.raises(StateError, match="everything is saved"):
+        second.draft()
+
+
+def test_a_measurement_that_leaves_nothing_of_a_joint_is_not_saved(store: CalibrationStore) -> None:
+    one = desk(store)
+    measure(one, "base", 5000, 20)
+    with pytest.raises(CalibrationError, match="Base: its limits"):
+        one.draft()
+    assert store.versions("uzuner", "00123456") == ()
+
+
+def test_marks_go_on_at_the_new_desk_of_the_same_arm_only(store: CalibrationStore) -> None:
+    first = desk(store)
+    measure(first)
+    first.points.add(dict.fromkeys(range(5), 1500.0), ROBOT.forward(ROBOT.pose("home"))[:3, 3])
+    same, other = desk(store), desk(store, "another board")
+    nameless = desk(store, None)
+    for one in (same, other, nameless):
+        one.adopt(first)
+    assert len(same.work.joint("base").marks) == 4
+    assert len(same.points.touches) == 1
+    assert not other.work.joint("base").marks
+    assert not nameless.work.joint("base").marks
+    nameless.adopt(desk(store, None))
+
+
+def test_reverting_brings_an_earlier_one_or_the_robot_file_back(store: CalibrationStore) -> None:
+    one = desk(store)
+    measure(one)
+    save(one, "first")
+    two = desk(store)
+    measure(two, zero=1600)
+    save(two, "second")
+    three = desk(store)
+    assert [version.note for version in three.versions()] == ["second", "first"]
+    asyncio.run(three.revert(three.versions()[1].number))
+    back = desk(store)
+    assert back.in_force is not None
+    assert back.in_force.note == "first"
+    asyncio.run(back.revert(None))
+    assert desk(store).in_force is None
+    assert len(desk(store).versions()) == 4
+    with pytest.raises(StateError, match="the robot file is in force already"):
+        asyncio.run(desk(store).revert(None))
+
+
+def test_an_earlier_one_that_no_longer_fits_is_not_brought_back(store: CalibrationStore) -> None:
+    one = desk(store)
+    measure(one)
+    drawn = one.draft()
+    impossible = JointCalibration(1500, 500, 3000, 3100)
+    broken = store.save(msgspec.structs.replace(drawn, joints={"base": impossible}))
+    store.forget("uzuner", "00123456", "2026-01-01T00:00:00+00:00")
+    with pytest.raises(CalibrationError, match="nothing is left"):
+        asyncio.run(desk(store).revert(broken.number))
+    assert desk(store).in_force is None
+
+
+def test_without_a_board_nothing_is_kept(store: CalibrationStore) -> None:
+    one = desk(store, None)
+    measure(one)
+    with pytest.raises(StateError, match="there is none to keep a calibration for; connect it first"):
+        one.draft()
+    with pytest.raises(StateError, match="no board was found"):
+        asyncio.run(one.revert(None))
+    assert one.versions() == ()
+
+
+def test_what_is_in_force_depends_on_the_board_at_the_port(store: CalibrationStore) -> None:
+    one = CalibrationInForce.of(ROBOT, "sim", store)
+    assert one.board == "simulated"
+    assert one.robot is ROBOT
+    assert asyncio.run(one.holds_for("sim"))
+    assert not asyncio.run(one.holds_for("socket://127.0.0.1:5000"))
+    assert CalibrationInForce.of(ROBOT, "socket://127.0.0.1:5000", store).board == "unnumbered"
+    with pytest.raises(PortError, match="/dev/nobody: no such port"):
+        asyncio.run(one.holds_for("/dev/nobody"))
+    for port in ("auto", "/dev/nobody"):  # a program may start before its board is plugged in
+        assert CalibrationInForce.of(ROBOT, port, store).board is None
+    other = desk(store, "simulated")
+    measure(other)
+    save(other)
+    assert not asyncio.run(one.holds_for("sim"))
+
+
+def test_what_somebody_else_saved_meanwhile_is_not_overwritten(store: CalibrationStore) -> None:
+    first, second = desk(store), desk(store)
+    measure(first)
+    measure(second, "elbow", 1450.0, 10.2)
+    save(first)
+    with pytest.raises(StateError, match="was saved since it was opened; press Disconnect and Connect"):
+        save(second)
+    assert len(store.versions("uzuner", "00123456")) == 1
+    third = desk(store)
+    third.adopt(second)
+    save(third)
+    kept = store.load("uzuner", "00123456")
+    assert kept is not None and set(kept.joints) == {"base", "elbow"}
+
+
+ELBOW_OFF = np.radians(2.0)
+TOUCHED_DEG = (
+    (0, 90, -80, -40, 0),
+    (40, 70, -60, -30, 0),
+    (-40, 100, -40, -60, 0),
+    (60, 60, -20, -70, 0),
+    (-60, 110, -75, -20, 0),
+    (20, 80, -30, -80, 0),
+)
+
+
+def the_map() -> OutputMap:
+    assert ROBOT.output_map is not None
+    return ROBOT.output_map
+
+
+def touch(points: TouchedPoints, count: int = len(TOUCHED_DEG)) -> None:
+    """Touch with an elbow that stands 2° from where the arm believes it."""
+    for pose in TOUCHED_DEG[:count]:
+        q = np.radians(np.array(pose, dtype=float))
+        really = q.copy()
+        really[2] += ELBOW_OFF
+        points.add(the_map().outputs(q), ROBOT.forward(really)[:3, 3])
+
+
+def test_five_points_tell_nothing_and_six_name_the_joint() -> None:
+    points = TouchedPoints(ROBOT)
+    touch(points, 5)
+    asyncio.run(points.compute())
+    assert points.result is None
+    assert (points.distances_m > 0.001).all()
+    points = TouchedPoints(ROBOT)
+    touch(points)
+    before = points.version
+    asyncio.run(points.compute())
+    assert isinstance(points.result, ToolError)
+    assert points.version > before
+    assert points.result.blame is not None and "Elbow" in points.result.blame.title
+    assert points.result.largest_m == pytest.approx(points.distances_m.max())
+    assert "zero_us" in points.result.toml()
+
+
+def test_points_of_one_place_are_answered_in_words() -> None:
+    points = TouchedPoints(ROBOT)
+    q = ROBOT.pose("home")
+    for _ in range(6):
+        points.add(the_map().outputs(q), ROBOT.forward(q)[:3, 3])
+    asyncio.run(points.compute())
+    assert isinstance(points.result, str)
+    assert "spread them over the arm's workspace" in points.result
+
+
+def test_touches_stay_true_when_the_calibration_changes() -> None:
+    points = TouchedPoints(ROBOT)
+    touch(points)
+    own = own_calibration(ROBOT, "elbow")
+    right = JointCalibration(own.zero - ELBOW_OFF * own.per_rad, own.per_rad, own.low, own.high)
+    mended = calibrated(ROBOT, Calibration("uzuner", "simulated", "µs", {"elbow": right}))
+    later = TouchedPoints(mended)
+    later.take_over(points)
+    assert later.distances_m == pytest.approx(np.zeros(6), abs=1e-6)
+
+
+def test_what_is_found_out_about_touches_that_have_changed_is_dropped() -> None:
+    async def change_meanwhile() -> TouchedPoints:
+        points = TouchedPoints(ROBOT)
+        touch(points)
+        computing = asyncio.create_task(points.compute())
+        await asyncio.sleep(0)
+        points.delete(0)
+        await computing
+        return points
+
+    points = asyncio.run(change_meanwhile())
+    assert points.result is None
+    assert len(points.touches) == 5
+
+
+@pytest.mark.parametrize("point", [(np.nan, 0, 0), (np.inf, 0, 0), (11.0, 0, 0)])
+def test_no_point_is_no_touch(point: tuple[float, float, float]) -> None:
+    points = TouchedPoints(ROBOT)
+    with pytest.raises(InputError, match="less than 10 m from the base"):
+        points.add(the_map().outputs(ROBOT.pose("home")), np.array(point))
+    with pytest.raises(InputError, match="there is no point 1; there are 0"):
+        points.delete(0)
+
+
+def holding() -> Snapshot:
+    return make_rig().enable().now
+
+
+def test_a_mark_is_taken_where_the_board_says_the_arm_stands() -> None:
+    snapshot = holding()
+    there = snapshot.q_command + 0.1
+    known = replace(snapshot, q=there)
+    assert standing_outputs(ROBOT, known) == pytest.approx(the_map().outputs(there))
+    partly = replace(snapshot, q=np.where(np.arange(5) == 1, np.nan, there))
+    expected = np.where(np.arange(5) == 1, snapshot.q_command, there)
+    assert standing_outputs(ROBOT, partly) == pytest.approx(the_map().outputs(expected))
+
+
+@pytest.mark.parametrize("state", [State.MOVING, State.PAUSED])
+def test_no_mark_is_taken_on_the_way(state: State) -> None:
+    moving = replace(holding(), state=state)
+    with pytest.raises(StateError, match="wait until it stands"):
+        standing_outputs(ROBOT, moving)
+    assert present_outputs(ROBOT, moving)  # it may be looked at
+
+
+def test_an_arm_that_is_off_has_marks_only_where_its_board_measures() -> None:
+    off = replace(holding(), powered=False, commanded=False, state=State.OFF, q=np.full(5, np.nan))
+    with pytest.raises(StateError, match="the arm is off, so nobody knows where it stands"):
+        standing_outputs(ROBOT, off)
+    by_hand = replace(off, source=Source.MEASURED, q=ROBOT.pose("home"))
+    assert standing_outputs(ROBOT, by_hand) == pytest.approx(the_map().outputs(ROBOT.pose("home")))
+    lost = replace(by_hand, q=np.full(5, np.nan))
+    with pytest.raises(StateError, match="home the arm first"):
+        standing_outputs(ROBOT, lost)
+    held = replace(lost, powered=True)  # motors hold an arm whose homing was stopped
+    with pytest.raises(StateError, match="home the arm first"):
+        standing_outputs(ROBOT, held)
+
+
+def test_a_gripper_that_was_never_told_stands_nowhere() -> None:
+    snapshot = replace(holding(), gripper=None)
+    with pytest.raises(StateError, match="press 'Move gripper' first"):
+        standing_gripper(ROBOT, snapshot)
+    outputs = the_map()
+    half = (outputs.gripper_closed + outputs.gripper_open) / 2
+    assert standing_gripper(ROBOT, replace(snapshot, gripper=0.5)) == pytest.approx(half)
+
+
+def test_an_arm_without_outputs_has_none() -> None:
+    with pytest.raises(CalibrationError, match="nothing to calibrate"):
+        standing_outputs(replace(ROBOT, output_map=None), holding())
+
+
+LINE = JointCalibration(1500, 500, 800, 2200)
+
+
+def plain(html: str) -> str:
+    return re.sub(r"\s+", " ", re.sub(r"<[^>]+>", " ", html)).strip()
+
+
+def measured(*pairs: tuple[float, float]) -> CalibrationWork:
+    work = CalibrationWork(ROBOT, None)
+    for output, degrees in pairs:
+        work.add_mark("base", output, math.radians(degrees))
+    return work
+
+
+def test_what_is_in_force_is_named_with_its_board_and_its_note_as_text() -> None:
+    said = plain(in_force_html(None, "simulated"))
+    assert said == "In force: the robot file This arm is not calibrated on the simulated board."
+    made = Calibration("uzuner", "77", "µs", {"base": LINE}, None, "2026-03-01T12:00:00+00:00", "<b>horn</b>")
+    html = in_force_html(made, "77")
+    assert "<b>horn" not in html
+    assert re.search(r"calibration of 2026-0\d-\d\d \d\d:\d\d “&lt;b&gt;horn", html)
+    assert "1 joint of this arm on board 77" in plain(html)
+    assert "one calibration for all such boards" in in_force_html(None, "unnumbered")
+    assert "none is there yet" in in_force_html(None, None)
+
+
+def test_marks_show_residuals_once_there_is_a_line() -> None:
+    work = measured((1400, 10), (1500, 0))
+    assert "1 more mark needed" in fit_html(work, "base")
+    assert "1400.0 10.00 2 1500.0 0.00" in plain(marks_html(work.joint("base").marks, None, "µs"))
+    work = measured((1400, 10), (1500, 0.3), (1600, -10))
+    said = plain(marks_html(work.joint("base").marks, work.fit("base"), "µs"))
+    assert "1500.0 0.30 0.20" in said
+    assert "No marks yet" in marks_html((), None, "µs")
+
+
+def test_the_line_is_told_beside_the_robot_files() -> None:
+    work = measured((1400, 10), (1500, 0), (1600, -10), (1700, -20))
+    said = plain(fit_html(work, "base"))
+    assert "sign − +" in said
+    assert "offset (at 0°) 1500.0 µs 1479.9 µs" in said
+    assert "scale 10.000 µs/° 9.000 µs/°" in said
+    assert "Base turns the other way than uzuner says." in said
+
+
+def test_an_encoders_home_is_told() -> None:
+    work = CalibrationWork(load_robot("scorbot"), None)
+    for counts, degrees in ((0, 1.0), (1400, 11), (2800, 21)):
+        work.add_mark(work.chosen, counts, math.radians(degrees))
+    assert "home (0 counts) is at 1.00° 0.00°" in plain(fit_html(work, work.chosen))
+    assert "scale 140.000 counts/°" in plain(fit_html(work, work.chosen))
+
+
+def test_a_wrong_mark_is_named_in_the_table_and_in_words() -> None:
+    work = measured((1300, -20), (1400, -10), (1500, 15), (1600, 10), (1700, 20))
+    assert "Mark 3 does not fit" in plain(fit_html(work, "base"))
+    assert "✗" in marks_html(work.joint("base").marks, work.fit("base"), "µs")
+    assert "✗" in overview_html(work)
+
+
+def test_marks_without_a_line_are_told_and_break_nothing() -> None:
+    work = measured((1500, 0), (1500, 1), (1500, 2))
+    assert "All marks are at one place" in plain(fit_html(work, "base"))
+    assert "no line" in overview_html(work)
+    assert "All marks are at one place" in plain(limits_html(work, "base"))
+
+
+def test_limits_say_where_they_come_from() -> None:
+    work = CalibrationWork(ROBOT, None)
+    assert plain(limits_html(work, "base")) == "554.0 … 2446.0 µs (as the robot file allows)"
+    work.set_limit("base", "low", 700)
+    assert plain(limits_html(work, "base")) == "700.0 … 2446.0 µs (set here)"
+    work = CalibrationWork(ROBOT, Calibration("uzuner", "77", "µs", {"base": LINE}))
+    assert plain(limits_html(work, "base")) == "800.0 … 2200.0 µs (as in force)"
+    work = CalibrationWork(
+        ROBOT, Calibration("uzuner", "77", "µs", {"base": JointCalibration(1480, 515, 600, 2380)})
+    )
+    for output, degrees in ((1340, -20), (1500, 0), (1660, 20)):
+        work.add_mark("base", output, math.radians(degrees))
+    assert plain(limits_html(work, "base")).endswith("(as in force, by the new marks)")
+    work.limits_by_default("base")
+    assert plain(limits_html(work, "base")).endswith("(as the robot file allows)")
+
+
+def test_what_saving_takes_from_the_joints_is_told_before(tmp_path: Path) -> None:
+    desk = SharedCalibration(CalibrationInForce(ROBOT, "simulated", CalibrationStore(tmp_path)), lambda: 0.0)
+    assert "There is nothing to save yet" in plain(draft_html(desk))
+    desk.work.set_limit("base", "low", 1000)
+    assert "Base: −53.33° … 107.26° instead of −102.80°" in plain(draft_html(desk))
+    assert "Nothing was saved" in kept_html(())
+
+
+def test_the_version_before_the_one_in_force_is_offered_first(tmp_path: Path) -> None:
+    store = CalibrationStore(tmp_path)
+    for note in ("a", "b", "<c>"):
+        store.save(Calibration("uzuner", "1", "µs", {"base": LINE}, None, "2026-03-01T12:00:00+00:00", note))
+    versions = store.versions("uzuner", "1")
+    labels = earlier_versions(versions)
+    assert list(labels.values()) == [2, 1, None]
+    assert "“b”" in next(iter(labels))
+    assert str(versions[0].path.parent) in plain(kept_html(versions))
+    assert earlier_versions(()) == {"robot file, no calibration": None}
+
+
+@pytest.mark.parametrize("name", shipped_robots())
+def test_the_test_pose_says_what_one_should_see(name: str) -> None:
+    robot = load_robot(name)
+    said = plain(check_pose_html(check_pose(robot)))
+    assert all(joint.title in said for joint in robot.joints)
+    assert "mm from the base" in said
+
+
+@pytest.mark.parametrize("name", shipped_robots())
+def test_steps_are_slow(name: str) -> None:
+    robot = load_robot(name)
+    for step in STEPS.values():
+        way = np.zeros(robot.n)
+        way[0] = math.radians(step)
+        assert abs(way[0]) / slow_duration(robot, way) <= math.radians(10.0) + 1e-12
+    assert (slow_speeds(robot) <= 0.15 * robot.speed_limits).all()
