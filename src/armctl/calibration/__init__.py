@@ -19,22 +19,19 @@ from armctl.calibration.record import (
     iso_time,
     read_calibration,
 )
-from armctl.calibration.store import CalibrationStore, Stored, Version, renamed
+from armctl.calibration.store import CalibrationStore, Version, renamed
 from armctl.calibration.table import read_marks, read_points
-from armctl.calibration.tool_error import LEAST_POINTS, Blame, Change, ToolError, tool_error
+from armctl.calibration.tool_error import LEAST_POINTS, ToolError, tool_error
 
 __all__ = [
     "LEAST_MARKS",
     "LEAST_POINTS",
-    "Blame",
     "Calibration",
     "CalibrationStore",
-    "Change",
     "CheckPose",
     "JointCalibration",
     "JointFit",
     "Mark",
-    "Stored",
     "ToolError",
     "Version",
     "calibrated",

@@ -61,7 +61,7 @@ class Parameter:
             case "zero" | "scale":
                 q = q.copy()
                 q[:, i] += error if self.kind == "zero" else error * q[:, i]
-            case "a" | "d":
+            case _:
                 rows = list(chain.rows)
                 key = f"{self.kind}_m"
                 rows[i] = replace(rows[i], **{key: getattr(rows[i], key) + error})
