@@ -63,11 +63,7 @@ class EncoderArm:
     _rest: bytes = b""
 
     def run(self, seconds: float) -> None:
-        """Let time pass, and take what the board sends.
-
-        Raises:
-            AssertionError: a line that is damaged.
-        """
+        """Let time pass, and take what the board sends."""
         self.avr.run_for(seconds)
         self._rest += self.avr.read()
         *lines, self._rest = self._rest.split(b"\n")
@@ -88,11 +84,7 @@ class EncoderArm:
             self.answers.append(text)
 
     def run_until(self, condition: Callable[[], bool], seconds: float, *, ping_s: float = 0.1) -> None:
-        """Let time pass until something is so, keeping the board's watchdog quiet.
-
-        Raises:
-            AssertionError: it is not so in time; or a status line cannot be read.
-        """
+        """Let time pass until something is so, keeping the board's watchdog quiet."""
         end = self.avr.now + seconds
         next_ping = self.avr.now
         while not condition():
@@ -110,11 +102,7 @@ class EncoderArm:
         return line
 
     def ask(self, command: str) -> str:
-        """Send a command and wait for its answer, which is returned without its number.
-
-        Raises:
-            AssertionError: no answer in 0.1 s.
-        """
+        """Send a command and wait for its answer, which is returned without its number."""
         self.post(command)
         mine = f"{self.seq} "
         for _ in range(100):

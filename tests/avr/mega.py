@@ -27,11 +27,7 @@ def duty(avr: Avr, pin: int) -> float:
     """The share of time a PWM pin is high, 0 … 1, from its timer's registers.
 
     A pin that its timer does not drive is at its port's level. (simavr does not bring every mode of
-    hardware PWM out to the pin, so it cannot be measured there.)
-
-    Raises:
-        ValueError: the pin has no timer, or its timer counts in a mode that is not PWM.
-    """
+    hardware PWM out to the pin, so it cannot be measured there.)"""
     if pin not in _OUTPUTS:
         raise ValueError(f"pin {pin} of a Mega has no timer; {sorted(_OUTPUTS)} have")
     timer, channel = _OUTPUTS[pin]

@@ -121,19 +121,6 @@ def test_a_session(session: Session) -> None:
     assert session.wait(0.4).positions[0] == pytest.approx(550.0, abs=1.0)
 
 
-def test_silence_is_told_and_nothing_goes_on_by_itself(session: Session) -> None:
-    session.home()
-    session.avr.run_for(0.6)
-    readback = session.driver.read()
-    assert readback.powered is False
-    assert readback.errors[0].startswith("watchdog: ")
-    with pytest.raises(StateError, match="by itself"):
-        session.driver.write({0: 0.0})
-    session.driver.release()
-    assert session.driver.read().errors == ()
-    assert session.move({0: 100.0}, 0.5).errors == ()
-
-
 def test_a_board_that_has_started_anew_must_be_homed(session: Session) -> None:
     session.home()
     session.avr.reset()

@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 from tests.avr.avr import Avr
 from tests.avr.conftest import MakeAvr
-from tests.avr.firmata_rig import FirmataRig
 from tests.avr.serve import stepped_line
+from tests.avr.test_firmata import FirmataRig
 
 from armctl.hardware.board_type import ARDUINO_MEGA
 from armctl.hardware.doctor import Patient, examine

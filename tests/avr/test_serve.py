@@ -10,6 +10,7 @@ import threading
 from collections.abc import Generator
 from contextlib import contextmanager
 from pathlib import Path
+from statistics import median
 
 import pytest
 from tests.avr.avr import AvrError
@@ -18,6 +19,7 @@ from tests.avr.conftest import MakeAvr
 from tests.avr.mega import PINS, PulseMeter
 from tests.avr.serve import served
 
+import armctl
 from armctl.errors import BoardError
 from armctl.hardware.driver import ChannelSettings
 from armctl.hardware.firmata.driver import FirmataDriver
@@ -102,3 +104,33 @@ def runner(image: Path, link: Path) -> Generator[subprocess.Popen[str]]:
         finally:
             if process.poll() is None:
                 process.kill()
+
+
+def test_an_arm_is_enabled_moved_and_released_over_a_port(make_avr: MakeAvr, tmp_path: Path) -> None:
+    avr, clock = make_avr("firmata"), MonotonicClock()
+    with (
+        served(avr, clock.now, tmp_path / "mega") as server,
+        armctl.Arm.open("abaas", port=f"firmata:{server.port}") as arm,
+    ):
+        arm.enable()
+        arm.go_joints([-60, 80, -70, 30, 20])
+        arm.gripper(50)
+        wanted = arm.robot.output_map
+        assert wanted is not None
+        expected = wanted.outputs(arm.snapshot.q_command)
+        with server.inspect():
+            meter = PulseMeter(avr, tuple(expected))
+        widths: dict[int, list[float]] = {pin: [] for pin in expected}
+        deadline = clock.now() + PATIENCE_S
+        while min(map(len, widths.values())) < 7 and clock.now() < deadline:
+            clock.wait_until(clock.now() + 0.05, threading.Event())
+            with server.inspect():
+                for pulse in meter.take():
+                    widths[pulse.pin].append(pulse.width_us)
+        assert {pin: median(seen) for pin, seen in widths.items()} == pytest.approx(expected, abs=4.5)
+        arm.release()
+        with server.inspect():
+            meter.take()
+            avr.run_for(0.1)
+            assert meter.take() == []
+            assert [avr.pin(PINS[pin]) for pin in expected] == [0] * len(expected)
