@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+from tests.robot.urdf_kit import turn
 
 from armctl import Robot, load_robot
 from armctl.arrays import FloatArray
@@ -96,16 +97,8 @@ def test_every_pose_leads_back_to_its_configuration(robot: Robot) -> None:
     q = configurations(robot, CONFIGURATIONS, 3)
     T = plain_forward(robot, q)
     found = [robot.inverse(pose[:3, 3], rotation=pose[:3, :3]) for pose in T]
-    off = farthest_off(robot, found, T)
-    lost: list[str] = []
-    for one, pose, solutions, off_m in zip(q, T, found, off, strict=True):
-        if not solutions.success:
-            lost.append(f"{np.degrees(one)}: {solutions.reason}")
-        elif off_m > 1e-9:
-            lost.append(f"{np.degrees(one)}: off its point")
-        elif not contains(robot, solutions.q, one, pose):
-            lost.append(f"{np.degrees(one)}: not among {np.degrees(solutions.q).round(4).tolist()}")
-    assert not lost, f"{len(lost)} lost, for example {lost[:5]}"
+    listed = [contains(robot, *one) for one in zip(found, q, T, strict=True)]
+    assert_none_is_lost(robot, q, T, found, listed)
 
 
 @pytest.mark.slow
@@ -114,14 +107,20 @@ def test_position_pitch_and_roll_lead_back_too(robot: Robot) -> None:
     T = plain_forward(robot, q)
     asked = [robot.inverse_kinematics.pitch_and_roll(one) for one in q]
     found = [robot.inverse(pose[:3, 3], *angles) for pose, angles in zip(T, asked, strict=True)]
-    off = farthest_off(robot, found, T)
+    listed = [among(robot, one, *rest) for one, *rest in zip(found, q, asked, strict=True)]
+    assert_none_is_lost(robot, q, T, found, listed)
+
+
+def assert_none_is_lost(
+    robot: Robot, q: FloatArray, T: FloatArray, found: list[Solutions], listed: list[bool]
+) -> None:
     lost: list[str] = []
-    for one, (pitch, roll), solutions, off_m in zip(q, asked, found, off, strict=True):
+    for one, solutions, off_m, there in zip(q, found, farthest_off(robot, found, T), listed, strict=True):
         if not solutions.success:
             lost.append(f"{np.degrees(one)}: {solutions.reason}")
         elif off_m > 1e-9:
             lost.append(f"{np.degrees(one)}: off its point")
-        elif not among(robot, solutions.q, one, pitch, roll):
+        elif not there:
             lost.append(f"{np.degrees(one)}: not among {np.degrees(solutions.q).round(4).tolist()}")
     assert not lost, f"{len(lost)} lost, for example {lost[:5]}"
 
@@ -136,9 +135,12 @@ def farthest_off(robot: Robot, found: list[Solutions], T: FloatArray) -> list[fl
     ]
 
 
-def among(robot: Robot, found: FloatArray, q: FloatArray, pitch: float | None, roll: float | None) -> bool:
+def among(
+    robot: Robot, solutions: Solutions, q: FloatArray, asked: tuple[float | None, float | None]
+) -> bool:
     """``q`` is listed; where position, pitch and roll do not determine it, all that is listed has them."""
-    away = np.abs(found - q).max(axis=1).min()
+    found, (pitch, roll) = solutions.q, asked
+    away = np.abs(found - q).max(axis=1).min(initial=np.inf)
     if away < 1e-6:
         return True
     J, z = robot.jacobian(q), robot.forward(q)[:3, 2]
@@ -164,27 +166,20 @@ def test_a_pose_off_the_manifold_is_met_in_position_and_nearly_in_orientation(ro
     found: list[Solutions] = []
     for pose in T:
         axis = rng.normal(size=3)
-        wanted = turned(axis / np.linalg.norm(axis), np.radians(0.5)) @ pose[:3, :3]
+        wanted = turn(axis, math.radians(0.5))[:3, :3] @ pose[:3, :3]
         found.append(robot.inverse(pose[:3, 3], rotation=wanted))
     for one, solutions, off_m in zip(q, found, farthest_off(robot, found, T), strict=True):
         where = np.degrees(one)
         assert solutions.success, where
         assert off_m < 1e-9, where
-        assert np.degrees(solutions.residual_rad.min()) <= 0.5 + 1e-5, (
-            where
-        )  # tangent to the base axis a square root leaves 1e-8 rad
+        # tangent to the base axis a square root leaves 1e-8 rad
+        assert np.degrees(solutions.residual_rad.min()) <= 0.5 + 1e-5, where
 
 
-def turned(axis: FloatArray, angle: float) -> FloatArray:
-    """Rotation about a unit vector (Rodrigues)."""
-    x, y, z = axis
-    K = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    return np.eye(3) + np.sin(angle) * K + (1 - np.cos(angle)) * K @ K
-
-
-def contains(robot: Robot, found: FloatArray, q: FloatArray, pose: FloatArray) -> bool:
+def contains(robot: Robot, solutions: Solutions, q: FloatArray, pose: FloatArray) -> bool:
     """``q`` is listed; where the pose does not determine it (singular), a solution with the same pose is."""
-    away = np.abs(found - q).max(axis=1).min()
+    found = solutions.q
+    away = np.abs(found - q).max(axis=1).min(initial=np.inf)
     if away < 1e-6:
         return True
     smallest = np.linalg.svd(robot.jacobian(q), compute_uv=False)[-1]
@@ -192,4 +187,4 @@ def contains(robot: Robot, found: FloatArray, q: FloatArray, pose: FloatArray) -
         return True
     if smallest > 1e-6:
         return False
-    return bool(np.abs(plain_forward(robot, found) - pose).max(axis=(1, 2)).min() < 1e-7)
+    return bool(np.abs(plain_forward(robot, found) - pose).max(axis=(1, 2)).min(initial=np.inf) < 1e-7)

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import re
+import tomllib
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,6 +15,8 @@ from armctl.errors import InputError, RobotFileError
 from armctl.robot import robots_folder, shipped_robots
 
 SHIPPED = (robots_folder() / "uzuner.toml").read_text(encoding="utf-8")
+SCORBOT = (robots_folder() / "scorbot.toml").read_text(encoding="utf-8")
+ROOT = Path(__file__).parents[2]
 NUMBER = re.compile(r"(?<![\w.])-?\d+(?:\.\d+)?(?![\w.])")
 
 
@@ -22,9 +26,9 @@ def written(tmp_path: Path, text: str) -> Path:
     return path
 
 
-def changed(old: str, new: str, count: int = 1) -> str:
-    assert old in SHIPPED
-    return SHIPPED.replace(old, new, count)
+def changed(old: str, new: str, text: str = SHIPPED) -> str:
+    assert old in text
+    return text.replace(old, new, 1)
 
 
 def test_a_copy_of_the_shipped_file_is_the_same_robot(tmp_path: Path) -> None:
@@ -98,6 +102,13 @@ def test_a_copy_of_the_shipped_file_is_the_same_robot(tmp_path: Path) -> None:
         ("mass_kg = 0.25", "mass_kg = -0.25", r"bodies\[0\]\.mass_kg: must be at least 0, not -0\.25"),
         ('joint = "base"\nmass_kg', 'joint = "neck"\nmass_kg', "bodies: there is no joint 'neck'"),
         ("com_mm = [0, 0, 40]", "com_mm = [0, 0]", r"bodies\[0\]\.com_mm: must have 3 values"),
+        ("a_mm = 125", "a_mm = nan", r"key dh\.rows\[4\]\.a_mm: nan is no number to use"),
+        ("z_mm = 0", "z_mm = -inf", r"key floor\.z_mm: -inf"),
+        (
+            "servo = { channel = 2, zero_us = 1446.45, us_per_deg = 10, pulse_us = [602, 2398] }\n",
+            "",
+            r"joints\.elbow\.servo is missing; the other joints have one",
+        ),
         ("[dh]", "[dh", "mine.toml"),
         ('title = "Base"', 'title = "Base"\ntitle = "Base"', "mine.toml"),
     ],
@@ -132,19 +143,6 @@ def test_no_number_may_be_anything_but_a_number(tmp_path: Path, value: str) -> N
             load_robot(path)
 
 
-def test_a_number_that_is_none_names_its_key(tmp_path: Path) -> None:
-    with pytest.raises(RobotFileError, match=r"key dh\.rows\[4\]\.a_mm: nan is no number to use"):
-        load_robot(written(tmp_path, changed("a_mm = 125", "a_mm = nan")))
-    with pytest.raises(RobotFileError, match=r"key floor\.z_mm: -inf"):
-        load_robot(written(tmp_path, changed("z_mm = 0", "z_mm = -inf")))
-
-
-def test_a_servo_for_some_joints_only(tmp_path: Path) -> None:
-    servo = "servo = { channel = 2, zero_us = 1446.45, us_per_deg = 10, pulse_us = [602, 2398] }\n"
-    with pytest.raises(RobotFileError, match=r"joints\.elbow\.servo is missing; the other joints have one"):
-        load_robot(written(tmp_path, changed(servo, "")))
-
-
 def test_an_arm_without_servos_or_gripper(tmp_path: Path) -> None:
     text = re.sub(
         r"^servo = .*$",
@@ -163,31 +161,26 @@ def test_a_file_from_an_editor_that_begins_with_a_mark(tmp_path: Path) -> None:
     assert load_robot(path).joint_names == load_robot("uzuner").joint_names
 
 
-def test_a_file_that_is_nested_too_deep(tmp_path: Path) -> None:
-    with pytest.raises(RobotFileError, match="arrays or tables are nested too deep"):
-        load_robot(written(tmp_path, f"a = {5000 * '['}{5000 * ']'}"))
-
-
-def test_files_that_are_none(tmp_path: Path) -> None:
-    with pytest.raises(RobotFileError, match=r"there is no robot 'nobody'; shipped are .*uzuner"):
-        load_robot("nobody")
-    with pytest.raises(RobotFileError, match=r"there is no robot 'xxxxxxxx.*shipped are"):
-        load_robot(5000 * "x")  # longer than the name of a file may be
-    for name in ("arm\0.toml", "arm\0.urdf", "\0"):
-        with pytest.raises(RobotFileError, match=r"\\x00.*the name of a file holds no NUL"):
-            load_robot(name)
-    with pytest.raises(RobotFileError, match="cannot be read: No such file"):
-        load_robot(tmp_path / "none.toml")
-    with pytest.raises(RobotFileError, match=r"ends in \.toml"):
-        load_robot(tmp_path / "arm.yaml")
-    with pytest.raises(RobotFileError, match="cannot be read"):
-        folder = tmp_path / "folder.toml"
-        folder.mkdir()
-        load_robot(folder)
-    binary = tmp_path / "binary.toml"
-    binary.write_bytes(b"\xff\xfe\x00")
-    with pytest.raises(RobotFileError, match=re.escape(str(binary))):
-        load_robot(binary)
+@pytest.mark.parametrize(
+    ("name", "says"),
+    [
+        ("nobody", r"there is no robot 'nobody'; shipped are .*uzuner"),
+        (5000 * "x", r"there is no robot 'xxxxxxxx.*shipped are"),  # longer than the name of a file may be
+        ("arm\0.toml", r"\\x00.*the name of a file holds no NUL"),
+        ("arm\0.urdf", r"\\x00.*the name of a file holds no NUL"),
+        (Path("none.toml"), "cannot be read: No such file"),
+        (Path("arm.yaml"), r"ends in \.toml or \.urdf"),
+        (Path("folder.toml"), "folder.toml: cannot be read"),
+        (Path("binary.toml"), "binary.toml: "),
+        (Path("deep.toml"), "arrays or tables are nested too deep"),
+    ],
+)
+def test_files_that_are_none(tmp_path: Path, name: str | Path, says: str) -> None:
+    (tmp_path / "folder.toml").mkdir()
+    (tmp_path / "binary.toml").write_bytes(b"\xff\xfe\x00")
+    (tmp_path / "deep.toml").write_text(f"a = {5000 * '['}{5000 * ']'}")
+    with pytest.raises(RobotFileError, match=says):
+        load_robot(tmp_path / name if isinstance(name, Path) else name)
 
 
 def test_every_shipped_robot_loads_and_bears_its_file_name() -> None:
@@ -232,3 +225,127 @@ def test_named_points_and_the_look_are_read(tmp_path: Path) -> None:
 def test_a_wrong_point_or_look_is_named(tmp_path: Path, more: str, says: str) -> None:
     with pytest.raises(RobotFileError, match=says):
         load_robot(written(tmp_path, f"{SHIPPED}\n{more}\n"))
+
+
+# Encoder boards.
+
+
+def scorbot(tmp_path: Path, old: str, new: str) -> Any:
+    return load_robot(written(tmp_path, changed(old, new, SCORBOT)))
+
+
+def test_counts_there_and_back() -> None:
+    robot = load_robot("scorbot")
+    outputs = robot.output_map
+    assert outputs is not None and outputs.unit == "counts"
+    q = np.radians([10, -50, 85, -90, 30])
+    counts = outputs.outputs(q)
+    assert counts[0] == pytest.approx(1418.888)
+    assert counts[1] == pytest.approx(113.5555 * 10)
+    assert counts[3] == pytest.approx(-279.0)
+    assert outputs.angles(counts) == pytest.approx(q)
+    ends = np.sort(outputs.zero[:, None] + outputs.per_rad[:, None] * robot.limits, axis=1)
+    assert ends == pytest.approx(np.column_stack([outputs.low, outputs.high]))  # every safe count is an angle
+
+
+def test_homing_ends_in_the_first_pose() -> None:
+    robot = load_robot("scorbot")
+    assert robot.first_pose == pytest.approx(robot.pose("home"))
+    assert load_robot("uzuner").first_pose == pytest.approx(load_robot("uzuner").pose("rest"))
+
+
+def test_axes_are_in_counts(tmp_path: Path) -> None:
+    settings = load_robot("scorbot").board_settings
+    assert [axis.entry.axis for axis in settings.axes] == [0, 1, 2, 3, 4, 5]
+    assert [axis.entry.home_order for axis in settings.axes] == [6, 2, 3, 4, 5, 1]  # the base goes last
+    assert settings.differential == (3, 4)
+    elbow, gripper = settings.axes[2], settings.axes[5]
+    assert elbow.home_toward == 1
+    assert elbow.home_speed == pytest.approx(10 * 113.5555)
+    assert elbow.following_error == pytest.approx(5 * 113.5555)
+    assert gripper.entry.home_by == "stall"
+    turned = scorbot(tmp_path, "axis = 2, counts_per_deg = 113.5555", "axis = 2, counts_per_deg = -113.5555")
+    assert turned.board_settings.axes[2].home_toward == -1  # the same angle, the other way in counts
+    assert turned.output_map.low[2] < turned.output_map.high[2]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ('kind = "encoder"', 'kind = "firmata"', r"differential|have servo entries"),
+        (
+            "encoder = { axis = 1, ",
+            "servo = { channel = 1, ",
+            r"its joints and its gripper have encoder entries, not servo entries",
+        ),
+        ("axis = 1, counts_per_deg = 113.5555", "axis = 1, counts_per_deg = 0", "counts_per_deg is 0"),
+        ("axis = 1,", "axis = 0,", r"two encoders are on the same channel: \[0, 0, 2, 3, 4, 5\]"),
+        ("axis = 1,", "axis = 6,", r"joints\[1\]\.encoder\.axis"),
+        ("home_deg = -60", "home_deg = -140", "home_deg = -140.0° is outside the limits -130.0° … 35.0°"),
+        (
+            '"wrist_pitch", "wrist_roll"',
+            '"wrist_pitch", "wrist_yaw"',
+            "'wrist_yaw' is no joint",
+        ),
+        ('"wrist_pitch", "wrist_roll"', '"wrist_pitch", "wrist_pitch"', "names one joint twice"),
+        ("closed_counts = 50", "closed_counts = 1650", "closed and open are both 1650; they must differ"),
+        (
+            "axis = 1,",
+            "axis = 1, max_drive_percent = 60,",
+            r"joints\.shoulder\.encoder\.breakaway_percent = 78 is above max_drive_percent = 60: the motor",
+        ),
+        (
+            "axis = 5,",
+            "axis = 5, max_drive_percent = 77.5,",
+            r"gripper\.encoder\.breakaway_percent = 78 is above max_drive_percent = 77.5",
+        ),
+        (
+            "axis = 1,",
+            "axis = 1, max_drive_percent = 0,",
+            r"joints\[1\]\.encoder\.max_drive_percent: must be more than 0 and at most 100",
+        ),
+        (
+            'home_toward = "+"',
+            'home_toward = "up"',
+            r"joints\[2\]\.encoder\.home_toward: must be one of '\+', '-', not 'up'",
+        ),
+        (
+            'home_by = "stall"',
+            'home_by = "touch"',
+            r"gripper\.encoder\.home_by: must be one of 'stall', 'switch', not 'touch'",
+        ),
+        (
+            'kind = "encoder"',
+            'kind = "arduino"',
+            r"board\.kind: must be one of 'encoder', 'firmata', 'maestro', not 'arduino'",
+        ),
+    ],
+)
+def test_what_is_wrong_with_an_encoder_is_named(tmp_path: Path, old: str, new: str, said: str) -> None:
+    with pytest.raises(RobotFileError, match=said):
+        scorbot(tmp_path, old, new)
+
+
+def test_a_motor_may_be_given_less_than_its_full_drive(tmp_path: Path) -> None:
+    robot = scorbot(tmp_path, "axis = 1,", "axis = 1, max_drive_percent = 90,")
+    drives = [axis.entry.max_drive_percent for axis in robot.board_settings.axes]
+    assert drives == [100, 90, 100, 100, 100, 100]
+
+
+@pytest.mark.parametrize(("axis", "joint"), [(0, r"joints\.waist"), (5, "gripper")])
+def test_an_encoder_that_is_missing_is_named(tmp_path: Path, axis: int, joint: str) -> None:
+    line = next(line for line in SCORBOT.splitlines() if line.startswith(f"encoder = {{ axis = {axis}"))
+    with pytest.raises(RobotFileError, match=rf"{joint}\.encoder is missing; the (other )?joints have one"):
+        scorbot(tmp_path, line, "")
+
+
+# An installed package brings its robot files with it.
+
+
+def test_the_wheel_takes_the_robots_along() -> None:
+    """Building one needs the network for its backend, so the backend's settings are read instead."""
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+    wheel = project["tool"]["hatch"]["build"]["targets"]["wheel"]
+    assert wheel["force-include"] == {"robots": "armctl/robots"}
+    assert {path.suffix for path in (ROOT / "robots").iterdir()} == {".toml"}
+    assert robots_folder() == ROOT / "robots"

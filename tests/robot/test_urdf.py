@@ -5,12 +5,11 @@ from __future__ import annotations
 import dataclasses
 import math
 import re
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.robot.urdf_kit import Step, product
+from tests.robot.urdf_kit import Step, product, turn
 from tests.robot.urdf_kit import written as kit_written
 
 from armctl import load_robot
@@ -61,15 +60,6 @@ def changed(old: str, new: str) -> str:
     return ARM.replace(old, new, 1)
 
 
-def turned(axis: FloatArray, angle: float) -> FloatArray:
-    """Rodrigues' formula as (4, 4)."""
-    x, y, z = axis / np.linalg.norm(axis)
-    K = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    T = np.eye(4)
-    T[:3, :3] += math.sin(angle) * K + (1 - math.cos(angle)) * K @ K
-    return T
-
-
 def pose(xyz: list[float], rpy: list[float]) -> FloatArray:
     T = np.eye(4)
     T[:3, :3] = rotation_from_rpy(*rpy)
@@ -79,9 +69,9 @@ def pose(xyz: list[float], rpy: list[float]) -> FloatArray:
 
 def arm_forward(q: FloatArray) -> FloatArray:
     """The product that the text of ``ARM`` says; 1.5708 is a quarter turn."""
-    T = pose([0, 0, 0.1], [0, 0, 0.3]) @ turned(np.array([0, 0, 1.0]), q[0])
-    T = T @ pose([0.1, 0.02, 0.4], [0.2, -0.5, math.pi / 2]) @ turned(np.array([0, 1.0, 0]), q[1])
-    T = T @ pose([0.3, 0, 0], [0, 0, 0]) @ turned(np.array([1.0, 0, 0]), q[2])
+    T = pose([0, 0, 0.1], [0, 0, 0.3]) @ turn([0, 0, 1], q[0])
+    T = T @ pose([0.1, 0.02, 0.4], [0.2, -0.5, math.pi / 2]) @ turn([0, 1, 0], q[1])
+    T = T @ pose([0.3, 0, 0], [0, 0, 0]) @ turn([1, 0, 0], q[2])
     return T @ pose([0.1, 0, 0.05], [0, math.pi / 2, 0])
 
 
@@ -110,7 +100,7 @@ def test_what_the_masses_weigh(tmp_path: Path) -> None:
     assert [(body.joint, body.mass_kg) for body in robot.gravity.bodies] == [(0, 1.5), (2, 0.25)]
 
     def energy(q: FloatArray) -> float:
-        upper = pose([0, 0, 0.1], [0, 0, 0.3]) @ turned(np.array([0, 0, 1.0]), q[0])
+        upper = pose([0, 0, 0.1], [0, 0, 0.3]) @ turn([0, 0, 1], q[0])
         hand = arm_forward(q) @ np.linalg.inv(pose([0.1, 0, 0.05], [0, math.pi / 2, 0]))
         heights = (upper @ [0, 0, 0.2, 1])[2] * 1.5 + (hand @ [0.05, 0, 0, 1])[2] * 0.25
         return float(STANDARD_GRAVITY * heights)
@@ -149,7 +139,7 @@ def test_any_origins_and_axes_are_a_chain() -> None:
             T = np.eye(4)
             origins = [T]
             for (origin, axis), angle in zip(steps, q, strict=True):
-                T = T @ origin @ turned(axis, float(angle))
+                T = T @ origin @ turn(axis, float(angle))
                 origins.append(T)
             frames = chain.frames(q)
             assert np.abs(frames[:-1, :3, 3] - np.array(origins)[:, :3, 3]).max() < 1e-12
@@ -168,49 +158,30 @@ def test_the_body_goes_from_joint_to_joint(tmp_path: Path) -> None:
     assert [corner.part for corner in robot.corners][-1] == "the tool"
 
 
-@dataclass(frozen=True)
-class Part:
-    """One joint with the link that it carries, hung on ``parent``."""
-
-    parent: str
-    child: str
-    kind: str = "revolute"
-    mimics: str = ""
-
-    @property
-    def xml(self) -> str:
-        mimic = f'<mimic joint="{self.mimics}"/>' if self.mimics else ""
-        return (
-            f'<link name="{self.child}"/><joint name="j_{self.child}" type="{self.kind}">'
-            f'<parent link="{self.parent}"/><child link="{self.child}"/><origin xyz="0.1 0 0"/>'
-            f'<axis xyz="0 0 1"/><limit lower="-1" upper="1"/>{mimic}</joint>'
-        )
+def part(parent: str, child: str, kind: str = "revolute", mimics: str = "") -> Step:
+    return Step(f"j_{child}", kind, parent, child, "0.1 0 0", limits=(-1, 1), mimics=mimics)
 
 
-def robot_of(*parts: Part) -> str:
-    return f'<robot name="r"><link name="world"/>{"".join(part.xml for part in parts)}</robot>'
-
-
-ARM_PARTS = (Part("world", "a"), Part("a", "b"), Part("b", "c"))
+ARM_PARTS = (part("world", "a"), part("a", "b"), part("b", "c"))
 
 
 @pytest.mark.parametrize(
     ("parts", "tool"),
     [
         ((), "c"),
-        ((Part("c", "flange", "fixed"),), "flange"),
-        ((Part("c", "flange", "fixed"), Part("flange", "tip", "fixed")), "tip"),
-        ((Part("a", "camera", "fixed"), Part("c", "tip", "fixed")), "tip"),  # the camera is passed over
-        ((Part("c", "camera", "fixed"), Part("c", "arm_tool0", "fixed")), "arm_tool0"),
-        ((Part("c", "hand", "fixed"), Part("hand", "f1", "prismatic"),
-          Part("hand", "f2", "prismatic", "j_f1")), "hand"),
-        ((Part("c", "palm", "fixed"), Part("palm", "k1"), Part("palm", "k2", "revolute", "j_k1")), "palm"),
-        ((Part("c", "gripper_base", "fixed"), Part("gripper_base", "jaw")), "gripper_base"),
-        ((Part("c", "tool0", "fixed"), Part("c", "finger", "prismatic")), "tool0"),
+        ((part("c", "flange", "fixed"),), "flange"),
+        ((part("c", "flange", "fixed"), part("flange", "tip", "fixed")), "tip"),
+        ((part("a", "camera", "fixed"), part("c", "tip", "fixed")), "tip"),  # the camera is passed over
+        ((part("c", "camera", "fixed"), part("c", "arm_tool0", "fixed")), "arm_tool0"),
+        ((part("c", "hand", "fixed"), part("hand", "f1", "prismatic"),
+          part("hand", "f2", "prismatic", "j_f1")), "hand"),
+        ((part("c", "palm", "fixed"), part("palm", "k1"), part("palm", "k2", "revolute", "j_k1")), "palm"),
+        ((part("c", "gripper_base", "fixed"), part("gripper_base", "jaw")), "gripper_base"),
+        ((part("c", "tool0", "fixed"), part("c", "finger", "prismatic")), "tool0"),
     ],
 )  # fmt: skip
-def test_the_arm_ends_at_the_tool(tmp_path: Path, parts: tuple[Part, ...], tool: str) -> None:
-    robot = load_robot(written(tmp_path, robot_of(*ARM_PARTS, *parts)))
+def test_the_arm_ends_at_the_tool(tmp_path: Path, parts: tuple[Step, ...], tool: str) -> None:
+    robot = load_robot(kit_written(tmp_path / "arm.urdf", (*ARM_PARTS, *parts)))
     assert robot.joint_names == ("j_a", "j_b", "j_c")
     assert robot.source.endswith(f"to {tool}")
 
@@ -219,20 +190,20 @@ def test_the_arm_ends_at_the_tool(tmp_path: Path, parts: tuple[Part, ...], tool:
     ("parts", "says"),
     [
         (
-            (Part("c", "x", "fixed"), Part("c", "y", "fixed")),
+            (part("c", "x", "fixed"), part("c", "y", "fixed")),
             "several links could be the tool: x, y; name one: arm.urdf#x",
         ),
-        ((Part("world", "left"), Part("left", "hand")), "several links could be the tool: c, hand"),
-        ((Part("c", "l_tcp", "fixed"), Part("b", "r_tcp", "fixed")), "could be the tool: l_tcp, r_tcp"),
-        ((Part("c", "quill", "prismatic"),), 'name="j_quill">: type="prismatic": the chain of an arm holds'),
-        ((Part("c", "d", "floating"), Part("d", "tool0", "fixed")), 'name="j_d">: type="floating"'),
-        ((Part("c", "d", "planar"), Part("d", "tool0", "fixed")), 'name="j_d">: type="planar"'),
-        ((Part("c", "d", "revolute", "j_b"), Part("d", "tool0", "fixed")), 'j_d">: follows the joint "j_b"'),
-        ((Part("world", "tool0", "fixed"),), "no joint turns between world and tool0"),
+        ((part("world", "left"), part("left", "hand")), "several links could be the tool: c, hand"),
+        ((part("c", "l_tcp", "fixed"), part("b", "r_tcp", "fixed")), "could be the tool: l_tcp, r_tcp"),
+        ((part("c", "quill", "prismatic"),), 'name="j_quill">: type="prismatic": the chain of an arm holds'),
+        ((part("c", "d", "floating"), part("d", "tool0", "fixed")), 'name="j_d">: type="floating"'),
+        ((part("c", "d", "planar"), part("d", "tool0", "fixed")), 'name="j_d">: type="planar"'),
+        ((part("c", "d", "revolute", "j_b"), part("d", "tool0", "fixed")), 'j_d">: follows the joint "j_b"'),
+        ((part("world", "tool0", "fixed"),), "no joint turns between world and tool0"),
     ],
 )
-def test_where_no_chain_is_clear(tmp_path: Path, parts: tuple[Part, ...], says: str) -> None:
-    path = written(tmp_path, robot_of(*ARM_PARTS, *parts))
+def test_where_no_chain_is_clear(tmp_path: Path, parts: tuple[Step, ...], says: str) -> None:
+    path = kit_written(tmp_path / "arm.urdf", (*ARM_PARTS, *parts))
     with pytest.raises(RobotFileError, match=re.escape(says)) as refused:
         load_robot(path)
     assert str(path) in str(refused.value)
@@ -298,17 +269,14 @@ def test_what_is_wrong_is_named(tmp_path: Path, text: str | bytes, says: str) ->
 
 
 def test_a_loop_without_a_root(tmp_path: Path) -> None:
-    text = robot_of(*ARM_PARTS).replace('<parent link="world"/>', '<parent link="c"/>')
+    loop = (part("c", "a"), *ARM_PARTS[1:])
     with pytest.raises(RobotFileError, match="form a loop; a robot has one root link"):
-        load_robot(written(tmp_path, text.replace('<link name="world"/>', "")))
+        load_robot(kit_written(tmp_path / "arm.urdf", loop))
 
 
-def test_files_that_are_none(tmp_path: Path) -> None:
+def test_a_file_that_cannot_be_read(tmp_path: Path) -> None:
     with pytest.raises(RobotFileError, match="cannot be read: No such file"):
         load_robot(tmp_path / "none.urdf")
-    (tmp_path / "folder.urdf").mkdir()
-    with pytest.raises(RobotFileError, match="cannot be read"):
-        load_robot(str(tmp_path / "folder.urdf"))
 
 
 def test_names_that_robots_cannot_have(tmp_path: Path) -> None:
