@@ -9,20 +9,36 @@ import serial
 from tests.cli.simulating import simulated
 
 from armctl.cli.main import DONE, REFUSED, run
+from armctl.hardware.encoder.driver import EncoderDriver
+from armctl.hardware.transport import Connection
+from armctl.robot import load_robot
+from armctl.runtime import MonotonicClock, channel_settings
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "pick_and_place.toml"
 
 
-def test_any_client_can_talk_to_the_simulated_maestro(tmp_path: Path) -> None:
-    link = tmp_path / "maestro"
-    with simulated("maestro", "--link", str(link)) as said:
+@pytest.mark.parametrize(
+    ("board", "sent", "answer"),
+    [
+        # 1500 µs on channel 2, and read it; the error register
+        ("maestro", b"\x84\x02\x70\x2e\x90\x02\xa1", b"\x70\x17\0\0"),
+        ("encoder", b"2 EN 1*5689\n", b"2 ok*055E\n"),
+        (
+            "firmata",
+            bytes.fromhex("f0 70 16 20 04 60 12 f7 f0 6f 16 5c 0b f7 f0 6d 16 f7"),
+            bytes.fromhex("f0 6e 16 04 5c 0b f7"),
+        ),
+    ],
+)
+def test_any_client_can_talk_to_a_simulated_board(
+    tmp_path: Path, board: str, sent: bytes, answer: bytes
+) -> None:
+    link = tmp_path / board
+    with simulated(board, "--link", str(link)) as said:
         assert str(link) in said
-        with serial.Serial(str(link), timeout=2) as port:
-            port.write(bytes([0x84, 2, 0x70, 0x2E]))  # 1500 µs on channel 2
-            port.write(bytes([0x90, 2]))
-            assert port.read(2) == bytes([0x70, 0x17])
-            port.write(bytes([0xA1]))
-            assert port.read(2) == b"\0\0"
+        with serial.Serial(str(link), 57600, timeout=10) as port:
+            port.write(sent)
+            assert port.read_until(answer).endswith(answer)
     assert not link.is_symlink()
 
 
@@ -70,3 +86,34 @@ def test_run_says_what_is_wrong_with_the_port(capsys: pytest.CaptureFixture[str]
     assert run(["run", str(EXAMPLE), "--port", "/dev/there_is_none"]) == REFUSED
     error = capsys.readouterr().err
     assert "/dev/there_is_none" in error and error.count("\n") == 1
+
+
+def test_the_driver_opens_a_simulated_encoder_board(tmp_path: Path) -> None:
+    link = tmp_path / "encoder"
+    robot = load_robot("scorbot")
+    with simulated("encoder", "--link", str(link)):
+        driver = EncoderDriver(
+            Connection(str(link), MonotonicClock().now, ports=list), robot.board_settings, timeout_s=10.0
+        )
+        assert driver.open().kind == "armctl encoder board, firmware 1.1.0"
+        driver.configure(channel_settings(robot))
+        driver.home()
+        readback = driver.read()
+        assert readback.homing is not None and readback.homing.running == 5, "the gripper is the first"
+        driver.release()
+        driver.close()
+
+
+@pytest.mark.parametrize(
+    ("kind", "robot", "says"),
+    [
+        ("encoder", "uzuner", "uzuner is set up for Pololu Maestro, whose outputs are in µs"),
+        ("maestro", "scorbot", "outputs are in counts; use `armctl simulate encoder`"),
+    ],
+)
+def test_a_robot_of_another_board_is_refused(
+    capsys: pytest.CaptureFixture[str], kind: str, robot: str, says: str
+) -> None:
+    """Counts are no pulse widths."""
+    assert run(["simulate", kind, "--robot", robot]) == REFUSED
+    assert says in capsys.readouterr().err
