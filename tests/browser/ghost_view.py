@@ -8,18 +8,10 @@ from tests.browser.kit import Screen
 
 from armctl.robot import Robot
 
-_TIP = """name => {
-  let node = window.__viserMutable.nodeRefFromName[name];
-  if (!node) return null;
-  const position = node.position.toArray();
-  for (let at = node; at; at = at.parent) if (!at.visible) return null;
-  return position;
-}"""
-
 
 def ghost_tip_mm(screen: Screen, robot: Robot) -> NDArray[np.float64] | None:
     """Where the ghost's tool is drawn (3,) [mm]; None: no ghost is shown."""
-    tip = screen.page.evaluate(_TIP, f"/ghost/f{len(robot.chain.rows)}")
+    tip = screen.node(f"/ghost/f{len(robot.chain.rows)}")
     return None if tip is None else 1000 * np.array(tip)
 
 

@@ -30,6 +30,13 @@ _WAS_CLICKED = """(element) =>
   !element.isConnected || window.armctlClicked.some((clicked) => element.contains(clicked))
 """
 
+_NODE = """name => {
+  const node = window.__viserMutable.nodeRefFromName[name];
+  if (!node) return null;
+  for (let at = node; at; at = at.parent) if (!at.visible) return null;
+  return node.position.toArray();
+}"""
+
 _ARGUMENTS = (
     "--no-sandbox",
     "--disable-gpu",
@@ -55,17 +62,14 @@ def launch(playwright: Playwright) -> Browser:
 
 @dataclass
 class Screen:
-    """One browser page, looked at as the operator does.
-
-    Attributes:
-        page: playwright's page, for what is not covered here.
-        drawn: whether the scene's pixels are drawn all the time, or for screenshots only.
-        errors: console errors and uncaught exceptions so far; Content-Security-Policy violations are there.
-    """
+    """One browser page, looked at as the operator does."""
 
     page: Page
+    """playwright's page, for what is not covered here"""
     drawn: bool = False
+    """whether the scene's pixels are drawn all the time, or for screenshots only"""
     errors: list[str] = field(default_factory=list[str])
+    """console errors and uncaught exceptions so far; Content-Security-Policy violations are there"""
 
     def __post_init__(self) -> None:
         def note(message: ConsoleMessage) -> None:
@@ -80,12 +84,7 @@ class Screen:
             self.page.add_init_script(DRAW_ON_DEMAND)
 
     def open(self, url: str, *, until: str | None = None) -> None:
-        """Open a page and wait until it shows the server's controls.
-
-        Args:
-            url: address of the page.
-            until: label of a button to wait for; any control of the server will do without it.
-        """
+        """Open a page and wait until it shows the button ``until``, or any control of the server."""
         self.page.goto(url)
         self.page.wait_for_selector("[data-dock-group]", state="attached")
         expect(self.page.get_by_text("Connecting...", exact=True)).to_have_count(0, timeout=PATIENCE_MS)
@@ -161,10 +160,23 @@ class Screen:
         self.press(self.button(label, within=within))
         self.pause()
 
-    def open_tab(self, label: str) -> None:
-        self.press(self.tab(label))
-        expect(self.tab(label)).to_have_attribute("aria-selected", "true", timeout=PATIENCE_MS)
-        self.pause()
+    def open_tab(self, *labels: str) -> None:
+        """Open a tab, a tab in it, and so on."""
+        for label in labels:
+            self.press(self.tab(label))
+            expect(self.tab(label)).to_have_attribute("aria-selected", "true", timeout=PATIENCE_MS)
+            self.pause()
+
+    def unfold(self, folder: str, button: str) -> None:
+        """Open a folder, and wait until its ``button`` has come to rest."""
+        self.press(self.page.get_by_text(folder, exact=True))
+        lies_at: list[object] = []
+
+        def rests() -> bool:
+            lies_at.append(self.button(button).bounding_box())
+            return len(lies_at) > 5 and all(box == lies_at[-1] for box in lies_at[-5:])
+
+        self.wait_until(rests, "the folder has unfolded")
 
     def type_into(
         self, label: str, text: str, index: int = 0, *, within: Locator | None = None, leave: bool = True
@@ -178,6 +190,11 @@ class Screen:
         self.pause()
         if leave:
             self.leave(label, index, within=within)
+
+    def type_xyz(self, *values: str) -> None:
+        """Type into the fields X mm, Y mm and Z mm."""
+        for axis, value in zip("XYZ", values, strict=True):
+            self.type_into(f"{axis} mm", value)
 
     def leave(self, label: str, index: int = 0, *, within: Locator | None = None) -> None:
         """Take the focus from a field: hot keys do not work while it has it."""
@@ -263,6 +280,17 @@ class Screen:
     def wait_for_notification(self, text: str | re.Pattern[str]) -> None:
         self.page.locator(".mantine-Notification-root").filter(has_text=text).first.wait_for()
 
+    def download(self, button: str) -> Path:
+        """The file that a button offers, under the name that it suggests."""
+        with self.page.expect_download() as download:
+            self.click(button)
+        path = Path(download.value.path())
+        return path.rename(path.with_name(download.value.suggested_filename))
+
+    def node(self, name: str) -> list[float] | None:
+        """Where a node of the scene stands in its parent [m]; None: there is none, or it is hidden."""
+        return self.page.evaluate(_NODE, name)
+
     def dismiss_graphics_warning(self) -> None:
         """Close the notification that a browser without graphics card shows, it hides the scene's corner."""
         warning = self.page.locator("#webgl-software-rendering")
@@ -295,14 +323,7 @@ class Screens:
     def __call__(
         self, url: str | None = None, *, width: int = 1280, height: int = 800, drawn: bool = False
     ) -> Screen:
-        """Open an empty browser window.
-
-        Args:
-            url: what to open in it, or None for an empty page.
-            width: inner width of the window [px].
-            height: inner height of the window [px].
-            drawn: whether the scene's pixels are drawn all the time, or for screenshots only.
-        """
+        """Open a browser window of an inner size [px], and ``url`` in it, if given."""
         screen = next((screen for screen in self.spare if screen.drawn == drawn), None)
         if screen is None:
             screen = Screen(self.browser.new_page(), drawn)

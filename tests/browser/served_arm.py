@@ -8,14 +8,19 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
+from tests.browser.kit import Screen
 
 from armctl.arm import Arm
 from armctl.calibration import CalibrationStore
 from armctl.program import MoveStep, Program, Step
 from armctl.robot import Robot, load_robot, shipped_robots
-from armctl.runtime import Enable, Origin, Snapshot
+from armctl.runtime import Enable, Origin, Snapshot, State
 from armctl.ui import App, CalibrationInForce, Console, PortChoice, RobotChoice, RobotSwitch
 from armctl.ui.tabs.manual.shared_program import SharedProgram
+
+HOME = [0.0, 90.0, -80.0, -40.0, 0.0]
+"""the joint angles [degrees] at which a served Uzuner arm begins"""
 
 
 @dataclass(frozen=True)
@@ -44,6 +49,23 @@ class ServedArm:
     @property
     def commanded_deg(self) -> list[float]:
         return np.degrees(self.now.q_command).round(2).tolist()
+
+    @property
+    def tool_mm(self) -> NDArray[np.float64]:
+        """Where the tool is commanded to be (3,) [mm]."""
+        return 1000 * self.robot.forward(self.now.q_command)[:3, 3]
+
+    def wait_for(self, screen: Screen, state: State) -> None:
+        screen.wait_until(lambda: self.now.state is state, f"the arm is {state.value}")
+
+    def wait_for_deg(self, screen: Screen, degrees: list[float], within: float = 0.005) -> None:
+        """Wait until the arm holds at joint angles [degrees]."""
+
+        def there() -> bool:
+            off = np.abs(np.degrees(self.now.q_command) - degrees).max()
+            return self.now.state is State.HOLDING and bool(off <= within)
+
+        screen.wait_until(there, f"the arm stands at {np.round(degrees, 2).tolist()}")
 
     @property
     def steps(self) -> tuple[Step, ...]:

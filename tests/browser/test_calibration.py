@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator
-from pathlib import Path
 
 import numpy as np
 import pytest
 from tests.browser.kit import Screen, Screens
-from tests.browser.served_arm import ServedArm, served_arm
+from tests.browser.served_arm import ServedArm
 
 from armctl.calibration import ToolError
 from armctl.robot import OutputMap, load_robot
@@ -31,12 +29,6 @@ TOUCHES = (
     (-60, 110, -75, -20, 0),
     (20, 80, -30, -80, 0),
 )
-
-
-@pytest.fixture
-def served(tmp_path: Path) -> Iterator[ServedArm]:
-    with served_arm(tmp_path) as served:
-        yield served
 
 
 @pytest.fixture
@@ -64,7 +56,7 @@ def step(page: Screen, served: ServedArm, label: str) -> None:
     page.click(label)
     page.wait_until(lambda: abs(served.commanded_deg[0] - before - float(label.replace("−", "-"))) < 0.02,
                     f"the base has turned by {label}")  # fmt: skip
-    page.wait_until(lambda: served.now.state is State.HOLDING, "the arm stands")
+    served.wait_for(page, State.HOLDING)
 
 
 def add_mark(page: Screen, degrees: float) -> None:
@@ -101,7 +93,7 @@ def test_a_servo_mounted_otherwise_is_measured_saved_tried_and_taken_back(
     page.screenshot("calibration_save")
     page.click("Save calibration")
     page.wait_for_notification(re.compile(r"\.toml\. The arm is opened anew"))
-    page.wait_until(lambda: served.now.state is State.OFF, "the arm is opened anew, and connected")
+    served.wait_for(page, State.OFF)
     outputs = map_of(served)
     assert math.radians(outputs.per_rad[0]) == pytest.approx(TRUE_US_PER_DEG, abs=0.1)
     assert outputs.zero[0] == pytest.approx(TRUE_ZERO_US, abs=4)
@@ -112,7 +104,7 @@ def test_a_servo_mounted_otherwise_is_measured_saved_tried_and_taken_back(
     assert page.tab("Calibration").get_attribute("aria-selected") == "true"  # nobody is led away
     page.open_tab("Main")
     page.click("Enable")
-    page.wait_until(lambda: served.now.state is State.HOLDING, "it is enabled")
+    served.wait_for(page, State.HOLDING)
     page.open_tab("Calibration")
     page.wait_for_text(re.compile("In force: calibration of .* “horn turned”"))
     page.open_tab("Save & test")
@@ -120,11 +112,11 @@ def test_a_servo_mounted_otherwise_is_measured_saved_tried_and_taken_back(
     page.click("Go to test pose")
     page.wait_until(lambda: served.commanded_deg == [0, 90, 0, 0, 0], "it is in the test pose")
     assert true_base_deg(served) == pytest.approx(0, abs=0.5)
-    page.wait_until(lambda: served.now.state is State.HOLDING, "the arm stands")
+    served.wait_for(page, State.HOLDING)
     page.screenshot("calibration_in_force")
 
     page.click("Revert")
-    page.wait_until(lambda: served.now.state is State.OFF, "the arm is opened anew")
+    served.wait_for(page, State.OFF)
     assert map_of(served).per_rad.tolist() == file_map.per_rad.tolist()
     page.wait_for_text("In force: the robot file")
     assert page.errors == []
@@ -151,7 +143,7 @@ def test_a_page_that_watches_reads_the_marks_and_changes_none(
     assert served.commanded_deg[0] == 0
     assert served.console.shared(SharedCalibration).versions() == ()
     page.hold("Jog +", 500)
-    page.wait_until(lambda: served.now.state is State.HOLDING, "letting go stops the joint")
+    served.wait_for(page, State.HOLDING)
     assert 0 < served.commanded_deg[0] < 9
     page.type_into("Angle read °", "1,5")
     page.click("Add mark")
@@ -170,8 +162,7 @@ def test_touched_points_name_the_joint_that_is_off(page: Screen, served: ServedA
     for joints in TOUCHES:
         served.arm.go_joints(joints)
         really = np.radians(np.add(joints, (0, 0, OFF_DEG, 0, 0)))
-        for axis, value in zip("XYZ", 1000 * served.robot.forward(really)[:3, 3], strict=True):
-            page.type_into(f"{axis} mm", f"{value:.2f}")
+        page.type_xyz(*(f"{1000 * value:.2f}" for value in served.robot.forward(really)[:3, 3]))
         page.click("Add point")
     page.wait_for_text("Suggested values")
     page.wait_for_text(re.compile(r"Most to blame: .*Elbow.*"))
@@ -179,6 +170,4 @@ def test_touched_points_name_the_joint_that_is_off(page: Screen, served: ServedA
     told = served.console.shared(SharedCalibration).points.result
     assert isinstance(told, ToolError)
     assert told.rms_after_m < 0.0002 < told.rms_m
-    with page.page.expect_download() as download:
-        page.click("Download the suggestion")
-    assert "joints.elbow.servo" in download.value.path().read_text()
+    assert "joints.elbow.servo" in page.download("Download the suggestion").read_text()

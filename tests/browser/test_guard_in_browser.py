@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 from tests.browser.guard_console import Console
-from tests.browser.kit import PATIENCE_MS, Screen, Screens
+from tests.browser.kit import Screen, Screens
 
 pytestmark = pytest.mark.browser
 
@@ -46,18 +46,7 @@ def elsewhere() -> Iterator[str]:
         thread.join()
 
 
-def test_the_page_works_without_a_single_error(console: Console, screen: Screen) -> None:
-    screen.open(console.url, until="STOP")
-    screen.click("STOP")
-    assert console.next_event()[0] == "STOP"
-    assert screen.text("#state") == "state: holding"
-    screen.wait_for_text("Reached exactly.")
-    screen.screenshot("guard")
-    assert screen.errors == []
-    assert console.server.refusals == {}
-
-
-def test_an_async_callback_runs_on_the_event_loop_and_can_answer(console: Console, screen: Screen) -> None:
+def test_a_click_arrives_on_the_event_loop_which_can_answer(console: Console, screen: Screen) -> None:
     screen.open(console.url, until="STOP")
     screen.click("STOP", within=screen.panel("Control"))
     label, client_id = console.next_event()
@@ -66,6 +55,15 @@ def test_an_async_callback_runs_on_the_event_loop_and_can_answer(console: Consol
     assert not next(iter(console.loop_threads)).startswith("ThreadPoolExecutor")
     screen.wait_for_notification("The arm holds its position.")
     assert screen.notifications() == ["Stopped\nThe arm holds its position."]
+    assert screen.text("#state") == "state: holding"
+    screen.wait_for_text("Reached exactly.")
+    assert not screen.is_enabled("Release")
+    assert screen.number("X [mm]") == 1.5
+    screen.open_tab("Manual")
+    assert screen.number("X [mm]") == 2.5  # the field of the tab that is open
+    screen.screenshot("guard")
+    assert screen.errors == []
+    assert console.server.refusals == {}
 
 
 def test_every_kind_of_field_can_be_used(console: Console, screen: Screen, tmp_path: Path) -> None:
@@ -101,15 +99,6 @@ def test_every_kind_of_field_can_be_used(console: Console, screen: Screen, tmp_p
     assert screen.errors == []
 
 
-def test_a_field_is_the_one_of_the_tab_that_is_open(console: Console, screen: Screen) -> None:
-    screen.open(console.url, until="STOP")
-    assert screen.number("X [mm]") == 1.5
-    screen.open_tab("Manual")
-    assert screen.number("X [mm]") == 2.5
-    screen.open_tab("Main")
-    assert screen.number("X [mm]") == 1.5
-
-
 def test_a_number_beyond_its_limits_arrives_and_one_beyond_a_slider_does_not(
     console: Console, screen: Screen
 ) -> None:
@@ -124,20 +113,6 @@ def test_a_number_beyond_its_limits_arrives_and_one_beyond_a_slider_does_not(
     assert console.server.refusals == {"a value that the control cannot take": 1}
     screen.leave("joint 1")
     assert console.last_event(screen) == ("joint 1", 90.0)
-
-
-def test_a_disabled_button_is_shown_as_such(console: Console, screen: Screen) -> None:
-    screen.open(console.url, until="STOP")
-    assert not screen.is_enabled("Release")
-    assert screen.is_enabled("STOP")
-
-
-def test_two_pages_have_controls_of_their_own(console: Console, screens: Screens) -> None:
-    first, second = screens(console.url), screens(console.url, width=1920, height=1080)
-    first.type_into("X [mm]", "12")
-    assert console.last_event(first) == ("X [mm]", 12.0)
-    assert (first.number("X [mm]"), second.number("X [mm]")) == (12.0, 1.5)
-    second.screenshot("guard-1920")
 
 
 def test_the_address_cannot_name_another_server(console: Console, screen: Screen) -> None:
@@ -222,14 +197,6 @@ def test_the_token_opens_the_page_and_leaves_the_address(screen: Screen) -> None
         screen.button("STOP").wait_for()
     finally:
         console.server.stop()
-
-
-def test_a_closed_page_is_noticed_at_once(console: Console, screen: Screen) -> None:
-    gone = threading.Event()
-    console.server.on_client_disconnect(lambda client: gone.set())
-    screen.open(console.url, until="STOP")
-    screen.page.close()
-    assert gone.wait(PATIENCE_MS / 1000)
 
 
 def test_the_page_comes_back_after_a_lost_connection(console: Console, screen: Screen) -> None:

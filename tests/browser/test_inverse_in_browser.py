@@ -3,76 +3,63 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
 from tests.browser.ghost_view import wait_for_ghost, wait_for_no_ghost
 from tests.browser.kit import Screen
-from tests.browser.served_arm import ServedArm, served_arm
+from tests.browser.served_arm import HOME, ServedArm, served_arm
 
 from armctl.kinematics import Target
-from armctl.runtime import State
 from armctl.ui.tabs.inverse.answer import solve
 
 pytestmark = pytest.mark.browser
-_TARGET = "() => window.__viserMutable.nodeRefFromName['/inverse_target'].position.toArray()"
+TAB = "Inverse"
 _INKS = """canvas => {
   const ink = canvas.getContext('2d').getImageData(0, 0, canvas.width, canvas.height).data;
   const seen = new Set();
   for (let i = 0; i < ink.length; i += 4) if (ink[i + 3] > 200) seen.add(ink.slice(i, i + 3).join());
   return [...seen];
 }"""
-HOME = [0.0, 90.0, -80.0, -40.0, 0.0]
 LEAST, SELECTED = "Go by least energy", "Go by the selected one"
+POINT = [0.22, -0.196, 0.085]
 
 
 @pytest.fixture
-def served(tmp_path: Path) -> Iterator[ServedArm]:
-    with served_arm(tmp_path / "programs") as served:
-        yield served
-
-
-@pytest.fixture
-def page(screen: Screen, served: ServedArm) -> Screen:
-    screen.open(served.url, until="STOP")
-    screen.open_tab("Inverse")
-    return screen
-
-
-def type_point(page: Screen, x: str, y: str, z: str) -> None:
-    for label, value in (("X mm", x), ("Y mm", y), ("Z mm", z)):
-        page.type_into(label, value)
+def solved(page: Screen) -> Screen:
+    page.type_xyz("220", "-196", "85")
+    page.click("Solve")
+    page.wait_for_text("3520 solutions inside the limits")
+    return page
 
 
 def stands_at(page: Screen, served: ServedArm, q: np.ndarray) -> None:
-    page.wait_until(
-        lambda: served.now.state is State.HOLDING and float(np.abs(served.now.q_command - q).max()) < 1e-9,
-        f"the arm stands at {np.degrees(q).round(2).tolist()}",
-    )
+    served.wait_for_deg(page, np.degrees(q).tolist(), within=1e-7)
 
 
-def test_solve_page_select_and_go(page: Screen, served: ServedArm) -> None:
-    robot = served.robot
-    type_point(page, "220", "-196", "85")
-    page.click("Solve")
-    page.wait_for_text("3520 solutions inside the limits")
+def test_solve_page_select_and_go(solved: Screen, served: ServedArm) -> None:
+    robot, page = served.robot, solved
     page.wait_for_text("front elbow-up: 1760; front elbow-down: 1760")
-    found = solve(robot, Target.of([0.22, -0.196, 0.085]), "least-rotation", robot.pose("home"))
+    found = solve(robot, Target.of(POINT), "least-rotation", robot.pose("home"))
     assert found.best is not None
     wait_for_ghost(page, robot, found.best)
     page.screenshot("inverse-solved")
     page.wait_for_text(re.compile("page 1 of 235"))
-    page.click("Next")
-    page.wait_for_text(re.compile("page 2 of 235"))
-    page.click("Last")
-    page.wait_for_text(re.compile("page 235 of 235"))
-    page.click("Next")
-    page.wait_for_text(re.compile("page 235 of 235"))
-    page.click("First")
-    page.wait_for_text(re.compile("page 1 of 235"))
-    page.type_into("Row", "3001")
+    for button, shown in (("Next", 2), ("Last", 235), ("Next", 235), ("First", 1)):
+        page.click(button)
+        page.wait_for_text(re.compile(f"page {shown} of 235"))
+
+    def wrist_is_drawn(row: int) -> bool:
+        """Solutions of one point share the tool point, so the ghost's wrist is looked at."""
+        shown = page.node("/ghost/f6")
+        wrist = robot.frames(found.q(row))[6, :3, 3]
+        return shown is not None and float(np.abs(np.array(shown) - wrist).max()) < 1e-5
+
+    for row in (3520, 700, 3001):
+        page.type_into("Row", str(row))
+        page.wait_until(partial(wrist_is_drawn, row), f"the ghost shows row {row}")
     page.wait_for_text("selected row 3001: will go to θ = (")
     page.wait_for_text(re.compile("page 201 of 235"))
     assert served.commanded_deg == HOME  # nothing has moved the arm so far
@@ -82,35 +69,14 @@ def test_solve_page_select_and_go(page: Screen, served: ServedArm) -> None:
     assert page.errors == []
 
 
-def test_the_ghost_takes_the_selected_configuration(page: Screen, served: ServedArm) -> None:
-    """Solutions of one point share the tool point, so the ghost's wrist is looked at."""
-    robot = served.robot
-    type_point(page, "220", "-196", "85")
-    page.click("Solve")
-    page.wait_for_text("3520 solutions inside the limits")
-    found = solve(robot, Target.of([0.22, -0.196, 0.085]), "least-rotation", robot.pose("home"))
-    for row in (3520, 700):
-        page.type_into("Row", str(row))
-        wrist = robot.frames(found.q(row))[6, :3, 3]
-
-        def drawn(wrist: np.ndarray = wrist) -> bool:
-            name = "/ghost/f6"
-            shown = page.page.evaluate(
-                "name => window.__viserMutable.nodeRefFromName[name].position.toArray()", name
-            )
-            return float(np.abs(np.array(shown) - wrist).max()) < 1e-5
-
-        page.wait_until(drawn, f"the ghost shows row {row}")
-
-
 def test_least_energy_by_another_criterion(page: Screen, served: ServedArm) -> None:
-    type_point(page, "220", "-196", "85")
+    page.type_xyz("220", "-196", "85")
     page.choose("Least energy is", "published")
     page.wait_for_text(re.compile("the tables of the paper"))
     page.click("Solve")
     page.wait_for_text(re.compile("−42.402, 14.400, −45.909, −1.305"))
     page.click(LEAST)
-    stands_at(page, served, served.robot.inverse([0.22, -0.196, 0.085]).best("published"))
+    stands_at(page, served, served.robot.inverse(POINT).best("published"))
     wait_for_no_ghost(page, served.robot)
 
 
@@ -119,7 +85,7 @@ def test_pitch_and_roll_are_used_where_they_are_ticked(page: Screen, served: Ser
     pitch, _ = robot.inverse_kinematics.pitch_and_roll(robot.pose("rest"))
     assert pitch is not None
     x, y, z = (1000 * robot.forward(robot.pose("rest"))[:3, 3]).tolist()
-    type_point(page, f"{x:.6f}", f"{y:.6f}", f"{z:.6f}")
+    page.type_xyz(f"{x:.6f}", f"{y:.6f}", f"{z:.6f}")
     page.tick("Use pitch")
     page.tick("Use roll")
     page.type_into("Pitch °", f"{np.degrees(pitch):.6f}")
@@ -127,16 +93,14 @@ def test_pitch_and_roll_are_used_where_they_are_ticked(page: Screen, served: Ser
     page.click("Solve")
     page.wait_for_text("1 solution inside the limits")
     page.click(LEAST)
-    page.wait_until(
-        lambda: served.commanded_deg == [0.0, 110.0, -80.0, -70.0, 12.0], "the arm has taken pitch and roll"
-    )
+    served.wait_for_deg(page, [0.0, 110.0, -80.0, -70.0, 12.0])
     page.open_tab("Energy curve")
     page.wait_for_text(re.compile("No joint is free here"))
 
 
 def test_an_unreachable_point_says_why_and_offers_the_nearest(page: Screen, served: ServedArm) -> None:
     robot = served.robot
-    type_point(page, "300", "0", "600")
+    page.type_xyz("300", "0", "600")
     page.click("Solve")
     page.wait_for_text("No solution")
     page.wait_for_text(re.compile(r"Too far by 200\.\d mm.*nearest reachable point is \("))
@@ -159,36 +123,19 @@ def test_an_unreachable_point_says_why_and_offers_the_nearest(page: Screen, serv
     )
 
 
-@pytest.mark.parametrize("typed", ["", "nan", "inf", "abc", "1e300"])
-def test_what_is_no_number_never_moves_the_arm(page: Screen, served: ServedArm, typed: str) -> None:
-    type_point(page, "220", "-196", "85")
-    page.click("Solve")
-    page.wait_for_text("3520 solutions inside the limits")
-    page.entry("Y mm").fill(typed)
-    page.pause(300)
-    page.click(LEAST)
-    page.wait_for_notification(re.compile("Y mm"))
-    page.click(SELECTED)
-    page.wait_for_notification(re.compile("fields have changed"))
-    assert served.commanded_deg == HOME
-
-
-@pytest.mark.parametrize("row", ["0", "-4", "3521", "99999999"])
-def test_a_row_that_is_not_listed_moves_nothing(page: Screen, served: ServedArm, row: str) -> None:
-    type_point(page, "220", "-196", "85")
-    page.click("Solve")
-    page.wait_for_text("3520 solutions inside the limits")
-    page.type_into("Row", row)
-    page.wait_for_text(re.compile("No row is selected"))
-    page.click(SELECTED)
-    page.wait_for_notification(re.compile("no row is selected"))
-    assert served.commanded_deg == HOME
-
-
-def test_a_list_of_other_fields_is_not_used(page: Screen, served: ServedArm) -> None:
-    type_point(page, "220", "-196", "85")
-    page.click("Solve")
-    page.wait_for_text("3520 solutions inside the limits")
+def test_what_is_not_solved_or_not_listed_moves_nothing(solved: Screen, served: ServedArm) -> None:
+    page = solved
+    for row in ("0", "-4", "3521", "99999999"):
+        page.type_into("Row", row)
+        page.wait_for_text(re.compile("No row is selected"))
+        page.click(SELECTED)
+        page.wait_for_notification(re.compile("no row is selected"))
+    for typed in ("", "nan", "inf", "abc", "1e300"):
+        page.entry("Y mm").fill(typed)
+        page.pause(300)
+        page.click(LEAST)
+        page.wait_for_notification(re.compile("Y mm"))
+    page.type_into("Y mm", "-196")
     page.type_into("X mm", "200")
     page.wait_for_text("The fields have changed since: press Solve.")
     page.wait_for_text("This button solves the changed fields first, then goes at once.")
@@ -200,10 +147,8 @@ def test_a_list_of_other_fields_is_not_used(page: Screen, served: ServedArm) -> 
     stands_at(page, served, served.robot.inverse([0.2, -0.196, 0.085]).best("least-rotation"))
 
 
-def test_the_energy_curve_is_drawn(page: Screen, served: ServedArm) -> None:
-    type_point(page, "220", "-196", "85")
-    page.click("Solve")
-    page.wait_for_text("3520 solutions inside the limits")
+def test_the_energy_curve_is_drawn(solved: Screen) -> None:
+    page = solved
     page.open_tab("Energy curve")
     for criterion, title in (
         ("least-rotation", "Energy (°): least-rotation"),
@@ -224,9 +169,9 @@ def test_dragging_the_target_fills_the_fields_and_moves_no_arm(page: Screen, ser
     page.dismiss_graphics_warning()
     page.click("present position")
     page.tick("Show target")
-    type_point(page, "200", "0", "150")
+    page.type_xyz("200", "0", "150")
     page.wait_until(
-        lambda: page.page.evaluate(_TARGET) == pytest.approx([0.2, 0.0, 0.15]),
+        lambda: page.node("/inverse_target") == pytest.approx([0.2, 0.0, 0.15]),
         "the target has followed the fields",
     )
     page.pause(500)
@@ -267,26 +212,16 @@ def drag_upwards(page: Screen) -> None:
     page.pause()
 
 
-_BRANCH_TIPS = """count => {
-  const tips = [];
-  for (let i = 0; ; i++) {
-    const node = window.__viserMutable.nodeRefFromName[`/branches/${i}/f${count}`];
-    if (!node) return tips;
-    tips.push(node.position.toArray());
-  }
-}"""
-
-
-def branch_tips_mm(page: Screen, served: ServedArm) -> list[list[float]]:
-    """Where the tools of the branch ghosts are drawn [mm]."""
-    tips = page.page.evaluate(_BRANCH_TIPS, len(served.robot.chain.rows))
-    return [[1000 * value for value in tip] for tip in tips]
+def branch_tips_mm(page: Screen, served: ServedArm) -> np.ndarray:
+    """Where the tools of the branch ghosts are drawn (k, 3) [mm]."""
+    tips = (page.node(f"/branches/{i}/f{len(served.robot.chain.rows)}") for i in range(3))
+    return 1000 * np.array([tip for tip in tips if tip is not None])
 
 
 def two_ghosts_at(page: Screen, served: ServedArm, point_mm: list[float]) -> None:
     def there() -> bool:
         tips = branch_tips_mm(page, served)
-        return len(tips) == 2 and float(np.abs(np.array(tips) - point_mm).max()) < 1e-3
+        return len(tips) == 2 and float(np.abs(tips - point_mm).max()) < 1e-3
 
     page.wait_until(there, f"two branch ghosts reach {point_mm}")
 
@@ -294,10 +229,10 @@ def two_ghosts_at(page: Screen, served: ServedArm, point_mm: list[float]) -> Non
 def test_both_solutions_of_the_lab_sheet_side_by_side_and_why_one_is_refused(
     screen: Screen, tmp_path: Path
 ) -> None:
-    with served_arm(tmp_path / "programs", "mico") as served:
+    with served_arm(tmp_path, "mico") as served:
         screen.open(served.url, until="STOP")
         screen.open_tab("Inverse")
-        type_point(screen, "0", "0", "700")
+        screen.type_xyz("0", "0", "700")
         screen.click("Solve")
         screen.open_tab("Branches")
         screen.wait_for_text("−131.63")
@@ -308,14 +243,14 @@ def test_both_solutions_of_the_lab_sheet_side_by_side_and_why_one_is_refused(
         two_ghosts_at(screen, served, [0, 0, 700])
         screen.screenshot("inverse-branches-mico")
         wait_for_no_ghost(screen, served.robot)
-        type_point(screen, "300", "0", "100")
+        screen.type_xyz("300", "0", "100")
         screen.click("Solve")
         screen.wait_for_text("2 is refused: Shoulder needs 82.14°, its limits are −220.00° … 40.00°.")
         two_ghosts_at(screen, served, [300, 0, 100])
-        type_point(screen, "500", "0", "700")
+        screen.type_xyz("500", "0", "700")
         screen.click("Solve")
         screen.wait_for_text(re.compile("Too far by 82.6 mm"))
-        screen.wait_until(lambda: not branch_tips_mm(screen, served), "no branch ghost is left")
+        screen.wait_until(lambda: len(branch_tips_mm(screen, served)) == 0, "no branch ghost is left")
         screen.open_tab("List")
         screen.click(SELECTED)
         screen.wait_for_notification(re.compile("too far by 82.6 mm"))

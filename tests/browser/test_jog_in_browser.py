@@ -1,41 +1,19 @@
-"""Jogging the tool with held buttons, and joints and tool with the keyboard."""
+"""Jogging joints and tool with held buttons and with the keyboard, and the gripper."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from pathlib import Path
+import re
 
 import numpy as np
 import pytest
 from tests.browser.kit import Screen, Screens
-from tests.browser.served_arm import ServedArm, served_arm
+from tests.browser.served_arm import HOME, ServedArm
 
 from armctl.runtime import State
 
 pytestmark = pytest.mark.browser
-
-HOME = [0.0, 90.0, -80.0, -40.0, 0.0]
+TAB = "Manual"
 SWITCH_ON, SWITCH_OFF = "Keyboard jog is off: press to switch on", "Keyboard jog is ON: press to switch off"
-
-
-@pytest.fixture
-def served(tmp_path: Path) -> Iterator[ServedArm]:
-    with served_arm(tmp_path / "programs") as served:
-        yield served
-
-
-def opened(screen: Screen, tab: str) -> None:
-    screen.open_tab("Manual")
-    screen.open_tab("Jog & gripper")
-    screen.open_tab(tab)
-
-
-def tool_mm(served: ServedArm) -> np.ndarray:
-    return 1000 * served.robot.forward(served.now.q_command)[:3, 3]
-
-
-def stands(screen: Screen, served: ServedArm) -> None:
-    screen.wait_until(lambda: served.now.state is State.HOLDING, "the arm stands")
 
 
 def hold_key(screen: Screen, key: str, presses: int) -> None:
@@ -46,91 +24,96 @@ def hold_key(screen: Screen, key: str, presses: int) -> None:
     keyboard.up(key)
 
 
-def test_a_held_button_moves_the_tool_along_its_axis(screen: Screen, served: ServedArm) -> None:
-    screen.open(served.url, until="STOP")
-    opened(screen, "Tool")
-    before = tool_mm(served)
-    screen.hold("Y +", 1200)
-    stands(screen, served)
-    moved = tool_mm(served) - before
+def test_the_arm_jogs_while_a_button_is_held(page: Screen, served: ServedArm) -> None:
+    page.open_tab("Jog & gripper")
+    page.choose("Joint", "Shoulder")
+    page.hold("Jog +", 600)
+    served.wait_for(page, State.HOLDING)
+    assert 90.5 < served.commanded_deg[1] < 110
+    assert [served.commanded_deg[i] for i in (0, 2, 3, 4)] == [HOME[i] for i in (0, 2, 3, 4)]
+    page.type_into("Gripper %", "30")
+    page.click("Set gripper")
+    page.wait_for_text(re.compile("Commanded: 30 %"))
+    page.screenshot("manual-jog")
+    assert served.now.gripper == pytest.approx(0.3)
+
+    page.open_tab("Tool")
+    before = served.tool_mm
+    page.hold("Y +", 1200)
+    served.wait_for(page, State.HOLDING)
+    moved = served.tool_mm - before
     assert moved[1] > 5
     assert np.abs(moved[[0, 2]]).max() < 0.1
     assert served.now.cause == "jog finished"
-    screen.screenshot("jog-tool")
-    screen.choose("Along the", "tool axes")
+    page.screenshot("jog-tool")
+    page.choose("Along the", "tool axes")
     approach = served.robot.forward(served.now.q_command)[:3, 2]
-    before = tool_mm(served)
-    screen.hold("Z +", 1200)
-    stands(screen, served)
-    moved = tool_mm(served) - before
+    before = served.tool_mm
+    page.hold("Z +", 1200)
+    served.wait_for(page, State.HOLDING)
+    moved = served.tool_mm - before
     assert moved @ approach > 5
     assert np.linalg.norm(moved - approach * (moved @ approach)) < 0.1
-    assert screen.errors == []
+    assert page.errors == []
 
 
-def test_keys_move_nothing_until_they_are_switched_on(screen: Screen, served: ServedArm) -> None:
-    screen.open(served.url, until="STOP")
-    opened(screen, "Keyboard")
-    hold_key(screen, "r", 5)
-    screen.pause(500)
-    assert served.commanded_deg == HOME
-    screen.click(SWITCH_ON)
-    screen.wait_for_text("25 % of each joint's speed")
-    screen.pause(200)
-    hold_key(screen, "r", 1)
-    screen.wait_until(lambda: served.commanded_deg[0] > 0.3, "the base has turned a step")
-    stands(screen, served)
+def test_a_held_jog_that_is_refused_says_so_once(page: Screen, served: ServedArm) -> None:
+    served.arm.release()
+    page.open_tab("Jog & gripper")
+    page.hold("Jog −", 700)
+    page.wait_for_notification("a jog needs the arm holding, it is off")
+    assert len(page.notifications()) == 1
+    assert sum("refused" in event.text for event in served.now.events) == 1
+
+
+def test_keys_move_the_arm_while_they_are_switched_on(page: Screen, served: ServedArm) -> None:
+    def moves_nothing(key: str) -> None:
+        before = served.commanded_deg
+        hold_key(page, key, 5)
+        page.pause(500)
+        assert served.commanded_deg == before
+
+    page.open_tab("Jog & gripper", "Keyboard")
+    moves_nothing("r")
+    page.click(SWITCH_ON)
+    page.wait_for_text("25 % of each joint's speed")
+    page.entry("Gripper %").click()
+    moves_nothing("r")  # it is typed into a field
+    page.leave("Gripper %")
+    hold_key(page, "r", 1)
+    page.wait_until(lambda: served.commanded_deg[0] > 0.3, "the base has turned a step")
+    served.wait_for(page, State.HOLDING)
     tap = served.commanded_deg[0]
     assert tap < 3
-    hold_key(screen, "f", 20)
-    stands(screen, served)
+    hold_key(page, "f", 20)
+    served.wait_for(page, State.HOLDING)
     assert served.commanded_deg[0] < tap - 1
     assert served.commanded_deg[1:] == HOME[1:]
-    screen.screenshot("jog-keys")
-    screen.click(SWITCH_OFF)
-    screen.pause(200)
-    after = served.commanded_deg
-    hold_key(screen, "r", 5)
-    screen.pause(500)
-    assert served.commanded_deg == after
-    assert screen.errors == []
+    page.screenshot("jog-keys")
 
-
-def test_keys_move_the_tool_and_stop_when_let_go(screen: Screen, served: ServedArm) -> None:
-    screen.open(served.url, until="STOP")
-    opened(screen, "Keyboard")
-    screen.click(SWITCH_ON)
-    screen.click("Tool, base axes")
-    screen.wait_for_text("30 mm/s")
-    before = tool_mm(served)
-    hold_key(screen, "y", 20)
+    page.click("Tool, base axes")
+    page.wait_for_text("30 mm/s")
+    before = served.tool_mm
+    hold_key(page, "y", 20)
     let_go = served.now.stamp
-    stands(screen, served)
+    served.wait_for(page, State.HOLDING)
     assert served.now.stamp - let_go < 1.0
-    moved = tool_mm(served) - before
+    moved = served.tool_mm - before
     assert moved[2] > 1
     assert np.abs(moved[:2]).max() < 0.1
 
-
-def test_keys_typed_into_a_field_move_nothing(screen: Screen, served: ServedArm) -> None:
-    screen.open(served.url, until="STOP")
-    opened(screen, "Keyboard")
-    screen.click(SWITCH_ON)
-    box = screen.entry("Gripper %")
-    box.click()
-    for _ in range(5):
-        screen.page.keyboard.down("r")
-    screen.page.keyboard.up("r")
-    screen.pause(500)
-    assert served.commanded_deg == HOME
+    page.click(SWITCH_OFF)
+    page.pause(200)
+    moves_nothing("y")
+    assert page.errors == []
 
 
-def test_a_page_that_watches_has_no_keys(screens: Screens, served: ServedArm) -> None:
-    operator, watcher = screens(served.url), screens(served.url)
-    opened(watcher, "Keyboard")
+def test_a_page_that_watches_has_no_keys(page: Screen, screens: Screens, served: ServedArm) -> None:
+    operator, watcher = page, screens(served.url)
+    watcher.open_tab("Manual", "Jog & gripper", "Keyboard")
     watcher.click(SWITCH_ON)
     watcher.wait_for_notification("this page is watching")
-    opened(operator, "Keyboard")
+    operator.open_tab("Jog & gripper", "Keyboard")
     operator.click(SWITCH_ON)
     watcher.click("Take control")
     operator.wait_until(lambda: operator.button(SWITCH_ON).count() == 1, "its keys are off")

@@ -58,10 +58,9 @@ def holds(board: PtyServer[SimulatedMaestro], q_deg: list[float]) -> bool:
     )
 
 
-def drawn_tool(page: Screen) -> list[float]:
-    """Where the page's scene draws the tool frame [m]."""
-    frame = f"/arm/f{len(ROBOT.chain.rows)}"
-    return page.page.evaluate("name => window.__viserMutable.nodeRefFromName[name].position.toArray()", frame)
+def enable(page: Screen, board: PtyServer[SimulatedMaestro]) -> None:
+    page.click("Enable")
+    page.wait_until(lambda: holds(board, [0, 110, -80, -70, 0]), "the servos are on, in the rest pose")
 
 
 def targets(board: PtyServer[SimulatedMaestro]) -> list[tuple[float, int, float]]:
@@ -73,12 +72,13 @@ def targets(board: PtyServer[SimulatedMaestro]) -> list[tuple[float, int, float]
 
 def test_a_point_by_least_energy(page: Screen, board: PtyServer[SimulatedMaestro]) -> None:
     assert pulses(board) == [None] * 5  # nothing is on before Enable
-    page.click("Enable")
-    page.wait_until(lambda: holds(board, [0, 110, -80, -70, 0]), "the servos are on, in the rest pose")
+    enable(page, board)
     page.wait_for_text("HOLDING")
     page.open_tab("Inverse")
-    for label, value in (("X mm", "220"), ("Y mm", "-196"), ("Z mm", "85")):
-        page.type_into(label, value)
+    page.type_xyz("300", "0", "600")
+    page.click("Go by least energy")
+    page.wait_for_notification(re.compile(r"too far by 200\.1 mm.*nearest reachable point"))
+    page.type_xyz("220", "-196", "85")
     page.click("Solve")
     page.wait_for_text(re.compile(r"3,?520 solutions"))
     page.screenshot("main_job_solved")
@@ -87,32 +87,18 @@ def test_a_point_by_least_energy(page: Screen, board: PtyServer[SimulatedMaestro
     best = np.degrees(ROBOT.inverse([0.22, -0.196, 0.085]).best("least-rotation"))
     page.wait_until(lambda: holds(board, best.tolist()), "the channels hold the pulses of the best solution")
     page.wait_for_text("HOLDING")
+    tool = f"/arm/f{len(ROBOT.chain.rows)}"
     page.wait_until(
-        lambda: np.abs(1000 * np.array(drawn_tool(page)) - [220, -196, 85]).max() < 1,
+        lambda: np.abs(1000 * np.array(page.node(tool)) - [220, -196, 85]).max() < 1,
         "the page shows the arm there",
     )
     page.screenshot("main_job_gone")
     assert page.errors == []
 
 
-def test_an_unreachable_point_is_explained_and_moves_nothing(
-    page: Screen, board: PtyServer[SimulatedMaestro]
-) -> None:
-    page.click("Enable")
-    page.wait_until(lambda: holds(board, [0, 110, -80, -70, 0]), "the servos are on")
-    page.open_tab("Inverse")
-    for label, value in (("X mm", "300"), ("Y mm", "0"), ("Z mm", "600")):
-        page.type_into(label, value)
-    page.click("Go by least energy")
-    page.wait_for_notification(re.compile(r"too far by 200\.1 mm.*nearest reachable point"))
-    assert holds(board, [0, 110, -80, -70, 0])
-
-
 def test_a_recorded_loop_and_stop(page: Screen, board: PtyServer[SimulatedMaestro]) -> None:
-    page.click("Enable")
-    page.wait_until(lambda: holds(board, [0, 110, -80, -70, 0]), "the servos are on")
-    page.open_tab("Manual")
-    page.open_tab("Serial motion")
+    enable(page, board)
+    page.open_tab("Manual", "Serial motion")
     page.click("Record pose")
     page.open_tab("Main")
     page.click("Home")
@@ -138,8 +124,7 @@ def test_a_recorded_loop_and_stop(page: Screen, board: PtyServer[SimulatedMaestr
 def test_every_target_on_the_wire_keeps_the_limits_and_speeds(
     page: Screen, board: PtyServer[SimulatedMaestro]
 ) -> None:
-    page.click("Enable")
-    page.wait_until(lambda: holds(board, [0, 110, -80, -70, 0]), "the servos are on")
+    enable(page, board)
     page.click("zero")
     page.wait_until(lambda: holds(board, [0, 0, 0, 0, 0]), "the arm is stretched out")
     sent = targets(board)
@@ -162,11 +147,8 @@ def test_closing_the_page_stops_the_arm(
     board: PtyServer[SimulatedMaestro], tmp_path: Path, screens: Screens
 ) -> None:
     with serving(tmp_path, "--port", board.port) as url:
-        page, watcher = screens(), screens()
-        page.open(url, until="STOP")
-        watcher.open(url, until="STOP")
-        page.click("Enable")
-        page.wait_until(lambda: holds(board, [0, 110, -80, -70, 0]), "the servos are on")
+        page, watcher = screens(url), screens(url)
+        enable(page, board)
         page.click("zero")
         page.wait_for_text("MOVING")
         page.page.close()

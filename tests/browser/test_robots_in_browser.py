@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from tests.browser.kit import Screen, Screens
-from tests.browser.served_arm import ServedArm, served_arm
+from tests.browser.served_arm import ServedArm
 from tests.browser.serving import serving
 
 from armctl.robot import Robot, load_robot, robots_folder
@@ -26,19 +24,6 @@ TITLES = {
     "mico": "Kinova MICO, 4 joints",
     "humanoid": "Humanoid arm",
 }
-
-
-@pytest.fixture
-def served(tmp_path: Path) -> Iterator[ServedArm]:
-    with served_arm(tmp_path / "programs") as served:
-        yield served
-
-
-@pytest.fixture
-def page(screens: Screens, served: ServedArm) -> Screen:
-    page = screens()
-    page.open(served.url, until="STOP")
-    return page
 
 
 def choose(page: Screen, served: ServedArm, name: str) -> None:
@@ -62,23 +47,11 @@ def frames_drawn(page: Screen) -> int:
     )
 
 
-def drawn_frames(page: Screen, robot: Robot) -> NDArray[np.float64]:
-    """Where the page draws the frame of each DH row (rows + 1, 3) [m]."""
-    positions = page.page.evaluate(
-        "n => Array.from({length: n}, (_, i) =>"
-        " window.__viserMutable.nodeRefFromName[`/arm/f${i}`]?.position.toArray() ?? [9, 9, 9])",
-        len(robot.chain.rows) + 1,
-    )
-    return np.array(positions)
-
-
 def is_drawn_at_home(page: Screen, robot: Robot) -> bool:
+    """Whether the page draws the frame of each DH row where the home pose has it."""
     frames = robot.frames(robot.pose("home"))[:, :3, 3]
-    return float(np.abs(drawn_frames(page, robot) - frames).max()) < 2e-3
-
-
-def floor_drawn(page: Screen) -> float:
-    return page.page.evaluate("window.__viserMutable.nodeRefFromName['/floor']?.position.z ?? 9")
+    drawn = [page.node(f"/arm/f{i}") or [9.0] * 3 for i in range(len(frames))]
+    return float(np.abs(np.array(drawn) - frames).max()) < 2e-3
 
 
 def stands_at(served: ServedArm, pose: str) -> bool:
@@ -111,9 +84,12 @@ def enable_and_go_home(page: Screen, served: ServedArm) -> None:
     make_ready(page, served)
     page.button("Home").click()
     page.wait_until(lambda: stands_at(served, "home"), "the arm is at home")
-    page.wait_until(lambda: served.now.state is State.HOLDING, "the motion has ended")
+    served.wait_for(page, State.HOLDING)
     page.wait_until(lambda: is_drawn_at_home(page, served.robot), "the page draws the arm at home")
-    page.wait_until(lambda: abs(floor_drawn(page) - served.robot.floor_z) < 1e-6, "and the floor below it")
+    page.wait_until(
+        lambda: abs((page.node("/floor") or [9.0] * 3)[2] - served.robot.floor_z) < 1e-6,
+        "and the floor below it",
+    )
 
 
 @pytest.mark.parametrize("name", ["abaas", "scorbot", "mico", "humanoid"])
@@ -121,7 +97,7 @@ def test_a_robot_brings_its_fields_limits_and_figure_and_moves(
     page: Screen, served: ServedArm, name: str
 ) -> None:
     choose(page, served, name)
-    page.wait_until(lambda: served.now.state is State.OFF, "it is on the simulated board, switched off")
+    served.wait_for(page, State.OFF)
     page.wait_for_text(re.compile(f"robot: Uzuner 5-DOF arm → {re.escape(TITLES[name])}"))
     enable_and_go_home(page, served)
     page.screenshot(f"robot-{name}-main")
@@ -155,8 +131,7 @@ def test_there_and_back_again_leaves_nothing_of_the_arm_between(page: Screen, se
 def test_a_page_that_watches_follows_but_may_not_choose(
     page: Screen, served: ServedArm, screens: Screens
 ) -> None:
-    watcher = screens()
-    watcher.open(served.url, until="STOP")
+    watcher = screens(served.url)
     watcher.choose("Robot", TITLES["mico"])
     watcher.wait_for_notification(re.compile("this page is watching, browser page 1 operates"))
     watcher.wait_until(lambda: watcher.value("Robot") == TITLES["uzuner"], "its list is set back")
@@ -175,10 +150,9 @@ def test_a_page_that_watches_follows_but_may_not_choose(
 
 def test_a_moving_arm_is_not_left(page: Screen, served: ServedArm) -> None:
     served.put((100, 90, -80, -40, 0), (-100, 90, -80, -40, 0))
-    page.open_tab("Manual")
-    page.open_tab("Serial motion")
+    page.open_tab("Manual", "Serial motion")
     page.click("Loop")
-    page.wait_until(lambda: served.now.state is State.MOVING, "the arm moves")
+    served.wait_for(page, State.MOVING)
     page.open_tab("Main")
     page.choose("Robot", TITLES["mico"])
     page.wait_for_notification(re.compile("the arm moves; press STOP, then choose another robot"))
@@ -186,7 +160,7 @@ def test_a_moving_arm_is_not_left(page: Screen, served: ServedArm) -> None:
     page.screenshot("robot-refused")
     assert served.robot.name == "uzuner"
     page.click("STOP")
-    page.wait_until(lambda: served.now.state is State.HOLDING, "the arm has stopped")
+    served.wait_for(page, State.HOLDING)
     choose(page, served, "mico")
     assert served.steps == ()  # the program is another arm's
     assert page.errors == []
@@ -203,13 +177,11 @@ def test_from_point_to_point_with_a_trail(page: Screen, served: ServedArm) -> No
     for name in ("P0", "P1"):
         page.click(name)
         page.wait_until(partial(tool_is_at, name), f"the tool is at {name}")
-        page.wait_until(lambda: served.now.state is State.HOLDING, "the motion has ended")
+        served.wait_for(page, State.HOLDING)
     trail = served.console.shared(Trail).since(0)
     assert np.linalg.norm(trail - served.robot.point("P0"), axis=1).min() < 5e-3
     assert len(trail) > 100
-    page.wait_until(
-        lambda: page.page.evaluate("!!window.__viserMutable.nodeRefFromName['/trail']"), "the trail is drawn"
-    )
+    page.wait_until(lambda: page.node("/trail") is not None, "the trail is drawn")
     page.screenshot("robot-points")
     choose(page, served, "uzuner")
     assert len(served.console.shared(Trail).since(0)) < 2  # nothing of the other arm's path is left
@@ -218,8 +190,7 @@ def test_from_point_to_point_with_a_trail(page: Screen, served: ServedArm) -> No
 def test_a_page_that_closes_in_the_middle_harms_nobody(
     page: Screen, served: ServedArm, screens: Screens
 ) -> None:
-    watcher = screens()
-    watcher.open(served.url, until="STOP")
+    watcher = screens(served.url)
     page.entry("Robot").click()
     page.page.get_by_role("option", name=TITLES["mico"], exact=True).click()
     page.page.close()

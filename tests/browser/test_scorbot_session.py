@@ -113,8 +113,7 @@ def test_home_move_lose_the_cable_and_go_on(page: Screen, cable: Cable) -> None:
     page.screenshot("scorbot-forward")
 
     # a program in a loop
-    page.open_tab("Manual")
-    page.open_tab("Serial motion")
+    page.open_tab("Manual", "Serial motion")
     page.click("Record pose")
     page.open_tab("Main")
     page.click("Home")

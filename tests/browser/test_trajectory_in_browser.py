@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -11,36 +10,21 @@ import pytest
 from playwright.sync_api import expect
 from tests.browser.ghost_view import wait_for_ghost
 from tests.browser.kit import PATIENCE_MS, Screen
-from tests.browser.served_arm import ServedArm, served_arm
+from tests.browser.served_arm import HOME, ServedArm, served_arm
 
 from armctl.motion import line, plan_joints, plan_line
 from armctl.program import LineStep, MoveStep, Program
 from armctl.runtime import State
 
 pytestmark = pytest.mark.browser
-HOME = [0.0, 90.0, -80.0, -40.0, 0.0]
+TAB = "Trajectory"
 MOTION = "Which motion"
 LINE = "Line (29 points)"
 
 
-@pytest.fixture
-def served(tmp_path: Path) -> Iterator[ServedArm]:
-    with served_arm(tmp_path / "programs") as served:
-        yield served
-
-
-@pytest.fixture
-def page(screen: Screen, served: ServedArm) -> Screen:
-    screen.open(served.url, until="STOP")
-    screen.open_tab("Trajectory")
-    return screen
-
-
 def csv_of(page: Screen, button: str) -> list[str]:
     """The lines of the file that a button offers."""
-    with page.page.expect_download() as download:
-        page.click(button)
-    return Path(download.value.path()).read_text().splitlines()
+    return page.download(button).read_text().splitlines()
 
 
 def test_a_motion_is_plotted_with_its_peaks_and_run(page: Screen, served: ServedArm) -> None:
@@ -58,36 +42,22 @@ def test_a_motion_is_plotted_with_its_peaks_and_run(page: Screen, served: Served
         page.click(quantity)
         page.wait_for_text(title)
     joints = [joint.title for joint in served.robot.joints]
-    expect(page.page.locator(".uplot .u-legend .u-label").locator("visible=true")).to_have_text(
-        ["time (s)", *joints, "Shoulder ≥ −3.2", "Elbow ≥ −84.4", "cursor"]
-    )
+    labels = page.page.locator(".uplot .u-legend .u-label").locator("visible=true")
+    expect(labels).to_have_text(["time (s)", *joints, "Shoulder ≥ −3.2", "Elbow ≥ −84.4", "cursor"])
     page.click("none")
-    expect(page.page.locator(".uplot .u-legend .u-label").locator("visible=true")).to_have_text(
-        ["time (s)", *joints, "cursor"]
-    )
+    expect(labels).to_have_text(["time (s)", *joints, "cursor"])
     page.wait_for_text(re.compile("Pre-flight: "))
+    page.type_into("Time s", "0.5")
+    page.wait_for_text(re.compile(r"at 0\.50 s: tool"))
+    path = plan_joints(served.robot, served.robot.pose("home"), np.zeros(5))
+    wait_for_ghost(page, served.robot, path.sample(0.5).q)
     assert served.commanded_deg == HOME
-    wait_for_ghost(page, served.robot, np.zeros(5))
     page.click("Run")
-    page.wait_until(
-        lambda: served.commanded_deg == [0.0] * 5 and served.now.state is State.HOLDING,
-        "the arm is stretched",
-    )
+    served.wait_for_deg(page, [0.0] * 5)
     page.wait_for_text("The arm has moved since: press Show.")
     page.click("Run")
     page.wait_for_notification(re.compile("the arm has moved since"))
     assert page.errors == []
-
-
-def test_the_time_cursor_moves_the_ghost(page: Screen, served: ServedArm) -> None:
-    page.choose("To", "zero")
-    page.click("Show")
-    page.wait_for_text("Peaks against the limits")
-    page.type_into("Time s", "0.5")
-    page.wait_for_text(re.compile(r"at 0\.50 s: tool"))
-    q = served.robot.pose("home")
-    wait_for_ghost(page, served.robot, plan_joints(served.robot, q, np.zeros(5)).sample(0.5).q)
-    assert served.commanded_deg == HOME
 
 
 def test_the_line_runs_from_its_first_point_and_is_reported(page: Screen, served: ServedArm) -> None:
@@ -104,9 +74,8 @@ def test_the_line_runs_from_its_first_point_and_is_reported(page: Screen, served
     page.wait_for_text(re.compile("transmitted by the board, not measured"))
     page.page.get_by_text("Applied: 29 points").scroll_into_view_if_needed()
     page.screenshot("trajectory-report")
-    page.wait_until(lambda: served.now.state is State.HOLDING, "the arm stands")
-    tip = 1000 * served.robot.forward(served.now.q_command)[:3, 3]
-    assert tip == pytest.approx(1000 * line()[-1], abs=0.01)
+    served.wait_for(page, State.HOLDING)
+    assert served.tool_mm == pytest.approx(1000 * line()[-1], abs=0.01)
     head, *rows = csv_of(page, "Export error report (CSV)")
     assert head.split(",")[:4] == ["point", "desired_x_mm", "desired_y_mm", "desired_z_mm"]
     table = np.array([[float(cell) for cell in row.split(",")] for row in rows])
@@ -148,10 +117,6 @@ def test_settings_that_were_not_shown_are_not_run(page: Screen, served: ServedAr
     page.type_into("Duration s", "x")
     page.click("Show")
     page.wait_for_notification("Duration s: 'x' is not a number")
-    assert served.commanded_deg == HOME
-
-
-def test_a_point_out_of_reach_is_explained(page: Screen, served: ServedArm) -> None:
     page.choose("To", "X Y Z")
     page.type_into("To X Y Z mm", "900, 0, 100")
     page.click("Show")
@@ -159,15 +124,26 @@ def test_a_point_out_of_reach_is_explained(page: Screen, served: ServedArm) -> N
     assert served.commanded_deg == HOME
 
 
-def test_the_program_on_the_desk_is_shown_and_run(page: Screen, served: ServedArm) -> None:
+def test_a_program_is_drawn_with_its_lines_and_the_step_at_the_cursor_and_run(
+    page: Screen, served: ServedArm
+) -> None:
     page.choose(MOTION, "Program on the desk")
     page.click("Show")
     page.wait_for_notification(re.compile("has no steps"))
-    served.put((10, 90, -80, -40, 0), (10, 80, -80, -40, 0))
+    x, y, z = served.tool_mm.tolist()
+    steps = (
+        LineStep(x_mm=x, y_mm=y + 50, z_mm=z, blend_mm=10),
+        LineStep(x_mm=x, y_mm=y + 50, z_mm=z + 20),
+        MoveStep(joints_deg=(10, 80, -80, -40, 0)),
+    )
+    served.edited.edit(Program(robot="uzuner", name="lines", steps=steps))
     page.click("Show")
-    page.wait_for_text(re.compile("program test: "))
+    page.wait_for_text(re.compile("program lines: "))
+    page.wait_for_text(re.compile(r"at [1-9]\d*\.\d\d s: .*step 3"))  # cursor and ghost stand at its end
+    page.type_into("Time s", "0")
+    page.wait_for_text(re.compile("at 0.00 s: .*step 1"))
     page.click("Run")
-    page.wait_until(lambda: served.commanded_deg == [10.0, 80.0, -80.0, -40.0, 0.0], "the program has run")
+    served.wait_for_deg(page, [10.0, 80.0, -80.0, -40.0, 0.0])
 
 
 def test_two_motions_are_compared_played_exported_and_the_second_is_run(
@@ -198,13 +174,11 @@ def test_two_motions_are_compared_played_exported_and_the_second_is_run(
     assert (float(rows[0].split(",")[2]), float(rows[-1].split(",")[2])) == (90, 0)
     svg = "\n".join(csv_of(page, "Figure (SVG)"))
     assert "present pose to zero, s-curve" in svg and "joint velocity (°/s)" in svg
-    with page.page.expect_download() as download:
-        page.click("Figure (PNG)")
-    assert Path(download.value.path()).read_bytes().startswith(b"\x89PNG")
+    assert page.download("Figure (PNG)").read_bytes().startswith(b"\x89PNG")
     page.click("Drop A")
     expect(labels.nth(1)).to_have_text("Base")
     page.click("Run")
-    page.wait_until(lambda: served.commanded_deg == [0.0] * 5, "the arm is stretched")
+    served.wait_for_deg(page, [0.0] * 5)
     assert page.errors == []
 
 
@@ -223,7 +197,7 @@ def test_the_tool_is_led_along_a_line_and_the_arm_goes_there(page: Screen, serve
     page.wait_for_text("Off the ideal line or arc")
     page.click("Run")
     page.page.get_by_text("Applied: 25 points").wait_for(timeout=3 * PATIENCE_MS)
-    assert 1000 * robot.forward(served.now.q_command)[:3, 3] == pytest.approx(end, abs=0.05)
+    assert served.tool_mm == pytest.approx(end, abs=0.05)
     assert page.errors == []
 
 
@@ -245,24 +219,6 @@ def test_what_the_pre_flight_refuses_is_drawn_but_not_run(page: Screen, served: 
     page.click("Show")
     page.wait_for_text(re.compile("Not drawn: Base: 200.00° is outside"))
     assert served.commanded_deg == HOME
-
-
-def test_a_program_is_drawn_with_its_lines_and_the_step_at_the_cursor(
-    page: Screen, served: ServedArm
-) -> None:
-    x, y, z = (1000 * served.robot.forward(served.robot.pose("home"))[:3, 3]).tolist()
-    steps = (
-        LineStep(x_mm=x, y_mm=y + 50, z_mm=z, blend_mm=10),
-        LineStep(x_mm=x, y_mm=y + 50, z_mm=z + 20),
-        MoveStep(joints_deg=(0, 90, -80, -40, 0)),
-    )
-    served.edited.edit(Program(robot="uzuner", name="lines", steps=steps))
-    page.choose(MOTION, "Program on the desk")
-    page.click("Show")
-    page.wait_for_text(re.compile("program lines: "))
-    page.wait_for_text(re.compile(r"at [1-9]\d*\.\d\d s: .*step 3"))  # cursor and ghost stand at its end
-    page.type_into("Time s", "0")
-    page.wait_for_text(re.compile("at 0.00 s: .*step 1"))
 
 
 def test_joint_by_joint_is_studied_and_exported_but_not_run(page: Screen, served: ServedArm) -> None:
@@ -294,7 +250,7 @@ def test_joint_by_joint_is_studied_and_exported_but_not_run(page: Screen, served
 
 
 def test_a_published_path_that_an_arm_cannot_follow_is_explained(screen: Screen, tmp_path: Path) -> None:
-    with served_arm(tmp_path / "programs", "humanoid") as served:
+    with served_arm(tmp_path, "humanoid") as served:
         screen.open(served.url, until="STOP")
         screen.open_tab("Trajectory")
         screen.choose(MOTION, "Arc (58 points)")
