@@ -92,6 +92,7 @@ class Bell:
     """A button whose ``async def`` callback rings: when it does, all that was said before has been judged."""
 
     def __init__(self, server: viser.ViserServer, label: str = "STOP") -> None:
+        self._server = server
         self.handle = server.gui.add_button(label)
         self._rings: queue.Queue[int] = queue.Queue()
 
@@ -113,6 +114,15 @@ class Bell:
     def wait(self) -> int:
         """Wait for the callback; the result is the id of the page that pressed."""
         return self._rings.get(timeout=PATIENCE_S)
+
+    def ring_from(self, page: RawPage) -> int:
+        self.press(page)
+        return self.wait()
+
+    def gui_of(self, page: RawPage) -> viser.GuiApi:
+        """The page's own GUI."""
+        client_id = self.ring_from(page)
+        return self._server.get_clients()[client_id].gui
 
     @property
     def silent(self) -> bool:

@@ -40,11 +40,6 @@ def page(server: GuardedServer) -> Iterator[RawPage]:
         yield page
 
 
-def test_a_good_click_arrives(page: RawPage, stop: Bell) -> None:
-    stop.press(page)
-    assert stop.wait() >= 0
-
-
 def test_callbacks_cannot_be_removed(server: GuardedServer, page: RawPage, stop: Bell) -> None:
     for updates in (
         {"update_cb": []},
@@ -53,8 +48,7 @@ def test_callbacks_cannot_be_removed(server: GuardedServer, page: RawPage, stop:
         {"is_button": False},
     ):
         page.say("GuiUpdateMessage", uuid=stop.uuid, updates=updates)
-    stop.press(page)
-    assert stop.wait() >= 0
+    stop.ring_from(page)
     assert server.refusals == {"setting something else than a value": 4}
 
 
@@ -65,19 +59,9 @@ def test_garbage_is_dropped_and_the_connection_stays(
         page.socket.send(raw)
     page.say("ShareUrlRequest")
     page.say("NoSuchMessage")
-    stop.press(page)
-    assert stop.wait() >= 0
+    stop.ring_from(page)
     assert stop.silent
     assert server.refusals == {"no message of a page": 7, "a message of another type": 2}
-
-
-def test_broken_utf8_closes_that_connection_alone(server: GuardedServer, page: RawPage, stop: Bell) -> None:
-    with RawPage(server.get_port()) as other:
-        other.introduce()
-        other.socket.send(b"\xff\xfe", text=True)
-        other.read_to_the_end()
-    stop.press(page)
-    assert stop.wait() >= 0
 
 
 def test_a_value_that_a_control_cannot_take_is_refused(
@@ -87,8 +71,7 @@ def test_a_value_that_a_control_cannot_take_is_refused(
     for uuid, value in ((uuid_of(number), "abc"), (uuid_of(number), (1, 2)), ("nobody", 1), (["a"], 1)):
         page.set(uuid, value)
     page.set(uuid_of(number), math.nan)
-    stop.press(page)
-    stop.wait()
+    stop.ring_from(page)
     gc.collect()  # the exception of a task that nobody asks is reported when the task goes
     assert number.value == 2.0
     assert server.refusals == {
@@ -101,9 +84,7 @@ def test_a_value_that_a_control_cannot_take_is_refused(
 def test_a_control_takes_a_value_of_its_type_and_a_slider_one_within_its_range(
     server: GuardedServer, page: RawPage, stop: Bell
 ) -> None:
-    stop.press(page)
-    page_id = stop.wait()
-    gui = server.get_clients()[page_id].gui
+    gui = stop.gui_of(page)
     number = gui.add_number("number", initial_value=2.0, min=0.0, max=10.0)
     slider = gui.add_slider("slider", min=-90.0, max=90.0, step=0.1, initial_value=0.0)
     several = gui.add_multi_slider("several", min=0, max=10, step=1, initial_value=(2, 8))
@@ -123,8 +104,7 @@ def test_a_control_takes_a_value_of_its_type_and_a_slider_one_within_its_range(
     for handle, values in refused:
         for value in values:
             page.set(uuid_of(handle), value)
-    stop.press(page)
-    stop.wait()
+    stop.ring_from(page)
     assert server.refusals == {"a value that the control cannot take": sum(len(v) for _, v in refused)}
     assert (number.value, slider.value, several.value, tick.value) == (2.0, 0.0, (2, 8), False)
     assert (text.value, vector.value) == ("pick", (1.0, 2.0, 3.0))
@@ -138,33 +118,26 @@ def test_a_control_takes_a_value_of_its_type_and_a_slider_one_within_its_range(
     )
     for handle, value in taken:
         page.set(uuid_of(handle), value)
-    stop.press(page)
-    stop.wait()
+    stop.ring_from(page)
     assert [handle.value for handle, _ in taken] == [value for _, value in taken]
 
 
 def test_a_page_cannot_reach_the_controls_of_another(
     server: GuardedServer, page: RawPage, stop: Bell
 ) -> None:
-    stop.press(page)
-    page_id = stop.wait()
-    number = server.get_clients()[page_id].gui.add_number("x", initial_value=1.0)
+    number = stop.gui_of(page).add_number("x", initial_value=1.0)
     with RawPage(server.get_port()) as other:
         other.introduce()
         other.set(uuid_of(number), 5.0)
-        stop.press(other)
-        stop.wait()
+        stop.ring_from(other)
         assert number.value == 1.0
     page.set(uuid_of(number), 6.0)
-    stop.press(page)
-    stop.wait()
+    stop.ring_from(page)
     assert number.value == 6.0
 
 
 def test_an_upload_arrives_whole_or_not_at_all(server: GuardedServer, page: RawPage, stop: Bell) -> None:
-    stop.press(page)
-    page_id = stop.wait()
-    button = server.get_clients()[page_id].gui.add_upload_button("load")
+    button = stop.gui_of(page).add_upload_button("load")
     uploaded = Bell(server, "uploaded")
 
     @button.on_upload
@@ -180,39 +153,30 @@ def test_an_upload_arrives_whole_or_not_at_all(server: GuardedServer, page: RawP
 
     send("1", 9 << 20, b"abc")
     page.read_until(b"a.toml was not taken: it has 9.0 MiB")
-    stop.press(page)
-    stop.wait()
+    stop.ring_from(page)
     assert uploaded.silent
     send("2", 3, b"abc")
     uploaded.wait()
     assert (button.value.name, button.value.content) == ("a.toml", b"abc")
 
 
-def test_a_flooding_page_is_disconnected_and_others_are_not(
+def test_a_page_that_floods_or_sends_too_large_or_broken_frames_is_disconnected_alone(
     server: GuardedServer, page: RawPage, stop: Bell
 ) -> None:
-    with RawPage(server.get_port()) as other:
-        with pytest.raises(ConnectionClosed):
-            for _ in range(100_000):
-                other.socket.send(b"garbage")
-        end = other.read_to_the_end()
-        assert end.rcvd is not None
-        assert (end.rcvd.code, end.rcvd.reason) == (1008, "too many messages")
-    stop.press(page)
-    assert stop.wait() >= 0
+    def how_it_ends(raw: bytes, count: int = 1, *, text: bool | None = None) -> tuple[int, str]:
+        with RawPage(server.get_port()) as other:
+            other.introduce()
+            with contextlib.suppress(ConnectionClosed):  # the server need not wait for the end of a frame
+                for _ in range(count):
+                    other.socket.send(raw, text=text)
+            end = other.read_to_the_end().rcvd
+            assert end is not None
+            return end.code, end.reason
 
-
-def test_a_frame_that_is_too_large_closes_that_connection(
-    server: GuardedServer, page: RawPage, stop: Bell
-) -> None:
-    with RawPage(server.get_port()) as other:
-        with contextlib.suppress(ConnectionClosed):  # the server need not wait for the end of the frame
-            other.socket.send(b"\x00" * (17 << 20))
-        end = other.read_to_the_end()
-        assert end.rcvd is not None
-        assert end.rcvd.code == 1009
-    stop.press(page)
-    assert stop.wait() >= 0
+    assert how_it_ends(b"garbage", 100_000) == (1008, "too many messages")
+    assert how_it_ends(b"\x00" * (17 << 20))[0] == 1009
+    assert how_it_ends(b"\xff\xfe", text=True)[0] == 1007
+    stop.ring_from(page)
 
 
 def test_another_version_of_the_page_is_turned_away(server: GuardedServer) -> None:

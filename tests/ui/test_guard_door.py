@@ -1,3 +1,5 @@
+"""Who is let in: names, origins, tokens, paths."""
+
 from __future__ import annotations
 
 import http.client
@@ -12,6 +14,13 @@ from websockets.exceptions import InvalidStatus
 from armctl.ui.guard import GuardedServer, guarded_server
 
 TOKEN = "a-secret-of-some-length_0123456789"
+WEBSOCKET = (
+    "Upgrade: websocket",
+    "Connection: Upgrade",
+    "Sec-WebSocket-Version: 13",
+    "Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==",
+    f"Sec-WebSocket-Protocol: viser-v{viser.__version__}",
+)
 
 
 @pytest.fixture
@@ -39,22 +48,20 @@ def get(server: GuardedServer, path: str = "/", **headers: str) -> http.client.H
         connection.close()
 
 
-def status_of_raw(server: GuardedServer, *lines: str) -> int:
-    """Send a request whose headers http.client would not let us send."""
+def status_of_raw(server: GuardedServer, *lines: str, path: str = "/") -> int:
+    """Send a request whose headers http.client would not let us send; ``{}`` in a line is the port."""
+    text = "\r\n".join((f"GET {path} HTTP/1.1", *lines)).replace("{}", str(server.get_port()))
     with socket.create_connection(("127.0.0.1", server.get_port()), timeout=PATIENCE_S) as wire:
-        wire.sendall(("\r\n".join(("GET / HTTP/1.1", *lines)) + "\r\n\r\n").encode())
+        wire.sendall(f"{text}\r\n\r\n".encode())
         with wire.makefile("rb") as answer:
             return int(answer.readline().split()[1])
 
 
-def websocket_lines() -> list[str]:
-    return [
-        "Upgrade: websocket",
-        "Connection: Upgrade",
-        "Sec-WebSocket-Version: 13",
-        "Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==",
-        f"Sec-WebSocket-Protocol: viser-v{viser.__version__}",
-    ]
+def status_of_page(server: GuardedServer, **options: str | None) -> int:
+    """Try to open a websocket that is refused."""
+    with pytest.raises(InvalidStatus) as refusal:
+        RawPage(server.get_port(), **options)  # type: ignore[arg-type]
+    return refusal.value.response.status_code
 
 
 @pytest.mark.parametrize("host", ["127.0.0.1", "localhost", "LOCALHOST", "[::1]", "arm.lab"])
@@ -84,17 +91,26 @@ def test_a_foreign_host_is_refused(server: GuardedServer, host: str) -> None:
     assert server.refusals == {"a foreign host name": 1}
 
 
-def test_a_request_without_host_or_with_two_is_refused(server: GuardedServer) -> None:
-    here = f"127.0.0.1:{server.get_port()}"
-    assert status_of_raw(server) == 421
-    assert status_of_raw(server, f"Host: {here}", "Host: evil.example") == 400
-    assert status_of_raw(server, f"Host: {here}", f"Host: {here}") == 400
-    assert status_of_raw(server, f"Host: {here}") == 200
+HERE = "Host: 127.0.0.1:{}"
+SOCKET = (HERE, "Origin: http://127.0.0.1:{}", *WEBSOCKET)
 
 
-@pytest.mark.parametrize("name", ["Upgrade: websocket", "Accept-Encoding: gzip", "Cookie: a=b"])
-def test_a_header_given_twice_is_refused(server: GuardedServer, name: str) -> None:
-    assert status_of_raw(server, f"Host: 127.0.0.1:{server.get_port()}", name, name) == 400
+@pytest.mark.parametrize(
+    ("lines", "status"),
+    [
+        ((HERE,), 200),
+        ((), 421),
+        ((HERE, "Host: evil.example"), 400),
+        ((HERE, HERE), 400),
+        ((HERE, *2 * ("Upgrade: websocket",)), 400),
+        ((HERE, *2 * ("Accept-Encoding: gzip",)), 400),
+        ((HERE, *2 * ("Cookie: a=b",)), 400),
+        (SOCKET, 101),
+        ((*SOCKET, "Origin: http://evil.example"), 400),
+    ],
+)
+def test_a_header_is_given_once(server: GuardedServer, lines: tuple[str, ...], status: int) -> None:
+    assert status_of_raw(server, *lines) == status
 
 
 @pytest.mark.parametrize(
@@ -110,31 +126,16 @@ def test_a_header_given_twice_is_refused(server: GuardedServer, name: str) -> No
 )
 def test_a_foreign_origin_is_refused(server: GuardedServer, origin: str) -> None:
     """Even ``localhost`` for a page at 127.0.0.1: the origin has to be the very address called."""
-    with pytest.raises(InvalidStatus) as refusal:
-        RawPage(server.get_port(), origin=origin.format(server.get_port()))
-    assert refusal.value.response.status_code == 403
-    assert get(server, Origin=origin.format(server.get_port())).status == 403
+    origin = origin.format(server.get_port())
+    assert status_of_page(server, origin=origin) == 403
+    assert get(server, Origin=origin).status == 403
     assert server.refusals == {"a foreign origin": 2}
 
 
-def test_two_origins_are_refused(server: GuardedServer) -> None:
-    here = f"127.0.0.1:{server.get_port()}"
-    lines = [f"Host: {here}", f"Origin: http://{here}", *websocket_lines()]
-    assert status_of_raw(server, *lines) == 101
-    assert status_of_raw(server, *lines, "Origin: http://evil.example") == 400
-
-
-def test_a_websocket_needs_an_origin(server: GuardedServer) -> None:
-    with pytest.raises(InvalidStatus) as refusal:
-        RawPage(server.get_port(), origin=None)
-    assert refusal.value.response.status_code == 403
-
-
-def test_a_rebound_name_is_refused(server: GuardedServer) -> None:
-    """DNS rebinding: host and origin agree with each other, but not with us."""
-    with pytest.raises(InvalidStatus) as refusal:
-        RawPage(server.get_port(), host=f"evil.example:{server.get_port()}")
-    assert refusal.value.response.status_code == 421
+def test_a_websocket_without_origin_or_from_a_rebound_name_is_refused(server: GuardedServer) -> None:
+    assert status_of_page(server, origin=None) == 403
+    # DNS rebinding: host and origin agree with each other, but not with us
+    assert status_of_page(server, host=f"evil.example:{server.get_port()}") == 421
 
 
 @pytest.mark.parametrize(
@@ -148,8 +149,7 @@ def test_a_rebound_name_is_refused(server: GuardedServer) -> None:
 )
 def test_a_query_is_dropped(server: GuardedServer, path: str) -> None:
     response = get(server, path)
-    assert response.status == 302
-    assert response.headers["Location"] == "/"
+    assert (response.status, response.headers["Location"]) == (302, "/")
 
 
 @pytest.mark.parametrize(
@@ -160,22 +160,19 @@ def test_there_is_nothing_but_the_page(server: GuardedServer, path: str) -> None
 
 
 def test_a_page_without_token_is_refused(locked: GuardedServer) -> None:
-    assert get(locked).status == 401
-    assert get(locked, "/?token=").status == 401
-    assert get(locked, f"/?token={TOKEN[:-1]}").status == 401
-    assert get(locked, "/?token=%C3%A4%00").status == 401
-    assert get(locked, Cookie=f"armctl-{locked.get_port()}=wrong").status == 401
-    assert get(locked, Cookie=f"armctl-{locked.get_port()}=\xe4").status == 401
+    for path in ("/", "/?token=", f"/?token={TOKEN[:-1]}", "/?token=%C3%A4%00"):
+        assert get(locked, path).status == 401
+    for cookie in ("wrong", "\xe4"):
+        assert get(locked, Cookie=f"armctl-{locked.get_port()}={cookie}").status == 401
     assert locked.refusals == {"no valid token": 6}
-    with pytest.raises(InvalidStatus) as refusal:
-        RawPage(locked.get_port())
-    assert refusal.value.response.status_code == 401
+    assert status_of_page(locked) == 401
+    # only the cookie opens a websocket: what stands in an address is seen by others
+    assert status_of_raw(locked, *SOCKET, path=f"/?token={TOKEN}") == 401
 
 
 def test_the_token_becomes_a_cookie(locked: GuardedServer) -> None:
     response = get(locked, f"/?token={TOKEN}")
-    assert response.status == 302
-    assert response.headers["Location"] == "/"
+    assert (response.status, response.headers["Location"]) == (302, "/")
     cookie, *attributes = response.headers["Set-Cookie"].split("; ")
     assert sorted(attributes) == ["HttpOnly", "Path=/", "SameSite=Strict"]
     assert get(locked, Cookie=f"other=1; {cookie}").status == 200
@@ -184,15 +181,6 @@ def test_the_token_becomes_a_cookie(locked: GuardedServer) -> None:
         page.introduce()
         bell.press(page)
         assert bell.wait() >= 0
-
-
-def test_the_token_alone_opens_no_websocket(locked: GuardedServer) -> None:
-    """Only the cookie does: what stands in an address is seen by others."""
-    here = f"127.0.0.1:{locked.get_port()}"
-    lines = [f"Host: {here}", f"Origin: http://{here}", *websocket_lines()]
-    with socket.create_connection(("127.0.0.1", locked.get_port()), timeout=PATIENCE_S) as wire:
-        wire.sendall(("\r\n".join((f"GET /?token={TOKEN} HTTP/1.1", *lines)) + "\r\n\r\n").encode())
-        assert b" 401 " in wire.recv(100)
 
 
 @pytest.mark.parametrize(

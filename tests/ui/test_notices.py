@@ -2,49 +2,37 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from types import SimpleNamespace
 
 from armctl.ui.session import Color, Notices, reading_seconds
 
 
-@dataclass(frozen=True)
-class Shown:
-    board: Board
-    text: str
-
-    def remove(self) -> None:
-        self.board.shown.remove(self.text)
-
-
-@dataclass
 class Board:
-    """Keeps what is shown, oldest first; it never closes anything by itself."""
+    """Keeps what is shown, oldest first, and for how long; it never closes anything by itself."""
 
-    shown: list[str] = field(default_factory=list[str])
-    seconds: list[float] = field(default_factory=list[float])
+    def __init__(self) -> None:
+        self.shown: list[str] = []
+        self.seconds: list[float] = []
 
-    def add_notification(self, title: str, body: str, *, auto_close_seconds: float, color: Color) -> Shown:
-        self.shown.append(f"{color} {title}: {body}")
+    def add_notification(
+        self, title: str, body: str, *, auto_close_seconds: float, color: Color
+    ) -> SimpleNamespace:
+        text = f"{color} {title}: {body}"
+        self.shown.append(text)
         self.seconds.append(auto_close_seconds)
-        return Shown(self, self.shown[-1])
+        return SimpleNamespace(remove=lambda: self.shown.remove(text))
 
 
-def test_the_same_message_again_takes_the_place_of_the_first() -> None:
+def test_the_same_message_again_takes_the_place_of_the_first_and_the_oldest_that_of_a_fourth() -> None:
     board = Board()
     notices = Notices(board)
-    notices.show("Refused", "enable first", "red")
-    notices.show("Saved", "a.toml", "blue")
-    notices.show("Refused", "enable first", "red")
-    assert board.shown == ["blue Saved: a.toml", "red Refused: enable first"]
-    assert len(board.seconds) == 3  # shown anew, so that its time begins anew
-
-
-def test_the_oldest_gives_way_to_a_fourth() -> None:
-    board = Board()
-    notices = Notices(board)
-    for text in ("one", "two", "three", "four"):
+    for text in ("enable first", "home first", "enable first"):
         notices.show("Refused", text, "red")
-    assert board.shown == ["red Refused: two", "red Refused: three", "red Refused: four"]
+    assert board.shown == ["red Refused: home first", "red Refused: enable first"]
+    assert len(board.seconds) == 3  # shown anew, so that its time begins anew
+    for text in ("three", "four"):
+        notices.show("Saved", text, "blue")
+    assert board.shown == ["red Refused: enable first", "blue Saved: three", "blue Saved: four"]
 
 
 def test_every_message_closes_by_itself_and_what_must_be_read_stays_longer() -> None:
