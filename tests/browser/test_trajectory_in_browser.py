@@ -117,6 +117,7 @@ def test_settings_that_were_not_shown_are_not_run(page: Screen, served: ServedAr
     page.type_into("Duration s", "x")
     page.click("Show")
     page.wait_for_notification("Duration s: 'x' is not a number")
+    page.type_into("Duration s", "0")
     page.choose("To", "X Y Z")
     page.type_into("To X Y Z mm", "900, 0, 100")
     page.click("Show")

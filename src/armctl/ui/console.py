@@ -165,13 +165,11 @@ class CalibrationInForce:
     async def holds_for(self, port: str) -> bool:
         """Whether the arm runs by the calibration that is in force now for the board on a port.
 
-        Raises:
-            PortError: ``auto`` found no board, or more than one.
-            CalibrationError: the calibration in force cannot be read.
+        A ``PortError`` where ``auto`` found no board or more than one; a ``CalibrationError`` where the
+        calibration cannot be read.
         """
-        return await asyncio.to_thread(
-            lambda: board_name(port, self.file_robot) == self.board and not self.is_overtaken()
-        )
+        board = await asyncio.to_thread(board_name, port, self.file_robot)
+        return board == self.board and not await asyncio.to_thread(self.is_overtaken)
 
 
 class Shared(Protocol):

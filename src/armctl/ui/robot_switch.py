@@ -72,22 +72,13 @@ class RobotSwitch:
         self.console.close()
 
     def require_settled(self) -> None:
-        """Refuse what must wait until the arm has been changed.
-
-        Raises:
-            StateError: it is being changed.
-        """
+        """Refuse (``StateError``) what must wait while the arm is being changed."""
         if self.opening is not None:
-            raise StateError(
-                f"the robot is being changed for {self.opening.title}; wait a moment and try again"
-            )
+            title = self.opening.title
+            raise StateError(f"the robot is being changed for {title}; wait a moment and try again")
 
     def require_reopenable(self) -> None:
-        """Refuse what would open the arm anew, where that could let it drop.
-
-        Raises:
-            StateError: says what to do first.
-        """
+        """Refuse (``StateError``) what would open the arm anew, where that could let it drop."""
         self.require_settled()
         require_replaceable(self.console.controller.snapshot, reopen=True)
 
@@ -234,11 +225,7 @@ def release_first(snapshot: Snapshot, *, reopen: bool) -> str | None:
 
 
 def require_replaceable(snapshot: Snapshot, *, reopen: bool) -> None:
-    """Refuse to leave an arm, or to open it anew, that moves or must be released first.
-
-    Raises:
-        StateError: says what to do first.
-    """
+    """Refuse (``StateError``) to leave an arm, or to open it anew, that moves or must be released first."""
     if snapshot.state in (State.MOVING, State.PAUSED):
         doing = "moves" if snapshot.state is State.MOVING and not reopen else "is in the middle of a motion"
         then = "try again" if reopen else "choose another robot"

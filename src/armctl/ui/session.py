@@ -113,11 +113,7 @@ class Session:
             self.refuse("an internal error; the program's log has the details", title="Error")
 
     def require_operator(self) -> None:
-        """Refuse what only the operator may do.
-
-        Raises:
-            ArmctlError: another page has the controls.
-        """
+        """Refuse (``ArmctlError``) what only the operator may do."""
         if not self.operates:
             who = self.console.operators.describe(self.client.client_id)
             raise ArmctlError(f"this page is watching, {who} operates; press 'Take control' first")
@@ -125,8 +121,7 @@ class Session:
     async def submit(self, command: Command) -> Ticket:
         """Ask the controller for something and wait until it is accepted.
 
-        Raises:
-            ArmctlError: refused, this page does not operate, or the robot is being changed.
+        Refused also where this page does not operate, or the robot is being changed.
         """
         self.require_operator()
         self.robots.require_settled()
@@ -142,9 +137,9 @@ class Session:
         self.client.send_file_download(name, content, save_immediately=True)
 
     async def reopen_arm(self, port: str | None = None) -> None:
-        """Open the arm anew, as it is calibrated now; it is connected on ``port``, or where it was.
+        """Open the arm anew, as it is calibrated now, and connect it on ``port``, or where it was.
 
-        The page has another session afterwards, but what fails on the way is told on it all the same.
+        The page has another session afterwards, but this one still shows what fails on the way.
         """
         try:
             await self.robots.reopen(self.origin, self.require_operator, port)

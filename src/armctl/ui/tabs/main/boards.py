@@ -103,28 +103,26 @@ def enable_note(snapshot: Snapshot, board: str) -> str:
 
 def homing_html(snapshot: Snapshot) -> str:
     """Each axis with a sign: homed, being looked for, or not."""
-    signs = [
+    if not snapshot.homing:
+        return ""
+    signs = (
         f"<span style='white-space:nowrap'>{'✓' if axis.homed else '…' if axis.running else '○'} "
         f"{'<b>' if axis.running else ''}{escape(axis.title)}{'</b>' if axis.running else ''}</span>"
         for axis in snapshot.homing
-    ]
-    if not signs:
-        return ""
+    )
     done = sum(axis.homed for axis in snapshot.homing)
-    return f"<div>Homed {done} of {len(signs)}: {' &nbsp; '.join(signs)}</div>"
+    return f"<div>Homed {done} of {len(snapshot.homing)}: {' &nbsp; '.join(signs)}</div>"
 
 
 def ports_html(choices: Iterable[PortChoice]) -> str:
     """The boards that are plugged in, and why one cannot be used."""
     lines: list[str] = []
     for choice in choices:
-        if not choice.listed:
-            continue
-        serial = f" · serial number {escape(choice.serial_number)}" if choice.serial_number else ""
-        lines.append(f"<div>{escape(choice.label)}{serial}</div>")
-        if choice.why_not is not None:
-            lines.append(refused(sentence(f"cannot be used: {choice.why_not}")))
-        lines += [f"<div style='opacity:.75'>{escape(sentence(note))}</div>" for note in choice.notes]
+        if choice.listed:
+            lines.append(f"<div>{escape(choice.label)}{_serial(choice.serial_number)}</div>")
+            if choice.why_not is not None:
+                lines.append(refused(sentence(f"cannot be used: {choice.why_not}")))
+            lines += map(_note, choice.notes)
     return "".join(lines)
 
 
@@ -133,9 +131,15 @@ def board_html(snapshot: Snapshot) -> str:
     board = snapshot.board
     if board is None:
         return "<div>Not connected.</div>"
-    serial = f" · serial number {escape(board.serial_number)}" if board.serial_number else ""
-    lines = [f"<div><b>{escape(board.kind)}</b> on {escape(board.port)}{serial}</div>"]
+    kind = f"<b>{escape(board.kind)}</b> on {escape(board.port)}"
+    lines = [f"<div>{kind}{_serial(board.serial_number)}</div>"]
     lines += [f"<div>{escape(title)}: {escape(words)}</div>" for title, words in snapshot.measured.items()]
-    notes = (*board.notes, *board.earlier)
-    lines += [f"<div style='opacity:.75'>{escape(sentence(note))}</div>" for note in notes]
-    return "".join(lines)
+    return "".join([*lines, *map(_note, (*board.notes, *board.earlier))])
+
+
+def _serial(number: str | None) -> str:
+    return f" · serial number {escape(number)}" if number else ""
+
+
+def _note(text: str) -> str:
+    return f"<div style='opacity:.75'>{escape(sentence(text))}</div>"

@@ -92,14 +92,14 @@ class MainScreen:
         self._log.show("".join(_log_line(event) for event in reversed(events)))
 
     async def _on_line(self) -> None:
-        asked = self._line.value
-        if asked == "Rescan":
-            self._choices = {choice.label: choice for choice in self._session.console.list_ports()}
-            self._port.options = tuple(self._choices)
-        elif asked == "Disconnect":
-            await self._disconnect()
-        else:
-            await self._connect(self._choices[self._port.value])
+        match self._line.value:
+            case "Rescan":
+                self._choices = {choice.label: choice for choice in self._session.console.list_ports()}
+                self._port.options = tuple(self._choices)
+            case "Disconnect":
+                await self._disconnect()
+            case _:
+                await self._connect(self._choices[self._port.value])
 
     async def _disconnect(self) -> None:
         """Where that lets the arm drop, the first click asks, and a second one soon after disconnects."""

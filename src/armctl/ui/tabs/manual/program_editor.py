@@ -68,7 +68,7 @@ class ProgramEditor:
                 self._session.notify("The next pass would stop there", text, "yellow")
 
     async def undo(self, *, redo: bool = False) -> None:
-        """Take the last change back, or make again the one taken back last; refused as ``change``."""
+        """Take the last change back, or make it again; refused as ``change``."""
         self._session.require_operator()
         await self._take_over(lambda: self._shared.undo(redo=redo))
 

@@ -46,8 +46,7 @@ def _shown(step: Step, keys: Sequence[Key]) -> str:
 def edited(step: Step, texts: Mapping[str, str]) -> Step:
     """The step with what its fields hold (``texts``, by label); what was not edited keeps all its digits.
 
-    Raises:
-        InputError: no number, too few or too many, or a value that is not allowed; names the field.
+    An ``InputError`` names the field that holds no number, too few or too many, or what is not allowed.
     """
     record: dict[str, object] = msgspec.to_builtins(step)
     fields = by_label(keys_of(type(step)))
