@@ -27,14 +27,10 @@ ANY_BOARD, NO_BOARD = "*", ""
 
 
 class Boards:
-    """Opens drivers of one robot, and owns the simulated board behind ``sim`` while the program runs.
+    """Opens drivers of one robot, and owns the simulated board behind ``sim``.
 
-    Args:
-        robot: whose board it is; its file says of which kind.
-        now: the clock [s].
-        ports: the listing of serial ports.
-        board: what ``board_name`` called the board that the robot is calibrated with, or ``NO_BOARD``. A
-            driver of another real board refuses to open: its calibration, or its lack of one, is another.
+    ``board`` is what ``board_name`` called the board that the robot is calibrated with, or ``NO_BOARD``. A
+    driver of another real board refuses to open: its calibration, or its lack of one, is another.
     """
 
     def __init__(
@@ -59,18 +55,16 @@ class Boards:
             PortError: ``auto`` found no board, or more than one; another kind of board than the robot
                 file's; or the arm may only be simulated.
         """
-        own = board_type(self._robot.board)
         if port == SIMULATED:
-            return self._driver(own, self.simulated().port, simulated=True)
-        _require_name(port)
-        _require_outputs(self._robot, port)
+            return self._driver(self.simulated().port, simulated=True)
+        _require_real(port, self._robot)
         if port == AUTOMATIC:
-            return self._driver(own, find_board(self._ports(), own.kind).device)
+            return self._driver(find_board(self._ports(), self._robot.board).device)
         named, device = split_kind(port)
         for board in (named, _listed_as(device, self._ports())):
             if board is not None:
                 require_kind(self._robot, board, device)
-        return self._driver(own, device)
+        return self._driver(device)
 
     def simulated(self) -> PtyServer[ByteModel]:
         """The simulated board's server, started when it is first asked for."""
@@ -89,9 +83,9 @@ class Boards:
         if server is not None:
             server.__exit__(None, None, None)
 
-    def _driver(self, board: BoardType, line: str, *, simulated: bool = False) -> Driver:
+    def _driver(self, line: str, *, simulated: bool = False) -> Driver:
         connection = Connection(line, self._now, self._ports, partial(self._accept, line), simulated)
-        return board.driver(setup_of(self._robot), connection)
+        return board_type(self._robot.board).driver(setup_of(self._robot), connection)
 
     def _accept(self, line: str, serial_number: str | None) -> None:
         """Refuse the board of another calibration: a name of a port may mean another board by now."""
@@ -118,11 +112,7 @@ def split_kind(port: str) -> tuple[BoardType | None, str]:
 
 
 def require_kind(robot: Robot, board: BoardType, port: str) -> None:
-    """Refuse another kind of board than the robot file's.
-
-    Raises:
-        PortError: says which is which, and what to do.
-    """
+    """Refuse another kind of board than the robot file's (``PortError``)."""
     if board.kind != robot.board:
         raise PortError(
             f"{port}: {robot.title} is set up for {board_type(robot.board).title}, this is {board.title}, "
@@ -148,13 +138,10 @@ def only_simulated(robot: Robot) -> str | None:
     )
 
 
-def _require_name(port: str) -> None:
-    """Refuse what no port can be called: nothing, as an unset variable leaves it, or a name with a NUL."""
+def _require_real(port: str, robot: Robot) -> None:
+    """Refuse a name that is empty, as an unset variable leaves it, or has a NUL; an arm without outputs."""
     if not port or "\0" in port:
         raise PortError(f"{port!r}: {NO_SUCH_PORT}")
-
-
-def _require_outputs(robot: Robot, port: str) -> None:
     why_not = only_simulated(robot)
     if why_not is not None:
         raise PortError(f"{port} is not opened: {why_not}")
@@ -163,18 +150,13 @@ def _require_outputs(robot: Robot, port: str) -> None:
 def board_name(port: str, robot: Robot, ports: Callable[[], Sequence[PortInfo]] = list_ports) -> str:
     """What a calibration is kept under: the serial number of the board on a port.
 
-    Returns:
-        ``SIMULATED_SERIAL`` for the simulated board, and ``UNNUMBERED`` where no serial number is known (many
-        clones of the Arduino have none, a pty and a socket neither).
-
-    Raises:
-        PortError: ``auto`` found no board, or more than one; there is no such device; or the arm may only
-            be simulated.
+    ``SIMULATED_SERIAL`` for the simulated board, and ``UNNUMBERED`` where no serial number is known (many
+    clones of the Arduino have none, a pty and a socket neither). ``PortError`` as ``Boards.driver``, and
+    where there is no such device.
     """
     if port == SIMULATED:
         return SIMULATED_SERIAL
-    _require_name(port)
-    _require_outputs(robot, port)
+    _require_real(port, robot)
     if port == AUTOMATIC:
         return find_board(ports(), robot.board).serial_number or UNNUMBERED
     device = split_kind(port)[1]

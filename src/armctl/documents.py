@@ -31,10 +31,9 @@ Place = tuple[str | int, ...]
 
 @dataclass(frozen=True, slots=True)
 class DocumentKind:
-    """What all documents of one kind share."""
+    """What all documents of one kind share; its methods refuse with ``error``."""
 
     error: type[ArmctlError]
-    """raised for whatever is wrong with one"""
     most_bytes: int
     """no file is larger"""
     largest: float = math.inf
@@ -43,11 +42,7 @@ class DocumentKind:
     """key of a list to what one of its entries is called: the message counts these from 1"""
 
     def load(self, path: Path, decode: Callable[[bytes], T]) -> T:
-        """Decode a file.
-
-        Raises:
-            ArmctlError: of this kind: no regular file, too large, or as ``decode``; names the file.
-        """
+        """Decode a file; refuses by its name what is not regular, too large, or refused by ``decode``."""
         try:
             return decode(self._content(path))
         except OSError as cause:
@@ -57,23 +52,19 @@ class DocumentKind:
 
     def _content(self, path: Path) -> bytes:
         with open(path, "rb", opener=_open_at_once) as stream:
-            status = os.fstat(stream.fileno())
-            if not stat.S_ISREG(status.st_mode):
+            if not stat.S_ISREG(os.fstat(stream.fileno()).st_mode):
                 raise self.error("cannot be read: it is no regular file")
-            if status.st_size <= self.most_bytes:
-                content = stream.read(self.most_bytes + 1)  # it may grow meanwhile
-                if len(content) <= self.most_bytes:
-                    return content
-        raise self.error(f"is larger than {self.most_bytes // 1024} KiB; no such file is")
+            content = stream.read(self.most_bytes + 1)
+        self._check_size(content)
+        return content
 
-    def text(self, content: bytes | str) -> str:
-        """The text of a file: UTF-8, without a byte order mark, lines ended as they are.
-
-        Raises:
-            ArmctlError: too large, or another encoding; says what to do.
-        """
+    def _check_size(self, content: bytes | str) -> None:
         if len(content) > self.most_bytes:
             raise self.error(f"is larger than {self.most_bytes // 1024} KiB; no such file is")
+
+    def text(self, content: bytes | str) -> str:
+        """The text of a file: UTF-8, without a byte order mark, lines ended as they are; refuses others."""
+        self._check_size(content)
         if isinstance(content, bytes):
             if content.startswith(_UTF16):
                 raise self.error("is not a text file in UTF-8 but in UTF-16; save it as UTF-8")
@@ -86,11 +77,7 @@ class DocumentKind:
         return content.removeprefix("\ufeff")
 
     def parse(self, content: bytes | str) -> Document:
-        """The document from the content of its file.
-
-        Raises:
-            ArmctlError: of this kind: no text, or not TOML.
-        """
+        """The document from the content of its file; refuses what is no text or not TOML."""
         text = self.text(content).replace("\r\n", "\n")  # lines as editors count them
         try:
             return Document(self, tomllib.loads(text), text)
@@ -102,11 +89,7 @@ class DocumentKind:
             raise self.error(f"holds a number that is too large: {cause}") from cause
 
     def decode(self, content: bytes | str, model: type[T]) -> T:
-        """A struct from the content of its file.
-
-        Raises:
-            ArmctlError: of this kind: as ``parse``, ``Document.convert`` and ``Document.require_numbers``.
-        """
+        """A struct from the content of its file; refuses as the three methods that it calls."""
         document = self.parse(content)
         found = document.convert(model)
         document.require_numbers()
@@ -123,11 +106,7 @@ class Document:
     """None: made in Python; a refusal then names no line"""
 
     def convert(self, model: type[T], place: Place = ()) -> T:
-        """What stands at ``place`` as a struct, strictly.
-
-        Raises:
-            ArmctlError: an unknown or missing key, a wrong type, a value that is not allowed.
-        """
+        """What stands at ``place`` as a struct; refuses an unknown or missing key, a wrong type or value."""
         value: Any = self.record
         for key in place:
             value = value[key]
@@ -138,11 +117,7 @@ class Document:
             raise self.refusal(refusal.what, (*place, *refusal.place), refusal.key) from cause
 
     def require_numbers(self) -> None:
-        """Refuse what no comparison with a limit catches.
-
-        Raises:
-            ArmctlError: a number that is not finite (TOML knows nan and inf), or too large.
-        """
+        """Refuse numbers that are not finite (TOML knows nan and inf), or too large."""
         for place, number in _numbers(self.record, ()):
             if isinstance(number, float) and not math.isfinite(number):
                 raise self.refusal(f"{number} is no number to use", place)
@@ -151,9 +126,7 @@ class Document:
 
     def refusal(self, what: str, place: Place, key: str | None = None) -> ArmctlError:
         """The error that says what is wrong at a place; ``key`` is unknown or missing there."""
-        line = None
-        if self.text is not None:
-            line = line_of(self.text, place if key is None else (*place, key))
+        line = None if self.text is None else line_of(self.text, place if key is None else (*place, key))
         words = [] if line is None else [f"line {line}"]
         match place:
             case (str() as name, int() as index, *rest) if name in self.kind.entries:
@@ -167,7 +140,7 @@ class Document:
 
 
 def _open_at_once(path: str, flags: int) -> int:
-    # A named pipe that nobody writes to is opened, too, instead of waiting for ever.
+    # A named pipe without a writer is opened, too, instead of waiting for ever.
     return os.open(path, flags | getattr(os, "O_NONBLOCK", 0))
 
 
@@ -233,41 +206,36 @@ class Refusal(NamedTuple):
 
 
 def refusal_of(error: msgspec.ValidationError, record: object, model: Any) -> Refusal:
-    """Take a decoder's message apart.
-
-    Args:
-        error: what the decoder raised.
-        record: what it was to decode.
-        model: the type that it was to be.
-    """
+    """What the decoder raised on decoding ``record`` as a ``model``, in plain words."""
     what, _, where = str(error).rpartition(" - at `")
     if not what:
         what, where = str(error), "$`"
     where = where.removeprefix("key` in `").removesuffix("`").removeprefix("$")
     place = tuple(_part(index, key) for index, key in _STEP.findall(where))
     if match := _UNKNOWN.fullmatch(what):
-        return Refusal(place, match.group(1), f"unknown key {match.group(1)!r}; mistyped?")
+        return Refusal(place, match[1], f"unknown key {match[1]!r}; mistyped?")
     if match := _MISSING.fullmatch(what):
-        return Refusal(place, match.group(1), f"the key {match.group(1)!r} is missing")
-    value, node = _found(record, inspect.type_info(model), place)
+        return Refusal(place, match[1], f"the key {match[1]!r} is missing")
+    return Refusal(place, None, _plain_words(what, *_found(record, inspect.type_info(model), place)))
+
+
+def _plain_words(what: str, value: Any, node: inspect.Type) -> str:
+    """What is wrong with a value that should be of the type ``node``."""
     got = "" if value is _LOST else f", not {reprlib.repr(value)}"
     if _BOUND.fullmatch(what) and isinstance(node, inspect.FloatType | inspect.IntType):
-        return Refusal(place, None, f"must be {range_words(node)}{got}")
+        return f"must be {range_words(node)}{got}"
     if (match := _CHOICE.fullmatch(what)) and isinstance(node, inspect.LiteralType):
-        return Refusal(place, None, f"{must_be(node.values)}, not {match.group(1)}")
+        return f"{must_be(node.values)}, not {match[1]}"
     if match := _TYPE.fullmatch(what):
-        allowed = " or ".join(_TYPE_WORDS.get(name, name) for name in match.group(1).split(" | "))
-        return Refusal(place, None, f"must be {allowed}{got}")
+        allowed = " or ".join(_TYPE_WORDS.get(name, name) for name in match[1].split(" | "))
+        return f"must be {allowed}{got}"
     if match := _LENGTH.fullmatch(what):
-        count, unit = int(match.group(3)), "character" if match.group(1) == "str" else "value"
-        wanted = f"{_LENGTH_WORDS[match.group(2)]}{count} {unit}{'' if count == 1 else 's'}"
-        return Refusal(place, None, f"must have {wanted}{got}")
+        count, unit = int(match[3]), "character" if match[1] == "str" else "value"
+        return f"must have {_LENGTH_WORDS[match[2]]}{count} {unit}{'' if count == 1 else 's'}{got}"
     if match := _PATTERN.fullmatch(what):
-        return Refusal(
-            place, None, f"a name must match {match.group(1)}{got if isinstance(value, str) else ''}"
-        )
+        return f"a name must match {match[1]}{got if isinstance(value, str) else ''}"
     what = what.replace("`", "")
-    return Refusal(place, None, f"{what[:1].lower()}{what[1:]}")
+    return f"{what[:1].lower()}{what[1:]}"
 
 
 def must_be(choices: Sequence[object]) -> str:
@@ -302,9 +270,11 @@ def _found(value: Any, node: inspect.Type, place: Place) -> tuple[Any, inspect.T
                 node = inspect.LiteralType(
                     tuple(one.tag for one in kinds if isinstance(one, inspect.StructType))
                 )
-            case inspect.DictType(value_type=inner) | inspect.ListType(item_type=inner):
-                node = inner
-            case inspect.VarTupleType(item_type=inner):
+            case (
+                inspect.DictType(value_type=inner)
+                | inspect.ListType(item_type=inner)
+                | inspect.VarTupleType(item_type=inner)
+            ):
                 node = inner
             case inspect.TupleType(item_types=inners) if isinstance(part, int):
                 node = inners[part]
@@ -349,11 +319,9 @@ _LINES = re.compile(
 
 
 def line_of(text: str, place: Place) -> int | None:
-    """Line, from 1, of a key, or of the table that it is missing in; None where it cannot be told.
+    """Line of valid TOML, from 1, of a key, or of the table that it is missing in.
 
-    Args:
-        text: valid TOML.
-        place: of the key; the entries of an array of inline tables have no line.
+    None where it cannot be told: the entries of an array of inline tables have no line.
     """
     entries: dict[Place, int] = {}
     table: Place = ()
@@ -397,13 +365,8 @@ def _opened(names: Sequence[str], entries: dict[Place, int], *, new: bool) -> Pl
 def write_atomically(path: Path, content: bytes, *, keep: bool = False) -> None:
     """Write a file beside ``path`` and let it take its place in one step; the mode of an old file stays.
 
-    Args:
-        path: of the file; a symbolic link is replaced, not followed.
-        content: all of it.
-        keep: the version that was there before is kept as ``NAME~``.
-
-    Raises:
-        OSError: cannot be written; what was there before is there still.
+    A symbolic link is replaced, not followed. With ``keep`` the version before is kept as ``NAME~``. After
+    an ``OSError`` what was there before is there still.
     """
     mode = stat.S_IMODE(path.stat().st_mode) if path.exists() else 0o644
     written = _beside(path, content, mode)
