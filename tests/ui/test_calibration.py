@@ -139,19 +139,6 @@ def test_limits_set_by_hand_stay_when_the_line_is_measured_anew() -> None:
             desk.delete_mark("base", 0)
 
 
-def test_limits_that_the_line_in_force_needed_go_with_the_new_line() -> None:
-    """Else each measuring takes a little more from the joint, and from an encoder's a lot."""
-    scorbot = load_robot("scorbot")
-    own = own_calibration(scorbot, "waist")
-    now = Calibration("scorbot", "7", "counts", {"waist": own})
-    desk = CalibrationWork(scorbot, now)
-    assert desk.limits("waist") == (own.low, own.high)
-    per_deg = 1.1 * math.radians(own.per_rad)
-    mark(desk, "waist", *((per_deg * degrees, degrees) for degrees in (-90.0, 0.0, 90.0)))
-    assert desk.limits("waist") == pytest.approx((1.1 * own.low, 1.1 * own.high))
-    assert desk.measured()["waist"].angles() == pytest.approx(tuple(scorbot.limits[0]))
-
-
 def test_limits_by_default_follow_the_marks_that_come_after() -> None:
     desk = work()
     desk.set_limit("base", "low", 900.0)
@@ -406,13 +393,11 @@ def test_five_points_tell_nothing_and_six_name_the_joint() -> None:
 
 
 def test_points_of_one_place_are_answered_in_words() -> None:
-    points = TouchedPoints(ROBOT)
-    q = ROBOT.pose("home")
+    points, q = TouchedPoints(ROBOT), ROBOT.pose("home")
     for _ in range(6):
         points.add(the_map().outputs(q), ROBOT.forward(q)[:3, 3])
     asyncio.run(points.compute())
-    assert isinstance(points.result, str)
-    assert "spread them over the arm's workspace" in points.result
+    assert "spread them over the arm's workspace" in str(points.result)
 
 
 def test_touches_stay_true_when_the_calibration_changes() -> None:
@@ -464,12 +449,14 @@ def test_a_mark_is_taken_where_the_board_says_the_arm_stands() -> None:
     assert standing_outputs(ROBOT, partly) == pytest.approx(the_map().outputs(expected))
 
 
-@pytest.mark.parametrize("state", [State.MOVING, State.PAUSED])
-def test_no_mark_is_taken_on_the_way(state: State) -> None:
-    moving = replace(holding(), state=state)
-    with pytest.raises(StateError, match="wait until it stands"):
-        standing_outputs(ROBOT, moving)
-    assert present_outputs(ROBOT, moving)  # it may be looked at
+def test_no_mark_is_taken_on_the_way_or_of_an_arm_without_outputs() -> None:
+    for state in (State.MOVING, State.PAUSED):
+        moving = replace(holding(), state=state)
+        with pytest.raises(StateError, match="wait until it stands"):
+            standing_outputs(ROBOT, moving)
+        assert present_outputs(ROBOT, moving)  # it may be looked at
+    with pytest.raises(CalibrationError, match="nothing to calibrate"):
+        standing_outputs(replace(ROBOT, output_map=None), holding())
 
 
 def test_an_arm_that_is_off_has_marks_only_where_its_board_measures() -> None:
@@ -493,11 +480,6 @@ def test_a_gripper_that_was_never_told_stands_nowhere() -> None:
     outputs = the_map()
     half = (outputs.gripper_closed + outputs.gripper_open) / 2
     assert standing_gripper(ROBOT, replace(snapshot, gripper=0.5)) == pytest.approx(half)
-
-
-def test_an_arm_without_outputs_has_none() -> None:
-    with pytest.raises(CalibrationError, match="nothing to calibrate"):
-        standing_outputs(replace(ROBOT, output_map=None), holding())
 
 
 LINE = JointCalibration(1500, 500, 800, 2200)

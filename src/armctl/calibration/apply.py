@@ -24,11 +24,7 @@ _FILE_ROUNDING = 0.125
 
 
 def own_map(robot: Robot) -> OutputMap:
-    """The map of a robot's outputs.
-
-    Raises:
-        CalibrationError: its file gives none, so that there is nothing to calibrate.
-    """
+    """The map of a robot's outputs; refuses a robot file that gives none."""
     if robot.output_map is None:
         raise CalibrationError(
             f"the robot file of {robot.title} gives neither servos nor encoders: there is nothing to "
@@ -72,11 +68,7 @@ def calibrated(robot: Robot, calibration: Calibration) -> Robot:
 
 
 def narrowed(robot: Robot, calibration: Calibration) -> tuple[str, ...]:
-    """What ``calibrated`` takes from the robot's limits and moves of its poses, in words; empty: nothing.
-
-    Raises:
-        CalibrationError: as ``calibrated``.
-    """
+    """What ``calibrated`` takes from the robot's limits and moves of its poses, in words; empty: nothing."""
     _require_robot(robot, calibration)
     return _applied(robot, calibration)[1]
 

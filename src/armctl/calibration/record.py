@@ -111,11 +111,7 @@ class _CalibrationFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 def checked_record(calibration: Calibration, again: int | None = None) -> dict[str, object]:
-    """The tables of a calibration's file, if its numbers make sense by themselves.
-
-    Raises:
-        CalibrationError: names the part, its value and what is allowed.
-    """
+    """The tables of a calibration's file; refuses numbers that make no sense by themselves."""
     file = _CalibrationFile(
         format=1,
         robot=calibration.robot,
@@ -139,11 +135,7 @@ def checked_record(calibration: Calibration, again: int | None = None) -> dict[s
 
 
 def encode_calibration(calibration: Calibration, again: int | None = None) -> str:
-    """The text of a calibration's file; ``again``: the version of the store that it brings back.
-
-    Raises:
-        CalibrationError: a value that could not be read again.
-    """
+    """The text of a calibration's file; ``again``: the version of the store that it brings back."""
     return tomli_w.dumps(checked_record(calibration, again))
 
 

@@ -80,13 +80,7 @@ class CalibrationStore:
         return version.calibration
 
     def save(self, calibration: Calibration, again: int | None = None) -> Version:
-        """Bring a calibration in force; the earlier ones stay.
-
-        ``again``: the earlier version that it is.
-
-        Raises:
-            CalibrationError: it contradicts itself, or cannot be written.
-        """
+        """Bring a calibration in force; the earlier ones stay. ``again``: the earlier version that it is."""
         place = self._place(calibration.robot, calibration.board)
         try:
             text = encode_calibration(calibration, again)
