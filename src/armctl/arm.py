@@ -7,7 +7,6 @@ import sys
 from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Self
 
 import numpy as np
@@ -19,16 +18,8 @@ from armctl.errors import InputError
 from armctl.kinematics import Target
 from armctl.kinematics.target import as_numbers, checked_number, require_finite
 from armctl.motion import PitchMode, Profile
-from armctl.program import (
-    WIDEST_BLEND_MM,
-    ArcStep,
-    LineStep,
-    Program,
-    Step,
-    WaitStep,
-    checked_program,
-    open_program,
-)
+from armctl.program import ArcStep, LineStep, Program, Step, WaitStep, checked_program, open_program
+from armctl.program.steps import WIDEST_BLEND_MM
 from armctl.robot import Robot, load_robot
 from armctl.runtime import (
     Command,
@@ -86,9 +77,6 @@ class Arm:
 
         ``robot``: a shipped robot's name, a robot file, or a robot. ``port``: a device, ``auto``, or None for
         the simulated board.
-
-        Raises:
-            ArmctlError: no such robot, no board on the port, or another one than a moment before.
         """
         loaded = robot if isinstance(robot, Robot) else load_robot(robot)
         port = SIMULATED if port is None else port
@@ -129,9 +117,7 @@ class Arm:
     def home(self) -> None:
         """Let motors with encoders find their zeros: every axis moves, slowly, to its home switch.
 
-        Raises:
-            StateError: an arm that has nothing to home.
-            BoardError: an axis did not find its zero; says which and why.
+        StateError: there is nothing to home. BoardError: an axis did not find its zero.
         """
         self._do(HomeAxes())
 
@@ -160,10 +146,7 @@ class Arm:
         The point is in the base frame; ``pitch_deg`` and ``roll_deg`` are the tool's, None: any. ``choose``
         is the criterion among the solutions, ``profile`` the law over time. Without a duration the motion
         takes the shortest. ``blend_mm`` means something in a program only: a call stops at its end.
-
-        Raises:
-            UnreachableError: no solution; says why and names the nearest reachable point.
-            MotionRefusedError: the way there would leave the limits.
+        UnreachableError: no solution. MotionRefusedError: the way there would leave the limits.
         """
         _require_blend(blend_mm)
         point = _point((x_mm, y_mm, z_mm), "x_mm, y_mm, z_mm")
@@ -201,10 +184,8 @@ class Arm:
         """Lead the tool to a point in the base frame [mm] in a straight line.
 
         ``pitch``: tool pitch on the way, "kept", "interpolated" to ``pitch_deg``, or "free". ``speed_mm_s``:
-        largest speed of the tool; None: as fast as the joints can. The rest as ``go``.
-
-        Raises:
-            ProgramError: the tool cannot be led there; says when, where and why.
+        largest speed of the tool; None: as fast as the joints can. The rest as ``go``. ProgramError: the
+        tool cannot be led there; says when, where and why.
         """
         x, y, z = _point((x_mm, y_mm, z_mm), "x_mm, y_mm, z_mm").tolist()
         shared = _led(pitch, pitch_deg, speed_mm_s, duration_s, blend_mm)
@@ -244,15 +225,12 @@ class Arm:
         self._do(SetSpeed(checked_number(percent, "percent") / 100))
 
     def run(self, program: str | Path | Program, loops: int | None = 1) -> None:
-        """Run a program, or its file (.toml, .csv), ``loops`` times (None: until stopped).
-
-        Raises:
-            ProgramError: the file cannot be read, or a step cannot be run.
-            InputError: ``loops`` is not a whole number above 0.
-        """
-        built = isinstance(program, Program)
-        loaded = checked_program(program) if built else open_program(program, self.robot)
-        self._do(RunProgram(loaded, loops))
+        """Run a program, or its file (.toml, .csv), ``loops`` times (None: until stopped)."""
+        if isinstance(program, Program):
+            program = checked_program(program)
+        else:
+            program = open_program(program, self.robot)
+        self._do(RunProgram(program, loops))
 
     def close(self) -> None:
         """Stop, close the line and end. The outputs stay as they are."""
@@ -262,13 +240,9 @@ class Arm:
             self.boards.close()
 
     def __enter__(self) -> Self:
-        """Itself."""
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        """Close."""
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def _step(self, step: Step) -> None:

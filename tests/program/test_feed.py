@@ -7,18 +7,8 @@ import pytest
 
 from armctl.errors import ProgramError
 from armctl.motion import stopping_s
-from armctl.program import (
-    CommentStep,
-    LineStep,
-    MoveStep,
-    PlannedStep,
-    PointStep,
-    Program,
-    ProgramSource,
-    Step,
-    begin_program,
-    plan_next,
-)
+from armctl.program import CommentStep, LineStep, MoveStep, PointStep, Program, Step
+from armctl.program.feed import PlannedStep, ProgramSource, begin_program, plan_next
 from armctl.robot import Robot, load_robot
 
 ROBOT = load_robot("uzuner")

@@ -17,9 +17,8 @@ from armctl.program import (
     SpeedStep,
     Step,
     WaitStep,
-    rehearse,
-    rehearse_pose,
 )
+from armctl.program.rehearsal import rehearse, rehearse_pose
 
 ROBOT = load_robot("uzuner")
 REST, HOME = ROBOT.pose("rest"), ROBOT.pose("home")

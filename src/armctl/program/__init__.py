@@ -1,15 +1,7 @@
 """Serial-motion programs: steps, blocks, files, editing."""
 
 from armctl.program.check import check_program
-from armctl.program.csv import CsvForm, read_csv, write_csv
-from armctl.program.feed import (
-    PlannedStep,
-    PlanState,
-    ProgramSource,
-    begin_program,
-    plan_next,
-    require_runnable,
-)
+from armctl.program.csv import read_csv, write_csv
 from armctl.program.files import (
     PROGRAM_SUFFIXES,
     checked_program,
@@ -22,9 +14,7 @@ from armctl.program.files import (
     write_script,
 )
 from armctl.program.program import Blocks, Cursor, Program
-from armctl.program.rehearsal import Rehearsal, rehearse, rehearse_pose
 from armctl.program.steps import (
-    WIDEST_BLEND_MM,
     ArcStep,
     CommentStep,
     EndStep,
@@ -41,40 +31,29 @@ from armctl.program.steps import (
 
 __all__ = [
     "PROGRAM_SUFFIXES",
-    "WIDEST_BLEND_MM",
     "ArcStep",
     "Blocks",
     "CommentStep",
-    "CsvForm",
     "Cursor",
     "EndStep",
     "GripperStep",
     "LineStep",
     "MotionStep",
     "MoveStep",
-    "PlanState",
-    "PlannedStep",
     "PointStep",
     "Program",
-    "ProgramSource",
-    "Rehearsal",
     "RepeatStep",
     "SpeedStep",
     "Step",
     "WaitStep",
-    "begin_program",
     "check_program",
     "checked_program",
     "decode_program",
     "encode_program",
     "load_program",
     "open_program",
-    "plan_next",
     "read_csv",
     "read_program",
-    "rehearse",
-    "rehearse_pose",
-    "require_runnable",
     "save_program",
     "write_csv",
     "write_script",

@@ -37,22 +37,14 @@ def check_program(
     and one that is refused there (through the floor, say) becomes a stop. Warnings that only a corner would
     give are missed. Of a repeat block two passes are checked: from the third on they are like the second.
 
-    Args:
-        program: what to check.
-        robot: the arm that is to run it.
-        motions: also plan every motion whose start is known and check all of them (slower).
-        start: (n,) where the first motion starts [rad]; None: not known, only its end is checked.
-        payload_kg: what the tool holds; None: what the robot file says.
-        progress: called with how many steps are checked and how many there are; what it raises ends the
-            check.
-
-    Raises:
-        InputError: a start or a payload that cannot be.
+    ``motions``: also plan every motion whose start is known and check all of them (slower). ``start``: (n,)
+    where the first motion starts [rad]; None: not known, only its end is checked. ``payload_kg``: what the
+    tool holds; None: what the robot file says. ``progress`` is called with how many steps are checked and
+    how many there are; what it raises ends the check.
     """
     findings: list[Finding] = []
     if program.robot != robot.name:
-        what = f"it is for the robot {program.robot!r}, this one is {robot.name!r}"
-        findings.append(Finding(what))
+        findings.append(Finding(f"it is for the robot {program.robot!r}, this one is {robot.name!r}"))
     if not program.steps:
         findings.append(Finding("it has no steps"))
     wrong = dict(_value_findings(program, robot))
@@ -60,9 +52,9 @@ def check_program(
     in_steps = [Finding(what, step=index) for index, what in (*wrong.items(), *broken)]
     if motions and not broken:
         begin = None if start is None else robot.chain.checked(start)
-        walk = _Walk(program, robot, wrong, payload_kg, progress or (lambda _done, _steps: None))
-        walk.run(begin)
-        in_steps += [*walk.refused, *walk.found]
+        walk = _Walk(program, robot, wrong, payload_kg)
+        walk.run(begin, progress)
+        in_steps += walk.found
     return findings + sorted(in_steps, key=lambda finding: -1 if finding.step is None else finding.step)
 
 
@@ -90,27 +82,19 @@ class _Walk:
     """
 
     def __init__(
-        self,
-        program: Program,
-        robot: Robot,
-        skipped: Container[int],
-        payload_kg: float | None,
-        progress: Callable[[int, int], None],
+        self, program: Program, robot: Robot, skipped: Container[int], payload_kg: float | None
     ) -> None:
         """``skipped``: indices of the steps that are wrong in themselves."""
-        self.program, self.robot, self.skipped = program, robot, skipped
-        self.payload_kg, self.progress = payload_kg, progress
-        self.refused: list[Finding] = []
-        """motions that cannot be planned"""
+        self.program, self.robot, self.skipped, self.payload_kg = program, robot, skipped, payload_kg
         self.found: list[Finding] = []
-        """what the pre-flight found in the others"""
+        """motions that cannot be planned, and what the pre-flight found in the others"""
         self._planned: list[tuple[int, MotionStep, Trajectory]] = []
         """motions that the pre-flight has not seen yet, each from where the one before ends"""
         self._known: dict[tuple[int, bytes], FloatArray | None] = {}
         """where a step or a block ends that was entered somewhere"""
         self._reported: set[tuple[int, str, str]] = set()
 
-    def run(self, q: FloatArray | None) -> None:
+    def run(self, q: FloatArray | None, progress: Callable[[int, int], None] | None) -> None:
         """Walk through the program from ``q`` (n,) [rad]; None: not known."""
         steps, cursor, done = self.program.steps, Cursor(self.program), 0
         passes: list[tuple[int, FloatArray | None, bool]] = []
@@ -120,7 +104,8 @@ class _Walk:
             step, done = steps[index], max(done, index + 1)
             if isinstance(step, MotionStep):
                 q = self._after(index, step, q)
-                self.progress(done, len(steps))
+                if progress is not None:
+                    progress(done, len(steps))
             elif isinstance(step, RepeatStep):
                 if (index, _key(q)) in self._known:
                     q = self._known[index, _key(q)]
@@ -138,19 +123,16 @@ class _Walk:
                     second = second and first
                     self._known[begin, _key(entered)] = q
                     cursor.leave(begin)
-        self._flush()
+        self._look_at(self._planned)
 
     def _add(self, index: int, step: MotionStep, trajectory: Trajectory) -> None:
         if self._planned:
             _, last, before = self._planned[-1]
             follows = last.leads_tool == step.leads_tool and np.array_equal(before.end, trajectory.start)
             if len(self._planned) == _TOGETHER or not follows:
-                self._flush()
+                self._look_at(self._planned)
+                self._planned = []
         self._planned.append((index, step, trajectory))
-
-    def _flush(self) -> None:
-        planned, self._planned = self._planned, []
-        self._look_at(planned)
 
     def _look_at(self, planned: list[tuple[int, MotionStep, Trajectory]]) -> None:
         """Run the pre-flight: over all at once, and where that finds something, over ever fewer."""
@@ -197,8 +179,8 @@ class _Walk:
                     self._add(index, step, trajectory)
             except ArmctlError as cause:
                 refusal = Finding(str(cause), step=index)
-                if refusal not in self.refused:
-                    self.refused.append(refusal)
+                if refusal not in self.found:
+                    self.found.append(refusal)
         return self._known[key]
 
 

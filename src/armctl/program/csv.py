@@ -151,9 +151,6 @@ def write_csv(program: Program, robot: Robot, form: CsvForm = "angles") -> str:
 
     With ``points``, a move is written as the point (with tool pitch and roll, where the arm has them) to
     which its angles lead. Which of the solutions the arm takes there is then chosen when it is run.
-
-    Raises:
-        ProgramError: a move has another number of angles than the arm has joints; names the step.
     """
     steps = list(program.steps)
     for index, step in enumerate(steps):
@@ -206,11 +203,8 @@ def read_csv(text: bytes | str, robot: Robot, name: str = "untitled") -> Program
 
     A row with a ``do`` is one step of that kind. A row without goes to its angles, or to its point; then
     it sets the gripper and waits, where those columns say so. Columns may be separated by commas,
-    semicolons or tabs; with the latter two, numbers may have decimal commas.
-
-    Raises:
-        ProgramError: an unknown column, a missing or unknown unit, a cell that is missing or no number, a
-            value that is not allowed; names the line and the column.
+    semicolons or tabs; with the latter two, numbers may have decimal commas. A ProgramError names the line
+    and the column.
     """
     table = _Table(PROGRAM_FILES.text(text), robot)
     found = [(line, step) for line, cells in table.rows() for step in table.steps(line, cells)]

@@ -110,11 +110,7 @@ def begin_program(
     """Check a program and stand before its first step, with the arm at ``start`` (n,) [rad].
 
     It runs ``loops`` passes (None: without end), the first of them from the step ``first`` on, and ``count``
-    steps of it (None: all).
-
-    Raises:
-        InputError: ``loops``, ``first`` or ``count`` that cannot be.
-        ProgramError: as ``require_runnable``.
+    steps of it (None: all). InputError: one of them cannot be.
     """
     first = _whole(first, "the first step")
     loops = None if loops is None else _whole(loops, "how often a program runs")
@@ -137,11 +133,7 @@ def _whole(value: int, what: str) -> int:
 
 
 def require_runnable(robot: Robot, program: Program) -> None:
-    """Refuse what can be refused without planning.
-
-    Raises:
-        ProgramError: another robot's program, no steps, or a step that this arm cannot run.
-    """
+    """ProgramError: another robot's program, no steps, or a step that cannot be run: all without planning."""
     for finding in check_program(program, robot, motions=False):
         if finding.severity == "error":
             raise ProgramError(f"{program.name}: {finding}")
@@ -150,11 +142,9 @@ def require_runnable(robot: Robot, program: Program) -> None:
 def plan_next(robot: Robot, source: ProgramSource, state: PlanState) -> tuple[list[PlannedStep], PlanState]:
     """Plan the next steps: one, or as many as one blended motion needs to look ahead.
 
-    What cannot be blended (a corner through the floor, the step after it refused) stops at its point.
-
-    Returns:
-        The steps, and the state after them; no steps: the program has ended. A step that cannot be run
-        comes last, with its error.
+    Gives the steps and the state after them; no steps: the program has ended. What cannot be blended (a
+    corner through the floor, the step after it refused) stops at its point. A step that cannot be run comes
+    last, with its error.
     """
     steps, closed = _draw(robot, source, state)
     moving = [k for k, step in enumerate(steps) if step.leg is not None]
@@ -185,9 +175,10 @@ def _draw(robot: Robot, source: ProgramSource, state: PlanState) -> tuple[list[P
     steps = list(state.known)
     state = steps[-1].after if steps else replace(state, entry=None)
     times = [_least_time(robot, step.leg) for step in steps if step.leg is not None]
+    ahead = _ahead_s(robot)
     while len(steps) < _MOST_STEPS:
-        if _far_enough(robot, times):
-            return steps, False
+        if sum(times) >= ahead and (len(times) >= _ENOUGH_LEGS or sum(times[1:]) >= 0.5 * ahead):
+            return steps, False  # the first leg can be planned for good: behind it there is room to brake
         step = _next_step(source, state)
         if step is None:
             break
@@ -213,12 +204,6 @@ def _draw(robot: Robot, source: ProgramSource, state: PlanState) -> tuple[list[P
                 break
         state = steps[-1].after
     return steps, True
-
-
-def _far_enough(robot: Robot, times: Sequence[float]) -> bool:
-    """Whether legs of these times [s] leave the first one to be planned for good: it can be braked behind."""
-    ahead = _ahead_s(robot)
-    return sum(times) >= ahead and (len(times) >= _ENOUGH_LEGS or sum(times[1:]) >= 0.5 * ahead)
 
 
 def _next_step(source: ProgramSource, before: PlanState) -> PlannedStep | None:

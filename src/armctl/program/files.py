@@ -23,21 +23,12 @@ _WRITABLE = (int, float, str, list, tuple, np.generic, np.ndarray)
 
 
 def open_program(path: str | Path, robot: Robot | None = None) -> Program:
-    """Read a program file of any form; only a CSV, which names none, needs the robot that it is for.
-
-    Raises:
-        ProgramError: cannot be read, and what ``read_program`` refuses.
-    """
+    """Read a program file of any form; only a CSV, which names none, needs the robot that it is for."""
     return PROGRAM_FILES.load(Path(path), lambda content: _read(PurePath(path), content, robot))
 
 
 def read_program(filename: str, content: bytes, robot: Robot | None) -> Program:
-    """A program from the content of a file of any form.
-
-    Raises:
-        ProgramError: another kind of file, a CSV without a robot, or what its reader refuses; names the
-            file and the line.
-    """
+    """A program from the content of a file of any form; a ProgramError names the file and the line."""
     try:
         return _read(PurePath(filename), content, robot)
     except ProgramError as cause:
@@ -59,12 +50,7 @@ def _read(name: PurePath, content: bytes, robot: Robot | None) -> Program:
 
 
 def load_program(path: str | Path) -> Program:
-    """Read a program file (TOML).
-
-    Raises:
-        ProgramError: unreadable, not TOML, an unknown key, a wrong type, an impossible value, or blocks
-            that do not match; names the file, the line, the step and the key.
-    """
+    """Read a program file (TOML); a ProgramError names the file, the line, the step and the key."""
     return PROGRAM_FILES.load(Path(path), decode_program)
 
 
@@ -74,11 +60,7 @@ def decode_program(text: bytes | str) -> Program:
 
 
 def checked_program(program: Program) -> Program:
-    """A program built in Python as it would be read from its file; numpy's numbers become plain ones.
-
-    Raises:
-        ProgramError: as ``load_program``; names the program, the step and the key.
-    """
+    """A program built in Python as it would be read from its file; numpy's numbers become plain ones."""
     try:
         return _decoded(Document(PROGRAM_FILES, _record(program)))
     except ProgramError as cause:
@@ -86,11 +68,7 @@ def checked_program(program: Program) -> Program:
 
 
 def encode_program(program: Program) -> str:
-    """The text of the program's file (TOML; what is not set is left out).
-
-    Raises:
-        ProgramError: a value that no file can hold; names step and key.
-    """
+    """The text of the program's file (TOML; what is not set is left out)."""
     record = _record(program)
     steps = [
         {key: value for key, value in step.items() if value is not None and (key, value) != ("note", "")}
@@ -102,8 +80,7 @@ def encode_program(program: Program) -> str:
 def save_program(program: Program, path: str | Path) -> None:
     """Write a program file; the version before is kept as ``NAME.toml~``. A symbolic link is followed.
 
-    Raises:
-        ProgramError: cannot be written, or holds a value that could not be read again.
+    ProgramError: it cannot be written, or could not be read again.
     """
     path = Path(path)
     try:
@@ -175,9 +152,7 @@ _HEAD = """\
 def write_script(program: Program) -> str:
     """The program as a Python script; texts stand in it as string literals or behind ``#``, never as code.
 
-    Raises:
-        ProgramError: blocks that do not match, more than 19 inside each other, or a step that no call of
-            ``Arm`` does; names the step.
+    ProgramError: more than 19 blocks inside each other, or a step that no call of ``Arm`` does.
     """
     blocks = Blocks.matched(program.steps)
     lines = [literal(program.name), "", _HEAD, "", "import armctl", ""]

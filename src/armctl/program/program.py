@@ -65,11 +65,7 @@ class Blocks:
 
     @classmethod
     def matched(cls, steps: Sequence[Step]) -> Self:
-        """The same, where all markers match.
-
-        Raises:
-            ProgramError: a ``repeat`` without an ``end`` or the reverse; names the first such step.
-        """
+        """The same; a ProgramError names the first ``repeat`` without an ``end``, or the reverse."""
         found = cls.of(steps)
         for index, what in found.findings:
             raise ProgramError(f"step {index + 1}: {what}")
@@ -142,12 +138,7 @@ def duplicate(program: Program, row: int) -> Change:
 
 
 def repeat(program: Program, rows: str, selected: int, times: int) -> Change:
-    """The rows of a range, e.g. ``2-5``, in a block that runs ``times`` times; empty: the selected row.
-
-    Raises:
-        InputError: the range cannot be read.
-        ProgramError: no such rows, a number of times that cannot be, or a range that cuts another block.
-    """
+    """The rows of a range, e.g. ``2-5``, in a block that runs ``times`` times; empty: the selected row."""
     first = last = selected
     if rows.strip():
         match = _RANGE.fullmatch(rows)
@@ -199,12 +190,7 @@ class Cursor:
     """
 
     def __init__(self, program: Program, first: int = 0) -> None:
-        """Stand before the step ``first``: inside a block in its first pass, which its ``end`` ends at once.
-
-        Raises:
-            ProgramError: a ``repeat`` without ``end`` or the reverse; names the step.
-            InputError: no such step.
-        """
+        """Stand before the step ``first``: in a block in its first pass, which its ``end`` ends at once."""
         steps = program.steps
         if not 0 <= first < max(len(steps), 1):
             raise InputError(f"{program.name} has no step {first + 1}; it has {len(steps)}")

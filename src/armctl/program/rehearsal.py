@@ -96,19 +96,11 @@ def rehearse(
     most_steps: int = 100_000,
     as_far: bool = False,
 ) -> Rehearsal:
-    """One pass of a program, as the arm would run it; ``wait`` and the gripper take their time too.
+    """One pass of a program from ``start`` (n,) [rad]; ``wait`` and the gripper take their time too.
 
-    Args:
-        robot: the arm.
-        program: what to rehearse.
-        start: (n,) where the arm stands [rad].
-        opening: of the gripper, 0..1; None: not known.
-        longest_s: cut where that much is planned [s].
-        most_steps: cut after so many steps.
-        as_far: a step that cannot be run ends it (``broken``) instead of raising, unless it is the first.
-
-    Raises:
-        ProgramError: another robot's program, nothing to do, or names the step that cannot be run.
+    ``opening``: of the gripper, 0..1; None: not known. It is cut where ``longest_s`` [s] or ``most_steps``
+    are planned. A step that cannot be run is a ProgramError; with ``as_far`` it ends the rehearsal
+    (``broken``) instead, unless it is the first.
     """
     source, state, at = ProgramSource(program), begin_program(robot, program, start), 0.0
     steps: list[RehearsedStep] = []

@@ -165,10 +165,7 @@ class MotionStep(Step, frozen=True, kw_only=True):
     def path(self, robot: Robot, start: FloatArray) -> PiecewisePolynomial | None:
         """The joints' path q(s) from ``start`` (n,) [rad], straight to the end; None where it goes nowhere.
 
-        Raises:
-            InputError: a value that is not finite, or the wrong number of joints.
-            UnreachableError: no solution, or a line or arc that the arm cannot follow; says where and why.
-            MotionRefusedError: outside the joint limits.
+        UnreachableError: no solution, or the arm cannot follow. MotionRefusedError: outside the limits.
         """
         end = self.end(robot, start)
         if end is None or np.abs(end - start).max() <= NOWHERE:

@@ -12,7 +12,8 @@ from armctl.arrays import FloatArray
 from armctl.errors import ArmctlError, BoardError, InputError, StateError
 from armctl.kinematics import Target
 from armctl.motion import plan_joints, plan_target
-from armctl.program import Program, require_runnable
+from armctl.program import Program
+from armctl.program.feed import require_runnable
 from armctl.runtime.core import POWERED, Core
 from armctl.runtime.jog import JOG_EXPIRY_S, Jogger, tool_turns
 from armctl.runtime.live_target import FOLLOW_EXPIRY_S, Follower

@@ -8,7 +8,8 @@ from dataclasses import replace
 
 from armctl.arrays import FloatArray
 from armctl.errors import ArmctlError, ProgramError
-from armctl.program import PlannedStep, PlanState, Program, ProgramSource, begin_program, plan_next
+from armctl.program import Program
+from armctl.program.feed import PlannedStep, PlanState, ProgramSource, begin_program, plan_next
 from armctl.robot import Robot
 from armctl.runtime.activity import Setpoint
 from armctl.runtime.core import Core

@@ -13,7 +13,7 @@ import viser
 
 from armctl.errors import ArmctlError, StateError
 from armctl.kinematics import Target
-from armctl.program import Rehearsal, rehearse, rehearse_pose
+from armctl.program.rehearsal import Rehearsal, rehearse, rehearse_pose
 from armctl.runtime import FollowTarget, Snapshot, State
 from armctl.runtime.joint_servo import KeepClear
 from armctl.runtime.live_target import FOLLOW_EXPIRY_S, Follower
