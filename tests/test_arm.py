@@ -136,17 +136,8 @@ def test_a_program_that_no_file_could_hold_is_refused_before_it_runs(arm: armctl
     assert arm.snapshot.state is State.HOLDING
 
 
-def test_an_unreachable_step_is_named(arm: armctl.Arm) -> None:
-    steps = (PointStep(x_mm=200, y_mm=0, z_mm=100), PointStep(x_mm=400, y_mm=0, z_mm=100))
-    with pytest.raises(ProgramError, match=r"step 2.*too far"):
-        arm.run(Program(robot="uzuner", name="far", steps=steps))
-
-
 def test_stop_from_another_thread_ends_an_endless_program(arm: armctl.Arm) -> None:
-    steps = (
-        MoveStep(joints_deg=(30.0, 90.0, -70.0, -40.0, 0.0)),
-        MoveStep(joints_deg=(-30.0, 90.0, -70.0, -40.0, 0.0)),
-    )
+    steps = tuple(MoveStep(joints_deg=(base, 90.0, -70.0, -40.0, 0.0)) for base in (30.0, -30.0))
     ended: list[BaseException] = []
 
     def run() -> None:
@@ -155,18 +146,10 @@ def test_stop_from_another_thread_ends_an_endless_program(arm: armctl.Arm) -> No
         except StateError as stopped:
             ended.append(stopped)
 
-    thread = threading.Thread(target=run)
-    moving = threading.Event()
-
-    def watch() -> None:
-        while arm.snapshot.state is not State.MOVING:
-            moving.wait(0.002)
-        moving.set()
-
-    watcher = threading.Thread(target=watch)
+    thread, pause = threading.Thread(target=run), threading.Event()
     thread.start()
-    watcher.start()
-    watcher.join(10)
+    while arm.snapshot.state is not State.MOVING and thread.is_alive():
+        pause.wait(0.002)
     arm.stop()
     thread.join(10)
     assert not thread.is_alive()

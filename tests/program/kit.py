@@ -12,23 +12,13 @@ from armctl.program.keys import keys_of
 from armctl.program.steps import KINDS
 
 FLOATS = st.floats(-1e6, 1e6)
-_ODD = [
-    "=1+1",
-    "'",
-    "'=x",
-    "#",
-    "# x",
-    '"',
-    "'''",
-    "a\nimport os",
-    "\\",
-    " x ",
-    "@a",
-    "-1",
-    "repeat",
-    "a,b;c\td",
-]
+_ODD = ["=1+1", "'", "'=x", "#", "# x", "#}{", '"', "'''", '"""', "'\nimport os\nos.system('x')\n'", "\\"]
+_ODD += ["\r\n", "\u2028x", "a\x0cb", " x ", "@a", "-1", "repeat", "a,b;c\td"]
 NOTES = st.text(st.characters(blacklist_categories=("Cs",)), max_size=12) | st.sampled_from(_ODD)
+
+
+def program(*steps: Step, robot: str = "uzuner") -> Program:
+    return Program(robot=robot, name="pick", steps=steps)
 
 
 def _values(node: inspect.Type, joints: st.SearchStrategy[int]) -> st.SearchStrategy[object]:

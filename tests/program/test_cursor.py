@@ -5,7 +5,7 @@ import tracemalloc
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from tests.program.kit import programs
+from tests.program.kit import program, programs
 
 from armctl.errors import InputError, ProgramError
 from armctl.program import (
@@ -26,10 +26,6 @@ END, COMMENT = EndStep(), CommentStep(note="for people")
 
 def times(n: int) -> RepeatStep:
     return RepeatStep(times=n)
-
-
-def program(*steps: Step) -> Program:
-    return Program(robot="uzuner", name="test", steps=steps)
 
 
 def indices(cursor: Cursor, most: int = 10_000) -> list[int]:
@@ -138,7 +134,7 @@ def test_markers_that_do_not_match_are_named() -> None:
 
 def test_no_such_step() -> None:
     for first in (3, -1):
-        with pytest.raises(InputError, match=f"test has no step {first + 1}; it has 3"):
+        with pytest.raises(InputError, match=f"pick has no step {first + 1}; it has 3"):
             Cursor(program(A, B, C), first)
 
 

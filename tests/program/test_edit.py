@@ -1,17 +1,14 @@
 from __future__ import annotations
 
 import pytest
+from tests.program.kit import program
 
 from armctl.errors import InputError, ProgramError
-from armctl.program import EndStep, Program, RepeatStep, Step, WaitStep
+from armctl.program import EndStep, RepeatStep, Step, WaitStep
 from armctl.program.program import PLACES, Change, add, delete, duplicate, move, repeat, replace
 
 A, B, C, D = (WaitStep(seconds=k) for k in range(4))
 TWICE, END = RepeatStep(times=2), EndStep()
-
-
-def program(*steps: Step) -> Program:
-    return Program(robot="uzuner", steps=steps)
 
 
 EMPTY, PROGRAM, BLOCK = program(), program(A, B, C), program(A, TWICE, B, END, C)

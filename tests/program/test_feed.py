@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from tests.program.kit import program
 
 from armctl.errors import ProgramError
 from armctl.motion import stopping_s
@@ -13,10 +14,6 @@ from armctl.robot import Robot, load_robot
 
 ROBOT = load_robot("uzuner")
 HOME = ROBOT.pose("home") + np.radians([0, 0, 20, 0, 0])  # away from every limit
-
-
-def program(*steps: Step) -> Program:
-    return Program(robot="uzuner", name="pick", steps=steps)
 
 
 def to(*away: float, blend_mm: float = 0.0) -> MoveStep:

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from tests.program.kit import program
 
 from armctl import load_robot
 from armctl.errors import InputError, ProgramError
@@ -15,7 +16,6 @@ from armctl.program import (
     Program,
     RepeatStep,
     SpeedStep,
-    Step,
     WaitStep,
 )
 from armctl.program.rehearsal import rehearse, rehearse_pose
@@ -24,10 +24,6 @@ ROBOT = load_robot("uzuner")
 REST, HOME = ROBOT.pose("rest"), ROBOT.pose("home")
 TO_HOME = MoveStep(joints_deg=tuple(np.degrees(HOME).tolist()))
 TO_REST = MoveStep(joints_deg=tuple(np.degrees(REST).tolist()))
-
-
-def program(*steps: Step, robot: str = "uzuner") -> Program:
-    return Program(robot=robot, name="pick", steps=steps)
 
 
 def test_each_step_takes_its_time() -> None:

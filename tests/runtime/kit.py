@@ -171,8 +171,10 @@ class Rig:
         fails(self.do(command).finished, match, error)
 
     def enable(self, q: NDArray[np.float64] | None = None) -> Rig:
+        """Connected and holding; the history begins here."""
         for command in (Connect("sim"), Enable(q)):
             self.do(command).finished.result(0)
+        self.history.clear()
         return self
 
     @property

@@ -65,7 +65,8 @@ SHAPES: dict[str, tuple[list[Step], list[Step]]] = {
 }
 
 
-def stands_at_the_end_of(steps: Sequence[Step], rig: Rig) -> Rig:
+def stands_at_the_end_of(steps: Sequence[Step]) -> Rig:
+    rig = make_rig().enable()
     first = square(0)[-1] if isinstance(steps[-1], LineStep) else steps[-1]
     if isinstance(first, LineStep):
         first = PointStep(x_mm=first.x_mm, y_mm=first.y_mm, z_mm=first.z_mm)
@@ -124,7 +125,7 @@ def assert_every_end_is_met_within_its_blend(seen: dict[Seen, list[np.ndarray]])
 @settings(max_examples=15)
 def test_the_edit_takes_effect_at_the_next_pass_whatever_the_shape(shape: str, at: float) -> None:
     old, new = (program(*steps) for steps in SHAPES[shape])
-    rig = stands_at_the_end_of(old.steps, make_rig().enable())
+    rig = stands_at_the_end_of(old.steps)
     rig.do(RunProgram(old, None))
     rig.run(at)
     rig.do(UpdateProgram(new)).result(0)
@@ -140,7 +141,7 @@ def test_the_edit_takes_effect_at_the_next_pass_whatever_the_shape(shape: str, a
 
 
 def test_an_edited_loop_that_is_blended_over_its_end_stops_there_once() -> None:
-    rig = stands_at_the_end_of(square(10), make_rig().enable())
+    rig = stands_at_the_end_of(square(10))
     rig.do(RunProgram(program(*square(10)), None))
     rig.run(3)
     rig.do(UpdateProgram(program(*square(10, 110.0))))
@@ -153,7 +154,7 @@ def test_an_edited_loop_that_is_blended_over_its_end_stops_there_once() -> None:
 
 def test_two_edits_one_after_the_other_and_one_back_again() -> None:
     old, first, second = (program(*moves(30, *THREE, (away, 0.0))) for away in (0.05, 0.15, 0.2))
-    rig = stands_at_the_end_of(old.steps, make_rig().enable())
+    rig = stands_at_the_end_of(old.steps)
     rig.do(RunProgram(old, None))
     rig.run(2)
     for version in (first, second):
@@ -196,7 +197,7 @@ def test_when_the_planner_is_late_the_edit_waits_for_a_pass_that_has_not_begun()
 @pytest.mark.parametrize("loops", [2, 3])
 def test_a_program_that_ends_is_run_as_often_as_it_was_asked_for(loops: int) -> None:
     old, new = (program(*steps) for steps in SHAPES["three short moves"])
-    rig = stands_at_the_end_of(old.steps, make_rig().enable())
+    rig = stands_at_the_end_of(old.steps)
     ticket = rig.do(RunProgram(old, loops))
     rig.run(0.1)
     rig.finishes(UpdateProgram(new))

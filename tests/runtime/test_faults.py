@@ -145,31 +145,6 @@ def test_a_silent_board_gets_no_setpoints_and_the_arm_goes_on_from_rest(moving: 
     assert np.array_equal(moving.now.q_command, HOME)
 
 
-def test_stop_ends_a_motion_on_a_silent_board(moving: Rig) -> None:
-    moving.driver.fail["read"] = SILENT
-    moving.run(5 * TICK)
-    moving.controller.stop()
-    moving.run(2 * TICK)
-    assert moving.now.state is State.HOLDING
-
-
-def test_what_a_driver_should_not_raise_is_a_fault_too(holding: Rig) -> None:
-    holding.driver.fail["read"] = OSError(5, "Input/output error")
-    holding.tick()
-    assert holding.now.state is State.FAULT
-    assert holding.now.cause == "reading back: OSError: [Errno 5] Input/output error"
-
-
-def test_pulses_that_the_board_switched_off_are_a_fault(moving: Rig) -> None:
-    moving.driver.positions.clear()
-    moving.driver.write = lambda setpoints: None  # type: ignore[method-assign]  # deaf
-    moving.until(lambda s: s.state is State.FAULT, seconds=0.2)
-    assert "the board switched the pulses off by itself (Base, Shoulder" in moving.now.cause
-    assert not moving.now.powered
-    moving.do(ClearFault()).result(0)
-    assert moving.now.state is State.OFF
-
-
 def test_what_the_board_reports_stops_the_motion_and_is_shown(holding: Rig) -> None:
     motion = holding.do(MoveJoints(HOME))
     holding.run(0.3)

@@ -27,9 +27,7 @@ TOOL = ROBOT.forward(HOME)[:3, 3]
 
 @pytest.fixture
 def rig() -> Rig:
-    rig = make_rig().enable(HOME)
-    rig.history.clear()
-    return rig
+    return make_rig().enable(HOME)
 
 
 def follow(
@@ -173,7 +171,6 @@ def test_a_pitch_that_is_asked_for_is_met(rig: Rig) -> None:
 def test_every_arm_follows(name: str) -> None:
     robot = load_robot(name)
     rig = make_rig(robot=robot).enable(robot.pose("home"))
-    rig.history.clear()
     goal = tool(rig) + np.array([0.0, 0.02, 0.0])
     follow(rig, goal, 2.0)
     assert tool(rig) == pytest.approx(goal, abs=1e-6)

@@ -381,26 +381,10 @@ def test_release_while_a_disconnect_waits_for_the_arm(homing: Rig) -> None:
     assert not any("internal error" in text for text in homing.texts)
 
 
-def test_closing_the_controller_ends_homing(homing: Rig) -> None:
-    homing.controller.stop(TEST)  # as the thread does when it is told to close
-    homing.run(0.4)
-    homing.controller.close()
-    assert homing.driver.running is None
-    assert homing.now.state is State.DISCONNECTED
-
-
 def test_a_late_tick_does_not_say_that_homing_was_halted(homing: Rig) -> None:
     homing.tick(elapsed=0.3)
     homing.run(0.1)
     assert not any("halted" in text for text in homing.now.warnings)
-
-
-def test_the_board_is_lost_while_it_homes(homing: Rig) -> None:
-    homing.driver.fail["read"] = BoardTimeoutError("no status")
-    homing.run(2.0)
-    assert homing.now.state is State.FAULT
-    assert "lost the board" in homing.now.cause
-    assert homing.driver.calls[-1] == "close"
 
 
 def test_clearing_a_fault_never_drops_an_arm_that_is_held() -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from functools import partial
 
 import numpy as np
 from hypothesis import HealthCheck, given, settings
@@ -32,8 +32,9 @@ from armctl.runtime import (
     SetSpeed,
     State,
 )
+from armctl.runtime.commands import Command, HeldCommand
 
-Script = list[tuple[tuple[Any, ...], list[float]]]
+Script = list[tuple[Command | str | None, list[float]]]
 LOW, HIGH = ROBOT.limits[:, 0], ROBOT.limits[:, 1]
 HOME = ROBOT.pose("home")
 FLOOR = Floor(ROBOT)
@@ -48,36 +49,38 @@ STEPS = st.one_of(
     st.builds(GripperStep, open_percent=st.floats(0, 100)),
 )
 PROGRAMS = st.lists(STEPS, min_size=1, max_size=4).map(lambda s: Program(robot="uzuner", steps=tuple(s)))
-ASKED = st.one_of(
-    st.tuples(st.just("move"), SHARES, st.sampled_from(["cubic", "normal"])),
-    st.tuples(st.just("home"), NEAR_HOME, st.sampled_from(["cubic", "normal"])),
-    st.tuples(st.just("program"), PROGRAMS),
-    st.tuples(st.just("jog"), RATES),
-    st.tuples(st.just("jog"), RATES),
-    st.tuples(st.just("speed"), st.floats(0.05, 1.0)),
-    st.tuples(st.just("pause")),
-    st.tuples(st.just("resume")),
-    st.tuples(st.just("stop")),
-    st.tuples(st.just("gripper"), st.floats(0, 1)),
-)
 SPEEDS = st.lists(st.sampled_from([-0.25, -0.05, 0.0, 0.0, 0.02, 0.25]), min_size=3, max_size=3)
 TURNS = st.sampled_from([-1.0, 0.0, 0.0, 0.0, 0.5])
-FRAMES = st.sampled_from(["base", "tool"])
 POINTS = st.tuples(st.floats(-0.3, 0.4), st.floats(-0.4, 0.4), st.floats(-0.1, 0.5))
 NEAR = st.tuples(st.floats(0.1, 0.25), st.floats(-0.15, 0.15), st.floats(0.1, 0.3))
 PITCHES = st.one_of(st.none(), st.none(), st.floats(-1.5, 1.5))
-LED = st.one_of(
-    st.tuples(st.just("jog"), RATES),
-    st.tuples(st.just("tool"), SPEEDS, TURNS, TURNS, FRAMES),
-    st.tuples(st.just("tool"), SPEEDS, st.just(0.0), st.just(0.0), FRAMES),
-    st.tuples(st.just("follow"), st.one_of(POINTS, NEAR), PITCHES),
-    st.tuples(st.just("follow"), NEAR, st.none()),
-    st.tuples(st.just("leave")),
-    st.tuples(st.just("speed"), st.floats(0.05, 1.0)),
-    st.tuples(st.just("stop")),
-    st.tuples(st.just("nothing")),
+MOVE = partial(st.builds, MoveJoints, profile=st.sampled_from(["cubic", "normal"]))
+JOG = st.builds(Jog, RATES.map(np.array))
+TOOL = partial(st.builds, JogTool, SPEEDS.map(np.array), frame=st.sampled_from(["base", "tool"]))
+SPEED = st.builds(SetSpeed, st.floats(0.05, 1.0))
+STOP = st.just("stop")
+ASKED = st.one_of(
+    MOVE(SHARES.map(lambda shares: LOW + np.array(shares) * (HIGH - LOW))),
+    MOVE(NEAR_HOME.map(lambda offset: np.clip(HOME + np.radians(offset), LOW, HIGH))),
+    st.builds(RunProgram, PROGRAMS, loops=st.none()),
+    JOG,
+    JOG,
+    SPEED,
+    st.sampled_from([Pause(), Resume()]),
+    STOP,
+    st.builds(MoveGripper, st.floats(0, 1)),
 )
-HELD = ("jog", "tool", "follow")
+LED = st.one_of(
+    JOG,
+    TOOL(pitch_rate=TURNS, roll_rate=TURNS),
+    TOOL(),
+    st.builds(FollowTarget, st.builds(Target.of, st.one_of(POINTS, NEAR), PITCHES)),
+    st.builds(FollowTarget, st.builds(Target.of, NEAR)),
+    st.just(FollowTarget(None)),
+    SPEED,
+    STOP,
+    st.none(),
+)
 EVEN = st.integers(1, 40).map(lambda k: [TICK] * k)
 UNEVEN = st.lists(
     st.sampled_from([0.0, 0.001, 0.006, 0.013, 0.02, 0.021, 0.035, 0.06, 0.5]), min_size=1, max_size=30
@@ -89,45 +92,15 @@ def scripts(ticks: st.SearchStrategy[list[float]], most: int = 10) -> st.SearchS
     return st.one_of(asked, led)
 
 
-def ask(rig: Rig, action: tuple[Any, ...]) -> None:
-    submit = rig.controller.submit
-    match action:
-        case ("move", shares, profile):
-            submit(MoveJoints(LOW + np.array(shares) * (HIGH - LOW), profile=profile), TEST)
-        case ("home", offset, profile):
-            submit(MoveJoints(np.clip(HOME + np.radians(offset), LOW, HIGH), profile=profile), TEST)
-        case ("program", program):
-            submit(RunProgram(program, loops=None), TEST)
-        case ("jog", rates):
-            submit(Jog(np.array(rates)), TEST)
-        case ("tool", linear, pitch_rate, roll_rate, frame):
-            submit(JogTool(np.array(linear), pitch_rate, roll_rate, frame), TEST)
-        case ("follow", point, pitch):
-            submit(FollowTarget(Target.of(point, pitch)), TEST)
-        case ("leave",):
-            submit(FollowTarget(None), TEST)
-        case ("speed", fraction):
-            submit(SetSpeed(fraction), TEST)
-        case ("pause",):
-            submit(Pause(), TEST)
-        case ("resume",):
-            submit(Resume(), TEST)
-        case ("gripper", opening):
-            submit(MoveGripper(opening), TEST)
-        case ("stop",):
-            rig.controller.stop(TEST)
-        case _:
-            pass
-
-
 def play(script: Script) -> Rig:
     """What all of it must keep to, whatever the ticks: speeds, accelerations, the floor."""
     rig = make_rig().enable(HOME)
-    rig.history.clear()  # the jump of enabling
     for action, elapsed in script:
         for k, step in enumerate(elapsed):
-            if k == 0 or action[0] in HELD:
-                ask(rig, action)
+            if action == "stop" and k == 0:
+                rig.controller.stop(TEST)
+            elif isinstance(action, Command) and (k == 0 or isinstance(action, HeldCommand)):
+                rig.controller.submit(action, TEST)
             rig.tick(step)
             assert rig.now.state is not State.FAULT, rig.now.cause
     assert_stream_keeps_limits(rig)

@@ -153,7 +153,7 @@ def test_pause_and_resume_on_the_same_path(holding: Rig) -> None:
     ticket.result(0)
     assert not np.array_equal(paused_at, HOME)
     dense = trajectory.sample(np.linspace(0, trajectory.duration, 20_001)).q
-    for snapshot in holding.history[2:]:
+    for snapshot in holding.history:
         assert np.abs(dense - snapshot.q_command).max(axis=1).min() < 1e-4
     assert_accelerations_keep_limits(holding)
 
@@ -164,16 +164,6 @@ def test_a_pause_may_be_taken_back_while_it_slows_down(holding: Rig) -> None:
     holding.do(Pause())
     holding.finishes(Resume())
     assert all(s.state is not State.PAUSED for s in holding.history)
-
-
-def test_half_the_speed_takes_twice_the_time(holding: Rig) -> None:
-    duration = PointToPoint.plan(ROBOT, REST, HOME).duration
-    holding.do(SetSpeed(0.5)).result(0)
-    holding.do(MoveJoints(HOME))
-    began = holding.now.stamp
-    holding.rests()
-    assert holding.now.stamp - began == pytest.approx(2 * duration, abs=TICK)
-    assert holding.now.speed == 0.5
 
 
 def test_the_speed_may_change_on_the_way(holding: Rig) -> None:

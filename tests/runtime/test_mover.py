@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from tests.runtime.kit import ROBOT, TICK, Rig, fails, make_rig
 
-from armctl.motion import PathTrajectory, PiecewisePolynomial, PointToPoint
+from armctl.motion import PathTrajectory, PiecewisePolynomial
 from armctl.motion.blend import Leg, blend
 from armctl.runtime import MoveGripper, MoveJoints, SetSpeed, State
 from armctl.runtime.activity import Setpoint
@@ -67,16 +67,6 @@ def test_where_nothing_follows_any_more_it_is_done_at_the_end_of_what_is_known()
     assert not mover.done
     mover.end()
     assert mover.done
-
-
-def test_a_thousand_trajectories_take_no_more_room_than_one() -> None:
-    step = PointToPoint.lasting(START, START, 2 * TICK)
-    mover = PathMover(ROBOT, step, 1.0, goes_on=False)
-    for number in range(1000):
-        mover.append(step, number, goes_on=False)
-        for _ in range(2):
-            mover.advance(0.0, TICK)
-    assert len(mover._stretches) <= 2
 
 
 def openings(rig: Rig) -> list[float]:

@@ -8,23 +8,17 @@ from tests.hardware.lines import Fault
 from tests.runtime.board_bench import BoardBench
 from tests.runtime.kit import ROBOT, TEST, TICK
 
-from armctl.errors import BoardError
 from armctl.hardware import Source
 from armctl.hardware.maestro import MaestroModel
-from armctl.hardware.maestro.codec import Opcode, command, us_to_quarters
+from armctl.hardware.maestro.codec import Opcode
 from armctl.hardware.maestro.driver import MaestroDriver
-from armctl.hardware.maestro.simulated import ChannelConfig, HomeMode, MaestroSettings, SimulatedMaestro
+from armctl.hardware.maestro.simulated import ChannelConfig, MaestroSettings, SimulatedMaestro
 from armctl.hardware.transport import Connection
-from armctl.program import MoveStep, PointStep, Program
 from armctl.runtime import (
     ClearFault,
     Connect,
-    Disconnect,
     Enable,
-    Jog,
-    MoveGripper,
     MoveJoints,
-    RunProgram,
     State,
 )
 
@@ -70,45 +64,6 @@ def test_the_board_follows_to_a_quarter_microsecond(bench: Bench) -> None:
     assert bench.now.warnings == ()
 
 
-def test_a_program_with_the_gripper(bench: Bench) -> None:
-    bench.do(MoveGripper(1.0))
-    steps = (MoveStep(joints_deg=tuple(np.degrees(HOME).tolist())), PointStep(x_mm=200, y_mm=0, z_mm=100))
-    bench.do(RunProgram(Program(robot="uzuner", steps=steps), loops=2))
-    bench.until(State.HOLDING)
-    bench.run(0.1)
-    np.testing.assert_allclose(1000 * ROBOT.forward(bench.now.q)[:3, 3], [200, 0, 100], atol=0.3)
-
-
-def test_reconnecting_takes_the_arm_over_without_a_jump(bench: Bench) -> None:
-    bench.do(MoveJoints(HOME))
-    bench.until(State.HOLDING)
-    bench.run(0.1)
-    bench.do(Disconnect())
-    bench.do(Connect("sim"))
-    assert bench.now.powered
-    bench.do(Enable())
-    assert np.abs(bench.now.q_command - HOME).max() <= QUARTER
-    bench.do(Jog(np.array([1.0, 0, 0, 0, 0])))
-    bench.until(State.HOLDING)
-
-
-def test_unplugged_and_plugged_in_again(bench: Bench) -> None:
-    motion = bench.controller.submit(MoveJoints(HOME), TEST)
-    bench.run(0.2)
-    bench.line.unplug()
-    bench.run(0.2)
-    assert bench.now.state is State.FAULT
-    assert isinstance(motion.finished.exception(0), BoardError)
-    bench.line.plug_in()
-    bench.run(1)
-    assert bench.now.state is State.FAULT
-    bench.do(Connect("sim"))
-    assert bench.now.state is State.OFF
-    assert not bench.now.powered
-    bench.do(Enable())
-    assert np.array_equal(bench.now.q_command, REST)
-
-
 @pytest.mark.parametrize("dark_s", [0.025, 0.06, 0.1, 0.13, 0.2, 0.5])
 def test_a_brown_out_that_switched_the_pulses_off_is_a_fault_and_nothing_jumps(
     bench: Bench, dark_s: float
@@ -121,22 +76,6 @@ def test_a_brown_out_that_switched_the_pulses_off_is_a_fault_and_nothing_jumps(
     assert bench.now.state is State.FAULT
     assert "switched the pulses off by itself" in bench.now.cause
     assert not [command for command in bench.board.log[before:] if command.opcode is Opcode.SET_TARGET]
-
-
-def test_a_board_that_goes_to_its_own_home_on_an_error_is_a_fault() -> None:
-    home = {0: ChannelConfig(minimum_us=500, maximum_us=2500, home=HomeMode.GO_TO, home_us=600)}
-    bench = make_bench(WIDE | home)
-    bench.do(Connect("sim"))
-    bench.do(Enable())
-    bench.do(MoveJoints(HOME))  # the base was at the board's home when it was switched on
-    bench.until(State.HOLDING)
-    on = {channel: bench.board.target_us(channel) for channel in range(1, 5)}
-    bench.board.feed(b"\x05")  # a data byte that belongs to nothing: a protocol error
-    for channel, pulse in on.items():  # as if these ignored it
-        bench.board.feed(command(Opcode.SET_TARGET, channel, us_to_quarters(pulse or 0.0)))
-    bench.run(0.5)
-    assert bench.now.state is State.FAULT
-    assert bench.now.cause.startswith("the board moved the arm by itself (Base; serial protocol error")
 
 
 def test_a_lost_reply_halts_the_arm_and_it_goes_on_from_rest(bench: Bench) -> None:

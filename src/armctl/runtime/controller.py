@@ -26,7 +26,7 @@ from armctl.runtime.commands import (
 )
 from armctl.runtime.core import Core
 from armctl.runtime.dispatch import dispatch
-from armctl.runtime.planner import Planner
+from armctl.runtime.planner import planner
 from armctl.runtime.snapshot import AxisHoming, Snapshot
 
 P = ParamSpec("P")
@@ -64,7 +64,7 @@ class Controller:
         self._own_executor = executor is None
         self._executor = executor or ThreadPoolExecutor(1, thread_name_prefix="armctl-planner")
         self._wake = threading.Event()
-        self._core = Core(robot, open_driver, Planner(self._executor, self._wake.set), self._period)
+        self._core = Core(robot, open_driver, planner(self._executor, self._wake.set), self._period)
         self._lock = threading.Lock()
         self._orders: list[Order] = []
         self._stops: list[Order] = []

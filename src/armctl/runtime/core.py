@@ -13,7 +13,7 @@ import numpy as np
 from armctl.arrays import FloatArray
 from armctl.errors import ArmctlError, BoardError, InputError, MotionRefusedError, StateError
 from armctl.hardware import Driver
-from armctl.motion import Floor
+from armctl.motion import Floor, Trajectory
 from armctl.robot import Robot
 from armctl.runtime.activity import Activity, Setpoint
 from armctl.runtime.board import Board, Monitor
@@ -22,7 +22,7 @@ from armctl.runtime.commands import Order, Origin, Ticket
 from armctl.runtime.gate import Gate
 from armctl.runtime.joint_servo import KeepClear
 from armctl.runtime.mover import GripperMover, PathMover
-from armctl.runtime.planner import Pending, Planner, result_of
+from armctl.runtime.planner import Pending, Submit, result_of
 from armctl.runtime.snapshot import EventLog, Notices, State
 
 POWERED = (State.HOLDING, State.MOVING, State.PAUSED)
@@ -38,10 +38,10 @@ class Core:
     """The arm's state. Only one thread at a time may use it, and nothing else writes its attributes."""
 
     def __init__(
-        self, robot: Robot, open_driver: Callable[[str], Driver], planner: Planner, period: float
+        self, robot: Robot, open_driver: Callable[[str], Driver], submit: Submit, period: float
     ) -> None:
         self.robot = robot
-        self.planner = planner
+        self.submit = submit
         self.log = EventLog()
         self.notices = Notices(self.log)
         self.floor = Floor(robot)
@@ -77,9 +77,7 @@ class Core:
     @property
     def powered(self) -> bool:
         """The pulses are on, as far as is known."""
-        if self.gate.q is not None:
-            return self.board is not None
-        return bool(self.monitor.reading.on.any())
+        return self.gate.q is not None or bool(self.monitor.reading.on.any())
 
     # Connecting, and switching the outputs on and off.
 
@@ -110,14 +108,12 @@ class Core:
 
     def leave(self, ticket: Ticket, who: str) -> bool:
         """Disconnect, after the arm was brought to rest; whether that is done at once."""
-        if self.state is State.DISCONNECTED:
-            return True
         if self.activity is not None:
             self.stop(Origin(f"disconnect, {who}"))
             self.leaving = ticket
-            return False
-        self.disconnect(f"disconnected ({who})")
-        return True
+        elif self.state is not State.DISCONNECTED:
+            self.disconnect(f"disconnected ({who})")
+        return self.leaving is None
 
     def disconnect(self, cause: str) -> None:
         """Close the line; the outputs stay as they are."""
@@ -170,15 +166,18 @@ class Core:
         """
         if self._motion is not None:
             raise StateError("another motion is being planned; stop it first")
-        future = self.planner.submit(plan, self.robot, start, *args)
-        follow = take or (lambda trajectory: PathMover(self.robot, trajectory, self.speed, label))
-        self._motion = Pending(order, label, future, follow, start)
+
+        def follow(trajectory: Trajectory) -> Activity:
+            return PathMover(self.robot, trajectory, self.speed, label)
+
+        future = self.submit(plan, self.robot, start, *args)
+        self._motion = Pending(order, label, future, take or follow, start)
 
     def await_edit(self, order: Order, label: str, future: Future[None], take: Callable[[Any], None]) -> None:
         """Take an edit over once it is checked; an earlier one that is still being checked is refused."""
         if self._edit is not None:
             self._edit.order.ticket.end(StateError("another edit came after it"))
-        self._edit = Pending(order, label, future, take)
+        self._edit = Pending(order, label, future, take, np.empty(0))
 
     def take_planned(self, now: float) -> None:
         """Begin the motion whose plan is there, and take over the edit that is checked."""
@@ -189,7 +188,7 @@ class Core:
             try:
                 plan = result_of(motion.future)
                 q = self.gate.q
-                if self.state is not State.HOLDING or not np.array_equal(q, motion.start):
+                if self.state is not State.HOLDING or q is None or not np.array_equal(q, motion.start):
                     raise StateError(
                         "the arm no longer stands where the motion was planned from; ask for it again"
                     )

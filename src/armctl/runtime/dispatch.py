@@ -129,7 +129,7 @@ def _follow_target(core: Core, target: Target | None, order: c.Order, now: float
         raise StateError(_STOPPED_FOLLOWING)
     if not isinstance(activity, Follower):
         q = _held_at(core, "to follow a target")
-        activity = Follower(core.robot, core.clear, q, core.speed, core.planner.submit)
+        activity = Follower(core.robot, core.clear, q, core.speed, core.submit)
         core.begin(activity, order.origin.who, now)
     elif core.stopped_by:
         raise StateError(_STOPPED_FOLLOWING)
@@ -207,5 +207,5 @@ def _update_program(core: Core, order: c.Order, program: Program) -> None:
         name, who = program.name, order.origin.who
         core.log.add(f"program {name!r} was edited; this takes effect at the next pass ({who})")
 
-    future = core.planner.submit(require_runnable, core.robot, program)
+    future = core.submit(require_runnable, core.robot, program)
     core.await_edit(order, f"edit of {program.name!r}", future, take)

@@ -46,14 +46,7 @@ class Follower(Led):
 
     label = "live target"
 
-    def __init__(
-        self,
-        robot: Robot,
-        clear: KeepClear,
-        q: FloatArray,
-        speed: float,
-        submit: Submit,
-    ) -> None:
+    def __init__(self, robot: Robot, clear: KeepClear, q: FloatArray, speed: float, submit: Submit) -> None:
         """Stand at ``q`` (n,) [rad]; ``speed`` is the override, ``submit`` runs ``live_goal`` elsewhere."""
         super().__init__(robot, clear, q, speed)
         self._submit = submit
@@ -134,20 +127,20 @@ def live_goal(robot: Robot, clear: KeepClear, q: FloatArray, target: Target, pit
     as it is; where it gives no pitch, ``pitch`` [rad] is kept if the arm can (None: any).
     """
     found = _solutions(robot, q, target, pitch)
-    goal = _on_this_branch(robot, q, found) if found.success else _toward_nearest(robot, q, found, pitch)
+    if not found.success:
+        goal = _toward_nearest(robot, q, found, pitch)
+    else:
+        nearest, branch = _nearest(robot, q, found)
+        if branch is not None:
+            return LiveGoal(
+                None, f"it can be reached only with {branch}; the arm keeps its posture and waits"
+            )
+        goal = _swing_checked(robot, q, nearest, found.target.position, None)
     if goal.q is None:
         return goal
     way = clear.line(q, goal.q)
     blocked = clear.blocked(way)
     return goal if blocked is None else LiveGoal(way[blocked[0] - 1], blocked[1])
-
-
-def _on_this_branch(robot: Robot, q: FloatArray, found: Solutions) -> LiveGoal:
-    """The nearest solution on the arm's branch, or a reason why not."""
-    goal, branch = _nearest(robot, q, found)
-    if branch is not None:
-        return LiveGoal(None, f"it can be reached only with {branch}; the arm keeps its posture and waits")
-    return _swing_checked(robot, q, goal, found.target.position, None)
 
 
 def _toward_nearest(robot: Robot, q: FloatArray, found: Solutions, pitch: float | None) -> LiveGoal:

@@ -31,8 +31,8 @@ class Pending:
     future: Future[Any]
     take: Callable[[Any], Any]
     """makes an activity of the plan, or hands the version over"""
-    start: FloatArray | None = None
-    """(n,) where a motion is planned from [rad]"""
+    start: FloatArray
+    """(n,) where a motion is planned from [rad]; of an edit (0,)"""
 
 
 class Submit(Protocol):
@@ -56,21 +56,18 @@ class InlineExecutor(Executor):
         return future
 
 
-class Planner:
-    """Runs planning functions on an executor, and wakes the controller when one of them is done."""
+def planner(executor: Executor, wake: Callable[[], None]) -> Submit:
+    """Has planning functions called on an executor; wakes the controller when one of them is done."""
 
-    def __init__(self, executor: Executor, wake: Callable[[], None]) -> None:
-        self._executor = executor
-        self._wake = wake
-
-    def submit(self, plan: Callable[P, T], *args: P.args, **kwargs: P.kwargs) -> Future[T]:
-        """Call ``plan`` on the executor."""
+    def submit(plan: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> Future[T]:
         try:
-            future = self._executor.submit(plan, *args, **kwargs)
+            future = executor.submit(plan, *args, **kwargs)
         except RuntimeError as cause:
             raise StateError(f"the planner is closed: {cause}") from cause
-        future.add_done_callback(lambda _: self._wake())
+        future.add_done_callback(lambda _: wake())
         return future
+
+    return submit
 
 
 def result_of(future: Future[T]) -> T:

@@ -14,7 +14,7 @@ from armctl.robot import Robot
 from armctl.runtime.activity import Setpoint
 from armctl.runtime.core import Core
 from armctl.runtime.mover import PathMover, starving_s
-from armctl.runtime.planner import Planner, result_of
+from armctl.runtime.planner import Submit, result_of
 from armctl.runtime.snapshot import ProgramProgress
 
 _EARLIER_S = 0.6
@@ -51,7 +51,7 @@ class ProgramRunner:
         self._gripper = core.gripper
         self._log = core.log
         self._early_s = starving_s(robot) + _EARLIER_S
-        self._feed = ProgramFeed(robot, begun, core.planner, self._early_s)
+        self._feed = ProgramFeed(robot, begun, core.submit, self._early_s)
         self._running: PlannedStep | None = None
         self._first = first
         self._mover: PathMover | None = None
@@ -226,7 +226,7 @@ class ProgramFeed:
     arm would go on into it without a stop, the arm stops there first (``begin_pass_at``).
     """
 
-    def __init__(self, robot: Robot, begun: Begun, planner: Planner, early_s: float) -> None:
+    def __init__(self, robot: Robot, begun: Begun, submit: Submit, early_s: float) -> None:
         """Begin with the steps that are planned.
 
         ``early_s``: how long before it is due a motion may be taken [s]; twice as much is planned.
@@ -234,7 +234,7 @@ class ProgramFeed:
         self._robot = robot
         self._ahead_s = 2 * early_s
         self._source, steps, self._state = begun
-        self._planner = planner
+        self._submit = submit
         self._ready: deque[PlannedStep] = deque()
         self._future: Future[tuple[list[PlannedStep], PlanState]] | None = None
         self._failure: ArmctlError | None = None
@@ -308,7 +308,7 @@ class ProgramFeed:
                 self._over = self._state.ended
                 if self._over or self._enough():
                     return
-                self._future = self._planner.submit(plan_next, self._robot, self._source, self._state)
+                self._future = self._submit(plan_next, self._robot, self._source, self._state)
             if not self._future.done():
                 return
             future, self._future = self._future, None
