@@ -12,8 +12,8 @@ import pytest
 from armctl.arrays import FloatArray
 from armctl.kinematics import Chain
 from armctl.robot import Robot, load_robot, shipped_robots
-from armctl.robot.shape import reach
-from armctl.ui.scene.shapes import Point, Solid, beam, block, drum, spike, tube
+from armctl.robot.shape import Point, reach
+from armctl.ui.scene.arm_figure import Solid, beam, block, drum, spike, tube
 from armctl.ui.scene.stage import floor_size, framed, front, in_view, stand_parts
 from armctl.ui.widgets.joint_angles import held_at
 

@@ -11,9 +11,7 @@ from numpy.typing import NDArray
 from viser import uplot
 
 from armctl.arrays import FloatArray
-from armctl.motion.figure import COLORS as FIGURE_COLORS
 
-COLORS = FIGURE_COLORS
 _HEIGHT, _LIVE_HEIGHT = 250, 200
 _PADDING = (10, 12, 0, 0)
 """top, right, bottom, left [px]: room for half of the outermost numbers"""

@@ -13,9 +13,10 @@ from armctl.errors import MotionRefusedError, UnreachableError
 from armctl.kinematics import DEFAULT_STEP, Branch, Criterion, Solutions, Target, checked_criterion
 from armctl.kinematics.energy import energies
 from armctl.motion import plan_joints
+from armctl.motion.figure import COLORS
 from armctl.robot import Robot
 from armctl.ui.widgets.html import fixed, muted, numbers, refused, strong, table
-from armctl.ui.widgets.plots import COLORS, Line, Picture, thinned
+from armctl.ui.widgets.plots import Line, Picture, thinned
 
 _UNITS: dict[Criterion, tuple[float, str]] = {
     "least-rotation": (180 / np.pi, "°"),

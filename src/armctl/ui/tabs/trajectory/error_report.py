@@ -83,10 +83,9 @@ class ReportView:
         if self._session.closed or self._planned is not planned or planned.points is None:
             return
         if not came_to_end or len(readings) == 0:
-            text = "the board read nothing back"
-            if not came_to_end:
-                text = "the path did not come to its end, so there is no report"
-            self._applied_summary.show(muted(f"Applied: {text}."))
+            stopped = "the path did not come to its end, so there is no report"
+            why = "the board read nothing back" if came_to_end else stopped
+            self._applied_summary.show(muted(f"Applied: {why}."))
             return
         path = planned.robot.forward(readings)[:, :3, 3]
         reached = await asyncio.to_thread(closest_on_path, planned.points, path)

@@ -11,13 +11,13 @@ import viser
 from armctl.arrays import FloatArray
 from armctl.errors import InputError
 from armctl.motion.analysis import Derivative, Limit, analysis_csv, near_limits
-from armctl.motion.figure import FigureForm, TitledMotion, figure_bytes
+from armctl.motion.figure import COLORS, FigureForm, TitledMotion, figure_bytes
 from armctl.ui.newest import Newest
 from armctl.ui.scene.ghost import Lines, Preview, played, segments
 from armctl.ui.session import Session
 from armctl.ui.tabs.trajectory.plan import PlannedMotion
 from armctl.ui.widgets.html import LiveHtml, fixed, heading, muted, numbers, strong, table
-from armctl.ui.widgets.plots import COLORS, Line, LinePlot, Picture, span, thinned, upright
+from armctl.ui.widgets.plots import Line, LinePlot, Picture, span, thinned, upright
 
 OF = ("Tool", "Joints")
 QUANTITIES: dict[str, tuple[Derivative, str]] = {

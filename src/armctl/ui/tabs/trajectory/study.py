@@ -13,10 +13,11 @@ from armctl.arrays import FloatArray
 from armctl.errors import InputError
 from armctl.kinematics.workspace import longest_levers
 from armctl.motion.analysis import JointStudy, Turning, study_csv, study_joints
+from armctl.motion.figure import COLORS
 from armctl.robot import Robot
 from armctl.ui.session import Session
 from armctl.ui.widgets.html import LiveHtml, fixed, heading, muted, strong, table
-from armctl.ui.widgets.plots import COLORS, Line, LinePlot, Picture
+from armctl.ui.widgets.plots import Line, LinePlot, Picture
 
 PAPER_DEG_S = 20.0
 _NOTHING = "Nothing is shown yet: press Show. A study moves nothing."
