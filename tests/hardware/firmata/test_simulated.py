@@ -5,6 +5,8 @@ from __future__ import annotations
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from tests.avr.conformance import Check, ModelLine
+from tests.avr.firmata_conformance import CONFORMANCE, REPORT
 
 from armctl.errors import InputError
 from armctl.hardware.firmata.codec import Command, ReplyParser
@@ -16,7 +18,6 @@ from armctl.hardware.firmata.simulated import (
 )
 
 NAME = "StandardFirmata.ino".encode("utf-16-le").hex(" ")
-UNKNOWN_PIN_MODE = "Unknown pin mode".encode("utf-16-le").hex(" ")
 ON_AT_1500 = "f0 70 09 20 04 60 12 f7 f0 6f 09 5c 0b f7"
 
 
@@ -47,38 +48,20 @@ def test_it_reports_itself_when_it_has_started_and_is_deaf_before():
 @pytest.mark.parametrize(
     ("command", "answer"),
     [
-        ("f9", "f9 02 03"),
-        ("f0 79 f7", f"f0 79 02 03 {NAME} f7"),
-        ("f0 6d 09 f7", "f0 6e 09 01 00 f7"),  # low
-        ("f0 6d 36 f7", "f0 6e 36 02 00 f7"),  # the first analog pin listens
-        ("f0 6d 00 f7", "f0 6e 00 00 00 f7"),
-        ("f0 6d 64 f7", "f0 6e 64 f7"),  # no such pin
-        ("f4 09 04 f0 6d 09 f7", "f0 6e 09 04 00 f7"),
-        (f"{ON_AT_1500} f0 6d 09 f7", "f0 6e 09 04 5c 0b f7"),
-        (f"{ON_AT_1500} f4 09 01 f0 6d 09 f7", "f0 6e 09 01 00 f7"),
         (f"{ON_AT_1500} f4 09 00 f0 6d 09 f7", "f0 6e 09 00 00 f7"),
-        (f"{ON_AT_1500} ff f0 6d 09 f7", "f0 6e 09 01 00 f7"),
-        ("f4 09 33", f"f0 71 {UNKNOWN_PIN_MODE} f7"),
-        ("f4 32 04 f0 6d 32 f7", "f0 6e 32 01 00 f7"),  # pin 50 drives no servo
-        ("f0 70 32 20 04 60 12 f7 f0 6d 32 f7", "f0 6e 32 01 00 f7"),
-        ("f0 6f 09 5c 0b f7 f0 6d 09 f7", "f0 6e 09 01 00 f7"),  # not a servo: nothing is written
         ("f0 70 09 20 04 60 f7 f0 6d 09 f7", "f0 6e 09 01 00 f7"),  # too short
-        ("f0 6f 09 f7 f0 6d f7 f0 f7 f0 01 02 f7", ""),
+        ("f0 6f 09 f7 f0 6d f7 f0 f7", ""),
     ],
-)  # fmt: skip
+)
 def test_answers(command: str, answer: str):
     assert say(running(), command) == answer
 
 
-def test_capabilities_of_a_mega():
-    board = running()
-    answer = board.feed(bytes.fromhex("f0 6b f7"))
-    assert answer.hex(" ").startswith("f0 6c 7f 7f 00 01 01 01 03 08 04 0e 7f")
-    (report,) = ReplyParser().feed(answer)
-    assert len(report.pins) == 70
-    assert report.pins_with(4) == tuple(range(2, 50))
-    assert report.pins_with(3) == (*range(2, 14), 44, 45, 46)
-    assert report.pins_with(2) == tuple(range(54, 70))
+@pytest.mark.parametrize("check", CONFORMANCE, ids=lambda check: check.__name__)
+def test_conformance(check: Check):
+    line = ModelLine(SimulatedFirmata(), 0.001)
+    assert line.exchange(b"", 2.0) == REPORT
+    check(line)
 
 
 def test_config_alone_sends_1500_with_the_next_frame():

@@ -47,12 +47,11 @@ def unseal(line: bytes) -> str:
     found = _SEALED.fullmatch(line)
     if found is None:
         raise BoardProtocolError(f"{shown} has no checksum; this is no armctl encoder board")
-    body = found[1]
-    if int(found[2], 16) != crc16(body):
+    if int(found[2], 16) != crc16(found[1]):
         raise BoardProtocolError(f"{shown} has a wrong checksum; the line garbles bytes")
-    if not all(0x20 <= byte <= 0x7E for byte in body):
+    if not all(0x20 <= byte <= 0x7E for byte in found[1]):
         raise BoardProtocolError(f"{shown} is no text; the line garbles bytes")
-    return body.decode("ascii")
+    return found[1].decode("ascii")
 
 
 def request(sequence: int, text: str) -> bytes:

@@ -73,6 +73,7 @@ class EncoderSession:
     """
 
     def __init__(self, transport: Transport, now: Callable[[], float], timeout_s: float) -> None:
+        self.name = transport.name
         self._transport = transport
         self._now = now
         self._timeout_s = timeout_s
@@ -93,11 +94,6 @@ class EncoderSession:
         self.restarts = 0  # how often it has started anew
         self.spoken = False  # whether the board has sent a valid line since the last one was sent to it
         self._garbled = 0  # lines
-
-    @property
-    def name(self) -> str:
-        """The line as the user named it."""
-        return self._transport.name
 
     @property
     def idle_s(self) -> float:
@@ -354,7 +350,7 @@ def _decoded(line: bytes | None) -> Message | None:
 
 
 class EncoderListener:
-    """Hears armctl's encoder firmware: its banner, or a status line where it has been running for long."""
+    """Recognises armctl's encoder firmware: its banner, or a status line where it has long been running."""
 
     def __init__(self) -> None:
         self._reader = LineReader(LONGEST_MESSAGE)

@@ -57,10 +57,8 @@ class _Refused(Exception):  # noqa: N818  not an error: what the board answers
 class SimulatedEncoderBoard:
     """An Arduino Mega with armctl's encoder firmware, and an arm on it.
 
-    Args:
-        plants: the mechanics by axis; a plain axis for those that are not named.
-        boot_s: how long it is deaf and dumb after a start.
-        protocol: what it says it speaks, to be taken for a board that was flashed long ago.
+    ``plants``: the mechanics by axis, plain ones for those not named; ``boot_s``: for how long it says and
+    takes nothing after a start; ``protocol``: what it says it speaks, as a board flashed long ago would.
     """
 
     def __init__(
@@ -303,19 +301,16 @@ class SimulatedEncoderBoard:
         )
 
     def _obey_at_once(self, byte: Realtime) -> None:
-        match byte:
-            case Realtime.STATUS:
-                self._say_status()
-            case Realtime.HOLD if self.mode in (Mode.ON, Mode.HOMING):
-                self._hold()
-            case Realtime.RELEASE_HOLD if self.mode is Mode.HELD and self._off_at_s is None:
-                self.mode = Mode.ON  # nothing moves by this; the watchdog's braking is not undone
-            case Realtime.MOTORS_OFF:
-                self._flags |= BoardFlag.STOPPED
-                self._end(Mode.OFF)
-                self._say("! stopped")
-            case _:
-                pass
+        if byte is Realtime.STATUS:
+            self._say_status()
+        elif byte is Realtime.HOLD and self.mode in (Mode.ON, Mode.HOMING):
+            self._hold()
+        elif byte is Realtime.RELEASE_HOLD and self.mode is Mode.HELD and self._off_at_s is None:
+            self.mode = Mode.ON  # nothing moves by this; the watchdog's braking is not undone
+        elif byte is Realtime.MOTORS_OFF:
+            self._flags |= BoardFlag.STOPPED
+            self._end(Mode.OFF)
+            self._say("! stopped")
 
     def _move(self) -> None:
         homing = self._to_home[0] if self._to_home else None
@@ -359,10 +354,9 @@ class SimulatedEncoderBoard:
             self._end(Mode.OFF)
 
     def _trip(self, number: int, fault: FaultKind) -> None:
-        axis = self.axes[number]
-        axis.fault |= fault
+        self.axes[number].fault |= fault
         if fault is FaultKind.ENCODER:
-            axis.homed = False
+            self.axes[number].homed = False
         self._end(Mode.TRIPPED)
         self._say(f"! trip {number} {fault.name}")
 

@@ -276,10 +276,8 @@ class SimulatedMaestro:
         self._ticks = max(self._ticks, due)
 
     def _raise(self, error: MaestroErrors) -> None:
+        """Note an error, which sends every channel home; so does Go Home, without one."""
         self.errors |= error
-        self._go_home()
-
-    def _go_home(self) -> None:
         for channel in self._channels:
             channel.go_home()
 
@@ -303,7 +301,7 @@ class SimulatedMaestro:
                 moving = self.model.has_multiple_targets and any(one.moving for one in self._channels)
                 return b"\x01" if moving else b"\x00"
             case Opcode.GO_HOME:
-                self._go_home()
+                self._raise(MaestroErrors(0))
             case Opcode.MINI_SSC:
                 # Numbers above the board's channels belong to another board on the same line.
                 target = _MINI_SSC_NEUTRAL + _MINI_SSC_STEP * (data[1] - 127)
