@@ -26,8 +26,8 @@ _ALIGNED = 1e-9
 def recognise(chain: Chain) -> ToolPlane | None:
     """The arm's planar geometry, or None when it is not of this build.
 
-    Needed: a first joint; two or three joints parallel to each other and perpendicular to it; at most
-    one more joint, perpendicular to those and with the tool point on its axis; no link of length zero.
+    Needed: a first joint; two or three parallel joints perpendicular to it; at most one more, perpendicular
+    to those and with the tool point on its axis; no link of length zero.
     """
     points, axes = chain.axes()
     tool = chain.forward(np.zeros(chain.n))
@@ -111,9 +111,8 @@ def base_branches(
 ) -> list[BaseBranch]:
     """Solve ``x + i y = exp(i s1 θ1) (r + i d)`` for a target x forward, y left of the base axis [m].
 
-    Inside the limits of θ1 [rad], or (None) at any angle, one each way: front branches before back branches;
-    none when the target lies closer to the base axis than the tool plane does. Where any angle serves, the
-    one inside the limits that is nearest to zero is given, and its opposite.
+    Inside the limits of θ1 [rad], or (None) at any angle, one each way; front branches first. None closer to
+    the axis than the tool plane. Where any angle serves, the one nearest to zero is given, and its opposite.
     """
     d = geometry.lateral
     rho, aside = math.hypot(x, y), abs(d)
@@ -167,9 +166,8 @@ def base_angles(
 def tool_angles(pitch: float | None) -> list[float | None]:
     """Plane angles of the approach axis [rad] that hold the tool at a pitch above the horizontal [rad].
 
-    A pitch within ±90° is met by a tool that points away from the base axis and by one that points back
-    at it. Beyond ±90° the angle is taken as it is, in the arm's own plane: the tool points back. Without a
-    pitch: None, whatever the position gives.
+    A pitch within ±90° is met by a tool that points outward and by one that points back at the base axis,
+    beyond ±90° by the latter only. Without a pitch: None, whatever the position gives.
     """
     if pitch is None or abs(pitch) > math.pi / 2:
         return [pitch]

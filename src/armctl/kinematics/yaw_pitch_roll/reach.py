@@ -1,14 +1,11 @@
 """Why a target cannot be reached, with numbers, and what can be reached instead.
 
-The nearest point is exact, by the conditions that an optimum must meet: each joint is either at a limit or at
-rest, so that the distance does not fall when it alone turns. For the base, at rest means that the tip faces
-the target. For the pitch joints it means that the joint lies on the line along which the tip misses the
-target, within the tool plane: the arm is rigid but for one angle, and its tip runs on one of the circles of
+The nearest point is exact: at an optimum each joint is at a limit, or the distance does not fall when it
+alone turns. For the base the latter means that the tip faces the target, for a pitch joint that it lies on
+the line along which the tip misses the target in the tool plane: the tip runs on one of the circles of
 ``section``. Nearest on a circle is closed form while the base is at a limit, and a search in one variable
-while it faces the target.
-
-One case is left: the tip misses the target only sideways, across the tool plane, where the pitch joints can
-do nothing about it. Then they have an ordinary inverse solution in the plane.
+while it faces the target. If the tip misses only sideways, across the tool plane, the pitch joints have an
+ordinary inverse solution in the plane.
 """
 
 from __future__ import annotations
@@ -24,7 +21,7 @@ from numpy.typing import NDArray
 
 from armctl.arrays import FloatArray
 from armctl.kinematics.angles import LIMIT_TOLERANCE, TWO_PI, central_image, images, nearest_angle, rest_angle
-from armctl.kinematics.solutions import all_needs, millimetres, needs
+from armctl.kinematics.solutions import all_needs, needs, too_far, too_near
 from armctl.kinematics.target import Target
 from armctl.kinematics.tool_plane import ToolPlane
 from armctl.kinematics.yaw_pitch_roll.closed_form import PlanePostures
@@ -48,12 +45,10 @@ _SIDE = {True: "facing it", False: "over the back"}
 
 
 class _Nearest(NamedTuple):
-    """A configuration and the distance of its tip from the target."""
-
     q: FloatArray
     """(1 + m,) base and pitch joints [rad]"""
     distance: float
-    """[m]"""
+    """of the tip from the target [m]"""
 
 
 class _Circles:
@@ -102,14 +97,10 @@ class Reach:
                 f"{1000 * d:.2f} mm"
             ), nearest
         angles = tool_angles(target.pitch)
-        reason = None
-        if (
-            target.pitch is not None
-            and len(geometry.lengths) == 2
-            and not self._postures(branches, z, angles)
-        ):
-            reason = self._beyond_links(branches, z, [None]) or self._other_pitch(branches, z)
-        reason = reason or self._beyond_links(branches, z, angles) or self._by_limits(branches, z, angles)
+        two = target.pitch is not None and len(geometry.lengths) == 2
+        if two and not self._postures(branches, z, angles):
+            return self._beyond_links(branches, z, [None]) or self._other_pitch(branches, z), nearest
+        reason = self._beyond_links(branches, z, angles) or self._by_limits(branches, z, angles)
         return reason, nearest
 
     def _postures(
@@ -143,17 +134,10 @@ class Reach:
                 return None
             misses.append((max(distance - outer, inner - distance), distance))
         miss, distance = min(misses)
-        first = self._titles[1].lower()
+        where = f"{point} would be {1000 * distance:.1f} mm from the {self._titles[1].lower()}{after}"
         if distance > outer:
-            return (
-                f"too far by {millimetres(miss)} mm: {point} would be {1000 * distance:.1f} mm from the "
-                f"{first}{after}, the arm reaches {1000 * outer:.1f} mm"
-            )
-        return (
-            f"inside the dead zone, too near by {millimetres(miss)} mm: "
-            f"{point} would be {1000 * distance:.1f} mm from the {first}{after}, "
-            f"the arm folds no closer than {1000 * inner:.1f} mm"
-        )
+            return too_far(miss, where, "the arm reaches", outer)
+        return too_near(miss, where, "the arm folds no closer than", inner)
 
     def _by_limits(self, branches: list[BaseBranch], z: float, angles: list[float | None]) -> str:
         """Which joints would have to leave their limits, for each way to face the target."""
@@ -333,17 +317,14 @@ def _circles_at(
         (c2, s2), (c3, s3) = first, second
         return PlaneCircle(hand + centre, arm, (c2, c3, heading - c2 - c3), (s2, s3, -s2 - s3))
 
+    for centre, arm, *angles in collinear_circles((l2, l3), (limits2, limits3)):
+        first, second = zip(*angles, strict=True)
+        yield circle(centre, arm, first, second)
     seconds = [heading - v for v in limits4]  # headings of the second link, with the third joint at a limit
-    yield circle(0j, complex(l2 + l3), (0.0, 1.0), (0.0, 0.0))
-    yield circle(0j, complex(l2 - l3), (0.0, 1.0), (math.pi, 0.0))
-    for v in limits2:
-        yield circle(cmath.rect(l2, v), complex(l3), (v, 0.0), (-v, 1.0))
-    for v in limits3:
-        yield circle(0j, l2 + cmath.rect(l3, v), (0.0, 1.0), (v, 0.0))
     for second in seconds:
         yield circle(cmath.rect(l3, second), complex(l2), (0.0, 1.0), (second, -1.0))
-    corners = [*itertools.product(limits2, limits3), *((v, h - v) for v in limits2 for h in seconds)]
-    for t2, t3 in [*corners, *((h - v, v) for v in limits3 for h in seconds)]:
+    corners = [(v, h - v) for v in limits2 for h in seconds] + [(h - v, v) for v in limits3 for h in seconds]
+    for t2, t3 in corners:
         yield circle(cmath.rect(l2, t2) + cmath.rect(l3, t2 + t3), 0j, (t2, 0.0), (t3, 0.0))
 
 

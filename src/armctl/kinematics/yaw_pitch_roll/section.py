@@ -1,10 +1,9 @@
 """What a yaw + pitch arm reaches in its tool plane inside its limits, and the arcs that bound it.
 
 Two pitch joints: the triangle's two postures, tried against the limits. Three leave one joint free: the
-configurations that reach a point form curves, and a curve ends where a joint meets a limit. One without
-ends runs on until its first joint turns back, where the outer links are stretched or folded, or until
-it has gone all the way round and passed any angle. So a point is reachable if, and only if, it is with a
-joint at a limit, with the outer links in line, or with the first joint in the middle of its range.
+configurations that reach a point form curves. A curve ends where a joint meets a limit; one without ends
+has its first joint turn back, where the outer links are in line, or pass any angle. So a point is reachable
+if, and only if, it is with a joint at a limit, the outer links in line, or the first joint in mid-range.
 """
 
 from __future__ import annotations
@@ -96,11 +95,10 @@ class PlaneCircle(NamedTuple):
 def collinear_circles(
     lengths: Sequence[float], plane_limits: Sequence[tuple[float, float]]
 ) -> Iterator[PlaneCircle]:
-    """The circles on which the tip runs while it cannot leave them by itself.
+    """The circles on which every pitch joint is at a limit or on the line through the tip.
 
-    There every pitch joint is at a limit or on the line through the tip, so that the joints' columns of the
-    planar Jacobian are parallel. For each choice of which of the m joints are at which limit the free groups
-    of links (lengths (m,) [m]; lower and upper limit of each plane angle (m,) [rad]) lie on one line.
+    There the free joints' columns of the planar Jacobian are parallel. For lengths (m,) [m] and limits of
+    the plane angles (m, 2) [rad].
     """
     for held in itertools.product(*((low, high, None) for low, high in plane_limits)):
         groups, heading = [0j], 0.0  # the first stands still; a further one begins with each free joint
@@ -115,29 +113,23 @@ def collinear_circles(
         for later in itertools.product((0.0, math.pi), repeat=max(0, len(turning) - 1)):
             senses = (0.0, *later)[: len(turning)]
             leads = iter(sense - cmath.phase(group) for sense, group in zip(senses, turning, strict=True))
-            constants: list[float] = []
-            slopes: list[float] = []
+            angles: list[tuple[float, float]] = []
             heading, turns = 0.0, 0.0  # of the link before: heading + turns · phi
             for angle in held:
                 if angle is None:
                     lead = next(leads)
-                    constants.append(lead - heading)
-                    slopes.append(1.0 - turns)
+                    angles.append((lead - heading, 1.0 - turns))
                     heading, turns = lead, 1.0
                 else:
-                    constants.append(angle)
-                    slopes.append(0.0)
+                    angles.append((angle, 0.0))
                     heading += angle
             arm = sum(abs(group) * math.cos(sense) for sense, group in zip(senses, turning, strict=True))
-            yield PlaneCircle(centre, complex(arm), tuple(constants), tuple(slopes))
+            yield PlaneCircle(centre, complex(arm), *zip(*angles, strict=True))
 
 
-# The boundary of the reach: arcs, in closed form.
-#
-# A boundary point is reached only where the free joints cannot push the tip across the boundary, so it lies
-# on one of the circles, on the arc that the limits leave of it. Not every arc bounds: most run through the
-# inside. So each arc is cut where it meets another one, and a piece is kept when a point beside its middle
-# is out of reach.
+# The boundary of the reach. It lies on the circles, on the arcs that the limits leave of them, but most arcs
+# run through the inside: each is cut where it meets another one, and a piece is kept when a point beside its
+# middle is out of reach.
 
 _SAME_M = 1e-9
 """closer points and radii [m] are the same but for rounding"""
@@ -148,8 +140,7 @@ _SHORTEST = 1e-4
 _BESIDE = 1e-8
 """of the arm's length: how far beside a piece, at most, it is asked whether the arm reaches"""
 _SLIVER = 0.05
-"""of the square of a piece's length over that of the arm: arcs that touch part as slowly as that, and the
-question must not skip a sliver between two of them"""
+"""of the square of a piece's length over that of the arm: arcs that touch part as slowly as that"""
 _CHORD_ERROR_M = 2e-4
 _TOLERANCE = 1e-12
 """[rad] over a limit: less than a point beside a piece lies out of reach"""
@@ -161,9 +152,7 @@ class PlaneArc(NamedTuple):
     centre: complex
     """r + i z: forward of the base axis, above the base origin [m]"""
     radius: float
-    """[m]"""
     start: float
-    """[rad]"""
     end: float
     """[rad], above the start by 2 pi at most"""
 
@@ -272,7 +261,7 @@ def _meetings(arc: PlaneArc, other: PlaneArc) -> list[float]:
 
 
 class PlanarSection:
-    """Of a yaw + pitch arm: what the pitch joints reach while the base stands still."""
+    """What the pitch joints reach while the base stands still; the same outline for every ``q``."""
 
     exact = True
 
@@ -291,5 +280,5 @@ class PlanarSection:
         return T
 
     def outline(self, q: FloatArray) -> tuple[FloatArray, ...]:
-        """See ``Section``; the same for every ``q``."""
+        """See ``Section``."""
         return self._outline
