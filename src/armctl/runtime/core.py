@@ -13,7 +13,7 @@ import numpy as np
 from armctl.arrays import FloatArray
 from armctl.errors import ArmctlError, BoardError, InputError, MotionRefusedError, StateError
 from armctl.hardware import Driver
-from armctl.motion import Floor, Trajectory
+from armctl.motion import Floor
 from armctl.robot import Robot
 from armctl.runtime.activity import Activity, Setpoint
 from armctl.runtime.board import Board, Monitor
@@ -166,18 +166,14 @@ class Core:
         """
         if self._motion is not None:
             raise StateError("another motion is being planned; stop it first")
-
-        def follow(trajectory: Trajectory) -> Activity:
-            return PathMover(self.robot, trajectory, self.speed, label)
-
         future = self.submit(plan, self.robot, start, *args)
-        self._motion = Pending(order, label, future, take or follow, start)
+        self._motion = Pending(order, label, future, start, take)
 
     def await_edit(self, order: Order, label: str, future: Future[None], take: Callable[[Any], None]) -> None:
         """Take an edit over once it is checked; an earlier one that is still being checked is refused."""
         if self._edit is not None:
             self._edit.order.ticket.end(StateError("another edit came after it"))
-        self._edit = Pending(order, label, future, take, np.empty(0))
+        self._edit = Pending(order, label, future, np.empty(0), take)
 
     def take_planned(self, now: float) -> None:
         """Begin the motion whose plan is there, and take over the edit that is checked."""
@@ -193,11 +189,15 @@ class Core:
                         "the arm no longer stands where the motion was planned from; ask for it again"
                     )
                 self._ticket = ticket  # a defect in what follows is a fault, which answers it
-                self.begin(motion.take(plan), motion.order.origin.who, now, ticket)
+                if motion.take is None:
+                    activity: Activity = PathMover(self.robot, plan, self.speed, motion.label)
+                else:
+                    activity = motion.take(plan)
+                self.begin(activity, motion.order.origin.who, now, ticket)
             except ArmctlError as error:
                 self._ticket = None
                 self.refuse(motion.order, motion.label, error)
-        if edit is not None and edit.future.done():
+        if edit is not None and edit.take is not None and edit.future.done():
             self._edit = None
             try:
                 edit.take(result_of(edit.future))

@@ -29,10 +29,10 @@ class Pending:
     order: Order
     label: str
     future: Future[Any]
-    take: Callable[[Any], Any]
-    """makes an activity of the plan, or hands the version over"""
     start: FloatArray
     """(n,) where a motion is planned from [rad]; of an edit (0,)"""
+    take: Callable[[Any], Any] | None = None
+    """makes an activity of the plan, or hands the version over; None: a trajectory is just followed"""
 
 
 class Submit(Protocol):
