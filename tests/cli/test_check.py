@@ -115,28 +115,6 @@ def test_what_is_assumed_of_a_urdf_is_told(
     assert "accelerations: full speed within 1/6 s" in json.loads(out)["assumed"]
 
 
-def test_what_an_editor_puts_in_front_does_not_matter(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> None:
-    path = tmp_path / "mine.toml"
-    path.write_bytes(b"\xef\xbb\xbf" + (robots_folder() / "uzuner.toml").read_bytes())
-    status, out, _ = call(capsys, str(path))
-    assert status == DONE
-    assert "a sound robot" in out
-
-
-def test_a_file_that_is_nested_too_deep_is_one_line(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> None:
-    path = tmp_path / "deep.toml"
-    path.write_text(f"a = {5000 * '['}{5000 * ']'}")
-    assert call(capsys, str(path)) == (
-        REFUSED,
-        "",
-        f"armctl: {path}: arrays or tables are nested too deep\n",
-    )
-
-
 def test_the_case_of_a_suffix_does_not_matter(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     path = tmp_path / "MINE.CSV"
     path.write_text("step,do,note\n1,comment,nothing\n")

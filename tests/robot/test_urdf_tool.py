@@ -146,13 +146,6 @@ def test_the_user_names_the_tool(tmp_path: Path, steps: tuple[Step, ...], link: 
     assert_product(robot, steps, link)
 
 
-def test_the_name_settles_what_is_unclear(tmp_path: Path) -> None:
-    steps = (*JAW[:5], finger("l", "left_tcp", kind="fixed"), finger("r", "right_tcp", kind="fixed"))
-    with pytest.raises(RobotFileError, match=r"left_tcp, right_tcp; name one: arm\.urdf#left_tcp"):
-        arm_of(tmp_path, steps)
-    assert_product(arm_of(tmp_path, steps, "#right_tcp"), steps, "right_tcp")
-
-
 @pytest.mark.parametrize(
     ("behind", "says"),
     [
