@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from benchmarks.agreement import must_agree
+from benchmarks.measure import must_agree
 from numpy.typing import NDArray
 
 from armctl import Robot

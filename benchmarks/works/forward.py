@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 
 import numpy as np
-from benchmarks.agreement import must_agree
-from benchmarks.measure import Effort, Work, compare
+from benchmarks.measure import Effort, Work, compare, must_agree
 from benchmarks.naive_forward import naive_forward
 from benchmarks.peers.ikpy import Ikpy
 from benchmarks.planar_arm import UZUNER, FloatArray

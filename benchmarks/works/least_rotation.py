@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-from benchmarks.agreement import must_agree
-from benchmarks.measure import Effort, Work, compare
+from benchmarks.measure import Effort, Work, compare, must_agree
 from benchmarks.paper_loop import PaperLoop
 from benchmarks.peers.ikpy import Ikpy
 from benchmarks.peers.roboticstoolbox import RoboticsToolbox

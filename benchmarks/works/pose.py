@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-from benchmarks.agreement import must_agree
-from benchmarks.measure import Effort, Work, compare
+from benchmarks.measure import Effort, Work, compare, must_agree
 from benchmarks.peers.eaik import Eaik
 from benchmarks.planar_arm import ABAAS, SCORBOT, FloatArray, PlanarArm
 from benchmarks.row import Goal, Row

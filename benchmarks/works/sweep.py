@@ -6,8 +6,7 @@ import math
 from collections.abc import Callable, Iterator
 
 import numpy as np
-from benchmarks.agreement import must_agree
-from benchmarks.measure import Effort, Work, compare
+from benchmarks.measure import Effort, Work, compare, must_agree
 from benchmarks.naive_sweep import naive_sweep
 from benchmarks.paper_loop import PaperLoop
 from benchmarks.planar_arm import UZUNER, FloatArray

@@ -8,8 +8,7 @@ import shutil
 import numpy as np
 import pytest
 from benchmarks.__main__ import PAGE, WORKS
-from benchmarks.agreement import must_agree
-from benchmarks.measure import Effort, compare
+from benchmarks.measure import Effort, compare, must_agree
 from benchmarks.naive_forward import naive_forward
 from benchmarks.naive_sweep import naive_sweep
 from benchmarks.paper_loop import PaperLoop, library
