@@ -76,17 +76,9 @@ def test_with_stops_it_stands_in_every_point(holding: Rig) -> None:
 
 def test_lines_and_arcs_of_the_tool(holding: Rig) -> None:
     x, y, z = ARC_MM[0].tolist()
-    via, end = ARC_MM[28].tolist(), ARC_MM[-1].tolist()
-    to_the_end = ArcStep(
-        via_x_mm=via[0],
-        via_y_mm=via[1],
-        via_z_mm=via[2],
-        x_mm=end[0],
-        y_mm=end[1],
-        z_mm=end[2],
-        speed_mm_s=150,
-    )
-    up = LineStep(x_mm=end[0], y_mm=end[1], z_mm=120, pitch="free")
+    via, end = (dict(zip(("x_mm", "y_mm", "z_mm"), ARC_MM[k].tolist(), strict=True)) for k in (28, -1))
+    to_the_end = ArcStep(**{f"via_{key}": mm for key, mm in via.items()}, **end, speed_mm_s=150)
+    up = LineStep(**end | {"z_mm": 120}, pitch="free")
     run(holding, program(PointStep(x_mm=x, y_mm=y, z_mm=z), to_the_end, up))
     seen = [s for s in holding.history if s.program is not None and s.program.step == 1]
     tools = 1000 * ROBOT.forward(np.array([s.q_command for s in seen]))[:, :3, 3]

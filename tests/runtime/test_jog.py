@@ -102,9 +102,11 @@ def test_the_tool_reaches_its_speed_and_expires_100_ms_after_the_last_command() 
     assert_accelerations_keep_limits(rig)
 
 
-def test_the_override_slows_the_tool_down() -> None:
-    rig = enabled()
+def test_the_override_slows_joints_and_tool_down(rig: Rig) -> None:
     rig.do(SetSpeed(0.25))
+    hold(rig, turn(3), 0.5)
+    assert rig.now.velocity_command[3] == pytest.approx(np.radians(120 * 0.25))
+    rig.run(0.5)
     hold(rig, along("Y", 0.08), 0.6)
     J = ROBOT.jacobian(rig.now.q_command)
     assert float(np.linalg.norm(J[:3] @ rig.now.velocity_command)) == pytest.approx(0.02, rel=0.02)
@@ -237,12 +239,6 @@ def test_it_speeds_up_to_its_share_of_the_limit_and_expires_100_ms_after_the_las
     assert rig.now.stamp - last < 0.1 + 0.0834 + 3 * TICK
     assert rig.now.cause == "jog finished"
     assert_keeps_limits(rig)
-
-
-def test_the_override_slows_it_down(rig: Rig) -> None:
-    rig.do(SetSpeed(0.2))
-    hold(rig, turn(3), 0.5)
-    assert rig.now.velocity_command[3] == pytest.approx(np.radians(120 * 0.2))
 
 
 @pytest.mark.parametrize("joint", range(5))

@@ -124,13 +124,7 @@ def test_a_wait_is_not_stretched_by_the_speed(holding: Rig) -> None:
     ("wrong", "loops", "first", "error", "message"),
     [
         (program(), 1, 0, ProgramError, "pick: it has no steps"),
-        (
-            Program(robot="abaas", steps=(WAIT,)),
-            1,
-            0,
-            ProgramError,
-            "it is for the robot 'abaas'",
-        ),
+        (Program(robot="abaas", steps=(WAIT,)), 1, 0, ProgramError, "it is for the robot 'abaas'"),
         (program(WAIT, MoveStep(joints_deg=(0, 1))), 1, 0, ProgramError, "pick: step 2: 5 joint angles"),
         (program(MoveStep(joints_deg=(0, 90, -91.2, 0, 0))), 1, 0, ProgramError, "step 1: Elbow: -91.20°"),
         (program(WAIT), 0, 0, InputError, "once or more often, not 0 times"),
