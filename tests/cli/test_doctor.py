@@ -147,17 +147,17 @@ def test_a_board_in_the_factorys_serial_mode_fails_with_advice(capsys: pytest.Ca
     assert "not checked round trips" in out
 
 
-def test_a_port_that_is_not_there(capsys: pytest.CaptureFixture[str], tmp_path: Path):
-    status, verdicts, seen = record(capsys, "--port", str(tmp_path / "none"))
-    assert status == REFUSED
-    assert verdicts["port"] == "failed"
-    assert seen["port"] == f"{tmp_path / 'none'} does not exist"
-
-
-def test_auto_without_a_board_is_a_report_too(capsys: pytest.CaptureFixture[str]):
-    status, _, seen = record(capsys, "--port", "auto", "--robot", "scorbot")
-    assert status == REFUSED
-    assert seen["port"].startswith("no Arduino found; serial ports: none at all")
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (("--port", "/dev/none"), "/dev/none does not exist"),
+        (("--port", "auto", "--robot", "scorbot"), "no Arduino found; serial ports: none at all"),
+    ],
+)
+def test_a_port_that_is_not_there(capsys: pytest.CaptureFixture[str], words: tuple[str, ...], says: str):
+    status, verdicts, seen = record(capsys, *words)
+    assert (status, verdicts["port"]) == (REFUSED, "failed")
+    assert seen["port"].startswith(says)
 
 
 def test_the_report_names_nobody(capsys: pytest.CaptureFixture[str]):
