@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import threading
+from contextlib import closing
 
 import numpy as np
 import pytest
@@ -57,7 +58,8 @@ def driver() -> LiveDriver:
 
 @pytest.fixture
 def live(driver: LiveDriver):
-    with Controller(ROBOT, lambda _: driver, MonotonicClock(), rate_hz=100) as controller:
+    with closing(Controller(ROBOT, lambda _: driver, MonotonicClock(), rate_hz=100)) as controller:
+        controller.start()
         controller.submit(Connect("sim"), TEST).result(PATIENCE_S)
         controller.submit(Enable(), TEST).result(PATIENCE_S)
         yield controller
@@ -104,21 +106,17 @@ def test_an_awaiting_task_that_is_cancelled_does_not_disturb_the_controller(live
     assert np.array_equal(live.snapshot.q_command, near(2))
 
 
-def test_closing_brings_a_moving_arm_to_rest_first(driver: LiveDriver) -> None:
-    controller = Controller(ROBOT, lambda _: driver, MonotonicClock(), rate_hz=100)
-    controller.start()
-    controller.submit(Connect("sim"), TEST)
-    controller.submit(Enable(), TEST).result(PATIENCE_S)
-    motion = controller.submit(MoveJoints(near(60)), TEST)
+def test_closing_brings_a_moving_arm_to_rest_first(live: Controller, driver: LiveDriver) -> None:
+    motion = live.submit(MoveJoints(near(60)), TEST)
     motion.accepted.result(PATIENCE_S)
     driver.written.clear()
     assert driver.written.wait(PATIENCE_S)
-    controller.close()
+    live.close()
     fails(motion.finished, "stopped by close")
     assert driver.calls[-1] == "close"
     assert "release" not in driver.calls
-    assert controller.snapshot.state is State.DISCONNECTED
-    controller.close()
+    assert live.snapshot.state is State.DISCONNECTED
+    live.close()
 
 
 def test_after_closing_everything_is_refused(rig: Rig) -> None:

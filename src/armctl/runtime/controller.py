@@ -157,13 +157,6 @@ class Controller:
         if interrupt is not None:
             raise interrupt
 
-    def __enter__(self) -> Controller:
-        self.start()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
-
     def _run(self) -> None:
         deadline = self._clock.now()
         ends: float | None = None
