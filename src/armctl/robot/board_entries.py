@@ -78,7 +78,7 @@ class BoardPart:
             *(own for _, own in joints.values()),
             board_tables(self.document.record.get("gripper")),
         ):
-            for other in tables.keys() - {key}:
+            for other in (name for name in tables if name != key):
                 raise RobotFileError(
                     f"board.kind = {self.kind!r}: its joints and its gripper have {key} entries, "
                     f"not {other} entries"

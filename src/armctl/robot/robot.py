@@ -156,7 +156,9 @@ class Robot:
         rotation: ArrayLike | None = None,
         step: float = DEFAULT_STEP,
     ) -> Solutions:
-        """All configurations inside the limits that put the tool where it is asked for.
+        """All configurations inside the limits that put the tool there.
+
+        Where there is none, ``reason`` and ``nearest_m`` of the answer say why and what is.
 
         Args:
             position_m: (3,) tool point in the base frame [m].
@@ -166,9 +168,6 @@ class Robot:
             roll: angle of the tool about its approach axis [rad]: the roll joint's own angle.
             rotation: (3, 3) ``R_base_tool`` instead of pitch and roll.
             step: step of the swept free joint [rad], where one is free.
-
-        Returns:
-            The solutions; where there is none, ``reason`` and ``nearest_m`` say why and what is.
 
         Raises:
             InputError: a value that is not a finite number, or a wrong shape.
