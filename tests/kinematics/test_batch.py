@@ -125,12 +125,6 @@ def test_least_rotation_of_random_arms_is_the_exact_one_and_never_above_the_swee
     assert with_curves > 5  # stationary curves are needed, and were
 
 
-def test_a_target_at_the_end_of_reach_is_solved_in_a_batch_too() -> None:
-    robot = load_robot("uzuner")
-    q = np.radians([[10.0, 20.0, 0.0, 0.0, 0.0], [-30.0, 60.0, 0.0, 0.0, 0.0]])
-    assert np.abs(robot.least_rotation(robot.forward(q)[:, :3, 3]) - q).max() < 1e-6
-
-
 @pytest.mark.parametrize(
     ("asked", "says"),
     [

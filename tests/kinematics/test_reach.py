@@ -18,15 +18,6 @@ from armctl.kinematics.solutions import needs
 STEP = math.radians(0.5)
 
 
-def refusal(x: float, y: float, z: float, **asked: float) -> str:
-    solutions = load_robot("uzuner").inverse(
-        np.array([x, y, z]) / 1000, **{name: math.radians(value) for name, value in asked.items()}
-    )
-    assert not solutions.success
-    assert len(solutions) == 0
-    return str(solutions.reason)
-
-
 @pytest.mark.parametrize(
     ("point", "asked", "says"),
     [
@@ -46,22 +37,27 @@ def refusal(x: float, y: float, z: float, **asked: float) -> str:
         ),
         ((250, 0, 10), {"pitch": 45.0}, ["too far by 57.8 mm", "with the tool at that pitch"]),
         ((200, 0, 100), {"pitch": -30.0}, ["at that pitch, but joint limits forbid it"]),
+        ((200, 0, 100), {"roll": 90.0}, ["Wrist roll needs 90.00°, its limits are -47.64° … 47.32°"]),
     ],
 )
 def test_a_refusal_says_why_with_numbers(
     point: tuple[float, float, float], asked: dict[str, float], says: list[str]
 ) -> None:
-    said = refusal(*point, **asked)
-    assert all(fact in said for fact in says)
+    radians = {name: math.radians(value) for name, value in asked.items()}
+    solutions = load_robot("uzuner").inverse(np.array(point) / 1000, **radians)
+    assert not solutions.success
+    assert len(solutions) == 0
+    assert all(fact in str(solutions.reason) for fact in says)
 
 
-def test_a_roll_outside_its_limits() -> None:
-    said = refusal(200, 0, 100, roll=90)
-    assert "Wrist roll needs 90.00°, its limits are -47.64° … 47.32°" in said
+def test_where_only_the_roll_is_impossible_the_point_is_said_to_be_within_reach() -> None:
     robot = load_robot("uzuner")
-    nearest = robot.inverse([0.2, 0, 0.1], roll=math.radians(200)).nearest_q
-    assert nearest is not None
-    assert nearest[4] == robot.limits[4, 0]  # 200° is -160°
+    solutions = robot.inverse([0.2, 0.0, 0.1], roll=math.radians(200))
+    assert not solutions.success
+    assert solutions.explanation.endswith("; the point itself can be reached")
+    assert solutions.nearest_m == pytest.approx([0.2, 0.0, 0.1], abs=1e-9)
+    assert solutions.nearest_q is not None
+    assert solutions.nearest_q[4] == robot.limits[4, 0]  # 200° is -160°
 
 
 def test_the_dead_zone() -> None:
@@ -174,13 +170,6 @@ def test_the_nearest_point_with_the_pitch_kept() -> None:
         assert distance >= sampled - 0.03  # 60,000 samples are a coarse net, but not a wrong one
         assert ik.solve(Target.of(solutions.nearest_m, pitch=pitch), STEP).success
     assert kept >= 30
-
-
-def test_where_only_the_wish_is_impossible_the_point_is_said_to_be_within_reach() -> None:
-    solutions = load_robot("uzuner").inverse([0.2, 0.0, 0.1], roll=math.radians(80))
-    assert not solutions.success
-    assert solutions.explanation.endswith("; the point itself can be reached")
-    assert solutions.nearest_m == pytest.approx([0.2, 0.0, 0.1], abs=1e-9)
 
 
 def test_two_pitch_joints_whose_limits_forbid_the_pitch_that_the_links_give() -> None:
