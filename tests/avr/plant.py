@@ -91,24 +91,15 @@ class _Axis(ctypes.Structure):
     )
 
 
-@dataclass(frozen=True)
-class _Output:
-    """A PWM output: data addresses of its timer's registers (ATmega2560 datasheet, register summary)."""
-
-    duty: int
-    top: int
-    control: int
-    mask: int
-
-
 _PWM = {
-    5: _Output(0x98, 0x96, 0x90, 0x80),  # OC3A
-    2: _Output(0x9A, 0x96, 0x90, 0x20),  # OC3B
-    3: _Output(0x9C, 0x96, 0x90, 0x08),  # OC3C
-    6: _Output(0xA8, 0xA6, 0xA0, 0x80),  # OC4A
-    7: _Output(0xAA, 0xA6, 0xA0, 0x20),  # OC4B
-    8: _Output(0xAC, 0xA6, 0xA0, 0x08),  # OC4C
+    5: (0x98, 0x96, 0x90, 0x80),  # OC3A
+    2: (0x9A, 0x96, 0x90, 0x20),  # OC3B
+    3: (0x9C, 0x96, 0x90, 0x08),  # OC3C
+    6: (0xA8, 0xA6, 0xA0, 0x80),  # OC4A
+    7: (0xAA, 0xA6, 0xA0, 0x20),  # OC4B
+    8: (0xAC, 0xA6, 0xA0, 0x08),  # OC4C
 }
+"""Data addresses of duty, top and control, and the bit there, by pin (datasheet, register summary)."""
 _PORT = {"C": 0x28, "H": 0x102}
 _ENABLE = 9
 
@@ -136,13 +127,10 @@ WIRES = (
 
 @dataclass
 class Plant:
-    """The arm on a simulated Mega's pins, from now on and over its resets.
+    """The arm on a simulated Mega's pins, from now on and over its resets; ``motors``: one an axis.
 
-    Args:
-        avr: whose pins.
-        motors: one an axis.
-        pair: the axes of a differential pair: the first joint is the sum of both motors, the second
-            their difference.
+    ``pair``: the axes of a differential pair; the first joint is the sum of both motors, the second their
+    difference.
     """
 
     avr: Avr
@@ -216,26 +204,23 @@ def changed(motors: Sequence[Motor], axis: int, **values: Any) -> tuple[Motor, .
     return tuple(replace(motor, **values) if number == axis else motor for number, motor in enumerate(motors))
 
 
+_SHARED = {name for name, _ in _Axis._fields_}
+
+
 def _axis(motor: Motor, wires: Wires, start: float) -> _Axis:
-    output = _PWM[wires.pwm]
+    duty, top, control, control_mask = _PWM[wires.pwm]
     direction, direction_mask = _port(wires.direction)
     return _Axis(
-        duty=output.duty,
-        top=output.top,
-        control=output.control,
-        control_mask=output.mask,
+        duty=duty,
+        top=top,
+        control=control,
+        control_mask=control_mask,
         direction=direction,
         direction_mask=direction_mask,
         pin_a=_pin(wires.a),
         pin_b=_pin(wires.b),
         pin_switch=_pin(wires.switch),
-        motor_sign=motor.motor_sign,
-        full_speed=motor.full_speed,
-        time_constant=motor.time_constant,
-        static_friction=motor.static_friction,
-        kinetic_friction=motor.kinetic_friction,
-        load=motor.load,
-        load_period=motor.load_period,
+        **{name: value for name, value in vars(motor).items() if name in _SHARED},
         low_stop=motor.stops[0],
         high_stop=motor.stops[1],
         switch_low=motor.switch[0],
