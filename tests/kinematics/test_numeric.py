@@ -19,7 +19,6 @@ from armctl.kinematics.numeric.goals import (
     PitchGoal,
     PositionGoal,
     RotationGoal,
-    Together,
     UprightGoal,
     rotation_vectors,
     tool_motion,
@@ -339,7 +338,6 @@ def test_a_point_that_is_reached_but_not_with_that_pitch() -> None:
         PitchGoal(0.4),
         UprightGoal(-1.0),
         RotationGoal(rotation_from_rpy(0.3, -0.8, 1.1)),
-        Together(PositionGoal(np.array([0.3, -0.2, 0.4]), 0.9), PitchGoal(0.4)),
     ],
 )
 def test_the_derivatives_of_a_goal_are_those_of_finite_differences(goal: Goal) -> None:

@@ -51,12 +51,17 @@ def images(angle: float, low: float, high: float, tolerance: float = LIMIT_TOLER
 def half_angle_cos_sin(angle: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Cosine and sine of an array [rad] from one tangent of the half angle.
 
-    numpy vectorises float64 tan but not sin and cos; a large half-angle tangent (near a whole odd
-    turn of pi) loses nothing: c = 2/(1+t²) - 1 and s = t·2/(1+t²) stay within 2 ulp of 1.
+    numpy vectorises tan but not sin and cos; c = 2/(1+t²) - 1 and s = t·2/(1+t²) stay within 2 ulp of 1,
+    however large t is.
     """
-    t = np.tan(0.5 * angle)
-    g = 2.0 / (1.0 + t * t)
-    return g - 1.0, t * g
+    sine = 0.5 * angle
+    np.tan(sine, out=sine)
+    cosine = sine * sine
+    cosine += 1.0
+    np.divide(2.0, cosine, out=cosine)
+    sine *= cosine
+    cosine -= 1.0
+    return cosine, sine
 
 
 # Angles brought into joint limits: one, or arrays of them.

@@ -31,6 +31,7 @@ _put_pose = struct.Struct("16d").pack_into  # half of the time that an array tak
 _Entry = FloatArray | float
 _Vector = Sequence[_Entry]
 _UNITS: tuple[_Vector, ...] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0), (0.0, 0.0, 0.0))
+_SAME_AXES = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]
 _MOST_SUMMED = 100.0
 """angles up to this size may be added: with larger ones the sum would lose digits [rad]"""
 _PARALLEL = 1e-14
@@ -99,6 +100,8 @@ class Chain:
             shared.flags.writeable = False
         self._steps = [_step(T) for T in (*self.segments, tail)]
         self._weights: list[list[list[float]]] = [T[:3].T.tolist() for T in (*self.segments, tail)]
+        self._skips_y = [w[:2] == _SAME_AXES and w[3][1] == 0.0 for w in self._weights[1:-1]] + [False]
+        """of each joint, whether the next one turns about the same direction, no step along y from it"""
         self._one_shape = (self.n,)
 
     @classmethod
@@ -149,13 +152,14 @@ class Chain:
 
     def checked(self, q: ArrayLike) -> FloatArray:
         """``q`` as an array ``(..., n)`` of finite numbers; a copy. Raises ``InputError`` for any other."""
-        return self._finite(q).copy()
+        numbers = self._shaped(q)
+        require_finite(numbers, "joint angles")
+        return numbers.copy()
 
-    def _finite(self, q: ArrayLike) -> FloatArray:
+    def _shaped(self, q: ArrayLike) -> FloatArray:
         numbers = q if type(q) is np.ndarray and q.dtype is _FLOAT else as_numbers(q, "joint angles")
         if numbers.ndim == 0 or numbers.shape[-1] != self.n:
             raise InputError(f"{self.n} joint angles are needed, got an array of shape {numbers.shape}")
-        require_finite(numbers, "joint angles")
         return numbers
 
     def checked_one(self, q: ArrayLike) -> FloatArray:
@@ -271,24 +275,28 @@ class Chain:
         return xx, xy, xz, yx, yy, yz, zx, zy, zz, px, py, pz
 
     def _many(
-        self, q: ArrayLike, shape: tuple[int, int], fill: Callable[[FloatArray, FloatArray], None]
+        self, q: ArrayLike, shape: tuple[int, int], fill: Callable[[FloatArray, FloatArray, float], None]
     ) -> FloatArray:
         """A matrix of each configuration (..., n): (..., *shape)."""
-        q = self._finite(q)
+        q = self._shaped(q)
         flat = q.reshape(-1, self.n)
         out = np.zeros((*shape, len(flat)))  # entry by entry in memory: contiguous to write
         for i in range(0, len(flat), _CHUNK):
-            fill(flat[i : i + _CHUNK], out[..., i : i + _CHUNK])
+            part = flat[i : i + _CHUNK]
+            largest = float(np.abs(part).max())
+            if not largest < math.inf:
+                require_finite(q, "joint angles")
+            fill(part, out[..., i : i + _CHUNK], largest)
         return np.moveaxis(out.reshape(*shape, *q.shape[:-1]), (0, 1), (-2, -1))
 
-    def _forward_into(self, q: FloatArray, out: FloatArray) -> None:
-        *_, frame = self._entries(q)
+    def _forward_into(self, q: FloatArray, out: FloatArray, largest: float) -> None:
+        *_, frame = self._entries(q, largest, only_last=True)
         for j, column in enumerate(frame):
             for i, entry in enumerate(column):
                 out[i, j] = entry
         out[3, 3] = 1.0
 
-    def _jacobian_into(self, q: FloatArray, out: FloatArray) -> None:
+    def _jacobian_into(self, q: FloatArray, out: FloatArray, _: float) -> None:
         *links, (_, _, _, tool) = self.walk(q)
         for i, (_, _, axis, origin) in enumerate(links):
             out[:3, i], out[3:, i] = _cross(axis, tool - origin), axis
@@ -298,30 +306,35 @@ class Chain:
 
         Yields x, y, z axis and origin, (3, m) each, base frame [m].
         """
-        for frame in self._entries(q):
+        for frame in self._entries(q, float(np.abs(q).max(initial=0.0))):
             x, y, z, origin = (np.empty((3, len(q))) for _ in frame)
             for filled, column in zip((x, y, z, origin), frame, strict=True):
                 filled[0], filled[1], filled[2] = column
             yield x, y, z, origin
 
-    def _entries(self, q: FloatArray) -> Iterator[tuple[_Vector, ...]]:
+    def _entries(
+        self, q: FloatArray, largest: float, *, only_last: bool = False
+    ) -> Iterator[tuple[_Vector, ...]]:
         """As ``walk``: x, y, z axis and origin, three entries each, (m,) or a float that all have in common.
 
-        Joints that follow each other on parallel axes turn like one by the sum of their angles. Both
-        together save a third of a million forward poses (the row of that name in docs/speed.md).
+        Joints that follow each other on parallel axes turn like one by the sum of their angles, and between
+        them y is not needed (``only_last``). This saves a third of a million forward poses (docs/speed.md).
+        ``largest``: of the angles, without sign.
         """
         x, y, z, origin = _UNITS
         across, angle = (x, y), None
-        summed = np.abs(q).max(initial=0.0) < _MOST_SUMMED
+        summed = largest < _MOST_SUMMED
         for k, (along_x, along_y, along_z, offset) in enumerate(self._weights):
             origin = _mixed((*offset, 1.0), (x, y, z, origin))
-            if not summed or (along_x, along_y) != ([1.0, 0.0, 0.0], [0.0, 1.0, 0.0]):
+            if not summed or [along_x, along_y] != _SAME_AXES:
                 x, y, z = (_mixed(along, (x, y, z)) for along in (along_x, along_y, along_z))
                 across, angle = (x, y), None
             if k < self.n:
                 angle = q[:, k] if angle is None else angle + q[:, k]
                 c, s = half_angle_cos_sin(angle)
-                x, y = _mixed((c, s), across), _mixed((-s, c), across)
+                x = _mixed((c, s), across)
+                if not (only_last and summed and self._skips_y[k]):
+                    y = _mixed((-s, c), across)
             yield x, y, z, origin
 
 
@@ -385,11 +398,16 @@ def _mixed(weights: _Vector, vectors: Sequence[_Vector]) -> _Vector:
     sums: list[_Entry] = []
     for entries in zip(*vectors, strict=True):
         total: _Entry = 0.0
+        own = False  # whether the sum is an array of its own, which may be added to
         for weight, entry in zip(weights, entries, strict=True):
             if _is(weight, 0.0) or _is(entry, 0.0):
                 continue
-            term = entry if _is(weight, 1.0) else weight if _is(entry, 1.0) else weight * entry
-            total = term if _is(total, 0.0) else total + term
+            copied = _is(weight, 1.0) or _is(entry, 1.0)
+            term = (entry if _is(weight, 1.0) else weight) if copied else weight * entry
+            if own:
+                total += term
+            else:
+                total, own = (term, not copied) if _is(total, 0.0) else (total + term, True)
         sums.append(total)
     return sums
 

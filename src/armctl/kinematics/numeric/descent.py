@@ -1,8 +1,7 @@
 """Damped Newton descent inside a box, many starts at once, and what it is used for.
 
-Levenberg–Marquardt where the second derivatives are those of Gauss and Newton. The box is an active set:
-a joint that stands at a limit and is pushed against it is held; a joint that a step would carry over its
-limit goes onto it, and the others are solved for again with that move known.
+The box is an active set: a joint at a limit that is pushed against it is held; a joint that a step would
+carry over its limit goes onto it, and the others are solved for again with that move known.
 """
 
 from __future__ import annotations
@@ -95,20 +94,17 @@ _COUNT = 2048
 
 
 class Starts:
-    """An even spread of configurations of one arm, with their tool poses. Immutable.
-
-    The same arm has the same starts in every process and every thread.
-    """
+    """An even spread of configurations of one arm, always the same, with their tool poses. Immutable."""
 
     def __init__(self, chain: Chain, limits: FloatArray) -> None:
         low, high = limits.T
         self._q = low + even_spread(_COUNT, np.full(chain.n, 0.5)) * (high - low)
         self._motion = tool_motion(chain, self._q)
 
-    def nearest_first(self, goal: Goal, count: int) -> FloatArray:
-        """(count, n) configurations [rad] whose tool poses come nearest to the goal, the nearest first."""
+    def nearest_first(self, goal: Goal, count: int, box: FloatArray) -> FloatArray:
+        """(count, n) of them [rad] with the tool nearest to a goal, best first, put into a box (n, 2)."""
         rows = goal.rows(self._motion)[0]
-        return self._q[np.argsort((rows * rows).sum(axis=1), kind="stable")[:count]]
+        return np.clip(self._q[np.argsort((rows * rows).sum(axis=1), kind="stable")[:count]], *box.T)
 
 
 # Meeting goals inside joint limits: all of them from many starts, or one strictly before another.
@@ -145,7 +141,7 @@ def come_nearest_holding(chain: Chain, order: Goal, wish: Goal, q: FloatArray, b
     """The local minima of the cost of ``wish`` where ``order`` is met exactly, as the starts should already.
 
     The method of multipliers: each descent minimises the wish plus a stiff spring on the order, and the
-    spring's rest length then takes up what was left of it; the last digits of the order are polished alone.
+    spring's rest length then takes up what was left of it.
     """
     slack = np.zeros_like(order.rows(tool_motion(chain, q))[0])
 

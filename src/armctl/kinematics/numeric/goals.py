@@ -1,8 +1,4 @@
-"""What a numeric search drives to zero: residuals of the tool pose with their derivatives, in batches.
-
-A goal is met where its ``rows`` are zero. ``cost`` is the same wish as one smooth number with its exact
-first and second derivatives: what is minimised where the goal cannot be met.
-"""
+"""What a numeric search drives to zero: residuals of the tool pose with their derivatives, in batches."""
 
 from __future__ import annotations
 
@@ -63,10 +59,9 @@ def crossed(a: FloatArray, b: FloatArray) -> FloatArray:
 
 
 def second_derivatives(motion: ToolMotion, weights: FloatArray, columns: FloatArray) -> FloatArray:
-    """Second derivatives (k, n, n) of ``weights · v`` by the joint angles.
+    """Second derivatives (k, n, n) of ``weights · v``, weights (k, 3), by the joint angles.
 
-    ``weights`` are (k, 3) and ``columns`` (k, 3, n) the first derivatives of a vector v carried by the tool.
-    Joint i turns whatever joint j behind it does to v: ∂²v/∂q_i∂q_j = z_i x ∂v/∂q_j for i ≤ j.
+    ``columns`` (k, 3, n) are ∂v/∂q of a vector v on the tool: ∂²v/∂q_i∂q_j = z_i x ∂v/∂q_j for i ≤ j.
     """
     return _mirrored(np.swapaxes(crossed(weights[:, :, None], motion.axes), 1, 2) @ columns)
 
@@ -78,17 +73,14 @@ def _mirrored(matrices: FloatArray) -> FloatArray:
 
 
 class Goal(ABC):
-    """One wish about the tool pose."""
+    """One wish about the tool pose: met where its ``rows`` are zero, else ``cost`` is minimised."""
 
     @abstractmethod
     def rows(self, motion: ToolMotion) -> Rows:
         """Residuals, zero where the goal is met."""
 
     def curvature(self, motion: ToolMotion, weights: FloatArray) -> FloatArray:
-        """Second derivatives (k, n, n) of the residuals, summed with ``weights`` (k, m).
-
-        Left out of goals about an orientation: there they are multiplied by forces that vanish.
-        """
+        """Second derivatives (k, n, n) of the residuals, summed with ``weights`` (k, m); 0 where left out."""
         n = motion.axes.shape[2]
         return np.zeros((len(weights), n, n))
 
@@ -195,7 +187,7 @@ class RotationGoal(Goal):
 
 @dataclass(frozen=True, slots=True)
 class Together(Goal):
-    """Two goals at once."""
+    """Two goals at once, to be met: of what the rows say, ``cost`` leaves out the curvature."""
 
     first: Goal
     second: Goal
@@ -204,18 +196,6 @@ class Together(Goal):
         """The rows of both."""
         (r, J), (s, K) = self.first.rows(motion), self.second.rows(motion)
         return np.concatenate([r, s], axis=1), np.concatenate([J, K], axis=1)
-
-    def curvature(self, motion: ToolMotion, weights: FloatArray) -> FloatArray:
-        """The sum of both."""
-        cut = self.first.rows(motion)[0].shape[1]
-        return self.first.curvature(motion, weights[:, :cut]) + self.second.curvature(
-            motion, weights[:, cut:]
-        )
-
-    def cost(self, motion: ToolMotion) -> Cost:
-        """The sum of both."""
-        (f, g, H), (e, d, G) = self.first.cost(motion), self.second.cost(motion)
-        return f + e, g + d, H + G
 
 
 def pitch_goal(pitch: float) -> Goal | None:

@@ -35,10 +35,8 @@ _ROUNDS = 60
 class LinkBound:
     """A shell about a fixed point of the first joint's axis that the tool point can never leave.
 
-    One point is chosen on each joint axis. Two neighbours are both fixed to the link between their joints, so
-    their distance never changes: the tool point is no farther from the first than the sum of the distances,
-    and no nearer than the longest less all others. That holds for any points; those of the least sum
-    bound best.
+    One point is chosen on each joint axis; neighbours keep their distance. So the tool point is no farther
+    from the first than the sum of the distances, and no nearer than the longest less all others.
     """
 
     def __init__(self, chain: Chain) -> None:
@@ -68,26 +66,23 @@ class LinkBound:
 def _shortest_polyline(points: FloatArray, axes: FloatArray, tip: FloatArray) -> FloatArray:
     """(n + 1, 3) a point on each axis and the tip, joined by the shortest way (to about 1e-6 m).
 
-    Weiszfeld's method: least squares of the segments, each weighted by one over its last length; a system of
-    n equations in the places along the axes.
+    Weiszfeld's method: least squares of the segments, each weighted by one over its last length.
     """
     n = len(points)
-    along = np.zeros(n)
+    offsets = np.diff(np.vstack([points, tip]), axis=0)
+    moves = np.zeros((n, 3, n))  # of each segment, as a point slides along its axis
+    for k, axis in enumerate(axes):
+        moves[k, :, k] = -axis
+        if k > 0:
+            moves[k - 1, :, k] = axis
+    segments = offsets
     for _ in range(_ROUNDS):
-        nodes = np.vstack([points + along[:, None] * axes, tip])
-        weights = 1.0 / np.maximum(np.linalg.norm(np.diff(nodes, axis=0), axis=1), 1e-6)
-        A, b = np.zeros((n, n)), np.zeros(n)
-        for k, weight in enumerate(weights):
-            last = k == n - 1
-            offset = (tip if last else points[k + 1]) - points[k]
-            A[k, k] += weight
-            b[k] += weight * (axes[k] @ offset)
-            if not last:
-                A[k + 1, k + 1] += weight
-                A[k, k + 1] = A[k + 1, k] = -weight * (axes[k] @ axes[k + 1])
-                b[k + 1] -= weight * (axes[k + 1] @ offset)
+        weights = 1.0 / np.maximum(np.linalg.norm(segments, axis=1), 1e-6)
+        weighted = moves * weights[:, None, None]
+        A, b = np.einsum("ija,ijb->ab", weighted, moves), -np.einsum("ija,ij->a", weighted, offsets)
         along = np.linalg.lstsq(A, b, rcond=1e-12)[0]  # parallel axes may slide together
-    return np.vstack([points + along[:, None] * axes, tip])
+        segments = offsets + moves @ along
+    return tip - np.vstack([np.cumsum(segments[::-1], axis=0)[::-1], np.zeros(3)])
 
 
 _ALIGNED = 1e-9
@@ -105,9 +100,8 @@ _ALIKE = 1e-7
 class NumericSolver(InverseKinematics):
     """Any chain of revolute joints inside its limits. Immutable; safe in several threads.
 
-    What it lists are solutions, to the last digit, but there may be more (``Solutions.complete`` is False);
-    where joints are left free it lists a spread of the continuum. The same target has the same answer always.
-    A ``box`` (n, 2) is the joint limits of one request, with the roll joint held [rad].
+    What it lists are solutions, but there may be more; of a continuum it lists a spread. The same target
+    always has the same answer. A ``box`` (n, 2) is the limits of one request, with the roll joint held [rad].
     """
 
     family = "numeric"
@@ -142,9 +136,9 @@ class NumericSolver(InverseKinematics):
         checked_step(step)
         refusal, box = self._box(target)
         position = PositionGoal(target.position, self._reach)
-        turned = pitch_goal(target.pitch) if target.pitch is not None else None
-        if target.rotation is not None:
-            turned = RotationGoal(target.rotation)
+        turned = None if target.rotation is None else RotationGoal(target.rotation)
+        if target.pitch is not None:
+            turned = pitch_goal(target.pitch)
         refusal = refusal or self._bound.violation(target.position, self.titles[0])
         if refusal is None and target.pitch is not None and turned is None:
             refusal = "the tool's elevation is between -90° and 90°, no pose has another pitch"
@@ -173,12 +167,9 @@ class NumericSolver(InverseKinematics):
             box[self._roll.index] = held
         return refused, box
 
-    def _starts_near(self, goal: Goal, count: int, box: FloatArray) -> FloatArray:
-        return np.clip(self._starts.nearest_first(goal, count), *box.T)
-
     def _search(self, goal: Goal, box: FloatArray) -> FloatArray:
         """(k, n) configurations that meet a goal, from wave after wave of starts until there are any."""
-        starts = self._starts_near(goal, _WAVE * _WAVES, box)
+        starts = self._starts.nearest_first(goal, _WAVE * _WAVES, box)
         for at in range(0, len(starts), _WAVE):
             found = self._met(goal, self._polished(goal, starts[at : at + _WAVE], box))
             if len(found):
@@ -210,7 +201,7 @@ class NumericSolver(InverseKinematics):
     def _approached(self, order: Goal, wish: Goal, box: FloatArray) -> FloatArray:
         """(k, n) configurations that meet ``order``, if any, at the local minima of ``wish``."""
         both = Together(order, wish)
-        q = meet(self.chain, both, self._starts_near(both, _WAVE, box), box)
+        q = meet(self.chain, both, self._starts.nearest_first(both, _WAVE, box), box)
         q = self._holding(order, np.vstack([self._polished(order, q, box), self._search(order, box)]))
         if len(q) == 0:
             return q
@@ -228,7 +219,7 @@ class NumericSolver(InverseKinematics):
             kept = self._approached(turned, position, box)
             if len(kept):
                 return self._best(position, kept)
-        starts = self._starts_near(position, _WAVE, box)
+        starts = self._starts.nearest_first(position, _WAVE, box)
         return self._best(position, come_nearest(self.chain, position, starts, box))
 
     def _best(self, goal: Goal, q: FloatArray) -> FloatArray:
@@ -251,7 +242,6 @@ class NumericSolver(InverseKinematics):
                     f"the arm reaches that point, but none of {starts} starts found a pitch of "
                     f"{asked:.2f}° there: the nearest is {got:.2f}°"
                 )
-                # where no pose has that pitch: the nearest pitch
                 return self._refused(target, reason, closest if away < 1e-6 else nearest)
         reason = (
             f"no solution was found: none of {starts} starts came nearer than {away:.2f} mm; "

@@ -197,7 +197,7 @@ class SphericalShoulderSolver(InverseKinematics):
 
     def _nearest(self, target: Target) -> FloatArray:
         """The configuration (n,) inside the limits whose tip comes nearest to the target [rad]."""
-        starts = self._starts.nearest_first(self._goal(target), _NEAREST_STARTS)
+        starts = self._starts.nearest_first(self._goal(target), _NEAREST_STARTS, self.limits)
         q = self._descended(starts, target)
         return q[int(self._misses(q, target).argmin())]
 
