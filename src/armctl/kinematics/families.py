@@ -61,8 +61,7 @@ class Branch:
 class BranchFinder:
     """The branches of one arm. Immutable; safe in several threads.
 
-    The arm's own solver, given a whole turn about the middle of each joint's limits, lists every branch once;
-    which of them the true limits forbid is then a comparison. A held joint stays held.
+    The arm's own solver, given a whole turn about the middle of each joint's limits, lists every branch once.
     """
 
     def __init__(self, chain: Chain, limits: FloatArray, energy: EnergyModel, titles: Sequence[str]) -> None:

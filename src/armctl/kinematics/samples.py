@@ -37,7 +37,7 @@ def joint_samples(limits: FloatArray, count: int, seed: int = _SEED) -> FloatArr
 
 
 def even_spread(count: int, start: FloatArray) -> FloatArray:
-    """(count, d) points of the unit cube, more evenly spread than random ones; the first is at ``start``.
+    """(count, d) points of the unit cube, evenly spread from ``start`` on.
 
     A Kronecker sequence whose steps are powers of the root of x^(d+1) = x + 1 (M. Roberts, "The unreasonable
     effectiveness of quasirandom sequences", 2018).
@@ -65,8 +65,7 @@ def greatest(value: Callable[[FloatArray], FloatArray], limits: FloatArray) -> t
     """The greatest ``value`` found inside limits (n, 2), and a configuration (n,) [rad] that has it.
 
     The best of evenly spread samples climb, each joint a step up or down, with steps that are halved when
-    none of them helps. At a maximum the error is of second order in the finest step; where a long ridge
-    leads up to it, the search ends with ``_MOST_ROUNDS`` a little below.
+    none of them helps.
     """
     low, high = limits.T
     n = len(limits)

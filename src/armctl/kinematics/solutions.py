@@ -36,7 +36,7 @@ class SolvedArm(NamedTuple):
 
 
 class Solutions:
-    """Every configuration inside the limits that answers a target, or why there is none; never changed."""
+    """Every configuration inside the limits that answers a target, or why there is none. Immutable."""
 
     def __init__(
         self,
@@ -55,13 +55,13 @@ class Solutions:
         Args:
             arm: whose configurations they are.
             target: what was asked for.
-            q: (k, n) configurations [rad]; becomes an array when it is read.
+            q: (k, n) configurations [rad].
             branch_index: (k,) index of each into the arm's ``branch_names``.
             free_joint: index of the joint that was swept; None where the solutions are isolated.
-            least_rotation: the exact least-rotation optimum over the continuum, where a joint is free.
+            least_rotation: the exact optimum over the continuum, where a joint is free.
             reason: why there is none; None when solved.
             nearest_q: (n,) configuration that comes nearest where there is no solution [rad].
-            complete: False where solutions may be missing from the list (numeric fallback).
+            complete: False where solutions may be missing (numeric fallback).
         """
         self.arm, self.target, self._q, self._index = arm, target, q, branch_index
         self.free_joint, self.least_rotation = free_joint, least_rotation

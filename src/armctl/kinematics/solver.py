@@ -139,8 +139,7 @@ def roll_angles(joint: RollJoint | None, roll: float | None) -> Sequence[float]:
 def held_roll(joint: RollJoint | None, roll: float | None) -> tuple[str | None, float]:
     """Why a roll asked for (None: any) cannot be, or None; and what the joint is held at for it [rad].
 
-    Where there are several angles the one nearest to zero, where it cannot be the nearest that can, and 0
-    where there is no such joint.
+    Of several angles the one nearest to zero; the nearest that can be; 0 where there is no such joint.
     """
     if joint is None:
         return (None if roll is None else NO_ROLL), 0.0

@@ -1,9 +1,6 @@
 """Velocity kinematics of one configuration: tool velocity and joint rates, manipulability, singularities.
 
-All of it follows from ``jacobian`` J (6, n), linear over angular, in the base frame (``Chain.jacobian``). The
-singular values of its position rows are how many metres the tool point moves a radian of joint motion, in
-the direction that is easiest, the next and the hardest; where the smallest is zero, the direction that
-belongs to it is lost: no joint motion moves the tool that way.
+All of it follows from ``jacobian`` J (6, n), linear over angular, in the base frame (``Chain.jacobian``).
 """
 
 from __future__ import annotations
@@ -99,12 +96,8 @@ def joint_rates(
 ) -> JointRates:
     """The least joint rates that give a tool velocity.
 
-    A direction whose singular value σ is below ε = ``NEAR`` times the largest is damped (least squares with
-    λ² = (ε² - σ²) / 2, so its gain is 2σ / (σ² + ε²)): rates stay below the wanted speed over ε, and fade to
-    none where the direction is lost. The other directions are met exactly.
-
-    With an angular velocity, an unmet rad/s counts as the speed that it has at the end of the longest lever.
-    Where a rate would pass its limit, all are scaled by one factor, so that the direction stays.
+    Directions near to being lost are damped (``damped_inverse``). An unmet rad/s counts as the speed that it
+    has at the end of the longest lever. Where a rate would pass its limit, all are scaled by one factor.
 
     Args:
         jacobian: (6, n).
@@ -135,10 +128,8 @@ def joint_rates(
 def manipulability(jacobian: FloatArray) -> FloatArray:
     """Yoshikawa's measure (...) of Jacobians (..., rows, n): the product of the singular values.
 
-    With at least as many joints as rows it is √det(J Jᵀ), the volume that joint rates of length 1 sweep in
-    the space of tool velocities. That is always 0 with fewer joints, where √det(Jᵀ J) takes its place: it is
-    0 where two joint motions do the same to the tool. Of the position rows it is in m³; of all six it mixes
-    metres and radians, so it compares poses of one arm.
+    With at least as many joints as rows it is √det(J Jᵀ), else √det(Jᵀ J). Of the position rows it is in m³;
+    of all six it mixes metres and radians, so it compares poses of one arm.
     """
     return np.linalg.svd(jacobian, compute_uv=False).prod(axis=-1)
 
@@ -200,7 +191,7 @@ def damped_inverse(rows: FloatArray, near: float = NEAR, largest: float | None =
     """Least-squares inverse (n, m) of rows (m, n) with every direction damped by its own singular value.
 
     With ε = ``near`` times ``largest`` (None: the largest singular value), directions of σ >= ε are met
-    exactly; below, the gain is 2σ / (σ² + ε²), which is continuous and fades to none.
+    exactly; below, the gain is 2σ / (σ² + ε²): least squares with λ² = (ε² - σ²) / 2.
     """
     u, sizes, vt = np.linalg.svd(rows, full_matrices=False)
     edge = near * (float(sizes.max(initial=0.0)) if largest is None else largest)

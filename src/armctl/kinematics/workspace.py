@@ -47,8 +47,7 @@ class Extent:
 def sample_workspace(chain: Chain, limits: FloatArray, count: int) -> WorkspaceSamples:
     """Sample the workspace inside joint limits (n, 2) with about ``count`` points; the same ones every time.
 
-    Far more configurations than are asked for are tried; space is divided into cells, and a cell keeps the
-    first point that falls into it: where many poses lead to the same place, one is enough.
+    Far more configurations are tried; space is divided into cells, and a cell keeps its first point.
     """
     q = joint_samples(limits, _CANDIDATES_A_POINT * count)
     points = chain.forward(q)[:, :3, 3]
@@ -69,11 +68,7 @@ def workspace_extent(chain: Chain, limits: FloatArray) -> Extent:
 
 
 def longest_levers(chain: Chain, limits: FloatArray) -> FloatArray:
-    """How far the tool point can come from each joint's axis inside the limits (n, 2): (n,) [m].
-
-    A joint that turns with ω alone moves the tip with ω times its distance from the axis, so this is the
-    most that it can do.
-    """
+    """How far the tool point can come from each joint's axis inside the limits (n, 2): (n,) [m]."""
 
     def lever(k: int) -> float:
         return greatest(lambda q: np.linalg.norm(chain.jacobian(q)[:, :3, k], axis=1), limits)[0]

@@ -236,6 +236,21 @@ def test_a_pitch_beyond_upright_needs_an_arm_with_a_plane_of_its_own() -> None:
     assert math.degrees(pitch[-1]) == pytest.approx(-80.0, abs=0.02)  # pointing back at the base
 
 
+def test_an_arm_without_a_pitch_and_one_with_too_few_joints_are_refused() -> None:
+    rows = [DHRow(0.0, math.pi / 2, 0.1), *[DHRow(0.2, 0.0, 0.0)] * 3]  # the tool's z axis lies across
+    for count, mode, says in ((4, "kept", "it has no pitch; choose free"), (2, "free", "too few joints")):
+        robot = robot_of(Chain.from_dh(rows[:count]), np.tile([-2.0, 2.0], (count, 1)))
+        q = np.array([0.1, 0.5, -0.7, -0.4])[:count]
+        with pytest.raises(InputError, match=says):
+            tool_line(robot, q, robot.forward(q)[:3, 3] + [0.01, 0.0, 0.0], mode)  # type: ignore[arg-type]
+
+
+def test_steps_that_let_the_tool_stray_are_taken_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("armctl.motion.paths.tool_walk._AIM", 1e4)
+    q = UZUNER.inverse(line()[0]).best("published")
+    check(UZUNER, tool_line(UZUNER, q, line()[-1], "free"), q)
+
+
 # --- refused
 
 FINE = 4001

@@ -45,8 +45,7 @@ class ToolOrientation:
     def nearest(self, swivels: Sequence[Swivel], rotation: FloatArray) -> FloatArray:
         """Every posture inside the limits that comes nearest to a rotation (3, 3), the nearest first.
 
-        Where the limits forbid the best one of an elbow angle, the nearest lies where they begin: with
-        the roll at a limit, or with a shoulder joint at one.
+        Where the limits forbid the best one of an elbow angle, the nearest has a joint at a limit.
         """
         forms = [self._bilinear(swivel, rotation) for swivel in swivels]
         best = [self._unhindered(swivel, form) for swivel, form in zip(swivels, forms, strict=True)]
@@ -94,10 +93,7 @@ class ToolOrientation:
         return rotation_angle(np.swapaxes(tools, 1, 2) @ rotation)
 
     def _unhindered(self, swivel: Swivel, form: _Bilinear) -> tuple[FloatArray, bool]:
-        """The best postures of one elbow angle, where the limits allow them.
-
-        And whether there may be more: where swivel and roll, or first and third joint, are interchangeable.
-        """
+        """The best postures of one elbow angle inside the limits, and whether there may be more."""
         q11, q12, q21, q22 = form
         roll_limits = self._roll_limits
         if roll_limits is None or roll_limits[0] == roll_limits[1]:

@@ -116,11 +116,7 @@ class Swivel:
         return kept[met]
 
     def _met(self, q: FloatArray) -> tuple[FloatArray, NDArray[np.bool_]]:
-        """Equal angles of (m, 3), clipped onto the limits (k, 3), and which still point at the target (k,).
-
-        Clipping by more than rounding is right only where the tip does not feel it: near a singular pose.
-        There, too, a candidate may miss the target.
-        """
+        """Equal angles of (m, 3), clipped onto the limits (k, 3), and which of them meet the target (k,)."""
         image, kept = self.images(q, _NEARLY)
         clipped = np.abs(kept - image).max(axis=1, initial=0.0)
         tip = self.hand
@@ -130,10 +126,7 @@ class Swivel:
         return kept, np.linalg.norm(tip - self.aim, axis=-1) <= allowed
 
     def landmarks(self) -> FloatArray:
-        """Postures (k, 3) inside the limits with a joint at a limit, at zero or where two ways meet.
-
-        Among them are both ends of every continuum of postures.
-        """
+        """Postures (k, 3) inside the limits with a joint at a limit, at zero or where two ways meet."""
         return self.inside(self._landmarks)
 
     def brushing(self) -> FloatArray:
@@ -156,8 +149,7 @@ class Swivel:
     ) -> list[FloatArray]:
         """Both postures (k, 3) for those k of some values (m,) [rad] of one joint that have any.
 
-        The limits are not looked at. For ``tolerance`` see ``roots``; with more than rounding the postures
-        may miss the target.
+        The limits are not looked at; with a ``tolerance`` (``roots``) they may miss the target.
         """
         w1, w2, w3 = self.geometry.axes[:3]
         rest = [rest_angle(low, high) for low, high in self.limits.tolist()]
