@@ -70,14 +70,3 @@ def rows(**changed: DHRow) -> Chain:
 def test_what_is_nearly_one_is_not_taken_for_one(changed: dict[str, DHRow]) -> None:
     assert recognise_spherical(rows()) is not None
     assert recognise_spherical(rows(**changed)) is None
-
-
-def test_pitch_and_roll_of_a_configuration() -> None:
-    ik = spherical_solver(HUMANOID, HUMANOID_LIMITS)
-    straight_down = np.zeros(5)
-    assert ik.pitch_and_roll(straight_down) == pytest.approx((-math.pi / 2, 0.0))
-    four = spherical_solver(
-        Chain.from_dh([*HUMANOID.rows[:4], DHRow(0.0, 0.0, 0.29, joint=False)], "standard"),
-        HUMANOID_LIMITS[:4],
-    )
-    assert four.pitch_and_roll(straight_down[:4])[1] is None

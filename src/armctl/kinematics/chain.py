@@ -296,7 +296,7 @@ class Chain:
                 out[i, j] = entry
         out[3, 3] = 1.0
 
-    def _jacobian_into(self, q: FloatArray, out: FloatArray, _: float) -> None:
+    def _jacobian_into(self, q: FloatArray, out: FloatArray, largest: float) -> None:
         *links, (_, _, _, tool) = self.walk(q)
         for i, (_, _, axis, origin) in enumerate(links):
             out[:3, i], out[3:, i] = _cross(axis, tool - origin), axis

@@ -80,7 +80,7 @@ def _shortest_polyline(points: FloatArray, axes: FloatArray, tip: FloatArray) ->
         weights = 1.0 / np.maximum(np.linalg.norm(segments, axis=1), 1e-6)
         weighted = moves * weights[:, None, None]
         A, b = np.einsum("ija,ijb->ab", weighted, moves), -np.einsum("ija,ij->a", weighted, offsets)
-        along = np.linalg.lstsq(A, b, rcond=1e-12)[0]  # parallel axes may slide together
+        along: FloatArray = np.linalg.lstsq(A, b, rcond=1e-12)[0]  # parallel axes may slide together
         segments = offsets + moves @ along
     return tip - np.vstack([np.cumsum(segments[::-1], axis=0)[::-1], np.zeros(3)])
 
