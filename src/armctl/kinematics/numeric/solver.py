@@ -75,12 +75,13 @@ def _shortest_polyline(points: FloatArray, axes: FloatArray, tip: FloatArray) ->
         moves[k, :, k] = -axis
         if k > 0:
             moves[k - 1, :, k] = axis
-    segments = offsets
+    segments: FloatArray = offsets
     for _ in range(_ROUNDS):
         weights = 1.0 / np.maximum(np.linalg.norm(segments, axis=1), 1e-6)
-        weighted = moves * weights[:, None, None]
-        A, b = np.einsum("ija,ijb->ab", weighted, moves), -np.einsum("ija,ij->a", weighted, offsets)
-        along: FloatArray = np.linalg.lstsq(A, b, rcond=1e-12)[0]  # parallel axes may slide together
+        weighted: FloatArray = (moves * weights[:, None, None]).reshape(-1, n).T
+        A: FloatArray = weighted @ moves.reshape(-1, n)
+        b: FloatArray = -weighted @ offsets.ravel()
+        along = np.linalg.lstsq(A, b, rcond=1e-12)[0]  # parallel axes may slide together
         segments = offsets + moves @ along
     return tip - np.vstack([np.cumsum(segments[::-1], axis=0)[::-1], np.zeros(3)])
 
