@@ -115,8 +115,7 @@ _NEIGHBOURS = 2
 def cell_outline(points: FloatArray, cell_m: float) -> tuple[FloatArray, ...]:
     """Closed lines (j, 2) [m] around all square cells that hold one of the points (k, 2) [m].
 
-    From corner to corner, the first point repeated at the end. A point lies in a full cell if, and only if,
-    it is inside an odd number of them.
+    A point lies in a full cell if, and only if, it is inside an odd number of them.
     """
     if len(points) == 0:
         return ()
@@ -210,10 +209,7 @@ def within(
 
 
 class SampledSection:
-    """Of any arm: sampled poses, each turned about the first joint's axis into the plane.
-
-    Its outline is that of square cells that hold a sampled point, smoothed: it is good to the size of a cell.
-    """
+    """Of any arm: the smoothed outline of cells that hold sampled poses, turned into the plane."""
 
     exact = False
 

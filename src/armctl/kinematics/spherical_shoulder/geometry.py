@@ -95,11 +95,9 @@ _ALIGNED = 1e-9
 REACH_TOLERANCE = 1e-11
 """how far rounding may carry a target beyond what the elbow reaches [m]"""
 _STRAIGHT = 1e-14
-"""how near to stretched or folded a distance may be just that, in whole lengths: rounding of 1e-16 alone
-bends the arm by some 1e-8 rad there, so that it may, but need not, be straight"""
+"""how near to stretched or folded a distance may be just that, in whole lengths"""
 _NEARLY = 1e-5
-"""how far outside a limit an elbow angle may lie that rounding alone has put there [rad]: near the
-straight arm 1e-16 m of distance are 1e-8 rad"""
+"""how far outside a limit rounding may put an elbow angle [rad]: near straight 1e-16 m are 1e-8 rad"""
 
 
 @dataclass(frozen=True)
@@ -134,10 +132,7 @@ class SphericalShoulder:
 
     @property
     def singular(self) -> float:
-        """The θ2 at which the three shoulder axes lie in one plane, the third nearest to the first [rad].
-
-        Half a turn from it they do so again. Between the two lie the two ways to take up a rotation.
-        """
+        """The θ2 at which the three shoulder axes lie in one plane, the third nearest to the first [rad]."""
         return float(angle_about(self.axes[1], self.axes[2], self.axes[0]))
 
     @property

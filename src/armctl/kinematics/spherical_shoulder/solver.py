@@ -1,7 +1,6 @@
 """Inverse kinematics of *spherical shoulder + elbow (+ roll)*: exact position, every branch.
 
-The distance of the target from the shoulder gives the elbow; what is left is the swivel, one free
-parameter: swept, or spent on the orientation.
+The distance of the target from the shoulder gives the elbow; the swivel is swept, or meets the orientation.
 """
 
 from __future__ import annotations
@@ -202,7 +201,7 @@ class SphericalShoulderSolver(InverseKinematics):
         return q[int(self._misses(q, target).argmin())]
 
     def _polished(self, swivel: Swivel, target: Target, roll: float) -> FloatArray:
-        """Configurations (k, n) inside the limits as near to the target as one leads to that brushes them."""
+        """Configurations (k, n) inside the limits as near to the target as those lead to that brush them."""
         return self._descended(self._with_roll(swivel.with_elbow(swivel.brushing()), roll), target)
 
     def _descended(self, q: FloatArray, target: Target) -> FloatArray:
