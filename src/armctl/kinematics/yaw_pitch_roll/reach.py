@@ -61,10 +61,6 @@ class _Circles:
         self.constants: FloatArray = np.array(constants)
         self.slopes: FloatArray = np.array(slopes)
 
-    def tip(self, row: Rows | slice, phi: FloatArray) -> ComplexArray:
-        """Tips r + i z on some circles at some angles [m]."""
-        return self.centre[row] + self.arm[row] * np.exp(1j * phi)
-
 
 class Reach:
     """Explains refusals of one arm. Immutable; safe in several threads."""
@@ -226,7 +222,8 @@ class Reach:
             if forward is None:
                 goal, forward = complex(across.real, z), across.real
                 phi = np.angle(goal - circles.centre) - np.angle(circles.arm)
-                miss = np.hypot(np.abs(circles.tip(slice(None), phi) - goal), across.imag - d)
+                tip = circles.centre + circles.arm * np.exp(1j * phi)
+                miss = np.hypot(np.abs(tip - goal), across.imag - d)
                 found += self._best(circles, np.arange(len(phi)), phi, np.full(len(phi), yaw), miss)
             q = self._in_plane(yaw, forward, z, heading)  # the tip level with the target
             if q is not None:
@@ -258,7 +255,7 @@ class Reach:
         """Circle, phi, base angle and distance of every minimum with the tip facing the target."""
         rho, d = math.hypot(x, y), self._geometry.lateral
         row, phi = _minima(circles, rho, d, z)
-        tip = circles.tip(row, phi)
+        tip = circles.centre[row] + circles.arm[row] * np.exp(1j * phi)
         miss = np.hypot(rho - np.hypot(tip.real, d), tip.imag - z)
         low, high = self._limits[0].tolist()
         if rho == 0.0:  # any base angle serves
