@@ -59,6 +59,10 @@ class _Run(NamedTuple):
     """second and third plane angle of a single value that falls on a knot"""
 
 
+_Place = tuple[int, int, int, _Run]
+"""grid indices from and to, the column at which they begin, and the run"""
+
+
 class FreeJointSweep:
     """The list of one arm inside its limits. Immutable but for the cached grid; safe in several threads."""
 
@@ -157,26 +161,27 @@ class _Part:
         """Write the pitch joints' angles [rad] of each run into its columns of ``q`` (3, k)."""
         (_, o2, o3), (_, s2, s3) = self._geometry.offsets, self._geometry.signs
         first, second, third = q
-        sampled = [run for run in runs if run.exact is None]
-        begin = min((run.start for run in sampled), default=0)
-        stop = max((run.stop for run in sampled), default=0)
-        # both bends share one triangle
-        direction, inner, bent = self._triangle(x, y, grid.cos[begin:stop], grid.sin[begin:stop])
-        if o2:
-            direction -= s2 * o2
-        end = 0
+        places: list[_Place] = []
+        at = 0
         for run in runs:
-            at, end = end, end + run.stop - run.start
+            end = at + run.stop - run.start
             first[at:end] = grid.joint[run.start : run.stop]
-            if run.exact is not None:
+            if run.exact is None:
+                places.append((run.start, run.stop, at, run))
+            else:
                 second[at], third[at] = (self._geometry.joint_angle(1 + k, run.exact[k]) for k in (0, 1))
-                continue
-            part, place = slice(run.start - begin, run.stop - begin), slice(at, end)
-            add_inner = np.subtract if run.bend == s2 else np.add
-            add_inner(direction[part], inner[part], out=second[place])
-            np.multiply(bent[part], run.bend * s3, out=third[place])
-            if run.shift != o3:
-                third[place] += s3 * (run.shift - o3)
+            at = end
+        for begin, stop, members in _unions(places):  # both bends share one triangle
+            direction, inner, bent = self._triangle(x, y, grid.cos[begin:stop], grid.sin[begin:stop])
+            if o2:
+                direction -= s2 * o2
+            for start, end, at, run in members:
+                part, place = slice(start - begin, end - begin), slice(at, at + end - start)
+                add_inner = np.subtract if run.bend == s2 else np.add
+                add_inner(direction[part], inner[part], out=second[place])
+                np.multiply(bent[part], run.bend * s3, out=third[place])
+                if run.shift != o3:
+                    third[place] += s3 * (run.shift - o3)
         if not self._in_one_turn:
             second -= TWO_PI * np.rint((second - self._middle) * (1.0 / TWO_PI))
         np.clip(q[1:], self._low, self._high, out=q[1:])
@@ -255,6 +260,19 @@ def _sign(angle: float) -> int:
     if abs(angle) < 1e-7 or abs(abs(angle) - math.pi) < 1e-7:
         return 0
     return 1 if angle > 0 else -1
+
+
+def _unions(places: list[_Place]) -> list[tuple[int, int, list[_Place]]]:
+    """Overlapping ranges joined: start, stop and the members of each."""
+    unions: list[tuple[int, int, list[_Place]]] = []
+    for place in sorted(places):
+        begin, end = place[:2]
+        if unions and begin <= unions[-1][1]:
+            start, stop, members = unions.pop()
+            unions.append((start, max(stop, end), [*members, place]))
+        else:
+            unions.append((begin, end, [place]))
+    return unions
 
 
 def _turns(limits: FloatArray) -> list[FloatArray]:
