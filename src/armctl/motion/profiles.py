@@ -209,8 +209,8 @@ class PointToPoint(KnowsPeaks):
         if self.way is None:
             return Peaks(low, high, np.zeros(len(low)), np.zeros(len(low)))
         rate = self.way.derivative()
-        speed, push = (np.abs(curve.extremes()).max(axis=0) for curve in (rate, rate.derivative()))
-        return Peaks(low, high, speed, push)
+        speeds, pushes = rate.extremes_by_piece(), rate.derivative().extremes_by_piece()
+        return Peaks(low, high, np.abs(speeds).max(axis=(0, 1)), np.abs(pushes).max(axis=(0, 1)))
 
     def sample(self, t: float | FloatArray) -> Sample:
         """State at ``t`` [s], a number or (k,); outside the duration it holds the nearer end."""

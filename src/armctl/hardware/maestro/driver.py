@@ -103,7 +103,7 @@ class MaestroDriver:
         positions, errors = self._maestro.read(self._table.channels)
         errors |= self._unreported
         self._unreported = MaestroErrors(0)
-        return Readback(positions, Source.TRANSMITTED, error_words(errors))
+        return Readback(positions, Source.TRANSMITTED, error_words(errors) if errors else ())
 
     def stop(self) -> None:
         """Hold every channel that is on at the pulse width that the board transmits now."""
