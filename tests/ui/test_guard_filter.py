@@ -112,18 +112,7 @@ def test_what_the_page_of_armctl_sends_is_admitted_with_all_its_fields_and_no_mo
 
 
 @pytest.mark.parametrize(
-    "kind",
-    [
-        "ShareUrlRequest",
-        "ShareUrlDisconnect",
-        "SceneNodeDragMessage",
-        "GuiFormDirtyMessage",
-        "GuiRemoveMessage",
-        "FileTransferPartAck",
-        "ResetGuiMessage",
-        "Message",
-        "",
-    ],
+    "kind", ["ShareUrlRequest", "SceneNodeDragMessage", "GuiRemoveMessage", "Message", ""]
 )
 def test_other_messages_are_refused(page: Page, kind: str) -> None:
     assert not page.admits(kind)

@@ -65,16 +65,13 @@ def test_warnings_alone_let_it_run_and_a_long_list_is_cut() -> None:
     assert "and 23 more" in html
 
 
-def test_steps_are_counted_from_one() -> None:
+def test_steps_are_counted_from_one_and_texts_are_escaped() -> None:
     found = [replace(FLOOR, step=6), Finding("a wait takes 0 … 86400 s, not -1", step=1)]
     html = verdict_html(found)
     assert "step 7 · 1.84 s · the tool" in html and "step 2</div>" in html
-
-
-def test_texts_are_escaped() -> None:
     nasty = Finding("<b>", 0.0, "<img src=x onerror=alert(1)>", "&", "obstacle")
     html = verdict_html([nasty], ["<i>masses</i>"])
-    assert "<img" not in html and "<i>" not in html
+    assert not any(tag in html for tag in ("<img", "<i>", "<b>"))
     assert "&lt;img" in html and "Not checked: &lt;i&gt;masses" in html
 
 

@@ -38,17 +38,6 @@ def at_home() -> Answer:
     return solve(ROBOT, Target.of(ROBOT.forward(HOME)[:3, 3], pitch), "least-rotation", HOME)
 
 
-@pytest.mark.parametrize("criterion", CRITERIA)
-def test_every_row_reaches_the_target_and_energies_rise(criterion: str) -> None:
-    found = solved(220, -196, 85, criterion)
-    assert len(found.solutions) == 3520
-    energies = found.energy[found.order]
-    assert (np.diff(np.nan_to_num(energies, posinf=1e9)) >= 0).all()
-    for row in (1, 1760, 3520):
-        tip = 1000 * ROBOT.forward(found.q(row))[:3, 3]
-        assert tip == pytest.approx([220, -196, 85], abs=1e-9)
-
-
 def test_the_list_and_the_result_name_branches_and_energy() -> None:
     found = solved(220, -196, 85)
     first, last = list_row(found, 1), list_row(found, 3520)
@@ -62,8 +51,13 @@ def test_the_list_and_the_result_name_branches_and_energy() -> None:
 
 
 @pytest.mark.parametrize("criterion", CRITERIA)
-def test_row_1_is_the_least_or_it_is_said_why_not(criterion: str) -> None:
+def test_energies_rise_and_row_1_is_the_least_or_it_is_said_why_not(criterion: str) -> None:
     found = solved(220, -196, 85, criterion)
+    assert len(found.solutions) == 3520
+    assert (np.diff(np.nan_to_num(found.energy[found.order], posinf=1e9)) >= 0).all()
+    for row in (1, 1760, 3520):
+        tip = 1000 * ROBOT.forward(found.q(row))[:3, 3]
+        assert tip == pytest.approx([220, -196, 85], abs=1e-9)
     assert found.best is not None
     html = result_html(ROBOT, found)
     assert f"energy {found.energy_text(found.best)}; error" in html
@@ -76,7 +70,10 @@ def test_row_1_is_the_least_or_it_is_said_why_not(criterion: str) -> None:
     exact, row_1 = (float(np.abs(np.degrees(q)).sum()) for q in (found.best, found.q(1)))
     assert 0.001 < row_1 - exact < 0.05
     assert f"between two rows of the list (row 1: {row_1:.3f}°)" in result_html(ROBOT, found)
-    assert "between two rows" not in result_html(ROBOT, at_home())  # an isolated solution
+    alone = at_home()  # an isolated solution
+    assert "between two rows" not in result_html(ROBOT, alone)
+    assert short_branch("front elbow-up tool-in") == "front up in"
+    assert alone.curve == "No joint is free here: 1 isolated solution, no curve."
 
 
 def test_an_unreachable_point_says_why_and_which_is_nearest() -> None:
@@ -112,11 +109,6 @@ def test_the_curve_is_small_and_its_mark_is_its_lowest_point(criterion: str) -> 
     assert found.best is not None
     at = curve.x[np.isfinite(mark.y)][0]
     assert at == pytest.approx(np.degrees(found.best[1]), abs=0.006)
-
-
-def test_isolated_solutions_have_no_curve() -> None:
-    assert at_home().curve == "No joint is free here: 1 isolated solution, no curve."
-    assert short_branch("front elbow-up tool-in") == "front up in"
 
 
 def answered(*point_mm: float) -> Answer:

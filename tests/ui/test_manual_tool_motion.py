@@ -35,12 +35,6 @@ def test_velocity_and_acceleration_are_the_derivatives_of_the_position(
     assert acceleration == pytest.approx((after - 2 * here + before) / h**2, abs=1e-4)
 
 
-def test_turning_the_base_alone_accelerates_towards_its_axis() -> None:
-    q = np.radians([0.0, 90.0, -80.0, -40.0, 0.0])
-    (x, y, _), _, acceleration = tool_motion(ROBOT, q, np.array([2.0, 0, 0, 0, 0]), np.zeros(5))
-    assert acceleration == pytest.approx([-4 * x, -4 * y, 0], abs=1e-6)
-
-
 def test_the_live_tables_show_units_signs_and_what_is_not_known() -> None:
     snapshot = make_rig().enable(ROBOT.pose("home")).now
     html = tool_table(ROBOT, snapshot)

@@ -81,15 +81,9 @@ def test_the_graph_grows_to_twenty_seconds_and_then_scrolls() -> None:
         assert (np.ptp(times), history.full) == (pytest.approx(span, abs=0.11), full)
         assert times[-1] == pytest.approx(0.1 * (count - 1)) and len(times) == len(commanded)
         assert (np.diff(times) > 0).all()
-    assert (commanded[-1], board[-1]) == (pytest.approx([1.0, 2.0]), pytest.approx([1.0, 2.5]))
-
-
-def test_the_legend_names_each_joint_once_and_says_what_is_dotted() -> None:
     html = legend_html(ROBOT, range(ROBOT.n))
     assert [html.count(joint.title) for joint in ROBOT.joints] == [1] * 5
-    assert len(set(re.findall("#[0-9a-f]{6}", html))) == 5
-    assert "Dotted: as the board tells it" in html
-    assert "Base" not in legend_html(ROBOT, [1])
+    assert (commanded[-1], board[-1]) == (pytest.approx([1.0, 2.0]), pytest.approx([1.0, 2.5]))
 
 
 @pytest.mark.parametrize(("name", "words"), [("abaas", "exact boundary"), ("humanoid", "Sampled")])
