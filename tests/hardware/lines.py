@@ -9,6 +9,7 @@ from enum import Enum
 
 from armctl.errors import BoardError
 from armctl.hardware import ByteModel
+from armctl.hardware.maestro.simulated import ChannelConfig, HomeMode, MaestroSettings, SimulatedMaestro
 
 _SHORTEST_S = 1e-6  # less may not be a cycle of a simulated CPU's clock
 _STEP_S = 0.001
@@ -174,3 +175,12 @@ class FaultyModel:
     def _check_plugged(self) -> None:
         if self._unplugged:
             raise BoardError("the simulated board was unplugged; plug it in and connect again")
+
+
+def holding_maestro(**settings) -> SimulatedMaestro:
+    """A Maestro that would give any error away: channel 0 holds 1500 µs, and its home is somewhere else."""
+    channels = {0: ChannelConfig(home=HomeMode.GO_TO, home_us=1200.0)}
+    board = SimulatedMaestro(settings=MaestroSettings(channels=channels, **settings))
+    board.advance(100.0)
+    board.feed(bytes.fromhex("84 00 70 2e 2b") if settings.get("crc") else bytes.fromhex("84 00 70 2e"))
+    return board

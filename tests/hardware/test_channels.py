@@ -60,13 +60,26 @@ def test_the_same_channel_twice_is_refused():
         pin_table([ChannelSettings(9, 1000, 2000), ChannelSettings(9, 1000, 2000)], [9])
 
 
+NO_RANGES = [(2000, 1000), (-5, 1000), (math.nan, 2000), (1000, math.inf), (600.1, 600.2)]
+NO_MAESTRO = r"channel 3: .* is no range .* within 0.25 … 4095.75 µs"
+NO_FIRMATA = r"is no range for a servo .* within 544 … 2912 µs.*degrees"
+
+
 @pytest.mark.parametrize(
-    ("low", "high"),
-    [(2000, 1000), (0, 1000), (-5, 1000), (math.nan, 2000), (1000, math.inf), (1000, 4096), (1000.1, 1000.2)],
+    ("check", "says", "ranges"),
+    [
+        (lambda one: channel_table([one], None), NO_MAESTRO, [*NO_RANGES, (0, 1000), (1000, 4096)]),
+        (
+            lambda one: pin_table([one], [3]),
+            NO_FIRMATA,
+            [*NO_RANGES, (500, 2400), (543.9, 2000), (1000, 2913)],
+        ),
+    ],
 )
-def test_a_range_that_no_maestro_has(low: float, high: float):
-    with pytest.raises(BoardError, match=r"channel 3: .* is no range .* within 0.25 … 4095.75 µs"):
-        channel_table([ChannelSettings(3, low, high)], None)
+def test_a_range_that_a_board_has_not(check, says: str, ranges):
+    for low, high in ranges:
+        with pytest.raises(BoardError, match=says):
+            check(ChannelSettings(3, low, high))
 
 
 def test_a_channel_that_the_maestro_has_not():
@@ -75,24 +88,6 @@ def test_a_channel_that_the_maestro_has_not():
         channel_table(settings, MaestroModel.MICRO_6)
     assert channel_table(settings, MaestroModel.MINI_12).channels == (6,)
     assert channel_table(settings, None).channels == (6,)
-
-
-@pytest.mark.parametrize(
-    ("low", "high"),
-    [
-        (500, 2400),
-        (543.9, 2000),
-        (2000, 1000),
-        (1000, 2913),
-        (math.nan, 2000),
-        (1000, math.inf),
-        (-1, 5),
-        (600.2, 600.8),
-    ],
-)
-def test_a_range_that_no_firmata_pin_has(low: float, high: float):
-    with pytest.raises(BoardError, match=r"is no range for a servo .* within 544 … 2912 µs.*degrees"):
-        pin_table([ChannelSettings(9, low, high)], [9])
 
 
 def test_a_pin_that_drives_no_servo_is_named_with_those_that_do():

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from tests.hardware.lines import Fault, FaultyModel, LoopTransport
+from tests.hardware.lines import Fault, FaultyModel, LoopTransport, holding_maestro
 
 from armctl.errors import BoardTimeoutError, PortError
 from armctl.hardware import ByteModel, ChannelSettings
@@ -18,8 +18,6 @@ from armctl.hardware.firmata.codec import servo_config, servo_write
 from armctl.hardware.firmata.simulated import SimulatedFirmata
 from armctl.hardware.maestro import MaestroModel
 from armctl.hardware.maestro.simulated import (
-    ChannelConfig,
-    HomeMode,
     MaestroSettings,
     SerialMode,
     SimulatedMaestro,
@@ -70,18 +68,9 @@ def patient(device: str, **changes) -> Patient:
     return Patient(device, **(values | changes))
 
 
-def maestro(**settings) -> SimulatedMaestro:
-    """A board whose channel 0 is on, and that any error would send somewhere else."""
-    channels = {0: ChannelConfig(home=HomeMode.GO_TO, home_us=1200.0)}
-    board = SimulatedMaestro(settings=MaestroSettings(channels=channels, **settings))
-    board.advance(100.0)
-    board.feed(bytes.fromhex("84 00 70 2e 2b") if settings.get("crc") else bytes.fromhex("84 00 70 2e"))
-    return board
-
-
 @pytest.mark.parametrize(("crc", "words"), [(False, "off"), (True, "on; armctl sends it with every command")])
 def test_a_healthy_maestro(clock: ManualClock, device: str, crc, words):
-    board = maestro(crc=crc)
+    board = holding_maestro(crc=crc)
     findings = report(patient(device), board, clock)
     assert failures(findings) == []
     assert findings["port"].seen == f"{MICRO}, USB serial number 00046907"
@@ -99,7 +88,7 @@ def test_a_healthy_maestro(clock: ManualClock, device: str, crc, words):
 
 def test_a_channel_too_many_is_not_asked_for_and_wide_ranges_cannot_be_told(clock: ManualClock, device: str):
     channels = [*CHANNELS, ChannelSettings(7, 554.0, 2446.0)]
-    board = maestro()
+    board = holding_maestro()
     findings = report(patient(device, channels=channels), board, clock)
     assert failures(findings) == ["channels"]
     assert findings["channels"].seen == f"channel 7: a {MICRO} has 0 … 5"
@@ -113,16 +102,11 @@ def test_a_channel_too_many_is_not_asked_for_and_wide_ranges_cannot_be_told(cloc
 
 
 def test_what_the_maestro_had_reported_is_in_the_report_once(clock: ManualClock, device: str):
-    board = maestro(timeout_units=10)
+    board = holding_maestro(timeout_units=10)
     clock.advance(5.0)
     finding = report(patient(device), board, clock)["error register"]
     assert (finding.verdict, finding.seen.split(":")[0]) == (Verdict.WARNING, "serial timeout")
     assert report(patient(device), board, clock)["error register"].verdict is Verdict.OK
-
-
-def test_the_factorys_serial_mode_says_what_to_set(clock: ManualClock, device: str):
-    silent = maestro(serial_mode=SerialMode.UART_DETECT_BAUD)
-    assert "USB Dual Port" in report(patient(device), silent, clock)["who answers"].advice
 
 
 class Dying(SimulatedMaestro):
@@ -246,7 +230,7 @@ def test_a_firmware_of_another_protocol(clock: ManualClock, device: str, board, 
 
 
 def test_another_board_than_the_robot_needs_is_looked_at_all_the_same(clock: ManualClock, device: str):
-    findings = report(encoder_patient(device), maestro(), clock)
+    findings = report(encoder_patient(device), holding_maestro(), clock)
     assert failures(findings) == ["who answers"]
     expected = "an Arduino with armctl's encoder firmware is expected"
     assert findings["who answers"].seen == f"a Pololu Maestro answers, where {expected}"
@@ -257,7 +241,7 @@ def test_another_board_than_the_robot_needs_is_looked_at_all_the_same(clock: Man
 
 
 def test_without_a_robot_the_channels_are_not_checked(clock: ManualClock, device: str):
-    for board in (maestro(), SimulatedFirmata(), SimulatedEncoderBoard()):
+    for board in (holding_maestro(), SimulatedFirmata(), SimulatedEncoderBoard()):
         findings = report(patient(device, info=None, expected=None, channels=()), board, clock)
         assert failures(findings) == []
         assert findings["channels"].seen == "no robot was named"
@@ -321,13 +305,13 @@ def test_a_socket_that_does_not_open(clock: ManualClock):
 
 def test_modem_manager_is_a_warning(clock: ManualClock, device: str):
     info = listed(device, notes=("ModemManager is running",))
-    finding = report(patient(device, info=info), maestro(), clock)["other programs"]
+    finding = report(patient(device, info=info), holding_maestro(), clock)["other programs"]
     assert (finding.verdict, finding.seen) == (Verdict.WARNING, "ModemManager is running")
 
 
 @pytest.mark.parametrize("fault", [Fault.HALF_REPLY, Fault.GARBLE_REPLY])
 def test_a_bad_line_moves_nothing(clock: ManualClock, device: str, fault):
-    board = maestro()
+    board = holding_maestro()
     faulty = FaultyModel(board)
     faulty.advance(clock.now())
     faulty.inject(fault, count=5)

@@ -125,10 +125,6 @@ def by_id(tmp_path: Path) -> Path:
     return folder
 
 
-def test_without_a_folder_of_stable_names(tmp_path: Path):
-    assert ports(by_id=tmp_path / "by-id") == []
-
-
 def test_stable_names_alone_are_enough(by_id: Path, tmp_path: Path):
     command, ttl, adapter = ports(by_id=by_id)
     assert command.device == str(tmp_path / "ttyACM0")
@@ -210,12 +206,6 @@ def test_the_board_that_is_meant(found: tuple[ListPortInfo, ...], kind: str | No
 def test_no_board_or_several(found: tuple[ListPortInfo, ...], kind: str | None, says: str):
     with pytest.raises(PortError, match=says):
         find_board(ports(*found), kind)
-
-
-def test_an_arduino_that_cannot_be_used():
-    found = ports(MEGA, used_by="avrdude (process 9)")
-    with pytest.raises(PortError, match=r"cannot be used: /dev/ttyACM3: in use by another program: avrdude"):
-        find_board(found, "encoder")
 
 
 def test_the_real_listing_of_this_computer_is_readable():

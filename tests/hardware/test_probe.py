@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import pytest
-from tests.hardware.lines import Fault, FaultyModel, LoopTransport
+from tests.hardware.lines import FaultyModel, LoopTransport, holding_maestro
 
 from armctl.errors import BoardError
 from armctl.hardware import ByteModel
@@ -16,8 +16,6 @@ from armctl.hardware.firmata.codec import servo_config, servo_write
 from armctl.hardware.firmata.simulated import SimulatedFirmata
 from armctl.hardware.maestro import MaestroModel
 from armctl.hardware.maestro.simulated import (
-    ChannelConfig,
-    HomeMode,
     MaestroSettings,
     SerialMode,
     SimulatedMaestro,
@@ -83,19 +81,10 @@ def asked(model: ByteModel, clock: ManualClock, how: Approach) -> Probed:
     return probe(opener(model, clock), how, clock.now)
 
 
-def moving_maestro(**settings) -> SimulatedMaestro:
-    """A Maestro that would give any error away: channel 0 holds, and its home is somewhere else."""
-    channels = {0: ChannelConfig(home=HomeMode.GO_TO, home_us=1200.0)}
-    board = SimulatedMaestro(settings=MaestroSettings(channels=channels, **settings))
-    board.advance(100.0)
-    board.feed(bytes.fromhex("84 00 70 2e 2b") if settings.get("crc") else bytes.fromhex("84 00 70 2e"))
-    return board
-
-
 @pytest.mark.parametrize("label", [MICRO, PTY])
 @pytest.mark.parametrize("crc", [False, True])
 def test_a_maestro_is_found_and_not_moved(clock: ManualClock, label, crc):
-    board = moving_maestro(crc=crc)
+    board = holding_maestro(crc=crc)
     found = asked(board, clock, approach(label))
     assert (found.board, found.name, found.heard) == ("maestro", "Pololu Maestro", b"")
     assert found.details == (("commands carry a CRC",) if crc else ())
@@ -106,7 +95,7 @@ def test_a_maestro_is_found_and_not_moved(clock: ManualClock, label, crc):
 @pytest.mark.parametrize("mode", [SerialMode.UART_DETECT_BAUD, SerialMode.UART_FIXED])
 @pytest.mark.parametrize("label", [MICRO, PTY])
 def test_a_maestro_in_a_uart_mode_is_neither_found_nor_moved(clock: ManualClock, label, mode):
-    board = moving_maestro(serial_mode=mode)
+    board = holding_maestro(serial_mode=mode)
     found = asked(board, clock, approach(label))
     assert found == Probed("port")
     assert board.target_us(0) == 1200.0
@@ -179,7 +168,7 @@ def test_nothing_is_sent_to_a_device_that_may_be_anything(clock: ManualClock, la
 
 @pytest.mark.parametrize("label", [USB_SERIAL, UNKNOWN])
 def test_where_the_user_says_what_to_expect_that_is_asked(clock: ManualClock, label):
-    board = moving_maestro()
+    board = holding_maestro()
     assert asked(board, clock, approach(label, "maestro")).board == "maestro"
     assert board.target_us(0) == 1500.0
     firmata = Talker(57_600, {})
@@ -222,22 +211,12 @@ def test_a_probe_ends_where_the_clock_stands_still(clock: ManualClock):
     assert probe(lambda _baud: line, approach(PTY), clock.now).board is None
 
 
-@pytest.mark.parametrize("fault", [Fault.HALF_REPLY, Fault.GARBLE_REPLY])
-def test_a_bad_line_to_a_maestro_moves_nothing(clock: ManualClock, fault):
-    board = moving_maestro()
-    faulty = FaultyModel(board, seed=3)
-    faulty.advance(clock.now())
-    faulty.inject(fault)
-    asked(faulty, clock, approach(MICRO))
-    assert board.target_us(0) == 1500.0
-
-
 @pytest.mark.parametrize("expected", [None, "maestro", "firmata", "encoder"])
 def test_the_simulated_boards_are_found_whatever_is_expected_and_nothing_is_done_to_them(
     clock: ManualClock, expected
 ):
     """The order of the questions is the point: what one board is asked must mean nothing to the others."""
-    maestro = moving_maestro()
+    maestro = holding_maestro()
     assert asked(maestro, clock, approach(PTY, expected)).board == "maestro"
     assert (maestro.target_us(0), maestro.errors) == (1500.0, 0)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -30,30 +30,8 @@ from armctl.hardware.simulation import PtyServer
 from armctl.hardware.transport import Connection
 from armctl.runtime.clock import ManualClock, MonotonicClock
 
-SERVOS = [ChannelSettings(0, 700.0, 2300.0, speed=1000.0), ChannelSettings(1, 1000.0, 2000.0)]
-PINS = [ChannelSettings(9, 1000.0, 2000.0), ChannelSettings(22, 1000.0, 2000.0)]
+SERVOS = [ChannelSettings(9, 1000.0, 2000.0), ChannelSettings(4, 1000.0, 2000.0)]
 PATIENT_S = 5.0  # the pty has a thread of its own, which a busy machine may keep waiting
-
-
-def maestro(port: str, now: Callable[[], float], timeout_s: float = PATIENT_S) -> MaestroDriver:
-    driver = MaestroDriver(Connection(port, now, simulated=True), timeout_s=timeout_s)
-    return opened(driver, port, SERVOS)
-
-
-def firmata(port: str, now: Callable[[], float]) -> FirmataDriver:
-    return opened(FirmataDriver(Connection(port, now, simulated=True), PATIENT_S), port, PINS)
-
-
-def encoder(port: str, now: Callable[[], float]) -> EncoderDriver:
-    connection = Connection(port, now, simulated=True)
-    return opened(EncoderDriver(connection, EncoderSettings(AXES), PATIENT_S), port, AXIS_CHANNELS)
-
-
-def opened(driver, port: str, channels):
-    identity = driver.open()
-    assert (identity.port, identity.simulated) == (port, True)
-    driver.configure(channels)
-    return driver
 
 
 def test_plain_serial_clients(clock: ManualClock, tmp_path: Path):
@@ -90,92 +68,30 @@ def test_plain_serial_clients(clock: ManualClock, tmp_path: Path):
             assert board.log[0].time == clock.now()
 
 
-def test_a_session_with_a_maestro(clock: ManualClock, tmp_path: Path):
-    with PtyServer(simulated_maestro(SERVOS), clock.now, link=tmp_path / "arm") as server:
-        driver = maestro(server.port, clock.now)
-        driver.write({0: 700.0, 1: 1500.0})
-        assert driver.read().positions == {0: 700.0, 1: 1500.0}
-        driver.write({0: 2300.0})
-        assert driver.read().positions == {0: 700.0, 1: 1500.0}
-        clock.advance(0.5)
-        assert driver.read().positions == {0: 1200.0, 1: 1500.0}
-        driver.stop()
-        driver.read()  # an answer: so the board has taken the stop before its time goes on
-        clock.advance(5.0)
-        assert driver.read().positions == {0: 1200.0, 1: 1500.0}
-        with server.inspect() as board:
-            assert board.target_us(0) == 1200.0
-        driver.close()
-        again = maestro(server.port, clock.now)
-        assert again.read().positions == {0: 1200.0, 1: 1500.0}  # outputs stay on while clients come and go
-        again.release()
-        assert again.read().positions == {0: None, 1: None}
-        again.close()
-
-
-def test_a_session_with_an_arduino():
-    now = MonotonicClock().now
-    with PtyServer(SimulatedFirmata(), now) as server:
-        driver = firmata(server.port, now)
-        wanted = {9: 1200.0, 22: 1800.0}
-        deadline = now() + 20.0
-        while driver.read().positions != wanted and now() < deadline:
-            driver.write(wanted)
-        while now() < deadline:
-            assert driver.read().errors == ()
-            with server.inspect() as board:
-                if all(board.pulses(pin) for pin in wanted):
-                    break
-        for pin, pulse_us in wanted.items():
-            with server.inspect() as board:
-                assert {pulse.width_us for pulse in board.pulses(pin)} == {pulse_us}
-        driver.close()
-        again = firmata(server.port, now)
-        assert again.read().positions == wanted
-        again.release()
-        again.close()
-        with server.inspect() as board:
-            assert board.mode(9) == board.mode(22) == 1
-
-
-def test_a_session_with_an_encoder_board(clock: ManualClock, tmp_path: Path):
-    board = simulated_encoder_board(AXIS_CHANNELS, AXES)
-    with PtyServer(board, clock.now, link=tmp_path / "arm") as server:
-        driver = encoder(server.port, clock.now)
-        driver.home()
-        readback = driver.read()
-        for _ in range(1000):
-            clock.advance(0.02)
-            readback = driver.read()
-            if readback.homing is not None and readback.homing.done:
-                break
-        assert readback.errors == ()
-        for _ in range(50):
-            driver.write({0: 100.0})
-            driver.read()
-            clock.advance(0.02)
-        driver.stop()
-        assert driver.read().positions[0] == 100.0
-        driver.release()
-        assert driver.read().powered is False
-        driver.close()
-        with server.inspect() as board:
-            assert board.axes[0].place == pytest.approx(100.0, abs=0.5)
-
-
 @pytest.mark.parametrize(
-    ("board", "connected"),
+    ("board", "driver_of", "channels"),
     [
-        (SimulatedMaestro(), maestro),
-        (SimulatedFirmata(), firmata),
-        (simulated_encoder_board(AXIS_CHANNELS, AXES), encoder),
+        (SimulatedMaestro(MaestroModel.MINI_12), partial(MaestroDriver, timeout_s=PATIENT_S), SERVOS),
+        (SimulatedFirmata(), partial(FirmataDriver, timeout_s=PATIENT_S), SERVOS),
+        (
+            simulated_encoder_board(AXIS_CHANNELS, AXES),
+            partial(EncoderDriver, settings=EncoderSettings(AXES), timeout_s=PATIENT_S),
+            AXIS_CHANNELS,
+        ),
     ],
 )
-def test_an_unplugged_board_is_a_board_error(board: ByteModel, connected: Callable[..., Driver]):
+def test_two_sessions_and_an_unplugged_board(board: ByteModel, driver_of, channels):
     now = MonotonicClock().now
     with PtyServer(FaultyModel(board), now, tick_s=0.001) as server:
-        driver = connected(server.port, now)
-        driver.read()
+        driver: Driver = driver_of(Connection(server.port, now, simulated=True))
+        for _ in range(2):
+            driver.close()
+            identity = driver.open()
+            assert (identity.port, identity.simulated) == (server.port, True)
+            driver.configure(channels)
+            assert driver.read().positions == dict.fromkeys(one.channel for one in channels)
+            driver.stop()
+            driver.release()
         with server.inspect() as model:
             model.unplug()
         deadline = now() + 20.0

@@ -75,16 +75,6 @@ def test_an_answer_larger_than_the_ptys_buffer_does_not_wait_for_the_tick(clock:
         assert port.read(50_000) == b"\xf0" * 50_000
 
 
-def test_more_than_the_ptys_buffer_comes_through(clock: ManualClock):
-    data = bytes(range(250)) * 120
-    with PtyServer(Recorder(), clock.now) as server, client(server) as port:
-        got = bytearray()
-        for at in range(0, len(data), 3000):
-            port.write(data[at : at + 3000])
-            got += port.read(3000)
-        assert bytes(byte ^ 0xFF for byte in got) == data
-
-
 def test_the_board_lives_by_the_injected_clock(clock: ManualClock):
     with PtyServer(Recorder(), clock.now) as server, client(server) as port:
         port.write(b"\x01")

@@ -114,37 +114,6 @@ def test_a_whole_arm_is_on_after_a_few_frames_and_no_pulse_is_wrong(clock: Manua
         assert {pulse.width_us for pulse in board.pulses(pin)} == {pulse_us}
 
 
-def test_switched_off_and_on_again_each_pin_begins_where_it_is_sent(clock: ManualClock, connect):
-    board = SimulatedFirmata()
-    session = connect(board)
-    session.switch_on({9: 1100.0, 22: 1900.0})
-    session.frame()
-    session.driver.release()
-    clock.advance(0.5)
-    before = {pin: len(board.pulses(pin)) for pin in PINS}
-    session.switch_on({9: 1200.0, 22: 1800.0})
-    session.frame()
-    assert {pulse.width_us for pulse in board.pulses(9)[before[9] :]} == {1200}
-    assert {pulse.width_us for pulse in board.pulses(22)[before[22] :]} == {1800}
-
-
-def test_a_stream_reaches_the_pins_within_a_frame_each_and_none_is_lost(clock: ManualClock, connect):
-    board = SimulatedFirmata()
-    session = connect(board)
-    session.switch_on({9: 1000.0, 22: 2000.0})
-    for _ in range(3):
-        session.frame()
-    start = clock.now()
-    for step in range(500):
-        session.frame({9: 1001.0 + step, 22: 1999.0 - step})
-    session.frame()
-    session.frame()
-    streamed = [pulse.width_us for pulse in board.pulses(9) if pulse.time > start + 2 * FRAME_S]
-    assert streamed[-1] == 1500
-    assert all(0 <= after - before <= 2 for before, after in pairwise(streamed))
-    assert board.pulses(22)[-1].width_us == 1500
-
-
 @pytest.mark.parametrize("rate_hz", [50, 100, 200])
 @pytest.mark.parametrize("pins", [1, 6, 12, 16])
 def test_the_line_is_never_given_more_than_it_carries(clock: ManualClock, connect, rate_hz: int, pins: int):

@@ -21,8 +21,13 @@ def board() -> SimulatedFirmata:
 
 
 @pytest.fixture
-def faults(board: SimulatedFirmata) -> FaultyModel:
-    return FaultyModel(board)
+def seed() -> int:
+    return 0
+
+
+@pytest.fixture
+def faults(board: SimulatedFirmata, seed: int) -> FaultyModel:
+    return FaultyModel(board, seed)
 
 
 @pytest.fixture
@@ -48,13 +53,7 @@ def test_a_setpoint_that_never_arrived_is_told_and_sent_again(session, board, fa
 
 
 @pytest.mark.parametrize("seed", range(40))
-def test_a_garbled_setpoint_is_put_right_within_a_few_frames(connect, seed: int):
-    board = SimulatedFirmata()
-    faults = FaultyModel(board, seed)
-    session = connect(faults)
-    session.switch_on(ON)
-    for _ in range(3):
-        session.frame(ON)
+def test_a_garbled_setpoint_is_put_right_within_a_few_frames(session, board, faults, seed: int):
     faults.inject(Fault.GARBLE_COMMAND)
     outcomes = []
     for _ in range(20):
@@ -96,13 +95,7 @@ def test_a_late_answer_is_taken_when_it_comes(session, faults):
 
 
 @pytest.mark.parametrize("seed", range(40))
-def test_a_garbled_answer_never_moves_anything(connect, seed: int):
-    board = SimulatedFirmata()
-    faults = FaultyModel(board, seed)
-    session = connect(faults)
-    session.switch_on(ON)
-    for _ in range(3):
-        session.frame(ON)
+def test_a_garbled_answer_never_moves_anything(session, board, faults, seed: int):
     faults.inject(Fault.GARBLE_REPLY)
     for _ in range(40):
         try:

@@ -9,13 +9,8 @@ from tests.avr.conformance import Check, ModelLine
 from tests.avr.firmata_conformance import CONFORMANCE, REPORT
 
 from armctl.errors import InputError
-from armctl.hardware.firmata.codec import Command, ReplyParser
-from armctl.hardware.firmata.simulated import (
-    SimulatedFirmata,
-    SimulatedServo,
-    SketchMessage,
-    SketchParser,
-)
+from armctl.hardware.firmata.codec import ReplyParser
+from armctl.hardware.firmata.simulated import SimulatedFirmata, SimulatedServo
 
 NAME = "StandardFirmata.ino".encode("utf-16-le").hex(" ")
 ON_AT_1500 = "f0 70 09 20 04 60 12 f7 f0 6f 09 5c 0b f7"
@@ -51,6 +46,10 @@ def test_it_reports_itself_when_it_has_started_and_is_deaf_before():
         (f"{ON_AT_1500} f4 09 00 f0 6d 09 f7", "f0 6e 09 00 00 f7"),
         ("f0 70 09 20 04 60 f7 f0 6d 09 f7", "f0 6e 09 01 00 f7"),  # too short
         ("f0 6f 09 f7 f0 6d f7 f0 f7", ""),
+        ("f0" + "01" * 64 + "f7 f9", "f9 02 03"),  # all that it can keep
+        ("c3 01 f9", "f9 02 03"),  # the report of an analog pin switched on
+        ("f4 09 f4 09 04 f0 6d 09 f7", "f0 6e 09 04 00 f7"),  # a command ends an unfinished one
+        ("f4 09 f9 04 f0 6d 09 f7", "f9 02 03 f0 6e 09 04 00 f7"),  # the version in between does not
     ],
 )
 def test_answers(command: str, answer: str):
@@ -204,38 +203,3 @@ def test_limits(limits: tuple[int, int], shortest: int, longest: int):
     assert servo.width_us == longest
     servo.write(0)
     assert servo.width_us == shortest
-
-
-def parsed(text: str) -> list:
-    parser = SketchParser()
-    messages = (parser.push(byte) for byte in bytes.fromhex(text))
-    return [message for message in messages if message is not None]
-
-
-@pytest.mark.parametrize(
-    ("raw", "expected"),
-    [
-        ("f9", [SketchMessage(Command.REPORT_VERSION)]),
-        ("ff", [SketchMessage(Command.SYSTEM_RESET)]),
-        ("f4 09 04", [SketchMessage(Command.SET_PIN_MODE, b"\x09\x04")]),
-        ("e9 5c 0b", [SketchMessage(Command.ANALOG_MESSAGE, b"\x5c\x0b", 9)]),
-        ("c3 01", [SketchMessage(Command.REPORT_ANALOG, b"\x01", 3)]),
-        ("f0 6d 09 f7", [SketchMessage(Command.START_SYSEX, b"\x6d\x09")]),
-        ("f0 f7", [SketchMessage(Command.START_SYSEX, b"")]),
-        ("12 34 f7 a0 80", []),
-        ("f0 6f ff f9 f4 09 01", []),  # nothing ends a sysex but its end
-        ("f0 6f 09 5c f0 6f 0a f7", [SketchMessage(Command.START_SYSEX, bytes.fromhex("6f 09 5c f0 6f 0a"))]),
-        ("f0" + "01" * 64 + "f7", [SketchMessage(Command.START_SYSEX, b"\x01" * 64)]),
-        ("f0" + "01" * 65, [SketchMessage(Command.START_SYSEX, b"\x01" * 65)]),  # more than it can keep
-        ("f4 09 f4 0a 01", [SketchMessage(Command.SET_PIN_MODE, b"\x0a\x01")]),
-        (
-            "f4 09 f9 04",  # the version in between does not end the wait for data
-            [
-                SketchMessage(Command.REPORT_VERSION),
-                SketchMessage(Command.SET_PIN_MODE, b"\x09\x04"),
-            ],
-        ),
-    ],
-)
-def test_messages(raw: str, expected: list):
-    assert parsed(raw) == expected

@@ -241,17 +241,3 @@ def test_a_pin_that_the_board_was_seen_with_otherwise_is_sent_again(line: Line):
     assert line.watch.answered(PinState(9, SERVO, 1234)) is not None
     line.clock.advance(SERVO_FRAME_S)
     assert line.flush() == servo_write(9, 1600)
-
-
-def test_servos_are_switched_on_a_few_at_a_time_and_none_is_lost(clock: ManualClock):
-    line = Line(clock, mode=OUTPUT)
-    wanted = {pin: 1400 + pin for pin in PINS[:6]}
-    line.stream.put(wanted)
-    bursts: list[bytes] = []
-    for _ in range(4):
-        bursts.append(line.flush())
-        clock.advance(SERVO_FRAME_S)
-    assert [sum(servo_write(pin, pulse) in burst for pin, pulse in wanted.items()) for burst in bursts][
-        :2
-    ] == [4, 2]
-    assert {pin: pulse for pin, pulse in line.watch.positions.items() if pulse is not None} == wanted

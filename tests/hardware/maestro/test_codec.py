@@ -202,17 +202,8 @@ def test_the_smallest_board_with_enough_channels(count: int, channels: int):
     assert MaestroModel.from_label("Arduino Mega") is None
 
 
-def parse(text: str, *, crc: bool = False, mini: bool = False) -> list[object]:
-    """Opcode and data in hex of each packet, and each error, in order."""
-    parser = PacketParser(device=12, crc=crc, multiple_targets=mini)
-    events: list[object] = []
-    for byte in bytes.fromhex(text):
-        for event in parser.push(byte):
-            events.append((event.opcode, event.data.hex(" ")) if isinstance(event, Packet) else event)
-    return events
-
-
 TARGET = (Opcode.SET_TARGET, "02 70 2e")
+MULTIPLE = (Opcode.SET_MULTIPLE_TARGETS, "02 03 00 00 70 2e")
 PROTOCOL = MaestroErrors.SERIAL_PROTOCOL
 
 
@@ -237,25 +228,20 @@ PROTOCOL = MaestroErrors.SERIAL_PROTOCOL
         ("84 02 70 2e 17 a1", [TARGET, PROTOCOL, (Opcode.GET_ERRORS, "")]),
         ("aa 0d 04 02 70 2e a1", [(Opcode.GET_ERRORS, "")]),  # for another device: no concern of ours
         ("9f 01 02 70 2e", [PROTOCOL]),  # the Micro does not know it
+        ("mini 9f 02 03 00 00 70 2e", [MULTIPLE]),
+        ("mini aa 0c 1f 02 03 00 00 70 2e", [MULTIPLE]),
+        ("mini 9f 02 03 00 00 a1", [PROTOCOL, (Opcode.GET_ERRORS, "")]),
+        ("crc 84 02 70 2e 18", [TARGET]),  # worked out by long division as in the guide
+        ("crc 84 02 70 2e 19", [MaestroErrors.SERIAL_CRC]),
+        ("crc ff 00 7f", [(Opcode.MINI_SSC, "00 7f")]),  # Mini SSC never carries a CRC
     ],
 )
-def test_what_a_micro_makes_of_bytes(bytes_in, events):
-    assert parse(bytes_in) == events
-
-
-MULTIPLE = (Opcode.SET_MULTIPLE_TARGETS, "02 03 00 00 70 2e")
-
-
-@pytest.mark.parametrize(
-    ("options", "bytes_in", "events"),
-    [
-        ({"mini": True}, "9f 02 03 00 00 70 2e", [MULTIPLE]),
-        ({"mini": True}, "aa 0c 1f 02 03 00 00 70 2e", [MULTIPLE]),
-        ({"mini": True}, "9f 02 03 00 00 a1", [PROTOCOL, (Opcode.GET_ERRORS, "")]),
-        ({"crc": True}, "84 02 70 2e 18", [TARGET]),  # worked out by long division as in the guide
-        ({"crc": True}, "84 02 70 2e 19", [MaestroErrors.SERIAL_CRC]),
-        ({"crc": True}, "ff 00 7f", [(Opcode.MINI_SSC, "00 7f")]),  # Mini SSC never carries a CRC
-    ],
-)
-def test_what_a_mini_and_a_board_with_crc_make_of_bytes(options, bytes_in, events):
-    assert parse(bytes_in, **options) == events
+def test_what_a_board_makes_of_bytes(bytes_in: str, events):
+    """Opcode and data in hex of each packet, and each error, in order."""
+    crc, mini = bytes_in.startswith("crc "), bytes_in.startswith("mini ")
+    parser = PacketParser(device=12, crc=crc, multiple_targets=mini)
+    found: list[object] = []
+    for byte in bytes.fromhex(bytes_in.removeprefix("crc ").removeprefix("mini ")):
+        for event in parser.push(byte):
+            found.append((event.opcode, event.data.hex(" ")) if isinstance(event, Packet) else event)
+    assert found == events

@@ -7,7 +7,7 @@ import math
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from tests.hardware.lines import Fault, FaultyModel, LoopTransport
+from tests.hardware.lines import Fault, FaultyModel, LoopTransport, holding_maestro
 from tests.hardware.maestro.conftest import ScriptedTransport
 
 from armctl.errors import BoardError, BoardProtocolError, BoardTimeoutError, InputError
@@ -17,7 +17,6 @@ from armctl.hardware.maestro.codec import MaestroErrors
 from armctl.hardware.maestro.driver import UNKNOWN_MODEL_NOTE, WATCHDOG_NOTE, MaestroDriver, MaestroLine
 from armctl.hardware.maestro.simulated import (
     ChannelConfig,
-    HomeMode,
     MaestroSettings,
     SimulatedMaestro,
 )
@@ -142,19 +141,6 @@ def test_a_channel_too_many_on_a_board_of_unknown_model_is_found_out(connect):
         connect(SimulatedMaestro(), channels=[ChannelSettings(6, 1000, 2000)])
 
 
-def test_limits_reach_the_board_and_hold(clock: ManualClock, connect):
-    board = SimulatedMaestro()
-    driver = connect(board, channels=[ChannelSettings(0, 1000.0, 2000.0, speed=3500.0, acceleration=None)])
-    assert (board.channel(0).speed, board.channel(0).acceleration) == (140, 0)
-    driver.write({0: 1000.0})
-    assert driver.read().positions == {0: 1000.0}
-    driver.write({0: 1350.0})
-    clock.advance(0.08)
-    assert driver.read().positions == {0: 1280.0}
-    clock.advance(0.02)
-    assert driver.read().positions == {0: 1350.0}
-
-
 def test_stop_holds_what_is_on_where_it_is_and_leaves_off_what_is_off(clock: ManualClock, connect):
     board = SimulatedMaestro()
     driver = connect(board, channels=[ChannelSettings(c, 1000.0, 2000.0, speed=1000.0) for c in range(3)])
@@ -200,14 +186,9 @@ def test_an_error_seen_by_configure_or_stop_is_told_by_the_next_read(clock: Manu
 
 
 @pytest.mark.parametrize("crc", [False, True])
-def test_whether_the_board_wants_crcs_is_found_out_without_an_error(clock: ManualClock, crc):
-    home = {0: ChannelConfig(home=HomeMode.GO_TO, home_us=1200.0)}  # where any error would send it
-    board = SimulatedMaestro(settings=MaestroSettings(crc=crc, channels=home))
-    board.advance(clock.now())
-    board.feed(bytes.fromhex("84 00 70 2e 2b") if crc else bytes.fromhex("84 00 70 2e"))
-    driver = MaestroDriver(Connection(lambda: LoopTransport(board, clock.now, clock.advance), lambda: 0.0))
-    driver.open()
-    driver.configure(CHANNELS)
+def test_whether_the_board_wants_crcs_is_found_out_without_an_error(connect, crc):
+    board = holding_maestro(crc=crc)
+    driver = connect(board)
     assert driver.read().positions[0] == 1500.0
     driver.write({0: 1600.0})
     assert driver.read().errors == ()
@@ -215,14 +196,11 @@ def test_whether_the_board_wants_crcs_is_found_out_without_an_error(clock: Manua
     assert all(len(entry.raw) == len(entry.data) + 1 + crc for entry in board.log)
 
 
-def test_a_board_without_crc_that_is_late_is_not_taken_for_one_with(clock: ManualClock):
+def test_a_board_without_crc_that_is_late_is_not_taken_for_one_with(clock: ManualClock, connect):
     faults = FaultyModel(SimulatedMaestro())
     faults.advance(clock.now())
     faults.inject(Fault.DELAY_REPLY, delay_s=0.8)
-    driver = MaestroDriver(Connection(lambda: LoopTransport(faults, clock.now, clock.advance), lambda: 0.0))
-    driver.open()
-    driver.configure(CHANNELS)
-    assert driver.read().errors == ()
+    assert connect(faults).read().errors == ()
 
 
 class SlowBoard:

@@ -71,18 +71,6 @@ MINI_COMPACT_CRC: Session = (
     ("90 0a 3a  90 0b 7b  a1 1b", "a0 0f 70 17 00 00"),
     ("9f 02 0a 00 00 00 00 05", ""),
 )
-MINI_POLOLU_CRC: Session = (
-    ("aa 0c 21", ""),
-    ("78", "00 00"),
-    ("aa 0c 10 00 01  aa 0c 21 78", "00 00 00 00"),
-    (
-        "aa 0c 07 0a 00 00 21  aa 0c 09 0a 00 00 6d  aa 0c 07 0b 00 00 70  aa 0c 09 0b 00 00 3c  aa 0c 21 78",
-        "00 00",
-    ),
-    ("aa 0c 1f 02 0a 20 1f 70 2e 2b", ""),
-    ("aa 0c 10 0a 5e  aa 0c 10 0b 1f  aa 0c 21 78", "a0 0f 70 17 00 00"),
-    ("aa 0c 1f 02 0a 00 00 00 00 09", ""),
-)
 
 
 @pytest.mark.parametrize("session", [MICRO_COMPACT, MICRO_COMPACT_CRC])
@@ -128,7 +116,6 @@ def test_the_driver_on_a_mini(session):
         pytest.param(MaestroModel.MICRO_6, True, MICRO_POLOLU_CRC, id="Micro, Pololu with CRC"),
         pytest.param(MaestroModel.MINI_12, False, MINI_COMPACT, id="Mini, compact"),
         pytest.param(MaestroModel.MINI_12, True, MINI_COMPACT_CRC, id="Mini, compact with CRC"),
-        pytest.param(MaestroModel.MINI_12, True, MINI_POLOLU_CRC, id="Mini, Pololu with CRC"),
     ],
 )
 def test_the_simulated_board_answers_the_same_bytes(model: MaestroModel, crc: bool, session: Session):
