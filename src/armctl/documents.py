@@ -44,19 +44,16 @@ class DocumentKind:
     def load(self, path: Path, decode: Callable[[bytes], T]) -> T:
         """Decode a file; refuses by its name what is not regular, too large, or refused by ``decode``."""
         try:
-            return decode(self._content(path))
+            with open(path, "rb", opener=_open_at_once) as stream:
+                if not stat.S_ISREG(os.fstat(stream.fileno()).st_mode):
+                    raise self.error("cannot be read: it is no regular file")
+                content = stream.read(self.most_bytes + 1)
+            self._check_size(content)
+            return decode(content)
         except OSError as cause:
             raise self.error(f"{path}: cannot be read: {cause.strerror}") from cause
         except self.error as cause:
             raise self.error(f"{path}: {cause}") from cause
-
-    def _content(self, path: Path) -> bytes:
-        with open(path, "rb", opener=_open_at_once) as stream:
-            if not stat.S_ISREG(os.fstat(stream.fileno()).st_mode):
-                raise self.error("cannot be read: it is no regular file")
-            content = stream.read(self.most_bytes + 1)
-        self._check_size(content)
-        return content
 
     def _check_size(self, content: bytes | str) -> None:
         if len(content) > self.most_bytes:
@@ -135,7 +132,8 @@ class Document:
             case _:
                 pass
         if place:
-            words.append(f"key {_joined(place)}")
+            text = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in place)
+            words.append(f"key {text.removeprefix('.')}")
         return self.kind.error(f"{', '.join(words)}: {what}" if words else what)
 
 
@@ -156,11 +154,6 @@ def _syntax(message: str) -> str:
     what, line, column = match.groups()
     what = f"{what[:1].lower()}{what[1:]}"
     return f"{what} at the end of the file" if line is None else f"line {line}, column {column}: {what}"
-
-
-def _joined(place: Place) -> str:
-    text = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in place)
-    return text.removeprefix(".")
 
 
 def _numbers(value: object, place: Place) -> Iterator[tuple[Place, float]]:
@@ -211,7 +204,8 @@ def refusal_of(error: msgspec.ValidationError, record: object, model: Any) -> Re
     if not what:
         what, where = str(error), "$`"
     where = where.removeprefix("key` in `").removesuffix("`").removeprefix("$")
-    place = tuple(_part(index, key) for index, key in _STEP.findall(where))
+    steps = _STEP.findall(where)
+    place = tuple(int(index) if index.isdigit() else key or "*" for index, key in steps)
     if match := _UNKNOWN.fullmatch(what):
         return Refusal(place, match[1], f"unknown key {match[1]!r}; mistyped?")
     if match := _MISSING.fullmatch(what):
@@ -254,10 +248,6 @@ def range_words(node: inspect.FloatType | inspect.IntType) -> str:
 
 _LOST = object()
 """a value below a key that the decoder does not name"""
-
-
-def _part(index: str, key: str) -> str | int:
-    return int(index) if index.isdigit() else key or "*"
 
 
 def _found(value: Any, node: inspect.Type, place: Place) -> tuple[Any, inspect.Type]:

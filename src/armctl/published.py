@@ -154,11 +154,7 @@ ABAAS_ERRATA = (
 
 
 def abaas_report() -> Report:
-    """The printed rows through the servo map, back by inverse kinematics, and the speed study.
-
-    Raises:
-        RobotFileError: the robot file has lost its servo map.
-    """
+    """The printed rows through the servo map, back by inverse kinematics, and the speed study."""
     robot = load_robot("abaas")
     servos = robot.output_map
     if servos is None:

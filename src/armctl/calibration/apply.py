@@ -34,11 +34,7 @@ def own_map(robot: Robot) -> OutputMap:
 
 
 def own_calibration(robot: Robot, joint: str) -> JointCalibration:
-    """What the robot's own map says of a joint.
-
-    Raises:
-        CalibrationError: no such joint, or a robot without a map.
-    """
+    """What the robot's own map says of a joint; refuses a joint or a map that is not there."""
     return _parts(robot, joint)[2]
 
 
@@ -47,11 +43,7 @@ def calibrated(robot: Robot, calibration: Calibration) -> Robot:
 
     Where an end of the safe outputs comes before the joint's limit, the limit moves in, and so do named
     poses (``narrowed`` tells both). Nothing is ever widened: no servo is sent beyond its range in the robot
-    file, no motor beyond its joint's limits.
-
-    Args:
-        robot: as its file describes it.
-        calibration: of this robot, as it is kept; one that is not kept yet is judged by ``narrowed``.
+    file, no motor beyond its joint's limits. A calibration that is not kept yet is judged by ``narrowed``.
 
     Raises:
         CalibrationError: it is of another robot or kind of board, names a joint or a gripper that is not
@@ -270,17 +262,9 @@ def safe_outputs(
 ) -> tuple[float, float]:
     """The outputs that the joint's limits need, as far as its servo may be sent there.
 
-    An encoder has no range of its own: there the joint's limits alone decide.
-
-    Args:
-        robot: as its file describes it.
-        joint: its name.
-        line: through its marks.
-        in_force: the joint as it was calibrated so far. An end that lies before what its line needed was
-            set by hand, for what is in the way there; so it stays.
-
-    Raises:
-        CalibrationError: none is left: the servo's range does not reach the joint's limits.
+    An encoder has no range of its own: there the joint's limits alone decide. An end of ``in_force`` that
+    lies before what its line needed was set by hand, for what is in the way there; so it stays. Refuses a
+    line by which no output is left.
     """
     outputs, limits, own = _parts(robot, joint)
     low, high = _needed(robot, joint, line)

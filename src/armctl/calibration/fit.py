@@ -74,10 +74,6 @@ def fit_joint(marks: Sequence[Mark], unit: str = "µs") -> JointFit:
 
     Three marks can tell that something is wrong, but not which of them; four name the wrong one.
 
-    Args:
-        marks: three or more, in any order.
-        unit: of the outputs, for the messages.
-
     Raises:
         CalibrationError: fewer than three marks, not finite, all at one place, spread over less than 10°,
             or an angle that does not go one way with the output.

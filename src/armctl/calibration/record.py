@@ -140,11 +140,7 @@ def encode_calibration(calibration: Calibration, again: int | None = None) -> st
 
 
 def decode_calibration(text: str | bytes) -> Calibration:
-    """A calibration from the text of its file.
-
-    Raises:
-        CalibrationError: not TOML, an unknown key, a wrong type or an impossible value; names the key.
-    """
+    """A calibration from the text of its file; a refusal names the key."""
     return _decode_version(text)[0]
 
 
@@ -167,11 +163,7 @@ def _decode_version(text: str | bytes) -> tuple[Calibration, int | None]:
 
 
 def read_calibration(path: Path) -> Calibration:
-    """A calibration from a file.
-
-    Raises:
-        CalibrationError: unreadable, or as ``decode_calibration``; names the file.
-    """
+    """A calibration from a file; a refusal names the file, and as ``decode_calibration``."""
     return read_version(path)[0]
 
 

@@ -6,7 +6,7 @@ import hashlib
 import os
 import re
 import shlex
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import msgspec
@@ -41,16 +41,6 @@ class Version:
     path: Path
 
 
-@dataclass(frozen=True, slots=True)
-class Stored:
-    """What is in force for one robot on one board."""
-
-    robot: str
-    board: str
-    calibration: Calibration | None
-    problem: str | None
-
-
 class CalibrationStore:
     """Calibrations by robot and board.
 
@@ -63,11 +53,7 @@ class CalibrationStore:
         self.folder = platformdirs.user_config_path("armctl") / "calibrations" if folder is None else folder
 
     def load(self, robot: str, board: str) -> Calibration | None:
-        """The calibration in force; None where there is none.
-
-        Raises:
-            CalibrationError: its file cannot be read; names the file, and how to go back.
-        """
+        """The calibration in force, or None; a refusal names its file, and how to go back."""
         paths = _version_paths(self._place(robot, board))
         if not paths:
             return None
@@ -105,11 +91,7 @@ class CalibrationStore:
     def revert(self, robot: str, board: str, number: int | None = None) -> Version:
         """Bring an earlier version in force again, as a new one.
 
-        ``number`` is that of the version; None: the one before the one in force (once more: the one before
-        that).
-
-        Raises:
-            CalibrationError: there is no such version, or its file cannot be read.
+        ``number`` None: the one before the one in force (once more: the one before that).
         """
         versions = self.versions(robot, board)
         if not versions:
@@ -136,16 +118,16 @@ class CalibrationStore:
         """Go by the robot file from ``made`` (ISO 8601) on; the versions so far stay."""
         return self.save(_as_in_file(robot, board, unit, made))
 
-    def boards(self) -> tuple[Stored, ...]:
-        """What is in force for each robot and board that was ever calibrated, sorted by both."""
-        found: list[Stored] = []
+    def boards(self) -> tuple[Version, ...]:
+        """The version in force for each robot and board that was ever calibrated, sorted by both."""
+        found: list[Version] = []
         for place in sorted(self.folder.glob("*/*")):
             paths = _version_paths(place)
             if paths:
                 newest = _read(paths[-1])
                 named = next((one for path in reversed(paths) if not (one := _read(path)).problem), None)
                 robot, board = (named.robot, named.board) if named else (place.parent.name, place.name)
-                found.append(Stored(robot, board, newest.calibration, newest.problem))
+                found.append(replace(newest, robot=robot, board=board))
         return tuple(sorted(found, key=lambda one: (one.robot, one.board)))
 
     def _place(self, robot: str, board: str) -> Path:

@@ -21,11 +21,7 @@ _POINT_COLUMNS = ("x_mm", "y_mm", "z_mm")
 
 
 def read_marks(path: Path) -> tuple[Mark, ...]:
-    """Marks from a CSV file with the columns ``output`` (board's unit) and ``angle_deg``.
-
-    Raises:
-        CalibrationError: unreadable, a column that is missing, a cell that is no number; names the line.
-    """
+    """Marks from a CSV file with the columns ``output`` (board's unit) and ``angle_deg``."""
     return tuple(Mark(output, math.radians(angle)) for output, angle in _read(path, _MARK_COLUMNS).tolist())
 
 
@@ -33,9 +29,6 @@ def read_points(path: Path, robot: Robot) -> tuple[FloatArray, FloatArray]:
     """Joint angles (k, n) [rad] and the points (k, 3) [m] that the tool touched at them, from a CSV file.
 
     Its columns are ``NAME_deg`` for each joint, and ``x_mm``, ``y_mm``, ``z_mm``.
-
-    Raises:
-        CalibrationError: as ``read_marks``.
     """
     table = _read(path, [*(f"{name}_deg" for name in robot.joint_names), *_POINT_COLUMNS])
     return np.radians(table[:, : robot.n]), table[:, robot.n :] / 1000

@@ -159,15 +159,9 @@ def tool_error(
 ) -> ToolError:
     """Compare where the tool is with where the robot's numbers put it.
 
-    Args:
-        robot: as the arm runs: with its calibration.
-        q: (k, n) joint angles as commanded or measured while the tool touched each point [rad].
-        points_m: (k, 3) the points in the base frame [m].
-        calibrated: names of the joints that a calibration is in force for: their zero and scale are
-            corrected there, not in the robot file.
-
-    Raises:
-        CalibrationError: fewer than six points, not finite, of a wrong shape, or all in one place.
+    ``robot`` is as the arm runs, with its calibration; ``q`` (k, n) [rad] as commanded or measured while the
+    tool touched each of ``points_m`` (k, 3), base frame [m]. Zero and scale of the joints ``calibrated`` are
+    corrected in the calibration, not in the robot file. Refuses fewer than six points, or all in one place.
     """
     configurations, points = _checked(robot, q, points_m)
     errors = points - robot.forward(configurations)[:, :3, 3]

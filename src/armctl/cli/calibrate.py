@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import asdict
 from pathlib import Path
 
 import click
 import msgspec
+import numpy as np
 
 from armctl.boards import board_name
 from armctl.calibration import (
     Calibration,
     CalibrationStore,
     JointCalibration,
+    JointFit,
     calibrated,
+    differences,
     encode_calibration,
     fit_joint,
     iso_time,
@@ -24,20 +28,11 @@ from armctl.calibration import (
     read_marks,
     read_points,
     renamed,
+    safe_outputs,
     tool_error,
 )
-from armctl.cli.calibration_words import (
-    board_option,
-    chosen_board,
-    fit_record,
-    in_words,
-    joint_lines,
-    record,
-    show_check_pose,
-    show_fit,
-    show_narrowed,
-)
-from armctl.cli.options import NUMBER, QUERY_SETTINGS, SPEED_PERCENT, json_option, print_json
+from armctl.cli.calibrate_joint import measure_joint, show_check_pose, show_fit, show_narrowed
+from armctl.cli.options import NUMBER, QUERY_SETTINGS, SPEED_PERCENT, json_option, print_json, rounded
 from armctl.errors import CalibrationError
 from armctl.robot import Robot, is_urdf, load_robot
 from armctl.runtime.clock import wall_time
@@ -54,6 +49,9 @@ def calibrate() -> None:
 # Numbers that are set, not fitted.
 
 _NAME_IT = "say for which board: --port, or --board and its serial number (`armctl ports` prints it)"
+board_option = click.option(
+    "--board", help="Serial number of the board (default: the only one that the robot was calibrated with)."
+)
 port_option = click.option("--port", help="The port that the board is on, instead of --board.")
 
 
@@ -109,7 +107,7 @@ def _in_force(arm: Robot, board: str | None, port: str | None) -> Calibration:
     if port is not None:
         board = board_name(port, arm)
     elif board is None:
-        board = chosen_board(store, arm.name, None, _NAME_IT)
+        board = _chosen_board(store, arm.name, None, _NAME_IT)
     return store.load(arm.name, board) or Calibration(arm.name, board, unit, {})
 
 
@@ -132,7 +130,7 @@ def fit(robot: str, joint: str, marks: Path, as_json: bool) -> None:
     own_calibration(arm, joint)  # refuses a joint that is not there
     found = fit_joint(read_marks(marks), own_map(arm).unit)
     if as_json:
-        print_json(fit_record(arm, joint, found))
+        print_json(_fit_record(arm, joint, found))
     else:
         show_fit(arm, joint, found)
 
@@ -154,8 +152,6 @@ def joint_command(robot: str, joint: str, port: str, places: int, speed: float, 
     Ctrl-C stops the arm; so do SIGTERM and a terminal that is closed. Servos stay on at the end; motors
     with encoders are switched off: support the arm.
     """
-    from armctl.cli.calibrate_joint import measure_joint
-
     measure_joint(load_robot(robot), joint, port, places, speed, note)
 
 
@@ -166,7 +162,7 @@ def joint_command(robot: str, joint: str, port: str, places: int, speed: float, 
 def show(robot: str, board: str | None, as_json: bool) -> None:
     """Show the calibration in force for ROBOT, its earlier versions, and what it takes from the limits."""
     arm, store = load_robot(robot), CalibrationStore()
-    board = chosen_board(store, arm.name, board)
+    board = _chosen_board(store, arm.name, board)
     versions, now = store.versions(arm.name, board), store.load(arm.name, board)
     words = () if now is None else narrowed(arm, now)
     if as_json:
@@ -174,14 +170,14 @@ def show(robot: str, board: str | None, as_json: bool) -> None:
         print_json({
             "robot": arm.name,
             "board": board,
-            "calibration": record(now),
+            "calibration": _record(now),
             "narrowed": words,
             "versions": [{key: getattr(one, key) for key in keys} for one in versions],
         })  # fmt: skip
         return
-    click.echo(f"{arm.title} on board {board}: {in_words(now)}")
+    click.echo(f"{arm.title} on board {board}: {_in_words(now)}")
     if now is not None:
-        for line in (*joint_lines(arm, now), *words):
+        for line in (*_lines(arm, now), *words):
             click.echo(f"  {line}")
         show_check_pose(calibrated(arm, now))
     for one in versions:
@@ -199,14 +195,14 @@ def list_command(as_json: bool) -> None:
     if as_json:
         print_json([
             {"robot": one.robot, "board": one.board, "problem": one.problem,
-             "calibration": record(one.calibration)}
+             "calibration": _record(one.calibration)}
             for one in found
         ])  # fmt: skip
         return
     if not found:
         click.echo("nothing was calibrated on this computer yet; see `armctl calibrate joint --help`")
     for one in found:
-        click.echo(f"{one.robot:<12}{one.board:<16}{one.problem or in_words(one.calibration)}")
+        click.echo(f"{one.robot:<12}{one.board:<16}{one.problem or _in_words(one.calibration)}")
 
 
 @calibrate.command()
@@ -217,7 +213,7 @@ def revert(robot: str, board: str | None, number: int | None) -> None:
     """Go back to an earlier calibration of ROBOT; again and again goes further back. Nothing is lost."""
     store, name, board = _kept(robot, board)
     version = store.revert(name, board, number)
-    words = in_words(version.calibration)
+    words = _in_words(version.calibration)
     click.echo(f"{name} on board {board}: version {version.again} is in force again: {words}")
 
 
@@ -243,7 +239,7 @@ def points(robot: str, points: Path, board: str | None, as_json: bool) -> None:
     poses as different as can be.
     """
     arm, store = load_robot(robot), CalibrationStore()
-    calibration = None if board is None else store.load(arm.name, chosen_board(store, arm.name, board))
+    calibration = None if board is None else store.load(arm.name, _chosen_board(store, arm.name, board))
     q, touched = read_points(points, arm)
     corrected = () if calibration is None else calibration.joints
     error = tool_error(arm if calibration is None else calibrated(arm, calibration), q, touched, corrected)
@@ -279,7 +275,7 @@ def export(robot: str, file: Path, board: str | None) -> None:
             stream.write(encode_calibration(now))
     except OSError as cause:
         raise CalibrationError(f"{file}: cannot be written: {cause.strerror}") from cause
-    click.echo(f"{file}: {in_words(now)}")
+    click.echo(f"{file}: {_in_words(now)}")
 
 
 @calibrate.command("import")
@@ -293,7 +289,7 @@ def import_command(file: Path, board: str | None, robot: str | None) -> None:
     arm = load_robot(robot or calibration.robot)
     words = narrowed(arm, calibration)
     CalibrationStore().save(calibration)
-    click.echo(f"{arm.name} on board {calibration.board}: {in_words(calibration)}")
+    click.echo(f"{arm.name} on board {calibration.board}: {_in_words(calibration)}")
     for line in words:
         click.echo(f"  {line}")
 
@@ -302,4 +298,75 @@ def _kept(robot: str, board: str | None) -> tuple[CalibrationStore, str, str]:
     """The store, the robot's name (of a file the one inside, else what was typed), and its board."""
     store = CalibrationStore()
     name = load_robot(robot).name if is_urdf(robot) or Path(robot).suffix else robot
-    return store, name, chosen_board(store, name, board)
+    return store, name, _chosen_board(store, name, board)
+
+
+def _chosen_board(
+    store: CalibrationStore, robot: str, board: str | None, begin: str = "begin with `armctl calibrate joint`"
+) -> str:
+    """The board that was named, or the only one of the robot; ``begin``: what to do where there is none."""
+    known = [one.board for one in store.boards() if one.robot == robot]
+    if not known:
+        raise CalibrationError(f"{robot} was never calibrated on this computer; {begin}")
+    if board is None and len(known) == 1:
+        return known[0]
+    listed = ", ".join(known)
+    if board is None:
+        raise CalibrationError(f"{robot} was calibrated with several boards: {listed}; name one with --board")
+    if board not in known:
+        raise CalibrationError(f"{robot} was never calibrated with board {board!r}; known are {listed}")
+    return board
+
+
+def _fit_record(arm: Robot, joint: str, found: JointFit) -> dict[str, object]:
+    """A fit for programs; marks are counted from 1, as in the text."""
+    return {
+        "joint": joint,
+        "unit": own_map(arm).unit,
+        "zero": found.zero,
+        "per_deg": float(np.radians(found.per_rad)),
+        "residuals_deg": rounded(np.degrees(found.residuals_rad)),
+        "rms_deg": float(np.degrees(found.rms_rad)),
+        "wrong_marks": [] if found.suspect is None else [found.suspect + 1],
+        "advice": found.advice,
+        "safe_outputs": safe_outputs(arm, joint, found),
+        "differences": differences(arm, joint, found),
+    }
+
+
+def _in_words(calibration: Calibration | None) -> str:
+    """Which parts were measured, and when."""
+    if calibration is None:
+        return "as in the robot file"
+    joints = ", ".join(calibration.joints) or "no joint"
+    gripper = "" if calibration.gripper is None else " and the gripper"
+    return f"{joints}{gripper}, measured {calibration.made or 'some time'}"
+
+
+def _lines(arm: Robot, calibration: Calibration) -> Iterator[str]:
+    """A line a joint, and one for the gripper."""
+    for name, joint in calibration.joints.items():
+        line = f"{joint.zero:.2f} {calibration.unit} at 0°, {np.radians(joint.per_rad):+.4f} a degree"
+        yield f"{name}: {line}, safe {joint.low:.1f} … {joint.high:.1f}"
+    yield from (f"{name}: as in the robot file" for name in arm.joint_names if name not in calibration.joints)
+    if calibration.gripper is not None:
+        closed, opened = calibration.gripper
+        yield f"gripper: closed at {closed:.1f}, open at {opened:.1f} {calibration.unit}"
+
+
+def _record(calibration: Calibration | None) -> dict[str, object] | None:
+    """A calibration for programs, in degrees."""
+    if calibration is None:
+        return None
+    joints = {
+        name: {"zero": one.zero, "per_deg": float(np.radians(one.per_rad)), "low": one.low, "high": one.high}
+        for name, one in calibration.joints.items()
+    }
+    gripper = calibration.gripper
+    return {
+        "unit": calibration.unit,
+        "made": calibration.made,
+        "note": calibration.note,
+        "joints": joints,
+        "gripper": None if gripper is None else {"closed": gripper[0], "open": gripper[1]},
+    }

@@ -18,13 +18,15 @@ from armctl.calibration import (
     JointFit,
     Mark,
     calibrated,
+    check_pose,
+    differences,
     fit_joint,
     iso_time,
+    narrowed,
     own_calibration,
     own_map,
     safe_outputs,
 )
-from armctl.cli.calibration_words import show_check_pose, show_fit, show_narrowed
 from armctl.cli.ending import ends_like_ctrl_c
 from armctl.errors import CalibrationError, MotionRefusedError, ProgramError
 from armctl.hardware import Source
@@ -39,9 +41,6 @@ def measure_joint(robot: Robot, joint: str, port: str, places: int, speed: float
     """Take ``places`` marks of a joint on ``port``, fit them, and save them if the user wants that.
 
     ``robot`` is as its file describes it; ``speed`` is the override [percent].
-
-    Raises:
-        ArmctlError: no such joint, no board, marks that give no calibration.
     """
     own_calibration(robot, joint)
     with ends_like_ctrl_c(), Arm.open(robot, port) as arm:
@@ -128,3 +127,29 @@ def _keep(robot: Robot, board: str, joint: str, found: JointFit, note: str) -> N
     back = f"armctl calibrate revert {robot.name} --board {shlex.quote(board)}"
     click.echo(f"saved as version {version.number}; `{back}` goes back")
     show_check_pose(calibrated(robot, calibration))
+
+
+def show_fit(arm: Robot, joint: str, found: JointFit) -> None:
+    """A fit in words: the line, each mark's residual, what it changes, what is wrong with it."""
+    unit, title = own_map(arm).unit, arm.joints[arm.joint_names.index(joint)].title
+    click.echo(f"{title}: {found.zero:.2f} {unit} at 0°, {np.radians(found.per_rad):+.4f} {unit} a degree")
+    for i, residual in enumerate(np.degrees(found.residuals_rad)):
+        click.echo(f"  mark {i + 1}: {residual:+.2f}°{'   left out' if i == found.suspect else ''}")
+    for line in (f"RMS {np.degrees(found.rms_rad):.2f}°", *differences(arm, joint, found)):
+        click.echo(f"  {line}")
+    if found.advice is not None:
+        click.echo(f"armctl: warning: {found.advice}", err=True)
+    low, high = safe_outputs(arm, joint, found)
+    click.echo(f"  safe outputs: {low:.1f} … {high:.1f} {unit}")
+
+
+def show_narrowed(arm: Robot, calibration: Calibration) -> None:
+    """What a calibration takes from the limits; refuses one that does not fit the robot."""
+    for line in narrowed(arm, calibration):
+        click.echo(f"  {line}")
+
+
+def show_check_pose(arm: Robot) -> None:
+    """Where a calibrated arm is to be sent to judge it by eye."""
+    pose = check_pose(arm)
+    click.echo(f"to check by eye, send it to {pose.title}: {'; '.join(pose.words)}")

@@ -44,7 +44,7 @@ def check(file: Path, robot: str | None, as_json: bool) -> int:
         if kind == "robot":
             arm = load_robot(file)
             assumed = arm.assumed
-            findings = _check_robot(arm)
+            findings = list(_check_robot(arm))
         else:
             given = None if robot is None else load_robot(robot)
             program = open_program(file, given)
@@ -108,35 +108,23 @@ def _kind(file: Path) -> str:
     return "robot" if "dh" in top or "joints" in top else "program"
 
 
-def _check_robot(robot: Robot) -> list[Finding]:
-    """Whether it has a solver, and what the way from home to each of its named poses would meet."""
+def _check_robot(robot: Robot) -> Iterator[Finding]:
+    """What is wrong with its solver, channels, rest pose, and the ways from home to its named poses."""
     robot.inverse_kinematics  # noqa: B018
-    home = robot.pose("home")
-    names = [name for name in robot.poses if name != "home"]
-    return [
-        *_check_board(robot),
-        *_check_rest(robot),
-        *(
-            replace(finding, part=f"the way from home to {name}: {finding.part}", severity="warning")
-            for name in names
-            for finding in preflight(robot, PointToPoint.plan(robot, home, robot.pose(name)))
-        ),
-    ]
-
-
-def _check_board(robot: Robot) -> Iterator[Finding]:
-    """Whether a board of its kind takes its channels."""
-    if robot.output_map is None:
-        return
-    try:
-        board_type(robot.board).check(setup_of(robot))
-    except BoardError as refusal:
-        yield Finding(str(refusal), part="the board", mend="connecting is refused")
-
-
-def _check_rest(robot: Robot) -> Iterator[Finding]:
-    """Whether servos that are off may jump to where Enable sends them; motors stay where homing ended."""
-    below = None if board_type(robot.board).homing else below_floor(Floor(robot), robot.first_pose)
+    board = board_type(robot.board)
+    if robot.output_map is not None:
+        try:
+            board.check(setup_of(robot))
+        except BoardError as refusal:
+            yield Finding(str(refusal), part="the board", mend="connecting is refused")
+    # servos that are off may jump to where Enable sends them; motors stay where homing ended
+    below = None if board.homing else below_floor(Floor(robot), robot.first_pose)
     if below is not None:
         mend = "Enable is refused there; choose another rest pose (that of a URDF has all joints at zero)"
         yield Finding(below, part="the rest pose", mend=mend, kind="floor")
+    home = robot.pose("home")
+    for name in robot.poses:
+        if name != "home":
+            for finding in preflight(robot, PointToPoint.plan(robot, home, robot.pose(name))):
+                part = f"the way from home to {name}: {finding.part}"
+                yield replace(finding, part=part, severity="warning")

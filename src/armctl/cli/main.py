@@ -75,7 +75,8 @@ def run(arguments: Sequence[str]) -> int:
     try:
         status = cli.main(list(arguments), prog_name="armctl", standalone_mode=False)
     except click.UsageError as error:
-        return _complain(f"{error.format_message()}{_help_hint(error)}", WRONG_USAGE)
+        hint = "" if error.ctx is None else f" (see `{error.ctx.command_path} --help`)"
+        return _complain(error.format_message() + hint, WRONG_USAGE)
     except click.ClickException as error:
         return _complain(error.format_message(), REFUSED)
     except (click.Abort, KeyboardInterrupt):
@@ -94,10 +95,6 @@ def run(arguments: Sequence[str]) -> int:
 def _complain(text: str, status: int) -> int:
     click.echo("armctl: " + " ".join(text.split()), err=True)
     return status
-
-
-def _help_hint(error: click.UsageError) -> str:
-    return "" if error.ctx is None else f" (see `{error.ctx.command_path} --help`)"
 
 
 def main() -> None:

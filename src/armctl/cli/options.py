@@ -21,12 +21,7 @@ json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON f
 
 
 class Number(click.ParamType[float]):
-    """A finite number: NaN and infinity are as wrong on a command line as text.
-
-    Args:
-        above: it must be larger than this.
-        between: it must not lie outside these two.
-    """
+    """A finite number: NaN and infinity are as wrong on a command line as text."""
 
     name = "float"
 

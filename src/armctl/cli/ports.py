@@ -52,11 +52,10 @@ def _answer(port: PortInfo) -> str | None:
     """Who answers there; None for a port that cannot be used anyway."""
     if not port.usable:
         return None
-
-    def open_line(baud: int) -> SerialTransport:
-        return SerialTransport(port.device, baud=baud)
-
     try:
-        return f"probed: {probe(open_line, approach(port.kind), MonotonicClock().now)}"
+        answer = probe(
+            lambda baud: SerialTransport(port.device, baud=baud), approach(port.kind), MonotonicClock().now
+        )
+        return f"probed: {answer}"
     except ArmctlError as error:
         return f"probed: {error}"

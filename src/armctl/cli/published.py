@@ -10,6 +10,8 @@ from armctl.cli.main import DONE, REFUSED
 from armctl.cli.options import json_option, print_json
 from armctl.published import REPORTS, Report
 
+_KEYS = ("what", "unit", "printed", "computed", "difference", "tolerance", "agrees")
+
 
 @click.command()
 @click.argument("robots", metavar="[ROBOT]...", nargs=-1, type=click.Choice(tuple(REPORTS)))
@@ -33,15 +35,8 @@ def _record(report: Report) -> dict[str, object]:
         "title": report.title,
         "agrees": report.agrees,
         "rows": [
-            {
-                "what": one.what,
-                "unit": one.unit,
-                "printed": one.printed,
-                "computed": [round(value, 6) for value in one.computed],
-                "difference": one.difference,
-                "tolerance": one.tolerance,
-                "agrees": one.agrees,
-            }
+            {key: getattr(one, key) for key in _KEYS}
+            | {"computed": [round(value, 6) for value in one.computed]}
             for one in report.comparisons
         ],
         "errata": report.errata,

@@ -80,16 +80,14 @@ def _open_console(name: str, port: str, asked: str) -> Console:
 
 def _robot_choices(present: RobotChoice) -> list[RobotChoice]:
     """The shipped robots, and the present one if it is a user's own."""
-    choices = [RobotChoice(name, _title(name)) for name in shipped_robots()]
+    choices: list[RobotChoice] = []
+    for name in shipped_robots():
+        try:
+            title = load_robot(name).title
+        except RobotFileError:  # choosing it says what is wrong with it
+            title = name
+        choices.append(RobotChoice(name, title))
     return choices if present in choices else [*choices, present]
-
-
-def _title(name: str) -> str:
-    """A robot's title, or its name where the file is broken: choosing it says what is wrong with it."""
-    try:
-        return load_robot(name).title
-    except RobotFileError:
-        return name
 
 
 def _connect(console: Console, port: str) -> bool:

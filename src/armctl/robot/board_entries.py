@@ -30,11 +30,7 @@ class BoardEntries(Protocol):
     """How a kind of board reads its part of a robot file."""
 
     def read(self, part: BoardPart) -> tuple[OutputMap | None, object]:
-        """The map of the outputs, None where the file has none; and what else the board's driver needs.
-
-        Raises:
-            RobotFileError: names the place, the value and what is allowed.
-        """
+        """The map of the outputs, None where the file has none; and what else the board's driver needs."""
         ...
 
 
@@ -68,11 +64,7 @@ class BoardPart:
         return replace(self.document, record={"board": options}).convert(model, ("board",))
 
     def outputs(self, key: str, model: type[Entry]) -> list[Entry]:
-        """The table ``key`` of each joint; empty where no joint has one.
-
-        Raises:
-            RobotFileError: some joints have none, or one has the table of another board.
-        """
+        """The table ``key`` of each joint; empty where no joint has one, refused where only some have it."""
         joints = {one["name"]: (i, board_tables(one)) for i, one in enumerate(self.document.record["joints"])}
         for tables in (
             *(own for _, own in joints.values()),
@@ -93,14 +85,7 @@ class BoardPart:
     def gripper(self, key: str, model: type[Entry], closed: str, opened: str) -> Entry | None:
         """The table ``key`` of the gripper; None for an arm without a gripper.
 
-        Args:
-            key: of the table.
-            model: of the table.
-            closed: the key in it of the gripper's closed end.
-            opened: of its open end.
-
-        Raises:
-            RobotFileError: there is a gripper without one, or its two ends are the same.
+        Refuses a gripper without one, and two ends (the keys ``closed`` and ``opened``) that are the same.
         """
         if not self.has_gripper:
             return None
@@ -217,11 +202,7 @@ class ServoEntries:
 def read_outputs(
     document: Document, joints: Sequence[tuple[str, tuple[float, float]]], *, has_gripper: bool
 ) -> tuple[str, OutputMap | None, object]:
-    """The kind of the board, the map of the joints in their order, and what else the board needs.
-
-    Raises:
-        RobotFileError: no such board; or its part of the file contradicts itself.
-    """
+    """The kind of the board, the map of the joints in their order, and what else the board needs."""
     board = document.record.get("board", {})
     kind = board.get("kind", None if board else DEFAULT_BOARD)
     if kind is None:

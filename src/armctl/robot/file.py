@@ -137,12 +137,7 @@ class RobotFile(Strict, frozen=True):
 
 
 def read_robot_file(content: bytes) -> tuple[RobotFile, Document]:
-    """Decode a file without judging what it says. The board's part stays in the document (``board_tables``).
-
-    Raises:
-        RobotFileError: not TOML, an unknown key, a wrong type or an impossible value; the message names the
-            line and the key.
-    """
+    """Decode a file without judging what it says; the board's part stays in the document."""
     document = ROBOT_FILES.parse(content)
     record: Table = dict(document.record)
     board, joints = record.pop("board", {}), record.get("joints")

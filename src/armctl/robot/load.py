@@ -48,15 +48,10 @@ def is_urdf(name: str | Path) -> bool:
 
 
 def load_robot(name: str | Path) -> Robot:
-    """Load a robot.
+    """Load a shipped robot by its name, or one from a path to a robot file (``.toml``) or a ``.urdf`` file.
 
-    Args:
-        name: the name of a shipped robot, or a path to a robot file (``.toml``) or a ``.urdf`` file. Behind a
-            ``.urdf`` file may stand the tool link, and which of its axes is the approach axis:
-            ``arm.urdf#gripper_link,approach=x``.
-
-    Raises:
-        RobotFileError: no such robot, or a file that cannot be read or contradicts itself.
+    Behind a ``.urdf`` file may stand the tool link, and which of its axes is the approach axis:
+    ``arm.urdf#gripper_link,approach=x``. ``RobotFileError`` names the file and what is wrong with it.
     """
     path = Path(name)
     if "\0" in str(name):

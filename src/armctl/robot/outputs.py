@@ -82,9 +82,8 @@ class OutputMap:
         """Output of the gripper's channel for an opening of 0 (closed) to 1 (open)."""
         if self.gripper_channel is None:
             raise InputError("this arm has no gripper")
-        return {
-            self.gripper_channel: self.gripper_closed + (self.gripper_open - self.gripper_closed) * opening
-        }
+        way = self.gripper_open - self.gripper_closed
+        return {self.gripper_channel: self.gripper_closed + way * opening}
 
     def angles(self, outputs: Mapping[int, float | None]) -> FloatArray:
         """Joint angles (n,) [rad] of outputs by channel; NaN where one is off or not reported."""

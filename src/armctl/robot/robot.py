@@ -168,9 +168,6 @@ class Robot:
             roll: angle of the tool about its approach axis [rad]: the roll joint's own angle.
             rotation: (3, 3) ``R_base_tool`` instead of pitch and roll.
             step: step of the swept free joint [rad], where one is free.
-
-        Raises:
-            InputError: a value that is not a finite number, or a wrong shape.
         """
         return self.inverse_kinematics.solve(Target.of(position_m, pitch, roll, rotation), step)
 
@@ -215,15 +212,8 @@ class Robot:
     def least_rotation(self, position_m: ArrayLike) -> FloatArray:
         """The configuration of least Σ|θ| for one point or each of many, exact over the continuum.
 
-        Args:
-            position_m: (3,) or (k, 3) tool points in the base frame [m].
-
-        Returns:
-            (n,) or (k, n) joint angles [rad], the roll joint at the value nearest to zero; a row of NaN
-            where a point is out of reach (``inverse`` says why).
-
-        Raises:
-            InputError: as ``inverse_batch``.
+        ``position_m``: (3,) or (k, 3) tool points in the base frame [m]; the answer: (n,) or (k, n) [rad],
+        the roll joint nearest to zero, a row of NaN where a point is out of reach (``inverse`` says why).
         """
         return self.inverse_kinematics.least_rotation(position_m)
 
@@ -247,12 +237,7 @@ class Robot:
         return self.points[name].copy()
 
     def check_limits(self, q: ArrayLike) -> FloatArray:
-        """``q`` (n,) [rad] if it is finite and inside the limits.
-
-        Raises:
-            InputError: wrong shape or not finite.
-            MotionRefusedError: names each joint, its value and its limits.
-        """
+        """``q`` (n,) [rad]; ``MotionRefusedError`` names each joint outside its limits, and these."""
         q = self.chain.checked_one(q)
         outside = (q < self.limits[:, 0] - LIMIT_TOLERANCE) | (q > self.limits[:, 1] + LIMIT_TOLERANCE)
         if outside.any():

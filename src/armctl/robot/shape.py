@@ -63,9 +63,7 @@ def tool_length(chain: Chain, look: Look, *, gripper: bool) -> float:
 def bars(chain: Chain, shorten: float) -> Iterator[Bar]:
     """The bars from the base to the tool, those of no length too.
 
-    Args:
-        chain: the arm.
-        shorten: what the hand or the tip takes of the last bar, along the tool's z [m].
+    ``shorten``: what the hand or the tip takes of the last bar, along the tool's z [m].
     """
     yield from _bars_of_rows(chain, shorten) if chain.rows else _bars_of_joints(chain, shorten)
 

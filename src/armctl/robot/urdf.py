@@ -41,15 +41,8 @@ def load_urdf(path: Path, wanted: str | None) -> Robot:
     """The arm of a URDF file.
 
     The base frame is the root link, the tool frame the tool link, turned so that z is the approach axis, and
-    the zero of every joint that of the file. What lies off the chain counts as mass only.
-
-    Args:
-        path: of the file.
-        wanted: the tool link (else ``suggested_tool``) and the axis of it that is taken for the tool's z:
-            ``link``, ``approach=x`` or ``link,approach=x``.
-
-    Raises:
-        RobotFileError: a file that cannot be read, contradicts itself, or holds no arm of turning joints.
+    the zero of every joint that of the file. What lies off the chain counts as mass only. ``wanted``: the
+    tool link (else ``suggested_tool``), the axis of it that is taken for z, or both: ``link,approach=x``.
     """
     try:
         link, approach = _wanted(wanted)

@@ -78,11 +78,7 @@ class UrdfJoint:
     """the one angle [rad] of a turning joint that was taken as fixed; ``origin`` has it in"""
 
     def settled(self) -> UrdfJoint:
-        """The joint with the limits that it has in an arm, or fixed at the one angle that they leave it.
-
-        Raises:
-            RobotFileError: a revolute joint without limits, or with some that cannot be meant.
-        """
+        """The joint with the limits that it has in an arm, or fixed at the one angle that they leave it."""
         if self.kind == "fixed":
             return self
         if self.kind == "continuous":
@@ -121,11 +117,7 @@ class UrdfLink:
 
 
 class UrdfTree:
-    """The links of a file, hung up by its root.
-
-    Raises:
-        RobotFileError: no link, an unknown link, two joints into one link, a loop, or more than one root.
-    """
+    """The links of a file, hung up by its root; refuses what is no tree."""
 
     def __init__(self, path: Path, name: str, links: dict[str, UrdfLink], joints: Sequence[UrdfJoint]):
         self.path, self.name, self.links = path, name, links
@@ -171,11 +163,7 @@ class UrdfTree:
             waiting += self._children[joint.child]
 
     def way(self, tool: str) -> list[UrdfJoint]:
-        """The joints from the root link to a link, fixed ones among them.
-
-        Raises:
-            RobotFileError: a joint on the way does not turn freely, or as ``UrdfJoint.settled``.
-        """
+        """The joints from the root link to a link, fixed ones too; refuses one that slides or follows."""
         way: list[UrdfJoint] = []
         link = tool
         while link != self.root:
@@ -203,12 +191,7 @@ class UrdfTree:
 
 
 def read_urdf_file(path: Path) -> UrdfTree:
-    """Read ``path`` into links and joints.
-
-    Raises:
-        RobotFileError: unreadable, not XML, no ``<robot>``, links that are no tree, an element or attribute
-            that is missing, doubled or no finite number.
-    """
+    """Read ``path`` into links and joints; a refusal names the element."""
     try:
         root = ElementTree.fromstring(path.read_bytes(), ElementTree.XMLParser(target=_NoDoctype()))
     except OSError as cause:

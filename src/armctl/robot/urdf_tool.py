@@ -36,10 +36,7 @@ def suggested_tool(tree: UrdfTree) -> UrdfTool:
     One with a customary name. Without one, the arm follows the moving joints from the root. It ends where
     none is left, or at a gripper: at a link with several moving joints that slide or follow each other, or
     whose joints are the gripper's own by their names. From there it goes on over fixed joints, to the link
-    that has a name as tool frames have, else to the last one that is no camera.
-
-    Raises:
-        RobotFileError: several links could be the tool.
+    that has a name as tool frames have, else to the last one that is no camera. Refuses to choose of several.
     """
     if tools := customary_tools(tree.links):
         return UrdfTool(_only(tree, tools), "which has a customary name")
