@@ -88,13 +88,6 @@ def test_the_board_lives_by_the_injected_clock(clock: ManualClock):
             assert set(model.times) == {100.0, 107.0}
 
 
-def test_what_a_board_says_unasked_arrives(clock: ManualClock):
-    with PtyServer(Recorder(), clock.now, tick_s=0.001) as server, client(server) as port:
-        with server.inspect() as model:
-            model.unasked = b"hello"
-        assert port.read(5) == b"hello"
-
-
 def test_a_link_of_the_users_choice(clock: ManualClock, tmp_path: Path):
     link = tmp_path / "arm"
     with PtyServer(Recorder(), clock.now, link=link) as server:

@@ -1,8 +1,4 @@
-"""Who may open a device file and which program has it open, told without opening it.
-
-Opening a port just to see whether it is free would reset an Arduino. Linux tells through ``/proc``, of
-one's own programs; elsewhere, and of other users' programs, it turns out when the port is opened.
-"""
+"""Who may open a device and which program has it open (``/proc``); opening it would reset an Arduino."""
 
 from __future__ import annotations
 
@@ -79,10 +75,7 @@ def is_pseudo_terminal(device: str) -> bool:
 
 
 def program_using(device: str, proc: Path = PROC) -> str | None:
-    """The program of this user, other than this process, that has ``device`` open: "name (process 812)".
-
-    None for a pseudo-terminal: whoever serves it has it open, and that is no rival.
-    """
+    """The other program of this user that has ``device`` open; None for a pseudo-terminal: its server has."""
     if is_pseudo_terminal(device):
         return None
     resolved = os.path.realpath(device)

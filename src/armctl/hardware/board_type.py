@@ -143,10 +143,7 @@ class BoardType(ABC):
         return None
 
     def examine(self, check_up: CheckUp) -> list[Finding]:
-        """Everything that can be asked of a board without moving or changing anything.
-
-        ``BoardError`` where it stops answering, or the line is gone.
-        """
+        """Everything that can be asked of a board without moving or changing anything."""
         from armctl.hardware.findings import not_checked
 
         return [not_checked("channels", f"a {self.title} cannot be asked for more")]

@@ -20,11 +20,7 @@ _LOGGER = logging.getLogger("armctl.hardware")
 
 @cache
 def board_types() -> tuple[BoardType, ...]:
-    """Every kind of board: the shipped ones, then those that installed packages bring as entry points.
-
-    An entry point names a ``BoardType``, as a class or an instance. One that cannot be loaded, or is of a
-    kind that is there already, is logged and left out.
-    """
+    """The shipped boards, then each ``BoardType`` (class or instance) that an entry point brings."""
     from importlib.metadata import entry_points
 
     found = list(SHIPPED)

@@ -50,10 +50,7 @@ class Patient:
 def examine(
     patient: Patient, open_line: Callable[[int], Transport], now: Callable[[], float]
 ) -> tuple[Finding, ...]:
-    """Check a port, which ``open_line`` opens at a baud rate, and the board behind it.
-
-    Moves nothing; opening the port of an Arduino resets it.
-    """
+    """Check a port and the board behind it. Moves nothing; opening the port of an Arduino resets it."""
     findings = _port(patient)
     if any(one.verdict is Verdict.FAILED for one in findings):
         return (*findings, not_checked("opens", "the port cannot be used"), *_unseen())

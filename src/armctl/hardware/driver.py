@@ -140,11 +140,7 @@ class ChannelScale:
 
 
 class ChannelTable:
-    """The configured channels of a board, and the last check before the wire.
-
-    ``BoardError`` for the same channel twice, and for what ``check`` refuses by raising it: a channel or a
-    range that the board cannot have.
-    """
+    """The configured channels of a board, and the last check before the wire; ``check`` raises to refuse one."""
 
     def __init__(
         self,
@@ -172,10 +168,7 @@ class ChannelTable:
         return self._scale.whole_range(self._settings[channel])
 
     def admit(self, channel: int, value: float) -> int:
-        """A setpoint [the board's unit] in whole steps, as near as the range allows.
-
-        ``BoardError`` where it may not be sent: not configured, not finite, or outside the range.
-        """
+        """A setpoint [the board's unit] in whole steps; ``BoardError`` where it may not be sent."""
         scale, settings = self._scale, self._settings.get(channel)
         if settings is None:
             known = ", ".join(map(str, self.channels)) or "none"
@@ -193,10 +186,7 @@ class ChannelTable:
 
 
 def translated(doing: str, action: Callable[P, T], *args: P.args, **kwargs: P.kwargs) -> T:
-    """What a method of a board gives; whatever else it raises becomes a ``BoardError``, with its cause kept.
-
-    Boards of other packages may raise anything.
-    """
+    """What ``action`` gives; an exception that is not armctl's becomes a ``BoardError``, its cause kept."""
     try:
         return action(*args, **kwargs)
     except ArmctlError:

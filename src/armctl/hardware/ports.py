@@ -55,10 +55,7 @@ def list_ports(
     by_id: Path = _BY_ID,
     checks: PortChecks = _SYSTEM,
 ) -> list[PortInfo]:
-    """Every serial port, boards that armctl knows first. Opens none: that would reset an Arduino.
-
-    ``comports`` is pyserial's listing, ``by_id`` udev's folder of stable names.
-    """
+    """Every serial port, known boards first. Opens none: that would reset an Arduino."""
     stable_names = _stable_names(by_id)
     ports: list[PortInfo] = []
 

@@ -91,10 +91,7 @@ def approach(listing: str | None, expected: str | None = None) -> Approach:
 
 
 def probe(open_line: Callable[[int], Transport], how: Approach, now: Callable[[], float]) -> Probed:
-    """Find out who answers, and close the line again. Resets an Arduino: for when the user asks only.
-
-    ``open_line`` opens the port at a baud rate. ``BoardError``: it cannot be opened, or its line breaks.
-    """
+    """Find out who answers and close the line; resets an Arduino. ``BoardError`` where the line breaks."""
     line, probed = reach(open_line, how, now)
     line.close()
     return probed

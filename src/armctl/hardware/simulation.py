@@ -146,7 +146,9 @@ _PTY_FOLDER = "/dev/pts/"
 
 def make_link(path: Path, device: str) -> None:
     """A symlink to a pty; ``PortError`` where anything but a stale link of an earlier simulator is there."""
-    if _is_stale(path, device):
+    target = str(path.readlink()) if path.is_symlink() else ""
+    # The kernel gives pty numbers out again, so the left-over of a crash may well point to our own.
+    if target == device or (target.startswith(_PTY_FOLDER) and not Path(target).exists()):
         path.unlink()
     elif path.is_symlink() or path.exists():
         raise PortError(
@@ -166,14 +168,3 @@ def remove_link(path: Path, device: str) -> None:
     with suppress(OSError):
         if path.is_symlink() and str(path.readlink()) == device:
             path.unlink()
-
-
-def _is_stale(path: Path, device: str) -> bool:
-    """Whether ``path`` is a link to a pty that is gone, or to the one that is ours now.
-
-    The kernel gives pty numbers out again, so the left-over of a crash may well point to our own.
-    """
-    if not path.is_symlink():
-        return False
-    target = str(path.readlink())
-    return target == device or (target.startswith(_PTY_FOLDER) and not Path(target).exists())

@@ -28,12 +28,9 @@ from armctl.hardware.firmata.simulated import SimulatedServo
         (codec.FIRMWARE_QUERY, "f0 79 f7"),
         (codec.CAPABILITY_QUERY, "f0 6b f7"),
         (codec.pin_state_query(9), "f0 6d 09 f7"),
-        (codec.pin_state_query(49), "f0 6d 31 f7"),
         (codec.pin_mode(9, PinMode.SERVO), "f4 09 04"),
         (codec.pin_mode(22, PinMode.OUTPUT), "f4 16 01"),
-        (codec.pin_mode(22, PinMode.INPUT), "f4 16 00"),
         (codec.servo_config(9, 544, 2400), "f0 70 09 20 04 60 12 f7"),  # 544 = 4·128 + 32, 2400 = 18·128 + 96
-        (codec.servo_config(22, 1000, 2000), "f0 70 16 68 07 50 0f f7"),
         (codec.servo_write(9, 1500), "f0 6f 09 5c 0b f7"),  # 1500 = 11·128 + 92
         (codec.servo_write(22, 544), "f0 6f 16 20 04 f7"),
         (codec.servo_write(127, 2912), "f0 6f 7f 60 16 f7"),
@@ -101,13 +98,6 @@ GOLDEN = [
 @pytest.mark.parametrize(("raw", "expected"), GOLDEN)
 def test_golden_messages(raw: str, expected):
     assert ReplyParser().feed(bytes.fromhex(raw)) == [expected]
-
-
-def test_the_pins_that_can_drive_a_servo():
-    (report,) = ReplyParser().feed(bytes.fromhex(CAPABILITIES))
-    assert isinstance(report, CapabilityReport)
-    assert report.pins_with(4) == (2,)
-    assert report.pins_with(0) == (2, 3)
 
 
 @pytest.mark.parametrize(

@@ -88,10 +88,7 @@ class EncoderSettings:
 
 
 def read_entries(part: BoardPart) -> tuple[OutputMap | None, EncoderSettings]:
-    """The map of the joints, None where the file has none, and the axes behind it.
-
-    ``RobotFileError`` where the tables are incomplete or contradict themselves or the joint limits.
-    """
+    """The map of the joints (None: none in the file) and the axes; ``RobotFileError`` for a contradiction."""
     board = part.board(EncoderBoardEntry)
     encoders = part.outputs(_KEY, EncoderEntry)
     differential = _differential(part, board, encoders)
@@ -226,12 +223,7 @@ def _to_wire(axis: int, key: str, value: float) -> int:
 
 
 def _axis_lines(limits: ChannelSettings, own: EncoderAxis, order: int) -> list[str]:
-    """The lines that tell the board of an axis; ``order`` is its place in homing, from 1.
-
-    The axis counts 0 at the edge of its switch, or at its stop: which angle that is, the robot file says.
-    The board's own limits reach as far as count 0, where the axis stands after homing: a gripper's stop is
-    beyond its range.
-    """
+    """The lines that tell the board of an axis; ``order`` is its place in homing, from 1."""
     entry, axis = own.entry, limits.channel
     if limits.speed is None or limits.acceleration is None:
         raise BoardError(f"axis {axis}: an encoder board needs a speed and an acceleration limit")
@@ -249,7 +241,7 @@ def _axis_lines(limits: ChannelSettings, own: EncoderAxis, order: int) -> list[s
         "vmax": limits.speed,
         "amax": limits.acceleration,
         "hdir": own.home_toward,
-        "hpos": 0,
+        "hpos": 0,  # the count at the edge of the switch or at the stop: the robot file says its angle
         "hord": order,
         "hmode": entry.home_by == "stall",
         "inv": entry.encoder_inverted,
@@ -259,16 +251,13 @@ def _axis_lines(limits: ChannelSettings, own: EncoderAxis, order: int) -> list[s
     wire = {key: _to_wire(axis, key, value) for key, value in values.items()}
     if not wire["min"] < wire["max"]:
         raise BoardError(f"axis {axis}: {limits.minimum:g} … {limits.maximum:g} counts is no range")
+    # The limits reach as far as count 0, where homing ends: a gripper's stop is beyond its range.
     wire |= {"min": min(wire["min"], 0), "max": max(wire["max"], 0), "brk": min(wire["brk"], wire["dmax"])}
     return [f"CFG {axis} {' '.join(f'{key}={wire[key]}' for key in keys)}" for keys in _LINES]
 
 
 class AxisTable:
-    """Limits by axis [counts], checked once, and the last gate before the wire; a channel is an axis.
-
-    ``BoardError`` for an axis beyond the ``count`` that the board has, one twice or without settings, and
-    values that the board cannot keep.
-    """
+    """Limits by axis [counts], checked once, and the last gate before the wire; a channel is an axis."""
 
     def __init__(self, channels: Sequence[ChannelSettings], arm: EncoderSettings, count: int) -> None:
         self._count = count
@@ -296,10 +285,7 @@ class AxisTable:
         self.configuration = tuple(lines)  # the lines that configure the board
 
     def setpoints_line(self, setpoints: Mapping[int, float], reach_ms: int) -> str:
-        """The line for setpoints [joint counts] by axis, to be reached in ``reach_ms``; the others stay.
-
-        ``BoardError`` where one is not configured, not finite, or outside the limits.
-        """
+        """The line for setpoints [joint counts] by axis, to be reached in ``reach_ms``; the others stay."""
         counts = {axis: self._table.admit(axis, value) for axis, value in setpoints.items()}
         fields = " ".join(str(counts.get(axis, "-")) for axis in range(self._count))
         return f"P {fields} {reach_ms}"

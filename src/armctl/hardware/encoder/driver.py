@@ -61,10 +61,7 @@ class EncoderDriver:
         self._forget_board()
 
     def open(self) -> BoardIdentity:
-        """Open the line and make sure that the right firmware answers, with enough axes.
-
-        A board that starts anew when its port is opened may take 5 s.
-        """
+        """Open the line and check the firmware and its axes; up to 5 s where this restarts the board."""
         self.close()
         self._forget_board()
         transport, info = self._connection.open()
@@ -95,10 +92,7 @@ class EncoderDriver:
         )
 
     def configure(self, channels: Sequence[ChannelSettings]) -> None:
-        """Tell the board the limits, gains and homing of every axis, unless it has them. Moves nothing.
-
-        ``StateError`` where the motors are on with other settings.
-        """
+        """Send limits, gains and homing unless the board has them; ``StateError`` where motors are on."""
         session = self._board
         table = AxisTable(channels, self._arm, self._count)
         self._send_settings(session, table)
@@ -175,10 +169,7 @@ class EncoderDriver:
         self._seen = session.status
 
     def home(self) -> None:
-        """Begin to look for the zero of every axis, one after the other: the arm moves.
-
-        Clears latched faults. ``StateError`` where it is homing already.
-        """
+        """Clear faults and home each axis in turn: the arm moves. ``StateError`` where it is homing."""
         session = self._board
         if not self._table.axes:
             raise BoardError("no axis is configured, so there is nothing to home; configure the board first")

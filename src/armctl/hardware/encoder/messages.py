@@ -1,7 +1,4 @@
-"""What goes over the line: sealed lines, and the board's answers, status lines, events and banner.
-
-The protocol is described in firmware/README.md.
-"""
+"""What goes over the line: sealed lines, answers, status, events and banner (firmware/README.md)."""
 
 from __future__ import annotations
 

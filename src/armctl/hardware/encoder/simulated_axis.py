@@ -28,10 +28,7 @@ class AxisPlant:
 
 
 def plant_of(limits: ChannelSettings, axis: EncoderAxis) -> AxisPlant:
-    """An axis that fits its settings: stops a little outside the limits, the switch where it is looked for.
-
-    It stands where homing finds the switch within about a second.
-    """
+    """An axis that fits its settings and starts where homing finds the switch within about a second."""
     span = limits.maximum - limits.minimum
     margin = max(_LEAST_MARGIN, 0.02 * span)
     low, high = min(0.0, limits.minimum) - margin, max(0.0, limits.maximum) + margin
@@ -146,10 +143,7 @@ class SimulatedAxis:
         return FaultKind(0)
 
     def home(self) -> Homing:
-        """Look for the switch, or for the stop, as the axis is set up; its count is ``hpos`` there.
-
-        It meets the switch coming from the far side, so that it is always the same edge.
-        """
+        """Look for the switch, always from the far side, or for the stop; its count is ``hpos`` there."""
         self.homed = False
         toward, edge = self.settings["hdir"], None
         if self.settings["hmode"]:

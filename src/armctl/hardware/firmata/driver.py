@@ -51,10 +51,7 @@ class FirmataDriver:
         self._forget()
 
     def open(self) -> BoardIdentity:
-        """Open the line and wait until the sketch answers.
-
-        Opening the port of a real Mega restarts it, which switches its servos off.
-        """
+        """Open the line and wait until the sketch answers; a Mega restarts, its servos go off."""
         self.close()
         self._forget()
         transport, info = self._connection.open(BAUD)

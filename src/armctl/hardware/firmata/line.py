@@ -108,10 +108,7 @@ class FirmataLine:
             yield from self._parse(data)
 
     def _await_version(self, ask_after_s: float) -> bool:
-        """Return once a version report shows that the board's parser is between two messages.
-
-        True where it came without having been asked for: the board has just started.
-        """
+        """Wait for a version report: the parser is between two messages then. Whether it came unasked."""
         wait_s, left_s, asked = ask_after_s, _OPEN_S, False
         while left_s > 0.0:
             for reply in self.listen(min(wait_s, left_s)):

@@ -41,9 +41,7 @@ class _Pin:
 class PinWatch:
     """What was sent to the configured pins, compared with what the board says of them.
 
-    The board answers a pin state query with the pin's mode and the value last written. Queries go
-    out a few at a time and in turn; each answer is compared with what had been sent when it was asked.
-    ``states``: what the board said of each configured pin at the beginning.
+    An answer is compared with what had been sent when it was asked. ``states``: the pins at the beginning.
     """
 
     def __init__(self, states: Iterable[PinState] = ()) -> None:
@@ -194,10 +192,7 @@ class Attacher:
         return count
 
     def burst(self, pulses: Mapping[int, int], table: ChannelTable) -> tuple[bytes, int]:
-        """Attach up to ``most_at_once`` servos, each with its first pulse [µs] by pin right behind.
-
-        Returns the bytes to be written in one go, and how many the board answers.
-        """
+        """Bytes that attach up to ``most_at_once`` servos at pulses [µs] by pin; the length of the answer."""
         request = b"".join(
             codec.servo_config(pin, *codec.servo_limits(*table.whole_range(pin)))
             + codec.servo_write(pin, pulse_us)
@@ -234,10 +229,7 @@ _ROUND_S = 0.75 * SERVO_FRAME_S
 
 
 class SetpointStream:
-    """Keeps the newest setpoints until the line is free for them.
-
-    ``send`` writes to the line; ``attacher`` switches pins on.
-    """
+    """Keeps the newest setpoints until the line is free for them; ``attacher`` switches pins on."""
 
     def __init__(self, send: Callable[[bytes], None], now: Callable[[], float], attacher: Attacher) -> None:
         self._send_bytes, self._now, self._attacher = send, now, attacher

@@ -1,7 +1,4 @@
-"""The Maestro's bytes, in both directions (Pololu guide 0J40, sections 5.c to 5.e).
-
-Targets are quarter µs, speeds and accelerations the board's units.
-"""
+"""The Maestro's bytes (Pololu guide 0J40, 5.c to 5.e); targets in quarter µs, the rest in its own units."""
 
 from __future__ import annotations
 
@@ -142,10 +139,7 @@ _LARGEST = {
 
 
 def command(opcode: Opcode, *values: int, crc: bool = False) -> bytes:
-    """A command for a channel, if it is for one, with what is set there, in the board's units; 0: none.
-
-    Get Position and Get Errors, which clears the register, are answered with two bytes.
-    """
+    """A command, with its channel and a value in the board's units (0: none) where it has them."""
     data: list[int] = []
     if values:
         _check("channel", values[0], MAX_CHANNEL)
@@ -158,10 +152,7 @@ def command(opcode: Opcode, *values: int, crc: bool = False) -> bytes:
 
 
 def set_targets(quarters: Mapping[int, int], *, crc: bool = False, multiple: bool = False) -> bytes:
-    """The bytes for targets [quarter µs] by channel, fewest possible; 0 switches the pulses off.
-
-    ``multiple``: the board knows Set Multiple Targets, which then serves neighbouring channels.
-    """
+    """Targets [quarter µs] by channel, 0: off; ``multiple``: the board knows Set Multiple Targets."""
     runs: list[list[int]] = []
     for channel in sorted(quarters):
         _check("channel", channel, MAX_CHANNEL)
@@ -186,10 +177,7 @@ def _packet(crc: bool, opcode: Opcode, *data: int) -> bytes:
 
 
 def decode_position(reply: bytes) -> float | None:
-    """The transmitted pulse width [µs] of a Get Position reply; None when the pulses are off.
-
-    ``BoardProtocolError`` for what no Maestro can answer.
-    """
+    """The pulse width [µs] of a Get Position reply, None when off; ``BoardProtocolError`` if impossible."""
     quarters = _word("Get Position", reply)
     if quarters > MAX_TARGET:
         raise BoardProtocolError(

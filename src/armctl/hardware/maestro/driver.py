@@ -173,16 +173,13 @@ _LONGEST_RESYNC = 5
 
 
 class MaestroLine:
-    """A transport with a Maestro at the other end.
-
-    ``timeout_s``: how long an answer may take. ``crc``: whether the board wants CRCs, known after ``probe``.
-    """
+    """A transport with a Maestro at the other end, which answers within ``timeout_s``."""
 
     def __init__(self, transport: Transport, timeout_s: float) -> None:
         self.name = transport.name
         self._transport = transport
         self._timeout_s = timeout_s
-        self.crc = False
+        self.crc = False  # whether the board wants CRCs, known after ``probe``
 
     def probe(self) -> MaestroErrors:
         """Find out whether a Maestro answers, and whether it wants CRCs; return the errors it had kept.
@@ -231,10 +228,7 @@ class MaestroLine:
         self._transport.write(codec.set_targets(quarters, crc=self.crc, multiple=multiple))
 
     def read(self, channels: Sequence[int]) -> tuple[dict[int, float | None], MaestroErrors]:
-        """Positions [µs] of ``channels`` and the error register, in one burst each way.
-
-        ``BoardTimeoutError`` for no answer or half of one, ``BoardProtocolError`` for an impossible one.
-        """
+        """Positions [µs] of ``channels`` and the error register, in one burst each way."""
         return self._exchange(
             b"".join(codec.command(codec.Opcode.GET_POSITION, one, crc=self.crc) for one in channels),
             channels,

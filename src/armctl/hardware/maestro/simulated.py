@@ -351,11 +351,7 @@ def simulated_maestro(
     model: MaestroModel | None = None,
     settings: MaestroSettings | None = None,
 ) -> SimulatedMaestro:
-    """A simulated Maestro (None: the smallest with enough channels) that is set up for a robot.
-
-    It gets the ranges of the robot's ``channels``, as if its owner had set them in the Maestro Control
-    Center; ``settings`` win over them.
-    """
+    """A Maestro (None: the smallest that fits) with the ranges of ``channels``; ``settings`` win."""
     settings = settings or MaestroSettings()
     configs = {one.channel: ChannelConfig(one.minimum, one.maximum) for one in channels}
     configs |= dict(settings.channels or {})
