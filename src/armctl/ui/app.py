@@ -23,10 +23,7 @@ _FRAMES_A_REFRESH = 3
 
 
 class App:
-    """Serves the present arm's console to browser pages.
-
-    All of it runs on viser's event loop, so nothing needs a lock.
-    """
+    """Serves the present arm's console to browser pages, all of it on viser's event loop, without a lock."""
 
     def __init__(
         self, robots: RobotSwitch, host: str = "127.0.0.1", port: int = 8080, token: str | None = None
@@ -77,10 +74,9 @@ class App:
         self._figure = ArmFigure(self.server.scene, self._console.robot, "/arm")
 
     def _changed(self, change: RobotChange) -> None:
-        """Another arm: every page is built anew."""
         with self.server.atomic():
             self._stage.remove()
-            self._figure.remove()
+            self._figure.root.remove()
             self._draw_arm()
         for client_id, page in tuple(self._pages.items()):
             try:
@@ -99,7 +95,7 @@ class App:
     async def _disconnect(self, client: viser.ClientHandle) -> None:
         page = self._pages.pop(client.client_id, None)
         if page is not None:
-            page.close()
+            page.session.close()
         self._operator_lost(client.client_id, gone=True)
 
     def _operator_lost(self, client_id: int, *, gone: bool = False) -> None:
@@ -112,7 +108,6 @@ class App:
             self._console.controller.stop(Origin(page_name(client_id), why))
 
     async def _draw(self) -> None:
-        """Thirty frames a second in 3D, ten refreshes of the pages."""
         frame = 0
         while True:
             await asyncio.sleep(FRAME_S)

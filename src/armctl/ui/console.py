@@ -66,10 +66,7 @@ def page_name(client_id: int) -> str:
 
 
 class LastKnown:
-    """Keeps the newest angle that was known of each joint, to draw the arm while its place is not known.
-
-    A board that is lost does not move the arm: it must not seem to jump to where Enable would put it.
-    """
+    """The newest known angle of each joint, to draw an arm whose board is lost where it was."""
 
     def __init__(self) -> None:
         self._q: FloatArray | None = None
@@ -163,20 +160,13 @@ class CalibrationInForce:
         return self.store.load(self.file_robot.name, self.board) != self.calibration
 
     async def holds_for(self, port: str) -> bool:
-        """Whether the arm runs by the calibration that is in force now for the board on a port.
-
-        A ``PortError`` where ``auto`` found no board or more than one; a ``CalibrationError`` where the
-        calibration cannot be read.
-        """
+        """Whether this is in force for the board on a port; ``PortError``: ``auto`` found none or several."""
         board = await asyncio.to_thread(board_name, port, self.file_robot)
         return board == self.board and not await asyncio.to_thread(self.is_overtaken)
 
 
 class Shared(Protocol):
-    """What all pages share for one tab, so that reloading a page loses nothing.
-
-    One object an arm, made when a page first asks for it. Used on the web server's event loop only.
-    """
+    """What all pages share for one tab: one object an arm, made when a page first asks for it."""
 
     @classmethod
     def of(cls, console: Console, before: Self | None) -> Self:

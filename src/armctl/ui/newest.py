@@ -6,15 +6,7 @@ from collections.abc import Awaitable, Callable
 
 
 class Newest:
-    """Tells the newest of several requests from older ones, whose answers are dropped.
-
-    Used on the web server's event loop only::
-
-        is_newest = self._newest.begin()
-        found = await asyncio.to_thread(solve, target)
-        if is_newest():
-            self._show(found)
-    """
+    """Tells the newest of several requests from older ones, whose answers are dropped. Event loop only."""
 
     def __init__(self) -> None:
         self._count = 0

@@ -51,10 +51,10 @@ class Page:
 
     def rebuild(self) -> None:
         """The arm was changed: build everything anew for the present one."""
-        self.close()
+        self.session.close()
         with self.client.atomic():
             self.session.take_keys()
-            self._panel.remove()
+            self._panel.window.remove()
             for content in self._contents:
                 content.remove()
             self.client.scene.reset()
@@ -66,7 +66,3 @@ class Page:
             self._panel.refresh(snapshot)
             for screen in self._screens:
                 screen.refresh(snapshot)
-
-    def close(self) -> None:
-        """The page or its arm is gone: end what waits for it."""
-        self.session.close()

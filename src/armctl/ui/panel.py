@@ -41,9 +41,9 @@ class ControlPanel:
     def __init__(self, session: Session) -> None:
         self._session = session
         gui = session.gui
-        self._window = gui.add_panel()
+        self.window = gui.add_panel()
         speed = round(100 * session.snapshot.speed)
-        with self._window.add_tab("Control", viser.Icon.HAND_STOP):
+        with self.window.add_tab("Control", viser.Icon.HAND_STOP):
             self._stop = gui.add_button("STOP", color="red", icon=viser.Icon.HAND_STOP)
             self._hold = gui.add_button_group("Motion", ("Pause", "Resume"))
             self._release = gui.add_button("Release", color="gray", icon=viser.Icon.POWER)
@@ -53,8 +53,8 @@ class ControlPanel:
             self._take = gui.add_button("Take control", visible=False)
             self._where = LiveHtml(gui)
         # Docked: notifications cover what floats at the left, but give way to what is docked there.
-        self._window.dock_left()
-        self._window.set_width(PANEL_WIDTH)
+        self.window.dock_left()
+        self.window.set_width(PANEL_WIDTH)
         self._asked_release = False
         self._released_at = 0.0
         self._expanded_at = -math.inf
@@ -67,15 +67,11 @@ class ControlPanel:
         session.on(self._speed.on_update, lambda: session.submit(SetSpeed(self._speed.value / 100)))
         session.on(self._take.on_click, self._on_take)
 
-    def remove(self) -> None:
-        """Take the panel off the page."""
-        self._window.remove()
-
     def refresh(self, snapshot: Snapshot) -> None:
         """Show state, operator and speed."""
         session = self._session
         if snapshot.state is State.MOVING and snapshot.stamp - self._expanded_at > _EXPAND_S:
-            self._window.expand()  # a panel that was minimised must not hide STOP
+            self.window.expand()  # a panel that was minimised must not hide STOP
             self._expanded_at = snapshot.stamp
         self._take.visible = not session.operates
         if not session.operates:
@@ -98,7 +94,6 @@ class ControlPanel:
         self._where.show(self._where_text(snapshot))
 
     def _where_text(self, snapshot: Snapshot) -> str:
-        """Joint angles and tool pose of the arm as it is drawn."""
         robot = self._session.console.robot
         q = self._session.console.last_known.drawn(snapshot)
         joints = [

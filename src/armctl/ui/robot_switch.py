@@ -39,11 +39,7 @@ class RobotChange:
 
 
 class RobotSwitch:
-    """Holds the present console. Used on the web server's event loop only; others only read its attributes.
-
-    The new arm is opened first, off the event loop; only when it is ready does it replace the present one,
-    in one step, and the old arm is closed. Whatever fails on the way leaves the present arm as it is.
-    """
+    """Holds the present console, on the event loop; what fails while another is opened leaves it as it is."""
 
     def __init__(
         self,
@@ -52,11 +48,7 @@ class RobotSwitch:
         choices: Sequence[RobotChoice],
         open_console: Callable[[str, str], Console],
     ) -> None:
-        """Begin with an arm that is open already; ``present`` is its entry in the list.
-
-        ``open_console`` opens the arm of a choice's name as it is calibrated with the board on a port,
-        without connecting it; may block.
-        """
+        """``present`` is open already; ``open_console(name, port)`` opens another, unconnected; may block."""
         self.console, self.present, self.choices = console, present, tuple(choices)
         self.opening: RobotChoice | None = None
         """what the present arm is being changed for"""
@@ -83,25 +75,16 @@ class RobotSwitch:
         require_replaceable(self.console.controller.snapshot, reopen=True)
 
     async def needs_reopening(self, port: str) -> bool:
-        """Whether connecting to a port takes an arm that is opened anew, by another calibration.
-
-        Errors as ``CalibrationInForce.holds_for``.
-        """
+        """Whether a port's board needs another calibration; errors as ``CalibrationInForce.holds_for``."""
         if self.console.controller.snapshot.state not in (State.DISCONNECTED, State.FAULT):
             return False  # connected already: the controller refuses in words
         return port != self.console.default_port or not await self.console.calibration.holds_for(port)
 
     async def change(self, name: str, origin: Origin, permit: Callable[[], None]) -> None:
-        """Change the present arm for another one.
+        """Change the present arm for another one, at the same speed, connected if the old one is simulated.
 
-        The new arm begins with the speed override of the old one. It is connected if the old one is on the
-        simulated board; the servos on a real board are another arm's. ``permit`` raises when the page that
-        asks may not; it is called again once the new arm is ready.
-
-        Raises:
-            InputError: there is no such choice.
-            StateError: the arm moves, a real board's outputs are on, or it is being changed already.
-            ArmctlError: the new arm cannot be opened, or ``permit`` refuses.
+        ``permit`` raises when the page may not, and is asked again once the new arm is ready. ``InputError``:
+        no such choice; ``StateError``: as ``require_replaceable``, or being changed; others: not opened.
         """
         choice = next((choice for choice in self.choices if choice.name == name), None)
         if choice is None:
@@ -116,14 +99,7 @@ class RobotSwitch:
         await self._replace(choice, SIMULATED if simulated else self.console.default_port, origin, permit)
 
     async def reopen(self, origin: Origin, permit: Callable[[], None], port: str | None = None) -> None:
-        """Open the present arm anew, as it is calibrated now, and connect it where it was connected.
-
-        Or on ``port``, as it is calibrated with the board there. ``permit`` as in ``change``.
-
-        Raises:
-            StateError: the arm moves, or would drop, or it is being changed already.
-            ArmctlError: it cannot be opened or connected again, or ``permit`` refuses.
-        """
+        """Open the present arm anew, as calibrated now, on ``port`` or where it was; errors as ``change``."""
         permit()
         self.require_reopenable()
         connect = port is not None or self.console.controller.snapshot.board is not None
@@ -194,7 +170,6 @@ def _same_machine(left: Console, opened: Console) -> bool:
 def _log_lines(
     left: Console, opened: Console, origin: Origin, began: float, not_connected: str | None, did: str
 ) -> tuple[Event, ...]:
-    """The log of the old arm, and that it was changed."""
     change = f"{left.robot.title} → {opened.robot.title}" if did == "chose" else f"{opened.robot.title} {did}"
     text = f"robot: {change} ({origin.who})"
     lines = [*left.earlier, *left.controller.snapshot.events, Event(began, "info", text)]
@@ -209,10 +184,7 @@ def _log_lines(
 
 
 def release_first(snapshot: Snapshot, *, reopen: bool) -> str | None:
-    """Why the arm must be released before another one is chosen, or this one opened anew; None: it need not.
-
-    Real servos or motors hold it up, and nothing would speak to them any more.
-    """
+    """Why real servos or motors must be released first, as nothing would speak to them any more; or None."""
     board = snapshot.board
     if board is None or board.simulated or not snapshot.powered:
         return None

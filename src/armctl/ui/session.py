@@ -27,11 +27,7 @@ _LETTERS_A_SECOND = 12
 
 
 class Session:
-    """One page and the present arm.
-
-    When the arm is changed, the page gets a new session. Everything here runs on the web server's event
-    loop; nothing in it may block.
-    """
+    """One page and the present arm; another arm takes a new session. Nothing may block the event loop."""
 
     def __init__(self, client: viser.ClientHandle, robots: RobotSwitch) -> None:
         self.client = client
@@ -69,10 +65,7 @@ class Session:
         return self.console.shared(kind)
 
     def on(self, attach: Callable[..., object], action: Action) -> None:
-        """Run ``action`` on a handle's event; ``attach`` is its ``on_click``, ``on_update`` or ``on_upload``.
-
-        Values that the program sets itself are ignored. What goes wrong becomes a notification.
-        """
+        """Run ``action`` on a page's event (``attach``: ``on_click``, …); what goes wrong is notified."""
 
         async def callback(event: viser.GuiEvent[Any]) -> None:
             if event.client is None:
@@ -119,10 +112,7 @@ class Session:
             raise ArmctlError(f"this page is watching, {who} operates; press 'Take control' first")
 
     async def submit(self, command: Command) -> Ticket:
-        """Ask the controller for something and wait until it is accepted.
-
-        Refused also where this page does not operate, or the robot is being changed.
-        """
+        """Submit, wait until accepted; refused where another page operates or the robot is being changed."""
         self.require_operator()
         self.robots.require_settled()
         ticket = self.console.controller.submit(command, self.origin)
@@ -137,10 +127,7 @@ class Session:
         self.client.send_file_download(name, content, save_immediately=True)
 
     async def reopen_arm(self, port: str | None = None) -> None:
-        """Open the arm anew, as it is calibrated now, and connect it on ``port``, or where it was.
-
-        The page has another session afterwards, but this one still shows what fails on the way.
-        """
+        """Open the arm anew, as calibrated now, on ``port`` or where it was; this page shows what fails."""
         try:
             await self.robots.reopen(self.origin, self.require_operator, port)
         except ArmctlError as refusal:
@@ -160,17 +147,13 @@ class Session:
             LOG.log(level, "a page's task failed", exc_info=error)
 
     async def _report_end(self, ticket: Ticket) -> None:
-        """Show when what was accepted does not come to its end."""
         try:
             await asyncio.wrap_future(ticket.finished)
         except ArmctlError as broken:
             self.notify("Not finished", str(broken), "yellow")
 
     async def watch(self, lost: Callable[[int], None]) -> None:
-        """Keep asking the page for a sign of life; ``lost(client id)`` when none comes.
-
-        A page that hangs keeps its connection: only its script can answer this.
-        """
+        """Keep asking the page's script for a sign of life; ``lost(client id)`` when none comes."""
         while True:
             await asyncio.sleep(_HEARTBEAT_S)
             if self.operates and not await self.answers(_HEARTBEAT_TIMEOUT_S):
@@ -201,11 +184,7 @@ class Session:
 
 
 class Notices:
-    """The notifications of one page: the newest few, each once, for as long as reading takes.
-
-    The same message again replaces the first, and its time begins anew; one too many replaces the oldest.
-    What has to be known for longer is in the log and in the Control panel.
-    """
+    """One page's newest few notifications; the same again replaces the first, one too many the oldest."""
 
     def __init__(self, client: viser.ClientHandle) -> None:
         self._client = client

@@ -71,10 +71,7 @@ def block(size: Point, centre: Point = (0, 0, 0)) -> Solid:
 
 
 def _revolved(radius: ArrayLike, height: ArrayLike, sections: int) -> Solid:
-    """The solid that a profile sweeps out about z, with so many flat sides.
-
-    ``radius`` and ``height`` (k,) [m] go from the bottom up; the first and the last point are on the axis.
-    """
+    """A profile turned about z: ``radius``, ``height`` (k,) [m] upwards, the first and last on the axis."""
     r, z = np.asarray(radius, dtype=np.float64)[1:-1], np.asarray(height, dtype=np.float64)
     angle = np.arange(sections) * (2 * np.pi / sections)
     rings = np.empty((len(r), sections, 3))
@@ -108,10 +105,7 @@ def _placed(solid: Solid, start: Point, end: Point) -> Solid:
 
 
 def send_pose(node: viser.SceneNodeHandle) -> None:
-    """Send a new node's pose even where it is the one that nodes begin with, which viser would not send.
-
-    A page keeps the pose of a node that is removed and made again under the same name in one go.
-    """
+    """Send a new node's pose even where it is the default: a page keeps that of an older node of its name."""
     position, wxyz = node.position.copy(), node.wxyz.copy()
     node.position, node.wxyz = position + 1.0, np.roll(wxyz, 1)
     node.position, node.wxyz = position, wxyz
@@ -138,7 +132,7 @@ _DRUM_RADIUS, _DRUM_HEIGHT = {"round": 0.65, "square": 0.74}, 1.27
 
 
 class ArmFigure:
-    """One drawing of an arm in a scene; ``pose`` moves it."""
+    """One drawing of an arm in a scene; ``pose`` moves it, its ``root`` shows, hides and removes it."""
 
     def __init__(
         self,
@@ -156,7 +150,7 @@ class ArmFigure:
         self._tool = f"f{len(robot.chain.places) - 1}"
         self._reach = reach(robot.chain)
         self._width = width(robot.chain, robot.look)
-        self._root = scene.add_frame(name, show_axes=False, visible=visible)
+        self.root = scene.add_frame(name, show_axes=False, visible=visible)
         self._frames = [
             scene.add_frame(f"{name}/f{i}", show_axes=False) for i in range(len(robot.chain.places))
         ]
@@ -171,19 +165,6 @@ class ArmFigure:
             self._add(f"{self._tool}/tip", tip, _TOOL_COLOR)
         else:
             self._fingers = self._draw_gripper()
-
-    @property
-    def visible(self) -> bool:
-        """Whether the arm is shown."""
-        return self._root.visible
-
-    @visible.setter
-    def visible(self, visible: bool) -> None:
-        self._root.visible = visible
-
-    def remove(self) -> None:
-        """Take the drawing out of the scene."""
-        self._root.remove()
 
     def pose(self, q: FloatArray, opening: float | None = None) -> None:
         """Move the figure to joint angles ``q`` (n,) [rad] and a gripper opening 0..1 (None: as it is)."""

@@ -54,14 +54,14 @@ class Ghost:
         self.claim(owner)
         self.q = q.copy()
         self._figure.pose(q)
-        self._figure.visible = True
+        self._figure.root.visible = True
 
     def hide(self, owner: object = None) -> None:
         """Show nothing, if the ghost is ``owner``'s."""
         if self.owner is owner:
             self.q = None
             if self._figure is not None:
-                self._figure.visible = False
+                self._figure.root.visible = False
 
 
 class Preview:

@@ -58,10 +58,7 @@ def framed(
 
 
 def stand_parts(robot: Robot) -> dict[str, Solid]:
-    """The parts of the stand, in the base frame.
-
-    An arm high above the floor may hang straight down: its column stands behind the base, with a bracket.
-    """
+    """The stand in the base frame; behind the base under an arm so high that it may hang straight down."""
     size, floor, square = reach(robot.chain), robot.floor_z, robot.look.shape == "square"
     link = beam if square else tube
     foot: Point = (0.0, 0.0, floor)
@@ -124,10 +121,7 @@ def floor_size(robot: Robot) -> float:
 
 
 def look_at_arm(client: viser.ClientHandle, robot: Robot, covered: int = 0) -> None:
-    """Put a page's camera where the whole arm is in view, from the front and the right of its home pose.
-
-    ``covered``: how much of the page's width will be panels [px].
-    """
+    """See the whole arm from the front right of its home pose; ``covered``: width that is panels [px]."""
     camera, ahead = client.camera, front(robot)
     side = np.array([ahead[1], -ahead[0]])
     away = np.array([*(_IN_FRONT * ahead + _BESIDE * side), _ABOVE])

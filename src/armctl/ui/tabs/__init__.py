@@ -17,9 +17,7 @@ __all__ = ["TABS", "Screen", "Tab"]
 class Screen(Protocol):
     """What a tab shows: built once inside its tab, then drawn again and again."""
 
-    def __init__(self, session: Session) -> None:
-        """Build the widgets in the present GUI container."""
-        ...
+    def __init__(self, session: Session) -> None: ...
 
     def refresh(self, snapshot: Snapshot) -> None:
         """Draw a snapshot; called about ten times a second, so it writes only what has changed."""

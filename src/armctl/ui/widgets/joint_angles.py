@@ -16,10 +16,7 @@ def held_at(joint: Joint) -> str | None:
 
 
 def slider_limits(robot: Robot) -> FloatArray:
-    """(n, 2) ends of the sliders [degrees]: the limits, or the hundredth next to them inside.
-
-    The page writes them out, and a URDF has limits such as 1.91986 rad, which are 109.99987…°.
-    """
+    """(n, 2) ends of the sliders [degrees]: the limits, or the hundredth next to them inside."""
     exact = np.degrees(robot.limits)
     low, high = np.ceil(100 * exact[:, 0] - 1e-9) / 100, np.floor(100 * exact[:, 1] + 1e-9) / 100
     return np.where((low < high)[:, None], np.stack([low, high], axis=1), exact)

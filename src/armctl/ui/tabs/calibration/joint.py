@@ -33,7 +33,6 @@ from armctl.ui.widgets.number_field import EditWatch, NumberField
 STEPS = {"−10": -10.0, "−1": -1.0, "−0.1": -0.1, "+0.1": 0.1, "+1": 1.0, "+10": 10.0}
 _SLOW_RAD_S, _SLOW_FRACTION, _SHORTEST_S = math.radians(10.0), 0.15, 0.3
 _STEP_HINT = "Turns the joint at once, at no more than 10°/s. Degrees by the calibration in force."
-_JOG_NOTE = "Jog turns the joint slowly for as long as the button is held."
 
 
 def slow_speeds(robot: Robot) -> FloatArray:
@@ -67,7 +66,6 @@ class CalibrationJoint:
     """Choose a joint, bring it to a mark, type the angle; again, and the line through the marks shows."""
 
     def __init__(self, session: Session) -> None:
-        """Add the controls to the present container."""
         self._session, self._work = session, session.shared(SharedCalibration).work
         self._robot = session.console.robot
         self._stepper = JointStepper(session, partial(slow_duration, self._robot))
@@ -79,7 +77,7 @@ class CalibrationJoint:
         jog = HeldJog(session)
         for label, sign in (("Jog −", -1.0), ("Jog +", 1.0)):
             jog.attach(gui.add_button(label), partial(self._jog, sign))
-        LiveHtml(gui, muted(_JOG_NOTE))
+        LiveHtml(gui, muted("Jog turns the joint slowly for as long as the button is held."))
         self._now = LiveHtml(gui)
         self._angle = NumberField(gui, "Angle read °", None, hint=_ANGLE_HINT)
         add = gui.add_button("Add mark", icon=viser.Icon.PLUS)
@@ -128,7 +126,6 @@ class CalibrationJoint:
         self._delete.visible = bool(marks)
 
     def _now_html(self, snapshot: Snapshot) -> str:
-        """Output and angle of the joint as it stands."""
         channel = self._channel()
         try:
             output = present_outputs(self._robot, snapshot)[channel]
@@ -238,7 +235,6 @@ class CalibrationGripper:
     """Move it, and say where it is closed and where it is open."""
 
     def __init__(self, session: Session) -> None:
-        """Add the controls to the present container."""
         self._session, self._work = session, session.shared(SharedCalibration).work
         gui = session.gui
         LiveHtml(gui, muted(_HOW))

@@ -63,7 +63,6 @@ class CalibrationScreen:
 
 # Overview, saving, the test pose, and going back to an earlier calibration.
 
-_ROBOT_FILE = "robot file, no calibration"
 _LONGEST_NOTE = 120
 _BREAK = "\u200b"
 """where a long path may go on in the next line; a notification would cut it off"""
@@ -82,7 +81,6 @@ class CalibrationSave:
     """What was measured becomes what the arm runs by."""
 
     def __init__(self, session: Session) -> None:
-        """Add the controls to the present container."""
         self._session, self._desk = session, session.shared(SharedCalibration)
         self._drawn = -1
         gui = session.gui
@@ -150,7 +148,7 @@ class CalibrationSave:
 def earlier_versions(versions: Sequence[Version]) -> dict[str, int | None]:
     """Numbers by label of what can be gone back to, the latest first; last the robot file itself, None."""
     earlier = {version_label(one): one.number for one in versions[1:] if one.problem is None}
-    return {**earlier, _ROBOT_FILE: None}
+    return {**earlier, "robot file, no calibration": None}
 
 
 # The texts.

@@ -106,10 +106,7 @@ def manipulability_html(freedom: Freedom, tip: FloatArray) -> str:
 
 
 def direction_words(direction: FloatArray, tip: FloatArray) -> str:
-    """A line along a unit vector (3,) through the tool point (3,) [m] in words, either way along it.
-
-    Out is away from the base's z axis, left is to its left.
-    """
+    """A line along a unit vector (3,) through the tool point (3,) [m]; out: away from the base's z axis."""
     x, y, _ = tip.tolist()
     distance = math.hypot(x, y)
     ways = _WAYS_ON_AXIS if distance < _ON_AXIS_M else _WAYS

@@ -38,7 +38,6 @@ PRESENT = "present pose (live)"
 SHOWN = ("angles as reference", "angles added to last position", PRESENT)
 _GO_NOTE = "Reference: each joint goes to its angle. Last position: the angles are added to where it stands."
 _SHOWN_NOTE = "What the ghost and the figures below stand for."
-_NOTE = "Type joint angles, or a tool pose. Nothing moves until a Go button is pressed."
 
 
 def resulting_pose(how: str, asked: FloatArray, present: FloatArray) -> FloatArray:
@@ -56,7 +55,7 @@ class ForwardScreen:
         self._drawn: tuple[object, ...] = ()
         self._edited = False
         gui = session.gui
-        LiveHtml(gui, _NOTE)
+        LiveHtml(gui, "Type joint angles, or a tool pose. Nothing moves until a Go button is pressed.")
         self._angles = angle_fields(gui, self._robot, session.snapshot.q_command)
         self._coupling = PoseCoupling(session, self._angles, self._on_coupled)
         self._fill = gui.add_button_group("Fill with", ("present pose", *self._robot.poses))
@@ -109,7 +108,6 @@ class ForwardScreen:
         self._draw(self._session.snapshot)
 
     async def _go(self, how: str) -> None:
-        """Show a configuration and send that very one."""
         self._watch.require_settled()
         self._coupling.require_met()
         asked, present = self._angles.array, self._session.snapshot.q_command
@@ -120,7 +118,6 @@ class ForwardScreen:
         self._edited = False
 
     def _draw(self, snapshot: Snapshot) -> None:
-        """Draw results, ghost and figures, if fields or arm have changed."""
         present, shown = self._present(snapshot), self._shown.value
         key = (self._angles.texts, shown, present.tobytes())
         if key == self._drawn:
@@ -231,8 +228,6 @@ _HOLD_HINT = (
     "On: the pitch stays what it is while X, Y or Z change, so that the joint angles follow uniquely. "
     "Off: any pitch will do, and the field shows what it becomes."
 )
-_HEAD = "Tool pose at these angles: type a pose, and the joint angles follow."
-_SOLVING = "its joint angles are still being computed"
 
 
 def angle_fields(gui: viser.GuiApi, robot: Robot, q: FloatArray) -> FieldArray:
@@ -320,18 +315,14 @@ def coupled_joints(robot: Robot, target: Target, before: FloatArray) -> CoupledJ
 
 
 class PoseCoupling:
-    """Keeps pose fields and angle fields the same pose, without rewriting what is being typed.
-
-    A typed pose changes the angles to the solution nearest to those before that field was begun. A pose out
-    of reach leaves them there, a line says why, and nothing may move until it is mended.
-    """
+    """Keeps pose and angle fields the same pose; out of reach, the angles stay and nothing may move."""
 
     def __init__(self, session: Session, angles: FieldArray, changed: Callable[[], None]) -> None:
         """Add the pose fields to the present container; ``changed`` is called with new joint angles."""
         self._session, self._angles, self._changed = session, angles, changed
         self._robot = session.console.robot
         gui = session.gui
-        LiveHtml(gui, muted(_HEAD))
+        LiveHtml(gui, muted("Tool pose at these angles: type a pose, and the joint angles follow."))
         self._before: FloatArray = session.snapshot.q_command.copy()
         self.pose = PoseFields(gui, self._robot, self._before)
         self._line = LiveHtml(gui, self._pose_line(self._before))
@@ -374,7 +365,7 @@ class PoseCoupling:
             except ArmctlError:  # half-typed: those before
                 pass
         self._newest.drop()
-        self._unmet = _SOLVING
+        self._unmet = "its joint angles are still being computed"
         await self._solver.run()
 
     async def _on_hold(self) -> None:
@@ -416,6 +407,5 @@ class PoseCoupling:
         self._line.show(why if self._unmet else self._pose_line(q))
 
     def _pose_line(self, q: FloatArray) -> str:
-        """The orientation as the fields do not show it."""
         turns = ", ".join(f"{name} {angle}" for name, angle in base_turns(self._robot.forward(q), 2))
         return muted(f"As turns about the base's axes: {turns}")

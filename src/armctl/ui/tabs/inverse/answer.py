@@ -29,7 +29,6 @@ _SAME_RAD = 1e-9
 _SAME_BRANCH, _SAME_PLACE_M = 1e-6, 1e-3
 _MOST_POINTS = 1000
 """of an energy curve"""
-_BEST_COLOR = "#e03131"
 
 
 @dataclass(frozen=True, slots=True)
@@ -236,7 +235,7 @@ def _energy_curve(robot: Robot, found: Answer) -> Picture | str:
         at = np.searchsorted(kept, best)
         dot = np.full(len(kept), np.nan)
         dot[at] = np.fmin.reduce([line.y[at] for line in lines])
-        lines.append(Line("least energy", dot, _BEST_COLOR, mark=True))
+        lines.append(Line("least energy", dot, "#e03131", mark=True))
     title = f"Energy ({_UNITS[found.criterion][1]}): {found.criterion}"
     return Picture(title, f"{robot.joints[free].title} (°)", angles[kept], tuple(lines))
 

@@ -225,7 +225,6 @@ class InverseScreen:
             self._selected.show(f"<div>selected row {row}: will go to θ = (<b>{angles}</b>)°</div>")
 
     def _on_row(self) -> None:
-        """A page was turned or a row chosen: the ghost shows the row."""
         found, row = self._answer, self._pager.row
         if found is None:
             return
@@ -312,7 +311,7 @@ class BranchView:
         self._toggled = toggled
         self._robot, self._ghost = session.console.robot, session.ghost
         self._scene = session.client.scene
-        self._ghosts: list[ArmFigure | viser.LabelHandle] = []
+        self._ghosts: list[viser.FrameHandle | viser.LabelHandle] = []
         self._answer: Answer | None = None
         gui = session.gui
         self._ticked = gui.add_checkbox("Show as ghosts", initial_value=False)
@@ -359,7 +358,7 @@ class BranchView:
             figure = ArmFigure(self._scene, robot, f"/branches/{i}", color=color, opacity=_OPACITY)
             figure.pose(best.branch.q)
             words = ", ".join(one.label for one in alike)
-            self._ghosts += [figure, self._scene.add_label(f"/branches/label{i}", words, position=place)]
+            self._ghosts += [figure.root, self._scene.add_label(f"/branches/label{i}", words, position=place)]
 
     def _label_places(self, q: FloatArray) -> FloatArray:
         """(k, 3) origins of the one frame at which the arms at ``q`` (k, n) [rad] are farthest apart [m]."""

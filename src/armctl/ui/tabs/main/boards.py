@@ -81,7 +81,6 @@ _ENABLE_NOTE = (
     "hold the arm near that pose or keep clear."
 )
 _TAKE_OVER_NOTE = "The servos are on: **Enable** takes the arm over where it stands. Nothing jumps."
-_MOTORS_NOTE = "**Enable** switches the motors on; they hold the arm where it stands."
 _LOST_NOTE = (
     "The board is lost. See to its cable and its power, then press **Connect**; nothing moves by itself."
 )
@@ -98,7 +97,7 @@ def enable_note(snapshot: Snapshot, board: str) -> str:
     if not board_type(board).homing:
         return _TAKE_OVER_NOTE if snapshot.powered else _ENABLE_NOTE
     homed = bool(snapshot.homing) and all(axis.homed for axis in snapshot.homing)
-    return _MOTORS_NOTE if homed else _UNHOMED_NOTE
+    return "**Enable** switches the motors on; they hold the arm where it stands." if homed else _UNHOMED_NOTE
 
 
 def homing_html(snapshot: Snapshot) -> str:

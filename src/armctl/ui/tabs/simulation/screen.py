@@ -135,10 +135,7 @@ class JointHistory:
         return bool(self._rows) and self._rows[-1][0] - self._rows[0][0] > 0.98 * SPAN_S
 
     def add(self, stamp: float, q_command: FloatArray, q: FloatArray) -> None:
-        """Add one state (n,) [rad], if it is newer; what is older than the span is dropped.
-
-        The commanded angle stands for one that the board does not know: the plot's scale needs numbers.
-        """
+        """Add a newer state (n,) [rad]; the commanded angle stands for one the board does not know."""
         if self._rows and stamp <= self._rows[-1][0]:
             return
         if not self._rows:
@@ -174,10 +171,7 @@ class JointGraph:
         self._plot.show(self._picture())
 
     def add(self, snapshot: Snapshot, standing: FloatArray) -> None:
-        """Take a snapshot in and send the graph about five times a second.
-
-        ``standing`` (n,) is where the arm was commanded to be, or else where it was last known [rad].
-        """
+        """Send the graph about five times a second; ``standing`` (n,): commanded, else last known [rad]."""
         self._history.add(snapshot.stamp, standing, snapshot.q)
         if snapshot.stamp - self._sent_at < _PERIOD_S:
             return

@@ -122,13 +122,12 @@ class TwinControl:
         state = plan.sample(self._elapsed_s)
         with self._session.client.atomic():
             self._figure.pose(state.q, state.opening)
-            self._figure.visible = True
+            self._figure.root.visible = True
 
     def _finish(self, text: str) -> None:
-        """Take the twin out of the view."""
         self._plan = None
         if self._figure is not None:
-            self._figure.visible = False
+            self._figure.root.visible = False
         self._path.hide()
         self._text.show(text)
 
@@ -153,11 +152,7 @@ _TEXT = {
 
 
 class LiveTarget:
-    """The switch, the target and its fields. Only the operator may have the arm follow.
-
-    The arm gets the newest target ten times a second while the page gives signs of life, and brakes half a
-    second after the last one; the twin follows as the arm would, on the page's own clock.
-    """
+    """The switch, the target and its fields; the arm brakes half a second after the last target it got."""
 
     def __init__(self, session: Session) -> None:
         self._session = session
@@ -221,12 +216,11 @@ class LiveTarget:
             session.spawn(self._require_life(is_newest))
 
     async def _end(self) -> None:
-        """Nothing follows any more."""
         before, self._mode = self._mode, OFF
         self._newest.drop()
         self._point.target.visible = self._box.visible = False
         if self._twin is not None:
-            self._twin[1].remove()
+            self._twin[1].root.remove()
             self._twin = None
         if before == ARM and self._session.operates:
             await self._session.submit(FollowTarget(None))
@@ -236,7 +230,6 @@ class LiveTarget:
         return Target.of(np.array(self._point.target.position))
 
     async def _lead_twin(self, is_newest: Callable[[], bool]) -> None:
-        """Have the twin follow the target at the speed override."""
         if not is_newest():  # switched off before this began
             return
         session, robot, clear = self._session, self._robot, KeepClear(self._robot)

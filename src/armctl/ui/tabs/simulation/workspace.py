@@ -203,10 +203,7 @@ _AXIS_TEXT = "font-size='11' fill='currentColor' fill-opacity='.75'"
 def in_plane(
     robot: Robot, T_base_plane: FloatArray, outline: tuple[FloatArray, ...], q: FloatArray
 ) -> tuple[tuple[FloatArray, ...], FloatArray, float | None]:
-    """A section in the plane ``T_base_plane`` (4, 4), its lines (k, 2) [m], and the arm at ``q`` (n,) [rad].
-
-    All in mm, across and up: the outline; (k, 2) joints and tip; the floor, None in a plane not upright.
-    """
+    """Outline, arm (k, 2) at ``q`` (n,) [rad] and floor (None: not upright) in a plane (4, 4), all in mm."""
     rise = np.array([0.0, T_base_plane[2, 3]])
     points = (robot.frames(q)[:, :3, 3] - T_base_plane[:3, 3]) @ T_base_plane[:3, :3]
     upright = float(T_base_plane[2, 2]) > 1 - 1e-9

@@ -44,10 +44,7 @@ _PLAY, _PAUSE = ("Play", viser.Icon.PLAYER_PLAY), ("Pause", viser.Icon.PLAYER_PA
 
 
 class GraphView:
-    """Draws the shown motion, and another one (A) beside it that was kept before.
-
-    A cursor, a slider over the motion's time or played, moves the ghost along it; the arm does not move.
-    """
+    """The shown motion, and another one (A) kept before; a cursor or playing moves the ghost, not the arm."""
 
     def __init__(self, session: Session, preview: Preview) -> None:
         self._session, self._preview = session, preview
@@ -201,10 +198,7 @@ _FLOOR_NEAR_M = 0.05
 def graph(
     shown: PlannedMotion, of: str, quantity: str, limits: str, cursor: float, beside: PlannedMotion | None
 ) -> Picture:
-    """One quantity of the tool (mm) or of the joints (degrees), with an upright line at ``cursor`` [s].
-
-    ``beside`` is drawn thin and dashed.
-    """
+    """One quantity of tool (mm) or joints (°), a line at ``cursor`` [s]; ``beside`` is drawn dashed."""
     time = shown.motion.time[thinned(len(shown.motion.time), _PLOT_SAMPLES)]
     if beside is not None and beside.motion.time[-1] > time[-1]:  # the other one takes longer
         rest = np.linspace(float(time[-1]), float(beside.motion.time[-1]), _PLOT_SAMPLES // 2)
@@ -235,7 +229,6 @@ def _lines(shown: PlannedMotion, of: str, quantity: str, time: FloatArray, mark:
 
 
 def _limits(shown: PlannedMotion, of: str, quantity: str, limits: str) -> list[tuple[str, float, str]]:
-    """Name, value and colour of each limit that is drawn."""
     robot, every = shown.robot, limits == "all"
     if limits == "none":
         return []

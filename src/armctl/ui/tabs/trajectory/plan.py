@@ -230,7 +230,6 @@ def _led(
 
 
 def _path_profile(profile: Profile) -> ProfileName:
-    """A profile that can be spread over a path."""
     if profile == "normal":
         raise InputError("normal leads each joint for itself, off the path; choose another profile")
     return profile

@@ -259,10 +259,7 @@ class MotionForm:
         return program, *((handle.label, handle.value) for handle in self._inputs if handle.visible)
 
     def request(self, present: FloatArray) -> MotionRequest:
-        """The motion that the fields ask for, with the arm at ``present`` (n,) [rad].
-
-        Errors name the field that holds no number that can be used; so below.
-        """
+        """The motion asked for, the arm at ``present`` (n,) [rad]; errors name the field, here and below."""
         motion = self._motion.value
         start = self._from.asked(present) if self._from.choice.visible else present
         profile, duration = self._profile.checked()

@@ -20,8 +20,6 @@ from armctl.ui.widgets.html import LiveHtml, fixed, heading, muted, strong, tabl
 from armctl.ui.widgets.plots import Line, LinePlot, Picture
 
 PAPER_DEG_S = 20.0
-_NOTHING = "Nothing is shown yet: press Show. A study moves nothing."
-_TOTAL_COLOR = "#212529"
 _PRINTED_M_S = {"abaas": 8.32}
 """tip speeds that a paper prints at 20 °/s and that cannot be [m/s]"""
 
@@ -45,7 +43,7 @@ class StudyView:
         gui = session.gui
         self.box = gui.add_folder(None, visible=False)
         with self.box:
-            self._note = LiveHtml(gui, muted(_NOTHING))
+            self._note = LiveHtml(gui, muted("Nothing is shown yet: press Show. A study moves nothing."))
             self._plot = LinePlot(gui)
             self._figures = LiveHtml(gui)
             export = gui.add_button("Export study (CSV)", icon=viser.Icon.DOWNLOAD, color="gray")
@@ -90,7 +88,7 @@ def study_picture(shown: ShownStudy) -> Picture:
         for i, joint in enumerate(study.moving)
     ]
     if study.total is not None:
-        lines.append(Line("all together", 1000 * study.total, _TOTAL_COLOR))
+        lines.append(Line("all together", 1000 * study.total, "#212529"))
     return Picture("Tip speed by joint (mm/s)", "time (s)", study.time, tuple(lines))
 
 
