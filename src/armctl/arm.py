@@ -57,11 +57,7 @@ class Arm:
     """
 
     def __init__(self, robot: Robot, rate_hz: float = 50.0, board: str = ANY_BOARD) -> None:
-        """Wire up an arm, as it is calibrated, without opening a line; ``open`` does both.
-
-        ``rate_hz``: setpoints a second. ``board``: what ``board_name`` called the board that it is calibrated
-        with; connecting to another real one is refused. ``NO_BOARD``: none was there.
-        """
+        """Wire up an arm as it is calibrated with ``board`` (see ``board_name``), without opening a line."""
         # The interpreter's default of 5 ms is what a tick would be late when other threads run Python.
         sys.setswitchinterval(min(sys.getswitchinterval(), _SWITCH_INTERVAL_S))
         clock = MonotonicClock()
@@ -115,10 +111,7 @@ class Arm:
         self._do(Enable())
 
     def home(self) -> None:
-        """Let motors with encoders find their zeros: every axis moves, slowly, to its home switch.
-
-        StateError: there is nothing to home. BoardError: an axis did not find its zero.
-        """
+        """Every axis moves, slowly, to its zero. BoardError: one did not find it. StateError: no encoders."""
         self._do(HomeAxes())
 
     def release(self) -> None:

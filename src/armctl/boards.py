@@ -29,8 +29,7 @@ ANY_BOARD, NO_BOARD = "*", ""
 class Boards:
     """Opens drivers of one robot, and owns the simulated board behind ``sim``.
 
-    ``board`` is what ``board_name`` called the board that the robot is calibrated with, or ``NO_BOARD``. A
-    driver of another real board refuses to open: its calibration, or its lack of one, is another.
+    A real board other than ``board``, a ``board_name``, is refused: its calibration is another.
     """
 
     def __init__(
@@ -45,15 +44,10 @@ class Boards:
         self._simulated: PtyServer[ByteModel] | None = None
 
     def driver(self, port: str) -> Driver:
-        """A driver for a port, not opened yet.
+        """A driver, not opened yet, for ``sim``, ``auto``, ``socket://host:port`` or a device.
 
-        Args:
-            port: ``sim``, ``auto``, a device or ``socket://host:port``; a device may have the kind of its
-                board in front (``firmata:/dev/ttyUSB0``), which must be that of the robot file.
-
-        Raises:
-            PortError: ``auto`` found no board, or more than one; another kind of board than the robot
-                file's; or the arm may only be simulated.
+        A device may have its board's kind in front (``firmata:/dev/ttyUSB0``). PortError: ``auto`` found none
+        or several; another kind than the robot file's; or the arm may only be simulated.
         """
         if port == SIMULATED:
             return self._driver(self.simulated().port, simulated=True)
@@ -150,9 +144,8 @@ def _require_real(port: str, robot: Robot) -> None:
 def board_name(port: str, robot: Robot, ports: Callable[[], Sequence[PortInfo]] = list_ports) -> str:
     """What a calibration is kept under: the serial number of the board on a port.
 
-    ``SIMULATED_SERIAL`` for the simulated board, and ``UNNUMBERED`` where no serial number is known (many
-    clones of the Arduino have none, a pty and a socket neither). ``PortError`` as ``Boards.driver``, and
-    where there is no such device.
+    ``UNNUMBERED`` where none is known (many clones of the Arduino, ptys, sockets). PortError as
+    ``Boards.driver``, and where there is no such device.
     """
     if port == SIMULATED:
         return SIMULATED_SERIAL
@@ -167,10 +160,6 @@ def board_name(port: str, robot: Robot, ports: Callable[[], Sequence[PortInfo]] 
 
 
 def calibrated_for(robot: Robot, board: str, store: CalibrationStore | None = None) -> Robot:
-    """The robot as it was calibrated with a board, named as by ``board_name``; unchanged where it never was.
-
-    Raises:
-        CalibrationError: the calibration that is kept cannot be read, or no longer fits the robot file.
-    """
+    """The robot as calibrated with a ``board_name``. CalibrationError: unreadable, or it no longer fits."""
     calibration = (store or CalibrationStore()).load(robot.name, board)
     return robot if calibration is None else calibrated(robot, calibration)

@@ -33,14 +33,11 @@ def check_program(
 ) -> list[Finding]:
     """What is wrong with a program for an arm, in the order of the steps; without errors it may be run.
 
-    A blended step is checked as if it stopped. That misses no error: its corner is checked when it is run,
-    and one that is refused there (through the floor, say) becomes a stop. Warnings that only a corner would
-    give are missed. Of a repeat block two passes are checked: from the third on they are like the second.
-
-    ``motions``: also plan every motion whose start is known and check all of them (slower). ``start``: (n,)
-    where the first motion starts [rad]; None: not known, only its end is checked. ``payload_kg``: what the
-    tool holds; None: what the robot file says. ``progress`` is called with how many steps are checked and
-    how many there are; what it raises ends the check.
+    A blended step is checked as if it stopped: a corner that is refused when it is run
+    becomes a stop, and warnings that only a corner gives are missed.
+    ``motions``: also plan and check every motion whose start is known, of a block in two passes (slower).
+    ``start``: (n,) where the first begins [rad]; None: not known. ``payload_kg``: None: as in the robot file.
+    ``progress`` is called with the steps checked and all steps; what it raises ends the check.
     """
     findings: list[Finding] = []
     if program.robot != robot.name:
@@ -75,11 +72,7 @@ _TOGETHER, _ALONE = 32, 2
 
 
 class _Walk:
-    """Plans the motions of a program from step to step, two passes of each block.
-
-    What a step or a block does depends only on where it is entered. So what was walked from the same place
-    before is not walked again: blocks in blocks cost no more than their steps.
-    """
+    """Plans from step to step, two passes of each block; what was walked from the same place, once."""
 
     def __init__(
         self, program: Program, robot: Robot, skipped: Container[int], payload_kg: float | None
@@ -150,10 +143,7 @@ class _Walk:
                     self.found.append(replace(one, step=index))
 
     def _clear_together(self, trajectories: list[Trajectory], step: MotionStep) -> bool:
-        """Whether nothing is found in motions that follow each other, all of the kind of ``step``.
-
-        What the arm touches at its start it may touch later on: there, each motion is looked at by itself.
-        """
+        """Whether nothing is found in motions that follow each other, nor touched at their start."""
         robot, motion = self.robot, JoinedTrajectory(trajectories)
         start = LinkFrames.at(robot.chain, motion.start[None])
         if any((source(robot).gaps(start) < 0).any() for source in (Floor, Obstacles, SelfCollision)):

@@ -147,11 +147,7 @@ def unguarded(text: str) -> str:
 
 
 def write_csv(program: Program, robot: Robot, form: CsvForm = "angles") -> str:
-    """The program as CSV; ``read_csv`` gives the same steps again.
-
-    With ``points``, a move is written as the point (with tool pitch and roll, where the arm has them) to
-    which its angles lead. Which of the solutions the arm takes there is then chosen when it is run.
-    """
+    """The program as CSV; ``points``: moves become points, whose solution is chosen when they are run."""
     steps = list(program.steps)
     for index, step in enumerate(steps):
         if isinstance(step, MoveStep):

@@ -107,11 +107,7 @@ def begin_program(
     first: int = 0,
     count: int | None = None,
 ) -> PlanState:
-    """Check a program and stand before its first step, with the arm at ``start`` (n,) [rad].
-
-    It runs ``loops`` passes (None: without end), the first of them from the step ``first`` on, and ``count``
-    steps of it (None: all). InputError: one of them cannot be.
-    """
+    """Check it, stand before step ``first`` at ``start`` (n,) [rad]. InputError: no such step or count."""
     first = _whole(first, "the first step")
     loops = None if loops is None else _whole(loops, "how often a program runs")
     count = None if count is None else _whole(count, "how many steps to run")
@@ -167,11 +163,7 @@ def plan_next(robot: Robot, source: ProgramSource, state: PlanState) -> tuple[li
 
 
 def _draw(robot: Robot, source: ProgramSource, state: PlanState) -> tuple[list[PlannedStep], bool]:
-    """The next steps with their legs, as far as a blended motion looks ahead; whether it ends at rest there.
-
-    Where the first moving step cannot be solved, it is the last one and says why; where a later one cannot,
-    the motion ends before it.
-    """
+    """The next steps with their legs, as far as a blend looks ahead; whether it ends at rest there."""
     steps = list(state.known)
     state = steps[-1].after if steps else replace(state, entry=None)
     times = [_least_time(robot, step.leg) for step in steps if step.leg is not None]

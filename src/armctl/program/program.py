@@ -90,11 +90,7 @@ _RANGE = re.compile(r"\s*(\d{1,6})\s*(?:(?:-|–|…|to)\s*(\d{1,6})\s*)?")
 
 
 def add(program: Program, step: Step, where: str, selected: int) -> Change:
-    """A step goes to one of the ``PLACES``.
-
-    A step put before the selected row leaves that row selected, one put after it is selected itself, so
-    that several come out in the order in which they were added.
-    """
+    """A step goes to one of the ``PLACES``; several put before or after the selected row keep their order."""
     count = len(program.steps)
     spans = ((count, 0), (selected, 0), (selected + 1, 0), (selected, 1))
     at, removed = dict(zip(PLACES, spans, strict=True))[where] if count else (0, 0)
@@ -108,10 +104,7 @@ def replace(program: Program, row: int, step: Step) -> Change:
 
 
 def delete(program: Program, row: int) -> Change:
-    """Without a row; one marker of a block takes the other with it, what it repeated stays.
-
-    The next row is selected, or the last.
-    """
+    """Without a row; a marker of a block takes its partner with it. The next row is selected, or the last."""
     _require_row(program, row)
     first, last = Blocks.of(program.steps).whole(row)
     steps = tuple(step for i, step in enumerate(program.steps) if i not in (first, last))
@@ -183,11 +176,7 @@ def _with(program: Program, steps: tuple[Step, ...]) -> Program:
 
 
 class Cursor:
-    """Where one pass of a program is; repeats are counted, never written out.
-
-    Blocks without a step that does something are passed over whole, however often they are to be repeated.
-    A copy has one counter for each open block of its own and shares the rest.
-    """
+    """Where one pass of a program is; repeats are counted, blocks that do nothing are passed over whole."""
 
     def __init__(self, program: Program, first: int = 0) -> None:
         """Stand before the step ``first``: in a block in its first pass, which its ``end`` ends at once."""

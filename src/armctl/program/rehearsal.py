@@ -96,11 +96,9 @@ def rehearse(
     most_steps: int = 100_000,
     as_far: bool = False,
 ) -> Rehearsal:
-    """One pass of a program from ``start`` (n,) [rad]; ``wait`` and the gripper take their time too.
+    """One pass of a program from ``start`` (n,) [rad] at an ``opening`` 0..1, cut at ``longest_s`` [s].
 
-    ``opening``: of the gripper, 0..1; None: not known. It is cut where ``longest_s`` [s] or ``most_steps``
-    are planned. A step that cannot be run is a ProgramError; with ``as_far`` it ends the rehearsal
-    (``broken``) instead, unless it is the first.
+    A step that cannot be run is a ProgramError; with ``as_far`` it ends the rehearsal, but for the first.
     """
     source, state, at = ProgramSource(program), begin_program(robot, program, start), 0.0
     steps: list[RehearsedStep] = []

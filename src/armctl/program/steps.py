@@ -1,8 +1,4 @@
-"""The steps of a program: one struct a kind, which says how it is written, shown, checked, planned and run.
-
-Files, the form, the list and the buttons of the page, CSV columns and scripts are made from what a struct
-says of itself: a new kind of step is a struct here and its entry in ``KINDS``.
-"""
+"""The steps of a program: one struct a kind, from which files, forms, CSV columns and scripts are made."""
 
 from __future__ import annotations
 
@@ -173,11 +169,7 @@ class MotionStep(Step, frozen=True, kw_only=True):
         return PiecewisePolynomial([0.0, 1.0], np.stack([start, end - start])[None])
 
     def leg(self, robot: Robot, start: FloatArray) -> Leg | None:
-        """It as a leg of a blended motion; None where it goes nowhere. Raises as ``path``.
-
-        In a blended motion the speed plan over all legs replaces the step's law, and its duration is a
-        shortest one.
-        """
+        """It as a leg of a blend, in which it has no law of its own; None: nowhere. Raises as ``path``."""
         path = self.path(robot, start)
         if path is None:
             return None

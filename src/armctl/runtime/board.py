@@ -94,10 +94,7 @@ class Board:
     """An open board. Every method may raise ``BoardError``; then it is best closed."""
 
     def __init__(self, robot: Robot, open_driver: Callable[[str], Driver], port: str) -> None:
-        """Open the line, find out who is there and tell it what each channel may do. Moves nothing.
-
-        A real board is refused where the robot file does not say which pulse is which angle.
-        """
+        """Open the line, set the channels; moves nothing. Without a servo map only a simulated board."""
         self.map = output_map(robot)
         self.unit_per_rad = np.abs(self.map.per_rad)
         """(n,) board units a radian"""

@@ -1,7 +1,4 @@
-"""What the outside may ask of the controller, and the ticket that it gets for it.
-
-Commands are plain immutable records. STOP is not among them: it bypasses every queue (``Controller.stop``).
-"""
+"""What the outside may ask of the controller, and its tickets. STOP is a call: ``Controller.stop``."""
 
 from __future__ import annotations
 
@@ -68,11 +65,7 @@ class ClearFault(Command, frozen=True):
 
 
 class MoveJoints(MovingCommand, frozen=True):
-    """Go to joint angles ``q`` (n,) [rad]; shortest time unless a duration is given.
-
-    ``profile``: "cubic" (cubic, synchronised) or "normal" (each joint at its own speed; a duration
-    then makes it a planned one).
-    """
+    """Go to ``q`` (n,) [rad], in shortest time by default; profile "normal": each joint at its own speed."""
 
     q: FloatArray
     duration_s: float | None = None
@@ -95,19 +88,13 @@ class Follow(MovingCommand, frozen=True):
 
 
 class Jog(HeldCommand, frozen=True):
-    """Turn joints at ``rate`` (n,), each -1 ... 1 of the joint's speed limit, while such commands come.
-
-    Each one expires 100 ms after it arrives; the arm then slows down inside its limits.
-    """
+    """Turn joints at ``rate`` (n,), -1 ... 1 of their speed limits; expires after 100 ms, then slows down."""
 
     rate: FloatArray
 
 
 class JogTool(HeldCommand, frozen=True):
-    """Move the tool along a straight line, or turn it in its place, while such commands come.
-
-    Expires as ``Jog`` does. All speeds are scaled together where the arm cannot give them.
-    """
+    """Move the tool along a line, or turn it in its place; scaled as a whole. Expires as ``Jog``."""
 
     linear: FloatArray
     """(3,) [m/s], in ``frame``"""
@@ -125,10 +112,7 @@ class JogTool(HeldCommand, frozen=True):
 
 
 class FollowTarget(HeldCommand, frozen=True):
-    """Follow a target that moves: the newest one counts. Sent again and again while it is followed.
-
-    Expires 500 ms after it arrives; the arm then slows down inside its limits. None: slow down now.
-    """
+    """Follow the newest target (None: slow down now); expires after 500 ms, then slows down."""
 
     target: Target | None
 
@@ -177,12 +161,10 @@ Answer = tuple[Future[None], ArmctlError | None]
 
 
 class Ticket:
-    """Two futures of one command; any thread may wait for them.
+    """Two futures of one command; any thread may wait for them, and none can cancel them.
 
-    ``accepted`` is done as soon as the command has begun, or carries the ``ArmctlError`` that refused it.
-    ``finished`` is done when what it began is over: at once for most commands, at the end of the motion for
-    motions; it carries the error that refused, stopped or broke it. Neither can be cancelled: only STOP
-    stops a motion.
+    ``accepted``: it has begun. ``finished``: what it began is over. Both carry the ``ArmctlError`` that
+    refused it, ``finished`` also what stopped or broke it.
     """
 
     def __init__(self, answers: list[Answer]) -> None:
@@ -212,10 +194,7 @@ class Ticket:
         self._answers += (self.accepted, error), (self.finished, error)
 
     def result(self, timeout: float | None = None) -> None:
-        """Wait until it is over; raises what refused, stopped or broke it.
-
-        ``TimeoutError``: it is not over after ``timeout`` seconds; it goes on.
-        """
+        """Wait until it is over; raises what refused, stopped or broke it. ``TimeoutError``: it goes on."""
         self.finished.result(timeout)
 
 

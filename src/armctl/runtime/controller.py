@@ -37,10 +37,7 @@ _STOPPING_S = 5.0
 
 
 class Controller:
-    """Runs one arm. ``submit``, ``stop`` and ``snapshot`` may be called from any thread.
-
-    ``start`` begins the thread that ticks; without it, ``tick`` may be called by hand (tests, offline runs).
-    """
+    """Runs one arm. Any thread may use it; ``tick`` is for offline runs, without ``start``."""
 
     def __init__(
         self,
@@ -50,11 +47,7 @@ class Controller:
         rate_hz: float = 50.0,
         executor: Executor | None = None,
     ) -> None:
-        """Wire it up; ``open_driver`` gives a driver, not opened yet, for a port as the user names it.
-
-        ``rate_hz``: ticks a second, 10 ... 200 (else ``InputError``). ``executor``: where motions are
-        planned; None: a thread of its own.
-        """
+        """``open_driver``: a driver for a port, not opened. ``executor`` plans; None: a thread of its own."""
         low, high = _RATES_HZ
         if not low <= rate_hz <= high:
             raise InputError(f"a rate of {rate_hz} Hz is outside {low:.0f} … {high:.0f} Hz")
@@ -90,10 +83,7 @@ class Controller:
         self._thread.start()
 
     def submit(self, command: Command, origin: Origin | None = None) -> Ticket:
-        """Ask for something; it is looked at at the next tick, which this brings forward.
-
-        ``origin``: who asks, for the log. The ticket answers twice: ``accepted`` and ``finished``.
-        """
+        """Ask for something at the next tick, which this brings forward; ``origin`` is for the log."""
         with self._lock:
             if self._closed:
                 return Ticket.ended(StateError("the controller is closed"))
@@ -103,10 +93,7 @@ class Controller:
         return order.ticket
 
     def stop(self, origin: Origin | None = None) -> Ticket:
-        """STOP: bypasses every queue; what was asked for before it and has not begun is dropped.
-
-        The ticket is ``finished`` when the arm is at rest.
-        """
+        """STOP: drops what was asked for before it; the ticket is ``finished`` when the arm is at rest."""
         with self._lock:
             if self._closed:
                 return Ticket.ended()
@@ -138,11 +125,7 @@ class Controller:
         give(self._answers)
 
     def close(self) -> None:
-        """Bring a moving arm to rest, close the line and end; the outputs stay as they are.
-
-        May be called more than once. An interrupt (Ctrl-C) is raised when the arm is at rest: a process that
-        ended before would leave it in the middle of its motion.
-        """
+        """Bring the arm to rest, close the line, end; the outputs stay. Ctrl-C is raised after that."""
         interrupt: KeyboardInterrupt | None = None
         while True:
             try:

@@ -160,10 +160,7 @@ class Core:
         plan: Callable[..., object],
         *args: object,
     ) -> None:
-        """Plan a motion from ``start`` (n,) [rad] off this thread; it begins once its plan is there.
-
-        ``take`` makes an activity of the plan; None: the plan is a trajectory to follow.
-        """
+        """Plan from ``start`` (n,) [rad] off this thread; ``take`` makes an activity of it, None follows."""
         if self._motion is not None:
             raise StateError("another motion is being planned; stop it first")
         future = self.submit(plan, self.robot, start, *args)
@@ -412,10 +409,7 @@ class Core:
         self._enter(State.OFF if self.gate.q is None else State.HOLDING, cause)
 
     def _drop_all(self, error: ArmctlError) -> ArmctlError | None:
-        """Forget everything that runs or waits; the arm gets no further setpoint.
-
-        Gives the reason why a board that moves the arm by itself may go on; None: it does not.
-        """
+        """Drop all that runs or waits; why a board that moves by itself may go on, None: it does not."""
         self.drop_motion(error)
         goes_on: ArmctlError | None = None
         activity, self.activity = self.activity, None

@@ -45,10 +45,7 @@ class Jogger(Led):
         self._line: ToolLine | None = None
 
     def command(self, wanted: FloatArray | JogTool, expires: float) -> None:
-        """Move on until the controller clock says ``expires`` [s].
-
-        ``wanted``: (n,) joint rates, -1 ... 1 of the speed limits, or how to move the tool.
-        """
+        """Move on until ``expires`` [s]; ``wanted``: (n,) -1 ... 1 of the speed limits, or of the tool."""
         self._wanted = wanted
         self._lead_on(expires)
 
@@ -69,10 +66,7 @@ class Jogger(Led):
         return (q, v), notice
 
     def _lead(self, expired: bool, dt: float) -> tuple[FloatArray, str | None]:
-        """Speeds (n,) [rad/s] to go for, and what holds the tool back.
-
-        A jog of another kind or direction waits until the arm stands.
-        """
+        """Speeds (n,) [rad/s], what holds the tool back; a jog of another kind waits for standstill."""
         wanted, servo = self._wanted, self._servo
         going_on = isinstance(wanted, JogTool) and self._line is not None and self._line.continues(wanted)
         if self._line is not None and (expired or not going_on):
@@ -124,10 +118,7 @@ class ToolLine:
     def lead(
         self, servo: JointServo, share: float, dt: float, command: JogTool | None = None
     ) -> tuple[FloatArray, str | None]:
-        """Joint speeds (n,) [rad/s] after ``dt`` [s], and what holds the tool back.
-
-        ``share``: 0 ... 1 of the speed of ``command``, which ``continues`` the line; None: as before.
-        """
+        """Joint speeds (n,) [rad/s] after ``dt`` [s] at a ``share`` 0 ... 1, and what holds the tool back."""
         self._command = self._command if command is None else command
         pull_back = max(_PULL_BACK_S, dt)
         along, back, stray = self._rates(self._ahead(servo, servo.v, dt), pull_back)
@@ -151,10 +142,7 @@ class ToolLine:
         return np.clip(servo.q + 0.5 * (servo.v + speeds) * dt, servo.low, servo.high)
 
     def _rates(self, q: FloatArray, pull_back_s: float) -> tuple[FloatArray, FloatArray, float]:
-        """What moves the tool from ``q`` (n,): joint rates (n,) along the whole command and back to the line.
-
-        And how much of the tool's speed is not as the command wants it, as a share.
-        """
+        """Joint rates (n,) along the command and back to the line; the share of speed that strays."""
         moving = self._moving
         pose, J = self._robot.forward(q), self._robot.jacobian(q)
         linear = self._turn @ self._command.linear
@@ -195,10 +183,7 @@ class ToolLine:
     def _pace(
         self, servo: JointServo, along: FloatArray, back: FloatArray, share: float, dt: float
     ) -> tuple[float, FloatArray, int | None]:
-        """How fast to go along the line: as near to ``share`` of the command as all joints can.
-
-        Share of the command, joint speeds (n,) [rad/s] and the joint whose limit does not let the tool go on.
-        """
+        """Share of the command that all joints can, joint speeds (n,) [rad/s], the joint at its limit."""
         v, a = servo.v, servo.acceleration_limits
         room = self._room(servo, np.sign(back), a, dt)
         back = back * float(np.minimum(room / np.maximum(np.abs(back), 1e-12), 1.0).min())

@@ -139,10 +139,7 @@ def fastest_inside(room: FloatArray, v: FloatArray, a: FloatArray, dt: float) ->
 
 
 class KeepClear:
-    """Looks along short ways for the first configuration that may not be.
-
-    A gap that is closed where the way begins must not close further. Immutable: any thread may use it.
-    """
+    """Finds what is in the way; a gap closed where a way begins must not close further. For any thread."""
 
     def __init__(self, robot: Robot) -> None:
         self._robot = robot
@@ -155,10 +152,7 @@ class KeepClear:
         self._levers = np.concatenate([source.levers for source, _ in self._sources])
 
     def blocked(self, path: FloatArray) -> tuple[int, str] | None:
-        """The first row of ``path`` (k, n) [rad] that may not be, and why; None: all may be.
-
-        The first row is where the arm is, and always may be.
-        """
+        """First row of ``path`` (k, n) [rad] that may not be, and why; None: all may. Row 0 always may."""
         links = LinkFrames.at(self._robot.chain, path)
         first: tuple[int, str] | None = None
         for source, words in self._sources:
@@ -173,21 +167,14 @@ class KeepClear:
         return first
 
     def line(self, start: FloatArray, end: FloatArray) -> FloatArray:
-        """Configurations (k, n) from ``start`` to ``end`` (n,), evenly spaced.
-
-        Near enough to each other for ``blocked``, which looks at them and not in between.
-        """
+        """(k, n) rows from ``start`` to ``end`` (n,), evenly spaced, near enough for ``blocked``."""
         moves = float((self._levers @ np.abs(end - start)).max(initial=0.0))
         count = int(np.clip(np.ceil(moves / _STEP_M), 1, _MOST_LOOKS))
         return start + np.linspace(0.0, 1.0, count + 1)[:, None] * (end - start)
 
 
 class Led(ABC):
-    """What a jog and a live target share: the way is decided anew at each tick, by commands that expire.
-
-    At each tick the joints can still be brought to rest before their limits, and the arm before the
-    floor, an obstacle or itself: a step after which they could not is not taken.
-    """
+    """A jog or a live target: at each tick, the arm can still rest before limits and obstacles."""
 
     label = ""
     begun = True

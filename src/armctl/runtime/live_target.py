@@ -39,10 +39,7 @@ class LiveGoal:
 
 
 class Follower(Led):
-    """Joints that move toward the newest target inside every limit.
-
-    One target at a time is solved for, on another thread; of those that come meanwhile the newest counts.
-    """
+    """Joints that move toward the newest target; one at a time is solved for, on another thread."""
 
     label = "live target"
 
@@ -144,10 +141,7 @@ def live_goal(robot: Robot, clear: KeepClear, q: FloatArray, target: Target, pit
 
 
 def _toward_nearest(robot: Robot, q: FloatArray, found: Solutions, pitch: float | None) -> LiveGoal:
-    """To the reachable point that comes nearest to a target without a solution.
-
-    Or just short of it: at the edge of its reach the arm is singular, and its branches meet.
-    """
+    """To the reachable point nearest to the target, or just short of it: at its edge the arm is singular."""
     goal, point, target = found.nearest_q, found.nearest_m, found.target
     if goal is None or point is None:
         return LiveGoal(None, f"{found.reason}; the arm waits")

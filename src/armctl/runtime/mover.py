@@ -84,11 +84,7 @@ class PathMover:
         self._stopped = False
 
     def append(self, trajectory: Trajectory, tag: Hashable, *, goes_on: bool) -> None:
-        """Go on with another trajectory, which starts as the last one ends; ``tag`` names it while it runs.
-
-        ``goes_on``: it does not end at rest, another one must follow. Until that is here, the arm slows
-        down along the path before the end and waits.
-        """
+        """Go on with another; ``goes_on``: it ends in motion, and the arm slows down until one follows."""
         self._stretches.append(_Stretch(trajectory, tag, self._end, self._end + trajectory.duration))
         self._end += trajectory.duration
         self.goes_on = goes_on

@@ -32,11 +32,7 @@ _LONGEST_S = 180.0
 
 
 def enable(core: Core, wanted: FloatArray | None, who: str, now: float) -> None:
-    """Switch the pulses on: servos that were off jump to ``wanted`` (n,) [rad], those that are on stay.
-
-    Refused where a joint is on and outside its limits, two readings differ, or joints would jump to below
-    the floor.
-    """
+    """Pulses on: servos that were off jump to ``wanted`` (n,) [rad] (None: the rest pose), others stay."""
     if core.state in POWERED and core.gate.q is not None and wanted is None:
         return
     if core.state is not State.OFF or core.board is None:

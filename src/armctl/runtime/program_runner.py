@@ -227,10 +227,7 @@ class ProgramFeed:
     """
 
     def __init__(self, robot: Robot, begun: Begun, submit: Submit, early_s: float) -> None:
-        """Begin with the steps that are planned.
-
-        ``early_s``: how long before it is due a motion may be taken [s]; twice as much is planned.
-        """
+        """``early_s``: how long before it is due a motion may be taken [s]; twice as much is planned."""
         self._robot = robot
         self._ahead_s = 2 * early_s
         self._source, steps, self._state = begun
@@ -248,10 +245,7 @@ class ProgramFeed:
         self._fill()
 
     def peek(self) -> PlannedStep | None:
-        """The next step, once it is planned; None while it is being planned, or at the end.
-
-        Raises what made the planner fail, after every step that it had planned before was taken.
-        """
+        """The next step; None: not planned yet, or the end. Raises why planning failed, after its steps."""
         self._fill()
         if self._ready:
             return self._ready[0]
