@@ -149,3 +149,19 @@ def test_an_arm_is_connected_to_the_board_that_it_is_calibrated_with() -> None:
     finally:
         driver.close()
         simulator.close()
+
+
+@pytest.mark.parametrize(("name", "rate"), [("uzuner", 115_200), ("abaas", 57_600), ("scorbot", 115_200)])
+def test_a_line_is_opened_at_the_rate_of_the_board(
+    name: str, rate: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rates: list[int] = []
+
+    def refused(port: str, *, baud: int) -> None:
+        rates.append(baud)
+        raise PortError(port)
+
+    monkeypatch.setattr("armctl.hardware.transport.SerialTransport", refused)
+    with pytest.raises(PortError):
+        boards(name).driver("/dev/ttyUSB7").open()
+    assert rates == [rate]

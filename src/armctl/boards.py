@@ -78,8 +78,10 @@ class Boards:
             server.__exit__(None, None, None)
 
     def _driver(self, line: str, *, simulated: bool = False) -> Driver:
-        connection = Connection(line, self._now, self._ports, partial(self._accept, line), simulated)
-        return board_type(self._robot.board).driver(setup_of(self._robot), connection)
+        board = board_type(self._robot.board)
+        accept = partial(self._accept, line)
+        connection = Connection(line, self._now, self._ports, accept, simulated, board.baud)
+        return board.driver(setup_of(self._robot), connection)
 
     def _accept(self, line: str, serial_number: str | None) -> None:
         """Refuse the board of another calibration: a name of a port may mean another board by now."""

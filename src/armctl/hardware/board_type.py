@@ -97,7 +97,7 @@ class BoardType(ABC):
     """how a port with this board may be listed, likeliest first; those of one group are as likely"""
     shared: ClassVar[tuple[str, ...]] = ()
     """which of these are listings behind which another kind of board may be as well"""
-    baud: ClassVar[int] = 115_200
+    baud: ClassVar[int] = 115_200  # at which its line is opened
     restarts: ClassVar[bool] = False
     """whether opening its port starts it anew: it may take seconds to answer then"""
     homing: ClassVar[bool] = False

@@ -234,13 +234,14 @@ class Connection:
     accept: AcceptBoard = any_board  # judges the board that is there, before it is spoken to
     simulated: bool = False
     """whether a simulated board of this program is at the other end: late on a busy computer, never gone"""
+    baud: int = _BAUD  # what the kind of board says
 
     @property
     def restarts_board(self) -> bool:
         """Whether opening the line starts an Arduino anew, as a device's control lines do."""
         return isinstance(self.line, str) and "://" not in self.line and not is_pseudo_terminal(self.line)
 
-    def open(self, baud: int = _BAUD) -> tuple[Transport, PortInfo | None]:
+    def open(self) -> tuple[Transport, PortInfo | None]:
         """Open the line, and see which board is behind it; None where the system does not tell.
 
         Opening the line of an Arduino starts it anew and lets its servos or motors go, so a board that is
@@ -252,7 +253,7 @@ class Connection:
             raise PortError(f"{self.line}: {info.why_not}")
         if info is not None:
             self.accept(info.serial_number)
-        transport = SerialTransport(self.line, baud=baud) if isinstance(self.line, str) else self.line()
+        transport = SerialTransport(self.line, baud=self.baud) if isinstance(self.line, str) else self.line()
         try:
             info = self._listed()
             if not self.simulated:

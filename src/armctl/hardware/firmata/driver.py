@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from armctl.errors import BoardError, BoardProtocolError, BoardTimeoutError
 from armctl.hardware.driver import BoardIdentity, ChannelSettings, ChannelTable, Readback, Source
 from armctl.hardware.findings import CheckUp, Finding, Needs, failed, not_checked, ok, round_trips, warning
-from armctl.hardware.firmata import BAUD, HOW_TO_LOAD, SCALE, codec, pin_table
+from armctl.hardware.firmata import HOW_TO_LOAD, SCALE, codec, pin_table
 from armctl.hardware.firmata.codec import BoardText, Malformed, PinMode, PinState, Reply
 from armctl.hardware.firmata.line import FirmataLine
 from armctl.hardware.firmata.stream import Attacher, PinWatch, SetpointStream
@@ -54,7 +54,7 @@ class FirmataDriver:
         """Open the line and wait until the sketch answers; a Mega restarts, its servos go off."""
         self.close()
         self._forget()
-        transport, info = self._connection.open(BAUD)
+        transport, info = self._connection.open()
         self._transport = transport
         line = self._opened = FirmataLine(transport, self._now)
         ask_after_s = self._ask_after_s
