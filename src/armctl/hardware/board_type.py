@@ -136,10 +136,7 @@ class BoardType(ABC):
         return None
 
     def ask(self, line: Transport, now: Callable[[], float]) -> Introduction | None:
-        """Ask who is there, with bytes that upset no kind of board that is asked later; None: no answer.
-
-        ``BoardProtocolError``: this kind of board is there, and something is wrong with it.
-        """
+        """Ask, upsetting no board that is asked later; None: no answer. ``BoardProtocolError``: a fault."""
         return None
 
     def examine(self, check_up: CheckUp) -> list[Finding]:

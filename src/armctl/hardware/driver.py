@@ -140,7 +140,7 @@ class ChannelScale:
 
 
 class ChannelTable:
-    """The configured channels of a board, and the last check before the wire; ``check`` raises to refuse one."""
+    """The configured channels of a board, and the last check before the wire; ``check`` raises to refuse."""
 
     def __init__(
         self,

@@ -164,21 +164,10 @@ def test_stop_holds_a_channel_that_stands_outside_its_range(clock: ManualClock, 
     ) == 2  # the test's own, and the stop's
 
 
-def test_the_boards_watchdog_is_reported_in_words(clock: ManualClock, connect):
+def test_an_error_is_told_by_the_next_read_whatever_saw_it_first(clock: ManualClock, connect):
     board = SimulatedMaestro(settings=MaestroSettings(timeout_units=50))
     driver = connect(board)
-    driver.write({0: 1500.0})
-    clock.advance(0.5)
-    readback = driver.read()
-    assert readback.positions[0] is None
-    assert readback.errors == ("serial timeout: the board heard nothing for too long and went to its home",)
-    assert driver.read().errors == ()
-
-
-def test_an_error_seen_by_configure_or_stop_is_told_by_the_next_read(clock: ManualClock, connect):
-    board = SimulatedMaestro(settings=MaestroSettings(timeout_units=50))
-    driver = connect(board)
-    for call in (lambda: driver.configure(CHANNELS), driver.stop):
+    for call in (lambda: None, lambda: driver.configure(CHANNELS), driver.stop):
         clock.advance(1.0)
         call()
         assert driver.read().errors[0].startswith("serial timeout")

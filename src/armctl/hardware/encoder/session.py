@@ -67,9 +67,7 @@ class EncoderSession:
     """A transport with an encoder board at the other end.
 
     Only the newest line is ever sent again, and as it was: the board answers a line that it has just
-    executed from memory, so nothing is done twice. What the board sends unasked is taken in on the way.
-
-    It closes ``transport``; ``now`` is the clock [s]; an answer may take ``timeout_s`` in all.
+    executed from memory, so nothing is done twice. An answer may take ``timeout_s`` in all.
     """
 
     def __init__(self, transport: Transport, now: Callable[[], float], timeout_s: float) -> None:
@@ -172,10 +170,7 @@ class EncoderSession:
         self._ask(text, awaited=False)
 
     def settle(self) -> tuple[Answer, ...]:
-        """The refusals of posted lines that have come, without waiting; sends the newest line again if due.
-
-        ``BoardTimeoutError`` where the board has not answered for too long, though the line was sent again.
-        """
+        """The refusals of posted lines; resends the newest if due. ``BoardTimeoutError`` if that fails."""
         self.drain()
         refused, self._refused = tuple(self._refused), []
         waiting = self._in_flight

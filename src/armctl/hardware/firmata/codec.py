@@ -199,9 +199,8 @@ _DECODED = (Sysex.REPORT_FIRMWARE, Sysex.CAPABILITY_RESPONSE, Sysex.PIN_STATE_RE
 class ReplyParser:
     """Takes bytes as they come, in any pieces, and returns the messages that they complete.
 
-    Reports of pins that nobody asked for (analog, digital), sysexes of other sketches and data bytes that
-    belong to nothing are left out. A message that is broken off by another one is ``Malformed``; the
-    other one counts.
+    Reports of analog and digital pins, sysexes of other sketches and stray data bytes are left out. A
+    message that is broken off by another one is ``Malformed``; the other one counts.
     """
 
     def __init__(self) -> None:

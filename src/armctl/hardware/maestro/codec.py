@@ -38,9 +38,8 @@ def us_to_quarters(pulse_us: float) -> int:
 def speed_to_units(speed_us_per_s: float | None) -> int:
     """A speed limit [µs/s] as the board takes it; None is unlimited (0 on the wire).
 
-    Rounds down, so that the board never runs faster than the limit. Below one unit (25 µs/s) it becomes one
-    unit, because 0 would mean *unlimited*; above the field it becomes the largest value. ``InputError``
-    where it is not finite or not positive.
+    Rounds down, never above the limit, but to one unit (25 µs/s) at least, because 0 would mean *unlimited*,
+    and to the largest value at most. ``InputError`` where it is not finite or not positive.
     """
     return _limit_to_units("speed", "µs/s", speed_us_per_s, SPEED_UNIT_US_PER_S, MAX_SPEED)
 
