@@ -30,20 +30,32 @@ class InverseKinematics(ABC):
     direct: ClassVar[bool] = False
     """True where ``solve_batch`` and ``least_rotation`` answer, without a list of all solutions"""
 
-    def __init__(self, chain: Chain, limits: FloatArray, energy: EnergyModel, titles: Sequence[str]) -> None:
+    def __init__(
+        self,
+        chain: Chain,
+        limits: FloatArray,
+        energy: EnergyModel,
+        titles: Sequence[str],
+        *,
+        plane: ToolPlane | None = None,
+        free_joint: int | None = None,
+        roll_joint: int | None = None,
+    ) -> None:
         self.chain, self.limits, self.energy, self.titles = chain, limits, energy, tuple(titles)
+        self.plane = plane
+        """the vertical plane in which parallel pitch joints move the tool; None where there is none"""
+        self.pitch_joints: tuple[int, ...] = () if plane is None else plane.pitch_joints
+        self.free_joint = free_joint
+        """index of the joint that is free (and swept) when only a position is asked for"""
+        self.roll_joint = roll_joint
+        """index of the joint that rolls the tool about its approach axis"""
+        k = roll_joint
+        self._roll = None if k is None else RollJoint(k, titles[k], limits[k].tolist())
 
     @classmethod
     @abstractmethod
     def of(cls, chain: Chain, limits: FloatArray, energy: EnergyModel, titles: Sequence[str]) -> Self | None:
-        """The solver of an arm that belongs to the family; None for any other.
-
-        Args:
-            chain: the arm.
-            limits: (n, 2) joint limits [rad].
-            energy: what the energy criteria need.
-            titles: (n,) what the joints are called in messages.
-        """
+        """The solver of an arm of the family, or None: limits (n, 2) [rad], titles (n,) for messages."""
 
     @abstractmethod
     def solve(self, target: Target, step: float) -> Solutions:
@@ -51,26 +63,6 @@ class InverseKinematics(ABC):
 
         Raises ``InputError`` where the ``step`` of a swept joint [rad] is not a positive number.
         """
-
-    @property
-    def pitch_joints(self) -> tuple[int, ...]:
-        """Indices of the parallel pitch joints; empty where the arm has none."""
-        return ()
-
-    @property
-    def free_joint(self) -> int | None:
-        """Index of the joint that is free (and swept) when only a position is asked for."""
-        return None
-
-    @property
-    def roll_joint(self) -> int | None:
-        """Index of the joint that rolls the tool about its approach axis."""
-        return None
-
-    @property
-    def plane(self) -> ToolPlane | None:
-        """The vertical plane in which parallel pitch joints move the tool; None where there is none."""
-        return None
 
     def pitch_and_roll(self, q: FloatArray) -> tuple[float | None, float | None]:
         """Tool pitch in [-pi/2, pi/2] and roll [rad] at one configuration (n,); None where there is none."""
@@ -90,8 +82,7 @@ class InverseKinematics(ABC):
     def least_rotation(self, position_m: ArrayLike) -> FloatArray:
         """The exact least rotation of one point (3,) or many (k, 3) [m]; ``Robot.least_rotation`` says more.
 
-        Raises:
-            InputError: a wrong shape, an entry that is not finite, or a family that has no such answer.
+        Raises ``InputError``: a wrong shape, an entry that is not finite, or a family that has none.
         """
         raise self._has_no("least rotation without a list")
 

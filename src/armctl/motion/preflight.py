@@ -295,11 +295,9 @@ _STRAINED = 0.25 / _LOST
 
 
 def _singularity_findings(motion: SampledMotion, *, tool_path: bool) -> Iterator[Finding]:
-    """At most one.
-
-    A joint motion passes any singularity; a warning tells where it ends at one (below ``NEAR``). A path of
-    the tool is checked all the way: an error where it takes the direction that is lost.
-    """
+    """At most one."""
+    # A joint motion passes any singularity; a warning tells where it ends at one (below ``NEAR``). A path of
+    # the tool is checked all the way: an error where it takes the direction that is lost.
     robot = motion.robot
     q, time = (motion.q, motion.time) if tool_path else (motion.q[-1:], motion.time[-1:])
     isotropy, largest = isotropy_of(robot, robot.jacobian(q))
@@ -343,10 +341,8 @@ _TORQUE_TOLERANCE = 1e-3
 
 
 def _torque_findings(motion: SampledMotion, links: LinkFrames, payload_kg: float | None) -> Iterator[Finding]:
-    """Static gravity torque of each joint against its stall torque.
-
-    More than the stall torque is an error, unless the motion starts there and it gets no worse.
-    """
+    """Static gravity torque of each joint against its stall torque."""
+    # More than the stall torque is an error, unless the motion starts there and it gets no worse.
     robot = motion.robot
     if not robot.gravity.bodies or not any(joint.stall_torque for joint in robot.joints):
         return

@@ -23,7 +23,7 @@ from armctl.kinematics.numeric.goals import (
 )
 from armctl.kinematics.samples import checked_step
 from armctl.kinematics.solutions import Solutions, SolvedArm, too_far, too_near
-from armctl.kinematics.solver import InverseKinematics, RollJoint, held_roll
+from armctl.kinematics.solver import InverseKinematics, held_roll
 from armctl.kinematics.target import Target
 
 # How far and how near any arm can reach by its links alone: bounds that hold whatever the limits.
@@ -64,10 +64,8 @@ class LinkBound:
 
 
 def _shortest_polyline(points: FloatArray, axes: FloatArray, tip: FloatArray) -> FloatArray:
-    """(n + 1, 3) a point on each axis and the tip, joined by the shortest way (to about 1e-6 m).
-
-    Weiszfeld's method: least squares of the segments, each weighted by one over its last length.
-    """
+    """(n + 1, 3) a point on each axis and the tip, joined by the shortest way (to about 1e-6 m)."""
+    # Weiszfeld's method: least squares of the segments, each weighted by one over its last length.
     n = len(points)
     offsets = np.diff(np.vstack([points, tip]), axis=0)
     moves = np.zeros((n, 3, n))  # of each segment, as a point slides along its axis
@@ -109,23 +107,16 @@ class NumericSolver(InverseKinematics):
     complete = False
 
     def __init__(self, chain: Chain, limits: FloatArray, energy: EnergyModel, titles: Sequence[str]) -> None:
-        super().__init__(chain, limits, energy, titles)
+        super().__init__(chain, limits, energy, titles, roll_joint=_roll_joint(chain))
         self._arm = SolvedArm(("numeric",), chain, energy)
         self._bound = LinkBound(chain)
         self._reach = max(self._bound.outer, 1e-3)
         self._starts = Starts(chain, limits)
-        k = _roll_joint(chain)
-        self._roll = None if k is None else RollJoint(k, titles[k], limits[k].tolist())
 
     @classmethod
     def of(cls, chain: Chain, limits: FloatArray, energy: EnergyModel, titles: Sequence[str]) -> Self:
         """Any arm is of this family."""
         return cls(chain, limits, energy, titles)
-
-    @property
-    def roll_joint(self) -> int | None:
-        """The last joint, where it turns the tool about its approach axis through the tool point."""
-        return None if self._roll is None else self._roll.index
 
     def solve(self, target: Target, step: float) -> Solutions:
         """Solutions inside the limits; nothing is swept, ``step`` [rad] is only looked at.

@@ -20,7 +20,7 @@ from armctl.kinematics.numeric.descent import Starts, come_nearest
 from armctl.kinematics.numeric.goals import PositionGoal
 from armctl.kinematics.samples import checked_step
 from armctl.kinematics.solutions import Solutions, SolvedArm, all_needs, needs, too_far, too_near
-from armctl.kinematics.solver import InverseKinematics, RollJoint, held_roll, roll_angles
+from armctl.kinematics.solver import InverseKinematics, held_roll, roll_angles
 from armctl.kinematics.spherical_shoulder.geometry import (
     SPHERICAL_BRANCHES,
     SphericalShoulder,
@@ -67,11 +67,12 @@ class SphericalShoulderSolver(InverseKinematics):
         energy: EnergyModel,
         titles: Sequence[str],
     ) -> None:
-        super().__init__(chain, limits, energy, titles)
+        free = 0 if limits[0, 0] < limits[0, 1] else None
+        roll = 4 if chain.n > 4 else None
+        super().__init__(chain, limits, energy, titles, free_joint=free, roll_joint=roll)
         self.geometry = geometry
         self._arm = SolvedArm(SPHERICAL_BRANCHES, chain, energy)
-        joint = RollJoint(4, titles[4], limits[4].tolist()) if chain.n > 4 else None
-        self._roll = joint
+        joint = self._roll
         self._orientation = ToolOrientation(
             chain, geometry, None if joint is None else (joint.low, joint.high)
         )
@@ -81,16 +82,6 @@ class SphericalShoulderSolver(InverseKinematics):
         """See ``InverseKinematics``."""
         geometry = recognise_spherical(chain)
         return None if geometry is None else cls(chain, geometry, limits, energy, titles)
-
-    @property
-    def free_joint(self) -> int | None:
-        """The first shoulder joint, where its limits do not hold it."""
-        return 0 if self.limits[0, 0] < self.limits[0, 1] else None
-
-    @property
-    def roll_joint(self) -> int | None:
-        """Index of the joint behind the elbow."""
-        return None if self._roll is None else 4
 
     def solve(self, target: Target, step: float) -> Solutions:
         """All solutions inside the limits.

@@ -199,10 +199,8 @@ class Reach:
         return np.append(nearest[0].q, nearest_angle(target.roll or 0.0, *self._limits[joint]))
 
     def _nearest(self, x: float, y: float, z: float, heading: float | None) -> list[_Nearest]:
-        """The nearest configuration inside the limits to a point forward, left, up of the base origin [m].
-
-        With the plane angle of the last link [rad], or any; none when none has that angle.
-        """
+        """The nearest configuration inside the limits to a point forward, left, up of the base origin [m]."""
+        # With the plane angle of the last link [rad], or any; none when none has that angle.
         geometry, base = self._geometry, self._limits[0].tolist()
         for branch in base_branches(geometry, x, y, tuple(base)):
             q = self._in_plane(branch.angle, branch.r, z, heading)

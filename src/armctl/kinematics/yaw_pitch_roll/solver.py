@@ -23,7 +23,7 @@ from armctl.kinematics.chain import Chain
 from armctl.kinematics.energy import EnergyModel
 from armctl.kinematics.samples import DEFAULT_STEP, checked_step
 from armctl.kinematics.solutions import BatchSolutions, Solutions, SolvedArm
-from armctl.kinematics.solver import NO_ROLL, InverseKinematics, RollJoint, held_roll, roll_angles
+from armctl.kinematics.solver import NO_ROLL, InverseKinematics, held_roll, roll_angles
 from armctl.kinematics.target import (
     Target,
     as_numbers,
@@ -71,11 +71,18 @@ class YawPitchRollSolver(InverseKinematics):
         energy: EnergyModel,
         titles: Sequence[str],
     ) -> None:
-        super().__init__(chain, limits, energy, titles)
+        three = len(geometry.lengths) == 3
+        super().__init__(
+            chain,
+            limits,
+            energy,
+            titles,
+            plane=geometry,
+            free_joint=1 if three and limits[1, 0] < limits[1, 1] else None,
+            roll_joint=geometry.roll_joint,
+        )
         self.geometry = geometry
         self._base: tuple[float, float] = tuple(limits[0].tolist())
-        k, three = geometry.roll_joint, len(geometry.lengths) == 3
-        self._roll = None if k is None else RollJoint(k, titles[k], limits[k].tolist())
         self._arm = SolvedArm(BRANCHES, chain, energy, geometry.pitch_joints)
         self._planar = PlanePostures(geometry, limits)
         self._pose = pose_function(geometry, limits)
@@ -89,26 +96,6 @@ class YawPitchRollSolver(InverseKinematics):
         """See ``InverseKinematics``."""
         geometry = recognise(chain)
         return None if geometry is None else cls(chain, geometry, limits, energy, titles)
-
-    @property
-    def pitch_joints(self) -> tuple[int, ...]:
-        """Indices of the parallel pitch joints."""
-        return self.geometry.pitch_joints
-
-    @property
-    def free_joint(self) -> int | None:
-        """The first pitch joint, where there are three and its limits do not hold it."""
-        return 1 if self._sweep is not None and self.limits[1, 0] < self.limits[1, 1] else None
-
-    @property
-    def roll_joint(self) -> int | None:
-        """Index of the joint that rolls the tool."""
-        return self.geometry.roll_joint
-
-    @property
-    def plane(self) -> ToolPlane:
-        """The tool plane."""
-        return self.geometry
 
     def section(self) -> PlanarSection:
         """See ``InverseKinematics``; exact."""
@@ -290,11 +277,9 @@ class _NearestOrientation:
     def solve(
         self, branches: list[BaseBranch], z: float, rotation: FloatArray, *, any_base: bool
     ) -> list[_Candidate]:
-        """None when the position has no solution.
-
-        For base angles inside the limits, or ``any_base`` for a target on the base axis, the height z of the
-        target above the base origin [m] and ``R_base_tool`` (3, 3).
-        """
+        """None when the position has no solution."""
+        # For base angles inside the limits, or ``any_base`` for a target on the base axis, the height z of
+        # the target above the base origin [m] and ``R_base_tool`` (3, 3).
         # (2, 2, 2) trilinear form over the three unit vectors
         form = self._basis @ quaternion_wxyz(self._geometry.frame.T @ rotation @ self._zero.T)
         joint, sign = self._geometry.roll_joint, self._geometry.yaw_sign

@@ -168,10 +168,9 @@ def pitch_rows(robot: Robot, q: FloatArray, length: float, end: float | None) ->
 
 
 def _plane_turn(angle: float, end: float, outward: float) -> float:
-    """How far the tool turns in the arm's plane from its angle to an end pitch [rad].
-
-    For a pitch within ±90° it stays outward or back at the base axis; one that stands upright turns outward.
-    """
+    """How far the tool turns in the arm's plane from its angle to an end pitch [rad]."""
+    # For a pitch within ±90° it stays outward or back at the base axis; one that stands upright turns
+    # outward.
     if abs(end) <= math.pi / 2:
         ahead = math.cos(angle) if abs(math.cos(angle)) >= _UPRIGHT else math.cos(outward)
         end = end if ahead > 0.0 else math.pi - end
