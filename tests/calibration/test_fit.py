@@ -75,20 +75,6 @@ def test_a_wrong_mark_is_named_wherever_it_is(count: int, by_deg: float) -> None
         assert math.degrees(fit.per_rad / hidden.per_deg) == pytest.approx((180 / math.pi) ** 2, rel=0.03)
 
 
-def test_three_marks_tell_that_one_is_wrong_and_not_which() -> None:
-    marks = with_wrong(HiddenJoint().marks(np.array([-60.0, 0.0, 60.0])), 2, 15.0)
-    fit = fit_joint(marks)
-    assert fit.suspect is None
-    assert fit.advice is not None and "3 marks cannot tell which" in fit.advice
-
-
-def test_a_forgotten_sign_is_guessed() -> None:
-    marks = with_wrong(HiddenJoint().marks(np.array([-60.0, -30.0, 0.0, 30.0, 60.0])), 1, 60.0)
-    fit = fit_joint(marks)
-    assert fit.suspect == 1
-    assert fit.advice is not None and "it should be -30.0° (is its sign wrong?)" in fit.advice
-
-
 def test_good_marks_are_hardly_ever_blamed_and_wrong_ones_hardly_ever_mistaken() -> None:
     rng = np.random.default_rng(3)
     seen: Counter[str] = Counter()
@@ -126,13 +112,23 @@ def test_marks_that_give_no_line_are_refused_in_words(pairs: list[tuple[float, f
         fit_joint([Mark(output, math.radians(angle)) for output, angle in pairs])
 
 
-def test_marks_that_scatter_get_a_word() -> None:
-    marks = [
-        Mark(800 + 100 * i, math.radians(10 * i + (4 if i % 2 else -4))) for i in range(12)
-    ]  # every reading is off: none stands out
+@pytest.mark.parametrize(
+    ("marks", "suspect", "says"),
+    [
+        (with_wrong(HiddenJoint().marks(np.array([-60.0, 0.0, 60.0])), 2, 15.0), None, "3 marks cannot tell"),
+        (
+            with_wrong(HiddenJoint().marks(np.array([-60.0, -30.0, 0.0, 30.0, 60.0])), 1, 60.0),
+            1,
+            "it should be -30.0° (is its sign wrong?)",
+        ),
+        # every reading is off: none stands out
+        ([Mark(800 + 100 * i, math.radians(10 * i + (4, -4)[i % 2])) for i in range(12)], None, "scatter"),
+    ],
+)
+def test_advice_on_marks_that_do_not_fit(marks: list[Mark], suspect: int | None, says: str) -> None:
     fit = fit_joint(marks)
-    assert fit.suspect is None
-    assert fit.advice is not None and "scatter" in fit.advice
+    assert fit.suspect == suspect
+    assert fit.advice is not None and says in fit.advice
 
 
 def test_differences_are_told_against_the_robot_file() -> None:
@@ -163,15 +159,6 @@ def test_safe_outputs_hold_the_limits_and_stay_inside_the_servos_range() -> None
     far = fit_joint(HiddenJoint(9000.0, 10.0).marks(np.array([-60.0, 0.0, 60.0])))
     with pytest.raises(CalibrationError, match=r"need outputs of 8156 … 9951 µs, .* 602 … 2398"):
         safe_outputs(robot, "elbow", far)
-
-
-def test_an_encoders_safe_counts_follow_its_limits_alone() -> None:
-    robot = load_robot("scorbot")
-    joint = robot.joints[0]
-    fit = fit_joint(HiddenJoint(300.0, 160.0).marks(np.array([-90.0, 0.0, 90.0])), "counts")
-    assert safe_outputs(robot, "waist", fit) == pytest.approx(
-        [fit.zero + fit.per_rad * limit for limit in (joint.lower, joint.upper)]
-    )
 
 
 def test_safe_outputs_set_by_hand_stay_when_a_joint_is_measured_anew() -> None:

@@ -29,12 +29,6 @@ def program(tmp_path: Path, *steps: Step) -> str:
     return str(path)
 
 
-def test_an_error_refuses_and_is_told_in_words(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
-    status, _, err = call(capsys, program(tmp_path, HOME, LOW))
-    assert status == REFUSED
-    assert "step 2: the tool: " in err and "mm below the floor; " in err and "raise the target" in err
-
-
 def test_a_warning_is_told_and_does_not_refuse(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     status, out, err = call(capsys, program(tmp_path, HOME, STRETCHED))
     assert status == DONE
@@ -43,7 +37,8 @@ def test_a_warning_is_told_and_does_not_refuse(capsys: pytest.CaptureFixture[str
 
 
 def test_json_holds_every_part_of_a_finding(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
-    status, out, _ = call(capsys, program(tmp_path, HOME, STRETCHED, LOW), "--json")
+    status, out, err = call(capsys, program(tmp_path, HOME, STRETCHED, LOW), "--json")
+    assert "step 3: the tool: " in err and "mm below the floor; " in err and "raise the target" in err
     record = json.loads(out)
     assert status == REFUSED and record["sound"] is False and record["kind"] == "program"
     assert [(f["step"], f["kind"], f["severity"]) for f in record["findings"]] == [
@@ -74,15 +69,11 @@ def test_a_csv_without_a_robot_says_how_to_name_one(
 
 @pytest.mark.parametrize("name", ["abaas", "humanoid", "mico", "scorbot", "uzuner"])
 def test_shipped_robots_are_sound(capsys: pytest.CaptureFixture[str], name: str) -> None:
-    status, out, _ = call(capsys, str(robots_folder() / f"{name}.toml"))
+    status, out, err = call(capsys, str(robots_folder() / f"{name}.toml"))
     assert status == DONE and "a sound robot" in out
     assert ("not checked: gravity torque" in out) == (name in ("humanoid", "mico", "scorbot"))
-
-
-def test_a_pose_that_cannot_be_gone_to_is_told(capsys: pytest.CaptureFixture[str]) -> None:
-    status, _, err = call(capsys, str(robots_folder() / "abaas.toml"))
-    assert status == DONE
-    assert "warning: " in err and "the way from home to zero: " in err and "below the floor" in err
+    if name == "abaas":
+        assert "warning: " in err and "the way from home to zero: " in err and "below the floor" in err
 
 
 def test_a_file_that_cannot_be_read_is_an_error(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:

@@ -11,7 +11,6 @@ from contextlib import closing, contextmanager
 from pathlib import Path
 
 import pytest
-from tests.cli.simulating import simulated
 
 from armctl.cli.main import DONE, REFUSED, WRONG_USAGE, run
 from armctl.errors import PortError
@@ -36,11 +35,8 @@ def record(capsys: pytest.CaptureFixture[str], *words: str) -> tuple[int, dict[s
     out, err = capsys.readouterr()
     assert err == ""
     findings = json.loads(out)["findings"]
-    return (
-        status,
-        {one["check"]: one["verdict"] for one in findings},
-        {one["check"]: one["seen"] for one in findings},
-    )
+    verdicts, seen = ({one["check"]: one[key] for one in findings} for key in ("verdict", "seen"))
+    return status, verdicts, seen
 
 
 @pytest.mark.parametrize(
@@ -72,15 +68,11 @@ def test_a_pty_by_its_link_without_a_robot(capsys: pytest.CaptureFixture[str], t
         status, verdicts, seen = record(capsys, "--port", str(tmp_path / "arm"))
     assert status == DONE
     assert seen["who answers"] == "Pololu Maestro"
-    assert verdicts["channels"] == "not checked"
-
-
-def test_a_board_that_another_process_simulates(capsys: pytest.CaptureFixture[str], tmp_path: Path):
-    with simulated("maestro", "--link", str(tmp_path / "arm")):
-        status, verdicts, _ = record(capsys, "--port", str(tmp_path / "arm"), "--robot", "uzuner")
-    assert status == DONE
-    assert verdicts["opens"] == "ok"
-    assert verdicts["other programs"] == "not checked"
+    assert (verdicts["opens"], verdicts["channels"], verdicts["other programs"]) == (
+        "ok",
+        "not checked",
+        "not checked",
+    )
 
 
 def test_a_port_in_use_is_not_called_free_first(capsys: pytest.CaptureFixture[str], tmp_path: Path):

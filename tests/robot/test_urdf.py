@@ -169,7 +169,6 @@ ARM_PARTS = (part("world", "a"), part("a", "b"), part("b", "c"))
     ("parts", "tool"),
     [
         ((), "c"),
-        ((part("c", "flange", "fixed"),), "flange"),
         ((part("c", "flange", "fixed"), part("flange", "tip", "fixed")), "tip"),
         ((part("a", "camera", "fixed"), part("c", "tip", "fixed")), "tip"),  # the camera is passed over
         ((part("c", "camera", "fixed"), part("c", "arm_tool0", "fixed")), "arm_tool0"),
@@ -217,13 +216,11 @@ ENTITY = '<!DOCTYPE robot [<!ENTITY a "b"><!ENTITY c "&a;&a;">]>'
     ("text", "says"),
     [
         ("", "is not XML: no element found"),
-        ("<robot", "is not XML"),
         (b"\xff\xfe\x00<", "is not XML"),
         ('<?xml version="1.0" encoding="nonsense"?><robot/>', "is not XML"),
         ("<sdf/>", "the root element is <sdf>, a URDF file has <robot>"),
         ("<robot/>", "there is no <link>"),
         ('<robot><link name="a"/></robot>', "no joint turns between a and a"),
-        (ARM.replace("<robot", f"{ENTITY}<robot", 1), "holds a document type ('robot')"),
         (ARM.replace("<robot", f"{ENTITY}<robot", 1).encode("utf-16"), "holds a document type ('robot')"),
         (changed("<material", '<xacro:arg xmlns:xacro="http://ros.org/xacro" name="x"/><material'), "macros"),
         (changed('<parent link="fore"/>', '<parent link="four"/>'), '<parent link="four">: there is no such'),
@@ -241,7 +238,6 @@ ENTITY = '<!DOCTYPE robot [<!ENTITY a "b"><!ENTITY c "&a;&a;">]>'
         (changed('<child link="hand"/>', "<child/>"), "wrist\">: <child>: the attribute 'link' is missing"),
         (changed('xyz="0.3 0 0"', 'xyz="nan 0 0"'), 'wrist">: <origin>: xyz="nan 0 0": must be 3 finite'),
         (changed('xyz="0.3 0 0"', 'xyz="0.3 0"'), 'xyz="0.3 0": must be 3 finite numbers'),
-        (changed('xyz="0.3 0 0"', 'xyz="${l} 0 0"'), "must be 3 finite numbers"),
         (changed('rpy="0 0 0.3"', 'rpy="0 0 inf"'), 'rpy="0 0 inf": must be 3 finite numbers'),
         (changed('xyz="0 0 2"', 'xyz="0 0 0"'), '<axis xyz="0 0 0">: has no direction'),
         (changed('xyz="0 0 2"', 'xyz="0 0 1e400"'), "<axis>: xyz="),
@@ -268,10 +264,12 @@ def test_what_is_wrong_is_named(tmp_path: Path, text: str | bytes, says: str) ->
     assert "\n" not in str(refused.value)
 
 
-def test_a_loop_without_a_root(tmp_path: Path) -> None:
-    loop = (part("c", "a"), *ARM_PARTS[1:])
+def test_a_loop_without_a_root_and_an_arm_without_a_free_joint(tmp_path: Path) -> None:
     with pytest.raises(RobotFileError, match="form a loop; a robot has one root link"):
-        load_robot(kit_written(tmp_path / "arm.urdf", loop))
+        load_robot(kit_written(tmp_path / "arm.urdf", (part("c", "a"), *ARM_PARTS[1:])))
+    steps = tuple(dataclasses.replace(step, limits=(0.2, 0.2)) for step in HELD)
+    with pytest.raises(RobotFileError, match="no joint turns between base and tool0"):
+        load_robot(kit_written(tmp_path / "arm.urdf", steps))
 
 
 def test_a_file_that_cannot_be_read(tmp_path: Path) -> None:
@@ -337,9 +335,3 @@ def test_what_hangs_on_it_weighs_where_it_stands(tmp_path: Path) -> None:
     for q in np.random.default_rng(6).uniform(-2, 2, (10, 3)):
         torque = other.gravity.torque(np.insert(q, 2, -0.4))
         assert robot.gravity.torque(q) == pytest.approx(np.delete(torque, 2), abs=1e-12)
-
-
-def test_no_joint_is_left(tmp_path: Path) -> None:
-    steps = tuple(dataclasses.replace(step, limits=(0.2, 0.2)) for step in HELD)
-    with pytest.raises(RobotFileError, match="no joint turns between base and tool0"):
-        load_robot(kit_written(tmp_path / "arm.urdf", steps))

@@ -107,7 +107,6 @@ def test_fingers_that_names_tell(tmp_path: Path, fingers: tuple[Step, ...]) -> N
     "last",
     [
         finger("gripper_roll", "g"),
-        finger("wrist_to_gripper", "g"),
         finger("joint6", "gripper_link"),
         finger("tilt", "hand"),
     ],
@@ -132,10 +131,8 @@ def test_an_arm_joint_behind_a_gripper_joint_stays(tmp_path: Path) -> None:
     [
         (JAW, "moving_jaw", "gripper"),
         (JAW, "gripper", "wrist_roll"),
-        (JAW, "camera_link", "wrist_roll"),
         (JAW, "lower", "elbow"),
         (PROP, "w/gripper_prop_link", "gripper"),
-        (PROP, "w/ee_arm_link", "wrist_rotate"),
     ],
 )
 def test_the_user_names_the_tool(tmp_path: Path, steps: tuple[Step, ...], link: str, last: str) -> None:
@@ -156,7 +153,6 @@ def test_the_user_names_the_tool(tmp_path: Path, steps: tuple[Step, ...], link: 
         ("#base_frame", "no joint turns between base and base_frame"),
         ("#", "behind the # stands the name of the tool link"),
         ("#gripper,", "both with a comma between; got 'gripper,'"),
-        ("#gripper,lower", "got 'gripper,lower'"),
         ("#gripper,approach=w", "approach=AXIS (x, y, z, -x, -y, -z)"),
         ("#approach=x,approach=y", "got 'approach=x,approach=y'"),
     ],
@@ -214,17 +210,11 @@ def test_how_files_may_be_named(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("axis", "turned"),
-    [
-        ("x", turn([0, 1, 0], math.pi / 2)),
-        ("-x", turn([0, 1, 0], -math.pi / 2)),
-        ("y", turn([1, 0, 0], -math.pi / 2)),
-        ("-y", turn([1, 0, 0], math.pi / 2)),
-        ("z", np.eye(4)),
-        ("-z", turn([1, 0, 0], math.pi)),
-    ],
+    ("axis", "about", "angle"),
+    [("x", "y", 90), ("-x", "y", -90), ("y", "x", -90), ("-y", "x", 90), ("z", "x", 0), ("-z", "x", 180)],
 )
-def test_the_approach_axis(tmp_path: Path, axis: str, turned: np.ndarray) -> None:
+def test_the_approach_axis(tmp_path: Path, axis: str, about: str, angle: float) -> None:
+    turned = turn(np.eye(3)["xyz".index(about)], math.radians(angle))
     robot = arm_of(tmp_path, PROP, f"#w/ee_gripper_link,approach={axis}")
     for q in np.random.default_rng(4).uniform(-2, 2, (10, robot.n)):
         expected = product(PROP, "w/ee_gripper_link", q, {}) @ turned
