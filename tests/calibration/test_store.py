@@ -53,11 +53,6 @@ def test_what_is_saved_is_loaded_by_any_other_store(store: CalibrationStore) -> 
     assert [(one.robot, one.board) for one in again.boards()] == [("uzuner", BOARD)]
 
 
-def test_the_default_folder_is_the_users_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path))
-    assert tmp_path in CalibrationStore().folder.parents
-
-
 def test_reverting_goes_further_back_each_time_and_loses_nothing(store: CalibrationStore) -> None:
     for zero in (1501.0, 1502.0, 1503.0):
         store.save(calibration(zero))

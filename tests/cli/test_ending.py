@@ -8,7 +8,6 @@ import subprocess
 import sys
 import threading
 from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -38,30 +37,20 @@ sys.exit(run(sys.argv[1:]))
 
 
 @pytest.fixture(autouse=True)
-def closed_terminals_count() -> Iterator[None]:
-    """Also where the tests themselves run under ``nohup``."""
-    before = signal.signal(signal.SIGHUP, signal.SIG_DFL)
-    yield
-    signal.signal(signal.SIGHUP, before)
-
-
-@contextmanager
 def handlers_kept() -> Iterator[None]:
-    """Whatever a test installs is taken away again."""
+    """Whatever a test installs is taken away again; closed terminals count, also under ``nohup``."""
     before = {number: signal.getsignal(number) for number in (signal.SIGINT, *ENDS)}
-    try:
-        yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
+    signal.signal(signal.SIGHUP, signal.SIG_DFL)
+    yield
+    for number, handler in before.items():
+        signal.signal(number, handler)
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, *ENDS])
 def test_the_event_is_set(number: signal.Signals) -> None:
-    with handlers_kept():
-        ended = end_event()
-        os.kill(os.getpid(), number)
-        assert ended.wait(10)
+    ended = end_event()
+    os.kill(os.getpid(), number)
+    assert ended.wait(10)
 
 
 @pytest.mark.parametrize("number", ENDS)
@@ -74,11 +63,10 @@ def test_they_count_as_ctrl_c_and_no_longer_than_asked(number: signal.Signals) -
 
 
 def test_a_closed_terminal_that_shall_not_matter_does_not() -> None:
-    with handlers_kept():
-        signal.signal(signal.SIGHUP, signal.SIG_IGN)  # as nohup does
-        end_event()
-        with ends_like_ctrl_c():
-            assert signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
+    signal.signal(signal.SIGHUP, signal.SIG_IGN)  # as nohup does
+    end_event()
+    with ends_like_ctrl_c():
+        assert signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
 
 
 def base_targets(server: PtyServer[SimulatedMaestro]) -> list[tuple[float, int]]:

@@ -25,13 +25,6 @@ def test_limits_are_kept_and_named() -> None:
         robot.check_limits([0, 0, 0, 0, math.nan])
 
 
-def test_named_poses_are_inside_the_limits_and_above_the_floor() -> None:
-    robot = load_robot("uzuner")
-    for name in robot.poses:
-        q = robot.check_limits(robot.pose(name))
-        assert robot.frames(q)[1:, 2, 3].min() > robot.floor_z
-
-
 def test_pulses_there_and_back() -> None:
     robot = load_robot("uzuner")
     servos = robot.output_map
