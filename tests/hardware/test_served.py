@@ -83,7 +83,11 @@ def test_two_sessions_and_an_unplugged_board(board: ByteModel, driver_of, channe
             identity = driver.open()
             assert (identity.port, identity.simulated) == (server.port, True)
             driver.configure(channels)
-            assert driver.read().positions == dict.fromkeys(one.channel for one in channels)
+            wanted = dict.fromkeys((one.channel for one in channels), 1500.0 if channels is SERVOS else None)
+            deadline = now() + 20.0
+            while driver.read().positions != wanted and now() < deadline:
+                driver.write(wanted)
+            assert driver.read().positions == wanted
             driver.stop()
             driver.release()
         with server.inspect() as model:
