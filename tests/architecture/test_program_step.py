@@ -14,7 +14,7 @@ from armctl.program import Program, Step, check_program, load_program, read_csv,
 from armctl.program import steps as registry
 from armctl.program.keys import Field
 from armctl.program.program import PLACES, add
-from armctl.program.steps import Effect
+from armctl.program.steps import Effect, MoveStep
 from armctl.robot import Robot, load_robot
 from armctl.runtime import RunProgram, State
 from armctl.ui.tabs.manual.program_editor import recorded_kinds, step_here
@@ -48,9 +48,18 @@ class BlinkStep(Step, frozen=True, kw_only=True, tag="blink"):
             raise ProgramError("the lamp gets too hot")
 
 
+class BowStep(MoveStep, frozen=True, kw_only=True, tag="bow"):
+    """Move, and say so."""
+
+    @property
+    def effect(self) -> Effect:
+        """A line in the log."""
+        return Effect(says=f"the arm bows {self.note}")
+
+
 @pytest.fixture(autouse=True)
 def registered(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(registry, "KINDS", (*registry.KINDS, BlinkStep))
+    monkeypatch.setattr(registry, "KINDS", (*registry.KINDS, BlinkStep, BowStep))
 
 
 def recorded(step: Step) -> Program:
@@ -103,3 +112,17 @@ def test_it_is_recorded_where_the_arm_stands() -> None:
     snapshot = make_rig().enable(ROBOT.pose("home")).now
     kind = recorded_kinds(ROBOT)["Lamp"]["Blink here"]
     assert step_here(kind, ROBOT, snapshot) == BlinkStep(roll_deg=0.0)
+
+
+@pytest.mark.parametrize("blend_mm", [0.0, 20.0])
+def test_one_that_moves_has_its_line_in_the_log(blend_mm: float) -> None:
+    rig = make_rig().enable(ROBOT.pose("home"))
+    left, right = (10.0, 90.0, -80.0, -40.0, 0.0), (-10.0, 80.0, -80.0, -40.0, 0.0)
+    steps = (
+        BowStep(joints_deg=left, note="left", blend_mm=blend_mm),
+        BowStep(joints_deg=right, note="right"),
+    )
+    rig.do(RunProgram(Program(robot="uzuner", name="bows", steps=steps)))
+    rig.until(lambda snapshot: snapshot.state is State.HOLDING)
+    said = [event.text for event in rig.now.events if "bows " in event.text]
+    assert said == ["the arm bows left", "the arm bows right"]

@@ -31,7 +31,7 @@ WIDEST_BLEND_MM = 1000
 
 @dataclass(frozen=True, slots=True)
 class Effect:
-    """What a step does besides moving joints."""
+    """What a step does; of one that moves joints only ``says`` counts."""
 
     wait_s: float | None = None
     """the joints stand so long"""

@@ -191,9 +191,9 @@ class ProgramRunner:
             return True
         if self._mover is None:
             self._show(step)
+        else:
+            self._say(step)
         effect = step.step.effect
-        if effect.says:
-            self._log.add(effect.says)
         if effect.wait_s is not None:
             self._wait_left = effect.wait_s
         if effect.opening is not None:
@@ -204,6 +204,11 @@ class ProgramRunner:
     def _show(self, step: PlannedStep) -> None:
         self._running = step
         self._feed.begun(step)
+        self._say(step)
+
+    def _say(self, step: PlannedStep) -> None:
+        if says := step.step.effect.says:
+            self._log.add(says)
 
     def _show_step(self, mover: PathMover) -> None:
         """The step that runs is the one whose trajectory the mover is on; its speed is asked for."""
