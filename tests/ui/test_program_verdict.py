@@ -44,8 +44,7 @@ def bench(server: GuardedServer, tmp_path: Path) -> Bench:
     desk, verdict = SharedProgram("uzuner", tmp_path), Mock()
     session: Any = SimpleNamespace(
         gui=server.gui,
-        console=SimpleNamespace(robot=ROBOT),
-        shared=lambda kind: desk,
+        console=SimpleNamespace(robot=ROBOT, shared=lambda kind: desk),
         snapshot=make_rig().now,
         on=lambda attach, action: None,
         closed=False,

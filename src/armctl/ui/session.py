@@ -12,7 +12,7 @@ import viser
 
 from armctl.errors import ArmctlError
 from armctl.runtime import Command, Origin, Snapshot, Ticket
-from armctl.ui.console import SharedT, page_name
+from armctl.ui.console import page_name
 from armctl.ui.robot_switch import RobotSwitch
 from armctl.ui.scene.ghost import Ghost
 from armctl.ui.widgets.events import Action
@@ -59,10 +59,6 @@ class Session:
     def operates(self) -> bool:
         """Whether this page has the controls."""
         return self.console.operators.operator == self.client.client_id
-
-    def shared(self, kind: type[SharedT]) -> SharedT:
-        """What all pages share of a kind, for the present arm."""
-        return self.console.shared(kind)
 
     def on(self, attach: Callable[..., object], action: Action) -> None:
         """Run ``action`` on a page's event (``attach``: ``on_click``, …); what goes wrong is notified."""

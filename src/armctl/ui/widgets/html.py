@@ -137,11 +137,7 @@ def table(
     names: bool = True,
     small: bool = False,
 ) -> str:
-    """An HTML table; all cells are escaped.
-
-    ``head`` may be empty; ``marked`` is the index of a row to highlight; ``names``: the first column holds
-    names, set to the left; ``small``: for many columns.
-    """
+    """An HTML table, all cells escaped; ``marked``: a row's index; ``names``: the first column is text."""
     first = _CELL.replace("right", "left") + _NAME if names else _CELL
 
     def cells(tag: str, texts: Sequence[str], more: str = "") -> str:

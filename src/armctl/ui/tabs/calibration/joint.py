@@ -66,7 +66,7 @@ class CalibrationJoint:
     """Choose a joint, bring it to a mark, type the angle; again, and the line through the marks shows."""
 
     def __init__(self, session: Session) -> None:
-        self._session, self._work = session, session.shared(SharedCalibration).work
+        self._session, self._work = session, session.console.shared(SharedCalibration).work
         self._robot = session.console.robot
         self._stepper = JointStepper(session, partial(slow_duration, self._robot))
         self._titles = {joint.title: joint.name for joint in self._robot.joints if joint.lower < joint.upper}
@@ -235,7 +235,7 @@ class CalibrationGripper:
     """Move it, and say where it is closed and where it is open."""
 
     def __init__(self, session: Session) -> None:
-        self._session, self._work = session, session.shared(SharedCalibration).work
+        self._session, self._work = session, session.console.shared(SharedCalibration).work
         gui = session.gui
         LiveHtml(gui, muted(_HOW))
         self._percent = gui.add_slider("Gripper %", min=0, max=100, step=1, initial_value=50)

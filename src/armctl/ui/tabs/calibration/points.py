@@ -28,7 +28,7 @@ class CalibrationPoints:
     """Choose or type a point, touch it, add it; the result comes with the sixth."""
 
     def __init__(self, session: Session) -> None:
-        self._session, self._points = session, session.shared(SharedCalibration).points
+        self._session, self._points = session, session.console.shared(SharedCalibration).points
         self._robot = session.console.robot
         self._drawn = -1
         gui = session.gui

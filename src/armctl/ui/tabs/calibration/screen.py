@@ -37,7 +37,7 @@ class CalibrationScreen:
     """The joint to move on top; below it marks, gripper, saving and known points as inner tabs."""
 
     def __init__(self, session: Session) -> None:
-        gui, desk = session.gui, session.shared(SharedCalibration)
+        gui, desk = session.gui, session.console.shared(SharedCalibration)
         gap = "<div style='height:6px'></div>"
         LiveHtml(gui, in_force_html(desk.in_force, desk.board) + gap)
         self._parts: list[CalibrationJoint | CalibrationGripper | CalibrationSave | CalibrationPoints] = []
@@ -81,7 +81,7 @@ class CalibrationSave:
     """What was measured becomes what the arm runs by."""
 
     def __init__(self, session: Session) -> None:
-        self._session, self._desk = session, session.shared(SharedCalibration)
+        self._session, self._desk = session, session.console.shared(SharedCalibration)
         self._drawn = -1
         gui = session.gui
         self._overview = LiveHtml(gui)

@@ -118,11 +118,7 @@ class CalibrationWork:
         return None if len(marks) < LEAST_MARKS else fit_joint(marks, self.map.unit)
 
     def limits(self, joint: str) -> tuple[float, float]:
-        """Smallest and largest output that is safe.
-
-        An end set here by hand holds; else what is in force; by new marks, as far as the joint needs it, but
-        for an end that was set by hand before.
-        """
+        """Smallest and largest safe output: as set here by hand, else as in force, or by new marks."""
         work, now = self.joint(joint), self._in_force(joint)
         if work.low is not None and work.high is not None:
             return work.low, work.high
@@ -357,11 +353,7 @@ class SharedCalibration:
 
 
 def present_outputs(robot: Robot, snapshot: Snapshot) -> dict[int, float]:
-    """Output of every joint by channel, in the board's unit.
-
-    As the board reports it; where it reports nothing, as it was last told. An arm that is off and whose
-    board measures may have been moved by hand.
-    """
+    """Output of every joint by channel, in the board's unit: as the board reports it, else as last told."""
     unknown = np.isnan(snapshot.q)
     if unknown.any() and not snapshot.commanded:
         if snapshot.source is Source.MEASURED:

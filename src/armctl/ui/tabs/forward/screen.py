@@ -51,6 +51,7 @@ class ForwardScreen:
     def __init__(self, session: Session) -> None:
         self._session = session
         self._robot = session.console.robot
+        self._standing = session.console.last_known.standing
         self._preview = Preview(session.ghost)
         self._drawn: tuple[object, ...] = ()
         self._edited = False
@@ -93,7 +94,7 @@ class ForwardScreen:
     def _on_fill(self) -> None:
         asked = self._fill.value
         present = asked == "present pose"
-        self._angles.fill(self._present(self._session.snapshot) if present else self._robot.pose(asked))
+        self._angles.fill(self._standing(self._session.snapshot) if present else self._robot.pose(asked))
         self._on_angle()
 
     def _on_coupled(self) -> None:
@@ -118,7 +119,7 @@ class ForwardScreen:
         self._edited = False
 
     def _draw(self, snapshot: Snapshot) -> None:
-        present, shown = self._present(snapshot), self._shown.value
+        present, shown = self._standing(snapshot), self._shown.value
         key = (self._angles.texts, shown, present.tobytes())
         if key == self._drawn:
             return
@@ -144,9 +145,6 @@ class ForwardScreen:
         self._pose.show(pose_html(self._robot, q))
         self._jacobian.show(jacobian_html(self._robot, q))
         self._velocities.show(q)
-
-    def _present(self, snapshot: Snapshot) -> FloatArray:
-        return self._session.console.last_known.standing(snapshot)
 
 
 def results_html(robot: Robot, angles: FieldArray, present: FloatArray) -> str:

@@ -98,10 +98,7 @@ class HeldJog:
 
 
 class JogControl:
-    """The arm moves while a jog button or key is held; letting go, or losing the page, stops it.
-
-    Below it the gripper, where there is one.
-    """
+    """The arm moves while a jog button or key is held, and stops when it is let go or the page is lost."""
 
     def __init__(self, session: Session) -> None:
         gui = session.gui

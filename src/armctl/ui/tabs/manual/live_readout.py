@@ -54,10 +54,7 @@ class LiveReadout:
 
 
 def tool_table(robot: Robot, snapshot: Snapshot) -> str:
-    """Commanded position, velocity and acceleration of the tool point, pitch and roll, as HTML.
-
-    An arm that was told nothing has none.
-    """
+    """Commanded position, velocity and acceleration of the tool point, pitch and roll, if any, as HTML."""
     if not snapshot.commanded:
         return table(["Tool", "x", "y", "z"], [["position mm", *3 * ["–"]]])
     q = snapshot.q_command

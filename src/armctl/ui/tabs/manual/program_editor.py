@@ -35,7 +35,7 @@ class ProgramEditor:
 
     def __init__(self, session: Session) -> None:
         self._session = session
-        self._shared = session.shared(SharedProgram)
+        self._shared = session.console.shared(SharedProgram)
         self.selected = 0
         """index of the selected row"""
         self.page = 0
@@ -52,10 +52,7 @@ class ProgramEditor:
         self.selected, self.page = row, row // PAGE_ROWS
 
     async def change(self, change: Callable[[Program], Change]) -> None:
-        """Change the list and the selection; a program that runs goes on with the change at its next pass.
-
-        Refused where this page does not operate, the change cannot be made, or the arm cannot go on with it.
-        """
+        """Change list and selection, from the next pass on; refused if impossible, or on a watching page."""
         self._session.require_operator()
         changed, selected = change(self._shared.program)
         runs = await self._take_over(lambda: self._shared.edit(changed))
@@ -112,10 +109,7 @@ def recorded_kinds(robot: Robot) -> dict[str, dict[str, type[Step]]]:
 
 
 def step_here(kind: type[Step], robot: Robot, snapshot: Snapshot, via_mm: Point | None = None) -> Step:
-    """A step of a kind made of where the arm is; ``via_mm``: the point on an arc that was set before.
-
-    A ``StateError`` says what to do where something of it is not known.
-    """
+    """A step made where the arm is; ``via_mm``: on an arc. ``StateError``: something is not known."""
     keys = kind.button[2:]
     here: dict[str, Any] = {}
     if snapshot.gripper is not None:
@@ -149,10 +143,7 @@ def tool_point_mm(robot: Robot, pose_deg: tuple[float, ...]) -> Point:
 
 
 def present_pose_deg(robot: Robot, snapshot: Snapshot) -> tuple[float, ...]:
-    """The pose to record, in degrees: as commanded last; before that, as the board reports it.
-
-    A ``StateError`` where neither is known.
-    """
+    """The pose to record, in degrees: commanded, else as the board reports it; ``StateError``: not known."""
     q = snapshot.q_command if snapshot.commanded else snapshot.q
     if np.isfinite(q).all():
         return tuple(slider_degrees(robot, q))

@@ -30,7 +30,7 @@ class ProgramFiles:
         """Add the controls; ``check`` checks the program and shows the verdict."""
         self._session = session
         self._check = check
-        self._shared = session.shared(SharedProgram)
+        self._shared = session.console.shared(SharedProgram)
         self._version = -1
         self._named = self._shared.program.name
         gui = session.gui

@@ -28,7 +28,7 @@ class ProgramRun:
     def __init__(self, session: Session, editor: ProgramEditor, verdict: LiveHtml) -> None:
         """``verdict`` is where the findings are shown."""
         self._session, self._editor, self._verdict = session, editor, verdict
-        self._shared = session.shared(SharedProgram)
+        self._shared = session.console.shared(SharedProgram)
         verdict.visible = False
         self._checked: tuple[Program, tuple[float, ...] | None, list[Finding]] | None = None
         """what was checked, from where, and what was found"""

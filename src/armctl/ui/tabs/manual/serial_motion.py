@@ -31,7 +31,7 @@ class SerialMotion:
     """The list of the program, and around it what changes and runs it."""
 
     def __init__(self, session: Session) -> None:
-        self._shared = session.shared(SharedProgram)
+        self._shared = session.console.shared(SharedProgram)
         self._editor = ProgramEditor(session)
         self._running: int | None = None
         self._drawn: tuple[object, ...] = ()
@@ -112,10 +112,7 @@ class SerialMotion:
 
 
 def step_table(steps: Sequence[Step], page: int, selected: int | None, running: int | None) -> str:
-    """One page (from 0) of the list as HTML; what is inside a repeat is indented.
-
-    ``selected`` and ``running`` are indices of the rows to mark.
-    """
+    """One page (from 0) of the list as HTML; ``selected`` and ``running`` are indices of rows to mark."""
     if not steps:
         return _EMPTY
     depths = Blocks.of(steps).depths

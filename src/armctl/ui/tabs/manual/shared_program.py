@@ -38,10 +38,7 @@ class SharedProgram:
         return cls(console.robot.name, folder) if before is None or before.folder != folder else before
 
     def relation(self, progress: ProgramProgress | None) -> Relation | None:
-        """How this program stands to the one that the arm runs; None: the arm runs none.
-
-        "running": it is that; "coming": the arm goes on with it at its next pass; "other": another one.
-        """
+        """None: the arm runs none; "running": this; "coming": this at its next pass; "other": another one."""
         if progress is None:
             return None
         steps = self.program.steps
@@ -74,10 +71,7 @@ class SharedProgram:
         return sorted(path.stem for path in self.folder.glob("*.toml"))
 
     async def save(self, name: str) -> Path:
-        """Save under a name; the earlier version is kept as ``NAME.toml~``.
-
-        Refused where the name is no file name, or the file cannot be written.
-        """
+        """Save under a name, the earlier version as ``NAME.toml~``; refused where that cannot be written."""
         path, program = self._path(name), msgspec.structs.replace(self.program, name=name)
 
         def write() -> None:

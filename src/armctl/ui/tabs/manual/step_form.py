@@ -44,10 +44,7 @@ def _shown(step: Step, keys: Sequence[Key]) -> str:
 
 
 def edited(step: Step, texts: Mapping[str, str]) -> Step:
-    """The step with what its fields hold (``texts``, by label); what was not edited keeps all its digits.
-
-    An ``InputError`` names the field that holds no number, too few or too many, or what is not allowed.
-    """
+    """The step with ``texts`` by label; unedited ones keep all digits. An ``InputError`` names the field."""
     record: dict[str, object] = msgspec.to_builtins(step)
     fields = by_label(keys_of(type(step)))
     for label, keys in fields.items():
@@ -120,7 +117,7 @@ class StepForm:
 
     def _heading(self, step: Step) -> str:
         session = self._session
-        waits = session.shared(SharedProgram).relation(session.snapshot.program) == "coming"
+        waits = session.console.shared(SharedProgram).relation(session.snapshot.program) == "coming"
         row = f"Row {self._editor.selected + 1}: {step.title or step.kind}"
         return f"{row}; {EDIT_WAITS}" if waits else row
 

@@ -39,7 +39,7 @@ class SimulationScreen:
         with gui.add_folder("In the 3D view"):
             self._with_trail = gui.add_checkbox("Tool trail", initial_value=True)
             clear = gui.add_button_group("Trail so far", ("Clear trail",))
-            self._trail = session.shared(Trail)
+            self._trail = session.console.shared(Trail)
             self._cleared = self._drawn = 0
             self._line = Lines(session.client.scene, "/trail", _TRAIL_COLOR, 2.5)
             self._workspace = WorkspaceView(session)

@@ -94,7 +94,7 @@ class TwinControl:
             self._session.spawn(self._play(plan, is_newest))
 
     async def _planned(self) -> tuple[Rehearsal, tuple[str, ...]]:
-        snapshot, program = self._session.snapshot, self._session.shared(SharedProgram).program
+        snapshot, program = self._session.snapshot, self._session.console.shared(SharedProgram).program
         q, opening = snapshot.q_command, snapshot.gripper
         if self._what.value != _PROGRAM:
             pose = self._robot.pose(self._what.value.removeprefix("go to "))

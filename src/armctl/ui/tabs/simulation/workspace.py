@@ -131,7 +131,7 @@ class WorkspaceView:
             self._outlined_at = None
 
     async def _compute(self) -> WorkspaceCloud:
-        self._model = await self._session.shared(CloudStore).get()
+        self._model = await self._session.console.shared(CloudStore).get()
         return self._model
 
 

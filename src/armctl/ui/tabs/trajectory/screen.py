@@ -255,7 +255,9 @@ class MotionForm:
     @property
     def settings(self) -> tuple[object, ...]:
         """All settings that are shown; the same again means that nothing has changed."""
-        program = self._session.shared(SharedProgram).version if self._motion.value == PROGRAM else None
+        program = (
+            self._session.console.shared(SharedProgram).version if self._motion.value == PROGRAM else None
+        )
         return program, *((handle.label, handle.value) for handle in self._inputs if handle.visible)
 
     def request(self, present: FloatArray) -> MotionRequest:
@@ -279,7 +281,7 @@ class MotionForm:
             speed=None if speed is None else speed / 1000,
             passing=_PASSING[self._passing.value],
             blend_m=self._blend.value / 1000 if self._blend.visible else 0.0,
-            program=self._session.shared(SharedProgram).program if motion == PROGRAM else None,
+            program=self._session.console.shared(SharedProgram).program if motion == PROGRAM else None,
             present=present,
             opening=self._session.snapshot.gripper,
         )
