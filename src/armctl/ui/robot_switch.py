@@ -161,7 +161,6 @@ async def _finished(console: Console, command: Command, origin: Origin) -> None:
 
 
 def _same_machine(left: Console, opened: Console) -> bool:
-    """Whether the arm that is opened anew stands where the one before it stood."""
     boards = {left.calibration.board, opened.calibration.board} - {None}
     same_line = left.default_port == opened.default_port and len(boards) < 2
     return same_line and left.robot.n == opened.robot.n  # its file may be another one by now

@@ -102,7 +102,6 @@ class InverseScreen:
 
     @property
     def _fields_changed(self) -> bool:
-        """Whether the fields are not those that the result shown was solved for."""
         return self._answer is not None and self._form.texts != self._answered
 
     def _out_of_date(self, snapshot: Snapshot) -> str:

@@ -189,10 +189,8 @@ class ToolJog:
 class KeyboardJog:
     """A switch, what the keys move, and the legend of the keys. Off until the operator switches it on.
 
-    A page reports key presses only, never that a key is let go. A held key comes again by itself, after the
-    delay and at the rate that the computer is set to (half a second, then some thirty times a second); each
-    press counts for 100 ms like every jog. So a tap is a small step, and a held key a step, a rest, and then
-    a motion that ends 100 ms after the key is let go.
+    A page reports key presses only, and a held key repeats after half a second. Each press counts for 100 ms:
+    a tap is a small step, a held key a step, a rest, and a motion that ends 100 ms after it is let go.
     """
 
     def __init__(self, session: Session, joint: JointJog, tool: ToolJog) -> None:
@@ -250,6 +248,5 @@ class KeyboardJog:
                 self._commands.append(command)
 
     async def _on_key(self, command: Callable[[], Jog | JogTool]) -> None:
-        """One press, or one repeat, of a key."""
         if self._on:
             await self._jog.send(command)

@@ -25,11 +25,7 @@ _EDITED = "<b style='color:#0c8599'>The ghost shows the new pose.</b> Press <b>G
 
 
 class JointControl:
-    """One slider and one pair of step buttons a joint.
-
-    The sliders follow the arm until one of them is moved; then they stay until Go has been obeyed or they
-    are put back. A joint that is held has neither.
-    """
+    """A slider and step buttons a joint; once moved, they stay until Go is obeyed or they are put back."""
 
     def __init__(self, session: Session) -> None:
         self._session, self._robot = session, session.console.robot

@@ -218,7 +218,6 @@ class ProgramRecord:
         self._session.on(group.on_click, on_add)
 
     async def _add(self, step: Step) -> None:
-        """Put a step where new ones go."""
         where = self._where.value
         await self._edit(lambda program, row: add(program, step, where, row))
 

@@ -105,7 +105,6 @@ class ProgramFiles:
         await self._tell_findings(file.name)
 
     async def _tell_findings(self, name: str) -> None:
-        """What would keep the arm from running the program, as Check tells it."""
         if not self._shared.program.steps:
             return
         error = first_error(await self._check())

@@ -97,7 +97,6 @@ class SerialMotion:
 
     @property
     def _pages(self) -> int:
-        """How many pages there are; an empty list has one."""
         return max(1, -(-len(self._shared.program.steps) // PAGE_ROWS))
 
     def _on_turn(self) -> None:

@@ -256,7 +256,6 @@ class LiveTarget:
             executor.shutdown(wait=False, cancel_futures=True)
 
     async def _lead_arm(self, is_newest: Callable[[], bool]) -> None:
-        """Send the target again and again, at once when it has moved."""
         while is_newest():
             try:
                 await self._session.submit(FollowTarget(self._target))

@@ -259,7 +259,6 @@ def _judged(
 
 
 def _program(robot: Robot, asked: MotionRequest, start: FloatArray) -> PlannedMotion:
-    """One pass of a program as the arm would run it, as far as it can be drawn."""
     program = asked.program
     if program is None or not program.steps:
         raise ProgramError("the program on the desk has no steps; record some in Manual → Serial motion")
