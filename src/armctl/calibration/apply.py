@@ -44,10 +44,7 @@ def calibrated(robot: Robot, calibration: Calibration) -> Robot:
     Where an end of the safe outputs comes before the joint's limit, the limit moves in, and so do named
     poses (``narrowed`` tells both). Nothing is ever widened: no servo is sent beyond its range in the robot
     file, no motor beyond its joint's limits. A calibration that is not kept yet is judged by ``narrowed``.
-
-    Raises:
-        CalibrationError: it is of another robot or kind of board, names a joint or a gripper that is not
-            there, leaves nothing of a joint's limits, or lets homing end outside of them.
+    Refuses another robot or board, and what leaves nothing of a joint's limits or homing outside of them.
     """
     _require_robot(robot, calibration)
     try:

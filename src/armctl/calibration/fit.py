@@ -72,11 +72,8 @@ class JointFit:
 def fit_joint(marks: Sequence[Mark], unit: str = "µs") -> JointFit:
     """Lay a line through marks; one that does not fit is left out where the others can tell which it is.
 
-    Three marks can tell that something is wrong, but not which of them; four name the wrong one.
-
-    Raises:
-        CalibrationError: fewer than three marks, not finite, all at one place, spread over less than 10°,
-            or an angle that does not go one way with the output.
+    Three marks can tell that something is wrong, but not which of them; four name the wrong one. Refuses
+    fewer than three, all at one place or within 10°, and angles that do not go one way with the output.
     """
     _require_places(marks, unit)
     outputs = np.array([mark.output for mark in marks], dtype=np.float64)

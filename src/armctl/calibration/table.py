@@ -69,12 +69,10 @@ def _numbers(where: str, row: list[str], heads: list[str], delimiter: str) -> li
         if delimiter != ",":
             plain = plain.replace(",", ".")
         try:
-            number = float(plain)
+            numbers.append(float(plain))
         except ValueError as cause:
-            raise CalibrationError(
-                f"{where}, column {head}: {cell.strip()[:40]!r} is not a number"
-            ) from cause
-        if not math.isfinite(number):
+            what = f"{cell.strip()[:40]!r} is not a number"
+            raise CalibrationError(f"{where}, column {head}: {what}") from cause
+        if not math.isfinite(numbers[-1]):
             raise CalibrationError(f"{where}, column {head}: {plain} is not a finite number")
-        numbers.append(number)
     return numbers

@@ -196,16 +196,13 @@ class Robot:
         A pitch within ±90° is met by a tool that points outward and by one that points back at the base
         (``tool-in``). Where a joint may turn more than once, the image nearest to zero is given; a branch
         of an arm folded onto its own shoulder, where one joint is free, is given at one of its places.
+        ``InputError`` names a row that is not finite, or says that the arm's family has no such answer.
 
         Args:
             position_m: (k, 3) tool points in the base frame [m].
             pitch: (k,) or one for all: angle of the approach axis above the horizontal [rad]. An arm with
                 three pitch joints needs it; with two the position alone decides, and it is left out.
             roll: (k,) or one for all: the roll joint's own angle [rad]; None: the one nearest to zero.
-
-        Raises:
-            InputError: a wrong shape, an entry that is not finite (the row is named), or an arm that is
-                of a family that has no such answer.
         """
         return self.inverse_kinematics.solve_batch(position_m, pitch, roll)
 

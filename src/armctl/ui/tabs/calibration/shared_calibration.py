@@ -134,15 +134,12 @@ class CalibrationWork:
 
     def set_limit(self, joint: str, end: End, output: float) -> None:
         """Say that ``output`` is as far as the joint may ever go."""
-        low, high = self.limits(joint)
-        word, other = (
-            ("lower", f"upper one is {high:.1f}") if end == "low" else ("upper", f"lower one is {low:.1f}")
-        )
+        (low, high), unit = self.limits(joint), self.map.unit
+        word, other, there = ("lower", "upper", high) if end == "low" else ("upper", "lower", low)
         if output >= high if end == "low" else output <= low:
-            unit = self.map.unit
             raise InputError(
-                f"{output:.1f} {unit} cannot be the {word} limit, the {other} {unit}; jog the joint to "
-                "the other end"
+                f"{output:.1f} {unit} cannot be the {word} limit, the {other} one is {there:.1f} {unit}; jog "
+                "the joint to the other end"
             )
         self._set(joint, **{end: output})
 
@@ -342,10 +339,8 @@ class SharedCalibration:
 
     def _require_board(self) -> str:
         if self.board is None:
-            raise StateError(
-                "no board was found for this arm yet, so there is none to keep a calibration for; connect it "
-                "first"
-            )
+            what = "no board was found for this arm yet, so there is none to keep a calibration for"
+            raise StateError(f"{what}; connect it first")
         return self.board
 
 
