@@ -518,14 +518,11 @@ def test_marks_and_their_line_are_told(pairs: list[tuple[float, float]], line: l
     assert ("✗" in overview_html(work)) is (marks == "✗")
 
 
-def test_marks_without_a_line_are_told_and_break_nothing() -> None:
+def test_marks_without_a_line_and_an_encoders_home_are_told() -> None:
     work = measured((1500, 0), (1500, 1), (1500, 2))
     for html in (fit_html(work, "base"), limits_html(work, "base")):
         assert "All marks are at one place" in plain(html)
     assert "no line" in overview_html(work)
-
-
-def test_an_encoders_home_is_told() -> None:
     work = CalibrationWork(load_robot("scorbot"), None)
     for counts, degrees in ((0, 1.0), (1400, 11), (2800, 21)):
         work.add_mark(work.chosen, counts, math.radians(degrees))

@@ -168,7 +168,7 @@ def test_the_waist_alone_moves_the_tool_sideways_and_rates_over_their_limits_are
     assert "Waist turns at 20.0 °/s at most; Elbow turns at 26.0 °/s at most" in over
 
 
-def test_a_velocity_within_the_limits_is_met_and_the_joint_that_limits_it_is_named() -> None:
+def test_a_velocity_is_met_or_limited_and_not_turning_is_more_than_five_joints_can() -> None:
     html, x = rates(0.0, 0.05, 0.0), SCORBOT.forward(SCORBOT_HOME)[0, 3]
     assert "<b>50.0 mm/s</b> of 50.0 mm/s</div>" in html and "Out of" not in html
     assert f"{np.degrees(0.05 / x):.2f} °/s" in html
@@ -179,9 +179,6 @@ def test_a_velocity_within_the_limits_is_met_and_the_joint_that_limits_it_is_nam
     html = rates(0.05, 0.0, 0.0, q=stretched)
     assert "Out of the joints&#x27; power here: 50.00 mm/s" in html
     assert "<b>0.0 mm/s</b> of 50.0 mm/s" in html
-
-
-def test_not_turning_is_more_than_five_joints_can() -> None:
     assert "It cannot go without turning" in rates(0.0, 0.05, 0.0, keep=True)
     straight = rates(0.03, 0.0, 0.0, keep=True)
     assert "cannot" not in straight and "Out of" not in straight

@@ -244,16 +244,13 @@ def test_a_flood_ends_it_for_good(page: Page) -> None:
     assert page.tally.counts["no message of a page"] < 200
 
 
-def test_a_busy_page_and_the_largest_upload_are_no_flood() -> None:
+def test_a_busy_page_is_no_flood_and_the_allowance_comes_back_but_does_not_pile_up() -> None:
     clock = Clock()
     gauge = FloodGauge(clock)
     assert all(gauge.charge(512 << 10, refused=False) for _ in range(16))
     for _ in range(60 * 200):
         clock.now_s += 1 / 200
         assert gauge.charge(120, refused=False)
-
-
-def test_the_allowance_comes_back_with_time_but_does_not_pile_up() -> None:
     clock = Clock()
     gauge = FloodGauge(clock)
     while gauge.charge(0, refused=True):
@@ -322,7 +319,7 @@ def test_size_and_count_of_parts_agree(size: int, parts: int) -> None:
     assert not starts(UploadLedger(), size, parts)
 
 
-def test_two_transfers_at_once_are_enough_but_for_empty_files() -> None:
+def test_the_ledger_is_bounded_in_transfers_files_and_parts() -> None:
     ledger = UploadLedger()
     assert starts(ledger, 5, transfer="a")
     assert not starts(ledger, 5, transfer="a")
@@ -331,9 +328,6 @@ def test_two_transfers_at_once_are_enough_but_for_empty_files() -> None:
     assert all(starts(ledger, 0, 0, transfer=str(n)) for n in range(5))
     assert ledger.continues(part(0, 5, transfer="a"))
     assert starts(ledger, 5, transfer="c")
-
-
-def test_only_two_files_that_are_too_large_are_remembered_with_a_bounded_number_of_parts() -> None:
     ledger = UploadLedger()
     assert starts(ledger, MAX_UPLOAD_BYTES, 16)
     assert not any(starts(ledger, MAX_UPLOAD_BYTES + 1, 17, transfer=transfer) for transfer in "abc")

@@ -49,16 +49,13 @@ def test_what_was_not_checked_is_not_said_to_be_checked() -> None:
     assert "Not checked: gravity torque" in html
 
 
-def test_errors_come_first_and_are_marked_in_words() -> None:
+def test_errors_come_first_warnings_alone_let_it_run_and_a_long_list_is_cut() -> None:
     html = verdict_html([HOT, FLOOR])
     assert "refused, 1 error and 1 warning" in html
     assert html.index("12.3 mm below the floor") < html.index("60 % of its stall torque")
     assert "✕ refused" in html and "! warning" in html
     for text in ("1.84 s", "the tool", "raise the target"):
         assert text in html
-
-
-def test_warnings_alone_let_it_run_and_a_long_list_is_cut() -> None:
     assert "may be run, 2 warnings" in verdict_html([HOT, HOT])
     html = verdict_html([FLOOR] * 35)
     assert html.count("below the floor") == 12

@@ -128,15 +128,12 @@ def test_the_one_of_least_energy_is_chosen_and_limits_and_the_floor_refuse() -> 
     assert any("floor" in one.refused for one in low.verdicts if not one.branch.forbidden)
 
 
-def test_over_the_base_axis_two_branches_look_alike() -> None:
+def test_branches_that_look_alike_and_no_branches() -> None:
     found = answered(0, 0, 700)
     groups = [[one.number for one in group] for group in same_place(MICO, found.verdicts)]
     assert groups == [[1, 3], [2, 4]] or groups == [[1, 4], [2, 3]]
     chosen = next(one for one in found.verdicts if one.chosen)
     assert np.degrees(chosen.branch.q[:3]).round(3).tolist() == [0.0, -131.626, -5.532]
-
-
-def test_no_branches_where_a_joint_is_free_or_nothing_reaches() -> None:
     assert "a joint is free" in branches_html(solved(200, 0, 100))
     assert answered(500, 0, 700).verdicts == ()
 

@@ -23,7 +23,7 @@ class Board:
         return SimpleNamespace(remove=lambda: self.shown.remove(text))
 
 
-def test_the_same_message_again_takes_the_place_of_the_first_and_the_oldest_that_of_a_fourth() -> None:
+def test_a_message_takes_the_place_of_its_like_or_of_the_oldest_and_closes_by_itself() -> None:
     board = Board()
     notices = Notices(board)
     for text in ("enable first", "home first", "enable first"):
@@ -33,9 +33,6 @@ def test_the_same_message_again_takes_the_place_of_the_first_and_the_oldest_that
     for text in ("three", "four"):
         notices.show("Saved", text, "blue")
     assert board.shown == ["red Refused: enable first", "blue Saved: three", "blue Saved: four"]
-
-
-def test_every_message_closes_by_itself_and_what_must_be_read_stays_longer() -> None:
     board = Board()
     Notices(board).show("Refused", "enable first", "red")
     assert board.seconds == [reading_seconds("enable first", "red")]

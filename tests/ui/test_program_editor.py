@@ -72,12 +72,9 @@ def test_an_arm_without_a_gripper_has_no_button_for_it() -> None:
     assert recorded_kinds(replace(ROBOT, gripper=None))["Add step"] == {"Record pose": MoveStep}
 
 
-def test_the_recorded_pose_is_the_commanded_one_while_the_pulses_are_on() -> None:
+def test_the_recorded_pose_is_the_commanded_one_or_one_that_the_board_knows() -> None:
     snapshot = make_rig().enable().now
     assert present_pose_deg(ROBOT, snapshot) == pytest.approx((0, 110, -80, -70, 0))
-
-
-def test_without_pulses_only_what_the_board_knows_can_be_recorded() -> None:
     off = replace(make_rig().now, powered=False, state=State.OFF, q=np.full(5, np.nan))
     with pytest.raises(StateError, match="the arm is off, so nobody knows where it stands"):
         present_pose_deg(ROBOT, replace(off, source=Source.TRANSMITTED))
@@ -96,16 +93,13 @@ def test_a_wait_outside_is_refused(value: float) -> None:
         checked_seconds(value)
 
 
-def test_a_page_shows_its_rows_only_and_marks_the_selected_and_the_running_one() -> None:
+def test_a_page_of_the_list_shows_and_marks_its_rows_escapes_notes_and_indents_blocks() -> None:
     steps = [WaitStep(seconds=k) for k in range(2 * PAGE_ROWS)]
     html = step_table(steps, 1, PAGE_ROWS, PAGE_ROWS + 2)
     assert html.count("<tr") == PAGE_ROWS
     assert f"▶ {PAGE_ROWS + 3}<" in html
     assert (html.count("▶"), html.count("box-shadow")) == (1, 1)
     assert "▶" not in step_table(steps, 0, 0, PAGE_ROWS + 2)
-
-
-def test_the_list_escapes_notes_indents_blocks_and_says_what_to_do_when_it_is_empty() -> None:
     assert "<img" not in step_table([WaitStep(seconds=1, note="<img src=x onerror=alert(1)>")], 0, 0, None)
     assert "Record pose" in step_table([], 0, None, None)
     wait = WaitStep(seconds=1)

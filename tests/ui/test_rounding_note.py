@@ -32,7 +32,7 @@ def test_a_rounded_setpoint_is_never_farther_off_than_the_note_says(name: str) -
     assert 0.5 < max(shares) <= 1.001  # near the bound; of second order: the steps are not infinitely small
 
 
-def test_the_figures_are_those_of_the_arm_and_its_board() -> None:
+def test_the_figures_are_those_of_the_arm_and_its_board_and_a_finer_servo_is_nearer() -> None:
     robot = load_robot("uzuner")
     q = robot.pose("home")
     told = rounding_note(robot, q)
@@ -44,9 +44,6 @@ def test_the_figures_are_those_of_the_arm_and_its_board() -> None:
     assert "(1 µs)" in rounding_note(abaas, abaas.pose("home"))
     scorbot = load_robot("scorbot")
     assert re.search(r"Encoder steps of .*\(1 count\)", rounding_note(scorbot, scorbot.pose("home")))
-
-
-def test_a_finer_servo_brings_the_tool_nearer_and_a_held_joint_takes_no_part() -> None:
     robot, humanoid = load_robot("uzuner"), load_robot("humanoid")
     assert robot.output_map is not None
     finer = replace(robot, output_map=replace(robot.output_map, per_rad=4 * robot.output_map.per_rad))

@@ -28,7 +28,7 @@ def trail_of(*x: float) -> Trail:
     return trail
 
 
-def test_the_trail_keeps_points_that_lie_apart_and_gives_those_since() -> None:
+def test_the_trail_keeps_points_that_lie_apart_and_leaves_out_what_is_not_known() -> None:
     trail = trail_of(0.0, 0.001, 0.003, 0.006)
     assert trail.count == 3
     assert trail.since(2)[:, 0] == pytest.approx([0.006])
@@ -36,9 +36,6 @@ def test_the_trail_keeps_points_that_lie_apart_and_gives_those_since() -> None:
     trail = trail_of(*(0.01 * k for k in range(1000)))  # a long one forgets its beginning but counts on
     assert (trail.count, len(trail.since(0))) == (1000, 600)
     assert trail.since(990)[:, 0] == pytest.approx(0.01 * np.arange(990, 1000))
-
-
-def test_no_line_is_drawn_over_what_nobody_knows() -> None:
     trail = trail_of(np.nan, 0.0, np.nan, np.nan, 0.0)  # near the last one, but after a gap
     assert trail.count == 3
     assert trail.since(0)[:, 0] == pytest.approx([0.0, np.nan, 0.0], nan_ok=True)

@@ -116,7 +116,7 @@ def test_the_tool_is_led_to_its_end_at_the_speed_that_is_asked_for(via: np.ndarr
     assert np.degrees(turned.motion.pitch[-1]) == pytest.approx(-40.0, abs=0.02)
 
 
-def test_a_line_that_ends_on_the_way_is_drawn_as_far_as_that_and_refused() -> None:
+def test_a_line_that_ends_on_the_way_is_drawn_so_far_and_its_limit_told_once() -> None:
     request = MotionRequest(TOOL_LINE, "Tool line, trapezoid", HOME, "trapezoid", end=STRETCHED)
     found = plan_motion(ROBOT, request)
     assert found.title == "Tool line"  # it follows no profile
@@ -128,9 +128,6 @@ def test_a_line_that_ends_on_the_way_is_drawn_as_far_as_that_and_refused() -> No
     assert found.motion.position[-1, 0] > TIP[0] + 0.05
     with pytest.raises(InputError, match="normal leads each joint for itself"):
         planned(TOOL_LINE, HOME, profile="normal", end=STRETCHED)
-
-
-def test_the_limit_that_ends_a_line_is_told_once() -> None:
     start = np.radians([0.0, 80.0, -50.0, -60.0, 0.0])
     found = planned(TOOL_LINE, start, profile="trapezoid", end=Target.of([0.22, -0.06, 0.2]))
     limits = [finding for finding in found.findings if finding.kind == "limits"]
@@ -192,7 +189,7 @@ def test_the_duration_of_a_path_is_that_of_the_whole(profile: Profile) -> None:
         planned(ARC, passing="blend", blend_m=0.0)
 
 
-def test_a_program_is_shown_as_it_runs_with_its_waits_repeats_and_speeds() -> None:
+def test_a_program_is_shown_as_it_runs_as_far_as_it_can_be_run() -> None:
     there = MoveStep(joints_deg=(0, 90, -80, -40, 0), duration_s=2.0)
     twice = RepeatStep(times=2), MoveStep(joints_deg=(0, 80, -80, -40, 0)), there, EndStep()
     found = of_program(there, WaitStep(seconds=1.5), GripperStep(open_percent=20), *twice)
@@ -203,9 +200,6 @@ def test_a_program_is_shown_as_it_runs_with_its_waits_repeats_and_speeds() -> No
     assert [found.step_at(time) for time in (0.0, 3.0, 1e9)] == [0, 1, 5]
     assert "step 2" in cursor_html(found, 3.0)
     assert of_program(SpeedStep(percent=50), there).trajectory.duration == pytest.approx(4.0)
-
-
-def test_a_program_is_drawn_as_far_as_it_can_be_run_and_makes_sense() -> None:
     found = of_program(GO_HOME, LineStep(x_mm=900, y_mm=0, z_mm=100))
     assert found.trajectory.end == pytest.approx(HOME)
     assert found.refusal is not None and "step 2" in str(found.refusal)
