@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from armctl.errors import StateError
 from armctl.hardware import BoardIdentity, ChannelSettings, Readback, Source
-from armctl.program import MoveStep, Program, Step
+from armctl.program import MoveStep, Step
 from armctl.robot import Robot, load_robot
 from armctl.runtime import (
     Connect,
@@ -192,10 +192,6 @@ def fails(future: Future[None], match: str, error: type[Exception] = StateError)
     """It carries this error."""
     with pytest.raises(error, match=match):
         future.result(0)
-
-
-def program(*steps: Step) -> Program:
-    return Program(robot="uzuner", name="pick", steps=steps)
 
 
 def swings(blend_mm: float, *away: float | Sequence[float]) -> list[Step]:

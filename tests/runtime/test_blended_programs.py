@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from tests.program.kit import program
 from tests.runtime.kit import (
     MIDDLE,
     ROBOT,
@@ -19,12 +20,11 @@ from tests.runtime.kit import (
     Rig,
     assert_keeps_limits,
     make_rig,
-    program,
     steps_seen,
     swings,
 )
 
-from armctl.errors import ProgramError, StateError
+from armctl.errors import ProgramError
 from armctl.motion import arc
 from armctl.program import (
     ArcStep,
@@ -48,19 +48,13 @@ def through_the_arc(blend_mm: float) -> Program:
     return program(*(PointStep(x_mm=x, y_mm=y, z_mm=z, blend_mm=blend_mm) for x, y, z in ARC_MM.tolist()))
 
 
-def run(rig: Rig, what: Program, loops: int | None = 1, seconds: float = 120.0) -> None:
-    ticket = rig.do(RunProgram(what, loops))
-    rig.until(lambda s: s.state is State.HOLDING, seconds)
-    ticket.result(0)
-
-
 def speeds(rig: Rig) -> np.ndarray:
     """(k,) the fastest joint at each tick while the program ran."""
     return np.array([np.abs(s.velocity_command).max() for s in rig.history if s.program is not None])
 
 
 def test_the_published_arc_runs_without_a_pause(holding: Rig) -> None:
-    run(holding, through_the_arc(2.0))
+    holding.finishes(RunProgram(through_the_arc(2.0)))
     assert steps_seen(holding) == [(0, k) for k in range(58)]
     moving = [s for s in holding.history if s.program is not None and 0 < s.program.step < 57]
     assert min(np.abs(s.velocity_command).max() for s in moving) > np.radians(5)
@@ -68,7 +62,7 @@ def test_the_published_arc_runs_without_a_pause(holding: Rig) -> None:
 
 
 def test_with_stops_it_stands_in_every_point(holding: Rig) -> None:
-    run(holding, through_the_arc(0.0))
+    holding.finishes(RunProgram(through_the_arc(0.0)))
     tools = ROBOT.forward(np.array([s.q_command for s in holding.history]))[:, :3, 3]
     for point in ARC_MM / 1000:
         assert np.linalg.norm(tools - point, axis=1).min() < 1e-9
@@ -79,7 +73,7 @@ def test_lines_and_arcs_of_the_tool(holding: Rig) -> None:
     via, end = (dict(zip(("x_mm", "y_mm", "z_mm"), ARC_MM[k].tolist(), strict=True)) for k in (28, -1))
     to_the_end = ArcStep(**{f"via_{key}": mm for key, mm in via.items()}, **end, speed_mm_s=150)
     up = LineStep(**end | {"z_mm": 120}, pitch="free")
-    run(holding, program(PointStep(x_mm=x, y_mm=y, z_mm=z), to_the_end, up))
+    holding.finishes(RunProgram(program(PointStep(x_mm=x, y_mm=y, z_mm=z), to_the_end, up)))
     seen = [s for s in holding.history if s.program is not None and s.program.step == 1]
     tools = 1000 * ROBOT.forward(np.array([s.q_command for s in seen]))[:, :3, 3]
     np.testing.assert_allclose(np.hypot(tools[:, 0], tools[:, 1]), 200.0, atol=0.05)
@@ -91,16 +85,14 @@ def test_lines_and_arcs_of_the_tool(holding: Rig) -> None:
 def test_a_loop_that_is_blended_over_its_end_never_stands(holding: Rig) -> None:
     corners = [(180, -60), (180, 60), (220, 60), (220, -60)]
     square = program(*(LineStep(x_mm=x, y_mm=y, z_mm=100, pitch="free", blend_mm=10) for x, y in corners))
-    run(holding, program(PointStep(x_mm=220, y_mm=-60, z_mm=100)))
+    holding.finishes(RunProgram(program(PointStep(x_mm=220, y_mm=-60, z_mm=100))))
     holding.history.clear()
-    ticket = holding.do(RunProgram(square, None))
+    holding.do(RunProgram(square, None))
     holding.run(30)
     fast = speeds(holding)
     assert fast[5:].min() > np.radians(2)
     assert {step for _, step in steps_seen(holding)} == {0, 1, 2, 3}
     holding.stops()
-    with pytest.raises(StateError):
-        ticket.result(0)
     assert_keeps_limits(holding)
 
 
@@ -196,13 +188,13 @@ def test_a_single_step(holding: Rig) -> None:
 
 def test_a_speed_step_slows_down_what_follows_it(holding: Rig) -> None:
     a, b = swings(0, 0.3, -0.3)
-    run(holding, program(a))
+    holding.finishes(RunProgram(program(a)))
     holding.history.clear()
-    run(holding, program(b))
+    holding.finishes(RunProgram(program(b)))
     fast = len(holding.history)
-    run(holding, program(a))
+    holding.finishes(RunProgram(program(a)))
     holding.history.clear()
-    run(holding, program(SpeedStep(percent=50), b))
+    holding.finishes(RunProgram(program(SpeedStep(percent=50), b)))
     assert len(holding.history) == pytest.approx(2 * fast, abs=6)
     assert holding.now.speed == 1.0
 
@@ -245,7 +237,7 @@ def test_the_arm_is_braked_in_time_for_a_corner_that_was_not_known_yet(holding: 
         (22.92, 67.08, -84.36, -34.27, 0.0),
         (3.44, 86.56, -84.36, -44.58, 5.73),
     ]
-    run(holding, program(*(MoveStep(joints_deg=pose, blend_mm=200) for pose in poses)))
+    holding.finishes(RunProgram(program(*(MoveStep(joints_deg=pose, blend_mm=200) for pose in poses))))
     assert steps_seen(holding) == [(0, k) for k in range(7)]
     np.testing.assert_allclose(np.degrees(holding.now.q_command), poses[-1])
     assert_keeps_limits(holding)
@@ -253,7 +245,7 @@ def test_the_arm_is_braked_in_time_for_a_corner_that_was_not_known_yet(holding: 
 
 def test_a_step_that_goes_nowhere_does_not_interrupt_a_blended_motion(holding: Rig) -> None:
     there = swings(5, 0.2)
-    run(holding, program(*there, *there, *there, *swings(5, -0.2), *swings(0, 0.1)))
+    holding.finishes(RunProgram(program(*there, *there, *there, *swings(5, -0.2), *swings(0, 0.1))))
     between = [s for s in holding.history if s.program is not None and s.program.step in (0, 3)]
     assert np.abs([s.velocity_command for s in between[2:]]).max(axis=1).min() > np.radians(1)
     np.testing.assert_allclose(holding.now.q_command, MIDDLE + 0.1, atol=1e-12)
@@ -261,7 +253,7 @@ def test_a_step_that_goes_nowhere_does_not_interrupt_a_blended_motion(holding: R
 
 
 def test_a_program_of_comments_is_over_at_once(holding: Rig) -> None:
-    run(holding, program(CommentStep(note="nothing yet")), None, 1)
+    holding.finishes(RunProgram(program(CommentStep(note="nothing yet")), None), 1)
 
 
 class FailingExecutor(InlineExecutor):
@@ -291,17 +283,13 @@ def test_when_the_planner_breaks_in_a_blended_motion_the_arm_comes_to_rest(numbe
 
 
 def test_an_edit_mends_what_could_not_be_planned(late: Rig) -> None:
-
-    def work_until_nothing_waits() -> None:
-        while late.executor.waiting:
-            late.executor.work()
-            late.tick()
-
     def broken() -> None:
         raise RuntimeError("out of memory")
 
     late.do(RunProgram(program(*swings(0, 0.1, 0.2)), None))
-    work_until_nothing_waits()
+    while late.executor.waiting:
+        late.executor.work()
+        late.tick()
     late.until(lambda _: bool(late.executor.waiting))
     late.executor.waiting = [(future, broken) for future, _ in late.executor.waiting]
     late.executor.work()

@@ -131,13 +131,10 @@ def test_after_closing_everything_is_refused(rig: Rig) -> None:
 
 def test_many_threads_may_ask_at_once(live: Controller) -> None:
     tickets = []
-    lock = threading.Lock()
 
     def ask(k: int) -> None:
         for _ in range(20):
-            ticket = live.submit(MoveJoints(near(k)), Origin(f"thread {k}"))
-            with lock:
-                tickets.append(ticket)
+            tickets.append(live.submit(MoveJoints(near(k)), Origin(f"thread {k}")))
             live.stop(Origin(f"thread {k}"))
 
     threads = [threading.Thread(target=ask, args=(k,)) for k in range(4)]
@@ -162,18 +159,17 @@ def test_the_thread_survives_a_driver_that_breaks(live: Controller, driver: Live
     assert live.snapshot.state is State.OFF
 
 
-def test_a_wake_between_two_ticks_writes_nothing_and_loses_no_time() -> None:
-    rig = make_rig().enable()
-    moving = rig.do(MoveJoints(HOME, duration_s=2))
-    began = rig.now.stamp
-    rig.run(0.2)
-    count = len(rig.driver.writes)
+def test_a_wake_between_two_ticks_writes_nothing_and_loses_no_time(holding: Rig) -> None:
+    moving = holding.do(MoveJoints(HOME, duration_s=2))
+    began = holding.now.stamp
+    holding.run(0.2)
+    count = len(holding.driver.writes)
     for _ in range(3):
-        rig.tick(0.001)
-    assert len(rig.driver.writes) == count
-    rig.tick(0.017)
-    rig.until(lambda _: moving.finished.done())
-    assert rig.now.stamp - began == pytest.approx(2.0, abs=0.03)
+        holding.tick(0.001)
+    assert len(holding.driver.writes) == count
+    holding.tick(0.017)
+    holding.until(lambda _: moving.finished.done())
+    assert holding.now.stamp - began == pytest.approx(2.0, abs=0.03)
 
 
 def test_a_rate_that_cannot_be() -> None:
@@ -198,26 +194,24 @@ def test_whoever_waits_for_a_ticket_finds_the_snapshot_that_shows_it(rig: Rig) -
     assert np.array_equal(seen[2][1], HOME)
 
 
-def test_closing_answers_a_disconnect_that_waits_for_a_standstill() -> None:
-    rig = make_rig().enable()
-    rig.do(MoveJoints(HOME))
-    rig.run(0.4)
-    leaving = rig.do(Disconnect())
+def test_closing_answers_a_disconnect_that_waits_for_a_standstill(holding: Rig) -> None:
+    holding.do(MoveJoints(HOME))
+    holding.run(0.4)
+    leaving = holding.do(Disconnect())
     assert not leaving.finished.done()
-    rig.controller.close()
+    holding.controller.close()
     leaving.result(0)
 
 
 def test_a_snapshot_that_cannot_be_made_is_a_fault_and_the_ticks_go_on(
-    monkeypatch: pytest.MonkeyPatch,
+    holding: Rig, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    rig = make_rig().enable()
-    motion = rig.do(MoveJoints(HOME))
+    motion = holding.do(MoveJoints(HOME))
     with monkeypatch.context() as patch:
         patch.setattr(PathMover, "program", property(lambda _: 1 / 0))
-        rig.tick()
-    rig.tick()
-    assert rig.now.state is State.FAULT
+        holding.tick()
+    holding.tick()
+    assert holding.now.state is State.FAULT
     assert isinstance(motion.finished.exception(0), ArmctlError)
 
 

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
+from tests.program.kit import program
 from tests.runtime.kit import (
     MIDDLE,
     ROBOT,
@@ -17,7 +18,6 @@ from tests.runtime.kit import (
     assert_accelerations_keep_limits,
     assert_keeps_limits,
     make_rig,
-    program,
     swings,
 )
 

@@ -248,11 +248,10 @@ def test_enable_keeps_the_arm_where_the_encoders_say_it_is_unless_that_is_outsid
     assert "encoders say where the arm is" in homed.now.cause
 
 
-def test_servos_have_nothing_to_home() -> None:
-    rig = make_rig().enable()
-    assert rig.now.homing == ()
-    rig.refuses(HomeAxes(), "nothing to home")
-    assert rig.now.state is State.HOLDING
+def test_servos_have_nothing_to_home(holding: Rig) -> None:
+    assert holding.now.homing == ()
+    holding.refuses(HomeAxes(), "nothing to home")
+    assert holding.now.state is State.HOLDING
 
 
 def test_homing_is_refused_while_the_arm_moves(homed: Rig) -> None:

@@ -2,16 +2,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from tests.program.kit import program
 from tests.runtime.kit import (
     ROBOT,
-    TEST,
     TICK,
     Rig,
     assert_accelerations_keep_limits,
     assert_keeps_limits,
     fails,
-    make_rig,
-    program,
     steps_seen,
 )
 
@@ -71,9 +69,7 @@ def test_a_stop_during_a_wait_or_the_gripper_ends_it(holding: Rig) -> None:
         holding.run(1)
         ticket = holding.do(RunProgram(program(step, TO_HOME)))
         holding.run(0.2)
-        holding.controller.stop(TEST)
-        holding.tick()
-        assert holding.now.state is State.HOLDING
+        holding.stops()
         fails(ticket.finished, "was stopped")
         holding.sends_nothing(2)
 
@@ -84,21 +80,20 @@ def test_it_begins_where_it_is_told_in_the_first_pass_only(holding: Rig) -> None
 
 
 @pytest.mark.parametrize("step", [TO_HOME, WAIT, GripperStep(open_percent=100)])
-def test_pause_and_resume_in_every_kind_of_step(step: Step) -> None:
-    rig = make_rig().enable()
-    rig.do(MoveGripper(0.0))
-    rig.run(0.5)
-    ticket = rig.do(RunProgram(program(step, TO_REST)))
-    rig.run(0.1)
-    rig.do(Pause()).result(0)
-    rig.until(lambda s: s.state is State.PAUSED, seconds=0.5)
-    assert rig.now.cause == "program 'pick' paused"
-    rig.sends_nothing(5)
-    assert rig.now.state is State.PAUSED
-    assert rig.now.program.step == 0
-    rig.finishes(Resume())
+def test_pause_and_resume_in_every_kind_of_step(holding: Rig, step: Step) -> None:
+    holding.do(MoveGripper(0.0))
+    holding.run(0.5)
+    ticket = holding.do(RunProgram(program(step, TO_REST)))
+    holding.run(0.1)
+    holding.do(Pause()).result(0)
+    holding.until(lambda s: s.state is State.PAUSED, seconds=0.5)
+    assert holding.now.cause == "program 'pick' paused"
+    holding.sends_nothing(5)
+    assert holding.now.state is State.PAUSED
+    assert holding.now.program.step == 0
+    holding.finishes(Resume())
     ticket.result(0)
-    assert_accelerations_keep_limits(rig)
+    assert_accelerations_keep_limits(holding)
 
 
 def test_a_step_that_ends_while_it_is_being_paused_waits_before_the_next(holding: Rig) -> None:
@@ -179,9 +174,7 @@ def test_an_endless_loop_that_goes_nowhere_does_not_hang(holding: Rig) -> None:
     holding.do(RunProgram(program(TO_REST, WaitStep(seconds=0)), loops=None))
     holding.run(2)
     assert holding.now.state is State.MOVING
-    holding.controller.stop(TEST)
-    holding.tick()
-    assert holding.now.state is State.HOLDING
+    holding.stops()
 
 
 def test_the_gripper_belongs_to_the_program_during_its_step(holding: Rig) -> None:

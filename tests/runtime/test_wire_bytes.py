@@ -14,27 +14,13 @@ import pytest
 from tests.runtime.board_bench import BoardBench
 
 from armctl import load_robot
+from armctl.boards import setup_of
 from armctl.hardware import ByteModel, Driver
-from armctl.hardware.encoder.driver import EncoderDriver
-from armctl.hardware.encoder.simulated import simulated_encoder_board
-from armctl.hardware.firmata.driver import FirmataDriver
-from armctl.hardware.firmata.simulated import SimulatedFirmata
-from armctl.hardware.maestro import MaestroModel
-from armctl.hardware.maestro.driver import MaestroDriver
-from armctl.hardware.maestro.simulated import ChannelConfig, MaestroSettings, SimulatedMaestro
+from armctl.hardware.boards import board_type
 from armctl.hardware.transport import Connection, Transport
 from armctl.program import open_program
 from armctl.robot import Robot
-from armctl.runtime import (
-    Connect,
-    Disconnect,
-    Enable,
-    HomeAxes,
-    Release,
-    RunProgram,
-    State,
-    channel_settings,
-)
+from armctl.runtime import Connect, Disconnect, Enable, HomeAxes, Release, RunProgram, State
 
 ROBOTS = ("uzuner", "abaas", "scorbot")
 """one for each kind of board"""
@@ -49,22 +35,12 @@ class RecordedLine:
         self._line, self._now, self._record = line, now, record
         self._begun = now()
 
-    @property
-    def name(self) -> str:
-        return self._line.name
+    def __getattr__(self, name: str) -> object:
+        return getattr(self._line, name)
 
     def write(self, data: bytes) -> None:
         self._record.append(f"{round(1000 * (self._now() - self._begun))} {data.hex()}")
         self._line.write(data)
-
-    def read(self, count: int, timeout_s: float) -> bytes:
-        return self._line.read(count, timeout_s)
-
-    def discard_input(self) -> None:
-        self._line.discard_input()
-
-    def close(self) -> None:
-        self._line.close()
 
 
 def recorded(name: str) -> list[str]:
@@ -99,43 +75,21 @@ def recorded(name: str) -> list[str]:
     return record
 
 
-def _golden(name: str) -> list[str]:
-    """What was recorded."""
-    return lzma.decompress((WIRE / f"{name}.txt.xz").read_bytes()).decode().splitlines()
-
-
 def _bench(robot: Robot, record: list[str]) -> BoardBench[ByteModel]:
     """As ``sim`` wires them up, with the recorded line in between."""
-    channels = channel_settings(robot)
-    board: ByteModel
-    match robot.board:
-        case "maestro":
-            ranges = {one.channel: ChannelConfig(one.minimum, one.maximum) for one in channels}
-            model = MaestroModel.with_channels(len(channels))
-            board = SimulatedMaestro(model, MaestroSettings(channels=ranges))
-        case "firmata":
-            board = SimulatedFirmata(0.0)
-        case "encoder":
-            board = simulated_encoder_board(channels, robot.board_settings.axes)
+    setup, kind = setup_of(robot), board_type(robot.board)
 
     def driver(opened: Callable[[], Transport], now: Callable[[], float]) -> Driver:
-        def line() -> RecordedLine:
-            return RecordedLine(opened(), now, record)
+        line = Connection(lambda: RecordedLine(opened(), now, record), now, simulated=True)
+        return kind.driver(setup, line)
 
-        match robot.board:
-            case "maestro":
-                return MaestroDriver(Connection(line, lambda: 0.0, simulated=True), model=model)
-            case "firmata":
-                return FirmataDriver(Connection(line, now, simulated=True))
-            case "encoder":
-                return EncoderDriver(Connection(line, now, simulated=True), robot.board_settings)
-
-    return BoardBench.of(robot, board, driver)
+    return BoardBench.of(robot, kind.simulated(setup, {}), driver)
 
 
 @pytest.mark.parametrize("robot", ROBOTS)
 def test_a_session_sends_the_bytes_that_were_recorded(robot: str) -> None:
-    now, then = recorded(robot), _golden(robot)
+    now = recorded(robot)
+    then = lzma.decompress((WIRE / f"{robot}.txt.xz").read_bytes()).decode().splitlines()
     for line, (new, old) in enumerate(zip(now, then, strict=False)):
         assert new == old, f"write {line}, after {[one for one in then[:line] if one.startswith('#')][-1]}"
     assert len(now) == len(then)

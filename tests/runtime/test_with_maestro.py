@@ -14,13 +14,7 @@ from armctl.hardware.maestro.codec import Opcode
 from armctl.hardware.maestro.driver import MaestroDriver
 from armctl.hardware.maestro.simulated import ChannelConfig, MaestroSettings, SimulatedMaestro
 from armctl.hardware.transport import Connection
-from armctl.runtime import (
-    ClearFault,
-    Connect,
-    Enable,
-    MoveJoints,
-    State,
-)
+from armctl.runtime import ClearFault, Connect, Enable, MoveJoints, State
 
 REST, HOME = ROBOT.pose("rest"), ROBOT.pose("home")
 WIDE = {channel: ChannelConfig(minimum_us=500, maximum_us=2500) for channel in range(6)}
@@ -30,20 +24,16 @@ QUARTER = 0.25 / 516  # ¼ µs at the base's 9 µs a degree [rad]
 Bench = BoardBench[SimulatedMaestro]
 
 
-def make_bench(channels: dict[int, ChannelConfig] = WIDE) -> Bench:
-    board = SimulatedMaestro(MaestroModel.MICRO_6, MaestroSettings(channels=channels))
-    return BoardBench.of(
+@pytest.fixture
+def bench() -> Bench:
+    board = SimulatedMaestro(MaestroModel.MICRO_6, MaestroSettings(channels=WIDE))
+    bench = BoardBench.of(
         ROBOT,
         board,
         lambda line, _now: MaestroDriver(
             Connection(line, lambda: 0.0, simulated=True), model=MaestroModel.MICRO_6
         ),
     )
-
-
-@pytest.fixture
-def bench() -> Bench:
-    bench = make_bench()
     bench.do(Connect("sim"))
     bench.do(Enable())
     bench.run(0.1)
