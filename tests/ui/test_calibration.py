@@ -111,7 +111,7 @@ def test_every_change_raises_the_version_and_what_is_refused_does_not() -> None:
     assert desk.version == versions[-1]
 
 
-def test_safe_limits_are_the_files_until_somebody_sets_them() -> None:
+def test_safe_limits_are_the_files_until_set_and_stay_when_the_line_is_measured_anew() -> None:
     desk = work()
     assert desk.limits("base") == (FILE.low, FILE.high)
     desk.set_limit("base", "low", 700.0)
@@ -126,9 +126,6 @@ def test_safe_limits_are_the_files_until_somebody_sets_them() -> None:
     assert desk.limits("base") == (FILE.low, FILE.high)
     mark(desk, "base", (1340, -20), (1500, 0), (1660, 20))
     assert desk.measured()["base"].angles() == pytest.approx(tuple(ROBOT.limits[0]))
-
-
-def test_limits_set_by_hand_stay_when_the_line_is_measured_anew() -> None:
     desk = work(saved(base=JointCalibration(1500, 500, 800, 2200)))
     assert desk.limits("base") == (800, 2200)
     desk.set_limit("base", "low", 900)
@@ -144,7 +141,7 @@ def test_limits_set_by_hand_stay_when_the_line_is_measured_anew() -> None:
             desk.delete_mark("base", 0)
 
 
-def test_the_gripper_is_closed_and_open_at_two_outputs() -> None:
+def test_the_gripper_has_two_outputs_and_another_desk_goes_on_with_all() -> None:
     desk = work()
     assert desk.jaw("closed") == desk.map.gripper_closed
     desk.set_jaw("closed", 1150.0)
@@ -154,9 +151,6 @@ def test_the_gripper_is_closed_and_open_at_two_outputs() -> None:
     ):
         desk.set_jaw("open", 1150.2)
     assert work(saved()).jaw("open") == 1900.0
-
-
-def test_another_desk_goes_on_with_all_of_it() -> None:
     first, second = work(), work(saved())
     mark(first, "elbow", (1500, 3))
     first.choose("elbow")
@@ -426,7 +420,7 @@ def holding() -> Snapshot:
     return make_rig().enable().now
 
 
-def test_a_mark_is_taken_where_the_board_says_the_arm_stands() -> None:
+def test_a_mark_is_taken_where_the_arm_stands_and_is_known_to() -> None:
     snapshot = holding()
     there = snapshot.q_command + 0.1
     known = replace(snapshot, q=there)
@@ -434,9 +428,6 @@ def test_a_mark_is_taken_where_the_board_says_the_arm_stands() -> None:
     partly = replace(snapshot, q=np.where(np.arange(5) == 1, np.nan, there))
     expected = np.where(np.arange(5) == 1, snapshot.q_command, there)
     assert standing_outputs(ROBOT, partly) == pytest.approx(the_map().outputs(expected))
-
-
-def test_no_mark_is_taken_on_the_way_or_of_an_arm_without_outputs() -> None:
     for state in (State.MOVING, State.PAUSED):
         moving = replace(holding(), state=state)
         with pytest.raises(StateError, match="wait until it stands"):
@@ -444,9 +435,6 @@ def test_no_mark_is_taken_on_the_way_or_of_an_arm_without_outputs() -> None:
         assert present_outputs(ROBOT, moving)  # it may be looked at
     with pytest.raises(CalibrationError, match="nothing to calibrate"):
         standing_outputs(replace(ROBOT, output_map=None), holding())
-
-
-def test_an_arm_that_is_off_has_marks_only_where_its_board_measures() -> None:
     off = replace(holding(), powered=False, commanded=False, state=State.OFF, q=np.full(5, np.nan))
     with pytest.raises(StateError, match="the arm is off, so nobody knows where it stands"):
         standing_outputs(ROBOT, off)
@@ -518,7 +506,7 @@ def test_marks_and_their_line_are_told(pairs: list[tuple[float, float]], line: l
     assert ("✗" in overview_html(work)) is (marks == "✗")
 
 
-def test_marks_without_a_line_and_an_encoders_home_are_told() -> None:
+def test_marks_without_a_line_an_encoders_home_and_the_limits_are_told() -> None:
     work = measured((1500, 0), (1500, 1), (1500, 2))
     for html in (fit_html(work, "base"), limits_html(work, "base")):
         assert "All marks are at one place" in plain(html)
@@ -527,9 +515,6 @@ def test_marks_without_a_line_and_an_encoders_home_are_told() -> None:
     for counts, degrees in ((0, 1.0), (1400, 11), (2800, 21)):
         work.add_mark(work.chosen, counts, math.radians(degrees))
     assert "home (0 counts) is at 1.00° 0.00°" in plain(fit_html(work, work.chosen))
-
-
-def test_limits_say_where_they_come_from() -> None:
     work = CalibrationWork(ROBOT, None)
     assert plain(limits_html(work, "base")) == "554.0 … 2446.0 µs (as the robot file allows)"
     work.set_limit("base", "low", 700)

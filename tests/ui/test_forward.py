@@ -52,7 +52,7 @@ def test_results_tell_where_both_buttons_lead_and_what_is_outside(server: Guarde
     assert "→" not in html
 
 
-def test_a_pose_in_figures_names_the_two_pitches_apart() -> None:
+def test_a_pose_in_figures_and_which_way_a_stretched_arm_cannot_go() -> None:
     html = pose_html(ROBOT, HOME)  # the tool looks 30° down
     for text in ("255.56", "Rz(yaw) · Ry(pitch) · Rx(roll)", "Rx (roll)", "Ry (pitch) <b>−60.000°</b>"):
         assert text in html
@@ -60,9 +60,6 @@ def test_a_pose_in_figures_names_the_two_pitches_apart() -> None:
     html = jacobian_html(ROBOT, np.zeros(5))
     for row in ("vx mm/s", "ωz rad/s", "330.00", "Wrist roll", "√det(Jᵀ J) of all six rows"):
         assert row in html
-
-
-def test_a_stretched_arm_says_which_way_it_cannot_go() -> None:
     stretched = position_freedom(ROBOT.jacobian(np.zeros(5)))
     html = manipulability_html(stretched, ROBOT.forward(np.zeros(5))[:3, 3])
     assert "Singular" in html and "the tool cannot move out or in, along (" in html

@@ -49,7 +49,7 @@ def test_what_was_not_checked_is_not_said_to_be_checked() -> None:
     assert "Not checked: gravity torque" in html
 
 
-def test_errors_come_first_warnings_alone_let_it_run_and_a_long_list_is_cut() -> None:
+def test_errors_come_first_long_lists_are_cut_steps_count_from_one_and_texts_are_escaped() -> None:
     html = verdict_html([HOT, FLOOR])
     assert "refused, 1 error and 1 warning" in html
     assert html.index("12.3 mm below the floor") < html.index("60 % of its stall torque")
@@ -60,9 +60,6 @@ def test_errors_come_first_warnings_alone_let_it_run_and_a_long_list_is_cut() ->
     html = verdict_html([FLOOR] * 35)
     assert html.count("below the floor") == 12
     assert "and 23 more" in html
-
-
-def test_steps_are_counted_from_one_and_texts_are_escaped() -> None:
     found = [replace(FLOOR, step=6), Finding("a wait takes 0 … 86400 s, not -1", step=1)]
     html = verdict_html(found)
     assert "step 7 · 1.84 s · the tool" in html and "step 2</div>" in html

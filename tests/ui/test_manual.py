@@ -135,9 +135,6 @@ def test_the_live_tables_show_units_signs_and_what_is_not_known() -> None:
     assert ">−0.0" not in html
     joints = joint_table(ROBOT, replace(snapshot, q=np.array([np.nan, *snapshot.q[1:]])))
     assert all(text in joints for text in (">transmitted<", ">–<", "−80.00"))
-
-
-def test_an_arm_that_was_told_nothing_has_no_commanded_figures() -> None:
     snapshot = make_rig().now
     assert not snapshot.commanded
     figures = tool_table(ROBOT, snapshot) + joint_table(ROBOT, snapshot)

@@ -57,9 +57,6 @@ def test_each_kind_records_what_it_says() -> None:
         step_here(ArcStep, ROBOT, here)
     with pytest.raises(StateError, match="the gripper has not been told to move yet"):
         step_here(GripperStep, ROBOT, standing(ROBOT))
-
-
-def test_an_arm_whose_place_decides_about_its_pitch_lets_it_come_as_it_comes() -> None:
     mico = load_robot("mico")
     line, point = (step_here(kind, mico, standing(mico)) for kind in (LineStep, PointStep))
     assert (cast(LineStep, line).pitch, cast(PointStep, point).pitch_deg) == ("free", None)

@@ -222,7 +222,7 @@ def test_a_program_that_cannot_be_shown_says_why(steps: tuple[Step, ...], why: s
         of_program(*steps)
 
 
-def test_graphs_have_a_title_with_its_unit_and_one_line_a_coordinate() -> None:
+def test_graphs_have_a_line_a_coordinate_and_dashed_limits_where_they_matter() -> None:
     found = planned(end=HOME)
     for of, quantity in itertools.product(OF, QUANTITIES):
         picture = graph(found, of, quantity, "none", 0.3, None)
@@ -238,9 +238,6 @@ def test_graphs_have_a_title_with_its_unit_and_one_line_a_coordinate() -> None:
     numbers = cursor_html(found, 0.0)
     assert "at 0.00 s: tool (<b>124.7, 3.6, 267.5</b>) mm, 0.0 mm/s" in numbers
     assert all(joint.title in numbers for joint in ROBOT.joints)
-
-
-def test_limits_are_dashed_and_drawn_where_they_matter() -> None:
     fast = planned(end=ZERO, profile="trapezoid")
     near = lines_of(fast, "Joints", "Velocity", "near")[5:]
     assert {(line.name, float(line.y[0])) for line in near} == {("Shoulder ≥ −60", -60.0)}
