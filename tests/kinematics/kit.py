@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 from benchmarks.naive_sweep import PlanarArm
@@ -141,6 +142,36 @@ def solver_of(chain: Chain, limits: FloatArray, titles: tuple[str, ...] = ()) ->
     return inverse_kinematics(
         chain, limits, energy, titles or tuple(f"Joint {k + 1}" for k in range(chain.n))
     )
+
+
+def rotation_about(axis: FloatArray, angle: float) -> FloatArray:
+    """(3, 3) rotation about an axis of any length (Rodrigues)."""
+    x, y, z = axis / np.linalg.norm(axis)
+    K = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    return np.eye(3) + math.sin(angle) * K + (1 - math.cos(angle)) * K @ K
+
+
+def least_distance(
+    tip: Callable[[FloatArray], FloatArray],
+    limits: FloatArray,
+    position: FloatArray,
+    rng: np.random.Generator,
+    samples: int,
+) -> float:
+    """Of a tip (..., 3) from a position, by samples, then by ever smaller random steps from the best ones."""
+
+    def distance(q: FloatArray) -> FloatArray:
+        return np.linalg.norm(tip(q) - position, axis=-1)
+
+    q = random_q(rng, limits, samples)
+    starts = q[distance(q).argsort()[:4]]
+    size = 0.5
+    for _ in range(45):
+        tried = np.clip(starts[:, None] + rng.normal(scale=size, size=(4, 150, len(limits))), *limits.T)
+        tried[:, 0] = starts
+        starts = tried[np.arange(4), distance(tried).argmin(axis=1)]
+        size *= 0.75
+    return float(distance(starts).min())
 
 
 def random_q(rng: np.random.Generator, limits: FloatArray, *count: int) -> FloatArray:

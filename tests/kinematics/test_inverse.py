@@ -8,7 +8,15 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 from benchmarks.naive_sweep import PlanarArm
-from tests.kinematics.kit import FloatArray, chain_of, plain_forward, planar_arms, random_q, solver_of
+from tests.kinematics.kit import (
+    FloatArray,
+    chain_of,
+    plain_forward,
+    planar_arms,
+    random_q,
+    rotation_about,
+    solver_of,
+)
 
 from armctl import load_robot
 from armctl.errors import InputError
@@ -177,10 +185,7 @@ def test_a_rotation_that_cannot_be_gets_the_nearest_that_can(off: float) -> None
     rng = np.random.default_rng(25)
     for _ in range(60):
         T = robot.forward(random_q(rng, robot.limits))
-        x, y, z = rng.normal(size=3)
-        K = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]]) / math.hypot(x, y, z)
-        turn = np.eye(3) + math.sin(math.radians(off)) * K + (1 - math.cos(math.radians(off))) * K @ K
-        wanted = T[:3, :3] @ turn
+        wanted = T[:3, :3] @ rotation_about(rng.normal(size=3), math.radians(off))
         solutions = robot.inverse(T[:3, 3], rotation=wanted)
         assert_true(solutions, robot.limits)
         chords = np.linalg.norm(robot.forward(solutions.q)[:, :3, :3] - wanted, axis=(1, 2))

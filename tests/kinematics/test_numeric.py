@@ -8,7 +8,7 @@ import re
 import numpy as np
 import pytest
 from scipy.optimize import minimize
-from tests.kinematics.kit import plain_forward, random_q
+from tests.kinematics.kit import plain_forward, random_q, rotation_about
 
 from armctl.arrays import FloatArray
 from armctl.errors import InputError
@@ -357,9 +357,7 @@ def test_the_derivatives_of_a_goal_are_those_of_finite_differences(goal: Goal) -
 @pytest.mark.parametrize("angle", [0.0, 1e-9, 1e-4, 2.0, 3.14, HALF - 1e-7, HALF])
 def test_rotation_vectors_of_any_angle(angle: float) -> None:
     axis = np.array([0.36, -0.48, 0.8])
-    K = np.array([[0, -axis[2], axis[1]], [axis[2], 0, -axis[0]], [-axis[1], axis[0], 0]])
-    R = np.eye(3) + math.sin(angle) * K + (1 - math.cos(angle)) * K @ K
-    vector = rotation_vectors(R[None])[0]
+    vector = rotation_vectors(rotation_about(axis, angle)[None])[0]
     if angle == HALF:  # both ways round are the same turn
         vector = vector * math.copysign(1.0, vector @ axis)
     assert vector == pytest.approx(angle * axis, abs=1e-8)

@@ -9,7 +9,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 from benchmarks.naive_sweep import UZUNER, PlanarArm
-from tests.kinematics.kit import FloatArray, chain_of, random_planar_arm, random_q, solver_of
+from tests.kinematics.kit import FloatArray, chain_of, least_distance, random_planar_arm, random_q, solver_of
 
 from armctl import load_robot
 from armctl.kinematics import Chain, InverseKinematics, Target
@@ -70,24 +70,6 @@ def test_the_dead_zone() -> None:
 Tip = Callable[[FloatArray], FloatArray]
 
 
-def brute_force(tip: Tip, limits: FloatArray, position: FloatArray, rng: np.random.Generator) -> float:
-    """Least distance found by sampling, then by ever smaller random steps from the best samples."""
-
-    def distance(q: FloatArray) -> FloatArray:
-        return np.linalg.norm(tip(q) - position, axis=-1)
-
-    q = random_q(rng, limits, 3000)
-    starts = q[distance(q).argsort()[:4]]
-    size = 0.5
-    for _ in range(45):
-        tried = np.clip(starts[:, None] + rng.normal(scale=size, size=(4, 150, len(limits))), *limits.T)
-        tried[:, 0] = starts
-        best = distance(tried).argmin(axis=1)
-        starts = tried[np.arange(4), best]
-        size *= 0.75
-    return float(distance(starts).min())
-
-
 def cases(rng: np.random.Generator, count: int) -> list[tuple[PlanarArm, InverseKinematics, Chain]]:
     robot = load_robot("uzuner")
     out = [(UZUNER, robot.inverse_kinematics, robot.chain)] * (count // 4)
@@ -117,7 +99,7 @@ def test_the_nearest_point_is_the_nearest() -> None:
             assert ((q >= arm.limits[:, 0]) & (q <= arm.limits[:, 1])).all()
             assert np.abs(chain.forward(solutions.nearest_q)[:3, 3] - solutions.nearest_m).max() == 0.0
             nearest = float(np.linalg.norm(solutions.nearest_m - position))
-            assert nearest <= brute_force(arm.tip, arm.limits, position, rng) + 1e-6
+            assert nearest <= least_distance(arm.tip, arm.limits, position, rng, 3000) + 1e-6
             assert ik.solve(Target.of(solutions.nearest_m), STEP).success
     assert refused >= 200
 

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from tests.kinematics.kit import FloatArray, plain_forward, random_q
+from tests.kinematics.kit import FloatArray, plain_forward, random_q, rotation_about
 from tests.kinematics.spherical_kit import (
     HUMANOID,
     HUMANOID_LIMITS,
@@ -110,7 +110,8 @@ def test_a_position_contains_the_configuration(held: bool) -> None:
     assert asked > 70
 
 
-def test_pitch_and_roll_of_random_arms_contain_their_configurations() -> None:
+def test_pitch_and_roll_of_random_arms_contain_their_configurations_and_positions_are_reached() -> None:
+    """Also with the first joint held, and where all that is reachable lies between two values of the grid."""
     rng = np.random.default_rng(85)
     for _ in range(120):
         chain, limits = random_arm(rng)
@@ -122,6 +123,10 @@ def test_pitch_and_roll_of_random_arms_contain_their_configurations() -> None:
             pitch, roll = ik.pitch_and_roll(q)
             assert pitch is not None
             T = plain_forward(chain, q)
+            held = limits.copy()
+            held[0] = q[0]
+            for one, inside in ((ik, limits), (spherical_solver(chain, held), held)):
+                assert_reached(one.solve(Target.of(T[:3, 3]), STEP), inside)
             assert math.sin(pitch) == pytest.approx(T[2, 2], abs=1e-12)
             solutions = ik.solve(Target.of(T[:3, 3], pitch, roll), STEP)
             assert_reached(solutions, limits)
@@ -132,32 +137,6 @@ def test_pitch_and_roll_of_random_arms_contain_their_configurations() -> None:
             assert singular or np.abs(wrapped).max(axis=1).min() < 1e-6
 
 
-def test_positions_of_random_arms_are_always_reached() -> None:
-    """Also where all that is reachable lies between two values of the grid."""
-    rng = np.random.default_rng(86)
-    between = 0
-    for i in range(200):
-        chain, limits = random_arm(rng)
-        ik = spherical_solver(chain, limits)
-        for k, q in enumerate(configurations(limits, rng, 4)):
-            if k == 3:
-                q = singular_configuration(ik, limits, rng)
-            if i % 3 == 0:
-                limits = limits.copy()
-                limits[0] = q[0]
-                ik = spherical_solver(chain, limits)
-            solutions = ik.solve(Target.of(chain.forward(q)[:3, 3]), STEP)
-            assert_reached(solutions, limits)
-            between += solutions.free_joint is None
-    assert between > 100
-
-
-def turn_by(rng: np.random.Generator, angle: float) -> FloatArray:
-    x, y, z = rng.normal(size=3)
-    K = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]]) / math.hypot(x, y, z)
-    return np.eye(3) + math.sin(angle) * K + (1 - math.cos(angle)) * K @ K
-
-
 @pytest.mark.parametrize("off", [0.01, 0.4, 3.0])
 def test_a_rotation_that_cannot_be_gets_the_nearest_that_can(off: float) -> None:
     """No posture of the sweep at any roll comes nearer, limits or not."""
@@ -166,7 +145,7 @@ def test_a_rotation_that_cannot_be_gets_the_nearest_that_can(off: float) -> None
         chain, limits = random_arm(rng)
         ik = spherical_solver(chain, limits)
         T = chain.forward(random_q(rng, limits))
-        wanted = T[:3, :3] @ turn_by(rng, off)
+        wanted = T[:3, :3] @ rotation_about(rng.normal(size=3), off)
         solutions = ik.solve(Target.of(T[:3, 3], rotation=wanted), STEP)
         assert_reached(solutions, limits)
         best = solutions.residual_rad.max()

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from tests.kinematics.kit import FloatArray, random_q
+from tests.kinematics.kit import FloatArray, least_distance, random_q
 from tests.kinematics.spherical_kit import (
     HUMANOID,
     HUMANOID_LIMITS,
@@ -91,23 +91,6 @@ def test_rolls_that_cannot_be() -> None:
     assert solutions.reason == "this arm has no joint that rolls the tool"
 
 
-def brute_force(chain: Chain, limits: FloatArray, position: FloatArray, rng: np.random.Generator) -> float:
-    """Least distance found by sampling, then by ever smaller random steps from the best samples."""
-
-    def distance(q: FloatArray) -> FloatArray:
-        return np.linalg.norm(chain.forward(q)[..., :3, 3] - position, axis=-1)
-
-    q = random_q(rng, limits, 4000)
-    starts = q[distance(q).argsort()[:4]]
-    size = 0.5
-    for _ in range(45):
-        tried = np.clip(starts[:, None] + rng.normal(scale=size, size=(4, 150, len(limits))), *limits.T)
-        tried[:, 0] = starts
-        starts = tried[np.arange(4), distance(tried).argmin(axis=1)]
-        size *= 0.75
-    return float(distance(starts).min())
-
-
 def far_away(solutions: Solutions, limits: FloatArray) -> float:
     """Distance of the nearest point, which is inside the limits."""
     assert solutions.nearest_q is not None
@@ -129,7 +112,8 @@ def test_the_nearest_point_is_the_nearest_and_is_reached() -> None:
             if solutions.success:
                 continue
             refused += 1
-            assert far_away(solutions, limits) <= brute_force(chain, limits, position, rng) + 1e-7
+            brute = least_distance(lambda q: chain.forward(q)[..., :3, 3], limits, position, rng, 4000)  # noqa: B023
+            assert far_away(solutions, limits) <= brute + 1e-7
             assert solutions.nearest_m is not None
             assert ik.solve(Target.of(solutions.nearest_m), STEP).success
     assert refused > 150

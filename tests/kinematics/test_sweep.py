@@ -115,20 +115,6 @@ def test_stretched_links_on_a_grid_value_are_listed_once_and_exactly() -> None:
     assert solutions.residual_m.max() < 1e-12
 
 
-@pytest.mark.parametrize("side", [0, 1])
-def test_a_single_grid_value_with_two_joints_on_their_limits_is_found(side: int) -> None:
-    rng = np.random.default_rng(16)
-    for _ in range(60):
-        arm = random_planar_arm(rng)
-        ik = solver_of(chain_of(arm, "standard"), arm.limits)
-        q = random_q(rng, arm.limits)
-        q[1] = COARSE * round(q[1] / COARSE)
-        q[2], q[3] = arm.limits[2, side], arm.limits[3, rng.integers(2)]
-        if not arm.limits[1, 0] <= q[1] <= arm.limits[1, 1]:
-            continue
-        assert np.abs(ik.solve(Target.of(arm.tip(q)), COARSE).q - q).max(axis=1).min() < 1e-6
-
-
 def wide_arm(
     rng: np.random.Generator, lengths: tuple[float, float, float]
 ) -> tuple[PlanarArm, InverseKinematics, FloatArray]:
