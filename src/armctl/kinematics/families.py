@@ -28,10 +28,7 @@ FAMILIES: tuple[type[InverseKinematics], ...] = (YawPitchRollSolver, SphericalSh
 def inverse_kinematics(
     chain: Chain, limits: FloatArray, energy: EnergyModel, titles: Sequence[str]
 ) -> InverseKinematics:
-    """The solver of the first family that the arm belongs to; arguments as ``InverseKinematics.of`` has them.
-
-    Raises ``InputError``: no family takes the arm.
-    """
+    """The solver of the first family that the arm belongs to; arguments as of ``InverseKinematics.of``."""
     for family in FAMILIES:
         solver = family.of(chain, limits, energy, titles)
         if solver is not None:

@@ -159,11 +159,7 @@ class Solutions:
         return self.q[i].copy()
 
     def index_of(self, q: ArrayLike) -> int:
-        """Index of the listed solution that lies nearest to ``q`` (n,) [rad] (largest joint difference).
-
-        Raises ``UnreachableError``: there is no solution; ``InputError``: ``q`` has the wrong shape or is not
-        finite.
-        """
+        """Index of the solution nearest to ``q`` (n,) [rad] by its largest joint difference."""
         if not self.success:
             raise UnreachableError(self.reason or "there is no solution")
         return int(np.abs(self.q - self.arm.chain.checked_one(q)).max(axis=1).argmin())

@@ -15,10 +15,7 @@ from armctl.kinematics.angles import TWO_PI
 
 
 def as_numbers(value: ArrayLike, what: str) -> FloatArray:
-    """``value`` as an array of floats of any shape.
-
-    Raises ``InputError`` for anything but whole or real numbers: text, booleans, complex, ragged lists.
-    """
+    """``value`` as floats of any shape; ``InputError`` for text, booleans, complex numbers, ragged lists."""
     try:
         array = np.asarray(value)
     except (TypeError, ValueError) as cause:
@@ -29,10 +26,7 @@ def as_numbers(value: ArrayLike, what: str) -> FloatArray:
 
 
 def require_finite(array: FloatArray, what: str, *, rows: bool = False) -> None:
-    """Raise ``InputError`` that names the first NaN or infinity of an array of any shape.
-
-    ``rows`` tells that a flat array holds a number a row, not one row.
-    """
+    """``InputError`` names the first NaN or infinity; ``rows``: a flat array holds a number a row."""
     finite = np.isfinite(array)
     if finite.all():
         return

@@ -94,16 +94,11 @@ def tool_velocity(jacobian: FloatArray, rates: ArrayLike) -> ToolVelocity:
 def joint_rates(
     jacobian: FloatArray, speed_limits: FloatArray, linear: ArrayLike, angular: ArrayLike | None = None
 ) -> JointRates:
-    """The least joint rates that give a tool velocity.
+    """The least joint rates that give a tool velocity (3,) [m/s] and, unless None, (3,) [rad/s].
 
-    Directions near to being lost are damped (``damped_inverse``). An unmet rad/s counts as the speed that it
-    has at the end of the longest lever. Where a rate would pass its limit, all are scaled by one factor.
-
-    Args:
-        jacobian: (6, n).
-        speed_limits: (n,) largest rates [rad/s]; a joint with 0 stands still.
-        linear: (3,) of the tool point [m/s].
-        angular: (3,) [rad/s]; None: any.
+    From ``jacobian`` (6, n) and ``speed_limits`` (n,) [rad/s]; a joint with 0 stands still. Directions near
+    to being lost are damped (``damped_inverse``); an unmet rad/s counts as its speed at the end of the
+    longest lever. Where a rate would pass its limit, all are scaled by one factor.
     Raises ``InputError``: a wrong shape, or not finite.
     """
     wanted = _vector(linear, 3, "the linear velocity")

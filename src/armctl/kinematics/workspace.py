@@ -127,10 +127,7 @@ def cell_outline(points: FloatArray, cell_m: float) -> tuple[FloatArray, ...]:
 
 
 def smoothed(line: FloatArray) -> FloatArray:
-    """A closed line (j, 2) without the steps of its cells: each point the mean of its neighbourhood.
-
-    Where it is straight it stays; a corner loses less than a cell's side.
-    """
+    """A closed line (j, 2) without the steps of its cells: each point the mean of its neighbourhood."""
     corners = line[:-1]
     for _ in range(_PASSES):
         around = [np.roll(corners, shift, axis=0) for shift in range(-_NEIGHBOURS, _NEIGHBOURS + 1)]

@@ -55,10 +55,7 @@ def as_printed(q: FloatArray, digits: int = 3) -> FloatArray:
 
 
 def closest_on_path(points: FloatArray, path: FloatArray) -> FloatArray:
-    """(k, 3) where a path (m, 3), straight between its points, is closest to each of ``points`` (k, 3) [m].
-
-    Raises ``InputError`` for an empty path.
-    """
+    """(k, 3) where a path (m, 3), straight between its points, is closest to each of ``points`` [m]."""
     if len(path) == 0:
         raise InputError("a path without points comes close to nothing")
     if len(path) == 1:
@@ -118,10 +115,7 @@ class PathError:
 
 
 def path_error(robot: Robot, trajectory: Trajectory, ideal: ToolCurve) -> PathError:
-    """The planned tool path against the ideal one, at every tick of the run and at the end.
-
-    Longer ticks where the motion would have more than 100,000 of them.
-    """
+    """The planned tool path against the ideal one, at every tick (100,000 at most) and at the end."""
     ticks = min(math.ceil(trajectory.duration / TICK_S - 1e-9), _MOST_TICKS)
     time = np.minimum(
         np.arange(ticks + 1) * max(TICK_S, trajectory.duration / _MOST_TICKS), trajectory.duration

@@ -67,10 +67,7 @@ def plan_target(
     *,
     checked: bool = True,
 ) -> Trajectory:
-    """Plan a motion of the tool to a target by inverse kinematics and check it.
-
-    Raises as ``solve`` and ``plan_joints``.
-    """
+    """Plan a motion of the tool to a target and check it; raises as ``solve`` and ``plan_joints``."""
     end = solve(robot, start, target, choose)
     return plan_joints(robot, start, end, duration_s, profile, checked=checked)
 
@@ -112,12 +109,9 @@ def plan_line(
 
     The tool pitch stays as at the start, goes evenly to ``end_pitch`` [rad], or comes as it comes.
     ``speed`` is the largest of the tool [m/s]; None: as fast as the joints can.
-
-    Raises:
-        InputError: a value that is not finite, or a wrong shape.
-        UnreachableError: a place on the way is out of reach; says when, where and why.
-        MotionRefusedError: a limit, a singular pose or another branch on the way, with the time, the place
-            and the joint; too short a duration; the floor.
+    Raises ``InputError``: a value that is not finite, or a wrong shape; ``UnreachableError``: a place on the
+    way is out of reach; ``MotionRefusedError``: a limit, a singular pose or another branch on the way, with
+    the time, the place and the joint; too short a duration; the floor.
     """
     path = follow_tool(robot, start, None, position_m, pitch, end_pitch, speed)
     return plan_path(robot, start, path, speed=speed, duration_s=duration_s, profile=profile, checked=checked)
@@ -273,6 +267,5 @@ def plan_blended(
 
 def _slower(duration_s: float, shortest: float) -> float:
     """How many times as long as the shortest a duration is."""
-    return (
-        lasting_s(duration_s, shortest, lambda asked: f"the whole motion cannot take {asked:g} s") / shortest
-    )
+    lasts = lasting_s(duration_s, shortest, lambda asked: f"the whole motion cannot take {asked:g} s")
+    return lasts / shortest

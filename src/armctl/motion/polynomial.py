@@ -24,11 +24,7 @@ class PiecewisePolynomial:
     """
 
     def __init__(self, breaks: ArrayLike, coefficients: ArrayLike) -> None:
-        """Copies breaks (k + 1,), rising, and coefficients (k, degree + 1, n), lowest power first.
-
-        Raises:
-            InputError: shapes that do not match, breaks that do not rise, or a value that is not finite.
-        """
+        """Copies breaks (k + 1,), rising, and coefficients (k, degree + 1, n), lowest power first."""
         x, c = np.array(breaks, dtype=np.float64), np.array(coefficients, dtype=np.float64)
         if x.ndim != 1 or c.ndim != 3 or len(c) == 0 or len(x) != len(c) + 1 or c.shape[1] == 0:
             raise InputError(f"{len(x)} breaks do not fit coefficients of shape {c.shape}")
@@ -130,10 +126,7 @@ class PiecewisePolynomial:
         return low, high
 
     def bounds_by_piece(self) -> tuple[FloatArray, FloatArray]:
-        """What the values (k, n) of every piece never go below and above; cheap, and close for short pieces.
-
-        A polynomial lies between the smallest and the largest of its Bernstein coefficients.
-        """
+        """What the values (k, n) of every piece never go below and above: Bernstein's; close if short."""
         control, _ = self._control_points()
         return control.min(axis=1), control.max(axis=1)
 

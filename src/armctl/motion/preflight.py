@@ -110,10 +110,7 @@ def require_clear(
     tool_path: bool = False,
     at_rest: bool = True,
 ) -> None:
-    """Refuse a motion that must not be run; takes what ``preflight`` takes.
-
-    Raises ``MotionRefusedError``: says the first error in words, and how many more there are.
-    """
+    """Raise ``MotionRefusedError`` with the first error of ``preflight``, and how many more there are."""
     findings = preflight(robot, trajectory, payload_kg, tool_path=tool_path, at_rest=at_rest)
     count = sum(finding.severity == "error" for finding in findings)
     if count:

@@ -145,10 +145,7 @@ class PointToPoint(KnowsPeaks):
     def lasting(
         cls, start: ArrayLike, end: ArrayLike, duration: float, profile: ProfileName = "cubic"
     ) -> PointToPoint:
-        """A motion from ``start`` to ``end`` (n,) [rad] in a given time [s], without limits.
-
-        Raises ``InputError`` for no motion, no time for a way, or a profile whose shape depends on limits.
-        """
+        """From ``start`` to ``end`` (n,) [rad] in a given time [s], by a profile that needs no limits."""
         first, last = checked_ends(start, end)
         lasts = checked_duration(duration)
         if lasts == 0 and bool((first != last).any()):

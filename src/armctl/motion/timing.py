@@ -92,10 +92,7 @@ def fastest_rates(limits: PathLimits, first: float = 0.0, last: float = 0.0) -> 
 
 
 def trapezoid_law(limits: PathLimits, rates: FloatArray) -> PiecewisePolynomial:
-    """The path variable over time [s], from 0: a trapezoid of the rate in each of the m regions.
-
-    ``rates`` (m + 1,) at its breaks, from ``fastest_rates``.
-    """
+    """The path variable over time [s]: a trapezoid of the rate in each region, from ``fastest_rates``."""
     breaks, steps = [0.0], list[tuple[float, float, float]]()
     rows = np.column_stack(
         [limits.breaks[:-1], np.diff(limits.breaks), limits.rate, limits.acceleration, rates[:-1], rates[1:]]
@@ -139,11 +136,7 @@ class PathTrajectory(KnowsPeaks):
     def fastest(
         cls, robot: Robot, path: PiecewisePolynomial, rate_cap: float = np.inf, last: float = 0.0
     ) -> PathTrajectory:
-        """As fast as the speed and acceleration limits allow, along a path q(s), (n,) [rad], from rest.
-
-        ``rate_cap`` is a largest ds/dt besides, ``last`` the largest at the end.
-        Raises ``InputError`` for a cap that is not positive.
-        """
+        """As fast as ``PathLimits.of`` allows, from rest; ``last``: the largest ds/dt at the end."""
         limits = PathLimits.of(robot, path, rate_cap)
         return cls(path, trapezoid_law(limits, fastest_rates(limits, last=last)))
 

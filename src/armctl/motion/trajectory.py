@@ -84,10 +84,7 @@ class JoinedTrajectory(KnowsPeaks):
     """Parts run in order. Immutable."""
 
     def __init__(self, parts: Sequence[Trajectory]) -> None:
-        """At least one part; each starts where the one before it ends.
-
-        Raises ``InputError``: no part, or parts that do not meet.
-        """
+        """At least one part, each starting where the one before it ends; else ``InputError``."""
         if not parts:
             raise InputError("a trajectory needs at least one part")
         for k, (before, after) in enumerate(pairwise(parts), 2):
@@ -156,10 +153,7 @@ class SlowedTrajectory(KnowsPeaks):
     """A trajectory that takes a number of times as long, on the same way. Immutable."""
 
     def __init__(self, trajectory: Trajectory, factor: float) -> None:
-        """Slow down: ``factor`` times as long, at least 1.
-
-        Raises ``InputError``: a factor under 1, or not finite.
-        """
+        """``factor`` times as long: at least 1 and finite, else ``InputError``."""
         if not 1.0 <= factor < np.inf:
             raise InputError(f"a motion is slowed down by a factor of 1 or more, not {factor}")
         self._trajectory, self._factor = trajectory, factor

@@ -119,10 +119,7 @@ _OUTER = 8
 
 
 def meet(chain: Chain, goal: Goal, q: FloatArray, box: FloatArray, polish: bool = False) -> FloatArray:
-    """Drive a goal's residuals to zero, or to where they come no lower.
-
-    ``polish`` goes on to the last digit also where progress is slow.
-    """
+    """Drive a goal's residuals as low as they come; ``polish``: to the last digit, however slowly."""
 
     def objective(q: FloatArray, _: IndexArray) -> Cost:
         r, J = goal.rows(tool_motion(chain, q))

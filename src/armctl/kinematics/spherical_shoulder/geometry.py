@@ -62,10 +62,8 @@ def circle(axis: FloatArray, turning: FloatArray, fixed: FloatArray) -> Circle:
 
 
 def angle_about(axis: FloatArray, start: FloatArray, end: FloatArray, rest: float = 0.0) -> FloatArray:
-    """The turns about a unit axis [rad] that bring vectors (..., 3) onto others (Paden-Kahan subproblem 1).
-
-    ``rest`` where the axis does not move them.
-    """
+    """Turns about a unit axis [rad] that bring vectors (..., 3) onto others; else ``rest``."""
+    # Paden-Kahan subproblem 1; ``rest`` where the axis does not move them
     _, cosine, sine = circle(axis, start, end)
     still = np.linalg.norm(start @ across(axis).T, axis=-1) < _STILL
     return np.where(still, rest, np.arctan2(sine, cosine))

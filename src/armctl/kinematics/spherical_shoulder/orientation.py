@@ -43,10 +43,7 @@ class ToolOrientation:
         self._chain, self._geometry, self._roll_limits = chain, geometry, roll_limits
 
     def nearest(self, swivels: Sequence[Swivel], rotation: FloatArray) -> FloatArray:
-        """Every posture inside the limits that comes nearest to a rotation (3, 3), the nearest first.
-
-        Where the limits forbid the best one of an elbow angle, the nearest has a joint at a limit.
-        """
+        """Every posture inside the limits that comes nearest to a rotation (3, 3), the nearest first."""
         forms = [self._bilinear(swivel, rotation) for swivel in swivels]
         best = [self._unhindered(swivel, form) for swivel, form in zip(swivels, forms, strict=True)]
         found = np.concatenate([np.empty((0, 5)), *(q for q, _ in best)])

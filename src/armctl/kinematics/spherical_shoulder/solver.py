@@ -72,10 +72,8 @@ class SphericalShoulderSolver(InverseKinematics):
         super().__init__(chain, limits, energy, titles, free_joint=free, roll_joint=roll)
         self.geometry = geometry
         self._arm = SolvedArm(SPHERICAL_BRANCHES, chain, energy)
-        joint = self._roll
-        self._orientation = ToolOrientation(
-            chain, geometry, None if joint is None else (joint.low, joint.high)
-        )
+        roll_limits = None if self._roll is None else (self._roll.low, self._roll.high)
+        self._orientation = ToolOrientation(chain, geometry, roll_limits)
 
     @classmethod
     def of(cls, chain: Chain, limits: FloatArray, energy: EnergyModel, titles: Sequence[str]) -> Self | None:

@@ -210,10 +210,7 @@ _CHUNK = 8192
 
 
 def sweep(swivels: Sequence[Swivel], step: float) -> FloatArray:
-    """Every posture inside the limits with the first joint on its grid: (k, 4) with the elbow [rad].
-
-    Raises ``InputError``: see ``grid_values``.
-    """
+    """Every posture inside the limits with the first joint on its grid: (k, 4) with the elbow [rad]."""
     parts = [np.empty((0, 4))]
     for swivel in swivels:
         low, high = swivel.limits[0].tolist()

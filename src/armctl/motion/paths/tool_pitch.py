@@ -64,10 +64,7 @@ class PlanePitch:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AxisPitch:
-    """Parts of the tool's z axis: its height, the sine of the pitch; or, upright, the two other ones.
-
-    The methods mean what those of ``PlanePitch`` mean.
-    """
+    """As ``PlanePitch`` for parts of the tool's z axis: its height, the pitch's sine; upright, the others."""
 
     parts: tuple[int, ...]
     """(2,) for the height, (0, 1) for upright"""
@@ -145,10 +142,7 @@ def _plane_senses(geometry: ToolPlane, n: int) -> FloatArray:
 
 
 def pitch_rows(robot: Robot, q: FloatArray, length: float, end: float | None) -> PitchRows:
-    """The rows that keep the pitch of ``q`` (n,), or lead it evenly to ``end`` [rad] over ``length`` [m].
-
-    Raises ``InputError``: an end beyond ±90° for an arm that has no vertical plane of its own.
-    """
+    """The rows that keep the pitch of ``q`` (n,), or lead it evenly to ``end`` [rad] over ``length`` [m]."""
     geometry = robot.inverse_kinematics.plane
     if geometry is not None:
         senses = _plane_senses(geometry, robot.n)
@@ -169,8 +163,7 @@ def pitch_rows(robot: Robot, q: FloatArray, length: float, end: float | None) ->
 
 def _plane_turn(angle: float, end: float, outward: float) -> float:
     """How far the tool turns in the arm's plane from its angle to an end pitch [rad]."""
-    # For a pitch within ±90° it stays outward or back at the base axis; one that stands upright turns
-    # outward.
+    # within ±90° it stays outward or back at the base axis; one that stands upright turns outward
     if abs(end) <= math.pi / 2:
         ahead = math.cos(angle) if abs(math.cos(angle)) >= _UPRIGHT else math.cos(outward)
         end = end if ahead > 0.0 else math.pi - end
@@ -219,10 +212,7 @@ def led_pitches(robot: Robot, geometry: ToolPlane, q: FloatArray, curve: ToolCur
 
 
 class PitchGrid:
-    """An arm with three pitch joints on the branch of ``q`` (n,), at places of a curve and tool angles.
-
-    ``limits`` (n, 2) are those of the joints; all angles [rad].
-    """
+    """Three pitch joints on the branch of ``q`` (n,) [rad], at places of a curve and tool angles."""
 
     def __init__(self, geometry: ToolPlane, limits: FloatArray, q: FloatArray, curve: ToolCurve) -> None:
         places = np.linspace(0.0, curve.length, _PLACES)

@@ -63,10 +63,7 @@ class Walk:
 
 
 def walk(task: ToolTask, q_start: FloatArray, *, only_inside: bool) -> Walk:
-    """Follow a task's curve as far as it goes, from ``q_start`` (n,) [rad], which meets its beginning.
-
-    ``only_inside``: no farther than a knot beyond the joint limits.
-    """
+    """Follow a curve from ``q_start`` (n,) [rad]; ``only_inside``: at most to a knot beyond the limits."""
     knots, complete = _walked(task, q_start, task.bounds if only_inside else None, _AIM)
     path = hermite(knots) if len(knots) > 1 else None
     return Walk(knots, complete, path, None if path is None else first_crossing(path, task.bounds))
@@ -218,10 +215,7 @@ class Knot:
 
 
 def repulsion(q: FloatArray, limits: FloatArray, strength: float) -> tuple[FloatArray, FloatArray]:
-    """(n,) a smooth, bounded push away from limits (n, 2), as dq/ds [rad/m], and its derivative by q.
-
-    Positive near the upper limit; on a limit it is ``strength``.
-    """
+    """(n,) smooth push dq/ds [rad/m] away from limits (n, 2), ``strength`` on the upper one, and its d/dq."""
     low, high = limits.T
     margin = np.maximum(np.minimum(_MARGIN, 0.25 * (high - low)), 1e-6)
     near_low = np.maximum(1.0 - (q - low) / margin, 0.0)
