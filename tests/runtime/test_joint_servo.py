@@ -17,6 +17,7 @@ from armctl.robot.parts import Obstacle
 from armctl.runtime.joint_servo import JointServo, KeepClear
 
 LOW, HIGH = ROBOT.limits[:, 0], ROBOT.limits[:, 1]
+ANY = np.zeros(ROBOT.n)
 A, V = ROBOT.acceleration_limits, ROBOT.speed_limits
 POSES = st.lists(st.floats(0, 1), min_size=ROBOT.n, max_size=ROBOT.n).map(
     lambda s: LOW + np.array(s) * (HIGH - LOW)
@@ -36,12 +37,13 @@ def taken(servo: JointServo, goal: np.ndarray, dt: float, speed: float = 1.0) ->
     servo.take(q, v)
 
 
-def until_there(servo: JointServo, goal: np.ndarray, ticks: Iterator[float]) -> float:
-    """Seconds until all joints rest exactly at their goal."""
+def until_there(servo: JointServo, goal: np.ndarray, ticks: Iterator[float], side: np.ndarray = ANY) -> float:
+    """Seconds until all joints rest exactly at their goal, which is not passed on the side it lies on."""
     total = 0.0
     while not (servo.standing and np.array_equal(servo.q, goal)):
         dt = next(ticks)
         taken(servo, goal, dt)
+        assert (side * (servo.q - goal) <= 1e-12).all()
         total += dt
         assert total < 30, (servo.q - goal, servo.v)
     return total
@@ -65,13 +67,7 @@ def test_a_goal_that_rests_is_met_exactly_soon_and_never_overshot(
 ) -> None:
     servo = JointServo(ROBOT, start)
     side = np.where(goal < start, -1.0, 1.0)
-    total, clock = 0.0, ever(ticks)
-    while not (servo.standing and np.array_equal(servo.q, goal)):
-        dt = next(clock)
-        taken(servo, goal, dt)
-        assert (side * (servo.q - goal) <= 1e-12).all()
-        total += dt
-        assert total < 30
+    total = until_there(servo, goal, ever(ticks), side)
     assert total <= least_time(np.abs(goal - start)) + 8 * max(ticks)
 
 

@@ -5,6 +5,7 @@ import pytest
 from tests.program.kit import program
 from tests.runtime.kit import (
     ROBOT,
+    TEST,
     TICK,
     Rig,
     assert_accelerations_keep_limits,
@@ -69,7 +70,8 @@ def test_a_stop_during_a_wait_or_the_gripper_ends_it(holding: Rig) -> None:
         holding.run(1)
         ticket = holding.do(RunProgram(program(step, TO_HOME)))
         holding.run(0.2)
-        holding.stops()
+        holding.controller.stop(TEST)
+        assert holding.tick().state is State.HOLDING
         fails(ticket.finished, "was stopped")
         holding.sends_nothing(2)
 
@@ -174,7 +176,8 @@ def test_an_endless_loop_that_goes_nowhere_does_not_hang(holding: Rig) -> None:
     holding.do(RunProgram(program(TO_REST, WaitStep(seconds=0)), loops=None))
     holding.run(2)
     assert holding.now.state is State.MOVING
-    holding.stops()
+    holding.controller.stop(TEST)
+    assert holding.tick().state is State.HOLDING
 
 
 def test_the_gripper_belongs_to_the_program_during_its_step(holding: Rig) -> None:

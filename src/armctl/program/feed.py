@@ -21,8 +21,7 @@ from armctl.program.steps import MotionStep, Step
 from armctl.robot import Robot
 
 _AHEAD_S, _STOPS = 1.0, 6.0
-"""How far a blended motion looks ahead: at least so long, and so many times what the slowest joint needs
-to stand."""
+"""A blend looks ahead at least so long [s], and so many times what the slowest joint needs to stand."""
 _ENOUGH_LEGS = 3
 """So many are enough behind each other, however short the later ones are."""
 _MOST_STEPS = 256

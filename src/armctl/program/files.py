@@ -78,10 +78,7 @@ def encode_program(program: Program) -> str:
 
 
 def save_program(program: Program, path: str | Path) -> None:
-    """Write a program file; the version before is kept as ``NAME.toml~``. A symbolic link is followed.
-
-    ProgramError: it cannot be written, or could not be read again.
-    """
+    """Write a program file, or what its link leads to; the version before is kept as ``NAME.toml~``."""
     path = Path(path)
     try:
         _decoded(Document(PROGRAM_FILES, _record(program)))
@@ -150,10 +147,7 @@ _HEAD = """\
 
 
 def write_script(program: Program) -> str:
-    """The program as a Python script; texts stand in it as string literals or behind ``#``, never as code.
-
-    ProgramError: more than 19 blocks inside each other, or a step that no call of ``Arm`` does.
-    """
+    """The program as Python, whose texts never become code. ProgramError: a step or depth it has not."""
     blocks = Blocks.matched(program.steps)
     lines = [literal(program.name), "", _HEAD, "", "import armctl", ""]
     lines += [f"with armctl.Arm.open({literal(program.robot)}) as arm:", f"{_INDENT}arm.enable()"]

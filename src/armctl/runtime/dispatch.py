@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import partial
 
 import msgspec
 import numpy as np
@@ -19,7 +20,7 @@ from armctl.runtime.jog import JOG_EXPIRY_S, Jogger, tool_turns
 from armctl.runtime.live_target import FOLLOW_EXPIRY_S, Follower
 from armctl.runtime.planner import checked_trajectory
 from armctl.runtime.power import enable, hint, home, release
-from armctl.runtime.program_runner import Begun, ProgramRunner, begun_program
+from armctl.runtime.program_runner import ProgramRunner, begun_program
 from armctl.runtime.snapshot import State
 
 _STOPPED_FOLLOWING = "the arm was stopped; switch the live target on again once it stands"
@@ -56,7 +57,9 @@ def _carry_out(core: Core, order: c.Order, now: float) -> bool:
             core.plan(order, "trajectory", _held_at(core, "a motion"), None, checked_trajectory, trajectory)
             return False
         case c.RunProgram(program, loops, first, count):
-            _run_program(core, order, program, loops, first, count)
+            take, label = partial(ProgramRunner, core, loops, first), f"program {program.name!r}"
+            start = _held_at(core, "a motion")
+            core.plan(order, label, start, take, begun_program, program, loops, first, count)
             return False
         case c.UpdateProgram(program):
             _update_program(core, order, program)
@@ -183,16 +186,6 @@ def _move_gripper(core: Core, opening: float, order: c.Order) -> None:
         raise StateError("the program moves the gripper now; stop or wait")
     core.gripper.move_to(float(opening), order.ticket)
     order.ticket.accept()
-
-
-def _run_program(
-    core: Core, order: c.Order, program: Program, loops: int | None, first: int, count: int | None
-) -> None:
-    def take(begun: Begun) -> ProgramRunner:
-        return ProgramRunner(core, loops, first, begun)
-
-    start = _held_at(core, "a motion")
-    core.plan(order, f"program {program.name!r}", start, take, begun_program, program, loops, first, count)
 
 
 def _update_program(core: Core, order: c.Order, program: Program) -> None:

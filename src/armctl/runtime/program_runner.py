@@ -225,11 +225,7 @@ class ProgramRunner:
 
 
 class ProgramFeed:
-    """Hands out the steps and keeps the planner ahead of them. Owned by the controller thread.
-
-    An edit takes effect at the next pass. Where that begins at rest, it is planned anew at once. Where the
-    arm would go on into it without a stop, the arm stops there first (``begin_pass_at``).
-    """
+    """Hands out the steps, and keeps the planner ahead; an edit takes effect at the next pass, from rest."""
 
     def __init__(self, robot: Robot, begun: Begun, submit: Submit, early_s: float) -> None:
         """``early_s``: how long before it is due a motion may be taken [s]; twice as much is planned."""
@@ -332,10 +328,7 @@ class ProgramFeed:
         return len(motions) >= _MOTIONS_AHEAD and sum(motions) >= self._ahead_s
 
     def _drop_outdated(self) -> None:
-        """Plan anew from the next pass, if it was planned from an older version and begins at rest.
-
-        Of a pass of which some steps were taken nothing is dropped here: the arm stops where it begins.
-        """
+        """Plan anew from the next pass, if that is of an older version, at rest, and none of it was taken."""
         goes_on, ready, known = self._goes_on, self._ready, self._state.known
         for k, step in enumerate([*ready, *known]):
             if self.is_outdated(step):
