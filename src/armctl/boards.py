@@ -75,7 +75,7 @@ class Boards:
         with self._lock:
             server, self._simulated = self._simulated, None
         if server is not None:
-            server.__exit__(None, None, None)
+            server.close()
 
     def _driver(self, line: str, *, simulated: bool = False) -> Driver:
         board = board_type(self._robot.board)

@@ -241,7 +241,7 @@ def test_what_is_refused_without_a_board(rig: Rig, command: Command, words: str)
         (MoveGripper(1.1), "outside 0 … 100 %", InputError),
         (SetSpeed(0.0), "a speed of 0 % is outside 5 … 100 %", InputError),
         (SetSpeed(1.001), "a speed of 100.1 % is outside", InputError),
-        (SetSpeed(np.nan), "a speed of nan % is outside", InputError),
+        (SetSpeed(np.nan), "the speed must be a finite number", InputError),
         (
             Follow(plan_joints(ROBOT, HOME, REST)),
             r"starts with Wrist pitch at -40\.00°, the arm stands at -70\.00°",

@@ -21,6 +21,7 @@ from tests.runtime.kit import (
     swings,
 )
 
+from armctl.errors import StateError
 from armctl.program import (
     LineStep,
     MotionStep,
@@ -31,7 +32,7 @@ from armctl.program import (
     Step,
     WaitStep,
 )
-from armctl.runtime import RunProgram, State, UpdateProgram
+from armctl.runtime import Release, RunProgram, State, UpdateProgram
 
 
 def square(blend_mm: float, z_mm: float = 100.0) -> list[Step]:
@@ -207,3 +208,16 @@ def test_a_program_that_ends_is_run_as_often_as_it_was_asked_for(loops: int) -> 
     assert [here[2] is new for here in seen] == [False] * 3 + [True] * 4 * (loops - 1)
     end = new.steps[-1].plan(ROBOT, MIDDLE).end  # type: ignore[attr-defined]
     np.testing.assert_allclose(rig.now.q_command, end, atol=1e-12)
+
+
+def test_an_edit_that_is_still_being_checked_is_answered_when_the_arm_is_released() -> None:
+    old, new = (program(*steps) for steps in SHAPES["three short moves"])
+    executor = LateExecutor()
+    rig = make_rig(executor).enable()
+    rig.do(RunProgram(old, None))
+    executor.work()
+    rig.run(0.1)
+    edit = rig.do(UpdateProgram(new))
+    rig.do(Release())
+    with pytest.raises(StateError, match="released"):
+        edit.result(0)

@@ -20,7 +20,7 @@ from tests.runtime.kit import (
 from armctl.errors import InputError
 from armctl.motion import Floor
 from armctl.robot import Robot, load_robot
-from armctl.runtime import Jog, JogTool, MoveJoints, Pause, SetSpeed, State
+from armctl.runtime import Command, Jog, JogTool, MoveGripper, MoveJoints, Pause, SetSpeed, State
 
 HOME = ROBOT.pose("home")
 LOW = np.radians([0, 60, -80, -20, 0])
@@ -180,8 +180,11 @@ def test_joints_and_tool_may_be_jogged_in_turn(rig: Rig) -> None:
             "600 mm/s and 0 °/s is too fast; at most 500 mm/s and 180 °/s",
         ),
         ("uzuner", JogTool(np.zeros(3), roll_rate=4.0), "229 °/s is too fast"),
-        ("uzuner", JogTool(np.array([np.nan, 0, 0])), "three speeds and two rates"),
-        ("uzuner", JogTool(np.zeros(2)), "three speeds and two rates"),
+        ("uzuner", JogTool(np.array([np.nan, 0, 0])), "needs three speeds"),
+        ("uzuner", JogTool(np.zeros(2)), "needs three speeds"),
+        ("uzuner", JogTool(np.float64(1)), "needs three speeds"),  # type: ignore
+        ("uzuner", JogTool(np.zeros(3), np.nan), "the pitch rate must be a finite number"),
+        ("uzuner", JogTool(np.zeros(3), frame="world"), "frame must be one of 'base', 'tool', not 'world'"),  # type: ignore
         ("mico", JogTool(np.zeros(3), 0.3), "the tool of mico cannot pitch while its point stays"),
         (
             "humanoid",
@@ -191,9 +194,12 @@ def test_joints_and_tool_may_be_jogged_in_turn(rig: Rig) -> None:
         ("uzuner", Jog(np.full(5, 1.1)), "5 rates between -1 and 1"),
         ("uzuner", Jog(np.full(5, np.nan)), "5 rates between -1 and 1"),
         ("uzuner", Jog(np.zeros(3)), "5 rates between -1 and 1"),
+        ("uzuner", Jog("abc"), "the rates of a jog must be numbers, got 'abc'"),  # type: ignore
+        ("uzuner", MoveGripper("x"), "the opening of Gripper must be numbers"),  # type: ignore
+        ("uzuner", SetSpeed("x"), "the speed must be numbers"),  # type: ignore
     ],
 )
-def test_what_cannot_be_jogged(name: str, command: Jog | JogTool, text: str) -> None:
+def test_what_cannot_be_jogged(name: str, command: Command, text: str) -> None:
     enabled(load_robot(name)).refuses(command, text, InputError)
 
 

@@ -221,6 +221,15 @@ def test_what_a_board_measures_beside_the_positions_is_shown_by_joint(rig: Rig) 
     rig.driver.read = lambda: back  # type: ignore[method-assign]
     rig.do(Connect("sim")).result(0)
     assert rig.now.measured == {"Base": "load −12 %, 41 °C", "Shoulder": "40 °C, 7.4 V"}
+    back = Readback({}, Source.MEASURED, temperature={0: None, 1: 40.0}, faults=None)  # type: ignore[arg-type]
+    rig.run(0.5)
+    assert (rig.now.measured, rig.now.state) == ({"Shoulder": "40 °C"}, State.OFF)
+
+
+def test_positions_that_are_no_numbers_are_refused_as_the_boards(rig: Rig) -> None:
+    rig.driver.read = lambda: Readback({0: "x"}, Source.MEASURED)  # type: ignore
+    rig.refuses(Connect("sim"), "reading back: ", BoardError)
+    assert rig.driver.calls[-1] == "close"
 
 
 def test_what_is_known_of_a_board_is_no_warning_what_it_had_reported_is(rig: Rig) -> None:

@@ -69,9 +69,9 @@ class Readback:
     faults: Mapping[int, str] = field(default_factory=dict[int, str])  # by channel, in words without its name
     homing: HomingState | None = None  # None: the board needs no homing
     # By channel; None where the board does not measure it.
-    load: Mapping[int, float] | None = None  # force of its motor, as a signed fraction of the largest
-    temperature: Mapping[int, float] | None = None  # [°C]
-    voltage: Mapping[int, float] | None = None  # of the supply [V]
+    load: Mapping[int, float | None] | None = None  # force of its motor, as a signed fraction of the largest
+    temperature: Mapping[int, float | None] | None = None  # [°C]
+    voltage: Mapping[int, float | None] | None = None  # of the supply [V]
 
 
 class Driver(Protocol):

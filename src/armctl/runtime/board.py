@@ -134,11 +134,14 @@ class Board:
         translated("writing setpoints", self._driver.write, values)
 
     def read(self) -> Reading:
-        """Read back."""
-        back = translated("reading back", self._driver.read)
+        """Read back; whatever the board of another package answers, it is a ``BoardError`` or a reading."""
+        return translated("reading back", self._read)
+
+    def _read(self) -> Reading:
+        back = self._driver.read()
         q = self.map.angles(back.positions)
         on = ~np.isnan(q) if back.powered is None else np.full(q.shape, back.powered)
-        errors = tuple(f"{self.title(channel)}: {fault}" for channel, fault in back.faults.items())
+        errors = tuple(f"{self.title(channel)}: {fault}" for channel, fault in (back.faults or {}).items())
         opening = self.map.opening(back.positions)
         measured: dict[str, str] = {}
         for values, scale, form in (
@@ -147,6 +150,8 @@ class Board:
             (back.voltage, 1, "{:.1f} V"),
         ):
             for channel, value in (values or {}).items():
+                if value is None:  # for once not measured
+                    continue
                 title, words = self.title(channel), form.format(scale * value).replace("-", "−")
                 measured[title] = f"{measured[title]}, {words}" if title in measured else words
         errors += back.errors

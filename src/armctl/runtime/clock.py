@@ -10,6 +10,7 @@ from typing import Protocol
 LONGEST_TICKS = 2
 """A tick counts for no more periods: time that was missed is not made up for, or the arm would jump."""
 _LATE_S = 0.06
+"""a tick that comes so long after the one before it is late"""
 LATE_SHOWN_S = 5.0
 """how long a late tick is shown, and how long no tick may be late before the next one is logged"""
 wall_time = time.time

@@ -15,6 +15,8 @@ from armctl.kinematics import Target
 from armctl.motion import Profile, Trajectory
 from armctl.program import Program
 
+Frame = Literal["base", "tool"]
+
 
 class Command(msgspec.Struct, frozen=True):
     """What the controller may be asked for."""
@@ -102,7 +104,7 @@ class JogTool(HeldCommand, frozen=True):
     """[rad/s], positive lifts the tool"""
     roll_rate: float = 0.0
     """[rad/s], of the roll joint"""
-    frame: Literal["base", "tool"] = "base"
+    frame: Frame = "base"
     """whose axes ``linear`` is along; the tool's are taken as they are when the jog begins"""
 
     @property

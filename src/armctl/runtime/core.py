@@ -234,7 +234,7 @@ class Core:
         """Speed override for everything that moves."""
         if not SLOWEST <= fraction <= 1:
             raise InputError(f"a speed of {100 * fraction:g} % is outside {100 * SLOWEST:.0f} … 100 %")
-        self.speed = float(fraction)
+        self.speed = fraction
         if self.activity is not None:
             self.activity.set_speed(self.speed)
         self.log.add(f"speed {100 * fraction:.0f} % ({who})")
@@ -411,6 +411,9 @@ class Core:
     def _drop_all(self, error: ArmctlError) -> ArmctlError | None:
         """Drop all that runs or waits; why a board that moves by itself may go on, None: it does not."""
         self.drop_motion(error)
+        if self._edit is not None:
+            self._edit.order.ticket.end(error)
+            self._edit = None
         goes_on: ArmctlError | None = None
         activity, self.activity = self.activity, None
         try:

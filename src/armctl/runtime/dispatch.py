@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import math
 from functools import partial
+from typing import get_args
 
 import msgspec
 import numpy as np
 
 import armctl.runtime.commands as c
 from armctl.arrays import FloatArray
+from armctl.documents import must_be
 from armctl.errors import ArmctlError, BoardError, InputError, StateError
 from armctl.kinematics import Target
+from armctl.kinematics.target import as_numbers, checked_number
 from armctl.motion import plan_joints, plan_target
 from armctl.program import Program
 from armctl.program.feed import require_runnable
@@ -85,7 +88,7 @@ def _carry_out(core: Core, order: c.Order, now: float) -> bool:
         case c.Resume():
             core.resume(who)
         case c.SetSpeed(fraction):
-            core.set_speed(fraction, who)
+            core.set_speed(checked_number(fraction, "the speed"), who)
         case c.Jog() | c.JogTool():
             _jog(core, order.command, order, now)
         case c.FollowTarget(target):
@@ -141,7 +144,7 @@ def _follow_target(core: Core, target: Target | None, order: c.Order, now: float
 
 def _checked_rate(core: Core, rate: FloatArray) -> FloatArray:
     """A copy of ``rate`` (n,) that may be jogged with: its sender may go on writing to it."""
-    rate = np.array(rate, dtype=np.float64)
+    rate = as_numbers(rate, "the rates of a jog")
     if rate.shape != (core.robot.n,) or not np.isfinite(rate).all() or bool((np.abs(rate) > 1).any()):
         raise InputError(f"a jog needs {core.robot.n} rates between -1 and 1, got {rate.tolist()}")
     for joint, value in zip(core.robot.joints, rate, strict=True):
@@ -155,10 +158,13 @@ def _checked_rate(core: Core, rate: FloatArray) -> FloatArray:
 
 def _checked_tool_jog(core: Core, jog: c.JogTool) -> c.JogTool:
     """A copy of ``jog`` that the tool may be moved with."""
-    linear = np.array(jog.linear, dtype=np.float64)
-    jog = msgspec.structs.replace(jog, linear=linear)
-    if linear.shape != (3,) or not np.isfinite(jog.twist).all():
-        raise InputError(f"a jog of the tool needs three speeds and two rates, got {jog.twist.tolist()}")
+    linear = as_numbers(jog.linear, "the speeds of a jog")
+    turns = (checked_number(jog.pitch_rate, "the pitch rate"), checked_number(jog.roll_rate, "the roll rate"))
+    if linear.shape != (3,) or not np.isfinite(linear).all():
+        raise InputError(f"a jog of the tool needs three speeds, got {linear.tolist()}")
+    if jog.frame not in get_args(c.Frame):
+        raise InputError(f"a jog's frame {must_be(get_args(c.Frame))}, not {jog.frame!r}")
+    jog = msgspec.structs.replace(jog, linear=linear, pitch_rate=turns[0], roll_rate=turns[1])
     speed, rate = float(np.linalg.norm(linear)), max(abs(jog.pitch_rate), abs(jog.roll_rate))
     if speed > FASTEST_TOOL_M_S or rate > FASTEST_TURN_RAD_S:
         raise InputError(
@@ -178,13 +184,14 @@ def _move_gripper(core: Core, opening: float, order: c.Order) -> None:
     if gripper is None or core.board is None or core.board.map.gripper_channel is None:
         what = "is not connected" if gripper is not None and core.board is None else "has no gripper"
         raise StateError(f"{core.robot.name} {what}")
+    opening = checked_number(opening, f"the opening of {gripper.title}")
     if not 0 <= opening <= 1:
         raise InputError(f"{gripper.title}: {100 * opening:g} % is outside 0 … 100 %")
     if core.state not in POWERED or core.gate.q is None:
         raise StateError(f"the gripper needs the arm enabled, it is {core.state.value}{hint(core)}")
     if isinstance(core.activity, ProgramRunner) and core.activity.gripping:
         raise StateError("the program moves the gripper now; stop or wait")
-    core.gripper.move_to(float(opening), order.ticket)
+    core.gripper.move_to(opening, order.ticket)
     order.ticket.accept()
 
 

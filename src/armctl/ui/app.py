@@ -91,6 +91,7 @@ class App:
                 LOG.exception("%s could not be built anew", page_name(client_id))
                 self._pages.pop(client_id)
                 page.session.refuse("this page could not be built for the new robot; reload it", "Error")
+                page.session.close()
 
     async def _disconnect(self, client: viser.ClientHandle) -> None:
         page = self._pages.pop(client.client_id, None)
