@@ -57,7 +57,11 @@ class Arm:
     """
 
     def __init__(self, robot: Robot, rate_hz: float = 50.0, board: str = ANY_BOARD) -> None:
-        """Wire up an arm as it is calibrated with ``board`` (see ``board_name``), without opening a line."""
+        """Wire up an arm as it is calibrated with ``board`` (see ``board_name``), without opening a line.
+
+        ``rate_hz``: ticks a second, 10 … 200. ``board``: ``NO_BOARD`` where none was there when the
+        calibration was looked up; another real board than that one is refused.
+        """
         # The interpreter's default of 5 ms is what a tick would be late when other threads run Python.
         sys.setswitchinterval(min(sys.getswitchinterval(), _SWITCH_INTERVAL_S))
         clock = MonotonicClock()

@@ -166,8 +166,10 @@ def _inside_file(
         )
     one = msgspec.structs.replace(one, low=low, high=high)
     # where they are the robot file's own, the file's rounding is no reason to move a limit
-    low -= _FILE_ROUNDING * (low == own.low)
-    high += _FILE_ROUNDING * (high == own.high)
+    if low == own.low:
+        low -= _FILE_ROUNDING
+    if high == own.high:
+        high += _FILE_ROUNDING
     first, last = msgspec.structs.replace(one, low=low, high=high).angles()
     lower, upper = max(joint.lower, first), min(joint.upper, last)
     if lower > upper:

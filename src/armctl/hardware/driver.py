@@ -186,7 +186,10 @@ class ChannelTable:
 
 
 def translated(doing: str, action: Callable[P, T], *args: P.args, **kwargs: P.kwargs) -> T:
-    """What ``action`` gives; an exception that is not armctl's becomes a ``BoardError``, its cause kept."""
+    """What ``action`` gives; an exception that is not armctl's becomes a ``BoardError``, its cause kept.
+
+    Boards of other packages may raise anything.
+    """
     try:
         return action(*args, **kwargs)
     except ArmctlError:

@@ -163,7 +163,7 @@ Answer = tuple[Future[None], ArmctlError | None]
 
 
 class Ticket:
-    """Two futures of one command; any thread may wait for them, and none can cancel them.
+    """Two futures of one command; any thread may wait for them, and none can cancel them: STOP stops.
 
     ``accepted``: it has begun. ``finished``: what it began is over. Both carry the ``ArmctlError`` that
     refused it, ``finished`` also what stopped or broke it.

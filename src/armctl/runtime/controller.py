@@ -47,7 +47,11 @@ class Controller:
         rate_hz: float = 50.0,
         executor: Executor | None = None,
     ) -> None:
-        """``open_driver``: a driver for a port, not opened. ``executor`` plans; None: a thread of its own."""
+        """Wire it up; it runs once it is started.
+
+        ``open_driver`` gives a driver, not opened yet, for a port as the user names it. ``rate_hz``: ticks a
+        second, 10 … 200, else ``InputError``. ``executor`` plans motions; None: a thread of its own.
+        """
         low, high = _RATES_HZ
         if not low <= rate_hz <= high:
             raise InputError(f"a rate of {rate_hz} Hz is outside {low:.0f} … {high:.0f} Hz")
@@ -125,7 +129,10 @@ class Controller:
         give(self._answers)
 
     def close(self) -> None:
-        """Bring the arm to rest, close the line, end; the outputs stay. Ctrl-C is raised after that."""
+        """Bring the arm to rest, close the line, end; the outputs stay. May be called more than once.
+
+        Ctrl-C meanwhile is raised once the arm stands: a closed line would leave a motion unfinished.
+        """
         interrupt: KeyboardInterrupt | None = None
         while True:
             try:
