@@ -87,8 +87,7 @@ class OutputMap:
 
     def angles(self, outputs: Mapping[int, float | None]) -> FloatArray:
         """Joint angles (n,) [rad] of outputs by channel; NaN where one is off or not reported."""
-        values = [outputs.get(channel) for channel in self.channels]
-        known = np.array([np.nan if value is None else value for value in values], dtype=np.float64)
+        known = np.array([outputs.get(channel) for channel in self.channels], dtype=np.float64)  # None: NaN
         return (known - self.zero) / self.per_rad
 
     def opening(self, outputs: Mapping[int, float | None]) -> float | None:

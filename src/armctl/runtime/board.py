@@ -134,7 +134,10 @@ class Board:
         translated("writing setpoints", self._driver.write, values)
 
     def read(self) -> Reading:
-        """Read back; a board of another package may answer anything, so this is called ``translated``."""
+        """Read back."""
+        return translated("reading back", self._read)
+
+    def _read(self) -> Reading:
         back = self._driver.read()
         q = self.map.angles(back.positions)
         on = ~np.isnan(q) if back.powered is None else np.full(q.shape, back.powered)
@@ -211,7 +214,7 @@ class Monitor:
         if self._answered_at is None:
             self._answered_at = now
         try:
-            reading = translated("reading back", board.read)
+            reading = board.read()
             if self._failures:
                 board.configure()  # a board that was silent may have started anew and forgotten its limits
         except (BoardTimeoutError, BoardProtocolError) as cause:
