@@ -12,7 +12,7 @@ import msgspec
 
 from armctl.documents import DocumentKind
 from armctl.errors import InputError, ProgramError
-from armctl.program.steps import MOST_REPEATS, EndStep, RepeatStep, Step
+from armctl.program.steps import MOST_REPEATS, AnyStep, EndStep, RepeatStep, Step
 
 PROGRAM_FILES = DocumentKind(ProgramError, most_bytes=1024 * 1024, entries={"steps": "step"})
 MOST_STEPS = 20_000
@@ -25,7 +25,7 @@ class Program(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
     format: Literal[1] = 1
     robot: str
     name: str = "untitled"
-    steps: tuple[Step, ...] = ()
+    steps: tuple[AnyStep, ...] = ()
 
 
 # Which ``repeat`` belongs to which ``end``.

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Annotated, Any, ClassVar, Union
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Union
 
 import msgspec
 import numpy as np
@@ -418,6 +418,12 @@ KINDS: tuple[type[Step], ...] = (
     CommentStep,
 )
 """the registry: every kind of step that a program may hold"""
+
+
+if TYPE_CHECKING:
+    AnyStep = Step
+else:  # the steps that a program may hold where it is decoded by its type
+    AnyStep = Union[KINDS]  # noqa: UP007
 
 
 def any_step() -> Any:

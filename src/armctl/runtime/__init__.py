@@ -3,6 +3,7 @@
 from armctl.runtime.board import channel_settings
 from armctl.runtime.clock import Clock, ManualClock, MonotonicClock, wall_time
 from armctl.runtime.commands import (
+    ArmLink,
     ClearFault,
     Command,
     Connect,
@@ -30,6 +31,7 @@ from armctl.runtime.planner import InlineExecutor
 from armctl.runtime.snapshot import AxisHoming, Event, ProgramProgress, Snapshot, State
 
 __all__ = [
+    "ArmLink",
     "AxisHoming",
     "ClearFault",
     "Clock",

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import re
 from concurrent.futures import Future
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, Protocol
 
 import msgspec
 import numpy as np
@@ -14,12 +15,18 @@ from armctl.errors import ArmctlError
 from armctl.kinematics import Target
 from armctl.motion import Profile, Trajectory
 from armctl.program import Program
+from armctl.robot import Robot
+from armctl.runtime.snapshot import Snapshot
 
 Frame = Literal["base", "tool"]
 
 
-class Command(msgspec.Struct, frozen=True):
-    """What the controller may be asked for."""
+def _kebab(name: str) -> str:
+    return re.sub(r"(?<=[a-z])(?=[A-Z])", "-", name).lower()
+
+
+class Command(msgspec.Struct, frozen=True, tag_field="command", tag=_kebab):
+    """What the controller may be asked for; ``command`` names its kind, e.g. ``move-joints``."""
 
 
 class MovingCommand(Command, frozen=True):
@@ -224,3 +231,29 @@ class Order:
     """controller clock [s]"""
     number: int
     """in the order in which they were given, stops included"""
+
+
+class ArmLink(Protocol):
+    """What drives an arm, here or in a process of its own; any thread may use it."""
+
+    @property
+    def robot(self) -> Robot:
+        """The arm, as it is calibrated."""
+        ...
+
+    @property
+    def snapshot(self) -> Snapshot:
+        """The newest that is known of it."""
+        ...
+
+    def submit(self, command: Command, origin: Origin | None = None) -> Ticket:
+        """Ask for something; ``origin`` is for the log."""
+        ...
+
+    def stop(self, origin: Origin | None = None) -> Ticket:
+        """STOP: drops what was asked for before it; the ticket is ``finished`` when the arm is at rest."""
+        ...
+
+    def close(self) -> None:
+        """Bring the arm to rest, close the line, end. May be called more than once."""
+        ...

@@ -17,7 +17,7 @@ from armctl.errors import PortError
 from armctl.hardware import Source
 from armctl.hardware.boards import board_type
 from armctl.robot import Robot
-from armctl.runtime import Controller, Event, Snapshot
+from armctl.runtime import ArmLink, Event, Snapshot
 
 # Who operates the arm: one page at a time; the others watch, and may press STOP.
 
@@ -182,7 +182,7 @@ class Console:
     """One arm and everything that the pages share. Used on the web server's event loop only."""
 
     calibration: CalibrationInForce
-    controller: Controller
+    controller: ArmLink
     list_ports: Callable[[], Sequence[PortChoice]]
     files: Path
     """the folder of the user's files"""
