@@ -1,9 +1,76 @@
-"""The array type of the whole package."""
+"""The array type of the whole package, and records of arrays."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
+from dataclasses import fields
+from types import MappingProxyType
+from typing import Any, ClassVar, cast
+
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 FloatArray = NDArray[np.float64]
 """float64; every docstring gives its shape, and the unit and frame of its numbers"""
+
+
+def read_only(values: ArrayLike) -> FloatArray:
+    """A copy that cannot be written to: threads share it."""
+    return _locked(np.array(values, dtype=np.float64))
+
+
+def _locked(value: Any) -> Any:
+    if isinstance(value, np.ndarray):
+        array = cast("NDArray[Any]", value).copy()
+        array.flags.writeable = False
+        return array
+    if isinstance(value, Mapping):
+        items = cast("Mapping[str, Any]", value)
+        return MappingProxyType({key: _locked(one) for key, one in items.items()})
+    return value
+
+
+def content(value: Any) -> Any:
+    """Something that compares, and hashes, as ``value`` does by its content: arrays entry by entry."""
+    if isinstance(value, np.ndarray):
+        array = cast("NDArray[Any]", value) + 0.0  # -0.0 is 0.0; NaN is NaN
+        return array.shape, array.tobytes()
+    if isinstance(value, Mapping):
+        items = cast("Mapping[str, Any]", value)
+        return tuple(sorted((key, content(one)) for key, one in items.items()))
+    if isinstance(value, tuple):
+        return tuple(map(content, cast("tuple[Any, ...]", value)))
+    return value
+
+
+class ArrayRecord:
+    """Base of frozen dataclasses (``eq=False``) that hold arrays.
+
+    The arrays are read-only, also in a copy and behind a pickle; two records are equal by their content.
+    """
+
+    __slots__ = ()
+    __dataclass_fields__: ClassVar[dict[str, Any]]
+
+    def __post_init__(self) -> None:
+        for name, value in self._given():
+            object.__setattr__(self, name, _locked(value))
+
+    def _given(self) -> list[tuple[str, Any]]:
+        return [(field.name, getattr(self, field.name)) for field in fields(self) if field.init]
+
+    def __eq__(self, other: object) -> bool:
+        if type(other) is not type(self):
+            return NotImplemented
+        return all(content(mine) == content(getattr(other, name)) for name, mine in self._given())
+
+    def __hash__(self) -> int:
+        return hash(tuple(content(value) for _, value in self._given()))
+
+    def __reduce__(self) -> tuple[Callable[..., object], tuple[object, ...]]:
+        return type(self), tuple(_plain(value) for _, value in self._given())
+
+
+def _plain(value: Any) -> Any:
+    """A read-only mapping cannot be pickled."""
+    return dict(cast("Mapping[str, Any]", value)) if isinstance(value, MappingProxyType) else value

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import copy
 import math
+import pickle
+from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from armctl import load_robot
+from armctl import Robot, load_robot, shipped_robots
 from armctl.errors import InputError, MotionRefusedError
 
 
@@ -89,3 +93,40 @@ def test_what_a_robot_hands_out_is_read_only() -> None:
             array[...] = 0.0
     with pytest.raises(TypeError, match="item assignment"):
         robot.poses["home"] = np.zeros(robot.n)  # type: ignore[index]
+
+
+COPIES: dict[str, Callable[[Robot], Robot]] = {
+    "pickle": lambda robot: pickle.loads(pickle.dumps(robot)),
+    "copy": copy.copy,
+    "deepcopy": copy.deepcopy,
+}
+
+
+@pytest.mark.parametrize("copied", COPIES.values(), ids=COPIES)
+@pytest.mark.parametrize("name", shipped_robots())
+def test_a_robot_is_pickled_copied_and_compared(name: str, copied: Callable[[Robot], Robot]) -> None:
+    robot = load_robot(name)
+    assert robot.inverse([0.2, 0.0, 0.1]).q.shape[1] == robot.n  # what it has worked out does not travel
+    other, middle = copied(robot), robot.limits.mean(axis=1)
+    assert (other, hash(other)) == (robot, hash(robot)) == (load_robot(name), hash(load_robot(name)))
+    assert (other.chain, hash(other.chain)) == (robot.chain, hash(robot.chain))
+    assert (other.gravity, other.energy) == (robot.gravity, robot.energy)
+    assert np.array_equal(other.forward(middle), robot.forward(middle))
+    assert {*robot.poses} == {*other.poses}
+    assert {robot: 1}[other] == 1
+    for array in (other.limits, other.jerk_limits, other.poses["home"], *other.chain.segments):
+        with pytest.raises(ValueError, match="read-only"):
+            array[0] = 0.0
+    with pytest.raises(TypeError):
+        other.poses["home"] = middle  # pyright: ignore[reportIndexIssue]
+
+
+def test_robots_that_say_something_else_are_not_equal() -> None:
+    robot = load_robot("uzuner")
+    servos = robot.output_map
+    assert servos is not None
+    assert replace(robot, output_map=replace(servos, zero=servos.zero + 0.25)) != robot
+    assert replace(robot, poses={**robot.poses, "home": robot.pose("rest")}) != robot
+    assert replace(robot, output_map=replace(servos)) == robot
+    assert robot not in ("uzuner", load_robot("abaas"), None)
+    assert robot.chain != load_robot("abaas").chain != "uzuner"

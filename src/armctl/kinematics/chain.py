@@ -13,12 +13,13 @@ import math
 import struct
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Literal, NamedTuple, Self
+from functools import partial
+from typing import Any, Literal, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from armctl.arrays import FloatArray
+from armctl.arrays import FloatArray, content
 from armctl.errors import InputError
 from armctl.kinematics.angles import half_angle_cos_sin
 from armctl.kinematics.target import as_numbers, require_finite
@@ -103,6 +104,21 @@ class Chain:
         self._skips_y = [w[:2] == _SAME_AXES and w[3][1] == 0.0 for w in self._weights[1:-1]] + [False]
         """of each joint, whether the next one turns about the same direction, no step along y from it"""
         self._one_shape = (self.n,)
+
+    def __eq__(self, other: object) -> bool:
+        return content(self._says) == content(other._says) if isinstance(other, Chain) else NotImplemented
+
+    def __hash__(self) -> int:
+        return hash(content(self._says))
+
+    @property
+    def _says(self) -> tuple[Any, ...]:
+        return self.segments, self.tail, self.places, self.rows, self.convention
+
+    def __reduce__(self) -> tuple[Callable[..., Chain], tuple[object, ...]]:
+        """Pickled and copied through the constructor, so that the arrays stay read-only."""
+        segments, tail, places, rows, convention = self._says
+        return partial(type(self), places=places, rows=rows, convention=convention), (segments, tail)
 
     @classmethod
     def from_dh(cls, rows: Sequence[DHRow], convention: Convention = "standard") -> Self:

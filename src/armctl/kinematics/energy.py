@@ -7,7 +7,7 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from armctl.arrays import FloatArray
+from armctl.arrays import ArrayRecord, FloatArray
 from armctl.errors import InputError
 from armctl.kinematics.chain import Chain, LinkFrames
 
@@ -81,8 +81,8 @@ CRITERION_TEXT: dict[Criterion, str] = {
 }
 
 
-@dataclass(frozen=True, slots=True)
-class EnergyModel:
+@dataclass(frozen=True, slots=True, eq=False)
+class EnergyModel(ArrayRecord):
     """What the criteria need to know of an arm."""
 
     speed_limits: FloatArray

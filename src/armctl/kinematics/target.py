@@ -9,7 +9,7 @@ from typing import NamedTuple, TypeGuard
 import numpy as np
 from numpy.typing import ArrayLike
 
-from armctl.arrays import FloatArray
+from armctl.arrays import FloatArray, content, read_only
 from armctl.errors import InputError
 from armctl.kinematics.angles import TWO_PI
 
@@ -67,6 +67,15 @@ class Target(NamedTuple):
     rotation: FloatArray | None = None
     """(3, 3) ``R_base_tool``, instead of pitch and roll"""
 
+    def __eq__(self, other: object) -> bool:
+        return content(tuple(self)) == content(other)
+
+    def __ne__(self, other: object) -> bool:
+        return not self == other
+
+    def __hash__(self) -> int:
+        return hash(content(tuple(self)))
+
     @classmethod
     def of(
         cls,
@@ -94,7 +103,9 @@ class Target(NamedTuple):
         if np.abs(matrix @ matrix.T - np.eye(3)).max() > 1e-3 or np.linalg.det(matrix) < 0:
             raise InputError("the target rotation must be a right-handed orthonormal 3 x 3 matrix")
         u, _, vt = np.linalg.svd(matrix)
-        return cls(point, None, None, u @ vt)  # the nearest true rotation: printed matrices are rounded
+        return cls(
+            point, None, None, read_only(u @ vt)
+        )  # the nearest true rotation: printed matrices are rounded
 
     @property
     def position(self) -> FloatArray:

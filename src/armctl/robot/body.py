@@ -11,7 +11,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import ArrayLike
 
-from armctl.arrays import FloatArray
+from armctl.arrays import ArrayRecord, FloatArray
 from armctl.kinematics.chain import Chain, LinkFrames
 from armctl.kinematics.samples import joint_samples
 from armctl.robot.parts import Look, Obstacle
@@ -19,7 +19,7 @@ from armctl.robot.shape import FINGER, PALM, TIP_LENGTH, TIP_RADIUS, bars, reach
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Capsule:
+class Capsule(ArrayRecord):
     """A piece of the arm's body: all points within a radius of a segment."""
 
     link: int

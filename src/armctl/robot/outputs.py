@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from armctl.arrays import FloatArray
+from armctl.arrays import ArrayRecord, FloatArray
 from armctl.errors import InputError
 
 DEFAULT_BOARD = "maestro"
@@ -20,8 +20,8 @@ _HELD, _HELD_US_PER_RAD = 1e-6, 573.0
 """a joint with less room than this does not move [rad]; its map only needs some scale"""
 
 
-@dataclass(frozen=True, slots=True)
-class OutputMap:
+@dataclass(frozen=True, slots=True, eq=False)
+class OutputMap(ArrayRecord):
     """One affine map a joint, and one for the gripper: output = zero + per_rad · angle.
 
     An output is a pulse width [µs] on a servo board, and a position [encoder counts] on an encoder board.

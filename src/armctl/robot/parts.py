@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from armctl.arrays import FloatArray
+from armctl.arrays import ArrayRecord, FloatArray
 
 JERK_UP_S = 0.05
 """Where nothing else is written, a joint reaches its largest acceleration in this time."""
@@ -66,7 +66,7 @@ class Look:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Obstacle:
+class Obstacle(ArrayRecord):
     """A box along the axes of the base frame: a table, a wall, a conveyor."""
 
     title: str

@@ -5,12 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from armctl.arrays import FloatArray
+from armctl.arrays import ArrayRecord, FloatArray, content, read_only
 from armctl.errors import InputError, MotionRefusedError
 from armctl.kinematics import (
     DEFAULT_STEP,
@@ -35,9 +34,9 @@ from armctl.robot.parts import Gripper, Joint, Look, Obstacle
 _PROBES = 64
 
 
-@dataclass(frozen=True)
-class Robot:
-    """One arm. Immutable; safe to use from several threads at once."""
+@dataclass(frozen=True, eq=False)
+class Robot(ArrayRecord):
+    """One arm. Immutable, compared by what it says; safe to use from several threads at once."""
 
     name: str
     title: str
@@ -74,16 +73,19 @@ class Robot:
     """(n,) largest joint jerks [rad/s³]"""
 
     def __post_init__(self) -> None:
-        fixed: dict[str, object] = {
-            "limits": _fixed([[joint.lower, joint.upper] for joint in self.joints]),
-            "speed_limits": _fixed([joint.speed for joint in self.joints]),
-            "acceleration_limits": _fixed([joint.acceleration for joint in self.joints]),
-            "jerk_limits": _fixed([joint.jerk for joint in self.joints]),
-            "poses": MappingProxyType({name: _fixed(q) for name, q in self.poses.items()}),
-            "points": MappingProxyType({name: _fixed(point) for name, point in self.points.items()}),
+        super().__post_init__()
+        joints = self.joints
+        limits = {
+            "limits": [[joint.lower, joint.upper] for joint in joints],
+            "speed_limits": [joint.speed for joint in joints],
+            "acceleration_limits": [joint.acceleration for joint in joints],
+            "jerk_limits": [joint.jerk for joint in joints],
         }
-        for name, value in fixed.items():
-            object.__setattr__(self, name, value)
+        for name, values in limits.items():
+            object.__setattr__(self, name, read_only(values))
+
+    def __hash__(self) -> int:
+        return hash((self.name, self.chain, content(self.limits)))  # a board's settings need not have one
 
     @property
     def n(self) -> int:
@@ -246,10 +248,3 @@ class Robot:
             ]
             raise MotionRefusedError("; ".join(parts))
         return np.clip(q, self.limits[:, 0], self.limits[:, 1])
-
-
-def _fixed(values: ArrayLike) -> FloatArray:
-    """A read-only copy: threads share a robot."""
-    array = np.array(values, dtype=np.float64)
-    array.flags.writeable = False
-    return array
