@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
-from armctl.hardware import BoardType, ByteModel, Driver, Setup
+from armctl.hardware import BoardType, ByteModel, Driver, Setup, SimulatorOptions
 from armctl.hardware.transport import Connection
 
 
@@ -14,5 +12,5 @@ class Board(BoardType):
     def driver(self, setup: Setup, connection: Connection) -> Driver:
         raise NotImplementedError
 
-    def simulated(self, setup: Setup, options: Mapping[str, str | bool | None]) -> ByteModel:
+    def simulated(self, setup: Setup, options: SimulatorOptions) -> ByteModel:
         raise NotImplementedError

@@ -38,6 +38,12 @@ def the_capabilities_are_told(line: Line) -> None:
     assert line.exchange(bytes.fromhex("F0 6B F7"), _LONG_S) == bytes(expected + b"\xf7")
 
 
+def the_analog_channels_are_told(line: Line) -> None:
+    """Clients such as firmata-io are ready once they have this."""
+    channels = bytes(pin - ANALOG_PINS.start if pin in ANALOG_PINS else 127 for pin in range(PINS))
+    assert line.exchange(bytes.fromhex("F0 69 F7"), _LONG_S) == b"\xf0\x6a" + channels + b"\xf7"
+
+
 def pins_start_as_outputs_or_analog_inputs(line: Line) -> None:
     for pin in range(PINS):
         mode = 0 if pin in SERIAL_PINS else 2 if pin in ANALOG_PINS else 1

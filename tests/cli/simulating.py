@@ -11,8 +11,8 @@ from contextlib import contextmanager
 
 
 @contextmanager
-def simulated(board: str, *words: str) -> Iterator[str]:
-    """The line that it prints once its port is there; it must end in peace when it is interrupted."""
+def simulated(board: str, *words: str, lines: int = 1) -> Iterator[str]:
+    """The first lines that it prints, once its port is there; it must end in peace when it is interrupted."""
     process = subprocess.Popen(
         [sys.executable, "-m", "armctl", "simulate", board, *words],
         stdout=subprocess.PIPE,
@@ -22,7 +22,7 @@ def simulated(board: str, *words: str) -> Iterator[str]:
     )
     assert process.stdout is not None and process.stderr is not None
     try:
-        yield process.stdout.readline()
+        yield "".join(process.stdout.readline() for _ in range(lines))
     finally:
         process.send_signal(signal.SIGINT)
         _, errors = process.communicate(timeout=20)

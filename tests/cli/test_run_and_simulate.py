@@ -8,8 +8,9 @@ import pytest
 import serial
 from tests.cli.simulating import simulated
 
-from armctl.cli.main import DONE, REFUSED, run
+from armctl.cli.main import DONE, REFUSED, WRONG_USAGE, run
 from armctl.hardware.encoder.driver import EncoderDriver
+from armctl.hardware.maestro.codec import crc7
 from armctl.hardware.transport import Connection
 from armctl.robot import load_robot
 from armctl.runtime import MonotonicClock, channel_settings
@@ -48,6 +49,46 @@ def test_factory_board_clamps_to_992_2000(tmp_path: Path) -> None:
         for target, held in ((2400, 2000), (700, 992)):
             port.write(bytes([0x84, 0, (4 * target) & 0x7F, (4 * target) >> 7, 0x90, 0]))
             assert int.from_bytes(port.read(2), "little") == 4 * held
+
+
+def test_a_boards_own_options_and_the_fault(tmp_path: Path) -> None:
+    """The Pololu form to device 3, with its CRC; half an answer; the timeout strikes in the silence."""
+    link = tmp_path / "maestro"
+    words = ("--crc", "--device", "3", "--timeout", "0.01", "--fault", "half-reply@0")
+    with simulated("maestro", "--link", str(link), *words), serial.Serial(str(link), timeout=10) as port:
+        errors = bytes.fromhex("aa 03 21")
+        port.write(errors + bytes([crc7(errors)]))
+        assert len(port.read(1)) == 1
+        port.timeout = 0.1
+        assert port.read(1) == b""
+        port.write(errors + bytes([crc7(errors)]))
+        port.timeout = 10
+        assert port.read(1) == b"\x20"
+
+
+def test_a_board_that_is_unplugged_says_so_and_comes_back(tmp_path: Path) -> None:
+    words = ("--boot", "1.5", "--fault", "unplug@0.5+0.4")
+    with simulated("firmata", "--link", str(tmp_path / "mega"), *words, lines=3) as said:
+        assert [line.split(" (")[0] for line in said.splitlines()] == [
+            f"simulated board on {tmp_path / 'mega'}",
+            "simulated board unplugged",
+            f"simulated board on {tmp_path / 'mega'}",
+        ]
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (("maestro", "--fault", "explode"), "there is no fault 'explode'; there are drop"),
+        (("maestro", "--timeout", "0"), "must be within 0.01"),
+        (("maestro", "--device", "128"), "0<=x<=127"),
+        (("firmata", "--boot", "inf"), "not a finite number"),
+        (("encoder", "--crc"), "No such option"),
+    ],
+)
+def test_what_no_board_can_be_told(capsys: pytest.CaptureFixture[str], words, says: str) -> None:
+    assert run(["simulate", *words]) == WRONG_USAGE
+    assert says in capsys.readouterr().err
 
 
 def test_run_drives_a_program_on_a_device(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -1,12 +1,16 @@
-"""Every fault between the driver and the board, in memory and to the millisecond."""
+"""Every fault between the driver and the board, to the millisecond; and faults by share and time."""
 
 from __future__ import annotations
 
-import pytest
-from tests.hardware.lines import Fault, FaultyModel, LoopTransport
+import re
+from collections.abc import Iterable
 
-from armctl.errors import BoardError, BoardProtocolError, BoardTimeoutError
+import pytest
+from tests.hardware.lines import LoopTransport
+
+from armctl.errors import BoardError, BoardProtocolError, BoardTimeoutError, InputError
 from armctl.hardware import ChannelSettings
+from armctl.hardware.faults import Fault, FaultyModel, trouble
 from armctl.hardware.maestro.driver import MaestroDriver
 from armctl.hardware.maestro.simulated import MaestroSettings, SimulatedMaestro
 from armctl.hardware.transport import Connection
@@ -140,3 +144,117 @@ def test_a_brown_out_is_silence_and_then_a_board_that_has_started_anew(rig: Rig)
     rig.driver.write({0: 1700.0})
     rig.clock.advance(0.3)
     assert rig.driver.read().positions == dict.fromkeys(range(3))
+
+
+# Troubles by share and time, as `armctl simulate --fault` takes them.
+
+
+class Echo:
+    """Sends back what it gets, and counts how often it was started anew."""
+
+    def __init__(self) -> None:
+        self.heard: list[bytes] = []
+        self.starts = 0
+
+    def feed(self, data: bytes) -> bytes:
+        self.heard.append(data)
+        return data
+
+    def advance(self, now: float) -> bytes:
+        return b""
+
+    def reset(self) -> None:
+        self.starts += 1
+
+
+def exchanged(model: FaultyModel[Echo], times: Iterable[float], data: bytes = b"abcd") -> list[bytes]:
+    """What comes back of a burst at each time; None: the line is broken."""
+    seen: list[bytes] = []
+    for time in times:
+        try:
+            seen.append(model.advance(100.0 + time) + model.feed(data))
+        except BoardError:
+            seen.append(b"unplugged")
+    return seen
+
+
+def troubled(*texts: str, seed: int = 0) -> FaultyModel[Echo]:
+    model = FaultyModel(Echo(), seed, [trouble(text) for text in texts])
+    model.advance(100.0)
+    return model
+
+
+def test_a_share_of_the_bursts_is_lost_the_same_with_the_same_seed():
+    first, again, other = (troubled("drop:0.1", seed=seed) for seed in (1, 1, 2))
+    lost = exchanged(first, range(1000))
+    assert lost == exchanged(again, range(1000)) != exchanged(other, range(1000))
+    assert lost.count(b"") == pytest.approx(1000 * (1 - 0.9**2), abs=30)
+    assert 850 < len(first.inner.heard) - first.inner.heard.count(b"") < 950
+
+
+@pytest.mark.parametrize(
+    ("text", "heard", "back"),
+    [
+        ("drop-command@0", b"", b""),
+        ("drop-reply@0", b"abcd", b""),
+        ("half-command@0", b"ab", b"ab"),
+        ("half@0", b"ab", b"a"),
+        ("double-reply@0", b"abcd", b"abcdabcd"),
+    ],
+)
+def test_what_strikes_a_burst_and_in_which_direction(text: str, heard: bytes, back: bytes):
+    model = troubled(text)
+    assert exchanged(model, [1.0]) == [back]
+    assert b"".join(model.inner.heard) == heard
+
+
+def test_a_garbled_burst_has_one_bit_flipped():
+    (back,) = exchanged(troubled("garble-reply@0"), [1.0])
+    flipped = int.from_bytes(back, "big") ^ int.from_bytes(b"abcd", "big")
+    assert flipped.bit_count() == 1
+
+
+def test_late_bytes_keep_their_order_in_each_direction():
+    model = troubled("delay=0.06:0.5")
+    sent = [bytes([number]) for number in range(200)]
+    got = b"".join(
+        model.advance(100.0 + 0.01 * number) + model.feed(data) for number, data in enumerate(sent)
+    )
+    assert got != b"".join(sent)
+    assert got + model.advance(200.0) + model.advance(201.0) == b"".join(sent)
+
+
+def test_when_it_strikes_and_how_long_and_again():
+    back = exchanged(troubled("drop-reply@2+0.5/3"), [0.0, 1.9, 2.0, 2.5, 2.6, 4.9, 5.2, 5.6, 8.1])
+    assert [one == b"" for one in back] == [False, False, True, True, False, False, True, False, True]
+
+
+def test_board_faults_by_the_clock():
+    model = troubled("unplug@1+2", "brown-out@5+0.5", "reset@7/10")
+    assert exchanged(model, [0.9, 1.0, 3.0, 3.1]) == [b"abcd", b"unplugged", b"unplugged", b"abcd"]
+    assert model.inner.starts == 1
+    assert exchanged(model, [5.0, 5.4, 5.6]) == [b"", b"", b"abcd"]
+    assert model.inner.starts == 2
+    assert exchanged(model, [6.9, 7.1, 7.2, 16.9, 17.1]) == [b"abcd"] * 5
+    assert model.inner.starts == 4
+    assert exchanged(troubled("unplug@1"), [1e6]) == [b"unplugged"]
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("explode", "there is no fault 'explode'; there are drop, delay"),
+        ("", "there is no fault ''"),
+        ("drop", "say how often or when, as in drop:0.02 or drop@10"),
+        ("drop:2", "more than 0 and at most 1"),
+        ("drop:", "cannot be read as a fault; examples: drop:0.02"),
+        ("drop=1:0.5", "only a delay"),
+        ("unplug", "say when, in seconds from the start, as in unplug@30"),
+        ("reset:0.5@3", "say when"),
+        ("drop@10+3/2", "every 2 s must not last longer"),
+        ("drop:nan", "cannot be read"),
+    ],
+)
+def test_what_is_no_trouble_is_refused_in_words(text: str, says: str):
+    with pytest.raises(InputError, match=re.escape(says)):
+        trouble(text)

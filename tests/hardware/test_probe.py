@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import pytest
-from tests.hardware.lines import FaultyModel, LoopTransport, holding_maestro
+from tests.hardware.lines import LoopTransport, holding_maestro
 
 from armctl.errors import BoardError
 from armctl.hardware import ByteModel
 from armctl.hardware.board_type import ARDUINO_MEGA, USB_SERIAL
 from armctl.hardware.encoder.messages import seal
 from armctl.hardware.encoder.simulated import SimulatedEncoderBoard
+from armctl.hardware.faults import FaultyModel
 from armctl.hardware.firmata.codec import servo_config, servo_write
 from armctl.hardware.firmata.simulated import SimulatedFirmata
 from armctl.hardware.maestro import MaestroModel

@@ -9,13 +9,13 @@ import pytest
 import serial
 from tests.hardware.encoder.kit import AXES
 from tests.hardware.encoder.kit import CHANNELS as AXIS_CHANNELS
-from tests.hardware.lines import FaultyModel
 
 from armctl.errors import BoardError
 from armctl.hardware import ByteModel, ChannelSettings, Driver
 from armctl.hardware.encoder.axes import EncoderSettings
 from armctl.hardware.encoder.driver import EncoderDriver
 from armctl.hardware.encoder.simulated import simulated_encoder_board
+from armctl.hardware.faults import FaultyModel
 from armctl.hardware.firmata.driver import FirmataDriver
 from armctl.hardware.firmata.simulated import SimulatedFirmata
 from armctl.hardware.maestro import MaestroModel

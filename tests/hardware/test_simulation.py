@@ -131,6 +131,36 @@ def test_a_board_that_leaves_the_line_breaks_it_for_its_clients(clock: ManualClo
             assert model.gone
 
 
+def test_a_board_that_comes_back_is_served_again_at_its_link(clock: ManualClock, tmp_path: Path):
+    link = tmp_path / "arm"
+    with PtyServer(Recorder(), clock.now, link=link, tick_s=0.001) as server:
+        line = SerialTransport(server.port)
+        with server.inspect() as model:
+            model.gone = True
+        with pytest.raises(BoardError, match="was the board unplugged"):
+            line.read(1, 5.0)
+        line.close()
+        while server.plugged:
+            os.sched_yield()
+        assert not link.is_symlink()
+        descriptors = set(os.listdir("/proc/self/fd"))
+        link.symlink_to("/dev")  # in its way: it waits until that is gone
+        with server.inspect() as model:
+            model.gone = False
+            seen = len(model.times)
+        while len(model.times) < seen + 3:
+            os.sched_yield()
+        assert not server.plugged
+        link.unlink()
+        while not server.plugged:
+            os.sched_yield()
+        with client(server) as port:
+            port.write(b"\x01")
+            assert port.read(1) == b"\xfe"
+        assert len(os.listdir("/proc/self/fd")) == len(descriptors) + 2
+    assert not link.is_symlink()
+
+
 GONE = "/dev/pts/999999"
 
 

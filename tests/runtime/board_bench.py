@@ -6,10 +6,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Generic, TypeVar
 
-from tests.hardware.lines import FaultyModel, LoopTransport
+from tests.hardware.lines import LoopTransport
 from tests.runtime.kit import TEST, TICK
 
 from armctl.hardware import ByteModel, Driver
+from armctl.hardware.faults import FaultyModel
 from armctl.robot import Robot
 from armctl.runtime import Controller, InlineExecutor, ManualClock, Snapshot, State, Ticket
 from armctl.runtime.commands import Command

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from tests.hardware.lines import Fault
 from tests.runtime.board_bench import BoardBench
 from tests.runtime.kit import TEST, TICK, fails
 
@@ -13,6 +12,7 @@ from armctl.hardware import Source
 from armctl.hardware.encoder.driver import EncoderDriver
 from armctl.hardware.encoder.messages import Mode
 from armctl.hardware.encoder.simulated import SimulatedEncoderBoard, simulated_encoder_board
+from armctl.hardware.faults import Fault
 from armctl.hardware.transport import Connection
 from armctl.robot import load_robot
 from armctl.runtime import (

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from tests.hardware.lines import Fault
 from tests.runtime.board_bench import BoardBench
 from tests.runtime.kit import ROBOT, TEST, TICK
 
 from armctl.hardware import Source
+from armctl.hardware.faults import Fault
 from armctl.hardware.maestro import MaestroModel
 from armctl.hardware.maestro.codec import Opcode
 from armctl.hardware.maestro.driver import MaestroDriver

@@ -2,19 +2,38 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import click
 
 from armctl.boards import setup_of
 from armctl.cli.ending import end_event
+from armctl.cli.options import Number
 from armctl.errors import InputError
-from armctl.hardware import BoardType, Setup
+from armctl.hardware import BoardType, Setup, SimulatorOption
 from armctl.hardware.boards import board_type, board_types, find_board_type
+from armctl.hardware.faults import FAULT_HELP, FaultyModel, Trouble, trouble
 from armctl.hardware.simulation import PtyServer
 from armctl.robot import load_robot
 from armctl.runtime import MonotonicClock
 from armctl.runtime.board import output_map
+
+_LOOK_S = 0.1
+
+
+class _Fault(click.ParamType[Trouble]):
+    """A fault, and when it strikes."""
+
+    name = "fault"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Trouble:
+        """Read ``value``; a refusal is wrong usage."""
+        try:
+            return trouble(value)
+        except InputError as error:
+            self.fail(str(error), param, ctx)
 
 
 class BoardGroup(click.Group):
@@ -41,19 +60,43 @@ def _command(board: BoardType) -> click.Command:
     if board.simulator_robot is not None:
         whose = "Whose channels the board is set up with."
         params.append(click.Option(["--robot"], default=board.simulator_robot, show_default=True, help=whose))
-    for one in board.simulator_options:
-        choices = click.Choice(one.choices) if one.choices else None
-        params.append(click.Option([f"--{one.name}"], is_flag=not one.choices, type=choices, help=one.help))
+    params += [_option(one) for one in board.simulator_options]
+    params.append(click.Option(["--fault", "faults"], type=_Fault(), multiple=True, help=FAULT_HELP))
+    whose = "Another number, another sequence of faults."
+    params.append(click.Option(["--seed"], type=int, default=0, show_default=True, help=whose))
 
-    def serve(link: Path | None, robot: str | None = None, **options: str | bool | None) -> None:
+    def serve(
+        link: Path | None,
+        faults: Sequence[Trouble],
+        seed: int,
+        robot: str | None = None,
+        **options: str | float | bool | None,
+    ) -> None:
         setup = Setup() if robot is None else _setup(board, robot)
         ended = end_event()
-        with PtyServer(board.simulated(setup, options), MonotonicClock().now, link=link) as server:
-            click.echo(f"simulated board on {server.port} (ctrl-c ends it)")
-            ended.wait()
+        model = FaultyModel(board.simulated(setup, options), seed, faults)
+        with PtyServer(model, MonotonicClock().now, link=link) as server:
+            there = False
+            while True:
+                if server.plugged is not there:
+                    there = not there
+                    here = f"simulated board on {server.port} (ctrl-c ends it)"
+                    click.echo(here if there else "simulated board unplugged")
+                if ended.wait(_LOOK_S):
+                    return
 
     about = board.simulator_help or f"Serve a simulated {board.title} until interrupted."
     return click.Command(board.kind, params=params, callback=serve, help=about)
+
+
+def _option(one: SimulatorOption) -> click.Option:
+    kind: click.ParamType[Any] | None = None
+    if one.choices:
+        kind = click.Choice(one.choices)
+    elif one.between is not None:
+        low, high = one.between
+        kind = click.IntRange(int(low), int(high)) if one.whole else Number(between=one.between)
+    return click.Option([f"--{one.name}"], is_flag=kind is None, type=kind, help=one.help)
 
 
 def _setup(board: BoardType, name: str) -> Setup:

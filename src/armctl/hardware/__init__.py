@@ -7,6 +7,7 @@ from armctl.hardware.board_type import (
     Listener,
     Setup,
     SimulatorOption,
+    SimulatorOptions,
 )
 from armctl.hardware.driver import (
     BoardIdentity,
@@ -37,5 +38,6 @@ __all__ = [
     "ServoEntries",
     "Setup",
     "SimulatorOption",
+    "SimulatorOptions",
     "Source",
 ]

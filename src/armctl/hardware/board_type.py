@@ -11,7 +11,7 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar, Protocol
+from typing import TYPE_CHECKING, ClassVar, Protocol, TypeAlias
 
 from armctl.hardware.driver import ChannelScale, ChannelSettings, Driver, translated
 from armctl.robot.board_entries import BoardEntries
@@ -72,11 +72,17 @@ class Listener(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class SimulatorOption:
-    """An option of ``armctl simulate`` for one kind of board: a choice among words, or a flag."""
+    """An option of ``armctl simulate`` for one kind of board: a choice among words, a number, or a flag."""
 
     name: str
     help: str
-    choices: tuple[str, ...] = ()  # none: a flag
+    choices: tuple[str, ...] = ()  # the words
+    between: tuple[float, float] | None = None  # the smallest and the largest number; neither of both: a flag
+    whole: bool = False  # whether the number is a whole one
+
+
+SimulatorOptions: TypeAlias = Mapping[str, str | float | bool | None]
+"""the values that were given, by the options' names: a word, a number, whether a flag was, or None"""
 
 
 NEEDED = ("kind", "title", "plugged_in", "scale", "entries")
@@ -117,7 +123,7 @@ class BoardType(ABC):
         """A driver, not opened yet."""
 
     @abstractmethod
-    def simulated(self, setup: Setup, options: Mapping[str, str | bool | None]) -> ByteModel:
+    def simulated(self, setup: Setup, options: SimulatorOptions) -> ByteModel:
         """A simulated board, set up for a robot; ``options`` by name, as ``simulator_options`` has them."""
 
     def check(self, setup: Setup) -> None:  # noqa: B027

@@ -26,7 +26,9 @@ class PtyServer(Generic[Model]):
 
     The thread owns ``model``; look at it through ``inspect`` only. ``link`` is a path at which the pty is to
     be found, besides its own (``/dev/pts/7``). The board's time goes on every ``tick_s`` while no client
-    speaks to it. Entering raises ``PortError`` where no pty is to be had, or the link's path is taken.
+    speaks to it. A board that leaves the line breaks it for its clients. When it comes back, it is served on
+    a new pty, as a device that is plugged in again may get another name; the link follows it. Entering
+    raises ``PortError`` where no pty is to be had, or the link's path is taken.
     """
 
     def __init__(
@@ -50,6 +52,11 @@ class PtyServer(Generic[Model]):
             raise PortError("the simulated board is not being served; open its server first")
         return self._device if self._link is None else str(self._link)
 
+    @property
+    def plugged(self) -> bool:
+        """Whether the board is on its line: not between its leaving and its coming back."""
+        return self._device is not None
+
     @contextmanager
     def inspect(self) -> Generator[Model]:
         """The board, brought up to the present and held still as long as the context is open."""
@@ -61,19 +68,9 @@ class PtyServer(Generic[Model]):
 
     def __enter__(self) -> Self:
         """Open the pty and start serving."""
-        try:
-            self._master, self._slave = os.openpty()
-        except OSError as error:
-            raise PortError(f"no pseudo-terminal for the simulated board: {error.strerror}") from error
         with ExitStack() as stack:
             stack.callback(self._close_pty)
-            # Raw, or the line discipline echoes the host's bytes and rewrites 0x0D and 0x03.
-            tty.setraw(self._slave)
-            os.set_blocking(self._master, False)
-            self._device = os.ttyname(self._slave)
-            if self._link is not None:
-                make_link(self._link, self._device)
-                stack.callback(remove_link, self._link, self._device)
+            self._open_pty()
             self._wake_read, self._wake_write = os.pipe()
             stack.callback(os.close, self._wake_read)
             stack.callback(os.close, self._wake_write)
@@ -109,11 +106,16 @@ class PtyServer(Generic[Model]):
                     with self._lock:
                         self._pump(readable=self._master in events)
                         wanted = selectors.EVENT_READ | (selectors.EVENT_WRITE if self._backlog else 0)
+                    if self._device is None:
+                        self._open_pty()
+                        selector.register(self._master, selectors.EVENT_READ)
                 except BoardError:
                     # The board is unplugged: its clients must see a broken line.
-                    selector.unregister(self._master)
+                    if self._device is not None:
+                        selector.unregister(self._master)
                     self._close_pty()
-                    return
+                    self._backlog.clear()
+                    continue
                 selector.modify(self._master, wanted)
 
     def _pump(self, *, readable: bool) -> None:
@@ -124,14 +126,29 @@ class PtyServer(Generic[Model]):
         self._backlog += self._model.advance(self._now())
         if data:
             self._backlog += self._model.feed(data)
-        if self._backlog:
+        if self._backlog and self._device is not None:
             # A client that never reads fills the pty; a board would lose the bytes as well.
             del self._backlog[_LARGEST_BACKLOG:]
             with suppress(BlockingIOError):
                 del self._backlog[: os.write(self._master, self._backlog)]
 
+    def _open_pty(self) -> None:
+        try:
+            self._master, self._slave = os.openpty()
+        except OSError as error:
+            raise PortError(f"no pseudo-terminal for the simulated board: {error.strerror}") from error
+        # Raw, or the line discipline echoes the host's bytes and rewrites 0x0D and 0x03.
+        tty.setraw(self._slave)
+        os.set_blocking(self._master, False)
+        device = os.ttyname(self._slave)
+        if self._link is not None:
+            make_link(self._link, device)
+        self._device = device
+
     def _close_pty(self) -> None:
         # The slave is held open while serving: else the master reads EIO after the first client has left.
+        if self._device is not None and self._link is not None:
+            remove_link(self._link, self._device)
         self._device = None
         for descriptor in (self._slave, self._master):
             if descriptor >= 0:

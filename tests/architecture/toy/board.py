@@ -16,6 +16,7 @@ from armctl.hardware import (
     Readback,
     ServoEntries,
     Setup,
+    SimulatorOptions,
     Source,
 )
 from armctl.hardware.findings import CheckUp, Finding, ok
@@ -41,7 +42,7 @@ class ToyBoard(BoardType):
     def driver(self, setup: Setup, connection: Connection) -> ToyDriver:
         return ToyDriver(connection)
 
-    def simulated(self, setup: Setup, options: Mapping[str, str | bool | None]) -> ByteModel:
+    def simulated(self, setup: Setup, options: SimulatorOptions) -> ByteModel:
         return SimulatedToy()
 
     def ask(self, line: Transport, now: Callable[[], float]) -> Introduction | None:

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from typing import Literal
 
-from tests.hardware.lines import FaultyModel, LoopTransport
+from tests.hardware.lines import LoopTransport
 
 from armctl.hardware import ByteModel, ChannelSettings
 from armctl.hardware.encoder.axes import AxisEntry, EncoderAxis, EncoderSettings
 from armctl.hardware.encoder.driver import EncoderDriver
 from armctl.hardware.encoder.simulated import SimulatedEncoderBoard
 from armctl.hardware.encoder.simulated_axis import AxisPlant
+from armctl.hardware.faults import FaultyModel
 from armctl.hardware.transport import Connection
 from armctl.runtime.clock import ManualClock
 

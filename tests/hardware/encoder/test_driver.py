@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import pytest
 from tests.hardware.encoder.kit import AXES, CHANNELS, PLANTS, Bench, encoder_axis
-from tests.hardware.lines import Fault
 
 from armctl.errors import BoardError, BoardTimeoutError, StateError
 from armctl.hardware import ChannelSettings, Source
@@ -12,6 +11,7 @@ from armctl.hardware.driver import HomingState
 from armctl.hardware.encoder.driver import SILENCE_NOTE
 from armctl.hardware.encoder.messages import FaultKind, Mode, seal
 from armctl.hardware.encoder.simulated import SimulatedEncoderBoard
+from armctl.hardware.faults import Fault
 from armctl.runtime.clock import ManualClock
 
 

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import pytest
-from tests.hardware.lines import Fault, FaultyModel
 
 from armctl.errors import BoardError, BoardProtocolError, BoardTimeoutError
 from armctl.hardware import ChannelSettings
+from armctl.hardware.faults import Fault, FaultyModel
 from armctl.hardware.firmata.simulated import SimulatedFirmata
 from armctl.runtime.clock import ManualClock
 

@@ -129,7 +129,7 @@ def test_targets_go_out_in_channel_order_and_neighbours_together_where_the_board
     multiple=st.booleans(),
 )
 def test_what_is_encoded_is_what_a_board_decodes(targets, crc, multiple):
-    parser = PacketParser(device=12, crc=crc, multiple_targets=True)
+    parser = PacketParser(device=12, crc=crc, mini=True)
     decoded: dict[int, int] = {}
     for byte in codec.set_targets(targets, crc=crc, multiple=multiple):
         for event in parser.push(byte):
@@ -239,7 +239,7 @@ PROTOCOL = MaestroErrors.SERIAL_PROTOCOL
 def test_what_a_board_makes_of_bytes(bytes_in: str, events):
     """Opcode and data in hex of each packet, and each error, in order."""
     crc, mini = bytes_in.startswith("crc "), bytes_in.startswith("mini ")
-    parser = PacketParser(device=12, crc=crc, multiple_targets=mini)
+    parser = PacketParser(device=12, crc=crc, mini=mini)
     found: list[object] = []
     for byte in bytes.fromhex(bytes_in.removeprefix("crc ").removeprefix("mini ")):
         for event in parser.push(byte):

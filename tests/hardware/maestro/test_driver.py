@@ -7,11 +7,12 @@ import math
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from tests.hardware.lines import Fault, FaultyModel, LoopTransport, holding_maestro
+from tests.hardware.lines import LoopTransport, holding_maestro
 from tests.hardware.maestro.conftest import ScriptedTransport
 
 from armctl.errors import BoardError, BoardProtocolError, BoardTimeoutError, InputError
 from armctl.hardware import BoardIdentity, ChannelSettings
+from armctl.hardware.faults import Fault, FaultyModel
 from armctl.hardware.maestro import MaestroModel
 from armctl.hardware.maestro.codec import MaestroErrors
 from armctl.hardware.maestro.driver import UNKNOWN_MODEL_NOTE, WATCHDOG_NOTE, MaestroDriver, MaestroLine

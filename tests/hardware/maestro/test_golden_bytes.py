@@ -134,6 +134,8 @@ def test_the_simulated_board_answers_the_same_bytes(model: MaestroModel, crc: bo
 OTHER_COMMANDS = [
     ("93", "93 13", "aa 0c 13", "aa 0c 13 70", "00"),  # Get Moving State
     ("a2", "a2 49", "aa 0c 22", "aa 0c 22 2a", ""),  # Go Home
+    ("ae", "ae 23", "aa 0c 2e", "aa 0c 2e 40", "01"),  # Get Script Status: it stands
+    ("a4", "a4 7c", "aa 0c 24", "aa 0c 24 1f", ""),  # Stop Script
 ]
 
 
@@ -144,6 +146,19 @@ def test_other_commands_in_every_form(compact, compact_crc, pololu, pololu_crc, 
         for request in requests:
             assert board.feed(bytes.fromhex(request)).hex(" ") == reply
         assert board.errors == MaestroErrors(0)
+
+
+def test_scripts_and_a_minis_pwm_switch_no_servo_off():
+    """Guide, section 5.e: status 00 is running, 01 is stopped."""
+    board = SimulatedMaestro(MaestroModel.MINI_12)
+    board.feed(bytes.fromhex("84 02 70 2e 8a 40 3e 00 7d"))
+    assert board.pwm == (8000, 16000)
+    for start in ("a7 00", "a8 01 7f 01", "aa 0c 27 00", "aa 0c 28 01 7f 01"):
+        assert board.feed(bytes.fromhex(f"ae {start} ae a4 ae")).hex(" ") == "01 00 01"
+    assert (board.target_us(2), board.errors) == (1500.0, MaestroErrors(0))
+    micro = SimulatedMaestro()
+    micro.feed(bytes.fromhex("8a 40 3e 00 7d"))
+    assert micro.errors == MaestroErrors.SERIAL_PROTOCOL
 
 
 @pytest.mark.parametrize(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 from armctl.hardware.board_type import (
@@ -14,6 +13,7 @@ from armctl.hardware.board_type import (
     ByteModel,
     Listener,
     Setup,
+    SimulatorOptions,
 )
 from armctl.hardware.driver import Driver
 from armctl.hardware.encoder import FLASH_IT, SCALE
@@ -70,7 +70,7 @@ class EncoderBoard(BoardType):
         timeout_s = _SIMULATED_TIMEOUT_S if connection.simulated else _TIMEOUT_S
         return EncoderDriver(connection, _settings(setup), timeout_s)
 
-    def simulated(self, setup: Setup, options: Mapping[str, str | bool | None]) -> ByteModel:
+    def simulated(self, setup: Setup, options: SimulatorOptions) -> ByteModel:
         """A simulated board with an arm on it that fits the robot."""
         from armctl.hardware.encoder.simulated import simulated_encoder_board
 

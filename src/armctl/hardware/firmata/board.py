@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from armctl.hardware.board_type import (
@@ -15,6 +15,8 @@ from armctl.hardware.board_type import (
     Introduction,
     Listener,
     Setup,
+    SimulatorOption,
+    SimulatorOptions,
 )
 from armctl.hardware.driver import Driver
 from armctl.hardware.firmata import BAUD, HOW_TO_LOAD, SCALE, pin_table
@@ -45,6 +47,9 @@ class FirmataBoard(BoardType):
 
     Servos on pins 2 … 49. It does not restart when its port is opened, as a real Mega does.
     """
+    simulator_options = (
+        SimulatorOption("boot", "Silent for so long [s] after each start (a real Mega: 1.7).", (), (0, 60)),
+    )
 
     def driver(self, setup: Setup, connection: Connection) -> Driver:
         """A driver."""
@@ -52,11 +57,11 @@ class FirmataBoard(BoardType):
 
         return FirmataDriver(connection, _SIMULATED_TIMEOUT_S if connection.simulated else _TIMEOUT_S)
 
-    def simulated(self, setup: Setup, options: Mapping[str, str | bool | None]) -> ByteModel:
-        """A simulated Mega, which needs to be told nothing."""
+    def simulated(self, setup: Setup, options: SimulatorOptions) -> ByteModel:
+        """A simulated Mega, which needs to be told nothing of the robot."""
         from armctl.hardware.firmata.simulated import SimulatedFirmata
 
-        return SimulatedFirmata()
+        return SimulatedFirmata(boot_s=float(options.get("boot") or 0.0))
 
     def check(self, setup: Setup) -> None:
         """Refuse what a Mega would refuse."""

@@ -35,6 +35,8 @@ class Command(IntEnum):
 class Sysex(IntEnum):
     """The byte after ``START_SYSEX``, in both directions."""
 
+    ANALOG_MAPPING_QUERY = 0x69
+    ANALOG_MAPPING_RESPONSE = 0x6A
     CAPABILITY_QUERY = 0x6B
     CAPABILITY_RESPONSE = 0x6C
     PIN_STATE_QUERY = 0x6D

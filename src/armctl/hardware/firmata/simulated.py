@@ -62,6 +62,7 @@ _FIRST_ANALOG_PIN = 54
 _PWM_PINS = (*range(2, 14), 44, 45, 46)
 _LAST_SERVO_PIN = 49  # the Servo library has room for 48, and the sketch keeps one for each pin from 2 on
 _I2C_PINS = (20, 21)
+_NO_CHANNEL = 0x7F
 
 
 def _mode_after_reset(pin: int) -> PinMode:
@@ -84,6 +85,11 @@ def _capabilities(pin: int) -> dict[int, int]:
         (PinMode.I2C, 1, pin in _I2C_PINS),
     )
     return {mode: bits for mode, bits, known in modes if known}
+
+
+def _analog_channel(pin: int) -> int:
+    """The number of an analog pin among its kind; 127 for the others."""
+    return pin - _FIRST_ANALOG_PIN if pin >= _FIRST_ANALOG_PIN else _NO_CHANNEL
 
 
 SERVO_PINS = tuple(pin for pin in range(PINS) if PinMode.SERVO in _capabilities(pin))
@@ -198,6 +204,8 @@ class SimulatedFirmata:
                 return sysex(
                     Sysex.CAPABILITY_RESPONSE, *(byte for pin in pins for byte in (*pin, END_OF_PIN))
                 )
+            case Sysex.ANALOG_MAPPING_QUERY:
+                return sysex(Sysex.ANALOG_MAPPING_RESPONSE, *map(_analog_channel, range(PINS)))
             case Sysex.PIN_STATE_QUERY if data:
                 return self._pin_state(data[0])
             case Sysex.EXTENDED_ANALOG if len(data) > 1:

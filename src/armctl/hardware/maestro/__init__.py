@@ -7,6 +7,8 @@ from enum import Enum
 from armctl.hardware.driver import ChannelScale
 
 QUARTERS_PER_US = 4
+DEFAULT_DEVICE_NUMBER = 12
+"""of the Pololu form of commands"""
 SCALE = ChannelScale("channel", "µs", QUARTERS_PER_US)
 FACTORY_MINIMUM_US, FACTORY_MAXIMUM_US = 992.0, 2000.0
 SILENT_ADVICE = (

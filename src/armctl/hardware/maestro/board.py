@@ -3,14 +3,21 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 from armctl.errors import BoardTimeoutError
-from armctl.hardware.board_type import BoardType, ByteModel, Introduction, Setup, SimulatorOption
+from armctl.hardware.board_type import (
+    BoardType,
+    ByteModel,
+    Introduction,
+    Setup,
+    SimulatorOption,
+    SimulatorOptions,
+)
 from armctl.hardware.driver import Driver
-from armctl.hardware.maestro import SCALE, SILENT_ADVICE, MaestroModel
+from armctl.hardware.maestro import DEFAULT_DEVICE_NUMBER, SCALE, SILENT_ADVICE, MaestroModel
 from armctl.robot.board_entries import ServoEntries
 
 if TYPE_CHECKING:
@@ -43,6 +50,14 @@ class MaestroBoard(BoardType):
     simulator_options = (
         SimulatorOption("factory", "Leave all channels at the factory's 992 … 2000 µs."),
         SimulatorOption("channels", "Board size (default: what the robot needs).", ("6", "12", "18", "24")),
+        SimulatorOption("crc", "Want a CRC-7 after each command."),
+        SimulatorOption("device", "Its number in the Pololu protocol (default: 12).", (), (0, 127), True),
+        SimulatorOption(
+            "timeout",
+            "Serial timeout [s], after which it goes home (default: none).",
+            (),
+            (0.01, 655.35),
+        ),
     )
 
     def driver(self, setup: Setup, connection: Connection) -> Driver:
@@ -53,13 +68,18 @@ class MaestroBoard(BoardType):
             return MaestroDriver(connection)
         return MaestroDriver(connection, model=_smallest(setup), timeout_s=_SIMULATED_TIMEOUT_S)
 
-    def simulated(self, setup: Setup, options: Mapping[str, str | bool | None]) -> ByteModel:
+    def simulated(self, setup: Setup, options: SimulatorOptions) -> ByteModel:
         """A simulated Maestro whose channels have the robot's ranges."""
-        from armctl.hardware.maestro.simulated import simulated_maestro
+        from armctl.hardware.maestro.simulated import MaestroSettings, simulated_maestro
 
-        size = options.get("channels")
-        model = MaestroModel.with_channels(int(size)) if isinstance(size, str) else None
-        return simulated_maestro(() if options.get("factory") else setup.channels, model)
+        size, device, timeout_s = (options.get(name) for name in ("channels", "device", "timeout"))
+        settings = MaestroSettings(
+            device=DEFAULT_DEVICE_NUMBER if device is None else int(device),
+            crc=bool(options.get("crc")),
+            timeout_units=0 if timeout_s is None else round(100 * float(timeout_s)),
+        )
+        model = None if size is None else MaestroModel.with_channels(int(size))
+        return simulated_maestro(() if options.get("factory") else setup.channels, model, settings)
 
     def check(self, setup: Setup) -> None:
         """Refuse what the largest Maestro would refuse."""

@@ -103,11 +103,16 @@ class Opcode(IntEnum):
     SET_TARGET = 0x84
     SET_SPEED = 0x87
     SET_ACCELERATION = 0x89
+    SET_PWM = 0x8A  # Mini only
     GET_POSITION = 0x90
     GET_MOVING_STATE = 0x93
     SET_MULTIPLE_TARGETS = 0x9F
     GET_ERRORS = 0xA1
     GO_HOME = 0xA2
+    STOP_SCRIPT = 0xA4
+    RESTART_SCRIPT = 0xA7
+    RESTART_SCRIPT_WITH_PARAMETER = 0xA8
+    GET_SCRIPT_STATUS = 0xAE
     MINI_SSC = 0xFF
 
 
@@ -217,7 +222,6 @@ def _check(what: str, value: int, highest: int) -> None:
 # The receiving side: single bytes to commands and errors, as the board takes them.
 
 POLOLU_START = 0xAA
-DEFAULT_DEVICE_NUMBER = 12
 _COMMAND_BIT = 0x80
 _DATA_BYTES: dict[int, int] = {
     Opcode.SET_TARGET: 3,
@@ -227,6 +231,10 @@ _DATA_BYTES: dict[int, int] = {
     Opcode.GET_MOVING_STATE: 0,
     Opcode.GET_ERRORS: 0,
     Opcode.GO_HOME: 0,
+    Opcode.STOP_SCRIPT: 0,
+    Opcode.RESTART_SCRIPT: 1,
+    Opcode.RESTART_SCRIPT_WITH_PARAMETER: 3,
+    Opcode.GET_SCRIPT_STATUS: 0,
 }
 
 
@@ -250,13 +258,13 @@ class PacketParser:
     A Pololu-form command to another device number is skipped without an error.
 
     ``device`` is the board's own device number; ``crc``: it wants a CRC-7 after each command (never after
-    Mini SSC); ``multiple_targets``: it knows Set Multiple Targets.
+    Mini SSC); ``mini``: it knows Set Multiple Targets and Set PWM.
     """
 
-    def __init__(self, *, device: int, crc: bool, multiple_targets: bool) -> None:
+    def __init__(self, *, device: int, crc: bool, mini: bool) -> None:
         self._device = device
         self._crc = crc
-        self._multiple_targets = multiple_targets
+        self._mini = mini
         self._raw = bytearray()
         self._skipping = False
 
@@ -307,8 +315,10 @@ class PacketParser:
 
     def _length(self, command: int, data: bytearray) -> int | None:
         """Data bytes of a command; Set Multiple Targets counts its own. None: the board has no such one."""
-        if command == Opcode.SET_MULTIPLE_TARGETS and self._multiple_targets:
+        if command == Opcode.SET_MULTIPLE_TARGETS and self._mini:
             return 2 + 2 * data[0] if data else 1
+        if command == Opcode.SET_PWM and self._mini:
+            return 4
         return _DATA_BYTES.get(command)
 
     def _skip(self) -> None:

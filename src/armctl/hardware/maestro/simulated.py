@@ -11,9 +11,14 @@ from enum import Enum
 
 from armctl.errors import InputError
 from armctl.hardware.driver import ChannelSettings
-from armctl.hardware.maestro import FACTORY_MAXIMUM_US, FACTORY_MINIMUM_US, QUARTERS_PER_US, MaestroModel
-from armctl.hardware.maestro.codec import (
+from armctl.hardware.maestro import (
     DEFAULT_DEVICE_NUMBER,
+    FACTORY_MAXIMUM_US,
+    FACTORY_MINIMUM_US,
+    QUARTERS_PER_US,
+    MaestroModel,
+)
+from armctl.hardware.maestro.codec import (
     MAX_ACCELERATION,
     MAX_TARGET,
     MaestroErrors,
@@ -183,7 +188,8 @@ class MaestroSettings:
 class SimulatedMaestro:
     """A Maestro of any size, its channels all servos at the factory's 20 ms period.
 
-    The user script and the Mini's PWM output are not modelled: their commands are protocol errors.
+    It has no user script: one that is started runs, does nothing, and runs until it is stopped. The Mini's
+    PWM output is a number.
     The newest ``log_length`` commands taken are kept in ``log``, oldest first.
     """
 
@@ -211,10 +217,13 @@ class SimulatedMaestro:
         self._parser = PacketParser(
             device=self.settings.device,
             crc=self.settings.crc,
-            multiple_targets=self.model.has_multiple_targets,
+            mini=self.model.has_multiple_targets,
         )
         self.errors = MaestroErrors(0)
         """the error register; read here, it is not cleared"""
+        self.script_runs = False
+        self.pwm = (0, 0)
+        """what a Mini's PWM output was told: on time and period [1/48 µs]"""
         self._ticks = 0
         # A new board is switched on by the first ``advance``.
         self._powered_at = self._now if self._powered_at is not None else None
@@ -302,6 +311,14 @@ class SimulatedMaestro:
                 return b"\x01" if moving else b"\x00"
             case Opcode.GO_HOME:
                 self._raise(MaestroErrors(0))
+            case Opcode.STOP_SCRIPT:
+                self.script_runs = False
+            case Opcode.RESTART_SCRIPT | Opcode.RESTART_SCRIPT_WITH_PARAMETER:
+                self.script_runs = True
+            case Opcode.GET_SCRIPT_STATUS:
+                return b"\x00" if self.script_runs else b"\x01"
+            case Opcode.SET_PWM:
+                self.pwm = (_value(data[:2]), _value(data[2:]))
             case Opcode.MINI_SSC:
                 # Numbers above the board's channels belong to another board on the same line.
                 target = _MINI_SSC_NEUTRAL + _MINI_SSC_STEP * (data[1] - 127)
