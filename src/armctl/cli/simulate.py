@@ -76,14 +76,13 @@ def _command(board: BoardType) -> click.Command:
         ended = end_event()
         model = FaultyModel(board.simulated(setup, options), seed, faults)
         with PtyServer(model, MonotonicClock().now, link=link) as server:
-            there = False
-            while True:
-                if server.plugged is not there:
-                    there = not there
-                    here = f"simulated board on {server.port} (ctrl-c ends it)"
-                    click.echo(here if there else "simulated board unplugged")
-                if ended.wait(_LOOK_S):
-                    return
+            told = ""
+            while not (told and ended.wait(_LOOK_S)):
+                port = server.address
+                text = "unplugged" if port is None else f"on {port} (ctrl-c ends it)"
+                if text != told:
+                    click.echo(f"simulated board {text}")
+                    told = text
 
     about = board.simulator_help or f"Serve a simulated {board.title} until interrupted."
     return click.Command(board.kind, params=params, callback=serve, help=about)

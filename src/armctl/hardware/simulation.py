@@ -48,14 +48,16 @@ class PtyServer(Generic[Model]):
     @property
     def port(self) -> str:
         """What a client opens: the link when there is one, else the pty; ``PortError`` when not running."""
-        if self._device is None:
+        address = self.address
+        if address is None:
             raise PortError("the simulated board is not being served; open its server first")
-        return self._device if self._link is None else str(self._link)
+        return address
 
     @property
-    def plugged(self) -> bool:
-        """Whether the board is on its line: not between its leaving and its coming back."""
-        return self._device is not None
+    def address(self) -> str | None:
+        """The same; None while the board is off its line."""
+        device = self._device
+        return device if device is None or self._link is None else str(self._link)
 
     @contextmanager
     def inspect(self) -> Generator[Model]:
