@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import fields
 from types import MappingProxyType
-from typing import Any, ClassVar, cast
+from typing import Any, ClassVar, TypeVar, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,14 +16,21 @@ FloatArray = NDArray[np.float64]
 
 def read_only(values: ArrayLike) -> FloatArray:
     """A copy that cannot be written to: threads share it."""
-    return _locked(np.array(values, dtype=np.float64))
+    return lock(np.array(values, dtype=np.float64))
+
+
+A = TypeVar("A", bound=NDArray[Any])
+
+
+def lock(array: A) -> A:
+    """The same array; nobody may write to it any more."""
+    array.flags.writeable = False
+    return array
 
 
 def _locked(value: Any) -> Any:
     if isinstance(value, np.ndarray):
-        array = cast("NDArray[Any]", value).copy()
-        array.flags.writeable = False
-        return array
+        return lock(cast("NDArray[Any]", value).copy())
     if isinstance(value, Mapping):
         items = cast("Mapping[str, Any]", value)
         return MappingProxyType({key: _locked(one) for key, one in items.items()})

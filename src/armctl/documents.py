@@ -22,11 +22,18 @@ from typing import Any, NamedTuple, TypeVar, cast
 import msgspec
 from msgspec import inspect
 
-from armctl.errors import ArmctlError
+from armctl.errors import ArmctlError, InputError
 
 T = TypeVar("T")
 Place = tuple[str | int, ...]
 """Where a value stands: keys and indices from the top, e.g. ("steps", 2, "x_mm")"""
+
+
+def as_path(value: str | Path, what: str) -> Path:
+    """``value`` as a path; ``InputError`` says ``what`` it has to be."""
+    if not isinstance(value, str | os.PathLike):  # pyright: ignore[reportUnnecessaryIsInstance]
+        raise InputError(f"{what}, not {value!r}")
+    return Path(value)
 
 
 @dataclass(frozen=True, slots=True)

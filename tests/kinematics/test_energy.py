@@ -121,6 +121,44 @@ def test_what_cannot_choose_is_refused(criterion: str, start: object, says: str)
         solutions().best(criterion, start)  # type: ignore[arg-type]
 
 
+def test_a_criterion_of_your_own_chooses_among_the_solutions() -> None:
+    uzuner = load_robot("uzuner")
+    start = uzuner.pose("home")
+    found = uzuner.inverse([0.2, 0.0, 0.1], roll=0.0)
+
+    def elbow(q: FloatArray, begin: FloatArray | None) -> FloatArray:
+        assert begin is not None
+        with pytest.raises(ValueError, match="read-only"):
+            q[0] = 0.0
+        return np.where(q[:, 1] < 0.7, np.abs(q[:, 2] - begin[2]), np.inf)
+
+    best, admitted = found.best(elbow, start), found.q[found.q[:, 1] < 0.7]
+    assert len(admitted) < len(found)
+    assert best.tolist() == admitted[np.abs(admitted[:, 2] - start[2]).argmin()].tolist()
+    assert found.best(lambda q, _: range(len(q))).tolist() == found[0].tolist()
+    with pytest.raises(UnreachableError, match=r"none of the \d+ solutions is admitted"):
+        found.best(lambda q, _: np.full(len(q), np.inf))
+    for wrong in (lambda q, _: 3, lambda q, _: np.zeros((len(q), 2)), lambda q, _: np.full(len(q), np.nan)):
+        with pytest.raises(InputError, match="one energy for each of"):
+            found.best(wrong)
+
+
+def test_solutions_are_a_read_only_list_of_configurations() -> None:
+    uzuner = load_robot("uzuner")
+    found = uzuner.inverse([0.2, 0.0, 0.1], roll=0.0)
+    assert len(found) == len(list(found)) == len(found[:]) > 1
+    assert all(np.array_equal(q, found[i]) for i, q in enumerate(found))
+    nearest = uzuner.inverse([0.3, 0.0, 0.6])
+    assert nearest.nearest_q is not None
+    assert nearest.nearest_m is not None
+    assert (len(nearest), list(nearest)) == (0, [])
+    batch = uzuner.inverse_batch([[0.2, 0.0, 0.1]], -1.0)
+    for array in (found.q, found[0], found.branch, found.branch_index, found.residual_m, found.residual_rad):
+        assert not array.flags.writeable
+    for array in (nearest.nearest_q, nearest.nearest_m, batch.q, batch.found):
+        assert not array.flags.writeable
+
+
 def test_without_a_solution_there_is_no_best() -> None:
     none = load_robot("uzuner").inverse([0.3, 0, 0.6])
     for criterion in CRITERIA:

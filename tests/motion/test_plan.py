@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from functools import partial
 
 import numpy as np
 import pytest
@@ -158,6 +159,12 @@ def test_what_cannot_be_is_refused_in_words() -> None:
         plan_target(ROBOT, HOME, Target.of([0.6, 0.0, 0.1]))
     with pytest.raises(InputError, match="criterion 'cheapest'"):
         plan_target(ROBOT, HOME, Target.of([0.2, 0.0, 0.1]), "cheapest")
+    for plan in (
+        partial(plan_line, ROBOT, HOME, [0.2, 0.0, 0.1]),
+        partial(plan_line, ROBOT, HOME, [9, 9, 9]),
+    ):
+        with pytest.raises(InputError, match="the speed of the tool must be numbers, got 'a'"):
+            plan(speed="a")
     with pytest.raises(MotionRefusedError, match="Base: 170"):
         plan_joints(ROBOT, HOME, np.radians([170, 90, 0, 0, 0]))
 

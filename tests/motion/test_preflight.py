@@ -136,7 +136,7 @@ def test_what_is_no_motion_of_the_arm_is_refused() -> None:
         preflight(ROBOT, PointToPoint.lasting([0.0, 0.0], [1.0, 1.0], 1.0))
     with pytest.raises(InputError, match="angle that is not a finite number"):
         preflight(ROBOT, Sine(float("nan")))
-    for payload in (-0.1, float("nan")):
+    for payload in (-0.1, float("nan"), "a"):
         with pytest.raises(InputError, match="payload"):
             preflight(ROBOT, PointToPoint.plan(ROBOT, HOME, HOME), payload)
     with pytest.raises(InputError, match="cannot take -1"):

@@ -1,10 +1,23 @@
 from __future__ import annotations
 
+import pickle
+from dataclasses import dataclass
+
 import numpy as np
 import pytest
 
 from armctl.errors import InputError
-from armctl.motion import JoinedTrajectory, PointToPoint
+from armctl.kinematics import Target
+from armctl.motion import (
+    JoinedTrajectory,
+    PathTrajectory,
+    PiecewisePolynomial,
+    PointToPoint,
+    Sample,
+    SlowedTrajectory,
+    Trajectory,
+)
+from armctl.program import MoveStep, Program
 
 A = PointToPoint.lasting([0.0, 0.0], [1.0, -1.0], 2.0)
 B = PointToPoint.lasting([1.0, -1.0], [2.0, 0.0], 1.5, "quintic")
@@ -33,3 +46,81 @@ def test_parts_must_meet() -> None:
         JoinedTrajectory([A, PointToPoint.lasting([1.0], [2.0], 1.0)])
     with pytest.raises(InputError, match="at least one part"):
         JoinedTrajectory([])
+
+
+@dataclass
+class Sway:
+    """A caller's own: 1 - cos, there and back."""
+
+    duration: float = 2.0
+    breaks: BaseException | None = None
+    slope: float | np.ndarray = 1.0
+
+    @property
+    def start(self) -> np.ndarray:
+        return np.zeros(2)
+
+    end = start
+
+    def sample(self, t: float | np.ndarray) -> Sample:
+        if self.breaks is not None:
+            raise self.breaks
+        w = np.pi
+        x = w * np.asarray(t)[..., None] * np.ones(2)
+        q, v, a, j = 1 - np.cos(x), w * np.sin(x), w**2 * np.cos(x), -(w**3) * np.sin(x)
+        return Sample(q, v * self.slope, a, j)
+
+
+LINE = PiecewisePolynomial([0.0, 2.0], [[[0.0, 0.0], [1.0, 2.0]]])
+MOTIONS: list[Trajectory] = [
+    A,
+    PathTrajectory(LINE, PiecewisePolynomial([0.0, 1.0], [[[0.0], [2.0]]])),
+    JoinedTrajectory([A, B]),
+    SlowedTrajectory(JoinedTrajectory([A, B]), 2.0),
+]
+
+
+@pytest.mark.parametrize("motion", MOTIONS, ids=lambda motion: type(motion).__name__)
+def test_a_motion_can_be_pickled(motion: Trajectory) -> None:
+    other: Trajectory = pickle.loads(pickle.dumps(motion))
+    times = np.linspace(0.0, motion.duration, 7)
+    assert other.duration == motion.duration
+    assert np.array_equal(other.sample(times).q, motion.sample(times).q)
+
+
+def test_targets_and_programs_are_pickled_and_compared() -> None:
+    for value in (
+        Target.of([0.2, 0, 0.1], -1.0, 0.5),
+        Target.of([0.2, 0, 0.1], rotation=np.eye(3)),
+        Program(robot="uzuner", steps=(MoveStep(joints_deg=(0.0, 1.0)),)),
+    ):
+        other = pickle.loads(pickle.dumps(value))
+        assert (other, hash(other)) == (value, hash(value))
+    turned = Target.of([0.2, 0, 0.1], rotation=np.diag([1.0, -1.0, -1.0]))
+    assert Target.of([0.2, 0, 0.1], rotation=np.eye(3)) != turned
+    assert turned != (0.2, 0.0, 0.1)
+
+
+def test_a_motion_of_a_callers_own_is_met_between_the_samples() -> None:
+    sway = Sway()
+    same, times = PathTrajectory.sampled(sway), np.linspace(0.0, 2.0, 1001)
+    found, true = same.sample(times), sway.sample(times)
+    assert same.duration == 2.0
+    for name, close in (("q", 1e-11), ("velocity", 1e-9), ("acceleration", 1e-6)):
+        np.testing.assert_allclose(getattr(found, name), getattr(true, name), atol=close)
+    assert PathTrajectory.sampled(Sway(0.0)).duration == 0.01
+
+
+@pytest.mark.parametrize(
+    ("motion", "says"),
+    [
+        (Sway(breaks=SystemExit(3)), "cannot be sampled: SystemExit: 3"),
+        (Sway(breaks=ZeroDivisionError("division")), "cannot be sampled: ZeroDivisionError: division"),
+        (Sway(duration=float("nan")), "duration of a motion must be a finite number"),
+        (Sway(slope=np.ones((3, 1, 1))), r"201 times need states \(k, n\)"),
+        (Sway(slope=np.inf), "finite numbers"),
+    ],
+)
+def test_what_breaks_in_a_motion_of_a_callers_own_is_said(motion: Sway, says: str) -> None:
+    with np.errstate(invalid="ignore"), pytest.raises(InputError, match=says):
+        PathTrajectory.sampled(motion)

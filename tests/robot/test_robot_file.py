@@ -31,6 +31,12 @@ def changed(old: str, new: str, text: str = SHIPPED) -> str:
     return text.replace(old, new, 1)
 
 
+@pytest.mark.parametrize("name", [None, 5, b"uzuner"])
+def test_what_is_no_name_is_refused(name: object) -> None:
+    with pytest.raises(InputError, match=f"a robot is a shipped name or the path .*, not {name!r}"):
+        load_robot(name)  # type: ignore[arg-type]
+
+
 def test_a_copy_of_the_shipped_file_is_the_same_robot(tmp_path: Path) -> None:
     mine, shipped = load_robot(written(tmp_path, SHIPPED)), load_robot("uzuner")
     q = np.radians([10, 20, -30, 10, 5.0])

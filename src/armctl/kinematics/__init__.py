@@ -13,7 +13,7 @@ from armctl.kinematics.energy import (
 )
 from armctl.kinematics.families import Branch, BranchFinder, inverse_kinematics
 from armctl.kinematics.samples import DEFAULT_STEP
-from armctl.kinematics.solutions import BatchSolutions, Solutions
+from armctl.kinematics.solutions import BatchSolutions, Choice, Solutions
 from armctl.kinematics.solver import InverseKinematics
 from armctl.kinematics.target import Target
 
@@ -26,6 +26,7 @@ __all__ = [
     "Branch",
     "BranchFinder",
     "Chain",
+    "Choice",
     "Criterion",
     "DHRow",
     "EnergyModel",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -11,12 +11,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from armctl.arrays import FloatArray
-from armctl.errors import UnreachableError
+from armctl.arrays import FloatArray, lock
+from armctl.errors import InputError, UnreachableError
 from armctl.kinematics.angles import rotation_angle
 from armctl.kinematics.chain import Chain
 from armctl.kinematics.energy import EnergyModel, checked_criterion, energies
-from armctl.kinematics.target import Target
+from armctl.kinematics.target import Target, as_numbers
 
 _THERE_M = 1e-7
 """a nearest point that is so near is the target itself [m]"""
@@ -24,6 +24,11 @@ _SEEN_MM = 0.05
 """what one decimal shows as more than 0.0 [mm]"""
 _UNSEEN = math.radians(0.005)
 """an excess that two decimals do not show: what a search for the least excess leaves [rad]"""
+
+
+Choice = str | Callable[[FloatArray, FloatArray | None], ArrayLike]
+"""A named criterion, or one of your own: of the solutions (k, n) [rad] and the start (n,) [rad], or None
+where none is given, it makes k energies. The least is chosen; infinity excludes one."""
 
 
 class SolvedArm(NamedTuple):
@@ -36,7 +41,10 @@ class SolvedArm(NamedTuple):
 
 
 class Solutions:
-    """Every configuration inside the limits that answers a target, or why there is none. Immutable."""
+    """Every configuration inside the limits that answers a target, or why there is none. Immutable.
+
+    ``len(solutions)``, ``solutions[0]`` and ``for q in solutions`` are about the rows (n,) [rad] of ``q``.
+    """
 
     def __init__(
         self,
@@ -65,17 +73,18 @@ class Solutions:
         """
         self.arm, self.target, self._q, self._index = arm, target, q, branch_index
         self.free_joint, self.least_rotation = free_joint, least_rotation
-        self.reason, self.nearest_q, self.complete = reason, nearest_q, complete
+        self.reason, self.complete = reason, complete
+        self.nearest_q = None if nearest_q is None else lock(nearest_q)
 
     @cached_property
     def q(self) -> FloatArray:
         """(k, n) configurations [rad], all inside the limits."""
-        return np.asarray(self._q, dtype=np.float64).reshape(-1, self.arm.chain.n)
+        return lock(np.asarray(self._q, dtype=np.float64).reshape(-1, self.arm.chain.n))
 
     @cached_property
     def branch_index(self) -> NDArray[np.int8]:
         """(k,) index of each into ``branch_names``."""
-        return np.asarray(self._index, dtype=np.int8)
+        return lock(np.asarray(self._index, dtype=np.int8))
 
     @property
     def branch_names(self) -> tuple[str, ...]:
@@ -94,28 +103,35 @@ class Solutions:
     def __len__(self) -> int:
         return len(self._q)
 
+    def __getitem__(self, index: int | slice) -> FloatArray:
+        return self.q[index]
+
+    def __iter__(self) -> Iterator[FloatArray]:
+        return iter(self.q)
+
     @cached_property
     def branch(self) -> NDArray[np.str_]:
         """(k,) branch name of each, for example ``front elbow-up``."""
-        return np.array(self.branch_names or ("",), dtype=np.str_)[self.branch_index]
+        return lock(np.array(self.branch_names or ("",), dtype=np.str_)[self.branch_index])
 
     @cached_property
     def residual_m(self) -> FloatArray:
         """(k,) distance between the target point and the tool point of each [m]."""
-        return np.linalg.norm(self.arm.chain.forward(self.q)[:, :3, 3] - self.target.position, axis=1)
+        points = self.arm.chain.forward(self.q)[:, :3, 3]
+        return lock(np.linalg.norm(points - self.target.position, axis=1))
 
     @cached_property
     def residual_rad(self) -> FloatArray:
         """(k,) angle between the rotation asked for and that of each [rad]; 0 where none was asked for."""
         if self.target.rotation is None:
-            return np.zeros(len(self.q))
+            return lock(np.zeros(len(self.q)))
         turned = np.swapaxes(self.arm.chain.forward(self.q)[:, :3, :3], 1, 2) @ self.target.rotation
-        return rotation_angle(turned)
+        return lock(rotation_angle(turned))
 
     @cached_property
     def nearest_m(self) -> FloatArray | None:
         """(3,) the reachable point that comes nearest to the target [m]; None when it is reached."""
-        return None if self.nearest_q is None else self.arm.chain.forward(self.nearest_q)[:3, 3]
+        return None if self.nearest_q is None else lock(self.arm.chain.forward(self.nearest_q)[:3, 3])
 
     @property
     def explanation(self) -> str:
@@ -129,21 +145,32 @@ class Solutions:
         nearest = f"({x:.1f}, {y:.1f}, {z:.1f}) mm, {millimetres(away)} mm away"
         return f"{self.reason}; the nearest reachable point is {nearest}"
 
-    def energies(self, criterion: str = "least-rotation", start: ArrayLike | None = None) -> FloatArray:
-        """(k,) energy of each by a named criterion (``energy.CRITERIA``); infinite where excluded."""
-        name = checked_criterion(criterion)
+    def energies(self, criterion: Choice = "least-rotation", start: ArrayLike | None = None) -> FloatArray:
+        """(k,) energy of each by a criterion (``energy.CRITERIA``, or your own); infinite where excluded."""
         checked = None if start is None else self.arm.chain.checked_one(start)
+        if not isinstance(criterion, str) and callable(criterion):
+            return self._own_energies(as_numbers(criterion(self.q, checked), "energies"))
+        name = checked_criterion(criterion)
         return energies(name, self.q, self.arm.energy, self.arm.pitch_joints, checked)
 
-    def best(self, criterion: str = "least-rotation", start: ArrayLike | None = None) -> FloatArray:
-        """The configuration (n,) [rad] of least energy by one of ``energy.CRITERIA``.
+    def _own_energies(self, energy: FloatArray) -> FloatArray:
+        if energy.shape != (len(self),) or np.isnan(energy).any():
+            raise InputError(
+                f"a criterion of your own gives one energy for each of {len(self)} solutions, none of them "
+                f"NaN; it gave {energy.shape} with {np.count_nonzero(np.isnan(energy))} NaN"
+            )
+        return energy
+
+    def best(self, criterion: Choice = "least-rotation", start: ArrayLike | None = None) -> FloatArray:
+        """The configuration (n,) [rad] of least energy by one of ``energy.CRITERIA``, or your own ``Choice``.
 
         With ``least-rotation`` and a free joint this is the exact optimum over the continuum, not only the
         best of the list. ``least-travel`` needs the ``start`` (n,) [rad]; the others only check it.
         Raises ``UnreachableError``: there is no solution, or none that the criterion admits; ``InputError``:
         no such criterion, ``least-travel`` without a start, or a start that is no configuration.
         """
-        checked_criterion(criterion)
+        if isinstance(criterion, str) or not callable(criterion):
+            checked_criterion(criterion)
         if start is not None:
             start = self.arm.chain.checked_one(start)
         if not self.success:
@@ -155,7 +182,8 @@ class Solutions:
         energy = self.energies(criterion, start)
         i = int(np.argmin(energy))
         if not np.isfinite(energy[i]):
-            raise UnreachableError(f"none of the {len(self)} solutions is admitted by {criterion!r}")
+            name = repr(criterion) if isinstance(criterion, str) else "the criterion given"
+            raise UnreachableError(f"none of the {len(self)} solutions is admitted by {name}")
         return self.q[i].copy()
 
     def index_of(self, q: ArrayLike) -> int:
@@ -169,9 +197,9 @@ class Solutions:
         return str(self.branch[self.index_of(q)])
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class BatchSolutions:
-    """The branches of k poses, a column a branch."""
+    """The branches of k poses, a column a branch; the arrays are read-only."""
 
     q: FloatArray
     """(k, b, n) joint angles [rad]; NaN where a branch has no solution inside the limits"""
@@ -179,6 +207,10 @@ class BatchSolutions:
     """(k, b) where it has one"""
     branch_names: tuple[str, ...]
     """(b,)"""
+
+    def __post_init__(self) -> None:
+        lock(self.q)
+        lock(self.found)
 
     @property
     def count(self) -> NDArray[np.intp]:

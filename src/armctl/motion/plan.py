@@ -16,8 +16,8 @@ from numpy.typing import ArrayLike
 
 from armctl.arrays import FloatArray
 from armctl.errors import InputError, UnreachableError
-from armctl.kinematics import DEFAULT_STEP, Target, checked_criterion
-from armctl.kinematics.target import as_numbers
+from armctl.kinematics import DEFAULT_STEP, Choice, Target, checked_criterion
+from armctl.kinematics.target import as_numbers, checked_number
 from armctl.motion.blend import Leg, blend
 from armctl.motion.paths.tool_curve import ToolArc, ToolLine
 from armctl.motion.paths.tool_path import PitchMode, ToolPathRefusedError, ToolPathUnreachableError, follow
@@ -72,7 +72,7 @@ def plan_target(
     return plan_joints(robot, start, end, duration_s, profile, checked=checked)
 
 
-def solve(robot: Robot, start: ArrayLike | None, target: Target, choose: str) -> FloatArray:
+def solve(robot: Robot, start: ArrayLike | None, target: Target, choose: Choice) -> FloatArray:
     """The configuration (n,) [rad] that a criterion chooses for a target.
 
     Raises ``InputError`` where there is no such criterion, ``UnreachableError`` where there is no solution:
@@ -80,7 +80,8 @@ def solve(robot: Robot, start: ArrayLike | None, target: Target, choose: str) ->
     """
     solver = robot.inverse_kinematics
     position_only = target.pitch is None and target.roll is None and target.rotation is None
-    if checked_criterion(choose) == "least-rotation" and position_only and solver.direct:
+    own = not isinstance(choose, str) and callable(choose)
+    if not own and checked_criterion(choose) == "least-rotation" and position_only and solver.direct:
         q = robot.least_rotation(target.position)  # the same without listing ten thousand others
         if np.isfinite(q).all():
             return q
@@ -171,11 +172,14 @@ def plan_path(
     """
     if path is None:
         return PointToPoint.lasting(start, start, 0.0 if duration_s is None else duration_s)
-    cap = math.inf if speed is None else speed
-    trajectory = timed(robot, path, profile=profile, rate_cap=cap, duration_s=duration_s)
+    trajectory = timed(robot, path, profile=profile, rate_cap=_cap(speed), duration_s=duration_s)
     if checked:
         require_clear(robot, trajectory, tool_path=True)
     return trajectory
+
+
+def _cap(speed: float | None) -> float:
+    return math.inf if speed is None else checked_number(speed, "the speed of the tool")
 
 
 def follow_tool(
@@ -197,7 +201,7 @@ def follow_tool(
     try:
         return follow(robot, q, curve, pitch, end_pitch)
     except (ToolPathRefusedError, ToolPathUnreachableError) as cause:
-        seconds, cap = 0.0, math.inf if speed is None else speed
+        seconds, cap = 0.0, _cap(speed)
         if cause.before is not None:  # when the tool comes there, without slowing down for it
             seconds = PathTrajectory.fastest(robot, cause.before, cap, last=math.inf).duration
         raise type(cause)(f"at {seconds:.2f} s, {cause}", cause.place, cause.before) from cause

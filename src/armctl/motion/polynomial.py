@@ -42,6 +42,9 @@ class PiecewisePolynomial:
         self.n = c.shape[2]
         """number of coordinates"""
 
+    def __reduce__(self) -> tuple[type[PiecewisePolynomial], tuple[FloatArray, FloatArray]]:
+        return PiecewisePolynomial, (self.breaks, self.coefficients)
+
     def __call__(self, x: ArrayLike) -> FloatArray:
         """Values (..., n) at ``x`` (...)."""
         return self.derivatives(x, 0)[0]

@@ -16,15 +16,17 @@ import numpy as np
 
 from armctl.arrays import FloatArray
 from armctl.errors import InputError
-from armctl.motion.polynomial import PiecewisePolynomial
-from armctl.motion.profiles import ProfileName, lasting_s, law_over
-from armctl.motion.trajectory import KnowsPeaks, Peaks, Sample
+from armctl.kinematics.target import as_numbers
+from armctl.motion.polynomial import PiecewisePolynomial, quintic
+from armctl.motion.profiles import ProfileName, checked_duration, lasting_s, law_over
+from armctl.motion.trajectory import KnowsPeaks, Peaks, Sample, Trajectory
 from armctl.robot import Robot
 
 _CURVATURE_SHARE = 0.7
 """Of a joint's acceleration: what the curvature of the path may take. The rest is left for speeding up."""
 _MARGIN = 1e-9
 _SHORTEST = 1e-12
+_SAMPLED_S, _MOST_SAMPLES = 0.01, 20_000
 REGIONS = 4
 """regions a piece of a path, for its limits"""
 
@@ -132,6 +134,9 @@ class PathTrajectory(KnowsPeaks):
         self.start, self.end = path(path.low), path(path.high)
         self.start.flags.writeable = self.end.flags.writeable = False
 
+    def __reduce__(self) -> tuple[type[PathTrajectory], tuple[PiecewisePolynomial, PiecewisePolynomial]]:
+        return PathTrajectory, (self.path, self.law)
+
     @classmethod
     def fastest(
         cls, robot: Robot, path: PiecewisePolynomial, rate_cap: float = np.inf, last: float = 0.0
@@ -139,6 +144,31 @@ class PathTrajectory(KnowsPeaks):
         """As fast as ``PathLimits.of`` allows, from rest; ``last``: the largest ds/dt at the end."""
         limits = PathLimits.of(robot, path, rate_cap)
         return cls(path, trapezoid_law(limits, fastest_rates(limits, last=last)))
+
+    @classmethod
+    def sampled(cls, trajectory: Trajectory) -> PathTrajectory:
+        """A trajectory of a caller's own, sampled every 10 ms with its speed and acceleration.
+
+        ``InputError``: it breaks, whatever it raises, or gives other than finite states (k, n) of its joints.
+        """
+        try:
+            duration = max(checked_duration(trajectory.duration), _SAMPLED_S)
+            times = np.linspace(0.0, duration, int(min(duration / _SAMPLED_S, _MOST_SAMPLES)) + 1)
+            state = trajectory.sample(times)
+            values = [as_numbers(one, "its states") for one in (state.q, state.velocity, state.acceleration)]
+            if values[0].ndim != 2 or any(one.shape != (len(times), values[0].shape[1]) for one in values):
+                raise InputError(
+                    f"{len(times)} times need states (k, n), got {[one.shape for one in values]}"
+                )
+        except (Exception, SystemExit) as cause:
+            what = str(cause) if isinstance(cause, InputError) else f"{type(cause).__name__}: {cause}"
+            raise InputError(f"the trajectory cannot be sampled: {what}") from cause
+        width = duration / (len(times) - 1)
+        rows = np.stack(values) * width ** np.arange(3.0)[:, None, None]
+        powers = width ** -np.arange(6.0)
+        coefficients = quintic(rows[:, :-1], rows[:, 1:]) * powers[:, None, None]
+        path = PiecewisePolynomial(times, coefficients.transpose(1, 0, 2))
+        return cls(path, PiecewisePolynomial([0.0, duration], [[[0.0], [1.0]]]))
 
     def scaled(self, factor: float) -> PathTrajectory:
         """The same motion, taking ``factor`` times as long."""

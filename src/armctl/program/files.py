@@ -10,7 +10,7 @@ import msgspec
 import numpy as np
 import tomli_w
 
-from armctl.documents import Document, write_atomically
+from armctl.documents import Document, as_path, write_atomically
 from armctl.errors import ProgramError
 from armctl.program.csv import read_csv
 from armctl.program.keys import literal
@@ -24,7 +24,8 @@ _WRITABLE = (int, float, str, list, tuple, np.generic, np.ndarray)
 
 def open_program(path: str | Path, robot: Robot | None = None) -> Program:
     """Read a program file of any form; only a CSV, which names none, needs the robot that it is for."""
-    return PROGRAM_FILES.load(Path(path), lambda content: _read(PurePath(path), content, robot))
+    file = as_path(path, "a program is a Program or the path of its file")
+    return PROGRAM_FILES.load(file, lambda content: _read(file, content, robot))
 
 
 def read_program(filename: str, content: bytes, robot: Robot | None) -> Program:
@@ -51,7 +52,7 @@ def _read(name: PurePath, content: bytes, robot: Robot | None) -> Program:
 
 def load_program(path: str | Path) -> Program:
     """Read a program file (TOML); a ProgramError names the file, the line, the step and the key."""
-    return PROGRAM_FILES.load(Path(path), decode_program)
+    return PROGRAM_FILES.load(as_path(path, "a program file is given by its path"), decode_program)
 
 
 def decode_program(text: bytes | str) -> Program:

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from armctl.arrays import FloatArray
+from armctl.documents import as_path
 from armctl.errors import RobotFileError
 from armctl.kinematics import Body, Chain, DHRow, GravityModel
 from armctl.robot.board_entries import read_outputs
@@ -53,7 +54,7 @@ def load_robot(name: str | Path) -> Robot:
     Behind a ``.urdf`` file may stand the tool link, and which of its axes is the approach axis:
     ``arm.urdf#gripper_link,approach=x``. ``RobotFileError`` names the file and what is wrong with it.
     """
-    path = Path(name)
+    path = as_path(name, "a robot is a shipped name or the path of a robot file")
     if "\0" in str(name):
         raise RobotFileError(f"{str(name)!r}: the name of a file holds no NUL")
     if urdf := _URDF.fullmatch(
