@@ -19,6 +19,8 @@ from pathlib import Path
 from types import CodeType, FrameType
 
 import armctl
+from armctl.process import Host
+from armctl.runtime import Connect
 
 PACKAGE = Path(armctl.__file__).parent
 FIRST, SECOND = (200.0, 0.0, 100.0), (180.0, 60.0, 140.0)
@@ -52,7 +54,8 @@ def measured() -> dict[str, list[str]]:
     threading.setprofile(passage)
     sys.setprofile(passage)
     try:
-        with armctl.Arm.open("uzuner") as arm:
+        with armctl.Arm(Host(armctl.load_robot("uzuner"))) as arm:  # here, not in a process of its own
+            arm.link.submit(Connect("sim")).result()
             arm.enable()
             arm.go(*FIRST, choose="least-rotation")
             passage.on = True

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import sys
 from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
@@ -13,21 +12,22 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from armctl.arrays import FloatArray
-from armctl.boards import ANY_BOARD, SIMULATED, Boards, board_name, calibrated_for
+from armctl.boards import ANY_BOARD, SIMULATED, board_name, calibrated_for
 from armctl.errors import InputError
 from armctl.kinematics import Target
 from armctl.kinematics.target import as_numbers, checked_number, require_finite
 from armctl.motion import PitchMode, Profile
+from armctl.process import start_arm
 from armctl.program import ArcStep, LineStep, Program, Step, WaitStep, checked_program, open_program
+from armctl.program.feed import whole_number
 from armctl.program.steps import WIDEST_BLEND_MM
 from armctl.robot import Robot, load_robot
 from armctl.runtime import (
+    ArmLink,
     Command,
     Connect,
-    Controller,
     Enable,
     HomeAxes,
-    MonotonicClock,
     MoveGripper,
     MoveJoints,
     MoveTo,
@@ -38,14 +38,13 @@ from armctl.runtime import (
     Snapshot,
 )
 
-_SWITCH_INTERVAL_S = 2e-4
 _STOP_S = 5.0
 """so long an interrupt waits for the arm to stand [s]"""
 _ORIGIN = Origin("library")
 
 
 class Arm:
-    """A robot, its board and the controller that runs it.
+    """A robot on its board, run by a process of its own.
 
     Lengths are millimetres and angles degrees here, as in files and on the command line. Every motion
     blocks until it has ended; what refuses or breaks it is raised.
@@ -56,32 +55,23 @@ class Arm:
             arm.run("pick.toml", loops=3)
     """
 
-    def __init__(self, robot: Robot, rate_hz: float = 50.0, board: str = ANY_BOARD) -> None:
-        """Wire up an arm as it is calibrated with ``board`` (see ``board_name``), without opening a line.
-
-        ``rate_hz``: ticks a second, 10 … 200. ``board``: ``NO_BOARD`` where none was there when the
-        calibration was looked up; another real board than that one is refused.
-        """
-        # The interpreter's default of 5 ms is what a tick would be late when other threads run Python.
-        sys.setswitchinterval(min(sys.getswitchinterval(), _SWITCH_INTERVAL_S))
-        clock = MonotonicClock()
-        self.robot = robot
-        self.board = board
-        self.boards = Boards(robot, clock.now, board=board)
-        self.controller = Controller(robot, self.boards.driver, clock, rate_hz)
-        self.controller.start()
+    def __init__(self, link: ArmLink, board: str = ANY_BOARD) -> None:
+        """Drive an arm through a link, which ``close`` ends; ``board``: whose calibration it goes by."""
+        self.link, self.board = link, board
+        self.robot = link.robot
 
     @classmethod
     def open(cls, robot: str | Path | Robot, port: str | None = None, rate_hz: float = 50.0) -> Self:
         """Load a robot, with the calibration that is kept for its board, and connect to the board.
 
+        The arm runs in a process of its own, so nothing that this program does can make it late.
         ``robot``: a shipped robot's name, a robot file, or a robot. ``port``: a device, ``auto``, or None for
-        the simulated board.
+        the simulated board. ``rate_hz``: ticks a second, 10 … 200.
         """
         loaded = robot if isinstance(robot, Robot) else load_robot(robot)
         port = SIMULATED if port is None else port
         board = board_name(port, loaded)
-        arm = cls(calibrated_for(loaded, board), rate_hz, board)
+        arm = cls(start_arm(calibrated_for(loaded, board), board, rate_hz), board)
         try:
             arm._do(Connect(port))
         except BaseException:
@@ -92,7 +82,7 @@ class Arm:
     @property
     def snapshot(self) -> Snapshot:
         """The arm at the controller's last tick."""
-        return self.controller.snapshot
+        return self.link.snapshot
 
     @property
     def joints_deg(self) -> FloatArray:
@@ -124,7 +114,7 @@ class Arm:
 
     def stop(self) -> None:
         """Decelerate inside the limits and hold; may be called from any thread."""
-        self.controller.stop(_ORIGIN).result()
+        self.link.stop(_ORIGIN).result()
 
     def go(
         self,
@@ -227,14 +217,12 @@ class Arm:
             program = checked_program(program)
         else:
             program = open_program(program, self.robot)
+        loops = None if loops is None else whole_number(loops, "how often a program runs")
         self._do(RunProgram(program, loops))
 
     def close(self) -> None:
         """Stop, close the line and end. The outputs stay as they are."""
-        try:
-            self.controller.close()
-        finally:
-            self.boards.close()
+        self.link.close()
 
     def __enter__(self) -> Self:
         return self
@@ -247,12 +235,12 @@ class Arm:
 
     def _do(self, command: Command) -> None:
         """Submit and wait for the end; an interrupt stops the arm first."""
-        ticket = self.controller.submit(command, _ORIGIN)
+        ticket = self.link.submit(command, _ORIGIN)
         try:
             ticket.result()
         except KeyboardInterrupt:
             with suppress(TimeoutError):  # closing waits for it once more
-                self.controller.stop(_ORIGIN).result(_STOP_S)
+                self.link.stop(_ORIGIN).result(_STOP_S)
             raise
 
 

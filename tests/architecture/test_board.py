@@ -20,8 +20,9 @@ from armctl.hardware.board_type import ByteModel, Setup
 from armctl.hardware.boards import SHIPPED, board_type, board_types, kinds
 from armctl.hardware.ports import list_ports
 from armctl.hardware.simulation import PtyServer
+from armctl.process import Host
 from armctl.program import MoveStep, Program, save_program
-from armctl.runtime import MonotonicClock
+from armctl.runtime import Connect, MonotonicClock
 
 SRC = Path(__file__).parents[2] / "src" / "armctl"
 
@@ -59,10 +60,15 @@ def test_its_entries_are_checked_in_its_own_words(toy_arm: Path) -> None:
 def test_it_runs_a_program(toy_arm: Path, tmp_path: Path) -> None:
     there, back = (MoveStep(joints_deg=(angle, 90, -80, -40, 0)) for angle in (20, 0))
     save_program(Program(robot="toy_arm", steps=(there, back)), tmp_path / "swing.toml")
-    with armctl.Arm.open(toy_arm) as arm:
+    with armctl.Arm.open(toy_arm) as arm:  # in the arm process, too, its package is found
+        arm.enable()
+        assert arm.snapshot.board is not None and arm.snapshot.board.kind.startswith("Toy")
+    host = Host(armctl.load_robot(toy_arm))
+    with armctl.Arm(host) as arm:
+        host.submit(Connect("sim")).result(5)
         arm.enable()
         arm.run(tmp_path / "swing.toml")
-        with arm.boards.simulated().inspect() as toy:
+        with host.boards.simulated().inspect() as toy:
             last, most = dict(vars(toy)["outputs"]), dict(vars(toy)["most"])
     outputs = arm.robot.output_map
     assert outputs is not None

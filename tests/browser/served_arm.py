@@ -13,9 +13,10 @@ from tests.browser.kit import Screen
 
 from armctl.arm import Arm
 from armctl.calibration import CalibrationStore
+from armctl.process import Host
 from armctl.program import MoveStep, Program, Step
 from armctl.robot import Robot, load_robot, shipped_robots
-from armctl.runtime import Enable, Origin, Snapshot, State
+from armctl.runtime import Connect, Enable, Origin, Snapshot, State
 from armctl.ui import App, CalibrationInForce, Console, PortChoice, RobotChoice, RobotSwitch
 from armctl.ui.tabs.manual.shared_program import SharedProgram
 
@@ -90,7 +91,7 @@ def served_arm(folder: Path, robot: str = "uzuner") -> Iterator[ServedArm]:
     def console(arm: Arm, calibration: CalibrationInForce) -> Console:
         return Console(
             calibration=calibration,
-            controller=arm.controller,
+            controller=arm.link,
             list_ports=lambda: [PortChoice("sim", "Simulated board")],
             files=folder,
             close=arm.close,
@@ -98,11 +99,12 @@ def served_arm(folder: Path, robot: str = "uzuner") -> Iterator[ServedArm]:
 
     def anew(name: str, port: str) -> Console:
         calibration = CalibrationInForce.of(load_robot(name), port, store)
-        return console(Arm(calibration.robot), calibration)
+        return console(Arm(Host(calibration.robot)), calibration)
 
     choices = [RobotChoice(name, load_robot(name).title) for name in shipped_robots()]
     begun = CalibrationInForce.of(load_robot(robot), "sim", store)
-    arm = Arm.open(begun.robot)
+    arm = Arm(Host(begun.robot))
+    arm.link.submit(Connect("sim")).result(10)
     robots = RobotSwitch(
         console(arm, begun),
         next(choice for choice in choices if choice.name == robot),
@@ -112,7 +114,7 @@ def served_arm(folder: Path, robot: str = "uzuner") -> Iterator[ServedArm]:
     try:
         app = App(robots, port=0)
         try:
-            arm.controller.submit(Enable(arm.robot.pose("home")), Origin("test")).result(10)
+            arm.link.submit(Enable(arm.robot.pose("home")), Origin("test")).result(10)
             yield ServedArm(arm, app)
         finally:
             app.close()

@@ -12,13 +12,13 @@ from functools import partial
 import click
 from platformdirs import user_data_path
 
-from armctl.arm import Arm
 from armctl.boards import AUTOMATIC, NO_BOARD, SIMULATED
 from armctl.cli.ending import end_event
 from armctl.cli.options import port_option
 from armctl.errors import ArmctlError, RobotFileError
 from armctl.hardware.boards import board_type
 from armctl.hardware.ports import list_ports
+from armctl.process import start_arm
 from armctl.robot import Robot, load_robot, shipped_robots
 from armctl.runtime import Connect, Origin
 from armctl.ui import App, CalibrationInForce, Console, PortChoice, RobotChoice, RobotSwitch
@@ -67,13 +67,13 @@ def _open_console(name: str, port: str, asked: str) -> Console:
     calibration = CalibrationInForce.of(load_robot(name), port)
     robot = calibration.robot
     _ = robot.inverse_kinematics  # takes a while, and may be refused: here, before a page waits for it
-    arm = Arm(robot, board=calibration.board or NO_BOARD)
+    link = start_arm(robot, calibration.board or NO_BOARD, name="console", logs=True)
     return Console(
         calibration=calibration,
-        controller=arm.controller,
+        controller=link,
         list_ports=lambda: _port_choices(asked, robot),
         files=user_data_path("armctl"),
-        close=arm.close,
+        close=link.close,
         default_port=port,
     )
 

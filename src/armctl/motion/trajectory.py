@@ -156,18 +156,18 @@ class SlowedTrajectory(KnowsPeaks):
         """``factor`` times as long: at least 1 and finite, else ``InputError``."""
         if not 1.0 <= factor < np.inf:
             raise InputError(f"a motion is slowed down by a factor of 1 or more, not {factor}")
-        self._trajectory, self._factor = trajectory, factor
+        self.inner, self.factor = trajectory, factor
         self.duration = factor * trajectory.duration
         self.start, self.end = trajectory.start, trajectory.end
 
     @property
     def peaks(self) -> Peaks:
         """As well known as those of the trajectory it was made of."""
-        peaks, f = peaks_of(self._trajectory), self._factor
+        peaks, f = peaks_of(self.inner), self.factor
         return Peaks(peaks.low, peaks.high, peaks.speed / f, peaks.acceleration / f**2)
 
     def sample(self, t: float | FloatArray) -> Sample:
         """State at ``t`` [s], a number or (k,); outside the duration it holds the nearer end."""
-        f = self._factor
-        state = self._trajectory.sample(np.asarray(t, dtype=np.float64) / f)
+        f = self.factor
+        state = self.inner.sample(np.asarray(t, dtype=np.float64) / f)
         return Sample(state.q, state.velocity / f, state.acceleration / f**2, state.jerk / f**3)

@@ -107,9 +107,9 @@ def begin_program(
     count: int | None = None,
 ) -> PlanState:
     """Check it, stand before step ``first`` at ``start`` (n,) [rad]. InputError: no such step or count."""
-    first = _whole(first, "the first step")
-    loops = None if loops is None else _whole(loops, "how often a program runs")
-    count = None if count is None else _whole(count, "how many steps to run")
+    first = whole_number(first, "the first step")
+    loops = None if loops is None else whole_number(loops, "how often a program runs")
+    count = None if count is None else whole_number(count, "how many steps to run")
     require_runnable(robot, program)
     if not 0 <= first < len(program.steps):
         raise InputError(f"{program.name} has no step {first + 1}; it has {len(program.steps)}")
@@ -120,7 +120,8 @@ def begin_program(
     return PlanState(start, loops, count, first=first)
 
 
-def _whole(value: int, what: str) -> int:
+def whole_number(value: int, what: str) -> int:
+    """``value`` as an integer; ``InputError`` for a fraction, or what is no number."""
     try:
         return operator.index(value)
     except TypeError as cause:

@@ -246,6 +246,11 @@ class ArmLink(Protocol):
         """The newest that is known of it."""
         ...
 
+    @property
+    def ended(self) -> bool:
+        """Whether it can never answer again."""
+        ...
+
     def submit(self, command: Command, origin: Origin | None = None) -> Ticket:
         """Ask for something; ``origin`` is for the log."""
         ...

@@ -46,11 +46,13 @@ class Controller:
         clock: Clock,
         rate_hz: float = 50.0,
         executor: Executor | None = None,
+        published: Callable[[], None] | None = None,
     ) -> None:
         """Wire it up; it runs once it is started.
 
         ``open_driver`` gives a driver, not opened yet, for a port as the user names it. ``rate_hz``: ticks a
         second, 10 … 200, else ``InputError``. ``executor`` plans motions; None: a thread of its own.
+        ``published`` is called behind each tick, once its snapshot and answers are given.
         """
         low, high = _RATES_HZ
         if not low <= rate_hz <= high:
@@ -60,6 +62,7 @@ class Controller:
         self._period = 1.0 / rate_hz
         self._own_executor = executor is None
         self._executor = executor or ThreadPoolExecutor(1, thread_name_prefix="armctl-planner")
+        self._published = published
         self._wake = threading.Event()
         self._core = Core(robot, open_driver, planner(self._executor, self._wake.set), self._period)
         self._lock = threading.Lock()
@@ -78,6 +81,11 @@ class Controller:
     def snapshot(self) -> Snapshot:
         """The arm as it was at the last tick."""
         return self._snapshot
+
+    @property
+    def ended(self) -> bool:
+        """It was closed."""
+        return self._closed
 
     def start(self) -> None:
         """Begin to tick on a thread of its own, once."""
@@ -127,6 +135,8 @@ class Controller:
         self._guarded(core.settle)
         self._guarded(self._publish, now)  # first: who waits for an answer finds its snapshot
         give(self._answers)
+        if self._published is not None:
+            self._published()
 
     def close(self) -> None:
         """Bring the arm to rest, close the line, end; the outputs stay. May be called more than once.

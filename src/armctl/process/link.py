@@ -1,0 +1,289 @@
+"""A client of an arm process: the same face as the controller's, over a local socket."""
+
+from __future__ import annotations
+
+import itertools
+import socket
+import subprocess
+import threading
+from collections import deque
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from armctl.errors import ArmctlError, BoardError, InputError, StateError
+from armctl.hardware.boards import board_type
+from armctl.process.records import (
+    BEAT_S,
+    MOST_BYTES,
+    SILENCE_S,
+    Answer,
+    Ask,
+    Beat,
+    Codec,
+    End,
+    Hello,
+    Logged,
+    Record,
+    Refused,
+    Running,
+    Seen,
+    Stop,
+    Welcome,
+    error_of,
+    whole,
+)
+from armctl.robot import Robot
+from armctl.runtime import Command, Event, MonotonicClock, Origin, Snapshot, State, Ticket
+from armctl.runtime.commands import Answer as TicketAnswer
+from armctl.runtime.commands import give
+
+_LOG_LINES = 200
+_CONNECT_S = 10.0
+_CLOSE_S = 15.0
+"""how long an arm process may take to bring the arm to rest and end"""
+
+
+class Link:
+    """Drives an arm that another process runs. Any thread may use it."""
+
+    def __init__(
+        self,
+        robot: Robot,
+        address: Path | tuple[str, int],
+        secret: str,
+        name: str = "library",
+        process: subprocess.Popen[bytes] | None = None,
+        *,
+        beats: bool = True,
+    ) -> None:
+        """Connect. ``process`` is waited for on ``close``; without ``beats``, the caller calls ``beat``.
+
+        ``BoardError``: the arm process does not answer, or refuses.
+        """
+        self.robot = robot
+        self._process = process
+        self._codec = Codec()
+        self._now = MonotonicClock.now
+        self._beats = beats
+        self._lock = threading.Condition()
+        self._out: deque[bytes] = deque()
+        self._tickets: dict[int, tuple[Ticket, list[TicketAnswer]]] = {}
+        self._numbers = itertools.count(1)
+        self._events: tuple[Event, ...] = ()
+        self._running: Running | None = None
+        self._lost: str | None = None
+        self._closing = False
+        self._socket = _connected(address)
+        try:
+            self._send(Hello(secret, name))
+            welcome = self._receive()
+            if not isinstance(welcome, Welcome):
+                raise BoardError(f"the arm process refused: {getattr(welcome, 'error', welcome)}")
+            first: Snapshot | None = None
+            while first is None:
+                first = self._take(self._receive())
+        except OSError as cause:
+            self._socket.close()
+            raise BoardError(f"the arm process does not answer: {cause}") from cause
+        self._snapshot = first
+        self._heard_at = self._now()
+        self._socket.settimeout(None)
+        threading.Thread(target=self._read, name="armctl-link", daemon=True).start()
+        threading.Thread(target=self._write, name="armctl-link-out", daemon=True).start()
+
+    @property
+    def snapshot(self) -> Snapshot:
+        """The newest that is known; a fault where the arm process is gone, or is silent for a second."""
+        lost = self._lost
+        if lost is None:
+            silent = self._now() - self._heard_at
+            if silent <= SILENCE_S:
+                return self._snapshot
+            lost = (
+                f"the arm process has not answered for {silent:.0f} s: it may be frozen, and STOP does not "
+                "reach the arm; use the switch in its supply"
+            )
+        unknown = np.full(self.robot.n, np.nan)
+        still = np.zeros(self.robot.n)
+        return replace(
+            self._snapshot, state=State.FAULT, cause=lost, q=unknown, commanded=False, program=None,
+            velocity_command=still, acceleration_command=still, homing=(), warnings=(), measured={},
+        )  # fmt: skip
+
+    @property
+    def ended(self) -> bool:
+        """Whether the arm process is gone for good."""
+        return self._lost is not None
+
+    def submit(self, command: Command, origin: Origin | None = None) -> Ticket:
+        """Ask for something; what cannot be sent is refused by the ticket."""
+        return self._ask(lambda number, who, note: Ask(number, command, who, note), origin)
+
+    def stop(self, origin: Origin | None = None) -> Ticket:
+        """STOP: drops what was asked for before it; the ticket is ``finished`` when the arm is at rest."""
+        return self._ask(Stop, origin)
+
+    def beat(self) -> None:
+        """Give a sign of life; more often than ``SILENCE_S`` while the arm moves."""
+        with self._lock:
+            if not self._out and self._lost is None:
+                self._put(Beat())
+
+    def close(self) -> None:
+        """End the arm process: it brings the arm to rest first. May be called more than once."""
+        with self._lock:
+            if not self._closing and self._lost is None:
+                self._closing = True
+                self._put(End())
+        if self._process is not None:
+            try:
+                self._process.wait(_CLOSE_S)
+            except subprocess.TimeoutExpired:
+                self._process.kill()
+                self._process.wait()
+        self._end("closed")
+
+    def _ask(self, record: Callable[[int, str, str], Record], origin: Origin | None) -> Ticket:
+        origin = Origin() if origin is None else origin
+        with self._lock:
+            if self._lost is not None or self._closing:
+                return Ticket.ended(StateError(self._lost or "the arm is being closed"))
+            number = next(self._numbers)
+            try:
+                self._put(record(number, origin.who, origin.note))
+            except ArmctlError as refusal:  # a trajectory that cannot be carried
+                return Ticket.ended(refusal)
+            answers: list[TicketAnswer] = []
+            ticket = Ticket(answers)
+            self._tickets[number] = ticket, answers
+        return ticket
+
+    def _put(self, record: Record) -> None:
+        """Queue a record; the lock is held."""
+        data = self._codec.encode(record)
+        if len(data) > MOST_BYTES:
+            raise InputError(f"a command of {len(data)} bytes is too large; {MOST_BYTES} at most")
+        self._out.append(len(data).to_bytes(4) + data)
+        self._lock.notify()
+
+    def _send(self, record: Record) -> None:
+        data = self._codec.encode(record)
+        self._socket.sendall(len(data).to_bytes(4) + data)
+
+    def _receive(self) -> Record:
+        size = int.from_bytes(self._exactly(4))
+        if size > MOST_BYTES:
+            raise ConnectionError(f"a record of {size} bytes")
+        return self._codec.from_arm(self._exactly(size))
+
+    def _exactly(self, count: int) -> bytes:
+        data = bytearray()
+        while len(data) < count:
+            part = self._socket.recv(count - len(data))
+            if not part:
+                raise ConnectionError("the connection was closed")
+            data += part
+        return bytes(data)
+
+    def _read(self) -> None:
+        try:
+            while True:
+                snapshot = self._take(self._receive())
+                if snapshot is not None:
+                    self._snapshot = snapshot
+                self._heard_at = self._now()
+        except (OSError, ArmctlError) as cause:
+            self._end(self._epitaph(cause))
+
+    def _write(self) -> None:
+        while True:
+            with self._lock:
+                while not self._out:
+                    if self._lost is not None:
+                        return
+                    if not self._lock.wait(BEAT_S) and self._beats and not self._out:
+                        self._put(Beat())
+                data = self._out.popleft()
+            try:
+                self._socket.sendall(data)
+            except OSError as cause:
+                self._end(self._epitaph(cause))
+                return
+
+    def _take(self, record: Record) -> Snapshot | None:
+        """Take what the arm process says; gives a new snapshot."""
+        match record:
+            case Seen(snapshot):
+                return whole(snapshot, self._events, self._running)
+            case Logged(events):
+                self._events = (*self._events, *events)[-_LOG_LINES:]
+            case Running():
+                self._running = record
+            case Answer(number):
+                self._answer(number, record)
+            case Refused(error):
+                raise BoardError(f"the arm process refused: {error}")
+            case _:
+                pass
+        return None
+
+    def _answer(self, number: int, record: Answer) -> None:
+        with self._lock:
+            waiting = self._tickets.get(number)
+            if record.finished:
+                self._tickets.pop(number, None)
+        if waiting is None:
+            return
+        ticket, answers = waiting
+        if record.finished:
+            ticket.end(error_of(record))
+        else:
+            ticket.accept()
+        give(answers)
+
+    def _end(self, why: str) -> None:
+        """The connection is over: say so in every ticket that waits."""
+        with self._lock:
+            if self._lost is not None:
+                return
+            self._lost = why
+            waiting, self._tickets = list(self._tickets.values()), {}
+            self._out.clear()
+            self._lock.notify_all()
+        self._socket.close()
+        for ticket, answers in waiting:
+            ticket.end(StateError(why))
+            give(answers)
+
+    def _epitaph(self, cause: Exception) -> str:
+        """What has become of the arm process, and what its board does now."""
+        if self._closing:
+            return "closed"
+        board = board_type(self.robot.board)
+        if isinstance(cause, BoardError):
+            what = str(cause)
+        else:
+            code = None if self._process is None else self._process.poll()
+            how = "" if not code else f" (killed by signal {-code})" if code < 0 else f" (exit status {code})"
+            what = f"the arm process ended{how}"
+        does = (
+            f"its board switches the {board.power} off by itself"
+            if board.off_when_left
+            else f"the {board.power} stay as they were at the last setpoint"
+        )
+        return f"{what}; {does}. Connect again"
+
+
+def _connected(address: Path | tuple[str, int]) -> socket.socket:
+    try:
+        if isinstance(address, tuple):
+            return socket.create_connection(address, _CONNECT_S)
+        line = socket.socket(socket.AF_UNIX)
+        line.settimeout(_CONNECT_S)
+        line.connect(str(address))
+    except OSError as cause:
+        raise BoardError(f"no arm process answers at {address}: {cause.strerror or cause}") from cause
+    return line

@@ -1,0 +1,392 @@
+"""What travels between the arm process and its clients: tagged records, as msgpack or JSON."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Any, cast, get_origin
+
+import msgspec
+import numpy as np
+
+from armctl import errors
+from armctl.errors import ArmctlError, InputError, ProgramError
+from armctl.kinematics import Target
+from armctl.motion import Trajectory
+from armctl.motion.polynomial import PiecewisePolynomial
+from armctl.motion.profiles import PointToPoint
+from armctl.motion.timing import PathTrajectory
+from armctl.motion.trajectory import JoinedTrajectory, SlowedTrajectory
+from armctl.program import Program
+from armctl.program.program import MOST_STEPS
+from armctl.runtime import Command, Event, ProgramProgress, Snapshot
+
+MOST_BYTES = 8 * 1024 * 1024
+"""of one record: a program of the largest allowed number of steps is a quarter of it"""
+MOST_PIECES = 20_000
+"""of one curve of a trajectory"""
+BEAT_S = 0.1
+"""how often a client gives a sign of life"""
+SILENCE_S = 1.0
+"""A client that is silent for so long counts as lost."""
+
+_NO_PROGRAM = Program(robot="")
+
+
+class Record(msgspec.Struct, frozen=True, tag_field="type", tag=str.lower):
+    """What is said in either direction; ``type`` names its kind."""
+
+
+# From a client.
+
+
+class Hello(Record, frozen=True):
+    """The first record on a connection."""
+
+    secret: str = ""
+    name: str = "client"
+    """how the log calls it"""
+
+
+class Ask(Record, frozen=True):
+    """A command; answered by ``Answer`` records with its number."""
+
+    id: int
+    command: Any
+    """a ``Command``: decoded by its own tag"""
+    who: str = ""
+    """for the log; empty: the client's name"""
+    note: str = ""
+
+
+class Stop(Record, frozen=True):
+    """STOP; answered when the arm is at rest."""
+
+    id: int
+    who: str = ""
+    note: str = ""
+
+
+class Beat(Record, frozen=True):
+    """A sign of life."""
+
+
+class End(Record, frozen=True):
+    """Bring the arm to rest, close the line and end the arm process."""
+
+
+FromClient = Hello | Ask | Stop | Beat | End
+
+
+# From the arm process.
+
+
+class Welcome(Record, frozen=True):
+    """The answer to ``Hello``."""
+
+    version: str
+    robot: str
+    joints: tuple[str, ...]
+    silence_s: float = SILENCE_S
+    """give a ``Beat`` or anything else more often than this while the arm moves at your command"""
+
+
+class Seen(Record, frozen=True):
+    """The arm at a tick; its log and its programs come apart from it, when they change."""
+
+    snapshot: Snapshot
+
+
+class Logged(Record, frozen=True):
+    """New lines of the log, oldest first."""
+
+    events: tuple[Event, ...]
+
+
+class Running(Record, frozen=True):
+    """The program that runs from the next ``Seen`` on, and the version that its next pass takes."""
+
+    running: Program
+    coming: Program
+
+
+class Answer(Record, frozen=True):
+    """What became of a command: it has begun (``accepted``), or is over (``finished``)."""
+
+    id: int
+    accepted: bool = False
+    finished: bool = False
+    error: str = ""
+    """why it was refused, stopped or broken, in words; empty: it was not"""
+    kind: str = ""
+    """of the error, as the classes in ``armctl.errors``"""
+
+
+class Refused(Record, frozen=True):
+    """A record that is none; the connection is closed behind it."""
+
+    error: str
+
+
+FromArm = Welcome | Seen | Logged | Running | Answer | Refused
+
+
+# Trajectories: curves as numbers.
+
+
+class Curve(msgspec.Struct, frozen=True):
+    """A ``PiecewisePolynomial``."""
+
+    breaks: list[float]
+    coefficients: list[list[list[float]]]
+
+    @classmethod
+    def of(cls, curve: PiecewisePolynomial) -> Curve:
+        """As numbers."""
+        return cls(curve.breaks.tolist(), curve.coefficients.tolist())
+
+    def built(self) -> PiecewisePolynomial:
+        """The curve; ``InputError`` where the numbers are none."""
+        if len(self.coefficients) > MOST_PIECES:
+            raise InputError(f"a curve of {len(self.coefficients)} pieces; {MOST_PIECES} at most")
+        return PiecewisePolynomial(self.breaks, np.array(self.coefficients, dtype=np.float64))
+
+
+class Straight(msgspec.Struct, frozen=True, tag="straight"):
+    """A ``PointToPoint``."""
+
+    start: list[float]
+    end: list[float]
+    duration: float
+    way: Curve | None
+
+
+class Path(msgspec.Struct, frozen=True, tag="path"):
+    """A ``PathTrajectory``: ``curve`` (n,) [rad] over s, ``law`` s over time [s]."""
+
+    curve: Curve
+    law: Curve
+
+
+class Slowed(msgspec.Struct, frozen=True, tag="slowed"):
+    """A ``SlowedTrajectory``."""
+
+    motion: Straight | Path | Slowed | Joined
+    factor: float
+
+
+class Joined(msgspec.Struct, frozen=True, tag="joined"):
+    """A ``JoinedTrajectory``."""
+
+    parts: list[Straight | Path | Slowed | Joined]
+
+
+Motion = Straight | Path | Slowed | Joined
+_SAMPLE_S = 0.005
+
+
+def carried(trajectory: Trajectory) -> Motion:
+    """A trajectory as numbers; one of the caller's own class as cubic pieces through its samples."""
+    match trajectory:
+        case PointToPoint():
+            way = None if trajectory.way is None else Curve.of(trajectory.way)
+            return Straight(trajectory.start.tolist(), trajectory.end.tolist(), trajectory.duration, way)
+        case PathTrajectory():
+            return Path(Curve.of(trajectory.path), Curve.of(trajectory.law))
+        case SlowedTrajectory():
+            return Slowed(carried(trajectory.inner), trajectory.factor)
+        case JoinedTrajectory():
+            return Joined([carried(part) for part in trajectory.parts])
+        case _:
+            return _sampled(trajectory)
+
+
+def _sampled(trajectory: Trajectory) -> Motion:
+    duration = float(trajectory.duration)
+    if duration <= 0:
+        return Straight(trajectory.start.tolist(), trajectory.end.tolist(), 0.0, None)
+    pieces = min(max(math.ceil(duration / _SAMPLE_S), 1), MOST_PIECES)
+    time = np.linspace(0.0, duration, pieces + 1)
+    state, h = trajectory.sample(time), duration / pieces
+    q, v = np.asarray(state.q, dtype=np.float64), np.asarray(state.velocity, dtype=np.float64)
+    rise = (q[1:] - q[:-1]) / h  # cubic Hermite pieces
+    third = (v[:-1] + v[1:] - 2 * rise) / h**2
+    second = (3 * rise - 2 * v[:-1] - v[1:]) / h
+    curve = PiecewisePolynomial(time, np.stack([q[:-1], v[:-1], second, third], axis=1))
+    law = PiecewisePolynomial([0.0, duration], [[[0.0], [1.0]]])
+    return Path(Curve.of(curve), Curve.of(law))
+
+
+def built(motion: Motion) -> Trajectory:
+    """The trajectory; ``InputError`` where the numbers are none."""
+    match motion:
+        case Straight(start, end, duration, way):
+            if not (math.isfinite(duration) and duration >= 0):
+                raise InputError(f"a motion lasts 0 s or longer, not {duration}")
+            q = [np.array(ends, dtype=np.float64) for ends in (start, end)]
+            if q[0].shape != q[1].shape or not np.isfinite(q).all():
+                raise InputError("a motion needs finite joint angles at both ends")
+            for ends in q:
+                ends.flags.writeable = False
+            curve = None if way is None else way.built()
+            if curve is not None and curve.n != len(q[0]):
+                raise InputError(f"a motion of {len(q[0])} joints has a curve of {curve.n}")
+            return PointToPoint(q[0], q[1], duration, curve)
+        case Path(curve, law):
+            return PathTrajectory(curve.built(), law.built())
+        case Slowed(inner, factor):
+            return SlowedTrajectory(built(inner), factor)
+        case Joined(parts):
+            return JoinedTrajectory([built(part) for part in parts])
+
+
+# Encoding and decoding.
+
+
+def _plain(value: object) -> object:
+    """Arrays as lists, a number that is not known as null; trajectories as curves."""
+    if isinstance(value, np.ndarray):
+        return (
+            [None if math.isnan(one) else one for one in value.tolist()]
+            if value.ndim == 1
+            else value.tolist()
+        )
+    if isinstance(value, np.generic):
+        return cast("object", value.item())
+    if hasattr(value, "sample") and hasattr(value, "duration"):
+        return carried(value)  # pyright: ignore[reportArgumentType]
+    raise NotImplementedError(f"a {type(value).__name__} does not travel")
+
+
+def _arrived(kind: type, value: Any) -> Any:
+    """Lists as arrays, curves as trajectories."""
+    if get_origin(kind) is np.ndarray or kind is np.ndarray:
+        array = np.array(value, dtype=np.float64)  # null becomes nan
+        array.flags.writeable = False
+        return array
+    if kind is Trajectory:
+        return built(msgspec.convert(value, Motion))
+    raise NotImplementedError(f"a {kind} does not travel")
+
+
+def _subclasses(kind: type[Any]) -> list[type[Any]]:
+    found: list[type[Any]] = []
+    for one in kind.__subclasses__():
+        found += _subclasses(one) or [one]
+    return found
+
+
+def commands() -> tuple[type[Command], ...]:
+    """Every kind of command, by the order in which they are told."""
+    return tuple(_subclasses(Command))
+
+
+class Codec:
+    """Records to bytes and back, as msgpack or as JSON; a connection uses one."""
+
+    def __init__(self, *, json: bool = False) -> None:
+        self.json = json
+        wire: Any = msgspec.json if json else msgspec.msgpack
+        self._encode = wire.Encoder(enc_hook=_plain).encode
+        self._from_client = wire.Decoder(FromClient).decode
+        self._from_arm = wire.Decoder(FromArm, dec_hook=_arrived).decode
+        union: Any = commands()[0]
+        for kind in commands()[1:]:
+            union = union | kind
+        self._union = union
+
+    def encode(self, record: Record) -> bytes:
+        """A record as bytes."""
+        return self._encode(record)
+
+    def from_client(self, data: bytes | str) -> FromClient:
+        """What a client says, the command of an ``Ask`` aside; ``InputError`` says what is wrong with it."""
+        try:
+            return self._from_client(data)
+        except (msgspec.MsgspecError, UnicodeError, RecursionError) as cause:
+            raise InputError(f"a record that cannot be read: {cause}") from cause
+
+    def command(self, record: Ask) -> Command:
+        """The command of an ``Ask``, every value checked; ``ArmctlError`` says what is wrong with it."""
+        try:
+            command = msgspec.convert(record.command, self._union, dec_hook=_arrived)
+        except (msgspec.MsgspecError, ValueError, TypeError, OverflowError, RecursionError) as cause:
+            raise InputError(f"a command that cannot be read: {cause}") from cause
+        return _checked(command)
+
+    def from_arm(self, data: bytes | str) -> FromArm:
+        """What the arm process says; ``InputError`` where it is of another version."""
+        try:
+            return self._from_arm(data)
+        except msgspec.MsgspecError as cause:
+            raise InputError(f"the arm process speaks another version of this program: {cause}") from cause
+
+
+def _checked(command: Command) -> Command:
+    """A command as its own constructors would have made it: what msgspec's types do not say."""
+    changes: dict[str, Any] = {}
+    for name in command.__struct_fields__:
+        value = getattr(command, name)
+        if isinstance(value, Target):
+            changes[name] = Target.of(value.point, value.pitch, value.roll, value.rotation)
+        elif isinstance(value, float) and not math.isfinite(value):
+            raise InputError(f"{name} must be a finite number, got {value}")
+        elif isinstance(value, Program):
+            _check_program(value)
+    return msgspec.structs.replace(command, **changes) if changes else command
+
+
+def _check_program(program: Program) -> None:
+    if len(program.steps) > MOST_STEPS:
+        raise ProgramError(f"it has {len(program.steps)} steps; a program has {MOST_STEPS} at most")
+    for index, step in enumerate(program.steps):
+        for key in step.__struct_fields__:
+            value: object = getattr(step, key)
+            values = cast("tuple[object, ...]", value) if isinstance(value, list | tuple) else (value,)
+            if any(isinstance(one, float) and not math.isfinite(one) for one in values):
+                raise ProgramError(f"step {index + 1}, key {key}: {value} is no number to use")
+
+
+# Errors keep their class where a program may catch it.
+
+_ERRORS = {name: kind for name, kind in vars(errors).items() if isinstance(kind, type)}
+
+
+def answer(number: int, error: BaseException | None, *, accepted: bool = False) -> Answer:
+    """What became of a command."""
+    if error is None:
+        return Answer(number, accepted=accepted, finished=not accepted)
+    kind = next((one.__name__ for one in type(error).__mro__ if one.__name__ in _ERRORS), "ArmctlError")
+    return Answer(number, accepted=accepted, finished=not accepted, error=str(error), kind=kind)
+
+
+def error_of(record: Answer) -> ArmctlError | None:
+    """The error that an answer tells of."""
+    return _ERRORS.get(record.kind, ArmctlError)(record.error) if record.error else None
+
+
+# A snapshot without what changes rarely.
+
+
+def light(snapshot: Snapshot) -> Snapshot:
+    """Without log and programs."""
+    progress = snapshot.program
+    if progress is not None:
+        progress = replace(progress, running=_NO_PROGRAM, coming=_NO_PROGRAM)
+    return replace(snapshot, events=(), program=progress)
+
+
+def whole(snapshot: Snapshot, events: tuple[Event, ...], programs: Running | None) -> Snapshot:
+    """With log and programs as they were told last."""
+    progress: ProgramProgress | None = snapshot.program
+    if progress is not None and programs is not None:
+        progress = replace(progress, running=programs.running, coming=programs.coming)
+    return replace(snapshot, events=events, program=progress)
+
+
+def new_events(events: tuple[Event, ...], told: Event | None) -> tuple[Event, ...]:
+    """Those behind the one that was told last."""
+    for k in range(len(events) - 1, -1, -1):
+        if events[k] is told:
+            return events[k + 1 :]
+    return events

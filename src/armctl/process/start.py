@@ -1,0 +1,106 @@
+"""Starts an arm process and connects to it."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import os
+import pickle
+import secrets
+import signal
+import subprocess
+import sys
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+from typing import IO, cast
+
+from armctl.boards import ANY_BOARD
+from armctl.errors import BoardError
+from armctl.process.host import serve_arm
+from armctl.process.link import Link
+from armctl.robot import Robot
+
+_PREPARE = "import pickle, sys; sys.path[:] = pickle.load(sys.stdin.buffer); "
+_MAIN = _PREPARE + "from armctl.process.start import main; main()"
+
+
+@dataclass(frozen=True)
+class _Start:
+    """What an arm process is told by the process that starts it, over a pipe that nobody else has."""
+
+    robot: Robot
+    board: str
+    rate_hz: float
+    folder: Path | None
+    """of its Unix socket; None: a port of the loopback address"""
+    secret: str
+    logs: bool
+    """to standard error, as ``armctl serve`` does"""
+
+
+def start_arm(
+    robot: Robot,
+    board: str = ANY_BOARD,
+    rate_hz: float = 50.0,
+    name: str = "library",
+    *,
+    beats: bool = True,
+    logs: bool = False,
+) -> Link:
+    """Start a process that runs an arm, not connected to a board yet, and connect to it.
+
+    ``board``: as ``Host``. ``name``: how its log calls this client. ``beats``: as ``Link``. ``logs``: its log
+    goes to standard error. ``BoardError``: it cannot be started.
+    """
+    folder = runtime_folder()
+    start = _Start(robot, board, rate_hz, folder, secrets.token_urlsafe(24), logs)
+    # a session of its own: Ctrl-C is for us, who bring the arm to rest before we end it
+    process = subprocess.Popen(
+        [sys.executable, "-c", _MAIN], stdin=subprocess.PIPE, stdout=subprocess.PIPE, start_new_session=True
+    )
+    told, says = cast("IO[bytes]", process.stdin), cast("IO[bytes]", process.stdout)
+    try:
+        with told:
+            pickle.dump(sys.path, told)
+            pickle.dump(start, told)
+        with says:
+            kind, _, said = says.readline().decode().rstrip("\n").partition(" ")
+        if kind != "ready":
+            raise BoardError(f"the arm process did not start: {said or f'exit status {process.wait()}'}")
+        address = ("127.0.0.1", int(said)) if folder is None else Path(said)
+        return Link(robot, address, start.secret, name, process, beats=beats)
+    except BaseException:
+        process.kill()
+        process.wait()
+        raise
+
+
+def runtime_folder() -> Path | None:
+    """The folder of the sockets, which only this user may enter; None where there are no Unix sockets."""
+    if not hasattr(asyncio, "start_unix_server"):
+        return None
+    run = os.environ.get("XDG_RUNTIME_DIR")
+    folder = Path(run) / "armctl" if run else Path(tempfile.gettempdir()) / f"armctl-{os.getuid()}"
+    folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+    seen = folder.stat()
+    if seen.st_uid != os.getuid() or seen.st_mode & 0o077:
+        raise BoardError(f"{folder} can be entered by other users; remove it, or make it private: chmod 700")
+    return folder
+
+
+def main() -> None:
+    """The arm process."""
+    start: _Start = pickle.load(sys.stdin.buffer)
+    for number in (signal.SIGINT, signal.SIGPIPE, getattr(signal, "SIGHUP", signal.SIGINT)):
+        signal.signal(number, signal.SIG_IGN)
+    if start.logs:
+        logging.basicConfig(level=logging.INFO, format="%(asctime)s %(name)s %(levelname)s %(message)s")
+    _ = start.robot.inverse_kinematics  # takes a while: here, before the first motion waits for it
+
+    def ready(address: str) -> None:
+        sys.stdout.write(f"ready {address}\n")
+        sys.stdout.close()
+
+    address = None if start.folder is None else start.folder / f"arm-{os.getpid()}.sock"
+    asyncio.run(serve_arm(start.robot, start.board, start.rate_hz, address, start.secret, ready))
