@@ -18,6 +18,7 @@ from armctl.program import MoveStep, Program, Step
 from armctl.robot import Robot, load_robot, shipped_robots
 from armctl.runtime import Connect, Enable, Origin, Snapshot, State
 from armctl.ui import App, CalibrationInForce, Console, PortChoice, RobotChoice, RobotSwitch
+from armctl.ui.guard import guarded_server
 from armctl.ui.tabs.manual.shared_program import SharedProgram
 
 HOME = [0.0, 90.0, -80.0, -40.0, 0.0]
@@ -37,7 +38,7 @@ class ServedArm:
 
     @property
     def url(self) -> str:
-        return self.app.url
+        return self.app.server.links[0]
 
     @property
     def robot(self) -> Robot:
@@ -112,7 +113,7 @@ def served_arm(folder: Path, robot: str = "uzuner") -> Iterator[ServedArm]:
         anew,
     )
     try:
-        app = App(robots, port=0)
+        app = App(robots, guarded_server(port=0, label="armctl"))
         try:
             arm.link.submit(Enable(arm.robot.pose("home")), Origin("test")).result(10)
             yield ServedArm(arm, app)

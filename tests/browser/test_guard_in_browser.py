@@ -9,8 +9,12 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 
 import pytest
+from playwright.sync_api import Browser
 from tests.browser.guard_console import Console
 from tests.browser.kit import Screen, Screens
+from tests.ui.tls_files import CERTIFICATE, KEY
+
+from armctl.ui.guard import encryption
 
 pytestmark = pytest.mark.browser
 
@@ -181,21 +185,49 @@ def test_a_foreign_page_cannot_open_a_websocket_or_frame_the_console(
     assert any("frame-ancestors" in error for error in foreign.errors)
 
 
-def test_the_token_opens_the_page_and_leaves_the_address(screen: Screen) -> None:
+def test_the_link_lets_in_from_mail_and_chat_and_its_token_is_seen_nowhere(
+    screen: Screen, elsewhere: str
+) -> None:
+    """A page at another site (localhost, not 127.0.0.1) plays the mail: it links to the console."""
     console = Console(token=TOKEN)
+    referrers: list[str] = []
     try:
+        screen.page.on("request", lambda request: referrers.append(request.headers.get("referer", "")))
         response = screen.page.goto(console.url)
         assert response is not None
         assert response.status == 401
-        assert "Open the address that armctl printed" in screen.text("body")
-        screen.open(f"{console.url}?token={TOKEN}", until="STOP")
-        assert screen.page.url == console.url
-        assert TOKEN not in screen.page.evaluate("document.cookie")
+        assert "Open the whole link that armctl printed" in screen.text("body")
+        for link in (f"{console.url}?token={TOKEN}", console.url):  # then the bare address will do, too
+            screen.page.goto(elsewhere.replace("127.0.0.1", "localhost"))
+            screen.page.evaluate("link => document.body.innerHTML = `<a href='${link}'>the arm</a>`", link)
+            screen.page.get_by_text("the arm").click()
+            screen.button("STOP").wait_for()
+            assert screen.page.url == console.url
+        assert TOKEN not in screen.page.evaluate("document.cookie + document.referrer")
+        assert not any(TOKEN in referrer for referrer in referrers)
         screen.click("STOP")
         assert console.next_event()[0] == "STOP"
         screen.page.reload()
         screen.button("STOP").wait_for()
     finally:
+        console.server.stop()
+
+
+def test_the_page_works_on_an_encrypted_line(browser: Browser, tmp_path: Path) -> None:
+    files = tmp_path / "cert.pem", tmp_path / "key.pem"
+    for path, text in zip(files, (CERTIFICATE, KEY), strict=True):
+        path.write_text(text)
+    console = Console(token=TOKEN, tls=encryption(*files))
+    page = browser.new_page(ignore_https_errors=True)  # nobody whom the browser trusts signed it
+    try:
+        screen = Screen(page)
+        screen.open(console.server.links[0], until="STOP")
+        assert page.url == f"https://localhost:{console.server.get_port()}/"
+        screen.click("STOP")
+        assert console.next_event()[0] == "STOP"
+        assert screen.errors == []
+    finally:
+        page.close()
         console.server.stop()
 
 

@@ -160,6 +160,10 @@ def test_columns_are_as_wide_as_their_titles(capsys: pytest.CaptureFixture[str],
         (("--robot", "nobody"), REFUSED, "there is no robot 'nobody'"),  # those of `serve`
         (("--no-browser", "--robot", "nobody"), REFUSED, "there is no robot 'nobody'"),
         (("--nonsense",), WRONG_USAGE, "--nonsense"),
+        (("serve", "--host", "0.0.0.0", "--no-token"), REFUSED, "a token is needed"),
+        (("serve", "--allow-host", "http://pi"), REFUSED, "'http://pi' is no host name"),
+        (("serve", "--tls-cert", "c.pem"), WRONG_USAGE, "--tls-cert and --tls-key belong together"),
+        (("serve", "--tls-cert", "c.pem", "--tls-key", "k.pem"), REFUSED, "c.pem: cannot be read"),
         (("check", "nothing.toml"), REFUSED, "nothing.toml"),
     ],
 )

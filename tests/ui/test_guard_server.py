@@ -12,7 +12,7 @@ from tests.ui.guard_kit import Bell, RawPage
 from websockets.http11 import Request, Response
 
 from armctl.errors import ServerError
-from armctl.ui.guard import guarded_server
+from armctl.ui.guard import SocketDoor, guarded_server
 from armctl.ui.guard import server as serving
 from armctl.ui.guard.door import Door
 from armctl.ui.guard.filter import Tally
@@ -111,6 +111,29 @@ def test_a_door_that_overlooks_one_header_is_noticed(monkeypatch: pytest.MonkeyP
     monkeypatch.setattr(Door, "answer", careless)
     with pytest.raises(ServerError, match="guard is not effective"):
         guarded_server(port=0)
+
+
+@pytest.mark.parametrize("token", [TOKEN, None])
+def test_a_door_that_is_open_at_a_socket_of_its_own_is_noticed(
+    monkeypatch: pytest.MonkeyPatch, token: str | None
+) -> None:
+    answer = Door.answer
+
+    def careless(door: Door, connection: object, request: Request) -> Response | None:
+        if request.path == "/api":
+            connection.socket_path = "/api"  # type: ignore[attr-defined]
+            return None
+        return answer(door, connection, request)  # type: ignore[arg-type]
+
+    async def unused(connection: object) -> None:
+        del connection
+
+    sockets = {"/api": SocketDoor(unused, for_programs=True)}
+    with monkeypatch.context() as patch:
+        patch.setattr(Door, "answer", careless)
+        with pytest.raises(ServerError, match="a foreign origin was answered with 101 at /api"):
+            guarded_server(port=0, token=token, sockets=sockets)
+    guarded_server(port=0, token=token, sockets=sockets).stop()
 
 
 def test_a_websockets_library_that_has_changed_is_no_reason_to_hang(monkeypatch: pytest.MonkeyPatch) -> None:

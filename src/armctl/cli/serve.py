@@ -8,6 +8,7 @@ import secrets
 import sys
 import webbrowser
 from functools import partial
+from pathlib import Path
 
 import click
 from platformdirs import user_data_path
@@ -22,8 +23,7 @@ from armctl.process import start_arm
 from armctl.robot import Robot, load_robot, shipped_robots
 from armctl.runtime import Connect, Origin
 from armctl.ui import App, CalibrationInForce, Console, PortChoice, RobotChoice, RobotSwitch
-
-_LOOPBACK = ("127.0.0.1", "localhost", "::1")
+from armctl.ui.guard import GuardedServer, encryption, guarded_server
 
 
 @click.command()
@@ -31,35 +31,71 @@ _LOOPBACK = ("127.0.0.1", "localhost", "::1")
               help="The robot to begin with: a shipped name or a robot file.")  # fmt: skip
 @port_option
 @click.option("--host", default="127.0.0.1", show_default=True,
-              help="Address to listen on. Beyond this computer, the page needs a token, which is printed.",
+              help="Address to listen on; 0.0.0.0 (or ::) lets other computers open the page.",
               )  # fmt: skip
 @click.option("--http-port", type=click.IntRange(0, 65535), default=8080, show_default=True,
               help="0: any free one.")  # fmt: skip
+@click.option("--allow-host", "names", multiple=True, metavar="NAME",
+              help="A name of this computer in links (raspberrypi.local). Can be given several times.",
+              )  # fmt: skip
+@click.option("--tls-cert", type=click.Path(path_type=Path), metavar="FILE",
+              help="Encrypt the line (https): the certificate, PEM.")  # fmt: skip
+@click.option("--tls-key", type=click.Path(path_type=Path), metavar="FILE",
+              help="The key of --tls-cert, PEM, without password.")  # fmt: skip
+@click.option("--no-token", is_flag=True,
+              help="Let every user and program of this computer open the page, without the link's token. "
+                   "Refused where other computers can reach it.")  # fmt: skip
 @click.option("--no-browser", is_flag=True, help="Do not open a browser.")
-def serve(robot: str, port: str, host: str, http_port: int, no_browser: bool) -> None:
+def serve(
+    robot: str,
+    port: str,
+    host: str,
+    http_port: int,
+    names: tuple[str, ...],
+    tls_cert: Path | None,
+    tls_key: Path | None,
+    no_token: bool,
+    no_browser: bool,
+) -> None:
     """Serve the console until interrupted (Ctrl-C)."""
     logging.basicConfig(level=logging.INFO, format="%(asctime)s %(name)s %(levelname)s %(message)s")
-    token = None if host in _LOOPBACK else secrets.token_urlsafe(24)
+    if (tls_cert is None) is not (tls_key is None):
+        raise click.UsageError("--tls-cert and --tls-key belong together: give both, or neither")
+    tls = None if tls_cert is None or tls_key is None else encryption(tls_cert, tls_key)
+    token = None if no_token else secrets.token_urlsafe(24)
     open_console = partial(_open_console, asked=port)
     console = open_console(robot, port)
     present = RobotChoice(robot, console.robot.title)
     robots = RobotSwitch(console, present, _robot_choices(present), open_console)
     try:
-        app = App(robots, host, http_port, token)
+        server = guarded_server(host, http_port, extra_hosts=names, token=token, tls=tls, label="armctl")
+        app = App(robots, server)
         try:
             ended = end_event()  # before anything moves
             connected = _connect(console, port)
-            url = app.url if token is None else f"{app.url}/?token={token}"
             board = "the simulated board" if port == SIMULATED else port
             where = f"on {board}" if connected else "(not connected)"
-            click.echo(f"armctl: {present.title} {where}: {url}  (Ctrl-C ends)")
+            click.echo(f"armctl: {present.title} {where}: {server.links[0]}  (Ctrl-C ends)")
+            _say_more(server)
             if not no_browser and _has_display():
-                webbrowser.open(url)
+                webbrowser.open(server.link_for_one_browser())
             ended.wait()
         finally:
             app.close()
     finally:
         robots.close()
+
+
+def _say_more(server: GuardedServer) -> None:
+    """The other addresses of the page, and what the user should know of the line to it."""
+    for link in server.links[1:]:
+        click.echo(f"armctl: also at {link}")
+    if server.beyond_loopback and not server.encrypted:
+        click.echo(
+            "armctl: the line is not encrypted: who can listen in this network can read the token and drive "
+            "the arm. Use it in a network that you trust, or give --tls-cert and --tls-key.",
+            err=True,
+        )
 
 
 def _open_console(name: str, port: str, asked: str) -> Console:

@@ -10,7 +10,7 @@ import viser
 
 from armctl.runtime import Origin
 from armctl.ui.console import Console, page_name
-from armctl.ui.guard import GuardedServer, guarded_server
+from armctl.ui.guard import GuardedServer
 from armctl.ui.page import TABS_WIDTH, Page
 from armctl.ui.panel import PANEL_WIDTH
 from armctl.ui.robot_switch import RobotChange, RobotSwitch
@@ -25,11 +25,10 @@ _FRAMES_A_REFRESH = 3
 class App:
     """Serves the present arm's console to browser pages, all of it on viser's event loop, without a lock."""
 
-    def __init__(
-        self, robots: RobotSwitch, host: str = "127.0.0.1", port: int = 8080, token: str | None = None
-    ) -> None:
+    def __init__(self, robots: RobotSwitch, server: GuardedServer) -> None:
+        """``server`` is closed with the console."""
         self.robots = robots
-        self.server: GuardedServer = guarded_server(host, port, token=token, label="armctl")
+        self.server = server
         self._pages: dict[int, Page] = {}
         self.server.gui.configure_theme(
             dark_mode=False, show_logo=False, show_share_button=False, brand_color=(24, 100, 171)
@@ -42,12 +41,6 @@ class App:
         self._loop: Future[None] = asyncio.run_coroutine_threadsafe(
             self._draw(), self.server.get_event_loop()
         )
-
-    @property
-    def url(self) -> str:
-        """Where the console is served."""
-        host = self.server.get_host()
-        return f"http://{'localhost' if host in ('127.0.0.1', '::1') else host}:{self.server.get_port()}"
 
     def close(self) -> None:
         """Stop serving."""

@@ -13,9 +13,6 @@ from typing import Any, cast
 import msgspec
 import viser
 from viser import _messages as wire
-from websockets.asyncio.server import Server, ServerConnection
-from websockets.frames import CloseCode
-from websockets.server import ServerProtocol
 
 LOG = logging.getLogger("armctl.ui.guard")
 
@@ -281,28 +278,3 @@ def _is_finite(value: object) -> bool:
     if isinstance(value, dict):
         value = list(cast("dict[object, object]", value).values())
     return not isinstance(value, list | tuple) or all(map(_is_finite, cast("list[object]", value)))
-
-
-class GuardedConnection(ServerConnection):
-    """Drops bad frames and keeps the connection; a page that floods is disconnected (1008)."""
-
-    def __init__(
-        self,
-        protocol: ServerProtocol,
-        server: Server,
-        *,
-        client_of: Callable[[ServerConnection], viser.ClientHandle | None],
-        tally: Tally,
-        **options: Any,
-    ) -> None:
-        super().__init__(protocol, server, **options)
-        self._filter = FrameFilter(tally, self.loop.time, lambda: client_of(self))
-
-    async def recv(self, decode: bool | None = None) -> Any:
-        """Receive the next admissible frame; see ``websockets``."""
-        while True:
-            raw = await super().recv(decode)
-            if self._filter.admits(raw):
-                return raw
-            if self._filter.flooded:
-                await self.close(CloseCode.POLICY_VIOLATION, "too many messages")

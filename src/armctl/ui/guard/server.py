@@ -8,10 +8,11 @@ import ipaddress
 import logging
 import re
 import socket
+import ssl
 import threading
 import traceback
 import types
-from collections.abc import AsyncGenerator, Callable, Generator, Sequence
+from collections.abc import AsyncGenerator, Callable, Generator, Mapping, Sequence
 from contextlib import asynccontextmanager, closing, contextmanager
 from functools import partial
 from http import HTTPStatus
@@ -24,8 +25,10 @@ from websockets.asyncio.server import ServerConnection
 from websockets.http11 import Request, Response
 
 from armctl.errors import ServerError
-from armctl.ui.guard.door import Door, listening_socket, url_host
-from armctl.ui.guard.filter import LOG, MAX_FRAME_BYTES, GuardedConnection, Tally
+from armctl.ui.guard.connection import GuardedConnection
+from armctl.ui.guard.door import HOST_NAME, Door, SocketDoor
+from armctl.ui.guard.filter import LOG, MAX_FRAME_BYTES, Tally
+from armctl.ui.guard.listening import is_name, listening_socket, names_of, url_host
 
 _TIMEOUT_S = 3.0
 _REFUSALS = {HTTPStatus.FORBIDDEN, HTTPStatus.MISDIRECTED_REQUEST, HTTPStatus.UNAUTHORIZED}
@@ -54,7 +57,10 @@ _REPLACING = threading.Lock()  # what is replaced belongs to the process, so the
 
 @contextmanager
 def _guarded_serve(
-    listener: socket.socket, door: Door, client_of: Callable[[ServerConnection], viser.ClientHandle | None]
+    listener: socket.socket,
+    door: Door,
+    tls: ssl.SSLContext | None,
+    client_of: Callable[[ServerConnection], viser.ClientHandle | None],
 ) -> Generator[list[Exception | None]]:
     """Replace ``serve`` for viser alone, so that it listens on ``listener`` behind ``door``.
 
@@ -71,12 +77,24 @@ def _guarded_serve(
             return serve(handler, host, port, **options)
         serve_page = options["process_request"]
 
-        def process_request(connection: ServerConnection, request: Request) -> Response | None:
+        def own_socket(connection: ServerConnection) -> SocketDoor | None:
+            path = connection.socket_path if isinstance(connection, GuardedConnection) else None
+            return None if path is None else door.sockets[path]
+
+        async def process_request(connection: ServerConnection, request: Request) -> Response | None:
             response = door.answer(connection, request)
-            return serve_page(connection, request) if response is None else response
+            if response is None:
+                return serve_page(connection, request) if own_socket(connection) is None else None
+            await asyncio.sleep(door.delay_s(connection, request, response))
+            return response
+
+        async def route(connection: ServerConnection) -> None:
+            own = own_socket(connection)
+            await (handler(connection) if own is None else own.handle(connection))
 
         options |= {
             "sock": listener,
+            "ssl": tls,
             "process_request": process_request,
             "process_response": door.finish,
             "create_connection": partial(GuardedConnection, client_of=client_of, tally=door.tally),
@@ -89,7 +107,7 @@ def _guarded_serve(
         }
         opened.append(None)
         try:
-            return serve(handler, **options)
+            return serve(route, **options)
         except Exception as cause:  # raised here, it would let viser's constructor wait for ever
             opened[-1] = cause
             return _serving_nothing()
@@ -109,8 +127,8 @@ async def _serving_nothing() -> AsyncGenerator[types.SimpleNamespace]:
     yield types.SimpleNamespace(server=types.SimpleNamespace(sockets=()))
 
 
-def _probe(address: str, port: int, *, token_needed: bool) -> None:
-    """Knock at the server's own door as those who must not come in.
+def _probe(address: str, port: int, door: Door) -> None:
+    """Knock at each of the server's own doors as those who must not come in.
 
     Raises:
         ServerError: a stranger was let in (or one without token, if that is needed), or nothing answered.
@@ -118,14 +136,14 @@ def _probe(address: str, port: int, *, token_needed: bool) -> None:
     ip = ipaddress.ip_address(address)
     if ip.is_unspecified:
         ip = ipaddress.ip_address("127.0.0.1" if ip.version == 4 else "::1")
-    here = f"{url_host(ip)}:{port}"
+    here, foreign = f"{url_host(ip)}:{port}", f"{_FOREIGN}:{port}"
     strangers = {
-        "a page of a foreign origin": {"Host": here, "Origin": f"http://{_FOREIGN}"},
-        "a page under a foreign name": {"Host": f"{_FOREIGN}:{port}", "Origin": f"http://{_FOREIGN}:{port}"},
+        "a page of a foreign origin": {"Host": here, "Origin": f"{door.scheme}://{_FOREIGN}"},
+        "a page under a foreign name": {"Host": foreign, "Origin": f"{door.scheme}://{foreign}"},
         "a websocket without origin": {"Host": here},
     }
-    if token_needed:
-        strangers["a page without token"] = {"Host": here, "Origin": f"http://{here}"}
+    if door.token is not None:
+        strangers["a page without token"] = {"Host": here, "Origin": f"{door.scheme}://{here}"}
     websocket = {
         "Upgrade": "websocket",
         "Connection": "Upgrade",
@@ -133,30 +151,62 @@ def _probe(address: str, port: int, *, token_needed: bool) -> None:
         "Sec-WebSocket-Key": "dGhlIHNhbXBsZSBub25jZQ==",
         "Sec-WebSocket-Protocol": f"viser-v{viser.__version__}",
     }
-    for who, headers in strangers.items():
-        try:
-            with closing(http.client.HTTPConnection(str(ip), port, timeout=_TIMEOUT_S)) as connection:
-                connection.request("GET", "/", headers=websocket | headers)
-                status = connection.getresponse().status
-        except (OSError, http.client.HTTPException) as cause:
-            raise ServerError(f"the web server does not answer on port {port}: {cause}") from cause
-        if status not in _REFUSALS:
-            raise ServerError(
-                f"the web server's guard is not effective: {who} was answered with {status}; "
-                f"armctl does not run unguarded, report this with the version of viser ({viser.__version__})"
-            )
+    for path in ("/", *door.sockets):
+        for who, headers in strangers.items():
+            if (
+                "Origin" not in headers
+                and path != "/"
+                and door.token is None
+                and door.sockets[path].for_programs
+            ):
+                continue  # without token, all programs of this computer are let in
+            status = _status(str(ip), port, door.scheme, path, websocket | headers)
+            if status not in _REFUSALS:
+                raise ServerError(
+                    f"the web server's guard is not effective: {who} was answered with {status} at {path}; "
+                    f"armctl does not run unguarded, report this with the version of viser "
+                    f"({viser.__version__})"
+                )
+
+
+def _status(address: str, port: int, scheme: str, path: str, headers: Mapping[str, str]) -> int:
+    """The status of the server's answer to a request of its own."""
+    if scheme == "https":
+        unverified = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
+        unverified.check_hostname, unverified.verify_mode = False, ssl.CERT_NONE
+        opened = http.client.HTTPSConnection(address, port, timeout=_TIMEOUT_S, context=unverified)
+    else:
+        opened = http.client.HTTPConnection(address, port, timeout=_TIMEOUT_S)
+    try:
+        with closing(opened) as connection:
+            connection.request("GET", path, headers=headers)
+            return connection.getresponse().status
+    except (OSError, http.client.HTTPException) as cause:
+        raise ServerError(f"the web server does not answer on port {port}: {cause}") from cause
 
 
 _VISER_VERSION = "1.1.1"
 _TOKEN = re.compile(r"[A-Za-z0-9_-]{16,256}")
-_HOST_NAME = re.compile(r"[A-Za-z0-9._-]{1,253}|\[[0-9A-Fa-f:.]+\]")
 
 
 class GuardedServer(viser.ViserServer):
     """A viser server without public tunnel; ``guarded_server`` makes it, the class alone guards nothing."""
 
-    def __init__(self, tally: Tally, *, host: str, port: int, label: str | None) -> None:
-        self._tally = tally
+    links: tuple[str, ...]
+    """addresses of the page, each with the token; those that work from other computers first"""
+    encrypted: bool
+    beyond_loopback: bool
+    """whether other computers can reach it"""
+
+    def __init__(
+        self, door: Door, listener: socket.socket, names: Sequence[str], *, host: str, label: str | None
+    ) -> None:
+        self._door, self._tally = door, door.tally
+        address, port = listener.getsockname()[:2]
+        self.encrypted = door.scheme == "https"
+        self.beyond_loopback = not ipaddress.ip_address(address).is_loopback
+        self._pages = [f"{door.scheme}://{name}:{port}" for name in names]
+        self.links = tuple(_with_token(page, door.token) for page in self._pages)
         self._stopped = False
         super().__init__(  # pyright: ignore[reportUnknownMemberType]  # its deprecated options
             host=host, port=port, label=label, verbose=False
@@ -166,6 +216,10 @@ class GuardedServer(viser.ViserServer):
     def refusals(self) -> dict[str, int]:
         """How often the guard refused what since the start."""
         return self._tally.counts
+
+    def link_for_one_browser(self) -> str:
+        """The first link with a token that works once: others can see what a browser is started with."""
+        return _with_token(self._pages[0], self._door.single_use_token())
 
     def client_of(self, connection: ServerConnection) -> viser.ClientHandle | None:
         """The client of a connection; None before it has introduced itself."""
@@ -189,23 +243,31 @@ class GuardedServer(viser.ViserServer):
             LOG.info("refused in all: %s", ", ".join(f"{why}: {n}" for why, n in self.refusals.items()))
 
 
+def _with_token(page: str, token: str | None) -> str:
+    return page if token is None else f"{page}/?token={token}"
+
+
 def guarded_server(
     host: str = "127.0.0.1",
     port: int = 8080,
     *,
     extra_hosts: Sequence[str] = (),
     token: str | None = None,
+    tls: ssl.SSLContext | None = None,
+    sockets: Mapping[str, SocketDoor] = {},
     label: str | None = None,
 ) -> GuardedServer:
     """Start a viser server behind the guard, and try from outside whether the guard holds.
 
     Args:
-        host: address to listen on; one that other computers can reach needs a token.
+        host: address to listen on, or a name of this computer; one that others can reach needs a token.
         port: TCP port; 0 takes any free one.
         extra_hosts: names by which other computers call this one (``arm.lab``), without port. Loopback
-            names and the address connected to are always allowed.
+            names, the address connected to and a name given as ``host`` are always allowed.
         token: secret of at least 16 letters, digits, ``-`` or ``_``, which pages bring as ``/?token=…``
             once; a cookie keeps it.
+        tls: encrypts the line (https), see ``encryption``.
+        sockets: websockets of armctl's own by path (``/api``), which viser never sees.
         label: title of the main panel.
 
     Raises:
@@ -219,19 +281,21 @@ def guarded_server(
     if token is not None and not _TOKEN.fullmatch(token):
         raise ServerError("the token must be 16 … 256 letters, digits, '-' or '_'")
     for name in extra_hosts:
-        if not _HOST_NAME.fullmatch(name):
+        if not HOST_NAME.fullmatch(name):
             raise ServerError(f"{name!r} is no host name; give it without scheme, port and path")
-    tally = Tally()
     listener = listening_socket(host, port, beyond_loopback=token is not None)
+    extra_hosts = tuple(dict.fromkeys((*((host,) if is_name(host) else ()), *extra_hosts)))
     address, bound_port = listener.getsockname()[:2]
     server: GuardedServer | None = None
-    door = Door(tuple(extra_hosts), token, tally)
+    tally = Tally()
+    door = Door(extra_hosts, token, tally, "http" if tls is None else "https", sockets)
     rich.get_console().quiet = True  # viser prints a banner and notices, also when it is stopped
     try:
         with _guarded_serve(
-            listener, door, lambda one: None if server is None else server.client_of(one)
+            listener, door, tls, lambda one: None if server is None else server.client_of(one)
         ) as opened:
-            server = GuardedServer(tally, host=host, port=bound_port, label=label)
+            names = names_of(listener, host, extra_hosts)
+            server = GuardedServer(door, listener, names, host=host, label=label)
         if opened and (failure := opened[0]) is not None:
             raise ServerError(
                 f"the web server cannot be opened: {failure}; "
@@ -242,7 +306,7 @@ def guarded_server(
                 "the web server's guard is not effective: viser did not open its server through it; "
                 "armctl does not run unguarded"
             )
-        _probe(address, bound_port, token_needed=token is not None)
+        _probe(address, bound_port, door)
     except BaseException:
         if server is not None:
             server.stop()

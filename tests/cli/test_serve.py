@@ -1,0 +1,28 @@
+"""`armctl serve` in a process of its own: what it prints, and who gets in by it."""
+
+from __future__ import annotations
+
+import http.client
+from pathlib import Path
+from urllib.parse import urlsplit
+
+import pytest
+from tests.browser.serving import serving
+
+
+@pytest.mark.parametrize(
+    ("words", "warnings"), [((), 0), (("--host", "0.0.0.0", "--allow-host", "arm.lab"), 1)]
+)
+def test_the_printed_link_lets_in(tmp_path: Path, words: tuple[str, ...], warnings: int) -> None:
+    with serving(tmp_path, *words) as link:
+        address = urlsplit(link)
+        assert address.port is not None
+        statuses: list[int] = []
+        for path in ("/", f"/?{address.query}"):
+            connection = http.client.HTTPConnection("127.0.0.1", address.port, timeout=10)
+            connection.request("GET", path, headers={"Host": address.netloc})
+            statuses.append(connection.getresponse().status)
+            connection.close()
+        assert statuses == [401, 302]
+        assert ("arm.lab" in link) is ("arm.lab" in words)
+    assert (tmp_path / "stderr").read_text().count("the line is not encrypted") == warnings
