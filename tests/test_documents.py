@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import multiprocessing
 import os
 from pathlib import Path
 from typing import Annotated, Literal
@@ -10,7 +11,7 @@ import msgspec
 import pytest
 from msgspec import Meta
 
-from armctl.documents import DocumentKind, line_of, write_atomically
+from armctl.documents import DocumentKind, claim, line_of, sweep_litter, write_atomically
 from armctl.errors import InputError
 
 
@@ -106,13 +107,100 @@ def test_only_regular_files_that_are_not_too_large_are_read(tmp_path: Path) -> N
     os.mkfifo(pipe)
     for path, says in (
         (large, "large: is larger than 1 KiB"),
-        (pipe, "pipe: cannot be read: it is no regular file"),
-        (tmp_path, "cannot be read: Is a directory"),
+        (pipe, "pipe: cannot be read: it is a named pipe, no regular file"),
+        (tmp_path, "cannot be read: it is a folder, no regular file"),
         (tmp_path / "none", "none: cannot be read: No such file"),
-        (Path("/dev/zero"), "/dev/zero: cannot be read: it is no regular file"),
+        (Path("/dev/zero"), "/dev/zero: cannot be read: it is a device, no regular file"),
+        (Path("a\0b"), "cannot be read: embedded null byte"),
     ):
         with pytest.raises(InputError, match=says):
             KIND.load(path, lambda content: KIND.decode(content, File))
+
+
+def test_what_a_file_seemed_to_be_is_not_trusted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It may become another between the question and the opening, and /proc says that its files are empty."""
+    regular, pipe, large = tmp_path / "regular", tmp_path / "pipe", tmp_path / "large"
+    regular.write_bytes(b"")
+    large.write_bytes(b"#" * 2000)
+    os.mkfifo(pipe)
+    seemed = regular.stat()
+    monkeypatch.setattr(os, "stat", lambda _: seemed)
+    with pytest.raises(InputError, match="it is a named pipe"):
+        KIND.read(pipe)
+    monkeypatch.setattr(os, "fstat", lambda _: seemed)
+    with pytest.raises(InputError, match="larger than 1 KiB"):
+        KIND.read(large)
+
+
+MANY = DocumentKind(InputError, most_bytes=1024 * 1024, largest=1e6)
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("\nx = " + "9" * 5000, "^line 2: a whole number of more than 400 digits$"),
+        ("x = 0x" + "f" * 500_000, "^line 1: a whole number of more than 400 digits$"),
+        ("big = " + "9" * 300, r"^line 1, key big: must be within ±1e\+06, not 99999\d+\.\.\.9+$"),
+        ("x = " + "[" * 400_000, "nested too deep"),
+        ("x = " + "{a = " * 200_000, "nested too deep"),
+        ("a." * 200_000 + "a = 1", "^line 1: a key of more than 16 parts$"),
+        ("[" + "a . " * 200_000 + "a]", "a key of more than 16 parts"),
+        ("\n\n" + "'a'.\"b\"." * 100_000 + "a = 1", "^line 3: a key of more than 16 parts$"),
+        ("x = {" + "a." * 20 + "a = 1}", "a key of more than 16 parts"),
+        ("title = 'a\0b'", "^line 1, column 11: (illegal|found invalid) character"),
+        ("title = 'é'".encode("latin-1"), "not a text file in UTF-8: byte 10 cannot be read"),
+        ("title = 'x'".encode("utf-16"), "UTF-16; save it as UTF-8"),
+        ("title = 'x'".encode("utf-32"), "UTF-16; save it as UTF-8"),
+    ],
+)
+def test_what_was_made_to_hurt_is_one_line_soon(text: str | bytes, says: str) -> None:
+    """Without the bounds the long keys take hours, and the long numbers are an error inside the program."""
+    with pytest.raises(InputError, match=says) as refusal:
+        MANY.decode(text, File)
+    assert len(str(refusal.value)) < 120
+
+
+def test_dots_and_digits_of_people_are_read() -> None:
+    dotted = "title = '0.1.2 ............................ 3' # ... . . . . . . . . . . . . . . . . . ."
+    numbers = "[" + ", ".join(["0.5"] * 200) + "]"
+    assert MANY.parse(f"{dotted}\nbig = 1.{'0' * 500}\nx = {numbers}").record["big"] == 1.0
+
+
+def test_nothing_but_a_regular_file_is_written_over(tmp_path: Path) -> None:
+    pipe = tmp_path / "x.toml"
+    os.mkfifo(pipe)
+    with pytest.raises(OSError, match="it is a named pipe"):
+        write_atomically(pipe, b"1", keep=True)
+    assert list(tmp_path.iterdir()) == [pipe]
+
+
+def _begin_a_save(folder: str) -> None:
+    assert claim(Path(folder) / ".000007.claim")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(os, "fsync", lambda _: os._exit(9))
+        write_atomically(Path(folder) / "deep" / "x.toml", b"half")
+
+
+def test_litter_of_killed_saves_is_swept(tmp_path: Path) -> None:
+    (tmp_path / "deep").mkdir()
+    killed = multiprocessing.get_context("spawn").Process(target=_begin_a_save, args=(str(tmp_path),))
+    killed.start()
+    killed.join()
+    assert killed.exitcode == 9
+    (tmp_path / ".uzuner.toml.ab3_xy12.new").touch()
+    assert claim(tmp_path / ".000009.claim")  # by this process, so it is of an earlier one with its number
+    (tmp_path / ".000010.claim").write_text("1")  # another user's, or that of the first of all processes
+    kept = [tmp_path / name for name in ("x.new", ".x.new", ".mine.claim", "x.toml", "x.toml~")]
+    for path in kept:
+        path.touch()
+    names = {path.name for path in tmp_path.rglob("*.new") if path.parent.name == "deep"}
+    assert len(names) == 1
+    now = tmp_path.stat().st_mtime
+    assert sweep_litter(tmp_path, now + 30) == []
+    swept = {path.name for path in sweep_litter(tmp_path, now + 90)}
+    assert swept == {*names, ".uzuner.toml.ab3_xy12.new", ".000007.claim", ".000009.claim"}
+    assert sorted(tmp_path.iterdir()) == sorted([*kept, tmp_path / ".000010.claim", tmp_path / "deep"])
+    assert not claim(tmp_path / ".000010.claim")
 
 
 def test_a_new_file_is_for_everybody_to_read_and_an_old_one_keeps_its_mode(tmp_path: Path) -> None:

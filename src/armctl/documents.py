@@ -1,12 +1,14 @@
 """Files that people write (programs, robot files, calibrations): read strictly, refused in plain words.
 
-A document is TOML. It is parsed with ``tomllib``, which lets other threads run meanwhile, and decoded with
-msgspec. A refusal names the line, the key, its value and what is allowed.
+Every kind of file has a largest size, and only a regular file is opened: the one place for both. A document
+is TOML. It is parsed with ``tomllib``, which lets other threads run meanwhile, and decoded with msgspec.
+A refusal names the line, the key, its value and what is allowed.
 """
 
 from __future__ import annotations
 
 import contextlib
+import errno
 import math
 import os
 import re
@@ -49,26 +51,35 @@ class DocumentKind:
     """key of a list to what one of its entries is called: the message counts these from 1"""
 
     def load(self, path: Path, decode: Callable[[bytes], T]) -> T:
-        """Decode a file; refuses by its name what is not regular, too large, or refused by ``decode``."""
+        """Decode a file; refuses by its name what ``read`` or ``decode`` refuses."""
         try:
-            with open(path, "rb", opener=_open_at_once) as stream:
-                if not stat.S_ISREG(os.fstat(stream.fileno()).st_mode):
-                    raise self.error("cannot be read: it is no regular file")
-                content = stream.read(self.most_bytes + 1)
-            self._check_size(content)
-            return decode(content)
-        except OSError as cause:
-            raise self.error(f"{path}: cannot be read: {cause.strerror}") from cause
+            return decode(self.read(path))
         except self.error as cause:
             raise self.error(f"{path}: {cause}") from cause
 
-    def _check_size(self, content: bytes | str) -> None:
-        if len(content) > self.most_bytes:
+    def read(self, path: Path) -> bytes:
+        """The bytes of a regular file that is not too large; refuses others, and never waits for one."""
+        try:
+            # Asked before it is opened: opening a serial port restarts an Arduino.
+            require_regular(os.stat(path))
+            with open(path, "rb", opener=_open_at_once) as stream:
+                found = os.fstat(stream.fileno())
+                require_regular(found)
+                self._check_size(found.st_size)
+                content = stream.read(self.most_bytes + 1) or b""  # None: a file that has nothing yet
+        except (OSError, ValueError) as cause:  # ValueError: a name that no file has
+            why = cause.strerror if isinstance(cause, OSError) else str(cause)
+            raise self.error(f"cannot be read: {why}") from cause
+        self._check_size(len(content))  # the files of /proc have no size, and others may grow
+        return content
+
+    def _check_size(self, size: int) -> None:
+        if size > self.most_bytes:
             raise self.error(f"is larger than {self.most_bytes // 1024} KiB; no such file is")
 
     def text(self, content: bytes | str) -> str:
         """The text of a file: UTF-8, without a byte order mark, lines ended as they are; refuses others."""
-        self._check_size(content)
+        self._check_size(len(content))
         if isinstance(content, bytes):
             if content.startswith(_UTF16):
                 raise self.error("is not a text file in UTF-8 but in UTF-16; save it as UTF-8")
@@ -83,14 +94,17 @@ class DocumentKind:
     def parse(self, content: bytes | str) -> Document:
         """The document from the content of its file; refuses what is no text or not TOML."""
         text = self.text(content).replace("\r\n", "\n")  # lines as editors count them
+        for number, line in enumerate(text.split("\n"), 1):
+            if line.count(".") >= MOST_KEY_PARTS and _LONG_KEY.search(line):
+                raise self.error(f"line {number}: a key of more than {MOST_KEY_PARTS} parts")
+            if len(line) > MOST_DIGITS and _LONG_NUMBER.search(line):
+                raise self.error(f"line {number}: a whole number of more than {MOST_DIGITS} digits")
         try:
             return Document(self, tomllib.loads(text), text)
         except tomllib.TOMLDecodeError as cause:
             raise self.error(_syntax(str(cause))) from cause
         except RecursionError as cause:
             raise self.error("arrays or tables are nested too deep") from cause
-        except ValueError as cause:  # a whole number of thousands of digits
-            raise self.error(f"holds a number that is too large: {cause}") from cause
 
     def decode(self, content: bytes | str, model: type[T]) -> T:
         """A struct from the content of its file; refuses as the three methods that it calls."""
@@ -119,6 +133,8 @@ class Document:
         except msgspec.ValidationError as cause:
             refusal = refusal_of(cause, value, model)
             raise self.refusal(refusal.what, (*place, *refusal.place), refusal.key) from cause
+        except RecursionError as cause:
+            raise self.kind.error("arrays or tables are nested too deep") from cause
 
     def require_numbers(self) -> None:
         """Refuse numbers that are not finite (TOML knows nan and inf), or too large."""
@@ -126,7 +142,8 @@ class Document:
             if isinstance(number, float) and not math.isfinite(number):
                 raise self.refusal(f"{number} is no number to use", place)
             if abs(number) > self.kind.largest:
-                raise self.refusal(f"must be within ±{self.kind.largest:.0e}, not {number}", place)
+                allowed = f"must be within ±{self.kind.largest:.0e}"
+                raise self.refusal(f"{allowed}, not {reprlib.repr(number)}", place)
 
     def refusal(self, what: str, place: Place, key: str | None = None) -> ArmctlError:
         """The error that says what is wrong at a place; ``key`` is unknown or missing there."""
@@ -142,6 +159,31 @@ class Document:
             text = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in place)
             words.append(f"key {text.removeprefix('.')}")
         return self.kind.error(f"{', '.join(words)}: {what}" if words else what)
+
+
+MOST_KEY_PARTS = 16
+"""of a dotted key: the parser's time grows with their square"""
+MOST_DIGITS = 400
+"""of a whole number: Python refuses to print one of thousands"""
+_LONG_KEY = re.compile(
+    r"""(?<![\w-])(?:(?:[\w-]{1,200}+|"(?:\\.|[^"\\]){0,200}+"|'[^']{0,200}+')[ \t]*+\.[ \t]*+)"""
+    rf"{{{MOST_KEY_PARTS}}}"
+)
+_LONG_NUMBER = re.compile(rf"(?<![\w.])\d[\dA-Fa-f_xob]{{{MOST_DIGITS}}}")
+_KINDS = {
+    stat.S_IFDIR: "a folder",
+    stat.S_IFIFO: "a named pipe",
+    stat.S_IFSOCK: "a socket",
+    stat.S_IFCHR: "a device",
+    stat.S_IFBLK: "a device",
+}
+
+
+def require_regular(found: os.stat_result) -> None:
+    """Refuse (``OSError``) what is no regular file."""
+    if not stat.S_ISREG(found.st_mode):
+        kind = _KINDS.get(stat.S_IFMT(found.st_mode), "of another kind")
+        raise OSError(errno.EINVAL, f"it is {kind}, no regular file")
 
 
 def _open_at_once(path: str, flags: int) -> int:
@@ -363,9 +405,13 @@ def write_atomically(path: Path, content: bytes, *, keep: bool = False) -> None:
     """Write a file beside ``path`` and let it take its place in one step; the mode of an old file stays.
 
     A symbolic link is replaced, not followed. With ``keep`` the version before is kept as ``NAME~``. After
-    an ``OSError`` what was there before is there still.
+    an ``OSError`` what was there before is there still; so it is where that is no regular file.
     """
-    mode = stat.S_IMODE(path.stat().st_mode) if path.exists() else 0o644
+    mode = 0o644
+    if path.exists():
+        before = path.stat()
+        require_regular(before)  # the version before a pipe could be read for ever
+        mode = stat.S_IMODE(before.st_mode)
     written = _beside(path, content, mode)
     try:
         if keep and path.exists():
@@ -385,7 +431,7 @@ def write_atomically(path: Path, content: bytes, *, keep: bool = False) -> None:
 
 def _beside(path: Path, content: bytes, mode: int) -> Path:
     """A new file in the same folder that holds ``content``, on the disk."""
-    handle, name = tempfile.mkstemp(prefix=f".{path.name}.", suffix=".new", dir=path.parent)
+    handle, name = tempfile.mkstemp(prefix=f".armctl-{os.getpid()}-", suffix=".new", dir=path.parent)
     written = Path(name)
     try:
         with os.fdopen(handle, "wb") as stream:
@@ -397,3 +443,60 @@ def _beside(path: Path, content: bytes, mode: int) -> Path:
         written.unlink(missing_ok=True)
         raise
     return written
+
+
+def claim(path: Path) -> bool:
+    """Make a file that says which process holds it; False where it is there already."""
+    try:
+        handle = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o644)
+    except FileExistsError:
+        return False
+    with os.fdopen(handle, "w") as stream:
+        stream.write(str(os.getpid()))
+    return True
+
+
+_LITTER = re.compile(r"\.armctl-(?P<pid>\d{1,9})-\w+\.new|\..+\.\w{8}\.new|\.\d+\.claim")
+LITTER_AGE_S = 60.0
+"""A save takes milliseconds."""
+
+
+def sweep_litter(folder: Path, now: float) -> list[Path]:
+    """Remove what killed saves left in a folder of armctl's own and below it; for the start of a program.
+
+    That is a half-written file or a claim older than ``LITTER_AGE_S`` at ``now`` (seconds of the epoch) whose
+    process has ended. What cannot be removed stays.
+    """
+    swept: list[Path] = []
+    for place, _, names in os.walk(folder):
+        for name in names:
+            match, path = _LITTER.fullmatch(name), Path(place) / name
+            if match is None:
+                continue
+            with contextlib.suppress(OSError):  # another program sweeps, too, or the folder is not writeable
+                if now - path.lstat().st_mtime > LITTER_AGE_S and has_ended(match["pid"] or _claimant(path)):
+                    path.unlink()
+                    swept.append(path)
+    return swept
+
+
+def _claimant(path: Path) -> str:
+    """The process that a claim names; empty: it was killed before it could write that."""
+    with open(path, "rb", opener=_open_at_once) as stream:
+        text = stream.read(10).decode(errors="replace")
+    return text if text.isdecimal() else ""
+
+
+def has_ended(process: str) -> bool:
+    """Whether nobody works on what a process left, by its number: it has ended, or this one has it now."""
+    if not process:
+        return True
+    if os.name != "posix":  # there, asking would end it
+        return False
+    try:
+        os.kill(int(process), 0)
+    except ProcessLookupError:
+        return True
+    except PermissionError:  # another user's
+        return False
+    return int(process) == os.getpid()  # it has just begun: in a container every start has the same number

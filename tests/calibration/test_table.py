@@ -51,7 +51,7 @@ def test_points_are_read_in_any_order_of_columns(tmp_path: Path) -> None:
         ("output,angle_deg\n1,2\n3\n", "line 3: has 1 cells, the first line 2"),
         ("output,angle_deg\n1,two\n", "line 2, column angle_deg: 'two' is not a number"),
         ("output,angle_deg\n1,nan\n", "line 2, column angle_deg: nan is not a finite number"),
-        (b"\xff\xfe", "is no text in UTF-8"),
+        (b"\xff\xfe", "is not a text file in UTF-8"),
         ('output,angle_deg\n1,"2\n' + "x" * 200_000, "line"),
     ],
 )

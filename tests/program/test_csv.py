@@ -161,6 +161,9 @@ def test_what_spreadsheets_make_of_it(text: str) -> None:
         (b"\xff\xfex\x00", "UTF-16; save it as UTF-8"),
         (b"x_mm,y_mm,z_mm,note\n1,2,3,\xe9\n", "not a text file in UTF-8: byte 27 cannot be read"),
         ("PK\x03\x04", "is not known"),
+        ("PK\0", r"line 1, column 'PK\\x00' is not known"),
+        ("x_mm" * 40_000, "line 1: cannot be split into cells: field larger than"),
+        ("do\n" + "end\n" * 200_000, "line 20002: a program has 20000 steps at most"),
     ],
 )
 def test_what_is_refused_names_line_and_column(text: str | bytes, message: str) -> None:

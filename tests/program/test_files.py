@@ -251,7 +251,7 @@ def test_what_is_no_place_for_a_file(tmp_path: Path) -> None:
         save_program(Program(robot="uzuner"), tmp_path / "none" / "pick.toml")
     folder = tmp_path / "pick.toml"
     folder.mkdir()
-    with pytest.raises(ProgramError, match="cannot be written: Is a directory"):
+    with pytest.raises(ProgramError, match="cannot be written: it is a folder"):
         save_program(Program(robot="uzuner"), folder)
     assert list(tmp_path.iterdir()) == [folder]
     circle = tmp_path / "circle.toml"

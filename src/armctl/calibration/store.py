@@ -13,7 +13,7 @@ import msgspec
 import platformdirs
 
 from armctl.calibration.record import Calibration, encode_calibration, read_version
-from armctl.documents import write_atomically
+from armctl.documents import claim, write_atomically
 from armctl.errors import CalibrationError
 
 VERSIONS_KEPT = 50
@@ -177,18 +177,16 @@ def _write_next(place: Path, content: bytes) -> Path:
     """Write the next version. Programs that save at once take turns by claiming a number each."""
     number = 1 + max(map(_number, _version_paths(place)), default=0)
     while True:
-        path, claim = place / f"{number:06d}.toml", place / f".{number:06d}.claim"
+        path, claimed = place / f"{number:06d}.toml", place / f".{number:06d}.claim"
         number += 1
-        try:
-            claim.touch(exist_ok=False)
-        except FileExistsError:  # another program is writing it, or died while doing so
+        if not claim(claimed):  # another program is writing it, or died while doing so
             continue
         try:
             if not path.exists():
                 write_atomically(path, content)
                 return path
         finally:
-            claim.unlink(missing_ok=True)
+            claimed.unlink(missing_ok=True)
 
 
 def _safe_name(text: str) -> str:

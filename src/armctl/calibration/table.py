@@ -12,9 +12,11 @@ import numpy as np
 
 from armctl.arrays import FloatArray
 from armctl.calibration.fit import Mark
+from armctl.documents import DocumentKind
 from armctl.errors import CalibrationError
 from armctl.robot import Robot
 
+_TABLES = DocumentKind(CalibrationError, most_bytes=256 * 1024)
 _DELIMITERS = (";", "\t", ",")
 _MARK_COLUMNS = ("output", "angle_deg")
 _POINT_COLUMNS = ("x_mm", "y_mm", "z_mm")
@@ -36,12 +38,7 @@ def read_points(path: Path, robot: Robot) -> tuple[FloatArray, FloatArray]:
 
 def _read(path: Path, columns: Sequence[str]) -> FloatArray:
     """(rows, columns) the numbers of a file, its columns in any order."""
-    try:
-        text = path.read_text(encoding="utf-8-sig")
-    except OSError as cause:
-        raise CalibrationError(f"{path}: cannot be read: {cause.strerror}") from cause
-    except ValueError as cause:
-        raise CalibrationError(f"{path}: is no text in UTF-8: {cause}") from cause
+    text = _TABLES.load(path, _TABLES.text)
     head = next((line for line in text.splitlines() if line.strip()), "")
     delimiter = next((one for one in _DELIMITERS if one in head), ",")
     reader = csv.reader(io.StringIO(text), delimiter=delimiter)

@@ -203,12 +203,14 @@ def read_csv(text: bytes | str, robot: Robot, name: str = "untitled") -> Program
     and the column.
     """
     table = _Table(PROGRAM_FILES.text(text), robot)
-    found = [(line, step) for line, cells in table.rows() for step in table.steps(line, cells)]
+    found: list[tuple[int, Step]] = []
+    for line, cells in table.rows():
+        found += ((line, step) for step in table.steps(line, cells))
+        if len(found) > MOST_STEPS:
+            raise ProgramError(f"line {line}: a program has {MOST_STEPS} steps at most")
     steps = tuple(step for _, step in found)
     if not steps:
         raise ProgramError("the file has no rows below its head")
-    if len(steps) > MOST_STEPS:
-        raise ProgramError(f"it has {len(steps)} steps; a program has {MOST_STEPS} at most")
     for index, what in Blocks.of(steps).findings:
         raise ProgramError(f"line {found[index][0]}: {what}")
     return Program(robot=robot.name, name=name, steps=steps)
@@ -327,7 +329,10 @@ class _Table:
         head = next((line for line in text.splitlines() if line.strip()), "")
 
         def score(delimiter: str) -> tuple[int, int]:
-            cells = [cell for row in csv.reader([head], delimiter=delimiter) for cell in row]
+            try:
+                cells = [cell for row in csv.reader([head], delimiter=delimiter) for cell in row]
+            except csv.Error:  # a cell that is too large, which reading the rows refuses
+                return 0, 0
             return sum(self._known.find(unguarded(cell)) is not None for cell in cells), len(cells)
 
         return max(_DELIMITERS, key=score)

@@ -10,6 +10,7 @@ from msgspec import Meta
 
 from armctl.documents import Document, DocumentKind
 from armctl.errors import RobotFileError
+from armctl.robot.parts import MOST_JOINTS
 
 Table = dict[str, object]
 _SMALLEST = 1e-6
@@ -44,7 +45,7 @@ class DHEntry(Strict, frozen=True):
     """The arm's geometry."""
 
     convention: Literal["standard", "modified"]
-    rows: Annotated[tuple[DHRowEntry, ...], Meta(min_length=1)]
+    rows: Annotated[tuple[DHRowEntry, ...], Meta(min_length=1, max_length=4 * MOST_JOINTS)]
 
 
 class JointEntry(Strict, frozen=True):
@@ -119,7 +120,7 @@ class RobotFile(Strict, frozen=True):
     name: Name
     title: str
     dh: DHEntry
-    joints: Annotated[tuple[JointEntry, ...], Meta(min_length=1)]
+    joints: Annotated[tuple[JointEntry, ...], Meta(min_length=1, max_length=MOST_JOINTS)]
     poses: dict[Name, tuple[float, ...]]
     points: dict[PointName, tuple[float, float, float]] = {}
     """named tool points [mm]"""
@@ -129,9 +130,9 @@ class RobotFile(Strict, frozen=True):
     gripper: GripperEntry | None = None
     bodies: tuple[BodyEntry, ...] = ()
     floor: FloorEntry = FloorEntry()
-    capsules: tuple[CapsuleEntry, ...] = ()
+    capsules: Annotated[tuple[CapsuleEntry, ...], Meta(max_length=4 * MOST_JOINTS)] = ()
     """the arm's body; none: as it is drawn"""
-    obstacles: tuple[ObstacleEntry, ...] = ()
+    obstacles: Annotated[tuple[ObstacleEntry, ...], Meta(max_length=4 * MOST_JOINTS)] = ()
     """a table, a wall, a conveyor"""
     look: LookEntry | None = None
 

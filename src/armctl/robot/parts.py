@@ -7,6 +7,8 @@ from typing import Literal
 
 from armctl.arrays import ArrayRecord, FloatArray
 
+MOST_JOINTS = 64
+"""no arm has more: solvers and checks take time and memory for each"""
 JERK_UP_S = 0.05
 """Where nothing else is written, a joint reaches its largest acceleration in this time."""
 

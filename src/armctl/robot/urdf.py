@@ -15,7 +15,7 @@ from armctl.kinematics import Body, Chain, GravityModel
 from armctl.kinematics.angles import rest_angle
 from armctl.kinematics.chain import frame_along
 from armctl.kinematics.yaw_pitch_roll.geometry import recognise
-from armctl.robot.parts import JERK_UP_S, Joint
+from armctl.robot.parts import JERK_UP_S, MOST_JOINTS, Joint
 from armctl.robot.robot import Robot
 from armctl.robot.urdf_file import Rounding, UrdfJoint, UrdfTree, read_urdf_file
 from armctl.robot.urdf_tool import UrdfTool, suggested_tool
@@ -74,6 +74,10 @@ def _robot(tree: UrdfTree, tool: UrdfTool, approach: str) -> Robot:
     moving = [joint for joint in way if joint.kind != "fixed"]
     if not moving:
         raise RobotFileError(f"no joint turns between {tree.root} and {tool.link}")
+    if len(moving) > MOST_JOINTS:
+        raise RobotFileError(
+            f"{len(moving)} joints turn between {tree.root} and {tool.link}; an arm has {MOST_JOINTS} at most"
+        )
     sign, column = AXES[approach]
     chain = _chain(way, frame_along(np.eye(3)[column] * (-1.0 if sign else 1.0)))
     names = _distinct(_plain(joint.name, "joint") for joint in moving)

@@ -19,11 +19,15 @@ from xml.etree import ElementTree
 import numpy as np
 
 from armctl.arrays import FloatArray
+from armctl.documents import DocumentKind
 from armctl.errors import RobotFileError
 from armctl.kinematics import rotation_from_rpy
 from armctl.kinematics.chain import frame_along
 
 T = TypeVar("T")
+URDF_FILES = DocumentKind(RobotFileError, most_bytes=4 * 1024 * 1024)
+_PART_BYTES = 64 * 1024
+"""handed to the XML parser at once, which lets no other thread run meanwhile"""
 KINDS = ("revolute", "continuous", "fixed", "prismatic", "planar", "floating")
 LARGEST = 1e6
 """no number of a URDF file, in metres, radians, kg or N·m, is larger than this"""
@@ -192,10 +196,11 @@ class UrdfTree:
 
 def read_urdf_file(path: Path) -> UrdfTree:
     """Read ``path`` into links and joints; a refusal names the element."""
+    content, parser = URDF_FILES.read(path), ElementTree.XMLParser(target=_NoDoctype())
     try:
-        root = ElementTree.fromstring(path.read_bytes(), ElementTree.XMLParser(target=_NoDoctype()))
-    except OSError as cause:
-        raise RobotFileError(f"cannot be read: {cause.strerror}") from cause
+        for begin in range(0, len(content), _PART_BYTES):
+            parser.feed(content[begin : begin + _PART_BYTES])
+        root = parser.close()
     except (ElementTree.ParseError, ValueError, LookupError) as cause:  # LookupError: an unknown encoding
         raise RobotFileError(f"is not XML: {cause}") from cause
     if root.tag != "robot":
