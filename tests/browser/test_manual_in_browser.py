@@ -187,7 +187,7 @@ def test_an_upload_that_cannot_be_used_says_why_and_changes_nothing(
         large.truncate(30 << 20)
     page.upload("Upload", film)
     page.wait_for_notification(
-        "film.toml was not taken: it has 30.0 MiB, the largest that is taken has 8 MiB"
+        "film.toml was not taken: it has 30.0 MiB, the largest that is taken has 1 MiB"
     )
     page.wait_until(lambda: page.is_enabled("Upload"), "another file can be sent")
     wait = tmp_path / "wait.toml"

@@ -329,8 +329,8 @@ def test_the_ledger_is_bounded_in_transfers_files_and_parts() -> None:
     assert ledger.continues(part(0, 5, transfer="a"))
     assert starts(ledger, 5, transfer="c")
     ledger = UploadLedger()
-    assert starts(ledger, MAX_UPLOAD_BYTES, 16)
-    assert not any(starts(ledger, MAX_UPLOAD_BYTES + 1, 17, transfer=transfer) for transfer in "abc")
+    assert starts(ledger, MAX_UPLOAD_BYTES, 2)
+    assert not any(starts(ledger, MAX_UPLOAD_BYTES + 1, 3, transfer=transfer) for transfer in "abc")
     known = [ledger.is_leftover(part(0, 5, transfer=transfer)) for transfer in "abcd"]
     assert known == [True, True, False, False]
     ledger = UploadLedger()

@@ -18,8 +18,8 @@ LOG = logging.getLogger("armctl.ui.guard")
 
 MAX_FRAME_BYTES = 16 << 20
 """Pictures of the scene are the largest frames; viser itself would take 50 MiB."""
-MAX_UPLOAD_BYTES = 8 << 20
-"""The largest file that a page may upload; programs and robot files are a few kilobytes."""
+MAX_UPLOAD_BYTES = 1 << 20
+"""The largest file that a page may upload: a program, whose files have this limit, too."""
 UPLOAD_PART_BYTES = 512 << 10
 """The page cuts a file in parts of this size (``chunkSize`` in viser's UploadButton.tsx)."""
 _MAX_PLAIN_BYTES = 128 << 10
@@ -78,8 +78,8 @@ class Tally:
 class FloodGauge:
     """Counts frames against an allowance: a bucket that fills with time and empties with frames.
 
-    A busy page sends some 100 frames a second (50 ms throttle a panel, camera, held buttons); an upload of
-    8 MiB costs 512 units. Refused frames cost more, since the page of armctl itself hardly ever sends one.
+    A busy page sends some 100 frames a second (50 ms throttle a panel, camera, held buttons); the largest
+    upload costs 64 units. Refused frames cost more, since the page of armctl itself hardly ever sends one.
     """
 
     CAPACITY = 2000.0
