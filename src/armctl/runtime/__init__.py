@@ -4,6 +4,7 @@ from armctl.runtime.board import channel_settings
 from armctl.runtime.clock import Clock, ManualClock, MonotonicClock, wall_time
 from armctl.runtime.commands import (
     ArmLink,
+    Arrive,
     ClearFault,
     Command,
     Connect,
@@ -14,6 +15,8 @@ from armctl.runtime.commands import (
     HomeAxes,
     Jog,
     JogTool,
+    Leave,
+    LockControl,
     MoveGripper,
     MoveJoints,
     MoveTo,
@@ -23,20 +26,23 @@ from armctl.runtime.commands import (
     Resume,
     RunProgram,
     SetSpeed,
+    TakeControl,
     Ticket,
     UpdateProgram,
 )
 from armctl.runtime.controller import Controller
 from armctl.runtime.planner import InlineExecutor
-from armctl.runtime.snapshot import AxisHoming, Event, ProgramProgress, Snapshot, State
+from armctl.runtime.snapshot import AxisHoming, Control, Event, Party, ProgramProgress, Snapshot, State
 
 __all__ = [
     "ArmLink",
+    "Arrive",
     "AxisHoming",
     "ClearFault",
     "Clock",
     "Command",
     "Connect",
+    "Control",
     "Controller",
     "Disconnect",
     "Enable",
@@ -47,12 +53,15 @@ __all__ = [
     "InlineExecutor",
     "Jog",
     "JogTool",
+    "Leave",
+    "LockControl",
     "ManualClock",
     "MonotonicClock",
     "MoveGripper",
     "MoveJoints",
     "MoveTo",
     "Origin",
+    "Party",
     "Pause",
     "ProgramProgress",
     "Release",
@@ -61,6 +70,7 @@ __all__ = [
     "SetSpeed",
     "Snapshot",
     "State",
+    "TakeControl",
     "Ticket",
     "UpdateProgram",
     "channel_settings",

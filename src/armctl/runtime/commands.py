@@ -73,6 +73,38 @@ class ClearFault(Command, frozen=True):
     """Leave ``fault`` for ``off`` (or ``holding`` when the pulses are still on) once its cause is gone."""
 
 
+class ControlCommand(Command, frozen=True):
+    """About who operates, which everybody may ask for."""
+
+
+class Arrive(ControlCommand, frozen=True):
+    """Who asks is there, and is called ``name``; it operates when nobody does."""
+
+    name: str = ""
+    watch: bool = False
+    """it does not want to operate"""
+
+
+class Leave(ControlCommand, frozen=True):
+    """Who asks is gone; what moves at its command is stopped."""
+
+    why: str = "it has gone"
+
+
+class TakeControl(ControlCommand, frozen=True):
+    """Who asks operates from now on, unless control is locked."""
+
+    pin: str = ""
+    """the teacher's, who may always"""
+
+
+class LockControl(ControlCommand, frozen=True):
+    """Nobody may take control from the operator, or everybody may again."""
+
+    locked: bool
+    pin: str = ""
+
+
 class MoveJoints(MovingCommand, frozen=True):
     """Go to ``q`` (n,) [rad], in shortest time by default; profile "normal": each joint at its own speed."""
 

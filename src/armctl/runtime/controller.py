@@ -47,12 +47,14 @@ class Controller:
         rate_hz: float = 50.0,
         executor: Executor | None = None,
         published: Callable[[], None] | None = None,
+        pin: str = "",
     ) -> None:
         """Wire it up; it runs once it is started.
 
         ``open_driver`` gives a driver, not opened yet, for a port as the user names it. ``rate_hz``: ticks a
         second, 10 … 200, else ``InputError``. ``executor`` plans motions; None: a thread of its own.
         ``published`` is called behind each tick, once its snapshot and answers are given.
+        ``pin``: the teacher's, see ``ControlDesk``.
         """
         low, high = _RATES_HZ
         if not low <= rate_hz <= high:
@@ -64,7 +66,7 @@ class Controller:
         self._executor = executor or ThreadPoolExecutor(1, thread_name_prefix="armctl-planner")
         self._published = published
         self._wake = threading.Event()
-        self._core = Core(robot, open_driver, planner(self._executor, self._wake.set), self._period)
+        self._core = Core(robot, open_driver, planner(self._executor, self._wake.set), self._period, pin)
         self._lock = threading.Lock()
         self._orders: list[Order] = []
         self._stops: list[Order] = []
@@ -225,6 +227,7 @@ class Controller:
             warnings=core.notices.current(now),
             events=core.log.events,
             measured=reading.measured,
+            control=core.desk.control,
         )
 
     def _guarded(self, step: Callable[P, None], *args: P.args, **kwargs: P.kwargs) -> ArmctlError | None:

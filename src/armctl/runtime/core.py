@@ -19,6 +19,7 @@ from armctl.runtime.activity import Activity, Setpoint
 from armctl.runtime.board import Board, Monitor
 from armctl.runtime.clock import LATE_SHOWN_S, LONGEST_TICKS, TickTime
 from armctl.runtime.commands import Order, Origin, Ticket
+from armctl.runtime.control import ControlDesk
 from armctl.runtime.gate import Gate
 from armctl.runtime.joint_servo import KeepClear
 from armctl.runtime.mover import GripperMover, PathMover
@@ -38,12 +39,18 @@ class Core:
     """The arm's state. Only one thread at a time may use it, and nothing else writes its attributes."""
 
     def __init__(
-        self, robot: Robot, open_driver: Callable[[str], Driver], submit: Submit, period: float
+        self,
+        robot: Robot,
+        open_driver: Callable[[str], Driver],
+        submit: Submit,
+        period: float,
+        pin: str = "",
     ) -> None:
         self.robot = robot
         self.submit = submit
         self.log = EventLog()
         self.notices = Notices(self.log)
+        self.desk = ControlDesk(self.log, pin)
         self.floor = Floor(robot)
         self.clear = KeepClear(robot)
         self.gate = Gate(robot, LONGEST_TICKS * period)

@@ -36,6 +36,8 @@ def dispatch(core: Core, order: c.Order, now: float) -> None:
     try:
         if core.leaving is not None and not isinstance(order.command, c.Release):
             raise StateError("disconnecting as soon as the arm stands")
+        if not isinstance(order.command, c.ControlCommand):
+            core.desk.require(order.origin.who)
         if _carry_out(core, order, now):
             order.ticket.end()
     except ArmctlError as error:
@@ -91,6 +93,16 @@ def _carry_out(core: Core, order: c.Order, now: float) -> bool:
             core.set_speed(checked_number(fraction, "the speed"), who)
         case c.Jog() | c.JogTool():
             _jog(core, order.command, order, now)
+        case c.Arrive(name, watch):
+            core.desk.arrive(who, name, watch=watch)
+        case c.Leave(why):
+            party = core.desk.control.party(who)
+            if core.desk.leave(who, why) and party is not None and not core.standing:
+                core.stop(c.Origin(party.name, why))
+        case c.TakeControl(pin):
+            core.desk.take(who, pin, now)
+        case c.LockControl(locked, pin):
+            core.desk.lock(who, locked, pin, now)
         case c.FollowTarget(target):
             _follow_target(core, target, order, now)
         case _:

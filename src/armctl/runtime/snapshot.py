@@ -59,6 +59,45 @@ class AxisHoming:
 
 
 @dataclass(frozen=True, slots=True)
+class Party:
+    """A page or a program."""
+
+    id: str
+    """what it calls itself in ``Origin.who``"""
+    name: str
+    """what people call it"""
+    operates: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Control:
+    """Who is there, and who operates."""
+
+    parties: tuple[Party, ...] = ()
+    """in the order in which they came"""
+    locked: bool = False
+    """control cannot be taken from the operator"""
+    by_teacher: bool = False
+    """the lock was set with the teacher's PIN, and only that opens it"""
+    pin: bool = False
+    """there is a teacher's PIN"""
+
+    @property
+    def operator(self) -> Party | None:
+        """Who operates; None: whoever commands first."""
+        return next((party for party in self.parties if party.operates), None)
+
+    def party(self, id: str) -> Party | None:
+        """A page or a program by its id."""
+        return next((party for party in self.parties if party.id == id), None)
+
+    def operates(self, id: str) -> bool:
+        """Whether this one operates."""
+        party = self.party(id)
+        return party is not None and party.operates
+
+
+@dataclass(frozen=True, slots=True)
 class Event:
     """One line of the log."""
 
@@ -105,6 +144,8 @@ class Snapshot:
     """what is true now and the user should know"""
     events: tuple[Event, ...]
     """the newest lines of the log, oldest first (bounded)"""
+    control: Control = Control()
+    """who is there, and who operates"""
     measured: Mapping[str, str] = field(default_factory=dict[str, str])
     """by joint: the load, temperature and voltage that the board measures, if it does"""
 

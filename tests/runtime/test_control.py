@@ -1,0 +1,150 @@
+"""Who may command the arm: one operates, the others watch, everybody may stop it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from tests.runtime.kit import Rig, fails, make_rig
+
+from armctl.errors import StateError
+from armctl.runtime import (
+    Arrive,
+    Command,
+    Controller,
+    Leave,
+    LockControl,
+    MoveJoints,
+    Origin,
+    Release,
+    SetSpeed,
+    State,
+    TakeControl,
+    Ticket,
+)
+
+ANNA, BEN = Origin("page 1"), Origin("page 2")
+AWAY = np.radians([60.0, 90, -60, -40, 0])
+
+
+def ask(rig: Rig, command: Command, who: Origin) -> Ticket:
+    ticket = rig.controller.submit(command, who)
+    rig.tick()
+    return ticket
+
+
+@pytest.fixture
+def two() -> Rig:
+    """Anna operates, Ben watches."""
+    rig = make_rig().enable()
+    ask(rig, Arrive("Anna"), ANNA)
+    ask(rig, Arrive("Ben"), BEN)
+    return rig
+
+
+def operator(rig: Rig) -> str | None:
+    party = rig.now.control.operator
+    return None if party is None else party.name
+
+
+def test_the_first_operates_and_the_others_watch(two: Rig) -> None:
+    assert operator(two) == "Anna"
+    assert [party.name for party in two.now.control.parties] == ["Anna", "Ben"]
+    fails(ask(two, SetSpeed(0.5), BEN).finished, "Anna operates the arm; take control first")
+    ask(two, SetSpeed(0.5), ANNA).result(0)
+    assert two.now.speed == 0.5
+
+
+def test_who_only_wants_to_watch_does_not_operate_though_nobody_does() -> None:
+    rig = make_rig().enable()
+    ask(rig, Arrive("screen", watch=True), BEN)
+    assert operator(rig) is None
+    ask(rig, Arrive("Anna"), ANNA)
+    assert operator(rig) == "Anna"
+
+
+def test_everybody_may_stop(two: Rig) -> None:
+    moving = ask(two, MoveJoints(AWAY), ANNA)
+    two.run(0.2)
+    two.controller.stop(BEN)
+    two.rests(1)
+    fails(moving.finished, "stopped by page 2")
+
+
+def test_taking_control_is_logged_and_the_motion_goes_on(two: Rig) -> None:
+    ask(two, MoveJoints(AWAY), ANNA)
+    ask(two, TakeControl(), BEN).result(0)
+    assert operator(two) == "Ben" and two.now.state is State.MOVING
+    assert "Ben has taken control of the arm; Anna watches now" in two.texts
+    fails(ask(two, Release(), ANNA).finished, "Ben operates the arm")
+
+
+def test_a_lock_keeps_control_until_its_operator_opens_it_or_goes(two: Rig) -> None:
+    fails(ask(two, LockControl(True), BEN).finished, "only the operator may lock control")
+    ask(two, LockControl(True), ANNA).result(0)
+    fails(ask(two, TakeControl(), BEN).finished, "Anna has locked control; ask for it to be unlocked$")
+    ask(two, LockControl(False), ANNA).result(0)
+    ask(two, TakeControl(), BEN).result(0)
+    ask(two, LockControl(True), BEN)
+    ask(two, Leave("the page does not answer"), BEN)
+    assert operator(two) is None and not two.now.control.locked
+    assert "Ben no longer operates: the page does not answer; control is free" in two.texts
+    ask(two, TakeControl(), ANNA).result(0)
+
+
+def test_what_moves_at_the_command_of_somebody_who_leaves_is_stopped(two: Rig) -> None:
+    moving = ask(two, MoveJoints(AWAY), ANNA)
+    ask(two, Leave("the page is gone"), ANNA)
+    two.rests(1)
+    fails(moving.finished, "stopped by Anna: the page is gone")
+    ask(two, Arrive(), Origin("page 3"))
+    assert operator(two) == "page 3"
+
+
+def test_a_watcher_who_leaves_stops_nothing(two: Rig) -> None:
+    ask(two, MoveJoints(AWAY), ANNA)
+    ask(two, Leave(), BEN)
+    two.run(0.2)
+    assert two.now.state is State.MOVING
+
+
+@pytest.fixture
+def classroom() -> Rig:
+    """Anna operates, Ben watches, and there is a teacher's PIN."""
+    plain = make_rig()
+    plain.controller = Controller(
+        plain.robot, lambda _port: plain.driver, plain.clock, executor=plain.executor, pin="4711"
+    )
+    ask(plain, Arrive("Anna"), ANNA)
+    ask(plain, Arrive("Ben"), BEN)
+    return plain
+
+
+def test_the_teachers_pin_takes_control_and_locks_it(classroom: Rig) -> None:
+    ask(classroom, LockControl(True), ANNA)
+    fails(ask(classroom, TakeControl(), BEN).finished, "or give the teacher's PIN")
+    ask(classroom, TakeControl("4711"), BEN).result(0)
+    ask(classroom, LockControl(True, "4711"), BEN).result(0)
+    fails(ask(classroom, LockControl(False), BEN).finished, "only the teacher's PIN opens it")
+    fails(ask(classroom, TakeControl(), ANNA).finished, "the teacher has locked control")
+    ask(classroom, Leave(), BEN)
+    assert classroom.now.control.locked
+    fails(ask(classroom, SetSpeed(0.5), ANNA).finished, "the teacher has locked control")
+    ask(classroom, LockControl(False, "4711"), ANNA).result(0)
+    ask(classroom, SetSpeed(0.5), ANNA).result(0)
+    assert not any("4711" in text for text in classroom.texts)
+
+
+def test_a_wrong_pin_is_logged_and_the_next_has_to_wait(classroom: Rig) -> None:
+    fails(ask(classroom, TakeControl("1"), BEN).finished, "that is not the teacher's PIN")
+    fails(ask(classroom, TakeControl("4711"), BEN).finished, "wait a moment")
+    assert "a wrong PIN was given" in classroom.texts
+    classroom.run(2.5)
+    ask(classroom, TakeControl("4711"), BEN).result(0)
+
+
+def test_a_name_is_kept_short_and_may_change(two: Rig) -> None:
+    ask(two, Arrive("  Ann \n " + "a" * 100), ANNA)
+    name = operator(two)
+    assert name is not None and len(name) == 60 and "\n" not in name
+    with pytest.raises(StateError, match="has not said that it is there"):
+        ask(two, TakeControl(), Origin("page 9")).result(0)
