@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
@@ -37,6 +37,7 @@ class Peaks:
     """largest joint accelerations, without sign [rad/s²]"""
 
 
+@runtime_checkable
 class Trajectory(Protocol):
     """A motion of all joints over ``0 ... duration`` seconds. Immutable.
 

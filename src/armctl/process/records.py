@@ -19,7 +19,7 @@ from armctl.motion.timing import PathTrajectory
 from armctl.motion.trajectory import JoinedTrajectory, SlowedTrajectory
 from armctl.program import Program
 from armctl.program.program import MOST_STEPS
-from armctl.runtime import Command, Event, ProgramProgress, Snapshot
+from armctl.runtime import Command, Event, Follow, ProgramProgress, Snapshot
 
 MOST_BYTES = 8 * 1024 * 1024
 """of one record: a program of the largest allowed number of steps is a quarter of it"""
@@ -244,7 +244,7 @@ def built(motion: Motion) -> Trajectory:
 
 
 def _plain(value: object) -> object:
-    """Arrays as lists, a number that is not known as null; trajectories as curves."""
+    """Arrays as lists, a number that is not known as null."""
     if isinstance(value, np.ndarray):
         return (
             [None if math.isnan(one) else one for one in value.tolist()]
@@ -253,8 +253,6 @@ def _plain(value: object) -> object:
         )
     if isinstance(value, np.generic):
         return cast("object", value.item())
-    if hasattr(value, "sample") and hasattr(value, "duration"):
-        return carried(value)  # pyright: ignore[reportArgumentType]
     raise NotImplementedError(f"a {type(value).__name__} does not travel")
 
 
@@ -297,6 +295,10 @@ class Codec:
 
     def encode(self, record: Record) -> bytes:
         """A record as bytes."""
+        if isinstance(record, Ask) and isinstance(record.command, Follow):
+            motion: Any = carried(record.command.trajectory)
+            command = msgspec.structs.replace(record.command, trajectory=motion)
+            record = msgspec.structs.replace(record, command=command)
         return self._encode(record)
 
     def from_client(self, data: bytes | str) -> FromClient:

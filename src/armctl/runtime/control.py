@@ -64,7 +64,8 @@ class ControlDesk:
         before = control.operator
         if before is party:
             return
-        if control.locked and not self._is_pin(pin, now):
+        teacher = self._is_pin(pin, now)
+        if control.locked and not teacher:
             whom = "the teacher has" if control.by_teacher or before is None else f"{before.name} has"
             pin_too = ", or give the teacher's PIN" if control.pin else ""
             raise StateError(f"{whom} locked control; ask for it to be unlocked{pin_too}")
