@@ -21,7 +21,8 @@ def serving(folder: Path, *words: str) -> Iterator[str]:
             stdout=subprocess.PIPE,
             stderr=errors,
             text=True,
-            env=os.environ | {"PYTHONUNBUFFERED": "1", "XDG_DATA_HOME": str(folder)},
+            env=os.environ
+            | {"PYTHONUNBUFFERED": "1", "XDG_DATA_HOME": str(folder), "XDG_STATE_HOME": str(folder)},
         )
     assert process.stdout is not None
     try:

@@ -9,11 +9,19 @@ from urllib.parse import urlsplit
 import pytest
 from tests.browser.serving import serving
 
+from armctl.cli.main import REFUSED, run
+
 
 @pytest.mark.parametrize(
     ("words", "warnings"), [((), 0), (("--host", "0.0.0.0", "--allow-host", "arm.lab"), 1)]
 )
-def test_the_printed_link_lets_in(tmp_path: Path, words: tuple[str, ...], warnings: int) -> None:
+def test_the_printed_link_lets_in_and_is_shown_again(
+    tmp_path: Path,
+    words: tuple[str, ...],
+    warnings: int,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     with serving(tmp_path, *words) as link:
         address = urlsplit(link)
         assert address.port is not None
@@ -25,4 +33,12 @@ def test_the_printed_link_lets_in(tmp_path: Path, words: tuple[str, ...], warnin
             connection.close()
         assert statuses == [401, 302]
         assert ("arm.lab" in link) is ("arm.lab" in words)
+        if not words:  # started once more: the link is shown again, to this user alone
+            monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
+            (file,) = (tmp_path / "armctl").glob("link-*")
+            assert file.stat().st_mode & 0o777 == 0o600
+            assert run(("serve", "--no-browser", "--http-port", str(address.port))) == REFUSED
+            assert "is in use by another program (another armctl?)" in (err := capsys.readouterr().err)
+            assert err.endswith(f"The armctl that runs there is at {link}\n")
+    assert list((tmp_path / "armctl").glob("link-*")) == []
     assert (tmp_path / "stderr").read_text().count("the line is not encrypted") == warnings

@@ -53,7 +53,7 @@ def network(monkeypatch: pytest.MonkeyPatch) -> None:
         ("127.0.0.1", (), ["localhost"], False),
         ("127.0.0.2", (), ["127.0.0.2"], False),
         ("::1", (), ["localhost"], False),
-        ("127.0.0.1", ("arm.lab",), ["arm.lab", "127.0.0.1"], False),
+        ("127.0.0.1", ("arm.lab",), ["localhost", "arm.lab"], False),
         ("0.0.0.0", (), ["192.0.2.5", "10.0.0.3", "localhost"], True),
         ("0.0.0.0", ("pi.local", "pi"), ["pi.local", "pi", "192.0.2.5", "10.0.0.3", "localhost"], True),
         ("::", (), ["192.0.2.5", "10.0.0.3", "[2001:db8::5]", "localhost"], True),

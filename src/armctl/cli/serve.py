@@ -2,21 +2,24 @@
 
 from __future__ import annotations
 
+import errno
 import logging
 import os
 import secrets
 import sys
 import webbrowser
+from collections.abc import Generator
+from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 
 import click
-from platformdirs import user_data_path
+from platformdirs import user_data_path, user_state_path
 
 from armctl.boards import AUTOMATIC, NO_BOARD, SIMULATED
 from armctl.cli.ending import end_event
 from armctl.cli.options import port_option
-from armctl.errors import ArmctlError, RobotFileError
+from armctl.errors import ArmctlError, RobotFileError, ServerError
 from armctl.hardware.boards import board_type
 from armctl.hardware.ports import list_ports
 from armctl.process import start_arm
@@ -24,6 +27,8 @@ from armctl.robot import Robot, load_robot, shipped_robots
 from armctl.runtime import Connect, Origin
 from armctl.ui import App, CalibrationInForce, Console, PortChoice, RobotChoice, RobotSwitch
 from armctl.ui.guard import GuardedServer, encryption, guarded_server
+
+LOG = logging.getLogger("armctl.cli.serve")
 
 
 @click.command()
@@ -68,7 +73,10 @@ def serve(
     present = RobotChoice(robot, console.robot.title)
     robots = RobotSwitch(console, present, _robot_choices(present), open_console)
     try:
-        server = guarded_server(host, http_port, extra_hosts=names, token=token, tls=tls, label="armctl")
+        try:
+            server = guarded_server(host, http_port, extra_hosts=names, token=token, tls=tls, label="armctl")
+        except ServerError as refusal:
+            raise ServerError(f"{refusal}{_link_of_another(refusal, http_port)}") from refusal
         app = App(robots, server)
         try:
             ended = end_event()  # before anything moves
@@ -79,7 +87,8 @@ def serve(
             _say_more(server)
             if not no_browser and _has_display():
                 webbrowser.open(server.link_for_one_browser())
-            ended.wait()
+            with _kept_link(server):
+                ended.wait()
         finally:
             app.close()
     finally:
@@ -90,12 +99,50 @@ def _say_more(server: GuardedServer) -> None:
     """The other addresses of the page, and what the user should know of the line to it."""
     for link in server.links[1:]:
         click.echo(f"armctl: also at {link}")
+    if not server.beyond_loopback and len(server.links) > 1:
+        click.echo(
+            "armctl: only this computer can open these links; --host 0.0.0.0 lets others open them", err=True
+        )
     if server.beyond_loopback and not server.encrypted:
         click.echo(
             "armctl: the line is not encrypted: who can listen in this network can read the token and drive "
             "the arm. Use it in a network that you trust, or give --tls-cert and --tls-key.",
             err=True,
         )
+
+
+def _link_file(port: int) -> Path:
+    return user_state_path("armctl") / f"link-{port}"
+
+
+@contextmanager
+def _kept_link(server: GuardedServer) -> Generator[None]:
+    """While it runs, a server's link stands in a file that only this user can read."""
+    path, kept = _link_file(server.get_port()), False
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.unlink(missing_ok=True)
+        with open(path, "x", opener=lambda name, flags: os.open(name, flags, 0o600)) as file:
+            file.write(server.links[0])
+        kept = True
+    except OSError as cause:
+        LOG.warning("the link is not kept for a second start to show it: %s: %s", path, cause.strerror)
+    try:
+        yield
+    finally:
+        if kept:
+            path.unlink(missing_ok=True)
+
+
+def _link_of_another(refusal: ServerError, port: int) -> str:
+    """For a port that is busy, perhaps by an armctl of this user: the link that leads to it."""
+    path = _link_file(port)
+    is_busy = isinstance(refusal.__cause__, OSError) and refusal.__cause__.errno == errno.EADDRINUSE
+    return (
+        f". The armctl that runs there is at {path.read_text()}"
+        if is_busy and os.access(path, os.R_OK)
+        else ""
+    )
 
 
 def _open_console(name: str, port: str, asked: str) -> Console:

@@ -85,8 +85,8 @@ def names_of(listener: socket.socket, host: str, extra_hosts: Sequence[str]) -> 
     ``host`` is what the user asked to listen on: an address, or a name, which is one of ``extra_hosts`` then.
     """
     ip = ipaddress.ip_address(listener.getsockname()[0])
-    if ip.is_loopback and not extra_hosts:
-        return ["localhost" if host in ("127.0.0.1", "::1", "localhost") else url_host(ip)]
+    if ip.is_loopback and not is_name(host):
+        return ["localhost" if host in ("127.0.0.1", "::1", "localhost") else url_host(ip), *extra_hosts]
     if not ip.is_unspecified:
         return [*extra_hosts, url_host(ip)]
     found = [
