@@ -35,6 +35,10 @@ class Activity(Protocol):
         """What it holds back, and why."""
 
     @property
+    def progress(self) -> float | None:
+        """Share of its time at full speed that is over, 0 ... 1; None: not known."""
+
+    @property
     def program(self) -> ProgramProgress | None:
         """Where the program is that it runs, if it is one."""
 

@@ -29,8 +29,11 @@ class Command(msgspec.Struct, frozen=True, tag_field="command", tag=_kebab):
     """What the controller may be asked for; ``command`` names its kind, e.g. ``move-joints``."""
 
 
-class MovingCommand(Command, frozen=True):
+class MovingCommand(Command, frozen=True, kw_only=True):
     """A STOP drops it when it was given before."""
+
+    motion: str = ""
+    """a name that no other motion has, for ``Cancel``; empty: it can only be stopped"""
 
 
 class HeldCommand(MovingCommand, frozen=True):
@@ -128,6 +131,13 @@ class Follow(MovingCommand, frozen=True):
     trajectory: Trajectory
 
 
+class Cancel(Command, frozen=True):
+    """STOP for one motion and nothing else: it slows down on its path. Finished once the arm stands."""
+
+    motion: str
+    """its name; one that is over already, or is not known, changes nothing"""
+
+
 class Jog(HeldCommand, frozen=True):
     """Turn joints at ``rate`` (n,), -1 ... 1 of their speed limits; expires after 100 ms, then slows down."""
 
@@ -156,6 +166,17 @@ class FollowTarget(HeldCommand, frozen=True):
     """Follow the newest target (None: slow down now); expires after 500 ms, then slows down."""
 
     target: Target | None
+
+
+class StreamJoints(HeldCommand, frozen=True):
+    """Go toward ``q`` (n,) [rad], inside every limit, until the next one; expires after 150 ms: slows down.
+
+    A stream has a name (``motion``): after a STOP it goes on only under another one.
+    """
+
+    q: FloatArray
+    last: bool = False
+    """does not expire: the arm goes on to ``q``, and the stream is finished there"""
 
 
 class MoveGripper(MovingCommand, frozen=True):
@@ -263,6 +284,11 @@ class Order:
     """controller clock [s]"""
     number: int
     """in the order in which they were given, stops included"""
+
+    @property
+    def motion(self) -> str:
+        """The name of the motion that it asks for; empty where it has none."""
+        return self.command.motion if isinstance(self.command, MovingCommand) else ""
 
 
 class ArmLink(Protocol):

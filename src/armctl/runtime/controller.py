@@ -222,6 +222,7 @@ class Controller:
             gripper=core.gate.opening,
             speed=core.speed,
             program=None if core.activity is None else core.activity.program,
+            progress=None if core.activity is None else core.activity.progress,
             board=None if board is None else board.identity,
             homing=homing,
             warnings=core.notices.current(now),

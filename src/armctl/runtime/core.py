@@ -62,6 +62,8 @@ class Core:
         self.activity: Activity | None = None
         self.stopped_by = ""
         """who stopped the activity that comes to rest now"""
+        self.motion = self.stopped_motion = ""
+        """name of the motion that began last, and of the one that may not go on"""
         self.leaving: Ticket | None = None
         """of a disconnect that waits for the arm to stand"""
         self.speed = 1.0
@@ -151,9 +153,11 @@ class Core:
 
     # Motions.
 
-    def begin(self, activity: Activity, who: str, now: float, ticket: Ticket | None = None) -> None:
-        """Begin a motion from standstill."""
-        self.activity, self._ticket = activity, ticket
+    def begin(
+        self, activity: Activity, who: str, now: float, ticket: Ticket | None = None, motion: str = ""
+    ) -> None:
+        """Begin a motion from standstill; ``motion`` is its name."""
+        self.activity, self._ticket, self.motion = activity, ticket, motion
         self._pausing = False
         self._ticks.restart(now)
         self._enter(State.MOVING, f"{activity.label} ({who})")
@@ -197,7 +201,7 @@ class Core:
                     activity: Activity = PathMover(self.robot, plan, self.speed, motion.label)
                 else:
                     activity = motion.take(plan)
-                self.begin(activity, motion.order.origin.who, now, ticket)
+                self.begin(activity, motion.order.origin.who, now, ticket, motion.order.motion)
             except ArmctlError as error:
                 self._ticket = None
                 self.refuse(motion.order, motion.label, error)
@@ -269,7 +273,7 @@ class Core:
             self.log.warn(f"STOP ({origin})")
         else:
             self.log.add(f"{origin}; nothing moved, {self.state.value} as before")
-        self._held_locked = True
+        self._held_locked, self.stopped_motion = True, self.motion
         self.drop_motion(StateError(f"stopped by {origin}"))
         self.gripper.stop(StateError(f"stopped by {origin}"))
         try:
@@ -285,6 +289,28 @@ class Core:
             return
         self._stopping.remove(ticket)  # nothing moves; what is asked for next is not waited for
         ticket.end()
+
+    def cancel(self, motion: str, origin: Origin, ticket: Ticket) -> None:
+        """STOP for the motion of that name; one that is over changes nothing."""
+        if not motion:
+            raise InputError("which motion is to be cancelled? STOP stops them all")
+        error = StateError(f"cancelled by {origin}")
+        if self._motion is not None and self._motion.order.motion == motion:
+            self.drop_motion(error)
+        if self.gripper.motion == motion:
+            self.gripper.stop(error)
+        if self.activity is None or self.motion != motion:
+            ticket.end()
+            return
+        self._stopping.append(ticket)
+        if not self.stopped_by:
+            self.log.add(f"{self.activity.label} cancelled ({origin})")
+            self.stopped_motion, self.stopped_by, self._pausing = motion, str(origin), False
+            self.activity.stop()
+
+    def await_last(self, ticket: Ticket) -> None:
+        """Answer ``ticket`` when what runs has ended."""
+        self._ticket = ticket
 
     def drop_motion(self, error: ArmctlError) -> None:
         """Refuse the motion that is being planned."""
@@ -417,6 +443,7 @@ class Core:
 
     def _drop_all(self, error: ArmctlError) -> ArmctlError | None:
         """Drop all that runs or waits; why a board that moves by itself may go on, None: it does not."""
+        self.stopped_motion = self.motion
         self.drop_motion(error)
         if self._edit is not None:
             self._edit.order.ticket.end(error)

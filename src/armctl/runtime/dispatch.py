@@ -20,7 +20,7 @@ from armctl.program import Program
 from armctl.program.feed import require_runnable
 from armctl.runtime.core import POWERED, Core
 from armctl.runtime.jog import JOG_EXPIRY_S, Jogger, tool_turns
-from armctl.runtime.live_target import FOLLOW_EXPIRY_S, Follower
+from armctl.runtime.live_target import FOLLOW_EXPIRY_S, STREAM_EXPIRY_S, Follower, Streamer
 from armctl.runtime.planner import checked_trajectory
 from armctl.runtime.power import enable, hint, home, release
 from armctl.runtime.program_runner import ProgramRunner, begun_program
@@ -73,7 +73,13 @@ def _carry_out(core: Core, order: c.Order, now: float) -> bool:
             _move_gripper(core, opening, order)
             return False
         case c.HomeAxes():
-            home(core, order.ticket, who, now)
+            home(core, order, now)
+            return False
+        case c.StreamJoints(q, last):
+            _stream(core, core.robot.check_limits(q), last, order, now)
+            return not last
+        case c.Cancel(motion):
+            core.cancel(motion, order.origin, order.ticket)
             return False
         case c.Disconnect():
             return core.leave(order.ticket, who)
@@ -154,6 +160,25 @@ def _follow_target(core: Core, target: Target | None, order: c.Order, now: float
     activity.aim(target, order.given_at + FOLLOW_EXPIRY_S)
 
 
+def _stream(core: Core, q: FloatArray, last: bool, order: c.Order, now: float) -> None:
+    motion = order.motion
+    if not motion:
+        raise InputError("a stream needs a name of its own (motion), so that a STOP ends it")
+    if motion == core.stopped_motion:
+        raise StateError(f"the setpoint stream is over ({core.cause}); begin another one")
+    activity = core.activity
+    if not isinstance(activity, Streamer):
+        activity = Streamer(core.robot, core.clear, _held_at(core, "a setpoint stream"), core.speed)
+        core.begin(activity, order.origin.who, now, motion=motion)
+    elif motion != core.motion:
+        raise StateError("another setpoint stream runs; stop it first")
+    elif core.stopped_by:
+        raise StateError("the arm is stopping; begin another stream once it stands")
+    activity.aim(q, order.given_at + STREAM_EXPIRY_S, last=last)
+    if last:
+        core.await_last(order.ticket)
+
+
 def _checked_rate(core: Core, rate: FloatArray) -> FloatArray:
     """A copy of ``rate`` (n,) that may be jogged with: its sender may go on writing to it."""
     rate = as_numbers(rate, "the rates of a jog")
@@ -203,7 +228,7 @@ def _move_gripper(core: Core, opening: float, order: c.Order) -> None:
         raise StateError(f"the gripper needs the arm enabled, it is {core.state.value}{hint(core)}")
     if isinstance(core.activity, ProgramRunner) and core.activity.gripping:
         raise StateError("the program moves the gripper now; stop or wait")
-    core.gripper.move_to(opening, order.ticket)
+    core.gripper.move_to(opening, order.ticket, order.motion)
     order.ticket.accept()
 
 

@@ -181,6 +181,7 @@ class Led(ABC):
     pausable = False  # letting go ends it
     error: ArmctlError | None = None  # what cannot be done is no error: the notice says why
     program = None
+    progress: float | None = None  # nobody knows how long it is led
 
     def __init__(self, robot: Robot, clear: KeepClear, q: FloatArray, speed: float) -> None:
         """Stand at ``q`` (n,) [rad]; ``speed`` is the override."""

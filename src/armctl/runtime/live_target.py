@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+import math
 from concurrent.futures import Future
 from dataclasses import dataclass
 
 import numpy as np
 
 from armctl.arrays import FloatArray
-from armctl.errors import ArmctlError
+from armctl.errors import ArmctlError, MotionRefusedError
 from armctl.kinematics import Solutions, Target
 from armctl.robot import Robot
+from armctl.runtime.activity import Setpoint
 from armctl.runtime.joint_servo import KeepClear, Led, Step
 from armctl.runtime.planner import Submit, result_of
 
+STREAM_EXPIRY_S = 0.15
+"""How long one setpoint of a stream counts."""
 FOLLOW_EXPIRY_S = 0.5
 """How long one target counts. A page that follows repeats it five times as often."""
 _STEP = float(np.radians(0.05))
@@ -104,6 +108,43 @@ class Follower(Led):
         self._note = found.note
         if found.q is not None:
             self._goal = found.q
+
+
+class Streamer(Led):
+    """Joints that move toward the newest setpoint of a stream, behind it by their braking way."""
+
+    label = "setpoint stream"
+
+    def __init__(self, robot: Robot, clear: KeepClear, q: FloatArray, speed: float) -> None:
+        """Stand at ``q`` (n,) [rad]; ``speed`` is the override."""
+        super().__init__(robot, clear, q, speed)
+        self.error: ArmctlError | None = None
+        """what is in the way of the last setpoint"""
+        self._goal = q
+        self._last = False
+
+    def aim(self, q: FloatArray, expires: float, *, last: bool) -> None:
+        """Go toward ``q`` (n,) [rad] until ``expires`` [s]; ``last``: all the way, then be done."""
+        self._goal, self._last = q, last
+        self._lead_on(math.inf if last else expires)
+
+    def stop(self) -> None:
+        """Slow down as hard as the limits allow."""
+        self._last = False
+        super().stop()
+
+    def advance(self, now: float, dt: float) -> Setpoint | None:
+        """Go on; the last setpoint is reached, or what is in the way of it ends the stream."""
+        setpoint = super().advance(now, dt)
+        if self._last and setpoint is None:
+            self.done = True
+            if not np.array_equal(self._servo.q, self._goal):
+                self.error = MotionRefusedError(self.notice or f"{self.label}: the arm cannot go on")
+        return setpoint
+
+    def _step(self, expired: bool, dt: float) -> tuple[Step | None, str | None]:
+        """Toward the setpoint."""
+        return (None if expired else self._servo.toward(self._goal, self._speed, dt)), None
 
 
 def _same(one: Target, other: Target) -> bool:

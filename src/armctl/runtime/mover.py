@@ -107,6 +107,13 @@ class PathMover:
         return max(self._end - self._time, 0.0)
 
     @property
+    def progress(self) -> float:
+        """Share of the time of the trajectory that runs that is over, 0 ... 1."""
+        runs = self._stretches[0]
+        lasts = runs.ends - runs.begins
+        return 1.0 if lasts == 0.0 else min((self._time - runs.begins) / lasts, 1.0)
+
+    @property
     def standing(self) -> bool:
         """The joints are at rest: at the end, or with the rate at 0."""
         return self._rate == 0.0 or self._time >= self._end
@@ -212,14 +219,16 @@ class GripperMover:
     def __init__(self, gripper: Gripper | None) -> None:
         self.goal: float | None = None
         """opening 0..1 that it moves to; None: it stands"""
+        self.motion = ""
+        """name of the command that moves it"""
         self._gripper = gripper
         self._ticket: Ticket | None = None
         self._held = False
 
-    def move_to(self, goal: float, ticket: Ticket | None = None) -> None:
+    def move_to(self, goal: float, ticket: Ticket | None = None, motion: str = "") -> None:
         """Go to ``goal`` 0..1 instead of wherever it was going; ``ticket`` is answered at the end."""
         self._answer(StateError("a newer gripper command took its place"))
-        self.goal, self._ticket = goal, ticket
+        self.goal, self._ticket, self.motion = goal, ticket, motion
 
     def hold(self, held: bool) -> None:
         """Stand still for as long as it is held (pause)."""

@@ -11,7 +11,7 @@ from armctl.hardware import Source
 from armctl.motion import FLOOR_TOLERANCE_M, Floor
 from armctl.runtime.activity import Setpoint
 from armctl.runtime.board import Board, Reading
-from armctl.runtime.commands import Ticket
+from armctl.runtime.commands import Order
 from armctl.runtime.core import POWERED, Core
 from armctl.runtime.snapshot import State
 
@@ -53,7 +53,7 @@ def enable(core: Core, wanted: FloatArray | None, who: str, now: float) -> None:
         core.log.warn("enabled where the arm stands, not in the pose asked for: move there now")
 
 
-def home(core: Core, ticket: Ticket, who: str, now: float) -> None:
+def home(core: Core, order: Order, now: float) -> None:
     """Have the board look for the zero of every axis: the arm moves. It holds where that ends."""
     if core.board is None or core.state not in (State.OFF, State.HOLDING):
         raise StateError(
@@ -61,6 +61,7 @@ def home(core: Core, ticket: Ticket, who: str, now: float) -> None:
         )
     if core.monitor.reading.homing is None:
         raise StateError("the servos of this arm know their angles: there is nothing to home")
+    who = order.origin.who
     instead = StateError(f"the arm is being homed ({who})")
     core.drop_motion(instead)
     core.gripper.stop(instead)
@@ -68,7 +69,7 @@ def home(core: Core, ticket: Ticket, who: str, now: float) -> None:
     homing = Homing(core, core.board, now)
     core.gate.forget()
     core.monitor.enabled()
-    core.begin(homing, who, now, ticket)
+    core.begin(homing, who, now, order.ticket, order.motion)
 
 
 def release(core: Core, who: str) -> None:
@@ -119,6 +120,12 @@ class Homing:
     def standing(self) -> bool:
         """The joints are at rest: it is over."""
         return self.done
+
+    @property
+    def progress(self) -> float | None:
+        """Share of the axes that know where they are."""
+        homing = self._core.monitor.reading.homing
+        return None if homing is None else sum(homing.homed.values()) / len(homing.homed)
 
     @property
     def notice(self) -> str | None:

@@ -85,6 +85,15 @@ class ProgramRunner:
         """That what comes next was not planned in time."""
         return None if self._mover is None else self._mover.notice
 
+    @property
+    def progress(self) -> float | None:
+        """Share of the steps of all passes that are over; None where it runs for ever."""
+        at = self.program
+        if at.loops is None or not at.steps:
+            return None
+        of_step = 0.0 if self._mover is None else self._mover.progress
+        return min((at.loop + (at.step + of_step) / at.steps) / at.loops, 1.0)
+
     def update(self, program: Program) -> None:
         """Go on with another version of the program, which was checked, at the next pass."""
         self._program = program

@@ -146,6 +146,8 @@ class Snapshot:
     """the newest lines of the log, oldest first (bounded)"""
     control: Control = Control()
     """who is there, and who operates"""
+    progress: float | None = None
+    """share of the motion or program that runs that is over, 0 ... 1; None: none runs, or not known"""
     measured: Mapping[str, str] = field(default_factory=dict[str, str])
     """by joint: the load, temperature and voltage that the board measures, if it does"""
 
