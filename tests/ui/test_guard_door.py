@@ -207,7 +207,10 @@ def test_a_foreign_name_is_answered_with_how_to_allow_it(server: GuardedServer, 
     assert says in text and "<b>" not in text
 
 
-def test_a_browser_that_armctl_opens_gets_a_link_for_one_use(locked: GuardedServer) -> None:
+def test_a_browser_that_armctl_opens_gets_a_link_for_one_use(
+    locked: GuardedServer, server: GuardedServer
+) -> None:
+    assert server.link_for_one_browser() == server.links[0]
     link = locked.link_for_one_browser()
     assert TOKEN not in link and link != locked.link_for_one_browser()
     path = link[link.index("/?") :]

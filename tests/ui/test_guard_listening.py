@@ -127,7 +127,7 @@ def files(tmp_path: Path) -> Path:
         ("broken", "key", "broken and .*key cannot be used for encryption: "),
         ("text", "key", "text: holds no certificate"),
         ("nothing", "key", "nothing: cannot be read: No such file"),
-        ("cert", ".", "cannot be read: Is a directory"),
+        ("cert", ".", ": cannot be read: "),
         ("large", "key", "large: is larger than 256 KiB"),
     ],
 )
