@@ -70,7 +70,7 @@ class AvrBoard:
             raise BoardError(str(self.crash)) from self.crash
 
 
-class _OwnTime(AvrBoard):
+class OwnTime(AvrBoard):
     """The same board where the CPU itself is the clock: time goes on only while a read waits."""
 
     def advance(self, now: float) -> bytes:
@@ -83,7 +83,7 @@ def stepped_line(avr: Avr) -> Callable[[], LoopTransport]:
     Everything is then in simulated time, and the same every time: a read that waits lets the CPU run.
     Its serial line has the firmware's baud rate. A crash raises ``AvrError``.
     """
-    return lambda: LoopTransport(_OwnTime(avr), lambda: avr.now, avr.run_for, name=avr.image.name)
+    return lambda: LoopTransport(OwnTime(avr), lambda: avr.now, avr.run_for, name=avr.image.name)
 
 
 _TICK_S = 0.002

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from bisect import bisect_right
 from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
@@ -12,10 +13,12 @@ import pytest
 from tests.avr.avr import Avr, AvrError
 from tests.avr.conftest import MakeAvr
 from tests.avr.mega import PINS, Pulse, PulseMeter
-from tests.avr.serve import stepped_line
+from tests.avr.serve import OwnTime, stepped_line
+from tests.hardware.lines import LoopTransport
 
 from armctl.errors import BoardError, BoardTimeoutError
 from armctl.hardware.driver import ChannelSettings, Source
+from armctl.hardware.faults import FaultyModel, trouble
 from armctl.hardware.firmata.driver import FirmataDriver
 from armctl.hardware.transport import Connection
 
@@ -267,6 +270,56 @@ def test_a_stop_and_a_closed_line_leave_the_pulses_as_they_are(make_rig: MakeRig
     assert rig.settled_us() == pytest.approx({2: 700, 44: 2300}, abs=TOLERANCE_US)
     rig.driver.close()
     assert rig.settled_us() == pytest.approx({2: 700, 44: 2300}, abs=TOLERANCE_US)
+
+
+# A line on which every burst comes up to 60 ms late, and then often several together.
+
+STEP_S = 0.001
+ON_WITHIN_S = 3.0
+ENABLES = int(os.environ.get("ARMCTL_ENABLES", "8"))  # a long run: 200
+
+
+def on_a_late_line(avr: Avr, seed: int) -> tuple[FirmataDriver, Callable[[float], None]]:
+    """A driver that was opened and configured, and what lets time pass on its line."""
+    late = FaultyModel(OwnTime(avr), seed, [trouble("delay=0.06:1")])
+    line = LoopTransport(late, lambda: avr.now, avr.run_for)
+
+    def run_for(seconds: float) -> None:
+        ends = avr.now + seconds
+        while avr.now < ends:
+            avr.run_for(STEP_S)
+            line.read(0, 0.0)  # late bytes go on their way, and what has come waits to be read
+
+    driver = FirmataDriver(Connection(lambda: line, lambda: avr.now))
+    driver.open()
+    driver.configure([ChannelSettings(pin, LOWEST_US, HIGHEST_US) for pin in ONE_TIMER])
+    return driver, run_for
+
+
+def test_no_enable_fails_on_a_line_that_is_late(make_avr: MakeAvr) -> None:
+    random = Random(5)
+    avr = make_avr("firmata")
+    avr.run_for(2.0)
+    avr.read()
+    driver, run_for = on_a_late_line(avr, seed=5)
+    meter = PulseMeter(avr, ONE_TIMER)
+    for _ in range(ENABLES):
+        wanted = {pin: random.randint(LOWEST_US, HIGHEST_US) for pin in ONE_TIMER}
+        ends = avr.now + ON_WITHIN_S
+        seen: dict[int, float] = {}
+        while seen.keys() != wanted.keys() and avr.now < ends:
+            driver.write(wanted)
+            assert driver.read().errors == ()
+            run_for(FRAME_S)
+            seen |= {pulse.pin: pulse.width_us for pulse in meter.take()}
+        run_for(0.2)
+        meter.take()
+        run_for(2 * FRAME_S)
+        seen = {pulse.pin: pulse.width_us for pulse in meter.take()}
+        assert seen == pytest.approx(wanted, abs=BUSY_US)
+        driver.release()
+        run_for(random.uniform(0.0, 2 * FRAME_S))
+        meter.take()
 
 
 # Two minutes of setpoints, every pulse checked.

