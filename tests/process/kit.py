@@ -10,8 +10,8 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from armctl.boards import ANY_BOARD
-from armctl.process.host import serve_arm
-from armctl.process.link import Link
+from armctl.process.link import Link, LocalLine
+from armctl.process.server import serve_arm
 from armctl.robot import Robot, load_robot
 
 ROBOT = load_robot("uzuner")
@@ -30,11 +30,11 @@ def served(folder: Path | None, robot: Robot = ROBOT) -> Iterator[Path | tuple[s
     thread = threading.Thread(target=run)
     thread.start()
     said = address.result(20)
-    keeper = Link(robot, _address(said, folder), SECRET, "keeper")
+    keeper = Link(LocalLine(_address(said, folder), SECRET), "keeper", robot)
     try:
         yield _address(said, folder)
     finally:
-        keeper.close()
+        keeper.close()  # the last one that owns it
         thread.join()
 
 

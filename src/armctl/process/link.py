@@ -8,10 +8,15 @@ import subprocess
 import threading
 from collections import deque
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
+from typing import Protocol
+from urllib.parse import parse_qs, urlsplit
 
 import numpy as np
+from websockets.exceptions import InvalidStatus, WebSocketException
+from websockets.sync.client import connect
 
 from armctl.errors import ArmctlError, BoardError, InputError, StateError
 from armctl.hardware.boards import board_type
@@ -31,8 +36,10 @@ from armctl.process.records import (
     Running,
     Seen,
     Stop,
+    Trust,
     Welcome,
     error_of,
+    robot_of,
     whole,
 )
 from armctl.robot import Robot
@@ -46,28 +53,125 @@ _CLOSE_S = 15.0
 """how long an arm process may take to bring the arm to rest and end"""
 
 
+class Line(Protocol):
+    """Carries records to an arm process and back. One thread sends, another receives.
+
+    ``OSError``: it is broken; after ``close``, also for a thread that waits in ``receive``.
+    """
+
+    def send(self, data: bytes) -> None:
+        """Send a record."""
+        ...
+
+    def receive(self) -> bytes:
+        """The next record."""
+        ...
+
+    def close(self) -> None:
+        """End it, from any thread. May be called more than once."""
+        ...
+
+
+class LocalLine:
+    """The local socket of an arm process; each record has its length in front."""
+
+    def __init__(self, address: Path | tuple[str, int], secret: str) -> None:
+        """Connect. ``BoardError``: nobody answers there."""
+        self.address, self.secret = address, secret
+        self._socket = _connected(address)
+        self.send(Codec().encode(Trust(secret)))
+
+    def send(self, data: bytes) -> None:
+        """Send a record."""
+        self._socket.sendall(len(data).to_bytes(4) + data)
+
+    def receive(self) -> bytes:
+        """The next record."""
+        size = int.from_bytes(self._exactly(4))
+        if size > MOST_BYTES:
+            raise ConnectionError(f"a record of {size} bytes")
+        return self._exactly(size)
+
+    def close(self) -> None:
+        """End it."""
+        with suppress(OSError):
+            self._socket.shutdown(socket.SHUT_RDWR)  # wakes who waits in receive
+        self._socket.close()
+
+    def _exactly(self, count: int) -> bytes:
+        data = bytearray()
+        while len(data) < count:
+            part = self._socket.recv(count - len(data))
+            if not part:
+                raise ConnectionError("the connection was closed")
+            data += part
+        return bytes(data)
+
+
+class RemoteLine:
+    """The WebSocket of a console, ``http://host:8080`` or ``https://…``."""
+
+    def __init__(self, url: str, token: str | None) -> None:
+        """Connect. ``BoardError``: nobody answers, or the token is not the one that it wants."""
+        parts = urlsplit(url)
+        if parts.scheme not in ("http", "https") or not parts.hostname:
+            raise InputError(f"{url!r} is no address of a console; it looks like http://192.168.1.20:8080")
+        given = parse_qs(parts.query).get("token", [""])[0]
+        headers = {"Authorization": f"Bearer {token or given}"} if token or given else {}
+        address = f"{'wss' if parts.scheme == 'https' else 'ws'}://{parts.netloc}/api"
+        try:
+            self._socket = connect(
+                address, additional_headers=headers, max_size=MOST_BYTES, compression=None,
+                open_timeout=_CONNECT_S, ping_interval=None, proxy=None,
+            )  # fmt: skip
+        except InvalidStatus as cause:
+            text = (cause.response.body or b"").decode(errors="replace").strip().splitlines()
+            why = text[0] if text else f"status {cause.response.status_code}"
+            raise BoardError(f"{parts.netloc}: {why}") from cause
+        except (OSError, WebSocketException) as cause:
+            raise BoardError(f"no console answers at {parts.netloc}: {cause}") from cause
+
+    def send(self, data: bytes) -> None:
+        """Send a record."""
+        try:
+            self._socket.send(data)
+        except WebSocketException as cause:
+            raise ConnectionError(str(cause)) from cause
+
+    def receive(self) -> bytes:
+        """The next record."""
+        try:
+            data = self._socket.recv()
+        except (EOFError, WebSocketException) as cause:
+            raise ConnectionError(str(cause)) from cause
+        return data if isinstance(data, bytes) else data.encode()
+
+    def close(self) -> None:
+        """End it."""
+        self._socket.close()
+
+
 class Link:
     """Drives an arm that another process runs. Any thread may use it."""
 
     def __init__(
         self,
-        robot: Robot,
-        address: Path | tuple[str, int],
-        secret: str,
+        line: Line,
         name: str = "library",
+        robot: Robot | None = None,
         process: subprocess.Popen[bytes] | None = None,
         *,
         beats: bool = True,
+        watch: bool = False,
     ) -> None:
-        """Connect. ``process`` is waited for on ``close``; without ``beats``, the caller calls ``beat``.
+        """Say hello on a line. ``robot``: the arm, where it is known.
 
-        ``BoardError``: the arm process does not answer, or refuses.
+        ``process`` was started for this link, and ends with it. Without ``beats``, the caller calls
+        ``beat``. ``watch``: not to operate the arm. ``BoardError``: it does not answer, or refuses.
         """
-        self.robot = robot
-        self._process = process
+        self._line, self._process, self._beats = line, process, beats
         self._codec = Codec()
         self._now = MonotonicClock.now
-        self._beats = beats
         self._lock = threading.Condition()
         self._out: deque[bytes] = deque()
         self._tickets: dict[int, tuple[Ticket, list[TicketAnswer]]] = {}
@@ -76,21 +180,24 @@ class Link:
         self._running: Running | None = None
         self._lost: str | None = None
         self._closing = False
-        self._socket = _connected(address)
         try:
-            self._send(Hello(secret, name))
-            welcome = self._receive()
+            line.send(self._codec.encode(Hello(name, watch, beats=True)))
+            welcome = self._codec.from_arm(line.receive())
             if not isinstance(welcome, Welcome):
                 raise BoardError(f"the arm process refused: {getattr(welcome, 'error', welcome)}")
+            self.id = welcome.you
+            self.robot = robot_of(welcome.robot) if robot is None else robot
             first: Snapshot | None = None
             while first is None:
-                first = self._take(self._receive())
+                first = self._take(self._codec.from_arm(line.receive()))
         except OSError as cause:
-            self._socket.close()
+            line.close()
             raise BoardError(f"the arm process does not answer: {cause}") from cause
+        except ArmctlError:
+            line.close()
+            raise
         self._snapshot = first
         self._heard_at = self._now()
-        self._socket.settimeout(None)
         threading.Thread(target=self._read, name="armctl-link", daemon=True).start()
         threading.Thread(target=self._write, name="armctl-link-out", daemon=True).start()
 
@@ -133,11 +240,12 @@ class Link:
                 self._put(Beat())
 
     def close(self) -> None:
-        """End the arm process: it brings the arm to rest first. May be called more than once."""
+        """Leave; an arm process that was started for this link brings the arm to rest and ends."""
         with self._lock:
             if not self._closing and self._lost is None:
                 self._closing = True
-                self._put(End())
+                if self._process is not None:
+                    self._put(End())
         if self._process is not None:
             try:
                 self._process.wait(_CLOSE_S)
@@ -166,32 +274,13 @@ class Link:
         data = self._codec.encode(record)
         if len(data) > MOST_BYTES:
             raise InputError(f"a command of {len(data)} bytes is too large; {MOST_BYTES} at most")
-        self._out.append(len(data).to_bytes(4) + data)
+        self._out.append(data)
         self._lock.notify()
-
-    def _send(self, record: Record) -> None:
-        data = self._codec.encode(record)
-        self._socket.sendall(len(data).to_bytes(4) + data)
-
-    def _receive(self) -> Record:
-        size = int.from_bytes(self._exactly(4))
-        if size > MOST_BYTES:
-            raise ConnectionError(f"a record of {size} bytes")
-        return self._codec.from_arm(self._exactly(size))
-
-    def _exactly(self, count: int) -> bytes:
-        data = bytearray()
-        while len(data) < count:
-            part = self._socket.recv(count - len(data))
-            if not part:
-                raise ConnectionError("the connection was closed")
-            data += part
-        return bytes(data)
 
     def _read(self) -> None:
         try:
             while True:
-                snapshot = self._take(self._receive())
+                snapshot = self._take(self._codec.from_arm(self._line.receive()))
                 if snapshot is not None:
                     self._snapshot = snapshot
                 self._heard_at = self._now()
@@ -208,7 +297,7 @@ class Link:
                         self._put(Beat())
                 data = self._out.popleft()
             try:
-                self._socket.sendall(data)
+                self._line.send(data)
             except OSError as cause:
                 self._end(self._epitaph(cause))
                 return
@@ -253,7 +342,7 @@ class Link:
             waiting, self._tickets = list(self._tickets.values()), {}
             self._out.clear()
             self._lock.notify_all()
-        self._socket.close()
+        self._line.close()
         for ticket, answers in waiting:
             ticket.end(StateError(why))
             give(answers)
@@ -282,7 +371,6 @@ def _connected(address: Path | tuple[str, int]) -> socket.socket:
         if isinstance(address, tuple):
             return socket.create_connection(address, _CONNECT_S)
         line = socket.socket(socket.AF_UNIX)
-        line.settimeout(_CONNECT_S)
         line.connect(str(address))
     except OSError as cause:
         raise BoardError(f"no arm process answers at {address}: {cause.strerror or cause}") from cause

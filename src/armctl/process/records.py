@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
-from typing import Any, cast, get_origin
+from collections.abc import Mapping
+from dataclasses import fields, replace
+from importlib.metadata import version
+from typing import Any, cast, get_args, get_origin, get_type_hints
 
 import msgspec
 import numpy as np
 
 from armctl import errors
 from armctl.errors import ArmctlError, InputError, ProgramError
-from armctl.kinematics import Target
+from armctl.kinematics import Chain, Target
+from armctl.kinematics.chain import DHRow, Place
 from armctl.motion import Trajectory
 from armctl.motion.polynomial import PiecewisePolynomial
 from armctl.motion.profiles import PointToPoint
@@ -19,6 +22,7 @@ from armctl.motion.timing import PathTrajectory
 from armctl.motion.trajectory import JoinedTrajectory, SlowedTrajectory
 from armctl.program import Program
 from armctl.program.program import MOST_STEPS
+from armctl.robot import Robot
 from armctl.runtime import Command, Event, Follow, ProgramProgress, Snapshot
 
 MOST_BYTES = 8 * 1024 * 1024
@@ -43,9 +47,20 @@ class Record(msgspec.Struct, frozen=True, tag_field="type", tag=str.lower):
 class Hello(Record, frozen=True):
     """The first record on a connection."""
 
-    secret: str = ""
-    name: str = "client"
-    """how the log calls it"""
+    name: str = "program"
+    """what people call it"""
+    watch: bool = False
+    """it does not want to operate the arm"""
+    beats: bool = False
+    """It gives ``Beat`` records itself; else that its line answers counts as a sign of life."""
+
+
+class Trust(Record, frozen=True):
+    """Ahead of ``Hello`` on the local socket: who knows the secret may speak for others, or end the arm."""
+
+    secret: str
+    relays: bool = False
+    """what comes behind it is somebody else's, with no more rights than over the network"""
 
 
 class Ask(Record, frozen=True):
@@ -55,7 +70,7 @@ class Ask(Record, frozen=True):
     command: Any
     """a ``Command``: decoded by its own tag"""
     who: str = ""
-    """for the log; empty: the client's name"""
+    """whom a trusted client speaks for; empty: itself"""
     note: str = ""
 
 
@@ -75,7 +90,7 @@ class End(Record, frozen=True):
     """Bring the arm to rest, close the line and end the arm process."""
 
 
-FromClient = Hello | Ask | Stop | Beat | End
+FromClient = Trust | Hello | Ask | Stop | Beat | End
 
 
 # From the arm process.
@@ -85,10 +100,12 @@ class Welcome(Record, frozen=True):
     """The answer to ``Hello``."""
 
     version: str
-    robot: str
-    joints: tuple[str, ...]
+    you: str
+    """the id that ``Snapshot.control`` knows this client by"""
+    robot: dict[str, Any]
+    """the arm as it is calibrated, see ``robot_of``"""
     silence_s: float = SILENCE_S
-    """give a ``Beat`` or anything else more often than this while the arm moves at your command"""
+    """a client that is silent for longer while the arm moves at its command is lost, and the arm stops"""
 
 
 class Seen(Record, frozen=True):
@@ -238,6 +255,48 @@ def built(motion: Motion) -> Trajectory:
             return SlowedTrajectory(built(inner), factor)
         case Joined(parts):
             return JoinedTrajectory([built(part) for part in parts])
+
+
+# The arm itself, as numbers and words.
+
+
+def robot_record(robot: Robot) -> dict[str, Any]:
+    """A robot as plain values, without what only its board reads."""
+
+    def plain(value: object) -> object:
+        match value:
+            case Chain():
+                names = ("segments", "tail", "places", "rows", "convention")
+                return {name: getattr(value, name) for name in names}
+            case Mapping():
+                return dict(cast("Mapping[str, object]", value))
+            case _:
+                return _plain(value)
+
+    names = [one.name for one in fields(robot) if one.init and one.name != "board_settings"]
+    return {name: msgspec.to_builtins(getattr(robot, name), enc_hook=plain) for name in names}
+
+
+def robot_of(record: dict[str, Any]) -> Robot:
+    """The robot of ``robot_record``; ``InputError`` where it is of another version of this program."""
+
+    def built(kind: type, value: Any) -> Any:
+        if kind is not Chain:
+            return np.array(value, dtype=np.float64)
+        places = msgspec.convert(value["places"], tuple[Place, ...], dec_hook=built)
+        rows = msgspec.convert(value["rows"], tuple[DHRow, ...])
+        segments, tail = [np.array(one) for one in value["segments"]], np.array(value["tail"])
+        return Chain(segments, tail, places=places, rows=rows, convention=value["convention"])
+
+    hints = get_type_hints(Robot)
+    try:
+        return Robot(
+            **{name: msgspec.convert(one, hints[name], dec_hook=built) for name, one in record.items()}
+        )
+    except (msgspec.MsgspecError, KeyError, TypeError, ValueError) as cause:
+        raise InputError(
+            f"the arm is described in the words of another version of armctl: {cause}"
+        ) from cause
 
 
 # Encoding and decoding.
@@ -392,3 +451,23 @@ def new_events(events: tuple[Event, ...], told: Event | None) -> tuple[Event, ..
         if events[k] is told:
             return events[k + 1 :]
     return events
+
+
+def schema() -> bytes:
+    """JSON schema of every record and command, made from the types themselves."""
+
+    def array(kind: type) -> dict[str, Any]:
+        if kind is Trajectory:
+            return {"description": "a motion: see Motion"}
+        return {"type": "array", "description": "numbers, or arrays of them; null: not known"}
+
+    kinds = [*get_args(FromClient), *get_args(FromArm), *commands(), *get_args(Motion)]
+    _, parts = msgspec.json.schema_components(kinds, schema_hook=array, ref_template="#/$defs/{name}")
+    said = {
+        "title": f"armctl {version('armctl')}: records of the WebSocket API",
+        "from_client": {"anyOf": [{"$ref": f"#/$defs/{kind.__name__}"} for kind in get_args(FromClient)]},
+        "from_arm": {"anyOf": [{"$ref": f"#/$defs/{kind.__name__}"} for kind in get_args(FromArm)]},
+        "command": {"anyOf": [{"$ref": f"#/$defs/{kind.__name__}"} for kind in commands()]},
+        "$defs": parts,
+    }
+    return msgspec.json.encode(said)

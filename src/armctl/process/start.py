@@ -17,8 +17,8 @@ from typing import IO, cast
 
 from armctl.boards import ANY_BOARD
 from armctl.errors import BoardError
-from armctl.process.host import serve_arm
-from armctl.process.link import Link
+from armctl.process.link import Link, LocalLine
+from armctl.process.server import serve_arm
 from armctl.robot import Robot
 
 _PREPARE = "import pickle, sys; sys.path[:] = pickle.load(sys.stdin.buffer); "
@@ -35,6 +35,7 @@ class _Start:
     folder: Path | None
     """of its Unix socket; None: a port of the loopback address"""
     secret: str
+    pin: str
     logs: bool
     """to standard error, as ``armctl serve`` does"""
 
@@ -47,14 +48,16 @@ def start_arm(
     *,
     beats: bool = True,
     logs: bool = False,
+    pin: str = "",
 ) -> Link:
     """Start a process that runs an arm, not connected to a board yet, and connect to it.
 
     ``board``: as ``Host``. ``name``: how its log calls this client. ``beats``: as ``Link``. ``logs``: its log
-    goes to standard error. ``BoardError``: it cannot be started.
+    goes to standard error. ``pin``: the teacher's, who can always take control.
+    ``BoardError``: it cannot be started.
     """
     folder = runtime_folder()
-    start = _Start(robot, board, rate_hz, folder, secrets.token_urlsafe(24), logs)
+    start = _Start(robot, board, rate_hz, folder, secrets.token_urlsafe(24), pin, logs)
     # a session of its own: Ctrl-C is for us, who bring the arm to rest before we end it
     process = subprocess.Popen(
         [sys.executable, "-c", _MAIN], stdin=subprocess.PIPE, stdout=subprocess.PIPE, start_new_session=True
@@ -69,7 +72,7 @@ def start_arm(
         if kind != "ready":
             raise BoardError(f"the arm process did not start: {said or f'exit status {process.wait()}'}")
         address = ("127.0.0.1", int(said)) if folder is None else Path(said)
-        return Link(robot, address, start.secret, name, process, beats=beats)
+        return Link(LocalLine(address, start.secret), name, robot, process, beats=beats)
     except BaseException:
         process.kill()
         process.wait()
@@ -103,4 +106,4 @@ def main() -> None:
         sys.stdout.close()
 
     address = None if start.folder is None else start.folder / f"arm-{os.getpid()}.sock"
-    asyncio.run(serve_arm(start.robot, start.board, start.rate_hz, address, start.secret, ready))
+    asyncio.run(serve_arm(start.robot, start.board, start.rate_hz, address, start.secret, ready, start.pin))
