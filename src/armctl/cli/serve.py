@@ -83,11 +83,11 @@ def serve(
             connected = _connect(console, port)
             board = "the simulated board" if port == SIMULATED else port
             where = f"on {board}" if connected else "(not connected)"
-            click.echo(f"armctl: {present.title} {where}: {server.links[0]}  (Ctrl-C ends)")
-            _say_more(server)
-            if not no_browser and _has_display():
-                webbrowser.open(server.link_for_one_browser())
             with _kept_link(server):
+                click.echo(f"armctl: {present.title} {where}: {server.links[0]}  (Ctrl-C ends)")
+                _say_more(server)
+                if not no_browser and _has_display():
+                    webbrowser.open(server.link_for_one_browser())
                 ended.wait()
         finally:
             app.close()
