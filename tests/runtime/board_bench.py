@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Generic, TypeVar
 
 from tests.hardware.lines import LoopTransport
@@ -33,12 +34,16 @@ class BoardBench(Generic[Model]):
         robot: Robot,
         board: Model,
         driver: Callable[[Callable[[], LoopTransport], Callable[[], float]], Driver],
+        black_boxes: Path | None = None,
     ) -> BoardBench[Model]:
         """Wire up ``board``; ``driver`` makes its driver from what opens the line and the clock."""
         clock = ManualClock(100.0)
         line = FaultyModel(board)
         opened = driver(lambda: LoopTransport(line, clock.now, clock.advance), clock.now)
-        return cls(clock, board, line, Controller(robot, lambda _: opened, clock, executor=InlineExecutor()))
+        controller = Controller(
+            robot, lambda _: opened, clock, executor=InlineExecutor(), black_boxes=black_boxes
+        )
+        return cls(clock, board, line, controller)
 
     @property
     def now(self) -> Snapshot:

@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor, Future
 from dataclasses import dataclass, field
 from itertools import groupby
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -205,12 +206,16 @@ def steps_seen(rig: Rig) -> list[tuple[int, int]]:
     return [here for here, _ in groupby(shown)]
 
 
-def make_rig(executor: Executor | None = None, robot: Robot = ROBOT, rate_hz: float = 50.0) -> Rig:
+def make_rig(
+    executor: Executor | None = None,
+    robot: Robot = ROBOT,
+    rate_hz: float = 50.0,
+    black_boxes: Path | None = None,
+) -> Rig:
     clock = ManualClock(10.0)
     driver = RecordingDriver(clock)
-    controller = Controller(
-        robot, lambda _port: driver, clock, rate_hz=rate_hz, executor=executor or InlineExecutor()
-    )
+    planner = executor or InlineExecutor()
+    controller = Controller(robot, lambda _port: driver, clock, rate_hz, planner, black_boxes=black_boxes)
     rig = Rig(clock, driver, controller, robot)
     if isinstance(executor, LateExecutor):
         rig.executor = executor

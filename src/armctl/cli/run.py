@@ -6,6 +6,7 @@ from pathlib import Path
 
 import click
 
+from armctl import log_files
 from armctl.arm import Arm
 from armctl.cli.check import check_on_terminal
 from armctl.cli.ending import ends_like_ctrl_c
@@ -45,7 +46,7 @@ def run(program: Path, robot: str | None, port: str, loops: int | None, forever:
     for warning in findings:
         click.echo(f"warning: {warning}", err=True)
     board = board_type(arm_robot.board)
-    with ends_like_ctrl_c(), Arm.open(arm_robot, port) as arm:
+    with log_files.begin("run"), ends_like_ctrl_c(), Arm.open(arm_robot, port) as arm:
         arm.set_speed(speed)
         if any(not axis.homed for axis in arm.snapshot.homing):
             click.echo("homing: axis by axis, the arm moves to its home switches; keep clear", err=True)

@@ -16,6 +16,7 @@ from pathlib import Path
 import click
 from platformdirs import user_data_path, user_state_path
 
+from armctl import log_files
 from armctl.boards import AUTOMATIC, NO_BOARD, SIMULATED
 from armctl.cli.ending import end_event
 from armctl.cli.options import port_option
@@ -64,6 +65,7 @@ def serve(
 ) -> None:
     """Serve the console until interrupted (Ctrl-C)."""
     logging.basicConfig(level=logging.INFO, format="%(asctime)s %(name)s %(levelname)s %(message)s")
+    click.get_current_context().with_resource(log_files.begin("serve"))
     if (tls_cert is None) is not (tls_key is None):
         raise click.UsageError("--tls-cert and --tls-key belong together: give both, or neither")
     tls = None if tls_cert is None or tls_key is None else encryption(tls_cert, tls_key)

@@ -8,7 +8,7 @@ from typing import Self
 
 from armctl.boards import ANY_BOARD, Boards
 from armctl.robot import Robot
-from armctl.runtime import Command, Controller, MonotonicClock, Origin, Snapshot, Ticket
+from armctl.runtime import Command, Controller, MonotonicClock, Origin, Snapshot, Ticket, black_boxes
 
 _SWITCH_INTERVAL_S = 2e-4
 
@@ -34,7 +34,10 @@ class Host:
         sys.setswitchinterval(min(sys.getswitchinterval(), _SWITCH_INTERVAL_S))
         clock = MonotonicClock()
         self.boards = Boards(robot, clock.now, board=board)
-        self._controller = Controller(robot, self.boards.driver, clock, rate_hz, published=published, pin=pin)
+        self._controller = Controller(
+            robot, self.boards.driver, clock, rate_hz,
+            published=published, pin=pin, black_boxes=black_boxes(),
+        )  # fmt: skip
         self._controller.start()
 
     @property

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, cast
 
+from armctl import log_files
 from armctl.boards import ANY_BOARD
 from armctl.errors import BoardError
 from armctl.process.link import Link, LocalLine
@@ -106,4 +107,7 @@ def main() -> None:
         sys.stdout.close()
 
     address = None if start.folder is None else start.folder / f"arm-{os.getpid()}.sock"
-    asyncio.run(serve_arm(start.robot, start.board, start.rate_hz, address, start.secret, ready, start.pin))
+    with log_files.begin("arm"):
+        asyncio.run(
+            serve_arm(start.robot, start.board, start.rate_hz, address, start.secret, ready, start.pin)
+        )

@@ -1,5 +1,6 @@
 """The runtime: commands in, snapshots out."""
 
+from armctl.runtime.black_box import Recording, black_boxes
 from armctl.runtime.board import channel_settings
 from armctl.runtime.clock import Clock, ManualClock, MonotonicClock, wall_time
 from armctl.runtime.commands import (
@@ -67,6 +68,7 @@ __all__ = [
     "Party",
     "Pause",
     "ProgramProgress",
+    "Recording",
     "Release",
     "Resume",
     "RunProgram",
@@ -77,6 +79,7 @@ __all__ = [
     "TakeControl",
     "Ticket",
     "UpdateProgram",
+    "black_boxes",
     "channel_settings",
     "wall_time",
 ]

@@ -6,6 +6,7 @@ import logging
 import threading
 from collections.abc import Callable
 from concurrent.futures import Executor, ThreadPoolExecutor
+from pathlib import Path
 from typing import ParamSpec
 
 import numpy as np
@@ -13,6 +14,7 @@ import numpy as np
 from armctl.errors import ArmctlError, InputError, StateError
 from armctl.hardware import Driver
 from armctl.robot import Robot
+from armctl.runtime.black_box import BlackBox, Recording
 from armctl.runtime.clock import Clock
 from armctl.runtime.commands import (
     Answer,
@@ -48,6 +50,7 @@ class Controller:
         executor: Executor | None = None,
         published: Callable[[], None] | None = None,
         pin: str = "",
+        black_boxes: Path | None = None,
     ) -> None:
         """Wire it up; it runs once it is started.
 
@@ -55,6 +58,7 @@ class Controller:
         second, 10 … 200, else ``InputError``. ``executor`` plans motions; None: a thread of its own.
         ``published`` is called behind each tick, once its snapshot and answers are given.
         ``pin``: the teacher's, see ``ControlDesk``.
+        ``black_boxes``: the folder where the last minute is saved at every fault; None: it is not.
         """
         low, high = _RATES_HZ
         if not low <= rate_hz <= high:
@@ -67,6 +71,8 @@ class Controller:
         self._published = published
         self._wake = threading.Event()
         self._core = Core(robot, open_driver, planner(self._executor, self._wake.set), self._period, pin)
+        self._black_box = BlackBox(robot, self._period, clock.now, black_boxes)
+        self._recording = True
         self._lock = threading.Lock()
         self._orders: list[Order] = []
         self._stops: list[Order] = []
@@ -116,6 +122,10 @@ class Controller:
         self._wake.set()
         return order.ticket
 
+    def black_box(self) -> Recording:
+        """The last minute: commands, setpoints, readings, log, lateness of the ticks."""
+        return self._black_box.recording("asked for")
+
     def tick(self) -> None:
         """One tick: stops, motion, commands, plans, readback, snapshot. What goes wrong is a fault."""
         now = self._clock.now()
@@ -125,9 +135,11 @@ class Controller:
             stops, self._stops = self._stops, []
             orders, self._orders = self._orders, []
         for stop in stops:  # each on its own: whatever one of them meets, the others are carried out
+            self._note(self._black_box.order, stop, now)
             self._guarded(core.stop, stop.origin, stop.ticket)
         self._guarded(core.advance, now, urgent=bool(stops))
         for order in orders:
+            self._note(self._black_box.order, order, now)
             if stops and isinstance(order.command, MovingCommand) and order.number < stops[-1].number:
                 self._drop(order, stops)
             elif (broken := self._guarded(dispatch, core, order, now)) is not None:
@@ -135,8 +147,11 @@ class Controller:
         self._guarded(core.take_planned, now)
         self._guarded(core.observe, now)
         self._guarded(core.settle)
+        for text, level in self._black_box.results():
+            core.log.add(text, level)
         self._guarded(self._publish, now)  # first: who waits for an answer finds its snapshot
         give(self._answers)
+        self._note(self._black_box.tick, self._snapshot)
         if self._published is not None:
             self._published()
 
@@ -247,6 +262,15 @@ class Controller:
             return broken
         return None
 
+    def _note(self, note: Callable[P, None], *args: P.args, **kwargs: P.kwargs) -> None:
+        """Let the black box take note; a defect of its own must not touch the arm, and ends it."""
+        try:
+            if self._recording:
+                note(*args, **kwargs)
+        except Exception:
+            self._recording = False
+            _LOGGER.exception("the black box broke and records no more")
+
     def _shut(self) -> None:
         with self._lock:
             if self._closed:
@@ -261,5 +285,6 @@ class Controller:
         self._core.disconnect("closed")
         self._publish(self._clock.now())
         give(self._answers)
+        self._black_box.close()
         if self._own_executor:
             self._executor.shutdown(wait=False, cancel_futures=True)
