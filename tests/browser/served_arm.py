@@ -96,6 +96,7 @@ def served_arm(folder: Path, robot: str = "uzuner") -> Iterator[ServedArm]:
             list_ports=lambda: [PortChoice("sim", "Simulated board")],
             files=folder,
             close=arm.close,
+            state=folder / "state",
         )
 
     def anew(name: str, port: str) -> Console:

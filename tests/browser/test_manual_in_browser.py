@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from datetime import datetime
 from pathlib import Path
 
 import pytest
@@ -25,6 +26,7 @@ from armctl.program import (
     save_program,
 )
 from armctl.runtime import State
+from armctl.ui.tabs.manual.shared_program import LeftProgram
 
 pytestmark = pytest.mark.browser
 
@@ -348,3 +350,19 @@ def test_a_program_is_edited_while_it_loops(page: Screen, served: ServedArm) -> 
     page.type_into("Angles °", "0, -3, -60, -20, 0")
     page.click("Apply to step")
     page.wait_for_notification(re.compile(r"The next pass would stop there.*below the floor", re.DOTALL))
+
+
+def test_a_program_that_a_crash_left_is_offered_and_restored(
+    page: Screen, served: ServedArm, tmp_path: Path
+) -> None:
+    left = LeftProgram(tmp_path / "left.toml", datetime(2026, 3, 4, 14, 3))
+    save_program(Program(robot="uzuner", name="stacking", steps=(WaitStep(seconds=1),) * 3), left.path)
+    assert served.edited.kept is not None
+    served.edited.kept.left.append(left)
+    page.open_tab("Serial motion")
+    page.wait_for_text("Restore the unsaved program from 2026-03-04, 14:03?")
+    page.screenshot("manual-restore")
+    page.click("Yes, restore it")
+    page.wait_for_text(re.compile("stacking · 3 steps"))
+    page.wait_until(lambda: "Restore the unsaved" not in page.text(), "it is not offered any more")
+    assert not left.path.exists()

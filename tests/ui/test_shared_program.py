@@ -1,14 +1,17 @@
 from __future__ import annotations
 
 import asyncio
+import multiprocessing
+import os
 from pathlib import Path
+from typing import Any, cast
 
 import pytest
 
 from armctl.errors import ProgramError
 from armctl.program import EndStep, Program, RepeatStep, Step, WaitStep, load_program
 from armctl.runtime import ProgramProgress
-from armctl.ui.tabs.manual.shared_program import SharedProgram
+from armctl.ui.tabs.manual.shared_program import SharedProgram, Unsaved
 
 WAIT = WaitStep(seconds=2)
 
@@ -118,3 +121,123 @@ def test_it_knows_how_it_stands_to_the_program_that_the_arm_runs(desk: SharedPro
     assert desk.relation(running(desk.program, desk.program)) == "running"
     desk.undo()
     assert desk.relation(running(before, before)) == "running"
+
+
+# What survives a crash.
+
+FRAME = cast(Any, None)
+"""a snapshot that nobody looks at"""
+
+
+def desk_that_keeps(tmp_path: Path, robot: str = "uzuner") -> SharedProgram:
+    return SharedProgram(robot, tmp_path / "programs", Unsaved(tmp_path / "unsaved", robot))
+
+
+def kept_files(tmp_path: Path) -> list[str]:
+    return sorted(path.name for path in (tmp_path / "unsaved").glob("*"))
+
+
+async def settled(desk: SharedProgram, frames: int = 60) -> None:
+    """Frames are drawn, and what they began is written."""
+    for _ in range(frames):
+        desk.keep(FRAME)
+    await asyncio.gather(*asyncio.all_tasks() - {asyncio.current_task()})
+
+
+def _crash_while_editing(tmp_path: str) -> None:
+    async def edit() -> None:
+        desk = desk_that_keeps(Path(tmp_path))
+        desk.edit(program(WAIT, WAIT))
+        await settled(desk)
+        os._exit(9)
+
+    asyncio.run(edit())
+
+
+def test_an_unsaved_program_survives_a_crash(tmp_path: Path) -> None:
+    console = multiprocessing.get_context("spawn").Process(target=_crash_while_editing, args=(str(tmp_path),))
+    console.start()
+    console.join()
+    assert console.exitcode == 9
+
+    async def afterwards() -> None:
+        desk = desk_that_keeps(tmp_path)
+        left = desk.left
+        assert left is not None and ":" in left.time
+        assert desk_that_keeps(tmp_path, "mico").left is None
+        record(desk)
+        await settled(desk)
+        assert len(kept_files(tmp_path)) == 2
+        await desk.answer(left, restore=True)
+        assert desk.program.steps == (WAIT, WAIT)
+        assert desk.left is None
+        assert len(kept_files(tmp_path)) == 1, "it is kept as this console's own"
+        await desk.answer(left, restore=True)  # on another page, too late
+        desk.undo()
+        assert desk.program.steps == (WAIT,)
+
+    asyncio.run(afterwards())
+
+
+def test_what_is_saved_or_gone_is_not_kept(tmp_path: Path) -> None:
+    async def work() -> None:
+        desk = desk_that_keeps(tmp_path)
+        await settled(desk)
+        assert kept_files(tmp_path) == []
+        record(desk)
+        await settled(desk, 1)
+        assert kept_files(tmp_path) == [], "not with every edit"
+        await settled(desk, 59)
+        assert len(kept_files(tmp_path)) == 1
+        await desk.save("mine")
+        await settled(desk)
+        assert kept_files(tmp_path) == []
+        record(desk)
+        await settled(desk)
+        assert len(kept_files(tmp_path)) == 1
+        await desk.load("mine")
+        await settled(desk)
+        assert kept_files(tmp_path) == []
+        desk.undo()
+        await settled(desk)
+        assert len(kept_files(tmp_path)) == 1
+        desk.edit(program())
+        await settled(desk)
+        assert kept_files(tmp_path) == []
+
+    asyncio.run(work())
+
+
+def test_what_was_left_is_deleted_when_nobody_wants_it_or_it_cannot_be_read(tmp_path: Path) -> None:
+    folder = tmp_path / "unsaved"
+    folder.mkdir()
+    for number, text in ((1, "no program"), (2, 'robot = "uzuner"\n[[steps]]\ndo = "wait"\nseconds = 1\n')):
+        (folder / f"uzuner-{os.getpid()}-{number}.toml").write_text(text)
+        os.utime(folder / f"uzuner-{os.getpid()}-{number}.toml", (1e9 + number, 1e9 + number))
+
+    async def work() -> None:
+        desk = desk_that_keeps(tmp_path)
+        assert desk.left is not None and desk.left.time.startswith("2001-09-0")
+        await desk.answer(desk.left, restore=False)
+        with pytest.raises(ProgramError, match="uzuner-.*-1.toml: line 1"):
+            await desk.answer(desk.left, restore=True)
+        await desk.answer(desk.left, restore=False)
+        assert desk.left is None and kept_files(tmp_path) == []
+        assert not desk.program.steps
+
+    asyncio.run(work())
+
+
+def test_where_it_cannot_be_kept_that_is_said(tmp_path: Path) -> None:
+    async def work() -> None:
+        desk = desk_that_keeps(tmp_path)
+        (tmp_path / "unsaved").write_text("in the way")
+        record(desk)
+        await settled(desk)
+        assert desk.kept is not None and "unsaved" in str(desk.kept.problem)
+        (tmp_path / "unsaved").unlink()
+        record(desk)
+        await settled(desk)
+        assert desk.kept.problem is None and len(kept_files(tmp_path)) == 1
+
+    asyncio.run(work())

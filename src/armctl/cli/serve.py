@@ -18,14 +18,16 @@ from platformdirs import user_data_path, user_state_path
 
 from armctl import log_files
 from armctl.boards import AUTOMATIC, NO_BOARD, SIMULATED
+from armctl.calibration import CalibrationStore
 from armctl.cli.ending import end_event
 from armctl.cli.options import port_option
+from armctl.documents import sweep_litter
 from armctl.errors import ArmctlError, RobotFileError, ServerError
 from armctl.hardware.boards import board_type
 from armctl.hardware.ports import list_ports
 from armctl.process import start_arm
 from armctl.robot import Robot, load_robot, shipped_robots
-from armctl.runtime import Connect, Origin
+from armctl.runtime import Connect, Origin, wall_time
 from armctl.ui import App, CalibrationInForce, Console, PortChoice, RobotChoice, RobotSwitch
 from armctl.ui.guard import GuardedServer, encryption, guarded_server
 
@@ -70,6 +72,9 @@ def serve(
         raise click.UsageError("--tls-cert and --tls-key belong together: give both, or neither")
     tls = None if tls_cert is None or tls_key is None else encryption(tls_cert, tls_key)
     token = None if no_token else secrets.token_urlsafe(24)
+    for folder in (user_data_path("armctl"), CalibrationStore().folder, user_state_path("armctl")):
+        for path in sweep_litter(folder, wall_time()):
+            LOG.info("removed %s, which a killed save had left", path)
     open_console = partial(_open_console, asked=port)
     console = open_console(robot, port)
     present = RobotChoice(robot, console.robot.title)
@@ -158,6 +163,7 @@ def _open_console(name: str, port: str, asked: str) -> Console:
         controller=link,
         list_ports=lambda: _port_choices(asked, robot),
         files=user_data_path("armctl"),
+        state=user_state_path("armctl"),
         close=link.close,
         default_port=port,
     )

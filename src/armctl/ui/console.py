@@ -188,6 +188,8 @@ class Console:
     """the folder of the user's files"""
     close: Callable[[], None]
     """ends the arm: controller and boards; may block for as long as a moving arm needs to come to rest"""
+    state: Path | None = None
+    """the folder of the console's own state; None: it keeps none"""
     default_port: str = "sim"
     """the port that the arm was opened for, as it is calibrated with the board on it"""
     operators: Operators = field(default_factory=Operators)

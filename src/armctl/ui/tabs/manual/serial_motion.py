@@ -14,13 +14,14 @@ from armctl.ui.tabs.manual.program_files import ProgramFiles
 from armctl.ui.tabs.manual.program_run import ProgramRun
 from armctl.ui.tabs.manual.shared_program import SharedProgram
 from armctl.ui.tabs.manual.step_form import StepForm
-from armctl.ui.widgets.html import WARNING, LiveHtml
+from armctl.ui.widgets.html import WARNING, LiveHtml, muted, strong
 
 _CELL = "padding:0 6px;white-space:nowrap;overflow:hidden;text-overflow:ellipsis;max-width:290px"
 _SELECTED = "background:rgba(34,139,230,.20);box-shadow:inset 3px 0 #228be6"
 _RUNNING = "background:rgba(64,192,87,.28);font-weight:600"
 _DEEPEST_SHOWN = 8
 _INDENT_PX = 12
+RESTORE, DELETE = "Yes, restore it", "No, delete it"
 _EMPTY = (
     "<div style='opacity:.75'>No steps yet. Bring the arm somewhere (Joints, Jog), then press "
     "<b>Record pose</b>; repeat; press <b>Run once</b>.</div>"
@@ -36,6 +37,8 @@ class SerialMotion:
         self._running: int | None = None
         self._drawn: tuple[object, ...] = ()
         gui = session.gui
+        self._offer = LiveHtml(gui)
+        self._answer = gui.add_button_group("Unsaved program", (RESTORE, DELETE), visible=False)
         self._head = LiveHtml(gui)
         self._list = LiveHtml(gui)
         self._turn = gui.add_button_group("Page", ("◀ Previous", "Next ▶"), visible=False)
@@ -51,6 +54,8 @@ class SerialMotion:
             record.add_extras()
         with gui.add_folder("Files", expand_by_default=False):
             self._files = ProgramFiles(session, self._run.check)
+        self._session = session
+        session.on(self._answer.on_click, self._on_answer)
         session.on(self._turn.on_click, self._on_turn)
         session.on(self._row.on_update, self._on_row)
 
@@ -58,6 +63,7 @@ class SerialMotion:
         """Draw the list where it, the selection or the running step has changed."""
         self._files.refresh()
         self._run.refresh()
+        self._show_kept()
         progress, editor = snapshot.program, self._editor
         runs_this = progress is not None and self._shared.relation(progress) == "running"
         running = progress.step if progress is not None and runs_this else None
@@ -68,6 +74,26 @@ class SerialMotion:
         if self._drawn != (self._shared.version, editor.page, editor.selected, running):
             self._draw()
         self._form.refresh()
+
+    def _show_kept(self) -> None:
+        """Offer what a console left unsaved; say where the present program is not kept."""
+        left, kept = self._shared.left, self._shared.kept
+        problem = "" if kept is None else kept.problem or ""
+        self._answer.visible = left is not None
+        self._offer.visible = bool(left or problem)
+        if left is not None:
+            self._offer.show(
+                strong(f"Restore the unsaved program from {left.time}?")
+                + muted("armctl ended before it was saved. Undo brings back what is on the list now.")
+            )
+        elif problem:
+            self._offer.show(muted(f"A crash would lose what is not saved: {problem}"))
+
+    async def _on_answer(self) -> None:
+        self._session.require_operator()
+        left = self._shared.left
+        if left is not None:
+            await self._shared.answer(left, restore=self._answer.value == RESTORE)
 
     def _headline(self, snapshot: Snapshot) -> str:
         program, progress = self._shared.program, snapshot.program
@@ -87,7 +113,8 @@ class SerialMotion:
         steps, editor = self._shared.program.steps, self._editor
         editor.selected = min(editor.selected, max(len(steps) - 1, 0))
         editor.page = min(editor.page, self._pages - 1)
-        text = step_table(steps, editor.page, editor.selected, self._running)
+        depths = self._shared.blocks.depths
+        text = step_table(steps, editor.page, editor.selected, self._running, depths)
         if self._pages > 1:
             text += f"<div style='text-align:right;opacity:.75'>page {editor.page + 1} of {self._pages}</div>"
         self._list.show(text)
@@ -110,11 +137,20 @@ class SerialMotion:
         self._editor.select(row - 1)
 
 
-def step_table(steps: Sequence[Step], page: int, selected: int | None, running: int | None) -> str:
-    """One page (from 0) of the list as HTML; ``selected`` and ``running`` are indices of rows to mark."""
+def step_table(
+    steps: Sequence[Step],
+    page: int,
+    selected: int | None,
+    running: int | None,
+    depths: Sequence[int] | None = None,
+) -> str:
+    """One page (from 0) of the list as HTML; ``selected`` and ``running`` are indices of rows to mark.
+
+    ``depths``: how many blocks are around each step; None: looked up.
+    """
     if not steps:
         return _EMPTY
-    depths = Blocks.of(steps).depths
+    depths = Blocks.of(steps).depths if depths is None else depths
     parts = ["<table style='border-collapse:collapse;width:100%;line-height:1.35'>"]
     first = page * PAGE_ROWS
     for index, step in enumerate(steps[first : first + PAGE_ROWS], first):
