@@ -23,6 +23,8 @@ from armctl.ui.tabs.manual.shared_program import SharedProgram
 
 HOME = [0.0, 90.0, -80.0, -40.0, 0.0]
 """the joint angles [degrees] at which a served Uzuner arm begins"""
+_SILENCE_S = 30.0
+"""a browser may hang for seconds on a test's loaded machine; ``test_stop_in_browser`` sets the real limit"""
 
 
 @dataclass(frozen=True)
@@ -114,7 +116,7 @@ def served_arm(folder: Path, robot: str = "uzuner") -> Iterator[ServedArm]:
         anew,
     )
     try:
-        app = App(robots, guarded_server(port=0, label="armctl"))
+        app = App(robots, guarded_server(port=0, label="armctl"), silence_s=_SILENCE_S)
         try:
             arm.link.submit(Enable(arm.robot.pose("home")), Origin("test")).result(10)
             yield ServedArm(arm, app)

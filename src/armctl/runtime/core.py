@@ -31,6 +31,7 @@ SLOWEST = 0.05
 """the smallest speed override"""
 JOG_GAP_S = 0.2
 """A jog that was held during a STOP must be let go for this long before it moves the arm again."""
+_SAME_PRESS_S = 0.5
 _READ_INTERVAL_S = 0.02
 _LOGGER = logging.getLogger("armctl.runtime")
 
@@ -270,7 +271,9 @@ class Core:
         self._stopping.append(ticket)  # from here on settle answers it, or a fault
         moving = self.activity is not None or self._motion is not None or self.gripper.goal is not None
         if moving or self.monitor.homes or not origin.note:
-            self.log.warn(f"STOP ({origin})")
+            fresh = moving and self.stopped_by != str(origin)
+            if fresh or not self.log.said(f"STOP ({origin})", _SAME_PRESS_S):  # a page sends each press twice
+                self.log.warn(f"STOP ({origin})")
         else:
             self.log.add(f"{origin}; nothing moved, {self.state.value} as before")
         self._held_locked, self.stopped_motion = True, self.motion

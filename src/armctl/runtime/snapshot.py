@@ -168,6 +168,11 @@ class EventLog:
         self.events = (*self.events, Event(stamp, level, text))[-_LOG_LINES:]
         _LOGGER.log(getattr(logging, level.upper()), "%s", text)
 
+    def said(self, text: str, seconds: float) -> bool:
+        """Whether a line was added within the last ``seconds``."""
+        now = wall_time()
+        return any(event.text == text and 0 <= now - event.stamp < seconds for event in self.events[-10:])
+
     def warn(self, text: str) -> None:
         """Add a line that the user should know of."""
         self.add(text, "warning")

@@ -8,7 +8,7 @@ from concurrent.futures import Future
 
 import viser
 
-from armctl.runtime import Origin
+from armctl.runtime import Origin, State
 from armctl.ui.console import Console, page_name
 from armctl.ui.guard import GuardedServer
 from armctl.ui.page import TABS_WIDTH, Page
@@ -19,16 +19,23 @@ from armctl.ui.scene.stage import Stage, look_at_arm, set_lights
 
 LOG = logging.getLogger("armctl.ui")
 FRAME_S = 1 / 30
+SILENCE_S = 0.9
+"""Five beats a second come from a page. STOP reaches the arm within 1 s of the moment when they end."""
 _FRAMES_A_REFRESH = 3
 
 
 class App:
     """Serves the present arm's console to browser pages, all of it on viser's event loop, without a lock."""
 
-    def __init__(self, robots: RobotSwitch, server: GuardedServer) -> None:
-        """``server`` is closed with the console."""
+    def __init__(self, robots: RobotSwitch, server: GuardedServer, silence_s: float = SILENCE_S) -> None:
+        """``server`` is closed with the console.
+
+        ``silence_s``: how long [s] the operator's page may give no sign of life while the arm moves.
+        """
         self.robots = robots
         self.server = server
+        self._lines = server.stop_lines
+        self._lines.attend(self._stop, self._silent, silence_s)
         self._pages: dict[int, Page] = {}
         self.server.gui.configure_theme(
             dark_mode=False, show_logo=False, show_share_button=False, brand_color=(24, 100, 171)
@@ -44,8 +51,14 @@ class App:
 
     def close(self) -> None:
         """Stop serving."""
-        self._loop.cancel()
+        asyncio.run_coroutine_threadsafe(self._end(), self.server.get_event_loop()).result()
         self.server.stop()
+
+    async def _end(self) -> None:
+        self._loop.cancel()
+        for page in self._pages.values():
+            page.session.close()
+        await asyncio.sleep(FRAME_S)  # what was cancelled ends before the server does
 
     @property
     def _console(self) -> Console:
@@ -56,7 +69,8 @@ class App:
         try:
             # the page has told its width before there were panels
             look_at_arm(client, self._console.robot, covered=TABS_WIDTH + PANEL_WIDTH)
-            self._pages[client.client_id] = Page(client, self.robots, self._operator_lost)
+            lost = self._operator_lost
+            self._pages[client.client_id] = Page(client, self.robots, self._lines.link, lost)
         except Exception:
             self._console.operators.leave(client.client_id)
             LOG.exception("%s could not be built", page_name(client.client_id))
@@ -87,6 +101,7 @@ class App:
                 page.session.close()
 
     async def _disconnect(self, client: viser.ClientHandle) -> None:
+        self._lines.unlink(page_name(client.client_id))
         page = self._pages.pop(client.client_id, None)
         if page is not None:
             page.session.close()
@@ -101,11 +116,22 @@ class App:
             why = "the operator's page is gone" if gone else "the operator's page does not answer"
             self._console.controller.stop(Origin(page_name(client_id), why))
 
+    def _stop(self, who: str) -> None:
+        self._console.controller.stop(Origin(who))
+
+    def _silent(self, who: str) -> None:
+        controller = self._console.controller
+        if controller.snapshot.state in (State.MOVING, State.PAUSED):
+            LOG.warning("%s does not answer", who)
+            controller.stop(Origin(who, "the operator's page does not answer"))
+
     async def _draw(self) -> None:
         frame = 0
         while True:
             await asyncio.sleep(FRAME_S)
             frame += 1
+            operator = self._console.operators.operator
+            self._lines.watch(None if operator is None else page_name(operator))
             try:
                 self._draw_frame()
             except Exception:

@@ -25,9 +25,15 @@ _STYLE = (
 class Page:
     """What one client sees. Its tabs outlive the arm: the open tab stays open when the arm changes."""
 
-    def __init__(self, client: viser.ClientHandle, robots: RobotSwitch, lost: Callable[[int], None]) -> None:
-        """Build everything for the present arm; ``lost(client id)`` is called while the page is hung."""
-        self.client, self._robots, self._lost = client, robots, lost
+    def __init__(
+        self,
+        client: viser.ClientHandle,
+        robots: RobotSwitch,
+        link: Callable[[str, str], None],
+        lost: Callable[[int], None],
+    ) -> None:
+        """Build everything for the present arm; ``link`` and ``lost`` as in ``Session.find_line``."""
+        self.client, self._robots, self._link, self._lost = client, robots, link, lost
         client.gui.main_panel.dock_right()
         client.gui.main_panel.set_width(TABS_WIDTH)
         client.gui.add_html(_STYLE)
@@ -41,7 +47,7 @@ class Page:
         self._screens: list[Screen] = []
         with self.client.atomic():
             self.session = Session(self.client, self._robots)
-            self.session.spawn(self.session.watch(self._lost))
+            self.session.spawn(self.session.find_line(self._link, self._lost))
             self._panel = ControlPanel(self.session)
             for tab, container in self._tabs:
                 with container:

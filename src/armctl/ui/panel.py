@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import math
+from html import escape
 
 import numpy as np
 import viser
@@ -47,7 +48,8 @@ class ControlPanel:
             self._stop = gui.add_button("STOP", color="red", icon=viser.Icon.HAND_STOP)
             self._hold = gui.add_button_group("Motion", ("Pause", "Resume"))
             self._release = gui.add_button("Release", color="gray", icon=viser.Icon.POWER)
-            LiveHtml(gui, muted(_STOP_NOTE))
+            title = escape(f"armctl – {session.console.robot.title}")
+            LiveHtml(gui, f"{muted(_STOP_NOTE)}<i hidden data-armctl-title='{title}'></i>")
             self._state = LiveHtml(gui)
             self._speed = gui.add_slider("Speed %", 5, 100, 1, initial_value=speed, hint=_SPEED_HINT)
             self._take = gui.add_button("Take control", visible=False)

@@ -19,8 +19,8 @@ from armctl.ui.widgets.events import Action
 
 LOG = logging.getLogger("armctl.ui")
 Color = Literal["blue", "yellow", "red"]
-_HEARTBEAT_S = 2.0
-_HEARTBEAT_TIMEOUT_S = 3.0
+_LINK_AGAIN_S = 0.5
+_LINK_TIMEOUT_S = 3.0
 _MOST_NOTICES = 3
 """at a time: they lie over the scene, and older ones answer older clicks"""
 _LETTERS_A_SECOND = 12
@@ -148,21 +148,28 @@ class Session:
         except ArmctlError as broken:
             self.notify("Not finished", str(broken), "yellow")
 
-    async def watch(self, lost: Callable[[int], None]) -> None:
-        """Keep asking the page's script for a sign of life; ``lost(client id)`` when none comes."""
-        while True:
-            await asyncio.sleep(_HEARTBEAT_S)
-            if self.operates and not await self.answers(_HEARTBEAT_TIMEOUT_S):
-                LOG.warning("%s does not answer", page_name(self.client.client_id))
+    async def find_line(self, link: Callable[[str, str], None], lost: Callable[[int], None]) -> None:
+        """Ask the page which line for STOP is its own: ``link(line, who)``, which then watches for its beats.
+
+        ``lost(client id)`` while this page operates without a line that beats.
+        """
+        who = page_name(self.client.client_id)
+        while (line := await self._ask("armctl-page", _LINK_TIMEOUT_S)) is None:
+            if self.operates:
+                LOG.warning("%s does not answer", who)
                 lost(self.client.client_id)
+            await asyncio.sleep(_LINK_AGAIN_S)
+        link(line, who)
 
     async def answers(self, timeout_s: float) -> bool:
         """Ask the page for a sign of life; its script has to answer."""
+        return await self._ask("armctl-page", timeout_s) is not None
+
+    async def _ask(self, key: str, timeout_s: float) -> str | None:
         try:
-            await asyncio.to_thread(self.client.local_storage.get_item, "armctl", timeout=timeout_s)
-        except TimeoutError:
-            return False
-        return True
+            return await asyncio.to_thread(self.client.local_storage.get_item, key, timeout=timeout_s)
+        except (TimeoutError, RuntimeError):  # it hangs, is gone, or its browser keeps no storage
+            return None
 
     def close(self) -> None:
         """The page or its arm is gone: end what waits for it."""

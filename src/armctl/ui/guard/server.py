@@ -29,6 +29,7 @@ from armctl.ui.guard.connection import GuardedConnection
 from armctl.ui.guard.door import HOST_NAME, Door, SocketDoor
 from armctl.ui.guard.filter import LOG, MAX_FRAME_BYTES, Tally
 from armctl.ui.guard.listening import is_name, listening_socket, names_of, url_host
+from armctl.ui.guard.stop_line import STOP_PATH, OverlaidPage, StopLines
 
 _TIMEOUT_S = 3.0
 _REFUSALS = {HTTPStatus.FORBIDDEN, HTTPStatus.MISDIRECTED_REQUEST, HTTPStatus.UNAUTHORIZED}
@@ -69,6 +70,7 @@ def _guarded_serve(
     """
     module = websockets.asyncio.server
     opened: list[Exception | None] = []
+    overlaid = OverlaidPage()
     wire = logging.Logger("armctl.ui.guard.wire")
     wire.addHandler(_WireLog())
 
@@ -84,7 +86,8 @@ def _guarded_serve(
         async def process_request(connection: ServerConnection, request: Request) -> Response | None:
             response = door.answer(connection, request)
             if response is None:
-                return serve_page(connection, request) if own_socket(connection) is None else None
+                page = serve_page(connection, request) if own_socket(connection) is None else None
+                return None if page is None else overlaid.answer(page)
             await asyncio.sleep(door.delay_s(connection, request, response))
             return response
 
@@ -198,10 +201,20 @@ class GuardedServer(viser.ViserServer):
     beyond_loopback: bool
     """whether other computers can reach it"""
 
+    stop_lines: StopLines
+    """every page's own line for STOP"""
+
     def __init__(
-        self, door: Door, listener: socket.socket, names: Sequence[str], *, host: str, label: str | None
+        self,
+        door: Door,
+        stop_lines: StopLines,
+        listener: socket.socket,
+        names: Sequence[str],
+        *,
+        host: str,
+        label: str | None,
     ) -> None:
-        self._door, self._tally = door, door.tally
+        self._door, self._tally, self.stop_lines = door, door.tally, stop_lines
         address, port = listener.getsockname()[:2]
         self.encrypted = door.scheme == "https"
         self.beyond_loopback = not ipaddress.ip_address(address).is_loopback
@@ -239,6 +252,7 @@ class GuardedServer(viser.ViserServer):
             return
         self._stopped = True
         super().stop()
+        self.stop_lines.close()
         if self.refusals:
             LOG.info("refused in all: %s", ", ".join(f"{why}: {n}" for why, n in self.refusals.items()))
 
@@ -287,7 +301,8 @@ def guarded_server(
     extra_hosts = tuple(dict.fromkeys((*((host,) if is_name(host) else ()), *extra_hosts)))
     address, bound_port = listener.getsockname()[:2]
     server: GuardedServer | None = None
-    tally = Tally()
+    tally, stop_lines = Tally(), StopLines()
+    sockets = {STOP_PATH: SocketDoor(stop_lines.handle), **sockets}
     door = Door(extra_hosts, token, tally, "http" if tls is None else "https", sockets)
     rich.get_console().quiet = True  # viser prints a banner and notices, also when it is stopped
     try:
@@ -295,7 +310,7 @@ def guarded_server(
             listener, door, tls, lambda one: None if server is None else server.client_of(one)
         ) as opened:
             names = names_of(listener, host, extra_hosts)
-            server = GuardedServer(door, listener, names, host=host, label=label)
+            server = GuardedServer(door, stop_lines, listener, names, host=host, label=label)
         if opened and (failure := opened[0]) is not None:
             raise ServerError(
                 f"the web server cannot be opened: {failure}; "
@@ -310,6 +325,7 @@ def guarded_server(
     except BaseException:
         if server is not None:
             server.stop()
+        stop_lines.close()
         listener.close()  # viser may not have taken it
         raise
     tally.open()

@@ -1,0 +1,145 @@
+// STOP that is always there: Escape from every place of the page, a large button wherever the panel's own
+// one is out of view, and a line to the arm that waits for nothing else (stop_line.py).
+(() => {
+  "use strict";
+  const BEAT_MS = 200;
+  const RETRY_MS = 300;
+  const PATIENCE_MS = 1000; // for an answer to STOP
+  const OPENING_MS = 3000;
+  const LOST_BEATS = 10; // without an echo, before the line counts as lost
+  const LATEST_MS = 5000; // a STOP that is older is not sent again
+  const BUILDING_MS = 10000; // how long a page may take before its own STOP is named, for those who read names
+  const STOP = "[data-armctl-stop]";
+  const LOST = "Not connected: STOP does not reach the arm. Use the power switch.";
+  const UNANSWERED = "STOP was not confirmed. Use the power switch.";
+  const began = performance.now();
+  const page = Array.from(crypto.getRandomValues(new Uint8Array(16)), (byte) =>
+    byte.toString(16).padStart(2, "0"),
+  ).join("");
+
+  // viser reads this page's localStorage when the server asks: so the server learns which line is whose.
+  const getItem = Storage.prototype.getItem;
+  Storage.prototype.getItem = function (key) {
+    return key === "viser-user:armctl-page" ? page : getItem.call(this, key);
+  };
+
+  // The line.
+  let socket = null;
+  let line = null; // the socket, once the server has said that it listens
+  let tried = -Infinity;
+  let lostSince = began;
+  let unechoed = 0;
+  let beats = 0;
+  let presses = 0;
+  let press = null; // the newest STOP that is not confirmed
+
+  function open() {
+    const opened = new WebSocket(`${location.protocol.replace("http", "ws")}//${location.host}/stop`);
+    socket = opened;
+    tried = performance.now();
+    opened.onmessage = (event) => {
+      if (socket !== opened) return;
+      const said = JSON.parse(event.data);
+      unechoed = 0;
+      if ("line" in said) {
+        line = opened;
+        line.send(JSON.stringify({ page }));
+        if (press && performance.now() - press.at < LATEST_MS) line.send(JSON.stringify({ stop: press.number }));
+      }
+      if (press && said.stopped === press.number) press = null;
+    };
+    opened.onclose = () => {
+      if (socket === opened) lose();
+    };
+  }
+
+  function lose() {
+    if (line) lostSince = performance.now();
+    const old = socket;
+    socket = line = null;
+    old.close();
+  }
+
+  function keepLine(now) {
+    if (!socket && now - tried > RETRY_MS) open();
+    else if (socket && !line && now - tried > OPENING_MS) lose();
+    else if (line && ++unechoed > LOST_BEATS) lose();
+    if (line) line.send(JSON.stringify({ beat: ++beats }));
+  }
+
+  // STOP.
+  let panelStop = null; // the button of viser's panel
+  let seen = false;
+
+  function stop(fromPanel) {
+    press = { number: ++presses, at: performance.now() };
+    if (line) line.send(JSON.stringify({ stop: press.number }));
+    else if (!fromPanel && panelStop) panelStop.click(); // viser's connection may be alive
+  }
+
+  addEventListener("keydown", (event) => event.key === "Escape" && !event.repeat && stop(false), true);
+  const pressed = (event) => {
+    const button = event.target instanceof Element && event.target.closest(STOP);
+    if (!button || (button === panelStop && !event.isTrusted)) return; // our own click on it, see stop()
+    // a click that came from a pointer was counted when the pointer went down
+    if (event.type === "pointerdown" || event.detail === 0) stop(button === panelStop);
+  };
+  addEventListener("pointerdown", pressed, true);
+  addEventListener("click", pressed, true);
+
+  // What is shown.
+  const bar = document.createElement("div");
+  bar.id = "armctl-bar";
+  bar.innerHTML = '<p role="alert" hidden></p><button type="button" data-armctl-stop>STOP</button>';
+  const [words, ownStop] = bar.children;
+  document.addEventListener("DOMContentLoaded", () => document.documentElement.append(bar));
+  const narrow = matchMedia("(max-width: 36em)");
+
+  function findPanelStop() {
+    if (panelStop?.isConnected) return;
+    const buttons = document.querySelectorAll("#root button");
+    panelStop = Array.from(buttons).find((button) => button.textContent.trim() === "STOP") ?? null;
+    panelStop?.setAttribute("data-armctl-stop", "");
+    seen ||= panelStop !== null;
+  }
+
+  function inView(button) {
+    const box = button.getBoundingClientRect();
+    if (!box.width || box.top < 0 || box.left < 0 || box.bottom > innerHeight || box.right > innerWidth) return false;
+    return button.contains(document.elementFromPoint(box.left + box.width / 2, box.top + box.height / 2));
+  }
+
+  function hideFromReaders(button, hidden) {
+    if (hidden !== (button.getAttribute("aria-hidden") === "true")) button.setAttribute("aria-hidden", hidden);
+  }
+
+  function show(now) {
+    findPanelStop();
+    const own = narrow.matches || !panelStop || !inView(panelStop);
+    if (own !== ownStop.isConnected) own ? bar.append(ownStop) : ownStop.remove();
+    hideFromReaders(ownStop, !seen && now - began < BUILDING_MS); // "STOP" by name: the page is ready
+    if (panelStop) hideFromReaders(panelStop, own); // one button of that name
+    const lost = !line && now - Math.max(lostSince, began) > PATIENCE_MS;
+    const unanswered = press && now - press.at > PATIENCE_MS;
+    const text = lost ? LOST : unanswered ? UNANSWERED : "";
+    if (words.textContent !== text) words.textContent = text;
+    words.hidden = !text;
+    const title = document.querySelector("[data-armctl-title]")?.dataset.armctlTitle;
+    if (title && document.title !== title) document.title = title;
+  }
+
+  // Beats come from this page's own thread, so they end when it hangs. A worker sets their pace: browsers
+  // slow down the timers of a page in the background, but not a worker's, and a hidden page must not stop
+  // the arm.
+  let last = -Infinity;
+  function tick() {
+    const now = performance.now();
+    if (now - last < BEAT_MS / 2) return; // several at once after the page was busy
+    last = now;
+    keepLine(now);
+    show(now);
+  }
+  const pace = `setInterval(() => postMessage(0), ${BEAT_MS})`;
+  new Worker(URL.createObjectURL(new Blob([pace], { type: "text/javascript" }))).onmessage = tick;
+  open();
+})();
