@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -10,6 +11,7 @@ import numpy as np
 import pytest
 
 import armctl
+from armctl.boards import Boards
 from armctl.errors import (
     InputError,
     MotionRefusedError,
@@ -18,9 +20,12 @@ from armctl.errors import (
     StateError,
     UnreachableError,
 )
+from armctl.handles import Motion
 from armctl.hardware import Source
+from armctl.motion import PointToPoint, Sample, plan_joints
+from armctl.process.records import commands as known_commands
 from armctl.program import GripperStep, MoveStep, PointStep, Program, WaitStep
-from armctl.runtime import State
+from armctl.runtime import Command, Controller, ManualClock, Origin, Snapshot, State, Ticket, commands
 
 
 @pytest.fixture(scope="module")
@@ -35,6 +40,13 @@ def arm(opened: armctl.Arm) -> armctl.Arm:
         opened.enable()
     opened.go_joints([0, 100, -80, -60, 0])
     return opened
+
+
+@pytest.fixture
+def own_board() -> Iterator[armctl.Arm]:
+    """An arm of its own, for what breaks it."""
+    with armctl.Arm.open("uzuner") as arm:
+        yield arm
 
 
 def board_pulses(arm: armctl.Arm) -> list[float | None]:
@@ -234,3 +246,321 @@ def test_a_real_board_is_not_driven_for_an_arm_without_servos(tmp_path: Path) ->
     file.write_text(URDF)
     with pytest.raises(PortError, match=r"/dev/ttyACM0 is not opened: the robot file of .* gives no servos"):
         armctl.Arm.open(file, port="/dev/ttyACM0")
+
+
+# Motions that do not block.
+
+AWAY = [40, 100, -80, -60, 0]
+
+
+def until(condition: Callable[[], bool], seconds: float = 10.0) -> None:
+    pause = threading.Event()
+    for _ in range(round(seconds / 0.005)):
+        if condition():
+            return
+        pause.wait(0.005)
+    raise AssertionError("not in time")
+
+
+def test_a_motion_that_is_not_waited_for_gives_a_handle(arm: armctl.Arm) -> None:
+    nothing = Program(robot="uzuner", steps=(WaitStep(seconds=0.05),))
+    begins: list[Callable[[], Motion]] = [
+        lambda: arm.go_joints([3, 100, -80, -60, 0], wait=False),
+        lambda: arm.go(210, 5, 110, wait=False),
+        lambda: arm.line(205, 10, 115, pitch="free", wait=False),
+        lambda: arm.arc((205, 15, 115), (205, 20, 110), pitch="free", wait=False),
+        lambda: arm.follow(Sway(np.radians(arm.joints_deg), 0.01), wait=False),
+        lambda: arm.wait(0.05, wait=False),
+        lambda: arm.run(nothing, wait=False),
+        lambda: arm.gripper(40, wait=False),
+        lambda: arm.go_pose("home", wait=False),
+    ]
+    for begin in begins:
+        motion = begin()
+        assert not motion.done
+        assert motion.progress is None or 0.0 <= motion.progress < 1.0
+        motion.result(20.0)
+        assert motion.done
+        assert motion.progress == 1.0
+        motion.cancel()  # over already
+        motion.result(0)
+
+
+def test_progress_grows_and_cancel_stops_this_motion_alone(arm: armctl.Arm) -> None:
+    motion, shown = arm.go_joints(AWAY, duration_s=1.0, wait=False), list[float]()
+    gripper = arm.gripper(90, wait=False)
+    assert gripper.progress in (0.0, None)
+    until(lambda: shown.append(motion.progress) or shown[-1] > 0.3)  # type: ignore[func-returns-value]
+    assert shown == sorted(shown)
+    motion.cancel()
+    assert arm.snapshot.state is State.HOLDING
+    assert 5.0 < arm.joints_deg[0] < 35.0
+    with pytest.raises(StateError, match="stopped by library"):
+        motion.result()
+    assert motion.progress is None
+    gripper.result(10.0)
+    with pytest.raises(TimeoutError):
+        arm.go_joints(AWAY, duration_s=2.0, wait=False).result(0.05)
+    arm.stop()
+
+
+def test_a_motion_that_is_refused_says_so_when_it_is_asked(arm: armctl.Arm) -> None:
+    motion = arm.go(x_mm=300, y_mm=0, z_mm=600, wait=False)
+    with pytest.raises(UnreachableError, match="too far"):
+        motion.result(10.0)
+    with pytest.raises(InputError, match="finite"):
+        arm.go(x_mm=float("nan"), y_mm=0, z_mm=600, wait=False)
+
+
+def test_a_motion_can_be_awaited(arm: armctl.Arm) -> None:
+    async def there_and_stopped() -> None:
+        await arm.go_joints([4, 100, -80, -60, 0], wait=False)
+        back = arm.go_joints([0, 100, -80, -60, 0], duration_s=2.0, wait=False)
+        waiting = asyncio.ensure_future(asyncio.wait_for(back, 0.05))
+        with pytest.raises(TimeoutError):
+            await waiting
+        assert not back.done  # who no longer waits does not stop it
+        back.cancel()
+
+    asyncio.run(there_and_stopped())
+
+
+def test_pause_and_resume(arm: armctl.Arm) -> None:
+    motion = arm.go_joints(AWAY, duration_s=1.0, wait=False)
+    until(lambda: (motion.progress or 0.0) > 0.1)
+    arm.pause()
+    until(lambda: arm.snapshot.state is State.PAUSED)
+    arm.resume()
+    motion.result(10.0)
+    assert arm.joints_deg.tolist() == pytest.approx(AWAY)
+
+
+# A criterion, and a trajectory, of the caller's own.
+
+
+def test_a_criterion_of_ones_own_decides_what_is_sent(arm: armctl.Arm) -> None:
+    start, asked = np.radians(arm.joints_deg), list[tuple[int, ...]]()
+
+    def straightest(q: np.ndarray, begin: np.ndarray | None) -> np.ndarray:
+        np.testing.assert_allclose(begin, start)
+        asked.append(q.shape)
+        return np.where(q[:, 1] < 1.0, np.abs(q[:, 2]), np.inf)
+
+    arm.go(200, 30, 100, roll_deg=0, choose=straightest)
+    found = arm.robot.inverse([0.2, 0.03, 0.1], roll=0.0)
+    admitted = found.q[found.q[:, 1] < 1.0]
+    best = admitted[np.abs(admitted[:, 2]).argmin()]
+    np.testing.assert_allclose(arm.joints_deg, np.degrees(best), atol=1e-9)
+    assert asked == [found.q.shape]
+    with pytest.raises(UnreachableError, match="too far"):
+        arm.go(300, 0, 600, choose=straightest)
+    with pytest.raises(ZeroDivisionError):
+        arm.go(200, 0, 100, choose=lambda q, _: q[:, 0] / 0 if False else 1 / 0)
+    for wrong in (None, 5):
+        with pytest.raises(InputError, match=f"no criterion {wrong}"):
+            arm.go(200, 0, 100, choose=wrong)  # type: ignore[arg-type]
+
+
+class Sway:
+    """There and back, by a law of its own; ``breaks`` in the middle."""
+
+    def __init__(self, q: np.ndarray, size: float, breaks: BaseException | None = None) -> None:
+        self.duration, self.start, self.end = 1.0, q, q
+        self._size, self._breaks = size, breaks
+
+    def sample(self, t: float | np.ndarray) -> Sample:
+        if self._breaks is not None:
+            raise self._breaks
+        w, one = 2 * np.pi, self._size * np.eye(5)[0]
+        x = w * np.clip(np.asarray(t), 0.0, 1.0)[..., None]
+        rise, fall = w * np.sin(x), w**2 * np.cos(x)
+        return Sample(self.start + (1 - np.cos(x)) * one, rise * one, fall * one, -(w**2) * rise * one)
+
+
+def test_a_trajectory_is_followed_and_a_broken_one_only_refused(arm: armctl.Arm) -> None:
+    trajectory = plan_joints(arm.robot, np.radians(arm.joints_deg), np.radians([3, 100, -80, -60, 0]))
+    arm.follow(trajectory)
+    assert arm.joints_deg[0] == pytest.approx(3)
+    with pytest.raises(StateError, match="go to its start first"):
+        arm.follow(trajectory)
+    for broken in (SystemExit(3), ZeroDivisionError("division")):
+        with pytest.raises(InputError, match=f"cannot be sampled: {type(broken).__name__}"):
+            arm.follow(Sway(np.radians(arm.joints_deg), 0.01, broken))
+    with pytest.raises(MotionRefusedError, match="Base: at"):
+        arm.follow(Sway(np.radians(arm.joints_deg), 2.0))
+    assert arm.snapshot.state is State.HOLDING
+
+
+# What counts for a moment.
+
+
+def test_a_stream_is_followed_to_its_last_setpoint(arm: armctl.Arm) -> None:
+    pace, goal = threading.Event(), np.array([15, 105, -80, -60, 0])
+    with arm.stream() as stream:
+        for share in np.linspace(0.0, 1.0, 20):
+            stream.send((1 - share) * np.array([0, 100, -80, -60, 0]) + share * goal)
+            pace.wait(0.01)
+    np.testing.assert_allclose(arm.joints_deg, goal)
+    assert arm.snapshot.state is State.HOLDING
+    with arm.stream():
+        pass  # nothing was sent, nothing happens
+
+
+def test_stop_and_what_is_refused_end_a_stream(arm: armctl.Arm) -> None:
+    pace = threading.Event()
+    with pytest.raises(StateError, match="the setpoint stream is over"), arm.stream() as stream:
+        stream.send(AWAY)
+        until(lambda: arm.snapshot.state is State.MOVING)
+        arm.stop()
+        for _ in range(100):
+            stream.send(AWAY)
+            pace.wait(0.005)
+    assert arm.snapshot.state is State.HOLDING
+    with pytest.raises(MotionRefusedError, match="Base: 200"), arm.stream() as stream:
+        stream.send(AWAY)
+        stream.send([200, 100, -80, -60, 0])
+    assert arm.snapshot.state is State.HOLDING
+    assert arm.joints_deg[0] < 39.0  # stopped, not gone on to the last good one
+    with pytest.raises(InputError, match="5 joint angles"), arm.stream() as stream:
+        stream.send([1, 2])
+    arm.release()
+    with pytest.raises(StateError, match="needs the arm holding"), arm.stream() as stream:
+        stream.send(AWAY)
+
+
+def test_jogs_and_a_live_target_move_the_arm_for_a_moment(arm: armctl.Arm) -> None:
+    for jog in (
+        lambda: arm.jog([50, 0, 0, 0, 0]),
+        lambda: arm.jog_tool(y_mm_s=50),
+        lambda: arm.follow_target(190, 60, 120),
+    ):
+        before = arm.joints_deg
+        jog()
+        until(lambda before=before: bool((arm.joints_deg != before).any()))
+        until(lambda: arm.snapshot.state is State.HOLDING)
+    with pytest.raises(InputError, match="between -1 and 1"):
+        arm.jog([500, 0, 0, 0, 0])
+    with pytest.raises(InputError, match="mm/s"):
+        arm.jog_tool(x_mm_s=5000)
+
+
+# What is known of the arm, and what ends a fault.
+
+
+def test_where_the_arm_is_is_not_invented(own_board: armctl.Arm) -> None:
+    arm = own_board
+    for what in (lambda: arm.joints_deg, lambda: arm.position_mm):
+        with pytest.raises(StateError, match=r"not known, it is off .*; enable\(\) the arm"):
+            what()
+    with pytest.raises(StateError, match="not known"):
+        arm.go(200, 0, 100, choose=lambda q, _: q[:, 0])
+    assert np.isnan(arm.measured_deg).all()
+    arm.enable()
+    until(lambda: not np.isnan(arm.measured_deg).any())
+    np.testing.assert_allclose(arm.measured_deg, arm.joints_deg, atol=0.05)
+    assert arm.source is Source.TRANSMITTED
+    arm.disconnect()
+    with pytest.raises(StateError, match=r"not known, it is disconnected .*reconnect\(\)"):
+        arm.joints_deg.tolist()
+    assert np.isnan(arm.measured_deg).all()
+    with pytest.raises(StateError, match="no fault to clear"):
+        arm.clear_fault()
+    before = arm.snapshot.board
+    arm.reconnect()
+    assert before is None
+    assert arm.snapshot.board is not None
+    arm.enable()
+    arm.go_joints(AWAY)
+    with pytest.raises(StateError, match="connected already"):
+        arm.reconnect()
+
+
+def test_a_running_program_goes_on_in_another_version(arm: armctl.Arm) -> None:
+    def swing(*bases: float) -> Program:
+        return Program(
+            robot="uzuner",
+            name="swing",
+            steps=tuple(MoveStep(joints_deg=(base, 100.0, -80.0, -60.0, 0.0)) for base in bases),
+        )
+
+    with pytest.raises(StateError, match="no program runs"):
+        arm.update_program(swing(1))
+    run = arm.run(swing(4, 0), loops=None, wait=False)
+    until(lambda: arm.snapshot.program is not None)
+    assert run.progress is None
+    arm.update_program(swing(-9, 0))
+    until(lambda: arm.joints_deg[0] < -5)
+    run.cancel()
+    with pytest.raises(StateError, match="'swing' was stopped by library"):
+        run.result()
+    for program in (None, 5):
+        with pytest.raises(InputError, match=f"a Program or the path of its file, not {program}"):
+            arm.run(program)  # type: ignore[arg-type]
+
+
+# Everything that a page can ask for is one call.
+
+CALLS: dict[type[Command], Callable[[armctl.Arm], object]] = {
+    commands.Connect: lambda arm: arm.reconnect("sim"),
+    commands.Disconnect: lambda arm: arm.disconnect(),
+    commands.Enable: lambda arm: arm.enable(),
+    commands.HomeAxes: lambda arm: arm.home(),
+    commands.Release: lambda arm: arm.release(),
+    commands.Pause: lambda arm: arm.pause(),
+    commands.Resume: lambda arm: arm.resume(),
+    commands.ClearFault: lambda arm: arm.clear_fault(),
+    commands.TakeControl: lambda arm: arm.take_control("1234"),
+    commands.LockControl: lambda arm: arm.lock_control(True),
+    commands.MoveJoints: lambda arm: arm.go_pose("home"),
+    commands.MoveTo: lambda arm: arm.go(200, 0, 100),
+    commands.Follow: lambda arm: arm.follow(PointToPoint.lasting([0.0] * 5, [0.0] * 5, 0.0)),
+    commands.Cancel: lambda arm: arm.go_pose("home", wait=False).cancel(),
+    commands.Jog: lambda arm: arm.jog([1, 0, 0, 0, 0]),
+    commands.JogTool: lambda arm: arm.jog_tool(x_mm_s=1),
+    commands.FollowTarget: lambda arm: arm.follow_target(200, 0, 100),
+    commands.StreamJoints: lambda arm: arm.stream().send(AWAY),
+    commands.MoveGripper: lambda arm: arm.gripper(50),
+    commands.SetSpeed: lambda arm: arm.set_speed(50),
+    commands.RunProgram: lambda arm: arm.wait(0.1),
+    commands.UpdateProgram: lambda arm: arm.update_program(Program(robot="uzuner")),
+}
+BY_CONNECTING = {commands.Arrive, commands.Leave}
+"""what a client says by being there, and by ending"""
+
+
+class Listener:
+    """A link that only keeps what is asked for."""
+
+    def __init__(self) -> None:
+        self.robot, self.asked = armctl.load_robot("uzuner"), list[Command]()
+        self.stopped, self.ended = 0, False
+        controller = Controller(self.robot, Boards(self.robot, ManualClock().now).driver, ManualClock())
+        self.snapshot: Snapshot = controller.snapshot
+        controller.close()
+
+    def submit(self, command: Command, origin: Origin | None = None) -> Ticket:
+        self.asked.append(command)
+        waits = isinstance(command, commands.MoveJoints) and command.motion
+        return Ticket([]) if waits else Ticket.ended()
+
+    def stop(self, origin: Origin | None = None) -> Ticket:
+        self.stopped += 1
+        return Ticket.ended()
+
+    def close(self) -> None:
+        self.ended = True
+
+
+def test_there_is_a_call_for_every_command_and_for_stop() -> None:
+    every = {kind for kind in known_commands() if kind not in BY_CONNECTING}
+    assert set(CALLS) == every, "a command without a call of Arm, or the reverse"
+    for kind, call in CALLS.items():
+        link = Listener()
+        if kind is commands.MoveJoints:
+            call = lambda arm: arm.go_pose("home", wait=False)  # noqa: E731
+        call(armctl.Arm(link))
+        assert kind in map(type, link.asked)
+    link = Listener()
+    with armctl.Arm(link) as arm:
+        arm.stop()
+    assert (link.stopped, link.ended) == (1, True)

@@ -13,10 +13,13 @@ from numpy.typing import ArrayLike
 
 from armctl.arrays import FloatArray
 from armctl.boards import ANY_BOARD, SIMULATED, board_name, calibrated_for
-from armctl.errors import InputError
-from armctl.kinematics import Target
+from armctl.errors import InputError, StateError
+from armctl.handles import ORIGIN, JointStream, Motion
+from armctl.hardware import Source
+from armctl.kinematics import Choice, Target
 from armctl.kinematics.target import as_numbers, checked_number, require_finite
-from armctl.motion import PitchMode, Profile
+from armctl.motion import PathTrajectory, PitchMode, Profile, Trajectory, solve
+from armctl.motion.trajectory import KnowsPeaks
 from armctl.process import start_arm
 from armctl.program import ArcStep, LineStep, Program, Step, WaitStep, checked_program, open_program
 from armctl.program.feed import whole_number
@@ -24,35 +27,55 @@ from armctl.program.steps import WIDEST_BLEND_MM
 from armctl.robot import Robot, load_robot
 from armctl.runtime import (
     ArmLink,
+    ClearFault,
     Command,
     Connect,
+    Disconnect,
     Enable,
+    Follow,
+    FollowTarget,
     HomeAxes,
+    Jog,
+    JogTool,
     MoveGripper,
     MoveJoints,
     MoveTo,
-    Origin,
+    Pause,
     Release,
+    Resume,
     RunProgram,
     SetSpeed,
     Snapshot,
+    State,
+    TakeControl,
+    Ticket,
+    UpdateProgram,
 )
+from armctl.runtime.commands import Frame, LockControl, MovingCommand
 
 _STOP_S = 5.0
 """so long an interrupt waits for the arm to stand [s]"""
-_ORIGIN = Origin("library")
+_TO_DO = {
+    State.DISCONNECTED: "reconnect() and enable() the arm",
+    State.OFF: "enable() the arm",
+    State.FAULT: "see to the cause, then clear_fault() or reconnect(), and enable() the arm",
+}
 
 
 class Arm:
     """A robot on its board, run by a process of its own.
 
     Lengths are millimetres and angles degrees here, as in files and on the command line. Every motion
-    blocks until it has ended; what refuses or breaks it is raised.
+    blocks until it has ended; what refuses or breaks it is raised. With ``wait=False`` it gives a ``Motion``
+    at once, whose ``result()`` raises this.
 
         with Arm.open("uzuner") as arm:
             arm.enable()
             arm.go(x_mm=200, y_mm=0, z_mm=100)
             arm.run("pick.toml", loops=3)
+            swing = arm.go_pose("home", wait=False)
+            print(swing.progress)
+            swing.cancel()
     """
 
     def __init__(self, link: ArmLink, board: str = ANY_BOARD) -> None:
@@ -86,13 +109,43 @@ class Arm:
 
     @property
     def joints_deg(self) -> FloatArray:
-        """(n,) joint angles last commanded [degrees]."""
-        return np.degrees(self.snapshot.q_command)
+        """(n,) joint angles last commanded [degrees]; ``StateError`` where nobody knows where the arm is."""
+        return np.degrees(self._commanded())
 
     @property
     def position_mm(self) -> FloatArray:
-        """(3,) tool point last commanded [mm]."""
-        return 1000 * self.robot.forward(self.snapshot.q_command)[:3, 3]
+        """(3,) tool point last commanded [mm]; ``StateError`` where nobody knows where the arm is."""
+        return 1000 * self.robot.forward(self._commanded())[:3, 3]
+
+    @property
+    def measured_deg(self) -> FloatArray:
+        """(n,) joint angles that the board reports [degrees], NaN where it does not know; see ``source``."""
+        return np.degrees(self.snapshot.q)
+
+    @property
+    def source(self) -> Source:
+        """What ``measured_deg`` is: measured by encoders, or only what the board sends, or was told."""
+        return self.snapshot.source
+
+    def reconnect(self, port: str | None = None) -> None:
+        """Open the line to the board, after ``disconnect`` or a fault; None: the same port as before."""
+        self._do(Connect(port))
+
+    def disconnect(self) -> None:
+        """Stop, then close the line to the board. The outputs stay as they are."""
+        self._do(Disconnect())
+
+    def clear_fault(self) -> None:
+        """Leave a fault once its cause is gone; ``StateError``: there is none, or the board is gone."""
+        self._do(ClearFault())
+
+    def take_control(self, pin: str = "") -> None:
+        """Operate the arm; whoever did watches from now on. ``pin``: the teacher's, if it is locked."""
+        self._do(TakeControl(pin))
+
+    def lock_control(self, locked: bool = True, pin: str = "") -> None:
+        """Let nobody take control, or everybody again."""
+        self._do(LockControl(locked, pin))
 
     def enable(self) -> None:
         """Make the arm ready to move: keep clear of it.
@@ -104,9 +157,9 @@ class Arm:
             self.home()
         self._do(Enable())
 
-    def home(self) -> None:
+    def home(self, wait: bool = True) -> Motion:
         """Every axis moves, slowly, to its zero. BoardError: one did not find it. StateError: no encoders."""
-        self._do(HomeAxes())
+        return self._move(HomeAxes(), wait)
 
     def release(self) -> None:
         """Pulses off: the arm drops."""
@@ -114,7 +167,15 @@ class Arm:
 
     def stop(self) -> None:
         """Decelerate inside the limits and hold; may be called from any thread."""
-        self.link.stop(_ORIGIN).result()
+        self.link.stop(ORIGIN).result()
+
+    def pause(self) -> None:
+        """Slow down along the path and stand."""
+        self._do(Pause())
+
+    def resume(self) -> None:
+        """Go on along the same path."""
+        self._do(Resume())
 
     def go(
         self,
@@ -123,27 +184,30 @@ class Arm:
         z_mm: float,
         pitch_deg: float | None = None,
         roll_deg: float | None = None,
-        choose: str = "least-rotation",
+        choose: Choice = "least-rotation",
         duration_s: float | None = None,
         profile: Profile = "cubic",
         blend_mm: float = 0.0,
-    ) -> None:
+        wait: bool = True,
+    ) -> Motion:
         """Put the tool on a point, joint by joint.
 
         The point is in the base frame; ``pitch_deg`` and ``roll_deg`` are the tool's, None: any. ``choose``
-        is the criterion among the solutions, ``profile`` the law over time. Without a duration the motion
-        takes the shortest. ``blend_mm`` means something in a program only: a call stops at its end.
+        is the criterion among the solutions, by name, or a function of your own: it makes k energies of the
+        solutions (k, n) [rad] and where the arm stands (n,) [rad]. The one of the least is sent; infinity
+        excludes one.
+        ``profile`` is the law over time. Without a duration the motion takes the shortest. ``blend_mm`` means
+        something in a program only: a call stops at its end.
         UnreachableError: no solution. MotionRefusedError: the way there would leave the limits.
         """
         _require_blend(blend_mm)
         point = _point((x_mm, y_mm, z_mm), "x_mm, y_mm, z_mm")
         pitch, roll = _optional(pitch_deg, "pitch_deg"), _optional(roll_deg, "roll_deg")
-        target = Target.of(
-            point / 1000,
-            None if pitch is None else math.radians(pitch),
-            None if roll is None else math.radians(roll),
-        )
-        self._do(MoveTo(target, choose, _optional(duration_s, "duration_s"), profile))
+        target, duration = _target(point, pitch, roll), _optional(duration_s, "duration_s")
+        if isinstance(choose, str):
+            return self._move(MoveTo(target, choose, duration, profile), wait)
+        q = solve(self.robot, self._commanded(), target, choose)
+        return self._move(MoveJoints(q, duration, profile), wait)
 
     def go_joints(
         self,
@@ -151,11 +215,12 @@ class Arm:
         duration_s: float | None = None,
         profile: Profile = "cubic",
         blend_mm: float = 0.0,
-    ) -> None:
+        wait: bool = True,
+    ) -> Motion:
         """Go to joint angles [degrees]; the rest as ``go``."""
         _require_blend(blend_mm)
         q = np.radians(self.robot.chain.checked(joints_deg))
-        self._do(MoveJoints(q, _optional(duration_s, "duration_s"), profile))
+        return self._move(MoveJoints(q, _optional(duration_s, "duration_s"), profile), wait)
 
     def line(
         self,
@@ -167,7 +232,8 @@ class Arm:
         speed_mm_s: float | None = None,
         duration_s: float | None = None,
         blend_mm: float = 0.0,
-    ) -> None:
+        wait: bool = True,
+    ) -> Motion:
         """Lead the tool to a point in the base frame [mm] in a straight line.
 
         ``pitch``: tool pitch on the way, "kept", "interpolated" to ``pitch_deg``, or "free". ``speed_mm_s``:
@@ -176,7 +242,7 @@ class Arm:
         """
         x, y, z = _point((x_mm, y_mm, z_mm), "x_mm, y_mm, z_mm").tolist()
         shared = _led(pitch, pitch_deg, speed_mm_s, duration_s, blend_mm)
-        self._step(LineStep(x_mm=x, y_mm=y, z_mm=z, **shared))
+        return self._step(LineStep(x_mm=x, y_mm=y, z_mm=z, **shared), wait)
 
     def arc(
         self,
@@ -187,38 +253,91 @@ class Arm:
         speed_mm_s: float | None = None,
         duration_s: float | None = None,
         blend_mm: float = 0.0,
-    ) -> None:
+        wait: bool = True,
+    ) -> Motion:
         """Lead the tool along the circle through where it is, ``via_mm`` and ``to_mm`` [mm]; as ``line``."""
         (via_x, via_y, via_z), (x, y, z) = _point(via_mm, "via_mm").tolist(), _point(to_mm, "to_mm").tolist()
         shared = _led(pitch, pitch_deg, speed_mm_s, duration_s, blend_mm)
-        self._step(ArcStep(via_x_mm=via_x, via_y_mm=via_y, via_z_mm=via_z, x_mm=x, y_mm=y, z_mm=z, **shared))
+        step = ArcStep(via_x_mm=via_x, via_y_mm=via_y, via_z_mm=via_z, x_mm=x, y_mm=y, z_mm=z, **shared)
+        return self._step(step, wait)
 
-    def wait(self, seconds: float) -> None:
+    def wait(self, seconds: float, wait: bool = True) -> Motion:
         """Stand still for some seconds."""
-        self._step(WaitStep(seconds=checked_number(seconds, "seconds")))
+        return self._step(WaitStep(seconds=checked_number(seconds, "seconds")), wait)
 
-    def go_pose(self, name: str, duration_s: float | None = None) -> None:
+    def go_pose(self, name: str, duration_s: float | None = None, wait: bool = True) -> Motion:
         """Go to one of the robot's named poses, e.g. home."""
-        self._do(MoveJoints(self.robot.pose(name), _optional(duration_s, "duration_s")))
+        return self._move(MoveJoints(self.robot.pose(name), _optional(duration_s, "duration_s")), wait)
 
-    def gripper(self, open_percent: float) -> None:
+    def gripper(self, open_percent: float, wait: bool = True) -> Motion:
         """Open the gripper: 0 closed, 100 open."""
         if not 0 <= checked_number(open_percent, "open_percent") <= 100:
             raise InputError(f"the gripper opens 0 … 100 %, not {open_percent}")
-        self._do(MoveGripper(open_percent / 100))
+        return self._move(MoveGripper(open_percent / 100), wait)
 
     def set_speed(self, percent: float) -> None:
         """Speed override for everything that moves, 5 … 100 %."""
         self._do(SetSpeed(checked_number(percent, "percent") / 100))
 
-    def run(self, program: str | Path | Program, loops: int | None = 1) -> None:
+    def run(self, program: str | Path | Program, loops: int | None = 1, wait: bool = True) -> Motion:
         """Run a program, or its file (.toml, .csv), ``loops`` times (None: until stopped)."""
-        if isinstance(program, Program):
-            program = checked_program(program)
-        else:
-            program = open_program(program, self.robot)
+        program = self._program(program)
         loops = None if loops is None else whole_number(loops, "how often a program runs")
-        self._do(RunProgram(program, loops))
+        return self._move(RunProgram(program, loops), wait)
+
+    def update_program(self, program: str | Path | Program) -> None:
+        """Let the program that runs go on in another version, from its next pass on."""
+        self._do(UpdateProgram(self._program(program)))
+
+    def follow(self, trajectory: Trajectory, wait: bool = True) -> Motion:
+        """Run a trajectory that begins where the arm stands, after its pre-flight.
+
+        One of your own class (``armctl.motion.Trajectory``) is sampled every 10 ms. InputError: it breaks.
+        """
+        own = not isinstance(trajectory, KnowsPeaks)
+        return self._move(Follow(PathTrajectory.sampled(trajectory) if own else trajectory), wait)
+
+    # What counts only for a moment, and is given again and again.
+
+    def stream(self) -> JointStream:
+        """Let the arm follow setpoints as they come: ``with arm.stream() as s: s.send(joints_deg)``."""
+        return JointStream(self.link)
+
+    def jog(self, percent: Sequence[float]) -> None:
+        """Turn the joints at -100 … 100 % of their speed limits (n,) for 100 ms; then they slow down."""
+        self._do(Jog(as_numbers(percent, "percent") / 100))
+
+    def jog_tool(
+        self,
+        x_mm_s: float = 0.0,
+        y_mm_s: float = 0.0,
+        z_mm_s: float = 0.0,
+        pitch_deg_s: float = 0.0,
+        roll_deg_s: float = 0.0,
+        frame: Frame = "base",
+    ) -> None:
+        """Move the tool along a line, or turn it in its place, for 100 ms; then it slows down.
+
+        ``frame``: whose axes x, y and z are along, "base" or "tool". A positive pitch lifts the tool.
+        """
+        linear = _point((x_mm_s, y_mm_s, z_mm_s), "x_mm_s, y_mm_s, z_mm_s") / 1000
+        pitch, roll = checked_number(pitch_deg_s, "pitch_deg_s"), checked_number(roll_deg_s, "roll_deg_s")
+        self._do(JogTool(linear, math.radians(pitch), math.radians(roll), frame))
+
+    def follow_target(
+        self,
+        x_mm: float,
+        y_mm: float,
+        z_mm: float,
+        pitch_deg: float | None = None,
+        roll_deg: float | None = None,
+    ) -> None:
+        """Let the tool follow a point that moves: give it again within 500 ms, or the arm slows down."""
+        point = _point((x_mm, y_mm, z_mm), "x_mm, y_mm, z_mm")
+        pitch, roll = _optional(pitch_deg, "pitch_deg"), _optional(roll_deg, "roll_deg")
+        self._do(FollowTarget(_target(point, pitch, roll)))
+
+    # How it ends.
 
     def close(self) -> None:
         """Stop, close the line and end. The outputs stay as they are."""
@@ -230,18 +349,47 @@ class Arm:
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    def _step(self, step: Step) -> None:
-        self._do(RunProgram(Program(robot=self.robot.name, name=step.kind, steps=(step,))))
+    def _commanded(self) -> FloatArray:
+        """(n,) the last setpoint [rad]."""
+        snapshot = self.snapshot
+        if not snapshot.commanded:
+            what = _TO_DO.get(snapshot.state, "wait for its end")
+            raise StateError(
+                f"where the arm is is not known, it is {snapshot.state.value} ({snapshot.cause}); {what}. "
+                "measured_deg tells what its board reports"
+            )
+        return snapshot.q_command
+
+    def _program(self, program: str | Path | Program) -> Program:
+        if isinstance(program, Program):
+            return checked_program(program)
+        return open_program(program, self.robot)
+
+    def _step(self, step: Step, wait: bool) -> Motion:
+        return self._move(RunProgram(Program(robot=self.robot.name, name=step.kind, steps=(step,))), wait)
+
+    def _move(self, command: MovingCommand, wait: bool) -> Motion:
+        motion = Motion(self.link, command)
+        if wait:
+            self._wait_for(motion)
+        return motion
 
     def _do(self, command: Command) -> None:
-        """Submit and wait for the end; an interrupt stops the arm first."""
-        ticket = self.link.submit(command, _ORIGIN)
+        self._wait_for(self.link.submit(command, ORIGIN))
+
+    def _wait_for(self, asked: Ticket | Motion) -> None:
+        """Wait for the end; an interrupt stops the arm first."""
         try:
-            ticket.result()
+            asked.result()
         except KeyboardInterrupt:
             with suppress(TimeoutError):  # closing waits for it once more
-                self.link.stop(_ORIGIN).result(_STOP_S)
+                self.link.stop(ORIGIN).result(_STOP_S)
             raise
+
+
+def _target(point_mm: FloatArray, pitch_deg: float | None, roll_deg: float | None) -> Target:
+    turned = (None if angle is None else math.radians(angle) for angle in (pitch_deg, roll_deg))
+    return Target.of(point_mm / 1000, *turned)
 
 
 def _point(value: ArrayLike, what: str) -> FloatArray:

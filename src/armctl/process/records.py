@@ -199,11 +199,10 @@ class Joined(msgspec.Struct, frozen=True, tag="joined"):
 
 
 Motion = Straight | Path | Slowed | Joined
-_SAMPLE_S = 0.005
 
 
 def carried(trajectory: Trajectory) -> Motion:
-    """A trajectory as numbers; one of the caller's own class as cubic pieces through its samples."""
+    """A trajectory as numbers; one of the caller's own class by its samples."""
     match trajectory:
         case PointToPoint():
             way = None if trajectory.way is None else Curve.of(trajectory.way)
@@ -215,23 +214,7 @@ def carried(trajectory: Trajectory) -> Motion:
         case JoinedTrajectory():
             return Joined([carried(part) for part in trajectory.parts])
         case _:
-            return _sampled(trajectory)
-
-
-def _sampled(trajectory: Trajectory) -> Motion:
-    duration = float(trajectory.duration)
-    if duration <= 0:
-        return Straight(trajectory.start.tolist(), trajectory.end.tolist(), 0.0, None)
-    pieces = min(max(math.ceil(duration / _SAMPLE_S), 1), MOST_PIECES)
-    time = np.linspace(0.0, duration, pieces + 1)
-    state, h = trajectory.sample(time), duration / pieces
-    q, v = np.asarray(state.q, dtype=np.float64), np.asarray(state.velocity, dtype=np.float64)
-    rise = (q[1:] - q[:-1]) / h  # cubic Hermite pieces
-    third = (v[:-1] + v[1:] - 2 * rise) / h**2
-    second = (3 * rise - 2 * v[:-1] - v[1:]) / h
-    curve = PiecewisePolynomial(time, np.stack([q[:-1], v[:-1], second, third], axis=1))
-    law = PiecewisePolynomial([0.0, duration], [[[0.0], [1.0]]])
-    return Path(Curve.of(curve), Curve.of(law))
+            return carried(PathTrajectory.sampled(trajectory))
 
 
 def built(motion: Motion) -> Trajectory:

@@ -41,9 +41,9 @@ class HeldCommand(MovingCommand, frozen=True):
 
 
 class Connect(Command, frozen=True):
-    """Open the line to the board: ``sim``, ``auto`` or a device."""
+    """Open the line to the board: ``sim``, ``auto`` or a device; None: as the last time."""
 
-    port: str
+    port: str | None
 
 
 class Disconnect(Command, frozen=True):

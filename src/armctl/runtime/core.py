@@ -70,6 +70,7 @@ class Core:
         self.speed = 1.0
         self.setpoint: Setpoint | None = None
         self._open_driver = open_driver
+        self._port: str | None = None
         self._motion: Pending | None = None
         self._edit: Pending | None = None
         self._ticket: Ticket | None = None
@@ -91,12 +92,16 @@ class Core:
 
     # Connecting, and switching the outputs on and off.
 
-    def connect(self, port: str, who: str, now: float) -> None:
+    def connect(self, port: str | None, who: str, now: float) -> None:
         """Open the line. Moves nothing; leaves the outputs as they are."""
         if self.state not in (State.DISCONNECTED, State.FAULT):
             raise StateError(f"connected already, and {self.state.value}; disconnect first")
+        port = self._port if port is None else port
+        if port is None:
+            raise StateError("no board was connected yet: on which port is it?")
         if self.board is not None:
             self.disconnect("to connect again")
+        self._port = port
         try:
             self.board = Board(self.robot, self._open_driver, port)
             answered = self.monitor.read(self.board, now) is not None
