@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import pickle
 import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -459,6 +460,9 @@ def test_where_the_arm_is_is_not_invented(own_board: armctl.Arm) -> None:
     until(lambda: not np.isnan(arm.measured_deg).any())
     np.testing.assert_allclose(arm.measured_deg, arm.joints_deg, atol=0.05)
     assert arm.source is Source.TRANSMITTED
+    kept = pickle.loads(pickle.dumps(arm.snapshot))
+    assert (kept.state, kept.board, kept.source) == (State.HOLDING, arm.snapshot.board, arm.source)
+    np.testing.assert_array_equal(kept.q_command, np.radians(arm.joints_deg))
     arm.disconnect()
     with pytest.raises(StateError, match=r"not known, it is disconnected .*reconnect\(\)"):
         arm.joints_deg.tolist()
