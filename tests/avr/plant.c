@@ -37,9 +37,12 @@ typedef struct {
     double switch_low, switch_high; /* pressed between them; equal: no switch */
     /* what is wrong */
     uint8_t blocked, torn_a, torn_b, switch_stuck; /* switch_stuck: 1 open, 2 pressed */
+    uint32_t lost_edges;  /* so many of the next edges are not shown: the one after comes with it */
+    uint32_t lost_pulses; /* so many of the next pulses of channel A are not shown */
     /* where it is */
     double position, speed; /* of the motor */
     int32_t shown;          /* what the encoder shows */
+    uint8_t hidden, level_a, losing; /* an edge is lost; channel A as shown; within a pulse that is lost */
     double way;             /* all that the motor has turned so far, without sign */
     double drive;           /* at the last step, -1 ... 1 */
     /* how the bridge is treated */
@@ -48,16 +51,25 @@ typedef struct {
     uint32_t hot_turns;  /* changes of direction before the timer had let a duty of 0 out */
 } axis_t;
 
+typedef struct plant plant_t;
+
+/* What the moment of an edge carries: simavr hands it back untouched. */
 typedef struct {
+    plant_t *plant;
+    axis_t *axis;
+} edge_tag_t;
+
+struct plant {
     avr_io_t io; /* first: simavr hands this back on a reset */
     axis_t *axes;
+    edge_tag_t tags[AXES];
     int8_t pair_sum, pair_difference; /* -1: none */
     uint16_t enable;                  /* register of the enable pin */
     uint8_t enable_mask;
     uint8_t fresh; /* the CPU has been reset: every pin must be shown again */
     uint8_t mask[12], level[12];
     avr_int_vector_t port_k; /* simavr 1.6 knows the pin-change interrupt of port B alone */
-} plant_t;
+};
 
 static void show(plant_t *plant, int pin, int level)
 {
@@ -155,16 +167,56 @@ static void stop(axis_t *joint, axis_t *a, axis_t *b, int sign)
     }
 }
 
-static void show_axis(plant_t *plant, axis_t *axis, double joint)
+static void show_encoder(plant_t *plant, axis_t *axis)
 {
     static const uint8_t levels[4] = {0, 1, 3, 2}; /* bit 0: A, bit 1: B; A leads upwards */
-    int32_t count = (int32_t)floor(axis->position);
-    if (count != axis->shown) {
-        axis->shown += count > axis->shown ? 1 : -1; /* one edge at a time */
-    }
     uint8_t now = levels[axis->shown & 3];
-    show(plant, axis->pin_a, axis->torn_a || now & 1);
+    if (!axis->lost_pulses) {
+        axis->level_a = now & 1;
+    } else if ((now & 1) != axis->level_a) {
+        axis->losing = 1;
+    } else if (axis->losing) {
+        axis->losing = 0;
+        axis->lost_pulses--;
+    }
+    show(plant, axis->pin_a, axis->torn_a || axis->level_a);
     show(plant, axis->pin_b, axis->torn_b || now & 2);
+}
+
+static avr_cycle_count_t show_edge(avr_t *avr, avr_cycle_count_t when, void *param)
+{
+    (void)avr, (void)when;
+    edge_tag_t *tag = param;
+    show_encoder(tag->plant, tag->axis);
+    return 0;
+}
+
+/* One edge a step, at the part of it at which the motor passed: those of several axes come one by one. */
+static void turn_encoder(plant_t *plant, axis_t *axis, edge_tag_t *tag, double before)
+{
+    int32_t count = (int32_t)floor(axis->position);
+    if (count == axis->shown) {
+        if (!axis->hidden) {
+            show_encoder(plant, axis); /* a wire may just have been torn */
+        }
+        return;
+    }
+    int up = count > axis->shown;
+    double passed = axis->shown + (up ? 1.0 : 0.0), way = axis->position - before;
+    double part = way != 0.0 ? fmin(fmax((passed - before) / way, 0.0), 1.0) : 0.0;
+    axis->shown += up ? 1 : -1;
+    axis->hidden = axis->lost_edges != 0;
+    if (axis->hidden) {
+        axis->lost_edges--;
+    } else if (plant->fresh) {
+        show_encoder(plant, axis);
+    } else {
+        avr_cycle_timer_register(plant->io.avr, 1 + (avr_cycle_count_t)(part * (STEP_CYCLES - 10)), show_edge, tag);
+    }
+}
+
+static void show_switch(plant_t *plant, axis_t *axis, double joint)
+{
     int pressed = joint >= axis->switch_low && joint < axis->switch_high;
     if (axis->switch_stuck) {
         pressed = axis->switch_stuck == 2;
@@ -177,7 +229,9 @@ static avr_cycle_count_t step(avr_t *avr, avr_cycle_count_t when, void *param)
     plant_t *plant = param;
     axis_t *axes = plant->axes;
     int s = plant->pair_sum, d = plant->pair_difference;
+    double before[AXES];
     for (int i = 0; i < AXES; i++) {
+        before[i] = axes[i].position;
         turn(plant, &axes[i], (double)STEP_CYCLES / avr->frequency);
     }
     for (int i = 0; i < AXES; i++) {
@@ -185,7 +239,10 @@ static avr_cycle_count_t step(avr_t *avr, avr_cycle_count_t when, void *param)
         axis_t *a = paired ? &axes[s] : &axes[i], *b = paired ? &axes[d] : NULL;
         int sign = i == d ? -1 : 1;
         stop(&axes[i], a, b, sign);
-        show_axis(plant, &axes[i], a->position + (b ? sign * b->position : 0.0));
+        show_switch(plant, &axes[i], a->position + (b ? sign * b->position : 0.0));
+    }
+    for (int i = 0; i < AXES; i++) {
+        turn_encoder(plant, &axes[i], &plant->tags[i], before[i]);
     }
     plant->fresh = 0;
     return when + STEP_CYCLES;
@@ -206,6 +263,9 @@ plant_t *plant_new(avr_t *avr, axis_t *axes, int pair_sum, int pair_difference, 
     if (plant) {
         plant->io = (avr_io_t){.kind = "plant", .reset = on_reset};
         plant->axes = axes;
+        for (int i = 0; i < AXES; i++) {
+            plant->tags[i] = (edge_tag_t){.plant = plant, .axis = &axes[i]};
+        }
         plant->pair_sum = (int8_t)pair_sum;
         plant->pair_difference = (int8_t)pair_difference;
         plant->enable = (uint16_t)enable;

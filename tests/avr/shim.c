@@ -261,9 +261,18 @@ static void drive_pin(sim_t *sim, int pin, int level)
     sim->driving = 0;
 }
 
+static avr_cycle_count_t wake(avr_t *avr, avr_cycle_count_t when, void *param)
+{
+    (void)avr, (void)when, (void)param;
+    return 0;
+}
+
 static int run_to(sim_t *sim, uint64_t until)
 {
     avr_t *avr = sim->avr;
+    if (avr->cycle < until) {
+        avr_cycle_timer_register(avr, until - avr->cycle, wake, NULL); /* a CPU that sleeps sleeps to its next timer */
+    }
     while (avr->cycle < until) {
         /* simavr runs instructions in a row up to this limit or its next timer, whichever is first.
          * Its own default of one instruction is 2 times slower. */
