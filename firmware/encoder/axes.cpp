@@ -8,6 +8,14 @@ namespace {
 constexpr uint8_t STANDING_TICKS = ms_to_ticks(20);
 constexpr uint8_t VELOCITY_SHIFT = 8; // filtered velocities are in 1/256 count/s
 constexpr uint8_t FILTER_SHIFT = 2; // it settles in 8 ms: one count more is 128 counts/s, not 512
+constexpr int32_t FAST = 512L << VELOCITY_SHIFT;
+constexpr uint8_t FAST_TICKS = ms_to_ticks(30);
+
+void add(uint8_t &sum, uint8_t more) { sum = more > 255 - sum ? 255 : static_cast<uint8_t>(sum + more); }
+
+int16_t clamped(int32_t velocity) {
+    return static_cast<int16_t>(velocity > 0x7FFF ? 0x7FFF : velocity < -0x7FFF ? -0x7FFF : velocity);
+}
 
 } // namespace
 
@@ -36,24 +44,55 @@ void Axes::recount(uint8_t axis, int32_t from, int32_t to) {
     joints_[axis].offset += to - from;
     joints_[axis].fine_offset = shifted_up<TICK_SHIFT>(joints_[axis].offset);
     joints_[axis].position += to - from;
+    joints_[axis].lost_edges = 0;
     joints_[axis].profile.shift(to - from);
 }
 
 void Axes::measure() {
     for (uint8_t axis = 0; axis < AXES; ++axis) {
         Motor &motor = motors_[axis];
-        int8_t counts = encoders::take(axis);
-        if (settings_[axis].encoder_inverted) counts = static_cast<int8_t>(-counts);
+        const encoders::Seen seen = encoders::take(axis);
+        const int16_t counts = settings_[axis].encoder_inverted ? static_cast<int16_t>(-seen.counts) : seen.counts;
         if (counts) {
             motor.count += counts;
             motor.still_ticks = 0;
         } else if (motor.still_ticks < STANDING_TICKS) {
             ++motor.still_ticks;
         }
-        const int32_t now = static_cast<int32_t>(counts) * (1L << (TICK_SHIFT + VELOCITY_SHIFT));
+        const int32_t now = shifted_up<TICK_SHIFT + VELOCITY_SHIFT>(counts);
         motor.velocity += (now - motor.velocity) >> FILTER_SHIFT;
+        if (seen.lost) note_lost(axis, seen.lost);
+        const uint8_t lost = lost_pulses(motor, seen.turned);
+        if (lost) note_lost(axis, lost);
     }
     locate();
+}
+
+// A motor of a pair turns both joints.
+void Axes::note_lost(uint8_t axis, uint8_t edges) {
+    losses_ = true;
+    add(joints_[axis].lost_edges, edges);
+    if (partner(axis) != NO_AXIS) add(joints_[partner(axis)].lost_edges, edges);
+}
+
+// No motor turns round and back at speed. Where its counts do and the speed goes on, a pulse of one channel
+// was not seen: its two edges were lost. One that hits something turns round as well, and is slow then.
+uint8_t Axes::lost_pulses(Motor &motor, uint8_t turned) {
+    const bool backward = motor.velocity < 0;
+    const bool fast = motor.velocity >= FAST || motor.velocity <= -FAST;
+    if (!fast || backward != motor.backward) {
+        motor.turned = 0;
+        motor.backward = backward;
+        return 0;
+    }
+    if (turned) {
+        add(motor.turned, turned);
+        motor.fast_ticks = 0;
+    }
+    if (!motor.turned || ++motor.fast_ticks < FAST_TICKS) return 0;
+    const uint8_t lost = motor.turned;
+    motor.turned = 0;
+    return lost;
 }
 
 void Axes::locate() {
@@ -102,7 +141,7 @@ void Axes::drive() {
         if (!driven(axis)) continue;
         Motor &motor = motors_[axis];
         const int16_t drive = motor.pid.step({targets[axis], velocities[axis], motor.count,
-                                              static_cast<int16_t>(shifted_down<VELOCITY_SHIFT>(motor.velocity)),
+                                              clamped(shifted_down<VELOCITY_SHIFT>(motor.velocity)),
                                               motor.still_ticks >= STANDING_TICKS,
                                               exact_pair && partner(axis) != NO_AXIS});
         motor.verdict = motor.watch.step(motor.count, drive);

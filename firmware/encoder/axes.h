@@ -38,6 +38,15 @@ public:
     int32_t following_error(uint8_t axis) const {
         return joints_[axis].profile.nearest_count() - joints_[axis].position;
     }
+    // Edges that its encoders have lost since the joint was counted anew (or since the start); 255: or more.
+    // Each is 2 counts up or down.
+    uint8_t lost_edges(uint8_t axis) const { return joints_[axis].lost_edges; }
+    // Whether there are more of them, on any axis, since the last call.
+    bool take_losses() {
+        const bool some = losses_;
+        losses_ = false;
+        return some;
+    }
     // Make a joint position count as another.
     void recount(uint8_t axis, int32_t from, int32_t to);
 
@@ -60,6 +69,7 @@ private:
         int32_t offset = 0; // joint counts = counts of the motors + offset
         int32_t fine_offset = 0; // [1/512 count]
         int32_t position = 0;
+        uint8_t lost_edges = 0;
     };
     struct Motor {
         Pid pid;
@@ -68,8 +78,13 @@ private:
         int32_t count = 0;
         int32_t velocity = 0; // filtered [1/256 count/s]
         uint8_t still_ticks = 0;
+        uint8_t turned = 0; // how often at speed, and for how many ticks that speed has gone on since
+        uint8_t fast_ticks = 0;
+        bool backward = false;
     };
 
+    void note_lost(uint8_t axis, uint8_t edges);
+    static uint8_t lost_pulses(Motor &motor, uint8_t turned);
     bool pair_is_off() const;
     void locate();
 
@@ -78,4 +93,5 @@ private:
     Motor motors_[AXES];
     uint8_t sum_ = NO_AXIS;
     uint8_t difference_ = NO_AXIS;
+    bool losses_ = false;
 };

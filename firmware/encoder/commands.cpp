@@ -4,7 +4,6 @@
 
 #include "config.h"
 #include "reset_cause.h"
-#include "serial_port.h"
 #include "status.h"
 
 namespace {
@@ -81,7 +80,7 @@ void Commands::hello(Scanner &words, Writer &answer) {
 void Commands::cfg(Scanner &words, Writer &answer) {
     uint8_t axis;
     if (!read_axis(words, axis, answer)) return;
-    const TickLock lock;
+    const ControlLock lock(controller_);
     if (controller_.powered()) return refuse(answer, PSTR("MOVING motors are on"));
     Settings settings = controller_.axes().settings(axis);
     bool any = false;
@@ -147,7 +146,7 @@ void Commands::pair(Scanner &words, Writer &answer) {
     else if (!read_axis(words, sum, answer) || !read_axis(words, difference, answer)) return;
     if (!at_end(words, answer)) return;
     if (sum != NO_AXIS && sum == difference) return refuse(answer, PSTR("RANGE two axes"));
-    const TickLock lock;
+    const ControlLock lock(controller_);
     if (controller_.powered()) return refuse(answer, PSTR("MOVING motors are on"));
     controller_.pair(sum, difference);
     ok(answer);
@@ -168,7 +167,7 @@ void Commands::en(Scanner &words, Writer &answer) {
     if (!words.next() || !words.number(on)) return refuse(answer, PSTR("ARGS 0 or 1 missing"));
     if (!at_end(words, answer)) return;
     if (on < 0 || on > 1) return refuse(answer, PSTR("RANGE 0 1"));
-    const TickLock lock;
+    const ControlLock lock(controller_);
     if (!on) {
         controller_.switch_off();
         return ok(answer);
@@ -180,8 +179,7 @@ void Commands::en(Scanner &words, Writer &answer) {
         if (controller_.switching_off()) return refuse(answer, PSTR("HOLD braking"));
         break; // on already
     case Mode::OFF:
-        if (serial_port::stopped_since()) return refuse(answer, PSTR("OFF stopped"));
-        controller_.switch_on();
+        if (!controller_.switch_on()) return refuse(answer, PSTR("OFF stopped"));
         break;
     case Mode::ON: break;
     }
@@ -200,14 +198,12 @@ void Commands::home(Scanner &words, Writer &answer) {
             wanted |= static_cast<uint8_t>(1 << axis);
         }
     }
-    const TickLock lock;
+    const ControlLock lock(controller_);
     switch (controller_.mode()) {
     case Mode::TRIPPED: return refuse(answer, PSTR("FAULT latched"));
     case Mode::HOMING: return refuse(answer, PSTR("BUSY homing"));
     case Mode::HELD: return refuse(answer, PSTR("HOLD"));
     case Mode::OFF:
-        if (serial_port::stopped_since()) return refuse(answer, PSTR("OFF stopped"));
-        break;
     case Mode::ON: break;
     }
     for (uint8_t axis = 0; axis < AXES; ++axis) {
@@ -216,7 +212,7 @@ void Commands::home(Scanner &words, Writer &answer) {
         if (settings.home_position >= settings.low && settings.home_position <= settings.high) continue;
         return refuse_axis(answer, PSTR("RANGE hpos outside min max, axis"), axis);
     }
-    controller_.home(wanted);
+    if (!controller_.home(wanted)) return refuse(answer, PSTR("OFF stopped"));
     ok(answer);
 }
 
@@ -235,7 +231,7 @@ void Commands::p(Scanner &words, Writer &answer) {
         if (ms < 1 || ms > 1000) return refuse(answer, PSTR("RANGE ms 1 1000"));
     }
     if (!at_end(words, answer)) return;
-    const TickLock lock;
+    const ControlLock lock(controller_);
     if (!setpoints_allowed(counts, given, answer)) return;
     for (uint8_t axis = 0; axis < AXES; ++axis) {
         if (given >> axis & 1) controller_.go_to(axis, counts[axis], ms_to_ticks(static_cast<uint32_t>(ms)));
@@ -276,7 +272,7 @@ void Commands::get(Scanner &words, Writer &answer) {
 
 void Commands::clr(Scanner &words, Writer &answer) {
     if (!at_end(words, answer)) return;
-    const TickLock lock;
+    const ControlLock lock(controller_);
     controller_.clear_faults();
     ok(answer);
 }

@@ -1,7 +1,10 @@
 #include "controller.h"
 
+#include <util/atomic.h>
+
 #include "encoders.h"
 #include "motors.h"
+#include "reset_cause.h"
 #include "serial_port.h"
 
 namespace {
@@ -9,32 +12,45 @@ namespace {
 // How long the signs of a broken encoder are gathered: a quarter of a second.
 constexpr uint16_t SIGNS_MASK = TICK_HZ / 4 - 1;
 
+static_assert(TICK_HZ == 512, "64 ticks are 125 ms");
+
 } // namespace
 
-void Controller::begin(bool brownout) {
+void Controller::begin(uint8_t flags) {
     axes_.begin();
     watchdog_.set_ms(WATCHDOG_DEFAULT_MS);
-    if (brownout) global_ |= GLOBAL_BROWNOUT;
+    global_ = flags;
 }
 
 void Controller::tick() {
-    ++ticks_;
+    const uint8_t left_out = ticker::take_left_out();
+    if (left_out) global_ |= GLOBAL_LATE;
+    const uint8_t ticks = left_out == 255 ? 255 : static_cast<uint8_t>(left_out + 1);
     axes_.measure();
     switches_.sample(switches_open_);
     obey_requests();
-    if (powered()) control();
+    watch_counts();
+    if (powered()) control(ticks);
     else doubt_homes();
-    if ((ticks_ & SIGNS_MASK) == 0) encoders::forget_signs();
+    pass_time(ticks);
 }
 
-void Controller::control() {
-    watch_host();
+void Controller::pass_time(uint8_t ticks) {
+    while (ticks--) {
+        ++ticks_;
+        if ((ticks_ & 63) == 0) milliseconds_ += 125;
+        if ((ticks_ & SIGNS_MASK) == 0) encoders::forget_signs();
+    }
+}
+
+void Controller::control(uint8_t ticks) {
+    watch_host(ticks);
     if (mode_ == Mode::HOMING) run_homing();
     if (!powered()) return;
     axes_.advance();
     axes_.drive();
     guard();
-    if (mode_ == Mode::HELD) finish_hold();
+    if (mode_ == Mode::HELD) finish_hold(ticks);
 }
 
 void Controller::obey_requests() {
@@ -58,17 +74,18 @@ void Controller::hold() {
     for (uint8_t axis = 0; axis < AXES; ++axis) axes_.profile(axis).run_at(0);
 }
 
-void Controller::finish_hold() {
+void Controller::finish_hold(uint8_t ticks) {
     if (off_ticks_) {
-        if (--off_ticks_ == 0) switch_off();
+        off_ticks_ = off_ticks_ > ticks ? static_cast<uint16_t>(off_ticks_ - ticks) : 0;
+        if (!off_ticks_) switch_off();
     } else if (!held_told_ && axes_.at_rest()) {
         held_told_ = true;
         tell(EventKind::HELD);
     }
 }
 
-void Controller::watch_host() {
-    if (off_ticks_ || !watchdog_.step()) return;
+void Controller::watch_host(uint8_t ticks) {
+    if (off_ticks_ || !watchdog_.step(ticks)) return;
     hold();
     off_ticks_ = watchdog_.brake_ticks();
     // In less time than the motors stay on; the joints follow their setpoints a little late.
@@ -125,6 +142,14 @@ void Controller::doubt_homes() {
     }
 }
 
+// A few lost edges are told; with more of them nobody knows where the joint is, on or off.
+void Controller::watch_counts() {
+    if (!axes_.take_losses()) return;
+    for (uint8_t axis = 0; axis < AXES; ++axis) {
+        if (homed(axis) && axes_.lost_edges(axis) > LOST_EDGES_MAX) trip(axis, FAULT_LOST);
+    }
+}
+
 void Controller::guard_motor(uint8_t axis, bool homing_it) {
     if (encoders::broken(axis)) {
         trip(axis, FAULT_ENCODER);
@@ -164,17 +189,22 @@ void Controller::trip(uint8_t axis, Fault fault) {
     off_ticks_ = 0;
     mode_ = Mode::TRIPPED;
     faults_[axis] |= fault;
-    if (fault == FAULT_ENCODER) unhome_motor(axis);
+    if (fault == FAULT_ENCODER || fault == FAULT_LOST) unhome_motor(axis);
     tell(EventKind::TRIP, axis, fault);
 }
 
-void Controller::switch_on() {
-    global_ &= static_cast<uint8_t>(~(GLOBAL_WATCHDOG | GLOBAL_STOPPED));
+bool Controller::switch_on() {
     axes_.hold_here();
     encoders::forget_signs();
     watchdog_.feed();
+    // A stop comes either before this and is seen, or after it and cuts what is on.
+    ATOMIC_BLOCK(ATOMIC_RESTORESTATE) {
+        if (serial_port::stopped_since()) return false;
+        motors::enable();
+    }
+    global_ &= static_cast<uint8_t>(~(GLOBAL_WATCHDOG | GLOBAL_STOPPED | GLOBAL_LATE));
     mode_ = Mode::ON;
-    motors::enable();
+    return true;
 }
 
 void Controller::switch_off() {
@@ -184,16 +214,18 @@ void Controller::switch_off() {
     if (mode_ != Mode::TRIPPED) mode_ = Mode::OFF;
 }
 
-void Controller::home(uint8_t wanted) {
-    if (mode_ == Mode::OFF) switch_on();
+bool Controller::home(uint8_t wanted) {
+    if (mode_ == Mode::OFF && !switch_on()) return false;
     homed_ &= static_cast<uint8_t>(~wanted);
     homing_.begin(axes_, wanted);
     mode_ = Mode::HOMING;
+    return true;
 }
 
 void Controller::clear_faults() {
     for (uint8_t &faults : faults_) faults = 0;
     global_ = 0;
+    reset_cause::forget();
     if (mode_ == Mode::TRIPPED) mode_ = Mode::OFF;
 }
 

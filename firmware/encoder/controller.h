@@ -19,11 +19,14 @@ enum GlobalFlag : uint8_t {
     GLOBAL_OVERRUN = 2,
     GLOBAL_BROWNOUT = 4,
     GLOBAL_STOPPED = 8,
+    GLOBAL_INTERRUPTED = 16,
+    GLOBAL_LATE = 32,
 };
 
 class Controller {
 public:
-    void begin(bool brownout);
+    // Flags of the resets that no host has cleared yet.
+    void begin(uint8_t flags);
 
     // The timer interrupt.
     void tick();
@@ -32,10 +35,13 @@ public:
     void feed_watchdog() { watchdog_.feed(); }
     void set_watchdog_ms(uint16_t ms) { watchdog_.set_ms(ms); }
 
-    // The modes say what is allowed; the caller has asked.
-    void switch_on();
+    // Do now what single bytes have asked for; see ControlLock.
+    void obey_requests();
+
+    // The modes say what is allowed; the caller has asked. False: a stop came in just now, the motors stay off.
+    bool switch_on();
     void switch_off();
-    void home(uint8_t wanted);
+    bool home(uint8_t wanted);
     void clear_faults();
     void go_to(uint8_t axis, int32_t count, uint16_t ticks) { axes_.profile(axis).go_to(count, ticks); }
     // A line was too long, or bytes were lost.
@@ -56,16 +62,18 @@ public:
     uint8_t global() const { return global_; }
     uint8_t faults(uint8_t axis) const { return faults_[axis]; }
     uint32_t ticks() const { return ticks_; }
+    uint32_t milliseconds() const { return milliseconds_ + (((ticks_ & 63) * 125) >> 6); }
     EventQueue &events() { return events_; }
 
 private:
-    void obey_requests();
-    void control();
-    void watch_host();
+    void pass_time(uint8_t ticks);
+    void control(uint8_t ticks);
+    void watch_host(uint8_t ticks);
     void hold();
-    void finish_hold();
+    void finish_hold(uint8_t ticks);
     void run_homing();
     void doubt_homes();
+    void watch_counts();
     void guard();
     void guard_motor(uint8_t axis, bool homing_it);
     void guard_joint(uint8_t axis, bool homing_it);
@@ -89,4 +97,15 @@ private:
     bool held_told_ = false;
     uint16_t off_ticks_ = 0; // braking for the watchdog: ticks until the motors go off
     uint32_t ticks_ = 0;
+    uint32_t milliseconds_ = 0; // at the last 64th tick: both begin at 0 again, but not at once
+};
+
+// The lock for whoever looks at the mode or changes it: a `!`, `~` or 0x18 that was received before is
+// obeyed before, and not only at the next tick.
+class ControlLock {
+public:
+    explicit ControlLock(Controller &controller) { controller.obey_requests(); }
+
+private:
+    const TickLock lock_;
 };

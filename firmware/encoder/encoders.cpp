@@ -9,53 +9,71 @@
 namespace {
 
 struct Channel {
-    volatile int8_t counts;
-    uint8_t levels;           // B A, as last seen
-    uint8_t changed;          // the channel that changed last
-    volatile uint8_t repeats; // how often in a row that was the same one
-    volatile uint8_t doubles; // how often both changed at once
+    volatile int16_t counts;
+    volatile uint8_t lost;    // edges
+    volatile uint8_t turned;  // changes of direction
+    volatile uint8_t repeats; // changes of direction in a row: the same channel changes again and again
+    bool up;                  // the direction of the last count
+    uint8_t at;               // when that was [16 us]
+    uint8_t lost_lately;      // of lost, since forget_signs(); not for the interrupts
 };
 
 Channel channels[AXES];
+// The ports as last seen: A of the first axis is bit 0, its B bit 1, and so on.
+uint8_t port_d, port_k;
 
 // A joint that hunts about one edge repeats a channel too, but slowly: its control has a dead band.
 constexpr uint8_t REPEATS_OF_TORN_WIRE = 40;
-constexpr uint8_t DOUBLES_OF_BAD_ENCODER = 8;
+constexpr uint8_t LOST_BY_BAD_ENCODER = 8;
+// A flank that bounces comes back within microseconds and loses nothing; a pulse that is missing takes two
+// edges' time, 330 us at full speed. [16 us]
+constexpr uint8_t BOUNCE = 3;
 
-// Counts by the old and the new levels, 4 * old + new; 0 where nothing or both changed.
-const int8_t STEP[16] = {0, 1, -1, 0, -1, 0, 0, 1, 1, 0, 0, -1, 0, -1, 1, 0};
-
-inline __attribute__((always_inline)) void look(Channel &channel, uint8_t levels) {
-    const uint8_t old = channel.levels;
-    const uint8_t changed = old ^ levels;
+// Six encoders at full speed keep the interrupts busy for a third of the time: every cycle counts here.
+template <uint8_t Axis, uint8_t Shift>
+inline __attribute__((always_inline)) void look(uint8_t old, uint8_t levels) {
+    constexpr uint8_t A = 1 << Shift, B = 2 << Shift;
+    const uint8_t changed = (old ^ levels) & (A | B);
     if (!changed) return;
-    channel.levels = levels;
-    if (changed == 3) {
-        if (channel.doubles != 255) ++channel.doubles;
+    Channel &channel = channels[Axis];
+    if (changed == (A | B)) {
+        channel.lost = channel.lost + 1;
         return;
     }
-    channel.counts += STEP[old << 2 | levels];
-    if (changed != channel.changed) {
-        channel.changed = changed;
+    const uint8_t now = TCNT0;
+    const uint8_t since = static_cast<uint8_t>(now - channel.at);
+    channel.at = now;
+    // Upward, the new A is the other one of the old B.
+    const bool up = !(old & B) == !!(levels & A);
+    channel.counts = static_cast<int16_t>(channel.counts + (up ? 1 : -1));
+    if (up == channel.up) {
         channel.repeats = 0;
-    } else if (channel.repeats != 255) {
-        ++channel.repeats;
+        return;
     }
+    channel.up = up;
+    if (since >= BOUNCE) channel.turned = channel.turned + 1;
+    if (channel.repeats != 255) channel.repeats = channel.repeats + 1;
 }
 
 } // namespace
 
-ISR(INT0_vect) { look(channels[0], PIND & 3); }
+ISR(INT0_vect) {
+    const uint8_t now = PIND, old = port_d;
+    port_d = now;
+    look<0, 0>(old, now);
+    look<1, 2>(old, now);
+}
 ISR(INT1_vect, ISR_ALIASOF(INT0_vect));
-ISR(INT2_vect) { look(channels[1], PIND >> 2 & 3); }
-ISR(INT3_vect, ISR_ALIASOF(INT2_vect));
+ISR(INT2_vect, ISR_ALIASOF(INT0_vect));
+ISR(INT3_vect, ISR_ALIASOF(INT0_vect));
 
 ISR(PCINT2_vect) {
-    const uint8_t port = PINK;
-    look(channels[2], port & 3);
-    look(channels[3], port >> 2 & 3);
-    look(channels[4], port >> 4 & 3);
-    look(channels[5], port >> 6);
+    const uint8_t now = PINK, old = port_k;
+    port_k = now;
+    look<2, 0>(old, now);
+    look<3, 2>(old, now);
+    look<4, 4>(old, now);
+    look<5, 6>(old, now);
 }
 
 namespace encoders {
@@ -63,8 +81,9 @@ namespace encoders {
 void begin() {
     PORTD |= 0x0F;
     PORTK = 0xFF;
-    for (uint8_t i = 0; i < 2; ++i) channels[i].levels = PIND >> (2 * i) & 3;
-    for (uint8_t i = 0; i < 4; ++i) channels[2 + i].levels = PINK >> (2 * i) & 3;
+    port_d = PIND;
+    port_k = PINK;
+    TCCR0B = _BV(CS02); // 16 us a step
     EICRA = _BV(ISC00) | _BV(ISC10) | _BV(ISC20) | _BV(ISC30); // any edge
     EIFR = 0x0F;
     EIMSK = 0x0F;
@@ -73,21 +92,25 @@ void begin() {
     PCICR = _BV(PCIE2);
 }
 
-int8_t take(uint8_t axis) {
-    int8_t counts;
+Seen take(uint8_t axis) {
+    Channel &channel = channels[axis];
+    Seen seen;
     ATOMIC_BLOCK(ATOMIC_RESTORESTATE) {
-        counts = channels[axis].counts;
-        channels[axis].counts = 0;
+        seen = {channel.counts, channel.lost, channel.turned};
+        channel.counts = 0;
+        channel.lost = channel.turned = 0;
     }
-    return counts;
+    if (seen.lost > 255 - channel.lost_lately) channel.lost_lately = 255;
+    else channel.lost_lately = static_cast<uint8_t>(channel.lost_lately + seen.lost);
+    return seen;
 }
 
 bool broken(uint8_t axis) {
-    return channels[axis].repeats >= REPEATS_OF_TORN_WIRE || channels[axis].doubles >= DOUBLES_OF_BAD_ENCODER;
+    return channels[axis].repeats >= REPEATS_OF_TORN_WIRE || channels[axis].lost_lately >= LOST_BY_BAD_ENCODER;
 }
 
 void forget_signs() {
-    for (Channel &channel : channels) channel.repeats = channel.doubles = 0;
+    for (Channel &channel : channels) channel.repeats = channel.lost_lately = 0;
 }
 
 } // namespace encoders

@@ -7,11 +7,17 @@ namespace encoders {
 
 void begin();
 
-// Counts since the last call; called every control tick, in which no encoder makes 127 counts.
-int8_t take(uint8_t axis);
+// What an encoder has done since the last call.
+struct Seen {
+    int16_t counts;
+    uint8_t lost;   // edges: both channels had changed at once, so one edge was not seen. 2 counts each
+    uint8_t turned; // how often the direction changed, bounces of an edge left out
+};
+// Every control tick.
+Seen take(uint8_t axis);
 
 // Signs of a broken encoder since the last forget_signs(). A wire that hangs leaves only one channel
-// changing; a good encoder that turns changes them in turn. Both changing at once means lost edges.
+// changing; a good encoder that turns changes them in turn. Many lost edges are a sign as well.
 bool broken(uint8_t axis);
 void forget_signs();
 

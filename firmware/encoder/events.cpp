@@ -8,7 +8,8 @@ PGM_P fault_word(uint8_t fault) {
     case FAULT_FOLLOW: return PSTR("FOLLOW");
     case FAULT_ENCODER: return PSTR("ENCODER");
     case FAULT_HOMING: return PSTR("HOMING");
-    default: return PSTR("LIMIT");
+    case FAULT_LIMIT: return PSTR("LIMIT");
+    default: return PSTR("LOST");
     }
 }
 

@@ -15,6 +15,7 @@ enum Fault : uint8_t {
     FAULT_ENCODER = 4,
     FAULT_HOMING = 8,
     FAULT_LIMIT = 16,
+    FAULT_LOST = 32,
 };
 
 enum class HomingFailure : uint8_t { NOT_FOUND, STUCK, TIMEOUT };

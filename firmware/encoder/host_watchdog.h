@@ -14,8 +14,11 @@ public:
     }
     void feed() { silent_ = 0; }
 
-    // Every control tick in which it matters: true when it is time to brake.
-    bool step() { return ++silent_ >= ticks_ - brake_ticks_; }
+    // In which it matters, as many ticks later: true when it is time to brake.
+    bool step(uint8_t ticks) {
+        silent_ = static_cast<uint16_t>(silent_ + ticks);
+        return silent_ >= ticks_ - brake_ticks_;
+    }
 
     // How long braking may take, for the motors to be off in time.
     uint16_t brake_ticks() const { return brake_ticks_; }

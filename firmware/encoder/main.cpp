@@ -4,7 +4,6 @@
 // in a timer interrupt that these may interrupt; lines, answers and the status in the main loop.
 #include <avr/interrupt.h>
 #include <avr/sleep.h>
-#include <avr/wdt.h>
 
 #include "config.h"
 #include "controller.h"
@@ -22,7 +21,7 @@ Protocol protocol(controller);
 
 void tick() {
     controller.tick();
-    reset_cause::tick();
+    reset_cause::tick(controller.powered());
 }
 
 // Until the next interrupt, but not when a byte came just now.
@@ -45,18 +44,15 @@ int main() {
     encoders::begin();
     Switches::begin();
     serial_port::begin();
-    controller.begin(reset_cause::brownout());
+    controller.begin(reset_cause::flags());
     ticker::begin(tick);
     protocol.begin();
     set_sleep_mode(SLEEP_MODE_IDLE);
-    wdt_enable(WDTO_250MS);
+    reset_cause::watch();
     sei();
     for (;;) {
         // Only while both the control and this loop run; else the CPU resets, and its pins let go.
-        if (ticker::take_ticked()) {
-            reset_cause::alive();
-            wdt_reset();
-        }
+        if (ticker::take_ticked()) reset_cause::alive();
         protocol.turn();
         rest();
     }

@@ -10,7 +10,7 @@
 namespace {
 
 constexpr uint8_t EVENT_MAX = 48;
-constexpr uint8_t STATUS_MAX = 104;
+constexpr uint8_t STATUS_MAX = 121;
 constexpr uint16_t STATUS_TICKS = ms_to_ticks(STATUS_EVERY_MS) - 1; // 10 ticks are 19.5 ms
 
 } // namespace
@@ -105,6 +105,7 @@ void Protocol::handle(const char *line, uint8_t length) {
         const TickLock lock;
         controller_.feed_watchdog();
     }
+    reset_cause::heard();
     Scanner words(line, body);
     int32_t seq;
     if (!words.next() || !words.number_in(1, 65535, seq)) return reject(PSTR("SYNTAX seq 1 65535"));

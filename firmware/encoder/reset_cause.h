@@ -6,14 +6,20 @@
 
 namespace reset_cause {
 
-// "power", "external", "brownout" or "watchdog"; worked out once, at the start.
+// "power", "external", "brownout", "watchdog" or "unexpected"; worked out once, at the start.
 PGM_P name();
-bool brownout();
+// What a host must hear of it (GLOBAL_BROWNOUT, GLOBAL_INTERRUPTED), kept over other resets until forget().
+uint8_t flags();
+void forget();
 
 void begin();
+// Start the hardware watchdog: two of its times of 125 ms without alive(), and the CPU resets.
+void watch();
 
-// Every control tick: the main loop may be hanging. Every turn of the main loop: it is not.
-void tick();
+// Every control tick: the host may have gone. Every good line of the host: it has not.
+void tick(bool powered);
+void heard();
+// While both the control and the main loop run.
 void alive();
 
 } // namespace reset_cause

@@ -23,7 +23,7 @@ constexpr int32_t FAR = 1000000; // counts: in 1/512 count they and their differ
 const Row ROWS[SettingKey::COUNT] PROGMEM = {
     {"min", AT(low), LONG, -FAR, FAR},
     {"max", AT(high), LONG, -FAR, FAR},
-    {"vmax", AT(velocity), WORD, 1, 20000},
+    {"vmax", AT(velocity), WORD, 1, FASTEST},
     {"amax", AT(acceleration), WORD, 1, 65535},
     {"kp", AT(p), WORD, 0, 32767},
     {"ki", AT(i), WORD, 0, 32767},
@@ -32,7 +32,7 @@ const Row ROWS[SettingKey::COUNT] PROGMEM = {
     {"ferr", AT(following), WORD, 1, 30000},
     {"stall", AT(stall_ms), WORD, 20, 5000},
     {"hdir", AT(home_direction), SIGNED_BYTE, -1, 1},
-    {"hv", AT(home_velocity), WORD, 1, 20000},
+    {"hv", AT(home_velocity), WORD, 1, FASTEST},
     {"hpos", AT(home_position), LONG, -FAR, FAR},
     {"hord", AT(home_order), BYTE, 0, 6},
     {"hmode", AT(home_by_stall), BYTE, 0, 1},

@@ -35,9 +35,11 @@ static char hex_digit(uint8_t value, char ten) {
     return static_cast<char>(value < 10 ? '0' + value : ten - 10 + value);
 }
 
+void Writer::hex1(uint8_t value) { put(hex_digit(value, 'a')); }
+
 void Writer::hex2(uint8_t value) {
-    put(hex_digit(value >> 4, 'a'));
-    put(hex_digit(value, 'a'));
+    hex1(value >> 4);
+    hex1(value);
 }
 
 void Writer::seal() {

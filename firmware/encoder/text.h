@@ -15,7 +15,8 @@ public:
     void unsigned_number(uint32_t value);
     // A blank before it.
     void next_number(int32_t value);
-    void hex2(uint8_t value); // lower case
+    void hex1(uint8_t value); // lower case
+    void hex2(uint8_t value);
     // Ends the line: its CRC and the line feed.
     void seal();
 

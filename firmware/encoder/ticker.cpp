@@ -2,6 +2,7 @@
 
 #include <avr/interrupt.h>
 #include <avr/io.h>
+#include <util/atomic.h>
 
 #include "config.h"
 
@@ -9,26 +10,41 @@ namespace {
 
 void (*on_tick)();
 volatile bool locked;
-volatile bool missed;
 volatile bool running;
+volatile bool waiting; // a tick came while it could not run
 volatile bool ticked;
+volatile uint8_t left_out;
 
-void run() {
-    // A tick that takes longer than its time is not piled on: the next one is left out.
-    if (running) return;
-    running = true;
+bool take_waiting() {
+    bool was;
+    ATOMIC_BLOCK(ATOMIC_RESTORESTATE) {
+        was = waiting;
+        waiting = false;
+    }
+    return was;
+}
+
+void run_once() {
     PORTB |= _BV(PB6);
     on_tick();
     PORTB &= static_cast<uint8_t>(~_BV(PB6));
     ticked = true;
+}
+
+void run() {
+    running = true;
+    run_once();
+    if (take_waiting()) run_once();
     running = false;
 }
 
 } // namespace
 
+// A tick that cannot run at once runs a little later, one of them: the main loop has to run as well.
 ISR(TIMER1_COMPA_vect, ISR_NOBLOCK) {
-    if (locked) missed = true;
-    else run();
+    if (!locked && !running) return run();
+    if (!waiting) waiting = true;
+    else if (left_out != 255) left_out = left_out + 1;
 }
 
 namespace ticker {
@@ -49,6 +65,15 @@ bool take_ticked() {
     return was;
 }
 
+uint8_t take_left_out() {
+    uint8_t count;
+    ATOMIC_BLOCK(ATOMIC_RESTORESTATE) {
+        count = left_out;
+        left_out = 0;
+    }
+    return count;
+}
+
 } // namespace ticker
 
 TickLock::TickLock() {
@@ -59,8 +84,5 @@ TickLock::TickLock() {
 TickLock::~TickLock() {
     asm volatile("" ::: "memory");
     locked = false;
-    if (missed) {
-        missed = false;
-        run();
-    }
+    if (take_waiting()) run();
 }

@@ -11,6 +11,9 @@ void begin(void (*tick)());
 // Whether there was a tick since the last call.
 bool take_ticked();
 
+// How many ticks had no time since the last call; for the control tick.
+uint8_t take_left_out();
+
 } // namespace ticker
 
 // Keeps the control tick away while it lives; encoders and serial line go on. A tick that falls into

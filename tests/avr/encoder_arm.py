@@ -32,12 +32,13 @@ class Status:
     switches: int
     flags: int
     faults: tuple[int, ...]
+    lost: tuple[int, ...]
     counts: tuple[int, ...]
 
     @classmethod
     def of(cls, fields: str) -> Status:
         """Read the fields behind ``@``."""
-        ms, mode, homed, switches, flags, faults, *counts = fields.split()
+        ms, mode, homed, switches, flags, faults, lost, *counts = fields.split()
         return cls(
             ms=int(ms),
             mode=mode,
@@ -45,6 +46,7 @@ class Status:
             switches=int(switches, 16),
             flags=int(flags, 16),
             faults=tuple(bytes.fromhex(faults)),
+            lost=tuple(int(digit, 16) for digit in lost),
             counts=tuple(map(int, counts)),
         )
 

@@ -14,7 +14,9 @@ from tests.avr.conformance import Line, checks
 
 START_S = 0.3
 TURN_S = 0.06
-STATUS = re.compile(r"@ \d+ [ONHBT] [0-9a-f]{2} [0-9a-f]{2} [0-9a-f]{2} [0-9a-f]{12}(?: -?\d+){6}", re.ASCII)
+STATUS = re.compile(
+    r"@ \d+ [ONHBT] [0-9a-f]{2} [0-9a-f]{2} [0-9a-f]{2} [0-9a-f]{12} [0-9a-f]{6}(?: -?\d+){6}", re.ASCII
+)
 LONGEST_FROM_BOARD = 127
 
 
@@ -70,7 +72,7 @@ class Host:
         return rest
 
     def status(self) -> list[str]:
-        """The fields of a status of now: time, mode, homed, switches, global, faults, counts."""
+        """The fields of a status of now: time, mode, homed, switches, global, faults, lost edges, counts."""
         self.send(b"?")
         found = [one for one in self.unasked if one.startswith("@ ")]
         assert found, self.unasked
@@ -99,14 +101,14 @@ def it_introduces_itself(line: Line) -> None:
     banners = [one for one in host.unasked if one.startswith("# ")]
     assert len(banners) == 1
     assert re.fullmatch(
-        r"# armctl-encoder \d+\.\d+\.\d+ proto=2 axes=6 reset=(power|external)", banners[0]
+        r"# armctl-encoder \d+\.\d+\.\d+ proto=3 axes=6 reset=(power|external)", banners[0]
     ), banners
     assert host.ask("HELLO") == f"ok {banners[0][2:]}"
 
 
 def it_starts_off_and_knows_nothing(line: Line) -> None:
-    _, mode, homed, _, flags, faults, *counts = Host(line).status()
-    assert (mode, homed, flags, faults) == ("O", "00", "00", "0" * 12)
+    _, mode, homed, _, flags, faults, lost, *counts = Host(line).status()
+    assert (mode, homed, flags, faults, lost) == ("O", "00", "00", "0" * 12, "0" * 6)
     assert len(counts) == 6
 
 
@@ -228,7 +230,17 @@ def arguments_that_do_not_fit_are_refused(line: Line) -> None:
     missing = ("EN", "EN 2", "EN x", "CFG", "CFG 0", "CFG 0 bogus=1", "CFG 0 kp", "CFG 0 kp=", "CFG 0 kp=x")
     missing += ("CFG x kp=1", "P", "P 1 2 3", "P 1 2 3 4 5 x", "WD", "WD x", "PAIR", "PAIR 1", "PAIR 3 3")
     missing += ("SHOW", "HOME x", "CFG 6 kp=1", "CFG -1 kp=1", "PAIR 0 6", "HOME 6", "WD 49", "WD 501")
-    ranges = ("vmax=0", "vmax=20001", "amax=0", "amax=65536", "kp=-1", "kp=32768", "ki=32768", "kd=32768")
+    ranges = (
+        "vmax=0",
+        "vmax=8001",
+        "hv=8001",
+        "amax=0",
+        "amax=65536",
+        "kp=-1",
+        "kp=32768",
+        "ki=32768",
+        "kd=32768",
+    )
     ranges += ("brk=256", "ferr=0", "ferr=30001", "stall=19", "stall=5001", "hord=7", "hdir=2", "hv=0")
     ranges += ("min=-1000001", "max=1000001", "min=10 max=10", "min=10 max=-10", "hpos=1000001", "hmode=2")
     ranges += ("inv=2", "minv=2", "sinv=2", "dmax=0", "dmax=256")
@@ -309,14 +321,14 @@ def setpoints_are_refused_unless_homed(line: Line) -> None:
     host = Host(line)
     assert code(host.ask("P - - - - - -")) == "OFF"
     assert host.ask("EN 1") == "ok"
-    before = host.status()[6:]
+    before = host.status()[7:]
     assert host.ask("P - - - - - -") == "ok"
     for axis in range(6):
         setpoints = ["-"] * 6
         setpoints[axis] = "10"
         assert host.ask(f"P {' '.join(setpoints)}").startswith(f"err NOTHOMED {axis}")
         assert host.ask(f"P {' '.join(setpoints)} 30").startswith(f"err NOTHOMED {axis}")
-    assert host.status()[6:] == before
+    assert host.status()[7:] == before
 
 
 def hold_until_it_is_released(line: Line) -> None:
@@ -340,6 +352,22 @@ def hold_until_it_is_released(line: Line) -> None:
     assert host.mode == "N", "switching off ends the hold"
 
 
+def what_follows_a_stop_counts(line: Line) -> None:
+    """An ``ok`` says that the motors are on, however soon after 0x18 the line came."""
+    host = Host(line)
+    for number in range(1, 41):
+        host.send(b"", 0.0007 * (number % 5))  # at any moment of the board's control period
+        assert host.ask("EN 1") == "ok"
+        answers = host.send(b"\x18" + sealed(f"{number} EN 1"))
+        assert "! stopped" in host.events
+        assert (answers, host.mode) == ([f"{number} ok"], "N"), number
+        answers = host.send(b"\x18" + sealed(f"{number} P - - - - - -"))
+        assert answers == [f"{number} err OFF"], number
+        assert host.ask("EN 1") == "ok"
+        assert host.send(b"!" + sealed(f"{number} P - - - - - -")) == [f"{number} err HOLD"]
+        assert host.send(b"~" + sealed(f"{number} P - - - - -  -")) == [f"{number} ok"]
+
+
 def motors_off_at_once(line: Line) -> None:
     host = Host(line)
     assert host.ask("EN 1") == "ok"
@@ -355,8 +383,8 @@ def motors_off_at_once(line: Line) -> None:
 
 
 def silence_switches_the_motors_off(line: Line) -> None:
+    host = Host(line)
     for milliseconds in (500, 100, 50):
-        host = Host(line)
         assert host.ask(f"WD {milliseconds}") == "ok"
         answers = host.send(sealed(f"{milliseconds} EN 1"), milliseconds / 1000 + 0.03)
         assert answers == [f"{milliseconds} ok"]
@@ -419,6 +447,90 @@ def noise_moves_nothing(line: Line) -> None:
     assert (after[1], after[2], after[5]) == (before[1], before[2], before[5])
     assert after[6:] == before[6:]
     assert host.ask("PING") == "ok"
+
+
+OFF_ANSWERS = {
+    "HELLO 1": "err ARGS too many",
+    "PING x": "err ARGS too many",
+    "  PING ": "ok",
+    "PINGS": "err UNKNOWN command",
+    "EN": "err ARGS 0 or 1 missing",
+    "EN x": "err ARGS 0 or 1 missing",
+    "EN +1": "err ARGS 0 or 1 missing",
+    "EN 1_0": "err ARGS 0 or 1 missing",
+    "EN 1 1": "err ARGS too many",
+    "EN 2": "err RANGE 0 1",
+    "EN 00000000": "ok",
+    "WD": "err ARGS ms missing",
+    "WD 1234567890": "err ARGS ms missing",
+    "WD 49": "err RANGE ms 50 500",
+    "WD 100 1": "err ARGS too many",
+    "CFG": "err ARGS axis missing",
+    "CFG x": "err ARGS axis missing",
+    "CFG 6": "err RANGE axis 0 5",
+    "CFG 0": "err ARGS key=value missing",
+    "CFG 0 kp": "err ARGS unknown key",
+    "CFG 0 =1": "err ARGS unknown key",
+    "CFG 0 KP=1": "err ARGS unknown key",
+    "CFG 0 kp=": "err ARGS not a number",
+    "CFG 0 kp=--1": "err ARGS not a number",
+    "CFG 0 kp=1 kp=40000 ki=x": "err RANGE kp 40000 0 32767",
+    "CFG 0 vmax=16000": "err RANGE vmax 16000 1 6000",
+    "CFG 0 hdir=0": "err RANGE hdir 0 -1 1",
+    "CFG 0 min=5 max=5": "err RANGE min not below max",
+    "CFG  0  kp=007": "ok",
+    "SHOW": "err ARGS axis missing",
+    "SHOW 0 3": "err RANGE part 1 2",
+    "SHOW 0 x": "err RANGE part 1 2",
+    "SHOW 0 1 1": "err ARGS too many",
+    "PAIR": "err ARGS axis missing",
+    "PAIR 1": "err ARGS axis missing",
+    "PAIR 1 6": "err RANGE axis 0 5",
+    "PAIR 1 1": "err RANGE two axes",
+    "PAIR NONE 1": "err ARGS too many",
+    "PAIR 3 4": "ok",
+    "HOME 0 x": "err ARGS axis missing",
+    "HOME 0 6": "err RANGE axis 0 5",
+    "P": "err ARGS six counts or -",
+    "P 1 2 3 4 5": "err ARGS six counts or -",
+    "P 1 2 3 4 5 x": "err ARGS not a number",
+    "P 1 2 3 4 5 6 x": "err ARGS not a number",
+    "P 1 2 3 4 5 6 0": "err RANGE ms 1 1000",
+    "P 1 2 3 4 5 6 20 1": "err ARGS too many",
+    "P 1 2 3 4 5 6": "err OFF",
+    "GET 1": "err ARGS too many",
+    "CLR 1": "err ARGS too many",
+    "": "err UNKNOWN no command",
+}
+"""to the letter, motors off"""
+
+
+def answers_to_the_letter(line: Line) -> None:
+    host = Host(line)
+    for text, answer in OFF_ANSWERS.items():
+        assert host.ask(text) == answer, text
+    for sent, answer in (
+        ("000000007 PING", "7 ok"),
+        ("  8   PING", "8 ok"),
+        ("0000000009 PING", "0 err SYNTAX seq 1 65535"),
+    ):
+        assert host.send(sealed(sent)) == [answer]
+    assert host.send(b"x" * 97 + b"\n") == ["0 err LONG more than 96 bytes"]
+    assert host.send(b"1 PING\n") == ["0 err CRC line ignored"]
+    assert host.send(b"\xfe" + sealed("1 PING")) == ["0 err CRC line ignored"]
+    assert host.ask("EN 1") == "ok"
+    assert host.ask("CFG 0 kp=1") == host.ask("PAIR NONE") == "err MOVING motors are on"
+    assert host.ask("P - - - - 7 8 9") == "err NOTHOMED 4"
+    host.send(b"!")
+    assert host.ask("P - - - - - -") == host.ask("HOME") == "err HOLD"
+    host.send(b"~")
+    assert host.ask("CFG 0 bogus") == "err MOVING motors are on"
+    assert host.ask("EN 0") == "ok"
+    assert host.ask("CFG 2 hpos=5000") == "ok"
+    assert host.ask("HOME 5 2") == "err RANGE hpos outside min max, axis 2"
+    assert host.ask("CFG 5 hv=1 stall=5000 kp=0 brk=0") == "ok"
+    assert host.ask("HOME 5") == "ok"
+    assert host.ask("HOME") == host.ask("EN 1") == host.ask("P 0 0 0 0 0 0") == "err BUSY homing"
 
 
 CONFORMANCE = checks(globals())

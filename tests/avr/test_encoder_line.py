@@ -12,6 +12,10 @@ from tests.avr.encoder_arm import EncoderArm, sealed
 TIMSK1 = 0x6F
 """Data address of the register that enables the control's timer interrupt."""
 BYTE_S = 10 / 115_200
+MCUSR = 0x54
+"""Data address of the register that says why the CPU was reset, where no boot loader has cleared it."""
+POWER_ON, EXTERNAL, BROWN_OUT = 1, 2, 4
+INTERRUPTED = 16
 
 
 def test_a_repeated_line_is_answered_again_and_not_carried_out_again(make_arm: MakeArm) -> None:
@@ -58,10 +62,49 @@ def test_a_reset_forgets_the_last_line(make_arm: MakeArm) -> None:
 
 def test_the_banner_says_why_it_started(make_arm: MakeArm) -> None:
     arm = make_arm()
-    assert arm.banners == ["armctl-encoder 1.1.0 proto=2 axes=6 reset=power"]
+    assert arm.banners == ["armctl-encoder 1.2.0 proto=3 axes=6 reset=power"]
     arm.reset()
     assert arm.banners[-1].endswith(" reset=external")
     assert arm.ask("HELLO").endswith(" reset=external")
+
+
+def restarted(arm: EncoderArm, flags: int) -> tuple[str, int]:
+    """The cause that it tells, and its status flags, after a reset that has left ``flags`` in MCUSR."""
+    seen = len(arm.banners)
+    arm.avr.reset()
+    arm.avr.set_data(MCUSR, flags)
+    arm.avr.read()
+    arm._rest = b""
+    arm.run(0.05)
+    (banner,) = arm.banners[seen:]
+    return banner.rpartition("=")[2], arm.now().flags
+
+
+def test_a_reset_in_the_middle_of_work_is_told_behind_a_boot_loader(make_arm: MakeArm) -> None:
+    """A boot loader hands on nothing of the cause; RAM stays, as in a brown-out."""
+    arm = make_arm()
+    arm.home()
+    assert restarted(arm, 0) == ("unexpected", INTERRUPTED)
+    arm.run(0.6)
+    assert restarted(arm, 0) == ("external", INTERRUPTED), "nobody has taken note yet"
+    assert arm.ask("CLR") == "ok"
+    arm.run(0.6)
+    assert restarted(arm, 0) == ("external", 0), "a host that opens the port"
+    assert restarted(arm, 0) == ("unexpected", INTERRUPTED), "a host had just been heard"
+    assert restarted(arm, POWER_ON) == ("power", 0)
+    assert restarted(arm, BROWN_OUT) == ("brownout", 4)
+    assert arm.ask("CLR") == "ok"
+    assert restarted(arm, EXTERNAL) == ("external", 0), "without a boot loader it is known"
+
+
+def test_a_hang_is_told_behind_a_boot_loader(make_arm: MakeArm) -> None:
+    """The motors go off at half of the watchdog's time."""
+    arm = make_arm()
+    assert arm.ask("EN 1") == "ok"
+    arm.avr.set_data(TIMSK1, 0)
+    arm.avr.run_for(0.14)
+    assert not arm.plant.powered
+    assert restarted(arm, 0) == ("watchdog", INTERRUPTED)
 
 
 def test_a_hung_control_resets_the_cpu_with_the_motors_off(make_arm: MakeArm) -> None:

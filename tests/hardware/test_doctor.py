@@ -180,20 +180,23 @@ def test_a_healthy_encoder_board(clock: ManualClock, device: str):
     board = SimulatedEncoderBoard()
     findings = report(encoder_patient(device), board, clock)
     assert failures(findings) == []
-    assert findings["firmware"].seen == "armctl-encoder 1.1.0, protocol 2"
+    assert findings["firmware"].seen == "armctl-encoder 1.2.0, protocol 3"
     assert findings["channels"].seen == "axes 0, 1, 2, 3, 4, 5: the board has them"
     assert findings["outputs"].seen.startswith("motors off; homed axes: none")
     assert findings["watchdog"].verdict is Verdict.OK
     assert findings["supply"].seen == "last started by: power; the board does not measure it"
     assert {text.split(" ")[-1] for text in board.log} <= {"HELLO", "PING"}
     assert board.mode.powered is False
+    assert findings["encoders"].verdict is Verdict.OK
     board.reset("brownout")
+    board.axes[2].lose_edges(3)
     findings = report(encoder_patient(device, [ChannelSettings(6, -1000.0, 1000.0)]), board, clock)
     assert failures(findings) == ["channels"]
     assert findings["channels"].seen == "axis 6: the board has axes 0 … 5"
     assert findings["supply"].verdict is Verdict.WARNING
     assert "sagged" in findings["supply"].seen
     assert "brown-out" in findings["error register"].seen
+    assert "axis 2: its encoder has lost 3 edges" in findings["encoders"].seen
 
 
 class OldEncoderBoard:
@@ -220,7 +223,7 @@ class OldEncoderBoard:
     ("board", "seen", "advice"),
     [
         (OldEncoderBoard(), "armctl-encoder 0.9.0, protocol 0; this", "flash the board again, with the"),
-        (SimulatedEncoderBoard(protocol=3), "protocol 3; this armctl needs protocol 2", ": update armctl"),
+        (SimulatedEncoderBoard(protocol=4), "protocol 4; this armctl needs protocol 3", ": update armctl"),
     ],
 )
 def test_a_firmware_of_another_protocol(clock: ManualClock, device: str, board, seen, advice):

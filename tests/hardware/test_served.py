@@ -52,7 +52,7 @@ def test_plain_serial_clients(clock: ManualClock, tmp_path: Path):
         answer = port.readline()
         while not answer.startswith(b"1 "):
             answer = port.readline()
-        assert answer.startswith(b"1 ok armctl-encoder 1.1.0 proto=2 axes=6 reset=power*")
+        assert answer.startswith(b"1 ok armctl-encoder 1.2.0 proto=3 axes=6 reset=power*")
     with PtyServer(simulated_maestro(), clock.now) as server, serial.Serial(server.port, timeout=5.0) as port:
         port.write(bytes.fromhex("84 02 70 2e"))  # 1500 µs on channel 2
         port.write(bytes.fromhex("90 02"))

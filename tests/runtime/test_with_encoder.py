@@ -97,6 +97,26 @@ def test_stop_ends_homing_and_it_can_be_begun_again(bench: Bench) -> None:
     assert bench.now.warnings == ()
 
 
+def test_lost_edges_are_shown_and_the_fifth_is_a_fault(homed: Bench) -> None:
+    homed.do(MoveJoints(SCORBOT.pose("rest")))
+    homed.run(0.2)
+    homed.board.axes[1].lose_edges(1)
+    homed.run(0.1)
+    title = SCORBOT.joints[1].title
+    assert homed.now.state is State.MOVING, "it goes on"
+    assert any(
+        text.startswith(f"{title}: its encoder has lost 1 edge since homing") for text in homed.now.warnings
+    )
+    homed.board.axes[1].lose_edges(4)
+    homed.until(State.FAULT, seconds=0.2)
+    assert f"{title}: its encoder lost more than 4 edges since homing" in homed.now.cause
+    assert homed.board.mode is Mode.TRIPPED
+    homed.do(ClearFault())
+    home(homed)
+    homed.run(11.0)
+    assert (homed.now.state, homed.now.warnings) == (State.HOLDING, ())
+
+
 @pytest.mark.parametrize("moving", [False, True])
 def test_a_brown_out_is_a_fault_until_it_is_cleared_and_the_arm_homed(homed: Bench, moving: bool) -> None:
     if moving:

@@ -68,6 +68,7 @@ class Readback:
     powered: bool | None = None  # whether its outputs are on; None: a channel is on where it has a position
     faults: Mapping[int, str] = field(default_factory=dict[int, str])  # by channel, in words without its name
     homing: HomingState | None = None  # None: the board needs no homing
+    warnings: Mapping[int, str] = field(default_factory=dict[int, str])  # as faults, but it goes on
     # By channel; None where the board does not measure it.
     load: Mapping[int, float | None] | None = None  # force of its motor, as a signed fraction of the largest
     temperature: Mapping[int, float | None] | None = None  # [°C]

@@ -88,6 +88,8 @@ class Reading:
     """None: there is nothing to home"""
     measured: Mapping[str, str] = field(default_factory=dict[str, str])
     """what else it measures of each joint, in words"""
+    warnings: tuple[str, ...] = ()
+    """what it reports and goes on with"""
 
 
 class Board:
@@ -155,7 +157,9 @@ class Board:
                 title, words = self.title(channel), form.format(scale * value).replace("-", "−")
                 measured[title] = f"{measured[title]}, {words}" if title in measured else words
         errors += back.errors
-        return Reading(q, on, opening, back.source, errors, back.powered, back.homing, measured)
+        warned = (back.warnings or {}).items()
+        warnings = tuple(f"{self.title(channel)}: {words}" for channel, words in warned)
+        return Reading(q, on, opening, back.source, errors, back.powered, back.homing, measured, warnings)
 
     def home(self) -> None:
         """Begin to look for the zeros of the axes: the arm moves."""
@@ -238,6 +242,8 @@ class Monitor:
             self._notices.clear("read")
         for error in reading.errors:
             self._notices.set(f"board {error}", f"the board reports: {error}", until=now + _ERROR_SHOWN_S)
+        for warning in reading.warnings:
+            self._notices.set(f"board {warning}", warning, until=now + _ERROR_SHOWN_S)
         return reading
 
     @property

@@ -9,7 +9,7 @@ from armctl.errors import BoardError, BoardTimeoutError, StateError
 from armctl.hardware import ChannelSettings, Source
 from armctl.hardware.driver import HomingState
 from armctl.hardware.encoder.driver import SILENCE_NOTE
-from armctl.hardware.encoder.messages import FaultKind, Mode, seal
+from armctl.hardware.encoder.messages import BoardFlag, FaultKind, Mode, seal
 from armctl.hardware.encoder.simulated import SimulatedEncoderBoard
 from armctl.hardware.faults import Fault
 from armctl.runtime.clock import ManualClock
@@ -17,7 +17,7 @@ from armctl.runtime.clock import ManualClock
 
 def test_identity(clock: ManualClock):
     identity = Bench(clock).driver.open()
-    assert identity.kind == "armctl encoder board, firmware 1.1.0"
+    assert identity.kind == "armctl encoder board, firmware 1.2.0"
     assert (identity.port, identity.simulated, identity.notes) == ("loop", False, (SILENCE_NOTE,))
     assert Bench(clock, simulated=True).driver.open().notes == ()
 
@@ -260,6 +260,63 @@ def test_an_axis_that_trips(homed: Bench, broken, target, words, keeps_zero):
             homed.driver.write({0: 0.0})
 
 
+def test_lost_edges_are_told_until_they_are_too_many(homed: Bench):
+    homed.stream({0: 100.0}, 0.5)
+    homed.board.axes[0].lose_edges(2)
+    readback = homed.stream({0: 120.0}, 0.5)
+    assert readback.warnings.keys() == {0}
+    assert readback.warnings[0].startswith(
+        "its encoder has lost 2 edges since homing: it may be off by 4 counts"
+    )
+    assert (readback.errors, readback.faults, readback.powered) == ((), {}, True)
+    homed.board.axes[0].lose_edges(3)
+    readback = homed.stream({0: 100.0}, 0.5)
+    assert readback.faults.keys() == {0}
+    assert readback.faults[0].startswith("its encoder lost more than 4 edges")
+    assert (readback.powered, readback.homing.homed[0], readback.warnings) == (False, False, {})
+    homed.driver.release()
+    with pytest.raises(StateError, match="axis 0: not homed"):
+        homed.driver.write({0: 0.0})
+    homed.home()
+    assert homed.stream({0: 150.0}, 0.5).positions[0] == 150.0
+
+
+def test_edges_lost_while_the_motors_are_off(homed: Bench):
+    homed.driver.release()
+    homed.board.axes[1].lose_edges(5)
+    readback = homed.wait(0.1)
+    assert readback.faults.keys() == {1}
+    assert readback.homing.homed == {0: True, 1: False, 2: True}
+
+
+def test_homing_tells_the_settings_again(homed: Bench):
+    """A board whose restart went unseen would home with those of another arm."""
+    homed.driver.release()
+    sent = len(homed.executed())
+    homed.home()
+    assert "CFG 0 min=-1000 max=1000 vmax=2000 amax=20000" in homed.executed()[sent:]
+    sent = len(homed.executed())
+    homed.driver.home()
+    assert not any(line.startswith("CFG") for line in homed.executed()[sent:]), "not while the motors are on"
+
+
+@pytest.mark.parametrize(
+    ("cause", "words"), [("unexpected", "in the middle of work"), ("watchdog", "its program hung")]
+)
+def test_why_it_has_started_anew(homed: Bench, cause, words):
+    homed.board.reset(cause)
+    restart, flagged = homed.driver.read().errors
+    assert "the board has started anew" in restart and words in restart
+    assert "while a program worked with it" in flagged
+
+
+def test_a_board_without_time_for_its_control_says_so(homed: Bench):
+    homed.board._flags |= BoardFlag.LATE
+    assert "no time to control its motors" in homed.wait(0.1).errors[0]
+    homed.driver.release()
+    assert homed.driver.read().errors == ()
+
+
 def test_a_board_that_has_started_anew_says_so_and_must_be_homed(homed: Bench):
     homed.board.reset("brownout")
     readback = homed.driver.read()
@@ -284,7 +341,13 @@ def test_a_board_that_has_started_anew_while_its_motors_were_off(bench: Bench):
     bench.home()
     assert bench.driver.read().errors == ()
     bench.board.reset("watchdog")
-    assert "its last start was after a watchdog reset" in bench.driver.open().earlier[0]
+    assert "its program hung" in bench.driver.open().earlier[0]
+    bench.driver.configure(CHANNELS)
+    bench.board.reset("unexpected")
+    assert bench.driver.open().earlier == (), "the port was opened soon after another program had spoken"
+    bench.board.reset("external")
+    (earlier,) = bench.driver.open().earlier
+    assert "the board started anew while a program worked with it" in earlier
 
 
 @pytest.mark.parametrize(

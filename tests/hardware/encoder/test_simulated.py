@@ -8,9 +8,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from tests.avr.conformance import Check, ModelLine
 from tests.avr.encoder_conformance import CONFORMANCE
-from tests.hardware.encoder.kit import Bench, encoder_axis
+from tests.hardware.encoder.kit import AXES, CHANNELS, Bench, encoder_axis
 
-from armctl.hardware import ChannelSettings
+from armctl.hardware import ChannelSettings, Setup
+from armctl.hardware.boards import board_type
+from armctl.hardware.encoder.axes import EncoderSettings
 from armctl.hardware.encoder.messages import Banner, FaultKind, Mode, Status, decode, seal
 from armctl.hardware.encoder.simulated import SimulatedEncoderBoard, simulated_encoder_board
 from armctl.hardware.encoder.simulated_axis import (
@@ -74,7 +76,7 @@ def test_a_halt_keeps_to_the_acceleration():
 
 
 def test_a_hard_stop_is_hard():
-    own = axis(max=20_000, vmax=20_000)
+    own = axis(max=20_000, vmax=6000)
     own.go(15_000, 0.1)
     run(own, 3.0)
     assert own.place == 10_000.0
@@ -116,7 +118,7 @@ def test_a_long_absence_is_caught_up_with_at_once_and_time_never_goes_back():
     assert board.advance(86_400.0) == board.advance(9.0) == b""
 
 
-@pytest.mark.parametrize("cause", ["power", "external", "brownout", "watchdog"])
+@pytest.mark.parametrize("cause", ["power", "external", "brownout", "watchdog", "unexpected"])
 def test_a_restart_forgets_everything_but_where_the_arm_is(homed: Bench, cause):
     homed.stream({0: 200.0}, 0.5)
     board = homed.board
@@ -127,6 +129,32 @@ def test_a_restart_forgets_everything_but_where_the_arm_is(homed: Bench, cause):
     assert board.axes[0].count == 0
     assert board.axes[0].place == pytest.approx(200.0, abs=0.5)
     assert not any(axis.homed for axis in board.axes)
+
+
+@pytest.mark.parametrize("trouble", ["stall", "torn", "slip"])
+def test_troubles_to_rehearse(trouble: str):
+    """What `armctl simulate encoder` can be asked for strikes as soon as the axis is homed."""
+    kind = board_type("encoder")
+    assert trouble in [one.name for one in kind.simulator_options]
+    board = kind.simulated(
+        Setup(CHANNELS, EncoderSettings(AXES)), {"slip": 1, trouble: 2} if trouble != "slip" else {"slip": 2}
+    )
+    assert isinstance(board, SimulatedEncoderBoard)
+    assert [one.trouble for one in board.axes[:3]] == [None, None if trouble == "slip" else "slip", trouble]
+    axis = board.axes[2]
+    assert (axis.jammed, axis.torn) == (False, False)
+    axis.set_zero(axis.place)
+    assert (axis.jammed, axis.torn) == (trouble == "stall", trouble == "torn")
+
+
+def test_an_axis_that_slips_loses_an_edge_every_1000_counts():
+    own = axis(vmax=6000, amax=20000)
+    own.trouble = "slip"
+    own.set_zero(0.0)
+    own.go(3500, 1.0)
+    run(own, 3.0)
+    assert own.count == 3500 and own.lost >= 3
+    assert own.place == pytest.approx(3500.0 + 2 * own.lost, abs=0.5)
 
 
 def test_the_watchdog_brakes_before_it_switches_off(homed: Bench):

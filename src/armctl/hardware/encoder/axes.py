@@ -181,10 +181,11 @@ class WireSetting:
 
 
 _FLAG = WireSetting(0, 1)
+_FASTEST = 6_000  # counts/s: what the firmware counts on six axes at once and still controls them
 WIRE: Mapping[str, WireSetting] = {
     "min": WireSetting(-1_000_000, 1_000_000, "minimum", whole=math.ceil),
     "max": WireSetting(-1_000_000, 1_000_000, "maximum", whole=math.floor),
-    "vmax": WireSetting(1, 20_000, "speed", whole=math.floor),
+    "vmax": WireSetting(1, _FASTEST, "speed", whole=math.floor),
     "amax": WireSetting(1, 65_535, "acceleration", whole=math.floor),
     "kp": WireSetting(0, 32_767, "gain p", _GAIN_UNIT),
     "ki": WireSetting(0, 32_767, "gain i", _GAIN_UNIT),
@@ -193,7 +194,7 @@ WIRE: Mapping[str, WireSetting] = {
     "ferr": WireSetting(1, 30_000, "following error"),
     "stall": WireSetting(20, 5_000, "stall time", 1000.0),
     "hdir": WireSetting(-1, 1),
-    "hv": WireSetting(1, 20_000, "homing speed", whole=math.floor),
+    "hv": WireSetting(1, _FASTEST, "homing speed", whole=math.floor),
     "hpos": WireSetting(-1_000_000, 1_000_000),
     "hord": WireSetting(0, 6),
     "hmode": _FLAG,

@@ -13,6 +13,7 @@ from armctl.hardware.board_type import (
     ByteModel,
     Listener,
     Setup,
+    SimulatorOption,
     SimulatorOptions,
 )
 from armctl.hardware.driver import Driver
@@ -20,6 +21,7 @@ from armctl.hardware.encoder import FLASH_IT, SCALE
 
 if TYPE_CHECKING:
     from armctl.hardware.encoder.axes import EncoderSettings
+    from armctl.hardware.encoder.simulated_axis import Trouble
     from armctl.hardware.findings import CheckUp, Finding
     from armctl.hardware.transport import Connection
     from armctl.robot.board_entries import BoardPart
@@ -27,6 +29,11 @@ if TYPE_CHECKING:
 
 _TIMEOUT_S, _SIMULATED_TIMEOUT_S = 0.1, 0.5
 _MOST_AXES = 6
+_TROUBLES: tuple[tuple[Trouble, str], ...] = (
+    ("stall", "jams"),
+    ("torn", "has no encoder any more"),
+    ("slip", "loses an edge of its encoder every 1000 counts"),
+)
 
 
 class EncoderEntries:
@@ -63,6 +70,11 @@ class EncoderBoard(BoardType):
     opened, as a real Mega does.
     """
 
+    simulator_options = tuple(
+        SimulatorOption(trouble, f"An axis that {what} as soon as it is homed.", between=(0, 5), whole=True)
+        for trouble, what in _TROUBLES
+    )
+
     def driver(self, setup: Setup, connection: Connection) -> Driver:
         """A driver."""
         from armctl.hardware.encoder.driver import EncoderDriver
@@ -74,7 +86,11 @@ class EncoderBoard(BoardType):
         """A simulated board with an arm on it that fits the robot."""
         from armctl.hardware.encoder.simulated import simulated_encoder_board
 
-        return simulated_encoder_board(setup.channels, _settings(setup).axes)
+        troubles: dict[int, Trouble] = {}
+        for trouble, _ in _TROUBLES:
+            if (axis := options.get(trouble)) is not None:
+                troubles[int(axis)] = trouble
+        return simulated_encoder_board(setup.channels, _settings(setup).axes, troubles)
 
     def check(self, setup: Setup) -> None:
         """Refuse what the board would refuse."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 
 from armctl.errors import ArmctlError, BoardError, BoardTimeoutError, StateError
 from armctl.hardware.driver import BoardIdentity, ChannelSettings, HomingState, Readback, Source
@@ -17,6 +18,7 @@ from armctl.hardware.encoder.messages import (
     decode_banner,
     fault_words,
     flag_words,
+    lost_words,
 )
 from armctl.hardware.encoder.session import EncoderSession, protocol_advice
 from armctl.hardware.findings import CheckUp, Finding, Needs, failed, not_checked, ok, round_trips, warning
@@ -32,12 +34,16 @@ _REACH_MS = 30  # longer than the 20 ms between setpoints: one that comes late f
 _KEEP_ALIVE_S = 0.1
 _BYTE_ATTEMPTS = 3
 
-_BAD_STARTS = ("brownout", "watchdog")
+_UNEXPECTED = "unexpected"
 _RESETS = {
     "power": " (its supply was interrupted)",
     "external": " (its port was opened by another program, or its reset button pressed)",
     "brownout": " (its supply voltage sagged)",
     "watchdog": " (its program hung)",
+    _UNEXPECTED: (
+        " (in the middle of work: its supply voltage sagged, its reset button was pressed, or another "
+        "program opened its port)"
+    ),
 }
 
 
@@ -79,9 +85,7 @@ class EncoderDriver:
             self.close()
             raise
         self._count = banner.axes
-        earlier = self._seen.words()
-        if banner.reset in _BAD_STARTS and not earlier:
-            earlier = [f"its last start was after a {banner.reset} reset; check its supply"]
+        earlier = _earlier(banner, self._seen)
         return BoardIdentity(
             kind=f"armctl encoder board, firmware {banner.version}",
             port=session.name,
@@ -145,6 +149,9 @@ class EncoderDriver:
         if session.idle_s >= _KEEP_ALIVE_S:
             session.post("PING")
         homed = {axis: status.homed[axis] for axis in self._table.axes}
+        warnings = {
+            axis: lost_words(status.lost[axis]) for axis in homed if homed[axis] and status.lost[axis]
+        }
         running: int | None = None
         if status.mode is Mode.HOMING and homed:
             # the last axis has its zero a moment before the board says that homing is done
@@ -157,6 +164,7 @@ class EncoderDriver:
             powered=status.mode.powered and not self._went_off,
             faults=faults,
             homing=HomingState(homed, running),
+            warnings=warnings,
         )
 
     def stop(self) -> None:
@@ -173,8 +181,10 @@ class EncoderDriver:
         session = self._board
         if not self._table.axes:
             raise BoardError("no axis is configured, so there is nothing to home; configure the board first")
-        self._send_settings(session, self._table)
         status = session.fresh_status()
+        if not status.mode.powered:
+            self._sent_settings = None  # it may have started anew unseen, and would home with other settings
+        self._send_settings(session, self._table)
         if status.latched:
             session.command("CLR")
         if status.mode is Mode.HELD:
@@ -278,9 +288,22 @@ class EncoderDriver:
         self._seen = session.fresh_status()
 
 
+def _earlier(banner: Banner, status: Status) -> list[str]:
+    """What the board reports of the time before armctl connected, in words."""
+    flags = status.flags
+    if banner.reset in ("watchdog", _UNEXPECTED):
+        # The reset by the opening of the port, soon after another program, is none that anyone wonders at.
+        flags &= ~BoardFlag.INTERRUPTED
+    hung = ["its program hung, and its watchdog started it anew"] if banner.reset == "watchdog" else []
+    return hung + replace(status, flags=flags).words()
+
+
 # The check-up of a board that answers.
 
 _CHECK_UP_TIMEOUT_S = 0.5
+_ENCODER_ADVICE = (
+    "check the encoders' plugs and supply; keep their wires short, twisted with ground, away from the motors"
+)
 _SUPPLY_ADVICE = (
     "the motors need a supply of their own, and the Arduino one that does not sag when they start"
 )
@@ -291,18 +314,18 @@ def examine_encoder(check_up: CheckUp) -> list[Finding]:
     session = EncoderSession(check_up.line, check_up.now, _CHECK_UP_TIMEOUT_S)
     banner = decode_banner(session.command("HELLO"))
     firmware = f"{banner.firmware} {banner.version}, protocol {banner.protocol}"
+    if banner.protocol != PROTOCOL:
+        what = f"{firmware}; this armctl needs protocol {PROTOCOL}"
+        return [failed("firmware", what, protocol_advice(banner))]
     status = session.fresh_status()
     homed, closed = (
         _listed(axis for axis, on in enumerate(flags) if on) or "none"
         for flags in (status.homed, status.switches)
     )
-    wrong = "; ".join(status.words())
+    wrong = "; ".join(_earlier(banner, status))
+    lost = [f"axis {axis}: {lost_words(edges)}" for axis, edges in enumerate(status.lost) if edges]
     return [
-        ok("firmware", firmware)
-        if banner.protocol == PROTOCOL
-        else failed(
-            "firmware", f"{firmware}; this armctl needs protocol {PROTOCOL}", protocol_advice(banner)
-        ),
+        ok("firmware", firmware),
         _axes(banner, check_up.needs),
         not_checked("ranges", "armctl tells the board its soft limits when it connects"),
         ok(
@@ -313,6 +336,9 @@ def examine_encoder(check_up: CheckUp) -> list[Finding]:
         warning("error register", wrong, "Release in the page, or homing, clears it")
         if wrong
         else ok("error register", "empty"),
+        warning("encoders", "; ".join(lost), _ENCODER_ADVICE)
+        if lost
+        else ok("encoders", "no edge was lost since homing, or since the start"),
         ok("watchdog", "the firmware switches the motors off when it hears nothing for at most 500 ms"),
         round_trips(lambda: session.command("PING"), check_up.now),
         warning("supply", "the board last started because its supply voltage had sagged", _SUPPLY_ADVICE)

@@ -79,6 +79,12 @@ class LineReader:
 # What the board finds wrong with an axis or with itself, and the words for it.
 
 
+MOST_LOST_EDGES = 4
+"""with more of them since homing the zero of an axis is gone"""
+COUNTS_OF_AN_EDGE = 2
+"""how far an axis may be off for each, in either direction: both channels changed at once"""
+
+
 class FaultKind(IntFlag):
     """Faults of one axis, as the board names them; each switches all motors off until it is cleared."""
 
@@ -87,6 +93,7 @@ class FaultKind(IntFlag):
     ENCODER = 4
     HOMING = 8
     LIMIT = 16
+    LOST = 32
 
 
 class BoardFlag(IntFlag):
@@ -96,6 +103,8 @@ class BoardFlag(IntFlag):
     LINE_LOST = 2  # nothing is lost for good: a line without an answer is sent again
     BROWN_OUT = 4
     STOPPED = 8
+    INTERRUPTED = 16
+    LATE = 32
 
 
 _AXIS_WORDS = {
@@ -109,6 +118,10 @@ _AXIS_WORDS = {
     ),
     FaultKind.HOMING: "homing failed; see to its home switch and what is in its way, and home again",
     FaultKind.LIMIT: "went beyond its soft limit; move it back by hand and home again",
+    FaultKind.LOST: (
+        f"its encoder lost more than {MOST_LOST_EDGES} edges since homing, so nobody knows where it is; "
+        "check the encoder's plug, wires and supply, and home again"
+    ),
 }
 _BOARD_WORDS = {
     BoardFlag.WATCHDOG: (
@@ -117,6 +130,14 @@ _BOARD_WORDS = {
     ),
     BoardFlag.BROWN_OUT: "brown-out: the board's supply voltage sagged and it started anew; check the supply",
     BoardFlag.STOPPED: "the motors were switched off at once by the emergency byte",
+    BoardFlag.INTERRUPTED: (
+        "the board started anew while a program worked with it: its supply sagged, its reset button was "
+        "pressed, another program opened its port, or its own program hung"
+    ),
+    BoardFlag.LATE: (
+        "the board had no time to control its motors as often as it should: an axis turns too fast; release, "
+        "and see what turns it, or lower its speed"
+    ),
 }
 
 
@@ -124,6 +145,14 @@ def fault_words(faults: FaultKind, detail: str = "") -> str:
     """What is wrong with one axis, in words that do not name it; ``detail``: what the board said to it."""
     words = "; ".join(words for kind, words in _AXIS_WORDS.items() if kind in faults)
     return f"{words} ({detail})" if words and detail else words
+
+
+def lost_words(edges: int) -> str:
+    """That an axis has lost some edges and keeps its zero, in words that do not name it."""
+    return (
+        f"its encoder has lost {edges} {'edge' if edges == 1 else 'edges'} since homing: it may be off by "
+        f"{COUNTS_OF_AN_EDGE * edges} counts; home again where that matters, and check the encoder's wires"
+    )
 
 
 def flag_words(flags: BoardFlag) -> tuple[str, ...]:
@@ -162,6 +191,7 @@ class Status:
     switches: tuple[bool, ...]  # home switches that are closed
     flags: BoardFlag
     faults: tuple[FaultKind, ...]
+    lost: tuple[int, ...]  # edges that its encoders have lost since homing; 15: or more
     counts: tuple[int, ...]  # joint counts
 
     @property
@@ -177,9 +207,10 @@ class Status:
     def encode(self) -> str:
         """The fields as the board sends them, without the ``@``."""
         faults = "".join(f"{fault:02x}" for fault in self.faults)
+        lost = "".join(f"{edges:x}" for edges in self.lost)
         return (
             f"{self.time_ms} {self.mode.value} {_bits(self.homed):02x} {_bits(self.switches):02x} "
-            f"{self.flags:02x} {faults} {' '.join(map(str, self.counts))}"
+            f"{self.flags:02x} {faults} {lost} {' '.join(map(str, self.counts))}"
         )
 
 
@@ -187,10 +218,10 @@ def decode_status(text: str) -> Status:
     """The status in ``text``, the fields without the ``@``; ``BoardProtocolError`` where it is none."""
     fields = text.split(" ")
     try:
-        time_ms, mode, homed, switches, flags, faults, *counts = fields
+        time_ms, mode, homed, switches, flags, faults, lost, *counts = fields
         bits = bytes.fromhex(faults)
-        if not counts or len(bits) != len(counts):
-            raise ValueError("as many faults as counts, and at least one")
+        if not counts or not len(bits) == len(lost) == len(counts):
+            raise ValueError("as many faults and lost edges as counts, and at least one")
         return Status(
             time_ms=int(time_ms),
             mode=Mode(mode),
@@ -198,6 +229,7 @@ def decode_status(text: str) -> Status:
             switches=_flags(switches, len(counts)),
             flags=BoardFlag(_known(int(flags, 16), _ALL_FLAGS)),
             faults=tuple(FaultKind(_known(one, _ALL_FAULTS)) for one in bits),
+            lost=tuple(int(digit, 16) for digit in lost),
             counts=tuple(map(int, counts)),
         )
     except ValueError as error:
@@ -222,7 +254,7 @@ def _known(bits: int, all_known: int) -> int:
 
 
 FIRMWARE = "armctl-encoder"
-PROTOCOL = 2
+PROTOCOL = 3
 
 _ANSWER = re.compile(r"(\d{1,5}) (?:ok(?: (.*))?|err ([A-Z]+)(?: (.*))?)")
 _BANNER = re.compile(r"(\S+) (\S+) proto=(\d{1,4}) axes=(\d{1,2}) reset=([a-z]+)")

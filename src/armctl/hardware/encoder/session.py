@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -23,6 +24,7 @@ from armctl.hardware.encoder.messages import (
     decode,
     decode_banner,
     request,
+    unseal,
 )
 from armctl.hardware.transport import Transport, pieces
 
@@ -45,6 +47,8 @@ _HOMING_FAILURES = {
     "stuck": "the switch stays closed",
     "timeout": "it took too long",
 }
+
+_OLDER_STATUS = re.compile(r"@ \d+ [ONHBT](?: [0-9a-f]+){4}(?: -?\d+)+")
 
 # Firmata's "report firmware", as a query and at the beginning of the answer.
 _FIRMATA_QUERY = b"\xf0\x79\xf7"
@@ -344,6 +348,14 @@ def _decoded(line: bytes | None) -> Message | None:
         return None
 
 
+def _is_older_status(line: bytes) -> bool:
+    """Whether this is the status line of a board that speaks an older protocol."""
+    try:
+        return _OLDER_STATUS.fullmatch(unseal(line)) is not None
+    except BoardProtocolError:
+        return False
+
+
 class EncoderListener:
     """Recognises armctl's encoder firmware: its banner, or a status line where it has long been running."""
 
@@ -352,10 +364,13 @@ class EncoderListener:
 
     def feed(self, data: bytes) -> Introduction | None:
         """Take what came; a line counts only with the right checksum."""
-        for message in map(_decoded, self._reader.feed(data)):
+        for line in self._reader.feed(data):
+            message = _decoded(line)
             if isinstance(message, Banner):
                 details = (f"{message.axes} axes", f"last started by: {message.reset}")
                 return Introduction(message.firmware, message.version, details)
             if isinstance(message, Status):
                 return Introduction(FIRMWARE, details=(f"{len(message.counts)} axes",))
+            if line is not None and message is None and _is_older_status(line):
+                return Introduction(FIRMWARE)
         return None

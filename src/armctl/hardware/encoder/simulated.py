@@ -6,13 +6,13 @@ import re
 from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
 
-from armctl.errors import BoardProtocolError
 from armctl.hardware.driver import ChannelSettings
 from armctl.hardware.encoder.axes import WIRE, EncoderAxis
 from armctl.hardware.encoder.messages import (
     FIRMWARE,
     LARGEST_SEQUENCE,
     LONGEST_REQUEST,
+    MOST_LOST_EDGES,
     PROTOCOL,
     Banner,
     BoardFlag,
@@ -21,33 +21,46 @@ from armctl.hardware.encoder.messages import (
     Mode,
     Realtime,
     Status,
+    crc16,
     seal,
-    unseal,
 )
 from armctl.hardware.encoder.simulated_axis import (
     FIRMWARE_DEFAULTS,
     TICK_S,
     AxisPlant,
     SimulatedAxis,
+    Trouble,
     plant_of,
 )
 
 AXES = len(FIRMWARE_DEFAULTS)
-VERSION = "1.1.0"
+VERSION = "1.2.0"
 
 _TICKS_PER_STATUS = 4
 _SLACK_S = 1e-9
 _LONGEST_CATCH_UP = round(2.0 / TICK_S)  # as long as a read may wait; motors are off by then
 _LOG_LENGTH = 10_000
 _REALTIME = re.compile(rb"([!?~\x18])")
-_REQUEST = re.compile(r"(\d{1,5}) (.+)")
+_SEALED = re.compile(rb"(.*)\*([0-9A-F]{4})", re.DOTALL)
+_NUMBER = re.compile(r"-?[0-9]{1,9}")
 _WATCHDOG_RANGE_MS = (50, 500)
 _LONGEST_BRAKING_S = 0.1
 _REACH_MS = 20
 _REACH_RANGE_MS = (1, 1000)
-_MOST_COUNTS = 1 << 31
-_COMMANDS = ("HELLO", "PING", "GET", "CLR", "EN", "WD", "HOME", "P", "PAIR", "CFG", "SHOW")
-_REFUSALS = {Mode.TRIPPED: "FAULT", Mode.OFF: "OFF", Mode.HOMING: "BUSY", Mode.HELD: "HOLD"}
+_MOST_LOST_SHOWN = 15
+_PAIR = (3, 4)  # axes of the differential pair until a host says otherwise
+_KEPT_FLAGS = BoardFlag.BROWN_OUT | BoardFlag.INTERRUPTED
+_RESET_FLAGS = {
+    "brownout": BoardFlag.BROWN_OUT,
+    "watchdog": BoardFlag.INTERRUPTED,
+    "unexpected": BoardFlag.INTERRUPTED,
+}
+_REFUSALS = {
+    Mode.TRIPPED: "FAULT latched",
+    Mode.OFF: "OFF",
+    Mode.HOMING: "BUSY homing",
+    Mode.HELD: "HOLD",
+}
 
 
 class _Refused(Exception):  # noqa: N818  not an error: what the board answers
@@ -74,15 +87,21 @@ class SimulatedEncoderBoard:
         self._boot_s = boot_s
         self._protocol = protocol
         self._now: float | None = None
+        self._flags = BoardFlag(0)
         self.reset()
 
     def reset(self, cause: str = "power") -> None:
-        """Start anew for ``cause``: power, external, brownout or watchdog. The arm stays where it is."""
+        """Start anew for ``cause``: power, external, brownout, watchdog or unexpected (while a host worked).
+
+        The arm stays where it is.
+        """
         for axis in self.axes:
             axis.restart()
         self._banner = Banner(FIRMWARE, VERSION, self._protocol, AXES, cause)
         self.mode = Mode.OFF  # what the motors do
-        self._flags = BoardFlag.BROWN_OUT if cause == "brownout" else BoardFlag(0)
+        self._pair: tuple[int, ...] = _PAIR
+        kept = BoardFlag(0) if cause == "power" else self._flags & _KEPT_FLAGS
+        self._flags = kept | _RESET_FLAGS.get(cause, BoardFlag(0))
         self._ticks = 0
         self._watchdog_s = _WATCHDOG_RANGE_MS[1] / 1000.0
         self._fed_s = 0.0
@@ -112,6 +131,7 @@ class SimulatedEncoderBoard:
             if not self.mode.powered:
                 self._ticks = max(self._ticks, due - _LONGEST_CATCH_UP)
             self._ticks += 1
+            self._watch_counts()
             if self.mode.powered:
                 self._move()
                 self._watch_host()
@@ -141,29 +161,27 @@ class SimulatedEncoderBoard:
                 self._take_line(line)
 
     def _take_line(self, line: bytes) -> None:
-        try:
-            text = unseal(line)
-        except BoardProtocolError:
+        found = _SEALED.fullmatch(line)
+        if found is None or int(found[2], 16) != crc16(found[1]):
             self._say("0 err CRC line ignored")
             return
-        found = _REQUEST.fullmatch(text)
-        if found is None or not 1 <= int(found[1]) <= LARGEST_SEQUENCE:
+        self._fed_s = self._time_s
+        words = _Words(found[1].decode("latin-1"))
+        sequence = words.number_or(words.take())
+        if sequence is None or not 1 <= sequence <= LARGEST_SEQUENCE:
             self._say("0 err SYNTAX seq 1 65535")
             return
-        self._fed_s = self._time_s
         if self._last is None or self._last[0] != line:
-            self.log.append(found[2])
-            command, *words = found[2].split(" ")
+            self.log.append(" ".join(words.rest))
             try:
-                answer = f"ok {self._execute(command, words)}".rstrip()
+                answer = f"ok {self._execute(words)}".rstrip()
             except _Refused as refused:
                 answer = f"err {refused}"
-            self._last = line, f"{int(found[1])} {answer}"
+            self._last = line, f"{sequence} {answer}"
         self._say(self._last[1])
 
     def _say_status(self) -> None:
-        self._say(f"@ {self._status().encode()}")
-        self._flags &= ~BoardFlag.LINE_LOST
+        self._say(f"@ {self._told_status()}")
 
     def _say(self, text: str) -> None:
         self._unsent += seal(text)
@@ -172,63 +190,70 @@ class SimulatedEncoderBoard:
         sent, self._unsent = bytes(self._unsent), bytearray()
         return sent
 
-    # Requests: taken apart and checked, before anything is done.
+    # Requests: taken apart and checked word by word as the firmware does, before anything is done.
 
-    def _execute(self, command: str, words: Sequence[str]) -> str:
-        match command, words:
-            case "HELLO", []:
-                return self._banner.encode()
-            case "PING", []:
-                pass
-            case "GET", []:
-                return self._status().encode()
-            case "CLR", []:
-                for each in self.axes:
-                    each.fault = FaultKind(0)
-                self._flags = BoardFlag(0)
-                if self.mode is Mode.TRIPPED:
-                    self.mode = Mode.OFF
-            case "EN", ["0"]:
-                self._end(Mode.OFF)
-            case "EN", ["1"]:
-                self._refuse_in(Mode.TRIPPED, Mode.HOMING)
-                if self._off_at_s is not None:
-                    raise _Refused("HOLD braking")
-                if self.mode is Mode.OFF:
-                    self._begin(Mode.ON)
-            case "WD", [ms]:
-                self._watchdog_s = _number(ms, *_WATCHDOG_RANGE_MS) / 1000.0
-            case "HOME", _:
+    def _execute(self, words: _Words) -> str:
+        command = words.take()
+        if command is None:
+            raise _Refused("UNKNOWN no command")
+        match command:
+            case "HELLO" | "PING" | "GET" | "CLR":
+                words.end()
+                return self._simple(command)
+            case "EN":
+                self._enable(words)
+            case "WD":
+                ms = words.number("ARGS ms missing")
+                words.end()
+                self._watchdog_s = _within(ms, _WATCHDOG_RANGE_MS, "RANGE ms 50 500") / 1000.0
+            case "HOME":
                 self._home(words)
-            case "P", _ if len(words) in (AXES, AXES + 1):
+            case "P":
                 self._go(words)
-            case "PAIR", ["NONE"]:
-                self._refuse_when_on()
-            case "PAIR", [first, second]:
-                # The plant is in joint counts: which motors turn it does not matter.
-                if self._axis(first) is self._axis(second):
-                    raise _Refused("RANGE two axes")
-                self._refuse_when_on()
-            case "CFG", [axis, *pairs]:
-                self._configure(axis, pairs)
-            case "SHOW", [axis, ("1" | "2") as part]:
-                shown = [f"{key}={value}" for key, value in self._axis(axis).settings.items()]
-                half = len(shown) // 2
-                return " ".join(shown[:half] if part == "1" else shown[half:])
+            case "PAIR":
+                self._set_pair(words)
+            case "CFG":
+                self._configure(words)
+            case "SHOW":
+                return self._show(words)
             case _:
-                known = command in _COMMANDS
-                raise _Refused(f"ARGS {command} takes other arguments" if known else "UNKNOWN command")
+                raise _Refused("UNKNOWN command")
         return ""
 
-    def _home(self, words: Sequence[str]) -> None:
+    def _simple(self, command: str) -> str:
+        if command == "HELLO":
+            return self._banner.encode()
+        if command == "GET":
+            return self._told_status()
+        if command == "CLR":
+            for axis in self.axes:
+                axis.fault = FaultKind(0)
+            self._flags = BoardFlag(0)
+            if self.mode is Mode.TRIPPED:
+                self.mode = Mode.OFF
+        return ""
+
+    def _enable(self, words: _Words) -> None:
+        on = words.number("ARGS 0 or 1 missing")
+        words.end()
+        if not _within(on, (0, 1), "RANGE 0 1"):
+            self._end(Mode.OFF)
+            return
+        self._refuse_in(Mode.TRIPPED, Mode.HOMING)
+        if self._off_at_s is not None:
+            raise _Refused("HOLD braking")
+        if self.mode is Mode.OFF:
+            self._begin(Mode.ON)
+
+    def _home(self, words: _Words) -> None:
         """Look for the zeros of these axes, or of all, one after the other; unused ones are left out."""
-        named = {_number(word, 0, AXES - 1) for word in words} or set(range(AXES))
+        named = {self._axis_number(words) for _ in tuple(words.rest)} or set(range(AXES))
+        self._refuse_in(Mode.TRIPPED, Mode.HOMING, Mode.HELD)
         used = [axis for axis in sorted(named) if self.axes[axis].settings["hord"]]
         for axis in used:
             own = self.axes[axis].settings
             if not own["min"] <= own["hpos"] <= own["max"]:
                 raise _Refused(f"RANGE hpos outside min max, axis {axis}")
-        self._refuse_in(Mode.TRIPPED, Mode.HOMING, Mode.HELD)
         self._begin(Mode.HOMING)
         self._to_home = sorted(used, key=lambda axis: self.axes[axis].settings["hord"])
         for axis in used:
@@ -236,14 +261,19 @@ class SimulatedEncoderBoard:
         self._homing = self._home_in_order()
         next(self._homing, None)
 
-    def _go(self, words: Sequence[str]) -> None:
+    def _go(self, words: _Words) -> None:
         """Take setpoints, all or none; a last word is the time [ms] in which to be there."""
-        counts = {
-            axis: _number(word, -_MOST_COUNTS, _MOST_COUNTS - 1)
-            for axis, word in enumerate(words[:AXES])
-            if word != "-"
-        }
-        reach_ms = _number(words[AXES], *_REACH_RANGE_MS) if len(words) > AXES else _REACH_MS
+        counts: dict[int, int] = {}
+        for axis in range(AXES):
+            word = words.take()
+            if word is None:
+                raise _Refused("ARGS six counts or -")
+            if word != "-":
+                counts[axis] = words.checked(word)
+        reach_ms = _REACH_MS
+        if words.rest:
+            reach_ms = _within(words.checked(words.take()), _REACH_RANGE_MS, "RANGE ms 1 1000")
+        words.end()
         self._refuse_in(Mode.TRIPPED, Mode.OFF, Mode.HOMING, Mode.HELD)
         for axis in counts:
             if not self.axes[axis].homed:
@@ -255,25 +285,58 @@ class SimulatedEncoderBoard:
         for axis, count in counts.items():
             self.axes[axis].go(count, reach_ms / 1000.0)
 
-    def _configure(self, axis: str, pairs: Sequence[str]) -> None:
-        """Take the settings of a line, or none of them."""
-        changes: dict[str, int] = {}
-        for pair in pairs:
-            key, equals, value = pair.partition("=")
-            if not equals or key not in WIRE:
-                raise _Refused(f"ARGS unknown key {key}")
-            changes[key] = _number(value, WIRE[key].low, WIRE[key].high)
-        if not changes:
-            raise _Refused("ARGS nothing to set")
-        own = self._axis(axis)
+    def _set_pair(self, words: _Words) -> None:
+        """Which joints two motors turn: the plant is in joint counts, so only their homes are concerned."""
+        pair: tuple[int, ...] = ()
+        if words.rest[:1] == ["NONE"]:
+            words.take()
+        else:
+            pair = self._axis_number(words), self._axis_number(words)
+        words.end()
+        if len(pair) == 2 and pair[0] == pair[1]:
+            raise _Refused("RANGE two axes")
         self._refuse_when_on()
+        if pair != self._pair:
+            for axis in (*self._pair, *pair):
+                self.axes[axis].homed = False
+        self._pair = pair
+
+    def _configure(self, words: _Words) -> None:
+        """Take the settings of a line, or none of them."""
+        number = self._axis_number(words)
+        own = self.axes[number]
+        self._refuse_when_on()
+        changes: dict[str, int] = {}
+        while (word := words.take()) is not None:
+            key, equals, text = word.partition("=")
+            if not equals or key not in WIRE:
+                raise _Refused("ARGS unknown key")
+            value, (low, high) = words.checked(text), (WIRE[key].low, WIRE[key].high)
+            if not low <= value <= high or (key == "hdir" and value == 0):
+                raise _Refused(f"RANGE {key} {value} {low} {high}")
+            changes[key] = value
+        if not changes:
+            raise _Refused("ARGS key=value missing")
         settings = own.settings | changes
         if settings["min"] >= settings["max"]:
             raise _Refused("RANGE min not below max")
+        if number in self._pair and any(own.settings[key] != settings[key] for key in ("inv", "minv")):
+            for axis in self._pair:
+                self.axes[axis].homed = False
         own.configure(settings)
 
-    def _axis(self, word: str) -> SimulatedAxis:
-        return self.axes[_number(word, 0, AXES - 1)]
+    def _show(self, words: _Words) -> str:
+        own = self.axes[self._axis_number(words)]
+        part = 1
+        if words.rest:
+            part = _within(words.number_or(words.take()), (1, 2), "RANGE part 1 2")
+        words.end()
+        shown = [f"{key}={value}" for key, value in own.settings.items()]
+        half = len(shown) // 2
+        return " ".join(shown[:half] if part == 1 else shown[half:])
+
+    def _axis_number(self, words: _Words) -> int:
+        return _within(words.number("ARGS axis missing"), (0, AXES - 1), "RANGE axis 0 5")
 
     def _refuse_when_on(self) -> None:
         if self.mode.powered:
@@ -281,13 +344,19 @@ class SimulatedEncoderBoard:
 
     def _refuse_in(self, *modes: Mode) -> None:
         if self.mode in modes:
-            raise _Refused(f"{_REFUSALS[self.mode]} not now")
+            raise _Refused(_REFUSALS[self.mode])
 
     # What the motors do. Times count from the board's start.
 
     @property
     def _time_s(self) -> float:
         return self._ticks * TICK_S
+
+    def _told_status(self) -> str:
+        """The fields of a status; what was lost on the line is told once."""
+        told = self._status().encode()
+        self._flags &= ~BoardFlag.LINE_LOST
+        return told
 
     def _status(self) -> Status:
         return Status(
@@ -297,6 +366,7 @@ class SimulatedEncoderBoard:
             switches=tuple(axis.switch_closed for axis in self.axes),
             flags=self._flags,
             faults=tuple(axis.fault for axis in self.axes),
+            lost=tuple(min(axis.lost, _MOST_LOST_SHOWN) for axis in self.axes),
             counts=tuple(axis.count for axis in self.axes),
         )
 
@@ -329,6 +399,11 @@ class SimulatedEncoderBoard:
             self._held_reported = True
             self._say("! held")
 
+    def _watch_counts(self) -> None:
+        for number, axis in enumerate(self.axes):
+            if axis.homed and axis.lost > MOST_LOST_EDGES:
+                self._trip(number, FaultKind.LOST)
+
     def _home_in_order(self) -> Iterator[None]:
         while self._to_home:
             number = self._to_home[0]
@@ -355,14 +430,15 @@ class SimulatedEncoderBoard:
 
     def _trip(self, number: int, fault: FaultKind) -> None:
         self.axes[number].fault |= fault
-        if fault is FaultKind.ENCODER:
-            self.axes[number].homed = False
+        if fault in (FaultKind.ENCODER, FaultKind.LOST):
+            for axis in self._pair if number in self._pair else (number,):
+                self.axes[axis].homed = False
         self._end(Mode.TRIPPED)
         self._say(f"! trip {number} {fault.name}")
 
     def _begin(self, mode: Mode) -> None:
         """Switch the motors on: the axes hold where they stand."""
-        self._flags &= ~(BoardFlag.WATCHDOG | BoardFlag.STOPPED)
+        self._flags &= ~(BoardFlag.WATCHDOG | BoardFlag.STOPPED | BoardFlag.LATE)
         if not self.mode.powered:
             for axis in self.axes:
                 axis.switch_on()
@@ -384,22 +460,61 @@ class SimulatedEncoderBoard:
             axis.halt()
 
 
-def _number(word: str, low: int, high: int) -> int:
-    """A decimal number within its range."""
-    try:
-        value = int(word)
-    except ValueError:
-        raise _Refused(f"ARGS {word} is no number") from None
-    if not low <= value <= high:
-        raise _Refused(f"RANGE {word} is outside {low} {high}")
+class _Words:
+    """The words of a line, one after the other; blanks part them, one or more."""
+
+    def __init__(self, text: str) -> None:
+        self.rest = [word for word in text.split(" ") if word]
+
+    def take(self) -> str | None:
+        """The next word; None at the end."""
+        return self.rest.pop(0) if self.rest else None
+
+    def end(self) -> None:
+        """Nothing more may follow."""
+        if self.rest:
+            raise _Refused("ARGS too many")
+
+    def number(self, missing: str) -> int:
+        """The next word as a number."""
+        value = self.number_or(self.take())
+        if value is None:
+            raise _Refused(missing)
+        return value
+
+    @staticmethod
+    def number_or(word: str | None) -> int | None:
+        """A word as a number, if it is one."""
+        return int(word) if word is not None and _NUMBER.fullmatch(word) else None
+
+    @classmethod
+    def checked(cls, word: str | None) -> int:
+        """A word that has to be a number."""
+        value = cls.number_or(word)
+        if value is None:
+            raise _Refused("ARGS not a number")
+        return value
+
+
+def _within(value: int | None, span: tuple[int, int], refusal: str) -> int:
+    if value is None or not span[0] <= value <= span[1]:
+        raise _Refused(refusal)
     return value
 
 
 def simulated_encoder_board(
-    channels: Sequence[ChannelSettings], axes: Sequence[EncoderAxis]
+    channels: Sequence[ChannelSettings],
+    axes: Sequence[EncoderAxis],
+    troubles: Mapping[int, Trouble] | None = None,
 ) -> SimulatedEncoderBoard:
-    """A board with an arm on it that fits these settings; axes without any are plain ones."""
+    """A board with an arm on it that fits these settings; axes without any are plain ones.
+
+    ``troubles``: what goes wrong, by axis, as soon as it is homed.
+    """
     own = {one.entry.axis: one for one in axes}
-    return SimulatedEncoderBoard(
+    board = SimulatedEncoderBoard(
         {one.channel: plant_of(one, own[one.channel]) for one in channels if one.channel in own}
     )
+    for axis, trouble in (troubles or {}).items():
+        board.axes[axis].trouble = trouble
+    return board

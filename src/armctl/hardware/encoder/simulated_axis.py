@@ -5,15 +5,20 @@ from __future__ import annotations
 import math
 from collections.abc import Generator, Mapping
 from dataclasses import dataclass
+from typing import Literal
 
 from armctl.hardware.driver import ChannelSettings
 from armctl.hardware.encoder.axes import WIRE, EncoderAxis
-from armctl.hardware.encoder.messages import FaultKind
+from armctl.hardware.encoder.messages import COUNTS_OF_AN_EDGE, FaultKind
 
 TICK_S = 0.005  # the firmware's control period
 SWITCH_WIDTH = 200.0  # counts over which the home switch of a Scorbot stays closed
 _LEAST_MARGIN = 60.0
 _START_S = 1.0
+_SLIP_EVERY = 1000.0  # counts of way
+
+Trouble = Literal["stall", "torn", "slip"]
+"""what may be wrong with an axis that has been homed: it jams, its encoder falls silent, or loses edges"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,6 +81,7 @@ class SimulatedAxis:
         self.jammed = False
         self.torn = False  # the encoder's wire
         self.switch_stuck: bool | None = None
+        self.trouble: Trouble | None = None
         self.restart()
 
     def restart(self) -> None:
@@ -83,6 +89,8 @@ class SimulatedAxis:
         self.settings = dict(self._defaults)
         self.homed = False
         self.fault = FaultKind(0)
+        self.lost = 0  # edges since homing, or since the start
+        self._unslipped = 0.0  # counts
         self._origin = self.place  # where the count is 0
         self._count = 0.0
         self._from = self._to = self._left_s = self._whole_s = 0.0
@@ -108,8 +116,14 @@ class SimulatedAxis:
 
     def configure(self, settings: Mapping[str, int]) -> None:
         """Take these settings; some make the zero worthless."""
-        self.homed &= all(self.settings[key] == settings[key] for key in _UNHOMING)
+        self.homed &= all(self.settings[key] == settings[key] for key in _UNHOMING) and settings["hord"] > 0
         self.settings = dict(settings)
+
+    def lose_edges(self, count: int = 1) -> None:
+        """Miss so many of the encoder's edges: the counts stay behind, and only their number is known."""
+        self.lost += count
+        self._origin += COUNTS_OF_AN_EDGE * count
+        self._count = self.place - self._origin
 
     def switch_on(self) -> None:
         """Hold where the encoder says that it is."""
@@ -165,9 +179,16 @@ class SimulatedAxis:
         """``place`` is where homing wants the axis to be."""
         self._origin = place - self.settings["hpos"]
         self._count = self.place - self._origin
-        self.homed = True
+        self.homed, self.lost, self._unslipped = True, 0, 0.0
+        self.jammed, self.torn = self.jammed or self.trouble == "stall", self.torn or self.trouble == "torn"
         self.switch_on()
         self.go(self.settings["hpos"], 0.0)
+
+    def _slip(self, way: float) -> None:
+        self._unslipped += way if self.homed and self.trouble == "slip" else 0.0
+        if self._unslipped >= _SLIP_EVERY:
+            self._unslipped -= _SLIP_EVERY
+            self.lose_edges()
 
     def _creep(self, direction: int, *, closed: bool | None) -> Generator[None, None, bool]:
         """Move until the switch says ``closed``; False where the axis stops before."""
@@ -204,7 +225,9 @@ class SimulatedAxis:
     def _follow(self) -> None:
         error = self._reference - self._count
         if not self.jammed:
+            before = self.place
             self.place = min(self.plant.high, max(self.plant.low, self.place + error * _FOLLOWED))
+            self._slip(abs(self.place - before))
         if not self.torn:
             self._count = self.place - self._origin
         if abs(self._count - self._seen_count) >= _MOVED_COUNTS:
