@@ -8,7 +8,16 @@ from typing import Self
 
 from armctl.boards import ANY_BOARD, Boards
 from armctl.robot import Robot
-from armctl.runtime import Command, Controller, MonotonicClock, Origin, Snapshot, Ticket, black_boxes
+from armctl.runtime import (
+    Command,
+    Controller,
+    MonotonicClock,
+    Origin,
+    Recording,
+    Snapshot,
+    Ticket,
+    black_boxes,
+)
 
 _SWITCH_INTERVAL_S = 2e-4
 
@@ -62,6 +71,10 @@ class Host:
     def stop(self, origin: Origin | None = None) -> Ticket:
         """STOP."""
         return self._controller.stop(origin)
+
+    def black_box(self) -> Recording:
+        """The last minute."""
+        return self._controller.black_box()
 
     def close(self) -> None:
         """Bring the arm to rest, close the line, take the simulated board away."""

@@ -8,6 +8,7 @@ import subprocess
 import threading
 from collections import deque
 from collections.abc import Callable
+from concurrent.futures import Future
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
@@ -31,6 +32,8 @@ from armctl.process.records import (
     End,
     Hello,
     Logged,
+    Recall,
+    Recalled,
     Record,
     Refused,
     Running,
@@ -43,11 +46,13 @@ from armctl.process.records import (
     whole,
 )
 from armctl.robot import Robot
-from armctl.runtime import Command, Event, MonotonicClock, Origin, Snapshot, State, Ticket
+from armctl.runtime import Command, Event, MonotonicClock, Origin, Recording, Snapshot, State, Ticket
+from armctl.runtime.black_box import unpacked
 from armctl.runtime.commands import Answer as TicketAnswer
 from armctl.runtime.commands import give
 
 _LOG_LINES = 200
+_RECALL_S = 10.0
 _CONNECT_S = 10.0
 _CLOSE_S = 15.0
 """how long an arm process may take to bring the arm to rest and end"""
@@ -175,6 +180,7 @@ class Link:
         self._lock = threading.Condition()
         self._out: deque[bytes] = deque()
         self._tickets: dict[int, tuple[Ticket, list[TicketAnswer]]] = {}
+        self._recalled: Future[bytes] | None = None
         self._numbers = itertools.count(1)
         self._events: tuple[Event, ...] = ()
         self._running: Running | None = None
@@ -232,6 +238,20 @@ class Link:
     def stop(self, origin: Origin | None = None) -> Ticket:
         """STOP: drops what was asked for before it; the ticket is ``finished`` when the arm is at rest."""
         return self._ask(Stop, origin)
+
+    def black_box(self) -> Recording:
+        """The last minute of the arm; ``BoardError``: the arm process does not give it."""
+        with self._lock:
+            if self._lost is not None or self._closing:
+                raise BoardError(self._lost or "the arm is being closed")
+            if self._recalled is None:  # else what another thread has asked for
+                self._recalled = Future()
+                self._put(Recall(next(self._numbers)))
+            recalled = self._recalled
+        try:
+            return unpacked(recalled.result(_RECALL_S))
+        except TimeoutError:
+            raise BoardError(f"the arm process gives no black box within {_RECALL_S:g} s") from None
 
     def beat(self) -> None:
         """Give a sign of life; more often than ``SILENCE_S`` while the arm moves."""
@@ -313,6 +333,11 @@ class Link:
                 self._running = record
             case Answer(number):
                 self._answer(number, record)
+            case Recalled(_, content):
+                with self._lock:
+                    recalled, self._recalled = self._recalled, None
+                if recalled is not None:
+                    recalled.set_result(content)
             case Refused(error):
                 raise BoardError(f"the arm process refused: {error}")
             case _:
@@ -340,9 +365,12 @@ class Link:
                 return
             self._lost = why
             waiting, self._tickets = list(self._tickets.values()), {}
+            recalled, self._recalled = self._recalled, None
             self._out.clear()
             self._lock.notify_all()
         self._line.close()
+        if recalled is not None:
+            recalled.set_exception(BoardError(why))
         for ticket, answers in waiting:
             ticket.end(StateError(why))
             give(answers)

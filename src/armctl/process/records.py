@@ -90,7 +90,13 @@ class End(Record, frozen=True):
     """Bring the arm to rest, close the line and end the arm process."""
 
 
-FromClient = Trust | Hello | Ask | Stop | Beat | End
+class Recall(Record, frozen=True):
+    """Give the last minute; answered by ``Recalled``."""
+
+    id: int
+
+
+FromClient = Trust | Hello | Ask | Stop | Beat | End | Recall
 
 
 # From the arm process.
@@ -139,13 +145,20 @@ class Answer(Record, frozen=True):
     """of the error, as the classes in ``armctl.errors``"""
 
 
+class Recalled(Record, frozen=True):
+    """The last minute, as the file of a black box."""
+
+    id: int
+    content: bytes
+
+
 class Refused(Record, frozen=True):
     """A record that is none; the connection is closed behind it."""
 
     error: str
 
 
-FromArm = Welcome | Seen | Logged | Running | Answer | Refused
+FromArm = Welcome | Seen | Logged | Running | Answer | Recalled | Refused
 
 
 # Trajectories: curves as numbers.

@@ -35,6 +35,8 @@ from armctl.process.records import (
     FromClient,
     Hello,
     Logged,
+    Recall,
+    Recalled,
     Record,
     Refused,
     Running,
@@ -49,6 +51,7 @@ from armctl.process.records import (
 )
 from armctl.robot import Robot
 from armctl.runtime import ArmLink, Arrive, Command, Event, Leave, Origin, Snapshot, State, Ticket
+from armctl.runtime.black_box import packed
 from armctl.runtime.commands import MovingCommand
 
 _LOGGER = logging.getLogger("armctl.process")
@@ -169,7 +172,7 @@ class Client:
         self._server, self._codec, self._send, self._watches = server, codec, send, hello.watch
         self._loop = asyncio.get_running_loop()
         self.heard_at = self._loop.time()
-        self._answers: deque[Answer] = deque()
+        self._answers: deque[Answer | Recalled] = deque()
         self._open = self._stops = self._taken = 0
         self._second = 0.0
         self._told: Event | None = None
@@ -267,6 +270,10 @@ class Client:
                 if not self.owns:
                     raise InputError("only who started the arm may end it")
                 self._server.ended.set()
+            case Recall(number):
+                if not self._recalling:  # one at a time
+                    self._recalling = True
+                    self._begin(self._recall(number))
             case Beat():
                 pass
             case Trust() | Hello():
@@ -294,7 +301,15 @@ class Client:
         self._open -= 1
         self._put(last)
 
-    def _put(self, record: Answer) -> None:
+    async def _recall(self, number: int) -> None:
+        """Send the last minute, packed beside the event loop."""
+        try:
+            content = await asyncio.to_thread(lambda: packed(self._server.arm.black_box()))
+        finally:
+            self._recalling = False
+        self._put(Recalled(number, content))
+
+    def _put(self, record: Answer | Recalled) -> None:
         self._answers.append(record)
         self.wake.set()
 

@@ -25,7 +25,8 @@ import threading
 import zipfile
 import zlib
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Future
 from datetime import datetime, timedelta, timezone
 from pathlib import Path
 from typing import Annotated
@@ -41,7 +42,6 @@ from armctl.kinematics import Target
 from armctl.program import Program
 from armctl.robot import Robot
 from armctl.runtime.clock import wall_time
-from armctl.runtime.commands import Order
 from armctl.runtime.snapshot import Event, Snapshot, State
 
 LENGTH_S = 60.0
@@ -179,19 +179,18 @@ class BlackBox:
         self._closing = threading.Event()
         self._results: deque[tuple[str, str]] = deque()
 
-    def order(self, order: Order, now: float) -> None:
-        """A command, or STOP, is about to be carried out."""
-        line = CommandLine(now, order.origin.who[:_LONGEST_WORDS], _words(order))
+    def order(self, command: object, who: str, note: str, finished: Future[None], now: float) -> None:
+        """A command (None: STOP) is about to be carried out; ``finished`` will tell what became of it."""
+        line = CommandLine(now, who[:_LONGEST_WORDS], _words(command, note))
 
-        def answered(future: object) -> None:
-            del future
-            error = order.ticket.finished.exception()
+        def answered(future: Future[None]) -> None:
+            error = future.exception()
             line.answer = "done" if error is None else str(error)[:_LONGEST_WORDS]
             line.answered_s = self._now()
 
         with self._lock:
             self._commands.append(line)
-        order.ticket.finished.add_done_callback(answered)
+        finished.add_done_callback(answered)
 
     def tick(self, snapshot: Snapshot) -> None:
         """A tick is over, and this is what came of it."""
@@ -306,12 +305,12 @@ class BlackBox:
             self._closing.wait(_APART_S)
 
 
-def _words(order: Order) -> str:
+def _words(command: object, note: str) -> str:
     """A command in one short line; joint angles in degrees."""
-    match order.command:
+    match command:
         case None:
-            words = f"STOP: {order.origin.note}" if order.origin.note else "STOP"
-        case command:
+            words = f"STOP: {note}" if note else "STOP"
+        case _:
             names: tuple[str, ...] = getattr(command, "__struct_fields__", ())  # what is no command has none
             fields = ((name, getattr(command, name)) for name in names)
             told = ", ".join(
@@ -374,14 +373,24 @@ def save_recording(recording: Recording, folder: Path) -> Path:
     folder.mkdir(mode=0o700, parents=True, exist_ok=True)
     robot = _UNSAFE.sub("_", recording.robot)[:40]
     path = folder / f"fault-{recording.wall(recording.clock_s):%Y%m%d-%H%M%S}-{robot}-{os.getpid()}.zip"
-    packed = io.BytesIO()
-    with zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as archive:
-        for name, content in members(recording).items():
-            archive.writestr(name, content)
-    write_atomically(path, packed.getvalue())
+    write_atomically(path, packed(recording))
     for old in [one for one in saved_recordings(folder) if one != path][_KEPT - 1 :]:
         old.unlink(missing_ok=True)
     return path
+
+
+def packed(recording: Recording) -> bytes:
+    """The content of its file."""
+    return zipped(members(recording))
+
+
+def zipped(content: Mapping[str, bytes]) -> bytes:
+    """A zip file of members by name."""
+    stream = io.BytesIO()
+    with zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, one in content.items():
+            archive.writestr(name, one)
+    return stream.getvalue()
 
 
 def members(recording: Recording) -> dict[str, bytes]:
@@ -394,10 +403,11 @@ def members(recording: Recording) -> dict[str, bytes]:
 
 def read_recording(path: Path) -> Recording:
     """What a saved black box, or a report, holds; ``InputError`` says what is wrong with the file."""
-    return _FILES.load(path, _decoded)
+    return _FILES.load(path, unpacked)
 
 
-def _decoded(content: bytes) -> Recording:
+def unpacked(content: bytes) -> Recording:
+    """What ``packed`` made, or a report's content; errors as ``read_recording``."""
     try:
         with zipfile.ZipFile(io.BytesIO(content)) as archive:
             text, ticks = _member(archive, _TEXT), _member(archive, _TICKS)

@@ -16,6 +16,7 @@ from armctl.kinematics import Target
 from armctl.motion import Profile, Trajectory
 from armctl.program import Program
 from armctl.robot import Robot
+from armctl.runtime.black_box import Recording
 from armctl.runtime.snapshot import Snapshot
 
 Frame = Literal["base", "tool"]
@@ -315,6 +316,10 @@ class ArmLink(Protocol):
 
     def stop(self, origin: Origin | None = None) -> Ticket:
         """STOP: drops what was asked for before it; the ticket is ``finished`` when the arm is at rest."""
+        ...
+
+    def black_box(self) -> Recording:
+        """The last minute of it. May wait for it; ``BoardError``: it cannot be had."""
         ...
 
     def close(self) -> None:

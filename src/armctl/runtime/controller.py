@@ -135,11 +135,11 @@ class Controller:
             stops, self._stops = self._stops, []
             orders, self._orders = self._orders, []
         for stop in stops:  # each on its own: whatever one of them meets, the others are carried out
-            self._note(self._black_box.order, stop, now)
+            self._note_order(stop, now)
             self._guarded(core.stop, stop.origin, stop.ticket)
         self._guarded(core.advance, now, urgent=bool(stops))
         for order in orders:
-            self._note(self._black_box.order, order, now)
+            self._note_order(order, now)
             if stops and isinstance(order.command, MovingCommand) and order.number < stops[-1].number:
                 self._drop(order, stops)
             elif (broken := self._guarded(dispatch, core, order, now)) is not None:
@@ -261,6 +261,10 @@ class Controller:
             self._core.fault(broken)
             return broken
         return None
+
+    def _note_order(self, order: Order, now: float) -> None:
+        origin, finished = order.origin, order.ticket.finished
+        self._note(self._black_box.order, order.command, origin.who, origin.note, finished, now)
 
     def _note(self, note: Callable[P, None], *args: P.args, **kwargs: P.kwargs) -> None:
         """Let the black box take note; a defect of its own must not touch the arm, and ends it."""
