@@ -174,6 +174,7 @@ class Client:
         self.heard_at = self._loop.time()
         self._answers: deque[Answer | Recalled] = deque()
         self._open = self._stops = self._taken = 0
+        self._recalling = False
         self._second = 0.0
         self._told: Event | None = None
         self._running: Running | None = None
