@@ -20,7 +20,7 @@ from armctl.kinematics import Choice, Target
 from armctl.kinematics.target import as_numbers, checked_number, require_finite
 from armctl.motion import PathTrajectory, PitchMode, Profile, Trajectory, solve
 from armctl.motion.trajectory import KnowsPeaks
-from armctl.process import start_arm
+from armctl.process import Link, RemoteLine, start_arm
 from armctl.program import ArcStep, LineStep, Program, Step, WaitStep, checked_program, open_program
 from armctl.program.feed import whole_number
 from armctl.program.steps import WIDEST_BLEND_MM
@@ -101,6 +101,18 @@ class Arm:
             arm.close()
             raise
         return arm
+
+    @classmethod
+    def connect(
+        cls, url: str, token: str | None = None, name: str = "library", *, watch: bool = False
+    ) -> Self:
+        """Drive the arm of a console that runs elsewhere, e.g. ``http://192.168.1.20:8080``.
+
+        ``token``: as ``armctl serve`` prints it; or ``url`` is the whole printed link. ``name``: what its
+        pages show. It operates when nobody does, else ``take_control``; ``watch``: it only wants to see.
+        BoardError: nobody answers there, or the token is another one.
+        """
+        return cls(Link(RemoteLine(url, token), name, watch=watch))
 
     @property
     def snapshot(self) -> Snapshot:

@@ -29,6 +29,8 @@ from armctl.process import start_arm
 from armctl.robot import Robot, load_robot, shipped_robots
 from armctl.runtime import Connect, Origin, wall_time
 from armctl.ui import App, CalibrationInForce, Console, PortChoice, RobotChoice, RobotSwitch
+from armctl.ui.api import PATH as API_PATH
+from armctl.ui.api import api_door
 from armctl.ui.guard import GuardedServer, encryption, guarded_server
 
 LOG = logging.getLogger("armctl.cli.serve")
@@ -81,7 +83,10 @@ def serve(
     robots = RobotSwitch(console, present, _robot_choices(present), open_console)
     try:
         try:
-            server = guarded_server(host, http_port, extra_hosts=names, token=token, tls=tls, label="armctl")
+            sockets = {API_PATH: api_door(lambda: robots.console.controller)}
+            server = guarded_server(
+                host, http_port, extra_hosts=names, token=token, tls=tls, sockets=sockets, label="armctl"
+            )
         except ServerError as refusal:
             raise ServerError(f"{refusal}{_link_of_another(refusal, http_port)}") from refusal
         app = App(robots, server)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import itertools
 import socket
 import subprocess
@@ -259,6 +260,30 @@ class Link:
             if not self._out and self._lost is None:
                 self._put(Beat())
 
+    def hand_over(self, line: socket.socket, request: bytes) -> bool:
+        """Give the arm process a connection, with the request that came on it; whether it takes any.
+
+        ``OSError``: it cannot be taken now.
+        """
+        local = self._line
+        if not (isinstance(local, LocalLine) and isinstance(local.address, Path)):
+            return False
+        hand_over(local.address, local.secret, line, request)
+        return True
+
+    async def relay(self) -> tuple[asyncio.StreamReader, asyncio.StreamWriter]:
+        """Another connection to the same arm process, for the records of somebody else."""
+        local = self._line
+        if not isinstance(local, LocalLine):
+            raise StateError("the arm is far away itself; connect to its own console")
+        if isinstance(local.address, Path):
+            reader, writer = await asyncio.open_unix_connection(local.address)
+        else:
+            reader, writer = await asyncio.open_connection(*local.address)
+        data = self._codec.encode(Trust(local.secret, relays=True))
+        writer.write(len(data).to_bytes(4) + data)
+        return reader, writer
+
     def close(self) -> None:
         """Leave; an arm process that was started for this link brings the arm to rest and ends."""
         with self._lock:
@@ -403,3 +428,22 @@ def _connected(address: Path | tuple[str, int]) -> socket.socket:
     except OSError as cause:
         raise BoardError(f"no arm process answers at {address}: {cause.strerror or cause}") from cause
     return line
+
+
+# A connection that one process hands to another: its file descriptor, over a socket beside the local one.
+
+
+def hands_of(address: Path) -> Path:
+    """The socket that takes connections for the arm process at ``address``."""
+    return address.with_suffix(".hand")
+
+
+def hand_over(address: Path, secret: str, line: socket.socket, request: bytes) -> None:
+    """Give a connection to the arm process at ``address``, with the request that came on it.
+
+    Raises ``OSError`` where it cannot be taken.
+    """
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as hands:
+        hands.setblocking(False)
+        hands.connect(str(hands_of(address)))
+        socket.send_fds(hands, [secret.encode() + b"\n" + request], [line.fileno()])

@@ -24,6 +24,7 @@ from websockets.server import ServerProtocol
 
 from armctl.errors import ArmctlError, InputError, StateError
 from armctl.process.host import Host
+from armctl.process.link import hands_of
 from armctl.process.records import (
     MOST_BYTES,
     SILENCE_S,
@@ -55,6 +56,8 @@ from armctl.runtime.black_box import packed
 from armctl.runtime.commands import MovingCommand
 
 _LOGGER = logging.getLogger("armctl.process")
+_WIRE = logging.getLogger("armctl.process.wire")
+_WIRE.setLevel(logging.ERROR)  # a client that hangs up is no news
 _WATCH_S = 0.1
 _MOST_OPEN = 256
 """commands of one client that wait for their end"""
@@ -144,7 +147,7 @@ class Server:
         if len(self._clients) >= _MOST_CLIENTS:
             raise StateError(f"{_MOST_CLIENTS} clients are connected already; close one")
         owns = trust is not None and not trust.relays
-        client = Client(self, codec, send, hello, f"program {next(self._ids)}", owns=owns)
+        client = Client(self, codec, send, hello, f"{hello.name[:40]}, program {next(self._ids)}", owns=owns)
         await send(codec.encode(Welcome(version("armctl"), client.id, robot_record(self.arm.robot))))
         self._clients.add(client)
         client.begin()
@@ -388,7 +391,7 @@ class HandedOver:
 
     def __init__(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         self._reader, self._writer = reader, writer
-        self._protocol = ServerProtocol(max_size=_MOST_MESSAGE)
+        self._protocol = ServerProtocol(max_size=_MOST_MESSAGE, logger=_WIRE)
         self._messages: deque[bytes] = deque()
         self._parts = bytearray()
         self._text = True
@@ -486,21 +489,6 @@ async def attend_websocket(server: Server, line: socket.socket, request: bytes) 
         websocket.close()
 
 
-def hand_over(address: Path, secret: str, line: socket.socket, request: bytes) -> None:
-    """Give a connection to the arm process at ``address``, with the request that came on it.
-
-    Raises ``OSError`` where it cannot be taken.
-    """
-    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as hands:
-        hands.setblocking(False)
-        hands.connect(str(_hands(address)))
-        socket.send_fds(hands, [secret.encode() + b"\n" + request], [line.fileno()])
-
-
-def _hands(address: Path) -> Path:
-    return address.with_suffix(".hand")
-
-
 class _Hands:
     """Takes connections that are handed over."""
 
@@ -508,7 +496,7 @@ class _Hands:
         self._server, self._secret = server, secret.encode()
         self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
         self._socket.setblocking(False)
-        self._socket.bind(str(_hands(address)))
+        self._socket.bind(str(hands_of(address)))
         self._tasks: set[asyncio.Task[None]] = set()
         asyncio.get_running_loop().add_reader(self._socket, self._take)
 
@@ -602,5 +590,5 @@ async def serve_arm(
         await asyncio.to_thread(arm.close)
         if hands is not None:
             hands.close()
-        for path in () if address is None else (address, _hands(address)):
+        for path in () if address is None else (address, hands_of(address)):
             path.unlink(missing_ok=True)

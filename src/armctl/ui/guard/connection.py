@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import socket
 from collections.abc import Callable
 from typing import Any
 
 import viser
 from websockets.asyncio.server import Server, ServerConnection
 from websockets.frames import CloseCode
+from websockets.http11 import Request
 from websockets.server import ServerProtocol
 
 from armctl.ui.guard.filter import FrameFilter, Tally
@@ -39,8 +41,21 @@ class GuardedConnection(ServerConnection):
         self._refused = False
         self.head_only = False
         """whether the request is HEAD: the answer is that to GET, without its body"""
+        self.handed_over = False
         self.socket_path: str | None = None
         """path of the armctl socket that the door let it in to; None for viser's page"""
+
+    def hand_over(self, give: Callable[[socket.socket, bytes], bool], request: Request) -> bool:
+        """Have another process go on with this connection; whether it does."""
+        if self.transport.get_extra_info("sslcontext") is not None:
+            return False  # what it is encrypted with cannot be handed over
+        line = self.transport.get_extra_info("socket")
+        with socket.fromfd(line.fileno(), line.family, line.type) as copy:
+            if not give(copy, request.serialize()):
+                return False
+        self.handed_over = True
+        self.transport.abort()  # our own copy; nothing is sent on it
+        return True
 
     def data_received(self, data: bytes) -> None:
         """Read the method first: ``websockets`` knows GET alone and hangs up on everything else."""

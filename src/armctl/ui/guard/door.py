@@ -12,6 +12,7 @@ import html
 import ipaddress
 import re
 import secrets
+import socket
 from collections.abc import Awaitable, Callable, Mapping
 from dataclasses import dataclass, field
 from http import HTTPStatus
@@ -56,6 +57,8 @@ class SocketDoor:
     """serves one connection; bounds of its frames and of their rate are its own"""
     for_programs: bool = False
     """whether a client without Origin, which is no browser, may come in with the token itself"""
+    hand_over: Callable[[socket.socket, bytes], bool] | None = None
+    """gives the connection, with its request, to another process; False: ``handle`` serves it"""
     schema: bytes | None = None
     """JSON, served at the path with ``/schema`` added"""
 
@@ -127,11 +130,11 @@ class Door:
         if is_websocket and connection.head_only:
             return self._refuse(request, HTTPStatus.BAD_REQUEST, "a websocket asked for by HEAD")
         socket_path = path.removesuffix("/schema")
-        socket = self.sockets.get(socket_path)
+        own = self.sockets.get(socket_path)
         origin = headers.get("Origin")
         if origin is not None and origin.lower() != f"{self.scheme}://{host}":
             return self._refuse(request, HTTPStatus.FORBIDDEN, "a foreign origin")
-        for_programs = socket is not None and socket.for_programs
+        for_programs = own is not None and own.for_programs
         knows = for_programs and self._knows_token(headers, query)
         if origin is None and is_websocket and not for_programs:
             return self._refuse(request, HTTPStatus.FORBIDDEN, "a websocket without origin")
@@ -148,8 +151,8 @@ class Door:
             if is_program or not any(_same(part.strip(), cookie) for part in cookies):
                 advice = (_BEARER,) if for_programs else _ADVICE_ON_TOKEN
                 return self._refuse(request, HTTPStatus.UNAUTHORIZED, "no valid token", *advice)
-        if socket is not None:
-            return self._answer_at_socket(connection, socket, socket_path, path, is_websocket)
+        if own is not None:
+            return self._answer_at_socket(connection, own, socket_path, path, is_websocket)
         if path not in _PAGE:
             return _respond(HTTPStatus.NOT_FOUND, "There is nothing here.\n")
         if query and not is_websocket:
@@ -197,7 +200,7 @@ class Door:
     def _answer_at_socket(
         self,
         connection: GuardedConnection,
-        socket: SocketDoor,
+        own: SocketDoor,
         socket_path: str,
         path: str,
         is_websocket: bool,
@@ -208,9 +211,9 @@ class Door:
                 return _respond(HTTPStatus.UPGRADE_REQUIRED, text, {"Upgrade": "websocket"})
             connection.socket_path = socket_path
             return None
-        if is_websocket or socket.schema is None:
+        if is_websocket or own.schema is None:
             return _respond(HTTPStatus.NOT_FOUND, "There is nothing here.\n")
-        return _respond(HTTPStatus.OK, socket.schema, {"Content-Type": "application/json"})
+        return _respond(HTTPStatus.OK, own.schema, {"Content-Type": "application/json"})
 
     def _refuse(self, request: Request, status: HTTPStatus, reason: str, *advice: str) -> Response:
         self.tally.refuse(reason)

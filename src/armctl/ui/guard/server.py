@@ -86,14 +86,22 @@ def _guarded_serve(
         async def process_request(connection: ServerConnection, request: Request) -> Response | None:
             response = door.answer(connection, request)
             if response is None:
-                page = serve_page(connection, request) if own_socket(connection) is None else None
-                return None if page is None else overlaid.answer(page)
+own = own_socket(connection)
+                if own is None:
+                    page = serve_page(connection, request)
+                    return None if page is None else overlaid.answer(page)
+                if own.hand_over is not None and isinstance(connection, GuardedConnection):
+                    connection.hand_over(own.hand_over, request)
+                return None
             await asyncio.sleep(door.delay_s(connection, request, response))
             return response
 
         async def route(connection: ServerConnection) -> None:
             own = own_socket(connection)
-            await (handler(connection) if own is None else own.handle(connection))
+            if own is None:
+                await handler(connection)
+            elif not (isinstance(connection, GuardedConnection) and connection.handed_over):
+                await own.handle(connection)
 
         options |= {
             "sock": listener,
