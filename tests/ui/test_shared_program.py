@@ -219,7 +219,7 @@ def test_what_was_left_is_deleted_when_nobody_wants_it_or_it_cannot_be_read(tmp_
         desk = desk_that_keeps(tmp_path)
         assert desk.left is not None and desk.left.time.startswith("2001-09-0")
         await desk.answer(desk.left, restore=False)
-        with pytest.raises(ProgramError, match="uzuner-.*-1.toml: line 1"):
+        with pytest.raises(ProgramError, match=r"uzuner-.*-1\.toml: line 1"):
             await desk.answer(desk.left, restore=True)
         await desk.answer(desk.left, restore=False)
         assert desk.left is None and kept_files(tmp_path) == []

@@ -86,7 +86,7 @@ def _guarded_serve(
         async def process_request(connection: ServerConnection, request: Request) -> Response | None:
             response = door.answer(connection, request)
             if response is None:
-own = own_socket(connection)
+                own = own_socket(connection)
                 if own is None:
                     page = serve_page(connection, request)
                     return None if page is None else overlaid.answer(page)
