@@ -53,6 +53,8 @@ from armctl.runtime import (
 )
 from armctl.runtime.commands import Frame, LockControl, MovingCommand
 
+LAST_POSE = "last"
+"""for ``Arm.enable``: where armctl saw the arm last"""
 _STOP_S = 5.0
 """so long an interrupt waits for the arm to stand [s]"""
 _TO_DO = {
@@ -159,15 +161,18 @@ class Arm:
         """Let nobody take control, or everybody again."""
         self._do(LockControl(locked, pin))
 
-    def enable(self) -> None:
+    def enable(self, pose: str | Sequence[float] | None = None) -> None:
         """Make the arm ready to move: keep clear of it.
 
-        Servos that were off jump to the rest pose. Motors with encoders that do not know where they are
-        look for their zeros first (``home``); those that do stay where they are.
+        ``pose`` says where the arm stands now, for servos that are off and cannot tell: "last" (where armctl
+        saw it last), a named pose ("rest"), or joint angles [degrees]. They come on there one by one, which
+        takes some seconds; in a wrong pose they jump. The simulated board, and pulses that are on, need none.
+        StateError: nobody knows where the arm is, and no pose was given. Motors with encoders that do not
+        know where they are look for their zeros first (``home``).
         """
         if any(not axis.homed for axis in self.snapshot.homing):
             self.home()
-        self._do(Enable())
+        self._do(self._enable_at(pose))
 
     def home(self, wait: bool = True) -> Motion:
         """Every axis moves, slowly, to its zero. BoardError: one did not find it. StateError: no encoders."""
@@ -385,6 +390,24 @@ class Arm:
         if wait:
             self._wait_for(motion)
         return motion
+
+    def _enable_at(self, pose: str | Sequence[float] | None) -> Enable:
+        """What enables the arm in a pose that is given in words or degrees."""
+        if pose is None:
+            return Enable()
+        if not isinstance(pose, str):
+            return Enable(np.radians(self.robot.chain.checked(pose)))
+        if pose != LAST_POSE:
+            return Enable(self.robot.pose(pose))
+        now = self.snapshot
+        if now.last_pose is None:
+            if now.board is not None and now.board.simulated:
+                return Enable()
+            raise StateError(
+                f"no last pose of {self.robot.name} on this board is kept: give a named pose, or joint "
+                "angles in degrees"
+            )
+        return Enable(now.last_pose.q, now.last_pose.gripper)
 
     def _do(self, command: Command) -> None:
         self._wait_for(self.link.submit(command, ORIGIN))

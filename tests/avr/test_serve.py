@@ -112,7 +112,7 @@ def test_an_arm_is_enabled_moved_and_released_over_a_port(make_avr: MakeAvr, tmp
         served(avr, clock.now, tmp_path / "mega") as server,
         armctl.Arm.open("abaas", port=f"firmata:{server.port}") as arm,
     ):
-        arm.enable()
+        arm.enable("rest")
         arm.go_joints([-60, 80, -70, 30, 20])
         arm.gripper(50)
         wanted = arm.robot.output_map

@@ -14,7 +14,7 @@ import pytest
 from tests.browser.kit import Screen, Screens
 from tests.browser.serving import serving
 
-from armctl.hardware.maestro.codec import Opcode
+from armctl.hardware.maestro.codec import Opcode, set_targets, us_to_quarters
 from armctl.hardware.maestro.simulated import SimulatedMaestro, simulated_maestro
 from armctl.hardware.simulation import PtyServer
 from armctl.robot import load_robot
@@ -59,8 +59,15 @@ def holds(board: PtyServer[SimulatedMaestro], q_deg: list[float]) -> bool:
 
 
 def enable(page: Screen, board: PtyServer[SimulatedMaestro]) -> None:
+    """Take over an arm whose pulses are on, in the rest pose."""
+    assert ROBOT.output_map is not None
+    on = {**ROBOT.output_map.outputs(ROBOT.pose("rest")), 5: 1500.0}
+    with board.inspect() as model:
+        model.feed(set_targets({channel: us_to_quarters(us) for channel, us in on.items()}))
+    page.wait_for_text("takes the arm over where it stands")
     page.click("Enable")
-    page.wait_until(lambda: holds(board, [0, 110, -80, -70, 0]), "the servos are on, in the rest pose")
+    page.wait_for_text("HOLDING")
+    assert holds(board, [0, 110, -80, -70, 0])
 
 
 def targets(board: PtyServer[SimulatedMaestro]) -> list[tuple[float, int, float]]:
@@ -72,7 +79,9 @@ def targets(board: PtyServer[SimulatedMaestro]) -> list[tuple[float, int, float]
 
 def test_a_point_by_least_energy(page: Screen, board: PtyServer[SimulatedMaestro]) -> None:
     assert pulses(board) == [None] * 5  # nothing is on before Enable
-    enable(page, board)
+    page.click("Enable")
+    page.click("It is at the rest pose")
+    page.wait_until(lambda: holds(board, [0, 110, -80, -70, 0]), "the servos are on, in the rest pose")
     page.wait_for_text("HOLDING")
     page.open_tab("Inverse")
     page.type_xyz("300", "0", "600")

@@ -15,7 +15,7 @@ import pytest
 
 from armctl.cli.ending import end_event, ends_like_ctrl_c
 from armctl.cli.main import REFUSED
-from armctl.hardware.maestro.codec import Opcode
+from armctl.hardware.maestro.codec import Opcode, set_targets, us_to_quarters
 from armctl.hardware.maestro.simulated import SimulatedMaestro, simulated_maestro
 from armctl.hardware.simulation import PtyServer
 from armctl.program import MoveStep, Program, save_program
@@ -117,6 +117,10 @@ def ended_run(link: Path, program: Path, numbers: tuple[signal.Signals, ...]) ->
     with PtyServer(
         simulated_maestro(channels=channel_settings(robot)), MonotonicClock().now, link=link
     ) as server:
+        with server.inspect() as model:  # its pulses are on already: the arm is taken over where it stands
+            for channel, pulse_us in robot.output_map.outputs(robot.pose("rest")).items():
+                model.feed(set_targets({channel: us_to_quarters(pulse_us)}))
+            model.feed(set_targets({5: us_to_quarters(1500.0)}))
         words = ("run", str(program), "--port", str(link), "--forever")
         child = subprocess.Popen([sys.executable, "-c", PATIENT, *words], stderr=subprocess.PIPE, text=True)
         with child as process:  # and waits for it, also when it had to be killed

@@ -91,7 +91,10 @@ def test_what_no_board_can_be_told(capsys: pytest.CaptureFixture[str], words, sa
     assert says in capsys.readouterr().err
 
 
-def test_run_drives_a_program_on_a_device(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_run_drives_a_program_on_a_device(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
     link = tmp_path / "maestro"
     program = tmp_path / "short.toml"
     program.write_text(
@@ -100,7 +103,14 @@ def test_run_drives_a_program_on_a_device(tmp_path: Path, capsys: pytest.Capture
         '[[steps]]\ndo = "gripper"\nopen_percent = 25\n'
     )
     with simulated("maestro", "--link", str(link)):
-        assert run(["run", str(program), "--port", str(link), "--loops", "2"]) == DONE
+        asked = ["run", str(program), "--port", str(link), "--loops", "2"]
+        assert run(asked) == REFUSED  # its pulses are off, and nobody has said where the arm stands
+        said = capsys.readouterr().err
+        assert "nobody knows where the arm is: pulses are off" in said and "--pose last" in said
+        assert said.count("\n") == 1
+        assert run([*asked, "--pose", "last"]) == REFUSED
+        assert "no last pose of uzuner on this board is kept" in capsys.readouterr().err
+        assert run([*asked, "--pose", "rest"]) == DONE
         with serial.Serial(str(link), timeout=2) as port:
             held = []
             for channel in range(6):
@@ -109,6 +119,18 @@ def test_run_drives_a_program_on_a_device(tmp_path: Path, capsys: pytest.Capture
     pulses = [1479.93 + 9 * 5, 781.795 + 1000, 1446.45 - 800, 1482.95 - 600, 1501.6 + 100, 1250]
     assert held == pytest.approx(pulses, abs=0.126)
     assert "short, 2 steps" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("pose", "status", "says"),
+    [
+        ("0,90,x", WRONG_USAGE, "--pose 0,90,x: joint angles are numbers with commas between them"),
+        ("nowhere", REFUSED, "no pose 'nowhere'"),
+    ],
+)
+def test_a_pose_that_is_none(capsys: pytest.CaptureFixture[str], pose: str, status: int, says: str) -> None:
+    assert run(["run", str(EXAMPLE), "--pose", pose]) == status
+    assert says in capsys.readouterr().err
 
 
 def test_run_refuses_a_program_with_an_unreachable_step_before_anything_moves(

@@ -24,6 +24,7 @@ from armctl.runtime import (
     InlineExecutor,
     ManualClock,
     Origin,
+    PoseFolder,
     Snapshot,
     State,
     Ticket,
@@ -47,12 +48,13 @@ class RecordingDriver:
         self.calls: list[str] = []
         self.source = Source.TRANSMITTED
         self.errors: tuple[str, ...] = ()
+        self.simulated = True
         self.fail: dict[str, Exception] = {}
         """by method; raised on every call until it is taken out"""
 
     def open(self) -> BoardIdentity:
         self._call("open")
-        return BoardIdentity("recording board", "sim", simulated=True)
+        return BoardIdentity("recording board", "sim", simulated=self.simulated)
 
     def configure(self, channels: Sequence[ChannelSettings]) -> None:
         self._call("configure")
@@ -172,10 +174,13 @@ class Rig:
         fails(self.do(command).finished, match, error)
 
     def enable(self, q: NDArray[np.float64] | None = None) -> Rig:
-        """Connected and holding; the history begins here."""
-        for command in (Connect("sim"), Enable(q)):
-            self.do(command).finished.result(0)
+        """Connected and holding; the history begins here, and the writes with the pose."""
+        self.do(Connect("sim")).finished.result(0)
+        self.finishes(Enable(q))
         self.history.clear()
+        joints = self.robot.output_map.channels if self.robot.output_map else ()
+        pose = {channel: self.driver.positions[channel] for channel in joints}
+        self.driver.writes[:] = [(self.clock.now(), pose)]
         return self
 
     @property
@@ -185,7 +190,7 @@ class Rig:
     def stream(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Times (k,) [s] and joint angles (k, n) [rad] of what left the driver."""
         servo_map = self.robot.output_map
-        sent = [(t, values) for t, values in self.driver.writes if servo_map.channels[0] in values]
+        sent = [(t, values) for t, values in self.driver.writes if set(servo_map.channels) <= set(values)]
         return np.array([t for t, _ in sent]), np.array([servo_map.angles(values) for _, values in sent])
 
 
@@ -211,11 +216,14 @@ def make_rig(
     robot: Robot = ROBOT,
     rate_hz: float = 50.0,
     black_boxes: Path | None = None,
+    poses: PoseFolder | None = None,
 ) -> Rig:
     clock = ManualClock(10.0)
     driver = RecordingDriver(clock)
     planner = executor or InlineExecutor()
-    controller = Controller(robot, lambda _port: driver, clock, rate_hz, planner, black_boxes=black_boxes)
+    controller = Controller(
+        robot, lambda _port: driver, clock, rate_hz, planner, black_boxes=black_boxes, poses=poses
+    )
     rig = Rig(clock, driver, controller, robot)
     if isinstance(executor, LateExecutor):
         rig.executor = executor

@@ -186,7 +186,7 @@ def test_whoever_waits_for_a_ticket_finds_the_snapshot_that_shows_it(rig: Rig) -
     rig.controller.submit(Connect("sim"), TEST).finished.add_done_callback(note)
     rig.tick()
     rig.controller.submit(Enable(), TEST).finished.add_done_callback(note)
-    rig.tick()
+    rig.rests()
     rig.controller.submit(MoveJoints(HOME), TEST).finished.add_done_callback(note)
     rig.until(lambda s: s.state is State.MOVING)
     rig.rests()

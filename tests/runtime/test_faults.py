@@ -75,7 +75,8 @@ def test_after_an_unplug_nothing_goes_on_by_itself(holding: Rig) -> None:
     changes = [text for text in holding.texts if " → " in text]
     assert [text.split(":")[0] for text in changes] == [
         "disconnected → off",
-        "off → holding",
+        "off → moving",
+        "moving → holding",
         "holding → moving",
         "moving → fault",
     ]
@@ -247,7 +248,7 @@ def test_what_was_off_before_enabling_does_not_count(holding: Rig) -> None:
     holding.driver.positions.clear()
     holding.run(0.1)
     holding.do(ClearFault())
-    holding.do(Enable()).result(0)
+    holding.finishes(Enable())
     pulses = dict(holding.driver.positions)
     holding.driver.positions.clear()
     holding.tick()

@@ -82,7 +82,9 @@ def test_what_was_sent_last_is_not_sent_again(gate: Gate) -> None:
 
 
 def test_the_gripper_has_its_own_range_and_speed(gate: Gate) -> None:
-    assert gate.admit(None, 0.5, 0.0) == (None, 0.5)  # nothing is known of it: it may jump
+    with pytest.raises(MotionRefusedError, match="Gripper: nobody knows how far open it is"):
+        gate.admit(None, 0.5, 0.0)
+    gate.adopt_opening(0.5, 0.0)
     assert gate.admit(None, 0.54, 0.02) == (None, 0.54)  # 200 %/s
     assert gate.admit(None, 0.54, 0.04) == (None, None)
     with pytest.raises(MotionRefusedError, match=r"Gripper: a step of 5\.00 % in 20\.0 ms, .* 4\.00 %"):

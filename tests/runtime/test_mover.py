@@ -73,17 +73,10 @@ def openings(rig: Rig) -> list[float]:
     return [(values[5] - 1000) / 1000 for _, values in rig.driver.writes if 5 in values]
 
 
-def test_from_an_unknown_opening_it_goes_there_at_once(holding: Rig) -> None:
-    assert holding.now.gripper is None
-    holding.do(MoveGripper(0.3))
-    holding.tick()
-    assert openings(holding) == [pytest.approx(0.3)]
-    assert holding.now.gripper == 0.3
-
-
-def test_then_at_its_own_speed(holding: Rig) -> None:
+def test_it_goes_at_its_own_speed(holding: Rig) -> None:
+    assert holding.now.gripper == 0.5  # nobody had seen it: it came on half open
     holding.do(MoveGripper(0.0))
-    holding.tick()
+    holding.run(0.5)
     ticket = holding.do(MoveGripper(1.0))
     began = holding.now.stamp
     holding.until(lambda _: ticket.finished.done(), seconds=2)
@@ -96,9 +89,9 @@ def test_then_at_its_own_speed(holding: Rig) -> None:
 
 
 def test_the_override_slows_it_down(holding: Rig) -> None:
-    holding.do(SetSpeed(0.5))
     holding.do(MoveGripper(0.0))
-    holding.tick()
+    holding.run(0.5)
+    holding.do(SetSpeed(0.5))
     ticket = holding.do(MoveGripper(1.0))
     holding.run(0.8)
     assert not ticket.finished.done()

@@ -62,7 +62,8 @@ def recorded(name: str) -> list[str]:
             bench.until(State.HOLDING, State.OFF, State.FAULT, seconds=SESSION_S)
             homed.finished.result(0)
     with part("enable"):
-        bench.do(Enable())
+        if not bench.do(Enable()).finished.done():
+            bench.until(State.HOLDING)
         bench.run(2.0)
     with part("program"):
         ran = bench.do(RunProgram(open_program(WIRE / f"{name}.toml", robot)))

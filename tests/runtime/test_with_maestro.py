@@ -36,7 +36,7 @@ def bench() -> Bench:
     )
     bench.do(Connect("sim"))
     bench.do(Enable())
-    bench.run(0.1)
+    bench.until(State.HOLDING)
     return bench
 
 
@@ -92,4 +92,5 @@ def test_pulses_off_while_holding_are_a_fault_and_enable_sets_the_board_up_anew(
     assert bench.now.state is State.OFF
     before = len(bench.board.log)
     bench.do(Enable())
+    bench.until(State.HOLDING)
     assert any(command.raw[0] == 0x87 for command in bench.board.log[before:])  # Set Speed again

@@ -51,9 +51,9 @@ def test_homing_shows_every_axis(snapshot: Snapshot) -> None:
 @pytest.mark.parametrize(
     ("board", "powered", "homed", "said"),
     [
-        ("maestro", False, None, "jumps to the rest pose"),
+        ("maestro", False, None, "asks where the arm stands"),
         ("maestro", True, None, "takes the arm over where it stands"),
-        ("firmata", False, None, "jumps to the rest pose"),
+        ("firmata", True, None, "takes the arm over where it stands"),
         ("encoder", False, False, "moves every axis slowly to its home switch"),
         ("encoder", False, None, "moves every axis slowly to its home switch"),
         ("encoder", False, True, "they hold the arm where it stands"),

@@ -48,7 +48,7 @@ def test_a_lost_arm_stays_where_it_was_last_known_until_it_is_enabled_again(last
     assert rig.run(0.1).state is State.OFF
     last_known.note(rig.now)
     assert last_known.drawn(rig.now) == pytest.approx(HOME, abs=0.01)
-    rig.do(Enable())
+    rig.finishes(Enable())
     last_known.note(rig.run(0.1))
     assert last_known.drawn(rig.now) == pytest.approx(ROBOT.pose("rest"), abs=0.01)
     assert np.array_equal(last_known.standing(rig.now), rig.now.q_command)

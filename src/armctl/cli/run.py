@@ -25,11 +25,21 @@ from armctl.robot import load_robot
 @click.option("--forever", is_flag=True, help="Until interrupted, instead of --loops.")
 @click.option("--speed", type=SPEED_PERCENT, default=100, show_default=True,
               help="Speed override, 5 … 100 percent.")  # fmt: skip
-def run(program: Path, robot: str | None, port: str, loops: int | None, forever: bool, speed: float) -> None:
+@click.option("--pose", help="Where the arm stands now: last (as armctl saw it), a named pose, or joint "
+              "angles in degrees (10,20,30). Needed where servos are off: they cannot tell.")  # fmt: skip
+def run(
+    program: Path,
+    robot: str | None,
+    port: str,
+    loops: int | None,
+    forever: bool,
+    speed: float,
+    pose: str | None,
+) -> None:
     """Run PROGRAM (.toml, or .csv with --robot) on the arm.
 
-    Servos that are off jump to the rest pose first, and motors with encoders look for their home switches:
-    keep clear.
+    Servos that are off come on one after the other where --pose says that they stand, and motors with
+    encoders look for their home switches: keep clear.
 
     Ctrl-C stops the arm; so do SIGTERM and a terminal that is closed. At the end servos stay on; motors
     with encoders go off, as their board does when nobody speaks to it.
@@ -46,11 +56,12 @@ def run(program: Path, robot: str | None, port: str, loops: int | None, forever:
     for warning in findings:
         click.echo(f"warning: {warning}", err=True)
     board = board_type(arm_robot.board)
+    where = None if pose is None else _pose(pose)
     with log_files.begin("run"), ends_like_ctrl_c(), Arm.open(arm_robot, port) as arm:
         arm.set_speed(speed)
         if any(not axis.homed for axis in arm.snapshot.homing):
             click.echo("homing: axis by axis, the arm moves to its home switches; keep clear", err=True)
-        arm.enable()
+        arm.enable(where)
         arm.run(loaded, None if forever else loops or 1)
         x, y, z = arm.position_mm
         steps = "1 step" if len(loaded.steps) == 1 else f"{len(loaded.steps)} steps"
@@ -58,3 +69,16 @@ def run(program: Path, robot: str | None, port: str, loops: int | None, forever:
             f"done: {loaded.name}, {steps}; the tool is at ({x:.1f}, {y:.1f}, {z:.1f}) mm"
             + (f"; the {board.power} go off now" if board.off_when_left else "")
         )
+
+
+def _pose(text: str) -> str | list[float]:
+    """Joint angles [degrees], where it is a list of numbers; else a name."""
+    parts = text.split(",")
+    try:
+        return [float(part) for part in parts]
+    except ValueError:
+        if len(parts) > 1:
+            raise click.UsageError(
+                f"--pose {text}: joint angles are numbers with commas between them, e.g. 0,90,-80,-40,0"
+            ) from None
+        return text

@@ -13,6 +13,7 @@ from armctl.runtime import (
     Controller,
     MonotonicClock,
     Origin,
+    PoseFolder,
     Recording,
     Snapshot,
     Ticket,
@@ -45,7 +46,7 @@ class Host:
         self.boards = Boards(robot, clock.now, board=board)
         self._controller = Controller(
             robot, self.boards.driver, clock, rate_hz,
-            published=published, pin=pin, black_boxes=black_boxes(),
+            published=published, pin=pin, black_boxes=black_boxes(), poses=PoseFolder.of_user(robot),
         )  # fmt: skip
         self._controller.start()
 

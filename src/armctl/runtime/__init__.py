@@ -34,8 +34,18 @@ from armctl.runtime.commands import (
     UpdateProgram,
 )
 from armctl.runtime.controller import Controller
+from armctl.runtime.last_pose import PoseFolder
 from armctl.runtime.planner import InlineExecutor
-from armctl.runtime.snapshot import AxisHoming, Control, Event, Party, ProgramProgress, Snapshot, State
+from armctl.runtime.snapshot import (
+    AxisHoming,
+    Control,
+    Event,
+    LastPose,
+    Party,
+    ProgramProgress,
+    Snapshot,
+    State,
+)
 
 __all__ = [
     "ArmLink",
@@ -57,6 +67,7 @@ __all__ = [
     "InlineExecutor",
     "Jog",
     "JogTool",
+    "LastPose",
     "Leave",
     "LockControl",
     "ManualClock",
@@ -67,6 +78,7 @@ __all__ = [
     "Origin",
     "Party",
     "Pause",
+    "PoseFolder",
     "ProgramProgress",
     "Recording",
     "Release",

@@ -124,13 +124,19 @@ class Board:
         """Tell the board what each channel may do: one that started anew has forgotten. Moves nothing."""
         translated("setting the channels", self._driver.configure, self._settings)
 
-    def write(self, q: FloatArray | None, opening: float | None) -> None:
-        """Send joint angles (n,) [rad] and a gripper opening 0..1 in one write; None: not sent."""
+    def write(self, q: FloatArray | None, opening: float | None, joints: BoolArray | None = None) -> None:
+        """Send joint angles (n,) [rad] and a gripper opening 0..1 in one write; None: not sent.
+
+        ``joints``: (n,) which of the angles are sent; None: all.
+        """
         values: dict[int, float] = {}
         if q is not None:
+            sent = np.ones(len(q), dtype=np.bool_) if joints is None else joints
             # Robot files may round the safe range inwards by an eighth of a microsecond.
-            for (channel, value), (low, high) in zip(self.map.outputs(q).items(), self._ranges, strict=True):
-                values[channel] = min(max(value, low), high)
+            rows = zip(self.map.outputs(q).items(), self._ranges, sent.tolist(), strict=True)
+            for (channel, value), (low, high), wanted in rows:
+                if wanted:
+                    values[channel] = min(max(value, low), high)
         if opening is not None:
             values |= self.map.gripper_output(opening)
         translated("writing setpoints", self._driver.write, values)

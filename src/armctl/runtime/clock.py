@@ -11,8 +11,14 @@ LONGEST_TICKS = 2
 """A tick counts for no more periods: time that was missed is not made up for, or the arm would jump."""
 _LATE_S = 0.06
 """a tick that comes so long after the one before it is late"""
+GAP_S = 0.5
+"""after so long without a tick nothing goes on by itself: suspended, frozen or too busy"""
 LATE_SHOWN_S = 5.0
 """how long a late tick is shown, and how long no tick may be late before the next one is logged"""
+# The clock that goes on while the computer is suspended: on Linux CLOCK_BOOTTIME, on macOS CLOCK_MONOTONIC,
+# on Windows Python's own monotonic one, which stops meanwhile on the other two.
+_GOES_ON: int | None = getattr(time, "CLOCK_BOOTTIME", getattr(time, "CLOCK_MONOTONIC", None))
+_ROUNDING_S = 1e-6
 wall_time = time.time
 """Seconds since the epoch, for log lines and file names only."""
 
@@ -30,13 +36,16 @@ class Clock(Protocol):
 
 
 class MonotonicClock:
-    """The machine's monotonic clock."""
+    """The machine's monotonic clock, which also counts the time that the computer is suspended."""
 
-    now = staticmethod(time.monotonic)
+    @staticmethod
+    def now() -> float:
+        """Seconds since an arbitrary start; never goes back."""
+        return time.monotonic() if _GOES_ON is None else time.clock_gettime(_GOES_ON)
 
     def wait_until(self, deadline: float, wake: threading.Event) -> bool:
         """Return at ``deadline`` (False) or as soon as ``wake`` is set (True)."""
-        return wake.wait(max(0.0, deadline - time.monotonic()))
+        return wake.wait(max(0.0, deadline - self.now()))
 
 
 class ManualClock:
@@ -70,6 +79,8 @@ class TickTime:
         """``period``: from tick to tick [s]."""
         self.late_s: float | None = None
         """how much later the last tick came than it should; None: in time"""
+        self.gap_s: float | None = None
+        """time from the tick before to the last one, where it was longer than ``GAP_S``"""
         self.late_before: str | None = None
         """text for the log at the last tick: several before it came late, and that is over"""
         self._period = period
@@ -90,6 +101,7 @@ class TickTime:
         self._at = now
         late = elapsed > max((LONGEST_TICKS + 1) * self._period, _LATE_S)
         self.late_s = elapsed - self._period if late else None
+        self.gap_s = elapsed if elapsed > GAP_S + _ROUNDING_S else None
         self.late_before = None
         if self._count and now > self._late_at + LATE_SHOWN_S:
             self.late_before = self._text() if self._count > 1 else None

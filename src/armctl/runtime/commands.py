@@ -52,9 +52,16 @@ class Disconnect(Command, frozen=True):
 
 
 class Enable(MovingCommand, frozen=True):
-    """Switch the pulses on. Servos that were off jump to ``q`` (n,) [rad] (default: the rest pose)."""
+    """Switch the pulses on, where the arm *is*: nothing jumps if what is said here is true.
+
+    Outputs that are on, and axes that are measured, stay where they are. Servos that are off come on at
+    ``q``, one after the other; without it only on the simulated board, which stands in its rest pose.
+    """
 
     q: FloatArray | None = None
+    """(n,) where the arm stands [rad]"""
+    opening: float | None = None
+    """of its gripper, 0 closed ... 1 open; None: not known, half open"""
 
 
 class HomeAxes(MovingCommand, frozen=True):

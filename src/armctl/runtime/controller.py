@@ -15,7 +15,7 @@ from armctl.errors import ArmctlError, InputError, StateError
 from armctl.hardware import Driver
 from armctl.robot import Robot
 from armctl.runtime.black_box import BlackBox, Recording
-from armctl.runtime.clock import Clock
+from armctl.runtime.clock import GAP_S, Clock
 from armctl.runtime.commands import (
     Answer,
     Command,
@@ -28,6 +28,7 @@ from armctl.runtime.commands import (
 )
 from armctl.runtime.core import Core
 from armctl.runtime.dispatch import dispatch
+from armctl.runtime.last_pose import PoseFolder
 from armctl.runtime.planner import planner
 from armctl.runtime.snapshot import AxisHoming, Snapshot
 
@@ -51,6 +52,7 @@ class Controller:
         published: Callable[[], None] | None = None,
         pin: str = "",
         black_boxes: Path | None = None,
+        poses: PoseFolder | None = None,
     ) -> None:
         """Wire it up; it runs once it is started.
 
@@ -59,6 +61,7 @@ class Controller:
         ``published`` is called behind each tick, once its snapshot and answers are given.
         ``pin``: the teacher's, see ``ControlDesk``.
         ``black_boxes``: the folder where the last minute is saved at every fault; None: it is not.
+        ``poses`` keeps where the arm was seen last; None: nothing is kept.
         """
         low, high = _RATES_HZ
         if not low <= rate_hz <= high:
@@ -70,7 +73,8 @@ class Controller:
         self._executor = executor or ThreadPoolExecutor(1, thread_name_prefix="armctl-planner")
         self._published = published
         self._wake = threading.Event()
-        self._core = Core(robot, open_driver, planner(self._executor, self._wake.set), self._period, pin)
+        plan = planner(self._executor, self._wake.set)
+        self._core = Core(robot, open_driver, plan, self._period, pin, poses)
         self._black_box = BlackBox(robot, self._period, clock.now, black_boxes)
         self._recording = True
         self._lock = threading.Lock()
@@ -142,6 +146,12 @@ class Controller:
             self._note_order(order, now)
             if stops and isinstance(order.command, MovingCommand) and order.number < stops[-1].number:
                 self._drop(order, stops)
+            elif core.gap_ended == now and self._waited(order, now):
+                order.ticket.end(
+                    StateError(
+                        f"it waited for {now - order.given_at:.1f} s, in which nothing ran; ask for it again"
+                    )
+                )
             elif (broken := self._guarded(dispatch, core, order, now)) is not None:
                 order.ticket.end(broken)
         self._guarded(core.take_planned, now)
@@ -149,6 +159,7 @@ class Controller:
         self._guarded(core.settle)
         for text, level in self._black_box.results():
             core.log.add(text, level)
+        self._guarded(core.keep_pose, now)
         self._guarded(self._publish, now)  # first: who waits for an answer finds its snapshot
         give(self._answers)
         self._note(self._black_box.tick, self._snapshot)
@@ -209,6 +220,10 @@ class Controller:
         if isinstance(order.command, HeldCommand):
             self._core.still_held(order.given_at)  # its key is held: it must be let go first
 
+    def _waited(self, order: Order, now: float) -> bool:
+        """Whether it would move the arm though it was given before a gap."""
+        return isinstance(order.command, MovingCommand) and now - order.given_at > GAP_S
+
     def _publish(self, now: float) -> None:
         """Make the snapshot: everything that the outside may know, as it is now."""
         core = self._core
@@ -227,7 +242,7 @@ class Controller:
             tick=self._tick,
             state=core.state,
             cause=core.cause,
-            q_command=core.robot.first_pose if q is None else q.copy(),
+            q_command=core.presumed.copy() if q is None else q.copy(),
             commanded=q is not None,
             velocity_command=still if sample is None else sample.velocity,
             acceleration_command=still if sample is None else sample.acceleration,
@@ -242,6 +257,7 @@ class Controller:
             homing=homing,
             warnings=core.notices.current(now),
             events=core.log.events,
+            last_pose=core.poses.last,
             measured=reading.measured,
             control=core.desk.control,
         )
@@ -286,6 +302,7 @@ class Controller:
             stop.ticket.end()
         for order in orders:
             order.ticket.end(StateError("the controller is closed"))
+        self._core.poses.close()
         self._core.disconnect("closed")
         self._publish(self._clock.now())
         give(self._answers)

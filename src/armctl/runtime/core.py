@@ -22,6 +22,7 @@ from armctl.runtime.commands import Order, Origin, Ticket
 from armctl.runtime.control import ControlDesk
 from armctl.runtime.gate import Gate
 from armctl.runtime.joint_servo import KeepClear
+from armctl.runtime.last_pose import PoseFolder, PoseWatch
 from armctl.runtime.mover import GripperMover, PathMover
 from armctl.runtime.planner import Pending, Submit, result_of
 from armctl.runtime.snapshot import EventLog, Notices, State
@@ -46,6 +47,7 @@ class Core:
         submit: Submit,
         period: float,
         pin: str = "",
+        poses: PoseFolder | None = None,
     ) -> None:
         self.robot = robot
         self.submit = submit
@@ -57,6 +59,7 @@ class Core:
         self.gate = Gate(robot, LONGEST_TICKS * period)
         self.gripper = GripperMover(robot.gripper)
         self.monitor = Monitor(robot, self.notices, max(period, _READ_INTERVAL_S))
+        self.poses = PoseWatch(poses)
         self.board: Board | None = None
         self.state = State.DISCONNECTED
         self.cause = "not connected yet"
@@ -69,6 +72,10 @@ class Core:
         """of a disconnect that waits for the arm to stand"""
         self.speed = 1.0
         self.setpoint: Setpoint | None = None
+        self.presumed = robot.first_pose
+        """(n,) [rad] where the arm is enabled, or would be, while nobody knows where it stands"""
+        self.gap_ended = -math.inf
+        """when the last gap ended, in which no tick came (``GAP_S``)"""
         self._open_driver = open_driver
         self._port: str | None = None
         self._motion: Pending | None = None
@@ -363,7 +370,9 @@ class Core:
         if self.board is None or self.state not in POWERED:
             return
         activity = self.activity
-        if ticks.late_s is not None:
+        if ticks.gap_s is not None:
+            self._after_gap(ticks.gap_s, now)
+        elif ticks.late_s is not None:
             self.monitor.doubt()
             if activity is not None and self.gate.q is not None:
                 self.notices.set("late", ticks.count_late(now), until=now + LATE_SHOWN_S)
@@ -382,6 +391,21 @@ class Core:
             self.board.write(q, opening)
         if gripping:
             self.gripper.settle()
+
+    def _after_gap(self, gap_s: float, now: float) -> None:
+        """Nothing ran for ``gap_s``: what moved, stands and does not go on; the board is read first."""
+        self.monitor.doubt()
+        self.gap_ended = now
+        words = f"nothing ran for {gap_s:.1f} s (computer suspended, program frozen, or too busy)"
+        activity = self.activity
+        if activity is None and self._motion is None and self.gripper.goal is None:
+            self.log.warn(f"{words}; the arm stood still, the board is looked at first")
+            self._held_locked = True
+        else:
+            if activity is not None:
+                activity.halt()  # no setpoint went out meanwhile: it stands, and needs no way to brake
+            self.stop(Origin("armctl", f"{words}; it does not go on by itself, ask for it again"))
+        self._held_at = now  # a jog or a live target that is asked for all the time must be let go of first
 
     def observe(self, now: float) -> None:
         """Read back where it is due, and compare."""
@@ -422,6 +446,17 @@ class Core:
                 self._answer_stops()
             if self.leaving is not None:
                 self.disconnect("asked for")
+
+    def keep_pose(self, now: float) -> None:
+        """Have the pose kept for the next start; a disk that takes nothing is only a warning."""
+        identity = None if self.board is None else self.board.identity
+        self.poses.note(identity, self.gate.q, self.gate.opening, self.state, now)
+        if self.activity is None:
+            self.presumed = self.robot.first_pose if self.poses.last is None else self.poses.last.q
+        if self.poses.problem is None:
+            self.notices.clear("last pose")
+        else:
+            self.notices.set("last pose", self.poses.problem)
 
     def _enter(self, state: State, cause: str) -> None:
         """Change the state; every change is logged with its cause."""

@@ -81,12 +81,12 @@ def _carry_out(core: Core, order: c.Order, now: float) -> bool:
         case c.Cancel(motion):
             core.cancel(motion, order.origin, order.ticket)
             return False
+        case c.Enable():
+            return enable(core, order.command, order, now)
         case c.Disconnect():
             return core.leave(order.ticket, who)
         case c.Connect(port):
             core.connect(port, who, now)
-        case c.Enable(q):
-            enable(core, q, who, now)
         case c.Release():
             release(core, who)
         case c.ClearFault():

@@ -37,8 +37,8 @@ class Gate:
         self.opening = None
 
     def jump(self, q: FloatArray, now: float) -> None:
-        """Admit the first setpoint (n,) [rad] after the pulses were off: limits hold, the step cannot."""
-        self.q, self._q_time = self._inside(q), now
+        """Go on from ``q`` (n,) [rad], where the arm stands with its pulses on."""
+        self.q, self._q_time = self.checked(q), now
 
     def adopt_opening(self, opening: float, now: float) -> None:
         """The board already holds the gripper at this opening."""
@@ -49,8 +49,8 @@ class Gate:
     ) -> tuple[FloatArray | None, float | None]:
         """Admit the next setpoint, all of it or nothing; gives what to send, None for what is unchanged.
 
-        ``q`` (n,) [rad] and the gripper's ``opening`` (0 closed ... 1 open) are None where nothing moves. The
-        first opening after the pulses were off may jump. ``MotionRefusedError``: nothing may be sent.
+        ``q`` (n,) [rad] and the gripper's ``opening`` (0 closed ... 1 open) are None where nothing moves.
+        ``MotionRefusedError``: nothing may be sent.
         """
         admitted = None if q is None else self._checked_joints(q, now)
         admitted_opening = None if opening is None else self._checked_opening(opening, now)
@@ -63,7 +63,7 @@ class Gate:
     def _checked_joints(self, q: FloatArray, now: float) -> FloatArray | None:
         if self.q is None:
             raise MotionRefusedError("a setpoint while the pulses are off; enable first")
-        q = self._inside(q)
+        q = self.checked(q)
         step = np.abs(q - self.q)
         if not step.any():
             return None
@@ -86,7 +86,7 @@ class Gate:
             raise MotionRefusedError(f"{gripper.title}: {100 * opening:.1f} % is outside 0 … 100 %")
         opening = min(max(opening, 0.0), 1.0)
         if self.opening is None:
-            return opening
+            raise MotionRefusedError(f"{gripper.title}: nobody knows how far open it is; enable again")
         if opening == self.opening:
             return None
         elapsed = min(max(now - self._opening_time, 0.0), self._longest_s)
@@ -98,7 +98,8 @@ class Gate:
             )
         return opening
 
-    def _inside(self, q: FloatArray) -> FloatArray:
+    def checked(self, q: FloatArray) -> FloatArray:
+        """``q`` (n,) [rad] where it is finite and inside the limits; else ``MotionRefusedError``."""
         if q.shape != (self._robot.n,) or not np.isfinite(q).all():
             raise MotionRefusedError(f"a setpoint that is not {self._robot.n} finite angles: {q.tolist()}")
         return self._robot.check_limits(q)

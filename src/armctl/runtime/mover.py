@@ -214,7 +214,7 @@ class PathMover:
 
 
 class GripperMover:
-    """Moves the opening to a goal at the gripper's speed; where the opening is not known, in one step."""
+    """Moves the opening to a goal at the gripper's speed."""
 
     def __init__(self, gripper: Gripper | None) -> None:
         self.goal: float | None = None
@@ -251,6 +251,7 @@ class GripperMover:
         if goal is None or self._gripper is None or self._held:
             return None
         most = self._gripper.speed * speed * dt
+        # where it is not known the gate says so
         opening = goal if opening is None else opening + min(max(goal - opening, -most), most)
         if opening == goal:
             self.goal = None

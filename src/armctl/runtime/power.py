@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from armctl.arrays import FloatArray
-from armctl.errors import ArmctlError, BoardError, MotionRefusedError, StateError
+from armctl.errors import ArmctlError, BoardError, InputError, MotionRefusedError, StateError
 from armctl.hardware import Source
+from armctl.kinematics.target import checked_number
 from armctl.motion import FLOOR_TOLERANCE_M, Floor
 from armctl.runtime.activity import Setpoint
-from armctl.runtime.board import Board, Reading
-from armctl.runtime.commands import Order
+from armctl.runtime.board import Board, BoolArray, Reading
+from armctl.runtime.commands import Enable, Order
 from armctl.runtime.core import POWERED, Core
 from armctl.runtime.snapshot import State
 
@@ -26,31 +26,57 @@ _BACK_INSIDE = {
     Source.MEASURED: "release it and turn it back by hand, or press Homing",
 }
 _HOME_FIRST = "press Homing (every axis moves to its switch)"
+_SAY_WHERE = (
+    "Say where it stands: in Main, with armctl run --pose last (or a named pose, or joint angles in "
+    'degrees), or with arm.enable(pose="last")'
+)
+_INTERVAL_S = 0.3
+"""from servo to servo: one at a time draws little current, and STOP can come between"""
+_UNKNOWN_OPENING = 0.5
+"""where a gripper comes on that nobody has seen: so it jumps by half of its way at most"""
 _SETTLE_S = 0.3
 """what is read before this may still be from before homing began, or was stopped"""
 _LONGEST_S = 180.0
 
 
-def enable(core: Core, wanted: FloatArray | None, who: str, now: float) -> None:
-    """Pulses on: servos that were off jump to ``wanted`` (n,) [rad] (None: the rest pose), others stay."""
+def enable(core: Core, command: Enable, order: Order, now: float) -> bool:
+    """Pulses on where the arm stands; whether that is done at once: servos that were off take their time."""
+    wanted, who = command.q, order.origin.who
     if core.state in POWERED and core.gate.q is not None and wanted is None:
-        return
-    if core.state is not State.OFF or core.board is None:
+        return True
+    board = core.board
+    if core.state is not State.OFF or board is None:
         raise StateError(f"enable needs the state off, it is {core.state.value}{hint(core, to_enable=True)}")
     goal = core.robot.check_limits(core.robot.pose("rest") if wanted is None else wanted)
-    core.board.configure()
-    reading = _where_it_is(core, core.board, now)
+    if command.opening is not None and not 0 <= checked_number(command.opening, "the opening") <= 1:
+        raise InputError(f"an opening of {100 * command.opening:g} % is outside 0 … 100 %")
+    board.configure()
+    reading = _where_it_is(core, board, now)
     if reading.homing is not None and not reading.homing.done:
         raise StateError(f"the arm does not know where it is yet; {_HOME_FIRST}")
     live = ~np.isnan(reading.q)
-    start = _taken_over(core, core.board, np.where(live, reading.q, goal))
+    if not (live.all() or wanted is not None or board.identity.simulated):
+        known = "" if core.poses.last is None else f" ({core.poses.last})"
+        raise StateError(f"nobody knows where the arm is{known}: {board.power} are off. {_SAY_WHERE}")
+    start = _taken_over(core, board, np.where(live, reading.q, goal))
     if not live.all() and (below := below_floor(core.floor, start)) is not None:
         raise MotionRefusedError(f"{below}; choose another pose to enable in")
-    core.adopt(start, reading.opening, now)
-    core.board.write(start, None)
-    core.hold(f"enabled ({who}); {_how_it_began(core, live, reading.source)}")
-    if wanted is not None and live.any() and (np.abs(start - goal) > _tolerance(core.board)).any():
+    if wanted is not None and live.any() and (np.abs(start - goal) > _tolerance(board)).any():
         core.log.warn("enabled where the arm stands, not in the pose asked for: move there now")
+    opening = reading.opening
+    grips = board.map.gripper_channel is not None and core.robot.gripper is not None
+    if live.all() and (opening is not None or not grips):
+        core.adopt(start, opening, now)
+        board.write(start, None)
+        core.hold(f"enabled ({who}); {_how_it_began(core, live, reading.source)}")
+        return True
+    if grips and opening is None:
+        opening = _UNKNOWN_OPENING if command.opening is None else command.opening
+    core.monitor.enabled()
+    core.presumed = start
+    core.log.add(f"enable ({who}): {_how_it_began(core, live, reading.source)}")
+    core.begin(Enabling(core, board, start, live, opening, now), who, now, order.ticket, order.motion)
+    return False
 
 
 def home(core: Core, order: Order, now: float) -> None:
@@ -95,6 +121,105 @@ def hint(core: Core, *, to_enable: bool = False) -> str:
             return f" ({core.cause}); clear the fault first"
         case State.HOLDING:
             return "; the arm is enabled already"
+
+
+class Enabling:
+    """Switches servos on, one after the other from the base outward, the gripper last; streams nothing.
+
+    Each gets one pulse width, that of the pose in which the arm is said to stand. The arm is taken over once
+    every servo has had the time to come there from the farthest end of its range, at the speed limit of its
+    joint: what was said of the pose may be wrong. On the simulated board they come on from tick to tick.
+    """
+
+    label = "enabling"
+    begun = True
+    pausable = False
+    program = None
+
+    def __init__(
+        self, core: Core, board: Board, q: FloatArray, live: BoolArray, opening: float | None, now: float
+    ) -> None:
+        """``q`` (n,) [rad]; ``live`` (n,): what is on already; ``opening`` None: there is no gripper."""
+        self.error: ArmctlError | None = None
+        """what the board has reported meanwhile"""
+        self.done = False
+        self._core, self._board = core, board
+        self._q, self._opening = q, opening
+        self._on = live.copy()
+        self._gripper_on = opening is None or core.monitor.reading.opening is not None
+        self._before = core.monitor.reading
+        self._quick = board.identity.simulated
+        self._next_at = self._arrived_at = now
+        if live.any():
+            board.write(q, None, live)
+
+    @property
+    def standing(self) -> bool:
+        """It is over."""
+        return self.done
+
+    @property
+    def progress(self) -> float | None:
+        """How many of the servos are on."""
+        return float(np.mean([*self._on, self._gripper_on]))
+
+    @property
+    def notice(self) -> str | None:
+        """How far it is."""
+        if self.done:
+            return None
+        count = f"{int(self._on.sum())} of {len(self._on)} servos on"
+        return f"enabling: {count}, they take their places; keep clear"
+
+    def advance(self, now: float, dt: float) -> Setpoint | None:
+        """Switch the next servo on, or take the arm over."""
+        robot, reading = self._core.robot, self._core.monitor.reading
+        if self.done:
+            return None
+        if reading is not self._before and reading.errors:
+            self.error = BoardError(f"enabling ended, the board reports {'; '.join(reading.errors)}")
+            self.stop()
+        elif not self._on.all():
+            if now >= self._next_at:
+                joint = np.arange(len(self._q)) == int(np.argmin(self._on))
+                self._board.write(self._core.gate.checked(self._q), None, joint)
+                self._on |= joint
+                low, high = robot.limits.T
+                farthest = np.maximum(self._q - low, high - self._q)
+                self._wait(float((farthest / robot.speed_limits)[joint].item()), now)
+        elif not self._gripper_on and robot.gripper is not None and self._opening is not None:
+            if now >= self._next_at:
+                self._board.write(None, self._opening)
+                self._gripper_on = True
+                self._wait(max(self._opening, 1 - self._opening) / robot.gripper.speed, now)
+        elif now >= self._arrived_at:
+            self._core.adopt(self._q, self._opening, now)
+            self._core.monitor.enabled()
+            self.done = True
+        return None
+
+    def set_speed(self, fraction: float) -> None:
+        """A servo that comes on turns at its own speed."""
+
+    def pause(self, paused: bool) -> None:
+        """Never called: it is not ``pausable``."""
+
+    def stop(self) -> None:
+        """Switch on no more; what is on, stays on."""
+        if not self.done and self._on.any() and not self._on.all():
+            on = ", ".join(
+                joint.title for joint, is_on in zip(self._core.robot.joints, self._on, strict=True) if is_on
+            )
+            self._core.log.warn(f"{on}: on and held; the others are off. Enable goes on, Release ends it")
+        self.done = True
+
+    def halt(self) -> None:
+        """Nothing is switched on for now."""
+
+    def _wait(self, arrival_s: float, now: float) -> None:
+        if not self._quick:
+            self._next_at = now + _INTERVAL_S
+            self._arrived_at = max(self._arrived_at, now + arrival_s)
 
 
 class Homing:
@@ -237,11 +362,11 @@ def _taken_over(core: Core, board: Board, q: FloatArray) -> FloatArray:
     return np.clip(q, low, high)
 
 
-def _how_it_began(core: Core, live: NDArray[np.bool_], source: Source) -> str:
+def _how_it_began(core: Core, live: BoolArray, source: Source) -> str:
     if live.all():
         what = "encoders say" if source is Source.MEASURED else "board already sent pulses"
         return f"the {what} where the arm is, it stays there"
     if live.any():
         on = ", ".join(joint.title for joint, is_on in zip(core.robot.joints, live, strict=True) if is_on)
-        return f"{on} stayed, the others jumped to the pose"
-    return "the servos jumped to the pose"
+        return f"{on} stay, the others come on one after the other"
+    return "the servos come on one after the other, in the pose that was given"

@@ -6,7 +6,10 @@ import logging
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from datetime import datetime
 from enum import Enum
+
+import numpy as np
 
 from armctl.arrays import FloatArray
 from armctl.hardware import BoardIdentity, Source
@@ -56,6 +59,36 @@ class AxisHoming:
     homed: bool
     running: bool
     """it looks for its zero now"""
+
+
+_ENDED = {
+    "": "armctl ended without closing the arm",
+    "moving": "armctl ended while the arm was moving: it may have gone on a little",
+    "released": "the arm was released and may have dropped",
+    "disconnected": "the arm was disconnected",
+    "closed": "armctl was closed",
+    "fault": "a fault ended it",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class LastPose:
+    """Where an arm was seen last, and what happened then."""
+
+    q: FloatArray
+    """(n,) [rad]"""
+    gripper: float | None
+    """opening 0..1; None: no gripper, or not known"""
+    at: float
+    """seconds since the epoch"""
+    ended: str
+    """released, disconnected, closed or fault; moving, or "" at rest: the program did not end in order"""
+
+    def __str__(self) -> str:
+        """In words, with the angles in degrees."""
+        angles = ", ".join(f"{angle:.1f}" for angle in (np.degrees(self.q) + 0.0).tolist()).replace("-", "−")
+        when = datetime.fromtimestamp(self.at).strftime("%Y-%m-%d %H:%M")
+        return f"last seen at {angles}° on {when}; then {_ENDED.get(self.ended, self.ended)}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -148,6 +181,8 @@ class Snapshot:
     """who is there, and who operates"""
     progress: float | None = None
     """share of the motion or program that runs that is over, 0 ... 1; None: none runs, or not known"""
+    last_pose: LastPose | None = None
+    """where the arm was seen last on this board; None: not known, or a simulated board"""
     measured: Mapping[str, str] = field(default_factory=dict[str, str])
     """by joint: the load, temperature and voltage that the board measures, if it does"""
 

@@ -5,9 +5,12 @@ from __future__ import annotations
 import math
 
 import numpy as np
+import viser
 
 from armctl.arrays import FloatArray
 from armctl.robot import Joint, Robot
+from armctl.ui.widgets.html import fixed
+from armctl.ui.widgets.number_field import DEGREES, FieldArray, NumberField
 
 
 def held_at(joint: Joint) -> str | None:
@@ -26,3 +29,15 @@ def slider_degrees(robot: Robot, q: FloatArray) -> list[float]:
     """``q`` (n,) [rad] as slider positions: degrees rounded to 0.01, inside the limits."""
     low, high = slider_limits(robot).T
     return np.clip(np.round(np.degrees(q), 2), low, high).tolist()
+
+
+def angle_fields(gui: viser.GuiApi, robot: Robot, q: FloatArray) -> FieldArray:
+    """A field a joint, in degrees, filled with ``q`` (n,) [rad]; one that is held cannot be typed into."""
+    fields: list[NumberField] = []
+    for joint, (low, high) in zip(robot.joints, np.degrees(robot.limits).tolist(), strict=True):
+        held = held_at(joint)
+        hint = f"{joint.title}: {held or f'{fixed(low, 2)}° … {fixed(high, 2)}°'}"
+        fields.append(NumberField(gui, f"{joint.title} °", None, hint=hint, disabled=held is not None))
+    angles = FieldArray(fields, DEGREES)
+    angles.fill(q)
+    return angles

@@ -28,7 +28,7 @@ from armctl.ui.tabs.forward.figures import (
     tool_velocity_html,
 )
 from armctl.ui.widgets.html import LiveHtml, fixed, muted, refused, table
-from armctl.ui.widgets.joint_angles import held_at
+from armctl.ui.widgets.joint_angles import angle_fields, held_at
 from armctl.ui.widgets.number_field import DEGREES, MILLIMETRES, EditWatch, FieldArray, NumberField
 from armctl.ui.widgets.profile_choice import MOVEMENTS, ProfileChoice
 
@@ -226,18 +226,6 @@ _HOLD_HINT = (
     "On: the pitch stays what it is while X, Y or Z change, so that the joint angles follow uniquely. "
     "Off: any pitch will do, and the field shows what it becomes."
 )
-
-
-def angle_fields(gui: viser.GuiApi, robot: Robot, q: FloatArray) -> FieldArray:
-    """A field a joint, in degrees, filled with ``q`` (n,) [rad]; one that is held cannot be typed into."""
-    fields: list[NumberField] = []
-    for joint, (low, high) in zip(robot.joints, np.degrees(robot.limits).tolist(), strict=True):
-        held = held_at(joint)
-        hint = f"{joint.title}: {held or f'{fixed(low, 2)}° … {fixed(high, 2)}°'}"
-        fields.append(NumberField(gui, f"{joint.title} °", None, hint=hint, disabled=held is not None))
-    angles = FieldArray(fields, DEGREES)
-    angles.fill(q)
-    return angles
 
 
 class PoseFields:

@@ -77,9 +77,9 @@ def about(robot: Robot) -> str:
 # What *Main* says of the boards: which are there, which is connected, what Enable and Homing will do.
 
 _ENABLE_NOTE = (
-    "**Enable** switches the servos on. A servo that was off jumps to the rest pose at full speed: "
-    "hold the arm near that pose or keep clear."
+    "**Enable** asks where the arm stands, then switches the servos on there, one by one: keep clear."
 )
+_SIMULATED_NOTE = "**Enable** switches the servos of the simulated board on, in the rest pose."
 _TAKE_OVER_NOTE = "The servos are on: **Enable** takes the arm over where it stands. Nothing jumps."
 _LOST_NOTE = (
     "The board is lost. See to its cable and its power, then press **Connect**; nothing moves by itself."
@@ -95,7 +95,10 @@ def enable_note(snapshot: Snapshot, board: str) -> str:
     if snapshot.state is State.FAULT and snapshot.board is None:
         return _LOST_NOTE
     if not board_type(board).homing:
-        return _TAKE_OVER_NOTE if snapshot.powered else _ENABLE_NOTE
+        if snapshot.powered:
+            return _TAKE_OVER_NOTE
+        simulated = snapshot.board is not None and snapshot.board.simulated
+        return _SIMULATED_NOTE if simulated else _ENABLE_NOTE
     homed = bool(snapshot.homing) and all(axis.homed for axis in snapshot.homing)
     return "**Enable** switches the motors on; they hold the arm where it stands." if homed else _UNHOMED_NOTE
 

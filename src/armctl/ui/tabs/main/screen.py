@@ -26,6 +26,7 @@ from armctl.runtime import (
 from armctl.ui.console import PortChoice
 from armctl.ui.session import Session
 from armctl.ui.tabs.main.boards import RobotChooser, board_html, enable_note, homing_html, ports_html
+from armctl.ui.tabs.main.enabling import EnableQuestion, must_be_told
 from armctl.ui.widgets.html import WARNING, LiveHtml, time_of_day
 
 _LOG_LINES = 14
@@ -56,6 +57,7 @@ class MainScreen:
         self._homed = LiveHtml(gui)
         self._enable_note = gui.add_markdown(enable_note(session.snapshot, console.robot.board))
         self._enable = gui.add_button("Enable", icon=viser.Icon.BOLT, color="green")
+        self._question = EnableQuestion(session)
         self._clear = gui.add_button("Clear fault", color="orange", visible=False)
         self._home = gui.add_button("Home", icon=viser.Icon.HOME)
         poses = gui.add_button_group(
@@ -67,7 +69,7 @@ class MainScreen:
         with gui.add_folder("Log"):
             self._log = LiveHtml(gui)
         session.on(self._line.on_click, self._on_line)
-        session.on(self._enable.on_click, lambda: session.submit(Enable()))
+        session.on(self._enable.on_click, self._on_enable)
         session.on(self._homing.on_click, lambda: session.submit(HomeAxes()))
         session.on(self._clear.on_click, lambda: session.submit(ClearFault()))
         session.on(self._home.on_click, lambda: self._go_to_pose("home"))
@@ -78,7 +80,8 @@ class MainScreen:
         self._robot.refresh(snapshot)
         self._clear.visible = snapshot.state is State.FAULT and snapshot.board is not None
         holds = snapshot.powered and snapshot.state is not State.OFF
-        self._enable.visible = self._enable_note.visible = not holds
+        self._question.refresh(snapshot)
+        self._enable.visible = self._enable_note.visible = not (holds or self._question.asked)
         self._enable_note.content = enable_note(snapshot, self._session.console.robot.board)
         unhomed = any(not axis.homed for axis in snapshot.homing)
         self._enable.disabled = snapshot.state is not State.OFF or unhomed
@@ -90,6 +93,15 @@ class MainScreen:
         self._board.show(board_html(snapshot))
         events = (*self._session.console.earlier, *snapshot.events)[-_LOG_LINES:]
         self._log.show("".join(_log_line(event) for event in reversed(events)))
+
+    async def _on_enable(self) -> None:
+        """Where nobody knows how the arm stands, the operator is asked first."""
+        session = self._session
+        if must_be_told(session.snapshot):
+            session.require_operator()
+            self._question.ask(session.snapshot)
+        else:
+            await session.submit(Enable())
 
     async def _on_line(self) -> None:
         match self._line.value:

@@ -1,0 +1,67 @@
+"""Enable where nobody knows how the arm stands: the page asks, shows a ghost, and nothing jumps unasked."""
+
+from __future__ import annotations
+
+import json
+import re
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from tests.browser.ghost_view import wait_for_ghost, wait_for_no_ghost
+from tests.browser.kit import Screens
+from tests.browser.serving import serving
+
+from armctl.hardware.maestro.simulated import simulated_maestro
+from armctl.hardware.simulation import PtyServer
+from armctl.robot import load_robot
+from armctl.runtime import MonotonicClock, channel_settings
+
+pytestmark = pytest.mark.browser
+ROBOT = load_robot("uzuner")
+LAST_DEG = [40.0, 80.0, -60.0, -30.0, 0.0]
+
+
+def test_the_page_asks_where_the_arm_is(tmp_path: Path, screens: Screens) -> None:
+    record = {"robot": "uzuner", "board": "unnumbered", "joints_deg": LAST_DEG, "gripper": 0.2}
+    kept = tmp_path / "armctl" / "last-pose" / "uzuner unnumbered.json"
+    kept.parent.mkdir(parents=True)
+    kept.write_text(json.dumps(record | {"at": time.time() - 3600, "ended": "fault"}))
+    outputs = ROBOT.output_map
+    assert outputs is not None
+    page = screens(drawn=True)
+    with (
+        PtyServer(simulated_maestro(channels=channel_settings(ROBOT)), MonotonicClock().now) as board,
+        serving(tmp_path, "--port", board.port) as url,
+    ):
+
+        def pulses() -> list[float | None]:
+            with board.inspect() as model:
+                return [model.position_us(channel) for channel in range(6)]
+
+        page.open(url, until="STOP")
+        page.wait_for_text("asks where the arm stands")
+        page.click("Enable")
+        page.wait_for_text(re.compile(r"Last seen at 40\.0, 80\.0, −60\.0, .* on .*a fault ended it"))
+        page.wait_for_text("Look at the arm")
+        wait_for_ghost(page, ROBOT, np.radians(LAST_DEG))
+        page.screenshot("enable_last_pose")
+        page.click("Cancel")
+        wait_for_no_ghost(page, ROBOT)
+        assert pulses() == [None] * 6
+        page.click("Enable")
+        page.type_into("Shoulder °", "400")
+        page.wait_for_text("Shoulder: 400.00° is outside")
+        page.type_into("Shoulder °", "100")
+        typed = [40.0, 100.0, -60.0, -30.0, 0.0]
+        wait_for_ghost(page, ROBOT, np.radians(typed))
+        page.click("Yes, enable here")
+        page.wait_for_text(re.compile(r"enabling: [1-5] of 5 servos on"))
+        page.screenshot("enable_one_by_one")
+        page.wait_for_text("HOLDING")
+        wanted = [*outputs.outputs(np.radians(typed)).values(), 1200.0]
+        assert pulses() == pytest.approx(wanted, abs=0.126)
+        wait_for_no_ghost(page, ROBOT)
+        page.screenshot("enable_done")
+        assert page.errors == []
