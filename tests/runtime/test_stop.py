@@ -154,6 +154,21 @@ def test_at_rest_a_stop_is_a_warning_and_a_closed_page_is_none(
     assert logged(holding)[-1] == line
 
 
+def test_a_press_that_comes_on_two_ways_is_one_line_and_each_motion_that_it_stops_another(
+    holding: Rig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("armctl.runtime.snapshot.wall_time", lambda: 1000.0)
+    for count in (1, 2):
+        holding.do(MoveJoints(FAR if count == 1 else HOME))
+        holding.run(2 * TICK)
+        for _ in range(2):
+            holding.controller.stop(TEST)
+            holding.tick()
+        holding.rests(1)
+        stop(holding).result(0)
+        assert logged(holding).count(("warning", "STOP (test)")) == count
+
+
 @pytest.mark.parametrize("command", [MoveJoints(FAR), MoveGripper(1.0), Jog(np.ones(5))])
 def test_a_page_that_is_closed_in_a_motion_is_a_warning(
     holding: Rig, command: MoveJoints | MoveGripper | Jog
