@@ -8,7 +8,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.browser.kit import Screen, Screens
+from playwright.sync_api import expect
+from tests.browser.kit import PATIENCE_MS, Screen, Screens
 from tests.browser.served_arm import ServedArm
 from tests.browser.serving import serving
 
@@ -120,6 +121,7 @@ def test_a_robot_brings_its_fields_limits_and_figure_and_moves(
 def test_there_and_back_again_leaves_nothing_of_the_arm_between(page: Screen, served: ServedArm) -> None:
     choose(page, served, "humanoid")
     enable_and_go_home(page, served)
+    expect(page.page).to_have_title(f"armctl – {TITLES['humanoid']}", timeout=PATIENCE_MS)
     choose(page, served, "uzuner")
     enable_and_go_home(page, served)
     page.page.keyboard.press("Escape")  # the hot key went with the page that was built anew

@@ -110,6 +110,7 @@ def test_escape_stops_from_every_place_and_is_one_line_of_the_log(page: Screen, 
 
 
 def test_the_button_is_one_large_dark_and_counts_when_it_goes_down(page: Screen, served: ServedArm) -> None:
+    expect(page.page).to_have_title(f"armctl – {served.robot.title}")
     expect(stops(page)).to_have_count(1)
     assert_large_and_dark(page)
     box = stops(page).bounding_box()
@@ -188,9 +189,3 @@ def test_a_page_without_its_line_says_so_and_stops_through_the_other(page: Scree
     page.entry("Speed %").click()
     page.page.keyboard.press("Escape")
     served.wait_for(page, State.HOLDING)
-
-
-def test_the_title_names_the_arm(page: Screen, served: ServedArm) -> None:
-    expect(page.page).to_have_title(f"armctl – {served.robot.title}")
-    page.choose("Robot", "Scorbot ER-4PC")
-    expect(page.page).to_have_title("armctl – Scorbot ER-4PC", timeout=PATIENCE_MS)
