@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Generic, TypeVar
@@ -11,7 +11,7 @@ from tests.hardware.lines import LoopTransport
 from tests.runtime.kit import TEST, TICK
 
 from armctl.hardware import ByteModel, Driver
-from armctl.hardware.faults import FaultyModel
+from armctl.hardware.faults import FaultyModel, Trouble
 from armctl.robot import Robot
 from armctl.runtime import Controller, InlineExecutor, ManualClock, Snapshot, State, Ticket
 from armctl.runtime.commands import Command
@@ -35,10 +35,11 @@ class BoardBench(Generic[Model]):
         board: Model,
         driver: Callable[[Callable[[], LoopTransport], Callable[[], float]], Driver],
         black_boxes: Path | None = None,
+        troubles: Sequence[Trouble] = (),
     ) -> BoardBench[Model]:
         """Wire up ``board``; ``driver`` makes its driver from what opens the line and the clock."""
         clock = ManualClock(100.0)
-        line = FaultyModel(board)
+        line = FaultyModel(board, 0, troubles)
         opened = driver(lambda: LoopTransport(line, clock.now, clock.advance), clock.now)
         controller = Controller(
             robot, lambda _: opened, clock, executor=InlineExecutor(), black_boxes=black_boxes

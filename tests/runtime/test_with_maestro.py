@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Mapping
+
 import numpy as np
 import pytest
 from tests.runtime.board_bench import BoardBench
 from tests.runtime.kit import ROBOT, TEST, TICK
 
+from armctl.errors import StateError
 from armctl.hardware import Source
-from armctl.hardware.faults import Fault
+from armctl.hardware.faults import Fault, Trouble, trouble
 from armctl.hardware.maestro import MaestroModel
-from armctl.hardware.maestro.codec import Opcode
+from armctl.hardware.maestro.codec import Opcode, command
 from armctl.hardware.maestro.driver import MaestroDriver
 from armctl.hardware.maestro.simulated import ChannelConfig, MaestroSettings, SimulatedMaestro
 from armctl.hardware.transport import Connection
@@ -26,13 +30,18 @@ Bench = BoardBench[SimulatedMaestro]
 
 @pytest.fixture
 def bench() -> Bench:
-    board = SimulatedMaestro(MaestroModel.MICRO_6, MaestroSettings(channels=WIDE))
+    return bench_of()
+
+
+def bench_of(*troubles: Trouble, channels: Mapping[int, ChannelConfig] = WIDE) -> Bench:
+    board = SimulatedMaestro(MaestroModel.MICRO_6, MaestroSettings(channels=channels))
     bench = BoardBench.of(
         ROBOT,
         board,
         lambda line, _now: MaestroDriver(
             Connection(line, lambda: 0.0, simulated=True), model=MaestroModel.MICRO_6
         ),
+        troubles=troubles,
     )
     bench.do(Connect("sim"))
     bench.do(Enable())
@@ -68,19 +77,64 @@ def test_a_brown_out_that_switched_the_pulses_off_is_a_fault_and_nothing_jumps(
     assert not [command for command in bench.board.log[before:] if command.opcode is Opcode.SET_TARGET]
 
 
-def test_a_lost_reply_halts_the_arm_and_it_goes_on_from_rest(bench: Bench) -> None:
+def test_a_lost_reply_is_asked_for_again_and_two_halt_the_arm_which_goes_on_from_rest(bench: Bench) -> None:
     bench.do(MoveJoints(HOME, duration_s=3))
     bench.run(1.0)
     bench.line.inject(Fault.DROP_REPLY)
-    bench.run(TICK)
+    bench.run(3 * TICK)
     assert bench.now.velocity_command.any()
-    bench.run(TICK)
+    bench.line.inject(Fault.DROP_REPLY, count=2)
+    bench.run(2 * TICK)
     assert not bench.now.velocity_command.any()
     bench.run(TICK)
     slow = np.abs(bench.now.velocity_command)
     assert (slow <= ROBOT.acceleration_limits * 2 * TICK * (1 + 1e-6)).all()
     bench.until(State.HOLDING)
     assert bench.now.cause == "move finished"
+
+
+@pytest.mark.parametrize("share", [0.02, 0.3])
+def test_answers_that_get_lost_are_told_with_their_rate_and_many_bring_the_arm_to_rest(share: float) -> None:
+    bench = bench_of(trouble(f"drop-reply:{share}@3"))
+    bench.run(3.0)
+    motion = bench.do(MoveJoints(HOME, duration_s=8))
+    began = bench.clock.now()
+    bench.until(State.HOLDING)
+    (words,) = (one for one in bench.now.warnings if "does not answer" in one)
+    assert re.fullmatch(
+        r"the board does not answer (\d+) % of the questions: check cable, USB hub, baud rate", words
+    )
+    if share < 0.1:
+        assert bench.now.cause == "move finished"
+        assert bench.clock.now() - began < 10.0, "it crawls"
+    else:
+        with pytest.raises(StateError, match=r"stopped by the board does not answer 1\d % of the questions"):
+            motion.result(0)
+
+
+def test_a_program_that_moves_a_servo_behind_our_back_is_a_fault(bench: Bench) -> None:
+    bench.run(0.5)
+    position = bench.board.position_us(0)
+    assert position is not None
+    bench.board.feed(command(Opcode.SET_TARGET, 0, round(4 * (position + 520))))
+    before = len(bench.board.log)
+    bench.run(1.0)
+    assert bench.now.state is State.FAULT
+    assert re.match(r"something else moved the arm \(Base by \d+ µs so far\): another", bench.now.cause)
+    assert not [one for one in bench.board.log[before:] if one.opcode is Opcode.SET_TARGET]
+    bench.do(ClearFault())
+    bench.do(Enable())
+    assert bench.board.position_us(0) == pytest.approx(position + 520, abs=1)
+
+
+def test_a_narrower_channel_range_is_a_warning_and_no_other_program() -> None:
+    narrow = {**WIDE, 0: ChannelConfig(minimum_us=1450, maximum_us=1510)}
+    bench = bench_of(channels=narrow)
+    bench.do(MoveJoints(HOME + np.radians([20, 0, 0, 0, 0])))
+    bench.until(State.HOLDING)
+    bench.run(2.0)
+    assert bench.now.state is State.HOLDING
+    assert any("its channel range is narrower" in words for words in bench.now.warnings)
 
 
 def test_pulses_off_while_holding_are_a_fault_and_enable_sets_the_board_up_anew(bench: Bench) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -41,6 +42,15 @@ _DEVIATION_WORDS = {
     "worn gear or too much load",
 }
 _ERROR_SHOWN_S = 10.0
+_RATE_S = 5.0
+"""over which unanswered questions are counted"""
+_FEWEST_ASKED = 250
+"""as many readings as there are in that time: after a start, a few lost ones are not yet a rate"""
+_RATE_SHOWN, _RATE_TOO_HIGH = 0.02, 0.1
+"""shares of them from which on it is said, and the arm is brought to rest: it would only crawl"""
+_REST_READINGS = 5
+"""that are alike before the pulses count as at rest"""
+_SEE_TO = "see to its power and its errors"
 
 
 def output_map(robot: Robot) -> OutputMap:
@@ -90,6 +100,10 @@ class Reading:
     """what else it measures of each joint, in words"""
     warnings: tuple[str, ...] = ()
     """what it reports and goes on with"""
+    asked: int = 1
+    """questions that were put to the board for it"""
+    lost: int = 0
+    """those that got no answer and were asked again"""
 
 
 class Board:
@@ -165,7 +179,19 @@ class Board:
         errors += back.errors
         warned = (back.warnings or {}).items()
         warnings = tuple(f"{self.title(channel)}: {words}" for channel, words in warned)
-        return Reading(q, on, opening, back.source, errors, back.powered, back.homing, measured, warnings)
+        return Reading(
+            q,
+            on,
+            opening,
+            back.source,
+            errors,
+            back.powered,
+            back.homing,
+            measured,
+            warnings,
+            back.asked,
+            back.lost,
+        )
 
     def home(self) -> None:
         """Begin to look for the zeros of the axes: the arm moves."""
@@ -217,6 +243,11 @@ class Monitor:
         self._released = False
         self._still_on = 0
         self._deviates_since: float | None = None
+        self._answers: deque[tuple[float, int, int]] = deque()
+        self.unreliable: str | None = None
+        """how many questions the board leaves unanswered, where these are too many to move the arm"""
+        self._rest: tuple[FloatArray, FloatArray, int] | None = None
+        self._strayed = 0
 
     def read(self, board: Board, now: float) -> Reading | None:
         """Read back; None where this once no answer came. ``BoardError``: none for a second, or gone."""
@@ -229,6 +260,7 @@ class Monitor:
                 board.configure()  # a board that was silent may have started anew and forgotten its limits
         except (BoardTimeoutError, BoardProtocolError) as cause:
             self._failures += 1
+            self._count_answers(now, 1, 1)
             self.doubt()
             silent = now - self._answered_at
             if self._failures >= _READ_FAILURES and silent >= _SILENCE_S:
@@ -241,6 +273,7 @@ class Monitor:
                 self._notices.set("read", f"the board does not answer properly: {cause}")
             return None
         self.reading = reading
+        self._count_answers(now, reading.asked, reading.lost)
         self._answered_at = now
         self.doubts = max(0, self.doubts - 1)
         if self._failures:
@@ -251,6 +284,20 @@ class Monitor:
         for warning in reading.warnings:
             self._notices.set(f"board {warning}", warning, until=now + _ERROR_SHOWN_S)
         return reading
+
+    def _count_answers(self, now: float, asked: int, lost: int) -> None:
+        """Say how many of the last seconds' questions got no answer, where these are many."""
+        self._answers.append((now, asked, lost))
+        while now - self._answers[0][0] > _RATE_S:
+            self._answers.popleft()
+        lost = sum(one[2] for one in self._answers)
+        rate = lost / max(_FEWEST_ASKED, sum(one[1] for one in self._answers))
+        words = (
+            f"the board does not answer {100 * rate:.0f} % of the questions: check cable, USB hub, baud rate"
+        )
+        if rate >= _RATE_SHOWN:
+            self._notices.set("unanswered", words, until=now + _RATE_S)
+        self.unreliable = words if rate >= _RATE_TOO_HIGH else None
 
     @property
     def homes(self) -> bool:
@@ -287,34 +334,59 @@ class Monitor:
         """Look before the next setpoint: no answer came, or the board's own watchdog may have struck."""
         self.doubts = max(self.doubts, 1)
 
-    def went_by_itself(self, q_command: FloatArray, now: float) -> str | None:
+    def went_by_itself(self, board: Board, q_command: FloatArray, standing: bool, now: float) -> str | None:
         """In words, that the last reading does not fit (n,) [rad] the last setpoint; None while it does.
 
         Outputs that are off count once several readings say so where answers carry no checksum, and one is
         no proof. Until the next one nothing is sent. A Maestro that reports an error has sent its channels
         wherever its settings say; if that is off, or far from the setpoint, nothing checked the path there.
+        Pulses that change while nothing is sent are another program's.
         """
         reading = self.reading
         off = ~reading.on
         if reading.source is Source.MEASURED:
             why = "; ".join(reading.errors) or "it does not say why"
             if off.any():
-                return f"the board switched the motors off by itself ({why})"
+                return f"the board switched the motors off by itself ({why}); {_SEE_TO}"
             lost = np.isnan(reading.q)
-            return f"the board lost its zeros ({self._joints(lost)}; {why})" if lost.any() else None
+            return (
+                f"the board lost its zeros ({self._joints(lost)}; {why}); {_SEE_TO}" if lost.any() else None
+            )
         self._off = self._off + 1 if off.any() else 0
         if self._off:
             self.doubt()
         if self._off >= _OFF_READINGS:
-            return f"the board switched the pulses off by itself ({self._joints(off)})"
+            return f"the board switched the pulses off by itself ({self._joints(off)}); {_SEE_TO}"
         if reading.source is not Source.TRANSMITTED:
             return None
         if reading.errors:
             self._errors, self._erred_at = reading.errors, now
         moved = np.abs(reading.q - q_command) > _LAG_S * self._robot.speed_limits
         if moved.any() and now - self._erred_at <= _ERROR_SHOWN_S:  # it goes home at its own, slow speed
-            return f"the board moved the arm by itself ({self._joints(moved)}; {', '.join(self._errors)})"
-        return None
+            why = ", ".join(self._errors)
+            return f"the board moved the arm by itself ({self._joints(moved)}; {why}); {_SEE_TO}"
+        return self._moved_by_another(board, q_command) if standing else None
+
+    def _moved_by_another(self, board: Board, q_command: FloatArray) -> str | None:
+        """In words, that pulses which had come to rest have changed though no setpoint was sent since."""
+        q = self.reading.q
+        command, rest, alike = self._rest or (q_command, q, 0)
+        away = np.abs(q - rest) * board.unit_per_rad
+        strays = away > _DEVIATION_UNITS
+        if not np.array_equal(command, q_command) or (alike < _REST_READINGS and strays.any()):
+            command, rest, alike = q_command.copy(), q, 0
+        if alike < _REST_READINGS or not strays.any():
+            self._rest, self._strayed = (command, rest, alike + 1), 0
+            return None
+        self._strayed += 1
+        self.doubt()
+        if self._strayed < _OFF_READINGS:
+            return None
+        by = ", ".join(
+            f"{self._robot.joints[i].title} by {away[i]:.0f} {board.map.unit}" for i in np.flatnonzero(strays)
+        )
+        self._rest = None
+        return f"something else moved the arm ({by} so far): another program writes to the board; close it"
 
     def compare(self, board: Board, q_command: FloatArray, standing: bool, now: float) -> None:
         """Warn where the arm stands away from its setpoint for half a second while nothing moves."""

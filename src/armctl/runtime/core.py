@@ -410,7 +410,12 @@ class Core:
     def observe(self, now: float) -> None:
         """Read back where it is due, and compare."""
         board, monitor = self.board, self.monitor
-        if board is None or now < monitor.due_at or (reading := monitor.read(board, now)) is None:
+        if board is None or now < monitor.due_at:
+            return
+        reading = monitor.read(board, now)
+        if monitor.unreliable is not None and self.activity is not None and not self._stopping:
+            self.stop(Origin(monitor.unreliable))
+        if reading is None:
             return
         q = self.gate.q
         if q is None:
@@ -418,14 +423,14 @@ class Core:
             return
         if reading.errors and self.activity is not None and not self._stopping:
             self.stop(Origin(f"the board reports {', '.join(reading.errors)}"))
-        lost = monitor.went_by_itself(q, now)
+        standing = self.standing and self.gripper.goal is None
+        lost = monitor.went_by_itself(board, q, standing, now)
         if lost is not None:
             self.gate.forget()
             if self.state is not State.FAULT:  # a fault that is there already keeps its cause
-                text = f"{lost}; see to its power and its errors, then clear the fault and enable"
-                self.fault(MotionRefusedError(text))
+                self.fault(MotionRefusedError(f"{lost}, then clear the fault and enable"))
             return
-        monitor.compare(board, q, self.standing and self.gripper.goal is None, now)
+        monitor.compare(board, q, standing, now)
 
     def settle(self) -> None:
         """Draw the conclusions of a tick: what has ended, what stands, what is refused."""

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+from typing import TypeVar
 
 from armctl.errors import BoardError, BoardProtocolError, BoardTimeoutError
 from armctl.hardware.driver import BoardIdentity, ChannelSettings, ChannelTable, Readback, Source
@@ -85,7 +87,7 @@ class MaestroDriver:
         """Set speed and acceleration limits on the board and remember the ranges. Moves nothing."""
         table = channel_table(channels, self._model)
         line = self._maestro
-        errors = line.set_limits(table.settings)
+        errors = line.insist(lambda: line.set_limits(table.settings))
         if errors & _MISUNDERSTOOD:
             raise BoardProtocolError(
                 f"{line.name}: the board did not accept the channel settings "
@@ -99,18 +101,28 @@ class MaestroDriver:
         self._send_targets(quarters)
 
     def read(self) -> Readback:
-        """Read the transmitted pulse widths [µs] and the board's error register, which clears it."""
-        positions, errors = self._maestro.read(self._table.channels)
+        """Read the transmitted pulse widths [µs] and the board's error register, which clears it.
+
+        Where no answer comes it asks once more, before the next setpoint: no setpoint is sent unseen, so one
+        lost answer need not halt the arm.
+        """
+        line = self._maestro
+        asked_before = line.asked
+        try:
+            positions, errors = line.read(self._table.channels, _FIRST_TRY * self._timeout_s)
+        except (BoardTimeoutError, BoardProtocolError):
+            positions, errors = line.read(self._table.channels)
+            line.settled = False
         errors |= self._unreported
         self._unreported = MaestroErrors(0)
-        return Readback(positions, Source.TRANSMITTED, error_words(errors) if errors else ())
+        asked = line.asked - asked_before
+        words = error_words(errors) if errors else ()
+        return Readback(positions, Source.TRANSMITTED, words, asked=asked, lost=asked - 1)
 
     def stop(self) -> None:
         """Hold every channel that is on at the pulse width that the board transmits now."""
-        try:
-            positions, errors = self._maestro.read(self._table.channels)
-        except (BoardTimeoutError, BoardProtocolError):
-            positions, errors = self._maestro.read(self._table.channels)
+        line = self._maestro
+        positions, errors = line.insist(lambda: line.read(self._table.channels))
         self._unreported |= errors
         # A channel that something else put outside its configured range is held there, not moved.
         self._send_targets(
@@ -168,8 +180,13 @@ def channel_table(settings: Sequence[ChannelSettings], model: MaestroModel | Non
 _FIRST_ANSWER_TIMEOUT_S = 1.0
 """Long: a board without CRC that is only late would take the CRC byte that follows for an error."""
 _CRC_ANSWER_TIMEOUT_S = 0.25
-_QUIET_S = 0.02
+_QUIET_S = 0.015
 _LONGEST_RESYNC = 5
+_FIRST_TRY = 0.2
+"""of the time that an answer may take: a tick in which one is lost and asked for again is not late (60 ms)"""
+_ATTEMPTS = 3
+
+Answer = TypeVar("Answer")
 
 
 class MaestroLine:
@@ -180,6 +197,8 @@ class MaestroLine:
         self._transport = transport
         self._timeout_s = timeout_s
         self.crc = False  # whether the board wants CRCs, known after ``probe``
+        self.asked = 0  # how many times the board was asked for something
+        self.settled = True  # else the answer to an earlier question may still come
 
     def probe(self) -> MaestroErrors:
         """Find out whether a Maestro answers, and whether it wants CRCs; return the errors it had kept.
@@ -200,7 +219,7 @@ class MaestroLine:
         if not reply:
             raise BoardTimeoutError(f"{self.name}: no answer; {SILENT_ADVICE}")
         _, earlier = self._decode((), reply)
-        _, ours = self.read([0])
+        _, ours = self.insist(lambda: self.read([0]))
         if ours & _MISUNDERSTOOD:
             raise BoardProtocolError(
                 f"{self.name}: the board answers but misunderstands ({'; '.join(error_words(ours))}); "
@@ -227,27 +246,41 @@ class MaestroLine:
         """Send targets [quarter µs] by channel in one write."""
         self._transport.write(codec.set_targets(quarters, crc=self.crc, multiple=multiple))
 
-    def read(self, channels: Sequence[int]) -> tuple[dict[int, float | None], MaestroErrors]:
+    def read(
+        self, channels: Sequence[int], timeout_s: float | None = None
+    ) -> tuple[dict[int, float | None], MaestroErrors]:
         """Positions [µs] of ``channels`` and the error register, in one burst each way."""
         return self._exchange(
             b"".join(codec.command(codec.Opcode.GET_POSITION, one, crc=self.crc) for one in channels),
             channels,
+            timeout_s,
         )
 
+    def insist(self, ask: Callable[[], Answer]) -> Answer:
+        """What ``ask`` returns, asked again a few times where no good answer comes."""
+        for _ in range(_ATTEMPTS - 1):
+            with suppress(BoardTimeoutError, BoardProtocolError):
+                return ask()
+        return ask()
+
     def _exchange(
-        self, request: bytes, channels: Sequence[int]
+        self, request: bytes, channels: Sequence[int], timeout_s: float | None = None
     ) -> tuple[dict[int, float | None], MaestroErrors]:
         """Send a request and Get Errors; take the positions of ``channels`` and the errors."""
+        self.asked += 1
+        timeout_s = self._timeout_s if timeout_s is None else timeout_s
         # Nothing speaks unasked on this line: whatever is there belongs to an earlier request.
+        if not self.settled:
+            self._resync()
         self._transport.discard_input()
         self._transport.write(request + codec.command(codec.Opcode.GET_ERRORS, crc=self.crc))
         count = REPLY_LENGTH * (len(channels) + 1)
-        reply = self._transport.read(count, self._timeout_s)
+        reply = self._transport.read(count, timeout_s)
         if len(reply) < count:
             self._resync()
             raise BoardTimeoutError(
                 f"{self.name}: the board answered {len(reply)} of {count} bytes within "
-                f"{self._timeout_s * 1000:.0f} ms; check the cable and the board's power supply"
+                f"{timeout_s * 1000:.0f} ms; check the cable and the board's power supply"
             )
         return self._decode(channels, reply)
 
@@ -263,6 +296,7 @@ class MaestroLine:
 
     def _resync(self) -> None:
         """Wait until the line is quiet: the rest of a late answer must not be taken for the next one."""
+        self.settled = True
         for _ in range(_LONGEST_RESYNC):
             if not self._transport.read(256, _QUIET_S):
                 return
