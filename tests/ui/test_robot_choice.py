@@ -53,6 +53,7 @@ class FakeController:
     """Obeys at once, but for the commands it is told to refuse."""
 
     snapshot: Snapshot
+    ended: bool = False
     refuses: dict[type[object], ArmctlError] = field(default_factory=dict[type[object], ArmctlError])
     commands: list[Command] = field(default_factory=list[Command])
 
@@ -419,4 +420,10 @@ def test_what_was_calibrated_at_the_terminal_meanwhile_takes_an_arm_that_is_open
     rig.arm(state=State.DISCONNECTED, board=None, powered=False)
     elbow = own_calibration(rig.desk.console.robot, "elbow")
     rig.store.save(Calibration("uzuner", "simulated", "µs", {"elbow": elbow}))
+    assert asyncio.run(rig.desk.needs_reopening("sim"))
+
+
+def test_an_arm_whose_process_is_gone_is_opened_anew(rig: Rig) -> None:
+    rig.opened["uzuner"].ended = True
+    rig.arm(board=None, state=State.FAULT, powered=False)
     assert asyncio.run(rig.desk.needs_reopening("sim"))

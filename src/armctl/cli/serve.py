@@ -162,7 +162,7 @@ def _open_console(name: str, port: str, asked: str) -> Console:
     calibration = CalibrationInForce.of(load_robot(name), port)
     robot = calibration.robot
     _ = robot.inverse_kinematics  # takes a while, and may be refused: here, before a page waits for it
-    link = start_arm(robot, calibration.board or NO_BOARD, name="console", logs=True)
+    link = start_arm(robot, calibration.board or NO_BOARD, name="console", beats=False, logs=True)
     return Console(
         calibration=calibration,
         controller=link,

@@ -77,6 +77,9 @@ class Host:
         """The last minute."""
         return self._controller.black_box()
 
+    def beat(self) -> None:
+        """Nothing: who calls is part of the same process."""
+
     def close(self) -> None:
         """Bring the arm to rest, close the line, take the simulated board away."""
         try:

@@ -325,6 +325,10 @@ class ArmLink(Protocol):
         """STOP: drops what was asked for before it; the ticket is ``finished`` when the arm is at rest."""
         ...
 
+    def beat(self) -> None:
+        """Whoever commands the arm is alive: needed more often than once a second while it moves."""
+        ...
+
     def black_box(self) -> Recording:
         """The last minute of it. May wait for it; ``BoardError``: it cannot be had."""
         ...

@@ -130,6 +130,9 @@ class Controller:
         """The last minute: commands, setpoints, readings, log, lateness of the ticks."""
         return self._black_box.recording("asked for")
 
+    def beat(self) -> None:
+        """Nothing: who calls is part of the same process."""
+
     def tick(self) -> None:
         """One tick: stops, motion, commands, plans, readback, snapshot. What goes wrong is a fault."""
         now = self._clock.now()

@@ -129,6 +129,7 @@ class App:
         frame = 0
         while True:
             await asyncio.sleep(FRAME_S)
+            self._console.controller.beat()  # from this loop: where it hangs, no page can command
             frame += 1
             operator = self._console.operators.operator
             self._lines.watch(None if operator is None else page_name(operator))

@@ -75,7 +75,12 @@ class RobotSwitch:
         require_replaceable(self.console.controller.snapshot, reopen=True)
 
     async def needs_reopening(self, port: str) -> bool:
-        """Whether a port's board needs another calibration; errors as ``CalibrationInForce.holds_for``."""
+        """Whether the arm process is gone, or a port's board needs another calibration.
+
+        Errors as ``CalibrationInForce.holds_for``.
+        """
+        if self.console.controller.ended:
+            return True
         if self.console.controller.snapshot.state not in (State.DISCONNECTED, State.FAULT):
             return False  # connected already: the controller refuses in words
         return port != self.console.default_port or not await self.console.calibration.holds_for(port)
