@@ -2,13 +2,9 @@
 
 from __future__ import annotations
 
-import getpass
-import platform
-import socket
 from collections.abc import Sequence
 from contextlib import closing
 from dataclasses import asdict
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 import click
@@ -16,23 +12,27 @@ import click
 from armctl.boards import AUTOMATIC, SIMULATED, Boards, require_kind, split_kind
 from armctl.cli.main import DONE, REFUSED
 from armctl.cli.options import json_option, print_json
-from armctl.errors import ArmctlError
-from armctl.hardware.doctor import Patient, examine, without_personal_data
+from armctl.documents import write_atomically
+from armctl.errors import ArmctlError, InputError
+from armctl.hardware.doctor import Patient, examine
 from armctl.hardware.findings import Finding, Verdict, failed
 from armctl.hardware.ports import find_board, list_ports
 from armctl.hardware.transport import SerialTransport, describe_port
+from armctl.report import environment, report, scrubbed
 from armctl.robot import Robot, load_robot
 from armctl.runtime import MonotonicClock, channel_settings
 
-_PACKAGES = ("armctl", "numpy", "scipy", "viser", "pyserial", "msgspec")
 _WIDTH = 16
 
 
 @click.command()
 @click.option("--port", required=True, help="sim, auto, a device or socket://host:port.")
 @click.option("--robot", help="Check the board for what this robot needs of it too.")
+@click.option("--report", "file", type=click.Path(path_type=Path), metavar="FILE",
+              help="Also write a zip file to send: versions, logs, the last faults, this check-up.",
+              )  # fmt: skip
 @json_option
-def doctor(port: str, robot: str | None, as_json: bool) -> int:
+def doctor(port: str, robot: str | None, file: Path | None, as_json: bool) -> int:
     """Check a port and the board behind it, and print a report.
 
     Nothing moves and nothing is changed; but opening the port of an Arduino restarts it, which switches
@@ -47,16 +47,22 @@ def doctor(port: str, robot: str | None, as_json: bool) -> int:
     except ArmctlError as error:
         findings = (failed("port", str(error)),)
     name = None if loaded is None else loaded.name
+    text = _report(f"port {port}, robot {name or 'not named'}", findings)
+    if file is not None:
+        try:
+            write_atomically(file, report(robot, checkup=text))
+        except OSError as cause:
+            raise InputError(f"{file}: the report cannot be written: {cause.strerror}") from cause
     if as_json:
         texts = [asdict(finding) | {"verdict": finding.verdict.value} for finding in findings]
         print_json({
-            "port": _scrubbed(port) or None,
-            "robot": name and _scrubbed(name),
-            "environment": _environment(),
-            "findings": [{key: _scrubbed(text) for key, text in one.items()} for one in texts],
+            "port": scrubbed(port) or None,
+            "robot": name and scrubbed(name),
+            "environment": environment(),
+            "findings": [{key: scrubbed(text) for key, text in one.items()} for one in texts],
         })  # fmt: skip
     else:
-        click.echo(_scrubbed(_report(f"port {port}, robot {name or 'not named'}", findings)))
+        click.echo(scrubbed(text))
     return REFUSED if any(one.verdict is Verdict.FAILED for one in findings) else DONE
 
 
@@ -81,21 +87,9 @@ def _examined(port: str, robot: Robot | None) -> Sequence[Finding]:
         return examine(patient, lambda baud: SerialTransport(device, baud=baud), now)
 
 
-def _environment() -> dict[str, str]:
-    """Versions of everything that has a part in it."""
-    versions = {"Python": platform.python_version()}
-    versions["system"] = f"{platform.system()} {platform.release()} {platform.machine()}"
-    for package in _PACKAGES:
-        try:
-            versions[package] = version(package)
-        except PackageNotFoundError:  # run from a source tree that was not installed
-            versions[package] = "not installed"
-    return versions
-
-
 def _report(asked: str, findings: Sequence[Finding]) -> str:
-    environment = ", ".join(f"{name} {text}" for name, text in _environment().items())
-    lines = [f"armctl doctor: {environment}", asked, ""]
+    versions = ", ".join(f"{name} {text}" for name, text in environment().items())
+    lines = [f"armctl doctor: {versions}", asked, ""]
     for finding in findings:
         lines.append(f"{finding.verdict.value:<{_WIDTH - 4}}{finding.check:<{_WIDTH}}{finding.seen}")
         if finding.advice:
@@ -103,11 +97,3 @@ def _report(asked: str, findings: Sequence[Finding]) -> str:
     counts = {verdict: sum(one.verdict is verdict for one in findings) for verdict in Verdict}
     said = ", ".join(f"{count} {verdict.value}" for verdict, count in counts.items() if count)
     return "\n".join([*lines, "", said])
-
-
-def _scrubbed(text: str) -> str:
-    try:
-        user = getpass.getuser()
-    except (KeyError, OSError):  # a user without an entry, as in some containers
-        user = ""
-    return without_personal_data(text, str(Path.home()), socket.gethostname(), user)

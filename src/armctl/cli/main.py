@@ -22,6 +22,7 @@ COMMANDS = {
     "check": "armctl.cli.check:check",
     "calibrate": "armctl.cli.calibrate:calibrate",
     "doctor": "armctl.cli.doctor:doctor",
+    "replay": "armctl.cli.replay:replay",
     "published": "armctl.cli.published:published",
     "simulate": "armctl.cli.simulate:simulate",
 }

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import math
+import os
+import sys
 from collections.abc import Sequence
 from typing import Any, cast
 
@@ -55,6 +57,13 @@ def print_json(record: object) -> None:
 def rounded(values: NDArray[np.float64] | Sequence[float], digits: int = 9) -> list[float]:
     """A list for JSON, without the noise of the last bits (and without ``-0.0``)."""
     return [round(float(value), digits) + 0.0 for value in values]
+
+
+def has_display() -> bool:
+    """Whether a browser can be opened here."""
+    return sys.platform in ("darwin", "win32") or bool(
+        os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
+    )
 
 
 def _plain(value: object) -> object:

@@ -6,7 +6,6 @@ import errno
 import logging
 import os
 import secrets
-import sys
 import webbrowser
 from collections.abc import Generator
 from contextlib import contextmanager
@@ -20,7 +19,7 @@ from armctl import log_files
 from armctl.boards import AUTOMATIC, NO_BOARD, SIMULATED
 from armctl.calibration import CalibrationStore
 from armctl.cli.ending import end_event
-from armctl.cli.options import port_option
+from armctl.cli.options import has_display, port_option
 from armctl.documents import sweep_litter
 from armctl.errors import ArmctlError, RobotFileError, ServerError
 from armctl.hardware.boards import board_type
@@ -98,7 +97,7 @@ def serve(
             with _kept_link(server):
                 click.echo(f"armctl: {present.title} {where}: {server.links[0]}  (Ctrl-C ends)")
                 _say_more(server)
-                if not no_browser and _has_display():
+                if not no_browser and has_display():
                     webbrowser.open(server.link_for_one_browser())
                 ended.wait()
         finally:
@@ -207,9 +206,3 @@ def _port_choices(asked: str, robot: Robot) -> list[PortChoice]:
     if asked not in [choice.port for choice in choices]:
         choices.append(PortChoice(asked, asked))
     return choices
-
-
-def _has_display() -> bool:
-    return sys.platform in ("darwin", "win32") or bool(
-        os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
-    )

@@ -8,9 +8,10 @@ from html import escape
 
 import viser
 
-from armctl.errors import InputError
+from armctl.errors import ArmctlError, InputError
 from armctl.hardware.boards import board_type
 from armctl.kinematics import Target
+from armctl.report import report
 from armctl.runtime import (
     ClearFault,
     Connect,
@@ -31,6 +32,9 @@ from armctl.ui.widgets.html import WARNING, LiveHtml, time_of_day
 
 _LOG_LINES = 14
 _LEVEL_COLOR = {"warning": WARNING, "error": "#c92a2a"}
+_REPORT_HINT = (
+    "Versions, robot file, log, and the last minute of the arm: for whoever is to find out what happened."
+)
 _ASKED_S = 5.0
 _DISCONNECT_DROPS = (
     "The board switches its motors off when nobody speaks to it: THE ARM MAY DROP half a second later. Click "
@@ -68,6 +72,10 @@ class MainScreen:
             session.on(points.on_click, lambda: self._go_to_point(points.value))
         with gui.add_folder("Log"):
             self._log = LiveHtml(gui)
+            save = gui.add_button(
+                "Download report", icon=viser.Icon.DOWNLOAD, color="gray", hint=_REPORT_HINT
+            )
+        session.on(save.on_click, self._on_report)
         session.on(self._line.on_click, self._on_line)
         session.on(self._enable.on_click, self._on_enable)
         session.on(self._homing.on_click, lambda: session.submit(HomeAxes()))
@@ -112,6 +120,21 @@ class MainScreen:
                 await self._disconnect()
             case _:
                 await self._connect(self._choices[self._port.value])
+
+    async def _on_report(self) -> None:
+        session, console = self._session, self._session.console
+        robot, calibration = session.robots.present.name, console.calibration.calibration
+        folder = console.files / "programs" / console.robot.name
+
+        def made() -> bytes:
+            try:
+                recording = console.controller.black_box()
+            except ArmctlError as cause:
+                recording = cause
+            names = sorted(path.name for path in folder.glob("*.toml"))
+            return report(robot, calibration, recording, names)
+
+        session.download("report.zip", await asyncio.to_thread(made))
 
     async def _disconnect(self) -> None:
         """Where that lets the arm drop, the first click asks, and a second one soon after disconnects."""
