@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import subprocess
 import sys
+from typing import cast
 from xml.etree import ElementTree
 
 import numpy as np
@@ -23,7 +24,7 @@ from armctl.motion.analysis import (
     study_csv,
     study_joints,
 )
-from armctl.motion.figure import FigureForm, TitledMotion, figure_bytes
+from armctl.motion.figure import FigureForm, TitledMotion, figure_bytes, figure_file
 from armctl.robot import load_robot
 
 ROBOT = load_robot("uzuner")
@@ -236,3 +237,11 @@ def test_the_curves_are_exported_with_units() -> None:
         first = dict(zip(names, rows[0].split(","), strict=True))
         assert float(first["elbow_deg"]) == pytest.approx(40)
         assert float(first["tip_by_elbow_mm_s"]) == pytest.approx(1000 * SPEED * 0.29, abs=1e-3)
+
+
+def test_a_process_of_its_own_draws_the_same_figure() -> None:
+    shown = TitledMotion("fast", motion("trapezoid", 301, None))
+    figure = figure_file(ROBOT, "png", shown)
+    assert figure == figure_bytes(ROBOT, "png", shown)
+    with pytest.raises(RuntimeError, match=r"(?s)the figure was not drawn: .*gif"):
+        figure_file(ROBOT, cast("FigureForm", "gif!"), shown)

@@ -27,7 +27,15 @@ from armctl.hardware.ports import list_ports
 from armctl.process import start_arm
 from armctl.robot import Robot, load_robot, shipped_robots
 from armctl.runtime import Connect, Origin, wall_time
-from armctl.ui import App, CalibrationInForce, Console, PortChoice, RobotChoice, RobotSwitch
+from armctl.ui import (
+    App,
+    CalibrationInForce,
+    Console,
+    PortChoice,
+    RobotChoice,
+    RobotSwitch,
+    settle_interpreter,
+)
 from armctl.ui.api import PATH as API_PATH
 from armctl.ui.api import api_door
 from armctl.ui.guard import GuardedServer, encryption, guarded_server
@@ -99,7 +107,8 @@ def serve(
                 _say_more(server)
                 if not no_browser and has_display():
                     webbrowser.open(server.link_for_one_browser())
-                ended.wait()
+                settle_interpreter()
+            ended.wait()
         finally:
             app.close()
     finally:

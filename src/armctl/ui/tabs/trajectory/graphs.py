@@ -11,7 +11,7 @@ import viser
 from armctl.arrays import FloatArray
 from armctl.errors import InputError
 from armctl.motion.analysis import Derivative, Limit, analysis_csv, near_limits
-from armctl.motion.figure import COLORS, FigureForm, TitledMotion, figure_bytes
+from armctl.motion.figure import COLORS, FigureForm, TitledMotion, figure_file
 from armctl.ui.newest import Newest
 from armctl.ui.scene.ghost import Lines, Preview, played, segments
 from armctl.ui.session import Session
@@ -176,7 +176,7 @@ class GraphView:
         shown = self._require_shown("export")
         drawn = [TitledMotion(one.title, one.motion) for one in (shown, self._beside) if one is not None]
         form = _FIGURE_FORMS[self._figure.value]
-        content = await asyncio.to_thread(figure_bytes, shown.robot, form, *drawn)
+        content = await asyncio.to_thread(figure_file, shown.robot, form, *drawn)
         if not self._session.closed:
             self._session.download(f"motion.{form}", content)
 
