@@ -12,9 +12,11 @@ import msgspec
 import numpy as np
 
 from armctl import errors
+from armctl.arrays import read_only
 from armctl.errors import ArmctlError, InputError, ProgramError
 from armctl.kinematics import Chain, Target
 from armctl.kinematics.chain import DHRow, Place
+from armctl.kinematics.target import as_numbers
 from armctl.motion import Trajectory
 from armctl.motion.polynomial import PiecewisePolynomial
 from armctl.motion.profiles import PointToPoint
@@ -34,6 +36,8 @@ BEAT_S = 0.1
 SILENCE_S = 1.0
 """A client that is silent for so long counts as lost."""
 
+_LONGEST_TEXT = 2000
+"""letters of an error"""
 _NO_PROGRAM = Program(robot="")
 
 
@@ -44,7 +48,11 @@ class Record(msgspec.Struct, frozen=True, tag_field="type", tag=str.lower):
 # From a client.
 
 
-class Hello(Record, frozen=True):
+class Request(Record, frozen=True, forbid_unknown_fields=True):
+    """What a client says."""
+
+
+class Hello(Request, frozen=True):
     """The first record on a connection."""
 
     name: str = "program"
@@ -55,7 +63,7 @@ class Hello(Record, frozen=True):
     """It gives ``Beat`` records itself; else that its line answers counts as a sign of life."""
 
 
-class Trust(Record, frozen=True):
+class Trust(Request, frozen=True):
     """Ahead of ``Hello`` on the local socket: who knows the secret may speak for others, or end the arm."""
 
     secret: str
@@ -63,7 +71,7 @@ class Trust(Record, frozen=True):
     """what comes behind it is somebody else's, with no more rights than over the network"""
 
 
-class Ask(Record, frozen=True):
+class Ask(Request, frozen=True):
     """A command; answered by ``Answer`` records with its number."""
 
     id: int
@@ -74,7 +82,7 @@ class Ask(Record, frozen=True):
     note: str = ""
 
 
-class Stop(Record, frozen=True):
+class Stop(Request, frozen=True):
     """STOP; answered when the arm is at rest."""
 
     id: int
@@ -82,15 +90,15 @@ class Stop(Record, frozen=True):
     note: str = ""
 
 
-class Beat(Record, frozen=True):
+class Beat(Request, frozen=True):
     """A sign of life."""
 
 
-class End(Record, frozen=True):
+class End(Request, frozen=True):
     """Bring the arm to rest, close the line and end the arm process."""
 
 
-class Recall(Record, frozen=True):
+class Recall(Request, frozen=True):
     """Give the last minute; answered by ``Recalled``."""
 
     id: int
@@ -314,9 +322,12 @@ def _plain(value: object) -> object:
 def _arrived(kind: type, value: Any) -> Any:
     """Lists as arrays, curves as trajectories."""
     if get_origin(kind) is np.ndarray or kind is np.ndarray:
-        array = np.array(value, dtype=np.float64)  # null becomes nan
-        array.flags.writeable = False
-        return array
+        if isinstance(value, list):
+            value = [math.nan if one is None else one for one in cast("list[object]", value)]
+        try:
+            return read_only(as_numbers(value, "this"))
+        except InputError as cause:  # msgspec says where
+            raise ValueError(str(cause)) from cause
     if kind is Trajectory:
         return built(msgspec.convert(value, Motion))
     raise NotImplementedError(f"a {kind} does not travel")
@@ -348,6 +359,11 @@ class Codec:
             union = union | kind
         self._union = union
 
+    @classmethod
+    def of(cls, data: bytes) -> Codec:
+        """The one that a client speaks whose first record this is."""
+        return cls(json=data.lstrip()[:1] == b"{")
+
     def encode(self, record: Record) -> bytes:
         """A record as bytes."""
         if isinstance(record, Ask) and isinstance(record.command, Follow):
@@ -366,7 +382,7 @@ class Codec:
     def command(self, record: Ask) -> Command:
         """The command of an ``Ask``, every value checked; ``ArmctlError`` says what is wrong with it."""
         try:
-            command = msgspec.convert(record.command, self._union, dec_hook=_arrived)
+            command = msgspec.convert(_positional(record.command), self._union, dec_hook=_arrived)
         except (msgspec.MsgspecError, ValueError, TypeError, OverflowError, RecursionError) as cause:
             raise InputError(f"a command that cannot be read: {cause}") from cause
         return _checked(command)
@@ -377,6 +393,21 @@ class Codec:
             return self._from_arm(data)
         except msgspec.MsgspecError as cause:
             raise InputError(f"the arm process speaks another version of this program: {cause}") from cause
+
+
+def _positional(command: object) -> object:
+    """A command whose target may be an object, e.g. ``{"point": [0.2, 0, 0.1], "pitch": 0}``."""
+    if not isinstance(command, dict):
+        return command
+    values = cast("dict[str, object]", command)
+    if not isinstance(values.get("target"), dict):
+        return values
+    target = cast("dict[str, object]", values["target"])
+    unknown = [key for key in target if key not in Target._fields]
+    if unknown or "point" not in target:
+        what = f"has no {unknown[0]!r}" if unknown else "needs a point"
+        raise InputError(f"a target {what}; it is made of {', '.join(Target._fields)}")
+    return {**values, "target": [target.get(name) for name in Target._fields]}
 
 
 def _checked(command: Command) -> Command:
@@ -409,12 +440,18 @@ def _check_program(program: Program) -> None:
 _ERRORS = {name: kind for name, kind in vars(errors).items() if isinstance(kind, type)}
 
 
+def in_short(error: BaseException) -> str:
+    """Its message; what quotes a value of the client's may be of any length."""
+    text = str(error)
+    return text if len(text) <= _LONGEST_TEXT else f"{text[:_LONGEST_TEXT]} …"
+
+
 def answer(number: int, error: BaseException | None, *, accepted: bool = False) -> Answer:
     """What became of a command."""
     if error is None:
         return Answer(number, accepted=accepted, finished=not accepted)
     kind = next((one.__name__ for one in type(error).__mro__ if one.__name__ in _ERRORS), "ArmctlError")
-    return Answer(number, accepted=accepted, finished=not accepted, error=str(error), kind=kind)
+    return Answer(number, accepted=accepted, finished=not accepted, error=in_short(error), kind=kind)
 
 
 def error_of(record: Answer) -> ArmctlError | None:
@@ -454,12 +491,26 @@ def schema() -> bytes:
 
     def array(kind: type) -> dict[str, Any]:
         if kind is Trajectory:
-            return {"description": "a motion: see Motion"}
+            return {}  # below
         return {"type": "array", "description": "numbers, or arrays of them; null: not known"}
 
     kinds = [*get_args(FromClient), *get_args(FromArm), *commands(), *get_args(Motion)]
     _, parts = msgspec.json.schema_components(kinds, schema_hook=array, ref_template="#/$defs/{name}")
+    parts["Ask"]["properties"]["command"] = {"$ref": "#/command"}
+    positional = parts["Target"]
+    named = dict(zip(Target._fields, positional["prefixItems"], strict=True))
+    parts["Target"] = {
+        "description": positional["description"],
+        "anyOf": [
+            {"type": "object", "properties": named, "required": ["point"], "additionalProperties": False},
+            {key: value for key, value in positional.items() if key not in ("title", "description")},
+        ],
+    }
+    parts["Follow"]["properties"]["trajectory"] = {
+        "anyOf": [{"$ref": f"#/$defs/{kind.__name__}"} for kind in get_args(Motion)]
+    }
     said = {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
         "title": f"armctl {version('armctl')}: records of the WebSocket API",
         "from_client": {"anyOf": [{"$ref": f"#/$defs/{kind.__name__}"} for kind in get_args(FromClient)]},
         "from_arm": {"anyOf": [{"$ref": f"#/$defs/{kind.__name__}"} for kind in get_args(FromArm)]},

@@ -26,7 +26,7 @@ def _kebab(name: str) -> str:
     return re.sub(r"(?<=[a-z])(?=[A-Z])", "-", name).lower()
 
 
-class Command(msgspec.Struct, frozen=True, tag_field="command", tag=_kebab):
+class Command(msgspec.Struct, frozen=True, tag_field="command", tag=_kebab, forbid_unknown_fields=True):
     """What the controller may be asked for; ``command`` names its kind, e.g. ``move-joints``."""
 
 

@@ -20,7 +20,7 @@ from armctl.ui.guard import SocketDoor
 PATH = "/api"
 _LOG = logging.getLogger("armctl.ui")
 _TRY_AGAIN = 1013
-_LARGEST = 4 * 1024 * 1024
+_PING_S = 0.25
 
 
 def api_door(arm: Callable[[], ArmLink]) -> SocketDoor:
@@ -59,16 +59,22 @@ async def _relayed(connection: ServerConnection, link: Link) -> None:
                 await connection.send(data, text=data[:1] == b"{")
         await connection.close()
 
-    back = asyncio.create_task(outward())
+    async def signs_of_life() -> None:
+        with suppress(OSError, ConnectionClosed):
+            while True:
+                await (await connection.ping())
+                writer.write(bytes(4))  # a record of length 0: the line is alive
+                await asyncio.sleep(_PING_S)
+
+    chores = [asyncio.create_task(outward()), asyncio.create_task(signs_of_life())]
     try:
         async for message in connection:
             data = message.encode() if isinstance(message, str) else message
-            if len(data) > _LARGEST:
-                break
             writer.write(len(data).to_bytes(4) + data)
             await writer.drain()
     except (OSError, ConnectionClosed):
         _LOG.debug("a relayed connection broke", exc_info=True)
     finally:
-        back.cancel()
+        for chore in chores:
+            chore.cancel()
         writer.close()

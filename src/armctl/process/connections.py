@@ -1,0 +1,238 @@
+"""How records come to the arm process: on its local socket, and on websockets that are handed over to it."""
+
+from __future__ import annotations
+
+import asyncio
+import hmac
+import logging
+import os
+import socket
+from collections import deque
+from collections.abc import Awaitable, Callable
+from pathlib import Path
+from typing import Protocol
+
+from websockets.exceptions import WebSocketException
+from websockets.frames import Frame, Opcode
+from websockets.http11 import Request
+from websockets.protocol import OPEN
+from websockets.server import ServerProtocol
+
+from armctl.errors import InputError
+from armctl.process.link import hands_of
+from armctl.process.records import MOST_BYTES
+
+_WIRE = logging.getLogger("armctl.process.wire")
+_WIRE.setLevel(logging.ERROR)  # a client that hangs up is no news
+_READ_BYTES = 64 * 1024
+_PING_S = 0.25
+MOST_MESSAGE = 4 * 1024 * 1024
+"""bytes of one websocket message"""
+
+
+class Connection(Protocol):
+    """Carries the records of one client both ways."""
+
+    alive: Callable[[int], None]
+    """called with the number of frames when the line gives a sign of life by itself"""
+
+    async def receive(self) -> bytes:
+        """The next record; ``EOFError``: the connection has ended. Never waits for its reader."""
+        ...
+
+    async def send(self, data: bytes) -> None:
+        """Send a record; waits for a slow reader. ``EOFError`` or ``ConnectionError``: it has ended."""
+        ...
+
+    def abort(self) -> None:
+        """End it at once; who waits in ``receive`` gets ``EOFError``."""
+        ...
+
+
+def _nobody(_: int) -> None:
+    """Nobody wants to know of signs of life yet."""
+
+
+class StreamConnection:
+    """One on the local socket: each record has its length in front, four bytes, the highest first.
+
+    A length of 0 is a sign of life of somebody else's line, whose records are relayed.
+    """
+
+    def __init__(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        self._reader, self._writer = reader, writer
+        self.alive: Callable[[int], None] = _nobody
+
+    async def receive(self) -> bytes:
+        """The next record."""
+        try:
+            while not (size := int.from_bytes(await self._reader.readexactly(4))):
+                self.alive(1)
+            if size > MOST_BYTES:
+                raise InputError(f"a record of {size} bytes is too large; {MOST_BYTES} at most")
+            return await self._reader.readexactly(size)
+        except (asyncio.IncompleteReadError, OSError) as cause:
+            raise EOFError from cause
+
+    async def send(self, data: bytes) -> None:
+        """Send a record."""
+        self._writer.write(len(data).to_bytes(4) + data)
+        await self._writer.drain()
+
+    def abort(self) -> None:
+        """End it at once."""
+        self._writer.transport.abort()
+
+    def close(self) -> None:
+        """End it behind what was sent."""
+        self._writer.close()
+
+
+class WebSocketConnection:
+    """A websocket that the page server has let in and handed over.
+
+    From here on it is ours alone, so nothing that the page server does can hold up what comes on it.
+    ``websockets`` knows the protocol, without input and output.
+    """
+
+    def __init__(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        self._reader, self._writer = reader, writer
+        self._protocol = ServerProtocol(max_size=MOST_MESSAGE, logger=_WIRE)
+        self._messages: deque[bytes] = deque()
+        self._parts = bytearray()
+        self.alive: Callable[[int], None] = _nobody
+
+    async def open(self, request: bytes) -> None:
+        """Answer its request."""
+        self._protocol.receive_data(request)
+        asked = self._protocol.events_received()
+        if not asked or not isinstance(asked[0], Request):
+            raise EOFError
+        self._protocol.send_response(self._protocol.accept(asked[0]))
+        self._write()
+
+    async def receive(self) -> bytes:
+        """The next message."""
+        while not self._messages:
+            try:
+                data = await self._reader.read(_READ_BYTES)
+            except OSError as cause:
+                raise EOFError from cause
+            if data:
+                self._protocol.receive_data(data)
+            else:
+                self._protocol.receive_eof()
+            events = self._protocol.events_received()
+            self._write()  # without waiting: STOP of a client that does not read must arrive
+            self.alive(len(events))
+            for event in events:
+                self._take(event)
+            if not self._messages and (not data or self._protocol.state is not OPEN):
+                raise EOFError
+        return self._messages.popleft()
+
+    async def send(self, data: bytes) -> None:
+        """Send a message."""
+        if self._protocol.state is not OPEN:
+            raise EOFError
+        if data[:1] == b"{":
+            self._protocol.send_text(data)
+        else:
+            self._protocol.send_binary(data)
+        self._write()
+        await self._writer.drain()
+
+    async def ping(self) -> None:
+        """Have the other end give a sign of life, for ever."""
+        while self._protocol.state is OPEN:
+            self._protocol.send_ping(b"")
+            self._write()
+            await asyncio.sleep(_PING_S)
+
+    def abort(self) -> None:
+        """End it at once."""
+        self._writer.transport.abort()
+
+    def close(self) -> None:
+        """Say goodbye, and close behind what was sent."""
+        if self._protocol.state is OPEN:
+            self._protocol.send_close(1000)
+            self._write()
+        self._writer.close()
+
+    def _take(self, event: object) -> None:
+        if isinstance(event, Frame) and event.opcode in (Opcode.TEXT, Opcode.BINARY, Opcode.CONT):
+            self._parts += event.data  # bounded: the protocol refuses what is larger than MOST_MESSAGE
+            if event.fin:
+                self._messages.append(bytes(self._parts))
+                self._parts.clear()
+
+    def _write(self) -> None:
+        for data in self._protocol.data_to_send():
+            if data:
+                self._writer.write(data)
+            elif self._writer.can_write_eof() and not self._writer.is_closing():
+                self._writer.write_eof()
+
+
+Attend = Callable[[Connection, bool], Awaitable[None]]
+"""serves a client until its connection ends; True: it has shown its token at the door of the page server"""
+
+
+async def attend_stream(attend: Attend, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+    """Serve one client of the local socket."""
+    stream = StreamConnection(reader, writer)
+    try:
+        await attend(stream, False)
+    finally:
+        stream.close()
+
+
+async def attend_websocket(attend: Attend, line: socket.socket, request: bytes) -> None:
+    """Serve one client of a websocket that is handed over with its request."""
+    reader, writer = await asyncio.open_connection(sock=line)
+    websocket = WebSocketConnection(reader, writer)
+    pings: asyncio.Task[None] | None = None
+    try:
+        await websocket.open(request)
+        pings = asyncio.create_task(websocket.ping())
+        await attend(websocket, True)
+    except (EOFError, WebSocketException):
+        _WIRE.debug("a websocket was broken off", exc_info=True)
+    finally:
+        if pings is not None:
+            pings.cancel()
+        websocket.close()
+
+
+class Hands:
+    """Takes connections that are handed over (``hand_over``), with the request that came on each."""
+
+    def __init__(self, attend: Attend, address: Path, secret: str) -> None:
+        self._attend, self._secret = attend, secret.encode()
+        self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+        self._socket.setblocking(False)
+        self._socket.bind(str(hands_of(address)))
+        self._tasks: set[asyncio.Task[None]] = set()
+        asyncio.get_running_loop().add_reader(self._socket, self._take)
+
+    def close(self) -> None:
+        """Take no more."""
+        asyncio.get_running_loop().remove_reader(self._socket)
+        self._socket.close()
+
+    def _take(self) -> None:
+        try:
+            data, descriptors, _, _ = socket.recv_fds(self._socket, 2 * _READ_BYTES, 4)
+        except OSError:
+            return
+        secret, _, request = data.partition(b"\n")
+        if len(descriptors) != 1 or not hmac.compare_digest(secret, self._secret):
+            for descriptor in descriptors:
+                os.close(descriptor)
+            return
+        line = socket.socket(fileno=descriptors[0])
+        line.setblocking(False)
+        task = asyncio.create_task(attend_websocket(self._attend, line, request))
+        self._tasks.add(task)
+        task.add_done_callback(self._tasks.discard)
