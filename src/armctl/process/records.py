@@ -491,7 +491,7 @@ def schema() -> bytes:
 
     def array(kind: type) -> dict[str, Any]:
         if kind is Trajectory:
-            return {}  # below
+            return {"type": "object"}  # filled in below
         return {"type": "array", "description": "numbers, or arrays of them; null: not known"}
 
     kinds = [*get_args(FromClient), *get_args(FromArm), *commands(), *get_args(Motion)]
