@@ -14,10 +14,11 @@ import pytest
 
 from armctl.cli.main import DONE, REFUSED, WRONG_USAGE, run
 from armctl.errors import PortError
+from armctl.hardware.firmata.simulated import SimulatedFirmata
 from armctl.hardware.maestro.simulated import MaestroSettings, SerialMode, SimulatedMaestro, simulated_maestro
 from armctl.hardware.simulation import PtyServer
-from armctl.hardware.transport import SerialTransport
-from armctl.runtime.clock import ManualClock
+from armctl.hardware.transport import PortInfo, SerialTransport
+from armctl.runtime.clock import ManualClock, MonotonicClock
 
 
 @pytest.fixture(autouse=True)
@@ -127,6 +128,17 @@ def test_a_board_behind_a_socket(capsys: pytest.CaptureFixture[str]):
         status, _, seen = record(capsys, "--port", f"socket://127.0.0.1:{port}", "--robot", "uzuner")
     assert status == DONE
     assert seen["who answers"] == "Pololu Maestro"
+
+
+def test_auto_without_a_robot_finds_an_arduino_too(capsys: pytest.CaptureFixture[str], tmp_path, monkeypatch):
+    port = str(tmp_path / "mega")
+    listing = [PortInfo(port, "Arduino Mega", "Mega", "75", True, None)]
+    monkeypatch.setattr("armctl.cli.doctor.list_ports", lambda: listing)
+    with PtyServer(SimulatedFirmata(), MonotonicClock().now, link=tmp_path / "mega"):
+        _, verdicts, seen = record(capsys, "--port", "auto")
+    assert seen["port"] == "Arduino Mega, USB serial number 75"
+    assert seen["who answers"] == "StandardFirmata 2.3; Firmata protocol 2.3"
+    assert verdicts["who answers"] == "ok"
 
 
 def test_a_board_in_the_factorys_serial_mode_fails_with_advice(capsys: pytest.CaptureFixture[str], tmp_path):

@@ -4,6 +4,7 @@ import errno
 import logging
 import os
 import socket
+import subprocess
 import termios
 import threading
 import tty
@@ -205,3 +206,23 @@ def test_what_is_listed_as_no_use_or_as_another_board_is_not_opened():
     mega = PortInfo("/dev/ttyACM0", "Arduino Mega 2560", "", "4711", True, "")
     with pytest.raises(PortError, match="not board 4711"):
         Connection("/dev/ttyACM0", lambda: 0.0, lambda: [mega], refuse).open()
+
+
+def opens(device: str) -> bool:
+    """Whether another user's program can open a device: root is never kept out."""
+    shell = ["/bin/sh", "-c", f": 2>/dev/null <>{device}"]
+    return subprocess.run(shell, user=65534 if os.getuid() == 0 else None, check=False).returncode == 0
+
+
+def test_a_device_is_kept_from_programs_that_ask_for_no_lock(monkeypatch: pytest.MonkeyPatch):
+    """A pty stands for the device; as a pty it is left open, for its server would keep it locked."""
+    master, slave = os.openpty()
+    device = os.ttyname(slave)
+    os.chmod(device, 0o666)
+    for pseudo, free in ((True, True), (False, False)):
+        monkeypatch.setattr("armctl.hardware.transport.is_pseudo_terminal", lambda _, pseudo=pseudo: pseudo)
+        line = SerialTransport(device)
+        assert opens(device) is free
+        line.close()
+    os.close(slave)
+    os.close(master)

@@ -59,7 +59,7 @@ def examine(
     except ArmctlError as error:
         return (*findings, failed("opens", str(error)), *_unseen())
     try:
-        findings.append(ok("opens", "yes, for this program alone"))
+        findings.append(ok("opens", "yes; locked for other programs but root's"))
         findings.append(_who(patient, probed))
         if probed.board is None:
             return (*findings, *_unseen()[1:])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import fcntl
 import logging
 import os
 import termios
@@ -74,6 +75,11 @@ class SerialTransport:
 
     ``port`` is a device, a pty or ``socket://host:port``. A write that blocks for ``write_timeout_s`` means
     that the board is stuck; on a busy computer a quarter of a second passes with nothing wrong at all.
+
+    A device is opened for this program alone: ``flock`` keeps out programs that ask for it, TIOCEXCL every
+    other one. Neither keeps out what has the device open already, root's programs, and what speaks USB past
+    the port (the Maestro Control Center). A pty gets no TIOCEXCL: it would stay locked after a crash, because
+    its server keeps it open.
     """
 
     def __init__(self, port: str, *, baud: int = _BAUD, write_timeout_s: float = 1.0) -> None:
@@ -92,6 +98,9 @@ class SerialTransport:
             ) from error
         except _LINE_ERRORS as error:
             raise PortError(f"{port}: {_why_not_opened(port, error)}") from error
+        if "://" not in port and not is_pseudo_terminal(port):
+            with suppress(*_LINE_ERRORS):  # a driver without it: the lock remains
+                fcntl.ioctl(self._serial.fileno(), termios.TIOCEXCL)
 
     def write(self, data: bytes) -> None:
         """Send all of ``data``; ``BoardTimeoutError`` where the board takes no more bytes."""
