@@ -10,10 +10,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.runtime.kit import ROBOT, RecordingDriver
 
 import armctl
 from armctl.boards import Boards
 from armctl.errors import (
+    BoardError,
     InputError,
     MotionRefusedError,
     PortError,
@@ -22,11 +24,23 @@ from armctl.errors import (
     UnreachableError,
 )
 from armctl.handles import Motion
-from armctl.hardware import Source
+from armctl.hardware import BoardIdentity, Source
 from armctl.motion import PointToPoint, Sample, plan_joints
 from armctl.process.records import commands as known_commands
 from armctl.program import GripperStep, MoveStep, PointStep, Program, WaitStep
-from armctl.runtime import Command, Controller, ManualClock, Origin, Snapshot, State, Ticket, commands
+from armctl.runtime import (
+    Command,
+    Connect,
+    Controller,
+    LastPose,
+    ManualClock,
+    Origin,
+    PoseFolder,
+    Snapshot,
+    State,
+    Ticket,
+    commands,
+)
 
 
 @pytest.fixture(scope="module")
@@ -568,3 +582,85 @@ def test_there_is_a_call_for_every_command_and_for_stop() -> None:
     with armctl.Arm(link) as arm:
         arm.stop()
     assert (link.stopped, link.ended) == (1, True)
+
+
+def ticked(driver: RecordingDriver, **kept: object) -> Controller:
+    """A controller that runs as fast as it can, connected."""
+    controller = Controller(ROBOT, lambda _: driver, driver._clock, **kept)  # type: ignore[arg-type]
+    controller.start()
+    controller.submit(Connect("/dev/ttyACM0")).result(20)
+    return controller
+
+
+@pytest.mark.parametrize(
+    ("pose", "stands"),
+    [
+        ("last", [10, 80, -60, -30, 0]),
+        ("home", [0, 90, -80, -40, 0]),
+        ([5, 90, -80, -40, 1], [5, 90, -80, -40, 1]),
+    ],
+)
+def test_servos_that_are_off_come_on_where_the_arm_is_said_to_stand(
+    tmp_path: Path, pose: str | list[float], stands: list[float]
+) -> None:
+    driver = RecordingDriver(ManualClock())
+    driver.simulated = False
+    poses = PoseFolder(tmp_path, ROBOT)
+    board = BoardIdentity("board", "/dev/ttyACM0")
+    poses.save(board, LastPose(np.radians([10, 80, -60, -30, 0]), 0.25, 0.0, "closed"))
+    with armctl.Arm(ticked(driver, poses=poses)) as arm:
+        with pytest.raises(StateError, match=r"nobody knows where the arm is \(last seen at 10\.0, 80\.0"):
+            arm.enable()
+        with pytest.raises(InputError, match="no pose 'nowhere'"):
+            arm.enable("nowhere")
+        assert driver.writes == []
+        arm.enable(pose)
+        assert arm.joints_deg == pytest.approx(stands)
+        assert arm.snapshot.gripper == (0.25 if pose == "last" else 0.5)
+
+
+def test_a_last_pose_that_nobody_kept_is_refused() -> None:
+    driver = RecordingDriver(ManualClock())
+    driver.simulated = False
+    with (
+        armctl.Arm(ticked(driver)) as arm,
+        pytest.raises(StateError, match="no last pose of uzuner on this board is kept"),
+    ):
+        arm.enable("last")
+
+
+@pytest.mark.parametrize(
+    ("opened", "closed", "parks"), [(True, None, True), (False, True, True), (True, False, False)]
+)
+def test_it_parks_at_the_end_where_that_is_asked_for(opened: bool, closed: bool | None, parks: bool) -> None:
+    driver = RecordingDriver(ManualClock())
+    arm = armctl.Arm(ticked(driver), park=opened)
+    arm.enable("home")
+    arm.close(park=closed)
+    at = ROBOT.output_map.angles(driver.positions)
+    assert at == pytest.approx(ROBOT.pose("rest" if parks else "home"))
+
+
+def test_a_way_to_the_rest_pose_that_is_refused_is_told_and_the_arm_holds(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    driver = RecordingDriver(ManualClock())
+    arm = armctl.Arm(ticked(driver), park=True)
+    arm.enable("home")
+    refused = Ticket.ended(MotionRefusedError("the tool: 3.0 mm below the floor"))
+    monkeypatch.setattr(arm.link, "submit", lambda *_: refused)
+    arm.close()
+    assert "not parked, the arm holds where it is: the tool: 3.0 mm below the floor" in caplog.text
+    assert ROBOT.output_map.angles(driver.positions) == pytest.approx(ROBOT.pose("home"))
+
+
+def test_a_fault_does_not_park() -> None:
+    driver = RecordingDriver(ManualClock())
+    arm = armctl.Arm(ticked(driver), park=True)
+    arm.enable("home")
+    driver.fail["read"] = BoardError("unplugged")
+    while arm.snapshot.state is not State.FAULT:
+        pass
+    count = len(driver.writes)
+    arm.close()
+    assert len(driver.writes) == count

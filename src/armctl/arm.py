@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import math
 from collections.abc import Sequence
 from contextlib import suppress
@@ -13,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from armctl.arrays import FloatArray
 from armctl.boards import ANY_BOARD, SIMULATED, board_name, calibrated_for
-from armctl.errors import InputError, StateError
+from armctl.errors import ArmctlError, InputError, StateError
 from armctl.handles import ORIGIN, JointStream, Motion
 from armctl.hardware import Source
 from armctl.kinematics import Choice, Target
@@ -40,6 +41,7 @@ from armctl.runtime import (
     MoveGripper,
     MoveJoints,
     MoveTo,
+    Origin,
     Pause,
     Release,
     Resume,
@@ -55,6 +57,7 @@ from armctl.runtime.commands import Frame, LockControl, MovingCommand
 
 LAST_POSE = "last"
 """for ``Arm.enable``: where armctl saw the arm last"""
+_LOGGER = logging.getLogger("armctl.arm")
 _STOP_S = 5.0
 """so long an interrupt waits for the arm to stand [s]"""
 _TO_DO = {
@@ -62,6 +65,24 @@ _TO_DO = {
     State.OFF: "enable() the arm",
     State.FAULT: "see to the cause, then clear_fault() or reconnect(), and enable() the arm",
 }
+
+
+def bring_to_rest(link: ArmLink, origin: Origin) -> None:
+    """Park: stop, then go to the rest pose, where the arm has power.
+
+    A way that is refused is told in the log; then the arm holds where it is. After a fault nothing moves.
+    """
+    link.stop(origin).result(_STOP_S)
+    if link.snapshot.state is not State.HOLDING:
+        return
+    ticket = link.submit(MoveJoints(link.robot.pose("rest")), origin)
+    try:
+        ticket.result()
+    except ArmctlError as refusal:
+        _LOGGER.warning("not parked, the arm holds where it is: %s", refusal)
+    except KeyboardInterrupt:
+        link.stop(origin).result(_STOP_S)
+        raise
 
 
 class Arm:
@@ -80,23 +101,35 @@ class Arm:
             swing.cancel()
     """
 
-    def __init__(self, link: ArmLink, board: str = ANY_BOARD) -> None:
-        """Drive an arm through a link, which ``close`` ends; ``board``: whose calibration it goes by."""
+    def __init__(self, link: ArmLink, board: str = ANY_BOARD, *, park: bool = False) -> None:
+        """Drive an arm through a link, which ``close`` ends; ``board``: whose calibration it goes by.
+
+        ``park``: as ``open``.
+        """
         self.link, self.board = link, board
+        self._park = park
         self.robot = link.robot
 
     @classmethod
-    def open(cls, robot: str | Path | Robot, port: str | None = None, rate_hz: float = 50.0) -> Self:
+    def open(
+        cls,
+        robot: str | Path | Robot,
+        port: str | None = None,
+        rate_hz: float = 50.0,
+        *,
+        park: bool = False,
+    ) -> Self:
         """Load a robot, with the calibration that is kept for its board, and connect to the board.
 
         The arm runs in a process of its own, so nothing that this program does can make it late.
         ``robot``: a shipped robot's name, a robot file, or a robot. ``port``: a device, ``auto``, or None for
-        the simulated board. ``rate_hz``: ticks a second, 10 … 200.
+        the simulated board. ``rate_hz``: ticks a second, 10 … 200. ``park``: before ``release`` and ``close``
+        it goes to its rest pose, where it has power.
         """
         loaded = robot if isinstance(robot, Robot) else load_robot(robot)
         port = SIMULATED if port is None else port
         board = board_name(port, loaded)
-        arm = cls(start_arm(calibrated_for(loaded, board), board, rate_hz), board)
+        arm = cls(start_arm(calibrated_for(loaded, board), board, rate_hz), board, park=park)
         try:
             arm._do(Connect(port))
         except BaseException:
@@ -180,6 +213,8 @@ class Arm:
 
     def release(self) -> None:
         """Pulses off: the arm drops."""
+        if self._park:
+            bring_to_rest(self.link, ORIGIN)
         self._do(Release())
 
     def stop(self) -> None:
@@ -356,9 +391,16 @@ class Arm:
 
     # How it ends.
 
-    def close(self) -> None:
-        """Stop, close the line and end. The outputs stay as they are."""
-        self.link.close()
+    def close(self, park: bool | None = None) -> None:
+        """Stop, close the line and end. The outputs stay as they are.
+
+        ``park``: go to the rest pose first, where the arm has power; None: as it was opened.
+        """
+        try:
+            if self._park if park is None else park:
+                bring_to_rest(self.link, ORIGIN)
+        finally:
+            self.link.close()
 
     def __enter__(self) -> Self:
         return self

@@ -19,6 +19,11 @@ QUERY_SETTINGS = {"ignore_unknown_options": True, "help_option_names": ["-h", "-
 port_option = click.option(
     "--port", default="sim", show_default=True, help="sim, auto, a device or socket://host:port."
 )
+park_option = click.option(
+    "--park",
+    is_flag=True,
+    help="At the end (Ctrl-C, too) go to the rest pose first, where the arm has power.",
+)
 json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON for programs.")
 
 

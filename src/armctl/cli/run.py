@@ -10,7 +10,7 @@ from armctl import log_files
 from armctl.arm import Arm
 from armctl.cli.check import check_on_terminal
 from armctl.cli.ending import ends_like_ctrl_c
-from armctl.cli.options import SPEED_PERCENT, port_option
+from armctl.cli.options import SPEED_PERCENT, park_option, port_option
 from armctl.errors import ProgramError
 from armctl.hardware.boards import board_type
 from armctl.program import open_program
@@ -27,6 +27,7 @@ from armctl.robot import load_robot
               help="Speed override, 5 … 100 percent.")  # fmt: skip
 @click.option("--pose", help="Where the arm stands now: last (as armctl saw it), a named pose, or joint "
               "angles in degrees (10,20,30). Needed where servos are off: they cannot tell.")  # fmt: skip
+@park_option
 def run(
     program: Path,
     robot: str | None,
@@ -35,6 +36,7 @@ def run(
     forever: bool,
     speed: float,
     pose: str | None,
+    park: bool,
 ) -> None:
     """Run PROGRAM (.toml, or .csv with --robot) on the arm.
 
@@ -57,7 +59,7 @@ def run(
         click.echo(f"warning: {warning}", err=True)
     board = board_type(arm_robot.board)
     where = None if pose is None else _pose(pose)
-    with log_files.begin("run"), ends_like_ctrl_c(), Arm.open(arm_robot, port) as arm:
+    with log_files.begin("run"), ends_like_ctrl_c(), Arm.open(arm_robot, port, park=park) as arm:
         arm.set_speed(speed)
         if any(not axis.homed for axis in arm.snapshot.homing):
             click.echo("homing: axis by axis, the arm moves to its home switches; keep clear", err=True)

@@ -16,10 +16,11 @@ import click
 from platformdirs import user_data_path, user_state_path
 
 from armctl import log_files
+from armctl.arm import bring_to_rest
 from armctl.boards import AUTOMATIC, NO_BOARD, SIMULATED
 from armctl.calibration import CalibrationStore
 from armctl.cli.ending import end_event
-from armctl.cli.options import has_display, port_option
+from armctl.cli.options import has_display, park_option, port_option
 from armctl.documents import sweep_litter
 from armctl.errors import ArmctlError, RobotFileError, ServerError
 from armctl.hardware.boards import board_type
@@ -63,6 +64,7 @@ LOG = logging.getLogger("armctl.cli.serve")
               help="Let every user and program of this computer open the page, without the link's token. "
                    "Refused where other computers can reach it.")  # fmt: skip
 @click.option("--no-browser", is_flag=True, help="Do not open a browser.")
+@park_option
 def serve(
     robot: str,
     port: str,
@@ -73,6 +75,7 @@ def serve(
     tls_key: Path | None,
     no_token: bool,
     no_browser: bool,
+    park: bool,
 ) -> None:
     """Serve the console until interrupted (Ctrl-C)."""
     logging.basicConfig(level=logging.INFO, format="%(asctime)s %(name)s %(levelname)s %(message)s")
@@ -108,7 +111,11 @@ def serve(
                 if not no_browser and has_display():
                     webbrowser.open(server.link_for_one_browser())
                 settle_interpreter()
-            ended.wait()
+                ended.wait()
+            if park:  # while the pages are there, so that STOP is
+                link = robots.console.controller
+                operator = link.snapshot.control.operator
+                bring_to_rest(link, Origin("serve --park" if operator is None else operator.id, "parking"))
         finally:
             app.close()
     finally:
