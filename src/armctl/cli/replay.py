@@ -46,7 +46,9 @@ def replay(file: Path, text: bool, robot: str | None, http_port: int, no_browser
             f"{file}: its joints are {', '.join(recording.joints)}, those of {arm.name} are "
             f"{', '.join(arm.joint_names)}; name the robot that was recorded: --robot"
         )
-    server = guarded_server(port=http_port, token=secrets.token_urlsafe(24), label="armctl replay")
+    server = guarded_server(
+        port=http_port, token=secrets.token_urlsafe(24), label="armctl replay", overlay=False
+    )
     app = ReplayApp(recording, arm, server)
     try:
         ended = end_event()

@@ -68,7 +68,7 @@ class ReplayPage:
 
     def __init__(self, client: viser.ClientHandle, recording: Recording, robot: Robot) -> None:
         self._client, self._recording = client, recording
-        self._time = recording.time_s - recording.clock_s
+        self._time = (recording.time_s - recording.clock_s).round(3)
         setpoint, readback = recording.setpoint, recording.readback
         # what is not known is drawn where it was known last
         self._sent, self._read = _filled(setpoint, robot), _filled(readback, robot, setpoint)
@@ -81,7 +81,7 @@ class ReplayPage:
         self._play = gui.add_button_group("Replay", ("Play", "Pause"))
         self._speed = gui.add_dropdown("Speed", tuple(_SPEEDS), initial_value="1/1")
         first, last = float(self._time[0]), float(self._time[-1])
-        step = max(recording.period_s, 0.001)
+        step = 0.001
         self._at = gui.add_slider("Time s", first, max(last, first + step), step, initial_value=last)
         self._step = gui.add_button_group("One tick", ("Back", "Forward"))
         self._state = LiveHtml(gui)

@@ -64,6 +64,8 @@ def _guarded_serve(
     door: Door,
     tls: ssl.SSLContext | None,
     client_of: Callable[[ServerConnection], viser.ClientHandle | None],
+    *,
+    overlay: bool,
 ) -> Generator[list[Exception | None]]:
     """Replace ``serve`` for viser alone, so that it listens on ``listener`` behind ``door``.
 
@@ -72,7 +74,7 @@ def _guarded_serve(
     """
     module = websockets.asyncio.server
     opened: list[Exception | None] = []
-    overlaid = OverlaidPage()
+    overlaid = OverlaidPage(overlay=overlay)
     wire = logging.Logger("armctl.ui.guard.wire")
     wire.addHandler(_WireLog())
 
@@ -288,6 +290,7 @@ def guarded_server(
     tls: ssl.SSLContext | None = None,
     sockets: Mapping[str, SocketDoor] = {},
     label: str | None = None,
+    overlay: bool = True,
 ) -> GuardedServer:
     """Start a viser server behind the guard, and try from outside whether the guard holds.
 
@@ -301,6 +304,7 @@ def guarded_server(
         tls: encrypts the line (https), see ``encryption``.
         sockets: websockets of armctl's own by path (``/api``), which viser never sees.
         label: title of the main panel.
+        overlay: with the STOP button over the page; without it where no arm is driven.
 
     Raises:
         ServerError: the address cannot be had, an option is unsafe, or the guard turns out not to hold.
@@ -326,7 +330,11 @@ def guarded_server(
     rich.get_console().quiet = True  # viser prints a banner and notices, also when it is stopped
     try:
         with _guarded_serve(
-            listener, door, tls, lambda one: None if server is None else server.client_of(one)
+            listener,
+            door,
+            tls,
+            lambda one: None if server is None else server.client_of(one),
+            overlay=overlay,
         ) as opened:
             names = names_of(listener, host, extra_hosts)
             server = GuardedServer(door, stop_lines, listener, names, host=host, label=label)
