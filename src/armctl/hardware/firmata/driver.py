@@ -146,9 +146,9 @@ class FirmataDriver:
             )
         words, self._words = tuple(dict.fromkeys(self._words)), []
         asked, watch.asked, lost, watch.lost = watch.asked, 0, watch.lost, 0
-        return Readback(
-            watch.positions, Source.COMMANDED, words, powered=watch.powered, asked=asked, lost=lost
-        )
+        # A pin that waits to be switched on, until no answer is open, is no board that switched off.
+        powered = watch.powered or self._stream.waiting
+        return Readback(watch.positions, Source.COMMANDED, words, powered=powered, asked=asked, lost=lost)
 
     def stop(self) -> None:
         """Hold: the board goes on with what it was sent last, so all there is to do is to send no more."""

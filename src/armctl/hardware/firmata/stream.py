@@ -368,6 +368,11 @@ class SetpointStream:
         """Have pulse widths [µs] by pin sent with the next ``flush``."""
         self._pending.update(pulses)
 
+    @property
+    def waiting(self) -> bool:
+        """Whether something is still to be sent: a setpoint, or a pin that is to be switched on."""
+        return bool(self._pending)
+
     def clear(self) -> None:
         """Forget what has not been sent."""
         self._pending.clear()

@@ -1,0 +1,66 @@
+"""The real Firmata driver and a simulated Mega on the controller's own clock, on bad lines."""
+
+from __future__ import annotations
+
+import pytest
+from tests.runtime.board_bench import BoardBench
+
+from armctl.errors import StateError
+from armctl.hardware.faults import Trouble, trouble
+from armctl.hardware.firmata.driver import FirmataDriver
+from armctl.hardware.firmata.simulated import SimulatedFirmata
+from armctl.hardware.transport import Connection
+from armctl.robot import load_robot
+from armctl.runtime import Connect, Enable, MoveJoints, Release, State
+
+ABAAS = load_robot("abaas")
+REST, HOME = ABAAS.pose("rest"), ABAAS.pose("home")
+
+
+def bench_of(*troubles: Trouble) -> BoardBench[SimulatedFirmata]:
+    bench = BoardBench.of(
+        ABAAS,
+        SimulatedFirmata(),
+        lambda line, now: FirmataDriver(Connection(line, now, simulated=True), 0.25, 0.2),
+        troubles=troubles,
+    )
+    bench.do(Connect("sim"))
+    return bench
+
+
+def enable(bench: BoardBench[SimulatedFirmata]) -> None:
+    bench.do(Enable(REST))
+    bench.until(State.HOLDING)
+
+
+def test_enable_on_a_late_line_is_no_board_that_switched_off() -> None:
+    bench = bench_of(trouble("delay=0.06:1"))
+    for _ in range(5):
+        enable(bench)
+        assert bench.run(1.0).state is State.HOLDING
+        assert bench.now.warnings == ()
+        bench.do(Release())
+
+
+def test_a_few_lost_answers_are_told_and_the_arm_does_not_crawl() -> None:
+    bench = bench_of(trouble("drop-reply:0.04@15"))
+    enable(bench)
+    bench.run(15.0)
+    bench.do(MoveJoints(HOME, duration_s=8))
+    began = bench.clock.now()
+    bench.until(State.HOLDING)
+    assert bench.now.cause == "move finished"
+    assert bench.clock.now() - began < 8.5
+    assert any("% of the questions" in words for words in bench.now.warnings)
+
+
+def test_what_is_lost_for_a_third_of_a_second_stops_the_motion_and_says_so() -> None:
+    bench = bench_of(trouble("drop-command@20+0.3"))
+    enable(bench)
+    bench.run(119.0 - bench.clock.now())
+    motion = bench.do(MoveJoints(HOME, duration_s=8))
+    bench.until(State.HOLDING)
+    with pytest.raises(StateError, match=r"instead of the .* last sent: bytes were lost"):
+        motion.result(0)
+    bench.run(1.0)
+    assert bench.now.state is State.HOLDING
