@@ -12,6 +12,7 @@ from tests.browser.served_arm import served_arm
 from tests.ui.guard_kit import CAMERA, PATIENCE_S, RawPage, uuid_of
 
 from armctl.runtime import Snapshot
+from armctl.ui.console import page_name
 from armctl.ui.guard.filter import FloodGauge
 
 GARBAGE = ("garbage", "", True, -1e9, 1e9, 10**18, (1.0, 2.0), ())
@@ -53,7 +54,8 @@ def test_a_page_that_cannot_be_built_does_not_operate(tmp_path: Path) -> None:
             page.introduce()
             page.read_until(b"Calibration")
             (built,) = served.app._pages
-            assert served.console.operators.operator == built
+            operator = served.now.control.operator
+            assert operator is not None and operator.id == page_name(built)
 
 
 def test_a_target_out_of_this_world_ends_the_live_target(tmp_path: Path) -> None:

@@ -17,11 +17,16 @@ from armctl.errors import ArmctlError, BoardError, InputError, RobotFileError, S
 from armctl.hardware import BoardIdentity, Driver, Source
 from armctl.robot import Robot, load_robot
 from armctl.runtime import (
+    Arrive,
     Command,
     Connect,
+    Control,
+    ControlCommand,
     Controller,
+    LockControl,
     ManualClock,
     Origin,
+    Party,
     SetSpeed,
     Snapshot,
     State,
@@ -58,7 +63,7 @@ class FakeController:
     commands: list[Command] = field(default_factory=list[Command])
 
     def submit(self, command: Command, origin: Origin) -> Ticket:
-        assert origin is PAGE
+        assert origin is PAGE or isinstance(command, ControlCommand)
         self.commands.append(command)
         return Ticket.ended(self.refuses.get(type(command)))
 
@@ -130,13 +135,11 @@ def rig(tmp_path: Path) -> Rig:
 
 def test_the_new_arm_takes_the_place_of_the_old_one_and_the_log_goes_on(rig: Rig) -> None:
     left = rig.desk.console
-    left.operators.arrive(7)
     rig.arm(q_command=np.radians([10.0, 90, -80, -40, 0]))
     rig.change("mico")
     assert rig.seen == [("mico", [])]  # told before the old arm is closed
     console = rig.desk.console
     assert (console.robot.n, rig.desk.present.name) == (4, "mico")
-    assert console.operators is left.operators
     assert console.shared(SharedProgram).folder != left.shared(SharedProgram).folder
     assert console.shared(Trail) is not left.shared(Trail)
     assert console.last_known is not left.last_known
@@ -347,13 +350,11 @@ def reopen(rig: Rig, port: str | None = None) -> None:
 
 def test_an_arm_that_is_opened_anew_goes_on_with_speed_marks_and_port(rig: Rig) -> None:
     left = rig.desk.console
-    left.operators.arrive(7)
     left.shared(SharedCalibration).work.add_mark("base", 1500.0, 0.0)
     edited = left.shared(SharedProgram)
     reopen(rig)
     console = rig.desk.console
     assert console is not left
-    assert console.operators is left.operators
     assert console.last_known is left.last_known
     assert console.shared(SharedProgram) is edited
     assert len(console.shared(SharedCalibration).work.joint("base").marks) == 1
@@ -427,3 +428,18 @@ def test_an_arm_whose_process_is_gone_is_opened_anew(rig: Rig) -> None:
     rig.opened["uzuner"].ended = True
     rig.arm(board=None, state=State.FAULT, powered=False)
     assert asyncio.run(rig.desk.needs_reopening("sim"))
+
+
+@pytest.mark.parametrize("by_teacher", [False, True])
+def test_who_operates_and_a_lock_go_over_to_the_new_arm(rig: Rig, by_teacher: bool) -> None:
+    people = (
+        Party("browser page 1", "Ann"),
+        Party("pick.py, program 1", "pick.py"),
+        Party("page 7", "Bob", True),
+    )
+    rig.arm(control=Control(people, locked=True, by_teacher=by_teacher, pin=True))
+    rig.desk.pages += ["browser page 1", "page 7"]
+    rig.change("mico")
+    pin = rig.desk.console.pin if by_teacher else ""
+    said = [one for one in rig.opened["mico"].commands if isinstance(one, ControlCommand)]
+    assert said == [Arrive("Bob"), Arrive("Ann", watch=True), LockControl(True, pin)]

@@ -63,6 +63,9 @@ LOG = logging.getLogger("armctl.cli.serve")
 @click.option("--no-token", is_flag=True,
               help="Let every user and program of this computer open the page, without the link's token. "
                    "Refused where other computers can reach it.")  # fmt: skip
+@click.option("--pin", default="", envvar="ARMCTL_PIN", metavar="PIN",
+              help="A teacher's PIN: who gives it in the page can always take and lock control. Set it as "
+                   "ARMCTL_PIN, as others can see a command line.")  # fmt: skip
 @click.option("--no-browser", is_flag=True, help="Do not open a browser.")
 @park_option
 def serve(
@@ -74,6 +77,7 @@ def serve(
     tls_cert: Path | None,
     tls_key: Path | None,
     no_token: bool,
+    pin: str,
     no_browser: bool,
     park: bool,
 ) -> None:
@@ -87,7 +91,7 @@ def serve(
     for folder in (user_data_path("armctl"), CalibrationStore().folder, user_state_path("armctl")):
         for path in sweep_litter(folder, wall_time()):
             LOG.info("removed %s, which a killed save had left", path)
-    open_console = partial(_open_console, asked=port)
+    open_console = partial(_open_console, asked=port, pin=pin)
     console = open_console(robot, port)
     present = RobotChoice(robot, console.robot.title)
     robots = RobotSwitch(console, present, _robot_choices(present), open_console)
@@ -172,12 +176,12 @@ def _link_of_another(refusal: ServerError, port: int) -> str:
     )
 
 
-def _open_console(name: str, port: str, asked: str) -> Console:
+def _open_console(name: str, port: str, asked: str, pin: str) -> Console:
     """An arm, not connected yet, as calibrated with the board on a port; ``asked`` stays on offer."""
     calibration = CalibrationInForce.of(load_robot(name), port)
     robot = calibration.robot
     _ = robot.inverse_kinematics  # takes a while, and may be refused: here, before a page waits for it
-    link = start_arm(robot, calibration.board or NO_BOARD, name="console", beats=False, logs=True)
+    link = start_arm(robot, calibration.board or NO_BOARD, name="console", beats=False, logs=True, pin=pin)
     return Console(
         calibration=calibration,
         controller=link,
@@ -186,6 +190,7 @@ def _open_console(name: str, port: str, asked: str) -> Console:
         state=user_state_path("armctl"),
         close=link.close,
         default_port=port,
+        pin=pin,
     )
 
 

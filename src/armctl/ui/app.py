@@ -7,10 +7,12 @@ import gc
 import logging
 import sys
 from concurrent.futures import Future
+from contextlib import suppress
 
 import viser
 
-from armctl.runtime import Origin, State
+from armctl.errors import ArmctlError
+from armctl.runtime import Arrive, Leave, Origin, State
 from armctl.ui.console import Console, page_name
 from armctl.ui.guard import GuardedServer
 from armctl.ui.page import TABS_WIDTH, Page
@@ -24,6 +26,7 @@ FRAME_S = 1 / 30
 SILENCE_S = 0.9
 """Five beats a second come from a page. STOP reaches the arm within 1 s of the moment when they end."""
 _FRAMES_A_REFRESH = 3
+_ARRIVING_S = 1.0
 
 
 _SWITCH_INTERVAL_S = 2e-4
@@ -81,16 +84,30 @@ class App:
         return self.robots.console
 
     async def _connect(self, client: viser.ClientHandle) -> None:
-        self._console.operators.arrive(client.client_id)
+        who = page_name(client.client_id)
+        await self._arrive(who)
         try:
             # the page has told its width before there were panels
             look_at_arm(client, self._console.robot, covered=TABS_WIDTH + PANEL_WIDTH)
             lost = self._operator_lost
             self._pages[client.client_id] = Page(client, self.robots, self._lines.link, lost)
         except Exception:
-            self._console.operators.leave(client.client_id)
-            LOG.exception("%s could not be built", page_name(client.client_id))
+            self._leave(who, "its page could not be built")
+            LOG.exception("%s could not be built", who)
             raise
+
+    async def _arrive(self, who: str) -> None:
+        """Tell the arm that a page is there; a page of an arm that does not answer is shown all the same."""
+        self.robots.pages.append(who)
+        ticket = self._console.controller.submit(Arrive(who), Origin(who))
+        with suppress(ArmctlError, TimeoutError):
+            await asyncio.wait_for(asyncio.wrap_future(ticket.finished), _ARRIVING_S)
+
+    def _leave(self, who: str, why: str) -> None:
+        """A page is gone: what moves at its command is stopped, and control is free."""
+        if who in self.robots.pages:
+            self.robots.pages.remove(who)
+        self._console.controller.submit(Leave(why), Origin(who))
 
     def _draw_arm(self) -> None:
         self._stage = Stage(self.server.scene, self._console.robot)
@@ -121,16 +138,10 @@ class App:
         page = self._pages.pop(client.client_id, None)
         if page is not None:
             page.session.close()
-        self._operator_lost(client.client_id, gone=True)
+        self._leave(page_name(client.client_id), "the operator's page is gone")
 
-    def _operator_lost(self, client_id: int, *, gone: bool = False) -> None:
-        """The operator's page is gone or does not answer: what moves is stopped."""
-        operates = self._console.operators.operator == client_id
-        if gone:
-            self._console.operators.leave(client_id)
-        if operates:
-            why = "the operator's page is gone" if gone else "the operator's page does not answer"
-            self._console.controller.stop(Origin(page_name(client_id), why))
+    def _operator_lost(self, client_id: int) -> None:
+        self._silent(page_name(client_id))
 
     def _stop(self, who: str) -> None:
         self._console.controller.stop(Origin(who))
@@ -139,7 +150,8 @@ class App:
         controller = self._console.controller
         if controller.snapshot.state in (State.MOVING, State.PAUSED):
             LOG.warning("%s does not answer", who)
-            controller.stop(Origin(who, "the operator's page does not answer"))
+            controller.submit(Leave("the operator's page does not answer"), Origin(who))
+            controller.submit(Arrive(who, watch=True), Origin(who))  # it may come back, and take control
 
     async def _draw(self) -> None:
         frame = 0
@@ -147,8 +159,8 @@ class App:
             await asyncio.sleep(FRAME_S)
             self._console.controller.beat()  # from this loop: where it hangs, no page can command
             frame += 1
-            operator = self._console.operators.operator
-            self._lines.watch(None if operator is None else page_name(operator))
+            operator = self._console.controller.snapshot.control.operator
+            self._lines.watch(None if operator is None else operator.id)
             try:
                 self._draw_frame()
             except Exception:

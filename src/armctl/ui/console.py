@@ -19,46 +19,6 @@ from armctl.hardware.boards import board_type
 from armctl.robot import Robot
 from armctl.runtime import ArmLink, Event, Snapshot
 
-# Who operates the arm: one page at a time; the others watch, and may press STOP.
-
-
-class Operators:
-    """Hands the controls to one page. Used on the web server's event loop only."""
-
-    def __init__(self) -> None:
-        self._present: list[int] = []
-        self.operator: int | None = None
-        """client id of the operator's page; None: no page operates until one takes the controls"""
-
-    def arrive(self, client_id: int) -> None:
-        """A page has opened; it operates when no other does."""
-        self._present.append(client_id)
-        if self.operator is None:
-            self.operator = client_id
-
-    def leave(self, client_id: int) -> None:
-        """A page has gone."""
-        if client_id in self._present:
-            self._present.remove(client_id)
-        if self.operator == client_id:
-            self.operator = None
-
-    def take(self, client_id: int) -> None:
-        """A page takes the controls."""
-        if client_id in self._present:
-            self.operator = client_id
-
-    def describe(self, client_id: int) -> str:
-        """Who operates, as seen from a page."""
-        if self.operator == client_id:
-            return "you"
-        return "nobody" if self.operator is None else page_name(self.operator)
-
-    @property
-    def watching(self) -> int:
-        """How many pages are open beside the operator's."""
-        return len(self._present) - (self.operator is not None)
-
 
 def page_name(client_id: int) -> str:
     """What people call a page; the server counts from 0."""
@@ -192,7 +152,8 @@ class Console:
     """the folder of the console's own state; None: it keeps none"""
     default_port: str = "sim"
     """the port that the arm was opened for, as it is calibrated with the board on it"""
-    operators: Operators = field(default_factory=Operators)
+    pin: str = ""
+    """the teacher's; empty: there is none"""
     last_known: LastKnown = field(default_factory=LastKnown)
     """where the arm was last known to stand"""
     earlier: tuple[Event, ...] = ()

@@ -12,7 +12,7 @@ import viser
 from armctl.arrays import FloatArray
 from armctl.hardware.boards import board_type
 from armctl.robot import OutputMap, Robot
-from armctl.runtime import Pause, Release, Resume, SetSpeed, Snapshot, State
+from armctl.runtime import Pause, Release, Resume, SetSpeed, Snapshot, State, TakeControl
 from armctl.ui.session import Session
 from armctl.ui.widgets.html import WARNING, LiveHtml, fixed, limited, muted, table
 from armctl.ui.widgets.joint_angles import held_at
@@ -21,7 +21,7 @@ PANEL_WIDTH = 250
 """[px]"""
 _MOST_LINES, _MOST_FAULT_LINES = 4, 12
 """of a cause or a warning: what the arm does must stay in view; the log has all of it"""
-_RELEASE_SECONDS = 5.0
+_RELEASE_SECONDS = _ASKED_S = 5.0
 _DOUBLE_CLICK_S = 0.6
 _EXPAND_S = 1.0
 _STOP_NOTE = "STOP (Escape) holds, with power. Release: THE ARM DROPS. Neither is a rated emergency stop."
@@ -59,7 +59,8 @@ class ControlPanel:
         self.window.set_width(PANEL_WIDTH)
         self._asked_release = False
         self._released_at = 0.0
-        self._expanded_at = -math.inf
+        self._expanded_at = self._asked_take = -math.inf
+        self._operated: bool | None = None
         session.on(self._stop.on_click, self._on_stop)
         hot_key = session.gui.add_command("STOP", hotkey="escape", description="Decelerate and hold")
         session.on_key(hot_key, self._on_stop)
@@ -75,20 +76,21 @@ class ControlPanel:
         if snapshot.state is State.MOVING and snapshot.stamp - self._expanded_at > _EXPAND_S:
             self.window.expand()  # a panel that was minimised must not hide STOP
             self._expanded_at = snapshot.stamp
+        self._tell_control()
         self._take.visible = not session.operates
         if not session.operates:
             self._speed.value = round(100 * snapshot.speed)
         # a fault says at its end what to do; what it says already is no warning beside it
         most = _MOST_FAULT_LINES if snapshot.state is State.FAULT else _MOST_LINES
         warnings = [text for text in snapshot.warnings if text not in snapshot.cause]
-        operators = session.console.operators
-        watching = f" · {operators.watching} watching" if operators.watching else ""
+        count = len(snapshot.control.parties) - (snapshot.control.operator is not None)
+        watching = f" · {count} watching" if count else ""
         source = session.console.last_known.words(snapshot, session.console.robot.board)
         lines = [
             f"<div style='font-size:1.15em;font-weight:600;color:{_COLORS[snapshot.state]}'>"
             f"{snapshot.state.value.upper()}</div>",
             limited(snapshot.cause, most, "opacity:.75") if snapshot.cause else "",
-            f"<div>Operator: <b>{operators.describe(session.client.client_id)}</b>{watching}</div>",
+            f"<div>Operator: <b>{escape(session.operator)}</b>{watching}</div>",
             f"<div>Position shown: <b>{source}</b></div>",
             *(limited(f"⚠ {text}", _MOST_LINES, "color:#c92a2a") for text in warnings),
         ]
@@ -135,9 +137,29 @@ class ControlPanel:
         self._release.color = "orange" if asking else "gray"
 
     async def _on_take(self) -> None:
+        """Where somebody else operates, the first click asks, a second one within a few seconds takes."""
         session = self._session
-        session.console.operators.take(session.client.client_id)
-        session.notify("Control", "This page now operates the arm.")
+        now = asyncio.get_running_loop().time()
+        if session.snapshot.control.operator is not None and now - self._asked_take > _ASKED_S:
+            self._asked_take = now
+            what = f"{session.operator} operates the arm. Click Take control again to take it."
+            session.notify("Take control?", what, "yellow")
+            return
+        self._asked_take = -math.inf
+        await session.say(TakeControl())
+
+    def _tell_control(self) -> None:
+        """Tell the page that it has control now, or has lost it."""
+        session, operated = self._session, self._operated
+        self._operated = session.operates
+        if operated is None or operated is session.operates:
+            return
+        if session.operates:
+            session.notify("Control", "This page now operates the arm.")
+        else:
+            session.notify(
+                "Control", f"This page watches now: {session.operator} operates the arm.", "yellow"
+            )
 
 
 # The rounding of setpoints to the board's steps.

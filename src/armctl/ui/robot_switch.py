@@ -10,7 +10,18 @@ from dataclasses import dataclass, replace
 from armctl.boards import SIMULATED
 from armctl.errors import InputError, StateError
 from armctl.hardware import Source
-from armctl.runtime import Command, Connect, Event, Origin, SetSpeed, Snapshot, State, wall_time
+from armctl.runtime import (
+    Arrive,
+    Command,
+    Connect,
+    Event,
+    LockControl,
+    Origin,
+    SetSpeed,
+    Snapshot,
+    State,
+    wall_time,
+)
 from armctl.ui.console import Console
 
 LOG = logging.getLogger("armctl.ui")
@@ -52,6 +63,8 @@ class RobotSwitch:
         self.console, self.present, self.choices = console, present, tuple(choices)
         self.opening: RobotChoice | None = None
         """what the present arm is being changed for"""
+        self.pages: list[str] = []
+        """the pages that are open, in the order in which they came"""
         self._open = open_console
         self._tell: Callable[[RobotChange], None] | None = None
 
@@ -122,6 +135,7 @@ class RobotSwitch:
         try:
             opened = await asyncio.to_thread(self._open, choice.name, port)
             try:
+                await self._carry_control(opened, left)
                 speed = left.controller.snapshot.speed
                 if opened.controller.snapshot.speed != speed:
                     await _finished(opened, SetSpeed(speed), origin)
@@ -135,7 +149,7 @@ class RobotSwitch:
             did = "chose" if not reopen else "calibrated" if port == left.default_port else "opened"
             log = _log_lines(left, opened, origin, began, not_connected, did)
             kept = left.last_known if reopen and _same_machine(left, opened) else opened.last_known
-            self.console = replace(opened, operators=left.operators, earlier=log, last_known=kept)
+            self.console = replace(opened, earlier=log, last_known=kept)
             self.console.carry_over(left)
             self.present = choice
             try:
@@ -145,6 +159,17 @@ class RobotSwitch:
                 await asyncio.to_thread(left.close)  # frees its line, so that the new arm may use it
         finally:
             self.opening = None
+
+    async def _carry_control(self, opened: Console, left: Console) -> None:
+        """The pages keep their names and their operator, and a lock."""
+        control = left.controller.snapshot.control
+        pages = [party for party in control.parties if party.id in self.pages]
+        for party in sorted(pages, key=lambda party: not party.operates):
+            await _finished(opened, Arrive(party.name, watch=not party.operates), Origin(party.id))
+        if control.locked and pages:
+            who = next((party.id for party in pages if party.operates), pages[0].id)
+            pin = opened.pin if control.by_teacher else ""
+            await _finished(opened, LockControl(True, pin), Origin(who))
 
 
 async def _connect(opened: Console, left: Console, origin: Origin) -> str | None:

@@ -11,7 +11,7 @@ from typing import Any, Literal
 import viser
 
 from armctl.errors import ArmctlError
-from armctl.runtime import Command, Origin, Snapshot, Ticket
+from armctl.runtime import Command, ControlCommand, Origin, Snapshot, Ticket
 from armctl.ui.console import page_name
 from armctl.ui.robot_switch import RobotSwitch
 from armctl.ui.scene.ghost import Ghost
@@ -53,12 +53,29 @@ class Session:
     @property
     def origin(self) -> Origin:
         """How the log names this page."""
-        return Origin(page_name(self.client.client_id))
+        return Origin(self.me)
+
+    @property
+    def me(self) -> str:
+        """What this page is called among those who may operate the arm."""
+        return page_name(self.client.client_id)
+
+    @property
+    def name(self) -> str:
+        """What people call it."""
+        party = self.snapshot.control.party(self.me)
+        return self.me if party is None else party.name
 
     @property
     def operates(self) -> bool:
         """Whether this page has the controls."""
-        return self.console.operators.operator == self.client.client_id
+        return self.snapshot.control.operates(self.me)
+
+    @property
+    def operator(self) -> str:
+        """Who operates, as seen from this page."""
+        party = self.snapshot.control.operator
+        return "nobody" if party is None else "you" if party.id == self.me else party.name
 
     def on(self, attach: Callable[..., object], action: Action) -> None:
         """Run ``action`` on a page's event (``attach``: ``on_click``, …); what goes wrong is notified."""
@@ -104,8 +121,7 @@ class Session:
     def require_operator(self) -> None:
         """Refuse (``ArmctlError``) what only the operator may do."""
         if not self.operates:
-            who = self.console.operators.describe(self.client.client_id)
-            raise ArmctlError(f"this page is watching, {who} operates; press 'Take control' first")
+            raise ArmctlError(f"this page is watching, {self.operator} operates; press 'Take control' first")
 
     async def submit(self, command: Command) -> Ticket:
         """Submit, wait until accepted; refused where another page operates or the robot is being changed."""
@@ -115,6 +131,10 @@ class Session:
         await asyncio.wrap_future(ticket.accepted)
         self.spawn(self._report_end(ticket))
         return ticket
+
+    async def say(self, command: ControlCommand) -> None:
+        """Say something about who operates, which any page may; waits for the answer."""
+        await asyncio.wrap_future(self.console.controller.submit(command, self.origin).finished)
 
     def download(self, name: str, content: str | bytes) -> None:
         """Send the page a file; the arm's name goes before its name."""

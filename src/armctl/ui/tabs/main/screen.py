@@ -28,6 +28,7 @@ from armctl.ui.console import PortChoice
 from armctl.ui.session import Session
 from armctl.ui.tabs.main.boards import RobotChooser, board_html, enable_note, homing_html, ports_html
 from armctl.ui.tabs.main.enabling import EnableQuestion, must_be_told
+from armctl.ui.tabs.main.people import People
 from armctl.ui.widgets.html import WARNING, LiveHtml, time_of_day
 
 _LOG_LINES = 14
@@ -70,6 +71,7 @@ class MainScreen:
         if console.robot.points:
             points = gui.add_button_group("Go to point", tuple(console.robot.points))
             session.on(points.on_click, lambda: self._go_to_point(points.value))
+        self._people = People(session)
         with gui.add_folder("Log"):
             self._log = LiveHtml(gui)
             save = gui.add_button(
@@ -86,6 +88,7 @@ class MainScreen:
     def refresh(self, snapshot: Snapshot) -> None:
         """Show the board, what can be done, and the newest log lines."""
         self._robot.refresh(snapshot)
+        self._people.refresh(snapshot)
         self._clear.visible = snapshot.state is State.FAULT and snapshot.board is not None
         holds = snapshot.powered and snapshot.state is not State.OFF
         self._question.refresh(snapshot)
