@@ -85,16 +85,15 @@ class App:
 
     async def _connect(self, client: viser.ClientHandle) -> None:
         who = page_name(client.client_id)
-        await self._arrive(who)
         try:
             # the page has told its width before there were panels
             look_at_arm(client, self._console.robot, covered=TABS_WIDTH + PANEL_WIDTH)
             lost = self._operator_lost
             self._pages[client.client_id] = Page(client, self.robots, self._lines.link, lost)
         except Exception:
-            self._leave(who, "its page could not be built")
             LOG.exception("%s could not be built", who)
             raise
+        await self._arrive(who)
 
     async def _arrive(self, who: str) -> None:
         """Tell the arm that a page is there; a page of an arm that does not answer is shown all the same."""

@@ -151,6 +151,8 @@ class ControlPanel:
     def _tell_control(self) -> None:
         """Tell the page that it has control now, or has lost it."""
         session, operated = self._session, self._operated
+        if session.snapshot.control.party(session.me) is None:
+            return  # it has just come
         self._operated = session.operates
         if operated is None or operated is session.operates:
             return
