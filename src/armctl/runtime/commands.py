@@ -294,6 +294,11 @@ class Order:
     """in the order in which they were given, stops included"""
 
     @property
+    def label(self) -> str:
+        """What it asks for, in words."""
+        return "STOP" if self.command is None else _kebab(type(self.command).__name__).replace("-", " ")
+
+    @property
     def motion(self) -> str:
         """The name of the motion that it asks for; empty where it has none."""
         return self.command.motion if isinstance(self.command, MovingCommand) else ""

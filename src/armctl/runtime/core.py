@@ -338,7 +338,7 @@ class Core:
         """Something broke: send nothing more, and say why."""
         cause = str(error)
         goes_on = self._drop_all(error)
-        if goes_on is not None:
+        if goes_on is not None and str(goes_on) != cause:
             cause = f"{cause}; and {goes_on}"
         if isinstance(error, BoardError) or goes_on is not None:
             self._close_board()  # a board that moves its motors by itself ends that when no host talks to it

@@ -41,7 +41,7 @@ def dispatch(core: Core, order: c.Order, now: float) -> None:
         if _carry_out(core, order, now):
             order.ticket.end()
     except ArmctlError as error:
-        core.refuse(order, type(order.command).__name__, error)
+        core.refuse(order, order.label, error)
         if isinstance(error, BoardError) and core.board is not None:
             core.fault(error)
 

@@ -149,6 +149,7 @@ class Enabling:
         self._gripper_on = opening is None or core.monitor.reading.opening is not None
         self._before = core.monitor.reading
         self._quick = board.identity.simulated
+        self._stopped = False
         self._next_at = self._arrived_at = now
         if live.any():
             board.write(q, None, live)
@@ -174,11 +175,15 @@ class Enabling:
     def advance(self, now: float, dt: float) -> Setpoint | None:
         """Switch the next servo on, or take the arm over."""
         robot, reading = self._core.robot, self._core.monitor.reading
+        if self._stopped:
+            self._conclude()
         if self.done:
             return None
         if reading is not self._before and reading.errors:
-            self.error = BoardError(f"enabling ended, the board reports {'; '.join(reading.errors)}")
-            self.stop()
+            self.error = BoardError(
+                f"enabling ended, the board reports {'; '.join(reading.errors)}; see to that and enable again"
+            )
+            self._conclude()
         elif not self._on.all():
             if now >= self._next_at:
                 joint = np.arange(len(self._q)) == int(np.argmin(self._on))
@@ -205,16 +210,22 @@ class Enabling:
         """Never called: it is not ``pausable``."""
 
     def stop(self) -> None:
-        """Switch on no more; what is on, stays on."""
+        """Switch on no more; what is on, stays on. A fault that stops it has a cause of its own to tell."""
+        self._stopped = True
+
+    def halt(self) -> None:
+        """Nothing is switched on for now."""
+        if self._stopped:
+            self._conclude()
+
+    def _conclude(self) -> None:
+        """It was ended while the board goes on: say what is on."""
         if not self.done and self._on.any() and not self._on.all():
             on = ", ".join(
                 joint.title for joint, is_on in zip(self._core.robot.joints, self._on, strict=True) if is_on
             )
             self._core.log.warn(f"{on}: on and held; the others are off. Enable goes on, Release ends it")
         self.done = True
-
-    def halt(self) -> None:
-        """Nothing is switched on for now."""
 
     def _wait(self, arrival_s: float, now: float) -> None:
         if not self._quick:
@@ -317,7 +328,8 @@ class Homing:
             missing = [self._board.title(channel) for channel, homed in homing.homed.items() if not homed]
             failed = "; ".join(reading.errors) or f"{', '.join(missing)} did not find a zero"
         if failed:
-            self.error = BoardError(f"homing ended before every axis had its zero: {failed}")
+            again = "" if "home again" in failed else "; see to that and home again"
+            self.error = BoardError(f"homing ended before every axis had its zero: {failed}{again}")
             self.done = True
 
 

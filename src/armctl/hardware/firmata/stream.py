@@ -66,11 +66,9 @@ class PinWatch:
         for state in sorted(states, key=lambda state: state.pin):
             on = state.mode == PinMode.SERVO
             # Degrees, or no value yet, are no pulse width.
-            known = on and SMALLEST_PULSE_US <= state.value <= LARGEST_PULSE_US
+            pulse_us = _possible(state.value) if on else None
             step = steps.get(state.pin) or math.inf
-            self._pins[state.pin] = _Pin(
-                on, state.value if known else None, step_us_per_s=step, seen_on=on, attempts=int(on)
-            )
+            self._pins[state.pin] = _Pin(on, pulse_us, step_us_per_s=step, seen_on=on, attempts=int(on))
         self._turn: list[int] = list(self._pins)
         self._open: deque[_Question] = deque()
         self._waiting_since: float | None = None
@@ -245,7 +243,7 @@ class PinWatch:
             return None
         # Sent again at once, unless the next setpoint overtakes it.
         pin.doubtful = pin.on
-        pin.held_us = state.value if pin.pulse_us == asked.pulse_us else None
+        pin.held_us = _possible(state.value) if pin.pulse_us == asked.pulse_us else None
         if pin.agreed is not None and pin.agreed.pulse_us == asked.pulse_us and pin.agreed.at >= pin.sent_at:
             pin.strayed = 1 + (pin.strayed if asked.at - pin.strayed_at < _STRAYS_WITHIN_S else 0)
             pin.strayed_at, pin.agreed = asked.at, None
@@ -254,6 +252,11 @@ class PinWatch:
                 f"another program writes to this board, or {_LOST}; brought back"
             )
         return _another(state.pin, state.value, asked.pulse_us)
+
+
+def _possible(value: int) -> int | None:
+    """A value that the board has told, where it can be a pulse width; None: garbled, or set as degrees."""
+    return value if SMALLEST_PULSE_US <= value <= LARGEST_PULSE_US else None
 
 
 def _another(pin: int, held_us: int | None, pulse_us: int) -> str:
