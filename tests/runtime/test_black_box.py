@@ -64,6 +64,7 @@ def test_a_fault_of_the_simulated_board_saves_what_led_there(tmp_path: Path) -> 
     )
     bench.do(Connect("sim"))
     bench.do(Enable())
+    bench.until(State.HOLDING)
     ticket = bench.do(MoveJoints(HOME))
     before = bench.run(0.3)
     assert before.state is State.MOVING
