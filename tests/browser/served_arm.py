@@ -16,7 +16,7 @@ from armctl.calibration import CalibrationStore
 from armctl.process import Host
 from armctl.program import MoveStep, Program, Step
 from armctl.robot import Robot, load_robot, shipped_robots
-from armctl.runtime import Connect, Enable, Origin, Snapshot, State
+from armctl.runtime import Command, Connect, Enable, Origin, Snapshot, State, Ticket
 from armctl.ui import App, CalibrationInForce, Console, PortChoice, RobotChoice, RobotSwitch
 from armctl.ui.guard import guarded_server
 from armctl.ui.tabs.manual.shared_program import SharedProgram
@@ -59,6 +59,9 @@ class ServedArm:
         """Where the tool is commanded to be (3,) [mm]."""
         return 1000 * self.robot.forward(self.now.q_command)[:3, 3]
 
+    def order(self, command: Command) -> Ticket:
+        return self.console.controller.submit(command, Origin("test"))
+
     def wait_for(self, screen: Screen, state: State) -> None:
         screen.wait_until(lambda: self.now.state is state, f"the arm is {state.value}")
 
@@ -85,6 +88,18 @@ class ServedArm:
         self.edited.edit(Program(robot=self.robot.name, name="test", steps=steps))
 
 
+class TestHost(Host):
+    """What the test asks for is asked for as the page does that operates."""
+
+    __test__ = False
+
+    def submit(self, command: Command, origin: Origin | None = None) -> Ticket:
+        operator = self.snapshot.control.operator
+        if operator is not None and origin is not None and origin.who in ("test", "library"):
+            origin = Origin(operator.id)
+        return super().submit(command, origin)
+
+
 @contextmanager
 def served_arm(folder: Path, robot: str = "uzuner") -> Iterator[ServedArm]:
     """An enabled arm at its home pose, and its console; the page can change it for any shipped robot."""
@@ -103,11 +118,11 @@ def served_arm(folder: Path, robot: str = "uzuner") -> Iterator[ServedArm]:
 
     def anew(name: str, port: str) -> Console:
         calibration = CalibrationInForce.of(load_robot(name), port, store)
-        return console(Arm(Host(calibration.robot)), calibration)
+        return console(Arm(TestHost(calibration.robot)), calibration)
 
     choices = [RobotChoice(name, load_robot(name).title) for name in shipped_robots()]
     begun = CalibrationInForce.of(load_robot(robot), "sim", store)
-    arm = Arm(Host(begun.robot))
+    arm = Arm(TestHost(begun.robot))
     arm.link.submit(Connect("sim")).result(10)
     robots = RobotSwitch(
         console(arm, begun),

@@ -116,6 +116,8 @@ def test_a_page_that_watches_has_no_keys(page: Screen, screens: Screens, served:
     operator.open_tab("Jog & gripper", "Keyboard")
     operator.click(SWITCH_ON)
     watcher.click("Take control")
+    watcher.wait_for_notification("Click Take control again")
+    watcher.click("Take control")
     operator.wait_until(lambda: operator.button(SWITCH_ON).count() == 1, "its keys are off")
     hold_key(operator, "r", 5)
     operator.pause(500)

@@ -96,7 +96,7 @@ def test_leaving_the_page_stops_the_arm(screens: Screens, served: ServedArm) -> 
     screen = screens(served.url)
     screen.open_tab("Simulation")
     screen.choose("Live target", "THE ARM follows")
-    served.arm.link.submit(SetSpeed(0.05))
+    served.order(SetSpeed(0.05))
     put_target(screen, "Y", 150)
     screen.wait_until(lambda: bool(served.now.velocity_command.any()), "the arm moves")
     screen.page.close()
@@ -119,7 +119,7 @@ def test_only_an_enabled_arm_and_its_operator(screens: Screens, served: ServedAr
 
 
 def test_a_page_that_hangs_leads_nothing(page: Screen, served: ServedArm) -> None:
-    served.arm.link.submit(SetSpeed(0.05)).result(5)
+    served.order(SetSpeed(0.05)).result(5)
     page.choose("Live target", "THE ARM follows")
     put_target(page, "Y", 200)
     page.wait_until(lambda: bool(served.now.velocity_command.any()), "the arm moves")

@@ -11,7 +11,7 @@ from tests.browser.served_arm import ServedArm
 
 from armctl.cli.replay import told
 from armctl.process import Host
-from armctl.runtime import MoveJoints, Origin
+from armctl.runtime import MoveJoints
 from armctl.runtime.black_box import read_recording
 from armctl.ui.guard import guarded_server
 from armctl.ui.replay import ReplayApp
@@ -23,7 +23,7 @@ TAB = "Main"
 def test_a_fault_is_reported_and_replayed(page: Screen, served: ServedArm, screens: Screens) -> None:
     host = served.arm.link
     assert isinstance(host, Host)
-    host.submit(MoveJoints(served.robot.pose("zero")), Origin("test")).accepted.result(5)
+    served.order(MoveJoints(served.robot.pose("zero"))).accepted.result(5)
     page.wait_for_text("MOVING")
     host.boards.simulated().close()
     page.wait_for_text("FAULT")

@@ -145,6 +145,9 @@ def test_a_page_that_watches_follows_but_may_not_choose(
     watcher.wait_until(lambda: is_drawn_at_home(watcher, served.robot), "the watcher sees it")
     watcher.screenshot("robot-watcher")
     watcher.click("Take control")
+    watcher.wait_for_notification(re.compile("browser page 1 operates the arm. Click Take control again"))
+    watcher.click("Take control")
+    page.wait_for_notification(re.compile("This page watches now: browser page 2 operates the arm"))
     choose(watcher, served, "abaas")
     wait_for_robot(page, served.robot)
     assert page.errors == watcher.errors == []
@@ -202,6 +205,9 @@ def test_a_page_that_closes_in_the_middle_harms_nobody(
     )
     wait_for_robot(watcher, served.robot)
     watcher.click("Take control")
+    watcher.wait_for_notification(re.compile("browser page 1 operates the arm. Click Take control again"))
+    watcher.click("Take control")
+    page.wait_for_notification(re.compile("This page watches now: browser page 2 operates the arm"))
     choose(watcher, served, "scorbot")
     enable_and_go_home(watcher, served)
     assert watcher.errors == []

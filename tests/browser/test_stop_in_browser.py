@@ -11,7 +11,7 @@ from playwright.sync_api import Browser, Locator, expect
 from tests.browser.kit import PATIENCE_MS, Screen
 from tests.browser.served_arm import ServedArm
 
-from armctl.runtime import MoveJoints, Origin, SetSpeed, State
+from armctl.runtime import MoveJoints, SetSpeed, State
 from armctl.ui.app import SILENCE_S
 
 pytestmark = pytest.mark.browser
@@ -36,10 +36,9 @@ _CONTRAST = """button => {
 
 def set_off(served: ServedArm, screen: Screen) -> None:
     """Begin a motion that takes a minute."""
-    controller = served.console.controller
-    controller.submit(SetSpeed(0.05), Origin("test"))
+    served.order(SetSpeed(0.05))
     there = served.robot.pose("home") + np.array([1.2 if served.now.q_command[0] < 0.6 else 0.0, 0, 0, 0, 0])
-    controller.submit(MoveJoints(there), Origin("test"))
+    served.order(MoveJoints(there))
     served.wait_for(screen, State.MOVING)
 
 
