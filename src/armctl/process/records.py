@@ -33,8 +33,8 @@ MOST_PIECES = 20_000
 """of one curve of a trajectory"""
 BEAT_S = 0.1
 """how often a client gives a sign of life"""
-SILENCE_S = 1.0
-"""A client that is silent for so long counts as lost."""
+SILENCE_S = 0.9
+"""A client that is silent for so long counts as lost. The server looks every 0.1 s: STOP comes within 1 s."""
 
 _LONGEST_TEXT = 2000
 """letters of an error"""

@@ -1,0 +1,143 @@
+"""What a client says of an arm whose process is gone or frozen, and what its board does meanwhile."""
+
+from __future__ import annotations
+
+import queue
+import subprocess
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+from tests.process.kit import ROBOT, SECRET, served
+from tests.runtime.kit import fails
+
+from armctl.process import link as link_module
+from armctl.process.link import Link, LocalLine
+from armctl.process.records import SILENCE_S, Codec, Record, Seen, Welcome, light, robot_record
+from armctl.robot import Robot, load_robot
+from armctl.runtime import Connect, Enable, ManualClock, MoveJoints, Snapshot, State
+
+MOVE = MoveJoints(ROBOT.pose("home"))
+
+
+class ScriptedLine:
+    """An arm process that says what a test lets it say."""
+
+    def __init__(self, robot: Robot, snapshot: Snapshot) -> None:
+        self._said: queue.Queue[Record | None] = queue.Queue()
+        self.listening = threading.Event()
+        """the client waits for the next record"""
+        for record in (Welcome("0", "program 1", robot_record(robot)), Seen(light(snapshot))):
+            self._said.put(record)
+
+    def say(self, record: Record | None) -> None:
+        """One more; None: the connection breaks. Returns once the client has taken it."""
+        self.listening.clear()
+        self._said.put(record)
+        assert record is None or self.listening.wait(20)
+
+    def send(self, data: bytes) -> None:
+        """Nobody reads it."""
+
+    def receive(self) -> bytes:
+        """The next record."""
+        if self._said.empty():
+            self.listening.set()
+        record = self._said.get()
+        if record is None:
+            raise ConnectionError("the connection was closed")
+        return Codec().encode(record)
+
+    def close(self) -> None:
+        """The client ends."""
+        self._said.put(None)
+
+
+@pytest.fixture
+def killed() -> Iterator[subprocess.Popen[bytes]]:
+    """A process that has died of SIGKILL."""
+    with subprocess.Popen(["sleep", "60"]) as process:
+        process.kill()
+        process.wait()
+        yield process
+
+
+@pytest.mark.parametrize(
+    ("name", "board_does"),
+    [
+        ("uzuner", "the pulses stay as they were at the last setpoint"),
+        ("abaas", "the pulses stay as they were at the last setpoint"),
+        ("scorbot", "its board switches the motors off by itself"),
+    ],
+)
+def test_an_arm_process_that_was_killed_is_a_fault_that_says_what_its_board_does(
+    name: str, board_does: str, killed: subprocess.Popen[bytes], holding_snapshot: Snapshot
+) -> None:
+    robot = load_robot(name)
+    line = ScriptedLine(robot, holding_snapshot)
+    link = Link(line, robot=robot, process=killed)
+    motion = link.submit(MOVE)
+    line.say(None)
+    words = rf"the arm process ended \(killed by signal 9\); {board_does}\. Connect again"
+    assert motion.finished.exception(20) is not None
+    fails(motion.finished, words)
+    assert link.ended and link.snapshot.state is State.FAULT
+    assert not link.snapshot.commanded  # where the arm is, nobody knows now
+    for ticket in (link.submit(MOVE), link.stop()):
+        fails(ticket.finished, words)
+    link.close()
+
+
+def test_an_arm_process_that_says_nothing_is_a_fault_until_it_is_heard_again(
+    monkeypatch: pytest.MonkeyPatch, holding_snapshot: Snapshot
+) -> None:
+    clock = ManualClock()
+    monkeypatch.setattr(link_module, "MonotonicClock", SimpleNamespace(now=clock.now))
+    line = ScriptedLine(ROBOT, holding_snapshot)
+    link = Link(line, robot=ROBOT)
+    line.listening.wait(20)
+    clock.advance(SILENCE_S)
+    assert link.snapshot.state is State.HOLDING
+    clock.advance(0.01)
+    assert link.snapshot.state is State.FAULT and not link.ended
+    assert "it may be frozen, and STOP does not reach the arm; use the switch" in link.snapshot.cause
+    line.say(Seen(light(holding_snapshot)))
+    assert link.snapshot.state is State.HOLDING
+    link.close()
+
+
+@pytest.fixture
+def mover_and_watcher(tmp_path: Path) -> Iterator[tuple[Link, Link]]:
+    """Two clients of an arm that moves at the command of the first, which gives no signs of life."""
+    with served(tmp_path) as address:
+        mover = Link(LocalLine(address, SECRET), "console", ROBOT, beats=False)
+        watcher = Link(LocalLine(address, SECRET), "notebook", ROBOT)
+        for command in (Connect("sim"), Enable(ROBOT.pose("rest"))):
+            mover.submit(command).result(20)
+        mover.submit(MoveJoints(ROBOT.pose("home"), 20.0)).accepted.result(20)
+        yield mover, watcher
+        mover.close()
+        watcher.close()
+
+
+def stopped_by(link: Link) -> str:
+    """Why the arm came to rest."""
+    pause = threading.Event()
+    while not (link.snapshot.state is State.HOLDING and link.snapshot.cause != "enabling finished"):
+        pause.wait(0.005)
+    return link.snapshot.cause
+
+
+def test_what_a_client_moves_is_stopped_when_it_is_silent(mover_and_watcher: tuple[Link, Link]) -> None:
+    _, watcher = mover_and_watcher
+    assert stopped_by(watcher) == "stopped by console: no sign of life for 0.9 s"
+
+
+def test_what_a_client_moves_is_stopped_when_its_connection_is_gone(
+    mover_and_watcher: tuple[Link, Link],
+) -> None:
+    mover, watcher = mover_and_watcher
+    mover.close()
+    assert stopped_by(watcher) == "stopped by console: its connection is gone"
