@@ -36,6 +36,7 @@ from armctl.program import (
     decode_program,
     encode_program,
     load_program,
+    read_csv,
     read_program,
     save_program,
     write_csv,
@@ -126,6 +127,15 @@ def test_what_is_wrong_is_told_with_file_line_step_and_key(
         path.write_bytes(text.replace("\n", newline).encode())
         with pytest.raises(ProgramError, match=rf"pick\.toml: {message}"):
             load_program(path)
+
+
+def test_a_program_has_so_many_steps_at_most() -> None:
+    step = "{do='end'},"
+    with pytest.raises(ProgramError, match="it has 20001 steps; a program has 20000 at most"):
+        decode_program(f"robot='uzuner'\nsteps=[{step * 20_001}]")
+    rows = "0,90,-80,-40,0\n" * 20_001
+    with pytest.raises(ProgramError, match="a program has 20000 steps at most"):
+        read_csv(f"base_deg,shoulder_deg,elbow_deg,wrist_pitch_deg,wrist_roll_deg\n{rows}", ROBOT)
 
 
 def test_steps_as_an_array_are_read_and_named_without_a_line() -> None:
