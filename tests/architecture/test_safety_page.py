@@ -1,0 +1,124 @@
+"""docs/safety.md promises nothing that no test holds, and every number in it is the one in the code."""
+
+from __future__ import annotations
+
+import ast
+import functools
+import inspect
+import math
+import re
+from pathlib import Path
+
+import pytest
+
+from armctl.hardware.encoder import driver as encoder_driver
+from armctl.hardware.encoder import messages
+from armctl.hardware.encoder import simulated as encoder_simulated
+from armctl.process import records, server
+from armctl.program.program import MOST_STEPS, PROGRAM_FILES
+from armctl.robot.file import ROBOT_FILES
+from armctl.robot.parts import MOST_JOINTS
+from armctl.robot.urdf_file import URDF_FILES
+from armctl.runtime import Controller, board, clock, control, controller, core, jog, live_target, power
+from armctl.ui import app
+from armctl.ui.guard import stop_line
+
+ROOT = Path(__file__).parents[2]
+PAGE = (ROOT / "docs" / "safety.md").read_text(encoding="utf-8")
+TICK_S = 1 / inspect.signature(Controller).parameters["rate_hz"].default
+_HANG = re.search(
+    r"WDTCSR = .*WDP1\) \| _BV\(WDP0\); // (\d+) ms to the interrupt",
+    (ROOT / "firmware/encoder/reset_cause.cpp").read_text(encoding="utf-8"),
+)
+assert _HANG is not None
+NUMBERS = {
+    "tick": TICK_S,
+    "jog gap": core.JOG_GAP_S,
+    "jog": jog.JOG_EXPIRY_S,
+    "follow": live_target.FOLLOW_EXPIRY_S,
+    "stream": live_target.STREAM_EXPIRY_S,
+    "closing": controller._STOPPING_S,
+    "page silent": app.SILENCE_S + stop_line._CHECK_S,
+    "program silent": records.SILENCE_S + server._WATCH_S,
+    "link silent": records.SILENCE_S,
+    "gap": clock.GAP_S,
+    "late": clock._LATE_S,
+    "doubtful": board._DOUBTFUL_FAILURES,
+    "trusted": board._OFF_READINGS,
+    "board silent": board._SILENCE_S,
+    "rate shown": board._RATE_SHOWN,
+    "rate stops": board._RATE_TOO_HIGH,
+    "rate time": board._RATE_S,
+    "off readings": board._OFF_READINGS,
+    "off seen": board._OFF_READINGS * TICK_S,
+    "edges": messages.MOST_LOST_EDGES,
+    "servo interval": power._INTERVAL_S,
+    "tolerance": math.degrees(power.ADOPT_TOLERANCE_RAD),
+    "pin": control._PIN_PAUSE_S,
+    "program bytes": PROGRAM_FILES.most_bytes,
+    "robot bytes": ROBOT_FILES.most_bytes,
+    "urdf bytes": URDF_FILES.most_bytes,
+    "steps": MOST_STEPS,
+    "joints": MOST_JOINTS,
+    "encoder brakes": encoder_driver.WATCHDOG_MS / 1000 - encoder_simulated._LONGEST_BRAKING_S,
+    "watchdog": encoder_driver.WATCHDOG_MS / 1000,
+    "hang": int(_HANG[1]) / 1000,
+}
+"""what stands behind each number of the tables, in seconds, degrees, bytes or shares"""
+ROUNDED_UP = {"page silent"}
+"""and which of them the page gives a little larger"""
+UNITS = {"": 1, " s": 1, " ms": 1e-3, " %": 0.01, "°": 1, " KiB": 1024, " MiB": 1024 * 1024}
+NUMBER = re.compile(
+    rf"(?P<value>\d[\d,]*(?:\.\d+)?)(?P<unit>{'|'.join(sorted(UNITS, reverse=True))})"
+    r"(?:<!-- (?P<key>[a-z ]+) -->)?"
+)
+
+
+def rows() -> list[list[str]]:
+    """The cells of every row of every table."""
+    lines = [line for line in PAGE.splitlines() if line.startswith("|")]
+    table = [[cell.strip() for cell in line.strip("|").split("|")] for line in lines]
+    return [row for row in table if row[-1] != "held by" and set(row[-1]) != {"-"}]
+
+
+@functools.cache
+def defined(path: Path) -> set[str]:
+    """The test functions of a file."""
+    nodes = ast.parse(path.read_text(encoding="utf-8")).body
+    return {node.name for node in nodes if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef)}
+
+
+@pytest.mark.parametrize("row", rows(), ids=lambda row: row[0][:40])
+def test_every_line_names_tests_that_are_there(row: list[str]) -> None:
+    assert len(row) == 5
+    assert re.fullmatch(r"(`(\w+/)*test_\w+\.py::test_\w+` ?)+", row[-1]), row[-1]
+    for name in re.findall(r"`([^`]+)`", row[-1]):
+        file, _, test = name.partition("::")
+        assert test in defined(ROOT / "tests" / file), name
+
+
+def test_every_number_is_the_one_in_the_code() -> None:
+    found: set[str] = set()
+    for row in rows():
+        for cell in row[:-1]:
+            for number in NUMBER.finditer(re.sub(r"`[^`]*`", "", cell)):
+                key = number["key"]
+                assert key in NUMBERS, f"{number[0]!r} in {cell!r}"
+                said, is_so = float(number["value"].replace(",", "")) * UNITS[number["unit"]], NUMBERS[key]
+                if key in ROUNDED_UP:
+                    assert is_so <= said <= 1.1 * is_so, cell
+                else:
+                    assert said == pytest.approx(is_so, rel=1e-9), cell
+                found.add(key)
+    assert found == set(NUMBERS)
+
+
+def test_its_sentences_are_short() -> None:
+    text = re.sub(r"<!--.*?-->|`[^`]*`|\]\([^)]*\)", "", PAGE)
+    prose = "\n\n".join(block for block in text.split("\n\n") if not block.startswith("|"))
+    prose = re.sub(r"^(#.*|\|.*|- |\d\. )", "\n\n", prose, flags=re.MULTILINE)
+    sentences = [
+        one.split() for block in prose.split("\n\n") for one in re.split(r"[.:;?](?:\s|\*|$)", block)
+    ]
+    lengths = [len(words) for words in sentences if words]
+    assert sum(lengths) / len(lengths) <= 15
