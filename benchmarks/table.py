@@ -6,7 +6,6 @@ from collections.abc import Iterable
 
 from benchmarks.row import Row
 
-_BEGIN, _END = "<!-- make bench: begin -->", "<!-- make bench: end -->"
 _HEAD = ("work", "reference", "reference µs", "armctl µs", "ratio", "goal", "met", "spread")
 
 
@@ -36,14 +35,15 @@ def _number(value: float | None) -> str:
     return "–" if value is None else f"{value:,.0f}" if value >= 1000 else f"{value:.3g}"
 
 
-def with_table(text: str, table: str) -> str:
-    """``text`` with what stands between the two marks replaced as a whole.
+def with_table(text: str, table: str, maker: str = "make bench") -> str:
+    """``text`` with what stands between the two marks of ``maker`` replaced as a whole.
 
     Raises:
         ValueError: the marks are not there.
     """
-    before, begin, rest = text.partition(_BEGIN)
-    _, end, after = rest.partition(_END)
+    first, last = (f"<!-- {maker}: {which} -->" for which in ("begin", "end"))
+    before, begin, rest = text.partition(first)
+    _, end, after = rest.partition(last)
     if not (begin and end):
-        raise ValueError(f"the text needs a line {_BEGIN} and, below it, a line {_END}")
+        raise ValueError(f"the text needs a line {first} and, below it, a line {last}")
     return f"{before}{begin}\n{table}\n{end}{after}"
