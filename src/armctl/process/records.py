@@ -23,6 +23,7 @@ from armctl.motion.profiles import PointToPoint
 from armctl.motion.timing import PathTrajectory
 from armctl.motion.trajectory import JoinedTrajectory, SlowedTrajectory
 from armctl.program import Program
+from armctl.program.check import has_plain_values
 from armctl.program.program import MOST_STEPS
 from armctl.robot import Robot
 from armctl.runtime import Command, Event, Follow, ProgramProgress, Snapshot
@@ -427,7 +428,7 @@ def _checked(command: Command) -> Command:
 def _check_program(program: Program) -> None:
     if len(program.steps) > MOST_STEPS:
         raise ProgramError(f"it has {len(program.steps)} steps; a program has {MOST_STEPS} at most")
-    for index, step in enumerate(program.steps):
+    for index, step in () if has_plain_values(program.steps) else enumerate(program.steps):
         for key in step.__struct_fields__:
             value: object = getattr(step, key)
             values = cast("tuple[object, ...]", value) if isinstance(value, list | tuple) else (value,)
