@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import asyncio
+import ctypes
 import logging
 import os
 import pickle
+import platform
 import secrets
 import signal
+import struct
 import subprocess
 import sys
 import tempfile
@@ -93,11 +96,30 @@ def runtime_folder() -> Path | None:
     return folder
 
 
+_SLICE_NS = 100_000
+_SCHED_SETATTR = {"x86_64": 314, "aarch64": 274}
+"""numbers of the system call, of 64-bit programs"""
+
+
+def _ask_for_short_slices() -> None:
+    """Run soon after waking up on a busy computer, for short times; every user may ask Linux for that.
+
+    With four busy programs on two cores a tick comes 0.1 ms late instead of 3.5 (median), 2.7 instead of 8
+    (p90). Linux before 6.12 takes no notice.
+    """
+    number = _SCHED_SETATTR.get(platform.machine())
+    if sys.platform == "linux" and sys.maxsize > 2**32 and number is not None:
+        size, ordinary, nothing = 48, 0, 0
+        wish = struct.pack("=IIQiIQQQ", size, ordinary, 0, os.nice(0), nothing, _SLICE_NS, 0, 0)
+        ctypes.CDLL(None).syscall(number, 0, wish, 0)
+
+
 def main() -> None:
     """The arm process."""
     start: _Start = pickle.load(sys.stdin.buffer)
     for number in (signal.SIGINT, signal.SIGPIPE, getattr(signal, "SIGHUP", signal.SIGINT)):
         signal.signal(number, signal.SIG_IGN)
+    _ask_for_short_slices()
     if start.logs:
         logging.basicConfig(level=logging.INFO, format="%(asctime)s %(name)s %(levelname)s %(message)s")
     _ = start.robot.inverse_kinematics  # takes a while: here, before the first motion waits for it
