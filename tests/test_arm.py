@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import asyncio
 import pickle
+import re
 import threading
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.browser.serving import serving
 from tests.runtime.kit import ROBOT, RecordingDriver
 
 import armctl
@@ -43,9 +46,38 @@ from armctl.runtime import (
 )
 
 
+def quick_robot(folder: Path) -> Path:
+    """The file of an arm that is four times as fast: the same motions, in a quarter of the time."""
+    text = (Path(__file__).parent.parent / "robots/uzuner.toml").read_text()
+    for key, faster in (("speed_deg_s", 4), ("acceleration_deg_s2", 16)):
+        for value in sorted({int(one) for one in re.findall(rf"{key} = (\d+)", text)}, reverse=True):
+            text = text.replace(f"{key} = {value}\n", f"{key} = {faster * value}\n")
+    file = folder / "quick.toml"
+    file.write_text(text)
+    return file
+
+
+@contextmanager
+def arm_by(way: str, folder: Path) -> Iterator[armctl.Arm]:
+    """An arm of this program's own, or that of ``armctl serve`` over its WebSocket."""
+    robot = quick_robot(folder)
+    if way == "open":
+        with armctl.Arm.open(robot) as arm:
+            yield arm
+    else:
+        words = ("--port", "sim", "--robot", str(robot))
+        with serving(folder, *words) as link, armctl.Arm.connect(link) as arm:
+            yield arm
+
+
+@pytest.fixture(scope="module", params=["open", "connect"])
+def way(request: pytest.FixtureRequest) -> str:
+    return request.param
+
+
 @pytest.fixture(scope="module")
-def opened() -> Iterator[armctl.Arm]:
-    with armctl.Arm.open("uzuner") as arm:
+def opened(way: str, tmp_path_factory: pytest.TempPathFactory) -> Iterator[armctl.Arm]:
+    with arm_by(way, tmp_path_factory.mktemp(way)) as arm:
         yield arm
 
 
@@ -58,9 +90,9 @@ def arm(opened: armctl.Arm) -> armctl.Arm:
 
 
 @pytest.fixture
-def own_board() -> Iterator[armctl.Arm]:
+def own_board(way: str, tmp_path: Path) -> Iterator[armctl.Arm]:
     """An arm of its own, for what breaks it."""
-    with armctl.Arm.open("uzuner") as arm:
+    with arm_by(way, tmp_path) as arm:
         yield arm
 
 

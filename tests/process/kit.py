@@ -3,40 +3,190 @@
 from __future__ import annotations
 
 import asyncio
+import itertools
+import socket
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import Future
 from contextlib import contextmanager
 from pathlib import Path
+from types import TracebackType
+from typing import Self, TypeVar
+
+import msgspec
+import numpy as np
+from websockets.sync.client import ClientConnection, connect
 
 from armctl.boards import ANY_BOARD
-from armctl.process.link import Link, LocalLine
+from armctl.errors import ArmctlError
+from armctl.process.link import Line, Link, LocalLine, hand_over
+from armctl.process.records import (
+    SILENCE_S,
+    Answer,
+    Ask,
+    Codec,
+    FromArm,
+    Hello,
+    Record,
+    Seen,
+    Stop,
+    Welcome,
+    error_of,
+)
 from armctl.process.server import serve_arm
 from armctl.robot import Robot, load_robot
+from armctl.runtime import Command, Connect, Enable, Snapshot
 
 ROBOT = load_robot("uzuner")
 SECRET = "secret"
+HOME = ROBOT.pose("home")
+PATIENCE_S = 20.0
+Address = Path | tuple[str, int]
 
 
 @contextmanager
-def served(folder: Path | None, robot: Robot = ROBOT) -> Iterator[Path | tuple[str, int]]:
+def served(
+    folder: Path | None, robot: Robot = ROBOT, pin: str = "", silence_s: float = SILENCE_S
+) -> Iterator[Address]:
     """The address of an arm that is served until its last client has gone."""
     address: Future[str] = Future()
     path = None if folder is None else folder / "arm.sock"
 
     def run() -> None:
-        asyncio.run(serve_arm(robot, ANY_BOARD, 50.0, path, SECRET, address.set_result))
+        asyncio.run(
+            serve_arm(robot, ANY_BOARD, 50.0, path, SECRET, address.set_result, pin, silence_s=silence_s)
+        )
 
     thread = threading.Thread(target=run)
     thread.start()
-    said = address.result(20)
-    keeper = Link(LocalLine(_address(said, folder), SECRET), "keeper", robot)
+    said = address.result(PATIENCE_S)
+    at = ("127.0.0.1", int(said)) if folder is None else Path(said)
+    keeper = Link(LocalLine(at, SECRET), "keeper", robot)
     try:
-        yield _address(said, folder)
+        yield at
     finally:
         keeper.close()  # the last one that owns it
         thread.join()
 
 
-def _address(said: str, folder: Path | None) -> Path | tuple[str, int]:
-    return ("127.0.0.1", int(said)) if folder is None else Path(said)
+def websocket(address: Address) -> ClientConnection:
+    """A websocket whose other end the arm process has been handed, as the page server does it."""
+    assert isinstance(address, Path)
+    ours, theirs = socket.socketpair()
+
+    def give() -> None:
+        request = b""
+        while b"\r\n\r\n" not in request:
+            request += theirs.recv(65536)
+        hand_over(address, SECRET, theirs, request)
+        theirs.close()
+
+    thread = threading.Thread(target=give)
+    thread.start()
+    try:
+        return connect("ws://arm/api", sock=ours, compression=None, ping_interval=None, max_size=None)
+    finally:
+        thread.join()
+
+
+class WebSocketLine:
+    """A websocket as a line."""
+
+    def __init__(self, address: Address, *, text: bool = False) -> None:
+        self.socket, self._text = websocket(address), text
+
+    def send(self, data: bytes) -> None:
+        self.socket.send(data, text=self._text)
+
+    def receive(self) -> bytes:
+        data = self.socket.recv(timeout=PATIENCE_S)
+        return data if isinstance(data, bytes) else data.encode()
+
+    def close(self) -> None:
+        self.socket.close()
+
+
+R = TypeVar("R", bound=Record)
+
+
+class Client:
+    """Says and hears records one by one; nothing goes on by itself."""
+
+    def __init__(self, line: Line, name: str = "c", *, json: bool = False, watch: bool = False) -> None:
+        self.line, self.codec = line, Codec(json=json)
+        self.seen: list[FromArm] = []
+        self._numbers = itertools.count(1)
+        self.say(Hello(name, watch))
+        self.id = self.hear(Welcome).you
+        self.snapshot = self.hear(Seen).snapshot
+
+    @classmethod
+    def remote(cls, address: Address, name: str = "c", *, json: bool = False, watch: bool = False) -> Client:
+        """One on a websocket."""
+        return cls(WebSocketLine(address, text=json), name, json=json, watch=watch)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, where: TracebackType | None
+    ) -> None:
+        self.line.close()
+
+    def say(self, record: Record) -> None:
+        self.line.send(self.codec.encode(record))
+
+    def say_raw(self, record: dict[str, object]) -> None:
+        self.line.send((msgspec.json if self.codec.json else msgspec.msgpack).encode(record))
+
+    def next(self) -> FromArm:
+        record = self.codec.from_arm(self.line.receive())
+        self.seen.append(record)
+        if isinstance(record, Seen):
+            self.snapshot = record.snapshot
+        return record
+
+    def hear(self, kind: type[R]) -> R:
+        """The next record of a kind."""
+        while not isinstance(record := self.next(), kind):
+            pass
+        return record
+
+    def until(self, condition: Callable[[Snapshot], bool]) -> Snapshot:
+        """The next snapshot of which this is true."""
+        while not condition(self.snapshot):
+            self.next()
+        return self.snapshot
+
+    def ask(self, command: Command) -> int:
+        """Ask for something, without waiting for an answer."""
+        number = next(self._numbers)
+        self.say(Ask(number, command))
+        return number
+
+    def stop(self) -> int:
+        number = next(self._numbers)
+        self.say(Stop(number))
+        return number
+
+    def outcome(self, number: int) -> ArmctlError | None:
+        """What became of it."""
+        while True:
+            record = self.hear(Answer)
+            if record.id == number and record.finished:
+                return error_of(record)
+
+    def does(self, command: Command) -> None:
+        error = self.outcome(self.ask(command))
+        if error is not None:
+            raise error
+
+    def enables(self) -> None:
+        """Connect the simulated board, and stand at home."""
+        if self.snapshot.board is None:
+            self.does(Connect("sim"))
+        self.does(Enable(HOME))
+
+    def turned(self, degrees: float) -> np.ndarray:
+        """Home, with the base turned."""
+        return HOME + np.radians([degrees, 0, 0, 0, 0])
