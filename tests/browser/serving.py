@@ -27,7 +27,7 @@ def serving(folder: Path, *words: str) -> Iterator[str]:
     assert process.stdout is not None
     try:
         said = process.stdout.readline()
-        address = re.search(r"http://\S+", said)
+        address = re.search(r"https?://\S+", said)
         assert address is not None, said + (folder / "stderr").read_text()
         yield address.group()
     finally:

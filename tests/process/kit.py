@@ -72,19 +72,23 @@ def served(
 def websocket(address: Address) -> ClientConnection:
     """A websocket whose other end the arm process has been handed, as the page server does it."""
     assert isinstance(address, Path)
-    ours, theirs = socket.socketpair()
+    with socket.create_server(("127.0.0.1", 0)) as door:
+        ours = socket.create_connection(door.getsockname())
+        theirs, _ = door.accept()
 
     def give() -> None:
         request = b""
-        while b"\r\n\r\n" not in request:
-            request += theirs.recv(65536)
+        while b"\r\n\r\n" not in request and (data := theirs.recv(65536)):
+            request += data
         hand_over(address, SECRET, theirs, request)
         theirs.close()
 
     thread = threading.Thread(target=give)
     thread.start()
     try:
-        return connect("ws://arm/api", sock=ours, compression=None, ping_interval=None, max_size=None)
+        return connect(
+            "ws://arm/api", sock=ours, compression=None, ping_interval=None, max_size=None, close_timeout=0.2
+        )
     finally:
         thread.join()
 
@@ -115,6 +119,7 @@ class Client:
     def __init__(self, line: Line, name: str = "c", *, json: bool = False, watch: bool = False) -> None:
         self.line, self.codec = line, Codec(json=json)
         self.seen: list[FromArm] = []
+        self.address: Address
         self._numbers = itertools.count(1)
         self.say(Hello(name, watch))
         self.id = self.hear(Welcome).you
@@ -123,7 +128,9 @@ class Client:
     @classmethod
     def remote(cls, address: Address, name: str = "c", *, json: bool = False, watch: bool = False) -> Client:
         """One on a websocket."""
-        return cls(WebSocketLine(address, text=json), name, json=json, watch=watch)
+        client = cls(WebSocketLine(address, text=json), name, json=json, watch=watch)
+        client.address = address
+        return client
 
     def __enter__(self) -> Self:
         return self
@@ -135,9 +142,6 @@ class Client:
 
     def say(self, record: Record) -> None:
         self.line.send(self.codec.encode(record))
-
-    def say_raw(self, record: dict[str, object]) -> None:
-        self.line.send((msgspec.json if self.codec.json else msgspec.msgpack).encode(record))
 
     def next(self) -> FromArm:
         record = self.codec.from_arm(self.line.receive())
@@ -162,6 +166,13 @@ class Client:
         """Ask for something, without waiting for an answer."""
         number = next(self._numbers)
         self.say(Ask(number, command))
+        return number
+
+    def ask_raw(self, command: str, **values: object) -> int:
+        """The same in another program's words."""
+        number = next(self._numbers)
+        record = {"type": "ask", "id": number, "command": {"command": command, **values}}
+        self.line.send((msgspec.json if self.codec.json else msgspec.msgpack).encode(record))
         return number
 
     def stop(self) -> int:

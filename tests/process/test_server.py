@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-import itertools
+import re
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
@@ -12,9 +13,9 @@ import numpy as np
 import pytest
 from tests.process.kit import HOME, ROBOT, SECRET, Address, Client, WebSocketLine, served, websocket
 from websockets.exceptions import ConnectionClosed
-from websockets.frames import Opcode
 
-from armctl.errors import ArmctlError, InputError, StateError
+from armctl.errors import StateError
+from armctl.kinematics import Target
 from armctl.process.link import Link, LocalLine
 from armctl.process.records import (
     Answer,
@@ -40,13 +41,13 @@ from armctl.runtime import (
     LockControl,
     MoveJoints,
     MoveTo,
-    Release,
     RunProgram,
     SetSpeed,
     State,
     TakeControl,
+    UpdateProgram,
 )
-from armctl.kinematics import Target
+from armctl.runtime.black_box import unpacked
 
 AWAY = HOME + np.radians([60, 0, 0, 0, 0])
 SLOWLY = MoveJoints(AWAY, 20.0)
@@ -70,7 +71,6 @@ def operator(arm_at: Address) -> Iterator[Client]:
         else:
             client.enables()
         yield client
-        client.outcome(client.stop())
 
 
 def refusal(line: Any, codec: Codec) -> str:
@@ -81,12 +81,13 @@ def refusal(line: Any, codec: Codec) -> str:
             record = codec.from_arm(line.receive())
             if isinstance(record, Refused):
                 said = record.error
+    line.close()
     return said
 
 
 @pytest.mark.parametrize("json", [False, True], ids=["msgpack", "json"])
 def test_a_client_moves_the_arm_and_sees_it_before_it_is_answered(operator: Client, json: bool) -> None:
-    with Client.remote(operator.line_address, "mine", json=json) as client:
+    with Client.remote(operator.address, "mine", json=json) as client:
         client.does(TakeControl())
         client.seen.clear()
         client.does(MoveJoints(client.turned(3)))
@@ -95,27 +96,37 @@ def test_a_client_moves_the_arm_and_sees_it_before_it_is_answered(operator: Clie
         np.testing.assert_allclose(last.snapshot.q_command, client.turned(3))
         answers = [one for one in client.seen if isinstance(one, Answer)]
         assert [(one.accepted, one.finished) for one in answers] == [(True, False), (False, True)]
-        client.say_raw(
-            {
-                "type": "ask",
-                "id": 90,
-                "command": {"command": "move-to", "target": {"point": [0.2, 0.01, 0.1], "roll": None}},
-            }
-        )
-        assert client.outcome(90) is None
-        client.outcome(client.stop())
+        pose = {"point": [0.2, 0.01, 0.1], "roll": None}
+        assert client.outcome(client.ask_raw("move-to", target=pose)) is None
         np.testing.assert_allclose(ROBOT.forward(client.snapshot.q_command)[:3, 3], [0.2, 0.01, 0.1])
         client.does(MoveTo(Target.of([0.2, 0.0, 0.1])))
         with pytest.raises(StateError, match="mine operates the arm; take control first"):
             operator.does(BACK)
         assert operator.outcome(operator.stop()) is None  # STOP is everybody's
         operator.does(TakeControl())
-        with pytest.raises(InputError, match="a target has no 'pich'; it is made of point, pitch"):
-            raise client.outcome(client.asks_raw("move-to", target={"point": [0, 0, 0], "pich": 1})) or OSError
-        with pytest.raises(InputError, match=r"must be numbers, got \['1', '2'\] - at `\$\.q`"):
-            raise client.outcome(client.asks_raw("move-joints", q=["1", "2"])) or OSError
-        with pytest.raises(InputError, match="unknown field `speed`"):
-            raise client.outcome(client.asks_raw("move-joints", q=[0] * 5, speed=1)) or OSError
+
+
+@pytest.mark.parametrize(
+    ("command", "values", "says"),
+    [
+        (
+            "move-to",
+            {"target": {"point": [0, 0, 0], "pich": 1}},
+            "a target has no 'pich'; it is made of point",
+        ),
+        ("move-to", {"target": {"pitch": 1}}, "a target needs a point"),
+        ("move-joints", {"q": ["1", "2"]}, r"must be numbers, got \['1', '2'\] - at `\$\.q`"),
+        ("move-joints", {"q": [0] * 5, "speed": 1}, "unknown field `speed`"),
+        ("move-joints", {"q": [None] * 5}, "finite"),
+        ("move", {}, "Invalid value 'move'"),
+    ],
+)
+def test_what_is_wrong_with_a_command_is_said_and_the_connection_goes_on(
+    operator: Client, command: str, values: dict[str, object], says: str
+) -> None:
+    error = operator.outcome(operator.ask_raw(command, **values))
+    assert re.search(says, str(error))
+    operator.does(SetSpeed(1.0))
 
 
 def test_log_and_program_are_carried_once(operator: Client) -> None:
@@ -129,13 +140,13 @@ def test_log_and_program_are_carried_once(operator: Client) -> None:
     seen = [one.snapshot for one in operator.seen if isinstance(one, Seen)]
     assert len(seen) > 5
     assert not any(one.events or (one.program and one.program.running.steps) for one in seen)
-    with Client.remote(operator.line_address, watch=True) as late:
+    with Client.remote(operator.address, watch=True) as late:
         early = [one for record in late.seen if isinstance(record, Logged) for one in record.events]
         assert set(told) <= set(early)
 
 
 def test_who_watches_stops_the_arm_and_nothing_else(operator: Client) -> None:
-    with Client.remote(operator.line_address, "guest", watch=True) as guest:
+    with Client.remote(operator.address, "guest", watch=True) as guest:
         party = guest.until(lambda now: now.control.party(guest.id) is not None).control.party(guest.id)
         assert party is not None
         assert (party.name, party.operates) == ("guest", False)
@@ -166,10 +177,15 @@ def test_the_teachers_pin_opens_every_lock(tmp_path: Path) -> None:
         Client.remote(address, "teacher", json=True, watch=True) as teacher,
     ):
         pupil.does(LockControl(True))
+        teacher.does(TakeControl("4711"))
+        teacher.does(LockControl(True, "4711"))
+        with pytest.raises(StateError, match="the teacher has locked control"):
+            pupil.does(TakeControl())
         with pytest.raises(StateError, match="that is not the teacher's PIN"):
-            teacher.does(TakeControl("1"))
+            pupil.does(TakeControl("1"))
         with pytest.raises(StateError, match="wait a moment before the next PIN"):
-            teacher.does(TakeControl("4711"))
+            pupil.does(TakeControl("4711"))
+        pupil.until(lambda now: now.control.operates(teacher.id))
         assert b"4711" not in b"".join(Codec().encode(one) for one in (*pupil.seen, *teacher.seen))
 
 
@@ -194,23 +210,16 @@ def test_what_comes_out_of_order_is_refused(
 
 
 @pytest.mark.parametrize(
-    ("first", "says"),
-    [
-        (Trust("wrong"), "must know the secret"),
-        (Hello("nobody"), "must know the secret"),
-        (Trust(SECRET), "first record must be a hello"),
-    ],
+    ("secret", "says"), [("wrong", "must know the secret"), (SECRET, "first record must be a hello")]
 )
-def test_the_local_socket_is_for_who_knows_its_secret(arm_at: Address, first: Record, says: str) -> None:
-    line = LocalLine(arm_at, SECRET)  # says it once
-    line.close()
-    line = LocalLine(arm_at, "" if first != Trust(SECRET) else SECRET)
-    line.send(Codec().encode(first))
+def test_the_local_socket_is_for_who_knows_its_secret(arm_at: Address, secret: str, says: str) -> None:
+    line = LocalLine(arm_at, secret)
+    line.send(Codec().encode(Trust(SECRET)))
     assert says in refusal(line, Codec())
 
 
-def test_a_flood_is_shut_out_and_stops_what_it_moved(operator: Client) -> None:
-    with Client.remote(operator.line_address, "watcher", watch=True) as watcher:
+def test_a_flood_is_shut_out_and_what_it_moved_is_stopped(operator: Client) -> None:
+    with Client.remote(operator.address, "watcher", watch=True) as watcher:
         operator.ask(SLOWLY)
         watcher.until(lambda now: now.state is State.MOVING)
         beat = operator.codec.encode(Beat())
@@ -220,18 +229,131 @@ def test_a_flood_is_shut_out_and_stops_what_it_moved(operator: Client) -> None:
         assert "more than 1000 records in a second" in refusal(operator.line, operator.codec)
         now = watcher.until(lambda now: now.state is State.HOLDING)
         assert "its connection is gone" in now.cause
-        operator.__init__(WebSocketLine(operator.line_address), "operator")  # type: ignore[misc]
 
 
 def test_there_is_room_for_so_many_clients(arm_at: Address) -> None:
-    clients = list[Client]()
-    with pytest.raises(ConnectionClosed):
-        for _ in range(65):
-            clients.append(Client.remote(arm_at, watch=True))
-    assert len(clients) == 64
-    clients.pop().line.close()
-    first = clients[0]
-    first.until(lambda now: len(now.control.parties) < 64)
-    clients.append(Client.remote(arm_at, watch=True))
-    for client in clients:
-        client.line.close()
+    with ExitStack() as clients:
+        for _ in range(63):  # and the one that keeps the arm
+            last = clients.enter_context(Client(LocalLine(arm_at, SECRET), watch=True))
+        with pytest.raises(ConnectionClosed):
+            Client.remote(arm_at, watch=True)
+        last.say(Hello("again"))
+        assert "a hello comes once" in refusal(last.line, last.codec)
+        with Client.remote(arm_at, watch=True) as one_more:
+            one_more.hear(Seen)
+
+
+def test_what_a_client_moves_stops_with_its_connection(operator: Client) -> None:
+    with Client.remote(operator.address, "watcher", watch=True) as watcher:
+        for waits in (True, False):  # also when it leaves before the motion has been planned
+            with Client.remote(operator.address, "leaver") as leaver:
+                leaver.does(TakeControl())
+                leaver.ask(SLOWLY)
+                if waits:
+                    watcher.until(lambda now: now.state is State.MOVING)
+            watcher.until(lambda now: now.control.operator is None)
+            watcher.until(lambda now: now.state is State.HOLDING)
+            assert watcher.outcome(watcher.stop()) is None
+            assert watcher.snapshot.state is State.HOLDING
+        assert any("its connection is gone" in one.text for one in logged(watcher))
+        operator.does(TakeControl())
+
+
+def logged(client: Client) -> list[Any]:
+    return [one for record in client.seen if isinstance(record, Logged) for one in record.events]
+
+
+def test_what_a_silent_client_moves_is_stopped(tmp_path: Path) -> None:
+    with (
+        served(tmp_path, silence_s=0.3) as address,
+        Client.remote(address, "watcher", watch=True) as watcher,
+        Client(LocalLine(address, SECRET), "silent") as silent,  # its line gives no sign of life
+    ):
+        silent.enables()
+        silent.ask(SLOWLY)
+        watcher.until(lambda now: now.cause == "stopped by silent: no sign of life for 0.3 s")
+    with served(tmp_path, silence_s=0.3) as address, Client.remote(address, "answers pings") as lively:
+        lively.enables()
+        lively.does(MoveJoints(lively.turned(5), 1.0))  # says nothing by itself
+
+
+def test_a_client_that_reads_nothing_holds_up_nobody_and_can_stop(operator: Client) -> None:
+    with Client.remote(operator.address, "reads", watch=True) as reads:
+        deaf = websocket(operator.address)
+        deaf.recv_events_paused = True  # type: ignore[attr-defined]
+        deaf.send(Codec(json=True).encode(Hello("deaf", watch=True)), text=True)
+        first = reads.until(lambda now: len(now.control.parties) == 3).tick
+        moving = operator.ask(SLOWLY)
+        ticks = [reads.hear(Seen).snapshot.tick for _ in range(25)]
+        assert max(np.diff(ticks)) <= 3
+        assert ticks[-1] > first
+        deaf.send(Codec(json=True).encode(Stop(1)), text=True)
+        assert "stopped by deaf" in str(operator.outcome(moving))
+        deaf.close()
+
+
+def test_stop_overtakes_a_big_program_and_drops_it(operator: Client) -> None:
+    big = Program(robot="uzuner", name="big", steps=(WaitStep(seconds=0.01),) * 4_000)
+    asked, moving = operator.ask(RunProgram(big, None)), operator.ask(SLOWLY)
+    stopped = operator.stop()
+    answers: dict[int, str] = {}
+    while len(answers) < 3:
+        record = operator.hear(Answer)
+        if record.finished:
+            answers[record.id] = record.error
+    assert next(iter(answers)) == stopped
+    assert answers[asked] == answers[moving] == "stopped before it began"
+    assert operator.snapshot.state is State.HOLDING
+    with pytest.raises(StateError, match="no program runs"):  # carried out where no STOP comes
+        operator.does(UpdateProgram(big))
+
+
+def test_a_big_record_that_is_wrong_ends_the_connection_in_words(arm_at: Address) -> None:
+    with Client.remote(arm_at, json=True) as client:
+        client.line.send(b'{"type": "hello", "name": "' + b"x" * 100_000 + b'"}')
+        assert "a hello comes once" in refusal(client.line, client.codec)
+
+
+def test_the_frames_of_a_websocket(arm_at: Address) -> None:
+    with Client.remote(arm_at, json=True, watch=True) as client:
+        line = client.line
+        assert isinstance(line, WebSocketLine)
+        beat = client.codec.encode(Stop(77)).decode()
+        line.socket.send([beat[:5], beat[5:9], "", beat[9:]])
+        assert client.outcome(77) is None or client.snapshot.board is None
+        pong = line.socket.ping(b"there?")
+        client.hear(Seen)
+        assert pong.wait(5.0)
+        with pytest.raises(ConnectionClosed) as closed:
+            line.socket.send("x" * (5 * 1024 * 1024))
+            while True:
+                line.receive()
+        assert closed.value.rcvd is not None
+        assert closed.value.rcvd.code == 1009
+    with Client.remote(arm_at, watch=True) as client:
+        assert isinstance(client.line, WebSocketLine)
+        client.line.socket.close(1000, "bye")
+
+
+def test_the_last_minute_is_given(operator: Client) -> None:
+    operator.say(Recall(501))
+    last = operator.hear(Recalled)
+    assert last.id == 501
+    assert unpacked(last.content).why == "asked for"
+
+
+def test_only_the_last_owner_ends_the_arm(tmp_path: Path) -> None:
+    ended = threading.Event()
+    with served(tmp_path) as address:
+        link = Link(LocalLine(address, SECRET), "second owner", ROBOT)
+        link.close()
+        with Client.remote(address, watch=True) as client:  # it goes on
+            first = client.snapshot.tick
+            client.until(lambda now: now.tick > first + 2)
+        with Client(LocalLine(address, SECRET), "ends it") as ending:
+            ending.say(End())
+            with pytest.raises(OSError):
+                while True:
+                    ending.next()
+        ended.set()
+    assert ended.is_set()

@@ -9,6 +9,7 @@ import os
 import socket
 from collections import deque
 from collections.abc import Awaitable, Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import Protocol
 
@@ -25,7 +26,7 @@ from armctl.process.records import MOST_BYTES
 _WIRE = logging.getLogger("armctl.process.wire")
 _WIRE.setLevel(logging.ERROR)  # a client that hangs up is no news
 _READ_BYTES = 64 * 1024
-_PING_S = 0.25
+_PING_S, _LINGER_S = 0.25, 0.5
 MOST_MESSAGE = 4 * 1024 * 1024
 """bytes of one websocket message"""
 
@@ -34,7 +35,7 @@ class Connection(Protocol):
     """Carries the records of one client both ways."""
 
     alive: Callable[[int], None]
-    """called with the number of frames when the line gives a sign of life by itself"""
+    """called when the line gives a sign of life, with the number of frames that are no record"""
 
     async def receive(self) -> bytes:
         """The next record; ``EOFError``: the connection has ended. Never waits for its reader."""
@@ -83,8 +84,14 @@ class StreamConnection:
         """End it at once."""
         self._writer.transport.abort()
 
+    async def finish(self) -> None:
+        """End it behind what was sent, once the other end has had the time to read it."""
+        if self._writer.can_write_eof() and not self._writer.is_closing():
+            self._writer.write_eof()
+        await _read_out(self._reader)
+
     def close(self) -> None:
-        """End it behind what was sent."""
+        """End it."""
         self._writer.close()
 
 
@@ -124,9 +131,9 @@ class WebSocketConnection:
                 self._protocol.receive_eof()
             events = self._protocol.events_received()
             self._write()  # without waiting: STOP of a client that does not read must arrive
-            self.alive(len(events))
             for event in events:
                 self._take(event)
+            self.alive(len(events) - len(self._messages))
             if not self._messages and (not data or self._protocol.state is not OPEN):
                 raise EOFError
         return self._messages.popleft()
@@ -153,11 +160,15 @@ class WebSocketConnection:
         """End it at once."""
         self._writer.transport.abort()
 
-    def close(self) -> None:
-        """Say goodbye, and close behind what was sent."""
+    async def finish(self) -> None:
+        """Say goodbye, behind what was sent, once the other end has had the time to read it."""
         if self._protocol.state is OPEN:
             self._protocol.send_close(1000)
             self._write()
+        await _read_out(self._reader)
+
+    def close(self) -> None:
+        """End it."""
         self._writer.close()
 
     def _take(self, event: object) -> None:
@@ -175,6 +186,14 @@ class WebSocketConnection:
                 self._writer.write_eof()
 
 
+async def _read_out(reader: asyncio.StreamReader) -> None:
+    """Read what still comes: closed with input unread, it would be reset, and what was sent last lost."""
+    with suppress(TimeoutError, OSError):
+        async with asyncio.timeout(_LINGER_S):
+            while await reader.read(_READ_BYTES):
+                pass
+
+
 Attend = Callable[[Connection, bool], Awaitable[None]]
 """serves a client until its connection ends; True: it has shown its token at the door of the page server"""
 
@@ -184,6 +203,7 @@ async def attend_stream(attend: Attend, reader: asyncio.StreamReader, writer: as
     stream = StreamConnection(reader, writer)
     try:
         await attend(stream, False)
+        await stream.finish()
     finally:
         stream.close()
 
@@ -197,6 +217,7 @@ async def attend_websocket(attend: Attend, line: socket.socket, request: bytes) 
         await websocket.open(request)
         pings = asyncio.create_task(websocket.ping())
         await attend(websocket, True)
+        await websocket.finish()
     except (EOFError, WebSocketException):
         _WIRE.debug("a websocket was broken off", exc_info=True)
     finally:

@@ -112,7 +112,14 @@ class Server:
         codec = Codec()
         try:
             async with asyncio.timeout(_HELLO_S):
-                codec, hello, owns = await self._introduced(line, let_in)
+                data, owns = await line.receive(), False
+                if not let_in:
+                    owns = self._owns(codec.from_client(data))
+                    data = await line.receive()
+                codec = Codec.of(data)
+                hello = codec.from_client(data)
+            if not isinstance(hello, Hello):
+                raise InputError("the first record must be a hello")
             if len(self._clients) >= _MOST_CLIENTS:
                 raise StateError(f"{_MOST_CLIENTS} clients are connected already; close one")
             client = Client(self, codec, line, hello, next(self._ids), owns=owns)
@@ -137,22 +144,13 @@ class Server:
                 if client.owns and not any(one.owns for one in self._clients):
                     self.ended.set()
 
-    async def _introduced(self, line: Connection, let_in: bool) -> tuple[Codec, Hello, bool]:
-        """What a client says first, in its own encoding, and whether the arm process is its own."""
-        data, trusted = await line.receive(), None
-        codec = Codec.of(data)
-        first = codec.from_client(data)
-        if not let_in:
-            if not (
-                isinstance(first, Trust) and hmac.compare_digest(first.secret.encode(), self._secret.encode())
-            ):
-                raise InputError("who connects here must know the secret of this arm process")
-            trusted, data = first, await line.receive()
-            codec = Codec.of(data)
-            first = codec.from_client(data)
-        if not isinstance(first, Hello):
-            raise InputError("the first record must be a hello")
-        return codec, first, trusted is not None and not trusted.relays
+    def _owns(self, trust: FromClient) -> bool:
+        """Whether the arm process is that of who says this first on the local socket."""
+        if not (
+            isinstance(trust, Trust) and hmac.compare_digest(trust.secret.encode(), self._secret.encode())
+        ):
+            raise InputError("who connects here must know the secret of this arm process")
+        return not trust.relays
 
     async def watch(self) -> None:
         """Stop what a client moves that has become silent, and shut out who is silent for long."""
@@ -227,7 +225,7 @@ class Client:
         if now - self._second > 1.0:
             self._second, self._taken = now, 0
         self._taken += frames
-        if self._taken > 2 * _MOST_A_SECOND:  # a record on a websocket is a frame, too
+        if self._taken > _MOST_A_SECOND:
             raise InputError(f"more than {_MOST_A_SECOND} records in a second; send less")
 
     def take(self, data: bytes) -> None:
