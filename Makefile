@@ -11,7 +11,7 @@ run: $(VENV)/.installed
 	@$(BIN)/armctl serve $(ARGS)
 
 # Three workers on two cores: two drive a browser each and mostly wait for it; the third does the rest.
-test: $(VENV)/.tested browser avr check
+test: $(VENV)/.tested browser node avr check
 	$(BIN)/pytest -n 3 $(ARGS)
 
 check: $(VENV)/.tested
@@ -68,6 +68,15 @@ browser:
 	     then echo 'installing chromium for the browser tests ...'; \
 	          apt-get update -qq && DEBIAN_FRONTEND=noninteractive apt-get install -y -qq chromium fonts-dejavu-core; \
 	     else echo 'The browser tests need chromium; install it first: sudo apt-get install chromium' >&2; exit 1; fi
+
+# The example of the WebSocket API in another language.
+.PHONY: node
+node:
+	@command -v node >/dev/null \
+	  || if [ "$$(id -u)" = 0 ] && command -v apt-get >/dev/null; \
+	     then echo 'installing nodejs for the test of the JavaScript example ...'; \
+	          apt-get update -qq && DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends nodejs; \
+	     else echo 'The JavaScript example needs node; install it first: sudo apt-get install nodejs' >&2; exit 1; fi
 
 # Real firmware on a simulated CPU: simavr, the compilers, and a firmware image that others built.
 AVR_PACKAGES := simavr libsimavr-dev libelf-dev gcc libc6-dev gcc-avr avr-libc arduino-core-avr pkg-config make
