@@ -11,7 +11,6 @@ from typing import Any, cast, get_args, get_origin, get_type_hints
 import msgspec
 import numpy as np
 
-from armctl import errors
 from armctl.arrays import read_only
 from armctl.errors import ArmctlError, InputError, ProgramError
 from armctl.kinematics import Chain, Target
@@ -334,16 +333,14 @@ def _arrived(kind: type, value: Any) -> Any:
     raise NotImplementedError(f"a {kind} does not travel")
 
 
-def _subclasses(kind: type[Any]) -> list[type[Any]]:
-    found: list[type[Any]] = []
-    for one in kind.__subclasses__():
-        found += _subclasses(one) or [one]
-    return found
+def _all_kinds(kind: type[Any]) -> list[type[Any]]:
+    """A class and all that are derived from it."""
+    return [kind, *(one for derived in kind.__subclasses__() for one in _all_kinds(derived))]
 
 
 def commands() -> tuple[type[Command], ...]:
-    """Every kind of command, by the order in which they are told."""
-    return tuple(_subclasses(Command))
+    """Every kind of command."""
+    return tuple(kind for kind in _all_kinds(Command) if not kind.__subclasses__())
 
 
 class Codec:
@@ -438,7 +435,9 @@ def _check_program(program: Program) -> None:
 
 # Errors keep their class where a program may catch it.
 
-_ERRORS = {name: kind for name, kind in vars(errors).items() if isinstance(kind, type)}
+_ERRORS = {
+    kind.__name__: kind for kind in _all_kinds(ArmctlError) if kind.__module__ == ArmctlError.__module__
+}
 
 
 def in_short(error: BaseException) -> str:
