@@ -18,9 +18,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, cast
 
-from armctl import log_files
 from armctl.boards import ANY_BOARD
 from armctl.errors import BoardError
+from armctl.log_files import begin as begin_log
 from armctl.process.link import Link, LocalLine
 from armctl.process.server import serve_arm
 from armctl.robot import Robot
@@ -129,7 +129,7 @@ def main() -> None:
         sys.stdout.close()
 
     address = None if start.folder is None else start.folder / f"arm-{os.getpid()}.sock"
-    with log_files.begin("arm"):
+    with begin_log("arm"):
         asyncio.run(
             serve_arm(start.robot, start.board, start.rate_hz, address, start.secret, ready, start.pin)
         )
