@@ -40,6 +40,7 @@ NUMBERS = {
     "closing": controller._STOPPING_S,
     "page silent": app.SILENCE_S + stop_line._CHECK_S,
     "program silent": records.SILENCE_S + server._WATCH_S,
+    "records": server._MOST_A_SECOND,
     "link silent": records.SILENCE_S,
     "gap": clock.GAP_S,
     "late": clock._LATE_S,

@@ -6,18 +6,18 @@ import queue
 import subprocess
 import threading
 from collections.abc import Iterator
-from pathlib import Path
+from dataclasses import replace
 from types import SimpleNamespace
 
 import pytest
-from tests.process.kit import ROBOT, SECRET, served
+from tests.process.kit import ROBOT
 from tests.runtime.kit import fails
 
 from armctl.process import link as link_module
-from armctl.process.link import Link, LocalLine
+from armctl.process.link import Link
 from armctl.process.records import SILENCE_S, Codec, Record, Seen, Welcome, light, robot_record
 from armctl.robot import Robot, load_robot
-from armctl.runtime import Connect, Enable, ManualClock, MoveJoints, Snapshot, State
+from armctl.runtime import ManualClock, MoveJoints, Snapshot, State
 
 MOVE = MoveJoints(ROBOT.pose("home"))
 
@@ -76,7 +76,10 @@ def test_an_arm_process_that_was_killed_is_a_fault_that_says_what_its_board_does
     name: str, board_does: str, killed: subprocess.Popen[bytes], holding_snapshot: Snapshot
 ) -> None:
     robot = load_robot(name)
-    line = ScriptedLine(robot, holding_snapshot)
+    assert holding_snapshot.board is not None
+    line = ScriptedLine(
+        robot, replace(holding_snapshot, board=replace(holding_snapshot.board, simulated=False))
+    )
     link = Link(line, robot=robot, process=killed)
     motion = link.submit(MOVE)
     line.say(None)
@@ -106,38 +109,3 @@ def test_an_arm_process_that_says_nothing_is_a_fault_until_it_is_heard_again(
     line.say(Seen(light(holding_snapshot)))
     assert link.snapshot.state is State.HOLDING
     link.close()
-
-
-@pytest.fixture
-def mover_and_watcher(tmp_path: Path) -> Iterator[tuple[Link, Link]]:
-    """Two clients of an arm that moves at the command of the first, which gives no signs of life."""
-    with served(tmp_path) as address:
-        mover = Link(LocalLine(address, SECRET), "console", ROBOT, beats=False)
-        watcher = Link(LocalLine(address, SECRET), "notebook", ROBOT)
-        for command in (Connect("sim"), Enable(ROBOT.pose("rest"))):
-            mover.submit(command).result(20)
-        mover.submit(MoveJoints(ROBOT.pose("home"), 20.0)).accepted.result(20)
-        yield mover, watcher
-        mover.close()
-        watcher.close()
-
-
-def stopped_by(link: Link) -> str:
-    """Why the arm came to rest."""
-    pause = threading.Event()
-    while not (link.snapshot.state is State.HOLDING and link.snapshot.cause != "enabling finished"):
-        pause.wait(0.005)
-    return link.snapshot.cause
-
-
-def test_what_a_client_moves_is_stopped_when_it_is_silent(mover_and_watcher: tuple[Link, Link]) -> None:
-    _, watcher = mover_and_watcher
-    assert stopped_by(watcher) == "stopped by console: no sign of life for 0.9 s"
-
-
-def test_what_a_client_moves_is_stopped_when_its_connection_is_gone(
-    mover_and_watcher: tuple[Link, Link],
-) -> None:
-    mover, watcher = mover_and_watcher
-    mover.close()
-    assert stopped_by(watcher) == "stopped by console: its connection is gone"
