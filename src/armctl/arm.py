@@ -121,7 +121,8 @@ class Arm:
     ) -> Self:
         """Load a robot, with the calibration that is kept for its board, and connect to the board.
 
-        The arm runs in a process of its own, so nothing that this program does can make it late.
+        The arm runs in a process of its own, so nothing that this program does can make it late. One that
+        has held the arm since a program on the same port crashed is taken over.
         ``robot``: a shipped robot's name, a robot file, or a robot. ``port``: a device, ``auto``, or None for
         the simulated board. ``rate_hz``: ticks a second, 10 … 200. ``park``: before ``release`` and ``close``
         it goes to its rest pose, where it has power.
@@ -129,9 +130,11 @@ class Arm:
         loaded = robot if isinstance(robot, Robot) else load_robot(robot)
         port = SIMULATED if port is None else port
         board = board_name(port, loaded)
-        arm = cls(start_arm(calibrated_for(loaded, board), board, rate_hz), board, park=park)
+        link = start_arm(calibrated_for(loaded, board), board, rate_hz, port=port)
+        arm = cls(link, board, park=park)
         try:
-            arm._do(Connect(port))
+            if link.snapshot.board is None:  # else it was taken over
+                arm._do(Connect(port))
         except BaseException:
             arm.close()
             raise

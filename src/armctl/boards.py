@@ -38,7 +38,10 @@ class Boards:
         now: Callable[[], float],
         ports: Callable[[], Sequence[PortInfo]] = list_ports,
         board: str = ANY_BOARD,
+        held: Callable[[str], str | None] = lambda _: None,
     ) -> None:
+        """``held``: which other process of ours holds a device, in words; None: none does."""
+        self._held = held
         self._robot, self._now, self._ports, self._board = robot, now, ports, board
         self._lock = threading.Lock()
         self._simulated: PtyServer[ByteModel] | None = None
@@ -53,12 +56,12 @@ class Boards:
             return self._driver(self.simulated().port, simulated=True)
         _require_real(port, self._robot)
         if port == AUTOMATIC:
-            return self._driver(find_board(self._ports(), self._robot.board).device)
+            return self._real(find_board(self._ports(), self._robot.board).device)
         named, device = split_kind(port)
         for board in (named, _listed_as(device, self._ports())):
             if board is not None:
                 require_kind(self._robot, board, device)
-        return self._driver(device)
+        return self._real(device)
 
     def simulated(self) -> PtyServer[ByteModel]:
         """The simulated board's server, started when it is first asked for."""
@@ -76,6 +79,11 @@ class Boards:
             server, self._simulated = self._simulated, None
         if server is not None:
             server.close()
+
+    def _real(self, device: str) -> Driver:
+        if (why := self._held(device)) is not None:
+            raise PortError(f"{device}: {why}")
+        return self._driver(device)
 
     def _driver(self, line: str, *, simulated: bool = False) -> Driver:
         board = board_type(self._robot.board)

@@ -27,7 +27,7 @@ from armctl.hardware.boards import board_type
 from armctl.hardware.ports import list_ports
 from armctl.process import start_arm
 from armctl.robot import Robot, load_robot, shipped_robots
-from armctl.runtime import Connect, Origin, wall_time
+from armctl.runtime import Connect, Event, Origin, wall_time
 from armctl.ui import (
     App,
     CalibrationInForce,
@@ -42,6 +42,9 @@ from armctl.ui.api import api_door
 from armctl.ui.guard import GuardedServer, encryption, guarded_server
 
 LOG = logging.getLogger("armctl.cli.serve")
+_TAKEN_OVER = (
+    "the program before this one was gone without a word; its arm process has held the arm on {} since"
+)
 
 
 @click.command()
@@ -181,7 +184,10 @@ def _open_console(name: str, port: str, asked: str, pin: str) -> Console:
     calibration = CalibrationInForce.of(load_robot(name), port)
     robot = calibration.robot
     _ = robot.inverse_kinematics  # takes a while, and may be refused: here, before a page waits for it
-    link = start_arm(robot, calibration.board or NO_BOARD, name="console", beats=False, logs=True, pin=pin)
+    link = start_arm(
+        robot, calibration.board or NO_BOARD, name="console", beats=False, logs=True, pin=pin, port=port
+    )
+    held = link.snapshot.board
     return Console(
         calibration=calibration,
         controller=link,
@@ -191,6 +197,7 @@ def _open_console(name: str, port: str, asked: str, pin: str) -> Console:
         close=link.close,
         default_port=port,
         pin=pin,
+        earlier=() if held is None else (Event(wall_time(), "warning", _TAKEN_OVER.format(held.port)),),
     )
 
 
@@ -208,6 +215,8 @@ def _robot_choices(present: RobotChoice) -> list[RobotChoice]:
 
 def _connect(console: Console, port: str) -> bool:
     """Connect at once, or not; where that fails the page says why and offers the other ports."""
+    if console.controller.snapshot.board is not None:
+        return True  # taken over
     try:
         console.controller.submit(Connect(port), Origin("start")).result()
     except ArmctlError as refusal:

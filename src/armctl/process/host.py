@@ -7,6 +7,7 @@ from collections.abc import Callable
 from typing import Self
 
 from armctl.boards import ANY_BOARD, Boards
+from armctl.process.registry import holder
 from armctl.robot import Robot
 from armctl.runtime import (
     Command,
@@ -43,7 +44,7 @@ class Host:
         # The interpreter's default of 5 ms is what a tick would be late when other threads run Python.
         sys.setswitchinterval(min(sys.getswitchinterval(), _SWITCH_INTERVAL_S))
         clock = MonotonicClock()
-        self.boards = Boards(robot, clock.now, board=board)
+        self.boards = Boards(robot, clock.now, board=board, held=holder)
         self._controller = Controller(
             robot, self.boards.driver, clock, rate_hz,
             published=published, pin=pin, black_boxes=black_boxes(), poses=PoseFolder.of_user(robot),

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import asyncio
 import itertools
+import os
+import signal
 import socket
 import subprocess
 import threading
@@ -55,6 +57,7 @@ from armctl.runtime.commands import give
 _LOG_LINES = 200
 _RECALL_S = 10.0
 _CONNECT_S = 10.0
+_ENDED_S = 0.2
 _CLOSE_S = 15.0
 """how long an arm process may take to bring the arm to rest and end"""
 
@@ -81,11 +84,14 @@ class Line(Protocol):
 class LocalLine:
     """The local socket of an arm process; each record has its length in front."""
 
-    def __init__(self, address: Path | tuple[str, int], secret: str) -> None:
-        """Connect. ``BoardError``: nobody answers there."""
+    def __init__(self, address: Path | tuple[str, int], secret: str, *, adopts: bool = False) -> None:
+        """Connect; ``adopts``: to an arm process that nobody owns. ``BoardError``: nobody answers there."""
         self.address, self.secret = address, secret
         self._socket = _connected(address)
-        self.send(Codec().encode(Trust(secret)))
+        try:
+            self.send(Codec().encode(Trust(secret, adopts=adopts)))
+        except OSError as cause:
+            raise BoardError(f"no arm process answers at {address}: {cause.strerror}") from cause
 
     def send(self, data: bytes) -> None:
         """Send a record."""
@@ -165,15 +171,16 @@ class Link:
         line: Line,
         name: str = "library",
         robot: Robot | None = None,
-        process: subprocess.Popen[bytes] | None = None,
+        process: subprocess.Popen[bytes] | int | None = None,
         *,
         beats: bool = True,
         watch: bool = False,
     ) -> None:
         """Say hello on a line. ``robot``: the arm, where it is known.
 
-        ``process`` was started for this link, and ends with it. Without ``beats``, the caller calls
-        ``beat``. ``watch``: not to operate the arm. ``BoardError``: it does not answer, or refuses.
+        ``process`` was started for this link, or taken over (its number), and ends with it. Without
+        ``beats``, the caller calls ``beat``. ``watch``: not to operate the arm. ``BoardError``: it does not
+        answer, or refuses.
         """
         self._line, self._process, self._beats = line, process, beats
         self._codec = Codec()
@@ -204,8 +211,11 @@ class Link:
             line.close()
             raise
         self._snapshot = first
+        self._board = first.board
+        """the last one that was connected"""
         self._heard_at = self._now()
-        threading.Thread(target=self._read, name="armctl-link", daemon=True).start()
+        self._reader = threading.Thread(target=self._read, name="armctl-link", daemon=True)
+        self._reader.start()
         threading.Thread(target=self._write, name="armctl-link-out", daemon=True).start()
 
     @property
@@ -223,7 +233,8 @@ class Link:
         unknown = np.full(self.robot.n, np.nan)
         still = np.zeros(self.robot.n)
         return replace(
-            self._snapshot, state=State.FAULT, cause=lost, q=unknown, commanded=False, program=None,
+            self._snapshot, state=State.FAULT, cause=lost, unreachable=True, q=unknown, commanded=False,
+            program=None,
             velocity_command=still, acceleration_command=still, homing=(), warnings=(), measured={},
         )  # fmt: skip
 
@@ -291,12 +302,19 @@ class Link:
                 self._closing = True
                 if self._process is not None:
                     self._put(End())
-        if self._process is not None:
-            try:
-                self._process.wait(_CLOSE_S)
-            except subprocess.TimeoutExpired:
-                self._process.kill()
-                self._process.wait()
+        match self._process:
+            case None:
+                pass
+            case int(number):
+                self._reader.join(_CLOSE_S)  # its line ends when it does
+                if self._reader.is_alive():
+                    os.kill(number, signal.SIGKILL)
+            case process:
+                try:
+                    process.wait(_CLOSE_S)
+                except subprocess.TimeoutExpired:
+                    process.kill()
+                    process.wait()
         self._end("closed")
 
     def _ask(self, record: Callable[[int, str, str], Record], origin: Origin | None) -> Ticket:
@@ -328,6 +346,7 @@ class Link:
                 snapshot = self._take(self._codec.from_arm(self._line.receive()))
                 if snapshot is not None:
                     self._snapshot = snapshot
+                    self._board = snapshot.board or self._board
                 self._heard_at = self._now()
         except (OSError, ArmctlError) as cause:
             self._end(self._epitaph(cause))
@@ -408,14 +427,21 @@ class Link:
         if isinstance(cause, BoardError):
             what = str(cause)
         else:
-            code = None if self._process is None else self._process.poll()
+            code = None
+            if isinstance(self._process, subprocess.Popen):
+                with suppress(subprocess.TimeoutExpired):  # its line ends a moment before it
+                    code = self._process.wait(_ENDED_S)
             how = "" if not code else f" (killed by signal {-code})" if code < 0 else f" (exit status {code})"
             what = f"the arm process ended{how}"
-        does = (
-            f"its board switches the {board.power} off by itself"
-            if board.off_when_left
-            else f"the {board.power} stay as they were at the last setpoint"
-        )
+        seen = self._board
+        if seen is None:
+            does = "no board was connected"
+        elif seen.simulated:
+            does = "the simulated board is gone with it"
+        elif board.off_when_left:
+            does = f"its board switches the {board.power} off by itself"
+        else:
+            does = f"the {board.power} stay as they were at the last setpoint"
         return f"{what}; {does}. Connect again"
 
 

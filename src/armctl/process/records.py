@@ -69,6 +69,8 @@ class Trust(Request, frozen=True):
     secret: str
     relays: bool = False
     """what comes behind it is somebody else's, with no more rights than over the network"""
+    adopts: bool = False
+    """takes over an arm process that nobody owns any more; else refused"""
 
 
 class Ask(Request, frozen=True):

@@ -16,10 +16,12 @@ from contextlib import suppress
 from importlib.metadata import version
 from pathlib import Path
 
+import msgspec
+
 from armctl.errors import ArmctlError, InputError, StateError
+from armctl.hardware.boards import board_type
 from armctl.process.connections import Connection, Hands, attend_stream
 from armctl.process.host import Host
-from armctl.process.link import hands_of
 from armctl.process.records import (
     SILENCE_S,
     Answer,
@@ -45,6 +47,7 @@ from armctl.process.records import (
     new_events,
     robot_record,
 )
+from armctl.process.registry import Note, likeness, remove, write_note
 from armctl.robot import Robot
 from armctl.runtime import ArmLink, Arrive, Command, Event, Leave, Origin, Snapshot, State, Ticket
 from armctl.runtime.black_box import packed
@@ -52,6 +55,10 @@ from armctl.runtime.commands import MovingCommand
 
 _LOGGER = logging.getLogger("armctl.process")
 _WATCH_S = 0.1
+_OWNER_S = 60.0
+"""how long who started it may take to come"""
+_HOLD_S = 600.0
+"""how long the arm is held for somebody to take it over, where it would drop"""
 _MOST_OPEN = 256
 """commands of one client that wait for their end"""
 _MOST_UNREAD = 4096
@@ -86,13 +93,34 @@ class Server:
         self._ids = itertools.count(1)
         self._loop = asyncio.get_running_loop()
         self._encoded: dict[bool, tuple[Snapshot, bytes]] = {}
+        self._note: tuple[Path, Note] | None = None
+        self._held_until: float | None = None
+        """nobody owns the arm, and it is held until then"""
+        self._wanted_until: float | None = self._loop.time() + _OWNER_S
+        """nobody has owned it yet, and will not after that"""
 
     def tell(self) -> None:
         """There is a new snapshot; called by the controller's thread."""
         with suppress(RuntimeError):  # the loop has ended
             self._loop.call_soon_threadsafe(self._wake_clients)
 
+    def note(self, address: Path, note: Note) -> None:
+        """Keep a note beside the socket, for other arm processes and for who takes this one over."""
+        self._note = address, note
+        write_note(address, note)
+
+    def _keep_note(self) -> None:
+        if self._note is None:
+            return
+        address, note = self._note
+        board = self.arm.snapshot.board
+        port = "" if board is None or board.simulated else board.port
+        orphaned = self._held_until is not None
+        if (port, orphaned) != (note.port, note.orphaned):
+            self.note(address, msgspec.structs.replace(note, port=port, orphaned=orphaned))
+
     def _wake_clients(self) -> None:
+        self._keep_note()
         for client in self._clients:
             client.wake.set()
 
@@ -112,9 +140,9 @@ class Server:
         codec = Codec()
         try:
             async with asyncio.timeout(_HELLO_S):
-                data, owns = await line.receive(), False
+                data, trust = await line.receive(), None
                 if not let_in:
-                    owns = self._owns(codec.from_client(data))
+                    trust = self._trusted(codec.from_client(data))
                     data = await line.receive()
                 codec = Codec.of(data)
                 hello = codec.from_client(data)
@@ -122,10 +150,15 @@ class Server:
                 raise InputError("the first record must be a hello")
             if len(self._clients) >= _MOST_CLIENTS:
                 raise StateError(f"{_MOST_CLIENTS} clients are connected already; close one")
+            owns = trust is not None and not trust.relays
+            if trust is not None and trust.adopts:
+                self._adopt(hello)
+            if owns:
+                self._wanted_until = None
             client = Client(self, codec, line, hello, next(self._ids), owns=owns)
             robot = robot_record(self.arm.robot)
-            await line.send(codec.encode(Welcome(version("armctl"), client.id, robot, self.silence_s)))
             self._clients.add(client)
+            await line.send(codec.encode(Welcome(version("armctl"), client.id, robot, self.silence_s)))
             client.begin()
             while True:
                 client.take(await line.receive())
@@ -142,15 +175,47 @@ class Server:
                 self._clients.remove(client)
                 client.leave()
                 if client.owns and not any(one.owns for one in self._clients):
-                    self.ended.set()
+                    self._orphan(client.name)
 
-    def _owns(self, trust: FromClient) -> bool:
-        """Whether the arm process is that of who says this first on the local socket."""
+    def _orphan(self, owner: str) -> None:
+        """Nobody owns the arm any more: end, or hold it where it would drop."""
+        if self.ended.is_set():
+            return
+        arm, snapshot = self.arm, self.arm.snapshot
+        board, kind = snapshot.board, board_type(self.arm.robot.board)
+        gone = f"{owner} is gone without a word"
+        if board is None or board.simulated or not (kind.off_when_left and snapshot.powered):
+            does = "" if board is None or board.simulated else f"; the {kind.power} stay as they are"
+            _LOGGER.warning("%s: the arm is brought to rest, and its process ends%s", gone, does)
+            self.ended.set()
+            return
+        self._held_until = self._loop.time() + _HOLD_S
+        arm.stop(Origin("arm process", f"{gone}; the arm is held for {_HOLD_S / 60:.0f} min, then it drops"))
+        for party in snapshot.control.parties:
+            arm.submit(Leave(gone), Origin(party.id))
+        for client in self._clients:
+            client.line.abort()
+        self._keep_note()
+
+    def _adopt(self, hello: Hello) -> None:
+        if self._held_until is None:
+            raise StateError("who started this arm is there; only an arm that was left can be taken over")
+        self._held_until = None
+        self._keep_note()
+        _LOGGER.warning("%s has taken the arm over", hello.name)
+
+    def _trusted(self, trust: FromClient) -> Trust:
+        """What somebody says first on the local socket, who must know the secret."""
         if not (
             isinstance(trust, Trust) and hmac.compare_digest(trust.secret.encode(), self._secret.encode())
         ):
             raise InputError("who connects here must know the secret of this arm process")
-        return not trust.relays
+        return trust
+
+    def end(self, signal_name: str) -> None:
+        """A signal asks for the end."""
+        _LOGGER.warning("%s: the arm is brought to rest, and its process ends", signal_name)
+        self.ended.set()
 
     async def watch(self) -> None:
         """Stop what a client moves that has become silent, and shut out who is silent for long."""
@@ -160,6 +225,12 @@ class Server:
             mover = self.mover
             if mover is not None and now - mover.heard_at > self.silence_s:
                 mover.stop(f"no sign of life for {self.silence_s:g} s")
+            if self._wanted_until is not None and now > self._wanted_until:
+                self._orphan("who started it")
+                self._wanted_until = None
+            if self._held_until is not None and (now > self._held_until or not self.arm.snapshot.powered):
+                _LOGGER.warning("nobody has taken the arm over: its process ends, and the arm drops")
+                self.ended.set()
             for client in self._clients:
                 if not client.owns and now - client.heard_at > _GONE_S:
                     client.line.abort()
@@ -419,15 +490,18 @@ async def serve_arm(
     pin: str = "",
     silence_s: float = SILENCE_S,
 ) -> None:
-    """Serve an arm until a client ends it, the last one that owns it has gone, or SIGTERM comes.
+    """Serve an arm until a client ends it, the last one that owns it has gone, or a signal comes.
+
+    Where the arm would drop then, it is held for ten minutes after its last owner has gone without a word.
 
     ``address`` is the path of a Unix socket; None: a port of the loopback address. ``ready`` is called with
     the address.
     """
     server = Server(secret, silence_s)
     loop = asyncio.get_running_loop()
-    with suppress(NotImplementedError, RuntimeError, ValueError):  # Windows; not on the main thread
-        loop.add_signal_handler(signal.SIGTERM, server.ended.set)
+    for name in ("SIGTERM", "SIGINT", "SIGHUP"):
+        with suppress(NotImplementedError, RuntimeError, ValueError):  # Windows; not on the main thread
+            loop.add_signal_handler(signal.Signals[name], server.end, name)
     arm = server.arm = Host(robot, board, rate_hz, server.tell, pin)
     connections: set[asyncio.Task[None]] = set()
 
@@ -447,15 +521,18 @@ async def serve_arm(
                 hands = Hands(server.attend, address, secret)
             finally:
                 os.umask(before)
+            like = likeness(robot, board, rate_hz, pin)
+            server.note(address, Note(os.getpid(), robot.title, like, secret))
         chores = [loop.create_task(server.watch()), loop.create_task(collect_at_rest(arm))]
         ready(str(listener.sockets[0].getsockname()[1] if address is None else address))
         await server.ended.wait()
         listener.close()
+        await asyncio.to_thread(arm.close)  # before the connections: whose ends, knows that the arm has
         for task in (*chores, *connections):
             task.cancel()
     finally:
         await asyncio.to_thread(arm.close)
         if hands is not None:
             hands.close()
-        for path in () if address is None else (address, hands_of(address)):
-            path.unlink(missing_ok=True)
+        if address is not None:
+            remove(address)

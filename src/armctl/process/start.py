@@ -13,7 +13,7 @@ import signal
 import struct
 import subprocess
 import sys
-import tempfile
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, cast
@@ -22,11 +22,11 @@ from armctl.boards import ANY_BOARD
 from armctl.errors import BoardError
 from armctl.log_files import begin as begin_log
 from armctl.process.link import Link, LocalLine
+from armctl.process.registry import likeness, orphans, runtime_folder, sweep
 from armctl.process.server import serve_arm
 from armctl.robot import Robot
 
-_PREPARE = "import pickle, sys; sys.path[:] = pickle.load(sys.stdin.buffer); "
-_MAIN = _PREPARE + "from armctl.process.start import main; main()"
+_LOGGER = logging.getLogger("armctl.process")
 
 
 @dataclass(frozen=True)
@@ -53,23 +53,33 @@ def start_arm(
     beats: bool = True,
     logs: bool = False,
     pin: str = "",
+    port: str | None = None,
 ) -> Link:
     """Start a process that runs an arm, not connected to a board yet, and connect to it.
 
+    One that holds the same arm on ``port`` because who started it is gone is taken over instead.
     ``board``: as ``Host``. ``name``: how its log calls this client. ``beats``: as ``Link``. ``logs``: its log
     goes to standard error. ``pin``: the teacher's, who can always take control.
     ``BoardError``: it cannot be started.
     """
     folder = runtime_folder()
+    if folder is not None:
+        sweep(folder)
+        if port is not None and (link := _taken_over(folder, robot, board, rate_hz, pin, port, name, beats)):
+            return link
     start = _Start(robot, board, rate_hz, folder, secrets.token_urlsafe(24), pin, logs)
-    # a session of its own: Ctrl-C is for us, who bring the arm to rest before we end it
     process = subprocess.Popen(
-        [sys.executable, "-c", _MAIN], stdin=subprocess.PIPE, stdout=subprocess.PIPE, start_new_session=True
+        [sys.executable, "-P", "-m", "armctl.process", robot.name],  # the name is for who reads `ps`
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        # boards of other packages are found where we find them
+        env=os.environ | {"PYTHONPATH": os.pathsep.join(os.path.abspath(entry) for entry in sys.path)},
+        # a session of its own: Ctrl-C is for us, who bring the arm to rest before we end it
+        start_new_session=True,
     )
     told, says = cast("IO[bytes]", process.stdin), cast("IO[bytes]", process.stdout)
     try:
         with told:
-            pickle.dump(sys.path, told)
             pickle.dump(start, told)
         with says:
             kind, _, said = says.readline().decode().rstrip("\n").partition(" ")
@@ -83,17 +93,22 @@ def start_arm(
         raise
 
 
-def runtime_folder() -> Path | None:
-    """The folder of the sockets, which only this user may enter; None where there are no Unix sockets."""
-    if not hasattr(asyncio, "start_unix_server"):
-        return None
-    run = os.environ.get("XDG_RUNTIME_DIR")
-    folder = Path(run) / "armctl" if run else Path(tempfile.gettempdir()) / f"armctl-{os.getuid()}"
-    folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-    seen = folder.stat()
-    if seen.st_uid != os.getuid() or seen.st_mode & 0o077:
-        raise BoardError(f"{folder} can be entered by other users; remove it, or make it private: chmod 700")
-    return folder
+def _taken_over(
+    folder: Path, robot: Robot, board: str, rate_hz: float, pin: str, port: str, name: str, beats: bool
+) -> Link | None:
+    """An arm process that was left alone and holds this arm on this port; None: there is none."""
+    for address, note in orphans(folder, likeness(robot, board, rate_hz, pin), port):
+        try:
+            link = Link(LocalLine(address, note.secret, adopts=True), name, robot, note.pid, beats=beats)
+        except BoardError as refusal:  # it has just ended, or somebody else was faster
+            _LOGGER.warning("the arm process %d was not taken over: %s", note.pid, refusal)
+            continue
+        _LOGGER.warning(
+            "the program that drove %s on %s was gone without a word; its arm process %d has held the arm "
+            "since, and is taken over", robot.title, note.port, note.pid,
+        )  # fmt: skip
+        return link
+    return None
 
 
 _SLICE_NS = 100_000
@@ -117,16 +132,16 @@ def _ask_for_short_slices() -> None:
 def main() -> None:
     """The arm process."""
     start: _Start = pickle.load(sys.stdin.buffer)
-    for number in (signal.SIGINT, signal.SIGPIPE, getattr(signal, "SIGHUP", signal.SIGINT)):
-        signal.signal(number, signal.SIG_IGN)
+    signal.signal(signal.SIGPIPE, signal.SIG_IGN)  # the terminal may be closed before it
     _ask_for_short_slices()
     if start.logs:
         logging.basicConfig(level=logging.INFO, format="%(asctime)s %(name)s %(levelname)s %(message)s")
     _ = start.robot.inverse_kinematics  # takes a while: here, before the first motion waits for it
 
     def ready(address: str) -> None:
-        sys.stdout.write(f"ready {address}\n")
-        sys.stdout.close()
+        with suppress(BrokenPipeError):  # who started it is gone: nobody will come
+            sys.stdout.write(f"ready {address}\n")
+            sys.stdout.close()
 
     address = None if start.folder is None else start.folder / f"arm-{os.getpid()}.sock"
     with begin_log("arm"):

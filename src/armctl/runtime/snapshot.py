@@ -183,6 +183,8 @@ class Snapshot:
     """share of the motion or program that runs that is over, 0 ... 1; None: none runs, or not known"""
     last_pose: LastPose | None = None
     """where the arm was seen last on this board; None: not known, or a simulated board"""
+    unreachable: bool = False
+    """who says this is not the arm itself: its process is gone, or does not answer"""
     measured: Mapping[str, str] = field(default_factory=dict[str, str])
     """by joint: the load, temperature and voltage that the board measures, if it does"""
 

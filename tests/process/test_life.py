@@ -1,0 +1,199 @@
+"""The two processes end, die and freeze, each alone: what becomes of the other, and of the arm."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+import pytest
+from tests.process.kit import ROBOT
+
+from armctl.arm import Arm
+from armctl.boards import UNNUMBERED
+from armctl.errors import BoardError, PortError, StateError
+from armctl.hardware.encoder.messages import Mode
+from armctl.hardware.encoder.simulated import SimulatedEncoderBoard, simulated_encoder_board
+from armctl.hardware.simulation import PtyServer
+from armctl.process import Host, Link, registry, start_arm
+from armctl.process.link import LocalLine
+from armctl.robot import load_robot
+from armctl.runtime import Connect, Enable, MonotonicClock, MoveJoints, SetSpeed, State, channel_settings
+
+SCORBOT = load_robot("scorbot")
+AWAY = ROBOT.pose("home") + np.array([1.2, 0, 0, 0, 0])
+OWNER = """
+import sys, threading
+from armctl import Arm
+arm = Arm.open(*sys.argv[1:3])
+pause = threading.Event()
+while any(not axis.homed for axis in arm.snapshot.homing):
+    pause.wait(0.01)
+arm.enable()
+arm.set_speed(5)
+motion = arm.go_pose("home", wait=False)
+print("moves", flush=True)
+sys.stdin.read()
+"""
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Where the arm processes of a test have their sockets."""
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    folder = registry.runtime_folder()
+    assert folder is not None
+    return folder
+
+
+def until(condition: Callable[[], bool], what: str, within_s: float = 10.0) -> None:
+    """Wait for another process."""
+    pause, now = threading.Event(), MonotonicClock.now
+    end = now() + within_s
+    while not condition():
+        assert now() < end, f"{within_s} s in vain: {what}"
+        pause.wait(0.01)
+
+
+def the_only_one(folder: Path) -> registry.Note:
+    ((_, note),) = registry.running(folder)
+    return note
+
+
+@contextmanager
+def owner(
+    robot: str, port: str, connected: Callable[[], None] = lambda: None
+) -> Iterator[subprocess.Popen[str]]:
+    """A program that drives an arm and moves it; of motors with encoders once they are homed."""
+    process = subprocess.Popen(
+        [sys.executable, "-c", OWNER, robot, port], text=True, stdin=subprocess.PIPE, stdout=subprocess.PIPE
+    )
+    assert process.stdout is not None
+    with process:
+        try:
+            connected()
+            assert process.stdout.readline() == "moves\n"
+            yield process
+        finally:
+            process.kill()
+
+
+@pytest.fixture
+def board() -> Iterator[PtyServer[SimulatedEncoderBoard]]:
+    board = simulated_encoder_board(channel_settings(SCORBOT), SCORBOT.board_settings.axes)
+    with PtyServer(board, MonotonicClock.now) as server:
+        yield server
+
+
+@pytest.fixture
+def moving() -> Iterator[Link]:
+    """An arm process of its own on the simulated board, whose arm moves for a while."""
+    link = start_arm(ROBOT, name="test")
+    try:
+        set_off(link)
+        yield link
+    finally:
+        link.close()
+
+
+def set_off(link: Link) -> None:
+    for command in (Connect("sim"), Enable(ROBOT.pose("home")), SetSpeed(0.05)):
+        link.submit(command).result(10)
+    link.submit(MoveJoints(AWAY)).accepted.result(10)
+    until(lambda: link.snapshot.state is State.MOVING, "it moves")
+
+
+def test_an_arm_that_would_drop_is_held_for_who_takes_it_over(
+    folder: Path, board: PtyServer[SimulatedEncoderBoard]
+) -> None:
+    port = board.port
+
+    def home() -> None:  # at once
+        until(lambda: any(note.port == port for _, note in registry.running(folder)), "its port is noted")
+        with board.inspect() as model:
+            for axis in model.axes:
+                axis.homed = True
+
+    with owner("scorbot", port, home) as program, Host(SCORBOT) as second:
+        ((address, note),) = registry.running(folder)
+        with pytest.raises(PortError, match=rf"{port}: the arm process {note.pid} .*Scorbot.*Arm.connect"):
+            second.submit(Connect(port)).result(10)
+        with pytest.raises(BoardError, match="only an arm that was left can be taken over"):
+            Link(LocalLine(address, note.secret, adopts=True))
+        program.kill()
+        until(lambda: the_only_one(folder).orphaned, "it is held")
+        with pytest.raises(PortError, match=rf"the arm process {note.pid} .*take it over.*kill {note.pid}"):
+            second.submit(Connect(port)).result(10)
+    assert (folder / f"arm-{note.pid}.json").stat().st_mode & 0o777 == 0o600
+    other = registry.likeness(load_robot("scorbot"), UNNUMBERED, 40.0, "")
+    assert registry.orphans(folder, other, port) == []
+    with Arm.open("scorbot", port) as arm:
+        assert the_only_one(folder).pid == note.pid
+        until(lambda: arm.snapshot.state is State.HOLDING, "it stands")
+        assert any("library is gone without a word" in event.text for event in arm.snapshot.events)
+        arm.enable()
+        with board.inspect() as model:
+            assert model.mode is Mode.ON
+    assert list(folder.iterdir()) == []
+
+
+def test_where_nothing_drops_the_arm_process_ends_with_its_program(folder: Path) -> None:
+    with owner("uzuner", "sim") as program:
+        assert the_only_one(folder).port == ""
+        program.kill()
+        until(lambda: not list(folder.iterdir()), "the arm process has ended")
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT, signal.SIGHUP])
+def test_a_signal_ends_the_arm_process_in_order(folder: Path, moving: Link, number: signal.Signals) -> None:
+    os.kill(the_only_one(folder).pid, number)
+    until(lambda: moving.ended, "the link knows")
+    assert moving.snapshot.cause == (
+        "the arm process ended; the simulated board is gone with it. Connect again"
+    )
+    assert list(folder.iterdir()) == []
+
+
+def test_a_killed_arm_process_is_told_and_refuses(folder: Path, moving: Link) -> None:
+    os.kill(the_only_one(folder).pid, signal.SIGKILL)
+    until(lambda: moving.snapshot.unreachable, "the link knows", within_s=1.0)
+    assert moving.snapshot.state is State.FAULT
+    assert "killed by signal 9" in moving.snapshot.cause
+    for ticket in (moving.stop(), moving.submit(SetSpeed(1.0))):
+        with pytest.raises(StateError, match="killed by signal 9"):
+            ticket.result(1)
+    assert list(folder.iterdir()) != []
+    start_arm(ROBOT).close()
+    assert list(folder.iterdir()) == []  # what a killed one leaves is swept
+
+
+def test_a_frozen_arm_process_is_told_and_goes_on_by_holding(folder: Path, moving: Link) -> None:
+    pid = the_only_one(folder).pid
+    os.kill(pid, signal.SIGSTOP)
+    try:
+        until(lambda: moving.snapshot.unreachable, "the link knows", within_s=2.0)
+        assert "STOP does not reach the arm" in moving.snapshot.cause
+    finally:
+        os.kill(pid, signal.SIGCONT)
+    until(lambda: not moving.snapshot.unreachable, "it answers again")
+    until(lambda: moving.snapshot.state is State.HOLDING, "it holds")
+    assert np.abs(moving.snapshot.q_command - AWAY).max() > 0.5  # and did not go on
+
+
+def test_a_frozen_program_stops_its_arm() -> None:
+    """Without ``beats`` the link is silent, as that of a page server whose loop hangs."""
+    link = start_arm(ROBOT, name="console", beats=False)
+    try:
+        set_off(link)
+        began = MonotonicClock.now()
+        until(lambda: link.snapshot.state is State.HOLDING, "it stands", within_s=3.0)
+        assert MonotonicClock.now() - began < 2.0
+        assert any("no sign of life" in event.text for event in link.snapshot.events)
+    finally:
+        link.close()
