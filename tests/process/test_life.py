@@ -155,7 +155,8 @@ def test_a_signal_ends_the_arm_process_in_order(folder: Path, moving: Link, numb
     os.kill(the_only_one(folder).pid, number)
     until(lambda: moving.ended, "the link knows")
     assert moving.snapshot.cause == (
-        "the arm process ended; the simulated board is gone with it. Connect again"
+        "the arm process ended, and STOP does not reach the arm; the simulated board is gone with it. "
+        "Connect again"
     )
     assert list(folder.iterdir()) == []
 

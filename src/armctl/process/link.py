@@ -221,8 +221,9 @@ class Link:
     @property
     def snapshot(self) -> Snapshot:
         """The newest that is known; a fault where the arm process is gone, or is silent for a second."""
-        lost = self._lost
+        lost, powered = self._lost, False
         if lost is None:
+            powered = self._snapshot.powered
             silent = self._now() - self._heard_at
             if silent <= SILENCE_S:
                 return self._snapshot
@@ -233,8 +234,8 @@ class Link:
         unknown = np.full(self.robot.n, np.nan)
         still = np.zeros(self.robot.n)
         return replace(
-            self._snapshot, state=State.FAULT, cause=lost, unreachable=True, q=unknown, commanded=False,
-            program=None,
+            self._snapshot, state=State.FAULT, cause=lost, unreachable=True, powered=powered,
+            q=unknown, commanded=False, program=None,
             velocity_command=still, acceleration_command=still, homing=(), warnings=(), measured={},
         )  # fmt: skip
 
@@ -442,7 +443,7 @@ class Link:
             does = f"its board switches the {board.power} off by itself"
         else:
             does = f"the {board.power} stay as they were at the last setpoint"
-        return f"{what}; {does}. Connect again"
+        return f"{what}, and STOP does not reach the arm; {does}. Connect again"
 
 
 def _connected(address: Path | tuple[str, int]) -> socket.socket:

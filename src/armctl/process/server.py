@@ -109,6 +109,12 @@ class Server:
         self._note = address, note
         write_note(address, note)
 
+    def leave_socket(self) -> None:
+        """Take away the socket and its note."""
+        if self._note is not None:
+            remove(self._note[0])
+            self._note = None
+
     def _keep_note(self) -> None:
         if self._note is None:
             return
@@ -527,12 +533,15 @@ async def serve_arm(
         ready(str(listener.sockets[0].getsockname()[1] if address is None else address))
         await server.ended.wait()
         listener.close()
-        await asyncio.to_thread(arm.close)  # before the connections: whose ends, knows that the arm has
+        await asyncio.to_thread(arm.close)
+        server.leave_socket()
+        # last: whose connection ends, knows that all of this is over
         for task in (*chores, *connections):
             task.cancel()
     finally:
         await asyncio.to_thread(arm.close)
         if hands is not None:
             hands.close()
+        server.leave_socket()
         if address is not None:
-            remove(address)
+            remove(address)  # also where it was not noted yet

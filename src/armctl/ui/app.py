@@ -17,7 +17,7 @@ from armctl.ui.console import Console, page_name
 from armctl.ui.guard import GuardedServer
 from armctl.ui.page import TABS_WIDTH, Page
 from armctl.ui.panel import PANEL_WIDTH
-from armctl.ui.robot_switch import RobotChange, RobotSwitch
+from armctl.ui.robot_switch import RESTARTED, RobotChange, RobotSwitch
 from armctl.ui.scene.arm_figure import ArmFigure
 from armctl.ui.scene.stage import Stage, look_at_arm, set_lights
 
@@ -121,7 +121,10 @@ class App:
             try:
                 look_at_arm(page.client, self._console.robot)
                 page.rebuild()
-                if not page.session.operates:
+                if change.did == RESTARTED:
+                    text = "A new arm process was started, which has done nothing yet: enable the arm anew."
+                    page.session.notify("Robot", text, "yellow")
+                elif not page.session.operates:
                     text = f"{change.who} {change.did} {change.title}: this page shows it now."
                     page.session.notify("Robot", text)
                 elif change.not_connected is not None:

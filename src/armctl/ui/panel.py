@@ -94,6 +94,8 @@ class ControlPanel:
             f"<div>Position shown: <b>{source}</b></div>",
             *(limited(f"⚠ {text}", _MOST_LINES, "color:#c92a2a") for text in warnings),
         ]
+        if snapshot.unreachable:  # for what is laid over the page beside STOP
+            lines.append(f"<i hidden data-armctl-lost='{escape(snapshot.cause)}'></i>")
         self._state.show("".join(lines))
         self._where.show(self._where_text(snapshot))
 

@@ -25,6 +25,7 @@ from armctl.runtime import (
 from armctl.ui.console import Console
 
 LOG = logging.getLogger("armctl.ui")
+RESTARTED = "started a new arm process for"
 _LOG_LINES = 200
 
 
@@ -146,7 +147,10 @@ class RobotSwitch:
             except BaseException:
                 await asyncio.to_thread(opened.close)
                 raise
-            did = "chose" if not reopen else "calibrated" if port == left.default_port else "opened"
+            if left.controller.ended:
+                did = RESTARTED
+            else:
+                did = "chose" if not reopen else "calibrated" if port == left.default_port else "opened"
             log = _log_lines(left, opened, origin, began, not_connected, did)
             kept = left.last_known if reopen and _same_machine(left, opened) else opened.last_known
             self.console = replace(opened, earlier=log, last_known=kept)
@@ -199,7 +203,8 @@ def _same_machine(left: Console, opened: Console) -> bool:
 def _log_lines(
     left: Console, opened: Console, origin: Origin, began: float, not_connected: str | None, did: str
 ) -> tuple[Event, ...]:
-    change = f"{left.robot.title} → {opened.robot.title}" if did == "chose" else f"{opened.robot.title} {did}"
+    what = {"chose": f"{left.robot.title} → {opened.robot.title}", RESTARTED: "a new arm process was started"}
+    change = what.get(did, f"{opened.robot.title} {did}")
     text = f"robot: {change} ({origin.who})"
     lines = [*left.earlier, *left.controller.snapshot.events, Event(began, "info", text)]
     LOG.info("%s", text)

@@ -120,6 +120,8 @@ class Session:
 
     def require_operator(self) -> None:
         """Refuse (``ArmctlError``) what only the operator may do."""
+        if self.console.controller.ended:
+            return  # who connects starts a new arm process; nobody operates one that is gone
         if not self.operates:
             raise ArmctlError(f"this page is watching, {self.operator} operates; press 'Take control' first")
 

@@ -121,7 +121,9 @@
     if (panelStop) hideFromReaders(panelStop, own); // one button of that name
     const lost = !line && now - Math.max(lostSince, began) > PATIENCE_MS;
     const unanswered = press && now - press.at > PATIENCE_MS;
-    const text = lost ? LOST : unanswered ? UNANSWERED : "";
+    const cause = document.querySelector("[data-armctl-lost]")?.dataset.armctlLost;
+    const gone = cause && cause[0].toUpperCase() + cause.slice(1);
+    const text = lost ? LOST : gone ? gone : unanswered ? UNANSWERED : "";
     if (words.textContent !== text) words.textContent = text;
     words.hidden = !text;
     const title = document.querySelector("[data-armctl-title]")?.dataset.armctlTitle;

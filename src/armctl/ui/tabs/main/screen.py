@@ -89,7 +89,8 @@ class MainScreen:
         """Show the board, what can be done, and the newest log lines."""
         self._robot.refresh(snapshot)
         self._people.refresh(snapshot)
-        self._clear.visible = snapshot.state is State.FAULT and snapshot.board is not None
+        fault = snapshot.state is State.FAULT and not snapshot.unreachable
+        self._clear.visible = fault and snapshot.board is not None
         holds = snapshot.powered and snapshot.state is not State.OFF
         self._question.refresh(snapshot)
         self._enable.visible = self._enable_note.visible = not (holds or self._question.asked)
