@@ -8,6 +8,7 @@ lies between two ticks in a row beyond the period. Beside it, in the same run: w
 from __future__ import annotations
 
 import argparse
+import itertools
 import multiprocessing
 import os
 import selectors
@@ -49,7 +50,7 @@ def lateness_ms(link: Link, line: LocalLine, seconds: float) -> np.ndarray:
         record = codec.from_arm(line.receive())
         if isinstance(record, Seen):
             stamps.append((record.snapshot.tick, record.snapshot.stamp))
-    pairs = zip(stamps, stamps[1:], strict=False)
+    pairs = itertools.pairwise(stamps)
     return np.array([1000 * (b[1] - a[1] - PERIOD_S) for a, b in pairs if b[0] == a[0] + 1])
 
 
