@@ -61,6 +61,8 @@ class ControlPanel:
         self._released_at = 0.0
         self._expanded_at = self._asked_take = -math.inf
         self._operated: bool | None = None
+        self._shown_at: FloatArray | None = None
+        """(n,) the joint angles that are written [rad]"""
         session.on(self._stop.on_click, self._on_stop)
         hot_key = session.gui.add_command("STOP", hotkey="escape", description="Decelerate and hold")
         session.on_key(hot_key, self._on_stop)
@@ -97,11 +99,13 @@ class ControlPanel:
         if snapshot.unreachable:  # for what is laid over the page beside STOP
             lines.append(f"<i hidden data-armctl-lost='{escape(snapshot.cause)}'></i>")
         self._state.show("".join(lines))
-        self._where.show(self._where_text(snapshot))
+        q = session.console.last_known.drawn(snapshot)
+        if self._shown_at is None or not np.array_equal(q, self._shown_at):
+            self._shown_at = q
+            self._where.show(self._where_text(q))
 
-    def _where_text(self, snapshot: Snapshot) -> str:
+    def _where_text(self, q: FloatArray) -> str:
         robot = self._session.console.robot
-        q = self._session.console.last_known.drawn(snapshot)
         joints = [
             [joint.title, f"{angle + 0.0:.2f}°"]
             for joint, angle in zip(robot.joints, np.round(np.degrees(q), 2), strict=True)
