@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 BENCH := build/bench-venv
 SOURCES := src tests benchmarks examples
 
-.PHONY: run test check format bench clean
+.PHONY: run test check format bench bench-live clean
 
 run: $(VENV)/.installed
 	@$(BIN)/armctl serve $(ARGS)
@@ -27,6 +27,10 @@ format: $(VENV)/.tested
 # The peers live in an environment of their own; one that does not install is named in the table.
 bench: $(BENCH)/.installed
 	$(BENCH)/bin/python -m benchmarks $(ARGS)
+
+# What a user waits for, with the product running; best on a machine that does nothing else.
+bench-live: $(VENV)/.installed
+	$(BIN)/python -m benchmarks.end_to_end $(ARGS)
 
 clean:
 	rm -rf $(VENV) build dist .pytest_cache .ruff_cache .hypothesis test-artifacts
