@@ -8,7 +8,6 @@ from typing import cast
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy import linalg
 
 from armctl.arrays import FloatArray
 from armctl.errors import InputError
@@ -234,6 +233,8 @@ def cubic_spline(breaks: FloatArray, points: FloatArray) -> PiecewisePolynomial:
         bands[1, -1], bands[2, -2] = h[-2] - h[-1], -(2.0 * h[-1] + h[-2])
         right[0] = -h[0] / (h[0] + h[1]) * right[1]
         right[-1] = -h[-1] / (h[-1] + h[-2]) * right[-2]
+        from scipy import linalg  # half of what a start would import, and few motions need it
+
         try:
             sixth = cast("FloatArray", linalg.solve_banded((1, 1), bands, right))  # pyright: ignore
         except np.linalg.LinAlgError as cause:

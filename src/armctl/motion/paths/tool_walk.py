@@ -10,11 +10,11 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import cast
+from functools import cache
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import lapack
 
 from armctl.arrays import FloatArray
 from armctl.kinematics import Chain
@@ -367,13 +367,20 @@ class _Inverse:
         return missed <= _CONSISTENT * max(1.0, float(np.abs(right).max()))
 
 
+@cache
+def _lapack() -> Any:
+    from scipy.linalg import lapack  # takes half of what a start would import, and few motions need it
+
+    return lapack
+
+
 def _inverted(matrix: FloatArray) -> FloatArray | None:
     """None where elimination meets a zero; ``numpy.linalg.inv`` takes nearly twice as long."""
-    dgesv = cast("Callable[..., tuple[object, object, FloatArray, int]]", lapack.dgesv)  # pyright: ignore
+    dgesv = cast("Callable[..., tuple[object, object, FloatArray, int]]", _lapack().dgesv)
     _, _, inverse, info = dgesv(matrix, np.eye(len(matrix)))
     return None if info else inverse
 
 
 def _largest(matrix: FloatArray) -> float:
     """Largest entry without its sign; not a number where one is none."""
-    return cast("Callable[..., float]", lapack.dlange)("M", matrix)  # pyright: ignore
+    return cast("Callable[..., float]", _lapack().dlange)("M", matrix)
