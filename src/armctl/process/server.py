@@ -13,7 +13,6 @@ from collections import deque
 from collections.abc import Awaitable, Callable
 from concurrent.futures import Future
 from contextlib import suppress
-from importlib import import_module
 from importlib.metadata import version
 from pathlib import Path
 
@@ -473,7 +472,6 @@ _MOST_YOUNG = 200_000
 
 async def collect_at_rest(arm: ArmLink) -> None:
     """Collect garbage while nothing moves; in a long motion only what is young, when there is much of it."""
-    await asyncio.to_thread(import_module, "scipy.linalg")  # now, or the first line or spline waits for it
     gc.collect()
     gc.freeze()
     gc.disable()

@@ -15,6 +15,7 @@ import subprocess
 import sys
 from contextlib import suppress
 from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
 from typing import IO, cast
 
@@ -136,7 +137,9 @@ def main() -> None:
     _ask_for_short_slices()
     if start.logs:
         logging.basicConfig(level=logging.INFO, format="%(asctime)s %(name)s %(levelname)s %(message)s")
-    _ = start.robot.inverse_kinematics  # takes a while: here, before the first motion waits for it
+    # What takes a while: here, before a motion waits for it, or a tick.
+    _ = start.robot.inverse_kinematics
+    import_module("scipy.linalg")
 
     def ready(address: str) -> None:
         with suppress(BrokenPipeError):  # who started it is gone: nobody will come
