@@ -41,6 +41,7 @@ NUMBERS = {
     "page silent": app.SILENCE_S + stop_line._CHECK_S,
     "program silent": records.SILENCE_S + server._WATCH_S,
     "records": server._MOST_A_SECOND,
+    "orphan": server._HOLD_S,
     "link silent": records.SILENCE_S,
     "gap": clock.GAP_S,
     "late": clock._LATE_S,
@@ -68,7 +69,7 @@ NUMBERS = {
 """what stands behind each number of the tables, in seconds, degrees, bytes or shares"""
 ROUNDED_UP = {"page silent"}
 """and which of them the page gives a little larger"""
-UNITS = {"": 1, " s": 1, " ms": 1e-3, " %": 0.01, "°": 1, " KiB": 1024, " MiB": 1024 * 1024}
+UNITS = {"": 1, " s": 1, " ms": 1e-3, " min": 60, " %": 0.01, "°": 1, " KiB": 1024, " MiB": 1024 * 1024}
 NUMBER = re.compile(
     rf"(?P<value>\d[\d,]*(?:\.\d+)?)(?P<unit>{'|'.join(sorted(UNITS, reverse=True))})"
     r"(?:<!-- (?P<key>[a-z ]+) -->)?"

@@ -67,8 +67,8 @@ def killed() -> Iterator[subprocess.Popen[bytes]]:
 @pytest.mark.parametrize(
     ("name", "board_does"),
     [
-        ("uzuner", "the pulses stay as they were at the last setpoint"),
-        ("abaas", "the pulses stay as they were at the last setpoint"),
+        ("uzuner", "the pulses stay as they were, unless the board has a timeout of its own"),
+        ("abaas", "the pulses stay as they were, unless the board has a timeout of its own"),
         ("scorbot", "its board switches the motors off by itself"),
     ],
 )
@@ -83,7 +83,7 @@ def test_an_arm_process_that_was_killed_is_a_fault_that_says_what_its_board_does
     link = Link(line, robot=robot, process=killed)
     motion = link.submit(MOVE)
     line.say(None)
-    words = rf"the arm process ended \(killed by signal 9\); {board_does}\. Connect again"
+    words = rf"ended \(killed by signal 9\), and STOP does not reach the arm; {board_does}\. Connect again"
     assert motion.finished.exception(20) is not None
     fails(motion.finished, words)
     assert link.ended and link.snapshot.state is State.FAULT

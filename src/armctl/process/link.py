@@ -442,7 +442,7 @@ class Link:
         elif board.off_when_left:
             does = f"its board switches the {board.power} off by itself"
         else:
-            does = f"the {board.power} stay as they were at the last setpoint"
+            does = f"the {board.power} stay as they were, unless the board has a timeout of its own"
         return f"{what}, and STOP does not reach the arm; {does}. Connect again"
 
 
