@@ -101,8 +101,11 @@ class TestHost(Host):
 
 
 @contextmanager
-def served_arm(folder: Path, robot: str = "uzuner") -> Iterator[ServedArm]:
-    """An enabled arm at its home pose, and its console; the page can change it for any shipped robot."""
+def served_arm(folder: Path, robot: str = "uzuner", pin: str = "") -> Iterator[ServedArm]:
+    """An enabled arm at its home pose, and its console; the page can change it for any shipped robot.
+
+    ``pin``: the teacher's.
+    """
 
     store = CalibrationStore(folder / "calibrations")
 
@@ -114,15 +117,16 @@ def served_arm(folder: Path, robot: str = "uzuner") -> Iterator[ServedArm]:
             files=folder,
             close=arm.close,
             state=folder / "state",
+            pin=pin,
         )
 
     def anew(name: str, port: str) -> Console:
         calibration = CalibrationInForce.of(load_robot(name), port, store)
-        return console(Arm(TestHost(calibration.robot)), calibration)
+        return console(Arm(TestHost(calibration.robot, pin=pin)), calibration)
 
     choices = [RobotChoice(name, load_robot(name).title) for name in shipped_robots()]
     begun = CalibrationInForce.of(load_robot(robot), "sim", store)
-    arm = Arm(TestHost(begun.robot))
+    arm = Arm(TestHost(begun.robot, pin=pin))
     arm.link.submit(Connect("sim")).result(10)
     robots = RobotSwitch(
         console(arm, begun),

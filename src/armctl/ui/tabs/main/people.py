@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from html import escape
 
 import viser
@@ -12,6 +13,9 @@ from armctl.ui.session import Session
 from armctl.ui.widgets.html import LiveHtml, muted
 
 _NOTE = "Everybody may press STOP. A page that does not answer for a second loses control, and the arm stops."
+
+_TYPED_S = 0.7
+"""a pause after which a name counts as typed"""
 
 
 class People:
@@ -27,7 +31,9 @@ class People:
             self._take = gui.add_button("Take control of the arm", icon=viser.Icon.HAND_GRAB)
             self._lock = gui.add_button("Lock control", icon=viser.Icon.LOCK)
             LiveHtml(gui, muted(_NOTE))
-        session.on(name.on_update, lambda: session.say(Arrive(name.value[:LONGEST_NAME], watch=True)))
+        self._name = name
+        self._typed = 0
+        session.on(name.on_update, self._on_name)
         session.on(self._take.on_click, self._on_take)
         session.on(self._lock.on_click, self._on_lock)
 
@@ -39,6 +45,14 @@ class People:
         self._pin.visible = control.pin
         self._lock.label = "Unlock control" if control.locked else "Lock control"
         self._lock.disabled = not session.operates and not control.pin
+
+    async def _on_name(self) -> None:
+        """Everybody is told once the name is typed, not at each letter."""
+        self._typed += 1
+        typed = self._typed
+        await asyncio.sleep(_TYPED_S)
+        if typed == self._typed:
+            await self._session.say(Arrive(self._name.value[:LONGEST_NAME], watch=True))
 
     async def _on_take(self) -> None:
         await self._session.say(TakeControl(self._taken_pin()))

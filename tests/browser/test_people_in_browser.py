@@ -1,0 +1,94 @@
+"""Two pages and one arm: who operates, who watches, and a teacher's PIN."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from playwright.sync_api import expect
+from tests.browser.kit import Screen, Screens
+from tests.browser.served_arm import ServedArm, served_arm
+
+from armctl.runtime import Origin
+
+pytestmark = pytest.mark.browser
+
+PIN = "4711"
+
+
+@pytest.fixture
+def served(tmp_path: Path) -> Iterator[ServedArm]:
+    """A console whose teacher has a PIN."""
+    with served_arm(tmp_path / "files", pin=PIN) as served:
+        yield served
+
+
+def operator(served: ServedArm) -> str | None:
+    party = served.now.control.operator
+    return None if party is None else party.name
+
+
+def logged(served: ServedArm, text: str) -> bool:
+    return any(text in event.text for event in served.now.events)
+
+
+def opened(screens: Screens, served: ServedArm) -> tuple[Screen, Screen]:
+    """Two pages; the first operates, and both show who is there."""
+    pages = screens(served.url), screens(served.url)
+    for page in pages:
+        page.unfold("Who operates", "Lock control")
+    assert operator(served) == "browser page 1"
+    return pages
+
+
+def test_control_is_asked_for_told_and_logged(screens: Screens, served: ServedArm) -> None:
+    first, second = opened(screens, served)
+    first.type_into("Your name", "Ada")
+    second.type_into("Your name", "Bob")
+    second.wait_for_text("Operator: Ada")
+    first.wait_for_text("1 watching")
+    second.click("Home")
+    second.wait_for_text("this page is watching, Ada operates; press 'Take control' first")
+    second.click("Take control")
+    second.wait_for_text("Ada operates the arm. Click Take control again to take it.")
+    assert operator(served) == "Ada"
+    second.click("Take control")
+    first.wait_for_text("This page watches now: Bob operates the arm.")
+    second.wait_for_text("This page now operates the arm.")
+    assert operator(served) == "Bob"
+    assert logged(served, "Bob has taken control of the arm; Ada watches now")
+    first.wait_for_text("Operator: Bob")
+    expect(first.button("Take control")).to_be_visible()
+    expect(second.page.get_by_role("button", name="Take control", exact=True)).to_have_count(0)
+    first.screenshot("people-watcher")
+    second.screenshot("people-operator")
+    first.click("Home")
+    first.wait_for_text("this page is watching, Bob operates; press 'Take control' first")
+    first.click("STOP")  # everybody's
+    first.wait_until(lambda: logged(served, "STOP (browser page 1)"), "who watches stops it")
+    second.page.close()
+    first.wait_until(lambda: operator(served) is None, "control is free")
+    assert logged(served, "Bob no longer operates: the operator's page is gone; control is free")
+
+
+def test_a_locked_control_opens_for_the_teacher_alone(screens: Screens, served: ServedArm) -> None:
+    first, second = opened(screens, served)
+    first.click("Lock control")
+    second.wait_for_text("Control is locked by the operator.")
+    second.click("Take control")
+    second.click("Take control")
+    second.wait_for_text(
+        "browser page 1 has locked control; ask for it to be unlocked, or give the teacher's PIN"
+    )
+    second.type_into("Teacher's PIN", "0000")
+    second.click("Take control of the arm")
+    second.wait_for_text("that is not the teacher's PIN")
+    second.wait_until(lambda: second.value("Teacher's PIN") == "", "the PIN does not stay on the screen")
+    second.pause(2000)  # the next one has to wait
+    second.type_into("Teacher's PIN", PIN)
+    second.click("Take control of the arm")
+    first.wait_for_text("This page watches now: browser page 2 operates the arm.")
+    assert not logged(served, PIN)
+    assert served.now.control.operates("browser page 2")
+    served.console.controller.stop(Origin("test")).result(5)
