@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -173,3 +174,19 @@ def test_a_check_tells_how_far_it_is_and_ends_when_it_is_told_to() -> None:
 
     with pytest.raises(CancelledError):
         all_findings(HOME, there, HOME, progress=cancel)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "fact"),
+    [
+        (MoveStep(joints_deg=(0.0, 60.0, -60.0, 200.0, 0.0)), "200.00°"),
+        (MoveStep(joints_deg=(0.0, 60.0, -60.0, 20.0, 0.0), duration_s=math.inf), "inf"),
+        (MoveStep(joints_deg=(0.0, 60.0, -60.0, 20.0)), "5 joint angles"),
+    ],
+)
+def test_one_wrong_step_is_found_among_many(wrong: MoveStep, fact: str) -> None:
+    good = MoveStep(joints_deg=(0.0, 60.0, -60.0, 20.0, 0.0))
+    program = Program(robot="uzuner", steps=(good,) * 200 + (wrong,) + (good,) * 200)
+    (finding,) = check_program(program, ROBOT, motions=False)
+    assert finding.step == 200
+    assert fact in str(finding)
