@@ -1,4 +1,4 @@
-"""What a client says of an arm whose process is gone or frozen, and what its board does meanwhile."""
+"""What a client says and does where the arm process is gone or frozen, or a command takes long to encode."""
 
 from __future__ import annotations
 
@@ -6,18 +6,21 @@ import queue
 import subprocess
 import threading
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 from tests.process.kit import ROBOT
 from tests.runtime.kit import fails
 
+from armctl.motion.trajectory import Sample
 from armctl.process import link as link_module
 from armctl.process.link import Link
 from armctl.process.records import SILENCE_S, Codec, Record, Seen, Welcome, light, robot_record
 from armctl.robot import Robot, load_robot
-from armctl.runtime import ManualClock, MoveJoints, Snapshot, State
+from armctl.runtime import Follow, ManualClock, MoveJoints, Snapshot, State
 
 MOVE = MoveJoints(ROBOT.pose("home"))
 
@@ -109,3 +112,36 @@ def test_an_arm_process_that_says_nothing_is_a_fault_until_it_is_heard_again(
     line.say(Seen(light(holding_snapshot)))
     assert link.snapshot.state is State.HOLDING
     link.close()
+
+
+class Laborious:
+    """A trajectory of a caller's own that is being sampled until ``go_on``."""
+
+    duration = 1.0
+    start = end = ROBOT.pose("home")
+
+    def __init__(self) -> None:
+        self.begun, self.go_on = threading.Event(), threading.Event()
+
+    def sample(self, t: object) -> Sample:
+        self.begun.set()
+        assert self.go_on.wait(20)
+        q = np.tile(self.start, (np.size(t), 1))
+        return Sample(q, 0 * q, 0 * q, 0 * q)
+
+
+def test_stop_does_not_wait_for_a_command_that_is_being_encoded_and_drops_it(
+    holding_snapshot: Snapshot,
+) -> None:
+    link, trajectory = Link(ScriptedLine(ROBOT, holding_snapshot), "stranger", beats=False), Laborious()
+    with ThreadPoolExecutor(2) as pool:
+        asked = pool.submit(link.submit, Follow(trajectory))
+        assert trajectory.begun.wait(20)
+        try:
+            stopped = pool.submit(link.stop).result(20)
+        finally:
+            trajectory.go_on.set()
+        fails(asked.result(20).finished, "stopped before it began")
+    assert not stopped.finished.done()
+    link.close()
+    fails(stopped.finished, "closed")

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from tests.process.kit import ROBOT, SECRET, served
 
-from armctl.errors import BoardError
+from armctl.errors import BoardError, InputError
 from armctl.process.link import Link, LocalLine
 from armctl.runtime import Connect, Enable
 
@@ -27,3 +27,19 @@ def test_a_client_gets_the_last_minute_and_a_closed_one_an_error(tmp_path: Path)
         "Enable q (0°, 110°, -80°, -70°, 0°)",
     ]
     assert recording.states[int(recording.column("state")[-1])] == "holding"
+
+
+def test_a_minute_that_cannot_be_given_is_said_and_asked_for_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def broken(recording: object) -> bytes:
+        raise InputError("no room for it")
+
+    with served(tmp_path) as address:
+        link = Link(LocalLine(address, SECRET), "notebook", ROBOT)
+        with monkeypatch.context() as patched:
+            patched.setattr("armctl.process.server.packed", broken)
+            with pytest.raises(BoardError, match="no room for it"):
+                link.black_box()
+        assert link.black_box().robot == "uzuner"
+        link.close()

@@ -52,8 +52,9 @@ from armctl.robot import Robot
 from armctl.runtime import Command, Event, MonotonicClock, Origin, Recording, Snapshot, State, Ticket
 from armctl.runtime.black_box import unpacked
 from armctl.runtime.commands import Answer as TicketAnswer
-from armctl.runtime.commands import give
+from armctl.runtime.commands import MovingCommand, give
 
+_BEAT = Codec().encode(Beat())
 _LOG_LINES = 200
 _RECALL_S = 10.0
 _CONNECT_S = 10.0
@@ -188,7 +189,11 @@ class Link:
         self._lock = threading.Condition()
         self._out: deque[bytes] = deque()
         self._tickets: dict[int, tuple[Ticket, list[TicketAnswer]]] = {}
-        self._recalled: Future[bytes] | None = None
+        self._recalls: dict[int, Future[bytes]] = {}
+        self._answering = threading.RLock()
+        """held while tickets are answered: the reader does, and whoever ends the link"""
+        self._stops = 0
+        """how often STOP was asked for"""
         self._numbers = itertools.count(1)
         self._events: tuple[Event, ...] = ()
         self._running: Running | None = None
@@ -257,10 +262,11 @@ class Link:
         with self._lock:
             if self._lost is not None or self._closing:
                 raise BoardError(self._lost or "the arm is being closed")
-            if self._recalled is None:  # else what another thread has asked for
-                self._recalled = Future()
-                self._put(Recall(next(self._numbers)))
-            recalled = self._recalled
+            if not self._recalls:  # else what another thread has asked for
+                number = next(self._numbers)
+                self._recalls[number] = Future()
+                self._put(self._codec.encode(Recall(number)))
+            (recalled,) = self._recalls.values()
         try:
             return unpacked(recalled.result(_RECALL_S))
         except TimeoutError:
@@ -270,7 +276,7 @@ class Link:
         """Give a sign of life; more often than ``SILENCE_S`` while the arm moves."""
         with self._lock:
             if not self._out and self._lost is None:
-                self._put(Beat())
+                self._put(_BEAT)
 
     def hand_over(self, line: socket.socket, request: bytes) -> bool:
         """Give the arm process a connection, with the request that came on it; whether it takes any.
@@ -302,7 +308,7 @@ class Link:
             if not self._closing and self._lost is None:
                 self._closing = True
                 if self._process is not None:
-                    self._put(End())
+                    self._put(self._codec.encode(End()))
         match self._process:
             case None:
                 pass
@@ -320,24 +326,30 @@ class Link:
 
     def _ask(self, record: Callable[[int, str, str], Record], origin: Origin | None) -> Ticket:
         origin = Origin() if origin is None else origin
+        number = next(self._numbers)
+        asked, stops = record(number, origin.who, origin.note), self._stops
+        try:
+            data = self._codec.encode(asked)  # without the lock: STOP does not wait for a big program
+        except ArmctlError as refusal:  # a trajectory that cannot be carried
+            return Ticket.ended(refusal)
+        if len(data) > MOST_BYTES:
+            text = f"a command of {len(data)} bytes is too large; {MOST_BYTES} at most"
+            return Ticket.ended(InputError(text))
         with self._lock:
             if self._lost is not None or self._closing:
                 return Ticket.ended(StateError(self._lost or "the arm is being closed"))
-            number = next(self._numbers)
-            try:
-                self._put(record(number, origin.who, origin.note))
-            except ArmctlError as refusal:  # a trajectory that cannot be carried
-                return Ticket.ended(refusal)
+            if isinstance(asked, Stop):
+                self._stops += 1
+            elif stops != self._stops and isinstance(asked, Ask) and isinstance(asked.command, MovingCommand):
+                return Ticket.ended(StateError("stopped before it began"))
+            self._put(data)
             answers: list[TicketAnswer] = []
             ticket = Ticket(answers)
             self._tickets[number] = ticket, answers
         return ticket
 
-    def _put(self, record: Record) -> None:
+    def _put(self, data: bytes) -> None:
         """Queue a record; the lock is held."""
-        data = self._codec.encode(record)
-        if len(data) > MOST_BYTES:
-            raise InputError(f"a command of {len(data)} bytes is too large; {MOST_BYTES} at most")
         self._out.append(data)
         self._lock.notify()
 
@@ -359,7 +371,7 @@ class Link:
                     if self._lost is not None:
                         return
                     if not self._lock.wait(BEAT_S) and self._beats and not self._out:
-                        self._put(Beat())
+                        self._put(_BEAT)
                 data = self._out.popleft()
             try:
                 self._line.send(data)
@@ -378,9 +390,9 @@ class Link:
                 self._running = record
             case Answer(number):
                 self._answer(number, record)
-            case Recalled(_, content):
+            case Recalled(number, content):
                 with self._lock:
-                    recalled, self._recalled = self._recalled, None
+                    recalled = self._recalls.pop(number, None)
                 if recalled is not None:
                     recalled.set_result(content)
             case Refused(error):
@@ -392,16 +404,20 @@ class Link:
     def _answer(self, number: int, record: Answer) -> None:
         with self._lock:
             waiting = self._tickets.get(number)
+            recalled = self._recalls.pop(number, None)
             if record.finished:
                 self._tickets.pop(number, None)
+        if recalled is not None:
+            recalled.set_exception(BoardError(record.error))
         if waiting is None:
             return
         ticket, answers = waiting
-        if record.finished:
-            ticket.end(error_of(record))
-        else:
-            ticket.accept()
-        give(answers)
+        with self._answering:
+            if record.finished:
+                ticket.end(error_of(record))
+            else:
+                ticket.accept()
+            give(answers)
 
     def _end(self, why: str) -> None:
         """The connection is over: say so in every ticket that waits."""
@@ -410,15 +426,16 @@ class Link:
                 return
             self._lost = why
             waiting, self._tickets = list(self._tickets.values()), {}
-            recalled, self._recalled = self._recalled, None
+            recalls, self._recalls = list(self._recalls.values()), {}
             self._out.clear()
             self._lock.notify_all()
-        self._line.close()
-        if recalled is not None:
+        for recalled in recalls:
             recalled.set_exception(BoardError(why))
-        for ticket, answers in waiting:
-            ticket.end(StateError(why))
-            give(answers)
+        with self._answering:
+            for ticket, answers in waiting:
+                ticket.end(StateError(why))
+                give(answers)
+        self._line.close()  # last: a network that is gone may keep it waiting
 
     def _epitaph(self, cause: Exception) -> str:
         """What has become of the arm process, and what its board does now."""
