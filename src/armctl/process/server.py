@@ -52,6 +52,7 @@ from armctl.robot import Robot
 from armctl.runtime import ArmLink, Arrive, Command, Event, Leave, Origin, Snapshot, State, Ticket
 from armctl.runtime.black_box import packed
 from armctl.runtime.commands import MovingCommand
+from armctl.runtime.snapshot import printable
 
 _LOGGER = logging.getLogger("armctl.process")
 _WATCH_S = 0.1
@@ -248,8 +249,7 @@ class Client:
     def __init__(
         self, server: Server, codec: Codec, line: Connection, hello: Hello, number: int, *, owns: bool
     ) -> None:
-        name = "".join(letter if letter.isprintable() else " " for letter in hello.name)
-        self.name = " ".join(name.split())[:40] or "program"
+        self.name = " ".join(printable(hello.name).split())[:40] or "program"
         self.id, self.owns, self.line = f"{self.name}, program {number}", owns, line
         self.wake = asyncio.Event()
         """there is something to send"""

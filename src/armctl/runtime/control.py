@@ -10,7 +10,7 @@ import math
 from dataclasses import replace
 
 from armctl.errors import StateError
-from armctl.runtime.snapshot import Control, EventLog, Party
+from armctl.runtime.snapshot import Control, EventLog, Party, printable
 
 MOST_PARTIES = 100
 LONGEST_NAME = 60
@@ -25,12 +25,14 @@ class ControlDesk:
         """``pin``: the teacher's, who can always take and lock control; empty: there is none."""
         self._log, self._pin = log, pin
         self._pin_from = -math.inf
+        self._teachers: set[str] = set()
+        """who has given the PIN: they do not wait for others who guess it"""
         self.control = Control(pin=bool(pin))
 
     def arrive(self, id: str, name: str, *, watch: bool) -> None:
         """Somebody is there, or has another name; it operates when nobody does, unless it only watches."""
         control = self.control
-        name = " ".join(name.split())[:LONGEST_NAME] or id
+        name = " ".join(printable(name).split())[:LONGEST_NAME] or id
         known = control.party(id)
         if known is not None:
             if known.name != name:
@@ -51,6 +53,7 @@ class ControlDesk:
             return False
         locked = control.locked and (control.by_teacher or not party.operates)
         parties = tuple(one for one in control.parties if one.id != id)
+        self._teachers.discard(id)
         self.control = replace(control, parties=parties, locked=locked)
         if party.operates:
             self._log.add(f"{party.name} no longer operates: {why}; control is free", "warning")
@@ -64,7 +67,7 @@ class ControlDesk:
         before = control.operator
         if before is party:
             return
-        teacher = self._is_pin(pin, now)
+        teacher = self._is_pin(id, pin, now)
         if control.locked and not teacher:
             whom = "the teacher has" if control.by_teacher or before is None else f"{before.name} has"
             pin_too = ", or give the teacher's PIN" if control.pin else ""
@@ -77,7 +80,7 @@ class ControlDesk:
     def lock(self, id: str, locked: bool, pin: str, now: float) -> None:
         """The operator, or who knows the PIN, locks control or opens the lock."""
         control = self.control
-        teacher = self._is_pin(pin, now)
+        teacher = self._is_pin(id, pin, now)
         if not teacher:
             if control.by_teacher and control.locked:
                 raise StateError("the teacher has locked control; only the teacher's PIN opens it")
@@ -99,15 +102,19 @@ class ControlDesk:
         if operator.id != id:
             raise StateError(f"{operator.name} operates the arm; take control first")
 
-    def _is_pin(self, pin: str, now: float) -> bool:
+    def _is_pin(self, id: str, pin: str, now: float) -> bool:
         if not pin:
             return False
-        if now < self._pin_from:
+        if now < self._pin_from and id not in self._teachers:
             raise StateError("wait a moment before the next PIN")
+        party = self.control.party(id)
         if not (self._pin and hmac.compare_digest(pin.encode(), self._pin.encode())):
             self._pin_from = now + _PIN_PAUSE_S
-            self._log.warn("a wrong PIN was given")
+            self._teachers.discard(id)
+            self._log.warn(f"{id if party is None else party.name} has given a wrong PIN")
             raise StateError("that is not the teacher's PIN")
+        if party is not None:
+            self._teachers.add(id)
         return True
 
     def _change(self, old: Party, new: Party) -> None:

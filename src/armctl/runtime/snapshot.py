@@ -18,6 +18,7 @@ from armctl.runtime.clock import wall_time
 
 _LOGGER = logging.getLogger("armctl.runtime")
 _LOG_LINES = 200
+_LONGEST_LINE = 2000
 _REPEAT_S = 5.0
 """a line of the log is not repeated sooner: a held key must not flood it"""
 
@@ -189,6 +190,11 @@ class Snapshot:
     """by joint: the load, temperature and voltage that the board measures, if it does"""
 
 
+def printable(text: str) -> str:
+    """Text without what a terminal would carry out; spaces stand in its place."""
+    return "".join([letter if letter.isprintable() else " " for letter in text])
+
+
 class EventLog:
     """The newest lines, oldest first, passed on to Python's logging. Only the controller thread writes."""
 
@@ -196,8 +202,11 @@ class EventLog:
         self.events: tuple[Event, ...] = ()
 
     def add(self, text: str, level: str = "info") -> None:
-        """Add a line; ``level`` is info, warning (the user should know) or error (something broke)."""
-        stamp = wall_time()
+        """Add a line; ``level`` is info, warning (the user should know) or error (something broke).
+
+        What a client has said may be in it: it is cut, and shows no control characters.
+        """
+        stamp, text = wall_time(), printable(text[:_LONGEST_LINE])
         if self.events:
             last = self.events[-1]
             if (last.level, last.text) == (level, text) and 0 <= stamp - last.stamp < _REPEAT_S:
