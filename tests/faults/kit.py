@@ -113,6 +113,8 @@ class Bench:
     """another program has the port"""
     port = PORT
     """what the board is called now"""
+    spoilt = False
+    """bytes were spoilt on its line: nobody can tell what it was told, or what it said"""
     by_client = False
     """whether a client of the arm process asks for the motions"""
     hold: Command | None = None
