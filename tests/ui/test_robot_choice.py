@@ -23,6 +23,7 @@ from armctl.runtime import (
     Control,
     ControlCommand,
     Controller,
+    Leave,
     LockControl,
     ManualClock,
     Origin,
@@ -61,10 +62,18 @@ class FakeController:
     ended: bool = False
     refuses: dict[type[object], ArmctlError] = field(default_factory=dict[type[object], ArmctlError])
     commands: list[Command] = field(default_factory=list[Command])
+    said: list[tuple[str, Command]] = field(default_factory=list[tuple[str, Command]])
 
     def submit(self, command: Command, origin: Origin) -> Ticket:
         assert origin is PAGE or isinstance(command, ControlCommand)
         self.commands.append(command)
+        self.said.append((origin.who, command))
+        if isinstance(command, Arrive):
+            control = self.snapshot.control
+            party = Party(origin.who, command.name, not command.watch)
+            self.snapshot = replace(
+                self.snapshot, control=replace(control, parties=(*control.parties, party))
+            )
         return Ticket.ended(self.refuses.get(type(command)))
 
 
@@ -443,3 +452,21 @@ def test_who_operates_and_a_lock_go_over_to_the_new_arm(rig: Rig, by_teacher: bo
     pin = rig.desk.console.pin if by_teacher else ""
     said = [one for one in rig.opened["mico"].commands if isinstance(one, ControlCommand)]
     assert said == [Arrive("Bob"), Arrive("Ann", watch=True), LockControl(True, pin)]
+
+
+def test_a_page_that_comes_or_goes_while_the_arm_is_changed_is_told_to_the_new_arm(rig: Rig) -> None:
+    people = (Party("browser page 1", "Ann"), Party("page 7", "Bob", True), Party("browser page 2", "Eve"))
+    rig.arm(control=Control(people))
+    rig.desk.pages += ["browser page 1", "page 7"]
+
+    def permit() -> None:
+        if "mico" in rig.opened:  # it is open, and knows who was there before
+            rig.desk.pages[:] = ["page 7", "browser page 2"]
+
+    rig.change("mico", permit)
+    assert [one for one in rig.opened["mico"].said if isinstance(one[1], ControlCommand)] == [
+        ("page 7", Arrive("Bob")),
+        ("browser page 1", Arrive("Ann", watch=True)),
+        ("browser page 1", Leave("its page is gone")),
+        ("browser page 2", Arrive("Eve", watch=True)),
+    ]

@@ -15,6 +15,7 @@ from armctl.runtime import (
     Command,
     Connect,
     Event,
+    Leave,
     LockControl,
     Origin,
     SetSpeed,
@@ -156,6 +157,7 @@ class RobotSwitch:
             self.console = replace(opened, earlier=log, last_known=kept)
             self.console.carry_over(left)
             self.present = choice
+            self._settle_pages(left)
             try:
                 if self._tell is not None:
                     self._tell(RobotChange(origin.who, choice.title, not_connected, did))
@@ -163,6 +165,18 @@ class RobotSwitch:
                 await asyncio.to_thread(left.close)  # frees its line, so that the new arm may use it
         finally:
             self.opening = None
+
+    def _settle_pages(self, left: Console) -> None:
+        """Tell the new arm of pages that came or went after their names were carried over."""
+        control, before = self.console.controller.snapshot.control, left.controller.snapshot.control
+        for party in control.parties:
+            if party.id not in self.pages:
+                self.console.controller.submit(Leave("its page is gone"), Origin(party.id))
+        for page in self.pages:
+            if control.party(page) is None:
+                known = before.party(page)
+                name = page if known is None else known.name
+                self.console.controller.submit(Arrive(name, watch=control.operator is not None), Origin(page))
 
     async def _carry_control(self, opened: Console, left: Console) -> None:
         """The pages keep their names and their operator, and a lock."""
