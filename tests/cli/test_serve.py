@@ -22,6 +22,8 @@ def test_the_printed_link_lets_in_and_is_shown_again(
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
+    (tmp_path / "run").mkdir()
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path / "run"))
     with serving(tmp_path, *words) as link:
         address = urlsplit(link)
         assert address.port is not None
@@ -41,4 +43,5 @@ def test_the_printed_link_lets_in_and_is_shown_again(
             assert "is in use by another program (another armctl?)" in (err := capsys.readouterr().err)
             assert err.endswith(f"The armctl that runs there is at {link}\n")
     assert list((tmp_path / "armctl").glob("link-*")) == []
+    assert list((tmp_path / "run" / "armctl").iterdir()) == []  # no arm process is left
     assert (tmp_path / "stderr").read_text().count("the line is not encrypted") == warnings

@@ -3,18 +3,37 @@
 from __future__ import annotations
 
 import signal
-import threading
 from collections.abc import Generator
 from contextlib import contextmanager
+from queue import Empty, SimpleQueue
 from types import FrameType
 
 
-def end_event() -> threading.Event:
+class EndEvent:
+    """Set by signals. A ``threading.Event`` would lock up where one signal interrupts another's handler."""
+
+    def __init__(self) -> None:
+        self._signals: SimpleQueue[int] = SimpleQueue()
+
+    def set(self, signum: int) -> None:
+        """From a signal's handler, also in the middle of ``wait`` or of itself."""
+        self._signals.put(signum)
+
+    def wait(self, timeout: float | None = None) -> bool:
+        """Wait for a signal; whether one came within ``timeout`` [s]."""
+        try:
+            self._signals.put(self._signals.get(timeout=timeout))  # it stays set
+        except Empty:
+            return False
+        return True
+
+
+def end_event() -> EndEvent:
     """An event that these signals set; from now on they do nothing else."""
-    ended = threading.Event()
+    ended = EndEvent()
 
     def end(signum: int, frame: FrameType | None) -> None:
-        ended.set()
+        ended.set(signum)
 
     for number in (signal.SIGINT, *_quiet_ends()):  # Ctrl-C also where a shell's & has it ignored
         signal.signal(number, end)
