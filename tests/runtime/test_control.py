@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from tests.runtime.kit import Rig, fails, make_rig
+from tests.runtime.kit import LateExecutor, Rig, fails, make_rig
 
 from armctl.errors import StateError
 from armctl.runtime import (
@@ -98,6 +98,17 @@ def test_what_moves_at_the_command_of_somebody_who_leaves_is_stopped(two: Rig) -
     fails(moving.finished, "stopped by Anna: the page is gone")
     ask(two, Arrive(), Origin("page 3"))
     assert operator(two) == "page 3"
+
+
+def test_what_is_being_planned_for_somebody_who_leaves_does_not_begin() -> None:
+    rig = make_rig(executor=LateExecutor()).enable()
+    ask(rig, Arrive("Anna"), ANNA)
+    moving = ask(rig, MoveJoints(AWAY), ANNA)
+    ask(rig, Leave("the page is gone"), ANNA)
+    rig.executor.work()
+    rig.run(0.2)
+    assert rig.now.state is State.HOLDING
+    fails(moving.finished, "stopped by Anna: the page is gone")
 
 
 def test_a_watcher_who_leaves_stops_nothing(two: Rig) -> None:

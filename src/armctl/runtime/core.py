@@ -93,6 +93,11 @@ class Core:
         return self.activity is None or self.activity.standing
 
     @property
+    def busy(self) -> bool:
+        """Something moves, or a motion is being planned."""
+        return self.activity is not None or self._motion is not None or self.gripper.goal is not None
+
+    @property
     def powered(self) -> bool:
         """The pulses are on, as far as is known."""
         return self.gate.q is not None or bool(self.monitor.reading.on.any())
@@ -281,7 +286,7 @@ class Core:
         ticket = Ticket.ended() if ticket is None else ticket
         ticket.accept()
         self._stopping.append(ticket)  # from here on settle answers it, or a fault
-        moving = self.activity is not None or self._motion is not None or self.gripper.goal is not None
+        moving = self.busy
         if moving or self.monitor.homes or not origin.note:
             fresh = moving and self.stopped_by != str(origin)
             if fresh or not self.log.said(f"STOP ({origin})", _SAME_PRESS_S):  # a page sends each press twice
@@ -398,7 +403,7 @@ class Core:
         self.gap_ended = now
         words = f"nothing ran for {gap_s:.1f} s (computer suspended, program frozen, or too busy)"
         activity = self.activity
-        if activity is None and self._motion is None and self.gripper.goal is None:
+        if not self.busy:
             self.log.warn(f"{words}; the arm stood still, the board is looked at first")
             self._held_locked = True
         else:

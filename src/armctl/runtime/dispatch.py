@@ -103,7 +103,8 @@ def _carry_out(core: Core, order: c.Order, now: float) -> bool:
             core.desk.arrive(who, name, watch=watch)
         case c.Leave(why):
             party = core.desk.control.party(who)
-            if core.desk.leave(who, why) and party is not None and not core.standing:
+            operated = core.desk.leave(who, why)
+            if operated and party is not None and core.busy and core.state is not State.PAUSED:
                 core.stop(c.Origin(party.name, why))
         case c.TakeControl(pin):
             core.desk.take(who, pin, now)
