@@ -16,6 +16,7 @@ from websockets.exceptions import ConnectionClosed
 
 from armctl.errors import StateError
 from armctl.kinematics import Target
+from armctl.process import connections
 from armctl.process.link import Link, LocalLine
 from armctl.process.records import (
     Answer,
@@ -357,3 +358,28 @@ def test_only_the_last_owner_ends_the_arm(tmp_path: Path) -> None:
                     ending.next()
         ended.set()
     assert ended.is_set()
+
+
+def test_a_defect_in_serving_a_client_ends_its_connection(
+    arm_at: Address, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    def broken(self: Codec, record: Ask) -> None:
+        raise RuntimeError("defect")
+
+    big = Program(robot="uzuner", name="big", steps=(WaitStep(seconds=0.01),) * 4_000)
+    with Client.remote(arm_at) as client:
+        monkeypatch.setattr(Codec, "command", broken)
+        asked = client.ask(RunProgram(big))
+        with pytest.raises(ConnectionClosed):
+            client.outcome(asked)
+    assert "serving it failed" in caplog.text
+
+
+def test_a_client_that_pings_and_does_not_read_is_shut_out(
+    arm_at: Address, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with Client.remote(arm_at) as client:
+        monkeypatch.setattr(connections, "MOST_UNSENT", -1)
+        client.say(Beat())
+        with pytest.raises(ConnectionClosed):
+            client.hear(Refused)

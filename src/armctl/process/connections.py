@@ -30,6 +30,9 @@ _PING_S, _LINGER_S = 0.25, 0.5
 MOST_MESSAGE = 4 * 1024 * 1024
 """bytes of one websocket message"""
 
+MOST_UNSENT = 16 * 1024 * 1024
+"""bytes that wait for a client that does not read"""
+
 
 class Connection(Protocol):
     """Carries the records of one client both ways."""
@@ -131,6 +134,8 @@ class WebSocketConnection:
                 self._protocol.receive_eof()
             events = self._protocol.events_received()
             self._write()  # without waiting: STOP of a client that does not read must arrive
+            if self._writer.transport.get_write_buffer_size() > MOST_UNSENT:
+                raise EOFError  # it pings, and does not read the answers
             for event in events:
                 self._take(event)
             self.alive(len(events) - len(self._messages))

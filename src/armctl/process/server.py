@@ -430,7 +430,14 @@ class Client:
     def _begin(self, work: Awaitable[None]) -> None:
         task = asyncio.ensure_future(work)
         self._tasks.add(task)
-        task.add_done_callback(self._tasks.discard)
+        task.add_done_callback(self._task_ended)
+
+    def _task_ended(self, task: asyncio.Task[None]) -> None:
+        self._tasks.discard(task)
+        defect = None if task.cancelled() else task.exception()
+        if defect is not None:  # else its client would wait for answers for ever
+            _LOGGER.error("%s: serving it failed", self.name, exc_info=defect)
+            self.line.abort()
 
     async def _feed(self) -> None:
         """Send what is new: the newest snapshot, and behind it the answers that belong to it."""
