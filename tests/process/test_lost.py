@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import queue
+import socket
 import subprocess
 import threading
 from collections.abc import Iterator
@@ -14,10 +15,12 @@ import numpy as np
 import pytest
 from tests.process.kit import ROBOT
 from tests.runtime.kit import fails
+from websockets.http11 import Request
+from websockets.server import ServerProtocol
 
 from armctl.motion.trajectory import Sample
 from armctl.process import link as link_module
-from armctl.process.link import Link
+from armctl.process.link import Link, RemoteLine
 from armctl.process.records import SILENCE_S, Codec, Record, Seen, Welcome, light, robot_record
 from armctl.robot import Robot, load_robot
 from armctl.runtime import Follow, ManualClock, MoveJoints, Snapshot, State
@@ -145,3 +148,23 @@ def test_stop_does_not_wait_for_a_command_that_is_being_encoded_and_drops_it(
     assert not stopped.finished.done()
     link.close()
     fails(stopped.finished, "closed")
+
+
+def test_a_network_that_is_pulled_out_ends_what_waits_for_an_answer(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("_PING_S", "_GONE_S", "_GOODBYE_S"):
+        monkeypatch.setattr(link_module, name, 0.05)
+    with socket.create_server(("127.0.0.1", 0)) as door, ThreadPoolExecutor(1) as pool:
+        opened = pool.submit(RemoteLine, f"http://127.0.0.1:{door.getsockname()[1]}", None)
+        wire, _ = door.accept()
+        with wire:
+            protocol = ServerProtocol()
+            protocol.receive_data(wire.recv(65536))
+            (request,) = protocol.events_received()
+            assert isinstance(request, Request)
+            protocol.send_response(protocol.accept(request))
+            wire.sendall(b"".join(protocol.data_to_send()))
+            line = opened.result(20)
+            with pytest.raises(ConnectionError):  # from here on the other end says nothing
+                pool.submit(line.receive).result(20)
+            wire.shutdown(socket.SHUT_RDWR)
+            line.close()

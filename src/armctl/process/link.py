@@ -58,6 +58,8 @@ _BEAT = Codec().encode(Beat())
 _LOG_LINES = 200
 _RECALL_S = 10.0
 _CONNECT_S = 10.0
+_PING_S, _GONE_S, _GOODBYE_S = 5.0, 30.0, 2.0
+"""A network that is pulled out says nothing: a console that leaves a ping unanswered for so long is gone."""
 _ENDED_S = 0.2
 _CLOSE_S = 15.0
 """how long an arm process may take to bring the arm to rest and end"""
@@ -135,7 +137,8 @@ class RemoteLine:
         try:
             self._socket = connect(
                 address, additional_headers=headers, max_size=MOST_BYTES, compression=None,
-                open_timeout=_CONNECT_S, ping_interval=None, proxy=None,
+                open_timeout=_CONNECT_S, ping_interval=_PING_S, ping_timeout=_GONE_S,
+                close_timeout=_GOODBYE_S, proxy=None,
             )  # fmt: skip
         except InvalidStatus as cause:
             text = (cause.response.body or b"").decode(errors="replace").strip().splitlines()
