@@ -8,6 +8,7 @@ import os
 import secrets
 import webbrowser
 from collections.abc import Generator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
@@ -95,17 +96,26 @@ def serve(
         for path in sweep_litter(folder, wall_time()):
             LOG.info("removed %s, which a killed save had left", path)
     open_console = partial(_open_console, asked=port, pin=pin)
-    console = open_console(robot, port)
-    present = RobotChoice(robot, console.robot.title)
-    robots = RobotSwitch(console, present, _robot_choices(present), open_console)
-    try:
+    switches: list[RobotSwitch] = []
+    sockets = {API_PATH: api_door(lambda: switches[0].console.controller if switches else None)}
+    with ThreadPoolExecutor(1) as opener:  # the arm process starts while the page server does
+        opening = opener.submit(open_console, robot, port)
         try:
-            sockets = {API_PATH: api_door(lambda: robots.console.controller)}
             server = guarded_server(
                 host, http_port, extra_hosts=names, token=token, tls=tls, sockets=sockets, label="armctl"
             )
         except ServerError as refusal:
+            opening.result().close()
             raise ServerError(f"{refusal}{_link_of_another(refusal, http_port)}") from refusal
+        try:
+            console = opening.result()
+        except BaseException:
+            server.stop()
+            raise
+    present = RobotChoice(robot, console.robot.title)
+    robots = RobotSwitch(console, present, _robot_choices(present), open_console)
+    switches.append(robots)
+    try:
         app = App(robots, server)
         try:
             ended = end_event()  # before anything moves

@@ -23,8 +23,8 @@ _TRY_AGAIN = 1013
 _PING_S = 0.25
 
 
-def api_door(arm: Callable[[], ArmLink]) -> SocketDoor:
-    """What answers at ``/api``; ``arm`` gives the present arm."""
+def api_door(arm: Callable[[], ArmLink | None]) -> SocketDoor:
+    """What answers at ``/api``; ``arm`` gives the present arm, None while there is none yet."""
 
     def hand_over(line: socket.socket, request: bytes) -> bool:
         link = arm()
