@@ -383,3 +383,25 @@ def test_a_client_that_pings_and_does_not_read_is_shut_out(
         client.say(Beat())
         with pytest.raises(ConnectionClosed):
             client.hear(Refused)
+
+
+def test_what_takes_long_to_decode_holds_up_nobodys_stop(
+    operator: Client, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    whole, begun, go_on = Codec.command, threading.Event(), threading.Event()
+
+    def slow(self: Codec, record: Ask) -> Any:
+        begun.set()
+        assert go_on.wait(20)
+        return whole(self, record)
+
+    program = Program(robot="uzuner", name="some", steps=(WaitStep(seconds=0.01),) * 300)
+    with Client.remote(operator.address, watch=True) as other:
+        monkeypatch.setattr(Codec, "command", slow)
+        asked = other.ask(RunProgram(program))
+        assert begun.wait(20)
+        try:
+            assert operator.outcome(operator.stop()) is None
+        finally:
+            go_on.set()
+        assert other.outcome(asked) is not None
