@@ -68,7 +68,7 @@ _MOST_CLIENTS = 64
 _MOST_A_SECOND = 1000
 """records of one client; more are a flood"""
 _BIG = 4 * 1024
-"""A record of more bytes is decoded beside the others: 64 KiB of curves take 0.1 s, and STOP waited for them."""
+"""A record of more bytes is decoded beside the others: 64 KiB of curves take 0.1 s, STOP came so late."""
 _MOST_WAITING = 16 * 1024 * 1024
 """bytes of one client that wait for that"""
 _HELLO_S = 10.0
