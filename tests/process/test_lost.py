@@ -23,7 +23,7 @@ from armctl.process import link as link_module
 from armctl.process.link import Link, RemoteLine
 from armctl.process.records import SILENCE_S, Codec, Record, Seen, Welcome, light, robot_record
 from armctl.robot import Robot, load_robot
-from armctl.runtime import Follow, ManualClock, MoveJoints, Snapshot, State
+from armctl.runtime import Follow, ManualClock, MoveJoints, SetSpeed, Snapshot, State
 
 MOVE = MoveJoints(ROBOT.pose("home"))
 
@@ -168,3 +168,35 @@ def test_a_network_that_is_pulled_out_ends_what_waits_for_an_answer(monkeypatch:
                 pool.submit(line.receive).result(20)
             wire.shutdown(socket.SHUT_RDWR)
             line.close()
+
+
+class SlowLine(ScriptedLine):
+    """Takes nothing more once ``full`` is set, until it is let go on."""
+
+    def __init__(self, snapshot: Snapshot) -> None:
+        super().__init__(ROBOT, snapshot)
+        self.full, self.stuck, self.go_on = threading.Event(), threading.Event(), threading.Event()
+        self.sent: list[bytes] = []
+
+    def send(self, data: bytes) -> None:
+        if self.full.is_set():
+            self.stuck.set()
+            assert self.go_on.wait(20)
+        self.sent.append(data)
+        super().send(data)
+
+
+def test_stop_drops_the_motions_that_wait_behind_a_slow_line(holding_snapshot: Snapshot) -> None:
+    line = SlowLine(holding_snapshot)
+    link = Link(line, robot=ROBOT, beats=False)
+    line.full.set()
+    link.submit(SetSpeed(0.5))
+    assert line.stuck.wait(20)  # it is on its way; what follows has to wait
+    motion, speed = link.submit(MOVE), link.submit(SetSpeed(0.4))
+    stopped = link.stop()
+    fails(motion.finished, "stopped before it began")
+    line.go_on.set()
+    link.close()
+    for ticket in (speed, stopped):
+        fails(ticket.finished, "closed")
+    assert not any(b"move-joints" in data for data in line.sent)

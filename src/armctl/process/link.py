@@ -44,6 +44,7 @@ from armctl.process.records import (
     Stop,
     Trust,
     Welcome,
+    answer,
     error_of,
     robot_of,
     whole,
@@ -56,6 +57,7 @@ from armctl.runtime.commands import MovingCommand, give
 
 _BEAT = Codec().encode(Beat())
 _LOG_LINES = 200
+_STOPPED = "stopped before it began"
 _RECALL_S = 10.0
 _CONNECT_S = 10.0
 _PING_S, _GONE_S, _GOODBYE_S = 5.0, 30.0, 2.0
@@ -190,7 +192,8 @@ class Link:
         self._codec = Codec()
         self._now = MonotonicClock.now
         self._lock = threading.Condition()
-        self._out: deque[bytes] = deque()
+        self._out: deque[tuple[int, bytes]] = deque()
+        """what waits to be sent, with the number of the motion that it asks for, or 0"""
         self._tickets: dict[int, tuple[Ticket, list[TicketAnswer]]] = {}
         self._recalls: dict[int, Future[bytes]] = {}
         self._answering = threading.RLock()
@@ -341,19 +344,28 @@ class Link:
         with self._lock:
             if self._lost is not None or self._closing:
                 return Ticket.ended(StateError(self._lost or "the arm is being closed"))
-            if isinstance(asked, Stop):
-                self._stops += 1
-            elif stops != self._stops and isinstance(asked, Ask) and isinstance(asked.command, MovingCommand):
-                return Ticket.ended(StateError("stopped before it began"))
-            self._put(data)
+            moves = isinstance(asked, Ask) and isinstance(asked.command, MovingCommand)
+            if moves and stops != self._stops:
+                return Ticket.ended(StateError(_STOPPED))
             answers: list[TicketAnswer] = []
             ticket = Ticket(answers)
             self._tickets[number] = ticket, answers
+            dropped = self._stop_waiting() if isinstance(asked, Stop) else []
+            self._put(data, number if moves else 0)
+        for one in dropped:
+            self._answer(one, answer(one, StateError(_STOPPED)))
         return ticket
 
-    def _put(self, data: bytes) -> None:
+    def _stop_waiting(self) -> list[int]:
+        """Take back the motions that are not sent yet: STOP waits for none; the lock is held."""
+        self._stops += 1
+        dropped = [number for number, _ in self._out if number]
+        self._out = deque(waiting for waiting in self._out if not waiting[0])
+        return dropped
+
+    def _put(self, data: bytes, motion: int = 0) -> None:
         """Queue a record; the lock is held."""
-        self._out.append(data)
+        self._out.append((motion, data))
         self._lock.notify()
 
     def _read(self) -> None:
@@ -375,7 +387,7 @@ class Link:
                         return
                     if not self._lock.wait(BEAT_S) and self._beats and not self._out:
                         self._put(_BEAT)
-                data = self._out.popleft()
+                _, data = self._out.popleft()
             try:
                 self._line.send(data)
             except OSError as cause:
