@@ -192,7 +192,7 @@ def test_a_rotation_that_cannot_be_gets_the_nearest_that_can(off: float) -> None
         best = 2 * math.asin(min(1.0, chords.min() / math.sqrt(8)))
         assert best <= math.radians(off) + 1e-6
         assert best == pytest.approx(solutions.residual_rad.min(), abs=1e-7)
-        swept = robot.inverse(T[:3, 3], step=math.radians(0.1)).q
+        swept = robot.inverse(T[:3, 3], step=math.radians(0.1)).q.copy()
         for roll in np.linspace(*robot.limits[4], 25):
             swept[:, 4] = roll
             traces = np.einsum("kij,ij->k", robot.forward(swept)[:, :3, :3], wanted)

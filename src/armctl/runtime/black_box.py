@@ -79,6 +79,10 @@ class CommandLine(msgspec.Struct):
     answer: str = ""
     """"done", or what refused, stopped or broke it; empty: none yet"""
 
+    def end(self, answer: str, now: float) -> None:
+        """It is answered at ``now`` (controller clock) [s]."""
+        self.answer, self.answered_s = answer, now
+
 
 class LogLine(msgspec.Struct, frozen=True):
     """A line of the log; its level is info, warning or error."""
@@ -185,8 +189,7 @@ class BlackBox:
 
         def answered(future: Future[None]) -> None:
             error = future.exception()
-            line.answer = "done" if error is None else str(error)[:_LONGEST_WORDS]
-            line.answered_s = self._now()
+            line.end("done" if error is None else str(error)[:_LONGEST_WORDS], self._now())
 
         with self._lock:
             self._commands.append(line)

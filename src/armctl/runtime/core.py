@@ -457,6 +457,10 @@ class Core:
             if self.leaving is not None:
                 self.disconnect("asked for")
 
+    def presume(self, q: FloatArray) -> None:
+        """Nobody knows where the arm is; it is drawn at ``q`` (n,) [rad], where it is said to be."""
+        self.presumed = q
+
     def keep_pose(self, now: float) -> None:
         """Have the pose kept for the next start; a disk that takes nothing is only a warning."""
         identity = None if self.board is None else self.board.identity

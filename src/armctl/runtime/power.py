@@ -73,7 +73,7 @@ def enable(core: Core, command: Enable, order: Order, now: float) -> bool:
     if grips and opening is None:
         opening = _UNKNOWN_OPENING if command.opening is None else command.opening
     core.monitor.enabled()
-    core.presumed = start
+    core.presume(start)
     core.log.add(f"enable ({who}): {_how_it_began(core, live, reading.source)}")
     core.begin(Enabling(core, board, start, live, opening, now), who, now, order.ticket, order.motion)
     return False

@@ -29,12 +29,12 @@ from armctl.ui.session import Session
 from armctl.ui.tabs.main.boards import RobotChooser, board_html, enable_note, homing_html, ports_html
 from armctl.ui.tabs.main.enabling import EnableQuestion, must_be_told
 from armctl.ui.tabs.main.people import People
-from armctl.ui.widgets.html import WARNING, LiveHtml, time_of_day
+from armctl.ui.widgets.html import WARNING, LiveHtml, muted, time_of_day
 
 _LOG_LINES = 14
 _LEVEL_COLOR = {"warning": WARNING, "error": "#c92a2a"}
 _REPORT_HINT = (
-    "Versions, robot file, log, and the last minute of the arm: for whoever is to find out what happened."
+    "The report holds versions, robot file, log, and the last minute of the arm: send it with a question."
 )
 _ASKED_S = 5.0
 _DISCONNECT_DROPS = (
@@ -74,9 +74,8 @@ class MainScreen:
         self._people = People(session)
         with gui.add_folder("Log"):
             self._log = LiveHtml(gui)
-            save = gui.add_button(
-                "Download report", icon=viser.Icon.DOWNLOAD, color="gray", hint=_REPORT_HINT
-            )
+            save = gui.add_button("Download report", icon=viser.Icon.DOWNLOAD, color="gray")
+            LiveHtml(gui, muted(_REPORT_HINT))
         session.on(save.on_click, self._on_report)
         session.on(self._line.on_click, self._on_line)
         session.on(self._enable.on_click, self._on_enable)
