@@ -76,11 +76,11 @@ browser:
 # The example of the WebSocket API in another language.
 .PHONY: node
 node:
-	@command -v node >/dev/null \
+	@node -e 'Number(process.versions.node.split(".")[0]) >= 20 || require("ws")' >/dev/null 2>&1 \
 	  || if [ "$$(id -u)" = 0 ] && command -v apt-get >/dev/null; \
 	     then echo 'installing nodejs for the test of the JavaScript example ...'; \
-	          apt-get update -qq && DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends nodejs; \
-	     else echo 'The JavaScript example needs node; install it first: sudo apt-get install nodejs' >&2; exit 1; fi
+	          apt-get update -qq && DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends nodejs node-ws; \
+	     else echo 'The JavaScript example needs node; install it first: sudo apt-get install nodejs node-ws' >&2; exit 1; fi
 
 # Real firmware on a simulated CPU: simavr, the compilers, and a firmware image that others built.
 AVR_PACKAGES := simavr libsimavr-dev libelf-dev gcc libc6-dev gcc-avr avr-libc arduino-core-avr pkg-config make

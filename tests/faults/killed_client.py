@@ -22,7 +22,7 @@ def save(folder: Path) -> None:
         joint.name: JointCalibration(1500.0, 500.0, 600.0, 2400.0) for joint in load_robot("uzuner").joints
     }
     for count in itertools.count(1):
-        steps = tuple(WaitStep(seconds=float(count)) for _ in range(200))
+        steps = tuple(WaitStep(seconds=float(count % 1000)) for _ in range(200))
         save_program(Program(robot="uzuner", steps=steps), folder / "program.toml")
         if count % 20 == 0:
             store.save(Calibration("uzuner", "killed", "µs", joints))
