@@ -40,11 +40,13 @@ def main(port: str, folder: Path) -> None:
     link.submit(Connect(port)).result(20)
     say("connected")
     threading.Thread(target=save, args=(folder,), daemon=True).start()
-    link.submit(Enable(robot.pose("rest")), Origin("killed"))
+    enabling = link.submit(Enable(robot.pose("rest")), Origin("killed"))
     goals = itertools.cycle([robot.pose("home"), robot.pose("rest")])
     told = False
     while True:
         snapshot = link.snapshot
+        if snapshot.state is State.OFF and enabling.finished.done():  # a busy computer: once more
+            enabling = link.submit(Enable(robot.pose("rest")), Origin("killed"))
         if snapshot.state is State.FAULT and not told:
             told = True
             say("fault", time.time(), snapshot.cause)

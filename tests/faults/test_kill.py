@@ -64,9 +64,13 @@ class Killed:
     def line(self, kind: str) -> list[str]:
         """The words of the next line of that kind."""
         assert self.client is not None and self.client.stdout is not None
+        patience = threading.Timer(60.0, self.client.kill)  # else this would wait for ever
+        patience.start()
         for line in self.client.stdout:
             if line.split()[0] == kind:
+                patience.cancel()
                 return line.split()[1:]
+        patience.cancel()
         assert self.client.stderr is not None
         raise AssertionError(f"no {kind}: {self.client.stderr.read()}")
 
@@ -129,8 +133,10 @@ def zombie(process: str) -> bool:
 def killed(tmp_path: Path) -> Iterator[Killed]:
     one = Killed(tmp_path)
     with one.board:
-        yield one
-        one.end()
+        try:
+            yield one
+        finally:
+            one.end()
 
 
 def assert_the_arm_is_left_in_order(killed: Killed, at: float) -> None:
