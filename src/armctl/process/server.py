@@ -523,6 +523,7 @@ async def serve_arm(
         connections.add(task)
         task.add_done_callback(connections.discard)
 
+    chores: list[asyncio.Task[None]] = []
     hands: Hands | None = None
     try:
         if address is None:
@@ -536,19 +537,17 @@ async def serve_arm(
                 os.umask(before)
             like = likeness(robot, board, rate_hz, pin)
             server.note(address, Note(os.getpid(), robot.title, like, secret))
-        chores = [loop.create_task(server.watch()), loop.create_task(collect_at_rest(arm))]
+        chores += loop.create_task(server.watch()), loop.create_task(collect_at_rest(arm))
         ready(str(listener.sockets[0].getsockname()[1] if address is None else address))
         await server.ended.wait()
         listener.close()
-        await asyncio.to_thread(arm.close)
-        server.leave_socket()
-        # last: whose connection ends, knows that all of this is over
-        for task in (*chores, *connections):
-            task.cancel()
     finally:
         await asyncio.to_thread(arm.close)
-        if hands is not None:
-            hands.close()
         server.leave_socket()
         if address is not None:
             remove(address)  # also where it was not noted yet
+        # last: whose connection ends, knows that all of this is over
+        for task in (*chores, *connections):
+            task.cancel()
+        if hands is not None:
+            hands.close()
