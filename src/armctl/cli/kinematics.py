@@ -99,7 +99,8 @@ def fk(robot: str, q: tuple[float, ...], as_json: bool) -> None:
 @click.option("--choose", type=click.Choice(CRITERIA), default="least-rotation", show_default=True,
               help="What the best solution is.")  # fmt: skip
 @click.option("--start", metavar="Q1,Q2,…",
-              help="Where the arm stands, degrees (for least-travel; default: home).")  # fmt: skip
+              help="Where the arm stands, degrees (default: home); for least-travel, and where a "
+                   "search begins.")  # fmt: skip
 @click.option("--step", type=Number(above=0.0), default=0.01, show_default=True,
               help="Step of the swept joint, degrees.")  # fmt: skip
 @click.option("--all", "every", is_flag=True,
@@ -118,9 +119,10 @@ def ik(
     rotation = None if rpy is None else rotation_from_rpy(*map(math.radians, rpy))
     pitch, roll = (None if angle is None else math.radians(angle) for angle in (pitch, roll))
     wish = (pitch, roll, rotation)
-    solutions = arm.inverse(point, *wish, step=math.radians(step))
+    begin = _start(arm, start)
+    solutions = arm.inverse(point, *wish, step=math.radians(step), start=begin)
     refused = [branch for branch in arm.branches(point, *wish) if branch.forbidden] if every else None
-    q = solutions.best(choose, _start(arm, start)) if solutions.success else None
+    q = solutions.best(choose, begin) if solutions.success else None
     error_mm = 0.0 if q is None else 1000 * float(np.linalg.norm(arm.forward(q)[:3, 3] - point))
     if as_json:
         print_json(_record(solutions, q, error_mm, refused))
@@ -163,6 +165,7 @@ def _record(
         "reason": solutions.reason,
         "nearest_mm": None if nearest_m is None else rounded(1000 * nearest_m, 6),
         "complete": solutions.complete,
+        "incomplete_reason": solutions.incomplete_reason,
     }
     if q is None:
         record["solutions_deg"] = []
@@ -193,7 +196,7 @@ def _print(
     many = len(solutions) != 1
     free = solutions.free_joint
     swept = "" if free is None else f" ({arm.joints[free].title.lower()} swept)"
-    more = "" if solutions.complete else "; found by search, there may be others"
+    more = "" if solutions.complete else f"; {solutions.incomplete_reason}"
     click.echo(f"{len(solutions)} solution{'s' if many else ''} inside the limits{swept}{more}")
     rows: list[_Row] = [
         ("degrees", None),

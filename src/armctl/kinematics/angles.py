@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -100,6 +101,52 @@ def into_limits(angle: FloatArray, low: float, high: float) -> NDArray[np.bool_]
         if high < math.pi:
             angle -= TWO_PI * np.ceil(np.maximum(0.0, angle - high - LIMIT_TOLERANCE) / TWO_PI)
     return (angle >= low - LIMIT_TOLERANCE) & (angle <= high + LIMIT_TOLERANCE)
+
+
+MOST_IMAGES = 4096
+"""how many images of a list of configurations ``all_images`` gives, unless it is told otherwise"""
+_MOST_TURNS = 16
+"""how many whole turns of one joint, each way, are looked at"""
+
+
+class Images(NamedTuple):
+    """Configurations with all that differ from them by whole turns of joints."""
+
+    q: FloatArray
+    """(m, n) inside the limits [rad]; the images of one configuration stand together, the nearest first"""
+    source: NDArray[np.intp]
+    """(m,) row of the configuration that each is an image of"""
+    left_out: int
+    """how many more there are"""
+
+
+def all_images(
+    q: FloatArray, limits: FloatArray, start: FloatArray | None = None, most: int = MOST_IMAGES
+) -> Images:
+    """Every image inside limits (n, 2) of configurations (k, n) [rad], clipped onto the limits.
+
+    A configuration without one is left out. Where there would be more than ``most``, each joint keeps those
+    nearest to zero or to ``start`` (n,) [rad], and ``left_out`` counts the others.
+    """
+    low, high = limits.T
+    first = np.ceil((low - LIMIT_TOLERANCE - q) / TWO_PI)
+    last = np.floor((high + LIMIT_TOLERANCE - q) / TWO_PI)
+    every = float(np.maximum(last - first + 1.0, 0.0).prod(axis=1).sum())
+    about = np.clip(np.rint(((0.0 if start is None else start) - q) / TWO_PI), first, last)
+    first, last = np.maximum(first, about - _MOST_TURNS), np.minimum(last, about + _MOST_TURNS)
+    count = np.maximum(last - first + 1.0, 0.0).astype(np.intp)
+    turn = np.arange(count.max(initial=0))
+    angle = np.clip(q[..., None] + TWO_PI * (first[..., None] + turn), low[:, None], high[:, None])
+    angle[turn >= count[..., None]] = math.inf
+    away = np.abs(angle) if start is None else np.minimum(np.abs(angle), np.abs(angle - start[:, None]))
+    angle = np.take_along_axis(angle, away.argsort(axis=-1, kind="stable"), axis=-1)
+    sizes: list[int] = count.max(axis=0, initial=0).tolist()
+    while len(q) * math.prod(sizes) > most and max(sizes) > 1:
+        sizes[sizes.index(max(sizes))] -= 1
+    choice = np.indices(sizes).reshape(len(sizes), -1).T
+    found = angle[:, np.arange(len(sizes)), choice]
+    inside = np.isfinite(found).all(axis=2)
+    return Images(found[inside], np.nonzero(inside)[0], round(every - np.count_nonzero(inside)))
 
 
 # Rotations in the forms that people and programs read.

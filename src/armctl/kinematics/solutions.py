@@ -56,7 +56,7 @@ class Solutions:
         least_rotation: Callable[[], FloatArray | None] | None = None,
         reason: str | None = None,
         nearest_q: FloatArray | None = None,
-        complete: bool = True,
+        incomplete_reason: str | None = None,
     ) -> None:
         """What a solver found.
 
@@ -69,11 +69,11 @@ class Solutions:
             least_rotation: the exact optimum over the continuum, where a joint is free.
             reason: why there is none; None when solved.
             nearest_q: (n,) configuration that comes nearest where there is no solution [rad].
-            complete: False where solutions may be missing (numeric fallback).
+            incomplete_reason: why solutions may be missing, in words; None where none is.
         """
         self.arm, self.target, self._q, self._index = arm, target, q, branch_index
         self.free_joint, self.least_rotation = free_joint, least_rotation
-        self.reason, self.complete = reason, complete
+        self.reason, self.incomplete_reason = reason, incomplete_reason
         self.nearest_q = None if nearest_q is None else lock(nearest_q)
 
     @cached_property
@@ -94,6 +94,11 @@ class Solutions:
     def __repr__(self) -> str:
         found = f"{len(self)} configurations" if self.success else self.explanation
         return f"Solutions({found})"
+
+    @property
+    def complete(self) -> bool:
+        """False where solutions may be missing from the list; ``incomplete_reason`` says why."""
+        return self.incomplete_reason is None
 
     @property
     def success(self) -> bool:

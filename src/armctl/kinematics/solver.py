@@ -58,9 +58,10 @@ class InverseKinematics(ABC):
         """The solver of an arm of the family, or None: limits (n, 2) [rad], titles (n,) for messages."""
 
     @abstractmethod
-    def solve(self, target: Target, step: float) -> Solutions:
+    def solve(self, target: Target, step: float, start: FloatArray | None = None) -> Solutions:
         """All solutions inside the limits; where there is none, why, and the nearest configuration.
 
+        ``start`` (n,) [rad] is where the arm stands: a search begins there, a closed form does not need it.
         Raises ``InputError`` where the ``step`` of a swept joint [rad] is not a positive number.
         """
 

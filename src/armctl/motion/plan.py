@@ -85,7 +85,8 @@ def solve(robot: Robot, start: ArrayLike | None, target: Target, choose: Choice)
         q = robot.least_rotation(target.position)  # the same without listing ten thousand others
         if np.isfinite(q).all():
             return q
-    solutions = solver.solve(target, DEFAULT_STEP)
+    begin = None if start is None else robot.chain.checked_one(start)
+    solutions = solver.solve(target, DEFAULT_STEP, begin)
     if not solutions.success:
         raise UnreachableError(solutions.explanation or "there is no solution")
     return solutions.best(choose, start)

@@ -157,6 +157,7 @@ class Robot(ArrayRecord):
         roll: float | None = None,
         rotation: ArrayLike | None = None,
         step: float = DEFAULT_STEP,
+        start: ArrayLike | None = None,
     ) -> Solutions:
         """All configurations inside the limits that put the tool there.
 
@@ -170,8 +171,10 @@ class Robot(ArrayRecord):
             roll: angle of the tool about its approach axis [rad]: the roll joint's own angle.
             rotation: (3, 3) ``R_base_tool`` instead of pitch and roll.
             step: step of the swept free joint [rad], where one is free.
+            start: (n,) where the arm stands [rad]; a numeric search begins there.
         """
-        return self.inverse_kinematics.solve(Target.of(position_m, pitch, roll, rotation), step)
+        begin = None if start is None else self.chain.checked_one(start)
+        return self.inverse_kinematics.solve(Target.of(position_m, pitch, roll, rotation), step, begin)
 
     def branches(
         self,

@@ -203,10 +203,10 @@ def _solutions(robot: Robot, q: FloatArray, target: Target, pitch: float | None)
     if roll is None and target.rotation is None:
         roll = robot.inverse_kinematics.pitch_and_roll(q)[1]
     if target.pitch is None and target.rotation is None and pitch is not None:
-        kept = robot.inverse(target.position, pitch, roll, step=_STEP)
+        kept = robot.inverse(target.position, pitch, roll, step=_STEP, start=q)
         if kept.success:
             return kept
-    return robot.inverse(target.position, target.pitch, roll, target.rotation, step=_STEP)
+    return robot.inverse(target.position, target.pitch, roll, target.rotation, _STEP, q)
 
 
 def _nearest(robot: Robot, q: FloatArray, found: Solutions) -> tuple[FloatArray, str | None]:

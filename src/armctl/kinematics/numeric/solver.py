@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armctl.arrays import FloatArray
+from armctl.kinematics.angles import all_images
 from armctl.kinematics.chain import Chain
 from armctl.kinematics.energy import EnergyModel
 from armctl.kinematics.numeric.descent import Starts, come_nearest, come_nearest_holding, meet
@@ -94,13 +95,15 @@ _SAME = 1e-6
 """configurations this near to each other are one [rad]"""
 _ALIKE = 1e-7
 """orientations this near to the best are as good [rad]"""
+_SEARCHED = "found by search, there may be others"
 
 
 class NumericSolver(InverseKinematics):
     """Any chain of revolute joints inside its limits. Immutable; safe in several threads.
 
     What it lists are solutions, but there may be more; of a continuum it lists a spread. The same target
-    always has the same answer. A ``box`` (n, 2) is the limits of one request, with the roll joint held [rad].
+    and start always have the same answer. A ``box`` (n, 2) is the limits of one request, with the roll joint
+    held [rad].
     """
 
     family = "numeric"
@@ -118,11 +121,11 @@ class NumericSolver(InverseKinematics):
         """Any arm is of this family."""
         return cls(chain, limits, energy, titles)
 
-    def solve(self, target: Target, step: float) -> Solutions:
-        """Solutions inside the limits; nothing is swept, ``step`` [rad] is only looked at.
+    def solve(self, target: Target, step: float, start: FloatArray | None = None) -> Solutions:
+        """Solutions inside the limits with all their images; the search begins at ``start`` (n,) [rad].
 
-        A rotation that cannot be had where the position can is approached: the position is met exactly and
-        the orientation as nearly as the search finds.
+        Nothing is swept, ``step`` [rad] is only looked at. A rotation that cannot be had where the position
+        can is approached: the position is met exactly and the orientation as nearly as the search finds.
         Raises ``InputError``: ``step`` is not a positive number.
         """
         checked_step(step)
@@ -137,7 +140,7 @@ class NumericSolver(InverseKinematics):
         if refusal is not None:
             return self._refused(target, refusal, self._nearest(position, turned, box))
         goal = position if turned is None else Together(position, turned)
-        found = self._search(goal, box)
+        found = self._search(goal, box, start)
         if len(found) == 0 and isinstance(turned, RotationGoal):
             near = self._approached(position, turned, box)
             cost = turned.cost(tool_motion(self.chain, near))[0]
@@ -147,7 +150,10 @@ class NumericSolver(InverseKinematics):
             found = exact if len(exact) else near
         if len(found) == 0:
             return self._unmet(target, position, turned, box)
-        return Solutions(self._arm, target, found, np.zeros(len(found), dtype=np.int8), complete=False)
+        q, _, left_out = all_images(found, self.limits, start)
+        q = q[np.argsort(np.round(np.abs(q).sum(axis=1), 9), kind="stable")]
+        reason = f"{_SEARCHED}; {left_out} more differ by whole turns" if left_out else _SEARCHED
+        return Solutions(self._arm, target, q, np.zeros(len(q), dtype=np.int8), incomplete_reason=reason)
 
     def _box(self, target: Target) -> tuple[str | None, FloatArray]:
         """Why the roll asked for cannot be; the limits with the roll joint held at it, or near 0."""
@@ -159,9 +165,14 @@ class NumericSolver(InverseKinematics):
             box[self._roll.index] = held
         return refused, box
 
-    def _search(self, goal: Goal, box: FloatArray) -> FloatArray:
-        """(k, n) configurations that meet a goal, from wave after wave of starts until there are any."""
+    def _search(self, goal: Goal, box: FloatArray, start: FloatArray | None = None) -> FloatArray:
+        """(k, n) configurations that meet a goal, from wave after wave of starts until there are any.
+
+        Those of ``start`` (n,), if given, are the first one.
+        """
         starts = self._starts.nearest_first(goal, _WAVE * _WAVES, box)
+        if start is not None:
+            starts = np.vstack([np.clip(start, *box.T), starts])
         for at in range(0, len(starts), _WAVE):
             found = self._met(goal, self._polished(goal, starts[at : at + _WAVE], box))
             if len(found):
@@ -178,10 +189,7 @@ class NumericSolver(InverseKinematics):
         return q
 
     def _met(self, goal: Goal, q: FloatArray) -> FloatArray:
-        """Those of ``q`` (k, n) that meet a goal, each once, at the smallest of equal angles."""
-        image = q - math.tau * np.rint(q / math.tau)
-        low, high = self.limits[:, 0], self.limits[:, 1]
-        q = np.where((high - low >= math.tau) & (image >= low) & (image <= high), image, q)
+        """Those of ``q`` (k, n) that meet a goal, each once."""
         rows = self._rows(goal, q)
         off = np.linalg.norm(rows[:, :3], axis=1) * self._reach
         turned = np.linalg.norm(rows[:, 3:], axis=1)
@@ -242,7 +250,9 @@ class NumericSolver(InverseKinematics):
         return self._refused(target, reason, nearest)
 
     def _refused(self, target: Target, reason: str, nearest: FloatArray) -> Solutions:
-        return Solutions(self._arm, target, (), (), reason=reason, nearest_q=nearest, complete=False)
+        return Solutions(
+            self._arm, target, (), (), reason=reason, nearest_q=nearest, incomplete_reason=_SEARCHED
+        )
 
 
 def _roll_joint(chain: Chain) -> int | None:
@@ -255,11 +265,12 @@ def _roll_joint(chain: Chain) -> int | None:
 
 
 def _distinct(q: FloatArray) -> FloatArray:
-    """Each configuration once, least rotation first."""
+    """Each configuration once, whole turns not counted; least rotation first."""
     keys = np.round(np.column_stack([q, np.abs(q).sum(axis=1)]), 9)
     order: NDArray[np.intp] = np.lexsort(keys.T)  # the last key counts first
     kept: list[FloatArray] = []
     for one in q[order]:
-        if not kept or np.abs(np.array(kept) - one).max(axis=1).min() >= _SAME:
+        apart = np.array(kept).reshape(-1, q.shape[1]) - one
+        if np.abs(apart - math.tau * np.rint(apart / math.tau)).max(axis=1).min(initial=math.inf) >= _SAME:
             kept.append(one)
     return np.array(kept).reshape(-1, q.shape[1])

@@ -81,7 +81,7 @@ class SphericalShoulderSolver(InverseKinematics):
         geometry = recognise_spherical(chain)
         return None if geometry is None else cls(chain, geometry, limits, energy, titles)
 
-    def solve(self, target: Target, step: float) -> Solutions:
+    def solve(self, target: Target, step: float, start: FloatArray | None = None) -> Solutions:
         """All solutions inside the limits.
 
         Position alone: the first joint is swept in steps of ``step`` [rad], with the roll joint at the one of

@@ -109,7 +109,7 @@ class YawPitchRollSolver(InverseKinematics):
         forward, left, up = (self.geometry.frame.T @ self.chain.forward(q)[:3, 2]).tolist()
         return math.atan2(up, math.hypot(forward, left)), roll
 
-    def solve(self, target: Target, step: float) -> Solutions:
+    def solve(self, target: Target, step: float, start: FloatArray | None = None) -> Solutions:
         """See ``InverseKinematics``; for a rotation the nearest that the arm can take at that position.
 
         Position alone with three pitch joints: the first one is swept in steps of ``step`` [rad], with the

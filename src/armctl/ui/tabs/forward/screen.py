@@ -287,14 +287,14 @@ class CoupledJoints:
 
 def coupled_joints(robot: Robot, target: Target, before: FloatArray) -> CoupledJoints:
     """The solution of a pose that takes the least travel from joint angles ``before`` (n,) [rad]."""
-    solutions = robot.inverse(target.position, target.pitch, target.roll)
+    solutions = robot.inverse(target.position, target.pitch, target.roll, start=before)
     if not solutions.success:
         return CoupledJoints(None, solutions.explanation or "there is no solution", solutions.nearest_q)
     ways = [solutions]
     if solutions.free_joint is not None:
         # a sweep holds grid values only; the pitch before lies between them, and the same pose must come back
         pitch, _ = robot.inverse_kinematics.pitch_and_roll(before)
-        held = robot.inverse(target.position, pitch, target.roll)
+        held = robot.inverse(target.position, pitch, target.roll, start=before)
         ways += [held] if held.success else []
     nearest = min(ways, key=lambda way: float(way.energies("least-travel", before).min()))
     return CoupledJoints(nearest.best("least-travel", before))

@@ -87,7 +87,7 @@ class Answer:
 
 def solve(robot: Robot, target: Target, criterion: str, start: FloatArray) -> Answer:
     """Solve a target and choose by a criterion; ``start`` (n,) [rad] is where the arm stands."""
-    return answer(robot, robot.inverse_kinematics.solve(target, DEFAULT_STEP), criterion, start)
+    return answer(robot, robot.inverse_kinematics.solve(target, DEFAULT_STEP, start), criterion, start)
 
 
 def answer(robot: Robot, solutions: Solutions, criterion: str, start: FloatArray) -> Answer:
