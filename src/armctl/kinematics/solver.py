@@ -80,6 +80,14 @@ class InverseKinematics(ABC):
         """
         raise self._has_no("batch of poses")
 
+    def solve_poses(self, poses: FloatArray) -> FloatArray | None:
+        """Every branch of many tool poses ``T_base_tool`` (k, 4, 4) [m], whatever the joint limits.
+
+        (k, b, n) angles [rad] at any of their images, a column a branch, NaN where a pose does not have it;
+        only exact solutions. None: the family has no such answer. Who locks a joint of a longer arm asks.
+        """
+        return None
+
     def least_rotation(self, position_m: ArrayLike) -> FloatArray:
         """The exact least rotation of one point (3,) or many (k, 3) [m]; ``Robot.least_rotation`` says more.
 
