@@ -19,8 +19,9 @@ from armctl.errors import InputError, UnreachableError
 from armctl.kinematics import DEFAULT_STEP, Choice, Target, checked_criterion
 from armctl.kinematics.target import as_numbers, checked_number
 from armctl.motion.blend import Leg, blend
+from armctl.motion.paths.refusals import ToolPathRefusedError, ToolPathUnreachableError
 from armctl.motion.paths.tool_curve import ToolArc, ToolLine
-from armctl.motion.paths.tool_path import PitchMode, ToolPathRefusedError, ToolPathUnreachableError, follow
+from armctl.motion.paths.tool_path import PitchMode, follow
 from armctl.motion.polynomial import PiecewisePolynomial, spline_through
 from armctl.motion.preflight import require_clear
 from armctl.motion.profiles import NOWHERE, PointToPoint, ProfileName, lasting_s
