@@ -80,11 +80,11 @@ class InverseKinematics(ABC):
         """
         raise self._has_no("batch of poses")
 
-    def solve_poses(self, poses: FloatArray) -> FloatArray | None:
+    def solve_poses(self, poses: FloatArray) -> BatchSolutions | None:
         """Every branch of many tool poses ``T_base_tool`` (k, 4, 4) [m], whatever the joint limits.
 
-        (k, b, n) angles [rad] at any of their images, a column a branch, NaN where a pose does not have it;
-        only exact solutions. None: the family has no such answer. Who locks a joint of a longer arm asks.
+        Exact solutions only, the angles at any of their images. None: the family has no such answer. A longer
+        arm with one joint locked asks for it, for each angle of the sweep.
         """
         return None
 
