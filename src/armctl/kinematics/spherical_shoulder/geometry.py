@@ -24,69 +24,7 @@ from numpy.typing import NDArray
 from armctl.arrays import FloatArray
 from armctl.kinematics.angles import images
 from armctl.kinematics.chain import Chain
-
-# Rotations about unit axes (3,), of many vectors (..., 3) by many angles (...) at once.
-
-Circle = tuple[FloatArray, FloatArray, FloatArray]
-"""A, B and C of ``A + B cos x + C sin x``, (...) each"""
-_STILL = 1e-11
-"""a vector that lies this near to an axis does not move when the axis turns (unit vectors)"""
-
-
-def across(axis: FloatArray) -> FloatArray:
-    """The matrix (3, 3) of ``axis x``."""
-    x, y, z = axis.tolist()
-    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-
-
-def turn(axis: FloatArray, angle: FloatArray | float) -> FloatArray:
-    """Rotations (..., 3, 3) about a unit axis by angles (...) [rad] (Rodrigues)."""
-    K = across(axis)
-    c, s = np.cos(angle)[..., None, None], np.sin(angle)[..., None, None]
-    return np.eye(3) + s * K + (1.0 - c) * (K @ K)
-
-
-def turned(v: FloatArray, axis: FloatArray, angle: FloatArray | float) -> FloatArray:
-    """Vectors (..., 3), each turned about a unit axis by its own angle (...) [rad]."""
-    c, s = np.cos(angle)[..., None], np.sin(angle)[..., None]
-    sideways = v @ across(axis).T
-    return v + s * sideways + (1.0 - c) * (sideways @ across(axis).T)
-
-
-def circle(axis: FloatArray, turning: FloatArray, fixed: FloatArray) -> Circle:
-    """``fixed · Rot(axis, x) turning`` of vectors (..., 3) over x."""
-    sideways = turning @ across(axis).T
-    level = sideways @ across(axis)
-    a, cosine, sine = (np.einsum("...i,...i->...", fixed, v) for v in (turning - level, level, sideways))
-    return a, cosine, sine
-
-
-def angle_about(axis: FloatArray, start: FloatArray, end: FloatArray, rest: float = 0.0) -> FloatArray:
-    """Turns about a unit axis [rad] that bring vectors (..., 3) onto others; else ``rest``."""
-    # Paden-Kahan subproblem 1; ``rest`` where the axis does not move them
-    _, cosine, sine = circle(axis, start, end)
-    still = np.linalg.norm(start @ across(axis).T, axis=-1) < _STILL
-    return np.where(still, rest, np.arctan2(sine, cosine))
-
-
-def roots(circle: Circle, value: FloatArray | float, tolerance: float, rest: float = math.nan) -> FloatArray:
-    """Both angles (2, ...) [rad] at which a circle of unit vectors has a value (...); NaN where none does.
-
-    A value beyond the range by no more than ``tolerance`` counts as its end. Where every angle serves, the
-    first is ``rest`` and there is no second.
-    """
-    a, b, c = circle
-    size, off = np.hypot(b, c), value - a
-    away = 2.0 * np.arctan2(np.sqrt(np.maximum(0.0, size - off)), np.sqrt(np.maximum(0.0, size + off)))
-    middle, still = np.arctan2(c, b), size <= _STILL
-    both = np.stack([np.where(still, rest, middle + away), np.where(still, math.nan, middle - away)])
-    return np.where(np.abs(off) <= size + tolerance, both, math.nan)
-
-
-def angle_between(a: FloatArray, b: FloatArray) -> FloatArray:
-    """Angles [rad] in 0..pi from vectors (..., 3) to one (3,), accurate also near 0 and pi."""
-    return np.arctan2(np.linalg.norm(a @ across(b), axis=-1), a @ b)
-
+from armctl.kinematics.subproblems import across, angle_about, turn, turned
 
 _ALIGNED = 1e-9
 """how far axes may miss a common point [m] and how nearly parallel they may be (sine of the angle)"""

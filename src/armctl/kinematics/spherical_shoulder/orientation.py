@@ -19,8 +19,9 @@ import numpy as np
 from armctl.arrays import FloatArray
 from armctl.kinematics.angles import images, quaternion_product, quaternion_wxyz, rest_angle, rotation_angle
 from armctl.kinematics.chain import Chain
-from armctl.kinematics.spherical_shoulder.geometry import Circle, SphericalShoulder, circle, roots
+from armctl.kinematics.spherical_shoulder.geometry import SphericalShoulder
 from armctl.kinematics.spherical_shoulder.swivel import ROOT_TOLERANCE, Swivel, turn_about
+from armctl.kinematics.subproblems import Circle, circle, roots
 
 _AS_GOOD = 1e-7
 """how much farther from the rotation or pitch asked for a posture may be than the best one [rad]"""

@@ -26,7 +26,6 @@ from armctl.kinematics.spherical_shoulder.geometry import (
     SphericalShoulder,
     recognise_spherical,
     spherical_branch_index,
-    turned,
 )
 from armctl.kinematics.spherical_shoulder.orientation import ToolOrientation, elevation
 from armctl.kinematics.spherical_shoulder.swivel import (
@@ -35,6 +34,7 @@ from armctl.kinematics.spherical_shoulder.swivel import (
     least_rotation,
     sweep,
 )
+from armctl.kinematics.subproblems import turned
 from armctl.kinematics.target import Target
 
 _AT_SHOULDER = 1e-10

@@ -25,16 +25,8 @@ from numpy.typing import NDArray
 from armctl.arrays import FloatArray
 from armctl.kinematics.angles import LIMIT_TOLERANCE, TWO_PI, rest_angle
 from armctl.kinematics.samples import grid_values
-from armctl.kinematics.spherical_shoulder.geometry import (
-    SphericalShoulder,
-    across,
-    angle_about,
-    angle_between,
-    circle,
-    roots,
-    turn,
-    turned,
-)
+from armctl.kinematics.spherical_shoulder.geometry import SphericalShoulder
+from armctl.kinematics.subproblems import across, angle_about, angle_between, circle, roots, turn, turned
 
 _NEARLY = 1e-5
 """how far outside a limit an angle may lie that rounding alone has put there [rad]: near a singular pose

@@ -1,0 +1,428 @@
+"""The subproblems of inverse kinematics: angles of one to three rotations that meet a condition.
+
+Subproblems 1 to 3 are those of Paden (1985) and Kahan (1983), 4 to 6 those of A. J. Elias and J. T. Wen,
+"IK-Geo: Unified robot inverse kinematics using subproblem decomposition" (2022), section 3:
+
+    1:  Rot(k, θ) p = q
+    2:  Rot(k1, θ1) p = Rot(k2, θ2) q
+    3:  |Rot(k, θ) p - q| = d
+    4:  h · Rot(k, θ) p = d
+    5:  p0 + Rot(k1, θ1) p1 = Rot(k2, θ2) (p2 + Rot(k3, θ3) p3)
+    6:  h1 · Rot(k1, θ1) p1 + h2 · Rot(k2, θ2) p2 = d1  and  h3 · Rot(k3, θ1) p3 + h4 · Rot(k4, θ2) p4 = d2
+
+Vectors are in any unit, axes k are unit vectors in any position to each other. One problem is worked in plain
+floats, for which numpy would take ten times as long; the second half has 1, 3 and 4 for arrays of problems.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from armctl.arrays import FloatArray
+from armctl.kinematics.angles import TWO_PI, wrap
+
+Vector = Sequence[float]
+"""x, y, z"""
+TOLERANCE = 1e-10
+"""what a condition may be missed by and still count as met, in the unit of the vectors"""
+_STILL = 1e-12
+"""how near to its axis a vector does not move when the axis turns, in its own length"""
+_SAME = 1e-7
+"""angles this near to each other are one [rad]"""
+
+
+class Answer(NamedTuple):
+    """What a subproblem answers."""
+
+    angles: tuple[tuple[float, ...], ...]
+    """of each solution an angle of every rotation, in order [rad], in (-pi, pi]"""
+    exact: bool
+    """False: nothing meets the condition, and these angles miss it by the least (least squares)"""
+    free: tuple[int, ...] = ()
+    """indices of the rotations that may be at any angle, so that there is a continuum; the angles given
+    are one of it. With two indices, the one angle hangs on the other."""
+
+
+# Vectors as three floats.
+
+
+def dot(a: Vector, b: Vector) -> float:
+    """``a · b``."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+def cross(a: Vector, b: Vector) -> tuple[float, float, float]:
+    """``a x b``."""
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+
+
+def added(a: Vector, b: Vector, factor: float = 1.0) -> tuple[float, float, float]:
+    """``a + factor · b``."""
+    return a[0] + factor * b[0], a[1] + factor * b[1], a[2] + factor * b[2]
+
+
+def rotated(k: Vector, angle: float, p: Vector) -> tuple[float, float, float]:
+    """``Rot(k, angle) p`` (Rodrigues)."""
+    c, s = math.cos(angle), math.sin(angle)
+    level = (1.0 - c) * (k[0] * p[0] + k[1] * p[1] + k[2] * p[2])
+    return (
+        c * p[0] + s * (k[1] * p[2] - k[2] * p[1]) + level * k[0],
+        c * p[1] + s * (k[2] * p[0] - k[0] * p[2]) + level * k[1],
+        c * p[2] + s * (k[0] * p[1] - k[1] * p[0]) + level * k[2],
+    )
+
+
+def turning(k: Vector, p: Vector, h: Vector) -> tuple[float, float, float]:
+    """A, B, C of ``h · Rot(k, θ) p = A + B cos θ + C sin θ``."""
+    fixed = dot(k, p) * dot(k, h)
+    return fixed, dot(h, p) - fixed, dot(h, cross(k, p))
+
+
+def circle_angles(a: float, b: float, c: float, value: float) -> tuple[tuple[float, ...], float]:
+    """The angles [rad] at which ``a + b cos θ + c sin θ`` has a value, and by how much it misses that.
+
+    One angle at the ends of the range, and beyond them, where it is missed. The half-angle form keeps its
+    digits where an arc cosine loses them.
+    """
+    size, off = math.hypot(b, c), value - a
+    middle = math.atan2(c, b)
+    near, far = size - off, size + off
+    if near <= 0.0:
+        return (middle,), -near
+    if far <= 0.0:
+        return (wrap(middle + math.pi),), -far
+    away = 2.0 * math.atan2(math.sqrt(near), math.sqrt(far))
+    return (wrap(middle + away), wrap(middle - away)), 0.0
+
+
+# The subproblems.
+
+
+def subproblem_1(k: Vector, p: Vector, q: Vector, tolerance: float = TOLERANCE) -> Answer:
+    """``Rot(k, θ) p = q``; free where ``p`` or ``q`` lies on the axis."""
+    along_p, along_q = dot(k, p), dot(k, q)
+    sine, cosine = dot(k, cross(p, q)), dot(p, q) - along_p * along_q
+    around_p, around_q = _distance(k, p), _distance(k, q)
+    exact = math.hypot(along_p - along_q, around_p - around_q) <= tolerance
+    if _lies_on(around_p, p) or _lies_on(around_q, q):
+        return Answer(((0.0,),), exact, (0,))
+    return Answer(((math.atan2(sine, cosine),),), exact)
+
+
+def subproblem_2(k1: Vector, k2: Vector, p: Vector, q: Vector, tolerance: float = TOLERANCE) -> Answer:
+    """``Rot(k1, θ1) p = Rot(k2, θ2) q``: up to two solutions.
+
+    Free where a vector lies on its own axis, and where the axes are parallel, so that only the difference
+    of the angles counts (both are named then, as they turn together).
+    """
+    length_p, length_q = math.sqrt(dot(p, p)), math.sqrt(dot(q, q))
+    if math.hypot(*cross(k1, k2)) <= _STILL:
+        ((angle,),), exact, _ = subproblem_1(k1, p, q, tolerance)
+        return Answer(((angle, 0.0),), exact, (0, 1))
+    if _lies_on(_distance(k1, p), p):
+        ((angle,),), exact, free = subproblem_1(k2, q, p, tolerance)
+        return Answer(((0.0, angle),), exact, (0, 1) if free else (0,))
+    if _lies_on(_distance(k2, q), q):
+        ((angle,),), exact, _ = subproblem_1(k1, p, q, tolerance)
+        return Answer(((angle, 0.0),), exact, (1,))
+    # lengths set equal: that makes the angles of a missed condition those of least squares
+    a, b, c = turning(k1, p, k2)
+    firsts, _ = circle_angles(a, b, c, dot(k2, q) * length_p / length_q)
+    found: list[tuple[float, float]] = []
+    exact = True
+    for first in firsts:
+        end = rotated(k1, first, p)
+        second = subproblem_1(k2, q, end).angles[0][0]
+        found.append((first, second))
+        exact = exact and math.dist(end, rotated(k2, second, q)) <= tolerance
+    return Answer(tuple(found), exact)
+
+
+def subproblem_3(k: Vector, p: Vector, q: Vector, d: float, tolerance: float = TOLERANCE) -> Answer:
+    """``|Rot(k, θ) p - q| = d``: up to two solutions; free where ``p`` or ``q`` lies on the axis."""
+    a, b, c = turning(k, p, q)
+    squares = dot(p, p) + dot(q, q)
+    angles, _ = circle_angles(a, b, c, 0.5 * (squares - d * d))
+    free = _lies_on(_distance(k, p), p) or _lies_on(_distance(k, q), q)
+    missed = abs(math.dist(rotated(k, angles[0], p), q) - d)
+    return Answer(((0.0,),) if free else tuple((x,) for x in angles), missed <= tolerance, (0,) * free)
+
+
+def subproblem_4(k: Vector, p: Vector, h: Vector, d: float, tolerance: float = TOLERANCE) -> Answer:
+    """``h · Rot(k, θ) p = d``: up to two solutions; free where ``p`` or ``h`` lies along the axis."""
+    angles, missed = circle_angles(*turning(k, p, h), d)
+    free = _lies_on(_distance(k, p), p) or _lies_on(_distance(k, h), h)
+    return Answer(((0.0,),) if free else tuple((x,) for x in angles), missed <= tolerance, (0,) * free)
+
+
+def subproblem_5(
+    k1: Vector, k2: Vector, k3: Vector, p0: Vector, p1: Vector, p2: Vector, p3: Vector,
+    tolerance: float = TOLERANCE,
+) -> Answer:  # fmt: skip
+    """``p0 + Rot(k1, θ1) p1 = Rot(k2, θ2) (p2 + Rot(k3, θ3) p3)``: up to four solutions.
+
+    Both sides must have the same part along k2 and the same length: two conditions for θ1 and θ3. Then θ2
+    turns one side onto the other; Gauss-Newton steps in all three take off what rounding leaves where both
+    sides lie along k2. Where nothing meets it, the two conditions are missed by the least.
+    """
+
+    def sides(x: float, y: float, z: float) -> tuple[Vector, Vector]:
+        return added(p0, rotated(k1, x, p1)), rotated(k2, y, added(p2, rotated(k3, z, p3)))
+
+    a1, b1, c1 = turning(k1, p1, k2)
+    a3, b3, c3 = turning(k3, p3, k2)
+    # half the squares, over a length that gives them the unit of the first condition
+    unit = max(math.sqrt(dot(p, p)) for p in (p0, p1, p2, p3)) or 1.0
+    e1, f1, g1 = (x / unit for x in turning(k1, p1, p0))
+    e3, f3, g3 = (x / unit for x in turning(k3, p3, p2))
+    halves = 0.5 * (dot(p2, p2) + dot(p3, p3) - dot(p0, p0) - dot(p1, p1)) / unit
+    pairs, _, anywhere = two_turns(
+        ((b1, c1), (f1, g1)),
+        ((-b3, -c3), (-f3, -g3)),
+        (dot(k2, p2) + a3 - dot(k2, p0) - a1, halves + e3 - e1),
+        max(tolerance, 1e-9 * unit),
+    )
+    found: list[tuple[float, tuple[float, float, float], bool]] = []
+    for first, third in pairs:
+        left, right = sides(first, 0.0, third)
+        ((second,),), _, loose = subproblem_1(k2, right, left, math.inf)
+        angles, missed = (first, second, third), math.dist(left, rotated(k2, second, right))
+        for _ in range(_NEWTON if missed > 1e-15 * unit else 0):
+            left, right = sides(*angles)
+            by_first, by_second = cross(k1, added(left, p0, -1.0)), cross(k2, right)
+            by_third = rotated(k2, angles[1], cross(k3, rotated(k3, angles[2], p3)))
+            J = np.array([by_first, [-x for x in by_second], [-x for x in by_third]]).T
+            steps = np.linalg.lstsq(J, np.subtract(right, left), rcond=1e-9)[0].tolist()
+            tried = tuple(x + step for x, step in zip(angles, steps, strict=True))
+            fewer = math.dist(*sides(*tried))
+            if not fewer < missed:
+                break
+            angles, missed = tried, fewer
+        x, y, z = map(wrap, angles)
+        found.append((missed, (x, y, z), bool(loose)))
+    met = [one for one in found if one[0] <= tolerance]
+    kept = met or [min(found)]
+    free = {2 * index for index in anywhere} | {1 for _, _, loose in kept if loose}
+    return Answer(tuple(angles for _, angles, _ in kept), bool(met), tuple(sorted(free)))
+
+
+def subproblem_6(
+    k: Sequence[Vector], p: Sequence[Vector], h: Sequence[Vector], d1: float, d2: float,
+    tolerance: float = TOLERANCE,
+) -> Answer:  # fmt: skip
+    """``h1 · Rot(k1, θ1) p1 + h2 · Rot(k2, θ2) p2 = d1``, ``h3 · Rot(k3, θ1) p3 + h4 · Rot(k4, θ2) p4 = d2``.
+
+    Four vectors each in ``k``, ``p`` and ``h``. Up to four solutions (θ1, θ2).
+    """
+    (a1, *u1), (a2, *v1), (a3, *u2), (a4, *v2) = map(turning, k, p, h)
+    A, B = ((u1[0], u1[1]), (u2[0], u2[1])), ((v1[0], v1[1]), (v2[0], v2[1]))
+    return two_turns(A, B, (d1 - a1 - a2, d2 - a3 - a4), tolerance)
+
+
+# Two angles of two conditions: the core of the subproblems 5 and 6.
+
+_Pair = tuple[float, float]
+_Matrix = tuple[_Pair, _Pair]
+_BAND = 1e-2
+"""how far off the unit circle a root may lie: rounding splits double ones, and the others are dropped"""
+_NEWTON = 8
+_SPREAD = 24
+
+
+def two_turns(A: _Matrix, B: _Matrix, c: _Pair, tolerance: float = TOLERANCE) -> Answer:
+    """Angles with ``A (cos θ1, sin θ1) + B (cos θ2, sin θ2) = c``: up to four pairs.
+
+    One angle is eliminated by its unit length, the one whose matrix is better conditioned. What is left,
+    ``|adj(B) (c - A u)|² = det(B)²``, is of degree 2 in exp(i θ1): four roots, which Newton steps in both
+    angles make exact. Where nothing meets the conditions, the pair that misses them by the least.
+    """
+    still_a, still_b = _size(A) <= _STILL * _size(B), _size(B) <= _STILL * _size(A)
+    if still_a or still_b:
+        angles, exact = _one_turn(B if still_a else A, c, tolerance)
+        pairs = tuple((0.0, x) if still_a else (x, 0.0) for x in angles)
+        return Answer(pairs, exact, (0,) if still_a else (1,))
+    swap = _conditioned(A) > _conditioned(B)
+    if swap:
+        A, B = B, A
+    firsts, anywhere = _eliminated(A, B, c)
+    met: list[_Pair] = []
+    best, least = (0.0, 0.0), math.inf
+    for first, second in itertools.chain(_starts(A, B, c, firsts), _grid(A, B, c, met)):
+        pair, missed = _descended(A, B, c, first, second)
+        if missed <= tolerance:
+            if all(_apart(pair, other) > _SAME for other in met):
+                met.append(pair)
+        elif missed < least:
+            best, least = pair, missed
+    if anywhere and met:  # the angles hang on each other
+        met = met[:1]
+    pairs = tuple((y, x) if swap else (x, y) for x, y in met or [best])
+    return Answer(pairs, bool(met), (0, 1) if anywhere and met else ())
+
+
+def _eliminated(A: _Matrix, B: _Matrix, c: _Pair) -> tuple[list[float], bool]:
+    """Angles θ1 that may have a θ2 [rad], and whether every θ1 has."""
+    (a, b), (d, e) = B
+    det = a * e - b * d
+    # w = adj(B) (c - A u) = w0 + F u
+    w = e * c[0] - b * c[1], a * c[1] - d * c[0]
+    (p, q), (r, s) = A
+    F = (b * r - e * p, b * s - e * q), (d * p - a * r, d * q - a * s)
+    g11, g22 = F[0][0] ** 2 + F[1][0] ** 2, F[0][1] ** 2 + F[1][1] ** 2
+    g12 = F[0][0] * F[0][1] + F[1][0] * F[1][1]
+    constant = w[0] * w[0] + w[1] * w[1] - det * det + 0.5 * (g11 + g22)
+    first = complex(w[0] * F[0][0] + w[1] * F[1][0], -(w[0] * F[0][1] + w[1] * F[1][1]))
+    second = 0.5 * complex(0.5 * (g11 - g22), -g12)
+    scale = max(w[0] * w[0] + w[1] * w[1], det * det, g11, g22)
+    if abs(constant) + 2.0 * (abs(first) + abs(second)) <= 1e-13 * scale:
+        return [math.pi * k / _SPREAD for k in range(-_SPREAD, _SPREAD)], True
+    if abs(second) <= 1e-13 * scale:
+        return list(circle_angles(constant, 2.0 * first.real, -2.0 * first.imag, 0.0)[0]), False
+    z = np.roots([second, first, constant, first.conjugate(), second.conjugate()])
+    return np.angle(z[np.abs(np.abs(z) - 1.0) < _BAND]).tolist(), False
+
+
+def _starts(A: _Matrix, B: _Matrix, c: _Pair, firsts: Sequence[float]) -> Iterator[_Pair]:
+    """Both θ2 that a θ1 has by the condition in which θ2 counts more."""
+    i = 0 if math.hypot(*B[0]) >= math.hypot(*B[1]) else 1
+    for first in firsts:
+        u = math.cos(first), math.sin(first)
+        rest = c[i] - A[i][0] * u[0] - A[i][1] * u[1]
+        for second in circle_angles(0.0, *B[i], rest)[0]:
+            yield first, second
+
+
+def _grid(A: _Matrix, B: _Matrix, c: _Pair, met: list[_Pair]) -> Iterator[_Pair]:
+    """More starts where nothing has met the conditions: for the least squares."""
+    if not met:
+        yield from _starts(A, B, c, [math.pi * k / _SPREAD for k in range(-_SPREAD, _SPREAD)])
+
+
+def _descended(A: _Matrix, B: _Matrix, c: _Pair, x: float, y: float) -> tuple[_Pair, float]:
+    """Where Newton steps lead from a pair of angles, and by how much it misses the conditions."""
+    r0, r1, missed = _missed(A, B, c, x, y)
+    for _ in range(_NEWTON):
+        sx, cx, sy, cy = math.sin(x), math.cos(x), math.sin(y), math.cos(y)
+        j00, j01 = A[0][1] * cx - A[0][0] * sx, B[0][1] * cy - B[0][0] * sy
+        j10, j11 = A[1][1] * cx - A[1][0] * sx, B[1][1] * cy - B[1][0] * sy
+        # (JᵀJ + small) step = -Jᵀr: near a double root J has no inverse
+        h00, h01, h11 = j00 * j00 + j10 * j10, j00 * j01 + j10 * j11, j01 * j01 + j11 * j11
+        damping = 1e-15 * (h00 + h11)
+        h00, h11 = h00 + damping, h11 + damping
+        g0, g1 = j00 * r0 + j10 * r1, j01 * r0 + j11 * r1
+        det = h00 * h11 - h01 * h01
+        if det <= 0.0:
+            break
+        new_x, new_y = x - (h11 * g0 - h01 * g1) / det, y - (h00 * g1 - h01 * g0) / det
+        s0, s1, fewer = _missed(A, B, c, new_x, new_y)
+        if not fewer < missed:
+            break
+        x, y, r0, r1, missed = new_x, new_y, s0, s1, fewer
+    return (wrap(x), wrap(y)), missed
+
+
+def _missed(A: _Matrix, B: _Matrix, c: _Pair, x: float, y: float) -> tuple[float, float, float]:
+    cx, sx, cy, sy = math.cos(x), math.sin(x), math.cos(y), math.sin(y)
+    r0 = A[0][0] * cx + A[0][1] * sx + B[0][0] * cy + B[0][1] * sy - c[0]
+    r1 = A[1][0] * cx + A[1][1] * sx + B[1][0] * cy + B[1][1] * sy - c[1]
+    return r0, r1, math.hypot(r0, r1)
+
+
+def _one_turn(B: _Matrix, c: _Pair, tolerance: float) -> tuple[list[float], bool]:
+    """Angles with ``B (cos θ, sin θ) = c``, and whether there are any."""
+    i = 0 if math.hypot(*B[0]) >= math.hypot(*B[1]) else 1
+    angles = circle_angles(0.0, *B[i], c[i])[0]
+    misses = [_missed(((0.0, 0.0), (0.0, 0.0)), B, c, 0.0, angle)[2] for angle in angles]
+    met = [angle for angle, missed in zip(angles, misses, strict=True) if missed <= tolerance]
+    return met or [angles[misses.index(min(misses))]], bool(met)
+
+
+def _conditioned(M: _Matrix) -> float:
+    """|det| over the squared size: 1/2 for a turn, 0 where the angle cannot be told from the conditions."""
+    return abs(M[0][0] * M[1][1] - M[0][1] * M[1][0]) / _size(M) ** 2
+
+
+def _size(M: _Matrix) -> float:
+    return math.hypot(*M[0], *M[1])
+
+
+def _apart(a: _Pair, b: _Pair) -> float:
+    return max(abs(math.remainder(x - y, TWO_PI)) for x, y in zip(a, b, strict=True))
+
+
+def _distance(k: Vector, p: Vector) -> float:
+    return math.hypot(*cross(k, p))
+
+
+def _lies_on(distance: float, p: Vector) -> bool:
+    return distance <= _STILL * math.sqrt(dot(p, p)) or distance == 0.0
+
+
+# For arrays of problems: vectors (..., 3), unit axes (3,), angles (...).
+
+Circle = tuple[FloatArray, FloatArray, FloatArray]
+"""A, B and C of ``A + B cos x + C sin x``, (...) each"""
+_UNMOVED = 1e-11
+"""a vector that lies this near to an axis does not move when the axis turns (unit vectors)"""
+
+
+def across(axis: FloatArray) -> FloatArray:
+    """The matrix (3, 3) of ``axis x``."""
+    x, y, z = axis.tolist()
+    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+
+
+def turn(axis: FloatArray, angle: FloatArray | float) -> FloatArray:
+    """Rotations (..., 3, 3) about a unit axis by angles (...) [rad] (Rodrigues)."""
+    K = across(axis)
+    c, s = np.cos(angle)[..., None, None], np.sin(angle)[..., None, None]
+    return np.eye(3) + s * K + (1.0 - c) * (K @ K)
+
+
+def turned(v: FloatArray, axis: FloatArray, angle: FloatArray | float) -> FloatArray:
+    """Vectors (..., 3), each turned about a unit axis by its own angle (...) [rad]."""
+    c, s = np.cos(angle)[..., None], np.sin(angle)[..., None]
+    sideways = v @ across(axis).T
+    return v + s * sideways + (1.0 - c) * (sideways @ across(axis).T)
+
+
+def circle(axis: FloatArray, turning: FloatArray, fixed: FloatArray) -> Circle:
+    """``fixed · Rot(axis, x) turning`` of vectors (..., 3) over x."""
+    sideways = turning @ across(axis).T
+    level = sideways @ across(axis)
+    a, cosine, sine = (np.einsum("...i,...i->...", fixed, v) for v in (turning - level, level, sideways))
+    return a, cosine, sine
+
+
+def angle_about(axis: FloatArray, start: FloatArray, end: FloatArray, rest: float = 0.0) -> FloatArray:
+    """Subproblem 1: turns about a unit axis [rad] that bring vectors (..., 3) onto others.
+
+    ``rest`` where the axis does not move them.
+    """
+    _, cosine, sine = circle(axis, start, end)
+    still = np.linalg.norm(start @ across(axis).T, axis=-1) < _UNMOVED
+    return np.where(still, rest, np.arctan2(sine, cosine))
+
+
+def roots(circle: Circle, value: FloatArray | float, tolerance: float, rest: float = math.nan) -> FloatArray:
+    """Subproblem 4: both angles (2, ...) [rad] at which a circle has a value (...); NaN where none does.
+
+    Of unit vectors. A value beyond the range by no more than ``tolerance`` counts as its end. Where every
+    angle serves, the first is ``rest`` and there is no second.
+    """
+    a, b, c = circle
+    size, off = np.hypot(b, c), value - a
+    away = 2.0 * np.arctan2(np.sqrt(np.maximum(0.0, size - off)), np.sqrt(np.maximum(0.0, size + off)))
+    middle, still = np.arctan2(c, b), size <= _UNMOVED
+    both = np.stack([np.where(still, rest, middle + away), np.where(still, math.nan, middle - away)])
+    return np.where(np.abs(off) <= size + tolerance, both, math.nan)
+
+
+def angle_between(a: FloatArray, b: FloatArray) -> FloatArray:
+    """Angles [rad] in 0..pi from vectors (..., 3) to one (3,), accurate also near 0 and pi."""
+    return np.arctan2(np.linalg.norm(a @ across(b), axis=-1), a @ b)
