@@ -64,7 +64,7 @@ class TwoLinks(InverseKinematics):
         flat = chain.n == 2 and np.allclose(axes, [[0.0, 0.0, 1.0]] * 2)
         return cls(chain, limits, energy, titles) if flat else None
 
-    def solve(self, target: Target, step: float) -> Solutions:
+    def solve(self, target: Target, step: float, start: FloatArray | None = None) -> Solutions:
         arm = SolvedArm(("left", "right"), self.chain, self.energy)
         points, _ = self.chain.axes()
         tip = self.chain.forward(np.zeros(2))[:3, 3]

@@ -138,7 +138,7 @@ def planar_arms(seed: int, count: int) -> list[tuple[Chain, FloatArray]]:
 
 
 def solver_of(chain: Chain, limits: FloatArray, titles: tuple[str, ...] = ()) -> InverseKinematics:
-    energy = EnergyModel(speed_limits=np.ones(chain.n), gravity=GravityModel(chain, ()))
+    energy = EnergyModel(np.ones(chain.n), np.ones(chain.n), GravityModel(chain, ()))
     return inverse_kinematics(
         chain, limits, energy, titles or tuple(f"Joint {k + 1}" for k in range(chain.n))
     )

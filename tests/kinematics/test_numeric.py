@@ -88,7 +88,7 @@ ARMS = {"puma": PUMA, "ur5": UR5, "panda": PANDA, "iiwa": IIWA, "odd4": ODD4} | 
 
 def solver_of(arm: Arm) -> NumericSolver:
     chain, limits = arm
-    energy = EnergyModel(speed_limits=np.ones(chain.n), gravity=GravityModel(chain, ()))
+    energy = EnergyModel(np.ones(chain.n), np.ones(chain.n), GravityModel(chain, ()))
     return NumericSolver(chain, limits, energy, [f"Joint {k + 1}" for k in range(chain.n)])
 
 

@@ -5,6 +5,7 @@ from armctl.kinematics.chain import Chain, DHRow
 from armctl.kinematics.energy import (
     CRITERIA,
     CRITERION_TEXT,
+    FROM_START,
     Body,
     Criterion,
     EnergyModel,
@@ -21,6 +22,7 @@ __all__ = [
     "CRITERIA",
     "CRITERION_TEXT",
     "DEFAULT_STEP",
+    "FROM_START",
     "BatchSolutions",
     "Body",
     "Branch",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Literal, get_args
 
@@ -71,14 +72,31 @@ class GravityModel:
         return torque
 
 
-Criterion = Literal["least-rotation", "published", "least-travel", "least-torque"]
+Criterion = Literal["least-rotation", "published", "least-travel", "shortest-time", "least-torque"]
 CRITERIA: tuple[Criterion, ...] = get_args(Criterion)
 CRITERION_TEXT: dict[Criterion, str] = {
     "least-rotation": "least sum of |joint angles| (the text of the paper)",
     "published": "least |sum of joint angles| with the last pitch joint ≤ 0 (the tables of the paper)",
-    "least-travel": "shortest time from the present pose: least sum of |change| / joint speed",
+    "least-travel": "least sum of |change| / joint speed from the present pose",
+    "shortest-time": "shortest motion from the present pose, all joints together by a cubic",
     "least-torque": "least gravity torque, each joint against its stall torque",
 }
+FROM_START: tuple[Criterion, ...] = ("least-travel", "shortest-time")
+"""the criteria that need to know where the arm stands, and leave a roll that is free as it stands there"""
+CUBIC_PEAKS = (1.5, 6.0)
+"""largest speed and acceleration of the cubic ``3 u² - 2 u³``, for a way and a time of 1"""
+
+
+def rest_to_rest_times(way: FloatArray, peaks: Sequence[float], *limits: FloatArray) -> FloatArray:
+    """Shortest times (..., n) [s] of ways (..., n) [rad, not negative] by a law from rest to rest.
+
+    ``peaks`` are the largest speed, acceleration and so on of the law for a way and a time of 1, ``limits``
+    (n,) of the same of each joint.
+    """
+    times = np.zeros(way.shape)
+    for order, (peak, most) in enumerate(zip(peaks, limits, strict=False), 1):
+        times = np.maximum(times, (peak * way / most) ** (1 / order))
+    return times
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -87,6 +105,8 @@ class EnergyModel(ArrayRecord):
 
     speed_limits: FloatArray
     """(n,) [rad/s]"""
+    acceleration_limits: FloatArray
+    """(n,) [rad/s²]"""
     gravity: GravityModel
     stall_torque: FloatArray | None = None
     """(n,) [N·m]; None: not known, then torques count alike"""
@@ -112,7 +132,8 @@ def energies(
     ``published`` sums the base and the parallel ``pitch_joints``, and excludes solutions whose last pitch
     joint is positive: so the printed tables of the uzuner paper were chosen, not as its text says.
     ``least-torque`` is the sum of squared load factors, as a motor's heat grows with the square.
-    ``start`` (n,) [rad] is where the arm stands; ``least-travel`` raises ``InputError`` without it.
+    ``shortest-time`` is the duration [s] of the cubic motion in which the slowest joint sets the time.
+    ``start`` (n,) [rad] is where the arm stands; those ``FROM_START`` raise ``InputError`` without it.
     """
     match criterion:
         case "least-rotation":
@@ -120,10 +141,14 @@ def energies(
         case "published":
             summed = [0, *pitch_joints] if pitch_joints else list(range(q.shape[1]))
             return np.where(q[:, summed[-1]] > 0.0, np.inf, np.abs(q[:, summed].sum(axis=1)))
-        case "least-travel":
+        case "least-travel" | "shortest-time":
             if start is None:
-                raise InputError("least-travel needs the pose that the arm starts from")
-            return (np.abs(q - start) / model.speed_limits).sum(axis=1)
+                raise InputError(f"{criterion} needs the pose that the arm starts from")
+            way = np.abs(q - start)
+            if criterion == "least-travel":
+                return (way / model.speed_limits).sum(axis=1)
+            limits = model.speed_limits, model.acceleration_limits
+            return rest_to_rest_times(way, CUBIC_PEAKS, *limits).max(axis=1)
         case "least-torque":
             load = model.gravity.torque(q)
             if model.stall_torque is not None:

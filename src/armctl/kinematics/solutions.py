@@ -15,13 +15,15 @@ from armctl.arrays import FloatArray, lock
 from armctl.errors import InputError, UnreachableError
 from armctl.kinematics.angles import rotation_angle
 from armctl.kinematics.chain import Chain
-from armctl.kinematics.energy import EnergyModel, checked_criterion, energies
+from armctl.kinematics.energy import FROM_START, Criterion, EnergyModel, checked_criterion, energies
 from armctl.kinematics.target import Target, as_numbers
 
 _THERE_M = 1e-7
 """a nearest point that is so near is the target itself [m]"""
 _SEEN_MM = 0.05
 """what one decimal shows as more than 0.0 [mm]"""
+_ALIGNED = 1e-9
+"""sine of the angle up to which a roll axis is along the approach axis"""
 _UNSEEN = math.radians(0.005)
 """an excess that two decimals do not show: what a search for the least excess leaves [rad]"""
 
@@ -38,6 +40,10 @@ class SolvedArm(NamedTuple):
     chain: Chain
     energy: EnergyModel
     pitch_joints: tuple[int, ...] = ()
+    limits: FloatArray | None = None
+    """(n, 2) joint limits [rad]"""
+    roll_joint: int | None = None
+    """index of the joint that turns the tool about an axis through the tool point"""
 
 
 class Solutions:
@@ -57,6 +63,7 @@ class Solutions:
         reason: str | None = None,
         nearest_q: FloatArray | None = None,
         incomplete_reason: str | None = None,
+        travel: Callable[[FloatArray], FloatArray] | None = None,
     ) -> None:
         """What a solver found.
 
@@ -70,10 +77,12 @@ class Solutions:
             reason: why there is none; None when solved.
             nearest_q: (n,) configuration that comes nearest where there is no solution [rad].
             incomplete_reason: why solutions may be missing, in words; None where none is.
+            travel: from a start (n,) [rad], further solutions (m, n) of a continuum, the one of least travel
+                among them.
         """
         self.arm, self.target, self._q, self._index = arm, target, q, branch_index
         self.free_joint, self.least_rotation = free_joint, least_rotation
-        self.reason, self.incomplete_reason = reason, incomplete_reason
+        self.reason, self.incomplete_reason, self.travel = reason, incomplete_reason, travel
         self.nearest_q = None if nearest_q is None else lock(nearest_q)
 
     @cached_property
@@ -150,13 +159,39 @@ class Solutions:
         nearest = f"({x:.1f}, {y:.1f}, {z:.1f}) mm, {millimetres(away)} mm away"
         return f"{self.reason}; the nearest reachable point is {nearest}"
 
+    @cached_property
+    def free_roll(self) -> int | None:
+        """Index of the joint that may have any angle inside its limits, because no roll was asked for."""
+        joint, (_, pitch, roll, rotation) = self.arm.roll_joint, self.target
+        if joint is None or roll is not None or rotation is not None:
+            return None
+        chain = self.arm.chain
+        approach = chain.forward(np.zeros(chain.n))[:3, 2]
+        swings = np.linalg.norm(np.cross(chain.axes()[1][joint], approach)) > _ALIGNED
+        return None if swings and pitch is not None else joint
+
+    def taken(self, q: FloatArray, criterion: Criterion, start: FloatArray | None) -> FloatArray:
+        """Configurations ``q`` (..., n) [rad] as a criterion takes them; a copy.
+
+        Those ``FROM_START`` leave a free roll as near as its limits allow to where ``start`` (n,) has it.
+        """
+        q = q.copy()
+        if criterion in FROM_START and start is not None and self.free_roll is not None:
+            limits = self.arm.limits
+            roll = start[self.free_roll]
+            q[..., self.free_roll] = roll if limits is None else np.clip(roll, *limits[self.free_roll])
+        return q
+
     def energies(self, criterion: Choice = "least-rotation", start: ArrayLike | None = None) -> FloatArray:
         """(k,) energy of each by a criterion (``energy.CRITERIA``, or your own); infinite where excluded."""
         checked = None if start is None else self.arm.chain.checked_one(start)
         if not isinstance(criterion, str) and callable(criterion):
             return self._own_energies(as_numbers(criterion(self.q, checked), "energies"))
         name = checked_criterion(criterion)
-        return energies(name, self.q, self.arm.energy, self.arm.pitch_joints, checked)
+        return self._energies(name, self.taken(self.q, name, checked), checked)
+
+    def _energies(self, name: Criterion, q: FloatArray, start: FloatArray | None) -> FloatArray:
+        return energies(name, q, self.arm.energy, self.arm.pitch_joints, start)
 
     def _own_energies(self, energy: FloatArray) -> FloatArray:
         if energy.shape != (len(self),) or np.isnan(energy).any():
@@ -169,33 +204,44 @@ class Solutions:
     def best(self, criterion: Choice = "least-rotation", start: ArrayLike | None = None) -> FloatArray:
         """The configuration (n,) [rad] of least energy by one of ``energy.CRITERIA``, or your own ``Choice``.
 
-        With ``least-rotation`` and a free joint this is the exact optimum over the continuum, not only the
-        best of the list. ``least-travel`` needs the ``start`` (n,) [rad]; the others only check it.
-        Raises ``UnreachableError``: there is no solution, or none that the criterion admits; ``InputError``:
-        no such criterion, ``least-travel`` without a start, or a start that is no configuration.
+        Over a continuum ``least-rotation`` and ``least-travel`` are exact where the arm's family can do it,
+        not only the best of the list; ``shortest-time`` is the best of the list and of what those look at.
+        The criteria ``FROM_START`` need the ``start`` (n,) [rad], where the arm stands; the others only check
+        it. Raises ``UnreachableError``: there is no solution, or none that the criterion admits;
+        ``InputError``: no such criterion, a start that is missing, or one that is no configuration.
         """
-        if isinstance(criterion, str) or not callable(criterion):
-            checked_criterion(criterion)
-        if start is not None:
-            start = self.arm.chain.checked_one(start)
+        own = not isinstance(criterion, str) and callable(criterion)
+        name = None if own else checked_criterion(criterion)
+        begin = None if start is None else self.arm.chain.checked_one(start)
         if not self.success:
             raise UnreachableError(self.explanation or "there is no solution")
-        if criterion == "least-rotation" and self.least_rotation is not None:
+        if name == "least-rotation" and self.least_rotation is not None:
             exact = self.least_rotation()
             if exact is not None:
                 return exact
-        energy = self.energies(criterion, start)
+        q = self.q
+        if name is not None:
+            q = self.taken(q, name, begin)
+            if name in FROM_START and begin is not None and self.travel is not None:
+                q = np.concatenate([self.taken(self.travel(begin), name, begin), q])
+        energy = self.energies(criterion, begin) if name is None else self._energies(name, q, begin)
         i = int(np.argmin(energy))
         if not np.isfinite(energy[i]):
-            name = repr(criterion) if isinstance(criterion, str) else "the criterion given"
-            raise UnreachableError(f"none of the {len(self)} solutions is admitted by {name}")
-        return self.q[i].copy()
+            said = "the criterion given" if name is None else repr(name)
+            raise UnreachableError(f"none of the {len(self)} solutions is admitted by {said}")
+        return q[i].copy()
 
     def index_of(self, q: ArrayLike) -> int:
-        """Index of the solution nearest to ``q`` (n,) [rad] by its largest joint difference."""
+        """Index of the solution nearest to ``q`` (n,) [rad] by its largest difference of a joint.
+
+        A roll that is free does not count.
+        """
         if not self.success:
             raise UnreachableError(self.reason or "there is no solution")
-        return int(np.abs(self.q - self.arm.chain.checked_one(q)).max(axis=1).argmin())
+        apart = np.abs(self.q - self.arm.chain.checked_one(q))
+        if self.free_roll is not None:
+            apart[:, self.free_roll] = 0.0
+        return int(apart.max(axis=1).argmin())
 
     def branch_of(self, q: ArrayLike) -> str:
         """Branch name of the listed solution that lies nearest to ``q``."""

@@ -24,6 +24,7 @@ from numpy.typing import ArrayLike
 
 from armctl.arrays import FloatArray
 from armctl.errors import InputError, MotionRefusedError
+from armctl.kinematics.energy import CUBIC_PEAKS, rest_to_rest_times
 from armctl.kinematics.target import as_numbers, checked_number, require_finite
 from armctl.motion.polynomial import PiecewisePolynomial
 from armctl.motion.trajectory import KnowsPeaks, Peaks, Sample
@@ -51,10 +52,7 @@ class _Shape:
 
     def times(self, way: FloatArray, *limits: FloatArray) -> FloatArray:
         """Shortest times [s] for ways (n,), from limits (n,) of speed, acceleration and jerk."""
-        times = np.zeros(len(way))
-        for order, (peak, most) in enumerate(zip(self.peaks, limits, strict=False), 1):
-            times = np.maximum(times, (peak * way / most) ** (1 / order))
-        return times
+        return rest_to_rest_times(way, self.peaks, *limits)
 
     def over(self, way: FloatArray, time: float) -> PiecewisePolynomial:
         """Ways (n,) in a time [s]."""
@@ -63,7 +61,7 @@ class _Shape:
 
 
 _SHAPES: dict[ProfileName, _Shape] = {
-    "cubic": _Shape((0.0, 0.0, 3.0, -2.0), (1.5, 6.0)),
+    "cubic": _Shape((0.0, 0.0, 3.0, -2.0), CUBIC_PEAKS),
     "quintic": _Shape((0.0, 0.0, 0.0, 10.0, -15.0, 6.0), (1.875, 10 / math.sqrt(3), 60.0)),
 }
 

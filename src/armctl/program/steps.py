@@ -13,7 +13,7 @@ from msgspec import Meta
 
 from armctl.arrays import FloatArray
 from armctl.errors import ProgramError
-from armctl.kinematics import CRITERIA, Target
+from armctl.kinematics import CRITERIA, FROM_START, Target
 from armctl.motion.blend import Leg
 from armctl.motion.paths.tool_path import PitchMode
 from armctl.motion.plan import follow_tool, plan_joints, plan_path, solve
@@ -244,9 +244,9 @@ class PointStep(MotionStep, frozen=True, kw_only=True, tag="point"):
         return f"{_place(self, _END)}{pitch}{roll}"
 
     def end(self, robot: Robot, start: FloatArray | None = None) -> FloatArray | None:
-        """The solution that is chosen; by least travel, it depends on the start."""
+        """The solution that is chosen; by some criteria it depends on the start."""
         target = Target.of(_metres(self, _END), _radians(self.pitch_deg), _radians(self.roll_deg))
-        if start is None and self.choose == "least-travel":
+        if start is None and self.choose in FROM_START:
             solve(robot, None, target, "least-rotation")  # whether there is any
             return None
         return solve(robot, start, target, self.choose)

@@ -112,6 +112,7 @@ class Robot(ArrayRecord):
         stall = [joint.stall_torque for joint in self.joints]
         return EnergyModel(
             speed_limits=self.speed_limits,
+            acceleration_limits=self.acceleration_limits,
             gravity=self.gravity,
             stall_torque=None if None in stall else np.array(stall, dtype=np.float64),
         )

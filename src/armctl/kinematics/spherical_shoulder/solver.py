@@ -31,6 +31,7 @@ from armctl.kinematics.spherical_shoulder.orientation import ToolOrientation, el
 from armctl.kinematics.spherical_shoulder.swivel import (
     SHEET_ROUNDING,
     Swivel,
+    least_candidates,
     least_rotation,
     sweep,
 )
@@ -71,7 +72,7 @@ class SphericalShoulderSolver(InverseKinematics):
         roll = 4 if chain.n > 4 else None
         super().__init__(chain, limits, energy, titles, free_joint=free, roll_joint=roll)
         self.geometry = geometry
-        self._arm = SolvedArm(SPHERICAL_BRANCHES, chain, energy)
+        self._arm = SolvedArm(SPHERICAL_BRANCHES, chain, energy, (), limits, roll)
         roll_limits = None if self._roll is None else (self._roll.low, self._roll.high)
         self._orientation = ToolOrientation(chain, geometry, roll_limits)
 
@@ -155,12 +156,16 @@ class SphericalShoulderSolver(InverseKinematics):
             found = least_rotation(swivels)
             return None if found is None else self._with_roll(found[None], roll)[0]
 
+        def travel(start: FloatArray) -> FloatArray:
+            weights = (1.0 / self.energy.speed_limits[:3]).tolist()
+            return self._with_roll(least_candidates(swivels, start[:3].tolist(), weights), roll)
+
         if len(q):
-            return self._solved(target, q, optimum, free=self.free_joint)
+            return self._solved(target, q, optimum, travel, free=self.free_joint)
         single = optimum()  # a sliver between two grid values, or a single configuration
         if single is None:
             return self._without(target, swivels, roll)
-        return self._solved(target, single[None], optimum)
+        return self._solved(target, single[None], optimum, travel)
 
     def _without(self, target: Target, swivels: Sequence[Swivel], roll: float) -> Solutions:
         """Refuses, unless the nearest point is the target after all."""
@@ -215,11 +220,12 @@ class SphericalShoulderSolver(InverseKinematics):
         target: Target,
         q: FloatArray,
         optimum: Callable[[], FloatArray | None] | None = None,
+        travel: Callable[[FloatArray], FloatArray] | None = None,
         free: int | None = None,
     ) -> Solutions:
         q = q[:, : self.chain.n]
         index = spherical_branch_index(self.geometry, q)
-        return Solutions(self._arm, target, q, index, free_joint=free, least_rotation=optimum)
+        return Solutions(self._arm, target, q, index, free_joint=free, least_rotation=optimum, travel=travel)
 
     def _refused(self, target: Target, reason: str, nearest: FloatArray) -> Solutions:
         """With the roll joint as near as its limits allow to what was asked for."""

@@ -42,6 +42,7 @@ ROOT_TOLERANCE = 1e-10
 vectors; what then misses the target is dropped by the look at the tip"""
 SHEET_ROUNDING = 1e-15
 """the same for what nobody looks at"""
+_ZEROS = (0.0, 0.0, 0.0)
 _GIMBAL = 1e-6
 """how nearly parallel the first and the third axis may be before their turns are told apart poorly (sine)"""
 
@@ -117,9 +118,12 @@ class Swivel:
         allowed = np.where((clipped > _ROUNDING) & (clipped <= LIMIT_TOLERANCE), _CLIPPED, _UNFELT)
         return kept, np.linalg.norm(tip - self.aim, axis=-1) <= allowed
 
-    def landmarks(self) -> FloatArray:
-        """Postures (k, 3) inside the limits with a joint at a limit, at zero or where two ways meet."""
-        return self.inside(self._landmarks)
+    def landmarks(self, kinks: Sequence[float] = _ZEROS) -> FloatArray:
+        """Postures (k, 3) inside the limits with a joint at a limit, at its kink or where two ways meet.
+
+        The kinks [rad] are zero unless others are given.
+        """
+        return self.inside(self._landmarks if kinks is _ZEROS else self._landmarks_of(kinks))
 
     def brushing(self) -> FloatArray:
         """Landmarks barely outside the limits, clipped onto them: they miss the target by a little."""
@@ -128,10 +132,13 @@ class Swivel:
 
     @cached_property
     def _landmarks(self) -> FloatArray:
+        return self._landmarks_of(_ZEROS)
+
+    def _landmarks_of(self, kinks: Sequence[float]) -> FloatArray:
         singular = self.geometry.singular
         found: list[FloatArray] = []
-        for joint, (low, high) in enumerate(self.limits.tolist()):
-            kink = [0.0] if low < 0.0 < high else []
+        for joint, ((low, high), at) in enumerate(zip(self.limits.tolist(), kinks, strict=True)):
+            kink = [at] if low < at < high else []
             meeting = [singular, singular + math.pi] if joint == 1 else []
             found += self.with_joint(joint, np.array([low, high, *kink, *meeting]))
         return np.concatenate(found)
@@ -218,7 +225,7 @@ def sweep(swivels: Sequence[Swivel], step: float) -> FloatArray:
 # Between the points where a joint passes zero the sum is smooth, so a minimum lies where a joint is at a
 # limit or at zero (the swivel's landmarks), or where the sum is stationary along the swivel. The swivel
 # turns the arm about t, which the shoulder joints do at the rates ``J⁻¹ t``, J = (j1, j2, j3) their axes.
-# With e_k = ±1 the senses of |θ_k| the sum is stationary where
+# With e_k = ±1 the senses of |θ_k|, times the weights of a weighted sum, the sum is stationary where
 #
 #     t · (e1 j2 x j3 + e2 j3 x j1 + e3 j1 x j2) = 0
 #
@@ -235,14 +242,21 @@ _ON_CIRCLE = 1e-2
 
 def least_rotation(swivels: Sequence[Swivel]) -> FloatArray | None:
     """(4,) the posture and elbow [rad] of least Σ|θ|, or None when no posture is inside the limits."""
-    parts = [np.empty((0, 4))]
-    for swivel in swivels:
-        parts.append(swivel.with_elbow(np.vstack([swivel.landmarks(), _stationary(swivel)])))
-    q = np.concatenate(parts)
+    q = least_candidates(swivels)
     return q[np.abs(q).sum(axis=1).argmin()] if len(q) else None
 
 
-def _stationary(swivel: Swivel) -> FloatArray:
+def least_candidates(
+    swivels: Sequence[Swivel], start: Sequence[float] = _ZEROS, weights: Sequence[float] = (1.0, 1.0, 1.0)
+) -> FloatArray:
+    """Postures (k, 4) with the elbow among which Σ weight · |θ - start| is least, [rad] and positive."""
+    parts = [np.empty((0, 4))]
+    for swivel in swivels:
+        parts.append(swivel.with_elbow(np.vstack([swivel.landmarks(start), _stationary(swivel, weights)])))
+    return np.concatenate(parts)
+
+
+def _stationary(swivel: Swivel, weights: Sequence[float]) -> FloatArray:
     """Postures (k, 3) inside the limits at which the sum may be stationary."""
     w1, w2, w3 = swivel.geometry.axes[:3]
     u = turned(swivel.aim, w1, np.linspace(0.0, -TWO_PI, _SAMPLES, endpoint=False))
@@ -250,7 +264,8 @@ def _stationary(swivel: Swivel) -> FloatArray:
     level = w3 - k * w2
     P, Q, T = k * (u @ w2) - w3 @ swivel.hand, u @ level, u @ beside
     firsts: list[FloatArray] = []
-    for e2, e3 in itertools.product((1.0, -1.0), repeat=2):  # e1 = 1: a common sign does not matter
+    # e1 = 1: a common factor does not matter
+    for e2, e3 in itertools.product(*((weight / weights[0], -weight / weights[0]) for weight in weights[1:])):
         P1 = (e3 - e2 * k) * (u @ (across(w1) @ w2))
         Q1 = T + e2 * (u @ (across(level) @ w1))
         T1 = u @ (across(w2) @ beside + e2 * (across(beside) @ w1))

@@ -1,8 +1,8 @@
 """The least rotation: min Σ|θ| over the continuum, exact.
 
 A minimum lies where a joint is at a limit or at zero, or sin t3 = 0: with that joint locked the arm is a
-triangle. Or it lies where the sum is stationary: with senses e_k = ±1 of |θ_k|, the null vector of the planar
-Jacobian has no component along them,
+triangle. Or it lies where the sum is stationary: with senses e_k = ±1 of |θ_k| (times the weights w_k of a
+weighted sum) the null vector of the planar Jacobian has no component along them,
 
     e4 l2 l3 sin t3 + (e2 - e3) l3 l4 sin t4 + (e4 - e3) l2 l4 sin(t3 + t4) = 0
 
@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from functools import cached_property
 from math import acos, atan2, pi, sqrt
 
 import numpy as np
@@ -54,7 +55,10 @@ class LeastRotation:
         self._locks = sorted(
             lock for k in range(3) for angle in self._rests(k) for lock in self._lock(k, angle)
         )
-        self._bands = [band for pattern in _PATTERNS if (band := self._band(*pattern)) is not None]
+
+    @cached_property
+    def _bands(self) -> list[tuple[float, ...]]:
+        return [band for pattern in _PATTERNS if (band := self._band(*pattern)) is not None]
 
     def solve(self, branches: Sequence[BaseBranch], height: float) -> tuple[float, ...] | None:
         """The 4 base and pitch joint angles of least rotation [rad], or None when no branch has a solution.
@@ -85,6 +89,30 @@ class LeastRotation:
         every: list[_Turned] = []
         _least_of(self._locks, branch.r - shoulder.real, height - shoulder.imag, math.inf, every)
         return [posture[1:] for posture in every]
+
+    def candidates(
+        self, branches: Sequence[BaseBranch], height: float, weights: Sequence[float]
+    ) -> list[tuple[float, ...]]:
+        """The 4 base and pitch joint angles [rad] of postures among which Σ weight · |θ| is least.
+
+        For branches and a height as ``solve`` has them, and positive weights of the 4 joints.
+        """
+        shoulder, (w2, w3, w4) = self._geometry.shoulder, weights[1:]
+        found: list[tuple[float, ...]] = []
+        for _, yaw, r in branches:
+            x, y = r - shoulder.real, height - shoulder.imag
+            every: list[_Turned] = []
+            _least_of(self._locks, x, y, math.inf, every)
+            for e2, e3, e4 in ((1, 1, 1), *_PATTERNS):
+                locks = self._stationary_locks(self._factors(e2 * w2, e3 * w3, e4 * w4), x * x + y * y)
+                _least_of(locks, x, y, math.inf, every)
+            found += [(yaw, *posture[1:]) for posture in every]
+        return found
+
+    def _factors(self, e2: float, e3: float, e4: float) -> tuple[float, float, float]:
+        """Of the sines of t3, t4 and t3 + t4 in the condition."""
+        l2, l3, l4 = self._geometry.lengths
+        return e4 * l2 * l3, (e2 - e3) * l3 * l4, (e4 - e3) * l2 * l4
 
     def _rests(self, k: int) -> set[float]:
         """Angles at which |θ| of a pitch joint has an end or a kink [rad]; of the second also sin t3 = 0."""
@@ -147,7 +175,7 @@ class LeastRotation:
         target needs the roots: they cost fifty times the rest of "least rotation, one point".
         """
         geometry, (l2, l3, l4) = self._geometry, self._geometry.lengths
-        a, b, c = e4 * l2 * l3, (e2 - e3) * l3 * l4, (e4 - e3) * l2 * l4
+        a, b, c = self._factors(e2, e3, e4)
         low, high = geometry.plane_limits(1, self._limits)
         t3 = np.linspace(low, high, _SAMPLES)
         along, across = b + c * np.cos(t3), c * np.sin(t3)  # along sin t4 + across cos t4 = -a sin t3

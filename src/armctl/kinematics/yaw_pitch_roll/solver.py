@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from typing import Self
 
 import numpy as np
@@ -83,7 +84,7 @@ class YawPitchRollSolver(InverseKinematics):
         )
         self.geometry = geometry
         self._base: tuple[float, float] = tuple(limits[0].tolist())
-        self._arm = SolvedArm(BRANCHES, chain, energy, geometry.pitch_joints)
+        self._arm = SolvedArm(BRANCHES, chain, energy, geometry.pitch_joints, limits, geometry.roll_joint)
         self._planar = PlanePostures(geometry, limits)
         self._pose = pose_function(geometry, limits)
         self._sweep = FreeJointSweep(geometry, limits) if three else None
@@ -193,10 +194,17 @@ class YawPitchRollSolver(InverseKinematics):
             found = None if self._least is None else self._least.solve(branches, z)
             return None if found is None else self._with_roll(found, roll)
 
+        def travel(start: FloatArray) -> FloatArray:
+            q = self._nearest_to(start, target, branches, z)
+            q[:, 4:] = roll
+            return q
+
         q, index = sweep.solve(branches, z, roll, step)
         if len(index):
             free = self.free_joint
-            return Solutions(self._arm, target, q.T, index, free_joint=free, least_rotation=optimum)
+            return Solutions(
+                self._arm, target, q.T, index, free_joint=free, least_rotation=optimum, travel=travel
+            )
         single = optimum()  # a sliver between two grid values, or a single stretched configuration
         if single is None:
             return self._refused(target)
@@ -204,7 +212,26 @@ class YawPitchRollSolver(InverseKinematics):
         turn = self.geometry.yaw_sign * float(single[0])
         front = x * math.cos(turn) + y * math.sin(turn) >= 0.0
         name = branch_index(front, bend_sense(self.geometry.plane_angle(2, float(single[3]))))
-        return Solutions(self._arm, target, [single.tolist()], [name], least_rotation=optimum)
+        return Solutions(self._arm, target, [single.tolist()], [name], least_rotation=optimum, travel=travel)
+
+    def _nearest_to(
+        self, start: FloatArray, target: Target, branches: list[BaseBranch], z: float
+    ) -> FloatArray:
+        """Configurations (m, n) among which is that of least travel from ``start`` (n,) [rad], exact.
+
+        Seen from there it is a least rotation: each joint turns about its angle at the start.
+        """
+        geometry, four = self.geometry, start[:4]
+        offsets = (geometry.plane_angle(k, float(start[1 + k])) for k in range(3))
+        least = LeastRotation(replace(geometry, offsets=tuple(offsets)), self.limits[:4] - four[:, None])
+        x, y, _ = geometry.local_of(*target.point)
+        if is_on_axis(geometry, x, y):  # any base angle serves, so the base stays
+            branches = [*branches, BaseBranch(True, float(np.clip(four[0], *self._base)), 0.0)]
+        seen = [branch._replace(angle=branch.angle - float(four[0])) for branch in branches]
+        found = least.candidates(seen, z, (1.0 / self.energy.speed_limits[:4]).tolist())
+        q = np.zeros((len(found), self.chain.n))
+        q[:, :4] = np.clip(np.reshape(found, (-1, 4)) + four, *self.limits[:4].T)
+        return q
 
     def _isolated(
         self, branches: list[BaseBranch], z: float, pitch: float | None, rolls: Sequence[float]

@@ -22,6 +22,7 @@ _UNITS: dict[Criterion, tuple[float, str]] = {
     "least-rotation": (180 / np.pi, "°"),
     "published": (180 / np.pi, "°"),
     "least-travel": (1.0, "s"),
+    "shortest-time": (1.0, "s"),
     "least-torque": (1000.0, "×10⁻³"),
 }
 _SAME_RAD = 1e-9
@@ -56,7 +57,7 @@ class Answer:
     solutions: Solutions
     criterion: Criterion
     start: FloatArray
-    """(n,) where the arm stood [rad], for ``least-travel``"""
+    """(n,) where the arm stood [rad], for the criteria ``FROM_START``"""
     energy: FloatArray
     """(k,) in the unit of the criterion, in the solver's order; infinite where not admitted"""
     order: NDArray[np.int64]
@@ -71,8 +72,8 @@ class Answer:
     """energy over the free joint; or why there is nothing to plot"""
 
     def q(self, row: int) -> FloatArray:
-        """Configuration (n,) [rad] of a row of the list, counted from 1."""
-        return self.solutions.q[self.order[row - 1]].copy()
+        """Configuration (n,) [rad] of a row of the list, counted from 1, as the criterion takes it."""
+        return self.solutions.taken(self.solutions.q[self.order[row - 1]], self.criterion, self.start)
 
     def energy_of(self, q: FloatArray) -> float:
         """Energy of any configuration ``q`` (n,) [rad], as ``energy``; infinite if not admitted."""
@@ -101,18 +102,19 @@ def answer(robot: Robot, solutions: Solutions, criterion: str, start: FloatArray
     if solutions.success:
         energy = _UNITS[name][0] * solutions.energies(name, start)
     order = np.argsort(energy, kind="stable")
-    judged = _verdicts(robot, solutions.target, start, best)
+    judged = _verdicts(robot, solutions, name, start, best)
     found = Answer(solutions, name, start, energy, order, best, why_not, judged)
     return replace(found, curve=_energy_curve(robot, found))
 
 
 def _verdicts(
-    robot: Robot, target: Target, start: FloatArray, best: FloatArray | None
+    robot: Robot, solutions: Solutions, criterion: Criterion, start: FloatArray, best: FloatArray | None
 ) -> tuple[Verdict, ...]:
     """Judge every branch, and the way to it from ``start`` (n,) [rad]."""
     verdicts: list[Verdict] = []
-    branches = robot.branches(target.position, target.pitch, target.roll, target.rotation)
-    for number, branch in enumerate(branches, 1):
+    point, pitch, roll, rotation = solutions.target
+    for number, found in enumerate(robot.branches(point, pitch, roll, rotation), 1):
+        branch = replace(found, q=solutions.taken(found.q, criterion, start))
         refusal = "; ".join(branch.forbidden)
         if not refusal:
             try:

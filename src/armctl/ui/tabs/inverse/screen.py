@@ -12,7 +12,7 @@ import viser
 
 from armctl.arrays import FloatArray
 from armctl.errors import ArmctlError, InputError, UnreachableError
-from armctl.kinematics import CRITERIA, CRITERION_TEXT, Target, checked_criterion
+from armctl.kinematics import CRITERIA, CRITERION_TEXT, FROM_START, Target, checked_criterion
 from armctl.runtime import MoveJoints, Snapshot
 from armctl.ui.newest import Newest, OneAtATime
 from armctl.ui.scene.arm_figure import ArmFigure
@@ -112,8 +112,8 @@ class InverseScreen:
         if self._fields_changed:
             return "The fields have changed since: press Solve."
         moved = float(np.abs(found.start - snapshot.q_command).max()) > _MOVED
-        if moved and self._criterion.value == "least-travel":
-            return "The arm has moved since, and least travel depends on it: press Solve."
+        if moved and self._criterion.value in FROM_START:
+            return f"The arm has moved since, and {self._criterion.value} depends on it: press Solve."
         return ""
 
     async def _on_solve(self) -> None:
