@@ -16,7 +16,7 @@ from armctl.kinematics.families import Branch, BranchFinder, inverse_kinematics
 from armctl.kinematics.samples import DEFAULT_STEP
 from armctl.kinematics.solutions import BatchSolutions, Choice, Solutions
 from armctl.kinematics.solver import InverseKinematics
-from armctl.kinematics.target import Target
+from armctl.kinematics.target import Target, rotation_of
 
 __all__ = [
     "CRITERIA",
@@ -41,4 +41,5 @@ __all__ = [
     "quaternion_wxyz",
     "roll_pitch_yaw",
     "rotation_from_rpy",
+    "rotation_of",
 ]

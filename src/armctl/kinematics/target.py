@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from armctl.arrays import FloatArray, content, read_only
 from armctl.errors import InputError
-from armctl.kinematics.angles import TWO_PI
+from armctl.kinematics.angles import TWO_PI, rotation_from_rpy
 
 
 def as_numbers(value: ArrayLike, what: str) -> FloatArray:
@@ -158,6 +158,32 @@ def checked_positions(value: ArrayLike) -> FloatArray:
             f"farther than {FARTHEST:.0f} m: is that the unit?"
         )
     return positions
+
+
+def rotation_of(rpy: ArrayLike | None = None, quaternion: ArrayLike | None = None) -> FloatArray | None:
+    """``R_base_tool`` (3, 3) of roll, pitch, yaw (3,) [rad], or of a quaternion (4,); None without both.
+
+    ``Rz(yaw) Ry(pitch) Rx(roll)``; w, x, y, z of any length but 0. Raises ``InputError``: both are given, a
+    wrong shape, a number that is not finite, or a quaternion of length 0.
+    """
+    if rpy is not None and quaternion is not None:
+        raise InputError("give the orientation as roll, pitch and yaw, or as a quaternion, not as both")
+    if rpy is not None:
+        return rotation_from_rpy(*_finite(rpy, (3,), "roll, pitch and yaw").tolist())
+    if quaternion is None:
+        return None
+    q = _finite(quaternion, (4,), "the quaternion w, x, y, z")
+    if not np.abs(q).max() > 0.0:
+        raise InputError("the quaternion w, x, y, z has the length 0, which is no orientation")
+    q = q / np.abs(q).max()
+    w, x, y, z = (q / np.linalg.norm(q)).tolist()
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+        ]
+    )
 
 
 def checked_pitches(value: ArrayLike, count: int) -> FloatArray:

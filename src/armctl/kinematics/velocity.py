@@ -168,6 +168,16 @@ def position_leaves_pitch(chain: Chain, limits: FloatArray) -> bool:
     return bool(sizes.shape[-1] == 4 and sizes[:, -1].max() > _SINGULAR)
 
 
+def position_leaves_orientation(chain: Chain, limits: FloatArray) -> bool:
+    """Whether the tool can turn about any axis while its point stays, somewhere inside the limits (n, 2)."""
+    moving = limits[:, 0] < limits[:, 1]
+    if np.count_nonzero(moving) < 6:
+        return False
+    J = chain.jacobian(joint_samples(limits, _SAMPLES))[:, :, moving]
+    J[:, :3] /= max(np.linalg.norm(J[:, :3], axis=1).max(), _SINGULAR)
+    return bool(np.linalg.svd(J, compute_uv=False)[:, -1].max() > _SINGULAR)
+
+
 def _vector(value: ArrayLike, length: int, what: str) -> FloatArray:
     vector = as_numbers(value, what)
     if vector.shape != (length,):

@@ -26,7 +26,7 @@ from armctl.kinematics import (
 )
 from armctl.kinematics.angles import LIMIT_TOLERANCE
 from armctl.kinematics.samples import joint_samples
-from armctl.kinematics.velocity import NEAR
+from armctl.kinematics.velocity import NEAR, position_leaves_orientation
 from armctl.robot.body import Capsule, CollisionModel, Corner, moving_corners, shape_capsules
 from armctl.robot.outputs import DEFAULT_BOARD, OutputMap
 from armctl.robot.parts import Gripper, Joint, Look, Obstacle
@@ -138,6 +138,14 @@ class Robot(ArrayRecord):
         J = self.jacobian(joint_samples(self.limits, _PROBES))[:, :3, turning]
         squares = np.linalg.eigvalsh(J @ J.swapaxes(1, 2))
         return bool((squares[:, 0] <= NEAR**2 * squares[:, 2]).all())
+
+    @cached_property
+    def orients_tool(self) -> bool:
+        """Whether the tool can be turned every way while its point stays: then an orientation is asked for.
+
+        An arm with fewer than six joints that move has a pitch, and maybe a roll, at most.
+        """
+        return position_leaves_orientation(self.chain, self.limits)
 
     def forward(self, q: ArrayLike) -> FloatArray:
         """Pose of the tool: ``q`` (..., n) [rad] -> ``T_base_tool`` (..., 4, 4), metres."""
