@@ -19,9 +19,15 @@ from armctl.kinematics.solutions import needs
 from armctl.kinematics.solver import InverseKinematics
 from armctl.kinematics.spherical_shoulder.solver import SphericalShoulderSolver
 from armctl.kinematics.target import Target
+from armctl.kinematics.three_parallel.solver import ThreeParallelSolver
 from armctl.kinematics.yaw_pitch_roll.solver import YawPitchRollSolver
 
-FAMILIES: tuple[type[InverseKinematics], ...] = (YawPitchRollSolver, SphericalShoulderSolver, NumericSolver)
+FAMILIES: tuple[type[InverseKinematics], ...] = (
+    YawPitchRollSolver,
+    SphericalShoulderSolver,
+    ThreeParallelSolver,
+    NumericSolver,
+)
 """tried in turn; the last one takes any arm. A new family is one more entry before it."""
 
 

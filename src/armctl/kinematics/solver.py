@@ -27,6 +27,8 @@ class InverseKinematics(ABC):
     """name of the family, in words"""
     complete: ClassVar[bool] = True
     """False where solutions are searched for: that takes long, and some may be missing"""
+    searches_parts: ClassVar[bool] = False
+    """True where less than a whole pose, such as a position, is searched for: that takes long"""
     direct: ClassVar[bool] = False
     """True where ``solve_batch`` and ``least_rotation`` answer, without a list of all solutions"""
 

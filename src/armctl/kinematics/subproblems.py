@@ -460,11 +460,15 @@ def two_turns_of_many(
     every = np.arange(len(c))
     (b1, b2), (a1, a2), rest = B[every, row].T, A[every, row].T, c[every, row]
     rest = rest[:, None] - a1[:, None] * np.cos(x) - a2[:, None] * np.sin(x)
-    y = np.moveaxis(roots((np.zeros(x.shape), b1[:, None] + 0 * x, b2[:, None] + 0 * x), rest, math.inf), 0, 2)
+    y = np.moveaxis(
+        roots((np.zeros(x.shape), b1[:, None] + 0 * x, b2[:, None] + 0 * x), rest, math.inf), 0, 2
+    )
     pairs = np.stack([np.repeat(x, 2, axis=1), y.reshape(len(c), 8)], axis=-1)
     pairs = _descended_many(A, B, c, pairs)
     u, w = _turn_vectors(pairs[..., 0]), _turn_vectors(pairs[..., 1])
-    missed = np.abs(np.einsum("mij,mpj->mpi", A, u) + np.einsum("mij,mpj->mpi", B, w) - c[:, None]).max(axis=2)
+    missed = np.abs(np.einsum("mij,mpj->mpi", A, u) + np.einsum("mij,mpj->mpi", B, w) - c[:, None]).max(
+        axis=2
+    )
     good = missed <= tolerance
     for j in range(1, 8):
         apart = pairs[:, :j] - pairs[:, j : j + 1]
@@ -522,7 +526,13 @@ def _descended_many(A: FloatArray, B: FloatArray, c: FloatArray, pairs: FloatArr
         if not better.any():
             break
         pairs, least = np.where(better[..., None], tried, pairs), np.where(better, missed, least)
-        J = np.stack([u[..., ::-1] * (-1.0, 1.0) @ np.swapaxes(A, 1, 2), w[..., ::-1] * (-1.0, 1.0) @ np.swapaxes(B, 1, 2)], axis=-1)
+        J = np.stack(
+            [
+                u[..., ::-1] * (-1.0, 1.0) @ np.swapaxes(A, 1, 2),
+                w[..., ::-1] * (-1.0, 1.0) @ np.swapaxes(B, 1, 2),
+            ],
+            axis=-1,
+        )
         g = np.einsum("mpij,mpi->mpj", J, r)
         H = np.swapaxes(J, -1, -2) @ J
         h0, h1, h2 = H[..., 0, 0], H[..., 0, 1], H[..., 1, 1]

@@ -108,9 +108,10 @@ class NumericSolver(InverseKinematics):
 
     family = "numeric"
     complete = False
+    searches_parts = True
 
     def __init__(self, chain: Chain, limits: FloatArray, energy: EnergyModel, titles: Sequence[str]) -> None:
-        super().__init__(chain, limits, energy, titles, roll_joint=_roll_joint(chain))
+        super().__init__(chain, limits, energy, titles, roll_joint=roll_joint(chain))
         self._arm = SolvedArm(("numeric",), chain, energy, (), limits, self.roll_joint)
         self._bound = LinkBound(chain)
         self._reach = max(self._bound.outer, 1e-3)
@@ -129,6 +130,13 @@ class NumericSolver(InverseKinematics):
         Raises ``InputError``: ``step`` is not a positive number.
         """
         checked_step(step)
+        return self._answer(target, start, sought=True)
+
+    def approach(self, target: Target, start: FloatArray | None = None) -> Solutions:
+        """As ``solve``, for a rotation that no configuration inside the limits has: it is not searched for."""
+        return self._answer(target, start, sought=False)
+
+    def _answer(self, target: Target, start: FloatArray | None, *, sought: bool) -> Solutions:
         refusal, box = self._box(target)
         position = PositionGoal(target.position, self._reach)
         turned = None if target.rotation is None else RotationGoal(target.rotation)
@@ -140,7 +148,7 @@ class NumericSolver(InverseKinematics):
         if refusal is not None:
             return self._refused(target, refusal, self._nearest(position, turned, box))
         goal = position if turned is None else Together(position, turned)
-        found = self._search(goal, box, start)
+        found = self._search(goal, box, start) if sought else np.empty((0, self.chain.n))
         if len(found) == 0 and isinstance(turned, RotationGoal):
             near = self._approached(position, turned, box)
             cost = turned.cost(tool_motion(self.chain, near))[0]
@@ -255,8 +263,8 @@ class NumericSolver(InverseKinematics):
         )
 
 
-def _roll_joint(chain: Chain) -> int | None:
-    """The last joint, where it turns the tool about its approach axis through the tool point."""
+def roll_joint(chain: Chain) -> int | None:
+    """Index of the last joint, where it turns the tool about its approach axis through the tool point."""
     points, axes = chain.axes()
     tool = chain.forward(np.zeros(chain.n))
     swung = np.linalg.norm(np.cross(axes[-1], tool[:3, 2]))

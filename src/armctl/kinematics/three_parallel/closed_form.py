@@ -196,7 +196,9 @@ def _rest(
     return q, np.tile(still, 2), np.tile(shoulder_free, 2)
 
 
-def _elbows(arm: ThreeParallel, reached: FloatArray) -> tuple[tuple[FloatArray, FloatArray], NDArray[np.bool_]]:
+def _elbows(
+    arm: ThreeParallel, reached: FloatArray
+) -> tuple[tuple[FloatArray, FloatArray], NDArray[np.bool_]]:
     """Both angles of the middle parallel joint for a point (..., 2) of the third axis in the plane.
 
     NaN where the links do not reach, or for the second where both are one; and where the point lies on the
@@ -235,4 +237,3 @@ def _angle(axis: FloatArray, start: FloatArray, end: FloatArray) -> FloatArray:
     """Subproblem 1: the turn about a unit axis that brings vectors onto others [rad]."""
     along = _dot(axis, start) * _dot(axis, end)
     return np.arctan2(_dot(axis, np.cross(start, end)), _dot(start, end) - along)
-

@@ -120,7 +120,7 @@ def end_refusal(
 def _out_of_reach(robot: Robot, curve: ToolCurve, s: float, pitch: float | None) -> str | None:
     """Why no branch reaches the curve just beyond ``s`` [m], limits not looked at; None: one does."""
     left = curve.length - s
-    searched = not robot.inverse_kinematics.complete  # by many starts: too slow to ask often
+    searched = robot.inverse_kinematics.searches_parts  # by many starts: too slow to ask often
 
     def missing(share: float) -> str | None:
         point = curve.positions(s + share * left)
@@ -157,7 +157,7 @@ def _before(path: PiecewisePolynomial | None, s: float) -> PiecewisePolynomial |
 def _other_ways(robot: Robot, curve: ToolCurve, s: float, pitch: float | None) -> str:
     """What to do instead, with the branches that reach ``s`` [m] at a held pitch inside the limits."""
     names: list[str] = []
-    if pitch is not None and robot.inverse_kinematics.complete:
+    if pitch is not None and not robot.inverse_kinematics.searches_parts:
         names = sorted(set(map(str, robot.inverse(curve.positions(s), pitch).branch)))
     offer = f" ({' or '.join(names)} can be here)" if names else ""
     return f"start on another branch{offer} or move the {curve.kind}"

@@ -1,0 +1,134 @@
+"""Inverse kinematics of arms with three parallel axes in a row: every whole pose in closed form."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Self
+
+import numpy as np
+
+from armctl.arrays import FloatArray
+from armctl.kinematics.chain import Chain
+from armctl.kinematics.energy import EnergyModel
+from armctl.kinematics.numeric.solver import roll_joint
+from armctl.kinematics.solutions import BatchSolutions, Solutions
+from armctl.kinematics.solver import InverseKinematics
+from armctl.kinematics.target import Target
+from armctl.kinematics.three_parallel.closed_form import (
+    BRANCHES,
+    all_ways,
+    with_pair,
+    with_shoulder,
+    with_wrist,
+)
+from armctl.kinematics.three_parallel.geometry import ThreeParallel, recognise_three_parallel
+from armctl.kinematics.whole_pose import Ways, WholePoses, distinct, misses, polished
+
+_NEAR = 1e-12
+"""[m] and [rad]; farther ways are polished"""
+_MET = 1e-9
+_POLISH = 4
+
+
+class ThreeParallelSolver(InverseKinematics):
+    """Six joints, three of them in a row on parallel axes. Immutable; safe in several threads.
+
+    A whole pose is solved in closed form, all else is searched for.
+    """
+
+    family = "three parallel axes"
+    searches_parts = True
+
+    def __init__(
+        self,
+        chain: Chain,
+        geometry: ThreeParallel,
+        limits: FloatArray,
+        energy: EnergyModel,
+        titles: Sequence[str],
+    ) -> None:
+        super().__init__(chain, limits, energy, titles, roll_joint=roll_joint(chain))
+        self.geometry = geometry
+        self._names = branch_names(geometry)
+        self._answers = WholePoses(chain, limits, energy, titles, self._names)
+        self._reach = float(np.abs(geometry.points).max() + np.linalg.norm(geometry.links, axis=1).sum())
+
+    @classmethod
+    def of(cls, chain: Chain, limits: FloatArray, energy: EnergyModel, titles: Sequence[str]) -> Self | None:
+        """The solver where three axes in a row are parallel."""
+        geometry = recognise_three_parallel(chain)
+        return None if geometry is None else cls(chain, geometry, limits, energy, titles)
+
+    def solve(self, target: Target, step: float, start: FloatArray | None = None) -> Solutions:
+        """See ``InverseKinematics``; ``start`` (n,) [rad] is one of the ways where a joint may be anywhere."""
+        return self._answers.solve(target, step, start, self._every_way)
+
+    def solve_poses(self, poses: FloatArray) -> BatchSolutions:
+        """See ``InverseKinematics``; a joint that may be anywhere is at 0."""
+        q = all_ways(self.geometry, poses).q
+        if not self.geometry.exact:
+            for i in range(len(q)):
+                q[i] = self._sound(poses[i], q[i])
+        return BatchSolutions(q, ~np.isnan(q[..., 0]), self._names)
+
+    def _every_way(self, pose: FloatArray, start: FloatArray | None) -> Ways:
+        arm = self.geometry
+        ways = all_ways(arm, pose[None])
+        index = np.arange(BRANCHES, dtype=np.int8)
+        reason: str | None = None
+        if ways.pairs_free[0]:
+            lists: list[FloatArray] = []
+            for joint in (arm.others[0], arm.others[2]):
+                lists.extend(with_pair(arm, pose, self._answers.spread(joint, start)))
+            q, branch = np.concatenate(lists), np.tile(index, len(lists))
+            reason = self._continuum(arm.others[0], arm.others[2])
+        else:
+            q, branch = ways.q[0], index
+            for i in np.flatnonzero(ways.wrist_free[0] & ~np.isnan(q[:BRANCHES, 0])).tolist():
+                if i < BRANCHES // 2:
+                    more = with_wrist(arm, pose, q[i], self._answers.spread(arm.others[1], start))
+                    q = np.concatenate([q, *more])
+                    branch = np.append(branch, np.tile(index[[i, i + BRANCHES // 2]], len(more)))
+                reason = self._continuum(arm.others[1], arm.first)
+            for i in np.flatnonzero(ways.shoulder_free[0] & ~np.isnan(q[:BRANCHES, 0])).tolist():
+                more = with_shoulder(arm, q[i], self._answers.spread(arm.first, start))
+                q, branch = np.concatenate([q, more]), np.append(branch, np.tile(index[i], len(more)))
+                reason = self._continuum(arm.first, arm.first + 2)
+        q = self._sound(pose, q)
+        there = np.flatnonzero(~np.isnan(q[:, 0]))
+        there = there[distinct(q[there])]
+        return Ways(q[there], branch[there], reason)
+
+    def _sound(self, pose: FloatArray, q: FloatArray) -> FloatArray:
+        """Ways (k, 6), polished where they miss the pose by more than rounding; NaN where they do."""
+        there = np.flatnonzero(~np.isnan(q[:, 0]))
+        if len(there) == 0:
+            return q
+        q = q.copy()
+        far = np.maximum(*misses(self.chain, pose, q[there])) > _NEAR
+        if far.any():
+            off = there[far]
+            q[off] = polished(self.chain, pose, q[off], self._reach, _POLISH)
+            q[off[np.maximum(*misses(self.chain, pose, q[off])) > _MET]] = np.nan
+        return q
+
+    def _continuum(self, one: int, other: int) -> str:
+        return (
+            f"singular: {self.titles[one]} and {self.titles[other]} can turn against each other here "
+            "without moving the tool; a spread of that continuum is listed"
+        )
+
+
+def branch_names(arm: ThreeParallel) -> tuple[str, ...]:
+    """The names of the columns of ``closed_form.all_ways``."""
+    if arm.first != 1 or not arm.meet[0]:
+        return tuple(f"way {i + 1}" for i in range(BRANCHES))
+    # ahead is where the first joint, turning, carries the parallel axes to
+    ahead = float(np.cross(arm.axes[0], arm.plane[2]) @ (arm.points[arm.others[1]] - arm.points[0]))
+    names: list[str] = []
+    for column in range(BRANCHES):
+        bent_back, flipped, against = column < 4, column // 2 % 2 == 1, column % 2 == 0
+        base = "back" if against == (ahead >= 0.0) else "front"
+        elbow = "up" if bent_back == against else "down"
+        names.append(f"{base} elbow-{elbow}{' wrist-flipped' if flipped else ''}")
+    return tuple(names)

@@ -1,0 +1,131 @@
+"""What solvers of whole tool poses share: all images of their ways, the rest of the targets by search.
+
+A position, or a position with a pitch, leaves six joints a continuum, which the numeric solver samples; it
+also comes as near as it can to a pose that is out of reach.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from armctl.arrays import FloatArray
+from armctl.kinematics.angles import TWO_PI, all_images
+from armctl.kinematics.chain import Chain
+from armctl.kinematics.energy import EnergyModel
+from armctl.kinematics.numeric.goals import rotation_vectors, tool_motion
+from armctl.kinematics.numeric.solver import NumericSolver
+from armctl.kinematics.samples import checked_step
+from armctl.kinematics.solutions import Solutions, SolvedArm
+from armctl.kinematics.target import Target
+
+_SAME = 1e-6
+"""configurations this near to each other are one [rad]"""
+_SPREAD = 24
+_SINGULAR = 1e-12
+"""directions that the Jacobian keeps by less than this share are left alone by a Newton step"""
+
+
+class Ways(NamedTuple):
+    """Every configuration that has a pose, whatever the joint limits."""
+
+    q: FloatArray
+    """(k, n) [rad] at any of their images"""
+    branch: NDArray[np.int8]
+    """(k,) index into the branch names"""
+    incomplete_reason: str | None = None
+    """why there are more, in words"""
+
+
+class WholePoses:
+    """How the solver of one arm answers. Immutable; safe in several threads."""
+
+    def __init__(
+        self,
+        chain: Chain,
+        limits: FloatArray,
+        energy: EnergyModel,
+        titles: Sequence[str],
+        branch_names: tuple[str, ...],
+    ) -> None:
+        self._arguments = chain, limits, energy, titles
+        self._limits = limits
+        self.arm = SolvedArm(branch_names, chain, energy)
+
+    @cached_property
+    def _search(self) -> NumericSolver:
+        return NumericSolver(*self._arguments)
+
+    def solve(
+        self,
+        target: Target,
+        step: float,
+        start: FloatArray | None,
+        every_way: Callable[[FloatArray, FloatArray | None], Ways],
+    ) -> Solutions:
+        """As ``InverseKinematics.solve``, by ``every_way`` of a tool pose (4, 4) with that start."""
+        checked_step(step)
+        if target.rotation is None:
+            return self._search.solve(target, step, start)
+        pose = np.eye(4)
+        pose[:3, :3], pose[:3, 3] = target.rotation, target.point
+        ways = every_way(pose, start)
+        q, source, left_out = all_images(ways.q, self._limits, start)
+        if len(q) == 0:
+            return self._search.approach(target)
+        reason = ways.incomplete_reason
+        if left_out:
+            reason = f"{reason}; " if reason else ""
+            reason = f"{reason}{left_out} more differ by whole turns"
+        return Solutions(self.arm, target, q, ways.branch[source], incomplete_reason=reason)
+
+    def spread(self, joint: int, start: FloatArray | None) -> FloatArray:
+        """(m,) angles of a joint that may be at any [rad]: inside its limits, the one at ``start`` (n,) too."""
+        low, high = self._limits[joint].tolist()
+        middle, half = 0.5 * (low + high), min(0.5 * (high - low), math.pi)
+        values = [*np.linspace(middle - half, middle + half, _SPREAD), min(max(0.0, low), high)]
+        if start is not None:
+            values.append(min(max(float(start[joint]), low), high))
+        return np.unique(values)
+
+
+def distinct(q: FloatArray) -> NDArray[np.intp]:
+    """Rows of ``q`` (k, n) [rad], each configuration once, whole turns not counted."""
+    kept: list[int] = []
+    for i in range(len(q)):
+        apart = q[kept] - q[i]
+        if np.abs(apart - TWO_PI * np.rint(apart / TWO_PI)).max(axis=1).min(initial=math.inf) > _SAME:
+            kept.append(i)
+    return np.array(kept, dtype=np.intp)
+
+
+def misses(chain: Chain, pose: FloatArray, q: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """How far configurations (k, n) are off a pose (4, 4): (k,) [m], (k,) [rad]."""
+    T = chain.forward(q)
+    turned = rotation_vectors(T[:, :3, :3] @ pose[:3, :3].T)
+    return np.linalg.norm(T[:, :3, 3] - pose[:3, 3], axis=1), np.linalg.norm(turned, axis=1)
+
+
+def polished(chain: Chain, pose: FloatArray, q: FloatArray, reach: float, steps: int) -> FloatArray:
+    """Configurations (k, n) [rad] after Newton steps towards a pose (4, 4), each while it gets nearer.
+
+    Lengths are taken over the ``reach`` [m]. Steps are the least there are, also where the arm is singular.
+    """
+    best, least = q, np.full(len(q), math.inf)
+    for _ in range(steps + 1):
+        motion = tool_motion(chain, q)
+        turned = rotation_vectors(motion.rotation @ pose[:3, :3].T)
+        off = np.concatenate([(motion.position - pose[:3, 3]) / reach, turned], axis=1)
+        far = np.abs(off).max(axis=1)
+        nearer = far < least
+        best, least = np.where(nearer[:, None], q, best), np.where(nearer, far, least)
+        if not nearer.any() or least.max() < 1e-15:
+            break
+        J = np.concatenate([motion.linear / reach, motion.axes], axis=1)
+        q = best - (np.linalg.pinv(J, rcond=_SINGULAR) @ off[:, :, None])[:, :, 0]
+    return best
