@@ -85,7 +85,7 @@ class WholePoses:
         return Solutions(self.arm, target, q, ways.branch[source], incomplete_reason=reason)
 
     def spread(self, joint: int, start: FloatArray | None) -> FloatArray:
-        """(m,) angles of a joint that may be at any [rad]: inside its limits, the one at ``start`` (n,) too."""
+        """(m,) angles inside the limits of a joint that may be at any [rad], that of ``start`` (n,) too."""
         low, high = self._limits[joint].tolist()
         middle, half = 0.5 * (low + high), min(0.5 * (high - low), math.pi)
         values = [*np.linspace(middle - half, middle + half, _SPREAD), min(max(0.0, low), high)]

@@ -133,7 +133,7 @@ class NumericSolver(InverseKinematics):
         return self._answer(target, start, sought=True)
 
     def approach(self, target: Target, start: FloatArray | None = None) -> Solutions:
-        """As ``solve``, for a rotation that no configuration inside the limits has: it is not searched for."""
+        """As ``solve``, for a rotation that nothing inside the limits has: it is not searched for."""
         return self._answer(target, start, sought=False)
 
     def _answer(self, target: Target, start: FloatArray | None, *, sought: bool) -> Solutions:

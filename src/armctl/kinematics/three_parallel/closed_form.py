@@ -101,7 +101,7 @@ def with_pair(arm: ThreeParallel, pose: FloatArray, values: FloatArray) -> Float
 
 def with_wrist(arm: ThreeParallel, pose: FloatArray, q: FloatArray, values: FloatArray) -> FloatArray:
     """(m, 2, 6) ways of one pose (4, 4) with a and c as in ``q`` (6,) and b at ``values`` (m,) [rad]."""
-    a, b, c = arm.others
+    a, _, c = arm.others
     loop = Loop.of(arm, np.broadcast_to(pose, (len(values), 4, 4)))
     pairs = np.full((len(values), 4, 2), np.nan)
     pairs[:, 0] = q[[a, c]]

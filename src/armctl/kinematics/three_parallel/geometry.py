@@ -1,4 +1,4 @@
-"""Recognition of six-joint arms with three parallel axes in a row, and the numbers that their solution needs."""
+"""Recognition of six-joint arms with three parallel axes in a row, and the numbers of their solution."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from armctl.arrays import ArrayRecord, FloatArray
 from armctl.kinematics.chain import Chain
 
 _PARALLEL = 1e-9
-"""sine of the angle, or share of the reach, by which an arm may miss the family; Newton steps make up for it"""
+"""sine of the angle, or share of the reach, by which an arm may miss the family; polished away"""
 _EXACT = 1e-13
 """a miss that is nothing but rounding"""
 _SHORTEST = 1e-6
@@ -22,9 +22,9 @@ _SHORTEST = 1e-6
 class ThreeParallel(ArrayRecord):
     """One arm, all joints at zero, in the base frame [m].
 
-    The joints ``first``, ``first + 1`` and ``first + 2`` turn about the direction ``k``. In the closed loop of
-    arm and target the others follow: ``a``, ``b`` and ``c``, where those ahead of the first come behind the
-    target.
+    The joints ``first``, ``first + 1`` and ``first + 2`` turn about the direction ``k``. In the closed loop
+    of arm and target the others follow: ``a``, ``b`` and ``c``, where those ahead of the first come behind
+    the target.
     """
 
     first: int
@@ -43,7 +43,7 @@ class ThreeParallel(ArrayRecord):
     meet: tuple[bool, bool]
     """whether the axes a and b, b and c meet: that splits the equations"""
     exact: bool
-    """False: the arm is as near to the family as rounded numbers bring it, and what is solved is the family"""
+    """False: the arm is beside the family by rounded numbers, and its ways need to be polished"""
 
     @property
     def others(self) -> tuple[int, int, int]:

@@ -60,7 +60,7 @@ class ThreeParallelSolver(InverseKinematics):
         return None if geometry is None else cls(chain, geometry, limits, energy, titles)
 
     def solve(self, target: Target, step: float, start: FloatArray | None = None) -> Solutions:
-        """See ``InverseKinematics``; ``start`` (n,) [rad] is one of the ways where a joint may be anywhere."""
+        """See ``InverseKinematics``; a continuum is listed with its free joint as at ``start``, too."""
         return self._answers.solve(target, step, start, self._every_way)
 
     def solve_poses(self, poses: FloatArray) -> BatchSolutions:
