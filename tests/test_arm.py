@@ -637,10 +637,11 @@ def test_servos_that_are_off_come_on_where_the_arm_is_said_to_stand(
 ) -> None:
     driver = RecordingDriver(ManualClock())
     driver.simulated = False
-    poses = PoseFolder(tmp_path, ROBOT)
+    before = PoseFolder(tmp_path, ROBOT)
     board = BoardIdentity("board", "/dev/ttyACM0")
-    poses.save(board, LastPose(np.radians([10, 80, -60, -30, 0]), 0.25, 0.0, "closed"))
-    with armctl.Arm(ticked(driver, poses=poses)) as arm:
+    before.save(board, LastPose(np.radians([10, 80, -60, -30, 0]), 0.25, 0.0, "closed"))
+    before.close()  # waits until it is written
+    with armctl.Arm(ticked(driver, poses=PoseFolder(tmp_path, ROBOT))) as arm:
         with pytest.raises(StateError, match=r"nobody knows where the arm is \(last seen at 10\.0, 80\.0"):
             arm.enable()
         with pytest.raises(InputError, match="no pose 'nowhere'"):
