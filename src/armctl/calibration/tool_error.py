@@ -65,7 +65,8 @@ class Parameter:
                 rows = list(chain.rows)
                 key = f"{self.kind}_m"
                 rows[i] = replace(rows[i], **{key: getattr(rows[i], key) + error})
-                chain = Chain.from_dh(rows, "modified" if chain.convention == "modified" else "standard")
+                convention = "modified" if chain.convention == "modified" else "standard"
+                chain = Chain.from_dh(rows, convention, chain.coupling)
         return chain.forward(q)[:, :3, 3]
 
     def solve(self, robot: Robot, q: FloatArray, points: FloatArray) -> tuple[float, FloatArray] | None:
@@ -236,7 +237,7 @@ def _length_title(robot: Robot, kind: Kind, row: int) -> str:
     title = f"{kind}_mm of DH row {row + 1}"
     if kind == "d" and row == last and row >= joint_rows[-1]:
         title = f"tool length ({title})"
-    return f"{title} ({robot.joints[joint_rows.index(row)].title})" if row in joint_rows else title
+    return f"{title} ({robot.link_titles[joint_rows.index(row)]})" if row in joint_rows else title
 
 
 def _changes(
@@ -256,7 +257,7 @@ def _changes(
         table = f"the URDF file, joint {name}: the turn of its origin about its axis"
         return (Change(table, "offset_deg", 0.0, math.degrees(offset)),)
     if outputs is None:
-        row_of = robot.chain.joint_rows[i]
+        row_of = robot.chain.joint_rows[robot.chain.first_links[i]]
         old = math.degrees(robot.chain.rows[row_of].theta_rad)
         return (Change(_row_table(robot, row_of), "theta_deg", old, old + math.degrees(offset)),)
     # The map under which a joint that says θ stands at θ + offset + scale · θ.
@@ -275,6 +276,6 @@ def _changes(
 
 
 def _row_table(robot: Robot, row: int) -> str:
-    rows = robot.chain.joint_rows
+    rows = [robot.chain.joint_rows[link] for link in robot.chain.first_links]
     joint = f' (joint = "{robot.joint_names[rows.index(row)]}")' if row in rows else ""
     return f"dh.rows, row {row + 1}{joint}"

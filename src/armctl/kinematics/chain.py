@@ -1,7 +1,8 @@
 """Serial chains of revolute joints: forward kinematics, Jacobian and frames, for one pose and for many.
 
 A chain is a fixed transform ahead of each joint, which turns about z, and a tail behind the last one. It is
-built from Denavit-Hartenberg rows or from the joints of a URDF file.
+built from Denavit-Hartenberg rows or from the joints of a URDF file. In a parallel linkage a link turns by a
+sum of joint angles (``coupling``), as the hand of a palletiser, which rods keep level.
 
 Everything is built on two loops over the segments: ``Chain._walk`` in plain floats for one pose, for which
 numpy would take three times as long, and ``Chain.walk`` in numpy for many.
@@ -65,7 +66,8 @@ class Place(NamedTuple):
 class Chain:
     """A chain of n revolute joints. Immutable; safe in several threads.
 
-    Frames are named ``T_base_x``: x seen from the base. Link j turns with joint j about its own z axis.
+    Frames are named ``T_base_x``: x seen from the base. Link j turns with joint j about its own z axis, or,
+    with a ``coupling``, by row j of it times the joint angles.
     """
 
     def __init__(
@@ -76,15 +78,21 @@ class Chain:
         places: Sequence[Place] = (),
         rows: Sequence[DHRow] = (),
         convention: Convention | None = None,
+        coupling: ArrayLike | None = None,
     ) -> None:
-        """Of n poses (4, 4) of a joint's frame in the link ahead, and of the tool frame in the last link.
+        """Of m poses (4, 4) of a turning link's frame in the link ahead, and of the tool in the last link.
 
         ``rows`` are the DH rows that say the same, if there are any, and ``places`` the base and the frames
-        behind them; without rows: the base, the links, the tool.
+        behind them; without rows: the base, the links, the tool. ``coupling`` (m, n): the turn of each link
+        by a turn of each joint; None: each link has its own joint.
         """
         if not segments:
             raise InputError("a chain needs at least one row with a joint")
         self.segments, self.tail = tuple(segments), tail
+        self.coupling = None if coupling is None else _checked_coupling(coupling, len(segments))
+        """(m, n) read-only, or None"""
+        self.n = len(segments) if self.coupling is None else self.coupling.shape[1]
+        """number of joints"""
         self.rows, self.convention = tuple(rows), convention
         self.places = tuple(places) or (
             Place(-1, np.eye(4)),
@@ -95,8 +103,8 @@ class Chain:
         if self.rows:
             self.joint_rows = tuple(i for i, row in enumerate(self.rows) if row.joint)
         else:
-            self.joint_rows = tuple(range(self.n))
-        """of each joint, the index of the DH row that turns; the frame behind it is the next of ``places``"""
+            self.joint_rows = tuple(range(len(self.segments)))
+        """of each link, the index of the DH row that turns; the frame behind it is the next of ``places``"""
         for shared in (*self.segments, self.tail, *(place.T_link_frame for place in self.places)):
             shared.flags.writeable = False
         self._steps = [_step(T) for T in (*self.segments, tail)]
@@ -113,16 +121,22 @@ class Chain:
 
     @property
     def _says(self) -> tuple[Any, ...]:
-        return self.segments, self.tail, self.places, self.rows, self.convention
+        return self.segments, self.tail, self.places, self.rows, self.convention, self.coupling
 
     def __reduce__(self) -> tuple[Callable[..., Chain], tuple[object, ...]]:
         """Pickled and copied through the constructor, so that the arrays stay read-only."""
-        segments, tail, places, rows, convention = self._says
-        return partial(type(self), places=places, rows=rows, convention=convention), (segments, tail)
+        segments, tail, places, rows, convention, coupling = self._says
+        keywords = {"places": places, "rows": rows, "convention": convention, "coupling": coupling}
+        return partial(type(self), **keywords), (segments, tail)
 
     @classmethod
-    def from_dh(cls, rows: Sequence[DHRow], convention: Convention = "standard") -> Self:
-        """A chain of DH rows.
+    def from_dh(
+        cls,
+        rows: Sequence[DHRow],
+        convention: Convention = "standard",
+        coupling: ArrayLike | None = None,
+    ) -> Self:
+        """A chain of DH rows; ``coupling`` (m, n) of the m rows that turn, as of ``Chain``.
 
         Standard (distal) rows are ``Rz(theta) Tz(d) Tx(a) Rx(alpha)``, modified (Craig, proximal) rows
         ``Rx(alpha) Tx(a) Rz(theta) Tz(d)``.
@@ -146,7 +160,7 @@ class Chain:
             if convention == "standard":
                 T_link_frame = T_link_frame @ _x_part(row)
             places.append(Place(len(segments) - 1, T_link_frame))
-        return cls(segments, T_link_frame, places=places, rows=rows, convention=convention)
+        return cls(segments, T_link_frame, places=places, rows=rows, convention=convention, coupling=coupling)
 
     @classmethod
     def from_joints(cls, origins: Sequence[FloatArray], axes: Sequence[FloatArray], tool: FloatArray) -> Self:
@@ -162,9 +176,15 @@ class Chain:
         return cls(segments, back[-1] @ tool)
 
     @property
-    def n(self) -> int:
-        """Number of joints."""
-        return len(self.segments)
+    def first_links(self) -> tuple[int, ...]:
+        """Index of the first link that each joint turns."""
+        if self.coupling is None:
+            return tuple(range(self.n))
+        return tuple(int(np.flatnonzero(column)[0]) for column in self.coupling.T)
+
+    def turns(self, q: FloatArray) -> FloatArray:
+        """How far each link turns (..., m) [rad] at joint angles ``q`` (..., n)."""
+        return q if self.coupling is None else q @ self.coupling.T
 
     def checked(self, q: ArrayLike) -> FloatArray:
         """``q`` as an array ``(..., n)`` of finite numbers; a copy. Raises ``InputError`` for any other."""
@@ -192,7 +212,7 @@ class Chain:
         """
         angles = self._one(q)
         if angles is not None:
-            xx, xy, xz, yx, yy, yz, zx, zy, zz, px, py, pz = self._walk(angles)
+            xx, xy, xz, yx, yy, yz, zx, zy, zz, px, py, pz = self._walk(self._link_turns(angles))
             out = np.empty((4, 4))
             _put_pose(out.data, 0, xx, yx, zx, px, xy, yy, zy, py, xz, yz, zz, pz, 0.0, 0.0, 0.0, 1.0)
             return out
@@ -206,12 +226,13 @@ class Chain:
         angles = self._one(q)
         if angles is not None:
             axes: list[tuple[float, ...]] = []
-            tx, ty, tz = self._walk(angles, axes)[9:]
+            tx, ty, tz = self._walk(self._link_turns(angles), axes)[9:]
             columns: list[tuple[float, ...]] = []
             for x, y, z, px, py, pz in axes:
                 px, py, pz = tx - px, ty - py, tz - pz
                 columns.append((y * pz - z * py, z * px - x * pz, x * py - y * px, x, y, z))
-            return np.array(columns).T.copy()
+            J = np.array(columns).T
+            return J.copy() if self.coupling is None else J @ self.coupling
         return self._many(q, (6, self.n), self._jacobian_into)
 
     def frames(self, q: ArrayLike) -> FloatArray:
@@ -234,9 +255,9 @@ class Chain:
         return out.reshape(*q.shape[:-1], len(self.places), 4, 4)
 
     def axes(self, q: ArrayLike | None = None) -> tuple[FloatArray, FloatArray]:
-        """Joint axes at ``q`` (default: all zero): points (n, 3) [m], unit directions (n, 3), base frame."""
+        """Links' axes at ``q`` (default: all zero): points (m, 3) [m], unit directions (m, 3), base frame."""
         axes: list[tuple[float, ...]] = []
-        self._walk([0.0] * self.n if q is None else self.checked_one(q).tolist(), axes)
+        self._walk(self._link_turns([0.0] * self.n if q is None else self.checked_one(q).tolist()), axes)
         stacked = np.array(axes)
         return stacked[:, 3:].copy(), stacked[:, :3].copy()
 
@@ -250,12 +271,15 @@ class Chain:
             require_finite(q, "joint angles")
         return angles
 
+    def _link_turns(self, angles: list[float]) -> list[float]:
+        return angles if self.coupling is None else (self.coupling @ angles).tolist()
+
     def _walk(
         self, angles: Sequence[float], axes: list[tuple[float, ...]] | None = None
     ) -> tuple[float, ...]:
-        """The tool frame at joint angles (n,) [rad]: x, y and z axis and origin, three numbers each.
+        """The tool frame where the links turn by ``angles`` (m,) [rad]: x, y, z axis, origin, 3 numbers each.
 
-        ``axes`` receives direction and point of each joint's axis, three numbers each.
+        ``axes`` receives direction and point of each link's axis, three numbers each.
 
         Lengths of zero and axes that are parallel or at a right angle, as DH rows mostly have them, are not
         multiplied out: that halves the time of one pose.
@@ -315,7 +339,13 @@ class Chain:
     def _jacobian_into(self, q: FloatArray, out: FloatArray, largest: float) -> None:
         *links, (_, _, _, tool) = self.walk(q)
         for i, (_, _, axis, origin) in enumerate(links):
-            out[:3, i], out[3:, i] = _cross(axis, tool - origin), axis
+            linear = _cross(axis, tool - origin)
+            if self.coupling is None:
+                out[:3, i], out[3:, i] = linear, axis
+                continue
+            for j in np.flatnonzero(self.coupling[i]).tolist():
+                out[:3, j] += self.coupling[i, j] * linear
+                out[3:, j] += self.coupling[i, j] * axis
 
     def walk(self, q: FloatArray) -> Iterator[tuple[FloatArray, FloatArray, FloatArray, FloatArray]]:
         """The frame of each link, then the tool frame, at finite ``q`` (m, n) [rad].
@@ -337,6 +367,9 @@ class Chain:
         them y is not needed (``only_last``). This saves a third of a million forward poses (docs/speed.md).
         ``largest``: of the angles, without sign.
         """
+        if self.coupling is not None:
+            q = self.turns(q)
+            largest = float(np.abs(q).max(initial=0.0))
         x, y, z, origin = _UNITS
         across, angle = (x, y), None
         summed = largest < _MOST_SUMMED
@@ -345,7 +378,7 @@ class Chain:
             if not summed or [along_x, along_y] != _SAME_AXES:
                 x, y, z = (_mixed(along, (x, y, z)) for along in (along_x, along_y, along_z))
                 across, angle = (x, y), None
-            if k < self.n:
+            if k < len(self.segments):
                 angle = q[:, k] if angle is None else angle + q[:, k]
                 c, s = half_angle_cos_sin(angle)
                 x = _mixed((c, s), across)
@@ -359,9 +392,9 @@ class LinkFrames:
     """Where the links are in m configurations, entry by entry in memory. Link -1 is the base."""
 
     rotation: tuple[FloatArray, ...]
-    """one a joint, (3, 3, m): ``R_base_link``"""
+    """one a link, (3, 3, m): ``R_base_link``"""
     origin: tuple[FloatArray, ...]
-    """one a joint, (3, m): a point of the joint's axis, base frame [m]"""
+    """one a link, (3, m): a point of its axis, base frame [m]"""
     tool: FloatArray
     """(3, m) the tool point, base frame [m]"""
 
@@ -378,6 +411,17 @@ class LinkFrames:
         if link < 0:
             return np.broadcast_to(points.T[:, :, None], (3, len(points), self.tool.shape[1]))
         return np.matmul(points, self.rotation[link]) + self.origin[link][:, None, :]
+
+
+def _checked_coupling(coupling: ArrayLike, links: int) -> FloatArray:
+    C = as_numbers(coupling, "a coupling").copy()
+    if C.ndim != 2 or len(C) != links or np.linalg.matrix_rank(C) != C.shape[1]:
+        raise InputError(
+            f"a coupling has one row for each of {links} links and a column for each joint, and each joint "
+            f"turns a link of its own; this one has the shape {C.shape}"
+        )
+    C.flags.writeable = False
+    return C
 
 
 def frame_along(axis: FloatArray) -> FloatArray:

@@ -21,7 +21,7 @@ class Body:
     """A point mass that moves with a joint."""
 
     joint: int
-    """index of the joint that carries it"""
+    """index of the link that carries it"""
     mass_kg: float
     com_m: tuple[float, float, float]
     """in the frame of the joint's DH row; in the link's own where there are no rows"""
@@ -39,7 +39,7 @@ class GravityModel:
     """for each joint: mass and point (3,) in the link's frame of what it carries until the next joint"""
 
     def __post_init__(self) -> None:
-        places, n = self.chain.places, self.chain.n
+        places, n = self.chain.places, len(self.chain.segments)
         carried: list[list[tuple[float, FloatArray]]] = [[] for _ in range(n)]
         for body in self.bodies:
             T = places[self.chain.joint_rows[body.joint] + 1].T_link_frame
@@ -59,7 +59,7 @@ class GravityModel:
 
     def torque_of(self, links: LinkFrames) -> FloatArray:
         """As ``torque``, for links that are placed already: (n, m) [N·m], a column a configuration."""
-        n, m = self.chain.n, links.origin[0].shape[-1]
+        n, m = len(self.chain.segments), links.origin[0].shape[-1]
         torque = np.empty((n, m))
         mass, moment = 0.0, np.zeros((2, m))  # of everything beyond the joint: Σ m and Σ m (x, y)
         for j in reversed(range(n)):
@@ -69,7 +69,7 @@ class GravityModel:
             z, origin = links.rotation[j][:, 2], links.origin[j]
             torque[j] = z[0] * (moment[1] - mass * origin[1]) - z[1] * (moment[0] - mass * origin[0])
         torque *= STANDARD_GRAVITY
-        return torque
+        return torque if self.chain.coupling is None else self.chain.coupling.T @ torque
 
 
 Criterion = Literal["least-rotation", "published", "least-travel", "shortest-time", "least-torque"]

@@ -14,6 +14,7 @@ from armctl.kinematics.angles import LIMIT_TOLERANCE, rest_angle
 from armctl.kinematics.chain import Chain
 from armctl.kinematics.energy import EnergyModel
 from armctl.kinematics.numeric.solver import NumericSolver
+from armctl.kinematics.parallel_linkage.solver import ParallelLinkageSolver
 from armctl.kinematics.samples import DEFAULT_STEP
 from armctl.kinematics.solutions import needs
 from armctl.kinematics.solver import InverseKinematics
@@ -26,9 +27,10 @@ FAMILIES: tuple[type[InverseKinematics], ...] = (
     YawPitchRollSolver,
     SphericalShoulderSolver,
     ThreeParallelSolver,
+    ParallelLinkageSolver,
     NumericSolver,
 )
-"""tried in turn; the last one takes any arm. A new family is one more entry before it."""
+"""tried in turn; the last one takes any serial arm. A new family is one more entry before it."""
 
 
 def inverse_kinematics(
@@ -36,10 +38,15 @@ def inverse_kinematics(
 ) -> InverseKinematics:
     """The solver of the first family that the arm belongs to; arguments as of ``InverseKinematics.of``."""
     for family in FAMILIES:
+        if chain.coupling is not None and not family.takes_linkages:
+            continue
         solver = family.of(chain, limits, energy, titles)
         if solver is not None:
             return solver
-    raise InputError(f"no solver family takes an arm of {chain.n} joints")
+    raise InputError(
+        "no solver takes this parallel linkage; a palletiser has a yaw joint, two parallel pitch joints, a "
+        "link that follows them so that it stays level, and at most a joint that turns it about the vertical"
+    )
 
 
 # Every closed-form branch of a target, those that the joint limits forbid too, with what forbids them.

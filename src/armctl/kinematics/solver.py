@@ -29,6 +29,8 @@ class InverseKinematics(ABC):
     """False where solutions are searched for: that takes long, and some may be missing"""
     searches_parts: ClassVar[bool] = False
     """True where less than a whole pose, such as a position, is searched for: that takes long"""
+    takes_linkages: ClassVar[bool] = False
+    """True where links may turn by sums of joint angles (``Chain.coupling``)"""
     direct: ClassVar[bool] = False
     """True where ``solve_batch`` and ``least_rotation`` answer, without a list of all solutions"""
 

@@ -272,7 +272,7 @@ def robot_record(robot: Robot) -> dict[str, Any]:
     def plain(value: object) -> object:
         match value:
             case Chain():
-                names = ("segments", "tail", "places", "rows", "convention")
+                names = ("segments", "tail", "places", "rows", "convention", "coupling")
                 return {name: getattr(value, name) for name in names}
             case Mapping():
                 return dict(cast("Mapping[str, object]", value))
@@ -292,7 +292,14 @@ def robot_of(record: dict[str, Any]) -> Robot:
         places = msgspec.convert(value["places"], tuple[Place, ...], dec_hook=built)
         rows = msgspec.convert(value["rows"], tuple[DHRow, ...])
         segments, tail = [np.array(one) for one in value["segments"]], np.array(value["tail"])
-        return Chain(segments, tail, places=places, rows=rows, convention=value["convention"])
+        return Chain(
+            segments,
+            tail,
+            places=places,
+            rows=rows,
+            convention=value["convention"],
+            coupling=value["coupling"],
+        )
 
     hints = get_type_hints(Robot)
     try:

@@ -23,7 +23,7 @@ class Capsule(ArrayRecord):
     """A piece of the arm's body: all points within a radius of a segment."""
 
     link: int
-    """index of the joint that moves it; -1: the base"""
+    """index of its link; -1: the base"""
     start: FloatArray
     """(3,) in the link's frame (``LinkFrames``) [m]"""
     end: FloatArray
@@ -157,8 +157,8 @@ def _dot(a: FloatArray, b: FloatArray) -> FloatArray:
 
 
 def _levers(chain: Chain, link: int, points: FloatArray) -> FloatArray:
-    """How far points (p, 3) [m] in a link's frame move a radian of each joint, at most: (n,) [m/rad]."""
-    levers = np.zeros(chain.n)
+    """How far points (p, 3) [m] in a link's frame move a radian of each link, at most: (m,) [m/rad]."""
+    levers = np.zeros(len(chain.segments))
     aside = float(np.hypot(points[:, 0], points[:, 1]).max())
     away = float(np.linalg.norm(points, axis=1).max())
     for j in reversed(range(link + 1)):
@@ -166,6 +166,11 @@ def _levers(chain: Chain, link: int, points: FloatArray) -> FloatArray:
         x, y, z = chain.segments[j][:3, 3].tolist()
         aside, away = math.hypot(x, y) + away, math.hypot(x, y, z) + away
     return levers
+
+
+def _of_joints(chain: Chain, levers: FloatArray) -> FloatArray:
+    """Levers of the links' turns (..., m) as those of the joints (..., n) [m/rad]."""
+    return levers if chain.coupling is None else levers @ np.abs(chain.coupling)
 
 
 NEAR_M = 0.02
@@ -211,16 +216,21 @@ class CollisionModel:
     @cached_property
     def levers(self) -> FloatArray:
         """(capsules, n) how far a point of each one's axis moves a radian of each joint, at most [m/rad]."""
+        return _of_joints(self.chain, self._link_levers)
+
+    @cached_property
+    def _link_levers(self) -> FloatArray:
+        """(capsules, m) as ``levers``, a radian of each link's turn."""
         rows = [_levers(self.chain, c.link, np.array([c.start, c.end])) for c in self.capsules]
-        return np.array(rows).reshape(-1, self.chain.n)
+        return np.array(rows).reshape(-1, len(self.chain.segments))
 
     @cached_property
     def pair_levers(self) -> FloatArray:
         """(k, n) how much the gap of each pair changes a radian of each joint, at most [m/rad]."""
-        levers = self.levers[[j for _, j in self.pairs]].reshape(-1, self.chain.n)
+        levers = self._link_levers[[j for _, j in self.pairs]].reshape(-1, len(self.chain.segments))
         for row, (i, _) in zip(levers, self.pairs, strict=True):
-            row[: self.capsules[i].link + 1] = 0.0  # these joints carry both
-        return levers
+            row[: self.capsules[i].link + 1] = 0.0  # these turns carry both
+        return _of_joints(self.chain, levers)
 
     def gaps(self, links: LinkFrames) -> FloatArray:
         """Gaps between the pairs: (k, m) [m], negative where they overlap; above ``NEAR_M`` lower bounds."""
@@ -276,7 +286,7 @@ class Corner:
     """A point of a link, to be kept above the floor."""
 
     link: int
-    """index of the joint that moves it"""
+    """index of its link"""
     point: FloatArray
     """(3,) in the link's frame [m]"""
     part: str
@@ -298,7 +308,7 @@ def moving_corners(chain: Chain, titles: Sequence[str], limits: FloatArray) -> t
         if np.ptp(probes.place(bar.link, point[None])[2, 0]) > 1e-9:
             levers = _levers(chain, bar.link, point[None])
             levers[0] *= not upright
-            corners.append(Corner(bar.link, point, _link_name(bar.link, titles), levers))
+            corners.append(Corner(bar.link, point, _link_name(bar.link, titles), _of_joints(chain, levers)))
     if corners:
         corners[-1] = replace(corners[-1], part="the tool")
     return tuple(corners)

@@ -32,13 +32,24 @@ class Strict(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class DHRowEntry(Strict, frozen=True):
-    """One DH row; without ``joint`` it is fixed at ``theta_deg``, with it ``theta_deg`` is the offset."""
+    """One DH row; without ``joint`` it is fixed at ``theta_deg``, with it ``theta_deg`` is the offset.
+
+    Rods of a parallel linkage: a row that ``follows`` joints turns by its factor times the angle of each,
+    besides its own joint. Without a joint of its own it needs a name, ``link``.
+    """
 
     alpha_deg: float
     a_mm: float
     d_mm: float
     theta_deg: float = 0.0
     joint: Name | None = None
+    follows: dict[Name, Annotated[float, Meta(ge=-10, le=10)]] = {}
+    link: Name | None = None
+
+    @property
+    def turning(self) -> Name | None:
+        """What its link is called; None: the row is fixed."""
+        return self.joint or self.link
 
 
 class DHEntry(Strict, frozen=True):
@@ -70,7 +81,7 @@ class GripperEntry(Strict, frozen=True):
 
 
 class BodyEntry(Strict, frozen=True):
-    """A mass that moves with a joint; ``com_mm`` in the frame of that joint's DH row."""
+    """A mass that moves with a joint (or a named link); ``com_mm`` in the frame of that DH row."""
 
     joint: Name
     mass_kg: NotNegative
@@ -102,7 +113,7 @@ class CapsuleEntry(Strict, frozen=True):
     to_mm: tuple[float, float, float]
     radius_mm: Positive
     joint: Name | None = None
-    """the joint that moves it; None: it stands still with the base, in the base frame"""
+    """the joint (or named link) that moves it; None: it stands still with the base, in the base frame"""
 
 
 class ObstacleEntry(Strict, frozen=True):

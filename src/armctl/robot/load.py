@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from importlib.resources import files
 from pathlib import Path
 
@@ -80,7 +80,8 @@ def _robot(content: bytes) -> Robot:
     by_name = {joint.name: joint for joint in file.joints}
     _check_joints(file, by_name)
     joints = [by_name[row.joint] for row in file.dh.rows if row.joint is not None]
-    chain = Chain.from_dh([_row(row) for row in file.dh.rows], file.dh.convention)
+    links = [row for row in file.dh.rows if row.turning is not None]
+    chain = Chain.from_dh([_row(row) for row in file.dh.rows], file.dh.convention, _coupling(links, joints))
     board, outputs, settings = read_outputs(
         document, [(joint.name, joint.limit_deg) for joint in joints], has_gripper=file.gripper is not None
     )
@@ -97,13 +98,14 @@ def _robot(content: bytes) -> Robot:
         board=board,
         board_settings=settings,
         gripper=None if gripper is None else Gripper(gripper.title, gripper.speed_percent_s / 100),
-        gravity=_gravity(file, joints, chain),
+        gravity=_gravity(file, [str(row.turning) for row in links], chain),
         floor_z=file.floor.z_mm / 1000,
         points={name: np.array(point_mm) / 1000 for name, point_mm in file.points.items()},
         look=Look()
         if look is None
         else Look(tuple(map(_color, look.links)), _color(look.joints), look.shape, look.width_percent / 100),
-        capsules=tuple(_capsule(entry, joints, chain) for entry in file.capsules) or None,
+        capsules=tuple(_capsule(entry, links, by_name, chain) for entry in file.capsules) or None,
+        link_titles=tuple(_link_title(row, by_name) for row in links),
         obstacles=tuple(map(_obstacle, file.obstacles)),
     )
     for needed in ("home", "rest"):
@@ -121,6 +123,18 @@ def _check_joints(file: RobotFile, by_name: dict[str, JointEntry]) -> None:
             "dh.rows and joints must name the same joints once each: "
             f"rows name {', '.join(used)}; joints are {', '.join(by_name)}"
         )
+    turning = [row.turning for row in file.dh.rows if row.turning is not None]
+    if len(set(turning)) != len(turning):
+        raise RobotFileError("dh.rows: two links have the same name")
+    for number, row in enumerate(file.dh.rows, 1):
+        where = f"dh.rows, row {number}"
+        if row.joint is not None and row.link is not None:
+            raise RobotFileError(f"{where}: a row with a joint is called after it; leave out link")
+        if (row.link is None) != (not row.follows) and row.joint is None:
+            raise RobotFileError(f"{where}: a row that follows joints needs a name, link, and the reverse")
+        for name in row.follows:
+            if name not in by_name or name == row.joint:
+                raise RobotFileError(f"{where}: follows {name!r}, which is no other joint")
     for joint in file.joints:
         low, high = joint.limit_deg
         if not (math.isfinite(low) and math.isfinite(high) and low <= high):
@@ -132,7 +146,27 @@ def _check_joints(file: RobotFile, by_name: dict[str, JointEntry]) -> None:
 
 def _row(row: DHRowEntry) -> DHRow:
     alpha, theta = math.radians(row.alpha_deg), math.radians(row.theta_deg)
-    return DHRow(row.a_mm / 1000, alpha, row.d_mm / 1000, theta, joint=row.joint is not None)
+    return DHRow(row.a_mm / 1000, alpha, row.d_mm / 1000, theta, joint=row.turning is not None)
+
+
+def _coupling(links: Sequence[DHRowEntry], joints: Sequence[JointEntry]) -> FloatArray | None:
+    """(links, joints) of a parallel linkage; None: each link has a joint of its own."""
+    if not any(row.follows for row in links):
+        return None
+    names = [joint.name for joint in joints]
+    coupling = np.zeros((len(links), len(joints)))
+    for turns, row in zip(coupling, links, strict=True):
+        if row.joint is not None:
+            turns[names.index(row.joint)] = 1.0
+        for name, factor in row.follows.items():
+            turns[names.index(name)] = factor
+    return coupling
+
+
+def _link_title(row: DHRowEntry, joints: Mapping[str, JointEntry]) -> str:
+    if row.joint is not None:
+        return joints[row.joint].title
+    return (row.link or "").replace("_", " ").capitalize()
 
 
 def _joint(entry: JointEntry) -> Joint:
@@ -160,26 +194,28 @@ def _pose(values: tuple[float, ...], joints: Sequence[JointEntry], where: str) -
     return np.radians(np.array(values, dtype=np.float64))
 
 
-def _index(name: str, joints: Sequence[JointEntry], where: str) -> int:
-    names = [joint.name for joint in joints]
-    if name not in names:
+def _index(name: str, links: Sequence[str], where: str) -> int:
+    if name not in links:
         raise RobotFileError(f"{where}: there is no joint {name!r}")
-    return names.index(name)
+    return links.index(name)
 
 
-def _capsule(entry: CapsuleEntry, joints: Sequence[JointEntry], chain: Chain) -> Capsule:
+def _capsule(
+    entry: CapsuleEntry, links: Sequence[DHRowEntry], joints: Mapping[str, JointEntry], chain: Chain
+) -> Capsule:
     frame = 0
     if entry.joint is not None:
-        frame = chain.joint_rows[_index(entry.joint, joints, "capsules")] + 1
+        frame = chain.joint_rows[_index(entry.joint, [str(row.turning) for row in links], "capsules")] + 1
     ends = np.array([entry.from_mm, entry.to_mm]) / 1000
-    return capsule(chain, [one.title for one in joints], frame, (ends[0], ends[1]), entry.radius_mm / 1000)
+    titles = [_link_title(row, joints) for row in links]
+    return capsule(chain, titles, frame, (ends[0], ends[1]), entry.radius_mm / 1000)
 
 
-def _gravity(file: RobotFile, joints: Sequence[JointEntry], chain: Chain) -> GravityModel:
+def _gravity(file: RobotFile, links: Sequence[str], chain: Chain) -> GravityModel:
     bodies: list[Body] = []
     for body in file.bodies:
         x, y, z = (value / 1000 for value in body.com_mm)
-        bodies.append(Body(_index(body.joint, joints, "bodies"), body.mass_kg, (x, y, z)))
+        bodies.append(Body(_index(body.joint, links, "bodies"), body.mass_kg, (x, y, z)))
     return GravityModel(chain, tuple(bodies), file.payload_kg)
 
 

@@ -63,6 +63,8 @@ class Robot(ArrayRecord):
     """the kind of board that drives it"""
     board_settings: object = None
     """what else the robot file tells the board's driver; only the board reads it"""
+    link_titles: tuple[str, ...] = ()
+    """what each link is called after; empty: the titles of the joints"""
     limits: FloatArray = field(init=False)
     """(n, 2) lower and upper joint limits [rad]"""
     speed_limits: FloatArray = field(init=False)
@@ -83,6 +85,8 @@ class Robot(ArrayRecord):
         }
         for name, values in limits.items():
             object.__setattr__(self, name, read_only(values))
+        if not self.link_titles:
+            object.__setattr__(self, "link_titles", tuple(self._titles))
 
     def __hash__(self) -> int:
         return hash((self.name, self.chain, content(self.limits)))  # a board's settings need not have one
@@ -120,7 +124,7 @@ class Robot(ArrayRecord):
     @cached_property
     def corners(self) -> tuple[Corner, ...]:
         """What comes nearest to the floor, from the base to the tool; without what no joint lifts."""
-        return moving_corners(self.chain, self._titles, self.limits)
+        return moving_corners(self.chain, self.link_titles, self.limits)
 
     @cached_property
     def collision(self) -> CollisionModel:
@@ -128,7 +132,7 @@ class Robot(ArrayRecord):
         capsules = self.capsules
         if capsules is None:
             gripper = self.gripper is not None
-            capsules = shape_capsules(self.chain, self.look, self._titles, gripper=gripper)
+            capsules = shape_capsules(self.chain, self.look, self.link_titles, gripper=gripper)
         return CollisionModel.build(self.chain, capsules, self.limits, self.pose("home"))
 
     @cached_property

@@ -31,7 +31,7 @@ class Bar:
     name: str
     """tells it from the others"""
     link: int
-    """index of the joint that moves it; -1: the base"""
+    """index of the link; -1: the base"""
     start: Point
     """in its frame [m]"""
     end: Point
@@ -89,7 +89,8 @@ def _bars_of_joints(chain: Chain, shorten: float) -> Iterator[Bar]:
         yield Bar(i, f"link{i}", i - 1, (0, 0, 0), (x, y, z))
     along = float(chain.tail[:3, 3] @ chain.tail[:3, 2])
     x, y, z = (chain.tail[:3, 3] + (_shortened(along, shorten) - along) * chain.tail[:3, 2]).tolist()
-    yield Bar(chain.n, f"link{chain.n}", chain.n - 1, (0, 0, 0), (x, y, z))
+    last = len(chain.segments)
+    yield Bar(last, f"link{last}", last - 1, (0, 0, 0), (x, y, z))
 
 
 def _shortened(length: float, by: float) -> float:

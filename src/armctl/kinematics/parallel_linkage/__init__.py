@@ -1,0 +1,1 @@
+"""Solver family: arms whose rods keep the hand level."""

@@ -1,0 +1,312 @@
+"""Inverse kinematics of *yaw, two pitch joints, rods that keep the hand level (+ roll)*: palletisers.
+
+The hand never tilts, so it is a constant vector in the tool plane. Moved to the shoulder it leaves a triangle
+of two links. Its angles are sums of joint angles, because rods also let a motor in the base turn the forearm.
+"""
+
+from __future__ import annotations
+
+import cmath
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import product
+from typing import Self
+
+import numpy as np
+
+from armctl.arrays import FloatArray
+from armctl.kinematics.angles import central_image, images, rotation_angle, wrap
+from armctl.kinematics.chain import Chain
+from armctl.kinematics.energy import EnergyModel
+from armctl.kinematics.samples import checked_step
+from armctl.kinematics.solutions import Solutions, SolvedArm, all_needs, too_far, too_near
+from armctl.kinematics.solver import InverseKinematics, held_roll, roll_angles
+from armctl.kinematics.target import Target
+from armctl.kinematics.tool_plane import ToolPlane
+from armctl.kinematics.yaw_pitch_roll.geometry import (
+    BRANCHES,
+    BaseBranch,
+    base_branches,
+    bend_sense,
+    branch_index,
+    is_on_axis,
+)
+
+_ALIGNED = 1e-9
+"""how far from parallel or at a right angle axes may be (sine), and factors from whole numbers"""
+_ROUNDING = 1e-10
+"""how far beyond the links' reach a target still counts as on its edge [m]"""
+_LEVEL = 1e-7
+"""a pitch this near to the one that the rods keep is met [rad]"""
+_EDGE_SAMPLES, _SECTIONINGS = 361, 60
+_GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
+
+
+@dataclass(frozen=True)
+class Linkage:
+    """The triangle in the tool plane, and which joint angles make its angles."""
+
+    plane: ToolPlane
+    """as if the hand stood between base and shoulder; ``joint_angle`` gives the turns of the two links"""
+    joints_of_turns: FloatArray
+    """(2, 2) the two pitch joints' angles of the turns of the two links"""
+    roll_axis: FloatArray | None
+    """(3,) direction of the joint that turns the hand about the vertical, base frame; None: there is none"""
+
+    @classmethod
+    def of(cls, chain: Chain) -> Linkage | None:
+        """The geometry of an arm of the family, or None."""
+        C, links = chain.coupling, len(chain.segments)
+        if C is None or (links, chain.n) not in ((4, 3), (5, 4)):
+            return None
+        points, axes = chain.axes()
+        tool = chain.forward(np.zeros(chain.n))
+        tip = tool[:3, 3]
+        parallel = max(float(np.linalg.norm(np.cross(axes[1], axes[k]))) for k in (2, 3))
+        if abs(axes[0] @ axes[1]) > _ALIGNED or parallel > _ALIGNED:
+            return None
+        senses = np.sign(axes[1:4] @ axes[1])
+        own = np.zeros_like(C)  # what only the base and the roll joint may turn
+        own[0, 0] = 1.0
+        inner = np.zeros_like(C, dtype=np.bool_)
+        inner[1:4, 1:3] = True
+        if links == 5:
+            own[4, 3] = 1.0
+            aside = np.linalg.norm(np.cross(tip - points[4], axes[4]))
+            if np.linalg.norm(np.cross(axes[4], axes[0])) > _ALIGNED or aside > _ALIGNED:
+                return None
+        turns = C[1:3, 1:3]
+        whole = np.abs(turns - np.rint(turns)).max() < _ALIGNED and round(abs(np.linalg.det(turns))) == 1
+        level = np.abs(senses @ C[1:4]).max() < _ALIGNED
+        if not (np.array_equal(C[~inner], own[~inner]) and whole and level):
+            return None
+        up = axes[0] if axes[0][2] >= -_ALIGNED else -axes[0]
+        left = axes[1] / np.linalg.norm(axes[1])
+        forward = np.cross(left, up)
+        if (tip - points[1]) @ forward < 0:
+            left, forward = -left, -forward
+        frame = np.column_stack([forward, left, up])
+        local = (np.array([*points[1:4], tip]) - points[0]) @ frame
+        shoulder, elbow, wrist, hand = (complex(x, z) for x, _, z in local.tolist())
+        first, second = elbow - shoulder, wrist - elbow
+        if min(abs(first), abs(second)) < _ALIGNED:
+            return None
+        start = cmath.phase(first)
+        plane = ToolPlane(
+            origin=points[0],
+            frame=frame,
+            yaw_sign=1 if axes[0] @ up > 0 else -1,
+            lateral=float(left @ (tip - points[0])),
+            shoulder=shoulder + (hand - wrist),
+            lengths=(abs(first), abs(second)),
+            signs=tuple(-1 if axis @ left > 0 else 1 for axis in axes[1:3]),  # pyright: ignore[reportArgumentType]
+            offsets=(start, wrap(cmath.phase(second) - start)),
+            tool_angle=None,
+            roll_joint=None,
+        )
+        return cls(plane, np.linalg.inv(turns), axes[4] if links == 5 else None)
+
+    def turns_at(self, shoulder: float, bend: float) -> FloatArray:
+        """(2,) pitch joints' angles [rad] of two plane angles, up to whole turns."""
+        turns = [self.plane.joint_angle(0, shoulder), self.plane.joint_angle(1, bend)]
+        return self.joints_of_turns @ turns
+
+    def triangle(self, w: complex, *, clamp: bool = False) -> list[tuple[float, float]]:
+        """Plane angles of shoulder and elbow that put the wrist at ``w`` from the shoulder [m].
+
+        None where it is out of reach; with ``clamp`` those of the nearest point that is not.
+        """
+        first, second = self.plane.lengths
+        distance = abs(w)
+        least, most = abs(first - second), first + second
+        if not clamp and not least - _ROUNDING <= distance <= most + _ROUNDING:
+            return []
+        distance = min(max(distance, least), most)
+        cosine = (distance**2 - first**2 - second**2) / (2.0 * first * second)
+        bend = math.acos(min(max(cosine, -1.0), 1.0))
+        bends = [bend] if bend in (0.0, math.pi) else [bend, -bend]
+        return [(cmath.phase(w) - cmath.phase(first + second * cmath.exp(1j * b)), b) for b in bends]
+
+
+class ParallelLinkageSolver(InverseKinematics):
+    """One arm of the family inside its limits. Immutable; safe in several threads."""
+
+    family = "yaw, two pitch joints, level hand"
+    takes_linkages = True
+
+    def __init__(
+        self, chain: Chain, linkage: Linkage, limits: FloatArray, energy: EnergyModel, titles: Sequence[str]
+    ) -> None:
+        super().__init__(chain, limits, energy, titles, roll_joint=None if linkage.roll_axis is None else 3)
+        self._linkage, self._plane = linkage, linkage.plane
+        self._arm = SolvedArm(BRANCHES, chain, energy)
+        z = chain.forward(np.zeros(chain.n))[:3, 2]
+        self._pitch = math.atan2(z[2], math.hypot(z[0], z[1]))
+
+    @classmethod
+    def of(cls, chain: Chain, limits: FloatArray, energy: EnergyModel, titles: Sequence[str]) -> Self | None:
+        """See ``InverseKinematics``."""
+        linkage = Linkage.of(chain)
+        return None if linkage is None else cls(chain, linkage, limits, energy, titles)
+
+    def solve(self, target: Target, step: float) -> Solutions:
+        """All solutions inside the limits; nothing is swept, ``step`` [rad] is only looked at.
+
+        With a rotation those are listed whose orientation is nearest to it.
+        Raises ``InputError``: ``step`` is not a positive number.
+        """
+        checked_step(step)
+        refusal, roll = held_roll(self._roll, target.roll)
+        if target.pitch is not None and abs(math.sin(target.pitch) - math.sin(self._pitch)) > _LEVEL:
+            kept, asked = math.degrees(self._pitch) + 0.0, math.degrees(target.pitch) + 0.0
+            refusal = f"the rods keep the tool at a pitch of {kept:.2f}°; {asked:.2f}° cannot be had"
+        if refusal is not None:
+            return self._refused(target, refusal, roll)
+        found = [
+            (q, index) for position, index in self._positions(target) for q in self._rolled(position, target)
+        ]
+        if not found:
+            return self._refused(target, self._why_not(target), roll)
+        if target.rotation is not None:
+            turned = np.swapaxes(self.chain.forward(np.array([q for q, _ in found]))[:, :3, :3], 1, 2)
+            off = rotation_angle(turned @ target.rotation)
+            found = [one for one, away in zip(found, off, strict=True) if away <= off.min() + _LEVEL]
+        x, y, z = self._plane.local_of(*target.point)
+        everywhere = is_on_axis(self._plane, x, y) or abs(complex(0.0, z) - self._plane.shoulder) < _ROUNDING
+        return Solutions(
+            self._arm, target, [q for q, _ in found], [i for _, i in found], complete=not everywhere
+        )
+
+    def _positions(self, target: Target) -> Iterator[tuple[FloatArray, int]]:
+        """The first three joints (3,) inside their limits, all images, and their branches."""
+        for base, pair, index in self._branches(target, tuple(self.limits[0].tolist())):
+            both = [images(angle, *self.limits[1 + k].tolist()) for k, angle in enumerate(pair.tolist())]
+            for first, second in product(*both):
+                yield np.array([base.angle, first, second]), index
+
+    def _branches(
+        self, target: Target, yaw_limits: tuple[float, float] | None
+    ) -> Iterator[tuple[BaseBranch, FloatArray, int]]:
+        x, y, z = self._plane.local_of(*target.point)
+        for base in base_branches(self._plane, x, y, yaw_limits):
+            for shoulder, bend in self._linkage.triangle(complex(base.r, z) - self._plane.shoulder):
+                pair = self._linkage.turns_at(shoulder, bend)
+                yield base, pair, branch_index(base.front, bend_sense(bend))
+
+    def _rolled(self, q: FloatArray, target: Target) -> list[FloatArray]:
+        """A position (3,) with the roll joint at what is asked for, where there is one."""
+        axis = self._linkage.roll_axis
+        if self._roll is None or axis is None:
+            return [q]
+        if target.rotation is None:
+            return [np.append(q, angle) for angle in roll_angles(self._roll, target.roll)]
+        # nearest is the turn of most trace(Rot(axis, angle) M), else one of the limits
+        M = self.chain.forward(np.append(q, 0.0))[:3, :3] @ target.rotation.T
+        wanted = math.atan2(np.trace(np.cross(np.eye(3), axis) @ M), np.trace(M) - axis @ M @ axis)
+        return [
+            np.append(q, angle) for angle in self._roll.angles(wanted) or (self._roll.low, self._roll.high)
+        ]
+
+    # Refusals.
+
+    def _refused(self, target: Target, reason: str, roll: float) -> Solutions:
+        q = self._nearest(target)
+        nearest = q if self._roll is None else np.append(q, roll)
+        return Solutions(self._arm, target, (), (), reason=reason, nearest_q=nearest)
+
+    def _why_not(self, target: Target) -> str:
+        """Why a position has no solution."""
+        x, y, z = self._plane.local_of(*target.point)
+        first, second = self._plane.lengths
+        bases = base_branches(self._plane, x, y, None)
+        if not bases:
+            aside = abs(self._plane.lateral)
+            away = math.hypot(x, y)
+            return too_near(
+                aside - away, f"the target is {1000 * away:.1f} mm from the base axis", "the arm stays", aside
+            )
+        distances = [abs(complex(base.r, z) - self._plane.shoulder) for base in bases]
+        least, most = abs(first - second), first + second
+        if min(distances) > most + _ROUNDING:
+            near = min(distances)
+            where = f"the wrist would be {1000 * near:.1f} mm from the shoulder"
+            return too_far(near - most, where, "the two links reach", most)
+        if max(distances) < least - _ROUNDING:
+            where = f"the wrist would be {1000 * max(distances):.1f} mm from the shoulder"
+            return too_near(least - max(distances), where, "the two links fold no closer than", least)
+        best: list[tuple[int, float]] = []
+        smallest = math.inf
+        for base, pair, _ in self._branches(target, None):
+            angles = [base.angle, *pair.tolist()]
+            needed: list[tuple[int, float]] = []
+            excess = 0.0
+            for k, angle in enumerate(angles):
+                low, high = self.limits[k].tolist()
+                if not images(angle, low, high):
+                    near = central_image(angle, low, high)
+                    needed.append((k, near))
+                    excess += max(low - near, near - high)
+            if excess < smallest:
+                best, smallest = needed, excess
+        said = all_needs(self.titles, self.limits, best)
+        return f"within the links' reach, but joint limits forbid it: {said}"
+
+    def _nearest(self, target: Target) -> FloatArray:
+        """(3,) where the tool point comes nearest to the target, exactly."""
+        x, y, z = self._plane.local_of(*target.point)
+        low, high = self.limits[0].tolist()
+        yaws = {base.angle for base in base_branches(self._plane, x, y, (low, high))} | {low, high}
+        azimuth = self._plane.yaw_sign * math.atan2(y, x)
+        for facing in (azimuth, azimuth + math.pi):  # inside the cylinder that the plane's offset keeps free
+            yaws.update(images(facing, low, high))
+        best, least = np.zeros(3), math.inf
+        for yaw in sorted(yaws):
+            turn = cmath.exp(-1j * self._plane.yaw_sign * yaw) * complex(x, y)
+            aside = turn.imag - self._plane.lateral
+            w = complex(turn.real, z) - self._plane.shoulder
+            for pair in self._nearest_pairs(w):
+                away = math.hypot(abs(self._wrist(pair[None])[0] - w), aside)
+                if away < least - 1e-15:
+                    best, least = np.array([yaw, *pair.tolist()]), away
+        return best
+
+    def _nearest_pairs(self, w: complex) -> Iterator[FloatArray]:
+        """Candidates (2,) for the wrist nearest to ``w``: inside, or on one of four edges of the limits."""
+        limits = self.limits[1:3]
+        for shoulder, bend in self._linkage.triangle(w, clamp=True):
+            pair = self._linkage.turns_at(shoulder, bend).tolist()
+            both = [images(angle, *limits[k].tolist()) for k, angle in enumerate(pair)]
+            yield from map(np.array, product(*both))
+        for fixed, side in product((0, 1), (0, 1)):
+            yield self._nearest_on_edge(w, fixed, float(limits[fixed, side]))
+
+    def _nearest_on_edge(self, w: complex, fixed: int, at: float) -> FloatArray:
+        """The best of one joint's range with the other one held: samples, then sectioning."""
+        low, high = self.limits[2 - fixed].tolist()
+
+        def pairs(angles: FloatArray) -> FloatArray:
+            out = np.full((len(angles), 2), at)
+            out[:, 1 - fixed] = angles
+            return out
+
+        def away(angles: FloatArray) -> FloatArray:
+            return np.abs(self._wrist(pairs(angles)) - w)
+
+        grid = np.linspace(low, high, _EDGE_SAMPLES)
+        k = int(away(grid).argmin())
+        left, right = float(grid[max(k - 1, 0)]), float(grid[min(k + 1, _EDGE_SAMPLES - 1)])
+        for _ in range(_SECTIONINGS):
+            inner = np.array([right - _GOLDEN * (right - left), left + _GOLDEN * (right - left)])
+            first, second = away(inner)
+            left, right = (left, float(inner[1])) if first < second else (float(inner[0]), right)
+        ends = np.array([left, right, 0.5 * (left + right), grid[k]])
+        return pairs(ends)[int(away(ends).argmin())]
+
+    def _wrist(self, pairs: FloatArray) -> FloatArray:
+        """Complex (k,) place of the wrist from the shoulder in the tool plane [m] at pitch joints (k, 2)."""
+        plane = self._plane
+        turns = pairs @ np.linalg.inv(self._linkage.joints_of_turns).T
+        first, bend = (plane.signs[k] * turns[:, k] + plane.offsets[k] for k in (0, 1))
+        (a, b) = plane.lengths
+        return a * np.exp(1j * first) + b * np.exp(1j * (first + bend))

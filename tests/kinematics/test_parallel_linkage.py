@@ -1,0 +1,244 @@
+"""Arms whose rods keep the hand level, against plain 4x4 products and brute force."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import armctl
+from armctl.arrays import FloatArray
+from armctl.errors import RobotFileError
+from armctl.kinematics import Body, Chain, DHRow, GravityModel
+from armctl.kinematics.energy import EnergyModel
+from armctl.kinematics.energy import GravityModel as Gravity
+from armctl.kinematics.families import inverse_kinematics
+from armctl.kinematics.target import Target
+
+ARMS = 60
+"""random arms"""
+TITLES = ("Base", "Shoulder", "Elbow", "Hand")
+
+
+class Palletiser:
+    """A random arm, and its tool pose by plain products of its links' absolute angles."""
+
+    def __init__(self, rng: np.random.Generator, *, geared: bool, rolls: bool) -> None:
+        self.lengths = rng.uniform(0.04, 0.3, 2)
+        self.ahead, self.height, self.hand, self.drop = rng.uniform(-0.05, 0.1, 4)
+        self.geared, self.rolls = geared, rolls
+        ahead, (first, second) = float(self.ahead), self.lengths.tolist()
+        rows = [
+            DHRow(ahead, math.pi / 2, float(self.height)),
+            DHRow(first, 0.0, 0.0),
+            DHRow(second, 0.0, 0.0),
+            DHRow(float(self.hand), -math.pi / 2, 0.0),  # its z points up
+        ]
+        if rolls:
+            rows.append(DHRow(0.0, math.pi, float(-self.drop)))
+        joints = 4 if rolls else 3
+        coupling = np.zeros((len(rows), joints))
+        coupling[0, 0] = coupling[1, 1] = coupling[2, 2] = 1.0
+        if geared:  # the elbow's motor stands in the base: it sets the forearm's angle to the ground
+            coupling[2, 1] = -1.0
+        coupling[3] = -coupling[1] - coupling[2]
+        if rolls:
+            coupling[4, 3] = 1.0
+        self.chain = Chain.from_dh(rows, "standard", coupling)
+        low = rng.uniform(-2.5, 0.0, joints)
+        self.limits = np.column_stack([low, low + rng.uniform(0.5, 5.0, joints)])
+        energy = EnergyModel(np.ones(joints), Gravity(self.chain, ()))
+        self.solver = inverse_kinematics(self.chain, self.limits, energy, TITLES[:joints])
+
+    def point(self, q: FloatArray) -> FloatArray:
+        """(..., 3) the tool point, from the absolute angles of upper arm and forearm."""
+        upper = q[..., 1]
+        fore = q[..., 2] if self.geared else q[..., 1] + q[..., 2]
+        r = self.ahead + self.lengths[0] * np.cos(upper) + self.lengths[1] * np.cos(fore) + self.hand
+        z = self.height + self.lengths[0] * np.sin(upper) + self.lengths[1] * np.sin(fore)
+        if self.rolls:
+            z = z - self.drop
+        return np.stack([r * np.cos(q[..., 0]), r * np.sin(q[..., 0]), z], axis=-1)
+
+
+def random_arms() -> list[Palletiser]:
+    rng = np.random.default_rng(5)
+    return [Palletiser(rng, geared=bool(k % 2), rolls=bool(k // 2 % 2)) for k in range(ARMS)]
+
+
+def test_the_tool_is_where_plain_trigonometry_puts_it() -> None:
+    rng = np.random.default_rng(1)
+    for arm in random_arms():
+        q = rng.uniform(-3, 3, (20, arm.chain.n))
+        poses = arm.chain.forward(q)
+        assert poses[:, :3, 3] == pytest.approx(arm.point(q), abs=1e-12)
+        assert arm.chain.forward(q[0]) == pytest.approx(poses[0], abs=1e-12)
+        assert poses[:, 2, 2] == pytest.approx(-1.0 if arm.rolls else 1.0)
+        step = 1e-6
+        for j in range(arm.chain.n):
+            ahead, behind = q.copy(), q.copy()
+            ahead[:, j] += step
+            behind[:, j] -= step
+            slope = (arm.point(ahead) - arm.point(behind)) / (2 * step)
+            assert arm.chain.jacobian(q)[:, :3, j] == pytest.approx(slope, abs=1e-8)
+            assert arm.chain.jacobian(q[0])[:3, j] == pytest.approx(slope[0], abs=1e-8)
+
+
+def test_the_pose_that_made_a_point_is_listed_and_each_one_once() -> None:
+    rng = np.random.default_rng(2)
+    for arm in random_arms():
+        assert arm.solver.family == "yaw, two pitch joints, level hand"
+        for _ in range(8):
+            q = rng.uniform(*arm.limits.T)
+            if rng.random() < 0.3:  # at a limit
+                k = rng.integers(arm.chain.n)
+                q[k] = arm.limits[k, rng.integers(2)]
+            T = arm.chain.forward(q)
+            roll = float(q[3]) if arm.rolls else None
+            for target in (Target.of(T[:3, 3], None, roll), Target.of(T[:3, 3], rotation=T[:3, :3])):
+                found = arm.solver.solve(target, 0.01)
+                assert np.abs(found.q - q).max(axis=1).min() < 1e-7
+                assert found.residual_m.max() < 1e-9
+                assert (found.q >= arm.limits[:, 0]).all() and (found.q <= arm.limits[:, 1]).all()
+                apart = np.abs(found.q[:, None] - found.q[None]).max(axis=2) + np.eye(len(found))
+                assert apart.min() > 1e-9
+                assert found.residual_rad.max() < 1e-7
+
+
+def test_every_solution_that_a_sweep_finds_is_listed() -> None:
+    """Brute force: the first two joints over their limits, the third by bisection of the miss."""
+    rng = np.random.default_rng(3)
+    for arm in random_arms()[:12]:
+        q = rng.uniform(*arm.limits.T)
+        point = arm.point(q)
+        found = arm.solver.solve(Target.of(point), 0.01)
+        starts = rng.uniform(*arm.limits[:3].T, (400, 3))
+        for _ in range(60):
+            full = np.column_stack([starts, np.zeros(len(starts))]) if arm.rolls else starts
+            J = arm.chain.jacobian(full)[:, :3, :3]
+            miss = point - arm.point(full)
+            step = np.linalg.solve(J @ J.swapaxes(1, 2) + 1e-12 * np.eye(3), miss[..., None])
+            starts = starts + np.clip((J.swapaxes(1, 2) @ step)[..., 0], -0.3, 0.3)
+        low, high = arm.limits[:3].T
+        starts = starts - 2 * np.pi * np.rint((starts - (low + high) / 2) / (2 * np.pi))
+        full = np.column_stack([starts, np.zeros(len(starts))]) if arm.rolls else starts
+        there = np.linalg.norm(arm.point(full) - point, axis=1) < 1e-10
+        inside = ((starts >= low) & (starts <= high)).all(axis=1)
+        for one in starts[there & inside]:
+            assert np.abs(found.q[:, :3] - one).max(axis=1).min() < 1e-5
+
+
+def test_the_nearest_point_is_never_beaten() -> None:
+    rng = np.random.default_rng(4)
+    refused = 0
+    for arm in random_arms():
+        grid = np.stack(np.meshgrid(*[np.linspace(low, high, 41) for low, high in arm.limits[:3]]), axis=-1)
+        grid = grid.reshape(-1, 3)
+        points = arm.point(np.column_stack([grid, np.zeros(len(grid))]))
+        for _ in range(3):
+            target = rng.uniform(-0.5, 0.5, 3)
+            found = arm.solver.solve(Target.of(target), 0.01)
+            if found.success:
+                continue
+            refused += 1
+            assert found.reason
+            assert found.nearest_q is not None and found.nearest_m is not None
+            assert (found.nearest_q >= arm.limits[:, 0]).all() and (found.nearest_q <= arm.limits[:, 1]).all()
+            away = np.linalg.norm(found.nearest_m - target)
+            assert away <= np.linalg.norm(points - target, axis=1).min() + 1e-9
+    assert refused > ARMS
+
+
+def test_a_pitch_that_the_rods_do_not_keep_is_refused() -> None:
+    arm = random_arms()[0]
+    q = arm.limits.mean(axis=1)
+    pitch, _ = arm.solver.pitch_and_roll(q)
+    assert pitch is not None
+    assert arm.solver.solve(Target.of(arm.point(q), pitch), 0.01).success
+    refused = arm.solver.solve(Target.of(arm.point(q), pitch + 0.1), 0.01)
+    assert refused.reason is not None and "the rods keep the tool" in refused.reason
+
+
+def test_gravity_is_the_gradient_of_the_potential_energy() -> None:
+    arm = Palletiser(np.random.default_rng(7), geared=True, rolls=True)
+    bodies = tuple(Body(k, 0.1 * (k + 1), (0.02, -0.01, 0.03)) for k in range(5))
+    gravity = GravityModel(arm.chain, bodies, 0.2)
+    q = np.array([0.3, 0.8, -0.4, 0.2])
+
+    def potential(q: FloatArray) -> float:
+        frames = arm.chain.frames(q)
+        energy = 0.2 * frames[-1, 2, 3]
+        for body in bodies:
+            energy += body.mass_kg * (frames[body.joint + 1] @ [*body.com_m, 1.0])[2]
+        return 9.80665 * float(energy)
+
+    slope = [(potential(q + d) - potential(q - d)) / 2e-5 for d in 1e-5 * np.eye(4)]
+    assert gravity.torque(q) == pytest.approx(slope, abs=1e-7)
+
+
+FILE = """
+format = 1
+name = "pal"
+title = "Palletiser"
+[dh]
+convention = "standard"
+rows = [
+  {{ a_mm = 0, alpha_deg = 90, d_mm = 60, joint = "base" }},
+  {{ a_mm = 80, alpha_deg = 0, d_mm = 0, joint = "shoulder" }},
+  {{ a_mm = 80, alpha_deg = 0, d_mm = 0, joint = "elbow", follows = {{ shoulder = -1 }} }},
+  {{ a_mm = 68, alpha_deg = 90, d_mm = 0, {hand} }},
+]
+[poses]
+home = [0, 90, -20]
+rest = [0, 100, -40]
+[[joints]]
+name = "base"
+title = "Base"
+limit_deg = [-90, 90]
+speed_deg_s = 120
+acceleration_deg_s2 = 600
+[[joints]]
+name = "shoulder"
+title = "Shoulder"
+limit_deg = [15, 130]
+speed_deg_s = 120
+acceleration_deg_s2 = 600
+[[joints]]
+name = "elbow"
+title = "Elbow"
+limit_deg = [-80, 40]
+speed_deg_s = 120
+acceleration_deg_s2 = 600
+"""
+
+
+def load(folder: Path, hand: str) -> armctl.Robot:
+    path = folder / "pal.toml"
+    path.write_text(FILE.format(hand=hand))
+    return armctl.load_robot(path)
+
+
+def test_a_robot_file_says_which_joints_a_link_follows(tmp_path: Path) -> None:
+    robot = load(tmp_path, 'link = "hand", follows = { elbow = -1 }')
+    assert robot.link_titles == ("Base", "Shoulder", "Elbow", "Hand")
+    assert robot.chain.coupling is not None
+    with armctl.Arm.open(robot) as arm:
+        arm.enable()
+        arm.go(x_mm=180, y_mm=20, z_mm=80)
+        assert robot.forward(arm.snapshot.q)[:3, 3] == pytest.approx([0.18, 0.02, 0.08], abs=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("hand", "said"),
+    [
+        ("follows = { elbow = -1 }", "needs a name"),
+        ('link = "hand"', "needs a name"),
+        ('link = "hand", follows = { wrist = -1 }', "'wrist', which is no other joint"),
+        ('link = "base", follows = { elbow = -1 }', "two links have the same name"),
+    ],
+)
+def test_rods_that_make_no_sense_are_refused(tmp_path: Path, hand: str, said: str) -> None:
+    with pytest.raises(RobotFileError, match=said):
+        load(tmp_path, hand)
