@@ -18,8 +18,7 @@ from armctl.calibration import Calibration, encode_calibration
 from armctl.documents import DocumentKind
 from armctl.errors import ArmctlError, RobotFileError
 from armctl.hardware.doctor import without_personal_data
-from armctl.robot import shipped_robots
-from armctl.robot.load import robots_folder
+from armctl.robot import robot_path
 from armctl.runtime import Recording
 from armctl.runtime.black_box import Story, members, packed, read_recording, saved_recordings, zipped
 
@@ -81,7 +80,7 @@ def report(
 
     put("versions.json", msgspec.json.format(msgspec.json.encode(environment()), indent=1).decode())
     if robot is not None:
-        path = robots_folder() / f"{robot}.toml" if robot in shipped_robots() else Path(robot.split("#")[0])
+        path = robot_path(robot)
         try:
             put(f"robot/{path.name}", _ROBOTS.load(path, bytes.decode))
         except (ArmctlError, UnicodeError) as cause:

@@ -13,7 +13,7 @@ from armctl.cli.main import DONE, REFUSED
 from armctl.cli.options import NUMBER, QUERY_SETTINGS, Number, json_option, print_json, rounded
 from armctl.errors import ArmctlError, InputError
 from armctl.kinematics import CRITERIA, Branch, Solutions, roll_pitch_yaw, rotation_from_rpy
-from armctl.robot import Robot, load_robot, shipped_robots
+from armctl.robot import Robot, load_robot, shipped_robots, user_robots
 
 _LISTED = 20
 _LABEL, _NARROWEST = 17, 11
@@ -23,8 +23,8 @@ _LABEL, _NARROWEST = 17, 11
 @click.command()
 @json_option
 def robots(as_json: bool) -> None:
-    """List the shipped robots: joints, limits, source."""
-    arms = [load_robot(name) for name in shipped_robots()]
+    """List the shipped robots and your own: joints, limits, source."""
+    arms = [load_robot(name) for name in (*shipped_robots(), *user_robots())]
     if as_json:
         print_json([
             {

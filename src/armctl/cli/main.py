@@ -19,6 +19,7 @@ COMMANDS = {
     "fk": "armctl.cli.kinematics:fk",
     "ik": "armctl.cli.kinematics:ik",
     "run": "armctl.cli.run:run",
+    "new": "armctl.cli.new:new",
     "check": "armctl.cli.check:check",
     "calibrate": "armctl.cli.calibrate:calibrate",
     "doctor": "armctl.cli.doctor:doctor",

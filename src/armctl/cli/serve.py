@@ -27,7 +27,7 @@ from armctl.errors import ArmctlError, RobotFileError, ServerError
 from armctl.hardware.boards import board_type
 from armctl.hardware.ports import list_ports
 from armctl.process import start_arm
-from armctl.robot import Robot, load_robot, shipped_robots
+from armctl.robot import Robot, load_robot, shipped_robots, user_robots
 from armctl.runtime import Connect, Event, Origin, wall_time
 from armctl.ui import (
     App,
@@ -212,9 +212,9 @@ def _open_console(name: str, port: str, asked: str, pin: str) -> Console:
 
 
 def _robot_choices(present: RobotChoice) -> list[RobotChoice]:
-    """The shipped robots, and the present one if it is a user's own."""
+    """The shipped robots, the user's own, and the present one if it is a file elsewhere."""
     choices: list[RobotChoice] = []
-    for name in shipped_robots():
+    for name in (*shipped_robots(), *user_robots()):
         try:
             title = load_robot(name).title
         except RobotFileError:  # choosing it says what is wrong with it

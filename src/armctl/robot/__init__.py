@@ -1,6 +1,14 @@
 """What an arm is, and the robot files that say so."""
 
-from armctl.robot.load import is_urdf, load_robot, robots_folder, shipped_robots
+from armctl.robot.load import (
+    is_urdf,
+    load_robot,
+    robot_path,
+    robots_folder,
+    shipped_robots,
+    user_robots,
+    user_robots_folder,
+)
 from armctl.robot.outputs import FLATTEST_PER_DEG, OutputMap
 from armctl.robot.parts import Gripper, Joint
 from armctl.robot.robot import Robot
@@ -13,6 +21,9 @@ __all__ = [
     "Robot",
     "is_urdf",
     "load_robot",
+    "robot_path",
     "robots_folder",
     "shipped_robots",
+    "user_robots",
+    "user_robots_folder",
 ]

@@ -9,6 +9,7 @@ from importlib.resources import files
 from pathlib import Path
 
 import numpy as np
+from platformdirs import user_data_path
 
 from armctl.arrays import FloatArray
 from armctl.documents import as_path
@@ -43,13 +44,33 @@ def shipped_robots() -> tuple[str, ...]:
     return tuple(sorted(path.stem for path in robots_folder().glob("*.toml")))
 
 
+def user_robots_folder() -> Path:
+    """The folder of the user's own robot files, which may not be there yet."""
+    return user_data_path("armctl") / "robots"
+
+
+def user_robots() -> tuple[str, ...]:
+    """Names of the user's own robots, sorted."""
+    names = {path.stem for path in user_robots_folder().glob("*.toml")}
+    return tuple(sorted(names - set(shipped_robots())))
+
+
 def is_urdf(name: str | Path) -> bool:
     """True for the name of a URDF robot: a path that ends in ``.urdf``, with or without a tool link."""
     return _URDF.fullmatch(str(name)) is not None
 
 
+def robot_path(name: str) -> Path:
+    """The file that a robot's name or path stands for, without the tool link of a URDF file."""
+    if name in shipped_robots():
+        return robots_folder() / f"{name}.toml"
+    if name in user_robots():
+        return user_robots_folder() / f"{name}.toml"
+    return Path(name.split("#")[0])
+
+
 def load_robot(name: str | Path) -> Robot:
-    """Load a shipped robot by its name, or one from a path to a robot file (``.toml``) or a ``.urdf`` file.
+    """Load a shipped robot or one of your own by its name, or one from a ``.toml`` or ``.urdf`` file.
 
     Behind a ``.urdf`` file may stand the tool link, and which of its axes is the approach axis:
     ``arm.urdf#gripper_link,approach=x``. ``RobotFileError`` names the file and what is wrong with it.
@@ -64,18 +85,20 @@ def load_robot(name: str | Path) -> Robot:
 
         return load_urdf(Path(urdf["path"]), urdf["wanted"])
     if path.suffix == "" and len(path.parts) == 1:
-        if str(name) not in shipped_robots():
+        path = robot_path(str(name))
+        if path.suffix == "":
+            own = ", ".join(user_robots())
             raise RobotFileError(
-                f"there is no robot {str(name)!r}; shipped are {', '.join(shipped_robots())} "
-                "(or give a path to a .toml or .urdf file)"
+                f"there is no robot {str(name)!r}; shipped are {', '.join(shipped_robots())}"
+                f"{own and f'; your own are {own}'} (or give a path to a .toml or .urdf file)"
             )
-        path = robots_folder() / f"{name}.toml"
     elif path.suffix.lower() != ".toml":
         raise RobotFileError(f"{path}: a robot file ends in .toml or .urdf")
-    return ROBOT_FILES.load(path, _robot)
+    return ROBOT_FILES.load(path, robot_of)
 
 
-def _robot(content: bytes) -> Robot:
+def robot_of(content: bytes) -> Robot:
+    """The robot of a file's content. Raises ``RobotFileError``, which does not name the file."""
     file, document = read_robot_file(content)
     by_name = {joint.name: joint for joint in file.joints}
     _check_joints(file, by_name)

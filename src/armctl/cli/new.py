@@ -1,0 +1,139 @@
+"""``armctl new``: a robot file of one's own."""
+
+from __future__ import annotations
+
+import math
+import sys
+from collections.abc import Iterable, Sequence
+
+import click
+import numpy as np
+
+from armctl.errors import InputError
+from armctl.robot import Robot, robot_path
+from armctl.robot.draft import BUILDS, Build, Draft, build_named
+
+
+@click.command()
+@click.argument("name")
+@click.option("--title", help="What pages call it (default: its name).")
+@click.option("--build", type=click.Choice([one.name for one in BUILDS]), help="A usual build.")
+@click.option("--length", "lengths", multiple=True, metavar="KEY=MM", help="A length of the build.")
+@click.option("--from", "source", metavar="ROBOT", help="Begin with a copy of a robot or of a robot file.")
+@click.option(
+    "--limit", "limits", multiple=True, metavar="JOINT=LOW,HIGH", help="Limits of a joint [degrees]."
+)
+@click.option(
+    "--servo",
+    "servos",
+    multiple=True,
+    metavar="JOINT=CHANNEL[,ZERO_US,US_PER_DEG]",
+    help="The servo that turns a joint.",
+)
+@click.option(
+    "--pose", "poses", multiple=True, metavar="NAME=Q,Q,…", help="A named pose [degrees]: home, rest, …"
+)
+@click.option("--floor", "floor_mm", type=float, help="Height of the floor in the base frame [mm].")
+@click.option("--replace", is_flag=True, help="Replace a robot of your own that has this name.")
+@click.option("--print", "only_print", is_flag=True, help="Print the file instead of saving it.")
+def new(
+    name: str,
+    title: str | None,
+    build: str | None,
+    lengths: Sequence[str],
+    source: str | None,
+    limits: Sequence[str],
+    servos: Sequence[str],
+    poses: Sequence[str],
+    floor_mm: float | None,
+    replace: bool,
+    only_print: bool,
+) -> None:
+    """Make a robot file NAME of your own, from a usual build or from another robot.
+
+    In a terminal it asks for what is not given. The file goes into your folder of robots, where every
+    command and the page find it by its name.
+    """
+    draft = _begun(name, title, build, dict(_pairs(lengths, "--length")), source)
+    for joint, text in _pairs(limits, "--limit"):
+        low, high = _numbers(text, f"--limit {joint}", 2)
+        draft = draft.with_joint(joint, limit_deg=[low, high])
+    for joint, text in _pairs(servos, "--servo"):
+        channel, *rest = _numbers(text, f"--servo {joint}", 1, 3)
+        draft = draft.with_servo(joint, int(channel), *rest)
+    for pose, text in _pairs(poses, "--pose"):
+        draft = draft.with_pose(pose, _numbers(text, f"--pose {pose}", len(draft.joints)))
+    if floor_mm is not None:
+        draft = draft.changed(floor={"z_mm": floor_mm})
+    if only_print:
+        draft.robot()
+        click.echo(draft.text(), nl=False)
+        return
+    path = draft.save(replace_old=replace)
+    for line in summary(draft.robot()):
+        click.echo(line)
+    click.echo(f"saved as {path}\nnext: armctl serve --robot {name}")
+
+
+def _begun(
+    name: str, title: str | None, build: str | None, lengths: dict[str, str], source: str | None
+) -> Draft:
+    title = title or name.replace("_", " ").capitalize()
+    if source is not None:
+        if build is not None or lengths:
+            raise click.UsageError("give either --from or --build with --length, not both")
+        return Draft.of_file(robot_path(source)).changed(name=name, title=title)
+    asking = sys.stdin.isatty()
+    if build is None:
+        if not asking:
+            raise click.UsageError("give --build or --from")
+        build = _asked_build().name
+    chosen = build_named(build)
+    mm = {key: _numbers(text, f"--length {key}", 1)[0] for key, text in lengths.items()}
+    if asking:
+        for length in chosen.lengths:
+            if length.key not in mm:
+                mm[length.key] = click.prompt(f"{length.title} [mm]", length.usual_mm, type=float)
+    return Draft.of_build(name, title, chosen, mm)
+
+
+def _asked_build() -> Build:
+    for number, one in enumerate(BUILDS, 1):
+        click.echo(f"{number}  {one.title}")
+    return BUILDS[click.prompt("Which build", 1, type=click.IntRange(1, len(BUILDS))) - 1]
+
+
+def summary(robot: Robot) -> list[str]:
+    """What was recognised, in lines for a person."""
+    x, y, z = np.round(1000 * robot.forward(robot.pose("home"))[:3, 3], 1) + 0.0
+    solver = robot.inverse_kinematics
+    how = "every solution in closed form" if solver.complete else "solutions by search"
+    lines = [f"{robot.title}: {robot.n} joints; {solver.family}: {how}"]
+    lines += [
+        f"  {joint.title:<16}{math.degrees(joint.lower):9.2f}° … {math.degrees(joint.upper):.2f}°"
+        for joint in robot.joints
+    ]
+    lines.append(f"  in the pose home the tool is at x {x:.1f}, y {y:.1f}, z {z:.1f} mm")
+    if robot.output_map is None:
+        lines.append("  no servos yet: it runs on the simulated board (give --servo JOINT=CHANNEL)")
+    return lines
+
+
+def _pairs(texts: Iterable[str], option: str) -> Iterable[tuple[str, str]]:
+    for text in texts:
+        key, equals, value = text.partition("=")
+        if not (key and equals and value):
+            raise click.UsageError(f"{option} {text!r}: write NAME=VALUE")
+        yield key.strip(), value
+
+
+def _numbers(text: str, option: str, least: int, most: int | None = None) -> list[float]:
+    most = least if most is None else most
+    try:
+        numbers = [float(one) for one in text.split(",")]
+    except ValueError:
+        raise InputError(f"{option} = {text!r}: numbers are needed, with commas between them") from None
+    if not (least <= len(numbers) <= most and all(map(math.isfinite, numbers))):
+        count = f"{least}" if least == most else f"{least} to {most}"
+        raise InputError(f"{option} = {text!r}: {count} finite numbers are needed, with commas between them")
+    return numbers

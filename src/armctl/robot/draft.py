@@ -1,0 +1,333 @@
+"""A robot file in the making: from the link lengths of a usual build, from DH rows, or from another file."""
+
+from __future__ import annotations
+
+import copy
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Self, cast
+
+import tomli_w
+
+from armctl.arrays import FloatArray
+from armctl.documents import as_path, write_atomically
+from armctl.errors import InputError, RobotFileError
+from armctl.robot.file import ROBOT_FILES, Table, read_robot_file
+from armctl.robot.load import robot_of, shipped_robots, user_robots_folder
+from armctl.robot.robot import Robot
+
+_NAME = re.compile(r"[a-z][a-z0-9_]*")
+_SPEED_DEG_S, _ACCELERATION_DEG_S2 = 60.0, 360.0
+_SERVO_US, _SERVO_ZERO_US, _SERVO_US_PER_DEG = (500.0, 2500.0), 1500.0, 10.0
+
+
+# Usual builds: lengths in, DH rows out.
+
+
+@dataclass(frozen=True, slots=True)
+class Length:
+    """One length that a build asks for."""
+
+    key: str
+    title: str
+    usual_mm: float
+
+
+@dataclass(frozen=True, slots=True)
+class Build:
+    """A usual build. With all joints at 0 the arm lies stretched forward, its tool points forward."""
+
+    name: str
+    title: str
+    lengths: tuple[Length, ...]
+    limits_deg: Mapping[str, tuple[float, float]]
+    """usual limits of its joints, from the base to the tool"""
+    rows: Callable[[Mapping[str, float]], list[Table]]
+    """standard DH rows of lengths by key [mm]"""
+
+
+def _row(a_mm: float, alpha_deg: float, d_mm: float, joint: str | None = None, **more: object) -> Table:
+    row: Table = {"a_mm": a_mm, "alpha_deg": alpha_deg, "d_mm": d_mm, **more}
+    return row if joint is None else {**row, "joint": joint}
+
+
+_HEIGHT = Length("height", "Base: floor to shoulder axis, height", 80.0)
+_AHEAD = Length("ahead", "Base: shoulder axis ahead of the base axis", 0.0)
+_UPPER = Length("upper", "Upper arm: shoulder to elbow axis", 120.0)
+_FORE = Length("fore", "Forearm: elbow to wrist axis", 110.0)
+_HAND = Length("hand", "Hand: wrist axis to tool point", 90.0)
+_DROP = Length("drop", "Hand: tool point below the wrist axis", 40.0)
+_TOOL = Length("tool", "Hand: where the wrist axes meet, to tool point", 70.0)
+_WIDE, _PITCH, _ROLL = (-90.0, 90.0), (-120.0, 120.0), (-180.0, 180.0)
+
+
+def _base(mm: Mapping[str, float]) -> list[Table]:
+    """The first two links of all of them."""
+    return [_row(mm["ahead"], 90, mm["height"], "base"), _row(mm["upper"], 0, 0, "shoulder")]
+
+
+def _pitching(mm: Mapping[str, float]) -> list[Table]:
+    tool = _row(0, 90, 0, theta_deg=90)  # the approach axis along the hand
+    return [*_base(mm), _row(mm["fore"], 0, 0, "elbow"), _row(mm["hand"], 0, 0, "wrist"), tool]
+
+
+def _pitching_rolling(mm: Mapping[str, float]) -> list[Table]:
+    wrist = _row(0, 90, 0, "wrist", theta_deg=90)
+    return [*_base(mm), _row(mm["fore"], 0, 0, "elbow"), wrist, _row(0, 0, mm["hand"], "roll")]
+
+
+def _two_links(mm: Mapping[str, float]) -> list[Table]:
+    return [*_base(mm), _row(mm["fore"], 0, 0, "elbow"), _row(0, 90, 0, theta_deg=90)]
+
+
+def _palletiser(mm: Mapping[str, float]) -> list[Table]:
+    fore = _row(mm["fore"], 0, 0, "elbow", follows={"shoulder": -1})
+    hand = _row(mm["hand"], 90, 0, link="hand", follows={"elbow": -1})
+    return [*_base(mm), fore, hand, _row(0, 0, 0, theta_deg=90), _row(0, 90, 0), _row(0, 0, 0, theta_deg=90)]
+
+
+def _palletiser_rolling(mm: Mapping[str, float]) -> list[Table]:
+    fore = _row(mm["fore"], 0, 0, "elbow", follows={"shoulder": -1})
+    hand = _row(mm["hand"], 90, 0, link="hand", follows={"elbow": -1})
+    return [*_base(mm), fore, hand, _row(0, 0, mm["drop"], "roll")]
+
+
+def _spherical_wrist(mm: Mapping[str, float]) -> list[Table]:
+    return [
+        *_base(mm),
+        _row(mm["offset"], 90, 0, "elbow", theta_deg=90),
+        _row(0, -90, mm["fore"], "forearm_roll"),
+        _row(0, 90, 0, "wrist"),
+        _row(0, 0, mm["tool"], "roll"),
+    ]
+
+
+def _three_parallel(mm: Mapping[str, float]) -> list[Table]:
+    return [
+        *_base(mm),
+        _row(mm["fore"], 0, 0, "elbow"),
+        _row(0, 90, mm["aside"], "wrist_1"),
+        _row(0, -90, mm["wrist"], "wrist_2"),
+        _row(0, 0, mm["tool"], "wrist_3"),
+    ]
+
+
+def _limits(**joints: tuple[float, float]) -> dict[str, tuple[float, float]]:
+    return {"base": _WIDE, "shoulder": (0.0, 150.0), **joints}
+
+
+BUILDS = (
+    Build(
+        "pitch3-roll",
+        "5 joints: base, shoulder, elbow, wrist, roll",
+        (_HEIGHT, _AHEAD, _UPPER, _FORE, _HAND),
+        _limits(elbow=_PITCH, wrist=_PITCH, roll=_ROLL),
+        _pitching_rolling,
+    ),
+    Build(
+        "pitch3",
+        "4 joints: base, shoulder, elbow, wrist",
+        (_HEIGHT, _AHEAD, _UPPER, _FORE, _HAND),
+        _limits(elbow=_PITCH, wrist=_PITCH),
+        _pitching,
+    ),
+    Build(
+        "pitch2",
+        "3 joints: base, shoulder, elbow",
+        (_HEIGHT, _AHEAD, _UPPER, replace(_FORE, title="Forearm: elbow axis to tool point")),
+        _limits(elbow=_PITCH),
+        _two_links,
+    ),
+    Build(
+        "palletiser",
+        "3 joints, rods keep the hand level (MeArm, EEZYbotARM, uArm)",
+        (_HEIGHT, _AHEAD, _UPPER, _FORE, replace(_HAND, title="Hand: wrist axis to tool point, level")),
+        _limits(shoulder=(20.0, 130.0), elbow=(-80.0, 30.0)),
+        _palletiser,
+    ),
+    Build(
+        "palletiser-roll",
+        "4 joints, rods keep the hand level, it turns about the vertical",
+        (_HEIGHT, _AHEAD, _UPPER, _FORE, replace(_HAND, title="Hand: wrist axis to its turning axis"), _DROP),
+        _limits(shoulder=(20.0, 130.0), elbow=(-80.0, 30.0), roll=_WIDE),
+        _palletiser_rolling,
+    ),
+    Build(
+        "spherical-wrist",
+        "6 joints, the last three axes meet (PAROL6, AR4, industrial arms)",
+        (_HEIGHT, _AHEAD, _UPPER, Length("offset", "Forearm axis above the elbow axis", 0.0), _FORE, _TOOL),
+        _limits(elbow=_PITCH, forearm_roll=_ROLL, wrist=_PITCH, roll=_ROLL),
+        _spherical_wrist,
+    ),
+    Build(
+        "three-parallel",
+        "6 joints, shoulder, elbow and first wrist axis parallel (UR, myCobot)",
+        (
+            replace(_HEIGHT, usual_mm=90.0),
+            _AHEAD,
+            _UPPER,
+            _FORE,
+            Length("aside", "Wrist: offset beside the arm", 65.0),
+            Length("wrist", "Wrist: second to third wrist axis", 65.0),
+            _TOOL,
+        ),
+        _limits(elbow=_PITCH, wrist_1=_ROLL, wrist_2=_ROLL, wrist_3=_ROLL),
+        _three_parallel,
+    ),
+)
+
+
+def build_named(name: str) -> Build:
+    """One of ``BUILDS``. Raises ``InputError``."""
+    for build in BUILDS:
+        if build.name == name:
+            return build
+    raise InputError(f"there is no build {name!r}; there are {', '.join(one.name for one in BUILDS)}")
+
+
+# The file.
+
+
+@dataclass(frozen=True)
+class Draft:
+    """A robot file as its table; each change gives another draft. Nothing is checked before ``robot``."""
+
+    table: Table
+
+    @classmethod
+    def of_build(cls, name: str, title: str, build: Build, lengths_mm: Mapping[str, float]) -> Self:
+        """A usual build; a length that is not given has its usual value. Raises ``InputError``."""
+        unknown = sorted(set(lengths_mm) - {one.key for one in build.lengths})
+        if unknown:
+            known = ", ".join(one.key for one in build.lengths)
+            raise InputError(f"{build.name} has no length {unknown[0]!r}; it has {known}")
+        lengths = {one.key: lengths_mm.get(one.key, one.usual_mm) for one in build.lengths}
+        return cls.of_rows(name, title, "standard", build.rows(lengths), build.limits_deg)
+
+    @classmethod
+    def of_rows(
+        cls,
+        name: str,
+        title: str,
+        convention: str,
+        rows: Sequence[Mapping[str, object]],
+        limits_deg: Mapping[str, tuple[float, float]],
+    ) -> Self:
+        """DH rows as in a robot file; a joint without limits has ±90°."""
+        joints = [str(row["joint"]) for row in rows if "joint" in row]
+        limits = {joint: limits_deg.get(joint, _WIDE) for joint in joints}
+        rest = [min(max(0.0, low), high) for low, high in limits.values()]
+        return cls(
+            {
+                "format": 1,
+                "name": name,
+                "title": title,
+                "source": "entered by hand",
+                "assumed": ["joint speeds and accelerations"],
+                "dh": {"convention": convention, "rows": [dict(row) for row in rows]},
+                "joints": [
+                    {
+                        "name": joint,
+                        "title": joint.replace("_", " ").capitalize(),
+                        "limit_deg": list(limit),
+                        "speed_deg_s": _SPEED_DEG_S,
+                        "acceleration_deg_s2": _ACCELERATION_DEG_S2,
+                    }
+                    for joint, limit in limits.items()
+                ],
+                "poses": {"home": list(rest), "rest": list(rest)},
+                "floor": {"z_mm": 0.0},
+            }
+        )
+
+    @classmethod
+    def of_file(cls, path: str | Path) -> Self:
+        """What a robot file says, for a copy of it. Raises ``RobotFileError``."""
+        source = as_path(path, "a draft begins with the path of a robot file")
+        return ROBOT_FILES.load(source, lambda content: cls(dict(read_robot_file(content)[1].record)))
+
+    @property
+    def name(self) -> str:
+        """The name of the file and of the robot."""
+        return str(self.table["name"])
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """Names of the joints as the file lists them."""
+        return tuple(str(joint["name"]) for joint in self._joints)
+
+    @property
+    def _joints(self) -> list[Table]:
+        return cast("list[Table]", self.table["joints"])
+
+    def changed(self, **entries: object) -> Self:
+        """With other entries at the top of the file; None takes one out."""
+        table = {**self.table, **entries}
+        return replace(self, table={key: value for key, value in table.items() if value is not None})
+
+    def with_joint(self, name: str, **entries: object) -> Self:
+        """With other entries of one joint; None takes one out. Raises ``InputError``: no such joint."""
+        if name not in self.joints:
+            raise InputError(f"there is no joint {name!r}; there are {', '.join(self.joints)}")
+        joints = copy.deepcopy(self._joints)
+        joint = joints[self.joints.index(name)]
+        joint.update(entries)
+        for key in [key for key, value in joint.items() if value is None]:
+            del joint[key]
+        return self.changed(joints=joints)
+
+    def with_servo(
+        self,
+        name: str,
+        channel: int,
+        zero_us: float = _SERVO_ZERO_US,
+        us_per_deg: float = _SERVO_US_PER_DEG,
+        pulse_us: tuple[float, float] = _SERVO_US,
+    ) -> Self:
+        """With a servo for one joint (output = zero + scale · angle)."""
+        servo = {"channel": channel, "zero_us": zero_us, "us_per_deg": us_per_deg, "pulse_us": list(pulse_us)}
+        return self.with_joint(name, servo=servo)
+
+    def with_gripper(self, title: str = "Gripper", speed_percent_s: float = 100.0, **tables: Any) -> Self:
+        """With a gripper; ``tables`` are those of its board, as ``servo``."""
+        return self.changed(gripper={"title": title, "speed_percent_s": speed_percent_s, **tables})
+
+    def with_pose(self, name: str, q_deg: Sequence[float] | FloatArray) -> Self:
+        """With a named pose [degrees]."""
+        poses = dict(cast("Mapping[str, object]", self.table.get("poses", {})))
+        return self.changed(poses={**poses, name: [round(float(angle), 4) + 0.0 for angle in q_deg]})
+
+    def text(self) -> str:
+        """The file. Raises ``RobotFileError``: an entry that a file cannot hold."""
+        try:
+            return tomli_w.dumps(cast("dict[str, Any]", self.table))
+        except (TypeError, ValueError) as cause:
+            raise RobotFileError(f"{self.name}: {cause}") from cause
+
+    def robot(self) -> Robot:
+        """The robot, checked as if it had been loaded. Raises ``RobotFileError``."""
+        return robot_of(self.text().encode())
+
+    def save(self, *, replace_old: bool = False) -> Path:
+        """Write the file into the user's folder of robots, where ``load_robot`` finds it by its name.
+
+        Raises ``RobotFileError``: it is not sound, the name is taken, or it cannot be written.
+        """
+        if not _NAME.fullmatch(self.name):
+            raise RobotFileError(
+                f"the name {self.name!r}: it begins with a small letter; small letters, digits and _ follow"
+            )
+        if self.name in shipped_robots():
+            raise RobotFileError(f"{self.name!r} is a robot of armctl; choose another name")
+        self.robot()
+        path = user_robots_folder() / f"{self.name}.toml"
+        if path.exists() and not replace_old:
+            raise RobotFileError(f"there is a robot {self.name!r} already ({path}); choose another name")
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            write_atomically(path, self.text().encode(), keep=True)
+        except OSError as error:
+            raise RobotFileError(f"{path} cannot be written: {error.strerror}") from error
+        return path
