@@ -59,8 +59,9 @@ def new(
         low, high = _numbers(text, f"--limit {joint}", 2)
         draft = draft.with_joint(joint, limit_deg=[low, high])
     for joint, text in _pairs(servos, "--servo"):
-        channel, *rest = _numbers(text, f"--servo {joint}", 1, 3)
-        draft = draft.with_servo(joint, int(channel), *rest)
+        numbers = _numbers(text, f"--servo {joint}", 1, 3)
+        settings = dict(zip(("zero_us", "us_per_deg"), numbers[1:], strict=False))
+        draft = draft.with_servo(joint, int(numbers[0]), **settings)
     for pose, text in _pairs(poses, "--pose"):
         draft = draft.with_pose(pose, _numbers(text, f"--pose {pose}", len(draft.joints)))
     if floor_mm is not None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -20,7 +19,7 @@ from armctl.robot.robot import Robot
 
 _NAME = re.compile(r"[a-z][a-z0-9_]*")
 _SPEED_DEG_S, _ACCELERATION_DEG_S2 = 60.0, 360.0
-_SERVO_US, _SERVO_ZERO_US, _SERVO_US_PER_DEG = (500.0, 2500.0), 1500.0, 10.0
+_SERVO_US, _SERVO_MIDDLE_US, _SERVO_US_PER_DEG = (500.0, 2500.0), 1500.0, 10.0
 
 
 # Usual builds: lengths in, DH rows out.
@@ -262,6 +261,11 @@ class Draft:
     def _joints(self) -> list[Table]:
         return cast("list[Table]", self.table["joints"])
 
+    def _joint(self, name: str) -> dict[str, Any]:
+        if name not in self.joints:
+            raise InputError(f"there is no joint {name!r}; there are {', '.join(self.joints)}")
+        return cast("dict[str, Any]", self._joints[self.joints.index(name)])
+
     def changed(self, **entries: object) -> Self:
         """With other entries at the top of the file; None takes one out."""
         table = {**self.table, **entries}
@@ -269,11 +273,8 @@ class Draft:
 
     def with_joint(self, name: str, **entries: object) -> Self:
         """With other entries of one joint; None takes one out. Raises ``InputError``: no such joint."""
-        if name not in self.joints:
-            raise InputError(f"there is no joint {name!r}; there are {', '.join(self.joints)}")
-        joints = copy.deepcopy(self._joints)
-        joint = joints[self.joints.index(name)]
-        joint.update(entries)
+        joint = {**self._joint(name), **entries}
+        joints = [joint if one["name"] == name else one for one in self._joints]
         for key in [key for key, value in joint.items() if value is None]:
             del joint[key]
         return self.changed(joints=joints)
@@ -282,11 +283,14 @@ class Draft:
         self,
         name: str,
         channel: int,
-        zero_us: float = _SERVO_ZERO_US,
+        zero_us: float | None = None,
         us_per_deg: float = _SERVO_US_PER_DEG,
         pulse_us: tuple[float, float] = _SERVO_US,
     ) -> Self:
-        """With a servo for one joint (output = zero + scale · angle)."""
+        """With a servo for one joint: output = zero + scale · angle; by default mid-travel is 1500 µs."""
+        if zero_us is None:
+            low, high = self._joint(name)["limit_deg"]
+            zero_us = _SERVO_MIDDLE_US - us_per_deg * 0.5 * (low + high)
         servo = {"channel": channel, "zero_us": zero_us, "us_per_deg": us_per_deg, "pulse_us": list(pulse_us)}
         return self.with_joint(name, servo=servo)
 

@@ -74,6 +74,11 @@ class RobotSwitch:
         """Have ``tell`` called at once whenever the present console has become another."""
         self._tell = tell
 
+    def offer(self, choice: RobotChoice) -> None:
+        """Put a robot into the list, in place of one of the same name; pages see it once they are rebuilt."""
+        others = [one for one in self.choices if one.name != choice.name]
+        self.choices = (*others, choice)
+
     def close(self) -> None:
         """End the present arm."""
         self.console.close()

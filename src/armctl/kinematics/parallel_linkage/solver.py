@@ -105,7 +105,8 @@ class Linkage:
             tool_angle=None,
             roll_joint=None,
         )
-        return cls(plane, np.linalg.inv(turns), axes[4] if links == 5 else None)
+        inverse: FloatArray = np.linalg.inv(turns)
+        return cls(plane, inverse, axes[4] if links == 5 else None)
 
     def turns_at(self, shoulder: float, bend: float) -> FloatArray:
         """(2,) pitch joints' angles [rad] of two plane angles, up to whole turns."""
@@ -175,7 +176,7 @@ class ParallelLinkageSolver(InverseKinematics):
         x, y, z = self._plane.local_of(*target.point)
         everywhere = is_on_axis(self._plane, x, y) or abs(complex(0.0, z) - self._plane.shoulder) < _ROUNDING
         return Solutions(
-            self._arm, target, [q for q, _ in found], [i for _, i in found], complete=not everywhere
+            self._arm, target, np.array([q for q, _ in found]), [i for _, i in found], complete=not everywhere
         )
 
     def _positions(self, target: Target) -> Iterator[tuple[FloatArray, int]]:
@@ -293,14 +294,15 @@ class ParallelLinkageSolver(InverseKinematics):
         def away(angles: FloatArray) -> FloatArray:
             return np.abs(self._wrist(pairs(angles)) - w)
 
-        grid = np.linspace(low, high, _EDGE_SAMPLES)
-        k = int(away(grid).argmin())
-        left, right = float(grid[max(k - 1, 0)]), float(grid[min(k + 1, _EDGE_SAMPLES - 1)])
+        k = int(away(np.linspace(low, high, _EDGE_SAMPLES)).argmin())
+        at_k = low + (high - low) * k / (_EDGE_SAMPLES - 1)
+        gap = (high - low) / (_EDGE_SAMPLES - 1)
+        left, right = max(at_k - gap, low), min(at_k + gap, high)
         for _ in range(_SECTIONINGS):
             inner = np.array([right - _GOLDEN * (right - left), left + _GOLDEN * (right - left)])
             first, second = away(inner)
             left, right = (left, float(inner[1])) if first < second else (float(inner[0]), right)
-        ends = np.array([left, right, 0.5 * (left + right), grid[k]])
+        ends = np.array([left, right, 0.5 * (left + right), at_k])
         return pairs(ends)[int(away(ends).argmin())]
 
     def _wrist(self, pairs: FloatArray) -> FloatArray:

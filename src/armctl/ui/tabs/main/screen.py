@@ -28,6 +28,7 @@ from armctl.ui.console import PortChoice
 from armctl.ui.session import Session
 from armctl.ui.tabs.main.boards import RobotChooser, board_html, enable_note, homing_html, ports_html
 from armctl.ui.tabs.main.enabling import EnableQuestion, must_be_told
+from armctl.ui.tabs.main.own_arm import OwnArm
 from armctl.ui.tabs.main.people import People
 from armctl.ui.widgets.html import WARNING, LiveHtml, muted, time_of_day
 
@@ -72,6 +73,7 @@ class MainScreen:
             points = gui.add_button_group("Go to point", tuple(console.robot.points))
             session.on(points.on_click, lambda: self._go_to_point(points.value))
         self._people = People(session)
+        OwnArm(session)
         with gui.add_folder("Log"):
             self._log = LiveHtml(gui)
             save = gui.add_button("Download report", icon=viser.Icon.DOWNLOAD, color="gray")

@@ -1,0 +1,337 @@
+"""Your own arm: lengths of a usual build or DH rows become a robot file, drawn and checked as it is typed."""
+
+from __future__ import annotations
+
+import asyncio
+import re
+from dataclasses import dataclass, field
+from html import escape
+from typing import Any
+
+import numpy as np
+import viser
+
+from armctl.arrays import FloatArray
+from armctl.errors import ArmctlError, InputError
+from armctl.robot import Robot, robot_path
+from armctl.robot.draft import BUILDS, Draft
+from armctl.robot.shape import reach
+from armctl.ui.robot_switch import RobotChoice
+from armctl.ui.scene.arm_figure import ArmFigure
+from armctl.ui.session import Session
+from armctl.ui.widgets.html import LiveHtml, muted, refused, sentence
+from armctl.ui.widgets.number_field import NumberField, parse_number
+
+_ROWS, _COPY = "DH rows", "A copy of the present robot"
+_BEGINNINGS = {build.title: build for build in BUILDS}
+_ROWS_HINT = "One row a line: a mm, alpha °, d mm, theta °, then the joint's name (none: a fixed row)."
+_EXAMPLE = "0 90 80 0 base\n120 0 0 0 shoulder\n110 0 0 0 elbow\n0 90 0 90 wrist\n0 0 90 0 roll"
+_INTRO = (
+    "Describe an arm and see it drawn beside the present one. Saved, it stands in the list <i>Robot</i> on "
+    "this computer."
+)
+_ASIDE = 1.1
+"""how far beside the present arm the new one is drawn, times the longer reach of both"""
+
+
+@dataclass
+class _Edits:
+    """What was changed of a beginning; kept while lengths and rows change."""
+
+    joints: dict[str, dict[str, Any]] = field(default_factory=dict[str, dict[str, Any]])
+    poses: dict[str, tuple[tuple[str, ...], list[float]]] = field(
+        default_factory=dict[str, tuple[tuple[str, ...], list[float]]]
+    )
+    """by name: the joints they are of, and the angles [degrees]"""
+    floor_mm: float | None = None
+
+    def applied(self, draft: Draft) -> Draft:
+        """The draft with these edits, as far as it has such joints."""
+        for joint, entries in self.joints.items():
+            if joint in draft.joints:
+                draft = draft.with_joint(joint, **entries)
+        for name, (joints, angles) in self.poses.items():
+            if joints == draft.joints:
+                draft = draft.with_pose(name, angles)
+        return draft if self.floor_mm is None else draft.changed(floor={"z_mm": self.floor_mm})
+
+
+class OwnArm:
+    """A folder in *Main*; nothing is drawn before it is begun, nothing is kept before it is saved."""
+
+    def __init__(self, session: Session) -> None:
+        self._session, self._edits = session, _Edits()
+        self._robot: Robot | None = None
+        self._figure: ArmFigure | None = None
+        self._q: dict[str, float] = {}
+        """where each joint is drawn [degrees]"""
+        gui = session.gui
+        self._gui = gui
+        with gui.add_folder("Your own arm", expand_by_default=False):
+            LiveHtml(gui, muted(_INTRO))
+            self._begin = gui.add_button("New arm", icon=viser.Icon.PLUS)
+            self._box = gui.add_folder("New arm", visible=False)
+        with self._box:
+            self._kind = gui.add_dropdown("Begin with", (*_BEGINNINGS, _ROWS, _COPY))
+            self._title = gui.add_text("Title", "My arm")
+            self._name = gui.add_text("File name", "my_arm")
+            self._lengths_box = gui.add_folder("Lengths")
+            self._rows_box = gui.add_folder("DH rows", visible=False)
+            with self._rows_box:
+                self._convention = gui.add_dropdown("Convention", ("standard", "modified"))
+                self._rows = gui.add_text("Rows", _EXAMPLE, multiline=True, hint=_ROWS_HINT)
+                LiveHtml(gui, muted(_ROWS_HINT))
+            self._status = LiveHtml(gui)
+            self._joint_box = gui.add_folder("Joint")
+            with self._joint_box:
+                self._add_joint_fields(gui)
+            self._floor = NumberField(gui, "Floor mm", 0.0, hint="Height of the floor in the base frame.")
+            self._poses = gui.add_button_group("Take the pose drawn as", ("home", "rest"))
+            self._save = gui.add_button("Save and open", icon=viser.Icon.DEVICE_FLOPPY, color="green")
+            download = gui.add_button("Download robot file", icon=viser.Icon.DOWNLOAD, color="gray")
+            cancel = gui.add_button("Discard", color="gray")
+        self._lengths: dict[str, NumberField] = {}
+        self._fill_lengths()
+        session.on(self._begin.on_click, self._on_begin)
+        session.on(self._kind.on_update, self._on_kind)
+        for handle in (self._title, self._name, self._convention, self._rows):
+            session.on(handle.on_update, self._show)
+        session.on(self._floor.handle.on_update, self._on_floor)
+        session.on(self._poses.on_click, self._on_pose)
+        session.on(self._save.on_click, self._on_save)
+        session.on(download.on_click, self._on_download)
+        session.on(cancel.on_click, self._end)
+
+    def _add_joint_fields(self, gui: viser.GuiApi) -> None:
+        session = self._session
+        self._joint = gui.add_dropdown("Joint", _names(("base",)))
+        self._angle = gui.add_slider("Turn it °", -180.0, 180.0, 0.5, 0.0)
+        self._ends = gui.add_button_group("Limit at this angle", ("lowest", "highest"))
+        self._low, self._high = NumberField(gui, "Lowest °", -90.0), NumberField(gui, "Highest °", 90.0)
+        self._speed = NumberField(gui, "Speed °/s", 60.0)
+        self._channel = gui.add_text("Servo channel", "", hint="Channel of the board; empty: no servo yet.")
+        self._zero = NumberField(gui, "µs at 0°", 1500.0)
+        self._scale = NumberField(gui, "µs per degree", 10.0, hint="Negative where it turns the other way.")
+        session.on(self._joint.on_update, self._fill_joint)
+        session.on(self._angle.on_update, self._on_angle)
+        session.on(self._ends.on_click, self._on_end)
+        for one in (self._low, self._high, self._speed, self._zero, self._scale):
+            session.on(one.handle.on_update, self._on_joint_field)
+        session.on(self._channel.on_update, self._on_joint_field)
+
+    # The draft.
+
+    def _draft(self) -> Draft:
+        """What the fields say. Raises ``ArmctlError``."""
+        name, title, kind = self._name.value.strip(), self._title.value.strip(), self._kind.value
+        if kind == _COPY:
+            present = robot_path(self._session.robots.present.name)
+            if present.suffix.lower() != ".toml":
+                raise InputError(f"{present} is no robot file (.toml) and cannot be copied")
+            draft = Draft.of_file(present).changed(name=name, title=title)
+        elif kind == _ROWS:
+            draft = Draft.of_rows(name, title, self._convention.value, rows_of(self._rows.value), {})
+        else:
+            lengths = {key: one.value for key, one in self._lengths.items()}
+            draft = Draft.of_build(name, title, _BEGINNINGS[kind], lengths)
+        return self._edits.applied(draft)
+
+    def _show(self) -> None:
+        """Draw what the fields say; where that is no arm, say why and leave the last one standing."""
+        if not self._box.visible:
+            return
+        try:
+            draft = self._draft()
+            robot = draft.robot()
+            solver = robot.inverse_kinematics
+        except ArmctlError as refusal:
+            self._save.disabled = True
+            self._status.show(refused(sentence(str(refusal))))
+            return
+        self._save.disabled = False
+        how = (
+            "every solution in closed form" if solver.complete else "solutions by search, some may be missing"
+        )
+        x, y, z = np.round(1000 * robot.forward(self._pose_of(robot))[:3, 3], 1) + 0.0
+        self._status.show(
+            f"<div><b>{robot.n} joints: {escape(solver.family)}</b><br>{how}</div>"
+            f"<div style='opacity:.75'>The tool is at x {x:.1f}, y {y:.1f}, z {z:.1f} mm.</div>"
+        )
+        if self._robot is None or robot.chain != self._robot.chain:
+            self._draw(robot)
+        self._robot = robot
+        if tuple(self._joint.options) != robot.joint_names:
+            self._joint.options = robot.joint_names
+            self._fill_joint()
+        if self._figure is not None:
+            self._figure.pose(self._pose_of(robot), 0.5)
+
+    def _pose_of(self, robot: Robot) -> FloatArray:
+        """(n,) the pose that is drawn [rad]; it may be outside the limits, which are being sought."""
+        home = zip(robot.joint_names, np.degrees(robot.pose("home")).tolist(), strict=True)
+        return np.radians(np.array([self._q.get(name, angle) for name, angle in home]))
+
+    def _draw(self, robot: Robot) -> None:
+        self._erase()
+        self._figure = ArmFigure(self._session.client.scene, robot, "/new-arm")
+        longest = max(reach(robot.chain), reach(self._session.console.robot.chain))
+        self._figure.root.position = (0.0, _ASIDE * longest, 0.0)
+        self._figure.say("new arm")
+
+    def _erase(self) -> None:
+        if self._figure is not None:
+            self._figure.root.remove()
+            self._figure = None
+
+    # Clicks.
+
+    def _on_begin(self) -> None:
+        self._box.visible, self._begin.visible = True, False
+        self._show()
+
+    def _end(self) -> None:
+        self._erase()
+        self._robot, self._edits, self._q = None, _Edits(), {}
+        self._box.visible, self._begin.visible = False, True
+
+    def _on_kind(self) -> None:
+        self._edits, self._q = _Edits(), {}
+        kind = self._kind.value
+        self._lengths_box.visible = kind in _BEGINNINGS
+        self._rows_box.visible = kind == _ROWS
+        self._fill_lengths()
+        self._show()
+        self._fill_joint()
+
+    def _fill_lengths(self) -> None:
+        for one in self._lengths.values():
+            one.handle.remove()
+        self._lengths = {}
+        build = _BEGINNINGS.get(self._kind.value)
+        with self._lengths_box:
+            for length in () if build is None else build.lengths:
+                short, _, rest = length.title.partition(": ")
+                hint = f"{length.title} [mm]"
+                number = NumberField(
+                    self._gui, f"{short} mm" if not rest else f"{rest} mm", length.usual_mm, hint=hint
+                )
+                self._session.on(number.handle.on_update, self._show)
+                self._lengths[length.key] = number
+
+    def _fill_joint(self) -> None:
+        """Show the numbers of the joint that is chosen."""
+        robot = self._robot
+        if robot is None or self._joint.value not in robot.joint_names:
+            return
+        k = robot.joint_names.index(self._joint.value)
+        low, high = np.degrees(robot.limits[k]).tolist()
+        self._low.fill(low)
+        self._high.fill(high)
+        self._speed.fill(float(np.degrees(robot.joints[k].speed)))
+        outputs = robot.output_map
+        servo = self._edits.joints.get(self._joint.value, {}).get("servo")
+        if servo is not None:
+            channel, zero, scale = servo["channel"], servo["zero_us"], servo["us_per_deg"]
+        elif outputs is not None:
+            channel, zero = outputs.channels[k], float(outputs.zero[k])
+            scale = float(np.radians(outputs.per_rad[k]))
+        else:
+            channel, zero, scale = "", 1500.0, 10.0
+        self._channel.value = str(channel)
+        self._zero.fill(zero)
+        self._scale.fill(scale)
+        self._angle.value = float(np.clip(np.degrees(self._pose_of(robot)[k]), -180.0, 180.0))
+
+    def _on_angle(self) -> None:
+        self._q[self._joint.value] = float(self._angle.value)
+        self._show()
+
+    def _on_end(self) -> None:
+        (self._low if self._ends.value == "lowest" else self._high).fill(float(self._angle.value))
+        self._on_joint_field()
+
+    def _on_joint_field(self) -> None:
+        joint = self._joint.value
+        entries: dict[str, Any] = {
+            "limit_deg": [self._low.value, self._high.value],
+            "speed_deg_s": self._speed.value,
+            "acceleration_deg_s2": 6.0 * self._speed.value,
+        }
+        if self._channel.value.strip():
+            channel = parse_number(self._channel.value, "Servo channel")
+            if channel != int(channel):
+                raise InputError(f"Servo channel: {channel:g} is no whole number")
+            zero, scale = self._zero.value, self._scale.value
+            reached = sorted(zero + scale * angle for angle in entries["limit_deg"])
+            entries["servo"] = {
+                "channel": int(channel),
+                "zero_us": zero,
+                "us_per_deg": scale,
+                "pulse_us": [np.floor(reached[0]), np.ceil(reached[1])],
+            }
+        else:
+            entries["servo"] = None
+        self._edits.joints[joint] = entries
+        self._show()
+
+    def _on_floor(self) -> None:
+        self._edits.floor_mm = self._floor.value
+        self._show()
+
+    def _on_pose(self) -> None:
+        if self._robot is None:
+            raise InputError("there is no arm yet whose pose could be taken")
+        q = self._robot.check_limits(self._pose_of(self._robot))
+        self._edits.poses[self._poses.value] = (self._robot.joint_names, np.degrees(q).tolist())
+        self._show()
+        self._session.notify("New arm", f"The pose drawn is its {self._poses.value} pose now.")
+
+    def _on_download(self) -> None:
+        self._session.download("robot.toml", self._checked().text())
+
+    def _checked(self) -> Draft:
+        draft = self._draft()
+        draft.robot()
+        return draft
+
+    async def _on_save(self) -> None:
+        session = self._session
+        session.require_operator()
+        draft = self._checked()
+        path = await asyncio.to_thread(draft.save)
+        choice = RobotChoice(draft.name, str(draft.table["title"]))
+        session.robots.offer(choice)
+        session.notify("New arm", f"{choice.title} is saved: {path}")
+        self._end()
+        await session.robots.change(choice.name, session.origin, session.require_operator)
+
+
+def _names(names: tuple[str, ...]) -> tuple[str, ...]:
+    """Options of a dropdown that change later."""
+    return names
+
+
+_SEPARATORS = re.compile(r"[,;\s]+")
+
+
+def rows_of(text: str) -> list[dict[str, object]]:
+    """DH rows of lines ``a alpha d theta joint`` [mm, degrees]. Raises ``InputError`` with the line."""
+    rows: list[dict[str, object]] = []
+    for number, line in enumerate(text.splitlines(), 1):
+        parts = [part for part in _SEPARATORS.split(line.partition("#")[0].strip()) if part]
+        if not parts:
+            continue
+        if len(parts) not in (4, 5):
+            raise InputError(
+                f"row {number}: four numbers and a joint's name are needed, got {len(parts)} words"
+            )
+        keys = ("a_mm", "alpha_deg", "d_mm", "theta_deg")
+        row: dict[str, object] = {
+            key: parse_number(part, f"row {number}, {key}") for key, part in zip(keys, parts, strict=False)
+        }
+        if len(parts) == 5:
+            row["joint"] = parts[4].lower()
+        rows.append(row)
+    if not rows:
+        raise InputError(f"there is no row yet; {_ROWS_HINT}")
+    return rows
