@@ -20,14 +20,14 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def test_a_palletiser_from_its_lengths(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     line = "new crane --title Crane --build palletiser --length upper=80 --length fore=80 --floor -10"
-    servos = " --servo base=0 --servo shoulder=1,1400,-10 --servo elbow=2 --limit base=-60,60"
+    servos = " --servo base=0 --servo shoulder=1,2250,-10 --servo elbow=2 --limit base=-60,60"
     assert run((line + servos + " --pose rest=0,90,-20").split()) == 0
     out = capsys.readouterr().out
     assert "Crane: 3 joints; yaw, two pitch joints, level hand: every solution in closed form" in out
     assert str(folder / "crane.toml") in out and "armctl serve --robot crane" in out
     robot = load_robot("crane")
     assert robot.floor_z == pytest.approx(-0.01)
-    assert robot.output_map is not None and robot.output_map.zero.tolist() == [1500, 1400, 1500]
+    assert robot.output_map is not None and robot.output_map.zero.tolist() == [1500, 2250, 1750]
     assert run(["robots"]) == 0
     assert "Crane: 3 joints" in capsys.readouterr().out
     assert run(["ik", "crane", "200", "0", "80"]) == 0
@@ -62,7 +62,7 @@ def test_in_a_terminal_it_asks(monkeypatch: pytest.MonkeyPatch, capsys: pytest.C
         ("--build pitch2 --limit knee=1,2", 1, "no joint 'knee'"),
         ("--build pitch2 --servo base=1,2,3,4", 1, "1 to 3 finite numbers"),
         ("--from nowhere.toml", 1, "nowhere.toml"),
-        ("--build pitch2 --floor nan", 1, "finite"),
+        ("--build pitch2 --floor nan", 2, "not a finite number"),
     ],
 )
 def test_what_is_wrong_is_one_line(

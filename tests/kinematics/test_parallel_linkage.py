@@ -13,7 +13,6 @@ from armctl.arrays import FloatArray
 from armctl.errors import RobotFileError
 from armctl.kinematics import Body, Chain, DHRow, GravityModel
 from armctl.kinematics.energy import EnergyModel
-from armctl.kinematics.energy import GravityModel as Gravity
 from armctl.kinematics.families import inverse_kinematics
 from armctl.kinematics.target import Target
 
@@ -49,7 +48,7 @@ class Palletiser:
         self.chain = Chain.from_dh(rows, "standard", coupling)
         low = rng.uniform(-2.5, 0.0, joints)
         self.limits = np.column_stack([low, low + rng.uniform(0.5, 5.0, joints)])
-        energy = EnergyModel(np.ones(joints), Gravity(self.chain, ()))
+        energy = EnergyModel(np.ones(joints), np.ones(joints), GravityModel(self.chain, ()))
         self.solver = inverse_kinematics(self.chain, self.limits, energy, TITLES[:joints])
 
     def point(self, q: FloatArray) -> FloatArray:

@@ -9,6 +9,7 @@ from collections.abc import Iterable, Sequence
 import click
 import numpy as np
 
+from armctl.cli.options import NUMBER
 from armctl.errors import InputError
 from armctl.robot import Robot, robot_path
 from armctl.robot.draft import BUILDS, Build, Draft, build_named
@@ -33,7 +34,7 @@ from armctl.robot.draft import BUILDS, Build, Draft, build_named
 @click.option(
     "--pose", "poses", multiple=True, metavar="NAME=Q,Q,…", help="A named pose [degrees]: home, rest, …"
 )
-@click.option("--floor", "floor_mm", type=float, help="Height of the floor in the base frame [mm].")
+@click.option("--floor", "floor_mm", type=NUMBER, help="Height of the floor in the base frame [mm].")
 @click.option("--replace", is_flag=True, help="Replace a robot of your own that has this name.")
 @click.option("--print", "only_print", is_flag=True, help="Print the file instead of saving it.")
 def new(

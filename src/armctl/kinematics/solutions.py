@@ -167,7 +167,7 @@ class Solutions:
             return None
         chain = self.arm.chain
         approach = chain.forward(np.zeros(chain.n))[:3, 2]
-        swings = np.linalg.norm(np.cross(chain.axes()[1][joint], approach)) > _ALIGNED
+        swings = np.linalg.norm(np.cross(chain.axes()[1][chain.first_links[joint]], approach)) > _ALIGNED
         return None if swings and pitch is not None else joint
 
     def taken(self, q: FloatArray, criterion: Criterion, start: FloatArray | None) -> FloatArray:

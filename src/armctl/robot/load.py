@@ -128,7 +128,7 @@ def robot_of(content: bytes) -> Robot:
         if look is None
         else Look(tuple(map(_color, look.links)), _color(look.joints), look.shape, look.width_percent / 100),
         capsules=tuple(_capsule(entry, links, by_name, chain) for entry in file.capsules) or None,
-        link_titles=tuple(_link_title(row, by_name) for row in links),
+        named_links=() if chain.coupling is None else tuple(_link_title(row, by_name) for row in links),
         obstacles=tuple(map(_obstacle, file.obstacles)),
     )
     for needed in ("home", "rest"):

@@ -63,8 +63,8 @@ class Robot(ArrayRecord):
     """the kind of board that drives it"""
     board_settings: object = None
     """what else the robot file tells the board's driver; only the board reads it"""
-    link_titles: tuple[str, ...] = ()
-    """what each link is called after; empty: the titles of the joints"""
+    named_links: tuple[str, ...] = ()
+    """what each link of a parallel linkage is called after; empty: each after its joint"""
     limits: FloatArray = field(init=False)
     """(n, 2) lower and upper joint limits [rad]"""
     speed_limits: FloatArray = field(init=False)
@@ -85,8 +85,6 @@ class Robot(ArrayRecord):
         }
         for name, values in limits.items():
             object.__setattr__(self, name, read_only(values))
-        if not self.link_titles:
-            object.__setattr__(self, "link_titles", tuple(self._titles))
 
     def __hash__(self) -> int:
         return hash((self.name, self.chain, content(self.limits)))  # a board's settings need not have one
@@ -100,6 +98,11 @@ class Robot(ArrayRecord):
     def joint_names(self) -> tuple[str, ...]:
         """Names of the joints, from the base to the tool."""
         return tuple(joint.name for joint in self.joints)
+
+    @property
+    def link_titles(self) -> tuple[str, ...]:
+        """What each link is called after, from the base to the tool."""
+        return self.named_links or tuple(self._titles)
 
     @property
     def _titles(self) -> list[str]:

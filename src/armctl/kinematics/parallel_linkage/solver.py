@@ -105,7 +105,7 @@ class Linkage:
             tool_angle=None,
             roll_joint=None,
         )
-        inverse: FloatArray = np.linalg.inv(turns)
+        inverse = np.linalg.inv(turns).astype(np.float64)
         return cls(plane, inverse, axes[4] if links == 5 else None)
 
     def turns_at(self, shoulder: float, bend: float) -> FloatArray:
@@ -141,7 +141,7 @@ class ParallelLinkageSolver(InverseKinematics):
     ) -> None:
         super().__init__(chain, limits, energy, titles, roll_joint=None if linkage.roll_axis is None else 3)
         self._linkage, self._plane = linkage, linkage.plane
-        self._arm = SolvedArm(BRANCHES, chain, energy)
+        self._arm = SolvedArm(BRANCHES, chain, energy, (), limits, self.roll_joint)
         z = chain.forward(np.zeros(chain.n))[:3, 2]
         self._pitch = math.atan2(z[2], math.hypot(z[0], z[1]))
 
@@ -151,7 +151,7 @@ class ParallelLinkageSolver(InverseKinematics):
         linkage = Linkage.of(chain)
         return None if linkage is None else cls(chain, linkage, limits, energy, titles)
 
-    def solve(self, target: Target, step: float) -> Solutions:
+    def solve(self, target: Target, step: float, start: FloatArray | None = None) -> Solutions:
         """All solutions inside the limits; nothing is swept, ``step`` [rad] is only looked at.
 
         With a rotation those are listed whose orientation is nearest to it.
@@ -173,11 +173,24 @@ class ParallelLinkageSolver(InverseKinematics):
             turned = np.swapaxes(self.chain.forward(np.array([q for q, _ in found]))[:, :3, :3], 1, 2)
             off = rotation_angle(turned @ target.rotation)
             found = [one for one, away in zip(found, off, strict=True) if away <= off.min() + _LEVEL]
-        x, y, z = self._plane.local_of(*target.point)
-        everywhere = is_on_axis(self._plane, x, y) or abs(complex(0.0, z) - self._plane.shoulder) < _ROUNDING
         return Solutions(
-            self._arm, target, np.array([q for q, _ in found]), [i for _, i in found], complete=not everywhere
+            self._arm,
+            target,
+            np.array([q for q, _ in found]),
+            [i for _, i in found],
+            incomplete_reason=self._continuum(target),
         )
+
+    def _continuum(self, target: Target) -> str | None:
+        """Why one solution of many stands in the list, or None."""
+        x, y, z = self._plane.local_of(*target.point)
+        if is_on_axis(self._plane, x, y):
+            return f"the target is on the base axis, so that any angle of {self.titles[0]} will do"
+        folded = abs(self._plane.lengths[0] - self._plane.lengths[1]) < _ROUNDING
+        bases = base_branches(self._plane, x, y, None)
+        if folded and any(abs(complex(one.r, z) - self._plane.shoulder) < _ROUNDING for one in bases):
+            return f"the wrist is on the shoulder's axis, so that any angle of {self.titles[1]} will do"
+        return None
 
     def _positions(self, target: Target) -> Iterator[tuple[FloatArray, int]]:
         """The first three joints (3,) inside their limits, all images, and their branches."""
@@ -294,7 +307,8 @@ class ParallelLinkageSolver(InverseKinematics):
         def away(angles: FloatArray) -> FloatArray:
             return np.abs(self._wrist(pairs(angles)) - w)
 
-        k = int(away(np.linspace(low, high, _EDGE_SAMPLES)).argmin())
+        samples: FloatArray = low + (high - low) * np.arange(_EDGE_SAMPLES) / (_EDGE_SAMPLES - 1)
+        k = int(away(samples).argmin())
         at_k = low + (high - low) * k / (_EDGE_SAMPLES - 1)
         gap = (high - low) / (_EDGE_SAMPLES - 1)
         left, right = max(at_k - gap, low), min(at_k + gap, high)
