@@ -95,7 +95,9 @@ def _begun(
     if asking:
         for length in chosen.lengths:
             if length.key not in mm:
-                mm[length.key] = click.prompt(f"{length.title} [mm]", length.usual_mm, type=float)
+                mm[length.key] = click.prompt(
+                    f"{length.title}, {length.meaning} [mm]", length.usual_mm, type=float
+                )
     return Draft.of_build(name, title, chosen, mm)
 
 

@@ -31,6 +31,7 @@ class Length:
 
     key: str
     title: str
+    meaning: str
     usual_mm: float
 
 
@@ -52,13 +53,13 @@ def _row(a_mm: float, alpha_deg: float, d_mm: float, joint: str | None = None, *
     return row if joint is None else {**row, "joint": joint}
 
 
-_HEIGHT = Length("height", "Base: floor to shoulder axis, height", 80.0)
-_AHEAD = Length("ahead", "Base: shoulder axis ahead of the base axis", 0.0)
-_UPPER = Length("upper", "Upper arm: shoulder to elbow axis", 120.0)
-_FORE = Length("fore", "Forearm: elbow to wrist axis", 110.0)
-_HAND = Length("hand", "Hand: wrist axis to tool point", 90.0)
-_DROP = Length("drop", "Hand: tool point below the wrist axis", 40.0)
-_TOOL = Length("tool", "Hand: where the wrist axes meet, to tool point", 70.0)
+_HEIGHT = Length("height", "Height", "from the floor to the shoulder axis", 80.0)
+_AHEAD = Length("ahead", "Shoulder ahead", "from the base axis forward to the shoulder axis", 0.0)
+_UPPER = Length("upper", "Upper arm", "from the shoulder axis to the elbow axis", 120.0)
+_FORE = Length("fore", "Forearm", "from the elbow axis to the wrist axis", 110.0)
+_HAND = Length("hand", "Hand", "from the wrist axis to the tool point", 90.0)
+_DROP = Length("drop", "Tool below", "from the wrist axis down to the tool point", 40.0)
+_TOOL = Length("tool", "Hand", "from where the wrist axes meet to the tool point", 70.0)
 _WIDE, _PITCH, _ROLL = (-90.0, 90.0), (-120.0, 120.0), (-180.0, 180.0)
 
 
@@ -135,28 +136,48 @@ BUILDS = (
     Build(
         "pitch2",
         "3 joints: base, shoulder, elbow",
-        (_HEIGHT, _AHEAD, _UPPER, replace(_FORE, title="Forearm: elbow axis to tool point")),
+        (_HEIGHT, _AHEAD, _UPPER, replace(_FORE, meaning="from the elbow axis to the tool point")),
         _limits(elbow=_PITCH),
         _two_links,
     ),
     Build(
         "palletiser",
         "3 joints, rods keep the hand level (MeArm, EEZYbotARM, uArm)",
-        (_HEIGHT, _AHEAD, _UPPER, _FORE, replace(_HAND, title="Hand: wrist axis to tool point, level")),
+        (
+            _HEIGHT,
+            _AHEAD,
+            _UPPER,
+            _FORE,
+            replace(_HAND, meaning="level, from the wrist axis to the tool point"),
+        ),
         _limits(shoulder=(20.0, 130.0), elbow=(-80.0, 30.0)),
         _palletiser,
     ),
     Build(
         "palletiser-roll",
         "4 joints, rods keep the hand level, it turns about the vertical",
-        (_HEIGHT, _AHEAD, _UPPER, _FORE, replace(_HAND, title="Hand: wrist axis to its turning axis"), _DROP),
+        (
+            _HEIGHT,
+            _AHEAD,
+            _UPPER,
+            _FORE,
+            replace(_HAND, meaning="level, from the wrist axis to the axis that turns it"),
+            _DROP,
+        ),
         _limits(shoulder=(20.0, 130.0), elbow=(-80.0, 30.0), roll=_WIDE),
         _palletiser_rolling,
     ),
     Build(
         "spherical-wrist",
         "6 joints, the last three axes meet (PAROL6, AR4, industrial arms)",
-        (_HEIGHT, _AHEAD, _UPPER, Length("offset", "Forearm axis above the elbow axis", 0.0), _FORE, _TOOL),
+        (
+            _HEIGHT,
+            _AHEAD,
+            _UPPER,
+            Length("offset", "Elbow offset", "from the elbow axis up to the forearm's axis", 0.0),
+            _FORE,
+            _TOOL,
+        ),
         _limits(elbow=_PITCH, forearm_roll=_ROLL, wrist=_PITCH, roll=_ROLL),
         _spherical_wrist,
     ),
@@ -168,8 +189,8 @@ BUILDS = (
             _AHEAD,
             _UPPER,
             _FORE,
-            Length("aside", "Wrist: offset beside the arm", 65.0),
-            Length("wrist", "Wrist: second to third wrist axis", 65.0),
+            Length("aside", "Wrist aside", "from the arm's plane sideways to the hand", 65.0),
+            Length("wrist", "Wrist", "from the first to the third wrist axis", 65.0),
             _TOOL,
         ),
         _limits(elbow=_PITCH, wrist_1=_ROLL, wrist_2=_ROLL, wrist_3=_ROLL),

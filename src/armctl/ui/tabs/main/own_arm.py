@@ -27,8 +27,8 @@ _BEGINNINGS = {build.title: build for build in BUILDS}
 _ROWS_HINT = "One row a line: a mm, alpha °, d mm, theta °, then the joint's name (none: a fixed row)."
 _EXAMPLE = "0 90 80 0 base\n120 0 0 0 shoulder\n110 0 0 0 elbow\n0 90 0 90 wrist\n0 0 90 0 roll"
 _INTRO = (
-    "Describe an arm and see it drawn beside the present one. Saved, it stands in the list <i>Robot</i> on "
-    "this computer."
+    "Describe an arm and see it drawn beside the present one. Saved, it stands in the list Robot on this "
+    "computer."
 )
 _ASIDE = 1.1
 """how far beside the present arm the new one is drawn, times the longer reach of both"""
@@ -63,6 +63,8 @@ class OwnArm:
         self._session, self._edits = session, _Edits()
         self._robot: Robot | None = None
         self._figure: ArmFigure | None = None
+        self._aside = 0.0
+        """how far beside the present arm the new one stands [m]"""
         self._q: dict[str, float] = {}
         """where each joint is drawn [degrees]"""
         gui = session.gui
@@ -75,13 +77,15 @@ class OwnArm:
             self._kind = gui.add_dropdown("Begin with", (*_BEGINNINGS, _ROWS, _COPY))
             self._title = gui.add_text("Title", "My arm")
             self._name = gui.add_text("File name", "my_arm")
+            self._status = LiveHtml(gui)
             self._lengths_box = gui.add_folder("Lengths")
+            with self._lengths_box:
+                self._meanings = LiveHtml(gui)
             self._rows_box = gui.add_folder("DH rows", visible=False)
             with self._rows_box:
                 self._convention = gui.add_dropdown("Convention", ("standard", "modified"))
                 self._rows = gui.add_text("Rows", _EXAMPLE, multiline=True, hint=_ROWS_HINT)
                 LiveHtml(gui, muted(_ROWS_HINT))
-            self._status = LiveHtml(gui)
             self._joint_box = gui.add_folder("Joint")
             with self._joint_box:
                 self._add_joint_fields(gui)
@@ -175,8 +179,16 @@ class OwnArm:
         self._erase()
         self._figure = ArmFigure(self._session.client.scene, robot, "/new-arm")
         longest = max(reach(robot.chain), reach(self._session.console.robot.chain))
-        self._figure.root.position = (0.0, _ASIDE * longest, 0.0)
+        self._look_aside(_ASIDE * longest)
+        self._figure.root.position = (0.0, self._aside, 0.0)
         self._figure.say("new arm")
+
+    def _look_aside(self, aside: float) -> None:
+        """Move the page's camera with the new arm, which stands ``aside`` [m] beside the present one."""
+        camera, step = self._session.client.camera, np.array([0.0, aside - self._aside, 0.0])
+        self._aside = aside
+        camera.position = camera.position + step
+        camera.look_at = camera.look_at + step
 
     def _erase(self) -> None:
         if self._figure is not None:
@@ -191,6 +203,7 @@ class OwnArm:
 
     def _end(self) -> None:
         self._erase()
+        self._look_aside(0.0)
         self._robot, self._edits, self._q = None, _Edits(), {}
         self._box.visible, self._begin.visible = False, True
 
@@ -208,12 +221,14 @@ class OwnArm:
             one.handle.remove()
         self._lengths = {}
         build = _BEGINNINGS.get(self._kind.value)
+        words = (
+            [] if build is None else [f"<b>{one.title}</b>: {escape(one.meaning)}" for one in build.lengths]
+        )
+        self._meanings.show(f"<div style='opacity:.75'>{'<br>'.join(words)}</div>")
         with self._lengths_box:
             for length in () if build is None else build.lengths:
-                short, _, rest = length.title.partition(": ")
-                hint = f"{length.title} [mm]"
                 number = NumberField(
-                    self._gui, f"{short} mm" if not rest else f"{rest} mm", length.usual_mm, hint=hint
+                    self._gui, f"{length.title} mm", length.usual_mm, hint=sentence(length.meaning)
                 )
                 self._session.on(number.handle.on_update, self._show)
                 self._lengths[length.key] = number
