@@ -13,7 +13,7 @@ import tomli_w
 from armctl.arrays import FloatArray
 from armctl.documents import as_path, write_atomically
 from armctl.errors import InputError, RobotFileError
-from armctl.robot.file import ROBOT_FILES, Table, read_robot_file
+from armctl.robot.file import ROBOT_FILES, Table, board_tables, read_robot_file
 from armctl.robot.load import robot_of, shipped_robots, user_robots_folder
 from armctl.robot.robot import Robot
 
@@ -314,6 +314,18 @@ class Draft:
             zero_us = _SERVO_MIDDLE_US - us_per_deg * 0.5 * (low + high)
         servo = {"channel": channel, "zero_us": zero_us, "us_per_deg": us_per_deg, "pulse_us": list(pulse_us)}
         return self.with_joint(name, servo=servo)
+
+    def with_channels(self, channels: Mapping[str, int]) -> Self:
+        """With each joint's output on another channel. Raises ``InputError``: no such joint, or no output."""
+        draft = self
+        for name, channel in channels.items():
+            tables = board_tables(self._joint(name))
+            if not tables:
+                raise InputError(f"joint {name!r} has no output yet")
+            for key, table in tables.items():
+                number = "channel" if "channel" in cast("Table", table) else "axis"
+                draft = draft.with_joint(name, **{key: {**cast("Table", table), number: channel}})
+        return draft
 
     def with_gripper(self, title: str = "Gripper", speed_percent_s: float = 100.0, **tables: Any) -> Self:
         """With a gripper; ``tables`` are those of its board, as ``servo``."""

@@ -30,6 +30,7 @@ from armctl.ui.tabs.main.boards import RobotChooser, board_html, enable_note, ho
 from armctl.ui.tabs.main.enabling import EnableQuestion, must_be_told
 from armctl.ui.tabs.main.own_arm import OwnArm
 from armctl.ui.tabs.main.people import People
+from armctl.ui.tabs.main.which_joint import of_own_arm
 from armctl.ui.widgets.html import WARNING, LiveHtml, muted, time_of_day
 
 _LOG_LINES = 14
@@ -74,6 +75,7 @@ class MainScreen:
             session.on(points.on_click, lambda: self._go_to_point(points.value))
         self._people = People(session)
         OwnArm(session)
+        self._which_joint = of_own_arm(session)
         with gui.add_folder("Log"):
             self._log = LiveHtml(gui)
             save = gui.add_button("Download report", icon=viser.Icon.DOWNLOAD, color="gray")
@@ -90,6 +92,8 @@ class MainScreen:
         """Show the board, what can be done, and the newest log lines."""
         self._robot.refresh(snapshot)
         self._people.refresh(snapshot)
+        if self._which_joint is not None:
+            self._which_joint.refresh(snapshot)
         fault = snapshot.state is State.FAULT and not snapshot.unreachable
         self._clear.visible = fault and snapshot.board is not None
         holds = snapshot.powered and snapshot.state is not State.OFF

@@ -1,0 +1,117 @@
+"""One's own arm in the page: described, drawn, saved, opened, its channels found, and moved."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from tests.browser.kit import Screen, Screens
+from tests.browser.served_arm import ServedArm, served_arm
+
+from armctl import load_robot
+from armctl.robot import user_robots_folder
+from armctl.runtime import State
+
+pytestmark = pytest.mark.browser
+
+
+@pytest.fixture
+def served(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> ServedArm:
+    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "data"))
+    with served_arm(tmp_path) as served:
+        yield served
+
+
+@pytest.fixture
+def page(served: ServedArm, screens: Screens) -> Screen:
+    screen = screens()
+    screen.open(served.url, until="STOP")
+    screen.open_tab("Main")
+    screen.unfold("Your own arm", "New arm")
+    screen.click("New arm")
+    screen.wait_for_text("every solution in closed form")
+    return screen
+
+
+def opened(page: Screen, served: ServedArm, name: str) -> None:
+    page.wait_until(lambda: served.robot.name == name, f"{name} is the present robot")
+    page.wait_until(lambda: served.now.state is State.OFF, "it is connected")
+    page.wait_until(lambda: page.value("Robot") == served.robot.title, "the list shows it")
+
+
+def test_a_palletiser_from_its_lengths(page: Screen, served: ServedArm) -> None:
+    page.choose("Begin with", "3 joints, rods keep the hand level (MeArm, EEZYbotARM, uArm)")
+    for label, mm in (("Height mm", "60"), ("Upper arm mm", "80"), ("Forearm mm", "80"), ("Hand mm", "68")):
+        page.type_into(label, mm)
+    page.type_into("Title", "Crane")
+    page.type_into("File name", "crane")
+    page.wait_for_text("3 joints: yaw, two pitch joints, level hand")
+    page.click("Save and open")
+    opened(page, served, "crane")
+    path = user_robots_folder() / "crane.toml"
+    assert path.is_file() and load_robot("crane") == served.robot
+    assert 1000 * served.robot.forward([0, 0, 0])[:3, 3] == pytest.approx([228, 0, 60])
+    page.click("Enable")
+    page.wait_for_text("HOLDING")
+    page.open_tab("Inverse")
+    page.type_xyz("190", "30", "90")
+    page.click("Solve")
+    page.wait_for_text("solution")
+    page.click("Go by least energy")
+    target = np.array([0.19, 0.03, 0.09])
+    page.wait_until(
+        lambda: float(np.abs(served.robot.forward(served.now.q)[:3, 3] - target).max()) < 1e-3, "it is there"
+    )
+
+
+def test_servos_whose_channels_are_found(page: Screen, served: ServedArm) -> None:
+    page.choose("Begin with", "3 joints: base, shoulder, elbow")
+    page.type_into("Title", "Three")
+    page.type_into("File name", "three")
+    for channel, joint in enumerate(("base", "shoulder", "elbow")):
+        page.choose("Joint", joint)
+        page.type_into("Lowest °", "-60")
+        page.type_into("Highest °", "70")
+        page.type_into("Servo channel", str(channel))
+    page.click("Save and open")
+    opened(page, served, "three")
+    assert served.robot.output_map is not None
+    assert served.robot.output_map.channels == (0, 1, 2)
+    assert np.degrees(served.robot.limits) == pytest.approx(np.tile([-60, 70], (3, 1)))
+    page.click("Enable")
+    page.wait_for_text("HOLDING")
+    page.unfold("Which joint moved?", "Nudge")
+    before = served.now.q_command.copy()
+    page.click("Nudge")
+    page.wait_until(lambda: abs(served.now.q_command[0] - before[0]) > 0.05, "channel 0 moved")
+    page.wait_until(
+        lambda: bool(np.allclose(served.now.q_command, before)) and served.now.state is State.HOLDING,
+        "it went back",
+    )
+    # the base's servo is on channel 1, the shoulder's on channel 0
+    for joint in ("Shoulder", "Base", "Elbow"):
+        page.choose("It moved", joint)
+        page.click("This joint moved")
+    page.click("Write channels")
+    page.wait_until(
+        lambda: served.robot.output_map is not None and served.robot.output_map.channels == (1, 0, 2),
+        "the arm is opened with its channels",
+    )
+    assert load_robot("three") == served.robot
+
+
+def test_rows_are_checked_line_by_line_and_a_wrong_one_is_not_saved(page: Screen, served: ServedArm) -> None:
+    page.choose("Begin with", "DH rows")
+    rows = page.page.get_by_role("textbox", name="Rows").or_(page.entry("Rows")).first
+    rows.fill("0 90 80 0 base\n120 0 0 zero shoulder")
+    page.wait_for_text("row 2, theta_deg: 'zero' is not a number")
+    assert not page.is_enabled("Save and open")
+    rows.fill("0 90 80 0 base\n120 0 0 0 shoulder\n100 0 0 0 elbow\n0 90 0 90")
+    page.wait_for_text("3 joints: yaw")
+    page.type_into("File name", "uzuner")
+    page.click("Save and open")
+    page.wait_for_notification("a robot of armctl; choose another name")
+    page.click("Discard")
+    assert served.robot.name == "uzuner"
+    assert not user_robots_folder().exists()
