@@ -9,13 +9,14 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from tests.arms import FIVE
 from tests.browser.kit import Screen
 
 from armctl.arm import Arm
 from armctl.calibration import CalibrationStore
 from armctl.process import Host
 from armctl.program import MoveStep, Program, Step
-from armctl.robot import Robot, load_robot, shipped_robots
+from armctl.robot import Robot, load_robot
 from armctl.runtime import Command, Connect, Enable, Origin, Snapshot, State, Ticket
 from armctl.ui import App, CalibrationInForce, Console, PortChoice, RobotChoice, RobotSwitch
 from armctl.ui.guard import guarded_server
@@ -124,7 +125,7 @@ def served_arm(folder: Path, robot: str = "uzuner", pin: str = "") -> Iterator[S
         calibration = CalibrationInForce.of(load_robot(name), port, store)
         return console(Arm(TestHost(calibration.robot, pin=pin)), calibration)
 
-    choices = [RobotChoice(name, load_robot(name).title) for name in shipped_robots()]
+    choices = [RobotChoice(name, load_robot(name).title) for name in FIVE]
     begun = CalibrationInForce.of(load_robot(robot), "sim", store)
     arm = Arm(TestHost(begun.robot, pin=pin))
     arm.link.submit(Connect("sim")).result(10)

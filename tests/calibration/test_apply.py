@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from tests.arms import FIVE
 from tests.calibration.kit import HiddenJoint
 
 from armctl.calibration import (
@@ -22,7 +23,7 @@ from armctl.calibration import (
     safe_outputs,
 )
 from armctl.errors import CalibrationError
-from armctl.robot import Robot, load_robot, shipped_robots
+from armctl.robot import Robot, load_robot
 
 UZUNER = load_robot("uzuner")
 ELBOW = UZUNER.joint_names.index("elbow")
@@ -49,7 +50,7 @@ def test_pulses_are_those_of_the_calibration_and_the_others_stay() -> None:
     assert UZUNER.output_map.outputs(q)[2] == pytest.approx(1446.45 + 300.0), "the robot itself changed"
 
 
-@pytest.mark.parametrize("name", shipped_robots())
+@pytest.mark.parametrize("name", FIVE)
 def test_the_robots_own_numbers_change_nothing(name: str) -> None:
     robot = load_robot(name)
     own = of(robot, **{joint: own_calibration(robot, joint) for joint in robot.joint_names})
@@ -177,7 +178,7 @@ def test_homing_may_not_end_outside_of_the_limits() -> None:
         calibrated(robot, of(robot, shoulder=moved))
 
 
-@pytest.mark.parametrize("name", shipped_robots())
+@pytest.mark.parametrize("name", FIVE)
 def test_the_pose_to_look_at_is_right_angled_inside_and_clear(name: str) -> None:
     robot = load_robot(name)
     pose = check_pose(robot)

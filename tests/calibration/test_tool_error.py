@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.arms import FIVE
 from tests.robot.test_urdf_tool import PROP
 from tests.robot.urdf_kit import written
 
@@ -15,7 +16,7 @@ from armctl.calibration import ToolError, tool_error
 from armctl.calibration.tool_error import parameters_of
 from armctl.errors import CalibrationError
 from armctl.kinematics import Chain, DHRow
-from armctl.robot import Joint, Robot, load_robot, shipped_robots
+from armctl.robot import Joint, Robot, load_robot
 
 TOUCH = 0.0003
 """deviation of a coordinate of a simulated touch [m]"""
@@ -87,7 +88,7 @@ def check_every_parameter(robot: Robot, rng: np.random.Generator) -> tuple[int, 
     return seen, first
 
 
-@pytest.mark.parametrize("name", shipped_robots())
+@pytest.mark.parametrize("name", FIVE)
 def test_the_one_wrong_parameter_is_blamed(name: str) -> None:
     """It is named, alone or among those that look the same with these points."""
     seen, first = check_every_parameter(load_robot(name), np.random.default_rng(5))
@@ -113,7 +114,7 @@ def test_an_arm_from_a_urdf_file_has_no_lengths_to_blame_but_zeros(tmp_path: Pat
     assert (change.key, change.new) == ("offset_deg", pytest.approx(3, abs=1e-3))
 
 
-@pytest.mark.parametrize("name", shipped_robots())
+@pytest.mark.parametrize("name", FIVE)
 def test_a_good_arm_is_not_blamed(name: str) -> None:
     robot, rng = load_robot(name), np.random.default_rng(8)
     blamed = 0

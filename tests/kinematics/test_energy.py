@@ -7,9 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from tests.arms import FIVE
 from tests.kinematics.kit import FloatArray, plain_frames, random_q
 
-from armctl import load_robot, shipped_robots
+from armctl import load_robot
 from armctl.errors import InputError, UnreachableError
 from armctl.kinematics import CRITERIA, CRITERION_TEXT, Body, GravityModel, Solutions
 
@@ -55,7 +56,7 @@ def test_published_is_the_magnitude_of_the_sum_with_the_last_pitch_joint_not_pos
     assert abs(best[:4].sum()) == energy.min()
 
 
-@pytest.mark.parametrize("name", shipped_robots())
+@pytest.mark.parametrize("name", FIVE)
 def test_gravity_torque_is_the_gradient_of_the_potential_energy(name: str) -> None:
     robot = load_robot(name)
     rng = np.random.default_rng(51)

@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+from tests.arms import FIVE
 from tests.kinematics.kit import chain_of, plain_jacobian, random_planar_arm, random_q
 
 from armctl.errors import InputError
@@ -21,9 +22,9 @@ from armctl.kinematics.velocity import (
     tool_velocity,
     turning_speeds,
 )
-from armctl.robot import Robot, load_robot, shipped_robots
+from armctl.robot import Robot, load_robot
 
-ROBOTS = tuple(load_robot(name) for name in shipped_robots())
+ROBOTS = tuple(load_robot(name) for name in FIVE)
 UZUNER, SCORBOT, MICO, ABAAS, HUMANOID = (
     load_robot(name) for name in ("uzuner", "scorbot", "mico", "abaas", "humanoid")
 )

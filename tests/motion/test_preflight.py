@@ -7,12 +7,13 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from tests.arms import FIVE
 
 from armctl.arrays import FloatArray
 from armctl.errors import InputError, MotionRefusedError
 from armctl.motion import JoinedTrajectory, PointToPoint, Sample, arc, line, preflight, require_clear
 from armctl.motion.preflight import Finding, not_checked
-from armctl.robot import Robot, load_robot, shipped_robots
+from armctl.robot import Robot, load_robot
 from armctl.robot.parts import Obstacle
 
 ROBOT, SCORBOT, MICO = load_robot("uzuner"), load_robot("scorbot"), load_robot("mico")
@@ -162,7 +163,7 @@ def test_folding_into_the_base_is_refused_with_both_parts_named() -> None:
     assert 0 < finding.time
 
 
-@pytest.mark.parametrize("name", shipped_robots())
+@pytest.mark.parametrize("name", FIVE)
 def test_the_ways_between_home_and_rest_are_clear(name: str) -> None:
     robot = load_robot(name)
     there = PointToPoint.plan(robot, robot.pose("home"), robot.pose("rest"))

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from tests.arms import FIVE
 from tests.program.kit import programs
 
 from armctl.errors import ProgramError
@@ -25,7 +26,7 @@ from armctl.program import (
     read_csv,
     write_csv,
 )
-from armctl.robot import load_robot, shipped_robots
+from armctl.robot import load_robot
 
 ROBOT = load_robot("uzuner")
 JOINTS = "base_deg,shoulder_deg,elbow_deg,wrist_pitch_deg,wrist_roll_deg"
@@ -190,7 +191,7 @@ def test_a_move_with_another_number_of_angles_is_not_written() -> None:
         write_csv(Program(robot="uzuner", steps=steps), ROBOT)
 
 
-@pytest.mark.parametrize("name", shipped_robots())
+@pytest.mark.parametrize("name", FIVE)
 def test_as_points_moves_are_led_through_forward_kinematics(name: str) -> None:
     robot = load_robot(name)
     q = robot.pose(next(iter(robot.poses)))

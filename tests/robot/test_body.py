@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from tests.arms import FIVE
 from tests.motion.arm_kit import axis_points, brute_gap, random_arm
 from tests.robot.test_urdf_tool import JAW, PROP
 from tests.robot.urdf_kit import Step, written
@@ -16,11 +17,11 @@ from tests.robot.urdf_kit import Step, written
 from armctl.arrays import FloatArray
 from armctl.errors import RobotFileError
 from armctl.kinematics.chain import LinkFrames
-from armctl.robot import Robot, load_robot, robots_folder, shipped_robots
+from armctl.robot import Robot, load_robot, robots_folder
 from armctl.robot.body import NEAR_M, box_distance, moving_corners, segment_box_distance, segment_distance
 from armctl.robot.shape import reach
 
-ARMS = [*map(load_robot, shipped_robots()), *map(random_arm, range(4))]
+ARMS = [*map(load_robot, FIVE), *map(random_arm, range(4))]
 
 
 def gaps(robot: Robot, q: FloatArray) -> FloatArray:
@@ -63,7 +64,7 @@ def heights(robot: Robot, q: FloatArray) -> FloatArray:
     return np.array([links.place(c.link, c.point[None])[2, 0] for c in robot.corners])
 
 
-@pytest.mark.parametrize("name", shipped_robots())
+@pytest.mark.parametrize("name", FIVE)
 def test_named_poses_do_not_touch(name: str) -> None:
     robot = load_robot(name)
     assert robot.name == name
@@ -232,7 +233,7 @@ def farthest(robot: Robot) -> float:
 RAISED = (Step("mount", "fixed", "world", "w/base", "0.3 0 0.8", "0.2 0.1 0"), *PROP)
 
 
-@pytest.mark.parametrize("arm", [*shipped_robots(), JAW, PROP, RAISED])
+@pytest.mark.parametrize("arm", [*FIVE, JAW, PROP, RAISED])
 def test_no_tool_point_is_farther_away(tmp_path: Path, arm: str | tuple[Step, ...]) -> None:
     robot = load_robot(arm if isinstance(arm, str) else written(tmp_path / "arm.urdf", arm))
     assert farthest(robot) <= reach(robot.chain) <= 1.35 * farthest(robot)

@@ -6,12 +6,12 @@ import math
 
 import numpy as np
 import pytest
+from tests.arms import FIVE
 from tests.robot.urdf_kit import turn
 
 from armctl import Robot, load_robot
 from armctl.arrays import FloatArray
 from armctl.kinematics import DHRow, Solutions
-from armctl.robot import shipped_robots
 
 CONFIGURATIONS = 10_000
 
@@ -62,7 +62,7 @@ def configurations(robot: Robot, count: int, seed: int) -> FloatArray:
     return np.where(singular, chosen, q)
 
 
-@pytest.fixture(params=shipped_robots())
+@pytest.fixture(params=FIVE)
 def robot(request: pytest.FixtureRequest) -> Robot:
     return load_robot(request.param)
 

@@ -11,6 +11,7 @@ from pathlib import Path
 import msgspec
 import numpy as np
 import pytest
+from tests.arms import FIVE
 from tests.runtime.kit import make_rig
 
 from armctl.calibration import (
@@ -24,7 +25,7 @@ from armctl.calibration import (
 )
 from armctl.errors import CalibrationError, InputError, PortError, StateError
 from armctl.hardware import Source
-from armctl.robot import OutputMap, load_robot, shipped_robots
+from armctl.robot import OutputMap, load_robot
 from armctl.runtime import Snapshot, State
 from armctl.ui import CalibrationInForce
 from armctl.ui.tabs.calibration.joint import (
@@ -550,7 +551,7 @@ def test_the_version_before_the_one_in_force_is_offered_first(tmp_path: Path) ->
     assert earlier_versions(()) == {"robot file, no calibration": None}
 
 
-@pytest.mark.parametrize("name", shipped_robots())
+@pytest.mark.parametrize("name", FIVE)
 def test_steps_are_slow_and_the_test_pose_names_every_joint(name: str) -> None:
     robot = load_robot(name)
     said = plain(check_pose_html(check_pose(robot)))

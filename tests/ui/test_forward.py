@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from tests.arms import FIVE
 
 from armctl.errors import InputError
 from armctl.kinematics import Target
 from armctl.kinematics.velocity import position_freedom
-from armctl.robot import Robot, load_robot, shipped_robots
+from armctl.robot import Robot, load_robot
 from armctl.ui.guard import GuardedServer
 from armctl.ui.tabs.forward.figures import (
     direction_words,
@@ -30,7 +31,7 @@ from armctl.ui.tabs.forward.screen import (
     results_html,
 )
 
-ROBOTS = tuple(load_robot(name) for name in shipped_robots())
+ROBOTS = tuple(load_robot(name) for name in FIVE)
 ROBOT, MICO, HUMANOID, SCORBOT = (load_robot(name) for name in ("uzuner", "mico", "humanoid", "scorbot"))
 HOME, SCORBOT_HOME = ROBOT.pose("home"), SCORBOT.pose("home")
 

@@ -10,11 +10,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from tests.arms import FIVE
 from tests.runtime.kit import make_rig
 
 from armctl.errors import InputError, MotionRefusedError, StateError
 from armctl.motion import PointToPoint
-from armctl.robot import load_robot, shipped_robots
+from armctl.robot import load_robot
 from armctl.ui.session import Session
 from armctl.ui.tabs.manual.jog import KEYS, HeldJog, tool_axes, tool_jog
 from armctl.ui.tabs.manual.joints import checked_percent, stepped
@@ -100,7 +101,7 @@ def test_no_key_is_used_twice_or_moves_the_camera_and_only_turns_that_an_arm_has
     keys = [key for pair in KEYS for key in pair]
     assert len(set(keys)) == len(keys)
     assert not set(keys) & set("WASDQE")
-    for robot in map(load_robot, shipped_robots()):
+    for robot in map(load_robot, FIVE):
         assert max(robot.n, len(tool_axes(robot))) <= len(KEYS)
     assert tool_axes(load_robot("uzuner")) == ("X", "Y", "Z", "Pitch", "Roll")
     assert tool_axes(load_robot("mico")) == ("X", "Y", "Z", "Roll")

@@ -8,12 +8,13 @@ from typing import Any, cast
 
 import numpy as np
 import pytest
+from tests.arms import FIVE
 from tests.runtime.kit import make_rig
 
 from armctl.errors import InputError, StateError
 from armctl.hardware import Source
 from armctl.program import ArcStep, EndStep, GripperStep, LineStep, MoveStep, PointStep, RepeatStep, WaitStep
-from armctl.robot import Robot, load_robot, shipped_robots
+from armctl.robot import Robot, load_robot
 from armctl.runtime import State
 from armctl.ui.tabs.manual.program_editor import (
     PAGE_ROWS,
@@ -34,7 +35,7 @@ def standing(robot: Robot, gripper: float | None = None) -> Any:
     return SimpleNamespace(commanded=True, q_command=robot.pose("home"), gripper=gripper)
 
 
-@pytest.mark.parametrize("name", shipped_robots())
+@pytest.mark.parametrize("name", FIVE)
 def test_a_recorded_point_leads_back_to_where_the_arm_stood(name: str) -> None:
     robot = load_robot(name)
     step = cast(PointStep, step_here(PointStep, robot, standing(robot)))

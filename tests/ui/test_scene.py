@@ -8,16 +8,17 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from tests.arms import FIVE
 
 from armctl.arrays import FloatArray
 from armctl.kinematics import Chain
-from armctl.robot import Robot, load_robot, shipped_robots
+from armctl.robot import Robot, load_robot
 from armctl.robot.shape import Point, reach
 from armctl.ui.scene.arm_figure import Solid, beam, block, drum, spike, tube
 from armctl.ui.scene.stage import floor_size, framed, front, in_view, stand_parts
 from armctl.ui.widgets.joint_angles import held_at
 
-ROBOTS = {name: load_robot(name) for name in shipped_robots()}
+ROBOTS = {name: load_robot(name) for name in FIVE}
 
 
 @pytest.mark.parametrize("name", ROBOTS)
@@ -110,7 +111,7 @@ def on_picture(points: FloatArray, position: FloatArray, centre: FloatArray, asp
 
 
 @pytest.mark.parametrize("factor", [0.2, 1.0, 6.0])
-@pytest.mark.parametrize("name", shipped_robots())
+@pytest.mark.parametrize("name", FIVE)
 def test_an_arm_of_any_size_fills_the_picture_and_does_not_leave_it_or_the_floor(
     name: str, factor: float
 ) -> None:

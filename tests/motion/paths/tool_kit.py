@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
+from tests.arms import FIVE
 from tests.kinematics.kit import FloatArray, chain_of, random_planar_arm, random_q
 
 from armctl.kinematics import Chain, GravityModel
@@ -14,9 +15,9 @@ from armctl.motion.paths.tool_curve import ToolArc, ToolCurve, ToolLine
 from armctl.motion.paths.tool_path import follow
 from armctl.motion.paths.tool_pitch import elevations
 from armctl.motion.polynomial import PiecewisePolynomial
-from armctl.robot import Joint, Robot, load_robot, shipped_robots
+from armctl.robot import Joint, Robot, load_robot
 
-ROBOTS = tuple(load_robot(name) for name in shipped_robots())
+ROBOTS = tuple(load_robot(name) for name in FIVE)
 UZUNER, ABAAS, SCORBOT, HUMANOID, MICO = (
     load_robot(name) for name in ("uzuner", "abaas", "scorbot", "humanoid", "mico")
 )
