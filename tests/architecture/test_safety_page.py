@@ -18,7 +18,7 @@ from armctl.process import records, server
 from armctl.program.program import MOST_STEPS, PROGRAM_FILES
 from armctl.robot.file import ROBOT_FILES
 from armctl.robot.parts import MOST_JOINTS
-from armctl.robot.urdf_file import URDF_FILES
+from armctl.robot.urdf.tree import URDF_FILES
 from armctl.runtime import Controller, board, clock, control, controller, core, jog, live_target, power
 from armctl.ui import app
 from armctl.ui.guard import stop_line

@@ -14,7 +14,7 @@ from tests.robot.urdf_kit import ROUNDED, Step, product, turn, written
 from armctl import Robot, load_robot
 from armctl.errors import RobotFileError
 from armctl.robot import is_urdf
-from armctl.robot.urdf_tool import customary_tools, is_tool_frame
+from armctl.robot.urdf.tool import customary_tools, is_tool_frame
 
 JAW = (
     Step("pan", "revolute", "base", "shoulder", "0.02 -0.02 0.095", "-3.1416 0 1.5708"),

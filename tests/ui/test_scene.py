@@ -14,7 +14,7 @@ from armctl.arrays import FloatArray
 from armctl.kinematics import Chain
 from armctl.robot import Robot, load_robot
 from armctl.robot.shape import Point, reach
-from armctl.ui.scene.arm_figure import Solid, beam, block, drum, spike, tube
+from armctl.robot.solids import Solid, beam, block, drum, spike, tube
 from armctl.ui.scene.stage import floor_size, framed, front, in_view, stand_parts
 from armctl.ui.widgets.joint_angles import held_at
 

@@ -42,7 +42,7 @@ def check(file: Path, robot: str | None, as_json: bool) -> int:
     assumed: tuple[str, ...] = ()
     try:
         if kind == "robot":
-            arm = load_robot(file)
+            arm = load_robot(file).with_body()
             assumed = arm.assumed
             findings = list(_check_robot(arm))
         else:

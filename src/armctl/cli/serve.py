@@ -41,6 +41,7 @@ from armctl.ui import (
 from armctl.ui.api import PATH as API_PATH
 from armctl.ui.api import api_door
 from armctl.ui.guard import GuardedServer, encryption, guarded_server
+from armctl.ui.scene.arm_figure import MOST_DRAWN, MOST_GHOSTLY, drawn_solids
 
 LOG = logging.getLogger("armctl.cli.serve")
 _TAKEN_OVER = (
@@ -191,8 +192,10 @@ def _link_of_another(refusal: ServerError, port: int) -> str:
 
 def _open_console(name: str, port: str, asked: str, pin: str) -> Console:
     """An arm, not connected yet, as calibrated with the board on a port; ``asked`` stays on offer."""
-    calibration = CalibrationInForce.of(load_robot(name), port)
+    calibration = CalibrationInForce.of(load_robot(name).with_body(), port)
     robot = calibration.robot
+    for most in (MOST_DRAWN, MOST_GHOSTLY):  # here, not on the pages' event loop
+        drawn_solids(robot.shapes, most)
     _ = robot.inverse_kinematics  # takes a while, and may be refused: here, before a page waits for it
     link = start_arm(
         robot, calibration.board or NO_BOARD, name="console", beats=False, logs=True, pin=pin, port=port

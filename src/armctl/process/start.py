@@ -63,7 +63,7 @@ def start_arm(
     goes to standard error. ``pin``: the teacher's, who can always take control.
     ``BoardError``: it cannot be started.
     """
-    folder = runtime_folder()
+    folder, robot = runtime_folder(), robot.with_body()
     if folder is not None:
         sweep(folder)
         if port is not None and (link := _taken_over(folder, robot, board, rate_hz, pin, port, name, beats)):

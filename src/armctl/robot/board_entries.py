@@ -65,7 +65,8 @@ class BoardPart:
 
     def outputs(self, key: str, model: type[Entry]) -> list[Entry]:
         """The table ``key`` of each joint; empty where no joint has one, refused where only some have it."""
-        joints = {one["name"]: (i, board_tables(one)) for i, one in enumerate(self.document.record["joints"])}
+        entries = enumerate(self.document.record.get("joints", ()))  # a side file need not name every joint
+        joints = {one["name"]: (i, board_tables(one)) for i, one in entries}
         for tables in (
             *(own for _, own in joints.values()),
             board_tables(self.document.record.get("gripper")),
@@ -75,8 +76,8 @@ class BoardPart:
                     f"board.kind = {self.kind!r}: its joints and its gripper have {key} entries, "
                     f"not {other} entries"
                 )
-        missing = [name for name, _ in self.joints if not joints[name][1]]
-        if len(missing) == len(joints):
+        missing = [name for name, _ in self.joints if name not in joints or not joints[name][1]]
+        if len(missing) == len(self.joints):
             return []
         if missing:
             raise RobotFileError(f"joints.{missing[0]}.{key} is missing; the other joints have one")

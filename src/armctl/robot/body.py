@@ -34,20 +34,29 @@ class Capsule(ArrayRecord):
     """what a user calls it"""
 
 
+@dataclass(frozen=True, slots=True)
+class ArmBody:
+    """The capsules of an arm, and what is to be said of them."""
+
+    capsules: tuple[Capsule, ...]
+    notes: tuple[str, ...] = ()
+
+
 def capsule(
     chain: Chain, titles: Sequence[str], frame: int, ends: tuple[ArrayLike, ArrayLike], radius: float
 ) -> Capsule:
     """A capsule between two points (3,) [m] of a frame, an index into ``chain.places``."""
     link, T = chain.places[frame]
     start, end = (_moved(T, point) for point in ends)
-    return Capsule(link, start, end, radius, _link_name(link, titles))
+    return Capsule(link, start, end, radius, link_name(link, titles))
 
 
 def _moved(T: FloatArray, point: ArrayLike) -> FloatArray:
     return T[:3, :3] @ np.asarray(point, dtype=np.float64) + T[:3, 3]
 
 
-def _link_name(link: int, titles: Sequence[str]) -> str:
+def link_name(link: int, titles: Sequence[str]) -> str:
+    """What a user calls the link that a joint moves."""
     return "the base" if link < 0 else f"the link behind {titles[link].lower()}"
 
 
@@ -308,7 +317,7 @@ def moving_corners(chain: Chain, titles: Sequence[str], limits: FloatArray) -> t
         if np.ptp(probes.place(bar.link, point[None])[2, 0]) > 1e-9:
             levers = _levers(chain, bar.link, point[None])
             levers[0] *= not upright
-            corners.append(Corner(bar.link, point, _link_name(bar.link, titles), _of_joints(chain, levers)))
+            corners.append(Corner(bar.link, point, link_name(bar.link, titles), _of_joints(chain, levers)))
     if corners:
         corners[-1] = replace(corners[-1], part="the tool")
     return tuple(corners)

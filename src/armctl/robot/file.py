@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Annotated, Literal, cast
+from typing import Annotated, Literal, TypeVar, cast
 
 import msgspec
+import numpy as np
 from msgspec import Meta
 
 from armctl.documents import Document, DocumentKind
 from armctl.errors import RobotFileError
-from armctl.robot.parts import MOST_JOINTS
+from armctl.robot.parts import MOST_JOINTS, Look, Obstacle
+from armctl.robot.parts import Color as Rgb
+
+T = TypeVar("T")
 
 Table = dict[str, object]
 _SMALLEST = 1e-6
@@ -99,6 +103,16 @@ class LookEntry(Strict, frozen=True):
     width_percent: Annotated[float, Meta(gt=0, le=20)] = 5.2
     """width of the links in percent of the arm's reach"""
 
+    def look(self) -> Look:
+        """What it says."""
+        links = tuple(map(_rgb, self.links))
+        return Look(links, _rgb(self.joints), self.shape, self.width_percent / 100)
+
+
+def _rgb(text: str) -> Rgb:
+    red, green, blue = bytes.fromhex(text.removeprefix("#"))
+    return red, green, blue
+
 
 class FloorEntry(Strict, frozen=True):
     """The plane that the arm must stay above."""
@@ -122,6 +136,17 @@ class ObstacleEntry(Strict, frozen=True):
     title: Annotated[str, Meta(min_length=1)]
     from_mm: tuple[float, float, float]
     to_mm: tuple[float, float, float]
+
+    def obstacle(self) -> Obstacle:
+        """What it says; refuses a box without a volume."""
+        corners = np.array([self.from_mm, self.to_mm]) / 1000
+        flat = np.flatnonzero(corners[0] == corners[1])
+        if len(flat):
+            raise RobotFileError(
+                f"obstacles: {self.title}: from_mm and to_mm have the same {'xyz'[flat[0]]}; "
+                "they must be opposite corners of a box"
+            )
+        return Obstacle(self.title, corners.min(axis=0), corners.max(axis=0))
 
 
 class RobotFile(Strict, frozen=True):
@@ -151,6 +176,11 @@ class RobotFile(Strict, frozen=True):
 def read_robot_file(content: bytes) -> tuple[RobotFile, Document]:
     """Decode a file without judging what it says; the board's part stays in the document."""
     document = ROBOT_FILES.parse(content)
+    return without_board(document, RobotFile), document
+
+
+def without_board(document: Document, model: type[T]) -> T:
+    """The document as a struct, without the tables that only the board reads; refuses as ``convert``."""
     record: Table = dict(document.record)
     board, joints = record.pop("board", {}), record.get("joints")
     if not isinstance(board, dict):
@@ -159,9 +189,9 @@ def read_robot_file(content: bytes) -> tuple[RobotFile, Document]:
         record["joints"] = [_without_tables(entry) for entry in cast("list[object]", joints)]
     if "gripper" in record:
         record["gripper"] = _without_tables(record["gripper"])
-    file = replace(document, record=record).convert(RobotFile)
+    file = replace(document, record=record).convert(model)
     document.require_numbers()
-    return file, document
+    return file
 
 
 def board_tables(entry: object) -> Table:

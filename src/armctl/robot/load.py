@@ -22,14 +22,15 @@ from armctl.robot.file import (
     CapsuleEntry,
     DHRowEntry,
     JointEntry,
-    ObstacleEntry,
     RobotFile,
     read_robot_file,
 )
-from armctl.robot.parts import JERK_UP_S, Color, Gripper, Joint, Look, Obstacle
+from armctl.robot.parts import JERK_UP_S, Gripper, Joint, Look
 from armctl.robot.robot import Robot
 
-_URDF = re.compile(r"(?P<path>.+?\.urdf)(?:#(?P<wanted>.*))?", re.IGNORECASE | re.DOTALL)
+_URDF = re.compile(
+    r"(?P<path>.+?\.(?:urdf|xacro|zip|armctl\.toml))(?:#(?P<wanted>.*))?", re.IGNORECASE | re.DOTALL
+)
 
 
 def robots_folder() -> Path:
@@ -51,39 +52,56 @@ def user_robots_folder() -> Path:
 
 def user_robots() -> tuple[str, ...]:
     """Names of the user's own robots, sorted."""
-    names = {path.stem for path in user_robots_folder().glob("*.toml")}
-    return tuple(sorted(names - set(shipped_robots())))
+    return tuple(sorted(_user_files().keys() - set(shipped_robots())))
+
+
+def _user_files() -> dict[str, Path]:
+    """The user's own robots by name: robot files, side files of URDF arms, folders with a URDF arm."""
+    folder = user_robots_folder()
+    folders = {path.name: path for path in folder.glob("[!.]*/")}
+    files = {path.stem.removesuffix(".armctl"): path for path in folder.glob("*.toml")}
+    return folders | files
 
 
 def is_urdf(name: str | Path) -> bool:
-    """True for the name of a URDF robot: a path that ends in ``.urdf``, with or without a tool link."""
-    return _URDF.fullmatch(str(name)) is not None
+    """True for the name of a URDF robot: what ``load_robot`` takes for one, with or without a tool link."""
+    return _urdf(name) is not None
+
+
+def _urdf(name: str | Path) -> tuple[Path, str | None] | None:
+    """The path of a URDF robot, and what stands behind the ``#``; None for the name of another robot."""
+    text = name.as_posix() if isinstance(name, Path) else name
+    if match := _URDF.fullmatch(text):
+        return Path(match["path"]), match["wanted"]
+    text, mark, wanted = text.partition("#")
+    path = robot_path(text)
+    if path.is_dir() or _URDF.fullmatch(path.as_posix()):
+        return path, wanted if mark else None
+    return None
 
 
 def robot_path(name: str) -> Path:
     """The file that a robot's name or path stands for, without the tool link of a URDF file."""
     if name in shipped_robots():
         return robots_folder() / f"{name}.toml"
-    if name in user_robots():
-        return user_robots_folder() / f"{name}.toml"
-    return Path(name.split("#")[0])
+    return _user_files().get(name, Path(name.split("#")[0]))
 
 
 def load_robot(name: str | Path) -> Robot:
-    """Load a shipped robot or one of your own by its name, or one from a ``.toml`` or ``.urdf`` file.
+    """Load a shipped robot or one of your own by its name, or one from a path.
 
-    Behind a ``.urdf`` file may stand the tool link, and which of its axes is the approach axis:
-    ``arm.urdf#gripper_link,approach=x``. ``RobotFileError`` names the file and what is wrong with it.
+    A path leads to a robot file (``.toml``), or to an arm in URDF: a ``.urdf`` or ``.xacro`` file, a folder
+    or a ``.zip`` file with one, or the side file (``.armctl.toml``) beside it. Behind these may stand the
+    tool link, and which of its axes is the approach axis: ``arm.urdf#gripper_link,approach=x``.
+    ``RobotFileError`` names the file and what is wrong with it.
     """
     path = as_path(name, "a robot is a shipped name or the path of a robot file")
     if "\0" in str(name):
         raise RobotFileError(f"{str(name)!r}: the name of a file holds no NUL")
-    if urdf := _URDF.fullmatch(
-        name.as_posix() if isinstance(name, Path) else name
-    ):  # slashes of the link stay
+    if urdf := _urdf(name):
         from armctl.robot.urdf import load_urdf  # 15 ms that no other robot needs
 
-        return load_urdf(Path(urdf["path"]), urdf["wanted"])
+        return load_urdf(*urdf)
     if path.suffix == "" and len(path.parts) == 1:
         path = robot_path(str(name))
         if path.suffix == "":
@@ -93,7 +111,7 @@ def load_robot(name: str | Path) -> Robot:
                 f"{own and f'; your own are {own}'} (or give a path to a .toml or .urdf file)"
             )
     elif path.suffix.lower() != ".toml":
-        raise RobotFileError(f"{path}: a robot file ends in .toml or .urdf")
+        raise RobotFileError(f"{path}: a robot file ends in .toml, .urdf, .xacro or .zip")
     return ROBOT_FILES.load(path, robot_of)
 
 
@@ -124,12 +142,10 @@ def robot_of(content: bytes) -> Robot:
         gravity=_gravity(file, [str(row.turning) for row in links], chain),
         floor_z=file.floor.z_mm / 1000,
         points={name: np.array(point_mm) / 1000 for name, point_mm in file.points.items()},
-        look=Look()
-        if look is None
-        else Look(tuple(map(_color, look.links)), _color(look.joints), look.shape, look.width_percent / 100),
+        look=Look() if look is None else look.look(),
         capsules=tuple(_capsule(entry, links, by_name, chain) for entry in file.capsules) or None,
         named_links=() if chain.coupling is None else tuple(_link_title(row, by_name) for row in links),
-        obstacles=tuple(map(_obstacle, file.obstacles)),
+        obstacles=tuple(entry.obstacle() for entry in file.obstacles),
     )
     for needed in ("home", "rest"):
         if needed not in robot.poses:
@@ -240,19 +256,3 @@ def _gravity(file: RobotFile, links: Sequence[str], chain: Chain) -> GravityMode
         x, y, z = (value / 1000 for value in body.com_mm)
         bodies.append(Body(_index(body.joint, links, "bodies"), body.mass_kg, (x, y, z)))
     return GravityModel(chain, tuple(bodies), file.payload_kg)
-
-
-def _obstacle(entry: ObstacleEntry) -> Obstacle:
-    corners = np.array([entry.from_mm, entry.to_mm]) / 1000
-    flat = np.flatnonzero(corners[0] == corners[1])
-    if len(flat):
-        raise RobotFileError(
-            f"obstacles: {entry.title}: from_mm and to_mm have the same {'xyz'[flat[0]]}; "
-            "they must be opposite corners of a box"
-        )
-    return Obstacle(entry.title, corners.min(axis=0), corners.max(axis=0))
-
-
-def _color(text: str) -> Color:
-    red, green, blue = bytes.fromhex(text.removeprefix("#"))
-    return red, green, blue

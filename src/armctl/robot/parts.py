@@ -62,6 +62,24 @@ class Look:
     """cross-section of the links"""
     width: float = 0.052
     """width of the links as a fraction of the arm's reach"""
+    thicker: float = 1.0
+    """how much wider than the arm this is drawn, by its width: a ghost of it"""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Shape(ArrayRecord):
+    """A solid or a mesh that is part of a link."""
+
+    kind: Literal["box", "cylinder", "sphere", "mesh"]
+    size: tuple[float, ...]
+    """of a box (3), radius and length of a cylinder, radius of a sphere [m]; factors (3) of a mesh"""
+    pose: FloatArray
+    """(4, 4) in the link's frame (``LinkFrames``) [m]"""
+    file: str = ""
+    """of a mesh"""
+    color: Color | None = None
+    link: int = -1
+    """index of the joint that moves it; -1: the base"""
 
 
 # Things around the arm that it must stay out of.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -27,11 +27,13 @@ from armctl.kinematics import (
 from armctl.kinematics.angles import LIMIT_TOLERANCE
 from armctl.kinematics.samples import joint_samples
 from armctl.kinematics.velocity import NEAR, position_leaves_orientation
-from armctl.robot.body import Capsule, CollisionModel, Corner, moving_corners, shape_capsules
+from armctl.robot.body import ArmBody, Capsule, CollisionModel, Corner, moving_corners, shape_capsules
 from armctl.robot.outputs import DEFAULT_BOARD, OutputMap
-from armctl.robot.parts import Gripper, Joint, Look, Obstacle
+from armctl.robot.parts import Gripper, Joint, Look, Obstacle, Shape
 
 _PROBES = 64
+BODY_ASSUMED = "the body: capsules fitted to the shapes"
+"""how the line of ``assumed`` begins that ``with_body`` has more to say about"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,6 +61,8 @@ class Robot(ArrayRecord):
     """its body; None: as it is drawn"""
     obstacles: tuple[Obstacle, ...] = ()
     """what the arm must stay out of, besides the floor"""
+    shapes: tuple[Shape, ...] = ()
+    """its links as they are drawn; links without one, and an arm without any, as bars"""
     board: str = DEFAULT_BOARD
     """the kind of board that drives it"""
     board_settings: object = None
@@ -130,13 +134,32 @@ class Robot(ArrayRecord):
         return moving_corners(self.chain, self.link_titles, self.limits)
 
     @cached_property
+    def body(self) -> ArmBody:
+        """What is kept apart: the capsules of the file, those of its shapes, or those of the bars."""
+        if self.capsules is not None:
+            return ArmBody(self.capsules)
+        gripper = self.gripper is not None
+        bars = shape_capsules(self.chain, self.look, self.link_titles, gripper=gripper)
+        if not self.shapes:
+            return ArmBody(bars)
+        from armctl.robot.fitting import fitted_body  # scipy, and seconds of work
+
+        return fitted_body(self.chain, self.shapes, self.link_titles, bars)
+
+    def with_body(self) -> Robot:
+        """The same arm with its body worked out, and what is to be said of it in ``assumed``.
+
+        Reading the files of shapes takes a second: it is done once, for all that is made of this arm.
+        """
+        if not self.shapes or self.capsules is not None:
+            return self
+        assumed = tuple(text for text in self.assumed if not text.startswith(BODY_ASSUMED))
+        return replace(self, capsules=self.body.capsules, assumed=(*assumed, *self.body.notes))
+
+    @cached_property
     def collision(self) -> CollisionModel:
         """The arm's body as capsules, and which of them are kept apart."""
-        capsules = self.capsules
-        if capsules is None:
-            gripper = self.gripper is not None
-            capsules = shape_capsules(self.chain, self.look, self.link_titles, gripper=gripper)
-        return CollisionModel.build(self.chain, capsules, self.limits, self.pose("home"))
+        return CollisionModel.build(self.chain, self.body.capsules, self.limits, self.pose("home"))
 
     @cached_property
     def always_singular(self) -> bool:

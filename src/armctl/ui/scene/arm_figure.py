@@ -1,18 +1,22 @@
-"""An arm drawn from its DH rows: a bar along each a and d, a drum on each joint axis, gripper or tip."""
+"""An arm drawn from its shapes, or from its DH rows.
+
+Rows give a bar along each a and d, a drum on each joint axis, a gripper or a tip.
+"""
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass
+import logging
+from functools import lru_cache
 
 import numpy as np
 import viser
-from numpy.typing import ArrayLike, NDArray
 
 from armctl.arrays import FloatArray
+from armctl.errors import RobotFileError
 from armctl.kinematics import quaternion_wxyz
 from armctl.robot import Robot
-from armctl.robot.parts import Color
+from armctl.robot.meshes import solid_of
+from armctl.robot.parts import Color, Shape
 from armctl.robot.shape import (
     FINGER,
     GAP_CLOSED,
@@ -20,88 +24,14 @@ from armctl.robot.shape import (
     PALM,
     TIP_LENGTH,
     TIP_RADIUS,
-    Point,
     bars,
     reach,
     tool_length,
     width,
 )
+from armctl.robot.solids import Solid, beam, block, decimated, drum, grown, spike, tube, welded
 
-# Meshes of simple solids, as vertices (v, 3) [m] and faces (f, 3), each counter-clockwise from outside.
-
-
-@dataclass(frozen=True, slots=True)
-class Solid:
-    """One mesh."""
-
-    vertices: FloatArray
-    faces: NDArray[np.int64]
-
-
-def tube(start: Point, end: Point, width: float) -> Solid:
-    """A round-ended tube between two points that are apart."""
-    radius, half = 0.5 * width, 0.5 * math.dist(start, end)
-    latitude = np.linspace(-0.5 * np.pi, 0.5 * np.pi, 14)
-    height = radius * np.sin(latitude) + np.copysign(half, latitude)
-    return _placed(_revolved(radius * np.cos(latitude), height, 20), start, end)
-
-
-def beam(start: Point, end: Point, width: float) -> Solid:
-    """A square beam between two points that are apart, half its width longer at both ends, for corners."""
-    return _placed(block((width, width, math.dist(start, end) + width)), start, end)
-
-
-def drum(radius: float, height: float, centre: Point = (0, 0, 0)) -> Solid:
-    """A cylinder about z."""
-    solid = _revolved((0, radius, radius, 0), (-0.5 * height, -0.5 * height, 0.5 * height, 0.5 * height), 36)
-    return Solid(solid.vertices + centre, solid.faces)
-
-
-def spike(radius: float, length: float) -> Solid:
-    """A cone about z with its tip in the origin, pointing along z."""
-    return _revolved((0, radius, 0), (-length, -length, 0), 36)
-
-
-def block(size: Point, centre: Point = (0, 0, 0)) -> Solid:
-    """A box along the axes."""
-    corners = np.array([(x, y, z) for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
-    sides = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3))
-    faces = [face for a, b, c, d in sides for face in ((a, b, c), (a, c, d))]
-    return Solid(corners * size + centre, np.array(faces, dtype=np.int64))
-
-
-def _revolved(radius: ArrayLike, height: ArrayLike, sections: int) -> Solid:
-    """A profile turned about z: ``radius``, ``height`` (k,) [m] upwards, the first and last on the axis."""
-    r, z = np.asarray(radius, dtype=np.float64)[1:-1], np.asarray(height, dtype=np.float64)
-    angle = np.arange(sections) * (2 * np.pi / sections)
-    rings = np.empty((len(r), sections, 3))
-    rings[..., 0] = r[:, None] * np.cos(angle)
-    rings[..., 1] = r[:, None] * np.sin(angle)
-    rings[..., 2] = z[1:-1, None]
-    vertices = np.vstack([rings.reshape(-1, 3), [(0, 0, z[0]), (0, 0, z[-1])]])
-    here = np.arange(rings[..., 0].size).reshape(rings.shape[:2])
-    after = np.roll(here, -1, axis=1)
-    bottom, top = np.full(sections, here.size), np.full(sections, here.size + 1)
-    triangles = [
-        (bottom, after[0], here[0]),
-        (here[:-1], after[:-1], after[1:]),
-        (here[:-1], after[1:], here[1:]),
-        (here[-1], after[-1], top),
-    ]
-    return Solid(vertices, np.vstack([np.stack(one, axis=-1).reshape(-1, 3) for one in triangles]))
-
-
-def _placed(solid: Solid, start: Point, end: Point) -> Solid:
-    """A solid about the origin along z, put half way between two points, along the line between them."""
-    span = np.array(end) - np.array(start)
-    along = span / np.linalg.norm(span)
-    aside = np.cross(np.eye(3)[np.abs(along).argmin()], along)
-    aside /= np.linalg.norm(aside)
-    rotation = np.column_stack([aside, np.cross(along, aside), along])
-    return Solid(solid.vertices @ rotation.T + np.array(start) + 0.5 * span, solid.faces)
-
-
-# The figure.
+LOG = logging.getLogger("armctl.ui")
 
 
 def send_pose(node: viser.SceneNodeHandle) -> None:
@@ -112,17 +42,52 @@ def send_pose(node: viser.SceneNodeHandle) -> None:
 
 
 def add_solid(
-    scene: viser.SceneApi, name: str, solid: Solid, color: Color, opacity: float | None = None
+    scene: viser.SceneApi,
+    name: str,
+    solid: Solid,
+    color: Color,
+    opacity: float | None = None,
+    *,
+    flat: bool = False,
 ) -> None:
-    """Draw a solid without shadows."""
+    """Draw a solid without shadows; ``flat``: with edges, as machines have."""
     scene.add_mesh_simple(
         name,
         solid.vertices,
         solid.faces,
         color=color,
         opacity=opacity,
+        flat_shading=flat,
         cast_shadow=False,
         receive_shadow=False,
+    )
+
+
+MOST_DRAWN, MOST_GHOSTLY = 30_000, 8_000
+"""triangles of an arm (0.8 MB for each page), and of a ghost, of which a page may have many"""
+_FEWEST_DRAWN = 300
+"""triangles of a mesh below which it is not made coarser"""
+
+
+@lru_cache(maxsize=8)
+def drawn_solids(
+    shapes: tuple[Shape, ...], most: int = MOST_DRAWN
+) -> tuple[tuple[int, Color | None, Solid], ...]:
+    """Link, colour and mesh of each shape, made coarser where the arm has more than ``most`` triangles.
+
+    One that cannot be read any more is left out. Kept for some arms, as every page and every ghost asks for
+    it, and reading takes up to a second.
+    """
+    solids: list[tuple[Shape, Solid]] = []
+    for shape in shapes:
+        try:
+            solids.append((shape, welded(solid_of(shape))))
+        except RobotFileError as problem:
+            LOG.warning("a shape is not drawn: %s", problem)
+    share = min(1.0, most / max(1, sum(len(solid.faces) for _, solid in solids)))
+    return tuple(
+        (shape.link, shape.color, decimated(solid, max(_FEWEST_DRAWN, int(share * len(solid.faces)))))
+        for shape, solid in solids
     )
 
 
@@ -158,10 +123,16 @@ class ArmFigure:
         self._shown: FloatArray | None = None
         for frame in self._frames:
             send_pose(frame)
-        self._draw_links()
+        meshed = self._draw_shapes()
+        self._draw_links(meshed)
         self._label: viser.LabelHandle | None = None
         self._fingers: tuple[viser.FrameHandle, ...] = ()
-        if robot.gripper is None:  # a cone along the tool's z axis, its point in the tool point
+        if robot.n - 1 in meshed:
+            if opacity is None:
+                size = self._width
+                axes = scene.add_frame(f"{name}/{self._tool}/axes", axes_length=size, axes_radius=0.04 * size)
+                send_pose(axes)
+        elif robot.gripper is None:  # a cone along the tool's z axis, its point in the tool point
             tip = spike(self._width * TIP_RADIUS, self._width * TIP_LENGTH)
             self._add(f"{self._tool}/tip", tip, _TOOL_COLOR)
         else:
@@ -194,16 +165,33 @@ class ArmFigure:
             self._label.remove()
             self._label = None
 
-    def _draw_links(self) -> None:
+    def _draw_shapes(self) -> set[int]:
+        """Draw what the arm's file shows of its links; which links that are."""
+        look, meshed = self._robot.look, set[int]()
+        solids = drawn_solids(self._robot.shapes, MOST_DRAWN if self._opacity is None else MOST_GHOSTLY)
+        frames = {
+            link: i for i, (link, T) in enumerate(self._robot.chain.places) if np.array_equal(T, np.eye(4))
+        }
+        for i, (link, color, solid) in enumerate(solids):
+            if look.thicker > 1.0:
+                solid = grown(solid, 0.5 * (look.thicker - 1.0) * self._width)
+            color = color or look.links[max(link, 0) % len(look.links)]
+            self._add(f"f{frames[link]}/s{i}", solid, color, flat=True)
+            meshed.add(link)
+        return meshed
+
+    def _draw_links(self, meshed: set[int]) -> None:
         chain, look = self._robot.chain, self._robot.look
         solid = beam if look.shape == "square" else tube
         shorten = tool_length(chain, look, gripper=self._robot.gripper is not None)
         for bar in bars(chain, shorten):
-            if bar.length > 0.125 * self._width:
+            if bar.length > 0.125 * self._width and bar.link not in meshed:
                 color = look.links[max(bar.link, 0) % len(look.links)]
                 self._add(f"f{bar.frame}/{bar.name}", solid(bar.start, bar.end, self._width), color)
         axis = 0 if chain.convention == "standard" else 1  # the frame whose z a joint turns about
-        for i in chain.joint_rows:
+        for k, i in enumerate(chain.joint_rows):
+            if k in meshed or k - 1 in meshed:
+                continue
             joint = drum(self._width * _DRUM_RADIUS[look.shape], self._width * _DRUM_HEIGHT)
             self._add(f"f{i + axis}/j{i}", joint, look.joints)
 
@@ -220,5 +208,5 @@ class ArmFigure:
             self._add(f"{self._tool}/{side}/finger", finger, _TOOL_COLOR)
         return tuple(fingers)
 
-    def _add(self, name: str, solid: Solid, color: Color) -> None:
-        add_solid(self._scene, f"{self._name}/{name}", solid, self._color or color, self._opacity)
+    def _add(self, name: str, solid: Solid, color: Color, *, flat: bool = False) -> None:
+        add_solid(self._scene, f"{self._name}/{name}", solid, self._color or color, self._opacity, flat=flat)

@@ -23,7 +23,7 @@ _SAME_RAD = 1e-4
 
 def thicker(robot: Robot, factor: float = THICKER) -> Robot:
     """The arm as it is drawn beside itself, a little larger all round."""
-    return replace(robot, look=replace(robot.look, width=factor * robot.look.width))
+    return replace(robot, look=replace(robot.look, width=factor * robot.look.width, thicker=factor))
 
 
 class Ghost:

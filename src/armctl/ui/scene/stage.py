@@ -10,7 +10,8 @@ import viser
 from armctl.arrays import FloatArray
 from armctl.robot import Robot
 from armctl.robot.shape import Point, reach
-from armctl.ui.scene.arm_figure import Solid, add_solid, beam, block, drum, send_pose, tube
+from armctl.robot.solids import Solid, beam, block, drum, tube
+from armctl.ui.scene.arm_figure import add_solid, send_pose
 
 # Proportions, as fractions of the arm's reach.
 _PLATE_WIDTH, _PLATE_HEIGHT = 0.28, 0.02

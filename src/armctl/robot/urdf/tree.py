@@ -1,19 +1,16 @@
-"""URDF files: the XML read strictly into a tree of links and joints. What armctl has no use for is skipped.
+"""URDF files: the XML read into a tree of links and joints, strictly where the arm's geometry is concerned.
 
-Exporters write a quarter turn as 1.5708 and a zero as -9.4e-08. Read to the letter, axes that are parallel in
-the machine are not in the file, and no closed form fits the arm. So rounded right angles are taken as exact,
-and each joint tells how far that is from what is written. Refusals do not name the file; ``load_urdf`` does.
+Rounded right angles are taken as exact (``rounding``). Refusals do not name the file; ``load_urdf`` does.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Generator, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from decimal import Decimal
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar, cast
 from xml.etree import ElementTree
 
 import numpy as np
@@ -21,8 +18,11 @@ import numpy as np
 from armctl.arrays import FloatArray
 from armctl.documents import DocumentKind
 from armctl.errors import RobotFileError
-from armctl.kinematics import rotation_from_rpy
 from armctl.kinematics.chain import frame_along
+from armctl.robot.parts import Color, Shape
+from armctl.robot.urdf.package import UrdfSource, arm_stem
+from armctl.robot.urdf.rounding import Rounding, exact_axis, exact_rotation
+from armctl.robot.urdf.xacro import BeyondPlainError, expand, expanded_by_package, is_xacro
 
 T = TypeVar("T")
 URDF_FILES = DocumentKind(RobotFileError, most_bytes=4 * 1024 * 1024)
@@ -33,27 +33,8 @@ LARGEST = 1e6
 """no number of a URDF file, in metres, radians, kg or N·m, is larger than this"""
 WIDEST = 4 * math.pi
 """no limit of a joint is farther from zero [rad]"""
-_QUARTER = math.pi / 2
-_NOISE = 1e-6
-"""angles [rad] and components of unit vectors below this are a rounded zero"""
-_FEWEST_DECIMALS = 4
-"""that a rounded quarter turn has: 1.57 may be meant"""
-_MOST_QUARTERS = 4
-
-
-@dataclass(frozen=True, slots=True)
-class Rounding:
-    """What was taken as exact, and how far that is from what is written."""
-
-    quarters: tuple[str, ...] = ()
-    """rounded quarter turns as written, signs left out"""
-    zeros: int = 0
-    """numbers that are a rounded zero"""
-    shift: float = 0.0
-    """how far a point one metre off is moved by it, at most [m]"""
-
-    def __add__(self, other: Rounding) -> Rounding:
-        return Rounding(self.quarters + other.quarters, self.zeros + other.zeros, self.shift + other.shift)
+_NO_LIMIT = -1.0
+"""what exporters write as effort or velocity where there is no limit"""
 
 
 @dataclass(frozen=True)
@@ -113,11 +94,16 @@ class UrdfJoint:
 
 @dataclass(frozen=True, slots=True)
 class UrdfLink:
-    """The mass of a link, 0 where none is written."""
+    """The mass of a link, 0 where none is written, and its shapes."""
 
     mass_kg: float
     com: FloatArray
     """(3,) centre of mass in the link's frame [m]"""
+    visual: tuple[Shape, ...] = ()
+    """with their poses in the frame of the file's link, and the names of meshes as written"""
+    collision: tuple[Shape, ...] = ()
+    problems: tuple[str, ...] = ()
+    """why shapes of it were passed over"""
 
 
 class UrdfTree:
@@ -194,9 +180,31 @@ class UrdfTree:
         return [joint.settled() for joint in way]
 
 
-def read_urdf_file(path: Path) -> UrdfTree:
-    """Read ``path`` into links and joints; a refusal names the element."""
-    content, parser = URDF_FILES.read(path), ElementTree.XMLParser(target=_NoDoctype())
+def read_urdf_file(source: UrdfSource) -> UrdfTree:
+    """Read a file into links and joints, xacro expanded; a refusal names the element."""
+    root = _parsed(URDF_FILES.read(source.file))
+    if is_xacro(root):
+        try:
+            expand(root)
+        except BeyondPlainError as beyond:
+            if source.from_page:
+                raise RobotFileError(
+                    f"needs {beyond}, which armctl does not expand for a page; expand it first: "
+                    f"xacro {source.file.name} > {arm_stem(source.file)}.urdf"
+                ) from beyond
+            root = _parsed(expanded_by_package(source.file, str(beyond)))
+    colors = {
+        material.get("name", ""): color
+        for material in root.findall("material")
+        if (color := _color(material, {})) is not None
+    }
+    links = _by_name(root, "link", lambda element, _: _link(element, colors))
+    joints = _by_name(root, "joint", _joint)
+    return UrdfTree(source.file, root.get("name", ""), links, list(joints.values()))
+
+
+def _parsed(content: bytes) -> ElementTree.Element:
+    parser = ElementTree.XMLParser(target=_NoDoctype())
     try:
         for begin in range(0, len(content), _PART_BYTES):
             parser.feed(content[begin : begin + _PART_BYTES])
@@ -205,12 +213,7 @@ def read_urdf_file(path: Path) -> UrdfTree:
         raise RobotFileError(f"is not XML: {cause}") from cause
     if root.tag != "robot":
         raise RobotFileError(f"the root element is <{root.tag}>, a URDF file has <robot>")
-    macro = next((element.tag for element in root.iter() if "xacro" in element.tag), None)
-    if macro is not None:
-        macro = macro.rpartition("}")[2]
-        raise RobotFileError(f"holds macros ({macro}); expand them first: xacro arm.urdf.xacro > arm.urdf")
-    links, joints = _by_name(root, "link", _link), _by_name(root, "joint", _joint)
-    return UrdfTree(path, root.get("name", ""), links, list(joints.values()))
+    return root
 
 
 class _NoDoctype(ElementTree.TreeBuilder):
@@ -244,16 +247,72 @@ def _inside(element: ElementTree.Element) -> Generator[None]:
         raise RobotFileError(f"{tag}: {refusal}") from refusal
 
 
-def _link(element: ElementTree.Element, name: str) -> UrdfLink:
+def _link(element: ElementTree.Element, colors: Mapping[str, Color]) -> UrdfLink:
     inertial = element.find("inertial")
     mass = None if inertial is None else inertial.find("mass")
-    if inertial is None or mass is None:
-        return UrdfLink(0.0, np.zeros(3))
-    (kilograms,) = _numbers(mass, "value", 1)
-    if kilograms < 0:
-        raise RobotFileError(f"<mass value={kilograms}>: a mass is not negative")
-    with _inside(inertial):
-        return UrdfLink(kilograms, _origin(inertial)[0][:3, 3])
+    kilograms, com = 0.0, np.zeros(3)
+    if inertial is not None and mass is not None:
+        (kilograms,) = _numbers(mass, "value", 1)
+        if kilograms < 0:
+            raise RobotFileError(f"<mass value={kilograms}>: a mass is not negative")
+        with _inside(inertial):
+            com = _origin(inertial)[0][:3, 3]
+    shapes: dict[str, list[Shape]] = {"visual": [], "collision": []}
+    problems: list[str] = []
+    for tag, found in shapes.items():
+        for one in element.findall(tag):
+            try:
+                found.append(_shape(one, colors))
+            except RobotFileError as problem:  # the arm moves without it, too
+                problems.append(f"<{tag}>: {problem}")
+    return UrdfLink(kilograms, com, tuple(shapes["visual"]), tuple(shapes["collision"]), tuple(problems))
+
+
+def _shape(element: ElementTree.Element, colors: Mapping[str, Color]) -> Shape:
+    geometry = element.find("geometry")
+    solid = None if geometry is None else next(iter(geometry), None)
+    if solid is None:
+        raise RobotFileError("<geometry> is missing or empty")
+    origin, material = _origin(element)[0], element.find("material")
+    color = None if material is None else _color(material, colors)
+    file, kind = "", solid.tag
+    match solid.tag:
+        case "box":
+            size = _numbers(solid, "size", 3)
+        case "cylinder" | "capsule":
+            kind, size = "cylinder", [*_numbers(solid, "radius", 1), *_numbers(solid, "length", 1)]
+            if solid.tag == "capsule":
+                size[1] += 2 * size[0]
+        case "sphere":
+            size = _numbers(solid, "radius", 1)
+        case "mesh":
+            file, size = _attribute(solid, "filename"), _scale(solid)
+        case other:
+            raise RobotFileError(f"<{other}>: allowed are box, cylinder, sphere and mesh")
+    if kind != "mesh" and min(size) <= 0:
+        raise RobotFileError(f"<{solid.tag}>: its sizes must be above 0")
+    return Shape(cast("Any", kind), tuple(size), origin, file, color)
+
+
+def _scale(element: ElementTree.Element) -> list[float]:
+    single = len(element.get("scale", "1 1 1").split()) == 1
+    scale = _numbers(element, "scale", 1) * 3 if single else _numbers(element, "scale", 3, 1.0)
+    if 0.0 in scale:
+        raise RobotFileError(f'<mesh scale="{element.get("scale")}">: no factor may be 0')
+    return scale
+
+
+def _color(material: ElementTree.Element, colors: Mapping[str, Color]) -> Color | None:
+    """Of a material, else of the one of its name; None where it has none that can be read."""
+    color = material.find("color")
+    try:
+        rgba = [] if color is None else [float(part) for part in color.get("rgba", "").split()]
+    except ValueError:
+        rgba = []
+    if len(rgba) < 3 or not all(math.isfinite(part) for part in rgba):
+        return colors.get(material.get("name", ""))
+    red, green, blue = (round(255 * min(max(part, 0.0), 1.0)) for part in rgba[:3])
+    return red, green, blue
 
 
 def _joint(element: ElementTree.Element, name: str) -> UrdfJoint:
@@ -266,8 +325,9 @@ def _joint(element: ElementTree.Element, name: str) -> UrdfJoint:
     if limit is not None:
         keys = ("lower", "upper", "velocity", "effort")
         lower, upper, speed, effort = (_numbers(limit, key, 1, 0.0)[0] for key in keys)
+    speed, effort = (0.0 if value == _NO_LIMIT else value for value in (speed, effort))
     if speed < 0 or effort < 0:
-        raise RobotFileError("<limit>: velocity and effort are not negative")
+        raise RobotFileError("<limit>: velocity and effort are not negative (but -1 stands for no limit)")
     return UrdfJoint(
         name=name,
         kind=kind,
@@ -336,44 +396,3 @@ def _numbers(element: ElementTree.Element, key: str, count: int, default: float 
             needed = "a finite number" if count == 1 else f"{count} finite numbers"
             raise RobotFileError(f'{key}="{text}": must be {needed} within ±{LARGEST:.0e}')
     return values
-
-
-# Right angles that were rounded.
-
-
-def exact_angle(text: str) -> float:
-    """An angle as written [rad], or the whole number of quarter turns that it is when rounded or cut off.
-
-    That needs four decimals, or to be within 1e-6 of it. Twice 1.57079 is 3.14158: a multiple may be off
-    by so many units of the last decimal.
-    """
-    value = float(text)
-    quarters = round(value / _QUARTER)
-    exponent = Decimal(text).as_tuple().exponent
-    allowed = _NOISE
-    if isinstance(exponent, int) and exponent <= -_FEWEST_DECIMALS and abs(quarters) <= _MOST_QUARTERS:
-        allowed = max(_NOISE, abs(quarters) * 10.0**exponent)
-    return quarters * _QUARTER if abs(value - quarters * _QUARTER) < allowed else value
-
-
-def exact_rotation(texts: Sequence[str]) -> tuple[FloatArray, Rounding]:
-    """A rotation (3, 3) from roll, pitch and yaw as written [rad]."""
-    written, exact = [float(text) for text in texts], [exact_angle(text) for text in texts]
-    rotation = rotation_from_rpy(*exact)
-    changed = [k for k in range(3) if written[k] != exact[k]]
-    if not changed:
-        return rotation, Rounding()
-    chord = float(np.linalg.norm(rotation - rotation_from_rpy(*written))) / math.sqrt(2)
-    quarters = tuple(texts[k].lstrip("+-") for k in changed if exact[k] != 0.0)
-    return rotation, Rounding(quarters, len(changed) - len(quarters), chord)
-
-
-def exact_axis(axis: FloatArray) -> tuple[FloatArray, Rounding]:
-    """A unit vector (3,), without components that are a rounded zero."""
-    noise = (axis != 0.0) & (np.abs(axis) < _NOISE)
-    if not noise.any():
-        return axis, Rounding()
-    exact = np.where(noise, 0.0, axis)
-    exact /= np.linalg.norm(exact)
-    # turning about the other axis: the way there, the turn, the way back
-    return exact, Rounding((), int(noise.sum()), 2 * float(np.linalg.norm(exact - axis)))

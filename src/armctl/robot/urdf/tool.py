@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 from armctl.errors import RobotFileError
-from armctl.robot.urdf_file import UrdfJoint, UrdfTree
+from armctl.robot.urdf.tree import UrdfJoint, UrdfTree
 
 TOOL_NAMES = ("tool0", "tcp", "tool", "ee_link", "end_effector", "gripper_base")
 """what the tool link is called by custom, wherever in the file it is; the surest first"""

@@ -1,10 +1,11 @@
-"""A robot from a URDF file: one serial chain of turning joints, its limits and its masses."""
+"""A robot from a URDF file: one serial chain of turning joints, its limits, masses and shapes."""
 
 from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,12 +14,17 @@ from armctl.arrays import FloatArray
 from armctl.errors import RobotFileError
 from armctl.kinematics import Body, Chain, GravityModel
 from armctl.kinematics.angles import rest_angle
-from armctl.kinematics.chain import frame_along
+from armctl.kinematics.chain import Place, frame_along
 from armctl.kinematics.yaw_pitch_roll.geometry import recognise
-from armctl.robot.parts import JERK_UP_S, MOST_JOINTS, Joint
-from armctl.robot.robot import Robot
-from armctl.robot.urdf_file import Rounding, UrdfJoint, UrdfTree, read_urdf_file
-from armctl.robot.urdf_tool import UrdfTool, suggested_tool
+from armctl.robot.file import ROBOT_FILES
+from armctl.robot.meshes import unreadable
+from armctl.robot.parts import JERK_UP_S, MOST_JOINTS, Joint, Shape
+from armctl.robot.robot import BODY_ASSUMED, Robot
+from armctl.robot.urdf.package import UrdfSource, arm_stem
+from armctl.robot.urdf.rounding import Rounding
+from armctl.robot.urdf.side_file import SideFile, applied, decode_side_file
+from armctl.robot.urdf.tool import UrdfTool, suggested_tool
+from armctl.robot.urdf.tree import UrdfJoint, UrdfTree, read_urdf_file
 
 ASSUMED_SPEED = math.radians(60)
 """[rad/s]"""
@@ -35,29 +41,45 @@ _LEANS = 1e-6
 """angle from which on a base is not upright [rad]"""
 _SHORTEST = 1e-6
 """length from which on a link has a direction [m]"""
+_MOST_TOLD = 8
+"""shapes that were passed over, told one by one"""
 
 
 def load_urdf(path: Path, wanted: str | None) -> Robot:
-    """The arm of a URDF file.
+    """The arm of a URDF or xacro file, of a zip file or folder with one, or of a side file that names one.
 
     The base frame is the root link, the tool frame the tool link, turned so that z is the approach axis, and
-    the zero of every joint that of the file. What lies off the chain counts as mass only. ``wanted``: the
-    tool link (else ``suggested_tool``), the axis of it that is taken for z, or both: ``link,approach=x``.
+    the zero of every joint that of the file. What lies off the chain is carried with it. ``wanted``: the tool
+    link, the axis of it that is taken for z, or both: ``link,approach=x``. It goes before what the side file
+    says; where neither names a link, ``suggested_tool`` does.
     """
     try:
+        source = UrdfSource.at(path)
+        side, document = SideFile(1), None
+        if source.side_path is not None:
+            side, document = ROBOT_FILES.load(source.side_path, decode_side_file)
         link, approach = _wanted(wanted)
-        tree = read_urdf_file(path)
+        tree = read_urdf_file(source)
+        link = link or side.tool.link
         if link is not None and link not in tree.links:
             raise RobotFileError(f"there is no link {link!r}; it has {', '.join(tree.links)}")
-        return _robot(tree, suggested_tool(tree) if link is None else UrdfTool(link, ""), approach)
+        tool = suggested_tool(tree) if link is None else UrdfTool(link, "")
+        robot, endless = _robot(source, tree, tool, approach or side.tool.approach, side)
+        if document is None or source.side_path is None:
+            return robot
+        try:
+            return applied(robot, side, document, endless)
+        except RobotFileError as refusal:
+            raise RobotFileError(f"{source.side_path.name}: {refusal}") from refusal
     except RobotFileError as refusal:
-        raise RobotFileError(f"{path}: {refusal}") from refusal
+        text = str(refusal)
+        raise RobotFileError(text if text.startswith(str(path)) else f"{path}: {text}") from refusal
 
 
-def _wanted(text: str | None) -> tuple[str | None, str]:
-    """The tool link, if one is named, and the approach axis."""
+def _wanted(text: str | None) -> tuple[str | None, str | None]:
+    """The tool link and the approach axis, as far as they are named."""
     if text is None:
-        return None, "z"
+        return None, None
     parts = [part.strip() for part in text.split(",")]
     axes = [part.removeprefix(_APPROACH) for part in parts if part.startswith(_APPROACH)]
     links = [part for part in parts if not part.startswith(_APPROACH)]
@@ -66,10 +88,13 @@ def _wanted(text: str | None) -> tuple[str | None, str]:
             f"behind the # stands the name of the tool link, {_APPROACH}AXIS ({', '.join(AXES)}), "
             f"or both with a comma between; got {text!r}"
         )
-    return (links[0] if links else None), (axes[0] if axes else "z")
+    return (links[0] if links else None), (axes[0] if axes else None)
 
 
-def _robot(tree: UrdfTree, tool: UrdfTool, approach: str) -> Robot:
+def _robot(
+    source: UrdfSource, tree: UrdfTree, tool: UrdfTool, approach: str, side: SideFile
+) -> tuple[Robot, list[str]]:
+    """The arm as the file has it, with the tool of the side file; and the names of its continuous joints."""
     way = tree.way(tool.link)
     moving = [joint for joint in way if joint.kind != "fixed"]
     if not moving:
@@ -79,37 +104,44 @@ def _robot(tree: UrdfTree, tool: UrdfTool, approach: str) -> Robot:
             f"{len(moving)} joints turn between {tree.root} and {tool.link}; an arm has {MOST_JOINTS} at most"
         )
     sign, column = AXES[approach]
-    chain = _chain(way, frame_along(np.eye(3)[column] * (-1.0 if sign else 1.0)))
+    turn = frame_along(np.eye(3)[column] * (-1.0 if sign else 1.0))
+    turn[:3, 3] = np.array(side.tool.offset_mm) / 1000
+    chain = _chain(way, turn)
     names = _distinct(_plain(joint.name, "joint") for joint in moving)
     joints = tuple(_joint(joint, name) for joint, name in zip(moving, names, strict=True))
     home = np.array([rest_angle(joint.lower, joint.upper) for joint in joints])
+    carried = _carried(tree, way, chain)
+    shapes, missing = _shapes(source, tree, carried) if side.body == "meshes" else ((), ())
     turned = "" if approach == "z" else f", whose {approach} axis is taken for the tool's z"
-    title = tree.name or tree.path.stem
+    offset = ", ".join(f"{value:g}" for value in side.tool.offset_mm)
+    offset = f", the tool point at ({offset}) mm" if any(side.tool.offset_mm) else ""
+    title = tree.name or arm_stem(source.file)
     assumed = [
         *_about_tool(tree, tool, names, chain, approach),
         *_about_fixed(way),
-        *_about_joints(moving, names),
-        "accelerations: full speed within 1/6 s",
-        "home and rest poses: all joints at zero, or at the limit next to it",
-        "the floor, at the height of the base frame",
+        *_about_joints(moving, names, side),
+        *_about_poses(side),
+        *_about_shapes(tree, way, shapes, missing, side),
     ]
-    return Robot(
+    robot = Robot(
         name=_plain(title, "arm"),
         title=title,
-        source=f"URDF file {tree.path.name}, from {tree.root} to {tool.link}{turned}",
+        source=f"URDF file {source.file.name}, from {tree.root} to {tool.link}{turned}{offset}",
         assumed=tuple(assumed),
         joints=joints,
         chain=chain,
         poses={"home": home, "rest": home},
         output_map=None,
         gripper=None,
-        gravity=GravityModel(chain, tuple(_bodies(tree, way, chain))),
+        gravity=GravityModel(chain, tuple(_bodies(tree, carried))),
         floor_z=0.0,
+        shapes=shapes,
     )
+    return robot, [name for name, joint in zip(names, moving, strict=True) if joint.kind == "continuous"]
 
 
 def _chain(way: Sequence[UrdfJoint], turn: FloatArray) -> Chain:
-    """The chain of the joints from the root to the tool link, whose frame is turned by ``turn`` (4, 4)."""
+    """The chain of the joints from the root to the tool link, whose frame is moved by ``turn`` (4, 4)."""
     origins: list[FloatArray] = []
     ahead = np.eye(4)
     for joint in way:
@@ -135,8 +167,8 @@ def _joint(joint: UrdfJoint, name: str) -> Joint:
     )
 
 
-def _bodies(tree: UrdfTree, way: Sequence[UrdfJoint], chain: Chain) -> Iterable[Body]:
-    """The masses that each joint carries, in its link's frame; branches off the chain at their zero."""
+def _carried(tree: UrdfTree, way: Sequence[UrdfJoint], chain: Chain) -> dict[str, Place]:
+    """Which joint carries each link (-1: none), and where in its frame; what is off the chain at its zero."""
     frames = chain.frames(np.zeros(chain.n))
     poses, carrier = {tree.root: np.eye(4)}, {tree.root: -1}
     on_way = {joint.name: joint for joint in way}
@@ -144,13 +176,55 @@ def _bodies(tree: UrdfTree, way: Sequence[UrdfJoint], chain: Chain) -> Iterable[
         joint = on_way.get(written.name, written)
         poses[joint.child] = poses[joint.parent] @ joint.origin
         carrier[joint.child] = carrier[joint.parent] + (joint.name in on_way and joint.kind != "fixed")
+    inverse = [np.linalg.inv(frame) for frame in frames]
+    return {name: Place(carrier[name], inverse[carrier[name] + 1] @ poses[name]) for name in tree.links}
+
+
+def _bodies(tree: UrdfTree, carried: Mapping[str, Place]) -> Iterable[Body]:
+    """The masses that each joint carries, in its link's frame."""
     for name, link in tree.links.items():
-        k = carrier[name]
+        k, T = carried[name]
         if link.mass_kg > 0.0 and k >= 0:
-            frame = frames[k + 1]
-            point = (poses[name] @ np.append(link.com, 1.0))[:3]
-            x, y, z = (frame[:3, :3].T @ (point - frame[:3, 3])).tolist()
+            x, y, z = (T[:3, :3] @ link.com + T[:3, 3]).tolist()
             yield Body(joint=k, mass_kg=link.mass_kg, com_m=(x, y, z))
+
+
+def _shapes(
+    source: UrdfSource, tree: UrdfTree, carried: Mapping[str, Place]
+) -> tuple[tuple[Shape, ...], tuple[str, ...]]:
+    """The shapes of all links in the frames of their carriers, and what was passed over.
+
+    A link is what is drawn of it (visual); where that is missing, what is meant for collisions.
+    """
+    found: list[Shape] = []
+    missing: list[str] = []
+    for name, link in tree.links.items():
+        k, T = carried[name]
+        missing += [f"{name}: {problem}" for problem in link.problems]
+        here, lacking = _found(source, link.visual)
+        if lacking or not here:
+            instead, lost = _found(source, link.collision)
+            if instead and not lost:
+                here, lacking = instead, [f"{file} (drawn: what is meant for collisions)" for file in lacking]
+        missing += [f"{name}: {file}" for file in lacking]
+        found += [replace(shape, pose=T @ shape.pose, link=k) for shape in here]
+    return tuple(found), tuple(dict.fromkeys(missing))
+
+
+def _found(source: UrdfSource, shapes: Iterable[Shape]) -> tuple[list[Shape], list[str]]:
+    """The shapes with the paths of their files, and the names of files that are not there."""
+    here: list[Shape] = []
+    lacking: list[str] = []
+    for shape in shapes:
+        if shape.kind != "mesh":
+            here.append(shape)
+        elif (path := source.find(shape.file)) is None:
+            lacking.append(f"{shape.file} is not found")
+        elif (why := unreadable(path)) is not None:
+            lacking.append(f"{path.name} {why}")
+        else:
+            here.append(replace(shape, file=str(path.absolute())))
+    return here, lacking
 
 
 def _plain(name: str, otherwise: str) -> str:
@@ -251,9 +325,49 @@ def _count(count: int, what: str) -> str:
     return f"{count} {what}{'' if count == 1 else 's'}"
 
 
-def _about_joints(moving: Sequence[UrdfJoint], names: Sequence[str]) -> Iterable[str]:
+def _about_joints(moving: Sequence[UrdfJoint], names: Sequence[str], side: SideFile) -> Iterable[str]:
     pairs = list(zip(names, moving, strict=True))
-    if endless := [name for name, joint in pairs if joint.kind == "continuous"]:
+    said = {entry.name: entry for entry in side.joints}
+
+    def silent(name: str, key: str) -> bool:
+        return name not in said or getattr(said[name], key) is None
+
+    endless = [name for name, joint in pairs if joint.kind == "continuous" and silent(name, "limit_deg")]
+    if endless:
         yield f"limits of ±180° of the continuous joints: {', '.join(endless)}"
-    if slow := [name for name, joint in pairs if joint.speed == 0]:
+    if slow := [name for name, joint in pairs if joint.speed == 0 and silent(name, "speed_deg_s")]:
         yield f"a speed of 60°/s of joints without one: {', '.join(slow)}"
+    if any(silent(name, "acceleration_deg_s2") for name in names):
+        yield "accelerations: full speed within 1/6 s"
+
+
+def _about_poses(side: SideFile) -> Iterable[str]:
+    unsaid = [name for name in ("home", "rest") if name not in side.poses]
+    if unsaid == ["rest"]:
+        yield "rest pose: as the home pose"
+    elif unsaid:
+        which = f"{' and '.join(unsaid)} pose{'s' * (len(unsaid) - 1)}"
+        yield f"{which}: all joints at zero, or at the limit next to it"
+    if side.floor is None:
+        yield "the floor, at the height of the base frame"
+
+
+def _about_shapes(
+    tree: UrdfTree, way: Sequence[UrdfJoint], shapes: Sequence[Shape], missing: Sequence[str], side: SideFile
+) -> Iterable[str]:
+    if shapes:
+        yield f"{BODY_ASSUMED} that are drawn (armctl check says how closely)"
+        on_way = {joint.name for joint in way}
+        idle = [
+            joint.name
+            for joint in tree.below(tree.root)
+            if joint.kind != "fixed" and joint.name not in on_way
+        ]
+        if idle:
+            yield f"no joint of the arm, drawn and checked as it is at zero: {', '.join(idle)}"
+    elif side.body == "meshes":
+        yield "the body: bars from joint to joint, as the file has no shapes that can be used"
+    for text in missing[:_MOST_TOLD]:
+        yield f"passed over: {text}"
+    if len(missing) > _MOST_TOLD:
+        yield f"passed over: {len(missing) - _MOST_TOLD} more shapes"

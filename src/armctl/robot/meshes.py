@@ -1,0 +1,160 @@
+"""Meshes of other people's files, read within bounds: STL, OBJ and PLY, and DAE with pycollada.
+
+Whatever is wrong with one is a ``RobotFileError`` in one line; the arm can do without it.
+"""
+
+from __future__ import annotations
+
+import io
+import math
+import re
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from armctl.arrays import FloatArray
+from armctl.documents import DocumentKind
+from armctl.errors import RobotFileError
+from armctl.robot.parts import Shape
+from armctl.robot.solids import Solid, block, drum
+
+MESHES = DocumentKind(RobotFileError, most_bytes=64 << 20)
+SUFFIXES = (".stl", ".obj", ".ply", ".dae")
+MOST_TRIANGLES = 2_000_000
+"""of one file"""
+FARTHEST_M = 100.0
+"""No point of a mesh is farther from its link; files in millimetres without a scale are refused by that."""
+_BINARY_STL = 84
+_ROUND = 36
+"""sides of a cylinder"""
+_UNIT = re.compile(r"(?P<factor>[\d.eE+-]+) \* meters")
+
+
+def solid_of(shape: Shape) -> Solid:
+    """A shape as triangles in its link's frame [m]; reads the file of a mesh."""
+    match shape.kind:
+        case "box":
+            x, y, z = shape.size
+            solid = block((x, y, z))
+        case "cylinder":
+            # round the circle, so that what contains the corners contains the cylinder
+            solid = drum(shape.size[0] / math.cos(math.pi / _ROUND), shape.size[1])
+        case "sphere":
+            solid = _ball(shape.size[0])
+        case "mesh":
+            solid = _scaled(read_mesh(Path(shape.file)), shape.size)
+    T = shape.pose
+    return Solid(solid.vertices @ T[:3, :3].T + T[:3, 3], solid.faces)
+
+
+def _ball(radius: float) -> Solid:
+    """A sphere of patches between circles of latitude, all of it inside them."""
+    latitudes, sections = 12, 24
+    outer = radius / (math.cos(math.pi / sections) * math.cos(math.pi / (2 * latitudes)))
+    latitude = np.linspace(-0.5 * np.pi, 0.5 * np.pi, latitudes + 1)
+    angle = np.arange(sections) * (2 * np.pi / sections)
+    ring = np.cos(latitude)[:, None]
+    height = np.sin(latitude)[:, None] + 0.0 * angle
+    vertices = np.stack([ring * np.cos(angle), ring * np.sin(angle), height], axis=-1)
+    here = np.arange(latitudes * sections).reshape(latitudes, sections)
+    after, above = np.roll(here, -1, axis=1), here + sections
+    faces = np.concatenate([
+        np.stack([here, after, np.roll(above, -1, axis=1)], axis=-1).reshape(-1, 3),
+        np.stack([here, np.roll(above, -1, axis=1), above], axis=-1).reshape(-1, 3),
+    ])  # fmt: skip
+    return Solid(outer * vertices.reshape(-1, 3), faces)
+
+
+def _scaled(solid: Solid, factors: tuple[float, ...]) -> Solid:
+    faces = solid.faces if math.prod(factors) > 0 else solid.faces[:, ::-1]  # a mirrored one is inside out
+    vertices = solid.vertices * np.array(factors)
+    farthest = float(np.abs(vertices).max())
+    if farthest > FARTHEST_M:
+        raise RobotFileError(
+            f"is {farthest:.0f} m large; if its unit is the millimetre, the URDF file needs "
+            'scale="0.001 0.001 0.001"'
+        )
+    return Solid(vertices, faces)
+
+
+def unreadable(path: Path) -> str | None:
+    """Why a mesh of this kind or size is not read, without opening it; None: it may be."""
+    suffix = path.suffix.lower()
+    if suffix not in SUFFIXES:
+        return f"is not one of {', '.join(SUFFIXES)}"
+    if suffix == ".dae" and find_spec("collada") is None:
+        return "is a DAE file, which takes pycollada: pip install 'armctl[urdf]'"
+    if path.stat().st_size > MESHES.most_bytes:
+        return f"is larger than {MESHES.most_bytes >> 20} MiB"
+    return None
+
+
+def read_mesh(path: Path) -> Solid:
+    """The triangles of a file, in the file's unit; of a DAE file in metres."""
+    try:
+        solid = _read(path, path.suffix.lower())
+    except RobotFileError as refusal:
+        raise RobotFileError(f"{path.name}: {refusal}") from refusal
+    return solid
+
+
+def _read(path: Path, suffix: str) -> Solid:
+    content = MESHES.read(path)
+    if (why := unreadable(path)) is not None:
+        raise RobotFileError(why)
+    if suffix == ".stl" and len(content) >= _BINARY_STL:
+        count = int.from_bytes(content[80:84], "little")
+        if len(content) == _BINARY_STL + 50 * count:
+            return _binary_stl(content, count)
+    if suffix == ".dae" and not content.removeprefix(b"\xef\xbb\xbf").lstrip().startswith(b"<"):
+        raise RobotFileError("is not XML")  # pycollada would unpack a zip file
+    return _by_trimesh(content, suffix)
+
+
+_STL = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
+
+
+def _binary_stl(content: bytes, count: int) -> Solid:
+    """Most meshes of arms: a fifth of a second sooner than by trimesh, which takes as long to import."""
+    _require_count(count)
+    corners = np.frombuffer(content, _STL, count, _BINARY_STL)["corners"].astype(np.float64)
+    return _checked(corners.reshape(-1, 3), np.arange(3 * count).reshape(-1, 3))
+
+
+def _by_trimesh(content: bytes, suffix: str) -> Solid:
+    import trimesh
+
+    loaded: Any
+    try:
+        loaded = trimesh.load_scene(
+            io.BytesIO(content), file_type=suffix.removeprefix("."), process=False, skip_materials=True
+        )
+        mesh: Any = loaded.to_mesh()
+        vertices = np.array(mesh.vertices, dtype=np.float64).reshape(-1, 3)
+        faces = np.array(mesh.faces, dtype=np.int64).reshape(-1, 3)
+        units = next((one.metadata.get("units") for one in loaded.geometry.values()), None)
+    except Exception as cause:  # parsers of other people raise what they meet
+        raise RobotFileError(
+            f"cannot be read: {' '.join(str(cause).split()) or type(cause).__name__}"
+        ) from cause
+    if suffix == ".dae" and (unit := _UNIT.fullmatch(str(units))):
+        vertices *= float(unit["factor"])
+    return _checked(vertices, faces)
+
+
+def _require_count(count: int) -> None:
+    if count == 0:
+        raise RobotFileError("holds no triangles")
+    if count > MOST_TRIANGLES:
+        raise RobotFileError(f"holds {count} triangles; {MOST_TRIANGLES} at most")
+
+
+def _checked(vertices: FloatArray, faces: Any) -> Solid:
+    _require_count(len(faces))
+    if not np.isfinite(vertices).all() or faces.min() < 0 or faces.max() >= len(vertices):
+        raise RobotFileError(
+            "holds points that are no finite numbers, or triangles of points that are not there"
+        )
+    return Solid(vertices, faces)

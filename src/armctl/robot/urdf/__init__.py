@@ -1,0 +1,24 @@
+"""Arms from URDF files: the file's tree, its tool, its meshes, and what is said beside it."""
+
+from armctl.robot.urdf.arm import load_urdf
+from armctl.robot.urdf.package import UrdfSource, add_to_package, install_package, side_path
+from armctl.robot.urdf.side_file import (
+    SIDE_SUFFIX,
+    SideFile,
+    changed_side_file,
+    decode_side_file,
+    encode_side_file,
+)
+
+__all__ = [
+    "SIDE_SUFFIX",
+    "SideFile",
+    "UrdfSource",
+    "add_to_package",
+    "changed_side_file",
+    "decode_side_file",
+    "encode_side_file",
+    "install_package",
+    "load_urdf",
+    "side_path",
+]

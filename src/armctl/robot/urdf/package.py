@@ -1,0 +1,328 @@
+"""Where the files of a URDF arm are: a file, a folder, a zip file, ROS packages, and the side file beside.
+
+Nothing of a zip file is trusted: names that lead out of it and contents beyond the limits are refused, links
+are left out, and an arm from an unpacked folder sees no file outside of that folder.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import os
+import re
+import shutil
+import stat
+import tempfile
+import zipfile
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path, PurePosixPath
+from urllib.parse import unquote
+from xml.etree import ElementTree
+
+from platformdirs import user_cache_path
+
+from armctl.documents import DocumentKind, write_atomically
+from armctl.errors import RobotFileError
+from armctl.robot.file import ROBOT_FILES
+from armctl.robot.meshes import SUFFIXES
+from armctl.robot.urdf.side_file import SIDE_SUFFIX, decode_side_file
+
+ARM_SUFFIXES = (".urdf", ".xacro")
+MOST_PACKED_BYTES = 64 << 20
+"""of a zip file"""
+MOST_FILES = 5000
+"""of a zip file or a folder"""
+_MOST_UNPACKED_BYTES = 256 << 20
+_KEPT = 16
+"""unpacked zip files that stay in the cache"""
+_ZIPS = DocumentKind(RobotFileError, most_bytes=MOST_PACKED_BYTES)
+_PACKAGES = DocumentKind(RobotFileError, most_bytes=1 << 20)
+_UNPACKED = ".armctl-unpacked"
+"""A folder with this file in it was unpacked: what lies outside is none of its arm's business."""
+_FROM_PAGE = b"from a page"
+_TAKEN = {*ARM_SUFFIXES, *SUFFIXES, ".toml", ".xml", ".yaml", ".yml"}
+"""files of a zip file that are unpacked; others have no use here"""
+_URI = re.compile(r"(?P<scheme>[a-z]{2,}):/{1,2}(?P<rest>.*)", re.IGNORECASE | re.DOTALL)
+_LEVELS = 8
+"""folders above the file in which packages are looked for"""
+
+
+@dataclass(frozen=True, slots=True)
+class UrdfSource:
+    """The files of one arm."""
+
+    file: Path
+    """the URDF or xacro file"""
+    side_path: Path | None = None
+    """the side file"""
+    folder: Path | None = None
+    """the unpacked folder that it may not look out of; None: it may"""
+
+    @property
+    def from_page(self) -> bool:
+        """Whether it came through a page: nothing in it is run."""
+        return self.folder is not None and (self.folder / _UNPACKED).read_bytes() == _FROM_PAGE
+
+    @classmethod
+    def at(cls, path: Path) -> UrdfSource:
+        """The arm at a path as the user names it: one of the files, a folder, a zip file, or inside of it."""
+        if path.name.lower().endswith(SIDE_SUFFIX):
+            return replace(cls.at(_named_by(path)), side_path=path)
+        for outer in path.parents:
+            if outer.suffix.lower() == ".zip" and outer.is_file():
+                return cls.at(unpacked(outer) / path.relative_to(outer))
+        if path.suffix.lower() == ".zip" and not path.is_dir():
+            found = cls.at(unpacked(path))
+            return replace(found, side_path=_beside(path) or found.side_path)
+        if path.is_dir():
+            path = _only_arm(path)
+            if path.name.lower().endswith(SIDE_SUFFIX):
+                return cls.at(path)
+        folder = next((one for one in path.parents if (one / _UNPACKED).is_file()), None)
+        return cls(path, _beside(path), folder)
+
+    def find(self, uri: str) -> Path | None:
+        """The file that a mesh's ``filename`` means; None: there is none, or it is out of bounds."""
+        match = _URI.fullmatch(uri.strip())
+        scheme = match["scheme"].lower() if match else ""
+        rest = unquote(match["rest"]) if match else uri.strip()
+        if "\0" in rest or scheme not in ("", "file", "package", "model"):
+            return None
+        if scheme in ("package", "model"):
+            package, _, inner = rest.lstrip("/").partition("/")
+            places = [place / inner for place in self._packages(package)]
+        else:
+            inner = rest
+            places = [self.file.parent / rest]
+        places += [place / inner.lstrip("/") for place in self._above()]
+        for place in places:
+            if place.is_file() and self._allowed(place):
+                return place
+        return self._of_that_name(PurePosixPath(inner).name)
+
+    def package(self, name: str) -> Path | None:
+        """The folder of a ROS package; None where there is none."""
+        return next(
+            (place for place in self._packages(name) if place.is_dir() and self._allowed(place)), None
+        )
+
+    def _above(self) -> list[Path]:
+        above = list(self.file.absolute().parents)[:_LEVELS]
+        return above if self.folder is None else [one for one in above if one.is_relative_to(self.folder)]
+
+    def _packages(self, name: str) -> Iterator[Path]:
+        for place in self._above():
+            if place.name == name or _package_name(place / "package.xml") == name:
+                yield place
+            yield place / name
+            yield place / "share" / name
+        if self.folder is not None:
+            return
+        for entry in os.environ.get("ROS_PACKAGE_PATH", "").split(os.pathsep):
+            if entry:
+                yield Path(entry) / name
+                if Path(entry).name == name:
+                    yield Path(entry)
+        for entry in os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep):
+            if entry:
+                yield Path(entry) / "share" / name
+
+    def _allowed(self, path: Path) -> bool:
+        return self.folder is None or path.resolve().is_relative_to(self.folder.resolve())
+
+    def _of_that_name(self, name: str) -> Path | None:
+        """In an unpacked folder a file counts wherever it is, if it is the only one of its name."""
+        if self.folder is None or not name:
+            return None
+        found = [path for path in walk(self.folder) if path.name == name and self._allowed(path)]
+        return found[0] if len(found) == 1 else None
+
+
+def _package_name(path: Path) -> str | None:
+    if not path.is_file():
+        return None
+    try:
+        found = ElementTree.fromstring(_PACKAGES.read(path)).findtext("name")
+    except (RobotFileError, ElementTree.ParseError, ValueError, LookupError):
+        return None  # then it names nothing
+    return found and found.strip()
+
+
+def arm_stem(path: Path) -> str:
+    """The name without its endings: ``arm`` of ``arm.urdf.xacro`` and of ``arm.armctl.toml``."""
+    return re.sub(r"(\.urdf|\.xacro|\.zip|\.armctl\.toml)+\Z", "", path.name, flags=re.IGNORECASE)
+
+
+def side_path(path: Path) -> Path:
+    """Where the side file of an arm lies that is named by this path, if beside it."""
+    if path.name.lower().endswith(SIDE_SUFFIX):
+        return path
+    return path.with_name(arm_stem(path) + SIDE_SUFFIX)
+
+
+def _beside(path: Path) -> Path | None:
+    side = side_path(path)
+    return side if side.is_file() else None
+
+
+def _named_by(side: Path) -> Path:
+    """The file that a side file is about."""
+    urdf = ROBOT_FILES.load(side, decode_side_file)[0].urdf
+    if urdf is not None:
+        return side.parent / urdf
+    for ending in (".urdf", ".urdf.xacro", ".xacro", ".zip"):
+        path = side.with_name(arm_stem(side) + ending)
+        if path.is_file():
+            return path
+    raise RobotFileError(
+        f"{side}: there is no {arm_stem(side)}.urdf beside it; put it there, or name the file: "
+        'urdf = "folder/arm.urdf"'
+    )
+
+
+def walk(folder: Path) -> Iterator[Path]:
+    """The files of a folder and below, hidden ones left out; refuses too many."""
+    count = 0
+    for place, folders, names in os.walk(folder):
+        folders[:] = sorted(name for name in folders if not name.startswith("."))
+        for name in sorted(names):
+            count += 1
+            if count > MOST_FILES:
+                raise RobotFileError(f"{folder}: holds more than {MOST_FILES} files; name the URDF file")
+            if not name.startswith("."):
+                yield Path(place) / name
+
+
+def _only_arm(folder: Path) -> Path:
+    """The one arm of a folder: a side file, a URDF file, a xacro file, in this order."""
+    files = list(walk(folder))
+    for ending in (SIDE_SUFFIX, ".urdf", ".urdf.xacro", ".xacro"):
+        found = [path for path in files if path.name.lower().endswith(ending)]
+        if len(found) == 1:
+            return found[0]
+        if found:
+            names = ", ".join(str(path.relative_to(folder)) for path in found[:12])
+            more = ", …" if len(found) > 12 else ""
+            raise RobotFileError(f"{folder}: holds several arms: {names}{more}; name one: {found[0]}")
+    raise RobotFileError(f"{folder}: holds no .urdf and no .xacro file")
+
+
+# Zip files.
+
+
+def unpacked(path: Path) -> Path:
+    """The folder of the user's cache in which the contents of a zip file lie."""
+    content = _ZIPS.load(path, bytes)
+    place = user_cache_path("armctl") / "urdf" / hashlib.sha256(content).hexdigest()[:24]
+    if not (place / _UNPACKED).is_file():
+        try:
+            write_folder(place, zip_files(content))
+        except RobotFileError as refusal:
+            raise RobotFileError(f"{path}: {refusal}") from refusal
+    os.utime(place)
+    _forget_old(place.parent)
+    return place
+
+
+def zip_files(content: bytes) -> dict[str, bytes]:
+    """The files of a zip file that an arm has use for, by their names; refuses what is no honest one."""
+    files: dict[str, bytes] = {}
+    left = _MOST_UNPACKED_BYTES
+    try:
+        with zipfile.ZipFile(io.BytesIO(content)) as packed:
+            entries = packed.infolist()
+            if len(entries) > MOST_FILES:
+                raise RobotFileError(f"the zip file holds {len(entries)} files; {MOST_FILES} at most")
+            for entry in entries:
+                name = entry.filename.replace("\\", "/")
+                require_inside(name)
+                kind = stat.S_IFMT(entry.external_attr >> 16)
+                if entry.is_dir() or kind not in (0, stat.S_IFREG) or not _is_taken(name):
+                    continue
+                if entry.flag_bits & 1:
+                    raise RobotFileError(f"the zip file is encrypted ({name}); unpack it first")
+                with packed.open(entry) as stream:
+                    files[name] = stream.read(left + 1)
+                left -= len(files[name])
+                if left < 0:
+                    raise RobotFileError(
+                        f"the zip file holds more than {_MOST_UNPACKED_BYTES >> 20} MiB; leave out what the "
+                        "arm does not need, or unpack it and name the folder"
+                    )
+    except (zipfile.BadZipFile, NotImplementedError, OSError, EOFError, ValueError, RuntimeError) as cause:
+        raise RobotFileError(f"is no zip file that can be read: {cause}") from cause
+    except Exception as cause:  # zlib, lzma and bz2 each raise an error of their own
+        if isinstance(cause, RobotFileError):
+            raise
+        raise RobotFileError(f"is no zip file that can be read: {cause}") from cause
+    return files
+
+
+def require_inside(name: str) -> None:
+    """Refuse the name of a packed file that leads out of its folder."""
+    path = PurePosixPath(name)
+    if path.is_absolute() or ".." in path.parts or "\0" in name or ":" in name:
+        raise RobotFileError(f"the file name {name!r} leads out of the folder; such a zip file is not opened")
+
+
+def _is_taken(name: str) -> bool:
+    path = PurePosixPath(name)
+    hidden = any(part.startswith(".") or part == "__MACOSX" for part in path.parts)
+    return not hidden and path.suffix.lower() in _TAKEN
+
+
+def write_folder(place: Path, files: Mapping[str, bytes], *, from_page: bool = False) -> None:
+    """Write files into a new folder, which appears all at once; one that is there already stays as it is."""
+    try:
+        place.parent.mkdir(parents=True, exist_ok=True)
+        building = Path(tempfile.mkdtemp(prefix=".armctl-", dir=place.parent))
+        try:
+            for name, content in files.items():
+                require_inside(name)
+                path = building / name
+                path.parent.mkdir(parents=True, exist_ok=True)
+                path.write_bytes(content)
+            (building / _UNPACKED).write_bytes(_FROM_PAGE if from_page else b"")
+            building.chmod(0o755)
+            building.rename(place)
+        except BaseException:
+            shutil.rmtree(building, ignore_errors=True)
+            raise
+    except OSError as cause:
+        if not (place / _UNPACKED).is_file():  # another program was faster
+            raise RobotFileError(f"{place}: cannot be written: {cause.strerror or cause}") from cause
+
+
+def install_package(name: str, content: bytes, folder: Path) -> Path:
+    """Keep what came through a page, a zip file or a URDF file, in a new folder below ``folder``."""
+    suffix = Path(name).suffix.lower()
+    if suffix == ".zip":
+        files = zip_files(content)
+    elif suffix in ARM_SUFFIXES:
+        files = {Path(name).name: content}
+    else:
+        raise RobotFileError(f"{name}: an arm is a .urdf or .xacro file, or a .zip file with one")
+    stem = re.sub(r"[^A-Za-z0-9_-]+", "_", arm_stem(Path(name))).strip("_") or "arm"
+    numbers = ("", *(f"_{k}" for k in range(2, 1000)))
+    place = next(folder / (stem[:40] + k) for k in numbers if not (folder / (stem[:40] + k)).exists())
+    write_folder(place, files, from_page=True)
+    return place
+
+
+def add_to_package(place: Path, name: str, content: bytes) -> None:
+    """Put one more file, a mesh, into a folder that ``install_package`` made."""
+    if Path(name).suffix.lower() not in SUFFIXES or not (place / _UNPACKED).is_file():
+        raise RobotFileError(f"{name}: only meshes ({', '.join(SUFFIXES)}) are added to an arm from a page")
+    try:
+        (place / "meshes").mkdir(exist_ok=True)
+        write_atomically(place / "meshes" / Path(name).name, content)
+    except OSError as cause:
+        raise RobotFileError(f"{place}: cannot be written: {cause.strerror}") from cause
+
+
+def _forget_old(folder: Path) -> None:
+    """Keep the newest few unpacked zip files."""
+    places = sorted(folder.iterdir(), key=lambda place: place.stat().st_mtime, reverse=True)
+    for place in places[_KEPT:]:
+        shutil.rmtree(place, ignore_errors=True)

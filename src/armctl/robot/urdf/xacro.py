@@ -1,0 +1,248 @@
+"""xacro files: plain properties, arithmetic, arguments and unused macros here; anything more by the package.
+
+The package ``xacro`` evaluates Python expressions, so it runs in a process of its own, with a time limit, and
+never on files that came through a page.
+"""
+
+from __future__ import annotations
+
+import ast
+import math
+import operator
+import os
+import re
+import subprocess
+import sys
+import types
+from collections.abc import Callable, Mapping
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+from armctl.errors import RobotFileError
+
+Value = int | float | str
+_XACRO = re.compile(r"\{[^}]*xacro[^}]*\}(?P<name>.+)", re.DOTALL)
+_HOLE = re.compile(r"\$\$\{|\$\$\(|\$\{(?P<expression>[^{}]*)\}|\$\((?P<call>[^()]*)\)")
+_LARGEST = 1e12
+"""no number of an expression grows beyond"""
+_LONGEST = 1000
+"""characters of an expression"""
+_DEEPEST = 50
+"""properties that are made of properties"""
+_TIMEOUT_S = 60.0
+_OPERATORS: Mapping[type[ast.AST], Callable[..., Any]] = {
+    ast.Add: operator.add,
+    ast.Sub: operator.sub,
+    ast.Mult: operator.mul,
+    ast.Div: operator.truediv,
+    ast.FloorDiv: operator.floordiv,
+    ast.Mod: operator.mod,
+    ast.Pow: operator.pow,
+    ast.USub: operator.neg,
+    ast.UAdd: operator.pos,
+}
+_FUNCTIONS: Mapping[str, Callable[..., Any]] = {
+    **{name: getattr(math, name) for name in ("sin", "cos", "tan", "asin", "acos", "atan", "atan2", "sqrt")},
+    **{name: getattr(math, name) for name in ("radians", "degrees", "hypot", "fabs")},
+    "abs": abs,
+    "min": min,
+    "max": max,
+    "round": round,
+}
+_CONSTANTS: Mapping[str, Value] = {"pi": math.pi, "tau": math.tau, "e": math.e}
+
+
+class BeyondPlainError(Exception):
+    """It takes the package; the text says what for."""
+
+
+def is_xacro(root: ElementTree.Element) -> bool:
+    """Whether a file has anything for xacro to do."""
+    return any(_name(element) or _holes(element) for element in root.iter())
+
+
+def _holes(element: ElementTree.Element) -> bool:
+    return any("${" in text or "$(" in text for text in (*element.attrib.values(), element.text or ""))
+
+
+def _name(element: ElementTree.Element) -> str | None:
+    """``property`` of ``<xacro:property>``; None for what is no element of xacro."""
+    match = _XACRO.fullmatch(element.tag)
+    return None if match is None else match["name"]
+
+
+def expand(root: ElementTree.Element) -> None:
+    """Expand a file in place that holds plain properties and arguments, arithmetic and unused macros only.
+
+    ``BeyondPlainError``: it holds more; the tree is then half done. ``RobotFileError``: an expression
+    cannot be read.
+    """
+    used = {_name(element) for top in root if _name(top) != "macro" for element in top.iter()}
+    for element in root:
+        if _name(element) == "macro" and element.get("name", "").removeprefix("xacro:") in used:
+            raise BeyondPlainError(f"the macro {element.get('name')}")
+    names: dict[str, str] = {}
+    arguments: dict[str, str] = {}
+    for element in list(root):
+        match _name(element):
+            case None:
+                continue
+            case "property" if element.get("name") and (value := element.get("value")) is not None:
+                if names.setdefault(element.get("name", ""), value) != value:
+                    raise BeyondPlainError(f"the property {element.get('name')}, which changes")
+            case "property" if len(element) and element.get("name") and not element.get("default"):
+                pass  # a block: what inserts it is refused below
+            case "arg" if element.get("name") and element.get("default") is not None:
+                arguments[element.get("name", "")] = element.get("default", "")
+            case "macro":
+                pass
+            case other:
+                raise BeyondPlainError(f"<xacro:{other}>")
+        root.remove(element)
+    inside = next((name for element in root.iter() if (name := _name(element)) is not None), None)
+    if inside is not None:
+        raise BeyondPlainError(f"<xacro:{inside}>")
+    values = _Values(names, arguments)
+    for element in root.iter():
+        for key, text in element.attrib.items():
+            element.set(key, values.filled(text))
+        if element.text:
+            element.text = values.filled(element.text)
+
+
+class _Values:
+    """The properties of a file, evaluated when they are asked for."""
+
+    def __init__(self, names: Mapping[str, str], arguments: Mapping[str, str]) -> None:
+        self._names, self._arguments = names, arguments
+        self._depth = 0
+
+    def filled(self, text: str) -> str:
+        """The text with what its holes stand for."""
+
+        def value(match: re.Match[str]) -> str:
+            if match["expression"] is not None:
+                return str(self._evaluated(match["expression"]))
+            if match["call"] is None:
+                return match[0][1:]
+            command, _, name = match["call"].strip().partition(" ")
+            if command != "arg":
+                raise BeyondPlainError(f"$({command} …)")
+            if name.strip() not in self._arguments:
+                raise RobotFileError(f"$(arg {name.strip()}): the file gives it no default")
+            return self._nested(self._arguments[name.strip()])
+
+        return _HOLE.sub(value, text)
+
+    def _nested(self, text: str) -> str:
+        self._depth += 1
+        if self._depth > _DEEPEST:
+            raise RobotFileError(f"{text!r}: its properties are made of each other")
+        try:
+            return self.filled(text)
+        finally:
+            self._depth -= 1
+
+    def _property(self, name: str) -> Value:
+        if name not in self._names:
+            if name in _CONSTANTS:
+                return _CONSTANTS[name]
+            raise RobotFileError(f"${{{name}}}: there is no such property")
+        text = self._nested(self._names[name])
+        for read in (int, float):
+            try:
+                return read(text)
+            except ValueError:
+                continue
+        return text
+
+    def _evaluated(self, expression: str) -> Value:
+        where = f"${{{expression}}}"
+        if len(expression) > _LONGEST:
+            raise RobotFileError(f"an expression of more than {_LONGEST} characters: {expression[:40]}…")
+        try:
+            return self._value(ast.parse(expression.strip(), mode="eval").body, where)
+        except (SyntaxError, ArithmeticError, TypeError, ValueError, RecursionError, MemoryError) as cause:
+            raise RobotFileError(f"{where}: cannot be computed: {cause}") from cause
+
+    def _value(self, node: ast.expr, where: str) -> Value:
+        match node:
+            case ast.Constant(value=int() | float() | str() as value):
+                found: Value = value
+            case ast.Name(id=name):
+                found = self._property(name)
+            case ast.UnaryOp(op=op, operand=operand) if type(op) in _OPERATORS:
+                found = _OPERATORS[type(op)](self._value(operand, where))
+            case ast.BinOp(left=left, op=op, right=right) if type(op) in _OPERATORS:
+                one, other = self._value(left, where), self._value(right, where)
+                if isinstance(one, str) or isinstance(other, str):
+                    if type(op) is not ast.Add:
+                        raise TypeError(f"{one!r} and {other!r} are not both numbers")
+                elif type(op) is ast.Pow and (abs(one) > _LARGEST or abs(other) > 64):
+                    raise OverflowError("a power beyond 64")
+                found = _OPERATORS[type(op)](one, other)
+            case ast.Call(func=ast.Name(id=name) | ast.Attribute(value=ast.Name(id="math"), attr=name),
+                          args=arguments, keywords=[]) if name in _FUNCTIONS:  # fmt: skip
+                found = _FUNCTIONS[name](*(self._value(one, where) for one in arguments))
+            case ast.Attribute(value=ast.Name(id="math"), attr=name) if name in _CONSTANTS:
+                found = _CONSTANTS[name]
+            case _:
+                raise BeyondPlainError(where)
+        if type(found) not in (int, float, bool, str):
+            raise ValueError("no number comes of it")
+        if len(found) > _LONGEST if isinstance(found, str) else not abs(found) <= _LARGEST:
+            raise OverflowError("it grows too large")
+        return found
+
+
+# By the package.
+
+
+def expanded_by_package(file: Path, why: str) -> bytes:
+    """The URDF of a xacro file, by the package ``xacro``; refuses in one line."""
+    if find_spec("xacro") is None:
+        raise RobotFileError(
+            f"needs {why}, which the package xacro expands: pip install 'armctl[urdf]'; or expand it where "
+            f"ROS is: xacro {file.name} > {file.name.split('.')[0]}.urdf"
+        )
+    command = [sys.executable, "-P", "-m", "armctl.robot.urdf.xacro", str(file.absolute())]
+    try:
+        # armctl is found where we find it
+        paths = os.environ | {"PYTHONPATH": os.pathsep.join(os.path.abspath(entry) for entry in sys.path)}
+        done = subprocess.run(command, capture_output=True, timeout=_TIMEOUT_S, check=False, env=paths)
+    except subprocess.TimeoutExpired as cause:
+        raise RobotFileError(f"xacro has not ended within {_TIMEOUT_S:.0f} s") from cause
+    if done.returncode:
+        lines = done.stderr.decode(errors="replace").strip().splitlines() or ["no reason given"]
+        raise RobotFileError(f"xacro: {lines[-1]}")
+    return done.stdout
+
+
+def _main(file: Path) -> None:
+    """The process of its own: print the expanded file."""
+    from armctl.robot.urdf.package import UrdfSource
+
+    source = UrdfSource(file)
+
+    def find(name: str) -> str:
+        place = source.package(name)
+        if place is None:
+            raise RobotFileError(f"$(find {name}): no folder above the file holds a package of that name")
+        return str(place.absolute())
+
+    if find_spec("ament_index_python") is None:  # where ROS is not, packages are looked for as for meshes
+        package, module = types.ModuleType("ament_index_python"), types.ModuleType("packages")
+        vars(module)["get_package_share_directory"] = find
+        sys.modules |= {"ament_index_python": package, "ament_index_python.packages": module}
+    from importlib import import_module
+
+    print(import_module("xacro").process_file(str(file)).toxml())  # noqa: T201
+
+
+if __name__ == "__main__":
+    try:
+        _main(Path(sys.argv[1]))
+    except Exception as failed:
+        sys.exit(" ".join(str(failed).split()) or type(failed).__name__)
