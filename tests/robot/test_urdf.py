@@ -219,7 +219,10 @@ ENTITY = '<!DOCTYPE robot [<!ENTITY a "b"><!ENTITY c "&a;&a;">]>'
         ("<robot/>", "there is no <link>"),
         ('<robot><link name="a"/></robot>', "no joint turns between a and a"),
         (ARM.replace("<robot", f"{ENTITY}<robot", 1).encode("utf-16"), "holds a document type ('robot')"),
-        (changed("<material", '<xacro:arg xmlns:xacro="http://ros.org/xacro" name="x"/><material'), "macros"),
+        (
+            changed("<material", '<xacro:include xmlns:xacro="http://ros.org/xacro" filename="x"/><material'),
+            "needs <xacro:include>, which the package xacro expands: pip install 'armctl[urdf]'",
+        ),
         (changed('<parent link="fore"/>', '<parent link="four"/>'), '<parent link="four">: there is no such'),
         (changed('<child link="hand"/>', '<child link="hund"/>'), '<child link="hund">: there is no such'),
         (changed('<child link="hand"/>', '<child link="fore"/>'), 'already hangs on the joint "Elbow-1"'),

@@ -203,8 +203,10 @@ def test_how_files_may_be_named(tmp_path: Path) -> None:
     assert load_robot(path).n == load_robot(str(path)).n == 5
     named = Path(f"{path}#w/ee_arm_link")
     assert load_robot(named).source.endswith("to w/ee_arm_link")
-    assert [is_urdf(name) for name in ("a.urdf", Path("a.Urdf"), named, "a.urdf#l")] == [True] * 4
-    assert [is_urdf(name) for name in ("uzuner", "a.toml", ".urdf", "a.urdf.xacro", "urdf#l")] == [False] * 5
+    assert [
+        is_urdf(name) for name in ("a.urdf", Path("a.Urdf"), named, "a.urdf#l", "a.urdf.xacro", "a.zip")
+    ] == [True] * 6
+    assert [is_urdf(name) for name in ("uzuner", "a.toml", ".urdf", "urdf#l")] == [False] * 4
     with pytest.raises(RobotFileError, match=r"ends in \.toml or \.urdf"):
         load_robot("arm.xml")
 

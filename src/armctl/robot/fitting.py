@@ -9,9 +9,10 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from importlib import import_module
+from typing import Any, cast
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from armctl.arrays import FloatArray
 from armctl.errors import RobotFileError
@@ -256,7 +257,7 @@ def _cut(triangles: FloatArray) -> FloatArray:
 def _largest_gap(capsules: Sequence[Fitted], triangles: FloatArray) -> float:
     """How far the surface of capsules is from triangles, at most [m]."""
     spacing = float(np.ptp(triangles.reshape(-1, 3), axis=0).max()) / _SPACING
-    tree = cKDTree(_points_on(triangles, spacing))
+    tree: Any = import_module("scipy.spatial").cKDTree(_points_on(triangles, spacing))
     largest = 0.0
     for i, capsule in enumerate(capsules):
         surface = _surface(capsule)
@@ -273,11 +274,11 @@ def _points_on(triangles: FloatArray, spacing: float) -> FloatArray:
     sides = np.linalg.norm(triangles - np.roll(triangles, -1, axis=1), axis=2).max(axis=1)
     counts = np.minimum(np.ceil(sides / spacing), _SPACING).astype(np.int64)
     points = [triangles.reshape(-1, 3)]
-    for count in np.unique(counts[counts > 1]).tolist():
-        steps = np.arange(count + 1)
-        i, j = (one.ravel() for one in np.meshgrid(steps, steps))
-        i, j = i[i + j <= count] / count, j[i + j <= count] / count
-        weights = np.stack([i, j, 1 - i - j], axis=1)
+    for count in cast("list[int]", np.unique(counts[counts > 1]).tolist()):
+        steps = np.arange(count + 1, dtype=np.float64)
+        i, j = np.repeat(steps, count + 1), np.tile(steps, count + 1)
+        inside = i + j <= count
+        weights = np.stack([i, j, count - i - j], axis=1)[inside] / count
         points.append(np.einsum("pc,tcx->tpx", weights, triangles[counts == count]).reshape(-1, 3))
     return np.concatenate(points)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 import re
 from collections.abc import Mapping, Sequence
 from importlib.resources import files
@@ -75,7 +76,8 @@ def _urdf(name: str | Path) -> tuple[Path, str | None] | None:
         return Path(match["path"]), match["wanted"]
     text, mark, wanted = text.partition("#")
     path = robot_path(text)
-    if path.is_dir() or _URDF.fullmatch(path.as_posix()):
+    is_folder = path.suffix.lower() != ".toml" and os.path.isdir(path)
+    if is_folder or _URDF.fullmatch(path.as_posix()):
         return path, wanted if mark else None
     return None
 
@@ -111,7 +113,7 @@ def load_robot(name: str | Path) -> Robot:
                 f"{own and f'; your own are {own}'} (or give a path to a .toml or .urdf file)"
             )
     elif path.suffix.lower() != ".toml":
-        raise RobotFileError(f"{path}: a robot file ends in .toml, .urdf, .xacro or .zip")
+        raise RobotFileError(f"{path}: a robot file ends in .toml or .urdf (or .xacro, or .zip)")
     return ROBOT_FILES.load(path, robot_of)
 
 

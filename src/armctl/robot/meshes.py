@@ -8,6 +8,7 @@ from __future__ import annotations
 import io
 import math
 import re
+from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -57,7 +58,7 @@ def _ball(radius: float) -> Solid:
     angle = np.arange(sections) * (2 * np.pi / sections)
     ring = np.cos(latitude)[:, None]
     height = np.sin(latitude)[:, None] + 0.0 * angle
-    vertices = np.stack([ring * np.cos(angle), ring * np.sin(angle), height], axis=-1)
+    vertices = np.stack([ring * np.cos(angle), ring * np.sin(angle), height], axis=-1).astype(np.float64)
     here = np.arange(latitudes * sections).reshape(latitudes, sections)
     after, above = np.roll(here, -1, axis=1), here + sections
     faces = np.concatenate([
@@ -124,14 +125,12 @@ def _binary_stl(content: bytes, count: int) -> Solid:
 
 
 def _by_trimesh(content: bytes, suffix: str) -> Solid:
-    import trimesh
-
-    loaded: Any
+    trimesh: Any = import_module("trimesh")
     try:
         loaded = trimesh.load_scene(
             io.BytesIO(content), file_type=suffix.removeprefix("."), process=False, skip_materials=True
         )
-        mesh: Any = loaded.to_mesh()
+        mesh = loaded.to_mesh()
         vertices = np.array(mesh.vertices, dtype=np.float64).reshape(-1, 3)
         faces = np.array(mesh.faces, dtype=np.int64).reshape(-1, 3)
         units = next((one.metadata.get("units") for one in loaded.geometry.values()), None)

@@ -176,7 +176,7 @@ def _carried(tree: UrdfTree, way: Sequence[UrdfJoint], chain: Chain) -> dict[str
         joint = on_way.get(written.name, written)
         poses[joint.child] = poses[joint.parent] @ joint.origin
         carrier[joint.child] = carrier[joint.parent] + (joint.name in on_way and joint.kind != "fixed")
-    inverse = [np.linalg.inv(frame) for frame in frames]
+    inverse = np.linalg.inv(frames).astype(np.float64)
     return {name: Place(carrier[name], inverse[carrier[name] + 1] @ poses[name]) for name in tree.links}
 
 

@@ -34,6 +34,7 @@ from armctl.robot.file import (
     PointName,
     Positive,
     Strict,
+    Table,
     without_board,
 )
 from armctl.robot.parts import MOST_JOINTS, Gripper, Joint
@@ -132,8 +133,9 @@ def changed_side_file(path: Path, changes: Mapping[str, object]) -> None:
         record = dict(document.record)
     for key, value in changes.items():
         before = record.get(key)
-        merged = isinstance(before, dict) and isinstance(value, Mapping)
-        record[key] = {**before, **value} if merged else value  # pyright: ignore[reportUnknownVariableType]
+        if isinstance(before, dict) and isinstance(value, Mapping):
+            value = {**cast("Table", before), **cast("Mapping[str, object]", value)}
+        record[key] = value
     text = encode_side_file(record)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)

@@ -32,17 +32,18 @@ _LONGEST = 1000
 _DEEPEST = 50
 """properties that are made of properties"""
 _TIMEOUT_S = 60.0
-_OPERATORS: Mapping[type[ast.AST], Callable[..., Any]] = {
-    ast.Add: operator.add,
-    ast.Sub: operator.sub,
-    ast.Mult: operator.mul,
-    ast.Div: operator.truediv,
-    ast.FloorDiv: operator.floordiv,
-    ast.Mod: operator.mod,
-    ast.Pow: operator.pow,
-    ast.USub: operator.neg,
-    ast.UAdd: operator.pos,
+_OPERATORS: Mapping[type[ast.AST], str] = {
+    ast.Add: "add",
+    ast.Sub: "sub",
+    ast.Mult: "mul",
+    ast.Div: "truediv",
+    ast.FloorDiv: "floordiv",
+    ast.Mod: "mod",
+    ast.Pow: "pow",
+    ast.USub: "neg",
+    ast.UAdd: "pos",
 }
+"""names in the module ``operator``"""
 _FUNCTIONS: Mapping[str, Callable[..., Any]] = {
     **{name: getattr(math, name) for name in ("sin", "cos", "tan", "asin", "acos", "atan", "atan2", "sqrt")},
     **{name: getattr(math, name) for name in ("radians", "degrees", "hypot", "fabs")},
@@ -94,8 +95,9 @@ def expand(root: ElementTree.Element) -> None:
                     raise BeyondPlainError(f"the property {element.get('name')}, which changes")
             case "property" if len(element) and element.get("name") and not element.get("default"):
                 pass  # a block: what inserts it is refused below
-            case "arg" if element.get("name") and element.get("default") is not None:
-                arguments[element.get("name", "")] = element.get("default", "")
+            case "arg" if element.get("name"):
+                if (default := element.get("default")) is not None:
+                    arguments[element.get("name", "")] = default
             case "macro":
                 pass
             case other:
@@ -174,7 +176,7 @@ class _Values:
             case ast.Name(id=name):
                 found = self._property(name)
             case ast.UnaryOp(op=op, operand=operand) if type(op) in _OPERATORS:
-                found = _OPERATORS[type(op)](self._value(operand, where))
+                found = _applied(op, self._value(operand, where))
             case ast.BinOp(left=left, op=op, right=right) if type(op) in _OPERATORS:
                 one, other = self._value(left, where), self._value(right, where)
                 if isinstance(one, str) or isinstance(other, str):
@@ -182,7 +184,7 @@ class _Values:
                         raise TypeError(f"{one!r} and {other!r} are not both numbers")
                 elif type(op) is ast.Pow and (abs(one) > _LARGEST or abs(other) > 64):
                     raise OverflowError("a power beyond 64")
-                found = _OPERATORS[type(op)](one, other)
+                found = _applied(op, one, other)
             case ast.Call(func=ast.Name(id=name) | ast.Attribute(value=ast.Name(id="math"), attr=name),
                           args=arguments, keywords=[]) if name in _FUNCTIONS:  # fmt: skip
                 found = _FUNCTIONS[name](*(self._value(one, where) for one in arguments))
@@ -195,6 +197,11 @@ class _Values:
         if len(found) > _LONGEST if isinstance(found, str) else not abs(found) <= _LARGEST:
             raise OverflowError("it grows too large")
         return found
+
+
+def _applied(op: ast.AST, *values: Value) -> Any:
+    function: Callable[..., Any] = getattr(operator, _OPERATORS[type(op)])
+    return function(*values)
 
 
 # By the package.
