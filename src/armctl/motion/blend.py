@@ -17,7 +17,8 @@ from armctl.arrays import FloatArray
 from armctl.errors import InputError
 from armctl.motion.paths.tool_walk import first_crossing
 from armctl.motion.polynomial import PiecewisePolynomial, quintic
-from armctl.motion.timing import REGIONS, PathLimits, PathTrajectory, fastest_rates, trapezoid_law
+from armctl.motion.time_optimal import PathLimits, fastest_rates, time_optimal_law
+from armctl.motion.timing import PathTrajectory
 from armctl.robot import Robot
 
 _PROBES = 33
@@ -174,12 +175,11 @@ def _planned(robot: Robot, run: Sequence[_Piece], first: float) -> list[tuple[Pa
     limits = PathLimits.of(robot, path, np.concatenate([piece.caps for piece in run]))
     rates = fastest_rates(limits, first)
     found: list[tuple[PathTrajectory, float]] = []
-    at, begin = 0, 0.0
+    piece_at, begin = 0, 0.0
     for piece in run:
-        to = at + REGIONS * len(piece.caps)
+        at, to = limits.first[[piece_at, piece_at + len(piece.caps)]].tolist()
         breaks = np.append(limits.breaks[at:to] - begin, piece.path.high)
-        part = PathLimits(breaks, limits.rate[at:to], limits.acceleration[at:to])
-        law = trapezoid_law(part, rates[at : to + 1])
+        law = time_optimal_law(breaks, rates[at : to + 1], limits.cap[at:to], limits.push[at:to])
         found.append((PathTrajectory(piece.path, law), float(rates[to])))
-        at, begin = to, begin + piece.path.high
+        piece_at, begin = piece_at + len(piece.caps), begin + piece.path.high
     return found

@@ -241,7 +241,7 @@ def plan_through(
     shortest = JoinedTrajectory(parts)
     if duration_s is None:
         return shortest
-    factor = _slower(duration_s, shortest.duration)
+    factor = _slower(duration_s, shortest.duration, "trapezoid" if law == "normal" else law)
     return JoinedTrajectory(
         [plan_joints(robot, p.start, p.end, factor * p.duration, law, checked=False) for p in parts]
     )
@@ -268,10 +268,10 @@ def plan_blended(
     shortest = JoinedTrajectory(blend(robot, legs).trajectories)
     if duration_s is None:
         return shortest
-    return SlowedTrajectory(shortest, _slower(duration_s, shortest.duration))
+    return SlowedTrajectory(shortest, _slower(duration_s, shortest.duration, "trapezoid"))
 
 
-def _slower(duration_s: float, shortest: float) -> float:
+def _slower(duration_s: float, shortest: float, profile: ProfileName) -> float:
     """How many times as long as the shortest a duration is."""
-    lasts = lasting_s(duration_s, shortest, lambda asked: f"the whole motion cannot take {asked:g} s")
-    return lasts / shortest
+    words = "the whole motion cannot take {:g} s".format
+    return lasting_s(duration_s, shortest, words, profile) / shortest

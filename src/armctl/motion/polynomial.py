@@ -14,6 +14,8 @@ from armctl.errors import InputError
 
 _NEGLIGIBLE = 1e-14
 """A coefficient that is a smaller share of the largest one counts as 0."""
+_JUMP = 1e-6
+"""A smaller share of the largest value is no jump."""
 
 
 class PiecewisePolynomial:
@@ -115,7 +117,7 @@ class PiecewisePolynomial:
 
     def extremes_by_piece(self) -> tuple[FloatArray, FloatArray]:
         """Smallest and largest values (k, n) each, of every piece."""
-        control, unit = self._control_points()
+        control, unit = self._control_and_unit()
         ends = control[:, [0, -1]]
         low, high = ends.min(axis=1), ends.max(axis=1)
         # a piece can pass its ends only where a control point does
@@ -129,15 +131,34 @@ class PiecewisePolynomial:
 
     def bounds_by_piece(self) -> tuple[FloatArray, FloatArray]:
         """What the values (k, n) of every piece never go below and above: Bernstein's; close if short."""
-        control, _ = self._control_points()
+        control = self.control_points()
         return control.min(axis=1), control.max(axis=1)
 
     def bound_by_piece(self) -> FloatArray:
         """What the values without sign (k, n) of every piece never go above."""
-        control, _ = self._control_points()
-        return np.abs(control).max(axis=1)
+        return np.abs(self.control_points()).max(axis=1)
 
-    def _control_points(self) -> tuple[FloatArray, FloatArray]:
+    def is_smooth_from_rest(self) -> bool:
+        """Whether its first two derivatives begin and end at 0, and the second never jumps."""
+        rate = self.derivative()
+        rates, pushes = rate.control_points(), rate.derivative().control_points()
+        still = np.zeros((1, self.n))
+        jumps = np.concatenate([pushes[:, 0], still]) - np.concatenate([still, pushes[:, -1]])
+        ends = np.abs([rates[0, 0], rates[-1, -1]]).max()
+        return bool(
+            np.abs(jumps).max() <= _JUMP * np.abs(pushes).max() and ends <= _JUMP * np.abs(rates).max()
+        )
+
+    def control_points(self) -> FloatArray:
+        """(k, degree + 1, n) Bernstein coefficients: each piece lies between its least and its largest."""
+        return self._control_and_unit()[0]
+
+    def padded(self, size: int) -> PiecewisePolynomial:
+        """The same curve with at least ``size`` coefficients a piece."""
+        missing = max(size - self.coefficients.shape[1], 0)
+        return PiecewisePolynomial(self.breaks, np.pad(self.coefficients, ((0, 0), (0, missing), (0, 0))))
+
+    def _control_and_unit(self) -> tuple[FloatArray, FloatArray]:
         """(k, degree + 1, n) Bernstein coefficients of each piece, and its powers over 0 ... 1."""
         size = self.coefficients.shape[1]
         widths = np.power(np.diff(self.breaks)[:, None], np.arange(float(size)))

@@ -31,6 +31,7 @@ Kind = Literal[
     "reach",
     "speed",
     "acceleration",
+    "jerk",
     "rest",
     "floor",
     "obstacle",
@@ -78,7 +79,8 @@ def preflight(
 ) -> list[Finding]:
     """Check one motion: errors first, then warnings, each in the order of time.
 
-    - Joint limits, speed and acceleration by the peaks of the trajectory; rest at both ends (``at_rest``).
+    - Joint limits, speed and acceleration by the peaks of the trajectory, and the jerk of a profile that
+      limits it; rest at both ends (``at_rest``).
     - Floor, obstacles and self-collision over the whole motion (``gap_finding``).
     - Singularities of the tool point, which must not cut a ``tool_path``, and gravity torque (with
       ``payload_kg`` instead of the robot file's) against stall torque, at the samples.
@@ -89,7 +91,8 @@ def preflight(
         raise InputError(f"a payload must be at least 0 kg, got {payload_kg}")
     links = LinkFrames.at(robot.chain, motion.q)
     findings = [*_limit_findings(motion)]
-    findings += [*_rate_findings(motion, "speed"), *_rate_findings(motion, "acceleration")]
+    for kind in _RATES:
+        findings += _rate_findings(motion, kind)
     around = (Obstacles(robot),) if robot.obstacles else ()
     for source in (Floor(robot), *around, SelfCollision(robot)):
         finding = gap_finding(motion, source, source.gaps(links))
@@ -159,8 +162,9 @@ class SampledMotion:
         self.peaks = peaks_of(trajectory)
 
 
-# Joint limits, speeds and accelerations, rest at both ends.
+# Joint limits, speeds, accelerations and jerks, rest at both ends.
 
+_RATES: tuple[Kind, ...] = ("speed", "acceleration", "jerk")
 _ANGLE_TOLERANCE = 1e-9
 _RATE_TOLERANCE = 1e-6
 _REST_SPEED = 1e-6
@@ -186,20 +190,24 @@ def _limit_findings(motion: SampledMotion) -> Iterator[Finding]:
 
 
 def _rate_findings(motion: SampledMotion, kind: Kind) -> Iterator[Finding]:
-    """Joints whose speed or acceleration is over its limit."""
+    """Joints whose speed, acceleration or jerk is over its limit."""
     robot, peaks = motion.robot, motion.peaks
-    if kind == "speed":
-        most, limits, rates, unit, power = peaks.speed, robot.speed_limits, motion.velocity, "°/s", 1.0
-    else:
-        most, limits, rates = peaks.acceleration, robot.acceleration_limits, motion.acceleration
-        unit, power = "°/s²", 0.5
-    for j in np.flatnonzero(most > limits * (1 + _RATE_TOLERANCE)).tolist():
+    order = _RATES.index(kind)
+    most = (peaks.speed, peaks.acceleration, peaks.jerk)[order]
+    limits = (robot.speed_limits, robot.acceleration_limits, robot.jerk_limits)[order]
+    unit = ("°/s", "°/s²", "°/s³")[order]
+    over = [] if most is None else np.flatnonzero(most > limits * (1 + _RATE_TOLERANCE)).tolist()
+    if most is None or not over:
+        return
+    state = motion.trajectory.sample(motion.time)
+    rates = np.abs((state.velocity, state.acceleration, state.jerk)[order])
+    for j in over:
         value, limit = np.degrees([most[j], limits[j]])
         yield Finding(
             f"{value:.1f} {unit} is over its limit of {limit:.1f} {unit}",
-            float(motion.time[np.abs(rates[:, j]).argmax()]),
+            float(motion.time[rates[:, j].argmax()]),
             robot.joints[j].title,
-            f"take {(most[j] / limits[j]) ** power:.2f} times as long",
+            f"take {(most[j] / limits[j]) ** (1 / (order + 1)):.2f} times as long",
             kind,
         )
 

@@ -179,7 +179,7 @@ class PointToPoint(KnowsPeaks):
         duration = float(times.max())
         if duration_s is not None:
             duration = lasting_s(
-                duration_s, duration, lambda asked: _too_short(robot, travel, asked, times, profile)
+                duration_s, duration, lambda asked: _too_short(robot, travel, asked, times, profile), profile
             )
         if duration == 0:
             return cls(first, last, 0.0, None)
@@ -204,8 +204,9 @@ class PointToPoint(KnowsPeaks):
         if self.way is None:
             return Peaks(low, high, np.zeros(len(low)), np.zeros(len(low)))
         rate = self.way.derivative()
-        speeds, pushes = rate.extremes_by_piece(), rate.derivative().extremes_by_piece()
-        return Peaks(low, high, np.abs(speeds).max(axis=(0, 1)), np.abs(pushes).max(axis=(0, 1)))
+        push = rate.derivative()
+        jerk = _largest(push.derivative()) if self.way.is_smooth_from_rest() else None
+        return Peaks(low, high, _largest(rate), _largest(push), jerk)
 
     def sample(self, t: float | FloatArray) -> Sample:
         """State at ``t`` [s], a number or (k,); outside the duration it holds the nearer end."""
@@ -222,6 +223,11 @@ class PointToPoint(KnowsPeaks):
         return Sample(q, velocity * moving, acceleration * inside, jerk * inside)
 
 
+def _largest(values: PiecewisePolynomial) -> FloatArray:
+    """(n,) without sign."""
+    return np.abs(values.extremes_by_piece()).max(axis=(0, 1))
+
+
 def checked_duration(duration: float) -> float:
     """A duration [s]; what is too short to divide by is 0. InputError: no number, not finite, or below 0."""
     checked = checked_number(duration, "the duration of a motion")
@@ -230,17 +236,30 @@ def checked_duration(duration: float) -> float:
     return checked if checked > _INSTANT else 0.0
 
 
-def lasting_s(duration: float, shortest: float, too_short: Callable[[float], str]) -> float:
-    """A duration [s] that is asked for; ``MotionRefusedError`` where it is under the shortest."""
+def lasting_s(
+    duration: float,
+    shortest: float,
+    too_short: Callable[[float], str],
+    profile: ProfileName = "trapezoid",
+    *,
+    exact: bool = True,
+) -> float:
+    """A duration [s] that is asked for; ``MotionRefusedError`` where it is under the profile's shortest."""
     checked = checked_duration(duration)
     if checked < shortest * (1 - _ROUNDING):
-        raise MotionRefusedError(f"{too_short(checked)}; {shortest_words(shortest)}")
+        words = shortest_words(shortest, profile, exact=exact)
+        raise MotionRefusedError(f"{too_short(checked)}; {words}")
     return max(checked, shortest)
 
 
-def shortest_words(shortest: float) -> str:
-    """The shortest duration [s] in words, rounded up: what is read there may be asked for."""
-    return f"the shortest possible duration is {math.ceil(1000 * shortest - _SPARE_MS) / 1000:.3f} s"
+def shortest_words(shortest: float, profile: ProfileName = "trapezoid", *, exact: bool = True) -> str:
+    """The shortest duration [s] in words, rounded up: what is read there may be asked for.
+
+    ``exact``: no motion of this profile takes less; only the trapezoid is the shortest of all.
+    """
+    by = "" if profile == "trapezoid" else f"with the profile {profile} "
+    which = "shortest possible duration" if exact else "shortest duration"
+    return f"{by}the {which} is {math.ceil(1000 * shortest - _SPARE_MS) / 1000:.3f} s"
 
 
 def stopping_s(robot: Robot) -> float:

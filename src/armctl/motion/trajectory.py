@@ -35,6 +35,8 @@ class Peaks:
     """largest joint speeds [rad/s]"""
     acceleration: FloatArray
     """largest joint accelerations, without sign [rad/s²]"""
+    jerk: FloatArray | None = None
+    """largest joint jerks, without sign [rad/s³]; None where the motion does not promise to limit them"""
 
 
 @runtime_checkable
@@ -105,11 +107,12 @@ class JoinedTrajectory(KnowsPeaks):
 
     @property
     def peaks(self) -> Peaks:
-        """As well known as those of its parts."""
+        """As well known as those of its parts; the jerk of those that limit it."""
         peaks = [peaks_of(part) for part in self.parts]
         low, high = np.min([one.low for one in peaks], axis=0), np.max([one.high for one in peaks], axis=0)
         speed, acceleration = np.max([(one.speed, one.acceleration) for one in peaks], axis=0)
-        return Peaks(low, high, speed, acceleration)
+        jerks = [one.jerk for one in peaks if one.jerk is not None]
+        return Peaks(low, high, speed, acceleration, np.max(jerks, axis=0) if jerks else None)
 
     def leaves(self) -> list[tuple[Trajectory, float]]:
         """The parts, joined ones taken apart, and when each begins [s]."""
@@ -165,7 +168,8 @@ class SlowedTrajectory(KnowsPeaks):
     def peaks(self) -> Peaks:
         """As well known as those of the trajectory it was made of."""
         peaks, f = peaks_of(self.inner), self.factor
-        return Peaks(peaks.low, peaks.high, peaks.speed / f, peaks.acceleration / f**2)
+        jerk = None if peaks.jerk is None else peaks.jerk / f**3
+        return Peaks(peaks.low, peaks.high, peaks.speed / f, peaks.acceleration / f**2, jerk)
 
     def sample(self, t: float | FloatArray) -> Sample:
         """State at ``t`` [s], a number or (k,); outside the duration it holds the nearer end."""

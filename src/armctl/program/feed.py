@@ -13,7 +13,7 @@ from armctl.errors import ArmctlError, InputError, MotionRefusedError, ProgramEr
 from armctl.motion.blend import Entry, Leg, blend
 from armctl.motion.preflight import preflight
 from armctl.motion.profiles import stopping_s
-from armctl.motion.timing import TooFastError
+from armctl.motion.time_optimal import TooFastError
 from armctl.motion.trajectory import Trajectory
 from armctl.program.check import check_program
 from armctl.program.program import Cursor, Program
