@@ -18,6 +18,7 @@ from armctl.robot.draft import BUILDS, Draft
 from armctl.robot.shape import reach
 from armctl.ui.robot_switch import RobotChoice
 from armctl.ui.scene.arm_figure import ArmFigure
+from armctl.ui.scene.stage import look_at_arm
 from armctl.ui.session import Session
 from armctl.ui.widgets.html import LiveHtml, muted, refused, sentence
 from armctl.ui.widgets.number_field import NumberField, parse_number
@@ -176,6 +177,8 @@ class OwnArm:
         return np.radians(np.array([self._q.get(name, angle) for name, angle in home]))
 
     def _draw(self, robot: Robot) -> None:
+        if self._figure is None:
+            look_at_arm(self._session.client, robot)
         self._erase()
         self._figure = ArmFigure(self._session.client.scene, robot, "/new-arm")
         longest = max(reach(robot.chain), reach(self._session.console.robot.chain))
@@ -202,8 +205,10 @@ class OwnArm:
         self._show()
 
     def _end(self) -> None:
+        if self._figure is not None:
+            self._aside = 0.0
+            look_at_arm(self._session.client, self._session.console.robot)
         self._erase()
-        self._look_aside(0.0)
         self._robot, self._edits, self._q = None, _Edits(), {}
         self._box.visible, self._begin.visible = False, True
 
