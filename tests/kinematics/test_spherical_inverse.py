@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 
 import numpy as np
 import pytest
@@ -60,10 +61,10 @@ def assert_contains(ik: SphericalShoulderSolver, limits: FloatArray, q: FloatArr
 
 
 @pytest.mark.slow
-def test_ten_thousand_poses_of_the_humanoid_contain_their_configurations() -> None:
+def test_poses_of_the_humanoid_contain_their_configurations() -> None:
     ik = spherical_solver(HUMANOID, HUMANOID_LIMITS)
     rng = np.random.default_rng(81)
-    for i in range(10_000):
+    for i in range(100_000 if os.environ.get("ARMCTL_LONG") else 2_000):
         if i % 4 == 3:
             assert_contains(ik, HUMANOID_LIMITS, singular_configuration(ik, HUMANOID_LIMITS, rng), pose=True)
         else:
