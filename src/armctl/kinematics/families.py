@@ -15,6 +15,7 @@ from armctl.kinematics.chain import Chain
 from armctl.kinematics.energy import EnergyModel
 from armctl.kinematics.numeric.solver import NumericSolver
 from armctl.kinematics.parallel_linkage.solver import ParallelLinkageSolver
+from armctl.kinematics.redundant.solver import RedundantSolver
 from armctl.kinematics.samples import DEFAULT_STEP
 from armctl.kinematics.solutions import needs
 from armctl.kinematics.solver import InverseKinematics
@@ -27,6 +28,7 @@ FAMILIES: tuple[type[InverseKinematics], ...] = (
     YawPitchRollSolver,
     SphericalShoulderSolver,
     ThreeParallelSolver,
+    RedundantSolver,
     ParallelLinkageSolver,
     NumericSolver,
 )
@@ -85,7 +87,7 @@ class BranchFinder:
 
     def find(self, target: Target) -> tuple[Branch, ...]:
         """All branches in the order of their names; none where the links do not reach, or a joint is free."""
-        if self._solver.free_joint is not None and target.pitch is None and target.rotation is None:
+        if self._solver.is_swept(target):
             return ()  # a continuum, not branches
         joint = self._solver.roll_joint
         if target.roll is None and target.rotation is None and joint is not None:

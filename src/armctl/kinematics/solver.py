@@ -84,13 +84,9 @@ class InverseKinematics(ABC):
         """
         raise self._has_no("batch of poses")
 
-    def solve_poses(self, poses: FloatArray) -> BatchSolutions | None:
-        """Every branch of many tool poses ``T_base_tool`` (k, 4, 4) [m], whatever the joint limits.
-
-        Exact solutions only, the angles at any of their images. None: the family has no such answer. A longer
-        arm with one joint locked asks for it, for each angle of the sweep.
-        """
-        return None
+    def is_swept(self, target: Target) -> bool:
+        """Whether a joint is swept for a target, so that there is a continuum and no list of branches."""
+        return self.free_joint is not None and target.pitch is None and target.rotation is None
 
     def least_rotation(self, position_m: ArrayLike) -> FloatArray:
         """The exact least rotation of one point (3,) or many (k, 3) [m]; ``Robot.least_rotation`` says more.

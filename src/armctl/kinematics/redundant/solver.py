@@ -1,0 +1,156 @@
+"""Inverse kinematics of seven joints: a whole tool pose leaves one of them free, which is swept."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from functools import partial
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from armctl.arrays import FloatArray
+from armctl.kinematics.angles import TWO_PI, all_images
+from armctl.kinematics.chain import Chain
+from armctl.kinematics.energy import EnergyModel
+from armctl.kinematics.numeric.solver import NumericSolver
+from armctl.kinematics.redundant.locked import Found, IndexArray, LockedArm
+from armctl.kinematics.samples import checked_step, grid_values
+from armctl.kinematics.solutions import Solutions, SolvedArm
+from armctl.kinematics.solver import InverseKinematics
+from armctl.kinematics.target import Target
+
+_END, _SAME = 1e-9, 1e-6
+"""how near to the end of a run of solutions its last one is, and which angles of the sweep are one [rad]"""
+_MET_M, _MET_RAD = 1e-10, 1e-9
+"""what rounding may leave of a pose; what misses more is no solution"""
+_MOST_ROWS = 500_000
+"""images by whole turns are listed up to so many configurations"""
+_MINIMA, _SECTIONS, _FINEST = 32, 8, 1e-13
+"""how many of the least rotations of the list are refined, into how many parts each way, how fine [rad]"""
+
+
+class RedundantSolver(InverseKinematics):
+    """One arm of seven joints inside its limits. Immutable; safe in several threads.
+
+    The joint at one end is swept, as the others are closed form once it is locked (``LockedArm``). A position
+    without an orientation leaves four joints free: it is searched for, as for any arm.
+    """
+
+    family = "seven joints: one swept, six in closed form"
+    complete = False
+
+    def __init__(
+        self, chain: Chain, locked: LockedArm, limits: FloatArray, energy: EnergyModel, titles: Sequence[str]
+    ) -> None:
+        self._search = NumericSolver(chain, limits, energy, titles)
+        super().__init__(chain, limits, energy, titles, roll_joint=self._search.roll_joint)
+        self._locked = locked
+        self._arm = SolvedArm(LockedArm.branch_names, chain, energy)
+
+    @classmethod
+    def of(cls, chain: Chain, limits: FloatArray, energy: EnergyModel, titles: Sequence[str]) -> Self | None:
+        """See ``InverseKinematics``."""
+        locked = LockedArm.of(chain)
+        return None if locked is None else cls(chain, locked, limits, energy, titles)
+
+    def is_swept(self, target: Target) -> bool:
+        """See ``InverseKinematics``."""
+        return target.rotation is not None
+
+    def solve(self, target: Target, step: float, start: FloatArray | None = None) -> Solutions:
+        """All solutions of a whole pose, the free joint in steps of ``step`` [rad], and as ``start`` has it.
+
+        The ends of each run of solutions are listed, too. A pose that has none is approached by search: the
+        position is met exactly, and the orientation as nearly as the search finds.
+        Raises ``InputError``: ``step`` is not a positive number, or too small for a list.
+        """
+        step = checked_step(step)
+        if target.rotation is None:
+            return self._search.solve(target, step, start)
+        pose = np.eye(4)
+        pose[:3, :3], pose[:3, 3] = target.rotation, target.position
+        found = self._listed(pose, self._grid(step, start), step)
+        if len(found.q) == 0:
+            return self._search.solve(target, step, start)
+        title = self.titles[self._locked.joint]
+        reason = f"a continuum, listed in steps of {math.degrees(step):.6g}° of {title}"
+        q, branch = found.q, found.branch
+        if (np.ptp(self.limits, axis=1) >= TWO_PI).any():
+            q, source, left_out = all_images(q, self.limits, start, max(_MOST_ROWS, len(q)))
+            branch = branch[source]
+            reason += f"; {left_out} more differ by whole turns" if left_out else ""
+        return Solutions(
+            self._arm, target, q, branch.astype(np.int8), free_joint=self._locked.joint,
+            least_rotation=partial(self._least_rotation, pose, found, step), incomplete_reason=reason,
+        )  # fmt: skip
+
+    def _grid(self, step: float, start: FloatArray | None) -> FloatArray:
+        """The angles of the sweep (k,) [rad], rising."""
+        low, high = self.limits[self._locked.joint].tolist()
+        angles = grid_values(low, high, step)
+        here = None if start is None else float(start[self._locked.joint])
+        if here is None or not low <= here <= high:
+            return angles
+        return np.sort(np.append(angles[np.abs(angles - here) > _SAME], here))
+
+    def _listed(self, pose: FloatArray, angles: FloatArray, step: float) -> Found:
+        """What the angles (k,), rising, have, and the ends between them; along each branch."""
+        found = self._locked.solve(pose, angles, self.limits)
+        has = np.zeros((len(LockedArm.branch_names), len(angles)), dtype=np.bool_)
+        has[found.branch, found.row] = True
+        branch, left = np.nonzero(has[:, 1:] != has[:, :-1])
+        inside, outside = angles[left + ~has[branch, left]], angles[left + has[branch, left]]
+        grid, rounds = inside, max(1, math.ceil(math.log2(step / _END)))
+        for _ in range(rounds if len(branch) else 0):
+            middle = 0.5 * (inside + outside)
+            hit = np.zeros(len(branch), dtype=np.bool_)
+            hit[self._on(pose, middle, branch)[0]] = True
+            inside, outside = np.where(hit, middle, inside), np.where(hit, outside, middle)
+        new = np.abs(inside - grid) > _SAME
+        which, q = self._on(pose, inside[new], branch[new])
+        q = np.concatenate([found.q, q])
+        branch = np.concatenate([found.branch, branch[new][which]])
+        met = self._meets(pose, q)
+        order = np.lexsort((q[:, self._locked.joint], branch))
+        order = order[met[order]]
+        return Found(np.arange(len(order)), branch[order], q[order])
+
+    def _on(self, pose: FloatArray, angles: FloatArray, branch: IndexArray) -> tuple[IndexArray, FloatArray]:
+        """Solutions of one branch for each of the angles (k,): indices of those that have it, and (m, 7)."""
+        found = self._locked.solve(pose, angles, self.limits)
+        own = found.branch == branch[found.row]
+        return found.row[own], found.q[own]
+
+    def _meets(self, pose: FloatArray, q: FloatArray) -> NDArray[np.bool_]:
+        """Which configurations (m, 7) meet a pose: near a singular one rounding may take it off."""
+        there = self.chain.forward(q)
+        off = np.linalg.norm(there[:, :3, 3] - pose[:3, 3], axis=1)
+        # of two rotations that are near to each other the angle is 1/√2 of the distance
+        turned = np.linalg.norm(there[:, :3, :3] - pose[:3, :3], axis=(1, 2)) / math.sqrt(2.0)
+        return (off < _MET_M) & (turned < _MET_RAD)
+
+    def _least_rotation(self, pose: FloatArray, found: Found, step: float) -> FloatArray | None:
+        """The configuration (7,) of least Σ|θ| over the continuum: the least of the list, refined."""
+        turned = np.abs(found.q).sum(axis=1)
+        before, behind = np.full(len(turned), np.inf), np.full(len(turned), np.inf)
+        same = found.branch[1:] == found.branch[:-1]
+        before[1:][same], behind[:-1][same] = turned[:-1][same], turned[1:][same]
+        minima = np.flatnonzero((turned <= before) & (turned <= behind))
+        minima = minima[np.argsort(turned[minima], kind="stable")[:_MINIMA]]
+        branch, centre = found.branch[minima], found.q[minima, self._locked.joint]
+        low, high = self.limits[self._locked.joint].tolist()
+        parts = np.linspace(-1.0, 1.0, 2 * _SECTIONS + 1)
+        while step > _FINEST:
+            tried = np.clip(centre[:, None] + step * parts, low, high)
+            least = np.full(tried.size, np.inf)
+            which, q = self._on(pose, tried.ravel(), branch.repeat(len(parts)))
+            least[which] = np.abs(q).sum(axis=1)
+            best = least.reshape(tried.shape).argmin(axis=1)
+            centre = tried[np.arange(len(centre)), best]
+            step /= _SECTIONS
+        _, q = self._on(pose, centre, branch)
+        q = q[self._meets(pose, q)]
+        least = np.abs(q).sum(axis=1)
+        return q[int(least.argmin())] if len(q) and least.min() <= turned.min() else None
