@@ -7,7 +7,7 @@ import math
 from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, Literal, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -17,7 +17,7 @@ from armctl.boards import ANY_BOARD, SIMULATED, board_name, calibrated_for
 from armctl.errors import ArmctlError, InputError, StateError
 from armctl.handles import ORIGIN, JointStream, Motion
 from armctl.hardware import Source
-from armctl.kinematics import Choice, Target
+from armctl.kinematics import Choice, Target, rotation_of
 from armctl.kinematics.target import as_numbers, checked_number, require_finite
 from armctl.motion import PathTrajectory, PitchMode, Profile, Trajectory, solve
 from armctl.motion.trajectory import KnowsPeaks
@@ -55,6 +55,8 @@ from armctl.runtime import (
 )
 from armctl.runtime.commands import Frame, LockControl, MovingCommand
 
+Orientation = Literal["kept"]
+"""of the tool, where ``Arm.go`` is not told by its numbers: as it is"""
 LAST_POSE = "last"
 """for ``Arm.enable``: where armctl saw the arm last"""
 _LOGGER = logging.getLogger("armctl.arm")
@@ -244,21 +246,29 @@ class Arm:
         profile: Profile = "cubic",
         blend_mm: float = 0.0,
         wait: bool = True,
+        *,
+        rpy_deg: Sequence[float] | None = None,
+        quaternion_wxyz: Sequence[float] | None = None,
+        orientation: Orientation | None = None,
     ) -> Motion:
         """Put the tool on a point, joint by joint.
 
-        The point is in the base frame; ``pitch_deg`` and ``roll_deg`` are the tool's, None: any. ``choose``
-        is the criterion among the solutions, by name, or a function of your own: it makes k energies of the
-        solutions (k, n) [rad] and where the arm stands (n,) [rad]. The one of the least is sent; infinity
-        excludes one.
+        The point is in the base frame; ``pitch_deg`` and ``roll_deg`` are the tool's, None: any. Instead of
+        these its whole orientation in the base frame: ``rpy_deg`` is roll, pitch and yaw as
+        Rz(yaw)·Ry(pitch)·Rx(roll), ``quaternion_wxyz`` of any length; ``orientation="kept"``: the present
+        one.
+        ``choose`` is the criterion among the solutions, by name, or a function of your own: it makes k
+        energies of the solutions (k, n) [rad] and where the arm stands (n,) [rad]. The one of the least is
+        sent; infinity excludes one.
         ``profile`` is the law over time. Without a duration the motion takes the shortest. ``blend_mm`` means
         something in a program only: a call stops at its end.
-        UnreachableError: no solution. MotionRefusedError: the way there would leave the limits.
+        UnreachableError: no solution, or none with that orientation. MotionRefusedError: the way there would
+        leave the limits.
         """
         _require_blend(blend_mm)
         point = _point((x_mm, y_mm, z_mm), "x_mm, y_mm, z_mm")
-        pitch, roll = _optional(pitch_deg, "pitch_deg"), _optional(roll_deg, "roll_deg")
-        target, duration = _target(point, pitch, roll), _optional(duration_s, "duration_s")
+        rotation = self._rotation(rpy_deg, quaternion_wxyz, orientation)
+        target, duration = _target(point, pitch_deg, roll_deg, rotation), _optional(duration_s, "duration_s")
         if isinstance(choose, str):
             return self._move(MoveTo(target, choose, duration, profile), wait)
         q = solve(self.robot, self._commanded(), target, choose)
@@ -370,14 +380,21 @@ class Arm:
         pitch_deg_s: float = 0.0,
         roll_deg_s: float = 0.0,
         frame: Frame = "base",
+        *,
+        rx_deg_s: float = 0.0,
+        ry_deg_s: float = 0.0,
+        rz_deg_s: float = 0.0,
     ) -> None:
         """Move the tool along a line, or turn it in its place, for 100 ms; then it slows down.
 
-        ``frame``: whose axes x, y and z are along, "base" or "tool". A positive pitch lifts the tool.
+        ``frame``: whose axes x, y and z are along, "base" or "tool". A positive pitch lifts the tool. About
+        these axes, ``rx_deg_s`` and so on, an arm turns its tool that can orient it (``robot.orients_tool``);
+        along a line such an arm keeps the orientation, another one its pitch and roll.
         """
         linear = _point((x_mm_s, y_mm_s, z_mm_s), "x_mm_s, y_mm_s, z_mm_s") / 1000
+        turn = np.radians(_point((rx_deg_s, ry_deg_s, rz_deg_s), "rx_deg_s, ry_deg_s, rz_deg_s"))
         pitch, roll = checked_number(pitch_deg_s, "pitch_deg_s"), checked_number(roll_deg_s, "roll_deg_s")
-        self._do(JogTool(linear, math.radians(pitch), math.radians(roll), frame))
+        self._do(JogTool(linear, math.radians(pitch), math.radians(roll), frame, turn))
 
     def follow_target(
         self,
@@ -386,11 +403,17 @@ class Arm:
         z_mm: float,
         pitch_deg: float | None = None,
         roll_deg: float | None = None,
+        *,
+        rpy_deg: Sequence[float] | None = None,
+        quaternion_wxyz: Sequence[float] | None = None,
     ) -> None:
-        """Let the tool follow a point that moves: give it again within 500 ms, or the arm slows down."""
+        """Let the tool follow a point that moves: give it again within 500 ms, or the arm slows down.
+
+        Pitch, roll and orientation as ``go``; what is not given stays as it was where the arm can.
+        """
         point = _point((x_mm, y_mm, z_mm), "x_mm, y_mm, z_mm")
-        pitch, roll = _optional(pitch_deg, "pitch_deg"), _optional(roll_deg, "roll_deg")
-        self._do(FollowTarget(_target(point, pitch, roll)))
+        rotation = self._rotation(rpy_deg, quaternion_wxyz, None)
+        self._do(FollowTarget(_target(point, pitch_deg, roll_deg, rotation)))
 
     # How it ends.
 
@@ -421,6 +444,23 @@ class Arm:
                 "measured_deg tells what its board reports"
             )
         return snapshot.q_command
+
+    def _rotation(
+        self,
+        rpy_deg: Sequence[float] | None,
+        quaternion_wxyz: Sequence[float] | None,
+        orientation: Orientation | None,
+    ) -> FloatArray | None:
+        """``R_base_tool`` (3, 3) that is asked for, or the present one; None: neither."""
+        rpy = None if rpy_deg is None else np.radians(as_numbers(rpy_deg, "rpy_deg"))
+        asked = rotation_of(rpy, quaternion_wxyz)
+        if orientation is None:
+            return asked
+        if orientation != "kept":
+            raise InputError(f"orientation is 'kept' or left out, not {orientation!r}")
+        if asked is not None:
+            raise InputError("orientation='kept' is the present one: leave rpy_deg and quaternion_wxyz out")
+        return self.robot.forward(self._commanded())[:3, :3]
 
     def _program(self, program: str | Path | Program) -> Program:
         if isinstance(program, Program):
@@ -467,9 +507,12 @@ class Arm:
             raise
 
 
-def _target(point_mm: FloatArray, pitch_deg: float | None, roll_deg: float | None) -> Target:
-    turned = (None if angle is None else math.radians(angle) for angle in (pitch_deg, roll_deg))
-    return Target.of(point_mm / 1000, *turned)
+def _target(
+    point_mm: FloatArray, pitch_deg: float | None, roll_deg: float | None, rotation: FloatArray | None
+) -> Target:
+    asked = _optional(pitch_deg, "pitch_deg"), _optional(roll_deg, "roll_deg")
+    turned = (None if angle is None else math.radians(angle) for angle in asked)
+    return Target.of(point_mm / 1000, *turned, rotation)
 
 
 def _point(value: ArrayLike, what: str) -> FloatArray:

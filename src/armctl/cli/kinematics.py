@@ -12,7 +12,14 @@ from armctl.arrays import FloatArray
 from armctl.cli.main import DONE, REFUSED
 from armctl.cli.options import NUMBER, QUERY_SETTINGS, Number, json_option, print_json, rounded
 from armctl.errors import ArmctlError, InputError
-from armctl.kinematics import CRITERIA, Branch, Solutions, roll_pitch_yaw, rotation_from_rpy
+from armctl.kinematics import (
+    CRITERIA,
+    Branch,
+    Solutions,
+    quaternion_wxyz,
+    roll_pitch_yaw,
+    rotation_of,
+)
 from armctl.robot import Robot, load_robot, shipped_robots, user_robots
 
 _LISTED = 20
@@ -52,7 +59,7 @@ def robots(as_json: bool) -> None:
 def fk(robot: str, q: tuple[float, ...], as_json: bool) -> None:
     """Compute the pose of ROBOT's tool at joint angles Q… (degrees).
 
-    Position in mm in the base frame; roll, pitch, yaw as Rz(yaw)·Ry(pitch)·Rx(roll).
+    Position in mm in the base frame; roll, pitch, yaw as Rz(yaw)·Ry(pitch)·Rx(roll); quaternion w, x, y, z.
     """
     arm = load_robot(robot)
     if len(q) != arm.n:
@@ -60,7 +67,7 @@ def fk(robot: str, q: tuple[float, ...], as_json: bool) -> None:
         raise click.UsageError(f"{arm.name} needs {arm.n} joint angles in degrees, got {len(q)}: {names}")
     configuration = np.radians(arm.chain.checked(q))
     T = arm.forward(configuration)
-    rpy = np.degrees(roll_pitch_yaw(T[:3, :3]))
+    rpy, quaternion = np.degrees(roll_pitch_yaw(T[:3, :3])), quaternion_wxyz(T[:3, :3])
     T[:3, 3] *= 1000
     outside = None
     try:
@@ -71,6 +78,7 @@ def fk(robot: str, q: tuple[float, ...], as_json: bool) -> None:
         print_json({
             "position_mm": rounded(T[:3, 3]),
             "rpy_deg": rounded(rpy),
+            "quaternion_wxyz": rounded(quaternion, 12),
             "matrix": [rounded(row, 12) for row in T],
             "outside_limits": outside,
         })  # fmt: skip
@@ -79,6 +87,8 @@ def fk(robot: str, q: tuple[float, ...], as_json: bool) -> None:
         roll, pitch, yaw = (round(float(angle), 4) + 0.0 for angle in rpy)  # no -0.0000
         click.echo(f"position   x {x:10.4f}   y {y:10.4f}   z {z:10.4f}  mm")
         click.echo(f"rotation   roll {roll:9.4f}   pitch {pitch:9.4f}   yaw {yaw:9.4f}  degrees")
+        w, i, j, k = np.round(quaternion, 6) + 0.0
+        click.echo(f"quaternion w {w:9.6f}   x {i:9.6f}   y {j:9.6f}   z {k:9.6f}")
         for row in T:
             click.echo("           " + "  ".join(f"{value + 0.0:11.6f}" for value in row))
     if outside is not None:
@@ -96,6 +106,8 @@ def fk(robot: str, q: tuple[float, ...], as_json: bool) -> None:
 @click.option("--rpy", type=NUMBER, nargs=3, metavar="ROLL PITCH YAW", default=None,
               help="Orientation as Rz(yaw)·Ry(pitch)·Rx(roll), degrees: the nearest that the arm can take.",
               )  # fmt: skip
+@click.option("--quaternion", type=NUMBER, nargs=4, metavar="W X Y Z", default=None,
+              help="The same as a quaternion of any length.")  # fmt: skip
 @click.option("--choose", type=click.Choice(CRITERIA), default="least-rotation", show_default=True,
               help="What the best solution is.")  # fmt: skip
 @click.option("--start", metavar="Q1,Q2,…",
@@ -108,15 +120,20 @@ def fk(robot: str, q: tuple[float, ...], as_json: bool) -> None:
 @json_option
 def ik(
     robot: str, x: float, y: float, z: float, pitch: float | None, roll: float | None,
-    rpy: tuple[float, float, float] | None, choose: str, start: str | None, step: float, every: bool,
-    as_json: bool,
+    rpy: tuple[float, float, float] | None, quaternion: tuple[float, float, float, float] | None,
+    choose: str, start: str | None, step: float, every: bool, as_json: bool,
 ) -> int:  # fmt: skip
     """Solve inverse kinematics: joint angles that put ROBOT's tool on X Y Z (mm)."""
-    if rpy is not None and (pitch is not None or roll is not None):
-        raise click.UsageError("give either --rpy, or --pitch and --roll, not both")
+    if rpy is not None and quaternion is not None:
+        raise click.UsageError("give either --rpy or --quaternion, not both")
+    if (rpy is not None or quaternion is not None) and (pitch is not None or roll is not None):
+        given = "--quaternion" if rpy is None else "--rpy"
+        raise click.UsageError(f"give either {given}, or --pitch and --roll, not both")
+    if quaternion is not None and not any(quaternion):
+        raise click.UsageError("--quaternion 0 0 0 0 is no orientation: give one of any other length")
     arm = load_robot(robot)
     point = np.array([x, y, z]) / 1000
-    rotation = None if rpy is None else rotation_from_rpy(*map(math.radians, rpy))
+    rotation = rotation_of(None if rpy is None else np.radians(rpy), quaternion)
     pitch, roll = (None if angle is None else math.radians(angle) for angle in (pitch, roll))
     wish = (pitch, roll, rotation)
     begin = _start(arm, start)

@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike
 from armctl.arrays import FloatArray
 from armctl.errors import InputError, UnreachableError
 from armctl.kinematics import DEFAULT_STEP, Choice, Target, checked_criterion
+from armctl.kinematics.angles import rotation_angle
 from armctl.kinematics.target import as_numbers, checked_number
 from armctl.motion.blend import Leg, blend
 from armctl.motion.paths.refusals import ToolPathRefusedError, ToolPathUnreachableError
@@ -29,6 +30,8 @@ from armctl.motion.timing import PathTrajectory, timed
 from armctl.motion.trajectory import JoinedTrajectory, SlowedTrajectory, Trajectory
 from armctl.robot import Robot
 
+_TURNED = 1e-6
+"""orientations that differ by less are the same [rad]"""
 Profile = ProfileName | Literal["normal"]
 """A law for all joints together; or "normal": each joint at its own speed (takes no duration)."""
 
@@ -77,7 +80,8 @@ def solve(robot: Robot, start: ArrayLike | None, target: Target, choose: Choice)
     """The configuration (n,) [rad] that a criterion chooses for a target.
 
     Raises ``InputError`` where there is no such criterion, ``UnreachableError`` where there is no solution:
-    with the reason and the nearest point.
+    with the reason and the nearest point. A solver answers an orientation that cannot be had by the nearest;
+    the arm is not sent there.
     """
     solver = robot.inverse_kinematics
     position_only = target.pitch is None and target.roll is None and target.rotation is None
@@ -90,7 +94,15 @@ def solve(robot: Robot, start: ArrayLike | None, target: Target, choose: Choice)
     solutions = solver.solve(target, DEFAULT_STEP, begin)
     if not solutions.success:
         raise UnreachableError(solutions.explanation or "there is no solution")
-    return solutions.best(choose, start)
+    q = solutions.best(choose, start)
+    if target.rotation is not None:
+        off = float(rotation_angle(robot.forward(q)[:3, :3].T @ target.rotation))
+        if off > _TURNED:
+            raise UnreachableError(
+                f"the arm reaches that point, but not in that orientation: the nearest that was found there "
+                f"is {math.degrees(off):.2g}° off"
+            )
+    return q
 
 
 # Motions of the tool along a line or an arc, and of the joints smoothly through points.

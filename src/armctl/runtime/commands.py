@@ -163,11 +163,14 @@ class JogTool(HeldCommand, frozen=True):
     """[rad/s], of the roll joint"""
     frame: Frame = "base"
     """whose axes ``linear`` is along; the tool's are taken as they are when the jog begins"""
+    angular: FloatArray | None = None
+    """(3,) turn about these axes through the tool point [rad/s], of an arm that orients its tool; None: 0"""
 
     @property
     def twist(self) -> FloatArray:
-        """(5,) all of it: [m/s, m/s, m/s, rad/s, rad/s]."""
-        return np.array([*self.linear, self.pitch_rate, self.roll_rate])
+        """(8,) all of it: [m/s] three times, then [rad/s]."""
+        turn = np.zeros(3) if self.angular is None else self.angular
+        return np.array([*self.linear, self.pitch_rate, self.roll_rate, *turn])
 
 
 class FollowTarget(HeldCommand, frozen=True):

@@ -202,13 +202,20 @@ def _checked_tool_jog(core: Core, jog: c.JogTool) -> c.JogTool:
         raise InputError(f"a jog of the tool needs three speeds, got {linear.tolist()}")
     if jog.frame not in get_args(c.Frame):
         raise InputError(f"a jog's frame {must_be(get_args(c.Frame))}, not {jog.frame!r}")
-    jog = msgspec.structs.replace(jog, linear=linear, pitch_rate=turns[0], roll_rate=turns[1])
-    speed, rate = float(np.linalg.norm(linear)), max(abs(jog.pitch_rate), abs(jog.roll_rate))
+    angular = None if jog.angular is None else as_numbers(jog.angular, "the turn of a jog")
+    if angular is not None and (angular.shape != (3,) or not np.isfinite(angular).all()):
+        raise InputError(f"a jog of the tool turns it about three axes, got {angular.tolist()}")
+    jog = msgspec.structs.replace(
+        jog, linear=linear, pitch_rate=turns[0], roll_rate=turns[1], angular=angular
+    )
+    speed, rate = float(np.linalg.norm(linear)), float(np.abs(jog.twist[3:]).max())
     if speed > FASTEST_TOOL_M_S or rate > FASTEST_TURN_RAD_S:
         raise InputError(
             f"a jog of the tool at {1000 * speed:.0f} mm/s and {math.degrees(rate):.0f} °/s is too fast; "
             f"at most {1000 * FASTEST_TOOL_M_S:.0f} mm/s and {math.degrees(FASTEST_TURN_RAD_S):.0f} °/s"
         )
+    if angular is not None and angular.any() and not core.robot.orients_tool:
+        raise InputError(f"the tool of {core.robot.name} cannot turn about any axis while its point stays")
     if rate:
         pitches, rolls = tool_turns(core.robot)
         for turn, can, name in ((jog.pitch_rate, pitches, "pitch"), (jog.roll_rate, rolls, "roll")):

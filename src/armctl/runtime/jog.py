@@ -7,6 +7,9 @@ import math
 import numpy as np
 
 from armctl.arrays import FloatArray
+from armctl.kinematics.angles import quaternion_wxyz
+from armctl.kinematics.numeric.goals import rotation_vectors
+from armctl.kinematics.subproblems import turn
 from armctl.kinematics.velocity import damped_inverse, position_leaves_pitch, turning_speeds
 from armctl.motion.paths.tool_pitch import PitchRows, PlanePitch, pitch_rows
 from armctl.robot import Robot
@@ -85,18 +88,19 @@ class Jogger(Led):
 class ToolLine:
     """One straight line of the tool, from where it is when the jog begins, and its pitch and roll.
 
-    The position comes first. What it leaves of the joints keeps the tool's pitch and roll, or its
-    orientation with six joints and more, as far as it can. All joints are scaled as one, so that the tool
-    slows down on its line where one of them is at a limit.
+    The position comes first. What it leaves of the joints keeps the tool's pitch and roll, or the orientation
+    of an arm that orients its tool, as far as it can; or turns it about one axis of the base frame. All
+    joints are scaled as one, so that the tool slows down on its line where one of them is at a limit.
     """
 
     def __init__(self, robot: Robot, q: FloatArray, command: JogTool) -> None:
         """The line of ``command`` from the tool at ``q`` (n,) [rad]."""
         self._robot = robot
         self._moving = turning_speeds(robot.limits, robot.speed_limits) > 0.0
-        self._pose_kept = np.count_nonzero(self._moving) >= 6
+        self._pose_kept = robot.orients_tool
         pose = robot.forward(q)
-        self._start = pose[:3, 3]
+        self._start, self._rotation = pose[:3, 3], pose[:3, :3]
+        self._lift = _lift_axis(pose)
         self._turn = pose[:3, :3] if command.frame == "tool" else np.eye(3)
         pitch, _ = robot.inverse_kinematics.pitch_and_roll(q)
         self._rows = None if pitch is None else pitch_rows(robot, q, 1.0, None)
@@ -149,10 +153,10 @@ class ToolLine:
         off = self._start - pose[:3, 3]
         if self._direction is not None:
             off = off - self._direction * float(self._direction @ off)
-        rows, second = self._second(pose, J)
+        rows, second, restoring = self._second(pose, J)
         rows, null = rows[:, moving], _null_space(J[:3, moving])
         first = damped_inverse(J[:3, moving]) @ np.stack([linear, off / pull_back_s], axis=1)
-        wanted = np.stack([second, np.zeros(len(second))], axis=1) - rows @ first
+        wanted = np.stack([second, restoring / pull_back_s], axis=1) - rows @ first
         rates = np.zeros((self._robot.n, 2))
         rates[moving] = first + null @ damped_inverse(rows @ null, _NEAR_SECOND, 1.0) @ wanted
         speed = float(np.linalg.norm(linear))
@@ -160,15 +164,14 @@ class ToolLine:
         rates[np.abs(rates) < _RANK] = 0.0
         return rates[:, 0], rates[:, 1], stray
 
-    def _second(self, pose: FloatArray, J: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Rows (m, n) of what comes second to the position, and the rates (m,) wanted of them."""
+    def _second(self, pose: FloatArray, J: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Rows (m, n) of what comes second to the position, rates (m,) wanted of them, what they are off."""
         pitch_rate, roll_rate = self._command.pitch_rate, self._command.roll_rate
         if self._pose_kept:
-            approach = pose[:3, 2]
-            level = np.array([approach[1], -approach[0], 0.0])  # approach x up: to turn about it lifts
-            size = float(np.linalg.norm(level))
-            axis = level / size if size > _UPRIGHT else pose[:3, 0]
-            return J[3:], pitch_rate * axis + roll_rate * approach
+            spin = pitch_rate * self._lift + roll_rate * self._rotation[:, 2]
+            if self._command.angular is not None:
+                spin = spin + self._turn @ self._command.angular
+            return J[3:], spin, -self._turned_aside(pose[:3, :3], spin)
         rows = np.zeros((0, self._robot.n)) if self._rows is None else self._rows.rows(pose, J)
         wanted = np.zeros(len(rows))
         if len(rows) == 1:  # two where the tool stands upright: it keeps so
@@ -178,7 +181,17 @@ class ToolLine:
         if roll is not None:
             rows = np.concatenate([rows, np.eye(self._robot.n)[[roll]]])
             wanted = np.append(wanted, roll_rate)
-        return rows, wanted
+        return rows, wanted, np.zeros(len(rows))
+
+    def _turned_aside(self, rotation: FloatArray, spin: FloatArray) -> FloatArray:
+        """(3,) how far a rotation (3, 3) is off the first one, however far turned about a spin (3,) [rad]."""
+        off = rotation @ self._rotation.T
+        size = float(np.linalg.norm(spin))
+        if size > 0.0:
+            axis = spin / size
+            w, *v = quaternion_wxyz(off)
+            off = off @ turn(axis, -2.0 * math.atan2(float(axis @ v), float(w)))
+        return rotation_vectors(off[None])[0]
 
     def _pace(
         self, servo: JointServo, along: FloatArray, back: FloatArray, share: float, dt: float
@@ -216,6 +229,13 @@ def tool_turns(robot: Robot) -> tuple[bool, bool]:
     roll = robot.inverse_kinematics.roll_joint
     rolls = roll is not None and bool(robot.limits[roll, 0] < robot.limits[roll, 1])
     return position_leaves_pitch(robot.chain, robot.limits), rolls
+
+
+def _lift_axis(pose: FloatArray) -> FloatArray:
+    """(3,) the level axis about which a turn lifts the tool; upright its own x axis."""
+    level = np.array([pose[1, 2], -pose[0, 2], 0.0])  # approach x up
+    size = float(np.linalg.norm(level))
+    return level / size if size > _UPRIGHT else pose[:3, 0]
 
 
 def _outward(robot: Robot, q: FloatArray, rows: PitchRows | None) -> float:

@@ -24,6 +24,8 @@ _STEP = float(np.radians(0.05))
 """of a joint that is free [rad]"""
 _SAME_POSTURE = float(np.radians(20.0))
 """A change of branch with less travel than this passes through the pose where the branches meet [rad]."""
+_TURNED = 1e-6
+"""Orientations that differ by less are the same [rad]."""
 _DETOUR_M, _DETOUR_SHARE = 0.02, 0.1
 """How much farther from the target the tool may come on its way there, and as a share of its distance."""
 _ROUND_M, _ROUND_SHARE = 0.03, 1.4
@@ -52,6 +54,7 @@ class Follower(Led):
         super().__init__(robot, clear, q, speed)
         self._submit = submit
         self._pitch = robot.inverse_kinematics.pitch_and_roll(q)[0]
+        self._rotation = robot.forward(q)[:3, :3] if robot.orients_tool else None
         self._target: Target | None = None
         self._stale = False
         """the target is newer than what is being solved"""
@@ -93,7 +96,8 @@ class Follower(Led):
         if self._solving is None and self._stale and self._target is not None and not expired:
             self._stale = False
             here = self._servo.q.copy()
-            self._solving = self._submit(live_goal, self._robot, self._clear, here, self._target, self._pitch)
+            kept = self._pitch, self._rotation
+            self._solving = self._submit(live_goal, self._robot, self._clear, here, self._target, *kept)
         if self._solving is None or not self._solving.done():
             return
         solving, self._solving = self._solving, None
@@ -156,15 +160,27 @@ def _same(one: Target, other: Target) -> bool:
     return turned and (one.point, one.pitch, one.roll) == (other.point, other.pitch, other.roll)
 
 
-def live_goal(robot: Robot, clear: KeepClear, q: FloatArray, target: Target, pitch: float | None) -> LiveGoal:
+def live_goal(
+    robot: Robot,
+    clear: KeepClear,
+    q: FloatArray,
+    target: Target,
+    pitch: float | None,
+    rotation: FloatArray | None = None,
+) -> LiveGoal:
     """The configuration to go to for ``target``: the nearest one, on the branch on which the arm is.
 
     The joints go straight there, so the way is looked at, too: a way that swings the tool round, away from
     the target before it comes nearer, is not taken; one that leads into the floor, an obstacle or the arm
-    itself ends before it. ``q`` (n,) [rad] is where the arm is. A roll that the target does not give stays
-    as it is; where it gives no pitch, ``pitch`` [rad] is kept if the arm can (None: any).
+    itself ends before it. ``q`` (n,) [rad] is where the arm is. A target that gives neither pitch nor roll is
+    followed in the orientation ``rotation`` (3, 3) if the arm can (None: any). A roll that the target does
+    not give stays as it is; where it gives no pitch, ``pitch`` [rad] is kept if the arm can (None: any).
     """
-    found = _solutions(robot, q, target, pitch)
+    oriented = target.rotation is None and target.pitch is None and target.roll is None
+    found = _in_orientation(robot, q, target, rotation) if oriented and rotation is not None else None
+    lost = oriented and rotation is not None and found is None
+    if found is None:
+        found = _solutions(robot, q, target, pitch)
     if not found.success:
         goal = _toward_nearest(robot, q, found, pitch)
     else:
@@ -173,7 +189,8 @@ def live_goal(robot: Robot, clear: KeepClear, q: FloatArray, target: Target, pit
             return LiveGoal(
                 None, f"it can be reached only with {branch}; the arm keeps its posture and waits"
             )
-        goal = _swing_checked(robot, q, nearest, found.target.position, None)
+        note = "the tool cannot keep its orientation there" if lost else None
+        goal = _swing_checked(robot, q, nearest, found.target.position, note)
     if goal.q is None:
         return goal
     way = clear.line(q, goal.q)
@@ -197,6 +214,12 @@ def _toward_nearest(robot: Robot, q: FloatArray, found: Solutions, pitch: float 
     return _swing_checked(robot, q, goal, point, f"{found.reason}; following the nearest point")
 
 
+def _in_orientation(robot: Robot, q: FloatArray, target: Target, rotation: FloatArray) -> Solutions | None:
+    """With the tool turned so; None where the arm cannot."""
+    found = robot.inverse(target.position, rotation=rotation, step=_STEP, start=q)
+    return found if found.success and found.residual_rad.min() < _TURNED else None
+
+
 def _solutions(robot: Robot, q: FloatArray, target: Target, pitch: float | None) -> Solutions:
     """With the present pitch and roll where nothing else is asked for; else with any."""
     roll = target.roll
@@ -214,8 +237,10 @@ def _nearest(robot: Robot, q: FloatArray, found: Solutions) -> tuple[FloatArray,
     travel = found.energies("least-travel", q)
     order = int(np.argmin(travel))
     if len(found.branch_names) > 1:
-        pitch, roll = robot.inverse_kinematics.pitch_and_roll(q)
-        here = robot.inverse(robot.forward(q)[:3, 3], pitch, roll, step=_STEP)
+        pose, (pitch, roll) = robot.forward(q), robot.inverse_kinematics.pitch_and_roll(q)
+        whole = Target.of(pose[:3, 3], rotation=pose[:3, :3])
+        target = Target.of(pose[:3, 3], pitch, roll) if found.target.rotation is None else whole
+        here = robot.inverse_kinematics.solve(target, _STEP, q)
         if here.success:
             mine = found.branch == here.branch_of(q)
             if mine.any():
