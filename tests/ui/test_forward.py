@@ -136,7 +136,7 @@ def test_which_fields_there_are_and_when_the_pitch_is_asked_for(server: GuardedS
     assert [field.label for field in mico.fields] == ["X mm", "Y mm", "Z mm", "Roll °"]
     assert mico.target(mico.xyz.fields[0]).pitch is None
     assert mico.pitch.visible and mico.pitch.handle.disabled and not mico.hold.visible
-    mico.fill(np.zeros(4), pitch_only=True)  # the tool hangs straight down
+    mico.fill(np.zeros(4), turn_only=True)  # the tool hangs straight down
     assert mico.pitch.value == pytest.approx(-90.0)
     pose = fields(server, HUMANOID)  # its wrist roll is held
     assert [field.label for field in pose.fields] == ["X mm", "Y mm", "Z mm", "Pitch °"]

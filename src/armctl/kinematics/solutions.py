@@ -20,6 +20,8 @@ from armctl.kinematics.target import Target, as_numbers
 
 _THERE_M = 1e-7
 """a nearest point that is so near is the target itself [m]"""
+_TURNED = 1e-6
+"""rotations that differ by less are the same [rad]"""
 _SEEN_MM = 0.05
 """what one decimal shows as more than 0.0 [mm]"""
 _ALIGNED = 1e-9
@@ -230,6 +232,18 @@ class Solutions:
             said = "the criterion given" if name is None else repr(name)
             raise UnreachableError(f"none of the {len(self)} solutions is admitted by {said}")
         return q[i].copy()
+
+    def turned_off(self, q: FloatArray) -> str | None:
+        """How a configuration (n,) [rad] misses the rotation that was asked for; None where it does not."""
+        if self.target.rotation is None:
+            return None
+        off = float(rotation_angle(self.arm.chain.forward(q)[:3, :3].T @ self.target.rotation))
+        if off <= _TURNED:
+            return None
+        return (
+            "the arm reaches that point, but not in that orientation: the nearest that was found there is "
+            f"{math.degrees(off):.3g}° off"
+        )
 
     def index_of(self, q: ArrayLike) -> int:
         """Index of the solution nearest to ``q`` (n,) [rad] by its largest difference of a joint.

@@ -170,8 +170,11 @@ def rotation_of(rpy: ArrayLike | None = None, quaternion: ArrayLike | None = Non
         raise InputError("give the orientation as roll, pitch and yaw, or as a quaternion, not as both")
     if rpy is not None:
         return rotation_from_rpy(*_finite(rpy, (3,), "roll, pitch and yaw").tolist())
-    if quaternion is None:
-        return None
+    return None if quaternion is None else rotation_from_quaternion(quaternion)
+
+
+def rotation_from_quaternion(quaternion: ArrayLike) -> FloatArray:
+    """As ``rotation_of``, of a quaternion (4,)."""
     q = _finite(quaternion, (4,), "the quaternion w, x, y, z")
     if not np.abs(q).max() > 0.0:
         raise InputError("the quaternion w, x, y, z has the length 0, which is no orientation")

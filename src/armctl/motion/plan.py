@@ -17,7 +17,6 @@ from numpy.typing import ArrayLike
 from armctl.arrays import FloatArray
 from armctl.errors import InputError, UnreachableError
 from armctl.kinematics import DEFAULT_STEP, Choice, Target, checked_criterion
-from armctl.kinematics.angles import rotation_angle
 from armctl.kinematics.target import as_numbers, checked_number
 from armctl.motion.blend import Leg, blend
 from armctl.motion.paths.refusals import ToolPathRefusedError, ToolPathUnreachableError
@@ -30,8 +29,6 @@ from armctl.motion.timing import PathTrajectory, timed
 from armctl.motion.trajectory import JoinedTrajectory, SlowedTrajectory, Trajectory
 from armctl.robot import Robot
 
-_TURNED = 1e-6
-"""orientations that differ by less are the same [rad]"""
 Profile = ProfileName | Literal["normal"]
 """A law for all joints together; or "normal": each joint at its own speed (takes no duration)."""
 
@@ -95,13 +92,9 @@ def solve(robot: Robot, start: ArrayLike | None, target: Target, choose: Choice)
     if not solutions.success:
         raise UnreachableError(solutions.explanation or "there is no solution")
     q = solutions.best(choose, start)
-    if target.rotation is not None:
-        off = float(rotation_angle(robot.forward(q)[:3, :3].T @ target.rotation))
-        if off > _TURNED:
-            raise UnreachableError(
-                f"the arm reaches that point, but not in that orientation: the nearest that was found there "
-                f"is {math.degrees(off):.2g}° off"
-            )
+    turned_off = solutions.turned_off(q)
+    if turned_off is not None:
+        raise UnreachableError(turned_off)
     return q
 
 

@@ -124,17 +124,36 @@ class NumbersField(TextEntry):
     """Several numbers in one field, with commas between them: to type, to copy and to paste."""
 
     def __init__(
-        self, gui: viser.GuiApi, label: str, names: Sequence[str], array: FloatArray, scale: float, hint: str
+        self,
+        gui: viser.GuiApi,
+        label: str,
+        names: Sequence[str],
+        array: FloatArray,
+        scale: float,
+        hint: str,
+        *,
+        digits: int = 2,
+        visible: bool = True,
     ) -> None:
         """Show an array, one number for each name, ``scale`` times as large."""
-        self._label, self._names, self._scale = label, tuple(names), scale
-        text = ", ".join(format_number(value, 2) for value in (scale * array).tolist())
-        super().__init__(gui.add_text(label, text, hint=hint))
+        self._label, self._names, self._scale, self._digits = label, tuple(names), scale, digits
+        self._exact, self._filled = array, ""
+        super().__init__(gui.add_text(label, self._format(array), hint=hint, visible=visible))
 
     @property
     def array(self) -> FloatArray:
-        """The array; errors as ``parse_numbers``."""
+        """The array, as exact as it was filled in; errors as ``parse_numbers``."""
+        if self._filled and self.text == self._filled:
+            return self._exact.copy()
         return np.array(parse_numbers(self.text, self._label, self._names)) / self._scale
+
+    def fill(self, array: FloatArray) -> None:
+        """Put an array into the field."""
+        self._exact, self._filled = array.copy(), self._format(array)
+        self.handle.value = self._filled
+
+    def _format(self, array: FloatArray) -> str:
+        return ", ".join(format_number(value, self._digits) for value in (self._scale * array).tolist())
 
 
 DEGREES, MILLIMETRES = float(np.degrees(1.0)), 1000.0

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import math
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
 from functools import partial
 
@@ -13,7 +13,7 @@ import viser
 
 from armctl.arrays import FloatArray
 from armctl.errors import ArmctlError, UnreachableError
-from armctl.kinematics import Target
+from armctl.kinematics import DEFAULT_STEP, Target
 from armctl.kinematics.velocity import position_leaves_pitch
 from armctl.robot import Robot
 from armctl.runtime import MoveJoints, Snapshot, State
@@ -27,9 +27,18 @@ from armctl.ui.tabs.forward.figures import (
     pose_html,
     tool_velocity_html,
 )
+from armctl.ui.widgets.events import On
 from armctl.ui.widgets.html import LiveHtml, fixed, muted, refused, table
 from armctl.ui.widgets.joint_angles import angle_fields, held_at
-from armctl.ui.widgets.number_field import DEGREES, MILLIMETRES, EditWatch, FieldArray, NumberField
+from armctl.ui.widgets.number_field import (
+    DEGREES,
+    MILLIMETRES,
+    EditWatch,
+    FieldArray,
+    NumberField,
+    TextEntry,
+)
+from armctl.ui.widgets.orientation import OrientationFields
 from armctl.ui.widgets.profile_choice import MOVEMENTS, ProfileChoice
 
 REFERENCE = "Go with respect to reference"
@@ -223,52 +232,74 @@ _PITCH_HINT = "Angle of the tool's axis above the horizontal: 0 level, −90 str
 _DECIDED_HINT = "The position alone decides the pitch of this arm's tool."
 _ROLL_HINT = "Angle of the tool about its own axis: the roll joint's own angle."
 _HOLD_HINT = (
-    "On: the pitch stays what it is while X, Y or Z change, so that the joint angles follow uniquely. "
-    "Off: any pitch will do, and the field shows what it becomes."
+    "On: the {0} stays what it is while X, Y or Z change, so that the joint angles follow uniquely. "
+    "Off: any {0} will do, and the field shows what it becomes."
 )
 
 
 class PoseFields:
-    """Position [mm], pitch and roll [degrees] of the tool, as far as the arm has them."""
+    """Position [mm] of the tool, with its pitch and roll [degrees], as far as it has them, or orientation."""
 
     def __init__(self, gui: viser.GuiApi, robot: Robot, q: FloatArray) -> None:
         """Add the fields to the present container, filled with the pose at ``q`` (n,) [rad]."""
         self._robot, solver = robot, robot.inverse_kinematics
         pitch, _ = solver.pitch_and_roll(q)
+        orients = robot.orients_tool
         self.xyz = FieldArray([NumberField(gui, f"{name} mm", None) for name in "XYZ"], MILLIMETRES)
-        self._asks_pitch = pitch is not None and position_leaves_pitch(robot.chain, robot.limits)
+        self.orientation = OrientationFields(gui, robot.forward(q)[:3, :3]) if orients else None
+        asks_pitch = pitch is not None and not orients and position_leaves_pitch(robot.chain, robot.limits)
         self.pitch = NumberField(
-            gui, "Pitch °", None, hint=_PITCH_HINT if self._asks_pitch else _DECIDED_HINT,
-            visible=pitch is not None, disabled=not self._asks_pitch,
+            gui, "Pitch °", None, hint=_PITCH_HINT if asks_pitch else _DECIDED_HINT,
+            visible=pitch is not None and not orients, disabled=not asks_pitch,
         )  # fmt: skip
-        asks_roll = solver.roll_joint is not None and held_at(robot.joints[solver.roll_joint]) is None
+        roll = None if orients else solver.roll_joint
+        asks_roll = roll is not None and held_at(robot.joints[roll]) is None
         self.roll = NumberField(gui, "Roll °", None, hint=_ROLL_HINT, visible=asks_roll)
-        held = bool(solver.pitch_joints)
-        self.hold = gui.add_checkbox("Hold pitch", held, hint=_HOLD_HINT, visible=self._asks_pitch)
-        turns = ((self.pitch, self._asks_pitch), (self.roll, asks_roll))
-        self.fields = (*self.xyz.fields, *(field for field, asked in turns if asked))
+        what = "orientation" if orients else "pitch"
+        self._asks_turn = orients or asks_pitch
+        self.hold = gui.add_checkbox(
+            f"Hold {what}", orients or bool(solver.pitch_joints), hint=_HOLD_HINT.format(what),
+            visible=self._asks_turn,
+        )  # fmt: skip
+        self._turns: tuple[TextEntry, ...] = (self.pitch,) if asks_pitch else ()
+        if self.orientation is not None:
+            self._turns = self.orientation.fields
+        self.fields: tuple[TextEntry, ...] = (*self.xyz.fields, *self._turns, *([self.roll] * asks_roll))
         """all that can be typed into"""
         self.fill(q)
 
-    def fill(self, q: FloatArray, *, pitch_only: bool = False) -> None:
-        """Show the tool's pose at ``q`` (n,) [rad], or its pitch and nothing else."""
+    def attach(self, on: On, edited: Callable[[TextEntry], Awaitable[object]]) -> None:
+        """Run ``edited`` with the field that was typed into."""
+        if self.orientation is not None:
+            self.orientation.attach(on, partial(edited, self.orientation.fields[0]))
+        for field in self.fields:
+            if self.orientation is None or field not in self._turns:
+                on(field.handle.on_update, partial(edited, field))
+
+    def fill(self, q: FloatArray, *, turn_only: bool = False) -> None:
+        """Show the tool's pose at ``q`` (n,) [rad], or its pitch or orientation and nothing else."""
         pitch, roll = self._robot.inverse_kinematics.pitch_and_roll(q)
-        if pitch is not None:
+        pose = self._robot.forward(q)
+        if self.orientation is not None:
+            self.orientation.fill(pose[:3, :3])
+        elif pitch is not None:
             self.pitch.fill(math.degrees(pitch))
-        if pitch_only:
+        if turn_only:
             return
-        self.xyz.fill(self._robot.forward(q)[:3, 3])
+        self.xyz.fill(pose[:3, 3])
         if roll is not None:
             self.roll.fill(math.degrees(roll))
 
-    def holds_pitch(self, edited: NumberField) -> bool:
-        """Whether the pitch is asked for when ``edited`` is the field that was typed into."""
-        return self._asks_pitch and (self.hold.value or edited is self.pitch)
+    def holds_turn(self, edited: TextEntry) -> bool:
+        """Whether pitch or orientation is asked for when ``edited`` is the field that was typed into."""
+        return self._asks_turn and (self.hold.value or edited in self._turns)
 
-    def target(self, edited: NumberField) -> Target:
+    def target(self, edited: TextEntry) -> Target:
         """The pose in the fields, when ``edited`` is the one that was typed into; errors name the field."""
-        position = self.xyz.array
-        pitch = math.radians(self.pitch.value) if self.holds_pitch(edited) else None
+        position, held = self.xyz.array, self.holds_turn(edited)
+        if self.orientation is not None:
+            return Target.of(position, rotation=self.orientation.rotation if held else None)
+        pitch = math.radians(self.pitch.value) if held else None
         roll = math.radians(self.roll.value) if self.roll.visible else None
         return Target.of(position, pitch, roll)
 
@@ -287,17 +318,19 @@ class CoupledJoints:
 
 def coupled_joints(robot: Robot, target: Target, before: FloatArray) -> CoupledJoints:
     """The solution of a pose that takes the least travel from joint angles ``before`` (n,) [rad]."""
-    solutions = robot.inverse(target.position, target.pitch, target.roll, start=before)
+    solutions = robot.inverse_kinematics.solve(target, DEFAULT_STEP, before)
     if not solutions.success:
         return CoupledJoints(None, solutions.explanation or "there is no solution", solutions.nearest_q)
     ways = [solutions]
-    if solutions.free_joint is not None:
+    if solutions.free_joint is not None and target.rotation is None:
         # a sweep holds grid values only; the pitch before lies between them, and the same pose must come back
         pitch, _ = robot.inverse_kinematics.pitch_and_roll(before)
         held = robot.inverse(target.position, pitch, target.roll, start=before)
         ways += [held] if held.success else []
     nearest = min(ways, key=lambda way: float(way.energies("least-travel", before).min()))
-    return CoupledJoints(nearest.best("least-travel", before))
+    q = nearest.best("least-travel", before)
+    turned_off = nearest.turned_off(q)
+    return CoupledJoints(q) if turned_off is None else CoupledJoints(None, turned_off, q)
 
 
 class PoseCoupling:
@@ -315,11 +348,10 @@ class PoseCoupling:
         self._take = gui.add_button("Take nearest pose", color="orange", visible=False)
         self._unmet = ""
         self._nearest: FloatArray | None = None
-        self._edited: NumberField | None = None
+        self._edited: TextEntry | None = None
         self._newest = Newest()
         self._solver = OneAtATime(self._solve)
-        for field in self.pose.fields:
-            session.on(field.handle.on_update, partial(self._follow_pose, field))
+        self.pose.attach(session.on, self._follow_pose)
         session.on(self.pose.hold.on_update, self._on_hold)
         session.on(self._take.on_click, self._on_take)
 
@@ -342,7 +374,7 @@ class PoseCoupling:
         self.pose.fill(q)
         self._met(q)
 
-    async def _follow_pose(self, field: NumberField) -> None:
+    async def _follow_pose(self, field: TextEntry) -> None:
         """Solve what the pose fields hold; ``field`` is the one that is typed into."""
         if field is not self._edited:
             self._edited = field
@@ -355,7 +387,7 @@ class PoseCoupling:
         await self._solver.run()
 
     async def _on_hold(self) -> None:
-        """Holding the pitch or not asks for no other pose, unless the present one cannot be had."""
+        """Holding or not asks for no other pose, unless the present one cannot be had."""
         if self._unmet:
             await self._follow_pose(self._edited or self.pose.xyz.fields[0])
 
@@ -380,8 +412,8 @@ class PoseCoupling:
                 return
         q = self._before if found.q is None else found.q
         self._angles.fill(q)
-        if not self.pose.holds_pitch(edited):
-            self.pose.fill(q, pitch_only=True)
+        if not self.pose.holds_turn(edited):
+            self.pose.fill(q, turn_only=True)
         self._met(q, found)
         self._changed()
 

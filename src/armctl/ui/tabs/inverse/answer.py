@@ -149,13 +149,16 @@ def result_html(robot: Robot, found: Answer) -> str:
     used = zip(*np.unique(solutions.branch_index, return_counts=True), strict=True)
     branches = "; ".join(f"{solutions.branch_names[i]}: {count}" for i, count in used)
     text = strong(f"{counted(len(solutions))} inside the limits")
-    text += muted(branches + ("" if solutions.complete else "; the list may be incomplete"))
+    text += muted(branches + ("" if solutions.complete else f"; {solutions.incomplete_reason}"))
     if best is None:
         return text + refused(_capital(found.why_not))
     error_mm = 1000 * float(np.linalg.norm(robot.forward(best)[:3, 3] - solutions.target.position))
     angles = numbers(np.degrees(best).tolist(), 3)
     text += f"<div>least energy will go to θ = (<b>{angles}</b>)°</div>"
     text += muted(f"{solutions.branch_of(best)}; energy {found.energy_text(best)}; error {error_mm:.1e} mm")
+    turned_off = solutions.turned_off(best)
+    if turned_off is not None:
+        text += refused(f"{_capital(turned_off)}.")
     row_1 = found.q(1)
     if np.abs(row_1 - best).max() >= _SAME_RAD:
         least = found.energy_text(row_1)
@@ -182,9 +185,10 @@ def list_row(found: Answer, row: int) -> list[str]:
 def branches_html(found: Answer) -> str:
     """Every branch with its energy, and why some are refused."""
     if not found.verdicts:
-        return muted(
-            "No isolated branches here: the point is out of reach, or a joint is free (then give a pitch)."
-        )
+        if found.solutions.free_joint is None:
+            return muted("No branches here: the point is out of reach.")
+        then = " Give a pitch to have branches." if found.solutions.target.rotation is None else ""
+        return muted(f"No isolated branches here: a joint is free, so there is a continuum.{then}")
     unit = _UNITS[found.criterion][1]
     head = ["#", "branch", *_theta(len(found.start)), f"energy {unit}", "verdict"]
     rows = [

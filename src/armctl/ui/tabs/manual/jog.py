@@ -24,9 +24,11 @@ FRAMES: dict[str, Frame] = {"base axes": "base", "tool axes": "tool"}
 _TURN_DEG_PER_MM = 0.5
 _SPEED_HINT = "How fast the tool goes while a button is held. The joints' limits and Speed % slow it down."
 _NOTE = (
-    "The tool moves on a straight line while the button is held, its pitch and roll kept where the arm can. "
-    f"Pitch and Roll turn it in its place, {_TURN_DEG_PER_MM:g}°/s for each mm/s."
+    "The tool moves on a straight line while the button is held, its {} kept where the arm can. {} turn it "
+    f"in its place, {_TURN_DEG_PER_MM:g}°/s for each mm/s."
 )
+_PITCH_AND_ROLL = _NOTE.format("pitch and roll", "Pitch and Roll")
+_ORIENTATION = _NOTE.format("orientation", "Rx, Ry and Rz, about the axes chosen above,")
 
 Key = Literal["R", "F", "T", "G", "Y", "H", "U", "J", "I", "K", "O", "L", "P", "M"]
 KEYS: tuple[tuple[Key, Key], ...] = tuple(zip(get_args(Key)[::2], get_args(Key)[1::2], strict=True))
@@ -42,8 +44,13 @@ _KEYS_NOTE = (
 )
 
 
+_ABOUT = ("Rx", "Ry", "Rz")
+
+
 def tool_axes(robot: Robot) -> tuple[str, ...]:
     """What the tool of an arm can be jogged along and about."""
+    if robot.orients_tool:
+        return ("X", "Y", "Z", *_ABOUT)
     pitch, roll = tool_turns(robot)
     return ("X", "Y", "Z", *(["Pitch"] if pitch else []), *(["Roll"] if roll else []))
 
@@ -56,6 +63,8 @@ def tool_jog(axis: str, sign: float, speed_mm_s: float, frame: Frame) -> JogTool
             return JogTool(linear, pitch_rate=rate, frame=frame)
         case "Roll":
             return JogTool(linear, roll_rate=rate, frame=frame)
+        case "Rx" | "Ry" | "Rz":
+            return JogTool(linear, frame=frame, angular=rate * np.eye(3)[_ABOUT.index(axis)])
         case _:
             linear["XYZ".index(axis)] = sign * speed_mm_s / 1000
             return JogTool(linear, frame=frame)
@@ -174,7 +183,7 @@ class ToolJog:
             for sign, text in ((-1.0, "−"), (1.0, "+")):
                 button = gui.add_button(f"{axis} {text}")
                 jog.attach(button, partial(self.command, axis, sign))
-        LiveHtml(gui, muted(_NOTE))
+        LiveHtml(gui, muted(_ORIENTATION if session.console.robot.orients_tool else _PITCH_AND_ROLL))
 
     @property
     def speed(self) -> str:

@@ -9,6 +9,7 @@ import viser
 
 from armctl.arrays import FloatArray
 from armctl.hardware import Source
+from armctl.kinematics import roll_pitch_yaw
 from armctl.robot import Robot
 from armctl.runtime import Snapshot
 from armctl.ui.widgets.html import LiveHtml, fixed, table
@@ -54,7 +55,7 @@ class LiveReadout:
 
 
 def tool_table(robot: Robot, snapshot: Snapshot) -> str:
-    """Commanded position, velocity and acceleration of the tool point, pitch and roll, if any, as HTML."""
+    """Commanded position, velocity and acceleration of the tool point, and how it is turned, as HTML."""
     if not snapshot.commanded:
         return table(["Tool", "x", "y", "z"], [["position mm", *3 * ["–"]]])
     q = snapshot.q_command
@@ -70,7 +71,14 @@ def tool_table(robot: Robot, snapshot: Snapshot) -> str:
     angles = f"pitch <b>{fixed(math.degrees(pitch), 2)}°</b>"
     if roll is not None:
         angles += f" · roll <b>{fixed(math.degrees(roll), 2)}°</b>"
-    return table(["Tool", "x", "y", "z", "size"], rows) + f"<div style='padding:0 6px'>Tool {angles}</div>"
+    html = table(["Tool", "x", "y", "z", "size"], rows) + f"<div style='padding:0 6px'>Tool {angles}</div>"
+    if robot.orients_tool:
+        turns = np.degrees(roll_pitch_yaw(robot.forward(q)[:3, :3])).tolist()
+        named = " · ".join(
+            f"R{axis} <b>{fixed(turn, 2)}°</b>" for axis, turn in zip("xyz", turns, strict=True)
+        )
+        html += f"<div style='padding:0 6px'>Orientation {named}</div>"
+    return html
 
 
 def joint_table(robot: Robot, snapshot: Snapshot) -> str:
