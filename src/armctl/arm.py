@@ -511,8 +511,8 @@ def _target(
     point_mm: FloatArray, pitch_deg: float | None, roll_deg: float | None, rotation: FloatArray | None
 ) -> Target:
     asked = _optional(pitch_deg, "pitch_deg"), _optional(roll_deg, "roll_deg")
-    turned = (None if angle is None else math.radians(angle) for angle in asked)
-    return Target.of(point_mm / 1000, *turned, rotation)
+    pitch, roll = (None if angle is None else math.radians(angle) for angle in asked)
+    return Target.of(point_mm / 1000, pitch, roll, rotation)
 
 
 def _point(value: ArrayLike, what: str) -> FloatArray:

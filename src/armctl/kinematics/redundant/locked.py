@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from armctl.arrays import FloatArray
 from armctl.kinematics.angles import into_limits
 from armctl.kinematics.chain import Chain
-from armctl.kinematics.subproblems import angle_about, circle, roots, turned
+from armctl.kinematics.subproblems import across, angle_about, circle, roots, turned
 
 JOINTS = 7
 _ALIGNED = 1e-9
@@ -132,7 +132,7 @@ class LockedArm:
         both = roots(circle(h[5], h[6], h[4]), aim @ h[4], _TURN_TOLERANCE, rest=0.0)
         wrist, of, fifth = _choices(both, limits[5])
         fourth = angle_about(h[4], turned(h[6], h[5], fifth), aim[of])
-        side = _across(h[6])
+        side = _sideways(h[6])
         rest = turned(turned(before_wrist(side)[of], h[4], -fourth), h[5], -fifth)
         sixth = angle_about(h[6], side, rest)
 
@@ -155,9 +155,9 @@ def common_point(points: FloatArray, axes: FloatArray) -> FloatArray | None:
     """
     if np.linalg.norm(np.cross(axes[1:], axes[:-1]), axis=1).min() < _ALIGNED:
         return None
-    across = np.eye(3) - axes[:, :, None] * axes[:, None, :]
-    point = np.linalg.solve(across.sum(axis=0), np.einsum("kij,kj->i", across, points))
-    missed = np.einsum("kij,kj->ki", across, points - point)
+    levels: FloatArray = np.eye(3) - axes[:, :, None] * axes[:, None, :]
+    point: FloatArray = np.linalg.solve(levels.sum(axis=0), np.einsum("kij,kj->i", levels, points))
+    missed = np.einsum("kij,kj->ki", levels, points - point)
     return None if np.linalg.norm(missed, axis=1).max() > _ALIGNED else point
 
 
@@ -180,7 +180,7 @@ def _choices(both: FloatArray, limits: FloatArray) -> tuple[IndexArray, IndexArr
     return which, of, np.clip(both[which, of], *limits)
 
 
-def _across(axis: FloatArray) -> FloatArray:
+def _sideways(axis: FloatArray) -> FloatArray:
     """A unit vector (3,) at a right angle to another."""
-    side = np.cross(axis, np.eye(3)[int(np.abs(axis).argmin())])
+    side: FloatArray = across(axis)[:, int(np.abs(axis).argmin())]
     return side / np.linalg.norm(side)

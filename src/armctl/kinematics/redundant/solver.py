@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armctl.arrays import FloatArray
-from armctl.kinematics.angles import TWO_PI, all_images
+from armctl.kinematics.angles import TWO_PI, all_images, images
 from armctl.kinematics.chain import Chain
 from armctl.kinematics.energy import EnergyModel
 from armctl.kinematics.numeric.solver import NumericSolver
@@ -87,13 +87,16 @@ class RedundantSolver(InverseKinematics):
         )  # fmt: skip
 
     def _grid(self, step: float, start: FloatArray | None) -> FloatArray:
-        """The angles of the sweep (k,) [rad], rising."""
+        """The angles of the sweep (k,) [rad], rising: no more than a turn, its images are added later."""
         low, high = self.limits[self._locked.joint].tolist()
+        if high - low >= TWO_PI:
+            low = min(max(-math.pi, low), high - TWO_PI)
+            high = low + TWO_PI - 2.0 * _SAME
         angles = grid_values(low, high, step)
-        here = None if start is None else float(start[self._locked.joint])
-        if here is None or not low <= here <= high:
-            return angles
-        return np.sort(np.append(angles[np.abs(angles - here) > _SAME], here))
+        here = [] if start is None else images(float(start[self._locked.joint]), low, high)
+        for angle in here:
+            angles = np.sort(np.append(angles[np.abs(angles - angle) > _SAME], angle))
+        return angles
 
     def _listed(self, pose: FloatArray, angles: FloatArray, step: float) -> Found:
         """What the angles (k,), rising, have, and the ends between them; along each branch."""
@@ -147,7 +150,7 @@ class RedundantSolver(InverseKinematics):
             least = np.full(tried.size, np.inf)
             which, q = self._on(pose, tried.ravel(), branch.repeat(len(parts)))
             least[which] = np.abs(q).sum(axis=1)
-            best = least.reshape(tried.shape).argmin(axis=1)
+            best: IndexArray = np.argmin(least.reshape(tried.shape), axis=1)
             centre = tried[np.arange(len(centre)), best]
             step /= _SECTIONS
         _, q = self._on(pose, centre, branch)

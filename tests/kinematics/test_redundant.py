@@ -1,0 +1,247 @@
+"""Arms of seven joints: one is swept, the six others are closed form."""
+
+from __future__ import annotations
+
+import math
+import os
+
+import numpy as np
+import pytest
+from tests.kinematics.kit import plain_forward, random_q, solver_of
+
+from armctl.arrays import FloatArray
+from armctl.errors import InputError
+from armctl.kinematics import Chain, DHRow, Target
+from armctl.kinematics.angles import rotation_angle
+from armctl.kinematics.numeric.goals import rotation_vectors
+from armctl.kinematics.redundant.locked import LockedArm
+from armctl.kinematics.redundant.solver import RedundantSolver
+from armctl.kinematics.solutions import Solutions
+
+Arm = tuple[Chain, FloatArray]
+HALF, QUARTER = math.pi, math.pi / 2
+LONG = os.environ.get("ARMCTL_LONG") == "1"
+STEP = math.radians(1.0)
+
+
+def arm_of(rows: list[tuple[float, float, float]], convention: str, *limits_deg: float) -> Arm:
+    """Rows of a, alpha, d [mm]; the limits are symmetric."""
+    chain = Chain.from_dh([DHRow(a / 1000, alpha, d / 1000) for a, alpha, d in rows], convention)  # type: ignore[arg-type]
+    return chain, np.radians([(-limit, limit) for limit in limits_deg])
+
+
+PANDA = arm_of(
+    [
+        (0, 0, 333), (0, -QUARTER, 0), (0, QUARTER, 316), (82.5, QUARTER, 0),
+        (-82.5, -QUARTER, 384), (0, QUARTER, 0), (88, QUARTER, 107),
+    ], "modified", 166, 101, 166, 176, 166, 176, 166,
+)  # fmt: skip
+PANDA[1][3], PANDA[1][5] = (-3.0718, -0.0698), (-0.0175, 3.7525)
+IIWA = arm_of(  # spherical shoulder, elbow and wrist in line
+    [
+        (0, -QUARTER, 340), (0, QUARTER, 0), (0, QUARTER, 400), (0, -QUARTER, 0),
+        (0, -QUARTER, 400), (0, QUARTER, 0), (0, 0, 126),
+    ], "standard", 170, 120, 170, 120, 170, 120, 175,
+)  # fmt: skip
+XARM7 = arm_of(
+    [
+        (0, 0, 267), (0, -QUARTER, 0), (0, QUARTER, 293), (52.5, QUARTER, 0),
+        (77.5, QUARTER, 342.5), (0, QUARTER, 0), (76, -QUARTER, 97),
+    ], "modified", 360, 120, 360, 225, 360, 180, 360,
+)  # fmt: skip
+GEN3 = arm_of(  # shoulder axes that do not all meet
+    [
+        (0, QUARTER, -284.8), (0, QUARTER, -11.8), (0, QUARTER, -420.8), (0, QUARTER, -12.8),
+        (0, QUARTER, -314.3), (0, QUARTER, 0), (0, HALF, -167.4),
+    ], "standard", 179, 128, 179, 147, 179, 120, 179,
+)  # fmt: skip
+WAM = arm_of(  # an elbow beside its links
+    [
+        (0, -QUARTER, 0), (0, QUARTER, 0), (45, -QUARTER, 550), (-45, QUARTER, 0),
+        (0, -QUARTER, 300), (0, QUARTER, 0), (0, 0, 60),
+    ], "standard", 150, 113, 157, 170, 270, 90, 172,
+)  # fmt: skip
+ARMS = {"panda": PANDA, "iiwa": IIWA, "xarm7": XARM7, "gen3": GEN3, "wam": WAM}
+
+
+def random_arm(seed: int) -> Arm:
+    """Random twists and links; a wrist at one end, and two axes that meet beside the other end's joint."""
+    rng = np.random.default_rng(seed)
+    a, alpha, d = rng.uniform(-0.3, 0.3, 7), rng.uniform(0.3, 2.8, 7), rng.uniform(-0.4, 0.4, 7)
+    a[[1, 4, 5]] = d[5] = 0.0  # axis k and k + 1 are a[k] apart; those of 4, 5 and 6 meet where d[5] is 0 too
+    rows = [DHRow(*row, theta_rad=rng.uniform(-3, 3)) for row in zip(a, alpha, d, strict=True)]
+    if seed % 2:  # from the tool to the base
+        turned = [DHRow(r.a_m, r.alpha_rad, r.d_m, r.theta_rad) for r in rows[::-1]]
+        chain = Chain.from_dh(turned, "modified")
+    else:
+        chain = Chain.from_dh(rows)
+    low = rng.uniform(-3.0, -1.0, 7)
+    return chain, np.stack([low, low + rng.uniform(2.0, 5.5, 7)], axis=1)
+
+
+def solver(arm: Arm) -> RedundantSolver:
+    found = solver_of(*arm)
+    assert isinstance(found, RedundantSolver)
+    return found
+
+
+def pose_of(chain: Chain, q: FloatArray) -> Target:
+    T = plain_forward(chain, q)
+    return Target.of(T[:3, 3], rotation=T[:3, :3])
+
+
+def assert_sound(found: Solutions, arm: Arm) -> None:
+    """Every row inside the limits and exact by the plain product, none twice, all on the continuum."""
+    chain, limits = arm
+    assert found.success
+    q = found.q
+    assert ((q >= limits[:, 0]) & (q <= limits[:, 1])).all()
+    assert found.residual_m.max() < 1e-9 and found.residual_rad.max() < 1e-8
+    for one in q[:: max(1, len(q) // 3)]:
+        T = plain_forward(chain, one)
+        assert np.linalg.norm(T[:3, 3] - found.target.position) < 1e-9
+        assert rotation_angle(T[:3, :3].T @ found.target.rotation) < 1e-8
+    assert len(np.unique(np.round(q, 6), axis=0)) == len(q)
+
+
+def nearest(found: Solutions, q: FloatArray) -> float:
+    return float(np.abs(found.q - q).max(axis=1).min())
+
+
+@pytest.mark.parametrize("name", ARMS)
+def test_the_configuration_that_made_a_pose_is_on_its_list(name: str) -> None:
+    """Where the arm stands there, exactly; else the nearest row is as near as the step allows."""
+    arm = ARMS[name]
+    inverse, chain, limits = solver(arm), *arm
+    for i, q in enumerate(random_q(np.random.default_rng(7), limits, 300 if LONG else 12)):
+        target = pose_of(chain, q)
+        found = inverse.solve(target, STEP, q)
+        assert nearest(found, q) < 1e-7
+        assert found.best("least-travel", q) == pytest.approx(q, abs=1e-7)
+        if i % 4 == 0:
+            assert_sound(found, arm)
+        swept = inverse.solve(target, STEP)
+        # of a curve q(s), whose fastest joint may turn without bound near the end of a run
+        assert nearest(swept, q) < 0.3
+        assert np.abs(swept.q[:, found.free_joint] - q[found.free_joint]).min() <= STEP
+
+
+@pytest.mark.parametrize("seed", range(40 if LONG else 6))
+def test_random_arms_with_a_wrist_at_either_end(seed: int) -> None:
+    arm = random_arm(seed)
+    inverse, chain, limits = solver(arm), *arm
+    for q in random_q(np.random.default_rng(seed), limits, 8):
+        found = inverse.solve(pose_of(chain, q), STEP, q)
+        assert nearest(found, q) < 1e-6
+    assert_sound(found, arm)
+
+
+def searched(arm: Arm, target: Target, joint: int, angle: float, rng: np.random.Generator) -> FloatArray:
+    """(k, 7) solutions with one joint at an angle, by Newton steps from random starts, without the limits."""
+    chain, _ = arm
+    free = np.delete(np.arange(7), joint)
+    q = rng.uniform(-HALF, HALF, (400, 7))
+    q[:, joint] = angle
+    assert target.rotation is not None
+    for _ in range(60):
+        T, J = chain.forward(q), chain.jacobian(q)[:, :, free]
+        off = np.concatenate(
+            [T[:, :3, 3] - target.position, rotation_vectors(T[:, :3, :3] @ target.rotation.T)], axis=1
+        )
+        Jt = np.swapaxes(J, 1, 2)
+        size = np.minimum(1.0, np.linalg.norm(off, axis=1))[:, None, None]
+        step = np.linalg.solve(Jt @ J + 1e-3 * size**2 * np.eye(6), Jt @ off[:, :, None])[:, :, 0]
+        q[:, free] -= step
+    met = q[np.linalg.norm(off, axis=1) < 1e-10]
+    met = np.mod(met + HALF, 2 * HALF) - HALF
+    kept: list[FloatArray] = []
+    for one in met:
+        if not any(np.abs(np.exp(1j * one) - np.exp(1j * other)).max() < 1e-5 for other in kept):
+            kept.append(one)
+    return np.array(kept).reshape(-1, 7)
+
+
+@pytest.mark.parametrize("name", ARMS)
+def test_all_branches_of_a_locked_joint_are_found_by_search_too(name: str) -> None:
+    """Without limits, so that every branch is there: as many as 400 Newton searches find, and the same."""
+    chain, limits = ARMS[name]
+    whole = np.tile([-HALF, HALF], (7, 1))
+    locked = LockedArm.of(chain)
+    assert locked is not None
+    rng = np.random.default_rng(3)
+    for q in random_q(rng, limits, 20 if LONG else 2):
+        target = pose_of(chain, q)
+        T = plain_forward(chain, q)
+        listed = locked.solve(T, q[[locked.joint]], whole).q
+        found = searched((chain, limits), target, locked.joint, float(q[locked.joint]), rng)
+        assert len(listed) == len(found)
+        for one in found:
+            assert np.abs(np.exp(1j * listed) - np.exp(1j * one)).max(axis=1).min() < 1e-6
+
+
+@pytest.mark.parametrize("name", ["panda", "iiwa"])
+def test_the_least_rotation_is_exact_over_the_continuum(name: str) -> None:
+    """Never above a fine list, and stationary: a coarse list leads to the same."""
+    arm = ARMS[name]
+    inverse, chain, limits = solver(arm), *arm
+    for q in random_q(np.random.default_rng(5), limits, 5):
+        target = pose_of(chain, q)
+        coarse, fine = inverse.solve(target, STEP), inverse.solve(target, math.radians(0.02))
+        best = coarse.best("least-rotation")
+        least = np.abs(best).sum()
+        assert least <= np.abs(fine.q).sum(axis=1).min() + 1e-9
+        assert least == pytest.approx(np.abs(fine.best("least-rotation")).sum(), abs=1e-8)
+        T = plain_forward(chain, best)
+        assert np.linalg.norm(T[:3, 3] - target.position) < 1e-9
+        assert ((best >= limits[:, 0]) & (best <= limits[:, 1])).all()
+
+
+def test_what_is_swept_is_told() -> None:
+    inverse = solver(PANDA)
+    q = np.array([0.1, -0.4, 0.2, -2.0, 0.3, 1.8, 0.5])
+    found = inverse.solve(pose_of(PANDA[0], q), STEP)
+    assert found.free_joint == 6 and solver(IIWA).solve(pose_of(IIWA[0], q / 2), STEP).free_joint == 0
+    assert not found.complete and found.incomplete_reason == "a continuum, listed in steps of 1° of Joint 7"
+    assert len(found.branch_names) == 8 and set(found.branch) <= set(found.branch_names)
+    assert inverse.is_swept(found.target) and not inverse.is_swept(Target.of(found.target.position))
+    for joint in range(7):  # along a branch all joints turn smoothly, but where it ends
+        one = found.q[found.branch == found.branch[0]]
+        assert np.median(np.abs(np.diff(one[:, joint]))) < 10 * STEP
+
+
+def test_whole_turns_are_listed_where_the_limits_allow_them() -> None:
+    inverse, (chain, limits) = solver(XARM7), XARM7
+    q = np.array([0.3, -0.4, 0.2, 1.2, 0.3, 0.8, 0.5])
+    found = inverse.solve(pose_of(chain, q), math.radians(10), q)
+    for shift in (0, 2, 4, 6):
+        for turns in (-1.0, 1.0):
+            other = q.copy()
+            other[shift] += turns * 2 * HALF
+            if limits[shift, 0] <= other[shift] <= limits[shift, 1]:
+                assert nearest(found, other) < 1e-7
+    start = q + np.array([2 * HALF, 0, 0, 0, 0, 0, 0])
+    start[0] = min(start[0], limits[0, 1])
+    assert found.best("least-travel", q) == pytest.approx(q, abs=1e-7)
+    fine = inverse.solve(pose_of(chain, q), math.radians(0.01), q)
+    assert "more differ by whole turns" in (fine.incomplete_reason or "")
+
+
+def test_a_position_alone_is_searched_for_and_a_pose_out_of_reach_is_approached() -> None:
+    inverse, (chain, _) = solver(PANDA), PANDA
+    T = plain_forward(chain, np.array([0.1, -0.4, 0.2, -2.0, 0.3, 1.8, 0.5]))
+    found = inverse.solve(Target.of(T[:3, 3]), STEP)
+    assert found.success and found.free_joint is None and found.residual_m.max() < 1e-9
+    far = inverse.solve(Target.of([2.0, 0.0, 0.5], rotation=np.eye(3)), STEP)
+    assert not far.success and "too far" in (far.reason or "")
+    edge = inverse.solve(Target.of([0.0, 0.0, 1.1], rotation=T[:3, :3]), STEP)
+    if edge.success:
+        assert edge.residual_m.max() < 1e-9
+    with pytest.raises(InputError, match="step"):
+        inverse.solve(pose_of(chain, np.zeros(7)), 0.0)
+
+
+def test_other_arms_of_seven_joints_are_not_of_the_family() -> None:
+    rng = np.random.default_rng(1)
+    rows = [DHRow(*rng.uniform(0.1, 0.9, 3)) for _ in range(7)]
+    assert LockedArm.of(Chain.from_dh(rows)) is None
+    assert LockedArm.of(Chain.from_dh(rows[:6])) is None
