@@ -156,7 +156,9 @@ def common_point(points: FloatArray, axes: FloatArray) -> FloatArray | None:
     if np.linalg.norm(np.cross(axes[1:], axes[:-1]), axis=1).min() < _ALIGNED:
         return None
     levels: FloatArray = np.eye(3) - axes[:, :, None] * axes[:, None, :]
-    point: FloatArray = np.linalg.solve(levels.sum(axis=0), np.einsum("kij,kj->i", levels, points))
+    right: FloatArray = np.einsum("kij,kj->i", levels, points)
+    matrix: FloatArray = levels.sum(axis=0)
+    point: FloatArray = np.linalg.solve(matrix, right)
     missed = np.einsum("kij,kj->ki", levels, points - point)
     return None if np.linalg.norm(missed, axis=1).max() > _ALIGNED else point
 
