@@ -158,7 +158,7 @@ def common_point(points: FloatArray, axes: FloatArray) -> FloatArray | None:
     levels: FloatArray = np.eye(3) - axes[:, :, None] * axes[:, None, :]
     right: FloatArray = np.einsum("kij,kj->i", levels, points)
     matrix: FloatArray = levels.sum(axis=0)
-    point: FloatArray = np.linalg.lstsq(matrix, right, rcond=None)[0]
+    point = np.asarray(np.linalg.solve(matrix, right), dtype=np.float64)
     missed = np.einsum("kij,kj->ki", levels, points - point)
     return None if np.linalg.norm(missed, axis=1).max() > _ALIGNED else point
 
