@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from tests.kinematics.kit import plain_frames
-from tests.motion.arm_kit import arm, brute_gap, random_arm
+from tests.motion.arm_kit import arm, axis_points, brute_gap, random_arm
 
 from armctl.arrays import FloatArray
 from armctl.kinematics import Chain, DHRow
@@ -42,7 +42,9 @@ def swing() -> PointToPoint:
 
 
 def with_floor(depth: float) -> Robot:
-    return replace(ARM, floor_z=1.0 + depth)
+    titles = [joint.title for joint in ARM.joints]
+    last = capsule(CHAIN, titles, 4, ([-1.0, 0.0, 0.0], [0.0, 0.0, 0.0]), RADIUS)
+    return replace(ARM, floor_z=1.0 - RADIUS + depth, capsules=(last,))
 
 
 def with_obstacle(depth: float) -> Robot:
@@ -83,7 +85,7 @@ def test_a_dip_between_two_clear_samples_is_found(
     dense = motion.sample(np.linspace(0.0, motion.duration, 20_001)).q
     worst = gaps.gaps(LinkFrames.at(CHAIN, dense)).min()
     assert worst == pytest.approx(-DEPTH, abs=1e-6)
-    # one look inside is enough: the deepest place is not searched for
+    # the deepest place of the half that shows a dip, at a hundredth of a second
     assert 0.0 < float(finding.what.split(" mm")[0]) <= 1000 * DEPTH
     assert [one for one in preflight(build(-DEPTH), motion) if one.kind == kind] == []
 
@@ -117,8 +119,11 @@ def test_no_dip_below_the_floor_is_missed(seed: int) -> None:
     robot = random_arm(seed % 7) if seed % 2 else UZUNER
     for trajectory in motions(robot, seed, 3):
         q = dense(trajectory, 200)
-        heights = np.array([lowest_corners(robot, row) for row in q]) - robot.floor_z
-        allowed = np.minimum(heights[0], 0.0) - FLOOR_TOLERANCE_M
+        heights = np.array([undersides(robot, row) for row in q])
+        posed = np.array([undersides(robot, row) for row in robot.poses.values()]).min(axis=0)
+        radii = np.array([*(piece.radius for piece in robot.collision.capsules for _ in range(2)), 0.0])
+        resting = np.clip(posed, -radii, 0.0)
+        allowed = np.minimum(heights[0], resting) - FLOOR_TOLERANCE_M
         lacking = float((allowed - heights).max())
         found = any(f.kind == "floor" for f in preflight(robot, trajectory))
         if lacking > 1e-3:
@@ -127,15 +132,12 @@ def test_no_dip_below_the_floor_is_missed(seed: int) -> None:
             assert not found
 
 
-def lowest_corners(robot: Robot, q: FloatArray) -> list[float]:
-    """Heights of origins and of the ends of a and d, by plain products."""
-    chain = robot.chain
-    frames = plain_frames(chain.rows, chain.convention, q)
-    heights: list[float] = []
-    for row, before, after in zip(chain.rows, frames[:-1], frames[1:], strict=True):
-        corner = before @ ([row.a_m, 0, 0, 1] if chain.convention == "modified" else [0, 0, row.d_m, 1])
-        heights += [corner[2], after[2, 3]]
-    return heights
+def undersides(robot: Robot, q: FloatArray) -> list[float]:
+    """Heights above the floor of the lowest points below the ends of all capsules and of the tool point."""
+    pieces = robot.collision.capsules
+    ends = [(p[2], piece.radius) for piece in pieces for p in axis_points(robot, piece, q, 2)]
+    tool = plain_frames(robot.chain.rows, robot.chain.convention, q)[-1][2, 3]
+    return [height - radius - robot.floor_z for height, radius in [*ends, (tool, 0.0)]]
 
 
 @settings(max_examples=15)
@@ -161,8 +163,33 @@ def test_the_turning_column_is_exempt_and_the_tool_is_the_last_part() -> None:
     floor = Floor(UZUNER)
     assert "the base" not in floor.parts
     assert floor.parts[-1] == "the tool"
-    assert "the link behind elbow" in floor.parts
+    assert "the link behind elbow" in floor.parts and "the gripper" in floor.parts
     q = np.radians([[20, 40, -30, -60, 10], [0, 90, -80, -40, 0]])
     lift = np.cumsum(np.sin(np.cumsum(q[:, 1:4], axis=1)) * [0.125, 0.104, 0.101], axis=1) + 0.163
     np.testing.assert_allclose(floor.clearance(q)[:, -1], lift[:, -1])
     np.testing.assert_allclose(floor.clearance(q[0]), floor.clearance(q)[0], atol=1e-15)
+
+
+def test_what_lies_on_the_floor_may_lie_there_but_its_axis_not_below_it() -> None:
+    """A link 20 mm thick whose axis comes to 5 mm above the floor where the arm rests."""
+    titles = [joint.title for joint in ARM.joints]
+    body = (capsule(CHAIN, titles, 4, ([-1.0, 0.0, 0.0], [0.0, 0.0, 0.0]), RADIUS),)
+    raised = HANGING + np.radians([0.0, 20.0, 0.0, 0.0])
+
+    def lying(height: float) -> Robot:
+        poses = {"home": raised, "rest": HANGING}
+        return replace(ARM, floor_z=1.0 - height, capsules=body, poses=poses)
+
+    down, up = PointToPoint.plan(ARM, raised, HANGING), PointToPoint.plan(ARM, HANGING, raised)
+    for motion in (down, up):
+        assert [f for f in preflight(lying(0.005), motion) if f.kind == "floor"] == []
+    # without the pose that lies there, 15 mm are too deep; a motion that begins there may end there
+    standing = replace(lying(0.005), poses={"home": raised, "rest": raised})
+    (finding,) = [f for f in preflight(standing, down) if f.kind == "floor"]
+    assert finding.what == "15.0 mm below the floor" and finding.time == pytest.approx(
+        down.duration, abs=0.01
+    )
+    assert [f for f in preflight(standing, up) if f.kind == "floor"] == []
+    # 5 mm below the floor it is the axis itself: a pose of the file does not make that right
+    (finding,) = [f for f in preflight(lying(-0.005), down) if f.kind == "floor"]
+    assert finding.what == "25.0 mm below the floor"

@@ -81,8 +81,8 @@ def test_what_cannot_be_followed_says_when_where_and_which_joint() -> None:
     with pytest.raises(ToolPathRefusedError) as refused:
         plan_line(ROBOT, start, LINE[-1], pitch="kept", speed=0.1)
     found = re.match(
-        r"at ([\d.]+) s, (\d+) % of the line \(x 220.0, y (-?[\d.]+), z 85.0 mm\): Elbow would need "
-        r"(-?[\d.]+)°, its limits are -84.36° … 95.07°; ",
+        r"at ([\d.]+) s, (\d+) % of the line \(x 220.0, y (-?[\d.]+), z 85.0 mm\): Elbow is at its "
+        r"limit of -84.36°; at 50 % Elbow would need (-?[\d.]+)°, its limits are -84.36° … 95.07°; ",
         str(refused.value),
     )
     assert found is not None, str(refused.value)

@@ -18,7 +18,7 @@ from armctl.arrays import FloatArray
 from armctl.errors import RobotFileError
 from armctl.kinematics.chain import LinkFrames
 from armctl.robot import Robot, load_robot, robots_folder
-from armctl.robot.body import NEAR_M, box_distance, moving_corners, segment_box_distance, segment_distance
+from armctl.robot.body import NEAR_M, box_distance, segment_box_distance, segment_distance, undersides
 from armctl.robot.shape import reach
 
 ARMS = [*map(load_robot, FIVE), *map(random_arm, range(4))]
@@ -55,13 +55,13 @@ def test_no_point_moves_farther_than_its_lever_says(robot: Robot) -> None:
                 moved = axis_points(robot, capsule, row + step) - axis_points(robot, capsule, row)
                 assert np.linalg.norm(moved, axis=1).max() <= lever[j] * 1e-4 * (1 + 1e-6) + 1e-12
         lifts = np.abs(heights(robot, q + step) - heights(robot, q)).max(axis=1)
-        for corner, lift in zip(robot.corners, lifts, strict=True):
+        for corner, lift in zip(robot.undersides, lifts, strict=True):
             assert lift <= corner.levers[j] * 1e-4 * (1 + 1e-6) + 1e-12
 
 
 def heights(robot: Robot, q: FloatArray) -> FloatArray:
     links = LinkFrames.at(robot.chain, q)
-    return np.array([links.place(c.link, c.point[None])[2, 0] for c in robot.corners])
+    return np.array([links.place(c.link, c.point[None])[2, 0] for c in robot.undersides])
 
 
 @pytest.mark.parametrize("name", FIVE)
@@ -159,11 +159,11 @@ def test_what_a_robot_file_may_not_say(tmp_path: Path, lines: str, says: str) ->
         load_robot(mine)
 
 
-def test_corners_that_no_joint_lifts_are_left_out() -> None:
+def test_undersides_that_no_joint_lifts_are_left_out() -> None:
     robot = load_robot("uzuner")
     held = robot.limits.copy()
     held[1:] = held[1:, :1]  # only the base turns
-    assert moving_corners(robot.chain, [j.title for j in robot.joints], held) == ()
+    assert undersides(robot.collision, [j.title for j in robot.joints], held) == ()
 
 
 # Distances of segments against points sampled on them.

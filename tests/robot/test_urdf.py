@@ -155,7 +155,7 @@ def test_the_body_goes_from_joint_to_joint(tmp_path: Path) -> None:
     assert [length for *_, length in drawn] == pytest.approx(lengths, abs=1e-12)
     *_, last = bars(robot.chain, 0.02)
     assert last.length == pytest.approx(math.hypot(0.08, 0.05), abs=1e-12)  # the tool's z lies along x
-    assert [corner.part for corner in robot.corners][-1] == "the tool"
+    assert [one.part for one in robot.undersides][-1] == "the tool"
 
 
 def part(parent: str, child: str, kind: str = "revolute", mimics: str = "") -> Step:

@@ -26,8 +26,6 @@ _SEEN_MM = 0.05
 """what one decimal shows as more than 0.0 [mm]"""
 _ALIGNED = 1e-9
 """sine of the angle up to which a roll axis is along the approach axis"""
-_UNSEEN = math.radians(0.005)
-"""an excess that two decimals do not show: what a search for the least excess leaves [rad]"""
 
 
 Choice = str | Callable[[FloatArray, FloatArray | None], ArrayLike]
@@ -309,19 +307,14 @@ def too_near(miss: float, where: str, limit: str, length: float) -> str:
 
 def all_needs(titles: Sequence[str], limits: NDArray[np.float64], needed: Sequence[tuple[int, float]]) -> str:
     """Text for joints that would leave their limits: index and angle [rad] of each, ``limits`` (n, 2)."""
-    seen = [
-        (joint, angle)
-        for joint, angle in needed
-        if not limits[joint, 0] - _UNSEEN <= angle <= limits[joint, 1] + _UNSEEN
-    ]
-    return " and ".join(needs(titles[joint], limits[joint], angle) for joint, angle in seen or needed)
+    return " and ".join(needs(titles[joint], limits[joint], angle) for joint, angle in needed)
 
 
 def needs(title: str, limits: NDArray[np.float64] | Sequence[float], *angles: float) -> str:
     """Text for a joint that would leave its limits: ``limits`` (2,) and alternative ``angles`` [rad]."""
-    low, high, *needed = (math.degrees(float(value)) for value in (*limits, *angles))
+    low, high, *needed = (math.degrees(float(value)) + 0.0 for value in (*limits, *angles))
     digits = max(_digits(angle, low, high) for angle in needed)
-    said = " or ".join(f"{angle:.{digits}f}°" for angle in needed)
+    said = " or ".join(dict.fromkeys(f"{angle:.{digits}f}°" for angle in needed))
     return f"{title} needs {said}, its limits are {low:.{digits}f}° … {high:.{digits}f}°"
 
 

@@ -1,6 +1,7 @@
 """Gaps between parts of the arm and what they must stay away from: the floor, obstacles, the arm itself.
 
-Each kind has k gaps: ``parts`` are their names, ``levers`` (k, n) how much each changes at most [m/rad].
+Each kind has k gaps: ``parts`` are their names, ``levers`` (k, n) how much each changes at most [m/rad],
+``closed`` (k,) how far each may be closed all the same, 0 or negative [m].
 """
 
 from __future__ import annotations
@@ -19,32 +20,45 @@ FLOOR_TOLERANCE_M = 5e-4
 
 
 class Floor:
-    """Heights of those corners of the arm above the floor that joints change (``Robot.corners``)."""
+    """Heights above the floor of the ends of the capsules that joints raise or lower (``Robot.undersides``).
+
+    What lies on the floor, or nearer to it than it is thick, in a named pose of the robot file may be as low
+    as there, but never its axis.
+    """
 
     kind: ClassVar[Literal["floor"]] = "floor"
 
     def __init__(self, robot: Robot) -> None:
-        self._robot, self._corners = robot, robot.corners
-        self.levers = np.array([corner.levers for corner in robot.corners]).reshape(-1, robot.n)
-        self.parts = tuple(corner.part for corner in robot.corners)
+        self._robot, self._undersides = robot, robot.undersides
+        self.levers = np.array([one.levers for one in self._undersides]).reshape(-1, robot.n)
+        self.parts = tuple(one.part for one in self._undersides)
+        radii = np.array([one.radius for one in self._undersides])
+        self.closed = np.zeros(len(self.parts))
+        if robot.poses and self.parts:
+            posed = self.clearance(np.array(list(robot.poses.values()))).min(axis=0)
+            self.closed = np.clip(posed, -radii, 0.0)
 
     def clearance(self, q: ArrayLike) -> FloatArray:
         """(..., k) heights above the floor [m] at ``q`` (..., n) [rad], negative below it; k may be 0."""
         q = self._robot.chain.checked(q)
         links = LinkFrames.at(self._robot.chain, q.reshape(-1, self._robot.n))
-        return self.gaps(links).T.reshape(*q.shape[:-1], len(self._corners))
+        return self.gaps(links).T.reshape(*q.shape[:-1], len(self._undersides))
 
     def gaps(self, links: LinkFrames) -> FloatArray:
         """(k, m) heights [m] at m configurations."""
-        heights = np.empty((len(self._corners), links.origin[0].shape[-1]))
-        for height, corner in zip(heights, self._corners, strict=True):
-            height[:] = corner.point @ links.rotation[corner.link][2] + links.origin[corner.link][2]
+        heights = np.empty((len(self._undersides), links.origin[0].shape[-1]))
+        for height, one in zip(heights, self._undersides, strict=True):
+            height[:] = one.point @ links.rotation[one.link][2] + links.origin[one.link][2] - one.radius
         return heights - self._robot.floor_z
+
+    def worst(self, slack: FloatArray) -> int:
+        """Which gap is named, by the slack (k,) of each: the tool's, which comes last, if it lacks any."""
+        named = slack[-1] < 0.0 and self.parts[-1] == "the tool"
+        return len(slack) - 1 if named else int(slack.argmin())
 
     def words(self, part: int, depth_mm: float) -> tuple[str, str]:
         """What is wrong where gap ``part`` is closed by ``depth_mm``, and what to do."""
-        higher = f"raise the target, or go round by a point that is {depth_mm:.0f} mm higher"
-        return f"{depth_mm:.1f} mm below the floor", higher
+        return f"{depth_mm:.1f} mm below the floor", "raise the target, or go round by a higher point"
 
 
 class Obstacles:
@@ -57,17 +71,22 @@ class Obstacles:
         moving = list(self._model.moving)
         self.parts = tuple(self._model.capsules[i].part for _ in robot.obstacles for i in moving)
         self.levers = np.tile(self._model.levers[moving], (len(robot.obstacles), 1))
+        self.closed = np.zeros(len(self.parts))
 
     def gaps(self, links: LinkFrames) -> FloatArray:
         """(k, m) [m] at m configurations, negative inside an obstacle."""
         return self._model.gaps_to(self._obstacles, links)
+
+    def worst(self, slack: FloatArray) -> int:
+        """As ``Floor.worst``: the one that lacks most."""
+        return int(slack.argmin())
 
     def words(self, part: int, depth_mm: float) -> tuple[str, str]:
         """As ``Floor.words``."""
         title = self._obstacles[part // len(self._model.moving)].title
         return (
             f"{depth_mm:.1f} mm inside {title}",
-            f"choose another target or branch, or go round {title} by another point",
+            f"choose another target, or go round {title} by another point",
         )
 
 
@@ -80,18 +99,34 @@ class SelfCollision:
         self._model = robot.collision
         self.levers = self._model.pair_levers
         self.parts = tuple(self._model.capsules[j].part for _, j in self._model.pairs)
+        self.closed = np.zeros(len(self.parts))
 
     def gaps(self, links: LinkFrames) -> FloatArray:
         """(k, m) [m] at m configurations, negative where a pair overlaps."""
         return self._model.gaps(links)
+
+    def worst(self, slack: FloatArray) -> int:
+        """As ``Floor.worst``: the one that lacks most."""
+        return int(slack.argmin())
 
     def words(self, part: int, depth_mm: float) -> tuple[str, str]:
         """As ``Floor.words``."""
         other = self._model.capsules[self._model.pairs[part][0]].part
         return (
             f"{depth_mm:.1f} mm inside {other}",
-            f"choose another branch, or go round by a point farther from {other}",
+            f"choose another target, or go round by a point farther from {other}",
         )
 
 
 Gaps = Floor | Obstacles | SelfCollision
+
+
+def sources(robot: Robot) -> tuple[Gaps, ...]:
+    """All that an arm must stay clear of."""
+    return (Floor(robot), *((Obstacles(robot),) if robot.obstacles else ()), SelfCollision(robot))
+
+
+def stands_clear(robot: Robot, q: FloatArray) -> bool:
+    """Whether an arm may stand at ``q`` (n,) [rad]."""
+    links = LinkFrames.at(robot.chain, q[None])
+    return all((one.gaps(links).T >= one.closed - FLOOR_TOLERANCE_M).all() for one in sources(robot))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -14,7 +14,7 @@ from armctl.errors import InputError, MotionRefusedError
 from armctl.kinematics.chain import LinkFrames
 from armctl.kinematics.target import checked_number
 from armctl.kinematics.velocity import NEAR
-from armctl.motion.clearance import FLOOR_TOLERANCE_M, Floor, Gaps, Obstacles, SelfCollision
+from armctl.motion.clearance import FLOOR_TOLERANCE_M, Gaps, sources
 from armctl.motion.trajectory import JoinedTrajectory, KnowsPeaks, Trajectory, peaks_of
 from armctl.robot import Robot
 
@@ -23,6 +23,8 @@ _TRAVEL = math.radians(6)
 _MOST = 4000
 _FINEST_S = 1e-3
 _FEWEST = 32
+_LOOKS, _NARROWED = 17, 3
+"""times that are looked at, and how often, to find the worst place between two samples"""
 
 Severity = Literal["error", "warning"]
 """error: the motion is refused. warning: it is shown, and the motion may be run."""
@@ -93,8 +95,7 @@ def preflight(
     findings = [*_limit_findings(motion)]
     for kind in _RATES:
         findings += _rate_findings(motion, kind)
-    around = (Obstacles(robot),) if robot.obstacles else ()
-    for source in (Floor(robot), *around, SelfCollision(robot)):
+    for source in sources(robot):
         finding = gap_finding(motion, source, source.gaps(links))
         if finding is not None:
             findings.append(finding)
@@ -161,6 +162,28 @@ class SampledMotion:
         """(m, n) largest joint speeds of the part that each sample belongs to [rad/s]"""
         self.peaks = peaks_of(trajectory)
 
+    def shown(self, time: float) -> float:
+        """The time as texts show it, to a hundredth of a second [s]; the end, where it rests, as it is."""
+        return time if time == self.time[-1] else min(round(time, 2), float(self.time[-1]))
+
+    def beside(self, at: int) -> tuple[float, float]:
+        """The times of the samples before and behind one [s]."""
+        return float(self.time[max(at - 1, 0)]), float(self.time[min(at + 1, len(self.time) - 1)])
+
+    def least_at(self, measure: Callable[[FloatArray], FloatArray], begin: float, end: float) -> float:
+        """When a measure of the motion at times (m,) [s] is least between two samples [s]."""
+        when = begin
+        for _ in range(_NARROWED):
+            times = np.linspace(begin, end, _LOOKS)
+            at = int(measure(times).argmin())
+            begin, when, end = times[[max(at - 1, 0), at, min(at + 1, _LOOKS - 1)]].tolist()
+        return when
+
+    def rates(self, time: FloatArray, order: int) -> FloatArray:
+        """(m, n) size of one of ``_RATES`` of the joints [rad/s], [rad/s²], [rad/s³] at times (m,) [s]."""
+        state = self.trajectory.sample(time)
+        return np.abs((state.velocity, state.acceleration, state.jerk)[order])
+
 
 # Joint limits, speeds, accelerations and jerks, rest at both ends.
 
@@ -168,6 +191,9 @@ _RATES: tuple[Kind, ...] = ("speed", "acceleration", "jerk")
 _ANGLE_TOLERANCE = 1e-9
 _RATE_TOLERANCE = 1e-6
 _REST_SPEED = 1e-6
+_MOST_HUNDREDTHS = 400
+"""times that are looked at for the place of a peak"""
+_AS_FAST = 0.999
 
 
 def _limit_findings(motion: SampledMotion) -> Iterator[Finding]:
@@ -175,18 +201,22 @@ def _limit_findings(motion: SampledMotion) -> Iterator[Finding]:
     lower, upper = robot.limits.T
     below, above = lower - peaks.low, peaks.high - upper
     for j in np.flatnonzero(np.maximum(below, above) > _ANGLE_TOLERANCE).tolist():
-        joint, q = robot.joints[j], motion.q[:, j]
-        is_below = below[j] >= above[j]
-        at = int(q.argmin() if is_below else q.argmax())
-        worst = peaks.low[j] if is_below else peaks.high[j]
+        joint, sense = robot.joints[j], 1.0 if below[j] >= above[j] else -1.0
+        worst = peaks.low[j] if sense > 0.0 else peaks.high[j]
         angle, least, most = np.degrees([worst, joint.lower, joint.upper])
         yield Finding(
             f"{angle:.2f}° is outside {least:.2f}° … {most:.2f}°",
-            float(motion.time[at]),
+            _when_least(motion, j, sense),
             joint.title,
-            "keep away from this limit: another target, another branch or a straighter way",
+            "keep away from this limit: another target, or a straighter way",
             "limits",
         )
+
+
+def _when_least(motion: SampledMotion, j: int, sense: float) -> float:
+    """When the angle of joint ``j`` times ``sense`` is least [s]."""
+    beside = motion.beside(int((sense * motion.q[:, j]).argmin()))
+    return motion.least_at(lambda time: sense * motion.trajectory.sample(time).q[:, j], *beside)
 
 
 def _rate_findings(motion: SampledMotion, kind: Kind) -> Iterator[Finding]:
@@ -199,17 +229,27 @@ def _rate_findings(motion: SampledMotion, kind: Kind) -> Iterator[Finding]:
     over = [] if most is None else np.flatnonzero(most > limits * (1 + _RATE_TOLERANCE)).tolist()
     if most is None or not over:
         return
-    state = motion.trajectory.sample(motion.time)
-    rates = np.abs((state.velocity, state.acceleration, state.jerk)[order])
+    rates = motion.rates(motion.time, order)
     for j in over:
         value, limit = np.degrees([most[j], limits[j]])
+        longer = math.ceil(100.0 * (most[j] / limits[j]) ** (1 / (order + 1))) / 100.0
         yield Finding(
             f"{value:.1f} {unit} is over its limit of {limit:.1f} {unit}",
-            float(motion.time[rates[:, j].argmax()]),
+            _when_most(motion, order, j, int(rates[:, j].argmax())),
             robot.joints[j].title,
-            f"take {(most[j] / limits[j]) ** (1 / (order + 1)):.2f} times as long",
+            f"take {longer:.2f} times as long",
             kind,
         )
+
+
+def _when_most(motion: SampledMotion, order: int, j: int, at: int) -> float:
+    """When joint ``j`` is fastest, near the sample at which it is: at a hundredth, if one serves [s]."""
+    (begin, end), when = motion.beside(at), float(motion.time[at])
+    hundredths = np.arange(math.ceil(100 * begin), math.floor(100 * end) + 1) / 100
+    times = np.append(hundredths[:: len(hundredths) // _MOST_HUNDREDTHS + 1], when)
+    rates = motion.rates(times, order)[:, j]
+    best = int(rates[:-1].argmax()) if len(times) > 1 else -1
+    return float(times[best if rates[best] >= _AS_FAST * rates[-1] else -1])
 
 
 def _rest_findings(motion: SampledMotion) -> Iterator[Finding]:
@@ -241,15 +281,15 @@ def gap_finding(motion: SampledMotion, source: Gaps, gaps: FloatArray) -> Findin
 
     With gaps g₀ and g₁ at two samples and a change of at most D (levers times joint speeds) between them, a
     gap is at least (g₀ + g₁ - D) / 2 there. Where that does not prove it open, the interval is halved. Finds
-    the deepest gap at the samples, else of the first halves that show one.
+    the deepest gap beside the worst sample, else in the first half that shows one.
     """
     if not len(gaps):
         return None
-    allowed = np.minimum(gaps[:, :1], 0.0) - FLOOR_TOLERANCE_M
+    allowed = np.minimum(gaps[:, :1], source.closed[:, None]) - FLOOR_TOLERANCE_M
     slack = gaps - allowed
-    finding = _deepest(source, motion.time, gaps, slack)
-    if finding is not None:
-        return finding
+    at = int(slack.min(axis=0).argmin())
+    if slack[:, at].min() < 0.0:
+        return _deepest(motion, source, allowed, *motion.beside(at))
     speed = np.minimum(motion.speed[1:], _TOO_FAST * motion.robot.speed_limits)
     change = source.levers @ (speed * np.diff(motion.time)[:, None]).T
     if (slack[:, :-1] + slack[:, 1:] - change >= -2.0 * _MISSED_M).all():  # most motions
@@ -268,9 +308,9 @@ def gap_finding(motion: SampledMotion, source: Gaps, gaps: FloatArray) -> Findin
             middle = 0.5 * (early[0] + early[1])
             gaps = source.gaps(LinkFrames.at(motion.robot.chain, motion.trajectory.sample(middle).q))
             slack = gaps - allowed
-            finding = _deepest(source, middle, gaps, slack)
-            if finding is not None:
-                return finding
+            at = int(slack.min(axis=0).argmin())
+            if slack[:, at].min() < 0.0:
+                return _deepest(motion, source, allowed, early[0, at], early[1, at])
             early[2 + 2 * k :] *= 0.5
             late = early.copy()
             early[1], early[2 + k : 2 + 2 * k] = middle, slack
@@ -279,15 +319,21 @@ def gap_finding(motion: SampledMotion, source: Gaps, gaps: FloatArray) -> Findin
     return None
 
 
-def _deepest(source: Gaps, time: FloatArray, gaps: FloatArray, slack: FloatArray) -> Finding | None:
-    """The place of least slack, the earliest of equals; None: there is slack everywhere."""
-    least = slack.min(axis=0)
-    at = int(least.argmin())
-    if least[at] >= 0.0:
-        return None
-    part = int(slack[:, at].argmin())
-    what, mend = source.words(part, -1000 * float(gaps[part, at]))
-    return Finding(what, float(time[at]), source.parts[part], mend, source.kind)
+def _deepest(motion: SampledMotion, source: Gaps, allowed: FloatArray, begin: float, end: float) -> Finding:
+    """The gap of least slack between two times [s], where there is one that lacks some."""
+
+    def gaps_at(time: FloatArray) -> FloatArray:
+        return source.gaps(LinkFrames.at(motion.robot.chain, motion.trajectory.sample(time).q))
+
+    when = motion.least_at(lambda time: (gaps_at(time) - allowed).min(axis=0), begin, end)
+    for time in (motion.shown(when), when):
+        gaps = gaps_at(np.array([time]))
+        slack = (gaps - allowed)[:, 0]
+        part, when = source.worst(slack), time
+        if slack[part] < 0.0:
+            break
+    what, mend = source.words(part, -1000 * float(gaps[part, 0]))
+    return Finding(what, when, source.parts[part], mend, source.kind)
 
 
 # Does the tool lose a direction? The isotropy is the smallest over the largest singular value of the tool
@@ -317,11 +363,16 @@ def _singularity_findings(motion: SampledMotion, *, tool_path: bool) -> Iterator
         lost = lost[turn * largest[lost] > _STRAINED * way]
     if len(lost):
         at, is_lost = int(lost[isotropy[lost].argmin()]), True
-    percent = 100 * float(isotropy[at])
+    when, least = float(time[at]), float(isotropy[at])
+    shown = motion.shown(when)
+    there = float(isotropy_of(robot, robot.jacobian(motion.trajectory.sample(np.array([shown])).q))[0][0])
+    if there < (_LOST if is_lost else NEAR):
+        when, least = shown, there
+    percent = 100 * least
     yield Finding(
         f"{'at' if percent < 0.1 else 'near'} a singularity: in one direction it moves only "
         f"{percent:.1f} % as freely as in the best",
-        float(time[at]),
+        when,
         "the tool",
         "lead the path past there, or go joint by joint"
         if is_lost
@@ -352,19 +403,22 @@ def _torque_findings(motion: SampledMotion, links: LinkFrames, payload_kg: float
     if not robot.gravity.bodies or not any(joint.stall_torque for joint in robot.joints):
         return
     gravity = robot.gravity if payload_kg is None else replace(robot.gravity, payload_kg=payload_kg)
-    for joint, torque in zip(robot.joints, np.abs(gravity.torque_of(links)), strict=True):
+    for j, (joint, torque) in enumerate(zip(robot.joints, np.abs(gravity.torque_of(links)), strict=True)):
         stall = joint.stall_torque
         if not stall:
             continue
-        at = int(torque.argmax())
-        share = float(torque[at]) / stall
-        if share <= _WARM:
+        at, most_held = int(torque.argmax()), max(float(torque[0]), stall) * (1 + _TORQUE_TOLERANCE)
+        when, most = float(motion.time[at]), float(torque[at])
+        if most <= _WARM * stall:
             continue
-        over = share > max(float(torque[0]) / stall, 1.0) * (1 + _TORQUE_TOLERANCE)
+        over, shown = most > most_held, motion.shown(when)
+        there = abs(float(gravity.torque(motion.trajectory.sample(shown).q)[j]))
+        if there > (most_held if over else _WARM * stall):
+            when, most = shown, there
         yield Finding(
-            f"gravity asks for {torque[at]:.2f} N·m, "
-            f"{100 * share:.0f} % of its stall torque of {stall:.2f} N·m",
-            float(motion.time[at]),
+            f"gravity asks for {most:.2f} N·m, "
+            f"{100 * most / stall:.0f} % of its stall torque of {stall:.2f} N·m",
+            when,
             joint.title,
             "keep the load nearer to the joint, or take a lighter one"
             if over

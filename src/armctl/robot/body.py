@@ -291,33 +291,43 @@ _PROBES = 24
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Corner:
-    """A point of a link, to be kept above the floor."""
+class Underside:
+    """An end of a capsule, to be kept above the floor."""
 
     link: int
     """index of its link"""
     point: FloatArray
-    """(3,) in the link's frame [m]"""
+    """(3,) on the capsule's axis, in the link's frame [m]"""
+    radius: float
+    """how far below it the capsule reaches [m]"""
     part: str
     """what a user calls the part that it belongs to"""
     levers: FloatArray
     """(n,) how far it rises or sinks a radian of each joint, at most [m/rad]"""
 
 
-def moving_corners(chain: Chain, titles: Sequence[str], limits: FloatArray) -> tuple[Corner, ...]:
-    """The ends of the bars (``shape.bars``) that joints raise or lower within limits (n, 2) [rad].
+def undersides(model: CollisionModel, titles: Sequence[str], limits: FloatArray) -> tuple[Underside, ...]:
+    """The ends of the capsules that joints raise or lower within limits (n, 2) [rad].
 
-    Over a plane a straight line is lowest at one of its ends, so these points are the whole arm.
+    Over a plane a capsule is lowest below one of its ends. Bars without a capsule count without thickness,
+    and so does the tool point, which comes last.
     """
+    chain = model.chain
     probes = LinkFrames.at(chain, joint_samples(limits, _PROBES))
     upright = abs(chain.segments[0][2, 2]) > 1 - 1e-12  # then the first joint changes no height
-    corners: list[Corner] = []
+    ends = [(c.link, point, c.radius, c.part) for c in model.capsules for point in (c.start, c.end)]
+    link, T = chain.places[-1]
+    tool = (link, T[:3, 3], 0.0, "the tool")
     for bar in bars(chain, 0.0):
         point = _moved(chain.places[bar.frame].T_link_frame, bar.end)
-        if np.ptp(probes.place(bar.link, point[None])[2, 0]) > 1e-9:
-            levers = _levers(chain, bar.link, point[None])
+        known = (end for link, end, *_ in (*ends, tool) if link == bar.link)
+        if not any(np.allclose(point, end, atol=1e-9) for end in known):
+            ends.append((bar.link, point, 0.0, link_name(bar.link, titles)))
+    ends.append(tool)
+    found: list[Underside] = []
+    for link, point, radius, part in ends:
+        if link >= 0 and np.ptp(probes.place(link, point[None])[2, 0]) > 1e-9:
+            levers = _levers(chain, link, point[None])
             levers[0] *= not upright
-            corners.append(Corner(bar.link, point, link_name(bar.link, titles), _of_joints(chain, levers)))
-    if corners:
-        corners[-1] = replace(corners[-1], part="the tool")
-    return tuple(corners)
+            found.append(Underside(link, point, radius, part, _of_joints(chain, levers)))
+    return tuple(found)

@@ -27,7 +27,7 @@ from armctl.kinematics import (
 from armctl.kinematics.angles import LIMIT_TOLERANCE
 from armctl.kinematics.samples import joint_samples
 from armctl.kinematics.velocity import NEAR, position_leaves_orientation
-from armctl.robot.body import ArmBody, Capsule, CollisionModel, Corner, moving_corners, shape_capsules
+from armctl.robot.body import ArmBody, Capsule, CollisionModel, Underside, shape_capsules, undersides
 from armctl.robot.outputs import DEFAULT_BOARD, OutputMap
 from armctl.robot.parts import Gripper, Joint, Look, Obstacle, Shape
 
@@ -129,11 +129,6 @@ class Robot(ArrayRecord):
         )
 
     @cached_property
-    def corners(self) -> tuple[Corner, ...]:
-        """What comes nearest to the floor, from the base to the tool; without what no joint lifts."""
-        return moving_corners(self.chain, self.link_titles, self.limits)
-
-    @cached_property
     def body(self) -> ArmBody:
         """What is kept apart: the capsules of the file, those of its shapes, or those of the bars."""
         if self.capsules is not None:
@@ -159,7 +154,13 @@ class Robot(ArrayRecord):
     @cached_property
     def collision(self) -> CollisionModel:
         """The arm's body as capsules, and which of them are kept apart."""
-        return CollisionModel.build(self.chain, self.body.capsules, self.limits, self.pose("home"))
+        home = self.poses.get("home", self.limits.mean(axis=1))
+        return CollisionModel.build(self.chain, self.body.capsules, self.limits, home)
+
+    @cached_property
+    def undersides(self) -> tuple[Underside, ...]:
+        """What comes nearest to the floor, from the base to the tool; without what no joint lifts."""
+        return undersides(self.collision, self.link_titles, self.limits)
 
     @cached_property
     def always_singular(self) -> bool:

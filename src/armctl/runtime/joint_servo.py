@@ -159,7 +159,7 @@ class KeepClear:
             if not words:
                 continue
             gaps = source.gaps(links)
-            closing = gaps < np.minimum(gaps[:, :1], 0.0) - _ROUNDING
+            closing = gaps < np.minimum(gaps[:, :1], source.closed[:, None]) - _ROUNDING
             rows = np.flatnonzero(closing.any(axis=0))
             if len(rows) and (first is None or rows[0] < first[0]):
                 row = int(rows[0])

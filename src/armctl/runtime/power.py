@@ -349,10 +349,11 @@ def _where_it_is(core: Core, board: Board, now: float) -> Reading:
 def below_floor(floor: Floor, q: FloatArray) -> str | None:
     """What of the arm a jump to ``q`` (n,) [rad] would put below the floor, in words; None: nothing."""
     gaps = floor.clearance(q)
-    lowest = float(gaps.min(initial=0.0))
-    if lowest >= -FLOOR_TOLERANCE_M:
+    slack = gaps - floor.closed + FLOOR_TOLERANCE_M
+    if slack.min(initial=0.0) >= 0.0:
         return None
-    return f"{floor.parts[int(gaps.argmin())]}: {-1000 * lowest:.1f} mm below the floor"
+    part = floor.worst(slack)
+    return f"{floor.parts[part]}: {-1000 * gaps[part]:.1f} mm below the floor"
 
 
 def _tolerance(board: Board) -> FloatArray:

@@ -325,7 +325,7 @@ def test_a_joint_limit_is_named_with_what_it_would_need() -> None:
     assert f"Elbow would need {math.degrees(place.needed):.2f}°, its limits are -84.36° … 95.07°" in str(
         error
     )
-    assert str(error).endswith("or move the line")
+    assert str(error).endswith("; move the line")  # on no other branch it fares better
 
 
 def test_out_of_reach_says_how_far() -> None:
@@ -375,12 +375,12 @@ def test_a_start_on_a_limit_may_go_in_but_not_out() -> None:
     assert sorted(outcomes) == ["goes", "refused"]
 
 
-def test_another_branch_is_offered_where_one_can_be_there() -> None:
+def test_another_branch_is_offered_where_one_follows_the_whole_curve() -> None:
     points, pitch = arc(), math.radians(-80.0)
     solutions = UZUNER.inverse(points[0], pitch)
     q = solutions.q[list(map(str, solutions.branch)).index("back elbow-up")]
     with pytest.raises(ToolPathRefusedError, match="Base would need") as info:
         tool_arc(UZUNER, q, points[29], points[-1])
-    assert "start on another branch (front elbow-up can be here) or move the arc" in str(info.value)
-    there = UZUNER.inverse(info.value.place.point + np.array([1e-5, 0.0, 0.0]), pitch)
-    assert "front elbow-up" in set(map(str, there.branch))
+    assert "start on another branch (front elbow-up follows the whole arc) or move the arc" in str(info.value)
+    other = solutions.q[list(map(str, solutions.branch)).index("front elbow-up")]
+    assert strays(UZUNER, tool_arc(UZUNER, other, points[29], points[-1]))[0] < 1e-5

@@ -29,7 +29,6 @@ from armctl.kinematics.spherical_shoulder.geometry import (
 )
 from armctl.kinematics.spherical_shoulder.orientation import ToolOrientation, elevation
 from armctl.kinematics.spherical_shoulder.swivel import (
-    SHEET_ROUNDING,
     Swivel,
     least_candidates,
     least_rotation,
@@ -48,8 +47,10 @@ _SAME = 1e-7
 """solutions that differ by less in every joint are one, split by rounding [rad]"""
 _AZIMUTHS = 16
 _NEAREST_STARTS = 64
-_VALUES = (1441, 401, 401)
-"""values of θ1 in the first round, a quarter of a degree apart, and in the finer ones about the best"""
+_VALUES = (1441, 401, 401, 401)
+"""values in the first round of a search, a quarter of a degree apart, and in the finer ones about the best"""
+_SEARCHED = 1e-8
+"""how far outside a limit a search for the least leaves a joint that is on it [rad]"""
 
 
 class SphericalShoulderSolver(InverseKinematics):
@@ -180,7 +181,7 @@ class SphericalShoulderSolver(InverseKinematics):
         nearest = ways[int(misses.argmin())]
         if target.pitch is None and misses.min() < _REACHED:
             return self._solved(target, self._with_roll(nearest[None], roll))
-        return self._refused(target, self._why_not(target, swivels), nearest)
+        return self._refused(target, self._why_not(target), nearest)
 
     # The nearest point, and a posture that nearly meets the target brought onto it.
 
@@ -248,7 +249,7 @@ class SphericalShoulderSolver(InverseKinematics):
         )
         return self._refused(target, reason, ends[best])
 
-    def _why_not(self, target: Target, swivels: Sequence[Swivel]) -> str:
+    def _why_not(self, target: Target) -> str:
         """Why a position has no solution."""
         distance = float(np.linalg.norm(target.position - self.geometry.centre))
         least, most = self.geometry.reach
@@ -258,30 +259,63 @@ class SphericalShoulderSolver(InverseKinematics):
             return too_far(distance - most, where, "the arm reaches", most)
         if not bends:
             return too_near(least - distance, where, "the arm folds no closer than", least)
-        if swivels:
-            said = all_needs(self.titles, self.limits, self._least_excess(swivels))
-            said = said or "a shoulder joint would have to leave them by less than 0.01°"
-        else:
-            limits = self.limits[3].tolist()
-            angles = (central_image(bend - self.geometry.offset, *limits) for bend in bends)
-            said = needs(self.titles[3], limits, *angles)
-        return f"within the links' reach, but joint limits forbid it: {said}"
+        needed = self._needed(bends, target.position - self.geometry.centre)
+        if not needed:
+            return "within the links' reach, but joint limits forbid it"
+        return f"within the links' reach, but joint limits forbid it: {self._needs_words(needed)}"
 
-    def _least_excess(self, swivels: Sequence[Swivel]) -> list[tuple[int, float]]:
-        """Joints outside their limits, and what they need [rad], where the sum of it is least."""
+    def _needed(self, bends: Sequence[float], aim: FloatArray) -> list[list[tuple[int, float]]]:
+        """For each bend the joints that would have to leave their limits and what they need [rad]."""
+        ways: list[list[tuple[int, float]]] = []
+        low, high = self.limits[3].tolist()
+        for bend in bends:
+            elbow = central_image(bend - self.geometry.offset, low, high)
+            way = []
+            if np.linalg.norm(aim) > _AT_SHOULDER:
+                shoulder = self._least_excess(self._swivel(elbow, aim))
+                if shoulder is None:
+                    continue
+                way = shoulder
+            if not low - LIMIT_TOLERANCE <= elbow <= high + LIMIT_TOLERANCE:
+                way = [*way, (3, elbow)]
+            if way:
+                ways.append(way)
+        return ways
+
+    def _needs_words(self, ways: Sequence[list[tuple[int, float]]]) -> str:
+        """The bends that ask only for another elbow; else the one that asks for least, by the sum."""
+        alone = [way[0][1] for way in ways if len(way) == 1 and way[0][0] == 3]
+        if alone:
+            return needs(self.titles[3], self.limits[3].tolist(), *alone)
+        return f"at the least, {all_needs(self.titles, self.limits, min(ways, key=self._excess))}"
+
+    def _excess(self, way: Sequence[tuple[int, float]]) -> float:
+        low, high = self.limits.T
+        return sum(max(low[joint] - angle, angle - high[joint]) for joint, angle in way)
+
+    def _least_excess(self, swivel: Swivel) -> list[tuple[int, float]] | None:
+        """Shoulder joints outside their limits, and what they need [rad], where the sum of it is least.
+
+        None: the shoulder joints cannot point the hand there at all.
+        """
         low, high = self.limits[:3].T
         middle = 0.5 * (low + high)
-        best, least = np.zeros(3), math.inf
-        for swivel in swivels:
-            centre, reach = float(middle[0]), math.pi
+        best, least = None, math.inf
+        # by the swivel, and by θ1: where one of them hardly changes the other does
+        for by in (swivel.by_angle, swivel.by_first):
+            centre, reach = 0.0, math.pi
             for count in _VALUES:
-                first = np.linspace(centre - reach, centre + reach, count)
-                q = np.concatenate(swivel.with_joint(0, first, SHEET_ROUNDING))
+                value, q = by(np.linspace(centre - reach, centre + reach, count))
+                reach *= 2.0 / (count - 1)
                 near = q - TWO_PI * np.rint((q - middle) / TWO_PI)
                 excess = np.maximum(0.0, np.maximum(low - near, near - high)).sum(axis=1)
-                if excess.min(initial=math.inf) < least:
-                    i = int(excess.argmin())
-                    best, least, centre = near[i], float(excess[i]), float(q[i, 0])
-                reach *= 2.0 / (count - 1)
-        outside = (best < low - LIMIT_TOLERANCE) | (best > high + LIMIT_TOLERANCE)
+                if not len(excess):
+                    break
+                i = int(excess.argmin())
+                centre = float(value[i])
+                if excess[i] < least:
+                    best, least = near[i], float(excess[i])
+        if best is None:
+            return None
+        outside = (best < low - _SEARCHED) | (best > high + _SEARCHED)
         return [(joint, float(best[joint])) for joint in np.flatnonzero(outside).tolist()]

@@ -40,7 +40,7 @@ _UNFELT = 1e-10
 ROOT_TOLERANCE = 1e-10
 """how far rounding, of a nearly straight elbow too, may carry ``k`` beyond ``A + B cos x + C sin x``, of unit
 vectors; what then misses the target is dropped by the look at the tip"""
-SHEET_ROUNDING = 1e-15
+_SHEET_ROUNDING = 1e-15
 """the same for what nobody looks at"""
 _ZEROS = (0.0, 0.0, 0.0)
 _GIMBAL = 1e-6
@@ -77,6 +77,17 @@ class Swivel:
         """Postures (k, 3) inside the limits at swivel angles (...) [rad]."""
         rotation = turn(self.aim, np.atleast_1d(phi)) @ self.base
         return self.inside(shoulder_angles(self.geometry, rotation))
+
+    def by_angle(self, phi: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """All postures (k, 3) at swivel angles (m,) [rad], whatever the limits, and the angle of each."""
+        q = shoulder_angles(self.geometry, turn(self.aim, phi) @ self.base)
+        reached = np.isfinite(q).all(axis=1)
+        return np.tile(phi, 2)[reached], q[reached]
+
+    def by_first(self, first: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """As ``by_angle``, at values of θ1 (m,) [rad]."""
+        q = np.concatenate(self.with_joint(0, first, _SHEET_ROUNDING))
+        return q[:, 0], q
 
     def is_singular_at(self, phi: FloatArray | float) -> bool:
         """True where the first and the third shoulder axis are parallel, or nearly, at any of the angles."""
@@ -215,7 +226,7 @@ def sweep(swivels: Sequence[Swivel], step: float) -> FloatArray:
         low, high = swivel.limits[0].tolist()
         grid = grid_values(low, high, step)
         for at in range(0, len(grid), _CHUNK):
-            for q in swivel.with_joint(0, grid[at : at + _CHUNK], SHEET_ROUNDING):
+            for q in swivel.with_joint(0, grid[at : at + _CHUNK], _SHEET_ROUNDING):
                 parts.append(swivel.with_elbow(swivel.images(q, 0.1 * LIMIT_TOLERANCE, kept=1)[1]))
     return np.concatenate(parts)
 

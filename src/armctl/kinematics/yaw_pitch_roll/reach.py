@@ -3,7 +3,7 @@
 The nearest point is exact: at an optimum each joint is at a limit, or the distance does not fall when it
 alone turns. For the base the latter means that the tip faces the target, for a pitch joint that it lies on
 the line along which the tip misses the target in the tool plane: the tip runs on one of the circles of
-``section``. Nearest on a circle is closed form while the base is at a limit, and a search in one variable
+``section``. Nearest on a circle is closed form while the base is at a limit, and the roots of a polynomial
 while it faces the target. If the tip misses only sideways, across the tool plane, the pitch joints have an
 ordinary inverse solution in the plane.
 """
@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from armctl.arrays import FloatArray
 from armctl.kinematics.angles import LIMIT_TOLERANCE, TWO_PI, central_image, images, nearest_angle, rest_angle
-from armctl.kinematics.solutions import all_needs, needs, too_far, too_near
+from armctl.kinematics.solutions import all_needs, too_far, too_near
 from armctl.kinematics.target import Target
 from armctl.kinematics.tool_plane import ToolPlane
 from armctl.kinematics.yaw_pitch_roll.closed_form import PlanePostures
@@ -36,9 +36,9 @@ from armctl.kinematics.yaw_pitch_roll.section import PlaneCircle, collinear_circ
 
 ComplexArray = NDArray[np.complex128]
 Rows = NDArray[np.intp]
-_SAMPLES = 128
-_BISECTIONS = 52
 _NO_LENGTH = 1e-12
+_SEARCHED = 1e-8
+"""how far outside a limit a search for the least leaves a joint that is on it [rad]"""
 _ALIKE_M = 1e-12
 """distances that differ by rounding alone [m]"""
 _SIDE = {True: "facing it", False: "over the back"}
@@ -136,45 +136,47 @@ class Reach:
         return too_near(miss, where, "the arm folds no closer than", inner)
 
     def _by_limits(self, branches: list[BaseBranch], z: float, angles: list[float | None]) -> str:
-        """Which joints would have to leave their limits, for each way to face the target."""
+        """All joints that would have to leave their limits together, for each way to face the target.
+
+        Of several ways to bend, those joints that would have to leave them least, by the sum.
+        """
+        swept = angles[0] is None and len(self._geometry.lengths) == 3
         said: list[str] = []
+        several = swept
         for branch in branches:
-            side = _SIDE[branch.front]
+            planes = self._swept(branch, z) if swept else np.array(self._postures([branch], z, angles))
+            if not len(planes):
+                said.append(f"{_SIDE[branch.front]}, the links do not reach it")
+                continue
+            several = several or len(planes) > 1
             low, high = self._limits[0].tolist()
             yaw = central_image(branch.angle, low, high)
-            if not low - LIMIT_TOLERANCE <= yaw <= high + LIMIT_TOLERANCE:
-                said.append(f"{side}, {needs(self._titles[0], self._limits[0], yaw)}")
-                continue
-            if angles[0] is None and len(self._geometry.lengths) == 3:
-                planes = self._swept(branch, z)
-            else:
-                planes = np.array(self._postures([branch], z, angles))
-            if not len(planes):
-                said.append(f"{side}, the links do not reach it")
-                continue
+            needed = [] if low - LIMIT_TOLERANCE <= yaw <= high + LIMIT_TOLERANCE else [(0, yaw)]
             q, beyond = self._joints(planes)
-            beyond[beyond <= LIMIT_TOLERANCE] = 0.0
+            beyond[beyond <= _SEARCHED] = 0.0
             i = int(beyond.sum(axis=1).argmin())
-            needed = [(1 + k, float(q[i, k])) for k in np.flatnonzero(beyond[i]).tolist()]
+            needed += [(1 + k, float(q[i, k])) for k in np.flatnonzero(beyond[i]).tolist()]
             if needed:
-                said.append(f"{side}, {all_needs(self._titles, self._limits, needed)}")
+                said.append(f"{_SIDE[branch.front]}, {all_needs(self._titles, self._limits, needed)}")
         held = "" if angles[0] is None else " at that pitch"
         if not said:
             return f"the arm reaches it{held}, but not with the orientation that was asked for"
-        return f"within the links' reach{held}, but joint limits forbid it: " + "; ".join(said)
+        least = "at the least, " if several else ""
+        return f"within the links' reach{held}, but joint limits forbid it: {least}" + "; ".join(said)
 
     def _swept(self, branch: BaseBranch, z: float) -> FloatArray:
         """(1, 3) plane angles nearest to the limits, found by sweeping the first round; or (0, 3)."""
         tip = complex(branch.r, z) - self._geometry.shoulder
         l2, l3, l4 = self._geometry.lengths
-        centre, reach, count, best = 0.0, math.pi, 7201, np.empty((0, 3))
-        for _ in range(3):  # 0.05°, then finer about the best
+        # from the direction of the target on: at the end of the reach the links are stretched or folded there
+        centre, reach, count, best = cmath.phase(tip), math.pi, 7201, np.empty((0, 3))
+        for _ in range(4):  # 0.05°, then finer about the best
             grid: FloatArray = np.linspace(centre - reach, centre + reach, count)
             direction, bend = triangle(tip - l2 * np.exp(1j * grid), l3, l4)
             planes = np.stack([np.broadcast_to(grid, bend.shape), direction - grid, bend], axis=2)
             beyond = self._joints(planes)[1].sum(axis=2)
             if np.isnan(beyond).all():
-                return np.empty((0, 3))
+                break
             side, i = np.unravel_index(np.nanargmin(beyond), beyond.shape)
             best = planes[side, i][None]
             centre, reach, count = float(grid[i]), 2 * reach / (count - 1), 401
@@ -250,9 +252,9 @@ class Reach:
     def _facing(
         self, circles: _Circles, x: float, y: float, z: float
     ) -> tuple[Rows, FloatArray, FloatArray, FloatArray]:
-        """Circle, phi, base angle and distance of every minimum with the tip facing the target."""
+        """Circle, phi, base angle and distance of every minimum with the tip facing the target, and more."""
         rho, d = math.hypot(x, y), self._geometry.lateral
-        row, phi = _minima(circles, rho, d, z)
+        row, phi = _stationary(circles, rho, d, z)
         tip = circles.centre[row] + circles.arm[row] * np.exp(1j * phi)
         miss = np.hypot(rho - np.hypot(tip.real, d), tip.imag - z)
         low, high = self._limits[0].tolist()
@@ -270,33 +272,56 @@ def _nearest_of(found: Iterable[_Nearest]) -> list[_Nearest]:
     return sorted((one for one in found if one.distance <= least), key=lambda one: np.abs(one.q).sum())[:1]
 
 
-def _minima(circles: _Circles, rho: float, d: float, z: float) -> tuple[Rows, FloatArray]:
-    """Circle and phi of every minimum of the distance from a ring of radius rho at height z [m]."""
-    size = np.abs(circles.arm)
+# Where the distance of a circle's points x + i y from a ring of radius ρ at height z (with the tool plane d
+# beside the axis) is stationary: with w = √(x² + d²) and l = (c_y - z) cos ψ - c_x sin ψ
+#
+#     l = -ρ x sin ψ / w,  squared  (x² + d²) l² - ρ² x² sin² ψ = 0
+#
+# a trigonometric polynomial of degree 4 in ψ. With t = tan((ψ - ψ0) / 2) it is one of degree 8 in t, whose
+# roots are eigenvalues. ψ0 lies opposite the largest of its samples, so that t⁸ has a good coefficient.
 
-    def slope(row: Rows, phi: FloatArray) -> FloatArray:
-        """Half the derivative of the squared distance over phi."""
-        lever = circles.arm[row] * np.exp(1j * phi)
-        tip = circles.centre[row] + lever
-        w = np.maximum(np.hypot(tip.real, d), 1e-300)
-        return (rho - w) * (tip.real / w) * lever.imag + (tip.imag - z) * lever.real
+_DEGREE = 4
+_ORDERS = np.arange(-_DEGREE, _DEGREE + 1)
+_SAMPLED = TWO_PI * np.arange(2 * _DEGREE + 1) / (2 * _DEGREE + 1)
 
-    # where a circle passes over the base axis two minima may lie close together: sample there too
-    over = np.arccos(np.clip(-circles.centre.real / np.maximum(size, _NO_LENGTH), -1.0, 1.0))
-    crossing = np.stack([over, -over], axis=1) - np.angle(circles.arm)[:, None]
-    even = np.linspace(-math.pi, math.pi, _SAMPLES, endpoint=False)
-    even = np.broadcast_to(even, (len(size), _SAMPLES))
-    phi = np.sort(np.concatenate([even, (crossing + math.pi) % TWO_PI - math.pi], axis=1), axis=1)
-    phi = np.concatenate([phi, phi[:, :1] + TWO_PI], axis=1)
-    value = slope(np.arange(len(size))[:, None], phi)
-    row, at = np.nonzero((value[:, :-1] < 0.0) & (value[:, 1:] >= 0.0))
-    low, high = phi[row, at], phi[row, at + 1]
-    for _ in range(_BISECTIONS):
-        middle = 0.5 * (low + high)
-        falling = slope(row, middle) < 0.0
-        low, high = np.where(falling, middle, low), np.where(falling, high, middle)
-    still = np.flatnonzero(size < _NO_LENGTH)  # every joint at a limit: nothing turns
-    return np.concatenate([row, still]), np.concatenate([0.5 * (low + high), np.zeros(len(still))])
+
+def _half_angle_powers() -> ComplexArray:
+    """(9, 9) coefficients of (1 + i t)^(4 + k) (1 - i t)^(4 - k), row k from -4 to 4, lowest power first."""
+    rows: list[ComplexArray] = []
+    for k in _ORDERS.tolist():
+        row = np.ones(1, dtype=np.complex128)
+        for factor in [(1.0, 1j)] * (_DEGREE + k) + [(1.0, -1j)] * (_DEGREE - k):
+            row = np.convolve(row, factor)
+        rows.append(row)
+    return np.array(rows)
+
+
+_POWERS = _half_angle_powers()
+
+
+def _stationary(circles: _Circles, rho: float, d: float, z: float) -> tuple[Rows, FloatArray]:
+    """Circle and phi of every minimum of the distance from a ring (radius rho, height z [m]), and more."""
+    scale = np.abs(circles.centre) + np.abs(circles.arm) + abs(d) + rho + abs(z)
+    turning = np.flatnonzero(np.abs(circles.arm) >= _NO_LENGTH)
+    still = np.flatnonzero(np.abs(circles.arm) < _NO_LENGTH)  # every joint at a limit
+    size = scale[turning, None]
+    centre, arm = circles.centre[turning, None] / size, np.abs(circles.arm[turning, None]) / size
+    x = centre.real + arm * np.cos(_SAMPLED)
+    across = (centre.imag - z / size) * np.cos(_SAMPLED) - centre.real * np.sin(_SAMPLED)
+    value = (x * x + (d / size) ** 2) * across**2 - (rho / size * x * np.sin(_SAMPLED)) ** 2
+    spectrum = value @ np.exp(-1j * _SAMPLED[:, None] * _ORDERS) / len(_SAMPLED)
+    origin = _SAMPLED[np.abs(value).argmax(axis=1)] - math.pi
+    polynomial = ((spectrum * np.exp(1j * origin[:, None] * _ORDERS)) @ _POWERS).real
+    varies = np.abs(polynomial[:, -1]) > 0.0  # else the distance is the same all round
+    companion = np.zeros((int(varies.sum()), 2 * _DEGREE, 2 * _DEGREE))
+    companion[:, 1:, :-1] = np.eye(2 * _DEGREE - 1)
+    companion[:, :, -1] = -polynomial[varies, :-1] / polynomial[varies, -1:]
+    # complex roots too: rounding splits a double one, and one too many is harmless
+    t: FloatArray = np.linalg.eigvals(companion).real.astype(np.float64)
+    psi = origin[varies, None] + 2.0 * np.arctan(t)
+    row = np.concatenate([np.repeat(turning[varies], 2 * _DEGREE), turning[~varies], still])
+    phi = np.concatenate([psi.ravel(), np.zeros(len(row) - psi.size)])
+    return row, phi - np.angle(circles.arm[row])
 
 
 def _circles_at(

@@ -3,21 +3,32 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Literal, NamedTuple
 
 import numpy as np
 
 from armctl.arrays import FloatArray
 from armctl.errors import ArmctlError, MotionRefusedError, UnreachableError
+from armctl.kinematics import DEFAULT_STEP, Solutions, Target
+from armctl.kinematics.angles import LIMIT_TOLERANCE
+from armctl.motion.clearance import stands_clear
 from armctl.motion.paths.tool_curve import NO_WAY_M, ToolCurve
 from armctl.motion.paths.tool_pitch import PitchRows, elevations
 from armctl.motion.paths.tool_walk import TILT, Walk
 from armctl.motion.polynomial import PiecewisePolynomial
+from armctl.motion.preflight import preflight
+from armctl.motion.timing import timed
 from armctl.robot import Robot
 
-_SAMPLES = 65
+_SAMPLES = 1025
 _BEYOND = 1e-4
 """how far past the end of a branch it is asked whether anything reaches there (share of the curve)"""
+_MOST_STARTS = 8
+"""other starts that are tried for one refusal; each takes as long as planning a line"""
+_TURNED = 1e-6
+"""how far off a rotation a solution does not have it any more [rad]"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -33,7 +44,9 @@ class PathPlace:
     joint: int | None = None
     """index of the joint that cannot do what it would have to"""
     needed: float | None = None
-    """the angle that it would need beyond its limits, the farthest on the curve [rad]"""
+    """the angle farthest beyond its limits that it would need on the rest of the curve [rad]"""
+    needed_s: float | None = None
+    """where it would need that: way gone [m]"""
 
 
 class _PlacedError(ArmctlError):
@@ -67,30 +80,114 @@ def pitch_refusal(
     )
 
 
-def limit_refusal(
-    robot: Robot, curve: ToolCurve, path: PiecewisePolynomial, s: float, k: int, *, pitch_held: bool
-) -> ToolPathRefusedError:
-    """Joint ``k`` leaves its limits at ``s`` [m]: says by how much on the rest of the curve."""
-    lower, upper = robot.limits[k]
-    rest = path.cut(np.append(s, path.breaks[path.breaks > s])) if s < path.high else path
-    low, high = (float(end[k]) for end in rest.extremes())
-    needed = low if lower - low > high - upper else high
-    pitch, beyond = None, min(curve.length, s + 10 * _BEYOND * curve.length)
-    if pitch_held:
-        pitch = float(elevations(robot, robot.forward(path(beyond))[None])[0])
-    place = PathPlace(s, s / curve.length, curve.positions(s), k, needed)
+Held = Literal["nothing", "pitch", "rotation"]
+"""what of the tool is given along a curve, besides its position"""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Attempt:
+    """A curve that could not be followed."""
+
+    robot: Robot
+    curve: ToolCurve
+    start: FloatArray
+    """(n,) [rad]"""
+    walked: Walk
+    held: Held
+    chosen: bool
+    """the joints leave a choice of ways, and other ways may lead farther than the best that was found"""
+    lead: Callable[[FloatArray], PiecewisePolynomial | None]
+    """q(s) along the whole curve from another start (n,) [rad] inside the limits; None: there is none"""
+
+    @property
+    def searched(self) -> bool:
+        """Whether such targets are searched for, not solved: that takes long, and some may be missing."""
+        solver = self.robot.inverse_kinematics
+        return not solver.complete or (solver.searches_parts and self.held != "rotation")
+
+    def target(self, q: FloatArray, point: FloatArray) -> Target:
+        """What the tool is asked for at a point (3,) [m] with what is held as at ``q`` (n,) [rad]."""
+        if self.held == "nothing":
+            return Target.of(point)
+        pose = self.robot.forward(q)
+        if self.held == "rotation":
+            return Target.of(point, rotation=pose[:3, :3])
+        return Target.of(point, float(elevations(self.robot, pose[None])[0]))
+
+    def solve(self, target: Target) -> Solutions:
+        """The solutions of a target inside the limits."""
+        return self.robot.inverse_kinematics.solve(target, DEFAULT_STEP)
+
+
+def limit_refusal(tried: Attempt, path: PiecewisePolynomial, s: float, k: int) -> ToolPathRefusedError:
+    """Joint ``k`` leaves its limits at ``s`` [m], the first of those that do on the path that was walked."""
+    robot, curve = tried.robot, tried.curve
+    needs = _needs(robot, path)
+    worst = max((one for one in needs if one.joint == k), key=lambda one: one.excess)
+    place = PathPlace(s, s / curve.length, curve.positions(s), k, worst.angle, worst.s)
+    found = "on the best way that was found, " if tried.chosen else ""
+    at = float(path(s)[k])
+    limit = min(robot.limits[k].tolist(), key=lambda bound: abs(bound - at))
+    said = " and ".join(_need_words(tried, path, one) for one in needs)
     message = (
-        f"{_where(curve, place)}: {robot.joints[k].title} would need {math.degrees(needed):.2f}°, its limits "
-        f"are {math.degrees(lower):.2f}° … {math.degrees(upper):.2f}°; "
-        f"{_other_ways(robot, curve, beyond, pitch)}"
+        f"{_where(curve, place)}: {found}{robot.joints[k].title} is at its limit of {_degrees(limit)}°; "
+        f"{said}; {_other_ways(tried)}"
     )
     return ToolPathRefusedError(message, place, _before(path, s))
 
 
-def end_refusal(
-    robot: Robot, curve: ToolCurve, walked: Walk, *, pitch_held: bool
-) -> ToolPathRefusedError | ToolPathUnreachableError:
+class _Need(NamedTuple):
+    """The farthest that a joint is beyond one of its limits."""
+
+    joint: int
+    angle: float
+    """[rad]"""
+    s: float
+    """where [m]"""
+    excess: float
+    """[rad]"""
+
+
+def _needs(robot: Robot, path: PiecewisePolynomial) -> list[_Need]:
+    """All joints that leave their limits on a path, in the order in which they are farthest beyond."""
+    low, high = path.extremes_by_piece()
+    found: list[_Need] = []
+    for joint, (lower, upper) in enumerate(robot.limits.tolist()):
+        for extremes, excess in ((low, lower - low[:, joint]), (high, high[:, joint] - upper)):
+            piece = int(excess.argmax())
+            if excess[piece] > LIMIT_TOLERANCE:
+                angle = float(extremes[piece, joint])
+                found.append(_Need(joint, angle, _place_of(path, piece, joint, angle), float(excess[piece])))
+    return sorted(found, key=lambda one: one.s)
+
+
+def _place_of(path: PiecewisePolynomial, piece: int, joint: int, value: float) -> float:
+    """Where in a piece one coordinate is nearest to an extreme value of it."""
+    begin, end = path.breaks[piece : piece + 2].tolist()
+    for _ in range(4):
+        x = np.linspace(begin, end, 65)
+        i = int(np.abs(path(x)[:, joint] - value).argmin())
+        begin, end = float(x[max(i - 1, 0)]), float(x[min(i + 1, 64)])
+    return 0.5 * (begin + end)
+
+
+def _need_words(tried: Attempt, path: PiecewisePolynomial, need: _Need) -> str:
+    robot, share = tried.robot, round(100.0 * need.s / tried.curve.length, 1)
+    lower, upper = robot.limits[need.joint].tolist()
+    # near the end of a branch a joint turns fast: no more digits than the place, as it is said, decides
+    slope = abs(float(path.derivatives(need.s, 1)[1, need.joint]))
+    unsure = 0.0 if share >= 100.0 else math.degrees(slope * 0.0005 * tried.curve.length)
+    digits = 2 if unsure < 0.01 else 1 if unsure < 0.1 else 0
+    angle = f"{math.degrees(need.angle):.{digits}f}°"
+    return (
+        f"at {share:.4g} % {robot.joints[need.joint].title} would need {angle}, "
+        f"its limits are {_degrees(lower)}° … {_degrees(upper)}°"
+    )
+
+
+def end_refusal(tried: Attempt) -> ToolPathRefusedError | ToolPathUnreachableError:
     """The branch ends: out of reach, or no smooth motion leads on."""
+    robot, curve, walked = tried.robot, tried.curve, tried.walked
     if not walked.knots:
         place = PathPlace(0.0, 0.0, curve.positions(0.0))
         return ToolPathRefusedError(
@@ -102,49 +199,98 @@ def end_refusal(
     last = walked.knots[-1]
     s, before = last.s, _before(walked.path, last.s)
     place = PathPlace(s, s / curve.length, curve.positions(s))
-    pitch = float(elevations(robot, robot.forward(last.q)[None])[0]) if pitch_held else None
-    why = _out_of_reach(robot, curve, s, pitch)
+    why = _out_of_reach(tried, last.q, s)
     if why is not None:
         return ToolPathUnreachableError(f"{_where(curve, place)}: {why}", place, before)
     k = int((np.abs(last.slope) / robot.speed_limits).argmax())
-    beyond = min(curve.length, s + _BEYOND * curve.length)
     return ToolPathRefusedError(
         f"{_where(curve, place)}: {robot.joints[k].title} would have to turn without bound "
         f"({math.degrees(abs(last.slope[k])) / 1000:.3g}° a mm and more): a singularity, where this branch "
-        f"ends; {_other_ways(robot, curve, beyond, pitch)}",
+        f"ends; {_other_ways(tried)}",
         replace(place, joint=k),
         before,
     )
 
 
-def _out_of_reach(robot: Robot, curve: ToolCurve, s: float, pitch: float | None) -> str | None:
+def _out_of_reach(tried: Attempt, q: FloatArray, s: float) -> str | None:
     """Why no branch reaches the curve just beyond ``s`` [m], limits not looked at; None: one does."""
-    left = curve.length - s
-    searched = robot.inverse_kinematics.searches_parts  # by many starts: too slow to ask often
+    robot, curve = tried.robot, tried.curve
+    searched = tried.searched  # by many starts: too slow to ask often
 
-    def missing(share: float) -> str | None:
-        point = curve.positions(s + share * left)
-        solutions = robot.inverse(point, pitch)
-        reached = solutions.success or (not searched and robot.branches(point, pitch))
-        return None if reached else solutions.explanation
+    def missing(point: FloatArray) -> str | None:
+        target = tried.target(q, point)
+        solutions = tried.solve(target)
+        met = solutions.success and bool((solutions.residual_rad < _TURNED).any())
+        if met or (not searched and robot.branches(*target)):
+            return None
+        return solutions.explanation
 
-    nearest = min(1.0, _BEYOND * curve.length / left) if left > 0.0 else 0.0
-    why, share = missing(nearest), nearest
-    if why is None:
+    if missing(curve.positions(min(curve.length, s + _BEYOND * curve.length))) is None:
         return None
-    farther, clearer = 1.0, None
-    while clearer is None and farther > nearest and not searched:  # clearer than just beyond
-        clearer = missing(farther)
-        if clearer is not None:
-            why, share = clearer, farther
-        farther *= 0.5
-    left_for = "the arm's reach" if pitch is None else "what the arm reaches with that pitch"
-    return f"here it leaves {left_for}; at {100.0 * (s + share * left) / curve.length:.0f} %, {why}"
+    with_it = "" if tried.held == "nothing" else f" with that {tried.held}"
+    # clearer than just beyond: far out, at whole percents, so that the figures hold where they say
+    percent, first = 100, math.floor(100.0 * s / curve.length) + 1
+    while percent >= first:
+        why = missing(curve.positions(0.01 * percent * curve.length))
+        if why is not None:
+            return f"here it leaves what the arm reaches{with_it}; at {percent} %, {why}"
+        if searched or percent == first:
+            break
+        percent = (percent + first) // 2
+    return f"here it leaves what the arm reaches{with_it}; move the {curve.kind}"
+
+
+def _other_ways(tried: Attempt) -> str:
+    """What to do instead, with the branches that follow the whole curve from where the tool is."""
+    kind, names = tried.curve.kind, _other_branches(tried)
+    if not names:
+        return f"move the {kind}"
+    follow = "follows" if len(names) == 1 else "follow"
+    return f"start on another branch ({' or '.join(names)} {follow} the whole {kind}) or move the {kind}"
+
+
+def _other_branches(tried: Attempt) -> list[str]:
+    """Names of branches from which the arm follows the whole curve; none where that is not known."""
+    robot, q = tried.robot, tried.start
+    target = tried.target(q, tried.curve.positions(0.0))
+    roll_joint = robot.inverse_kinematics.roll_joint
+    if roll_joint is not None and target.rotation is None:
+        target = target._replace(roll=float(q[roll_joint]))
+    if tried.searched:
+        return []
+    solutions = tried.solve(target)
+    if not (solutions.success and solutions.complete and solutions.free_joint is None):
+        return []  # a continuum of starts, or perhaps not all of them
+    starts: dict[str, list[FloatArray]] = {}
+    for one, name, off in zip(solutions, solutions.branch.tolist(), solutions.residual_rad, strict=True):
+        if off < _TURNED:
+            starts.setdefault(name, []).append(one)
+    mine = solutions.branch_of(q)
+    if sum(len(some) for name, some in starts.items() if name != mine) > _MOST_STARTS:
+        return []
+    return [
+        name
+        for name, some in sorted(starts.items())
+        if name != mine and all(_may_be_followed(tried, one) for one in some)
+    ]
+
+
+def _may_be_followed(tried: Attempt, start: FloatArray) -> bool:
+    """Whether the arm follows the whole curve from a start (n,) [rad], clear of all that is in the way."""
+    path = tried.lead(start)
+    if path is None or not stands_clear(tried.robot, start):
+        return False
+    findings = preflight(tried.robot, timed(tried.robot, path), tool_path=True)
+    return all(finding.severity != "error" for finding in findings)
 
 
 def _where(curve: ToolCurve, place: PathPlace) -> str:
-    x, y, z = (1000.0 * place.point).tolist()
+    x, y, z = np.round(1000.0 * place.point, 1) + 0.0  # no -0.0
     return f"{100.0 * place.fraction:.0f} % of the {curve.kind} (x {x:.1f}, y {y:.1f}, z {z:.1f} mm)"
+
+
+def _degrees(angle: float) -> str:
+    return f"{round(math.degrees(angle), 2) + 0.0:.2f}"
 
 
 def _before(path: PiecewisePolynomial | None, s: float) -> PiecewisePolynomial | None:
@@ -152,12 +298,3 @@ def _before(path: PiecewisePolynomial | None, s: float) -> PiecewisePolynomial |
     if path is None or s < NO_WAY_M:
         return None
     return path.cut(np.append(path.breaks[path.breaks < s], s))
-
-
-def _other_ways(robot: Robot, curve: ToolCurve, s: float, pitch: float | None) -> str:
-    """What to do instead, with the branches that reach ``s`` [m] at a held pitch inside the limits."""
-    names: list[str] = []
-    if pitch is not None and not robot.inverse_kinematics.searches_parts:
-        names = sorted(set(map(str, robot.inverse(curve.positions(s), pitch).branch)))
-    offer = f" ({' or '.join(names)} can be here)" if names else ""
-    return f"start on another branch{offer} or move the {curve.kind}"

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 from armctl.arrays import FloatArray
 from armctl.errors import InputError
 from armctl.kinematics.target import checked_number
-from armctl.motion.paths.refusals import end_refusal, limit_refusal, pitch_refusal
+from armctl.motion.paths.refusals import Attempt, end_refusal, limit_refusal, pitch_refusal
 from armctl.motion.paths.tool_curve import NO_WAY_M, ToolCurve
 from armctl.motion.paths.tool_pitch import led_pitches, pitch_rows
 from armctl.motion.paths.tool_walk import TILT, ToolTask, Walk, walk
@@ -71,13 +71,20 @@ def follow(
     wish, task = task.pitch, task if task.rows <= len(task.moving) else replace(task, pitch=None)
     walked = _best_walk(robot, task, q)
     path, crossing, pitch_held = walked.path, walked.crossing, task.pitch is not None
+
+    def lead(start: FloatArray) -> PiecewisePolynomial | None:
+        other = _best_walk(robot, _task(robot, start, curve, pitch, end_pitch), start)
+        return other.path if other.complete and other.crossing is None else None
+
+    held = "pitch" if pitch_held else "nothing"
+    tried = Attempt(robot, curve, q, walked, held, chosen=task.redundant, lead=lead)
     if path is not None and crossing is not None:
         # a limit that is left at once, only because a singularity is at hand, is not the reason
         at_once = crossing[0] < _AT_ONCE * curve.length and walked.knots[-1].s < 1e3 * _AT_ONCE * curve.length
         if walked.complete or not at_once:
-            raise limit_refusal(robot, curve, path, *crossing, pitch_held=pitch_held)
+            raise limit_refusal(tried, path, *crossing)
     if path is None or not walked.complete:
-        raise end_refusal(robot, curve, walked, pitch_held=pitch_held)
+        raise end_refusal(tried)
     if wish is not None and not pitch_held:
         refusal = pitch_refusal(robot, wish, curve, path)
         if refusal is not None:
