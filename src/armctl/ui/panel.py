@@ -24,7 +24,7 @@ _MOST_LINES, _MOST_FAULT_LINES = 4, 12
 _RELEASE_SECONDS = _ASKED_S = 5.0
 _DOUBLE_CLICK_S = 0.6
 _EXPAND_S = 1.0
-_STOP_NOTE = "STOP (Escape) holds, with power. Release: THE ARM DROPS. Neither is a rated emergency stop."
+_STOP_NOTE = "STOP (Escape) holds, with power. Release: THE ARM DROPS. Both are software, no emergency stop."
 _SPEED_HINT = "Slows down everything that moves; the path stays the same."
 _COLORS = {
     State.DISCONNECTED: "#5c636a",

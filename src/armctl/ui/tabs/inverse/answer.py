@@ -155,7 +155,8 @@ def result_html(robot: Robot, found: Answer) -> str:
     error_mm = 1000 * float(np.linalg.norm(robot.forward(best)[:3, 3] - solutions.target.position))
     angles = numbers(np.degrees(best).tolist(), 3)
     text += f"<div>least energy will go to θ = (<b>{angles}</b>)°</div>"
-    text += muted(f"{solutions.branch_of(best)}; energy {found.energy_text(best)}; error {error_mm:.1e} mm")
+    error = "below 0.001 mm" if error_mm < 1e-3 else f"{error_mm:.3f} mm"
+    text += muted(f"{solutions.branch_of(best)}; energy {found.energy_text(best)}; position error {error}")
     turned_off = solutions.turned_off(best)
     if turned_off is not None:
         text += refused(f"{_capital(turned_off)}.")

@@ -71,7 +71,7 @@ def about(robot: Robot) -> str:
     """Joints, gripper, source and what is assumed of a robot, as HTML."""
     joints = f"{robot.n} joints" + (" and a gripper" if robot.gripper is not None else "")
     source = f"<b>{joints}</b><div style='opacity:.75'>{escape(robot.source)}</div>"
-    return source + (folded("Assumed, where the source is silent", robot.assumed) if robot.assumed else "")
+    return source + (folded("Assumed values (not in the source)", robot.assumed) if robot.assumed else "")
 
 
 # What *Main* says of the boards: which are there, which is connected, what Enable and Homing will do.

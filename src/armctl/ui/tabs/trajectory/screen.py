@@ -161,7 +161,7 @@ class TrajectoryScreen:
 # The fields: which motion, from where to where, how, and in which time.
 
 _ABOUT = {
-    JOINTS: "All joints from one pose to another; the tool goes as it comes.",
+    JOINTS: "All joints from one pose to another. The tool path is not controlled.",
     TOOL_LINE: "The tool in a straight line, on the branch the arm is on.",
     TOOL_ARC: "The tool along the circle through its start, via and end.",
     ARC: "The paper's test arc: radius 200 mm about the base axis, −87° to 87°, 85 mm high.",
