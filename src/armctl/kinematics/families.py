@@ -20,6 +20,7 @@ from armctl.kinematics.samples import DEFAULT_STEP
 from armctl.kinematics.solutions import needs
 from armctl.kinematics.solver import InverseKinematics
 from armctl.kinematics.spherical_shoulder.solver import SphericalShoulderSolver
+from armctl.kinematics.spherical_wrist.solver import SphericalWristSolver
 from armctl.kinematics.target import Target
 from armctl.kinematics.three_parallel.solver import ThreeParallelSolver
 from armctl.kinematics.yaw_pitch_roll.solver import YawPitchRollSolver
@@ -27,6 +28,7 @@ from armctl.kinematics.yaw_pitch_roll.solver import YawPitchRollSolver
 FAMILIES: tuple[type[InverseKinematics], ...] = (
     YawPitchRollSolver,
     SphericalShoulderSolver,
+    SphericalWristSolver,
     ThreeParallelSolver,
     RedundantSolver,
     ParallelLinkageSolver,

@@ -76,7 +76,11 @@ class InverseKinematics(ABC):
         return math.atan2(z, math.hypot(x, y)), roll  # an arc sine is blind near ±90°
 
     def solve_batch(
-        self, position_m: ArrayLike, pitch: ArrayLike | None, roll: ArrayLike | None
+        self,
+        position_m: ArrayLike,
+        pitch: ArrayLike | None,
+        roll: ArrayLike | None,
+        rotation: ArrayLike | None = None,
     ) -> BatchSolutions:
         """Every branch of many poses; ``Robot.inverse_batch`` says more.
 

@@ -247,9 +247,13 @@ def two_turns(A: _Matrix, B: _Matrix, c: _Pair, tolerance: float = TOLERANCE) ->
         angles, exact = _one_turn(B if still_a else A, c, tolerance)
         pairs = tuple((0.0, x) if still_a else (x, 0.0) for x in angles)
         return Answer(pairs, exact, (0,) if still_a else (1,))
-    swap = _conditioned(A) > _conditioned(B)
-    if swap:
-        A, B = B, A
+    if _conditioned(A) > _conditioned(B):
+        answer = _two_turns(B, A, c, tolerance)
+        return answer._replace(angles=tuple((x, y) for y, x in answer.angles))
+    return _two_turns(A, B, c, tolerance)
+
+
+def _two_turns(A: _Matrix, B: _Matrix, c: _Pair, tolerance: float) -> Answer:
     firsts, anywhere = _eliminated(A, B, c)
     met: list[_Pair] = []
     best, least = (0.0, 0.0), math.inf
@@ -262,8 +266,7 @@ def two_turns(A: _Matrix, B: _Matrix, c: _Pair, tolerance: float = TOLERANCE) ->
             best, least = pair, missed
     if anywhere and met:  # the angles hang on each other
         met = met[:1]
-    pairs = tuple((y, x) if swap else (x, y) for x, y in met or [best])
-    return Answer(pairs, bool(met), (0, 1) if anywhere and met else ())
+    return Answer(tuple(met or [best]), bool(met), (0, 1) if anywhere and met else ())
 
 
 def _eliminated(A: _Matrix, B: _Matrix, c: _Pair) -> tuple[list[float], bool]:

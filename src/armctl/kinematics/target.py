@@ -52,6 +52,9 @@ def checked_number(value: float, what: str) -> float:
 
 FARTHEST = 1000.0
 """a target farther off than this is a mistake in the unit [m]"""
+_ROUNDED, _TRUE = 1e-3, 1e-14
+"""how far from orthonormal a matrix may be that is taken as a rotation, and one that is taken as it is"""
+_EYE = np.eye(3)
 _FLOAT, _POINT, _ARRAY, _FARTHEST_SQUARED = np.dtype(np.float64), (3,), np.ndarray, FARTHEST**2
 
 
@@ -99,13 +102,7 @@ class Target(NamedTuple):
             return tuple.__new__(cls, (point, pitch, roll, None))  # pyright: ignore[reportUnknownMemberType]
         if pitch is not None or roll is not None:
             raise InputError("give either a rotation, or pitch and roll, not both")
-        matrix = _finite(rotation, (3, 3), "the target rotation")
-        if np.abs(matrix @ matrix.T - np.eye(3)).max() > 1e-3 or np.linalg.det(matrix) < 0:
-            raise InputError("the target rotation must be a right-handed orthonormal 3 x 3 matrix")
-        u, _, vt = np.linalg.svd(matrix)
-        return cls(
-            point, None, None, read_only(u @ vt)
-        )  # the nearest true rotation: printed matrices are rounded
+        return cls(point, None, None, read_only(checked_rotations(rotation, (3, 3), "the target rotation")))
 
     @property
     def position(self) -> FloatArray:
@@ -187,6 +184,23 @@ def rotation_from_quaternion(quaternion: ArrayLike) -> FloatArray:
             [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
         ]
     )
+
+
+def checked_rotations(value: ArrayLike, shape: tuple[int, ...], what: str) -> FloatArray:
+    """Rotations (..., 3, 3): of each matrix the nearest true rotation, since printed ones are rounded.
+
+    Raises ``InputError`` for a wrong shape, an entry that is not finite, or a matrix that is no rotation.
+    """
+    matrices = _finite(value, shape, what)
+    off = np.abs(matrices @ matrices.swapaxes(-1, -2) - _EYE).max(axis=(-1, -2), initial=0.0)
+    wrong = (off > _ROUNDED) | (np.linalg.det(matrices) < 0.0)
+    if wrong.any():
+        row = "" if matrices.ndim == 2 else f", the one in row {np.argmax(wrong)} is not"
+        raise InputError(f"{what} must be a right-handed orthonormal 3 x 3 matrix{row}")
+    if (off > _TRUE).any():
+        u, _, vt = np.linalg.svd(matrices)
+        matrices = u @ vt
+    return matrices
 
 
 def checked_pitches(value: ArrayLike, count: int) -> FloatArray:

@@ -234,7 +234,11 @@ class Robot(ArrayRecord):
         return BranchFinder(self.chain, self.limits, self.energy, self._titles)
 
     def inverse_batch(
-        self, position_m: ArrayLike, pitch: ArrayLike | None = None, roll: ArrayLike | None = None
+        self,
+        position_m: ArrayLike,
+        pitch: ArrayLike | None = None,
+        roll: ArrayLike | None = None,
+        rotation: ArrayLike | None = None,
     ) -> BatchSolutions:
         """Every branch of many poses at once: a column a branch, as ``inverse`` lists them one by one.
 
@@ -248,8 +252,10 @@ class Robot(ArrayRecord):
             pitch: (k,) or one for all: angle of the approach axis above the horizontal [rad]. An arm with
                 three pitch joints needs it; with two the position alone decides, and it is left out.
             roll: (k,) or one for all: the roll joint's own angle [rad]; None: the one nearest to zero.
+            rotation: (k, 3, 3) ``R_base_tool`` instead of pitch and roll; what an arm with a spherical wrist
+                needs.
         """
-        return self.inverse_kinematics.solve_batch(position_m, pitch, roll)
+        return self.inverse_kinematics.solve_batch(position_m, pitch, roll, rotation)
 
     def least_rotation(self, position_m: ArrayLike) -> FloatArray:
         """The configuration of least Σ|θ| for one point or each of many, exact over the continuum.

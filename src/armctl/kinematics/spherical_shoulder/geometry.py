@@ -131,7 +131,7 @@ def recognise_spherical(chain: Chain) -> SphericalShoulder | None:
         return None
     points, axes = chain.axes()
     tool = chain.forward(np.zeros(chain.n))
-    centre = _meeting_point(points, axes)
+    centre = meeting_point(points, axes)
     if centre is None:
         return None
     tip = tool[:3, 3]
@@ -151,7 +151,7 @@ def recognise_spherical(chain: Chain) -> SphericalShoulder | None:
     )
 
 
-def _meeting_point(points: FloatArray, axes: FloatArray) -> FloatArray | None:
+def meeting_point(points: FloatArray, axes: FloatArray) -> FloatArray | None:
     """(3,) where the first three axes meet; None where they do not, or where neighbours are parallel."""
     if any(np.linalg.norm(across(axes[k]) @ axes[k + 1]) < 1e-6 for k in (0, 1)):
         return None

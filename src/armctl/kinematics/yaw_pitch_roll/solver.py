@@ -142,9 +142,15 @@ class YawPitchRollSolver(InverseKinematics):
         return Solutions(self._arm, target, np.array([q for q, _ in found]), [branch for _, branch in found])
 
     def solve_batch(
-        self, position_m: ArrayLike, pitch: ArrayLike | None, roll: ArrayLike | None
+        self,
+        position_m: ArrayLike,
+        pitch: ArrayLike | None,
+        roll: ArrayLike | None,
+        rotation: ArrayLike | None = None,
     ) -> BatchSolutions:
         """See ``InverseKinematics``."""
+        if rotation is not None:
+            raise self._has_no("batch of rotations")
         position = checked_positions(position_m)
         if self._sweep is not None and pitch is None:
             raise InputError("this arm has a free joint: give a pitch, or ask for the least rotation")

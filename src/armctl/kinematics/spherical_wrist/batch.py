@@ -1,0 +1,159 @@
+"""Every branch of many poses of a spherical-wrist arm at once, joint limits not looked at.
+
+The equations of ``closed_form.py`` for arrays, a column a branch. Who calls solves poses that need care.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from armctl.arrays import FloatArray
+from armctl.kinematics.spherical_wrist.closed_form import ALMOST_HALF_TURN, BEYOND, DOUBLE, NEAR, ClosedForm
+
+_CHUNK = 4096
+"""poses worked on at a time, so that what they need stays in the processor's cache"""
+
+
+def solve_poses(closed: ClosedForm, poses: FloatArray) -> FloatArray:
+    """(k, 8, 6) angles [rad] in the order of the geometry of tool poses (k, 4, 4) [m].
+
+    NaN where a pose lacks a branch. All infinite where a pose needs care, which the caller has to solve.
+    """
+    q = np.full((len(poses), 8, 6), math.nan)
+    for at in range(0, len(poses), _CHUNK):
+        part = poses[at : at + _CHUNK]
+        _solve_into(closed, part, q[at : at + _CHUNK])
+    return q
+
+
+def _solve_into(closed: ClosedForm, poses: FloatArray, q: FloatArray) -> None:
+    (X, Y, Z), (px, py, pz), (qx, qy, qz), (rx, ry, rz) = _placed(closed, poses)
+    first, third, care = _pairs(closed, X, Y, Z)
+    c, s = np.cos(first), np.sin(first)
+    u, v = X * c + Y * s - closed.a1, closed.ca1 * (Y * c - X * s) + closed.sa1 * Z
+    c3, s3 = np.cos(third), np.sin(third)
+    g, h = closed.a2 + closed.r * c3, closed.ca2 * closed.r * s3 - closed.sa2 * closed.h
+    square = u * u + v * v
+    care |= (square < closed.near**2).any(axis=0)
+    square = np.maximum(square, closed.near**2)
+    c2, s2 = (g * u + h * v) / square, (g * v - h * u) / square
+    second = np.arctan2(s2, c2)
+
+    def seen(x: FloatArray, y: FloatArray, z: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """A column of the rotation in the frame of the second axis ahead of its turn."""
+        x, y = x * c + y * s, y * c - x * s
+        return x, closed.ca1 * y + closed.sa1 * z, closed.ca1 * z - closed.sa1 * y
+
+    def fourth_frame(x: float, y: float, z: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """An axis of the fourth joint's frame there."""
+        ax, ay = c3 * x - s3 * y, s3 * x + c3 * y
+        ay, az = closed.ca2 * ay - closed.sa2 * z, closed.sa2 * ay + closed.ca2 * z
+        return c2 * ax - s2 * ay, s2 * ax + c2 * ay, az
+
+    xx, xy, xz, yx, yy, yz, zx, zy, zz = closed.C
+    r = seen(rx, ry, rz)
+    x4, y4, z4 = fourth_frame(xx, xy, xz), fourth_frame(yx, yy, yz), fourth_frame(zx, zy, zz)
+    m13, m23, m33 = (a[0] * r[0] + a[1] * r[1] + a[2] * r[2] for a in (x4, y4, z4))
+    m31, m32 = (
+        z4[0] * column[0] + z4[1] * column[1] + z4[2] * column[2]
+        for column in (seen(px, py, pz), seen(qx, qy, qz))
+    )
+    level = np.sqrt(m13 * m13 + m23 * m23)
+    care |= (level < NEAR).any(axis=0)
+    ca, sa, cb, sb = closed.wrist
+    if closed.right_angled:
+        bend = np.arctan2(level, -m33)
+    else:
+        bend = _bend(*closed.geometry.wrist, np.arctan2(level, m33))
+        care |= ((bend < NEAR) | (bend > ALMOST_HALF_TURN)).any(axis=0)
+    fourth, sixth = np.arctan2(m23, m13), np.arctan2(m32, m31)
+    c, s = np.cos(bend), np.sin(bend)
+    k13, k23, k31, k32 = s * sb, -(ca * c * sb + sa * cb), sa * s, sa * c * cb + ca * sb
+    _, o3, o5 = closed.geometry.offsets
+    for flip, sign in enumerate((-1.0, 1.0) if closed.first_is_flipped else (1.0, -1.0)):
+        angles = (
+            *(first, second - closed.geometry.offsets[0], third - o3),
+            *(fourth - np.arctan2(k23, sign * k13), sign * bend - o5, np.arctan2(k32, sign * k31) - sixth),
+        )
+        for joint, angle in enumerate(angles):
+            q[:, flip::2, joint] = angle.T
+    q[~np.isfinite(q).all(axis=2)] = math.nan
+    q[care] = math.inf
+
+
+def _placed(closed: ClosedForm, poses: FloatArray) -> tuple[FloatArray, ...]:
+    """W [m] and the columns of ``B' R F``, as ``ClosedForm.place``: (3, k) each."""
+    g = closed.geometry
+    position, rotation = poses[:, :3, 3], poses[:, :3, :3]
+    if g.backward:
+        rotation = rotation.swapaxes(1, 2)
+    left, right = (np.array(m).reshape(3, 3) for m in (closed.left, closed.right))
+    turned = left @ rotation
+    centre = np.array(closed.centre)
+    if g.backward:
+        place = np.einsum("kij,kj->ik", turned, centre - position)
+    else:
+        place = left @ position.T + np.einsum("kij,j->ik", turned, centre)
+    columns = np.ascontiguousarray((turned @ right).transpose(2, 1, 0))
+    return place + np.array(closed.offset)[:, None], columns[0], columns[1], columns[2]
+
+
+def _pairs(
+    closed: ClosedForm, X: FloatArray, Y: FloatArray, Z: FloatArray
+) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
+    """As ``ClosedForm.pairs``: θ1 and φ3 (4, k) [rad], or NaN; and which poses need care (k,)."""
+    flat = X * X + Y * Y
+    whole = flat + Z * Z
+    care = flat < closed.near**2
+    ways = (4, len(X))
+    if closed.geometry.regional == "skew":
+        return np.zeros(ways), np.zeros(ways), np.ones_like(care)
+    b, c = closed.m1 * X + closed.m2 * Y, closed.m1 * Y - closed.m2 * X
+    size, middle = np.sqrt(b * b + c * c), np.arctan2(c, b)
+    signs = np.array([[1.0], [-1.0]])
+    if closed.first_comes_first:
+        if closed.by_height:
+            value = closed.w0 - closed.ca1 * Z
+        else:
+            value = closed.k - whole + 2.0 * closed.d2 * (closed.ca1 * Z - closed.w0)
+        away, close = _away(size, value, closed.first_beyond)
+        first = middle + closed.front * signs * away
+        c1, s1 = np.cos(first), np.sin(first)
+        if closed.by_height:
+            value = whole - 2.0 * closed.a1 * (X * c1 + Y * s1) - closed.k
+        else:
+            value = closed.ca1 * Z + closed.sa1 * (X * s1 - Y * c1) - closed.w0
+        bend, bent = _away(np.full_like(size, closed.third_size), value, closed.third_beyond)
+        up = np.array([1.0, -1.0, -1.0, 1.0] if closed.named else [1.0, -1.0, 1.0, -1.0])[:, None]
+        bend = closed.elbow_up * up * np.repeat(bend, 2, axis=0)
+        return np.repeat(first, 2, axis=0), closed.third_middle + bend, care | close | bent.any(axis=0)
+    value = whole - closed.k if closed.by_height else closed.ca1 * Z - closed.w0
+    bend, bent = _away(np.full_like(size, closed.third_size), value, closed.third_beyond)
+    third = closed.third_middle + signs * bend
+    if closed.by_height:
+        value = closed.w0 + closed.sa2 * closed.r * np.sin(third) - closed.ca1 * Z
+    else:
+        distance = closed.a2 * np.cos(third) + closed.d2 * closed.sa2 * np.sin(third)
+        value = closed.k - whole + 2.0 * closed.r * distance
+    away, close = _away(size, value, closed.first_beyond)
+    first = np.concatenate([middle + away, middle - away])
+    return first, np.concatenate([third, third]), care | bent | close.any(axis=0)
+
+
+def _away(size: FloatArray, value: FloatArray, beyond: float) -> tuple[FloatArray, NDArray[np.bool_]]:
+    """The angle in 0..pi with ``size · cos = value``, NaN: there is none; and where rounding needs care."""
+    near, far = size - value, size + value
+    least = np.minimum(near, far)
+    away = 2.0 * np.arctan2(np.sqrt(np.maximum(near, 0.0)), np.sqrt(np.maximum(far, 0.0)))
+    return np.where(least < -beyond, math.nan, away), (least <= DOUBLE * size) & (least >= -beyond)
+
+
+def _bend(alpha: float, beta: float, side: FloatArray) -> FloatArray:
+    """As the wrist's b for the angle between its outer axes [rad]; NaN where there is none."""
+    wide = np.sin(0.5 * (side + alpha - beta)) * np.sin(0.5 * (side - alpha + beta))
+    close = np.sin(0.5 * (alpha + beta + side)) * np.sin(0.5 * (alpha + beta - side))
+    away = 2.0 * np.arctan2(np.sqrt(np.maximum(wide, 0.0)), np.sqrt(np.maximum(close, 0.0)))
+    return np.where(np.minimum(wide, close) < -BEYOND, math.nan, math.pi - away)

@@ -1,0 +1,178 @@
+"""Inverse kinematics of six-joint arms whose last three axes meet in a point, or the first three."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Sequence
+from functools import cached_property
+from typing import Self, cast
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from armctl.arrays import FloatArray
+from armctl.kinematics.angles import LIMIT_TOLERANCE, TWO_PI, all_images, images, into_limits
+from armctl.kinematics.chain import Chain
+from armctl.kinematics.energy import EnergyModel
+from armctl.kinematics.numeric.solver import NumericSolver, roll_joint
+from armctl.kinematics.samples import DEFAULT_STEP, checked_step
+from armctl.kinematics.solutions import BatchSolutions, Solutions, SolvedArm
+from armctl.kinematics.solver import InverseKinematics
+from armctl.kinematics.spherical_wrist.batch import solve_poses
+from armctl.kinematics.spherical_wrist.careful import CarefulSolver
+from armctl.kinematics.spherical_wrist.closed_form import ClosedForm, Range, Row
+from armctl.kinematics.spherical_wrist.geometry import SphericalWrist, recognise_wrist
+from armctl.kinematics.target import Target, checked_positions, checked_rotations
+
+_ROUNDING = 1e-13
+"""how far the wrist's axes may miss each other where nothing has to be made up for [m]"""
+_IN_FLOATS = 64
+"""images of one configuration that are listed in plain floats"""
+
+
+class SphericalWristSolver(InverseKinematics):
+    """One arm of the family inside its limits. Immutable; safe in several threads.
+
+    A pose has up to eight solutions, in closed form. A position alone, or with a pitch, is searched for.
+    """
+
+    family = "spherical wrist"
+    searches_parts = True
+
+    def __init__(
+        self,
+        chain: Chain,
+        geometry: SphericalWrist,
+        limits: FloatArray,
+        energy: EnergyModel,
+        titles: Sequence[str],
+    ) -> None:
+        super().__init__(chain, limits, energy, titles, roll_joint=roll_joint(chain))
+        self.geometry = geometry
+        self._closed = ClosedForm(geometry)
+        self._arm = SolvedArm(branch_names(self._closed), chain, energy)
+        self._ranges = [Range.of(*pair) for pair in geometry.order(limits.T).T.tolist()]
+        self._careful = CarefulSolver(self._closed, chain, limits, titles)
+        self._rough = geometry.misfit > _ROUNDING
+        spans = [(k, low, high) for k, (low, high) in enumerate(limits.tolist())]
+        self._turning = [span for span in spans if span[2] - span[1] > TWO_PI - 2.0 * LIMIT_TOLERANCE]
+        """joints of which an angle may have several images, with their limits"""
+        self._most_images = math.prod(1 + int((high - low) / TWO_PI) for _, low, high in self._turning)
+
+    @classmethod
+    def of(cls, chain: Chain, limits: FloatArray, energy: EnergyModel, titles: Sequence[str]) -> Self | None:
+        """See ``InverseKinematics``."""
+        geometry = recognise_wrist(chain)
+        return None if geometry is None else cls(chain, geometry, limits, energy, titles)
+
+    @cached_property
+    def _search(self) -> NumericSolver:
+        return NumericSolver(self.chain, self.limits, self.energy, self.titles)
+
+    @cached_property
+    def _unlimited(self) -> CarefulSolver:
+        whole = np.tile([-math.pi, math.pi], (6, 1))
+        return CarefulSolver(self._closed, self.chain, whole, self.titles)
+
+    def solve(self, target: Target, step: float, start: FloatArray | None = None) -> Solutions:
+        """All solutions inside the limits with all their images; of a continuum the one nearest to ``start``.
+
+        A rotation that cannot be had is approached, and a position alone or with a pitch is searched for
+        (``NumericSolver``). Nothing is swept, ``step`` [rad] is only looked at.
+        Raises ``InputError``: ``step`` is not a positive number.
+        """
+        if step is not DEFAULT_STEP:
+            checked_step(step)
+        if target.rotation is None:
+            return self._search.solve(target, step, start)
+        placed = self._closed.place(target.point, target.rotation)
+        quick = None if self._rough else self._closed.quick(placed, self._ranges)
+        if quick is None:
+            found, branches, continua = self._careful.solve(target, placed, start)
+        else:
+            rows, branches = quick
+            if self.geometry.backward:
+                rows = [row[::-1] for row in rows]
+            if rows and self._most_images <= _IN_FLOATS:
+                return self._with_images(target, rows, branches)
+            found, continua = np.array(rows), ()
+        if len(found) == 0:
+            return self._search.approach(target)
+        q, source, left_out = all_images(found, self.limits, start)
+        more = (f"{left_out} more differ by whole turns",) if left_out else ()
+        reason = "; ".join((*continua, *more)) or None
+        index: NDArray[np.int8] = np.array(branches, dtype=np.int8)
+        return Solutions(self._arm, target, q, index[source], incomplete_reason=reason)
+
+    def _with_images(self, target: Target, rows: list[Row], branches: list[int]) -> Solutions:
+        """The answer of configurations [rad], with their few images."""
+        for joint, low, high in self._turning:
+            several = [images(row[joint], low, high) for row in rows]
+            branches = [branch for branch, angles in zip(branches, several, strict=True) for _ in angles]
+            rows = [
+                cast("Row", (*row[:joint], angle, *row[joint + 1 :]))
+                for row, angles in zip(rows, several, strict=True)
+                for angle in angles
+            ]
+        return Solutions(self._arm, target, rows, branches)
+
+    def solve_poses(self, poses: FloatArray) -> BatchSolutions:
+        """See ``InverseKinematics``."""
+        q = solve_poses(self._closed, poses)
+        for k in np.flatnonzero(np.isinf(q[:, 0, 0])).tolist():
+            q[k] = self._one_pose(poses[k])
+        q = self.geometry.order(q)
+        return BatchSolutions(q, np.isfinite(q[:, :, 0]), self._arm.branch_names)
+
+    def _one_pose(self, pose: FloatArray) -> FloatArray:
+        """(8, 6) every branch of one pose (4, 4), with care; in the order of the geometry."""
+        target = Target.of(pose[:3, 3], rotation=pose[:3, :3])
+        q = np.full((8, 6), math.nan)
+        if target.rotation is not None:
+            placed = self._closed.place(target.point, target.rotation)
+            found = self._unlimited.solve(target, placed, None)
+            q[found.branches] = self.geometry.order(found.q)
+        return q
+
+    def solve_batch(
+        self,
+        position_m: ArrayLike,
+        pitch: ArrayLike | None,
+        roll: ArrayLike | None,
+        rotation: ArrayLike | None = None,
+    ) -> BatchSolutions:
+        """See ``InverseKinematics``; of whole poses only."""
+        if rotation is None or pitch is not None or roll is not None:
+            raise self._has_no("batch of targets other than positions with rotations")
+        position = checked_positions(position_m)
+        poses = np.tile(np.eye(4), (len(position), 1, 1))
+        poses[:, :3, 3] = position
+        poses[:, :3, :3] = checked_rotations(rotation, (len(position), 3, 3), "the target rotations")
+        solutions = self.solve_poses(poses)
+        q, found = solutions.q.copy(), solutions.found.copy()
+        for joint, (low, high) in enumerate(self.limits.tolist()):
+            angle = q[..., joint]
+            found &= into_limits(angle, low, high)
+            np.clip(angle, low, high, out=angle)
+        q[~found] = math.nan
+        return BatchSolutions(q, found, solutions.branch_names)
+
+
+def branch_names(closed: ClosedForm) -> tuple[str, ...]:
+    """Names of the eight branches; index: 4 · shoulder + 2 · elbow + flip.
+
+    Front: W is on the side of the first axis on which the second one is; where this meets the first, on the
+    side on which W is at the zero pose. The elbow is up when a bend lifts it above the line from the second
+    axis to W in front. These words need parallel second and third axes; without, the two roots are plus and
+    minus. Four postures without such roots are numbered by rising θ1. With a flip the fifth joint is bent
+    against its positive sense.
+    """
+    if closed.named:
+        arms = ["front elbow-up", "front elbow-down", "back elbow-up", "back elbow-down"]
+    elif closed.geometry.regional == "skew":
+        arms = [f"posture-{k}" for k in (1, 2, 3, 4)]
+    else:
+        signs = itertools.product(("plus", "minus"), repeat=2)
+        arms = [f"shoulder-{shoulder} elbow-{elbow}" for shoulder, elbow in signs]
+    return tuple(f"{arm} {flip}" for arm in arms for flip in ("no-flip", "flip"))
