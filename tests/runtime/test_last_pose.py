@@ -121,13 +121,13 @@ def test_it_is_written_rarely(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
     monkeypatch.setattr(PoseFolder, "save", lambda *args: (saved.append(rig.clock.now()), save(*args))[1])
     rig = opened(tmp_path)
     rig.finishes(Enable(HOME))
-    assert len(saved) == 1
+    assert len(saved) == 2  # as its servos come on, and once they are on
     for _ in range(round(12 / TICK)):  # led to and fro for 12 s
         rig.do(Jog(np.array([0.2 if rig.clock.now() % 2 < 1 else -0.2, 0, 0, 0, 0])))
-    assert len(saved) in (3, 4)
+    assert len(saved) in (4, 5)
     rig.rests()
     rig.run(20)
-    assert len(saved) in (4, 5)
+    assert len(saved) in (5, 6)
 
 
 @pytest.mark.parametrize(
@@ -170,3 +170,16 @@ def test_a_disk_that_takes_nothing_is_a_warning_and_no_fault(
     assert rig.now.last_pose is not None  # this program knows it all the same
     ended(held(tmp_path))
     assert opened(tmp_path).now.last_pose is not None
+
+
+def test_a_program_that_is_killed_while_servos_come_on_leaves_where_they_went(tmp_path: Path) -> None:
+    held(tmp_path).controller.close()
+    rig = opened(tmp_path)
+    rest = ROBOT.pose("rest")
+    rig.driver.positions.clear()
+    rig.do(Enable(rest, 0.5))
+    rig.tick()
+    assert len(rig.driver.writes) == 1  # the first servo is on
+    ended(rig)
+    last = opened(tmp_path).now.last_pose
+    assert (last.ended, last.q.tolist()) == ("enabling", pytest.approx(rest.tolist()))

@@ -132,6 +132,8 @@ class PoseWatch:
         self._board: BoardIdentity | None = None
         self._q: FloatArray | None = None
         self._opening: float | None = None
+        self._comes_on = False
+        """servos are being switched on, and nothing streams yet"""
         self._kept: tuple[object, ...] = ()
         self._kept_at = -math.inf
 
@@ -154,7 +156,9 @@ class PoseWatch:
         if board is not None and board is not self._board:
             self._change_board(board, self._folder)
         if q is not None:
-            self._q, self._opening = q, opening
+            self._q, self._opening, self._comes_on = q, opening, False
+        elif self._comes_on and state not in (State.FAULT, State.DISCONNECTED):
+            return
         if self._q is None or self._board is None or self._board.simulated:
             return
         ended = "moving" if state is State.MOVING else _ENDS.get(state, "")
@@ -165,6 +169,13 @@ class PoseWatch:
         self._keep(self._folder, self._board, self._q, ended)
         if q is None:
             self._q = None  # told; what it does now nobody sees
+
+    def switching_on(self, q: FloatArray, opening: float | None) -> None:
+        """Servos come on one after the other at ``q`` (n,) [rad]: the arm is there, or on its way."""
+        if self._folder is None or self._board is None or self._board.simulated:
+            return
+        self._q, self._opening, self._comes_on = q, opening, True
+        self._keep(self._folder, self._board, q, "enabling")
 
     def close(self) -> None:
         """The program ends; an arm that is held until now was closed in order."""
@@ -178,7 +189,7 @@ class PoseWatch:
         same = self._board is not None and board_key(board) == board_key(self._board)
         if not same or board.simulated:  # a simulated board starts anew each time
             self.last = None if board.simulated else folder.load(board)
-        self._board, self._q, self._kept = board, None, ()
+        self._board, self._q, self._kept, self._comes_on = board, None, (), False
 
     def _keep(self, folder: PoseFolder, board: BoardIdentity, q: FloatArray, ended: str) -> None:
         self.last = LastPose(q, self._opening, wall_time(), ended)

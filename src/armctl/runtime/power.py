@@ -187,6 +187,8 @@ class Enabling:
         elif not self._on.all():
             if now >= self._next_at:
                 joint = np.arange(len(self._q)) == int(np.argmin(self._on))
+                if not self._on.any():
+                    self._core.poses.switching_on(self._q, self._opening)
                 self._board.write(self._core.gate.checked(self._q), None, joint)
                 self._on |= joint
                 low, high = robot.limits.T

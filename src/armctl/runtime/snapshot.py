@@ -68,6 +68,7 @@ _ENDED = {
     "released": "the arm was released and may have dropped",
     "disconnected": "the arm was disconnected",
     "closed": "armctl was closed",
+    "enabling": "its servos were being switched on there",
     "fault": "a fault ended it",
 }
 
@@ -83,7 +84,7 @@ class LastPose:
     at: float
     """seconds since the epoch"""
     ended: str
-    """released, disconnected, closed or fault; moving, or "" at rest: the program did not end in order"""
+    """released, disconnected, closed or fault; enabling, moving, or "" at rest: it did not end in order"""
 
     def __str__(self) -> str:
         """In words, with the angles in degrees."""

@@ -156,7 +156,7 @@ def result_html(robot: Robot, found: Answer) -> str:
     angles = numbers(np.degrees(best).tolist(), 3)
     text += f"<div>least energy will go to θ = (<b>{angles}</b>)°</div>"
     error = "below 0.001 mm" if error_mm < 1e-3 else f"{error_mm:.3f} mm"
-    text += muted(f"{solutions.branch_of(best)}; energy {found.energy_text(best)}; position error {error}")
+    text += muted(f"{solutions.branch_of(best)}; energy {found.energy_text(best)}; error {error}")
     turned_off = solutions.turned_off(best)
     if turned_off is not None:
         text += refused(f"{_capital(turned_off)}.")
