@@ -14,7 +14,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import cast
 
 import numpy as np
@@ -23,10 +22,11 @@ from armctl.arrays import FloatArray
 from armctl.motion.polynomial import PiecewisePolynomial, quintic
 from armctl.robot import Robot
 
-_EVEN = 40
-"""knots spread evenly over σ, and as many over the time of the fastest law"""
-_NEAR = 1e-3
-"""knots closer than this in σ count as one, breaks of the path aside"""
+_KNOTS, _KNOTS_A_PIECE, _MOST_KNOTS = 90, 4, 2000
+_BY_TIME, _BY_WAY, _BY_ENDS, _END = 0.4, 0.35, 0.25, 0.002
+"""knots of the spline, and shares of them by the time of the fastest law, over σ, and near its two ends"""
+_APART = 0.5
+"""so much of a usual step between two knots a break of the path keeps clear around itself"""
 _PLACES = np.array([0.0, 0.5, 1.0])
 _WEIGHTS = np.array([1.0, 4.0, 1.0]) / 6.0
 _GAUSS, _GAUSS_WEIGHTS = 0.5 * np.array(np.polynomial.legendre.leggauss(5)) + np.array([[0.5], [0.0]])
@@ -34,7 +34,10 @@ _AT_FIRST = 0.5
 """share of a limit that the law begins with"""
 _SHARPER, _GAP = 5.0, 4e-3
 """how much nearer to the limits each round may come, and how near to the shortest the last one (share)"""
-_STEPS, _SHORTEST_STEP, _DONE = 12, 1e-6, 1e-3
+_ROUNDS, _STEPS, _SHORTEST_STEP, _LEAST_GAIN = 40, 20, 1e-6, 0.1
+_DONE = 1e-3
+"""a step that gains less than this for each limit ends a round"""
+_HALVINGS = 60
 
 
 def jerk_limited_law(
@@ -73,26 +76,26 @@ def _way(sigma: FloatArray) -> FloatArray:
 
 def _knots(path: PiecewisePolynomial, fastest: PiecewisePolynomial) -> FloatArray:
     """(k + 1,) of σ: the breaks of the path, and between them as the law needs them."""
-    table = np.linspace(0.0, 1.0, 4001)
+    sigma = np.linspace(0.0, 1.0, 8001)
     length = path.high - path.low
-    times = np.linspace(0.0, fastest.high, _EVEN + 1)[1:-1]
-    timed = np.interp((fastest(times)[:, 0] - path.low) / length, _way(table)[0], table)
-    wished = np.concatenate([timed, np.linspace(0.0, 1.0, _EVEN + 1)[1:-1]])
-    # φ is met exactly at the breaks of the path, where its third derivative may jump
+    times = np.linspace(0.0, fastest.high, len(sigma))
+    passed = np.interp(_way(sigma)[0], (fastest(times)[:, 0] - path.low) / length, times / fastest.high)
+    near: FloatArray = np.log1p(sigma / _END)
+    count: FloatArray = (
+        _BY_TIME * passed + _BY_WAY * sigma + 0.5 * _BY_ENDS * (1.0 + (near - near[::-1]) / near[-1])
+    )
+    knots = min(_KNOTS + _KNOTS_A_PIECE * (len(path.coefficients) - 1), _MOST_KNOTS)
+    wished = np.interp(np.linspace(0.0, 1.0, knots + 1), count, sigma)
+    # the third derivative of the path may jump at its breaks
     low, high = np.zeros(len(path.breaks)), np.ones(len(path.breaks))
-    for _ in range(60):
+    for _ in range(_HALVINGS):
         middle = 0.5 * (low + high)
         before = _way(middle)[0] < (path.breaks - path.low) / length
         low, high = np.where(before, middle, low), np.where(before, high, middle)
-    fixed = np.unique(np.concatenate([[0.0], 0.5 * (low + high)[1:-1], [1.0]]))
-    found = fixed[:1].tolist()
-    wished = np.sort(wished)
-    for begin, end in pairwise(fixed.tolist()):
-        for knot in wished[(wished > begin) & (wished < end)].tolist():
-            if knot - found[-1] > _NEAR and end - knot > _NEAR:
-                found.append(knot)
-        found.append(end)
-    return np.array(found)
+    fixed = np.concatenate([[0.0], high[1:-1], [1.0]])
+    at = np.interp(wished, sigma, count)
+    clear = np.abs(at[:, None] - np.interp(fixed, sigma, count)).min(axis=1) > _APART / knots
+    return np.unique(np.concatenate([fixed, wished[clear]]))
 
 
 def _basis(knots: FloatArray, degree: int, places: FloatArray, order: int) -> FloatArray:
@@ -166,27 +169,36 @@ class _Task:
         c = np.full(len(self.basis) + size - 1, _AT_FIRST / least)
         slacks = self._slacks(c)
         count = sum(one.size for one in slacks) - slacks[0].size
-        weight, last = count / self._duration(slacks[0]), False
-        while not last:
-            weight = min(weight * _SHARPER, count / (_GAP * self._duration(slacks[0])))
-            last = weight * self._duration(slacks[0]) * _GAP >= 0.99 * count
-            for _ in range(_STEPS):
-                value = self._value(slacks, weight)
-                gradient, bands = self._model(slacks, weight)
-                step = _solved(bands, -gradient)
-                gain, length = -float(gradient @ step), 1.0
-                while length > _SHORTEST_STEP:
-                    tried = self._slacks(c + length * step)
-                    if all((one > 0).all() for one in tried):
-                        if self._value(tried, weight) <= value - 0.1 * length * gain:
-                            break
-                    length *= 0.5
-                else:
-                    break
-                c, slacks = c + length * step, tried
-                if gain < _DONE * count * _GAP:
-                    break
+        weight = count / self._duration(slacks[0])
+        for _ in range(_ROUNDS):
+            c, slacks = self._centred(c, slacks, weight, _DONE * count)
+            sharpest = count / (_GAP * self._duration(slacks[0]))
+            if weight >= sharpest:
+                break
+            weight = min(_SHARPER * weight, 1.01 * sharpest)
         return c
+
+    def _centred(
+        self, c: FloatArray, slacks: tuple[FloatArray, ...], weight: float, enough: float
+    ) -> tuple[FloatArray, tuple[FloatArray, ...]]:
+        """Newton's method with a line search that stays inside, until a step gains less than ``enough``."""
+        for _ in range(_STEPS):
+            value = self._value(slacks, weight)
+            gradient, bands = self._model(slacks, weight)
+            step = _solved(bands, -gradient)
+            if step is None:
+                break
+            gain, length = -float(gradient @ step), 1.0
+            while length > _SHORTEST_STEP:
+                tried = self._slacks(c + length * step)
+                inside = all((one > 0).all() for one in tried)
+                if inside and self._value(tried, weight) <= value - _LEAST_GAIN * length * gain:
+                    c, slacks = c + length * step, tried
+                    break
+                length *= 0.5
+            if length <= _SHORTEST_STEP or gain < enough:
+                break
+        return c, slacks
 
     def _slacks(self, c: FloatArray) -> tuple[FloatArray, ...]:
         """X, and what is left of each limit; all positive inside."""
@@ -254,11 +266,15 @@ def _on_pieces(path: PiecewisePolynomial, s: FloatArray) -> tuple[FloatArray, Fl
     return found[0], found[1], found[2]
 
 
-def _solved(bands: FloatArray, right: FloatArray) -> FloatArray:
+def _solved(bands: FloatArray, right: FloatArray) -> FloatArray | None:
+    """None where rounding has left the bands without a solution."""
     from scipy import linalg  # half of what a start would import, and few motions need it
 
     solve = cast("Callable[..., FloatArray]", linalg.solveh_banded)  # pyright: ignore
-    return solve(bands, right, lower=True)
+    try:
+        return solve(bands, right, lower=True, check_finite=False)
+    except np.linalg.LinAlgError:
+        return None
 
 
 def _law(path: PiecewisePolynomial, knots: FloatArray, c: FloatArray, degree: int) -> PiecewisePolynomial:

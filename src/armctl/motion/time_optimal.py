@@ -22,8 +22,10 @@ from armctl.errors import InputError
 from armctl.motion.polynomial import PiecewisePolynomial
 from armctl.robot import Robot
 
-_FINENESS, _FEWEST, _MOST = 40.0, 4, 80
-"""intervals in a piece of a path that turns right round, and in any that is curved"""
+_FINENESS, _COARSEST, _FINEST = 40.0, 4, 80
+"""intervals in a piece of a path whose slope changes by as much as it is, and in any that is curved"""
+_CURVE = 0.5
+"""of a joint's acceleration: what the curve of the path may take where the rate changes inside an interval"""
 _MARGIN = 1e-9
 _BLOCK, _BLOCKS = 1024, 4
 """intervals whose rows are made at once, and how often they are kept, so that memory stays bounded"""
@@ -78,7 +80,9 @@ class PathRates:
             (late**2 * x + 2 * early * late * y) / 3,
             late**2 * y,
         ]
-        return np.sqrt(np.max(squares, axis=(0, 1))), np.abs(acceleration).max(axis=(0, 1))
+        flat = np.abs(self.slope).max(axis=1) ** 2 * np.maximum(x, y)
+        square = np.minimum(np.max(squares, axis=0), flat).max(axis=0)
+        return np.sqrt(square), np.abs(acceleration).max(axis=(0, 1))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -93,25 +97,30 @@ class PathLimits:
     """(p + 1,) the interval at which each piece of the path begins"""
     most: FloatArray
     """(k + 1,) largest x at the points of the grid"""
-    push: FloatArray
-    """(k,) largest d²s/dt² where the path is straight; 0 where it is curved"""
     cap: FloatArray
-    """(k,) largest ds/dt where the path is straight"""
+    """(k,) largest ds/dt, and"""
+    push: FloatArray
+    """(k,) d²s/dt², with which an interval may also be gone along; on a straight one all that there is"""
 
     @classmethod
     def of(
-        cls, robot: Robot, path: PiecewisePolynomial, rate_cap: float | FloatArray = math.inf
+        cls,
+        robot: Robot,
+        path: PiecewisePolynomial,
+        rate_cap: float | FloatArray = math.inf,
+        finest: int = _FINEST,
     ) -> PathLimits:
         """Limits of a path q(s), (n,) [rad], from the joints'.
 
-        ``rate_cap``: a largest ds/dt besides, a number or (p,) one a piece of the path. The grid of a piece
-        depends on that piece alone: so what was planned to be braked on can be braked on when more is known.
+        ``rate_cap``: a largest ds/dt besides, a number or (p,) one a piece of the path; ``finest``: most
+        intervals of a piece. The grid of a piece depends on that piece alone: so what was planned to be
+        braked on can be braked on when more is known.
         Raises ``InputError``: a cap that is not positive.
         """
         caps = np.broadcast_to(np.asarray(rate_cap, dtype=np.float64), len(path.coefficients))
         if not (caps > 0).all():
             raise InputError(f"the speed along a path must be positive, got {caps.min()}")
-        counts = _counts(robot, path)
+        counts = _counts(robot, path, finest)
         first = np.concatenate([[0], np.cumsum(counts)])
         starts, widths = np.repeat(path.breaks[:-1], counts), np.repeat(np.diff(path.breaks), counts)
         share: FloatArray = (np.arange(len(starts)) - np.repeat(first[:-1], counts)) / np.repeat(
@@ -119,15 +128,19 @@ class PathLimits:
         )
         grid = np.append(starts + widths * share, path.breaks[-1])
         rates, width = PathRates.of(path.cut(grid)), np.diff(grid)
+        slope = np.abs(rates.slope).max(axis=1)
+        bend = np.maximum(np.abs(rates.bend_begin), np.abs(rates.bend_end)).max(axis=1)
         with np.errstate(divide="ignore"):
             at_ends = (robot.speed_limits / rates.speed).min(axis=2)
-            push = (robot.acceleration_limits / np.abs(rates.slope).max(axis=1)).min(axis=1)
+            curve = np.sqrt((_CURVE * robot.acceleration_limits / bend).min(axis=1))
         # where nothing moves, any rate will do
-        at_ends = np.minimum(np.minimum(at_ends, np.repeat(caps, counts)), width / _MARGIN)
+        at_ends = np.minimum(np.minimum(at_ends, np.repeat(caps, counts)), width / _MARGIN) * (1 - _MARGIN)
         most = np.minimum(np.append(at_ends[0], np.inf), np.append(np.inf, at_ends[1])) ** 2
-        cap = at_ends.min(axis=0)
-        push = np.where(np.repeat(counts == 1, counts), np.minimum(push, 1e3 * cap**2 / width), 0.0)
-        return cls(robot, grid, rates, first, *((1 - _MARGIN) * one for one in (most, push, cap)))
+        cap = np.minimum(at_ends.min(axis=0), curve)
+        with np.errstate(divide="ignore"):
+            left = robot.acceleration_limits - bend * cap[:, None] ** 2
+            push = np.minimum((left / slope).min(axis=1), 1e3 * cap**2 / width)
+        return cls(robot, grid, rates, first, most, cap, push * (1 - _MARGIN))
 
     def blocks(self) -> list[slice]:
         """The intervals, as many at once as memory shall hold."""
@@ -150,7 +163,7 @@ class PathLimits:
         )
 
 
-def _counts(robot: Robot, path: PiecewisePolynomial) -> NDArray[np.intp]:
+def _counts(robot: Robot, path: PiecewisePolynomial, finest: int) -> NDArray[np.intp]:
     """(p,) intervals of each piece: 1 where it is straight, else the more the slope and the bend change."""
     first = path.padded(3).derivative()
     width = np.diff(path.breaks)[:, None]
@@ -160,7 +173,7 @@ def _counts(robot: Robot, path: PiecewisePolynomial) -> NDArray[np.intp]:
     size = np.abs(slope).max(axis=(1, 2))
     curved = np.abs(bend).max(axis=(1, 2)) > 0
     turn = change.max(axis=1) / np.where(size > 0, size, 1.0)
-    counts = np.clip(np.ceil(_FINENESS * turn), _FEWEST, _MOST)
+    counts = np.clip(np.ceil(_FINENESS * turn), _COARSEST, finest)
     return np.where(curved, counts, 1).astype(np.intp)
 
 
@@ -195,7 +208,7 @@ def fastest_rates(limits: PathLimits, first: float = 0.0, last: float = 0.0) -> 
     for number, part in enumerate(blocks):  # forward: rates that can be reached
         block = lines(number)
         for above, slope, braked in zip(block.e, block.f, most[part.start + 1 : part.stop + 1], strict=True):
-            x = min(float(np.minimum.reduce(above + slope * x)), braked)
+            x = min(max(float(np.minimum.reduce(above + slope * x)), 0.0), braked)
             squares.append(x)
     return np.sqrt(squares)
 
@@ -274,8 +287,8 @@ def time_optimal_law(
 ) -> PiecewisePolynomial:
     """The path variable over time [s], from ``fastest_rates`` at ``breaks`` (k + 1,).
 
-    The rate changes evenly on each interval; on a straight one, where ``push`` (k,) is positive, it goes up
-    to ``cap`` (k,) between.
+    The rate changes evenly on each interval, or by ``push`` (k,) up towards ``cap`` (k,) and down again where
+    that is faster.
     """
     times, steps = [0.0], list[tuple[float, float, float]]()
     rows = np.column_stack([breaks[:-1], np.diff(breaks), rates[:-1], rates[1:], cap, push])
@@ -285,7 +298,7 @@ def time_optimal_law(
         phases: list[tuple[float, float, float]] = (
             [(2 * length / (first + last), first, change)] if first + last > 0 else []
         )
-        if up > abs(change) * (1 + _MARGIN):
+        if up > abs(change) * (1 + _MARGIN) and max(first, last) <= most * (1 + _TINY):
             peak = max(min(most, math.sqrt(up * length + 0.5 * (first * first + last * last))), first, last)
             rise, fall = (peak - first) / up, (peak - last) / up
             rest = length - 0.5 * (first + peak) * rise - 0.5 * (peak + last) * fall

@@ -22,6 +22,8 @@ _SLICES, _SLICES_IN_ALL = 4, 96
 """slices of time between two breaks, for the peaks, and at least in a whole motion of few breaks"""
 _SECTIONS, _SECTIONINGS = 32, 6
 """where a slice begins is sought in so many parts of the duration, that often: to a billionth of it"""
+_INTERVALS = 12_000
+"""about so many intervals are enough for the longest path"""
 _ROUNDING = 1e-13
 """so small a share of the whole way is none"""
 
@@ -48,7 +50,8 @@ class PathTrajectory(KnowsPeaks):
         ``rate_cap``: the largest ds/dt, ``last``: the largest at the end. ``InputError``: a cap that is not
         positive.
         """
-        limits = PathLimits.of(robot, path, rate_cap)
+        finest = max(min(_INTERVALS // len(path.coefficients), 80), 8)
+        limits = PathLimits.of(robot, path, rate_cap, finest)
         rates = fastest_rates(limits, last=last)
         return cls(path, time_optimal_law(limits.breaks, rates, limits.cap, limits.push))
 
